@@ -1,0 +1,169 @@
+"""Joint coordinates: the scalar displacement along, or rotation about, the z axis of a marker.
+
+Couplers, drivers, torsional springs, drive and brake torques, joint states and anti-roll bars are all written in them.
+
+The rotation is the twist of the swing-twist decomposition of R_FG, so it is defined for any pair of frames, not only for
+an exact revolute joint: with quaternion (x, y, z, w) of R_FG, theta = 2 atan2(z, w) and
+d theta/dt = g . (w_j - w_i), g = (n_i + n_j)/(1 + n_i . n_j), where n are the z axes of the two markers.
+It is singular only where the two axes are opposite. Angles are continued past +-pi from the value of the last step.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from solver.elements.marker import Context, Marker, Spec, pair_slots, require
+from solver.elements.point_pair import angular_velocity, linear_velocity, point_position
+from solver.jit import kernel
+from solver.lie.vec import add, col, cross, dot, load3, load33, madd, mm, mscale, mv, outer, put33, scale, skew, sub, tmm, tmv, transpose
+
+TRANSLATION, ROTATION = 0, 1
+TWO_PI = 2.0 * np.pi
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoordinateSpec(Spec):
+    """Coordinate of marker j relative to marker i: translation along [m] or rotation about [rad] z of marker i."""
+
+    kind: Literal['translation', 'rotation']
+    i: Marker
+    j: Marker
+
+    def __post_init__(self) -> None:
+        require(self.kind in ('translation', 'rotation'), self.where, 'kind', self.kind, 'must be translation or rotation')
+
+
+class CoordinateTable(NamedTuple):
+    """Columns of all joint coordinates."""
+
+    kind: np.ndarray  # (nx,)
+    body: np.ndarray  # (nx, 2)
+    r_i: np.ndarray  # (nx, 3)
+    r_j: np.ndarray  # (nx, 3)
+    F: np.ndarray  # (nx, 3, 3) marker axes in body i
+    G: np.ndarray  # (nx, 3, 3) marker axes in body j
+    slot: np.ndarray  # (nx, 4) blocks ii ij ji jj
+
+
+def compile_coordinates(specs: Sequence[CoordinateSpec], context: Context) -> CoordinateTable:
+    """Resolve names into a table."""
+    n = len(specs)
+    table = CoordinateTable(
+        kind=np.array([ROTATION if s.kind == 'rotation' else TRANSLATION for s in specs], np.int64),
+        body=np.zeros((n, 2), np.int64),
+        r_i=np.zeros((n, 3)),
+        r_j=np.zeros((n, 3)),
+        F=np.zeros((n, 3, 3)),
+        G=np.zeros((n, 3, 3)),
+        slot=np.zeros((n, 4), np.int64),
+    )
+    for e, spec in enumerate(specs):
+        i, j = context.marker(spec.where, spec.i), context.marker(spec.where, spec.j)
+        table.body[e] = i.body, j.body
+        table.r_i[e], table.r_j[e] = i.r, j.r
+        table.F[e], table.G[e] = i.R, j.R
+        table.slot[e] = pair_slots(context, i.body, j.body)
+    return table
+
+
+@kernel
+def evaluate_coordinate(table, kin, k, angle):
+    """Return (x, g_i, g_j): value of coordinate k and its gradients, each a pair (force row in W, torque row in B).
+
+    angle (nx,): reference values for the continuation of rotations (state.angle).
+    """
+    i = table.body[k, 0]
+    j = table.body[k, 1]
+    R_i = load33(kin.R, i)
+    R_j = load33(kin.R, j)
+    F = mm(R_i, load33(table.F, k))
+    n = col(F, 2)
+    if table.kind[k] == TRANSLATION:
+        r_i = load3(table.r_i, k)
+        r_j = load3(table.r_j, k)
+        d = sub(point_position(kin, j, r_j), point_position(kin, i, r_i))
+        x = dot(n, d)
+        N = tmv(R_i, n)
+        D = tmv(R_i, d)
+        g_i = (scale(-1.0, n), cross(N, add(D, r_i)))
+        g_j = (n, cross(r_j, tmv(R_j, n)))
+        return x, g_i, g_j
+    G = mm(R_j, load33(table.G, k))
+    s = dot(col(F, 1), col(G, 0)) - dot(col(F, 0), col(G, 1))
+    c = dot(col(F, 0), col(G, 0)) + dot(col(F, 1), col(G, 1))
+    # atan2 of complex numbers by the shift to the nearest real angle: exact to first order in the imaginary part
+    raw = np.arctan2(s.real, c.real)
+    ca = np.cos(raw)
+    sa = np.sin(raw)
+    small = (s * ca - c * sa) / (c * ca + s * sa)
+    turns = np.round((angle[k] - raw) / TWO_PI)
+    x = raw + TWO_PI * turns + small
+    m = col(G, 2)
+    g = scale(1.0 / (1.0 + dot(n, m)), add(n, m))
+    zero = scale(0.0, g)
+    return x, (zero, scale(-1.0, tmv(R_i, g))), (zero, tmv(R_j, g))
+
+
+@kernel
+def coordinate_rate(table, kin, k, g_i, g_j):
+    """Time derivative of coordinate k from its gradients."""
+    i = table.body[k, 0]
+    j = table.body[k, 1]
+    return (
+        dot(g_i[0], linear_velocity(kin, i))
+        + dot(g_i[1], angular_velocity(kin, i))
+        + dot(g_j[0], linear_velocity(kin, j))
+        + dot(g_j[1], angular_velocity(kin, j))
+    )
+
+
+@kernel
+def add_coordinate_hessian(table, kin, k, Q, Kq):
+    """Add Q times the derivative of the gradient of coordinate k (with respect to the variation) to the blocks Kq."""
+    i = table.body[k, 0]
+    j = table.body[k, 1]
+    s_ii = table.slot[k, 0]
+    s_ij = table.slot[k, 1]
+    s_ji = table.slot[k, 2]
+    s_jj = table.slot[k, 3]
+    R_i = load33(kin.R, i)
+    R_j = load33(kin.R, j)
+    N = col(load33(table.F, k), 2)
+    n = mv(R_i, N)
+    if table.kind[k] == TRANSLATION:
+        r_i = load3(table.r_i, k)
+        r_j = load3(table.r_j, k)
+        d = sub(point_position(kin, j, r_j), point_position(kin, i, r_i))
+        e = add(tmv(R_i, d), r_i)
+        # force on j: Q n, dn = -R_i [N] dtheta_i ; on i: the opposite
+        B = mscale(-Q, mm(R_i, skew(N)))
+        put33(Kq, s_ji, 0, 3, B)
+        put33(Kq, s_ii, 0, 3, mscale(-1.0, B))
+        # torque on j: r_j x R_j^T Q n
+        S_j = mm(skew(r_j), transpose(R_j))
+        put33(Kq, s_ji, 3, 3, mm(S_j, B))
+        put33(Kq, s_jj, 3, 3, mscale(Q, mm(skew(r_j), skew(tmv(R_j, n)))))
+        # torque on i: Q N x (R_i^T d + r_i); d(R_i^T d) = R_i^T (dp_j - U_j dtheta_j - dp_i + U_i dtheta_i) + (R_i^T d) x dtheta_i
+        P = mscale(Q, mm(skew(N), transpose(R_i)))
+        put33(Kq, s_ij, 3, 0, P)
+        put33(Kq, s_ij, 3, 3, mscale(-1.0, mm(P, mm(R_j, skew(r_j)))))
+        put33(Kq, s_ii, 3, 0, mscale(-1.0, P))
+        put33(Kq, s_ii, 3, 3, mscale(Q, mm(skew(N), skew(e))))
+        return
+    M = col(load33(table.G, k), 2)
+    m = mv(R_j, M)
+    q = 1.0 / (1.0 + dot(n, m))
+    g = scale(q, add(n, m))
+    # dn = E_i dtheta_i, dm = E_j dtheta_j ; dg = q (dn + dm) - q g (m.dn + n.dm)
+    E_i = mscale(-1.0, mm(R_i, skew(N)))
+    E_j = mscale(-1.0, mm(R_j, skew(M)))
+    A_i = madd(mscale(q, E_i), mscale(-q, outer(g, mv(transpose(E_i), m))))
+    A_j = madd(mscale(q, E_j), mscale(-q, outer(g, mv(transpose(E_j), n))))
+    put33(Kq, s_jj, 3, 3, mscale(Q, madd(tmm(R_j, A_j), skew(tmv(R_j, g)))))
+    put33(Kq, s_ji, 3, 3, mscale(Q, tmm(R_j, A_i)))
+    put33(Kq, s_ij, 3, 3, mscale(-Q, tmm(R_i, A_j)))
+    put33(Kq, s_ii, 3, 3, mscale(-Q, madd(tmm(R_i, A_i), skew(tmv(R_i, g)))))

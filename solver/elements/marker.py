@@ -1,0 +1,127 @@
+"""Markers (frames fixed in bodies), the base of all specifications, and the context in which they are compiled."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+
+from solver.errors import SpecError
+
+WORLD = 'world'
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+IDENTITY: Quaternion = (0.0, 0.0, 0.0, 1.0)
+
+
+def require(condition: bool, where: str, field: str, value: object, remedy: str) -> None:
+    """Raise SpecError 'element X: field = value: remedy' unless the condition holds."""
+    if not condition:
+        raise SpecError(f'{where}: {field} = {value!r}: {remedy}')
+
+
+def finite(where: str, field: str, value: object, *, low: float = -math.inf, high: float = math.inf, strict: bool = False) -> float:
+    """Return value as float after checking that it is a finite number in [low, high] (open at low when strict)."""
+    ok = isinstance(value, int | float | np.floating | np.integer) and not isinstance(value, bool) and math.isfinite(value)
+    require(ok, where, field, value, 'must be a finite number')
+    number = float(value)  # type: ignore[arg-type]
+    inside = (number > low if strict else number >= low) and number <= high
+    limit = f'{">" if strict else ">="} {low:g}' if math.isinf(high) else f'in {"(" if strict else "["}{low:g}, {high:g}]'
+    require(inside, where, field, value, f'must be {limit}')
+    return number
+
+
+def vector(where: str, field: str, value: Sequence[float], length: int = 3) -> tuple[float, ...]:
+    """Return value as a tuple of `length` finite floats."""
+    require(isinstance(value, list | tuple | np.ndarray) and len(value) == length, where, field, value, f'must be a list of {length} numbers')
+    return tuple(finite(where, f'{field}[{i}]', x) for i, x in enumerate(value))
+
+
+def unit_quaternion(where: str, field: str, value: Sequence[float]) -> Quaternion:
+    """Return value normalised; refuses a norm further than 1e-3 from one."""
+    q = np.array(vector(where, field, value, 4))
+    n = float(np.linalg.norm(q))
+    require(abs(n - 1.0) < 1e-3, where, field, value, 'must be a unit quaternion x y z w')
+    x, y, z, w = q / n
+    return (float(x), float(y), float(z), float(w))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spec:
+    """A named part of a model. Subclasses validate themselves in __post_init__."""
+
+    name: str
+
+    @property
+    def where(self) -> str:
+        """How error sentences call this element."""
+        return f'{type(self).__name__.removesuffix("Spec")} {self.name!r}'
+
+    def set(self, field: str, value: object) -> None:
+        """Assign a normalised value during __post_init__."""
+        object.__setattr__(self, field, value)
+
+    def replace(self, **changes):
+        """Return a copy with some fields changed."""
+        return dataclasses.replace(self, **changes)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Marker:
+    """A frame fixed in a body.
+
+    body: body name or 'world'. position: [m] in the body's reference frame. orientation: unit quaternion xyzw R_B_marker.
+    """
+
+    body: str
+    position: Vector = (0.0, 0.0, 0.0)
+    orientation: Quaternion = IDENTITY
+
+    def __post_init__(self) -> None:
+        where = f'marker on {self.body!r}'
+        object.__setattr__(self, 'position', vector(where, 'position', self.position))
+        object.__setattr__(self, 'orientation', unit_quaternion(where, 'orientation', self.orientation))
+
+
+class PlacedMarker(NamedTuple):
+    """A compiled marker: body index (nb for the world), position from the centre of mass [m] in B, rotation R_BM (3, 3)."""
+
+    body: int
+    r: np.ndarray
+    R: np.ndarray
+
+
+class Context(Protocol):
+    """What `compile_<kind>(specs, context)` may ask for. Implemented by solver.model.compile."""
+
+    n_bodies: int
+
+    def body(self, where: str, name: str) -> int:
+        """Index of a body (n_bodies for 'world'); SpecError with a suggestion for an unknown name."""
+
+    def marker(self, where: str, marker: Marker) -> PlacedMarker:
+        """Marker relative to the centre of mass of its body."""
+
+    def slot(self, row: int, column: int) -> int:
+        """Index of the 6x6 block (row body, column body); the trash slot if either is the world."""
+
+    def input(self, where: str, name: str) -> int:
+        """Index of a scalar input channel; SpecError for an unknown one."""
+
+    def coordinate(self, where: str, name: str) -> int:
+        """Index of a joint coordinate; SpecError for an unknown one."""
+
+    def law(self, law: object) -> int:
+        """Index of a force law in the law table (-1 for None)."""
+
+    def internal_states(self, where: str, count: int) -> int:
+        """Reserve `count` internal states, return the index of the first."""
+
+
+def pair_slots(context: Context, i: int, j: int) -> tuple[int, int, int, int]:
+    """Slots (ii, ij, ji, jj) of a two-body element."""
+    return context.slot(i, i), context.slot(i, j), context.slot(j, i), context.slot(j, j)

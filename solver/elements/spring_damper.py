@@ -1,0 +1,109 @@
+"""Point-to-point spring-damper: a force along the line between two points, from a law of length and a law of rate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from solver.elements.laws import Law, evaluate_law
+from solver.elements.marker import Context, Marker, Spec, finite, pair_slots
+from solver.elements.point_pair import add_point_force, add_point_pair_tangent, point_position, point_velocity
+from solver.jit import kernel
+from solver.lie.vec import dot, load3, madd, mscale, outer, scale, sub
+
+OUTPUTS = ('energy', 'dissipation', 'length', 'rate', 'force')
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpringDamperSpec(Spec):
+    """Spring-damper between the origins of two markers.
+
+    force = spring(length - free_length) + damper(rate) + preload [N], tension positive. Laws are in N over m and N over m/s;
+    None means absent.
+    """
+
+    i: Marker
+    j: Marker
+    free_length: float
+    spring: Law | None = None
+    damper: Law | None = None
+    preload: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.set('free_length', finite(self.where, 'free_length', self.free_length, low=0.0))
+        self.set('preload', finite(self.where, 'preload', self.preload))
+
+
+class SpringDamperTable(NamedTuple):
+    """Columns of all spring-dampers; see SpringDamperSpec for units."""
+
+    body: np.ndarray  # (n, 2)
+    r_i: np.ndarray  # (n, 3) point on i from its centre of mass, in B_i [m]
+    r_j: np.ndarray  # (n, 3)
+    law: np.ndarray  # (n, 2) spring, damper
+    free_length: np.ndarray  # (n,)
+    preload: np.ndarray  # (n,)
+    slot: np.ndarray  # (n, 4) blocks ii ij ji jj
+
+
+def compile_spring_dampers(specs: Sequence[SpringDamperSpec], context: Context) -> SpringDamperTable:
+    """Resolve names and laws into a table."""
+    n = len(specs)
+    table = SpringDamperTable(
+        body=np.zeros((n, 2), np.int64),
+        r_i=np.zeros((n, 3)),
+        r_j=np.zeros((n, 3)),
+        law=np.zeros((n, 2), np.int64),
+        free_length=np.array([s.free_length for s in specs], float),
+        preload=np.array([s.preload for s in specs], float),
+        slot=np.zeros((n, 4), np.int64),
+    )
+    for e, spec in enumerate(specs):
+        i, j = context.marker(spec.where, spec.i), context.marker(spec.where, spec.j)
+        table.body[e] = i.body, j.body
+        table.r_i[e], table.r_j[e] = i.r, j.r
+        table.law[e] = context.law(spec.spring), context.law(spec.damper)
+        table.slot[e] = pair_slots(context, i.body, j.body)
+    return table
+
+
+@kernel
+def spring_damper_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
+    """Accumulate forces and tangents of all spring-dampers (contract: solver/elements/__init__.py)."""
+    for e in range(table.free_length.shape[0]):
+        i = table.body[e, 0]
+        j = table.body[e, 1]
+        r_i = load3(table.r_i, e)
+        r_j = load3(table.r_j, e)
+        d = sub(point_position(kin, j, r_j), point_position(kin, i, r_i))
+        w = sub(point_velocity(kin, j, r_j), point_velocity(kin, i, r_i))
+        length = np.sqrt(dot(d, d))
+        n = scale(1.0 / length, d)
+        rate = dot(n, w)
+        x = length - table.free_length[e]
+        spring, stiffness, energy = evaluate_law(laws, table.law[e, 0], x)
+        damper, damping, _ = evaluate_law(laws, table.law[e, 1], rate)
+        force = spring + damper + table.preload[e]
+        F = scale(-force, n)  # on j
+        add_point_force(kin, j, r_j, F, f)
+        add_point_force(kin, i, r_i, scale(force, n), f)
+        if tangents:
+            # F = -force n ; dn = (1 - n n^T) dd / length ; drate = n.dw + (w - rate n).dd / length
+            nn = outer(n, n)
+            D = madd(
+                mscale(-(stiffness - force / length), nn),
+                mscale(-damping / length, outer(n, sub(w, scale(rate, n)))),
+            )
+            t = -force / length
+            D = (D[0] + t, D[1], D[2], D[3], D[4] + t, D[5], D[6], D[7], D[8] + t)
+            C = mscale(-damping, nn)
+            s = table.slot
+            add_point_pair_tangent(kin, i, j, r_i, r_j, F, D, C, s[e, 0], s[e, 1], s[e, 2], s[e, 3], Kq, Kv)
+        out[e, 0] = energy + table.preload[e] * x
+        out[e, 1] = damper * rate
+        out[e, 2] = length
+        out[e, 3] = rate
+        out[e, 4] = force

@@ -1,0 +1,53 @@
+"""The exception family. Everything a user can cause ends in one of these: one sentence with place, value and remedy."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+
+class MbdError(Exception):
+    """Base of all errors that are reported to the user as one sentence."""
+
+    exit_code = 1
+
+
+class SpecError(MbdError):
+    """A model specification is not acceptable: names element, field, value and limit."""
+
+    exit_code = 2
+
+
+class SceneError(MbdError):
+    """A scene, vehicle, tire or maneuver file is not acceptable: names file, line, path and remedy."""
+
+    exit_code = 2
+
+
+class ConsistencyError(MbdError):
+    """No consistent start (assembly, velocity or static equilibrium) was found."""
+
+    exit_code = 3
+
+
+class StepError(MbdError):
+    """A step failed: names time, step, the worst constraint or body, and what to try."""
+
+    exit_code = 4
+
+
+class BagError(MbdError):
+    """A recording cannot be written or read."""
+
+    exit_code = 5
+
+
+def suggestion(name: str, known: Iterable[str]) -> str:
+    """Return ' (did you mean X?)' or the list of what is allowed, to be appended to an error sentence."""
+    known = sorted(known)
+    close = difflib.get_close_matches(name, known, n=1)
+    if close:
+        return f'; did you mean {close[0]!r}?'
+    if not known:
+        return '; none are defined'
+    return '; allowed: ' + ', '.join(known[:24]) + (', ...' if len(known) > 24 else '')

@@ -1,0 +1,1 @@
+"""Three-vectors, rotations and their tangent operators."""

@@ -1,0 +1,128 @@
+"""Rotations: exponential, logarithm, right-trivialised tangent operator; quaternions are xyzw.
+
+Formulas: Sola, Deray, Atchuthan, "A micro Lie theory for state estimation in robotics" (2018), eqs. 131-146.
+Smooth in the argument and valid for complex arguments (complex-step derivatives), so series are chosen by the real part.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver.jit import kernel
+from solver.lie.vec import add, cross, dot, madd, mm, mscale, scale, skew
+
+_IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+_SERIES_BELOW = 1e-2  # x^2 below which the power series (four terms) are exact to double precision
+
+
+@kernel
+def _coefficients(x):
+    """Return sin(t)/t, (1-cos t)/t^2, (t - sin t)/t^3 with t = |x|."""
+    s = dot(x, x)
+    if s.real < _SERIES_BELOW:
+        a = 1.0 - s / 6.0 * (1.0 - s / 20.0 * (1.0 - s / 42.0 * (1.0 - s / 72.0)))
+        b = 0.5 * (1.0 - s / 12.0 * (1.0 - s / 30.0 * (1.0 - s / 56.0 * (1.0 - s / 90.0))))
+        c = 1.0 / 6.0 * (1.0 - s / 20.0 * (1.0 - s / 42.0 * (1.0 - s / 72.0 * (1.0 - s / 110.0))))
+    else:
+        t = np.sqrt(s)
+        a = np.sin(t) / t
+        b = (1.0 - np.cos(t)) / s
+        c = (1.0 - a) / s
+    return a, b, c
+
+
+@kernel
+def exp(x):
+    """Rotation matrix of the rotation vector x [rad]."""
+    a, b, _ = _coefficients(x)
+    k = skew(x)
+    return madd(_IDENTITY, madd(mscale(a, k), mscale(b, mm(k, k))))
+
+
+@kernel
+def right_jacobian(x):
+    """T(x) with exp(x + dx) = exp(x) exp(T(x) dx) to first order."""
+    _, b, c = _coefficients(x)
+    k = skew(x)
+    return madd(_IDENTITY, madd(mscale(-b, k), mscale(c, mm(k, k))))
+
+
+@kernel
+def log_quaternion(q):
+    """Rotation vector [rad] of a unit quaternion xyzw, shortest turn (|angle| <= pi)."""
+    w = q[3]
+    u = (q[0], q[1], q[2])
+    if w.real < 0.0:
+        w = -w
+        u = scale(-1.0, u)
+    s2 = dot(u, u)
+    if s2.real < 1e-8:
+        # 2 atan2(s, w)/s = 2/w (1 - s^2/(3 w^2) + s^4/(5 w^4))
+        r = s2 / (w * w)
+        k = 2.0 / w * (1.0 - r / 3.0 + r * r / 5.0)
+    else:
+        s = np.sqrt(s2)
+        k = 4.0 * np.arctan(s / (w + np.sqrt(w * w + s2))) / s
+    return scale(k, u)
+
+
+@kernel
+def quaternion_exp(x):
+    """Unit quaternion xyzw of the rotation vector x [rad]."""
+    s = dot(x, x)
+    if s.real < _SERIES_BELOW:
+        h = s / 4.0
+        k = 0.5 * (1.0 - h / 6.0 * (1.0 - h / 20.0 * (1.0 - h / 42.0 * (1.0 - h / 72.0))))
+        w = 1.0 - h / 2.0 * (1.0 - h / 12.0 * (1.0 - h / 30.0 * (1.0 - h / 56.0 * (1.0 - h / 90.0))))
+    else:
+        t = np.sqrt(s)
+        k = np.sin(0.5 * t) / t
+        w = np.cos(0.5 * t)
+    return (k * x[0], k * x[1], k * x[2], w)
+
+
+@kernel
+def quaternion_product(a, b):
+    """Hamilton product a b of quaternions xyzw: rotation b first, then a."""
+    u = (a[0], a[1], a[2])
+    w = (b[0], b[1], b[2])
+    r = add(add(scale(a[3], w), scale(b[3], u)), cross(u, w))
+    return (r[0], r[1], r[2], a[3] * b[3] - dot(u, w))
+
+
+@kernel
+def quaternion_normalized(q):
+    n = 1.0 / np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    return (n * q[0], n * q[1], n * q[2], n * q[3])
+
+
+@kernel
+def matrix_of_quaternion(q):
+    """Rotation matrix of a unit quaternion xyzw."""
+    x, y, z, w = q
+    return (
+        1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w),
+        2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w),
+        2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y),
+    )  # fmt: skip
+
+
+@kernel
+def quaternion_of_matrix(m):
+    """Unit quaternion xyzw (w >= 0) of a rotation matrix, by Shepperd's largest-pivot rule (real only)."""
+    t = m[0] + m[4] + m[8]
+    if t > 0.0:
+        s = 2.0 * np.sqrt(1.0 + t)
+        return ((m[7] - m[5]) / s, (m[2] - m[6]) / s, (m[3] - m[1]) / s, 0.25 * s)
+    if m[0] >= m[4] and m[0] >= m[8]:
+        s = 2.0 * np.sqrt(1.0 + m[0] - m[4] - m[8])
+        q = (0.25 * s, (m[1] + m[3]) / s, (m[2] + m[6]) / s, (m[7] - m[5]) / s)
+    elif m[4] >= m[8]:
+        s = 2.0 * np.sqrt(1.0 + m[4] - m[0] - m[8])
+        q = ((m[1] + m[3]) / s, 0.25 * s, (m[5] + m[7]) / s, (m[2] - m[6]) / s)
+    else:
+        s = 2.0 * np.sqrt(1.0 + m[8] - m[0] - m[4])
+        q = ((m[2] + m[6]) / s, (m[5] + m[7]) / s, 0.25 * s, (m[3] - m[1]) / s)
+    if q[3] < 0.0:
+        return (-q[0], -q[1], -q[2], -q[3])
+    return q

@@ -1,0 +1,149 @@
+"""Three-vectors and 3x3 matrices as tuples: pure values that live in registers.
+
+Vectors are 3-tuples, matrices 9-tuples in row-major order, real or complex (complex only for complex-step derivatives,
+so nothing here conjugates).
+"""
+
+from __future__ import annotations
+
+from solver.jit import kernel
+
+
+@kernel
+def load3(a, i):
+    """Row i of an (n, >=3) array as a vector."""
+    return (a[i, 0], a[i, 1], a[i, 2])
+
+
+@kernel
+def load33(a, i):
+    """Matrix i of an (n, 3, 3) array."""
+    return (a[i, 0, 0], a[i, 0, 1], a[i, 0, 2], a[i, 1, 0], a[i, 1, 1], a[i, 1, 2], a[i, 2, 0], a[i, 2, 1], a[i, 2, 2])
+
+
+@kernel
+def add(a, b):
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
+
+
+@kernel
+def sub(a, b):
+    return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
+
+
+@kernel
+def scale(s, a):
+    return (s * a[0], s * a[1], s * a[2])
+
+
+@kernel
+def dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@kernel
+def cross(a, b):
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+@kernel
+def mv(m, a):
+    """Matrix times vector."""
+    return (
+        m[0] * a[0] + m[1] * a[1] + m[2] * a[2],
+        m[3] * a[0] + m[4] * a[1] + m[5] * a[2],
+        m[6] * a[0] + m[7] * a[1] + m[8] * a[2],
+    )
+
+
+@kernel
+def tmv(m, a):
+    """Transposed matrix times vector."""
+    return (
+        m[0] * a[0] + m[3] * a[1] + m[6] * a[2],
+        m[1] * a[0] + m[4] * a[1] + m[7] * a[2],
+        m[2] * a[0] + m[5] * a[1] + m[8] * a[2],
+    )
+
+
+@kernel
+def col(m, k):
+    """Column k of a matrix."""
+    if k == 0:
+        return (m[0], m[3], m[6])
+    if k == 1:
+        return (m[1], m[4], m[7])
+    return (m[2], m[5], m[8])
+
+
+@kernel
+def mm(a, b):
+    """Matrix product a b."""
+    return (
+        a[0] * b[0] + a[1] * b[3] + a[2] * b[6],
+        a[0] * b[1] + a[1] * b[4] + a[2] * b[7],
+        a[0] * b[2] + a[1] * b[5] + a[2] * b[8],
+        a[3] * b[0] + a[4] * b[3] + a[5] * b[6],
+        a[3] * b[1] + a[4] * b[4] + a[5] * b[7],
+        a[3] * b[2] + a[4] * b[5] + a[5] * b[8],
+        a[6] * b[0] + a[7] * b[3] + a[8] * b[6],
+        a[6] * b[1] + a[7] * b[4] + a[8] * b[7],
+        a[6] * b[2] + a[7] * b[5] + a[8] * b[8],
+    )
+
+
+@kernel
+def transpose(m):
+    return (m[0], m[3], m[6], m[1], m[4], m[7], m[2], m[5], m[8])
+
+
+@kernel
+def tmm(a, b):
+    """Product a^T b."""
+    return mm(transpose(a), b)
+
+
+@kernel
+def mmt(a, b):
+    """Product a b^T."""
+    return mm(a, transpose(b))
+
+
+@kernel
+def madd(a, b):
+    return (a[0] + b[0], a[1] + b[1], a[2] + b[2], a[3] + b[3], a[4] + b[4], a[5] + b[5], a[6] + b[6], a[7] + b[7], a[8] + b[8])
+
+
+@kernel
+def mscale(s, a):
+    return (s * a[0], s * a[1], s * a[2], s * a[3], s * a[4], s * a[5], s * a[6], s * a[7], s * a[8])
+
+
+@kernel
+def outer(a, b):
+    """Dyad a b^T."""
+    return (a[0] * b[0], a[0] * b[1], a[0] * b[2], a[1] * b[0], a[1] * b[1], a[1] * b[2], a[2] * b[0], a[2] * b[1], a[2] * b[2])
+
+
+@kernel
+def skew(a):
+    """Matrix of the cross product: skew(a) b = a x b."""
+    z = 0.0 * a[0]
+    return (z, -a[2], a[1], a[2], z, -a[0], -a[1], a[0], z)
+
+
+@kernel
+def put33(blocks, s, r, c, m):
+    """Add matrix m to blocks[s, r:r+3, c:c+3]."""
+    for i in range(3):
+        blocks[s, r, c + i] += m[i]
+        blocks[s, r + 1, c + i] += m[3 + i]
+        blocks[s, r + 2, c + i] += m[6 + i]
+
+
+@kernel
+def add3(a, i, c, x):
+    """Add vector x to a[i, c:c+3]."""
+    a[i, c] += x[0]
+    a[i, c + 1] += x[1]
+    a[i, c + 2] += x[2]

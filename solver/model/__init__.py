@@ -1,0 +1,1 @@
+"""Specification, compilation and state of a model."""
