@@ -54,11 +54,19 @@ import numba  # noqa: E402  (must come after the cache directory is set)
 numba.config.CACHE_DIR = str(CACHE_DIRECTORY)
 
 
-def kernel(function=None, *, inline: bool = False):
-    """Compile a function with the project's settings: cached, no fastmath, GIL released, IEEE division."""
+def kernel(function=None, *, inline: bool = False, borrow: bool = False):
+    """Compile a function with the project's settings: cached, no fastmath, GIL released, IEEE division.
+
+    borrow: the function only reads and writes the arrays it is given, so their references need not be counted. Counting
+    takes an atomic operation per array and table and made the element kernels six times slower. Such a function cannot allocate,
+    nor assign an array to a slice of another one (numba then says 'NRT required but not enabled').
+    inline: for small functions; always inlined, and borrowing.
+    """
     options = {'cache': True, 'nogil': True, 'error_model': 'numpy', 'fastmath': False}
+    if inline or borrow:
+        options['_nrt'] = False
     if inline:
-        options['inline'] = 'always'
+        options['forceinline'] = True
     if function is None:
         return numba.njit(**options)
     return numba.njit(function, **options)

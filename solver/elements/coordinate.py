@@ -17,9 +17,30 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from solver.elements.marker import Context, Marker, Spec, pair_slots, require
-from solver.elements.point_pair import angular_velocity, linear_velocity, point_position
+from solver.elements.point_pair import angular_velocity, linear_velocity, point_position, point_velocity
 from solver.jit import kernel
-from solver.lie.vec import add, col, cross, dot, load3, load33, madd, mm, mscale, mv, outer, put33, scale, skew, sub, tmm, tmv, transpose
+from solver.lie.vec import (
+    add,
+    add3,
+    col,
+    cross,
+    dot,
+    load3,
+    load33,
+    madd,
+    mm,
+    mscale,
+    mv,
+    outer,
+    put33,
+    put66,
+    scale,
+    skew,
+    sub,
+    tmm,
+    tmv,
+    transpose,
+)
 
 TRANSLATION, ROTATION = 0, 1
 TWO_PI = 2.0 * np.pi
@@ -70,7 +91,7 @@ def compile_coordinates(specs: Sequence[CoordinateSpec], context: Context) -> Co
     return table
 
 
-@kernel
+@kernel(borrow=True)
 def evaluate_coordinate(table, kin, k, angle):
     """Return (x, g_i, g_j): value of coordinate k and its gradients, each a pair (force row in W, torque row in B).
 
@@ -108,7 +129,7 @@ def evaluate_coordinate(table, kin, k, angle):
     return x, (zero, scale(-1.0, tmv(R_i, g))), (zero, tmv(R_j, g))
 
 
-@kernel
+@kernel(borrow=True)
 def coordinate_rate(table, kin, k, g_i, g_j):
     """Time derivative of coordinate k from its gradients."""
     i = table.body[k, 0]
@@ -121,7 +142,67 @@ def coordinate_rate(table, kin, k, g_i, g_j):
     )
 
 
-@kernel
+@kernel(inline=True)
+def add6(g, h):
+    """Sum of two gradients."""
+    return add(g[0], h[0]), add(g[1], h[1])
+
+
+@kernel(inline=True)
+def scale6(s, g):
+    """Multiple of a gradient."""
+    return scale(s, g[0]), scale(s, g[1])
+
+
+@kernel(inline=True)
+def add_gradient(Q, g, b, f):
+    """Add the generalized force Q g to body b in f (nb+1, 6)."""
+    add3(f, b, 0, scale(Q, g[0]))
+    add3(f, b, 3, scale(Q, g[1]))
+
+
+@kernel(inline=True)
+def add_dyad(g, h, slot, K):
+    """Add the dyad g h^T of two gradients to a block of K."""
+    put66(K, slot, outer(g[0], h[0]), outer(g[0], h[1]), outer(g[1], h[0]), outer(g[1], h[1]))
+
+
+@kernel(borrow=True)
+def coordinate_rate_gradient(table, kin, k):
+    """Return (h_i, h_j): derivative of the rate of coordinate k with respect to the variation, at constant twists; pairs as g_i, g_j."""
+    i = table.body[k, 0]
+    j = table.body[k, 1]
+    R_i = load33(kin.R, i)
+    R_j = load33(kin.R, j)
+    w_i = angular_velocity(kin, i)
+    w_j = angular_velocity(kin, j)
+    N = col(load33(table.F, k), 2)
+    n = mv(R_i, N)
+    if table.kind[k] == TRANSLATION:
+        # along the axes of B_i: x = N . D and dx/dt = N . (Y - w_i x D) = N . Y + c . D
+        r_i = load3(table.r_i, k)
+        r_j = load3(table.r_j, k)
+        c = cross(w_i, N)
+        c_W = mv(R_i, c)
+        D = tmv(R_i, sub(point_position(kin, j, r_j), point_position(kin, i, r_i)))
+        Y = tmv(R_i, sub(point_velocity(kin, j, r_j), point_velocity(kin, i, r_i)))
+        h_i = add(cross(N, add(Y, cross(w_i, r_i))), cross(c, add(D, r_i)))
+        h_j = add(cross(cross(w_j, r_j), tmv(R_j, n)), cross(r_j, tmv(R_j, c_W)))
+        return (scale(-1.0, c_W), h_i), (c_W, h_j)
+    M = col(load33(table.G, k), 2)
+    m = mv(R_j, M)
+    q = 1.0 / (1.0 + dot(n, m))
+    g = scale(q, add(n, m))
+    w = sub(mv(R_j, w_j), mv(R_i, w_i))
+    # dx/dt = g . w ; dg = q (dn + dm) - q g (m . dn + n . dm)
+    gw = dot(g, w)
+    h_i = sub(cross(N, tmv(R_i, scale(q, sub(w, scale(gw, m))))), cross(w_i, tmv(R_i, g)))
+    h_j = add(cross(M, tmv(R_j, scale(q, sub(w, scale(gw, n))))), cross(w_j, tmv(R_j, g)))
+    zero = scale(0.0, g)
+    return (zero, h_i), (zero, h_j)
+
+
+@kernel(borrow=True)
 def add_coordinate_hessian(table, kin, k, Q, Kq):
     """Add Q times the derivative of the gradient of coordinate k (with respect to the variation) to the blocks Kq."""
     i = table.body[k, 0]

@@ -7,8 +7,13 @@ a driver (prescribed motion) is a coupler with an input u, whose rate and accele
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
+import numpy as np
+
+from solver.elements.coordinate import add_coordinate_hessian, evaluate_coordinate
 from solver.elements.marker import Spec, finite, require
+from solver.jit import kernel
 
 MAX_TERMS = 3
 
@@ -30,3 +35,49 @@ class CouplerSpec(Spec):
         self.set('terms', tuple((str(c), finite(self.where, f'factor of {c}', f)) for c, f in self.terms))
         if self.offset is not None:
             self.set('offset', finite(self.where, 'offset', self.offset))
+
+
+class CouplerTable(NamedTuple):
+    """Columns of all couplers (one row each, up to three terms)."""
+
+    row: np.ndarray  # (n,) row in phi
+    terms: np.ndarray  # (n,) number of terms
+    coordinate: np.ndarray  # (n, 3)
+    factor: np.ndarray  # (n, 3)
+    entry: np.ndarray  # (n, 3, 2) Jacobian block of bodies i and j of each term; terms may share blocks
+    offset: np.ndarray  # (n,)
+    input: np.ndarray  # (n, 3) channels of value, rate, acceleration; -1 for none
+
+
+@kernel(borrow=True)
+def evaluate_couplers(table, coordinates, kin, angle, u, phi, J):
+    """Assign residuals and gradients of all couplers; `angle` continues the rotations (see solver.elements.coordinate)."""
+    for e in range(table.row.shape[0]):
+        for t in range(table.terms[e]):
+            for side in range(2):
+                for c in range(6):
+                    J[table.entry[e, t, side], 0, c] = 0.0
+    for e in range(table.row.shape[0]):
+        residual = -table.offset[e] + 0.0 * kin.p[0, 0]
+        if table.input[e, 0] >= 0:
+            residual -= u[table.input[e, 0]]
+        for t in range(table.terms[e]):
+            factor = table.factor[e, t]
+            x, g_i, g_j = evaluate_coordinate(coordinates, kin, table.coordinate[e, t], angle)
+            residual += factor * x
+            a = table.entry[e, t, 0]
+            b = table.entry[e, t, 1]
+            for c in range(3):
+                J[a, 0, c] += factor * g_i[0][c]
+                J[a, 0, 3 + c] += factor * g_i[1][c]
+                J[b, 0, c] += factor * g_j[0][c]
+                J[b, 0, 3 + c] += factor * g_j[1][c]
+        phi[table.row[e]] = residual
+
+
+@kernel(borrow=True)
+def add_coupler_hessians(table, coordinates, kin, lam, Kq):
+    """Add the geometric stiffness d(A^T lam)/dq of all couplers to Kq."""
+    for e in range(table.row.shape[0]):
+        for t in range(table.terms[e]):
+            add_coordinate_hessian(coordinates, kin, table.coordinate[e, t], lam[table.row[e]] * table.factor[e, t], Kq)

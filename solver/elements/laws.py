@@ -76,7 +76,7 @@ def compile_laws(laws: Sequence[Law]) -> LawTable:
     return table
 
 
-@kernel
+@kernel(borrow=True)
 def evaluate_law(laws, k, x):
     """Return (y, dy/dx, integral of y from 0 to x) of law k at x; zeros for k = -1."""
     if k < 0:

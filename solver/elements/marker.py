@@ -115,6 +115,9 @@ class Context(Protocol):
     def coordinate(self, where: str, name: str) -> int:
         """Index of a joint coordinate; SpecError for an unknown one."""
 
+    def coordinate_bodies(self, index: int) -> tuple[int, int]:
+        """Bodies i and j of a joint coordinate."""
+
     def law(self, law: object) -> int:
         """Index of a force law in the law table (-1 for None)."""
 

@@ -11,7 +11,7 @@ import numpy as np
 from solver.elements.marker import IDENTITY, WORLD, Quaternion, Spec, Vector, finite, require, unit_quaternion, vector
 from solver.elements.point_pair import angular_velocity
 from solver.jit import kernel
-from solver.lie.vec import add3, cross, load33, madd, mscale, mm, mv, put33, scale, skew
+from solver.lie.vec import add3, cross, load33, madd, mm, mscale, mv, put33, scale, skew
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,7 +78,7 @@ def compile_bodies(specs: Sequence[RigidBodySpec], gravity: Vector, slots: Seque
     )
 
 
-@kernel
+@kernel(borrow=True)
 def body_forces(table, kin, tangents, f, Kv):
     """Accumulate gravity and the gyroscopic torque -w x J w, and its tangent."""
     for b in range(table.mass.shape[0]):

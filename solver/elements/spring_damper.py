@@ -70,7 +70,7 @@ def compile_spring_dampers(specs: Sequence[SpringDamperSpec], context: Context) 
     return table
 
 
-@kernel
+@kernel(borrow=True)
 def spring_damper_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
     """Accumulate forces and tangents of all spring-dampers (contract: solver/elements/__init__.py)."""
     for e in range(table.free_length.shape[0]):

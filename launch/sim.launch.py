@@ -1,0 +1,50 @@
+"""ros2 launch mbd_sim_ros sim.launch.py scene:=NAME [play:=true] [record:=true] [namespace:=car1] [params:=FILE] ..."""
+
+from launch.actions import DeclareLaunchArgument
+from launch.conditions import IfCondition
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+from launch_ros.substitutions import FindPackageShare
+
+from launch import LaunchDescription
+
+ARGUMENTS = {
+    'scene': (None, 'scene file, or the name of one in config/scenes'),
+    'mode': ('realtime', 'realtime, fast or lockstep'),
+    'rate_factor': ('1.0', 'simulated seconds per second in mode realtime'),
+    'duration': ('0.0', 'simulated seconds after which it ends; 0: none, -1: that of the scene'),
+    'record': ('false', 'record from the start'),
+    'play': ('false', "also play the scene's maneuver over the command topics"),
+    'namespace': ('', 'namespace of both nodes'),
+    'params': (PathJoinSubstitution([FindPackageShare('mbd_sim_ros'), 'config', 'node.yaml']), 'parameter file'),
+}
+
+
+def generate_launch_description() -> LaunchDescription:
+    """The simulator and, if wanted, the maneuver that drives it."""
+    value = {name: LaunchConfiguration(name) for name in ARGUMENTS}
+    types = {'scene': str, 'mode': str, 'rate_factor': float, 'duration': float, 'record': bool}
+    parameters = {name: ParameterValue(value[name], value_type=kind) for name, kind in types.items()}
+    return LaunchDescription(
+        [
+            *(DeclareLaunchArgument(name, default_value=default, description=text) for name, (default, text) in ARGUMENTS.items()),
+            Node(
+                package='mbd_sim_ros',
+                executable='simulator',
+                name='simulator',
+                namespace=value['namespace'],
+                parameters=[value['params'], parameters],
+                output='screen',
+            ),
+            Node(
+                package='mbd_sim_ros',
+                executable='maneuver',
+                name='maneuver',
+                namespace=value['namespace'],
+                parameters=[{'scene': parameters['scene'], 'timeout': 600.0}],  # the first start compiles
+                condition=IfCondition(value['play']),
+                output='screen',
+            ),
+        ]
+    )

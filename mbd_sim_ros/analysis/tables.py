@@ -1,0 +1,139 @@
+"""Runs as text: CSV files with one header line, `name [unit]`, first column `time [s]`; numbers survive the way back bit for bit."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+
+from mbd_sim_ros import bag
+from mbd_sim_ros.bag import Run
+from solver.errors import BagError
+
+TIME = 'time [s]'
+JOINT_UNITS = {'rotation': ('rad', 'rad/s', 'N m'), 'translation': ('m', 'm/s', 'N')}
+ELEMENT_UNITS = {
+    'energy': 'J', 'dissipation': 'W', 'length': 'm', 'rate': 'm/s', 'force': 'N', 'torque': 'N m',
+    'fz': 'N', 'kappa': '1', 'alpha': 'rad', 'gamma': 'rad', 'spin': 'rad/s', 'deflection': 'm', 'friction': '1',
+    'px': 'm', 'py': 'm', 'pz': 'm', 'qx': '1', 'qy': '1', 'qz': '1', 'qw': '1',
+}  # fmt: skip
+BLOCK_UNITS = {
+    'pose': {'x': 'm', 'y': 'm', 'z': 'm'},
+    'twist': {'vx': 'm/s', 'vy': 'm/s', 'vz': 'm/s', 'wx': 'rad/s', 'wy': 'rad/s', 'wz': 'rad/s'},
+    'imu': {'ax': 'm/s^2', 'ay': 'm/s^2', 'az': 'm/s^2', 'wx': 'rad/s', 'wy': 'rad/s', 'wz': 'rad/s'},
+    'force': {'fx': 'N', 'fy': 'N', 'fz': 'N', 'mx': 'N m', 'my': 'N m', 'mz': 'N m'},
+}
+INPUT_UNITS = {'steering': 'rad', 'steering_rate': 'rad/s', 'steering_acceleration': 'rad/s^2', 'drive_torque': 'N m', 'brake_torque': 'N m'}
+
+
+def unit(column: str, kinds: dict[str, str]) -> str:
+    """Unit of a column of a Run, '' where the recording does not tell. kinds: joint coordinate -> 'rotation' | 'translation'."""
+    topic, _, rest = column.partition('/')
+    head, _, last = column.rpartition('/')
+    if topic == 'joint_states':
+        joint, _, part = rest.rpartition('/')
+        units = JOINT_UNITS.get(kinds.get(joint, ''))
+        return '' if units is None else units[('position', 'velocity', 'effort').index(part)]
+    if topic == 'cmd_applied':
+        return INPUT_UNITS.get(rest, '1' if rest == 'step' else '')
+    if topic in ('tire_states', 'element_states'):
+        return ELEMENT_UNITS.get(last, '')
+    block = BLOCK_UNITS.get(head.rpartition('/')[2], {})
+    return block.get(last, '1' if last in ('qx', 'qy', 'qz', 'qw') else '')
+
+
+def joint_kinds(run: Run) -> dict[str, str]:
+    """Joint coordinate -> 'rotation' | 'translation', as far as the recording tells."""
+    return json.loads(run.metadata.get('joint_kinds', '{}'))
+
+
+def topics(run: Run) -> dict[str, list[str]]:
+    """Topic -> its columns, in the order of the recording."""
+    known = ('joint_states', 'odom', 'imu', 'tire_states', 'cmd_applied', 'element_states', 'reactions')
+    found: dict[str, list[str]] = {}
+    for column in run.columns:
+        topic = next((name for name in known if column.startswith(name + '/')), column.rpartition('/')[0])
+        found.setdefault(topic, []).append(column)
+    return found
+
+
+def export(run: Run, directory: Path) -> list[Path]:
+    """Write one CSV file per topic (slashes of its name as dots) and return them. Raises BagError when a file cannot be written."""
+    kinds = joint_kinds(run)
+    files = []
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        for topic, columns in topics(run).items():
+            file = directory / f'{topic.replace("/", ".")}.csv'
+            values = [run.columns[c] for c in columns]
+            rows = ~np.all([np.isnan(v) for v in values], axis=0)
+            with file.open('w', newline='', encoding='utf-8') as stream:
+                writer = csv.writer(stream, lineterminator='\n')
+                names = [c.removeprefix(topic + '/') for c in columns]
+                writer.writerow([TIME, *(f'{n} [{unit(c, kinds)}]' if unit(c, kinds) else n for n, c in zip(names, columns, strict=True))])
+                seconds = (seconds_of(int(t)) for t in run.time_ns[rows])
+                writer.writerows([t, *row] for t, row in zip(seconds, np.column_stack(values)[rows].tolist(), strict=True))
+            files.append(file)
+    except OSError as error:
+        raise BagError(f'cannot write to {directory}: {error.strerror}; choose another place') from None
+    return files
+
+
+def seconds_of(t_ns: int) -> str:
+    """Nanoseconds as decimal seconds, exactly."""
+    sign, t_ns = '-' if t_ns < 0 else '', abs(t_ns)
+    return f'{sign}{t_ns // 1_000_000_000}.{t_ns % 1_000_000_000:09d}'
+
+
+def read(path: str | Path) -> Run:
+    """A bag, an .mcap file, a .csv file, or a directory of .csv files as export() writes them.
+
+    Columns of a CSV file in a directory get the name of its topic in front; those of a single file are as in its header. Units in
+    square brackets are dropped. Raises BagError (file, line, remedy).
+    """
+    path = Path(path)
+    if path.suffix.lower() == '.csv':
+        return _read_csv(path, '')
+    files = sorted(path.glob('*.csv')) if path.is_dir() else []
+    if not files or list(path.glob('*.mcap*')):
+        return bag.read(path)
+    runs = [_read_csv(file, file.stem.replace('.', '/') + '/') for file in files]
+    grid = np.unique(np.concatenate([run.time_ns for run in runs]))
+    columns = {}
+    for run in runs:
+        rows = np.searchsorted(grid, run.time_ns)
+        for name, values in run.columns.items():
+            columns[name] = np.full(grid.size, np.nan)
+            columns[name][rows] = values
+    return Run(grid, columns)
+
+
+def _read_csv(file: Path, prefix: str) -> Run:
+    try:
+        with file.open(newline='', encoding='utf-8-sig') as stream:
+            rows = [row for row in csv.reader(stream) if row and not row[0].lstrip().startswith('#')]
+    except OSError as error:
+        raise BagError(f'cannot read {file}: {error.strerror}') from None
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise BagError(f'cannot read {file}: it is not a CSV text ({error})') from None
+    if len(rows) < 2:
+        raise BagError(f'{file} holds no data: a header line and at least one row of numbers are needed')
+    names = [cell.partition('[')[0].strip() for cell in rows[0]]
+    if names[0] not in ('time', 't'):
+        raise BagError(f"{file}: the first column is {names[0]!r}; it must be 'time [s]'")
+    if len(set(names)) != len(names):
+        twice = next(n for n in names if names.count(n) > 1)
+        raise BagError(f'{file}: the column {twice!r} is given twice')
+    for number, row in enumerate(rows[1:], 2):
+        if len(row) != len(names):
+            raise BagError(f'{file}: row {number} has {len(row)} values for {len(names)} columns')
+    try:
+        table = np.array([[float(cell) if cell.strip() else np.nan for cell in row] for row in rows[1:]])
+    except ValueError as error:
+        raise BagError(f'{file}: {error}') from None
+    time_ns = np.round(table[:, 0] * 1e9).astype(np.int64)
+    if not np.all(np.diff(time_ns) > 0):
+        raise BagError(f'{file}: the times must increase from row to row')
+    return Run(time_ns, {prefix + name: table[:, k].copy() for k, name in enumerate(names) if k})

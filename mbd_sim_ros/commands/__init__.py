@@ -1,0 +1,46 @@
+"""One module per command of `mbd`: add(parsers) declares it, run(args) returns a Result. Heavy imports wait until run()."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass, field
+from typing import Any
+
+SCENE_HELP = 'path of a scene file, or a name in config/scenes'
+SET_HELP = 'change one value of the scene, checked like the file itself (repeatable), e.g. --set integrator.h=0.002'
+
+
+@dataclass(frozen=True, kw_only=True)
+class Result:
+    """What a command found: the object --json prints, the text for people, and the exit code (0 only on success)."""
+
+    data: dict[str, Any] = field(default_factory=dict)
+    text: str = ''
+    code: int = 0
+
+
+def declare(parsers: Any, name: str, run: Any, help_: str, example: str) -> argparse.ArgumentParser:
+    """Add a command with its example and --json."""
+    parser = parsers.add_parser(
+        name,
+        help=help_,
+        description=help_[0].upper() + help_[1:] + '.',
+        epilog=f'example:\n  {example}',
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    parser.add_argument('--json', action='store_true', help='print exactly one JSON object on stdout')
+    parser.set_defaults(run=run)
+    return parser
+
+
+def add_scene(parser: argparse.ArgumentParser) -> None:
+    """The arguments SCENE and --set."""
+    parser.add_argument('scene', metavar='SCENE', help=SCENE_HELP)
+    parser.add_argument('--set', metavar='KEY=VALUE', action='append', default=[], dest='overrides', help=SET_HELP)
+
+
+def table(rows: list[tuple[str, ...]]) -> str:
+    """Columns of text, aligned."""
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    return '\n'.join('  '.join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows)

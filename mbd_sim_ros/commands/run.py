@@ -1,0 +1,71 @@
+"""mbd run: simulate a scene as fast as it goes and record it."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+from mbd_sim_ros.commands import Result, add_scene, declare, table
+
+FIGURES = {
+    'steps': 'd',
+    'wall_time': '.3f s',
+    'real_time_factor': '.2f',
+    'cpu_per_step_us': '.1f us',
+    'iterations_per_step': '.2f',
+    'energy_error_max': '.3g J',
+    'position_drift_max': '.3g',
+    'velocity_drift_max': '.3g',
+}
+
+
+def add(parsers: Any) -> None:
+    """Declare the command."""
+    parser = declare(parsers, 'run', run, 'simulate a scene and record it', 'mbd run slider_crank --set integrator.h=0.002 --out bags/coarse')
+    add_scene(parser)
+    parser.add_argument('--maneuver', metavar='FILE', help='another maneuver: a path, or a name in config/maneuvers')
+    parser.add_argument('--duration', metavar='SECONDS', type=float, help='simulated time instead of the duration in the scene')
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument('--out', metavar='DIR', type=Path, help='new directory for the recording (default: bags/<scene>-<date>)')
+    where.add_argument('--no-record', action='store_true', help='record nothing')
+
+
+def run(args: argparse.Namespace) -> Result:
+    """Load, simulate, judge."""
+    from mbd_sim_ros.batch import simulate
+    from mbd_sim_ros.recorder import new_directory
+    from solver.scene import find_file, load_scene
+    from solver.simulation import Simulation
+
+    overrides = list(args.overrides)
+    if args.maneuver is not None:
+        overrides.append(f'maneuver={find_file(args.maneuver, "maneuvers").resolve()}')
+    if args.duration is not None:
+        overrides.append(f'duration={args.duration!r}')
+    scene = load_scene(args.scene, overrides)
+    simulation = Simulation(scene)
+    directory = None if args.no_record else args.out or new_directory(scene.name)
+    data = simulate(simulation, scene.steps, directory=directory, progress=not args.json)
+    data = {'scene': scene.name, **data}
+    violations = scene.require.violations(data)
+    if violations:
+        data |= {'status': 'failed', 'violations': violations}
+    limits = {f.name: getattr(scene.require, f.name) for f in dataclasses.fields(scene.require)}
+    data['require'] = {name: limit for name, limit in limits.items() if limit is not None}
+    return Result(data=data, text=describe(data), code=1 if violations else 0)
+
+
+def describe(data: dict[str, Any]) -> str:
+    """The figures of a run for people."""
+    rows = [(key.replace('_', ' '), _shown(data[key], form)) for key, form in FIGURES.items()]
+    if data['out']:
+        rows.append(('recorded in', data['out']))
+    rows += [('REQUIREMENT', text) for text in data.get('violations', [])]
+    return table(rows)
+
+
+def _shown(value: float, form: str) -> str:
+    number, _, unit = form.partition(' ')
+    return f'{value:{number}} {unit}'.rstrip()

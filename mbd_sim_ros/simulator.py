@@ -1,0 +1,418 @@
+"""The ROS node `simulator`: topics, services, parameters and diagnostics around a Loop. It paces and publishes; it never integrates."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.publisher import Publisher
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock as ClockMessage
+from std_msgs.msg import Float64, String
+from std_srvs.srv import Trigger
+
+from mbd_sim_ros.loop import MODES, Loop
+from mbd_sim_ros.messages import Messages
+from mbd_sim_ros.publish import Publication
+from mbd_sim_ros.recorder import Recorder, describe, new_directory
+from solver.errors import BagError, MbdError, SpecError
+from solver.maneuver import COMMANDS, CommandSource
+from solver.snapshot import Snapshot
+
+CLOCK_SECONDS = 0.01  # /clock is published at most at 100 Hz
+WARN_SECONDS = 2.0  # a repeated warning about a command is said this often
+REPLY_SECONDS = 30.0
+
+# name: (default, description with unit, lower limit, upper limit, may change while running)
+PARAMETERS: dict[str, tuple[Any, str, float | None, float | None, bool]] = {
+    'scene': ('', 'scene file, or the name of one in config/scenes', None, None, False),
+    'overrides': ([''], "changes to the scene, e.g. ['integrator.h=0.001']", None, None, False),
+    'commands': ('topics', 'who drives: topics, or the maneuver of the scene', None, None, False),
+    'mode': ('realtime', 'realtime, fast (no waiting) or lockstep (a step only for newer commands or ~/step)', None, None, True),
+    'rate_factor': (1.0, 'simulated seconds per second in mode realtime [-]', 0.001, 1000.0, True),
+    'duration': (0.0, 'simulated time after which the node ends with exit code 0 [s]; 0: none, -1: that of the scene', -1.0, 1e6, False),
+    'publish_every': (1, 'publish every n-th step [-]', 1, 100000, True),
+    'publish_clock': (True, 'publish /clock', None, None, False),
+    'frame_prefix': ('', 'put before every frame name', None, None, False),
+    'publish_elements': (False, 'publish element_states and reactions too, as far as the scene has them recorded', None, None, False),
+    'robot_description': ('', 'URDF, published latched on robot_description and recorded', None, None, False),
+    'record': (False, 'record from the start', None, None, False),
+    'out': ('', 'directory of the recording; empty: bags/<scene>-<date>-<time>', None, None, False),
+    'restore': ('', 'state file of ~/save_state to start from', None, None, False),
+    'max_steering': (12.0, 'limit of the steering wheel command, both ways [rad]', 0.0, 100.0, True),
+    'max_drive_torque': (2000.0, 'limit of the drive torque command, both ways [N m]', 0.0, 1e5, True),
+    'max_brake_torque': (10000.0, 'limit of the brake command [N m]', 0.0, 1e6, True),
+    'command_timeout': (0.5, 'age in simulation time after which the drive torque command counts as zero [s]; 0: never', 0.0, 1e3, True),
+    'steering_bandwidth': (5.0, 'of the filter behind the steering command [Hz]', 0.1, 100.0, False),
+    'steering_rate_limit': (20.0, 'of the steering wheel [rad/s]', 0.1, 1000.0, False),
+    'step_count': (1, 'steps that one call of ~/step does [-]', 1, 1000000, True),
+    'lockstep_commands': (list(COMMANDS), 'the commands that must all be newer before lockstep steps', None, None, False),
+}
+CHOICES = {'commands': ('topics', 'maneuver'), 'mode': MODES}
+
+
+class Simulator(Node):
+    """Declares the parameters; `open` takes a simulation and connects it; `close` ends everything."""
+
+    loop: Loop
+
+    def __init__(self) -> None:
+        # The node makes time; it must not wait for it.
+        super().__init__('simulator', parameter_overrides=[Parameter('use_sim_time', value=False)])
+        self.recorder: Recorder | None = None
+        self.failed_recording: BagError | None = None
+        self._declare()
+        self._warned: dict[str, float] = {}
+
+    # -- parameters ----------------------------------------------------------------------------------------------------
+
+    def _declare(self) -> None:
+        for name, (default, text, low, high, _) in PARAMETERS.items():
+            descriptor = ParameterDescriptor(description=text)
+            if isinstance(default, float):
+                descriptor.floating_point_range = [FloatingPointRange(from_value=float(low or 0.0), to_value=float(high or 0.0))]
+            elif isinstance(default, int) and not isinstance(default, bool):
+                descriptor.integer_range = [IntegerRange(from_value=int(low or 0), to_value=int(high or 0), step=1)]
+            if name in CHOICES:
+                descriptor.additional_constraints = 'one of: ' + ', '.join(CHOICES[name])
+            self.declare_parameter(name, default, descriptor)
+        for name, allowed in CHOICES.items():
+            if self.value(name) not in allowed:
+                raise SpecError(f'parameter {name} = {self.value(name)!r}: must be one of {", ".join(allowed)}')
+        unknown = [name for name in self.value('lockstep_commands') if name not in COMMANDS]
+        if unknown:
+            raise SpecError(f'parameter lockstep_commands: {unknown[0]!r} is no command; allowed: {", ".join(COMMANDS)}')
+
+    def value(self, name: str) -> Any:
+        """Return the value of a parameter."""
+        return self.get_parameter(name).value
+
+    def _on_set(self, parameters: list[Parameter]) -> SetParametersResult:
+        for parameter in parameters:
+            known = PARAMETERS.get(parameter.name)
+            if known is None:
+                continue
+            if not known[4]:
+                return SetParametersResult(successful=False, reason=f'{parameter.name} is fixed while the node runs: start it anew')
+            if parameter.name in CHOICES and parameter.value not in CHOICES[parameter.name]:
+                return SetParametersResult(successful=False, reason=f'{parameter.name}: one of ' + ', '.join(CHOICES[parameter.name]))
+        for parameter in parameters:
+            if parameter.name in ('mode', 'rate_factor', 'command_timeout'):
+                setattr(self.loop, parameter.name, parameter.value)
+            elif parameter.name == 'publish_every':
+                self._publish_every = parameter.value
+        return SetParametersResult(successful=True)
+
+    # -- start and end -------------------------------------------------------------------------------------------------
+
+    def open(self, scene: Any, simulation: Any) -> None:
+        """Connect a simulation (solver.simulation.Simulation or alike) and start it. Raises MbdError."""
+        self.scene, self.simulation = scene, simulation
+        channels = simulation.channels
+        self._source = self._new_source()
+        if self.value('restore'):
+            self._restore(Path(self.value('restore')))
+        self._messages = Messages(
+            channels,
+            frame_prefix=self.value('frame_prefix'),
+            element_states=scene.record.elements,
+            reactions=scene.record.reactions,
+        )
+        self._record_every = scene.record.every
+        self._publish_every = self.value('publish_every')
+        silent = () if self.value('publish_elements') else ('element_states', 'reactions')
+        self._publication = Publication(self, self._messages.topics, self._messages.encode(simulation.snapshot()), silent=silent)
+        best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self._ticks = self.create_publisher(ClockMessage, '/clock', best_effort) if self.value('publish_clock') else None
+        self._ticked = (-math.inf, -math.inf)
+        self._describe()
+        duration = self.value('duration') if self.value('duration') >= 0.0 else scene.duration
+        self.loop = Loop(
+            simulation,
+            inputs=self._inputs,
+            emit=self._emit,
+            repeat=lambda: self._publication.publish(self._messages.encode(simulation.snapshot())),
+            mode=self.value('mode'),
+            rate_factor=self.value('rate_factor'),
+            end_ns=round(duration * 1e9) if duration > 0.0 else None,
+            command_timeout=self.value('command_timeout'),
+            lockstep_commands=tuple(COMMANDS.index(name) for name in self.value('lockstep_commands')),
+        )
+        self.loop.latched = self.loop.latched._replace(values=(float(self._source.state[0]), 0.0, 0.0))
+        if self.value('record'):
+            self.recorder = self._new_recorder(self.value('out'))
+        self.add_on_set_parameters_callback(self._on_set)
+        self._subscribe()
+        self._serve()
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self.create_timer(1.0, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.loop.start()
+
+    def _new_source(self) -> CommandSource:
+        channels = self.simulation.channels
+        at_start = dict(zip(channels.inputs, self.simulation.snapshot().inputs))
+        return CommandSource(
+            channels.inputs,
+            self.simulation.h_ns,
+            bandwidth=self.value('steering_bandwidth'),
+            rate_limit=self.value('steering_rate_limit'),
+            steering=float(at_start.get('steering', 0.0)),
+        )
+
+    def _describe(self) -> None:
+        if not self.value('robot_description'):
+            return
+        latched = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._description = self.create_publisher(String, 'robot_description', latched)
+        self._description.publish(String(data=self.value('robot_description')))
+
+    def close(self, outcome: str) -> int:
+        """End the simulation thread, finish the recording and return the exit code. May be called when `open` failed or never ran."""
+        code = 0
+        if hasattr(self, 'loop'):
+            self.loop.stop(outcome)
+            error = self.loop.error
+            if isinstance(error, MbdError):
+                self.get_logger().error(str(error))
+                code = error.exit_code
+            elif error is not None:
+                self.get_logger().error(f'the simulation thread failed: {type(error).__name__}: {error}')
+                code = 1
+            outcome = self.loop.outcome
+        try:
+            directory = self._end_recording(outcome)
+            if directory:
+                self.get_logger().info(f'recorded {directory}')
+        except BagError as failure:
+            self.failed_recording = failure
+            self.get_logger().error(str(failure))
+        if hasattr(self, 'loop'):
+            loop, seconds = self.loop, self.simulation.t_ns * 1e-9
+            reason = 'failed' if loop.error else outcome
+            self.get_logger().info(f'{reason}: t = {seconds:.3f} s, {loop.steps} steps, {loop.overruns} overruns')
+        return code or (self.failed_recording.exit_code if self.failed_recording else 0)
+
+    # -- on the simulation thread --------------------------------------------------------------------------------------
+
+    def _inputs(self, values: tuple[float, float, float]) -> np.ndarray | None:
+        return self._source.advance(*values) if self.value_commands else None
+
+    def _emit(self, snapshot: Snapshot) -> None:
+        publish = snapshot.k % self._publish_every == 0
+        record = self.recorder is not None and snapshot.k % self._record_every == 0
+        messages: Sequence[bytes | None] = ()
+        if publish or record:
+            full = self._messages.encode(snapshot)
+            messages = full
+            if publish:
+                self._publication.publish(full)
+        if self.recorder is not None:
+            # What was applied is recorded in every step, or the run could not be replayed.
+            self._record(snapshot.t_ns, messages if record else self._messages.encode_inputs(snapshot))
+        if self._ticks is not None:
+            self._publish_clock(self._ticks, snapshot.t_ns)
+
+    def _publish_clock(self, publisher: Publisher, t_ns: int) -> None:
+        now = time.monotonic()
+        wall, simulated = self._ticked
+        due = now - wall >= CLOCK_SECONDS and abs(t_ns * 1e-9 - simulated) >= CLOCK_SECONDS * 0.999
+        if due or self.loop.mode == 'lockstep':  # in lockstep the others wait for every tick
+            self._ticked = (now, t_ns * 1e-9)
+            message = ClockMessage()
+            message.clock.sec, message.clock.nanosec = divmod(t_ns, 1_000_000_000)
+            publisher.publish(message)
+
+    def _record(self, t_ns: int, messages: Sequence[bytes | None]) -> None:
+        assert self.recorder is not None
+        try:
+            self.recorder.write(t_ns, messages)
+        except BagError as error:  # the simulation goes on; the exit code tells
+            self.get_logger().error(str(error))
+            self.failed_recording, self.recorder = error, None
+
+    # -- recording -----------------------------------------------------------------------------------------------------
+
+    def _new_recorder(self, out: str) -> Recorder:
+        directory = Path(out) if out else new_directory(self.scene.name)
+        metadata = describe(
+            scene=self.scene.name,
+            resolved_yaml=self.scene.resolved,
+            seed=self.scene.seed,
+            parameters={name: self.value(name) for name in PARAMETERS if name != 'robot_description'},
+            namespace=self.get_namespace(),
+            robot_description=self.value('robot_description'),
+        )
+        namespace = self.get_namespace().rstrip('/')
+        topics = [t if t.name.startswith('/') else t._replace(name=f'{namespace}/{t.name}') for t in self._messages.topics]
+        recorder = Recorder(directory, topics, metadata, wait=False)
+        self.get_logger().info(f'recording into {directory}')
+        return recorder
+
+    def _end_recording(self, outcome: str) -> Path | None:
+        recorder, self.recorder = self.recorder, None
+        if recorder is None:
+            return None
+        loop = self.loop
+        figures = {'steps': loop.steps, 'overruns': loop.overruns, 'schedule_slips': loop.slips, 'wall_time': f'{loop.wall_time:.3f}'}
+        return recorder.close({'end': outcome, **{key: str(value) for key, value in figures.items()}})
+
+    # -- commands ------------------------------------------------------------------------------------------------------
+
+    def _subscribe(self) -> None:
+        self.value_commands = self.value('commands') == 'topics'
+        newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+        names = ('steering_cmd', 'torque_cmd', 'brake_cmd')
+        for index, (topic, limit) in enumerate(zip(names, ('max_steering', 'max_drive_torque', 'max_brake_torque'))):
+            self.create_subscription(Float64, f'~/{topic}', self._command(index, topic, limit), newest)
+
+    def _command(self, index: int, topic: str, limit: str) -> Callable[[Float64], None]:
+        def receive(message: Float64) -> None:
+            if not math.isfinite(message.data):
+                self._warn(f'{topic} not finite', f'{topic}: {message.data} is not a number; the command before it stays')
+                return
+            high = self.value(limit)
+            value = min(max(message.data, 0.0 if topic == 'brake_cmd' else -high), high)
+            if value != message.data:
+                self._warn(topic, f'{topic}: {message.data:g} is beyond the limit; {value:g} is applied (parameter {limit})')
+            self.loop.command(index, value)
+
+        return receive
+
+    def _warn(self, about: str, text: str) -> None:
+        now = time.monotonic()
+        if now - self._warned.get(about, -math.inf) >= WARN_SECONDS:
+            self._warned[about] = now
+            self.get_logger().warning(text)
+
+    # -- services ------------------------------------------------------------------------------------------------------
+
+    def _serve(self) -> None:
+        services: dict[str, Callable[[], str]] = {
+            'pause': self._pause,
+            'resume': self._resume,
+            'reset': self._reset,
+            'step': self._step,
+            'save_state': self._save,
+            'start_recording': self._start_recording,
+            'stop_recording': self._stop_recording,
+        }
+        for name, action in services.items():
+            self.create_service(Trigger, f'~/{name}', self._service(action))
+
+    def _service(self, action: Callable[[], str]) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:
+        def call(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            try:
+                response.message = self.loop.ask(action).result(REPLY_SECONDS)
+                response.success = True
+            except TimeoutError:
+                response.message = f'no answer from the simulation within {REPLY_SECONDS:g} s'
+            except (MbdError, RuntimeError, OSError) as error:
+                response.message = str(error)
+            return response
+
+        return call
+
+    def _pause(self) -> str:
+        self.loop.pause()
+        return f'paused at t = {self.simulation.t_ns * 1e-9:.6f} s, step {self.simulation.k}'
+
+    def _resume(self) -> str:
+        self.loop.resume()
+        return 'running'
+
+    def _reset(self) -> str:
+        recording = self.recorder is not None
+        self._end_recording('reset')  # time starts anew: one recording is one run
+        self.simulation.reset()
+        self._source = self._new_source()
+        if recording:
+            self.recorder = self._new_recorder('')
+        self._ticked = (-math.inf, -math.inf)
+        self.loop.restart()
+        self.loop.latched = self.loop.latched._replace(values=(float(self._source.state[0]), 0.0, 0.0))
+        return 'back at t = 0'
+
+    def _step(self) -> str:
+        count = self.value('step_count')
+        self.loop.step(count)
+        return f'{count} steps from step {self.simulation.k}'
+
+    def _save(self) -> str:
+        path = Path(f'{self.scene.name}-step{self.simulation.k}-{time.strftime("%Y%m%d-%H%M%S")}.state.npz')
+        np.savez(path, simulation=np.frombuffer(self.simulation.save(), np.uint8), steering=self._source.state, scene=self.scene.hash)
+        return str(path.resolve())
+
+    def _restore(self, path: Path) -> None:
+        try:
+            with np.load(path) as saved:
+                data, steering, scene = saved['simulation'].tobytes(), saved['steering'], str(saved['scene'])
+        except (OSError, KeyError, ValueError) as error:
+            raise SpecError(f'parameter restore: {path} is not a state file of ~/save_state ({error})') from error
+        if scene != self.scene.hash:
+            raise SpecError(f'parameter restore: {path} belongs to another scene (hash {scene}, this one has {self.scene.hash})')
+        self.simulation.restore(data)
+        self._source.state = steering
+
+    def _start_recording(self) -> str:
+        if self.recorder is not None:
+            raise BagError(f'already recording into {self.recorder.directory}')
+        recorder = self._new_recorder('')
+        self.recorder = recorder
+        return str(recorder.directory)
+
+    def _stop_recording(self) -> str:
+        directory = self._end_recording('stopped by request')
+        if directory is None:
+            raise BagError('nothing is being recorded')
+        return str(directory)
+
+    # -- diagnostics ---------------------------------------------------------------------------------------------------
+
+    def _diagnose(self) -> None:
+        health, loop, recorder = self.loop.health(), self.loop, self.recorder
+        values = {
+            'simulation time [s]': f'{self.simulation.t_ns * 1e-9:.3f}',
+            'mode': loop.mode + (' (paused)' if loop.paused else ''),
+            'real-time factor': f'{health.rate:.4f}',
+            'steps': health.steps,
+            'overruns': health.overruns,
+            'schedule slips': health.slips,
+            'step time p50 [ms]': f'{health.step_p50 * 1e3:.3f}',
+            'step time p99 [ms]': f'{health.step_p99 * 1e3:.3f}',
+            'step time max [ms]': f'{health.step_max * 1e3:.3f}',
+            'iterations': health.iterations,
+            'residual': f'{health.residual:.3g}',
+            'command age [s]': f'{health.command_age:.3f}',
+            'recorder lag [steps]': recorder.lag if recorder else 0,
+            'recorder dropped [steps]': recorder.dropped if recorder else 0,
+        }
+        problems = []
+        if loop.stale:
+            problems.append('drive torque command is too old and counts as zero')
+            self._warn('stale', f'no torque_cmd for {loop.command_timeout:g} s: the drive torque is zero until one comes')
+        if recorder and recorder.dropped:
+            problems.append('recording has lost steps')
+        behind = loop.mode == 'realtime' and not loop.paused and health.rate < 0.98 * loop.rate_factor and health.steps > 0
+        if behind:
+            problems.append('slower than real time')
+        level, text = DiagnosticStatus.OK, 'running' if not loop.paused else 'paused'
+        if problems:
+            level, text = DiagnosticStatus.WARN, '; '.join(problems)
+        if loop.error is not None or self.failed_recording is not None:
+            level, text = DiagnosticStatus.ERROR, str(loop.error or self.failed_recording)
+        status = DiagnosticStatus(
+            level=level, name=f'{self.get_fully_qualified_name()}: simulation', message=text, hardware_id=self.scene.name
+        )
+        status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+        array = DiagnosticArray(status=[status])
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(array)

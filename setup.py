@@ -1,0 +1,55 @@
+"""Build metadata of mbd_sim_ros: one description for pip and for colcon (ament_python)."""
+
+from collections import defaultdict
+from pathlib import Path
+
+from setuptools import find_packages, setup
+
+NAME = 'mbd_sim_ros'
+SHARE = f'share/{NAME}'
+ROOT = Path(__file__).parent
+
+
+def data_files() -> list[tuple[str, list[str]]]:
+    """Scene data, launch files and documents go to share/, with their directories; colcon needs paths relative to this file."""
+    files = defaultdict(list)
+    files['share/ament_index/resource_index/packages'].append(f'resource/{NAME}')
+    files[SHARE] += ['package.xml', 'README.md', 'CHANGELOG.rst']
+    for directory in ('config', 'launch', 'docs'):
+        for path in sorted((ROOT / directory).rglob('*')):
+            relative = path.relative_to(ROOT)
+            if path.is_file() and not any(part.startswith(('.', '__')) for part in relative.parts):
+                files[f'{SHARE}/{relative.parent}'].append(str(relative))
+    return sorted(files.items())
+
+
+setup(
+    name=NAME,
+    version='0.1.0',
+    description='Real-time multibody simulation of a detailed road vehicle with an augmented-Lagrangian integrator',
+    long_description=(ROOT / 'README.md').read_text(encoding='utf-8'),
+    long_description_content_type='text/markdown',
+    license='Apache-2.0',
+    maintainer='mbd_sim_ros maintainers',
+    maintainer_email='maintainers@example.org',
+    python_requires='>=3.11',
+    packages=find_packages(include=['solver', 'solver.*', NAME, f'{NAME}.*']),
+    package_data={NAME: ['schemas/*', 'schemas/*/*']},
+    data_files=data_files(),
+    zip_safe=False,
+    install_requires=['numpy', 'scipy', 'numba', 'pyyaml', 'mcap', 'matplotlib', 'tqdm'],
+    extras_require={
+        # Genuine ROS 2 Jazzy wheels, for machines without ROS. Where Jazzy is installed its own rclpy is used instead.
+        'ros': ['ros-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps-cpp'],
+        # colcon reads package.xml with catkin_pkg; setuptools 80 dropped what `colcon build --symlink-install` calls.
+        'test': ['pytest', 'rosbags', 'setuptools<80', 'colcon-core', 'colcon-ros', 'colcon-python-setup-py', 'colcon-recursive-crawl'],
+        'dev': ['ruff', 'mypy', 'types-PyYAML', 'types-tqdm'],
+    },
+    entry_points={
+        'console_scripts': [
+            f'simulator = {NAME}.node:main',
+            f'maneuver = {NAME}.maneuver_player:main',
+            f'mbd = {NAME}.cli:main',
+        ],
+    },
+)

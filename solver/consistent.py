@@ -1,0 +1,247 @@
+"""A consistent start: assembly of positions, projection of velocities, static equilibrium, accelerations and multipliers.
+
+All of them are Newton iterations on the same saddle system as the step (solver.saddle), in its n x n form with repeated
+augmentation, so redundant constraints are harmless here too.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver.dynamics import (
+    Outputs,
+    add_constraint_forces,
+    add_constraint_stiffness,
+    constraint_input_rates,
+    constraint_rates,
+    evaluate_constraints,
+    evaluate_forces,
+)
+from solver.elements.point_pair import Kinematics
+from solver.errors import ConsistencyError
+from solver.lie.so3 import exp, quaternion_exp, quaternion_normalized, quaternion_product
+from solver.model.state import State, fill_kinematics, kinematics_of, new_kinematics, update_angles
+from solver.model.tables import Model
+from solver.saddle import CONDENSED, Saddle, assemble_tangent, effective_masses, factorize_saddle, new_saddle, solve_saddle
+
+PENALTY = 1e8
+ASSEMBLY_TOLERANCE = 1e-12  # m or rad
+LARGEST_TURN = 0.3  # rad or m per iteration of the assembly
+EQUILIBRIUM_TOLERANCE = 1e-7  # N or N m
+
+
+class Start:
+    """Scratch for the start calculations of one model (not a state: every method says what it changes)."""
+
+    def __init__(self, model: Model, outputs: Outputs) -> None:
+        self.model = model
+        self.t = model.tables
+        nb, ns = model.n_bodies, model.n_slots
+        self.outputs = outputs
+        self.saddle: Saddle = new_saddle(model, CONDENSED)
+        self.identity = np.tile(np.eye(3), (nb + 1, 1, 1))
+        self.Kq = np.zeros((ns + 1, 6, 6))
+        self.Kv = np.zeros((ns + 1, 6, 6))
+        self.f = np.zeros((nb + 1, 6))
+        self.dw = np.zeros((nb + 1, 6))
+        self.dlam = np.zeros(model.n_rows)
+        self.phi = np.zeros(model.n_rows)
+        self.phi_t = np.zeros(model.n_rows)
+        self.phi_tt = np.zeros(model.n_rows)
+        self.J = np.zeros((model.n_entries + 1, 6, 6))
+        self.z = np.zeros(model.n_internal)
+        # massless bodies get the floor that the penalties use, here as inertia of the metric only
+        self.metric_mass = 1.0 / self.t.penalty_inverse_mass
+        self.metric_inertia = np.linalg.inv(self.t.penalty_inverse_inertia)
+
+    def _factorize(self, cm: float, cq: float, metric: bool) -> None:
+        """Factorize cm M - cq Kq with the constraints at self.J; metric: use the floored masses instead of M."""
+        self.saddle.J_s[:] = self.J
+        self.saddle.J_e[:] = self.J
+        effective_masses(self.t, self.J, self.saddle.W)
+        self.saddle.W[:] *= PENALTY * cm
+        assemble_tangent(self.t, 0.0 if metric else cm, cq, 0.0, self.Kq, self.Kv, self.identity, self.saddle.B)
+        if metric:
+            for b in range(self.model.n_bodies):
+                s = self.t.bodies.slot[b]
+                self.saddle.B[s, :3, :3] += cm * self.metric_mass[b] * np.eye(3)
+                self.saddle.B[s, 3:, 3:] += cm * self.metric_inertia[b]
+        bad = factorize_saddle(self.t, CONDENSED, self.saddle)
+        if bad >= 0:
+            raise ConsistencyError(
+                f'start: the system is singular at body {self.model.body_names[bad]!r}; give it a mass and inertia or constrain it'
+            )
+
+    def _constraints(self, q: np.ndarray, v: np.ndarray, angle: np.ndarray, u: np.ndarray) -> Kinematics:
+        kin = kinematics_of(q, v)
+        evaluate_constraints(self.t, kin, angle, u, self.phi, self.J)
+        return kin
+
+    def _worst_row(self, residual: np.ndarray) -> str:
+        return self.model.row_names[int(np.argmax(np.abs(residual)))] if len(residual) else 'none'
+
+    def assemble(self, state: State, u: np.ndarray, offsets: np.ndarray | None = None, limit: int = 200) -> None:
+        """Move state.q onto phi = 0 by damped Gauss-Newton in the metric of the masses; updates state.angle.
+
+        offsets (nc,): added to phi. Raises ConsistencyError naming the constraint that stays open.
+        """
+        self.Kq[:] = 0.0
+        self.Kv[:] = 0.0
+        zero = np.zeros_like(self.f)
+        for _ in range(limit):
+            self._constraints(state.q, state.v, state.angle, u)
+            residual = self.phi + (offsets if offsets is not None else 0.0)
+            if not len(residual) or np.abs(residual).max() < ASSEMBLY_TOLERANCE:
+                break
+            self._factorize(1.0, 0.0, metric=True)
+            solve_saddle(self.t, CONDENSED, self.saddle, zero, residual, self.dw, self.dlam)
+            move(state.q, self.dw * min(1.0, LARGEST_TURN / max(np.abs(self.dw).max(), 1e-300)))
+        else:
+            worst = np.abs(residual).max()
+            if not worst < 1e-9:
+                raise ConsistencyError(
+                    f'start: the mechanism cannot be assembled from the given placement: constraint {self._worst_row(residual)!r} '
+                    f'stays open by {worst:.3g}; place the bodies nearer to a closed configuration or check the joint data'
+                )
+        update_angles(self.t.coordinates, kinematics_of(state.q, state.v), state.angle)
+
+    def project_velocity(self, state: State, u: np.ndarray, extra: np.ndarray | None = None) -> None:
+        """Make state.v satisfy A v + phi_t = 0 with the smallest change of kinetic energy; extra (nc,) is added to phi_t."""
+        self._constraints(state.q, state.v, state.angle, u)
+        constraint_input_rates(self.t, u, self.phi_t, self.phi_tt)
+        if extra is not None:
+            self.phi_t += extra
+        self.Kq[:] = 0.0
+        self.Kv[:] = 0.0
+        self._factorize(1.0, 0.0, metric=True)
+        zero = np.zeros_like(self.f)
+        rate = np.zeros(self.model.n_rows)
+        for _ in range(20):
+            constraint_rates(self.t.constraints, self.J, state.v, rate)
+            rate += self.phi_t
+            if not len(rate) or np.abs(rate).max() < 1e-13 * max(1.0, np.abs(state.v).max()):
+                return
+            solve_saddle(self.t, CONDENSED, self.saddle, zero, rate, self.dw, self.dlam)
+            state.v[:] += self.dw
+        if np.abs(rate).max() > 1e-8:
+            raise ConsistencyError(
+                f'start: no velocity satisfies the constraints: {self._worst_row(rate)!r} is violated by {np.abs(rate).max():.3g}; '
+                'remove contradicting initial rates'
+            )
+
+    def acceleration(self, q, v, z, angle, u) -> tuple[np.ndarray, np.ndarray]:
+        """(a (nb+1, 6), lam (nc,)) with M a = f + A^T lam and d/dt (A v + phi_t) = 0, by augmentation to convergence."""
+        kin = self._constraints(q, v, angle, u)
+        evaluate_forces(self.t, kin, angle, z, 0.0, u, False, self.f, self.Kq, self.Kv, self.z, self.outputs)
+        constraint_input_rates(self.t, u, self.phi_t, self.phi_tt)
+        bias = self._acceleration_bias(q, v, angle, u) + self.phi_tt
+        self.Kq[:] = 0.0
+        self.Kv[:] = 0.0
+        self._factorize(1.0, 0.0, metric=True)
+        a = np.zeros_like(self.f)
+        lam = np.zeros(self.model.n_rows)
+        rate = np.zeros(self.model.n_rows)
+        for _ in range(30):
+            r = self._mass_times(a) - self.f
+            add_constraint_forces(self.t.constraints, self.J, lam, -1.0, r)
+            r[-1] = 0.0
+            constraint_rates(self.t.constraints, self.J, a, rate)
+            solve_saddle(self.t, CONDENSED, self.saddle, r, rate + bias, self.dw, self.dlam)
+            a += self.dw
+            lam += self.dlam
+            if np.abs(self.dw).max() <= 1e-13 * max(1.0, np.abs(a).max()):
+                break
+        return a, lam
+
+    def _mass_times(self, a: np.ndarray) -> np.ndarray:
+        out = np.zeros_like(a)
+        out[:-1, :3] = self.t.bodies.mass[:, None] * a[:-1, :3]
+        out[:-1, 3:] = np.einsum('bij,bj->bi', self.t.bodies.inertia, a[:-1, 3:])
+        return out
+
+    def _acceleration_bias(self, q, v, angle, u) -> np.ndarray:
+        """(dA/dt) v by complex step along the motion."""
+        eps = 1e-30
+        kin = new_kinematics(self.model.n_bodies, np.complex128)
+        fill_kinematics(q, v, kin)
+        for b in range(self.model.n_bodies):
+            kin.p[b] += 1j * eps * v[b, :3]
+            w = tuple(1j * eps * v[b, 3:])
+            kin.R[b] = kin.R[b] @ np.array(exp(w)).reshape(3, 3)
+        phi = np.zeros(self.model.n_rows, complex)
+        J = np.zeros((self.model.n_entries + 1, 6, 6), complex)
+        evaluate_constraints(self.t, kin, angle.astype(complex), u.astype(complex), phi, J)
+        rate = np.zeros(self.model.n_rows)
+        constraint_rates(self.t.constraints, J.imag / eps, v, rate)
+        return rate
+
+    def start_integrator(self, state: State, u: np.ndarray, h: float, am: float, af: float) -> None:
+        """Assign state.a, lam, lam_before and zd so that the first step is already second order.
+
+        The scheme's a_n belongs to t_n + (am - af) h and its multipliers to t_n - af h; both are reached by a central difference
+        along the motion (Arnold, Bruels, Cardona 2015). Where the motion is too fast for the step to resolve (h |da/dt| > |a|)
+        the uncorrected values are taken.
+        """
+        a, lam = self.acceleration(state.q, state.v, state.z, state.angle, u)
+        kin = kinematics_of(state.q, state.v)
+        cz = 1e-6
+        evaluate_forces(self.t, kin, state.angle, state.z, cz, u, False, self.f, self.Kq, self.Kv, self.z, self.outputs)
+        state.zd[:] = (self.z - state.z) / cz
+        d = min(1e-4, 0.1 * h)
+        sides = []
+        for s in (d, -d):
+            q = state.q.copy()
+            move(q, s * state.v + 0.5 * s * s * a)
+            sides.append(self.acceleration(q, state.v + s * a, state.z + s * state.zd, state.angle, u))
+        a_rate = (sides[0][0] - sides[1][0]) / (2 * d)
+        lam_rate = (sides[0][1] - sides[1][1]) / (2 * d)
+        smooth = h * np.linalg.norm(a_rate) <= np.linalg.norm(a)
+        state.a[:] = a + ((am - af) * h * a_rate if smooth else 0.0)
+        state.lam[:] = lam - (af * h * lam_rate if smooth else 0.0)
+        state.lam_before[:] = state.lam
+
+    def equilibrium(self, state: State, u: np.ndarray, limit: int = 400) -> float:
+        """Static equilibrium: Newton on f(q, 0) + A^T lam = 0, phi = 0 with a pseudo-mass M/tau^2 that fades.
+
+        Changes state.q, state.lam, state.angle; state.v is set to zero. Returns the largest generalized force left [N or N m].
+        Directions without stiffness (a car's rolling) stay where they are. Raises ConsistencyError if it does not settle.
+        """
+        state.v[:] = 0.0
+        tau = 0.01
+        last = np.inf
+        at_rest = np.zeros_like(state.v)
+        for _ in range(limit):
+            kin = self._constraints(state.q, at_rest, state.angle, u)
+            evaluate_forces(self.t, kin, state.angle, state.z, 0.0, u, True, self.f, self.Kq, self.Kv, self.z, self.outputs)
+            r = -self.f
+            add_constraint_forces(self.t.constraints, self.J, state.lam, -1.0, r)
+            r[-1] = 0.0
+            left = float(np.abs(r).max())
+            open_ = float(np.abs(self.phi).max(initial=0.0))
+            if left < EQUILIBRIUM_TOLERANCE and open_ < 1e-11:
+                return left
+            tau = min(tau * (2.0 if left < last else 0.5), 1e2)
+            tau = max(tau, 1e-3)
+            last = left
+            add_constraint_stiffness(self.t, kin, state.lam, self.Kq, self.Kv)
+            self._factorize(1.0 / tau**2, 1.0, metric=True)
+            solve_saddle(self.t, CONDENSED, self.saddle, r, self.phi, self.dw, self.dlam)
+            factor = min(1.0, 0.05 / max(np.abs(self.dw).max(), 1e-300))
+            move(state.q, factor * self.dw)
+            state.lam[:] += factor * self.dlam
+            update_angles(self.t.coordinates, kinematics_of(state.q, at_rest), state.angle)
+        if left < 1e-4:
+            return left
+        b, c = np.unravel_index(np.argmax(np.abs(r)), r.shape)
+        raise ConsistencyError(
+            f'start: no static equilibrium was found: {left:.3g} N (or N m) remain on body {self.model.body_names[b]!r} '
+            f'(component {"xyz"[c % 3]} of the {"force" if c < 3 else "torque"}); check springs, tires and the initial height'
+        )
+
+
+def move(q: np.ndarray, dq: np.ndarray) -> None:
+    """q <- q o exp(dq) for all bodies; dq (nb + 1, 6) is a variation (docs/conventions.md)."""
+    for b in range(len(q) - 1):
+        q[b, :3] += dq[b, :3]
+        turn = quaternion_exp(tuple(float(x) for x in dq[b, 3:]))
+        q[b, 3:] = quaternion_normalized(quaternion_product(tuple(float(x) for x in q[b, 3:]), turn))

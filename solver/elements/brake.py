@@ -1,0 +1,153 @@
+"""Brake: dry friction with true stick on a rotation coordinate.
+
+A spring and a damper in parallel (wind-up angle z) in series with a Coulomb slider of capacity T = max(gain * u, 0):
+
+    torque on the coordinate Q = -tau     tau = k z + d zdot     |tau| <= T
+    stick: |tau| < T and zdot = omega     slip: tau = +-T, and omega - zdot has the sign of tau
+
+A stage solution is z = zp + cz zdot. Trial: tau = k zp + (k cz + d) omega; if it exceeds T the slider gives way until tau = +-T
+(return mapping). This is exact and has no regularised zero crossing, so a locked wheel neither creeps nor chatters:
+
+- |Q| <= T always; T = 0 gives Q = 0 exactly.
+- wind-up is bounded: k |z| <= max(T, k |zp|). It decays with the time constant d/k when the capacity falls.
+- energy E = k z^2/2; with zdot = (z - zp)/cz, as the stage formula has it, Q omega = -k z zdot - dissipation holds exactly, and
+  dissipation = d zdot^2 + tau (omega - zdot) is never negative.
+- tangents are those of the branch taken: dtau/domega = k cz + d in stick, 0 in slip.
+
+With cz = 0 the wind-up is given: z = zp (clipped to +-T/k when there is no damper, d = 0).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from solver.elements.coordinate import (
+    add_coordinate_hessian,
+    add_dyad,
+    add_gradient,
+    coordinate_rate,
+    coordinate_rate_gradient,
+    evaluate_coordinate,
+    scale6,
+)
+from solver.elements.marker import Context, Spec, finite
+from solver.jit import kernel
+
+OUTPUTS = ('energy', 'dissipation', 'windup', 'rate', 'torque', 'capacity')
+
+
+@dataclass(frozen=True, kw_only=True)
+class BrakeSpec(Spec):
+    """Brake on a rotation coordinate, with capacity max(gain * u[input], 0) [N m].
+
+    gain [N m per unit of the input] >= 0; stiffness [N m/rad] > 0 and damping [N m s/rad] >= 0 of the wind-up while sticking.
+    """
+
+    coordinate: str
+    input: str
+    gain: float
+    stiffness: float
+    damping: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.set('gain', finite(self.where, 'gain', self.gain, low=0.0))
+        self.set('stiffness', finite(self.where, 'stiffness', self.stiffness, low=0.0, strict=True))
+        self.set('damping', finite(self.where, 'damping', self.damping, low=0.0))
+
+
+class BrakeTable(NamedTuple):
+    """Columns of all brakes; see BrakeSpec for units."""
+
+    coordinate: np.ndarray  # (n,)
+    body: np.ndarray  # (n, 2)
+    slot: np.ndarray  # (n, 2, 2) block (row body, column body)
+    state: np.ndarray  # (n,) internal state: wind-up [rad]
+    input: np.ndarray  # (n,)
+    gain: np.ndarray  # (n,)
+    stiffness: np.ndarray  # (n,)
+    damping: np.ndarray  # (n,)
+
+
+def compile_brakes(specs: Sequence[BrakeSpec], context: Context) -> BrakeTable:
+    """Resolve names into a table; one internal state per brake."""
+    n = len(specs)
+    table = BrakeTable(
+        coordinate=np.zeros(n, np.int64),
+        body=np.zeros((n, 2), np.int64),
+        slot=np.zeros((n, 2, 2), np.int64),
+        state=np.zeros(n, np.int64),
+        input=np.zeros(n, np.int64),
+        gain=np.array([s.gain for s in specs], float),
+        stiffness=np.array([s.stiffness for s in specs], float),
+        damping=np.array([s.damping for s in specs], float),
+    )
+    for e, spec in enumerate(specs):
+        table.coordinate[e] = context.coordinate(spec.where, spec.coordinate)
+        bodies = context.coordinate_bodies(int(table.coordinate[e]))
+        table.body[e] = bodies
+        table.slot[e] = [[context.slot(row, column) for column in bodies] for row in bodies]
+        table.state[e] = context.internal_states(spec.where, 1)
+        table.input[e] = context.input(spec.where, spec.input)
+    return table
+
+
+@kernel(inline=True)
+def _friction(zp, cz, omega, T, k, d):
+    """Return (z, tau, dtau/domega, dissipation) of the return mapping described in the module."""
+    stiff = k * cz + d
+    tau = k * zp + stiff * omega
+    # strictly below the capacity, so that T = 0 is free of stick and of its tangent
+    if tau.real < T and tau.real > -T:
+        return zp + cz * omega, tau, stiff, d * omega * omega
+    limit = T if tau.real > 0.0 else -T
+    if stiff > 0.0:
+        slip = (tau - limit) / stiff
+        rate = omega - slip
+        return zp + cz * rate, limit + 0.0 * tau, 0.0, d * rate * rate + limit * slip
+    # no step and no damper: the slider follows at once; it does not slip while the motion unloads the spring
+    loading = limit * omega
+    if loading.real < 0.0:
+        loading = 0.0 * loading
+    return limit / k + 0.0 * tau, limit + 0.0 * tau, 0.0, loading
+
+
+@kernel(borrow=True)
+def brake_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, out):
+    """Accumulate forces and tangents of all brakes, assign their wind-up.
+
+    The contract of solver/elements/__init__.py with two more arguments: the CoordinateTable and angle (nx,), as in
+    coordinate_forces.
+    """
+    for e in range(table.coordinate.shape[0]):
+        c = table.coordinate[e]
+        n = table.state[e]
+        k = table.stiffness[e]
+        _, g_i, g_j = evaluate_coordinate(coordinates, kin, c, angle)
+        omega = coordinate_rate(coordinates, kin, c, g_i, g_j)
+        T = max(table.gain[e] * u[table.input[e]], 0.0)
+        wound, torque, slope, dissipation = _friction(zp[n], cz, omega, T, k, table.damping[e])
+        g = (g_i, g_j)
+        for a in range(2):
+            add_gradient(-torque, g[a], table.body[e, a], f)
+        if tangents:
+            if slope > 0.0:
+                h_i, h_j = coordinate_rate_gradient(coordinates, kin, c)
+                h = (h_i, h_j)
+                for b in range(2):
+                    dQ = scale6(-slope, h[b])
+                    dQ_dv = scale6(-slope, g[b])
+                    for a in range(2):
+                        add_dyad(g[a], dQ, table.slot[e, a, b], Kq)
+                        add_dyad(g[a], dQ_dv, table.slot[e, a, b], Kv)
+            add_coordinate_hessian(coordinates, kin, c, -torque, Kq)
+        z[n] = wound
+        out[e, 0] = 0.5 * k * wound * wound
+        out[e, 1] = dissipation
+        out[e, 2] = wound
+        out[e, 3] = omega
+        out[e, 4] = -torque
+        out[e, 5] = T

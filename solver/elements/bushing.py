@@ -1,0 +1,282 @@
+"""Bushing: six-component elastic and viscous connection of two markers.
+
+With R_FG the rotation of marker G on body j relative to marker F on body i, theta its rotation vector, d the position of
+G and d' its velocity relative to F, and w the angular velocity of G relative to F (all along the axes of F):
+
+    force on j  = -(k(d) + C d')            torque on j = -(Jr^-1(theta) m(theta) + Ct w)
+
+k and m are the derivatives of a separable potential E(d, theta). Because d theta/dt = Jl^-1(theta) w and the transpose of
+Jl^-1 is Jr^-1, this torque is the exact gradient: the bushing is conservative for large angles too, up to |theta| = pi,
+where the rotation vector jumps. The reaction on i acts at the same point of space, the origin of G.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from solver.elements.laws import Law, evaluate_law
+from solver.elements.marker import Context, Marker, Spec, finite, pair_slots, require, vector
+from solver.elements.point_pair import angular_velocity, linear_velocity
+from solver.jit import kernel
+from solver.lie.so3 import inverse_jacobian_coefficients, log
+from solver.lie.vec import (
+    add,
+    add3,
+    cross,
+    cross_m,
+    dot,
+    load3,
+    load33,
+    m_cross,
+    madd,
+    minus,
+    mm,
+    mscale,
+    msub,
+    mv,
+    outer,
+    put66,
+    scale,
+    skew,
+    sub,
+    tmm,
+    tmv,
+    transpose,
+)
+
+OUTPUTS = ('energy', 'dissipation', 'fx', 'fy', 'fz', 'mx', 'my', 'mz', 'x', 'y', 'z', 'rx', 'ry', 'rz')
+Six = tuple[float, float, float, float, float, float]
+ZERO: Six = (0.0,) * 6
+
+
+@dataclass(frozen=True, kw_only=True)
+class BushingSpec(Spec):
+    """Bushing between two markers; see the module for the force. Axes are those of marker i.
+
+    stiffness (N/m x3, N m/rad x3), damping (N s/m x3, N m s/rad x3), both >= 0; laws: up to six force laws, in N over m and
+    N m over rad, that replace the linear stiffness of their axis (None keeps it); preload (N x3, N m x3) is added to
+    stiffness * displacement. The outputs fx..mz are the force and torque on j, x..rz the displacement of j, along the axes of i.
+    """
+
+    i: Marker
+    j: Marker
+    stiffness: Six
+    damping: Six = ZERO
+    laws: tuple[Law | None, ...] = (None,) * 6
+    preload: Six = ZERO
+
+    def __post_init__(self) -> None:
+        for field in ('stiffness', 'damping'):
+            values = vector(self.where, field, getattr(self, field), 6)
+            self.set(field, tuple(finite(self.where, f'{field}[{k}]', x, low=0.0) for k, x in enumerate(values)))
+        self.set('preload', vector(self.where, 'preload', self.preload, 6))
+        require(len(self.laws) == 6, self.where, 'laws', self.laws, 'must have six entries, None for a linear axis')
+
+
+class BushingTable(NamedTuple):
+    """Columns of all bushings. Matrices are along the axes of body i: K = F diag(stiffness) F^T."""
+
+    body: np.ndarray  # (n, 2)
+    r_i: np.ndarray  # (n, 3) origin of F from the centre of mass of i, in B_i [m]
+    r_j: np.ndarray  # (n, 3) origin of G from the centre of mass of j, in B_j [m]
+    F: np.ndarray  # (n, 3, 3) axes of marker F in B_i
+    H: np.ndarray  # (n, 3, 3) G F^T: makes R_i^T R_j H the rotation of G relative to F, along the axes of B_i
+    K: np.ndarray  # (n, 3, 3) [N/m]
+    C: np.ndarray  # (n, 3, 3) [N s/m]
+    Kt: np.ndarray  # (n, 3, 3) [N m/rad]
+    Ct: np.ndarray  # (n, 3, 3) [N m s/rad]
+    preload: np.ndarray  # (n, 6)
+    nonlinear: np.ndarray  # (n,) 1 if some axis has a law
+    law: np.ndarray  # (n, 6) law of each axis of F, -1 for linear
+    stiffness: np.ndarray  # (n, 6) linear stiffness of each axis of F, 0 where there is a law
+    slot: np.ndarray  # (n, 4) blocks ii ij ji jj
+
+
+def compile_bushings(specs: Sequence[BushingSpec], context: Context) -> BushingTable:
+    """Resolve names and laws into a table."""
+    n = len(specs)
+    table = BushingTable(
+        body=np.zeros((n, 2), np.int64),
+        r_i=np.zeros((n, 3)),
+        r_j=np.zeros((n, 3)),
+        F=np.zeros((n, 3, 3)),
+        H=np.zeros((n, 3, 3)),
+        K=np.zeros((n, 3, 3)),
+        C=np.zeros((n, 3, 3)),
+        Kt=np.zeros((n, 3, 3)),
+        Ct=np.zeros((n, 3, 3)),
+        preload=np.zeros((n, 6)),
+        nonlinear=np.array([any(law is not None for law in s.laws) for s in specs], np.int64),
+        law=np.zeros((n, 6), np.int64),
+        stiffness=np.zeros((n, 6)),
+        slot=np.zeros((n, 4), np.int64),
+    )
+    for e, spec in enumerate(specs):
+        i, j = context.marker(spec.where, spec.i), context.marker(spec.where, spec.j)
+        table.body[e] = i.body, j.body
+        table.r_i[e], table.r_j[e] = i.r, j.r
+        table.F[e], table.H[e] = i.R, j.R @ i.R.T
+        table.law[e] = [context.law(law) for law in spec.laws]
+        table.stiffness[e] = np.where(table.law[e] < 0, spec.stiffness, 0.0)
+        for M, values in (
+            (table.K, table.stiffness[e, :3]),
+            (table.Kt, table.stiffness[e, 3:]),
+            (table.C, spec.damping[:3]),
+            (table.Ct, spec.damping[3:]),
+        ):
+            M[e] = i.R @ np.diag(values) @ i.R.T
+        table.preload[e, :3], table.preload[e, 3:] = i.R @ spec.preload[:3], i.R @ spec.preload[3:]
+        table.slot[e] = pair_slots(context, i.body, j.body)
+    return table
+
+
+@kernel(inline=True)
+def _elastic(table, laws, e, part, x):
+    """Return (dE/dx, d2E/dx2, E) of the elastic potential of bushing e for x along B_i; part 0: displacement, 3: rotation."""
+    if part == 0:
+        K = load33(table.K, e)
+    else:
+        K = load33(table.Kt, e)
+    preload = (table.preload[e, part], table.preload[e, part + 1], table.preload[e, part + 2])
+    linear = mv(K, x)
+    g = add(linear, preload)
+    energy = 0.5 * dot(x, linear) + dot(x, preload)
+    k = mscale(1.0 + 0.0 * x[0], K)
+    if table.nonlinear[e]:
+        F = load33(table.F, e)
+        y = tmv(F, x)
+        for axis in range(3):
+            n = (table.F[e, 0, axis], table.F[e, 1, axis], table.F[e, 2, axis])
+            value, slope, area = evaluate_law(laws, table.law[e, part + axis], y[axis])
+            g = add(g, scale(value, n))
+            energy += area
+            k = madd(k, mscale(slope, outer(n, n)))
+    return g, k, energy
+
+
+@kernel(inline=True)
+def _torque_tangent(x, s, c, e, m, M):
+    """Derivative of Jr^-1(x) m with respect to a rotation increment along the axes of F: (d/dx)(Jr^-1 m) Jl^-1.
+
+    s = |x|^2; (c, e): inverse_jacobian_coefficients(s); M = dm/dx.
+    """
+    xm = dot(x, m)
+    # d(x x (x x m)) = xm dx + x m.dx - 2 m x.dx at constant m ; de = 2 e x.dx
+    D = msub(outer(x, scale(c, m)), mscale(0.5, skew(m)))
+    D = madd(D, outer(sub(scale(2.0 * e * xm, x), scale(2.0 * (c + e * s), m)), x))
+    t = c * xm
+    D = (D[0] + t, D[1], D[2], D[3], D[4] + t, D[5], D[6], D[7], D[8] + t)
+    # + Jr^-1 M
+    xM = cross_m(x, M)
+    D = madd(madd(D, M), madd(mscale(0.5, xM), mscale(c, cross_m(x, xM))))
+    # times Jl^-1 = 1 - skew(x)/2 + c skew(x)^2
+    Dx = m_cross(D, x)
+    return madd(msub(D, mscale(0.5, Dx)), mscale(c, m_cross(Dx, x)))
+
+
+@kernel(borrow=True)
+def bushing_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
+    """Accumulate forces and tangents of all bushings (contract: solver/elements/__init__.py).
+
+    Everything is computed along the axes of B_i. a = dtheta_i and b = S dtheta_j are the rotation variations there and
+    P = R_i^T (dp_j - dp_i); then the displacement of G relative to B_i varies by P + e x a - rho x b.
+    """
+    for n in range(table.body.shape[0]):
+        i = table.body[n, 0]
+        j = table.body[n, 1]
+        R_i = load33(kin.R, i)
+        R_j = load33(kin.R, j)
+        r_j = load3(table.r_j, n)
+        w_i = angular_velocity(kin, i)
+        w_j = angular_velocity(kin, j)
+        C = load33(table.C, n)
+        Ct = load33(table.Ct, n)
+        S = tmm(R_i, R_j)
+        rho = mv(S, r_j)  # G from the centre of mass of j
+        e = add(tmv(R_i, sub(load3(kin.p, j), load3(kin.p, i))), rho)  # G from the centre of mass of i
+        d = sub(e, load3(table.r_i, n))
+        s = mv(S, w_j)
+        sigma = cross(s, rho)
+        y = add(tmv(R_i, sub(linear_velocity(kin, j), linear_velocity(kin, i))), sigma)  # v_G - v_i
+        d_dot = add(y, cross(e, w_i))
+        w = sub(s, w_i)
+        theta = log(mm(S, load33(table.H, n)))
+        g, K, energy = _elastic(table, laws, n, 0, d)
+        m, Kt, energy_t = _elastic(table, laws, n, 3, theta)
+        viscous = mv(C, d_dot)
+        viscous_t = mv(Ct, w)
+        s2 = dot(theta, theta)
+        c1, c2 = inverse_jacobian_coefficients(s2)
+        xm = cross(theta, m)
+        elastic_t = add(m, add(scale(0.5, xm), scale(c1, cross(theta, xm))))
+        force = scale(-1.0, add(g, viscous))
+        torque = scale(-1.0, add(elastic_t, viscous_t))
+        F_W = mv(R_i, force)
+        add3(f, j, 0, F_W)
+        add3(f, i, 0, scale(-1.0, F_W))
+        add3(f, j, 3, tmv(S, add(cross(rho, force), torque)))
+        add3(f, i, 3, sub(scale(-1.0, torque), cross(e, force)))
+        F = load33(table.F, n)
+        out[n, 0] = energy + energy_t
+        out[n, 1] = dot(d_dot, viscous) + dot(w, viscous_t)
+        o1 = tmv(F, force)
+        o2 = tmv(F, torque)
+        o3 = tmv(F, d)
+        o4 = tmv(F, theta)
+        for k in range(3):
+            out[n, 2 + k] = o1[k]
+            out[n, 5 + k] = o2[k]
+            out[n, 8 + k] = o3[k]
+            out[n, 11 + k] = o4[k]
+        if tangents:
+            s_ii = table.slot[n, 0]
+            s_ij = table.slot[n, 1]
+            s_ji = table.slot[n, 2]
+            s_jj = table.slot[n, 3]
+            R = transpose(R_i)
+            turned = tmv(S, torque)
+            # dforce = D (P + e x a - rho x b) - C (y x a - sigma x b), dtorque = E (b - a)
+            D = msub(m_cross(C, w_i), K)
+            E = msub(m_cross(Ct, s), _torque_tangent(theta, s2, c1, c2, m, Kt))
+            # F_p, F_a, F_b: the force along W with respect to dp_j, dtheta_i (its axes turn with B_i) and dtheta_j
+            F_p = mm(D, R)
+            F_a = msub(msub(m_cross(D, e), m_cross(C, y)), skew(force))
+            F_b = mm(msub(m_cross(C, sigma), m_cross(D, rho)), S)
+            ES = mm(E, S)
+            fS = cross_m(force, S)
+            pp = mm(R_i, F_p)
+            pa = mm(R_i, F_a)
+            pb = mm(R_i, F_b)
+            # torque on i, along B_i: -(e x force + torque)
+            ap = msub(cross_m(force, R), cross_m(e, F_p))
+            aa = msub(madd(E, skew(cross(force, e))), cross_m(e, F_a))
+            ab = minus(madd(madd(cross_m(force, cross_m(rho, S)), cross_m(e, F_b)), ES))
+            # torque on j, along B_j: S^T (rho x force + torque)
+            bp = cross_m(r_j, tmm(S, F_p))
+            ba = tmm(S, msub(msub(cross_m(rho, F_a), skew(torque)), E))
+            bb = madd(tmm(S, madd(cross_m(rho, madd(F_b, fS)), ES)), skew(turned))
+            put66(Kq, s_jj, pp, pb, bp, bb)
+            put66(Kq, s_ji, minus(pp), pa, minus(bp), ba)
+            put66(Kq, s_ij, minus(pp), minus(pb), ap, ab)
+            put66(Kq, s_ii, pp, minus(pa), minus(ap), aa)
+            # Kv is symmetric: minus the transposed velocity map times the damping times the velocity map
+            V_p = mm(C, R)
+            V_a = m_cross(C, e)
+            V_b = mm(m_cross(C, rho), S)
+            CtS = mm(Ct, S)
+            pp = minus(mm(R_i, V_p))
+            pa = minus(mm(R_i, V_a))
+            pb = mm(R_i, V_b)
+            ap = transpose(pa)
+            bp = transpose(pb)
+            aa = msub(cross_m(e, V_a), Ct)
+            ab = msub(CtS, cross_m(e, V_b))
+            bb = tmm(S, msub(cross_m(rho, V_b), CtS))
+            put66(Kv, s_jj, pp, pb, bp, bb)
+            put66(Kv, s_ji, minus(pp), pa, minus(bp), transpose(ab))
+            put66(Kv, s_ij, minus(pp), minus(pb), ap, ab)
+            put66(Kv, s_ii, pp, minus(pa), minus(ap), aa)

@@ -1,0 +1,161 @@
+"""Coordinate force: a generalized force along a linear combination of joint coordinates.
+
+    s = sum of factor_k x_k       Q = -spring(s - reference) - damper(ds/dt) - preload + input_gain u
+    generalized force on coordinate k: factor_k Q
+
+One term and a spring: torsional spring, or a bump stop with a tabulated law. Two terms (+1, -1): anti-roll bar. An input: drive
+torque, steering force. Q > 0 pushes towards larger s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from solver.elements.coordinate import (
+    add6,
+    add_coordinate_hessian,
+    add_dyad,
+    add_gradient,
+    coordinate_rate,
+    coordinate_rate_gradient,
+    evaluate_coordinate,
+    scale6,
+)
+from solver.elements.laws import Law, evaluate_law
+from solver.elements.marker import Context, Spec, finite, require
+from solver.jit import kernel
+
+OUTPUTS = ('energy', 'dissipation', 'value', 'rate', 'force')
+MAX_TERMS = 3
+
+
+@dataclass(frozen=True, kw_only=True)
+class CoordinateForceSpec(Spec):
+    """Force along s = sum of factor * coordinate; see the module for the formula.
+
+    terms: up to three (coordinate name, factor); spring: law over s - reference, damper: law over ds/dt (None: absent);
+    reference: value of s at which the spring is free; preload is added to spring and damper; input: channel whose value times
+    input_gain is added to Q. Units follow the coordinates: N and m for translations, N m and rad for rotations.
+    """
+
+    terms: tuple[tuple[str, float], ...]
+    spring: Law | None = None
+    damper: Law | None = None
+    reference: float = 0.0
+    preload: float = 0.0
+    input: str | None = None
+    input_gain: float = 1.0
+
+    def __post_init__(self) -> None:
+        require(1 <= len(self.terms) <= MAX_TERMS, self.where, 'terms', self.terms, f'needs 1 to {MAX_TERMS} [coordinate, factor] pairs')
+        for k, term in enumerate(self.terms):
+            require(len(term) == 2, self.where, f'terms[{k}]', term, 'must be [coordinate, factor]')
+        self.set('terms', tuple((str(c), finite(self.where, f'factor of {c}', f)) for c, f in self.terms))
+        for field in ('reference', 'preload', 'input_gain'):
+            self.set(field, finite(self.where, field, getattr(self, field)))
+
+
+class CoordinateForceTable(NamedTuple):
+    """Columns of all coordinate forces; bodies and blocks of term t are at 2 t (body i) and 2 t + 1 (body j)."""
+
+    terms: np.ndarray  # (n,) number of terms
+    coordinate: np.ndarray  # (n, 3)
+    factor: np.ndarray  # (n, 3)
+    body: np.ndarray  # (n, 6)
+    slot: np.ndarray  # (n, 6, 6) block (row body, column body); unused beyond 2 * terms
+    law: np.ndarray  # (n, 2) spring, damper
+    reference: np.ndarray  # (n,)
+    preload: np.ndarray  # (n,)
+    input: np.ndarray  # (n,) -1 for none
+    input_gain: np.ndarray  # (n,)
+
+
+def compile_coordinate_forces(specs: Sequence[CoordinateForceSpec], context: Context) -> CoordinateForceTable:
+    """Resolve names and laws into a table."""
+    n = len(specs)
+    table = CoordinateForceTable(
+        terms=np.array([len(s.terms) for s in specs], np.int64),
+        coordinate=np.zeros((n, MAX_TERMS), np.int64),
+        factor=np.zeros((n, MAX_TERMS)),
+        body=np.full((n, 2 * MAX_TERMS), context.n_bodies, np.int64),
+        slot=np.zeros((n, 2 * MAX_TERMS, 2 * MAX_TERMS), np.int64),
+        law=np.zeros((n, 2), np.int64),
+        reference=np.array([s.reference for s in specs], float),
+        preload=np.array([s.preload for s in specs], float),
+        input=np.full(n, -1, np.int64),
+        input_gain=np.array([s.input_gain for s in specs], float),
+    )
+    for e, spec in enumerate(specs):
+        bodies = []
+        for t, (name, factor) in enumerate(spec.terms):
+            table.coordinate[e, t] = context.coordinate(spec.where, name)
+            table.factor[e, t] = factor
+            bodies += context.coordinate_bodies(int(table.coordinate[e, t]))
+        table.body[e, : len(bodies)] = bodies
+        for a, row in enumerate(bodies):
+            for b, column in enumerate(bodies):
+                table.slot[e, a, b] = context.slot(row, column)
+        table.law[e] = context.law(spec.spring), context.law(spec.damper)
+        if spec.input is not None:
+            table.input[e] = context.input(spec.where, spec.input)
+    return table
+
+
+@kernel(borrow=True)
+def _term(table, coordinates, kin, angle, e, t):
+    """Return (x, dx/dt, g_i, g_j, h_i, h_j) of term t times its factor, zeros for an absent one: value, rate and their gradients."""
+    if t >= table.terms[e]:
+        zero = 0.0 * kin.p[0, 0]
+        g = ((zero, zero, zero), (zero, zero, zero))
+        return zero, zero, g, g, g, g
+    k = table.coordinate[e, t]
+    factor = table.factor[e, t]
+    x, g_i, g_j = evaluate_coordinate(coordinates, kin, k, angle)
+    rate = coordinate_rate(coordinates, kin, k, g_i, g_j)
+    h_i, h_j = coordinate_rate_gradient(coordinates, kin, k)
+    return factor * x, factor * rate, scale6(factor, g_i), scale6(factor, g_j), scale6(factor, h_i), scale6(factor, h_j)
+
+
+@kernel(borrow=True)
+def coordinate_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, out):
+    """Accumulate forces and tangents of all coordinate forces.
+
+    The contract of solver/elements/__init__.py with two more arguments: the CoordinateTable and angle (nx,), the values that
+    continue the rotations.
+    """
+    for e in range(table.terms.shape[0]):
+        x0, v0, g0, g1, h0, h1 = _term(table, coordinates, kin, angle, e, 0)
+        x1, v1, g2, g3, h2, h3 = _term(table, coordinates, kin, angle, e, 1)
+        x2, v2, g4, g5, h4, h5 = _term(table, coordinates, kin, angle, e, 2)
+        g = (g0, g1, g2, g3, g4, g5)
+        h = (h0, h1, h2, h3, h4, h5)
+        value = x0 + x1 + x2
+        rate = v0 + v1 + v2
+        x = value - table.reference[e]
+        spring, stiffness, energy = evaluate_law(laws, table.law[e, 0], x)
+        damper, damping, _ = evaluate_law(laws, table.law[e, 1], rate)
+        applied = 0.0
+        if table.input[e] >= 0:
+            applied = table.input_gain[e] * u[table.input[e]]
+        Q = applied - spring - damper - table.preload[e]
+        for a in range(2 * table.terms[e]):
+            add_gradient(Q, g[a], table.body[e, a], f)
+        if tangents:
+            for b in range(2 * table.terms[e]):
+                # dQ = -stiffness ds - damping d(ds/dt)
+                dQ = add6(scale6(-stiffness, g[b]), scale6(-damping, h[b]))
+                dQ_dv = scale6(-damping, g[b])
+                for a in range(2 * table.terms[e]):
+                    add_dyad(g[a], dQ, table.slot[e, a, b], Kq)
+                    add_dyad(g[a], dQ_dv, table.slot[e, a, b], Kv)
+            for t in range(table.terms[e]):
+                add_coordinate_hessian(coordinates, kin, table.coordinate[e, t], table.factor[e, t] * Q, Kq)
+        out[e, 0] = energy + table.preload[e] * x
+        out[e, 1] = (damper - applied) * rate
+        out[e, 2] = value
+        out[e, 3] = rate
+        out[e, 4] = Q

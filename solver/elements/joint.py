@@ -1,0 +1,234 @@
+"""Joints: up to six constraint rows between marker F on body i and marker G on body j.
+
+Rows are the components of p_FG along the axes of F, dot products of marker axes, the constant-velocity condition and the
+distance; kinds are lists of rows (table in docs/conventions.md). Gradients and second derivatives are exact.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from solver.elements.marker import Context, Marker, Spec, finite, pair_slots, require
+from solver.elements.point_pair import add_point_pair_tangent, point_position
+from solver.errors import suggestion
+from solver.jit import kernel
+from solver.lie.vec import add, col, cross, dot, load3, load33, mm, mscale, mv, outer, put33, scale, skew, sub, tmv, transpose
+
+DX, DY, DZ = 0, 1, 2  # component of p_FG along an axis of F
+AXES = 3  # 3 + 3 a + b: F_a . G_b
+TWIST = 12  # F_x . G_y - F_y . G_x
+DISTANCE = 13
+_XY, _XZ, _YZ, _ZZ = AXES + 1, AXES + 2, AXES + 5, AXES + 8
+
+KINDS: dict[str, tuple[int, ...]] = {
+    'fixed': (DX, DY, DZ, _XY, _XZ, _YZ),
+    'revolute': (DX, DY, DZ, _XZ, _YZ),
+    'prismatic': (DX, DY, _XY, _XZ, _YZ),
+    'cylindrical': (DX, DY, _XZ, _YZ),
+    'universal': (DX, DY, DZ, _XY),
+    'constant_velocity': (DX, DY, DZ, TWIST),
+    'spherical': (DX, DY, DZ),
+    'distance': (DISTANCE,),
+    'point_on_line': (DX, DY),
+    'point_on_plane': (DZ,),
+    'perpendicular': (_ZZ,),
+}
+ROW_NAMES = {DX: 'x', DY: 'y', DZ: 'z', _XY: 'xy', _XZ: 'xz', _YZ: 'yz', _ZZ: 'zz', TWIST: 'twist', DISTANCE: 'distance'}
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointSpec(Spec):
+    """A joint of one of KINDS between markers i and j; `length` [m] > 0 belongs to kind distance only."""
+
+    kind: str
+    i: Marker
+    j: Marker
+    length: float | None = None
+
+    def __post_init__(self) -> None:
+        require(self.kind in KINDS, self.where, 'kind', self.kind, 'unknown kind of joint' + suggestion(str(self.kind), KINDS))
+        require(self.i.body != self.j.body, self.where, 'j.body', self.j.body, 'must differ from i.body')
+        if self.kind == 'distance':
+            require(self.length is not None, self.where, 'length', None, 'a distance joint needs a length in m')
+            self.set('length', finite(self.where, 'length', self.length, low=0.0, strict=True))
+        else:
+            require(self.length is None, self.where, 'length', self.length, 'only a distance joint has a length')
+
+    def row_names(self) -> list[str]:
+        """Names of the constraint rows, '<joint>/<row>'."""
+        return [f'{self.name}/{ROW_NAMES[c]}' for c in KINDS[self.kind]]
+
+
+class JointTable(NamedTuple):
+    """Columns of all joints."""
+
+    code: np.ndarray  # (nj, 6)
+    rows: np.ndarray  # (nj,) number of rows
+    row: np.ndarray  # (nj,) first row in phi
+    entry: np.ndarray  # (nj, 2) Jacobian blocks of i and j
+    body: np.ndarray  # (nj, 2)
+    r_i: np.ndarray  # (nj, 3)
+    r_j: np.ndarray  # (nj, 3)
+    F: np.ndarray  # (nj, 3, 3) marker axes in body i
+    G: np.ndarray  # (nj, 3, 3)
+    length: np.ndarray  # (nj,)
+    slot: np.ndarray  # (nj, 4) blocks ii ij ji jj
+
+
+def compile_joints(specs: Sequence[JointSpec], context: Context, first_row: Sequence[int], entries: Sequence[tuple[int, int]]) -> JointTable:
+    """Resolve names into a table; rows and Jacobian blocks are numbered by the caller."""
+    n = len(specs)
+    table = JointTable(
+        code=np.zeros((n, 6), np.int64),
+        rows=np.array([len(KINDS[s.kind]) for s in specs], np.int64),
+        row=np.array(first_row, np.int64),
+        entry=np.array(entries, np.int64).reshape(n, 2),
+        body=np.zeros((n, 2), np.int64),
+        r_i=np.zeros((n, 3)),
+        r_j=np.zeros((n, 3)),
+        F=np.zeros((n, 3, 3)),
+        G=np.zeros((n, 3, 3)),
+        length=np.array([s.length or 0.0 for s in specs], float),
+        slot=np.zeros((n, 4), np.int64),
+    )
+    for e, spec in enumerate(specs):
+        i, j = context.marker(spec.where, spec.i), context.marker(spec.where, spec.j)
+        table.code[e, : table.rows[e]] = KINDS[spec.kind]
+        table.body[e] = i.body, j.body
+        table.r_i[e], table.r_j[e] = i.r, j.r
+        table.F[e], table.G[e] = i.R, j.R
+        table.slot[e] = pair_slots(context, i.body, j.body)
+    return table
+
+
+@kernel(borrow=True)
+def _put_row(J, entry, row, linear, angular):
+    J[entry, row, 0] = linear[0]
+    J[entry, row, 1] = linear[1]
+    J[entry, row, 2] = linear[2]
+    J[entry, row, 3] = angular[0]
+    J[entry, row, 4] = angular[1]
+    J[entry, row, 5] = angular[2]
+
+
+@kernel(borrow=True)
+def evaluate_joints(table, kin, phi, J):
+    """Assign residuals phi (nc,) and gradient blocks J (entries + 1, 6, 6): row of the joint x (force in W, torque in B)."""
+    for e in range(table.rows.shape[0]):
+        i = table.body[e, 0]
+        j = table.body[e, 1]
+        R_i = load33(kin.R, i)
+        R_j = load33(kin.R, j)
+        Fl = load33(table.F, e)
+        Gl = load33(table.G, e)
+        r_i = load3(table.r_i, e)
+        r_j = load3(table.r_j, e)
+        d = sub(point_position(kin, j, r_j), point_position(kin, i, r_i))
+        arm = add(tmv(R_i, d), r_i)
+        zero = scale(0.0, d)
+        for r in range(table.rows[e]):
+            code = table.code[e, r]
+            if code <= DZ:
+                E = col(Fl, code)
+                n = mv(R_i, E)
+                phi[table.row[e] + r] = dot(n, d)
+                _put_row(J, table.entry[e, 0], r, scale(-1.0, n), cross(E, arm))
+                _put_row(J, table.entry[e, 1], r, n, cross(r_j, tmv(R_j, n)))
+            elif code < TWIST:
+                a = col(Fl, (code - AXES) // 3)
+                b = col(Gl, (code - AXES) % 3)
+                aw = mv(R_i, a)
+                bw = mv(R_j, b)
+                phi[table.row[e] + r] = dot(aw, bw)
+                _put_row(J, table.entry[e, 0], r, zero, cross(a, tmv(R_i, bw)))
+                _put_row(J, table.entry[e, 1], r, zero, cross(b, tmv(R_j, aw)))
+            elif code == TWIST:
+                x = col(Fl, 0)
+                y = col(Fl, 1)
+                X = col(Gl, 0)
+                Y = col(Gl, 1)
+                xw = mv(R_i, x)
+                yw = mv(R_i, y)
+                Xw = mv(R_j, X)
+                Yw = mv(R_j, Y)
+                phi[table.row[e] + r] = dot(xw, Yw) - dot(yw, Xw)
+                _put_row(J, table.entry[e, 0], r, zero, sub(cross(x, tmv(R_i, Yw)), cross(y, tmv(R_i, Xw))))
+                _put_row(J, table.entry[e, 1], r, zero, sub(cross(Y, tmv(R_j, xw)), cross(X, tmv(R_j, yw))))
+            else:
+                length = np.sqrt(dot(d, d))
+                n = scale(1.0 / length, d)
+                phi[table.row[e] + r] = length - table.length[e]
+                _put_row(J, table.entry[e, 0], r, scale(-1.0, n), scale(-1.0, cross(r_i, tmv(R_i, n))))
+                _put_row(J, table.entry[e, 1], r, n, cross(r_j, tmv(R_j, n)))
+
+
+@kernel(borrow=True)
+def _add_axes_hessian(R_i, R_j, a, b, m, s_ii, s_ij, s_ji, s_jj, Kq):
+    """Second derivative of m * (R_i a) . (R_j b)."""
+    A = skew(a)
+    B = skew(b)
+    Rij = mm(transpose(R_i), R_j)
+    AR = mm(A, mm(Rij, B))
+    put33(Kq, s_ij, 3, 3, mscale(-m, AR))
+    put33(Kq, s_ji, 3, 3, mscale(-m, transpose(AR)))
+    put33(Kq, s_ii, 3, 3, mscale(m, mm(A, skew(mv(Rij, b)))))
+    put33(Kq, s_jj, 3, 3, mscale(m, mm(B, skew(tmv(Rij, a)))))
+
+
+@kernel(borrow=True)
+def add_joint_hessians(table, kin, lam, Kq, Kv_trash):
+    """Add the geometric stiffness d(A^T lam)/dq of all joints to Kq. Kv_trash is scratch with the shape of Kq."""
+    for e in range(table.rows.shape[0]):
+        i = table.body[e, 0]
+        j = table.body[e, 1]
+        s_ii = table.slot[e, 0]
+        s_ij = table.slot[e, 1]
+        s_ji = table.slot[e, 2]
+        s_jj = table.slot[e, 3]
+        R_i = load33(kin.R, i)
+        R_j = load33(kin.R, j)
+        Fl = load33(table.F, e)
+        Gl = load33(table.G, e)
+        r_i = load3(table.r_i, e)
+        r_j = load3(table.r_j, e)
+        N = (0.0, 0.0, 0.0)
+        points = False
+        for r in range(table.rows[e]):
+            code = table.code[e, r]
+            m = lam[table.row[e] + r]
+            if code <= DZ:
+                N = add(N, scale(m, col(Fl, code)))
+                points = True
+            elif code < TWIST:
+                _add_axes_hessian(R_i, R_j, col(Fl, (code - AXES) // 3), col(Gl, (code - AXES) % 3), m, s_ii, s_ij, s_ji, s_jj, Kq)
+            elif code == TWIST:
+                _add_axes_hessian(R_i, R_j, col(Fl, 0), col(Gl, 1), m, s_ii, s_ij, s_ji, s_jj, Kq)
+                _add_axes_hessian(R_i, R_j, col(Fl, 1), col(Gl, 0), -m, s_ii, s_ij, s_ji, s_jj, Kq)
+            else:
+                d = sub(point_position(kin, j, r_j), point_position(kin, i, r_i))
+                length = np.sqrt(dot(d, d))
+                n = scale(1.0 / length, d)
+                t = m / length
+                D = mscale(-t, outer(n, n))
+                D = (D[0] + t, D[1], D[2], D[3], D[4] + t, D[5], D[6], D[7], D[8] + t)
+                add_point_pair_tangent(kin, i, j, r_i, r_j, scale(m, n), D, mscale(0.0, D), s_ii, s_ij, s_ji, s_jj, Kq, Kv_trash)
+        if points:
+            # force R_i N on j at r_j, the opposite on i at the same point: torque N x (R_i^T d + r_i)
+            d = sub(point_position(kin, j, r_j), point_position(kin, i, r_i))
+            arm = add(tmv(R_i, d), r_i)
+            B = mscale(-1.0, mm(R_i, skew(N)))
+            put33(Kq, s_ji, 0, 3, B)
+            put33(Kq, s_ii, 0, 3, mscale(-1.0, B))
+            Rij = mm(transpose(R_i), R_j)
+            S = mm(skew(r_j), transpose(Rij))
+            put33(Kq, s_ji, 3, 3, mscale(-1.0, mm(S, skew(N))))
+            put33(Kq, s_jj, 3, 3, mm(skew(r_j), skew(tmv(Rij, N))))
+            P = mm(skew(N), transpose(R_i))
+            put33(Kq, s_ij, 3, 0, P)
+            put33(Kq, s_ij, 3, 3, mscale(-1.0, mm(skew(N), mm(Rij, skew(r_j)))))
+            put33(Kq, s_ii, 3, 0, mscale(-1.0, P))
+            put33(Kq, s_ii, 3, 3, mm(skew(N), skew(arm)))

@@ -1,0 +1,339 @@
+"""The road: a plane, height grids on it, and friction patches.
+
+height(x, y) = plane + sum of grids. A grid is interpolated by the uniform cubic B-spline through its nodes, so height, normal
+and curvature are continuous; beyond its border it continues with constant height. Friction is a factor on the peak friction of
+the tire: the product of the factors of all patches, each blended in smoothly over a strip of finite width.
+
+`road_at` runs on float64, complex128 and Dual (solver.lie.dual), so slope and curvature enter every tangent exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from scipy.linalg import solve_banded
+
+from solver.elements.marker import Spec, Vector, finite, require, vector
+from solver.jit import kernel
+from solver.lie.dual import sqrt
+
+# ISO 8608:2016, table C.3: displacement spectral density at 0.1 cycles/m, geometric mean of each class [m^3]
+ISO_8608_DENSITY = {c: 16e-6 * 4.0**k for k, c in enumerate('ABCDEFGH')}
+ISO_8608_REFERENCE = 0.1  # [cycles/m]
+ISO_8608_WAVINESS = 2.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class FrictionPatch:
+    """A rectangle with another friction.
+
+    center: (x, y) [m] in W. size: (length, width) [m] along the patch axes. yaw: [rad]. factor: on the tire's peak friction [-].
+    blend: width of the strip, centred on the edge, over which the factor changes [m].
+    """
+
+    center: tuple[float, float]
+    size: tuple[float, float]
+    factor: float
+    yaw: float = 0.0
+    blend: float = 0.1
+
+    def __post_init__(self) -> None:
+        where = 'friction patch'
+        object.__setattr__(self, 'center', vector(where, 'center', self.center, 2))
+        object.__setattr__(self, 'size', vector(where, 'size', self.size, 2))
+        for name, low in (('factor', 1e-3), ('blend', 1e-6), ('yaw', -np.inf)):
+            object.__setattr__(self, name, finite(where, name, getattr(self, name), low=low))
+        require(min(self.size) >= self.blend, where, 'size', self.size, f'both sides must be at least the blend width {self.blend:g}')
+
+
+@dataclass(frozen=True, kw_only=True)
+class HeightGrid:
+    """Heights above the plane on a rectangular grid.
+
+    origin: (x, y) [m] in W of node (0, 0). step: (dx, dy) [m]. yaw: direction of the grid's x axis in W [rad].
+    height: [m], height[i][j] at (i dx, j dy); at least 2 x 2.
+    """
+
+    origin: tuple[float, float]
+    step: tuple[float, float]
+    height: tuple[tuple[float, ...], ...]
+    yaw: float = 0.0
+
+    def __post_init__(self) -> None:
+        where = 'height grid'
+        object.__setattr__(self, 'origin', vector(where, 'origin', self.origin, 2))
+        object.__setattr__(self, 'step', vector(where, 'step', self.step, 2))
+        object.__setattr__(self, 'yaw', finite(where, 'yaw', self.yaw))
+        require(min(self.step) > 0.0, where, 'step', self.step, 'both must be positive')
+        rows = tuple(len(row) for row in self.height)
+        require(len(rows) >= 2 and min(rows) >= 2 and len(set(rows)) == 1, where, 'height', rows, 'must be rows of equal length, 2 x 2 or more')
+        h = np.array(self.height, float)
+        require(bool(np.isfinite(h).all()), where, 'height', 'not finite', 'every height must be a finite number')
+        object.__setattr__(self, 'height', tuple(map(tuple, h.tolist())))
+
+
+@dataclass(frozen=True, kw_only=True)
+class RandomRoad:
+    """A random road with the displacement spectrum of ISO 8608, G(n) = G(0.1) (n/0.1)^-2 along x.
+
+    origin, yaw: as in HeightGrid. length, width: [m]. step: (dx, dy) [m]. quality: class 'A' to 'H'. seed: of numpy's PCG64.
+    coherence: tracks a distance y apart have the coherence function exp(-2 pi coherence n y) at n [cycles/m] (0: a cylindrical
+    road; about 0.5 to 1 is measured on roads). shortest: shortest wavelength [m] (the tire envelops shorter ones).
+    Heights fade to zero over `ramp` [m] at both ends.
+    """
+
+    origin: tuple[float, float]
+    length: float
+    width: float
+    quality: Literal['A', 'B', 'C', 'D', 'E', 'F', 'G', 'H']
+    seed: int
+    step: tuple[float, float] = (0.1, 0.5)
+    yaw: float = 0.0
+    coherence: float = 0.7
+    shortest: float = 0.4
+    ramp: float = 5.0
+
+    def __post_init__(self) -> None:
+        where = 'random road'
+        require(self.quality in ISO_8608_DENSITY, where, 'quality', self.quality, "must be one of 'A' to 'H'")
+        require(isinstance(self.seed, int) and self.seed >= 0, where, 'seed', self.seed, 'must be a non-negative integer')
+        object.__setattr__(self, 'step', vector(where, 'step', self.step, 2))
+        object.__setattr__(self, 'origin', vector(where, 'origin', self.origin, 2))
+        object.__setattr__(self, 'ramp', finite(where, 'ramp', self.ramp, low=0.0, strict=True))
+        object.__setattr__(self, 'length', finite(where, 'length', self.length, low=2.0 * self.ramp))
+        object.__setattr__(self, 'width', finite(where, 'width', self.width, low=0.0, strict=True))
+        object.__setattr__(self, 'coherence', finite(where, 'coherence', self.coherence, low=0.0))
+        object.__setattr__(self, 'shortest', finite(where, 'shortest', self.shortest, low=2.0 * self.step[0]))
+        require(min(self.step) > 0.0, where, 'step', self.step, 'both must be positive')
+
+    def expand(self) -> HeightGrid:
+        """Return the grid; the same seed gives the same road.
+
+        Amplitudes are complex Gaussian with variance G(n) dn, neighbouring tracks a first-order Markov chain per frequency.
+        """
+        dx, dy = self.step
+        n_x = int(round(self.length / dx)) + 1
+        n_y = max(int(np.ceil(self.width / dy)) + 1, 2)
+        n = np.fft.rfftfreq(n_x, dx)[1:]
+        density = ISO_8608_DENSITY[self.quality] * (n / ISO_8608_REFERENCE) ** -ISO_8608_WAVINESS * (n <= 1.0 / self.shortest)
+        rng = np.random.default_rng(self.seed)
+        # E|a|^2 = 2 G dn: the variance of Re(a e^(i...)) is half of that
+        draws = rng.standard_normal((n_y, 2, n.size)) * np.sqrt(density / (n_x * dx))
+        amplitude = draws[:, 0] + 1j * draws[:, 1]
+        memory = np.exp(-2.0 * np.pi * self.coherence * n * dy)
+        for j in range(1, n_y):
+            amplitude[j] = memory * amplitude[j - 1] + np.sqrt(1.0 - memory * memory) * amplitude[j]
+        spectrum = np.zeros((n_y, n.size + 1), complex)
+        spectrum[:, 1:] = amplitude * n_x / 2.0
+        height = np.fft.irfft(spectrum, n_x, axis=1).T
+        x = np.arange(n_x) * dx
+        t = np.clip(np.minimum(x, x[-1] - x) / self.ramp, 0.0, 1.0)
+        height *= (t * t * (3.0 - 2.0 * t))[:, None]
+        return HeightGrid(origin=self.origin, step=self.step, yaw=self.yaw, height=tuple(map(tuple, height.tolist())))
+
+
+@dataclass(frozen=True, kw_only=True)
+class RoadSpec(Spec):
+    """The ground under the tires.
+
+    point, normal: of the base plane [m], in W; the normal is normalised and must point upwards.
+    friction: factor on the tires' peak friction away from patches [-].
+    """
+
+    name: str = 'road'
+    point: Vector = (0.0, 0.0, 0.0)
+    normal: Vector = (0.0, 0.0, 1.0)
+    friction: float = 1.0
+    patches: tuple[FrictionPatch, ...] = ()
+    grids: tuple[HeightGrid | RandomRoad, ...] = ()
+
+    def __post_init__(self) -> None:
+        self.set('point', vector(self.where, 'point', self.point))
+        n = np.array(vector(self.where, 'normal', self.normal))
+        length = float(np.sqrt(n @ n))
+        require(length > 0.0 and n[2] > 0.1 * length, self.where, 'normal', self.normal, 'must point upwards (z component above 0.1 of its length)')
+        self.set('normal', tuple(float(c) for c in n / length))
+        self.set('friction', finite(self.where, 'friction', self.friction, low=1e-3))
+        self.set('patches', tuple(self.patches))
+        self.set('grids', tuple(self.grids))
+
+
+class RoadTable(NamedTuple):
+    """The compiled road. Grids are concatenated: node (i, j) of grid g is spline[start[g] + i * shape[g, 1] + j]."""
+
+    plane: np.ndarray  # (3,) height = plane[0] + plane[1] x + plane[2] y
+    friction: np.ndarray  # (1,)
+    patch: np.ndarray  # (np, 8): x, y, cos yaw, sin yaw, half length, half width, factor, blend
+    grid: np.ndarray  # (ng, 6): x, y, cos yaw, sin yaw, dx, dy
+    shape: np.ndarray  # (ng, 2)
+    start: np.ndarray  # (ng,)
+    spline: np.ndarray  # (sum of nodes,) B-spline coefficients [m]
+
+
+def _spline_coefficients(height: np.ndarray) -> np.ndarray:
+    """Coefficients of the interpolating uniform cubic B-spline, continued by its border coefficients, along both axes."""
+    c = height
+    for axis in (0, 1):
+        c = np.moveaxis(c, axis, 0)
+        n = c.shape[0]
+        bands = np.zeros((3, n))
+        bands[0, 1:], bands[1], bands[2, :-1] = 1.0 / 6.0, 4.0 / 6.0, 1.0 / 6.0
+        bands[1, [0, -1]] += 1.0 / 6.0  # c[-1] = c[0], c[n] = c[n-1]
+        c = np.moveaxis(solve_banded((1, 1), bands, c), 0, axis)
+    return c
+
+
+def compile_road(spec: RoadSpec) -> RoadTable:
+    """Expand random roads and build the table."""
+    p, n = spec.point, spec.normal
+    grids: Sequence[HeightGrid] = [g.expand() if isinstance(g, RandomRoad) else g for g in spec.grids]
+    heights = [np.array(g.height) for g in grids]
+    sizes = [h.size for h in heights]
+    return RoadTable(
+        plane=np.array([p[2] + (n[0] * p[0] + n[1] * p[1]) / n[2], -n[0] / n[2], -n[1] / n[2]]),
+        friction=np.array([spec.friction]),
+        patch=np.array(
+            [[*f.center, np.cos(f.yaw), np.sin(f.yaw), f.size[0] / 2, f.size[1] / 2, f.factor, f.blend] for f in spec.patches], float
+        ).reshape(-1, 8),
+        grid=np.array([[*g.origin, np.cos(g.yaw), np.sin(g.yaw), *g.step] for g in grids], float).reshape(-1, 6),
+        shape=np.array([h.shape for h in heights], np.int64).reshape(-1, 2),
+        start=np.array([0, *np.cumsum(sizes)[:-1]], np.int64) if sizes else np.zeros(0, np.int64),
+        spline=np.concatenate([_spline_coefficients(h).ravel() for h in heights]) if sizes else np.zeros(0),
+    )
+
+
+@kernel
+def _step(s):
+    """0 below -1/2, 1 above 1/2, twice continuously differentiable between."""
+    if s.real <= -0.5:
+        return 0.0 * s
+    if s.real >= 0.5:
+        return 0.0 * s + 1.0
+    t = s + 0.5
+    return t * t * t * (10.0 + t * (6.0 * t - 15.0))
+
+
+@kernel
+def _weights(t):
+    """Cubic B-spline weights of nodes -1, 0, 1, 2 at t in [0, 1], their first and second derivatives."""
+    r = 1.0 - t
+    s = t * t
+    w = (r * r * r / 6.0, (4.0 - 3.0 * s * (2.0 - t)) / 6.0, (4.0 - 3.0 * r * r * (1.0 + t)) / 6.0, s * t / 6.0)
+    d = (-0.5 * r * r, t * (1.5 * t - 2.0), r * (2.0 - 1.5 * r), 0.5 * s)
+    return w, d, (r, 3.0 * t - 2.0, 1.0 - 3.0 * t, t)
+
+
+@kernel
+def _dot4(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
+
+
+@kernel
+def _row4(road, g, i, j, w):
+    """Sum of four nodes of grid row i around column j with weights w (indices clamped to the grid)."""
+    n_i = road.shape[g, 0]
+    n_j = road.shape[g, 1]
+    row = road.start[g] + min(max(i, 0), n_i - 1) * n_j
+    return (
+        road.spline[row + min(max(j - 1, 0), n_j - 1)] * w[0]
+        + road.spline[row + min(max(j, 0), n_j - 1)] * w[1]
+        + road.spline[row + min(max(j + 1, 0), n_j - 1)] * w[2]
+        + road.spline[row + min(max(j + 2, 0), n_j - 1)] * w[3]
+    )
+
+
+@kernel
+def _grid_at(road, g, x, y):
+    """(h, h_x, h_y, h_xx, h_xy, h_yy) of grid g in W."""
+    c = road.grid[g, 2]
+    s = road.grid[g, 3]
+    a = ((x - road.grid[g, 0]) * c + (y - road.grid[g, 1]) * s) / road.grid[g, 4]
+    b = ((y - road.grid[g, 1]) * c - (x - road.grid[g, 0]) * s) / road.grid[g, 5]
+    # two cells beyond the border the surface is constant; clamp before the conversion to integer
+    i = int(np.floor(min(max(a.real, -4.0), road.shape[g, 0] + 4.0)))
+    j = int(np.floor(min(max(b.real, -4.0), road.shape[g, 1] + 4.0)))
+    if i < -3 or j < -3 or i > road.shape[g, 0] + 2 or j > road.shape[g, 1] + 2:
+        # beyond: keep the coordinate inside the constant strip, where all weights of one axis meet equal nodes
+        if i < -3:
+            i = -3
+            a = 0.0 * a - 2.5
+        if i > road.shape[g, 0] + 2:
+            i = road.shape[g, 0] + 2
+            a = 0.0 * a + (i + 0.5)
+        if j < -3:
+            j = -3
+            b = 0.0 * b - 2.5
+        if j > road.shape[g, 1] + 2:
+            j = road.shape[g, 1] + 2
+            b = 0.0 * b + (j + 0.5)
+    u, du, ddu = _weights(a - i)
+    w, dw, ddw = _weights(b - j)
+    f = (_row4(road, g, i - 1, j, w), _row4(road, g, i, j, w), _row4(road, g, i + 1, j, w), _row4(road, g, i + 2, j, w))
+    f_b = (_row4(road, g, i - 1, j, dw), _row4(road, g, i, j, dw), _row4(road, g, i + 1, j, dw), _row4(road, g, i + 2, j, dw))
+    f_bb = (_row4(road, g, i - 1, j, ddw), _row4(road, g, i, j, ddw), _row4(road, g, i + 1, j, ddw), _row4(road, g, i + 2, j, ddw))
+    ka = 1.0 / road.grid[g, 4]
+    kb = 1.0 / road.grid[g, 5]
+    h_a = ka * _dot4(du, f)
+    h_b = kb * _dot4(u, f_b)
+    h_aa = ka * ka * _dot4(ddu, f)
+    h_ab = ka * kb * _dot4(du, f_b)
+    h_bb = kb * kb * _dot4(u, f_bb)
+    return (
+        _dot4(u, f),
+        c * h_a - s * h_b,
+        s * h_a + c * h_b,
+        c * c * h_aa - 2.0 * c * s * h_ab + s * s * h_bb,
+        c * s * (h_aa - h_bb) + (c * c - s * s) * h_ab,
+        s * s * h_aa + 2.0 * c * s * h_ab + c * c * h_bb,
+    )
+
+
+@kernel
+def surface_at(road, x, y):
+    """(h, h_x, h_y, h_xx, h_xy, h_yy): height [m], slopes [-] and second derivatives [1/m] of the road at (x, y) [m] in W."""
+    zero = 0.0 * x
+    h = road.plane[0] + road.plane[1] * x + road.plane[2] * y
+    h_x = zero + road.plane[1]
+    h_y = zero + road.plane[2]
+    h_xx = zero
+    h_xy = zero
+    h_yy = zero
+    for g in range(road.start.shape[0]):
+        a = _grid_at(road, g, x, y)
+        h = h + a[0]
+        h_x = h_x + a[1]
+        h_y = h_y + a[2]
+        h_xx = h_xx + a[3]
+        h_xy = h_xy + a[4]
+        h_yy = h_yy + a[5]
+    return h, h_x, h_y, h_xx, h_xy, h_yy
+
+
+@kernel
+def friction_at(road, x, y):
+    """Friction factor [-] at (x, y) [m] in W."""
+    mu = 0.0 * x + road.friction[0]
+    for k in range(road.patch.shape[0]):
+        p = road.patch[k]
+        a = (x - p[0]) * p[2] + (y - p[1]) * p[3]
+        b = (y - p[1]) * p[2] - (x - p[0]) * p[3]
+        inside = _step((p[4] + a) / p[7]) * _step((p[4] - a) / p[7]) * _step((p[5] + b) / p[7]) * _step((p[5] - b) / p[7])
+        mu = mu * (1.0 + (p[6] - 1.0) * inside)
+    return mu
+
+
+@kernel
+def normal_of_slopes(h_x, h_y):
+    """Unit normal (upwards) of a surface with these slopes."""
+    k = 1.0 / sqrt(1.0 + h_x * h_x + h_y * h_y)
+    return (-h_x * k, -h_y * k, k)
+
+
+@kernel
+def road_at(road, x, y):
+    """(height [m], unit normal in W, friction factor [-]) at (x, y) [m] in W."""
+    h, h_x, h_y, _, _, _ = surface_at(road, x, y)
+    return h, normal_of_slopes(h_x, h_y), friction_at(road, x, y)

@@ -1,0 +1,1 @@
+"""Time integration: the augmented-Lagrangian step, and independent references."""

@@ -1,0 +1,406 @@
+"""The augmented-Lagrangian step: three independent fields (position, velocity, momentum rate), tied over each step.
+
+Scheme (docs/decisions/0002): generalized-alpha with all forces, constraint forces included, taken at the generalized
+midpoint t_s = t_0 + (1 - alpha_f) h, and the position constraint imposed at the end of the step:
+
+    M ((1 - am) a1 + am a0) = f(q_s, v_s, z_s) + A(q_s)^T h_R
+    v1 = v0 + h ((1 - gamma) a0 + gamma a1)
+    q1 = q0 o exp(D),  D = h v0 + h^2 ((1/2 - beta) a0 + beta a1);   q_s = q0 o exp((1 - af) D),  v_s = (1 - af) v1 + af v0
+    phi(q1, t1) = 0
+
+with am, af, beta, gamma of Chung and Hulbert (1993) for the spectral radius rho_inf. For rho_inf = 1 it is the midpoint rule
+with an impulse along A at the midpoint. First-order internal states use the parameters of Jansen, Whiting and Hulbert (2000)
+for the same rho_inf, which have the same stage. The constraint force h_R is augmented within the step,
+h_R <- h_R - W_R (g_R + A dw), g = phi / (beta h^2), where W_R = xi_R m_R is the penalty scaled by the effective mass
+(solver.saddle). The velocity in the output is projected onto A v + phi_t = 0; the projection is not fed back, because that
+costs the multipliers an order.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from solver.audit import update_audit
+from solver.dynamics import (
+    Outputs,
+    add_constraint_forces,
+    add_constraint_stiffness,
+    constraint_input_rates,
+    constraint_rates,
+    evaluate_constraints,
+    evaluate_forces,
+)
+from solver.elements.point_pair import Kinematics
+from solver.jit import kernel
+from solver.lie.so3 import matrix_of_quaternion, quaternion_exp, quaternion_normalized, quaternion_product, right_jacobian
+from solver.lie.vec import scale
+from solver.model.state import update_angles
+from solver.saddle import (
+    Saddle,
+    assemble_tangent,
+    effective_masses,
+    factorize_saddle,
+    rotate_columns,
+    solve_saddle,
+)
+
+OK, NOT_CONVERGED, NON_FINITE, SINGULAR = 0, 1, 2, 3
+# The multipliers of redundant constraints are determined only by rounding; starting each step from a little less than the last
+# values keeps that part from drifting, while the determined part is found again by the first iteration.
+WARM_START = 0.99
+CONTRACTION_TO_REUSE = 0.1  # tolerance mode keeps the factorization while an iteration gains a digit
+
+
+class Coefficients(NamedTuple):
+    """Scalars of the scheme and the iteration."""
+
+    h: float
+    am: float
+    af: float
+    beta: float
+    gamma: float
+    am1: float  # of first-order states
+    gamma1: float
+    penalty: float  # xi, dimensionless
+    m_alf: int  # 1: h_R = lam_R with unit coefficients (k = 1, m = c = f = 0): W = xi beta h^2
+    factor: float  # multiplies the coefficients m_R (the chapter's m/10 experiment)
+    form: int
+    fixed: int  # 1: a fixed number of iterations with one factorization
+    iterations: int  # their number, or the limit in tolerance mode
+    tolerance: float
+
+
+def coefficients(h: float, rho_inf: float) -> dict[str, float]:
+    """Parameters of the scheme for step h [s] and spectral radius rho_inf in [0, 1] at infinite frequency."""
+    am = (2.0 * rho_inf - 1.0) / (rho_inf + 1.0)
+    af = rho_inf / (rho_inf + 1.0)
+    am1 = 1.0 - 0.5 * (3.0 - rho_inf) / (1.0 + rho_inf)
+    return {
+        'h': h,
+        'am': am,
+        'af': af,
+        'gamma': 0.5 + af - am,
+        'beta': 0.25 * (1.0 + af - am) ** 2,
+        'am1': am1,
+        'gamma1': 0.5 + (1.0 - am1) - (1.0 - af),
+    }
+
+
+class Work(NamedTuple):
+    """Scratch and outputs of a step; nothing in it survives from one step to the next."""
+
+    kin_s: Kinematics
+    kin_e: Kinematics
+    T_s: np.ndarray  # (nb + 1, 3, 3) derivative of the stage rotation with respect to the increment
+    T_e: np.ndarray
+    f: np.ndarray  # (nb + 1, 6)
+    r: np.ndarray
+    dw: np.ndarray
+    Kq: np.ndarray  # (ns + 1, 6, 6)
+    Kv: np.ndarray
+    phi: np.ndarray  # (nc,)
+    phi_s: np.ndarray
+    g: np.ndarray
+    dlam: np.ndarray
+    phi_t: np.ndarray
+    phi_tt: np.ndarray
+    rate: np.ndarray
+    J: np.ndarray  # (entries + 1, 6, 6) at the end of the step
+    J_now: np.ndarray
+    zp: np.ndarray
+    z_s: np.ndarray
+    saddle: Saddle
+    outputs: Outputs
+    v_out: np.ndarray  # (nb + 1, 6) projected twist
+    a_out: np.ndarray  # (nb + 1, 6) acceleration at the end of the step
+    lam_out: np.ndarray  # (nc,) constraint forces at the end of the step
+    audit: np.ndarray  # (5,) running energy balance (solver.audit)
+
+
+class StepResult(NamedTuple):
+    """Status and counters of one step; `where` is a body, group or iteration index that belongs to the status."""
+
+    status: int
+    where: int
+    iterations: int
+    factorizations: int
+    evaluations: int
+    residual: float
+    position_drift: float
+    velocity_drift: float
+
+
+@kernel(borrow=True)
+def copy_rows(source, target):
+    """target <- source, (n, 6); borrowing kernels cannot assign array to array."""
+    for b in range(source.shape[0]):
+        for i in range(source.shape[1]):
+            target[b, i] = source[b, i]
+
+
+@kernel(borrow=True)
+def copy_blocks(source, target):
+    """target <- source, (n, 6, 6)."""
+    for b in range(source.shape[0]):
+        for i in range(6):
+            for j in range(6):
+                target[b, i, j] = source[b, i, j]
+
+
+@kernel(borrow=True)
+def _place(tables, c, s0, a1, q1, work):
+    """Assign q1, both kinematics and both rotation tangents for the end acceleration a1."""
+    h = c.h
+    s = 1.0 - c.af
+    for b in range(tables.bodies.mass.shape[0]):
+        k0 = h * h * (0.5 - c.beta)
+        k1 = h * h * c.beta
+        for i in range(3):
+            d = h * s0.v[b, i] + k0 * s0.a[b, i] + k1 * a1[b, i]
+            q1[b, i] = s0.q[b, i] + d
+            work.kin_e.p[b, i] = q1[b, i]
+            work.kin_s.p[b, i] = s0.q[b, i] + s * d
+        x = (
+            h * s0.v[b, 3] + k0 * s0.a[b, 3] + k1 * a1[b, 3],
+            h * s0.v[b, 4] + k0 * s0.a[b, 4] + k1 * a1[b, 4],
+            h * s0.v[b, 5] + k0 * s0.a[b, 5] + k1 * a1[b, 5],
+        )
+        xs = scale(s, x)
+        quaternion = (s0.q[b, 3], s0.q[b, 4], s0.q[b, 5], s0.q[b, 6])
+        end = quaternion_normalized(quaternion_product(quaternion, quaternion_exp(x)))
+        stage = quaternion_normalized(quaternion_product(quaternion, quaternion_exp(xs)))
+        q1[b, 3] = end[0]
+        q1[b, 4] = end[1]
+        q1[b, 5] = end[2]
+        q1[b, 6] = end[3]
+        R_e = matrix_of_quaternion(end)
+        R_s = matrix_of_quaternion(stage)
+        T_e = right_jacobian(x)
+        T_s = right_jacobian(xs)
+        for i in range(3):
+            for j in range(3):
+                work.kin_e.R[b, i, j] = R_e[3 * i + j]
+                work.kin_s.R[b, i, j] = R_s[3 * i + j]
+                work.T_e[b, i, j] = T_e[3 * i + j]
+                work.T_s[b, i, j] = T_s[3 * i + j]
+        for i in range(6):
+            v1 = s0.v[b, i] + h * ((1.0 - c.gamma) * s0.a[b, i] + c.gamma * a1[b, i])
+            work.kin_e.v[b, i] = v1
+            work.kin_s.v[b, i] = s * v1 + c.af * s0.v[b, i]
+
+
+@kernel(borrow=True)
+def _momentum_residual(tables, c, a0, a1, f, r):
+    """r = M ((1 - am) a1 + am a0) - f."""
+    bodies = tables.bodies
+    for b in range(bodies.mass.shape[0]):
+        for i in range(3):
+            r[b, i] = bodies.mass[b] * ((1.0 - c.am) * a1[b, i] + c.am * a0[b, i]) - f[b, i]
+            r[b, 3 + i] = -f[b, 3 + i]
+            for j in range(3):
+                r[b, 3 + i] += bodies.inertia[b, i, j] * ((1.0 - c.am) * a1[b, 3 + j] + c.am * a0[b, 3 + j])
+
+
+@kernel(borrow=True)
+def step(tables, c, s0, s1, u, want_outputs, work):
+    """Advance s0 to s1 by one step with the inputs u; outputs and projected velocity go to work. Returns a StepResult."""
+    nb = tables.bodies.mass.shape[0]
+    nc = s0.lam.shape[0]
+    h = c.h
+    s = 1.0 - c.af
+    cq = s * c.beta * h * h
+    cv = s * c.gamma * h
+    copy_rows(s0.a, s1.a)
+    for i in range(nc):
+        s1.lam[i] = WARM_START * s0.lam[i]
+    saddle = work.saddle
+    to_g = 1.0 / (c.beta * h * h)
+    # internal states: z_s = zp + cz zd_s
+    cz = s * c.gamma1 * h / (1.0 - c.am1)
+    for i in range(s0.z.shape[0]):
+        work.zp[i] = s0.z[i] + s * h * (1.0 - c.gamma1) * s0.zd[i] - cz * c.am1 * s0.zd[i]
+    status = NOT_CONVERGED
+    where = 0
+    factorizations = 0
+    evaluations = 0
+    iterations = 0
+    increment = 0.0
+    before = 0.0
+    residual = 0.0
+    refactor = True
+    for it in range(c.iterations):
+        iterations += 1
+        _place(tables, c, s0, s1.a, s1.q, work)
+        evaluate_forces(tables, work.kin_s, s0.angle, work.zp, cz, u, refactor, work.f, work.Kq, work.Kv, work.z_s, work.outputs)
+        evaluate_constraints(tables, work.kin_s, s0.angle, u, work.phi_s, work.J_now)
+        evaluate_constraints(tables, work.kin_e, s0.angle, u, work.phi, work.J)
+        evaluations += 1
+        add_constraint_forces(tables.constraints, work.J_now, s1.lam, 1.0, work.f)
+        _momentum_residual(tables, c, s0.a, s1.a, work.f, work.r)
+        for i in range(nc):
+            work.g[i] = work.phi[i] * to_g
+        if refactor:
+            add_constraint_stiffness(tables, work.kin_s, s1.lam, work.Kq, work.Kv)
+            copy_blocks(work.J_now, saddle.J_s)
+            rotate_columns(tables.constraints, work.J, work.T_e, saddle.J_e)
+            effective_masses(tables, work.J_now, saddle.W)
+            for i in range(nc):
+                m = c.beta * h * h if c.m_alf == 1 else saddle.W[i]
+                saddle.W[i] = c.penalty * c.factor * m
+            assemble_tangent(tables, 1.0 - c.am, cq, cv, work.Kq, work.Kv, work.T_s, saddle.B)
+            bad = factorize_saddle(tables, c.form, saddle)
+            factorizations += 1
+            if bad >= 0:
+                status = SINGULAR
+                where = bad
+                break
+        solve_saddle(tables, c.form, saddle, work.r, work.g, work.dw, work.dlam)
+        before = increment
+        increment = 0.0
+        speed = 1.0
+        for b in range(nb):
+            for i in range(6):
+                d = work.dw[b, i]
+                s1.a[b, i] += d
+                increment = max(increment, abs(d))
+                speed = max(speed, abs(s0.v[b, i]))
+                if not np.isfinite(d):
+                    status = NON_FINITE
+                    where = b
+        for i in range(nc):
+            s1.lam[i] += work.dlam[i]
+        if status == NON_FINITE:
+            break
+        increment *= c.gamma * h / speed
+        residual = increment
+        if c.fixed == 1:
+            refactor = False
+            status = OK if it == c.iterations - 1 else NOT_CONVERGED
+            continue
+        rate = increment / before if it > 0 and before > 0.0 else 1.0
+        remaining = increment * rate / (1.0 - rate) if rate < 1.0 else increment
+        if min(increment, remaining) <= c.tolerance:
+            status = OK
+            break
+        if it > 2 and rate > 0.5 and increment <= 100.0 * c.tolerance:  # round-off reached: as good as it gets
+            status = OK
+            break
+        refactor = rate > CONTRACTION_TO_REUSE
+        where = it
+    if status != OK:
+        return StepResult(status, where, iterations, factorizations, evaluations, residual, 0.0, 0.0)
+    _place(tables, c, s0, s1.a, s1.q, work)
+    for b in range(nb):
+        for i in range(6):
+            s1.v[b, i] = work.kin_e.v[b, i]
+            # a1 approximates the acceleration at t1 + (am - af) h; continue it to t1
+            work.a_out[b, i] = s1.a[b, i] + (c.af - c.am) * (s1.a[b, i] - s0.a[b, i])
+    for i in range(s0.z.shape[0]):
+        s1.z[i] = (work.z_s[i] - c.af * s0.z[i]) / s
+        s1.zd[i] = ((s1.z[i] - s0.z[i]) / h - (1.0 - c.gamma1) * s0.zd[i]) / c.gamma1
+    for i in range(nc):
+        s1.lam_before[i] = s0.lam[i]
+        work.lam_out[i] = s1.lam[i] + c.af * (s1.lam[i] - s0.lam[i])
+    for i in range(s0.angle.shape[0]):
+        s1.angle[i] = s0.angle[i]
+    update_angles(tables.coordinates, work.kin_e, s1.angle)
+    # output: projected velocity, forces at the end of the step
+    evaluate_constraints(tables, work.kin_e, s1.angle, u, work.phi, work.J)
+    position_drift = 0.0
+    for i in range(nc):
+        position_drift = max(position_drift, abs(work.phi[i]))
+    velocity_drift = project_velocity(tables, c, s1.v, u, 1 if c.fixed == 1 else 3, work)
+    if want_outputs:
+        for b in range(nb):
+            for i in range(6):
+                work.kin_e.v[b, i] = work.v_out[b, i]
+        evaluate_forces(tables, work.kin_e, s1.angle, s1.z, 0.0, u, False, work.f, work.Kq, work.Kv, work.z_s, work.outputs)
+        evaluations += 1
+    finite = velocity_drift + position_drift
+    for b in range(nb):
+        for i in range(6):
+            finite += abs(work.v_out[b, i])
+        if not np.isfinite(finite):
+            return StepResult(NON_FINITE, b, iterations, factorizations, evaluations, residual, position_drift, velocity_drift)
+    return StepResult(OK, 0, iterations, factorizations, evaluations, residual, position_drift, velocity_drift)
+
+
+@kernel(borrow=True)
+def project_velocity(tables, c, v, u, passes, work):
+    """work.v_out = v projected onto A v + phi_t = 0 with the factorization of the step; returns the largest violation left."""
+    nb = tables.bodies.mass.shape[0]
+    copy_rows(v, work.v_out)
+    constraint_input_rates(tables, u, work.phi_t, work.phi_tt)
+    work.r[:] = 0.0
+    worst = 0.0
+    for k in range(passes + 1):
+        constraint_rates(tables.constraints, work.J, work.v_out, work.rate)
+        worst = 0.0
+        for i in range(work.rate.shape[0]):
+            work.rate[i] += work.phi_t[i]
+            worst = max(worst, abs(work.rate[i]))
+        if k == passes or (k > 0 and worst < c.tolerance):
+            break
+        solve_saddle(tables, c.form, work.saddle, work.r, work.rate, work.dw, work.dlam)
+        for b in range(nb):
+            T = work.T_e[b]
+            for i in range(3):
+                work.v_out[b, i] += work.dw[b, i]
+                work.v_out[b, 3 + i] += T[i, 0] * work.dw[b, 3] + T[i, 1] * work.dw[b, 4] + T[i, 2] * work.dw[b, 5]
+    return worst
+
+
+@kernel(borrow=True)
+def advance(tables, c, s0, s1, inputs, first, count, audit, work):
+    """Advance count steps with rows first.. of inputs (n, nu), swapping the buffers; outputs are of the last step.
+
+    audit: evaluate outputs after every step and keep the energy balance.
+
+    Returns (StepResult with summed counters and largest residuals, steps done). After an odd number of steps the newest
+    state is in s1, after an even number in s0.
+    """
+    iterations = 0
+    factorizations = 0
+    evaluations = 0
+    residual = 0.0
+    position = 0.0
+    velocity = 0.0
+    for k in range(count):
+        outputs = audit or k == count - 1
+        if k % 2 == 0:
+            result = step(tables, c, s0, s1, inputs[first + k], outputs, work)
+        else:
+            result = step(tables, c, s1, s0, inputs[first + k], outputs, work)
+        iterations += result.iterations
+        factorizations += result.factorizations
+        evaluations += result.evaluations
+        residual = max(residual, result.residual)
+        position = max(position, result.position_drift)
+        velocity = max(velocity, result.velocity_drift)
+        if result.status != OK:
+            return StepResult(result.status, result.where, iterations, factorizations, evaluations, residual, position, velocity), k
+        if audit:
+            update_audit(tables, work.kin_e, work.outputs, work.lam_out, work.phi_t, c.h, work.audit)
+    return StepResult(OK, 0, iterations, factorizations, evaluations, residual, position, velocity), count
+
+
+def new_work(model, saddle: Saddle, outputs: Outputs) -> Work:
+    """Allocate the scratch of a model."""
+    nb, nc, ns, ne, nz = model.n_bodies, model.n_rows, model.n_slots, model.n_entries, model.n_internal
+    six = lambda: np.zeros((nb + 1, 6))  # noqa: E731
+    row = lambda: np.zeros(nc)  # noqa: E731
+
+    def kinematics() -> Kinematics:
+        R = np.zeros((nb + 1, 3, 3))
+        R[:] = np.eye(3)
+        return Kinematics(R, np.zeros((nb + 1, 3)), six())
+
+    return Work(
+        kin_s=kinematics(), kin_e=kinematics(), T_s=np.tile(np.eye(3), (nb + 1, 1, 1)), T_e=np.tile(np.eye(3), (nb + 1, 1, 1)),
+        f=six(), r=six(), dw=six(), Kq=np.zeros((ns + 1, 6, 6)), Kv=np.zeros((ns + 1, 6, 6)),
+        phi=row(), phi_s=row(), g=row(), dlam=row(), phi_t=row(), phi_tt=row(), rate=row(),
+        J=np.zeros((ne + 1, 6, 6)), J_now=np.zeros((ne + 1, 6, 6)), zp=np.zeros(nz), z_s=np.zeros(nz),
+        saddle=saddle, outputs=outputs, v_out=six(), a_out=six(), lam_out=row(), audit=np.zeros(5),
+    )  # fmt: skip

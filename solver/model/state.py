@@ -1,0 +1,99 @@
+"""State is a value: poses, twists, accelerations, internal states, multipliers, unwrapped coordinates."""
+
+from __future__ import annotations
+
+import io
+from typing import NamedTuple
+
+import numpy as np
+
+from solver.elements.coordinate import evaluate_coordinate
+from solver.elements.point_pair import Kinematics
+from solver.jit import kernel
+from solver.lie.so3 import matrix_of_quaternion
+
+
+class State(NamedTuple):
+    """Everything the next step depends on (layout in docs/conventions.md)."""
+
+    q: np.ndarray  # (nb + 1, 7)
+    v: np.ndarray  # (nb + 1, 6) the integrator's own twist; outputs are projected
+    a: np.ndarray  # (nb + 1, 6)
+    z: np.ndarray  # (nz,)
+    zd: np.ndarray  # (nz,)
+    lam: np.ndarray  # (nc,) multipliers of the last stage
+    lam_before: np.ndarray  # (nc,) multipliers of the stage before
+    angle: np.ndarray  # (nx,)
+
+
+def new_state(model) -> State:
+    """A state of zeros with the placed configuration."""
+    nb, nz, nc, nx = model.n_bodies, model.n_internal, model.n_rows, len(model.coordinate_names)
+    six = lambda: np.zeros((nb + 1, 6))  # noqa: E731
+    return State(placed_configuration(model), six(), six(), np.zeros(nz), np.zeros(nz), np.zeros(nc), np.zeros(nc), np.zeros(nx))
+
+
+def copy_state(source: State, target: State) -> None:
+    """target <- source, array by array."""
+    for a, b in zip(source, target, strict=True):
+        b[...] = a
+
+
+def placed_configuration(model) -> np.ndarray:
+    """q (nb + 1, 7) of the bodies as the specification places them."""
+    q = np.zeros((model.n_bodies + 1, 7))
+    q[:, 6] = 1.0
+    for b, spec in enumerate(model.spec.bodies):
+        R = np.array(matrix_of_quaternion(spec.orientation)).reshape(3, 3)
+        q[b, :3] = np.array(spec.position) + R @ np.array(spec.com)
+        q[b, 3:] = spec.orientation
+    return q
+
+
+@kernel(borrow=True)
+def fill_kinematics(q, v, kin):
+    """Assign kin from q (nb + 1, 7) and v (nb + 1, 6)."""
+    for b in range(q.shape[0]):
+        R = matrix_of_quaternion((q[b, 3], q[b, 4], q[b, 5], q[b, 6]))
+        for i in range(3):
+            kin.p[b, i] = q[b, i]
+            kin.R[b, i, 0] = R[3 * i]
+            kin.R[b, i, 1] = R[3 * i + 1]
+            kin.R[b, i, 2] = R[3 * i + 2]
+        for i in range(6):
+            kin.v[b, i] = v[b, i]
+
+
+def new_kinematics(nb: int, dtype=np.float64) -> Kinematics:
+    """Uninitialised kinematics of nb bodies and the world."""
+    return Kinematics(np.zeros((nb + 1, 3, 3), dtype), np.zeros((nb + 1, 3), dtype), np.zeros((nb + 1, 6), dtype))
+
+
+def kinematics_of(q: np.ndarray, v: np.ndarray) -> Kinematics:
+    """Kinematics of a configuration and twist."""
+    kin = new_kinematics(len(q) - 1)
+    fill_kinematics(q, v, kin)
+    return kin
+
+
+@kernel(borrow=True)
+def update_angles(coordinates, kin, angle):
+    """Advance the unwrapped values of all joint coordinates to the configuration of kin."""
+    for k in range(coordinates.kind.shape[0]):
+        x, _, _ = evaluate_coordinate(coordinates, kin, k, angle)
+        angle[k] = x
+
+
+def save_state(state: State, k: int, extra: dict[str, np.ndarray] | None = None) -> bytes:
+    """Serialise a state and its step index."""
+    file = io.BytesIO()
+    np.savez(file, k=np.int64(k), **state._asdict(), **(extra or {}))
+    return file.getvalue()
+
+
+def load_state(data: bytes) -> tuple[State, int, dict[str, np.ndarray]]:
+    """Inverse of save_state."""
+    with np.load(io.BytesIO(data), allow_pickle=False) as file:
+        arrays = {name: file[name] for name in file.files}
+    k = int(arrays.pop('k'))
+    return State(*(arrays.pop(name) for name in State._fields)), k, arrays

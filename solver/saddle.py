@@ -1,0 +1,190 @@
+"""The linear system of every Newton iteration and projection, in either form, on the block pattern of the model.
+
+    [ S   -A_s^T ] [ dw   ]      [ r ]
+    [ A_e  1/W   ] [ dlam ]  = - [ g ]
+
+S are 6x6 blocks on the body graph, W the diagonal of penalties. The n x n ("condensed") form eliminates dlam, which is one
+augmentation of the augmented Lagrangian: (S + A_s^T W A_e) dw = -(r + A_s^T W g), dlam = -W (g + A_e dw). The block form keeps
+dlam as unknowns and stays well-conditioned for any W. Both give the same dw and dlam in exact arithmetic.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from solver.jit import kernel
+from solver.lie.vec import load33
+from solver.linear import factorize, solve
+
+CONDENSED, BLOCK = 0, 1
+
+
+class Saddle(NamedTuple):
+    """A factorized system and what is needed to solve with it again."""
+
+    B: np.ndarray  # (n_blocks, 6, 6) factor
+    x: np.ndarray  # (nodes, 6) right-hand side and solution
+    T: np.ndarray  # (6, 6) scratch
+    W: np.ndarray  # (nc,) penalties
+    J_s: np.ndarray  # (entries + 1, 6, 6) force directions A_s
+    J_e: np.ndarray  # (entries + 1, 6, 6) constraint rows A_e with respect to dw
+
+
+def new_saddle(model, form: int) -> Saddle:
+    """Allocate for a model and a form."""
+    plan = model.tables.block if form == BLOCK else model.tables.condensed
+    entries = np.zeros((model.n_entries + 1, 6, 6))
+    return Saddle(
+        B=np.zeros((int(plan.n_blocks[0]), 6, 6)),
+        x=np.zeros((max(len(plan.node), model.n_bodies + 1), 6)),
+        T=np.zeros((6, 6)),
+        W=np.ones(model.n_rows),
+        J_s=entries,
+        J_e=entries.copy(),
+    )
+
+
+@kernel(borrow=True)
+def effective_masses(tables, J, m):
+    """m (nc,) = 1 / (a_R M^-1 a_R^T) of every row, from Jacobian blocks J."""
+    con = tables.constraints
+    for g in range(con.row.shape[0] - 1):
+        first = con.row[g]
+        for r in range(con.row[g + 1] - first):
+            s = 0.0
+            for e in range(con.entry[g], con.entry[g + 1]):
+                b = con.body[e]
+                s += tables.penalty_inverse_mass[b] * (J[e, r, 0] ** 2 + J[e, r, 1] ** 2 + J[e, r, 2] ** 2)
+                for i in range(3):
+                    for j in range(3):
+                        s += J[e, r, 3 + i] * tables.penalty_inverse_inertia[b, i, j] * J[e, r, 3 + j]
+            m[first + r] = 1.0 / s if s > 0.0 else 1.0
+
+
+@kernel(borrow=True)
+def rotate_columns(constraints, J, T, out):
+    """out = J with the angular columns of every block multiplied by T (nb, 3, 3) of its body."""
+    for e in range(1, constraints.body.shape[0]):
+        m = load33(T, constraints.body[e])
+        for r in range(6):
+            a, b, c = J[e, r, 3], J[e, r, 4], J[e, r, 5]
+            out[e, r, 0] = J[e, r, 0]
+            out[e, r, 1] = J[e, r, 1]
+            out[e, r, 2] = J[e, r, 2]
+            out[e, r, 3] = a * m[0] + b * m[3] + c * m[6]
+            out[e, r, 4] = a * m[1] + b * m[4] + c * m[7]
+            out[e, r, 5] = a * m[2] + b * m[5] + c * m[8]
+
+
+@kernel(borrow=True)
+def assemble_tangent(tables, cm, cq, cv, Kq, Kv, T, B):
+    """B = cm M - cq Kq T - cv Kv on the force blocks, zero elsewhere; T (nb, 3, 3) acts on the angular columns of Kq."""
+    B[:] = 0.0
+    for s in range(1, tables.block_row.shape[0]):
+        m = load33(T, tables.block_col[s])
+        for i in range(6):
+            a, b, c = Kq[s, i, 3], Kq[s, i, 4], Kq[s, i, 5]
+            B[s, i, 0] = -cq * Kq[s, i, 0] - cv * Kv[s, i, 0]
+            B[s, i, 1] = -cq * Kq[s, i, 1] - cv * Kv[s, i, 1]
+            B[s, i, 2] = -cq * Kq[s, i, 2] - cv * Kv[s, i, 2]
+            B[s, i, 3] = -cq * (a * m[0] + b * m[3] + c * m[6]) - cv * Kv[s, i, 3]
+            B[s, i, 4] = -cq * (a * m[1] + b * m[4] + c * m[7]) - cv * Kv[s, i, 4]
+            B[s, i, 5] = -cq * (a * m[2] + b * m[5] + c * m[8]) - cv * Kv[s, i, 5]
+    add_mass(tables, cm, B)
+
+
+@kernel(borrow=True)
+def add_mass(tables, cm, B):
+    """B += cm M."""
+    bodies = tables.bodies
+    for b in range(bodies.mass.shape[0]):
+        s = bodies.slot[b]
+        for i in range(3):
+            B[s, i, i] += cm * bodies.mass[b]
+            for j in range(3):
+                B[s, 3 + i, 3 + j] += cm * bodies.inertia[b, i, j]
+
+
+@kernel(borrow=True)
+def factorize_saddle(tables, form, saddle):
+    """Complete the assembled tangent in saddle.B with the constraints (saddle.W, J_s, J_e) and factorize. -1 or a bad node."""
+    con = tables.constraints
+    B = saddle.B
+    J_s = saddle.J_s
+    J_e = saddle.J_e
+    for g in range(con.row.shape[0] - 1):
+        first = con.row[g]
+        rows = con.row[g + 1] - first
+        e0 = con.entry[g]
+        e1 = con.entry[g + 1]
+        if form == CONDENSED:
+            p = con.pair[g]
+            for a in range(e0, e1):
+                for b in range(e0, e1):
+                    s = con.slot[p]
+                    p += 1
+                    for r in range(rows):
+                        w = saddle.W[first + r]
+                        for i in range(6):
+                            t = w * J_s[a, r, i]
+                            for j in range(6):
+                                B[s, i, j] += t * J_e[b, r, j]
+        else:
+            s = con.centre[g]
+            for r in range(6):
+                B[s, r, r] = 1.0 / saddle.W[first + r] if r < rows else 1.0
+            for a in range(e0, e1):
+                for r in range(rows):
+                    for i in range(6):
+                        B[con.up[a], i, r] = -J_s[a, r, i]
+                        B[con.down[a], r, i] = J_e[a, r, i]
+    if form == CONDENSED:
+        return factorize(tables.condensed, B, saddle.T)
+    return factorize(tables.block, B, saddle.T)
+
+
+@kernel(borrow=True)
+def solve_saddle(tables, form, saddle, r, g, dw, dlam):
+    """Assign dw (nb+1, 6) and dlam (nc,) for the residuals r (nb+1, 6) and g (nc,)."""
+    con = tables.constraints
+    nb = tables.bodies.mass.shape[0]
+    x = saddle.x
+    for b in range(nb):
+        for i in range(6):
+            x[b, i] = -r[b, i]
+    groups = con.row.shape[0] - 1
+    for k in range(groups):
+        first = con.row[k]
+        rows = con.row[k + 1] - first
+        if form == CONDENSED:
+            for e in range(con.entry[k], con.entry[k + 1]):
+                b = con.body[e]
+                for q in range(rows):
+                    t = saddle.W[first + q] * g[first + q]
+                    for i in range(6):
+                        x[b, i] -= t * saddle.J_s[e, q, i]
+        else:
+            for q in range(6):
+                x[nb + k, q] = -g[first + q] if q < rows else 0.0
+    if form == CONDENSED:
+        solve(tables.condensed, saddle.B, x)
+    else:
+        solve(tables.block, saddle.B, x)
+    for b in range(nb):
+        for i in range(6):
+            dw[b, i] = x[b, i]
+    for k in range(groups):
+        first = con.row[k]
+        rows = con.row[k + 1] - first
+        for q in range(rows):
+            if form == CONDENSED:
+                s = g[first + q]
+                for e in range(con.entry[k], con.entry[k + 1]):
+                    b = con.body[e]
+                    for i in range(6):
+                        s += saddle.J_e[e, q, i] * x[b, i]
+                dlam[first + q] = -saddle.W[first + q] * s
+            else:
+                dlam[first + q] = x[nb + k, q]

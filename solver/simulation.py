@@ -1,0 +1,282 @@
+"""Simulation: a scene in motion. Owns the two state buffers; hands out Snapshots."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver.audit import WORST, describe, update_audit
+from solver.channels import FIRST_TIRE_COLUMN, channels_of, collect, new_outputs
+from solver.consistent import Start
+from solver.dynamics import constraint_input_rates, evaluate_constraints, evaluate_forces
+from solver.elements.coupler import CouplerSpec
+from solver.elements.tire_pacejka import rolling_radius
+from solver.errors import SpecError, StepError
+from solver.integrators.augmented_lagrangian import (
+    NON_FINITE,
+    NOT_CONVERGED,
+    OK,
+    SINGULAR,
+    Coefficients,
+    StepResult,
+    advance,
+    coefficients,
+    new_work,
+)
+from solver.lie.so3 import matrix_of_quaternion
+from solver.maneuver import ManeuverSource
+from solver.model.compile import compile_model
+from solver.model.state import State, copy_state, fill_kinematics, load_state, new_state, save_state, update_angles
+from solver.model.tables import Model
+from solver.saddle import BLOCK, CONDENSED, new_saddle
+from solver.scene import Scene, Start as SceneStart
+from solver.snapshot import TIRE_COLUMNS, Snapshot, StepStats
+
+
+class Simulation:
+    """Compile a scene, find its consistent start, advance it in whole steps.
+
+    Raises SpecError, SceneError or ConsistencyError on construction and StepError from advance(); each is one sentence.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.model: Model = compile_model(scene.model)
+        self.channels = channels_of(self.model)
+        settings = scene.integrator
+        self.h_ns = settings.h_ns
+        self.h = self.h_ns * 1e-9
+        if not settings.kind.endswith('alf'):
+            raise SpecError(f'integrator: kind = {settings.kind!r}: use solver.integrators.reference for the reference integrators')
+        scheme = coefficients(self.h, settings.rho_inf)
+        form = BLOCK if settings.form == 'block' else CONDENSED
+        self.coefficients = Coefficients(
+            **scheme,
+            penalty=settings.penalty,
+            m_alf=int(settings.kind == 'm_alf'),
+            factor=1.0,
+            form=form,
+            fixed=int(settings.mode == 'fixed'),
+            iterations=settings.iterations if settings.mode == 'fixed' else settings.max_iterations,
+            tolerance=settings.tolerance,
+        )
+        self.stage = 1.0 - scheme['af']
+        self.outputs = new_outputs(self.model)
+        self.work = new_work(self.model, new_saddle(self.model, form), self.outputs)
+        self.source = ManeuverSource(scene.maneuver, scene.model.inputs, self.h_ns, self.stage)
+        self.state: State = new_state(self.model)
+        self._other: State = new_state(self.model)
+        self._initial = new_state(self.model)
+        self._inputs = np.zeros(len(scene.model.inputs))
+        self._totals = np.zeros(6)
+        self._find_start(scene.start)
+        copy_state(self.state, self._initial)
+        self.reset()
+
+    # -- start ---------------------------------------------------------------------------------------------------------
+
+    def _find_start(self, start: SceneStart) -> None:
+        u = self._inputs_at_start()
+        calculation = Start(self.model, self.outputs)
+        state = self.state
+        update_angles(self.model.tables.coordinates, self._kinematics(state.q, state.v), state.angle)
+        values = {n: c.value for n, c in start.coordinates.items() if c.value is not None}
+        rates = {n: c.rate for n, c in start.coordinates.items() if c.rate is not None}
+        if start.kind != 'as_placed' or values:
+            self._with_rows(list(values), list(values.values())).assemble(state, u)
+        if start.kind == 'equilibrium':
+            calculation.equilibrium(state, u)
+        self._place_velocities(start.speed)
+        if start.speed:
+            rates |= self._wheel_rates(start.speed, u)
+        extended = self._with_rows(list(rates), [0.0] * len(rates))
+        extra = np.zeros(extended.model.n_rows)
+        extra[self.model.n_rows :] = [-r for r in rates.values()]
+        extended.project_velocity(state, u, extra)
+        calculation.start_integrator(state, u, self.h, self.coefficients.am, self.coefficients.af)
+
+    def _inputs_at_start(self) -> np.ndarray:
+        zero = np.zeros(1)
+        return self.scene.maneuver.inputs(self.scene.model.inputs, zero, zero)[0]
+
+    def _with_rows(self, names: list[str], offsets: list[float]) -> Start:
+        """The start calculation of the model with extra rows coordinate = offset."""
+        if not names:
+            return Start(self.model, self.outputs)
+        spec = self.model.spec
+        rows = tuple(CouplerSpec(name=f'start of {n}', terms=((n, 1.0),), offset=o) for n, o in zip(names, offsets, strict=True))
+        model = compile_model(type(spec)(**{**spec.__dict__, 'couplers': spec.couplers + rows}))
+        return Start(model, new_outputs(model))
+
+    def _place_velocities(self, speed: float) -> None:
+        """Velocities of the specification, plus a translation of everything along the chassis x axis."""
+        v = self.state.v
+        R = np.array(matrix_of_quaternion(tuple(self.state.q[self.channels.chassis or 0, 3:]))).reshape(3, 3)
+        for b, body in enumerate(self.model.spec.bodies):
+            R_b = np.array(matrix_of_quaternion(tuple(self.state.q[b, 3:]))).reshape(3, 3)
+            w = np.array(body.angular_velocity)
+            v[b, :3] = np.array(body.velocity) + R_b @ np.cross(w, body.com) + speed * R[:, 0]
+            v[b, 3:] = w
+
+    def _wheel_rates(self, speed: float, u: np.ndarray) -> dict[str, float]:
+        """Rolling rates of the revolute coordinates that carry the wheels."""
+        kin = self._kinematics(self.state.q, self.state.v)
+        evaluate_forces(
+            self.model.tables, kin, self.state.angle, self.state.z, 0.0, u, False, self.work.f, self.work.Kq, self.work.Kv, self.work.z_s, self.outputs
+        )
+        rates = {}
+        for e, tire in enumerate(self.model.spec.tires):
+            load = self.outputs.tires[e, FIRST_TIRE_COLUMN + TIRE_COLUMNS.index('fz')]
+            for joint in self.model.spec.joints:
+                if joint.kind == 'revolute' and tire.marker.body in (joint.i.body, joint.j.body):
+                    side = 1.0 if joint.j.body == tire.marker.body else -1.0
+                    own = joint.j if side > 0 else joint.i
+                    axis = np.array(matrix_of_quaternion(own.orientation)).reshape(3, 3)[:, 2]
+                    spin = np.array(matrix_of_quaternion(tire.marker.orientation)).reshape(3, 3)[:, 1]
+                    rates[joint.name] = side * float(np.sign(axis @ spin)) * speed / rolling_radius(self.model.tables.tires, e, load, speed)
+                    break
+        return rates
+
+    def _kinematics(self, q: np.ndarray, v: np.ndarray):
+        fill_kinematics(q, v, self.work.kin_e)
+        return self.work.kin_e
+
+    # -- time ----------------------------------------------------------------------------------------------------------
+
+    @property
+    def t_ns(self) -> int:
+        """Simulation time [ns]."""
+        return self.k * self.h_ns
+
+    def reset(self) -> None:
+        """Back to the start, bit for bit."""
+        copy_state(self._initial, self.state)
+        self.k = 0
+        self._totals[:] = 0.0
+        self._stats = StepStats(OK, 0, 0, 0, 0.0, 0.0, 0.0)
+        self._inputs = self._inputs_at_start()
+        self._refresh()
+
+    def _refresh(self) -> None:
+        """Outputs of the current state when no step has produced them; restarts the audit."""
+        w, t, s = self.work, self.model.tables, self.state
+        kin = self._kinematics(s.q, s.v)
+        evaluate_constraints(t, kin, s.angle, self._inputs, w.phi, w.J)
+        constraint_input_rates(t, self._inputs, w.phi_t, w.phi_tt)
+        start = Start(self.model, self.outputs)
+        start.project_velocity(projected := s._replace(v=s.v.copy()), self._inputs)
+        w.v_out[:] = projected.v
+        w.a_out[:], w.lam_out[:] = start.acceleration(s.q, projected.v, s.z, s.angle, self._inputs)
+        kin = self._kinematics(s.q, projected.v)
+        evaluate_forces(t, kin, s.angle, s.z, 0.0, self._inputs, False, w.f, w.Kq, w.Kv, w.z_s, self.outputs)
+        update_audit(t, kin, self.outputs, w.lam_out, w.phi_t, 0.0, w.audit)
+
+    def advance(self, n: int = 1, inputs: np.ndarray | None = None, *, audit: bool = True) -> Snapshot:
+        """Advance n steps and return the Snapshot after the last.
+
+        inputs: (nu,) held for all steps, or (n, nu) one row a step; None samples the maneuver of the scene. audit: evaluate
+        forces after every step and keep the energy balance. On failure the state is that of the last good step.
+        """
+        if inputs is None:
+            inputs = self.source.table(self.k, n)
+        elif inputs.ndim == 1:
+            inputs = np.repeat(inputs[None, :], n, axis=0)
+        if not np.isfinite(inputs).all():
+            row, column = np.argwhere(~np.isfinite(inputs))[0]
+            raise StepError(
+                f't = {self.t_ns * 1e-9:.6f} s: input {self.channels.inputs[column]!r} is not finite in step {self.k + row}; nothing was advanced'
+            )
+        inputs = np.ascontiguousarray(inputs, float)
+        result, done = advance(self.model.tables, self.coefficients, self.state, self._other, inputs, 0, n, audit, self.work)
+        if done % 2 == 1:
+            self.state, self._other = self._other, self.state
+        self.k += done
+        if done:
+            self._inputs = inputs[done - 1].copy()
+        self._count(result, done)
+        if result.status != OK:
+            raise StepError(self._failure(result))
+        return self.snapshot()
+
+    def _count(self, result: StepResult, done: int) -> None:
+        self._stats = StepStats(
+            result.status, result.iterations, result.factorizations, result.evaluations,
+            result.residual, result.position_drift, result.velocity_drift,
+        )  # fmt: skip
+        t = self._totals
+        t[:3] += result.iterations, result.factorizations, result.evaluations
+        t[3:] = np.maximum(t[3:], (result.residual, result.position_drift, result.velocity_drift))
+
+    def _failure(self, result: StepResult) -> str:
+        when = f't = {self.t_ns * 1e-9:.6f} s, step {self.k}: '
+        if result.status == NON_FINITE:
+            body = self.model.body_names[result.where]
+            return when + f'the motion of body {body!r} is no longer finite; reduce integrator.h or check the loads on that body'
+        if result.status == SINGULAR:
+            where = result.where
+            name = self.model.body_names[where] if where < self.model.n_bodies else self.model.group_names[where - self.model.n_bodies]
+            return when + f'the step matrix is singular at {name!r}; give the body mass and inertia, or use integrator.form: block'
+        assert result.status == NOT_CONVERGED
+        worst = int(np.argmax(np.abs(self.work.phi))) if self.model.n_rows else -1
+        name = f', worst constraint {self.model.row_names[worst]!r} ({abs(self.work.phi[worst]):.2g})' if worst >= 0 else ''
+        return when + f'no convergence in {self.coefficients.iterations} iterations (residual {result.residual:.2g}{name}); reduce integrator.h'
+
+    def snapshot(self) -> Snapshot:
+        """The outputs of the current step, as copies."""
+        m, w, s = self.model, self.work, self.state
+        nb, nx = m.n_bodies, len(m.coordinate_names)
+        position, velocity, effort = np.empty(nx), np.empty(nx), np.empty(nx)
+        pose, twist, imu = np.empty((nb, 7)), np.empty((nb, 6)), np.empty(6)
+        chassis = self.channels.chassis or 0
+        collect(m.tables, chassis, w.kin_e, w.a_out, s.angle, self.outputs, position, velocity, effort, pose, twist, imu, s.q)
+        first, last = FIRST_TIRE_COLUMN, FIRST_TIRE_COLUMN + len(TIRE_COLUMNS)
+        return Snapshot(
+            k=self.k,
+            t_ns=self.t_ns,
+            joint_position=position,
+            joint_velocity=velocity,
+            joint_effort=effort,
+            pose=pose,
+            twist=twist,
+            imu=imu,
+            tire=self.outputs.tires[:, first:last].copy(),
+            inputs=self._inputs.copy(),
+            elements=np.concatenate([out.ravel() for out in self.outputs[:-1]]),
+            reactions=w.lam_out.copy(),
+            stats=self._stats,
+        )
+
+    # -- state and reports ---------------------------------------------------------------------------------------------
+
+    def save(self) -> bytes:
+        """Everything the future depends on."""
+        return save_state(self.state, self.k, {'inputs': self._inputs, 'audit': self.work.audit})
+
+    def restore(self, data: bytes) -> None:
+        """Continue from save(); raises SpecError if it belongs to another model."""
+        state, k, extra = load_state(data)
+        for name, a, b in zip(State._fields, state, self.state, strict=True):
+            if a.shape != b.shape:
+                raise SpecError(f'restore: {name} has shape {a.shape}, this model needs {b.shape}: the saved state is of another model')
+        copy_state(state, self.state)
+        self.k = k
+        self._inputs = extra['inputs']
+        self._refresh()
+        self.work.audit[:] = extra['audit']
+
+    def audit(self) -> dict[str, float]:
+        """Sums of counters and largest residuals since the start, and the error of the energy balance [J]."""
+        t = self._totals
+        return {
+            'iterations': int(t[0]),
+            'factorizations': int(t[1]),
+            'evaluations': int(t[2]),
+            'residual_max': float(t[3]),
+            'position_drift_max': float(t[4]),
+            'velocity_drift_max': float(t[5]),
+            'energy_error_max': float(self.work.audit[WORST]),
+        }
+
+    def describe(self) -> dict:
+        """Counts, degrees of freedom and redundancy at the current configuration."""
+        evaluate_constraints(self.model.tables, self._kinematics(self.state.q, self.state.v), self.state.angle, self._inputs, self.work.phi, self.work.J)
+        return describe(self.model, self.work.J)

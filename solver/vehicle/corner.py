@@ -1,0 +1,258 @@
+"""Corners of a car with one degree of freedom of suspension: a knuckle on a strut (front) or on a trailing arm (rear).
+
+Data are given for the left side, in the design frame of solver.vehicle.hardpoints; the right side is mirrored. Names end in the
+corner: `front_left`. A corner brings these coordinates beside those of its joints:
+
+    travel_<corner>   wheel centre relative to the chassis along z of the chassis [m], 0 in the design position, positive in bump
+    wheel_<corner>    rotation of the wheel on the knuckle [rad], positive when rolling forward
+
+Springs are free at a length the template finds by virtual work, so that the design position is the static equilibrium of the
+stated wheel load: per unit of wheel travel at rest
+
+    load * z'(contact) - sum of weights * z'(centres of mass) = -F * L'(spring)          F tension, L length
+
+where ' is the derivative by the travel with the suspension's own kinematics. Neglected: the small lateral force of a cambered
+tire at rest, and that the loaded radius of the tire differs from the height given for the wheel centre by the fit of its data.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple
+
+import numpy as np
+
+from solver.elements.brake import BrakeSpec
+from solver.elements.coordinate import CoordinateSpec
+from solver.elements.coordinate_force import CoordinateForceSpec
+from solver.elements.joint import JointSpec
+from solver.elements.laws import Law
+from solver.elements.marker import Marker, Vector
+from solver.elements.rigid_body import RigidBodySpec
+from solver.elements.spring_damper import SpringDamperSpec
+from solver.elements.tire_pacejka import TireData, TireSpec
+from solver.mechanism import frame_of_rpy, matrix, quaternion
+from solver.vehicle.hardpoints import SIDES, distance, marker_at, on_side
+
+UP = (0.0, 0.0, 1.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """A rigid part. mass [kg]; com: centre of mass in the design frame [m]; inertia (Ixx, Iyy, Izz) and products (Ixy, Ixz, Iyz)
+    [kg m^2] about it, along the axes of the design frame."""
+
+    mass: float
+    inertia: Vector
+    com: Vector
+    products: Vector = (0.0, 0.0, 0.0)
+
+    def body(self, name: str, origin: Vector, side: str = 'left') -> RigidBodySpec:
+        """The body with its reference frame at `origin` of the design frame, parallel to it; both are given for the left side."""
+        s = SIDES[side]
+        xy, xz, yz = self.products
+        com = tuple(float(c) for c in np.subtract(on_side(side, self.com), on_side(side, origin)))
+        inertia = (*self.inertia, s * xy, xz, s * yz)
+        return RigidBodySpec(name=name, mass=self.mass, inertia=inertia, com=com, position=on_side(side, origin))  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wheel:
+    """A wheel with everything that turns with it. center: in the design position [m]; spin_inertia about its axis, inertia about a
+    diameter [kg m^2]; toe (positive: toe-in) and camber (negative: top inwards) in the design position."""
+
+    center: Vector
+    mass: float
+    spin_inertia: float
+    inertia: float
+    toe: Annotated[float, 'rad'] = 0.0
+    camber: Annotated[float, 'rad'] = 0.0
+
+    def body(self, name: str, side: str) -> RigidBodySpec:
+        """The body, its y axis along the spin axis to the left."""
+        s = SIDES[side]
+        orientation = quaternion(frame_of_rpy((-s * self.camber, 0.0, -s * self.toe)))
+        inertia = (self.inertia, self.spin_inertia, self.inertia, 0.0, 0.0, 0.0)
+        return RigidBodySpec(name=name, mass=self.mass, inertia=inertia, position=on_side(side, self.center), orientation=orientation)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spring:
+    """Coil spring between a point of the chassis and one of the knuckle [m]; rate [N/m]."""
+
+    chassis: Vector
+    knuckle: Vector
+    rate: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Damper:
+    """Damper between a point of the chassis and one of the knuckle [m]; law: force [N] over rate of length [m/s], rebound positive."""
+
+    chassis: Vector
+    knuckle: Vector
+    law: Law
+
+
+@dataclass(frozen=True, kw_only=True)
+class Axle:
+    """What both kinds of axle have. knuckle: everything that moves with the suspension and does not turn with the wheel.
+
+    stops: force [N] over wheel travel [m], positive in bump, zero in the design position. anti_roll_bar: force at each wheel per
+    left-right difference of wheel travel [N/m].
+    """
+
+    wheel: Wheel
+    knuckle: Part
+    spring: Spring
+    damper: Damper
+    tire: TireData
+    stops: Law | None = None
+    anti_roll_bar: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class StrutAxle(Axle):
+    """Knuckles that slide along and turn about an axis fixed in the chassis, steered by tie rods from a rack.
+
+    axis_lower, axis_upper: two points of the axis [m]; tie_rod_rack, tie_rod_knuckle: ends of the tie rod [m].
+    """
+
+    axis_lower: Vector
+    axis_upper: Vector
+    tie_rod_rack: Vector
+    tie_rod_knuckle: Vector
+
+
+@dataclass(frozen=True, kw_only=True)
+class ArmAxle(Axle):
+    """Knuckles on trailing or semi-trailing arms. pivot_inner, pivot_outer: two points of the axis of the arm [m]."""
+
+    pivot_inner: Vector
+    pivot_outer: Vector
+
+
+@dataclass(frozen=True, kw_only=True)
+class Brake:
+    """Brakes of one axle. share of each wheel in the total brake torque [-]; stiffness [N m/rad] and damping [N m s/rad] when stuck."""
+
+    share: float
+    stiffness: float
+    damping: float
+
+
+class Corner(NamedTuple):
+    """Fields of ModelSpec that a corner contributes to, without its bodies."""
+
+    joints: tuple[JointSpec, ...]
+    coordinates: tuple[CoordinateSpec, ...]
+    spring_dampers: tuple[SpringDamperSpec, ...]
+    coordinate_forces: tuple[CoordinateForceSpec, ...]
+    brakes: tuple[BrakeSpec, ...]
+    tires: tuple[TireSpec, ...]
+
+
+class Motion(NamedTuple):
+    """Velocity field of a rigid part per unit of wheel travel: velocity of a point [-] and rotation [rad/m]."""
+
+    point: np.ndarray
+    velocity: np.ndarray
+    rotation: np.ndarray
+
+    def at(self, point: Vector) -> np.ndarray:
+        """(3,) velocity of a point of the part per unit of wheel travel."""
+        return self.velocity + np.cross(self.rotation, np.subtract(point, self.point))
+
+
+def corner_bodies(axle: Axle, corner: str, side: str) -> tuple[RigidBodySpec, RigidBodySpec]:
+    """Knuckle and wheel of a corner, in the design position."""
+    return axle.knuckle.body(f'knuckle_{corner}', axle.wheel.center, side), axle.wheel.body(f'wheel_{corner}', side)
+
+
+def spin_axis(wheel: RigidBodySpec) -> Vector:
+    """Direction of the axis of a wheel in the design frame, to the left."""
+    x, y, z = (float(c) for c in matrix(wheel.orientation)[:, 1])
+    return (x, y, z)
+
+
+def suspension_motion(axle: Axle) -> Motion:
+    """Motion of the left knuckle in the design position with the rack held, scaled to unit vertical velocity of the wheel centre."""
+    if isinstance(axle, StrutAxle):
+        origin = np.array(axle.axis_lower)
+        axis = np.subtract(axle.axis_upper, axle.axis_lower) / distance(axle.axis_upper, axle.axis_lower)
+        rod = np.subtract(axle.tie_rod_knuckle, axle.tie_rod_rack)
+        turned = np.cross(axis, np.subtract(axle.tie_rod_knuckle, axle.axis_lower))
+        motion = Motion(origin, axis, -(rod @ axis) / (rod @ turned) * axis)
+    else:
+        assert isinstance(axle, ArmAxle)
+        motion = Motion(np.array(axle.pivot_inner), np.zeros(3), np.subtract(axle.pivot_outer, axle.pivot_inner))
+    scale = 1.0 / motion.at(axle.wheel.center)[2]
+    return Motion(motion.point, scale * motion.velocity, scale * motion.rotation)
+
+
+def length_rate(element: Spring | Damper, motion: Motion) -> float:
+    """Derivative of the length of a spring or damper by the wheel travel [-]."""
+    line = np.subtract(element.knuckle, element.chassis)
+    return float(line @ motion.at(element.knuckle) / np.linalg.norm(line))
+
+
+def free_length(axle: Axle, load: float, gravity: float) -> float:
+    """Free length [m] of the spring with which the design position is in equilibrium; load: static load of the tire [N]."""
+    motion = suspension_motion(axle)
+    x, y, _ = axle.wheel.center
+    force = load * motion.at((x, y, 0.0))[2]
+    force -= gravity * (axle.knuckle.mass * motion.at(axle.knuckle.com)[2] + axle.wheel.mass * motion.at(axle.wheel.center)[2])
+    tension = -force / length_rate(axle.spring, motion)
+    return distance(axle.spring.chassis, axle.spring.knuckle) - tension / axle.spring.rate
+
+
+def corner(
+    axle: Axle,
+    name: str,
+    side: str,
+    *,
+    chassis: RigidBodySpec,
+    knuckle: RigidBodySpec,
+    wheel: RigidBodySpec,
+    rack: RigidBodySpec | None,
+    brake: Brake,
+    free: float,
+) -> Corner:
+    """Joints and forces of a corner. free: free length of the spring [m]; rack: what the tie rod of a strut is attached to."""
+    center = on_side(side, axle.wheel.center)
+
+    def link(element: Spring | Damper) -> dict[str, Marker]:
+        return {'i': marker_at(chassis, on_side(side, element.chassis)), 'j': marker_at(knuckle, on_side(side, element.knuckle))}
+
+    spin = spin_axis(wheel)
+    joints = [JointSpec(name=f'wheel_{name}', kind='revolute', i=marker_at(knuckle, center, spin), j=marker_at(wheel, center, spin))]
+    if isinstance(axle, StrutAxle):
+        assert rack is not None
+        at, axis = on_side(side, axle.axis_lower), on_side(side, tuple(np.subtract(axle.axis_upper, axle.axis_lower)))
+        joints.insert(0, JointSpec(name=f'strut_{name}', kind='cylindrical', i=marker_at(chassis, at, axis), j=marker_at(knuckle, at, axis)))
+        ends = marker_at(rack, on_side(side, axle.tie_rod_rack)), marker_at(knuckle, on_side(side, axle.tie_rod_knuckle))
+        length = distance(axle.tie_rod_rack, axle.tie_rod_knuckle)
+        joints.append(JointSpec(name=f'tie_rod_{name}', kind='distance', i=ends[0], j=ends[1], length=length))
+    else:
+        assert isinstance(axle, ArmAxle)
+        # the axis of a rotation is mirrored with the opposite sign, so that both joint angles are positive in bump
+        at, axis = on_side(side, axle.pivot_inner), on_side(side, tuple(np.subtract(axle.pivot_outer, axle.pivot_inner)))
+        axis = tuple(SIDES[side] * c for c in axis)
+        joints.insert(0, JointSpec(name=f'arm_{name}', kind='revolute', i=marker_at(chassis, at, axis), j=marker_at(knuckle, at, axis)))
+    travel = f'travel_{name}'
+    stops = (CoordinateForceSpec(name=f'stop_{name}', terms=((travel, 1.0),), spring=axle.stops),) if axle.stops else ()
+    return Corner(
+        joints=tuple(joints),
+        coordinates=(CoordinateSpec(name=travel, kind='translation', i=marker_at(chassis, center, UP), j=marker_at(knuckle, center, UP)),),
+        spring_dampers=(
+            SpringDamperSpec(name=f'spring_{name}', **link(axle.spring), free_length=free, spring=Law.linear(axle.spring.rate)),
+            SpringDamperSpec(name=f'damper_{name}', **link(axle.damper), free_length=0.0, damper=axle.damper.law),
+        ),
+        coordinate_forces=stops,
+        brakes=(
+            BrakeSpec(
+                name=f'brake_{name}', coordinate=f'wheel_{name}', input='brake_torque', gain=brake.share, stiffness=brake.stiffness, damping=brake.damping
+            ),
+        ),
+        tires=(TireSpec(name=name, marker=Marker(body=wheel.name), data=axle.tire, mirrored=axle.tire.side not in (side, 'symmetric')),),
+    )

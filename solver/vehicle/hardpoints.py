@@ -1,0 +1,49 @@
+"""Hardpoints: markers and joints from points of the vehicle in its design position.
+
+All points and axes are given in the vehicle's design frame: x forward, y left, z up, origin midway between the axles on the
+ground, which is also where the chassis has its reference frame. The left side is given, the right side is mirrored.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from solver.elements.marker import Marker, Vector
+from solver.elements.rigid_body import RigidBodySpec
+from solver.mechanism import frame_of_axis, matrix, quaternion
+
+SIDES = {'left': 1.0, 'right': -1.0}
+"""Sign of y of the two sides of the vehicle."""
+
+
+def marker_at(
+    body: RigidBodySpec, point: Sequence[float], z_axis: Sequence[float] | None = None, x_axis: Sequence[float] | None = None
+) -> Marker:
+    """The marker on a body at a point [m] of the design frame, in which body.position and body.orientation are given too.
+
+    z_axis, x_axis: directions of its axes in the design frame, as in solver.mechanism.frame_of_axis. Without z_axis the marker
+    is parallel to the design frame. Raises ValueError for zero or parallel axes.
+    """
+    R_DB = matrix(body.orientation)
+    R_DM = np.eye(3) if z_axis is None else frame_of_axis(z_axis, x_axis)
+    x, y, z = (float(c) for c in R_DB.T @ (np.asarray(point, float) - np.array(body.position)))
+    return Marker(body=body.name, position=(x, y, z), orientation=quaternion(R_DB.T @ R_DM))
+
+
+def mirror(point: Sequence[float]) -> Vector:
+    """A point or direction of the design frame, mirrored at its x-z plane."""
+    x, y, z = point
+    return (x, -y, z)
+
+
+def on_side(side: str, point: Sequence[float]) -> Vector:
+    """A point or direction given for the left side, on the side 'left' or 'right'."""
+    x, y, z = point
+    return (x, SIDES[side] * y, z)
+
+
+def distance(a: Sequence[float], b: Sequence[float]) -> float:
+    """Distance of two points [m]."""
+    return float(np.linalg.norm(np.subtract(a, b)))

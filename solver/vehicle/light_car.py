@@ -1,0 +1,185 @@
+"""The light car: eleven bodies, fourteen degrees of freedom.
+
+    chassis, two front knuckles on struts steered by a rack, two rear knuckles on arms, four wheels, rack, steering wheel
+
+Steering wheel angle, torque at the differential and total brake torque are the inputs. Both side shafts turn at the wheel
+relative to the chassis like shafts with ideal constant-velocity joints: the drive torque reacts on the chassis, where the
+differential is mounted, the brake torque on the knuckles. Names of coordinates and elements: solver.vehicle.corner.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import chain
+from typing import Literal
+
+import numpy as np
+
+from solver.elements.aero_drag import AeroDragSpec
+from solver.elements.coordinate import CoordinateSpec
+from solver.elements.coordinate_force import CoordinateForceSpec
+from solver.elements.coupler import CouplerSpec
+from solver.elements.joint import JointSpec
+from solver.elements.laws import Law
+from solver.elements.marker import Vector, require
+from solver.elements.rigid_body import RigidBodySpec
+from solver.model.spec import ModelSpec
+from solver.vehicle.corner import ArmAxle, Axle, Brake, Corner, Part, StrutAxle, corner, corner_bodies, free_length, spin_axis
+from solver.vehicle.hardpoints import marker_at
+
+INPUTS = ('steering', 'steering_rate', 'steering_acceleration', 'drive_torque', 'brake_torque')
+LEFTWARDS = (0.0, 1.0, 0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Steering:
+    """Rack and steering wheel. column_axis: axis of rotation, from the rack to the driver. rack_per_turn: travel of the rack per
+    turn of the steering wheel [m]; turning the wheel to the left (positive) steers to the left wherever the tie rods are."""
+
+    rack: Part
+    wheel: Part
+    column_axis: Vector
+    rack_per_turn: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Driveline:
+    """Open differential. driven: its axle. ratio: torque at the differential per unit of the input drive_torque [-]."""
+
+    driven: Literal['front', 'rear'] = 'front'
+    ratio: float = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Brakes:
+    """Brakes of both axles."""
+
+    front: Brake
+    rear: Brake
+
+
+@dataclass(frozen=True, kw_only=True)
+class Aero:
+    """Drag and lift at one point [m]; drag_area and lift_area [m^2]."""
+
+    point: Vector
+    drag_area: float
+    lift_area: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class LightCar:
+    """Data of the light car; lengths in the design frame, for the left side."""
+
+    chassis: Part
+    front: StrutAxle
+    rear: ArmAxle
+    steering: Steering
+    driveline: Driveline = Driveline()
+    brakes: Brakes
+    aero: Aero | None = None
+    gravity: float = 9.81
+
+    def __post_init__(self) -> None:
+        for name, part in (('chassis', self.chassis), ('steering.rack', self.steering.rack), ('steering.wheel', self.steering.wheel)):
+            require(abs(part.com[1]) < 1e-9, 'light car', f'{name}.com', part.com, 'must lie in the plane y = 0: the two sides are mirrored')
+        share = 2.0 * (self.brakes.front.share + self.brakes.rear.share)
+        require(abs(share - 1.0) < 1e-9, 'light car', 'brakes', share, 'the shares of the four wheels must add up to 1')
+
+
+def static_loads(bodies: Sequence[RigidBodySpec], x_front: float, x_rear: float, gravity: float) -> tuple[float, float]:
+    """Static load [N] of one front and one rear tire of a symmetric car: balance of forces and moments in the design position."""
+    mass = sum(b.mass for b in bodies)
+    x = sum(b.mass * (b.position[0] + b.com[0]) for b in bodies) / mass
+    front = 0.5 * mass * gravity * (x - x_rear) / (x_front - x_rear)
+    return front, 0.5 * mass * gravity - front
+
+
+def light_car_model(car: LightCar) -> ModelSpec:
+    """The model of a light car in its design position."""
+    chassis = car.chassis.body('chassis', (0.0, 0.0, 0.0))
+    rack = car.steering.rack.body('rack', car.steering.rack.com)
+    column = car.steering.wheel.body('steering_wheel', car.steering.wheel.com)
+    axles: dict[str, Axle] = {'front': car.front, 'rear': car.rear}
+    brakes = {'front': car.brakes.front, 'rear': car.brakes.rear}
+    unsprung = {(end, side): corner_bodies(axles[end], f'{end}_{side}', side) for end in axles for side in ('left', 'right')}
+    bodies = (chassis, *chain(*unsprung.values()), rack, column)
+    loads = dict(zip(axles, static_loads(bodies, car.front.wheel.center[0], car.rear.wheel.center[0], car.gravity), strict=True))
+    free = {end: free_length(axle, loads[end], car.gravity) for end, axle in axles.items()}
+    corners = [
+        corner(
+            axles[end], f'{end}_{side}', side,
+            chassis=chassis, knuckle=knuckle, wheel=wheel, rack=rack if end == 'front' else None, brake=brakes[end], free=free[end],
+        )  # fmt: skip
+        for (end, side), (knuckle, wheel) in unsprung.items()
+    ]
+    steering_joints, steering_couplers = steering(car, chassis, rack, column)
+    shafts, drive = driveline(car, chassis, [unsprung[car.driveline.driven, side][1] for side in ('left', 'right')])
+    aero: tuple[AeroDragSpec, ...] = ()
+    if car.aero is not None:
+        a = car.aero
+        aero = (AeroDragSpec(name='aero', marker=marker_at(chassis, a.point), drag_area=a.drag_area, lift_area=a.lift_area),)
+    parts = Corner(*(tuple(chain(*field)) for field in zip(*corners, strict=True)))
+    return ModelSpec(
+        bodies=bodies,
+        joints=parts.joints + steering_joints,
+        coordinates=parts.coordinates + shafts,
+        couplers=steering_couplers,
+        spring_dampers=parts.spring_dampers,
+        coordinate_forces=parts.coordinate_forces + anti_roll_bars(axles) + drive,
+        brakes=parts.brakes,
+        aero_drags=aero,
+        tires=parts.tires,
+        gravity=(0.0, 0.0, -car.gravity),
+        inputs=INPUTS,
+        chassis='chassis',
+    )
+
+
+def steering(
+    car: LightCar, chassis: RigidBodySpec, rack: RigidBodySpec, column: RigidBodySpec
+) -> tuple[tuple[JointSpec, ...], tuple[CouplerSpec, ...]]:
+    """Rack on the chassis (positive to the left), steering wheel on the chassis, their ratio, and the imposed angle."""
+    at, axis = car.steering.wheel.com, car.steering.column_axis
+    joints = (
+        JointSpec(name='rack', kind='prismatic', i=marker_at(chassis, rack.position, LEFTWARDS), j=marker_at(rack, rack.position, LEFTWARDS)),
+        JointSpec(name='steering_wheel', kind='revolute', i=marker_at(chassis, at, axis), j=marker_at(column, at, axis)),
+    )
+    # with the tie rods behind the axis of steering, the rack moves to the right in a left turn
+    lower, upper, rod = (np.array(p) for p in (car.front.axis_lower, car.front.axis_upper, car.front.tie_rod_knuckle))
+    on_axis = lower + (upper - lower) * (rod[2] - lower[2]) / (upper[2] - lower[2])
+    ratio = np.copysign(car.steering.rack_per_turn / (2.0 * np.pi), rod[0] - on_axis[0])
+    return joints, (
+        CouplerSpec(name='rack_and_pinion', terms=(('rack', 1.0), ('steering_wheel', -float(ratio))), offset=0.0),
+        CouplerSpec(name='driver', terms=(('steering_wheel', 1.0),), offset=0.0, input='steering'),
+    )
+
+
+def driveline(
+    car: LightCar, chassis: RigidBodySpec, wheels: Sequence[RigidBodySpec]
+) -> tuple[tuple[CoordinateSpec, ...], tuple[CoordinateForceSpec, ...]]:
+    """Side shafts (rotation of the driven wheels relative to the chassis) and the torque an open differential halves between them."""
+    y = LEFTWARDS
+    shafts = tuple(
+        CoordinateSpec(
+            name=f'shaft_{wheel.name.removeprefix("wheel_")}', kind='rotation',
+            i=marker_at(chassis, wheel.position, y), j=marker_at(wheel, wheel.position, spin_axis(wheel)),
+        )  # fmt: skip
+        for wheel in wheels
+    )
+    terms = tuple((shaft.name, 0.5) for shaft in shafts)
+    return shafts, (CoordinateForceSpec(name='differential', terms=terms, input='drive_torque', input_gain=car.driveline.ratio),)
+
+
+def anti_roll_bars(axles: dict[str, Axle]) -> tuple[CoordinateForceSpec, ...]:
+    """Springs over the left-right difference of wheel travel."""
+    return tuple(
+        CoordinateForceSpec(
+            name=f'anti_roll_bar_{end}',
+            terms=((f'travel_{end}_left', 1.0), (f'travel_{end}_right', -1.0)),
+            spring=Law.linear(axle.anti_roll_bar),
+        )
+        for end, axle in axles.items()
+        if axle.anti_roll_bar > 0.0
+    )

@@ -1,0 +1,14 @@
+"""Fixtures of all tests."""
+
+from __future__ import annotations
+
+import zlib
+
+import numpy as np
+import pytest
+
+
+@pytest.fixture
+def rng(request: pytest.FixtureRequest) -> np.random.Generator:
+    """Random numbers that depend on the name of the test only, so a failure repeats and tests do not disturb each other."""
+    return np.random.default_rng(zlib.crc32(request.node.name.encode()))
