@@ -42,7 +42,17 @@ setup(
         # Genuine ROS 2 Jazzy wheels, for machines without ROS. Where Jazzy is installed its own rclpy is used instead.
         'ros': ['ros-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps-cpp'],
         # colcon reads package.xml with catkin_pkg; setuptools 80 dropped what `colcon build --symlink-install` calls.
-        'test': ['pytest', 'rosbags', 'setuptools<80', 'colcon-core', 'colcon-ros', 'colcon-python-setup-py', 'colcon-recursive-crawl'],
+        'test': [
+            'pytest',
+            'rosbags',
+            'setuptools<80',
+            'wheel',
+            'colcon-core',
+            'colcon-bash',
+            'colcon-ros',
+            'colcon-python-setup-py',
+            'colcon-recursive-crawl',
+        ],
         'dev': ['ruff', 'mypy', 'types-PyYAML', 'types-tqdm'],
     },
     entry_points={

@@ -1,7 +1,7 @@
 """Fills the generated parts of docs/scene.md from the dataclasses: `python docs/tables.py` rewrites them, a test compares.
 
 A part stands between `<!-- begin NAME -->` and `<!-- end -->`. NAME is the dotted name of a dataclass, or `elements` for all
-element kinds of ModelSpec.
+element kinds of ModelSpec, or `vehicles` for the data of all vehicle templates.
 """
 
 from __future__ import annotations
@@ -18,8 +18,10 @@ from typing import Any, Literal, Union, get_args, get_origin
 
 from solver.elements.laws import Law
 from solver.elements.marker import Marker
+from solver.elements.tire_pacejka import TireData
 from solver.load import kinds_of, plain, unit_of
 from solver.model.spec import ModelSpec
+from solver.vehicle.load import TEMPLATES
 
 FILE = Path(__file__).with_name('scene.md')
 PART = re.compile(r'<!-- begin (?P<name>[\w.]+) -->\n(?P<body>.*?)<!-- end -->', re.DOTALL)
@@ -38,8 +40,29 @@ def part(name: str) -> str:
         hints = typing.get_type_hints(ModelSpec, include_extras=True)
         kinds = [(f.name, element(hints[f.name])) for f in dataclasses.fields(ModelSpec)]
         return '\n'.join(f'### {section}\n\n{block(cls, named=True)}' for section, cls in kinds if cls is not None)
+    if name == 'vehicles':
+        return '\n'.join(
+            f'### {kind}\n\n' + '\n'.join(f'#### {cls.__name__}\n\n{block(cls)}' for cls in nested(data)) for kind, (data, _) in TEMPLATES.items()
+        )
     module, _, cls = name.rpartition('.')
     return block(getattr(importlib.import_module(module), cls))
+
+
+def nested(cls: type) -> list[type]:
+    """A dataclass and those in its fields, each once, in order of appearance, without those that have a place of their own."""
+    found: dict[type, None] = {}
+
+    def visit(hint: Any) -> None:
+        for argument in get_args(hint):
+            visit(argument)
+        if dataclasses.is_dataclass(hint) and hint not in found and hint not in (Law, Marker, TireData):
+            found[typing.cast(type, hint)] = None
+            hints = typing.get_type_hints(hint, include_extras=True)
+            for field in dataclasses.fields(hint):
+                visit(hints[field.name])
+
+    visit(cls)
+    return list(found)
 
 
 def element(hint: Any) -> type | None:

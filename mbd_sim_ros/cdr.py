@@ -220,7 +220,7 @@ class Template:
         # The body is put at a multiple of 8 bytes so that all views are aligned.
         self._buffer = np.zeros(len(data) + 4, np.uint8)[4:]
         self._buffer[:] = np.frombuffer(data, np.uint8)
-        self.memory = memoryview(self._buffer)  # type: ignore[arg-type]  (numpy arrays are buffers)
+        self.memory = memoryview(self._buffer)  # type: ignore[arg-type]  # numpy arrays are buffers
 
     def view(self, path: str, count: int | None = None) -> np.ndarray:
         """Return the numbers of field `path` (and those after it, if `count` reaches further), writable."""

@@ -80,9 +80,9 @@ def draw(run: bag.Run, file: Path) -> None:
 
 def demo(scene: str, duration: float | None) -> int:
     """Run the demonstration and print what came of it; returns the exit code."""
-    directory = new_directory(f'demo-{Path(scene).stem}')
-    if duration is None:
-        duration = max(load_scene(scene).duration, SHORTEST)
+    loaded = load_scene(scene)
+    duration = duration or max(loaded.duration, SHORTEST)
+    directory = new_directory(f'demo-{loaded.name}')
     print(f'demo: {scene}, {duration:g} s in real time; the first start compiles, which takes minutes', flush=True)
     drive(scene, directory, duration)
     run = bag.read(directory)

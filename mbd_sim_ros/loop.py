@@ -23,6 +23,7 @@ MODES = ('realtime', 'fast', 'lockstep')
 LONGEST_WAIT = 0.05  # s between looks at stop flag and requests
 SLIP = 0.2  # s behind schedule after which the schedule is given up and starts anew
 REPEAT = 1.0  # s of waiting in lockstep after which the state is published again, for those who came late
+ENDED = 'the simulation has ended'
 WINDOW = 4096  # steps over which step times are judged
 
 
@@ -141,11 +142,10 @@ class Loop:
     def ask(self, action: Callable[[], Any]) -> Future:
         """Have `action` done on the simulation thread between two steps; the future holds its result or exception."""
         future: Future = Future()
-        if self.done.is_set():
-            future.set_exception(RuntimeError('the simulation has ended'))
-            return future
         self._requests.put((action, future))
         self._wake.set()
+        if self.done.is_set():  # nobody else will answer any more
+            self._answer(RuntimeError(ENDED))
         return future
 
     def pause(self) -> None:
@@ -201,7 +201,7 @@ class Loop:
             self.outcome = str(error)
         finally:
             self.done.set()
-            self._answer(RuntimeError('the simulation has ended'))
+            self._answer(RuntimeError(ENDED))
 
     def _answer(self, refusal: Exception | None = None) -> None:
         while True:

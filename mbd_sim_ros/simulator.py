@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
-from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -20,8 +20,9 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 
-from mbd_sim_ros.loop import MODES, Loop
+from mbd_sim_ros.loop import Loop
 from mbd_sim_ros.messages import Messages
+from mbd_sim_ros.parameters import PARAMETERS, declare, refusal
 from mbd_sim_ros.publish import Publication
 from mbd_sim_ros.recorder import Recorder, describe, new_directory
 from solver.errors import BagError, MbdError, SpecError
@@ -31,33 +32,6 @@ from solver.snapshot import Snapshot
 CLOCK_SECONDS = 0.01  # /clock is published at most at 100 Hz
 WARN_SECONDS = 2.0  # a repeated warning about a command is said this often
 REPLY_SECONDS = 30.0
-
-# name: (default, description with unit, lower limit, upper limit, may change while running)
-PARAMETERS: dict[str, tuple[Any, str, float | None, float | None, bool]] = {
-    'scene': ('', 'scene file, or the name of one in config/scenes', None, None, False),
-    'overrides': ([''], "changes to the scene, e.g. ['integrator.h=0.001']", None, None, False),
-    'commands': ('topics', 'who drives: topics, or the maneuver of the scene', None, None, False),
-    'mode': ('realtime', 'realtime, fast (no waiting) or lockstep (a step only for newer commands or ~/step)', None, None, True),
-    'rate_factor': (1.0, 'simulated seconds per second in mode realtime [-]', 0.001, 1000.0, True),
-    'duration': (0.0, 'simulated time after which the node ends with exit code 0 [s]; 0: none, -1: that of the scene', -1.0, 1e6, False),
-    'publish_every': (1, 'publish every n-th step [-]', 1, 100000, True),
-    'publish_clock': (True, 'publish /clock', None, None, False),
-    'frame_prefix': ('', 'put before every frame name', None, None, False),
-    'publish_elements': (False, 'publish element_states and reactions too, as far as the scene has them recorded', None, None, False),
-    'robot_description': ('', 'URDF, published latched on robot_description and recorded', None, None, False),
-    'record': (False, 'record from the start', None, None, False),
-    'out': ('', 'directory of the recording; empty: bags/<scene>-<date>-<time>', None, None, False),
-    'restore': ('', 'state file of ~/save_state to start from', None, None, False),
-    'max_steering': (12.0, 'limit of the steering wheel command, both ways [rad]', 0.0, 100.0, True),
-    'max_drive_torque': (2000.0, 'limit of the drive torque command, both ways [N m]', 0.0, 1e5, True),
-    'max_brake_torque': (10000.0, 'limit of the brake command [N m]', 0.0, 1e6, True),
-    'command_timeout': (0.5, 'age in simulation time after which the drive torque command counts as zero [s]; 0: never', 0.0, 1e3, True),
-    'steering_bandwidth': (5.0, 'of the filter behind the steering command [Hz]', 0.1, 100.0, False),
-    'steering_rate_limit': (20.0, 'of the steering wheel [rad/s]', 0.1, 1000.0, False),
-    'step_count': (1, 'steps that one call of ~/step does [-]', 1, 1000000, True),
-    'lockstep_commands': (list(COMMANDS), 'the commands that must all be newer before lockstep steps', None, None, False),
-}
-CHOICES = {'commands': ('topics', 'maneuver'), 'mode': MODES}
 
 
 class Simulator(Node):
@@ -70,41 +44,19 @@ class Simulator(Node):
         super().__init__('simulator', parameter_overrides=[Parameter('use_sim_time', value=False)])
         self.recorder: Recorder | None = None
         self.failed_recording: BagError | None = None
-        self._declare()
+        declare(self)
         self._warned: dict[str, float] = {}
 
     # -- parameters ----------------------------------------------------------------------------------------------------
-
-    def _declare(self) -> None:
-        for name, (default, text, low, high, _) in PARAMETERS.items():
-            descriptor = ParameterDescriptor(description=text)
-            if isinstance(default, float):
-                descriptor.floating_point_range = [FloatingPointRange(from_value=float(low or 0.0), to_value=float(high or 0.0))]
-            elif isinstance(default, int) and not isinstance(default, bool):
-                descriptor.integer_range = [IntegerRange(from_value=int(low or 0), to_value=int(high or 0), step=1)]
-            if name in CHOICES:
-                descriptor.additional_constraints = 'one of: ' + ', '.join(CHOICES[name])
-            self.declare_parameter(name, default, descriptor)
-        for name, allowed in CHOICES.items():
-            if self.value(name) not in allowed:
-                raise SpecError(f'parameter {name} = {self.value(name)!r}: must be one of {", ".join(allowed)}')
-        unknown = [name for name in self.value('lockstep_commands') if name not in COMMANDS]
-        if unknown:
-            raise SpecError(f'parameter lockstep_commands: {unknown[0]!r} is no command; allowed: {", ".join(COMMANDS)}')
 
     def value(self, name: str) -> Any:
         """Return the value of a parameter."""
         return self.get_parameter(name).value
 
     def _on_set(self, parameters: list[Parameter]) -> SetParametersResult:
-        for parameter in parameters:
-            known = PARAMETERS.get(parameter.name)
-            if known is None:
-                continue
-            if not known[4]:
-                return SetParametersResult(successful=False, reason=f'{parameter.name} is fixed while the node runs: start it anew')
-            if parameter.name in CHOICES and parameter.value not in CHOICES[parameter.name]:
-                return SetParametersResult(successful=False, reason=f'{parameter.name}: one of ' + ', '.join(CHOICES[parameter.name]))
+        reason = refusal(parameters)
+        if reason:
+            return SetParametersResult(successful=False, reason=reason)
         for parameter in parameters:
             if parameter.name in ('mode', 'rate_factor', 'command_timeout'):
                 setattr(self.loop, parameter.name, parameter.value)

@@ -17,12 +17,12 @@ from solver.dynamics import (
     evaluate_constraints,
     evaluate_forces,
 )
-from solver.elements.point_pair import Kinematics
 from solver.errors import ConsistencyError
-from solver.lie.so3 import exp, quaternion_exp, quaternion_normalized, quaternion_product
-from solver.model.state import State, fill_kinematics, kinematics_of, new_kinematics, update_angles
+from solver.lie.so3 import quaternion_exp, quaternion_normalized, quaternion_product
+from solver.model.state import State, kinematics_of, update_angles
 from solver.model.tables import Model
-from solver.saddle import CONDENSED, Saddle, assemble_tangent, effective_masses, factorize_saddle, new_saddle, solve_saddle
+from solver.reference import Ref
+from solver.saddle import CONDENSED, assemble_tangent, effective_masses, factorize_saddle, new_saddle, solve_saddle
 
 PENALTY = 1e8
 ASSEMBLY_TOLERANCE = 1e-12  # m or rad
@@ -37,8 +37,10 @@ class Start:
         self.model = model
         self.t = model.tables
         nb, ns = model.n_bodies, model.n_slots
-        self.outputs = outputs
-        self.saddle: Saddle = new_saddle(model, CONDENSED)
+        self.outputs = Ref(outputs)
+        self.saddle = Ref(new_saddle(model, CONDENSED))
+        self.coordinates = Ref(self.t.coordinates)
+        self.constraints = Ref(self.t.constraints)
         self.identity = np.tile(np.eye(3), (nb + 1, 1, 1))
         self.Kq = np.zeros((ns + 1, 6, 6))
         self.Kv = np.zeros((ns + 1, 6, 6))
@@ -72,7 +74,7 @@ class Start:
                 f'start: the system is singular at body {self.model.body_names[bad]!r}; give it a mass and inertia or constrain it'
             )
 
-    def _constraints(self, q: np.ndarray, v: np.ndarray, angle: np.ndarray, u: np.ndarray) -> Kinematics:
+    def _constraints(self, q: np.ndarray, v: np.ndarray, angle: np.ndarray, u: np.ndarray) -> Ref:
         kin = kinematics_of(q, v)
         evaluate_constraints(self.t, kin, angle, u, self.phi, self.J)
         return kin
@@ -103,7 +105,7 @@ class Start:
                     f'start: the mechanism cannot be assembled from the given placement: constraint {self._worst_row(residual)!r} '
                     f'stays open by {worst:.3g}; place the bodies nearer to a closed configuration or check the joint data'
                 )
-        update_angles(self.t.coordinates, kinematics_of(state.q, state.v), state.angle)
+        update_angles(self.coordinates, kinematics_of(state.q, state.v), state.angle)
 
     def project_velocity(self, state: State, u: np.ndarray, extra: np.ndarray | None = None) -> None:
         """Make state.v satisfy A v + phi_t = 0 with the smallest change of kinetic energy; extra (nc,) is added to phi_t."""
@@ -117,7 +119,7 @@ class Start:
         zero = np.zeros_like(self.f)
         rate = np.zeros(self.model.n_rows)
         for _ in range(20):
-            constraint_rates(self.t.constraints, self.J, state.v, rate)
+            constraint_rates(self.constraints, self.J, state.v, rate)
             rate += self.phi_t
             if not len(rate) or np.abs(rate).max() < 1e-13 * max(1.0, np.abs(state.v).max()):
                 return
@@ -143,9 +145,9 @@ class Start:
         rate = np.zeros(self.model.n_rows)
         for _ in range(30):
             r = self._mass_times(a) - self.f
-            add_constraint_forces(self.t.constraints, self.J, lam, -1.0, r)
+            add_constraint_forces(self.constraints, self.J, lam, -1.0, r)
             r[-1] = 0.0
-            constraint_rates(self.t.constraints, self.J, a, rate)
+            constraint_rates(self.constraints, self.J, a, rate)
             solve_saddle(self.t, CONDENSED, self.saddle, r, rate + bias, self.dw, self.dlam)
             a += self.dw
             lam += self.dlam
@@ -160,20 +162,19 @@ class Start:
         return out
 
     def _acceleration_bias(self, q, v, angle, u) -> np.ndarray:
-        """(dA/dt) v by complex step along the motion."""
-        eps = 1e-30
-        kin = new_kinematics(self.model.n_bodies, np.complex128)
-        fill_kinematics(q, v, kin)
-        for b in range(self.model.n_bodies):
-            kin.p[b] += 1j * eps * v[b, :3]
-            w = tuple(1j * eps * v[b, 3:])
-            kin.R[b] = kin.R[b] @ np.array(exp(w)).reshape(3, 3)
-        phi = np.zeros(self.model.n_rows, complex)
-        J = np.zeros((self.model.n_entries + 1, 6, 6), complex)
-        evaluate_constraints(self.t, kin, angle.astype(complex), u.astype(complex), phi, J)
+        """(dA/dt) v by the fourth-order central difference of A v along the motion with frozen v."""
+        d = 1e-3 / max(1.0, np.abs(v).max())
+        bias = np.zeros(self.model.n_rows)
         rate = np.zeros(self.model.n_rows)
-        constraint_rates(self.t.constraints, J.imag / eps, v, rate)
-        return rate
+        J = np.zeros_like(self.J)
+        phi = np.zeros_like(self.phi)
+        for s, weight in ((-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3), (2, -1 / 12)):
+            moved = q.copy()
+            move(moved, s * d * v)
+            evaluate_constraints(self.t, kinematics_of(moved, v), angle, u, phi, J)
+            constraint_rates(self.constraints, J, v, rate)
+            bias += weight / d * rate
+        return bias
 
     def start_integrator(self, state: State, u: np.ndarray, h: float, am: float, af: float) -> None:
         """Assign state.a, lam, lam_before and zd so that the first step is already second order.
@@ -214,7 +215,7 @@ class Start:
             kin = self._constraints(state.q, at_rest, state.angle, u)
             evaluate_forces(self.t, kin, state.angle, state.z, 0.0, u, True, self.f, self.Kq, self.Kv, self.z, self.outputs)
             r = -self.f
-            add_constraint_forces(self.t.constraints, self.J, state.lam, -1.0, r)
+            add_constraint_forces(self.constraints, self.J, state.lam, -1.0, r)
             r[-1] = 0.0
             left = float(np.abs(r).max())
             open_ = float(np.abs(self.phi).max(initial=0.0))
@@ -229,7 +230,7 @@ class Start:
             factor = min(1.0, 0.05 / max(np.abs(self.dw).max(), 1e-300))
             move(state.q, factor * self.dw)
             state.lam[:] += factor * self.dlam
-            update_angles(self.t.coordinates, kinematics_of(state.q, at_rest), state.angle)
+            update_angles(self.coordinates, kinematics_of(state.q, at_rest), state.angle)
         if left < 1e-4:
             return left
         b, c = np.unravel_index(np.argmax(np.abs(r)), r.shape)

@@ -16,7 +16,13 @@ from solver.elements.joint import add_joint_hessians, evaluate_joints
 from solver.elements.rigid_body import body_forces
 from solver.elements.spring_damper import spring_damper_forces
 from solver.elements.tire_pacejka import tire_forces
-from solver.jit import kernel
+from solver.jit import address_of, invoke, kernel
+from solver.linear import factorize, solve
+from solver.model.compile import compile_model
+from solver.model.spec import ModelSpec
+from solver.model.state import new_kinematics
+from solver.model.tables import Model
+from solver.reference import Ref
 
 
 class Outputs(NamedTuple):
@@ -31,6 +37,51 @@ class Outputs(NamedTuple):
     tires: np.ndarray
 
 
+# Kernels called through their address (solver.jit.invoke), by index into tables.calls. 0: the model has no such element.
+CALLS = (
+    'spring_dampers bushings coordinate_forces brakes applied_forces aero_drags tires '
+    'joints joint_hessians couplers coupler_hessians factorize solve'
+).split()
+(
+    SPRING_DAMPERS, BUSHINGS, COORDINATE_FORCES, BRAKES, APPLIED_FORCES, AERO_DRAGS, TIRES,
+    JOINTS, JOINT_HESSIANS, COUPLERS, COUPLER_HESSIANS, FACTORIZE, SOLVE,
+) = range(len(CALLS))  # fmt: skip
+
+
+def prepare(spec: ModelSpec) -> Model:
+    """Compile a ModelSpec and the kernels its elements need. Raises SpecError."""
+    model = compile_model(spec)
+    bind(model.tables, spec)
+    return model
+
+
+def bind(tables: Ref, spec: ModelSpec) -> None:
+    """Compile the kernels that the elements of a model need and write their addresses to tables.calls."""
+    kin = Ref(new_kinematics(1))
+    row, rows, blocks = np.zeros(1), np.zeros((1, 6)), np.zeros((1, 6, 6))
+    plain = (Ref(tables.laws), kin, row, 0.0, row, True, rows, blocks, blocks, row, rows)
+    x = Ref(tables.coordinates)
+    turning = (x, *plain[:2], row, *plain[2:])
+    joints, couplers, plan = (Ref(t) for t in (tables.constraints.joints, tables.constraints.couplers, tables.condensed))
+    kernels = {
+        SPRING_DAMPERS: (spring_damper_forces, spec.spring_dampers, (Ref(tables.spring_dampers), *plain)),
+        BUSHINGS: (bushing_forces, spec.bushings, (Ref(tables.bushings), *plain)),
+        COORDINATE_FORCES: (coordinate_forces, spec.coordinate_forces, (Ref(tables.coordinate_forces), *turning)),
+        BRAKES: (brake_forces, spec.brakes, (Ref(tables.brakes), *turning)),
+        APPLIED_FORCES: (applied_force_forces, spec.applied_forces, (Ref(tables.applied_forces), *plain)),
+        AERO_DRAGS: (aero_drag_forces, spec.aero_drags, (Ref(tables.aero_drags), *plain)),
+        TIRES: (tire_forces, spec.tires, (Ref(tables.tires), *plain)),
+        JOINTS: (evaluate_joints, spec.joints, (joints, kin, row, blocks)),
+        JOINT_HESSIANS: (add_joint_hessians, spec.joints, (joints, kin, row, blocks, blocks)),
+        COUPLERS: (evaluate_couplers, spec.couplers, (couplers, x, kin, row, row, row, blocks)),
+        COUPLER_HESSIANS: (add_coupler_hessians, spec.couplers, (couplers, x, kin, row, blocks)),
+        FACTORIZE: (factorize, spec.bodies, (plan, blocks, rows)),
+        SOLVE: (solve, spec.bodies, (plan, blocks, rows)),
+    }
+    for index, (function, present, arguments) in kernels.items():
+        tables.calls[index] = address_of(function, *arguments) if present else 0
+
+
 @kernel(borrow=True)
 def evaluate_forces(tables, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, out):
     """Assign f (nb+1, 6) and, when `tangents`, Kq and Kv (ns+1, 6, 6): all forces but those of the constraints.
@@ -43,28 +94,44 @@ def evaluate_forces(tables, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, out):
         Kv[:] = 0.0
     laws = tables.laws
     x = tables.coordinates
+    at = tables.calls
     body_forces(tables.bodies, kin, tangents, f, Kv)
-    spring_damper_forces(tables.spring_dampers, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out.spring_dampers)
-    bushing_forces(tables.bushings, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out.bushings)
-    coordinate_forces(tables.coordinate_forces, x, laws, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, out.coordinate_forces)
-    brake_forces(tables.brakes, x, laws, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, out.brakes)
-    applied_force_forces(tables.applied_forces, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out.applied_forces)
-    aero_drag_forces(tables.aero_drags, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out.aero_drags)
-    tire_forces(tables.tires, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out.tires)
+    if at[SPRING_DAMPERS] != 0:
+        invoke(at[SPRING_DAMPERS], (tables.spring_dampers, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out.spring_dampers))
+    if at[BUSHINGS] != 0:
+        invoke(at[BUSHINGS], (tables.bushings, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out.bushings))
+    if at[COORDINATE_FORCES] != 0:
+        invoke(
+            at[COORDINATE_FORCES], (tables.coordinate_forces, x, laws, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, out.coordinate_forces)
+        )
+    if at[BRAKES] != 0:
+        invoke(at[BRAKES], (tables.brakes, x, laws, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, out.brakes))
+    if at[APPLIED_FORCES] != 0:
+        invoke(at[APPLIED_FORCES], (tables.applied_forces, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out.applied_forces))
+    if at[AERO_DRAGS] != 0:
+        invoke(at[AERO_DRAGS], (tables.aero_drags, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out.aero_drags))
+    if at[TIRES] != 0:
+        invoke(at[TIRES], (tables.tires, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out.tires))
 
 
 @kernel(borrow=True)
 def evaluate_constraints(tables, kin, angle, u, phi, J):
     """Assign residuals phi (nc,) and Jacobian blocks J (entries + 1, 6, 6)."""
-    evaluate_joints(tables.constraints.joints, kin, phi, J)
-    evaluate_couplers(tables.constraints.couplers, tables.coordinates, kin, angle, u, phi, J)
+    at = tables.calls
+    if at[JOINTS] != 0:
+        invoke(at[JOINTS], (tables.constraints.joints, kin, phi, J))
+    if at[COUPLERS] != 0:
+        invoke(at[COUPLERS], (tables.constraints.couplers, tables.coordinates, kin, angle, u, phi, J))
 
 
 @kernel(borrow=True)
 def add_constraint_stiffness(tables, kin, lam, Kq, Kv):
     """Add d(A^T lam)/dq to Kq (Kv is only scratch-compatible: constraints add zeros to it)."""
-    add_joint_hessians(tables.constraints.joints, kin, lam, Kq, Kv)
-    add_coupler_hessians(tables.constraints.couplers, tables.coordinates, kin, lam, Kq)
+    at = tables.calls
+    if at[JOINT_HESSIANS] != 0:
+        invoke(at[JOINT_HESSIANS], (tables.constraints.joints, kin, lam, Kq, Kv))
+    if at[COUPLER_HESSIANS] != 0:
+        invoke(at[COUPLER_HESSIANS], (tables.constraints.couplers, tables.coordinates, kin, lam, Kq))
 
 
 @kernel(borrow=True)

@@ -16,12 +16,17 @@ KEPT_CACHES = 3
 
 
 def source_hash() -> str:
-    """Return a short hash of every Python file of the solver package (and of the numba and numpy versions)."""
+    """Return a short hash of the solver's Python files (and of the numba and numpy versions).
+
+    The vehicle templates are left out: no kernel is in them or may import from them.
+    """
     from importlib.metadata import version
 
     digest = hashlib.sha256()
     root = Path(__file__).parent
     for path in sorted(root.rglob('*.py')):
+        if path.is_relative_to(root / 'vehicle'):
+            continue
         digest.update(str(path.relative_to(root)).encode())
         digest.update(path.read_bytes())
     for name in ('numba', 'numpy'):
@@ -70,3 +75,51 @@ def kernel(function=None, *, inline: bool = False, borrow: bool = False):
     if function is None:
         return numba.njit(**options)
     return numba.njit(function, **options)
+
+
+@numba.extending.intrinsic
+def invoke(typing_context, address, arguments):
+    """Call the compiled kernel at `address` (see `address_of`) with a tuple of arguments; the kernel returns None.
+
+    numba puts a copy of every callee into its caller and optimises and emits it again there; with kernels nested four deep that
+    was most of the compile time. A call through an address compiles each kernel once. The types of the arguments must be those
+    the address was compiled for.
+    """
+    from llvmlite import ir
+    from numba.core import types
+
+    argument_types = tuple(types.unliteral(t) for t in arguments)
+    _require_plain_arrays(argument_types)
+    signature = types.none(address, arguments)
+
+    def generate(context, builder, sig, args):
+        values = []
+        for k, (given, wanted) in enumerate(zip(sig.args[1], argument_types, strict=True)):
+            values.append(context.cast(builder, builder.extract_value(args[1], k), given, wanted))
+        function_type = context.call_conv.get_function_type(types.none, argument_types)
+        function = builder.inttoptr(args[0], ir.PointerType(function_type))
+        context.call_conv.call_function(builder, function, types.none, argument_types, values)
+        return context.get_dummy_value()
+
+    return signature, generate
+
+
+def _require_plain_arrays(argument_types) -> None:
+    """Refuse at compile time what address_of never compiles for: tuples by value, strided or read-only arrays."""
+    from numba.core import errors, types
+
+    for t in argument_types:
+        if isinstance(t, types.BaseTuple):
+            raise errors.TypingError(f'invoke: pass {t} by Ref')
+        if isinstance(t, types.Array) and not (t.layout == 'C' and t.mutable and t.aligned):
+            raise errors.TypingError(f'invoke: {t} is not a writable C-contiguous array')
+
+
+def address_of(function, *arguments) -> int:
+    """Address of a kernel compiled for the types of `arguments`, for `invoke`."""
+    if not hasattr(function, 'compile'):
+        raise TypeError('invoke needs compiled kernels; unset NUMBA_DISABLE_JIT')
+    signature = tuple(numba.typeof(a) for a in arguments)
+    function.compile(signature)
+    result = function.overloads[signature]
+    return result.library.get_pointer_to_function(result.fndesc.llvm_func_name)

@@ -171,10 +171,12 @@ def _invert(B, s, T):
 
 @kernel(borrow=True)
 def factorize(plan, B, T):
-    """Factorize the blocks B (n_blocks, 6, 6) in place; T (6, 6) is scratch. Returns -1, or the node with a singular pivot."""
+    """Factorize the blocks B (n_blocks, 6, 6) in place; T (6, 6) is scratch and T[0, 0] returns -1 or a node with a singular pivot."""
+    bad = -1
     for k in range(plan.node.shape[0]):
         if not _invert(B, plan.diagonal[k], T):
-            return plan.node[k]
+            bad = plan.node[k]
+            break
         first = plan.start[k]
         last = plan.start[k + 1]
         width = last - first
@@ -184,7 +186,7 @@ def factorize(plan, B, T):
             base = plan.update_start[k] + a * width
             for b in range(width):
                 _subtract_product(B, plan.update[base + b], low, plan.upper[first + b])
-    return -1
+    T[0, 0] = bad
 
 
 @kernel(borrow=True)

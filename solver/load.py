@@ -35,10 +35,12 @@ from solver.errors import SceneError, SpecError, suggestion
 
 NUMBER = re.compile(r'[-+]?(0|[1-9][0-9]*)?(\.[0-9]*)?([eE][-+]?[0-9]+)?')
 COMPLAINT = re.compile(r"(?:[^=]*?: )?(?P<field>\w+)(?P<rest>[\w.\[\]]*(?: = |: ).*)", re.DOTALL)  # of a specification about its field
-INCLUDE = re.compile(r'[\w./-]+\.ya?ml')
+INCLUDE = re.compile(r'[\w./-]+(\.[a-z]+)')
 SUFFIXES = {'deg': ('rad', math.pi / 180.0), 'mm': ('m', 1e-3), 'kmh': ('m/s', 1.0 / 3.6), 'rpm': ('rad/s', math.pi / 30.0)}
 _TAGS = tuple(f'tag:yaml.org,2002:{kind}' for kind in 'map seq str int float bool null timestamp merge value'.split())
 _NULL = ('', '~', 'null')
+
+READERS: dict[str, Callable[[Path], object]] = {}  # file ending -> what reads such a file into a dataclass; .yaml is built in
 
 Fields = dict[str, tuple[Node, Node]]
 Hook = Callable[['Builder', Any, Node, str, 'str | None'], object]
@@ -127,9 +129,14 @@ def join(path: str, key: str) -> str:
 def read(file: Path, roots: Sequence[Path], above: tuple[Path, ...] = ()) -> Node:
     """Read a YAML file with everything it refers to.
 
-    A scalar value that is a file name ending in .yaml is replaced by the content of that file, looked up beside the file, one
-    directory above it, and in roots. Raises SceneError for files that are missing, unreadable or that include themselves.
+    A value that is a file name (without quotes) ending in .yaml, or in one of READERS, is replaced by the content of that file, looked up
+    beside the file, one directory above it, and in roots. Raises SceneError for files that are missing, unreadable or that
+    include themselves.
     """
+    reader = READERS.get(file.suffix)
+    if reader is not None:
+        name = displayed(file)
+        return node_of(reader(Path(name)), yaml.Mark(name, 0, -1, 0, None, None))
     return include(parse(read_text(file), displayed(file)), [file.parent, file.parent.parent, *roots], (*above, file.resolve()))
 
 
@@ -153,10 +160,10 @@ def include(node: Node, directories: Sequence[Path], above: tuple[Path, ...] = (
         node.value = [include(item, directories, above, f'{path}[{k}]') for k, item in enumerate(node.value)]
     elif isinstance(node, MappingNode):
         node.value = [(key, include(value, directories, above, join(path, key.value))) for key, value in node.value]
-    elif INCLUDE.fullmatch(node.value):
+    elif node.style is None and (match := INCLUDE.fullmatch(node.value)) and match[1] in ('.yaml', *READERS):
         file = find(node.value, directories)
         if file is None:
-            known = sorted({name for d in directories for name in listing(d, str(Path(node.value).parent))})
+            known = sorted({name for d in directories for name in listing(d, Path(node.value))})
             raise refuse(node, path, 'no such file' + suggestion(node.value, known))
         if file.resolve() in above:
             raise refuse(node, path, 'the file includes itself')
@@ -169,11 +176,25 @@ def find(name: str, directories: Sequence[Path]) -> Path | None:
     return next((d / name for d in directories if (d / name).is_file()), None)
 
 
-def listing(directory: Path, below: str) -> Iterator[str]:
-    """Names of the YAML files in directory/below, as they would be written in an include."""
-    folder = directory / below
+def listing(directory: Path, like: Path) -> Iterator[str]:
+    """Names of the files in directory/<parent of like> with the same ending, as they would be written in an include."""
+    folder = directory / like.parent
     if folder.is_dir():
-        yield from (file.relative_to(directory).as_posix() for file in sorted(folder.glob('*.yaml')))
+        yield from (file.relative_to(directory).as_posix() for file in folder.glob(f'*{like.suffix}'))
+
+
+def node_of(value: Any, mark: Any) -> Node:
+    """The node that stands for a value: dataclasses and mappings as mappings, floats with all their digits, text in quotes."""
+    if dataclasses.is_dataclass(value):
+        value = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return MappingNode(_TAGS[0], [(ScalarNode(_TAGS[2], k, mark, mark), node_of(v, mark)) for k, v in value.items()], mark, mark)
+    if isinstance(value, tuple | list):
+        return SequenceNode(_TAGS[1], [node_of(v, mark) for v in value], mark, mark, flow_style=True)
+    if isinstance(value, str):
+        return ScalarNode(_TAGS[2], value, mark, mark, style="'")
+    text = 'null' if value is None else str(value).lower() if isinstance(value, bool) else repr(value)
+    return ScalarNode(yaml.resolver.Resolver().resolve(ScalarNode, text, (True, False)), text, mark, mark)
 
 
 def text_of(node: Node) -> str:

@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.jit import kernel
+from solver.dynamics import FACTORIZE, SOLVE
+from solver.jit import invoke, kernel
 from solver.lie.vec import load33
-from solver.linear import factorize, solve
 
 CONDENSED, BLOCK = 0, 1
 
@@ -140,9 +140,12 @@ def factorize_saddle(tables, form, saddle):
                     for i in range(6):
                         B[con.up[a], i, r] = -J_s[a, r, i]
                         B[con.down[a], r, i] = J_e[a, r, i]
+    saddle.T[0, 0] = -1.0
     if form == CONDENSED:
-        return factorize(tables.condensed, B, saddle.T)
-    return factorize(tables.block, B, saddle.T)
+        invoke(tables.calls[FACTORIZE], (tables.condensed, B, saddle.T))
+    else:
+        invoke(tables.calls[FACTORIZE], (tables.block, B, saddle.T))
+    return int(saddle.T[0, 0])
 
 
 @kernel(borrow=True)
@@ -169,9 +172,9 @@ def solve_saddle(tables, form, saddle, r, g, dw, dlam):
             for q in range(6):
                 x[nb + k, q] = -g[first + q] if q < rows else 0.0
     if form == CONDENSED:
-        solve(tables.condensed, saddle.B, x)
+        invoke(tables.calls[SOLVE], (tables.condensed, saddle.B, x))
     else:
-        solve(tables.block, saddle.B, x)
+        invoke(tables.calls[SOLVE], (tables.block, saddle.B, x))
     for b in range(nb):
         for i in range(6):
             dw[b, i] = x[b, i]

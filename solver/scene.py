@@ -15,14 +15,16 @@ from solver.elements.marker import finite, require
 from solver.elements.road import RoadSpec
 from solver.errors import SceneError, suggestion
 from solver.integrators.settings import IntegratorSettings
-from solver.load import Builder, MappingNode, Node, ScalarNode, include, override, parse, read, text_of, where
+from solver.load import READERS, Builder, MappingNode, Node, ScalarNode, include, override, parse, read, text_of, where
 from solver.maneuver import Maneuver, base_names
 from solver.mechanism import MechanismReader
 from solver.model.compile import joint_coordinates
 from solver.model.spec import ModelSpec
 from solver.vehicle.load import build_vehicle
+from solver.vehicle.tir import read_tir
 
 PACKAGE = 'mbd_sim_ros'
+READERS['.tir'] = read_tir
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,7 +7,7 @@ import numpy as np
 from solver.audit import WORST, describe, update_audit
 from solver.channels import FIRST_TIRE_COLUMN, channels_of, collect, new_outputs
 from solver.consistent import Start
-from solver.dynamics import constraint_input_rates, evaluate_constraints, evaluate_forces
+from solver.dynamics import constraint_input_rates, evaluate_constraints, evaluate_forces, prepare
 from solver.elements.coupler import CouplerSpec
 from solver.elements.tire_pacejka import rolling_radius
 from solver.errors import SpecError, StepError
@@ -24,9 +24,9 @@ from solver.integrators.augmented_lagrangian import (
 )
 from solver.lie.so3 import matrix_of_quaternion
 from solver.maneuver import ManeuverSource
-from solver.model.compile import compile_model
 from solver.model.state import State, copy_state, fill_kinematics, load_state, new_state, save_state, update_angles
 from solver.model.tables import Model
+from solver.reference import Ref
 from solver.saddle import BLOCK, CONDENSED, new_saddle
 from solver.scene import Scene, Start as SceneStart
 from solver.snapshot import TIRE_COLUMNS, Snapshot, StepStats
@@ -40,7 +40,7 @@ class Simulation:
 
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
-        self.model: Model = compile_model(scene.model)
+        self.model: Model = prepare(scene.model)
         self.channels = channels_of(self.model)
         settings = scene.integrator
         self.h_ns = settings.h_ns
@@ -49,7 +49,7 @@ class Simulation:
             raise SpecError(f'integrator: kind = {settings.kind!r}: use solver.integrators.reference for the reference integrators')
         scheme = coefficients(self.h, settings.rho_inf)
         form = BLOCK if settings.form == 'block' else CONDENSED
-        self.coefficients = Coefficients(
+        values = Coefficients(
             **scheme,
             penalty=settings.penalty,
             m_alf=int(settings.kind == 'm_alf'),
@@ -59,12 +59,14 @@ class Simulation:
             iterations=settings.iterations if settings.mode == 'fixed' else settings.max_iterations,
             tolerance=settings.tolerance,
         )
+        self.coefficients = Ref(values)
         self.stage = 1.0 - scheme['af']
         self.outputs = new_outputs(self.model)
         self.work = new_work(self.model, new_saddle(self.model, form), self.outputs)
+        self._kin = Ref(self.work.kin_e)
         self.source = ManeuverSource(scene.maneuver, scene.model.inputs, self.h_ns, self.stage)
-        self.state: State = new_state(self.model)
-        self._other: State = new_state(self.model)
+        self._output_table = Ref(self.outputs)
+        self._states = [Ref(new_state(self.model)), Ref(new_state(self.model))]
         self._initial = new_state(self.model)
         self._inputs = np.zeros(len(scene.model.inputs))
         self._totals = np.zeros(6)
@@ -72,13 +74,18 @@ class Simulation:
         copy_state(self.state, self._initial)
         self.reset()
 
+    @property
+    def state(self) -> State:
+        """The current state (the arrays themselves)."""
+        return self._states[0].value
+
     # -- start ---------------------------------------------------------------------------------------------------------
 
     def _find_start(self, start: SceneStart) -> None:
         u = self._inputs_at_start()
         calculation = Start(self.model, self.outputs)
         state = self.state
-        update_angles(self.model.tables.coordinates, self._kinematics(state.q, state.v), state.angle)
+        update_angles(Ref(self.model.tables.coordinates), self._kinematics(state.q, state.v), state.angle)
         values = {n: c.value for n, c in start.coordinates.items() if c.value is not None}
         rates = {n: c.rate for n, c in start.coordinates.items() if c.rate is not None}
         if start.kind != 'as_placed' or values:
@@ -104,7 +111,7 @@ class Simulation:
             return Start(self.model, self.outputs)
         spec = self.model.spec
         rows = tuple(CouplerSpec(name=f'start of {n}', terms=((n, 1.0),), offset=o) for n, o in zip(names, offsets, strict=True))
-        model = compile_model(type(spec)(**{**spec.__dict__, 'couplers': spec.couplers + rows}))
+        model = prepare(type(spec)(**{**spec.__dict__, 'couplers': spec.couplers + rows}))
         return Start(model, new_outputs(model))
 
     def _place_velocities(self, speed: float) -> None:
@@ -121,7 +128,7 @@ class Simulation:
         """Rolling rates of the revolute coordinates that carry the wheels."""
         kin = self._kinematics(self.state.q, self.state.v)
         evaluate_forces(
-            self.model.tables, kin, self.state.angle, self.state.z, 0.0, u, False, self.work.f, self.work.Kq, self.work.Kv, self.work.z_s, self.outputs
+            self.model.tables, kin, self.state.angle, self.state.z, 0.0, u, False, self.work.f, self.work.Kq, self.work.Kv, self.work.z_s, self._output_table
         )
         rates = {}
         for e, tire in enumerate(self.model.spec.tires):
@@ -137,8 +144,8 @@ class Simulation:
         return rates
 
     def _kinematics(self, q: np.ndarray, v: np.ndarray):
-        fill_kinematics(q, v, self.work.kin_e)
-        return self.work.kin_e
+        fill_kinematics(q, v, self._kin)
+        return self._kin
 
     # -- time ----------------------------------------------------------------------------------------------------------
 
@@ -167,8 +174,8 @@ class Simulation:
         w.v_out[:] = projected.v
         w.a_out[:], w.lam_out[:] = start.acceleration(s.q, projected.v, s.z, s.angle, self._inputs)
         kin = self._kinematics(s.q, projected.v)
-        evaluate_forces(t, kin, s.angle, s.z, 0.0, self._inputs, False, w.f, w.Kq, w.Kv, w.z_s, self.outputs)
-        update_audit(t, kin, self.outputs, w.lam_out, w.phi_t, 0.0, w.audit)
+        evaluate_forces(t, kin, s.angle, s.z, 0.0, self._inputs, False, w.f, w.Kq, w.Kv, w.z_s, self._output_table)
+        update_audit(t, kin, self._output_table, w.lam_out, w.phi_t, 0.0, w.audit)
 
     def advance(self, n: int = 1, inputs: np.ndarray | None = None, *, audit: bool = True) -> Snapshot:
         """Advance n steps and return the Snapshot after the last.
@@ -186,9 +193,9 @@ class Simulation:
                 f't = {self.t_ns * 1e-9:.6f} s: input {self.channels.inputs[column]!r} is not finite in step {self.k + row}; nothing was advanced'
             )
         inputs = np.ascontiguousarray(inputs, float)
-        result, done = advance(self.model.tables, self.coefficients, self.state, self._other, inputs, 0, n, audit, self.work)
+        result, done = advance(self.model.tables, self.coefficients, *self._states, inputs, 0, n, audit, self.work)
         if done % 2 == 1:
-            self.state, self._other = self._other, self.state
+            self._states.reverse()
         self.k += done
         if done:
             self._inputs = inputs[done - 1].copy()
@@ -227,7 +234,7 @@ class Simulation:
         position, velocity, effort = np.empty(nx), np.empty(nx), np.empty(nx)
         pose, twist, imu = np.empty((nb, 7)), np.empty((nb, 6)), np.empty(6)
         chassis = self.channels.chassis or 0
-        collect(m.tables, chassis, w.kin_e, w.a_out, s.angle, self.outputs, position, velocity, effort, pose, twist, imu, s.q)
+        collect(m.tables, chassis, self._kin, w.a_out, s.angle, self._output_table, position, velocity, effort, pose, twist, imu, s.q)
         first, last = FIRST_TIRE_COLUMN, FIRST_TIRE_COLUMN + len(TIRE_COLUMNS)
         return Snapshot(
             k=self.k,

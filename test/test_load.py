@@ -21,6 +21,7 @@ from solver.load import Builder, parse, text_of
 from solver.mechanism import MechanismReader, frame_of_axis, frame_of_rpy, matrix
 from solver.model.spec import ModelSpec
 from solver.scene import Scene, known_names, load_maneuver, load_scene, load_scene_text
+from solver.vehicle.load import TEMPLATES
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -101,7 +102,7 @@ def test_a_value_is_read_by_the_type_of_its_field(text: str, field: str, value: 
         ('mas: 2', "file.yaml:2: mas: unknown key; did you mean 'mass'?"),
         ('mass: 2', 'file.yaml:2: mass: the key is given twice (first in line 1)'),
         ('count: 1.5', 'file.yaml:2: count = 1.5: must be a whole number'),
-        ('maybe: .nan', 'file.yaml:2: maybe = .nan: must be a number'),
+        ('maybe: .nan', 'file.yaml:2: maybe = .nan: must be finite'),
         ('vector: [1, 2, .inf]', 'file.yaml:2: vector[2] = .inf: must be finite'),
         ('vector: [1, 2, 1e999]', 'file.yaml:2: vector[2] = 1e999: must be finite'),
         ('vector: [1, 2]', 'file.yaml:2: vector = [1, 2]: must be a list of 3 values'),
@@ -389,6 +390,8 @@ def test_every_field_that_a_file_may_hold_is_in_the_document() -> None:
 
     visit(Scene)
     visit(ModelSpec)
+    for data, _ in TEMPLATES.values():
+        visit(data)
     assert len(seen) > 20
 
 
@@ -407,3 +410,9 @@ def test_the_example_in_the_document_loads_and_runs() -> None:
     # one metre, started at 1 rad/s from the lowest point: the amplitude of the pendulum bounds its angle
     J = 1.0 + 0.01
     assert 0.0 < abs(snapshot.joint_position[0]) < math.acos(1.0 - 0.5 * J / 9.81) + 1e-6
+
+
+@pytest.mark.parametrize('name', known_names('roads'))
+def test_road_files_load(name: str) -> None:
+    scene = load_scene('pendulum', [f'road=roads/{name}.yaml'])
+    assert load_scene_text(scene.resolved) == scene

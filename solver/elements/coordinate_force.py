@@ -106,17 +106,22 @@ def compile_coordinate_forces(specs: Sequence[CoordinateForceSpec], context: Con
 
 
 @kernel(borrow=True)
-def _term(table, coordinates, kin, angle, e, t):
-    """Return (x, dx/dt, g_i, g_j, h_i, h_j) of term t times its factor, zeros for an absent one: value, rate and their gradients."""
+def _term(table, coordinates, kin, angle, e, t, tangents):
+    """Return (x, dx/dt, g_i, g_j, h_i, h_j) of term t times its factor, zeros for an absent one: value, rate and their gradients.
+
+    The gradient of the rate, h, is zero unless there are a damper to need it and tangents wanted.
+    """
+    zero = 0.0 * kin.p[0, 0]
+    none = ((zero, zero, zero), (zero, zero, zero))
     if t >= table.terms[e]:
-        zero = 0.0 * kin.p[0, 0]
-        g = ((zero, zero, zero), (zero, zero, zero))
-        return zero, zero, g, g, g, g
+        return zero, zero, none, none, none, none
     k = table.coordinate[e, t]
     factor = table.factor[e, t]
     x, g_i, g_j = evaluate_coordinate(coordinates, kin, k, angle)
     rate = coordinate_rate(coordinates, kin, k, g_i, g_j)
-    h_i, h_j = coordinate_rate_gradient(coordinates, kin, k)
+    h_i, h_j = none, none
+    if tangents and table.law[e, 1] >= 0:
+        h_i, h_j = coordinate_rate_gradient(coordinates, kin, k)
     return factor * x, factor * rate, scale6(factor, g_i), scale6(factor, g_j), scale6(factor, h_i), scale6(factor, h_j)
 
 
@@ -128,9 +133,9 @@ def coordinate_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents,
     continue the rotations.
     """
     for e in range(table.terms.shape[0]):
-        x0, v0, g0, g1, h0, h1 = _term(table, coordinates, kin, angle, e, 0)
-        x1, v1, g2, g3, h2, h3 = _term(table, coordinates, kin, angle, e, 1)
-        x2, v2, g4, g5, h4, h5 = _term(table, coordinates, kin, angle, e, 2)
+        x0, v0, g0, g1, h0, h1 = _term(table, coordinates, kin, angle, e, 0, tangents)
+        x1, v1, g2, g3, h2, h3 = _term(table, coordinates, kin, angle, e, 1, tangents)
+        x2, v2, g4, g5, h4, h5 = _term(table, coordinates, kin, angle, e, 2, tangents)
         g = (g0, g1, g2, g3, g4, g5)
         h = (h0, h1, h2, h3, h4, h5)
         value = x0 + x1 + x2

@@ -37,7 +37,9 @@ def finite(where: str, field: str, value: object, *, low: float = -math.inf, hig
 
 def vector(where: str, field: str, value: Sequence[float], length: int = 3) -> tuple[float, ...]:
     """Return value as a tuple of `length` finite floats."""
-    require(isinstance(value, list | tuple | np.ndarray) and len(value) == length, where, field, value, f'must be a list of {length} numbers')
+    require(
+        isinstance(value, list | tuple | np.ndarray) and len(value) == length, where, field, value, f'must be a list of {length} numbers'
+    )
     return tuple(finite(where, f'{field}[{i}]', x) for i, x in enumerate(value))
 
 

@@ -391,7 +391,8 @@ def tire_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
                     Kv[s, 3 + k, d] += partial(result[1][k], 6 + d)
         else:
             w = (kin.v[i, 3], kin.v[i, 4], kin.v[i, 5])
-            result = _evaluate(table, e, load3(kin.p, i), load33(kin.R, i), load3(kin.v, i), w, zp[j], zp[j + 1], cz)
+            zero = 0.0 * w[0]  # gives the states the number type of the motion
+            result = _evaluate(table, e, load3(kin.p, i), load33(kin.R, i), load3(kin.v, i), w, zp[j] + zero, zp[j + 1] + zero, cz)
             _store(e, i, j, result, f, z, out)
 
 

@@ -36,7 +36,8 @@ from solver.elements.point_pair import Kinematics
 from solver.jit import kernel
 from solver.lie.so3 import matrix_of_quaternion, quaternion_exp, quaternion_normalized, quaternion_product, right_jacobian
 from solver.lie.vec import scale
-from solver.model.state import update_angles
+from solver.model.state import new_kinematics, update_angles
+from solver.reference import Ref
 from solver.saddle import (
     Saddle,
     assemble_tangent,
@@ -386,21 +387,17 @@ def advance(tables, c, s0, s1, inputs, first, count, audit, work):
     return StepResult(OK, 0, iterations, factorizations, evaluations, residual, position, velocity), count
 
 
-def new_work(model, saddle: Saddle, outputs: Outputs) -> Work:
-    """Allocate the scratch of a model."""
+def new_work(model, saddle: Saddle, outputs: Outputs) -> Ref:
+    """Allocate the scratch (Work, by reference) of a model."""
     nb, nc, ns, ne, nz = model.n_bodies, model.n_rows, model.n_slots, model.n_entries, model.n_internal
     six = lambda: np.zeros((nb + 1, 6))  # noqa: E731
     row = lambda: np.zeros(nc)  # noqa: E731
 
-    def kinematics() -> Kinematics:
-        R = np.zeros((nb + 1, 3, 3))
-        R[:] = np.eye(3)
-        return Kinematics(R, np.zeros((nb + 1, 3)), six())
-
-    return Work(
-        kin_s=kinematics(), kin_e=kinematics(), T_s=np.tile(np.eye(3), (nb + 1, 1, 1)), T_e=np.tile(np.eye(3), (nb + 1, 1, 1)),
+    work = Work(
+        kin_s=new_kinematics(nb), kin_e=new_kinematics(nb), T_s=np.tile(np.eye(3), (nb + 1, 1, 1)), T_e=np.tile(np.eye(3), (nb + 1, 1, 1)),
         f=six(), r=six(), dw=six(), Kq=np.zeros((ns + 1, 6, 6)), Kv=np.zeros((ns + 1, 6, 6)),
         phi=row(), phi_s=row(), g=row(), dlam=row(), phi_t=row(), phi_tt=row(), rate=row(),
         J=np.zeros((ne + 1, 6, 6)), J_now=np.zeros((ne + 1, 6, 6)), zp=np.zeros(nz), z_s=np.zeros(nz),
         saddle=saddle, outputs=outputs, v_out=six(), a_out=six(), lam_out=row(), audit=np.zeros(5),
     )  # fmt: skip
+    return Ref(work)

@@ -3,8 +3,8 @@
 The 12 directions are the variation (dp in W, dtheta in B) and the twist (linear in W, angular in B) of one body, so the last
 step of a one-body element is to copy the partials of its generalized force into the rows of Kq and Kv.
 
-Inside compiled code a Dual is a float64 and a vector of 12 float64 that lives in SIMD registers, so a product costs a few
-instructions. A function written with + - * / and the functions of this module runs on float64, complex128 and Dual alike.
+Inside compiled code a Dual is a float64 and three SIMD vectors of four float64, so a product costs a few instructions (one
+vector of 12 would be taken apart at every function call: it fits no register). A function written with + - * / and the functions of this module runs on float64, complex128 and Dual alike.
 Branch on `.real`. Outside compiled code (NUMBA_DISABLE_JIT=1) the Python class below has the same meaning.
 Reference: Griewank and Walther, "Evaluating derivatives" (2008), chapter 3.
 """
@@ -81,7 +81,10 @@ class _PartialsType(types.Type):
 
 DUAL = DualType()
 _PARTIALS = _PartialsType()
-_VECTOR = ir.VectorType(ir.DoubleType(), N)
+_LANES = 4  # float64 per vector
+_CHUNKS = tuple(f'd{k}' for k in range(N // _LANES))
+_VECTOR = ir.VectorType(ir.DoubleType(), _LANES)
+_INDEX = ir.IntType(32)
 
 
 @register_model(_PartialsType)
@@ -93,7 +96,7 @@ class _PartialsModel(models.PrimitiveModel):
 @register_model(DualType)
 class _DualModel(models.StructModel):
     def __init__(self, dmm, fe_type) -> None:
-        super().__init__(dmm, fe_type, [('value', types.float64), ('partials', _PARTIALS)])
+        super().__init__(dmm, fe_type, [('value', types.float64), *((name, _PARTIALS) for name in _CHUNKS)])
 
 
 def _is_dual(x: types.Type) -> bool:
@@ -104,24 +107,29 @@ def _is_real(x: types.Type) -> bool:
     return isinstance(x, types.Float | types.Integer)
 
 
-def _scaled(builder, scalar, vector):
-    """Vector times scalar."""
-    lane = builder.insert_element(ir.Constant(_VECTOR, ir.Undefined), scalar, ir.Constant(ir.IntType(32), 0))
-    mask = ir.Constant(ir.VectorType(ir.IntType(32), N), [0] * N)
-    return builder.fmul(builder.shuffle_vector(lane, ir.Constant(_VECTOR, ir.Undefined), mask), vector)
+def _proxy(context, builder, packed=None):
+    return cgutils.create_struct_proxy(DUAL)(context, builder, packed)
 
 
-def _packed(context, builder, value, partials):
-    result = cgutils.create_struct_proxy(DUAL)(context, builder)
+def _packed(context, builder, value, chunks):
+    result = _proxy(context, builder)
     result.value = value
-    result.partials = partials
+    for name, chunk in zip(_CHUNKS, chunks, strict=True):
+        setattr(result, name, chunk)
     return result._getvalue()
+
+
+def _splat(builder, scalar):
+    """The vector of which every lane is this scalar."""
+    undefined = ir.Constant(_VECTOR, ir.Undefined)
+    lane = builder.insert_element(undefined, scalar, ir.Constant(_INDEX, 0))
+    return builder.shuffle_vector(lane, undefined, ir.Constant(ir.VectorType(_INDEX, _LANES), [0] * _LANES))
 
 
 @intrinsic
 def _value(typingctx, x):
     def codegen(context, builder, signature, args):
-        return cgutils.create_struct_proxy(DUAL)(context, builder, args[0]).value
+        return _proxy(context, builder, args[0]).value
 
     return types.float64(DUAL), codegen
 
@@ -131,8 +139,8 @@ def _chain(typingctx, value, x, dx):
     """Dual(value, dx * partials of x)."""
 
     def codegen(context, builder, signature, args):
-        partials = cgutils.create_struct_proxy(DUAL)(context, builder, args[1]).partials
-        return _packed(context, builder, args[0], _scaled(builder, args[2], partials))
+        p, a = _proxy(context, builder, args[1]), _splat(builder, args[2])
+        return _packed(context, builder, args[0], [builder.fmul(a, getattr(p, c)) for c in _CHUNKS])
 
     return DUAL(types.float64, DUAL, types.float64), codegen
 
@@ -142,9 +150,10 @@ def _chain2(typingctx, value, x, dx, y, dy):
     """Dual(value, dx * partials of x + dy * partials of y)."""
 
     def codegen(context, builder, signature, args):
-        p = cgutils.create_struct_proxy(DUAL)(context, builder, args[1]).partials
-        q = cgutils.create_struct_proxy(DUAL)(context, builder, args[3]).partials
-        return _packed(context, builder, args[0], builder.fadd(_scaled(builder, args[2], p), _scaled(builder, args[4], q)))
+        p, a = _proxy(context, builder, args[1]), _splat(builder, args[2])
+        q, b = _proxy(context, builder, args[3]), _splat(builder, args[4])
+        chunks = [builder.fadd(builder.fmul(a, getattr(p, c)), builder.fmul(b, getattr(q, c))) for c in _CHUNKS]
+        return _packed(context, builder, args[0], chunks)
 
     return DUAL(types.float64, DUAL, types.float64, DUAL, types.float64), codegen
 
@@ -152,8 +161,15 @@ def _chain2(typingctx, value, x, dx, y, dy):
 @intrinsic
 def _variable(typingctx, value, k):
     def codegen(context, builder, signature, args):
-        index = builder.trunc(args[1], ir.IntType(32))
-        return _packed(context, builder, args[0], builder.insert_element(ir.Constant(_VECTOR, [0.0] * N), ir.Constant(ir.DoubleType(), 1.0), index))
+        chunks = []
+        for c in range(len(_CHUNKS)):
+            chunk = ir.Constant(_VECTOR, [0.0] * _LANES)
+            for lane in range(_LANES):
+                here = builder.icmp_signed('==', args[1], ir.Constant(args[1].type, c * _LANES + lane))
+                one = builder.select(here, ir.Constant(ir.DoubleType(), 1.0), ir.Constant(ir.DoubleType(), 0.0))
+                chunk = builder.insert_element(chunk, one, ir.Constant(_INDEX, lane))
+            chunks.append(chunk)
+        return _packed(context, builder, args[0], chunks)
 
     return DUAL(types.float64, types.int64), codegen
 
@@ -161,8 +177,13 @@ def _variable(typingctx, value, k):
 @intrinsic
 def _partial(typingctx, x, k):
     def codegen(context, builder, signature, args):
-        partials = cgutils.create_struct_proxy(DUAL)(context, builder, args[0]).partials
-        return builder.extract_element(partials, builder.trunc(args[1], ir.IntType(32)))
+        p = _proxy(context, builder, args[0])
+        chunk = getattr(p, _CHUNKS[0])
+        for c in range(1, len(_CHUNKS)):
+            here = builder.icmp_signed('>=', args[1], ir.Constant(args[1].type, c * _LANES))
+            chunk = builder.select(here, getattr(p, _CHUNKS[c]), chunk)
+        lane = builder.and_(args[1], ir.Constant(args[1].type, _LANES - 1))
+        return builder.extract_element(chunk, builder.trunc(lane, _INDEX))
 
     return types.float64(DUAL, types.int64), codegen
 

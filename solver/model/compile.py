@@ -22,7 +22,8 @@ from solver.lie.so3 import matrix_of_quaternion
 from solver.linear import plan_elimination
 from solver.model.spec import ModelSpec
 from solver.model.state import kinematics_of, placed_configuration
-from solver.model.tables import ConstraintTable, Model, Tables
+from solver.model.tables import MAX_CALLS, ConstraintTable, Model, Tables
+from solver.reference import Ref
 
 PENALTY_MASS_FLOOR = 1e-4  # of the mean mass; keeps 1/(a M^-1 a^T) away from zero for (nearly) massless bodies
 
@@ -133,18 +134,21 @@ def compile_model(spec: ModelSpec) -> Model:
         constraints.centre[g] = block_slots.setdefault((nb + g, nb + g), 1 + len(block_slots))
     bodies = compile_bodies(spec.bodies, spec.gravity, [context.slots[b, b] for b in range(nb)])
     inverse_mass, inverse_inertia = _floored_inverses(bodies)
-    tables = Tables(
-        bodies=bodies,
-        penalty_inverse_mass=inverse_mass,
-        penalty_inverse_inertia=inverse_inertia,
-        block_row=block_row,
-        block_col=block_col,
-        coordinates=coordinates,
-        constraints=constraints,
-        laws=compile_laws(context.laws),
-        condensed=plan_elimination(nb, context.slots),
-        block=plan_elimination(nb + groups, block_slots, wait_for),
-        **forces,
+    tables = Ref(
+        Tables(
+            calls=np.zeros(MAX_CALLS, np.int64),
+            bodies=bodies,
+            penalty_inverse_mass=inverse_mass,
+            penalty_inverse_inertia=inverse_inertia,
+            block_row=block_row,
+            block_col=block_col,
+            coordinates=coordinates,
+            constraints=constraints,
+            laws=compile_laws(context.laws),
+            condensed=plan_elimination(nb, context.slots),
+            block=plan_elimination(nb + groups, block_slots, wait_for),
+            **forces,
+        )
     )
     model = Model(
         spec=spec,
@@ -248,12 +252,13 @@ def _resolve_offsets(model: Model) -> None:
     table = model.tables.constraints.couplers
     kin = kinematics_of(placed_configuration(model), np.zeros((model.n_bodies + 1, 6)))
     zero = np.zeros(len(model.coordinate_names))
+    coordinates = Ref(model.tables.coordinates)
     for k, coupler in enumerate(model.spec.couplers):
         if coupler.offset is not None:
             table.offset[k] = coupler.offset
             continue
         for t in range(table.terms[k]):
-            x, _, _ = evaluate_coordinate(model.tables.coordinates, kin, table.coordinate[k, t], zero)
+            x, _, _ = evaluate_coordinate(coordinates, kin, table.coordinate[k, t], zero)
             table.offset[k] += table.factor[k, t] * x
 
 

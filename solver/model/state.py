@@ -11,6 +11,7 @@ from solver.elements.coordinate import evaluate_coordinate
 from solver.elements.point_pair import Kinematics
 from solver.jit import kernel
 from solver.lie.so3 import matrix_of_quaternion
+from solver.reference import Ref
 
 
 class State(NamedTuple):
@@ -64,14 +65,14 @@ def fill_kinematics(q, v, kin):
             kin.v[b, i] = v[b, i]
 
 
-def new_kinematics(nb: int, dtype=np.float64) -> Kinematics:
-    """Uninitialised kinematics of nb bodies and the world."""
-    return Kinematics(np.zeros((nb + 1, 3, 3), dtype), np.zeros((nb + 1, 3), dtype), np.zeros((nb + 1, 6), dtype))
+def new_kinematics(nb: int) -> Kinematics:
+    """Kinematics of nb bodies and the world, all in place."""
+    return Kinematics(np.tile(np.eye(3), (nb + 1, 1, 1)), np.zeros((nb + 1, 3)), np.zeros((nb + 1, 6)))
 
 
-def kinematics_of(q: np.ndarray, v: np.ndarray) -> Kinematics:
-    """Kinematics of a configuration and twist."""
-    kin = new_kinematics(len(q) - 1)
+def kinematics_of(q: np.ndarray, v: np.ndarray) -> Ref:
+    """Kinematics (by reference) of a configuration and twist."""
+    kin = Ref(new_kinematics(len(q) - 1))
     fill_kinematics(q, v, kin)
     return kin
 

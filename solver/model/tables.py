@@ -21,6 +21,10 @@ from solver.elements.spring_damper import SpringDamperTable
 from solver.elements.tire_pacejka import TireTable
 from solver.linear import Elimination
 from solver.model.spec import ModelSpec
+from solver.reference import Ref
+
+
+MAX_CALLS = 16
 
 
 class ConstraintTable(NamedTuple):
@@ -42,6 +46,7 @@ class ConstraintTable(NamedTuple):
 class Tables(NamedTuple):
     """Everything the kernels need of a model."""
 
+    calls: np.ndarray  # (MAX_CALLS,) addresses of the kernels of this model's elements (solver.dynamics.bind)
     bodies: BodyTable
     penalty_inverse_mass: np.ndarray  # (nb,) 1/mass with a floor, for the effective masses of constraints only
     penalty_inverse_inertia: np.ndarray  # (nb, 3, 3)
@@ -66,7 +71,7 @@ class Model:
     """A compiled model: its specification, kernel tables and names."""
 
     spec: ModelSpec
-    tables: Tables
+    tables: Ref  # of Tables
     n_bodies: int
     n_rows: int  # constraint rows
     n_slots: int  # 6x6 blocks of forces and constraints, without fill and without the trash slot

@@ -9,7 +9,7 @@ corner: `front_left`. A corner brings these coordinates beside those of its join
 Springs are free at a length the template finds by virtual work, so that the design position is the static equilibrium of the
 stated wheel load: per unit of wheel travel at rest
 
-    load * z'(contact) - sum of weights * z'(centres of mass) = -F * L'(spring)          F tension, L length
+    load * z'(contact) - sum of weights * z'(centres of mass) = F * L'(spring)           F tension, L length
 
 where ' is the derivative by the travel with the suspension's own kinematics. Neglected: the small lateral force of a cambered
 tire at rest, and that the loaded radius of the tire differs from the height given for the wheel centre by the fit of its data.
@@ -202,7 +202,7 @@ def free_length(axle: Axle, load: float, gravity: float) -> float:
     x, y, _ = axle.wheel.center
     force = load * motion.at((x, y, 0.0))[2]
     force -= gravity * (axle.knuckle.mass * motion.at(axle.knuckle.com)[2] + axle.wheel.mass * motion.at(axle.wheel.center)[2])
-    tension = -force / length_rate(axle.spring, motion)
+    tension = force / length_rate(axle.spring, motion)
     return distance(axle.spring.chassis, axle.spring.knuckle) - tension / axle.spring.rate
 
 

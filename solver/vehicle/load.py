@@ -14,9 +14,13 @@ from typing import Any
 from solver.errors import SceneError, suggestion
 from solver.load import Builder, Node, join, refuse, where
 from solver.model.spec import ModelSpec
+from solver.vehicle.full_car import FullCar, full_car_model
 from solver.vehicle.light_car import LightCar, light_car_model
 
-TEMPLATES: dict[str, tuple[type, Callable[[Any], ModelSpec]]] = {'light_car': (LightCar, light_car_model)}
+TEMPLATES: dict[str, tuple[type, Callable[[Any], ModelSpec]]] = {
+    'full_car': (FullCar, full_car_model),
+    'light_car': (LightCar, light_car_model),
+}
 
 
 def build_vehicle(builder: Builder, node: Node, path: str) -> ModelSpec:

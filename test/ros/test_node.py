@@ -2,94 +2,23 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 import signal
 import subprocess
 import sys
-import threading
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
+from processes import DOMAIN, ROOT, SCRIPT, Process, start
 
 from mbd_sim_ros import bag
 from solver.errors import BagError
 
-ROOT = Path(__file__).parents[2]
-DOMAIN = str(60 + os.getpid() % 40)  # one per test run, so that two runs on a machine do not hear each other
-
-# The real node with a stand-in for scene and simulation; argv[1]: keyword arguments of the stand-in, argv[2]: seconds of preparation.
-SCRIPT = """
-import json, sys, time
-import synthetic
-from mbd_sim_ros import node
-def prepare(name, overrides):
-    print('PREPARING', flush=True)
-    time.sleep(float(sys.argv[2]))
-    return synthetic.scene(name=name), synthetic.Synthetic(**json.loads(sys.argv[1]))
-node.prepare = prepare
-sys.exit(node.main(sys.argv[3:]))
-"""
-
-
-class Process:
-    """A node process; its output is collected while it runs."""
-
-    def __init__(self, directory: Path, command: list[str], domain: str = DOMAIN) -> None:
-        environment = {
-            **os.environ,
-            'PYTHONPATH': f'{ROOT}:{Path(__file__).parent}',
-            'ROS_DOMAIN_ID': domain,
-            'ROS_LOG_DIR': str(directory / 'log'),
-        }
-        self.process = subprocess.Popen(
-            command, cwd=directory, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True
-        )
-        self.output = ''
-        self._reader = threading.Thread(target=self._read, daemon=True)
-        self._reader.start()
-
-    def _read(self) -> None:
-        for line in self.process.stdout:
-            self.output += line
-
-    def wait_for(self, text: str, seconds: float = 30.0) -> None:
-        end = time.monotonic() + seconds
-        while text not in self.output:
-            assert time.monotonic() < end and (self.process.poll() is None or text in self.output), self.output
-            time.sleep(0.01)
-
-    def end(self, seconds: float = 30.0) -> int:
-        code = self.process.wait(seconds)
-        self._reader.join(5.0)
-        return code
-
-    def kill(self) -> None:
-        if self.process.poll() is None:
-            self.process.kill()
-            self.process.wait(10)
-
-
-@pytest.fixture
-def start(tmp_path):
-    """Start a simulator with a stand-in simulation: start(parameters, **stand-in arguments)."""
-    pytest.importorskip('rclpy')
-    started = []
-
-    def start(parameters: dict | None = None, *, preparing: float = 0.0, domain: str = DOMAIN, **simulation) -> Process:
-        values = {'scene': 'synthetic', **(parameters or {})}
-        arguments = [text for name, value in values.items() for text in ('-p', f'{name}:={json.dumps(value)}')]
-        command = [sys.executable, '-c', SCRIPT, json.dumps(simulation), str(preparing), '--ros-args', *arguments]
-        started.append(Process(tmp_path, command, domain))
-        return started[-1]
-
-    yield start
-    for process in started:
-        process.kill()
+__all__ = ['start']  # a fixture
 
 
 def test_a_run_of_given_duration_ends_by_itself_and_is_recorded_whole(start, tmp_path):
@@ -358,7 +287,7 @@ def test_parameters_are_described_guarded_and_load_again(start, client, tmp_path
 
     assert put('rate_factor', 2.0).successful
     assert 'fixed while the node runs' in put('scene', 'other').reason
-    assert 'one of realtime' in put('mode', 'quick').reason
+    assert 'must be one of realtime' in put('mode', 'quick').reason
     assert not put('publish_every', 0).successful
     values = [parameter_value_to_python(v) for v in ask(GetParameters, 'get_parameters', names=names).values]
     dump = {n: list(v) if isinstance(v, (list, tuple)) else v for n, v in zip(names, values, strict=True)}

@@ -1,0 +1,75 @@
+"""Multi-link suspension: a lower arm that carries spring, damper and drop link, and any number of further links.
+
+A rigid upright has one degree of freedom left when the arm (two constraints) is joined by three links. Spring and damper act between
+the lower arm and the chassis without bodies of their own. The axle may be driven (solver.vehicle.powertrain).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from solver.elements.marker import Vector
+from solver.elements.tire_pacejka import TireData
+from solver.vehicle.corner import Brake, Part, Wheel
+from solver.vehicle.hardpoints import distance, marker_at, on_side
+from solver.vehicle.parts import (
+    Arm,
+    Corner,
+    Damper,
+    Link,
+    Parts,
+    Spring,
+    Structure,
+    control_arm,
+    damper_of,
+    joined,
+    link,
+    spring_of,
+    wheel_end,
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class MultiLink:
+    """Data of the left wheel suspension; see the module.
+
+    links: by name; spring_chassis, spring_arm, damper_chassis, damper_arm: ends of spring and damper [m].
+    """
+
+    kind: Literal['multi_link'] = 'multi_link'
+    wheel: Wheel
+    tire: TireData
+    brake: Brake
+    upright: Part
+    lower_arm: Arm
+    links: dict[str, Link]
+    spring: Spring
+    spring_chassis: Vector
+    spring_arm: Vector
+    damper: Damper
+    damper_chassis: Vector
+    damper_arm: Vector
+
+    def corner(self, name: str, side: str, structure: Structure) -> Corner:
+        """The suspension of corner `name` on a side."""
+        upright = self.upright.body(f'upright_{name}', self.wheel.center, side)
+        hub, wheel = wheel_end(name, side, self.wheel, upright, structure.chassis, self.tire, self.brake)
+        lower = control_arm(f'lower_arm_{name}', self.lower_arm, structure.subframe, upright, side)
+        links = [link(f'{key}_{name}', data, structure.subframe, upright, side) for key, data in self.links.items()]
+        arm = lower.bodies[0]
+
+        def ends(chassis: Vector, on_arm: Vector):
+            return (
+                marker_at(structure.chassis, on_side(side, chassis)),
+                marker_at(arm, on_side(side, on_arm)),
+                distance(chassis, on_arm),
+            )
+
+        elastic = Parts(
+            spring_dampers=(
+                spring_of(f'spring_{name}', self.spring, *ends(self.spring_chassis, self.spring_arm)),
+                damper_of(f'damper_{name}', self.damper, *ends(self.damper_chassis, self.damper_arm)),
+            )
+        )
+        return Corner(joined((Parts(bodies=(upright,)), hub, lower, *links, elastic)), upright, wheel, arm)

@@ -1,0 +1,267 @@
+"""What suspensions, steering and driveline are made of: parts lists, rods, bushings, mountings, links and wheel ends.
+
+A template function returns `Parts`, the fields of ModelSpec it contributes to; `joined` adds them up. Lengths and directions are
+given for the left side, in the design frame of solver.vehicle.hardpoints; the right side is mirrored. Every connection has two
+forms: with the data of a bushing it is a BushingSpec, without it is an ideal joint.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from typing import Annotated, NamedTuple
+
+import numpy as np
+
+from solver.elements.brake import BrakeSpec
+from solver.elements.bushing import BushingSpec, Six
+from solver.elements.coordinate import CoordinateSpec
+from solver.elements.coordinate_force import CoordinateForceSpec
+from solver.elements.coupler import CouplerSpec
+from solver.elements.joint import JointSpec
+from solver.elements.laws import Law
+from solver.elements.marker import Marker, Vector, finite, require
+from solver.elements.rigid_body import RigidBodySpec
+from solver.elements.spring_damper import SpringDamperSpec
+from solver.elements.tire_pacejka import TireData, TireSpec
+from solver.mechanism import frame_of_axis
+from solver.vehicle.corner import Brake, Wheel, spin_axis
+from solver.vehicle.hardpoints import distance, marker_at, on_side
+
+UP: Vector = (0.0, 0.0, 1.0)
+LEFTWARDS: Vector = (0.0, 1.0, 0.0)
+SKEW = 0.02  # largest coupling of rotations, relative to the rotational rates, that a mounting may neglect
+
+
+class Parts(NamedTuple):
+    """Fields of ModelSpec that a part of the vehicle contributes to."""
+
+    bodies: tuple[RigidBodySpec, ...] = ()
+    joints: tuple[JointSpec, ...] = ()
+    coordinates: tuple[CoordinateSpec, ...] = ()
+    couplers: tuple[CouplerSpec, ...] = ()
+    spring_dampers: tuple[SpringDamperSpec, ...] = ()
+    bushings: tuple[BushingSpec, ...] = ()
+    coordinate_forces: tuple[CoordinateForceSpec, ...] = ()
+    brakes: tuple[BrakeSpec, ...] = ()
+    tires: tuple[TireSpec, ...] = ()
+
+
+def joined(parts: Iterable[Parts]) -> Parts:
+    """All parts together, in order."""
+    return Parts(*(tuple(chain(*field)) for field in zip(*parts, strict=True)))
+
+
+class Corner(NamedTuple):
+    """One wheel suspension: its parts, and the bodies that others attach to (arm: where the drop link of an anti-roll bar goes)."""
+
+    parts: Parts
+    upright: RigidBodySpec
+    wheel: RigidBodySpec
+    arm: RigidBodySpec
+
+
+class Structure(NamedTuple):
+    """What a suspension is attached to; rack: where tie rods go (None: not steered)."""
+
+    chassis: RigidBodySpec
+    subframe: RigidBodySpec
+    rack: RigidBodySpec | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bushing:
+    """One rubber bushing.
+
+    axis: its z axis [design frame] (None: along the pivots it stands on, else vertical); x is forward, or to the left where the
+    axis is longitudinal. stiffness: along x y z [N/m] and about x y z [N m/rad]; law_x .. law_z: force [N] over displacement [m]
+    instead of the linear rate. loss: damping over stiffness [s], i.e. loss angle / (2 pi f) at the frequency f that matters.
+    """
+
+    stiffness: Six
+    axis: Vector | None = None
+    law_x: Law | None = None
+    law_y: Law | None = None
+    law_z: Law | None = None
+    loss: Annotated[float, 's'] = 0.0015
+
+    def __post_init__(self) -> None:
+        for k, rate in enumerate(self.stiffness):
+            finite('bushing', f'stiffness[{k}]', rate, low=0.0)
+        finite('bushing', 'loss', self.loss, low=0.0)
+
+
+def mounting(
+    name: str,
+    i: RigidBodySpec,
+    j: RigidBodySpec,
+    points: Sequence[Vector],
+    bushing: Bushing | None,
+    *,
+    ideal: str,
+    side: str = 'left',
+    axis: Vector | None = None,
+) -> Parts:
+    """Identical bushings at `points` between bodies i and j, replaced by one six-axis element at their centre.
+
+    Exact for small displacements: translational rates add up, rotational ones grow by rate times distance squared. Coupling of two
+    rotations must be absent (points on a line along an axis of the bushing, or placed symmetrically); SpecError otherwise.
+    Without a bushing: an ideal joint of kind `ideal`. axis: z of the joint, and of a bushing that does not give its own; the line
+    through two points unless given.
+    """
+    placed = np.array([on_side(side, p) for p in points])
+    centre = placed.mean(axis=0)
+    line = on_side(side, axis) if axis is not None else tuple(placed[0] - placed[1]) if len(points) == 2 else UP
+    if bushing is None:
+        return Parts(joints=(JointSpec(name=name, kind=ideal, i=marker_at(i, centre, line), j=marker_at(j, centre, line)),))
+    own = line if bushing.axis is None else on_side(side, bushing.axis)
+    arms = (placed - centre) @ frame_of_axis(own)
+    n, k = len(points), np.array(bushing.stiffness)
+    squares = (arms * arms).sum(axis=0)
+    turning = n * k[3:] + [k[1] * squares[2] + k[2] * squares[1], k[0] * squares[2] + k[2] * squares[0], k[0] * squares[1] + k[1] * squares[0]]
+    for a, b, c in ((0, 1, 2), (0, 2, 1), (1, 2, 0)):
+        coupling = abs(k[c] * (arms[:, a] * arms[:, b]).sum())
+        require(
+            coupling <= SKEW * np.sqrt(turning[a] * turning[b]), f'mounting {name!r}', 'points', points,
+            'couple two rotations: place them on a line along an axis of the bushing, or symmetrically',
+        )  # fmt: skip
+    stiffness = tuple(float(x) for x in (*(n * k[:3]), *turning))
+    laws = tuple(None if law is None else Law(law.x, tuple(n * y for y in law.y), tuple(n * s for s in law.slope))
+                 for law in (bushing.law_x, bushing.law_y, bushing.law_z))  # fmt: skip
+    return Parts(
+        bushings=(
+            BushingSpec(
+                name=name, i=marker_at(i, centre, own), j=marker_at(j, centre, own), stiffness=stiffness,  # type: ignore[arg-type]
+                damping=tuple(bushing.loss * x for x in stiffness), laws=(*laws, None, None, None),  # type: ignore[arg-type]
+            ),
+        )
+    )  # fmt: skip
+
+
+def rods(name: str, pieces: Sequence[tuple[float, Vector, Vector, float]]) -> RigidBodySpec:
+    """A body made of uniform solid cylinders (mass [kg], end a, end b [m], radius [m]); its frame is at the centre of mass, parallel to
+    the design frame. Ends are placed already (not mirrored)."""
+    masses = np.array([m for m, *_ in pieces])
+    centres = np.array([0.5 * (np.array(a) + np.array(b)) for _, a, b, _ in pieces])
+    com = masses @ centres / masses.sum()
+    inertia = np.zeros((3, 3))
+    for (m, a, b, radius), centre in zip(pieces, centres, strict=True):
+        length = distance(a, b)
+        n = np.subtract(b, a) / length
+        across = m * (radius * radius / 4.0 + length * length / 12.0)
+        d = centre - com
+        inertia += across * np.eye(3) + (0.5 * m * radius * radius - across) * np.outer(n, n)
+        inertia += m * (d @ d * np.eye(3) - np.outer(d, d))
+    six = (inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2])
+    x, y, z = (float(c) for c in com)
+    return RigidBodySpec(name=name, mass=float(masses.sum()), inertia=tuple(float(c) for c in six), position=(x, y, z))  # type: ignore[arg-type]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Link:
+    """A bar between two points [m]: ball joint at `outer`, at `inner` a bushing, or ideally a universal joint (so that it cannot spin).
+
+    mass [kg], radius [m] of the cylinder whose inertia it has.
+    """
+
+    inner: Vector
+    outer: Vector
+    mass: float
+    radius: float = 0.015
+    bushing: Bushing | None = None
+
+
+def link(name: str, data: Link, base: RigidBodySpec, carrier: RigidBodySpec, side: str) -> Parts:
+    """The link (its body first) between base (inner end) and carrier (outer end)."""
+    a, b = on_side(side, data.inner), on_side(side, data.outer)
+    body = rods(name, ((data.mass, a, b, data.radius),))
+    along = tuple(np.subtract(data.outer, data.inner))
+    ball = JointSpec(name=f'{name}_outer', kind='spherical', i=marker_at(body, b), j=marker_at(carrier, b))
+    foot = mounting(f'{name}_inner', base, body, (data.inner,), data.bushing, ideal='universal', side=side, axis=along)
+    return joined((Parts(bodies=(body,), joints=(ball,)), foot))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Arm:
+    """A control arm: two coaxial bushings (or a revolute) at `pivots`, ball joint at `outer` [m].
+
+    mass [kg] in two bars from the pivots to the ball joint, of the given radius [m].
+    """
+
+    pivots: tuple[Vector, Vector]
+    outer: Vector
+    mass: float
+    radius: float = 0.02
+    bushing: Bushing | None = None
+
+
+def control_arm(name: str, data: Arm, base: RigidBodySpec, carrier: RigidBodySpec, side: str) -> Parts:
+    """The arm (its body first) between base and carrier."""
+    outer = on_side(side, data.outer)
+    body = rods(name, [(0.5 * data.mass, on_side(side, p), outer, data.radius) for p in data.pivots])
+    ball = JointSpec(name=f'{name}_outer', kind='spherical', i=marker_at(body, outer), j=marker_at(carrier, outer))
+    return joined((Parts(bodies=(body,), joints=(ball,)), mounting(f'{name}_inner', base, body, data.pivots, data.bushing, ideal='revolute', side=side)))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spring:
+    """Coil spring: rate [N/m], load: compression force in the design position [N]."""
+
+    rate: float
+    load: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Damper:
+    """law: force [N] over rate of length [m/s], rebound positive. stops: force [N] over length minus design length [m], rebound
+    positive: bump rubber and rebound buffer."""
+
+    law: Law
+    stops: Law | None = None
+
+
+def spring_of(name: str, data: Spring, i: Marker, j: Marker, length: float) -> SpringDamperSpec:
+    """The spring between two markers that are `length` apart in the design position [m]."""
+    return SpringDamperSpec(name=name, i=i, j=j, free_length=length + data.load / data.rate, spring=Law.linear(data.rate))
+
+
+def damper_of(name: str, data: Damper, i: Marker, j: Marker, length: float) -> SpringDamperSpec:
+    """The damper, with its stops, between two markers that are `length` apart in the design position [m]."""
+    return SpringDamperSpec(name=name, i=i, j=j, free_length=length, spring=data.stops, damper=data.law)
+
+
+def wheel_end(
+    corner: str, side: str, wheel: Wheel, upright: RigidBodySpec, chassis: RigidBodySpec, tire: TireData, brake: Brake
+) -> tuple[Parts, RigidBodySpec]:
+    """(wheel on its bearing with tire and brake, body of the wheel); coordinates wheel_<corner> (forward rolling) and travel_<corner> (bump)."""
+    center = on_side(side, wheel.center)
+    body = wheel.body(f'wheel_{corner}', side)
+    spin = spin_axis(body)
+    name = f'wheel_{corner}'
+    parts = Parts(
+        bodies=(body,),
+        joints=(JointSpec(name=name, kind='revolute', i=marker_at(upright, center, spin), j=marker_at(body, center, spin)),),
+        coordinates=(CoordinateSpec(name=f'travel_{corner}', kind='translation', i=marker_at(chassis, center, UP), j=marker_at(upright, center, UP)),),
+        brakes=(
+            BrakeSpec(
+                name=f'brake_{corner}', coordinate=name, input='brake_torque', gain=brake.share, stiffness=brake.stiffness, damping=brake.damping
+            ),
+        ),
+        tires=(TireSpec(name=corner, marker=Marker(body=name), data=tire, mirrored=tire.side not in (side, 'symmetric')),),
+    )
+    return parts, body
+
+
+def shaft_markers(
+    i: RigidBodySpec, j: RigidBodySpec, point: Vector, axis_i: Sequence[float], axis_j: Sequence[float]
+) -> tuple[Marker, Marker]:
+    """Markers of a joint between two shafts that meet at `point`, z along each shaft, without twist between them.
+
+    x is the normal of the plane of the two shafts (the same line for both), so a universal joint has one cross pin there and a
+    constant-velocity joint is open by exactly zero. Directions are placed already (not mirrored).
+    """
+    normal = np.cross(axis_i, axis_j)
+    if np.linalg.norm(normal) < 1e-9 * np.linalg.norm(axis_i) * np.linalg.norm(axis_j):
+        normal = frame_of_axis(axis_i)[:, 0]
+    return marker_at(i, point, axis_i, normal), marker_at(j, point, axis_j, normal)

@@ -1,0 +1,115 @@
+"""Steering: wheel, column, telescopic intermediate shaft with two universal joints, pinion and rack.
+
+    chassis -revolute- steering_wheel -universal- upper shaft -prismatic- lower shaft -universal- pinion -revolute- subframe
+    subframe -prismatic- rack (to the tie rods)
+
+The angle of the steering wheel is imposed by the driver row `driver`. Pinion and rack act on each other through the elasticity of torsion
+bar and mesh: `rack_and_pinion` is the torque over pinion angle minus rack travel / pinion radius. With power assistance the
+torsion bar appears stiffer than it is, by the ratio of the whole torque to the driver's.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.elements.coordinate_force import CoordinateForceSpec
+from solver.elements.coupler import CouplerSpec
+from solver.elements.joint import JointSpec
+from solver.elements.laws import Law
+from solver.elements.marker import Vector, finite
+from solver.elements.rigid_body import RigidBodySpec
+from solver.elements.spring_damper import SpringDamperSpec
+from solver.vehicle.corner import Part
+from solver.vehicle.hardpoints import marker_at
+from solver.vehicle.parts import LEFTWARDS, Parts, rods, shaft_markers
+
+SHAFT_RADIUS = 0.012  # of the shafts' cylinders [m]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SteeringGear:
+    """Data of the steering; not mirrored.
+
+    rack: with the inner tie-rod balls. rack_per_turn: travel per turn of the pinion [m]. rack_damping: of steering damper, assistance
+    and guides [N s/m]. stiffness [N m/rad] and damping [N m s/rad] of torsion bar and mesh, at the pinion. pinion_foot: where
+    the pinion shaft ends in the gear; pinion_joint, column_joint: centres of the universal joints; wheel_hub: hub of the steering
+    wheel [m]; wheel_inertia: of steering wheel and column about the axis [kg m^2].
+    """
+
+    rack: Part
+    rack_per_turn: float
+    rack_damping: float
+    stiffness: float
+    damping: float
+    pinion_foot: Vector
+    pinion_joint: Vector
+    column_joint: Vector
+    wheel_hub: Vector
+    pinion_mass: float
+    shaft_mass: float
+    wheel_mass: float
+    wheel_inertia: float
+
+    def __post_init__(self) -> None:
+        for field in ('rack_per_turn', 'stiffness'):
+            finite('steering', field, getattr(self, field), low=0.0, strict=True)
+
+
+def steering_gear(data: SteeringGear, chassis: RigidBodySpec, subframe: RigidBodySpec, arm: float) -> tuple[Parts, RigidBodySpec]:
+    """(steering, rack). arm: of the tie rods, see DoubleWishbone.steering_arm; only its sign counts. Coordinates steering_wheel,
+    steering_pinion (positive to the left) and rack (positive along y)."""
+    foot, low, high, hub = (np.array(p) for p in (data.pinion_foot, data.pinion_joint, data.column_joint, data.wheel_hub))
+    middle = 0.5 * (low + high)
+    pinion_axis, shaft_axis, column_axis = low - foot, high - low, hub - high  # each points towards the driver
+    rack = data.rack.body('rack', data.rack.com)
+    pinion = rods('steering_pinion', ((data.pinion_mass, tuple(foot), tuple(low), SHAFT_RADIUS),))
+    lower = rods('steering_shaft_lower', ((0.5 * data.shaft_mass, tuple(low), tuple(middle), SHAFT_RADIUS),))
+    upper = rods('steering_shaft_upper', ((0.5 * data.shaft_mass, tuple(middle), tuple(high), SHAFT_RADIUS),))
+    wheel = steering_wheel(data, column_axis)
+
+    def joint(name: str, kind: str, i: RigidBodySpec, j: RigidBodySpec, at, axis) -> JointSpec:
+        return JointSpec(name=name, kind=kind, i=marker_at(i, at, axis), j=marker_at(j, at, axis))
+
+    def universal(name: str, i: RigidBodySpec, j: RigidBodySpec, at, axis_i, axis_j) -> JointSpec:
+        a, b = shaft_markers(i, j, tuple(at), axis_i, axis_j)
+        return JointSpec(name=name, kind='universal', i=a, j=b)
+
+    left = tuple(np.array(data.rack.com) + (0.0, 0.5, 0.0))
+    ratio = float(np.copysign(2.0 * np.pi / data.rack_per_turn, arm))
+    parts = Parts(
+        bodies=(rack, pinion, lower, upper, wheel),
+        joints=(
+            joint('rack', 'prismatic', subframe, rack, data.rack.com, LEFTWARDS),
+            joint('steering_pinion', 'revolute', subframe, pinion, foot, pinion_axis),
+            universal('steering_joint_lower', pinion, lower, low, pinion_axis, shaft_axis),
+            joint('steering_slide', 'prismatic', lower, upper, middle, shaft_axis),
+            # the pins of the intermediate shaft lie in the planes of the two joints, so that their fluctuations nearly cancel
+            universal('steering_joint_upper', wheel, upper, high, column_axis, shaft_axis),
+            joint('steering_wheel', 'revolute', chassis, wheel, hub, column_axis),
+        ),
+        couplers=(CouplerSpec(name='driver', terms=(('steering_wheel', 1.0),), offset=0.0, input='steering'),),
+        spring_dampers=(
+            SpringDamperSpec(
+                name='steering_damper', i=marker_at(subframe, left), j=marker_at(rack, data.rack.com), free_length=0.5,
+                damper=Law.linear(data.rack_damping),
+            ),
+        ),
+        coordinate_forces=(
+            CoordinateForceSpec(
+                name='rack_and_pinion', terms=(('steering_pinion', 1.0), ('rack', -ratio)),
+                spring=Law.linear(data.stiffness), damper=Law.linear(data.damping),
+            ),
+        ),
+    )  # fmt: skip
+    return parts, rack
+
+
+def steering_wheel(data: SteeringGear, axis: np.ndarray) -> RigidBodySpec:
+    """Steering wheel and column as one body at the hub."""
+    n = axis / np.linalg.norm(axis)
+    across = 0.5 * data.wheel_inertia + data.wheel_mass * 0.01  # a flat ring, and the column's length
+    inertia = across * np.eye(3) + (data.wheel_inertia - across) * np.outer(n, n)
+    six = (inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2])
+    return RigidBodySpec(name='steering_wheel', mass=data.wheel_mass, inertia=tuple(float(c) for c in six), position=data.wheel_hub)  # type: ignore[arg-type]
