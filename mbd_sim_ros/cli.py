@@ -56,7 +56,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code; never raises, apart from --help's SystemExit."""
     argv = list(sys.argv[1:] if argv is None else argv)
     as_json = '--json' in argv
-    previous = signal.signal(signal.SIGTERM, _terminate)
+    # SIGINT too: a shell starts background jobs with it ignored, and launch tools end those with it
+    previous = {s: signal.signal(s, h) for s, h in ((signal.SIGTERM, _terminate), (signal.SIGINT, signal.default_int_handler))}
     try:
         first = next((a for a in argv if not a.startswith('-')), None)
         names = [c.__name__.rpartition('.')[2] for c in COMMANDS]
@@ -82,7 +83,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         what = ' '.join(f'{type(error).__name__}: {error}'.split())
         return _fail(f'internal error: {what}; set {SHOW_TRACEBACK}=1 to see where', INTERNAL_ERROR, as_json)
     finally:
-        signal.signal(signal.SIGTERM, previous)
+        for number, handler in previous.items():
+            signal.signal(number, handler)
 
 
 def plain(value: Any) -> Any:

@@ -46,25 +46,26 @@ def drive(scene: str, directory: Path, duration: float) -> None:
 
 
 def draw(run: bag.Run, file: Path) -> None:
-    """Draw trajectory, yaw rate, steering and tire forces, or the joint positions of a mechanism without chassis."""
+    """Draw trajectory, yaw rate, steering and tire forces, or the joint positions of a mechanism without tires."""
     import matplotlib as mpl
 
     mpl.use('Agg')
     from matplotlib import pyplot
 
-    if 'odom/pose/x' not in run.columns:
+    wheels = [name.split('/')[1] for name in run.columns if name.startswith('tire/') and name.endswith('/fy')]
+    if not wheels:
         figure, axes = pyplot.subplots(figsize=(9, 5), layout='constrained')
         for name in [name for name in run.columns if name.startswith('joint_states/') and name.endswith('/position')]:
             axes.plot(run.time, run[name], label=name.split('/')[1])
         axes.set(xlabel='time [s]', ylabel='joint position [rad or m]')
         axes.legend()
     else:
-        wheels = [name.split('/')[1] for name in run.columns if name.startswith('tire/') and name.endswith('/fy')]
         figure, grid = pyplot.subplots(2, 2, figsize=(12, 8), layout='constrained')
         grid[0, 0].plot(run['odom/pose/x'], run['odom/pose/y'])
         grid[0, 0].set(xlabel='x [m]', ylabel='y [m]', title='trajectory of base_link', aspect='equal')
         grid[0, 1].plot(run.time, run['odom/twist/wz'], label='yaw rate [rad/s]')
-        grid[0, 1].plot(run.time, run['cmd_applied/steering'], label='steering wheel [rad]')
+        if 'cmd_applied/steering' in run.columns:
+            grid[0, 1].plot(run.time, run['cmd_applied/steering'], label='steering wheel [rad]')
         grid[0, 1].set(xlabel='time [s]', title='yaw rate and steering')
         grid[0, 1].legend()
         for axes, force, title in ((grid[1, 0], 'fy', 'lateral'), (grid[1, 1], 'fz', 'vertical')):

@@ -6,6 +6,7 @@ Deadlines are absolute (`anchor + k h / rate_factor`), so errors of single sleep
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 from collections import deque
@@ -25,6 +26,21 @@ SLIP = 0.2  # s behind schedule after which the schedule is given up and starts 
 REPEAT = 1.0  # s of waiting in lockstep after which the state is published again, for those who came late
 ENDED = 'the simulation has ended'
 WINDOW = 4096  # steps over which step times are judged
+
+
+def prefer(priority: int) -> bool:
+    """Give every thread of this process the real-time priority (SCHED_FIFO, 1 to 99), or ordinary scheduling for 0.
+
+    All of them, because whichever holds the interpreter lock is the one the simulation waits for. Beside other busy processes
+    this decides between steps that begin 20 us and steps that begin 5 ms late. Returns whether the system permits it.
+    """
+    policy = os.SCHED_FIFO if priority else os.SCHED_OTHER
+    try:
+        for thread in os.listdir('/proc/self/task'):
+            os.sched_setscheduler(int(thread), policy, os.sched_param(priority))
+    except (AttributeError, OSError):  # not Linux, or no permission
+        return False
+    return True
 
 
 class Stepper(Protocol):

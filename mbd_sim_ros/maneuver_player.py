@@ -1,7 +1,8 @@
 """Executable `maneuver`: plays a maneuver onto the command topics in simulation time.
 
-It answers every `cmd_applied` of the simulator (whose stamp is the simulation time) with the three commands for that time, so
-it keeps pace in every mode; in lockstep the pair is deterministic. Exit code 0 when the maneuver or the simulator ends.
+It answers the newest `cmd_applied` of the simulator (whose stamp is the simulation time) with the three commands for that time,
+at most `rate` times a second (a command costs the simulator more than a step does), so it keeps pace in every mode; in lockstep
+the pair is deterministic. Exit code 0 when the maneuver or the simulator ends.
 """
 
 from __future__ import annotations
@@ -35,6 +36,7 @@ def _play(signals: Signals) -> int:
     scene = node.declare_parameter('scene', '').value  # plays the maneuver of a scene, for its duration
     simulator = node.declare_parameter('simulator', 'simulator').value
     timeout = node.declare_parameter('timeout', 20.0).value  # [s] to wait for the simulator
+    rate = node.declare_parameter('rate', 100.0).value  # [Hz] of wall time; 0: answer every step (for fast lockstep)
     duration = node.declare_parameter('duration', 0.0).value  # [s] of simulation time; 0: that of the scene, or no end
     if bool(name) == bool(scene):
         raise SceneError('give either a maneuver or a scene: --ros-args -p maneuver:=FILE_OR_NAME, or -p scene:=FILE_OR_NAME')
@@ -61,7 +63,10 @@ def _play(signals: Signals) -> int:
     begin = time.monotonic()
     node.get_logger().info(f'waiting for {simulator}')
     while not signals.event.is_set():
+        answered = now_ns
         executor.spin_once(timeout_sec=0.1)
+        if rate > 0.0 and now_ns != answered:
+            time.sleep(1.0 / rate)  # meanwhile the queue of depth one keeps the newest
         if now_ns < 0 and time.monotonic() - begin > timeout:
             listening = publishers[0].get_subscription_count() > 0
             what = 'is there but sends no cmd_applied (is it paused?)' if listening else 'is not there'

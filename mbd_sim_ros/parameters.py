@@ -29,6 +29,7 @@ PARAMETERS = {
     'commands': Spec('topics', 'who drives: topics, or the maneuver of the scene'),
     'mode': Spec('realtime', 'realtime, fast (no waiting) or lockstep (a step only for newer commands or ~/step)', live=True),
     'rate_factor': Spec(1.0, 'simulated seconds per second in mode realtime [-]', 0.001, 1000.0, live=True),
+    'realtime_priority': Spec(10, 'SCHED_FIFO priority in mode realtime, where the system permits it [-]; 0: none', 0, 99),
     'duration': Spec(0.0, 'simulated time after which the node ends with exit code 0 [s]; 0: none, -1: that of the scene', -1.0, 1e6),
     'publish_every': Spec(1, 'publish every n-th step [-]', 1, 100000, live=True),
     'publish_clock': Spec(True, 'publish /clock'),

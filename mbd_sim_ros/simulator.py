@@ -20,7 +20,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 
-from mbd_sim_ros.loop import Loop
+from mbd_sim_ros.loop import Loop, prefer
 from mbd_sim_ros.messages import Messages
 from mbd_sim_ros.parameters import PARAMETERS, declare, refusal
 from mbd_sim_ros.publish import Publication
@@ -45,6 +45,7 @@ class Simulator(Node):
         self.recorder: Recorder | None = None
         self.failed_recording: BagError | None = None
         declare(self)
+        self._priority = 0
         self._warned: dict[str, float] = {}
 
     # -- parameters ----------------------------------------------------------------------------------------------------
@@ -60,6 +61,7 @@ class Simulator(Node):
         for parameter in parameters:
             if parameter.name in ('mode', 'rate_factor', 'command_timeout'):
                 setattr(self.loop, parameter.name, parameter.value)
+                self._prefer()
             elif parameter.name == 'publish_every':
                 self._publish_every = parameter.value
         return SetParametersResult(successful=True)
@@ -108,6 +110,16 @@ class Simulator(Node):
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self.create_timer(1.0, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.loop.start()
+        self._prefer()
+
+    def _prefer(self) -> None:
+        """Real-time priority, but not for a loop that never waits: it would keep the processor for itself."""
+        priority = self.value('realtime_priority') if self.loop.mode == 'realtime' else 0
+        if priority != self._priority:
+            if prefer(priority):
+                self._priority = priority
+            else:
+                self.get_logger().info('no permission for real-time priority (ulimit -r): beside other busy processes steps will be late')
 
     def _new_source(self) -> CommandSource:
         channels = self.simulation.channels

@@ -27,7 +27,8 @@ from solver.saddle import CONDENSED, assemble_tangent, effective_masses, factori
 PENALTY = 1e8
 ASSEMBLY_TOLERANCE = 1e-12  # m or rad
 LARGEST_TURN = 0.3  # rad or m per iteration of the assembly
-EQUILIBRIUM_TOLERANCE = 1e-7  # N or N m
+EQUILIBRIUM_TOLERANCE = 1e-8  # N or N m, relative to the weight of the model
+SETTLING = 1.0  # s, long against every damping in a model
 
 
 class Start:
@@ -56,13 +57,13 @@ class Start:
         self.metric_mass = 1.0 / self.t.penalty_inverse_mass
         self.metric_inertia = np.linalg.inv(self.t.penalty_inverse_inertia)
 
-    def _factorize(self, cm: float, cq: float, metric: bool) -> None:
-        """Factorize cm M - cq Kq with the constraints at self.J; metric: use the floored masses instead of M."""
+    def _factorize(self, cm: float, cq: float, cv: float, metric: bool) -> None:
+        """Factorize cm M - cq Kq - cv Kv with the constraints at self.J; metric: use the floored masses instead of M."""
         self.saddle.J_s[:] = self.J
         self.saddle.J_e[:] = self.J
         effective_masses(self.t, self.J, self.saddle.W)
         self.saddle.W[:] *= PENALTY * cm
-        assemble_tangent(self.t, 0.0 if metric else cm, cq, 0.0, self.Kq, self.Kv, self.identity, self.saddle.B)
+        assemble_tangent(self.t, 0.0 if metric else cm, cq, cv, self.Kq, self.Kv, self.identity, self.saddle.B)
         if metric:
             for b in range(self.model.n_bodies):
                 s = self.t.bodies.slot[b]
@@ -95,7 +96,7 @@ class Start:
             residual = self.phi + (offsets if offsets is not None else 0.0)
             if not len(residual) or np.abs(residual).max() < ASSEMBLY_TOLERANCE:
                 break
-            self._factorize(1.0, 0.0, metric=True)
+            self._factorize(1.0, 0.0, 0.0, metric=True)
             solve_saddle(self.t, CONDENSED, self.saddle, zero, residual, self.dw, self.dlam)
             move(state.q, self.dw * min(1.0, LARGEST_TURN / max(np.abs(self.dw).max(), 1e-300)))
         else:
@@ -115,7 +116,7 @@ class Start:
             self.phi_t += extra
         self.Kq[:] = 0.0
         self.Kv[:] = 0.0
-        self._factorize(1.0, 0.0, metric=True)
+        self._factorize(1.0, 0.0, 0.0, metric=True)
         zero = np.zeros_like(self.f)
         rate = np.zeros(self.model.n_rows)
         for _ in range(20):
@@ -139,7 +140,7 @@ class Start:
         bias = self._acceleration_bias(q, v, angle, u) + self.phi_tt
         self.Kq[:] = 0.0
         self.Kv[:] = 0.0
-        self._factorize(1.0, 0.0, metric=True)
+        self._factorize(1.0, 0.0, 0.0, metric=True)
         a = np.zeros_like(self.f)
         lam = np.zeros(self.model.n_rows)
         rate = np.zeros(self.model.n_rows)
@@ -204,34 +205,40 @@ class Start:
     def equilibrium(self, state: State, u: np.ndarray, limit: int = 400) -> float:
         """Static equilibrium: Newton on f(q, 0) + A^T lam = 0, phi = 0 with a pseudo-mass M/tau^2 that fades.
 
-        Changes state.q, state.lam, state.angle; state.v is set to zero. Returns the largest generalized force left [N or N m].
-        Directions without stiffness (a car's rolling) stay where they are. Raises ConsistencyError if it does not settle.
+        Changes state.q, state.lam, state.z, state.angle; state.v is set to zero. Returns the largest generalized force left [N or
+        N m]. Internal states follow the motion towards the equilibrium as if an iteration took SETTLING seconds: tires at rest and
+        locked brakes are springs between that motion and their force. Directions without stiffness (a car's rolling) stay where
+        they are. Raises ConsistencyError if it does not settle.
         """
         state.v[:] = 0.0
         tau = 0.01
+        scale = max(1.0, float((self.t.bodies.mass * np.linalg.norm(self.t.bodies.gravity)).sum()))
         last = np.inf
         at_rest = np.zeros_like(state.v)
         for _ in range(limit):
             kin = self._constraints(state.q, at_rest, state.angle, u)
-            evaluate_forces(self.t, kin, state.angle, state.z, 0.0, u, True, self.f, self.Kq, self.Kv, self.z, self.outputs)
+            evaluate_forces(self.t, kin, state.angle, state.z, SETTLING, u, True, self.f, self.Kq, self.Kv, self.z, self.outputs)
             r = -self.f
             add_constraint_forces(self.constraints, self.J, state.lam, -1.0, r)
             r[-1] = 0.0
             left = float(np.abs(r).max())
             open_ = float(np.abs(self.phi).max(initial=0.0))
-            if left < EQUILIBRIUM_TOLERANCE and open_ < 1e-11:
+            if left < EQUILIBRIUM_TOLERANCE * scale and open_ < 1e-11:
                 return left
             tau = min(tau * (2.0 if left < last else 0.5), 1e2)
             tau = max(tau, 1e-3)
             last = left
             add_constraint_stiffness(self.t, kin, state.lam, self.Kq, self.Kv)
-            self._factorize(1.0 / tau**2, 1.0, metric=True)
+            self._factorize(1.0 / tau**2, 1.0, 1.0 / SETTLING, metric=True)
             solve_saddle(self.t, CONDENSED, self.saddle, r, self.phi, self.dw, self.dlam)
             factor = min(1.0, 0.05 / max(np.abs(self.dw).max(), 1e-300))
+            kin = kinematics_of(state.q, factor / SETTLING * self.dw)
+            evaluate_forces(self.t, kin, state.angle, state.z, SETTLING, u, False, self.f, self.Kq, self.Kv, self.z, self.outputs)
+            state.z[:] = self.z
             move(state.q, factor * self.dw)
             state.lam[:] += factor * self.dlam
             update_angles(self.coordinates, kinematics_of(state.q, at_rest), state.angle)
-        if left < 1e-4:
+        if left < 1e3 * EQUILIBRIUM_TOLERANCE * scale:
             return left
         b, c = np.unravel_index(np.argmax(np.abs(r)), r.shape)
         raise ConsistencyError(

@@ -91,10 +91,10 @@ class Simulation:
         if start.kind != 'as_placed' or values:
             self._with_rows(list(values), list(values.values())).assemble(state, u)
         if start.kind == 'equilibrium':
-            calculation.equilibrium(state, u)
+            calculation.equilibrium(state, self._without_loads(u))
         self._place_velocities(start.speed)
         if start.speed:
-            rates |= self._wheel_rates(start.speed, u)
+            rates |= self._roll_wheels(start.speed, u)
         extended = self._with_rows(list(rates), [0.0] * len(rates))
         extra = np.zeros(extended.model.n_rows)
         extra[self.model.n_rows :] = [-r for r in rates.values()]
@@ -104,6 +104,12 @@ class Simulation:
     def _inputs_at_start(self) -> np.ndarray:
         zero = np.zeros(1)
         return self.scene.maneuver.inputs(self.scene.model.inputs, zero, zero)[0]
+
+    def _without_loads(self, u: np.ndarray) -> np.ndarray:
+        """Inputs with those of coordinate and applied forces zero: static equilibrium is sought under gravity, without drive torque."""
+        spec = self.scene.model
+        loads = {force.input for force in (*spec.coordinate_forces, *spec.applied_forces)}
+        return np.array([0.0 if name in loads else value for name, value in zip(spec.inputs, u, strict=True)])
 
     def _with_rows(self, names: list[str], offsets: list[float]) -> Start:
         """The start calculation of the model with extra rows coordinate = offset."""
@@ -124,8 +130,8 @@ class Simulation:
             v[b, :3] = np.array(body.velocity) + R_b @ np.cross(w, body.com) + speed * R[:, 0]
             v[b, 3:] = w
 
-    def _wheel_rates(self, speed: float, u: np.ndarray) -> dict[str, float]:
-        """Rolling rates of the revolute coordinates that carry the wheels."""
+    def _roll_wheels(self, speed: float, u: np.ndarray) -> dict[str, float]:
+        """Let the wheels roll; returns the rates of the revolute coordinates that carry them."""
         kin = self._kinematics(self.state.q, self.state.v)
         evaluate_forces(
             self.model.tables, kin, self.state.angle, self.state.z, 0.0, u, False, self.work.f, self.work.Kq, self.work.Kv, self.work.z_s, self._output_table
@@ -133,13 +139,16 @@ class Simulation:
         rates = {}
         for e, tire in enumerate(self.model.spec.tires):
             load = self.outputs.tires[e, FIRST_TIRE_COLUMN + TIRE_COLUMNS.index('fz')]
+            rate = speed / rolling_radius(self.model.tables.tires, e, load, speed)
+            spin = np.array(matrix_of_quaternion(tire.marker.orientation)).reshape(3, 3)[:, 1]
+            # the wheel itself has to turn before velocities are projected, or the projection would turn what carries it
+            self.state.v[self.model.body_names.index(tire.marker.body), 3:] += rate * spin
             for joint in self.model.spec.joints:
                 if joint.kind == 'revolute' and tire.marker.body in (joint.i.body, joint.j.body):
                     side = 1.0 if joint.j.body == tire.marker.body else -1.0
                     own = joint.j if side > 0 else joint.i
                     axis = np.array(matrix_of_quaternion(own.orientation)).reshape(3, 3)[:, 2]
-                    spin = np.array(matrix_of_quaternion(tire.marker.orientation)).reshape(3, 3)[:, 1]
-                    rates[joint.name] = side * float(np.sign(axis @ spin)) * speed / rolling_radius(self.model.tables.tires, e, load, speed)
+                    rates[joint.name] = side * float(np.sign(axis @ spin)) * rate
                     break
         return rates
 

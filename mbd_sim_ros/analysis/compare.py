@@ -15,6 +15,7 @@ import numpy as np
 from mbd_sim_ros.bag import Run
 from solver.errors import BagError, suggestion
 
+COUNTERS = ('cmd_applied/step',)  # compared bit by bit only: another step size counts differently
 QUATERNION = ('qx', 'qy', 'qz', 'qw')
 
 
@@ -76,6 +77,7 @@ def compare(
         raise BagError(f'the two runs have no channel in common ({_some(a.columns)} here, {_some(b_columns)} there)')
     if exact:
         return _exact(a, Run(b.time_ns, b_columns), common, left_out)
+    common = [c for c in common if c not in COUNTERS]
     time_ns, rows_a, rows_b = align(a.time_ns, b.time_ns)
     columns_a = {c: _at(a, c, time_ns, rows_a) for c in common}
     columns_b = {c: _at(Run(b.time_ns, b_columns), c, time_ns, rows_b) for c in common}

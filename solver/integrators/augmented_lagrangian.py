@@ -51,6 +51,7 @@ OK, NOT_CONVERGED, NON_FINITE, SINGULAR = 0, 1, 2, 3
 # The multipliers of redundant constraints are determined only by rounding; starting each step from a little less than the last
 # values keeps that part from drifting, while the determined part is found again by the first iteration.
 WARM_START = 0.99
+LARGEST_STAGNATION = 1e-3  # relative velocity increment below which an iteration that stops converging is accepted
 CONTRACTION_TO_REUSE = 0.1  # tolerance mode keeps the factorization while an iteration gains a digit
 
 
@@ -205,6 +206,22 @@ def _momentum_residual(tables, c, a0, a1, f, r):
 
 
 @kernel(borrow=True)
+def _balanced(tables, c, speed, work):
+    """Whether the residuals are below the tolerance, as velocity over a step (momentum) and as displacement (constraints)."""
+    limit = c.tolerance * speed
+    for i in range(work.phi.shape[0]):
+        if not abs(work.phi[i]) <= limit * c.h:
+            return False
+    for b in range(tables.bodies.mass.shape[0]):
+        for i in range(3):
+            if not abs(work.r[b, i]) * tables.penalty_inverse_mass[b] * c.h <= limit:
+                return False
+            if not abs(work.r[b, 3 + i]) * tables.penalty_inverse_inertia[b, i, i] * c.h <= limit:
+                return False
+    return True
+
+
+@kernel(borrow=True)
 def step(tables, c, s0, s1, u, want_outputs, work):
     """Advance s0 to s1 by one step with the inputs u; outputs and projected velocity go to work. Returns a StepResult."""
     nb = tables.bodies.mass.shape[0]
@@ -222,6 +239,10 @@ def step(tables, c, s0, s1, u, want_outputs, work):
     cz = s * c.gamma1 * h / (1.0 - c.am1)
     for i in range(s0.z.shape[0]):
         work.zp[i] = s0.z[i] + s * h * (1.0 - c.gamma1) * s0.zd[i] - cz * c.am1 * s0.zd[i]
+    speed = 1.0
+    for b in range(nb):
+        for i in range(6):
+            speed = max(speed, abs(s0.v[b, i]))
     status = NOT_CONVERGED
     where = 0
     factorizations = 0
@@ -242,6 +263,9 @@ def step(tables, c, s0, s1, u, want_outputs, work):
         _momentum_residual(tables, c, s0.a, s1.a, work.f, work.r)
         for i in range(nc):
             work.g[i] = work.phi[i] * to_g
+        if c.fixed == 0 and it > 0 and _balanced(tables, c, speed, work):
+            status = OK
+            break
         if refactor:
             add_constraint_stiffness(tables, work.kin_s, s1.lam, work.Kq, work.Kv)
             copy_blocks(work.J_now, saddle.J_s)
@@ -260,13 +284,11 @@ def step(tables, c, s0, s1, u, want_outputs, work):
         solve_saddle(tables, c.form, saddle, work.r, work.g, work.dw, work.dlam)
         before = increment
         increment = 0.0
-        speed = 1.0
         for b in range(nb):
             for i in range(6):
                 d = work.dw[b, i]
                 s1.a[b, i] += d
                 increment = max(increment, abs(d))
-                speed = max(speed, abs(s0.v[b, i]))
                 if not np.isfinite(d):
                     status = NON_FINITE
                     where = b
@@ -275,17 +297,25 @@ def step(tables, c, s0, s1, u, want_outputs, work):
         if status == NON_FINITE:
             break
         increment *= c.gamma * h / speed
+        rate = increment / before if it > 0 and before > 0.0 else 1.0
+        if it > 0 and rate > 1.0 and before < LARGEST_STAGNATION:
+            # Next to a singular position the iteration can leave along the direction that the constraints hardly see: the force
+            # direction A_s and the constraint row A_e may have opposite signs there. The iterate before was as good as it gets.
+            for b in range(nb):
+                for i in range(6):
+                    s1.a[b, i] -= work.dw[b, i]
+            for i in range(nc):
+                s1.lam[i] -= work.dlam[i]
+            residual = before
+            status = OK
+            break
         residual = increment
         if c.fixed == 1:
             refactor = False
             status = OK if it == c.iterations - 1 else NOT_CONVERGED
             continue
-        rate = increment / before if it > 0 and before > 0.0 else 1.0
         remaining = increment * rate / (1.0 - rate) if rate < 1.0 else increment
         if min(increment, remaining) <= c.tolerance:
-            status = OK
-            break
-        if it > 2 and rate > 0.5 and increment <= 100.0 * c.tolerance:  # round-off reached: as good as it gets
             status = OK
             break
         refactor = rate > CONTRACTION_TO_REUSE

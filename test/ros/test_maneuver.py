@@ -37,7 +37,7 @@ def play(tmp_path, *parameters: str) -> Process:
 def test_in_lockstep_every_command_is_that_of_its_instant_and_runs_repeat_bit_for_bit(start, tmp_path, maneuver):
     runs = []
     for name in ('first', 'again'):
-        player = play(tmp_path, f'maneuver:={maneuver}')
+        player = play(tmp_path, f'maneuver:={maneuver}', 'rate:=0.0')
         process = start({'mode': 'lockstep', 'duration': 0.5, 'record': True, 'out': name})
         try:
             assert process.end(60.0) == 0, process.output + player.output
