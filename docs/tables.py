@@ -42,7 +42,8 @@ def part(name: str) -> str:
         return '\n'.join(f'### {section}\n\n{block(cls, named=True)}' for section, cls in kinds if cls is not None)
     if name == 'vehicles':
         return '\n'.join(
-            f'### {kind}\n\n' + '\n'.join(f'#### {cls.__name__}\n\n{block(cls)}' for cls in nested(data)) for kind, (data, _) in TEMPLATES.items()
+            f'### {kind}\n\n' + '\n'.join(f'#### {cls.__name__}\n\n{block(cls)}' for cls in nested(data))
+            for kind, (data, _) in TEMPLATES.items()
         )
     module, _, cls = name.rpartition('.')
     return block(getattr(importlib.import_module(module), cls))

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import signal
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -39,49 +42,60 @@ def record(simulation: Simulation, directory: Path) -> tuple[Messages, Recorder]
 
 def warm_up(simulation: Simulation) -> None:
     """Compile what a step needs, outside of any measurement; the simulation is at its start afterwards."""
-    try:
+    with suppress(MbdError):  # it will fail again, where it is reported
         simulation.advance(1)
-    except MbdError:  # it will fail again, where it is reported
-        pass
     simulation.reset()
 
 
-def simulate(simulation: Simulation, steps: int, *, directory: Path | None = None, source: Source | None = None, progress: bool = False) -> dict[str, Any]:
+@contextmanager
+def signals_noted() -> Iterator[list[int]]:
+    """SIGINT and SIGTERM only append their number to the list: a step and its recording are never torn apart."""
+    noted: list[int] = []
+    previous = {number: signal.signal(number, lambda n, _: noted.append(n)) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield noted
+    finally:
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+
+
+def simulate(
+    simulation: Simulation, steps: int, *, directory: Path | None = None, source: Source | None = None, progress: bool = False
+) -> dict[str, Any]:
     """Advance from the start by `steps` steps and return the figures of the run.
 
     directory: where to record (None: not at all). source: of the inputs; None is the maneuver of the scene. progress: show a bar
-    if stderr is a terminal. A recording is always closed, with the reason when the run did not end well. Raises StepError and
-    BagError; KeyboardInterrupt carries the sentence to show.
+    if stderr is a terminal. A recording is always closed, with the reason when the run did not end well. Raises StepError,
+    BagError, and KeyboardInterrupt(sentence to show, signal number) between two steps.
     """
     every = simulation.scene.record.every if directory is not None else UNRECORDED_CHUNK
     with tqdm(total=steps, unit='step', desc='compiling', disable=None if progress else True, leave=False) as bar:
         warm_up(simulation)
         bar.set_description(simulation.scene.name)
         bar.unpause()
-        messages, recorder = record(simulation, directory) if directory is not None else (None, None)
-        status, cpu, begin = 'failed', 0.0, time.perf_counter()
-        try:
-            if recorder and messages:
-                recorder.write(simulation.t_ns, messages.encode(simulation.snapshot()))
-            while simulation.k < steps:
-                n = min(every, steps - simulation.k)
-                inputs = None if source is None else source.table(simulation.k, n)
-                started = time.thread_time()
-                snapshot = simulation.advance(n, inputs)
-                cpu += time.thread_time() - started
+        with signals_noted() as noted:
+            messages, recorder = record(simulation, directory) if directory is not None else (None, None)
+            status, cpu, begin = 'failed', 0.0, time.perf_counter()
+            try:
                 if recorder and messages:
-                    recorder.write(snapshot.t_ns, messages.encode(snapshot))
-                bar.update(n)
-            status = 'ok'
-        except KeyboardInterrupt as interrupt:
-            status = 'interrupted'
-            kept = f'; the recording in {directory} is complete up to there' if directory is not None else ''
-            raise type(interrupt)(f'{interrupt or "interrupted"} at t = {simulation.t_ns * 1e-9:g} s (step {simulation.k}){kept}') from None
-        finally:
-            wall = time.perf_counter() - begin
-            figures = _figures(simulation, wall, cpu)
-            if recorder:
-                recorder.close({'status': status, **{key: f'{value!r}' for key, value in figures.items()}})
+                    recorder.write(simulation.t_ns, messages.encode(simulation.snapshot()))
+                while simulation.k < steps and not noted:
+                    n = min(every, steps - simulation.k)
+                    inputs = None if source is None else source.table(simulation.k, n)
+                    started = time.thread_time()
+                    snapshot = simulation.advance(n, inputs)
+                    cpu += time.thread_time() - started
+                    if recorder and messages:
+                        recorder.write(snapshot.t_ns, messages.encode(snapshot))
+                    bar.update(n)
+                status = 'interrupted' if noted else 'ok'
+            finally:
+                figures = _figures(simulation, time.perf_counter() - begin, cpu)
+                if recorder:
+                    recorder.close({'status': status, **{key: f'{value!r}' for key, value in figures.items()}})
+    if noted:
+        kept = f'; the recording in {directory} is complete up to there' if directory is not None else ''
+        raise KeyboardInterrupt(f'interrupted at t = {simulation.t_ns * 1e-9:g} s (step {simulation.k}){kept}', noted[0])
     return {'status': status, **figures, 'out': None if directory is None else str(directory)}
 
 

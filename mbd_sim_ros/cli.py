@@ -16,7 +16,7 @@ from mbd_sim_ros.commands import compare, export, info, recover, replay, run
 from solver.errors import MbdError, suggestion
 
 COMMANDS = (info, run, export, compare, replay, recover)
-USAGE_ERROR, INTERNAL_ERROR, INTERRUPTED, TERMINATED = 2, 70, 130, 143
+USAGE_ERROR, INTERNAL_ERROR, KILLED = 2, 70, 128  # KILLED + signal number, as shells do
 SHOW_TRACEBACK = 'MBD_TRACEBACK'
 
 
@@ -24,10 +24,6 @@ class UsageError(MbdError):
     """The command line is not acceptable."""
 
     exit_code = USAGE_ERROR
-
-
-class Terminated(KeyboardInterrupt):
-    """SIGTERM: handled like Ctrl-C, with its own exit code."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -57,7 +53,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     argv = list(sys.argv[1:] if argv is None else argv)
     as_json = '--json' in argv
     # SIGINT too: a shell starts background jobs with it ignored, and launch tools end those with it
-    previous = {s: signal.signal(s, h) for s, h in ((signal.SIGTERM, _terminate), (signal.SIGINT, signal.default_int_handler))}
+    previous = {number: signal.signal(number, _interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
         first = next((a for a in argv if not a.startswith('-')), None)
         names = [c.__name__.rpartition('.')[2] for c in COMMANDS]
@@ -70,8 +66,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except MbdError as error:
         return _fail(str(error), error.exit_code, as_json)
     except KeyboardInterrupt as interrupt:
-        code = TERMINATED if isinstance(interrupt, Terminated) else INTERRUPTED
-        return _fail(str(interrupt) or 'interrupted', code, as_json)
+        sentence, number = interrupt.args or ('interrupted', signal.SIGINT)
+        return _fail(sentence, KILLED + number, as_json)
     except BrokenPipeError:  # the reader of our output went away, e.g. `mbd info ... | head`
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
@@ -100,8 +96,8 @@ def plain(value: Any) -> Any:
     return value if isinstance(value, str | int | float | bool | None) else str(value)
 
 
-def _terminate(_signal: int, _frame: object) -> None:
-    raise Terminated('terminated')
+def _interrupt(number: int, _frame: object) -> None:
+    raise KeyboardInterrupt('interrupted', number)
 
 
 def _print(text: str) -> None:

@@ -23,6 +23,7 @@ Mode = Literal['realtime', 'fast', 'lockstep']
 MODES = ('realtime', 'fast', 'lockstep')
 LONGEST_WAIT = 0.05  # s between looks at stop flag and requests
 SLIP = 0.2  # s behind schedule after which the schedule is given up and starts anew
+GLANCE = 5e-4  # s between looks for commands while lockstep waits
 REPEAT = 1.0  # s of waiting in lockstep after which the state is published again, for those who came late
 ENDED = 'the simulation has ended'
 WINDOW = 4096  # steps over which step times are judged
@@ -80,6 +81,7 @@ class Health(NamedTuple):
 class Loop:
     """Runs a simulation on a thread of its own.
 
+    `poll()` fetches what came in since (it calls `command`), right before every step and while lockstep waits.
     `inputs(values)` turns latched commands into the input vector of the next step (None: the scene's own maneuver drives).
     `emit(snapshot)` is called on the simulation thread after every step, and once at the start; `repeat()` from time to time while
     lockstep waits for a first or lost answer. The attributes mode, rate_factor, command_timeout [s, 0: never] and
@@ -93,6 +95,7 @@ class Loop:
         *,
         inputs: Callable[[tuple[float, float, float]], np.ndarray | None],
         emit: Callable[[Snapshot], None],
+        poll: Callable[[], None] = lambda: None,
         repeat: Callable[[], None] = lambda: None,
         mode: Mode = 'realtime',
         rate_factor: float = 1.0,
@@ -113,7 +116,7 @@ class Loop:
         self.outcome = ''
         self.error: BaseException | None = None
         self.done = threading.Event()
-        self._inputs, self._emit, self._repeat = inputs, emit, repeat
+        self._inputs, self._emit, self._poll, self._repeat = inputs, emit, poll, repeat
         self._emitted = 0.0  # clock reading
         self._stop = threading.Event()
         self._wake = threading.Event()
@@ -148,12 +151,10 @@ class Loop:
             self._thread.join()
 
     def command(self, index: int, value: float) -> None:
-        """Latch a command (0 steering, 1 drive torque, 2 brake torque). One thread calls this."""
+        """Latch a command (0 steering, 1 drive torque, 2 brake torque); from `poll`, on the simulation thread."""
         old = self.latched
         put = lambda values, new: (*values[:index], new, *values[index + 1 :])  # noqa: E731
         self.latched = Latched(put(old.values, value), put(old.times, self.simulation.t_ns), put(old.counts, old.counts[index] + 1))
-        if self.mode == 'lockstep':
-            self._wake.set()
 
     def ask(self, action: Callable[[], Any]) -> Future:
         """Have `action` done on the simulation thread between two steps; the future holds its result or exception."""
@@ -244,6 +245,7 @@ class Loop:
         if self.mode == 'fast':
             return True
         if self.mode == 'lockstep':
+            self._poll()
             counts = self.latched.counts
             if all(counts[i] > self._used[i] for i in self.lockstep_commands):
                 self._used = counts
@@ -251,7 +253,7 @@ class Loop:
             if time.perf_counter() - self._emitted > REPEAT:
                 self._emitted = time.perf_counter()
                 self._repeat()
-            self._sleep(LONGEST_WAIT)
+            self._sleep(GLANCE)
             return False
         deadline = self._deadline(self.simulation.k)
         wait = deadline - time.perf_counter()
@@ -278,6 +280,8 @@ class Loop:
 
     def _advance(self) -> None:
         simulation = self.simulation
+        if self.mode != 'lockstep':  # which has polled, and must not mix in what came since
+            self._poll()
         start = time.perf_counter()
         latched = self.latched
         steering, drive, brake = latched.values

@@ -317,6 +317,7 @@ class Recorder:
                         self._bag.write(t_ns, [(len(messages), self._description)])
                         self._description = b''
                     self._bag.write(t_ns, ((i, data) for i, data in enumerate(messages) if data is not None))
+                    time.sleep(0.0)  # offers the interpreter lock, which the simulation would wait a whole switch interval for
                 if last:
                     return
                 if time.monotonic() - flushed >= FLUSH_SECONDS:

@@ -25,10 +25,12 @@ from solver.reference import Ref
 from solver.saddle import CONDENSED, assemble_tangent, effective_masses, factorize_saddle, new_saddle, solve_saddle
 
 PENALTY = 1e8
+STIFFEST = 1e2  # 1/s^2; PENALTY times it is above the square of the highest natural frequency, also when the pseudo-mass has faded
 ASSEMBLY_TOLERANCE = 1e-12  # m or rad
 LARGEST_TURN = 0.3  # rad or m per iteration of the assembly
-EQUILIBRIUM_TOLERANCE = 1e-8  # N or N m, relative to the weight of the model
+EQUILIBRIUM_TOLERANCE = 1e-11  # N or N m, relative to the weight of the model
 SETTLING = 1.0  # s, long against every damping in a model
+HOLD = 1e9  # input of brakes that hold [N m per unit of gain]
 
 
 class Start:
@@ -62,7 +64,7 @@ class Start:
         self.saddle.J_s[:] = self.J
         self.saddle.J_e[:] = self.J
         effective_masses(self.t, self.J, self.saddle.W)
-        self.saddle.W[:] *= PENALTY * cm
+        self.saddle.W[:] *= PENALTY * max(cm, STIFFEST)
         assemble_tangent(self.t, 0.0 if metric else cm, cq, cv, self.Kq, self.Kv, self.identity, self.saddle.B)
         if metric:
             for b in range(self.model.n_bodies):
@@ -199,6 +201,7 @@ class Start:
         lam_rate = (sides[0][1] - sides[1][1]) / (2 * d)
         smooth = h * np.linalg.norm(a_rate) <= np.linalg.norm(a)
         state.a[:] = a + ((am - af) * h * a_rate if smooth else 0.0)
+        state.a_s[:] = a - (af * h * a_rate if smooth else 0.0)
         state.lam[:] = lam - (af * h * lam_rate if smooth else 0.0)
         state.lam_before[:] = state.lam
 
@@ -207,9 +210,20 @@ class Start:
 
         Changes state.q, state.lam, state.z, state.angle; state.v is set to zero. Returns the largest generalized force left [N or
         N m]. Internal states follow the motion towards the equilibrium as if an iteration took SETTLING seconds: tires at rest and
-        locked brakes are springs between that motion and their force. Directions without stiffness (a car's rolling) stay where
+        brakes are springs between that motion and their force. Brakes hold during the search, or the toe of the wheels would roll a car
+        away; what they carry beyond their capacity under u is dropped at the end. Other directions without stiffness stay where
         they are. Raises ConsistencyError if it does not settle.
         """
+        brakes = self.t.brakes
+        capacity = np.maximum(brakes.gain * u[brakes.input], 0.0)
+        held = u.copy()
+        held[brakes.input] = HOLD
+        left = self._settle(state, held, limit)
+        limits = capacity / brakes.stiffness
+        state.z[brakes.state] = np.clip(state.z[brakes.state], -limits, limits)
+        return left
+
+    def _settle(self, state: State, u: np.ndarray, limit: int) -> float:
         state.v[:] = 0.0
         tau = 0.01
         scale = max(1.0, float((self.t.bodies.mass * np.linalg.norm(self.t.bodies.gravity)).sum()))
@@ -238,7 +252,7 @@ class Start:
             move(state.q, factor * self.dw)
             state.lam[:] += factor * self.dlam
             update_angles(self.coordinates, kinematics_of(state.q, at_rest), state.angle)
-        if left < 1e3 * EQUILIBRIUM_TOLERANCE * scale:
+        if left < 1e2 * EQUILIBRIUM_TOLERANCE * scale:
             return left
         b, c = np.unravel_index(np.argmax(np.abs(r)), r.shape)
         raise ConsistencyError(

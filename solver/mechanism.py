@@ -16,14 +16,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from solver.elements.coupler import CouplerSpec
+from solver.elements.joint import JointSpec
 from solver.elements.laws import Law
 from solver.elements.marker import WORLD, Marker, Quaternion, Spec, Vector
 from solver.elements.rigid_body import RigidBodySpec
 from solver.errors import SceneError, suggestion
 from solver.lie.so3 import matrix_of_quaternion, quaternion_of_matrix
-from solver.load import Builder, Fields, Node, SequenceNode, join, refuse, where
+from solver.load import Builder, Fields
 from solver.maneuver import ACCELERATION, RATE
 from solver.model.spec import ModelSpec
+from solver.nodes import Node, ScalarNode, SequenceNode, join, refuse, where
 
 PARALLEL = 0.9  # |cosine| above which a coordinate axis is too close to the joint axis to define its x axis
 ROTATION_KEYS = ('orientation', 'rpy', 'rpy_deg', 'axis', 'x_axis')
@@ -122,12 +124,13 @@ class MechanismReader:
         placement = None
         if placed:
             if 'at' not in placed:
-                raise SceneError(f'{where(fields[placed[0]][0])}: {join(path, placed[0])}: needs the key \'at\' beside it (a point in the world)')
+                raise SceneError(
+                    f"{where(fields[placed[0]][0])}: {join(path, placed[0])}: needs the key 'at' beside it (a point in the world)"
+                )
             placement = self.placement(builder, fields, path)
         given: dict[str, object] = {m: self._marker(builder, fields.pop(m)[1], join(path, m), placement) for m in markers if m in fields}
-        if 'length' in hints and fields.get('kind', (None, None))[1] is not None and 'length' not in fields:
-            if fields['kind'][1].value == 'distance' and {'i', 'j'} <= given.keys():
-                given['length'] = float(np.linalg.norm(self.point(given['j']) - self.point(given['i'])))
+        if cls is JointSpec and 'length' not in fields and 'kind' in fields and fields['kind'][1].value == 'distance' and len(given) == 2:
+            given['length'] = float(np.linalg.norm(self.point(given['j']) - self.point(given['i'])))
         extra = ('at', *(k for k in ROTATION_KEYS if k not in hints)) if markers else ()
         return builder.construct(cls, fields, node, path, name=name, given=given, extra=extra)
 
@@ -142,13 +145,15 @@ class MechanismReader:
         return self._marker(builder, node, path, None)
 
     def _marker(self, builder: Builder, node: Node, path: str, placement: Placement | None) -> Marker:
-        if not isinstance(node.value, str):
+        if not isinstance(node, ScalarNode):
             fields = builder.mapping(node, path)
             body = builder.build(str, fields['body'][1], join(path, 'body')) if 'body' in fields else None
             if 'at' in fields and body is not None:
                 self._known(body, fields['body'][1], join(path, 'body'))
                 if 'position' in fields:
-                    raise refuse(fields['position'][1], join(path, 'position'), "give either 'at' (in the world) or 'position' (in the body)")
+                    raise refuse(
+                        fields['position'][1], join(path, 'position'), "give either 'at' (in the world) or 'position' (in the body)"
+                    )
                 frame = self.placement(builder, fields, path)
                 fields.pop('body')
                 builder.construct(_Nothing, fields, node, path, extra=('body', 'at', *ROTATION_KEYS))
@@ -196,7 +201,7 @@ def rotation(builder: Builder, fields: Fields, path: str, allowed: Sequence[str]
         raise SceneError(f'{where(fields[used[1]][0])}: {join(path, used[1])}: is given beside {used[0]!r}; keep one of them')
     if not used:
         if 'x_axis' in allowed and 'x_axis' in fields:
-            raise SceneError(f'{where(fields["x_axis"][0])}: {join(path, "x_axis")}: needs the key \'axis\' beside it')
+            raise SceneError(f"{where(fields['x_axis'][0])}: {join(path, 'x_axis')}: needs the key 'axis' beside it")
         return None
     key = used[0]
     node = fields.pop(key)[1]

@@ -6,6 +6,12 @@
 S are 6x6 blocks on the body graph, W the diagonal of penalties. The n x n ("condensed") form eliminates dlam, which is one
 augmentation of the augmented Lagrangian: (S + A_s^T W A_e) dw = -(r + A_s^T W g), dlam = -W (g + A_e dw). The block form keeps
 dlam as unknowns and stays well-conditioned for any W. Both give the same dw and dlam in exact arithmetic.
+
+The residuals use the exact force directions, A at the stage of the step, but the matrix has A at its end in both places. Close
+to a singular position a constraint sees the free direction with opposite signs at the stage and at the end; the product of the
+two would make the matrix singular for an unlucky step, or demand forces without bound. With A_e^T W A_e >= 0 that direction is left to its inertia
+while the constraint cannot see it. The price, a contraction of order h omega per iteration instead of quadratic convergence,
+is small for a step that resolves the rotation.
 """
 
 from __future__ import annotations
@@ -28,7 +34,7 @@ class Saddle(NamedTuple):
     x: np.ndarray  # (nodes, 6) right-hand side and solution
     T: np.ndarray  # (6, 6) scratch
     W: np.ndarray  # (nc,) penalties
-    J_s: np.ndarray  # (entries + 1, 6, 6) force directions A_s
+    J_s: np.ndarray  # (entries + 1, 6, 6) force directions
     J_e: np.ndarray  # (entries + 1, 6, 6) constraint rows A_e with respect to dw
 
 

@@ -15,11 +15,12 @@ from solver.elements.marker import finite, require
 from solver.elements.road import RoadSpec
 from solver.errors import SceneError, suggestion
 from solver.integrators.settings import IntegratorSettings
-from solver.load import READERS, Builder, MappingNode, Node, ScalarNode, include, override, parse, read, text_of, where
+from solver.load import Builder
 from solver.maneuver import Maneuver, base_names
 from solver.mechanism import MechanismReader
 from solver.model.compile import joint_coordinates
 from solver.model.spec import ModelSpec
+from solver.nodes import READERS, MappingNode, Node, ScalarNode, include, override, parse, read, text_of, where
 from solver.vehicle.load import build_vehicle
 from solver.vehicle.tir import read_tir
 
@@ -99,8 +100,8 @@ class Scene:
     model: ModelSpec
     title: str = ''
     start: Start = Start()
-    maneuver: Maneuver = Maneuver()
-    integrator: IntegratorSettings = IntegratorSettings()
+    maneuver: Maneuver = field(default_factory=Maneuver)
+    integrator: IntegratorSettings = field(default_factory=IntegratorSettings)
     duration: Annotated[float, 's'] = 10.0
     record: Record = Record()
     require: Require = Require()
@@ -208,7 +209,7 @@ def _model(builder: Builder, fields: dict, root: Node) -> ModelSpec:
     """The model from the keys mechanism or vehicle, on the road of the scene; takes them out of fields."""
     sources = [key for key in ('mechanism', 'vehicle') if key in fields]
     if len(sources) != 1:
-        raise SceneError(f'{where(root)}: a scene needs exactly one of the keys \'mechanism\' and \'vehicle\', here are {len(sources)}')
+        raise SceneError(f"{where(root)}: a scene needs exactly one of the keys 'mechanism' and 'vehicle', here are {len(sources)}")
     key = sources[0]
     node = fields.pop(key)[1]
     model = build_vehicle(builder, node, key) if key == 'vehicle' else builder.build(ModelSpec, node, key)

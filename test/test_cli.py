@@ -139,7 +139,9 @@ def test_nothing_is_recorded_on_request(capsys: pytest.CaptureFixture[str], tmp_
     assert list(tmp_path.iterdir()) == []
 
 
-def test_recording_defaults_to_a_new_directory_in_bags(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_recording_defaults_to_a_new_directory_in_bags(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
     code, data = document(capsys, 'run', 'four_bar', *SHORT)
     assert code == 0

@@ -117,7 +117,11 @@ def test_channels_are_chosen_by_pattern_and_matched_by_name() -> None:
 def wild(rng: np.random.Generator) -> Run:
     n = 50
     time_ns = np.cumsum(rng.integers(1, 10**7, n))
-    columns = {f'joint_states/{j}/{p}': rng.standard_normal(n) * 10.0 ** rng.integers(-300, 300, n) for j in ('a', 'b/angle') for p in ('position', 'velocity')}
+    columns = {
+        f'joint_states/{j}/{p}': rng.standard_normal(n) * 10.0 ** rng.integers(-300, 300, n)
+        for j in ('a', 'b/angle')
+        for p in ('position', 'velocity')
+    }
     columns['tire/front_left/force/fx'] = rng.standard_normal(n)
     columns['cmd_applied/steering'] = np.where(rng.random(n) < 0.5, np.nan, 1.0)
     return Run(time_ns, columns, {'joint_kinds': '{"a": "rotation", "b/angle": "translation"}'})

@@ -17,9 +17,10 @@ from solver.elements.joint import JointSpec
 from solver.elements.laws import Law
 from solver.elements.marker import Marker
 from solver.errors import SceneError
-from solver.load import Builder, parse, text_of
+from solver.load import Builder
 from solver.mechanism import MechanismReader, frame_of_axis, frame_of_rpy, matrix
 from solver.model.spec import ModelSpec
+from solver.nodes import parse, text_of
 from solver.scene import Scene, known_names, load_maneuver, load_scene, load_scene_text
 from solver.vehicle.load import TEMPLATES
 
@@ -148,7 +149,7 @@ def test_missing_key_and_empty_file_are_refused() -> None:
     with pytest.raises(SceneError, match=r"f.yaml:1: the key 'mass' is missing"):
         Builder().build(Thing, parse('count: 1', 'f.yaml'))
     for text in ('', '# nothing\n'):
-        with pytest.raises(SceneError, match='f.yaml: the file is empty'):
+        with pytest.raises(SceneError, match=r'f\.yaml: the file is empty'):
             parse(text, 'f.yaml')
     with pytest.raises(SceneError, match='must be a mapping of keys'):
         Builder().build(Thing, parse('[1, 2]', 'f.yaml'))
@@ -181,7 +182,9 @@ def test_markers_given_in_the_world_coincide_there() -> None:
         np.testing.assert_allclose(p, [0.5, 0.6, 0.7], atol=1e-15)
         np.testing.assert_allclose(R[:, 2], np.array([1, 2, 2]) / 3.0, atol=1e-15)
         np.testing.assert_allclose(R[:, 0] @ [0, 0, 1], math.sqrt(1.0 - 4.0 / 9.0), atol=1e-15)  # as near to z as it can be
-    p, R = placed(spec, model(TWO_BODIES + 'joints:\n  j: {kind: fixed, i: {body: a, at: [4, 5, 6], rpy_deg: [90, 0, 0]}, j: b}').joints[0].i)
+    p, R = placed(
+        spec, model(TWO_BODIES + 'joints:\n  j: {kind: fixed, i: {body: a, at: [4, 5, 6], rpy_deg: [90, 0, 0]}, j: b}').joints[0].i
+    )
     np.testing.assert_allclose(p, [4, 5, 6], atol=1e-15)
     np.testing.assert_allclose(R, frame_of_rpy([math.pi / 2, 0, 0]), atol=1e-15)
 
@@ -282,7 +285,9 @@ def test_slider_crank_is_the_one_of_the_chapter() -> None:
 
 
 def test_overrides_are_checked_like_the_file_and_are_in_the_resolved_text() -> None:
-    scene = load_scene('slider_crank', ['integrator.h=2e-3', 'mechanism.bodies.slider.mass=0.02', 'mechanism.bodies.crank.com[0]=0.4', 'title=other'])
+    scene = load_scene(
+        'slider_crank', ['integrator.h=2e-3', 'mechanism.bodies.slider.mass=0.02', 'mechanism.bodies.crank.com[0]=0.4', 'title=other']
+    )
     assert (scene.integrator.h_ns, scene.model.bodies[3].mass, scene.model.bodies[1].com[0], scene.title) == (2_000_000, 0.02, 0.4, 'other')
     assert load_scene_text(scene.resolved) == scene
     assert load_scene('slider_crank', ['start={}']).start.coordinates == {}
@@ -313,7 +318,7 @@ def test_a_wrong_override_is_refused(override: str, says: str) -> None:
 def test_a_wrong_scene_name_suggests_the_nearest() -> None:
     with pytest.raises(SceneError, match=r"no such file.*did you mean 'slider_crank'\?"):
         load_scene('slidercrank')
-    with pytest.raises(SceneError, match='allowed: .*pendulum'):
+    with pytest.raises(SceneError, match=r'allowed: .*pendulum'):
         load_scene('zzz')
 
 

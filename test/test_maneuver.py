@@ -6,21 +6,8 @@ import numpy as np
 import pytest
 
 from solver.errors import SpecError
-from solver.maneuver import (
-    CommandSource,
-    Constant,
-    Maneuver,
-    ManeuverSource,
-    Ramp,
-    ReplaySource,
-    Signal,
-    Sine,
-    SineWithDwell,
-    Step,
-    Sum,
-    Sweep,
-    Table,
-)
+from solver.maneuver import CommandSource, Maneuver, ManeuverSource, ReplaySource
+from solver.signals import Constant, Ramp, Signal, Sine, SineWithDwell, Step, Sum, Sweep, Table
 
 SMOOTH: list[Signal] = [
     Constant(value=2.0),

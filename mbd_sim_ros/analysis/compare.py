@@ -171,8 +171,8 @@ def _exact(a: Run, b: Run, common: list[str], left_out: list[str]) -> Comparison
 def renamed(b: Run, a: Run, names: Mapping[str, str]) -> dict[str, np.ndarray]:
     """Columns of b under the names of a."""
     for theirs, ours in names.items():
-        b[theirs]  # noqa: B018  (refuses an unknown column with a suggestion)
-        a[ours]  # noqa: B018
+        b[theirs]
+        a[ours]
     return {names.get(c, c): values for c, values in b.columns.items()}
 
 

@@ -15,7 +15,7 @@ from solver.errors import BagError
 SHOWN = 6
 FIRST, SECOND = '#d95f02', '#1b6ca8'  # run, reference; apart for colour-blind eyes too
 GREY = '#555555'
-STYLE = {'font.size': 9, 'axes.grid': True, 'grid.color': '#e4e4e4', 'axes.spines.top': False, 'axes.spines.right': False}
+STYLE: dict = {'font.size': 9, 'axes.grid': True, 'grid.color': '#e4e4e4', 'axes.spines.top': False, 'axes.spines.right': False}
 
 
 def plot_comparison(
@@ -37,7 +37,9 @@ def plot_comparison(
             measure = unit(d.channel, kinds or {})
             left.set_title(d.channel + (f' [{measure}]' if measure not in ('', '1') else ''), loc='left', fontsize=9)
             right.plot(comparison.time, a - b, color=GREY, lw=0.9)
-            right.set_title(f'difference: max {d.max:.3g} at {d.time:g} s, RMS {d.rms:.3g}' + ('' if d.ok else '  OUTSIDE'), loc='left', fontsize=9)
+            right.set_title(
+                f'difference: max {d.max:.3g} at {d.time:g} s, RMS {d.rms:.3g}' + ('' if d.ok else '  OUTSIDE'), loc='left', fontsize=9
+            )
             for ax in (left, right):
                 ax.margins(x=0.01)
                 ax.ticklabel_format(axis='y', useOffset=False, scilimits=(-3, 4))

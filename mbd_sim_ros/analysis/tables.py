@@ -25,7 +25,13 @@ BLOCK_UNITS = {
     'imu': {'ax': 'm/s^2', 'ay': 'm/s^2', 'az': 'm/s^2', 'wx': 'rad/s', 'wy': 'rad/s', 'wz': 'rad/s'},
     'force': {'fx': 'N', 'fy': 'N', 'fz': 'N', 'mx': 'N m', 'my': 'N m', 'mz': 'N m'},
 }
-INPUT_UNITS = {'steering': 'rad', 'steering_rate': 'rad/s', 'steering_acceleration': 'rad/s^2', 'drive_torque': 'N m', 'brake_torque': 'N m'}
+INPUT_UNITS = {
+    'steering': 'rad',
+    'steering_rate': 'rad/s',
+    'steering_acceleration': 'rad/s^2',
+    'drive_torque': 'N m',
+    'brake_torque': 'N m',
+}
 
 
 def unit(column: str, kinds: dict[str, str]) -> str:

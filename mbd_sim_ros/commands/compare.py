@@ -26,12 +26,23 @@ def add(parsers: Any) -> None:
     )
     parser.add_argument('run_', metavar='RUN', type=Path, help='bag directory, .mcap file, .csv file or directory of .csv files')
     parser.add_argument('reference', metavar='REFERENCE', type=Path, help='the same; differences are RUN - REFERENCE')
-    parser.add_argument('--rtol', type=float, default=1e-6, help='allowed difference relative to the largest value of the channel in REFERENCE (%(default)g)')
+    parser.add_argument(
+        '--rtol',
+        type=float,
+        default=1e-6,
+        help='allowed difference relative to the largest value of the channel in REFERENCE (%(default)g)',
+    )
     parser.add_argument('--atol', type=float, default=1e-9, help='allowed absolute difference, added to the relative one (%(default)g)')
     parser.add_argument('--exact', action='store_true', help='same instants, same channels, same bits')
-    parser.add_argument('--channel', metavar='PATTERN', action='append', default=[], help="compare only channels like 'odom/*' (repeatable)")
     parser.add_argument(
-        '--map', metavar='THEIRS=OURS', action='append', default=[], help='a channel of REFERENCE and the channel of RUN it belongs to (repeatable)'
+        '--channel', metavar='PATTERN', action='append', default=[], help="compare only channels like 'odom/*' (repeatable)"
+    )
+    parser.add_argument(
+        '--map',
+        metavar='THEIRS=OURS',
+        action='append',
+        default=[],
+        help='a channel of REFERENCE and the channel of RUN it belongs to (repeatable)',
     )
     parser.add_argument('--plot', metavar='PNG', type=Path, help='draw the channels that differ most')
 
@@ -66,7 +77,9 @@ def report(found: Comparison, plot: Path | None = None) -> Result:
         'status': 'same' if found.ok else 'different',
         'instants': len(found.time),
         'interpolated': found.interpolated,
-        'channels': {d.channel: {'max': d.max, 'rms': d.rms, 'time_of_max': d.time, 'scale': d.scale, 'ok': d.ok} for d in found.differences},
+        'channels': {
+            d.channel: {'max': d.max, 'rms': d.rms, 'time_of_max': d.time, 'scale': d.scale, 'ok': d.ok} for d in found.differences
+        },
         'outside': [d.channel for d in outside],
         'left_out': list(found.left_out),
         'plot': None if plot is None else str(plot),
@@ -78,7 +91,10 @@ def report(found: Comparison, plot: Path | None = None) -> Result:
     if len(found.differences) > SHOWN:
         lines.append(f'... and {len(found.differences) - SHOWN} channels that differ less')
     if found.left_out:
-        lines.append(f'in one run only: {", ".join(found.left_out[:6])}' + (f' and {len(found.left_out) - 6} more' if len(found.left_out) > 6 else ''))
+        lines.append(
+            f'in one run only: {", ".join(found.left_out[:6])}'
+            + (f' and {len(found.left_out) - 6} more' if len(found.left_out) > 6 else '')
+        )
     verdict = f'{len(outside)} of {len(found.differences)} channels outside' if outside else f'{len(found.differences)} channels within'
     lines.append(f'{verdict} tolerance at {len(found.time)} instants' + (' (interpolated)' if found.interpolated else ''))
     return Result(data=data, text='\n'.join(lines), code=0 if found.ok else 1)

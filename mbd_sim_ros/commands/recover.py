@@ -12,7 +12,11 @@ from mbd_sim_ros.commands import Result, declare
 def add(parsers: Any) -> None:
     """Declare the command."""
     parser = declare(
-        parsers, 'recover', run, 'copy every complete chunk of a recording that was cut off into a new bag', 'mbd recover bags/killed bags/saved'
+        parsers,
+        'recover',
+        run,
+        'copy every complete chunk of a recording that was cut off into a new bag',
+        'mbd recover bags/killed bags/saved',
     )
     parser.add_argument('bag', metavar='BAG', type=Path, help='bag directory or .mcap(.part) file')
     parser.add_argument('new', metavar='NEW', type=Path, help='new bag directory')
@@ -32,4 +36,6 @@ def run(args: argparse.Namespace) -> Result:
         'complete': saved.complete,
     }
     whole = 'the recording was whole' if saved.complete else 'the recording was cut off'
-    return Result(data=data, text=f'{saved.messages} messages, {data["start"]:g} to {data["end"]:g} s, saved in {saved.directory} ({whole})')
+    return Result(
+        data=data, text=f'{saved.messages} messages, {data["start"]:g} to {data["end"]:g} s, saved in {saved.directory} ({whole})'
+    )

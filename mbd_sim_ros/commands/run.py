@@ -23,7 +23,9 @@ FIGURES = {
 
 def add(parsers: Any) -> None:
     """Declare the command."""
-    parser = declare(parsers, 'run', run, 'simulate a scene and record it', 'mbd run slider_crank --set integrator.h=0.002 --out bags/coarse')
+    parser = declare(
+        parsers, 'run', run, 'simulate a scene and record it', 'mbd run slider_crank --set integrator.h=0.002 --out bags/coarse'
+    )
     add_scene(parser)
     parser.add_argument('--maneuver', metavar='FILE', help='another maneuver: a path, or a name in config/maneuvers')
     parser.add_argument('--duration', metavar='SECONDS', type=float, help='simulated time instead of the duration in the scene')

@@ -129,6 +129,11 @@ def _at_most_one(E):
 
 
 @kernel
+def _cos_arctan(x):
+    return 1.0 / sqrt(1.0 + x * x)
+
+
+@kernel
 def _curve(x, C, E):
     """C arctan(x - E (x - arctan x)): the argument of every sine and cosine of the Magic Formula."""
     return C * arctan(x - E * (x - arctan(x)))
@@ -199,7 +204,7 @@ def _longitudinal(c, kappa, a, gamma, Fz, dfz, mu, Kxk):
     Fx0 = D * sin(_curve(Kxk / (C * D) * k, C, E)) + SV  # (4.E9)
     if c[I.RBX1] == 0.0:
         return Fx0
-    B = (c[I.RBX1] + c[I.RBX3] * g * g) * c[I.LXAL] * cos(arctan(c[I.RBX2] * kappa))  # (4.E54)
+    B = (c[I.RBX1] + c[I.RBX3] * g * g) * c[I.LXAL] * _cos_arctan(c[I.RBX2] * kappa)  # (4.E54)
     E = _at_most_one(c[I.REX1] + c[I.REX2] * dfz)
     C = c[I.RCX1]
     SH = c[I.RHX1]
@@ -235,12 +240,12 @@ def _lateral_weight(c, kappa, a, gamma, dfz, D):
     if c[I.RBY1] == 0.0:
         return 0.0 * kappa + 1.0, 0.0 * kappa
     g = gamma * c[I.LGAY]
-    B = (c[I.RBY1] + c[I.RBY4] * g * g) * c[I.LYKA] * cos(arctan(c[I.RBY2] * (a - c[I.RBY3])))  # (4.E62)
+    B = (c[I.RBY1] + c[I.RBY4] * g * g) * c[I.LYKA] * _cos_arctan(c[I.RBY2] * (a - c[I.RBY3]))  # (4.E62)
     E = _at_most_one(c[I.REY1] + c[I.REY2] * dfz)
     C = c[I.RCY1]
     SH = c[I.RHY1] + c[I.RHY2] * dfz
     G = cos(_curve(B * (kappa + SH), C, E)) / cos(_curve(B * SH, C, E))
-    DV = D * (c[I.RVY1] + c[I.RVY2] * dfz + c[I.RVY3] * g) * cos(arctan(c[I.RVY4] * a))  # (4.E67)
+    DV = D * (c[I.RVY1] + c[I.RVY2] * dfz + c[I.RVY3] * g) * _cos_arctan(c[I.RVY4] * a)  # (4.E67)
     return G, DV * sin(c[I.RVY5] * arctan(c[I.RVY6] * kappa)) * c[I.LVYKA]
 
 

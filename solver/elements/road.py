@@ -69,7 +69,8 @@ class HeightGrid:
         object.__setattr__(self, 'yaw', finite(where, 'yaw', self.yaw))
         require(min(self.step) > 0.0, where, 'step', self.step, 'both must be positive')
         rows = tuple(len(row) for row in self.height)
-        require(len(rows) >= 2 and min(rows) >= 2 and len(set(rows)) == 1, where, 'height', rows, 'must be rows of equal length, 2 x 2 or more')
+        regular = len(rows) >= 2 and min(rows) >= 2 and len(set(rows)) == 1
+        require(regular, where, 'height', rows, 'must be rows of equal length, 2 x 2 or more')
         h = np.array(self.height, float)
         require(bool(np.isfinite(h).all()), where, 'height', 'not finite', 'every height must be a finite number')
         object.__setattr__(self, 'height', tuple(map(tuple, h.tolist())))
@@ -115,7 +116,7 @@ class RandomRoad:
         Amplitudes are complex Gaussian with variance G(n) dn, neighbouring tracks a first-order Markov chain per frequency.
         """
         dx, dy = self.step
-        n_x = int(round(self.length / dx)) + 1
+        n_x = round(self.length / dx) + 1
         n_y = max(int(np.ceil(self.width / dy)) + 1, 2)
         n = np.fft.rfftfreq(n_x, dx)[1:]
         density = ISO_8608_DENSITY[self.quality] * (n / ISO_8608_REFERENCE) ** -ISO_8608_WAVINESS * (n <= 1.0 / self.shortest)
@@ -154,7 +155,8 @@ class RoadSpec(Spec):
         self.set('point', vector(self.where, 'point', self.point))
         n = np.array(vector(self.where, 'normal', self.normal))
         length = float(np.sqrt(n @ n))
-        require(length > 0.0 and n[2] > 0.1 * length, self.where, 'normal', self.normal, 'must point upwards (z component above 0.1 of its length)')
+        upwards = length > 0.0 and n[2] > 0.1 * length
+        require(upwards, self.where, 'normal', self.normal, 'must point upwards (z component above 0.1 of its length)')
         self.set('normal', tuple(float(c) for c in n / length))
         self.set('friction', finite(self.where, 'friction', self.friction, low=1e-3))
         self.set('patches', tuple(self.patches))

@@ -52,6 +52,7 @@ OUTPUTS = ('energy', 'dissipation', *TIRE_COLUMNS)
 STATES = 2
 
 TOUCH = 0.5e-3  # half width of the parabola with which the load begins at touch-down [m]
+RIM_TOUCH = 3e-3  # the same for the rim [m]
 NEVER_PULL = 0.1  # and with which it ends in fast rebound [-]
 FULL_CONTACT = 0.02  # load, relative to FNOMIN, from which the contact point follows the road fully
 AIR_DECAY = 20.0  # rate at which contact deflections vanish in the air [1/s]
@@ -91,9 +92,8 @@ class TireData:
             require(values[key] > 0.0, where, key, values[key], 'must be positive')
         for key in ('VERTICAL_DAMPING', 'NOMPRES', 'INFLPRES', 'FZMAX', 'BOTTOM_STIFF', 'LONGITUDINAL_STIFFNESS', 'LATERAL_STIFFNESS'):
             require(values.get(key, 0.0) >= 0.0, where, key, values.get(key), 'must not be negative')
-        require(
-            values['PKY1'] < 0.0, where, 'PKY1', values['PKY1'], 'must be negative: these are ISO-W axes, where Fy is positive for negative alpha'
-        )
+        axes = 'must be negative: these are ISO-W axes, where Fy is positive for negative alpha'
+        require(values['PKY1'] < 0.0, where, 'PKY1', values['PKY1'], axes)
         object.__setattr__(self, 'values', MappingProxyType(values))
         object.__setattr__(self, 'extra', MappingProxyType(dict(self.extra)))
         row = pack(values, self.version)
@@ -125,13 +125,14 @@ class TireSpec(Spec):
     pressure: float | None = None
     damping: float | None = None
     low_speed: float = 2.0
-    standstill_damping: float = 0.02
+    standstill_damping: float = 0.04
 
     def __post_init__(self) -> None:
         where = self.where
         if self.pressure is not None:
             self.set('pressure', finite(where, 'pressure', self.pressure, low=0.0, strict=True))
-            require(self.data['NOMPRES'] > 0.0, where, 'pressure', self.pressure, 'the tire data have no NOMPRES, so pressure has no effect: remove it')
+            remedy = 'the tire data have no NOMPRES, so pressure has no effect: remove it'
+            require(self.data['NOMPRES'] > 0.0, where, 'pressure', self.pressure, remedy)
         if self.damping is not None:
             self.set('damping', finite(where, 'damping', self.damping, low=0.0))
         self.set('low_speed', finite(where, 'low_speed', self.low_speed, low=0.1))
@@ -194,20 +195,18 @@ def _vertical_spring(c, rho):
     k2 = (1.0 + c[I.PFZ1] * c[I.DPI]) * c[I.FNOMIN] / (R0 * R0) * c[I.Q_FZ2]
     x = ramp(rho, e)
     if rho.real < e:  # x = s^2/(4 e), s = rho + e
-        s = ramp(rho + e, 0.0) if rho.real > -e else 0.0 * rho
+        s = ramp(rho + e, 0.0)
         energy = s * s * s * (k1 / (12.0 * e) + k2 * s * s / (80.0 * e * e))
     else:
         energy = k1 * (0.5 * rho * rho + e * e / 6.0) + k2 * (rho * rho * rho / 3.0 + e * e * e / 15.0)
     force = x * (k1 + k2 * x)
     if c[I.BOTTOM_STIFF] > 0.0 and c[I.RIM_RADIUS] > 0.0:
-        b = 0.1 * R0 * 0.1
+        b = RIM_TOUCH
         y = rho - (R0 - c[I.RIM_RADIUS] - c[I.BOTTOM_OFFST])
         force = force + c[I.BOTTOM_STIFF] * ramp(y, b)
-        if y.real >= b:
-            energy = energy + c[I.BOTTOM_STIFF] * (0.5 * y * y + b * b / 6.0)
-        elif y.real > -b:
-            s = y + b
-            energy = energy + c[I.BOTTOM_STIFF] * s * s * s / (12.0 * b)
+        s = ramp(y + b, 0.0)
+        rim = s * s * s / (12.0 * b) if y.real < b else 0.5 * y * y + b * b / 6.0
+        energy = energy + c[I.BOTTOM_STIFF] * rim
     return force, energy
 
 

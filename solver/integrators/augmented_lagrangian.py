@@ -230,7 +230,10 @@ def step(tables, c, s0, s1, u, want_outputs, work):
     s = 1.0 - c.af
     cq = s * c.beta * h * h
     cv = s * c.gamma * h
-    copy_rows(s0.a, s1.a)
+    # the acceleration of the stage is smooth even where a oscillates (rho_inf near one): predict with it
+    for b in range(nb):
+        for i in range(6):
+            s1.a[b, i] = (s0.a_s[b, i] - c.am * s0.a[b, i]) / (1.0 - c.am)
     for i in range(nc):
         s1.lam[i] = WARM_START * s0.lam[i]
     saddle = work.saddle
@@ -268,7 +271,8 @@ def step(tables, c, s0, s1, u, want_outputs, work):
             break
         if refactor:
             add_constraint_stiffness(tables, work.kin_s, s1.lam, work.Kq, work.Kv)
-            copy_blocks(work.J_now, saddle.J_s)
+            # rows of the end of the step in both places: see the module docstring of solver.saddle
+            copy_blocks(work.J, saddle.J_s)
             rotate_columns(tables.constraints, work.J, work.T_e, saddle.J_e)
             effective_masses(tables, work.J_now, saddle.W)
             for i in range(nc):
@@ -326,8 +330,9 @@ def step(tables, c, s0, s1, u, want_outputs, work):
     for b in range(nb):
         for i in range(6):
             s1.v[b, i] = work.kin_e.v[b, i]
-            # a1 approximates the acceleration at t1 + (am - af) h; continue it to t1
-            work.a_out[b, i] = s1.a[b, i] + (c.af - c.am) * (s1.a[b, i] - s0.a[b, i])
+            s1.a_s[b, i] = (1.0 - c.am) * s1.a[b, i] + c.am * s0.a[b, i]
+            # continued from the stage to the end of the step, as the multipliers are
+            work.a_out[b, i] = s1.a_s[b, i] + c.af * (s1.a_s[b, i] - s0.a_s[b, i])
     for i in range(s0.z.shape[0]):
         s1.z[i] = (work.z_s[i] - c.af * s0.z[i]) / s
         s1.zd[i] = ((s1.z[i] - s0.z[i]) / h - (1.0 - c.gamma1) * s0.zd[i]) / c.gamma1

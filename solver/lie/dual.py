@@ -4,8 +4,9 @@ The 12 directions are the variation (dp in W, dtheta in B) and the twist (linear
 step of a one-body element is to copy the partials of its generalized force into the rows of Kq and Kv.
 
 Inside compiled code a Dual is a float64 and three SIMD vectors of four float64, so a product costs a few instructions (one
-vector of 12 would be taken apart at every function call: it fits no register). A function written with + - * / and the functions of this module runs on float64, complex128 and Dual alike.
-Branch on `.real`. Outside compiled code (NUMBA_DISABLE_JIT=1) the Python class below has the same meaning.
+vector of 12 fits no register and would be taken apart at every call). A function written with + - * / and the functions of
+this module runs on float64, complex128 and Dual alike. Branch on `.real`. Outside compiled code (NUMBA_DISABLE_JIT=1) the
+Python class below has the same meaning.
 Reference: Griewank and Walther, "Evaluating derivatives" (2008), chapter 3.
 """
 
@@ -26,7 +27,7 @@ N = 12  # number of partial derivatives
 class Dual:
     """A number with N partial derivatives. `real` is the value, `partials` an (N,) array."""
 
-    __slots__ = ('real', 'partials')
+    __slots__ = ('partials', 'real')
     __array_ufunc__ = None  # numpy scalars leave arithmetic with a Dual to the Dual
 
     def __init__(self, value: float, partials: np.ndarray) -> None:
@@ -190,7 +191,7 @@ def _partial(typingctx, x, k):
 
 @overload_attribute(DualType, 'real')
 def _real(x):
-    return lambda x: _value(x)
+    return lambda x: _value(x)  # noqa: PLW0108  (numba takes a function, not an intrinsic)
 
 
 def variable(value, k):
@@ -202,7 +203,7 @@ def variable(value, k):
 
 @overload(variable)
 def _variable_overload(value, k):
-    return lambda value, k: _variable(value, k)
+    return lambda value, k: _variable(value, k)  # noqa: PLW0108
 
 
 def partial(x, k):
@@ -212,7 +213,7 @@ def partial(x, k):
 
 @overload(partial)
 def _partial_overload(x, k):
-    return lambda x, k: _partial(x, k)
+    return lambda x, k: _partial(x, k)  # noqa: PLW0108
 
 
 def value(x):
@@ -222,7 +223,7 @@ def value(x):
 
 @overload(value)
 def _value_overload(x):
-    return (lambda x: _value(x)) if _is_dual(x) else (lambda x: x)
+    return (lambda x: _value(x)) if _is_dual(x) else (lambda x: x)  # noqa: PLW0108
 
 
 @overload(operator.add)
@@ -360,7 +361,7 @@ def _register(function, rule, plain) -> None:
                 return _chain(f, x, df)
 
             return differentiate
-        return lambda x: plain(x)
+        return lambda x: plain(x)  # noqa: PLW0108
 
 
 for _f, _rule, _plain in (

@@ -16,14 +16,17 @@ from solver.elements.magic_formula import DEFAULTS
 from solver.elements.tire_pacejka import TireData
 from solver.errors import SceneError, SpecError
 
+_DEGREE = math.pi / 180.0
 UNITS: dict[str, dict[str, float]] = {
-    'LENGTH': {'meter': 1.0, 'm': 1.0, 'millimeter': 1e-3, 'mm': 1e-3, 'centimeter': 1e-2, 'cm': 1e-2, 'kilometer': 1e3, 'km': 1e3, 'inch': 0.0254, 'foot': 0.3048},
-    'FORCE': {'newton': 1.0, 'n': 1.0, 'kilonewton': 1e3, 'kn': 1e3, 'pound_force': 4.4482216152605, 'kg_force': 9.80665, 'kilogram_force': 9.80665},
-    'ANGLE': {'radian': 1.0, 'radians': 1.0, 'rad': 1.0, 'degree': math.pi / 180.0, 'degrees': math.pi / 180.0, 'deg': math.pi / 180.0},
+    'LENGTH': {'meter': 1.0, 'm': 1.0, 'millimeter': 1e-3, 'mm': 1e-3, 'centimeter': 1e-2, 'cm': 1e-2}
+    | {'kilometer': 1e3, 'km': 1e3, 'inch': 0.0254, 'foot': 0.3048},
+    'FORCE': {'newton': 1.0, 'n': 1.0, 'kilonewton': 1e3, 'kn': 1e3}
+    | {'pound_force': 4.4482216152605, 'kg_force': 9.80665, 'kilogram_force': 9.80665},
+    'ANGLE': {'radian': 1.0, 'radians': 1.0, 'rad': 1.0, 'degree': _DEGREE, 'degrees': _DEGREE, 'deg': _DEGREE},
     'MASS': {'kg': 1.0, 'kilogram': 1.0, 'gram': 1e-3, 'pound_mass': 0.45359237},
     'TIME': {'second': 1.0, 'seconds': 1.0, 'sec': 1.0, 's': 1.0, 'millisecond': 1e-3, 'minute': 60.0, 'hour': 3600.0},
     'PRESSURE': {'pascal': 1.0, 'pa': 1.0, 'kpa': 1e3, 'kilopascal': 1e3, 'bar': 1e5, 'psi': 6894.757293168},
-}  # fmt: skip
+}
 # Powers of (length, force, angle, time) of the dimensional coefficients; everything else is a pure number
 DIMENSIONS = {
     **dict.fromkeys(('UNLOADED_RADIUS', 'WIDTH', 'RIM_RADIUS', 'BOTTOM_OFFST'), (1, 0, 0, 0)),
@@ -157,9 +160,8 @@ def read_tir(path: str | Path) -> TireData:
     if side is not None and side.quoted.upper() not in SIDES:
         raise SceneError(f'{path}:{side.line}: TYRESIDE = {side.text}: must be LEFT, RIGHT or SYMMETRIC')
     try:
-        return TireData(
-            name=path.stem, version=version, values=values, side=SIDES[side.quoted.upper()] if side else 'left', source=str(path.name), extra=extra
-        )
+        which = SIDES[side.quoted.upper()] if side else 'left'
+        return TireData(name=path.stem, version=version, values=values, side=which, source=path.name, extra=extra)
     except SpecError as error:
         message = str(error)
         key = next((k for k in lines if f': {k} = ' in message), None)

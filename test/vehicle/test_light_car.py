@@ -1,0 +1,129 @@
+"""The light car at rest and running straight: counts, statics, symmetry."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from solver.scene import load_scene
+from solver.simulation import Simulation
+from solver.snapshot import TIRE_COLUMNS
+
+FX, FY, FZ = range(3)
+G = 9.81
+WHEELS = ('front_left', 'front_right', 'rear_left', 'rear_right')
+
+
+def simulation(*overrides: str, scene: str = 'light_car_straight') -> Simulation:
+    return Simulation(load_scene(scene, overrides))
+
+
+@pytest.fixture(scope='module')
+def at_rest():
+    return simulation('start.speed_kmh=0')
+
+
+def column(sim: Simulation, name: str) -> float:
+    return float(sim.snapshot().elements[sim.channels.elements.index(name)])
+
+
+def test_count_of_freedom_is_that_of_the_hand_count(at_rest):
+    # 6 x 11 bodies - (2 struts x 4 + 2 tie rods + 2 arms x 5 + 4 wheels x 5 + rack 5 + steering wheel 5 + pinion + driver) = 6 of the
+    # car + 4 of the suspension + 4 of the wheels
+    found = at_rest.describe()
+    assert (found['bodies'], found['constraint_rows'], found['dof'], found['redundant_constraints']) == (11, 52, 14, 0)
+    assert found['internal_states'] == 4 * 2 + 4  # contact deflections of the tires, wind-up of the brakes
+    assert 1300.0 < found['mass'] < 1600.0
+
+
+def test_wheel_loads_are_those_of_the_moment_balance(at_rest):
+    bodies = at_rest.scene.model.bodies
+    mass = sum(b.mass for b in bodies)
+    moment = sum(b.mass * (b.position[0] + b.com[0]) for b in bodies)
+    x_front, x_rear = 1.325, -1.325
+    front = 0.5 * G * (moment - mass * x_rear) / (x_front - x_rear)
+    rear = 0.5 * G * mass - front
+    load = at_rest.snapshot().tire[:, FZ]
+    assert 3000.0 < rear < front < 4500.0
+    # neglected: the car settles by about 1 mm and pitches by 2e-4 rad, which moves the centre of mass by 0.1 mm of the wheelbase
+    assert load == pytest.approx([front, front, rear, rear], rel=2e-4)
+    assert load.sum() == pytest.approx(mass * G, rel=1e-7)  # equilibrium to 1e-8 of the weight
+
+
+def test_springs_carry_what_their_lever_arms_say(at_rest):
+    fz = at_rest.snapshot().tire[:, FZ]
+    # front: balance of the unsprung 38 kg along the axis, on which the spring lies; neglected: the tie rod, which is not quite
+    # perpendicular to it (bump steer 0.05 rad/m x steering moment 50 N m), and 33 N of camber thrust along 0.04 of the travel
+    axis = np.array([1.2764, 0.7159, 0.85]) - np.array([1.3333, 0.7443, 0.20])
+    cosine = axis[2] / np.linalg.norm(axis)
+    force = (fz[0] - 38.0 * G) * cosine
+    assert column(at_rest, 'spring_front_left/force') == pytest.approx(-force, rel=3e-3)
+    length = np.linalg.norm(np.subtract([1.2808, 0.7181, 0.80], [1.3071, 0.7312, 0.50]))
+    free = next(s.free_length for s in at_rest.scene.model.spring_dampers if s.name == 'spring_front_left')
+    assert free - length == pytest.approx(force / 21000.0, rel=3e-3)
+    # rear: moments about the axis of the arm; neglected: 46 N of camber thrust at 0.34 m
+    inner, outer = np.array([-0.96, 0.30, 0.345]), np.array([-0.90, 0.62, 0.340])
+    e = (outer - inner) / np.linalg.norm(outer - inner)
+
+    def arm(point, direction):
+        return e @ np.cross(np.subtract(point, inner), direction)
+
+    top, bottom = np.array([-1.235, 0.56, 0.50]), np.array([-1.245, 0.56, 0.22])
+    push = (bottom - top) / np.linalg.norm(bottom - top)
+    up = (0.0, 0.0, 1.0)
+    moment = fz[2] * arm((-1.325, 0.76, 0.0), up) - G * (20.0 * arm((-1.325, 0.76, 0.301), up) + 20.0 * arm((-1.20, 0.62, 0.30), up))
+    assert column(at_rest, 'spring_rear_left/force') == pytest.approx(moment / arm(bottom, push), rel=8e-3)
+
+
+def test_design_position_is_near_equilibrium(at_rest):
+    channels, snapshot = at_rest.channels, at_rest.snapshot()
+    travel = [snapshot.joint_position[channels.joints.index(f'travel_{w}')] for w in WHEELS]
+    assert np.abs(travel).max() < 1e-3  # camber thrust, and heights of the wheel centres rounded to 1 mm
+    assert np.abs(snapshot.pose[channels.chassis, :3]).max() < 2e-3
+
+
+def test_standstill_stays_at_rest(at_rest):
+    before = at_rest.snapshot()
+    after = at_rest.advance(1000)
+    # what equilibrium leaves, 1e-8 of the weight, moves the car by 1e-8 g t^2/2
+    assert np.abs(after.pose - before.pose).max() < 2e-7
+    assert np.abs(after.twist).max() < 1e-6
+
+
+def test_straight_running_stays_straight():
+    sim = simulation('maneuver={drive_torque: 200}')
+    after = sim.advance(3000)
+    x, y = after.pose[0, :2]
+    assert 70.0 < x < 80.0
+    assert abs(y) < 1e-9 and np.abs(after.twist[0, [1, 3, 5]]).max() < 1e-9  # a symmetric car knows no side but that of rounding
+    left, right = after.tire[0::2], after.tire[1::2]
+    assert left[:, [FX, FZ]] == pytest.approx(right[:, [FX, FZ]], rel=1e-9)
+    assert left[:, FY] == pytest.approx(-right[:, FY], rel=1e-6)
+
+
+def test_open_differential_shares_the_torque_equally():
+    sim = simulation('maneuver={drive_torque: 400, steering: 0.8}', scene='light_car_circle')
+    sim.advance(2000)
+    names = list(sim.channels.joints)
+    effort = sim.snapshot().joint_effort
+    left, right = (effort[names.index(f'shaft_front_{side}')] for side in ('left', 'right'))
+    assert (left, right) == (200.0, 200.0)
+    speed = sim.snapshot().joint_velocity
+    outer, inner = speed[names.index('shaft_front_right')], speed[names.index('shaft_front_left')]
+    assert outer > 1.01 * inner > 0.0  # and lets the wheels of a turning car roll at their own speeds
+
+
+@pytest.mark.parametrize('angle', [0.9])
+def test_mirrored_steering_gives_the_mirrored_motion(angle):
+    left = simulation(f'maneuver.steering.value={angle}', 'maneuver.steering.start=0.2', scene='light_car_step_steer').advance(1500)
+    right = simulation(f'maneuver.steering.value={-angle}', 'maneuver.steering.start=0.2', scene='light_car_step_steer').advance(1500)
+    assert left.pose[0, 1] > 0.5  # it did turn, to the left
+    mirrored = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
+    assert left.twist[0] == pytest.approx(mirrored * right.twist[0], abs=1e-9)
+    assert left.pose[0] == pytest.approx(np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0]) * right.pose[0], abs=1e-9)
+    other = [1, 0, 3, 2]
+    same = [TIRE_COLUMNS.index(c) for c in ('fx', 'fz', 'kappa', 'spin', 'deflection')]
+    opposite = [TIRE_COLUMNS.index(c) for c in ('fy', 'alpha', 'gamma')]
+    scale = np.abs(left.tire).max(axis=0)
+    assert np.abs(left.tire[:, same] - right.tire[other][:, same]).max() < 1e-9 * scale.max()
+    assert np.abs(left.tire[:, opposite] + right.tire[other][:, opposite]).max() < 1e-9 * scale.max()

@@ -1,0 +1,89 @@
+"""Momentum, angular momentum and energy of the moving light car."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from solver.mechanism import matrix
+from solver.scene import load_scene
+from solver.simulation import Simulation
+from solver.snapshot import TIRE_COLUMNS, Snapshot
+
+POINT, FRAME = TIRE_COLUMNS.index('px'), TIRE_COLUMNS.index('qx')
+
+
+def momenta(sim: Simulation, s: Snapshot) -> np.ndarray:
+    """(6,) linear momentum and angular momentum about the origin of the world."""
+    total = np.zeros(6)
+    for body, pose, twist in zip(sim.scene.model.bodies, s.pose, s.twist, strict=True):
+        R = matrix(pose[3:])
+        v = R @ (twist[:3] + np.cross(twist[3:], body.com))
+        p = pose[:3] + R @ np.array(body.com)
+        total[:3] += body.mass * v
+        total[3:] += body.mass * np.cross(p, v) + R @ body.inertia_matrix() @ twist[3:]
+    return total
+
+
+def external_loads(sim: Simulation, s: Snapshot) -> np.ndarray:
+    """(6,) force and moment about the origin of the world: gravity, tires, drag."""
+    total = np.zeros(6)
+
+    def add(force, point, moment=(0.0, 0.0, 0.0)):
+        total[:3] += force
+        total[3:] += np.cross(point, force) + moment
+
+    for body, pose in zip(sim.scene.model.bodies, s.pose, strict=True):
+        add(body.mass * np.array(sim.scene.model.gravity), pose[:3] + matrix(pose[3:]) @ np.array(body.com))
+    for tire in s.tire:
+        R = matrix(tire[FRAME : FRAME + 4])
+        add(R @ tire[:3], tire[POINT : POINT + 3], R @ tire[3:6])
+    (aero,) = sim.scene.model.aero_drags
+    R = matrix(s.pose[0, 3:])
+    first = sim.channels.elements.index('aero/fx')
+    add(R @ s.elements[first : first + 3], s.pose[0, :3] + R @ np.array(aero.marker.position))
+    return total
+
+
+def momentum_error(h: float) -> tuple[np.ndarray, np.ndarray]:
+    """(largest error of the balance, largest load), (6,) each, over 0.3 s of the transient of a step steer under brake and drive."""
+    maneuver = '{steering: {kind: step, value: 0.6, start: 0.25, rise: 0.3}, drive_torque: 150, brake_torque: 300}'
+    sim = Simulation(load_scene('light_car_step_steer', [f'maneuver={maneuver}', f'integrator.h={h}']))
+    sim.advance(round(0.3 / h))
+    steps = [sim.advance(1) for _ in range(round(0.3 / h))]
+    momentum = np.array([momenta(sim, s) for s in steps])
+    load = np.array([external_loads(sim, s) for s in steps])
+    return np.abs((momentum[2:] - momentum[:-2]) / (2 * h) - load[1:-1]).max(axis=0), np.abs(load).max(axis=0)
+
+
+def test_momentum_changes_by_the_external_forces():
+    errors, scales = zip(*(momentum_error(h) for h in (2e-3, 1e-3)), strict=True)
+    # linear: x, y, z; angular about the world's origin. Internal forces, joints, drive and brake torques must cancel
+    scale = np.array([*[1413 * 9.81] * 3, *scales[1][3:]])
+    assert (errors[1] < 2e-3 * scale).all()
+    # central difference and method are of second order
+    ratio = np.linalg.norm(errors[0] / scale) / np.linalg.norm(errors[1] / scale)
+    assert 3.0 < ratio < 5.5
+
+
+def test_energy_balance_closes_with_second_order():
+    found = []
+    for h in (4e-3, 2e-3, 1e-3):
+        sim = Simulation(load_scene('light_car_step_steer', ['maneuver.steering.start=0.3', f'integrator.h={h}']))
+        sim.advance(round(1.5 / h))
+        found.append(sim.audit()['energy_error_max'])
+    work = 150.0 * 1.5 * 22.2 / 0.31  # of the drive torque [J]
+    assert found[-1] < 1e-4 * work
+    assert all(3.0 < a / b < 5.5 for a, b in pairwise(found))
+
+
+@pytest.mark.parametrize('name', ['light_car_brake'])
+def test_energy_of_braking_goes_into_brakes_and_tires(name):
+    sim = Simulation(load_scene(name, ['maneuver.brake_torque.start=0.2']))
+    kinetic = 0.5 * 1413.0 * (100.0 / 3.6) ** 2
+    last = sim.advance(5000)
+    assert np.abs(last.twist[0]).max() < 0.05
+    # the brakes stick when the car stops: the balance is of first order there, h x torque x rate at that instant
+    assert sim.audit()['energy_error_max'] < 1e-3 * kinetic

@@ -1,0 +1,95 @@
+"""The light car braking: distance, locking, order of locking."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from solver.elements.magic_formula import load_increment, magic_formula, slip_stiffness
+from solver.scene import load_scene
+from solver.simulation import Simulation
+from solver.snapshot import TIRE_COLUMNS
+
+G = 9.81
+SPIN = TIRE_COLUMNS.index('spin')
+
+
+def braking(torque: float, *overrides: str, speed: float = 25.0, rise: float = 0.1) -> Simulation:
+    maneuver = f'{{brake_torque: {{kind: step, value: {torque}, start: 0.0, rise: {rise}}}}}'
+    return Simulation(load_scene('light_car_brake', [f'maneuver={maneuver}', f'start={{kind: equilibrium, speed: {speed}}}', *overrides]))
+
+
+def wheel_rates(sim: Simulation) -> np.ndarray:
+    """(4,) rotation of the wheels on their knuckles [rad/s]."""
+    snapshot = sim.snapshot()
+    return np.array([snapshot.joint_velocity[sim.channels.joints.index(f'wheel_{w}')] for w in sim.channels.wheels])
+
+
+def sliding_friction(sim: Simulation, load: float, slip: float) -> float:
+    """|Fx|/Fz of a tire at a longitudinal slip."""
+    c = sim.model.tables.tires.c[0]
+    dfz = load_increment(c, load)
+    Kx, Ky = slip_stiffness(c, 0.0, load, dfz)
+    return abs(magic_formula(c, slip, 0.0, 0.0, load, dfz, 1.0, 15.0, Kx, Ky, 1.0, 0.0)[0]) / load
+
+
+def test_braking_below_the_limit_decelerates_by_the_torque():
+    sim = braking(2400.0)
+    sim.advance(1000)
+    v0 = sim.snapshot().twist[0, 0]
+    v1 = sim.advance(500).twist[0, 0]
+    # m_eff a = T / r + rolling resistance + drag; m_eff includes the spin of the wheels. r between loaded and rolling radius
+    mass = 1413.0 + 4 * 0.9 / 0.30**2
+    mean = 0.5 * (v0 + v1)
+    other = 0.011 * 1413.0 * G + 0.5 * 1.2 * 0.65 * mean**2
+    low, high = ((2400.0 / radius + factor * other) / mass for radius, factor in ((0.311, 0.8), (0.289, 1.2)))
+    assert low < (v0 - v1) / 0.5 < high
+
+
+def test_locked_wheels_stand_still_and_the_distance_is_that_of_sliding_friction():
+    speed = 25.0
+    sim = braking(12000.0, speed=speed)
+    frictions = [sliding_friction(sim, load, -1.0) for load in (1500.0, 5500.0)]
+    x0 = sim.snapshot().pose[0, 0]
+    sim.advance(500)
+    for _ in range(4):
+        assert np.abs(wheel_rates(sim)).max() < 1e-3
+        sim.advance(500)
+    while np.linalg.norm(sim.snapshot().twist[0, :2]) > 0.05:
+        sim.advance(50)
+    distance = sim.snapshot().pose[0, 0] - x0
+    # friction falls with load, so the axles' mean lies between the values at the extreme loads; before the wheels lock the brakes
+    # take 0.1 s to build up, and pass the peak, which is up to 30 % higher
+    low = speed**2 / (2.0 * max(frictions) * G)
+    high = speed**2 / (2.0 * min(frictions) * G) + 0.1 * speed
+    assert 0.95 * low < distance < high
+    assert abs(sim.snapshot().pose[0, 1]) < 1e-6  # four locked wheels steer nothing
+
+
+def test_shortest_stop_is_bounded_by_peak_friction():
+    speed = 25.0
+    sim = braking(4200.0, speed=speed)  # just below lock
+    peak = max(sliding_friction(sim, 2000.0, slip) for slip in -np.linspace(0.02, 0.3, 57))
+    x0 = sim.snapshot().pose[0, 0]
+    slowest = np.inf
+    while sim.snapshot().twist[0, 0] > 0.5:
+        sim.advance(50)
+        if sim.snapshot().twist[0, 0] > 3.0:
+            slowest = min(slowest, float(wheel_rates(sim).min()))
+    distance = sim.snapshot().pose[0, 0] - x0
+    assert slowest > 0.0
+    assert speed**2 / (2.0 * peak * G) < distance < 1.3 * speed**2 / (2.0 * peak * G)
+
+
+@pytest.mark.parametrize('friction', [1.0, 0.4])
+def test_front_axle_locks_first(friction):
+    overrides = [] if friction == 1.0 else [f'road.friction={friction}']
+    sim = braking(9000.0, *overrides, speed=30.0, rise=3.0)
+    locked: dict[str, float] = {}
+    while len(locked) < 2 and sim.t_ns < 3e9:
+        sim.advance(10)
+        rates = wheel_rates(sim)
+        for axle, pair in (('front', rates[:2]), ('rear', rates[2:])):
+            if pair.max() < 1.0:
+                locked.setdefault(axle, sim.t_ns * 1e-9)
+    assert locked['front'] < locked.get('rear', np.inf)

@@ -1,0 +1,110 @@
+"""The light car in a bend: the formulas of the bicycle model where they hold, and understeer."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from solver.elements.magic_formula import load_increment, magic_formula, slip_stiffness
+from solver.mechanism import matrix
+from solver.scene import load_scene
+from solver.simulation import Simulation
+from solver.snapshot import TIRE_COLUMNS
+
+G = 9.81
+WHEELBASE = 2.65
+SPEED = 20.0
+ALPHA, FZ = TIRE_COLUMNS.index('alpha'), TIRE_COLUMNS.index('fz')
+
+
+def steady_bend(*overrides: str, steering: float) -> Simulation:
+    """After 5 s at nearly constant speed: the slowest mode, roll and yaw, has died out to 1e-4."""
+    maneuver = f'{{steering: {{kind: step, value: {steering}, start: 0.2, rise: 0.5}}, drive_torque: 130}}'
+    sim = Simulation(load_scene('light_car_circle', [f'maneuver={maneuver}', f'start={{kind: equilibrium, speed: {SPEED}}}', *overrides]))
+    sim.advance(5000)
+    return sim
+
+
+def steer_angles(sim: Simulation) -> tuple[float, float]:
+    """Mean angle [rad] of the front and of the rear wheels about z of the chassis."""
+    pose = sim.snapshot().pose
+    R = matrix(pose[0, 3:])
+    angle = {}
+    for body, p in zip(sim.channels.bodies, pose, strict=True):
+        if body.startswith('wheel_'):
+            axis = R.T @ matrix(p[3:])[:, 1]
+            angle[body] = -np.arctan2(axis[0], axis[1])
+    front, rear = (np.mean([angle[f'wheel_{end}_{side}'] for side in ('left', 'right')]) for end in ('front', 'rear'))
+    return float(front), float(rear)
+
+
+def tire_stiffness(sim: Simulation, e: int, load: float, camber: float) -> tuple[float, float]:
+    """(cornering stiffness [N/rad], pneumatic trail [m]) of tire e at a load [N], at small slip."""
+    c = sim.model.tables.tires.c[e]
+    dfz = load_increment(c, load)
+    Kx, Ky = slip_stiffness(c, camber, load, dfz)
+    small = 1e-3
+    _, fy, _, _, mz = magic_formula(c, 0.0, small, 0.0, load, dfz, 1.0, SPEED, Kx, Ky, 1.0, 1.0)
+    return abs(Ky), abs(mz / fy)
+
+
+@pytest.mark.parametrize('x', [-0.10, 0.154, 0.40])
+def test_understeer_gradient_is_that_of_the_bicycle_model(x):
+    # Without roll (anti-roll bars 1000 times as stiff) the car is a bicycle at small lateral acceleration:
+    #   delta_f - delta_r - L r / v = (F_f / C_f - F_r / C_r),   F_f = m a_y (b + t_r) / (L - t_f + t_r)
+    # with the axle forces shifted by the pneumatic trails t. Neglected at 0.05 g: load transfer (quadratic in a_y), the side force
+    # of steered traction (delta Fx, 0.5 % of the front force), and camber from the roll on the tires (1.2 % of each slip angle,
+    # nearly the same front and rear).
+    stiff = ('vehicle.front.anti_roll_bar=1.1e7', 'vehicle.rear.anti_roll_bar=4e6', f'vehicle.chassis.com[0]={x}')
+    sim = steady_bend(*stiff, steering=0.05)
+    snapshot = sim.snapshot()
+    v, r = snapshot.twist[0, 0], snapshot.twist[0, 5]
+    lateral = v * r
+    assert 0.2 < lateral < 1.0
+    bodies = sim.scene.model.bodies
+    mass = sum(b.mass for b in bodies)
+    b = 0.5 * WHEELBASE + sum(part.mass * (part.position[0] + part.com[0]) for part in bodies) / mass
+    front_load, rear_load = 0.5 * mass * G * b / WHEELBASE, 0.5 * mass * G * (1.0 - b / WHEELBASE)
+    C_f, t_f = tire_stiffness(sim, 0, front_load, np.deg2rad(0.5))
+    C_r, t_r = tire_stiffness(sim, 2, rear_load, np.deg2rad(1.0))
+    front_force = mass * lateral * (b + t_r) / (WHEELBASE - t_f + t_r)
+    slip_f, slip_r = 0.5 * front_force / C_f, 0.5 * (mass * lateral - front_force) / C_r
+    alpha = snapshot.tire[:, ALPHA]
+    assert 0.5 * (alpha[0] + alpha[1]) == pytest.approx(slip_f, rel=0.03)
+    assert 0.5 * (alpha[2] + alpha[3]) == pytest.approx(slip_r, rel=0.03)
+    front, rear = steer_angles(sim)
+    gradient = (front - rear - WHEELBASE * r / v) / lateral
+    assert gradient == pytest.approx((slip_f - slip_r) / lateral, abs=0.015 * slip_f / lateral)
+
+
+def test_the_car_understeers_mildly():
+    # all of it: load transfer, roll steer, camber. Passenger cars: 1 to 4 deg/g at the road wheels up to 0.4 g
+    ratio = (0.052 / (2 * np.pi)) / 0.135  # road wheels per steering wheel
+    points = []
+    for steering in (0.2, 0.5):
+        snapshot = steady_bend(steering=steering).snapshot()
+        v, r = snapshot.twist[0, 0], snapshot.twist[0, 5]
+        points.append((v * r, ratio * steering - WHEELBASE * r / v))
+    (a0, d0), (a1, d1) = points
+    gradient = np.degrees((d1 - d0) / (a1 - a0)) * G
+    assert 0.3 < gradient < 4.0
+
+
+def test_roll_angle_is_that_of_the_roll_stiffness():
+    # phi (K - m_s g h) = m_s a_y h, with h from the roll axis to the sprung mass; K: springs and bars at the wheels in series with
+    # the tires. Neglected: progressive tires, jacking, the stops (travel stays in the free range).
+    sim = steady_bend(steering=0.3)
+    snapshot = sim.snapshot()
+    lateral = snapshot.twist[0, 0] * snapshot.twist[0, 5]
+    roll = np.arcsin(matrix(snapshot.pose[0, 3:])[2, 1])
+    tire = 215e3
+    front_wheel, rear_wheel = 21000.0 / np.cos(np.deg2rad(5.6)) ** 2, 37000.0 * 0.755**2
+    stiffness = 0.0
+    for wheel, bar, half in ((front_wheel, 11000.0, 0.765), (rear_wheel, 4000.0, 0.760)):
+        rate = wheel + 2.0 * bar
+        stiffness += 2.0 * half**2 / (1.0 / rate + 1.0 / tire)
+    front_centre, rear_centre = -0.034, 0.119
+    share = (0.154 + 1.325) / WHEELBASE
+    h = 0.57 - (share * front_centre + (1.0 - share) * rear_centre)
+    expected = 1250.0 * lateral * h / (stiffness - 1250.0 * G * h)
+    assert abs(roll) == pytest.approx(expected, rel=0.10)
