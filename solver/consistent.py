@@ -30,6 +30,7 @@ ASSEMBLY_TOLERANCE = 1e-12  # m or rad
 LARGEST_TURN = 0.3  # rad or m per iteration of the assembly
 EQUILIBRIUM_TOLERANCE = 1e-11  # N or N m, relative to the weight of the model
 SETTLING = 1.0  # s, long against every damping in a model
+CLEARANCE = 10.0  # height at which no tire touches any road [m]
 HOLD = 1e9  # input of brakes that hold [N m per unit of gain]
 
 
@@ -64,7 +65,7 @@ class Start:
         self.saddle.J_s[:] = self.J
         self.saddle.J_e[:] = self.J
         effective_masses(self.t, self.J, self.saddle.W)
-        self.saddle.W[:] *= PENALTY * max(cm, STIFFEST)
+        self.saddle.W[:] *= PENALTY * (max(cm, STIFFEST) if cq > 0.0 else cm)
         assemble_tangent(self.t, 0.0 if metric else cm, cq, cv, self.Kq, self.Kv, self.identity, self.saddle.B)
         if metric:
             for b in range(self.model.n_bodies):
@@ -110,29 +111,46 @@ class Start:
                 )
         update_angles(self.coordinates, kinematics_of(state.q, state.v), state.angle)
 
-    def project_velocity(self, state: State, u: np.ndarray, extra: np.ndarray | None = None) -> None:
-        """Make state.v satisfy A v + phi_t = 0 with the smallest change of kinetic energy; extra (nc,) is added to phi_t."""
+    def project_velocity(self, state: State, u: np.ndarray, extra: np.ndarray | None = None, hold: float = 0.0) -> None:
+        """Make state.v satisfy A v + phi_t = 0 with the smallest change of kinetic energy; extra (nc,) is added to phi_t.
+
+        hold [s]: what dampers dissipate in this time counts as much as kinetic energy. So parts that only elastic elements connect
+        start to move together: shafts turn with the wheels they drive, and do not turn what carries them. Not the tires.
+        """
         self._constraints(state.q, state.v, state.angle, u)
         constraint_input_rates(self.t, u, self.phi_t, self.phi_tt)
         if extra is not None:
             self.phi_t += extra
         self.Kq[:] = 0.0
         self.Kv[:] = 0.0
-        self._factorize(1.0, 0.0, 0.0, metric=True)
-        zero = np.zeros_like(self.f)
+        if hold > 0.0:
+            in_the_air = state.q.copy()
+            in_the_air[:-1, 2] += CLEARANCE
+            at_rest = kinematics_of(in_the_air, np.zeros_like(state.v))
+            evaluate_forces(self.t, at_rest, state.angle, state.z, 0.0, u, True, self.f, self.Kq, self.Kv, self.z, self.outputs)
+        self._factorize(1.0, 0.0, hold, metric=True)
+        first = -hold * self._block_product(self.Kv, state.v)
         rate = np.zeros(self.model.n_rows)
-        for _ in range(20):
+        for k in range(20):
             constraint_rates(self.constraints, self.J, state.v, rate)
             rate += self.phi_t
-            if not len(rate) or np.abs(rate).max() < 1e-13 * max(1.0, np.abs(state.v).max()):
+            done = not len(rate) or np.abs(rate).max() < 1e-13 * max(1.0, np.abs(state.v).max())
+            if done and (k > 0 or not hold):
                 return
-            solve_saddle(self.t, CONDENSED, self.saddle, zero, rate, self.dw, self.dlam)
+            solve_saddle(self.t, CONDENSED, self.saddle, first, rate, self.dw, self.dlam)
             state.v[:] += self.dw
+            first = np.zeros_like(first)
         if np.abs(rate).max() > 1e-8:
             raise ConsistencyError(
                 f'start: no velocity satisfies the constraints: {self._worst_row(rate)!r} is violated by {np.abs(rate).max():.3g}; '
                 'remove contradicting initial rates'
             )
+
+    def _block_product(self, K: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """(nb + 1, 6) product of blocks K (ns + 1, 6, 6) with v (nb + 1, 6)."""
+        product = np.zeros_like(v)
+        np.add.at(product, self.t.block_row[1:], np.einsum('sij,sj->si', K[1:], v[self.t.block_col[1:]]))
+        return product
 
     def acceleration(self, q, v, z, angle, u) -> tuple[np.ndarray, np.ndarray]:
         """(a (nb+1, 6), lam (nc,)) with M a = f + A^T lam and d/dt (A v + phi_t) = 0, by augmentation to convergence."""

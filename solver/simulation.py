@@ -98,7 +98,7 @@ class Simulation:
         extended = self._with_rows(list(rates), [0.0] * len(rates))
         extra = np.zeros(extended.model.n_rows)
         extra[self.model.n_rows :] = [-r for r in rates.values()]
-        extended.project_velocity(state, u, extra)
+        extended.project_velocity(state, u, extra, hold=1.0 if start.speed else 0.0)
         calculation.start_integrator(state, u, self.h, self.coefficients.am, self.coefficients.af)
 
     def _inputs_at_start(self) -> np.ndarray:

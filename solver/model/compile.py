@@ -25,7 +25,7 @@ from solver.model.state import kinematics_of, placed_configuration
 from solver.model.tables import MAX_CALLS, ConstraintTable, Model, Tables
 from solver.reference import Ref
 
-PENALTY_MASS_FLOOR = 1e-4  # of the mean mass; keeps 1/(a M^-1 a^T) away from zero for (nearly) massless bodies
+PENALTY_MASS_FLOOR = 1e-4  # of the mean mass; keeps 1/(a M^-1 a^T) away from zero for (nearly) massless bodies and point masses
 
 
 def rotation(quaternion) -> np.ndarray:
@@ -133,7 +133,7 @@ def compile_model(spec: ModelSpec) -> Model:
             wait_for.setdefault(nb + g, set()).add(b)
         constraints.centre[g] = block_slots.setdefault((nb + g, nb + g), 1 + len(block_slots))
     bodies = compile_bodies(spec.bodies, spec.gravity, [context.slots[b, b] for b in range(nb)])
-    inverse_mass, inverse_inertia = _floored_inverses(bodies)
+    inverse_mass, inverse_inertia = _floored_inverses(bodies, constraints.joints)
     tables = Ref(
         Tables(
             calls=np.zeros(MAX_CALLS, np.int64),
@@ -239,11 +239,19 @@ def _compile_constraints(spec: ModelSpec, context: _Context) -> tuple[Constraint
     return table, row_names, [s.name for s in (*spec.joints, *spec.couplers)]
 
 
-def _floored_inverses(bodies) -> tuple[np.ndarray, np.ndarray]:
+def _floored_inverses(bodies, joints) -> tuple[np.ndarray, np.ndarray]:
+    """1/mass (nb,) and inverse inertia (nb, 3, 3) with floors.
+
+    The floor of the inertia is a fraction of the mean of inertia and mass * (lever arm of a joint)^2: the second remains when all
+    bodies are point masses.
+    """
     n = len(bodies.mass)
     mass = np.maximum(bodies.mass, PENALTY_MASS_FLOOR * max(float(bodies.mass.mean()), 1e-12))
     size = np.trace(bodies.inertia, axis1=1, axis2=2)
-    floor = PENALTY_MASS_FLOOR * max(float(size.mean()), 1e-12)
+    arm = np.zeros(n + 1)
+    for side, r in enumerate((joints.r_i, joints.r_j)):
+        np.maximum.at(arm, joints.body[:, side], np.linalg.norm(r, axis=1))
+    floor = PENALTY_MASS_FLOOR * max(float((size + bodies.mass * arm[:n] ** 2).mean()), 1e-12)
     return 1.0 / mass, np.linalg.inv(bodies.inertia + floor * np.eye(3) * (size < 3 * floor).reshape(n, 1, 1) + 1e-300 * np.eye(3))
 
 

@@ -164,5 +164,5 @@ def read_tir(path: str | Path) -> TireData:
         return TireData(name=path.stem, version=version, values=values, side=which, source=path.name, extra=extra)
     except SpecError as error:
         message = str(error)
-        key = next((k for k in lines if f': {k} = ' in message), None)
-        raise SceneError(f'{path}:{lines[key]}: {message}' if key else f'{path}: {message}') from None
+        line = next((lines[k] for k in lines if f': {k} = ' in message), None)
+        raise SceneError(f'{path}:{line}: {message}' if line else f'{path}: {message}') from None

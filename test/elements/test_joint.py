@@ -1,0 +1,162 @@
+"""Joints: residuals, Jacobian, geometric stiffness, freedoms."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from contract import STEP, ContractContext, displaced, kinematics, random_kinematics
+from scipy.spatial.transform import Rotation
+
+from solver.elements.joint import KINDS, JointSpec, add_joint_hessians, compile_joints, evaluate_joints
+from solver.elements.marker import Marker
+from solver.elements.point_pair import Kinematics
+from solver.errors import SpecError
+
+BODIES = [('b0', 'b1'), ('world', 'b1'), ('b0', 'world')]
+STILL = np.zeros((2, 6))
+
+
+def random_marker(rng, body):
+    return Marker(body=body, position=rng.normal(size=3), orientation=Rotation.random(random_state=rng).as_quat())
+
+
+def joint(kind, i, j, **fields):
+    return JointSpec(name='joint', kind=kind, i=i, j=j, **({'length': 0.7} if kind == 'distance' else {}), **fields)
+
+
+class Rows:
+    """The rows of one joint between two bodies (index 2: the world) as functions of the kinematics."""
+
+    def __init__(self, spec: JointSpec, com=None) -> None:
+        context = ContractContext(com=com)
+        self.n = len(KINDS[spec.kind])
+        self.bodies = [context.body('test', m.body) for m in (spec.i, spec.j)]
+        self.table = compile_joints([spec], context, [0], [(1, 2)])
+
+    def evaluate(self, kin: Kinematics) -> tuple[np.ndarray, np.ndarray]:
+        """phi (rows,) and A (rows, 18): columns of b0, b1, world."""
+        phi = np.full(self.n, np.nan, kin.p.dtype)
+        blocks = np.full((3, 6, 6), np.nan, kin.p.dtype)
+        evaluate_joints(self.table, kin, phi, blocks)
+        A = np.zeros((self.n, 3, 6), kin.p.dtype)
+        for block, b in zip(blocks[1:], self.bodies, strict=True):
+            A[:, b] += block[: self.n]
+        return phi, A.reshape(self.n, 18)
+
+    def stiffness(self, kin: Kinematics, lam: np.ndarray) -> np.ndarray:
+        """d(A^T lam)/dq, (12, 12)."""
+        blocks = np.zeros((5, 6, 6))
+        add_joint_hessians(self.table, kin, lam, blocks, np.zeros((5, 6, 6)))
+        return blocks[1:].reshape(2, 2, 6, 6).transpose(0, 2, 1, 3).reshape(12, 12)
+
+
+@pytest.mark.parametrize(('i', 'j'), BODIES)
+@pytest.mark.parametrize('kind', KINDS)
+def test_jacobian_and_geometric_stiffness_are_the_complex_step_derivatives(rng, kind, i, j):
+    """A = d phi/dq and d(A^T lam)/dq, to rounding (1e-12 of the largest entry), in closed and in open joints alike."""
+    rows = Rows(joint(kind, random_marker(rng, i), random_marker(rng, j)), com=rng.normal(size=(2, 3)))
+    for _ in range(3):
+        kin = random_kinematics(rng, 2)
+        lam = rng.normal(size=rows.n)
+        phi, A = rows.evaluate(kin)
+        K = rows.stiffness(kin, lam)
+        assert np.isfinite(phi).all()
+        A_exact, K_exact = np.zeros((rows.n, 12)), np.zeros((12, 12))
+        for k, e in enumerate(np.eye(12)):
+            phi_moved, A_moved = rows.evaluate(displaced(kin, e.reshape(2, 6), STILL))
+            A_exact[:, k] = phi_moved.imag / STEP
+            K_exact[:, k] = (A_moved.T @ lam)[:12].imag / STEP
+        np.testing.assert_allclose(A[:, :12], A_exact, rtol=0, atol=1e-12 * max(1.0, np.abs(A_exact).max()))
+        np.testing.assert_allclose(K, K_exact, rtol=0, atol=1e-12 * max(1.0, np.abs(K_exact).max()))
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_reaction_on_one_body_is_opposite_to_that_on_the_other(rng, kind):
+    """A^T lam has no resultant and no moment about the origin of the world, in open joints too."""
+    rows = Rows(joint(kind, random_marker(rng, 'b0'), random_marker(rng, 'b1')), com=rng.normal(size=(2, 3)))
+    kin = random_kinematics(rng, 2)
+    f = (rows.evaluate(kin)[1].T @ rng.normal(size=rows.n)).reshape(3, 6)
+    moments = np.cross(kin.p, f[:, :3]) + np.einsum('bij,bj->bi', kin.R, f[:, 3:])
+    np.testing.assert_allclose(f[:, :3].sum(0), 0.0, atol=1e-13 * np.abs(f).max())
+    np.testing.assert_allclose(moments.sum(0), 0.0, atol=1e-12 * np.abs(f).max() * (1 + np.abs(kin.p).max()))
+
+
+# motions of marker G in marker F (translations along and rotations about x, y, z of F) that a closed joint leaves free
+FREE = {
+    'fixed': (),
+    'revolute': ('rz',),
+    'prismatic': ('z',),
+    'cylindrical': ('z', 'rz'),
+    'universal': ('rx', 'ry'),
+    'constant_velocity': ('rx', 'ry'),
+    'spherical': ('rx', 'ry', 'rz'),
+    'distance': ('y', 'z', 'rx', 'ry', 'rz'),
+    'point_on_line': ('z', 'rx', 'ry', 'rz'),
+    'point_on_plane': ('x', 'y', 'rx', 'ry', 'rz'),
+    'perpendicular': ('x', 'y', 'z', 'ry', 'rz'),
+}
+# placement of G in F where the joint is closed, unless they coincide
+CLOSED = {'distance': ((0.7, 0, 0), (0, 0, 0)), 'perpendicular': ((0, 0, 0), (np.pi / 2, 0, 0))}
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_closed_joint_blocks_all_motions_but_its_freedoms(rng, kind):
+    """phi = 0, the rows are independent, and their null space is spanned by the free motions of G in F."""
+    F, G = random_marker(rng, 'b0'), random_marker(rng, 'b1')
+    kin = random_kinematics(rng, 2)
+    R_F = kin.R[0] @ Rotation.from_quat(F.orientation).as_matrix()
+    p_F = kin.p[0] + kin.R[0] @ np.array(F.position)
+    d, turn = CLOSED.get(kind, ((0, 0, 0), (0, 0, 0)))
+    R_G = R_F @ Rotation.from_rotvec(turn).as_matrix()
+    kin.R[1] = R_G @ Rotation.from_quat(G.orientation).as_matrix().T
+    kin.p[1] = p_F + R_F @ np.array(d) - kin.R[1] @ np.array(G.position)
+    rows = Rows(joint(kind, F, G))
+    phi, A = rows.evaluate(kin)
+    np.testing.assert_allclose(phi, 0.0, atol=1e-14)
+    assert np.linalg.matrix_rank(A[:, 6:12], tol=1e-8) == rows.n
+    assert rows.n + len(FREE[kind]) == 6
+    for motion in FREE[kind]:
+        axis = R_F[:, 'xyz'.index(motion[-1])]
+        turning = motion.startswith('r')
+        w = axis if turning else np.zeros(3)
+        v = (np.zeros(3) if turning else axis) + np.cross(w, kin.p[1] - (p_F + R_F @ np.array(d)))
+        np.testing.assert_allclose(A[:, 6:12] @ np.concatenate([v, kin.R[1].T @ w]), 0.0, atol=1e-13)
+
+
+def test_constant_velocity_joint_turns_both_shafts_alike(rng):
+    """Shafts bent by up to 1 rad, each turned about its own axis by the same angle: closed at every angle (a universal joint is not)."""
+    F, G = Marker(body='b0'), Marker(body='b1')
+    bend = Rotation.from_rotvec([0.6, -0.8, 0.0])
+    for angle in np.linspace(0.0, 2 * np.pi, 9):
+        spin = Rotation.from_rotvec([0, 0, angle])
+        R = (bend * spin).as_matrix()
+        kin = kinematics([((0, 0, 0), spin.as_matrix()), ((0, 0, 0), R)])
+        np.testing.assert_allclose(Rows(joint('constant_velocity', F, G)).evaluate(kin)[0], 0.0, atol=1e-14)
+    kin = kinematics([((0, 0, 0), (0, 0, 0.3)), ((0, 0, 0), (bend * Rotation.from_rotvec([0, 0, 0.3])).as_matrix())])
+    assert abs(Rows(joint('universal', F, G)).evaluate(kin)[0][3]) > 1e-2
+
+
+def test_positive_multiplier_pushes_towards_larger_residuals():
+    """G 0.1 m ahead of F along x: phi_x of a revolute and of a distance joint is +0.1; lam = 2 N pulls b1 along +x, b0 along -x."""
+    kin = kinematics([((0, 0, 0), (0, 0, 0)), ((0.8, 0, 0), (0, 0, 0))])
+    for kind, position in (('revolute', (0.7, 0, 0)), ('distance', (0, 0, 0))):
+        rows = Rows(joint(kind, Marker(body='b0', position=position), Marker(body='b1')))
+        phi, A = rows.evaluate(kin)
+        assert phi[0] == pytest.approx(0.1, abs=1e-15)
+        f = 2.0 * A[0].reshape(3, 6)
+        np.testing.assert_allclose(f[:, :3], [[-2, 0, 0], [2, 0, 0], [0, 0, 0]], atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ('fields', 'message'),
+    [
+        ({'kind': 'revolut'}, "kind = 'revolut': unknown kind of joint; did you mean 'revolute'"),
+        ({'kind': 'distance'}, 'length = None: a distance joint needs a length'),
+        ({'kind': 'distance', 'length': 0.0}, 'length = 0'),
+        ({'kind': 'fixed', 'length': 1.0}, 'only a distance joint has a length'),
+        ({'kind': 'fixed', 'j': Marker(body='b0')}, "j.body = 'b0': must differ from i.body"),
+    ],
+)
+def test_refusals_name_joint_field_and_remedy(fields, message):
+    with pytest.raises(SpecError, match="Joint 'joint': " + message):
+        JointSpec(**{'name': 'joint', 'i': Marker(body='b0'), 'j': Marker(body='b1'), **fields})
