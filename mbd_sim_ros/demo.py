@@ -29,7 +29,18 @@ def drive(scene: str, directory: Path, duration: float) -> None:
     parameters = {'scene': scene, 'duration': duration, 'record': True, 'out': str(directory), 'mode': 'realtime', 'rate_factor': 1.0}
     arguments = [text for name, value in parameters.items() for text in ('-p', f'{name}:={json.dumps(value)}')]
     simulator = subprocess.Popen([sys.executable, '-m', 'mbd_sim_ros.node', '--ros-args', *arguments], env=environment)
-    player = [sys.executable, '-m', 'mbd_sim_ros.maneuver_player', '--ros-args', '-p', f'scene:={scene}', '-p', 'timeout:=1200.0']
+    player = [
+        sys.executable,
+        '-m',
+        'mbd_sim_ros.maneuver_player',
+        '--ros-args',
+        '-p',
+        f'scene:={scene}',
+        '-p',
+        'timeout:=1200.0',
+        '-p',
+        f'duration:={duration}',
+    ]
     maneuver = subprocess.Popen(player, env=environment)
     try:
         if code := simulator.wait():
@@ -82,7 +93,7 @@ def draw(run: bag.Run, file: Path) -> None:
 def demo(scene: str, duration: float | None) -> int:
     """Run the demonstration and print what came of it; returns the exit code."""
     loaded = load_scene(scene)
-    duration = duration or max(loaded.duration, SHORTEST)
+    duration = duration or float(max(loaded.duration, SHORTEST))
     directory = new_directory(f'demo-{loaded.name}')
     print(f'demo: {scene}, {duration:g} s in real time; the first start compiles, which takes minutes', flush=True)
     drive(scene, directory, duration)

@@ -6,6 +6,8 @@ augmentation, so redundant constraints are harmless here too.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from solver.dynamics import (
@@ -29,9 +31,11 @@ STIFFEST = 1e2  # 1/s^2; PENALTY times it is above the square of the highest nat
 ASSEMBLY_TOLERANCE = 1e-12  # m or rad
 LARGEST_TURN = 0.3  # rad or m per iteration of the assembly
 EQUILIBRIUM_TOLERANCE = 1e-11  # N or N m, relative to the weight of the model
+STEADY = 1e6  # s, long against every relaxation: internal states take their steady values
 SETTLING = 1.0  # s, long against every damping in a model
 CLEARANCE = 10.0  # height at which no tire touches any road [m]
 HOLD = 1e9  # input of brakes that hold [N m per unit of gain]
+RELEASED = 1e-4  # stiffness of a released brake while equilibrium is sought, relative to its own
 
 
 class Start:
@@ -65,7 +69,7 @@ class Start:
         self.saddle.J_s[:] = self.J
         self.saddle.J_e[:] = self.J
         effective_masses(self.t, self.J, self.saddle.W)
-        self.saddle.W[:] *= PENALTY * (max(cm, STIFFEST) if cq > 0.0 else cm)
+        self.saddle.W[:] *= PENALTY * (cm if cq == cv == 0.0 else max(cm, STIFFEST))
         assemble_tangent(self.t, 0.0 if metric else cm, cq, cv, self.Kq, self.Kv, self.identity, self.saddle.B)
         if metric:
             for b in range(self.model.n_bodies):
@@ -229,16 +233,57 @@ class Start:
         Changes state.q, state.lam, state.z, state.angle; state.v is set to zero. Returns the largest generalized force left [N or
         N m]. Internal states follow the motion towards the equilibrium as if an iteration took SETTLING seconds: tires at rest and
         brakes are springs between that motion and their force. Brakes hold during the search, or the toe of the wheels would roll a car
-        away; what they carry beyond their capacity under u is dropped at the end. Other directions without stiffness stay where
+        away; what they carry beyond their capacity under u is dropped at the end. Released ones hold so softly that what is dropped
+        does not matter: locked wheels would take part of the load of a suspension that moves them to and fro. Other directions without stiffness stay where
         they are. Raises ConsistencyError if it does not settle.
         """
         brakes = self.t.brakes
         capacity = np.maximum(brakes.gain * u[brakes.input], 0.0)
         held = u.copy()
         held[brakes.input] = HOLD
-        left = self._settle(state, held, limit)
+        stiffness, damping = brakes.stiffness.copy(), brakes.damping.copy()
+        brakes.stiffness[capacity == 0.0] *= RELEASED
+        brakes.damping[capacity == 0.0] = 0.0
+        try:
+            left = self._settle(state, held, limit)
+        finally:
+            brakes.stiffness[:], brakes.damping[:] = stiffness, damping
         limits = capacity / brakes.stiffness
         state.z[brakes.state] = np.clip(state.z[brakes.state], -limits, limits)
+        return left
+
+    def rolling_equilibrium(self, state: State, u: np.ndarray, roll: Callable[[], None], limit: int = 60) -> float:
+        """Relative equilibrium at speed: M (s v) = f(q, v) + A^T lam with one unknown acceleration s v along the motion itself.
+
+        At speed tires grow and stiffen and drag acts, so a car that stands in equilibrium does not roll in it. `roll` assigns the
+        velocity that belongs to state.q. Internal states take their steady values. Changes state.q, v, z, lam, angle; returns the
+        largest generalized force left [N or N m], which is not an error where no steady motion exists (steered, braking).
+        """
+        tau = 0.02
+        last = np.inf
+        scale = max(1.0, float((self.t.bodies.mass * np.linalg.norm(self.t.bodies.gravity)).sum()))
+        for _ in range(limit):
+            kin = self._constraints(state.q, state.v, state.angle, u)
+            evaluate_forces(self.t, kin, state.angle, state.z, STEADY, u, True, self.f, self.Kq, self.Kv, self.z, self.outputs)
+            state.z[:] = self.z
+            momentum = self._mass_times(state.v)
+            along = float((state.v * self.f).sum() / max((state.v * momentum).sum(), 1e-300))
+            r = along * momentum - self.f
+            add_constraint_forces(self.constraints, self.J, state.lam, -1.0, r)
+            r[-1] = 0.0
+            left = float(np.abs(r).max())
+            if left < 1e-8 * scale:
+                break
+            tau = min(tau * (2.0 if left < last else 0.5), 1.0)
+            last = left
+            add_constraint_stiffness(self.t, kin, state.lam, self.Kq, self.Kv)
+            self._factorize(1.0 / tau**2, 1.0, 0.0, metric=True)
+            solve_saddle(self.t, CONDENSED, self.saddle, r, self.phi, self.dw, self.dlam)
+            factor = min(1.0, 0.02 / max(np.abs(self.dw).max(), 1e-300))
+            move(state.q, factor * self.dw)
+            state.lam[:] += factor * self.dlam
+            update_angles(self.coordinates, kinematics_of(state.q, state.v), state.angle)
+            roll()
         return left
 
     def _settle(self, state: State, u: np.ndarray, limit: int) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
 from solver.audit import WORST, describe, update_audit
@@ -92,14 +94,26 @@ class Simulation:
             self._with_rows(list(values), list(values.values())).assemble(state, u)
         if start.kind == 'equilibrium':
             calculation.equilibrium(state, self._without_loads(u))
-        self._place_velocities(start.speed)
-        if start.speed:
-            rates |= self._roll_wheels(start.speed, u)
-        extended = self._with_rows(list(rates), [0.0] * len(rates))
-        extra = np.zeros(extended.model.n_rows)
-        extra[self.model.n_rows :] = [-r for r in rates.values()]
-        extended.project_velocity(state, u, extra, hold=1.0 if start.speed else 0.0)
+        roll = self._rolling(start.speed, rates, u)
+        roll()
+        if start.kind == 'equilibrium' and start.speed:
+            calculation.rolling_equilibrium(state, u, roll)
         calculation.start_integrator(state, u, self.h, self.coefficients.am, self.coefficients.af)
+
+    def _rolling(self, speed: float, rates: dict[str, float], u: np.ndarray) -> Callable[[], None]:
+        """A function that gives the current configuration its start velocity: wanted rates, speed of the chassis, wheels rolling."""
+        self._place_velocities(speed)
+        wheels = self._roll_wheels(speed, u) if speed else {}
+        extended = self._with_rows(list(rates | wheels), [0.0] * len(rates | wheels))
+        extra = np.zeros(extended.model.n_rows)
+
+        def roll() -> None:
+            self._place_velocities(speed)
+            wanted = rates | (self._roll_wheels(speed, u) if speed else {})
+            extra[self.model.n_rows :] = [-rate for rate in wanted.values()]
+            extended.project_velocity(self.state, u, extra, hold=100.0 if speed else 0.0)
+
+        return roll
 
     def _inputs_at_start(self) -> np.ndarray:
         zero = np.zeros(1)

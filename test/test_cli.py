@@ -158,10 +158,10 @@ def test_a_requirement_that_is_not_met_fails_the_run(capsys: pytest.CaptureFixtu
 
 
 def test_a_failed_step_closes_the_recording(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    impossible = ['--set', 'integrator.tolerance=1e-14', '--set', 'integrator.max_iterations=1']
+    impossible = ['--set', 'mechanism.couplers.motor.terms={rocker: 1}']  # the rocker cannot turn round
     code, data = document(capsys, 'run', 'four_bar', '--duration', '2', *impossible, '--out', str(tmp_path / 'r'))
     assert code == 4
-    assert re.search(r't = [\d.]+ s, step \d+: no convergence', data['error'])
+    assert re.match(r't = [\d.]+ s, step \d+: ', data['error'])
     assert bag.read(tmp_path / 'r').metadata['status'] == 'failed'
 
 

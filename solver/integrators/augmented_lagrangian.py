@@ -51,8 +51,8 @@ OK, NOT_CONVERGED, NON_FINITE, SINGULAR = 0, 1, 2, 3
 # The multipliers of redundant constraints are determined only by rounding; starting each step from a little less than the last
 # values keeps that part from drifting, while the determined part is found again by the first iteration.
 WARM_START = 0.99
-LARGEST_STAGNATION = 1e-3  # relative velocity increment below which an iteration that stops converging is accepted
-CONTRACTION_TO_RELAX = 0.3  # slower iterations are relaxed by Aitken's rule
+LARGEST_STAGNATION = 1e-2  # relative velocity increment below which an iteration that stops converging is accepted
+STAGNATION = 0.5  # an iteration that gains less is stopped and its best iterate judged
 CONTRACTION_TO_REUSE = 0.1  # tolerance mode keeps the factorization while an iteration gains a digit
 
 
@@ -101,7 +101,8 @@ class Work(NamedTuple):
     f: np.ndarray  # (nb + 1, 6)
     r: np.ndarray
     dw: np.ndarray
-    dw_before: np.ndarray
+    a_best: np.ndarray  # iterate with the smallest increment
+    lam_best: np.ndarray
     Kq: np.ndarray  # (ns + 1, 6, 6)
     Kv: np.ndarray
     phi: np.ndarray  # (nc,)
@@ -208,21 +209,6 @@ def _momentum_residual(tables, c, a0, a1, f, r):
 
 
 @kernel(borrow=True)
-def _aitken(nb, dw, dw_before, relaxation):
-    """Factor on the relaxation by Aitken's rule (Irons and Tuck 1969): exact for one slow mode, here the near-singular direction."""
-    top = 0.0
-    bottom = 0.0
-    for b in range(nb):
-        for i in range(6):
-            change = dw_before[b, i] - dw[b, i]
-            top += dw_before[b, i] * change
-            bottom += change * change
-    if not bottom > 0.0:
-        return 1.0
-    return min(max(top / bottom, 0.1 / relaxation), 10.0 / relaxation)
-
-
-@kernel(borrow=True)
 def _balanced(tables, c, speed, work):
     """Whether the residuals are below the tolerance, as velocity over a step (momentum) and as displacement (constraints)."""
     limit = c.tolerance * speed
@@ -273,7 +259,7 @@ def step(tables, c, s0, s1, u, want_outputs, work):
     residual = 0.0
     refactor = True
     rate = 0.0
-    relaxation = 1.0
+    best = np.inf
     for it in range(c.iterations):
         iterations += 1
         _place(tables, c, s0, s1.a, s1.q, work)
@@ -307,36 +293,20 @@ def step(tables, c, s0, s1, u, want_outputs, work):
         solve_saddle(tables, c.form, saddle, work.r, work.g, work.dw, work.dlam)
         before = increment
         increment = 0.0
-        if it > 1 and rate > CONTRACTION_TO_RELAX:
-            relaxation *= _aitken(nb, work.dw, work.dw_before, relaxation)
-        else:
-            relaxation = 1.0
         for b in range(nb):
             for i in range(6):
-                d = relaxation * work.dw[b, i]
-                work.dw_before[b, i] = work.dw[b, i]
+                d = work.dw[b, i]
                 s1.a[b, i] += d
                 increment = max(increment, abs(d))
                 if not np.isfinite(d):
                     status = NON_FINITE
                     where = b
         for i in range(nc):
-            s1.lam[i] += relaxation * work.dlam[i]
+            s1.lam[i] += work.dlam[i]
         if status == NON_FINITE:
             break
         increment *= c.gamma * h / speed
         rate = increment / before if it > 0 and before > 0.0 else 1.0
-        if it > 0 and rate > 1.0 and before < LARGEST_STAGNATION:
-            # Next to a singular position the iteration can leave along the direction that the constraints hardly see: the force
-            # direction A_s and the constraint row A_e may have opposite signs there. The iterate before was as good as it gets.
-            for b in range(nb):
-                for i in range(6):
-                    s1.a[b, i] -= relaxation * work.dw[b, i]
-            for i in range(nc):
-                s1.lam[i] -= relaxation * work.dlam[i]
-            residual = before
-            status = OK
-            break
         residual = increment
         if c.fixed == 1:
             refactor = False
@@ -346,8 +316,23 @@ def step(tables, c, s0, s1, u, want_outputs, work):
         if min(increment, remaining) <= c.tolerance:
             status = OK
             break
+        if increment < best:
+            best = increment
+            copy_rows(s1.a, work.a_best)
+            for i in range(nc):
+                work.lam_best[i] = s1.lam[i]
+        if it > 1 and rate > STAGNATION:
+            break
         refactor = rate > CONTRACTION_TO_REUSE
         where = it
+    if status == NOT_CONVERGED and best < LARGEST_STAGNATION:
+        # Next to a singular position the iteration may not settle along the direction that the constraints hardly see (the force
+        # direction A_s and the constraint row A_e can have opposite signs there); its best iterate is as good as any.
+        copy_rows(work.a_best, s1.a)
+        for i in range(nc):
+            s1.lam[i] = work.lam_best[i]
+        residual = best
+        status = OK
     if status != OK:
         return StepResult(status, where, iterations, factorizations, evaluations, residual, 0.0, 0.0)
     _place(tables, c, s0, s1.a, s1.q, work)
@@ -454,7 +439,7 @@ def new_work(model, saddle: Saddle, outputs: Outputs) -> Ref:
 
     work = Work(
         kin_s=new_kinematics(nb), kin_e=new_kinematics(nb), T_s=np.tile(np.eye(3), (nb + 1, 1, 1)), T_e=np.tile(np.eye(3), (nb + 1, 1, 1)),
-        f=six(), r=six(), dw=six(), dw_before=six(), Kq=np.zeros((ns + 1, 6, 6)), Kv=np.zeros((ns + 1, 6, 6)),
+        f=six(), r=six(), dw=six(), a_best=six(), lam_best=row(), Kq=np.zeros((ns + 1, 6, 6)), Kv=np.zeros((ns + 1, 6, 6)),
         phi=row(), phi_s=row(), g=row(), dlam=row(), phi_t=row(), phi_tt=row(), rate=row(),
         J=np.zeros((ne + 1, 6, 6)), J_now=np.zeros((ne + 1, 6, 6)), zp=np.zeros(nz), z_s=np.zeros(nz),
         saddle=saddle, outputs=outputs, v_out=six(), a_out=six(), lam_out=row(), audit=np.zeros(5),

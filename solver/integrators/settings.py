@@ -30,7 +30,7 @@ class IntegratorSettings:
     iterations: int = 2
     tolerance: float = 1e-8
     max_iterations: int = 20
-    penalty: float = 1e9
+    penalty: float = 1e6
     form: Literal['condensed', 'block'] = 'condensed'
     adaptive: bool = False
 

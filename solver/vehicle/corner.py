@@ -219,40 +219,61 @@ def corner(
     free: float,
 ) -> Corner:
     """Joints and forces of a corner. free: free length of the spring [m]; rack: what the tie rod of a strut is attached to."""
-    center = on_side(side, axle.wheel.center)
-
-    def link(element: Spring | Damper) -> dict[str, Marker]:
-        return {'i': marker_at(chassis, on_side(side, element.chassis)), 'j': marker_at(knuckle, on_side(side, element.knuckle))}
-
-    spin = spin_axis(wheel)
-    joints = [JointSpec(name=f'wheel_{name}', kind='revolute', i=marker_at(knuckle, center, spin), j=marker_at(wheel, center, spin))]
+    center, spin = on_side(side, axle.wheel.center), spin_axis(wheel)
     if isinstance(axle, StrutAxle):
         assert rack is not None
-        at, axis = on_side(side, axle.axis_lower), on_side(side, tuple(np.subtract(axle.axis_upper, axle.axis_lower)))
-        joints.insert(0, JointSpec(name=f'strut_{name}', kind='cylindrical', i=marker_at(chassis, at, axis), j=marker_at(knuckle, at, axis)))
-        ends = marker_at(rack, on_side(side, axle.tie_rod_rack)), marker_at(knuckle, on_side(side, axle.tie_rod_knuckle))
-        length = distance(axle.tie_rod_rack, axle.tie_rod_knuckle)
-        joints.append(JointSpec(name=f'tie_rod_{name}', kind='distance', i=ends[0], j=ends[1], length=length))
+        suspension = strut_joints(axle, name, side, chassis, knuckle, rack)
     else:
         assert isinstance(axle, ArmAxle)
-        # the axis of a rotation is mirrored with the opposite sign, so that both joint angles are positive in bump
-        at, axis = on_side(side, axle.pivot_inner), on_side(side, tuple(np.subtract(axle.pivot_outer, axle.pivot_inner)))
-        axis = tuple(SIDES[side] * c for c in axis)
-        joints.insert(0, JointSpec(name=f'arm_{name}', kind='revolute', i=marker_at(chassis, at, axis), j=marker_at(knuckle, at, axis)))
-    travel = f'travel_{name}'
-    stops = (CoordinateForceSpec(name=f'stop_{name}', terms=((travel, 1.0),), spring=axle.stops),) if axle.stops else ()
+        suspension = arm_joints(axle, name, side, chassis, knuckle)
+
+    def ends(element: Spring | Damper) -> tuple[Marker, Marker]:
+        return marker_at(chassis, on_side(side, element.chassis)), marker_at(knuckle, on_side(side, element.knuckle))
+
+    (spring_i, spring_j), (damper_i, damper_j) = ends(axle.spring), ends(axle.damper)
+    travel, rolling = f'travel_{name}', f'wheel_{name}'
     return Corner(
-        joints=tuple(joints),
+        joints=(
+            *suspension,
+            JointSpec(name=rolling, kind='revolute', i=marker_at(knuckle, center, spin), j=marker_at(wheel, center, spin)),
+        ),
         coordinates=(CoordinateSpec(name=travel, kind='translation', i=marker_at(chassis, center, UP), j=marker_at(knuckle, center, UP)),),
         spring_dampers=(
-            SpringDamperSpec(name=f'spring_{name}', **link(axle.spring), free_length=free, spring=Law.linear(axle.spring.rate)),
-            SpringDamperSpec(name=f'damper_{name}', **link(axle.damper), free_length=0.0, damper=axle.damper.law),
+            SpringDamperSpec(name=f'spring_{name}', i=spring_i, j=spring_j, free_length=free, spring=Law.linear(axle.spring.rate)),
+            SpringDamperSpec(name=f'damper_{name}', i=damper_i, j=damper_j, free_length=0.0, damper=axle.damper.law),
         ),
-        coordinate_forces=stops,
+        coordinate_forces=(CoordinateForceSpec(name=f'stop_{name}', terms=((travel, 1.0),), spring=axle.stops),) if axle.stops else (),
         brakes=(
             BrakeSpec(
-                name=f'brake_{name}', coordinate=f'wheel_{name}', input='brake_torque', gain=brake.share, stiffness=brake.stiffness, damping=brake.damping
+                name=f'brake_{name}',
+                coordinate=rolling,
+                input='brake_torque',
+                gain=brake.share,
+                stiffness=brake.stiffness,
+                damping=brake.damping,
             ),
         ),
         tires=(TireSpec(name=name, marker=Marker(body=wheel.name), data=axle.tire, mirrored=axle.tire.side not in (side, 'symmetric')),),
     )
+
+
+def strut_joints(
+    axle: StrutAxle, name: str, side: str, chassis: RigidBodySpec, knuckle: RigidBodySpec, rack: RigidBodySpec
+) -> tuple[JointSpec, ...]:
+    """The knuckle slides along and turns about the axis of the strut; the tie rod holds its angle."""
+    at, axis = on_side(side, axle.axis_lower), on_side(side, tuple(np.subtract(axle.axis_upper, axle.axis_lower)))
+    inner, outer = on_side(side, axle.tie_rod_rack), on_side(side, axle.tie_rod_knuckle)
+    return (
+        JointSpec(name=f'strut_{name}', kind='cylindrical', i=marker_at(chassis, at, axis), j=marker_at(knuckle, at, axis)),
+        JointSpec(
+            name=f'tie_rod_{name}', kind='distance', i=marker_at(rack, inner), j=marker_at(knuckle, outer), length=distance(inner, outer)
+        ),
+    )
+
+
+def arm_joints(axle: ArmAxle, name: str, side: str, chassis: RigidBodySpec, knuckle: RigidBodySpec) -> tuple[JointSpec, ...]:
+    """The arm turns about its pivots; its angle is positive in bump on both sides."""
+    at = on_side(side, axle.pivot_inner)
+    # a mirrored rotation is that about the mirrored axis in the opposite sense
+    axis = tuple(SIDES[side] * c for c in on_side(side, tuple(np.subtract(axle.pivot_outer, axle.pivot_inner))))
+    return (JointSpec(name=f'arm_{name}', kind='revolute', i=marker_at(chassis, at, axis), j=marker_at(knuckle, at, axis)),)

@@ -83,7 +83,8 @@ class LightCar:
 
     def __post_init__(self) -> None:
         for name, part in (('chassis', self.chassis), ('steering.rack', self.steering.rack), ('steering.wheel', self.steering.wheel)):
-            require(abs(part.com[1]) < 1e-9, 'light car', f'{name}.com', part.com, 'must lie in the plane y = 0: the two sides are mirrored')
+            centred = abs(part.com[1]) < 1e-9
+            require(centred, 'light car', f'{name}.com', part.com, 'must lie in the plane y = 0: the two sides are mirrored')
         share = 2.0 * (self.brakes.front.share + self.brakes.rear.share)
         require(abs(share - 1.0) < 1e-9, 'light car', 'brakes', share, 'the shares of the four wheels must add up to 1')
 
@@ -109,9 +110,16 @@ def light_car_model(car: LightCar) -> ModelSpec:
     free = {end: free_length(axle, loads[end], car.gravity) for end, axle in axles.items()}
     corners = [
         corner(
-            axles[end], f'{end}_{side}', side,
-            chassis=chassis, knuckle=knuckle, wheel=wheel, rack=rack if end == 'front' else None, brake=brakes[end], free=free[end],
-        )  # fmt: skip
+            axles[end],
+            f'{end}_{side}',
+            side,
+            chassis=chassis,
+            knuckle=knuckle,
+            wheel=wheel,
+            rack=rack if end == 'front' else None,
+            brake=brakes[end],
+            free=free[end],
+        )
         for (end, side), (knuckle, wheel) in unsprung.items()
     ]
     steering_joints, steering_couplers = steering(car, chassis, rack, column)
@@ -141,9 +149,9 @@ def steering(
     car: LightCar, chassis: RigidBodySpec, rack: RigidBodySpec, column: RigidBodySpec
 ) -> tuple[tuple[JointSpec, ...], tuple[CouplerSpec, ...]]:
     """Rack on the chassis (positive to the left), steering wheel on the chassis, their ratio, and the imposed angle."""
-    at, axis = car.steering.wheel.com, car.steering.column_axis
+    at, axis, y = car.steering.wheel.com, car.steering.column_axis, LEFTWARDS
     joints = (
-        JointSpec(name='rack', kind='prismatic', i=marker_at(chassis, rack.position, LEFTWARDS), j=marker_at(rack, rack.position, LEFTWARDS)),
+        JointSpec(name='rack', kind='prismatic', i=marker_at(chassis, rack.position, y), j=marker_at(rack, rack.position, y)),
         JointSpec(name='steering_wheel', kind='revolute', i=marker_at(chassis, at, axis), j=marker_at(column, at, axis)),
     )
     # with the tie rods behind the axis of steering, the rack moves to the right in a left turn
@@ -160,12 +168,13 @@ def driveline(
     car: LightCar, chassis: RigidBodySpec, wheels: Sequence[RigidBodySpec]
 ) -> tuple[tuple[CoordinateSpec, ...], tuple[CoordinateForceSpec, ...]]:
     """Side shafts (rotation of the driven wheels relative to the chassis) and the torque an open differential halves between them."""
-    y = LEFTWARDS
     shafts = tuple(
         CoordinateSpec(
-            name=f'shaft_{wheel.name.removeprefix("wheel_")}', kind='rotation',
-            i=marker_at(chassis, wheel.position, y), j=marker_at(wheel, wheel.position, spin_axis(wheel)),
-        )  # fmt: skip
+            name=f'shaft_{wheel.name.removeprefix("wheel_")}',
+            kind='rotation',
+            i=marker_at(chassis, wheel.position, LEFTWARDS),
+            j=marker_at(wheel, wheel.position, spin_axis(wheel)),
+        )
         for wheel in wheels
     )
     terms = tuple((shaft.name, 0.5) for shaft in shafts)

@@ -27,7 +27,7 @@ def build_vehicle(builder: Builder, node: Node, path: str) -> ModelSpec:
     """The model of a vehicle from its node. Raises SceneError."""
     fields = builder.mapping(node, path)
     if 'kind' not in fields:
-        raise SceneError(f'{where(node)}: {path}: the key \'kind\' is missing; one of: {", ".join(TEMPLATES)}')
+        raise SceneError(f"{where(node)}: {path}: the key 'kind' is missing; one of: {', '.join(TEMPLATES)}")
     kind = fields.pop('kind')[1]
     if kind.value not in TEMPLATES:
         raise refuse(kind, join(path, 'kind'), 'unknown kind of vehicle' + suggestion(str(kind.value), TEMPLATES))

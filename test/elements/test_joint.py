@@ -70,17 +70,6 @@ def test_jacobian_and_geometric_stiffness_are_the_complex_step_derivatives(rng, 
         np.testing.assert_allclose(K, K_exact, rtol=0, atol=1e-12 * max(1.0, np.abs(K_exact).max()))
 
 
-@pytest.mark.parametrize('kind', KINDS)
-def test_reaction_on_one_body_is_opposite_to_that_on_the_other(rng, kind):
-    """A^T lam has no resultant and no moment about the origin of the world, in open joints too."""
-    rows = Rows(joint(kind, random_marker(rng, 'b0'), random_marker(rng, 'b1')), com=rng.normal(size=(2, 3)))
-    kin = random_kinematics(rng, 2)
-    f = (rows.evaluate(kin)[1].T @ rng.normal(size=rows.n)).reshape(3, 6)
-    moments = np.cross(kin.p, f[:, :3]) + np.einsum('bij,bj->bi', kin.R, f[:, 3:])
-    np.testing.assert_allclose(f[:, :3].sum(0), 0.0, atol=1e-13 * np.abs(f).max())
-    np.testing.assert_allclose(moments.sum(0), 0.0, atol=1e-12 * np.abs(f).max() * (1 + np.abs(kin.p).max()))
-
-
 # motions of marker G in marker F (translations along and rotations about x, y, z of F) that a closed joint leaves free
 FREE = {
     'fixed': (),
@@ -99,18 +88,23 @@ FREE = {
 CLOSED = {'distance': ((0.7, 0, 0), (0, 0, 0)), 'perpendicular': ((0, 0, 0), (np.pi / 2, 0, 0))}
 
 
-@pytest.mark.parametrize('kind', KINDS)
-def test_closed_joint_blocks_all_motions_but_its_freedoms(rng, kind):
-    """phi = 0, the rows are independent, and their null space is spanned by the free motions of G in F."""
+def closed(rng, kind):
+    """A joint of two randomly placed bodies that closes it: (rows, kinematics, axes of F in the world, position of G in the world)."""
     F, G = random_marker(rng, 'b0'), random_marker(rng, 'b1')
     kin = random_kinematics(rng, 2)
     R_F = kin.R[0] @ Rotation.from_quat(F.orientation).as_matrix()
-    p_F = kin.p[0] + kin.R[0] @ np.array(F.position)
     d, turn = CLOSED.get(kind, ((0, 0, 0), (0, 0, 0)))
     R_G = R_F @ Rotation.from_rotvec(turn).as_matrix()
+    p_G = kin.p[0] + kin.R[0] @ np.array(F.position) + R_F @ np.array(d)
     kin.R[1] = R_G @ Rotation.from_quat(G.orientation).as_matrix().T
-    kin.p[1] = p_F + R_F @ np.array(d) - kin.R[1] @ np.array(G.position)
-    rows = Rows(joint(kind, F, G))
+    kin.p[1] = p_G - kin.R[1] @ np.array(G.position)
+    return Rows(joint(kind, F, G)), kin, R_F, p_G
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_closed_joint_blocks_all_motions_but_its_freedoms(rng, kind):
+    """phi = 0, the rows are independent, and their null space is spanned by the free motions of G in F."""
+    rows, kin, R_F, p_G = closed(rng, kind)
     phi, A = rows.evaluate(kin)
     np.testing.assert_allclose(phi, 0.0, atol=1e-14)
     assert np.linalg.matrix_rank(A[:, 6:12], tol=1e-8) == rows.n
@@ -119,8 +113,18 @@ def test_closed_joint_blocks_all_motions_but_its_freedoms(rng, kind):
         axis = R_F[:, 'xyz'.index(motion[-1])]
         turning = motion.startswith('r')
         w = axis if turning else np.zeros(3)
-        v = (np.zeros(3) if turning else axis) + np.cross(w, kin.p[1] - (p_F + R_F @ np.array(d)))
+        v = np.cross(w, kin.p[1] - p_G) + (0.0 if turning else axis)
         np.testing.assert_allclose(A[:, 6:12] @ np.concatenate([v, kin.R[1].T @ w]), 0.0, atol=1e-13)
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_reactions_of_a_closed_joint_are_opposite_and_do_no_net_moment(rng, kind):
+    """The forces A^T lam on both bodies have no resultant and no moment about the origin of the world."""
+    rows, kin, _, _ = closed(rng, kind)
+    f = (rows.evaluate(kin)[1].T @ rng.normal(size=rows.n)).reshape(3, 6)
+    moments = np.cross(kin.p, f[:, :3]) + np.einsum('bij,bj->bi', kin.R, f[:, 3:])
+    np.testing.assert_allclose(f[:, :3].sum(0), 0.0, atol=1e-13 * np.abs(f).max())
+    np.testing.assert_allclose(moments.sum(0), 0.0, atol=1e-13 * np.abs(f).max() * (1 + np.abs(kin.p).max()))
 
 
 def test_constant_velocity_joint_turns_both_shafts_alike(rng):
@@ -153,7 +157,7 @@ def test_positive_multiplier_pushes_towards_larger_residuals():
         ({'kind': 'revolut'}, "kind = 'revolut': unknown kind of joint; did you mean 'revolute'"),
         ({'kind': 'distance'}, 'length = None: a distance joint needs a length'),
         ({'kind': 'distance', 'length': 0.0}, 'length = 0'),
-        ({'kind': 'fixed', 'length': 1.0}, 'only a distance joint has a length'),
+        ({'kind': 'fixed', 'length': 1.0}, 'length = 1.0: only a distance joint has a length'),
         ({'kind': 'fixed', 'j': Marker(body='b0')}, "j.body = 'b0': must differ from i.body"),
     ],
 )

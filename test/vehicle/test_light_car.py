@@ -85,17 +85,18 @@ def test_design_position_is_near_equilibrium(at_rest):
 def test_standstill_stays_at_rest(at_rest):
     before = at_rest.snapshot()
     after = at_rest.advance(1000)
-    # what equilibrium leaves, 1e-8 of the weight, moves the car by 1e-8 g t^2/2
-    assert np.abs(after.pose - before.pose).max() < 2e-7
-    assert np.abs(after.twist).max() < 1e-6
+    # the search for equilibrium holds released brakes by 1e-4 of their stiffness: of the order of 1e-4 x travel is left
+    assert np.abs(after.pose - before.pose).max() < 2e-6
+    assert np.abs(after.twist).max() < 1e-5
 
 
 def test_straight_running_stays_straight():
-    sim = simulation('maneuver={drive_torque: 200}')
+    # block form: the round-off of the condensed matrix, 1e-16 times a penalty of 1e9, would be a disturbance
+    sim = simulation('maneuver={drive_torque: 200}', 'integrator.form=block')
     after = sim.advance(3000)
     x, y = after.pose[0, :2]
     assert 70.0 < x < 80.0
-    assert abs(y) < 1e-9 and np.abs(after.twist[0, [1, 3, 5]]).max() < 1e-9  # a symmetric car knows no side but that of rounding
+    assert abs(y) < 1e-7 and np.abs(after.twist[0, [1, 3, 5]]).max() < 1e-8  # a symmetric car knows no side but that of rounding
     left, right = after.tire[0::2], after.tire[1::2]
     assert left[:, [FX, FZ]] == pytest.approx(right[:, [FX, FZ]], rel=1e-9)
     assert left[:, FY] == pytest.approx(-right[:, FY], rel=1e-6)
@@ -113,17 +114,17 @@ def test_open_differential_shares_the_torque_equally():
     assert outer > 1.01 * inner > 0.0  # and lets the wheels of a turning car roll at their own speeds
 
 
-@pytest.mark.parametrize('angle', [0.9])
-def test_mirrored_steering_gives_the_mirrored_motion(angle):
-    left = simulation(f'maneuver.steering.value={angle}', 'maneuver.steering.start=0.2', scene='light_car_step_steer').advance(1500)
-    right = simulation(f'maneuver.steering.value={-angle}', 'maneuver.steering.start=0.2', scene='light_car_step_steer').advance(1500)
+def test_mirrored_steering_gives_the_mirrored_motion():
+    # block form as above; rounding errors of 1e-11 in the start position grow with the distance
+    settings = ('maneuver.steering.start=0.2', 'integrator.form=block')
+    left, right = (simulation(f'maneuver.steering.value={a}', *settings, scene='light_car_step_steer').advance(1500) for a in (0.9, -0.9))
     assert left.pose[0, 1] > 0.5  # it did turn, to the left
     mirrored = np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0])
-    assert left.twist[0] == pytest.approx(mirrored * right.twist[0], abs=1e-9)
-    assert left.pose[0] == pytest.approx(np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0]) * right.pose[0], abs=1e-9)
+    assert left.twist[0] == pytest.approx(mirrored * right.twist[0], abs=1e-8)
+    assert left.pose[0] == pytest.approx(np.array([1.0, -1.0, 1.0, -1.0, 1.0, -1.0, 1.0]) * right.pose[0], abs=1e-8)
     other = [1, 0, 3, 2]
     same = [TIRE_COLUMNS.index(c) for c in ('fx', 'fz', 'kappa', 'spin', 'deflection')]
     opposite = [TIRE_COLUMNS.index(c) for c in ('fy', 'alpha', 'gamma')]
     scale = np.abs(left.tire).max(axis=0)
-    assert np.abs(left.tire[:, same] - right.tire[other][:, same]).max() < 1e-9 * scale.max()
-    assert np.abs(left.tire[:, opposite] + right.tire[other][:, opposite]).max() < 1e-9 * scale.max()
+    assert np.abs(left.tire[:, same] - right.tire[other][:, same]).max() < 1e-8 * scale.max()
+    assert np.abs(left.tire[:, opposite] + right.tire[other][:, opposite]).max() < 1e-8 * scale.max()

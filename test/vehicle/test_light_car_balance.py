@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
-import pytest
 
 from solver.mechanism import matrix
 from solver.scene import load_scene
@@ -69,19 +66,20 @@ def test_momentum_changes_by_the_external_forces():
 
 
 def test_energy_balance_closes_with_second_order():
-    found = []
-    for h in (4e-3, 2e-3, 1e-3):
-        sim = Simulation(load_scene('light_car_step_steer', ['maneuver.steering.start=0.3', f'integrator.h={h}']))
+    steps, found = (8e-3, 4e-3, 2e-3, 1e-3), []
+    for h in steps:
+        settings = ('maneuver.steering.start=0.3', f'integrator.h={h}', 'integrator.mode=tolerance')
+        sim = Simulation(load_scene('light_car_step_steer', settings))
         sim.advance(round(1.5 / h))
         found.append(sim.audit()['energy_error_max'])
     work = 150.0 * 1.5 * 22.2 / 0.31  # of the drive torque [J]
     assert found[-1] < 1e-4 * work
-    assert all(3.0 < a / b < 5.5 for a, b in pairwise(found))
+    order = np.polyfit(np.log(steps), np.log(found), 1)[0]
+    assert 1.8 < order < 2.3  # the largest error of a run may change its place with h
 
 
-@pytest.mark.parametrize('name', ['light_car_brake'])
-def test_energy_of_braking_goes_into_brakes_and_tires(name):
-    sim = Simulation(load_scene(name, ['maneuver.brake_torque.start=0.2']))
+def test_energy_of_braking_goes_into_brakes_and_tires():
+    sim = Simulation(load_scene('light_car_brake', ['maneuver.brake_torque.start=0.2']))
     kinetic = 0.5 * 1413.0 * (100.0 / 3.6) ** 2
     last = sim.advance(5000)
     assert np.abs(last.twist[0]).max() < 0.05

@@ -25,6 +25,14 @@ def wheel_rates(sim: Simulation) -> np.ndarray:
     return np.array([snapshot.joint_velocity[sim.channels.joints.index(f'wheel_{w}')] for w in sim.channels.wheels])
 
 
+def slip_of_brakes(sim: Simulation) -> np.ndarray:
+    """(4,) rotation of the wheels less the elastic wind-up of their brakes [rad]: where the dry friction has let go to."""
+    snapshot, names = sim.snapshot(), sim.channels
+    turned = [snapshot.joint_position[names.joints.index(f'wheel_{w}')] for w in names.wheels]
+    elastic = [snapshot.elements[names.elements.index(f'brake_{w}/windup')] for w in names.wheels]
+    return np.subtract(turned, elastic)
+
+
 def sliding_friction(sim: Simulation, load: float, slip: float) -> float:
     """|Fx|/Fz of a tire at a longitudinal slip."""
     c = sim.model.tables.tires.c[0]
@@ -51,10 +59,12 @@ def test_locked_wheels_stand_still_and_the_distance_is_that_of_sliding_friction(
     sim = braking(12000.0, speed=speed)
     frictions = [sliding_friction(sim, load, -1.0) for load in (1500.0, 5500.0)]
     x0 = sim.snapshot().pose[0, 0]
-    sim.advance(500)
+    sim.advance(400)
+    slider = slip_of_brakes(sim)
     for _ in range(4):
-        assert np.abs(wheel_rates(sim)).max() < 1e-3
-        sim.advance(500)
+        sim.advance(400)
+        assert np.abs(wheel_rates(sim)).max() < 0.5  # of 80 rad/s: the brakes' elastic wind-up under changing load
+        assert slip_of_brakes(sim) == pytest.approx(slider, abs=1e-4)  # true stick: beyond the wind-up no wheel turns at all
     while np.linalg.norm(sim.snapshot().twist[0, :2]) > 0.05:
         sim.advance(50)
     distance = sim.snapshot().pose[0, 0] - x0
@@ -66,19 +76,18 @@ def test_locked_wheels_stand_still_and_the_distance_is_that_of_sliding_friction(
     assert abs(sim.snapshot().pose[0, 1]) < 1e-6  # four locked wheels steer nothing
 
 
-def test_shortest_stop_is_bounded_by_peak_friction():
-    speed = 25.0
-    sim = braking(4200.0, speed=speed)  # just below lock
-    peak = max(sliding_friction(sim, 2000.0, slip) for slip in -np.linspace(0.02, 0.3, 57))
-    x0 = sim.snapshot().pose[0, 0]
-    slowest = np.inf
-    while sim.snapshot().twist[0, 0] > 0.5:
-        sim.advance(50)
-        if sim.snapshot().twist[0, 0] > 3.0:
-            slowest = min(slowest, float(wheel_rates(sim).min()))
-    distance = sim.snapshot().pose[0, 0] - x0
-    assert slowest > 0.0
-    assert speed**2 / (2.0 * peak * G) < distance < 1.3 * speed**2 / (2.0 * peak * G)
+def test_hardest_braking_without_lock_lies_below_peak_friction():
+    sim = braking(3900.0, speed=30.0, rise=1.5)  # just below lock
+    peak = max(sliding_friction(sim, 1500.0, slip) for slip in -np.linspace(0.02, 0.3, 57))
+    begin = sim.advance(1700)
+    end = begin
+    while end.twist[0, 0] > 5.0:
+        assert wheel_rates(sim).min() > 0.5 * end.twist[0, 0] / 0.31
+        end = sim.advance(50)
+    distance = end.pose[0, 0] - begin.pose[0, 0]
+    at_peak = (begin.twist[0, 0] ** 2 - end.twist[0, 0] ** 2) / (2.0 * peak * G)
+    # the heavily loaded front tires have 10 % less friction than `peak`, that of a tire at 1.5 kN, and the rear is not used fully
+    assert at_peak < distance < 1.3 * at_peak
 
 
 @pytest.mark.parametrize('friction', [1.0, 0.4])

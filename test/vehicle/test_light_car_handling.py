@@ -51,10 +51,10 @@ def tire_stiffness(sim: Simulation, e: int, load: float, camber: float) -> tuple
 @pytest.mark.parametrize('x', [-0.10, 0.154, 0.40])
 def test_understeer_gradient_is_that_of_the_bicycle_model(x):
     # Without roll (anti-roll bars 1000 times as stiff) the car is a bicycle at small lateral acceleration:
-    #   delta_f - delta_r - L r / v = (F_f / C_f - F_r / C_r),   F_f = m a_y (b + t_r) / (L - t_f + t_r)
-    # with the axle forces shifted by the pneumatic trails t. Neglected at 0.05 g: load transfer (quadratic in a_y), the side force
-    # of steered traction (delta Fx, 0.5 % of the front force), and camber from the roll on the tires (1.2 % of each slip angle,
-    # nearly the same front and rear).
+    #   delta_f - delta_r - L r / v = F_f / C_f - F_r / C_r,   F_f = m a_y (b + t_r) / (L - t_f + t_r)
+    # with the axle forces shifted by the pneumatic trails t, and C of both tires of an axle at the load they carry (1 % off the
+    # static one: drive and drag). Neglected at 0.05 g: load transfer (quadratic in a_y), the side force of steered traction (0.2 %
+    # of the front force), and camber from the roll on the tires, 0.04 deg: up to 1.7 % of the slip angle, nearly the same on both axles.
     stiff = ('vehicle.front.anti_roll_bar=1.1e7', 'vehicle.rear.anti_roll_bar=4e6', f'vehicle.chassis.com[0]={x}')
     sim = steady_bend(*stiff, steering=0.05)
     snapshot = sim.snapshot()
@@ -64,17 +64,17 @@ def test_understeer_gradient_is_that_of_the_bicycle_model(x):
     bodies = sim.scene.model.bodies
     mass = sum(b.mass for b in bodies)
     b = 0.5 * WHEELBASE + sum(part.mass * (part.position[0] + part.com[0]) for part in bodies) / mass
-    front_load, rear_load = 0.5 * mass * G * b / WHEELBASE, 0.5 * mass * G * (1.0 - b / WHEELBASE)
-    C_f, t_f = tire_stiffness(sim, 0, front_load, np.deg2rad(0.5))
-    C_r, t_r = tire_stiffness(sim, 2, rear_load, np.deg2rad(1.0))
+    fz = snapshot.tire[:, FZ]
+    C_f, t_f = tire_stiffness(sim, 0, 0.5 * (fz[0] + fz[1]), np.deg2rad(0.5))
+    C_r, t_r = tire_stiffness(sim, 2, 0.5 * (fz[2] + fz[3]), np.deg2rad(1.0))
     front_force = mass * lateral * (b + t_r) / (WHEELBASE - t_f + t_r)
     slip_f, slip_r = 0.5 * front_force / C_f, 0.5 * (mass * lateral - front_force) / C_r
     alpha = snapshot.tire[:, ALPHA]
-    assert 0.5 * (alpha[0] + alpha[1]) == pytest.approx(slip_f, rel=0.03)
-    assert 0.5 * (alpha[2] + alpha[3]) == pytest.approx(slip_r, rel=0.03)
+    assert 0.5 * (alpha[0] + alpha[1]) == pytest.approx(slip_f, rel=0.02)
+    assert 0.5 * (alpha[2] + alpha[3]) == pytest.approx(slip_r, rel=0.02)
     front, rear = steer_angles(sim)
     gradient = (front - rear - WHEELBASE * r / v) / lateral
-    assert gradient == pytest.approx((slip_f - slip_r) / lateral, abs=0.015 * slip_f / lateral)
+    assert gradient == pytest.approx((slip_f - slip_r) / lateral, abs=0.01 * slip_f / lateral)
 
 
 def test_the_car_understeers_mildly():
