@@ -6,8 +6,6 @@ augmentation, so redundant constraints are harmless here too.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from solver.dynamics import (
@@ -31,7 +29,6 @@ STIFFEST = 1e2  # 1/s^2; PENALTY times it is above the square of the highest nat
 ASSEMBLY_TOLERANCE = 1e-12  # m or rad
 LARGEST_TURN = 0.3  # rad or m per iteration of the assembly
 EQUILIBRIUM_TOLERANCE = 1e-11  # N or N m, relative to the weight of the model
-STEADY = 1e6  # s, long against every relaxation: internal states take their steady values
 SETTLING = 1.0  # s, long against every damping in a model
 CLEARANCE = 10.0  # height at which no tire touches any road [m]
 HOLD = 1e9  # input of brakes that hold [N m per unit of gain]
@@ -202,11 +199,15 @@ class Start:
         return bias
 
     def start_integrator(self, state: State, u: np.ndarray, h: float, am: float, af: float) -> None:
-        """Assign state.a, lam, lam_before and zd so that the first step is already second order.
+        """Assign state.a, a_s, lam, lam_before and zd, and adjust state.v, so that every step is second order from the first one on.
 
         The scheme's a_n belongs to t_n + (am - af) h and its multipliers to t_n - af h; both are reached by a central difference
-        along the motion (Arnold, Bruels, Cardona 2015). Where the motion is too fast for the step to resolve (h |da/dt| > |a|)
-        the uncorrected values are taken.
+        along the motion. Its velocity satisfies A v + phi_t = -h^2 A e, with e h^3 the local error of the increment of a step:
+        started with A v + phi_t = 0, it would jump there by O(h^2) in the first step and disturb the multipliers by O(h), which
+        rho_inf = 1 never forgets (Arnold, Bruels, Cardona 2015). The increment of the exact motion is h v + h^2/2 a + h^3/6 da/dt,
+        in rotations plus h^3/12 w x dw/dt; the scheme has h v + h^2 ((1/2 - beta) a_n + beta a_n+1).
+
+        Where the motion is too fast for the step to resolve (h |da/dt| > |a|) the uncorrected values are taken.
         """
         a, lam = self.acceleration(state.q, state.v, state.z, state.angle, u)
         kin = kinematics_of(state.q, state.v)
@@ -226,6 +227,13 @@ class Start:
         state.a_s[:] = a - (af * h * a_rate if smooth else 0.0)
         state.lam[:] = lam - (af * h * lam_rate if smooth else 0.0)
         state.lam_before[:] = state.lam
+        if smooth:
+            e = (0.25 * (1.0 + (am - af) ** 2) - 1 / 6) * a_rate  # beta + (am - af) / 2 - 1/6, with beta = (1 - (am - af))^2 / 4
+            e[:, 3:] -= np.cross(state.v[:, 3:], a[:, 3:]) / 12
+            self._constraints(state.q, state.v, state.angle, u)
+            excess = np.zeros(self.model.n_rows)
+            constraint_rates(self.constraints, self.J, e, excess)
+            self.project_velocity(state, u, h * h * excess)
 
     def equilibrium(self, state: State, u: np.ndarray, limit: int = 400) -> float:
         """Static equilibrium: Newton on f(q, 0) + A^T lam = 0, phi = 0 with a pseudo-mass M/tau^2 that fades.
@@ -250,40 +258,6 @@ class Start:
             brakes.stiffness[:], brakes.damping[:] = stiffness, damping
         limits = capacity / brakes.stiffness
         state.z[brakes.state] = np.clip(state.z[brakes.state], -limits, limits)
-        return left
-
-    def rolling_equilibrium(self, state: State, u: np.ndarray, roll: Callable[[], None], limit: int = 60) -> float:
-        """Relative equilibrium at speed: M (s v) = f(q, v) + A^T lam with one unknown acceleration s v along the motion itself.
-
-        At speed tires grow and stiffen and drag acts, so a car that stands in equilibrium does not roll in it. `roll` assigns the
-        velocity that belongs to state.q. Internal states take their steady values. Changes state.q, v, z, lam, angle; returns the
-        largest generalized force left [N or N m], which is not an error where no steady motion exists (steered, braking).
-        """
-        tau = 0.02
-        last = np.inf
-        scale = max(1.0, float((self.t.bodies.mass * np.linalg.norm(self.t.bodies.gravity)).sum()))
-        for _ in range(limit):
-            kin = self._constraints(state.q, state.v, state.angle, u)
-            evaluate_forces(self.t, kin, state.angle, state.z, STEADY, u, True, self.f, self.Kq, self.Kv, self.z, self.outputs)
-            state.z[:] = self.z
-            momentum = self._mass_times(state.v)
-            along = float((state.v * self.f).sum() / max((state.v * momentum).sum(), 1e-300))
-            r = along * momentum - self.f
-            add_constraint_forces(self.constraints, self.J, state.lam, -1.0, r)
-            r[-1] = 0.0
-            left = float(np.abs(r).max())
-            if left < 1e-8 * scale:
-                break
-            tau = min(tau * (2.0 if left < last else 0.5), 1.0)
-            last = left
-            add_constraint_stiffness(self.t, kin, state.lam, self.Kq, self.Kv)
-            self._factorize(1.0 / tau**2, 1.0, 0.0, metric=True)
-            solve_saddle(self.t, CONDENSED, self.saddle, r, self.phi, self.dw, self.dlam)
-            factor = min(1.0, 0.02 / max(np.abs(self.dw).max(), 1e-300))
-            move(state.q, factor * self.dw)
-            state.lam[:] += factor * self.dlam
-            update_angles(self.coordinates, kinematics_of(state.q, state.v), state.angle)
-            roll()
         return left
 
     def _settle(self, state: State, u: np.ndarray, limit: int) -> float:

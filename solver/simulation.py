@@ -12,7 +12,7 @@ from solver.consistent import Start
 from solver.dynamics import constraint_input_rates, evaluate_constraints, evaluate_forces, prepare
 from solver.elements.coupler import CouplerSpec
 from solver.elements.tire_pacejka import rolling_radius
-from solver.errors import SpecError, StepError
+from solver.errors import ConsistencyError, SpecError, StepError
 from solver.integrators.augmented_lagrangian import (
     NON_FINITE,
     NOT_CONVERGED,
@@ -32,6 +32,9 @@ from solver.reference import Ref
 from solver.saddle import BLOCK, CONDENSED, new_saddle
 from solver.scene import Scene, Start as SceneStart
 from solver.snapshot import TIRE_COLUMNS, Snapshot, StepStats
+
+SETTLE_TIME = 5.0  # s, some ten periods of a suspension mode
+SETTLE_EVERY = 0.01  # s
 
 
 class Simulation:
@@ -96,9 +99,11 @@ class Simulation:
             calculation.equilibrium(state, self._without_loads(u))
         roll = self._rolling(start.speed, rates, u)
         roll()
-        if start.kind == 'equilibrium' and start.speed:
-            calculation.rolling_equilibrium(state, u, roll)
         calculation.start_integrator(state, u, self.h, self.coefficients.am, self.coefficients.af)
+        if start.kind == 'equilibrium' and start.speed:
+            self._settle_rolling(start.speed, u)
+            calculation.project_velocity(self.state, u)
+            calculation.start_integrator(self.state, u, self.h, self.coefficients.am, self.coefficients.af)
 
     def _rolling(self, speed: float, rates: dict[str, float], u: np.ndarray) -> Callable[[], None]:
         """A function that gives the current configuration its start velocity: wanted rates, speed of the chassis, wheels rolling."""
@@ -114,6 +119,31 @@ class Simulation:
             extended.project_velocity(self.state, u, extra, hold=100.0 if speed else 0.0)
 
         return roll
+
+    def _settle_rolling(self, speed: float, u: np.ndarray) -> None:
+        """Let a vehicle that starts at speed come to rest in its suspension, on the spot and at its speed.
+
+        Rolling tires grow and stiffen, drag and drive torque act: a car that stands in equilibrium does not roll in it. Every
+        SETTLE_EVERY seconds it is put back to its place and its speed.
+        """
+        steps = max(1, round(SETTLE_EVERY / self.h))
+        inputs = np.repeat(u[None, :], steps, axis=0)
+        chassis = self.channels.chassis or 0
+        place = self.state.q[chassis, :2].copy()
+        wheels = [self.model.body_names.index(tire.marker.body) for tire in self.model.spec.tires]
+        for _ in range(round(SETTLE_TIME / SETTLE_EVERY)):
+            result, done = advance(self.model.tables, self.coefficients, *self._states, inputs, 0, steps, False, self.work)
+            if done % 2 == 1:
+                self._states.reverse()
+            if result.status != OK:
+                raise ConsistencyError(f'start: the vehicle does not settle at {speed:g} m/s: {self._failure(result)}')
+            q, v = self.state.q, self.state.v
+            forward = np.array(matrix_of_quaternion(tuple(q[chassis, 3:]))).reshape(3, 3)[:, 0]
+            now = float(v[chassis, :3] @ forward)
+            q[:-1, :2] += place - q[chassis, :2]
+            v[:-1, :3] += (speed - now) * forward
+            for wheel in wheels:
+                v[wheel, 3:] *= speed / now
 
     def _inputs_at_start(self) -> np.ndarray:
         zero = np.zeros(1)

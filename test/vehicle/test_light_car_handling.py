@@ -55,7 +55,7 @@ def test_understeer_gradient_is_that_of_the_bicycle_model(x):
     # with the axle forces shifted by the pneumatic trails t, and C of both tires of an axle at the load they carry (1 % off the
     # static one: drive and drag). Neglected at 0.05 g: load transfer (quadratic in a_y), the side force of steered traction (0.2 %
     # of the front force), and camber from the roll on the tires, 0.04 deg: up to 1.7 % of the slip angle, nearly the same on both axles.
-    stiff = ('vehicle.front.anti_roll_bar=1.1e7', 'vehicle.rear.anti_roll_bar=4e6', f'vehicle.chassis.com[0]={x}')
+    stiff = ('vehicle.front.anti_roll_bar=1.6e7', 'vehicle.rear.anti_roll_bar=6e6', f'vehicle.chassis.com[0]={x}')
     sim = steady_bend(*stiff, steering=0.05)
     snapshot = sim.snapshot()
     v, r = snapshot.twist[0, 0], snapshot.twist[0, 5]
@@ -100,7 +100,7 @@ def test_roll_angle_is_that_of_the_roll_stiffness():
     tire = 215e3
     front_wheel, rear_wheel = 21000.0 / np.cos(np.deg2rad(5.6)) ** 2, 37000.0 * 0.755**2
     stiffness = 0.0
-    for wheel, bar, half in ((front_wheel, 11000.0, 0.765), (rear_wheel, 4000.0, 0.760)):
+    for wheel, bar, half in ((front_wheel, 16000.0, 0.765), (rear_wheel, 6000.0, 0.760)):
         rate = wheel + 2.0 * bar
         stiffness += 2.0 * half**2 / (1.0 / rate + 1.0 / tire)
     front_centre, rear_centre = -0.034, 0.119
