@@ -24,8 +24,8 @@ from solver.model.tables import Model
 from solver.reference import Ref
 from solver.saddle import CONDENSED, assemble_tangent, effective_masses, factorize_saddle, new_saddle, solve_saddle
 
-PENALTY = 1e8
-STIFFEST = 1e2  # 1/s^2; PENALTY times it is above the square of the highest natural frequency, also when the pseudo-mass has faded
+PENALTY = 1e6  # above it rounding of small inertias beside large ones shows
+STIFFEST = 1e4  # 1/s^2; PENALTY times it is above the square of the highest natural frequency, also when the pseudo-mass has faded
 ASSEMBLY_TOLERANCE = 1e-12  # m or rad
 LARGEST_TURN = 0.3  # rad or m per iteration of the assembly
 EQUILIBRIUM_TOLERANCE = 1e-11  # N or N m, relative to the weight of the model

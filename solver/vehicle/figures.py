@@ -22,26 +22,28 @@ import scipy.linalg
 from solver.audit import dense_jacobian
 from solver.channels import new_outputs
 from solver.consistent import Start
-from solver.dynamics import add_constraint_stiffness, evaluate_forces
+from solver.dynamics import add_constraint_stiffness, evaluate_forces, prepare
 from solver.elements.applied_force import AppliedForceSpec
 from solver.elements.coupler import CouplerSpec
 from solver.elements.joint import JointSpec
 from solver.elements.marker import WORLD, Marker
 from solver.integrators.settings import IntegratorSettings
-from solver.maneuver import ACCELERATION, RATE, Maneuver, Ramp
+from solver.maneuver import ACCELERATION, RATE, Maneuver
 from solver.mechanism import matrix
-from solver.model.compile import prepare
 from solver.model.spec import ModelSpec
-from solver.model.state import State, kinematics_of, new_state, update_angles
-from solver.model.tables import Model, Ref
+from solver.model.state import State, new_state
+from solver.model.tables import Model
 from solver.scene import Scene
 from solver.scene import Start as SceneStart
+from solver.signals import Ramp
 from solver.simulation import Simulation
 
 AXLES = ('front', 'rear')
 SIDES = {'left': 1.0, 'right': -1.0}
 CORNERS = tuple(f'{axle}_{side}' for axle in AXLES for side in SIDES)
 LOADS = {'fx': ('force', (1.0, 0.0, 0.0)), 'fy': ('force', (0.0, 1.0, 0.0)), 'mz': ('torque', (0.0, 0.0, 1.0))}
+GOOD_PART = 0.3  # of the kinetic energy of a mode
+STEPS = {'travel': 0.03, 'steering': 0.5}  # largest change of an input of the rig at once [m or rad]
 LONG = 1e3  # s; internal states at rest move in proportion to it
 
 
@@ -121,7 +123,7 @@ def modes(simulation: Simulation) -> list[Mode]:
 
 
 def named_modes(simulation: Simulation) -> dict[str, Mode]:
-    """The modes a vehicle is known by: the ones with most of their kinetic energy in the motion that names them."""
+    """The modes a vehicle is known by: the lowest one with a good part of its kinetic energy in the motion that names it."""
     chassis = simulation.model.spec.chassis or simulation.model.body_names[0]
     wheels = {axle: [f'{part}_{axle}_{side}' for part in ('wheel', 'upright', 'knuckle') for side in SIDES] for axle in AXLES}
     wanted = {
@@ -132,8 +134,8 @@ def named_modes(simulation: Simulation) -> dict[str, Mode]:
         'engine bounce': (['engine'], ['z']),
     }
     found = modes(simulation)
-    best = {name: max(found, key=lambda mode: mode.share(*where)) for name, where in wanted.items()}  # noqa: B023
-    return {name: mode for name, mode in best.items() if mode.share(*wanted[name]) > 0.2}
+    first = {name: next((mode for mode in found if mode.share(*where) > GOOD_PART), None) for name, where in wanted.items()}
+    return {name: mode for name, mode in first.items() if mode is not None}
 
 
 def mass_figures(spec: ModelSpec) -> dict[str, float]:
@@ -206,15 +208,20 @@ class Rig:
         self.model = prepare(model)
         self.start = Start(self.model, new_outputs(self.model))
         self.state = new_state(self.model)
+        self._u = np.zeros(len(self.inputs))
         self.settle({})
 
     def settle(self, inputs: Mapping[str, float]) -> dict[str, dict[str, float]]:
         """Equilibrium under the given inputs (travel_<corner> [m], steering [rad], fx_, fy_ [N] or mz_<corner> [N m] at the contact
         patch); returns by corner toe, camber, steer [rad], x, y of wheel centre and contact patch relative to the design [m],
         load: vertical force at the wheel [N]."""
-        u = np.array([inputs.get(name, 0.0) for name in self.inputs])
-        self.start.assemble(self.state, u)
+        before, u = self._u, np.array([inputs.get(name, 0.0) for name in self.inputs])
+        limits = np.array([STEPS.get(name.partition('_')[0], np.inf) for name in self.inputs])
+        count = max(1, int(np.ceil(np.max(np.abs(u - before) / limits))))
+        for k in range(1, count + 1):
+            self.start.assemble(self.state, before + (u - before) * (k / count))
         self.start.equilibrium(self.state, u)
+        self._u = u
         return {c: self._corner(c) for c in CORNERS}
 
     def _corner(self, corner: str) -> dict[str, float]:

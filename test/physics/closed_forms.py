@@ -86,9 +86,9 @@ mechanism:
 
 def torque_free_top() -> Problem:
     """Euler's asymmetric top (Landau and Lifshitz, Mechanics, par. 37): Jacobi functions; the precession by quadrature of its rate."""
-    I1, I2, I3 = I = np.array([0.010, 0.020, 0.025])
+    I1, I2, I3 = inertia = np.array([0.010, 0.020, 0.025])
     w0 = np.array([2.0, 0.0, 3.0])
-    E2, L2 = float(I @ w0**2), float((I * w0) @ (I * w0))
+    E2, L2 = float(inertia @ w0**2), float((inertia * w0) @ (inertia * w0))
     assert L2 > E2 * I2  # rotation about the axis of largest inertia
     m = (I2 - I1) * (E2 * I3 - L2) / ((I3 - I2) * (L2 - E2 * I1))
     rate = np.sqrt((I3 - I2) * (L2 - E2 * I1) / (I1 * I2 * I3))
@@ -103,7 +103,7 @@ def torque_free_top() -> Problem:
         return np.sqrt(L2) * (I1 * w[0] ** 2 + I2 * w[1] ** 2) / ((I1 * w[0]) ** 2 + (I2 * w[1]) ** 2)
 
     def in_momentum_frame(t):
-        L = I * spin(t)
+        L = inertia * spin(t)
         angle, _ = quad(precession, 0.0, t, epsabs=1e-13, epsrel=1e-13, limit=400)
         return turned('z', angle) @ turned('x', np.arccos(L[2] / np.sqrt(L2))) @ turned('z', np.arctan2(L[0], L[1]))
 

@@ -14,8 +14,8 @@ SCENES = ('double_pendulum', 'four_bar', 'slider_crank')
 
 def bits(snapshot) -> bytes:
     """All numbers of a snapshot."""
-    parts = [getattr(snapshot, name) for name in ('joint_position', 'joint_velocity', 'pose', 'twist', 'imu', 'inputs', 'elements', 'reactions')]
-    return np.concatenate([part.ravel() for part in parts]).tobytes()
+    names = ('joint_position', 'joint_velocity', 'pose', 'twist', 'imu', 'inputs', 'elements', 'reactions')
+    return np.concatenate([getattr(snapshot, name).ravel() for name in names]).tobytes()
 
 
 @pytest.mark.parametrize('name', SCENES)

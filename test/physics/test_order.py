@@ -32,4 +32,4 @@ def test_errors_fall_with_the_square_of_the_step(name, rho_inf, mode):
     slopes, table = orders(problem, steps, TIMES, rho_inf=rho_inf, **MODES[mode])
     judged = [FIELDS.index(f) for f in fields]
     assert table[-1][judged].max() < 0.1, f'errors {table} are no small errors'
-    np.testing.assert_allclose(slopes[judged], 2.0, rtol=0, atol=0.15, err_msg=f'errors (position, velocity, multipliers) at {steps}:\n{table}')
+    np.testing.assert_allclose(slopes[judged], 2.0, rtol=0, atol=0.15, err_msg=f'errors {FIELDS} at {steps}:\n{table}')
