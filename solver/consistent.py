@@ -26,6 +26,7 @@ from solver.saddle import CONDENSED, assemble_tangent, effective_masses, factori
 
 PENALTY = 1e6  # above it rounding of small inertias beside large ones shows
 STIFFEST = 1e4  # 1/s^2; PENALTY times it is above the square of the highest natural frequency, also when the pseudo-mass has faded
+AUGMENTATIONS = 400  # at most; each gains a factor 1 + PENALTY s_min, little where a light body carries a heavy one
 ASSEMBLY_TOLERANCE = 1e-12  # m or rad
 LARGEST_TURN = 0.3  # rad or m per iteration of the assembly
 EQUILIBRIUM_TOLERANCE = 1e-11  # N or N m, relative to the weight of the model
@@ -72,7 +73,7 @@ class Start:
             for b in range(self.model.n_bodies):
                 s = self.t.bodies.slot[b]
                 self.saddle.B[s, :3, :3] += cm * self.metric_mass[b] * np.eye(3)
-                self.saddle.B[s, 3:, 3:] += cm * self.metric_inertia[b]
+                self.saddle.B[s, 3:6, 3:6] += cm * self.metric_inertia[b]
         bad = factorize_saddle(self.t, CONDENSED, self.saddle)
         if bad >= 0:
             raise ConsistencyError(
@@ -132,7 +133,7 @@ class Start:
         self._factorize(1.0, 0.0, hold, metric=True)
         first = -hold * self._block_product(self.Kv, state.v)
         rate = np.zeros(self.model.n_rows)
-        for k in range(20):
+        for k in range(AUGMENTATIONS):
             constraint_rates(self.constraints, self.J, state.v, rate)
             rate += self.phi_t
             done = not len(rate) or np.abs(rate).max() < 1e-13 * max(1.0, np.abs(state.v).max())
@@ -165,7 +166,7 @@ class Start:
         a = np.zeros_like(self.f)
         lam = np.zeros(self.model.n_rows)
         rate = np.zeros(self.model.n_rows)
-        for _ in range(30):
+        for _ in range(AUGMENTATIONS):
             r = self._mass_times(a) - self.f
             add_constraint_forces(self.constraints, self.J, lam, -1.0, r)
             r[-1] = 0.0

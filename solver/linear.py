@@ -1,6 +1,6 @@
 """Block-sparse LU without a runtime symbolic phase: the elimination is planned once per model.
 
-Nodes are bodies (n x n form) or bodies and constraint groups (block form); every block is 6x6, groups with fewer rows are
+Nodes are bodies (n x n form) or bodies and constraint groups (block form); every block is 6x6 in rows of eight (one SIMD vector), groups with fewer rows are
 padded by the identity. Pivots are inverted with partial pivoting inside the block. Ordering: minimum degree (Tinney-Walker
 scheme 2 on the quotient graph); in the block form a group becomes eligible only after one of its bodies, so its pivot is the
 well-conditioned A S^-1 A^T instead of the tiny regularisation.
@@ -12,12 +12,15 @@ from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
+from llvmlite import ir
+from numba.core import cgutils, types
+from numba.extending import intrinsic
 
 from solver.jit import kernel
 
 
 class Elimination(NamedTuple):
-    """The schedule of a block LU. Slots index an array of blocks (n_blocks, 6, 6)."""
+    """The schedule of a block LU. Slots index an array of blocks (n_blocks, 6, WIDTH)."""
 
     node: np.ndarray  # (n,) pivot order
     diagonal: np.ndarray  # (n,) slot of each pivot
@@ -102,76 +105,121 @@ def plan_elimination(n_nodes: int, slots: dict[tuple[int, int], int], wait_for: 
     )  # fmt: skip
 
 
-@kernel(borrow=True)
-def _multiply_into(B, c, a, d, T):
-    """B[c] = B[a] B[d] through the scratch T (6, 6); c may equal a."""
-    for i in range(6):
-        a0, a1, a2, a3, a4, a5 = B[a, i, 0], B[a, i, 1], B[a, i, 2], B[a, i, 3], B[a, i, 4], B[a, i, 5]
-        for j in range(6):
-            T[i, j] = a0 * B[d, 0, j] + a1 * B[d, 1, j] + a2 * B[d, 2, j] + a3 * B[d, 3, j] + a4 * B[d, 4, j] + a5 * B[d, 5, j]
-    for i in range(6):
-        for j in range(6):
-            B[c, i, j] = T[i, j]
+WIDTH = 8  # columns of a stored block row: six entries and padding, one SIMD vector
 
 
-@kernel(borrow=True)
-def _subtract_product(B, c, a, d):
-    """B[c] -= B[a] B[d]."""
-    for i in range(6):
-        a0, a1, a2, a3, a4, a5 = B[a, i, 0], B[a, i, 1], B[a, i, 2], B[a, i, 3], B[a, i, 4], B[a, i, 5]
-        r0 = a0 * B[d, 0, 0] + a1 * B[d, 1, 0] + a2 * B[d, 2, 0] + a3 * B[d, 3, 0] + a4 * B[d, 4, 0] + a5 * B[d, 5, 0]
-        r1 = a0 * B[d, 0, 1] + a1 * B[d, 1, 1] + a2 * B[d, 2, 1] + a3 * B[d, 3, 1] + a4 * B[d, 4, 1] + a5 * B[d, 5, 1]
-        r2 = a0 * B[d, 0, 2] + a1 * B[d, 1, 2] + a2 * B[d, 2, 2] + a3 * B[d, 3, 2] + a4 * B[d, 4, 2] + a5 * B[d, 5, 2]
-        r3 = a0 * B[d, 0, 3] + a1 * B[d, 1, 3] + a2 * B[d, 2, 3] + a3 * B[d, 3, 3] + a4 * B[d, 4, 3] + a5 * B[d, 5, 3]
-        r4 = a0 * B[d, 0, 4] + a1 * B[d, 1, 4] + a2 * B[d, 2, 4] + a3 * B[d, 3, 4] + a4 * B[d, 4, 4] + a5 * B[d, 5, 4]
-        r5 = a0 * B[d, 0, 5] + a1 * B[d, 1, 5] + a2 * B[d, 2, 5] + a3 * B[d, 3, 5] + a4 * B[d, 4, 5] + a5 * B[d, 5, 5]
-        B[c, i, 0] -= r0
-        B[c, i, 1] -= r1
-        B[c, i, 2] -= r2
-        B[c, i, 3] -= r3
-        B[c, i, 4] -= r4
-        B[c, i, 5] -= r5
+def _row_pointer(context, builder, array_type, array, slot, row):
+    """Pointer to row `row` of block `slot` as a vector of WIDTH doubles."""
+    data = context.make_array(array_type)(context, builder, array).data
+    word = ir.IntType(64)
+    offset = builder.add(builder.mul(slot, ir.Constant(word, 6 * WIDTH)), builder.mul(row, ir.Constant(word, WIDTH)))
+    return builder.bitcast(builder.gep(data, [offset]), ir.PointerType(ir.VectorType(ir.DoubleType(), WIDTH)))
+
+
+def _fma(builder, vector):
+    """LLVM's fused multiply-add of vectors of WIDTH doubles."""
+    return cgutils.get_or_insert_function(builder.module, ir.FunctionType(vector, [vector] * 3), f'llvm.fma.v{WIDTH}f64')
+
+
+def _load_row(builder, pointer):
+    return builder.load(pointer, align=8)
+
+
+def _splat(builder, vector, lane):
+    """A vector of copies of one lane."""
+    mask = ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), [lane] * WIDTH)
+    return builder.shuffle_vector(vector, ir.Constant(vector.type, ir.Undefined), mask)
+
+
+def _product(builder, left, right, start, sign):
+    """start + sign * left * right for one row `left` and the six rows `right` of a block, with fused multiply-add."""
+    fma = _fma(builder, left.type)
+    for k in range(6):
+        factor = _splat(builder, left, k)
+        factor = builder.fneg(factor) if sign < 0 else factor
+        start = builder.fmul(factor, right[k]) if start is None else builder.call(fma, [factor, right[k], start])
+    return start
+
+
+def _block_operation(sign):
+    """Intrinsic: sign = -1 for B[c] -= B[a] B[d], +1 for B[c] = B[a] B[d] (c may equal a). B is (n, 6, WIDTH) float64."""
+
+    @intrinsic
+    def operation(typing_context, B, c, a, d):
+        def generate(context, builder, signature, args):
+            word = ir.IntType(64)
+
+            def pointer(slot, row):
+                return _row_pointer(context, builder, signature.args[0], args[0], slot, ir.Constant(word, row))
+
+            right = [_load_row(builder, pointer(args[3], k)) for k in range(6)]
+            for i in range(6):
+                target = pointer(args[1], i)
+                start = _load_row(builder, target) if sign < 0 else None
+                row = _product(builder, _load_row(builder, pointer(args[2], i)), right, start, sign)
+                builder.store(row, target, align=8)
+            return context.get_dummy_value()
+
+        return types.none(B, types.int64, types.int64, types.int64), generate
+
+    return operation
+
+
+_subtract_product = _block_operation(-1)
+_multiply = _block_operation(1)
+
+
+@intrinsic
+def _eliminate_row(typing_context, B, s, i, k, m):
+    """B[s, i] -= m * B[s, k]."""
+
+    def generate(context, builder, signature, args):
+        B_, s_, i_, k_, m_ = args
+        target = _row_pointer(context, builder, signature.args[0], B_, s_, i_)
+        row = _load_row(builder, _row_pointer(context, builder, signature.args[0], B_, s_, k_))
+        vector = builder.insert_element(ir.Constant(row.type, ir.Undefined), builder.fneg(m_), ir.Constant(ir.IntType(32), 0))
+        fma = _fma(builder, row.type)
+        builder.store(builder.call(fma, [_splat(builder, vector, 0), row, _load_row(builder, target)]), target, align=8)
+        return context.get_dummy_value()
+
+    return types.none(B, types.int64, types.int64, types.int64, types.float64), generate
 
 
 @kernel(borrow=True)
 def _invert(B, s, T):
-    """B[s] = inverse of B[s] by Gauss-Jordan elimination with row pivoting; T (6, 6) is scratch. False if singular."""
-    A = B[s]
-    for i in range(6):
-        for j in range(6):
-            T[i, j] = 1.0 if i == j else 0.0
+    """B[s] = inverse of B[s] in place, by Gauss-Jordan elimination with row pivoting; T[1] is scratch. False if singular."""
     for k in range(6):
         p = k
         for i in range(k + 1, 6):
-            if abs(A[i, k]) > abs(A[p, k]):
+            if abs(B[s, i, k]) > abs(B[s, p, k]):
                 p = i
-        pivot = A[p, k]
+        pivot = B[s, p, k]
         if pivot == 0.0 or not np.isfinite(pivot):
             return False
+        T[1, k] = p
         if p != k:
             for j in range(6):
-                A[k, j], A[p, j] = A[p, j], A[k, j]
-                T[k, j], T[p, j] = T[p, j], T[k, j]
+                B[s, k, j], B[s, p, j] = B[s, p, j], B[s, k, j]
         inverse = 1.0 / pivot
+        B[s, k, k] = 1.0
         for j in range(6):
-            A[k, j] *= inverse
-            T[k, j] *= inverse
+            B[s, k, j] *= inverse
         for i in range(6):
             if i != k:
-                m = A[i, k]
-                if m != 0.0:
-                    for j in range(6):
-                        A[i, j] -= m * A[k, j]
-                        T[i, j] -= m * T[k, j]
-    for i in range(6):
-        for j in range(6):
-            A[i, j] = T[i, j]
+                m = B[s, i, k]
+                B[s, i, k] = 0.0
+                _eliminate_row(B, s, i, k, m)
+    for k in range(5, -1, -1):
+        p = int(T[1, k])
+        if p != k:
+            for i in range(6):
+                B[s, i, k], B[s, i, p] = B[s, i, p], B[s, i, k]
     return True
 
 
 @kernel(borrow=True)
 def factorize(plan, B, T):
-    """Factorize the blocks B (n_blocks, 6, 6) in place; T (6, 6) is scratch and T[0, 0] returns -1 or a node with a singular pivot."""
+    """Factorize the blocks B (n_blocks, 6, WIDTH) in place; T (6, WIDTH) is scratch and T[0, 0] returns -1 or a node with a singular pivot."""
     bad = -1
     for k in range(plan.node.shape[0]):
         if not _invert(B, plan.diagonal[k], T):
@@ -182,7 +230,7 @@ def factorize(plan, B, T):
         width = last - first
         for a in range(width):
             low = plan.lower[first + a]
-            _multiply_into(B, low, low, plan.diagonal[k], T)
+            _multiply(B, low, low, plan.diagonal[k])
             base = plan.update_start[k] + a * width
             for b in range(width):
                 _subtract_product(B, plan.update[base + b], low, plan.upper[first + b])

@@ -22,6 +22,7 @@ from solver.elements.marker import WORLD, Marker, Quaternion, Spec, Vector
 from solver.elements.rigid_body import RigidBodySpec
 from solver.errors import SceneError, suggestion
 from solver.lie.so3 import matrix_of_quaternion, quaternion_of_matrix
+from solver.linkages import LINKAGES
 from solver.load import Builder, Fields
 from solver.maneuver import ACCELERATION, RATE
 from solver.model.spec import ModelSpec
@@ -93,8 +94,14 @@ class MechanismReader:
         return Builder(hooks)
 
     def model(self, builder: Builder, cls: type, node: Node, path: str, name: str | None) -> ModelSpec:
-        """A ModelSpec: bodies first, because markers may be placed in the world; inputs from their uses unless listed."""
+        """A ModelSpec: bodies first, because markers may be placed in the world; inputs from their uses unless listed; or a linkage by `kind`."""
         fields = builder.mapping(node, path)
+        if 'kind' in fields:
+            kind = fields.pop('kind')[1]
+            if kind.value not in LINKAGES:
+                raise refuse(kind, join(path, 'kind'), 'unknown kind of mechanism' + suggestion(str(kind.value), LINKAGES))
+            data, linkage = LINKAGES[kind.value]
+            return linkage(builder.construct(data, fields, node, path, extra=('kind',)))
         given: dict[str, object] = {}
         if 'bodies' in fields:
             given['bodies'] = builder.build(tuple[RigidBodySpec, ...], fields.pop('bodies')[1], join(path, 'bodies'))

@@ -23,6 +23,7 @@ import numpy as np
 from solver.dynamics import FACTORIZE, SOLVE
 from solver.jit import invoke, kernel
 from solver.lie.vec import load33
+from solver.linear import WIDTH
 
 CONDENSED, BLOCK = 0, 1
 
@@ -30,9 +31,9 @@ CONDENSED, BLOCK = 0, 1
 class Saddle(NamedTuple):
     """A factorized system and what is needed to solve with it again."""
 
-    B: np.ndarray  # (n_blocks, 6, 6) factor
+    B: np.ndarray  # (n_blocks, 6, WIDTH) factor
     x: np.ndarray  # (nodes, 6) right-hand side and solution
-    T: np.ndarray  # (6, 6) scratch
+    T: np.ndarray  # (6, WIDTH) scratch
     W: np.ndarray  # (nc,) penalties
     J_s: np.ndarray  # (entries + 1, 6, 6) force directions
     J_e: np.ndarray  # (entries + 1, 6, 6) constraint rows A_e with respect to dw
@@ -43,9 +44,9 @@ def new_saddle(model, form: int) -> Saddle:
     plan = model.tables.block if form == BLOCK else model.tables.condensed
     entries = np.zeros((model.n_entries + 1, 6, 6))
     return Saddle(
-        B=np.zeros((int(plan.n_blocks[0]), 6, 6)),
+        B=np.zeros((int(plan.n_blocks[0]), 6, WIDTH)),
         x=np.zeros((max(len(plan.node), model.n_bodies + 1), 6)),
-        T=np.zeros((6, 6)),
+        T=np.zeros((6, WIDTH)),
         W=np.ones(model.n_rows),
         J_s=entries,
         J_e=entries.copy(),

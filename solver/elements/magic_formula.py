@@ -92,7 +92,7 @@ def pack(values: Mapping[str, float], version: int, pressure: float | None = Non
     return row
 
 
-@kernel
+@kernel(borrow=True)
 def ramp(x, width):
     """max(x, 0), replaced by a parabola for |x| < width: once continuously differentiable."""
     if x.real <= -width:
@@ -103,13 +103,13 @@ def ramp(x, width):
     return s * s / (4.0 * width)
 
 
-@kernel
+@kernel(borrow=True)
 def smooth_abs(x, width):
     """|x| made smooth on the scale of width; exactly 0 at 0."""
     return x * x / sqrt(x * x + width * width)
 
 
-@kernel
+@kernel(borrow=True)
 def smooth_sign(x, width):
     """sign(x), replaced by a cubic for |x| < width: once continuously differentiable."""
     if x.real >= width:
@@ -120,7 +120,7 @@ def smooth_sign(x, width):
     return s * (1.5 - 0.5 * s * s)
 
 
-@kernel
+@kernel(borrow=True)
 def _at_most_one(E):
     """Curvature factors must not exceed 1 ([P], remark below 4.E14)."""
     if E.real > 1.0:
@@ -128,18 +128,18 @@ def _at_most_one(E):
     return 1.0 * E
 
 
-@kernel
+@kernel(borrow=True)
 def _cos_arctan(x):
     return 1.0 / sqrt(1.0 + x * x)
 
 
-@kernel
+@kernel(borrow=True)
 def _curve(x, C, E):
     """C arctan(x - E (x - arctan x)): the argument of every sine and cosine of the Magic Formula."""
     return C * arctan(x - E * (x - arctan(x)))
 
 
-@kernel
+@kernel(borrow=True)
 def camber_variable(c, sin_gamma, cos_gamma):
     """sin gamma (6.1, 4.E4) or gamma (5.2), held smoothly inside the range of the fit: beyond it the polynomials are meaningless."""
     m = c[I.GAMMA_MAX]
@@ -147,7 +147,7 @@ def camber_variable(c, sin_gamma, cos_gamma):
     return gamma - ramp(gamma - m, 0.1 * m) + ramp(-gamma - m, 0.1 * m)
 
 
-@kernel
+@kernel(borrow=True)
 def load_increment(c, Fz):
     """dfz (4.E2a), held smoothly at FZMAX where the file states one."""
     F0 = c[I.FNOMIN] * c[I.LFZO]
@@ -157,7 +157,7 @@ def load_increment(c, Fz):
     return (Fz - F0) / F0
 
 
-@kernel
+@kernel(borrow=True)
 def slip_stiffness(c, gamma, Fz, dfz):
     """(Kxk, Kya): slip stiffness (4.E15) [N] and cornering stiffness (4.E25) [N/rad] at camber variable gamma."""
     dpi = c[I.DPI]
@@ -169,7 +169,7 @@ def slip_stiffness(c, gamma, Fz, dfz):
     return Kxk, Kya * (c[I.PKY1] * F0 * (1.0 + c[I.PPY1] * dpi) * c[I.LKY])
 
 
-@kernel
+@kernel(borrow=True)
 def relaxation_lengths(c, gamma, Fz, dfz, Kxk, Kya):
     """(sigma_kappa, sigma_alpha) [m]: slip stiffness over carcass stiffness ([B] 17-19), or the PTX, PTY formulas of MF 5.2."""
     dpi = c[I.DPI]
@@ -187,7 +187,7 @@ def relaxation_lengths(c, gamma, Fz, dfz, Kxk, Kya):
     return sigma_x, sigma_y
 
 
-@kernel
+@kernel(borrow=True)
 def _longitudinal(c, kappa, a, gamma, Fz, dfz, mu, Kxk):
     """Fx (4.E50) at combined slip."""
     dpi = c[I.DPI]
@@ -211,7 +211,7 @@ def _longitudinal(c, kappa, a, gamma, Fz, dfz, mu, Kxk):
     return Fx0 * (cos(_curve(B * (a + SH), C, E)) / cos(_curve(B * SH, C, E)))  # (4.E51) to (4.E53)
 
 
-@kernel
+@kernel(borrow=True)
 def _lateral(c, a, gamma, Fz, dfz, mu, Kya):
     """(Fy0, Dy, By Cy, SHy + SVy/Kya) at pure side slip."""
     dpi = c[I.DPI]
@@ -234,7 +234,7 @@ def _lateral(c, a, gamma, Fz, dfz, mu, Kya):
     return D * sin(_curve(BC / C * x, C, _at_most_one(E))) + SV, D, BC, SH + SV / Kya
 
 
-@kernel
+@kernel(borrow=True)
 def _lateral_weight(c, kappa, a, gamma, dfz, D):
     """(Gyk, SVyk): reduction (4.E59) and ply-steer force (4.E66) due to longitudinal slip."""
     if c[I.RBY1] == 0.0:
@@ -249,7 +249,7 @@ def _lateral_weight(c, kappa, a, gamma, dfz, D):
     return G, DV * sin(c[I.RVY5] * arctan(c[I.RVY6] * kappa)) * c[I.LVYKA]
 
 
-@kernel
+@kernel(borrow=True)
 def _aligning(c, kappa, a, gamma, Fz, dfz, mu, Kxk, Kya, BC, shift, cos_alpha):
     """(trail t, residual moment Mzr) at combined slip, for forward rolling."""
     dpi = c[I.DPI]
@@ -279,7 +279,7 @@ def _aligning(c, kappa, a, gamma, Fz, dfz, mu, Kxk, Kya, BC, shift, cos_alpha):
     return t, Dr / sqrt(1.0 + Br * Br * (ar * ar + q))  # (4.E75), cos(arctan x) written out
 
 
-@kernel
+@kernel(borrow=True)
 def magic_formula(c, kappa, tan_alpha, gamma, Fz, dfz, mu, Vx, Kxk, Kya, forward, rolling):
     """Forces and moments on the wheel in the axes of the .tir file: (Fx, Fy, Mx, My, Mz) [N, N m].
 

@@ -207,7 +207,7 @@ def compile_road(spec: RoadSpec) -> RoadTable:
     )
 
 
-@kernel
+@kernel(borrow=True)
 def _step(s):
     """0 below -1/2, 1 above 1/2, twice continuously differentiable between."""
     if s.real <= -0.5:
@@ -218,7 +218,7 @@ def _step(s):
     return t * t * t * (10.0 + t * (6.0 * t - 15.0))
 
 
-@kernel
+@kernel(borrow=True)
 def _weights(t):
     """Cubic B-spline weights of nodes -1, 0, 1, 2 at t in [0, 1], their first and second derivatives."""
     r = 1.0 - t
@@ -228,12 +228,12 @@ def _weights(t):
     return w, d, (r, 3.0 * t - 2.0, 1.0 - 3.0 * t, t)
 
 
-@kernel
+@kernel(borrow=True)
 def _dot4(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
 
 
-@kernel
+@kernel(borrow=True)
 def _row4(road, g, i, j, w):
     """Sum of four nodes of grid row i around column j with weights w (indices clamped to the grid)."""
     n_i = road.shape[g, 0]
@@ -247,7 +247,7 @@ def _row4(road, g, i, j, w):
     )
 
 
-@kernel
+@kernel(borrow=True)
 def _grid_at(road, g, x, y):
     """(h, h_x, h_y, h_xx, h_xy, h_yy) of grid g in W."""
     c = road.grid[g, 2]
@@ -293,7 +293,7 @@ def _grid_at(road, g, x, y):
     )
 
 
-@kernel
+@kernel(borrow=True)
 def surface_at(road, x, y):
     """(h, h_x, h_y, h_xx, h_xy, h_yy): height [m], slopes [-] and second derivatives [1/m] of the road at (x, y) [m] in W."""
     zero = 0.0 * x
@@ -314,7 +314,7 @@ def surface_at(road, x, y):
     return h, h_x, h_y, h_xx, h_xy, h_yy
 
 
-@kernel
+@kernel(borrow=True)
 def friction_at(road, x, y):
     """Friction factor [-] at (x, y) [m] in W."""
     mu = 0.0 * x + road.friction[0]
@@ -327,14 +327,14 @@ def friction_at(road, x, y):
     return mu
 
 
-@kernel
+@kernel(borrow=True)
 def normal_of_slopes(h_x, h_y):
     """Unit normal (upwards) of a surface with these slopes."""
     k = 1.0 / sqrt(1.0 + h_x * h_x + h_y * h_y)
     return (-h_x * k, -h_y * k, k)
 
 
-@kernel
+@kernel(borrow=True)
 def road_at(road, x, y):
     """(height [m], unit normal in W, friction factor [-]) at (x, y) [m] in W."""
     h, h_x, h_y, _, _, _ = surface_at(road, x, y)

@@ -186,7 +186,7 @@ def compile_tires(specs: Sequence[TireSpec], road: RoadSpec, context: Context) -
     return table
 
 
-@kernel
+@kernel(borrow=True)
 def _vertical_spring(c, rho):
     """(force [N], energy [J]) of the tire spring at deflection rho [m]: [B] (4) with a parabolic beginning, and the rim."""
     e = TOUCH
@@ -210,7 +210,7 @@ def _vertical_spring(c, rho):
     return force, energy
 
 
-@kernel
+@kernel(borrow=True)
 def _smooth_step(s):
     """0 for s <= 0, 1 for s >= 1, a cubic between."""
     if s.real <= 0.0:
@@ -220,7 +220,7 @@ def _smooth_step(s):
     return s * s * (3.0 - 2.0 * s)
 
 
-@kernel
+@kernel(borrow=True)
 def _contact_state(z, cz, Vx, Vs, sigma, bound, low, tau, fade, contact):
     """(deflection at this instant, slip) of one direction; z: the part zp of z = zp + cz zdot."""
     w = Vx * Vx + Vs * Vs * (1.0 / (SLIP_BOUND * SLIP_BOUND) + low * bound)
@@ -231,7 +231,7 @@ def _contact_state(z, cz, Vx, Vs, sigma, bound, low, tau, fade, contact):
     return u, (u - tau * fade * drive) / sigma
 
 
-@kernel
+@kernel(borrow=True)
 def _evaluate(table, e, p, R, v, w, zu, zv, cz):
     """Everything about tire e, from the placement p, R and twist v (in W), w (in B) of its body.
 
@@ -338,7 +338,7 @@ def _evaluate(table, e, p, R, v, w, zu, zv, cz):
     return F, T, state_u, state_v, values, point, (e_x, e_y, n)
 
 
-@kernel
+@kernel(borrow=True)
 def _store(e, i, j, result, f, z, out):
     """Write the values that _evaluate returned for tire e on body i with internal states j, j + 1."""
     F, T, state_u, state_v, values, point, frame = result
@@ -357,7 +357,7 @@ def _store(e, i, j, result, f, z, out):
     z[j + 1] = value(state_v)
 
 
-@kernel
+@kernel(borrow=True)
 def _seeded(kin, i):
     """(p, R, v, w) of body i as Duals: p + dp, R exp(dtheta) to first order, v + dv, w + dw."""
     v = kin.v
@@ -371,7 +371,7 @@ def _seeded(kin, i):
     return p, mm(R, (one, -t[2], t[1], t[2], one, -t[0], -t[1], t[0], one)), V, w
 
 
-@kernel
+@kernel(borrow=True)
 def tire_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
     """Accumulate forces and tangents of all tires (contract: solver/elements/__init__.py)."""
     for e in range(table.body.shape[0]):

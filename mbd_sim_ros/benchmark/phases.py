@@ -1,0 +1,164 @@
+"""Where the time of a step goes: its compiled pieces, each repeated on the data that a real step left behind.
+
+A clock between the pieces would cost as much as the smaller ones and would keep the compiler from what it does in the step. So
+every piece runs a few hundred times in one compiled loop, and the time per call is multiplied by the calls a step makes. Repeated
+pieces find their data in the cache, and the compiler joins them differently than inside a step: the sum is an estimate, and its
+difference to the measured step is reported as `rest`.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from statistics import median
+
+import numpy as np
+
+from solver.audit import update_audit
+from solver.dynamics import FACTORIZE, add_constraint_forces, add_constraint_stiffness, evaluate_constraints, evaluate_forces
+from solver.integrators.augmented_lagrangian import _momentum_residual, _place, advance, copy_blocks, project_velocity, step
+from solver.jit import address_of, kernel
+from solver.model.state import copy_state, new_state, update_angles
+from solver.reference import Ref
+from solver.saddle import CONDENSED, assemble_tangent, effective_masses, factorize_saddle, rotate_columns, solve_saddle
+from solver.simulation import Simulation
+
+PLACE, TANGENTS, FORCES, CONSTRAINTS, RESIDUAL, ASSEMBLE, FACTORIZE_ALL, SOLVE, PROJECT, OUTPUTS = range(10)
+PHASES = {
+    'placement': 'configuration, rotation tangents and velocities of the stage and the end',
+    'forces and tangents': 'all force elements with Kq and Kv',
+    'forces alone': 'all force elements, without tangents',
+    'constraints': 'residuals and Jacobian blocks at the stage and at the end',
+    'residual': 'constraint forces and momentum residual',
+    'assembly': 'constraint stiffness, effective masses, step matrix without constraints',
+    'penalties': 'constraints into the step matrix',
+    'elimination': 'block LU',
+    'solution': 'right-hand side, back-substitution, multipliers',
+    'projection': 'unwrapped angles, constraints at the end, projected velocity',
+    'outputs': 'forces at the end of the step and the energy balance',
+    'rest': 'the measured step less the sum of the above',
+}
+
+
+@kernel(borrow=True)
+def repeat(phase, count, tables, c, s0, s1, u, work):
+    """Run one piece of a step `count` times; s0, s1 and work as a step from s0 to s1 left them."""
+    h = c.h
+    s = 1.0 - c.af
+    cz = s * c.gamma1 * h / (1.0 - c.am1)
+    saddle = work.saddle
+    for _ in range(count):
+        if phase == PLACE:
+            _place(tables, c, s0, s1.a, s1.q, work)
+        elif phase == TANGENTS or phase == FORCES:  # noqa: PLR1714  (no tuples in kernels)
+            tangents = phase == TANGENTS
+            evaluate_forces(tables, work.kin_s, s0.angle, work.zp, cz, u, tangents, work.f, work.Kq, work.Kv, work.z_s, work.outputs)
+        elif phase == CONSTRAINTS:
+            evaluate_constraints(tables, work.kin_s, s0.angle, u, work.phi_s, work.J_now)
+            evaluate_constraints(tables, work.kin_e, s0.angle, u, work.phi, work.J)
+        elif phase == RESIDUAL:
+            add_constraint_forces(tables.constraints, work.J_now, s1.lam, 1.0, work.f)
+            _momentum_residual(tables, c, s0.a, s1.a, work.f, work.r)
+        elif phase == ASSEMBLE or phase == FACTORIZE_ALL:  # noqa: PLR1714
+            add_constraint_stiffness(tables, work.kin_s, s1.lam, work.Kq, work.Kv)
+            copy_blocks(work.J, saddle.J_s)
+            rotate_columns(tables.constraints, work.J, work.T_e, saddle.J_e)
+            effective_masses(tables, work.J_now, saddle.W)
+            for i in range(saddle.W.shape[0]):
+                m = c.beta * h * h if c.m_alf == 1 else saddle.W[i]
+                saddle.W[i] = c.penalty * c.factor * m
+            assemble_tangent(tables, 1.0 - c.am, s * c.beta * h * h, s * c.gamma * h, work.Kq, work.Kv, work.T_s, saddle.B)
+            if phase == FACTORIZE_ALL:
+                factorize_saddle(tables, c.form, saddle)
+        elif phase == SOLVE:
+            solve_saddle(tables, c.form, saddle, work.r, work.g, work.dw, work.dlam)
+        elif phase == PROJECT:
+            update_angles(tables.coordinates, work.kin_e, s1.angle)
+            evaluate_constraints(tables, work.kin_e, s1.angle, u, work.phi, work.J)
+            project_velocity(tables, c, s1.v, u, 1 if c.fixed == 1 else 3, work)
+        else:
+            evaluate_forces(tables, work.kin_e, s1.angle, s1.z, 0.0, u, False, work.f, work.Kq, work.Kv, work.z_s, work.outputs)
+            update_audit(tables, work.kin_e, work.outputs, work.lam_out, work.phi_t, h, work.audit)
+
+
+@kernel(borrow=True)
+def _eliminate_nothing(plan, B, T):
+    """Stands in for solver.linear.factorize, so that what comes before it can be timed alone."""
+    T[0, 0] = -1.0
+
+
+@contextmanager
+def _without_elimination(simulation: Simulation) -> Iterator[None]:
+    """The model calls a kernel that does nothing where it would eliminate."""
+    tables, saddle = simulation.model.tables, simulation.work.saddle
+    plan = tables.condensed if simulation.coefficients.form == CONDENSED else tables.block
+    own = tables.calls[FACTORIZE]
+    tables.calls[FACTORIZE] = address_of(_eliminate_nothing, Ref(plan), saddle.B, saddle.T)
+    try:
+        yield
+    finally:
+        tables.calls[FACTORIZE] = own
+
+
+def phase_times(simulation: Simulation, rounds: int, count: int = 200) -> dict[str, float]:
+    """CPU time per step [us] of every phase at the current state, medians over `rounds`; the simulation is left as it was.
+
+    Measured is a step with outputs and audit.
+    """
+    tables, c, work = simulation.model.tables, simulation.coefficients, simulation.work
+    inputs = simulation.source.table(simulation.k, count)
+    start = new_state(simulation.model)
+    copy_state(simulation.state, start)
+    s0, s1 = Ref(new_state(simulation.model)), Ref(new_state(simulation.model))
+
+    def prepared() -> tuple[int, int]:
+        """One real step from the start; its iterations and factorizations."""
+        copy_state(start, s0.value)
+        result = step(tables, c, s0, s1, inputs[0], True, work)
+        return result.iterations, result.factorizations
+
+    def piece(phase: int) -> float:
+        prepared()
+        begin = time.thread_time_ns()
+        repeat(phase, count, tables, c, s0, s1, inputs[0], work)
+        return (time.thread_time_ns() - begin) / count * 1e-3
+
+    def one_round() -> dict[str, float]:
+        copy_state(start, s0.value)
+        begin = time.thread_time_ns()
+        result, _ = advance(tables, c, s0, s1, inputs, 0, count, True, work)
+        whole = (time.thread_time_ns() - begin) / count * 1e-3
+        n, factorizations = result.iterations / count, result.factorizations / count
+        assembly, complete = piece(ASSEMBLE), piece(FACTORIZE_ALL)
+        with _without_elimination(simulation):
+            before_elimination = piece(FACTORIZE_ALL)
+        found = {
+            'placement': (n + 1.0) * piece(PLACE),
+            'forces and tangents': factorizations * piece(TANGENTS),
+            'forces alone': (n - factorizations) * piece(FORCES),
+            'constraints': n * piece(CONSTRAINTS),
+            'residual': n * piece(RESIDUAL),
+            'assembly': factorizations * assembly,
+            'penalties': factorizations * (before_elimination - assembly),
+            'elimination': factorizations * (complete - before_elimination),
+            'solution': n * piece(SOLVE),
+            'projection': piece(PROJECT),
+            'outputs': piece(OUTPUTS),
+        }
+        return {**found, 'rest': whole - sum(found.values()), 'whole': whole}
+
+    saved = simulation.save()
+    try:
+        one_round()  # warm
+        measured = [one_round() for _ in range(rounds)]
+    finally:
+        simulation.restore(saved)
+    return {name: float(median(m[name] for m in measured)) for name in (*PHASES, 'whole')}
+
+
+def checked(times: dict[str, float]) -> dict[str, float]:
+    """The same; raises ValueError if a phase is not a number (a piece that broke down costs nothing and would flatter)."""
+    if not np.isfinite(list(times.values())).all():
+        raise ValueError(f'phase times are not finite: {times}')
+    return times

@@ -1,0 +1,73 @@
+"""Mechanisms of many equal parts, as functions of their data: what a mechanism file chooses by the key `kind`.
+
+    mechanism: {kind: four_bar_n, loops: 40}
+
+A further one is a data class, a function to a ModelSpec and an entry in LINKAGES.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+import numpy as np
+
+from solver.elements.joint import JointSpec
+from solver.elements.marker import WORLD, Marker, finite
+from solver.elements.rigid_body import RigidBodySpec
+from solver.model.spec import ModelSpec
+
+SLENDER = 1e-4  # moment of inertia of a rod about its axis, over mass * length^2 (planar motion does not depend on it)
+
+
+@dataclass(frozen=True, kw_only=True)
+class FourBarN:
+    """N four-bar linkages side by side (IFToMM benchmark A02; two loops: Bayo and Avello 1994), 2 N + 1 equal uniform rods.
+
+    The cranks crank_0 ... crank_N turn on the ground at x = 0, length, 2 length, ...; rod_1 ... rod_N join their ends. All cranks are
+    placed upright in the x-y plane, gravity acts along -y. The coordinate A0 is the angle of crank_0 from there, counter-clockwise.
+    One degree of freedom, N + 1 in the horizontal position; modelled in space with 3 N + 1 revolutes, 3 N of 15 N + 5 constraints
+    are redundant.
+    """
+
+    loops: int = 40
+    length: Annotated[float, 'm'] = 1.0
+    mass: Annotated[float, 'kg'] = 1.0
+
+    def __post_init__(self) -> None:
+        finite('four_bar_n', 'loops', self.loops, low=1, high=1000)
+        finite('four_bar_n', 'length', self.length, low=0.0, strict=True)
+        finite('four_bar_n', 'mass', self.mass, low=0.0, strict=True)
+
+
+def four_bar_n(data: FourBarN) -> ModelSpec:
+    """The model of FourBarN."""
+    length, across = data.length, data.mass * data.length**2 / 12
+    along = SLENDER * data.mass * length**2
+    upright = (0.0, 0.0, float(np.sqrt(0.5)), float(np.sqrt(0.5)))
+
+    def rod(name: str, x: float, y: float, **placed: Any) -> RigidBodySpec:
+        inertia = (along, across, across, 0.0, 0.0, 0.0)
+        return RigidBodySpec(name=name, mass=data.mass, inertia=inertia, com=(length / 2, 0.0, 0.0), position=(x, y, 0.0), **placed)
+
+    def hinge(name: str, i: Marker, j: Marker) -> JointSpec:
+        return JointSpec(name=name, kind='revolute', i=i, j=j)
+
+    def end(body: str) -> Marker:
+        return Marker(body=body, position=(length, 0.0, 0.0))
+
+    bodies = [rod('crank_0', 0.0, 0.0, orientation=upright)]
+    joints = [hinge('A0', Marker(body=WORLD), Marker(body='crank_0'))]
+    for k in range(1, data.loops + 1):
+        x = k * length
+        bodies += [rod(f'rod_{k}', x - length, length), rod(f'crank_{k}', x, 0.0, orientation=upright)]
+        joints += [
+            hinge(f'A{k}', Marker(body=WORLD, position=(x, 0.0, 0.0)), Marker(body=f'crank_{k}')),
+            hinge(f'B{k - 1}', end(f'crank_{k - 1}'), Marker(body=f'rod_{k}')),
+            hinge(f'C{k}', end(f'rod_{k}'), end(f'crank_{k}')),
+        ]
+    return ModelSpec(bodies=tuple(bodies), joints=tuple(joints), gravity=(0.0, -9.81, 0.0))
+
+
+LINKAGES: dict[str, tuple[type, Callable[[Any], ModelSpec]]] = {'four_bar_n': (FourBarN, four_bar_n)}

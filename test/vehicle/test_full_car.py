@@ -1,0 +1,207 @@
+"""The full car: what it consists of, its equilibrium, and figures that lie where passenger cars lie."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from saloon import full_car, without_bushings
+
+from solver.consistent import Start
+from solver.dynamics import prepare
+from solver.elements.rigid_body import RigidBodySpec
+from solver.errors import SpecError
+from solver.mechanism import matrix
+from solver.scene import Scene, load_scene
+from solver.scene import Start as SceneStart
+from solver.simulation import Simulation
+from solver.snapshot import TIRE_COLUMNS
+from solver.vehicle.figures import Rig, eigenvalues, figures, linearised, modes
+from solver.vehicle.full_car import full_car_model
+from solver.vehicle.parts import Bushing, mounting, rods
+
+WEIGHT = 1576.0 * 9.81
+
+
+@pytest.fixture(scope='module')
+def standing() -> Simulation:
+    return Simulation(load_scene('car_swept_steer', ['start={kind: equilibrium}', 'maneuver=maneuvers/straight_ahead.yaml']))
+
+
+@pytest.fixture(scope='module')
+def found(standing: Simulation) -> dict[str, float]:
+    return figures(standing)
+
+
+def test_counts_are_those_of_the_reference_car(standing: Simulation) -> None:
+    counts = standing.describe()
+    assert counts['bodies'] == 53
+    assert counts['joints'] == 49
+    assert counts['bushings'] == 29
+    assert counts['spring_dampers'] == 9
+    assert counts['force_elements'] == 9
+    assert counts['dof'] == 134
+    assert counts['redundant_rows'] == []
+    # the rank: 183 rows of joints and the imposed angle of the steering wheel
+    assert counts['constraint_rows'] == 184
+    assert counts['couplers'] == 1
+
+
+def test_design_position_closes_every_joint_and_is_symmetric() -> None:
+    model = prepare(full_car_model(full_car()))
+    start = Start(model, Simulation(Scene(name='s', model=model.spec)).outputs)
+    state = Simulation(Scene(name='s', model=model.spec)).state
+    start._constraints(state.q, state.v, state.angle, np.zeros(len(model.spec.inputs)))
+    assert np.abs(start.phi).max() < 1e-14
+    bodies = {b.name: b for b in model.spec.bodies}
+    for name, left in bodies.items():
+        if name.endswith('_left'):
+            right = bodies[name.removesuffix('left') + 'right']
+            assert right.position == pytest.approx(np.array(left.position) * (1, -1, 1), abs=1e-15)
+            assert right.inertia == pytest.approx(np.array(left.inertia) * (1, 1, 1, -1, 1, -1), abs=1e-15)
+
+
+def test_ideal_joints_leave_sixteen_degrees_of_freedom() -> None:
+    """Chassis 6, wheel travels 4, wheel spins 4, rack against its elastic pinion 1, propeller shaft against its elastic gear 1."""
+    simulation = Simulation(Scene(name='ideal', model=full_car_model(without_bushings(full_car()))))
+    counts = simulation.describe()
+    assert counts['bushings'] == 0
+    assert counts['redundant_rows'] == []
+    assert counts['dof'] == 16
+
+
+def test_standing_car_is_in_equilibrium(standing: Simulation) -> None:
+    """With its wheels held: forces, constraint forces and weight balance on every body to 1e-6 N or N m."""
+    start = Start(standing.model, standing.outputs)
+    u = np.zeros(len(standing.model.spec.inputs))
+    assert start.equilibrium(standing.state, u) < 1e-6
+    assert np.abs(start.phi).max() < 1e-12
+    standing.reset()
+
+
+def test_tires_carry_the_weight_and_the_car_stands_at_its_design_height(standing: Simulation) -> None:
+    snapshot = standing.snapshot()
+    fz = snapshot.tire[:, TIRE_COLUMNS.index('fz')]
+    # in the state of the released brakes the vertical forces balance to the tolerance of the search
+    assert fz.sum() == pytest.approx(WEIGHT, rel=1e-4)
+    assert abs(snapshot.pose[0, 2]) < 0.004
+    assert fz[0] == pytest.approx(fz[1], rel=0.01)
+
+
+def test_every_mode_is_stable(standing: Simulation) -> None:
+    """At rest, brakes released: nothing grows, and what does not oscillate fast is damped; a link spinning freely would be undamped."""
+    s, _ = eigenvalues(linearised(standing.model, standing.state, np.zeros(len(standing.model.spec.inputs))))
+    assert len(s) == 2 * 134
+    # one unstable root may come from the propeller shaft's weight off its line of bearings: its growth must take longer than 1000 s
+    assert s.real.max() < 1e-3
+    assert all(mode.damping > 0.03 for mode in modes(standing) if mode.frequency > 0.5)
+
+
+RANGES = {
+    # passenger cars: Reimpell et al. (2001), Gillespie (1992), Heydinger et al. SAE 1999-01-1336
+    'mass': (1400, 1700),
+    'wheelbase': (2.6, 2.8),
+    'track_front': (1.45, 1.62),
+    'track_rear': (1.45, 1.62),
+    'front_share': (0.48, 0.60),
+    'com_z': (0.50, 0.58),
+    'roll_inertia': (400, 700),
+    'pitch_inertia': (2000, 2900),
+    'yaw_inertia': (2200, 3100),
+    'bounce_frequency': (1.1, 1.6),
+    'pitch_frequency': (1.1, 1.8),
+    'roll_frequency': (1.1, 2.2),
+    'wheel_hop_front_frequency': (10, 15),
+    'wheel_hop_rear_frequency': (10, 15),
+    'engine_bounce_frequency': (8, 14),
+    'bounce_damping': (0.15, 0.40),
+    'wheel_rate_front': (18e3, 32e3),
+    'wheel_rate_rear': (18e3, 34e3),
+    'roll_stiffness_front': (3.5e4, 7e4),
+    'roll_stiffness_rear': (2.5e4, 6e4),
+    'roll_center_front': (0.0, 0.12),
+    'roll_center_rear': (0.05, 0.18),
+    'bump_toe_front': (-0.12, 0.0),  # toe-out in bump: roll understeer
+    'bump_toe_rear': (0.0, 0.10),  # toe-in in bump: roll understeer
+    'bump_camber_front': (-0.45, -0.10),
+    'bump_camber_rear': (-0.60, -0.15),
+    'lateral_steer_front': (-4e-6, 0.0),  # away from the force: understeer
+    'lateral_steer_rear': (0.0, 3e-6),  # towards the force: understeer
+    'longitudinal_compliance_front': (1e-6, 6e-6),
+    'aligning_steer_front': (5e-6, 8e-5),
+    'steering_ratio': (13, 18),
+    'understeer_gradient': (0.001, 0.007),  # 0.6 to 4 deg per g
+    'roll_gradient': (0.0055, 0.0115),  # 3 to 6.5 deg per g
+}
+
+
+@pytest.mark.parametrize('name', RANGES)
+def test_figure_lies_where_passenger_cars_lie(found: dict[str, float], name: str) -> None:
+    low, high = RANGES[name]
+    assert low <= found[name] <= high
+
+
+def test_travel_curves_of_left_and_right_agree(standing: Simulation) -> None:
+    curves = Rig(standing.model.spec).travel([-0.05, 0.0, 0.05])
+    for axle in ('front', 'rear'):
+        left, right = curves[f'{axle}_left'], curves[f'{axle}_right']
+        # the steering column on one side is the only asymmetry: it turns with the subframe on its mounts
+        assert left['camber'] == pytest.approx(right['camber'], abs=1e-4)
+        assert left['toe'] == pytest.approx(right['toe'], abs=2e-4)
+        assert left['load'] == pytest.approx(right['load'], rel=1e-3)
+        assert np.all(np.diff(left['load']) > 0.0)
+        assert np.all(np.diff(left['camber']) < 0.0)
+
+
+def test_combined_mounts_act_like_the_single_ones() -> None:
+    """Force and moment of two bushings under a small displacement and rotation equal those of the combined element."""
+    i = RigidBodySpec(name='i', mass=1.0, inertia=(1, 1, 1, 0, 0, 0))
+    j = RigidBodySpec(name='j', mass=1.0, inertia=(1, 1, 1, 0, 0, 0))
+    one = Bushing(stiffness=(2e6, 3e6, 5e5, 100.0, 120.0, 40.0), axis=(1.0, 0.0, 0.0))
+    points = ((0.15, 0.3, 0.2), (-0.05, 0.3, 0.2))
+    combined = mounting('m', i, j, points, one, ideal='fixed').bushings[0]
+    single = [mounting('m', i, j, (p,), one, ideal='fixed').bushings[0] for p in points]
+    move, turn = np.array([1e-3, -2e-3, 3e-3]), np.array([0.011, -0.007, 0.02])
+
+    def wrench(bushings) -> np.ndarray:
+        total = np.zeros(6)
+        for b in bushings:
+            F, at = matrix(b.i.orientation), np.array(b.i.position)
+            force = F @ (b.stiffness[:3] * (F.T @ (move + np.cross(turn, at))))
+            total += np.concatenate([force, F @ (b.stiffness[3:] * (F.T @ turn)) + np.cross(at, force)])
+        return total
+
+    assert wrench([combined]) == pytest.approx(wrench(single), rel=1e-12)
+
+
+def test_mounts_that_couple_rotations_are_refused() -> None:
+    i = RigidBodySpec(name='i', mass=1.0, inertia=(1, 1, 1, 0, 0, 0))
+    with pytest.raises(SpecError, match="mounting 'm': points = .* couple two rotations"):
+        mounting('m', i, i.replace(name='j'), ((0, 0, 0), (1.0, 1.0, 0)), Bushing(stiffness=(1e6,) * 3 + (10.0,) * 3, axis=(0, 0, 1)), ideal='fixed')
+
+
+def test_rods_have_the_inertia_of_their_parallel_axes() -> None:
+    """Two equal halves of a slender bar have the inertia of the whole bar."""
+    whole = rods('w', [(2.0, (0, 0, 0), (0, 0.8, 0), 1e-6)])
+    halves = rods('h', [(1.0, (0, 0, 0), (0, 0.4, 0), 1e-6), (1.0, (0, 0.4, 0), (0, 0.8, 0), 1e-6)])
+    assert halves.inertia == pytest.approx(whole.inertia, abs=1e-12)
+    assert whole.inertia[0] == pytest.approx(2.0 * 0.8**2 / 12.0)
+    assert halves.position == pytest.approx((0, 0.4, 0))
+
+
+def test_brake_shares_must_add_up() -> None:
+    car = full_car()
+    with pytest.raises(SpecError, match='shares of the four wheels'):
+        dataclasses.replace(car, front=dataclasses.replace(car.front, brake=dataclasses.replace(car.front.brake, share=0.4)))
+
+
+def test_rolling_start_is_smooth() -> None:
+    """At speed nothing but the steady deceleration is left: shafts turn with their wheels and nothing else moves."""
+    simulation = Simulation(Scene(name='roll', model=full_car_model(full_car()), start=SceneStart(kind='equilibrium', speed=20.0)))
+    v = simulation.state.v
+    names = simulation.model.body_names
+    rate = v[names.index('wheel_rear_left'), 4]
+    assert v[names.index('propshaft_front'), 3] == pytest.approx(3.2 * rate, rel=2e-3)
+    assert np.abs(v[names.index('upright_rear_left'), 3:]).max() < 0.01
+    assert np.abs(simulation.state.a[names.index('chassis'), :3]).max() < 0.3

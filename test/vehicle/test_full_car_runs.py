@@ -1,0 +1,147 @@
+"""The full car in motion: mirror symmetry, modes found again in a run, second order, maneuvers that end as they must."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+import scipy.linalg
+from saloon import full_car, mirrored
+
+from solver.consistent import Start
+from solver.maneuver import Maneuver
+from solver.integrators.settings import IntegratorSettings
+from solver.scene import Scene, load_scene
+from solver.scene import Start as SceneStart
+from solver.signals import Sine, Step
+from solver.simulation import Simulation
+from solver.snapshot import TIRE_COLUMNS
+from solver.vehicle.figures import linearised
+from solver.vehicle.full_car import FullCar, full_car_model
+
+FY, FZ = TIRE_COLUMNS.index('fy'), TIRE_COLUMNS.index('fz')
+
+
+def run(car: FullCar, steering: float) -> tuple[np.ndarray, np.ndarray]:
+    """(pose of the chassis, tire columns) after 1 s of slalom."""
+    maneuver = Maneuver(steering=Sine(amplitude=steering, frequency=1.0, start=0.1), drive_torque=200.0)
+    scene = Scene(
+        name='slalom', model=full_car_model(car), start=SceneStart(kind='equilibrium', speed=20.0), maneuver=maneuver,
+        integrator=IntegratorSettings(h=2e-3, mode='tolerance', tolerance=1e-10),
+    )  # fmt: skip
+    snapshot = Simulation(scene).advance(500)
+    return snapshot.pose[0], snapshot.tire
+
+
+def test_mirrored_car_gives_the_mirrored_run() -> None:
+    """To what the tolerance of the iteration leaves, grown over 500 steps."""
+    car = full_car()
+    pose, tire = run(car, 0.8)
+    other, tire_other = run(mirrored(car), -0.8)
+    assert abs(pose[1]) > 0.1
+    assert other[:3] == pytest.approx(pose[:3] * (1, -1, 1), abs=1e-6)
+    assert other[3:] == pytest.approx(pose[3:] * (-1, 1, -1, 1), abs=1e-6)
+    assert tire_other[[1, 0, 3, 2], FZ] == pytest.approx(tire[:, FZ], abs=0.01)
+    assert -tire_other[[1, 0, 3, 2], FY] == pytest.approx(tire[:, FY], abs=0.01)
+
+
+def test_run_shows_the_frequencies_of_the_linear_model() -> None:
+    """A small push on the standing car: chassis and engine follow the solution of the linearised model, exp of its state matrix."""
+    scene = load_scene('car_swept_steer', ['start={kind: equilibrium}', 'maneuver=maneuvers/straight_ahead.yaml', 'integrator.h=1e-3'])
+    simulation = Simulation(scene)
+    model = simulation.model
+    linear = linearised(model, simulation.state, np.zeros(len(scene.model.inputs)))
+    Z = scipy.linalg.null_space(linear.A)
+    M, C, K = (Z.T @ X @ Z for X in (linear.M, linear.C, linear.K))
+    n = len(M)
+    S = np.vstack([np.hstack([np.zeros((n, n)), np.eye(n)]), -np.linalg.solve(M, np.hstack([K, C]))])
+    rows = [6 * model.body_names.index(name) + 2 for name in ('chassis', 'engine')] + [4]
+    push = np.zeros(6 * model.n_bodies)
+    push[2::6], push[4] = 1e-3, 1e-3  # everything upwards and the chassis nose down, as far as the joints allow
+    w = np.linalg.solve(M, Z.T @ linear.M @ push)
+
+    def respond(velocity: np.ndarray) -> np.ndarray:
+        simulation.reset()
+        state, u = simulation.state, np.zeros(len(scene.model.inputs))
+        state.v[:-1] = velocity.reshape(-1, 6)
+        c = simulation.coefficients
+        Start(model, simulation.outputs).start_integrator(state, u, simulation.h, c.am, c.af)
+        start = state.q.copy()
+        out = []
+        for _ in range(40):
+            simulation.advance(20)
+            q = simulation.state.q
+            out.append([*(q[r // 6, 2] - start[r // 6, 2] for r in rows[:2]), 2.0 * (q[0, 4] - start[0, 4])])
+        return np.array(out)
+
+    motion = respond(Z @ w) - respond(0.0 * (Z @ w))
+    step = scipy.linalg.expm(S * 0.02)
+    x, expected = np.concatenate([np.zeros(n), w]), []
+    for _ in range(40):
+        x = step @ x
+        expected.append((Z @ x[:n])[rows])
+    for column in range(3):
+        size = np.abs(np.array(expected)[:, column]).max()
+        assert motion[:, column] == pytest.approx(np.array(expected)[:, column], abs=0.03 * size)
+
+
+def test_swept_steering_converges_with_second_order() -> None:
+    """First 2.4 s at h = 4, 2, 1 ms in fixed mode: differences of place, yaw rate and front-left lateral force fall by four."""
+    results = []
+    for h in (4e-3, 2e-3, 1e-3):
+        simulation = Simulation(load_scene('car_swept_steer', [f'integrator.h={h}']))
+        s = simulation.advance(round(2.4 / h))
+        results.append(np.array([*s.pose[0, :2], s.twist[0, 5], s.tire[0, FY]]))
+    coarse, fine = np.abs(results[0] - results[1]), np.abs(results[1] - results[2])
+    order = np.log2(coarse / fine)
+    assert np.all(order > 1.7)
+
+
+@pytest.mark.parametrize('h', [1e-3, 5e-3])
+def test_swept_steering_runs_at_both_steps_without_drift(h: float) -> None:
+    simulation = Simulation(load_scene('car_swept_steer', [f'integrator.h={h}']))
+    s = simulation.advance(round(6.0 / h))
+    assert simulation.audit()['position_drift_max'] < 1e-7
+    assert np.isfinite(s.tire).all()
+    assert s.twist[0, 0] > 20.0  # it has accelerated
+
+
+def test_drive_torque_is_halved_by_the_open_differential() -> None:
+    """The moments about the two output axes are equal while one wheel stands on ice, until it spins and takes its share to accelerate."""
+    road = 'road={patches: [{center: [0, -5], size: [400, 10], factor: 0.1}]}'
+    simulation = Simulation(load_scene('car_acceleration', [road, 'maneuver={drive_torque: {kind: step, value: 900, start: 0.2, rise: 0.3}}']))
+    names = simulation.channels.joints
+    spins = [names.index(f'wheel_rear_{side}') for side in ('left', 'right')]
+    outputs = [names.index(f'output_shaft_rear_{side}/angle') for side in ('left', 'right')]
+    for _ in range(15):
+        s = simulation.advance(100)
+        efforts = s.joint_effort[outputs]
+        assert efforts[0] == pytest.approx(efforts[1], rel=1e-12)
+    assert efforts.sum() == pytest.approx(900.0, rel=0.2)  # less what the propeller shaft takes to spin up
+    assert s.joint_velocity[spins[1]] > 1.5 * s.joint_velocity[spins[0]]
+
+
+def test_braked_car_comes_to_rest_and_stands_still() -> None:
+    """On a slope of 10 %, wheels locked by the brakes: no creep, no chatter."""
+    overrides = [
+        'road={normal: [-0.0995, 0, 0.995]}', 'start={kind: equilibrium, speed_kmh: 10}',
+        'maneuver={brake_torque: {kind: step, value: 4000, start: 0.1, rise: 0.2}}',
+    ]  # fmt: skip
+    simulation = Simulation(load_scene('car_step_steer', overrides))
+    simulation.advance(4000)
+    before = simulation.snapshot()
+    after = simulation.advance(2000)
+    assert np.abs(after.pose[0, :3] - before.pose[0, :3]).max() < 1e-4
+    assert np.abs(after.twist[0]).max() < 1e-3
+
+
+def test_rollover_stays_finite() -> None:
+    """On a road with three times the friction a step steer at 120 km/h turns the car over."""
+    overrides = [
+        'road={friction: 2.5}', 'start={kind: equilibrium, speed_kmh: 110}', 'maneuver={steering: {kind: step, value: 5, start: 0.2, rise: 0.3}}',
+    ]  # fmt: skip
+    simulation = Simulation(load_scene('car_step_steer', overrides))
+    s = simulation.advance(3000)
+    assert np.isfinite(s.pose).all()
+    assert (s.tire[:, FZ] == 0.0).any()
