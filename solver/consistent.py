@@ -65,7 +65,7 @@ class Start:
     def _factorize(self, cm: float, cq: float, cv: float, metric: bool) -> None:
         """Factorize cm M - cq Kq - cv Kv with the constraints at self.J; metric: use the floored masses instead of M."""
         self.saddle.J_s[:] = self.J
-        self.saddle.J_e[:] = self.J
+        self.saddle.J_e[:, :, :6] = self.J
         effective_masses(self.t, self.J, self.saddle.W)
         self.saddle.W[:] *= PENALTY * (cm if cq == cv == 0.0 else max(cm, STIFFEST))
         assemble_tangent(self.t, 0.0 if metric else cm, cq, cv, self.Kq, self.Kv, self.identity, self.saddle.B)

@@ -170,19 +170,19 @@ _multiply = _block_operation(1)
 
 
 @intrinsic
-def _eliminate_row(typing_context, B, s, i, k, m):
-    """B[s, i] -= m * B[s, k]."""
+def axpy_row(typing_context, Y, s, i, X, t, k, m):
+    """Y[s, i] += m * X[t, k] for rows of WIDTH entries."""
 
     def generate(context, builder, signature, args):
-        B_, s_, i_, k_, m_ = args
-        target = _row_pointer(context, builder, signature.args[0], B_, s_, i_)
-        row = _load_row(builder, _row_pointer(context, builder, signature.args[0], B_, s_, k_))
-        vector = builder.insert_element(ir.Constant(row.type, ir.Undefined), builder.fneg(m_), ir.Constant(ir.IntType(32), 0))
-        fma = _fma(builder, row.type)
-        builder.store(builder.call(fma, [_splat(builder, vector, 0), row, _load_row(builder, target)]), target, align=8)
+        Y_, s_, i_, X_, t_, k_, m_ = args
+        target = _row_pointer(context, builder, signature.args[0], Y_, s_, i_)
+        row = _load_row(builder, _row_pointer(context, builder, signature.args[3], X_, t_, k_))
+        vector = builder.insert_element(ir.Constant(row.type, ir.Undefined), m_, ir.Constant(ir.IntType(32), 0))
+        builder.store(builder.call(_fma(builder, row.type), [_splat(builder, vector, 0), row, _load_row(builder, target)]), target, align=8)
         return context.get_dummy_value()
 
-    return types.none(B, types.int64, types.int64, types.int64, types.float64), generate
+    integer = types.int64
+    return types.none(Y, integer, integer, X, integer, integer, types.float64), generate
 
 
 @kernel(borrow=True)
@@ -208,7 +208,7 @@ def _invert(B, s, T):
             if i != k:
                 m = B[s, i, k]
                 B[s, i, k] = 0.0
-                _eliminate_row(B, s, i, k, m)
+                axpy_row(B, s, i, B, s, k, -m)
     for k in range(5, -1, -1):
         p = int(T[1, k])
         if p != k:

@@ -26,7 +26,7 @@ class FourBarN:
     """N four-bar linkages side by side (IFToMM benchmark A02; two loops: Bayo and Avello 1994), 2 N + 1 equal uniform rods.
 
     The cranks crank_0 ... crank_N turn on the ground at x = 0, length, 2 length, ...; rod_1 ... rod_N join their ends. All cranks are
-    placed upright in the x-y plane, gravity acts along -y. The coordinate A0 is the angle of crank_0 from there, counter-clockwise.
+    placed upright in the x-y plane, gravity acts along -y. The coordinate A0 is the angle of crank_0 from the x axis, counter-clockwise.
     One degree of freedom, N + 1 in the horizontal position; modelled in space with 3 N + 1 revolutes, 3 N of 15 N + 5 constraints
     are redundant.
     """

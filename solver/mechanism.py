@@ -94,7 +94,7 @@ class MechanismReader:
         return Builder(hooks)
 
     def model(self, builder: Builder, cls: type, node: Node, path: str, name: str | None) -> ModelSpec:
-        """A ModelSpec: bodies first, because markers may be placed in the world; inputs from their uses unless listed; or a linkage by `kind`."""
+        """A ModelSpec, or a linkage by `kind`. Bodies first, markers may be placed in the world; inputs from their uses unless listed."""
         fields = builder.mapping(node, path)
         if 'kind' in fields:
             kind = fields.pop('kind')[1]

@@ -23,7 +23,7 @@ import numpy as np
 from solver.dynamics import FACTORIZE, SOLVE
 from solver.jit import invoke, kernel
 from solver.lie.vec import load33
-from solver.linear import WIDTH
+from solver.linear import WIDTH, axpy_row
 
 CONDENSED, BLOCK = 0, 1
 
@@ -36,20 +36,19 @@ class Saddle(NamedTuple):
     T: np.ndarray  # (6, WIDTH) scratch
     W: np.ndarray  # (nc,) penalties
     J_s: np.ndarray  # (entries + 1, 6, 6) force directions
-    J_e: np.ndarray  # (entries + 1, 6, 6) constraint rows A_e with respect to dw
+    J_e: np.ndarray  # (entries + 1, 6, WIDTH) constraint rows A_e with respect to dw
 
 
 def new_saddle(model, form: int) -> Saddle:
     """Allocate for a model and a form."""
     plan = model.tables.block if form == BLOCK else model.tables.condensed
-    entries = np.zeros((model.n_entries + 1, 6, 6))
     return Saddle(
         B=np.zeros((int(plan.n_blocks[0]), 6, WIDTH)),
         x=np.zeros((max(len(plan.node), model.n_bodies + 1), 6)),
         T=np.zeros((6, WIDTH)),
         W=np.ones(model.n_rows),
-        J_s=entries,
-        J_e=entries.copy(),
+        J_s=np.zeros((model.n_entries + 1, 6, 6)),
+        J_e=np.zeros((model.n_entries + 1, 6, WIDTH)),
     )
 
 
@@ -135,9 +134,7 @@ def factorize_saddle(tables, form, saddle):
                     for r in range(rows):
                         w = saddle.W[first + r]
                         for i in range(6):
-                            t = w * J_s[a, r, i]
-                            for j in range(6):
-                                B[s, i, j] += t * J_e[b, r, j]
+                            axpy_row(B, s, i, J_e, b, r, w * J_s[a, r, i])
         else:
             s = con.centre[g]
             for r in range(6):

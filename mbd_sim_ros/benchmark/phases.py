@@ -9,14 +9,12 @@ difference to the measured step is reported as `rest`.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from statistics import median
 
-import numpy as np
-
 from solver.audit import update_audit
-from solver.dynamics import FACTORIZE, add_constraint_forces, add_constraint_stiffness, evaluate_constraints, evaluate_forces
+from solver.dynamics import CALLS, FACTORIZE, TIRES, add_constraint_forces, add_constraint_stiffness, evaluate_constraints, evaluate_forces
 from solver.integrators.augmented_lagrangian import _momentum_residual, _place, advance, copy_blocks, project_velocity, step
 from solver.jit import address_of, kernel
 from solver.model.state import copy_state, new_state, update_angles
@@ -24,6 +22,7 @@ from solver.reference import Ref
 from solver.saddle import CONDENSED, assemble_tangent, effective_masses, factorize_saddle, rotate_columns, solve_saddle
 from solver.simulation import Simulation
 
+FORCE_KINDS = range(TIRES + 1)  # indices into tables.calls
 PLACE, TANGENTS, FORCES, CONSTRAINTS, RESIDUAL, ASSEMBLE, FACTORIZE_ALL, SOLVE, PROJECT, OUTPUTS = range(10)
 PHASES = {
     'placement': 'configuration, rotation tangents and velocities of the stage and the end',
@@ -89,22 +88,29 @@ def _eliminate_nothing(plan, B, T):
 
 
 @contextmanager
-def _without_elimination(simulation: Simulation) -> Iterator[None]:
-    """The model calls a kernel that does nothing where it would eliminate."""
-    tables, saddle = simulation.model.tables, simulation.work.saddle
-    plan = tables.condensed if simulation.coefficients.form == CONDENSED else tables.block
-    own = tables.calls[FACTORIZE]
-    tables.calls[FACTORIZE] = address_of(_eliminate_nothing, Ref(plan), saddle.B, saddle.T)
+def _calling(simulation: Simulation, instead: dict[int, int]) -> Iterator[None]:
+    """The model calls other kernels: {index into tables.calls: address, 0 for none}."""
+    calls = simulation.model.tables.calls
+    own = calls.copy()
+    for index, address in instead.items():
+        calls[index] = address
     try:
         yield
     finally:
-        tables.calls[FACTORIZE] = own
+        calls[:] = own
 
 
-def phase_times(simulation: Simulation, rounds: int, count: int = 200) -> dict[str, float]:
-    """CPU time per step [us] of every phase at the current state, medians over `rounds`; the simulation is left as it was.
+def _no_elimination(simulation: Simulation) -> dict[int, int]:
+    tables, saddle = simulation.model.tables, simulation.work.saddle
+    plan = tables.condensed if simulation.coefficients.form == CONDENSED else tables.block
+    return {FACTORIZE: address_of(_eliminate_nothing, Ref(plan), saddle.B, saddle.T)}
 
-    Measured is a step with outputs and audit.
+
+def phase_times(simulation: Simulation, rounds: int, count: int = 200) -> tuple[dict[str, float], dict[str, float]]:
+    """CPU times [us] at the current state, medians over `rounds`: of every phase per step, and of every kind of force element per call.
+
+    Measured is a step with outputs and audit (`whole`, its mean over the next `count` steps); element kinds with tangents. The
+    simulation is left as it was.
     """
     tables, c, work = simulation.model.tables, simulation.coefficients, simulation.work
     inputs = simulation.source.table(simulation.k, count)
@@ -131,7 +137,7 @@ def phase_times(simulation: Simulation, rounds: int, count: int = 200) -> dict[s
         whole = (time.thread_time_ns() - begin) / count * 1e-3
         n, factorizations = result.iterations / count, result.factorizations / count
         assembly, complete = piece(ASSEMBLE), piece(FACTORIZE_ALL)
-        with _without_elimination(simulation):
+        with _calling(simulation, _no_elimination(simulation)):
             before_elimination = piece(FACTORIZE_ALL)
         found = {
             'placement': (n + 1.0) * piece(PLACE),
@@ -148,17 +154,28 @@ def phase_times(simulation: Simulation, rounds: int, count: int = 200) -> dict[s
         }
         return {**found, 'rest': whole - sum(found.values()), 'whole': whole}
 
+    present = [kind for kind in FORCE_KINDS if tables.calls[kind]]
+
+    def elements() -> dict[str, float]:
+        found = {}
+        with _calling(simulation, dict.fromkeys(present, 0)):
+            none = piece(TANGENTS)
+            for kind in present:
+                address = own[kind]
+                with _calling(simulation, {kind: address}):
+                    found[CALLS[kind]] = piece(TANGENTS) - none
+        return {**found, 'bodies': none}
+
+    own = tables.calls.copy()
     saved = simulation.save()
     try:
         one_round()  # warm
-        measured = [one_round() for _ in range(rounds)]
+        measured = [(one_round(), elements()) for _ in range(rounds)]
     finally:
         simulation.restore(saved)
-    return {name: float(median(m[name] for m in measured)) for name in (*PHASES, 'whole')}
+    phases, kinds = zip(*measured, strict=True)
+    return _medians(phases), _medians(kinds)
 
 
-def checked(times: dict[str, float]) -> dict[str, float]:
-    """The same; raises ValueError if a phase is not a number (a piece that broke down costs nothing and would flatter)."""
-    if not np.isfinite(list(times.values())).all():
-        raise ValueError(f'phase times are not finite: {times}')
-    return times
+def _medians(rows: Sequence[dict[str, float]]) -> dict[str, float]:
+    return {name: float(median(row[name] for row in rows)) for name in rows[0]}

@@ -177,16 +177,16 @@ def evaluate_joints(table, kin, phi, J):
 
 
 @kernel(borrow=True)
-def _add_axes_hessian(R_i, R_j, a, b, m, s_ii, s_ij, s_ji, s_jj, Kq):
-    """Second derivative of m * (R_i a) . (R_j b)."""
+def _add_axes_hessian(R_i, R_j, a, b, s_ii, s_ij, s_ji, s_jj, Kq):
+    """Second derivative of (R_i a) . (R_j b)."""
     A = skew(a)
     B = skew(b)
     Rij = mm(transpose(R_i), R_j)
     AR = mm(A, mm(Rij, B))
-    put33(Kq, s_ij, 3, 3, mscale(-m, AR))
-    put33(Kq, s_ji, 3, 3, mscale(-m, transpose(AR)))
-    put33(Kq, s_ii, 3, 3, mscale(m, mm(A, skew(mv(Rij, b)))))
-    put33(Kq, s_jj, 3, 3, mscale(m, mm(B, skew(tmv(Rij, a)))))
+    put33(Kq, s_ij, 3, 3, mscale(-1.0, AR))
+    put33(Kq, s_ji, 3, 3, mscale(-1.0, transpose(AR)))
+    put33(Kq, s_ii, 3, 3, mm(A, skew(mv(Rij, b))))
+    put33(Kq, s_jj, 3, 3, mm(B, skew(tmv(Rij, a))))
 
 
 @kernel(borrow=True)
@@ -207,6 +207,9 @@ def add_joint_hessians(table, kin, lam, Kq, Kv_trash):
         r_j = load3(table.r_j, e)
         N = (0.0, 0.0, 0.0)
         P = (0.0, 0.0, 0.0)
+        to_x = (0.0, 0.0, 0.0)
+        to_y = (0.0, 0.0, 0.0)
+        to_z = (0.0, 0.0, 0.0)
         points = False
         closed = False
         for r in range(table.rows[e]):
@@ -216,10 +219,17 @@ def add_joint_hessians(table, kin, lam, Kq, Kv_trash):
                 N = add(N, scale(m, col(Fl, code)))
                 points = True
             elif code < TWIST:
-                _add_axes_hessian(R_i, R_j, col(Fl, (code - AXES) // 3), col(Gl, (code - AXES) % 3), m, s_ii, s_ij, s_ji, s_jj, Kq)
+                # sum over rows m F_a . G_b, gathered by b: one second derivative for all rows that share G_b
+                a = scale(m, col(Fl, (code - AXES) // 3))
+                if (code - AXES) % 3 == 0:
+                    to_x = add(to_x, a)
+                elif (code - AXES) % 3 == 1:
+                    to_y = add(to_y, a)
+                else:
+                    to_z = add(to_z, a)
             elif code == TWIST:
-                _add_axes_hessian(R_i, R_j, col(Fl, 0), col(Gl, 1), m, s_ii, s_ij, s_ji, s_jj, Kq)
-                _add_axes_hessian(R_i, R_j, col(Fl, 1), col(Gl, 0), -m, s_ii, s_ij, s_ji, s_jj, Kq)
+                to_y = add(to_y, scale(m, col(Fl, 0)))
+                to_x = add(to_x, scale(-m, col(Fl, 1)))
             elif code >= PX:
                 c = code - PX
                 P = add(P, (m * (c == 0), m * (c == 1), m * (c == 2)))
@@ -232,6 +242,10 @@ def add_joint_hessians(table, kin, lam, Kq, Kv_trash):
                 D = mscale(-t, outer(n, n))
                 D = (D[0] + t, D[1], D[2], D[3], D[4] + t, D[5], D[6], D[7], D[8] + t)
                 add_point_pair_tangent(kin, i, j, r_i, r_j, scale(m, n), D, mscale(0.0, D), s_ii, s_ij, s_ji, s_jj, Kq, Kv_trash)
+        for b in range(3):
+            a = to_x if b == 0 else (to_y if b == 1 else to_z)
+            if dot(a, a) > 0.0:
+                _add_axes_hessian(R_i, R_j, a, col(Gl, b), s_ii, s_ij, s_ji, s_jj, Kq)
         if closed:
             # force P on j at r_j and -P on i at r_i
             put33(Kq, s_jj, 3, 3, mm(skew(r_j), skew(tmv(R_j, P))))

@@ -35,7 +35,7 @@ from solver.dynamics import (
 from solver.elements.point_pair import Kinematics
 from solver.jit import kernel
 from solver.lie.so3 import matrix_of_quaternion, quaternion_exp, quaternion_normalized, quaternion_product, right_jacobian
-from solver.lie.vec import scale
+from solver.lie.vec import scale, store33
 from solver.model.state import new_kinematics, update_angles
 from solver.reference import Ref
 from solver.saddle import (
@@ -155,8 +155,8 @@ def copy_blocks(source, target):
 
 
 @kernel(borrow=True)
-def _place(tables, c, s0, a1, q1, work):
-    """Assign q1, both kinematics and both rotation tangents for the end acceleration a1."""
+def _place(tables, c, s0, a1, q1, tangents, work):
+    """Assign q1, both kinematics and, when `tangents`, both rotation tangents for the end acceleration a1."""
     h = c.h
     s = 1.0 - c.af
     for b in range(tables.bodies.mass.shape[0]):
@@ -182,14 +182,11 @@ def _place(tables, c, s0, a1, q1, work):
         q1[b, 6] = end[3]
         R_e = matrix_of_quaternion(end)
         R_s = matrix_of_quaternion(stage)
-        T_e = right_jacobian(x)
-        T_s = right_jacobian(xs)
-        for i in range(3):
-            for j in range(3):
-                work.kin_e.R[b, i, j] = R_e[3 * i + j]
-                work.kin_s.R[b, i, j] = R_s[3 * i + j]
-                work.T_e[b, i, j] = T_e[3 * i + j]
-                work.T_s[b, i, j] = T_s[3 * i + j]
+        store33(work.kin_e.R, b, R_e)
+        store33(work.kin_s.R, b, R_s)
+        if tangents:
+            store33(work.T_e, b, right_jacobian(x))
+            store33(work.T_s, b, right_jacobian(xs))
         for i in range(6):
             v1 = s0.v[b, i] + h * ((1.0 - c.gamma) * s0.a[b, i] + c.gamma * a1[b, i])
             work.kin_e.v[b, i] = v1
@@ -262,7 +259,7 @@ def step(tables, c, s0, s1, u, want_outputs, work):
     best = np.inf
     for it in range(c.iterations):
         iterations += 1
-        _place(tables, c, s0, s1.a, s1.q, work)
+        _place(tables, c, s0, s1.a, s1.q, refactor, work)
         evaluate_forces(tables, work.kin_s, s0.angle, work.zp, cz, u, refactor, work.f, work.Kq, work.Kv, work.z_s, work.outputs)
         evaluate_constraints(tables, work.kin_s, s0.angle, u, work.phi_s, work.J_now)
         evaluate_constraints(tables, work.kin_e, s0.angle, u, work.phi, work.J)
@@ -335,7 +332,7 @@ def step(tables, c, s0, s1, u, want_outputs, work):
         status = OK
     if status != OK:
         return StepResult(status, where, iterations, factorizations, evaluations, residual, 0.0, 0.0)
-    _place(tables, c, s0, s1.a, s1.q, work)
+    _place(tables, c, s0, s1.a, s1.q, False, work)
     for b in range(nb):
         for i in range(6):
             s1.v[b, i] = work.kin_e.v[b, i]

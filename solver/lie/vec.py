@@ -22,6 +22,14 @@ def load33(a, i):
 
 
 @kernel(inline=True)
+def store33(a, i, m):
+    """Assign m to matrix i of an (n, 3, 3) array."""
+    a[i, 0, 0], a[i, 0, 1], a[i, 0, 2] = m[0], m[1], m[2]
+    a[i, 1, 0], a[i, 1, 1], a[i, 1, 2] = m[3], m[4], m[5]
+    a[i, 2, 0], a[i, 2, 1], a[i, 2, 2] = m[6], m[7], m[8]
+
+
+@kernel(inline=True)
 def add(a, b):
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 

@@ -1,0 +1,93 @@
+"""What the figures of a benchmark depend on besides the code: the machine, the versions, and who else was at work."""
+
+from __future__ import annotations
+
+import os
+import platform
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from solver.jit import source_hash
+
+
+def fingerprint() -> dict[str, Any]:
+    """Processor, versions, code, and the load of the last minute (average number of running processes)."""
+    from llvmlite import binding
+
+    return {
+        'cpu': cpu_model(),
+        'cores': os.cpu_count() or 1,
+        'system': f'{platform.system()} {platform.release()} {platform.machine()}',
+        'python': platform.python_version(),
+        'numpy': version('numpy'),
+        'numba': version('numba'),
+        'llvm': '.'.join(map(str, binding.llvm_version_info)),
+        'host_target': binding.get_host_cpu_name(),
+        'source_hash': source_hash(),
+        'load_average': os.getloadavg()[0],
+        'clock_us': clock_cost(),
+    }
+
+
+def cpu_model() -> str:
+    """Name, family, model and stepping of the processor as the kernel knows them."""
+    try:
+        lines = Path('/proc/cpuinfo').read_text(encoding='utf-8').split('\n\n')[0].splitlines()
+    except OSError:
+        return platform.processor() or 'unknown'
+    values = {key.strip(): value.strip() for key, _, value in (line.partition(':') for line in lines)}
+    detail = ', '.join(f'{key} {values[name]}' for key, name in (('family', 'cpu family'), ('model', 'model')) if name in values)
+    return values.get('model name', 'unknown') + (f' ({detail})' if detail else '')
+
+
+def clock_cost(n: int = 2000) -> float:
+    """What one reading of the thread's CPU clock takes [us]; every figure of a single step contains about one."""
+    begin = time.thread_time_ns()
+    for _ in range(n):
+        time.thread_time_ns()
+    return (time.thread_time_ns() - begin) / n * 1e-3
+
+
+@contextmanager
+def on_one_core() -> Iterator[int]:
+    """The calling thread, and threads it starts, run on one core; gives its number. The affinity is restored afterwards."""
+    if not hasattr(os, 'sched_setaffinity'):  # not Linux
+        yield -1
+        return
+    before = os.sched_getaffinity(0)
+    core = max(before)  # interrupts and most daemons prefer the first
+    os.sched_setaffinity(0, {core})
+    try:
+        yield core
+    finally:
+        os.sched_setaffinity(0, before)
+
+
+class Watch:
+    """Watches what others take from the measuring thread and its core while it exists."""
+
+    def __init__(self, core: int) -> None:
+        self._core = core
+        self._begin = self._now()
+
+    def _now(self) -> dict[str, float]:
+        """Nanoseconds on the core and waiting for it (this thread), ticks stolen and in all (the core); zeros where unknown."""
+        now = {'ran': 0.0, 'waited': 0.0, 'stolen': 0.0, 'ticks': 0.0}
+        try:
+            ran, waited, _ = Path('/proc/thread-self/schedstat').read_text(encoding='utf-8').split()
+            lines = Path('/proc/stat').read_text(encoding='utf-8').splitlines()
+            ticks = next(line.split()[1:] for line in lines if line.startswith(f'cpu{self._core} '))
+        except (OSError, ValueError, StopIteration):
+            return now
+        now |= {'ran': float(ran), 'waited': float(waited), 'stolen': float(ticks[7]), 'ticks': sum(map(float, ticks[:8]))}
+        return now
+
+    def read(self) -> dict[str, float]:
+        """Fractions since the start: `waited` of the thread's runnable time, `stolen` of the core's time by the hypervisor."""
+        now = self._now()
+        d = {key: now[key] - self._begin[key] for key in now}
+        return {'waited': d['waited'] / max(d['ran'] + d['waited'], 1.0), 'stolen': d['stolen'] / max(d['ticks'], 1.0)}

@@ -1,0 +1,47 @@
+"""mbd bench: what a step costs on this machine."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from mbd_sim_ros.commands import Result, declare
+
+
+def add(parsers: Any) -> None:
+    """Declare the command."""
+    parser = declare(
+        parsers,
+        'bench',
+        run,
+        'measure the CPU time of steps, of their parts, and of publishing and recording, on one core',
+        'mbd bench --cases slider_crank,light_car_1ms --quick\n  mbd bench --out docs/performance.md',
+    )
+    parser.add_argument('--cases', metavar='NAMES', default='', help='only these cases, separated by commas')
+    parser.add_argument('--suite', metavar='FILE', default='benchmarks.yaml', help='list of cases: a path, or a file in config (%(default)s)')
+    parser.add_argument('--quick', action='store_true', help='fewer steps: for a first look, not for comparisons')
+    parser.add_argument('--strict', action='store_true', help='exit code 1 when a target is missed or a case cannot be measured')
+    parser.add_argument('--out', metavar='FILE.md', type=Path, help='also write the tables as Markdown (into the generated part of an existing file)')
+
+
+def run(args: argparse.Namespace) -> Result:
+    """Measure, judge, show."""
+    from tqdm import tqdm
+
+    from mbd_sim_ros.benchmark import report, suite
+
+    if args.out is not None and args.out.is_dir():
+        raise IsADirectoryError(21, 'is a directory; --out needs the name of a file', str(args.out))
+    cases = suite.load_suite(args.suite, [name.strip() for name in args.cases.split(',') if name.strip()])
+    with tqdm(total=0, bar_format='{desc}', disable=True if args.json else None, leave=False) as line:
+        found = suite.run(cases, quick=args.quick, say=line.set_description_str)
+    measured = [case for case in found['cases'] if case['status'] == 'ok']
+    missed = [f'{case["name"]}/{t["figure"]}' for case in found['cases'] for t in case['targets'] if not t['met']]
+    complete = len(measured) == len(cases) and not missed
+    failed = not measured or (args.strict and not complete)
+    data = {'status': 'failed' if failed else 'ok', 'quick': args.quick, 'missed': missed, **found}
+    if args.out is not None and measured:
+        options = ''.join([' --quick' if args.quick else '', f' --cases {args.cases}' if args.cases else ''])
+        report.write(found, args.out, f'mbd bench{options} --out {args.out.name}')
+    return Result(data=data, text=report.text(found), code=1 if failed else 0)
