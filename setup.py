@@ -41,6 +41,8 @@ setup(
     extras_require={
         # Genuine ROS 2 Jazzy wheels, for machines without ROS. Where Jazzy is installed its own rclpy is used instead.
         'ros': ['ros-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps-cpp'],
+        # The integrators reference_bdf, reference_radau (scipy_dae) and reference_ida (SUNDIALS).
+        'references': ['scipy_dae', 'scikit-sundae'],
         # colcon reads package.xml with catkin_pkg; setuptools 80 dropped what `colcon build --symlink-install` calls.
         'test': [
             'pytest',

@@ -1,7 +1,7 @@
 """Block-sparse LU without a runtime symbolic phase: the elimination is planned once per model.
 
 Nodes are bodies (n x n form) or bodies and constraint groups (block form); every block is 6x6 in rows of eight (one SIMD vector), groups with fewer rows are
-padded by the identity. Pivots are inverted with partial pivoting inside the block. Ordering: minimum degree (Tinney-Walker
+padded by the identity. Ordering: minimum degree (Tinney-Walker
 scheme 2 on the quotient graph); in the block form a group becomes eligible only after one of its bodies, so its pivot is the
 well-conditioned A S^-1 A^T instead of the tiny regularisation.
 """
@@ -105,6 +105,7 @@ def plan_elimination(n_nodes: int, slots: dict[tuple[int, int], int], wait_for: 
     )  # fmt: skip
 
 
+SMALLEST_PIVOT = 1e-15  # relative to the diagonal before elimination within the block
 WIDTH = 8  # columns of a stored block row: six entries and padding, one SIMD vector
 
 
@@ -185,36 +186,45 @@ def axpy_row(typing_context, Y, s, i, X, t, k, m):
     return types.none(Y, integer, integer, X, integer, integer, types.float64), generate
 
 
-@kernel(borrow=True)
-def _invert(B, s, T):
-    """B[s] = inverse of B[s] in place, by Gauss-Jordan elimination with row pivoting; T[1] is scratch. False if singular."""
-    for k in range(6):
-        p = k
-        for i in range(k + 1, 6):
-            if abs(B[s, i, k]) > abs(B[s, p, k]):
-                p = i
-        pivot = B[s, p, k]
-        if pivot == 0.0 or not np.isfinite(pivot):
-            return False
-        T[1, k] = p
-        if p != k:
-            for j in range(6):
-                B[s, k, j], B[s, p, j] = B[s, p, j], B[s, k, j]
-        inverse = 1.0 / pivot
-        B[s, k, k] = 1.0
-        for j in range(6):
-            B[s, k, j] *= inverse
-        for i in range(6):
-            if i != k:
-                m = B[s, i, k]
-                B[s, i, k] = 0.0
-                axpy_row(B, s, i, B, s, k, -m)
-    for k in range(5, -1, -1):
-        p = int(T[1, k])
-        if p != k:
+@intrinsic
+def _invert(typing_context, B, s):
+    """B[s] = inverse of B[s] in place, by Gauss-Jordan elimination in registers; returns the smallest |pivot / diagonal|.
+
+    No pivoting: the diagonal blocks that reach it are M plus stiffness plus penalties, or A S^-1 A^T plus a regularisation, whose
+    symmetric parts are positive; a ratio near round-off says where that fails. NaN where a pivot is zero.
+    """
+
+    def generate(context, builder, signature, args):
+        word, lane, double = ir.IntType(64), ir.IntType(32), ir.DoubleType()
+
+        def pointer(row):
+            return _row_pointer(context, builder, signature.args[0], args[0], args[1], ir.Constant(word, row))
+
+        rows = [_load_row(builder, pointer(k)) for k in range(6)]
+        fma = _fma(builder, rows[0].type)
+        absolute = cgutils.get_or_insert_function(builder.module, ir.FunctionType(double, [double]), 'llvm.fabs.f64')
+        diagonal = [builder.extract_element(rows[k], ir.Constant(lane, k)) for k in range(6)]
+        worst = ir.Constant(double, 1.0)
+        for k in range(6):
+            at = ir.Constant(lane, k)
+            pivot = builder.extract_element(rows[k], at)
+            ratio = builder.call(absolute, [builder.fdiv(pivot, diagonal[k])])
+            # unordered comparison: a NaN ratio is kept
+            worst = builder.select(builder.fcmp_unordered('<', ratio, worst), ratio, worst)
+            inverse = builder.fdiv(ir.Constant(double, 1.0), pivot)
+            row = builder.insert_element(rows[k], ir.Constant(double, 1.0), at)
+            vector = builder.insert_element(ir.Constant(row.type, ir.Undefined), inverse, ir.Constant(lane, 0))
+            rows[k] = builder.fmul(row, _splat(builder, vector, 0))
             for i in range(6):
-                B[s, i, k], B[s, i, p] = B[s, i, p], B[s, i, k]
-    return True
+                if i != k:
+                    factor = builder.fneg(_splat(builder, rows[i], k))
+                    cleared = builder.insert_element(rows[i], ir.Constant(double, 0.0), at)
+                    rows[i] = builder.call(fma, [factor, rows[k], cleared])
+        for k in range(6):
+            builder.store(rows[k], pointer(k), align=8)
+        return worst
+
+    return types.float64(B, types.int64), generate
 
 
 @kernel(borrow=True)
@@ -222,7 +232,7 @@ def factorize(plan, B, T):
     """Factorize the blocks B (n_blocks, 6, WIDTH) in place; T (6, WIDTH) is scratch and T[0, 0] returns -1 or a node with a singular pivot."""
     bad = -1
     for k in range(plan.node.shape[0]):
-        if not _invert(B, plan.diagonal[k], T):
+        if not _invert(B, plan.diagonal[k]) > SMALLEST_PIVOT:
             bad = plan.node[k]
             break
         first = plan.start[k]

@@ -43,6 +43,8 @@ class Simulation:
     Raises SpecError, SceneError or ConsistencyError on construction and StepError from advance(); each is one sentence.
     """
 
+    KINDS: tuple[str, ...] = ('alf', 'm_alf')  # of integrators
+
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self.model: Model = prepare(scene.model)
@@ -50,8 +52,8 @@ class Simulation:
         settings = scene.integrator
         self.h_ns = settings.h_ns
         self.h = self.h_ns * 1e-9
-        if not settings.kind.endswith('alf'):
-            raise SpecError(f'integrator: kind = {settings.kind!r}: use solver.integrators.reference for the reference integrators')
+        if settings.kind not in self.KINDS:
+            raise SpecError(f'integrator: kind = {settings.kind!r}: {type(self).__name__} knows {", ".join(self.KINDS)}; use simulation_of(scene)')
         scheme = coefficients(self.h, settings.rho_inf)
         form = BLOCK if settings.form == 'block' else CONDENSED
         values = Coefficients(
@@ -340,3 +342,12 @@ class Simulation:
         """Counts, degrees of freedom and redundancy at the current configuration."""
         evaluate_constraints(self.model.tables, self._kinematics(self.state.q, self.state.v), self.state.angle, self._inputs, self.work.phi, self.work.J)
         return describe(self.model, self.work.J)
+
+
+def simulation_of(scene: Scene) -> Simulation:
+    """The simulation of a scene, by the kind of its integrator. Raises what Simulation does."""
+    if scene.integrator.kind in Simulation.KINDS:
+        return Simulation(scene)
+    from solver.reference_simulation import ReferenceSimulation
+
+    return ReferenceSimulation(scene)

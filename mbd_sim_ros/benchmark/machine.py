@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import platform
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
@@ -59,12 +59,33 @@ def on_one_core() -> Iterator[int]:
         yield -1
         return
     before = os.sched_getaffinity(0)
-    core = max(before)  # interrupts and most daemons prefer the first
+    core = idlest_core(before)
     os.sched_setaffinity(0, {core})
     try:
         yield core
     finally:
         os.sched_setaffinity(0, before)
+
+
+def core_ticks(core: int) -> list[float]:
+    """Clock ticks of a core: user, nice, system, idle, iowait, irq, softirq, steal; empty where /proc/stat does not tell."""
+    try:
+        lines = Path('/proc/stat').read_text(encoding='utf-8').splitlines()
+    except OSError:
+        return []
+    return next(([float(word) for word in line.split()[1:9]] for line in lines if line.startswith(f'cpu{core} ')), [])
+
+
+def idlest_core(cores: Iterable[int], seconds: float = 0.3) -> int:
+    """The core that idles most over a moment; among equals the last, because interrupts and daemons prefer the first."""
+
+    def idle() -> dict[int, float]:
+        return {core: sum(core_ticks(core)[3:5]) for core in sorted(cores)}
+
+    before = idle()
+    time.sleep(seconds)
+    after = idle()
+    return max(after, key=lambda core: (after[core] - before[core], core))
 
 
 class Watch:
@@ -74,20 +95,16 @@ class Watch:
         self._core = core
         self._begin = self._now()
 
-    def _now(self) -> dict[str, float]:
+    def _now(self) -> tuple[float, float, float, float]:
         """Nanoseconds on the core and waiting for it (this thread), ticks stolen and in all (the core); zeros where unknown."""
-        now = {'ran': 0.0, 'waited': 0.0, 'stolen': 0.0, 'ticks': 0.0}
+        ticks = core_ticks(self._core)
         try:
             ran, waited, _ = Path('/proc/thread-self/schedstat').read_text(encoding='utf-8').split()
-            lines = Path('/proc/stat').read_text(encoding='utf-8').splitlines()
-            ticks = next(line.split()[1:] for line in lines if line.startswith(f'cpu{self._core} '))
-        except (OSError, ValueError, StopIteration):
-            return now
-        now |= {'ran': float(ran), 'waited': float(waited), 'stolen': float(ticks[7]), 'ticks': sum(map(float, ticks[:8]))}
-        return now
+        except OSError:
+            ran = waited = '0'
+        return float(ran), float(waited), ticks[7] if ticks else 0.0, sum(ticks)
 
     def read(self) -> dict[str, float]:
         """Fractions since the start: `waited` of the thread's runnable time, `stolen` of the core's time by the hypervisor."""
-        now = self._now()
-        d = {key: now[key] - self._begin[key] for key in now}
-        return {'waited': d['waited'] / max(d['ran'] + d['waited'], 1.0), 'stolen': d['stolen'] / max(d['ticks'], 1.0)}
+        ran, waited, stolen, ticks = (b - a for a, b in zip(self._begin, self._now(), strict=True))
+        return {'waited': waited / max(ran + waited, 1.0), 'stolen': stolen / max(ticks, 1.0)}

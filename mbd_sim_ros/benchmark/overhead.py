@@ -7,8 +7,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -52,12 +52,8 @@ class Overhead:
         self._bytes = sum(map(len, sample))
         self._publish: Callable[[Sequence[bytes]], None] | None = None
         self._published = 0
-        try:
-            if publish:
-                self._publish, self._published = self._resources.enter_context(_publication(self._messages.topics, sample))
-        except BaseException:
-            self.close()
-            raise
+        if publish:
+            self._publish, self._published = self._resources.enter_context(publication(self._messages.topics, sample))
         self._times: list[tuple[float, ...]] = []
         self._others: list[float] = []
 
@@ -112,38 +108,51 @@ class Overhead:
         }
 
 
-class _publication(ExitStack):  # noqa: N801  (a context manager, written like a function)
-    """Publishers of `topics` with one reader for each in another process; gives (publish, number of topics with a reader)."""
+@contextmanager
+def publication(topics: Sequence[Topic], samples: Sequence[bytes]) -> Iterator[tuple[Callable[[Sequence[bytes]], None], int]]:
+    """Publishers of `topics`, each with one reader in another process; gives (publish, number of topics that have their reader).
 
-    def __init__(self, topics: Sequence[Topic], samples: Sequence[bytes]) -> None:
-        super().__init__()
-        self._topics, self._samples = topics, samples
+    Topics of types that are not installed are left out. Raises ImportError without rclpy.
+    """
+    import rclpy
+    from rclpy.context import Context
+    from rclpy.logging import LoggingSeverity
 
-    def __enter__(self) -> Any:
-        import rclpy
-        from rclpy.context import Context
+    from mbd_sim_ros.publish import Publication
 
-        from mbd_sim_ros.publish import Publication
-
+    with ExitStack() as resources:
         context = Context()
         rclpy.init(args=[], context=context, domain_id=DOMAIN)
-        self.callback(rclpy.shutdown, context=context)
+        resources.callback(rclpy.shutdown, context=context)
         node = rclpy.create_node('mbd_bench', context=context, enable_rosout=False, start_parameter_services=False)
-        self.callback(node.destroy_node)
-        publication = Publication(node, self._topics, self._samples)
-        names = [t.name for t in self._topics if node.count_publishers(t.name)]
-        reader = subprocess.Popen([sys.executable, '-c', LISTEN, *(f'{t.name}:{t.type}' for t in self._topics if t.name in names)])
-        self.callback(reader.wait)
-        self.callback(reader.terminate)
+        node.get_logger().set_level(LoggingSeverity.WARN)
+        resources.callback(node.destroy_node)
+        publish = Publication(node, topics, samples).publish
+        read = [topic for topic in topics if installed(topic.type)]
+        reader = subprocess.Popen([sys.executable, '-c', LISTEN, *(f'{topic.name}:{topic.type}' for topic in read)])
+        resources.callback(reader.wait)
+        resources.callback(reader.terminate)
         limit = time.monotonic() + DISCOVERY_SECONDS
-        while any(node.count_subscribers(name) == 0 for name in names) and time.monotonic() < limit:
+        while any(node.count_subscribers(topic.name) == 0 for topic in read) and time.monotonic() < limit:
             time.sleep(0.05)
-        return publication.publish, sum(node.count_subscribers(name) > 0 for name in names)
+        yield publish, sum(node.count_subscribers(topic.name) > 0 for topic in read)
+
+
+def installed(message_type: str) -> bool:
+    """Whether ROS knows the message type."""
+    from mbd_sim_ros.publish import message_class
+
+    try:
+        message_class(message_type)
+    except ImportError:
+        return False
+    return True
 
 
 def listen(topics: Sequence[str]) -> None:
     """Read the topics (name:type) and throw away what comes, until the process is terminated."""
     import rclpy
+    from rclpy.executors import ExternalShutdownException
 
     from mbd_sim_ros.publish import message_class
 
@@ -153,4 +162,5 @@ def listen(topics: Sequence[str]) -> None:
     for topic in topics:
         name, _, kind = topic.partition(':')
         node.create_subscription(message_class(kind), name, lambda _: None, 10, raw=True)
-    rclpy.spin(node)
+    with suppress(ExternalShutdownException):
+        rclpy.spin(node)

@@ -50,7 +50,7 @@ def repeat(phase, count, tables, c, s0, s1, u, work):
     for _ in range(count):
         if phase == PLACE:
             _place(tables, c, s0, s1.a, s1.q, work)
-        elif phase == TANGENTS or phase == FORCES:  # noqa: PLR1714  (no tuples in kernels)
+        elif phase in (TANGENTS, FORCES):
             tangents = phase == TANGENTS
             evaluate_forces(tables, work.kin_s, s0.angle, work.zp, cz, u, tangents, work.f, work.Kq, work.Kv, work.z_s, work.outputs)
         elif phase == CONSTRAINTS:
@@ -59,7 +59,7 @@ def repeat(phase, count, tables, c, s0, s1, u, work):
         elif phase == RESIDUAL:
             add_constraint_forces(tables.constraints, work.J_now, s1.lam, 1.0, work.f)
             _momentum_residual(tables, c, s0.a, s1.a, work.f, work.r)
-        elif phase == ASSEMBLE or phase == FACTORIZE_ALL:  # noqa: PLR1714
+        elif phase in (ASSEMBLE, FACTORIZE_ALL):
             add_constraint_stiffness(tables, work.kin_s, s1.lam, work.Kq, work.Kv)
             copy_blocks(work.J, saddle.J_s)
             rotate_columns(tables.constraints, work.J, work.T_e, saddle.J_e)
@@ -116,11 +116,12 @@ def phase_times(simulation: Simulation, rounds: int, count: int = 200) -> tuple[
     inputs = simulation.source.table(simulation.k, count)
     start = new_state(simulation.model)
     copy_state(simulation.state, start)
-    s0, s1 = Ref(new_state(simulation.model)), Ref(new_state(simulation.model))
+    first = new_state(simulation.model)
+    s0, s1 = Ref(first), Ref(new_state(simulation.model))
 
     def prepared() -> tuple[int, int]:
         """One real step from the start; its iterations and factorizations."""
-        copy_state(start, s0.value)
+        copy_state(start, first)
         result = step(tables, c, s0, s1, inputs[0], True, work)
         return result.iterations, result.factorizations
 
@@ -131,7 +132,7 @@ def phase_times(simulation: Simulation, rounds: int, count: int = 200) -> tuple[
         return (time.thread_time_ns() - begin) / count * 1e-3
 
     def one_round() -> dict[str, float]:
-        copy_state(start, s0.value)
+        copy_state(start, first)
         begin = time.thread_time_ns()
         result, _ = advance(tables, c, s0, s1, inputs, 0, count, True, work)
         whole = (time.thread_time_ns() - begin) / count * 1e-3

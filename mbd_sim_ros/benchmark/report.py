@@ -112,7 +112,9 @@ def text(report: dict[str, Any]) -> str:
     for title, _, rows in tables(report):
         widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
         left = [all(not _is_number(row[k]) for row in rows[1:]) for k in range(len(widths))]
-        lines = ('  '.join(c.ljust(w) if l else c.rjust(w) for c, w, l in zip(row, widths, left, strict=True)).rstrip() for row in rows)
+        lines = (
+            '  '.join(c.ljust(w) if words else c.rjust(w) for c, w, words in zip(row, widths, left, strict=True)).rstrip() for row in rows
+        )
         blocks.append(f'{title}\n' + '\n'.join(lines))
     return '\n\n'.join(blocks)
 

@@ -81,9 +81,6 @@ class Stepping:
         self._samples[way].append(ns / steps * 1e-3)
         self._counters[way].append((stats.iterations / steps, stats.factorizations / steps, stats.evaluations / steps))
 
-    def close(self) -> None:
-        """Nothing to release."""
-
     def figures(self) -> dict[str, Any]:
         """The part of the report that belongs to this case: sizes, times [us], counters per step, phases."""
         s, simulation = self._samples, self.simulation

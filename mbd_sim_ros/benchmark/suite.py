@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
+from mbd_sim_ros.benchmark import overhead, stepping
 from mbd_sim_ros.benchmark.machine import Watch, fingerprint, on_one_core
-from mbd_sim_ros.benchmark.overhead import FIGURES as OVERHEAD_FIGURES, Overhead
-from mbd_sim_ros.benchmark.stepping import FIGURES as STEPPING_FIGURES, Stepping
 from solver.elements.marker import finite, require
 from solver.errors import MbdError, SceneError, suggestion
 from solver.load import Builder
@@ -36,7 +36,7 @@ class Case:
     targets: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        known = STEPPING_FIGURES if self.measure == 'steps' else OVERHEAD_FIGURES
+        known = stepping.FIGURES if self.measure == 'steps' else overhead.FIGURES
         for figure, limit in self.targets.items():
             require(figure in known, f'case {self.name!r}', 'targets', figure, 'no such figure' + suggestion(figure, known))
             finite(f'case {self.name!r}', f'targets.{figure}', limit, low=0.0, strict=True)
@@ -68,7 +68,7 @@ def run(cases: Sequence[Case], *, quick: bool = False, say: Callable[[str], None
     rounds = QUICK_ROUNDS if quick else ROUNDS
     machine = fingerprint()
     reports = [{**asdict(case), 'status': 'ok', 'reason': ''} for case in cases]
-    measurements: dict[str, Stepping | Overhead] = {}
+    measurements: dict[str, stepping.Stepping | overhead.Overhead] = {}
 
     def attempt(report: dict[str, Any], action: Callable[[], None]) -> None:
         try:
@@ -78,30 +78,30 @@ def run(cases: Sequence[Case], *, quick: bool = False, say: Callable[[str], None
             report |= {'status': 'unavailable', 'reason': ' '.join(str(error).split())}
 
     def prepare(case: Case) -> None:
-        made = Stepping(case.scene, case.set) if case.measure == 'steps' else Overhead(case.scene, case.set, publish=case.measure == 'publish')
-        measurements[case.name] = made
+        if case.measure == 'steps':
+            measurements[case.name] = stepping.Stepping(case.scene, case.set)
+        else:
+            made = overhead.Overhead(case.scene, case.set, publish=case.measure == 'publish')
+            resources.callback(made.close)
+            measurements[case.name] = made
 
-    with on_one_core() as core:
-        try:
-            for case, report in zip(cases, reports, strict=True):
-                say(f'preparing {case.name}')
-                attempt(report, lambda case=case: prepare(case))  # type: ignore[misc]
-            watch = Watch(core)
-            for k in range(rounds):
-                for report in reports:
-                    measurement = measurements.get(report['name'])
-                    if measurement is None:
-                        continue
-                    say(f'round {k + 1} of {rounds}: {report["name"]}')
-                    if isinstance(measurement, Stepping):
-                        n = QUICK_STEPS if quick else STEPS
-                    else:
-                        n = QUICK_PACED_STEPS if quick else PACED_STEPS
-                    attempt(report, lambda m=measurement, n=n: m.round(n))  # type: ignore[misc]
-            disturbance = watch.read()
-        finally:
-            for measurement in measurements.values():
-                measurement.close()
+    with on_one_core() as core, ExitStack() as resources:
+        for case, report in zip(cases, reports, strict=True):
+            say(f'preparing {case.name}')
+            attempt(report, lambda case=case: prepare(case))  # type: ignore[misc]
+        watch = Watch(core)
+        for k in range(rounds):
+            for report in reports:
+                measurement = measurements.get(report['name'])
+                if measurement is None:
+                    continue
+                say(f'round {k + 1} of {rounds}: {report["name"]}')
+                if isinstance(measurement, stepping.Stepping):
+                    n = QUICK_STEPS if quick else STEPS
+                else:
+                    n = QUICK_PACED_STEPS if quick else PACED_STEPS
+                attempt(report, lambda m=measurement, n=n: m.round(n))  # type: ignore[misc]
+        disturbance = watch.read()
     for report in reports:
         if report['name'] in measurements:
             report |= measurements[report['name']].figures()
@@ -110,7 +110,14 @@ def run(cases: Sequence[Case], *, quick: bool = False, say: Callable[[str], None
             for figure, limit in report['targets'].items()
             for value in [report.get('us', {}).get(figure)]
         ]
-    return {'rounds': rounds, 'core': core, 'machine': machine, 'disturbance': disturbance, 'warnings': warnings(machine, disturbance), 'cases': reports}
+    return {
+        'rounds': rounds,
+        'core': core,
+        'machine': machine,
+        'disturbance': disturbance,
+        'warnings': warnings(machine, disturbance),
+        'cases': reports,
+    }
 
 
 def warnings(machine: dict[str, Any], disturbance: dict[str, float]) -> list[str]:

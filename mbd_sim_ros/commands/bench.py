@@ -19,10 +19,14 @@ def add(parsers: Any) -> None:
         'mbd bench --cases slider_crank,light_car_1ms --quick\n  mbd bench --out docs/performance.md',
     )
     parser.add_argument('--cases', metavar='NAMES', default='', help='only these cases, separated by commas')
-    parser.add_argument('--suite', metavar='FILE', default='benchmarks.yaml', help='list of cases: a path, or a file in config (%(default)s)')
+    parser.add_argument(
+        '--suite', metavar='FILE', default='benchmarks.yaml', help='list of cases: a path, or a file in config (%(default)s)'
+    )
     parser.add_argument('--quick', action='store_true', help='fewer steps: for a first look, not for comparisons')
     parser.add_argument('--strict', action='store_true', help='exit code 1 when a target is missed or a case cannot be measured')
-    parser.add_argument('--out', metavar='FILE.md', type=Path, help='also write the tables as Markdown (into the generated part of an existing file)')
+    parser.add_argument(
+        '--out', metavar='FILE.md', type=Path, help='also write the tables as Markdown (into the generated part of an existing file)'
+    )
 
 
 def run(args: argparse.Namespace) -> Result:

@@ -18,12 +18,12 @@ def add(parsers: Any) -> None:
 def run(args: argparse.Namespace) -> Result:
     """Load, compile and count."""
     from solver.scene import load_scene
-    from solver.simulation import Simulation
+    from solver.simulation import simulation_of
 
     scene = load_scene(args.scene, args.overrides)
     if args.resolved:
         return Result(data={'status': 'ok', 'scene': scene.name, 'resolved': scene.resolved}, text=scene.resolved.rstrip())
-    simulation = Simulation(scene)
+    simulation = simulation_of(scene)
     counts = simulation.describe()
     data = {
         'status': 'ok',

@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> Result:
     from mbd_sim_ros.batch import simulate
     from mbd_sim_ros.recorder import new_directory
     from solver.scene import find_file, load_scene
-    from solver.simulation import Simulation
+    from solver.simulation import simulation_of
 
     overrides = list(args.overrides)
     if args.maneuver is not None:
@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> Result:
     if args.duration is not None:
         overrides.append(f'duration={args.duration!r}')
     scene = load_scene(args.scene, overrides)
-    simulation = Simulation(scene)
+    simulation = simulation_of(scene)
     directory = None if args.no_record else args.out or new_directory(scene.name)
     data = simulate(simulation, scene.steps, directory=directory, progress=not args.json)
     data = {'scene': scene.name, **data}

@@ -37,7 +37,10 @@ class AntiRollBar:
 
 
 def anti_roll_bar(axle: str, data: AntiRollBar, subframe: RigidBodySpec, arms: dict[str, RigidBodySpec]) -> Parts:
-    """The bar of an axle; arms: suspension arms by side. Coordinate anti_roll_bar_<axle>: twist of the left half against the right one [rad]."""
+    """The bar of an axle; arms: suspension arms by side.
+
+    Coordinate anti_roll_bar_<axle>: twist of the left half against the right one [rad].
+    """
     halves: dict[str, RigidBodySpec] = {}
     parts = []
     for side, arm in arms.items():
@@ -51,12 +54,17 @@ def anti_roll_bar(axle: str, data: AntiRollBar, subframe: RigidBodySpec, arms: d
         halves[side] = body
         parts += [
             Parts(bodies=(body,)),
-            mounting(f'anti_roll_mount_{axle}_{side}', subframe, body, (data.mount,), data.bushing, ideal='revolute', side=side, axis=LEFTWARDS),
+            mounting(
+                f'anti_roll_mount_{axle}_{side}', subframe, body, (data.mount,), data.bushing, ideal='revolute', side=side, axis=LEFTWARDS
+            ),
             link(f'drop_link_{axle}_{side}', data.drop_link, body, arm, side),
         ]
     name = f'anti_roll_bar_{axle}'
     twist = CoordinateSpec(
-        name=name, kind='rotation', i=marker_at(halves['right'], data.center, LEFTWARDS), j=marker_at(halves['left'], data.center, LEFTWARDS)
+        name=name,
+        kind='rotation',
+        i=marker_at(halves['right'], data.center, LEFTWARDS),
+        j=marker_at(halves['left'], data.center, LEFTWARDS),
     )
     spring = CoordinateForceSpec(name=name, terms=((name, 1.0),), spring=Law.linear(data.stiffness))
     return joined((*parts, Parts(coordinates=(twist,), coordinate_forces=(spring,))))

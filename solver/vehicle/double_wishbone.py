@@ -16,6 +16,7 @@ import numpy as np
 
 from solver.elements.joint import JointSpec
 from solver.elements.marker import Vector, require
+from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.tire_pacejka import TireData
 from solver.vehicle.corner import Brake, Part, Wheel
 from solver.vehicle.hardpoints import distance, marker_at, on_side
@@ -35,6 +36,7 @@ from solver.vehicle.parts import (
     mounting,
     rods,
     spring_of,
+    vector_of,
     wheel_end,
 )
 
@@ -88,7 +90,10 @@ class DoubleWishbone:
         return Corner(joined((Parts(bodies=(upright,)), hub, upper, lower, radius, tie_rod, strut)), upright, wheel, arm)
 
     def steering_arm(self) -> float:
-        """Distance of the tie rod from the steering axis along x [m]; positive in front of it, where the rack moves to the left in a left turn."""
+        """Distance of the tie rod from the steering axis along x [m].
+
+        Positive in front of the axis, where the rack moves to the left in a left turn.
+        """
         low = crossing(self.lower_link, self.radius_link)
         high = np.array(self.upper_arm.outer)
         rod = np.array(self.tie_rod.outer)
@@ -106,11 +111,11 @@ def crossing(a: Link, b: Link) -> np.ndarray:
     return np.array([*(p + s * d)[:2], 0.5 * (p[2] + q[2])])
 
 
-def coil_over(name: str, data: CoilOver, structure: Structure, arm, side: str) -> Parts:
+def coil_over(name: str, data: CoilOver, structure: Structure, arm: RigidBodySpec, side: str) -> Parts:
     """Tube and rod of a coil-over with spring, damper and stops between their ends."""
     a, b = on_side(side, data.lower), on_side(side, data.upper)
-    axis = tuple(np.subtract(data.upper, data.lower))
-    middle = tuple(float(c) for c in np.array(a) + TUBE * (np.array(b) - a))
+    axis = vector_of(np.subtract(data.upper, data.lower))
+    middle = vector_of(np.array(a) + TUBE * np.subtract(b, a))
     tube = rods(f'damper_tube_{name}', ((data.tube_mass, a, middle, RADIUS),))
     rod = rods(f'damper_rod_{name}', ((data.rod_mass, middle, b, RADIUS),))
     slide = on_side(side, axis)

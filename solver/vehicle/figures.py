@@ -164,7 +164,8 @@ def wheel_centers(spec: ModelSpec) -> dict[str, np.ndarray]:
     """Corner -> centre of the wheel in the design position (3,) [m]."""
     bodies = {b.name: b for b in spec.bodies}
     return {
-        t.name: np.array(bodies[t.marker.body].position) + matrix(bodies[t.marker.body].orientation) @ np.array(t.marker.position) for t in spec.tires
+        t.name: np.array(bodies[t.marker.body].position) + matrix(bodies[t.marker.body].orientation) @ np.array(t.marker.position)
+        for t in spec.tires
     }
 
 
@@ -192,7 +193,10 @@ class Rig:
             loads += [AppliedForceSpec(name=f'{n}_{c}', marker=marker, input=f'{n}_{c}', **{kind: v}) for n, (kind, v) in LOADS.items()]  # type: ignore[arg-type]
         names = [n + end for n in (*(f'travel_{c}' for c in CORNERS),) for end in ('', RATE, ACCELERATION)] + [f.name for f in loads]
         fixed = JointSpec(
-            name='rig', kind='fixed', i=Marker(body=WORLD, position=chassis.position, orientation=chassis.orientation), j=Marker(body=chassis.name)
+            name='rig',
+            kind='fixed',
+            i=Marker(body=WORLD, position=chassis.position, orientation=chassis.orientation),
+            j=Marker(body=chassis.name),
         )
         self.inputs = (*spec.inputs, *names)
         model = ModelSpec(
@@ -228,10 +232,9 @@ class Rig:
         tire = next(t for t in self.spec.tires if t.name == corner)
         b = self.model.body_names.index(tire.marker.body)
         side = SIDES[corner.partition('_')[2]]
-        R = matrix(self.state.q[b, 3:]) @ matrix(tire.marker.orientation)
-        body = self.spec.bodies[b]
-        center = self.state.q[b, :3] + matrix(self.state.q[b, 3:]) @ (np.array(tire.marker.position) - np.array(body.com))
-        s = R[:, 1]
+        R = matrix(tuple(self.state.q[b, 3:]))
+        center = self.state.q[b, :3] + R @ np.subtract(tire.marker.position, self.spec.bodies[b].com)
+        s = R @ matrix(tire.marker.orientation)[:, 1]
         up = np.array([0.0, 0.0, 1.0]) - s[2] * s
         contact = center - self.centers[corner][2] * up / np.linalg.norm(up)
         at = self.centers[corner]
@@ -314,12 +317,17 @@ def understeer_gradient(spec: ModelSpec, ratio: float, *, speed: float = 22.0, h
         s = simulation.advance(round(0.02 / h))
         v, r = np.hypot(*s.twist[chassis, :2]), s.twist[chassis, 5]
         x, y, z, w = s.pose[chassis, 3:]
-        rows.append((v * r, s.inputs[spec.inputs.index('steering')] / ratio - figures['wheelbase'] * r / v, np.arcsin(2.0 * (z * y + w * x))))
+        rows.append(
+            (v * r, s.inputs[spec.inputs.index('steering')] / ratio - figures['wheelbase'] * r / v, np.arcsin(2.0 * (z * y + w * x)))
+        )
         if v * r > 3.5:
             break
     a, understeer, roll = np.array(rows).T
     used = a > 0.5
-    return {'understeer_gradient': float(np.polyfit(a[used], understeer[used], 1)[0]), 'roll_gradient': float(np.polyfit(a[used], roll[used], 1)[0])}
+    return {
+        'understeer_gradient': float(np.polyfit(a[used], understeer[used], 1)[0]),
+        'roll_gradient': float(np.polyfit(a[used], roll[used], 1)[0]),
+    }
 
 
 def figures(simulation: Simulation) -> dict[str, float]:

@@ -6,19 +6,21 @@ from dataclasses import dataclass
 
 from solver.elements.aero_drag import AeroDragSpec
 from solver.elements.marker import Vector, require
+from solver.elements.rigid_body import RigidBodySpec
 from solver.mechanism import used_inputs
 from solver.model.spec import ModelSpec
 from solver.vehicle.antiroll import AntiRollBar, anti_roll_bar
 from solver.vehicle.corner import Part
 from solver.vehicle.double_wishbone import DoubleWishbone
-from solver.vehicle.hardpoints import marker_at
+from solver.vehicle.hardpoints import SIDES, marker_at
 from solver.vehicle.light_car import Aero
 from solver.vehicle.multilink import MultiLink
-from solver.vehicle.parts import Bushing, Corner, Parts, Structure, joined, mounting
+from solver.vehicle.parts import UP, Bushing, Corner, Parts, Structure, joined, mounting
 from solver.vehicle.powertrain import Driveline, Engine, driveline, engine
 from solver.vehicle.steering import SteeringGear, steering_gear
 
-SIDES = ('left', 'right')
+# What an axle may be; a further kind is one more file and one more name here. A steered one needs a tie rod and `steering_arm`.
+Steered = DoubleWishbone
 Suspension = DoubleWishbone | MultiLink
 
 
@@ -39,8 +41,8 @@ class FullCar:
     chassis: Part
     front_subframe: Subframe
     rear_subframe: Subframe
-    front: DoubleWishbone
-    rear: DoubleWishbone | MultiLink
+    front: Steered
+    rear: Suspension
     anti_roll_front: AntiRollBar
     anti_roll_rear: AntiRollBar
     steering: SteeringGear
@@ -87,16 +89,17 @@ def full_car_model(car: FullCar) -> ModelSpec:
     return ModelSpec(**{**model.__dict__, 'inputs': used_inputs(model)})
 
 
-def subframe(axle: str, data: Subframe, chassis):
+def subframe(axle: str, data: Subframe, chassis: RigidBodySpec) -> tuple[Parts, RigidBodySpec]:
     """(parts, body) of a subframe on the chassis."""
     body = data.part.body(f'{axle}_subframe', data.part.com)
     groups = data.mounts if data.bushing is not None else (sum(data.mounts, ()),)
     mounts = [
-        mounting(f'{axle}_subframe_mount_{k + 1}', chassis, body, points, data.bushing, ideal='fixed', axis=(0, 0, 1)) for k, points in enumerate(groups)
+        mounting(f'{axle}_subframe_mount_{k + 1}', chassis, body, points, data.bushing, ideal='fixed', axis=UP)
+        for k, points in enumerate(groups)
     ]
     return joined((Parts(bodies=(body,)), *mounts)), body
 
 
-def arms(corners: dict[str, Corner]):
+def arms(corners: dict[str, Corner]) -> dict[str, RigidBodySpec]:
     """Suspension arms by side."""
     return {side: corner.arm for side, corner in corners.items()}

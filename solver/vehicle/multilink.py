@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from solver.elements.marker import Vector
+from solver.elements.marker import Marker, Vector
 from solver.elements.tire_pacejka import TireData
 from solver.vehicle.corner import Brake, Part, Wheel
 from solver.vehicle.hardpoints import distance, marker_at, on_side
@@ -59,7 +59,7 @@ class MultiLink:
         links = [link(f'{key}_{name}', data, structure.subframe, upright, side) for key, data in self.links.items()]
         arm = lower.bodies[0]
 
-        def ends(chassis: Vector, on_arm: Vector):
+        def ends(chassis: Vector, on_arm: Vector) -> tuple[Marker, Marker, float]:
             return (
                 marker_at(structure.chassis, on_side(side, chassis)),
                 marker_at(arm, on_side(side, on_arm)),

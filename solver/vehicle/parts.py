@@ -34,6 +34,12 @@ LEFTWARDS: Vector = (0.0, 1.0, 0.0)
 SKEW = 0.02  # largest coupling of rotations, relative to the rotational rates, that a mounting may neglect
 
 
+def vector_of(array: np.ndarray) -> Vector:
+    """A vector as a tuple of floats."""
+    x, y, z = (float(c) for c in array)
+    return (x, y, z)
+
+
 class Parts(NamedTuple):
     """Fields of ModelSpec that a part of the vehicle contributes to."""
 
@@ -111,15 +117,20 @@ def mounting(
     through two points unless given.
     """
     placed = np.array([on_side(side, p) for p in points])
-    centre = placed.mean(axis=0)
-    line = on_side(side, axis) if axis is not None else tuple(placed[0] - placed[1]) if len(points) == 2 else UP
+    mean = placed.mean(axis=0)
+    centre = vector_of(mean)
+    line = on_side(side, axis) if axis is not None else vector_of(placed[0] - placed[1]) if len(points) == 2 else UP
     if bushing is None:
         return Parts(joints=(JointSpec(name=name, kind=ideal, i=marker_at(i, centre, line), j=marker_at(j, centre, line)),))
     own = line if bushing.axis is None else on_side(side, bushing.axis)
-    arms = (placed - centre) @ frame_of_axis(own)
+    arms = (placed - mean) @ frame_of_axis(own)
     n, k = len(points), np.array(bushing.stiffness)
     squares = (arms * arms).sum(axis=0)
-    turning = n * k[3:] + [k[1] * squares[2] + k[2] * squares[1], k[0] * squares[2] + k[2] * squares[0], k[0] * squares[1] + k[1] * squares[0]]
+    turning = n * k[3:] + [
+        k[1] * squares[2] + k[2] * squares[1],
+        k[0] * squares[2] + k[2] * squares[0],
+        k[0] * squares[1] + k[1] * squares[0],
+    ]
     for a, b, c in ((0, 1, 2), (0, 2, 1), (1, 2, 0)):
         coupling = abs(k[c] * (arms[:, a] * arms[:, b]).sum())
         require(
@@ -154,8 +165,7 @@ def rods(name: str, pieces: Sequence[tuple[float, Vector, Vector, float]]) -> Ri
         inertia += across * np.eye(3) + (0.5 * m * radius * radius - across) * np.outer(n, n)
         inertia += m * (d @ d * np.eye(3) - np.outer(d, d))
     six = (inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2])
-    x, y, z = (float(c) for c in com)
-    return RigidBodySpec(name=name, mass=float(masses.sum()), inertia=tuple(float(c) for c in six), position=(x, y, z))  # type: ignore[arg-type]
+    return RigidBodySpec(name=name, mass=float(masses.sum()), inertia=tuple(float(c) for c in six), position=vector_of(com))  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -176,7 +186,7 @@ def link(name: str, data: Link, base: RigidBodySpec, carrier: RigidBodySpec, sid
     """The link (its body first) between base (inner end) and carrier (outer end)."""
     a, b = on_side(side, data.inner), on_side(side, data.outer)
     body = rods(name, ((data.mass, a, b, data.radius),))
-    along = tuple(np.subtract(data.outer, data.inner))
+    along = vector_of(np.subtract(data.outer, data.inner))
     ball = JointSpec(name=f'{name}_outer', kind='spherical', i=marker_at(body, b), j=marker_at(carrier, b))
     foot = mounting(f'{name}_inner', base, body, (data.inner,), data.bushing, ideal='universal', side=side, axis=along)
     return joined((Parts(bodies=(body,), joints=(ball,)), foot))
@@ -201,7 +211,12 @@ def control_arm(name: str, data: Arm, base: RigidBodySpec, carrier: RigidBodySpe
     outer = on_side(side, data.outer)
     body = rods(name, [(0.5 * data.mass, on_side(side, p), outer, data.radius) for p in data.pivots])
     ball = JointSpec(name=f'{name}_outer', kind='spherical', i=marker_at(body, outer), j=marker_at(carrier, outer))
-    return joined((Parts(bodies=(body,), joints=(ball,)), mounting(f'{name}_inner', base, body, data.pivots, data.bushing, ideal='revolute', side=side)))
+    return joined(
+        (
+            Parts(bodies=(body,), joints=(ball,)),
+            mounting(f'{name}_inner', base, body, data.pivots, data.bushing, ideal='revolute', side=side),
+        )
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -234,7 +249,10 @@ def damper_of(name: str, data: Damper, i: Marker, j: Marker, length: float) -> S
 def wheel_end(
     corner: str, side: str, wheel: Wheel, upright: RigidBodySpec, chassis: RigidBodySpec, tire: TireData, brake: Brake
 ) -> tuple[Parts, RigidBodySpec]:
-    """(wheel on its bearing with tire and brake, body of the wheel); coordinates wheel_<corner> (forward rolling) and travel_<corner> (bump)."""
+    """(wheel on its bearing with tire and brake, body of the wheel).
+
+    Coordinates wheel_<corner>, positive when rolling forward, and travel_<corner>, positive in bump.
+    """
     center = on_side(side, wheel.center)
     body = wheel.body(f'wheel_{corner}', side)
     spin = spin_axis(body)
@@ -242,10 +260,17 @@ def wheel_end(
     parts = Parts(
         bodies=(body,),
         joints=(JointSpec(name=name, kind='revolute', i=marker_at(upright, center, spin), j=marker_at(body, center, spin)),),
-        coordinates=(CoordinateSpec(name=f'travel_{corner}', kind='translation', i=marker_at(chassis, center, UP), j=marker_at(upright, center, UP)),),
+        coordinates=(
+            CoordinateSpec(name=f'travel_{corner}', kind='translation', i=marker_at(chassis, center, UP), j=marker_at(upright, center, UP)),
+        ),
         brakes=(
             BrakeSpec(
-                name=f'brake_{corner}', coordinate=name, input='brake_torque', gain=brake.share, stiffness=brake.stiffness, damping=brake.damping
+                name=f'brake_{corner}',
+                coordinate=name,
+                input='brake_torque',
+                gain=brake.share,
+                stiffness=brake.stiffness,
+                damping=brake.damping,
             ),
         ),
         tires=(TireSpec(name=corner, marker=Marker(body=name), data=tire, mirrored=tire.side not in (side, 'symmetric')),),
@@ -264,4 +289,5 @@ def shaft_markers(
     normal = np.cross(axis_i, axis_j)
     if np.linalg.norm(normal) < 1e-9 * np.linalg.norm(axis_i) * np.linalg.norm(axis_j):
         normal = frame_of_axis(axis_i)[:, 0]
-    return marker_at(i, point, axis_i, normal), marker_at(j, point, axis_j, normal)
+    x_axis = vector_of(normal)
+    return marker_at(i, point, axis_i, x_axis), marker_at(j, point, axis_j, x_axis)

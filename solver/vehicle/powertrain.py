@@ -25,10 +25,11 @@ from solver.elements.laws import Law
 from solver.elements.marker import Vector, finite
 from solver.elements.rigid_body import RigidBodySpec
 from solver.vehicle.corner import Part, spin_axis
-from solver.vehicle.hardpoints import marker_at, on_side
-from solver.vehicle.parts import LEFTWARDS, Bushing, Parts, joined, mounting, rods, shaft_markers
+from solver.vehicle.hardpoints import SIDES, marker_at, on_side
+from solver.vehicle.parts import LEFTWARDS, UP, Bushing, Parts, joined, mounting, rods, shaft_markers, vector_of
 
 FORWARD: Vector = (1.0, 0.0, 0.0)
+STUB = 0.08  # length of output shafts and pinion behind their flanges [m]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,8 +120,11 @@ def driveline(
     Coordinates output_shaft_<corner>/angle and drive_pinion/angle, positive when rolling forward.
     """
     housing = data.differential.body('differential', data.differential.com)
-    parts = [Parts(bodies=(housing,)), mounting('differential_mount', subframe, housing, data.mounts, data.mount_bushing, ideal='fixed', axis=(0, 0, 1))]
-    parts.append(propeller_shaft(data, chassis, engine, housing))
+    parts = [
+        Parts(bodies=(housing,)),
+        mounting('differential_mount', subframe, housing, data.mounts, data.mount_bushing, ideal='fixed', axis=UP),
+        propeller_shaft(data, chassis, engine, housing),
+    ]
     outputs = []
     for side, wheel in wheels.items():
         corner = f'{axle}_{side}'
@@ -141,44 +145,38 @@ def driveline(
 
 def half_shaft(data: Driveline, housing: RigidBodySpec, wheel: RigidBodySpec, corner: str, side: str) -> Parts:
     """Output shaft in the side gear and half shaft to the wheel."""
-    inner = np.array(on_side(side, data.output))
-    spin = np.array(spin_axis(wheel))
-    inwards = -1.0 if side == 'left' else 1.0
-    outer = np.array(wheel.position) + inwards * data.inset * spin
-    along = outer - inner if side == 'left' else inner - outer  # to the left, so that both sides turn forward about it
-    stub = inner + (0.0, inwards * 0.08, 0.0)
-    output = rods(f'output_shaft_{corner}', ((data.output_shaft.mass, tuple(stub), tuple(inner), data.output_shaft.radius),))
-    shaft = rods(f'half_shaft_{corner}', ((data.half_shaft.mass, tuple(inner), tuple(outer), data.half_shaft.radius),))
-    inner_joint = shaft_markers(output, shaft, tuple(inner), LEFTWARDS, along)
-    outer_joint = shaft_markers(shaft, wheel, tuple(outer), along, spin)
+    sign = SIDES[side]
+    spin = spin_axis(wheel)
+    inner = on_side(side, data.output)
+    outer = vector_of(np.array(wheel.position) - sign * data.inset * np.array(spin))
+    along = vector_of(sign * np.subtract(outer, inner))  # to the left, so that both sides turn forward about it
+    stub = vector_of(np.array(inner) - (0.0, sign * STUB, 0.0))
+    output = rods(f'output_shaft_{corner}', ((data.output_shaft.mass, stub, inner, data.output_shaft.radius),))
+    shaft = rods(f'half_shaft_{corner}', ((data.half_shaft.mass, inner, outer, data.half_shaft.radius),))
+    bearing = marker_at(housing, inner, LEFTWARDS), marker_at(output, inner, LEFTWARDS)
+    joints = (
+        ('output_shaft', 'cylindrical', *bearing),
+        ('half_shaft_inner', 'constant_velocity', *shaft_markers(output, shaft, inner, LEFTWARDS, along)),
+        ('half_shaft_outer', 'constant_velocity', *shaft_markers(shaft, wheel, outer, along, spin)),
+    )
     return Parts(
-        bodies=(output, shaft),
-        joints=(
-            JointSpec(
-                name=f'output_shaft_{corner}', kind='cylindrical', i=marker_at(housing, inner, LEFTWARDS), j=marker_at(output, inner, LEFTWARDS)
-            ),
-            JointSpec(name=f'half_shaft_{corner}_inner', kind='constant_velocity', i=inner_joint[0], j=inner_joint[1]),
-            JointSpec(name=f'half_shaft_{corner}_outer', kind='constant_velocity', i=outer_joint[0], j=outer_joint[1]),
-        ),
+        bodies=(output, shaft), joints=tuple(JointSpec(name=f'{name}_{corner}', kind=kind, i=i, j=j) for name, kind, i, j in joints)
     )
 
 
 def propeller_shaft(data: Driveline, chassis: RigidBodySpec, engine: RigidBodySpec, housing: RigidBodySpec) -> Parts:
     """Two-part propeller shaft with centre bearing, and the drive pinion."""
-    front, bearing, centre, rear = (np.array(p) for p in (data.engine_flange, data.center_bearing, data.center_joint, data.pinion_flange))
-    first = rods('propshaft_front', ((data.propshaft_front.mass, tuple(front), tuple(centre), data.propshaft_front.radius),))
-    second = rods('propshaft_rear', ((data.propshaft_rear.mass, tuple(centre), tuple(rear), data.propshaft_rear.radius),))
-    pinion = rods('drive_pinion', ((data.pinion.mass, tuple(rear), tuple(rear - (0.1, 0.0, 0.0)), data.pinion.radius),))
-    axis_front, axis_rear = front - centre, centre - rear
-    cross = shaft_markers(first, second, tuple(centre), axis_front, axis_rear)
-    flange = shaft_markers(second, pinion, tuple(rear), axis_rear, FORWARD)
-    return Parts(
-        bodies=(first, second, pinion),
-        joints=(
-            JointSpec(name='propshaft_flange', kind='spherical', i=marker_at(engine, front), j=marker_at(first, front)),
-            JointSpec(name='propshaft_bearing', kind='point_on_line', i=marker_at(first, bearing, axis_front), j=marker_at(chassis, bearing)),
-            JointSpec(name='propshaft_joint', kind='universal', i=cross[0], j=cross[1]),
-            JointSpec(name='propshaft_pinion', kind='constant_velocity', i=flange[0], j=flange[1]),
-            JointSpec(name='drive_pinion', kind='cylindrical', i=marker_at(housing, rear, FORWARD), j=marker_at(pinion, rear, FORWARD)),
-        ),
+    front, bearing, centre, rear = data.engine_flange, data.center_bearing, data.center_joint, data.pinion_flange
+    end = vector_of(np.array(rear) - (STUB, 0.0, 0.0))
+    first = rods('propshaft_front', ((data.propshaft_front.mass, front, centre, data.propshaft_front.radius),))
+    second = rods('propshaft_rear', ((data.propshaft_rear.mass, centre, rear, data.propshaft_rear.radius),))
+    pinion = rods('drive_pinion', ((data.pinion.mass, rear, end, data.pinion.radius),))
+    axis_front, axis_rear = vector_of(np.subtract(front, centre)), vector_of(np.subtract(centre, rear))
+    joints = (
+        ('propshaft_flange', 'spherical', marker_at(engine, front), marker_at(first, front)),
+        ('propshaft_bearing', 'point_on_line', marker_at(first, bearing, axis_front), marker_at(chassis, bearing)),
+        ('propshaft_joint', 'universal', *shaft_markers(first, second, centre, axis_front, axis_rear)),
+        ('propshaft_pinion', 'constant_velocity', *shaft_markers(second, pinion, rear, axis_rear, FORWARD)),
+        ('drive_pinion', 'cylindrical', marker_at(housing, rear, FORWARD), marker_at(pinion, rear, FORWARD)),
     )
+    return Parts(bodies=(first, second, pinion), joints=tuple(JointSpec(name=name, kind=kind, i=i, j=j) for name, kind, i, j in joints))

@@ -18,14 +18,15 @@ from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.elements.coupler import CouplerSpec
 from solver.elements.joint import JointSpec
 from solver.elements.laws import Law
-from solver.elements.marker import Vector, finite
+from solver.elements.marker import Marker, Vector, finite
 from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.spring_damper import SpringDamperSpec
 from solver.vehicle.corner import Part
 from solver.vehicle.hardpoints import marker_at
-from solver.vehicle.parts import LEFTWARDS, Parts, rods, shaft_markers
+from solver.vehicle.parts import LEFTWARDS, Parts, rods, shaft_markers, vector_of
 
 SHAFT_RADIUS = 0.012  # of the shafts' cylinders [m]
+DAMPER_LENGTH = 0.5  # of the steering damper, along the rack [m]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,56 +61,57 @@ class SteeringGear:
 def steering_gear(data: SteeringGear, chassis: RigidBodySpec, subframe: RigidBodySpec, arm: float) -> tuple[Parts, RigidBodySpec]:
     """(steering, rack). arm: of the tie rods, see DoubleWishbone.steering_arm; only its sign counts. Coordinates steering_wheel,
     steering_pinion (positive to the left) and rack (positive along y)."""
-    foot, low, high, hub = (np.array(p) for p in (data.pinion_foot, data.pinion_joint, data.column_joint, data.wheel_hub))
-    middle = 0.5 * (low + high)
-    pinion_axis, shaft_axis, column_axis = low - foot, high - low, hub - high  # each points towards the driver
+    foot, low, high, hub = data.pinion_foot, data.pinion_joint, data.column_joint, data.wheel_hub
+    middle = vector_of(0.5 * np.add(low, high))
+    # each axis points towards the driver
+    pinion_axis, shaft_axis, column_axis = (vector_of(np.subtract(b, a)) for a, b in ((foot, low), (low, high), (high, hub)))
     rack = data.rack.body('rack', data.rack.com)
-    pinion = rods('steering_pinion', ((data.pinion_mass, tuple(foot), tuple(low), SHAFT_RADIUS),))
-    lower = rods('steering_shaft_lower', ((0.5 * data.shaft_mass, tuple(low), tuple(middle), SHAFT_RADIUS),))
-    upper = rods('steering_shaft_upper', ((0.5 * data.shaft_mass, tuple(middle), tuple(high), SHAFT_RADIUS),))
-    wheel = steering_wheel(data, column_axis)
+    pinion = rods('steering_pinion', ((data.pinion_mass, foot, low, SHAFT_RADIUS),))
+    lower = rods('steering_shaft_lower', ((0.5 * data.shaft_mass, low, middle, SHAFT_RADIUS),))
+    upper = rods('steering_shaft_upper', ((0.5 * data.shaft_mass, middle, high, SHAFT_RADIUS),))
+    wheel = steering_wheel(data, np.array(column_axis))
 
-    def joint(name: str, kind: str, i: RigidBodySpec, j: RigidBodySpec, at, axis) -> JointSpec:
-        return JointSpec(name=name, kind=kind, i=marker_at(i, at, axis), j=marker_at(j, at, axis))
+    def both(i: RigidBodySpec, j: RigidBodySpec, at: Vector, axis: Vector) -> tuple[Marker, Marker]:
+        return marker_at(i, at, axis), marker_at(j, at, axis)
 
-    def universal(name: str, i: RigidBodySpec, j: RigidBodySpec, at, axis_i, axis_j) -> JointSpec:
-        a, b = shaft_markers(i, j, tuple(at), axis_i, axis_j)
-        return JointSpec(name=name, kind='universal', i=a, j=b)
-
-    left = tuple(np.array(data.rack.com) + (0.0, 0.5, 0.0))
+    joints = (
+        ('rack', 'prismatic', *both(subframe, rack, data.rack.com, LEFTWARDS)),
+        ('steering_pinion', 'revolute', *both(subframe, pinion, foot, pinion_axis)),
+        # the pins of the intermediate shaft lie in the planes of the two joints, so that their fluctuations nearly cancel
+        ('steering_joint_lower', 'universal', *shaft_markers(pinion, lower, low, pinion_axis, shaft_axis)),
+        ('steering_slide', 'prismatic', *both(lower, upper, middle, shaft_axis)),
+        ('steering_joint_upper', 'universal', *shaft_markers(wheel, upper, high, column_axis, shaft_axis)),
+        ('steering_wheel', 'revolute', *both(chassis, wheel, hub, column_axis)),
+    )
+    left = vector_of(np.array(data.rack.com) + (0.0, DAMPER_LENGTH, 0.0))
     ratio = float(np.copysign(2.0 * np.pi / data.rack_per_turn, arm))
+    mesh = CoordinateForceSpec(
+        name='rack_and_pinion',
+        terms=(('steering_pinion', 1.0), ('rack', -ratio)),
+        spring=Law.linear(data.stiffness),
+        damper=Law.linear(data.damping),
+    )
+    damper = SpringDamperSpec(
+        name='steering_damper',
+        i=marker_at(subframe, left),
+        j=marker_at(rack, data.rack.com),
+        free_length=DAMPER_LENGTH,
+        damper=Law.linear(data.rack_damping),
+    )
     parts = Parts(
         bodies=(rack, pinion, lower, upper, wheel),
-        joints=(
-            joint('rack', 'prismatic', subframe, rack, data.rack.com, LEFTWARDS),
-            joint('steering_pinion', 'revolute', subframe, pinion, foot, pinion_axis),
-            universal('steering_joint_lower', pinion, lower, low, pinion_axis, shaft_axis),
-            joint('steering_slide', 'prismatic', lower, upper, middle, shaft_axis),
-            # the pins of the intermediate shaft lie in the planes of the two joints, so that their fluctuations nearly cancel
-            universal('steering_joint_upper', wheel, upper, high, column_axis, shaft_axis),
-            joint('steering_wheel', 'revolute', chassis, wheel, hub, column_axis),
-        ),
+        joints=tuple(JointSpec(name=name, kind=kind, i=i, j=j) for name, kind, i, j in joints),
         couplers=(CouplerSpec(name='driver', terms=(('steering_wheel', 1.0),), offset=0.0, input='steering'),),
-        spring_dampers=(
-            SpringDamperSpec(
-                name='steering_damper', i=marker_at(subframe, left), j=marker_at(rack, data.rack.com), free_length=0.5,
-                damper=Law.linear(data.rack_damping),
-            ),
-        ),
-        coordinate_forces=(
-            CoordinateForceSpec(
-                name='rack_and_pinion', terms=(('steering_pinion', 1.0), ('rack', -ratio)),
-                spring=Law.linear(data.stiffness), damper=Law.linear(data.damping),
-            ),
-        ),
-    )  # fmt: skip
+        spring_dampers=(damper,),
+        coordinate_forces=(mesh,),
+    )
     return parts, rack
 
 
 def steering_wheel(data: SteeringGear, axis: np.ndarray) -> RigidBodySpec:
-    """Steering wheel and column as one body at the hub."""
+    """Steering wheel and column as one body at the hub: a flat ring, and the column as a rod of its length."""
     n = axis / np.linalg.norm(axis)
-    across = 0.5 * data.wheel_inertia + data.wheel_mass * 0.01  # a flat ring, and the column's length
+    across = 0.5 * data.wheel_inertia + data.wheel_mass * float(axis @ axis) / 12.0
     inertia = across * np.eye(3) + (data.wheel_inertia - across) * np.outer(n, n)
     six = (inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2])
     return RigidBodySpec(name='steering_wheel', mass=data.wheel_mass, inertia=tuple(float(c) for c in six), position=data.wheel_hub)  # type: ignore[arg-type]

@@ -178,7 +178,14 @@ def test_combined_mounts_act_like_the_single_ones() -> None:
 def test_mounts_that_couple_rotations_are_refused() -> None:
     i = RigidBodySpec(name='i', mass=1.0, inertia=(1, 1, 1, 0, 0, 0))
     with pytest.raises(SpecError, match="mounting 'm': points = .* couple two rotations"):
-        mounting('m', i, i.replace(name='j'), ((0, 0, 0), (1.0, 1.0, 0)), Bushing(stiffness=(1e6,) * 3 + (10.0,) * 3, axis=(0, 0, 1)), ideal='fixed')
+        mounting(
+            'm',
+            i,
+            i.replace(name='j'),
+            ((0, 0, 0), (1.0, 1.0, 0)),
+            Bushing(stiffness=(1e6,) * 3 + (10.0,) * 3, axis=(0, 0, 1)),
+            ideal='fixed',
+        )
 
 
 def test_rods_have_the_inertia_of_their_parallel_axes() -> None:

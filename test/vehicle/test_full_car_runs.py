@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 import scipy.linalg
 from saloon import full_car, mirrored
 
 from solver.consistent import Start
-from solver.maneuver import Maneuver
 from solver.integrators.settings import IntegratorSettings
+from solver.maneuver import Maneuver
 from solver.scene import Scene, load_scene
 from solver.scene import Start as SceneStart
-from solver.signals import Sine, Step
+from solver.signals import Sine
 from solver.simulation import Simulation
 from solver.snapshot import TIRE_COLUMNS
 from solver.vehicle.figures import linearised
@@ -24,26 +22,24 @@ FY, FZ = TIRE_COLUMNS.index('fy'), TIRE_COLUMNS.index('fz')
 
 
 def run(car: FullCar, steering: float) -> tuple[np.ndarray, np.ndarray]:
-    """(pose of the chassis, tire columns) after 1 s of slalom."""
+    """(pose of the chassis, tire columns) after 1 s of slalom; starts as placed, so that no search for a start blurs the comparison."""
     maneuver = Maneuver(steering=Sine(amplitude=steering, frequency=1.0, start=0.1), drive_torque=200.0)
-    scene = Scene(
-        name='slalom', model=full_car_model(car), start=SceneStart(kind='equilibrium', speed=20.0), maneuver=maneuver,
-        integrator=IntegratorSettings(h=2e-3, mode='tolerance', tolerance=1e-10),
-    )  # fmt: skip
+    settings = IntegratorSettings(h=2e-3, iterations=3)
+    scene = Scene(name='slalom', model=full_car_model(car), start=SceneStart(speed=20.0), maneuver=maneuver, integrator=settings)
     snapshot = Simulation(scene).advance(500)
     return snapshot.pose[0], snapshot.tire
 
 
 def test_mirrored_car_gives_the_mirrored_run() -> None:
-    """To what the tolerance of the iteration leaves, grown over 500 steps."""
+    """To rounding, which the weak damping of the planar motion lets grow over 500 steps."""
     car = full_car()
     pose, tire = run(car, 0.8)
     other, tire_other = run(mirrored(car), -0.8)
     assert abs(pose[1]) > 0.1
-    assert other[:3] == pytest.approx(pose[:3] * (1, -1, 1), abs=1e-6)
-    assert other[3:] == pytest.approx(pose[3:] * (-1, 1, -1, 1), abs=1e-6)
-    assert tire_other[[1, 0, 3, 2], FZ] == pytest.approx(tire[:, FZ], abs=0.01)
-    assert -tire_other[[1, 0, 3, 2], FY] == pytest.approx(tire[:, FY], abs=0.01)
+    assert other[:3] == pytest.approx(pose[:3] * (1, -1, 1), abs=1e-7)
+    assert other[3:] == pytest.approx(pose[3:] * (-1, 1, -1, 1), abs=1e-7)
+    assert tire_other[[1, 0, 3, 2], FZ] == pytest.approx(tire[:, FZ], abs=1e-3)
+    assert -tire_other[[1, 0, 3, 2], FY] == pytest.approx(tire[:, FY], abs=1e-3)
 
 
 def test_run_shows_the_frequencies_of_the_linear_model() -> None:
@@ -110,7 +106,8 @@ def test_swept_steering_runs_at_both_steps_without_drift(h: float) -> None:
 def test_drive_torque_is_halved_by_the_open_differential() -> None:
     """The moments about the two output axes are equal while one wheel stands on ice, until it spins and takes its share to accelerate."""
     road = 'road={patches: [{center: [0, -5], size: [400, 10], factor: 0.1}]}'
-    simulation = Simulation(load_scene('car_acceleration', [road, 'maneuver={drive_torque: {kind: step, value: 900, start: 0.2, rise: 0.3}}']))
+    torque = 'maneuver={drive_torque: {kind: step, value: 900, start: 0.2, rise: 0.3}}'
+    simulation = Simulation(load_scene('car_acceleration', [road, torque]))
     names = simulation.channels.joints
     spins = [names.index(f'wheel_rear_{side}') for side in ('left', 'right')]
     outputs = [names.index(f'output_shaft_rear_{side}/angle') for side in ('left', 'right')]
@@ -122,26 +119,47 @@ def test_drive_torque_is_halved_by_the_open_differential() -> None:
     assert s.joint_velocity[spins[1]] > 1.5 * s.joint_velocity[spins[0]]
 
 
-def test_braked_car_comes_to_rest_and_stands_still() -> None:
-    """On a slope of 10 %, wheels locked by the brakes: no creep, no chatter."""
-    overrides = [
-        'road={normal: [-0.0995, 0, 0.995]}', 'start={kind: equilibrium, speed_kmh: 10}',
-        'maneuver={brake_torque: {kind: step, value: 4000, start: 0.1, rise: 0.2}}',
-    ]  # fmt: skip
+def test_braked_car_stands_still_on_a_slope() -> None:
+    """10 %, wheels locked by the brakes: no creep, no chatter."""
+    overrides = ['road={normal: [-0.0995, 0, 0.995]}', 'start={kind: equilibrium}', 'maneuver={brake_torque: 4000}']
     simulation = Simulation(load_scene('car_step_steer', overrides))
-    simulation.advance(4000)
     before = simulation.snapshot()
-    after = simulation.advance(2000)
-    assert np.abs(after.pose[0, :3] - before.pose[0, :3]).max() < 1e-4
-    assert np.abs(after.twist[0]).max() < 1e-3
+    after = simulation.advance(3000)
+    assert np.abs(after.pose[0, :3] - before.pose[0, :3]).max() < 1e-5
+    assert np.abs(after.twist[0]).max() < 1e-5
+
+
+def test_braking_to_rest_ends_at_rest() -> None:
+    """From 20 km/h with wheels that lock: within 5 s nothing moves any more, and the wheels stay where they are."""
+    torque = 'maneuver={brake_torque: {kind: step, value: 4500, start: 0.2, rise: 0.2}}'
+    simulation = Simulation(load_scene('car_step_steer', ['start={kind: equilibrium, speed_kmh: 20}', torque, 'integrator.h=2e-3']))
+    before = simulation.advance(2000)
+    after = simulation.advance(500)
+    assert before.pose[0, 0] < 5.0
+    assert np.abs(after.twist[0]).max() < 2e-3
+    assert np.abs(after.pose[0, :3] - before.pose[0, :3]).max() < 1e-3
+
+
+def test_car_lands_from_a_drop() -> None:
+    """0.3 m below the wheels: they leave the road, land with 2.4 m/s on the bump rubbers, and the car settles at its height."""
+    overrides = ['road={point: [0, 0, -0.3]}', 'start={kind: as_placed, speed: 15}', 'maneuver=maneuvers/straight_ahead.yaml']
+    simulation = Simulation(load_scene('car_step_steer', overrides))
+    falling = simulation.advance(100)
+    assert not falling.tire[:, FZ].any()
+    landed = simulation.advance(4000)
+    assert landed.pose[0, 2] == pytest.approx(-0.3, abs=0.005)
+    assert landed.tire[:, FZ].sum() == pytest.approx(1576.0 * 9.81, rel=0.01)
+    assert abs(landed.pose[0, 1]) < 0.1
 
 
 def test_rollover_stays_finite() -> None:
-    """On a road with three times the friction a step steer at 120 km/h turns the car over."""
-    overrides = [
-        'road={friction: 2.5}', 'start={kind: equilibrium, speed_kmh: 110}', 'maneuver={steering: {kind: step, value: 5, start: 0.2, rise: 0.3}}',
-    ]  # fmt: skip
-    simulation = Simulation(load_scene('car_step_steer', overrides))
-    s = simulation.advance(3000)
-    assert np.isfinite(s.pose).all()
-    assert (s.tire[:, FZ] == 0.0).any()
+    """With 2.5 times the friction a step steer at 110 km/h lifts the inner wheels and turns the car over, in the air at last."""
+    steering = 'maneuver={steering: {kind: step, value: 5, start: 0.2, rise: 0.3}}'
+    simulation = Simulation(load_scene('car_step_steer', ['road={friction: 2.5}', 'start={kind: equilibrium, speed_kmh: 110}', steering]))
+    lifted = simulation.advance(700)
+    assert (lifted.tire[[0, 2], FZ] == 0.0).all()
+    assert (lifted.tire[[1, 3], FZ] > 5000.0).all()
+    over = simulation.advance(700)
+    x, y, _, _ = over.pose[0, 3:]
+    assert 1.0 - 2.0 * (x * x + y * y) < 0.0  # z of the chassis points down
+    assert np.isfinite(over.pose).all() and np.isfinite(over.elements).all()
