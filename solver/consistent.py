@@ -227,7 +227,8 @@ class Start:
         state.a[:] = a + ((am - af) * h * a_rate if smooth else 0.0)
         state.a_s[:] = a - (af * h * a_rate if smooth else 0.0)
         state.lam[:] = lam - (af * h * lam_rate if smooth else 0.0)
-        state.lam_before[:] = state.lam
+        state.lam_before[:] = state.lam - (h * lam_rate if smooth else 0.0)
+        state.a_s_before[:] = state.a_s - (h * a_rate if smooth else 0.0)
         if smooth:
             e = (0.25 * (1.0 + (am - af) ** 2) - 1 / 6) * a_rate  # beta + (am - af) / 2 - 1/6, with beta = (1 - (am - af))^2 / 4
             e[:, 3:] -= np.cross(state.v[:, 3:], a[:, 3:]) / 12

@@ -8,7 +8,8 @@ from solver.audit import update_audit
 from solver.dynamics import constraint_input_rates, evaluate_constraints, evaluate_forces
 from solver.errors import SpecError, StepError
 from solver.integrators.augmented_lagrangian import OK
-from solver.integrators.reference import METHODS, Equations, Kkt, Motion, Stabilised
+from solver.integrators.equations import Equations, Motion
+from solver.integrators.reference import METHODS, Kkt, Stabilised
 from solver.model.state import update_angles
 from solver.reference import Ref
 from solver.scene import Scene
@@ -61,8 +62,7 @@ class ReferenceSimulation(Simulation):
             except StepError as error:
                 kind = self.scene.integrator.kind
                 raise StepError(
-                    f't = {self._solver.solver.t if hasattr(self._solver.solver, "t") else t:.6f} s: {kind} stopped: {error}; '
-                    'it cannot pass singular positions of the constraints'
+                    f't = {self._solver.t:.6f} s, step {self.k}: {kind} stopped: {error} (it cannot pass singular positions)'
                 ) from None
             self.equations.move_to(raw.q, raw.v)
             rows = self.equations.constraints(t)

@@ -50,7 +50,7 @@ from solver.saddle import (
 OK, NOT_CONVERGED, NON_FINITE, SINGULAR = 0, 1, 2, 3
 # The multipliers of redundant constraints are determined only by rounding; starting each step from a little less than the last
 # values keeps that part from drifting, while the determined part is found again by the first iteration.
-WARM_START = 0.99
+WARM_START = 0.9999
 LARGEST_STAGNATION = 1e-2  # relative velocity increment below which an iteration that stops converging is accepted
 STAGNATION = 0.5  # an iteration that gains less is stopped and its best iterate judged
 CONTRACTION_TO_REUSE = 0.1  # tolerance mode keeps the factorization while an iteration gains a digit
@@ -230,12 +230,15 @@ def step(tables, c, s0, s1, u, want_outputs, work):
     s = 1.0 - c.af
     cq = s * c.beta * h * h
     cv = s * c.gamma * h
-    # the acceleration of the stage is smooth even where a oscillates (rho_inf near one): predict with it
+    # The acceleration of the stage is smooth even where a oscillates (rho_inf near one): predict with it. A single iteration
+    # is of second order only from a linear prediction; further iterations need none, and it would carry kicks on.
+    slope = 1.0 if c.fixed == 1 and c.iterations == 1 else 0.0
     for b in range(nb):
         for i in range(6):
-            s1.a[b, i] = (s0.a_s[b, i] - c.am * s0.a[b, i]) / (1.0 - c.am)
+            a_s = s0.a_s[b, i] + slope * (s0.a_s[b, i] - s0.a_s_before[b, i])
+            s1.a[b, i] = (a_s - c.am * s0.a[b, i]) / (1.0 - c.am)
     for i in range(nc):
-        s1.lam[i] = WARM_START * s0.lam[i]
+        s1.lam[i] = WARM_START * (s0.lam[i] + slope * (s0.lam[i] - s0.lam_before[i]))
     saddle = work.saddle
     to_g = 1.0 / (c.beta * h * h)
     # internal states: z_s = zp + cz zd_s
@@ -336,6 +339,7 @@ def step(tables, c, s0, s1, u, want_outputs, work):
     for b in range(nb):
         for i in range(6):
             s1.v[b, i] = work.kin_e.v[b, i]
+            s1.a_s_before[b, i] = s0.a_s[b, i]
             s1.a_s[b, i] = (1.0 - c.am) * s1.a[b, i] + c.am * s0.a[b, i]
             # continued from the stage to the end of the step, as the multipliers are
             work.a_out[b, i] = s1.a_s[b, i] + c.af * (s1.a_s[b, i] - s0.a_s[b, i])

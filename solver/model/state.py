@@ -21,6 +21,7 @@ class State(NamedTuple):
     v: np.ndarray  # (nb + 1, 6) the integrator's own twist; outputs are projected
     a: np.ndarray  # (nb + 1, 6)
     a_s: np.ndarray  # (nb + 1, 6) acceleration of the last stage, the predictor of the next
+    a_s_before: np.ndarray  # (nb + 1, 6) and of the one before
     z: np.ndarray  # (nz,)
     zd: np.ndarray  # (nz,)
     lam: np.ndarray  # (nc,) multipliers of the last stage
@@ -32,7 +33,7 @@ def new_state(model) -> State:
     """A state of zeros with the placed configuration."""
     nb, nz, nc, nx = model.n_bodies, model.n_internal, model.n_rows, len(model.coordinate_names)
     six = lambda: np.zeros((nb + 1, 6))  # noqa: E731
-    return State(placed_configuration(model), six(), six(), six(), np.zeros(nz), np.zeros(nz), np.zeros(nc), np.zeros(nc), np.zeros(nx))
+    return State(placed_configuration(model), six(), six(), six(), six(), np.zeros(nz), np.zeros(nz), np.zeros(nc), np.zeros(nc), np.zeros(nx))
 
 
 def copy_state(source: State, target: State) -> None:

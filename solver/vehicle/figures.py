@@ -190,7 +190,8 @@ class Rig:
             ground = np.array([*self.centers[c][:2], 0.0])
             x, y, z = (float(v) for v in matrix(b.orientation).T @ (ground - np.array(b.position)))
             marker = Marker(body=b.name, position=(x, y, z))
-            loads += [AppliedForceSpec(name=f'{n}_{c}', marker=marker, input=f'{n}_{c}', **{kind: v}) for n, (kind, v) in LOADS.items()]  # type: ignore[arg-type]
+            for n, (kind, direction) in LOADS.items():
+                loads.append(AppliedForceSpec(name=f'{n}_{c}', marker=marker, input=f'{n}_{c}', **{kind: direction}))  # type: ignore[arg-type]
         names = [n + end for n in (*(f'travel_{c}' for c in CORNERS),) for end in ('', RATE, ACCELERATION)] + [f.name for f in loads]
         fixed = JointSpec(
             name='rig',
@@ -251,7 +252,7 @@ class Rig:
         }
 
     def travel(self, values: Sequence[float], *, opposite: bool = False) -> dict[str, dict[str, np.ndarray]]:
-        """Sweep of all wheels in parallel, or left and right opposite (left in bump); curves over the travel of the left wheel by corner."""
+        """Sweep of all wheels in parallel, or left and right opposite (left in bump); curves over the left travel by corner."""
         return self._sweep([{f'travel_{c}': z * (SIDES[c.partition('_')[2]] if opposite else 1.0) for c in CORNERS} for z in values])
 
     def steering(self, values: Sequence[float]) -> dict[str, dict[str, np.ndarray]]:
