@@ -53,8 +53,7 @@ def update_audit(tables, kin, outputs, lam, phi_t, h, audit):
     else:
         audit[WORK] += 0.5 * h * (loss + audit[POWER])
         error = abs(energy - audit[REFERENCE] + audit[WORK])
-        if error > audit[WORST]:
-            audit[WORST] = error
+        audit[WORST] = max(audit[WORST], error)
     audit[POWER] = loss
     audit[ENERGY] = energy
 

@@ -42,7 +42,11 @@ def channels_of(model: Model) -> Channels:
         wheels=tuple(t.name for t in spec.tires),
         inputs=spec.inputs,
         elements=tuple(
-            f'{e.name}/{column}' for kind in Outputs._fields if kind != 'tires' for e in getattr(spec, kind) for column in OUTPUT_COLUMNS[kind]
+            f'{e.name}/{column}'
+            for kind in Outputs._fields
+            if kind != 'tires'
+            for e in getattr(spec, kind)
+            for column in OUTPUT_COLUMNS[kind]
         ),
         reactions=model.row_names,
         chassis=model.body_names.index(spec.chassis) if spec.chassis else 0,

@@ -240,12 +240,12 @@ class Start:
     def equilibrium(self, state: State, u: np.ndarray, limit: int = 400) -> float:
         """Static equilibrium: Newton on f(q, 0) + A^T lam = 0, phi = 0 with a pseudo-mass M/tau^2 that fades.
 
-        Changes state.q, state.lam, state.z, state.angle; state.v is set to zero. Returns the largest generalized force left [N or
-        N m]. Internal states follow the motion towards the equilibrium as if an iteration took SETTLING seconds: tires at rest and
-        brakes are springs between that motion and their force. Brakes hold during the search, or the toe of the wheels would roll a car
-        away; what they carry beyond their capacity under u is dropped at the end. Released ones hold so softly that what is dropped
-        does not matter: locked wheels would take part of the load of a suspension that moves them to and fro. Other directions without stiffness stay where
-        they are. Raises ConsistencyError if it does not settle.
+        Changes state.q, state.lam, state.z, state.angle; state.v is set to zero. Returns the largest generalized force left [N
+        or N m]. Internal states follow the motion towards the equilibrium as if an iteration took SETTLING seconds: tires at rest
+        and brakes are springs between that motion and their force. Brakes hold during the search, or the toe of the wheels would
+        roll a car away; what they carry beyond their capacity under u is dropped at the end. Released ones hold so softly that
+        what is dropped does not matter: locked wheels would take part of the load of a suspension that moves them to and fro.
+        Other directions without stiffness stay where they are. Raises ConsistencyError if it does not settle.
         """
         brakes = self.t.brakes
         capacity = np.maximum(brakes.gain * u[brakes.input], 0.0)

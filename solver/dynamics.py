@@ -38,10 +38,21 @@ class Outputs(NamedTuple):
 
 
 # Kernels called through their address (solver.jit.invoke), by index into tables.calls. 0: the model has no such element.
-CALLS = (
-    'spring_dampers bushings coordinate_forces brakes applied_forces aero_drags tires '
-    'joints joint_hessians couplers coupler_hessians factorize solve'
-).split()
+CALLS = [
+    'spring_dampers',
+    'bushings',
+    'coordinate_forces',
+    'brakes',
+    'applied_forces',
+    'aero_drags',
+    'tires',
+    'joints',
+    'joint_hessians',
+    'couplers',
+    'coupler_hessians',
+    'factorize',
+    'solve',
+]
 (
     SPRING_DAMPERS, BUSHINGS, COORDINATE_FORCES, BRAKES, APPLIED_FORCES, AERO_DRAGS, TIRES,
     JOINTS, JOINT_HESSIANS, COUPLERS, COUPLER_HESSIANS, FACTORIZE, SOLVE,

@@ -1,14 +1,13 @@
 """Block-sparse LU without a runtime symbolic phase: the elimination is planned once per model.
 
-Nodes are bodies (n x n form) or bodies and constraint groups (block form); every block is 6x6 in rows of eight (one SIMD vector), groups with fewer rows are
-padded by the identity. Ordering: minimum degree (Tinney-Walker
-scheme 2 on the quotient graph); in the block form a group becomes eligible only after one of its bodies, so its pivot is the
-well-conditioned A S^-1 A^T instead of the tiny regularisation.
+Nodes are bodies (n x n form) or bodies and constraint groups (block form). Every block is 6x6, stored in rows of eight (one SIMD
+vector); groups with fewer rows are padded by the identity. Ordering: minimum degree (Tinney-Walker scheme 2 on the quotient
+graph); in the block form a group becomes eligible only after one of its bodies, so its pivot is the well-conditioned A S^-1 A^T
+instead of the tiny regularisation.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import NamedTuple
 
 import numpy as np
@@ -229,7 +228,7 @@ def _invert(typing_context, B, s):
 
 @kernel(borrow=True)
 def factorize(plan, B, T):
-    """Factorize the blocks B (n_blocks, 6, WIDTH) in place; T (6, WIDTH) is scratch and T[0, 0] returns -1 or a node with a singular pivot."""
+    """Factorize the blocks B (n_blocks, 6, WIDTH) in place. T[0, 0] returns -1, or the node with a singular pivot."""
     bad = -1
     for k in range(plan.node.shape[0]):
         if not _invert(B, plan.diagonal[k]) > SMALLEST_PIVOT:

@@ -111,7 +111,7 @@ def read(file: Path, roots: Sequence[Path], above: tuple[Path, ...] = ()) -> Nod
     reader = READERS.get(file.suffix)
     if reader is not None:
         name = displayed(file)
-        return node_of(reader(Path(name)), yaml.Mark(name, 0, -1, 0, None, None))
+        return node_of(reader(Path(name)), yaml.Mark(name, 0, -1, 0, None, 0))
     return include(parse(read_text(file), displayed(file)), [file.parent, file.parent.parent, *roots], (*above, file.resolve()))
 
 
@@ -135,7 +135,9 @@ def include(node: Node, directories: Sequence[Path], above: tuple[Path, ...] = (
         node.value = [include(item, directories, above, f'{path}[{k}]') for k, item in enumerate(node.value)]
     elif isinstance(node, MappingNode):
         node.value = [(key, include(value, directories, above, join(path, key.value))) for key, value in node.value]
-    elif node.style is None and (match := INCLUDE.fullmatch(node.value)) and match[1] in ('.yaml', *READERS):
+    elif (
+        isinstance(node, ScalarNode) and node.style is None and (match := INCLUDE.fullmatch(node.value)) and match[1] in ('.yaml', *READERS)
+    ):
         file = find(node.value, directories)
         if file is None:
             known = sorted({name for d in directories for name in listing(d, Path(node.value))})
@@ -210,7 +212,7 @@ def override(root: Node, assignment: str, directories: Sequence[Path]) -> None:
 
 def _set_line(node: Node, name: str) -> None:
     if node.start_mark.name == name:
-        node.start_mark = yaml.Mark(name, 0, -1, 0, None, None)
+        node.start_mark = yaml.Mark(name, 0, -1, 0, None, 0)
     for child in node.value if not isinstance(node, ScalarNode) else ():
         for part in child if isinstance(child, tuple) else (child,):
             _set_line(part, name)

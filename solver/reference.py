@@ -64,7 +64,7 @@ def _flatten(value: Any) -> list[int]:
 class Ref:
     """A NamedTuple of arrays, numbers and such NamedTuples, as compiled code sees it. The arrays are shared, never copied."""
 
-    __slots__ = ('value', 'words', 'pointer', 'type')
+    __slots__ = ('pointer', 'type', 'value', 'words')
 
     def __init__(self, value: tuple) -> None:
         self.value = value

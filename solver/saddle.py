@@ -9,9 +9,9 @@ dlam as unknowns and stays well-conditioned for any W. Both give the same dw and
 
 The residuals use the exact force directions, A at the stage of the step, but the matrix has A at its end in both places. Close
 to a singular position a constraint sees the free direction with opposite signs at the stage and at the end; the product of the
-two would make the matrix singular for an unlucky step, or demand forces without bound. With A_e^T W A_e >= 0 that direction is left to its inertia
-while the constraint cannot see it. The price, a contraction of order h omega per iteration instead of quadratic convergence,
-is small for a step that resolves the rotation.
+two would make the matrix singular for an unlucky step, or demand forces without bound. With A_e^T W A_e >= 0 that direction is
+left to its inertia while the constraint cannot see it. The price, a contraction of order h omega per iteration instead of
+quadratic convergence, is small for a step that resolves the rotation.
 """
 
 from __future__ import annotations

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import cast
 
 import numpy as np
 
@@ -30,7 +31,8 @@ from solver.model.state import State, copy_state, fill_kinematics, load_state, n
 from solver.model.tables import Model
 from solver.reference import Ref
 from solver.saddle import BLOCK, CONDENSED, new_saddle
-from solver.scene import Scene, Start as SceneStart
+from solver.scene import Scene
+from solver.scene import Start as SceneStart
 from solver.snapshot import TIRE_COLUMNS, Snapshot, StepStats
 
 SETTLE_TIME = 5.0  # s, some ten periods of a suspension mode
@@ -53,7 +55,9 @@ class Simulation:
         self.h_ns = settings.h_ns
         self.h = self.h_ns * 1e-9
         if settings.kind not in self.KINDS:
-            raise SpecError(f'integrator: kind = {settings.kind!r}: {type(self).__name__} knows {", ".join(self.KINDS)}; use simulation_of(scene)')
+            raise SpecError(
+                f'integrator: kind = {settings.kind!r}: {type(self).__name__} knows {", ".join(self.KINDS)}; use simulation_of(scene)'
+            )
         scheme = coefficients(self.h, settings.rho_inf)
         form = BLOCK if settings.form == 'block' else CONDENSED
         values = Coefficients(
@@ -84,7 +88,7 @@ class Simulation:
     @property
     def state(self) -> State:
         """The current state (the arrays themselves)."""
-        return self._states[0].value
+        return cast(State, self._states[0].value)
 
     # -- start ---------------------------------------------------------------------------------------------------------
 
@@ -154,7 +158,7 @@ class Simulation:
     def _without_loads(self, u: np.ndarray) -> np.ndarray:
         """Inputs with those of coordinate and applied forces zero: static equilibrium is sought under gravity, without drive torque."""
         spec = self.scene.model
-        loads = {force.input for force in (*spec.coordinate_forces, *spec.applied_forces)}
+        loads = {f.input for f in spec.coordinate_forces} | {f.input for f in spec.applied_forces}
         return np.array([0.0 if name in loads else value for name, value in zip(spec.inputs, u, strict=True)])
 
     def _with_rows(self, names: list[str], offsets: list[float]) -> Start:
@@ -180,7 +184,18 @@ class Simulation:
         """Let the wheels roll; returns the rates of the revolute coordinates that carry them."""
         kin = self._kinematics(self.state.q, self.state.v)
         evaluate_forces(
-            self.model.tables, kin, self.state.angle, self.state.z, 0.0, u, False, self.work.f, self.work.Kq, self.work.Kv, self.work.z_s, self._output_table
+            self.model.tables,
+            kin,
+            self.state.angle,
+            self.state.z,
+            0.0,
+            u,
+            False,
+            self.work.f,
+            self.work.Kq,
+            self.work.Kv,
+            self.work.z_s,
+            self._output_table,
         )
         rates = {}
         for e, tire in enumerate(self.model.spec.tires):
@@ -244,9 +259,8 @@ class Simulation:
             inputs = np.repeat(inputs[None, :], n, axis=0)
         if not np.isfinite(inputs).all():
             row, column = np.argwhere(~np.isfinite(inputs))[0]
-            raise StepError(
-                f't = {self.t_ns * 1e-9:.6f} s: input {self.channels.inputs[column]!r} is not finite in step {self.k + row}; nothing was advanced'
-            )
+            name = self.channels.inputs[column]
+            raise StepError(f't = {self.t_ns * 1e-9:.6f} s: input {name!r} is not finite in step {self.k + row}; nothing was advanced')
         inputs = np.ascontiguousarray(inputs, float)
         result, done = advance(self.model.tables, self.coefficients, *self._states, inputs, 0, n, audit, self.work)
         if done % 2 == 1:
@@ -280,7 +294,10 @@ class Simulation:
         assert result.status == NOT_CONVERGED
         worst = int(np.argmax(np.abs(self.work.phi))) if self.model.n_rows else -1
         name = f', worst constraint {self.model.row_names[worst]!r} ({abs(self.work.phi[worst]):.2g})' if worst >= 0 else ''
-        return when + f'no convergence in {self.coefficients.iterations} iterations (residual {result.residual:.2g}{name}); reduce integrator.h'
+        return (
+            when
+            + f'no convergence in {self.coefficients.iterations} iterations (residual {result.residual:.2g}{name}); reduce integrator.h'
+        )
 
     def snapshot(self) -> Snapshot:
         """The outputs of the current step, as copies."""
@@ -340,7 +357,9 @@ class Simulation:
 
     def describe(self) -> dict:
         """Counts, degrees of freedom and redundancy at the current configuration."""
-        evaluate_constraints(self.model.tables, self._kinematics(self.state.q, self.state.v), self.state.angle, self._inputs, self.work.phi, self.work.J)
+        evaluate_constraints(
+            self.model.tables, self._kinematics(self.state.q, self.state.v), self.state.angle, self._inputs, self.work.phi, self.work.J
+        )
         return describe(self.model, self.work.J)
 
 

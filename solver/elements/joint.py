@@ -1,7 +1,8 @@
 """Joints: up to six constraint rows between marker F on body i and marker G on body j.
 
 Rows are the components of p_FG in the world (where all three vanish) or along the axes of F, dot products of marker axes, the
-constant-velocity condition and the distance; kinds are lists of rows (table in docs/conventions.md). Gradients and second derivatives are exact.
+constant-velocity condition and the distance; kinds are lists of rows (table in docs/conventions.md). Gradients and second
+derivatives are exact.
 """
 
 from __future__ import annotations
@@ -41,7 +42,20 @@ KINDS: dict[str, tuple[int, ...]] = {
     'point_on_plane': (DZ,),
     'perpendicular': (_ZZ,),
 }
-ROW_NAMES = {PX: 'x', PY: 'y', PZ: 'z', DX: 'x', DY: 'y', DZ: 'z', _XY: 'xy', _XZ: 'xz', _YZ: 'yz', _ZZ: 'zz', TWIST: 'twist', DISTANCE: 'distance'}
+ROW_NAMES = {
+    PX: 'x',
+    PY: 'y',
+    PZ: 'z',
+    DX: 'x',
+    DY: 'y',
+    DZ: 'z',
+    _XY: 'xy',
+    _XZ: 'xz',
+    _YZ: 'yz',
+    _ZZ: 'zz',
+    TWIST: 'twist',
+    DISTANCE: 'distance',
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -83,7 +97,9 @@ class JointTable(NamedTuple):
     slot: np.ndarray  # (nj, 4) blocks ii ij ji jj
 
 
-def compile_joints(specs: Sequence[JointSpec], context: Context, first_row: Sequence[int], entries: Sequence[tuple[int, int]]) -> JointTable:
+def compile_joints(
+    specs: Sequence[JointSpec], context: Context, first_row: Sequence[int], entries: Sequence[tuple[int, int]]
+) -> JointTable:
     """Resolve names into a table; rows and Jacobian blocks are numbered by the caller."""
     n = len(specs)
     table = JointTable(

@@ -81,7 +81,8 @@ class Kkt:
         """Step over t and interpolate."""
         s = self.solver
         while self.t < t:
-            message = s.step()
+            with np.errstate(over='ignore', invalid='ignore'):  # of trial steps, which the method rejects
+                message = s.step()
             if s.status == 'failed':
                 raise StepError(message or 'the step size fell to zero')
             self.interpolate = s.dense_output()

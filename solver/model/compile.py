@@ -268,5 +268,3 @@ def _resolve_offsets(model: Model) -> None:
         for t in range(table.terms[k]):
             x, _, _ = evaluate_coordinate(coordinates, kin, table.coordinate[k, t], zero)
             table.offset[k] += table.factor[k, t] * x
-
-

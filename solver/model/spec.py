@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from solver.elements.applied_force import AppliedForceSpec
 from solver.elements.aero_drag import AeroDragSpec
+from solver.elements.applied_force import AppliedForceSpec
 from solver.elements.brake import BrakeSpec
 from solver.elements.bushing import BushingSpec
 from solver.elements.coordinate import CoordinateSpec
@@ -18,6 +18,8 @@ from solver.elements.road import RoadSpec
 from solver.elements.spring_damper import SpringDamperSpec
 from solver.elements.tire_pacejka import TireSpec
 from solver.errors import SpecError
+
+FLAT = RoadSpec()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +41,7 @@ class ModelSpec:
     applied_forces: tuple[AppliedForceSpec, ...] = ()
     aero_drags: tuple[AeroDragSpec, ...] = ()
     tires: tuple[TireSpec, ...] = ()
-    road: RoadSpec = RoadSpec()
+    road: RoadSpec = FLAT
     gravity: Vector = (0.0, 0.0, -9.81)
     inputs: tuple[str, ...] = ()
     chassis: str | None = None
@@ -48,9 +50,19 @@ class ModelSpec:
         object.__setattr__(self, 'gravity', vector('model', 'gravity', self.gravity))
         if not self.bodies:
             raise SpecError('model: bodies is empty: a model needs at least one body')
-        for kind in (
-            'bodies joints coordinates couplers spring_dampers bushings coordinate_forces brakes applied_forces aero_drags tires'.split()
-        ):
+        for kind in [
+            'bodies',
+            'joints',
+            'coordinates',
+            'couplers',
+            'spring_dampers',
+            'bushings',
+            'coordinate_forces',
+            'brakes',
+            'applied_forces',
+            'aero_drags',
+            'tires',
+        ]:
             seen: set[str] = set()
             for spec in getattr(self, kind):
                 if spec.name in seen:

@@ -33,7 +33,9 @@ def new_state(model) -> State:
     """A state of zeros with the placed configuration."""
     nb, nz, nc, nx = model.n_bodies, model.n_internal, model.n_rows, len(model.coordinate_names)
     six = lambda: np.zeros((nb + 1, 6))  # noqa: E731
-    return State(placed_configuration(model), six(), six(), six(), six(), np.zeros(nz), np.zeros(nz), np.zeros(nc), np.zeros(nc), np.zeros(nx))
+    return State(
+        placed_configuration(model), six(), six(), six(), six(), np.zeros(nz), np.zeros(nz), np.zeros(nc), np.zeros(nc), np.zeros(nx)
+    )
 
 
 def copy_state(source: State, target: State) -> None:
@@ -90,7 +92,8 @@ def update_angles(coordinates, kin, angle):
 def save_state(state: State, k: int, extra: dict[str, np.ndarray] | None = None) -> bytes:
     """Serialise a state and its step index."""
     file = io.BytesIO()
-    np.savez(file, k=np.int64(k), **state._asdict(), **(extra or {}))
+    arrays = {'k': np.int64(k), **state._asdict(), **(extra or {})}
+    np.savez(file, **arrays)  # type: ignore[arg-type]
     return file.getvalue()
 
 

@@ -23,7 +23,6 @@ from solver.linear import Elimination
 from solver.model.spec import ModelSpec
 from solver.reference import Ref
 
-
 MAX_CALLS = 16
 
 

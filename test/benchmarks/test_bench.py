@@ -128,7 +128,7 @@ def test_a_suite_refuses_what_it_does_not_know(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match=r"suite\.yaml:1: cases\.a\.targets = .*did you mean 'batch'"):
         load_suite(file)
     file.write_text('cases: {a: {scene: pendulum}}')
-    with pytest.raises(SceneError, match="--cases b: no such case; allowed: a"):
+    with pytest.raises(SceneError, match='--cases b: no such case; allowed: a'):
         load_suite(file, ['b'])
 
 

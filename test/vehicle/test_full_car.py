@@ -177,7 +177,7 @@ def test_combined_mounts_act_like_the_single_ones() -> None:
 
 def test_mounts_that_couple_rotations_are_refused() -> None:
     i = RigidBodySpec(name='i', mass=1.0, inertia=(1, 1, 1, 0, 0, 0))
-    with pytest.raises(SpecError, match="mounting 'm': points = .* couple two rotations"):
+    with pytest.raises(SpecError, match=r"mounting 'm': points = .* couple two rotations"):
         mounting(
             'm',
             i,

@@ -1,0 +1,166 @@
+"""Independent integrators (index 1 explicit; stabilised index 2 by BDF, Radau and IDA) and the step agree within their error bars."""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+
+import numpy as np
+import pytest
+from closed_forms import driven_four_bar, falling_four_bar, heavy_body, steady_top
+from convergence import error, scene_of
+
+from solver.errors import SpecError, StepError
+from solver.integrators.equations import Equations, Motion
+from solver.integrators.reference import Stabilised
+from solver.reference import Ref
+from solver.reference_simulation import ReferenceSimulation
+from solver.scene import load_scene
+from solver.simulation import Simulation, simulation_of
+
+PACKAGE = {'reference_bdf': 'scipy_dae', 'reference_radau': 'scipy_dae', 'reference_ida': 'sksundae'}
+KINDS = ('reference_kkt', *PACKAGE)
+
+
+@pytest.fixture(params=KINDS)
+def kind(request) -> str:
+    """Every reference integrator whose package is installed."""
+    if request.param in PACKAGE:
+        pytest.importorskip(PACKAGE[request.param])
+    return request.param
+
+
+PROBLEMS = {'heavy body': heavy_body(0.8), 'falling four-bar': falling_four_bar(0.8), 'driven four-bar': driven_four_bar(6.0)}
+
+
+@pytest.mark.parametrize('name', PROBLEMS)
+def test_reference_integrators_reach_the_closed_forms(kind, name):
+    """Positions to 1e-5, velocities to 1e-4, multipliers to 1e-3 over 0.8 s at tolerance 1e-9 (Gear methods lose four digits)."""
+    problem = PROBLEMS[name]
+    simulation = simulation_of(scene_of(problem, h=0.08, kind=kind, tolerance=1e-9))
+    assert isinstance(simulation, ReferenceSimulation)
+    worst = np.zeros(3)
+    for _ in range(10):
+        snapshot = simulation.advance()
+        worst = np.maximum(worst, error(snapshot, problem.exact(snapshot.t_ns * 1e-9)))
+    assert (worst < (1e-5, 1e-4, 1e-3)).all(), worst
+    assert simulation.audit()['evaluations'] > 0
+
+
+def unique(simulation: Simulation) -> np.ndarray:
+    """(nc,) which multipliers are unique: those without a share in the null space of A^T."""
+    equations = Equations(simulation.model, Ref(simulation.outputs), lambda _: simulation.snapshot().inputs, simulation.state.angle)
+    equations.move_to(simulation.state.q, simulation.state.v)
+    B, _ = equations.scaled(equations.constraints(0.0).A)
+    left, size, _ = np.linalg.svd(B)
+    rank = int((size > 1e-8 * size[0]).sum())
+    return np.abs(left[:, rank:]).max(axis=1, initial=0.0) < 1e-8
+
+
+# scene, overrides, time [s], smallest number of unique reactions
+AGREEMENT = {
+    'pendulum': ((), 1.2, 5),
+    'four_bar': ((), 0.6, 8),
+    'slider_crank': (('start.coordinates.slide.rate=-1',), 0.3, 6),
+    'spinning_top': ((), 0.1, 3),
+    'bricard': ((), 0.5, 10),
+    'flyball_governor': (('start.coordinates.shaft.rate=3',), 0.2, 8),
+}
+
+
+@pytest.mark.parametrize('name', AGREEMENT)
+def test_motion_and_unique_reactions_agree_within_both_error_bars(kind, name):
+    """Error bars: of the step h = 1 ms (0.1 ms of the top), three times the change of the last halving; of the reference, its change from 1e-7."""
+    if (kind, name) == ('reference_kkt', 'flyball_governor'):
+        pytest.skip('explicit: 4e4 N s/m at light bodies take 1e5 steps per second')
+    overrides, duration, least = AGREEMENT[name]
+    scene = load_scene(name, overrides)
+
+    def run(**settings) -> tuple[np.ndarray, np.ndarray, Simulation]:
+        simulation = simulation_of(dataclasses.replace(scene, integrator=dataclasses.replace(scene.integrator, **settings)))
+        snapshot = simulation.advance(round(duration / simulation.h))
+        return np.concatenate([snapshot.pose.ravel(), snapshot.twist.ravel()]), snapshot.reactions, simulation
+
+    h = 1e-4 if name == 'spinning_top' else 1e-3
+    ours = [run(h=step, kind='alf', mode='tolerance', tolerance=1e-11) for step in (h, h / 2)]
+    loose, tight = (run(h=duration, kind=kind, tolerance=tolerance) for tolerance in (1e-7, 1e-9))
+    judged = unique(tight[2])
+    assert judged.sum() >= least
+    for field, mask in ((0, slice(None)), (1, judged)):
+        a, b = ours[0][field][mask], ours[1][field][mask]
+        c, d = loose[field][mask], tight[field][mask]
+        bar = np.abs(b - a).max() + np.abs(d - c).max()
+        assert bar < 1e-2 * max(1.0, np.abs(d).max())
+        np.testing.assert_allclose(b, d, rtol=0, atol=3 * bar + 1e-9 * max(1.0, np.abs(d).max()))
+
+
+def test_analytic_jacobians_are_the_derivatives_of_the_residual(rng):
+    """Central differences to 1e-6 of the largest entry, at random unknowns with dMu/dt = 0."""
+    pytest.importorskip('scipy_dae')
+    simulation = simulation_of(load_scene('slider_crank', ['integrator.kind=reference_bdf', 'mechanism.gravity=[1, -9, 2]']))
+    assert isinstance(simulation, ReferenceSimulation)
+    solver = simulation._solver
+    assert isinstance(solver, Stabilised)
+    y = np.concatenate(
+        [solver.layout.pack(Motion(simulation.state.q, simulation.state.v, simulation.state.z)), np.zeros(2 * len(solver.rows))]
+    )
+    y[: solver.layout.end] += 0.1 * rng.normal(size=solver.layout.end)
+    yp = rng.normal(size=len(y))
+    yp[solver.Mu] = 0.0
+    Jy, Jp = solver.jacobians(0.0, y, yp)
+    for k, unit in enumerate(1e-6 * np.eye(len(y))):
+        for J, moved in ((Jy, [(y + s * unit, yp) for s in (1, -1)]), (Jp, [(y, yp + s * unit) for s in (1, -1)])):
+            if J is Jy and k >= solver.layout.end:
+                assert not J[:, k].any()
+                continue
+            slope = (solver.residual(0.0, *moved[0]) - solver.residual(0.0, *moved[1])) / 2e-6
+            np.testing.assert_allclose(J[:, k], slope, rtol=0, atol=1e-6 * max(1.0, np.abs(slope).max()))
+
+
+def test_a_car_with_internal_states_runs_on_every_reference(kind):
+    """Tires and brakes included: 10 ms of a step steer, positions to 1e-6 m and tire forces to 1 % of the load of the step's."""
+    scene = load_scene('light_car_straight', ['integrator.h=0.01', f'integrator.kind={kind}', 'integrator.tolerance=1e-6'])
+    ours = Simulation(dataclasses.replace(scene, integrator=dataclasses.replace(scene.integrator, kind='alf', h=1e-3))).advance(10)
+    reference = simulation_of(scene).advance()
+    np.testing.assert_allclose(reference.pose[:, :3], ours.pose[:, :3], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(reference.tire[:, :3], ours.tire[:, :3], rtol=0, atol=1e-2 * ours.tire[0, 2])
+
+
+def test_reset_repeats_a_reference_run():
+    problem = steady_top()
+    simulation = simulation_of(scene_of(problem, h=0.05, kind='reference_kkt', tolerance=1e-8))
+    first = simulation.advance(4)
+    simulation.reset()
+    np.testing.assert_array_equal(simulation.advance(4).pose, first.pose)
+
+
+def test_stabilised_methods_stop_at_a_singular_position_with_one_sentence():
+    """Slider-crank at theta = 90 deg (0.39 s): rank 22 of 23."""
+    pytest.importorskip('scipy_dae')
+    simulation = simulation_of(
+        load_scene('slider_crank', ['integrator.kind=reference_bdf', 'integrator.h=0.1', 'integrator.tolerance=1e-8'])
+    )
+    with pytest.raises(StepError, match=r't = 0\.3[89]\d+ s, step \d: reference_bdf stopped: .* singular position'):
+        simulation.advance(10)
+
+
+def test_a_missing_package_is_one_sentence_with_the_extra_to_install(monkeypatch):
+    def missing(name, *args):
+        raise ImportError(name)
+
+    monkeypatch.setattr(importlib, 'import_module', missing)
+    with pytest.raises(
+        SpecError, match=r"integrator: kind = 'reference_ida': needs the package scikit-sundae; .*mbd_sim_ros\[references\]"
+    ):
+        simulation_of(load_scene('pendulum', ['integrator.kind=reference_ida']))
+
+
+def test_inputs_of_a_reference_come_from_its_maneuver_only():
+    simulation = simulation_of(load_scene('four_bar', ['integrator.kind=reference_kkt']))
+    with pytest.raises(SpecError, match='follows the maneuver of its scene'):
+        simulation.advance(1, np.zeros(3))
+
+
+def test_the_step_refuses_the_kinds_of_the_references():
+    with pytest.raises(SpecError, match="kind = 'reference_kkt': Simulation knows alf, m_alf; use simulation_of"):
+        Simulation(load_scene('pendulum', ['integrator.kind=reference_kkt']))
