@@ -57,20 +57,20 @@ def unique(simulation: Simulation) -> np.ndarray:
     return np.abs(left[:, rank:]).max(axis=1, initial=0.0) < 1e-8
 
 
-# scene, overrides, time [s], smallest number of unique reactions
+# overrides, time [s], smallest number of unique reactions (the redundancy of Bricard's mechanism is shared by all of its rows)
 AGREEMENT = {
-    'pendulum': ((), 1.2, 5),
+    'pendulum': ((), 0.9, 5),
     'four_bar': ((), 0.6, 8),
     'slider_crank': (('start.coordinates.slide.rate=-1',), 0.3, 6),
     'spinning_top': ((), 0.1, 3),
-    'bricard': ((), 0.5, 10),
+    'bricard': ((), 0.5, 0),
     'flyball_governor': (('start.coordinates.shaft.rate=3',), 0.2, 8),
 }
 
 
 @pytest.mark.parametrize('name', AGREEMENT)
 def test_motion_and_unique_reactions_agree_within_both_error_bars(kind, name):
-    """Error bars: of the step h = 1 ms (0.1 ms of the top), three times the change of the last halving; of the reference, its change from 1e-7."""
+    """Within three times the change of the step's last halving (1 ms; 0.1 ms for the top) plus the reference's change from 1e-7 to 1e-9."""
     if (kind, name) == ('reference_kkt', 'flyball_governor'):
         pytest.skip('explicit: 4e4 N s/m at light bodies take 1e5 steps per second')
     overrides, duration, least = AGREEMENT[name]
