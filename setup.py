@@ -47,6 +47,8 @@ setup(
         'test': [
             'pytest',
             'rosbags',
+            'scipy_dae',
+            'scikit-sundae',
             'setuptools<80',
             'wheel',
             'colcon-core',

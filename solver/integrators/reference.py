@@ -28,6 +28,7 @@ from solver.integrators.equations import INTERNAL_STEP, RANK_TOLERANCE, Equation
 from solver.model.tables import Model
 
 WORN = 0.03  # rows are chosen anew when their smallest singular value is below this part of what another choice has
+LONGEST_STEP = 0.02  # s; at rest a method would step over the inputs that end it
 UNIT_RATE = 10.0  # 1/s, by which the norm of quaternions returns to one
 METHODS = {
     'reference_bdf': ('scipy_dae', 'BDFDAE'),
@@ -68,12 +69,14 @@ class Kkt:
         self.factorizations = 0
         self.t = t
         start = self.layout.pack(motion)
-        self.solver = DOP853(self._rate, t, start, np.inf, rtol=max(tolerance, 3e-14), atol=tolerance)
+        self.solver = DOP853(self._rate, t, start, np.inf, max_step=LONGEST_STEP, rtol=max(tolerance, 3e-14), atol=tolerance)
         self.interpolate: Callable[[float], np.ndarray] = lambda _: start
 
     def _rate(self, t: float, y: np.ndarray) -> np.ndarray:
         self.factorizations += 1
         motion = self.layout.unpack(y)
+        if not np.isfinite(y).all():
+            return np.full_like(y, np.nan)  # the method takes a shorter step
         a, _, zd = self.equations.acceleration(t, motion)
         return np.concatenate([self.layout.rate(y, y[self.layout.v]), a, zd])
 
@@ -123,7 +126,7 @@ class Stabilised:
         lam = np.linalg.lstsq(e.constraints(t).A[rows].T, e.M @ a - f, rcond=None)[0]
         y = np.concatenate([self.layout.pack(motion), np.zeros(2 * nr)])
         yp = np.concatenate([self.layout.rate(y, y[self.layout.v]), a, zd, lam, np.zeros(nr)])
-        options = {'rtol': self.tolerance, 'atol': self.tolerance}
+        options = {'rtol': self.tolerance, 'atol': self.tolerance, 'max_step': LONGEST_STEP}
         smooth = not e.model.n_internal  # the derivatives of internal states are not known analytically
         if self.kind == 'reference_ida':
             self.solver = self.method(self._ida_residual, max_num_steps=1_000_000, jacfn=self._ida_jacobian if smooth else None, **options)

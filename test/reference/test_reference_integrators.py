@@ -24,7 +24,7 @@ KINDS = ('reference_kkt', *PACKAGE)
 
 @pytest.fixture(params=KINDS)
 def kind(request) -> str:
-    """Every reference integrator whose package is installed."""
+    """Every reference integrator, or the one asked for, if its package is installed."""
     if request.param in PACKAGE:
         pytest.importorskip(PACKAGE[request.param])
     return request.param
@@ -68,11 +68,19 @@ AGREEMENT = {
 }
 
 
-@pytest.mark.parametrize('name', AGREEMENT)
+# explicit methods cannot resolve the governor's 4e4 N s/m at light bodies
+PAIRS = [
+    (kind, name)
+    for name in AGREEMENT
+    for kind in ('reference_kkt', 'reference_ida')
+    if (kind, name) != ('reference_kkt', 'flyball_governor')
+]
+PAIRS += [('reference_bdf', 'flyball_governor'), ('reference_bdf', 'slider_crank'), ('reference_radau', 'slider_crank')]
+
+
+@pytest.mark.parametrize(('kind', 'name'), PAIRS, indirect=['kind'])
 def test_motion_and_unique_reactions_agree_within_both_error_bars(kind, name):
     """Within three times the change of the step's last halving (1 ms; 0.1 ms for the top) plus the reference's change from 1e-7 to 1e-9."""
-    if (kind, name) == ('reference_kkt', 'flyball_governor'):
-        pytest.skip('explicit: 4e4 N s/m at light bodies take 1e5 steps per second')
     overrides, duration, least = AGREEMENT[name]
     scene = load_scene(name, overrides)
 
@@ -89,9 +97,9 @@ def test_motion_and_unique_reactions_agree_within_both_error_bars(kind, name):
     for field, mask in ((0, slice(None)), (1, judged)):
         a, b = ours[0][field][mask], ours[1][field][mask]
         c, d = loose[field][mask], tight[field][mask]
-        bar = np.abs(b - a).max() + np.abs(d - c).max()
-        assert bar < 1e-2 * max(1.0, np.abs(d).max())
-        np.testing.assert_allclose(b, d, rtol=0, atol=3 * bar + 1e-9 * max(1.0, np.abs(d).max()))
+        bar = np.abs(b - a).max(initial=0.0) + np.abs(d - c).max(initial=0.0)
+        assert bar < 1e-2 * max(1.0, np.abs(d).max(initial=0.0))
+        np.testing.assert_allclose(b, d, rtol=0, atol=3 * bar + 1e-9 * max(1.0, np.abs(d).max(initial=0.0)))
 
 
 def test_analytic_jacobians_are_the_derivatives_of_the_residual(rng):
