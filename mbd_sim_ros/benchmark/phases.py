@@ -23,7 +23,7 @@ from solver.saddle import CONDENSED, assemble_tangent, effective_masses, factori
 from solver.simulation import Simulation
 
 FORCE_KINDS = range(TIRES + 1)  # indices into tables.calls
-PLACE, TANGENTS, FORCES, CONSTRAINTS, RESIDUAL, ASSEMBLE, FACTORIZE_ALL, SOLVE, PROJECT, OUTPUTS = range(10)
+PLACE_TANGENTS, PLACE, TANGENTS, FORCES, CONSTRAINTS, RESIDUAL, ASSEMBLE, FACTORIZE_ALL, SOLVE, PROJECT, OUTPUTS = range(11)
 PHASES = {
     'placement': 'configuration, rotation tangents and velocities of the stage and the end',
     'forces and tangents': 'all force elements with Kq and Kv',
@@ -48,8 +48,8 @@ def repeat(phase, count, tables, c, s0, s1, u, work):
     cz = s * c.gamma1 * h / (1.0 - c.am1)
     saddle = work.saddle
     for _ in range(count):
-        if phase == PLACE:
-            _place(tables, c, s0, s1.a, s1.q, work)
+        if phase in (PLACE_TANGENTS, PLACE):
+            _place(tables, c, s0, s1.a, s1.q, phase == PLACE_TANGENTS, work)
         elif phase in (TANGENTS, FORCES):
             tangents = phase == TANGENTS
             evaluate_forces(tables, work.kin_s, s0.angle, work.zp, cz, u, tangents, work.f, work.Kq, work.Kv, work.z_s, work.outputs)
@@ -119,14 +119,9 @@ def phase_times(simulation: Simulation, rounds: int, count: int = 200) -> tuple[
     first = new_state(simulation.model)
     s0, s1 = Ref(first), Ref(new_state(simulation.model))
 
-    def prepared() -> tuple[int, int]:
-        """One real step from the start; its iterations and factorizations."""
-        copy_state(start, first)
-        result = step(tables, c, s0, s1, inputs[0], True, work)
-        return result.iterations, result.factorizations
-
     def piece(phase: int) -> float:
-        prepared()
+        copy_state(start, first)
+        step(tables, c, s0, s1, inputs[0], True, work)  # repeated pieces may add up what a step clears
         begin = time.thread_time_ns()
         repeat(phase, count, tables, c, s0, s1, inputs[0], work)
         return (time.thread_time_ns() - begin) / count * 1e-3
@@ -141,7 +136,7 @@ def phase_times(simulation: Simulation, rounds: int, count: int = 200) -> tuple[
         with _calling(simulation, _no_elimination(simulation)):
             before_elimination = piece(FACTORIZE_ALL)
         found = {
-            'placement': (n + 1.0) * piece(PLACE),
+            'placement': factorizations * piece(PLACE_TANGENTS) + (n + 1.0 - factorizations) * piece(PLACE),
             'forces and tangents': factorizations * piece(TANGENTS),
             'forces alone': (n - factorizations) * piece(FORCES),
             'constraints': n * piece(CONSTRAINTS),
