@@ -3,15 +3,25 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 from mbd_sim_ros.benchmark.overhead import FIGURES as OVERHEAD_FIGURES
 from mbd_sim_ros.benchmark.phases import PHASES
 from mbd_sim_ros.benchmark.stepping import FIGURES as STEPPING_FIGURES
 
-Table = tuple[str, str, list[list[str]]]  # title, explanation, rows with the header first
+
+class Table(NamedTuple):
+    """One table: its title, what its numbers are, its rows with the header first, and what its figures or lines mean, by name."""
+
+    title: str
+    about: str
+    rows: list[list[str]]
+    meaning: Mapping[str, str] = MappingProxyType({})
+
+
 GENERATED = re.compile(r'<!-- begin bench -->\n.*?<!-- end -->\n', re.DOTALL)
 
 
@@ -26,7 +36,7 @@ def tables(report: dict[str, Any]) -> list[Table]:
     if overhead:
         found.append(_overhead(overhead))
     found += [_targets(report['cases']), _unavailable(report['cases'])]
-    return [table for table in found if len(table[2]) > 1]
+    return [table for table in found if len(table.rows) > 1]
 
 
 def _number(value: float) -> str:
@@ -43,8 +53,7 @@ def _stepping(cases: Sequence[dict[str, Any]]) -> Table:
             + [_number(case['us'][figure]) for figure in STEPPING_FIGURES]
             + [_number(case['real_time_factor']), *(f'{counters[name]:.3g}' for name in header[-3:])]
         )
-    about = '; '.join(f'{name}: {text}' for name, text in STEPPING_FIGURES.items())
-    return 'A step', f'CPU time in us. {about}. Counters are those of an audited step.', rows
+    return Table('A step', 'CPU time in us; counters are those of an audited step.', rows, STEPPING_FIGURES)
 
 
 def _columns(cases: Sequence[dict[str, Any]], names: Sequence[str], value: Callable[[dict[str, Any], str], str]) -> list[list[str]]:
@@ -53,18 +62,16 @@ def _columns(cases: Sequence[dict[str, Any]], names: Sequence[str], value: Calla
 
 
 def _phases(cases: Sequence[dict[str, Any]]) -> Table:
-    about = (
-        'CPU time in us per audited step: every compiled piece of the step repeated alone on the data of a real step, '
-        'times its calls per step. ' + '; '.join(f'{name}: {text}' for name, text in PHASES.items()) + '.'
-    )
-    return 'Phases of a step', about, _columns(cases, [*PHASES, 'whole'], lambda case, name: _number(case['phases'][name]))
+    rows = _columns(cases, [*PHASES, 'whole'], lambda case, name: _number(case['phases'][name]))
+    about = 'CPU time in us per audited step: every compiled piece of a step repeated alone on the data of a real one, times its calls.'
+    return Table('Phases of a step', about, rows, PHASES)
 
 
 def _elements(cases: Sequence[dict[str, Any]]) -> Table:
     names = list(dict.fromkeys(name for case in cases for name in case['elements'] if name != 'bodies'))
     about = 'CPU time in us per evaluation with tangents, by kind; bodies: gyroscopic terms, gravity and the clearing of the arrays.'
     show = lambda case, name: _number(case['elements'][name]) if name in case['elements'] else ''  # noqa: E731
-    return 'Force elements', about, _columns(cases, [*names, 'bodies'], show)
+    return Table('Force elements', about, _columns(cases, [*names, 'bodies'], show))
 
 
 def _overhead(cases: Sequence[dict[str, Any]]) -> Table:
@@ -74,8 +81,7 @@ def _overhead(cases: Sequence[dict[str, Any]]) -> Table:
             [case['name'], f'{case["rate"]:g}', str(case['topics']), str(case['published_topics']), str(case['bytes_per_step'])]
             + [_number(case['us'][figure]) for figure in OVERHEAD_FIGURES]
         )
-    about = '; '.join(f'{name}: {text}' for name, text in OVERHEAD_FIGURES.items())
-    return 'Publishing and recording', f'CPU time in us per step of a loop paced in real time. {about}.', rows
+    return Table('Publishing and recording', 'CPU time in us per step of a loop paced in real time.', rows, OVERHEAD_FIGURES)
 
 
 def _targets(cases: Sequence[dict[str, Any]]) -> Table:
@@ -85,12 +91,12 @@ def _targets(cases: Sequence[dict[str, Any]]) -> Table:
             value = target['value']
             met = {True: 'yes', False: 'NO', None: 'not measured'}[target['met']]
             rows.append([case['name'], target['figure'], '' if value is None else _number(value), f'{target["limit"]:g}', met])
-    return 'Targets', '', rows
+    return Table('Targets', '', rows)
 
 
 def _unavailable(cases: Sequence[dict[str, Any]]) -> Table:
     rows = [[case['name'], case['reason']] for case in cases if case['status'] != 'ok']
-    return 'Not measured', '', [['case', 'reason'], *rows]
+    return Table('Not measured', '', [['case', 'reason'], *rows])
 
 
 def machine(report: dict[str, Any]) -> list[str]:
@@ -109,7 +115,7 @@ def machine(report: dict[str, Any]) -> list[str]:
 def text(report: dict[str, Any]) -> str:
     """All tables, aligned."""
     blocks = ['\n'.join(machine(report))]
-    for title, _, rows in tables(report):
+    for title, _, rows, _ in tables(report):
         widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
         left = [all(not _is_number(row[k]) for row in rows[1:]) for k in range(len(widths))]
         lines = (
@@ -126,10 +132,11 @@ def _is_number(cell: str) -> bool:
 def markdown(report: dict[str, Any]) -> str:
     """All tables as Markdown, with what the figures mean."""
     blocks = ['\n'.join(f'- {line}' for line in machine(report))]
-    for title, about, rows in tables(report):
+    for title, about, rows, meaning in tables(report):
         head, *body = (f'| {" | ".join(row)} |' for row in rows)
-        block = [f'## {title}', '', *([about, ''] if about else []), head, '|' + '---|' * len(rows[0]), *body]
-        blocks.append('\n'.join(block))
+        lines = [f'## {title}', '', *([about, ''] if about else []), head, '|' + '---|' * len(rows[0]), *body]
+        lines += [*([''] if meaning else []), *(f'- {name}: {text}' for name, text in meaning.items())]
+        blocks.append('\n'.join(lines))
     return '\n\n'.join(blocks) + '\n'
 
 
