@@ -37,6 +37,7 @@ from solver.snapshot import TIRE_COLUMNS, Snapshot, StepStats
 
 SETTLE_TIME = 5.0  # s, some ten periods of a suspension mode
 SETTLE_EVERY = 0.01  # s
+SETTLE_STEP = 1e-3  # s, whatever the step of the scene, so that a start does not depend on it
 
 
 class Simulation:
@@ -81,6 +82,7 @@ class Simulation:
         self._initial = new_state(self.model)
         self._inputs = np.zeros(len(scene.model.inputs))
         self._totals = np.zeros(6)
+        self.k = 0
         self._find_start(scene.start)
         copy_state(self.state, self._initial)
         self.reset()
@@ -132,13 +134,16 @@ class Simulation:
         Rolling tires grow and stiffen, drag and drive torque act: a car that stands in equilibrium does not roll in it. Every
         SETTLE_EVERY seconds it is put back to its place and its speed.
         """
-        steps = max(1, round(SETTLE_EVERY / self.h))
+        scheme = coefficients(SETTLE_STEP, self.scene.integrator.rho_inf)
+        settling = Ref(self.coefficients.value._replace(**scheme, fixed=1, iterations=2))
+        Start(self.model, self.outputs).start_integrator(self.state, u, SETTLE_STEP, settling.am, settling.af)
+        steps = round(SETTLE_EVERY / SETTLE_STEP)
         inputs = np.repeat(u[None, :], steps, axis=0)
         chassis = self.channels.chassis or 0
         place = self.state.q[chassis, :2].copy()
         wheels = [self.model.body_names.index(tire.marker.body) for tire in self.model.spec.tires]
         for _ in range(round(SETTLE_TIME / SETTLE_EVERY)):
-            result, done = advance(self.model.tables, self.coefficients, *self._states, inputs, 0, steps, False, self.work)
+            result, done = advance(self.model.tables, settling, *self._states, inputs, 0, steps, False, self.work)
             if done % 2 == 1:
                 self._states.reverse()
             if result.status != OK:

@@ -47,5 +47,5 @@ def run(args: argparse.Namespace) -> Result:
     data = {'status': 'failed' if failed else 'ok', 'quick': args.quick, 'missed': missed, **found}
     if args.out is not None and measured:
         options = ''.join([' --quick' if args.quick else '', f' --cases {args.cases}' if args.cases else ''])
-        report.write(found, args.out, f'mbd bench{options} --out {args.out.name}')
+        report.write(found, args.out, f'mbd bench{options} --out {args.out.name if args.out.is_absolute() else args.out}')
     return Result(data=data, text=report.text(found), code=1 if failed else 0)
