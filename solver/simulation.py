@@ -135,7 +135,7 @@ class Simulation:
         SETTLE_EVERY seconds it is put back to its place and its speed.
         """
         scheme = coefficients(SETTLE_STEP, self.scene.integrator.rho_inf)
-        settling = Ref(cast(Coefficients, self.coefficients.value)._replace(**scheme, fixed=1, iterations=2))
+        settling = Ref(cast(Coefficients, self.coefficients.value)._replace(fixed=1, iterations=2, **scheme))  # type: ignore[arg-type]
         Start(self.model, self.outputs).start_integrator(self.state, u, SETTLE_STEP, settling.am, settling.af)
         steps = round(SETTLE_EVERY / SETTLE_STEP)
         inputs = np.repeat(u[None, :], steps, axis=0)
