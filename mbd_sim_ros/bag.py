@@ -19,8 +19,8 @@ from mcap.records import Channel, Chunk, Footer, Message, Metadata, Schema
 from mcap.stream_reader import CRCValidationError, StreamReader, get_chunk_data_stream
 
 from mbd_sim_ros import cdr
+from mbd_sim_ros.bag_writer import PART, RECORD, RESULT, BagWriter
 from mbd_sim_ros.messages import IMU, JOINT_STATE, ODOMETRY, WRENCH, Topic
-from mbd_sim_ros.recorder import PART, RECORD, RESULT, BagWriter
 from solver.errors import BagError
 
 _XYZ, _QUATERNION, _TWIST = ('x', 'y', 'z'), ('qx', 'qy', 'qz', 'qw'), ('vx', 'vy', 'vz', 'wx', 'wy', 'wz')

@@ -1,39 +1,40 @@
-"""Recording: MCAP files (profile ros2) that describe themselves, written beside the simulation without stopping it.
+"""Recording a run beside the simulation without stopping it: the writing is done by a process of its own (recording.py).
 
-`BagWriter` writes one bag directory; `Recorder` does so on a thread of its own behind a bounded queue. While it is written the
-file is named `*.mcap.part`; a finished bag has its final name and `metadata.yaml`, so `ros2 bag` and `rosbags` open the directory.
-log_time and publish_time are simulation time.
+A thread would share the interpreter lock with the simulation: with one, 1 to 4 % of the steps of a 1 kHz loop came late, without
+it almost none (docs/decisions/0003-recording-process.md).
 """
 
 from __future__ import annotations
 
 import hashlib
+import json
+import marshal
 import os
+import struct
 import subprocess
+import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import yaml
-from mcap.exceptions import UnsupportedCompressionError
-from mcap.writer import CompressionType, Writer
 
-from mbd_sim_ros.cdr import Template, schema_text
-from mbd_sim_ros.messages import STRING, TYPE_HASHES, Topic
+from mbd_sim_ros.bag_writer import RECORD
+from mbd_sim_ros.cdr import Template
+from mbd_sim_ros.messages import STRING, Topic
 from solver.errors import BagError
 from solver.jit import source_hash
 
-CHUNK_BYTES = 128 * 1024
-FLUSH_SECONDS = 0.25  # what a killed process may lose
-POLL_SECONDS = 0.02
+POLL_SECONDS = 0.02  # between deliveries to the recording process
+DELIVERY_STEPS = 256  # at most in one delivery
 QUEUE_STEPS = 4096
-PART = '.part'
-RECORD = 'mbd_sim_ros'  # name of the metadata record that describes the run
-RESULT = 'mbd_sim_ros_result'  # name of the metadata record written at the end
+PIPE_BYTES = 1 << 20
+LENGTH = struct.Struct('<Q')  # before every delivery: its size in bytes
 
 
 def describe(*, scene: str, resolved_yaml: str, parameters: Mapping[str, Any] | None = None, seed: int = 0, **more: str) -> dict[str, str]:
@@ -93,188 +94,55 @@ def new_directory(scene: str, base: str | Path = 'bags') -> Path:
     raise BagError(f'cannot record: {base} already holds a thousand runs of this second')
 
 
-class BagWriter:
-    """Writes one bag directory, synchronously. Topics are given at once; relative names are put under `/`.
-
-    `directory` must not exist or must be empty. Raises BagError, one sentence, whenever the file system refuses.
-    """
-
-    def __init__(
-        self,
-        directory: str | Path,
-        topics: Sequence[Topic],
-        metadata: Mapping[str, Mapping[str, str]],
-        *,
-        schemas: Mapping[str, str] | None = None,
-    ) -> None:
-        self.directory = Path(directory)
-        self.topics = [topic._replace(name='/' + topic.name.lstrip('/')) for topic in topics]
-        self.path = self.directory / f'{self.directory.name}_0.mcap'
-        self.count = [0] * len(topics)
-        self.first_ns: int | None = None
-        self.last_ns = 0
-        self._custom = {key: value for key, value in metadata.get(RECORD, {}).items() if key in ('scene', 'scene_hash', 'code_version')}
-        try:
-            self.directory.mkdir(parents=True, exist_ok=True)
-            if any(self.directory.iterdir()):
-                raise BagError(f'cannot record into {self.directory}: it is not empty; recordings are never overwritten')
-            self._file = open(str(self.path) + PART, 'xb')  # noqa: SIM115  (closed in finish)
-        except OSError as error:
-            raise BagError(f'cannot record into {self.directory}: {error.strerror}; choose another place') from error
-        try:
-            self._start(metadata, schemas or {})
-        except OSError as error:
-            self.abandon()
-            raise BagError(self._failure(error)) from error
-
-    def _start(self, metadata: Mapping[str, Mapping[str, str]], schemas: Mapping[str, str]) -> None:
-        for compression in (CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE):
-            try:
-                self._writer = Writer(self._file, chunk_size=CHUNK_BYTES, compression=compression)
-                break
-            except UnsupportedCompressionError:
-                continue
-        self._writer.start(profile='ros2', library='mbd_sim_ros')
-        # Metadata first: it survives when the process is killed.
-        for name, record in metadata.items():
-            self._writer.add_metadata(name, dict(record))
-        self._channels = []
-        known: dict[str, int] = {}
-        for topic in self.topics:
-            if topic.type not in known:
-                text = schemas.get(topic.type) or schema_text(topic.type)
-                known[topic.type] = self._writer.register_schema(topic.type, 'ros2msg', text.encode())
-            about = {'offered_qos_profiles': yaml.safe_dump([quality_of_service(topic)], sort_keys=False)}
-            about['topic_type_hash'] = TYPE_HASHES.get(topic.type, '')
-            self._channels.append(self._writer.register_channel(topic.name, 'cdr', known[topic.type], about))
-
-    def _failure(self, error: OSError) -> str:
-        return f'recording to {self.path} failed: {error.strerror or error}; what was written can be recovered from {self.path.name}{PART}'
-
-    def write(self, t_ns: int, messages: Iterable[tuple[int, bytes]]) -> None:
-        """Write messages, given as (index of the topic, encoded message), at simulation time `t_ns`."""
-        if self.first_ns is None:
-            self.first_ns = t_ns
-        self.first_ns, self.last_ns = min(self.first_ns, t_ns), max(self.last_ns, t_ns)
-        try:
-            for index, data in messages:
-                self._writer.add_message(self._channels[index], t_ns, data, t_ns, self.count[index])
-                self.count[index] += 1
-        except OSError as error:
-            raise BagError(self._failure(error)) from error
-
-    def flush(self) -> None:
-        """Finish the chunk in progress: everything written so far can be recovered if the process is killed."""
-        try:
-            self._writer.flush()
-        except OSError as error:
-            raise BagError(self._failure(error)) from error
-
-    def finish(self, result: Mapping[str, str] | None = None) -> Path:
-        """Complete the bag, give it its final name and return its directory. `result` becomes the last metadata record."""
-        try:
-            if result:
-                self._writer.flush()  # or the record would come before the messages of the last chunk
-                self._writer.add_metadata(RESULT, dict(result))
-            self._writer.finish()
-            self._file.flush()
-            os.fsync(self._file.fileno())
-            self._file.close()
-            os.replace(str(self.path) + PART, self.path)
-            about = self.directory / 'metadata.yaml'
-            part = about.with_suffix('.yaml' + PART)
-            part.write_text(yaml.safe_dump({'rosbag2_bagfile_information': self._information()}, sort_keys=False), encoding='utf-8')
-            os.replace(part, about)
-        except OSError as error:
-            self.abandon()
-            raise BagError(self._failure(error)) from error
-        return self.directory
-
-    def abandon(self) -> None:
-        """Close the file as it is, under its `.part` name."""
-        try:
-            self._file.close()
-        except OSError:  # the disk is full: the buffered rest cannot be kept
-            os.close(self._file.fileno()) if not self._file.closed else None
-
-    def _information(self) -> dict[str, Any]:
-        """Return the content of metadata.yaml, version 9 of rosbag2 (Jazzy)."""
-        start = self.first_ns or 0
-        span = {'starting_time': {'nanoseconds_since_epoch': start}, 'duration': {'nanoseconds': self.last_ns - start}}
-        total = sum(self.count)
-        return {
-            'version': 9,
-            'storage_identifier': 'mcap',
-            'duration': span['duration'].copy(),
-            'starting_time': span['starting_time'].copy(),
-            'message_count': total,
-            'topics_with_message_count': [
-                {
-                    'topic_metadata': {
-                        'name': topic.name,
-                        'type': topic.type,
-                        'serialization_format': 'cdr',
-                        'offered_qos_profiles': [quality_of_service(topic)],
-                        'type_description_hash': TYPE_HASHES.get(topic.type, ''),
-                    },
-                    'message_count': count,
-                }
-                for topic, count in zip(self.topics, self.count)
-            ],
-            'compression_format': '',
-            'compression_mode': '',
-            'relative_file_paths': [self.path.name],
-            'files': [{'path': self.path.name, **span, 'message_count': total}],
-            'custom_data': self._custom,
-            'ros_distro': 'jazzy',
-        }
-
-
-def quality_of_service(topic: Topic) -> dict[str, Any]:
-    """Return the profile of a topic in the words of rosbag2."""
-    forever = {'sec': 9223372036, 'nsec': 854775807}
-    return {
-        'history': 'keep_last',
-        'depth': topic.depth,
-        'reliability': 'reliable' if topic.reliable else 'best_effort',
-        'durability': 'transient_local' if topic.latched else 'volatile',
-        'deadline': dict(forever),
-        'lifespan': dict(forever),
-        'liveliness': 'automatic',
-        'liveliness_lease_duration': dict(forever),
-        'avoid_ros_namespace_conventions': False,
-    }
-
-
 class Recorder:
-    """Records every step on its own thread: `write` costs the simulation one queue operation.
+    """Records every step through a process of its own: `write` costs the simulation one queue operation.
 
     When the queue is full (the disk is too slow) a batch run waits (`wait=True`); a real-time run drops the step and counts it
     in `dropped`. A failure is kept: the next `write` and `close` raise it as BagError and the caller decides what to do.
+    When the simulating process dies, the recording process finishes the bag with what was delivered.
     `metadata` is the record of `describe`; a `robot_description` in it is also written as the latched topic.
-    Usable as a context manager.
+    Usable as a context manager. Raises BagError on construction when `directory` cannot be written or is not empty.
     """
 
     def __init__(self, directory: str | Path, topics: Sequence[Topic], metadata: Mapping[str, str], *, wait: bool = True) -> None:
         topics = list(topics)
+        self._queue: deque[tuple[int, Sequence[bytes | None]]] = deque()
         description = metadata.get('robot_description', '')
+        self._description = Template(STRING, {'data': description}).bytes() if description else b''
         if description:
             topics.append(Topic('robot_description', STRING, depth=1, latched=True))
-        self._bag = BagWriter(directory, topics, {RECORD: metadata})
-        self._description = Template(STRING, {'data': description}).bytes() if description else b''
-        self.directory = self._bag.directory
+        self.directory = Path(directory)
         self.dropped = 0
         self.error: BagError | None = None
         self._wait = wait
-        self._queue: deque[tuple[int, Sequence[bytes | None]]] = deque()
         self._closing = threading.Event()
+        self._process = subprocess.Popen(
+            [sys.executable, '-P', '-m', 'mbd_sim_ros.recording'],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            env={**os.environ, 'PYTHONPATH': os.pathsep.join(path or os.getcwd() for path in sys.path)},
+            start_new_session=True,  # Ctrl-C in the terminal is for the simulation, which then closes the recording
+        )
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._pipe, self._replies = self._process.stdin, self._process.stdout
+        enlarge(self._pipe.fileno())
+        self._deliver([str(self.directory), [tuple(topic) for topic in topics], {RECORD: dict(metadata)}])
+        self._reply()
+        if self.error is not None:
+            raise self.error
         self._thread = threading.Thread(target=self._run, name='recorder', daemon=True)
         self._thread.start()
 
     @property
     def lag(self) -> int:
-        """Steps that wait to be written."""
+        """Steps that wait to be delivered."""
         return len(self._queue)
+
+    @property
+    def pid(self) -> int:
+        """The number of the recording process."""
+        return self._process.pid
 
     def write(self, t_ns: int, messages: Sequence[bytes | None]) -> None:
         """Queue the messages of one step, one per topic as given at the start (None: no message). Raises BagError after a failure."""
@@ -291,11 +159,13 @@ class Recorder:
 
     def close(self, result: Mapping[str, str] | None = None) -> Path:
         """Write what is queued, finish the bag and return its directory. Raises BagError if the recording failed."""
-        if self._thread.is_alive():
+        if self._process.returncode is None:
             self._closing.set()
             self._thread.join()
             if self.error is None:
-                self._bag.finish({'dropped_steps': str(self.dropped), **(result or {})})
+                self._deliver({'dropped_steps': str(self.dropped), **(result or {})})
+                self._reply()
+            self._end()
         if self.error is not None:
             raise self.error
         return self.directory
@@ -307,24 +177,57 @@ class Recorder:
         self.close()
 
     def _run(self) -> None:
-        flushed = time.monotonic()
-        try:
+        while self.error is None:
+            last = self._closing.is_set()
             while True:
-                last = self._closing.is_set()
-                while self._queue:
-                    t_ns, messages = self._queue.popleft()
-                    if self._description:
-                        self._bag.write(t_ns, [(len(messages), self._description)])
-                        self._description = b''
-                    self._bag.write(t_ns, ((i, data) for i, data in enumerate(messages) if data is not None))
-                    time.sleep(0.0)  # offers the interpreter lock, which the simulation would wait a whole switch interval for
-                if last:
-                    return
-                if time.monotonic() - flushed >= FLUSH_SECONDS:
-                    self._bag.flush()
-                    flushed = time.monotonic()
-                self._closing.wait(POLL_SECONDS)
-        except BagError as error:
-            self.error = error
+                steps = [self._queue.popleft() for _ in range(min(len(self._queue), DELIVERY_STEPS))]
+                if steps and self._description:
+                    t_ns, messages = steps[0]
+                    steps[0] = (t_ns, [*messages, self._description])
+                    self._description = b''
+                self._deliver(steps)  # also an empty one: it makes the other side look at its clock
+                if not self._queue or self.error is not None:
+                    break
+            if last:
+                return
+            self._closing.wait(POLL_SECONDS)
+
+    def _deliver(self, content: Any) -> None:
+        """Send a start, steps or an end to the recording process; while its pipe is full this waits, without the interpreter lock."""
+        data = marshal.dumps(content)
+        try:
+            self._pipe.write(LENGTH.pack(len(data)))
+            self._pipe.write(data)
+            self._pipe.flush()
+        except OSError:  # it has ended, and has said why
+            self._reply()
+
+    def _reply(self) -> None:
+        """Read the answer of the recording process; a failure becomes `error`."""
+        if self.error is not None:
+            return
+        line = self._replies.readline()
+        died = (
+            f'recording to {self.directory} failed: the recording process died; `mbd recover {self.directory} NEW` saves what was written'
+        )
+        sentence = json.loads(line) if line else died
+        if sentence:
             self._queue.clear()
-            self._bag.abandon()
+            self.error = BagError(sentence)
+            self._end()
+
+    def _end(self) -> None:
+        with suppress(OSError):  # what is still in the buffer has no reader any more
+            self._pipe.close()
+        self._process.wait()
+        self._replies.close()
+
+
+def enlarge(pipe: int) -> None:
+    """Let a pipe hold PIPE_BYTES, so that a delivery does not wait for the reader. Without effect where the system does not permit it."""
+    try:
+        import fcntl
+
+        fcntl.fcntl(pipe, fcntl.F_SETPIPE_SZ, PIPE_BYTES)
+    except (ImportError, AttributeError, OSError):
+        return

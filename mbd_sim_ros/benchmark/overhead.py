@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import resource
 import subprocess
 import sys
 import tempfile
@@ -28,7 +29,8 @@ FIGURES = {
     'overhead_p50': 'encode + publish + record, what the simulation thread pays: median',
     'overhead_p99': '99th percentile of the same',
     'overhead_max': 'largest of the same',
-    'other_threads': 'mean CPU time per step of all other threads: recorder (writing, compression) and middleware',
+    'other_threads': 'mean CPU time per step of all other threads: deliveries to the recording process, and middleware',
+    'recording': 'mean CPU time per step of the recording process: start, writing, compression',
 }
 DOMAIN = 101  # ROS domain of its own: nothing on the network listens to a benchmark
 DISCOVERY_SECONDS = 10.0
@@ -56,6 +58,7 @@ class Overhead:
             self._publish, self._published = self._resources.enter_context(publication(self._messages.topics, sample))
         self._times: list[tuple[float, ...]] = []
         self._others: list[float] = []
+        self._recordings: list[float] = []
 
     def round(self, steps: int) -> None:
         """Step, encode, publish and record, `steps` times."""
@@ -65,6 +68,7 @@ class Overhead:
         inputs = simulation.source.table(simulation.k, steps)
         clock = time.thread_time_ns
         with tempfile.TemporaryDirectory(prefix='mbd-bench-') as scratch:
+            recording = -children()
             messages, recorder = record(simulation, Path(scratch) / 'bag')
             others = clock() - time.process_time_ns()
             anchor = time.perf_counter()
@@ -83,7 +87,9 @@ class Overhead:
                 self._times.append((t1 - t0, t2 - t1, t3 - t2 if self._publish else 0, t4 - t3, t4 - t1))
             recorder.close()
             others += time.process_time_ns() - clock()
+            recording += children()
         self._others.append(others / steps * 1e-3)
+        self._recordings.append(recording / steps * 1e6)
 
     def close(self) -> None:
         """Stop the reader and the middleware."""
@@ -97,6 +103,7 @@ class Overhead:
         us['overhead_p99'] = float(np.percentile(times[:, 4], 99.0))
         us['overhead_max'] = float(times[:, 4].max())
         us['other_threads'] = float(np.median(self._others))
+        us['recording'] = float(np.median(self._recordings))
         return {
             'h': self.simulation.h,
             'rate': 1.0 / self.simulation.h,
@@ -106,6 +113,12 @@ class Overhead:
             'bytes_per_step': self._bytes,
             'us': us,
         }
+
+
+def children() -> float:
+    """CPU time of the processes started from here that have ended [s]."""
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
 
 
 @contextmanager
