@@ -30,7 +30,7 @@ FIGURES = {
     'overhead_p99': '99th percentile of the same',
     'overhead_max': 'largest of the same',
     'other_threads': 'mean CPU time per step of all other threads: deliveries to the recording process, and middleware',
-    'recording': 'mean CPU time per step of the recording process: start, writing, compression',
+    'recording': 'mean CPU time per step of the recording process: writing, compression, the end of the file',
 }
 DOMAIN = 101  # ROS domain of its own: nothing on the network listens to a benchmark
 DISCOVERY_SECONDS = 10.0
@@ -70,6 +70,7 @@ class Overhead:
         with tempfile.TemporaryDirectory(prefix='mbd-bench-') as scratch:
             recording = -children()
             messages, recorder = record(simulation, Path(scratch) / 'bag')
+            recording -= time.clock_gettime((~recorder.pid << 3) | 2)  # its CPU clock: the start does not count
             others = clock() - time.process_time_ns()
             anchor = time.perf_counter()
             for k, row in enumerate(inputs):
