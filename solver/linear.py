@@ -29,6 +29,9 @@ class Elimination(NamedTuple):
     upper: np.ndarray  # (m,) slot (pivot, neighbour)
     update_start: np.ndarray  # (n + 1,)
     update: np.ndarray  # (sum m^2,) slot (neighbour a, neighbour b), a-major
+    row_start: np.ndarray  # (n + 1,) neighbours of each pivot that are eliminated earlier
+    row_node: np.ndarray  # (m,) their nodes
+    row_slot: np.ndarray  # (m,) slot (pivot, neighbour)
     n_blocks: np.ndarray  # (1,) with fill
 
 
@@ -97,10 +100,17 @@ def plan_elimination(n_nodes: int, slots: dict[tuple[int, int], int], wait_for: 
             if a not in wait_for:
                 buckets[degree[a]].add(a)
                 lowest = min(lowest, degree[a])
+    earlier: list[list[tuple[int, int]]] = [[] for _ in range(n_nodes)]
+    for k, p in enumerate(node):
+        for a in range(start[k], start[k + 1]):
+            earlier[neighbour[a]].append((p, lower[a]))
+    row = [pair for p in node for pair in earlier[p]]
+    row_start = np.cumsum([0] + [len(earlier[p]) for p in node])
     as_array = lambda values: np.array(values, np.int64)  # noqa: E731
     return Elimination(
         as_array(node), as_array(diagonal), as_array(start), as_array(neighbour), as_array(lower), as_array(upper),
-        as_array(update_start), as_array(update), as_array([first_free + len(slots)]),
+        as_array(update_start), as_array(update), as_array(row_start), as_array([p for p, _ in row]), as_array([s for _, s in row]),
+        as_array([first_free + len(slots)]),
     )  # fmt: skip
 
 
@@ -114,6 +124,28 @@ def _row_pointer(context, builder, array_type, array, slot, row):
     word = ir.IntType(64)
     offset = builder.add(builder.mul(slot, ir.Constant(word, 6 * WIDTH)), builder.mul(row, ir.Constant(word, WIDTH)))
     return builder.bitcast(builder.gep(data, [offset]), ir.PointerType(ir.VectorType(ir.DoubleType(), WIDTH)))
+
+
+def _vector_pointer(context, builder, array_type, array, offset):
+    """Pointer to WIDTH numbers of an array from `offset` on."""
+    data = builder.gep(context.make_array(array_type)(context, builder, array).data, [offset])
+    return builder.bitcast(data, ir.PointerType(ir.VectorType(ir.DoubleType(), WIDTH)))
+
+
+def _six(context, builder, array_type, array, block, row):
+    """Row `row` of a block of an (n, 6, 6) array, followed by two zeros."""
+    word, lane = ir.IntType(64), ir.IntType(32)
+    six = ir.VectorType(ir.DoubleType(), 6)
+    offset = builder.add(builder.mul(block, ir.Constant(word, 36)), ir.Constant(word, 6 * row))
+    data = builder.gep(context.make_array(array_type)(context, builder, array).data, [offset])
+    numbers = builder.load(builder.bitcast(data, ir.PointerType(six)), align=8)
+    return builder.shuffle_vector(numbers, ir.Constant(six, None), ir.Constant(ir.VectorType(lane, WIDTH), list(range(WIDTH))))
+
+
+def _spread(builder, number):
+    """A vector of copies of a number."""
+    vector = ir.VectorType(ir.DoubleType(), WIDTH)
+    return _splat(builder, builder.insert_element(ir.Constant(vector, ir.Undefined), number, ir.Constant(ir.IntType(32), 0)), 0)
 
 
 def _fma(builder, vector):
@@ -169,20 +201,170 @@ _subtract_product = _block_operation(-1)
 _multiply = _block_operation(1)
 
 
+def _sums(builder, rows):
+    """The sums over the lanes of six vectors, as one vector padded with zeros."""
+    zero = ir.Constant(rows[0].type, None)
+
+    def pairs(a, b, first, second):
+        select = lambda lanes: builder.shuffle_vector(a, b, ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), lanes))  # noqa: E731
+        return builder.fadd(select(first), select(second))
+
+    one, two, four = [0, 8, 2, 10, 4, 12, 6, 14], [0, 1, 8, 9, 4, 5, 12, 13], [0, 1, 2, 3, 8, 9, 10, 11]
+    r = [pairs(rows[i], rows[i + 1], one, [k + 1 for k in one]) for i in (0, 2, 4)]
+    left = pairs(r[0], r[1], two, [k + 2 for k in two])
+    right = pairs(r[2], zero, two, [k + 2 for k in two])
+    return pairs(left, right, four, [k + 4 for k in four])
+
+
+def _substitution(with_diagonal):
+    """Intrinsic: x[p] -= sum over a in first..last of B[slot[a]] x[node[a]], then x[p] = B[d] x[p] when `with_diagonal`."""
+
+    @intrinsic
+    def substitution(typing_context, B, slot, node, first, last, x, p, d):
+        def generate(context, builder, signature, args):
+            types_, word = signature.args, ir.IntType(64)
+            B_, _, _, first_, last_, x_, p_, d_ = args
+            vector = ir.VectorType(ir.DoubleType(), WIDTH)
+            fma = _fma(builder, vector)
+
+            def entry(position, at):  # of an index array
+                return builder.load(builder.gep(context.make_array(types_[position])(context, builder, args[position]).data, [at]))
+
+            def unknown(n):
+                return _vector_pointer(context, builder, types_[5], x_, builder.mul(n, ir.Constant(word, WIDTH)))
+
+            def row(s, i):
+                return _load_row(builder, _row_pointer(context, builder, types_[0], B_, s, ir.Constant(word, i)))
+
+            sums = [cgutils.alloca_once_value(builder, ir.Constant(vector, None)) for _ in range(6)]
+            with cgutils.for_range_slice(builder, first_, last_, ir.Constant(word, 1), word) as (a, _):
+                s, y = entry(1, a), _load_row(builder, unknown(entry(2, a)))
+                for i in range(6):
+                    builder.store(builder.call(fma, [row(s, i), y, builder.load(sums[i])]), sums[i])
+            target = unknown(p_)
+            y = builder.fsub(_load_row(builder, target), _sums(builder, [builder.load(one) for one in sums]))
+            if with_diagonal:
+                y = _sums(builder, [builder.fmul(row(d_, i), y) for i in range(6)])
+            builder.store(y, target, align=8)
+            return context.get_dummy_value()
+
+        integer = types.int64
+        return types.none(B, slot, node, integer, integer, x, integer, integer), generate
+
+    return substitution
+
+
+_forward = _substitution(False)
+_backward = _substitution(True)
+
+
 @intrinsic
-def axpy_row(typing_context, Y, s, i, X, t, k, m):
-    """Y[s, i] += m * X[t, k] for rows of WIDTH entries."""
+def add_weighted_product(typing_context, B, s, X, a, Y, b, W, first):
+    """B[s] += sum over the six rows r of W[first + r] X[a, r]^T Y[b, r]; X is (n, 6, 6), B and Y are (n, 6, WIDTH)."""
 
     def generate(context, builder, signature, args):
-        Y_, s_, i_, X_, t_, k_, m_ = args
-        target = _row_pointer(context, builder, signature.args[0], Y_, s_, i_)
-        row = _load_row(builder, _row_pointer(context, builder, signature.args[3], X_, t_, k_))
-        vector = builder.insert_element(ir.Constant(row.type, ir.Undefined), m_, ir.Constant(ir.IntType(32), 0))
-        builder.store(builder.call(_fma(builder, row.type), [_splat(builder, vector, 0), row, _load_row(builder, target)]), target, align=8)
+        kinds, word, double = signature.args, ir.IntType(64), ir.DoubleType()
+        B_, s_, X_, a_, Y_, b_, W_, first_ = args
+        vector = ir.VectorType(double, WIDTH)
+        fma = _fma(builder, vector)
+
+        weights = context.make_array(kinds[6])(context, builder, W_).data
+        left = builder.gep(context.make_array(kinds[2])(context, builder, X_).data, [builder.mul(a_, ir.Constant(word, 36))])
+        targets = [_row_pointer(context, builder, kinds[0], B_, s_, ir.Constant(word, i)) for i in range(6)]
+        rows = [_load_row(builder, target) for target in targets]
+        for r in range(6):
+            weight = builder.load(builder.gep(weights, [builder.add(first_, ir.Constant(word, r))]))
+            row = _load_row(builder, _row_pointer(context, builder, kinds[4], Y_, b_, ir.Constant(word, r)))
+            right = builder.fmul(_spread(builder, weight), row)
+            for i in range(6):
+                factor = builder.load(builder.gep(left, [ir.Constant(word, 6 * r + i)]))
+                rows[i] = builder.call(fma, [_spread(builder, factor), right, rows[i]])
+        for target, row in zip(targets, rows, strict=True):
+            builder.store(row, target, align=8)
         return context.get_dummy_value()
 
     integer = types.int64
-    return types.none(Y, integer, integer, X, integer, integer, types.float64), generate
+    return types.none(B, integer, X, integer, Y, integer, W, integer), generate
+
+
+def _rotated(with_damping):
+    """Intrinsic: C[s] = q X[t] diag(1, T[n]) for 6x6 blocks X[t], plus v Y[t] when `with_damping`.
+
+    C is (n, 6, WIDTH), its padding becomes zero; X and Y are (n, 6, 6), T (n, 3, 3).
+    """
+
+    @intrinsic
+    def rotated(typing_context, C, s, X, t, T, n, q, Y, v):
+        def generate(context, builder, signature, args):
+            kinds, word, lane = signature.args, ir.IntType(64), ir.IntType(32)
+            C_, s_, X_, t_, T_, n_, q_, Y_, v_ = args
+            vector = ir.VectorType(ir.DoubleType(), WIDTH)
+            fma = _fma(builder, vector)
+            turn = builder.gep(context.make_array(kinds[4])(context, builder, T_).data, [builder.mul(n_, ir.Constant(word, 9))])
+            turned = []
+            for i in range(3):
+                columns = ir.Constant(vector, None)
+                for j in range(3):
+                    number = builder.load(builder.gep(turn, [ir.Constant(word, 3 * i + j)]))
+                    columns = builder.insert_element(columns, number, ir.Constant(lane, 3 + j))
+                turned.append(columns)
+            linear = ir.Constant(ir.VectorType(lane, WIDTH), [0, 1, 2, 8, 9, 10, 11, 12])
+            for i in range(6):
+                numbers = _six(context, builder, kinds[2], X_, t_, i)
+                out = builder.shuffle_vector(numbers, ir.Constant(vector, None), linear)
+                for j in range(3):
+                    out = builder.call(fma, [_splat(builder, numbers, 3 + j), turned[j], out])
+                out = builder.fmul(_spread(builder, q_), out)
+                if with_damping:
+                    out = builder.call(fma, [_spread(builder, v_), _six(context, builder, kinds[7], Y_, t_, i), out])
+                builder.store(out, _row_pointer(context, builder, kinds[0], C_, s_, ir.Constant(word, i)), align=8)
+            return context.get_dummy_value()
+
+        integer, real = types.int64, types.float64
+        return types.none(C, integer, X, integer, T, integer, real, Y, real), generate
+
+    return rotated
+
+
+rotated_block = _rotated(False)
+combined_block = _rotated(True)
+
+
+@intrinsic
+def subtract_weighted_rows(typing_context, x, b, J, e, t, first):
+    """x[b] -= sum over the six rows r of t[first + r] J[e, r]; x is (n, WIDTH), J (m, 6, 6), t goes on for six more numbers."""
+
+    def generate(context, builder, signature, args):
+        kinds, word = signature.args, ir.IntType(64)
+        x_, b_, J_, e_, t_, first_ = args
+        vector = ir.VectorType(ir.DoubleType(), WIDTH)
+        target = _vector_pointer(context, builder, kinds[0], x_, builder.mul(b_, ir.Constant(word, WIDTH)))
+        weights = builder.gep(context.make_array(kinds[4])(context, builder, t_).data, [first_])
+        out = _load_row(builder, target)
+        for r in range(6):
+            weight = builder.fneg(builder.load(builder.gep(weights, [ir.Constant(word, r)])))
+            out = builder.call(_fma(builder, vector), [_spread(builder, weight), _six(context, builder, kinds[2], J_, e_, r), out])
+        builder.store(out, target, align=8)
+        return context.get_dummy_value()
+
+    return types.none(x, types.int64, J, types.int64, t, types.int64), generate
+
+
+@intrinsic
+def add_row_products(typing_context, t, first, J, e, x, b):
+    """t[first + r] += J[e, r] . x[b] for six rows r; J is (m, 6, WIDTH), x (n, WIDTH), t goes on for eight more numbers."""
+
+    def generate(context, builder, signature, args):
+        kinds, word = signature.args, ir.IntType(64)
+        t_, first_, J_, e_, x_, b_ = args
+        y = _load_row(builder, _vector_pointer(context, builder, kinds[4], x_, builder.mul(b_, ir.Constant(word, WIDTH))))
+        rows = [_load_row(builder, _row_pointer(context, builder, kinds[2], J_, e_, ir.Constant(word, r))) for r in range(6)]
+        target = _vector_pointer(context, builder, kinds[0], t_, first_)
+        products = _sums(builder, [builder.fmul(row, y) for row in rows])
+        builder.store(builder.fadd(_load_row(builder, target), products), target, align=8)
+        return context.get_dummy_value()
+
+    return types.none(t, types.int64, J, types.int64, x, types.int64), generate
 
 
 @intrinsic
@@ -248,29 +430,9 @@ def factorize(plan, B, T):
 
 @kernel(borrow=True)
 def solve(plan, B, x):
-    """Solve with the factorized blocks; x (n_nodes, 6) holds the right-hand side, then the solution."""
+    """Solve with the factorized blocks; x (n_nodes, WIDTH) holds the right-hand side, then the solution; its padding is zero."""
     n = plan.node.shape[0]
     for k in range(n):
-        p = plan.node[k]
-        x0, x1, x2, x3, x4, x5 = x[p, 0], x[p, 1], x[p, 2], x[p, 3], x[p, 4], x[p, 5]
-        for a in range(plan.start[k], plan.start[k + 1]):
-            s = plan.lower[a]
-            r = plan.neighbour[a]
-            for i in range(6):
-                x[r, i] -= B[s, i, 0] * x0 + B[s, i, 1] * x1 + B[s, i, 2] * x2 + B[s, i, 3] * x3 + B[s, i, 4] * x4 + B[s, i, 5] * x5
+        _forward(B, plan.row_slot, plan.row_node, plan.row_start[k], plan.row_start[k + 1], x, plan.node[k], 0)
     for k in range(n - 1, -1, -1):
-        p = plan.node[k]
-        x0, x1, x2, x3, x4, x5 = x[p, 0], x[p, 1], x[p, 2], x[p, 3], x[p, 4], x[p, 5]
-        for a in range(plan.start[k], plan.start[k + 1]):
-            s = plan.upper[a]
-            r = plan.neighbour[a]
-            y0, y1, y2, y3, y4, y5 = x[r, 0], x[r, 1], x[r, 2], x[r, 3], x[r, 4], x[r, 5]
-            x0 -= B[s, 0, 0] * y0 + B[s, 0, 1] * y1 + B[s, 0, 2] * y2 + B[s, 0, 3] * y3 + B[s, 0, 4] * y4 + B[s, 0, 5] * y5
-            x1 -= B[s, 1, 0] * y0 + B[s, 1, 1] * y1 + B[s, 1, 2] * y2 + B[s, 1, 3] * y3 + B[s, 1, 4] * y4 + B[s, 1, 5] * y5
-            x2 -= B[s, 2, 0] * y0 + B[s, 2, 1] * y1 + B[s, 2, 2] * y2 + B[s, 2, 3] * y3 + B[s, 2, 4] * y4 + B[s, 2, 5] * y5
-            x3 -= B[s, 3, 0] * y0 + B[s, 3, 1] * y1 + B[s, 3, 2] * y2 + B[s, 3, 3] * y3 + B[s, 3, 4] * y4 + B[s, 3, 5] * y5
-            x4 -= B[s, 4, 0] * y0 + B[s, 4, 1] * y1 + B[s, 4, 2] * y2 + B[s, 4, 3] * y3 + B[s, 4, 4] * y4 + B[s, 4, 5] * y5
-            x5 -= B[s, 5, 0] * y0 + B[s, 5, 1] * y1 + B[s, 5, 2] * y2 + B[s, 5, 3] * y3 + B[s, 5, 4] * y4 + B[s, 5, 5] * y5
-        d = plan.diagonal[k]
-        for i in range(6):
-            x[p, i] = B[d, i, 0] * x0 + B[d, i, 1] * x1 + B[d, i, 2] * x2 + B[d, i, 3] * x3 + B[d, i, 4] * x4 + B[d, i, 5] * x5
+        _backward(B, plan.upper, plan.neighbour, plan.start[k], plan.start[k + 1], x, plan.node[k], plan.diagonal[k])

@@ -22,8 +22,14 @@ import numpy as np
 
 from solver.dynamics import FACTORIZE, SOLVE
 from solver.jit import invoke, kernel
-from solver.lie.vec import load33
-from solver.linear import WIDTH, axpy_row
+from solver.linear import (
+    WIDTH,
+    add_row_products,
+    add_weighted_product,
+    combined_block,
+    rotated_block,
+    subtract_weighted_rows,
+)
 
 CONDENSED, BLOCK = 0, 1
 
@@ -32,9 +38,10 @@ class Saddle(NamedTuple):
     """A factorized system and what is needed to solve with it again."""
 
     B: np.ndarray  # (n_blocks, 6, WIDTH) factor
-    x: np.ndarray  # (nodes, 6) right-hand side and solution
+    x: np.ndarray  # (nodes, WIDTH) right-hand side and solution
     T: np.ndarray  # (6, WIDTH) scratch
-    W: np.ndarray  # (nc,) penalties
+    t: np.ndarray  # (nc + WIDTH,) scratch
+    W: np.ndarray  # (nc,) penalties; memory goes on for six more, because six are read for every group
     J_s: np.ndarray  # (entries + 1, 6, 6) force directions
     J_e: np.ndarray  # (entries + 1, 6, WIDTH) constraint rows A_e with respect to dw
 
@@ -44,9 +51,10 @@ def new_saddle(model, form: int) -> Saddle:
     plan = model.tables.block if form == BLOCK else model.tables.condensed
     return Saddle(
         B=np.zeros((int(plan.n_blocks[0]), 6, WIDTH)),
-        x=np.zeros((max(len(plan.node), model.n_bodies + 1), 6)),
+        x=np.zeros((max(len(plan.node), model.n_bodies + 1), WIDTH)),
         T=np.zeros((6, WIDTH)),
-        W=np.ones(model.n_rows),
+        t=np.zeros(model.n_rows + WIDTH),
+        W=np.ones(model.n_rows + 6)[: model.n_rows],
         J_s=np.zeros((model.n_entries + 1, 6, 6)),
         J_e=np.zeros((model.n_entries + 1, 6, WIDTH)),
     )
@@ -73,31 +81,19 @@ def effective_masses(tables, J, m):
 def rotate_columns(constraints, J, T, out):
     """out = J with the angular columns of every block multiplied by T (nb, 3, 3) of its body."""
     for e in range(1, constraints.body.shape[0]):
-        m = load33(T, constraints.body[e])
-        for r in range(6):
-            a, b, c = J[e, r, 3], J[e, r, 4], J[e, r, 5]
-            out[e, r, 0] = J[e, r, 0]
-            out[e, r, 1] = J[e, r, 1]
-            out[e, r, 2] = J[e, r, 2]
-            out[e, r, 3] = a * m[0] + b * m[3] + c * m[6]
-            out[e, r, 4] = a * m[1] + b * m[4] + c * m[7]
-            out[e, r, 5] = a * m[2] + b * m[5] + c * m[8]
+        rotated_block(out, e, J, e, T, constraints.body[e], 1.0, J, 0.0)
 
 
 @kernel(borrow=True)
 def assemble_tangent(tables, cm, cq, cv, Kq, Kv, T, B):
     """B = cm M - cq Kq T - cv Kv on the force blocks, zero elsewhere; T (nb, 3, 3) acts on the angular columns of Kq."""
-    B[:] = 0.0
-    for s in range(1, tables.block_row.shape[0]):
-        m = load33(T, tables.block_col[s])
+    slots = tables.block_row.shape[0]
+    for s in range(slots, B.shape[0]):  # fill, and constraint blocks of the block form
         for i in range(6):
-            a, b, c = Kq[s, i, 3], Kq[s, i, 4], Kq[s, i, 5]
-            B[s, i, 0] = -cq * Kq[s, i, 0] - cv * Kv[s, i, 0]
-            B[s, i, 1] = -cq * Kq[s, i, 1] - cv * Kv[s, i, 1]
-            B[s, i, 2] = -cq * Kq[s, i, 2] - cv * Kv[s, i, 2]
-            B[s, i, 3] = -cq * (a * m[0] + b * m[3] + c * m[6]) - cv * Kv[s, i, 3]
-            B[s, i, 4] = -cq * (a * m[1] + b * m[4] + c * m[7]) - cv * Kv[s, i, 4]
-            B[s, i, 5] = -cq * (a * m[2] + b * m[5] + c * m[8]) - cv * Kv[s, i, 5]
+            for j in range(WIDTH):
+                B[s, i, j] = 0.0
+    for s in range(1, slots):
+        combined_block(B, s, Kq, s, T, tables.block_col[s], -cq, Kv, -cv)
     add_mass(tables, cm, B)
 
 
@@ -131,10 +127,7 @@ def factorize_saddle(tables, form, saddle):
                 for b in range(e0, e1):
                     s = con.slot[p]
                     p += 1
-                    for r in range(rows):
-                        w = saddle.W[first + r]
-                        for i in range(6):
-                            axpy_row(B, s, i, J_e, b, r, w * J_s[a, r, i])
+                    add_weighted_product(B, s, J_s, a, J_e, b, saddle.W, first)  # rows that a group lacks are zero in J
         else:
             s = con.centre[g]
             for r in range(6):
@@ -162,17 +155,16 @@ def solve_saddle(tables, form, saddle, r, g, dw, dlam):
         for i in range(6):
             x[b, i] = -r[b, i]
     groups = con.row.shape[0] - 1
+    if form == CONDENSED:
+        for i in range(g.shape[0]):
+            saddle.t[i] = saddle.W[i] * g[i]
     for k in range(groups):
         first = con.row[k]
-        rows = con.row[k + 1] - first
         if form == CONDENSED:
             for e in range(con.entry[k], con.entry[k + 1]):
-                b = con.body[e]
-                for q in range(rows):
-                    t = saddle.W[first + q] * g[first + q]
-                    for i in range(6):
-                        x[b, i] -= t * saddle.J_s[e, q, i]
+                subtract_weighted_rows(x, con.body[e], saddle.J_s, e, saddle.t, first)
         else:
+            rows = con.row[k + 1] - first
             for q in range(6):
                 x[nb + k, q] = -g[first + q] if q < rows else 0.0
     if form == CONDENSED:
@@ -182,16 +174,15 @@ def solve_saddle(tables, form, saddle, r, g, dw, dlam):
     for b in range(nb):
         for i in range(6):
             dw[b, i] = x[b, i]
-    for k in range(groups):
-        first = con.row[k]
-        rows = con.row[k + 1] - first
-        for q in range(rows):
-            if form == CONDENSED:
-                s = g[first + q]
-                for e in range(con.entry[k], con.entry[k + 1]):
-                    b = con.body[e]
-                    for i in range(6):
-                        s += saddle.J_e[e, q, i] * x[b, i]
-                dlam[first + q] = -saddle.W[first + q] * s
-            else:
-                dlam[first + q] = x[nb + k, q]
+    if form == CONDENSED:
+        for i in range(g.shape[0]):
+            saddle.t[i] = g[i]
+        for k in range(groups):
+            for e in range(con.entry[k], con.entry[k + 1]):
+                add_row_products(saddle.t, con.row[k], saddle.J_e, e, x, con.body[e])
+        for i in range(g.shape[0]):
+            dlam[i] = -saddle.W[i] * saddle.t[i]
+    else:
+        for k in range(groups):
+            for q in range(con.row[k + 1] - con.row[k]):
+                dlam[con.row[k] + q] = x[nb + k, q]

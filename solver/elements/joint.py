@@ -17,7 +17,7 @@ from solver.elements.marker import Context, Marker, Spec, finite, pair_slots, re
 from solver.elements.point_pair import add_point_pair_tangent, point_position
 from solver.errors import suggestion
 from solver.jit import kernel
-from solver.lie.vec import add, col, cross, dot, load3, load33, mm, mscale, mv, outer, put33, scale, skew, sub, tmv, transpose
+from solver.lie.vec import add, col, cross, dot, load3, load33, mm, mscale, mv, outer, put33, row, scale, skew, sub, tmv, transpose
 
 DX, DY, DZ = 0, 1, 2  # component of p_FG along an axis of F
 AXES = 3  # 3 + 3 a + b: F_a . G_b
@@ -182,8 +182,8 @@ def evaluate_joints(table, kin, phi, J):
                 c = code - PX
                 n = (1.0 * (c == 0), 1.0 * (c == 1), 1.0 * (c == 2))
                 phi[table.row[e] + r] = d[c]
-                _put_row(J, table.entry[e, 0], r, scale(-1.0, n), cross(tmv(R_i, n), r_i))
-                _put_row(J, table.entry[e, 1], r, n, cross(r_j, tmv(R_j, n)))
+                _put_row(J, table.entry[e, 0], r, scale(-1.0, n), cross(row(R_i, c), r_i))
+                _put_row(J, table.entry[e, 1], r, n, cross(r_j, row(R_j, c)))
             else:
                 length = np.sqrt(dot(d, d))
                 n = scale(1.0 / length, d)

@@ -85,6 +85,16 @@ def col(m, k):
 
 
 @kernel(inline=True)
+def row(m, k):
+    """Row k of a matrix."""
+    if k == 0:
+        return (m[0], m[1], m[2])
+    if k == 1:
+        return (m[3], m[4], m[5])
+    return (m[6], m[7], m[8])
+
+
+@kernel(inline=True)
 def mm(a, b):
     """Matrix product a b."""
     return (
