@@ -75,6 +75,12 @@ class Ref:
     def __getattr__(self, name: str) -> Any:
         return getattr(self.value, name)
 
+    def assign(self, **numbers: float) -> None:
+        """Change float fields of the NamedTuple itself. Only between calls: compiled code takes what it reads for constant."""
+        for name, number in numbers.items():
+            self.words[self.type.field(name)[1]] = np.float64(number).view(np.int64)
+        self.value = self.value._replace(**numbers)
+
     @property
     def _numba_type_(self) -> RefType:
         return self.type  # numba's fast path to the type of an argument

@@ -75,7 +75,7 @@ class ReferenceSimulation(Simulation):
         self._counted = now
         self._stats = StepStats(OK, 0, factorizations, evaluations, 0.0, position, velocity)
         self._totals[1:3] += factorizations, evaluations
-        self._totals[4:] = np.maximum(self._totals[4:], (position, velocity))
+        self._totals[4:6] = np.maximum(self._totals[4:6], (position, velocity))
         return self.snapshot()
 
     def _show(self, t: float, motion: Motion) -> None:

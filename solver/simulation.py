@@ -14,6 +14,7 @@ from solver.dynamics import constraint_input_rates, evaluate_constraints, evalua
 from solver.elements.coupler import CouplerSpec
 from solver.elements.tire_pacejka import rolling_radius
 from solver.errors import ConsistencyError, SpecError, StepError
+from solver.integrators.adaptation import INACCURATE, Adaptation, Event
 from solver.integrators.augmented_lagrangian import (
     NON_FINITE,
     NOT_CONVERGED,
@@ -25,6 +26,8 @@ from solver.integrators.augmented_lagrangian import (
     coefficients,
     new_work,
 )
+from solver.integrators.coefficients import ConstraintCoefficients, coefficients_of, mass_factors, weigh
+from solver.jit import address_of
 from solver.lie.so3 import matrix_of_quaternion
 from solver.maneuver import ManeuverSource
 from solver.model.state import State, copy_state, fill_kinematics, load_state, new_state, save_state, update_angles
@@ -63,25 +66,34 @@ class Simulation:
         form = BLOCK if settings.form == 'block' else CONDENSED
         values = Coefficients(
             **scheme,
-            penalty=settings.penalty,
+            penalty=np.full(self.model.n_rows, settings.penalty),
+            factor=mass_factors(self.model, settings.mass_factors),
             m_alf=int(settings.kind == 'm_alf'),
-            factor=1.0,
+            weigh=0,
+            coupled=int(settings.effective_mass == 'coupled'),
+            full=int(settings.coefficients == 'full'),
             form=form,
             fixed=int(settings.mode == 'fixed'),
             iterations=settings.iterations if settings.mode == 'fixed' else settings.max_iterations,
             tolerance=settings.tolerance,
         )
-        self.coefficients = Ref(values)
-        self.stage = 1.0 - scheme['af']
         self.outputs = new_outputs(self.model)
         self.work = new_work(self.model, new_saddle(self.model, form), self.outputs)
+        if values.coupled or values.full:
+            values = values._replace(weigh=address_of(weigh, self.model.tables, Ref(values), self.work))
+        self.coefficients = Ref(values)
+        # A force-like input is held over the interval of the grid: with steps of any size inside, its mean is what matters.
+        self.stage = 0.5 if settings.step_policy == 'error' else 1.0 - scheme['af']
         self._kin = Ref(self.work.kin_e)
         self.source = ManeuverSource(scene.maneuver, scene.model.inputs, self.h_ns, self.stage)
         self._output_table = Ref(self.outputs)
+        self.adaptation: Adaptation | None = None
+        if settings.adapts and settings.kind in Simulation.KINDS:
+            self.adaptation = Adaptation(self.model, settings, self.coefficients, self.work, self._output_table)
         self._states = [Ref(new_state(self.model)), Ref(new_state(self.model))]
         self._initial = new_state(self.model)
         self._inputs = np.zeros(len(scene.model.inputs))
-        self._totals = np.zeros(6)
+        self._totals = np.zeros(7)
         self.k = 0
         self._find_start(scene.start)
         copy_state(self.state, self._initial)
@@ -237,6 +249,8 @@ class Simulation:
         self._stats = StepStats(OK, 0, 0, 0, 0.0, 0.0, 0.0)
         self._inputs = self._inputs_at_start()
         self._refresh()
+        if self.adaptation is not None:
+            self.adaptation.start(self.state)
 
     def _refresh(self) -> None:
         """Outputs of the current state when no step has produced them; restarts the audit."""
@@ -267,9 +281,12 @@ class Simulation:
             name = self.channels.inputs[column]
             raise StepError(f't = {self.t_ns * 1e-9:.6f} s: input {name!r} is not finite in step {self.k + row}; nothing was advanced')
         inputs = np.ascontiguousarray(inputs, float)
-        result, done = advance(self.model.tables, self.coefficients, *self._states, inputs, 0, n, audit, self.work)
-        if done % 2 == 1:
-            self._states.reverse()
+        if self.adaptation is not None:
+            result, done = self.adaptation.advance(self._states, self._inputs, inputs, self.k, audit)
+        else:
+            result, done = advance(self.model.tables, self.coefficients, *self._states, inputs, 0, n, audit, self.work)
+            if done % 2 == 1:
+                self._states.reverse()
         self.k += done
         if done:
             self._inputs = inputs[done - 1].copy()
@@ -285,7 +302,8 @@ class Simulation:
         )  # fmt: skip
         t = self._totals
         t[:3] += result.iterations, result.factorizations, result.evaluations
-        t[3:] = np.maximum(t[3:], (result.residual, result.position_drift, result.velocity_drift))
+        t[3:6] = np.maximum(t[3:6], (result.residual, result.position_drift, result.velocity_drift))
+        t[6] += result.stagnated
 
     def _failure(self, result: StepResult) -> str:
         when = f't = {self.t_ns * 1e-9:.6f} s, step {self.k}: '
@@ -296,13 +314,16 @@ class Simulation:
             where = result.where
             name = self.model.body_names[where] if where < self.model.n_bodies else self.model.group_names[where - self.model.n_bodies]
             return when + f'the step matrix is singular at {name!r}; give the body mass and inertia, or use integrator.form: block'
+        smallest = f'the smallest step integrator.h_min = {self.scene.integrator.h_min:g}'
+        if result.status == INACCURATE:
+            tolerance = self.scene.integrator.error_tolerance
+            return when + f'the error stays above integrator.error_tolerance = {tolerance:g} with {smallest}; reduce h_min or allow more'
         assert result.status == NOT_CONVERGED
         worst = int(np.argmax(np.abs(self.work.phi))) if self.model.n_rows else -1
         name = f', worst constraint {self.model.row_names[worst]!r} ({abs(self.work.phi[worst]):.2g})' if worst >= 0 else ''
-        return (
-            when
-            + f'no convergence in {self.coefficients.iterations} iterations (residual {result.residual:.2g}{name}); reduce integrator.h'
-        )
+        constant = self.scene.integrator.step_policy == 'constant'
+        remedy = 'reduce integrator.h' if constant else f'not even with {smallest}: reduce it or raise the penalties'
+        return when + f'no convergence in {self.coefficients.iterations} iterations (residual {result.residual:.2g}{name}); {remedy}'
 
     def snapshot(self) -> Snapshot:
         """The outputs of the current step, as copies."""
@@ -333,7 +354,8 @@ class Simulation:
 
     def save(self) -> bytes:
         """Everything the future depends on."""
-        return save_state(self.state, self.k, {'inputs': self._inputs, 'audit': self.work.audit})
+        memory = self.adaptation.memory() if self.adaptation is not None else {}
+        return save_state(self.state, self.k, {'inputs': self._inputs, 'audit': self.work.audit, **memory})
 
     def restore(self, data: bytes) -> None:
         """Continue from save(); raises SpecError if it belongs to another model."""
@@ -341,11 +363,26 @@ class Simulation:
         for name, a, b in zip(State._fields, state, self.state, strict=True):
             if a.shape != b.shape:
                 raise SpecError(f'restore: {name} has shape {a.shape}, this model needs {b.shape}: the saved state is of another model')
+        if self.adaptation is not None and 'adaptation' not in extra:
+            raise SpecError(
+                'restore: the state was saved with constant step and penalties; set integrator.step_policy and penalty_policy so'
+            )
         copy_state(state, self.state)
         self.k = k
         self._inputs = extra['inputs']
         self._refresh()
         self.work.audit[:] = extra['audit']
+        if self.adaptation is not None:
+            self.adaptation.recall(extra, self.t_ns * 1e-9)
+
+    @property
+    def events(self) -> list[Event]:
+        """Every change of step and penalties so far."""
+        return self.adaptation.events if self.adaptation is not None else []
+
+    def constraint_coefficients(self, *, coupled: bool = False) -> dict[str, ConstraintCoefficients]:
+        """m, c, k, f of every constraint row at the current state."""
+        return coefficients_of(self.model, self.state, self._inputs, new_outputs(self.model), coupled=coupled)
 
     def audit(self) -> dict[str, float]:
         """Sums of counters and largest residuals since the start, and the error of the energy balance [J]."""
@@ -358,6 +395,10 @@ class Simulation:
             'position_drift_max': float(t[4]),
             'velocity_drift_max': float(t[5]),
             'energy_error_max': float(self.work.audit[WORST]),
+            'stagnated': int(t[6]),
+            'substeps': self.k if self.adaptation is None else self.adaptation.substeps,
+            'rejected': 0 if self.adaptation is None else self.adaptation.rejected,
+            'events': len(self.events),
         }
 
     def describe(self) -> dict:

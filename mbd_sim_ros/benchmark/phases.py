@@ -16,7 +16,7 @@ from statistics import median
 from solver.audit import update_audit
 from solver.dynamics import CALLS, FACTORIZE, TIRES, add_constraint_forces, add_constraint_stiffness, evaluate_constraints, evaluate_forces
 from solver.integrators.augmented_lagrangian import _momentum_residual, _place, advance, copy_blocks, project_velocity, step
-from solver.jit import address_of, kernel
+from solver.jit import address_of, invoke, kernel
 from solver.model.state import copy_state, new_state, update_angles
 from solver.reference import Ref
 from solver.saddle import CONDENSED, assemble_tangent, effective_masses, factorize_saddle, rotate_columns, solve_saddle
@@ -60,13 +60,15 @@ def repeat(phase, count, tables, c, s0, s1, u, work):
             add_constraint_forces(tables.constraints, work.J_now, s1.lam, 1.0, work.f)
             _momentum_residual(tables, c, s0.a, s1.a, work.f, work.r)
         elif phase in (ASSEMBLE, FACTORIZE_ALL):
+            effective_masses(tables, work.J_now, saddle.W)
+            if c.weigh != 0:
+                invoke(c.weigh, (tables, c, work))  # type: ignore[call-arg]
+            for i in range(saddle.W.shape[0]):
+                m = c.beta * h * h if c.m_alf == 1 else saddle.W[i]
+                saddle.W[i] = c.penalty[i] * (c.factor[i] * m)
             add_constraint_stiffness(tables, work.kin_s, s1.lam, work.Kq, work.Kv)
             copy_blocks(work.J, saddle.J_s)
             rotate_columns(tables.constraints, work.J, work.T_e, saddle.J_e)
-            effective_masses(tables, work.J_now, saddle.W)
-            for i in range(saddle.W.shape[0]):
-                m = c.beta * h * h if c.m_alf == 1 else saddle.W[i]
-                saddle.W[i] = c.penalty * c.factor * m
             assemble_tangent(tables, 1.0 - c.am, s * c.beta * h * h, s * c.gamma * h, work.Kq, work.Kv, work.T_s, saddle.B)
             if phase == FACTORIZE_ALL:
                 factorize_saddle(tables, c.form, saddle)

@@ -33,7 +33,8 @@ from solver.dynamics import (
     evaluate_forces,
 )
 from solver.elements.point_pair import Kinematics
-from solver.jit import kernel
+from solver.integrators.coefficients import Formulation, new_formulation
+from solver.jit import invoke, kernel
 from solver.lie.so3 import matrix_of_quaternion, quaternion_exp, quaternion_normalized, quaternion_product, right_jacobian
 from solver.lie.vec import scale, store33
 from solver.model.state import new_kinematics, update_angles
@@ -66,9 +67,13 @@ class Coefficients(NamedTuple):
     gamma: float
     am1: float  # of first-order states
     gamma1: float
-    penalty: float  # xi, dimensionless
+    ahead: float  # from the stage to the end of the step, in intervals between the last two stages: af while the step is constant
+    penalty: np.ndarray  # (nc,) xi_R, dimensionless
+    factor: np.ndarray  # (nc,) multiplies the coefficients m_R (the chapter's m/10 experiment)
     m_alf: int  # 1: h_R = lam_R with unit coefficients (k = 1, m = c = f = 0): W = xi beta h^2
-    factor: float  # multiplies the coefficients m_R (the chapter's m/10 experiment)
+    weigh: int  # address of solver.integrators.coefficients.weigh, 0: W are the isolated effective masses
+    coupled: int  # 1: coupled effective masses
+    full: int  # 1: with c_R and k_R
     form: int
     fixed: int  # 1: a fixed number of iterations with one factorization
     iterations: int  # their number, or the limit in tolerance mode
@@ -88,6 +93,7 @@ def coefficients(h: float, rho_inf: float) -> dict[str, float]:
         'beta': 0.25 * (1.0 + af - am) ** 2,
         'am1': am1,
         'gamma1': 0.5 + (1.0 - am1) - (1.0 - af),
+        'ahead': af,
     }
 
 
@@ -122,6 +128,7 @@ class Work(NamedTuple):
     a_out: np.ndarray  # (nb + 1, 6) acceleration at the end of the step
     lam_out: np.ndarray  # (nc,) constraint forces at the end of the step
     audit: np.ndarray  # (5,) running energy balance (solver.audit)
+    formulation: Formulation  # coefficients of the constraints
 
 
 class StepResult(NamedTuple):
@@ -135,6 +142,7 @@ class StepResult(NamedTuple):
     residual: float
     position_drift: float
     velocity_drift: float
+    stagnated: int  # 1: accepted although the iteration stopped gaining before the tolerance
 
 
 @kernel(borrow=True)
@@ -260,6 +268,7 @@ def step(tables, c, s0, s1, u, want_outputs, work):
     refactor = True
     rate = 0.0
     best = np.inf
+    stagnated = 0
     for it in range(c.iterations):
         iterations += 1
         _place(tables, c, s0, s1.a, s1.q, refactor, work)
@@ -275,14 +284,16 @@ def step(tables, c, s0, s1, u, want_outputs, work):
             status = OK
             break
         if refactor:
+            effective_masses(tables, work.J_now, saddle.W)
+            if c.weigh != 0:
+                invoke(c.weigh, (tables, c, work))
+            for i in range(nc):
+                m = c.beta * h * h if c.m_alf == 1 else saddle.W[i]
+                saddle.W[i] = c.penalty[i] * (c.factor[i] * m)
             add_constraint_stiffness(tables, work.kin_s, s1.lam, work.Kq, work.Kv)
             # rows of the end of the step in both places: see the module docstring of solver.saddle
             copy_blocks(work.J, saddle.J_s)
             rotate_columns(tables.constraints, work.J, work.T_e, saddle.J_e)
-            effective_masses(tables, work.J_now, saddle.W)
-            for i in range(nc):
-                m = c.beta * h * h if c.m_alf == 1 else saddle.W[i]
-                saddle.W[i] = c.penalty * c.factor * m
             assemble_tangent(tables, 1.0 - c.am, cq, cv, work.Kq, work.Kv, work.T_s, saddle.B)
             bad = factorize_saddle(tables, c.form, saddle)
             factorizations += 1
@@ -333,8 +344,9 @@ def step(tables, c, s0, s1, u, want_outputs, work):
             s1.lam[i] = work.lam_best[i]
         residual = best
         status = OK
+        stagnated = 1
     if status != OK:
-        return StepResult(status, where, iterations, factorizations, evaluations, residual, 0.0, 0.0)
+        return StepResult(status, where, iterations, factorizations, evaluations, residual, 0.0, 0.0, stagnated)
     _place(tables, c, s0, s1.a, s1.q, False, work)
     for b in range(nb):
         for i in range(6):
@@ -342,13 +354,13 @@ def step(tables, c, s0, s1, u, want_outputs, work):
             s1.a_s_before[b, i] = s0.a_s[b, i]
             s1.a_s[b, i] = (1.0 - c.am) * s1.a[b, i] + c.am * s0.a[b, i]
             # continued from the stage to the end of the step, as the multipliers are
-            work.a_out[b, i] = s1.a_s[b, i] + c.af * (s1.a_s[b, i] - s0.a_s[b, i])
+            work.a_out[b, i] = s1.a_s[b, i] + c.ahead * (s1.a_s[b, i] - s0.a_s[b, i])
     for i in range(s0.z.shape[0]):
         s1.z[i] = (work.z_s[i] - c.af * s0.z[i]) / s
         s1.zd[i] = ((s1.z[i] - s0.z[i]) / h - (1.0 - c.gamma1) * s0.zd[i]) / c.gamma1
     for i in range(nc):
         s1.lam_before[i] = s0.lam[i]
-        work.lam_out[i] = s1.lam[i] + c.af * (s1.lam[i] - s0.lam[i])
+        work.lam_out[i] = s1.lam[i] + c.ahead * (s1.lam[i] - s0.lam[i])
     for i in range(s0.angle.shape[0]):
         s1.angle[i] = s0.angle[i]
     update_angles(tables.coordinates, work.kin_e, s1.angle)
@@ -369,8 +381,8 @@ def step(tables, c, s0, s1, u, want_outputs, work):
         for i in range(6):
             finite += abs(work.v_out[b, i])
         if not np.isfinite(finite):
-            return StepResult(NON_FINITE, b, iterations, factorizations, evaluations, residual, position_drift, velocity_drift)
-    return StepResult(OK, 0, iterations, factorizations, evaluations, residual, position_drift, velocity_drift)
+            return StepResult(NON_FINITE, b, iterations, factorizations, evaluations, residual, position_drift, velocity_drift, stagnated)
+    return StepResult(OK, 0, iterations, factorizations, evaluations, residual, position_drift, velocity_drift, stagnated)
 
 
 @kernel(borrow=True)
@@ -413,6 +425,7 @@ def advance(tables, c, s0, s1, inputs, first, count, audit, work):
     residual = 0.0
     position = 0.0
     velocity = 0.0
+    stagnated = 0
     for k in range(count):
         outputs = audit or k == count - 1
         if k % 2 == 0:
@@ -425,11 +438,15 @@ def advance(tables, c, s0, s1, inputs, first, count, audit, work):
         residual = max(residual, result.residual)
         position = max(position, result.position_drift)
         velocity = max(velocity, result.velocity_drift)
+        stagnated += result.stagnated
         if result.status != OK:
-            return StepResult(result.status, result.where, iterations, factorizations, evaluations, residual, position, velocity), k
+            failed = StepResult(
+                result.status, result.where, iterations, factorizations, evaluations, residual, position, velocity, stagnated
+            )
+            return failed, k
         if audit:
             update_audit(tables, work.kin_e, work.outputs, work.lam_out, work.phi_t, c.h, work.audit)
-    return StepResult(OK, 0, iterations, factorizations, evaluations, residual, position, velocity), count
+    return StepResult(OK, 0, iterations, factorizations, evaluations, residual, position, velocity, stagnated), count
 
 
 def new_work(model, saddle: Saddle, outputs: Outputs) -> Ref:
@@ -444,5 +461,6 @@ def new_work(model, saddle: Saddle, outputs: Outputs) -> Ref:
         phi=row(), phi_s=row(), g=row(), dlam=row(), phi_t=row(), phi_tt=row(), rate=row(),
         J=np.zeros((ne + 1, 6, 6)), J_now=np.zeros((ne + 1, 6, 6)), zp=np.zeros(nz), z_s=np.zeros(nz),
         saddle=saddle, outputs=outputs, v_out=six(), a_out=six(), lam_out=row(), audit=np.zeros(5),
+        formulation=new_formulation(model),
     )  # fmt: skip
     return Ref(work)

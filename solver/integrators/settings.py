@@ -12,7 +12,7 @@ WHERE = 'integrator'
 
 @dataclass(frozen=True, kw_only=True)
 class IntegratorSettings:
-    """How a model is advanced in time.
+    """How a model is advanced in time (equations and choices: docs/formulation.md).
 
     kind: 'alf' is the augmented-Lagrangian integrator, 'm_alf' the same code with the modified coefficients of the chapter
     (h_R = lam_R, m_R = 1), 'reference_*' independent slow solutions of the same model.
@@ -20,7 +20,15 @@ class IntegratorSettings:
     mode: 'fixed' spends `iterations` Newton iterations per step whatever the residual, 'tolerance' iterates until the relative
     residual and increment are below `tolerance` or `max_iterations` is reached.
     penalty: xi, dimensionless. form: 'condensed' factorizes the n x n matrix with penalties added, 'block' keeps the
-    multipliers. adaptive: let the step (down from h) and the penalties follow the convergence.
+    multipliers.
+    effective_mass: what a penalty multiplies, m_R of a constraint by itself ('isolated') or with the others in force ('coupled').
+    coefficients: 'mass' uses m_R alone, 'full' adds what c_R and k_R contribute in one step. mass_factor: multiplies m_R, one
+    number or a mapping from constraints (a joint, a coupler or one row) to numbers; with kind 'm_alf' it multiplies m_R = 1.
+    penalty_policy: 'adaptive' raises the penalties of the slowest constraints, up to `penalty_cap`, in a step that does not converge,
+    and relaxes them after easy steps.
+    step_policy: 'constant' keeps h; 'rescue' halves a step that fails, down to `h_min`, and doubles it after easy steps; 'error'
+    also keeps the estimated local error below `error_tolerance` per second: positions in m or rad, velocities relative to the
+    largest one. h is then the grid of inputs and outputs and the largest step. Policies other than constant need mode 'tolerance'.
     """
 
     kind: Literal['alf', 'm_alf', 'reference_bdf', 'reference_radau', 'reference_ida', 'reference_kkt'] = 'alf'
@@ -32,7 +40,14 @@ class IntegratorSettings:
     max_iterations: int = 20
     penalty: float = 1e6
     form: Literal['condensed', 'block'] = 'condensed'
-    adaptive: bool = False
+    effective_mass: Literal['isolated', 'coupled'] = 'isolated'
+    coefficients: Literal['mass', 'full'] = 'mass'
+    mass_factor: float | dict[str, float] = 1.0
+    penalty_policy: Literal['constant', 'adaptive'] = 'constant'
+    penalty_cap: float = 1e8
+    step_policy: Literal['constant', 'rescue', 'error'] = 'constant'
+    h_min: Annotated[float, 's'] = 1e-6
+    error_tolerance: Annotated[float, '1/s'] = 1e-3
 
     def __post_init__(self) -> None:
         finite(WHERE, 'h', self.h, low=1e-9, high=1.0)
@@ -48,6 +63,29 @@ class IntegratorSettings:
         finite(WHERE, 'tolerance', self.tolerance, low=1e-14, high=1e-1)
         finite(WHERE, 'max_iterations', self.max_iterations, low=1, high=1000)
         finite(WHERE, 'penalty', self.penalty, low=0.0, high=1e15, strict=True)
+        for factor in self.mass_factors.values():
+            finite(WHERE, 'mass_factor', factor, low=0.0, high=1e6, strict=True)
+        finite(WHERE, 'penalty_cap', self.penalty_cap, low=0.0, high=1e15, strict=True)
+        finite(WHERE, 'h_min', self.h_min, low=1e-12, high=1.0)
+        finite(WHERE, 'error_tolerance', self.error_tolerance, low=1e-12, high=1e3)
+        for name, value in (('penalty_policy', self.penalty_policy), ('step_policy', self.step_policy)):
+            remedy = 'needs integrator.mode: tolerance (a fixed number of iterations never fails, and it has a fixed cost)'
+            require(value == 'constant' or self.mode == 'tolerance', WHERE, name, value, remedy)
+        if self.penalty_policy == 'adaptive':
+            remedy = f'must be at least integrator.penalty = {self.penalty:g}'
+            require(self.penalty_cap >= self.penalty, WHERE, 'penalty_cap', self.penalty_cap, remedy)
+        if self.step_policy != 'constant':
+            require(self.h_min <= self.h, WHERE, 'h_min', self.h_min, f'must be at most integrator.h = {self.h:g}')
+
+    @property
+    def mass_factors(self) -> dict[str, float]:
+        """mass_factor by constraint; '' stands for all."""
+        return self.mass_factor if isinstance(self.mass_factor, dict) else {'': self.mass_factor}
+
+    @property
+    def adapts(self) -> bool:
+        """Whether penalties or step change in the course of a run."""
+        return self.penalty_policy != 'constant' or self.step_policy != 'constant'
 
     @property
     def h_ns(self) -> int:

@@ -1,0 +1,339 @@
+"""Step and penalties that follow the iteration and the local error; every change is an Event.
+
+The grid of inputs and outputs is fixed, k h; inside an interval of it the step is chosen freely, so time stays an integer.
+
+*Penalties* (`penalty_policy: adaptive`). An iteration that stagnates with constraints open is repeated from the start of the step
+with larger penalties of the slowest constraints: those with the largest violation, weighed by the masses behind them. Where it would be
+accepted as it is, a raise that does not help is taken back; where the step would fail, all penalties are raised. After easy steps all
+return towards the setting.
+
+*Step* (`step_policy`). `rescue`: a step that fails is halved and taken again from its start; after easy steps it doubles. `error`: two
+steps of h/2 are compared with one of h from the same start; a third of the difference is the local error of the two (second order),
+and a PI controller (Gustafsson 1991) holds its rate at the tolerance, so that the error of a run is proportional to it.
+
+*History.* The algorithm's acceleration a_n belongs to t_n + (am - af) h, the rates of internal states to t_n + (am1 - af) h, and the
+velocity satisfies A v + phi_t = -h^2 A e (solver.consistent). When the next step is of another size all three are moved to where
+that step expects them, or each change would cost an order. What was moved is put back if the step is not accepted.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple, cast
+
+import numpy as np
+
+from solver.audit import update_audit
+from solver.integrators.augmented_lagrangian import NOT_CONVERGED, OK, StepResult, step
+from solver.integrators.settings import IntegratorSettings
+from solver.maneuver import ACCELERATION, RATE, is_motion
+from solver.model.state import State, copy_state, new_state
+from solver.model.tables import Model
+from solver.reference import Ref
+
+INACCURATE = 4  # status: the error is above the tolerance with the smallest step
+RAISE = 10.0  # of a penalty at a time
+SLOW = 0.1  # constraints with at least this part of the largest violation are the slowest
+HELPS = 0.5  # a raise that leaves more of the residual is taken back
+EASY_ITERATIONS = 4
+EASY_STEPS = 10  # in a row before penalties and step relax; twice as many after every new trouble
+LONGEST_PATIENCE = 640
+ORDER = 2.0  # of the error per unit of time
+SAFETY = 0.9
+INTEGRAL, PROPORTIONAL = 0.7 / ORDER, 0.4 / ORDER
+SMALLEST_FACTOR, LARGEST_FACTOR = 0.2, 2.0
+WORTHWHILE = 1.2  # growth below it is not taken: a step that stays costs no history
+REMAINDER = 0.1  # of the tolerable error that the iteration may leave
+
+
+class Event(NamedTuple):
+    """A change of the step (name is empty) or of the penalty of a constraint row."""
+
+    t: float  # start of the step that caused it [s]
+    kind: str  # 'step' | 'penalty'
+    name: str
+    old: float  # s, or dimensionless
+    new: float
+    cause: str  # 'failure' | 'error' | 'stagnation' | 'no help' | 'easy' | 'grid'
+
+
+class History(NamedTuple):
+    """What a state needs beside itself when the next step is of another size."""
+
+    h: float  # of the step that led to it [s]
+    between: float  # from the stage before the last to the last [s]
+    offset: np.ndarray  # (nb + 1, 6) its velocity minus the projected one
+    z_rate: np.ndarray  # (nz,) rate of zd
+
+
+def is_stuck(result: StepResult) -> bool:
+    """Whether the iteration ended before the tolerance."""
+    return result.status == NOT_CONVERGED or (result.status == OK and result.stagnated > 0)
+
+
+class Adaptation:
+    """Advances a model over the output grid with steps and penalties of its own choice."""
+
+    def __init__(self, model: Model, settings: IntegratorSettings, coefficients: Ref, work: Ref, output_table: Ref) -> None:
+        self.model, self.settings, self.coefficients, self.work = model, settings, coefficients, work
+        self.grid = settings.h_ns * 1e-9
+        self.base = coefficients.penalty.copy()
+        self.events: list[Event] = []
+        self.by_error = settings.step_policy == 'error'
+        self._full, self._half = (Ref(new_state(model)) for _ in range(2))
+        self._begin = new_state(model)
+        self._kin, self._output_table = Ref(work.kin_e), output_table
+        names = model.spec.inputs
+        motions = [n for n in names if is_motion(n, names)]
+        self._motion = np.array([[names.index(n + end) for n in motions] for end in ('', RATE, ACCELERATION)], int).reshape(3, -1)
+
+    # -- state ---------------------------------------------------------------------------------------------------------
+
+    def start(self, state: State) -> None:
+        """Begin at a state made for a step of the grid; the projected velocity is in the work of the step."""
+        self.history = History(self.grid, self.grid, state.v - self.work.v_out, np.zeros(self.model.n_internal))
+        self.wanted = self.taken = self.grid
+        self.last_error = self.settings.error_tolerance
+        self.easy, self.patience = 0, EASY_STEPS
+        self.substeps = self.rejected = 0
+        self.coefficients.penalty[:] = self.base
+        self.events.clear()
+
+    def memory(self) -> dict[str, np.ndarray]:
+        """Everything the future depends on, as arrays."""
+        h = self.history
+        numbers = (h.h, h.between, self.wanted, self.taken, self.last_error, self.easy, self.patience)
+        return {
+            'adaptation': np.array(numbers),
+            'offset': h.offset.copy(),
+            'z_rate': h.z_rate.copy(),
+            'penalty': self.coefficients.penalty.copy(),
+        }
+
+    def recall(self, memory: dict[str, np.ndarray], t: float) -> None:
+        """Inverse of memory(), at time t [s]; events from then on are forgotten."""
+        h, between, self.wanted, self.taken, self.last_error, easy, patience = (float(x) for x in memory['adaptation'])
+        self.easy, self.patience = int(easy), int(patience)
+        self.history = History(h, between, memory['offset'].copy(), memory['z_rate'].copy())
+        self.coefficients.penalty[:] = memory['penalty']
+        self.events[:] = [event for event in self.events if event.t < t]
+
+    # -- the output grid -----------------------------------------------------------------------------------------------
+
+    def advance(
+        self, states: list[Ref], before: np.ndarray, inputs: np.ndarray, k: int, audit: bool
+    ) -> tuple[StepResult, int]:  # fmt: skip
+        """Advance by one grid interval per row of inputs (n, nu), from index k on; states[0] is the newest state afterwards.
+
+        before (nu,): inputs of the interval before. Returns (summed counters, intervals done); after a failure the state is that
+        at the start of the interval.
+        """
+        self._sum = [0, 0, 0, 0.0, 0.0, 0.0, 0]
+        for n, row in enumerate(inputs):
+            result = self._interval(states, before, row, (k + n) * self.grid, audit, n == len(inputs) - 1)
+            if result.status != OK:
+                return self._summed(result.status, result.where), n
+            before = row
+        return self._summed(OK, 0), len(inputs)
+
+    def _interval(self, states: list[Ref], before: np.ndarray, now: np.ndarray, t: float, audit: bool, outputs: bool) -> StepResult:
+        copy_state(cast(State, states[0].value), self._begin)
+        memory, energy = self.memory(), self.work.audit.copy()
+        done, cause = 0.0, 'grid'
+        while done < 1.0:
+            count = max(1, math.ceil((1.0 - done) * self.grid / self.wanted - 1e-9))
+            part = (1.0 - done) / count
+            end = 1.0 if count == 1 else done + part
+            here = t + done * self.grid
+            attempt = self._pair if self.by_error else self._single
+            h = self._note_step(here, 0.5 * part * self.grid if self.by_error else part * self.grid, cause)
+            kept = self.work.audit.copy()
+            result, error = attempt(states, h, (done, end), before, now, here, (audit, audit or (outputs and count == 1)))
+            accurate = not error > self.settings.error_tolerance
+            if result.status == OK and accurate:
+                states.reverse()
+                self.substeps += 2 if self.by_error else 1
+                cause = self._after_success(here, result, error)
+                done = end
+                continue
+            self.rejected += 1
+            self.work.audit[:] = kept
+            if h <= self.settings.h_min * (1.0 + 1e-9):
+                copy_state(self._begin, cast(State, states[0].value))
+                self.work.audit[:] = energy
+                events = list(self.events)
+                self.recall(memory, t)
+                self.events[:] = events
+                return result if result.status != OK else result._replace(status=INACCURATE)
+            cause = 'failure' if result.status != OK else 'error'
+            factor = 0.5 if result.status != OK else SAFETY * (self.settings.error_tolerance / error) ** (1.0 / ORDER)
+            pair = 2.0 if self.by_error else 1.0
+            self.wanted = max(pair * h * min(SAFETY, max(SMALLEST_FACTOR, factor)), pair * self.settings.h_min)
+            self.easy, self.patience = 0, min(2 * self.patience, LONGEST_PATIENCE)
+        return result
+
+    def _note_step(self, t: float, h: float, cause: str) -> float:
+        if abs(h - self.history.h) < 1e-12 * h:
+            h = self.history.h  # the same but for rounding
+        if abs(h - self.taken) > 1e-9 * h:
+            self.events.append(Event(t, 'step', '', self.taken, h, cause))
+            self.taken = h
+        return h
+
+    def _after_success(self, t: float, result: StepResult, error: float) -> str:
+        """Relax penalties and choose the next step."""
+        if self.by_error:
+            ratio = max(error / self.settings.error_tolerance, 1e-6)
+            last = max(self.last_error / self.settings.error_tolerance, 1e-6)
+            factor = min(LARGEST_FACTOR, max(SMALLEST_FACTOR, SAFETY * ratio**-INTEGRAL * last**PROPORTIONAL))
+            if factor < 1.0 or factor >= WORTHWHILE:
+                self.wanted = min(self.grid, max(2.0 * self.taken * factor, 2.0 * self.settings.h_min))
+            self.last_error = error
+        easy = not is_stuck(result) and result.iterations <= EASY_ITERATIONS
+        self.easy = self.easy + 1 if easy else 0
+        if self.easy < self.patience:
+            return 'error' if self.by_error else 'grid'
+        self.easy = 0
+        penalty = self.coefficients.penalty
+        raised = np.flatnonzero(penalty > self.base)
+        relaxed = np.maximum(self.base, penalty / RAISE)[raised]
+        self._set_penalties(t, raised, relaxed, 'easy')
+        if not self.by_error and self.wanted < self.grid:
+            self.wanted = min(self.grid, 2.0 * self.wanted)
+        elif not len(raised):
+            self.patience = max(EASY_STEPS, self.patience // 2)
+        return 'easy'
+
+    # -- attempts ------------------------------------------------------------------------------------------------------
+
+    def _single(self, states, h, span, before, now, t, outputs) -> tuple[StepResult, float]:
+        """One step from states[0] to states[1]; no error is known."""
+        result, history = self._step(states[0], self.history, states[1], h, self._inputs(before, now, span[1]), t, outputs[1])
+        if result.status == OK:
+            self.history = history
+            self._keep_audit(outputs[0], h)
+        return result, 0.0
+
+    def _pair(self, states, h, span, before, now, t, outputs) -> tuple[StepResult, float]:
+        """Two steps of h from states[0] to states[1], and the rate of the local error by comparison with one of 2 h."""
+        middle, end = (self._inputs(before, now, x) for x in (0.5 * (span[0] + span[1]), span[1]))
+        full, _ = self._step(states[0], self.history, self._full, 2.0 * h, end, t, False)
+        if full.status != OK:
+            return full, 0.0
+        v_full = self.work.v_out.copy()
+        first, history = self._step(states[0], self.history, self._half, h, middle, t, outputs[0])
+        if first.status != OK:
+            return first, 0.0
+        self._keep_audit(outputs[0], h)
+        second, history = self._step(self._half, history, states[1], h, end, t + h, outputs[1])
+        if second.status != OK:
+            return second, 0.0
+        error = self._difference(cast(State, self._full.value), v_full, cast(State, states[1].value)) / 3.0
+        for result in (first, second):
+            if is_stuck(result):
+                error = max(error, result.residual)
+        error /= 2.0 * h
+        if not error > self.settings.error_tolerance:
+            self.history = history
+            self._keep_audit(outputs[0], h)
+        iterations = max(first.iterations, second.iterations)
+        return second._replace(iterations=iterations, stagnated=first.stagnated + second.stagnated), error
+
+    def _keep_audit(self, wanted: bool, h: float) -> None:
+        if wanted:
+            w = self.work
+            update_audit(self.model.tables, self._kin, self._output_table, w.lam_out, w.phi_t, h, w.audit)
+
+    def _difference(self, a: State, v_a: np.ndarray, b: State) -> float:
+        """Largest difference of positions [m], turns [rad], internal states, and velocities relative to the largest (at least 1)."""
+        v_b = self.work.v_out
+        turn = 2.0 * np.minimum(np.abs(a.q[:, 3:] - b.q[:, 3:]).max(axis=1), np.abs(a.q[:, 3:] + b.q[:, 3:]).max(axis=1))
+        parts = (np.abs(a.q[:, :3] - b.q[:, :3]).max(), turn.max(), np.abs(a.z - b.z).max(initial=0.0))
+        return max(*map(float, parts), float(np.abs(v_a - v_b).max() / max(1.0, np.abs(v_b).max())))
+
+    def _inputs(self, before: np.ndarray, now: np.ndarray, x: float) -> np.ndarray:
+        """Inputs at the fraction x of an interval: motions by the quintic through both ends, all others as they are now."""
+        if x == 1.0 or not self._motion.size:
+            return now
+        value, rate, acceleration = self._motion
+        T = self.grid
+        p0, v0, a0 = before[value], T * before[rate], T * T * before[acceleration]
+        p1, v1, a1 = now[value], T * now[rate], T * T * now[acceleration]
+        d, dv, da = p1 - p0 - v0 - 0.5 * a0, v1 - v0 - a0, a1 - a0
+        c3, c4, c5 = 10.0 * d - 4.0 * dv + 0.5 * da, -15.0 * d + 7.0 * dv - da, 6.0 * d - 3.0 * dv + 0.5 * da
+        u = now.copy()
+        u[value] = p0 + x * (v0 + x * (0.5 * a0 + x * (c3 + x * (c4 + x * c5))))
+        u[rate] = (v0 + x * (a0 + x * (3.0 * c3 + x * (4.0 * c4 + x * 5.0 * c5)))) / T
+        u[acceleration] = (a0 + x * (6.0 * c3 + x * (12.0 * c4 + x * 20.0 * c5))) / (T * T)
+        return u
+
+    def _step(
+        self, source: Ref, history: History, target: Ref, h: float, u: np.ndarray, t: float, outputs: bool
+    ) -> tuple[StepResult, History]:
+        """One step of size h, with penalties raised if need be; source is left as it was."""
+        s, new, c = cast(State, source.value), cast(State, target.value), self.coefficients
+        between = (1.0 - c.af) * h + c.af * history.h
+        tolerance = self.settings.tolerance
+        if self.by_error:
+            tolerance = max(1e-13, min(tolerance, REMAINDER * self.settings.error_tolerance * h))
+        c.assign(h=h, ahead=c.af if h == history.h else c.af * h / between, tolerance=tolerance)
+        kept = [array.copy() for array in (s.v, s.a, s.zd)]
+        if h != history.h:
+            s.v[:] += ((h / history.h) ** 2 - 1.0) * history.offset
+            s.a[:] += (c.am - c.af) * (h - history.h) / history.between * (s.a_s - s.a_s_before)
+            s.zd[:] += (c.am1 - c.af) * (h - history.h) * history.z_rate
+        result = self._converge(source, target, u, t, outputs)
+        z_rate = (new.zd - s.zd) / h
+        for array, old in zip((s.v, s.a, s.zd), kept, strict=True):
+            array[:] = old
+        return result, History(h, between, new.v - self.work.v_out, z_rate)
+
+    def _converge(self, source: Ref, target: Ref, u: np.ndarray, t: float, outputs: bool) -> StepResult:
+        """Take the step; while it is stuck with constraints open, again with their penalties raised."""
+
+        def take() -> StepResult:
+            result = step(self.model.tables, self.coefficients, source, target, u, outputs, self.work)
+            self._count(result)
+            return result
+
+        result = take()
+        while self.settings.penalty_policy == 'adaptive' and is_stuck(result):
+            acceptable = result.status == OK
+            penalty = self.coefficients.penalty
+            slowest = self._slowest(float(np.abs(cast(State, source.value).v).max(initial=1.0))) if acceptable else True
+            rows = np.flatnonzero(slowest & (penalty < self.settings.penalty_cap))
+            if not len(rows):
+                break
+            old = penalty[rows].copy()
+            self._set_penalties(t, rows, np.minimum(self.settings.penalty_cap, RAISE * old), 'stagnation')
+            self.easy, self.patience = 0, min(2 * self.patience, LONGEST_PATIENCE)
+            again = take()
+            if acceptable and is_stuck(again) and not again.residual < HELPS * result.residual:
+                self._set_penalties(t, rows, old, 'no help')
+                return take()
+            result = again
+        return result
+
+    def _slowest(self, speed: float) -> np.ndarray:
+        """(nc,) rows that are open and have the largest violation in the metric of what their penalties multiply."""
+        c, phi = self.coefficients, np.abs(self.work.phi)
+        violation = phi * np.sqrt(self.work.saddle.W / c.penalty)
+        is_open = phi > c.tolerance * speed * c.h
+        return is_open & (violation >= SLOW * violation.max(where=is_open, initial=0.0))
+
+    def _set_penalties(self, t: float, rows: np.ndarray, values: np.ndarray, cause: str) -> None:
+        penalty = self.coefficients.penalty
+        for row, new in zip(rows, values, strict=True):
+            self.events.append(Event(t, 'penalty', self.model.row_names[row], float(penalty[row]), float(new), cause))
+            penalty[row] = new
+
+    def _count(self, result: StepResult) -> None:
+        s = self._sum
+        s[0] += result.iterations
+        s[1] += result.factorizations
+        s[2] += result.evaluations
+        s[3:6] = map(max, s[3:6], (result.residual, result.position_drift, result.velocity_drift))
+        s[6] += result.stagnated
+
+    def _summed(self, status: int, where: int) -> StepResult:
+        return StepResult(status, where, *self._sum)
