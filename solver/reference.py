@@ -27,16 +27,17 @@ class RefType(types.Type):
 
     def __init__(self, target: types.BaseNamedTuple) -> None:
         self.target = target
+        self._places: dict[str, tuple[types.Type, int]] = {}
         super().__init__(name=f'Ref({target})')
 
     def field(self, name: str) -> tuple[types.Type, int]:
         """(type, offset in words) of a field. Raises KeyError."""
-        offset = 0
-        for field, kind in zip(self.target.fields, self.target.types, strict=True):
-            if field == name:
-                return kind, offset
-            offset += _words(kind)
-        raise KeyError(name)
+        if not self._places:
+            offset = 0
+            for field, kind in zip(self.target.fields, self.target.types, strict=True):
+                self._places[field] = kind, offset
+                offset += _words(kind)
+        return self._places[name]
 
 
 def _words(kind: types.Type) -> int:

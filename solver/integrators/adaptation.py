@@ -24,7 +24,7 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from solver.audit import update_audit
-from solver.integrators.augmented_lagrangian import NOT_CONVERGED, OK, StepResult, step
+from solver.integrators.augmented_lagrangian import LARGEST_STAGNATION, NOT_CONVERGED, OK, StepResult, step
 from solver.integrators.settings import IntegratorSettings
 from solver.maneuver import ACCELERATION, RATE, is_motion
 from solver.model.state import State, copy_state, new_state
@@ -43,18 +43,20 @@ SAFETY = 0.9
 INTEGRAL, PROPORTIONAL = 0.7 / ORDER, 0.4 / ORDER
 SMALLEST_FACTOR, LARGEST_FACTOR = 0.2, 2.0
 WORTHWHILE = 1.2  # growth below it is not taken: a step that stays costs no history
+ROUNDING = 1e-16  # m or rad; over a step it is a velocity that the iteration cannot resolve
+SMALLEST_TOLERANCE = 1e-13
 REMAINDER = 0.1  # of the tolerable error that the iteration may leave
 
 
 class Event(NamedTuple):
-    """A change of the step (name is empty) or of the penalty of a constraint row."""
+    """A change of the step or of the penalty of a constraint row; kind 'error': the error that had to be accepted."""
 
     t: float  # start of the step that caused it [s]
-    kind: str  # 'step' | 'penalty'
-    name: str
+    kind: str  # 'step' | 'penalty' | 'error'
+    name: str  # of the row, else empty
     old: float  # s, or dimensionless
     new: float
-    cause: str  # 'failure' | 'error' | 'stagnation' | 'no help' | 'easy' | 'grid'
+    cause: str  # 'failure' | 'error' | 'stagnation' | 'no help' | 'easy' | 'grid' | 'undetermined'
 
 
 class History(NamedTuple):
@@ -66,9 +68,32 @@ class History(NamedTuple):
     z_rate: np.ndarray  # (nz,) rate of zd
 
 
+class Attempt(NamedTuple):
+    """One step, or two with an estimate of the rate of their local error [1/s]."""
+
+    result: StepResult
+    error: float
+    history: History
+
+
+Span = tuple[float, float]  # begin and end as fractions of the interval
+Inputs = tuple[np.ndarray, np.ndarray]  # of the interval before and of this one
+
+
 def is_stuck(result: StepResult) -> bool:
     """Whether the iteration ended before the tolerance."""
     return result.status == NOT_CONVERGED or (result.status == OK and result.stagnated > 0)
+
+
+def is_undetermined(tried: list[tuple[float, float]], smallest: bool) -> bool:
+    """Whether a smaller step (h, rate of the error) was no more accurate than the one before, or the smallest than any.
+
+    Next to a singular position the motion is determined only so far; the step with the smallest error is then the one to take.
+    """
+    if len(tried) < 2:
+        return False
+    (h_before, before), (h, error) = tried[-2:]
+    return error * h >= before * h_before * math.sqrt(h / h_before) or (smallest and error > min(tried, key=lambda t: t[1])[1])
 
 
 class Adaptation:
@@ -80,6 +105,7 @@ class Adaptation:
         self.base = coefficients.penalty.copy()
         self.events: list[Event] = []
         self.by_error = settings.step_policy == 'error'
+        self.group = 2 if self.by_error else 1  # steps that are taken together
         self._full, self._half = (Ref(new_state(model)) for _ in range(2))
         self._begin = new_state(model)
         self._kin, self._output_table = Ref(work.kin_e), output_table
@@ -138,37 +164,48 @@ class Adaptation:
 
     def _interval(self, states: list[Ref], before: np.ndarray, now: np.ndarray, t: float, audit: bool, outputs: bool) -> StepResult:
         copy_state(cast(State, states[0].value), self._begin)
-        memory, energy = self.memory(), self.work.audit.copy()
+        kept = (self.history, self.wanted, self.taken, self.last_error, self.easy, self.patience)
+        penalty, energy = self.coefficients.penalty.copy(), self.work.audit.copy()
         done, cause = 0.0, 'grid'
+        inaccurate: list[tuple[float, float]] = []  # step and error of the attempts at the next step so far
+        undetermined = False
         while done < 1.0:
             count = max(1, math.ceil((1.0 - done) * self.grid / self.wanted - 1e-9))
             part = (1.0 - done) / count
             end = 1.0 if count == 1 else done + part
             here = t + done * self.grid
+            h = self._note_step(here, part * self.grid / self.group, cause)
+            before_attempt = self.work.audit.copy()
             attempt = self._pair if self.by_error else self._single
-            h = self._note_step(here, 0.5 * part * self.grid if self.by_error else part * self.grid, cause)
-            kept = self.work.audit.copy()
-            result, error = attempt(states, h, (done, end), before, now, here, (audit, audit or (outputs and count == 1)))
+            result, error, history = attempt(states, h, (done, end), (before, now), here, (audit, audit or (outputs and count == 1)))
             accurate = not error > self.settings.error_tolerance
-            if result.status == OK and accurate:
+            if result.status == OK and (accurate or undetermined):
                 states.reverse()
-                self.substeps += 2 if self.by_error else 1
+                self.history = history
+                self.substeps += self.group
                 cause = self._after_success(here, result, error)
-                done = end
+                if not accurate:
+                    self.events.append(Event(here, 'error', '', self.settings.error_tolerance, error, 'undetermined'))
+                    self.wanted, self.last_error = min(self.grid, self.group * LARGEST_FACTOR * h), self.settings.error_tolerance
+                done, undetermined = end, False
+                inaccurate.clear()
                 continue
             self.rejected += 1
-            self.work.audit[:] = kept
-            if h <= self.settings.h_min * (1.0 + 1e-9):
+            self.work.audit[:] = before_attempt
+            smallest = h <= self.settings.h_min * (1.0 + 1e-9)
+            cause, factor = 'failure', 0.5
+            if result.status == OK:
+                cause, factor = 'error', SAFETY * (self.settings.error_tolerance / error) ** (1.0 / ORDER)
+                inaccurate.append((h, error))
+            undetermined = result.status == OK and is_undetermined(inaccurate, smallest)
+            if smallest and not undetermined:
                 copy_state(self._begin, cast(State, states[0].value))
                 self.work.audit[:] = energy
-                events = list(self.events)
-                self.recall(memory, t)
-                self.events[:] = events
+                self.coefficients.penalty[:] = penalty
+                self.history, self.wanted, self.taken, self.last_error, self.easy, self.patience = kept
                 return result if result.status != OK else result._replace(status=INACCURATE)
-            cause = 'failure' if result.status != OK else 'error'
-            factor = 0.5 if result.status != OK else SAFETY * (self.settings.error_tolerance / error) ** (1.0 / ORDER)
-            pair = 2.0 if self.by_error else 1.0
-            self.wanted = max(pair * h * min(SAFETY, max(SMALLEST_FACTOR, factor)), pair * self.settings.h_min)
+            smaller = max(h * min(SAFETY, max(SMALLEST_FACTOR, factor)), self.settings.h_min)
+            self.wanted = self.group * (min(inaccurate, key=lambda tried: tried[1])[0] if undetermined else smaller)
             self.easy, self.patience = 0, min(2 * self.patience, LONGEST_PATIENCE)
         return result
 
@@ -187,7 +224,7 @@ class Adaptation:
             last = max(self.last_error / self.settings.error_tolerance, 1e-6)
             factor = min(LARGEST_FACTOR, max(SMALLEST_FACTOR, SAFETY * ratio**-INTEGRAL * last**PROPORTIONAL))
             if factor < 1.0 or factor >= WORTHWHILE:
-                self.wanted = min(self.grid, max(2.0 * self.taken * factor, 2.0 * self.settings.h_min))
+                self.wanted = min(self.grid, self.group * max(self.taken * factor, self.settings.h_min))
             self.last_error = error
         easy = not is_stuck(result) and result.iterations <= EASY_ITERATIONS
         self.easy = self.easy + 1 if easy else 0
@@ -195,61 +232,59 @@ class Adaptation:
             return 'error' if self.by_error else 'grid'
         self.easy = 0
         penalty = self.coefficients.penalty
-        raised = np.flatnonzero(penalty > self.base)
-        relaxed = np.maximum(self.base, penalty / RAISE)[raised]
-        self._set_penalties(t, raised, relaxed, 'easy')
+        raised = bool((penalty > self.base).any())
+        self._set_penalties(t, np.maximum(self.base, penalty / RAISE), 'easy')
         if not self.by_error and self.wanted < self.grid:
             self.wanted = min(self.grid, 2.0 * self.wanted)
-        elif not len(raised):
+        elif not raised:
             self.patience = max(EASY_STEPS, self.patience // 2)
         return 'easy'
 
     # -- attempts ------------------------------------------------------------------------------------------------------
 
-    def _single(self, states, h, span, before, now, t, outputs) -> tuple[StepResult, float]:
+    def _single(self, states: list[Ref], h: float, span: Span, u: Inputs, t: float, outputs: tuple[bool, bool]) -> Attempt:
         """One step from states[0] to states[1]; no error is known."""
-        result, history = self._step(states[0], self.history, states[1], h, self._inputs(before, now, span[1]), t, outputs[1])
-        if result.status == OK:
-            self.history = history
-            self._keep_audit(outputs[0], h)
-        return result, 0.0
+        result, history = self._step(states[0], self.history, states[1], h, self._inputs(*u, span[1]), t, outputs[1])
+        self._keep_audit(outputs[0], result, h)
+        return Attempt(result, 0.0, history)
 
-    def _pair(self, states, h, span, before, now, t, outputs) -> tuple[StepResult, float]:
+    def _pair(self, states: list[Ref], h: float, span: Span, u: Inputs, t: float, outputs: tuple[bool, bool]) -> Attempt:
         """Two steps of h from states[0] to states[1], and the rate of the local error by comparison with one of 2 h."""
-        middle, end = (self._inputs(before, now, x) for x in (0.5 * (span[0] + span[1]), span[1]))
-        full, _ = self._step(states[0], self.history, self._full, 2.0 * h, end, t, False)
+        middle, end = (self._inputs(*u, x) for x in (0.5 * (span[0] + span[1]), span[1]))
+        full, history = self._step(states[0], self.history, self._full, 2.0 * h, end, t, False)
         if full.status != OK:
-            return full, 0.0
+            return Attempt(full, 0.0, history)
         v_full = self.work.v_out.copy()
         first, history = self._step(states[0], self.history, self._half, h, middle, t, outputs[0])
         if first.status != OK:
-            return first, 0.0
-        self._keep_audit(outputs[0], h)
+            return Attempt(first, 0.0, history)
+        self._keep_audit(outputs[0], first, h)
         second, history = self._step(self._half, history, states[1], h, end, t + h, outputs[1])
         if second.status != OK:
-            return second, 0.0
+            return Attempt(second, 0.0, history)
+        self._keep_audit(outputs[0], second, h)
         error = self._difference(cast(State, self._full.value), v_full, cast(State, states[1].value)) / 3.0
         for result in (first, second):
             if is_stuck(result):
                 error = max(error, result.residual)
-        error /= 2.0 * h
-        if not error > self.settings.error_tolerance:
-            self.history = history
-            self._keep_audit(outputs[0], h)
-        iterations = max(first.iterations, second.iterations)
-        return second._replace(iterations=iterations, stagnated=first.stagnated + second.stagnated), error
+        worse = max(first.iterations, second.iterations)
+        return Attempt(second._replace(iterations=worse, stagnated=first.stagnated + second.stagnated), error / (2.0 * h), history)
 
-    def _keep_audit(self, wanted: bool, h: float) -> None:
-        if wanted:
+    def _keep_audit(self, wanted: bool, result: StepResult, h: float) -> None:
+        if wanted and result.status == OK:
             w = self.work
             update_audit(self.model.tables, self._kin, self._output_table, w.lam_out, w.phi_t, h, w.audit)
 
     def _difference(self, a: State, v_a: np.ndarray, b: State) -> float:
-        """Largest difference of positions [m], turns [rad], internal states, and velocities relative to the largest (at least 1)."""
+        """Largest difference of positions [m], turns [rad], internal states, and velocities.
+
+        Velocities count relative to the largest now or, at this acceleration, an interval later, and at least 1 m/s or rad/s.
+        """
         v_b = self.work.v_out
+        speed = max(1.0, np.abs(v_b).max(), self.grid * np.abs(b.a_s).max())
         turn = 2.0 * np.minimum(np.abs(a.q[:, 3:] - b.q[:, 3:]).max(axis=1), np.abs(a.q[:, 3:] + b.q[:, 3:]).max(axis=1))
         parts = (np.abs(a.q[:, :3] - b.q[:, :3]).max(), turn.max(), np.abs(a.z - b.z).max(initial=0.0))
-        return max(*map(float, parts), float(np.abs(v_a - v_b).max() / max(1.0, np.abs(v_b).max())))
+        return max(*map(float, parts), float(np.abs(v_a - v_b).max() / speed))
 
     def _inputs(self, before: np.ndarray, now: np.ndarray, x: float) -> np.ndarray:
         """Inputs at the fraction x of an interval: motions by the quintic through both ends, all others as they are now."""
@@ -275,20 +310,24 @@ class Adaptation:
         between = (1.0 - c.af) * h + c.af * history.h
         tolerance = self.settings.tolerance
         if self.by_error:
-            tolerance = max(1e-13, min(tolerance, REMAINDER * self.settings.error_tolerance * h))
-        c.assign(h=h, ahead=c.af if h == history.h else c.af * h / between, tolerance=tolerance)
-        kept = [array.copy() for array in (s.v, s.a, s.zd)]
-        if h != history.h:
+            tolerance = min(tolerance, max(REMAINDER * self.settings.error_tolerance * h, ROUNDING / h, SMALLEST_TOLERANCE))
+        now = {'h': h, 'ahead': c.af if h == history.h else c.af * h / between, 'tolerance': tolerance}
+        if any(getattr(c.value, name) != number for name, number in now.items()):
+            c.assign(**now)
+        moved = h != history.h
+        if moved:
+            kept = [array.copy() for array in (s.v, s.a, s.zd)]
             s.v[:] += ((h / history.h) ** 2 - 1.0) * history.offset
             s.a[:] += (c.am - c.af) * (h - history.h) / history.between * (s.a_s - s.a_s_before)
             s.zd[:] += (c.am1 - c.af) * (h - history.h) * history.z_rate
-        result = self._converge(source, target, u, t, outputs)
+        result = self._converge(source, target, h, u, t, outputs)
         z_rate = (new.zd - s.zd) / h
-        for array, old in zip((s.v, s.a, s.zd), kept, strict=True):
-            array[:] = old
+        if moved:
+            for array, old in zip((s.v, s.a, s.zd), kept, strict=True):
+                array[:] = old
         return result, History(h, between, new.v - self.work.v_out, z_rate)
 
-    def _converge(self, source: Ref, target: Ref, u: np.ndarray, t: float, outputs: bool) -> StepResult:
+    def _converge(self, source: Ref, target: Ref, h: float, u: np.ndarray, t: float, outputs: bool) -> StepResult:
         """Take the step; while it is stuck with constraints open, again with their penalties raised."""
 
         def take() -> StepResult:
@@ -296,23 +335,29 @@ class Adaptation:
             self._count(result)
             return result
 
+        c, speed = self.coefficients, float(np.abs(cast(State, source.value).v).max(initial=1.0))
         result = take()
-        while self.settings.penalty_policy == 'adaptive' and is_stuck(result):
-            acceptable = result.status == OK
-            penalty = self.coefficients.penalty
-            slowest = self._slowest(float(np.abs(cast(State, source.value).v).max(initial=1.0))) if acceptable else True
-            rows = np.flatnonzero(slowest & (penalty < self.settings.penalty_cap))
-            if not len(rows):
+        if self.settings.penalty_policy == 'constant' or self._left(result, speed) <= c.tolerance:
+            return result
+        first, before = self._left(result, speed), c.penalty.copy()
+        acceptable = first <= (self.settings.error_tolerance * h if self.by_error else LARGEST_STAGNATION)
+        while self._left(result, speed) > c.tolerance:
+            rows = (self._slowest(speed) if acceptable else True) & (c.penalty < self.settings.penalty_cap)
+            if not rows.any():
                 break
-            old = penalty[rows].copy()
-            self._set_penalties(t, rows, np.minimum(self.settings.penalty_cap, RAISE * old), 'stagnation')
+            self._set_penalties(t, np.where(rows, np.minimum(self.settings.penalty_cap, RAISE * c.penalty), c.penalty), 'stagnation')
             self.easy, self.patience = 0, min(2 * self.patience, LONGEST_PATIENCE)
-            again = take()
-            if acceptable and is_stuck(again) and not again.residual < HELPS * result.residual:
-                self._set_penalties(t, rows, old, 'no help')
-                return take()
-            result = again
+            result = take()
+        if acceptable and not self._left(result, speed) < max(c.tolerance, HELPS * first):
+            self._set_penalties(t, before, 'no help')
+            return take()
         return result
+
+    def _left(self, result: StepResult, speed: float) -> float:
+        """What the iteration left open, relative as its tolerance is; infinite when it failed."""
+        if result.status != OK:
+            return math.inf if result.status == NOT_CONVERGED else 0.0
+        return max(result.position_drift / (self.coefficients.h * speed), result.residual if result.stagnated else 0.0)
 
     def _slowest(self, speed: float) -> np.ndarray:
         """(nc,) rows that are open and have the largest violation in the metric of what their penalties multiply."""
@@ -321,11 +366,11 @@ class Adaptation:
         is_open = phi > c.tolerance * speed * c.h
         return is_open & (violation >= SLOW * violation.max(where=is_open, initial=0.0))
 
-    def _set_penalties(self, t: float, rows: np.ndarray, values: np.ndarray, cause: str) -> None:
+    def _set_penalties(self, t: float, values: np.ndarray, cause: str) -> None:
         penalty = self.coefficients.penalty
-        for row, new in zip(rows, values, strict=True):
-            self.events.append(Event(t, 'penalty', self.model.row_names[row], float(penalty[row]), float(new), cause))
-            penalty[row] = new
+        for row in np.flatnonzero(values != penalty):
+            self.events.append(Event(t, 'penalty', self.model.row_names[row], float(penalty[row]), float(values[row]), cause))
+        penalty[:] = values
 
     def _count(self, result: StepResult) -> None:
         s = self._sum

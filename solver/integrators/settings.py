@@ -46,7 +46,7 @@ class IntegratorSettings:
     penalty_policy: Literal['constant', 'adaptive'] = 'constant'
     penalty_cap: float = 1e8
     step_policy: Literal['constant', 'rescue', 'error'] = 'constant'
-    h_min: Annotated[float, 's'] = 1e-6
+    h_min: Annotated[float, 's'] = 1e-8
     error_tolerance: Annotated[float, '1/s'] = 1e-3
 
     def __post_init__(self) -> None:
