@@ -62,12 +62,17 @@ class Start:
         self.metric_mass = 1.0 / self.t.penalty_inverse_mass
         self.metric_inertia = np.linalg.inv(self.t.penalty_inverse_inertia)
 
-    def _factorize(self, cm: float, cq: float, cv: float, metric: bool) -> None:
-        """Factorize cm M - cq Kq - cv Kv with the constraints at self.J; metric: use the floored masses instead of M."""
+    def _factorize(self, cm: float, cq: float, cv: float, metric: bool, holonomic: bool = False) -> None:
+        """Factorize cm M - cq Kq - cv Kv with the constraints at self.J; metric: use the floored masses instead of M.
+
+        holonomic: leave out rows that constrain velocities only.
+        """
         self.saddle.J_s[:] = self.J
         self.saddle.J_e[:, :, :6] = self.J
         effective_masses(self.t, self.J, self.saddle.W)
         self.saddle.W[:] *= PENALTY * (cm if cq == cv == 0.0 else max(cm, STIFFEST))
+        if holonomic:
+            self.saddle.W[self.t.constraints.holonomic == 0] = 0.0
         assemble_tangent(self.t, 0.0 if metric else cm, cq, cv, self.Kq, self.Kv, self.identity, self.saddle.B)
         if metric:
             for b in range(self.model.n_bodies):
@@ -98,10 +103,10 @@ class Start:
         zero = np.zeros_like(self.f)
         for _ in range(limit):
             self._constraints(state.q, state.v, state.angle, u)
-            residual = self.phi + (offsets if offsets is not None else 0.0)
+            residual = self.t.constraints.holonomic * (self.phi + (offsets if offsets is not None else 0.0))
             if not len(residual) or np.abs(residual).max() < ASSEMBLY_TOLERANCE:
                 break
-            self._factorize(1.0, 0.0, 0.0, metric=True)
+            self._factorize(1.0, 0.0, 0.0, metric=True, holonomic=True)
             solve_saddle(self.t, CONDENSED, self.saddle, zero, residual, self.dw, self.dlam)
             move(state.q, self.dw * min(1.0, LARGEST_TURN / max(np.abs(self.dw).max(), 1e-300)))
         else:
@@ -235,7 +240,7 @@ class Start:
             self._constraints(state.q, state.v, state.angle, u)
             excess = np.zeros(self.model.n_rows)
             constraint_rates(self.constraints, self.J, e, excess)
-            self.project_velocity(state, u, h * h * excess)
+            self.project_velocity(state, u, h * h * excess * self.t.constraints.holonomic)
 
     def equilibrium(self, state: State, u: np.ndarray, limit: int = 400) -> float:
         """Static equilibrium: Newton on f(q, 0) + A^T lam = 0, phi = 0 with a pseudo-mass M/tau^2 that fades.

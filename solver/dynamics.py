@@ -10,6 +10,7 @@ from solver.elements.aero_drag import aero_drag_forces
 from solver.elements.applied_force import applied_force_forces
 from solver.elements.brake import brake_forces
 from solver.elements.bushing import bushing_forces
+from solver.elements.contact import add_contact_gradients, evaluate_contacts
 from solver.elements.coordinate_force import coordinate_forces
 from solver.elements.coupler import add_coupler_hessians, evaluate_couplers
 from solver.elements.joint import add_joint_hessians, evaluate_joints
@@ -50,12 +51,14 @@ CALLS = [
     'joint_hessians',
     'couplers',
     'coupler_hessians',
+    'contacts',
+    'contact_gradients',
     'factorize',
     'solve',
 ]
 (
     SPRING_DAMPERS, BUSHINGS, COORDINATE_FORCES, BRAKES, APPLIED_FORCES, AERO_DRAGS, TIRES,
-    JOINTS, JOINT_HESSIANS, COUPLERS, COUPLER_HESSIANS, FACTORIZE, SOLVE,
+    JOINTS, JOINT_HESSIANS, COUPLERS, COUPLER_HESSIANS, CONTACTS, CONTACT_GRADIENTS, FACTORIZE, SOLVE,
 ) = range(len(CALLS))  # fmt: skip
 
 
@@ -73,7 +76,8 @@ def bind(tables: Ref, spec: ModelSpec) -> None:
     plain = (Ref(tables.laws), kin, row, 0.0, row, True, rows, blocks, blocks, row, rows)
     x = Ref(tables.coordinates)
     turning = (x, *plain[:2], row, *plain[2:])
-    joints, couplers, plan = (Ref(t) for t in (tables.constraints.joints, tables.constraints.couplers, tables.condensed))
+    con = tables.constraints
+    joints, contacts, couplers, plan = (Ref(t) for t in (con.joints, con.contacts, con.couplers, tables.condensed))
     kernels = {
         SPRING_DAMPERS: (spring_damper_forces, spec.spring_dampers, (Ref(tables.spring_dampers), *plain)),
         BUSHINGS: (bushing_forces, spec.bushings, (Ref(tables.bushings), *plain)),
@@ -86,6 +90,8 @@ def bind(tables: Ref, spec: ModelSpec) -> None:
         JOINT_HESSIANS: (add_joint_hessians, spec.joints, (joints, kin, row, blocks, blocks)),
         COUPLERS: (evaluate_couplers, spec.couplers, (couplers, x, kin, row, row, row, blocks)),
         COUPLER_HESSIANS: (add_coupler_hessians, spec.couplers, (couplers, x, kin, row, blocks)),
+        CONTACTS: (evaluate_contacts, spec.contacts, (contacts, kin, row, blocks)),
+        CONTACT_GRADIENTS: (add_contact_gradients, spec.contacts, (contacts, kin, row, blocks)),
         FACTORIZE: (factorize, spec.bodies, (plan, blocks, rows)),
         SOLVE: (solve, spec.bodies, (plan, blocks, rows)),
     }
@@ -127,10 +133,12 @@ def evaluate_forces(tables, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, out):
 
 @kernel(borrow=True)
 def evaluate_constraints(tables, kin, angle, u, phi, J):
-    """Assign residuals phi (nc,) and Jacobian blocks J (entries + 1, 6, 6)."""
+    """Assign residuals phi (nc,) and blocks J (entries + 1, 6, 6) of A. phi is A v where a row is not holonomic."""
     at = tables.calls
     if at[JOINTS] != 0:
         invoke(at[JOINTS], (tables.constraints.joints, kin, phi, J))
+    if at[CONTACTS] != 0:
+        invoke(at[CONTACTS], (tables.constraints.contacts, kin, phi, J))
     if at[COUPLERS] != 0:
         invoke(at[COUPLERS], (tables.constraints.couplers, tables.coordinates, kin, angle, u, phi, J))
 
@@ -141,6 +149,8 @@ def add_constraint_stiffness(tables, kin, lam, Kq, Kv):
     at = tables.calls
     if at[JOINT_HESSIANS] != 0:
         invoke(at[JOINT_HESSIANS], (tables.constraints.joints, kin, lam, Kq, Kv))
+    if at[CONTACT_GRADIENTS] != 0:
+        invoke(at[CONTACT_GRADIENTS], (tables.constraints.contacts, kin, lam, Kq))
     if at[COUPLER_HESSIANS] != 0:
         invoke(at[COUPLER_HESSIANS], (tables.constraints.couplers, tables.coordinates, kin, lam, Kq))
 

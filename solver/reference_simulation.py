@@ -66,7 +66,7 @@ class ReferenceSimulation(Simulation):
                 ) from None
             self.equations.move_to(raw.q, raw.v)
             rows = self.equations.constraints(t)
-            position = max(position, float(np.abs(rows.phi).max(initial=0.0)))
+            position = max(position, float(np.abs(rows.phi[self.equations.holonomic]).max(initial=0.0)))
             velocity = max(velocity, float(np.abs(rows.A @ raw.v[:-1].ravel() + rows.phi_t).max(initial=0.0)))
             self.k += 1
             self._show(t, self.equations.project(t, raw))

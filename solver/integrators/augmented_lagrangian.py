@@ -6,12 +6,12 @@ midpoint t_s = t_0 + (1 - alpha_f) h, and the position constraint imposed at the
     M ((1 - am) a1 + am a0) = f(q_s, v_s, z_s) + A(q_s)^T h_R
     v1 = v0 + h ((1 - gamma) a0 + gamma a1)
     q1 = q0 o exp(D),  D = h v0 + h^2 ((1/2 - beta) a0 + beta a1);   q_s = q0 o exp((1 - af) D),  v_s = (1 - af) v1 + af v0
-    phi(q1, t1) = 0
+    phi(q1, t1) = 0,  A(q1) v1 = 0 for rows that are not holonomic
 
 with am, af, beta, gamma of Chung and Hulbert (1993) for the spectral radius rho_inf. For rho_inf = 1 it is the midpoint rule
 with an impulse along A at the midpoint. First-order internal states use the parameters of Jansen, Whiting and Hulbert (2000)
 for the same rho_inf, which have the same stage. The constraint force h_R is augmented within the step,
-h_R <- h_R - W_R (g_R + A dw), g = phi / (beta h^2), where W_R = xi_R m_R is the penalty scaled by the effective mass
+h_R <- h_R - W_R (g_R + A dw), g = phi / (beta h^2) or A v / (gamma h), where W_R = xi_R m_R is the penalty scaled by the effective mass
 (solver.saddle). The velocity in the output is projected onto A v + phi_t = 0; the projection is not fed back, because that
 costs the multipliers an order.
 """
@@ -218,7 +218,7 @@ def _balanced(tables, c, speed, work):
     """Whether the residuals are below the tolerance, as velocity over a step (momentum) and as displacement (constraints)."""
     limit = c.tolerance * speed
     for i in range(work.phi.shape[0]):
-        if not abs(work.phi[i]) <= limit * c.h:
+        if not abs(work.phi[i]) <= (limit * c.h if tables.constraints.holonomic[i] == 1 else limit):
             return False
     for b in range(tables.bodies.mass.shape[0]):
         for i in range(3):
@@ -248,7 +248,8 @@ def step(tables, c, s0, s1, u, want_outputs, work):
     for i in range(nc):
         s1.lam[i] = WARM_START * (s0.lam[i] + slope * (s0.lam[i] - s0.lam_before[i]))
     saddle = work.saddle
-    to_g = 1.0 / (c.beta * h * h)
+    holonomic = tables.constraints.holonomic
+    to_g = (1.0 / (c.gamma * h), 1.0 / (c.beta * h * h))  # of a velocity, of a position
     # internal states: z_s = zp + cz zd_s
     cz = s * c.gamma1 * h / (1.0 - c.am1)
     for i in range(s0.z.shape[0]):
@@ -279,7 +280,7 @@ def step(tables, c, s0, s1, u, want_outputs, work):
         add_constraint_forces(tables.constraints, work.J_now, s1.lam, 1.0, work.f)
         _momentum_residual(tables, c, s0.a, s1.a, work.f, work.r)
         for i in range(nc):
-            work.g[i] = work.phi[i] * to_g
+            work.g[i] = work.phi[i] * to_g[holonomic[i]]
         if c.fixed == 0 and it > 0 and _balanced(tables, c, speed, work):
             status = OK
             break
@@ -368,7 +369,8 @@ def step(tables, c, s0, s1, u, want_outputs, work):
     evaluate_constraints(tables, work.kin_e, s1.angle, u, work.phi, work.J)
     position_drift = 0.0
     for i in range(nc):
-        position_drift = max(position_drift, abs(work.phi[i]))
+        if holonomic[i] == 1:
+            position_drift = max(position_drift, abs(work.phi[i]))
     velocity_drift = project_velocity(tables, c, s1.v, u, 1 if c.fixed == 1 else 3, work)
     if want_outputs:
         for b in range(nb):

@@ -26,7 +26,7 @@ class Motion(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """Constraints at an instant: residual (nc,), explicit time derivatives (nc,) and Jacobian (nc, 6 nb)."""
+    """Constraints at an instant: residual (nc,) (A v where a row is not holonomic), explicit time derivatives (nc,) and Jacobian (nc, 6 nb)."""
 
     phi: np.ndarray
     phi_t: np.ndarray
@@ -41,6 +41,7 @@ class Equations:
         t = model.tables
         self.model, self.tables, self.outputs, self.inputs = model, t, outputs, inputs
         self.n = 6 * model.n_bodies
+        self.holonomic = t.constraints.holonomic == 1
         self.angle = angle.copy()  # of the last accepted step: rotations are continued from it
         self.evaluations = 0
         nb, nc, ns = model.n_bodies, model.n_rows, model.n_slots
@@ -149,13 +150,14 @@ class Equations:
     def project(self, t: float, motion: Motion) -> Motion:
         """The nearest motion with phi = 0 and A v + phi_t = 0 (in the metric of the masses)."""
         q, v = motion.q.copy(), motion.v.copy()
+        keep = self.holonomic
         for _ in range(10):
             self.move_to(q, v)
             rows = self.constraints(t)
             B, factor = self.scaled(rows.A)
-            if not len(factor) or np.abs(rows.phi).max() < CLOSED:
+            if np.abs(rows.phi[keep]).max(initial=0.0) < CLOSED:
                 break
-            dq = self.root @ np.linalg.lstsq(B, -factor * rows.phi, rcond=RANK_TOLERANCE)[0]
+            dq = self.root @ np.linalg.lstsq(B[keep], -(factor * rows.phi)[keep], rcond=RANK_TOLERANCE)[0]
             q[:-1] = moved(q[:-1], dq.reshape(-1, 6))
         if len(factor):
             open_ = factor * (rows.A @ v[:-1].ravel() + rows.phi_t)

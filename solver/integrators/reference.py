@@ -11,7 +11,8 @@ Stabilised: Gear, Gupta, Leimkuhler (1985) with the derivatives of the unknowns 
 
     dq/dt = v + M^-1 A^T dMu/dt        M dv/dt = f + A^T dLam/dt        dz/dt = g(z, q, v)        A v + phi_t = 0        phi = 0
 
-Of redundant constraints it keeps a set of independent rows, chosen anew when they become dependent; it stops at singular positions.
+Rows that are not holonomic appear in A v = 0 and in the momentum balance alone; phi and Mu belong to the others. Of redundant
+constraints it keeps a set of independent rows, chosen anew when they become dependent; it stops at singular positions.
 """
 
 from __future__ import annotations
@@ -119,13 +120,15 @@ class Stabilised:
         """Begin at a motion with these rows."""
         e, nr, end = self.equations, len(rows), self.layout.end
         self.rows = rows
-        self.Lam, self.Mu, self.size = slice(end, end + nr), slice(end + nr, end + 2 * nr), end + 2 * nr
+        self.closing = rows[e.holonomic[rows]]  # with a residual in positions
+        self.Lam, self.Mu = slice(end, end + nr), slice(end + nr, end + nr + len(self.closing))
+        self.size = self.Mu.stop
         a, _, zd = e.acceleration(t, motion)
         e.move_to(motion.q, motion.v)
         f, _ = e.internal_rates(t, motion.z)
         lam = np.linalg.lstsq(e.constraints(t).A[rows].T, e.M @ a - f, rcond=None)[0]
-        y = np.concatenate([self.layout.pack(motion), np.zeros(2 * nr)])
-        yp = np.concatenate([self.layout.rate(y, y[self.layout.v]), a, zd, lam, np.zeros(nr)])
+        y = np.concatenate([self.layout.pack(motion), np.zeros(self.size - end)])
+        yp = np.concatenate([self.layout.rate(y, y[self.layout.v]), a, zd, lam, np.zeros(len(self.closing))])
         options = {'rtol': self.tolerance, 'atol': self.tolerance, 'max_step': LONGEST_STEP}
         smooth = not e.model.n_internal  # the derivatives of internal states are not known analytically
         if self.kind == 'reference_ida':
@@ -140,7 +143,7 @@ class Stabilised:
         """(indices of a largest set of independent rows, all rows scaled)."""
         self.equations.move_to(motion.q, motion.v)
         B, _ = self.equations.scaled(self.equations.constraints(t).A)
-        return independent(B), B
+        return independent(B, self.equations.holonomic), B
 
     def _accept(self, t: float, motion: Motion) -> None:
         """After a step: choose other rows and begin anew where those kept have become dependent and others are not."""
@@ -159,15 +162,15 @@ class Stabilised:
         q, v, z = s.unpack(y)
         e.move_to(q, v)
         rows = e.constraints(t)
-        A = rows.A[self.rows]
+        A, closing = rows.A[self.rows], rows.A[self.closing]
         z_s, cz = z, INTERNAL_STEP
         f, z_s = e.forces(t, z - cz * yp[s.z], cz)
         out = np.empty(self.size)
-        out[s.q] = yp[s.q] - s.rate(y, y[s.v] + e.root @ (e.root.T @ (A.T @ yp[self.Mu])))
+        out[s.q] = yp[s.q] - s.rate(y, y[s.v] + e.root @ (e.root.T @ (closing.T @ yp[self.Mu])))
         out[s.v] = e.M @ yp[s.v] - f - A.T @ yp[self.Lam]
         out[s.z] = (z - z_s) / cz
         out[self.Lam] = A @ y[s.v] + rows.phi_t[self.rows]
-        out[self.Mu] = rows.phi[self.rows]
+        out[self.Mu] = rows.phi[self.closing]
         return out
 
     def jacobians(self, t: float, y: np.ndarray, yp: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -175,7 +178,8 @@ class Stabilised:
         e, s, nb = self.equations, self.layout, self.layout.nb
         q, v, z = s.unpack(y)
         e.move_to(q, v)
-        A = e.constraints(t).A[self.rows]
+        all_rows = e.constraints(t).A
+        A, closing = all_rows[self.rows], all_rows[self.closing]
         lam = np.zeros(e.model.n_rows)
         lam[self.rows] = yp[self.Lam]
         e.forces(t, z, 0.0, tangents=True)
@@ -198,7 +202,7 @@ class Stabilised:
         D, H = variation.reshape(6 * nb, 7 * nb), rate.reshape(7 * nb, 6 * nb)
         Jy, Jp = np.zeros((self.size, self.size)), np.zeros((self.size, self.size))
         Jp[s.q, s.q] = np.eye(7 * nb)
-        Jp[s.q, self.Mu] = -H @ e.root @ (e.root.T @ A.T)
+        Jp[s.q, self.Mu] = -H @ e.root @ (e.root.T @ closing.T)
         Jp[s.v, s.v] = e.M
         Jp[s.v, self.Lam] = -A.T
         Jy[s.q, s.q] = -slope.reshape(7 * nb, 7 * nb)
@@ -207,7 +211,7 @@ class Stabilised:
         Jy[s.v, s.v] = -Kv
         Jy[self.Lam, s.q] = Av_q @ D
         Jy[self.Lam, s.v] = A
-        Jy[self.Mu, s.q] = A @ D
+        Jy[self.Mu, s.q] = closing @ D
         return Jy, Jp
 
     def _ida_residual(self, t, y, yp, res) -> None:
@@ -243,10 +247,16 @@ class Stabilised:
         return self.layout.unpack(self.interpolate(t))
 
 
-def independent(B: np.ndarray) -> np.ndarray:
-    """Indices, ascending, of a largest set of independent rows of B (unit norms), by QR with column pivoting of the transpose."""
-    if not len(B):
-        return np.zeros(0, int)
-    R, pivot = qr(B.T, mode='r', pivoting=True)
-    d = np.abs(np.diag(R))
-    return np.sort(pivot[: int((d > RANK_TOLERANCE * d[0]).sum())])
+def independent(B: np.ndarray, holonomic: np.ndarray) -> np.ndarray:
+    """Indices, ascending, of a largest set of independent rows of B (unit norms), by QR with column pivoting of the transpose.
+
+    As many holonomic rows as there are independent ones are among them, so that every position is determined.
+    """
+    chosen = np.zeros(0, int)
+    for group in (np.flatnonzero(holonomic), np.flatnonzero(~holonomic)):
+        known = np.linalg.qr(B[chosen].T)[0]
+        rest = B[group] - (B[group] @ known) @ known.T
+        if len(group):
+            R, pivot = qr(rest.T, mode='r', pivoting=True)
+            chosen = np.concatenate([chosen, group[pivot[: int((np.abs(np.diag(R)) > RANK_TOLERANCE).sum())]]])
+    return np.sort(chosen)

@@ -8,6 +8,7 @@ from solver.elements.aero_drag import compile_aero_drags
 from solver.elements.applied_force import compile_applied_forces
 from solver.elements.brake import compile_brakes
 from solver.elements.bushing import compile_bushings
+from solver.elements.contact import compile_contacts
 from solver.elements.coordinate import CoordinateSpec, compile_coordinates, evaluate_coordinate
 from solver.elements.coordinate_force import compile_coordinate_forces
 from solver.elements.coupler import MAX_TERMS, CouplerTable
@@ -199,6 +200,15 @@ def _compile_constraints(spec: ModelSpec, context: _Context) -> tuple[Constraint
         index = add_group([i, j], len(names))
         joint_entries.append((index[i], index[j]))
         row_names += names
+    holonomic = [1] * row[-1]
+    contact_row, contact_entries = [], []
+    for contact in spec.contacts:
+        i, j = context.body(contact.where, contact.i.body), context.body(contact.where, contact.j.body)
+        contact_row.append(row[-1])
+        index = add_group([i, j], len(contact.row_names()))
+        contact_entries.append((index[i], index[j]))
+        row_names += contact.row_names()
+        holonomic += contact.holonomic()
     n = len(spec.couplers)
     couplers = CouplerTable(
         row=np.zeros(n, np.int64),
@@ -229,14 +239,15 @@ def _compile_constraints(spec: ModelSpec, context: _Context) -> tuple[Constraint
         body=np.array(body, np.int64),
         pair=np.array(pair, np.int64),
         slot=np.array(slot, np.int64),
-        holonomic=np.ones(row[-1], np.int64),
+        holonomic=np.array(holonomic + n * [1], np.int64),
         up=np.zeros(len(body), np.int64),
         down=np.zeros(len(body), np.int64),
         centre=np.zeros(groups, np.int64),
         joints=compile_joints(spec.joints, context, first_row, joint_entries),
+        contacts=compile_contacts(spec.contacts, context, contact_row, contact_entries),
         couplers=couplers,
     )
-    return table, row_names, [s.name for s in (*spec.joints, *spec.couplers)]
+    return table, row_names, [s.name for s in (*spec.joints, *spec.contacts, *spec.couplers)]
 
 
 def _floored_inverses(bodies, joints) -> tuple[np.ndarray, np.ndarray]:

@@ -8,6 +8,7 @@ from solver.elements.aero_drag import AeroDragSpec
 from solver.elements.applied_force import AppliedForceSpec
 from solver.elements.brake import BrakeSpec
 from solver.elements.bushing import BushingSpec
+from solver.elements.contact import ContactSpec
 from solver.elements.coordinate import CoordinateSpec
 from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.elements.coupler import CouplerSpec
@@ -32,6 +33,7 @@ class ModelSpec:
 
     bodies: tuple[RigidBodySpec, ...]
     joints: tuple[JointSpec, ...] = ()
+    contacts: tuple[ContactSpec, ...] = ()
     coordinates: tuple[CoordinateSpec, ...] = ()
     couplers: tuple[CouplerSpec, ...] = ()
     spring_dampers: tuple[SpringDamperSpec, ...] = ()
@@ -53,6 +55,7 @@ class ModelSpec:
         for kind in [
             'bodies',
             'joints',
+            'contacts',
             'coordinates',
             'couplers',
             'spring_dampers',

@@ -11,6 +11,7 @@ from solver.elements.aero_drag import AeroDragTable
 from solver.elements.applied_force import AppliedForceTable
 from solver.elements.brake import BrakeTable
 from solver.elements.bushing import BushingTable
+from solver.elements.contact import ContactTable
 from solver.elements.coordinate import CoordinateTable
 from solver.elements.coordinate_force import CoordinateForceTable
 from solver.elements.coupler import CouplerTable
@@ -27,18 +28,19 @@ MAX_CALLS = 16
 
 
 class ConstraintTable(NamedTuple):
-    """Constraint groups (a joint or a coupler each): rows, Jacobian blocks and the matrix blocks they fill."""
+    """Constraint groups (a joint, a contact or a coupler each): rows, Jacobian blocks and the matrix blocks they fill."""
 
     row: np.ndarray  # (ng + 1,) first row of each group
     entry: np.ndarray  # (ng + 1,) first Jacobian block of each group
     body: np.ndarray  # (entries + 1,) body of each Jacobian block; block 0 is the trash block of the world
     pair: np.ndarray  # (ng + 1,) first of the entry x entry slots of each group
     slot: np.ndarray  # (pairs,) slot of (entry a, entry b), a-major
-    holonomic: np.ndarray  # (nc,) 1 for position constraints, 0 for velocity constraints
+    holonomic: np.ndarray  # (nc,) 1 for position constraints, 0 for velocity constraints, whose phi is A v
     up: np.ndarray  # (entries + 1,) block form: slot (body, group)
     down: np.ndarray  # (entries + 1,) block form: slot (group, body)
     centre: np.ndarray  # (ng,) block form: slot (group, group)
     joints: JointTable
+    contacts: ContactTable
     couplers: CouplerTable
 
 

@@ -110,7 +110,7 @@ def test_analytic_jacobians_are_the_derivatives_of_the_residual(rng):
     solver = simulation._solver
     assert isinstance(solver, Stabilised)
     y = np.concatenate(
-        [solver.layout.pack(Motion(simulation.state.q, simulation.state.v, simulation.state.z)), np.zeros(2 * len(solver.rows))]
+        [solver.layout.pack(Motion(simulation.state.q, simulation.state.v, simulation.state.z)), np.zeros(solver.size - solver.layout.end)]
     )
     y[: solver.layout.end] += 0.1 * rng.normal(size=solver.layout.end)
     yp = rng.normal(size=len(y))
