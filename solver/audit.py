@@ -8,6 +8,7 @@ from scipy.linalg import qr
 from solver.jit import kernel
 from solver.model.tables import Model
 
+RANK_TOLERANCE = 1e-8  # of rows of unit norm in the metric of the masses
 REFERENCE, POWER, WORK, WORST, ENERGY = range(5)  # entries of the running audit
 
 
@@ -70,30 +71,49 @@ def dense_jacobian(model: Model, J: np.ndarray) -> np.ndarray:
     return A
 
 
-def constraint_rank(model: Model, J: np.ndarray) -> tuple[int, list[str]]:
-    """(rank, names of redundant rows) of the constraints with Jacobian blocks J.
-
-    Columns are scaled by the mass metric and rows to unit norm, so metres and radians compare; rank by QR with column pivoting
-    of the transpose: the rows left over depend on those before them.
-    """
-    if not model.n_rows:
-        return 0, []
+def scaled_jacobian(model: Model, J: np.ndarray) -> np.ndarray:
+    """(nc, 6 nb) Jacobian with columns in the metric of the masses and rows of unit norm, so that metres and radians compare."""
     A = dense_jacobian(model, J)
     t = model.tables
     for b in range(model.n_bodies):
         A[:, 6 * b : 6 * b + 3] *= np.sqrt(t.penalty_inverse_mass[b])
         A[:, 6 * b + 3 : 6 * b + 6] = A[:, 6 * b + 3 : 6 * b + 6] @ np.linalg.cholesky(t.penalty_inverse_inertia[b])
-    A /= np.maximum(np.linalg.norm(A, axis=1, keepdims=True), 1e-300)
-    R, pivot = qr(A.T, mode='r', pivoting=True)
+    return A / np.maximum(np.linalg.norm(A, axis=1, keepdims=True), 1e-300)
+
+
+def constraint_rank(model: Model, J: np.ndarray) -> tuple[int, list[str]]:
+    """(rank, names of redundant rows) of the constraints with Jacobian blocks J.
+
+    Rank by QR with column pivoting of the transpose: the rows left over depend on those before them.
+    """
+    if not model.n_rows:
+        return 0, []
+    R, pivot = qr(scaled_jacobian(model, J).T, mode='r', pivoting=True)
     d = np.abs(np.diag(R))
-    rank = int((d > 1e-8 * d[0]).sum())
+    rank = int((d > RANK_TOLERANCE * d[0]).sum())
     return rank, [model.row_names[k] for k in sorted(pivot[rank:])]
 
 
+def unique_reactions(model: Model, J: np.ndarray) -> np.ndarray:
+    """(nc,) whether the reaction of each row is determined by the motion, at the configuration of the Jacobian blocks J.
+
+    M dv/dt = f + A^T lam leaves every n with A^T n = 0 open: the reaction of a row is unique where no such n has a share in it.
+    """
+    left, size, _ = np.linalg.svd(scaled_jacobian(model, J))
+    rank = int((size > RANK_TOLERANCE * size.max(initial=0.0)).sum())
+    return np.abs(left[:, rank:]).max(axis=1, initial=0.0) < RANK_TOLERANCE
+
+
 def describe(model: Model, J: np.ndarray) -> dict:
-    """Counts of a model at the configuration of J: bodies, joints by kind, elements, degrees of freedom, redundancy."""
+    """Counts of a model at the configuration of J: bodies, joints by kind, elements, degrees of freedom, redundancy.
+
+    dof are freedoms of velocity; where constraints are not holonomic, position_dof are more.
+    """
     spec = model.spec
     rank, redundant = constraint_rank(model, J)
+    holonomic = model.tables.constraints.holonomic
+    places = rank if holonomic.all() else int(np.linalg.matrix_rank(scaled_jacobian(model, J)[holonomic == 1], RANK_TOLERANCE))
+    not_unique = np.flatnonzero(~unique_reactions(model, J))
     kinds: dict[str, int] = {}
     for joint in spec.joints:
         kinds[joint.kind] = kinds.get(joint.kind, 0) + 1
@@ -101,6 +121,7 @@ def describe(model: Model, J: np.ndarray) -> dict:
         'bodies': len(spec.bodies),
         'joints': len(spec.joints),
         'joints_by_kind': kinds,
+        'contacts': len(spec.contacts),
         'couplers': len(spec.couplers),
         'bushings': len(spec.bushings),
         'spring_dampers': len(spec.spring_dampers),
@@ -109,8 +130,10 @@ def describe(model: Model, J: np.ndarray) -> dict:
         'tires': len(spec.tires),
         'constraint_rows': model.n_rows,
         'dof': 6 * model.n_bodies - rank,
+        'position_dof': 6 * model.n_bodies - places,
         'redundant_constraints': model.n_rows - rank,
         'redundant_rows': redundant,
+        'reactions_not_unique': [model.row_names[k] for k in not_unique],
         'internal_states': model.n_internal,
         'mass': float(sum(b.mass for b in spec.bodies)),
         'inputs': list(spec.inputs),
