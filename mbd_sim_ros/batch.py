@@ -31,11 +31,13 @@ def record(simulation: Simulation, directory: Path) -> tuple[Messages, Recorder]
     """The encoder and the recorder of a simulation's scene. Raises BagError when the directory cannot be written."""
     scene, channels = simulation.scene, simulation.channels
     messages = Messages(channels, element_states=scene.record.elements, reactions=scene.record.reactions)
+    not_unique = simulation.describe()['reactions_not_unique'] if scene.record.reactions else []
     metadata = describe(
         scene=scene.name,
         resolved_yaml=scene.resolved,
         seed=scene.seed,
         joint_kinds=json.dumps(dict(zip(channels.joints, channels.joint_kinds, strict=True))),
+        reactions_not_unique=json.dumps(not_unique),
     )
     return messages, Recorder(directory, messages.topics, metadata)
 
@@ -115,4 +117,13 @@ def _figures(simulation: Simulation, wall: float, cpu: float) -> dict[str, Any]:
         'energy_error_max': audit['energy_error_max'],
         'position_drift_max': audit['position_drift_max'],
         'velocity_drift_max': audit['velocity_drift_max'],
+        **_branches(simulation),
     }
+
+
+def _branches(simulation: Simulation) -> dict[str, Any]:
+    """Branch switches, when the scene asks for them."""
+    if simulation.branches is None:
+        return {}
+    found = simulation.branches.events
+    return {'branch_switches': len(found), 'branch_switch_times': [event.t for event in found]}

@@ -70,6 +70,8 @@ class ReferenceSimulation(Simulation):
             velocity = max(velocity, float(np.abs(rows.A @ raw.v[:-1].ravel() + rows.phi_t).max(initial=0.0)))
             self.k += 1
             self._show(t, self.equations.project(t, raw))
+            if audit:
+                self._look()
         now = (self.equations.evaluations, self._solver.factorizations)
         evaluations, factorizations = (a - b for a, b in zip(now, self._counted, strict=True))
         self._counted = now

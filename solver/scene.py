@@ -55,11 +55,14 @@ class Record:
     """What a recording holds besides the standard topics.
 
     every: one message set per so many steps. elements: force element columns. reactions: constraint forces of all rows.
+    branches: look at every step whether the mechanism leaves a singular position on another branch than it came in on (slow: a dense
+    decomposition of all constraints); the run reports `branch_switches`.
     """
 
     every: int = 1
     elements: bool = True
     reactions: bool = False
+    branches: bool = False
 
     def __post_init__(self) -> None:
         finite('record', 'every', self.every, low=1)
@@ -67,12 +70,13 @@ class Record:
 
 @dataclass(frozen=True, kw_only=True)
 class Require:
-    """Limits a run must keep; it fails otherwise. None: not judged."""
+    """Limits a run must keep; it fails otherwise. None: not judged. branch_switches_max looks for them as record.branches does."""
 
     energy_error_max: Annotated[float | None, 'J'] = None
     position_drift_max: Annotated[float | None, 'm or rad'] = None
     velocity_drift_max: Annotated[float | None, 'm/s or rad/s'] = None
     real_time_factor_min: float | None = None
+    branch_switches_max: int | None = None
 
     def violations(self, result: dict[str, float]) -> list[str]:
         """One sentence per limit that a run's figures (by the names without _min, or with _max) do not keep."""

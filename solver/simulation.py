@@ -7,7 +7,8 @@ from typing import cast
 
 import numpy as np
 
-from solver.audit import WORST, describe, update_audit
+from solver.audit import WORST, describe, scaled_jacobian, update_audit
+from solver.branches import BranchWatch
 from solver.channels import FIRST_TIRE_COLUMN, channels_of, collect, new_outputs
 from solver.consistent import Start
 from solver.dynamics import constraint_input_rates, evaluate_constraints, evaluate_forces, prepare
@@ -30,7 +31,7 @@ from solver.integrators.coefficients import ConstraintCoefficients, coefficients
 from solver.jit import address_of
 from solver.lie.so3 import matrix_of_quaternion
 from solver.maneuver import ManeuverSource
-from solver.model.state import State, copy_state, fill_kinematics, load_state, new_state, save_state, update_angles
+from solver.model.state import State, copy_state, fill_kinematics, kinematics_of, load_state, new_state, save_state, update_angles
 from solver.model.tables import Model
 from solver.reference import Ref
 from solver.saddle import BLOCK, CONDENSED, new_saddle
@@ -94,6 +95,8 @@ class Simulation:
         self._initial = new_state(self.model)
         self._inputs = np.zeros(len(scene.model.inputs))
         self._totals = np.zeros(7)
+        watched = scene.record.branches or scene.require.branch_switches_max is not None
+        self.branches = BranchWatch() if watched else None
         self.k = 0
         self._find_start(scene.start)
         copy_state(self.state, self._initial)
@@ -254,6 +257,8 @@ class Simulation:
 
     def _refresh(self) -> None:
         """Outputs of the current state when no step has produced them; restarts the audit."""
+        if self.branches is not None:
+            self.branches.reset()
         w, t, s = self.work, self.model.tables, self.state
         kin = self._kinematics(s.q, s.v)
         evaluate_constraints(t, kin, s.angle, self._inputs, w.phi, w.J)
@@ -270,7 +275,8 @@ class Simulation:
         """Advance n steps and return the Snapshot after the last.
 
         inputs: (nu,) held for all steps, or (n, nu) one row a step; None samples the maneuver of the scene. audit: evaluate
-        forces after every step and keep the energy balance. On failure the state is that of the last good step.
+        forces after every step, keep the energy balance and look for branch switches if the scene asks for them. On failure the state
+        is that of the last good step.
         """
         if inputs is None:
             inputs = self.source.table(self.k, n)
@@ -281,24 +287,36 @@ class Simulation:
             name = self.channels.inputs[column]
             raise StepError(f't = {self.t_ns * 1e-9:.6f} s: input {name!r} is not finite in step {self.k + row}; nothing was advanced')
         inputs = np.ascontiguousarray(inputs, float)
-        if self.adaptation is not None:
-            result, done = self.adaptation.advance(self._states, self._inputs, inputs, self.k, audit)
-        else:
-            result, done = advance(self.model.tables, self.coefficients, *self._states, inputs, 0, n, audit, self.work)
-            if done % 2 == 1:
-                self._states.reverse()
-        self.k += done
-        if done:
-            self._inputs = inputs[done - 1].copy()
-        self._count(result, done)
-        if result.status != OK:
-            raise StepError(self._failure(result))
+        watched = audit and self.branches is not None
+        part = 1 if watched else n
+        self._stats = StepStats(OK, 0, 0, 0, 0.0, 0.0, 0.0)
+        for first in range(0, n, max(part, 1)):
+            if self.adaptation is not None:
+                result, done = self.adaptation.advance(self._states, self._inputs, inputs[first : first + part], self.k, audit)
+            else:
+                result, done = advance(self.model.tables, self.coefficients, *self._states, inputs, first, part, audit, self.work)
+                if done % 2 == 1:
+                    self._states.reverse()
+            self.k += done
+            if done:
+                self._inputs = inputs[first + done - 1].copy()
+            self._count(result)
+            if result.status != OK:
+                raise StepError(self._failure(result))
+            if watched:
+                self._look()
         return self.snapshot()
 
-    def _count(self, result: StepResult, done: int) -> None:
+    def _look(self) -> None:
+        """Show the constraints of the current configuration (in work.J) to the watch for branch switches."""
+        if self.branches is not None:
+            self.branches.look(self.t_ns * 1e-9, scaled_jacobian(self.model, self.work.J))
+
+    def _count(self, result: StepResult) -> None:
+        s = self._stats
         self._stats = StepStats(
-            result.status, result.iterations, result.factorizations, result.evaluations,
-            result.residual, result.position_drift, result.velocity_drift,
+            result.status, s.iterations + result.iterations, s.factorizations + result.factorizations, s.evaluations + result.evaluations,
+            max(s.residual, result.residual), max(s.position_drift, result.position_drift), max(s.velocity_drift, result.velocity_drift),
         )  # fmt: skip
         t = self._totals
         t[:3] += result.iterations, result.factorizations, result.evaluations
@@ -385,7 +403,7 @@ class Simulation:
         return coefficients_of(self.model, self.state, self._inputs, new_outputs(self.model), coupled=coupled)
 
     def audit(self) -> dict[str, float]:
-        """Sums of counters and largest residuals since the start, and the error of the energy balance [J]."""
+        """Sums of counters and largest residuals since the start, the error of the energy balance [J] and, if watched, branch switches."""
         t = self._totals
         return {
             'iterations': int(t[0]),
@@ -399,14 +417,15 @@ class Simulation:
             'substeps': self.k if self.adaptation is None else self.adaptation.substeps,
             'rejected': 0 if self.adaptation is None else self.adaptation.rejected,
             'events': len(self.events),
+            **({} if self.branches is None else {'branch_switches': len(self.branches.events)}),
         }
 
     def describe(self) -> dict:
-        """Counts, degrees of freedom and redundancy at the current configuration."""
-        evaluate_constraints(
-            self.model.tables, self._kinematics(self.state.q, self.state.v), self.state.angle, self._inputs, self.work.phi, self.work.J
-        )
-        return describe(self.model, self.work.J)
+        """Counts, degrees of freedom, redundancy and reactions that are not unique, at the current configuration."""
+        kin = kinematics_of(self.state.q, self.state.v)  # not that of the outputs
+        phi, J = np.zeros(self.model.n_rows), np.zeros_like(self.work.J)
+        evaluate_constraints(self.model.tables, kin, self.state.angle, self._inputs, phi, J)
+        return describe(self.model, J)
 
 
 def simulation_of(scene: Scene) -> Simulation:

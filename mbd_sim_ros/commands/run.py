@@ -18,6 +18,7 @@ FIGURES = {
     'energy_error_max': '.3g J',
     'position_drift_max': '.3g',
     'velocity_drift_max': '.3g',
+    'branch_switches': 'd',
 }
 
 
@@ -61,7 +62,7 @@ def run(args: argparse.Namespace) -> Result:
 
 def describe(data: dict[str, Any]) -> str:
     """The figures of a run for people."""
-    rows = [(key.replace('_', ' '), _shown(data[key], form)) for key, form in FIGURES.items()]
+    rows = [(key.replace('_', ' '), _shown(data[key], form)) for key, form in FIGURES.items() if key in data]
     if data['out']:
         rows.append(('recorded in', data['out']))
     rows += [('REQUIREMENT', text) for text in data.get('violations', [])]

@@ -19,7 +19,7 @@ from solver.elements.marker import Context, Marker, Spec, finite, pair_slots, re
 from solver.elements.point_pair import angular_velocity, linear_velocity, point_position
 from solver.errors import suggestion
 from solver.jit import kernel
-from solver.lie.vec import add, col, cross, dot, load3, load33, madd, minus, mm, mscale, mv, outer, put33, scale, skew, sub, tmv, transpose
+from solver.lie.vec import col, cross, dot, load3, load33, madd, minus, mm, mscale, mv, outer, put33, scale, skew, sub, tmv, transpose
 
 KNIFE_EDGE, ROLLING = 0, 1
 # rows of every kind: name and whether it is holonomic

@@ -26,7 +26,7 @@ class Motion(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """Constraints at an instant: residual (nc,) (A v where a row is not holonomic), explicit time derivatives (nc,) and Jacobian (nc, 6 nb)."""
+    """Constraints at an instant: residual (nc,) (A v of rows that are not holonomic), time derivatives (nc,), Jacobian (nc, 6 nb)."""
 
     phi: np.ndarray
     phi_t: np.ndarray

@@ -98,7 +98,7 @@ def test_upright_disc_rolls_forward_with_radius_times_spin_and_leans_onto_its_lo
 
 
 def test_knife_edge_moves_along_its_blade_only():
-    """Blade along x of the body, turned by 90 deg in the world, 0.5 m ahead of the centre of mass: sideways velocity v . (-1, 0) + 0.5 w."""
+    """Blade along x of the body, turned by 90 deg in the world, 0.5 m ahead of the centre of mass: sideways velocity -v_x + 0.5 w."""
     edge = Rows(contact('knife_edge', Marker(body='world'), Marker(body='b1', position=(0.5, 0, 0))))
     kin = kinematics([((0, 0, 0), (0, 0, 0)), ((0, 0, 0), (0, 0, np.pi / 2))], [np.zeros(6), [0.3, 4.0, 0, 0, 0, 2.0]])
     np.testing.assert_allclose(edge.evaluate(kin)[0], [-0.3 + 1.0], atol=1e-15)

@@ -62,7 +62,7 @@ def constants(tilt: float, p: float, w3: float) -> np.ndarray:
 
 
 def test_rolling_disc_keeps_energy_and_both_constants_of_its_spins_over_ten_seconds():
-    """A nodding disc at 1 ms: energy to 1e-4 of 11 J, both constants to 1e-4 rad/s, contact at rest to 1e-9 m/s, on the plane to 1e-12 m."""
+    """A nodding disc at 1 ms: energy to 1e-4 of 11 J, both constants to 1e-4 rad/s, contact at rest to 1e-9 m/s, height to 1e-12 m."""
     s = simulation_of(load_scene('rolling_disc'))
 
     def now() -> tuple[float, np.ndarray]:

@@ -73,7 +73,7 @@ mechanism:
 
 
 def knife_edge() -> Problem:
-    """Plate on a blade under its centre of mass on an incline, turning at w: speed (g'/w) sin(w t), a cycloid; blade force 2 m g' sin(w t)."""
+    """Plate on a blade under its centre of mass, on an incline, turning: speed (g'/w) sin(w t), a cycloid; blade force 2 m g' sin(w t)."""
     w, along, normal = 2.0, 4.905, 8.495709211125343
 
     def exact(t):
@@ -105,6 +105,8 @@ def chaplygin_sleigh(duration: float) -> Problem:
         v, w = V * np.tanh(k * t + c), turn / np.cosh(k * t + c)
         blade = m * (v * w + a * (-m * a * v * w / K))
         R = turned('z', heading(t))
-        return Motion(np.array([[*path(t), 0.0]]), R[None], (R @ [v, 0, 0])[None], np.array([[0, 0, w]]), np.array([m * G, a * m * G, 0.0, blade]))
+        return Motion(
+            np.array([[*path(t), 0.0]]), R[None], (R @ [v, 0, 0])[None], np.array([[0, 0, w]]), np.array([m * G, a * m * G, 0.0, blade])
+        )
 
     return Problem('mechanism: mechanisms/chaplygin_sleigh.yaml', exact)
