@@ -3,7 +3,7 @@
 Nodes are bodies (n x n form) or bodies and constraint groups (block form). Every block is 6x6, stored in rows of eight (one SIMD
 vector); groups with fewer rows are padded by the identity. Ordering: minimum degree (Tinney-Walker scheme 2 on the quotient
 graph); in the block form a group becomes eligible only after one of its bodies, so its pivot is the well-conditioned A S^-1 A^T
-instead of the tiny regularisation.
+instead of the tiny regularisation. Bodies without mass or inertia have no pivot of their own and follow all of their groups.
 """
 
 from __future__ import annotations
@@ -35,11 +35,16 @@ class Elimination(NamedTuple):
     n_blocks: np.ndarray  # (1,) with fill
 
 
-def plan_elimination(n_nodes: int, slots: dict[tuple[int, int], int], wait_for: dict[int, set[int]] | None = None) -> Elimination:
+def plan_elimination(
+    n_nodes: int,
+    slots: dict[tuple[int, int], int],
+    wait_for: dict[int, set[int]] | None = None,
+    follow: dict[int, set[int]] | None = None,
+) -> Elimination:
     """Choose the pivot order and list all block operations.
 
     slots: (row, column) -> slot of the assembled blocks; the pattern is made symmetric, fill is appended after the largest slot.
-    wait_for: node -> nodes of which at least one must be eliminated before it.
+    wait_for: node -> nodes of which at least one must be eliminated before it; follow: node -> nodes that all must.
     """
     slots = dict(slots)
     first_free = max(slots.values()) + 1 - len(slots)
@@ -53,13 +58,14 @@ def plan_elimination(n_nodes: int, slots: dict[tuple[int, int], int], wait_for: 
         return slots.setdefault((r, c), first_free + len(slots))
 
     wait_for = {k: set(v) for k, v in (wait_for or {}).items()}
+    follow = {k: set(v) for k, v in (follow or {}).items() if v}
     left = set(range(n_nodes))
     node, diagonal, start, neighbour, lower, upper, update_start, update = [], [], [0], [], [], [], [0], []
     # degree buckets keep the choice of the pivot cheap for long chains
     buckets: list[set[int]] = [set() for _ in range(n_nodes + 1)]
     degree = [len(s) for s in neighbours]
     for k in left:
-        if k not in wait_for:
+        if k not in wait_for and k not in follow:
             buckets[degree[k]].add(k)
     lowest = 0
     while left:
@@ -67,10 +73,10 @@ def plan_elimination(n_nodes: int, slots: dict[tuple[int, int], int], wait_for: 
         while lowest <= n_nodes and not buckets[lowest]:
             lowest += 1
         if lowest > n_nodes:  # only blocked groups are left (a group between two others' bodies): release them
-            for k in list(wait_for):
+            for k in {*wait_for, *follow}:
                 if k in left:
                     buckets[degree[k]].add(k)
-            wait_for = {}
+            wait_for, follow = {}, {}
             lowest = 0
             continue
         p = min(buckets[lowest])
@@ -89,15 +95,17 @@ def plan_elimination(n_nodes: int, slots: dict[tuple[int, int], int], wait_for: 
         start.append(len(neighbour))
         update_start.append(len(update))
         for a in later:
-            released = a in wait_for and p in wait_for[a]
-            if a not in wait_for:
-                buckets[degree[a]].discard(a)
-            if released:
+            buckets[degree[a]].discard(a)
+            if p in wait_for.get(a, ()):
                 del wait_for[a]
+            if a in follow:
+                follow[a].discard(p)
+                if not follow[a]:
+                    del follow[a]
             neighbours[a].discard(p)
             neighbours[a].update(b for b in later if b != a)
             degree[a] = len(neighbours[a])
-            if a not in wait_for:
+            if a not in wait_for and a not in follow:
                 buckets[degree[a]].add(a)
                 lowest = min(lowest, degree[a])
     earlier: list[list[tuple[int, int]]] = [[] for _ in range(n_nodes)]

@@ -330,8 +330,13 @@ class Simulation:
             return when + f'the motion of body {body!r} is no longer finite; reduce integrator.h or check the loads on that body'
         if result.status == SINGULAR:
             where = result.where
-            name = self.model.body_names[where] if where < self.model.n_bodies else self.model.group_names[where - self.model.n_bodies]
-            return when + f'the step matrix is singular at {name!r}; give the body mass and inertia, or use integrator.form: block'
+            if where >= self.model.n_bodies:
+                name = self.model.group_names[where - self.model.n_bodies]
+                return when + f'the step matrix is singular at constraint {name!r}; use integrator.form: condensed or a smaller integrator.penalty'
+            return when + (
+                f'the step matrix is singular at body {self.model.body_names[where]!r}: a part of its motion has neither inertia nor '
+                'constraint nor stiffness; give the body mass and inertia, or constrain that motion'
+            )
         smallest = f'the smallest step integrator.h_min = {self.scene.integrator.h_min:g}'
         if result.status == INACCURATE:
             tolerance = self.scene.integrator.error_tolerance

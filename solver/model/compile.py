@@ -28,6 +28,8 @@ from solver.reference import Ref
 
 PENALTY_MASS_FLOOR = 1e-4  # of the mean mass; keeps 1/(a M^-1 a^T) away from zero for (nearly) massless bodies and point masses
 
+MASSLESS = 1e-12  # of the largest mass or moment of inertia in the model
+
 
 def rotation(quaternion) -> np.ndarray:
     """(3, 3) rotation matrix of a quaternion xyzw."""
@@ -134,6 +136,11 @@ def compile_model(spec: ModelSpec) -> Model:
             wait_for.setdefault(nb + g, set()).add(b)
         constraints.centre[g] = block_slots.setdefault((nb + g, nb + g), 1 + len(block_slots))
     bodies = compile_bodies(spec.bodies, spec.gravity, [context.slots[b, b] for b in range(nb)])
+    follow: dict[int, set[int]] = {b: set() for b in _massless(bodies)}
+    for group, members in wait_for.items():
+        for b in members & follow.keys():
+            follow[b].add(group)
+    wait_for = {group: heavy for group, members in wait_for.items() if (heavy := members - follow.keys())}
     inverse_mass, inverse_inertia = _floored_inverses(bodies, constraints.joints)
     tables = Ref(
         Tables(
@@ -147,7 +154,7 @@ def compile_model(spec: ModelSpec) -> Model:
             constraints=constraints,
             laws=compile_laws(context.laws),
             condensed=plan_elimination(nb, context.slots),
-            block=plan_elimination(nb + groups, block_slots, wait_for),
+            block=plan_elimination(nb + groups, block_slots, wait_for, follow),
             **forces,
         )
     )
@@ -248,6 +255,13 @@ def _compile_constraints(spec: ModelSpec, context: _Context) -> tuple[Constraint
         couplers=couplers,
     )
     return table, row_names, [s.name for s in (*spec.joints, *spec.contacts, *spec.couplers)]
+
+
+def _massless(bodies) -> list[int]:
+    """Bodies whose mass matrix is singular, or nearly so beside those of the others."""
+    moments = np.linalg.eigvalsh(bodies.inertia)
+    light = bodies.mass <= MASSLESS * bodies.mass.max()
+    return [int(b) for b in np.flatnonzero(light | (moments[:, 0] <= MASSLESS * moments.max()))]
 
 
 def _floored_inverses(bodies, joints) -> tuple[np.ndarray, np.ndarray]:
