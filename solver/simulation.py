@@ -332,7 +332,10 @@ class Simulation:
             where = result.where
             if where >= self.model.n_bodies:
                 name = self.model.group_names[where - self.model.n_bodies]
-                return when + f'the step matrix is singular at constraint {name!r}; use integrator.form: condensed or a smaller integrator.penalty'
+                return (
+                    when
+                    + f'the step matrix is singular at constraint {name!r}; use integrator.form: condensed or a smaller integrator.penalty'
+                )
             return when + (
                 f'the step matrix is singular at body {self.model.body_names[where]!r}: a part of its motion has neither inertia nor '
                 'constraint nor stiffness; give the body mass and inertia, or constrain that motion'

@@ -99,5 +99,5 @@ mechanism:
     b: {kind: spherical, i: rod, j: ball, at: [1, 0, 0]}
 """
     s = simulation_of(load_scene_text(rod, overrides=[f'integrator.form={form}']))
-    with pytest.raises(StepError, match="singular at body 'rod': .* neither inertia nor constraint nor stiffness; give the body mass"):
+    with pytest.raises(StepError, match=r"singular at body 'rod': .* neither inertia nor constraint nor stiffness; give the body mass"):
         s.advance(1)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
+from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -11,9 +13,8 @@ from closed_forms import driven_four_bar, falling_four_bar, heavy_body, steady_t
 from convergence import error, scene_of
 
 from solver.errors import SpecError, StepError
-from solver.integrators.equations import Equations, Motion
+from solver.integrators.equations import Motion
 from solver.integrators.reference import Stabilised
-from solver.reference import Ref
 from solver.reference_simulation import ReferenceSimulation
 from solver.scene import load_scene
 from solver.simulation import Simulation, simulation_of
@@ -47,31 +48,38 @@ def test_reference_integrators_reach_the_closed_forms(kind, name):
     assert simulation.audit()['evaluations'] > 0
 
 
-def unique(simulation: Simulation) -> np.ndarray:
-    """(nc,) which multipliers are unique: those without a share in the null space of A^T."""
-    equations = Equations(simulation.model, Ref(simulation.outputs), lambda _: simulation.snapshot().inputs, simulation.state.angle)
-    equations.move_to(simulation.state.q, simulation.state.v)
-    B, _ = equations.scaled(equations.constraints(0.0).A)
-    left, size, _ = np.linalg.svd(B)
-    rank = int((size > 1e-8 * size[0]).sum())
-    return np.abs(left[:, rank:]).max(axis=1, initial=0.0) < 1e-8
+class Agreement(NamedTuple):
+    """How a mechanism scene is compared: overrides, duration [s], step [s], smallest number of unique reactions."""
+
+    overrides: tuple[str, ...] = ()
+    duration: float = 0.1
+    h: float = 1e-3
+    unique: int = 0
 
 
-# overrides, time [s], smallest number of unique reactions (the redundancy of Bricard's mechanism is shared by all of its rows)
 AGREEMENT = {
-    'pendulum': ((), 0.9, 5),
-    'four_bar': ((), 0.6, 8),
-    'slider_crank': (('start.coordinates.slide.rate=-1',), 0.3, 6),
-    'spinning_top': ((), 0.1, 3),
-    'bricard': ((), 0.5, 0),
-    'flyball_governor': (('start.coordinates.shaft.rate=3',), 0.2, 8),
+    'pendulum': Agreement(duration=0.9, unique=5),
+    'double_pendulum': Agreement(duration=0.3, unique=10),
+    'spring_mass': Agreement(duration=0.5, unique=5),
+    'four_bar': Agreement(duration=0.6, unique=9),
+    'four_bar_n': Agreement(('mechanism.loops=3',), duration=0.3, unique=20),
+    'slider_crank': Agreement(('start.coordinates.slide.rate=-1',), duration=0.3, unique=14),
+    'spinning_top': Agreement(duration=0.1, h=1e-4, unique=3),
+    'torque_free_top': Agreement(duration=0.5),
+    'bricard': Agreement(duration=0.5),  # its redundancy is shared by all of its rows
+    'andrews': Agreement(duration=0.003, h=1e-5, unique=20),
+    'flyball_governor': Agreement(('start.coordinates.shaft.rate=3',), duration=0.2, unique=20),
+    'rolling_disc': Agreement(duration=0.5, unique=3),
+    'knife_edge': Agreement(duration=0.5, unique=4),
+    'chaplygin_sleigh': Agreement(duration=0.5, unique=4),
 }
-
+SCENES = Path(__file__).parents[2] / 'config' / 'scenes'
+MECHANISMS = sorted({*AGREEMENT, *(file.stem for file in SCENES.glob('*.yaml') if 'mechanism: mechanisms/' in file.read_text())})
 
 # explicit methods cannot resolve the governor's 4e4 N s/m at light bodies
 PAIRS = [
     (kind, name)
-    for name in AGREEMENT
+    for name in MECHANISMS
     for kind in ('reference_kkt', 'reference_ida')
     if (kind, name) != ('reference_kkt', 'flyball_governor')
 ]
@@ -80,20 +88,20 @@ PAIRS += [('reference_bdf', 'flyball_governor'), ('reference_bdf', 'slider_crank
 
 @pytest.mark.parametrize(('kind', 'name'), PAIRS, indirect=['kind'])
 def test_motion_and_unique_reactions_agree_within_both_error_bars(kind, name):
-    """Within three times the change of the step's last halving (1 ms; 0.1 ms for the top) plus the reference's change from 1e-7 to 1e-9."""
-    overrides, duration, least = AGREEMENT[name]
-    scene = load_scene(name, overrides)
+    """Every mechanism: within three times the change of the step's last halving plus the reference's change from 1e-7 to 1e-9."""
+    about = AGREEMENT.get(name, Agreement())
+    scene = load_scene(name, about.overrides)
 
     def run(**settings) -> tuple[np.ndarray, np.ndarray, Simulation]:
         simulation = simulation_of(dataclasses.replace(scene, integrator=dataclasses.replace(scene.integrator, **settings)))
-        snapshot = simulation.advance(round(duration / simulation.h))
+        snapshot = simulation.advance(round(about.duration / simulation.h))
         return np.concatenate([snapshot.pose.ravel(), snapshot.twist.ravel()]), snapshot.reactions, simulation
 
-    h = 1e-4 if name == 'spinning_top' else 1e-3
-    ours = [run(h=step, kind='alf', mode='tolerance', tolerance=1e-11) for step in (h, h / 2)]
-    loose, tight = (run(h=duration, kind=kind, tolerance=tolerance) for tolerance in (1e-7, 1e-9))
-    judged = unique(tight[2])
-    assert judged.sum() >= least
+    ours = [run(h=step, kind='alf', mode='tolerance', tolerance=1e-11) for step in (about.h, about.h / 2)]
+    loose, tight = (run(h=about.duration, kind=kind, tolerance=tolerance) for tolerance in (1e-7, 1e-9))
+    shared = tight[2].describe()['reactions_not_unique']
+    judged = np.array([row not in shared for row in tight[2].model.row_names], bool)
+    assert judged.sum() >= about.unique
     for field, mask in ((0, slice(None)), (1, judged)):
         a, b = ours[0][field][mask], ours[1][field][mask]
         c, d = loose[field][mask], tight[field][mask]
