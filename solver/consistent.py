@@ -18,7 +18,7 @@ from solver.dynamics import (
     evaluate_forces,
 )
 from solver.errors import ConsistencyError
-from solver.lie.so3 import quaternion_exp, quaternion_normalized, quaternion_product
+from solver.lie.so3 import matrix_of_quaternion, quaternion_exp, quaternion_normalized, quaternion_product
 from solver.model.state import State, kinematics_of, update_angles
 from solver.model.tables import Model
 from solver.reference import Ref
@@ -33,7 +33,8 @@ EQUILIBRIUM_TOLERANCE = 1e-11  # N or N m, relative to the weight of the model
 SETTLING = 1.0  # s, long against every damping in a model
 CLEARANCE = 10.0  # height at which no tire touches any road [m]
 HOLD = 1e9  # input of brakes that hold [N m per unit of gain]
-RELEASED = 1e-4  # stiffness of a released brake while equilibrium is sought, relative to its own
+RELEASED = 1e-6  # stiffness of a released brake while equilibrium is sought, relative to its own
+GIVE = 1e-4  # m that what holds a vehicle with released brakes gives way under its whole weight
 
 
 class Start:
@@ -44,6 +45,7 @@ class Start:
         self.t = model.tables
         nb, ns = model.n_bodies, model.n_slots
         self.outputs = Ref(outputs)
+        self.chassis = model.body_names.index(model.spec.chassis) if model.spec.chassis else 0
         self.saddle = Ref(new_saddle(model, CONDENSED))
         self.coordinates = Ref(self.t.coordinates)
         self.constraints = Ref(self.t.constraints)
@@ -250,7 +252,9 @@ class Start:
         and brakes are springs between that motion and their force. Brakes hold during the search, or the toe of the wheels would
         roll a car away; what they carry beyond their capacity under u is dropped at the end. Released ones hold so softly that
         what is dropped does not matter: locked wheels would take part of the load of a suspension that moves them to and fro.
-        Other directions without stiffness stay where they are. Raises ConsistencyError if it does not settle.
+        A vehicle whose brakes are all released is held at its chassis instead, along its x axis: on a slope it is found where it was
+        placed, resting in its suspension, and rolls away from there. Other directions without stiffness stay where they are. Raises
+        ConsistencyError if it does not settle.
         """
         brakes = self.t.brakes
         capacity = np.maximum(brakes.gain * u[brakes.input], 0.0)
@@ -260,14 +264,27 @@ class Start:
         brakes.stiffness[capacity == 0.0] *= RELEASED
         brakes.damping[capacity == 0.0] = 0.0
         try:
-            left = self._settle(state, held, limit)
+            left = self._settle(state, held, limit, hold=bool(self.model.spec.tires) and not capacity.any())
         finally:
             brakes.stiffness[:], brakes.damping[:] = stiffness, damping
         limits = capacity / brakes.stiffness
         state.z[brakes.state] = np.clip(state.z[brakes.state], -limits, limits)
         return left
 
-    def _settle(self, state: State, u: np.ndarray, limit: int) -> float:
+    def _hold(self, q: np.ndarray, start: np.ndarray, stiffness: float) -> None:
+        """Add a spring along the x axis of the chassis, from its place p (3,) at the start, to the forces and their tangent."""
+        b = self.chassis
+        R = np.array(matrix_of_quaternion(tuple(q[b, 3:]))).reshape(3, 3)
+        d, moved = R[:, 0], q[b, :3] - start
+        s = d @ moved
+        self.f[b, :3] -= stiffness * s * d
+        slot = self.t.bodies.slot[b]
+        self.Kq[slot, :3, :3] -= stiffness * np.outer(d, d)
+        turned = np.column_stack([np.zeros(3), -R[:, 2], R[:, 1]])  # of d by a rotation in B
+        self.Kq[slot, :3, 3:] -= stiffness * (np.outer(d, moved @ turned) + s * turned)
+
+    def _settle(self, state: State, u: np.ndarray, limit: int, hold: bool) -> float:
+        place = state.q[self.chassis, :3].copy()
         state.v[:] = 0.0
         tau = 0.01
         scale = max(1.0, float((self.t.bodies.mass * np.linalg.norm(self.t.bodies.gravity)).sum()))
@@ -276,6 +293,8 @@ class Start:
         for _ in range(limit):
             kin = self._constraints(state.q, at_rest, state.angle, u)
             evaluate_forces(self.t, kin, state.angle, state.z, SETTLING, u, True, self.f, self.Kq, self.Kv, self.z, self.outputs)
+            if hold:
+                self._hold(state.q, place, scale / GIVE)
             r = -self.f
             add_constraint_forces(self.constraints, self.J, state.lam, -1.0, r)
             r[-1] = 0.0

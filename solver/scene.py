@@ -41,7 +41,8 @@ class Start:
     """The state at t = 0.
 
     kind: 'as_placed' takes the placement in the file, which must satisfy the joints; 'assemble' moves the bodies as little as
-    possible until it does; 'equilibrium' seeks static equilibrium under gravity. Velocities are made to fit in every case.
+    possible until it does; 'equilibrium' seeks static equilibrium under gravity (a vehicle whose brakes are all released is held along
+    the x axis of its chassis meanwhile, and rolls away from a slope at t = 0). Velocities are made to fit in every case.
     speed: along the x axis of the chassis [m/s], rolling wheels included. coordinates: joint coordinates that are wanted.
     """
 
