@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver.audit import update_audit
+from solver.audit import scaled_jacobian, update_audit
 from solver.dynamics import constraint_input_rates, evaluate_constraints, evaluate_forces
 from solver.errors import SpecError, StepError
 from solver.integrators.augmented_lagrangian import OK
@@ -70,8 +70,8 @@ class ReferenceSimulation(Simulation):
             velocity = max(velocity, float(np.abs(rows.A @ raw.v[:-1].ravel() + rows.phi_t).max(initial=0.0)))
             self.k += 1
             self._show(t, self.equations.project(t, raw))
-            if audit:
-                self._look()
+            if audit and self.branches is not None:
+                self.branches.look(t, scaled_jacobian(self.model, self.work.J))
         now = (self.equations.evaluations, self._solver.factorizations)
         evaluations, factorizations = (a - b for a, b in zip(now, self._counted, strict=True))
         self._counted = now

@@ -287,8 +287,8 @@ class Simulation:
             name = self.channels.inputs[column]
             raise StepError(f't = {self.t_ns * 1e-9:.6f} s: input {name!r} is not finite in step {self.k + row}; nothing was advanced')
         inputs = np.ascontiguousarray(inputs, float)
-        watched = audit and self.branches is not None
-        part = 1 if watched else n
+        watch = self.branches if audit else None
+        part = n if watch is None else 1
         self._stats = StepStats(OK, 0, 0, 0, 0.0, 0.0, 0.0)
         for first in range(0, n, max(part, 1)):
             if self.adaptation is not None:
@@ -303,21 +303,12 @@ class Simulation:
             self._count(result)
             if result.status != OK:
                 raise StepError(self._failure(result))
-            if watched:
-                self._look()
+            if watch is not None:
+                watch.look(self.t_ns * 1e-9, scaled_jacobian(self.model, self.work.J))
         return self.snapshot()
 
-    def _look(self) -> None:
-        """Show the constraints of the current configuration (in work.J) to the watch for branch switches."""
-        if self.branches is not None:
-            self.branches.look(self.t_ns * 1e-9, scaled_jacobian(self.model, self.work.J))
-
     def _count(self, result: StepResult) -> None:
-        s = self._stats
-        self._stats = StepStats(
-            result.status, s.iterations + result.iterations, s.factorizations + result.factorizations, s.evaluations + result.evaluations,
-            max(s.residual, result.residual), max(s.position_drift, result.position_drift), max(s.velocity_drift, result.velocity_drift),
-        )  # fmt: skip
+        self._stats = self._stats.followed_by(result)
         t = self._totals
         t[:3] += result.iterations, result.factorizations, result.evaluations
         t[3:6] = np.maximum(t[3:6], (result.residual, result.position_drift, result.velocity_drift))

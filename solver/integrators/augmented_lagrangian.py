@@ -70,7 +70,7 @@ class Coefficients(NamedTuple):
     ahead: float  # from the stage to the end of the step, in intervals between the last two stages: af while the step is constant
     penalty: np.ndarray  # (nc,) xi_R, dimensionless
     factor: np.ndarray  # (nc,) multiplies the coefficients m_R (the chapter's m/10 experiment)
-    m_alf: int  # 1: h_R = lam_R with unit coefficients (k = 1, m = c = f = 0): W = xi beta h^2
+    m_alf: int  # 1: h_R = lam_R with unit coefficients (k = 1, m = c = f = 0): W = xi beta h^2 (xi gamma h of a velocity)
     weigh: int  # address of solver.integrators.coefficients.weigh, 0: W are the isolated effective masses
     coupled: int  # 1: coupled effective masses
     full: int  # 1: with c_R and k_R
@@ -289,7 +289,7 @@ def step(tables, c, s0, s1, u, want_outputs, work):
             if c.weigh != 0:
                 invoke(c.weigh, (tables, c, work))
             for i in range(nc):
-                m = c.beta * h * h if c.m_alf == 1 else saddle.W[i]
+                m = 1.0 / to_g[holonomic[i]] if c.m_alf == 1 else saddle.W[i]
                 saddle.W[i] = c.penalty[i] * (c.factor[i] * m)
             add_constraint_stiffness(tables, work.kin_s, s1.lam, work.Kq, work.Kv)
             # rows of the end of the step in both places: see the module docstring of solver.saddle

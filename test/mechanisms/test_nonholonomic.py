@@ -13,7 +13,11 @@ from solver.scene import load_scene
 from solver.simulation import Simulation, simulation_of
 
 TIMES = 0.08 * np.arange(1, 11)
-MODES = {'tolerance': {'mode': 'tolerance', 'tolerance': 1e-12}, 'fixed': {'mode': 'fixed', 'iterations': 2}}
+MODES = {
+    'tolerance': {'mode': 'tolerance', 'tolerance': 1e-12},
+    'fixed': {'mode': 'fixed', 'iterations': 2},
+    'one iteration': {'mode': 'fixed', 'iterations': 1},
+}
 PROBLEMS = {
     'rolling disc': rolling_disc(TIMES[-1]),
     'knife edge': knife_edge(),
@@ -27,15 +31,28 @@ STEPS = (4e-3, 2e-3, 1e-3)
 @pytest.mark.parametrize('rho_inf', [1.0, 0.8, 0.0])
 @pytest.mark.parametrize('name', PROBLEMS)
 def test_errors_fall_with_the_square_of_the_step(name, rho_inf, mode, form):
-    """Slope 2.0 +- 0.15 of the largest errors in positions and velocities over 0.8 s; of reactions as well, or steeper.
+    """Slope 2.0 +- 0.15 of the largest errors in positions, velocities and reactions over 0.8 s.
 
-    Without high-frequency damping all are 2; for rho_inf = 0 the h^2 term of the reaction of the knife edge happens to vanish.
+    Steeper with one iteration, where its error and that of the scheme may cancel for a while, and for the reaction of the knife edge
+    with rho_inf = 0, whose h^2 term happens to vanish.
     """
     slopes, table = orders(PROBLEMS[name], STEPS, TIMES, rho_inf=rho_inf, form=form, **MODES[mode])
     assert table[-1].max() < 0.1, f'errors {table} are no small errors'
     message = f'errors {FIELDS} at {STEPS}:\n{table}'
-    np.testing.assert_allclose(slopes[:2], 2.0, rtol=0, atol=0.15, err_msg=message)
-    assert slopes[2] == pytest.approx(2.0, abs=0.15) or (slopes[2] > 2.0 and (name, rho_inf) == ('knife edge', 0.0)), message
+    steeper = np.array([False, False, (name, rho_inf) == ('knife edge', 0.0)]) | (mode == 'one iteration')
+    assert (slopes > 1.85).all(), message
+    assert (slopes[~steeper] < 2.15).all(), message
+
+
+def test_the_modified_formulation_rolls_as_well():
+    """m_alf, h_R = lam_R - xi psi: at xi = 1e9 it finds the same motion (1e-9) and reactions (1e-6) as the effective masses do."""
+    common = {'h': 1e-3, 'mode': 'tolerance', 'tolerance': 1e-11}
+    a, b = (
+        Simulation(scene_of(PROBLEMS['rolling disc'], kind=kind, penalty=xi, **common)).advance(500)
+        for kind, xi in (('alf', 1e6), ('m_alf', 1e9))
+    )
+    np.testing.assert_allclose(b.pose, a.pose, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(b.reactions, a.reactions, rtol=0, atol=1e-6)
 
 
 def test_disc_in_steady_motion_rolls_along_a_circle():
