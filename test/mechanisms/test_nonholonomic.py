@@ -9,7 +9,7 @@ from rolling_forms import MASS, PRECESSION, RADIUS, STEADY_SPIN, TILT, chaplygin
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from solver.scene import load_scene
+from solver.scene import load_scene, load_scene_text
 from solver.simulation import Simulation, simulation_of
 
 TIMES = 0.08 * np.arange(1, 11)
@@ -176,3 +176,46 @@ def test_a_wheel_with_its_weight_off_the_axle_finds_its_rest_on_a_slope():
     # the search moves in steps, each without slip to first order
     assert snapshot.pose[0, 0] == pytest.approx(RADIUS * np.arctan2(-x, -z), rel=1e-2)
     np.testing.assert_allclose(snapshot.reactions[-3:], [2 * 9.760989, -2 * 0.979367, 0.0], atol=1e-9)
+
+
+PLATE = """
+mechanism:
+  bodies:
+    plate: {mass: 5, inertia: [1, 1, 1], position: [0, 0, -0.1]}
+    disc:
+      mass: 2
+      inertia: [0.125, 0.125, 0.25]
+      position: [0, 0.17101007166283436, 0.46984631039295416]
+      rpy_deg: [70, 0, 0]
+      velocity: [1.54, 0, 0]
+      angular_velocity: [0.8, 1.41, -3.09]
+  joints:
+    bed: {kind: point_on_plane, i: world, j: plate, at: [0, 0, -0.1]}
+    level_x: {kind: perpendicular, i: world, j: {body: plate, axis: [1, 0, 0]}}
+    level_y: {kind: perpendicular, i: world, j: {body: plate, axis: [0, 1, 0]}}
+  contacts:
+    road: {kind: rolling, i: {body: plate, at: [0, 0, 0]}, j: disc, radius: 0.5}
+integrator: {h: 1.0e-3, rho_inf: 1, mode: tolerance, tolerance: 1.0e-10}
+"""
+
+
+@pytest.mark.parametrize('form', ['condensed', 'block'])
+def test_disc_and_the_sliding_plate_it_rolls_on_exchange_momentum_and_lose_none(form):
+    """5 s on a free plate: horizontal momentum to 1e-9 N s, angular momentum about the vertical to 1e-5 N m s, energy to 1e-4 J."""
+    s = simulation_of(load_scene_text(PLATE, overrides=[f'integrator.form={form}']))
+    bodies = s.model.tables.bodies
+
+    def momentum() -> tuple[np.ndarray, float]:
+        q, v = s.state.q[:-1], s.state.v[:-1]
+        spin = Rotation.from_quat(q[:, 3:]).apply(np.einsum('bij,bj->bi', bodies.inertia, v[:, 3:]))
+        linear = bodies.mass[:, None] * v[:, :3]
+        return linear.sum(0)[:2], float((np.cross(q[:, :3], linear) + spin)[:, 2].sum())
+
+    (start, turning), plate = momentum(), []
+    for _ in range(50):
+        plate.append(s.advance(100).pose[0, :2])
+        linear, angular = momentum()
+        np.testing.assert_allclose(linear, start, rtol=0, atol=1e-9)
+        assert angular == pytest.approx(turning, abs=1e-5)
+    assert np.ptp(plate, axis=0).min() > 0.1, 'the plate does not take part'
+    assert s.audit()['energy_error_max'] < 1e-4
