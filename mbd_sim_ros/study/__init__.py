@@ -32,10 +32,7 @@ from solver.errors import SpecError, suggestion
 Progress = Callable[[str, float], None]
 
 STUDIES: dict[str, str] = {
-    'slider_crank': 'mbd_sim_ros.study.slider_crank',
     'slider_crank_phases': 'mbd_sim_ros.study.slider_crank_phases',
-    'penalty_map': 'mbd_sim_ros.study.penalty_map',
-    'work_precision': 'mbd_sim_ros.study.work_precision',
 }
 
 
