@@ -32,6 +32,7 @@ from solver.errors import SpecError, suggestion
 Progress = Callable[[str, float], None]
 
 STUDIES: dict[str, str] = {
+    'penalty_map': 'mbd_sim_ros.study.penalty_map',
     'slider_crank_phases': 'mbd_sim_ros.study.slider_crank_phases',
 }
 

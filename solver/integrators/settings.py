@@ -35,10 +35,10 @@ class IntegratorSettings:
     h: Annotated[float, 's'] = 1e-3
     rho_inf: float = 0.8
     mode: Literal['fixed', 'tolerance'] = 'fixed'
-    iterations: int = 2
+    iterations: int = 3
     tolerance: float = 1e-8
     max_iterations: int = 20
-    penalty: float = 1e6
+    penalty: float = 1e4
     form: Literal['condensed', 'block'] = 'condensed'
     effective_mass: Literal['isolated', 'coupled'] = 'isolated'
     coefficients: Literal['mass', 'full'] = 'mass'
