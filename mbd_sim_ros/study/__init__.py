@@ -31,7 +31,8 @@ from solver.errors import SpecError, suggestion
 
 Progress = Callable[[str, float], None]
 
-STUDIES: dict[str, str] = {
+STUDIES: dict[str, str] = {  # name: module
+    'slider_crank': 'mbd_sim_ros.study.slider_crank',
     'penalty_map': 'mbd_sim_ros.study.penalty_map',
     'slider_crank_phases': 'mbd_sim_ros.study.slider_crank_phases',
 }

@@ -17,18 +17,20 @@ from solver.scene import Start
 from solver.simulation import Simulation
 
 SUMMARY = 'success and error of the slider-crank over penalty 1e1 to 1e13 and step, and the erratic middle range explained'
-PENALTIES, QUICK_PENALTIES = 10.0 ** np.arange(1, 14), 10.0 ** np.array([2.0, 6.0, 12.0])
+PENALTIES, QUICK_PENALTIES = 10.0 ** np.arange(1, 14), 10.0 ** np.array([3.0, 4.0, 6.0])
 STEPS, QUICK_STEPS = crank.STEPS, (0.02, 0.01)
 PHASES, QUICK_PHASES = 6, 2
 FORMS = ('condensed', 'block')
 SCHEMES = {
-    'default': {},
-    'conserving': {'rho_inf': 1.0, 'iterations': 3},
+    'default': crank.DAMPED,
+    'conserving': crank.CONSERVING,
     'tolerance': {'rho_inf': 0.9, 'mode': 'tolerance'},
 }
-PLATEAU = 2.0  # errors within this factor of those at the default penalty are called the same
-OFFSETS = np.linspace(-2.5, 2.5, 101)  # end of the step behind the singular position, in steps
-MATRIX_STEP, MATRIX_RHO = 0.01, 0.9  # s, of the matrices looked at
+PLATEAU = 2.0  # position errors within this factor of those at the penalty of the scheme are called the same
+NEAR = np.geomspace(1e-4, 1.0, 25)
+OFFSETS = np.concatenate([-NEAR[::-1], NEAR])  # end of the step behind the singular position, in steps
+MATRIX_STEPS = (0.02, 0.01, 0.001)  # s
+MATRIX_RHO = 1.0
 
 
 def study(out: Path, *, quick: bool, progress: Progress) -> dict:
@@ -64,55 +66,54 @@ def study(out: Path, *, quick: bool, progress: Progress) -> dict:
                         }
                     )
     report.table('penalty_map', rows, shown=False)
-    report.figure('penalty_map', _maps(rows, phases, steps, penalties), 'Slider position error after 10 s [m], base-10 logarithm; numbers: lost runs')
-    default = IntegratorSettings().penalty
-    _judge(report, rows, steps, default)
+    report.figure(
+        'penalty_map', _maps(rows, phases, steps, penalties), 'Slider position error after 10 s [m], base-10 logarithm; numbers: lost runs'
+    )
+    _judge(report, rows, steps)
     progress('matrices', 0.95)
-    matrices = _matrices(report, penalties)
+    growth = _matrices(report, rows, penalties, QUICK_STEPS if quick else MATRIX_STEPS)
     report.write()
-    return {'rows': rows, 'matrices': matrices, 'checks': report.checks}
+    return {'rows': rows, 'growth': growth, 'checks': report.checks}
 
 
-def _judge(report: Report, rows: list[dict[str, Any]], steps: tuple[float, ...], default: float) -> None:
-    """Which penalties lose runs, over which range the error is that of the default penalty, and where the default lies in it."""
+def _judge(report: Report, rows: list[dict[str, Any]], steps: tuple[float, ...]) -> None:
+    """Which penalties lose runs, over which range the error is that of the penalty of the scheme, and where that lies in it."""
     summary = []
-    for scheme in SCHEMES:
+    for scheme, settings in SCHEMES.items():
+        own = IntegratorSettings(**settings).penalty
         for form in FORMS:
             mine = [row for row in rows if (row['scheme'], row['form']) == (scheme, form)]
             lost = sorted({row['penalty'] for row in mine if row['lost']})
-            flat = _plateau(mine, steps, default)
+            flat = _plateau(mine, steps, own)
             summary.append(
                 {
                     'scheme': scheme,
                     'form': form,
+                    'own penalty': own,
                     'penalties with lost runs': ', '.join(f'{p:g}' for p in lost) or 'none',
-                    'same error as at the default': f'{flat[0]:g} to {flat[-1]:g}' if flat else 'nowhere',
-                    'lost at the default': sum(row['lost'] for row in mine if row['penalty'] == default),
+                    'same error': f'{flat[0]:g} to {flat[-1]:g}' if flat else 'nowhere',
+                    'lost at its own': sum(row['lost'] for row in mine if row['penalty'] == own),
                 }
             )
             name = f'{scheme}, {form}'
-            report.check(f'{name}: runs lost at the default penalty', summary[-1]['lost at the default'], 0)
-            below = np.log10(default / flat[0]) if flat else 0.0
-            report.check(f'{name}: decades of like penalties below the default', below, 1.0, least=True)
-            above = np.log10(flat[-1] / default) if flat else 0.0
-            report.check(f'{name}: decades of like penalties above the default', above, 1.0, least=True)
+            report.check(f'{name}: runs lost at its penalty', summary[-1]['lost at its own'], 0)
     report.text(
         '## Ranges',
-        f'The default penalty is {default:g}. "Same error": at every step no run is lost and the largest position error is at most '
-        f'{PLATEAU:g} times that of the default penalty, at all penalties from there to the default.',
+        '"Same error": at every step no run is lost and the largest position error is at most '
+        f'{PLATEAU:g} times that of the penalty of the scheme, at all penalties from there to it.',
     )
     report.table('ranges', summary)
 
 
-def _plateau(rows: list[dict[str, Any]], steps: tuple[float, ...], default: float) -> list[float]:
-    """Penalties joined to the default without a gap, where no run is lost and the errors are those of the default."""
+def _plateau(rows: list[dict[str, Any]], steps: tuple[float, ...], own: float) -> list[float]:
+    """Penalties joined to the own one without a gap, where no run is lost and the errors are those of it."""
     at = {(row['penalty'], row['h']): row for row in rows}
     penalties = sorted({row['penalty'] for row in rows})
     good = [
-        all(at[p, h]['lost'] == 0 and at[p, h]['position_error'] <= PLATEAU * at[default, h]['position_error'] for h in steps)
+        all(at[p, h]['lost'] == 0 and at[p, h]['position_error'] <= PLATEAU * at[own, h]['position_error'] for h in steps)
         for p in penalties
     ]
-    first = last = penalties.index(default)
+    first = last = penalties.index(own)
     if not good[first]:
         return []
     while first > 0 and good[first - 1]:
@@ -124,7 +125,7 @@ def _plateau(rows: list[dict[str, Any]], steps: tuple[float, ...], default: floa
 
 def _jacobian(theta: float) -> tuple[np.ndarray, np.ndarray]:
     """(A (nc, n), M (n, n)) at a crank angle on the right branch."""
-    scene = crank.scene_at(theta, MATRIX_STEP, {})
+    scene = crank.scene_at(theta, 1e-3, {})
     simulation = Simulation(dataclasses.replace(scene, start=Start()))  # at rest: at the singular position itself no rate is consistent
     bodies = simulation.model.tables.bodies
     n = simulation.model.n_bodies
@@ -135,46 +136,77 @@ def _jacobian(theta: float) -> tuple[np.ndarray, np.ndarray]:
     return dense_jacobian(simulation.model, simulation.work.J), M
 
 
-def _matrices(report: Report, penalties: np.ndarray) -> list[dict[str, float]]:
-    """Smallest real part of the eigenvalues of the Newton matrix in the mass metric, with A of the stage or of the end on the left."""
-    scheme = coefficients(MATRIX_STEP, MATRIX_RHO)
+def _matrices(report: Report, rows: list[dict[str, Any]], penalties: np.ndarray, steps: tuple[float, ...]) -> list[dict[str, float]]:
+    """How an error of the iterate grows in one iteration beside a singular position, by step, penalty and place."""
     rate = float(crank.crank_rate(np.pi / 2, crank.slider_mass()))
     found = []
-    for offset in OFFSETS:
-        end = np.pi / 2 + offset * MATRIX_STEP * rate
-        A_e, M = _jacobian(end)
-        A_s, _ = _jacobian(end - scheme['af'] * MATRIX_STEP * rate)
-        inverse = np.linalg.inv(np.linalg.cholesky(M))
-        B_e, B_s = A_e @ inverse.T, A_s @ inverse.T
-        W = 1.0 / (B_s * B_s).sum(axis=1)
-        for penalty in penalties:
-            row = {'offset': float(offset), 'penalty': float(penalty)}
-            for name, left in (('mixed', B_s), ('end', B_e)):
-                K = (1.0 - scheme['am']) * np.eye(len(M)) + penalty * (left.T * W) @ B_e
-                row[name] = float(np.linalg.eigvals(K).real.min() / (1.0 - scheme['am'])) if name == 'mixed' else float(
-                    np.linalg.eigvalsh(K)[0] / (1.0 - scheme['am'])
-                )
-            found.append(row)
+    for h in steps:
+        scheme = coefficients(h, MATRIX_RHO)
+        for offset in OFFSETS:
+            end = np.pi / 2 + offset * h * rate
+            A_e, M = _jacobian(end)
+            A_s, _ = _jacobian(end - scheme['af'] * h * rate)
+            inverse = np.linalg.inv(np.linalg.cholesky(M))
+            B_e, B_s = A_e @ inverse.T, A_s @ inverse.T
+            W = 1.0 / (B_s * B_s).sum(axis=1)
+            S = (1.0 - scheme['am']) * np.eye(len(M))
+            for penalty in penalties:
+                exact, used = S + penalty * (B_s.T * W) @ B_e, S + penalty * (B_e.T * W) @ B_e
+                growth = np.abs(np.linalg.eigvals(np.eye(len(M)) - np.linalg.solve(used, exact))).max()
+                lowest = np.linalg.eigvals(exact).real.min() / (1.0 - scheme['am'])
+                found.append({'h': h, 'offset': float(offset), 'penalty': float(penalty), 'growth': float(growth), 'lowest': float(lowest)})
     report.table('newton_matrices', found, shown=False)
-    bad = {p: [row for row in found if row['penalty'] == p and row['mixed'] <= 0.0] for p in penalties}
-    wrong = [p for p in penalties if bad[p]]
-    worst = min(row['end'] for row in found)
-    report.check('smallest eigenvalue of the matrix in use, in units of the inertia', worst, 1.0 - 1e-3, least=True)
-    span = f'from {wrong[0]:g} to {wrong[-1]:g}' if wrong else 'at no penalty'
+    worst = [
+        {
+            'step [ms]': h * 1e3,
+            **{f'{p:g}': max(row['growth'] for row in found if row['h'] == h and row['penalty'] == p) for p in penalties},
+        }
+        for h in steps
+    ]
+    growing = {h: [row for row in found if row['h'] == h and row['growth'] > 1.0] for h in steps}
+    onset = {h: min((row['penalty'] for row in rows), default=np.inf) for h, rows in growing.items()}
+    own = IntegratorSettings(**crank.CONSERVING).penalty
+    largest = max(row['growth'] for row in found if row['penalty'] == own)
+    report.check('growth of an error beside a singular position at the penalty of the conserving setting, any step', largest, 0.5)
+    indefinite = sorted({row['penalty'] for row in found if row['lowest'] <= 0.0})
     report.text(
-        '## Where an erratic range comes from, and why it is not met',
-        f'Newton matrix S + A^T W A for steps of {MATRIX_STEP * 1e3:g} ms (rho_inf {MATRIX_RHO:g}) that end within '
-        f'{OFFSETS[-1]:g} steps of the singular position theta = pi/2, at the speed of the mechanism, S being the inertia alone. With A of '
-        'the stage on the left and A of the end on the right, as the residuals would have it, a step that straddles the position sees '
-        f'the nearly free direction with opposite signs: an eigenvalue falls below zero {span}, '
-        f'in at most {max(len(b) for b in bad.values()) / len(OFFSETS):.0%} of the places. Where it passes zero the increment has no bound: '
-        'whether a run meets such a place depends on its phase, and on the penalty, because a small one leaves the direction to its '
-        'inertia. The matrix in use has A of the end on both sides; its '
-        f'smallest eigenvalue is {worst:.6f} times the inertia at every penalty and place. The residuals are exact in both cases, so '
-        'only the convergence differs (docs/decisions/0002).',
+        '## Where the erratic range comes from, and how it is avoided',
+        'Of a step that ends just behind a singular position the residuals see the nearly free direction with opposite signs, A of the '
+        'stage against A of the end. A matrix with both, S + A_s^T W A_e, loses its definiteness there '
+        + (f'(lowest eigenvalue below zero at penalties from {indefinite[0]:g})' if indefinite else '(not at the penalties seen here)')
+        + ': where that eigenvalue passes zero an increment has no bound. The matrix in use has A_e on both sides and cannot do that; what '
+        'is left is the growth of an error from one iteration to the next, the spectral radius of 1 - (S + A_e^T W A_e)^-1 (S + A_s^T W '
+        f'A_e). Its largest value within a step of theta = pi/2 (rho_inf {MATRIX_RHO:g}, S the inertia alone, speed of the mechanism there), '
+        'by step and penalty:',
     )
-    report.figure('matrices', _eigenvalues(found, penalties), 'Smallest eigenvalue of the Newton matrix beside a singular position')
-    return found
+    report.table('growth', worst)
+    powers = [_power(found, h) for h in steps]
+    exponent = ', '.join(f'{power:.2f} at {h * 1e3:g} ms' for h, power in zip(steps, powers, strict=True) if np.isfinite(power))
+    lost = {scheme: sum(row['lost'] for row in rows if row['scheme'] == scheme) for scheme in SCHEMES}
+    report.text(
+        'Where it exceeds 1 it grows with the penalty to the power ' + (exponent or '(not seen here)') + ' (0.5 from theory: the free '
+        'direction is seen by a constraint with s = angle, and s_e (s_e - s_s) xi / (1 + xi s_e^2) is largest at s_e = xi^(-1/2)), and '
+        'the places where it is large shrink with the same root: a small penalty leaves the free direction to its '
+        'inertia, a very large one is seldom met, and between the two it is a matter of phase whether a run meets '
+        'such a place. That is the erratic middle range. Above 1 from the penalty '
+        + ', '.join(f'{p:g} at {h * 1e3:g} ms' for h, p in onset.items() if np.isfinite(p))
+        + f' (of those computed). At the penalty of the conserving setting, {own:g}, it is at most {largest:.2g}. Runs lost on the whole map, by scheme: '
+        + ', '.join(f'{scheme} {count}' for scheme, count in lost.items())
+        + '; damping (rho_inf < 1) takes a kick away that the undamped scheme carries on, which is why the default setting can have '
+        f'{IntegratorSettings().penalty:g}.',
+    )
+    report.figure('growth', _growth(found, penalties, steps), 'Growth of an error per iteration beside a singular position')
+    return worst
+
+
+def _power(found: list[dict[str, float]], h: float) -> float:
+    """Exponent of the penalty in the largest growth, where that is above 1 and not yet as large as the places looked at can show."""
+    largest: dict[float, float] = {}
+    for row in found:
+        if row['h'] == h:
+            largest[row['penalty']] = max(largest.get(row['penalty'], 0.0), row['growth'])
+    pairs = [(np.log(p), np.log(g)) for p, g in largest.items() if g > 1.0 and p < NEAR[0] ** -2]
+    return float(np.polyfit(*zip(*pairs, strict=True), 1)[0]) if len(pairs) > 1 else float('nan')
 
 
 def _maps(rows: list[dict[str, Any]], phases: int, steps: tuple[float, ...], penalties: np.ndarray) -> Any:
@@ -202,15 +234,25 @@ def _maps(rows: list[dict[str, Any]], phases: int, steps: tuple[float, ...], pen
     return new
 
 
-def _eigenvalues(found: list[dict[str, float]], penalties: np.ndarray) -> Any:
-    new, axes = figure(9.0, 3.4, 1, 2, sharey=True)
-    for ax, name, title in zip(axes[0], ('mixed', 'end'), ('A of the stage and of the end', 'A of the end twice (in use)'), strict=True):
-        for k, penalty in enumerate(penalties[:: max(1, len(penalties) // 6)]):
-            mine = [row for row in found if row['penalty'] == penalty]
-            ax.plot([row['offset'] for row in mine], [row[name] for row in mine], lw=1.2, color=COLOURS[k], label=f'penalty {penalty:g}')
-        ax.set_yscale('symlog', linthresh=1.0)
-        ax.set_title(title, loc='left', fontsize=9)
-        ax.set_xlabel('end of the step behind the singular position [steps]')
-    axes[0, 0].set_ylabel('smallest eigenvalue / inertia')
-    axes[0, 1].legend(fontsize=7, frameon=False)
+def _growth(found: list[dict[str, float]], penalties: np.ndarray, steps: tuple[float, ...]) -> Any:
+    new, axes = figure(9.5, 3.4, 1, 2)
+    left, right = axes[0]
+    for k, h in enumerate(steps):
+        left.loglog(
+            penalties, [max(r['growth'] for r in found if (r['h'], r['penalty']) == (h, p)) for p in penalties],
+            'o-', ms=3, lw=1.2, color=COLOURS[k], label=f'{h * 1e3:g} ms',
+        )  # fmt: skip
+    left.axhline(1.0, color='#555555', lw=0.8, ls='--')
+    left.axvline(IntegratorSettings(**crank.CONSERVING).penalty, color='#555555', lw=0.8, ls=':', label='conserving setting')
+    left.set_xlabel('penalty')
+    left.set_title('largest growth', loc='left', fontsize=9)
+    left.legend(fontsize=7, frameon=False)
+    shown = penalties[3 :: max(1, len(penalties) // 4)]
+    for k, penalty in enumerate(shown if len(shown) else penalties):
+        mine = [row for row in found if (row['h'], row['penalty']) == (steps[0], penalty)]
+        right.semilogy([row['offset'] for row in mine], [row['growth'] for row in mine], lw=1.2, color=COLOURS[k], label=f'{penalty:g}')
+    right.axhline(1.0, color='#555555', lw=0.8, ls='--')
+    right.set_xlabel('end of the step behind the singular position [steps]')
+    right.set_title(f'where, at {steps[0] * 1e3:g} ms', loc='left', fontsize=9)
+    right.legend(fontsize=7, frameon=False)
     return new

@@ -161,7 +161,9 @@ def _picture(rows: dict[str, list[Row]], runs: dict[tuple[str, float], list[Pass
                 ax.loglog(np.full(len(values), h * 1e3 * (0.96, 1.04)[k]), values, '.', ms=2.5, color=COLOURS[k])
             judged = steps[steps <= crank.LARGEST_JUDGED]
             ax.loglog(judged * 1e3, [crank.limit(allowed, h) for h in judged], '--', lw=1, color=COLOURS[k], label=f'limit, {name}')
-            ax.loglog(steps * 1e3, [np.median([getattr(r, value) for r in runs[name, h]]) for h in steps], lw=1, color=COLOURS[k], label=name)
+            ax.loglog(
+                steps * 1e3, [np.median([getattr(r, value) for r in runs[name, h]]) for h in steps], lw=1, color=COLOURS[k], label=name
+            )
     axes[0, 0].set_title('largest energy error [J]', loc='left', fontsize=9)
     axes[0, 1].set_title('slider position [m]', loc='left', fontsize=9)
     for ax in axes[0]:

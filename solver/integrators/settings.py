@@ -38,7 +38,7 @@ class IntegratorSettings:
     iterations: int = 3
     tolerance: float = 1e-8
     max_iterations: int = 20
-    penalty: float = 1e4
+    penalty: float = 1e6
     form: Literal['condensed', 'block'] = 'condensed'
     effective_mass: Literal['isolated', 'coupled'] = 'isolated'
     coefficients: Literal['mass', 'full'] = 'mass'
