@@ -33,6 +33,7 @@ Progress = Callable[[str, float], None]
 
 STUDIES: dict[str, str] = {  # name: module
     'slider_crank': 'mbd_sim_ros.study.slider_crank',
+    'work_precision': 'mbd_sim_ros.study.work_precision',
     'penalty_map': 'mbd_sim_ros.study.penalty_map',
     'slider_crank_phases': 'mbd_sim_ros.study.slider_crank_phases',
 }

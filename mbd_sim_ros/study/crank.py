@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.integrate import solve_ivp
 
+from solver.audit import dense_jacobian
 from solver.errors import StepError
 from solver.lie.so3 import quaternion_exp
 from solver.scene import CoordinateStart, Scene, Start, load_scene
@@ -64,8 +65,8 @@ def crank_rate(theta: Any, slider: float) -> Any:
     return np.sqrt(2 * (ENERGY - G * np.sin(theta)) / inertia(theta, slider))
 
 
-def exact_angles(theta: np.ndarray, slider: float, times: np.ndarray) -> np.ndarray:
-    """(n, len(times)) crank angles [rad] of n starts at theta with ENERGY, all integrated together to 1e-12."""
+def exact_angles(theta: np.ndarray, slider: float, times: np.ndarray, tolerance: float = 1e-12) -> np.ndarray:
+    """(n, len(times)) crank angles [rad] of n starts at theta with ENERGY, all integrated together to a tolerance."""
 
     def motion(_t: float, y: np.ndarray) -> np.ndarray:
         angle, rate = y.reshape(2, -1)
@@ -73,7 +74,7 @@ def exact_angles(theta: np.ndarray, slider: float, times: np.ndarray) -> np.ndar
         return np.concatenate([rate, (-half_slope * rate**2 - G * np.cos(angle)) / inertia(angle, slider)])
 
     start = np.concatenate([theta, crank_rate(theta, slider)])
-    found = solve_ivp(motion, (0.0, times[-1]), start, method='DOP853', rtol=1e-12, atol=1e-12, t_eval=times)
+    found = solve_ivp(motion, (0.0, times[-1]), start, method='DOP853', rtol=tolerance, atol=tolerance, t_eval=times)
     return found.y[: len(theta)]
 
 
@@ -101,6 +102,19 @@ def scene_at(theta: float, h: float, settings: dict[str, Any]) -> Scene:
 def slider_mass() -> float:
     """Mass of the slider in the scene [kg]."""
     return next(b.mass for b in load_scene('slider_crank').model.bodies if b.name == 'slider')
+
+
+def jacobian(theta: float) -> tuple[np.ndarray, np.ndarray]:
+    """(A (nc, n), M (n, n)) at a crank angle on the right branch."""
+    scene = scene_at(theta, 1e-3, {})
+    simulation = Simulation(dataclasses.replace(scene, start=Start()))  # at rest: at the singular position itself no rate is consistent
+    bodies = simulation.model.tables.bodies
+    n = simulation.model.n_bodies
+    M = np.zeros((6 * n, 6 * n))
+    for b in range(n):
+        M[6 * b : 6 * b + 3, 6 * b : 6 * b + 3] = bodies.mass[b] * np.eye(3)
+        M[6 * b + 3 : 6 * b + 6, 6 * b + 3 : 6 * b + 6] = bodies.inertia[b]
+    return dense_jacobian(simulation.model, simulation.work.J), M
 
 
 class Passage(NamedTuple):

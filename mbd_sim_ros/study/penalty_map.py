@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +9,8 @@ import numpy as np
 
 from mbd_sim_ros.study import Progress, crank
 from mbd_sim_ros.study.report import COLOURS, Report, figure
-from solver.audit import dense_jacobian
 from solver.integrators.augmented_lagrangian import coefficients
 from solver.integrators.settings import IntegratorSettings
-from solver.scene import Start
-from solver.simulation import Simulation
 
 SUMMARY = 'success and error of the slider-crank over penalty 1e1 to 1e13 and step, and the erratic middle range explained'
 PENALTIES, QUICK_PENALTIES = 10.0 ** np.arange(1, 14), 10.0 ** np.array([3.0, 4.0, 6.0])
@@ -123,19 +119,6 @@ def _plateau(rows: list[dict[str, Any]], steps: tuple[float, ...], own: float) -
     return penalties[first : last + 1]
 
 
-def _jacobian(theta: float) -> tuple[np.ndarray, np.ndarray]:
-    """(A (nc, n), M (n, n)) at a crank angle on the right branch."""
-    scene = crank.scene_at(theta, 1e-3, {})
-    simulation = Simulation(dataclasses.replace(scene, start=Start()))  # at rest: at the singular position itself no rate is consistent
-    bodies = simulation.model.tables.bodies
-    n = simulation.model.n_bodies
-    M = np.zeros((6 * n, 6 * n))
-    for b in range(n):
-        M[6 * b : 6 * b + 3, 6 * b : 6 * b + 3] = bodies.mass[b] * np.eye(3)
-        M[6 * b + 3 : 6 * b + 6, 6 * b + 3 : 6 * b + 6] = bodies.inertia[b]
-    return dense_jacobian(simulation.model, simulation.work.J), M
-
-
 def _matrices(report: Report, rows: list[dict[str, Any]], penalties: np.ndarray, steps: tuple[float, ...]) -> list[dict[str, float]]:
     """How an error of the iterate grows in one iteration beside a singular position, by step, penalty and place."""
     rate = float(crank.crank_rate(np.pi / 2, crank.slider_mass()))
@@ -144,8 +127,8 @@ def _matrices(report: Report, rows: list[dict[str, Any]], penalties: np.ndarray,
         scheme = coefficients(h, MATRIX_RHO)
         for offset in OFFSETS:
             end = np.pi / 2 + offset * h * rate
-            A_e, M = _jacobian(end)
-            A_s, _ = _jacobian(end - scheme['af'] * h * rate)
+            A_e, M = crank.jacobian(end)
+            A_s, _ = crank.jacobian(end - scheme['af'] * h * rate)
             inverse = np.linalg.inv(np.linalg.cholesky(M))
             B_e, B_s = A_e @ inverse.T, A_s @ inverse.T
             W = 1.0 / (B_s * B_s).sum(axis=1)
@@ -176,8 +159,8 @@ def _matrices(report: Report, rows: list[dict[str, Any]], penalties: np.ndarray,
         + (f'(lowest eigenvalue below zero at penalties from {indefinite[0]:g})' if indefinite else '(not at the penalties seen here)')
         + ': where that eigenvalue passes zero an increment has no bound. The matrix in use has A_e on both sides and cannot do that; what '
         'is left is the growth of an error from one iteration to the next, the spectral radius of 1 - (S + A_e^T W A_e)^-1 (S + A_s^T W '
-        f'A_e). Its largest value within a step of theta = pi/2 (rho_inf {MATRIX_RHO:g}, S the inertia alone, speed of the mechanism there), '
-        'by step and penalty:',
+        f'A_e). Its largest value within a step of theta = pi/2 (rho_inf {MATRIX_RHO:g}, S the inertia alone, speed of the mechanism '
+        'there), by step and penalty:',
     )
     report.table('growth', worst)
     powers = [_power(found, h) for h in steps]
@@ -190,7 +173,8 @@ def _matrices(report: Report, rows: list[dict[str, Any]], penalties: np.ndarray,
         'inertia, a very large one is seldom met, and between the two it is a matter of phase whether a run meets '
         'such a place. That is the erratic middle range. Above 1 from the penalty '
         + ', '.join(f'{p:g} at {h * 1e3:g} ms' for h, p in onset.items() if np.isfinite(p))
-        + f' (of those computed). At the penalty of the conserving setting, {own:g}, it is at most {largest:.2g}. Runs lost on the whole map, by scheme: '
+        + f' (of those computed). At the penalty of the conserving setting, {own:g}, it is at most '
+        f'{largest:.2g}. Runs lost on the whole map, by scheme: '
         + ', '.join(f'{scheme} {count}' for scheme, count in lost.items())
         + '; damping (rho_inf < 1) takes a kick away that the undamped scheme carries on, which is why the default setting can have '
         f'{IntegratorSettings().penalty:g}.',

@@ -12,6 +12,7 @@ from mbd_sim_ros.study.crank_history import Run
 CONFIRMED, CONDITION, NOT_REPRODUCED = 'confirmed', 'confirmed with a condition', 'not reproduced'
 LARGE = 2.0  # a factor from which on a variation is called significant
 MORE = 1.2  # a factor from which on a number of iterations is called larger
+RELATIVE_LOSS = 1e-8  # relative error of a solution that spoils an iteration to the default tolerance
 SAME = 1e-9  # J, between runs that differ by rounding only
 
 
@@ -23,15 +24,21 @@ class Claim(NamedTuple):
     why: str
 
 
-def judge(isolated: np.ndarray, coupled: np.ndarray, runs: dict[str, Run], penalties: np.ndarray, duration: float) -> list[Claim]:
-    """All claims. isolated, coupled: (angles, rows) effective masses; runs by the labels of slider_crank.study."""
+def judge(
+    isolated: np.ndarray, coupled: np.ndarray, runs: dict[str, Run], conditions: list[dict[str, float]], duration: float
+) -> list[Claim]:
+    """All claims. isolated, coupled: (angles, rows) effective masses; runs by the labels of slider_crank.study.
+
+    conditions: numbers of condition by penalty, condensed and block.
+    """
+    penalties = np.array([row['penalty'] for row in conditions])
     return [
         _masses(isolated, coupled),
         _right_mass(runs['m']),
         _wrong_mass(runs, duration),
         _range(runs, penalties),
         _small(runs, penalties),
-        _excessive(runs, penalties),
+        _excessive(runs, conditions),
         _m_alf(runs),
     ]
 
@@ -77,13 +84,17 @@ def _wrong_mass(runs: dict[str, Run], duration: float) -> Claim:
         else f'not the same run as xi/10 (energies differ by {difference:.1e} J)'
     )
     constant = runs['m/10, constant']
+    condition = ''
+    if constant.outcome != 'ok' and not ends:
+        condition = 'The collapse is there only while penalties are constant: raising them is enough to prevent it. '
     return Claim(
         'With m_R/10 the step falls until the run stops near 16 s, energy drops and penalties grow a hundredfold',
-        _verdict(ends and shrinks and grows, shrinks or grows or worse),
+        _verdict(ends and shrinks and grows, shrinks or grows or worse or constant.outcome != 'ok'),
         f'{wrong.outcome} after {wrong.until:g} of {duration:g} s, smallest step {wrong.smallest_step * 1e3:.3g} ms, largest penalty '
-        f'{wrong.largest_penalty:g} ({right.largest_penalty:g} with m_R), energy error {wrong.energy_error:.1e} J ({right.energy_error:.1e} '
-        f'with m_R), {wrong.iterations:.2f} iterations per step ({right.iterations:.2f}). With constant penalties: {constant.outcome} '
-        f'after {constant.until:g} s. It is {disguise}.',
+        f'{wrong.largest_penalty:g} ({right.largest_penalty:g} with m_R), energy error {wrong.energy_error:.1e} J '
+        f'({right.energy_error:.1e} with m_R), {wrong.iterations:.2f} iterations per step ({right.iterations:.2f}). With constant '
+        f'penalties: {constant.outcome} after {constant.until:g} s, smallest step '
+        f'{constant.smallest_step * 1e3:.3g} ms. {condition}It is {disguise}.',
     )
 
 
@@ -125,21 +136,24 @@ def _small(runs: dict[str, Run], penalties: np.ndarray) -> Claim:
     )
 
 
-def _excessive(runs: dict[str, Run], penalties: np.ndarray) -> Claim:
-    large = [float(p) for p in penalties if p > 1e4]
-    bad = {form: [p for p in large if not runs[f'xi {p:g}{form}'].kept_step] for form in ('', ', block')}
-    only_condensed = [p for p in bad[''] if p not in bad[', block']]
-    if only_condensed:
-        why = f'At {_names(only_condensed)} the block form, whose matrix is well-conditioned, keeps its step: there it is ill-conditioning.'
-    elif bad['']:
-        why = 'The block form, whose matrix is well-conditioned, does no better, so it is not ill-conditioning of the matrix.'
-    else:
-        why = 'No penalty of the map is excessive.'
+def _excessive(runs: dict[str, Run], conditions: list[dict[str, float]]) -> Claim:
+    large = [row['penalty'] for row in conditions if row['penalty'] > 1e4]
+    bad = {form: [p for p in large if not _good(runs[f'xi {p:g}{form}'])] for form in ('', ', block')}
+    at = {row['penalty']: row for row in conditions}
+    worst = {form: max(at[p][form] for p in large) for form in ('condensed', 'block')}
+    suffers = {form: min((at[p][form] for p in bad[key]), default=np.inf) for form, key in (('condensed', ''), ('block', ', block'))}
+    # ill-conditioning explains a failure only where rounding times the condition number is not small
+    rounding = {form: np.finfo(float).eps * number for form, number in suffers.items() if np.isfinite(number)}
+    explained = [form for form, loss in rounding.items() if loss > RELATIVE_LOSS]
     return Claim(
         'Excessive penalties fail because they make the matrix ill-conditioned',
-        _verdict(bool(bad['']) and bad[''] == only_condensed, bool(only_condensed)),
-        f'Step reduced or run lost above 1e4: condensed {_names(bad[""])}; block {_names(bad[", block"])}. {why} What a large penalty does '
-        'beside a singular position is shown by `mbd study penalty_map`.',
+        _verdict('condensed' in explained, bool(explained)),
+        f'Step reduced, run lost or energy limit missed above 1e4: condensed {_names(bad[""])}; block {_names(bad[", block"])}. '
+        f'Largest condition numbers: condensed {worst["condensed"]:.1e}, block {worst["block"]:.1e}. '
+        'Rounding times the condition number at the first failure: '
+        + (', '.join(f'{form} {loss:.1e}' for form, loss in rounding.items()) or 'no failure')
+        + f'; above {RELATIVE_LOSS:g} it counts as the cause. With redundant rows the block matrix tends to a singular one as 1/xi '
+        'goes to 0, so that form is not better here. What a large penalty does beside a singular position: `mbd study penalty_map`.',
     )
 
 
@@ -149,9 +163,9 @@ def _m_alf(runs: dict[str, Run]) -> Claim:
     def worse(run: Run) -> bool:
         return (alf.kept_step and not run.kept_step) or run.until < alf.until or run.iterations > MORE * alf.iterations
 
-    said = lambda run: (
-        f'{run.outcome} after {run.until:g} s, {run.iterations:.2f} iterations, smallest step {run.smallest_step * 1e3:.3g} ms'
-    )  # noqa: E731
+    def said(run: Run) -> str:
+        return f'{run.outcome} after {run.until:g} s, {run.iterations:.2f} iterations, smallest step {run.smallest_step * 1e3:.3g} ms'
+
     verdict = NOT_REPRODUCED if not worse(same) else CONFIRMED if worse(fair) else CONDITION
     condition = {
         CONFIRMED: 'It is worse at the fair penalty too.',

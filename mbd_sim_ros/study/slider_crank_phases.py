@@ -1,4 +1,4 @@
-"""The slider-crank from many starting phases with many steps: failures, wrong branches, errors, order, and which settings keep all limits."""
+"""The slider-crank from many starting phases with many steps: failures, branches, errors, order; which settings keep all limits."""
 
 from __future__ import annotations
 

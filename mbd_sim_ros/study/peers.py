@@ -1,0 +1,87 @@
+"""Other programs beside ours: a planar model as plain numbers, and Exudyn run on it in a process of its own.
+
+MBD_EXUDYN_PYTHON may name the Python that has exudyn; otherwise it is the one that runs this (extra `bench`).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from solver.elements.marker import WORLD
+from solver.errors import SpecError
+from solver.simulation import Simulation
+
+PYTHON = 'MBD_EXUDYN_PYTHON'
+PROGRAM = Path(__file__).with_name('exudyn_peer.py')
+
+
+def planar(simulation: Simulation, joint: str, instants: np.ndarray) -> dict[str, Any]:
+    """A mechanism in the x-y plane, as exudyn_peer wants it, observed in the coordinate of a joint. Bodies fixed to the world vanish.
+
+    Raises SpecError for what has no planar counterpart here.
+    """
+    spec, state = simulation.scene.model, simulation.state
+    fixed = {WORLD} | {j.j.body for j in spec.joints if j.kind == 'fixed' and j.i.body == WORLD}
+    moving = [k for k, body in enumerate(spec.bodies) if body.name not in fixed]
+    number = {spec.bodies[k].name: n for n, k in enumerate(moving)} | dict.fromkeys(fixed, -1)
+    centre = {body.name: np.array(body.com) for body in spec.bodies}
+
+    def point(marker: Any) -> list[float]:
+        return [float(x) for x in (np.array(marker.position) - (centre[marker.body] if number[marker.body] >= 0 else 0.0))[:2]]
+
+    bodies = []
+    for k in moving:
+        q, v = state.q[k], state.v[k]
+        phi = 2.0 * float(np.arctan2(q[5], q[6]))
+        bodies.append(
+            {'m': spec.bodies[k].mass, 'I': spec.bodies[k].inertia[2], 'x': q[0], 'y': q[1], 'phi': phi, 'vx': v[0], 'vy': v[1], 'w': v[5]}
+        )
+    model: dict[str, Any] = {
+        'bodies': [{key: float(value) for key, value in body.items()} for body in bodies],
+        'revolutes': [],
+        'sliders': [],
+        'springs': [],
+        'torques': [],
+        'gravity': float(spec.gravity[1]),
+        'instants': [float(t) for t in instants],
+    }
+    for j in spec.joints:
+        if j.kind == 'revolute':
+            model['revolutes'].append([number[j.i.body], point(j.i), number[j.j.body], point(j.j)])
+        elif j.kind == 'prismatic':
+            model['sliders'].append(number[j.j.body])
+        elif not (j.kind == 'fixed' and j.j.body in fixed):
+            raise SpecError(f'joint {j.name!r}: kind = {j.kind!r}: has no planar counterpart')
+        if j.name == joint:
+            model['observe'] = [number[j.j.body], 0 if j.kind == 'prismatic' else 2]
+    for s in spec.spring_dampers:
+        model['springs'].append(
+            [number[s.i.body], point(s.i), number[s.j.body], point(s.j), s.free_length, s.spring.slope[0], s.damper.slope[0]]
+        )
+    for f in spec.coordinate_forces:
+        name = next(n for n, _ in f.terms)
+        model['torques'].append([number[next(j.j.body for j in spec.joints if j.name == name)], -f.preload])
+    return model
+
+
+def exudyn(model: dict[str, Any], runs: list[dict[str, float]]) -> tuple[str, list[dict[str, Any]]]:
+    """(version, result of every run). Raises SpecError with one sentence if Exudyn is not there."""
+    interpreter = os.environ.get(PYTHON, sys.executable)
+    try:
+        done = subprocess.run(
+            [interpreter, '-P', str(PROGRAM)], input=json.dumps({**model, 'runs': runs}), capture_output=True, text=True, check=True
+        )
+    except (OSError, subprocess.CalledProcessError) as error:
+        last = (getattr(error, 'stderr', None) or str(error)).strip().splitlines()[-1]
+        raise SpecError(
+            f"Exudyn is left out ({last}); install it with pip install 'mbd_sim_ros[bench]', or name a Python that has it in {PYTHON}"
+        ) from None
+    found = json.loads(done.stdout.strip().splitlines()[-1])
+    return found['version'], found['results']
