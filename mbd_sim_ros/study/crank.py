@@ -14,9 +14,9 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from solver.audit import dense_jacobian
-from solver.errors import StepError
+from solver.errors import ConsistencyError, StepError
 from solver.lie.so3 import quaternion_exp
-from solver.scene import CoordinateStart, Scene, Start, load_scene
+from solver.scene import Scene, Start, load_scene
 from solver.simulation import Simulation, simulation_of
 
 G = 9.81
@@ -85,16 +85,24 @@ def scene_at(theta: float, h: float, settings: dict[str, Any]) -> Scene:
     """
     scene = load_scene('slider_crank')
     ground, crank, rod, slider = (next(b for b in scene.model.bodies if b.name == name) for name in BODIES)
+    rate = float(crank_rate(theta, slider.mass))
+    cos, sin = float(np.cos(theta)), float(np.sin(theta))
+    # All velocities are given: beside a singular position one rate alone does not determine the others accurately.
     turned = (
         ground,
-        crank.replace(orientation=quaternion_exp((0.0, 0.0, theta))),
-        rod.replace(position=(np.cos(theta), np.sin(theta), 0.0), orientation=quaternion_exp((0.0, 0.0, -theta))),
-        slider.replace(position=(2 * np.cos(theta), 0.0, 0.0)),
+        crank.replace(orientation=quaternion_exp((0.0, 0.0, theta)), angular_velocity=(0.0, 0.0, rate)),
+        rod.replace(
+            position=(cos, sin, 0.0),
+            orientation=quaternion_exp((0.0, 0.0, -theta)),
+            velocity=(-sin * rate, cos * rate, 0.0),
+            angular_velocity=(0.0, 0.0, -rate),
+        ),
+        slider.replace(position=(2 * cos, 0.0, 0.0), velocity=(-2 * sin * rate, 0.0, 0.0)),
     )
     return dataclasses.replace(
         scene,
         model=dataclasses.replace(scene.model, bodies=turned),
-        start=Start(coordinates={'crank': CoordinateStart(rate=float(crank_rate(theta, slider.mass)))}),
+        start=Start(),
         integrator=type(scene.integrator)(h=h, **settings),
     )
 
@@ -106,8 +114,7 @@ def slider_mass() -> float:
 
 def jacobian(theta: float) -> tuple[np.ndarray, np.ndarray]:
     """(A (nc, n), M (n, n)) at a crank angle on the right branch."""
-    scene = scene_at(theta, 1e-3, {})
-    simulation = Simulation(dataclasses.replace(scene, start=Start()))  # at rest: at the singular position itself no rate is consistent
+    simulation = Simulation(scene_at(theta, 1e-3, {}))
     bodies = simulation.model.tables.bodies
     n = simulation.model.n_bodies
     M = np.zeros((6 * n, 6 * n))
@@ -130,7 +137,10 @@ class Passage(NamedTuple):
 
 def passage(theta: float, angle: float, h: float, settings: dict[str, Any], duration: float = DURATION) -> Passage:
     """Run from crank angle theta; `angle` is the exact one after the duration [rad]."""
-    simulation = simulation_of(scene_at(theta, h, settings))
+    try:
+        simulation = simulation_of(scene_at(theta, h, settings))
+    except ConsistencyError as error:
+        return Passage('failed', 0.0, np.nan, np.nan, 0.0, str(error))
     start = simulation.snapshot().joint_position
     look, steps = max(1, round(LOOK_EVERY / h)), round(duration / h)
     try:

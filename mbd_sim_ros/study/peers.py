@@ -61,10 +61,9 @@ def planar(simulation: Simulation, joint: str, instants: np.ndarray) -> dict[str
             raise SpecError(f'joint {j.name!r}: kind = {j.kind!r}: has no planar counterpart')
         if j.name == joint:
             model['observe'] = [number[j.j.body], 0 if j.kind == 'prismatic' else 2]
+    rate = lambda law: 0.0 if law is None else law.slope[0]  # noqa: E731
     for s in spec.spring_dampers:
-        model['springs'].append(
-            [number[s.i.body], point(s.i), number[s.j.body], point(s.j), s.free_length, s.spring.slope[0], s.damper.slope[0]]
-        )
+        model['springs'].append([number[s.i.body], point(s.i), number[s.j.body], point(s.j), s.free_length, rate(s.spring), rate(s.damper)])
     for f in spec.coordinate_forces:
         name = next(n for n, _ in f.terms)
         model['torques'].append([number[next(j.j.body for j in spec.joints if j.name == name)], -f.preload])

@@ -190,7 +190,7 @@ def _power(found: list[dict[str, float]], h: float) -> float:
         if row['h'] == h:
             largest[row['penalty']] = max(largest.get(row['penalty'], 0.0), row['growth'])
     pairs = [(np.log(p), np.log(g)) for p, g in largest.items() if g > 1.0 and p < NEAR[0] ** -2]
-    return float(np.polyfit(*zip(*pairs, strict=True), 1)[0]) if len(pairs) > 1 else float('nan')
+    return float(np.polyfit([p for p, _ in pairs], [g for _, g in pairs], 1)[0]) if len(pairs) > 1 else float('nan')
 
 
 def _maps(rows: list[dict[str, Any]], phases: int, steps: tuple[float, ...], penalties: np.ndarray) -> Any:

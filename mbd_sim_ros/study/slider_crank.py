@@ -11,7 +11,6 @@ from mbd_sim_ros.study import Progress, crank, slider_crank_claims
 from mbd_sim_ros.study.crank_history import START, Run, record
 from mbd_sim_ros.study.report import COLOURS, Report, figure
 from solver.integrators.augmented_lagrangian import coefficients
-from solver.scene import Start
 from solver.simulation import Simulation
 
 SUMMARY = "the chapter's figures 1 and 2 for the 26-constraint slider-crank, and a judgement of each of its claims"
@@ -94,10 +93,8 @@ def study(out: Path, *, quick: bool, progress: Progress) -> dict:
 def masses(theta: np.ndarray) -> tuple[tuple[str, ...], np.ndarray, np.ndarray]:
     """(row names, isolated m_R, coupled m_R), both (len(theta), 26), at crank angles on the right branch."""
     isolated, coupled = [], []
-    scene = crank.scene_at(START, H, {})
     for angle in theta:
-        placed = crank.scene_at(float(angle), H, {}).model
-        simulation = Simulation(type(scene)(**{**scene.__dict__, 'model': placed, 'start': Start()}))
+        simulation = Simulation(crank.scene_at(float(angle), H, {}))
         isolated.append([c.m for c in simulation.constraint_coefficients().values()])
         coupled.append([c.m for c in simulation.constraint_coefficients(coupled=True).values()])
     return tuple(simulation.model.row_names), np.array(isolated), np.array(coupled)

@@ -56,7 +56,7 @@ def study(out: Path, *, quick: bool, progress: Progress) -> dict:
     )
     theta = crank.phases(count)
     angles = crank.exact_angles(theta, crank.slider_mass(), np.array([crank.DURATION]))[:, 0]
-    done = 0
+    done = 0.0
     rows: dict[str, list[Row]] = {}
     runs: dict[tuple[str, float], list[Passage]] = {}
     for name, (settings, _) in JUDGED.items():
@@ -91,7 +91,8 @@ def _row(name: str, h: float, runs: list[Passage]) -> Row:
     outcomes = [run.outcome for run in runs]
     failed, wrong = outcomes.count('failed'), outcomes.count('wrong branch')
     iterations = float(np.mean([run.iterations for run in runs]))
-    return Row(name, h, len(runs), failed, wrong, *map(float, energy), *map(float, position), iterations)
+    (e50, e95, e100), (p50, p95, p100) = map(float, energy), map(float, position)
+    return Row(name, h, len(runs), failed, wrong, e50, e95, e100, p50, p95, p100, iterations)
 
 
 def _check(report: Report, name: str, rows: list[Row], limits: str) -> None:
