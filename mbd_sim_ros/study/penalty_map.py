@@ -22,6 +22,7 @@ SCHEMES = {
     'conserving': crank.CONSERVING,
     'tolerance': {'rho_inf': 0.9, 'mode': 'tolerance'},
 }
+MIDDLE = (1e4, 1e8)  # penalties that are neither too small for the iterations nor spoiled by rounding
 PLATEAU = 2.0  # position errors within this factor of those at the penalty of the scheme are called the same
 NEAR = np.geomspace(1e-4, 1.0, 25)
 OFFSETS = np.concatenate([-NEAR[::-1], NEAR])  # end of the step behind the singular position, in steps
@@ -165,7 +166,9 @@ def _matrices(report: Report, rows: list[dict[str, Any]], penalties: np.ndarray,
     report.table('growth', worst)
     powers = [_power(found, h) for h in steps]
     exponent = ', '.join(f'{power:.2f} at {h * 1e3:g} ms' for h, power in zip(steps, powers, strict=True) if np.isfinite(power))
-    lost = {scheme: sum(row['lost'] for row in rows if row['scheme'] == scheme) for scheme in SCHEMES}
+    middle = [row for row in rows if MIDDLE[0] <= row['penalty'] <= MIDDLE[1]]
+    lost = {scheme: sum(row['lost'] for row in middle if row['scheme'] == scheme) for scheme in SCHEMES}
+    outside = {form: sum(row['lost'] for row in rows if row['form'] == form and row['penalty'] > MIDDLE[1]) for form in FORMS}
     report.text(
         'Where it exceeds 1 it grows with the penalty to the power ' + (exponent or '(not seen here)') + ' (0.5 from theory: the free '
         'direction is seen by a constraint with s = angle, and s_e (s_e - s_s) xi / (1 + xi s_e^2) is largest at s_e = xi^(-1/2)), and '
@@ -174,10 +177,13 @@ def _matrices(report: Report, rows: list[dict[str, Any]], penalties: np.ndarray,
         'such a place. That is the erratic middle range. Above 1 from the penalty '
         + ', '.join(f'{p:g} at {h * 1e3:g} ms' for h, p in onset.items() if np.isfinite(p))
         + f' (of those computed). At the penalty of the conserving setting, {own:g}, it is at most '
-        f'{largest:.2g}. Runs lost on the whole map, by scheme: '
+        f'{largest:.2g}. Runs lost at penalties from {MIDDLE[0]:g} to {MIDDLE[1]:g}, by scheme: '
         + ', '.join(f'{scheme} {count}' for scheme, count in lost.items())
         + '; damping (rho_inf < 1) takes a kick away that the undamped scheme carries on, which is why the default setting can have '
-        f'{IntegratorSettings().penalty:g}.',
+        f'{IntegratorSettings().penalty:g}. Smaller penalties do not enforce the constraints in the iterations there are; larger ones lose '
+        'to rounding: '
+        + ', '.join(f'{form} form {count}' for form, count in outside.items())
+        + ' runs lost there (with redundant rows the block matrix tends to a singular one).',
     )
     report.figure('growth', _growth(found, penalties, steps), 'Growth of an error per iteration beside a singular position')
     return worst
@@ -214,7 +220,7 @@ def _maps(rows: list[dict[str, Any]], phases: int, steps: tuple[float, ...], pen
             ax.set_yticks(range(len(steps)), [f'{h * 1e3:g} ms' for h in steps], fontsize=7)
     for ax in axes[-1]:
         ax.set_xlabel('penalty')
-    new.colorbar(image, ax=axes, shrink=0.8)
+    new.colorbar(image, ax=axes, shrink=0.8, label='log10 of the slider error [m]')
     return new
 
 
