@@ -14,6 +14,7 @@ from solver.reference import Ref
 
 RANK_TOLERANCE = 1e-8  # of rows scaled to unit norm in the metric of the masses
 CLOSED = 1e-13  # m or rad
+DIFFERENCE = 1e-6  # m, rad or their rates
 INTERNAL_STEP = 1e-4  # s; the kernels solve z = zp + cz dz/dt, which gives dz/dt for any small cz
 
 
@@ -42,10 +43,19 @@ class Equations:
         self.model, self.tables, self.outputs, self.inputs = model, t, outputs, inputs
         self.n = 6 * model.n_bodies
         self.holonomic = t.constraints.holonomic == 1
+        self._sampled = (np.nan, np.zeros(0))
         self.angle = angle.copy()  # of the last accepted step: rotations are continued from it
         self.evaluations = 0
         nb, nc, ns = model.n_bodies, model.n_rows, model.n_slots
         self._kin = Ref(new_kinematics(nb))
+        on = {tire.marker.body for tire in model.spec.tires} | {
+            marker.body
+            for brake in model.spec.brakes
+            for joint in model.spec.joints
+            if joint.name == brake.coordinate.partition('/')[0]
+            for marker in (joint.i, joint.j)
+        }
+        self._state_bodies = [b for b, name in enumerate(model.body_names) if name in on]  # whose motion internal states depend on
         self._coordinates = Ref(t.coordinates)
         self._f = np.zeros((nb + 1, 6))
         self._Kq, self._Kv = np.zeros((ns + 1, 6, 6)), np.zeros((ns + 1, 6, 6))
@@ -71,6 +81,12 @@ class Equations:
         """Place the bodies; all other methods refer to this configuration."""
         fill_kinematics(q, v, self._kin)
 
+    def _inputs(self, t: float) -> np.ndarray:
+        """Inputs at t; sampling a maneuver costs more than an evaluation of the forces, and an instant is asked for several times."""
+        if self._sampled[0] != t:
+            self._sampled = (t, self.inputs(t))
+        return self._sampled[1]
+
     def accept(self, motion: Motion) -> None:
         """Continue rotations from this motion on."""
         self.move_to(motion.q, motion.v)
@@ -78,7 +94,7 @@ class Equations:
 
     def constraints(self, t: float) -> Rows:
         """Rows at the current placement."""
-        u = self.inputs(t)
+        u = self._inputs(t)
         evaluate_constraints(self.tables, self._kin, self.angle, u, self._phi, self._J)
         constraint_input_rates(self.tables, u, self._phi_t, self._phi_tt)
         A = np.zeros((self.model.n_rows, self.model.n_bodies, 6))
@@ -91,7 +107,7 @@ class Equations:
         self.evaluations += 1
         z = np.zeros_like(zp)
         evaluate_forces(
-            self.tables, self._kin, self.angle, zp, cz, self.inputs(t), tangents, self._f, self._Kq, self._Kv, z, self.outputs
+            self.tables, self._kin, self.angle, zp, cz, self._inputs(t), tangents, self._f, self._Kq, self._Kv, z, self.outputs
         )  # fmt: skip
         return self._f[:-1].ravel().copy(), z
 
@@ -112,15 +128,38 @@ class Equations:
 
     def rate_gradients(self, v: np.ndarray) -> np.ndarray:
         """d(A v)/dq (nc, 6 nb) with v (6 nb,) held: one evaluation of the second derivatives for every row."""
-        out = np.zeros((self.model.n_rows, self.n))
+        out = np.zeros((self.model.n_rows, self.model.n_bodies, 6))
         unit = np.zeros(self.model.n_rows)
+        left = v.reshape(-1, 1, 6)[self.tables.block_row[1:]]
         for row in range(len(unit)):
             unit[row] = 1.0
             self._Kq[:] = 0.0
             add_constraint_stiffness(self.tables, self._kin, unit, self._Kq, self._Kv)
-            out[row] = v @ self._dense(self._Kq)
+            np.add.at(out[row], self.tables.block_col[1:], (left @ self._Kq[1:])[:, 0])
             unit[row] = 0.0
-        return out
+        return out.reshape(-1, self.n)
+
+    def internal_gradients(self, t: float, motion: Motion, zp: np.ndarray, cz: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+        """(df/dzp (6 nb, nz), dz/dzp (nz, nz), dz/dq (nz, 6 nb), dz/dv (nz, 6 nb)) of forces() at zp, cz, by central differences: the
+        kernels report what the forces lose by eliminating z, not z itself. Leaves the bodies at the motion."""
+        nz = len(zp)
+        f_z, z_z, z_q, z_v = np.zeros((self.n, nz)), np.zeros((nz, nz)), np.zeros((nz, self.n)), np.zeros((nz, self.n))
+        for k, d in enumerate(DIFFERENCE * np.eye(nz)):
+            (f1, z1), (f0, z0) = self.forces(t, zp + d, cz), self.forces(t, zp - d, cz)
+            f_z[:, k], z_z[:, k] = (f1 - f0) / (2 * DIFFERENCE), (z1 - z0) / (2 * DIFFERENCE)
+        for b in self._state_bodies:
+            for i, d in enumerate(DIFFERENCE * np.eye(6)):
+                for out, q_step, v_step in ((z_q, d, 0.0 * d), (z_v, 0.0 * d, d)):
+                    sides = []
+                    for s in (1.0, -1.0):
+                        q, v = motion.q.copy(), motion.v.copy()
+                        q[b : b + 1] = moved(q[b : b + 1], s * q_step[None, :])
+                        v[b] += s * v_step
+                        self.move_to(q, v)
+                        sides.append(self.forces(t, zp, cz)[1])
+                    out[:, 6 * b + i] = (sides[0] - sides[1]) / (2 * DIFFERENCE)
+        self.move_to(motion.q, motion.v)
+        return f_z, z_z, z_q, z_v
 
     def _dense(self, K: np.ndarray) -> np.ndarray:
         nb = self.model.n_bodies

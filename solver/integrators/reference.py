@@ -23,6 +23,7 @@ from collections.abc import Callable
 import numpy as np
 from scipy.integrate import DOP853
 from scipy.linalg import qr
+from scipy.sparse import csc_matrix
 
 from solver.errors import SpecError, StepError
 from solver.integrators.equations import INTERNAL_STEP, RANK_TOLERANCE, Equations, Motion, quaternion_rate, skew
@@ -30,6 +31,7 @@ from solver.model.tables import Model
 
 WORN = 0.03  # rows are chosen anew when their smallest singular value is below this part of what another choice has
 LONGEST_STEP = 0.02  # s; at rest a method would step over the inputs that end it
+LARGE = 200  # unknowns from which matrices are worth a sparse or blocked factorization
 UNIT_RATE = 10.0  # 1/s, by which the norm of quaternions returns to one
 METHODS = {
     'reference_bdf': ('scipy_dae', 'BDFDAE'),
@@ -130,13 +132,14 @@ class Stabilised:
         y = np.concatenate([self.layout.pack(motion), np.zeros(self.size - end)])
         yp = np.concatenate([self.layout.rate(y, y[self.layout.v]), a, zd, lam, np.zeros(len(self.closing))])
         options = {'rtol': self.tolerance, 'atol': self.tolerance, 'max_step': LONGEST_STEP}
-        smooth = not e.model.n_internal  # the derivatives of internal states are not known analytically
         if self.kind == 'reference_ida':
-            self.solver = self.method(self._ida_residual, max_num_steps=1_000_000, jacfn=self._ida_jacobian if smooth else None, **options)
+            large = {'linsolver': 'lapackdense'} if self.size > LARGE else {}
+            self.solver = self.method(self._ida_residual, max_num_steps=1_000_000, jacfn=self._ida_jacobian, **large, **options)
             self.solver.init_step(t, y, yp)
         else:
             first = 1e-3 * self.tolerance**0.25
-            self.solver = self.method(self.residual, t, y, yp, np.inf, first_step=first, jac=self.jacobians if smooth else None, **options)
+            jac = self._sparse_jacobians if self.size > LARGE else self.jacobians
+            self.solver = self.method(self.residual, t, y, yp, np.inf, first_step=first, jac=jac, **options)
         self.t = t
 
     def _independent_rows(self, t: float, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
@@ -174,7 +177,7 @@ class Stabilised:
         return out
 
     def jacobians(self, t: float, y: np.ndarray, yp: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """(dF/dy, dF/dy'), without the derivative of A^T dMu/dt, which vanishes on the solution. Models without internal states."""
+        """(dF/dy, dF/dy'), without the derivative of A^T dMu/dt, which vanishes on the solution."""
         e, s, nb = self.equations, self.layout, self.layout.nb
         q, v, z = s.unpack(y)
         e.move_to(q, v)
@@ -182,7 +185,10 @@ class Stabilised:
         A, closing = all_rows[self.rows], all_rows[self.closing]
         lam = np.zeros(e.model.n_rows)
         lam[self.rows] = yp[self.Lam]
-        e.forces(t, z, 0.0, tangents=True)
+        cz = INTERNAL_STEP
+        zp = z - cz * yp[s.z]
+        f_z, z_z, z_q, z_v = e.internal_gradients(t, Motion(q, v, z), zp, cz)
+        e.forces(t, zp, cz, tangents=True)
         Kq, Kv = e.stiffness(lam)
         Av_q = e.rate_gradients(y[s.v])[self.rows]
         Q, w = y[s.q].reshape(-1, 7)[:, 3:], y[s.v].reshape(-1, 6)[:, 3:]
@@ -209,10 +215,17 @@ class Stabilised:
         Jy[s.q, s.v] = -H
         Jy[s.v, s.q] = -Kq @ D
         Jy[s.v, s.v] = -Kv
+        Jy[s.v, s.z], Jp[s.v, s.z] = -f_z, cz * f_z
+        Jy[s.z, s.q], Jy[s.z, s.v] = -z_q @ D / cz, -z_v / cz
+        Jy[s.z, s.z], Jp[s.z, s.z] = (np.eye(len(z)) - z_z) / cz, z_z
         Jy[self.Lam, s.q] = Av_q @ D
         Jy[self.Lam, s.v] = A
         Jy[self.Mu, s.q] = closing @ D
         return Jy, Jp
+
+    def _sparse_jacobians(self, t: float, y: np.ndarray, yp: np.ndarray) -> tuple[csc_matrix, csc_matrix]:
+        Jy, Jp = self.jacobians(t, y, yp)
+        return csc_matrix(Jy), csc_matrix(Jp)
 
     def _ida_residual(self, t, y, yp, res) -> None:
         res[:] = self.residual(t, y, yp)
