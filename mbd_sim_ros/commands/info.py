@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import argparse
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from mbd_sim_ros.commands import Result, add_scene, declare, table
+from solver.errors import MbdError
+
+if TYPE_CHECKING:
+    from solver.scene import Scene
 
 
 def add(parsers: Any) -> None:
     """Declare the command."""
     parser = declare(parsers, 'info', run, 'show what a scene consists of', 'mbd info slider_crank')
     add_scene(parser)
+    parser.add_argument('--brief', action='store_true', help='leave out the figures of a vehicle, which take some seconds')
     parser.add_argument('--resolved', action='store_true', help='print the scene as one YAML text, with every include and --set in place')
 
 
@@ -19,6 +24,7 @@ def run(args: argparse.Namespace) -> Result:
     """Load, compile and count."""
     from solver.scene import load_scene
     from solver.simulation import simulation_of
+    from solver.vehicle.figures import is_vehicle
 
     scene = load_scene(args.scene, args.overrides)
     if args.resolved:
@@ -39,8 +45,32 @@ def run(args: argparse.Namespace) -> Result:
         'duration': scene.duration,
         'steps': scene.steps,
     }
-    rows = [(key.replace('_', ' '), _text(value)) for key, value in data.items() if key != 'status' and value not in ('', [], {})]
-    return Result(data=data, text=table(rows))
+    text = ''
+    if not args.brief and is_vehicle(scene.model):
+        data['figures'], text = _figures(scene)
+    rows = [(key.replace('_', ' '), _text(value)) for key, value in data.items() if key not in ('status', 'figures') and value not in ('', [], {})]
+    return Result(data=data, text=table(rows) + text)
+
+
+def _figures(scene: Scene) -> tuple[dict[str, Any], str]:
+    """The figures of the vehicle of a scene, standing on a flat road: (an object for JSON in SI units, a table)."""
+    from solver.vehicle.figures import USUAL, figures, standing
+
+    try:
+        found = figures(standing(scene))
+    except MbdError as error:
+        return {'error': str(error)}, f'\n\nno figures of the vehicle: {error}'
+    data = {}
+    rows: list[tuple[str, ...]] = [('figure', 'value', 'passenger cars', '', 'source')]
+    for name, usual in USUAL.items():
+        if name not in found:
+            continue
+        within = usual.low <= found[name] <= usual.high
+        data[name] = {'value': found[name], 'low': usual.low, 'high': usual.high, 'within': within, 'source': usual.source}
+        value, low, high = (f'{x * usual.factor:.4g}' for x in (found[name], usual.low, usual.high))
+        rows.append((usual.text, f'{value} {usual.unit}', f'{low} to {high}', '' if within else 'OUTSIDE', usual.source))
+    others = {name: {'value': value} for name, value in found.items() if name not in USUAL}
+    return data | others, '\n\n' + table(rows)
 
 
 def _text(value: object) -> str:

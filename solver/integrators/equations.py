@@ -139,7 +139,9 @@ class Equations:
             unit[row] = 0.0
         return out.reshape(-1, self.n)
 
-    def internal_gradients(self, t: float, motion: Motion, zp: np.ndarray, cz: float) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    def internal_gradients(
+        self, t: float, motion: Motion, zp: np.ndarray, cz: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """(df/dzp (6 nb, nz), dz/dzp (nz, nz), dz/dq (nz, 6 nb), dz/dv (nz, 6 nb)) of forces() at zp, cz, by central differences: the
         kernels report what the forces lose by eliminating z, not z itself. Leaves the bodies at the motion."""
         nz = len(zp)

@@ -1,141 +1,80 @@
-"""Figures of a vehicle, computed from its own model: masses, modes of vibration, kinematics and compliance, understeer.
+"""Figures of a vehicle, computed from its own model, and where those of passenger cars lie.
 
-They work on any vehicle model with tires whose corners are called front_left ... and that has the coordinates wheel_<corner> and
-travel_<corner> (docs/vehicle.md). Angles in rad, SI units; signs:
-
-    toe      positive: toe-in            camber   negative: top inwards
-    steer    road-wheel angle, positive to the left
-
-The rig holds the chassis in its design position, takes the tires off, locks the wheels to their carriers, and prescribes the wheel travels
-and the steering wheel, as a test bench for kinematics and compliance does. Every point of a sweep is a static equilibrium.
+Masses from the specification, modes from the linearised model (solver.vehicle.modes), kinematics and compliance from a bench
+(solver.vehicle.rig), understeer and roll from a run. Angles in rad, SI units.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import dataclasses
 from typing import NamedTuple
 
 import numpy as np
-import scipy.linalg
 
-from solver.audit import dense_jacobian
-from solver.channels import new_outputs
-from solver.consistent import Start
-from solver.dynamics import add_constraint_stiffness, evaluate_forces, prepare
-from solver.elements.applied_force import AppliedForceSpec
-from solver.elements.coupler import CouplerSpec
-from solver.elements.joint import JointSpec
-from solver.elements.marker import WORLD, Marker
+from solver.elements.road import RoadSpec
 from solver.integrators.settings import IntegratorSettings
-from solver.maneuver import ACCELERATION, RATE, Maneuver
+from solver.maneuver import Maneuver
 from solver.mechanism import matrix
 from solver.model.spec import ModelSpec
-from solver.model.state import State, new_state
-from solver.model.tables import Model
 from solver.scene import Scene
 from solver.scene import Start as SceneStart
 from solver.signals import Ramp
 from solver.simulation import Simulation
-
-AXLES = ('front', 'rear')
-SIDES = {'left': 1.0, 'right': -1.0}
-CORNERS = tuple(f'{axle}_{side}' for axle in AXLES for side in SIDES)
-LOADS = {'fx': ('force', (1.0, 0.0, 0.0)), 'fy': ('force', (0.0, 1.0, 0.0)), 'mz': ('torque', (0.0, 0.0, 1.0))}
-GOOD_PART = 0.3  # of the kinetic energy of a mode
-STEPS = {'travel': 0.03, 'steering': 0.5}  # largest change of an input of the rig at once [m or rad]
-LONG = 1e3  # s; internal states at rest move in proportion to it
+from solver.vehicle.modes import AXLES, named_modes
+from solver.vehicle.rig import CORNERS, Rig, kinematic_figures, wheel_centers
 
 
-class Linear(NamedTuple):
-    """M a + C v + K x = A^T lam, A x = 0 about an equilibrium, dense, in the variations of docs/conventions.md (6 per body)."""
+class Usual(NamedTuple):
+    """A figure of a vehicle: what it is, its unit in text and the factor to it from SI, where passenger cars lie (SI), and who says so."""
 
-    M: np.ndarray
-    C: np.ndarray
-    K: np.ndarray
-    A: np.ndarray
-
-
-@dataclass(frozen=True)
-class Mode:
-    """A mode of vibration: undamped natural frequency [Hz], damping ratio [-], share of the kinetic energy by (body, direction x y z or
-    rx ry rz), largest first."""
-
-    frequency: float
-    damping: float
-    shares: tuple[tuple[str, str, float], ...]
-
-    def share(self, bodies: Sequence[str], directions: Sequence[str]) -> float:
-        """Part of the kinetic energy in some directions of some bodies."""
-        return sum(s for body, direction, s in self.shares if body in bodies and direction in directions)
+    text: str
+    unit: str
+    factor: float
+    low: float
+    high: float
+    source: str
 
 
-def _dense(model: Model, K: np.ndarray) -> np.ndarray:
-    nb, t = model.n_bodies, model.tables
-    D = np.zeros((nb, 6, nb, 6))
-    for s in range(1, model.n_slots + 1):
-        D[t.block_row[s], :, t.block_col[s], :] += K[s]
-    return D.reshape(6 * nb, 6 * nb)
-
-
-def linearised(model: Model, state: State, u: np.ndarray) -> Linear:
-    """The model linearised about a state of rest; contact patches of standing tires are springs and dampers."""
-    start = Start(model, new_outputs(model))
-    at_rest = np.zeros_like(state.v)
-    _, lam = start.acceleration(state.q, at_rest, state.z, state.angle, u)
-    kin = start._constraints(state.q, at_rest, state.angle, u)
-    evaluate_forces(model.tables, kin, state.angle, state.z, LONG, u, True, start.f, start.Kq, start.Kv, start.z, start.outputs)
-    with_contact = start.Kv.copy()
-    evaluate_forces(model.tables, kin, state.angle, state.z, 0.0, u, True, start.f, start.Kq, start.Kv, start.z, start.outputs)
-    C = -_dense(model, start.Kv)
-    contact = -_dense(model, with_contact - start.Kv) / LONG
-    add_constraint_stiffness(model.tables, kin, lam, start.Kq, start.Kv)
-    K = -_dense(model, start.Kq) + contact
-    bodies = model.tables.bodies
-    M = scipy.linalg.block_diag(*(block for m, J in zip(bodies.mass, bodies.inertia, strict=True) for block in (m * np.eye(3), J)))
-    return Linear(M, C, K, dense_jacobian(model, start.J))
-
-
-def eigenvalues(linear: Linear) -> tuple[np.ndarray, np.ndarray]:
-    """(eigenvalues s (2 n,), shapes (6 nb, 2 n)) of motions x exp(s t) that keep the constraints; n degrees of freedom."""
-    Z = scipy.linalg.null_space(linear.A) if len(linear.A) else np.eye(len(linear.M))
-    M, C, K = (Z.T @ X @ Z for X in (linear.M, linear.C, linear.K))
-    n = len(M)
-    upper = np.hstack([np.zeros((n, n)), np.eye(n)])
-    s, X = scipy.linalg.eig(np.vstack([upper, -scipy.linalg.solve(M, np.hstack([K, C]), assume_a='pos')]))
-    return s, Z @ X[:n]
-
-
-def modes(simulation: Simulation) -> list[Mode]:
-    """Oscillating modes of a simulation at rest at its start, by frequency."""
-    model, state = simulation.model, simulation.state
-    linear = linearised(model, state, np.zeros(len(model.spec.inputs)))
-    s, X = eigenvalues(linear)
-    directions = ('x', 'y', 'z', 'rx', 'ry', 'rz')
-    found = []
-    for k in np.flatnonzero(s.imag > 1e-6):
-        shape = X[:, k]
-        energy = (shape.conj() * (linear.M @ shape)).real
-        order = np.argsort(-energy)
-        shares = tuple((model.body_names[i // 6], directions[i % 6], float(energy[i] / energy.sum())) for i in order)
-        found.append(Mode(float(abs(s[k]) / (2 * np.pi)), float(-s[k].real / abs(s[k])), shares))
-    return sorted(found, key=lambda mode: mode.frequency)
-
-
-def named_modes(simulation: Simulation) -> dict[str, Mode]:
-    """The modes a vehicle is known by: the lowest one with a good part of its kinetic energy in the motion that names it."""
-    chassis = simulation.model.spec.chassis or simulation.model.body_names[0]
-    wheels = {axle: [f'{part}_{axle}_{side}' for part in ('wheel', 'upright', 'knuckle') for side in SIDES] for axle in AXLES}
-    wanted = {
-        'bounce': ([chassis], ['z']),
-        'pitch': ([chassis], ['ry']),
-        'roll': ([chassis], ['rx']),
-        **{f'wheel hop {axle}': (wheels[axle], ['z']) for axle in AXLES},
-        'engine bounce': (['engine'], ['z']),
-    }
-    found = modes(simulation)
-    first = {name: next((mode for mode in found if mode.share(*where) > GOOD_PART), None) for name, where in wanted.items()}
-    return {name: mode for name, mode in first.items() if mode is not None}
+R = 'Reimpell, Stoll, Betzler, The Automotive Chassis (2001)'
+G = 'Gillespie, Fundamentals of Vehicle Dynamics (1992)'
+H = 'Heydinger et al., SAE 1999-01-1336'
+DEG = float(np.rad2deg(1.0))
+# The books give orders of magnitude and signs, not limits: the ranges are drawn around what they call usual for a saloon.
+USUAL: dict[str, Usual] = {
+    'mass': Usual('mass', 'kg', 1.0, 1400, 1700, H),
+    'front_share': Usual('share of the front axle', '', 1.0, 0.48, 0.60, H),
+    'wheelbase': Usual('wheelbase', 'm', 1.0, 2.6, 2.8, H),
+    'track_front': Usual('track, front', 'm', 1.0, 1.45, 1.62, H),
+    'track_rear': Usual('track, rear', 'm', 1.0, 1.45, 1.62, H),
+    'com_z': Usual('height of the centre of mass', 'm', 1.0, 0.50, 0.58, H),
+    'roll_inertia': Usual('roll inertia', 'kg m^2', 1.0, 400, 700, H),
+    'pitch_inertia': Usual('pitch inertia', 'kg m^2', 1.0, 2000, 2900, H),
+    'yaw_inertia': Usual('yaw inertia', 'kg m^2', 1.0, 2200, 3100, H),
+    'bounce_frequency': Usual('bounce', 'Hz', 1.0, 1.1, 1.6, G),
+    'bounce_damping': Usual('bounce, damping ratio', '', 1.0, 0.15, 0.40, G),
+    'pitch_frequency': Usual('pitch', 'Hz', 1.0, 1.1, 1.8, G),
+    'roll_frequency': Usual('roll, on standing tires', 'Hz', 1.0, 1.1, 2.2, G),
+    'wheel_hop_front_frequency': Usual('wheel hop, front', 'Hz', 1.0, 10, 15, G),
+    'wheel_hop_rear_frequency': Usual('wheel hop, rear', 'Hz', 1.0, 10, 15, G),
+    'engine_bounce_frequency': Usual('engine bounce', 'Hz', 1.0, 8, 14, R),
+    'wheel_rate_front': Usual('wheel rate, front', 'kN/m', 1e-3, 18e3, 32e3, R),
+    'wheel_rate_rear': Usual('wheel rate, rear', 'kN/m', 1e-3, 18e3, 34e3, R),
+    'roll_stiffness_front': Usual('roll stiffness, front', 'N m/deg', 1.0 / DEG, 3.5e4, 7e4, R),
+    'roll_stiffness_rear': Usual('roll stiffness, rear', 'N m/deg', 1.0 / DEG, 2.5e4, 6e4, R),
+    'roll_center_front': Usual('roll-centre height, front', 'mm', 1e3, 0.0, 0.12, R),
+    'roll_center_rear': Usual('roll-centre height, rear', 'mm', 1e3, 0.05, 0.18, R),
+    'bump_toe_front': Usual('toe by bump, front (out: understeer)', 'deg/m', DEG, -0.12, 0.0, R),
+    'bump_toe_rear': Usual('toe by bump, rear (in: understeer)', 'deg/m', DEG, 0.0, 0.10, R),
+    'bump_camber_front': Usual('camber by bump, front', 'deg/m', DEG, -0.45, -0.10, R),
+    'bump_camber_rear': Usual('camber by bump, rear', 'deg/m', DEG, -0.60, -0.15, R),
+    'lateral_steer_front': Usual('steer by lateral force, front (away: understeer)', 'deg/kN', 1e3 * DEG, -4e-6, 0.0, R),
+    'lateral_steer_rear': Usual('steer by lateral force, rear (towards: understeer)', 'deg/kN', 1e3 * DEG, 0.0, 3e-6, R),
+    'longitudinal_compliance_front': Usual('longitudinal compliance, front', 'mm/kN', 1e6, 1e-6, 6e-6, R),
+    'aligning_steer_front': Usual('steer by aligning moment, front', 'deg/(100 N m)', 1e2 * DEG, 5e-6, 8e-5, R),
+    'steering_ratio': Usual('steering wheel to road wheel', '', 1.0, 13, 18, R),
+    'understeer_gradient': Usual('understeer gradient', 'deg/g', 9.81 * DEG, 0.001, 0.007, G),
+    'roll_gradient': Usual('roll gradient', 'deg/g', 9.81 * DEG, 0.0055, 0.0115, G),
+}
 
 
 def mass_figures(spec: ModelSpec) -> dict[str, float]:
@@ -158,148 +97,6 @@ def mass_figures(spec: ModelSpec) -> dict[str, float]:
         'wheelbase': float(wheelbase), 'track_front': float(track['front']), 'track_rear': float(track['rear']),
         'front_share': float((com[0] - x['rear']) / wheelbase),
     }  # fmt: skip
-
-
-def wheel_centers(spec: ModelSpec) -> dict[str, np.ndarray]:
-    """Corner -> centre of the wheel in the design position (3,) [m]."""
-    bodies = {b.name: b for b in spec.bodies}
-    return {
-        t.name: np.array(bodies[t.marker.body].position) + matrix(bodies[t.marker.body].orientation) @ np.array(t.marker.position)
-        for t in spec.tires
-    }
-
-
-class Rig:
-    """A kinematics and compliance test bench for a vehicle model; see the module."""
-
-    def __init__(self, spec: ModelSpec) -> None:
-        self.spec = spec
-        self.centers = wheel_centers(spec)
-        bodies = {b.name: b for b in spec.bodies}
-        chassis = bodies[spec.chassis or spec.bodies[0].name]
-        carrier = {}
-        for joint in spec.joints:
-            for tire in spec.tires:
-                if joint.name == f'wheel_{tire.name}':
-                    carrier[tire.name] = joint.i.body if joint.j.body == tire.marker.body else joint.j.body
-        rows = [CouplerSpec(name=f'hold_{c}', terms=((f'wheel_{c}', 1.0),)) for c in CORNERS]
-        rows += [CouplerSpec(name=f'travel_{c}', terms=((f'travel_{c}', 1.0),), offset=0.0, input=f'travel_{c}') for c in CORNERS]
-        loads = []
-        for c in CORNERS:
-            b = bodies[carrier[c]]
-            ground = np.array([*self.centers[c][:2], 0.0])
-            x, y, z = (float(v) for v in matrix(b.orientation).T @ (ground - np.array(b.position)))
-            marker = Marker(body=b.name, position=(x, y, z))
-            for n, (kind, direction) in LOADS.items():
-                loads.append(AppliedForceSpec(name=f'{n}_{c}', marker=marker, input=f'{n}_{c}', **{kind: direction}))  # type: ignore[arg-type]
-        names = [n + end for n in (*(f'travel_{c}' for c in CORNERS),) for end in ('', RATE, ACCELERATION)] + [f.name for f in loads]
-        fixed = JointSpec(
-            name='rig',
-            kind='fixed',
-            i=Marker(body=WORLD, position=chassis.position, orientation=chassis.orientation),
-            j=Marker(body=chassis.name),
-        )
-        self.inputs = (*spec.inputs, *names)
-        model = ModelSpec(
-            **{
-                **spec.__dict__,
-                'joints': (*spec.joints, fixed),
-                'couplers': (*spec.couplers, *rows),
-                'applied_forces': (*spec.applied_forces, *loads),
-                'tires': (),
-                'inputs': self.inputs,
-            }
-        )
-        self.model = prepare(model)
-        self.start = Start(self.model, new_outputs(self.model))
-        self.state = new_state(self.model)
-        self._u = np.zeros(len(self.inputs))
-        self.settle({})
-
-    def settle(self, inputs: Mapping[str, float]) -> dict[str, dict[str, float]]:
-        """Equilibrium under the given inputs (travel_<corner> [m], steering [rad], fx_, fy_ [N] or mz_<corner> [N m] at the contact
-        patch); returns by corner toe, camber, steer [rad], x, y of wheel centre and contact patch relative to the design [m],
-        load: vertical force at the wheel [N]."""
-        before, u = self._u, np.array([inputs.get(name, 0.0) for name in self.inputs])
-        limits = np.array([STEPS.get(name.partition('_')[0], np.inf) for name in self.inputs])
-        count = max(1, int(np.ceil(np.max(np.abs(u - before) / limits))))
-        for k in range(1, count + 1):
-            self.start.assemble(self.state, before + (u - before) * (k / count))
-        self.start.equilibrium(self.state, u)
-        self._u = u
-        return {c: self._corner(c) for c in CORNERS}
-
-    def _corner(self, corner: str) -> dict[str, float]:
-        tire = next(t for t in self.spec.tires if t.name == corner)
-        b = self.model.body_names.index(tire.marker.body)
-        side = SIDES[corner.partition('_')[2]]
-        R = matrix(tuple(self.state.q[b, 3:]))
-        center = self.state.q[b, :3] + R @ np.subtract(tire.marker.position, self.spec.bodies[b].com)
-        s = R @ matrix(tire.marker.orientation)[:, 1]
-        up = np.array([0.0, 0.0, 1.0]) - s[2] * s
-        contact = center - self.centers[corner][2] * up / np.linalg.norm(up)
-        at = self.centers[corner]
-        row = self.model.row_names.index(f'travel_{corner}')
-        return {
-            'toe': side * float(np.arctan2(s[0], s[1])),
-            'steer': float(np.arctan2(-s[0], s[1])),
-            'camber': -side * float(np.arcsin(s[2])),
-            'center_x': float(center[0] - at[0]),
-            'center_y': float(center[1] - at[1]),
-            'contact_x': float(contact[0] - at[0]),
-            'contact_y': float(contact[1] - at[1]),
-            'load': float(self.state.lam[row]),
-        }
-
-    def travel(self, values: Sequence[float], *, opposite: bool = False) -> dict[str, dict[str, np.ndarray]]:
-        """Sweep of all wheels in parallel, or left and right opposite (left in bump); curves over the left travel by corner."""
-        return self._sweep([{f'travel_{c}': z * (SIDES[c.partition('_')[2]] if opposite else 1.0) for c in CORNERS} for z in values])
-
-    def steering(self, values: Sequence[float]) -> dict[str, dict[str, np.ndarray]]:
-        """Sweep of the steering wheel [rad]."""
-        return self._sweep([{'steering': angle} for angle in values])
-
-    def loading(self, load: str, values: Sequence[float], *, opposite: bool = False) -> dict[str, dict[str, np.ndarray]]:
-        """Sweep of one load at all wheels (see LOADS), equal or of opposite sign left and right."""
-        return self._sweep([{f'{load}_{c}': f * (SIDES[c.partition('_')[2]] if opposite else 1.0) for c in CORNERS} for f in values])
-
-    def _sweep(self, points: Sequence[Mapping[str, float]]) -> dict[str, dict[str, np.ndarray]]:
-        results = [self.settle(point) for point in points]
-        self.settle({})
-        return {c: {key: np.array([r[c][key] for r in results]) for key in results[0][c]} for c in CORNERS}
-
-
-def kinematic_figures(rig: Rig, step: float = 0.01) -> dict[str, float]:
-    """Slopes at the design position from central differences over +- step [m]: per axle wheel rate [N/m], roll stiffness [N m/rad],
-    roll-centre height [m], toe and camber change [rad/m], and the ratio of steering wheel to mean road wheel [-]; compliances: toe by
-    lateral force, both to the left (left wheel, [rad/N], positive: towards the force) and by aligning moment [rad/(N m)],
-    longitudinal displacement by braking force [m/N]."""
-    both, roll = rig.travel([-step, step]), rig.travel([-step, step], opposite=True)
-    side, brake, align = rig.loading('fy', [-1000.0, 1000.0]), rig.loading('fx', [-1000.0, 1000.0]), rig.loading('mz', [-50.0, 50.0])
-    steer = rig.steering([-0.2, 0.2])
-    figures: dict[str, float] = {}
-    for axle in AXLES:
-        c = f'{axle}_left'
-        track = rig.centers[c][1] - rig.centers[f'{axle}_right'][1]
-
-        def slope(curves: dict[str, dict[str, np.ndarray]], key: str, width: float, c: str = c) -> float:
-            low, high = curves[c][key]
-            return float((high - low) / (2.0 * width))
-
-        figures |= {
-            f'wheel_rate_{axle}': slope(both, 'load', step),
-            f'roll_stiffness_{axle}': 0.5 * slope(roll, 'load', step) * track * track,
-            f'roll_center_{axle}': 0.5 * track * slope(both, 'contact_y', step),
-            f'bump_toe_{axle}': slope(both, 'toe', step),
-            f'bump_camber_{axle}': slope(both, 'camber', step),
-            f'lateral_steer_{axle}': slope(side, 'steer', 1000.0),
-            f'lateral_compliance_{axle}': slope(side, 'contact_y', 1000.0),
-            f'longitudinal_compliance_{axle}': slope(brake, 'center_x', 1000.0),
-            f'aligning_steer_{axle}': slope(align, 'steer', 50.0),
-        }
-    mean = 0.5 * (steer['front_left']['steer'] + steer['front_right']['steer'])
-    figures['steering_ratio'] = float(0.4 / (mean[1] - mean[0]))
-    return figures
 
 
 def understeer_gradient(spec: ModelSpec, ratio: float, *, speed: float = 22.0, h: float = 2e-3) -> dict[str, float]:
@@ -331,8 +128,23 @@ def understeer_gradient(spec: ModelSpec, ratio: float, *, speed: float = 22.0, h
     }
 
 
+def is_vehicle(spec: ModelSpec) -> bool:
+    """Whether the figures of this module can be computed: tires at the four corners."""
+    return {tire.name for tire in spec.tires} == set(CORNERS)
+
+
+def standing(scene: Scene) -> Simulation:
+    """The vehicle of a scene standing in equilibrium on a flat road, wheels straight, no torque."""
+    model = dataclasses.replace(scene.model, road=RoadSpec())
+    return Simulation(
+        dataclasses.replace(
+            scene, model=model, start=SceneStart(kind='equilibrium'), maneuver=Maneuver(), integrator=IntegratorSettings(penalty=1e6)
+        )
+    )
+
+
 def figures(simulation: Simulation) -> dict[str, float]:
-    """All figures of a vehicle whose simulation stands at its start (speed 0, equilibrium); see the functions of this module."""
+    """All figures of a vehicle whose simulation stands at its start (see standing()); USUAL tells what they are."""
     spec = simulation.model.spec
     found = mass_figures(spec)
     for name, mode in named_modes(simulation).items():

@@ -17,9 +17,11 @@ from solver.scene import Scene, load_scene
 from solver.scene import Start as SceneStart
 from solver.simulation import Simulation
 from solver.snapshot import TIRE_COLUMNS
-from solver.vehicle.figures import Rig, eigenvalues, figures, linearised, modes
+from solver.vehicle.figures import USUAL, figures
 from solver.vehicle.full_car import full_car_model
+from solver.vehicle.modes import eigenvalues, linearised, modes
 from solver.vehicle.parts import Bushing, mounting, rods
+from solver.vehicle.rig import Rig
 
 WEIGHT = 1576.0 * 9.81
 
@@ -98,48 +100,9 @@ def test_every_mode_is_stable(standing: Simulation) -> None:
     assert all(mode.damping > 0.03 for mode in modes(standing) if mode.frequency > 0.5)
 
 
-RANGES = {
-    # passenger cars: Reimpell et al. (2001), Gillespie (1992), Heydinger et al. SAE 1999-01-1336
-    'mass': (1400, 1700),
-    'wheelbase': (2.6, 2.8),
-    'track_front': (1.45, 1.62),
-    'track_rear': (1.45, 1.62),
-    'front_share': (0.48, 0.60),
-    'com_z': (0.50, 0.58),
-    'roll_inertia': (400, 700),
-    'pitch_inertia': (2000, 2900),
-    'yaw_inertia': (2200, 3100),
-    'bounce_frequency': (1.1, 1.6),
-    'pitch_frequency': (1.1, 1.8),
-    'roll_frequency': (1.1, 2.2),
-    'wheel_hop_front_frequency': (10, 15),
-    'wheel_hop_rear_frequency': (10, 15),
-    'engine_bounce_frequency': (8, 14),
-    'bounce_damping': (0.15, 0.40),
-    'wheel_rate_front': (18e3, 32e3),
-    'wheel_rate_rear': (18e3, 34e3),
-    'roll_stiffness_front': (3.5e4, 7e4),
-    'roll_stiffness_rear': (2.5e4, 6e4),
-    'roll_center_front': (0.0, 0.12),
-    'roll_center_rear': (0.05, 0.18),
-    'bump_toe_front': (-0.12, 0.0),  # toe-out in bump: roll understeer
-    'bump_toe_rear': (0.0, 0.10),  # toe-in in bump: roll understeer
-    'bump_camber_front': (-0.45, -0.10),
-    'bump_camber_rear': (-0.60, -0.15),
-    'lateral_steer_front': (-4e-6, 0.0),  # away from the force: understeer
-    'lateral_steer_rear': (0.0, 3e-6),  # towards the force: understeer
-    'longitudinal_compliance_front': (1e-6, 6e-6),
-    'aligning_steer_front': (5e-6, 8e-5),
-    'steering_ratio': (13, 18),
-    'understeer_gradient': (0.001, 0.007),  # 0.6 to 4 deg per g
-    'roll_gradient': (0.0055, 0.0115),  # 3 to 6.5 deg per g
-}
-
-
-@pytest.mark.parametrize('name', RANGES)
+@pytest.mark.parametrize('name', USUAL)
 def test_figure_lies_where_passenger_cars_lie(found: dict[str, float], name: str) -> None:
-    low, high = RANGES[name]
-    assert low <= found[name] <= high
+    assert USUAL[name].low <= found[name] <= USUAL[name].high
 
 
 def test_travel_curves_of_left_and_right_agree(standing: Simulation) -> None:

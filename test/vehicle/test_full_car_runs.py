@@ -15,8 +15,8 @@ from solver.scene import Start as SceneStart
 from solver.signals import Sine
 from solver.simulation import Simulation
 from solver.snapshot import TIRE_COLUMNS
-from solver.vehicle.figures import linearised
 from solver.vehicle.full_car import FullCar, full_car_model
+from solver.vehicle.modes import linearised
 
 FY, FZ = TIRE_COLUMNS.index('fy'), TIRE_COLUMNS.index('fz')
 
