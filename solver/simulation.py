@@ -41,6 +41,7 @@ from solver.snapshot import TIRE_COLUMNS, Snapshot, StepStats
 
 SETTLE_TIME = 5.0  # s, some ten periods of a suspension mode
 SETTLE_EVERY = 0.01  # s
+SETTLE_PENALTY = 1e6
 SETTLE_STEP = 1e-3  # s, whatever the step of the scene, so that a start does not depend on it
 
 
@@ -150,7 +151,10 @@ class Simulation:
         SETTLE_EVERY seconds it is put back to its place and its speed.
         """
         scheme = coefficients(SETTLE_STEP, self.scene.integrator.rho_inf)
-        settling = Ref(cast(Coefficients, self.coefficients.value)._replace(fixed=1, iterations=2, **scheme))  # type: ignore[arg-type]
+        # with settings of its own: every method of a comparison starts from the same state
+        rows, method = self.model.n_rows, cast(Coefficients, self.coefficients.value)
+        own = {'penalty': np.full(rows, SETTLE_PENALTY), 'factor': np.ones(rows), 'm_alf': 0, 'weigh': 0, 'coupled': 0, 'full': 0}
+        settling = Ref(method._replace(fixed=1, iterations=2, **own, **scheme))  # type: ignore[arg-type]
         Start(self.model, self.outputs).start_integrator(self.state, u, SETTLE_STEP, settling.am, settling.af)
         steps = round(SETTLE_EVERY / SETTLE_STEP)
         inputs = np.repeat(u[None, :], steps, axis=0)

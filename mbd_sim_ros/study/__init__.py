@@ -36,6 +36,8 @@ STUDIES: dict[str, str] = {  # name: module
     'work_precision': 'mbd_sim_ros.study.work_precision',
     'penalty_map': 'mbd_sim_ros.study.penalty_map',
     'slider_crank_phases': 'mbd_sim_ros.study.slider_crank_phases',
+    'kandc': 'mbd_sim_ros.study.kandc',
+    'car': 'mbd_sim_ros.study.car',
 }
 
 

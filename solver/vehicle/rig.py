@@ -146,7 +146,7 @@ def kinematic_figures(rig: Rig, step: float = 0.01) -> dict[str, float]:
     """Slopes at the design position from central differences over +- step [m]: per axle wheel rate [N/m], roll stiffness [N m/rad],
     roll-centre height [m], toe and camber change [rad/m], and the ratio of steering wheel to mean road wheel [-]; compliances: toe by
     lateral force, both to the left (left wheel, [rad/N], positive: towards the force) and by aligning moment [rad/(N m)],
-    longitudinal displacement by braking force [m/N]."""
+    longitudinal displacement by braking force [m/N], for models with bushings."""
     both, roll = rig.travel([-step, step]), rig.travel([-step, step], opposite=True)
     side, brake, align = rig.loading('fy', [-1000.0, 1000.0]), rig.loading('fx', [-1000.0, 1000.0]), rig.loading('mz', [-50.0, 50.0])
     steer = rig.steering([-0.2, 0.2])
@@ -165,11 +165,14 @@ def kinematic_figures(rig: Rig, step: float = 0.01) -> dict[str, float]:
             f'roll_center_{axle}': 0.5 * track * slope(both, 'contact_y', step),
             f'bump_toe_{axle}': slope(both, 'toe', step),
             f'bump_camber_{axle}': slope(both, 'camber', step),
-            f'lateral_steer_{axle}': slope(side, 'steer', 1000.0),
-            f'lateral_compliance_{axle}': slope(side, 'contact_y', 1000.0),
-            f'longitudinal_compliance_{axle}': slope(brake, 'center_x', 1000.0),
-            f'aligning_steer_{axle}': slope(align, 'steer', 50.0),
         }
+        if rig.spec.bushings:
+            figures |= {
+                f'lateral_steer_{axle}': slope(side, 'steer', 1000.0),
+                f'lateral_compliance_{axle}': slope(side, 'contact_y', 1000.0),
+                f'longitudinal_compliance_{axle}': slope(brake, 'center_x', 1000.0),
+                f'aligning_steer_{axle}': slope(align, 'steer', 50.0),
+            }
     mean = 0.5 * (steer['front_left']['steer'] + steer['front_right']['steer'])
     figures['steering_ratio'] = float(0.4 / (mean[1] - mean[0]))
     return figures
