@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.errors import MbdError
+from solver.errors import MbdError, SpecError
 from solver.scene import load_scene
 from solver.simulation import simulation_of
 from solver.snapshot import TIRE_COLUMNS
@@ -41,6 +41,8 @@ def run(scene: str, name: str, overrides: Sequence[str], duration: float) -> Run
         simulation = simulation_of(load_scene(scene, overrides))
         rows.append(_row(simulation.snapshot()))
         begin = time.process_time()
+        if abs(GRID / simulation.h - round(GRID / simulation.h)) > 1e-9:
+            raise SpecError(f'{name}: integrator.h = {simulation.h:g}: must be a whole part of the common grid of {GRID:g} s')
         for _ in range(round(duration / GRID)):
             rows.append(_row(simulation.advance(round(GRID / simulation.h), audit=False)))
     except MbdError as error:
