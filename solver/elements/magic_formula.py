@@ -50,8 +50,8 @@ DEFAULTS: dict[str, float | None] = {
     **dict.fromkeys(('QEZ1', 'QEZ2', 'QEZ3', 'QEZ4', 'QEZ5', 'QHZ1', 'QHZ2', 'QHZ3', 'QHZ4', 'PPZ1', 'PPZ2'), 0.0),
     **dict.fromkeys(('SSZ1', 'SSZ2', 'SSZ3', 'SSZ4'), 0.0),
 }
-# Derived numbers that stand in the same row: relative pressure change, 1 for 6.1 and 0 for 5.2, A_mu of (4.E8), camber limit
-DERIVED = ('DPI', 'IS_61', 'A_MU', 'GAMMA_MAX', 'PRESSURE_MY')
+# Derived numbers that stand in the same row: relative pressure change, 1 for 6.1 and 0 for 5.2, A_mu of (4.E8), camber limit, ...
+DERIVED = ('DPI', 'IS_61', 'A_MU', 'GAMMA_MAX', 'PRESSURE_MY', 'HALF_WIDTH')
 ROW = len(DEFAULTS) + len(DERIVED)
 I = ModuleType('I')  # noqa: E741  (a module, because compiled code turns its attributes into constants)
 vars(I).update({name: k for k, name in enumerate((*DEFAULTS, *DERIVED))})
@@ -59,6 +59,7 @@ vars(I).update({name: k for k, name in enumerate((*DEFAULTS, *DERIVED))})
 SMOOTH_CAMBER = 1e-3  # |gamma| is gamma^2/sqrt(gamma^2 + SMOOTH_CAMBER^2) [rad]
 SLOWEST = 0.5  # speed above which sign(V) is exactly 1 [m/s]
 DEFAULT_GAMMA_MAX = np.deg2rad(15.0)  # camber range when the file gives none
+DEFAULT_WIDTH = 0.65  # width over radius when the file gives none: that of passenger car tires
 TWO_OVER_PI = 2.0 / np.pi
 
 
@@ -80,6 +81,7 @@ def pack(values: Mapping[str, float], version: int, pressure: float | None = Non
     if row[I.QSY7] == 0.0:
         row[I.QSY7] = 1.0  # not fitted: resistance proportional to load, as in MF 5.2
     row[I.PRESSURE_MY] = (1.0 + row[I.DPI]) ** row[I.QSY8]
+    row[I.HALF_WIDTH] = 0.5 * (row[I.WIDTH] if row[I.WIDTH] > 0.0 else DEFAULT_WIDTH * row[I.UNLOADED_RADIUS])
     # the camber scale factors of one edition do not exist in the other
     row[[I.LGAX, I.LGAY, I.LGAZ] if version == 61 else [I.LKYC, I.LKZC]] = 1.0
     if version == 52:
@@ -121,6 +123,12 @@ def smooth_sign(x, width):
 
 
 @kernel(borrow=True)
+def held(x, limit):
+    """x, held smoothly between -limit and limit; unchanged up to 0.9 of it."""
+    return x - ramp(x - limit, 0.1 * limit) + ramp(-x - limit, 0.1 * limit)
+
+
+@kernel(borrow=True)
 def _at_most_one(E):
     """Curvature factors must not exceed 1 ([P], remark below 4.E14)."""
     if E.real > 1.0:
@@ -144,7 +152,7 @@ def camber_variable(c, sin_gamma, cos_gamma):
     """sin gamma (6.1, 4.E4) or gamma (5.2), held smoothly inside the range of the fit: beyond it the polynomials are meaningless."""
     m = c[I.GAMMA_MAX]
     gamma = 1.0 * sin_gamma if c[I.IS_61] > 0.0 else arctan(sin_gamma / cos_gamma)
-    return gamma - ramp(gamma - m, 0.1 * m) + ramp(-gamma - m, 0.1 * m)
+    return held(gamma, m)
 
 
 @kernel(borrow=True)
@@ -306,7 +314,7 @@ def magic_formula(c, kappa, tan_alpha, gamma, Fz, dfz, mu, Vx, Kxk, Kya, forward
         Ky0 = slip_stiffness(c, upright, Fz, dfz)[1]
         Fy0 = _lateral(c, a, upright, Fz, dfz, mu, Ky0)[0]
     s = R0 * (c[I.SSZ1] + c[I.SSZ2] * Fy / Fn + (c[I.SSZ3] + c[I.SSZ4] * dfz) * gamma) * c[I.LS]  # (4.E76)
-    Mz = forward * (Mzr - t * G * Fy0) + s * Fx  # (4.E71), (4.E72)
+    Mz = forward * (Mzr - t * G * Fy0) + held(s, c[I.HALF_WIDTH]) * Fx  # (4.E71), (4.E72)
 
     f = Fy / F0
     q = Fz / F0
@@ -317,6 +325,8 @@ def magic_formula(c, kappa, tan_alpha, gamma, Fz, dfz, mu, Vx, Kxk, Kya, forward
     Mx = Mx + c[I.QSX10] * arctan(c[I.QSX11] * q) * gamma
     size = smooth_abs(gamma, SMOOTH_CAMBER)
     Mx = (Fz * (Mx - c[I.QSX12] * gamma * size) + Fy * (c[I.QSX13] + c[I.QSX14] * size)) * (R0 * c[I.LMX])
+    # neither resultant leaves the contact patch: the polynomials, squares of the forces, would take it a metre away in a hard landing
+    Mx = Fz * held(Mx / Fz, c[I.HALF_WIDTH])
 
     v = Vx / c[I.LONGVL]
     v2 = v * v

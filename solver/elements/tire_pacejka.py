@@ -60,7 +60,7 @@ SHORTEST = 0.03  # lower bound of the relaxation lengths [m]
 SLIP_BOUND = 5.0  # |kappa| and |tan alpha| saturate smoothly towards this value at speed [-]
 LOW_SLIP = 2.0  # and towards this multiple of (peak force / slip stiffness) at standstill [-]
 QUIET_SPEED = 0.01  # speed below which |V| becomes V^2: at rest the contact is a spring without creep [m/s]
-FLAT_FROM, FLAT_TO = 0.5, 0.2  # cosine of camber between which the tire fades out (60 to 78 degrees)
+FLAT_FROM, FLAT_TO = 0.5, 0.2  # cosine of camber between which the tread leaves the road (60 to 78 degrees): no friction beyond
 TINY = 1e-18
 
 
@@ -244,7 +244,7 @@ def _evaluate(table, e, p, R, v, w, zu, zv, cz):
     r = load3(table.r, e)
     a = load3(table.axis, e)
 
-    # contact frame: n road normal, e_x = s x n heading, e_y = n x e_x; the wheel plane's upward direction is up = e_x x s
+    # contact frame: n road normal, e_x = s x n heading, e_y = n x e_x
     centre = add(p, mv(R, r))
     s = mv(R, a)
     h, h_x, h_y, h_xx, h_xy, h_yy = surface_at(table.road, centre[0], centre[1])
@@ -256,10 +256,16 @@ def _evaluate(table, e, p, R, v, w, zu, zv, cz):
     cos_g = sqrt(dot(x, x) + TINY)
     e_x = scale(1.0 / cos_g, x)
     e_y = cross(n, e_x)
-    up = cross(e_x, s)
     height = centre[2] - h
-    loaded = n[2] * height / cos_g  # loaded radius: along the wheel plane to the road's tangent plane
-    point = add(centre, scale(-loaded, up))
+    below = n[2] * height  # from the centre to the road's tangent plane
+    # loaded radius: along the wheel plane to the road, below = loaded cos(gamma). Towards a wheel that lies flat the cosine is held at
+    # half the width over the radius: the sidewall carries it. The contact point follows from the same function (virtual work).
+    flat = c[I.HALF_WIDTH] / R0
+    support = flat + ramp(cos_g - flat, flat)
+    lean = 1.0 / cos_g if cos_g.real > 2.0 * flat else 0.0 * cos_g + 0.5 / flat  # (d support / d cos_g) / cos_g
+    loaded = below / support
+    reach = loaded * lean
+    point = add(centre, add(scale(-reach, cross(x, s)), scale(reach * cos_g * cos_g - below, n)))
 
     # velocities; w_x is the rate of camber, spin the rotation of the wheel about its axis
     v_c = add(v, mv(R, cross(w, r)))
@@ -267,12 +273,12 @@ def _evaluate(table, e, p, R, v, w, zu, zv, cz):
     Vx = dot(e_x, v_c)
     w_x = dot(w_W, e_x)
     spin = dot(a, w)
-    Vsy = dot(e_y, v_c) + loaded * cos_g * w_x
+    Vsy = dot(e_y, v_c) + below * w_x
     # rate of the loaded radius with the turning of the normal as the wheel moves over a curved road
     m = (-(h_xx * v_c[0] + h_xy * v_c[1]), -(h_xy * v_c[0] + h_yy * v_c[1]), 0.0 * height)
     n_dot = scale(1.0 / slope, add(m, scale(-dot(m, n), n)))
     sin_rate = cos_g * w_x + dot(n_dot, s)
-    loaded_rate = (dot(n, v_c) + n_dot[2] * height + loaded * sin_g / cos_g * sin_rate) / cos_g
+    loaded_rate = (dot(n, v_c) + n_dot[2] * height + reach * sin_g * sin_rate) / support
 
     # load
     turn = spin * (R0 / c[I.LONGVL])
@@ -282,7 +288,7 @@ def _evaluate(table, e, p, R, v, w, zu, zv, cz):
     spring = _vertical_spring(c, rho0 + growth)[0]
     upright = _smooth_step((cos_g - FLAT_TO) / (FLAT_FROM - FLAT_TO))
     stiffening = 1.0 + c[I.Q_V2] * smooth_abs(turn, 1e-3)
-    Fz = spring * stiffening / cos_g * upright * ramp(1.0 - table.damping[e] * loaded_rate, NEVER_PULL)
+    Fz = spring * stiffening / support * ramp(1.0 - table.damping[e] * loaded_rate, NEVER_PULL)
     deflection = rho0 + growth
 
     # slip velocities with the effective rolling radius [B] (7); load without damper, so that it follows the deflection
@@ -298,7 +304,7 @@ def _evaluate(table, e, p, R, v, w, zu, zv, cz):
     sigma_x, sigma_y = relaxation_lengths(c, gamma, Fz, dfz, Kxk, Kya)
     sigma_x = SHORTEST + ramp(sigma_x - SHORTEST, 0.5 * SHORTEST)
     sigma_y = SHORTEST + ramp(sigma_y - SHORTEST, 0.5 * SHORTEST)
-    contact = _smooth_step(Fz / (FULL_CONTACT * F0))
+    contact = _smooth_step(Fz / (FULL_CONTACT * F0)) * upright
     low_speed = table.low[e, 0]
     slow = ramp(1.0 - Vx * Vx / (low_speed * low_speed), 0.0)
     slow = slow * slow

@@ -67,6 +67,7 @@ STATES = {
     'touching down': (dict(position=(0.0, 0.0, 0.3164), velocity=(9.0, 0.0, -0.5), spin=30.0), (0.001, 0.001)),
     'flying': (dict(position=(0.0, 0.0, 0.5), velocity=(9.0, 1.0, -0.5), spin=30.0), (0.01, -0.02)),
     'on the rim': (dict(position=(0.0, 0.0, 0.21), velocity=(9.0, 1.0, -0.1), spin=31.0), (0.01, -0.02)),
+    'lying flat': (dict(position=(0.0, 0.0, 0.06), velocity=(5.0, 0.3, -0.1), spin=20.0, camber=1.5, rates=(0.5, 0.0, 0.2)), (0.01, -0.02)),
     'strongly cambered': (dict(position=(0.0, 0.0, 0.13), velocity=(5.0, 0.0, -0.1), spin=20.0, camber=1.12), (0.01, -0.02)),
 }
 
@@ -344,15 +345,55 @@ def test_deflections_vanish_in_the_air() -> None:
 @pytest.mark.parametrize('camber', [np.pi / 2, 1.5, -1.5, np.pi, 3.0, -np.pi / 2])
 @pytest.mark.parametrize('height', [-0.1, 0.0, 0.05, 0.3, 2.0])
 def test_a_wheel_that_lies_or_hangs_upside_down_gives_finite_numbers(camber: float, height: float) -> None:
-    """Lying flat it carries nothing; upside down it rolls like any wheel (its axis points the other way); never a NaN."""
+    """Lying flat it has no friction; upside down it rolls like any wheel (its axis points the other way); never a NaN."""
     element = tire(road=HILLY)
     kin = wheel(position=(0.1, 0.2, height), velocity=(3, 1, -1), spin=20.0, camber=camber, rates=(1, 0, 2))
     r = element.evaluate(kin, zp=(0.01, 0.02), cz=1e-3, tangents=True)
     for a in r:
         assert np.isfinite(a).all()
     if 1.4 < abs(camber) < 1.7:
-        assert not np.any(r.f)
+        assert [value(element, r, k) for k in ('fx', 'fy', 'mx', 'my', 'mz')] == [0.0] * 5
     assert value(element, r, 'fz') >= 0.0
+
+
+def test_a_wheel_that_lies_flat_stands_on_its_sidewall() -> None:
+    """It touches at half its width, 0.1025 m; at 0.09 m the deflection is R0 (1 - 0.09/0.1025), and the load is 1/flat of the spring."""
+    element = tire()
+    above = element.evaluate(wheel(position=(0, 0, 0.1031), camber=np.pi / 2), zp=(0, 0))
+    assert not np.any(above.f)
+    pressed = element.evaluate(wheel(position=(0, 0, 0.09), camber=np.pi / 2), zp=(0, 0))
+    rho = 0.316 * (1.0 - 0.09 / 0.1025)
+    assert value(element, pressed, 'deflection') == pytest.approx(rho, rel=1e-9)
+    assert value(element, pressed, 'fz') == pytest.approx(load_at(element, 0.316 - rho) * 0.316 / 0.1025, rel=1e-9)
+
+
+def test_the_load_of_a_leaning_wheel_has_a_potential() -> None:
+    """From upright to flat, without damper: what sinking and leaning take from the motion is stored, but for the work of the side force."""
+    data = TireData(name='elastic', version=61, values={**CAR.values, 'QSX2': 0.0, 'QSX3': 0.0, 'Q_V1': 0.0, 'Q_V2': 0.0}, side='symmetric')
+    element = tire(data, RoadSpec(friction=1e-3), damping=0.0)
+    for camber in (0.0, 0.4, 0.8, 1.0, 1.2, 1.4, np.pi / 2, 2.0, -1.0):
+        height = 0.27 * max(abs(np.cos(camber)), 0.3)
+        for motion in (dict(velocity=(0, 0, 0.3)), dict(rates=(1.0, 0, 0))):
+            r = element.evaluate(wheel(position=(0, 0, height), camber=camber, **motion), zp=(0, 0))
+            fz = value(element, r, 'fz')
+            assert fz > 3000.0
+            side_velocity = height * np.sign(np.cos(camber)) if 'rates' in motion else 0.0  # of the contact point, along y of the frame
+            loss = -value(element, r, 'fy') * side_velocity
+            assert value(element, r, 'dissipation') == pytest.approx(loss, rel=1e-9, abs=1e-9 * fz)
+
+
+def test_the_load_never_leaves_the_contact_patch() -> None:
+    """110 kN on one wheel, sliding: the overturning moment is at most half the width times the load; in normal driving nothing is cut."""
+    element = tire()
+    for side in (-8.0, 8.0):
+        r = element.evaluate(wheel(position=(0, 0, 0.17), velocity=(20.0, side, -1.0), spin=60.0, camber=0.3), zp=(0, 0), cz=1e6)
+        fz, mx = value(element, r, 'fz'), value(element, r, 'mx')
+        assert fz > 1e5
+        assert abs(mx) <= 0.1025 * fz * (1 + 1e-12)
+    assert abs(mx) > 0.09 * fz  # it is reached
+    free = element.evaluate(wheel(velocity=(20.0, -1.0, 0.0), spin=60.0), zp=(0, 0), cz=1e6)
+    fy, fz = value(element, free, 'fy'), value(element, free, 'fz')
+    assert value(element, free, 'mx') == pytest.approx(0.316 * fz * 0.03 * fy / 4200.0, rel=1e-12)
 
 
 def test_friction_of_the_road_limits_the_force() -> None:
