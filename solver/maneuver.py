@@ -13,6 +13,7 @@ from typing import Annotated
 
 import numpy as np
 
+from solver.driver import PreviewDriver, Sight
 from solver.errors import SpecError, suggestion
 from solver.signals import Constant, Signal, signal
 
@@ -25,7 +26,8 @@ class Maneuver:
     """Named inputs as functions of time.
 
     steering: angle at the steering wheel [rad], positive to the left. drive_torque: at the differential [N m].
-    brake_torque: total of all wheels [N m], >= 0. signals: any other input channel of the model by name.
+    brake_torque: total of all wheels [N m], >= 0. signals: any other input channel of the model by name. driver: steers instead of
+    the signal `steering`.
     """
 
     name: str = ''
@@ -34,6 +36,11 @@ class Maneuver:
     drive_torque: Annotated[float | Signal, 'N m'] = 0.0
     brake_torque: Annotated[float | Signal, 'N m'] = 0.0
     signals: dict[str, float | Signal] = field(default_factory=dict)
+    driver: PreviewDriver | None = None
+
+    def __post_init__(self) -> None:
+        if self.driver is not None and signal(self.steering) != Constant():
+            raise SpecError(f'maneuver {self.name!r}: steering is given, but the driver steers; remove one of them')
 
     @property
     def channels(self) -> dict[str, Signal]:
@@ -63,7 +70,12 @@ class Maneuver:
         return u
 
     def commands(self, t: float) -> tuple[float, float, float]:
-        """(steering [rad], drive torque [N m], brake torque [N m]) at time t [s], as a driver would command them."""
+        """(steering [rad], drive torque [N m], brake torque [N m]) at time t [s], as a driver would command them.
+
+        Raises SpecError when a preview driver steers: his commands depend on the motion.
+        """
+        if self.driver is not None:
+            raise SpecError(f'maneuver {self.name!r}: its driver sees the motion; run it inside the simulation (mbd run, commands:=maneuver)')
         at = np.array([t])
         steering, drive, brake = (float(signal(getattr(self, name)).jet(at).value[0]) for name in COMMANDS)
         return steering, drive, brake
@@ -155,6 +167,37 @@ class CommandSource:
         b = v - slope + w * e
         decay = np.exp(-w * t)
         return r - lag + slope * t + (e + b * t) * decay, slope + (b - w * (e + b * t)) * decay
+
+
+class DriverSource:
+    """Input source of a simulation with a driver: what he does in step k depends on what he sees at its beginning.
+
+    The steering passes the filter of CommandSource, the other inputs are those of the maneuver. state: (3,) of the filter.
+    """
+
+    def __init__(self, maneuver: Maneuver, input_names: Sequence[str], h_ns: int, stage: float = 1.0) -> None:
+        assert maneuver.driver is not None
+        if 'steering' not in input_names:
+            raise SpecError(f'maneuver {maneuver.name!r}: driver: the model has no input steering')
+        self.driver = maneuver.driver
+        self.open_loop = ManeuverSource(maneuver, input_names, h_ns, stage)
+        self._steering = [input_names.index(name) for name in ('steering', 'steering' + RATE, 'steering' + ACCELERATION)]
+        self._hands = CommandSource(input_names, h_ns, bandwidth=self.driver.bandwidth, rate_limit=self.driver.rate_limit)
+
+    @property
+    def state(self) -> np.ndarray:
+        """State of the hands; assign it to restore."""
+        return self._hands.state
+
+    @state.setter
+    def state(self, value: np.ndarray) -> None:
+        self._hands.state = value.copy()
+
+    def sample(self, k: int, sight: Sight) -> np.ndarray:
+        """(nu,) inputs of step k; advances the hands by a step, so it is called once per step."""
+        row = self.open_loop.sample(k)
+        row[self._steering] = self._hands.advance(self.driver.steering(sight), 0.0, 0.0)[self._steering]
+        return row
 
 
 class ReplaySource:

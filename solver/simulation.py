@@ -11,6 +11,7 @@ from solver.audit import WORST, describe, scaled_jacobian, update_audit
 from solver.branches import BranchWatch
 from solver.channels import FIRST_TIRE_COLUMN, channels_of, collect, new_outputs
 from solver.consistent import Start
+from solver.driver import Sight
 from solver.dynamics import constraint_input_rates, evaluate_constraints, evaluate_forces, prepare
 from solver.elements.coupler import CouplerSpec
 from solver.elements.tire_pacejka import rolling_radius
@@ -30,7 +31,7 @@ from solver.integrators.augmented_lagrangian import (
 from solver.integrators.coefficients import ConstraintCoefficients, coefficients_of, mass_factors, weigh
 from solver.jit import address_of
 from solver.lie.so3 import matrix_of_quaternion
-from solver.maneuver import ManeuverSource
+from solver.maneuver import DriverSource, ManeuverSource
 from solver.model.state import State, copy_state, fill_kinematics, kinematics_of, load_state, new_state, save_state, update_angles
 from solver.model.tables import Model
 from solver.reference import Ref
@@ -88,6 +89,9 @@ class Simulation:
         self.stage = 0.5 if settings.step_policy == 'error' else 1.0 - scheme['af']
         self._kin = Ref(self.work.kin_e)
         self.source = ManeuverSource(scene.maneuver, scene.model.inputs, self.h_ns, self.stage)
+        self.driver: DriverSource | None = None
+        if scene.maneuver.driver is not None:
+            self.driver = DriverSource(scene.maneuver, scene.model.inputs, self.h_ns, self.stage)
         self._output_table = Ref(self.outputs)
         self.adaptation: Adaptation | None = None
         if settings.adapts and settings.kind in Simulation.KINDS:
@@ -255,6 +259,8 @@ class Simulation:
         self._totals[:] = 0.0
         self._stats = StepStats(OK, 0, 0, 0, 0.0, 0.0, 0.0)
         self._inputs = self._inputs_at_start()
+        if self.driver is not None:
+            self.driver.state = np.zeros(3)
         self._refresh()
         if self.adaptation is not None:
             self.adaptation.start(self.state)
@@ -278,10 +284,14 @@ class Simulation:
     def advance(self, n: int = 1, inputs: np.ndarray | None = None, *, audit: bool = True) -> Snapshot:
         """Advance n steps and return the Snapshot after the last.
 
-        inputs: (nu,) held for all steps, or (n, nu) one row a step; None samples the maneuver of the scene. audit: evaluate
+        inputs: (nu,) held for all steps, or (n, nu) one row a step; None samples the maneuver, and the driver, of the scene. audit: evaluate
         forces after every step, keep the energy balance and look for branch switches if the scene asks for them. On failure the state
         is that of the last good step.
         """
+        if inputs is None and self.driver is not None:
+            for _ in range(n):
+                self._advance(1, self.driver.sample(self.k, self._sight())[None, :], audit)
+            return self.snapshot()
         if inputs is None:
             inputs = self.source.table(self.k, n)
         elif inputs.ndim == 1:
@@ -290,7 +300,10 @@ class Simulation:
             row, column = np.argwhere(~np.isfinite(inputs))[0]
             name = self.channels.inputs[column]
             raise StepError(f't = {self.t_ns * 1e-9:.6f} s: input {name!r} is not finite in step {self.k + row}; nothing was advanced')
-        inputs = np.ascontiguousarray(inputs, float)
+        self._advance(n, np.ascontiguousarray(inputs, float), audit)
+        return self.snapshot()
+
+    def _advance(self, n: int, inputs: np.ndarray, audit: bool) -> None:
         watch = self.branches if audit else None
         part = n if watch is None else 1
         self._stats = StepStats(OK, 0, 0, 0, 0.0, 0.0, 0.0)
@@ -309,7 +322,16 @@ class Simulation:
                 raise StepError(self._failure(result))
             if watch is not None:
                 watch.look(self.t_ns * 1e-9, scaled_jacobian(self.model, self.work.J))
-        return self.snapshot()
+
+    def _sight(self) -> Sight:
+        """What a driver sees now."""
+        chassis = self.channels.chassis or 0
+        q, v = self.state.q[chassis], self.state.v[chassis]
+        R = np.array(matrix_of_quaternion(tuple(q[3:]))).reshape(3, 3)
+        com = np.array(self.model.spec.bodies[chassis].com)
+        p = q[:3] - R @ com
+        speed = float(R[:, 0] @ v[:3] - np.cross(v[3:], com)[0])
+        return Sight(float(p[0]), float(p[1]), float(np.arctan2(R[1, 0], R[0, 0])), speed)
 
     def _count(self, result: StepResult) -> None:
         self._stats = self._stats.followed_by(result)
@@ -376,6 +398,8 @@ class Simulation:
     def save(self) -> bytes:
         """Everything the future depends on."""
         memory = self.adaptation.memory() if self.adaptation is not None else {}
+        if self.driver is not None:
+            memory['driver'] = self.driver.state
         return save_state(self.state, self.k, {'inputs': self._inputs, 'audit': self.work.audit, **memory})
 
     def restore(self, data: bytes) -> None:
@@ -391,6 +415,10 @@ class Simulation:
         copy_state(state, self.state)
         self.k = k
         self._inputs = extra['inputs']
+        if self.driver is not None:
+            if 'driver' not in extra:
+                raise SpecError('restore: the saved state has no driver: it is of another scene')
+            self.driver.state = extra['driver']
         self._refresh()
         self.work.audit[:] = extra['audit']
         if self.adaptation is not None:
