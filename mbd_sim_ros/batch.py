@@ -15,6 +15,7 @@ from tqdm import tqdm
 
 from mbd_sim_ros.messages import Messages
 from mbd_sim_ros.recorder import Recorder, describe
+from solver.balance import Balance
 from solver.errors import MbdError
 from solver.simulation import Simulation
 
@@ -62,12 +63,18 @@ def signals_noted() -> Iterator[list[int]]:
 
 
 def simulate(
-    simulation: Simulation, steps: int, *, directory: Path | None = None, source: Source | None = None, progress: bool = False
+    simulation: Simulation,
+    steps: int,
+    *,
+    directory: Path | None = None,
+    source: Source | None = None,
+    progress: bool = False,
+    balance: bool = False,
 ) -> dict[str, Any]:
     """Advance from the start by `steps` steps and return the figures of the run.
 
     directory: where to record (None: not at all). source: of the inputs; None is the maneuver of the scene. progress: show a bar
-    if stderr is a terminal. A recording is always closed, with the reason when the run did not end well. Raises StepError,
+    if stderr is a terminal. balance: follow energy and momentum by element kind, which takes its time. A recording is always closed, with the reason when the run did not end well. Raises StepError,
     BagError, and KeyboardInterrupt(sentence to show, signal number) between two steps.
     """
     every = simulation.scene.record.every if directory is not None else UNRECORDED_CHUNK
@@ -78,16 +85,19 @@ def simulate(
         with signals_noted() as noted:
             messages, recorder = record(simulation, directory) if directory is not None else (None, None)
             status, cpu, begin = 'failed', 0.0, time.perf_counter()
+            balances = Balance(simulation) if balance else None
             try:
                 if recorder and messages:
                     recorder.write(simulation.t_ns, messages.encode(simulation.snapshot()))
                 while simulation.k < steps and not noted:
-                    n = min(every, steps - simulation.k)
+                    n = min(1 if balances else every, steps - simulation.k)
                     inputs = None if source is None else source.table(simulation.k, n)
                     started = time.thread_time()
                     snapshot = simulation.advance(n, inputs)
                     cpu += time.thread_time() - started
-                    if recorder and messages:
+                    if balances:
+                        balances.update()
+                    if recorder and messages and (simulation.k % every == 0 or simulation.k == steps):
                         recorder.write(snapshot.t_ns, messages.encode(snapshot))
                     bar.update(n)
                 status = 'interrupted' if noted else 'ok'
@@ -98,7 +108,8 @@ def simulate(
     if noted:
         kept = f'; the recording in {directory} is complete up to there' if directory is not None else ''
         raise KeyboardInterrupt(f'interrupted at t = {simulation.t_ns * 1e-9:g} s (step {simulation.k}){kept}', noted[0])
-    return {'status': status, **figures, 'out': None if directory is None else str(directory)}
+    followed = balances.report() if balances else {}
+    return {'status': status, **figures, **followed, 'out': None if directory is None else str(directory)}
 
 
 def _figures(simulation: Simulation, wall: float, cpu: float) -> dict[str, Any]:

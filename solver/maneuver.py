@@ -75,7 +75,9 @@ class Maneuver:
         Raises SpecError when a preview driver steers: his commands depend on the motion.
         """
         if self.driver is not None:
-            raise SpecError(f'maneuver {self.name!r}: its driver sees the motion; run it inside the simulation (mbd run, commands:=maneuver)')
+            raise SpecError(
+                f'maneuver {self.name!r}: its driver sees the motion; run it inside the simulation (mbd run, commands:=maneuver)'
+            )
         at = np.array([t])
         steering, drive, brake = (float(signal(getattr(self, name)).jet(at).value[0]) for name in COMMANDS)
         return steering, drive, brake
@@ -84,6 +86,11 @@ class Maneuver:
 def is_motion(name: str, names: Sequence[str]) -> bool:
     """Whether an input is a prescribed motion: its rate and acceleration are inputs too."""
     return name + RATE in names and name + ACCELERATION in names
+
+
+def is_motion_part(name: str, names: Sequence[str]) -> bool:
+    """Whether an input is a prescribed motion, or the rate or acceleration of one."""
+    return any(is_motion(name.removesuffix(suffix), names) for suffix in ('', RATE, ACCELERATION))
 
 
 def base_names(names: Sequence[str]) -> list[str]:

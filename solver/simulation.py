@@ -252,6 +252,16 @@ class Simulation:
         """Simulation time [ns]."""
         return self.k * self.h_ns
 
+    @property
+    def inputs(self) -> np.ndarray:
+        """(nu,) inputs of the last step."""
+        return self._inputs
+
+    @property
+    def kinematics(self) -> Ref:
+        """Placement and velocities that the outputs show: of the end of the last step, projected onto the constraints."""
+        return self._kin
+
     def reset(self) -> None:
         """Back to the start, bit for bit."""
         copy_state(self._initial, self.state)

@@ -30,6 +30,9 @@ def add(parsers: Any) -> None:
     add_scene(parser)
     parser.add_argument('--maneuver', metavar='FILE', help='another maneuver: a path, or a name in config/maneuvers')
     parser.add_argument('--duration', metavar='SECONDS', type=float, help='simulated time instead of the duration in the scene')
+    parser.add_argument(
+        '--balance', action='store_true', help='also give the energy balance of every kind of element, and that of momentum'
+    )
     where = parser.add_mutually_exclusive_group()
     where.add_argument('--out', metavar='DIR', type=Path, help='new directory for the recording (default: bags/<scene>-<date>)')
     where.add_argument('--no-record', action='store_true', help='record nothing')
@@ -50,7 +53,7 @@ def run(args: argparse.Namespace) -> Result:
     scene = load_scene(args.scene, overrides)
     simulation = simulation_of(scene)
     directory = None if args.no_record else args.out or new_directory(scene.name)
-    data = simulate(simulation, scene.steps, directory=directory, progress=not args.json)
+    data = simulate(simulation, scene.steps, directory=directory, progress=not args.json, balance=args.balance)
     data = {'scene': scene.name, **data}
     violations = scene.require.violations(data)
     if violations:
@@ -65,6 +68,8 @@ def describe(data: dict[str, Any]) -> str:
     rows = [(key.replace('_', ' '), _shown(data[key], form)) for key, form in FIGURES.items() if key in data]
     if data['out']:
         rows.append(('recorded in', data['out']))
+    for kind, energies in data.get('energy_by_kind', {}).items():
+        rows.append((f'energy of {kind.replace("_", " ")}', ', '.join(f'{name} {value:.4g} J' for name, value in energies.items())))
     rows += [('REQUIREMENT', text) for text in data.get('violations', [])]
     return table(rows)
 
