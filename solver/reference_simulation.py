@@ -80,8 +80,7 @@ class ReferenceSimulation(Simulation):
         evaluations, factorizations = (a - b for a, b in zip(now, self._counted, strict=True))
         self._counted = now
         self._stats = StepStats(OK, 0, factorizations, evaluations, 0.0, position, velocity)
-        self._totals[1:3] += factorizations, evaluations
-        self._totals[4:6] = np.maximum(self._totals[4:6], (position, velocity))
+        self._totals = self._totals.followed_by(self._stats)
         return self.snapshot()
 
     def _show(self, t: float, motion: Motion) -> None:

@@ -154,10 +154,12 @@ def solve_saddle(tables, form, saddle, r, g, dw, dlam):
     for b in range(nb):
         for i in range(6):
             x[b, i] = -r[b, i]
+        x[b, 6] = 0.0  # the padding too: after a failed step it may hold NaN
+        x[b, 7] = 0.0
     groups = con.row.shape[0] - 1
     if form == CONDENSED:
-        for i in range(g.shape[0]):
-            saddle.t[i] = saddle.W[i] * g[i]
+        for i in range(saddle.t.shape[0]):
+            saddle.t[i] = saddle.W[i] * g[i] if i < g.shape[0] else 0.0
     for k in range(groups):
         first = con.row[k]
         if form == CONDENSED:
@@ -165,7 +167,7 @@ def solve_saddle(tables, form, saddle, r, g, dw, dlam):
                 subtract_weighted_rows(x, con.body[e], saddle.J_s, e, saddle.t, first)
         else:
             rows = con.row[k + 1] - first
-            for q in range(6):
+            for q in range(WIDTH):
                 x[nb + k, q] = -g[first + q] if q < rows else 0.0
     if form == CONDENSED:
         invoke(tables.calls[SOLVE], (tables.condensed, saddle.B, x))

@@ -45,6 +45,8 @@ SETTLE_EVERY = 0.01  # s
 SETTLE_PENALTY = 1e6
 SETTLE_STEP = 1e-3  # s, whatever the step of the scene, so that a start does not depend on it
 
+NO_STEPS = StepStats(OK, 0, 0, 0, 0.0, 0.0, 0.0)
+
 
 class Simulation:
     """Compile a scene, find its consistent start, advance it in whole steps.
@@ -99,7 +101,8 @@ class Simulation:
         self._states = [Ref(new_state(self.model)), Ref(new_state(self.model))]
         self._initial = new_state(self.model)
         self._inputs = np.zeros(len(scene.model.inputs))
-        self._totals = np.zeros(7)
+        self._totals = NO_STEPS
+        self._stagnated = 0
         watched = scene.record.branches or scene.require.branch_switches_max is not None
         self.branches = BranchWatch() if watched else None
         self.k = 0
@@ -266,8 +269,8 @@ class Simulation:
         """Back to the start, bit for bit."""
         copy_state(self._initial, self.state)
         self.k = 0
-        self._totals[:] = 0.0
-        self._stats = StepStats(OK, 0, 0, 0, 0.0, 0.0, 0.0)
+        self._totals = self._stats = NO_STEPS
+        self._stagnated = 0
         self._inputs = self._inputs_at_start()
         if self.driver is not None:
             self.driver.state = np.zeros(3)
@@ -316,7 +319,7 @@ class Simulation:
     def _advance(self, n: int, inputs: np.ndarray, audit: bool) -> None:
         watch = self.branches if audit else None
         part = n if watch is None else 1
-        self._stats = StepStats(OK, 0, 0, 0, 0.0, 0.0, 0.0)
+        self._stats = NO_STEPS
         for first in range(0, n, max(part, 1)):
             if self.adaptation is not None:
                 result, done = self.adaptation.advance(self._states, self._inputs, inputs[first : first + part], self.k, audit)
@@ -345,10 +348,8 @@ class Simulation:
 
     def _count(self, result: StepResult) -> None:
         self._stats = self._stats.followed_by(result)
-        t = self._totals
-        t[:3] += result.iterations, result.factorizations, result.evaluations
-        t[3:6] = np.maximum(t[3:6], (result.residual, result.position_drift, result.velocity_drift))
-        t[6] += result.stagnated
+        self._totals = self._totals.followed_by(result)
+        self._stagnated += result.stagnated
 
     def _failure(self, result: StepResult) -> str:
         when = f't = {self.t_ns * 1e-9:.6f} s, step {self.k}: '
@@ -447,14 +448,14 @@ class Simulation:
         """Sums of counters and largest residuals since the start, the error of the energy balance [J] and, if watched, branch switches."""
         t = self._totals
         return {
-            'iterations': int(t[0]),
-            'factorizations': int(t[1]),
-            'evaluations': int(t[2]),
-            'residual_max': float(t[3]),
-            'position_drift_max': float(t[4]),
-            'velocity_drift_max': float(t[5]),
+            'iterations': t.iterations,
+            'factorizations': t.factorizations,
+            'evaluations': t.evaluations,
+            'residual_max': t.residual,
+            'position_drift_max': t.position_drift,
+            'velocity_drift_max': t.velocity_drift,
             'energy_error_max': float(self.work.audit[WORST]),
-            'stagnated': int(t[6]),
+            'stagnated': self._stagnated,
             'substeps': self.k if self.adaptation is None else self.adaptation.substeps,
             'rejected': 0 if self.adaptation is None else self.adaptation.rejected,
             'events': len(self.events),

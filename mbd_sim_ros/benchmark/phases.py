@@ -14,16 +14,26 @@ from contextlib import contextmanager
 from statistics import median
 
 from solver.audit import update_audit
-from solver.dynamics import CALLS, FACTORIZE, TIRES, add_constraint_forces, add_constraint_stiffness, evaluate_constraints, evaluate_forces
-from solver.integrators.augmented_lagrangian import _momentum_residual, _place, advance, copy_blocks, project_velocity, step
-from solver.jit import address_of, invoke, kernel
+from solver.dynamics import CALLS, FACTORIZE, TIRES, add_constraint_forces, evaluate_constraints, evaluate_forces
+from solver.integrators.augmented_lagrangian import (
+    AT_END,
+    BOTH,
+    WITH_TANGENTS,
+    advance,
+    assemble,
+    momentum_residual,
+    place,
+    project_velocity,
+    step,
+)
+from solver.jit import address_of, kernel
 from solver.model.state import copy_state, new_state, update_angles
 from solver.reference import Ref
-from solver.saddle import CONDENSED, assemble_tangent, effective_masses, factorize_saddle, rotate_columns, solve_saddle
+from solver.saddle import CONDENSED, factorize_saddle, solve_saddle
 from solver.simulation import Simulation
 
 FORCE_KINDS = range(TIRES + 1)  # indices into tables.calls
-PLACE_TANGENTS, PLACE, TANGENTS, FORCES, CONSTRAINTS, RESIDUAL, ASSEMBLE, FACTORIZE_ALL, SOLVE, PROJECT, OUTPUTS = range(11)
+PLACE_TANGENTS, PLACE, PLACE_END, TANGENTS, FORCES, CONSTRAINTS, RESIDUAL, ASSEMBLE, FACTORIZE_ALL, SOLVE, PROJECT, OUTPUTS = range(12)
 PHASES = {
     'placement': 'configuration, rotation tangents and velocities of the stage and the end',
     'forces and tangents': 'all force elements with Kq and Kv',
@@ -47,9 +57,12 @@ def repeat(phase, count, tables, c, s0, s1, u, work):
     s = 1.0 - c.af
     cz = s * c.gamma1 * h / (1.0 - c.am1)
     saddle = work.saddle
+    to_g = (1.0 / (c.gamma * h), 1.0 / (c.beta * h * h))
     for _ in range(count):
-        if phase in (PLACE_TANGENTS, PLACE):
-            _place(tables, c, s0, s1.a, s1.q, phase == PLACE_TANGENTS, work)
+        if phase == PLACE_END:
+            place(tables, c, s0, s1.a, s1.q, AT_END, work)
+        elif phase in (PLACE_TANGENTS, PLACE):
+            place(tables, c, s0, s1.a, s1.q, WITH_TANGENTS if phase == PLACE_TANGENTS else BOTH, work)
         elif phase in (TANGENTS, FORCES):
             tangents = phase == TANGENTS
             evaluate_forces(tables, work.kin_s, s0.angle, work.zp, cz, u, tangents, work.f, work.Kq, work.Kv, work.z_s, work.outputs)
@@ -58,18 +71,9 @@ def repeat(phase, count, tables, c, s0, s1, u, work):
             evaluate_constraints(tables, work.kin_e, s0.angle, u, work.phi, work.J)
         elif phase == RESIDUAL:
             add_constraint_forces(tables.constraints, work.J_now, s1.lam, 1.0, work.f)
-            _momentum_residual(tables, c, s0.a, s1.a, work.f, work.r)
+            momentum_residual(tables, c, s0.a, s1.a, work.f, work.r)
         elif phase in (ASSEMBLE, FACTORIZE_ALL):
-            effective_masses(tables, work.J_now, saddle.W)
-            if c.weigh != 0:
-                invoke(c.weigh, (tables, c, work))  # type: ignore[call-arg]
-            for i in range(saddle.W.shape[0]):
-                m = c.beta * h * h if c.m_alf == 1 else saddle.W[i]
-                saddle.W[i] = c.penalty[i] * (c.factor[i] * m)
-            add_constraint_stiffness(tables, work.kin_s, s1.lam, work.Kq, work.Kv)
-            copy_blocks(work.J, saddle.J_s)
-            rotate_columns(tables.constraints, work.J, work.T_e, saddle.J_e)
-            assemble_tangent(tables, 1.0 - c.am, s * c.beta * h * h, s * c.gamma * h, work.Kq, work.Kv, work.T_s, saddle.B)
+            assemble(tables, c, s1.lam, to_g, work)
             if phase == FACTORIZE_ALL:
                 factorize_saddle(tables, c.form, saddle)
         elif phase == SOLVE:
@@ -138,7 +142,7 @@ def phase_times(simulation: Simulation, rounds: int, count: int = 200) -> tuple[
         with _calling(simulation, _no_elimination(simulation)):
             before_elimination = piece(FACTORIZE_ALL)
         found = {
-            'placement': factorizations * piece(PLACE_TANGENTS) + (n + 1.0 - factorizations) * piece(PLACE),
+            'placement': factorizations * piece(PLACE_TANGENTS) + (n - factorizations) * piece(PLACE) + piece(PLACE_END),
             'forces and tangents': factorizations * piece(TANGENTS),
             'forces alone': (n - factorizations) * piece(FORCES),
             'constraints': n * piece(CONSTRAINTS),

@@ -48,7 +48,11 @@ def run(args: argparse.Namespace) -> Result:
     text = ''
     if not args.brief and is_vehicle(scene.model):
         data['figures'], text = _figures(scene)
-    rows = [(key.replace('_', ' '), _text(value)) for key, value in data.items() if key not in ('status', 'figures') and value not in ('', [], {})]
+    rows = [
+        (key.replace('_', ' '), _text(value))
+        for key, value in data.items()
+        if key not in ('status', 'figures') and value not in ('', [], {})
+    ]
     return Result(data=data, text=table(rows) + text)
 
 

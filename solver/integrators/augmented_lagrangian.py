@@ -49,6 +49,7 @@ from solver.saddle import (
 )
 
 OK, NOT_CONVERGED, NON_FINITE, SINGULAR = 0, 1, 2, 3
+AT_END, BOTH, WITH_TANGENTS = 0, 1, 2  # what place assigns
 # The multipliers of redundant constraints are determined only by rounding; starting each step from a little less than the last
 # values keeps that part from drifting, while the determined part is found again by the first iteration.
 WARM_START = 0.9999
@@ -163,8 +164,10 @@ def copy_blocks(source, target):
 
 
 @kernel(borrow=True)
-def _place(tables, c, s0, a1, q1, tangents, work):
-    """Assign q1, both kinematics and, when `tangents`, both rotation tangents for the end acceleration a1."""
+def place(tables, c, s0, a1, q1, what, work):
+    """Assign q1 and the kinematics of the end for the end acceleration a1; those of the stage unless `what` is AT_END, and both
+    rotation tangents when it is WITH_TANGENTS.
+    """
     h = c.h
     s = 1.0 - c.af
     for b in range(tables.bodies.mass.shape[0]):
@@ -174,7 +177,8 @@ def _place(tables, c, s0, a1, q1, tangents, work):
             d = h * s0.v[b, i] + k0 * s0.a[b, i] + k1 * a1[b, i]
             q1[b, i] = s0.q[b, i] + d
             work.kin_e.p[b, i] = q1[b, i]
-            work.kin_s.p[b, i] = s0.q[b, i] + s * d
+            if what != AT_END:
+                work.kin_s.p[b, i] = s0.q[b, i] + s * d
         x = (
             h * s0.v[b, 3] + k0 * s0.a[b, 3] + k1 * a1[b, 3],
             h * s0.v[b, 4] + k0 * s0.a[b, 4] + k1 * a1[b, 4],
@@ -183,26 +187,26 @@ def _place(tables, c, s0, a1, q1, tangents, work):
         xs = scale(s, x)
         quaternion = (s0.q[b, 3], s0.q[b, 4], s0.q[b, 5], s0.q[b, 6])
         end = quaternion_normalized(quaternion_product(quaternion, quaternion_exp(x)))
-        stage = quaternion_normalized(quaternion_product(quaternion, quaternion_exp(xs)))
         q1[b, 3] = end[0]
         q1[b, 4] = end[1]
         q1[b, 5] = end[2]
         q1[b, 6] = end[3]
-        R_e = matrix_of_quaternion(end)
-        R_s = matrix_of_quaternion(stage)
-        store33(work.kin_e.R, b, R_e)
-        store33(work.kin_s.R, b, R_s)
-        if tangents:
+        store33(work.kin_e.R, b, matrix_of_quaternion(end))
+        if what != AT_END:
+            stage = quaternion_normalized(quaternion_product(quaternion, quaternion_exp(xs)))
+            store33(work.kin_s.R, b, matrix_of_quaternion(stage))
+        if what == WITH_TANGENTS:
             store33(work.T_e, b, right_jacobian(x))
             store33(work.T_s, b, right_jacobian(xs))
         for i in range(6):
             v1 = s0.v[b, i] + h * ((1.0 - c.gamma) * s0.a[b, i] + c.gamma * a1[b, i])
             work.kin_e.v[b, i] = v1
-            work.kin_s.v[b, i] = s * v1 + c.af * s0.v[b, i]
+            if what != AT_END:
+                work.kin_s.v[b, i] = s * v1 + c.af * s0.v[b, i]
 
 
 @kernel(borrow=True)
-def _momentum_residual(tables, c, a0, a1, f, r):
+def momentum_residual(tables, c, a0, a1, f, r):
     """r = M ((1 - am) a1 + am a0) - f."""
     bodies = tables.bodies
     for b in range(bodies.mass.shape[0]):
@@ -230,14 +234,30 @@ def _balanced(tables, c, speed, work):
 
 
 @kernel(borrow=True)
+def assemble(tables, c, lam, to_g, work):
+    """Assign penalties, constraint rows and the force part of the step matrix in work.saddle from what was evaluated before."""
+    saddle = work.saddle
+    s = 1.0 - c.af
+    effective_masses(tables, work.J_now, saddle.W)
+    if c.weigh != 0:
+        invoke(c.weigh, (tables, c, work))
+    for i in range(lam.shape[0]):
+        m = 1.0 / to_g[tables.constraints.holonomic[i]] if c.m_alf == 1 else saddle.W[i]
+        saddle.W[i] = c.penalty[i] * (c.factor[i] * m)
+    add_constraint_stiffness(tables, work.kin_s, lam, work.Kq, work.Kv)
+    # rows of the end of the step in both places: see the module docstring of solver.saddle
+    copy_blocks(work.J, saddle.J_s)
+    rotate_columns(tables.constraints, work.J, work.T_e, saddle.J_e)
+    assemble_tangent(tables, 1.0 - c.am, s * c.beta * c.h * c.h, s * c.gamma * c.h, work.Kq, work.Kv, work.T_s, saddle.B)
+
+
+@kernel(borrow=True)
 def step(tables, c, s0, s1, u, want_outputs, work):
     """Advance s0 to s1 by one step with the inputs u; outputs and projected velocity go to work. Returns a StepResult."""
     nb = tables.bodies.mass.shape[0]
     nc = s0.lam.shape[0]
     h = c.h
     s = 1.0 - c.af
-    cq = s * c.beta * h * h
-    cv = s * c.gamma * h
     # The acceleration of the stage is smooth even where a oscillates (rho_inf near one): predict with it. A single iteration
     # is of second order only from a linear prediction; further iterations need none, and it would carry kicks on.
     slope = 1.0 if c.fixed == 1 and c.iterations == 1 else 0.0
@@ -272,30 +292,20 @@ def step(tables, c, s0, s1, u, want_outputs, work):
     stagnated = 0
     for it in range(c.iterations):
         iterations += 1
-        _place(tables, c, s0, s1.a, s1.q, refactor, work)
+        place(tables, c, s0, s1.a, s1.q, WITH_TANGENTS if refactor else BOTH, work)
         evaluate_forces(tables, work.kin_s, s0.angle, work.zp, cz, u, refactor, work.f, work.Kq, work.Kv, work.z_s, work.outputs)
         evaluate_constraints(tables, work.kin_s, s0.angle, u, work.phi_s, work.J_now)
         evaluate_constraints(tables, work.kin_e, s0.angle, u, work.phi, work.J)
         evaluations += 1
         add_constraint_forces(tables.constraints, work.J_now, s1.lam, 1.0, work.f)
-        _momentum_residual(tables, c, s0.a, s1.a, work.f, work.r)
+        momentum_residual(tables, c, s0.a, s1.a, work.f, work.r)
         for i in range(nc):
             work.g[i] = work.phi[i] * to_g[holonomic[i]]
         if c.fixed == 0 and it > 0 and _balanced(tables, c, speed, work):
             status = OK
             break
         if refactor:
-            effective_masses(tables, work.J_now, saddle.W)
-            if c.weigh != 0:
-                invoke(c.weigh, (tables, c, work))
-            for i in range(nc):
-                m = 1.0 / to_g[holonomic[i]] if c.m_alf == 1 else saddle.W[i]
-                saddle.W[i] = c.penalty[i] * (c.factor[i] * m)
-            add_constraint_stiffness(tables, work.kin_s, s1.lam, work.Kq, work.Kv)
-            # rows of the end of the step in both places: see the module docstring of solver.saddle
-            copy_blocks(work.J, saddle.J_s)
-            rotate_columns(tables.constraints, work.J, work.T_e, saddle.J_e)
-            assemble_tangent(tables, 1.0 - c.am, cq, cv, work.Kq, work.Kv, work.T_s, saddle.B)
+            assemble(tables, c, s1.lam, to_g, work)
             bad = factorize_saddle(tables, c.form, saddle)
             factorizations += 1
             if bad >= 0:
@@ -348,7 +358,7 @@ def step(tables, c, s0, s1, u, want_outputs, work):
         stagnated = 1
     if status != OK:
         return StepResult(status, where, iterations, factorizations, evaluations, residual, 0.0, 0.0, stagnated)
-    _place(tables, c, s0, s1.a, s1.q, False, work)
+    place(tables, c, s0, s1.a, s1.q, AT_END, work)
     for b in range(nb):
         for i in range(6):
             s1.v[b, i] = work.kin_e.v[b, i]

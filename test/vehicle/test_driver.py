@@ -67,7 +67,7 @@ def margins(scene: str) -> tuple[Simulation, list[float], np.ndarray]:
             for side in (-0.5 * path.width, 0.5 * path.width):
                 X = x + along * np.cos(heading) - side * np.sin(heading)
                 Y = y + along * np.sin(heading) + side * np.cos(heading)
-                between = (gate.begin <= X) & (X <= gate.end)
+                between = (gate.begin <= X) & (gate.end >= X)
                 assert between.any()
                 worst = min(worst, (gate.left - Y[between]).min(), (Y[between] - gate.right).min())
         found.append(float(worst))
