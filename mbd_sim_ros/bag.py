@@ -7,6 +7,7 @@ positions only: `tire_states/<wheel>/kappa`, `cmd_applied/<input>`). Other types
 
 from __future__ import annotations
 
+import json
 import struct
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -50,6 +51,11 @@ class Run:
     def time(self) -> np.ndarray:
         """Time in seconds."""
         return self.time_ns * 1e-9
+
+    @property
+    def events(self) -> list[dict[str, Any]]:
+        """Changes of step and penalties in the run, in order: the fields of solver.integrators.adaptation.Event."""
+        return json.loads(self.metadata.get('event_list', '[]'))
 
     def __getitem__(self, name: str) -> np.ndarray:
         if name not in self.columns:

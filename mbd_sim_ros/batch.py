@@ -104,7 +104,8 @@ def simulate(
             finally:
                 figures = _figures(simulation, time.perf_counter() - begin, cpu)
                 if recorder:
-                    recorder.close({'status': status, **{key: f'{value!r}' for key, value in figures.items()}})
+                    events = json.dumps([event._asdict() for event in simulation.events])
+                    recorder.close({'status': status, **{key: f'{value!r}' for key, value in figures.items()}, 'event_list': events})
     if noted:
         kept = f'; the recording in {directory} is complete up to there' if directory is not None else ''
         raise KeyboardInterrupt(f'interrupted at t = {simulation.t_ns * 1e-9:g} s (step {simulation.k}){kept}', noted[0])
@@ -128,6 +129,10 @@ def _figures(simulation: Simulation, wall: float, cpu: float) -> dict[str, Any]:
         'energy_error_max': audit['energy_error_max'],
         'position_drift_max': audit['position_drift_max'],
         'velocity_drift_max': audit['velocity_drift_max'],
+        'stagnated': audit['stagnated'],
+        'substeps': audit['substeps'],
+        'rejected': audit['rejected'],
+        'events': audit['events'],
         **_branches(simulation),
     }
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import time
 import traceback
@@ -233,7 +234,8 @@ class Simulator(Node):
             return None
         loop = self.loop
         figures = {'steps': loop.steps, 'overruns': loop.overruns, 'schedule_slips': loop.slips, 'wall_time': f'{loop.wall_time:.3f}'}
-        return recorder.close({'end': outcome, **{key: str(value) for key, value in figures.items()}})
+        events = json.dumps([event._asdict() for event in self.simulation.events])
+        return recorder.close({'end': outcome, **{key: str(value) for key, value in figures.items()}, 'event_list': events})
 
     # -- commands ------------------------------------------------------------------------------------------------------
 

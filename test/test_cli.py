@@ -126,6 +126,21 @@ def test_run_reports_and_records(capsys: pytest.CaptureFixture[str], tmp_path: P
     assert 'h: 0.002' in run.metadata['resolved_scene']
 
 
+def test_changes_of_step_and_penalties_are_counted_recorded_and_repeated(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    settings = ('mode=tolerance', 'penalty=100', 'penalty_policy=adaptive', 'step_policy=error', 'h=0.01', 'error_tolerance=1e-4')
+    overrides = [word for s in settings for word in ('--set', f'integrator.{s}')]
+    code, data = document(capsys, 'run', 'slider_crank', '--duration', '0.6', *overrides, '--out', str(tmp_path / 'r'))
+    assert (code, data['steps']) == (0, 60)
+    assert data['substeps'] > 120
+    run = bag.read(tmp_path / 'r')
+    assert len(run.events) == data['events'] > 0
+    assert {event['kind'] for event in run.events} >= {'step', 'penalty'}
+    assert all(set(event) == {'t', 'kind', 'name', 'old', 'new', 'cause'} for event in run.events)
+    code, _ = document(capsys, 'replay', str(tmp_path / 'r'), '--out', str(tmp_path / 'again'))
+    assert code == 0
+    assert bag.read(tmp_path / 'again').events == run.events
+
+
 def test_a_recording_is_never_overwritten(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, data = document(capsys, 'run', 'four_bar', *SHORT, '--out', str(recording))
     assert code == 5

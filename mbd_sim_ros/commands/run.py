@@ -15,6 +15,7 @@ FIGURES = {
     'real_time_factor': '.2f',
     'cpu_per_step_us': '.1f us',
     'iterations_per_step': '.2f',
+    'events': 'd',
     'energy_error_max': '.3g J',
     'position_drift_max': '.3g',
     'velocity_drift_max': '.3g',

@@ -56,7 +56,7 @@ class Event(NamedTuple):
     name: str  # of the row, else empty
     old: float  # s, or dimensionless
     new: float
-    cause: str  # 'failure' | 'error' | 'stagnation' | 'no help' | 'easy' | 'grid' | 'undetermined'
+    cause: str  # 'failure' | 'error' | 'stagnation' | 'no help' | 'easy' | 'undetermined'
 
 
 class History(NamedTuple):
@@ -85,15 +85,16 @@ def is_stuck(result: StepResult) -> bool:
     return result.status == NOT_CONVERGED or (result.status == OK and result.stagnated > 0)
 
 
-def is_undetermined(tried: list[tuple[float, float]], smallest: bool) -> bool:
-    """Whether a smaller step (h, rate of the error) was no more accurate than the one before, or the smallest than any.
+def is_undetermined(tried: list[tuple[float, float]], allowed: float) -> bool:
+    """Whether the last of some steps (h, rate of its error) is hardly more accurate than the one before, and its error is allowed.
 
-    Next to a singular position the motion is determined only so far; the step with the smallest error is then the one to take.
+    Next to a singular position the motion is determined only so far, and a jump of the forces has an error of rate one however
+    small the step: the step with the smallest error is then the one to take. Truncation errors fall with the square.
     """
     if len(tried) < 2:
         return False
     (h_before, before), (h, error) = tried[-2:]
-    return error * h >= before * h_before * math.sqrt(h / h_before) or (smallest and error > min(tried, key=lambda t: t[1])[1])
+    return error > before * math.sqrt(h / h_before) and min(h * error for h, error in tried[-2:]) <= allowed
 
 
 class Adaptation:
@@ -106,6 +107,7 @@ class Adaptation:
         self.events: list[Event] = []
         self.by_error = settings.step_policy == 'error'
         self.group = 2 if self.by_error else 1  # steps that are taken together
+        self.usual_cause = 'error' if self.by_error else 'easy'  # of a change of the step when nothing went wrong
         self._full, self._half = (Ref(new_state(model)) for _ in range(2))
         self._begin = new_state(model)
         self._kin, self._output_table = Ref(work.kin_e), output_table
@@ -118,7 +120,7 @@ class Adaptation:
     def start(self, state: State) -> None:
         """Begin at a state made for a step of the grid; the projected velocity is in the work of the step."""
         self.history = History(self.grid, self.grid, state.v - self.work.v_out, np.zeros(self.model.n_internal))
-        self.wanted = self.taken = self.grid
+        self.wanted, self.taken = self.grid, self.grid / self.group
         self.last_error = self.settings.error_tolerance
         self.easy, self.patience = 0, EASY_STEPS
         self.substeps = self.rejected = 0
@@ -166,7 +168,7 @@ class Adaptation:
         copy_state(cast(State, states[0].value), self._begin)
         kept = (self.history, self.wanted, self.taken, self.last_error, self.easy, self.patience)
         penalty, energy = self.coefficients.penalty.copy(), self.work.audit.copy()
-        done, cause = 0.0, 'grid'
+        done, cause = 0.0, self.usual_cause
         inaccurate: list[tuple[float, float]] = []  # step and error of the attempts at the next step so far
         undetermined = False
         while done < 1.0:
@@ -183,7 +185,8 @@ class Adaptation:
                 states.reverse()
                 self.history = history
                 self.substeps += self.group
-                cause = self._after_success(here, result, error)
+                self._after_success(here, result, error)
+                cause = self.usual_cause
                 if not accurate:
                     self.events.append(Event(here, 'error', '', self.settings.error_tolerance, error, 'undetermined'))
                     self.wanted, self.last_error = min(self.grid, self.group * LARGEST_FACTOR * h), self.settings.error_tolerance
@@ -197,7 +200,7 @@ class Adaptation:
             if result.status == OK:
                 cause, factor = 'error', SAFETY * (self.settings.error_tolerance / error) ** (1.0 / ORDER)
                 inaccurate.append((h, error))
-            undetermined = result.status == OK and is_undetermined(inaccurate, smallest)
+            undetermined = result.status == OK and is_undetermined(inaccurate, self.settings.error_tolerance * self.grid)
             if smallest and not undetermined:
                 copy_state(self._begin, cast(State, states[0].value))
                 self.work.audit[:] = energy
@@ -217,7 +220,7 @@ class Adaptation:
             self.taken = h
         return h
 
-    def _after_success(self, t: float, result: StepResult, error: float) -> str:
+    def _after_success(self, t: float, result: StepResult, error: float) -> None:
         """Relax penalties and choose the next step."""
         if self.by_error:
             ratio = max(error / self.settings.error_tolerance, 1e-6)
@@ -229,7 +232,7 @@ class Adaptation:
         easy = not is_stuck(result) and result.iterations <= EASY_ITERATIONS
         self.easy = self.easy + 1 if easy else 0
         if self.easy < self.patience:
-            return 'error' if self.by_error else 'grid'
+            return
         self.easy = 0
         penalty = self.coefficients.penalty
         raised = bool((penalty > self.base).any())
@@ -238,7 +241,6 @@ class Adaptation:
             self.wanted = min(self.grid, 2.0 * self.wanted)
         elif not raised:
             self.patience = max(EASY_STEPS, self.patience // 2)
-        return 'easy'
 
     # -- attempts ------------------------------------------------------------------------------------------------------
 

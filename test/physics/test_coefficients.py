@@ -67,7 +67,7 @@ def test_the_coupled_mass_is_the_pseudo_inverse_of_the_constraints(name):
     smallest = eigenvalues[eigenvalues > 1e-9].min()
     found = sim.constraint_coefficients(coupled=True)
     tolerance = (2.0 / COUPLING + 10.0 * ROUNDING) / smallest
-    assert tolerance < 1e-3
+    assert tolerance < 1e-2
     np.testing.assert_allclose([found[name].m for name in sim.model.row_names], expected, rtol=tolerance)
 
 
@@ -134,7 +134,7 @@ def run(name: str, *settings: str, steps: int = 200) -> Simulation:
     ('effective_mass=coupled',),
     ('coefficients=full',),
     ('coefficients=full', 'effective_mass=coupled', 'form=block'),
-    ('mass_factor=0.1',),
+    ('mass_factor=3',),
     ('kind=m_alf', 'penalty=1e12'),
 ])  # fmt: skip
 @pytest.mark.parametrize('name', ['double_pendulum', 'flyball_governor', 'four_bar'])
@@ -153,7 +153,7 @@ def test_the_coefficients_are_used_and_not_only_accepted():
     settings = ('effective_mass=isolated',), ('effective_mass=coupled',), ('coefficients=full',), ('kind=m_alf',)
     weights = []
     for choice in settings:
-        sim = simulation('flyball_governor', 'penalty=1e6', *choice)
+        sim = simulation('flyball_governor', 'penalty=1e6', 'mode=fixed', *choice)
         sim.advance(1)
         weights.append(sim.work.saddle.W.copy() / 1e6)
         if choice == ('effective_mass=isolated',):

@@ -61,6 +61,7 @@ class Synthetic:
 
     def __init__(self, *, h_ns: int = 2_000_000, vehicle: bool = True, fails_at: int = -1, bad_at: int = -1) -> None:
         self.h_ns, self.fails_at, self.bad_at = h_ns, fails_at, bad_at
+        self.events: list = []
         self.channels = channels(vehicle=vehicle)
         self.reset()
 
