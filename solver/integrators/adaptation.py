@@ -148,9 +148,7 @@ class Adaptation:
 
     # -- the output grid -----------------------------------------------------------------------------------------------
 
-    def advance(
-        self, states: list[Ref], before: np.ndarray, inputs: np.ndarray, k: int, audit: bool
-    ) -> tuple[StepResult, int]:  # fmt: skip
+    def advance(self, states: list[Ref], before: np.ndarray, inputs: np.ndarray, k: int, audit: bool) -> tuple[StepResult, int]:
         """Advance by one grid interval per row of inputs (n, nu), from index k on; states[0] is the newest state afterwards.
 
         before (nu,): inputs of the interval before. Returns (summed counters, intervals done); after a failure the state is that
@@ -158,7 +156,8 @@ class Adaptation:
         """
         self._sum = [0, 0, 0, 0.0, 0.0, 0.0, 0]
         for n, row in enumerate(inputs):
-            result = self._interval(states, before, row, (k + n) * self.grid, audit, n == len(inputs) - 1)
+            t = (k + n) * self.settings.h_ns * 1e-9
+            result = self._interval(states, before, row, t, audit, n == len(inputs) - 1)
             if result.status != OK:
                 return self._summed(result.status, result.where), n
             before = row
