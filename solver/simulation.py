@@ -419,9 +419,10 @@ class Simulation:
         for name, a, b in zip(State._fields, state, self.state, strict=True):
             if a.shape != b.shape:
                 raise SpecError(f'restore: {name} has shape {a.shape}, this model needs {b.shape}: the saved state is of another model')
-        if self.adaptation is not None and 'adaptation' not in extra:
+        if (self.adaptation is None) == ('adaptation' in extra):
+            saved = 'adaptive' if self.adaptation is None else 'constant'
             raise SpecError(
-                'restore: the state was saved with constant step and penalties; set integrator.step_policy and penalty_policy so'
+                f'restore: the state was saved with {saved} step or penalties; set integrator.step_policy and penalty_policy so'
             )
         copy_state(state, self.state)
         self.k = k

@@ -285,9 +285,12 @@ def test_a_saved_state_repeats_steps_penalties_and_events(name):
     assert bits(sim) == future
 
 
-def test_a_state_saved_without_adaptation_is_refused():
-    with pytest.raises(SpecError, match=r'saved with constant step and penalties; set integrator\.step_policy'):
-        simulation('pendulum', 'step_policy=rescue').restore(simulation('pendulum').save())
+def test_a_state_of_other_policies_is_refused():
+    adaptive, constant = simulation('pendulum', 'step_policy=rescue'), simulation('pendulum')
+    with pytest.raises(SpecError, match=r'saved with constant step or penalties; set integrator\.step_policy'):
+        adaptive.restore(constant.save())
+    with pytest.raises(SpecError, match=r'saved with adaptive step or penalties; set integrator\.step_policy'):
+        constant.restore(adaptive.save())
 
 
 def test_nothing_is_compiled_while_a_run_adapts():

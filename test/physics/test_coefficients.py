@@ -12,9 +12,10 @@ from solver.dynamics import evaluate_constraints, prepare
 from solver.elements.joint import JointSpec
 from solver.elements.marker import Marker
 from solver.errors import SpecError
-from solver.integrators.coefficients import COUPLING, coefficients_of
+from solver.integrators.coefficients import COUPLING, coefficients_of, constraint_coefficients, new_formulation
 from solver.model.state import kinematics_of
-from solver.saddle import effective_masses
+from solver.reference import Ref
+from solver.saddle import CONDENSED, effective_masses, new_saddle
 from solver.scene import load_scene, load_scene_text
 from solver.simulation import Simulation
 
@@ -78,11 +79,6 @@ def test_rescaling_a_row_does_not_change_its_mass_times_its_square(coupled, rng)
     t = sim.model.tables
     before = sim.constraint_coefficients(coupled=coupled)
     scale = np.exp(rng.uniform(-3.0, 3.0, sim.model.n_rows))
-    # the only constraint whose rows can be scaled in a model are those of couplers: here the Jacobian itself is scaled
-    from solver.integrators.coefficients import constraint_coefficients, new_formulation
-    from solver.reference import Ref
-    from solver.saddle import CONDENSED, new_saddle
-
     s = sim.state
     J = np.zeros((sim.model.n_entries + 1, 6, 6))
     evaluate_constraints(t, kinematics_of(s.q, s.v), s.angle, np.zeros(0), np.zeros(sim.model.n_rows), J)
