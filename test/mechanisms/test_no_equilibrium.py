@@ -23,7 +23,7 @@ DOWNHILL = '  gravity: [0.979, 0, -9.761]\n'
 
 @pytest.mark.parametrize('rest', ['', SLIDE, WHEEL + DOWNHILL], ids=['falling', 'sliding', 'rolling'])
 def test_a_body_that_falls_slides_or_rolls_is_reported(rest):
-    with pytest.raises(ConsistencyError, match="no static equilibrium was found: .* remain on body 'body'"):
+    with pytest.raises(ConsistencyError, match=r"no static equilibrium was found: .* remain on body 'body'"):
         simulation_of(load_scene_text(BODY + rest + 'start: {kind: equilibrium}\n'))
 
 
