@@ -145,6 +145,12 @@ def _excessive(runs: dict[str, Run], conditions: list[dict[str, float]]) -> Clai
     # ill-conditioning explains a failure only where rounding times the condition number is not small
     rounding = {form: np.finfo(float).eps * number for form, number in suffers.items() if np.isfinite(number)}
     explained = [form for form, loss in rounding.items() if loss > RELATIVE_LOSS]
+    spared = [p for p in large if p not in bad[''] and at[p]['condensed'] >= suffers['block']]
+    limited = (
+        f' The condensed matrix is as ill-conditioned at {_names(spared)} and does not fail, so the number alone does not decide.'
+        if spared
+        else ''
+    )
     return Claim(
         'Excessive penalties fail because they make the matrix ill-conditioned',
         _verdict('condensed' in explained, bool(explained)),
@@ -152,8 +158,8 @@ def _excessive(runs: dict[str, Run], conditions: list[dict[str, float]]) -> Clai
         f'Largest condition numbers: condensed {worst["condensed"]:.1e}, block {worst["block"]:.1e}. '
         'Rounding times the condition number at the first failure: '
         + (', '.join(f'{form} {loss:.1e}' for form, loss in rounding.items()) or 'no failure')
-        + f'; above {RELATIVE_LOSS:g} it counts as the cause. With redundant rows the block matrix tends to a singular one as 1/xi '
-        'goes to 0, so that form is not better here. What a large penalty does beside a singular position: `mbd study penalty_map`.',
+        + f'; above {RELATIVE_LOSS:g} it counts as the cause.{limited} With redundant rows the block matrix tends to a singular one as '
+        '1/xi goes to 0, so that form is not better here. What a large penalty does beside a singular position: `mbd study penalty_map`.',
     )
 
 
