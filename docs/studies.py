@@ -1,19 +1,22 @@
 """Fills the generated parts of docs/studies.md from finished studies: `python docs/studies.py out` (after `mbd study NAME` into out/NAME).
 
 A part stands between `<!-- begin NAME: HEADING -->` and `<!-- end -->` and is that section of out/NAME/report.md without its pictures;
-without a heading it is the text above the first section. Pictures that the document shows as pictures/NAME_FILE.png are copied beside it.
+without a heading it is the text above the first section. Pictures that the document shows as pictures/NAME_FILE.png are copied beside it,
+with few colours.
 Parts of studies that are not there stay as they are.
 """
 
 from __future__ import annotations
 
 import re
-import shutil
 import sys
 from pathlib import Path
 
+from PIL import Image  # comes with matplotlib
+
 FILE = Path(__file__).with_name('studies.md')
 PART = re.compile(r'<!-- begin (?P<name>\w+)(: (?P<heading>[^\n]+))? -->\n.*?<!-- end -->', re.DOTALL)
+COLOURS = 64  # of a copied picture, to keep it small
 PICTURE = re.compile(r'\]\(pictures/(?P<file>[\w.]+)\)')
 
 
@@ -46,7 +49,7 @@ def copy_pictures(document: str, out: Path) -> None:
         for study in sorted(path.name for path in out.iterdir() if path.is_dir()):
             source = out / study / match['file'].removeprefix(f'{study}_')
             if match['file'].startswith(f'{study}_') and source.exists():
-                shutil.copyfile(source, target / match['file'])
+                Image.open(source).convert('RGB').quantize(COLOURS).save(target / match['file'], optimize=True)
 
 
 if __name__ == '__main__':
