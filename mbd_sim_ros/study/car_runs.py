@@ -15,7 +15,6 @@ from solver.snapshot import TIRE_COLUMNS
 
 GRID = 0.01  # s
 FORCES = tuple(TIRE_COLUMNS.index(name) for name in ('fx', 'fy', 'fz'))
-CORNERS = ('front_left', 'front_right', 'rear_left', 'rear_right')
 
 
 class Run(NamedTuple):
@@ -90,34 +89,37 @@ def converged(levels: Sequence[Run]) -> Converged:
     return Converged(levels[-1]._replace(name='converged', **best), {key: np.abs(best[key] - before[key]) for key in CURVES})
 
 
-def departures(runs: Run, truth: Run, until: float) -> dict[str, float]:
+def departures(found: Run, truth: Run, until: float) -> dict[str, float]:
     """How far a run is from the truth over the time both have, at most until [s]: position [m, largest], yaw rate [part of its
     peak, largest], tire forces [part of each one's peak, root mean square, the worst of twelve], the lateral one in front left."""
-    n = min(len(runs.t), len(truth.t), round(until / GRID) + 1)
-    force = (runs.forces - truth.forces[: len(runs.t)])[:n] if len(runs.t) <= len(truth.t) else runs.forces[:n] - truth.forces[:n]
+    n = min(len(found.t), len(truth.t), round(until / GRID) + 1)
+    force = found.forces[:n] - truth.forces[:n]
     rms = np.sqrt((force**2).mean(0)) / np.abs(truth.forces[:n]).max(0)
     return {
-        'position': float(np.hypot(*(runs.place[:n] - truth.place[:n]).T).max()),
-        'yaw_rate': float(np.abs(runs.yaw_rate[:n] - truth.yaw_rate[:n]).max() / np.abs(truth.yaw_rate[:n]).max()),
+        'position': float(np.hypot(*(found.place[:n] - truth.place[:n]).T).max()),
+        'yaw_rate': float(np.abs(found.yaw_rate[:n] - truth.yaw_rate[:n]).max() / np.abs(truth.yaw_rate[:n]).max()),
         'tire_force': float(rms.max()),
         'front_left_lateral': float(rms[0, 1]),
     }
 
 
 def orders(levels: Sequence[Run], until: float) -> list[dict[str, float]]:
-    """Observed order from each three successive levels: log2 of the ratio of root mean square differences, by quantity."""
+    """Observed order from each three successive levels: log2 of the ratio of the root mean squares of their differences; of the
+    tire forces the least of twelve."""
     n = round(until / GRID) + 1
-    found = []
-    for a, b, c in zip(levels, levels[1:], levels[2:], strict=False):
-        row = {}
-        for label, key in (('trajectory', 'place'), ('yaw_rate', 'yaw_rate'), ('tire_forces', 'forces')):
-            x, y, z = (getattr(level, key)[:n] for level in (a, b, c))
-            coarse, fine = (np.sqrt(((p - q) ** 2).mean(0)) for p, q in ((x, y), (y, z)))
-            row[label] = (
-                float(np.log2(coarse / fine).min()) if key == 'forces' else float(np.log2(np.linalg.norm(coarse) / np.linalg.norm(fine)))
-            )
-        found.append(row)
-    return found
+
+    def order(key: str, a: Run, b: Run, c: Run) -> np.ndarray:
+        coarse, fine = (((getattr(p, key) - getattr(q, key))[:n] ** 2).mean(0) for p, q in ((a, b), (b, c)))
+        return 0.5 * np.log2(coarse.sum() / fine.sum() if key == 'place' else coarse / fine)
+
+    return [
+        {
+            'trajectory': float(order('place', *three)),
+            'yaw_rate': float(order('yaw_rate', *three)),
+            'tire_forces': float(order('forces', *three).min()),
+        }
+        for three in zip(levels, levels[1:], levels[2:], strict=False)
+    ]
 
 
 class Growth(NamedTuple):
@@ -131,14 +133,14 @@ class Growth(NamedTuple):
     rest: float  # what the two integrals leave unexplained, relative to the error
 
 
-def growth(runs: Run, truth: Run, start: float) -> Growth:
+def growth(found: Run, truth: Run, start: float) -> Growth:
     """Of the position error after start [s]: fits by least squares, and its two causes integrated over time.
 
     The place is the integral of R(heading) velocity, so its error is the integral of (heading error) R'(heading) velocity plus
     R(heading) (velocity error), to first order.
     """
-    n = len(runs.t)
-    t, error = truth.t[:n], runs.place - truth.place[:n]
+    n = len(found.t)
+    t, error = truth.t[:n], found.place - truth.place[:n]
     size = np.hypot(*error.T)
     used = (t > start) & (size > 0.0)
     envelope = np.maximum.accumulate(size)[used]
@@ -150,8 +152,8 @@ def growth(runs: Run, truth: Run, start: float) -> Growth:
 
     c, s = np.cos(truth.heading[:n]), np.sin(truth.heading[:n])
     u, v = truth.velocity[:n].T
-    turned = (runs.heading - truth.heading[:n])[:, None] * np.column_stack([-s * u - c * v, c * u - s * v])
-    du, dv = (runs.velocity - truth.velocity[:n]).T
+    turned = (found.heading - truth.heading[:n])[:, None] * np.column_stack([-s * u - c * v, c * u - s * v])
+    du, dv = (found.velocity - truth.velocity[:n]).T
     moved = np.column_stack([c * du - s * dv, s * du + c * dv])
     by_heading, by_velocity = (np.concatenate([[[0.0, 0.0]], np.cumsum(0.5 * GRID * (w[1:] + w[:-1]), 0)]) for w in (turned, moved))
     end = error[-1] / (error[-1] @ error[-1])
