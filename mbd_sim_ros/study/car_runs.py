@@ -91,13 +91,17 @@ def converged(levels: Sequence[Run]) -> Converged:
 
 def departures(found: Run, truth: Run, until: float) -> dict[str, float]:
     """How far a run is from the truth over the time both have, at most until [s]: position [m, largest], yaw rate [part of its
-    peak, largest], tire forces [part of each one's peak, root mean square, the worst of twelve], the lateral one in front left."""
-    n = min(len(found.t), len(truth.t), round(until / GRID) + 1)
+    peak, largest], tire forces [part of each one's peak, root mean square, the worst of twelve], the lateral one in front left.
+    Peaks are those until then. Not a number for a run that failed: its last values mean nothing."""
+    if found.message:
+        return dict.fromkeys(('position', 'yaw_rate', 'tire_force', 'front_left_lateral'), np.nan)
+    last = round(until / GRID) + 1
+    n = min(len(found.t), last)
     force = found.forces[:n] - truth.forces[:n]
-    rms = np.sqrt((force**2).mean(0)) / np.abs(truth.forces[:n]).max(0)
+    rms = np.sqrt((force**2).mean(0)) / np.abs(truth.forces[:last]).max(0)
     return {
         'position': float(np.hypot(*(found.place[:n] - truth.place[:n]).T).max()),
-        'yaw_rate': float(np.abs(found.yaw_rate[:n] - truth.yaw_rate[:n]).max() / np.abs(truth.yaw_rate[:n]).max()),
+        'yaw_rate': float(np.abs(found.yaw_rate[:n] - truth.yaw_rate[:n]).max() / np.abs(truth.yaw_rate[:last]).max()),
         'tire_force': float(rms.max()),
         'front_left_lateral': float(rms[0, 1]),
     }

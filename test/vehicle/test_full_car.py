@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -24,6 +25,7 @@ from solver.vehicle.parts import Bushing, mounting, rods
 from solver.vehicle.rig import Rig
 
 WEIGHT = 1576.0 * 9.81
+PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'vehicle.md'
 
 
 @pytest.fixture(scope='module')
@@ -103,6 +105,14 @@ def test_every_mode_is_stable(standing: Simulation) -> None:
 @pytest.mark.parametrize('name', USUAL)
 def test_figure_lies_where_passenger_cars_lie(found: dict[str, float], name: str) -> None:
     assert USUAL[name].low <= found[name] <= USUAL[name].high
+
+
+def test_the_page_of_vehicles_shows_these_figures(found: dict[str, float]) -> None:
+    """To the four digits that are shown."""
+    rows = [[cell.strip() for cell in line.split('|')[1:3]] for line in PAGE.read_text(encoding='utf-8').splitlines() if line.count('|') == 5]
+    shown = {text: value.partition(' ')[0] for text, value in rows}
+    for name, usual in USUAL.items():
+        assert float(shown[usual.text]) == pytest.approx(found[name] * usual.factor, rel=2e-3), name
 
 
 def test_travel_curves_of_left_and_right_agree(standing: Simulation) -> None:
