@@ -191,6 +191,7 @@ def _pictures(report: Report, runs: dict[str, Run], truth: Converged) -> None:
     v = np.linspace(-1.5, 1.5, 301)
     for k, axle in enumerate(('front', 'rear')):
         damper = next(e for e in spec.spring_dampers if e.name == f'damper_{axle}_left')
+        assert damper.damper is not None
         laws = compile_laws([damper.damper])
         axes[0, 0].plot(v, [evaluate_law(laws, 0, float(x))[0] for x in v], color=COLOURS[k], label=axle)
     axes[0, 0].set(xlabel='rate of length [m/s], rebound positive', ylabel='force [N]')

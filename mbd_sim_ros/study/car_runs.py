@@ -48,7 +48,8 @@ def run(scene: str, name: str, overrides: Sequence[str], duration: float) -> Run
         message = str(error)
     cpu = time.process_time() - begin
     if simulation is None:
-        return Run(name, *(np.zeros(shape) for shape in ((0,), (0, 2), (0,), (0, 2), (0,), (0, 4, 3), (0, 2))), {}, message)
+        none, pairs = np.zeros(0), np.zeros((0, 2))
+        return Run(name, none, pairs, none, pairs, none, np.zeros((0, 4, 3)), pairs, {}, message)
     data = np.array(rows)
     steps = [(0.0, simulation.h)] + [(e.t, e.new) for e in simulation.events if e.kind == 'step']
     reached = max(float(data[-1, 0]), GRID)
@@ -86,7 +87,8 @@ def extrapolated(coarse: Run, fine: Run) -> dict[str, np.ndarray]:
 def converged(levels: Sequence[Run]) -> Converged:
     """From at least three complete runs, each with half the step of the one before."""
     best, before = extrapolated(levels[-2], levels[-1]), extrapolated(levels[-3], levels[-2])
-    return Converged(levels[-1]._replace(name='converged', **best), {key: np.abs(best[key] - before[key]) for key in CURVES})
+    truth = levels[-1]._replace(name='converged', **best)  # type: ignore[arg-type]
+    return Converged(truth, {key: np.abs(best[key] - before[key]) for key in CURVES})
 
 
 def departures(found: Run, truth: Run, until: float) -> dict[str, float]:

@@ -37,11 +37,11 @@ def study(out: Path, *, quick: bool, progress: Callable[[str, float], None]) -> 
         progress(car, k / len(SCENES))
         rig = Rig(load_scene(scene).model)
         sweeps = {
-            'travel': (x := np.linspace(-TRAVEL, TRAVEL, count), rig.travel(x)),
-            'roll': (x := np.linspace(-0.75 * TRAVEL, 0.75 * TRAVEL, count), rig.travel(x, opposite=True)),
-            'lateral': (x := np.linspace(-FORCE, FORCE, count), rig.loading('fy', x)),
-            'aligning': (x := np.linspace(-MOMENT, MOMENT, count), rig.loading('mz', x)),
-            'steering': (x := np.linspace(-STEERING, STEERING, count), rig.steering(x)),
+            'travel': (x := np.linspace(-TRAVEL, TRAVEL, count), rig.travel(x.tolist())),
+            'roll': (x := np.linspace(-0.75 * TRAVEL, 0.75 * TRAVEL, count), rig.travel(x.tolist(), opposite=True)),
+            'lateral': (x := np.linspace(-FORCE, FORCE, count), rig.loading('fy', x.tolist())),
+            'aligning': (x := np.linspace(-MOMENT, MOMENT, count), rig.loading('mz', x.tolist())),
+            'steering': (x := np.linspace(-STEERING, STEERING, count), rig.steering(x.tolist())),
         }
         data[car] = _sheet(report, car, rig, sweeps)
         _tables(report, car, sweeps)

@@ -133,6 +133,24 @@ def test_analytic_jacobians_are_the_derivatives_of_the_residual(rng):
             np.testing.assert_allclose(J[:, k], slope, rtol=0, atol=1e-6 * max(1.0, np.abs(slope).max()))
 
 
+def test_analytic_jacobians_with_internal_states(rng):
+    """Light car at 20 m/s, tires and brakes disturbed: central differences to what rounding of its forces (1e5 N) leaves of them."""
+    pytest.importorskip('scipy_dae')
+    simulation = simulation_of(load_scene('light_car_straight', ['integrator.kind=reference_bdf']))
+    assert isinstance(simulation, ReferenceSimulation)
+    solver = simulation._solver
+    assert isinstance(solver, Stabilised)
+    y, yp, at = solver.solver.y.copy(), solver.solver.yp.copy(), solver.layout
+    y[at.z] += 1e-3 * rng.normal(size=y[at.z].shape)
+    Jy, Jp = solver.jacobians(0.0, y, yp)
+    rounding = 1e5 * np.finfo(float).eps / 1e-6
+    for k, unit in enumerate(1e-6 * np.eye(len(y))[: at.end]):
+        for J, moved in ((Jy, [(y + s * unit, yp) for s in (1, -1)]), (Jp, [(y, yp + s * unit) for s in (1, -1)])):
+            slope = (solver.residual(0.0, *moved[0]) - solver.residual(0.0, *moved[1])) / 2e-6
+            np.testing.assert_allclose(J[:, k], slope, rtol=0, atol=rounding + 1e-6 * max(1.0, np.abs(slope).max()))
+    assert np.abs(Jy[at.v, at.z]).max() > 1e4  # the forces do depend on them
+
+
 def test_a_car_with_internal_states_runs_on_every_reference(kind):
     """Tires and brakes included: 10 ms of a step steer, positions to 1e-6 m and tire forces to 1 % of the load of the step's."""
     scene = load_scene('light_car_straight', ['integrator.h=0.01', f'integrator.kind={kind}', 'integrator.tolerance=1e-6'])

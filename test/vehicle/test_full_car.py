@@ -109,7 +109,9 @@ def test_figure_lies_where_passenger_cars_lie(found: dict[str, float], name: str
 
 def test_the_page_of_vehicles_shows_these_figures(found: dict[str, float]) -> None:
     """To the four digits that are shown."""
-    rows = [[cell.strip() for cell in line.split('|')[1:3]] for line in PAGE.read_text(encoding='utf-8').splitlines() if line.count('|') == 5]
+    rows = [
+        [cell.strip() for cell in line.split('|')[1:3]] for line in PAGE.read_text(encoding='utf-8').splitlines() if line.count('|') == 5
+    ]
     shown = {text: value.partition(' ')[0] for text, value in rows}
     for name, usual in USUAL.items():
         assert float(shown[usual.text]) == pytest.approx(found[name] * usual.factor, rel=2e-3), name
