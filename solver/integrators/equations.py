@@ -128,16 +128,15 @@ class Equations:
 
     def rate_gradients(self, v: np.ndarray) -> np.ndarray:
         """d(A v)/dq (nc, 6 nb) with v (6 nb,) held: one evaluation of the second derivatives for every row."""
-        out = np.zeros((self.model.n_rows, self.model.n_bodies, 6))
+        out = np.zeros((self.model.n_rows, self.n))
         unit = np.zeros(self.model.n_rows)
-        left = v.reshape(-1, 1, 6)[self.tables.block_row[1:]]
         for row in range(len(unit)):
             unit[row] = 1.0
             self._Kq[:] = 0.0
             add_constraint_stiffness(self.tables, self._kin, unit, self._Kq, self._Kv)
-            np.add.at(out[row], self.tables.block_col[1:], (left @ self._Kq[1:])[:, 0])
+            out[row] = v @ self._dense(self._Kq)
             unit[row] = 0.0
-        return out.reshape(-1, self.n)
+        return out
 
     def internal_gradients(
         self, t: float, motion: Motion, zp: np.ndarray, cz: float
