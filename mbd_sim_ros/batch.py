@@ -37,6 +37,7 @@ def record(simulation: Simulation, directory: Path) -> tuple[Messages, Recorder]
         scene=scene.name,
         resolved_yaml=scene.resolved,
         seed=scene.seed,
+        robot_description=simulation.urdf(),
         joint_kinds=json.dumps(dict(zip(channels.joints, channels.joint_kinds, strict=True))),
         reactions_not_unique=json.dumps(not_unique),
     )
@@ -74,7 +75,8 @@ def simulate(
     """Advance from the start by `steps` steps and return the figures of the run.
 
     directory: where to record (None: not at all). source: of the inputs; None is the maneuver of the scene. progress: show a bar
-    if stderr is a terminal. balance: follow energy and momentum by element kind, which takes its time. A recording is always closed, with the reason when the run did not end well. Raises StepError,
+    if stderr is a terminal. balance: follow energy and momentum by element kind, which takes its time.
+    A recording is always closed, with the reason when the run did not end well. Raises StepError,
     BagError, and KeyboardInterrupt(sentence to show, signal number) between two steps.
     """
     every = simulation.scene.record.every if directory is not None else UNRECORDED_CHUNK

@@ -35,7 +35,7 @@ PARAMETERS = {
     'publish_clock': Spec(True, 'publish /clock'),
     'frame_prefix': Spec('', 'put before every frame name'),
     'publish_elements': Spec(False, 'publish element_states and reactions too, as far as the scene has them recorded'),
-    'robot_description': Spec('', 'URDF, published latched on robot_description and recorded'),
+    'robot_description': Spec('', 'URDF, published latched on robot_description and recorded; empty: the spanning tree of the model'),
     'record': Spec(False, 'record from the start'),
     'out': Spec('', 'directory of the recording; empty: bags/<scene>-<date>-<time>'),
     'restore': Spec('', 'state file of ~/save_state to start from'),

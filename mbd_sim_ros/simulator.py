@@ -138,11 +138,10 @@ class Simulator(Node):
         )
 
     def _describe(self) -> None:
-        if not self.value('robot_description'):
-            return
+        self._urdf = self.value('robot_description') or self.simulation.urdf()
         latched = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._description = self.create_publisher(String, 'robot_description', latched)
-        self._description.publish(String(data=self.value('robot_description')))
+        self._description.publish(String(data=self._urdf))
 
     def close(self, outcome: str) -> int:
         """End the simulation thread, finish the recording and return the exit code. May be called when `open` failed or never ran."""
@@ -220,7 +219,7 @@ class Simulator(Node):
             seed=self.scene.seed,
             parameters={name: self.value(name) for name in PARAMETERS if name != 'robot_description'},
             namespace=self.get_namespace(),
-            robot_description=self.value('robot_description'),
+            robot_description=self._urdf,
         )
         namespace = self.get_namespace().rstrip('/')
         topics = [t if t.name.startswith('/') else t._replace(name=f'{namespace}/{t.name}') for t in self._messages.topics]

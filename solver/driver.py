@@ -20,6 +20,7 @@ and reaches it through the hands: rate limit and critically damped lag of solver
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
@@ -84,7 +85,7 @@ class DoubleLaneChange:
         """y of the path [m] at x [m]."""
         gates = self.gates
         y = gates[0].middle
-        for before, after in zip(gates, gates[1:], strict=False):
+        for before, after in pairwise(gates):
             rise = smooth_step(np.array(x), before.end, after.begin - before.end)
             y += (after.middle - before.middle) * float(rise.value)
         return y

@@ -75,9 +75,7 @@ class Maneuver:
         Raises SpecError when a preview driver steers: his commands depend on the motion.
         """
         if self.driver is not None:
-            raise SpecError(
-                f'maneuver {self.name!r}: its driver sees the motion; run it inside the simulation (mbd run, commands:=maneuver)'
-            )
+            raise SpecError(f'maneuver {self.name!r}: its driver sees the motion; run it in the simulation (mbd run, commands:=maneuver)')
         at = np.array([t])
         steering, drive, brake = (float(signal(getattr(self, name)).jet(at).value[0]) for name in COMMANDS)
         return steering, drive, brake

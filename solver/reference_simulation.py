@@ -30,9 +30,7 @@ class ReferenceSimulation(Simulation):
 
     def __init__(self, scene: Scene) -> None:
         if scene.maneuver.driver is not None:
-            raise SpecError(
-                'maneuver: driver: a reference integrator follows functions of time; replay a recording, or use integrator.kind alf'
-            )
+            raise SpecError('maneuver: driver: a reference integrator follows functions of time; use integrator.kind alf')
         self._solver: Kkt | Stabilised | None = None
         super().__init__(scene)
 

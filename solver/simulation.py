@@ -39,6 +39,7 @@ from solver.saddle import BLOCK, CONDENSED, new_saddle
 from solver.scene import Scene
 from solver.scene import Start as SceneStart
 from solver.snapshot import TIRE_COLUMNS, Snapshot, StepStats
+from solver.vehicle.urdf import robot_description
 
 SETTLE_TIME = 5.0  # s, some ten periods of a suspension mode
 SETTLE_EVERY = 0.01  # s
@@ -297,9 +298,9 @@ class Simulation:
     def advance(self, n: int = 1, inputs: np.ndarray | None = None, *, audit: bool = True) -> Snapshot:
         """Advance n steps and return the Snapshot after the last.
 
-        inputs: (nu,) held for all steps, or (n, nu) one row a step; None samples the maneuver, and the driver, of the scene. audit: evaluate
-        forces after every step, keep the energy balance and look for branch switches if the scene asks for them. On failure the state
-        is that of the last good step.
+        inputs: (nu,) held for all steps, or (n, nu) one row a step; None samples maneuver and driver of the scene. audit:
+        evaluate forces after every step, keep the energy balance and look for branch switches if the scene asks for them. On
+        failure the state is that of the last good step.
         """
         if inputs is None and self.driver is not None:
             for _ in range(n):
@@ -462,6 +463,12 @@ class Simulation:
             'events': len(self.events),
             **({} if self.branches is None else {'branch_switches': len(self.branches.events)}),
         }
+
+    def urdf(self) -> str:
+        """The spanning tree of the model at the current configuration as URDF (solver.vehicle.urdf)."""
+        now = self.snapshot()
+        values = dict(zip(self.channels.joints, now.joint_position.tolist(), strict=True))
+        return robot_description(self.model.spec, now.pose, values, self.scene.name)
 
     def describe(self) -> dict:
         """Counts, degrees of freedom, redundancy and reactions that are not unique, at the current configuration."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mbd_sim_ros.commands import Result, add_scene, declare, table
@@ -17,11 +18,13 @@ def add(parsers: Any) -> None:
     parser = declare(parsers, 'info', run, 'show what a scene consists of', 'mbd info slider_crank')
     add_scene(parser)
     parser.add_argument('--brief', action='store_true', help='leave out the figures of a vehicle, which take some seconds')
+    parser.add_argument('--urdf', metavar='FILE', type=Path, help='write the spanning tree as URDF, as the node publishes it')
     parser.add_argument('--resolved', action='store_true', help='print the scene as one YAML text, with every include and --set in place')
 
 
 def run(args: argparse.Namespace) -> Result:
     """Load, compile and count."""
+    from solver.errors import BagError
     from solver.scene import load_scene
     from solver.simulation import simulation_of
     from solver.vehicle.figures import is_vehicle
@@ -30,6 +33,12 @@ def run(args: argparse.Namespace) -> Result:
     if args.resolved:
         return Result(data={'status': 'ok', 'scene': scene.name, 'resolved': scene.resolved}, text=scene.resolved.rstrip())
     simulation = simulation_of(scene)
+    if args.urdf is not None:
+        try:
+            args.urdf.write_text(simulation.urdf(), encoding='utf-8')
+        except OSError as error:
+            raise BagError(f'{args.urdf}: cannot be written: {error.strerror}') from None
+        return Result(data={'status': 'ok', 'scene': scene.name, 'urdf': str(args.urdf)}, text=f'wrote {args.urdf}')
     counts = simulation.describe()
     data = {
         'status': 'ok',

@@ -31,9 +31,7 @@ def add(parsers: Any) -> None:
     add_scene(parser)
     parser.add_argument('--maneuver', metavar='FILE', help='another maneuver: a path, or a name in config/maneuvers')
     parser.add_argument('--duration', metavar='SECONDS', type=float, help='simulated time instead of the duration in the scene')
-    parser.add_argument(
-        '--balance', action='store_true', help='also give the energy balance of every kind of element, and that of momentum'
-    )
+    parser.add_argument('--balance', action='store_true', help='also give the energy balance of every kind of element, and of momentum')
     where = parser.add_mutually_exclusive_group()
     where.add_argument('--out', metavar='DIR', type=Path, help='new directory for the recording (default: bags/<scene>-<date>)')
     where.add_argument('--no-record', action='store_true', help='record nothing')
