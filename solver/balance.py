@@ -12,12 +12,13 @@ force jumps (a brake that begins to stick). A balance looks from outside; the ru
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from solver.dynamics import CALLS, Outputs, add_constraint_forces, evaluate_forces
 from solver.maneuver import is_motion_part
+from solver.model.tables import Tables
 from solver.reference import Ref
 from solver.simulation import Simulation
 
@@ -29,7 +30,7 @@ class Balance:
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
-        spec, tables = simulation.model.spec, simulation.model.tables.value
+        spec, tables = simulation.model.spec, cast(Tables, simulation.model.tables.value)
         kinds = [kind for kind in Outputs._fields if getattr(spec, kind)]
         self._alone = {kind: Ref(tables._replace(calls=self._only(tables.calls, CALLS.index(kind)))) for kind in kinds}
         self._no_elements = Ref(tables._replace(calls=np.zeros_like(tables.calls)))

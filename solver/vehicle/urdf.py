@@ -162,7 +162,7 @@ class _Writer:
             last = k == len(coordinates) - 1
             if c.kind == 'rotation':
                 foot = point + n * (n @ (goal.p - point))
-                direct = last and np.linalg.norm(goal.p - foot) < ON_AXIS
+                direct = last and bool(np.linalg.norm(goal.p - foot) < ON_AXIS)
                 after = Pose(goal.p if direct else foot, goal.R)
                 before = Pose(after.p, Rotation.from_rotvec(-x * direction).as_matrix() @ after.R)
             else:
