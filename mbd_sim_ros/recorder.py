@@ -1,7 +1,7 @@
 """Recording a run beside the simulation without stopping it: the writing is done by a process of its own (recording.py).
 
 A thread would share the interpreter lock with the simulation: with one, 1 to 4 % of the steps of a 1 kHz loop came late, without
-it almost none (docs/decisions/0003-recording-process.md).
+it almost none (docs/decisions/0005-recording-process.md).
 """
 
 from __future__ import annotations

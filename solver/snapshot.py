@@ -26,6 +26,12 @@ class StepStats(NamedTuple):
     position_drift: float  # max |phi| after the step [m or rad]
     velocity_drift: float  # max |A v + phi_t| in the output [m/s or rad/s]
 
+    def followed_by(self, later) -> StepStats:
+        """Sums and maxima over these steps and later ones (anything with the same fields), with the status of the later."""
+        sums = (self.iterations + later.iterations, self.factorizations + later.factorizations, self.evaluations + later.evaluations)
+        drift = max(self.position_drift, later.position_drift), max(self.velocity_drift, later.velocity_drift)
+        return StepStats(later.status, *sums, max(self.residual, later.residual), *drift)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Channels:

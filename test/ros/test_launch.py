@@ -44,7 +44,7 @@ def test_launch_file_starts_what_is_installed(description: SimpleNamespace) -> N
     assert [node.executable for node in nodes] == ['simulator', 'maneuver']
     for node in nodes:
         assert node.package == 'mbd_sim_ros'
-        assert f'{node.executable} = mbd_sim_ros.' in setup
+        assert f'{node.executable} = {{NAME}}.' in setup
 
 
 def test_arguments_are_declared_with_defaults_and_reach_parameters_that_exist(description: SimpleNamespace) -> None:
