@@ -87,6 +87,9 @@ class Synthetic:
             self.inputs = np.array(inputs, float)
         return self.snapshot()
 
+    def urdf(self) -> str:
+        return '<robot name="of the model"/>'
+
     def save(self) -> bytes:
         return self.k.to_bytes(8, 'little') + self.inputs.tobytes()
 
