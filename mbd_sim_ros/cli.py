@@ -12,10 +12,10 @@ import traceback
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
-from mbd_sim_ros.commands import bench, compare, export, info, recover, replay, run, study
+from mbd_sim_ros.commands import bench, compare, compile, export, info, recover, replay, run, study
 from solver.errors import MbdError, suggestion
 
-COMMANDS = (info, run, export, compare, replay, recover, bench, study)
+COMMANDS = (info, run, export, compare, replay, recover, study, bench, compile)
 USAGE_ERROR, INTERNAL_ERROR, KILLED = 2, 70, 128  # KILLED + signal number, as shells do
 SHOW_TRACEBACK = 'MBD_TRACEBACK'
 

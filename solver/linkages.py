@@ -70,4 +70,39 @@ def four_bar_n(data: FourBarN) -> ModelSpec:
     return ModelSpec(bodies=tuple(bodies), joints=tuple(joints), gravity=(0.0, -9.81, 0.0))
 
 
-LINKAGES: dict[str, tuple[type, Callable[[Any], ModelSpec]]] = {'four_bar_n': (FourBarN, four_bar_n)}
+@dataclass(frozen=True, kw_only=True)
+class Chain:
+    """A chain of equal uniform rods that hangs on the ground at the origin and is placed straight along x; gravity acts along -y.
+
+    link_1 ... link_N are joined by the revolutes A1 (to the ground) ... AN, whose axes are z: N degrees of freedom, no redundant
+    constraint.
+    """
+
+    links: int = 10
+    length: Annotated[float, 'm'] = 1.0
+    mass: Annotated[float, 'kg'] = 1.0
+
+    def __post_init__(self) -> None:
+        finite('chain', 'links', self.links, low=1, high=100000)
+        finite('chain', 'length', self.length, low=0.0, strict=True)
+        finite('chain', 'mass', self.mass, low=0.0, strict=True)
+
+
+def chain(data: Chain) -> ModelSpec:
+    """The model of Chain."""
+    length, across = data.length, data.mass * data.length**2 / 12
+    inertia = (SLENDER * data.mass * length**2, across, across, 0.0, 0.0, 0.0)
+    names = [f'link_{k}' for k in range(1, data.links + 1)]
+    bodies = [
+        RigidBodySpec(name=name, mass=data.mass, inertia=inertia, com=(length / 2, 0.0, 0.0), position=(k * length, 0.0, 0.0))
+        for k, name in enumerate(names)
+    ]
+    ends = [Marker(body=WORLD)] + [Marker(body=name, position=(length, 0.0, 0.0)) for name in names[:-1]]
+    joints = [
+        JointSpec(name=f'A{k}', kind='revolute', i=end, j=Marker(body=name))
+        for k, (end, name) in enumerate(zip(ends, names, strict=True), start=1)
+    ]
+    return ModelSpec(bodies=tuple(bodies), joints=tuple(joints), gravity=(0.0, -9.81, 0.0))
+
+
+LINKAGES: dict[str, tuple[type, Callable[[Any], ModelSpec]]] = {'four_bar_n': (FourBarN, four_bar_n), 'chain': (Chain, chain)}

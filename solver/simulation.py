@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import cast
 
 import numpy as np
 
 from solver.audit import WORST, describe, scaled_jacobian, update_audit
+from solver.beginning import Beginning
 from solver.branches import BranchWatch
 from solver.channels import FIRST_TIRE_COLUMN, channels_of, collect, new_outputs
 from solver.consistent import Start
 from solver.driver import Sight
 from solver.dynamics import constraint_input_rates, evaluate_constraints, evaluate_forces, prepare
-from solver.elements.coupler import CouplerSpec
-from solver.elements.tire_pacejka import rolling_radius
-from solver.errors import ConsistencyError, SpecError, StepError
+from solver.errors import SpecError, StepError
 from solver.integrators.adaptation import INACCURATE, Adaptation, Event
 from solver.integrators.augmented_lagrangian import (
     NON_FINITE,
@@ -32,19 +30,13 @@ from solver.integrators.coefficients import ConstraintCoefficients, coefficients
 from solver.jit import address_of
 from solver.lie.so3 import matrix_of_quaternion
 from solver.maneuver import DriverSource, ManeuverSource
-from solver.model.state import State, copy_state, fill_kinematics, kinematics_of, load_state, new_state, save_state, update_angles
+from solver.model.state import State, copy_state, fill_kinematics, kinematics_of, load_state, new_state, save_state
 from solver.model.tables import Model
 from solver.reference import Ref
 from solver.saddle import BLOCK, CONDENSED, new_saddle
 from solver.scene import Scene
-from solver.scene import Start as SceneStart
 from solver.snapshot import TIRE_COLUMNS, Snapshot, StepStats
 from solver.vehicle.urdf import robot_description
-
-SETTLE_TIME = 5.0  # s, some ten periods of a suspension mode
-SETTLE_EVERY = 0.01  # s
-SETTLE_PENALTY = 1e6
-SETTLE_STEP = 1e-3  # s, whatever the step of the scene, so that a start does not depend on it
 
 NO_STEPS = StepStats(OK, 0, 0, 0, 0.0, 0.0, 0.0)
 
@@ -107,7 +99,10 @@ class Simulation:
         watched = scene.record.branches or scene.require.branch_switches_max is not None
         self.branches = BranchWatch() if watched else None
         self.k = 0
-        self._find_start(scene.start)
+        Beginning(
+            scene, self.model, self._states, values, self._inputs_at_start(),
+            chassis=self.channels.chassis or 0, outputs=self.outputs, work=self.work, explain=self._failure,
+        ).find()  # fmt: skip
         copy_state(self.state, self._initial)
         self.reset()
 
@@ -116,134 +111,9 @@ class Simulation:
         """The current state (the arrays themselves)."""
         return cast(State, self._states[0].value)
 
-    # -- start ---------------------------------------------------------------------------------------------------------
-
-    def _find_start(self, start: SceneStart) -> None:
-        u = self._inputs_at_start()
-        calculation = Start(self.model, self.outputs)
-        state = self.state
-        update_angles(Ref(self.model.tables.coordinates), self._kinematics(state.q, state.v), state.angle)
-        values = {n: c.value for n, c in start.coordinates.items() if c.value is not None}
-        rates = {n: c.rate for n, c in start.coordinates.items() if c.rate is not None}
-        if start.kind != 'as_placed' or values:
-            self._with_rows(list(values), list(values.values())).assemble(state, u)
-        if start.kind == 'equilibrium':
-            calculation.equilibrium(state, self._without_loads(u))
-        roll = self._rolling(start.speed, rates, u)
-        roll()
-        calculation.start_integrator(state, u, self.h, self.coefficients.am, self.coefficients.af)
-        if start.kind == 'equilibrium' and start.speed:
-            self._settle_rolling(start.speed, u)
-            calculation.project_velocity(self.state, u)
-            calculation.start_integrator(self.state, u, self.h, self.coefficients.am, self.coefficients.af)
-
-    def _rolling(self, speed: float, rates: dict[str, float], u: np.ndarray) -> Callable[[], None]:
-        """A function that gives the current configuration its start velocity: wanted rates, speed of the chassis, wheels rolling."""
-        self._place_velocities(speed)
-        wheels = self._roll_wheels(speed, u) if speed else {}
-        extended = self._with_rows(list(rates | wheels), [0.0] * len(rates | wheels))
-        extra = np.zeros(extended.model.n_rows)
-
-        def roll() -> None:
-            self._place_velocities(speed)
-            wanted = rates | (self._roll_wheels(speed, u) if speed else {})
-            extra[self.model.n_rows :] = [-rate for rate in wanted.values()]
-            extended.project_velocity(self.state, u, extra, hold=100.0 if speed else 0.0)
-
-        return roll
-
-    def _settle_rolling(self, speed: float, u: np.ndarray) -> None:
-        """Let a vehicle that starts at speed come to rest in its suspension, on the spot and at its speed.
-
-        Rolling tires grow and stiffen, drag and drive torque act: a car that stands in equilibrium does not roll in it. Every
-        SETTLE_EVERY seconds it is put back to its place and its speed.
-        """
-        scheme = coefficients(SETTLE_STEP, self.scene.integrator.rho_inf)
-        # with settings of its own: every method of a comparison starts from the same state
-        rows, method = self.model.n_rows, cast(Coefficients, self.coefficients.value)
-        own = {'penalty': np.full(rows, SETTLE_PENALTY), 'factor': np.ones(rows), 'm_alf': 0, 'weigh': 0, 'coupled': 0, 'full': 0}
-        settling = Ref(method._replace(fixed=1, iterations=2, **own, **scheme))  # type: ignore[arg-type]
-        Start(self.model, self.outputs).start_integrator(self.state, u, SETTLE_STEP, settling.am, settling.af)
-        steps = round(SETTLE_EVERY / SETTLE_STEP)
-        inputs = np.repeat(u[None, :], steps, axis=0)
-        chassis = self.channels.chassis or 0
-        place = self.state.q[chassis, :2].copy()
-        wheels = [self.model.body_names.index(tire.marker.body) for tire in self.model.spec.tires]
-        for _ in range(round(SETTLE_TIME / SETTLE_EVERY)):
-            result, done = advance(self.model.tables, settling, *self._states, inputs, 0, steps, False, self.work)
-            if done % 2 == 1:
-                self._states.reverse()
-            if result.status != OK:
-                raise ConsistencyError(f'start: the vehicle does not settle at {speed:g} m/s: {self._failure(result)}')
-            q, v = self.state.q, self.state.v
-            forward = np.array(matrix_of_quaternion(tuple(q[chassis, 3:]))).reshape(3, 3)[:, 0]
-            now = float(v[chassis, :3] @ forward)
-            q[:-1, :2] += place - q[chassis, :2]
-            v[:-1, :3] += (speed - now) * forward
-            for wheel in wheels:
-                v[wheel, 3:] *= speed / now
-
     def _inputs_at_start(self) -> np.ndarray:
         zero = np.zeros(1)
         return self.scene.maneuver.inputs(self.scene.model.inputs, zero, zero)[0]
-
-    def _without_loads(self, u: np.ndarray) -> np.ndarray:
-        """Inputs with those of coordinate and applied forces zero: static equilibrium is sought under gravity, without drive torque."""
-        spec = self.scene.model
-        loads = {f.input for f in spec.coordinate_forces} | {f.input for f in spec.applied_forces}
-        return np.array([0.0 if name in loads else value for name, value in zip(spec.inputs, u, strict=True)])
-
-    def _with_rows(self, names: list[str], offsets: list[float]) -> Start:
-        """The start calculation of the model with extra rows coordinate = offset."""
-        if not names:
-            return Start(self.model, self.outputs)
-        spec = self.model.spec
-        rows = tuple(CouplerSpec(name=f'start of {n}', terms=((n, 1.0),), offset=o) for n, o in zip(names, offsets, strict=True))
-        model = prepare(type(spec)(**{**spec.__dict__, 'couplers': spec.couplers + rows}))
-        return Start(model, new_outputs(model))
-
-    def _place_velocities(self, speed: float) -> None:
-        """Velocities of the specification, plus a translation of everything along the chassis x axis."""
-        v = self.state.v
-        R = np.array(matrix_of_quaternion(tuple(self.state.q[self.channels.chassis or 0, 3:]))).reshape(3, 3)
-        for b, body in enumerate(self.model.spec.bodies):
-            R_b = np.array(matrix_of_quaternion(tuple(self.state.q[b, 3:]))).reshape(3, 3)
-            w = np.array(body.angular_velocity)
-            v[b, :3] = np.array(body.velocity) + R_b @ np.cross(w, body.com) + speed * R[:, 0]
-            v[b, 3:] = w
-
-    def _roll_wheels(self, speed: float, u: np.ndarray) -> dict[str, float]:
-        """Let the wheels roll; returns the rates of the revolute coordinates that carry them."""
-        kin = self._kinematics(self.state.q, self.state.v)
-        evaluate_forces(
-            self.model.tables,
-            kin,
-            self.state.angle,
-            self.state.z,
-            0.0,
-            u,
-            False,
-            self.work.f,
-            self.work.Kq,
-            self.work.Kv,
-            self.work.z_s,
-            self._output_table,
-        )
-        rates = {}
-        for e, tire in enumerate(self.model.spec.tires):
-            load = self.outputs.tires[e, FIRST_TIRE_COLUMN + TIRE_COLUMNS.index('fz')]
-            rate = speed / rolling_radius(self.model.tables.tires, e, load, speed)
-            spin = np.array(matrix_of_quaternion(tire.marker.orientation)).reshape(3, 3)[:, 1]
-            # the wheel itself has to turn before velocities are projected, or the projection would turn what carries it
-            self.state.v[self.model.body_names.index(tire.marker.body), 3:] += rate * spin
-            for joint in self.model.spec.joints:
-                if joint.kind == 'revolute' and tire.marker.body in (joint.i.body, joint.j.body):
-                    side = 1.0 if joint.j.body == tire.marker.body else -1.0
-                    own = joint.j if side > 0 else joint.i
-                    axis = np.array(matrix_of_quaternion(own.orientation)).reshape(3, 3)[:, 2]
-                    rates[joint.name] = side * float(np.sign(axis @ spin)) * rate
-                    break
-        return rates
 
     def _kinematics(self, q: np.ndarray, v: np.ndarray):
         fill_kinematics(q, v, self._kin)

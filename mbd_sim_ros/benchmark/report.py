@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -32,7 +33,7 @@ def tables(report: dict[str, Any]) -> list[Table]:
     overhead = [case for case in measured if case['measure'] != 'steps']
     found: list[Table] = []
     if stepping:
-        found += [_stepping(stepping), _phases(stepping), _elements(stepping)]
+        found += [_stepping(stepping), _growth(stepping), _phases(stepping), _elements(stepping)]
     if overhead:
         found.append(_overhead(overhead))
     found += [_targets(report['cases']), _unavailable(report['cases'])]
@@ -54,6 +55,23 @@ def _stepping(cases: Sequence[dict[str, Any]]) -> Table:
             + [_number(case['real_time_factor']), *(f'{counters[name]:.3g}' for name in header[-3:])]
         )
     return Table('A step', 'CPU time in us; counters are those of an audited step.', rows, STEPPING_FIGURES)
+
+
+def _growth(cases: Sequence[dict[str, Any]]) -> Table:
+    """How time and memory grow between the smallest and the largest model of a scene: the exponent n of bodies^n."""
+    rows = [['scene', 'bodies', 'us of the smallest', 'us of the largest', 'time', 'kB of the smallest', 'kB of the largest', 'memory']]
+    for scene in dict.fromkeys(case['scene'] for case in cases):
+        sizes = {case['bodies']: case for case in cases if case['scene'] == scene}
+        if len(sizes) < 2:
+            continue
+        small, large = sizes[min(sizes)], sizes[max(sizes)]
+        ratio = math.log(large['bodies'] / small['bodies'])
+        row = [scene, f'{small["bodies"]} to {large["bodies"]}']
+        for values in ((small['us']['batch'], large['us']['batch']), (small['bytes'] / 1e3, large['bytes'] / 1e3)):
+            row += [*map(_number, values), f'{math.log(values[1] / values[0]) / ratio:.3f}']
+        rows.append(row)
+    about = 'Steps in a batch, and the arrays of model, state and step; time and memory are the exponents of the number of bodies.'
+    return Table('Growth with the number of bodies', about, rows)
 
 
 def _columns(cases: Sequence[dict[str, Any]], names: Sequence[str], value: Callable[[dict[str, Any], str], str]) -> list[list[str]]:

@@ -96,6 +96,7 @@ class Stepping:
             'h': simulation.h,
             'bodies': simulation.model.n_bodies,
             'rows': simulation.model.n_rows,
+            'bytes': _bytes((simulation.model.tables.value, simulation.work.value, simulation.state)),
             'steps': len(s['single']),
             'real_time_factor': simulation.h * 1e6 / us['batch'],
             'us': {name: us[name] for name in FIGURES},
@@ -103,6 +104,13 @@ class Stepping:
             'phases': _medians(phases),
             'elements': _medians(elements),
         }
+
+
+def _bytes(tables: Any) -> int:
+    """Memory of all arrays in nested tuples."""
+    if isinstance(tables, np.ndarray):
+        return tables.nbytes
+    return sum(map(_bytes, tables)) if isinstance(tables, tuple) else 0
 
 
 def _medians(rows: Sequence[dict[str, float]]) -> dict[str, float]:

@@ -97,3 +97,21 @@ def test_products_on_blocks_are_those_of_matrices():
     assert np.isnan(C[2]).all()
     for now, before in zip((B[0], B[2], x[0], x[2]), others, strict=True):
         np.testing.assert_array_equal(now, before)
+
+
+@pytest.mark.parametrize(('kind', 'size'), [('chain', 'links'), ('four_bar_n', 'loops')])
+def test_elimination_grows_in_proportion_to_the_bodies(kind, size):
+    """Blocks and block products per body stay the same from 10 to 1000 bodies: no fill that grows."""
+    from solver.linkages import LINKAGES
+    from solver.model.compile import compile_model
+
+    data, make = LINKAGES[kind]
+    per_body = []
+    for n in (10, 100, 1000):
+        model = compile_model(make(data(**{size: n})))
+        for plan in (model.tables.condensed, model.tables.block):
+            per_body.append((int(plan.n_blocks[0]) / model.n_bodies, len(plan.update) / model.n_bodies))
+    condensed, block = np.array(per_body[::2]), np.array(per_body[1::2])
+    for measured in (condensed, block):
+        assert (measured[2] <= 1.02 * measured[1]).all()
+        assert (measured[1] <= 1.15 * measured[0]).all()  # the ends of the chain count less

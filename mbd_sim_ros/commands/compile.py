@@ -1,0 +1,40 @@
+"""mbd compile: fill the cache of compiled kernels, so that the first run starts at once."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from typing import Any
+
+from mbd_sim_ros.commands import SCENE_HELP, Result, declare, table
+
+SCENES = ('slider_crank', 'car_swept_steer')  # between them they use every kernel but those of rarely used elements and settings
+
+
+def add(parsers: Any) -> None:
+    """Declare the command."""
+    parser = declare(parsers, 'compile', run, 'compile what scenes need, ahead of their first run', 'mbd compile car_swept_steer')
+    parser.add_argument('scenes', metavar='SCENE', nargs='*', help=f'{SCENE_HELP} (default: {" ".join(SCENES)})')
+
+
+def run(args: argparse.Namespace) -> Result:
+    """Start every scene and make one step."""
+    from tqdm import tqdm
+
+    from mbd_sim_ros.batch import warm_up
+    from solver.jit import CACHE_DIRECTORY
+    from solver.scene import load_scene
+    from solver.simulation import simulation_of
+
+    seconds: dict[str, float] = {}
+    names = args.scenes or SCENES
+    with tqdm(names, unit='scene', disable=None if not args.json else True, leave=False) as bar:
+        for name in bar:
+            bar.set_description(f'compiling {name}')
+            begin = time.perf_counter()
+            warm_up(simulation_of(load_scene(name)))
+            seconds[name] = time.perf_counter() - begin
+    rows = [(name, f'{value:.1f} s') for name, value in seconds.items()]
+    return Result(
+        data={'status': 'ok', 'seconds': seconds, 'cache': str(CACHE_DIRECTORY)}, text=table(rows) + f'\ncache: {CACHE_DIRECTORY}'
+    )
