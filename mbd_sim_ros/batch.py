@@ -14,7 +14,7 @@ import numpy as np
 from tqdm import tqdm
 
 from mbd_sim_ros.messages import Messages
-from mbd_sim_ros.recorder import Recorder, describe
+from mbd_sim_ros.recorder import Recorder, about, describe
 from solver.balance import Balance
 from solver.errors import MbdError
 from solver.simulation import Simulation
@@ -32,15 +32,12 @@ def record(simulation: Simulation, directory: Path) -> tuple[Messages, Recorder]
     """The encoder and the recorder of a simulation's scene. Raises BagError when the directory cannot be written."""
     scene, channels = simulation.scene, simulation.channels
     messages = Messages(channels, element_states=scene.record.elements, reactions=scene.record.reactions)
-    not_unique = simulation.describe()['reactions_not_unique'] if scene.record.reactions else []
     metadata = describe(
         scene=scene.name,
         resolved_yaml=scene.resolved,
         seed=scene.seed,
         robot_description=simulation.urdf(),
-        joint_kinds=json.dumps(dict(zip(channels.joints, channels.joint_kinds, strict=True))),
-        reactions_not_unique=json.dumps(not_unique),
-    )
+    ) | about(simulation, reactions=scene.record.reactions)
     return messages, Recorder(directory, messages.topics, metadata)
 
 

@@ -59,6 +59,16 @@ def describe(*, scene: str, resolved_yaml: str, parameters: Mapping[str, Any] | 
     }
 
 
+def about(simulation: Any, *, reactions: bool) -> dict[str, str]:
+    """Further entries of a description: what a reader needs to understand the channels of a simulation."""
+    channels = simulation.channels
+    not_unique = simulation.describe()['reactions_not_unique'] if reactions else []
+    return {
+        'joint_kinds': json.dumps(dict(zip(channels.joints, channels.joint_kinds, strict=True))),
+        'reactions_not_unique': json.dumps(not_unique),
+    }
+
+
 def code_version() -> str:
     """Return the version of the package, with the git revision when it runs from a checkout."""
     try:

@@ -27,7 +27,7 @@ from mbd_sim_ros.loop import Loop, prefer
 from mbd_sim_ros.messages import Messages
 from mbd_sim_ros.parameters import PARAMETERS, declare, refusal
 from mbd_sim_ros.publish import Publication
-from mbd_sim_ros.recorder import Recorder, describe, new_directory
+from mbd_sim_ros.recorder import Recorder, about, describe, new_directory
 from solver.errors import BagError, MbdError, SpecError
 from solver.maneuver import COMMANDS, CommandSource
 from solver.snapshot import Snapshot
@@ -220,7 +220,7 @@ class Simulator(Node):
             parameters={name: self.value(name) for name in PARAMETERS if name != 'robot_description'},
             namespace=self.get_namespace(),
             robot_description=self._urdf,
-        )
+        ) | about(self.simulation, reactions=self.scene.record.reactions)
         namespace = self.get_namespace().rstrip('/')
         topics = [t if t.name.startswith('/') else t._replace(name=f'{namespace}/{t.name}') for t in self._messages.topics]
         recorder = Recorder(directory, topics, metadata, wait=False)
