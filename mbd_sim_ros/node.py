@@ -65,8 +65,10 @@ def run(body: Callable[[Signals], int], args: list[str] | None) -> int:
         except ImportError:
             print(MISSING, file=sys.stderr)
             return 1
+        from mbd_sim_ros.publish import leave_sending_to_the_middleware
         from solver.errors import MbdError
 
+        leave_sending_to_the_middleware()
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         try:
             return body(signals)

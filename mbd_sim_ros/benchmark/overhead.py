@@ -132,8 +132,9 @@ def publication(topics: Sequence[Topic], samples: Sequence[bytes]) -> Iterator[t
     from rclpy.context import Context
     from rclpy.logging import LoggingSeverity
 
-    from mbd_sim_ros.publish import Publication
+    from mbd_sim_ros.publish import Publication, leave_sending_to_the_middleware
 
+    leave_sending_to_the_middleware()
     with ExitStack() as resources:
         context = Context()
         rclpy.init(args=[], context=context, domain_id=DOMAIN)
