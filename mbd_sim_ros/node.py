@@ -65,10 +65,8 @@ def run(body: Callable[[Signals], int], args: list[str] | None) -> int:
         except ImportError:
             print(MISSING, file=sys.stderr)
             return 1
-        from mbd_sim_ros.publish import leave_sending_to_the_middleware
         from solver.errors import MbdError
 
-        leave_sending_to_the_middleware()
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         try:
             return body(signals)
@@ -85,10 +83,12 @@ def run(body: Callable[[Signals], int], args: list[str] | None) -> int:
 def _simulate(signals: Signals) -> int:
     from rclpy.executors import SingleThreadedExecutor
 
+    from mbd_sim_ros.publish import leave_sending_to_the_middleware
     from mbd_sim_ros.simulator import Simulator
     from solver.errors import SceneError
     from solver.scene import known_names
 
+    leave_sending_to_the_middleware()
     node = Simulator()
     name = node.value('scene')
     if not name:

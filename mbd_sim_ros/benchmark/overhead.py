@@ -134,10 +134,10 @@ def publication(topics: Sequence[Topic], samples: Sequence[bytes]) -> Iterator[t
 
     from mbd_sim_ros.publish import Publication, leave_sending_to_the_middleware
 
-    leave_sending_to_the_middleware()
     with ExitStack() as resources:
         context = Context()
         rclpy.init(args=[], context=context, domain_id=DOMAIN)
+        leave_sending_to_the_middleware()
         resources.callback(rclpy.shutdown, context=context)
         node = rclpy.create_node('mbd_bench', context=context, enable_rosout=False, start_parameter_services=False)
         node.get_logger().set_level(LoggingSeverity.WARN)
