@@ -10,6 +10,7 @@ the byte after it, strings and sequences with a uint32 length, strings zero-term
 from __future__ import annotations
 
 import struct
+from abc import ABC, abstractmethod
 from functools import cache
 from importlib.resources import files
 from typing import Any, NamedTuple
@@ -98,7 +99,7 @@ def definitions(message_type: str, text: str) -> Definitions:
     return result
 
 
-class _Walk:
+class _Walk(ABC):
     """State of one pass over a message: position, and the places found."""
 
     def __init__(self, types: Definitions) -> None:
@@ -124,14 +125,17 @@ class _Walk:
         one = Field(field.name, field.kind, None)
         return [self.field(one, items[i] if i < len(items) else None, f'{path}[{i}]') for i in range(count)]
 
+    @abstractmethod
     def length(self, value: Any) -> int:
-        raise NotImplementedError
+        """Number of items of a sequence."""
 
+    @abstractmethod
     def string(self, value: Any) -> str:
-        raise NotImplementedError
+        """A string."""
 
+    @abstractmethod
     def numbers(self, kind: str, count: int, value: Any, path: str) -> Any:
-        raise NotImplementedError
+        """Numbers of one primitive kind; notes their place under `path`."""
 
 
 class _Encode(_Walk):

@@ -143,8 +143,6 @@ def test_assembly_lifts_the_disc_onto_the_plane_without_rolling_it():
 @pytest.mark.parametrize('name', PROBLEMS)
 def test_reference_integrators_reach_the_closed_forms(kind, name):
     """Positions to 1e-5, velocities to 1e-4, reactions to 1e-3 over 0.8 s at tolerance 1e-9; drift of positions to 1e-7."""
-    if kind != 'reference_kkt':
-        pytest.importorskip('sksundae' if kind == 'reference_ida' else 'scipy_dae')
     problem = PROBLEMS[name]
     s = simulation_of(scene_of(problem, h=0.08, kind=kind, tolerance=1e-9))
     worst = np.zeros(3)

@@ -70,7 +70,7 @@ class Process:
 @pytest.fixture
 def start(tmp_path):
     """Start a simulator with a stand-in simulation: start(parameters, **stand-in arguments)."""
-    pytest.importorskip('rclpy')
+    pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
     started = []
 
     def start(parameters: dict | None = None, *, preparing: float = 0.0, domain: str = DOMAIN, **simulation) -> Process:

@@ -48,7 +48,7 @@ def test_launch_file_starts_what_is_installed(description: SimpleNamespace) -> N
 
 
 def test_arguments_are_declared_with_defaults_and_reach_parameters_that_exist(description: SimpleNamespace) -> None:
-    parameters = pytest.importorskip('mbd_sim_ros.parameters')
+    parameters = pytest.importorskip('mbd_sim_ros.parameters', reason='needs ROS: source Jazzy, or pip install .[ros]')
     declared = {entity.args[0]: entity for entity in description.args[0] if entity.kind == 'DeclareLaunchArgument'}
     simulator = next(entity for entity in description.args[0] if entity.kind == 'Node' and entity.executable == 'simulator')
     file, values = simulator.parameters

@@ -71,7 +71,7 @@ def test_in_real_time_commands_follow_within_a_few_steps(start, tmp_path, maneuv
 
 
 def test_without_a_simulator_it_says_so(tmp_path, maneuver):
-    pytest.importorskip('rclpy')
+    pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
     player = play(tmp_path, f'maneuver:={maneuver}', 'timeout:=1.0')
     assert player.end() == 6
     assert "the simulator 'simulator' is not there" in player.output
@@ -79,7 +79,7 @@ def test_without_a_simulator_it_says_so(tmp_path, maneuver):
 
 
 def test_a_maneuver_that_is_not_there_is_named(tmp_path):
-    pytest.importorskip('rclpy')
+    pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
     player = play(tmp_path, 'maneuver:=step_stear')
     assert player.end() == 2
     assert "did you mean 'step_steer'" in player.output

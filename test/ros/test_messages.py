@@ -163,7 +163,7 @@ class TestAgainstRos:
 
     @pytest.fixture(autouse=True)
     def ros(self):
-        pytest.importorskip('rclpy')
+        pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
 
     def test_bytes_equal_those_of_ros_except_padding(self, monkeypatch):
         from rclpy.serialization import deserialize_message, serialize_message
@@ -243,7 +243,7 @@ class TestAgainstRos:
         """REP-2016: the hash is that of the type description; it is made here for TFMessage, which the wheels do not have."""
         import json
 
-        generator = pytest.importorskip('rosidl_generator_type_description')
+        generator = pytest.importorskip('rosidl_generator_type_description', reason='not among the packages of this ROS')
         stamped = json.loads((_share('geometry_msgs') / 'TransformStamped.json').read_text())['type_description_msg']
         kind = {'type_id': 145, 'capacity': 0, 'string_capacity': 0, 'nested_type_name': 'geometry_msgs/msg/TransformStamped'}
         description = {

@@ -169,7 +169,7 @@ class Client:
 
 @pytest.fixture
 def client():
-    rclpy = pytest.importorskip('rclpy')
+    rclpy = pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
     context = rclpy.Context()
     rclpy.init(context=context, domain_id=int(DOMAIN))
     node = rclpy.create_node('client', context=context)

@@ -51,7 +51,6 @@ def run(command: list[str], directory: Path, **environment: str) -> str:
 @pytest.mark.slow
 @pytest.mark.parametrize('options', [[], ['--symlink-install']])
 def test_colcon_builds_it(source, tmp_path, options):
-    pytest.importorskip('colcon_ros')
     run(['colcon', '--log-base', str(tmp_path / 'log'), 'build', *options], tmp_path, PYTHONPATH='')
     prefix = tmp_path / 'install' / 'mbd_sim_ros'
     for name in ('simulator', 'maneuver', 'mbd'):  # where `ros2 run` looks

@@ -104,7 +104,7 @@ def test_the_mcap_reader_agrees(recorded):
 
 
 def test_rosbags_opens_the_directory_and_reads_the_same(recorded):
-    rosbag2 = pytest.importorskip('rosbags.rosbag2')
+    from rosbags import rosbag2
     from rosbags.typesys import Stores, get_typestore
 
     directory, shots = recorded
@@ -233,7 +233,7 @@ def test_a_full_disk_is_one_sentence_and_the_rest_can_be_recovered(tmp_path):
     assert saved.messages > 100
 
 
-@pytest.mark.skipif(not os.path.exists('/dev/full'), reason='no /dev/full here')
+@pytest.mark.skipif(not os.path.exists('/dev/full'), reason='/dev/full, a device that is always full, exists on Linux alone')
 def test_a_disk_that_is_full_from_the_start_is_one_sentence(tmp_path, monkeypatch):
     import builtins
 

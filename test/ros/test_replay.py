@@ -14,7 +14,7 @@ from mbd_sim_ros.cli import main
 
 @pytest.mark.slow
 def test_a_recorded_run_replays_to_the_same_bits(tmp_path, capsys):
-    pytest.importorskip('rclpy')
+    pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
     parameters = {
         'scene': 'slider_crank',
         'overrides': "['integrator.h=0.002']",
