@@ -215,24 +215,13 @@ def decode(message_type: str, text: str, data: bytes) -> tuple[dict[str, Any], d
     return walk.message(message_type.replace('/msg/', '/'), None, ''), walk.places
 
 
-class Template:
-    """One message with fixed strings and sizes: encoded once, then only its numbers change, through numpy views."""
+class Template(NamedTuple):
+    """A message with fixed strings and sizes: encoded once, then only its numbers change."""
 
-    def __init__(self, message_type: str, value: dict[str, Any]) -> None:
-        self.type = message_type
-        data, self.places = encode(message_type, schema_text(message_type), value)
-        # The body is put at a multiple of 8 bytes so that all views are aligned.
-        self._buffer = np.zeros(len(data) + 4, np.uint8)[4:]
-        self._buffer[:] = np.frombuffer(data, np.uint8)
-        self.memory = memoryview(self._buffer)  # type: ignore[arg-type]  # numpy arrays are buffers
+    data: bytes
+    places: dict[str, Place]  # of its numbers, by path
 
-    def view(self, path: str, count: int | None = None) -> np.ndarray:
-        """Return the numbers of field `path` (and those after it, if `count` reaches further), writable."""
-        place = self.places[path]
-        code = dtype(place)
-        count = place.size if count is None else count
-        return self._buffer[place.offset : place.offset + count * code.itemsize].view(code)
 
-    def bytes(self) -> bytes:
-        """Return the message as it is now."""
-        return bytes(self.memory)
+def template(message_type: str, value: dict[str, Any]) -> Template:
+    """Encode a message of a type that this package brings the definition of."""
+    return Template(*encode(message_type, schema_text(message_type), value))

@@ -8,15 +8,13 @@ mass with the axes of `base_link` (REP-145: an IMU reports at its own frame).
 from __future__ import annotations
 
 import math
-import struct
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from mbd_sim_ros.cdr import Template
+from mbd_sim_ros.cdr import ENCAPSULATION, Template, template
 from solver.errors import StepError
-from solver.snapshot import TIRE_COLUMNS, Channels, Snapshot
+from solver.snapshot import TIRE_COLUMNS, Channels, Snapshot, StepStats, layout_of, new_numbers
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 ODOMETRY = 'nav_msgs/msg/Odometry'
@@ -38,6 +36,7 @@ TYPE_HASHES = {
 _LOAD = TIRE_COLUMNS.index('fz')
 _SLIP = TIRE_COLUMNS.index('kappa')
 _CONTACT = TIRE_COLUMNS.index('px')
+NO_STATS = StepStats(0, 0, 0, 0, 0.0, 0.0, 0.0)
 TIRE_STATES = ('fz', *TIRE_COLUMNS[_SLIP:])  # the scalars of topic tire_states, per wheel
 
 
@@ -55,83 +54,100 @@ class Messages:
     """Turns snapshots into encoded messages, one per topic.
 
     `frame_prefix` is put before every frame name (several vehicles in one graph). `element_states` and `reactions` add the
-    outputs of every force element and the reaction of every constraint row as named scalars. The arrays inside are reused:
-    one instance serves one thread.
+    outputs of every force element and the reaction of every constraint row as named scalars. All messages lie in one buffer, and
+    a step is one indexed copy from the numbers of the snapshot to those of the messages: one instance serves one thread.
     """
 
     def __init__(self, channels: Channels, *, frame_prefix: str = '', element_states: bool = False, reactions: bool = False) -> None:
         self.channels = channels
         self._prefix = frame_prefix
-        self._templates: list[Template] = []
-        self._stamps: list[tuple[memoryview, int]] = []
-        self._fills: list[tuple[np.ndarray, Callable[[Snapshot], np.ndarray | float]]] = []
         topics: list[Topic] = []
+        templates: list[Template] = []
+        filled: list[tuple[int, int, np.ndarray]] = []  # template, offset in it, which numbers of the snapshot go there
+        layout = layout_of(channels)
+        # each number is its own place, so what a slice holds says where it comes from
+        s = Snapshot(0, 0, np.arange(new_numbers(layout).size), layout, NO_STATS)
 
         def add(topic: Topic, value: dict) -> Template:
-            template = Template(topic.type, value)
             topics.append(topic)
-            self._templates.append(template)
-            self._stamps += [(template.memory, place.offset) for path, place in template.places.items() if path.endswith('stamp.sec')]
-            return template
+            templates.append(template(topic.type, value))
+            return templates[-1]
 
-        def fill(view: np.ndarray, source: Callable[[Snapshot], np.ndarray | float]) -> None:
-            if view.size:
-                self._fills.append((view, source))
+        def fill(message: Template, path: str, source: np.ndarray) -> None:
+            filled.append((len(templates) - 1, message.places[path].offset, source.ravel()))
 
-        def scalars(name: str, names: tuple[str, ...]) -> np.ndarray:
-            template = add(Topic(name, JOINT_STATE), {'name': list(names), 'position': np.zeros(len(names))})
-            return template.view('position')
+        def scalars(name: str, names: tuple[str, ...], source: np.ndarray) -> Template:
+            message = add(Topic(name, JOINT_STATE), {'name': list(names), 'position': np.zeros(len(names))})
+            fill(message, 'position', source)
+            return message
 
         n = len(channels.joints)
         joints = add(
             Topic('joint_states', JOINT_STATE),
             {'name': list(channels.joints), 'position': np.zeros(n), 'velocity': np.zeros(n), 'effort': np.zeros(n)},
         )
-        fill(joints.view('position'), lambda s: s.joint_position)
-        fill(joints.view('velocity'), lambda s: s.joint_velocity)
-        fill(joints.view('effort'), lambda s: s.joint_effort)
+        fill(joints, 'position', s.joint_position)
+        fill(joints, 'velocity', s.joint_velocity)
+        fill(joints, 'effort', s.joint_effort)
 
-        frames = [self.frame('base_link')] if channels.chassis is not None else []
+        frames, places = [], []
         if channels.chassis is not None:
             chassis = channels.chassis
+            frames.append(self.frame('base_link'))
+            places.append(s.pose[chassis])
             odom = add(Topic('odom', ODOMETRY), {'header': {'frame_id': self.frame('odom')}, 'child_frame_id': self.frame('base_link')})
-            fill(odom.view('pose.pose.position.x', 7), lambda s: s.pose[chassis])
-            fill(odom.view('twist.twist.linear.x', 6), lambda s: s.twist[chassis])
+            fill(odom, 'pose.pose.position.x', s.pose[chassis])
+            fill(odom, 'twist.twist.linear.x', s.twist[chassis])
             imu = add(Topic('imu', IMU), {'header': {'frame_id': self.frame('imu_link')}})
-            fill(imu.view('orientation.x', 4), lambda s: s.pose[chassis, 3:])
-            fill(imu.view('linear_acceleration.x', 3), lambda s: s.imu[:3])
-            fill(imu.view('angular_velocity.x', 3), lambda s: s.imu[3:])
+            fill(imu, 'orientation.x', s.pose[chassis, 3:])
+            fill(imu, 'linear_acceleration.x', s.imu[:3])
+            fill(imu, 'angular_velocity.x', s.imu[3:])
 
         for i, wheel in enumerate(channels.wheels):
             frames.append(self.frame(f'{wheel}_contact'))
+            places.append(s.tire[i, _CONTACT:])
             wrench = add(Topic(f'tire/{wheel}/force', WRENCH), {'header': {'frame_id': frames[-1]}})
-            fill(wrench.view('wrench.force.x', 6), lambda s, i=i: s.tire[i, :6])  # type: ignore[misc]
+            fill(wrench, 'wrench.force.x', s.tire[i, :6])
         if channels.wheels:
-            states = scalars('tire_states', tuple(f'{wheel}/{name}' for wheel in channels.wheels for name in TIRE_STATES))
-            states = states.reshape(len(channels.wheels), len(TIRE_STATES))
-            fill(states[:, 0], lambda s: s.tire[:, _LOAD])
-            fill(states[:, 1:], lambda s: s.tire[:, _SLIP:])
+            names = tuple(f'{wheel}/{name}' for wheel in channels.wheels for name in TIRE_STATES)
+            scalars('tire_states', names, np.column_stack([s.tire[:, _LOAD], s.tire[:, _SLIP:]]))
 
         self._applied = len(topics)
-        applied = scalars('cmd_applied', (*channels.inputs, 'step'))
-        start = len(self._fills)
-        fill(applied[:-1], lambda s: s.inputs)
-        fill(applied[-1:], lambda s: float(s.k))
-        self._applied_fills = self._fills[start:]
+        applied = scalars('cmd_applied', (*channels.inputs, 'step'), s.inputs)
         if element_states:
-            fill(scalars('element_states', channels.elements), lambda s: s.elements)
+            scalars('element_states', channels.elements, s.elements)
         if reactions:
-            fill(scalars('reactions', channels.reactions), lambda s: s.reactions)
-
+            scalars('reactions', channels.reactions, s.reactions)
         if frames:
             transforms = [{'header': {'frame_id': self.frame('odom')}, 'child_frame_id': frame} for frame in frames]
             tf = add(Topic('/tf', TF, depth=100), {'transforms': transforms})
-            views = [tf.view(f'transforms[{i}].transform.translation.x', 7) for i in range(len(frames))]
-            if channels.chassis is not None:
-                fill(views.pop(0), lambda s: s.pose[chassis])
-            for i, view in enumerate(views):
-                fill(view, lambda s, i=i: s.tire[i, _CONTACT:])  # type: ignore[misc]
+            for i, place in enumerate(places):
+                fill(tf, f'transforms[{i}].transform.translation.x', place)
         self.topics = tuple(topics)
+        self._lay_out(templates, filled, applied)
+
+    def _lay_out(self, templates: list[Template], filled: list[tuple[int, int, np.ndarray]], applied: Template) -> None:
+        """Put the templates into one buffer, every body at a multiple of 8 bytes, as CDR aligns its numbers."""
+        begins, end = [], 0
+        for message in templates:
+            begins.append(end + 8 - len(ENCAPSULATION))
+            end = begins[-1] + len(message.data) + -(begins[-1] + len(message.data)) % 8
+        self._numbers = np.zeros(end // 8)
+        self._words = self._numbers.view(np.uint32)
+        memory = memoryview(self._numbers).cast('B')  # type: ignore[arg-type]  # numpy arrays are buffers
+        self._messages = [memory[begin : begin + len(message.data)] for begin, message in zip(begins, templates, strict=True)]
+        stamps = []
+        for begin, own, message in zip(begins, self._messages, templates, strict=True):
+            own[:] = message.data
+            stamps += [(begin + place.offset) // 4 for path, place in message.places.items() if path.endswith('stamp.sec')]
+        self._stamps = np.array(stamps)[:, None] + np.arange(2)
+        target = [(begins[k] + offset) // 8 + np.arange(len(source)) for k, offset, source in filled]
+        self._source, self._target = np.concatenate([source for *_, source in filled]), np.concatenate(target)
+        of_inputs = np.concatenate([np.full(len(source), k == self._applied) for k, _, source in filled])
+        self._inputs_source, self._inputs_target = self._source[of_inputs], self._target[of_inputs]
+        begin = begins[self._applied]
+        self._step = (begin + applied.places['position'].offset) // 8 + applied.places['position'].size - 1
+        self._inputs_stamp = (begin + applied.places['header.stamp.sec'].offset) // 4 + np.arange(2)
 
     def frame(self, name: str) -> str:
         """Return the name of a frame with the prefix of this vehicle."""
@@ -143,28 +159,24 @@ class Messages:
         Raises StepError, which names what and when, if a number in the snapshot is not finite: such a state never leaves.
         """
         require_finite(snapshot, self.channels)
-        stamp = struct.pack('<iI', *divmod(snapshot.t_ns, 1_000_000_000))
-        for memory, offset in self._stamps:
-            memory[offset : offset + 8] = stamp
-        for view, source in self._fills:
-            view[...] = source(snapshot)
-        return [template.bytes() for template in self._templates]
+        self._words[self._stamps] = divmod(snapshot.t_ns, 1_000_000_000)
+        self._numbers[self._target] = snapshot.numbers[self._source]
+        self._numbers[self._step] = snapshot.k
+        return [bytes(message) for message in self._messages]
 
     def encode_inputs(self, snapshot: Snapshot) -> list[bytes | None]:
         """Return the same list with `cmd_applied` alone: what a recording needs of the steps it otherwise leaves out."""
         require_finite(snapshot, self.channels)
-        template = self._templates[self._applied]
-        template.memory[template.places['header.stamp.sec'].offset :][:8] = struct.pack('<iI', *divmod(snapshot.t_ns, 1_000_000_000))
-        for view, source in self._applied_fills:
-            view[...] = source(snapshot)
-        return [template.bytes() if i == self._applied else None for i in range(len(self._templates))]
+        self._words[self._inputs_stamp] = divmod(snapshot.t_ns, 1_000_000_000)
+        self._numbers[self._inputs_target] = snapshot.numbers[self._inputs_source]
+        self._numbers[self._step] = snapshot.k
+        return [bytes(message) if i == self._applied else None for i, message in enumerate(self._messages)]
 
 
 def require_finite(snapshot: Snapshot, channels: Channels) -> None:
     """Raise StepError naming the first channel that is not finite, with time and step."""
-    s = snapshot
-    arrays = (s.pose, s.twist, s.joint_position, s.joint_velocity, s.joint_effort, s.imu, s.tire, s.inputs, s.elements, s.reactions)
-    if math.isfinite(sum(np.vdot(a, a) for a in arrays)):  # NaN and inf survive a sum of squares: the cheapest test of all
+    numbers = snapshot.numbers
+    if math.isfinite(np.vdot(numbers, numbers)):  # NaN and inf survive a sum of squares: the cheapest test of all
         return
     named: tuple[tuple[str, np.ndarray, tuple[str, ...]], ...] = (
         ('pose of body', snapshot.pose, channels.bodies),

@@ -25,7 +25,7 @@ from typing import Any
 import yaml
 
 from mbd_sim_ros.bag_writer import RECORD
-from mbd_sim_ros.cdr import Template
+from mbd_sim_ros.cdr import template
 from mbd_sim_ros.messages import STRING, Topic
 from solver.errors import BagError
 from solver.jit import source_hash
@@ -118,7 +118,7 @@ class Recorder:
         topics = list(topics)
         self._queue: deque[tuple[int, Sequence[bytes | None]]] = deque()
         description = metadata.get('robot_description', '')
-        self._description = Template(STRING, {'data': description}).bytes() if description else b''
+        self._description = template(STRING, {'data': description}).data if description else b''
         if description:
             topics.append(Topic('robot_description', STRING, depth=1, latched=True))
         self.directory = Path(directory)

@@ -13,7 +13,8 @@ from solver.dynamics import Outputs, evaluate_forces, prepare
 from solver.elements.coupler import CouplerSpec
 from solver.elements.tire_pacejka import rolling_radius
 from solver.errors import ConsistencyError
-from solver.integrators.augmented_lagrangian import OK, Coefficients, StepResult, advance, coefficients
+from solver.integrators.augmented_lagrangian import advance
+from solver.integrators.work import OK, Coefficients, StepResult, coefficients
 from solver.lie.so3 import matrix_of_quaternion
 from solver.model.state import State, kinematics_of, update_angles
 from solver.model.tables import Model

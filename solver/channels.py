@@ -54,20 +54,30 @@ def channels_of(model: Model) -> Channels:
 
 
 @kernel(borrow=True)
-def collect(tables, chassis, kin, a, angle, outputs, position, velocity, effort, pose, twist, imu, q):
-    """Assign the Snapshot arrays that are not mere copies: joints, body frames and the inertial unit."""
+def _append(out, elements, at):
+    """Copy the outputs of a kind of element to elements[at:]; returns where the next one goes."""
+    for e in range(out.shape[0]):
+        for i in range(out.shape[1]):
+            elements[at] = out[e, i]
+            at += 1
+    return at
+
+
+@kernel(borrow=True)
+def collect(tables, chassis, kin, a, lam, u, state, outputs, frame):
+    """Assign the Frame of a state: kin and a (nb + 1, 6) are those of the outputs, lam (nc,) and u (nu,) what was applied."""
     x = tables.coordinates
     for k in range(x.kind.shape[0]):
-        value, g_i, g_j = evaluate_coordinate(x, kin, k, angle)
-        position[k] = value
-        velocity[k] = coordinate_rate(x, kin, k, g_i, g_j)
-        effort[k] = 0.0
+        value, g_i, g_j = evaluate_coordinate(x, kin, k, state.angle)
+        frame.joint_position[k] = value
+        frame.joint_velocity[k] = coordinate_rate(x, kin, k, g_i, g_j)
+        frame.joint_effort[k] = 0.0
     t = tables.coordinate_forces
     for e in range(outputs.coordinate_forces.shape[0]):
         for k in range(t.terms[e]):
-            effort[t.coordinate[e, k]] += t.factor[e, k] * outputs.coordinate_forces[e, FORCE_COLUMN]
+            frame.joint_effort[t.coordinate[e, k]] += t.factor[e, k] * outputs.coordinate_forces[e, FORCE_COLUMN]
     for e in range(outputs.brakes.shape[0]):
-        effort[tables.brakes.coordinate[e]] += outputs.brakes[e, BRAKE_COLUMN]
+        frame.joint_effort[tables.brakes.coordinate[e]] += outputs.brakes[e, BRAKE_COLUMN]
     for b in range(tables.bodies.mass.shape[0]):
         R = load33(kin.R, b)
         com = load3(tables.bodies.com, b)
@@ -75,15 +85,28 @@ def collect(tables, chassis, kin, a, angle, outputs, position, velocity, effort,
         p = sub(load3(kin.p, b), mv(R, com))
         v = sub(tmv(R, linear_velocity(kin, b)), cross(w, com))
         for i in range(3):
-            pose[b, i] = p[i]
-            twist[b, i] = v[i]
-            twist[b, 3 + i] = w[i]
+            frame.pose[b, i] = p[i]
+            frame.twist[b, i] = v[i]
+            frame.twist[b, 3 + i] = w[i]
         for i in range(4):
-            pose[b, 3 + i] = q[b, 3 + i]
+            frame.pose[b, 3 + i] = state.q[b, 3 + i]
     R = load33(kin.R, chassis)
     gravity = (tables.bodies.gravity[0], tables.bodies.gravity[1], tables.bodies.gravity[2])
     force = tmv(R, add(load3(a, chassis), scale(-1.0, gravity)))
     w = angular_velocity(kin, chassis)
     for i in range(3):
-        imu[i] = force[i]
-        imu[3 + i] = w[i]
+        frame.imu[i] = force[i]
+        frame.imu[3 + i] = w[i]
+    for e in range(outputs.tires.shape[0]):
+        for i in range(frame.tire.shape[1]):
+            frame.tire[e, i] = outputs.tires[e, FIRST_TIRE_COLUMN + i]
+    at = _append(outputs.spring_dampers, frame.elements, 0)
+    at = _append(outputs.bushings, frame.elements, at)
+    at = _append(outputs.coordinate_forces, frame.elements, at)
+    at = _append(outputs.brakes, frame.elements, at)
+    at = _append(outputs.applied_forces, frame.elements, at)
+    _append(outputs.aero_drags, frame.elements, at)
+    for i in range(lam.shape[0]):
+        frame.reactions[i] = lam[i]
+    for i in range(u.shape[0]):
+        frame.inputs[i] = u[i]

@@ -89,7 +89,7 @@ class Start:
 
     def _constraints(self, q: np.ndarray, v: np.ndarray, angle: np.ndarray, u: np.ndarray) -> Ref:
         kin = kinematics_of(q, v)
-        evaluate_constraints(self.t, kin, angle, u, self.phi, self.J)
+        evaluate_constraints(self.t, kin, angle, u, True, self.phi, self.J)
         return kin
 
     def _worst_row(self, residual: np.ndarray) -> str:
@@ -201,7 +201,7 @@ class Start:
         for s, weight in ((-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3), (2, -1 / 12)):
             moved = q.copy()
             move(moved, s * d * v)
-            evaluate_constraints(self.t, kinematics_of(moved, v), angle, u, phi, J)
+            evaluate_constraints(self.t, kinematics_of(moved, v), angle, u, True, phi, J)
             constraint_rates(self.constraints, J, v, rate)
             bias += weight / d * rate
         return bias

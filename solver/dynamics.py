@@ -86,11 +86,11 @@ def bind(tables: Ref, spec: ModelSpec) -> None:
         APPLIED_FORCES: (applied_force_forces, spec.applied_forces, (Ref(tables.applied_forces), *plain)),
         AERO_DRAGS: (aero_drag_forces, spec.aero_drags, (Ref(tables.aero_drags), *plain)),
         TIRES: (tire_forces, spec.tires, (Ref(tables.tires), *plain)),
-        JOINTS: (evaluate_joints, spec.joints, (joints, kin, row, blocks)),
+        JOINTS: (evaluate_joints, spec.joints, (joints, kin, True, row, blocks)),
         JOINT_HESSIANS: (add_joint_hessians, spec.joints, (joints, kin, row, blocks, blocks)),
-        COUPLERS: (evaluate_couplers, spec.couplers, (couplers, x, kin, row, row, row, blocks)),
+        COUPLERS: (evaluate_couplers, spec.couplers, (couplers, x, kin, row, row, True, row, blocks)),
         COUPLER_HESSIANS: (add_coupler_hessians, spec.couplers, (couplers, x, kin, row, blocks)),
-        CONTACTS: (evaluate_contacts, spec.contacts, (contacts, kin, row, blocks)),
+        CONTACTS: (evaluate_contacts, spec.contacts, (contacts, kin, True, row, blocks)),
         CONTACT_GRADIENTS: (add_contact_gradients, spec.contacts, (contacts, kin, row, blocks)),
         FACTORIZE: (factorize, spec.bodies, (plan, blocks, rows)),
         SOLVE: (solve, spec.bodies, (plan, blocks, rows)),
@@ -132,15 +132,15 @@ def evaluate_forces(tables, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, out):
 
 
 @kernel(borrow=True)
-def evaluate_constraints(tables, kin, angle, u, phi, J):
-    """Assign residuals phi (nc,) and blocks J (entries + 1, 6, 6) of A. phi is A v where a row is not holonomic."""
+def evaluate_constraints(tables, kin, angle, u, gradients, phi, J):
+    """Assign residuals phi (nc,) and, when `gradients`, blocks J (entries + 1, 6, 6) of A. phi is A v where a row is not holonomic."""
     at = tables.calls
     if at[JOINTS] != 0:
-        invoke(at[JOINTS], (tables.constraints.joints, kin, phi, J))
+        invoke(at[JOINTS], (tables.constraints.joints, kin, gradients, phi, J))
     if at[CONTACTS] != 0:
-        invoke(at[CONTACTS], (tables.constraints.contacts, kin, phi, J))
+        invoke(at[CONTACTS], (tables.constraints.contacts, kin, gradients, phi, J))
     if at[COUPLERS] != 0:
-        invoke(at[COUPLERS], (tables.constraints.couplers, tables.coordinates, kin, angle, u, phi, J))
+        invoke(at[COUPLERS], (tables.constraints.couplers, tables.coordinates, kin, angle, u, gradients, phi, J))
 
 
 @kernel(borrow=True)

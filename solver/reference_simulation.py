@@ -7,9 +7,9 @@ import numpy as np
 from solver.audit import scaled_jacobian, update_audit
 from solver.dynamics import constraint_input_rates, evaluate_constraints, evaluate_forces
 from solver.errors import SpecError, StepError
-from solver.integrators.augmented_lagrangian import OK
 from solver.integrators.equations import Equations, Motion
 from solver.integrators.reference import METHODS, Kkt, Stabilised
+from solver.integrators.work import OK
 from solver.model.state import update_angles
 from solver.reference import Ref
 from solver.scene import Scene
@@ -91,7 +91,8 @@ class ReferenceSimulation(Simulation):
         a, lam, _ = self.equations.acceleration(t, motion)
         w.v_out[:], w.lam_out[:] = motion.v, lam
         w.a_out[:-1] = a.reshape(-1, 6)
-        evaluate_constraints(tables, kin, s.angle, self._inputs, w.phi, w.J)
+        evaluate_constraints(tables, kin, s.angle, self._inputs, True, w.phi, w.J)
         constraint_input_rates(tables, self._inputs, w.phi_t, w.phi_tt)
         evaluate_forces(tables, kin, s.angle, s.z, 0.0, self._inputs, False, w.f, w.Kq, w.Kv, w.z_s, self._output_table)
         update_audit(tables, kin, self._output_table, w.lam_out, w.phi_t, self.h, w.audit)
+        self._collect()

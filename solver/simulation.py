@@ -9,24 +9,26 @@ import numpy as np
 from solver.audit import WORST, describe, scaled_jacobian, update_audit
 from solver.beginning import Beginning
 from solver.branches import BranchWatch
-from solver.channels import FIRST_TIRE_COLUMN, channels_of, collect, new_outputs
+from solver.channels import channels_of, collect, new_outputs
 from solver.consistent import Start
 from solver.driver import Sight
 from solver.dynamics import constraint_input_rates, evaluate_constraints, evaluate_forces, prepare
 from solver.errors import SpecError, StepError
-from solver.integrators.adaptation import INACCURATE, Adaptation, Event
-from solver.integrators.augmented_lagrangian import (
+from solver.integrators.adaptation import Adaptation, Event
+from solver.integrators.augmented_lagrangian import advance
+from solver.integrators.coefficients import ConstraintCoefficients, coefficients_of, mass_factors, weigh
+from solver.integrators.work import (
+    BAD_INPUT,
+    INACCURATE,
     NON_FINITE,
     NOT_CONVERGED,
     OK,
     SINGULAR,
     Coefficients,
     StepResult,
-    advance,
     coefficients,
     new_work,
 )
-from solver.integrators.coefficients import ConstraintCoefficients, coefficients_of, mass_factors, weigh
 from solver.jit import address_of
 from solver.lie.so3 import matrix_of_quaternion
 from solver.maneuver import DriverSource, ManeuverSource
@@ -35,7 +37,7 @@ from solver.model.tables import Model
 from solver.reference import Ref
 from solver.saddle import BLOCK, CONDENSED, new_saddle
 from solver.scene import Scene
-from solver.snapshot import TIRE_COLUMNS, Snapshot, StepStats
+from solver.snapshot import Snapshot, StepStats, frame_of, layout_of, new_numbers
 from solver.vehicle.urdf import robot_description
 
 NO_STEPS = StepStats(OK, 0, 0, 0, 0.0, 0.0, 0.0)
@@ -76,7 +78,10 @@ class Simulation:
             tolerance=settings.tolerance,
         )
         self.outputs = new_outputs(self.model)
-        self.work = new_work(self.model, new_saddle(self.model, form), self.outputs)
+        self._layout = layout_of(self.channels)
+        self._numbers = new_numbers(self._layout)
+        frame = frame_of(self._numbers, self._layout)
+        self.work = new_work(self.model, new_saddle(self.model, form), self.outputs, frame)
         if values.coupled or values.full:
             values = values._replace(weigh=address_of(weigh, self.model.tables, Ref(values), self.work))
         self.coefficients = Ref(values)
@@ -87,7 +92,7 @@ class Simulation:
         self.driver: DriverSource | None = None
         if scene.maneuver.driver is not None:
             self.driver = DriverSource(scene.maneuver, scene.model.inputs, self.h_ns, self.stage)
-        self._output_table = Ref(self.outputs)
+        self._output_table, self._frame = Ref(self.outputs), Ref(frame)
         self.adaptation: Adaptation | None = None
         if settings.adapts and settings.kind in Simulation.KINDS:
             self.adaptation = Adaptation(self.model, settings, self.coefficients, self.work, self._output_table)
@@ -155,7 +160,7 @@ class Simulation:
             self.branches.reset()
         w, t, s = self.work, self.model.tables, self.state
         kin = self._kinematics(s.q, s.v)
-        evaluate_constraints(t, kin, s.angle, self._inputs, w.phi, w.J)
+        evaluate_constraints(t, kin, s.angle, self._inputs, True, w.phi, w.J)
         constraint_input_rates(t, self._inputs, w.phi_t, w.phi_tt)
         start = Start(self.model, self.outputs)
         start.project_velocity(projected := s._replace(v=s.v.copy()), self._inputs)
@@ -164,6 +169,13 @@ class Simulation:
         kin = self._kinematics(s.q, projected.v)
         evaluate_forces(t, kin, s.angle, s.z, 0.0, self._inputs, False, w.f, w.Kq, w.Kv, w.z_s, self._output_table)
         update_audit(t, kin, self._output_table, w.lam_out, w.phi_t, 0.0, w.audit)
+        self._collect()
+
+    def _collect(self) -> None:
+        """Show the current state and the outputs that were evaluated last."""
+        w = self.work
+        tables, states = self.model.tables, self._states
+        collect(tables, w.chassis, self._kin, w.a_out, w.lam_out, self._inputs, states[0], self._output_table, self._frame)
 
     def advance(self, n: int = 1, inputs: np.ndarray | None = None, *, audit: bool = True) -> Snapshot:
         """Advance n steps and return the Snapshot after the last.
@@ -179,11 +191,7 @@ class Simulation:
         if inputs is None:
             inputs = self.source.table(self.k, n)
         elif inputs.ndim == 1:
-            inputs = np.repeat(inputs[None, :], n, axis=0)
-        if not np.isfinite(inputs).all():
-            row, column = np.argwhere(~np.isfinite(inputs))[0]
-            name = self.channels.inputs[column]
-            raise StepError(f't = {self.t_ns * 1e-9:.6f} s: input {name!r} is not finite in step {self.k + row}; nothing was advanced')
+            inputs = inputs[None, :]
         self._advance(n, np.ascontiguousarray(inputs, float), audit)
         return self.snapshot()
 
@@ -191,19 +199,23 @@ class Simulation:
         watch = self.branches if audit else None
         part = n if watch is None else 1
         self._stats = NO_STEPS
+        held = len(inputs) == 1
         for first in range(0, n, max(part, 1)):
             if self.adaptation is not None:
-                result, done = self.adaptation.advance(self._states, self._inputs, inputs[first : first + part], self.k, audit)
+                rows = np.repeat(inputs, part, axis=0) if held else inputs[first : first + part]
+                result, done = self.adaptation.advance(self._states, self._inputs, rows, self.k, audit)
             else:
                 result, done = advance(self.model.tables, self.coefficients, *self._states, inputs, first, part, audit, self.work)
                 if done % 2 == 1:
                     self._states.reverse()
             self.k += done
             if done:
-                self._inputs = inputs[first + done - 1].copy()
+                self._inputs = inputs[0 if held else first + done - 1].copy()
             self._count(result)
             if result.status != OK:
                 raise StepError(self._failure(result))
+            if self.adaptation is not None:
+                self._collect()
             if watch is not None:
                 watch.look(self.t_ns * 1e-9, scaled_jacobian(self.model, self.work.J))
 
@@ -218,9 +230,11 @@ class Simulation:
         return Sight(float(p[0]), float(p[1]), float(np.arctan2(R[1, 0], R[0, 0])), speed)
 
     def _count(self, result: StepResult) -> None:
-        self._stats = self._stats.followed_by(result)
-        self._totals = self._totals.followed_by(result)
-        self._stagnated += result.stagnated
+        status, _, iterations, factorizations, evaluations, residual, position, velocity, stagnated = result
+        stats = StepStats(status, iterations, factorizations, evaluations, residual, position, velocity)
+        self._stats = self._stats.followed_by(stats)
+        self._totals = self._totals.followed_by(stats)
+        self._stagnated += stagnated
 
     def _failure(self, result: StepResult) -> str:
         when = f't = {self.t_ns * 1e-9:.6f} s, step {self.k}: '
@@ -239,6 +253,8 @@ class Simulation:
                 f'the step matrix is singular at body {self.model.body_names[where]!r}: a part of its motion has neither inertia nor '
                 'constraint nor stiffness; give the body mass and inertia, or constrain that motion'
             )
+        if result.status == BAD_INPUT:
+            return when + f'input {self.channels.inputs[result.where]!r} is not finite; nothing was advanced'
         smallest = f'the smallest step integrator.h_min = {self.scene.integrator.h_min:g}'
         if result.status == INACCURATE:
             tolerance = self.scene.integrator.error_tolerance
@@ -251,29 +267,8 @@ class Simulation:
         return when + f'no convergence in {self.coefficients.iterations} iterations (residual {result.residual:.2g}{name}); {remedy}'
 
     def snapshot(self) -> Snapshot:
-        """The outputs of the current step, as copies."""
-        m, w, s = self.model, self.work, self.state
-        nb, nx = m.n_bodies, len(m.coordinate_names)
-        position, velocity, effort = np.empty(nx), np.empty(nx), np.empty(nx)
-        pose, twist, imu = np.empty((nb, 7)), np.empty((nb, 6)), np.empty(6)
-        chassis = self.channels.chassis or 0
-        collect(m.tables, chassis, self._kin, w.a_out, s.angle, self._output_table, position, velocity, effort, pose, twist, imu, s.q)
-        first, last = FIRST_TIRE_COLUMN, FIRST_TIRE_COLUMN + len(TIRE_COLUMNS)
-        return Snapshot(
-            k=self.k,
-            t_ns=self.t_ns,
-            joint_position=position,
-            joint_velocity=velocity,
-            joint_effort=effort,
-            pose=pose,
-            twist=twist,
-            imu=imu,
-            tire=self.outputs.tires[:, first:last].copy(),
-            inputs=self._inputs.copy(),
-            elements=np.concatenate([out.ravel() for out in self.outputs[:-1]]),
-            reactions=w.lam_out.copy(),
-            stats=self._stats,
-        )
+        """The outputs of the last step, as a copy; after a failure those of the last call of advance() that succeeded."""
+        return Snapshot(self.k, self.t_ns, self._numbers.copy(), self._layout, self._stats)
 
     # -- state and reports ---------------------------------------------------------------------------------------------
 
@@ -344,7 +339,7 @@ class Simulation:
         """Counts, degrees of freedom, redundancy and reactions that are not unique, at the current configuration."""
         kin = kinematics_of(self.state.q, self.state.v)  # not that of the outputs
         phi, J = np.zeros(self.model.n_rows), np.zeros_like(self.work.J)
-        evaluate_constraints(self.model.tables, kin, self.state.angle, self._inputs, phi, J)
+        evaluate_constraints(self.model.tables, kin, self.state.angle, self._inputs, True, phi, J)
         return describe(self.model, J)
 
 

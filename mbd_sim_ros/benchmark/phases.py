@@ -33,7 +33,8 @@ from solver.saddle import CONDENSED, factorize_saddle, solve_saddle
 from solver.simulation import Simulation
 
 FORCE_KINDS = range(TIRES + 1)  # indices into tables.calls
-PLACE_TANGENTS, PLACE, PLACE_END, TANGENTS, FORCES, CONSTRAINTS, RESIDUAL, ASSEMBLE, FACTORIZE_ALL, SOLVE, PROJECT, OUTPUTS = range(12)
+PLACE_TANGENTS, PLACE, PLACE_END, TANGENTS, FORCES, CONSTRAINTS, RESIDUALS, RESIDUAL, ASSEMBLE = range(9)
+FACTORIZE_ALL, SOLVE, PROJECT, OUTPUTS = range(9, 13)
 PHASES = {
     'placement': 'configuration, rotation tangents and velocities of the stage and the end',
     'forces and tangents': 'all force elements with Kq and Kv',
@@ -66,9 +67,9 @@ def repeat(phase, count, tables, c, s0, s1, u, work):
         elif phase in (TANGENTS, FORCES):
             tangents = phase == TANGENTS
             evaluate_forces(tables, work.kin_s, s0.angle, work.zp, cz, u, tangents, work.f, work.Kq, work.Kv, work.z_s, work.outputs)
-        elif phase == CONSTRAINTS:
-            evaluate_constraints(tables, work.kin_s, s0.angle, u, work.phi_s, work.J_now)
-            evaluate_constraints(tables, work.kin_e, s0.angle, u, work.phi, work.J)
+        elif phase in (CONSTRAINTS, RESIDUALS):
+            evaluate_constraints(tables, work.kin_s, s0.angle, u, True, work.phi_s, work.J_now)
+            evaluate_constraints(tables, work.kin_e, s0.angle, u, phase == CONSTRAINTS, work.phi, saddle.J_s)
         elif phase == RESIDUAL:
             add_constraint_forces(tables.constraints, work.J_now, s1.lam, 1.0, work.f)
             momentum_residual(tables, c, s0.a, s1.a, work.f, work.r)
@@ -80,7 +81,7 @@ def repeat(phase, count, tables, c, s0, s1, u, work):
             solve_saddle(tables, c.form, saddle, work.r, work.g, work.dw, work.dlam)
         elif phase == PROJECT:
             update_angles(tables.coordinates, work.kin_e, s1.angle)
-            evaluate_constraints(tables, work.kin_e, s1.angle, u, work.phi, work.J)
+            evaluate_constraints(tables, work.kin_e, s1.angle, u, True, work.phi, work.J)
             project_velocity(tables, c, s1.v, u, 1 if c.fixed == 1 else 3, work)
         else:
             evaluate_forces(tables, work.kin_e, s1.angle, s1.z, 0.0, u, False, work.f, work.Kq, work.Kv, work.z_s, work.outputs)
@@ -145,7 +146,7 @@ def phase_times(simulation: Simulation, rounds: int, count: int = 200) -> tuple[
             'placement': factorizations * piece(PLACE_TANGENTS) + (n - factorizations) * piece(PLACE) + piece(PLACE_END),
             'forces and tangents': factorizations * piece(TANGENTS),
             'forces alone': (n - factorizations) * piece(FORCES),
-            'constraints': n * piece(CONSTRAINTS),
+            'constraints': factorizations * piece(CONSTRAINTS) + (n - factorizations) * piece(RESIDUALS),
             'residual': n * piece(RESIDUAL),
             'assembly': factorizations * assembly,
             'penalties': factorizations * (before_elimination - assembly),

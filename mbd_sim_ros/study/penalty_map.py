@@ -9,8 +9,8 @@ import numpy as np
 
 from mbd_sim_ros.study import Progress, crank
 from mbd_sim_ros.study.report import COLOURS, Report, figure
-from solver.integrators.augmented_lagrangian import coefficients
 from solver.integrators.settings import IntegratorSettings
+from solver.integrators.work import coefficients
 
 SUMMARY = 'success and error of the slider-crank over penalty 1e1 to 1e13 and step, and the erratic middle range explained'
 PENALTIES, QUICK_PENALTIES = 10.0 ** np.arange(1, 14), 10.0 ** np.array([3.0, 4.0, 6.0])

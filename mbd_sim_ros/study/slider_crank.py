@@ -10,7 +10,7 @@ import numpy as np
 from mbd_sim_ros.study import Progress, crank, slider_crank_claims
 from mbd_sim_ros.study.crank_history import START, Run, record
 from mbd_sim_ros.study.report import COLOURS, Report, figure
-from solver.integrators.augmented_lagrangian import coefficients
+from solver.integrators.work import coefficients
 from solver.simulation import Simulation
 
 SUMMARY = "the chapter's figures 1 and 2 for the 26-constraint slider-crank, and a judgement of each of its claims"

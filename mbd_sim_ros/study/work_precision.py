@@ -15,7 +15,7 @@ from mbd_sim_ros.study import Progress, crank, peers, precision_report
 from mbd_sim_ros.study.crank_history import START
 from mbd_sim_ros.study.report import Report
 from solver.errors import MbdError, SpecError
-from solver.integrators.augmented_lagrangian import coefficients
+from solver.integrators.work import coefficients
 from solver.scene import Scene, load_scene
 from solver.simulation import simulation_of
 

@@ -105,24 +105,25 @@ def compile_contacts(
 
 
 @kernel(inline=True)
-def _put(J, table, e, row, R_i, R_j, to_i, to_j, d, kin):
-    """Assign a row along d at the point that is to_i and to_j [m, in W] from the centres of mass; returns a v."""
+def _put(gradients, J, table, e, row, R_i, R_j, to_i, to_j, d, kin):
+    """Assign a row along d at the point that is to_i and to_j [m, in W] from the centres of mass, when `gradients`; returns a v."""
     i = table.body[e, 0]
     j = table.body[e, 1]
     t_i = tmv(R_i, cross(d, to_i))
     t_j = tmv(R_j, cross(to_j, d))
-    for c in range(3):
-        J[table.entry[e, 0], row, c] = -d[c]
-        J[table.entry[e, 0], row, 3 + c] = t_i[c]
-        J[table.entry[e, 1], row, c] = d[c]
-        J[table.entry[e, 1], row, 3 + c] = t_j[c]
+    if gradients:
+        for c in range(3):
+            J[table.entry[e, 0], row, c] = -d[c]
+            J[table.entry[e, 0], row, 3 + c] = t_i[c]
+            J[table.entry[e, 1], row, c] = d[c]
+            J[table.entry[e, 1], row, 3 + c] = t_j[c]
     slide = dot(d, sub(linear_velocity(kin, j), linear_velocity(kin, i)))
     return slide + dot(t_i, angular_velocity(kin, i)) + dot(t_j, angular_velocity(kin, j))
 
 
 @kernel(borrow=True)
-def evaluate_contacts(table, kin, phi, J):
-    """Assign residuals phi (nc,), of velocity for rows that are not holonomic, and blocks J (entries + 1, 6, 6) of A."""
+def evaluate_contacts(table, kin, gradients, phi, J):
+    """Assign residuals phi (nc,), of velocity for rows that are not holonomic; when `gradients`, blocks J (entries + 1, 6, 6) of A."""
     for e in range(table.row.shape[0]):
         i = table.body[e, 0]
         j = table.body[e, 1]
@@ -132,7 +133,9 @@ def evaluate_contacts(table, kin, phi, J):
         centre = point_position(kin, j, load3(table.r_j, e))
         row = table.row[e]
         if table.code[e] == KNIFE_EDGE:
-            phi[row] = _put(J, table, e, 0, R_i, R_j, sub(centre, load3(kin.p, i)), sub(centre, load3(kin.p, j)), mv(R_j, col(G, 1)), kin)
+            phi[row] = _put(
+                gradients, J, table, e, 0, R_i, R_j, sub(centre, load3(kin.p, i)), sub(centre, load3(kin.p, j)), mv(R_j, col(G, 1)), kin
+            )
         else:
             F = mm(R_i, load33(table.F, e))
             n = col(F, 2)
@@ -142,10 +145,10 @@ def evaluate_contacts(table, kin, phi, J):
             C = sub(centre, scale(table.radius[e] / s, u))
             to_i = sub(C, load3(kin.p, i))
             to_j = sub(C, load3(kin.p, j))
-            _put(J, table, e, 0, R_i, R_j, to_i, to_j, n, kin)
+            _put(gradients, J, table, e, 0, R_i, R_j, to_i, to_j, n, kin)
             phi[row] = dot(n, sub(centre, point_position(kin, i, load3(table.r_i, e)))) - table.radius[e] * s
-            phi[row + 1] = _put(J, table, e, 1, R_i, R_j, to_i, to_j, col(F, 0), kin)
-            phi[row + 2] = _put(J, table, e, 2, R_i, R_j, to_i, to_j, col(F, 1), kin)
+            phi[row + 1] = _put(gradients, J, table, e, 1, R_i, R_j, to_i, to_j, col(F, 0), kin)
+            phi[row + 2] = _put(gradients, J, table, e, 2, R_i, R_j, to_i, to_j, col(F, 1), kin)
 
 
 @kernel(borrow=True)

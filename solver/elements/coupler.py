@@ -50,9 +50,12 @@ class CouplerTable(NamedTuple):
 
 
 @kernel(borrow=True)
-def evaluate_couplers(table, coordinates, kin, angle, u, phi, J):
-    """Assign residuals and gradients of all couplers; `angle` continues the rotations (see solver.elements.coordinate)."""
-    for e in range(table.row.shape[0]):
+def evaluate_couplers(table, coordinates, kin, angle, u, gradients, phi, J):
+    """Assign residuals phi (nc,) and, when `gradients`, blocks J (entries + 1, 6, 6) of A of all couplers.
+
+    `angle` continues the rotations (see solver.elements.coordinate).
+    """
+    for e in range(table.row.shape[0] if gradients else 0):
         for t in range(table.terms[e]):
             for side in range(2):
                 for c in range(6):
@@ -65,13 +68,14 @@ def evaluate_couplers(table, coordinates, kin, angle, u, phi, J):
             factor = table.factor[e, t]
             x, g_i, g_j = evaluate_coordinate(coordinates, kin, table.coordinate[e, t], angle)
             residual += factor * x
-            a = table.entry[e, t, 0]
-            b = table.entry[e, t, 1]
-            for c in range(3):
-                J[a, 0, c] += factor * g_i[0][c]
-                J[a, 0, 3 + c] += factor * g_i[1][c]
-                J[b, 0, c] += factor * g_j[0][c]
-                J[b, 0, 3 + c] += factor * g_j[1][c]
+            if gradients:
+                a = table.entry[e, t, 0]
+                b = table.entry[e, t, 1]
+                for c in range(3):
+                    J[a, 0, c] += factor * g_i[0][c]
+                    J[a, 0, 3 + c] += factor * g_i[1][c]
+                    J[b, 0, c] += factor * g_j[0][c]
+                    J[b, 0, 3 + c] += factor * g_j[1][c]
         phi[table.row[e]] = residual
 
 

@@ -133,21 +133,23 @@ def compile_joints(
 
 
 @kernel(borrow=True)
-def _put_row(J, entry, row, linear, angular):
-    J[entry, row, 0] = linear[0]
-    J[entry, row, 1] = linear[1]
-    J[entry, row, 2] = linear[2]
-    J[entry, row, 3] = angular[0]
-    J[entry, row, 4] = angular[1]
-    J[entry, row, 5] = angular[2]
+def _put_rows(J, entry, row, direction, on_i, on_j):
+    """Assign the row of both bodies: force along `direction` (in W) on j and its opposite on i, torques in B."""
+    for c in range(3):
+        J[entry[0], row, c] = -direction[c]
+        J[entry[0], row, 3 + c] = on_i[c]
+        J[entry[1], row, c] = direction[c]
+        J[entry[1], row, 3 + c] = on_j[c]
 
 
 @kernel(borrow=True)
-def evaluate_joints(table, kin, phi, J):
-    """Assign residuals phi (nc,) and gradient blocks J (entries + 1, 6, 6): row of the joint x (force in W, torque in B)."""
+def evaluate_joints(table, kin, gradients, phi, J):
+    """Assign residuals phi (nc,) and, when `gradients`, blocks J (entries + 1, 6, 6): row of the joint x (force in W, torque in B)."""
     for e in range(table.rows.shape[0]):
         i = table.body[e, 0]
         j = table.body[e, 1]
+        entry = (table.entry[e, 0], table.entry[e, 1])
+        first = table.row[e]
         R_i = load33(kin.R, i)
         R_j = load33(kin.R, j)
         Fl = load33(table.F, e)
@@ -155,24 +157,29 @@ def evaluate_joints(table, kin, phi, J):
         r_i = load3(table.r_i, e)
         r_j = load3(table.r_j, e)
         d = sub(point_position(kin, j, r_j), point_position(kin, i, r_i))
-        arm = add(tmv(R_i, d), r_i)
         zero = scale(0.0, d)
         for r in range(table.rows[e]):
             code = table.code[e, r]
-            if code <= DZ:
+            if code >= PX:
+                c = code - PX
+                phi[first + r] = d[c]
+                if gradients:
+                    n = (1.0 * (c == 0), 1.0 * (c == 1), 1.0 * (c == 2))
+                    _put_rows(J, entry, r, n, cross(row(R_i, c), r_i), cross(r_j, row(R_j, c)))
+            elif code <= DZ:
                 E = col(Fl, code)
                 n = mv(R_i, E)
-                phi[table.row[e] + r] = dot(n, d)
-                _put_row(J, table.entry[e, 0], r, scale(-1.0, n), cross(E, arm))
-                _put_row(J, table.entry[e, 1], r, n, cross(r_j, tmv(R_j, n)))
+                phi[first + r] = dot(n, d)
+                if gradients:
+                    _put_rows(J, entry, r, n, cross(E, add(tmv(R_i, d), r_i)), cross(r_j, tmv(R_j, n)))
             elif code < TWIST:
                 a = col(Fl, (code - AXES) // 3)
                 b = col(Gl, (code - AXES) % 3)
                 aw = mv(R_i, a)
                 bw = mv(R_j, b)
-                phi[table.row[e] + r] = dot(aw, bw)
-                _put_row(J, table.entry[e, 0], r, zero, cross(a, tmv(R_i, bw)))
-                _put_row(J, table.entry[e, 1], r, zero, cross(b, tmv(R_j, aw)))
+                phi[first + r] = dot(aw, bw)
+                if gradients:
+                    _put_rows(J, entry, r, zero, cross(a, tmv(R_i, bw)), cross(b, tmv(R_j, aw)))
             elif code == TWIST:
                 x = col(Fl, 0)
                 y = col(Fl, 1)
@@ -182,21 +189,17 @@ def evaluate_joints(table, kin, phi, J):
                 yw = mv(R_i, y)
                 Xw = mv(R_j, X)
                 Yw = mv(R_j, Y)
-                phi[table.row[e] + r] = dot(xw, Yw) - dot(yw, Xw)
-                _put_row(J, table.entry[e, 0], r, zero, sub(cross(x, tmv(R_i, Yw)), cross(y, tmv(R_i, Xw))))
-                _put_row(J, table.entry[e, 1], r, zero, sub(cross(Y, tmv(R_j, xw)), cross(X, tmv(R_j, yw))))
-            elif code >= PX:
-                c = code - PX
-                n = (1.0 * (c == 0), 1.0 * (c == 1), 1.0 * (c == 2))
-                phi[table.row[e] + r] = d[c]
-                _put_row(J, table.entry[e, 0], r, scale(-1.0, n), cross(row(R_i, c), r_i))
-                _put_row(J, table.entry[e, 1], r, n, cross(r_j, row(R_j, c)))
+                phi[first + r] = dot(xw, Yw) - dot(yw, Xw)
+                if gradients:
+                    on_i = sub(cross(x, tmv(R_i, Yw)), cross(y, tmv(R_i, Xw)))
+                    on_j = sub(cross(Y, tmv(R_j, xw)), cross(X, tmv(R_j, yw)))
+                    _put_rows(J, entry, r, zero, on_i, on_j)
             else:
                 length = np.sqrt(dot(d, d))
-                n = scale(1.0 / length, d)
-                phi[table.row[e] + r] = length - table.length[e]
-                _put_row(J, table.entry[e, 0], r, scale(-1.0, n), scale(-1.0, cross(r_i, tmv(R_i, n))))
-                _put_row(J, table.entry[e, 1], r, n, cross(r_j, tmv(R_j, n)))
+                phi[first + r] = length - table.length[e]
+                if gradients:
+                    n = scale(1.0 / length, d)
+                    _put_rows(J, entry, r, n, scale(-1.0, cross(r_i, tmv(R_i, n))), cross(r_j, tmv(R_j, n)))
 
 
 @kernel(borrow=True)

@@ -24,14 +24,14 @@ from typing import NamedTuple, cast
 import numpy as np
 
 from solver.audit import update_audit
-from solver.integrators.augmented_lagrangian import LARGEST_STAGNATION, NOT_CONVERGED, OK, StepResult, step
+from solver.integrators.augmented_lagrangian import LARGEST_STAGNATION, step
 from solver.integrators.settings import IntegratorSettings
+from solver.integrators.work import BAD_INPUT, INACCURATE, NOT_CONVERGED, OK, StepResult
 from solver.maneuver import ACCELERATION, RATE, is_motion
 from solver.model.state import State, copy_state, new_state
 from solver.model.tables import Model
 from solver.reference import Ref
 
-INACCURATE = 4  # status: the error is above the tolerance with the smallest step
 RAISE = 10.0  # of a penalty at a time
 SLOW = 0.1  # constraints with at least this part of the largest violation are the slowest
 HELPS = 0.5  # a raise that leaves more of the residual is taken back
@@ -155,6 +155,8 @@ class Adaptation:
         at the start of the interval.
         """
         self._sum = [0, 0, 0, 0.0, 0.0, 0.0, 0]
+        if not np.isfinite(inputs).all():
+            return self._summed(BAD_INPUT, int(np.argwhere(~np.isfinite(inputs))[0, 1])), 0
         for n, row in enumerate(inputs):
             t = (k + n) * self.settings.h_ns * 1e-9
             result = self._interval(states, before, row, t, audit, n == len(inputs) - 1)

@@ -18,13 +18,11 @@ costs the multipliers an order.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from solver.audit import update_audit
+from solver.channels import collect
 from solver.dynamics import (
-    Outputs,
     add_constraint_forces,
     add_constraint_stiffness,
     constraint_input_rates,
@@ -32,23 +30,13 @@ from solver.dynamics import (
     evaluate_constraints,
     evaluate_forces,
 )
-from solver.elements.point_pair import Kinematics
-from solver.integrators.coefficients import Formulation, new_formulation
+from solver.integrators.work import BAD_INPUT, NON_FINITE, NOT_CONVERGED, OK, SINGULAR, StepResult
 from solver.jit import invoke, kernel
 from solver.lie.so3 import matrix_of_quaternion, quaternion_exp, quaternion_normalized, quaternion_product, right_jacobian
 from solver.lie.vec import scale, store33
-from solver.model.state import new_kinematics, update_angles
-from solver.reference import Ref
-from solver.saddle import (
-    Saddle,
-    assemble_tangent,
-    effective_masses,
-    factorize_saddle,
-    rotate_columns,
-    solve_saddle,
-)
+from solver.model.state import update_angles
+from solver.saddle import assemble_tangent, effective_masses, factorize_saddle, rotate_columns, solve_saddle
 
-OK, NOT_CONVERGED, NON_FINITE, SINGULAR = 0, 1, 2, 3
 AT_END, BOTH, WITH_TANGENTS = 0, 1, 2  # what place assigns
 # The multipliers of redundant constraints are determined only by rounding; starting each step from a little less than the last
 # values keeps that part from drifting, while the determined part is found again by the first iteration.
@@ -58,109 +46,12 @@ STAGNATION = 0.5  # an iteration that gains less is stopped and its best iterate
 CONTRACTION_TO_REUSE = 0.1  # tolerance mode keeps the factorization while an iteration gains a digit
 
 
-class Coefficients(NamedTuple):
-    """Scalars of the scheme and the iteration."""
-
-    h: float
-    am: float
-    af: float
-    beta: float
-    gamma: float
-    am1: float  # of first-order states
-    gamma1: float
-    ahead: float  # from the stage to the end of the step, in intervals between the last two stages: af while the step is constant
-    penalty: np.ndarray  # (nc,) xi_R, dimensionless
-    factor: np.ndarray  # (nc,) multiplies the coefficients m_R (the chapter's m/10 experiment)
-    m_alf: int  # 1: h_R = lam_R with unit coefficients (k = 1, m = c = f = 0): W = xi beta h^2 (xi gamma h of a velocity)
-    weigh: int  # address of solver.integrators.coefficients.weigh, 0: W are the isolated effective masses
-    coupled: int  # 1: coupled effective masses
-    full: int  # 1: with c_R and k_R
-    form: int
-    fixed: int  # 1: a fixed number of iterations with one factorization
-    iterations: int  # their number, or the limit in tolerance mode
-    tolerance: float
-
-
-def coefficients(h: float, rho_inf: float) -> dict[str, float]:
-    """Parameters of the scheme for step h [s] and spectral radius rho_inf in [0, 1] at infinite frequency."""
-    am = (2.0 * rho_inf - 1.0) / (rho_inf + 1.0)
-    af = rho_inf / (rho_inf + 1.0)
-    am1 = 1.0 - 0.5 * (3.0 - rho_inf) / (1.0 + rho_inf)
-    return {
-        'h': h,
-        'am': am,
-        'af': af,
-        'gamma': 0.5 + af - am,
-        'beta': 0.25 * (1.0 + af - am) ** 2,
-        'am1': am1,
-        'gamma1': 0.5 + (1.0 - am1) - (1.0 - af),
-        'ahead': af,
-    }
-
-
-class Work(NamedTuple):
-    """Scratch and outputs of a step; nothing in it survives from one step to the next."""
-
-    kin_s: Kinematics
-    kin_e: Kinematics
-    T_s: np.ndarray  # (nb + 1, 3, 3) derivative of the stage rotation with respect to the increment
-    T_e: np.ndarray
-    f: np.ndarray  # (nb + 1, 6)
-    r: np.ndarray
-    dw: np.ndarray
-    a_best: np.ndarray  # iterate with the smallest increment
-    lam_best: np.ndarray
-    Kq: np.ndarray  # (ns + 1, 6, 6)
-    Kv: np.ndarray
-    phi: np.ndarray  # (nc,)
-    phi_s: np.ndarray
-    g: np.ndarray
-    dlam: np.ndarray
-    phi_t: np.ndarray
-    phi_tt: np.ndarray
-    rate: np.ndarray
-    J: np.ndarray  # (entries + 1, 6, 6) at the end of the step
-    J_now: np.ndarray
-    zp: np.ndarray
-    z_s: np.ndarray
-    saddle: Saddle
-    outputs: Outputs
-    v_out: np.ndarray  # (nb + 1, 6) projected twist
-    a_out: np.ndarray  # (nb + 1, 6) acceleration at the end of the step
-    lam_out: np.ndarray  # (nc,) constraint forces at the end of the step
-    audit: np.ndarray  # (5,) running energy balance (solver.audit)
-    formulation: Formulation  # coefficients of the constraints
-
-
-class StepResult(NamedTuple):
-    """Status and counters of one step; `where` is a body, group or iteration index that belongs to the status."""
-
-    status: int
-    where: int
-    iterations: int
-    factorizations: int
-    evaluations: int
-    residual: float
-    position_drift: float
-    velocity_drift: float
-    stagnated: int  # 1: accepted although the iteration stopped gaining before the tolerance
-
-
 @kernel(borrow=True)
 def copy_rows(source, target):
     """target <- source, (n, 6); borrowing kernels cannot assign array to array."""
     for b in range(source.shape[0]):
         for i in range(source.shape[1]):
             target[b, i] = source[b, i]
-
-
-@kernel(borrow=True)
-def copy_blocks(source, target):
-    """target <- source, (n, 6, 6)."""
-    for b in range(source.shape[0]):
-        for i in range(6):
-            for j in range(6):
-                target[b, i, j] = source[b, i, j]
 
 
 @kernel(borrow=True)
@@ -235,7 +126,9 @@ def _balanced(tables, c, speed, work):
 
 @kernel(borrow=True)
 def assemble(tables, c, lam, to_g, work):
-    """Assign penalties, constraint rows and the force part of the step matrix in work.saddle from what was evaluated before."""
+    """Assign penalties, constraint rows and the force part of the step matrix in work.saddle from what was evaluated before, the
+    gradients of the end in work.saddle.J_s among it.
+    """
     saddle = work.saddle
     s = 1.0 - c.af
     effective_masses(tables, work.J_now, saddle.W)
@@ -246,8 +139,7 @@ def assemble(tables, c, lam, to_g, work):
         saddle.W[i] = c.penalty[i] * (c.factor[i] * m)
     add_constraint_stiffness(tables, work.kin_s, lam, work.Kq, work.Kv)
     # rows of the end of the step in both places: see the module docstring of solver.saddle
-    copy_blocks(work.J, saddle.J_s)
-    rotate_columns(tables.constraints, work.J, work.T_e, saddle.J_e)
+    rotate_columns(tables.constraints, saddle.J_s, work.T_e, saddle.J_e)
     assemble_tangent(tables, 1.0 - c.am, s * c.beta * c.h * c.h, s * c.gamma * c.h, work.Kq, work.Kv, work.T_s, saddle.B)
 
 
@@ -294,8 +186,8 @@ def step(tables, c, s0, s1, u, want_outputs, work):
         iterations += 1
         place(tables, c, s0, s1.a, s1.q, WITH_TANGENTS if refactor else BOTH, work)
         evaluate_forces(tables, work.kin_s, s0.angle, work.zp, cz, u, refactor, work.f, work.Kq, work.Kv, work.z_s, work.outputs)
-        evaluate_constraints(tables, work.kin_s, s0.angle, u, work.phi_s, work.J_now)
-        evaluate_constraints(tables, work.kin_e, s0.angle, u, work.phi, work.J)
+        evaluate_constraints(tables, work.kin_s, s0.angle, u, True, work.phi_s, work.J_now)
+        evaluate_constraints(tables, work.kin_e, s0.angle, u, refactor, work.phi, saddle.J_s)
         evaluations += 1
         add_constraint_forces(tables.constraints, work.J_now, s1.lam, 1.0, work.f)
         momentum_residual(tables, c, s0.a, s1.a, work.f, work.r)
@@ -376,7 +268,7 @@ def step(tables, c, s0, s1, u, want_outputs, work):
         s1.angle[i] = s0.angle[i]
     update_angles(tables.coordinates, work.kin_e, s1.angle)
     # output: projected velocity, forces at the end of the step
-    evaluate_constraints(tables, work.kin_e, s1.angle, u, work.phi, work.J)
+    evaluate_constraints(tables, work.kin_e, s1.angle, u, True, work.phi, work.J)
     position_drift = 0.0
     for i in range(nc):
         if holonomic[i] == 1:
@@ -424,9 +316,9 @@ def project_velocity(tables, c, v, u, passes, work):
 
 @kernel(borrow=True)
 def advance(tables, c, s0, s1, inputs, first, count, audit, work):
-    """Advance count steps with rows first.. of inputs (n, nu), swapping the buffers; outputs are of the last step.
+    """Advance count steps with rows first.. of inputs (n, nu), swapping the buffers; outputs are of the last step, in work.frame too.
 
-    audit: evaluate outputs after every step and keep the energy balance.
+    A single row of inputs holds for all steps. audit: evaluate outputs after every step and keep the energy balance.
 
     Returns (StepResult with summed counters and largest residuals, steps done). After an odd number of steps the newest
     state is in s1, after an even number in s0.
@@ -438,12 +330,18 @@ def advance(tables, c, s0, s1, inputs, first, count, audit, work):
     position = 0.0
     velocity = 0.0
     stagnated = 0
+    held = inputs.shape[0] == 1
+    for k in range(first, first + count):
+        for i in range(inputs.shape[1]):
+            if not np.isfinite(inputs[0 if held else k, i]):
+                return StepResult(BAD_INPUT, i, 0, 0, 0, 0.0, 0.0, 0.0, 0), 0
     for k in range(count):
         outputs = audit or k == count - 1
+        u = inputs[0 if held else first + k]
         if k % 2 == 0:
-            result = step(tables, c, s0, s1, inputs[first + k], outputs, work)
+            result = step(tables, c, s0, s1, u, outputs, work)
         else:
-            result = step(tables, c, s1, s0, inputs[first + k], outputs, work)
+            result = step(tables, c, s1, s0, u, outputs, work)
         iterations += result.iterations
         factorizations += result.factorizations
         evaluations += result.evaluations
@@ -458,21 +356,8 @@ def advance(tables, c, s0, s1, inputs, first, count, audit, work):
             return failed, k
         if audit:
             update_audit(tables, work.kin_e, work.outputs, work.lam_out, work.phi_t, c.h, work.audit)
+    if count > 0:
+        state = s1 if count % 2 == 1 else s0
+        u = inputs[0 if held else first + count - 1]
+        collect(tables, work.chassis, work.kin_e, work.a_out, work.lam_out, u, state, work.outputs, work.frame)
     return StepResult(OK, 0, iterations, factorizations, evaluations, residual, position, velocity, stagnated), count
-
-
-def new_work(model, saddle: Saddle, outputs: Outputs) -> Ref:
-    """Allocate the scratch (Work, by reference) of a model."""
-    nb, nc, ns, ne, nz = model.n_bodies, model.n_rows, model.n_slots, model.n_entries, model.n_internal
-    six = lambda: np.zeros((nb + 1, 6))  # noqa: E731
-    row = lambda: np.zeros(nc)  # noqa: E731
-
-    work = Work(
-        kin_s=new_kinematics(nb), kin_e=new_kinematics(nb), T_s=np.tile(np.eye(3), (nb + 1, 1, 1)), T_e=np.tile(np.eye(3), (nb + 1, 1, 1)),
-        f=six(), r=six(), dw=six(), a_best=six(), lam_best=row(), Kq=np.zeros((ns + 1, 6, 6)), Kv=np.zeros((ns + 1, 6, 6)),
-        phi=row(), phi_s=row(), g=row(), dlam=row(), phi_t=row(), phi_tt=row(), rate=row(),
-        J=np.zeros((ne + 1, 6, 6)), J_now=np.zeros((ne + 1, 6, 6)), zp=np.zeros(nz), z_s=np.zeros(nz),
-        saddle=saddle, outputs=outputs, v_out=six(), a_out=six(), lam_out=row(), audit=np.zeros(5),
-        formulation=new_formulation(model),
-    )  # fmt: skip
-    return Ref(work)

@@ -95,7 +95,7 @@ class Equations:
     def constraints(self, t: float) -> Rows:
         """Rows at the current placement."""
         u = self._inputs(t)
-        evaluate_constraints(self.tables, self._kin, self.angle, u, self._phi, self._J)
+        evaluate_constraints(self.tables, self._kin, self.angle, u, True, self._phi, self._J)
         constraint_input_rates(self.tables, u, self._phi_t, self._phi_tt)
         A = np.zeros((self.model.n_rows, self.model.n_bodies, 6))
         row, body, entry, k = self._places

@@ -35,7 +35,7 @@ class Rows:
         """phi (rows,) and A (rows, 18): columns of b0, b1, world."""
         phi = np.full(self.n, np.nan, kin.p.dtype)
         blocks = np.full((3, 6, 6), np.nan, kin.p.dtype)
-        evaluate_contacts(self.table, kin, phi, blocks)
+        evaluate_contacts(self.table, kin, True, phi, blocks)
         A = np.zeros((self.n, 3, 6), kin.p.dtype)
         for block, b in zip(blocks[1:], self.bodies, strict=True):
             A[:, b] += block[: self.n]

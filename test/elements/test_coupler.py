@@ -53,7 +53,7 @@ class Row:
     def evaluate(self, kin, u=()):
         phi = np.full(1, np.nan, kin.p.dtype)
         J = np.full((BODIES + 1, 6, 6), np.nan, kin.p.dtype)
-        evaluate_couplers(self.table, self.x, kin, ANGLE, np.array(u, float), phi, J)
+        evaluate_couplers(self.table, self.x, kin, ANGLE, np.array(u, float), True, phi, J)
         used = np.unique(self.table.entry[0, : self.table.terms[0]])
         gradient = np.zeros((BODIES + 1, 6), kin.p.dtype)
         gradient[used] = J[used, 0]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solver.errors import SpecError
+from solver.errors import SpecError, StepError
 from solver.scene import load_scene
 from solver.simulation import Simulation
 
@@ -57,3 +57,15 @@ def test_reset_repeats_the_run_bit_by_bit(name):
 def test_a_state_of_another_model_is_refused():
     with pytest.raises(SpecError, match='the saved state is of another model'):
         Simulation(load_scene('pendulum')).restore(Simulation(load_scene('four_bar')).save())
+
+
+@pytest.mark.parametrize('settings', [(), ('integrator.mode=tolerance', 'integrator.step_policy=rescue')])
+def test_an_input_that_is_not_finite_is_refused_and_nothing_moves(settings):
+    """By name, whatever its row; the simulation goes on as if it had not been asked."""
+    simulation, other = (Simulation(load_scene('light_car_step_steer', settings)) for _ in range(2))
+    inputs = simulation.source.table(0, 8)
+    wrong = inputs.copy()
+    wrong[5, 3] = np.nan
+    with pytest.raises(StepError, match=f"input '{simulation.channels.inputs[3]}' is not finite; nothing was advanced"):
+        simulation.advance(8, wrong)
+    assert bits(simulation.advance(8, inputs)) == bits(other.advance(8, inputs))

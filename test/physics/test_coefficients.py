@@ -31,7 +31,7 @@ def dense(sim: Simulation) -> tuple[np.ndarray, np.ndarray]:
     """(A (nc, 6 nb), M (6 nb, 6 nb) with the floor of the penalties) at the current state."""
     s, t = sim.state, sim.model.tables
     J = np.zeros((sim.model.n_entries + 1, 6, 6))
-    evaluate_constraints(t, kinematics_of(s.q, s.v), s.angle, np.zeros(len(sim.channels.inputs)), np.zeros(sim.model.n_rows), J)
+    evaluate_constraints(t, kinematics_of(s.q, s.v), s.angle, np.zeros(len(sim.channels.inputs)), True, np.zeros(sim.model.n_rows), J)
     M = np.zeros((6 * sim.model.n_bodies, 6 * sim.model.n_bodies))
     for b in range(sim.model.n_bodies):
         M[6 * b : 6 * b + 3, 6 * b : 6 * b + 3] = np.eye(3) / t.penalty_inverse_mass[b]
@@ -81,7 +81,7 @@ def test_rescaling_a_row_does_not_change_its_mass_times_its_square(coupled, rng)
     scale = np.exp(rng.uniform(-3.0, 3.0, sim.model.n_rows))
     s = sim.state
     J = np.zeros((sim.model.n_entries + 1, 6, 6))
-    evaluate_constraints(t, kinematics_of(s.q, s.v), s.angle, np.zeros(0), np.zeros(sim.model.n_rows), J)
+    evaluate_constraints(t, kinematics_of(s.q, s.v), s.angle, np.zeros(0), True, np.zeros(sim.model.n_rows), J)
     con = t.constraints
     for g in range(len(con.row) - 1):
         for e in range(con.entry[g], con.entry[g + 1]):

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from solver.errors import StepError
-from solver.snapshot import TIRE_COLUMNS, Channels, Snapshot, StepStats
+from solver.snapshot import Channels, Snapshot, StepStats, layout_of, new_numbers
 
 WHEELS = ('front_left', 'front_right', 'rear_left', 'rear_right')
 INPUTS = ('steering', 'steering_rate', 'steering_acceleration', 'drive_torque', 'brake_torque')
@@ -29,31 +29,13 @@ def channels(*, vehicle: bool = True, joints: int = 5) -> Channels:
 
 def snapshot(names: Channels, k: int = 1, *, h_ns: int = 2_000_000, inputs: np.ndarray | None = None) -> Snapshot:
     """Snapshot k, with numbers counted through from 1000 k on."""
-    count = 1000.0 * k
-
-    def numbers(*shape: int) -> np.ndarray:
-        nonlocal count
-        size = int(np.prod(shape))
-        values = count + 0.1 * np.arange(size).reshape(shape)
-        count += 100.0
-        return values
-
-    n = len(names.joints)
-    return Snapshot(
-        k=k,
-        t_ns=k * h_ns,
-        joint_position=numbers(n),
-        joint_velocity=numbers(n),
-        joint_effort=numbers(n),
-        pose=numbers(3, 7),
-        twist=numbers(3, 6),
-        imu=numbers(6),
-        tire=numbers(len(names.wheels), len(TIRE_COLUMNS)),
-        inputs=numbers(len(names.inputs)) if inputs is None else np.array(inputs, float),
-        elements=numbers(len(names.elements)),
-        reactions=numbers(len(names.reactions)),
-        stats=StepStats(0, 3, 1, 3, 1e-9, 1e-10, 1e-11),
-    )
+    layout = layout_of(names)
+    result = Snapshot(k, k * h_ns, new_numbers(layout), layout, StepStats(0, 3, 1, 3, 1e-9, 1e-10, 1e-11))
+    for i, (place, _) in enumerate(layout.values()):
+        result.numbers[place] = 1000.0 * k + 100.0 * i + 0.1 * np.arange(place.stop - place.start)
+    if inputs is not None:
+        result.inputs[:] = inputs
+    return result
 
 
 class Synthetic:
