@@ -22,6 +22,7 @@ from solver.elements.laws import Law, evaluate_law
 from solver.elements.marker import Context, Marker, Spec, finite, pair_slots, require, vector
 from solver.elements.point_pair import angular_velocity, linear_velocity
 from solver.jit import kernel
+from solver.lie.rows import add_rows, beside, cross_rows, mul_rows, put_rows
 from solver.lie.so3 import inverse_jacobian_coefficients, log
 from solver.lie.vec import (
     add,
@@ -39,7 +40,6 @@ from solver.lie.vec import (
     msub,
     mv,
     outer,
-    put66,
     scale,
     skew,
     sub,
@@ -51,6 +51,7 @@ from solver.lie.vec import (
 OUTPUTS = ('energy', 'dissipation', 'fx', 'fy', 'fz', 'mx', 'my', 'mz', 'x', 'y', 'z', 'rx', 'ry', 'rz')
 Six = tuple[float, float, float, float, float, float]
 ZERO: Six = (0.0,) * 6
+IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -238,45 +239,41 @@ def bushing_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
             s_ji = table.slot[n, 2]
             s_jj = table.slot[n, 3]
             R = transpose(R_i)
-            turned = tmv(S, torque)
-            # dforce = D (P + e x a - rho x b) - C (y x a - sigma x b), dtorque = E (b - a)
+            nil = mscale(0.0, R)
+            minus_one = msub(nil, IDENTITY)
             D = msub(m_cross(C, w_i), K)
             E = msub(m_cross(Ct, s), _torque_tangent(theta, s2, c1, c2, m, Kt))
-            # F_p, F_a, F_b: the force along W with respect to dp_j, dtheta_i (its axes turn with B_i) and dtheta_j
-            F_p = mm(D, R)
-            F_a = msub(msub(m_cross(D, e), m_cross(C, y)), skew(force))
-            F_b = mm(msub(m_cross(C, sigma), m_cross(D, rho)), S)
-            ES = mm(E, S)
-            fS = cross_m(force, S)
-            pp = mm(R_i, F_p)
-            pa = mm(R_i, F_a)
-            pb = mm(R_i, F_b)
-            # torque on i, along B_i: -(e x force + torque)
-            ap = msub(cross_m(force, R), cross_m(e, F_p))
-            aa = msub(madd(E, skew(cross(force, e))), cross_m(e, F_a))
-            ab = minus(madd(madd(cross_m(force, cross_m(rho, S)), cross_m(e, F_b)), ES))
-            # torque on j, along B_j: S^T (rho x force + torque)
-            bp = cross_m(r_j, tmm(S, F_p))
-            ba = tmm(S, msub(msub(cross_m(rho, F_a), skew(torque)), E))
-            bb = madd(tmm(S, madd(cross_m(rho, madd(F_b, fS)), ES)), skew(turned))
-            put66(Kq, s_jj, pp, pb, bp, bb)
-            put66(Kq, s_ji, minus(pp), pa, minus(bp), ba)
-            put66(Kq, s_ij, minus(pp), minus(pb), ap, ab)
-            put66(Kq, s_ii, pp, minus(pa), minus(ap), aa)
-            # Kv is symmetric: minus the transposed velocity map times the damping times the velocity map
-            V_p = mm(C, R)
-            V_a = m_cross(C, e)
-            V_b = mm(m_cross(C, rho), S)
-            CtS = mm(Ct, S)
-            pp = minus(mm(R_i, V_p))
-            pa = minus(mm(R_i, V_a))
-            pb = mm(R_i, V_b)
-            ap = transpose(pa)
-            bp = transpose(pb)
-            aa = msub(cross_m(e, V_a), Ct)
-            ab = msub(CtS, cross_m(e, V_b))
-            bb = tmm(S, msub(cross_m(rho, V_b), CtS))
-            put66(Kv, s_jj, pp, pb, bp, bb)
-            put66(Kv, s_ji, minus(pp), pa, minus(bp), transpose(ab))
-            put66(Kv, s_ij, minus(pp), minus(pb), ap, ab)
-            put66(Kv, s_ii, pp, minus(pa), minus(ap), aa)
+            E_j = madd(E, skew(torque))
+            minus_C = minus(C)
+            minus_Ct = minus(Ct)
+            back = transpose(S)
+            for side in range(2):
+                # columns (dp, dtheta) of body j, then of body i: dd, the part of d(d') that C adds to D dd, and dtheta_G
+                if side == 0:
+                    dd = beside(R, minus(cross_m(rho, S)))
+                    y_d = beside(nil, cross_m(sigma, S))
+                    turn = beside(nil, S)
+                    at_j = s_jj
+                    at_i = s_ij
+                else:
+                    dd = beside(minus(R), skew(e))
+                    y_d = beside(nil, minus(skew(y)))
+                    turn = beside(nil, minus_one)
+                    at_j = s_ji
+                    at_i = s_ii
+                force_d = add_rows(mul_rows(D, dd), mul_rows(C, y_d))
+                seen = add_rows(force_d, cross_rows(force, turn))  # from G; the axes of F turn with i alone
+                F_W = mul_rows(R_i, force_d if side == 0 else seen)
+                on_j = mul_rows(back, add_rows(cross_rows(rho, seen), mul_rows(E_j, turn)))
+                put_rows(Kq, at_j, 0, 1.0, F_W)
+                put_rows(Kq, at_j, 3, 1.0, on_j)
+                put_rows(Kq, at_i, 0, -1.0, F_W)
+                put_rows(Kq, at_i, 3, 1.0, cross_rows(force, dd))
+                put_rows(Kq, at_i, 3, -1.0, add_rows(cross_rows(e, force_d), mul_rows(E, turn)))
+                force_d = mul_rows(minus_C, dd)
+                torque_d = mul_rows(minus_Ct, turn)
+                F_W = mul_rows(R_i, force_d)
+                put_rows(Kv, at_j, 0, 1.0, F_W)
+                put_rows(Kv, at_j, 3, 1.0, mul_rows(back, add_rows(cross_rows(rho, force_d), torque_d)))
+                put_rows(Kv, at_i, 0, -1.0, F_W)
+                put_rows(Kv, at_i, 3, -1.0, add_rows(cross_rows(e, force_d), torque_d))

@@ -163,8 +163,11 @@ def add_gradient(Q, g, b, f):
 
 @kernel(inline=True)
 def add_dyad(g, h, slot, K):
-    """Add the dyad g h^T of two gradients to a block of K."""
-    put66(K, slot, outer(g[0], h[0]), outer(g[0], h[1]), outer(g[1], h[0]), outer(g[1], h[1]))
+    """Add the dyad g h^T of two gradients to a block of K; those of rotations have no force part."""
+    if (dot(g[0], g[0]) + dot(h[0], h[0])).real == 0.0:
+        put33(K, slot, 3, 3, outer(g[1], h[1]))
+    else:
+        put66(K, slot, outer(g[0], h[0]), outer(g[0], h[1]), outer(g[1], h[0]), outer(g[1], h[1]))
 
 
 @kernel(borrow=True)

@@ -150,13 +150,16 @@ def coordinate_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents,
         for a in range(2 * table.terms[e]):
             add_gradient(Q, g[a], table.body[e, a], f)
         if tangents:
+            # dQ = -stiffness ds - damping d(ds/dt); a torque that is only applied has neither
             for b in range(2 * table.terms[e]):
-                # dQ = -stiffness ds - damping d(ds/dt)
-                dQ = add6(scale6(-stiffness, g[b]), scale6(-damping, h[b]))
-                dQ_dv = scale6(-damping, g[b])
-                for a in range(2 * table.terms[e]):
-                    add_dyad(g[a], dQ, table.slot[e, a, b], Kq)
-                    add_dyad(g[a], dQ_dv, table.slot[e, a, b], Kv)
+                if table.law[e, 0] >= 0 or table.law[e, 1] >= 0:
+                    dQ = add6(scale6(-stiffness, g[b]), scale6(-damping, h[b]))
+                    for a in range(2 * table.terms[e]):
+                        add_dyad(g[a], dQ, table.slot[e, a, b], Kq)
+                if table.law[e, 1] >= 0:
+                    dQ_dv = scale6(-damping, g[b])
+                    for a in range(2 * table.terms[e]):
+                        add_dyad(g[a], dQ_dv, table.slot[e, a, b], Kv)
             for t in range(table.terms[e]):
                 add_coordinate_hessian(coordinates, kin, table.coordinate[e, t], table.factor[e, t] * Q, Kq)
         out[e, 0] = energy + table.preload[e] * x
