@@ -22,7 +22,7 @@ from solver.elements.laws import Law, evaluate_law
 from solver.elements.marker import Context, Marker, Spec, finite, pair_slots, require, vector
 from solver.elements.point_pair import angular_velocity, linear_velocity
 from solver.jit import kernel
-from solver.lie.rows import add_rows, beside, cross_rows, mul_rows, put_rows
+from solver.lie.rows import add_block, add_rows, cross_rows, mul_rows, rows, sub_block, sub_rows
 from solver.lie.so3 import inverse_jacobian_coefficients, log
 from solver.lie.vec import (
     add,
@@ -34,7 +34,6 @@ from solver.lie.vec import (
     load33,
     m_cross,
     madd,
-    minus,
     mm,
     mscale,
     msub,
@@ -51,7 +50,6 @@ from solver.lie.vec import (
 OUTPUTS = ('energy', 'dissipation', 'fx', 'fy', 'fz', 'mx', 'my', 'mz', 'x', 'y', 'z', 'rx', 'ry', 'rz')
 Six = tuple[float, float, float, float, float, float]
 ZERO: Six = (0.0,) * 6
-IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -238,42 +236,57 @@ def bushing_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
             s_ij = table.slot[n, 1]
             s_ji = table.slot[n, 2]
             s_jj = table.slot[n, 3]
-            R = transpose(R_i)
-            nil = mscale(0.0, R)
-            minus_one = msub(nil, IDENTITY)
             D = msub(m_cross(C, w_i), K)
             E = msub(m_cross(Ct, s), _torque_tangent(theta, s2, c1, c2, m, Kt))
-            E_j = madd(E, skew(torque))
-            minus_C = minus(C)
-            minus_Ct = minus(Ct)
             back = transpose(S)
-            for side in range(2):
-                # columns (dp, dtheta) of body j, then of body i: dd, the part of d(d') that C adds to D dd, and dtheta_G
-                if side == 0:
-                    dd = beside(R, minus(cross_m(rho, S)))
-                    y_d = beside(nil, cross_m(sigma, S))
-                    turn = beside(nil, S)
-                    at_j = s_jj
-                    at_i = s_ij
-                else:
-                    dd = beside(minus(R), skew(e))
-                    y_d = beside(nil, minus(skew(y)))
-                    turn = beside(nil, minus_one)
-                    at_j = s_ji
-                    at_i = s_ii
-                force_d = add_rows(mul_rows(D, dd), mul_rows(C, y_d))
-                seen = add_rows(force_d, cross_rows(force, turn))  # from G; the axes of F turn with i alone
-                F_W = mul_rows(R_i, force_d if side == 0 else seen)
-                on_j = mul_rows(back, add_rows(cross_rows(rho, seen), mul_rows(E_j, turn)))
-                put_rows(Kq, at_j, 0, 1.0, F_W)
-                put_rows(Kq, at_j, 3, 1.0, on_j)
-                put_rows(Kq, at_i, 0, -1.0, F_W)
-                put_rows(Kq, at_i, 3, 1.0, cross_rows(force, dd))
-                put_rows(Kq, at_i, 3, -1.0, add_rows(cross_rows(e, force_d), mul_rows(E, turn)))
-                force_d = mul_rows(minus_C, dd)
-                torque_d = mul_rows(minus_Ct, turn)
-                F_W = mul_rows(R_i, force_d)
-                put_rows(Kv, at_j, 0, 1.0, F_W)
-                put_rows(Kv, at_j, 3, 1.0, mul_rows(back, add_rows(cross_rows(rho, force_d), torque_d)))
-                put_rows(Kv, at_i, 0, -1.0, F_W)
-                put_rows(Kv, at_i, 3, -1.0, add_rows(cross_rows(e, force_d), torque_d))
+            # Columns dp (of j; of i the opposite), dtheta_i and dtheta_j of: the displacement; the force along the axes of F, which
+            # turn with i; the same as seen from G; the torques on i and on j.
+            R = rows(transpose(R_i))
+            S_ = rows(S)
+            rho_S = cross_rows(rho, S_)
+            p_force = mul_rows(D, R)
+            a_force = rows(msub(m_cross(D, e), m_cross(C, y)))
+            b_force = mul_rows(msub(m_cross(C, sigma), m_cross(D, rho)), S_)
+            a_seen = sub_rows(a_force, rows(skew(force)))
+            b_seen = add_rows(b_force, cross_rows(force, S_))
+            E_S = mul_rows(E, S_)
+            p_W = mul_rows(R_i, p_force)
+            a_W = mul_rows(R_i, a_seen)
+            b_W = mul_rows(R_i, b_force)
+            p_i = sub_rows(cross_rows(force, R), cross_rows(e, p_force))
+            a_i = sub_rows(rows(madd(cross_m(force, skew(e)), E)), cross_rows(e, a_force))
+            b_i = add_rows(add_rows(cross_rows(force, rho_S), cross_rows(e, b_force)), E_S)  # the opposite
+            p_j = mul_rows(back, cross_rows(rho, p_force))
+            a_j = mul_rows(back, sub_rows(cross_rows(rho, a_seen), rows(madd(E, skew(torque)))))
+            b_j = mul_rows(back, add_rows(add_rows(cross_rows(rho, b_seen), cross_rows(torque, S_)), E_S))
+            zero = rows(mscale(0.0, S))
+            add_block(Kq, s_jj, 0, p_W, b_W)
+            add_block(Kq, s_jj, 3, p_j, b_j)
+            sub_block(Kq, s_ji, 0, p_W, sub_rows(zero, a_W))
+            sub_block(Kq, s_ji, 3, p_j, sub_rows(zero, a_j))
+            sub_block(Kq, s_ij, 0, p_W, b_W)
+            add_block(Kq, s_ij, 3, p_i, sub_rows(zero, b_i))
+            add_block(Kq, s_ii, 0, p_W, sub_rows(zero, a_W))
+            sub_block(Kq, s_ii, 3, p_i, sub_rows(zero, a_i))
+            # the same of the viscous part, without its sign
+            p_force = mul_rows(C, R)
+            a_force = rows(m_cross(C, e))
+            b_force = sub_rows(zero, mul_rows(C, rho_S))
+            Ct_S = mul_rows(Ct, S_)
+            p_W = mul_rows(R_i, p_force)
+            a_W = mul_rows(R_i, a_force)
+            b_W = mul_rows(R_i, b_force)
+            p_i = cross_rows(e, p_force)
+            a_i = sub_rows(cross_rows(e, a_force), rows(Ct))
+            b_i = add_rows(cross_rows(e, b_force), Ct_S)
+            p_j = mul_rows(back, cross_rows(rho, p_force))
+            a_j = mul_rows(back, sub_rows(cross_rows(rho, a_force), rows(Ct)))
+            b_j = mul_rows(back, add_rows(cross_rows(rho, b_force), Ct_S))
+            sub_block(Kv, s_jj, 0, p_W, b_W)
+            sub_block(Kv, s_jj, 3, p_j, b_j)
+            add_block(Kv, s_ji, 0, p_W, sub_rows(zero, a_W))
+            add_block(Kv, s_ji, 3, p_j, sub_rows(zero, a_j))
+            add_block(Kv, s_ij, 0, p_W, b_W)
+            add_block(Kv, s_ij, 3, p_i, b_i)
+            sub_block(Kv, s_ii, 0, p_W, sub_rows(zero, a_W))
+            sub_block(Kv, s_ii, 3, p_i, sub_rows(zero, a_i))

@@ -1,8 +1,8 @@
-"""Rows of 6x6 blocks: six numbers that belong to one row, as one SIMD vector.
+"""3x3 matrices as three rows, each one SIMD vector: for the products that fill the 6x6 blocks of tangents.
 
-A 3x6 matrix is a tuple of three rows; products with 3x3 matrices (the 9-tuples of solver.lie.vec) and cross products act on whole
-rows. Of float64 a row is a vector of eight lanes, the last two zero; of anything else (complex numbers of a complex-step
-derivative, or without compilation) it is a tuple of six, with the same meaning.
+A row holds three numbers. Of float64 it is a vector of four lanes, the last zero; of anything else (complex numbers of a
+complex-step derivative, or without compilation) it is a tuple of three, with the same meaning. Matrices that multiply from the left
+are the 9-tuples of solver.lie.vec.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from numba.extending import intrinsic, models, overload, register_model
 
 from solver.jit import kernel
 
-LANES = 8
+LANES = 4
 _VECTOR = ir.VectorType(ir.DoubleType(), LANES)
 _SIX = ir.VectorType(ir.DoubleType(), 6)
 _LANE = ir.IntType(32)
@@ -35,10 +35,13 @@ class _RowModel(models.PrimitiveModel):
         super().__init__(dmm, fe_type, _VECTOR)
 
 
+def _lanes(numbers):
+    return ir.Constant(ir.VectorType(_LANE, len(numbers)), numbers)
+
+
 def _splat(builder, scalar):
     undefined = ir.Constant(_VECTOR, ir.Undefined)
-    first = builder.insert_element(undefined, scalar, ir.Constant(_LANE, 0))
-    return builder.shuffle_vector(first, undefined, ir.Constant(ir.VectorType(_LANE, LANES), [0] * LANES))
+    return builder.shuffle_vector(builder.insert_element(undefined, scalar, ir.Constant(_LANE, 0)), undefined, _lanes([0] * LANES))
 
 
 def _multiply_add(builder, factor, x, y):
@@ -47,14 +50,14 @@ def _multiply_add(builder, factor, x, y):
 
 
 @intrinsic
-def _pack(typing_context, a, b, c, d, e, f):
+def _pack(typing_context, a, b, c):
     def generate(context, builder, signature, args):
         out = ir.Constant(_VECTOR, None)
         for k, number in enumerate(args):
             out = builder.insert_element(out, number, ir.Constant(_LANE, k))
         return out
 
-    return ROW(*(types.float64,) * 6), generate
+    return ROW(*(types.float64,) * 3), generate
 
 
 @intrinsic
@@ -81,57 +84,76 @@ def _sum(typing_context, x, y):
 
 
 @intrinsic
-def _accumulate(typing_context, blocks, s, r, sign, x):
-    """blocks[s, r] += sign x for blocks (n, 6, 6)."""
-
-    def generate(context, builder, signature, args):
-        blocks_, s_, r_, sign_, x_ = args
-        word = ir.IntType(64)
-        offset = builder.add(builder.mul(s_, ir.Constant(word, 36)), builder.mul(r_, ir.Constant(word, 6)))
-        data = context.make_array(signature.args[0])(context, builder, blocks_).data
-        place = builder.bitcast(builder.gep(data, [offset]), ir.PointerType(_SIX))
-        six = builder.shuffle_vector(x_, ir.Constant(_VECTOR, ir.Undefined), ir.Constant(ir.VectorType(_LANE, 6), list(range(6))))
-        undefined = ir.Constant(_SIX, ir.Undefined)
-        factor = builder.insert_element(undefined, sign_, ir.Constant(_LANE, 0))
-        factor = builder.shuffle_vector(factor, undefined, ir.Constant(ir.VectorType(_LANE, 6), [0] * 6))
-        fma = cgutils.get_or_insert_function(builder.module, ir.FunctionType(_SIX, [_SIX] * 3), 'llvm.fma.v6f64')
-        builder.store(builder.call(fma, [factor, six, builder.load(place, align=8)]), place, align=8)
-        return context.get_dummy_value()
-
-    return types.none(blocks, types.int64, types.int64, types.float64, ROW), generate
+def _difference(typing_context, x, y):
+    return ROW(ROW, ROW), lambda context, builder, signature, args: builder.fsub(*args)
 
 
-def row(a, b):
-    """The row of two 3-vectors, one after the other."""
-    return (a[0], a[1], a[2], b[0], b[1], b[2])
+def _accumulation(operation):
+    """Intrinsic: blocks[s, r] += or -= (x, y) for blocks (n, 6, 6)."""
+
+    @intrinsic
+    def accumulate(typing_context, blocks, s, r, x, y):
+        def generate(context, builder, signature, args):
+            blocks_, s_, r_, x_, y_ = args
+            word = ir.IntType(64)
+            offset = builder.add(builder.mul(s_, ir.Constant(word, 36)), builder.mul(r_, ir.Constant(word, 6)))
+            data = context.make_array(signature.args[0])(context, builder, blocks_).data
+            place = builder.bitcast(builder.gep(data, [offset]), ir.PointerType(_SIX))
+            six = builder.shuffle_vector(x_, y_, _lanes([0, 1, 2, 4, 5, 6]))
+            builder.store(getattr(builder, operation)(builder.load(place, align=8), six), place, align=8)
+            return context.get_dummy_value()
+
+        return types.none(blocks, types.int64, types.int64, ROW, ROW), generate
+
+    return accumulate
+
+
+_accumulate = _accumulation('fadd')
+_reduce = _accumulation('fsub')
+
+
+def row(a, b, c):
+    """The row (a, b, c)."""
+    return (a, b, c)
 
 
 def combine2(a, x, b, y):
     """a x + b y for numbers a, b and rows x, y."""
-    return (a * x[0] + b * y[0], a * x[1] + b * y[1], a * x[2] + b * y[2], a * x[3] + b * y[3], a * x[4] + b * y[4], a * x[5] + b * y[5])
+    return (a * x[0] + b * y[0], a * x[1] + b * y[1], a * x[2] + b * y[2])
 
 
 def combine3(a, x, b, y, c, z):
     """a x + b y + c z for numbers a, b, c and rows x, y, z."""
-    return plus(combine2(a, x, b, y), combine2(c, z, 0.0, z))
+    return (a * x[0] + b * y[0] + c * z[0], a * x[1] + b * y[1] + c * z[1], a * x[2] + b * y[2] + c * z[2])
 
 
 def plus(x, y):
     """x + y for rows."""
-    return combine2(1.0, x, 1.0, y)
+    return (x[0] + y[0], x[1] + y[1], x[2] + y[2])
 
 
-def add_to(blocks, s, r, sign, x):
-    """blocks[s, r] += sign x for blocks (n, 6, 6) and a row x."""
-    for k in range(6):
-        blocks[s, r, k] += sign * x[k]
+def less(x, y):
+    """x - y for rows."""
+    return (x[0] - y[0], x[1] - y[1], x[2] - y[2])
+
+
+def add_to(blocks, s, r, x, y):
+    """blocks[s, r] += (x, y) for blocks (n, 6, 6) and rows x, y."""
+    for k in range(3):
+        blocks[s, r, k] += x[k]
+        blocks[s, r, 3 + k] += y[k]
+
+
+def take_from(blocks, s, r, x, y):
+    """blocks[s, r] -= (x, y) for blocks (n, 6, 6) and rows x, y."""
+    for k in range(3):
+        blocks[s, r, k] -= x[k]
+        blocks[s, r, 3 + k] -= y[k]
 
 
 @overload(row)
-def _row(a, b):
-    if a.dtype == types.float64:
-        return lambda a, b: _pack(a[0], a[1], a[2], b[0], b[1], b[2])
-    return row
+def _row(a, b, c):
+    return (lambda a, b, c: _pack(a, b, c)) if a is types.float64 else row  # noqa: PLW0108
 
 
 @overload(combine2)
@@ -149,20 +171,30 @@ def _plus_rows(x, y):
     return (lambda x, y: _sum(x, y)) if x is ROW else plus  # noqa: PLW0108
 
 
+@overload(less)
+def _less_rows(x, y):
+    return (lambda x, y: _difference(x, y)) if x is ROW else less  # noqa: PLW0108
+
+
 @overload(add_to)
-def _add_row_to(blocks, s, r, sign, x):
-    return (lambda blocks, s, r, sign, x: _accumulate(blocks, s, r, sign, x)) if x is ROW else add_to  # noqa: PLW0108
+def _add_rows_to(blocks, s, r, x, y):
+    return (lambda blocks, s, r, x, y: _accumulate(blocks, s, r, x, y)) if x is ROW else add_to  # noqa: PLW0108
+
+
+@overload(take_from)
+def _take_rows_from(blocks, s, r, x, y):
+    return (lambda blocks, s, r, x, y: _reduce(blocks, s, r, x, y)) if x is ROW else take_from  # noqa: PLW0108
 
 
 @kernel(inline=True)
-def beside(m, n):
-    """The rows [m, n] of two 3x3 matrices."""
-    return row(m[0:3], n[0:3]), row(m[3:6], n[3:6]), row(m[6:9], n[6:9])
+def rows(m):
+    """The rows of a 3x3 matrix (9-tuple)."""
+    return row(m[0], m[1], m[2]), row(m[3], m[4], m[5]), row(m[6], m[7], m[8])
 
 
 @kernel(inline=True)
 def mul_rows(m, x):
-    """m x for a 3x3 matrix and three rows."""
+    """m x for a 3x3 matrix (9-tuple) and rows."""
     return (
         combine3(m[0], x[0], m[1], x[1], m[2], x[2]),
         combine3(m[3], x[0], m[4], x[1], m[5], x[2]),
@@ -172,19 +204,33 @@ def mul_rows(m, x):
 
 @kernel(inline=True)
 def cross_rows(a, x):
-    """skew(a) x for a vector and three rows."""
+    """skew(a) x for a vector and rows."""
     return combine2(a[1], x[2], -a[2], x[1]), combine2(a[2], x[0], -a[0], x[2]), combine2(a[0], x[1], -a[1], x[0])
 
 
 @kernel(inline=True)
 def add_rows(x, y):
-    """x + y for three rows each."""
+    """x + y."""
     return plus(x[0], y[0]), plus(x[1], y[1]), plus(x[2], y[2])
 
 
 @kernel(inline=True)
-def put_rows(blocks, s, r, sign, x):
-    """blocks[s, r : r + 3] += sign x for blocks (n, 6, 6) and three rows."""
-    add_to(blocks, s, r, sign, x[0])
-    add_to(blocks, s, r + 1, sign, x[1])
-    add_to(blocks, s, r + 2, sign, x[2])
+def sub_rows(x, y):
+    """x - y."""
+    return less(x[0], y[0]), less(x[1], y[1]), less(x[2], y[2])
+
+
+@kernel(inline=True)
+def add_block(blocks, s, r, x, y):
+    """blocks[s, r : r + 3] += [x, y] for blocks (n, 6, 6) and 3x3 matrices x, y as rows."""
+    add_to(blocks, s, r, x[0], y[0])
+    add_to(blocks, s, r + 1, x[1], y[1])
+    add_to(blocks, s, r + 2, x[2], y[2])
+
+
+@kernel(inline=True)
+def sub_block(blocks, s, r, x, y):
+    """blocks[s, r : r + 3] -= [x, y] for blocks (n, 6, 6) and 3x3 matrices x, y as rows."""
+    take_from(blocks, s, r, x[0], y[0])
+    take_from(blocks, s, r + 1, x[1], y[1])
+    take_from(blocks, s, r + 2, x[2], y[2])
