@@ -8,7 +8,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from solver.elements.marker import Context, Marker, Spec, Vector, pair_slots, require, vector
+from solver.elements.marker import WORLD, Context, Marker, Spec, Vector, compile_pairs, require, vector
 from solver.elements.point_pair import angular_velocity, linear_velocity
 from solver.jit import kernel
 from solver.lie.vec import (
@@ -68,6 +68,16 @@ class AppliedForceSpec(Spec):
                 'the reaction acts at the origin of marker; leave it out',
             )
 
+    @property
+    def i(self) -> Marker:
+        """Marker whose body takes the reaction, of the world if there is none."""
+        return self.reaction or Marker(body=WORLD)
+
+    @property
+    def j(self) -> Marker:
+        """Marker where the force acts."""
+        return self.marker
+
 
 class AppliedForceTable(NamedTuple):
     """Columns of all applied forces; body i takes the reaction (the world if there is none), body j the force."""
@@ -84,25 +94,21 @@ class AppliedForceTable(NamedTuple):
 def compile_applied_forces(specs: Sequence[AppliedForceSpec], context: Context) -> AppliedForceTable:
     """Resolve names into a table."""
     n = len(specs)
+    pairs = compile_pairs(specs, context)
     table = AppliedForceTable(
-        body=np.zeros((n, 2), np.int64),
-        r=np.zeros((n, 3)),
+        body=pairs.body,
+        r=pairs.r_j,
         frame=np.array([FRAMES.index(s.frame) for s in specs], np.int64),
         force=np.zeros((n, 3)),
         torque=np.zeros((n, 3)),
         input=np.full(n, -1, np.int64),
-        slot=np.zeros((n, 4), np.int64),
+        slot=pairs.slot,
     )
     for e, spec in enumerate(specs):
-        j = context.marker(spec.where, spec.marker)
-        i = context.marker(spec.where, spec.reaction or Marker(body='world'))
-        axes = (np.eye(3), j.R, i.R)[table.frame[e]]
-        table.body[e] = i.body, j.body
-        table.r[e] = j.r
+        axes = (np.eye(3), pairs.G[e], pairs.F[e])[table.frame[e]]
         table.force[e], table.torque[e] = axes @ spec.force, axes @ spec.torque
         if spec.input is not None:
             table.input[e] = context.input(spec.where, spec.input)
-        table.slot[e] = pair_slots(context, i.body, j.body)
     return table
 
 

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.elements.laws import Law, evaluate_law
-from solver.elements.marker import Context, Marker, Spec, finite, pair_slots, require, vector
+from solver.elements.marker import Context, Marker, Spec, compile_pairs, finite, require, vector
 from solver.elements.point_pair import angular_velocity, linear_velocity
 from solver.jit import kernel
 from solver.lie.rows import add_block, add_rows, cross_rows, mul_rows, rows, sub_block, sub_rows
@@ -98,11 +98,12 @@ class BushingTable(NamedTuple):
 def compile_bushings(specs: Sequence[BushingSpec], context: Context) -> BushingTable:
     """Resolve names and laws into a table."""
     n = len(specs)
+    pairs = compile_pairs(specs, context)
     table = BushingTable(
-        body=np.zeros((n, 2), np.int64),
-        r_i=np.zeros((n, 3)),
-        r_j=np.zeros((n, 3)),
-        F=np.zeros((n, 3, 3)),
+        body=pairs.body,
+        r_i=pairs.r_i,
+        r_j=pairs.r_j,
+        F=pairs.F,
         H=np.zeros((n, 3, 3)),
         K=np.zeros((n, 3, 3)),
         C=np.zeros((n, 3, 3)),
@@ -112,13 +113,10 @@ def compile_bushings(specs: Sequence[BushingSpec], context: Context) -> BushingT
         nonlinear=np.array([any(law is not None for law in s.laws) for s in specs], np.int64),
         law=np.zeros((n, 6), np.int64),
         stiffness=np.zeros((n, 6)),
-        slot=np.zeros((n, 4), np.int64),
+        slot=pairs.slot,
     )
-    for e, spec in enumerate(specs):
-        i, j = context.marker(spec.where, spec.i), context.marker(spec.where, spec.j)
-        table.body[e] = i.body, j.body
-        table.r_i[e], table.r_j[e] = i.r, j.r
-        table.F[e], table.H[e] = i.R, j.R @ i.R.T
+    for e, (spec, F, G) in enumerate(zip(specs, pairs.F, pairs.G, strict=True)):
+        table.H[e] = G @ F.T
         table.law[e] = [context.law(law) for law in spec.laws]
         table.stiffness[e] = np.where(table.law[e] < 0, spec.stiffness, 0.0)
         for M, values in (
@@ -127,9 +125,8 @@ def compile_bushings(specs: Sequence[BushingSpec], context: Context) -> BushingT
             (table.C, spec.damping[:3]),
             (table.Ct, spec.damping[3:]),
         ):
-            M[e] = i.R @ np.diag(values) @ i.R.T
-        table.preload[e, :3], table.preload[e, 3:] = i.R @ spec.preload[:3], i.R @ spec.preload[3:]
-        table.slot[e] = pair_slots(context, i.body, j.body)
+            M[e] = F @ np.diag(values) @ F.T
+        table.preload[e, :3], table.preload[e, 3:] = F @ spec.preload[:3], F @ spec.preload[3:]
     return table
 
 

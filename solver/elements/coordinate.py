@@ -16,7 +16,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from solver.elements.marker import Context, Marker, Spec, pair_slots, require
+from solver.elements.marker import Context, Marker, Spec, compile_pairs, require
 from solver.elements.point_pair import angular_velocity, linear_velocity, point_position, point_velocity
 from solver.jit import kernel
 from solver.lie.vec import (
@@ -72,23 +72,8 @@ class CoordinateTable(NamedTuple):
 
 def compile_coordinates(specs: Sequence[CoordinateSpec], context: Context) -> CoordinateTable:
     """Resolve names into a table."""
-    n = len(specs)
-    table = CoordinateTable(
-        kind=np.array([ROTATION if s.kind == 'rotation' else TRANSLATION for s in specs], np.int64),
-        body=np.zeros((n, 2), np.int64),
-        r_i=np.zeros((n, 3)),
-        r_j=np.zeros((n, 3)),
-        F=np.zeros((n, 3, 3)),
-        G=np.zeros((n, 3, 3)),
-        slot=np.zeros((n, 4), np.int64),
-    )
-    for e, spec in enumerate(specs):
-        i, j = context.marker(spec.where, spec.i), context.marker(spec.where, spec.j)
-        table.body[e] = i.body, j.body
-        table.r_i[e], table.r_j[e] = i.r, j.r
-        table.F[e], table.G[e] = i.R, j.R
-        table.slot[e] = pair_slots(context, i.body, j.body)
-    return table
+    kind = np.array([ROTATION if s.kind == 'rotation' else TRANSLATION for s in specs], np.int64)
+    return CoordinateTable(kind=kind, **compile_pairs(specs, context)._asdict())
 
 
 @kernel(borrow=True)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.elements.marker import Context, Marker, Spec, finite, pair_slots, require
+from solver.elements.marker import Context, Marker, Spec, compile_pairs, finite, require
 from solver.elements.point_pair import add_point_pair_tangent, point_position
 from solver.errors import suggestion
 from solver.jit import kernel
@@ -114,21 +114,11 @@ def compile_joints(
         rows=np.array([len(KINDS[s.kind]) for s in specs], np.int64),
         row=np.array(first_row, np.int64),
         entry=np.array(entries, np.int64).reshape(n, 2),
-        body=np.zeros((n, 2), np.int64),
-        r_i=np.zeros((n, 3)),
-        r_j=np.zeros((n, 3)),
-        F=np.zeros((n, 3, 3)),
-        G=np.zeros((n, 3, 3)),
         length=np.array([s.length or 0.0 for s in specs], float),
-        slot=np.zeros((n, 4), np.int64),
+        **compile_pairs(specs, context)._asdict(),
     )
     for e, spec in enumerate(specs):
-        i, j = context.marker(spec.where, spec.i), context.marker(spec.where, spec.j)
         table.code[e, : table.rows[e]] = KINDS[spec.kind]
-        table.body[e] = i.body, j.body
-        table.r_i[e], table.r_j[e] = i.r, j.r
-        table.F[e], table.G[e] = i.R, j.R
-        table.slot[e] = pair_slots(context, i.body, j.body)
     return table
 
 

@@ -127,6 +127,43 @@ class Context(Protocol):
         """Reserve `count` internal states, return the index of the first."""
 
 
-def pair_slots(context: Context, i: int, j: int) -> tuple[int, int, int, int]:
-    """Slots (ii, ij, ji, jj) of a two-body element."""
-    return context.slot(i, i), context.slot(i, j), context.slot(j, i), context.slot(j, j)
+class Between(Protocol):
+    """A specification of an element between two markers."""
+
+    @property
+    def where(self) -> str: ...
+    @property
+    def i(self) -> Marker: ...
+    @property
+    def j(self) -> Marker: ...
+
+
+class MarkerPairs(NamedTuple):
+    """Columns that all elements between marker F on body i and marker G on body j have; their tables take what they need."""
+
+    body: np.ndarray  # (n, 2)
+    r_i: np.ndarray  # (n, 3) origin of F from the centre of mass of i, in B_i [m]
+    r_j: np.ndarray  # (n, 3) origin of G from the centre of mass of j, in B_j [m]
+    F: np.ndarray  # (n, 3, 3) axes of F in B_i
+    G: np.ndarray  # (n, 3, 3) axes of G in B_j
+    slot: np.ndarray  # (n, 4) blocks ii ij ji jj
+
+
+def compile_pairs(specs: Sequence[Between], context: Context) -> MarkerPairs:
+    """Resolve the markers i and j of all specs."""
+    n = len(specs)
+    pairs = MarkerPairs(
+        body=np.zeros((n, 2), np.int64),
+        r_i=np.zeros((n, 3)),
+        r_j=np.zeros((n, 3)),
+        F=np.zeros((n, 3, 3)),
+        G=np.zeros((n, 3, 3)),
+        slot=np.zeros((n, 4), np.int64),
+    )
+    for e, spec in enumerate(specs):
+        i, j = context.marker(spec.where, spec.i), context.marker(spec.where, spec.j)
+        pairs.body[e] = i.body, j.body
+        pairs.r_i[e], pairs.r_j[e] = i.r, j.r
+        pairs.F[e], pairs.G[e] = i.R, j.R
+        pairs.slot[e] = [context.slot(a, b) for a in (i.body, j.body) for b in (i.body, j.body)]
+    return pairs

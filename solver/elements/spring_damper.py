@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.elements.laws import Law, evaluate_law
-from solver.elements.marker import Context, Marker, Spec, finite, pair_slots
+from solver.elements.marker import Context, Marker, Spec, compile_pairs, finite
 from solver.elements.point_pair import add_point_force, add_point_pair_tangent, point_position, point_velocity
 from solver.jit import kernel
 from solver.lie.vec import dot, load3, madd, mscale, outer, scale, sub
@@ -51,23 +51,16 @@ class SpringDamperTable(NamedTuple):
 
 def compile_spring_dampers(specs: Sequence[SpringDamperSpec], context: Context) -> SpringDamperTable:
     """Resolve names and laws into a table."""
-    n = len(specs)
-    table = SpringDamperTable(
-        body=np.zeros((n, 2), np.int64),
-        r_i=np.zeros((n, 3)),
-        r_j=np.zeros((n, 3)),
-        law=np.zeros((n, 2), np.int64),
+    pairs = compile_pairs(specs, context)
+    return SpringDamperTable(
+        body=pairs.body,
+        r_i=pairs.r_i,
+        r_j=pairs.r_j,
+        law=np.array([(context.law(s.spring), context.law(s.damper)) for s in specs], np.int64).reshape(len(specs), 2),
         free_length=np.array([s.free_length for s in specs], float),
         preload=np.array([s.preload for s in specs], float),
-        slot=np.zeros((n, 4), np.int64),
+        slot=pairs.slot,
     )
-    for e, spec in enumerate(specs):
-        i, j = context.marker(spec.where, spec.i), context.marker(spec.where, spec.j)
-        table.body[e] = i.body, j.body
-        table.r_i[e], table.r_j[e] = i.r, j.r
-        table.law[e] = context.law(spec.spring), context.law(spec.damper)
-        table.slot[e] = pair_slots(context, i.body, j.body)
-    return table
 
 
 @kernel(borrow=True)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from solver.elements.aero_drag import compile_aero_drags
 from solver.elements.applied_force import compile_applied_forces
 from solver.elements.brake import compile_brakes
 from solver.elements.bushing import compile_bushings
-from solver.elements.contact import compile_contacts
+from solver.elements.contact import ContactSpec, compile_contacts
 from solver.elements.coordinate import CoordinateSpec, compile_coordinates, evaluate_coordinate
 from solver.elements.coordinate_force import compile_coordinate_forces
 from solver.elements.coupler import MAX_TERMS, CouplerTable
@@ -182,7 +184,6 @@ def _compile_constraints(spec: ModelSpec, context: _Context) -> tuple[Constraint
     nb = context.n_bodies
     row, entry, body, pair, slot = [0], [1], [nb], [0], []
     row_names: list[str] = []
-    first_row, joint_entries = [], []
 
     def add_group(bodies: list[int], rows: int) -> dict[int, int]:
         """Number the Jacobian blocks of a group; the world gets the trash block 0."""
@@ -200,22 +201,20 @@ def _compile_constraints(spec: ModelSpec, context: _Context) -> tuple[Constraint
         pair.append(len(slot))
         return index
 
-    for joint in spec.joints:
-        i, j = context.body(joint.where, joint.i.body), context.body(joint.where, joint.j.body)
-        names = joint.row_names()
-        first_row.append(row[-1])
-        index = add_group([i, j], len(names))
-        joint_entries.append((index[i], index[j]))
-        row_names += names
-    holonomic = [1] * row[-1]
-    contact_row, contact_entries = [], []
-    for contact in spec.contacts:
-        i, j = context.body(contact.where, contact.i.body), context.body(contact.where, contact.j.body)
-        contact_row.append(row[-1])
-        index = add_group([i, j], len(contact.row_names()))
-        contact_entries.append((index[i], index[j]))
-        row_names += contact.row_names()
-        holonomic += contact.holonomic()
+    def add_pairs(specs: Sequence[JointSpec] | Sequence[ContactSpec]) -> tuple[list[int], list[tuple[int, int]]]:
+        """Number the rows and blocks of constraints between two bodies: (first rows, blocks of i and j)."""
+        first, entries = [], []
+        for each in specs:
+            i, j = context.body(each.where, each.i.body), context.body(each.where, each.j.body)
+            first.append(row[-1])
+            index = add_group([i, j], len(each.row_names()))
+            entries.append((index[i], index[j]))
+            row_names.extend(each.row_names())
+        return first, entries
+
+    joints = compile_joints(spec.joints, context, *add_pairs(spec.joints))
+    holonomic = [1] * row[-1] + [flag for contact in spec.contacts for flag in contact.holonomic()]
+    contacts = compile_contacts(spec.contacts, context, *add_pairs(spec.contacts))
     n = len(spec.couplers)
     couplers = CouplerTable(
         row=np.zeros(n, np.int64),
@@ -250,8 +249,8 @@ def _compile_constraints(spec: ModelSpec, context: _Context) -> tuple[Constraint
         up=np.zeros(len(body), np.int64),
         down=np.zeros(len(body), np.int64),
         centre=np.zeros(groups, np.int64),
-        joints=compile_joints(spec.joints, context, first_row, joint_entries),
-        contacts=compile_contacts(spec.contacts, context, contact_row, contact_entries),
+        joints=joints,
+        contacts=contacts,
         couplers=couplers,
     )
     return table, row_names, [s.name for s in (*spec.joints, *spec.contacts, *spec.couplers)]
