@@ -1,10 +1,7 @@
 """Corners of a car with one degree of freedom of suspension: a knuckle on a strut (front) or on a trailing arm (rear).
 
 Data are given for the left side, in the design frame of solver.vehicle.hardpoints; the right side is mirrored. Names end in the
-corner: `front_left`. A corner brings these coordinates beside those of its joints:
-
-    travel_<corner>   wheel centre relative to the chassis along z of the chassis [m], 0 in the design position, positive in bump
-    wheel_<corner>    rotation of the wheel on the knuckle [rad], positive when rolling forward
+corner: `front_left`. Beside the coordinates of its joints a corner has those of solver.vehicle.wheel_end.
 
 Springs are free at a length the template finds by virtual work, so that the design position is the static equilibrium of the
 stated wheel load: per unit of wheel travel at rest
@@ -18,62 +15,20 @@ tire at rest, and that the loaded radius of the tire differs from the height giv
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from solver.elements.brake import BrakeSpec
-from solver.elements.coordinate import CoordinateSpec
 from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.elements.joint import JointSpec
 from solver.elements.laws import Law
 from solver.elements.marker import Marker, Vector
 from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.spring_damper import SpringDamperSpec
-from solver.elements.tire_pacejka import TireData, TireSpec
-from solver.mechanism import frame_of_rpy, matrix, quaternion
+from solver.elements.tire_pacejka import TireData
 from solver.vehicle.hardpoints import SIDES, distance, marker_at, on_side
-
-UP = (0.0, 0.0, 1.0)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Part:
-    """A rigid part. mass [kg]; com: centre of mass in the design frame [m]; inertia (Ixx, Iyy, Izz) and products (Ixy, Ixz, Iyz)
-    [kg m^2] about it, along the axes of the design frame."""
-
-    mass: float
-    inertia: Vector
-    com: Vector
-    products: Vector = (0.0, 0.0, 0.0)
-
-    def body(self, name: str, origin: Vector, side: str = 'left') -> RigidBodySpec:
-        """The body with its reference frame at `origin` of the design frame, parallel to it; both are given for the left side."""
-        s = SIDES[side]
-        xy, xz, yz = self.products
-        com = tuple(float(c) for c in np.subtract(on_side(side, self.com), on_side(side, origin)))
-        inertia = (*self.inertia, s * xy, xz, s * yz)
-        return RigidBodySpec(name=name, mass=self.mass, inertia=inertia, com=com, position=on_side(side, origin))  # type: ignore[arg-type]
-
-
-@dataclass(frozen=True, kw_only=True)
-class Wheel:
-    """A wheel with everything that turns with it. center: in the design position [m]; spin_inertia about its axis, inertia about a
-    diameter [kg m^2]; toe (positive: toe-in) and camber (negative: top inwards) in the design position."""
-
-    center: Vector
-    mass: float
-    spin_inertia: float
-    inertia: float
-    toe: Annotated[float, 'rad'] = 0.0
-    camber: Annotated[float, 'rad'] = 0.0
-
-    def body(self, name: str, side: str) -> RigidBodySpec:
-        """The body, its y axis along the spin axis to the left."""
-        s = SIDES[side]
-        orientation = quaternion(frame_of_rpy((-s * self.camber, 0.0, -s * self.toe)))
-        inertia = (self.inertia, self.spin_inertia, self.inertia, 0.0, 0.0, 0.0)
-        return RigidBodySpec(name=name, mass=self.mass, inertia=inertia, position=on_side(side, self.center), orientation=orientation)
+from solver.vehicle.parts import Part, Parts, joined
+from solver.vehicle.wheel_end import Brake, Wheel, wheel_end
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,26 +87,6 @@ class ArmAxle(Axle):
     pivot_outer: Vector
 
 
-@dataclass(frozen=True, kw_only=True)
-class Brake:
-    """Brakes of one axle. share of each wheel in the total brake torque [-]; stiffness [N m/rad] and damping [N m s/rad] when stuck."""
-
-    share: float
-    stiffness: float
-    damping: float
-
-
-class Corner(NamedTuple):
-    """Fields of ModelSpec that a corner contributes to, without its bodies."""
-
-    joints: tuple[JointSpec, ...]
-    coordinates: tuple[CoordinateSpec, ...]
-    spring_dampers: tuple[SpringDamperSpec, ...]
-    coordinate_forces: tuple[CoordinateForceSpec, ...]
-    brakes: tuple[BrakeSpec, ...]
-    tires: tuple[TireSpec, ...]
-
-
 class Motion(NamedTuple):
     """Velocity field of a rigid part per unit of wheel travel: velocity of a point [-] and rotation [rad/m]."""
 
@@ -167,12 +102,6 @@ class Motion(NamedTuple):
 def corner_bodies(axle: Axle, corner: str, side: str) -> tuple[RigidBodySpec, RigidBodySpec]:
     """Knuckle and wheel of a corner, in the design position."""
     return axle.knuckle.body(f'knuckle_{corner}', axle.wheel.center, side), axle.wheel.body(f'wheel_{corner}', side)
-
-
-def spin_axis(wheel: RigidBodySpec) -> Vector:
-    """Direction of the axis of a wheel in the design frame, to the left."""
-    x, y, z = (float(c) for c in matrix(wheel.orientation)[:, 1])
-    return (x, y, z)
 
 
 def suspension_motion(axle: Axle) -> Motion:
@@ -217,9 +146,11 @@ def corner(
     rack: RigidBodySpec | None,
     brake: Brake,
     free: float,
-) -> Corner:
-    """Joints and forces of a corner. free: free length of the spring [m]; rack: what the tie rod of a strut is attached to."""
-    center, spin = on_side(side, axle.wheel.center), spin_axis(wheel)
+) -> Parts:
+    """Joints and forces of a corner, without its bodies.
+
+    free: free length of the spring [m]; rack: what the tie rod of a strut is attached to.
+    """
     if isinstance(axle, StrutAxle):
         assert rack is not None
         suspension = strut_joints(axle, name, side, chassis, knuckle, rack)
@@ -231,30 +162,17 @@ def corner(
         return marker_at(chassis, on_side(side, element.chassis)), marker_at(knuckle, on_side(side, element.knuckle))
 
     (spring_i, spring_j), (damper_i, damper_j) = ends(axle.spring), ends(axle.damper)
-    travel, rolling = f'travel_{name}', f'wheel_{name}'
-    return Corner(
-        joints=(
-            *suspension,
-            JointSpec(name=rolling, kind='revolute', i=marker_at(knuckle, center, spin), j=marker_at(wheel, center, spin)),
-        ),
-        coordinates=(CoordinateSpec(name=travel, kind='translation', i=marker_at(chassis, center, UP), j=marker_at(knuckle, center, UP)),),
+    own = Parts(
+        joints=suspension,
         spring_dampers=(
             SpringDamperSpec(name=f'spring_{name}', i=spring_i, j=spring_j, free_length=free, spring=Law.linear(axle.spring.rate)),
             SpringDamperSpec(name=f'damper_{name}', i=damper_i, j=damper_j, free_length=0.0, damper=axle.damper.law),
         ),
-        coordinate_forces=(CoordinateForceSpec(name=f'stop_{name}', terms=((travel, 1.0),), spring=axle.stops),) if axle.stops else (),
-        brakes=(
-            BrakeSpec(
-                name=f'brake_{name}',
-                coordinate=rolling,
-                input='brake_torque',
-                gain=brake.share,
-                stiffness=brake.stiffness,
-                damping=brake.damping,
-            ),
+        coordinate_forces=(
+            (CoordinateForceSpec(name=f'stop_{name}', terms=((f'travel_{name}', 1.0),), spring=axle.stops),) if axle.stops else ()
         ),
-        tires=(TireSpec(name=name, marker=Marker(body=wheel.name), data=axle.tire, mirrored=axle.tire.side not in (side, 'symmetric')),),
     )
+    return joined((own, wheel_end(name, side, wheel, knuckle, chassis, axle.tire, brake)))
 
 
 def strut_joints(

@@ -17,8 +17,6 @@ import numpy as np
 from solver.elements.joint import JointSpec
 from solver.elements.marker import Vector, require
 from solver.elements.rigid_body import RigidBodySpec
-from solver.elements.tire_pacejka import TireData
-from solver.vehicle.corner import Brake, Part, Wheel
 from solver.vehicle.hardpoints import distance, marker_at, on_side
 from solver.vehicle.parts import (
     Arm,
@@ -37,8 +35,8 @@ from solver.vehicle.parts import (
     rods,
     spring_of,
     vector_of,
-    wheel_end,
 )
+from solver.vehicle.wheel_end import IndependentSuspension
 
 TUBE = 0.6  # part of the length of a coil-over that its tube takes in the design position
 RADIUS = 0.025  # of the cylinders whose inertia tube and rod have [m]
@@ -63,14 +61,10 @@ class CoilOver:
 
 
 @dataclass(frozen=True, kw_only=True)
-class DoubleWishbone:
+class DoubleWishbone(IndependentSuspension):
     """Data of the left wheel suspension; see the module. tie_rod: on the rack, or on the subframe of an axle that is not steered."""
 
     kind: Literal['double_wishbone'] = 'double_wishbone'
-    wheel: Wheel
-    tire: TireData
-    brake: Brake
-    upright: Part
     upper_arm: Arm
     lower_link: Link
     radius_link: Link
@@ -79,15 +73,14 @@ class DoubleWishbone:
 
     def corner(self, name: str, side: str, structure: Structure) -> Corner:
         """The suspension of corner `name` on a side."""
-        upright = self.upright.body(f'upright_{name}', self.wheel.center, side)
-        hub, wheel = wheel_end(name, side, self.wheel, upright, structure.chassis, self.tire, self.brake)
+        hub, upright, wheel = self.wheel_end(name, side, structure.chassis)
         upper = control_arm(f'upper_arm_{name}', self.upper_arm, structure.chassis, upright, side)
         lower = link(f'lower_link_{name}', self.lower_link, structure.subframe, upright, side)
         radius = link(f'radius_link_{name}', self.radius_link, structure.subframe, upright, side)
         tie_rod = link(f'tie_rod_{name}', self.tie_rod, structure.rack or structure.subframe, upright, side)
         arm = lower.bodies[0]
         strut = coil_over(name, self.coil_over, structure, arm, side)
-        return Corner(joined((Parts(bodies=(upright,)), hub, upper, lower, radius, tie_rod, strut)), upright, wheel, arm)
+        return Corner(joined((hub, upper, lower, radius, tie_rod, strut)), upright, wheel, arm)
 
     def steering_arm(self) -> float:
         """Distance of the tie rod from the steering axis along x [m].

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from solver.elements.aero_drag import AeroDragSpec
 from solver.elements.marker import Vector, require
 from solver.elements.rigid_body import RigidBodySpec
 from solver.mechanism import used_inputs
 from solver.model.spec import ModelSpec
 from solver.vehicle.antiroll import AntiRollBar, anti_roll_bar
-from solver.vehicle.corner import Part
 from solver.vehicle.double_wishbone import DoubleWishbone
-from solver.vehicle.hardpoints import SIDES, marker_at
-from solver.vehicle.light_car import Aero
+from solver.vehicle.hardpoints import SIDES
+from solver.vehicle.light_car import Aero, aero_drag
 from solver.vehicle.multilink import MultiLink
-from solver.vehicle.parts import UP, Bushing, Corner, Parts, Structure, joined, mounting
+from solver.vehicle.parts import UP, Bushing, Corner, Part, Parts, Structure, joined, mounting
 from solver.vehicle.powertrain import Driveline, Engine, driveline, engine
 from solver.vehicle.steering import SteeringGear, steering_gear
 
@@ -81,11 +79,7 @@ def full_car_model(car: FullCar) -> ModelSpec:
             shafts,
         )
     )
-    aero: tuple[AeroDragSpec, ...] = ()
-    if car.aero is not None:
-        a = car.aero
-        aero = (AeroDragSpec(name='aero', marker=marker_at(chassis, a.point), drag_area=a.drag_area, lift_area=a.lift_area),)
-    model = ModelSpec(**parts._asdict(), aero_drags=aero, gravity=(0.0, 0.0, -car.gravity), chassis='chassis')
+    model = ModelSpec(**parts._asdict(), aero_drags=aero_drag(car.aero, chassis), gravity=(0.0, 0.0, -car.gravity), chassis='chassis')
     return ModelSpec(**{**model.__dict__, 'inputs': used_inputs(model)})
 
 

@@ -25,11 +25,12 @@ from solver.elements.laws import Law
 from solver.elements.marker import Vector, require
 from solver.elements.rigid_body import RigidBodySpec
 from solver.model.spec import ModelSpec
-from solver.vehicle.corner import ArmAxle, Axle, Brake, Corner, Part, StrutAxle, corner, corner_bodies, free_length, spin_axis
+from solver.vehicle.corner import ArmAxle, Axle, StrutAxle, corner, corner_bodies, free_length
 from solver.vehicle.hardpoints import marker_at
+from solver.vehicle.parts import LEFTWARDS, Part, joined
+from solver.vehicle.wheel_end import Brake, spin_axis
 
 INPUTS = ('steering', 'steering_rate', 'steering_acceleration', 'drive_torque', 'brake_torque')
-LEFTWARDS = (0.0, 1.0, 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,6 +67,13 @@ class Aero:
     point: Vector
     drag_area: float
     lift_area: float = 0.0
+
+
+def aero_drag(aero: Aero | None, chassis: RigidBodySpec) -> tuple[AeroDragSpec, ...]:
+    """Drag and lift on the chassis, if there are any."""
+    if aero is None:
+        return ()
+    return (AeroDragSpec(name='aero', marker=marker_at(chassis, aero.point), drag_area=aero.drag_area, lift_area=aero.lift_area),)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,11 +132,7 @@ def light_car_model(car: LightCar) -> ModelSpec:
     ]
     steering_joints, steering_couplers = steering(car, chassis, rack, column)
     shafts, drive = driveline(car, chassis, [unsprung[car.driveline.driven, side][1] for side in ('left', 'right')])
-    aero: tuple[AeroDragSpec, ...] = ()
-    if car.aero is not None:
-        a = car.aero
-        aero = (AeroDragSpec(name='aero', marker=marker_at(chassis, a.point), drag_area=a.drag_area, lift_area=a.lift_area),)
-    parts = Corner(*(tuple(chain(*field)) for field in zip(*corners, strict=True)))
+    parts = joined(corners)
     return ModelSpec(
         bodies=bodies,
         joints=parts.joints + steering_joints,
@@ -137,7 +141,7 @@ def light_car_model(car: LightCar) -> ModelSpec:
         spring_dampers=parts.spring_dampers,
         coordinate_forces=parts.coordinate_forces + anti_roll_bars(axles) + drive,
         brakes=parts.brakes,
-        aero_drags=aero,
+        aero_drags=aero_drag(car.aero, chassis),
         tires=parts.tires,
         gravity=(0.0, 0.0, -car.gravity),
         inputs=INPUTS,

@@ -10,8 +10,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 from solver.elements.marker import Marker, Vector
-from solver.elements.tire_pacejka import TireData
-from solver.vehicle.corner import Brake, Part, Wheel
 from solver.vehicle.hardpoints import distance, marker_at, on_side
 from solver.vehicle.parts import (
     Arm,
@@ -26,22 +24,18 @@ from solver.vehicle.parts import (
     joined,
     link,
     spring_of,
-    wheel_end,
 )
+from solver.vehicle.wheel_end import IndependentSuspension
 
 
 @dataclass(frozen=True, kw_only=True)
-class MultiLink:
+class MultiLink(IndependentSuspension):
     """Data of the left wheel suspension; see the module.
 
     links: by name; spring_chassis, spring_arm, damper_chassis, damper_arm: ends of spring and damper [m].
     """
 
     kind: Literal['multi_link'] = 'multi_link'
-    wheel: Wheel
-    tire: TireData
-    brake: Brake
-    upright: Part
     lower_arm: Arm
     links: dict[str, Link]
     spring: Spring
@@ -53,8 +47,7 @@ class MultiLink:
 
     def corner(self, name: str, side: str, structure: Structure) -> Corner:
         """The suspension of corner `name` on a side."""
-        upright = self.upright.body(f'upright_{name}', self.wheel.center, side)
-        hub, wheel = wheel_end(name, side, self.wheel, upright, structure.chassis, self.tire, self.brake)
+        hub, upright, wheel = self.wheel_end(name, side, structure.chassis)
         lower = control_arm(f'lower_arm_{name}', self.lower_arm, structure.subframe, upright, side)
         links = [link(f'{key}_{name}', data, structure.subframe, upright, side) for key, data in self.links.items()]
         arm = lower.bodies[0]
@@ -72,4 +65,4 @@ class MultiLink:
                 damper_of(f'damper_{name}', self.damper, *ends(self.damper_chassis, self.damper_arm)),
             )
         )
-        return Corner(joined((Parts(bodies=(upright,)), hub, lower, *links, elastic)), upright, wheel, arm)
+        return Corner(joined((hub, lower, *links, elastic)), upright, wheel, arm)

@@ -1,4 +1,4 @@
-"""What suspensions, steering and driveline are made of: parts lists, rods, bushings, mountings, links and wheel ends.
+"""What suspensions, steering and driveline are made of: parts lists, rigid parts, rods, bushings, mountings and links.
 
 A template function returns `Parts`, the fields of ModelSpec it contributes to; `joined` adds them up. Lengths and directions are
 given for the left side, in the design frame of solver.vehicle.hardpoints; the right side is mirrored. Every connection has two
@@ -24,10 +24,9 @@ from solver.elements.laws import Law
 from solver.elements.marker import Marker, Vector, finite, require
 from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.spring_damper import SpringDamperSpec
-from solver.elements.tire_pacejka import TireData, TireSpec
+from solver.elements.tire_pacejka import TireSpec
 from solver.mechanism import frame_of_axis
-from solver.vehicle.corner import Brake, Wheel, spin_axis
-from solver.vehicle.hardpoints import distance, marker_at, on_side
+from solver.vehicle.hardpoints import SIDES, distance, marker_at, on_side
 
 UP: Vector = (0.0, 0.0, 1.0)
 LEFTWARDS: Vector = (0.0, 1.0, 0.0)
@@ -74,6 +73,25 @@ class Structure(NamedTuple):
     chassis: RigidBodySpec
     subframe: RigidBodySpec
     rack: RigidBodySpec | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Part:
+    """A rigid part. mass [kg]; com: centre of mass in the design frame [m]; inertia (Ixx, Iyy, Izz) and products (Ixy, Ixz, Iyz)
+    [kg m^2] about it, along the axes of the design frame."""
+
+    mass: float
+    inertia: Vector
+    com: Vector
+    products: Vector = (0.0, 0.0, 0.0)
+
+    def body(self, name: str, origin: Vector, side: str = 'left') -> RigidBodySpec:
+        """The body with its reference frame at `origin` of the design frame, parallel to it; both are given for the left side."""
+        s = SIDES[side]
+        xy, xz, yz = self.products
+        com = tuple(float(c) for c in np.subtract(on_side(side, self.com), on_side(side, origin)))
+        inertia = (*self.inertia, s * xy, xz, s * yz)
+        return RigidBodySpec(name=name, mass=self.mass, inertia=inertia, com=com, position=on_side(side, origin))  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -244,38 +262,6 @@ def spring_of(name: str, data: Spring, i: Marker, j: Marker, length: float) -> S
 def damper_of(name: str, data: Damper, i: Marker, j: Marker, length: float) -> SpringDamperSpec:
     """The damper, with its stops, between two markers that are `length` apart in the design position [m]."""
     return SpringDamperSpec(name=name, i=i, j=j, free_length=length, spring=data.stops, damper=data.law)
-
-
-def wheel_end(
-    corner: str, side: str, wheel: Wheel, upright: RigidBodySpec, chassis: RigidBodySpec, tire: TireData, brake: Brake
-) -> tuple[Parts, RigidBodySpec]:
-    """(wheel on its bearing with tire and brake, body of the wheel).
-
-    Coordinates wheel_<corner>, positive when rolling forward, and travel_<corner>, positive in bump.
-    """
-    center = on_side(side, wheel.center)
-    body = wheel.body(f'wheel_{corner}', side)
-    spin = spin_axis(body)
-    name = f'wheel_{corner}'
-    parts = Parts(
-        bodies=(body,),
-        joints=(JointSpec(name=name, kind='revolute', i=marker_at(upright, center, spin), j=marker_at(body, center, spin)),),
-        coordinates=(
-            CoordinateSpec(name=f'travel_{corner}', kind='translation', i=marker_at(chassis, center, UP), j=marker_at(upright, center, UP)),
-        ),
-        brakes=(
-            BrakeSpec(
-                name=f'brake_{corner}',
-                coordinate=name,
-                input='brake_torque',
-                gain=brake.share,
-                stiffness=brake.stiffness,
-                damping=brake.damping,
-            ),
-        ),
-        tires=(TireSpec(name=corner, marker=Marker(body=name), data=tire, mirrored=tire.side not in (side, 'symmetric')),),
-    )
-    return parts, body
 
 
 def shaft_markers(

@@ -24,9 +24,9 @@ from solver.elements.joint import JointSpec
 from solver.elements.laws import Law
 from solver.elements.marker import Vector, finite
 from solver.elements.rigid_body import RigidBodySpec
-from solver.vehicle.corner import Part, spin_axis
 from solver.vehicle.hardpoints import SIDES, marker_at, on_side
-from solver.vehicle.parts import LEFTWARDS, UP, Bushing, Parts, joined, mounting, rods, shaft_markers, vector_of
+from solver.vehicle.parts import LEFTWARDS, UP, Bushing, Part, Parts, joined, mounting, rods, shaft_markers, vector_of
+from solver.vehicle.wheel_end import spin_axis
 
 FORWARD: Vector = (1.0, 0.0, 0.0)
 STUB = 0.08  # length of output shafts and pinion behind their flanges [m]

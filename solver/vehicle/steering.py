@@ -21,9 +21,8 @@ from solver.elements.laws import Law
 from solver.elements.marker import Marker, Vector, finite
 from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.spring_damper import SpringDamperSpec
-from solver.vehicle.corner import Part
 from solver.vehicle.hardpoints import marker_at
-from solver.vehicle.parts import LEFTWARDS, Parts, rods, shaft_markers, vector_of
+from solver.vehicle.parts import LEFTWARDS, Part, Parts, rods, shaft_markers, vector_of
 
 SHAFT_RADIUS = 0.012  # of the shafts' cylinders [m]
 DAMPER_LENGTH = 0.5  # of the steering damper, along the rack [m]

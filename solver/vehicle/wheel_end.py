@@ -1,0 +1,99 @@
+"""The end of a suspension: a wheel with tire and brake on its bearing in an upright (or knuckle).
+
+Coordinates of a corner:
+
+    travel_<corner>   wheel centre relative to the chassis along z of the chassis [m], 0 in the design position, positive in bump
+    wheel_<corner>    rotation of the wheel on the upright [rad], positive when rolling forward
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from solver.elements.brake import BrakeSpec
+from solver.elements.coordinate import CoordinateSpec
+from solver.elements.joint import JointSpec
+from solver.elements.marker import Marker, Vector
+from solver.elements.rigid_body import RigidBodySpec
+from solver.elements.tire_pacejka import TireData, TireSpec
+from solver.mechanism import frame_of_rpy, matrix, quaternion
+from solver.vehicle.hardpoints import SIDES, marker_at, on_side
+from solver.vehicle.parts import UP, Part, Parts
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wheel:
+    """A wheel with everything that turns with it. center: in the design position [m]; spin_inertia about its axis, inertia about a
+    diameter [kg m^2]; toe (positive: toe-in) and camber (negative: top inwards) in the design position."""
+
+    center: Vector
+    mass: float
+    spin_inertia: float
+    inertia: float
+    toe: Annotated[float, 'rad'] = 0.0
+    camber: Annotated[float, 'rad'] = 0.0
+
+    def body(self, name: str, side: str) -> RigidBodySpec:
+        """The body, its y axis along the spin axis to the left."""
+        s = SIDES[side]
+        orientation = quaternion(frame_of_rpy((-s * self.camber, 0.0, -s * self.toe)))
+        inertia = (self.inertia, self.spin_inertia, self.inertia, 0.0, 0.0, 0.0)
+        return RigidBodySpec(name=name, mass=self.mass, inertia=inertia, position=on_side(side, self.center), orientation=orientation)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Brake:
+    """Brakes of one axle. share of each wheel in the total brake torque [-]; stiffness [N m/rad] and damping [N m s/rad] when stuck."""
+
+    share: float
+    stiffness: float
+    damping: float
+
+
+def spin_axis(wheel: RigidBodySpec) -> Vector:
+    """Direction of the axis of a wheel in the design frame, to the left."""
+    x, y, z = (float(c) for c in matrix(wheel.orientation)[:, 1])
+    return (x, y, z)
+
+
+def wheel_end(
+    corner: str, side: str, wheel: RigidBodySpec, upright: RigidBodySpec, chassis: RigidBodySpec, tire: TireData, brake: Brake
+) -> Parts:
+    """Bearing, tire and brake of a wheel, without the two bodies."""
+    center, spin, name = wheel.position, spin_axis(wheel), f'wheel_{corner}'
+    return Parts(
+        joints=(JointSpec(name=name, kind='revolute', i=marker_at(upright, center, spin), j=marker_at(wheel, center, spin)),),
+        coordinates=(
+            CoordinateSpec(name=f'travel_{corner}', kind='translation', i=marker_at(chassis, center, UP), j=marker_at(upright, center, UP)),
+        ),
+        brakes=(
+            BrakeSpec(
+                name=f'brake_{corner}',
+                coordinate=name,
+                input='brake_torque',
+                gain=brake.share,
+                stiffness=brake.stiffness,
+                damping=brake.damping,
+            ),
+        ),
+        tires=(TireSpec(name=corner, marker=Marker(body=wheel.name), data=tire, mirrored=tire.side not in (side, 'symmetric')),),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class IndependentSuspension:
+    """Data that every independent suspension of a left wheel has."""
+
+    kind: str
+    wheel: Wheel
+    tire: TireData
+    brake: Brake
+    upright: Part
+
+    def wheel_end(self, name: str, side: str, chassis: RigidBodySpec) -> tuple[Parts, RigidBodySpec, RigidBodySpec]:
+        """(upright and wheel of corner `name` with bearing, tire and brake; body of the upright; body of the wheel)."""
+        upright = self.upright.body(f'upright_{name}', self.wheel.center, side)
+        wheel = self.wheel.body(f'wheel_{name}', side)
+        parts = wheel_end(name, side, wheel, upright, chassis, self.tire, self.brake)
+        return parts._replace(bodies=(upright, wheel)), upright, wheel
