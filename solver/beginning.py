@@ -67,28 +67,21 @@ class Beginning:
             self._with_rows(list(values), list(values.values())).assemble(state, u)
         if start.kind == 'equilibrium':
             calculation.equilibrium(state, self._without_loads(u))
-        roll = self._rolling(start.speed, rates, u)
-        roll()
+        self._start_moving(start.speed, rates, u)
         calculation.start_integrator(state, u, method.h, method.am, method.af)
         if start.kind == 'equilibrium' and start.speed:
             self._settle_rolling(start.speed, u)
             calculation.project_velocity(self.state, u)
             calculation.start_integrator(self.state, u, method.h, method.am, method.af)
 
-    def _rolling(self, speed: float, rates: dict[str, float], u: np.ndarray) -> Callable[[], None]:
-        """A function that gives the current configuration its start velocity: wanted rates, speed of the chassis, wheels rolling."""
+    def _start_moving(self, speed: float, rates: dict[str, float], u: np.ndarray) -> None:
+        """Give the current configuration its start velocity: wanted rates, speed of the chassis [m/s], wheels rolling."""
         self._place_velocities(speed)
-        wheels = self._roll_wheels(speed, u) if speed else {}
-        extended = self._with_rows(list(rates | wheels), [0.0] * len(rates | wheels))
+        wanted = rates | (self._roll_wheels(speed, u) if speed else {})
+        extended = self._with_rows(list(wanted), [0.0] * len(wanted))
         extra = np.zeros(extended.model.n_rows)
-
-        def roll() -> None:
-            self._place_velocities(speed)
-            wanted = rates | (self._roll_wheels(speed, u) if speed else {})
-            extra[self.model.n_rows :] = [-rate for rate in wanted.values()]
-            extended.project_velocity(self.state, u, extra, hold=100.0 if speed else 0.0)
-
-        return roll
+        extra[self.model.n_rows :] = [-rate for rate in wanted.values()]
+        extended.project_velocity(self.state, u, extra, hold=100.0 if speed else 0.0)
 
     def _settle_rolling(self, speed: float, u: np.ndarray) -> None:
         """Let a vehicle that starts at speed come to rest in its suspension, on the spot and at its speed.
