@@ -363,8 +363,12 @@ class Adaptation:
         return max(result.position_drift / (self.coefficients.h * speed), result.residual if result.stagnated else 0.0)
 
     def _slowest(self, speed: float) -> np.ndarray:
-        """(nc,) rows that are open and have the largest violation in the metric of what their penalties multiply."""
-        c, phi = self.coefficients, np.abs(self.work.phi)
+        """(nc,) rows that are open and have the largest violation in the metric of what their penalties multiply.
+
+        A row that is not holonomic is open by a velocity; over a step it counts as the displacement that this makes.
+        """
+        c = self.coefficients
+        phi = np.abs(self.work.phi) * np.where(self.model.tables.constraints.holonomic == 1, 1.0, c.h)
         violation = phi * np.sqrt(self.work.saddle.W / c.penalty)
         is_open = phi > c.tolerance * speed * c.h
         return is_open & (violation >= SLOW * violation.max(where=is_open, initial=0.0))

@@ -4,7 +4,8 @@ With a direction c_R that moves constraint R alone at unit rate,
 
     m_R = c_R^T M c_R,   c_RR = -c_R^T (df/dv) c_R,   k_R = -c_R^T (df/dq) c_R,   f_R = c_R^T f
 
-where f are the applied forces (docs/formulation.md). *Isolated*: a_R c_R = 1 with the smallest m_R, c_R = m_R M^-1 a_R^T and
+where f are the applied forces (docs/formulation.md). A row that is not holonomic has a velocity, (m psidot)' + c psidot = 0, and no k_R.
+*Isolated*: a_R c_R = 1 with the smallest m_R, c_R = m_R M^-1 a_R^T and
 m_R = 1/(a_R M^-1 a_R^T). *Coupled*: the other constraints hold besides, A c_R = e_R with the smallest m_R, which gives
 m_R = [(A M^-1 A^T)^+]_RR. It is the solution of (M + A^T W A) c_R = W_R a_R^T for large penalties W, which takes redundant rows as
 well: there A c_R is nearest to e_R, each row measured in units of its isolated mass, so that a rescaled row changes nothing.
@@ -40,7 +41,10 @@ class Formulation(NamedTuple):
 
 
 class ConstraintCoefficients(NamedTuple):
-    """Of one constraint row, per unit of the row (m or rad): m [kg, kg m^2], c [.../s], k [.../s^2], f [N, N m]."""
+    """Of one constraint row, per unit of the row (m or rad): m [kg, kg m^2], c [.../s], k [.../s^2], f [N, N m].
+
+    k is zero where the row is not holonomic.
+    """
 
     m: float
     c: float
@@ -146,7 +150,7 @@ def constraint_coefficients(tables, form, coupled, full, J, Kq, Kv, f, saddle, f
                 _isolated_direction(tables, J, g, r, values[i, 0], c)
             if full == 1:
                 values[i, 1] = -_quadratic(tables, Kv, c)
-                values[i, 2] = -_quadratic(tables, Kq, c)
+                values[i, 2] = -_quadratic(tables, Kq, c) if con.holonomic[i] == 1 else 0.0
                 values[i, 3] = 0.0
                 for b in range(formulation.mass.shape[0]):
                     for k in range(6):
@@ -159,7 +163,8 @@ def weigh(tables, c, work):
     """work.saddle.W = what the penalties of this step multiply: m_R, or with c_R and k_R the mass that the step matrix shows.
 
     (m phidot)' + c phidot + k phi = 0 is, in one step from phi = 0, (m (1 - am) + c s gamma h + k s beta h^2) phi = 0: the
-    quadratic form of the step matrix in the direction c_R. A tangent that makes it smaller than m_R is left out.
+    quadratic form of the step matrix in the direction c_R. Of a velocity it is (m (1 - am) + c s gamma h) psidot = 0, without k. A
+    tangent that makes it smaller than m_R is left out.
     """
     constraint_coefficients(
         tables, c.form, c.coupled, c.full, work.J_now, work.Kq, work.Kv, work.f, work.saddle, work.formulation

@@ -73,6 +73,20 @@ def test_a_smaller_step_does_not_help_a_penalty_that_is_too_small():
     assert all(e.cause == 'failure' for e in sim.events)
 
 
+def test_a_velocity_row_without_trouble_keeps_its_penalty():
+    """A sleigh that glides beside the slider-crank: its slip [m/s] is judged by the displacement it makes in a step, not as one."""
+    sleigh = [
+        'mechanism.bodies.sleigh={mass: 2, inertia: [0.1, 0.1, 0.1], com: [0.1, 0, 0], velocity: [1, 0, 0], angular_velocity: [0, 0, 2]}',
+        'mechanism.contacts={blade: {kind: knife_edge, i: world, j: sleigh}}',
+    ]
+    settings = ['integrator.mode=tolerance', 'integrator.penalty=1e3', 'integrator.penalty_policy=adaptive']
+    sim = Simulation(load_scene('slider_crank', [*settings, *sleigh]))
+    sim.advance(2000)
+    assert 'blade/y' in sim.model.row_names
+    assert sim.events
+    assert 'blade/y' not in {e.name for e in sim.events}
+
+
 def test_penalties_relax_after_easy_steps_but_not_below_the_setting():
     sim = simulation('slider_crank', 'penalty=1e3', 'penalty_policy=adaptive')
     sim.advance(2000)

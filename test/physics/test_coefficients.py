@@ -93,23 +93,28 @@ def test_rescaling_a_row_does_not_change_its_mass_times_its_square(coupled, rng)
     np.testing.assert_allclose(formulation.values[:, 0] * scale**2, expected, rtol=1e3 * ROUNDING if coupled else 1e-13)
 
 
-def mass_on_a_guide(stiffness: float, damping: float) -> Simulation:
-    """A mass whose guide lets it move along x; a bushing acts across, along y, so a constraint works against it."""
+GUIDE = 'joints: {guide: {kind: prismatic, i: world, j: mass, at: [0, 0, 0], axis: [1, 0, 0]}}'
+BLADE = 'contacts: {blade: {kind: knife_edge, i: world, j: mass}}'
+
+
+def mass_on(constraint: str, stiffness: float, damping: float, *settings: str) -> Simulation:
+    """A mass that a constraint lets move along x; a bushing acts across, along y, so the constraint works against it."""
     return Simulation(
         load_scene_text(
             'mechanism:\n'
             '  gravity: [0, -9.81, 0]\n'
             '  bodies: {mass: {mass: 3, inertia: [1, 1, 1]}}\n'
-            '  joints: {guide: {kind: prismatic, i: world, j: mass, at: [0, 0, 0], axis: [1, 0, 0]}}\n'
+            f'  {constraint}\n'
             '  bushings: {soft: {i: world, j: mass, at: [0, 0, 0], '
-            f'stiffness: [0, {stiffness}, 0, 0, 0, 0], damping: [0, {damping}, 0, 0, 0, 0]}}}}\n'
+            f'stiffness: [0, {stiffness}, 0, 0, 0, 0], damping: [0, {damping}, 0, 0, 0, 0]}}}}\n',
+            overrides=[f'integrator.{s}' for s in settings],
         )
     )
 
 
 def test_the_coefficients_of_a_guided_mass_are_those_one_writes_down():
     """Across the guide: m the mass, c and k those of the bushing, f the weight; by themselves and coupled alike."""
-    sim = mass_on_a_guide(500.0, 7.0)
+    sim = mass_on(GUIDE, 500.0, 7.0)
     for coupled in (False, True):
         found = sim.constraint_coefficients(coupled=coupled)
         rows = np.array([found[name] for name in sim.model.row_names if name in ('guide/x', 'guide/y')])
@@ -118,6 +123,25 @@ def test_the_coefficients_of_a_guided_mass_are_those_one_writes_down():
         tolerance = 10.0 / COUPLING
         np.testing.assert_allclose(across[0, :3], [3.0, 7.0, 500.0], rtol=tolerance)
         assert abs(across[0, 3]) == pytest.approx(3.0 * 9.81, rel=tolerance)
+
+
+def test_a_blade_has_a_mass_and_a_damping_but_no_stiffness():
+    """It holds a velocity, (m psidot)' + c psidot = 0: of the bushing beside it only the damping resists; f the weight."""
+    sim = mass_on(BLADE, 500.0, 7.0)
+    for coupled in (False, True):
+        found = sim.constraint_coefficients(coupled=coupled)['blade/y']
+        np.testing.assert_allclose(found, [3.0, 7.0, 0.0, -3.0 * 9.81], rtol=10.0 / COUPLING)
+
+
+@pytest.mark.parametrize(('constraint', 'stiffness'), [(GUIDE, 500.0), (BLADE, 0.0)], ids=['guide', 'blade'])
+def test_full_coefficients_weigh_a_position_with_stiffness_and_a_velocity_without(constraint, stiffness):
+    """W/xi = m + s/(1 - am) (c gamma h + k beta h^2), the damping and stiffness of the bushing; s = 1 - af."""
+    sim = mass_on(constraint, 500.0, 7.0, 'coefficients=full', 'h=0.05', 'penalty=1e6')
+    sim.advance(1)
+    c = sim.coefficients
+    expected = 3.0 + (1.0 - c.af) / (1.0 - c.am) * c.h * (7.0 * c.gamma + stiffness * c.beta * c.h)
+    across = [name in ('blade/y', 'guide/x', 'guide/y') for name in sim.model.row_names]
+    assert sim.work.saddle.W[across].max() / 1e6 == pytest.approx(expected, rel=1e-9)
 
 
 def run(name: str, *settings: str, steps: int = 200) -> Simulation:
