@@ -9,8 +9,8 @@ import pytest
 
 from mbd_sim_ros import bag
 from mbd_sim_ros.cli import main
-from solver.audit import dense_jacobian
-from solver.scene import load_scene
+from solver.audit import RANK_TOLERANCE, dense_jacobian, dependence, scaled_blocks, scaled_jacobian, tied_groups
+from solver.scene import load_scene, load_scene_text
 from solver.simulation import Simulation, simulation_of
 
 
@@ -68,6 +68,52 @@ def test_multipliers_that_balance_each_other_change_no_motion_and_no_unique_reac
     np.testing.assert_allclose(b.pose, a.pose, rtol=0, atol=1e-9)
     np.testing.assert_allclose(b.reactions[~shared], a.reactions[~shared], rtol=0, atol=1e-4)
     assert np.abs(b.reactions[shared] - a.reactions[shared]).max() > 10.0
+
+
+TREE = """
+mechanism:
+  bodies:
+    crank: {mass: 1, inertia: [1, 2, 3], position: [0, 0.5, 0]}
+    rod: {mass: 1, inertia: [1, 2, 3], position: [0.5, 1, 0]}
+    lever: {mass: 1, inertia: [1, 2, 3], position: [1, 0.5, 0]}
+    arm: {mass: 1, inertia: [1, 2, 3], position: [2, 1, 0]}
+    bob: {mass: 1, inertia: [1, 2, 3], position: [3, 1, 0]}
+    swing: {mass: 1, inertia: [1, 2, 3], position: [0, -1, 0]}
+  joints:
+    a: {kind: revolute, i: world, j: crank, at: [0, 0, 0]}
+    b: {kind: revolute, i: crank, j: rod, at: [0, 1, 0]}
+    c: {kind: revolute, i: rod, j: lever, at: [1, 1, 0]}
+    d: {kind: revolute, i: lever, j: world, at: [1, 0, 0]}
+    shoulder: {kind: universal, i: lever, j: arm, at: [1, 1, 0]}
+    wrist: {kind: spherical, i: arm, j: bob, at: [2, 1, 0]}
+    rope: {kind: distance, i: {body: world, at: [0, 0, 0]}, j: {body: swing, at: [0, -1, 0]}}
+    double: {kind: distance, i: {body: world, at: [0, 0, 0]}, j: {body: swing, at: [0, -1, 0]}}
+  contacts:
+    blade: {kind: knife_edge, i: world, j: bob}
+"""
+
+
+@pytest.mark.parametrize('name', ['tree', 'andrews', 'bricard', 'four_bar', 'flyball_governor', 'rolling_disc', 'chain', 'torque_free_top'])
+def test_rank_and_reactions_are_those_of_all_rows_together(name):
+    """Open chains are taken off before the rank is found; every decision is that of the singular values of the whole Jacobian."""
+    s = simulation_of(load_scene_text(TREE) if name == 'tree' else load_scene(name))
+    found = dependence(s.model, s.work.J)
+    A, holonomic = scaled_jacobian(s.model, s.work.J), s.model.tables.constraints.holonomic == 1
+    left, size, _ = np.linalg.svd(A)
+    rank = int((size > RANK_TOLERANCE).sum())
+    assert found.rank == rank
+    assert found.position_rank == np.linalg.matrix_rank(A[holonomic], RANK_TOLERANCE)
+    np.testing.assert_array_equal(found.unique, np.abs(left[:, rank:]).max(axis=1, initial=0.0) < RANK_TOLERANCE)
+    assert len(found.redundant) == s.model.n_rows - rank
+    assert np.linalg.matrix_rank(np.delete(A, found.redundant, axis=0), RANK_TOLERANCE) == rank
+
+
+def test_open_chains_are_taken_apart_and_loops_are_not():
+    """Of the tree only its four-bar and the rod that hangs twice on the same two points remain; of a chain nothing, however long."""
+    for scene, remain in ((load_scene_text(TREE), 'abcd'), (load_scene('chain', ['mechanism.links=300']), '')):
+        s = simulation_of(scene)
+        names = [s.model.group_names[g] for g in tied_groups(s.model, scaled_blocks(s.model, s.work.J))]
+        assert names == [*remain, *(('rope', 'double') if remain else ())]
 
 
 def test_info_and_recordings_name_the_reactions_that_are_not_unique(capsys, tmp_path):
