@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -23,6 +23,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 
+from mbd_sim_ros.diagnosis import diagnosis
 from mbd_sim_ros.loop import Loop, prefer
 from mbd_sim_ros.messages import Messages
 from mbd_sim_ros.parameters import PARAMETERS, declare, refusal
@@ -374,41 +375,11 @@ class Simulator(Node):
     # -- diagnostics ---------------------------------------------------------------------------------------------------
 
     def _diagnose(self) -> None:
-        health, loop, recorder = self.loop.health(), self.loop, self.recorder
-        values = {
-            'simulation time [s]': f'{self.simulation.t_ns * 1e-9:.3f}',
-            'mode': loop.mode + (' (paused)' if loop.paused else ''),
-            'real-time factor': f'{health.rate:.4f}',
-            'steps': health.steps,
-            'overruns': health.overruns,
-            'schedule slips': health.slips,
-            'step time p50 [ms]': f'{health.step_p50 * 1e3:.3f}',
-            'step time p99 [ms]': f'{health.step_p99 * 1e3:.3f}',
-            'step time max [ms]': f'{health.step_max * 1e3:.3f}',
-            'iterations': health.iterations,
-            'residual': f'{health.residual:.3g}',
-            'command age [s]': f'{health.command_age:.3f}',
-            'recorder lag [steps]': recorder.lag if recorder else 0,
-            'recorder dropped [steps]': recorder.dropped if recorder else 0,
-        }
-        problems = []
-        if loop.stale:
-            problems.append('drive torque command is too old and counts as zero')
-            self._warn('stale', f'no torque_cmd for {loop.command_timeout:g} s: the drive torque is zero until one comes')
-        if recorder and recorder.dropped:
-            problems.append('recording has lost steps')
-        behind = loop.mode == 'realtime' and not loop.paused and health.rate < 0.98 * loop.rate_factor and health.steps > 0
-        if behind:
-            problems.append('slower than real time')
-        level, text = DiagnosticStatus.OK, 'running' if not loop.paused else 'paused'
-        if problems:
-            level, text = DiagnosticStatus.WARN, '; '.join(problems)
-        if loop.error is not None or self.failed_recording is not None:
-            level, text = DiagnosticStatus.ERROR, str(loop.error or self.failed_recording)
-        status = DiagnosticStatus(
-            level=level, name=f'{self.get_fully_qualified_name()}: simulation', message=text, hardware_id=self.scene.name
-        )
-        status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+        if self.loop.stale:
+            self._warn('stale', f'no torque_cmd for {self.loop.command_timeout:g} s: the drive torque is zero until one comes')
+        status = diagnosis(self.loop, self.recorder, self.failed_recording)
+        status.name = f'{self.get_fully_qualified_name()}: simulation'
+        status.hardware_id = self.scene.name
         array = DiagnosticArray(status=[status])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
