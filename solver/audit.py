@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import qr
 
 from solver.jit import kernel
 from solver.model.tables import Model
@@ -140,6 +139,8 @@ def dependence(model: Model, J: np.ndarray) -> Dependence:
     Rank by QR with column pivoting of the transpose: the rows left over depend on those before them. M dv/dt = f + A^T lam leaves
     every n with A^T n = 0 open: the reaction of a row is unique where no such n has a share in it.
     """
+    from scipy.linalg import qr  # slow to import, and a run does not need it
+
     B, con = scaled_blocks(model, J), model.tables.constraints
     groups = tied_groups(model, B)
     tied = np.concatenate([np.zeros(0, int), *(np.arange(con.row[g], con.row[g + 1]) for g in groups)])
