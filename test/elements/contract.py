@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 
 from solver.elements.coordinate import CoordinateSpec, CoordinateTable, compile_coordinates
 from solver.elements.laws import Law, LawTable, compile_laws
-from solver.elements.marker import WORLD, Marker, PlacedMarker
+from solver.elements.marker import WORLD, Marker, PlacedMarker, Vector
 from solver.elements.point_pair import Kinematics
 from solver.errors import SpecError, suggestion
 
@@ -153,6 +153,12 @@ def kinematics(poses: Sequence[tuple[Sequence[float], object]], twists: Sequence
     if twists is not None:
         v[:n] = twists
     return Kinematics(R, p, v)
+
+
+def random_marker(rng: np.random.Generator, body: str, position: Vector | None = None) -> Marker:
+    """A marker of any orientation, at a given position or at any."""
+    at = rng.normal(size=3) if position is None else position
+    return Marker(body=body, position=at, orientation=Rotation.random(random_state=rng).as_quat())
 
 
 def random_kinematics(rng: np.random.Generator, bodies: int, *, spread: float = 1.0, turn: float = 3.0, speed: float = 1.0) -> Kinematics:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from contract import ContractContext, Element, check_action_reaction, check_contract, kinematics, random_kinematics
-from scipy.spatial.transform import Rotation
+from contract import ContractContext, Element, check_action_reaction, check_contract, kinematics, random_kinematics, random_marker
 
 from solver.elements.applied_force import OUTPUTS, AppliedForceSpec, applied_force_forces, compile_applied_forces
 from solver.elements.marker import Marker
@@ -19,11 +18,6 @@ def applied_forces(specs, *, com=None, inputs=()):
     return Element(lambda *a: applied_force_forces(table, laws, *a), context, n=len(specs), outputs=OUTPUTS)
 
 
-def random_marker(rng, body, position=True):
-    orientation = Rotation.random(random_state=rng).as_quat()
-    return Marker(body=body, position=rng.normal(size=3) if position else (0, 0, 0), orientation=orientation)
-
-
 @pytest.mark.parametrize(
     ('frame', 'reaction'),
     [('world', None), ('body', None), ('world', 'b0'), ('body', 'b0'), ('reaction', 'b0'), ('reaction', 'world')],
@@ -33,7 +27,7 @@ def test_contract(rng, frame, reaction):
     spec = AppliedForceSpec(
         name='a',
         marker=random_marker(rng, 'b1'),
-        reaction=reaction and random_marker(rng, reaction, position=False),
+        reaction=reaction and random_marker(rng, reaction, position=(0, 0, 0)),
         force=rng.normal(size=3),
         torque=rng.normal(size=3),
         frame=frame,

@@ -4,8 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from contract import ContractContext, Element, check_contract, check_power_balance, check_tangents, kinematics, random_kinematics
-from scipy.spatial.transform import Rotation
+from contract import (
+    ContractContext,
+    Element,
+    check_contract,
+    check_power_balance,
+    check_tangents,
+    kinematics,
+    random_kinematics,
+    random_marker,
+)
 
 from solver.elements.coordinate import CoordinateSpec
 from solver.elements.coordinate_force import OUTPUTS, CoordinateForceSpec, compile_coordinate_forces, coordinate_forces
@@ -14,10 +22,6 @@ from solver.elements.marker import Marker
 from solver.errors import SpecError
 
 LAW = Law.table([[-2.0, -9.0], [0.0, 0.0], [1.0, 2.0], [3.0, 12.0]])
-
-
-def random_marker(rng, body):
-    return Marker(body=body, position=rng.normal(size=3), orientation=Rotation.random(random_state=rng).as_quat())
 
 
 def forces(specs, coordinates, *, bodies=2, inputs=(), com=None):
