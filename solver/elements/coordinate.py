@@ -15,6 +15,8 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
+from numba import types
+from numba.extending import overload
 
 from solver.elements.marker import Context, Marker, Spec, compile_pairs, require
 from solver.elements.point_pair import angular_velocity, linear_velocity, point_position, point_velocity
@@ -76,6 +78,18 @@ def compile_coordinates(specs: Sequence[CoordinateSpec], context: Context) -> Co
     return CoordinateTable(kind=kind, **compile_pairs(specs, context)._asdict())
 
 
+def _arctan2(s, c):
+    """Angle [rad] of the direction (c, s); of complex numbers exact to first order in the imaginary part."""
+    raw = np.arctan2(s.real, c.real)
+    ca, sa = np.cos(raw), np.sin(raw)
+    return raw + (s * ca - c * sa) / (c * ca + s * sa)
+
+
+@overload(_arctan2)
+def _arctan2_of_type(s, c):
+    return (lambda s, c: np.arctan2(s, c)) if s is types.float64 else _arctan2  # noqa: PLW0108
+
+
 @kernel(borrow=True)
 def evaluate_coordinate(table, kin, k, angle):
     """Return (x, g_i, g_j): value of coordinate k and its gradients, each a pair (force row in W, torque row in B).
@@ -101,13 +115,8 @@ def evaluate_coordinate(table, kin, k, angle):
     G = mm(R_j, load33(table.G, k))
     s = dot(col(F, 1), col(G, 0)) - dot(col(F, 0), col(G, 1))
     c = dot(col(F, 0), col(G, 0)) + dot(col(F, 1), col(G, 1))
-    # atan2 of complex numbers by the shift to the nearest real angle: exact to first order in the imaginary part
-    raw = np.arctan2(s.real, c.real)
-    ca = np.cos(raw)
-    sa = np.sin(raw)
-    small = (s * ca - c * sa) / (c * ca + s * sa)
-    turns = np.round((angle[k] - raw) / TWO_PI)
-    x = raw + TWO_PI * turns + small
+    raw = _arctan2(s, c)
+    x = raw + TWO_PI * np.round((angle[k] - raw.real) / TWO_PI)
     m = col(G, 2)
     g = scale(1.0 / (1.0 + dot(n, m)), add(n, m))
     zero = scale(0.0, g)

@@ -72,6 +72,21 @@ def _add_columns(R_i, R_j, r_i, r_j, dF, s_j, s_i, column, K):
     put33(K, s_i, 3, column, minus(cross_m(r_i, tmm(R_i, dF))))
 
 
+@kernel(inline=True)
+def _add_translations(R_i, R_j, r_i, r_j, dF, s_ii, s_ij, s_ji, s_jj, K):
+    """The same for the columns of the translations of j and of i, where the variation is dF and its opposite."""
+    on_j = cross_m(r_j, tmm(R_j, dF))
+    on_i = cross_m(r_i, tmm(R_i, dF))
+    put33(K, s_jj, 0, 0, dF)
+    put33(K, s_jj, 3, 0, on_j)
+    put33(K, s_ij, 0, 0, minus(dF))
+    put33(K, s_ij, 3, 0, minus(on_i))
+    put33(K, s_ji, 0, 0, minus(dF))
+    put33(K, s_ji, 3, 0, minus(on_j))
+    put33(K, s_ii, 0, 0, dF)
+    put33(K, s_ii, 3, 0, on_i)
+
+
 @kernel(borrow=True)
 def add_point_pair_tangent(kin, i, j, r_i, r_j, F, D, C, s_ii, s_ij, s_ji, s_jj, Kq, Kv):
     """Add the tangents of a force +F on j at r_j and -F on i at r_i (F in W).
@@ -89,11 +104,9 @@ def add_point_pair_tangent(kin, i, j, r_i, r_j, F, D, C, s_ii, s_ij, s_ji, s_jj,
     turn_i = cross_m(r_i, skew(tmv(R_i, F)))
     put33(Kq, s_jj, 3, 3, turn_j)
     put33(Kq, s_ii, 3, 3, minus(turn_i))
-    _add_columns(R_i, R_j, r_i, r_j, D, s_jj, s_ij, 0, Kq)
-    _add_columns(R_i, R_j, r_i, r_j, minus(D), s_ji, s_ii, 0, Kq)
+    _add_translations(R_i, R_j, r_i, r_j, D, s_ii, s_ij, s_ji, s_jj, Kq)
     _add_columns(R_i, R_j, r_i, r_j, minus(madd(mm(D, U_j), mm(C, N_j))), s_jj, s_ij, 3, Kq)
     _add_columns(R_i, R_j, r_i, r_j, madd(mm(D, U_i), mm(C, N_i)), s_ji, s_ii, 3, Kq)
-    _add_columns(R_i, R_j, r_i, r_j, C, s_jj, s_ij, 0, Kv)
-    _add_columns(R_i, R_j, r_i, r_j, minus(C), s_ji, s_ii, 0, Kv)
+    _add_translations(R_i, R_j, r_i, r_j, C, s_ii, s_ij, s_ji, s_jj, Kv)
     _add_columns(R_i, R_j, r_i, r_j, minus(mm(C, U_j)), s_jj, s_ij, 3, Kv)
     _add_columns(R_i, R_j, r_i, r_j, mm(C, U_i), s_ji, s_ii, 3, Kv)

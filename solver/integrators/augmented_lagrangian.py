@@ -54,6 +54,21 @@ def copy_rows(source, target):
             target[b, i] = source[b, i]
 
 
+@kernel(inline=True)
+def _largest(x, b):
+    """The largest magnitude in row b of x (n, 6)."""
+    first = max(abs(x[b, 0]), abs(x[b, 1]))
+    second = max(abs(x[b, 2]), abs(x[b, 3]))
+    third = max(abs(x[b, 4]), abs(x[b, 5]))
+    return max(first, second, third)
+
+
+@kernel(inline=True)
+def _finite(x, b):
+    """Whether row b of x (n, 6) is finite."""
+    return np.isfinite((x[b, 0] + x[b, 1]) + (x[b, 2] + x[b, 3]) + (x[b, 4] + x[b, 5]))
+
+
 @kernel(borrow=True)
 def place(tables, c, s0, a1, q1, what, work):
     """Assign q1 and the kinematics of the end for the end acceleration a1; those of the stage unless `what` is AT_END, and both
@@ -153,10 +168,11 @@ def step(tables, c, s0, s1, u, want_outputs, work):
     # The acceleration of the stage is smooth even where a oscillates (rho_inf near one): predict with it. A single iteration
     # is of second order only from a linear prediction; further iterations need none, and it would carry kicks on.
     slope = 1.0 if c.fixed == 1 and c.iterations == 1 else 0.0
+    share = 1.0 / (1.0 - c.am)
     for b in range(nb):
         for i in range(6):
             a_s = s0.a_s[b, i] + slope * (s0.a_s[b, i] - s0.a_s_before[b, i])
-            s1.a[b, i] = (a_s - c.am * s0.a[b, i]) / (1.0 - c.am)
+            s1.a[b, i] = share * (a_s - c.am * s0.a[b, i])
     for i in range(nc):
         s1.lam[i] = WARM_START * (s0.lam[i] + slope * (s0.lam[i] - s0.lam_before[i]))
     saddle = work.saddle
@@ -168,8 +184,7 @@ def step(tables, c, s0, s1, u, want_outputs, work):
         work.zp[i] = s0.z[i] + s * h * (1.0 - c.gamma1) * s0.zd[i] - cz * c.am1 * s0.zd[i]
     speed = 1.0
     for b in range(nb):
-        for i in range(6):
-            speed = max(speed, abs(s0.v[b, i]))
+        speed = max(speed, _largest(s0.v, b))
     status = NOT_CONVERGED
     where = 0
     factorizations = 0
@@ -209,12 +224,11 @@ def step(tables, c, s0, s1, u, want_outputs, work):
         increment = 0.0
         for b in range(nb):
             for i in range(6):
-                d = work.dw[b, i]
-                s1.a[b, i] += d
-                increment = max(increment, abs(d))
-                if not np.isfinite(d):
-                    status = NON_FINITE
-                    where = b
+                s1.a[b, i] += work.dw[b, i]
+            increment = max(increment, _largest(work.dw, b))
+            if not _finite(work.dw, b):
+                status = NON_FINITE
+                where = b
         for i in range(nc):
             s1.lam[i] += work.dlam[i]
         if status == NON_FINITE:
@@ -280,11 +294,8 @@ def step(tables, c, s0, s1, u, want_outputs, work):
                 work.kin_e.v[b, i] = work.v_out[b, i]
         evaluate_forces(tables, work.kin_e, s1.angle, s1.z, 0.0, u, False, work.f, work.Kq, work.Kv, work.z_s, work.outputs)
         evaluations += 1
-    finite = velocity_drift + position_drift
     for b in range(nb):
-        for i in range(6):
-            finite += abs(work.v_out[b, i])
-        if not np.isfinite(finite):
+        if not (_finite(work.v_out, b) and np.isfinite(velocity_drift + position_drift)):
             return StepResult(NON_FINITE, b, iterations, factorizations, evaluations, residual, position_drift, velocity_drift, stagnated)
     return StepResult(OK, 0, iterations, factorizations, evaluations, residual, position_drift, velocity_drift, stagnated)
 
