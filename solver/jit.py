@@ -104,6 +104,33 @@ def invoke(typing_context, address, arguments):
     return signature, generate
 
 
+@numba.extending.intrinsic
+def sixes(typing_context, array):
+    """The array, (n, 6) or (n, 6, 6), with its inner lengths known to the compiler: what crosses invoke() has lost them, and every
+    address would be multiplied out at run time.
+    """
+
+    def generate(context, builder, signature, args):
+        from llvmlite import ir
+        from numba.core import cgutils
+
+        kind = signature.args[0]
+        word = ir.IntType(64)
+        known = context.make_array(kind)(context, builder, args[0])
+        size = context.get_abi_sizeof(context.get_data_type(kind.dtype))
+        first = cgutils.unpack_tuple(builder, known.shape)[0]
+        strides = [ir.Constant(word, size * 6 ** (kind.ndim - 1 - k)) for k in range(kind.ndim)]
+        known.shape = cgutils.pack_array(builder, [first, *[ir.Constant(word, 6)] * (kind.ndim - 1)], ty=word)
+        known.strides = cgutils.pack_array(builder, strides, ty=word)
+        return known._getvalue()
+
+    return array(array), generate
+
+
+if numba.config.DISABLE_JIT:
+    sixes = lambda array: array  # noqa: E731
+
+
 def _require_plain_arrays(argument_types) -> None:
     """Refuse at compile time what address_of never compiles for: tuples by value, strided or read-only arrays."""
     from numba.core import errors, types

@@ -9,6 +9,8 @@ and accept both.
 
 from __future__ import annotations
 
+import hashlib
+import math
 from typing import Any
 
 import numpy as np
@@ -23,28 +25,42 @@ WORD = 8
 
 
 class RefType(types.Type):
-    """Compiled type of a Ref to a NamedTuple type."""
+    """Compiled type of a Ref to a NamedTuple type, with the lengths of all dimensions of its arrays but the first.
 
-    def __init__(self, target: types.BaseNamedTuple) -> None:
+    Those are the same in every model (a block is 6x6, a position has three numbers), and what the compiler knows of them it need not
+    multiply when it addresses an element.
+    """
+
+    def __init__(self, target: types.BaseNamedTuple, inner: tuple) -> None:
         self.target = target
-        self._places: dict[str, tuple[types.Type, int]] = {}
-        super().__init__(name=f'Ref({target})')
+        self.inner = inner  # of each field: shape[1:] of an array, the same again of a NamedTuple, () of a number
+        self._places: dict[str, tuple[types.Type, int, tuple]] = {}
+        digest = hashlib.sha256(f'{target} {inner}'.encode()).hexdigest()[
+            :16
+        ]  # whole, the name of a model's tables has thousands of letters
+        super().__init__(name=f'Ref({target.instance_class.__name__}, {digest})')
 
-    def field(self, name: str) -> tuple[types.Type, int]:
-        """(type, offset in words) of a field. Raises KeyError."""
+    def field(self, name: str) -> tuple[types.Type, int, tuple]:
+        """(type, offset in words, inner shape) of a field. Raises KeyError."""
         if not self._places:
             offset = 0
-            for field, kind in zip(self.target.fields, self.target.types, strict=True):
-                self._places[field] = kind, offset
+            for field, kind, inner in zip(self.target.fields, self.target.types, self.inner, strict=True):
+                self._places[field] = kind, offset, inner
                 offset += _words(kind)
         return self._places[name]
+
+
+def _inner(value: Any) -> tuple:
+    if isinstance(value, tuple):
+        return tuple(_inner(field) for field in value)
+    return value.shape[1:] if isinstance(value, np.ndarray) else ()
 
 
 def _words(kind: types.Type) -> int:
     if isinstance(kind, types.BaseNamedTuple):
         return sum(_words(t) for t in kind.types)
     if isinstance(kind, types.Array):
-        return 3 + 2 * kind.ndim
+        return 3
     if kind in (types.int64, types.float64):
         return 1
     raise TypeError(f'a Ref holds arrays, int, float and NamedTuples of them, not {kind}')
@@ -56,7 +72,7 @@ def _flatten(value: Any) -> list[int]:
     if isinstance(value, np.ndarray):
         if not (value.flags.c_contiguous and value.flags.writeable):
             raise ValueError('a Ref needs writable C-contiguous arrays')
-        return [value.size, value.itemsize, value.ctypes.data, *value.shape, *value.strides]
+        return [value.size, value.ctypes.data, len(value)]
     if isinstance(value, float):
         return [int(np.float64(value).view(np.int64))]
     return [int(value)]
@@ -69,7 +85,7 @@ class Ref:
 
     def __init__(self, value: tuple) -> None:
         self.value = value
-        self.type = RefType(typeof(value))
+        self.type = RefType(typeof(value), _inner(value))
         self.words = np.array(_flatten(value), np.int64)
         self.pointer = self.words.ctypes.data
 
@@ -112,15 +128,15 @@ class _RefAttribute(AttributeTemplate):
 
     def generic_resolve(self, typ, attr):
         try:
-            kind, _ = typ.field(attr)
+            kind, _, inner = typ.field(attr)
         except KeyError:
             return None
-        return RefType(kind) if isinstance(kind, types.BaseNamedTuple) else kind
+        return RefType(kind, inner) if isinstance(kind, types.BaseNamedTuple) else kind
 
 
 @lower_getattr_generic(RefType)
 def _lower_ref_attribute(context, builder, typ, value, attr):
-    kind, offset = typ.field(attr)
+    kind, offset, inner = typ.field(attr)
     word = ir.IntType(64)
     base = builder.add(value, ir.Constant(word, WORD * offset))
     if isinstance(kind, types.BaseNamedTuple):
@@ -137,9 +153,11 @@ def _lower_ref_attribute(context, builder, typ, value, attr):
         array.meminfo = cgutils.get_null_value(array.meminfo.type)
         array.parent = cgutils.get_null_value(array.parent.type)
         array.nitems = load(0)
-        array.itemsize = load(1)
-        array.data = builder.inttoptr(load(2), array.data.type)
-        array.shape = cgutils.pack_array(builder, [load(3 + k) for k in range(kind.ndim)], ty=word)
-        array.strides = cgutils.pack_array(builder, [load(3 + kind.ndim + k) for k in range(kind.ndim)], ty=word)
+        size = np.dtype(str(kind.dtype)).itemsize
+        strides = [size * math.prod(inner[k:]) for k in range(kind.ndim)]
+        array.itemsize = ir.Constant(word, size)
+        array.data = builder.inttoptr(load(1), array.data.type)
+        array.shape = cgutils.pack_array(builder, [load(2), *(ir.Constant(word, n) for n in inner)], ty=word)
+        array.strides = cgutils.pack_array(builder, [ir.Constant(word, n) for n in strides], ty=word)
         return array._getvalue()
     return load(0, context.get_value_type(kind))

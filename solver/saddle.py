@@ -22,6 +22,7 @@ import numpy as np
 
 from solver.dynamics import FACTORIZE, SOLVE
 from solver.jit import invoke, kernel
+from solver.lie.vec import load33
 from solver.linear import (
     WIDTH,
     add_row_products,
@@ -70,10 +71,11 @@ def effective_masses(tables, J, m):
             s = 0.0
             for e in range(con.entry[g], con.entry[g + 1]):
                 b = con.body[e]
-                s += tables.penalty_inverse_mass[b] * (J[e, r, 0] ** 2 + J[e, r, 1] ** 2 + J[e, r, 2] ** 2)
-                for i in range(3):
-                    for j in range(3):
-                        s += J[e, r, 3 + i] * tables.penalty_inverse_inertia[b, i, j] * J[e, r, 3 + j]
+                M = load33(tables.penalty_inverse_inertia, b)  # symmetric
+                x, y, z = J[e, r, 3], J[e, r, 4], J[e, r, 5]
+                linear = J[e, r, 0] * J[e, r, 0] + J[e, r, 1] * J[e, r, 1] + J[e, r, 2] * J[e, r, 2]
+                angular = x * (M[0] * x + 2.0 * (M[1] * y + M[2] * z)) + (y * (M[4] * y + 2.0 * M[5] * z) + M[8] * z * z)
+                s += tables.penalty_inverse_mass[b] * linear + angular
             m[first + r] = 1.0 / s if s > 0.0 else 1.0
 
 

@@ -35,7 +35,7 @@ from solver.elements.coordinate import (
     scale6,
 )
 from solver.elements.marker import Context, Spec, finite
-from solver.jit import kernel
+from solver.jit import kernel, sixes
 
 OUTPUTS = ('energy', 'dissipation', 'windup', 'rate', 'torque', 'capacity')
 
@@ -122,6 +122,9 @@ def brake_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, K
     The contract of solver/elements/__init__.py with two more arguments: the CoordinateTable and angle (nx,), as in
     coordinate_forces.
     """
+    f = sixes(f)
+    Kq = sixes(Kq)
+    Kv = sixes(Kv)
     for e in range(table.coordinate.shape[0]):
         c = table.coordinate[e]
         n = table.state[e]

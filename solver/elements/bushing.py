@@ -21,7 +21,7 @@ import numpy as np
 from solver.elements.laws import Law, evaluate_law
 from solver.elements.marker import Context, Marker, Spec, compile_pairs, finite, require, vector
 from solver.elements.point_pair import angular_velocity, linear_velocity
-from solver.jit import kernel
+from solver.jit import kernel, sixes
 from solver.lie.rows import add_block, add_rows, cross_rows, mul_rows, rows, sub_block, sub_rows
 from solver.lie.so3 import inverse_jacobian_coefficients, log
 from solver.lie.vec import (
@@ -181,6 +181,7 @@ def bushing_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
     Everything is computed along the axes of B_i. a = dtheta_i and b = S dtheta_j are the rotation variations there and
     P = R_i^T (dp_j - dp_i); then the displacement of G relative to B_i varies by P + e x a - rho x b.
     """
+    f = sixes(f)
     for n in range(table.body.shape[0]):
         i = table.body[n, 0]
         j = table.body[n, 1]

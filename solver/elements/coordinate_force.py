@@ -27,7 +27,7 @@ from solver.elements.coordinate import (
 )
 from solver.elements.laws import Law, evaluate_law
 from solver.elements.marker import Context, Spec, finite, require
-from solver.jit import kernel
+from solver.jit import kernel, sixes
 
 OUTPUTS = ('energy', 'dissipation', 'value', 'rate', 'force')
 MAX_TERMS = 3
@@ -132,6 +132,9 @@ def coordinate_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents,
     The contract of solver/elements/__init__.py with two more arguments: the CoordinateTable and angle (nx,), the values that
     continue the rotations.
     """
+    f = sixes(f)
+    Kq = sixes(Kq)
+    Kv = sixes(Kv)
     for e in range(table.terms.shape[0]):
         x0, v0, g0, g1, h0, h1 = _term(table, coordinates, kin, angle, e, 0, tangents)
         x1, v1, g2, g3, h2, h3 = _term(table, coordinates, kin, angle, e, 1, tangents)

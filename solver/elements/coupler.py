@@ -13,7 +13,7 @@ import numpy as np
 
 from solver.elements.coordinate import add_coordinate_hessian, evaluate_coordinate
 from solver.elements.marker import Spec, finite, require
-from solver.jit import kernel
+from solver.jit import kernel, sixes
 
 MAX_TERMS = 3
 
@@ -55,6 +55,7 @@ def evaluate_couplers(table, coordinates, kin, angle, u, gradients, phi, J):
 
     `angle` continues the rotations (see solver.elements.coordinate).
     """
+    J = sixes(J)
     for e in range(table.row.shape[0] if gradients else 0):
         for t in range(table.terms[e]):
             for side in range(2):
@@ -82,6 +83,7 @@ def evaluate_couplers(table, coordinates, kin, angle, u, gradients, phi, J):
 @kernel(borrow=True)
 def add_coupler_hessians(table, coordinates, kin, lam, Kq):
     """Add the geometric stiffness d(A^T lam)/dq of all couplers to Kq."""
+    Kq = sixes(Kq)
     for e in range(table.row.shape[0]):
         for t in range(table.terms[e]):
             add_coordinate_hessian(coordinates, kin, table.coordinate[e, t], lam[table.row[e]] * table.factor[e, t], Kq)

@@ -16,8 +16,8 @@ import numpy as np
 from solver.elements.marker import Context, Marker, Spec, compile_pairs, finite, require
 from solver.elements.point_pair import add_point_pair_tangent, point_position
 from solver.errors import suggestion
-from solver.jit import kernel
-from solver.lie.vec import add, col, cross, dot, load3, load33, mm, mscale, mv, outer, put33, row, scale, skew, sub, tmv, transpose
+from solver.jit import kernel, sixes
+from solver.lie.vec import add, col, cross, dot, load3, load33, m_cross, mm, mscale, mv, outer, put33, scale, skew, sub, tmv, transpose
 
 DX, DY, DZ = 0, 1, 2  # component of p_FG along an axis of F
 AXES = 3  # 3 + 3 a + b: F_a . G_b
@@ -132,9 +132,21 @@ def _put_rows(J, entry, row, direction, on_i, on_j):
         J[entry[1], row, 3 + c] = on_j[c]
 
 
+@kernel(inline=True)
+def _put_closed(J, entry, on_i, on_j):
+    """Assign the rows of a closed point: p_j - p_i and its derivatives on_i and -on_j with respect to the turns, row by row in W."""
+    for c in range(3):
+        for k in range(3):
+            J[entry[0], c, k] = -1.0 if k == c else 0.0
+            J[entry[0], c, 3 + k] = on_i[3 * c + k]
+            J[entry[1], c, k] = 1.0 if k == c else 0.0
+            J[entry[1], c, 3 + k] = -on_j[3 * c + k]
+
+
 @kernel(borrow=True)
 def evaluate_joints(table, kin, gradients, phi, J):
     """Assign residuals phi (nc,) and, when `gradients`, blocks J (entries + 1, 6, 6): row of the joint x (force in W, torque in B)."""
+    J = sixes(J)
     for e in range(table.rows.shape[0]):
         i = table.body[e, 0]
         j = table.body[e, 1]
@@ -148,15 +160,15 @@ def evaluate_joints(table, kin, gradients, phi, J):
         r_j = load3(table.r_j, e)
         d = sub(point_position(kin, j, r_j), point_position(kin, i, r_i))
         zero = scale(0.0, d)
-        for r in range(table.rows[e]):
+        closed = table.code[e, 0] == PX  # the first three rows close all of p_FG
+        if closed:
+            for c in range(3):
+                phi[first + c] = d[c]
+            if gradients:
+                _put_closed(J, entry, m_cross(R_i, r_i), m_cross(R_j, r_j))
+        for r in range(3 if closed else 0, table.rows[e]):
             code = table.code[e, r]
-            if code >= PX:
-                c = code - PX
-                phi[first + r] = d[c]
-                if gradients:
-                    n = (1.0 * (c == 0), 1.0 * (c == 1), 1.0 * (c == 2))
-                    _put_rows(J, entry, r, n, cross(row(R_i, c), r_i), cross(r_j, row(R_j, c)))
-            elif code <= DZ:
+            if code <= DZ:
                 E = col(Fl, code)
                 n = mv(R_i, E)
                 phi[first + r] = dot(n, d)
@@ -208,6 +220,7 @@ def _add_axes_hessian(R_i, R_j, a, b, s_ii, s_ij, s_ji, s_jj, Kq):
 @kernel(borrow=True)
 def add_joint_hessians(table, kin, lam, Kq, Kv_trash):
     """Add the geometric stiffness d(A^T lam)/dq of all joints to Kq. Kv_trash is scratch with the shape of Kq."""
+    Kq = sixes(Kq)
     for e in range(table.rows.shape[0]):
         i = table.body[e, 0]
         j = table.body[e, 1]
@@ -227,8 +240,10 @@ def add_joint_hessians(table, kin, lam, Kq, Kv_trash):
         to_y = (0.0, 0.0, 0.0)
         to_z = (0.0, 0.0, 0.0)
         points = False
-        closed = False
-        for r in range(table.rows[e]):
+        closed = table.code[e, 0] == PX
+        if closed:
+            P = (lam[table.row[e]], lam[table.row[e] + 1], lam[table.row[e] + 2])
+        for r in range(3 if closed else 0, table.rows[e]):
             code = table.code[e, r]
             m = lam[table.row[e] + r]
             if code <= DZ:
@@ -246,10 +261,6 @@ def add_joint_hessians(table, kin, lam, Kq, Kv_trash):
             elif code == TWIST:
                 to_y = add(to_y, scale(m, col(Fl, 0)))
                 to_x = add(to_x, scale(-m, col(Fl, 1)))
-            elif code >= PX:
-                c = code - PX
-                P = add(P, (m * (c == 0), m * (c == 1), m * (c == 2)))
-                closed = True
             else:
                 d = sub(point_position(kin, j, r_j), point_position(kin, i, r_i))
                 length = np.sqrt(dot(d, d))

@@ -11,7 +11,7 @@ import numpy as np
 from solver.elements.laws import Law, evaluate_law
 from solver.elements.marker import Context, Marker, Spec, compile_pairs, finite
 from solver.elements.point_pair import add_point_force, add_point_pair_tangent, point_position, point_velocity
-from solver.jit import kernel
+from solver.jit import kernel, sixes
 from solver.lie.vec import dot, load3, madd, mscale, outer, scale, sub
 
 OUTPUTS = ('energy', 'dissipation', 'length', 'rate', 'force')
@@ -66,6 +66,9 @@ def compile_spring_dampers(specs: Sequence[SpringDamperSpec], context: Context) 
 @kernel(borrow=True)
 def spring_damper_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
     """Accumulate forces and tangents of all spring-dampers (contract: solver/elements/__init__.py)."""
+    f = sixes(f)
+    Kq = sixes(Kq)
+    Kv = sixes(Kv)
     for e in range(table.free_length.shape[0]):
         i = table.body[e, 0]
         j = table.body[e, 1]

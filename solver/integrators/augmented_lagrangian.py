@@ -32,7 +32,7 @@ from solver.dynamics import (
 )
 from solver.integrators.work import BAD_INPUT, NON_FINITE, NOT_CONVERGED, OK, SINGULAR, StepResult
 from solver.jit import invoke, kernel
-from solver.lie.so3 import matrix_of_quaternion, quaternion_exp, quaternion_normalized, quaternion_product, right_jacobian
+from solver.lie.so3 import matrix_of_quaternion, quaternion_corrected, quaternion_exp, quaternion_product, right_jacobian
 from solver.lie.vec import scale, store33
 from solver.model.state import update_angles
 from solver.saddle import assemble_tangent, effective_masses, factorize_saddle, rotate_columns, solve_saddle
@@ -52,6 +52,15 @@ def copy_rows(source, target):
     for b in range(source.shape[0]):
         for i in range(source.shape[1]):
             target[b, i] = source[b, i]
+
+
+@kernel(borrow=True)
+def copy_blocks(source, target):
+    """target <- source, (n, 6, 6)."""
+    for b in range(source.shape[0]):
+        for i in range(6):
+            for j in range(6):
+                target[b, i, j] = source[b, i, j]
 
 
 @kernel(inline=True)
@@ -92,14 +101,14 @@ def place(tables, c, s0, a1, q1, what, work):
         )
         xs = scale(s, x)
         quaternion = (s0.q[b, 3], s0.q[b, 4], s0.q[b, 5], s0.q[b, 6])
-        end = quaternion_normalized(quaternion_product(quaternion, quaternion_exp(x)))
+        end = quaternion_corrected(quaternion_product(quaternion, quaternion_exp(x)))
         q1[b, 3] = end[0]
         q1[b, 4] = end[1]
         q1[b, 5] = end[2]
         q1[b, 6] = end[3]
         store33(work.kin_e.R, b, matrix_of_quaternion(end))
         if what != AT_END:
-            stage = quaternion_normalized(quaternion_product(quaternion, quaternion_exp(xs)))
+            stage = quaternion_corrected(quaternion_product(quaternion, quaternion_exp(xs)))
             store33(work.kin_s.R, b, matrix_of_quaternion(stage))
         if what == WITH_TANGENTS:
             store33(work.T_e, b, right_jacobian(x))
@@ -142,13 +151,14 @@ def _balanced(tables, c, speed, work):
 @kernel(borrow=True)
 def assemble(tables, c, lam, to_g, work):
     """Assign penalties, constraint rows and the force part of the step matrix in work.saddle from what was evaluated before, the
-    gradients of the end in work.saddle.J_s among it.
+    gradients of the end in work.saddle.J_s (work.J where c.weigh needs work.saddle for itself) among it.
     """
     saddle = work.saddle
     s = 1.0 - c.af
     effective_masses(tables, work.J_now, saddle.W)
     if c.weigh != 0:
         invoke(c.weigh, (tables, c, work))
+        copy_blocks(work.J, saddle.J_s)
     for i in range(lam.shape[0]):
         m = 1.0 / to_g[tables.constraints.holonomic[i]] if c.m_alf == 1 else saddle.W[i]
         saddle.W[i] = c.penalty[i] * (c.factor[i] * m)
@@ -176,6 +186,7 @@ def step(tables, c, s0, s1, u, want_outputs, work):
     for i in range(nc):
         s1.lam[i] = WARM_START * (s0.lam[i] + slope * (s0.lam[i] - s0.lam_before[i]))
     saddle = work.saddle
+    J_end = saddle.J_s if c.weigh == 0 else work.J
     holonomic = tables.constraints.holonomic
     to_g = (1.0 / (c.gamma * h), 1.0 / (c.beta * h * h))  # of a velocity, of a position
     # internal states: z_s = zp + cz zd_s
@@ -202,7 +213,7 @@ def step(tables, c, s0, s1, u, want_outputs, work):
         place(tables, c, s0, s1.a, s1.q, WITH_TANGENTS if refactor else BOTH, work)
         evaluate_forces(tables, work.kin_s, s0.angle, work.zp, cz, u, refactor, work.f, work.Kq, work.Kv, work.z_s, work.outputs)
         evaluate_constraints(tables, work.kin_s, s0.angle, u, True, work.phi_s, work.J_now)
-        evaluate_constraints(tables, work.kin_e, s0.angle, u, refactor, work.phi, saddle.J_s)
+        evaluate_constraints(tables, work.kin_e, s0.angle, u, refactor, work.phi, J_end)
         evaluations += 1
         add_constraint_forces(tables.constraints, work.J_now, s1.lam, 1.0, work.f)
         momentum_residual(tables, c, s0.a, s1.a, work.f, work.r)

@@ -124,7 +124,15 @@ def quaternion_product(a, b):
 
 @kernel(inline=True)
 def quaternion_normalized(q):
+    """q at unit length."""
     n = 1.0 / np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
+    return (n * q[0], n * q[1], n * q[2], n * q[3])
+
+
+@kernel(inline=True)
+def quaternion_corrected(q):
+    """q back at unit length after rounding alone has moved it, 1/|q| to first order (without the latency of a root and a division)."""
+    n = 1.5 - 0.5 * ((q[0] * q[0] + q[1] * q[1]) + (q[2] * q[2] + q[3] * q[3]))
     return (n * q[0], n * q[1], n * q[2], n * q[3])
 
 

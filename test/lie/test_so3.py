@@ -115,3 +115,11 @@ def test_products_with_skew_matrices(rng):
     a, m = vec(rng.normal(size=3)), row(rng.normal(size=(3, 3)))
     np.testing.assert_allclose(cross_m(a, m), mm(skew(a), m), rtol=0, atol=1e-15)
     np.testing.assert_allclose(m_cross(m, a), mm(m, skew(a)), rtol=0, atol=1e-15)
+
+
+def test_a_quaternion_that_rounding_has_moved_is_corrected_to_rounding(rng):
+    """1/|q| to first order: the error is 3/8 (|q|^2 - 1)^2."""
+    for off in (0.0, 1e-15, -1e-12, 1e-9):
+        q = rng.normal(size=4)
+        q *= (1.0 + off) / np.linalg.norm(q)
+        assert abs(np.linalg.norm(so3.quaternion_corrected(tuple(q))) - 1.0) <= 4e-16 + 2.0 * off**2
