@@ -24,7 +24,6 @@ from itertools import pairwise
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from solver.errors import SpecError
 from solver.signals import smooth_step
@@ -107,6 +106,8 @@ class Waypoints:
 
     def lateral(self, x: float) -> float:
         """y of the path [m] at x [m]."""
+        from scipy.interpolate import CubicSpline  # slow to import, and needed here only
+
         at, y = np.array(self.points).T
         return float(CubicSpline(at, y, bc_type='clamped')(np.clip(x, at[0], at[-1])))
 

@@ -117,11 +117,11 @@ class Scene:
         where_ = f'scene {self.name!r}'
         finite(where_, 'duration', self.duration, low=0.0, strict=True)
         known = [c.name for joint in self.model.joints for c in joint_coordinates(joint)] + [c.name for c in self.model.coordinates]
-        for name in self.start.coordinates:
-            require(name in known, where_, 'start.coordinates', name, 'no such coordinate' + suggestion(name, known))
+        for name in (n for n in self.start.coordinates if n not in known):
+            require(False, where_, 'start.coordinates', name, 'no such coordinate' + suggestion(name, known))
         names = base_names(self.model.inputs)
-        for name in self.maneuver.channels:
-            require(name in names, where_, 'maneuver', name, 'the model has no such input' + suggestion(name, names))
+        for name in (n for n in self.maneuver.channels if n not in names):
+            require(False, where_, 'maneuver', name, 'the model has no such input' + suggestion(name, names))
 
     @property
     def steps(self) -> int:

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from solver.errors import SpecError
 
@@ -278,6 +277,8 @@ class Table:
         if self.interpolation == 'linear':
             slope = np.append(np.diff(y) / np.diff(x), 0.0)[np.clip(np.searchsorted(x, t, 'right') - 1, 0, len(x) - 1)]
             return Jet(np.interp(t, x, y), np.where(inside, slope, 0.0), np.zeros_like(t))
+        from scipy.interpolate import CubicSpline  # slow to import, and needed here only
+
         spline = CubicSpline(x, y, bc_type='clamped')
         at = np.clip(t, x[0], x[-1])
         return Jet(spline(at), np.where(inside, spline(at, 1), 0.0), np.where(inside, spline(at, 2), 0.0))

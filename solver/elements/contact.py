@@ -46,7 +46,8 @@ class ContactSpec(Spec):
     radius: Annotated[float | None, 'm'] = None
 
     def __post_init__(self) -> None:
-        require(self.kind in KINDS, self.where, 'kind', self.kind, 'unknown kind of contact' + suggestion(str(self.kind), KINDS))
+        if self.kind not in KINDS:
+            require(False, self.where, 'kind', self.kind, 'unknown kind of contact' + suggestion(str(self.kind), KINDS))
         require(self.i.body != self.j.body, self.where, 'j.body', self.j.body, 'must differ from i.body')
         if self.kind == 'rolling':
             require(self.radius is not None, self.where, 'radius', None, 'a rolling contact needs the radius of the disc in m')

@@ -75,7 +75,8 @@ class JointSpec(Spec):
     length: float | None = None
 
     def __post_init__(self) -> None:
-        require(self.kind in KINDS, self.where, 'kind', self.kind, 'unknown kind of joint' + suggestion(str(self.kind), KINDS))
+        if self.kind not in KINDS:
+            require(False, self.where, 'kind', self.kind, 'unknown kind of joint' + suggestion(str(self.kind), KINDS))
         require(self.i.body != self.j.body, self.where, 'j.body', self.j.body, 'must differ from i.body')
         if self.kind == 'distance':
             require(self.length is not None, self.where, 'length', None, 'a distance joint needs a length in m')

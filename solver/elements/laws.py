@@ -1,7 +1,7 @@
 """Scalar laws y(x): linear or tabulated, once continuously differentiable, with slope and integral.
 
-Tables are interpolated by the monotone cubic of Fritsch and Carlson (scipy's PCHIP slopes) and continued linearly with the
-end slopes, so a law has no overshoot between its points and no kink for the Newton iteration to trip over.
+Tables are interpolated by a monotone cubic and continued linearly with the end slopes, so a law has no overshoot between its
+points and no kink for the Newton iteration to trip over.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
 from solver.elements.marker import finite, require
 from solver.jit import kernel
@@ -43,8 +42,29 @@ class Law:
         y = tuple(finite(where, f'{field}[{k}][1]', p[1]) for k, p in enumerate(points))
         for k in range(1, len(x)):
             require(x[k] > x[k - 1], where, f'{field}[{k}][0]', x[k], f'must be greater than the x before it ({x[k - 1]:g})')
-        slopes = PchipInterpolator(x, y).derivative()(np.array(x))
-        return Law(x, y, tuple(float(s) for s in slopes))
+        return Law(x, y, tuple(monotone_slopes(np.array(x), np.array(y)).tolist()))
+
+
+def monotone_slopes(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Slopes of the monotone cubic through (x, y): inside the harmonic mean of Fritsch and Butland (1984), weighted by the intervals; at
+    an end that of the parabola through three points, limited so that the curve stays monotone (Moler, Numerical Computing, 3.6).
+    """
+    h = np.diff(x)
+    m = np.diff(y) / h
+    if len(m) == 1:
+        return np.array([m[0], m[0]])
+    before, after = 2.0 * h[1:] + h[:-1], h[1:] + 2.0 * h[:-1]
+    with np.errstate(divide='ignore', invalid='ignore'):  # at a horizontal piece, where the slope is zero
+        mean = (before + after) / (before / m[:-1] + after / m[1:])
+    inside = np.where(m[:-1] * m[1:] > 0.0, mean, 0.0)
+    return np.concatenate([[_end_slope(h[0], h[1], m[0], m[1])], inside, [_end_slope(h[-1], h[-2], m[-1], m[-2])]])
+
+
+def _end_slope(h0: float, h1: float, m0: float, m1: float) -> float:
+    slope = ((2.0 * h0 + h1) * m0 - h0 * m1) / (h0 + h1)
+    if slope * m0 <= 0.0:
+        return 0.0
+    return 3.0 * m0 if m0 * m1 <= 0.0 and abs(slope) > 3.0 * abs(m0) else slope
 
 
 class LawTable(NamedTuple):

@@ -14,7 +14,6 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
-from scipy.linalg import solve_banded
 
 from solver.elements.marker import Spec, Vector, finite, require, vector
 from solver.jit import kernel
@@ -177,6 +176,8 @@ class RoadTable(NamedTuple):
 
 def _spline_coefficients(height: np.ndarray) -> np.ndarray:
     """Coefficients of the interpolating uniform cubic B-spline, continued by its border coefficients, along both axes."""
+    from scipy.linalg import solve_banded  # slow to import, and most roads have no grid
+
     c = height
     for axis in (0, 1):
         c = np.moveaxis(c, axis, 0)

@@ -83,8 +83,8 @@ class TireData:
         where = f'TireData {self.name!r}'
         require(self.version in (52, 61), where, 'version', self.version, 'must be 52 or 61')
         require(self.side in ('left', 'right', 'symmetric'), where, 'side', self.side, 'must be left, right or symmetric')
-        for key in self.values:
-            require(key in DEFAULTS, where, key, self.values[key], 'is not a coefficient of this model' + suggestion(key, DEFAULTS))
+        for key in (k for k in self.values if k not in DEFAULTS):
+            require(False, where, key, self.values[key], 'is not a coefficient of this model' + suggestion(key, DEFAULTS))
         values = {k: finite(where, k, v) for k, v in self.values.items()}
         for key, default in DEFAULTS.items():
             require(default is not None or key in values, where, key, None, 'is missing and has no default')

@@ -19,15 +19,16 @@ from typing import NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from solver.elements.coordinate import CoordinateSpec
 from solver.elements.marker import WORLD, Marker
+from solver.mechanism import matrix
 from solver.model.compile import joint_coordinates
 from solver.model.spec import ModelSpec
 
 ON_AXIS = 1e-9  # m: a body whose origin is nearer to the axis of its joint needs no link of its own for the axis
 THINNEST = 0.01  # m, of a drawn box
+ALONG_Y = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # turns the axis of a cylinder, z, to the spin axis of a wheel
 EXACT, COORDINATE, JOINT, BUSHING, OTHER = range(5)  # connections, in the order in which they are chosen
 
 
@@ -120,8 +121,7 @@ class _Writer:
         visual = ElementTree.SubElement(link, 'visual')
         if body in self.wheels:
             tire = self.wheels[body]
-            axis = Rotation.from_quat(tire.marker.orientation) * Rotation.from_euler('x', 90, degrees=True)
-            _origin(visual, np.array(tire.marker.position), axis.as_matrix())
+            _origin(visual, np.array(tire.marker.position), matrix(tire.marker.orientation) @ ALONG_Y)
             geometry = ElementTree.SubElement(visual, 'geometry')
             radius = tire.data['UNLOADED_RADIUS']
             width = tire.data['WIDTH'] or 0.65 * radius
@@ -156,7 +156,7 @@ class _Writer:
             x = self.values[c.name]
             marker: Marker = c.i
             body = self.poses[marker.body]
-            n = body.R @ Rotation.from_quat(marker.orientation).as_matrix()[:, 2]
+            n = body.R @ matrix(marker.orientation)[:, 2]
             point = body.p + body.R @ np.array(marker.position)
             direction = n if forward else -n
             last = k == len(coordinates) - 1
@@ -164,7 +164,7 @@ class _Writer:
                 foot = point + n * (n @ (goal.p - point))
                 direct = last and bool(np.linalg.norm(goal.p - foot) < ON_AXIS)
                 after = Pose(goal.p if direct else foot, goal.R)
-                before = Pose(after.p, Rotation.from_rotvec(-x * direction).as_matrix() @ after.R)
+                before = Pose(after.p, _turn(direction, -x) @ after.R)
             else:
                 direct = last
                 after = Pose(goal.p if direct else here.p, goal.R)
@@ -186,7 +186,7 @@ def robot_description(spec: ModelSpec, pose: np.ndarray, values: dict[str, float
     """URDF of a model. pose (nb, 7): reference frames of the bodies at the start (Snapshot.pose); values: joint coordinates there, by name
     [rad or m]; name: of the robot."""
     root = spec.chassis or WORLD
-    poses = {b.name: Pose(p[:3], Rotation.from_quat(p[3:]).as_matrix()) for b, p in zip(spec.bodies, pose, strict=True)}
+    poses = {b.name: Pose(p[:3], matrix(p[3:].tolist())) for b, p in zip(spec.bodies, pose, strict=True)}
     poses[WORLD] = Pose(np.zeros(3), np.eye(3))
     writer = _Writer(spec, poses, values, root, name)
     for parent, child, edge in spanning_tree(spec, root):
@@ -202,6 +202,11 @@ def _origin(parent: ElementTree.Element, p: np.ndarray, R: np.ndarray) -> None:
     else:  # x points up or down: roll and yaw are about the same axis
         rpy = np.array([0.0, np.arctan2(-R[2, 0], level), np.arctan2(-R[0, 1], R[1, 1])])
     ElementTree.SubElement(parent, 'origin', xyz=_numbers(p), rpy=_numbers(rpy))
+
+
+def _turn(axis: np.ndarray, angle: float) -> np.ndarray:
+    """(3, 3) rotation about a unit axis by an angle [rad]."""
+    return matrix([*(np.sin(0.5 * angle) * axis).tolist(), float(np.cos(0.5 * angle))])
 
 
 def _number(x: float) -> str:

@@ -30,11 +30,16 @@ def test_absent_law_is_zero():
     assert evaluate_law(compile_laws([]), -1, 2.0) == (0.0, 0.0, 0.0)
 
 
-def test_table_is_the_monotone_cubic_through_its_points():
+@pytest.mark.parametrize(
+    'points',
+    [POINTS, [[0, 0], [1, 0], [1.1, 5], [2, 5], [3, 5.1], [4, -2]], [[0, 0], [1, 1], [1.5, -4]], [[0, 1], [2, 5]]],
+    ids=['rising', 'plateaus and steps', 'steep ends', 'two points'],
+)
+def test_table_is_the_monotone_cubic_through_its_points(points):
     """Inside the table the law is scipy's PCHIP; at the points it is exact."""
-    law = Law.table(POINTS)
-    x = np.linspace(-2.0, 3.0, 101)
-    points = np.array(POINTS)
+    law = Law.table(points)
+    x = np.linspace(points[0][0], points[-1][0], 101)
+    points = np.array(points, float)
     np.testing.assert_allclose(evaluate(law, x)[0], PchipInterpolator(*points.T)(x), rtol=0, atol=1e-13)
     np.testing.assert_allclose(evaluate(law, points[:, 0])[0], points[:, 1], rtol=0, atol=1e-14)
 
