@@ -67,6 +67,20 @@ def on_one_core() -> Iterator[int]:
         os.sched_setaffinity(0, before)
 
 
+@contextmanager
+def on_all_cores() -> Iterator[None]:
+    """Inside on_one_core: the calling thread, and what it starts, may use every core for a while."""
+    if not hasattr(os, 'sched_setaffinity'):
+        yield
+        return
+    before = os.sched_getaffinity(0)
+    os.sched_setaffinity(0, range(os.cpu_count() or 1))  # the kernel keeps to the cores that this process was given
+    try:
+        yield
+    finally:
+        os.sched_setaffinity(0, before)
+
+
 def core_ticks(core: int) -> list[float]:
     """Clock ticks of a core: user, nice, system, idle, iowait, irq, softirq, steal; empty where /proc/stat does not tell."""
     try:

@@ -112,7 +112,7 @@ class Overhead:
             'topics': len(self._messages.topics),
             'published_topics': self._published,
             'bytes_per_step': self._bytes,
-            'us': us,
+            'figures': us,
         }
 
 
@@ -144,7 +144,8 @@ def publication(topics: Sequence[Topic], samples: Sequence[bytes]) -> Iterator[t
         resources.callback(node.destroy_node)
         publish = Publication(node, topics, samples).publish
         read = [topic for topic in topics if installed(topic.type)]
-        reader = subprocess.Popen([sys.executable, '-c', LISTEN, *(f'{topic.name}:{topic.type}' for topic in read)])
+        environment = {**os.environ, 'ROS_DOMAIN_ID': str(DOMAIN)}
+        reader = subprocess.Popen([sys.executable, '-c', LISTEN, *(f'{topic.name}:{topic.type}' for topic in read)], env=environment)
         resources.callback(reader.wait)
         resources.callback(reader.terminate)
         limit = time.monotonic() + DISCOVERY_SECONDS
@@ -172,7 +173,7 @@ def listen(topics: Sequence[str]) -> None:
     from mbd_sim_ros.publish import message_class
 
     os.sched_setaffinity(0, range(os.cpu_count() or 1))  # not on the core that is measured alone
-    rclpy.init(args=[], domain_id=DOMAIN)
+    rclpy.init(args=[])
     node = rclpy.create_node('mbd_bench_reader', enable_rosout=False)
     for topic in topics:
         name, _, kind = topic.partition(':')

@@ -9,9 +9,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
+from mbd_sim_ros.benchmark.growth import LIMIT
 from mbd_sim_ros.benchmark.overhead import FIGURES as OVERHEAD_FIGURES
 from mbd_sim_ros.benchmark.phases import PHASES
 from mbd_sim_ros.benchmark.stepping import FIGURES as STEPPING_FIGURES
+from mbd_sim_ros.benchmark.suite import MEASURES
 
 
 class Table(NamedTuple):
@@ -23,25 +25,71 @@ class Table(NamedTuple):
     meaning: Mapping[str, str] = MappingProxyType({})
 
 
-GENERATED = re.compile(r'<!-- begin bench -->\n.*?<!-- end -->\n', re.DOTALL)
+TITLES = {  # of the measures whose table has one line per case and one column per figure
+    'single': ('Single steps beside an idle loop', 'CPU time of one thread.'),
+    'growth': ('Growth with the number of bodies', 'CPU time of steps in a batch, and memory.'),
+    'threads': ('Simulations in threads', ''),
+    'peers': (
+        'The car on a rig, here and in Exudyn',
+        'CPU time per simulated millisecond on one core, in turns.',
+    ),
+    'start': ('Start', ''),
+    'node': ('The node at work', 'Elapsed time, all cores; commanded over topics, everything published and recorded.'),
+    'node_and_reader': ('The node at work, every topic with a reader', 'As above.'),
+}
 
 
 def tables(report: dict[str, Any]) -> list[Table]:
     """Everything that was measured, table by table; tables without rows are left out."""
     measured = [case for case in report['cases'] if case['status'] == 'ok']
-    stepping = [case for case in measured if case['measure'] == 'steps']
-    overhead = [case for case in measured if case['measure'] != 'steps']
+    of = {name: [case for case in measured if case['measure'] == name] for name in MEASURES}
     found: list[Table] = []
-    if stepping:
-        found += [_stepping(stepping), _growth(stepping), _phases(stepping), _elements(stepping)]
-    if overhead:
-        found.append(_overhead(overhead))
-    found += [_targets(report['cases']), _unavailable(report['cases'])]
+    if of['steps']:
+        found += [_stepping(of['steps']), _phases(of['steps']), _elements(of['steps'])]
+    for name, (title, about) in TITLES.items():
+        found.append(_plain(title, about, of[name], MEASURES[name].figures))
+        if name == 'peers':
+            found.append(_runs(of[name]))
+        if name == 'growth':
+            found.append(_exponents(report['growth']))
+    found += [_overhead(of['record'] + of['publish']), _targets(report['cases']), _unavailable(report['cases'])]
     return [table for table in found if len(table.rows) > 1]
 
 
-def _number(value: float) -> str:
+def _number(value: float | None) -> str:
+    if value is None or not math.isfinite(value):
+        return ''
+    if isinstance(value, int):
+        return str(value)
     return f'{value:.2f}' if abs(value) < 10.0 else f'{value:.1f}' if abs(value) < 100.0 else f'{value:.0f}'
+
+
+def _plain(title: str, about: str, cases: Sequence[dict[str, Any]], figures: Mapping[str, str]) -> Table:
+    """One line per case, one column per figure; sizes of the model where the case has them."""
+    sizes = [name for name in ('bodies', 'rows', 'steps') if all(name in case for case in cases)]
+    rows = [['case', *sizes, *figures]]
+    rows += [[case['name'], *(str(case[name]) for name in sizes), *(_number(case['figures'][name]) for name in figures)] for case in cases]
+    return Table(title, about, rows, figures)
+
+
+def _runs(cases: Sequence[dict[str, Any]]) -> Table:
+    """Every run of every program."""
+    rows = [['case', 'program', 'settings', 'h [ms]', 'us per ms', 'error [um]', 'iterations', 'factorizations']]
+    for case in cases:
+        for run in case['runs']:
+            numbers = (run[name] for name in ('us', 'error', 'iterations', 'factorizations'))
+            rows.append([case['name'], run['program'], run['settings'], f'{run["h"] * 1e3:g}', *map(_number, map(float, numbers))])
+    return Table('Runs on the rig', 'Iterations and factorizations per step.', rows)
+
+
+def _exponents(growth: Sequence[dict[str, Any]]) -> Table:
+    rows = [['scene', 'bodies', 'time', 'time, two largest', 'memory', 'memory, two largest', f'at most {LIMIT:g}']]
+    for row in growth:
+        numbers = (row[name] for name in ('step', 'step_at_last', 'memory', 'memory_at_last'))
+        met = 'yes' if row['met'] else 'NO'
+        rows.append([row['scene'], f'{row["smallest"]} to {row["largest"]}', *(f'{number:.3f}' for number in numbers), met])
+    about = 'Exponents of the number of bodies: of a line through the logarithms of all sizes, and between the two largest.'
+    return Table('Exponents', about, rows)
 
 
 def _stepping(cases: Sequence[dict[str, Any]]) -> Table:
@@ -51,27 +99,10 @@ def _stepping(cases: Sequence[dict[str, Any]]) -> Table:
         counters = case['counters']['audited']
         rows.append(
             [case['name'], f'{case["h"] * 1e3:g}', str(case['bodies']), str(case['rows'])]
-            + [_number(case['us'][figure]) for figure in STEPPING_FIGURES]
+            + [_number(case['figures'][figure]) for figure in STEPPING_FIGURES]
             + [_number(case['real_time_factor']), *(f'{counters[name]:.3g}' for name in header[-3:])]
         )
     return Table('A step', 'CPU time in us; counters are those of an audited step.', rows, STEPPING_FIGURES)
-
-
-def _growth(cases: Sequence[dict[str, Any]]) -> Table:
-    """How time and memory grow between the smallest and the largest model of a scene: the exponent n of bodies^n."""
-    rows = [['scene', 'bodies', 'us of the smallest', 'us of the largest', 'time', 'kB of the smallest', 'kB of the largest', 'memory']]
-    for scene in dict.fromkeys(case['scene'] for case in cases):
-        sizes = {case['bodies']: case for case in cases if case['scene'] == scene}
-        if len(sizes) < 2:
-            continue
-        small, large = sizes[min(sizes)], sizes[max(sizes)]
-        ratio = math.log(large['bodies'] / small['bodies'])
-        row = [scene, f'{small["bodies"]} to {large["bodies"]}']
-        for values in ((small['us']['batch'], large['us']['batch']), (small['bytes'] / 1e3, large['bytes'] / 1e3)):
-            row += [*map(_number, values), f'{math.log(values[1] / values[0]) / ratio:.3f}']
-        rows.append(row)
-    about = 'Steps in a batch, and the arrays of model, state and step; time and memory are the exponents of the number of bodies.'
-    return Table('Growth with the number of bodies', about, rows)
 
 
 def _columns(cases: Sequence[dict[str, Any]], names: Sequence[str], value: Callable[[dict[str, Any], str], str]) -> list[list[str]]:
@@ -97,13 +128,13 @@ def _overhead(cases: Sequence[dict[str, Any]]) -> Table:
     for case in cases:
         rows.append(
             [case['name'], f'{case["rate"]:g}', str(case['topics']), str(case['published_topics']), str(case['bytes_per_step'])]
-            + [_number(case['us'][figure]) for figure in OVERHEAD_FIGURES]
+            + [_number(case['figures'][figure]) for figure in OVERHEAD_FIGURES]
         )
     return Table('Publishing and recording', 'CPU time in us per step of a loop paced in real time.', rows, OVERHEAD_FIGURES)
 
 
 def _targets(cases: Sequence[dict[str, Any]]) -> Table:
-    rows = [['case', 'figure', 'us', 'target', 'met']]
+    rows = [['case', 'figure', 'value', 'target', 'met']]
     for case in cases:
         for target in case['targets']:
             value = target['value']
@@ -147,24 +178,25 @@ def _is_number(cell: str) -> bool:
     return bool(re.fullmatch(r'-?[0-9.e+-]+', cell))
 
 
-def markdown(report: dict[str, Any]) -> str:
-    """All tables as Markdown, with what the figures mean."""
+def markdown(report: dict[str, Any], level: int = 2) -> str:
+    """All tables as Markdown, with what the figures mean. level: of the headings."""
     blocks = ['\n'.join(f'- {line}' for line in machine(report))]
     for title, about, rows, meaning in tables(report):
         head, *body = (f'| {" | ".join(row)} |' for row in rows)
-        lines = [f'## {title}', '', *([about, ''] if about else []), head, '|' + '---|' * len(rows[0]), *body]
+        lines = [f'{"#" * level} {title}', '', *([about, ''] if about else []), head, '|' + '---|' * len(rows[0]), *body]
         lines += [*([''] if meaning else []), *(f'- {name}: {text}' for name, text in meaning.items())]
         blocks.append('\n'.join(lines))
     return '\n\n'.join(blocks) + '\n'
 
 
-def write(report: dict[str, Any], file: Path, command: str) -> None:
-    """Write the tables into a Markdown file. Of a file that has a generated part only that part is replaced. Raises OSError."""
-    part = f'<!-- begin bench -->\nMade by `{command}`.\n\n{markdown(report)}<!-- end -->\n'
-    before = file.read_text(encoding='utf-8') if file.exists() else ''
-    if GENERATED.search(before):
-        after = GENERATED.sub(lambda _: part, before, count=1)
-    else:
-        after = f'# Performance\n\n{part}'
+def write(report: dict[str, Any], file: Path, command: str, suite: str = '') -> None:
+    """Write the tables into a Markdown file. Of a file that exists only the generated part is replaced, or added. Raises OSError.
+
+    suite: name of a suite beside the usual one; it has a part of its own, one level of headings deeper.
+    """
+    begin = f'<!-- begin bench {suite}'.rstrip() + ' -->\n'
+    part = f'{begin}Made by `{command}`.\n\n{markdown(report, 3 if suite else 2)}<!-- end -->\n'
+    before = file.read_text(encoding='utf-8') if file.exists() else '# Performance\n'
+    after, found = re.subn(re.escape(begin) + '.*?<!-- end -->\n', lambda _: part, before, count=1, flags=re.DOTALL)
     file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(after, encoding='utf-8')
+    file.write_text(after if found else f'{before}\n{part}', encoding='utf-8')

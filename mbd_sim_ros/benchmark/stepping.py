@@ -81,6 +81,9 @@ class Stepping:
         self._samples[way].append(ns / steps * 1e-3)
         self._counters[way].append((stats.iterations / steps, stats.factorizations / steps, stats.evaluations / steps))
 
+    def close(self) -> None:
+        """Nothing to end."""
+
     def figures(self) -> dict[str, Any]:
         """The part of the report that belongs to this case: sizes, times [us], counters per step, phases."""
         s, simulation = self._samples, self.simulation
@@ -96,21 +99,13 @@ class Stepping:
             'h': simulation.h,
             'bodies': simulation.model.n_bodies,
             'rows': simulation.model.n_rows,
-            'bytes': _bytes((simulation.model.tables.value, simulation.work.value, simulation.state)),
             'steps': len(s['single']),
             'real_time_factor': simulation.h * 1e6 / us['batch'],
-            'us': {name: us[name] for name in FIGURES},
+            'figures': {name: us[name] for name in FIGURES},
             'counters': {way: dict(zip(names, map(float, np.mean(rows, axis=0)), strict=True)) for way, rows in self._counters.items()},
             'phases': _medians(phases),
             'elements': _medians(elements),
         }
-
-
-def _bytes(tables: Any) -> int:
-    """Memory of all arrays in nested tuples."""
-    if isinstance(tables, np.ndarray):
-        return tables.nbytes
-    return sum(map(_bytes, tables)) if isinstance(tables, tuple) else 0
 
 
 def _medians(rows: Sequence[dict[str, float]]) -> dict[str, float]:

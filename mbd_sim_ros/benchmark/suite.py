@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple, Protocol
 
-from mbd_sim_ros.benchmark import overhead, stepping
+from mbd_sim_ros.benchmark import endurance, growth, overhead, peers, single, start, stepping, threads
 from mbd_sim_ros.benchmark.machine import Watch, fingerprint, on_one_core
 from solver.elements.marker import finite, require
 from solver.errors import MbdError, SceneError, suggestion
@@ -17,29 +17,80 @@ from solver.nodes import read
 from solver.scene import config_directories, find_file
 
 ROUNDS, QUICK_ROUNDS = 5, 2
-STEPS, QUICK_STEPS = 4000, 500  # of every way of stepping, per round
-PACED_STEPS, QUICK_PACED_STEPS = 500, 100  # per round, in real time
+QUICK_SECONDS = 10.0  # of a run of the node
+
+
+class Measurement(Protocol):
+    """One case being measured. Made with what it needs; whatever it raises that is an MbdError makes the case unavailable."""
+
+    def round(self, steps: int) -> None:
+        """Measure some steps."""
+
+    def figures(self) -> dict[str, Any]:
+        """The part of the report that belongs to this case; 'figures' holds those of Measure.figures by name."""
+
+    def close(self) -> None:
+        """End what was started."""
+
+
+class Measure(NamedTuple):
+    """One way of measuring: the meaning of its figures by name, its steps per round, and what makes a Measurement."""
+
+    figures: Mapping[str, str]
+    steps: int
+    quick_steps: int
+    make: Callable[[Case, bool], Measurement]  # (case, quick)
+    once: bool = False  # one round only, whatever the others need
+
+
+def _steps(name: str, quick: bool) -> int:
+    return MEASURES[name].quick_steps if quick else MEASURES[name].steps
+
+
+def _endurance(case: Case, quick: bool) -> Measurement:
+    seconds = min(case.duration, QUICK_SECONDS) if quick else case.duration
+    return endurance.Endurance(case.scene, case.set, seconds, with_reader=case.measure == 'node_and_reader')
+
+
+MEASURES: dict[str, Measure] = {
+    'steps': Measure(stepping.FIGURES, 4000, 500, lambda case, _: stepping.Stepping(case.scene, case.set)),
+    'single': Measure(single.FIGURES, 12000, 500, lambda case, _: single.Single(case.scene, case.set)),
+    'growth': Measure(growth.FIGURES, 1000, 200, lambda case, _: growth.Growth(case.scene, case.set)),
+    'threads': Measure(threads.FIGURES, 4000, 500, lambda case, _: threads.Threads(case.scene, case.set)),
+    'peers': Measure(peers.FIGURES, 500, 100, lambda case, quick: peers.Peers(case.scene, case.set, _steps('peers', quick))),
+    'record': Measure(overhead.FIGURES, 500, 100, lambda case, _: overhead.Overhead(case.scene, case.set, publish=False)),
+    'publish': Measure(overhead.FIGURES, 500, 100, lambda case, _: overhead.Overhead(case.scene, case.set, publish=True)),
+    'start': Measure(start.FIGURES, 1, 1, lambda case, _: start.StartUp(case.scene, case.set), once=True),
+    'node': Measure(endurance.FIGURES, 1, 1, _endurance, once=True),
+    'node_and_reader': Measure(endurance.FIGURES, 1, 1, _endurance, once=True),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Case:
     """One line of the benchmark.
 
-    measure: 'steps' times advance(), 'record' and 'publish' what encoding, recording and publishing add to a step of a loop paced at
-    the step of the scene. set: changes to the scene, as `--set`. targets: limits [us] of figures, by name (FIGURES).
+    measure: 'steps' times advance(), 'single' steps one at a time beside an idle loop; 'growth' is for scenes of several sizes, 'threads'
+    for several simulations at once, 'peers' for the car on a rig here and in other programs; 'record' and 'publish' tell what encoding,
+    recording and publishing add to a step of a loop paced at the step of the scene, 'start' how long a start takes; 'node' is the real
+    node for `duration` [s], commanded, publishing and recording every step, 'node_and_reader' the same with a reader of every topic.
+    set: changes to the scene, as `--set`. targets: limits of figures, by name.
     """
 
     name: str
     scene: str
-    measure: Literal['steps', 'record', 'publish'] = 'steps'
+    measure: Literal['steps', 'single', 'growth', 'threads', 'peers', 'record', 'publish', 'start', 'node', 'node_and_reader'] = 'steps'
     set: tuple[str, ...] = ()
+    duration: Annotated[float, 's'] = 600.0
     targets: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        known = stepping.FIGURES if self.measure == 'steps' else overhead.FIGURES
+        known = MEASURES[self.measure].figures
+        finite(f'case {self.name!r}', 'duration', self.duration, low=0.0, strict=True)
         for figure, limit in self.targets.items():
-            require(figure in known, f'case {self.name!r}', 'targets', figure, 'no such figure' + suggestion(figure, known))
-            finite(f'case {self.name!r}', f'targets.{figure}', limit, low=0.0, strict=True)
+            if figure not in known:
+                require(False, f'case {self.name!r}', 'targets', figure, 'no such figure' + suggestion(figure, known))
+            finite(f'case {self.name!r}', f'targets.{figure}', limit, low=0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +119,7 @@ def run(cases: Sequence[Case], *, quick: bool = False, say: Callable[[str], None
     rounds = QUICK_ROUNDS if quick else ROUNDS
     machine = fingerprint()
     reports = [{**asdict(case), 'status': 'ok', 'reason': ''} for case in cases]
-    measurements: dict[str, stepping.Stepping | overhead.Overhead] = {}
+    measurements: dict[str, Measurement] = {}
 
     def attempt(report: dict[str, Any], action: Callable[[], None]) -> None:
         try:
@@ -78,12 +129,9 @@ def run(cases: Sequence[Case], *, quick: bool = False, say: Callable[[str], None
             report |= {'status': 'unavailable', 'reason': ' '.join(str(error).split())}
 
     def prepare(case: Case) -> None:
-        if case.measure == 'steps':
-            measurements[case.name] = stepping.Stepping(case.scene, case.set)
-        else:
-            made = overhead.Overhead(case.scene, case.set, publish=case.measure == 'publish')
-            resources.callback(made.close)
-            measurements[case.name] = made
+        measurement = MEASURES[case.measure].make(case, quick)
+        resources.callback(measurement.close)
+        measurements[case.name] = measurement
 
     with on_one_core() as core, ExitStack() as resources:
         for case, report in zip(cases, reports, strict=True):
@@ -91,16 +139,13 @@ def run(cases: Sequence[Case], *, quick: bool = False, say: Callable[[str], None
             attempt(report, lambda case=case: prepare(case))  # type: ignore[misc]
         watch = Watch(core)
         for k in range(rounds):
-            for report in reports:
-                measurement = measurements.get(report['name'])
-                if measurement is None:
+            for case, report in zip(cases, reports, strict=True):
+                measurement = measurements.get(case.name)
+                if measurement is None or (k and MEASURES[case.measure].once):
                     continue
-                say(f'round {k + 1} of {rounds}: {report["name"]}')
-                if isinstance(measurement, stepping.Stepping):
-                    n = QUICK_STEPS if quick else STEPS
-                else:
-                    n = QUICK_PACED_STEPS if quick else PACED_STEPS
-                attempt(report, lambda m=measurement, n=n: m.round(n))  # type: ignore[misc]
+                say(f'round {k + 1} of {rounds}: {case.name}')
+                steps = _steps(case.measure, quick)
+                attempt(report, lambda m=measurement, n=steps: m.round(n))  # type: ignore[misc]
         disturbance = watch.read()
     for report in reports:
         if report['name'] in measurements:
@@ -108,7 +153,7 @@ def run(cases: Sequence[Case], *, quick: bool = False, say: Callable[[str], None
         report['targets'] = [
             {'figure': figure, 'limit': limit, 'value': value, 'met': None if value is None else bool(value <= limit)}
             for figure, limit in report['targets'].items()
-            for value in [report.get('us', {}).get(figure)]
+            for value in [report.get('figures', {}).get(figure)]
         ]
     return {
         'rounds': rounds,
@@ -117,6 +162,7 @@ def run(cases: Sequence[Case], *, quick: bool = False, say: Callable[[str], None
         'disturbance': disturbance,
         'warnings': warnings(machine, disturbance),
         'cases': reports,
+        'growth': growth.exponents([report for report in reports if report['measure'] == 'growth' and report['status'] == 'ok']),
     }
 
 

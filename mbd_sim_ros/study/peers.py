@@ -9,6 +9,7 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -70,12 +71,12 @@ def planar(simulation: Simulation, joint: str, instants: np.ndarray) -> dict[str
     return model
 
 
-def exudyn(model: dict[str, Any], runs: list[dict[str, float]]) -> tuple[str, list[dict[str, Any]]]:
-    """(version, result of every run). Raises SpecError with one sentence if Exudyn is not there."""
+def exudyn(model: dict[str, Any], runs: Sequence[Mapping[str, Any]], program: Path = PROGRAM) -> tuple[str, list[dict[str, Any]]]:
+    """(version, result of every run) of a model in the words of the program. Raises SpecError with one sentence if Exudyn is not there."""
     interpreter = os.environ.get(PYTHON, sys.executable)
     try:
         done = subprocess.run(
-            [interpreter, '-P', str(PROGRAM)], input=json.dumps({**model, 'runs': runs}), capture_output=True, text=True, check=True
+            [interpreter, '-P', str(program)], input=json.dumps({**model, 'runs': [*runs]}), capture_output=True, text=True, check=True
         )
     except (OSError, subprocess.CalledProcessError) as error:
         last = (getattr(error, 'stderr', None) or str(error)).strip().splitlines()[-1]
