@@ -23,7 +23,7 @@ from solver.scene import Scene
 from solver.snapshot import TIRE_COLUMNS
 
 SETTLE_TIME = 5.0  # s, some ten periods of a suspension mode
-SETTLE_EVERY = 0.01  # s
+SETTLE_EVERY = 0.05  # s
 SETTLE_PENALTY = 1e6
 SETTLE_STEP = 5e-3  # s, whatever the step of the scene, so that a start does not depend on it; where it settles does not depend on the step
 
@@ -85,15 +85,15 @@ class Beginning:
     def _settle_rolling(self, speed: float, u: np.ndarray) -> None:
         """Let a vehicle that starts at speed come to rest in its suspension, on the spot and at its speed.
 
-        Rolling tires grow and stiffen, drag and drive torque act: a car that stands in equilibrium does not roll in it. Every
-        SETTLE_EVERY seconds it is put back to its place and its speed.
+        Rolling tires grow and stiffen, drag and drive torque act: a car that stands in equilibrium does not roll in it. It begins without
+        accelerations, with the constraint forces of that equilibrium; what this disturbs dies away with the rest. Every SETTLE_EVERY
+        seconds it is put back to its place and its speed.
         """
         scheme = coefficients(SETTLE_STEP, self.scene.integrator.rho_inf)
         # with settings of its own: every method of a comparison starts from the same state
         rows = self.model.n_rows
         own = {'penalty': np.full(rows, SETTLE_PENALTY), 'factor': np.ones(rows), 'm_alf': 0, 'weigh': 0, 'coupled': 0, 'full': 0}
         settling = Ref(self.method._replace(fixed=1, iterations=2, **own, **scheme))  # type: ignore[arg-type]
-        Start(self.model, self.outputs).start_integrator(self.state, u, SETTLE_STEP, settling.am, settling.af)
         steps = round(SETTLE_EVERY / SETTLE_STEP)
         inputs = np.repeat(u[None, :], steps, axis=0)
         chassis = self.chassis

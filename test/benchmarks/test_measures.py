@@ -207,3 +207,20 @@ def test_the_node_at_work_is_measured(tmp_path: Path, monkeypatch: pytest.Monkey
     assert 0.0 < found['figures']['latency_p50'] <= found['figures']['latency_p99'] <= found['figures']['latency_max']
     assert 0.0 < found['figures']['real_time_factor'] < 1.01
     assert found['figures']['recorded'] > 0.1
+
+
+def test_the_node_runs_as_long_as_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    file = tmp_path / 'suite.yaml'
+    file.write_text('cases: {a: {measure: node, scene: pendulum, duration: 30}}')
+    seen: list[float] = []
+
+    def refuse(scene: str, overrides: tuple[str, ...], seconds: float, *, with_reader: bool) -> None:
+        seen.append(seconds)
+        raise SpecError('only asked')
+
+    monkeypatch.setattr(endurance, 'Endurance', refuse)
+    for more in ([], ['--duration', '7'], ['--quick'], ['--quick', '--duration', '3']):
+        assert main(['bench', '--suite', str(file), '--json', *more]) == 1  # nothing was measured
+    assert seen == [30.0, 7.0, 10.0, 3.0]
+    assert main(['bench', '--suite', str(file), '--duration', '-1']) == 2
+    assert 'duration = -1.0: must be > 0' in capsys.readouterr().err
