@@ -3,8 +3,8 @@
 Input (solver conventions, SI; a frame is [body, point from its centre of mass, axes as columns], body -1 is the ground): gravity, bodies
 [{mass, inertia, p, R, v, w}] (world), joints [[constrained axes, frame, frame]], bushings [[frame, frame, stiffness x6, damping x6]],
 springs [[frame, frame, free length, stiffness, damping]], torsions [[frame, frame, stiffness, damping]] about z, every [s] of the output,
-runs [{h, duration, rho, tolerance, rotations, solver, modified}]. Output: version and, per run, positions (instants, bodies, 3), cpu [s]
-of the steps and counters, or error.
+runs [{h, duration, rho, tolerance, rotations: euler or lie, solver, modified: Newton, every_step: a matrix in every step}]. Output:
+version and, per run, positions (instants, bodies, 3), cpu [s] of the steps and counters per step, or error.
 """
 
 import json

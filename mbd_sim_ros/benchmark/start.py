@@ -61,6 +61,7 @@ class StartUp:
         """One start with an empty cache and some with what it left there."""
         with on_all_cores(), tempfile.TemporaryDirectory(prefix='mbd-bench-') as cache:
             environment = {**os.environ, 'MBD_CACHE_DIR': cache, 'ROS_DOMAIN_ID': DOMAIN}
+            environment.pop('PYTHONDONTWRITEBYTECODE', None)  # with it Python compiles every module in every start, a quarter second
             self._values['cold'], self._values['cold_cpu'] = self._first_step(environment)
             warm = np.array([self._first_step(environment) for _ in range(WARM)])
             self._values['warm'], self._values['warm_cpu'] = map(float, np.median(warm, axis=0))
