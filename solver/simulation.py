@@ -192,7 +192,10 @@ class Simulation:
             inputs = self.source.table(self.k, n)
         elif inputs.ndim == 1:
             inputs = inputs[None, :]
-        self._advance(n, np.ascontiguousarray(inputs, float), audit)
+        inputs = np.ascontiguousarray(inputs, float)
+        if not inputs.flags.writeable:
+            inputs = inputs.copy()  # kernels are compiled for arrays that can be written
+        self._advance(n, inputs, audit)
         return self.snapshot()
 
     def _advance(self, n: int, inputs: np.ndarray, audit: bool) -> None:

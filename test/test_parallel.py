@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import threading
 import time
 
@@ -23,9 +22,8 @@ def test_threads_change_no_bits():
         one = [simulation.advance(n) for simulation in alone]
         other = advance_all(together, n, threads=4)
         for a, b in zip(one, other, strict=True):
-            for field in dataclasses.fields(a):
-                x, y = getattr(a, field.name), getattr(b, field.name)
-                assert x.tobytes() == y.tobytes() if isinstance(x, np.ndarray) else x == y, field.name
+            assert (a.k, a.stats) == (b.k, b.stats)
+            assert a.numbers.tobytes() == b.numbers.tobytes()
     assert [s.save() for s in alone] == [s.save() for s in together]
 
 
