@@ -88,10 +88,11 @@ def log_quaternion(q):
         w = -w
         u = scale(-1.0, u)
     s2 = dot(u, u)
-    if s2.real < 1e-8:
-        # 2 atan2(s, w)/s = 2/w (1 - s^2/(3 w^2) + s^4/(5 w^4))
+    if s2.real < 1e-3:
+        # 2 atan2(s, w)/s = 2/w (1 - r/3 + r^2/5 - ...) with r = s^2/w^2: to double precision, and without roots and arctan
         r = s2 / (w * w)
-        k = 2.0 / w * (1.0 - r / 3.0 + r * r / 5.0)
+        rr = r * r
+        k = 2.0 / w * ((1.0 - r / 3.0) + rr * ((0.2 - r / 7.0) + rr * (1.0 / 9.0 - r / 11.0)))
     else:
         s = np.sqrt(s2)
         k = 4.0 * np.arctan(s / (w + np.sqrt(w * w + s2))) / s

@@ -11,7 +11,7 @@ from solver.lie import so3
 from solver.lie.vec import cross_m, m_cross, mm, skew
 
 STEP = 1e-40
-ANGLES = [0.0, 1e-12, 1e-6, 1e-3, 0.099, 0.101, 0.499, 0.501, 1.0, 2.0, 3.0, 3.14]
+ANGLES = [0.0, 1e-12, 1e-6, 1e-3, 0.0632, 0.0633, 0.099, 0.101, 0.499, 0.501, 1.0, 2.0, 3.0, 3.14]
 
 
 def random_axis(rng):
