@@ -10,7 +10,8 @@ matplotlib.use('Agg')
 import matplotlib.pyplot as plt
 import numpy as np
 
-from solver.elements.magic_formula import I, camber_variable, load_increment, magic_formula, pack, relaxation_lengths, slip_stiffness
+from solver.elements.magic_formula import camber_variable, load_increment, magic_formula, relaxation_lengths, slip_stiffness
+from solver.elements.tire_data import I, pack
 from solver.vehicle.tir import read_tir
 
 

@@ -1,13 +1,15 @@
-"""Forward-mode derivatives: a value and its 12 partial derivatives, one number to the formulas.
+"""Forward-mode derivatives: a value and its partial derivatives, one number to the formulas.
 
-The 12 directions are the variation (dp in W, dtheta in B) and the twist (linear in W, angular in B) of one body, so the last
-step of a one-body element is to copy the partials of its generalized force into the rows of Kq and Kv.
+There are two widths. The 12 directions of the wide one are the variation (dp in W, dtheta in B) and the twist (linear in W, angular
+in B) of one body, so the last step of a one-body element is to copy the partials of its generalized force into the rows of Kq
+and Kv. A law with few arguments runs on the narrow one, whose 4 directions are these arguments: `local` makes them, `compose`
+applies the chain rule to the results. That is a third of the work, and a number needs one register instead of three.
 
-Inside compiled code a Dual is a float64 and three SIMD vectors of four float64, so a product costs a few instructions (one
+Inside compiled code a Dual is a float64 and one or three SIMD vectors of four float64, so a product costs a few instructions (one
 vector of 12 fits no register and would be taken apart at every call). A function written with + - * / and the functions of
-this module runs on float64, complex128 and Dual alike. Branch on `.real`. Outside compiled code (NUMBA_DISABLE_JIT=1) the
+this module runs on float64, complex128 and both Duals alike. Branch on `.real`. Outside compiled code (NUMBA_DISABLE_JIT=1) the
 Python class below has the same meaning.
-Reference: Griewank and Walther, "Evaluating derivatives" (2008), chapter 3.
+Reference: Griewank and Walther, "Evaluating derivatives" (2008), chapters 3 and 4.
 """
 
 from __future__ import annotations
@@ -15,17 +17,29 @@ from __future__ import annotations
 import operator
 
 import numpy as np
-from llvmlite import ir
-from numba.core import cgutils, types
-from numba.extending import intrinsic, models, overload, overload_attribute, register_model
+from numba.extending import overload, overload_attribute
 
 from solver.jit import kernel
-
-N = 12  # number of partial derivatives
+from solver.lie.dual_type import (
+    NARROW,
+    DualType,
+    N,
+    dual_chain,
+    dual_chain2,
+    dual_compose,
+    dual_local,
+    dual_partial,
+    dual_seeded,
+    dual_value,
+    dual_variable,
+    is_dual,
+    is_real,
+    is_wide,
+)
 
 
 class Dual:
-    """A number with N partial derivatives. `real` is the value, `partials` an (N,) array."""
+    """A number with N or NARROW partial derivatives. `real` is the value, `partials` an (N,) or (NARROW,) array."""
 
     __slots__ = ('partials', 'real')
     __array_ufunc__ = None  # numpy scalars leave arithmetic with a Dual to the Dual
@@ -68,130 +82,9 @@ class Dual:
         return Dual(q, self.partials * (-q / self.real))
 
 
-class DualType(types.Type):
-    """The compiled form of Dual."""
-
-    def __init__(self) -> None:
-        super().__init__(name='Dual')
-
-
-class _PartialsType(types.Type):
-    def __init__(self) -> None:
-        super().__init__(name='DualPartials')
-
-
-DUAL = DualType()
-_PARTIALS = _PartialsType()
-_LANES = 4  # float64 per vector
-_CHUNKS = tuple(f'd{k}' for k in range(N // _LANES))
-_VECTOR = ir.VectorType(ir.DoubleType(), _LANES)
-_INDEX = ir.IntType(32)
-
-
-@register_model(_PartialsType)
-class _PartialsModel(models.PrimitiveModel):
-    def __init__(self, dmm, fe_type) -> None:
-        super().__init__(dmm, fe_type, _VECTOR)
-
-
-@register_model(DualType)
-class _DualModel(models.StructModel):
-    def __init__(self, dmm, fe_type) -> None:
-        super().__init__(dmm, fe_type, [('value', types.float64), *((name, _PARTIALS) for name in _CHUNKS)])
-
-
-def _is_dual(x: types.Type) -> bool:
-    return isinstance(x, DualType)
-
-
-def _is_real(x: types.Type) -> bool:
-    return isinstance(x, types.Float | types.Integer)
-
-
-def _proxy(context, builder, packed=None):
-    return cgutils.create_struct_proxy(DUAL)(context, builder, packed)
-
-
-def _packed(context, builder, value, chunks):
-    result = _proxy(context, builder)
-    result.value = value
-    for name, chunk in zip(_CHUNKS, chunks, strict=True):
-        setattr(result, name, chunk)
-    return result._getvalue()
-
-
-def _splat(builder, scalar):
-    """The vector of which every lane is this scalar."""
-    undefined = ir.Constant(_VECTOR, ir.Undefined)
-    lane = builder.insert_element(undefined, scalar, ir.Constant(_INDEX, 0))
-    return builder.shuffle_vector(lane, undefined, ir.Constant(ir.VectorType(_INDEX, _LANES), [0] * _LANES))
-
-
-@intrinsic
-def _value(typingctx, x):
-    def codegen(context, builder, signature, args):
-        return _proxy(context, builder, args[0]).value
-
-    return types.float64(DUAL), codegen
-
-
-@intrinsic
-def _chain(typingctx, value, x, dx):
-    """Dual(value, dx * partials of x)."""
-
-    def codegen(context, builder, signature, args):
-        p, a = _proxy(context, builder, args[1]), _splat(builder, args[2])
-        return _packed(context, builder, args[0], [builder.fmul(a, getattr(p, c)) for c in _CHUNKS])
-
-    return DUAL(types.float64, DUAL, types.float64), codegen
-
-
-@intrinsic
-def _chain2(typingctx, value, x, dx, y, dy):
-    """Dual(value, dx * partials of x + dy * partials of y)."""
-
-    def codegen(context, builder, signature, args):
-        p, a = _proxy(context, builder, args[1]), _splat(builder, args[2])
-        q, b = _proxy(context, builder, args[3]), _splat(builder, args[4])
-        chunks = [builder.fadd(builder.fmul(a, getattr(p, c)), builder.fmul(b, getattr(q, c))) for c in _CHUNKS]
-        return _packed(context, builder, args[0], chunks)
-
-    return DUAL(types.float64, DUAL, types.float64, DUAL, types.float64), codegen
-
-
-@intrinsic
-def _variable(typingctx, value, k):
-    def codegen(context, builder, signature, args):
-        chunks = []
-        for c in range(len(_CHUNKS)):
-            chunk = ir.Constant(_VECTOR, [0.0] * _LANES)
-            for lane in range(_LANES):
-                here = builder.icmp_signed('==', args[1], ir.Constant(args[1].type, c * _LANES + lane))
-                one = builder.select(here, ir.Constant(ir.DoubleType(), 1.0), ir.Constant(ir.DoubleType(), 0.0))
-                chunk = builder.insert_element(chunk, one, ir.Constant(_INDEX, lane))
-            chunks.append(chunk)
-        return _packed(context, builder, args[0], chunks)
-
-    return DUAL(types.float64, types.int64), codegen
-
-
-@intrinsic
-def _partial(typingctx, x, k):
-    def codegen(context, builder, signature, args):
-        p = _proxy(context, builder, args[0])
-        chunk = getattr(p, _CHUNKS[0])
-        for c in range(1, len(_CHUNKS)):
-            here = builder.icmp_signed('>=', args[1], ir.Constant(args[1].type, c * _LANES))
-            chunk = builder.select(here, getattr(p, _CHUNKS[c]), chunk)
-        lane = builder.and_(args[1], ir.Constant(args[1].type, _LANES - 1))
-        return builder.extract_element(chunk, builder.trunc(lane, _INDEX))
-
-    return types.float64(DUAL, types.int64), codegen
-
-
 @overload_attribute(DualType, 'real')
 def _real(x):
-    return lambda x: _value(x)  # noqa: PLW0108  (numba takes a function, not an intrinsic)
+    return lambda x: dual_value(x)  # noqa: PLW0108  (numba takes a function, not an intrinsic)
 
 
 def variable(value, k):
@@ -203,7 +96,54 @@ def variable(value, k):
 
 @overload(variable)
 def _variable_overload(value, k):
-    return lambda value, k: _variable(value, k)  # noqa: PLW0108
+    return lambda value, k: dual_variable(value, k)  # noqa: PLW0108
+
+
+def seeded(value, partials):
+    """The wide Dual of this value and these N partial derivatives."""
+    return Dual(value, np.array(partials, float))
+
+
+@overload(seeded)
+def _seeded_overload(value, partials):
+    return lambda value, partials: dual_seeded(value, partials)  # noqa: PLW0108
+
+
+def local(x, k):
+    """x as argument k (0 to NARROW-1) of a law, a constant for k = -1: a narrow Dual if x is a wide one, else x itself."""
+    if not isinstance(x, Dual):
+        return x
+    return Dual(x.real, np.array([float(k == lane) for lane in range(NARROW)]))
+
+
+@overload(local)
+def _local_overload(x, k):
+    return (lambda x, k: dual_local(dual_value(x), k)) if is_wide(x) else (lambda x, k: x)
+
+
+def compose(y, a, b, c, d):
+    """Chain rule: y, a result of a law in the narrow directions, with the partials that its arguments 0 to 3 (a, b, c, d) give it.
+
+    y itself if it is no Dual.
+    """
+    if not isinstance(y, Dual):
+        return y
+    return Dual(y.real, sum(slope * x.partials for slope, x in zip(y.partials, (a, b, c, d), strict=True)))
+
+
+@overload(compose)
+def _compose_overload(y, a, b, c, d):
+    return (lambda y, a, b, c, d: dual_compose(y, a, b, c, d)) if is_dual(y) else (lambda y, a, b, c, d: y)  # noqa: PLW0108
+
+
+def differentiates(x):
+    """Whether x is a wide Dual; decided at compile time."""
+    return isinstance(x, Dual) and len(x.partials) == N
+
+
+@overload(differentiates)
+def _differentiates_overload(x):
+    return (lambda x: True) if is_wide(x) else (lambda x: False)
 
 
 def partial(x, k):
@@ -213,7 +153,7 @@ def partial(x, k):
 
 @overload(partial)
 def _partial_overload(x, k):
-    return lambda x, k: _partial(x, k)  # noqa: PLW0108
+    return lambda x, k: dual_partial(x, k)  # noqa: PLW0108
 
 
 def value(x):
@@ -223,66 +163,66 @@ def value(x):
 
 @overload(value)
 def _value_overload(x):
-    return (lambda x: _value(x)) if _is_dual(x) else (lambda x: x)  # noqa: PLW0108
+    return (lambda x: dual_value(x)) if is_dual(x) else (lambda x: x)  # noqa: PLW0108
 
 
 @overload(operator.add)
 def _add(a, b):
-    if _is_dual(a) and _is_dual(b):
-        return lambda a, b: _chain2(a.real + b.real, a, 1.0, b, 1.0)
-    if _is_dual(a) and _is_real(b):
-        return lambda a, b: _chain(a.real + b, a, 1.0)
-    if _is_real(a) and _is_dual(b):
-        return lambda a, b: _chain(a + b.real, b, 1.0)
+    if is_dual(a) and is_dual(b):
+        return lambda a, b: dual_chain2(a.real + b.real, a, 1.0, b, 1.0)
+    if is_dual(a) and is_real(b):
+        return lambda a, b: dual_chain(a.real + b, a, 1.0)
+    if is_real(a) and is_dual(b):
+        return lambda a, b: dual_chain(a + b.real, b, 1.0)
     return None
 
 
 @overload(operator.sub)
 def _sub(a, b):
-    if _is_dual(a) and _is_dual(b):
-        return lambda a, b: _chain2(a.real - b.real, a, 1.0, b, -1.0)
-    if _is_dual(a) and _is_real(b):
-        return lambda a, b: _chain(a.real - b, a, 1.0)
-    if _is_real(a) and _is_dual(b):
-        return lambda a, b: _chain(a - b.real, b, -1.0)
+    if is_dual(a) and is_dual(b):
+        return lambda a, b: dual_chain2(a.real - b.real, a, 1.0, b, -1.0)
+    if is_dual(a) and is_real(b):
+        return lambda a, b: dual_chain(a.real - b, a, 1.0)
+    if is_real(a) and is_dual(b):
+        return lambda a, b: dual_chain(a - b.real, b, -1.0)
     return None
 
 
 @overload(operator.neg)
 def _neg(a):
-    if _is_dual(a):
-        return lambda a: _chain(-a.real, a, -1.0)
+    if is_dual(a):
+        return lambda a: dual_chain(-a.real, a, -1.0)
     return None
 
 
 @overload(operator.mul)
 def _mul(a, b):
-    if _is_dual(a) and _is_dual(b):
-        return lambda a, b: _chain2(a.real * b.real, a, b.real, b, a.real)
-    if _is_dual(a) and _is_real(b):
-        return lambda a, b: _chain(a.real * b, a, float(b))
-    if _is_real(a) and _is_dual(b):
-        return lambda a, b: _chain(a * b.real, b, float(a))
+    if is_dual(a) and is_dual(b):
+        return lambda a, b: dual_chain2(a.real * b.real, a, b.real, b, a.real)
+    if is_dual(a) and is_real(b):
+        return lambda a, b: dual_chain(a.real * b, a, float(b))
+    if is_real(a) and is_dual(b):
+        return lambda a, b: dual_chain(a * b.real, b, float(a))
     return None
 
 
 @overload(operator.truediv)
 def _div(a, b):
-    if _is_dual(a) and _is_dual(b):
+    if is_dual(a) and is_dual(b):
 
         def divide(a, b):
             q = a.real / b.real  # the same bits as without derivatives
             r = 1.0 / b.real
-            return _chain2(q, a, r, b, -q * r)
+            return dual_chain2(q, a, r, b, -q * r)
 
         return divide
-    if _is_dual(a) and _is_real(b):
-        return lambda a, b: _chain(a.real / b, a, 1.0 / b)
-    if _is_real(a) and _is_dual(b):
+    if is_dual(a) and is_real(b):
+        return lambda a, b: dual_chain(a.real / b, a, 1.0 / b)
+    if is_real(a) and is_dual(b):
 
         def invert(a, b):
             q = a / b.real
-            return _chain(q, b, -q / b.real)
+            return dual_chain(q, b, -q / b.real)
 
         return invert
     return None
@@ -354,11 +294,11 @@ def _of(rule, x):
 def _register(function, rule, plain) -> None:
     @overload(function)
     def choose(x):
-        if _is_dual(x):
+        if is_dual(x):
 
             def differentiate(x):
                 f, df = rule(x.real)
-                return _chain(f, x, df)
+                return dual_chain(f, x, df)
 
             return differentiate
         return lambda x: plain(x)  # noqa: PLW0108

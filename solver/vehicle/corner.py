@@ -54,7 +54,7 @@ class Axle:
     """What both kinds of axle have. knuckle: everything that moves with the suspension and does not turn with the wheel.
 
     stops: force [N] over wheel travel [m], positive in bump, zero in the design position. anti_roll_bar: force at each wheel per
-    left-right difference of wheel travel [N/m].
+    left-right difference of wheel travel [N/m]. turn_slip: whether it acts at the tires.
     """
 
     wheel: Wheel
@@ -62,6 +62,7 @@ class Axle:
     spring: Spring
     damper: Damper
     tire: TireData
+    turn_slip: bool = False
     stops: Law | None = None
     anti_roll_bar: float = 0.0
 
@@ -172,7 +173,8 @@ def corner(
             (CoordinateForceSpec(name=f'stop_{name}', terms=((f'travel_{name}', 1.0),), spring=axle.stops),) if axle.stops else ()
         ),
     )
-    return joined((own, wheel_end(name, side, wheel, knuckle, chassis, axle.tire, brake)))
+    end = wheel_end(name, side, wheel, knuckle, chassis, tire=axle.tire, turn_slip=axle.turn_slip, brake=brake)
+    return joined((own, end))
 
 
 def strut_joints(

@@ -12,8 +12,7 @@ import re
 from pathlib import Path
 from typing import Literal
 
-from solver.elements.magic_formula import DEFAULTS
-from solver.elements.tire_pacejka import TireData
+from solver.elements.tire_data import DEFAULTS, TireData
 from solver.errors import SceneError, SpecError
 
 _DEGREE = math.pi / 180.0

@@ -58,9 +58,18 @@ def spin_axis(wheel: RigidBodySpec) -> Vector:
 
 
 def wheel_end(
-    corner: str, side: str, wheel: RigidBodySpec, upright: RigidBodySpec, chassis: RigidBodySpec, tire: TireData, brake: Brake
+    corner: str,
+    side: str,
+    wheel: RigidBodySpec,
+    upright: RigidBodySpec,
+    chassis: RigidBodySpec,
+    *,
+    tire: TireData,
+    turn_slip: bool,
+    brake: Brake,
 ) -> Parts:
     """Bearing, tire and brake of a wheel, without the two bodies."""
+    mirrored = tire.side not in (side, 'symmetric')
     center, spin, name = wheel.position, spin_axis(wheel), f'wheel_{corner}'
     return Parts(
         joints=(JointSpec(name=name, kind='revolute', i=marker_at(upright, center, spin), j=marker_at(wheel, center, spin)),),
@@ -77,17 +86,18 @@ def wheel_end(
                 damping=brake.damping,
             ),
         ),
-        tires=(TireSpec(name=corner, marker=Marker(body=wheel.name), data=tire, mirrored=tire.side not in (side, 'symmetric')),),
+        tires=(TireSpec(name=corner, marker=Marker(body=wheel.name), data=tire, mirrored=mirrored, turn_slip=turn_slip),),
     )
 
 
 @dataclass(frozen=True, kw_only=True)
 class IndependentSuspension:
-    """Data that every independent suspension of a left wheel has."""
+    """Data that every independent suspension of a left wheel has. turn_slip: whether it acts at the tire."""
 
     kind: str
     wheel: Wheel
     tire: TireData
+    turn_slip: bool = False
     brake: Brake
     upright: Part
 
@@ -95,5 +105,5 @@ class IndependentSuspension:
         """(upright and wheel of corner `name` with bearing, tire and brake; body of the upright; body of the wheel)."""
         upright = self.upright.body(f'upright_{name}', self.wheel.center, side)
         wheel = self.wheel.body(f'wheel_{name}', side)
-        parts = wheel_end(name, side, wheel, upright, chassis, self.tire, self.brake)
+        parts = wheel_end(name, side, wheel, upright, chassis, tire=self.tire, turn_slip=self.turn_slip, brake=self.brake)
         return parts._replace(bodies=(upright, wheel)), upright, wheel

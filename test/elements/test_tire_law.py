@@ -6,35 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tire_bench import forces as law
 
-from solver.elements.magic_formula import (
-    I,
-    camber_variable,
-    load_increment,
-    magic_formula,
-    pack,
-    relaxation_lengths,
-    slip_stiffness,
-)
-from solver.elements.tire_pacejka import TireData
-from solver.jit import kernel
+from solver.elements.magic_formula import relaxation_lengths, slip_stiffness
+from solver.elements.tire_data import I, TireData, pack
 from solver.vehicle.tir import read_tir
 
 ROOT = Path(__file__).resolve().parents[2]
 REFERENCE = ROOT / 'test' / 'reference'
-
-
-@kernel
-def evaluate(c, kappa, tan_alpha, gamma, Fz, mu, V):
-    dfz = load_increment(c, Fz)
-    g = camber_variable(c, np.sin(gamma), np.cos(gamma))
-    Kx, Ky = slip_stiffness(c, g, Fz, dfz)
-    return magic_formula(c, kappa, tan_alpha, g, Fz, dfz, mu, V, Kx, Ky, 1.0, 1.0)
-
-
-def law(c: np.ndarray, *, kappa=0.0, tan_alpha=0.0, gamma=0.0, Fz=4000.0, mu=1.0, V=16.7) -> dict[str, float]:
-    """Forces and moments by name, in the axes of the file."""
-    return dict(zip(('fx', 'fy', 'mx', 'my', 'mz'), evaluate(c, kappa, tan_alpha, gamma, Fz, mu, V), strict=True))
 
 
 @pytest.fixture(scope='module')

@@ -7,10 +7,11 @@ import pytest
 from contract import ContractContext, Element, Result
 from tire_bench import CAR, FLAT, settled, tire, value, wheel
 
-from solver.elements.magic_formula import I, slip_stiffness
+from solver.elements.magic_formula import slip_stiffness
 from solver.elements.marker import Marker
 from solver.elements.point_pair import Kinematics
 from solver.elements.road import RoadSpec
+from solver.elements.tire_data import I
 from solver.elements.tire_pacejka import TireSpec, compile_tires
 
 H = 1e-3

@@ -1,4 +1,4 @@
-"""One tire on a bench: a wheel in a given motion, and what the tire element says about it."""
+"""One tire on a bench: a wheel in a given motion, and what the tire element says about it; and the law alone."""
 
 from __future__ import annotations
 
@@ -8,10 +8,13 @@ import numpy as np
 from contract import ContractContext, Element, Result, kinematics
 from scipy.spatial.transform import Rotation
 
+from solver.elements.magic_formula import camber_variable, load_increment, magic_formula, slip_stiffness
 from solver.elements.marker import Marker
 from solver.elements.point_pair import Kinematics
 from solver.elements.road import FrictionPatch, HeightGrid, RoadSpec
-from solver.elements.tire_pacejka import OUTPUTS, TireData, TireSpec, compile_tires, tire_forces
+from solver.elements.tire_data import TireData
+from solver.elements.tire_pacejka import OUTPUTS, TireSpec, compile_tires, tire_forces
+from solver.jit import kernel
 from solver.vehicle.tir import read_tir
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -58,3 +61,16 @@ def settled(element: Element, kin: Kinematics) -> Result:
 def load_at(element: Element, z: float, rise: float = 0.0) -> float:
     """Load [N] of an upright wheel with its centre at height z [m] that rises at `rise` [m/s]."""
     return value(element, element.evaluate(wheel(position=(0, 0, z), velocity=(0, 0, rise)), zp=(0, 0)), 'fz')
+
+
+@kernel
+def evaluate(c, kappa, tan_alpha, gamma, Fz, mu, V, forward, twist):
+    dfz = load_increment(c, Fz)
+    g = camber_variable(c, np.sin(gamma), np.cos(gamma))
+    Kx, Ky = slip_stiffness(c, g, Fz, dfz)
+    return magic_formula(c, kappa, tan_alpha, g, Fz, dfz, mu, V, Kx, Ky, forward, 1.0, twist)
+
+
+def forces(c: np.ndarray, *, kappa=0.0, tan_alpha=0.0, gamma=0.0, Fz=4000.0, mu=1.0, V=16.7, forward=1.0, twist=0.0) -> dict[str, float]:
+    """Forces and moments by name, in the axes of the file; twist: R0 phi_t."""
+    return dict(zip(('fx', 'fy', 'mx', 'my', 'mz'), evaluate(c, kappa, tan_alpha, gamma, Fz, mu, V, forward, twist), strict=True))

@@ -1,0 +1,146 @@
+"""The data of a tire: Magic Formula coefficients by name, their defaults, and the row of numbers that compiled code reads.
+
+Equation numbers: see magic_formula.py. One row of coefficients is a flat array; `I.PCX1` is the place of PCX1.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType, ModuleType
+from typing import Literal
+
+import numpy as np
+
+from solver.elements.marker import finite, require
+from solver.errors import suggestion
+
+# What a coefficient is when the file does not have it; None: the file must have it.
+DEFAULTS: dict[str, float | None] = {
+    **dict.fromkeys(('FNOMIN', 'UNLOADED_RADIUS', 'VERTICAL_STIFFNESS'), None),
+    **{'LONGVL': 16.7, 'NOMPRES': 0.0, 'INFLPRES': 0.0, 'RIM_RADIUS': 0.0, 'WIDTH': 0.0},
+    **{'VERTICAL_DAMPING': 50.0, 'BREFF': 8.4, 'DREFF': 0.27, 'FREFF': 0.07, 'BOTTOM_OFFST': 0.0, 'BOTTOM_STIFF': 0.0},
+    **{'Q_RE0': 1.0, 'Q_V1': 0.0, 'Q_V2': 0.0, 'Q_FZ1': 0.0, 'Q_FZ2': 0.0, 'PFZ1': 0.0},
+    **{'FZMAX': 0.0, 'CAMMIN': 0.0, 'CAMMAX': 0.0},
+    **{'LONGITUDINAL_STIFFNESS': 0.0, 'LATERAL_STIFFNESS': 0.0},
+    **dict.fromkeys(('PCFX1', 'PCFX2', 'PCFX3', 'PCFY1', 'PCFY2', 'PCFY3'), 0.0),
+    **dict.fromkeys(('PTX1', 'PTX2', 'PTX3', 'PTY1', 'PTY2'), 0.0),
+    **dict.fromkeys(('LFZO', 'LCX', 'LMUX', 'LEX', 'LKX', 'LHX', 'LVX', 'LCY', 'LMUY', 'LEY', 'LKY', 'LHY', 'LVY', 'LKYC', 'LKZC'), 1.0),
+    **dict.fromkeys(('LGAX', 'LGAY', 'LGAZ', 'LTR', 'LRES', 'LXAL', 'LYKA', 'LVYKA', 'LS', 'LMX', 'LVMX', 'LMY', 'LSGKP', 'LSGAL'), 1.0),
+    **dict.fromkeys(('PCX1', 'PDX1', 'PKX1'), None),
+    **dict.fromkeys(('PDX2', 'PDX3', 'PEX1', 'PEX2', 'PEX3', 'PEX4', 'PKX2', 'PKX3', 'PHX1', 'PHX2', 'PVX1', 'PVX2'), 0.0),
+    **dict.fromkeys(('PPX1', 'PPX2', 'PPX3', 'PPX4', 'RBX1', 'RBX2', 'RBX3', 'RCX1', 'REX1', 'REX2', 'RHX1'), 0.0),
+    **dict.fromkeys(('PCY1', 'PDY1', 'PKY1', 'PKY2'), None),
+    **dict.fromkeys(('PDY2', 'PDY3', 'PEY1', 'PEY2', 'PEY3', 'PEY4', 'PEY5', 'PKY3', 'PKY5', 'PKY6', 'PKY7'), 0.0),
+    **dict.fromkeys(('PHY1', 'PHY2', 'PHY3', 'PVY1', 'PVY2', 'PVY3', 'PVY4', 'PPY1', 'PPY2', 'PPY3', 'PPY4', 'PPY5'), 0.0),
+    **{'PKY4': 2.0},
+    **dict.fromkeys(('RBY1', 'RBY2', 'RBY3', 'RBY4', 'RCY1', 'REY1', 'REY2', 'RHY1', 'RHY2'), 0.0),
+    **dict.fromkeys(('RVY1', 'RVY2', 'RVY3', 'RVY4', 'RVY5', 'RVY6'), 0.0),
+    **dict.fromkeys(tuple(f'QSX{k}' for k in range(1, 15)), 0.0),
+    **{'PPMX1': 0.0},
+    **dict.fromkeys(('QSY1', 'QSY2', 'QSY3', 'QSY4', 'QSY5', 'QSY6', 'QSY8'), 0.0),
+    **{'QSY7': 1.0},
+    **dict.fromkeys(('QBZ1', 'QBZ2', 'QBZ3', 'QBZ4', 'QBZ5', 'QBZ9', 'QBZ10', 'QCZ1'), 0.0),
+    **dict.fromkeys(('QDZ1', 'QDZ2', 'QDZ3', 'QDZ4', 'QDZ6', 'QDZ7', 'QDZ8', 'QDZ9', 'QDZ10', 'QDZ11'), 0.0),
+    **dict.fromkeys(('QEZ1', 'QEZ2', 'QEZ3', 'QEZ4', 'QEZ5', 'QHZ1', 'QHZ2', 'QHZ3', 'QHZ4', 'PPZ1', 'PPZ2'), 0.0),
+    **dict.fromkeys(('SSZ1', 'SSZ2', 'SSZ3', 'SSZ4'), 0.0),
+    # turn slip, used when TireSpec.turn_slip asks for it: the values that files without measurements of it commonly have
+    **{'LMP': 1.0, 'PDXP1': 0.4, 'PDXP2': 0.0, 'PDXP3': 0.0, 'PKYP1': 1.0, 'PDYP1': 0.4, 'PDYP2': 0.0, 'PDYP3': 0.0, 'PDYP4': 0.0},
+    **{'PHYP1': 1.0, 'PHYP2': 0.15, 'PHYP3': 0.0, 'PHYP4': -4.0, 'PECP1': 0.5, 'PECP2': 0.0, 'QDTP1': 10.0},
+    **{'QCRP1': 0.2, 'QCRP2': 0.1, 'QBRP1': 0.1, 'QDRP1': 1.0, 'QDRP2': 0.0},
+}
+# Derived numbers that stand in the same row: relative pressure change, 1 for 6.1 and 0 for 5.2, A_mu of (4.E8), camber limit, ...,
+# 1 with turn slip and 0 without
+DERIVED = ('DPI', 'IS_61', 'A_MU', 'GAMMA_MAX', 'PRESSURE_MY', 'HALF_WIDTH', 'TURN_SLIP')
+ROW = len(DEFAULTS) + len(DERIVED)
+I = ModuleType('I')  # noqa: E741  (a module, because compiled code turns its attributes into constants)
+vars(I).update({name: k for k, name in enumerate((*DEFAULTS, *DERIVED))})
+
+DEFAULT_GAMMA_MAX = np.deg2rad(15.0)  # camber range when the file gives none
+DEFAULT_WIDTH = 0.65  # width over radius when the file gives none: that of passenger car tires
+
+
+def pack(values: Mapping[str, float], version: int, pressure: float | None = None, *, turn_slip: bool = False) -> np.ndarray:
+    """Return the row of coefficients of a tire.
+
+    values: by MF name, SI units; missing ones take DEFAULTS. version: 52 or 61. pressure: inflation pressure [Pa], None for the
+    file's INFLPRES. Pressure acts only when the file has a NOMPRES. turn_slip: whether turn slip acts (6.1). Raises KeyError for a
+    missing required name.
+    """
+    row = np.array([values[n] if d is None else values.get(n, d) for n, d in DEFAULTS.items()] + [0.0] * len(DERIVED))
+    nominal = row[I.NOMPRES]
+    p = row[I.INFLPRES] if pressure is None else pressure
+    if nominal > 0.0 and p > 0.0:
+        row[I.DPI] = (p - nominal) / nominal  # (4.E2b)
+    row[I.IS_61] = float(version == 61)
+    row[I.TURN_SLIP] = float(turn_slip)
+    row[I.A_MU] = 10.0 if version == 61 else 1.0
+    limit = max(abs(row[I.CAMMIN]), abs(row[I.CAMMAX]))
+    row[I.GAMMA_MAX] = limit if limit > 0.0 else DEFAULT_GAMMA_MAX
+    if row[I.QSY7] == 0.0:
+        row[I.QSY7] = 1.0  # not fitted: resistance proportional to load, as in MF 5.2
+    row[I.PRESSURE_MY] = (1.0 + row[I.DPI]) ** row[I.QSY8]
+    row[I.HALF_WIDTH] = 0.5 * (row[I.WIDTH] if row[I.WIDTH] > 0.0 else DEFAULT_WIDTH * row[I.UNLOADED_RADIUS])
+    # the camber scale factors of one edition do not exist in the other
+    row[[I.LGAX, I.LGAY, I.LGAZ] if version == 61 else [I.LKYC, I.LKZC]] = 1.0
+    if version == 52:
+        row[[I.PKY6, I.PKY7]] = 0.0
+    else:
+        row[I.PHY3] = 0.0
+    if row[I.Q_FZ1] == 0.0:  # [B] (4): the slope at nominal load is VERTICAL_STIFFNESS
+        k = row[I.VERTICAL_STIFFNESS] * row[I.UNLOADED_RADIUS] / row[I.FNOMIN]
+        row[I.Q_FZ1] = np.sqrt(max(k * k - 4.0 * row[I.Q_FZ2], 0.0))
+    return row
+
+
+@dataclass(frozen=True, kw_only=True)
+class TireData:
+    """Coefficients of one tire, by their Magic Formula names, SI units, as the file has them (sign and side included).
+
+    version: 52 or 61. values: known coefficients; missing ones take those of DEFAULTS. extra: keys this
+    model does not use. side: side of the vehicle or test bench the data belong to. source: where they come from.
+    """
+
+    name: str
+    version: Literal[52, 61]
+    values: Mapping[str, float]
+    side: Literal['left', 'right', 'symmetric'] = 'left'
+    source: str = ''
+    extra: Mapping[str, float | str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        where = f'TireData {self.name!r}'
+        require(self.version in (52, 61), where, 'version', self.version, 'must be 52 or 61')
+        require(self.side in ('left', 'right', 'symmetric'), where, 'side', self.side, 'must be left, right or symmetric')
+        for key in (k for k in self.values if k not in DEFAULTS):
+            require(False, where, key, self.values[key], 'is not a coefficient of this model' + suggestion(key, DEFAULTS))
+        values = {k: finite(where, k, v) for k, v in self.values.items()}
+        for key, default in DEFAULTS.items():
+            require(default is not None or key in values, where, key, None, 'is missing and has no default')
+        for key in ('FNOMIN', 'UNLOADED_RADIUS', 'VERTICAL_STIFFNESS', 'PCX1', 'PDX1', 'PKX1', 'PCY1', 'PKY2'):
+            require(values[key] > 0.0, where, key, values[key], 'must be positive')
+        for key in ('VERTICAL_DAMPING', 'NOMPRES', 'INFLPRES', 'FZMAX', 'BOTTOM_STIFF', 'LONGITUDINAL_STIFFNESS', 'LATERAL_STIFFNESS'):
+            require(values.get(key, 0.0) >= 0.0, where, key, values.get(key), 'must not be negative')
+        axes = 'must be negative: these are ISO-W axes, where Fy is positive for negative alpha'
+        require(values['PKY1'] < 0.0, where, 'PKY1', values['PKY1'], axes)
+        object.__setattr__(self, 'values', MappingProxyType(values))
+        object.__setattr__(self, 'extra', MappingProxyType(dict(self.extra)))
+        row = pack(values, self.version)
+        for axis, stiffness, table in (('kappa', 'LONGITUDINAL_STIFFNESS', ('PTX1',)), ('alpha', 'LATERAL_STIFFNESS', ('PTY1', 'PTY2'))):
+            known = self.version == 61 and values.get(stiffness, 0.0) > 0.0
+            known = known or all(values.get(k, 0.0) > 0.0 for k in table)
+            require(known, where, ' and '.join(table), None, f'no relaxation length for {axis}: give them, or {stiffness} (6.1)')
+        require(row[I.QSY7] > 0.0, where, 'QSY7', row[I.QSY7], 'must be positive')
+
+    def __getitem__(self, key: str) -> float:
+        """Value of a coefficient, the default where the data have none."""
+        return self.values[key] if key in self.values else DEFAULTS[key]  # type: ignore[return-value]
+
+    def require_turn_slip(self, where: str) -> None:
+        """Refuse coefficients with which turn slip would not resist the turning of the wheel. Raises SpecError."""
+        for key in ('PHYP1', 'PHYP2', 'QCRP1', 'QDRP1'):
+            require(self[key] > 0.0, where, key, self[key], 'must be positive for turn slip')
+        require(self['QDRP1'] < 2.0, where, 'QDRP1', self['QDRP1'], 'must be below 2: the shape factor of a moment that keeps its sign')
+        require(self['PECP1'] < 1.0, where, 'PECP1', self['PECP1'], 'must be below 1: camber is a part of the spin')
+        for key in ('PKY6', 'QDZ8'):
+            require(self[key] < 0.0, where, key, self[key], 'must be negative for turn slip: side force and moment against the spin')
