@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from wheels import forces
+from tire_bench import forces
 
 from solver.elements.tire_data import pack
 
