@@ -357,13 +357,11 @@ def advance(tables, c, s0, s1, inputs, first, count, audit, work):
         for i in range(inputs.shape[1]):
             if not np.isfinite(inputs[0 if held else k, i]):
                 return StepResult(BAD_INPUT, i, 0, 0, 0, 0.0, 0.0, 0.0, 0), 0
+    old, new = s0, s1
     for k in range(count):
         outputs = audit or k == count - 1
         u = inputs[0 if held else first + k]
-        if k % 2 == 0:
-            result = step(tables, c, s0, s1, u, outputs, work)
-        else:
-            result = step(tables, c, s1, s0, u, outputs, work)
+        result = step(tables, c, old, new, u, outputs, work)
         iterations += result.iterations
         factorizations += result.factorizations
         evaluations += result.evaluations
@@ -378,8 +376,8 @@ def advance(tables, c, s0, s1, inputs, first, count, audit, work):
             return failed, k
         if audit:
             update_audit(tables, work.kin_e, work.outputs, work.lam_out, work.phi_t, c.h, work.audit)
+        old, new = new, old
     if count > 0:
-        state = s1 if count % 2 == 1 else s0
         u = inputs[0 if held else first + count - 1]
-        collect(tables, work.chassis, work.kin_e, work.a_out, work.lam_out, u, state, work.outputs, work.frame)
+        collect(tables, work.chassis, work.kin_e, work.a_out, work.lam_out, u, old, work.outputs, work.frame)
     return StepResult(OK, 0, iterations, factorizations, evaluations, residual, position, velocity, stagnated), count
