@@ -15,7 +15,7 @@ from solver.driver import Sight
 from solver.dynamics import constraint_input_rates, evaluate_constraints, evaluate_forces, prepare
 from solver.errors import SpecError, StepError
 from solver.integrators.adaptation import Adaptation, Event
-from solver.integrators.augmented_lagrangian import advance
+from solver.integrators.augmented_lagrangian import MOST_ITERATIONS, advance
 from solver.integrators.coefficients import ConstraintCoefficients, coefficients_of, mass_factors, weigh
 from solver.integrators.work import (
     BAD_INPUT,
@@ -41,6 +41,7 @@ from solver.snapshot import Snapshot, StepStats, frame_of, layout_of, new_number
 from solver.vehicle.urdf import robot_description
 
 NO_STEPS = StepStats(OK, 0, 0, 0, 0.0, 0.0, 0.0)
+LARGEST_TURN_PER_STEP = 1.0  # rad; the iteration contracts by about the turn of a body per step (docs/decisions/0002)
 
 
 class Simulation:
@@ -240,7 +241,7 @@ class Simulation:
         self._stagnated += stagnated
 
     def _failure(self, result: StepResult) -> str:
-        when = f't = {self.t_ns * 1e-9:.6f} s, step {self.k}: '
+        when = f't = {self.t_ns * 1e-9:.6f} s, step {self.k}: ' + self._fast_turn()
         if result.status == NON_FINITE:
             body = self.model.body_names[result.where]
             return when + f'the motion of body {body!r} is no longer finite; reduce integrator.h or check the loads on that body'
@@ -266,8 +267,20 @@ class Simulation:
         worst = int(np.argmax(np.abs(self.work.phi))) if self.model.n_rows else -1
         name = f', worst constraint {self.model.row_names[worst]!r} ({abs(self.work.phi[worst]):.2g})' if worst >= 0 else ''
         constant = self.scene.integrator.step_policy == 'constant'
-        remedy = 'reduce integrator.h' if constant else f'not even with {smallest}: reduce it or raise the penalties'
-        return when + f'no convergence in {self.coefficients.iterations} iterations (residual {result.residual:.2g}{name}); {remedy}'
+        if constant:
+            remedy = 'reduce integrator.h, or let such steps be divided (integrator.step_policy: rescue)'
+        else:
+            remedy = f'not even with {smallest}: reduce it or raise the penalties'
+        tried = max(self.coefficients.iterations, MOST_ITERATIONS if self.coefficients.fixed == 1 else 0)
+        return when + f'no convergence in {tried} iterations (residual {result.residual:.2g}{name}); {remedy}'
+
+    def _fast_turn(self) -> str:
+        """The body that turns too far in a step for the iteration to follow, or nothing."""
+        turns = self.h * np.linalg.norm(self.state.v[:-1, 3:], axis=1)
+        body = int(np.argmax(turns))
+        if not turns[body] > LARGEST_TURN_PER_STEP:
+            return ''
+        return f'body {self.model.body_names[body]!r} turns by {turns[body]:.2g} rad per step of integrator.h = {self.h:g}; '
 
     def snapshot(self) -> Snapshot:
         """The outputs of the last step, as a copy; after a failure those of the last call of advance() that succeeded."""

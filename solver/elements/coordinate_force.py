@@ -1,10 +1,11 @@
 """Coordinate force: a generalized force along a linear combination of joint coordinates.
 
-    s = sum of factor_k x_k       Q = -spring(s - reference) - damper(ds/dt) - preload + input_gain u
+    s = sum of factor_k x_k       Q = -spring(s - reference) - damper(ds/dt) - preload + share(ds/dt) input_gain u
     generalized force on coordinate k: factor_k Q
 
 One term and a spring: torsional spring, or a bump stop with a tabulated law. Two terms (+1, -1): anti-roll bar. An input: drive
-torque, steering force. Q > 0 pushes towards larger s.
+torque, steering force. Q > 0 pushes towards larger s. With a top_rate the input is that of a machine with a speed limiter: share is 1
+below 95 % of that rate and falls to 0 at it (a cubic, the droop of a governor), where the input drives; where it brakes it is 1.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from solver.jit import kernel, sixes
 
 OUTPUTS = ('energy', 'dissipation', 'value', 'rate', 'force')
 MAX_TERMS = 3
+LIMITER_FROM = 0.95  # share of top_rate from which the input fades
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +41,8 @@ class CoordinateForceSpec(Spec):
 
     terms: up to three (coordinate name, factor); spring: law over s - reference, damper: law over ds/dt (None: absent);
     reference: value of s at which the spring is free; preload is added to spring and damper; input: channel whose value times
-    input_gain is added to Q. Units follow the coordinates: N and m for translations, N m and rad for rotations.
+    input_gain is added to Q, up to the rate top_rate of s (None: without limit). Units follow the coordinates: N and m for
+    translations, N m and rad for rotations.
     """
 
     terms: tuple[tuple[str, float], ...]
@@ -49,6 +52,7 @@ class CoordinateForceSpec(Spec):
     preload: float = 0.0
     input: str | None = None
     input_gain: float = 1.0
+    top_rate: float | None = None
 
     def __post_init__(self) -> None:
         require(1 <= len(self.terms) <= MAX_TERMS, self.where, 'terms', self.terms, f'needs 1 to {MAX_TERMS} [coordinate, factor] pairs')
@@ -57,6 +61,9 @@ class CoordinateForceSpec(Spec):
         self.set('terms', tuple((str(c), finite(self.where, f'factor of {c}', f)) for c, f in self.terms))
         for field in ('reference', 'preload', 'input_gain'):
             self.set(field, finite(self.where, field, getattr(self, field)))
+        if self.top_rate is not None:
+            self.set('top_rate', finite(self.where, 'top_rate', self.top_rate, low=0.0, strict=True))
+            require(self.input is not None, self.where, 'top_rate', self.top_rate, 'limits an input: name the input or remove it')
 
 
 class CoordinateForceTable(NamedTuple):
@@ -72,6 +79,7 @@ class CoordinateForceTable(NamedTuple):
     preload: np.ndarray  # (n,)
     input: np.ndarray  # (n,) -1 for none
     input_gain: np.ndarray  # (n,)
+    top_rate: np.ndarray  # (n,) 0 for none
 
 
 def compile_coordinate_forces(specs: Sequence[CoordinateForceSpec], context: Context) -> CoordinateForceTable:
@@ -88,6 +96,7 @@ def compile_coordinate_forces(specs: Sequence[CoordinateForceSpec], context: Con
         preload=np.array([s.preload for s in specs], float),
         input=np.full(n, -1, np.int64),
         input_gain=np.array([s.input_gain for s in specs], float),
+        top_rate=np.array([s.top_rate or 0.0 for s in specs], float),
     )
     for e, spec in enumerate(specs):
         bodies = []
@@ -109,7 +118,7 @@ def compile_coordinate_forces(specs: Sequence[CoordinateForceSpec], context: Con
 def _term(table, coordinates, kin, angle, e, t, tangents):
     """Return (x, dx/dt, g_i, g_j, h_i, h_j) of term t times its factor, zeros for an absent one: value, rate and their gradients.
 
-    The gradient of the rate, h, is zero unless there are a damper to need it and tangents wanted.
+    The gradient of the rate, h, is zero unless there is a damper or a limiter to need it and tangents are wanted.
     """
     zero = 0.0 * kin.p[0, 0]
     none = ((zero, zero, zero), (zero, zero, zero))
@@ -120,9 +129,25 @@ def _term(table, coordinates, kin, angle, e, t, tangents):
     x, g_i, g_j = evaluate_coordinate(coordinates, kin, k, angle)
     rate = coordinate_rate(coordinates, kin, k, g_i, g_j)
     h_i, h_j = none, none
-    if tangents and table.law[e, 1] >= 0:
+    if tangents and (table.law[e, 1] >= 0 or table.top_rate[e] > 0.0):
         h_i, h_j = coordinate_rate_gradient(coordinates, kin, k)
     return factor * x, factor * rate, scale6(factor, g_i), scale6(factor, g_j), scale6(factor, h_i), scale6(factor, h_j)
+
+
+@kernel(inline=True)
+def _limited(applied, rate, top):
+    """Return (force, d force/d rate) of an input `applied` at the rate ds/dt of s under a limiter at the rate `top` (0: none)."""
+    full = applied + 0.0 * rate
+    if top == 0.0:
+        return full, 0.0 * rate
+    forward = 1.0 if applied > 0.0 else -1.0
+    width = (1.0 - LIMITER_FROM) * top
+    x = (forward * rate - LIMITER_FROM * top) / width
+    if x.real <= 0.0:
+        return full, 0.0 * rate
+    if x.real >= 1.0:
+        return 0.0 * rate, 0.0 * rate
+    return applied * (1.0 - x * x * (3.0 - 2.0 * x)), -forward * applied * 6.0 * x * (1.0 - x) / width
 
 
 @kernel(borrow=True)
@@ -146,9 +171,11 @@ def coordinate_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents,
         x = value - table.reference[e]
         spring, stiffness, energy = evaluate_law(laws, table.law[e, 0], x)
         damper, damping, _ = evaluate_law(laws, table.law[e, 1], rate)
-        applied = 0.0
+        given = 0.0
         if table.input[e] >= 0:
-            applied = table.input_gain[e] * u[table.input[e]]
+            given = table.input_gain[e] * u[table.input[e]]
+        applied, fading = _limited(given, rate, table.top_rate[e])
+        damping = damping - fading
         Q = applied - spring - damper - table.preload[e]
         for a in range(2 * table.terms[e]):
             add_gradient(Q, g[a], table.body[e, a], f)

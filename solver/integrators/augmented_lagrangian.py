@@ -43,6 +43,8 @@ AT_END, BOTH, WITH_TANGENTS = 0, 1, 2  # what place assigns
 WARM_START = 0.9999
 LARGEST_STAGNATION = 1e-2  # relative velocity increment below which an iteration that stops converging is accepted
 STAGNATION = 0.5  # an iteration that gains less is stopped and its best iterate judged
+LARGEST_TURN = 0.1  # rad; an iteration that wants to turn a body by more follows tangents that no longer hold: it goes only so far
+MOST_ITERATIONS = 20  # of a fixed number that do not gain
 CONTRACTION_TO_REUSE = 0.1  # tolerance mode keeps the factorization while an iteration gains a digit
 
 
@@ -208,7 +210,7 @@ def step(tables, c, s0, s1, u, want_outputs, work):
     rate = 0.0
     best = np.inf
     stagnated = 0
-    for it in range(c.iterations):
+    for it in range(max(c.iterations, MOST_ITERATIONS) if c.fixed == 1 else c.iterations):
         iterations += 1
         place(tables, c, s0, s1.a, s1.q, WITH_TANGENTS if refactor else BOTH, work)
         evaluate_forces(tables, work.kin_s, s0.angle, work.zp, cz, u, refactor, work.f, work.Kq, work.Kv, work.z_s, work.outputs)
@@ -233,25 +235,39 @@ def step(tables, c, s0, s1, u, want_outputs, work):
         solve_saddle(tables, c.form, saddle, work.r, work.g, work.dw, work.dlam)
         before = increment
         increment = 0.0
+        turn = 0.0
         for b in range(nb):
             for i in range(6):
-                s1.a[b, i] += work.dw[b, i]
+                if i >= 3:
+                    turn = max(turn, abs(work.dw[b, i]))
             increment = max(increment, _largest(work.dw, b))
             if not _finite(work.dw, b):
                 status = NON_FINITE
                 where = b
-        for i in range(nc):
-            s1.lam[i] += work.dlam[i]
         if status == NON_FINITE:
             break
+        turn *= c.beta * h * h
+        part = LARGEST_TURN / turn if turn > LARGEST_TURN else 1.0
+        for b in range(nb):
+            for i in range(6):
+                s1.a[b, i] += part * work.dw[b, i]
+        for i in range(nc):
+            s1.lam[i] += part * work.dlam[i]
         increment *= c.gamma * h / speed
         rate = increment / before if it > 0 and before > 0.0 else 1.0
         residual = increment
-        if c.fixed == 1:
-            refactor = False
-            status = OK if it == c.iterations - 1 else NOT_CONVERGED
-            continue
         remaining = increment * rate / (1.0 - rate) if rate < 1.0 else increment
+        if c.fixed == 1:
+            # A fixed number of iterations relies on their gain. Where they do not gain (a stop is hit, a wheel lands) the tangents of
+            # the prediction are those of another place: go on with new ones until they do.
+            settled = part == 1.0 and remaining < LARGEST_STAGNATION
+            if it >= c.iterations - 1 and settled:
+                status = OK
+                break
+            refactor = (it > 0 or c.iterations == 1) and not settled
+            if part < 1.0:
+                increment = 0.0
+            continue
         if min(increment, remaining) <= c.tolerance:
             status = OK
             break
@@ -260,10 +276,12 @@ def step(tables, c, s0, s1, u, want_outputs, work):
             copy_rows(s1.a, work.a_best)
             for i in range(nc):
                 work.lam_best[i] = s1.lam[i]
-        if it > 1 and rate > STAGNATION:
+        if it > 1 and before > 0.0 and rate > STAGNATION and part == 1.0 and (rate < 1.0 or best < LARGEST_STAGNATION):
             break
         refactor = rate > CONTRACTION_TO_REUSE
         where = it
+        if part < 1.0:
+            increment = 0.0  # nothing to compare the next iteration with
     if status == NOT_CONVERGED and best < LARGEST_STAGNATION:
         # Next to a singular position the iteration may not settle along the direction that the constraints hardly see (the force
         # direction A_s and the constraint row A_e can have opposite signs there); its best iterate is as good as any.

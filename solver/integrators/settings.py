@@ -17,8 +17,8 @@ class IntegratorSettings:
     kind: 'alf' is the augmented-Lagrangian integrator, 'm_alf' the same code with the modified coefficients of the chapter
     (h_R = lam_R, m_R = 1), 'reference_*' independent slow solutions of the same model.
     h: step [s], a whole number of nanoseconds. rho_inf: spectral radius at infinite frequency, 0 (strong damping) to 1 (none).
-    mode: 'fixed' spends `iterations` Newton iterations per step whatever the residual, 'tolerance' iterates until the relative
-    residual and increment are below `tolerance` or `max_iterations` is reached.
+    mode: 'fixed' spends `iterations` Newton iterations per step, and more, up to 20, only where they do not contract (a stop is hit, a
+    wheel lands); 'tolerance' iterates until the relative residual and increment are below `tolerance` or `max_iterations` is reached.
     penalty: xi, dimensionless. form: 'condensed' factorizes the n x n matrix with penalties added, 'block' keeps the
     multipliers.
     effective_mass: what a penalty multiplies, m_R of a constraint by itself ('isolated') or with the others in force ('coupled').
@@ -28,7 +28,8 @@ class IntegratorSettings:
     and relaxes them after easy steps.
     step_policy: 'constant' keeps h; 'rescue' halves a step that fails, down to `h_min`, and doubles it after easy steps; 'error'
     also keeps the estimated local error below `error_tolerance` per second: positions in m or rad, velocities relative to the
-    largest one. h is then the grid of inputs and outputs and the largest step. Policies other than constant need mode 'tolerance'.
+    largest one. h is then the grid of inputs and outputs and the largest step. Error control and adaptive penalties need mode
+    'tolerance'.
     """
 
     kind: Literal['alf', 'm_alf', 'reference_bdf', 'reference_radau', 'reference_ida', 'reference_kkt'] = 'alf'
@@ -68,9 +69,12 @@ class IntegratorSettings:
         finite(WHERE, 'penalty_cap', self.penalty_cap, low=0.0, high=1e15, strict=True)
         finite(WHERE, 'h_min', self.h_min, low=1e-12, high=1.0)
         finite(WHERE, 'error_tolerance', self.error_tolerance, low=1e-12, high=1e3)
-        for name, value in (('penalty_policy', self.penalty_policy), ('step_policy', self.step_policy)):
-            remedy = 'needs integrator.mode: tolerance (a fixed number of iterations never fails, and it has a fixed cost)'
-            require(value == 'constant' or self.mode == 'tolerance', WHERE, name, value, remedy)
+        for name, value, any_mode in (
+            ('penalty_policy', self.penalty_policy, ('constant',)),
+            ('step_policy', self.step_policy, ('constant', 'rescue')),
+        ):
+            remedy = 'needs integrator.mode: tolerance (a fixed number of iterations has no measured accuracy to adapt to)'
+            require(value in any_mode or self.mode == 'tolerance', WHERE, name, value, remedy)
         if self.penalty_policy == 'adaptive':
             remedy = f'must be at least integrator.penalty = {self.penalty:g}'
             require(self.penalty_cap >= self.penalty, WHERE, 'penalty_cap', self.penalty_cap, remedy)

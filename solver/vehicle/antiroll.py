@@ -57,7 +57,7 @@ def anti_roll_bar(axle: str, data: AntiRollBar, subframe: RigidBodySpec, arms: d
             mounting(
                 f'anti_roll_mount_{axle}_{side}', subframe, body, (data.mount,), data.bushing, ideal='revolute', side=side, axis=LEFTWARDS
             ),
-            link(f'drop_link_{axle}_{side}', data.drop_link, body, arm, side),
+            link(f'drop_link_{axle}_{side}', data.drop_link, body, arm, side, pin=LEFTWARDS),
         ]
     name = f'anti_roll_bar_{axle}'
     twist = CoordinateSpec(

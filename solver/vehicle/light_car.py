@@ -46,10 +46,12 @@ class Steering:
 
 @dataclass(frozen=True, kw_only=True)
 class Driveline:
-    """Open differential. driven: its axle. ratio: torque at the differential per unit of the input drive_torque [-]."""
+    """Open differential. driven: its axle. ratio: torque at the differential per unit of the input drive_torque [-]. top_speed: mean speed
+    of the wheels at which the engine's limiter ends the drive torque [rad/s]; None: it never does."""
 
     driven: Literal['front', 'rear'] = 'front'
     ratio: float = 1.0
+    top_speed: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -182,7 +184,10 @@ def driveline(
         for wheel in wheels
     )
     terms = tuple((shaft.name, 0.5) for shaft in shafts)
-    return shafts, (CoordinateForceSpec(name='differential', terms=terms, input='drive_torque', input_gain=car.driveline.ratio),)
+    drive = CoordinateForceSpec(
+        name='differential', terms=terms, input='drive_torque', input_gain=car.driveline.ratio, top_rate=car.driveline.top_speed
+    )
+    return shafts, (drive,)
 
 
 def anti_roll_bars(axles: dict[str, Axle]) -> tuple[CoordinateForceSpec, ...]:

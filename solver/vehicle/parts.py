@@ -126,20 +126,23 @@ def mounting(
     ideal: str,
     side: str = 'left',
     axis: Vector | None = None,
+    pin: Vector | None = None,
 ) -> Parts:
     """Identical bushings at `points` between bodies i and j, replaced by one six-axis element at their centre.
 
     Exact for small displacements: translational rates add up, rotational ones grow by rate times distance squared. Coupling of two
     rotations must be absent (points on a line along an axis of the bushing, or placed symmetrically); SpecError otherwise.
     Without a bushing: an ideal joint of kind `ideal`. axis: z of the joint, and of a bushing that does not give its own; the line
-    through two points unless given.
+    through two points unless given. pin: x of the ideal joint, for a universal one the direction of its pin on body i.
     """
     placed = np.array([on_side(side, p) for p in points])
     mean = placed.mean(axis=0)
     centre = vector_of(mean)
     line = on_side(side, axis) if axis is not None else vector_of(placed[0] - placed[1]) if len(points) == 2 else UP
     if bushing is None:
-        return Parts(joints=(JointSpec(name=name, kind=ideal, i=marker_at(i, centre, line), j=marker_at(j, centre, line)),))
+        x_axis = None if pin is None else on_side(side, pin)
+        i_marker, j_marker = (marker_at(body, centre, line, x_axis) for body in (i, j))
+        return Parts(joints=(JointSpec(name=name, kind=ideal, i=i_marker, j=j_marker),))
     own = line if bushing.axis is None else on_side(side, bushing.axis)
     arms = (placed - mean) @ frame_of_axis(own)
     n, k = len(points), np.array(bushing.stiffness)
@@ -200,13 +203,14 @@ class Link:
     bushing: Bushing | None = None
 
 
-def link(name: str, data: Link, base: RigidBodySpec, carrier: RigidBodySpec, side: str) -> Parts:
-    """The link (its body first) between base (inner end) and carrier (outer end)."""
+def link(name: str, data: Link, base: RigidBodySpec, carrier: RigidBodySpec, side: str, pin: Vector | None = None) -> Parts:
+    """The link (its body first) between base (inner end) and carrier (outer end). pin: on the base, of an ideal universal joint, which is
+    singular where the link comes to lie along it: a direction about which the link turns most."""
     a, b = on_side(side, data.inner), on_side(side, data.outer)
     body = rods(name, ((data.mass, a, b, data.radius),))
     along = vector_of(np.subtract(data.outer, data.inner))
     ball = JointSpec(name=f'{name}_outer', kind='spherical', i=marker_at(body, b), j=marker_at(carrier, b))
-    foot = mounting(f'{name}_inner', base, body, (data.inner,), data.bushing, ideal='universal', side=side, axis=along)
+    foot = mounting(f'{name}_inner', base, body, (data.inner,), data.bushing, ideal='universal', side=side, axis=along, pin=pin)
     return joined((Parts(bodies=(body,), joints=(ball,)), foot))
 
 

@@ -65,6 +65,7 @@ class Driveline:
     at the wheel, `inset` [m] inwards of its centre along the spin axis. ratio: of the final drive; stiffness [N m/rad] and damping
     [N m s/rad] of half shafts and mesh, at the outputs. engine_flange, center_joint, pinion_flange: joints of the propeller shaft,
     center_bearing: its bearing on the chassis [m]. limited_slip: locking torque over the difference of the output speeds [N m s/rad].
+    top_speed: mean speed of the outputs at which the engine's limiter ends the drive torque [rad/s]; None: it never does.
     """
 
     differential: Part
@@ -85,6 +86,7 @@ class Driveline:
     propshaft_rear: Shaft
     pinion: Shaft
     limited_slip: Law | None = None
+    top_speed: float | None = None
 
     def __post_init__(self) -> None:
         finite('driveline', 'inset', self.inset, low=0.0)
@@ -132,7 +134,7 @@ def driveline(
         outputs.append(f'output_shaft_{corner}/angle')
     halves = tuple((name, 0.5) for name in outputs)
     forces = [
-        CoordinateForceSpec(name='differential', terms=halves, input='drive_torque'),
+        CoordinateForceSpec(name='differential', terms=halves, input='drive_torque', top_rate=data.top_speed),
         CoordinateForceSpec(
             name='final_drive', terms=(*halves, ('drive_pinion/angle', -1.0 / data.ratio)),
             spring=Law.linear(data.stiffness), damper=Law.linear(data.damping),

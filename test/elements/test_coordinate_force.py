@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from contract import (
@@ -65,6 +67,31 @@ def test_input_power_is_negative_dissipation(rng):
     assert element.output(with_input, 'force')[0] - element.output(without, 'force')[0] == pytest.approx(-6.0, rel=1e-12)
 
 
+@pytest.mark.parametrize(
+    ('torque', 'rate', 'share'),
+    [(60, 19.0, 1.0), (60, 19.5, 0.5), (60, 20.0, 0.0), (60, 30.0, 0.0), (60, -30.0, 1.0), (-60, -19.75, 0.15625)],
+)
+def test_limiter_ends_the_drive_at_the_top_rate(torque, rate, share):
+    """20 rad/s: full torque up to 19 rad/s, a cubic to zero at 20, in both directions; a braking torque is never limited."""
+    c = CoordinateSpec(name='a', kind='rotation', i=Marker(body='world'), j=Marker(body='b0'))
+    element = forces([CoordinateForceSpec(name='c', terms=(('a', 1.0),), input='drive', top_rate=20.0)], [c], bodies=1, inputs=('drive',))
+    kin = kinematics([((0, 0, 0), (0, 0, 0.4))], [[0, 0, 0, 0, 0, rate]])
+    assert element.output(element.evaluate(kin, u=[torque]), 'force')[0] == pytest.approx(torque * share, abs=1e-12)
+    check_power_balance(element, kin, u=[torque])
+
+
+def test_limiter_has_exact_tangents(rng):
+    spec = CoordinateForceSpec(name='c', terms=(('left', 1.0), ('right', 0.5)), input='drive', damper=LAW)
+    coordinates, kin = chassis_coordinates(rng), random_kinematics(rng, 3)
+    free = forces([spec], coordinates, bodies=3, inputs=('drive',))
+    rate = free.output(free.evaluate(kin, u=[2.0]), 'rate')[0]
+    element = forces([dataclasses.replace(spec, top_rate=abs(rate) / 0.97)], coordinates, bodies=3, inputs=('drive',))
+    torque = [2.0 * np.sign(rate)]
+    assert element.evaluate(kin, u=torque).f[1] != pytest.approx(free.evaluate(kin, u=torque).f[1])
+    check_tangents(element, kin, u=torque)
+    check_power_balance(element, kin, u=torque)
+
+
 def test_torsional_spring_turns_back():
     """0.4 rad about z beyond a free angle of 0.1 at 50 N m/rad, turning at 2 rad/s at 3 N m s/rad: Q = -15 - 6 = -21 N m on j."""
     c = CoordinateSpec(name='a', kind='rotation', i=Marker(body='b0'), j=Marker(body='b1'))
@@ -102,6 +129,8 @@ def test_preload_acts_towards_smaller_values():
         ({'terms': (('a', 1.0),) * 4}, 'terms .* needs 1 to 3'),
         ({'terms': (('a', float('nan')),)}, 'factor of a .* finite'),
         ({'preload': 'x'}, 'preload .* finite'),
+        ({'top_rate': 10.0}, 'top_rate .* limits an input'),
+        ({'top_rate': -1.0, 'input': 'u'}, 'top_rate'),
     ],
 )
 def test_refusals_name_element_field_and_remedy(changes, message):

@@ -9,6 +9,7 @@ from saloon import full_car, mirrored
 
 from solver.audit import ENERGY
 from solver.consistent import Start
+from solver.errors import StepError
 from solver.integrators.settings import IntegratorSettings
 from solver.maneuver import Maneuver
 from solver.scene import Scene, load_scene
@@ -19,7 +20,7 @@ from solver.snapshot import TIRE_COLUMNS
 from solver.vehicle.full_car import FullCar, full_car_model
 from solver.vehicle.modes import linearised
 
-FY, FZ = TIRE_COLUMNS.index('fy'), TIRE_COLUMNS.index('fz')
+FX, FY, FZ = (TIRE_COLUMNS.index(name) for name in ('fx', 'fy', 'fz'))
 SIDES = {'left': 'right', 'right': 'left'}
 
 
@@ -168,13 +169,24 @@ def test_car_lands_from_a_drop() -> None:
     assert abs(landed.pose[0, 1]) < 0.1
 
 
-@pytest.mark.parametrize(('h', 'mode'), [(1e-3, 'fixed'), (1e-3, 'tolerance'), (5e-4, 'tolerance')])
-def test_rollover_runs_on(h: float, mode: str) -> None:
+@pytest.mark.parametrize(
+    ('h', 'mode', 'policy'),
+    [
+        (1e-3, 'fixed', 'constant'),
+        (1e-3, 'tolerance', 'constant'),
+        (5e-4, 'tolerance', 'constant'),
+        (2e-3, 'fixed', 'constant'),
+        (2e-3, 'tolerance', 'constant'),
+        (5e-3, 'fixed', 'rescue'),
+    ],
+)
+def test_rollover_runs_on(h: float, mode: str, policy: str) -> None:
     """With 2.5 times the friction a step steer at 110 km/h lifts the inner wheels and turns the car over in the air; it lands on an
     inverted wheel with 30 kN to 170 kN and tumbles on. Nothing feeds energy into it but the steering wheel, and nothing breaks."""
     steering = 'maneuver={steering: {kind: step, value: 5, start: 0.2, rise: 0.3}}'
     changes = ['road={friction: 2.5}', 'start={kind: equilibrium, speed_kmh: 110}', steering, f'integrator.h={h}']
-    simulation = Simulation(load_scene('car_step_steer', [*changes, f'integrator.mode={mode}']))
+    changes += [f'integrator.mode={mode}', f'integrator.step_policy={policy}']
+    simulation = Simulation(load_scene('car_step_steer', changes))
     lifted = simulation.advance(round(0.7 / h))
     assert (lifted.tire[[0, 2], FZ] == 0.0).all()
     assert (lifted.tire[[1, 3], FZ] > 5000.0).all()
@@ -191,3 +203,35 @@ def test_rollover_runs_on(h: float, mode: str) -> None:
         assert np.isfinite(now.pose).all() and np.isfinite(now.elements).all()
     assert landing > 3e4
     assert np.linalg.norm(now.twist[0, :3]) < 20.0  # it has lost most of its speed
+
+
+@pytest.mark.parametrize(
+    ('scene', 'axle', 'h'), [('car_acceleration', 'rear', 1e-3), ('car_acceleration', 'rear', 2e-3), ('light_car_brake', 'front', 2e-3)]
+)
+def test_wheels_spin_up_to_the_limiter(scene: str, axle: str, h: float) -> None:
+    """6000 N m on friction 0.3: the limiter holds the mean speed of the driven wheels, and they push."""
+    torque = 'maneuver={drive_torque: {kind: step, value: 6000, start: 0.1, rise: 0.1}}'
+    simulation = Simulation(
+        load_scene(scene, ['road={friction: 0.3}', 'start={kind: equilibrium, speed_kmh: 20}', torque, f'integrator.h={h}'])
+    )
+    names = simulation.channels.joints
+    spins = [names.index(f'wheel_{axle}_{side}') for side in ('left', 'right')]
+    driven = [simulation.channels.wheels.index(f'{axle}_{side}') for side in ('left', 'right')]
+    for _ in range(4):
+        s = simulation.advance(round(0.5 / h))
+    assert 0.95 * 230 < s.joint_velocity[spins].mean() < 230
+    push = s.tire[driven, FX] / s.tire[driven, FZ]
+    assert np.all((push > 0.1) & (push < 0.3 * 1.2))
+    assert simulation.audit()['position_drift_max'] < 1e-5
+
+
+def test_a_shaft_too_fast_for_the_step_is_named() -> None:
+    """The same at 5 ms: the propeller shaft turns by more than half a turn per step, which no step of this kind can follow."""
+    torque = 'maneuver={drive_torque: {kind: step, value: 6000, start: 0.1, rise: 0.1}}'
+    changes = ['road={friction: 0.3}', 'start={kind: equilibrium, speed_kmh: 20}', torque, 'integrator.h=5e-3']
+    simulation = Simulation(load_scene('car_acceleration', changes))
+    with pytest.raises(
+        StepError,
+        match=r"body '(drive_pinion|propshaft_\w+)' turns by 3\.\d rad per step of integrator\.h = 0\.005; no convergence.*rescue",
+    ):
+        simulation.advance(400)
