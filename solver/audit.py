@@ -45,7 +45,8 @@ def mechanical_energy(tables, kin, outputs):
 def update_audit(tables, kin, outputs, lam, phi_t, h, audit):
     """Advance the energy balance by a step h [s] (h = 0 starts it): error = E - E_0 + integral of (dissipation - driver power).
 
-    The integral is the trapezoidal rule, second order like the method. lam and phi_t give the power of prescribed motions.
+    The integral is the trapezoidal rule, second order like the method if the outputs are those of the inputs at the end of the step.
+    lam and phi_t give the power of prescribed motions.
     """
     energy, loss = mechanical_energy(tables, kin, outputs)
     for i in range(lam.shape[0]):

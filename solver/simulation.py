@@ -170,6 +170,7 @@ class Simulation:
         kin = self._kinematics(s.q, projected.v)
         evaluate_forces(t, kin, s.angle, s.z, 0.0, self._inputs, False, w.f, w.Kq, w.Kv, w.z_s, self._output_table)
         update_audit(t, kin, self._output_table, w.lam_out, w.phi_t, 0.0, w.audit)
+        w.u_before[:] = self._inputs
         self._collect()
 
     def _collect(self) -> None:

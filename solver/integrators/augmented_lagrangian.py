@@ -44,6 +44,7 @@ WARM_START = 0.9999
 LARGEST_STAGNATION = 1e-2  # relative velocity increment below which an iteration that stops converging is accepted
 STAGNATION = 0.5  # an iteration that gains less is stopped and its best iterate judged
 LARGEST_TURN = 0.1  # rad; an iteration that wants to turn a body by more follows tangents that no longer hold: it goes only so far
+DAMPED_FROM = 8  # iterations
 MOST_ITERATIONS = 20  # of a fixed number that do not gain
 CONTRACTION_TO_REUSE = 0.1  # tolerance mode keeps the factorization while an iteration gains a digit
 
@@ -248,6 +249,8 @@ def step(tables, c, s0, s1, u, want_outputs, work):
             break
         turn *= c.beta * h * h
         part = LARGEST_TURN / turn if turn > LARGEST_TURN else 1.0
+        if c.fixed == 1 and it >= max(c.iterations, DAMPED_FROM):
+            part = min(part, 0.5)  # Newton's iteration may go round between the branches of a contact; half of it does not
         for b in range(nb):
             for i in range(6):
                 s1.a[b, i] += part * work.dw[b, i]
@@ -260,7 +263,7 @@ def step(tables, c, s0, s1, u, want_outputs, work):
         if c.fixed == 1:
             # A fixed number of iterations relies on their gain. Where they do not gain (a stop is hit, a wheel lands) the tangents of
             # the prediction are those of another place: go on with new ones until they do.
-            settled = part == 1.0 and remaining < LARGEST_STAGNATION
+            settled = (remaining if part == 1.0 else increment) < LARGEST_STAGNATION
             if it >= c.iterations - 1 and settled:
                 status = OK
                 break
@@ -355,6 +358,20 @@ def project_velocity(tables, c, v, u, passes, work):
 
 
 @kernel(borrow=True)
+def continue_inputs(c, u, work):
+    """Assign work.u_end, the inputs u of the stage continued to the end of the step as the accelerations are; whether they differ.
+
+    Their power at the end of a step is then of second order. Outputs show what the step applied: a jump must not overshoot there.
+    """
+    differs = False
+    for i in range(u.shape[0]):
+        change = work.u_force[i] * (u[i] - work.u_before[i])
+        work.u_end[i] = u[i] + c.ahead * change
+        differs = differs or change != 0.0
+    return differs
+
+
+@kernel(borrow=True)
 def advance(tables, c, s0, s1, inputs, first, count, audit, work):
     """Advance count steps with rows first.. of inputs (n, nu), swapping the buffers; outputs are of the last step, in work.frame too.
 
@@ -393,7 +410,14 @@ def advance(tables, c, s0, s1, inputs, first, count, audit, work):
             )
             return failed, k
         if audit:
-            update_audit(tables, work.kin_e, work.outputs, work.lam_out, work.phi_t, c.h, work.audit)
+            outputs_end = work.outputs
+            if continue_inputs(c, u, work):
+                w = work
+                outputs_end = w.outputs_audit
+                evaluate_forces(tables, w.kin_e, new.angle, new.z, 0.0, w.u_end, False, w.f, w.Kq, w.Kv, w.z_s, outputs_end)
+            update_audit(tables, work.kin_e, outputs_end, work.lam_out, work.phi_t, c.h, work.audit)
+        for i in range(u.shape[0]):
+            work.u_before[i] = u[i]
         old, new = new, old
     if count > 0:
         u = inputs[0 if held else first + count - 1]

@@ -58,7 +58,7 @@ def coefficients(h: float, rho_inf: float) -> dict[str, float]:
 
 
 class Work(NamedTuple):
-    """Scratch and outputs of a step; nothing in it but the energy balance survives from one step to the next."""
+    """Scratch and outputs of a step; nothing in it but the energy balance and its inputs before survives from one step to the next."""
 
     kin_s: Kinematics
     kin_e: Kinematics
@@ -88,6 +88,10 @@ class Work(NamedTuple):
     a_out: np.ndarray  # (nb + 1, 6) acceleration at the end of the step
     lam_out: np.ndarray  # (nc,) constraint forces at the end of the step
     audit: np.ndarray  # (5,) running energy balance (solver.audit)
+    u_force: np.ndarray  # (nu,) 1 for inputs that forces follow, 0 for prescribed motions
+    u_before: np.ndarray  # (nu,) inputs of the step before
+    u_end: np.ndarray  # (nu,) inputs at the end of the step
+    outputs_audit: Outputs  # with u_end
     formulation: Formulation  # coefficients of the constraints
     chassis: int  # body of the inertial unit
     frame: Frame  # what a Snapshot shows
@@ -112,6 +116,9 @@ def new_work(model, saddle: Saddle, outputs: Outputs, frame: Frame) -> Ref:
     nb, nc, ns, ne, nz = model.n_bodies, model.n_rows, model.n_slots, model.n_entries, model.n_internal
     six = lambda: np.zeros((nb + 1, 6))  # noqa: E731
     row = lambda: np.zeros(nc)  # noqa: E731
+    t = model.tables
+    used = np.concatenate([t.coordinate_forces.input, t.brakes.input, t.applied_forces.input])
+    forces = np.isin(np.arange(len(model.spec.inputs)), used).astype(float)
 
     work = Work(
         kin_s=new_kinematics(nb), kin_e=new_kinematics(nb), T_s=np.tile(np.eye(3), (nb + 1, 1, 1)), T_e=np.tile(np.eye(3), (nb + 1, 1, 1)),
@@ -119,6 +126,7 @@ def new_work(model, saddle: Saddle, outputs: Outputs, frame: Frame) -> Ref:
         phi=row(), phi_s=row(), g=row(), dlam=row(), phi_t=row(), phi_tt=row(), rate=row(),
         J=np.zeros((ne + 1, 6, 6)), J_now=np.zeros((ne + 1, 6, 6)), zp=np.zeros(nz), z_s=np.zeros(nz),
         saddle=saddle, outputs=outputs, v_out=six(), a_out=six(), lam_out=row(), audit=np.zeros(5),
+        u_force=forces, u_before=np.zeros_like(forces), u_end=np.zeros_like(forces), outputs_audit=Outputs(*(a.copy() for a in outputs)),
         formulation=new_formulation(model),
         chassis=model.body_names.index(model.spec.chassis) if model.spec.chassis else 0, frame=frame,
     )  # fmt: skip
