@@ -44,8 +44,8 @@ WARM_START = 0.9999
 LARGEST_STAGNATION = 1e-2  # relative velocity increment below which an iteration that stops converging is accepted
 STAGNATION = 0.5  # an iteration that gains less is stopped and its best iterate judged
 LARGEST_TURN = 0.1  # rad; an iteration that wants to turn a body by more follows tangents that no longer hold: it goes only so far
-DAMPED_FROM = 8  # iterations
-MOST_ITERATIONS = 20  # of a fixed number that do not gain
+DAMPED_FROM = 8  # iterations of a step in mode fixed, from where on only half of each is taken
+MOST_ITERATIONS = 20  # of a step in mode fixed
 CONTRACTION_TO_REUSE = 0.1  # tolerance mode keeps the factorization while an iteration gains a digit
 
 

@@ -43,7 +43,7 @@ def test_balances_close_with_second_order(scene: str, seconds: float) -> None:
 
 
 def test_balance_of_the_bushings_reaches_second_order() -> None:
-    """Their modes of 100 to 300 Hz are resolved from 0.5 ms on: errors fall by 2.8, 3.5 and 3.9 per halving from 2 ms on."""
+    """Light parts on them decay at 3e3 1/s and faster, so the order shows late: from 2 ms on errors fall by 2.8, 3.5, 3.9."""
     coarse, fine = (followed('car_swept_steer', h, 1.2).report()['energy_by_kind']['bushings'] for h in (5e-4, 2.5e-4))
     assert 3.5 < coarse['error'] / fine['error'] < 4.5
 
