@@ -20,10 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.dynamics import FACTORIZE, SOLVE
-from solver.jit import invoke, kernel
-from solver.lie.vec import load33
-from solver.linear import (
+from solver.blocks import (
     WIDTH,
     add_row_products,
     add_weighted_product,
@@ -31,6 +28,9 @@ from solver.linear import (
     rotated_block,
     subtract_weighted_rows,
 )
+from solver.dynamics import FACTORIZE, SOLVE
+from solver.jit import invoke, kernel
+from solver.lie.vec import load33
 
 CONDENSED, BLOCK = 0, 1
 

@@ -15,17 +15,8 @@ from statistics import median
 
 from solver.audit import update_audit
 from solver.dynamics import CALLS, FACTORIZE, TIRES, add_constraint_forces, evaluate_constraints, evaluate_forces
-from solver.integrators.augmented_lagrangian import (
-    AT_END,
-    BOTH,
-    WITH_TANGENTS,
-    advance,
-    assemble,
-    momentum_residual,
-    place,
-    project_velocity,
-    step,
-)
+from solver.integrators.augmented_lagrangian import advance, assemble, project_velocity, step
+from solver.integrators.stage import AT_END, BOTH, WITH_TANGENTS, momentum_residual, place
 from solver.jit import address_of, kernel
 from solver.model.state import copy_state, new_state, update_angles
 from solver.reference import Ref

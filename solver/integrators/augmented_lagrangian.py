@@ -30,14 +30,23 @@ from solver.dynamics import (
     evaluate_constraints,
     evaluate_forces,
 )
+from solver.integrators.stage import (
+    AT_END,
+    BOTH,
+    WITH_TANGENTS,
+    copy_blocks,
+    copy_rows,
+    finite,
+    largest,
+    largest_turn,
+    momentum_residual,
+    place,
+)
 from solver.integrators.work import BAD_INPUT, NON_FINITE, NOT_CONVERGED, OK, SINGULAR, StepResult
 from solver.jit import invoke, kernel
-from solver.lie.so3 import matrix_of_quaternion, quaternion_corrected, quaternion_exp, quaternion_product, right_jacobian
-from solver.lie.vec import scale, store33
 from solver.model.state import update_angles
 from solver.saddle import assemble_tangent, effective_masses, factorize_saddle, rotate_columns, solve_saddle
 
-AT_END, BOTH, WITH_TANGENTS = 0, 1, 2  # what place assigns
 # The multipliers of redundant constraints are determined only by rounding; starting each step from a little less than the last
 # values keeps that part from drifting, while the determined part is found again by the first iteration.
 WARM_START = 0.9999
@@ -47,92 +56,6 @@ LARGEST_TURN = 0.1  # rad; an iteration that wants to turn a body by more follow
 DAMPED_FROM = 8  # iterations of a step in mode fixed, from where on only half of each is taken
 MOST_ITERATIONS = 20  # of a step in mode fixed
 CONTRACTION_TO_REUSE = 0.1  # tolerance mode keeps the factorization while an iteration gains a digit
-
-
-@kernel(borrow=True)
-def copy_rows(source, target):
-    """target <- source, (n, 6); borrowing kernels cannot assign array to array."""
-    for b in range(source.shape[0]):
-        for i in range(source.shape[1]):
-            target[b, i] = source[b, i]
-
-
-@kernel(borrow=True)
-def copy_blocks(source, target):
-    """target <- source, (n, 6, 6)."""
-    for b in range(source.shape[0]):
-        for i in range(6):
-            for j in range(6):
-                target[b, i, j] = source[b, i, j]
-
-
-@kernel(inline=True)
-def _largest(x, b):
-    """The largest magnitude in row b of x (n, 6)."""
-    first = max(abs(x[b, 0]), abs(x[b, 1]))
-    second = max(abs(x[b, 2]), abs(x[b, 3]))
-    third = max(abs(x[b, 4]), abs(x[b, 5]))
-    return max(first, second, third)
-
-
-@kernel(inline=True)
-def _finite(x, b):
-    """Whether row b of x (n, 6) is finite."""
-    return np.isfinite((x[b, 0] + x[b, 1]) + (x[b, 2] + x[b, 3]) + (x[b, 4] + x[b, 5]))
-
-
-@kernel(borrow=True)
-def place(tables, c, s0, a1, q1, what, work):
-    """Assign q1 and the kinematics of the end for the end acceleration a1; those of the stage unless `what` is AT_END, and both
-    rotation tangents when it is WITH_TANGENTS.
-    """
-    h = c.h
-    s = 1.0 - c.af
-    for b in range(tables.bodies.mass.shape[0]):
-        k0 = h * h * (0.5 - c.beta)
-        k1 = h * h * c.beta
-        for i in range(3):
-            d = h * s0.v[b, i] + k0 * s0.a[b, i] + k1 * a1[b, i]
-            q1[b, i] = s0.q[b, i] + d
-            work.kin_e.p[b, i] = q1[b, i]
-            if what != AT_END:
-                work.kin_s.p[b, i] = s0.q[b, i] + s * d
-        x = (
-            h * s0.v[b, 3] + k0 * s0.a[b, 3] + k1 * a1[b, 3],
-            h * s0.v[b, 4] + k0 * s0.a[b, 4] + k1 * a1[b, 4],
-            h * s0.v[b, 5] + k0 * s0.a[b, 5] + k1 * a1[b, 5],
-        )
-        xs = scale(s, x)
-        quaternion = (s0.q[b, 3], s0.q[b, 4], s0.q[b, 5], s0.q[b, 6])
-        end = quaternion_corrected(quaternion_product(quaternion, quaternion_exp(x)))
-        q1[b, 3] = end[0]
-        q1[b, 4] = end[1]
-        q1[b, 5] = end[2]
-        q1[b, 6] = end[3]
-        store33(work.kin_e.R, b, matrix_of_quaternion(end))
-        if what != AT_END:
-            stage = quaternion_corrected(quaternion_product(quaternion, quaternion_exp(xs)))
-            store33(work.kin_s.R, b, matrix_of_quaternion(stage))
-        if what == WITH_TANGENTS:
-            store33(work.T_e, b, right_jacobian(x))
-            store33(work.T_s, b, right_jacobian(xs))
-        for i in range(6):
-            v1 = s0.v[b, i] + h * ((1.0 - c.gamma) * s0.a[b, i] + c.gamma * a1[b, i])
-            work.kin_e.v[b, i] = v1
-            if what != AT_END:
-                work.kin_s.v[b, i] = s * v1 + c.af * s0.v[b, i]
-
-
-@kernel(borrow=True)
-def momentum_residual(tables, c, a0, a1, f, r):
-    """r = M ((1 - am) a1 + am a0) - f."""
-    bodies = tables.bodies
-    for b in range(bodies.mass.shape[0]):
-        for i in range(3):
-            r[b, i] = bodies.mass[b] * ((1.0 - c.am) * a1[b, i] + c.am * a0[b, i]) - f[b, i]
-            r[b, 3 + i] = -f[b, 3 + i]
-            for j in range(3):
-                r[b, 3 + i] += bodies.inertia[b, i, j] * ((1.0 - c.am) * a1[b, 3 + j] + c.am * a0[b, 3 + j])
 
 
 @kernel(borrow=True)
@@ -198,7 +121,7 @@ def step(tables, c, s0, s1, u, want_outputs, work):
         work.zp[i] = s0.z[i] + s * h * (1.0 - c.gamma1) * s0.zd[i] - cz * c.am1 * s0.zd[i]
     speed = 1.0
     for b in range(nb):
-        speed = max(speed, _largest(s0.v, b))
+        speed = max(speed, largest(s0.v, b))
     status = NOT_CONVERGED
     where = 0
     factorizations = 0
@@ -238,11 +161,9 @@ def step(tables, c, s0, s1, u, want_outputs, work):
         increment = 0.0
         turn = 0.0
         for b in range(nb):
-            for i in range(6):
-                if i >= 3:
-                    turn = max(turn, abs(work.dw[b, i]))
-            increment = max(increment, _largest(work.dw, b))
-            if not _finite(work.dw, b):
+            turn = max(turn, largest_turn(work.dw, b))
+            increment = max(increment, largest(work.dw, b))
+            if not finite(work.dw, b):
                 status = NON_FINITE
                 where = b
         if status == NON_FINITE:
@@ -327,7 +248,7 @@ def step(tables, c, s0, s1, u, want_outputs, work):
         evaluate_forces(tables, work.kin_e, s1.angle, s1.z, 0.0, u, False, work.f, work.Kq, work.Kv, work.z_s, work.outputs)
         evaluations += 1
     for b in range(nb):
-        if not (_finite(work.v_out, b) and np.isfinite(velocity_drift + position_drift)):
+        if not (finite(work.v_out, b) and np.isfinite(velocity_drift + position_drift)):
             return StepResult(NON_FINITE, b, iterations, factorizations, evaluations, residual, position_drift, velocity_drift, stagnated)
     return StepResult(OK, 0, iterations, factorizations, evaluations, residual, position_drift, velocity_drift, stagnated)
 

@@ -5,19 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from solver.blocks import WIDTH, add_row_products, add_weighted_product, combined_block, rotated_block, subtract_weighted_rows
 from solver.jit import kernel
-from solver.linear import (
-    SMALLEST_PIVOT,
-    WIDTH,
-    add_row_products,
-    add_weighted_product,
-    combined_block,
-    factorize,
-    plan_elimination,
-    rotated_block,
-    solve,
-    subtract_weighted_rows,
-)
+from solver.linear import SMALLEST_PIVOT, factorize, plan_elimination, solve
 
 
 def system(n: int, extra: int, seed: int):
