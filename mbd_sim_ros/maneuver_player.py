@@ -2,7 +2,9 @@
 
 It answers the newest `cmd_applied` of the simulator (whose stamp is the simulation time) with the three commands for that time,
 at most `rate` times a second (a command costs the simulator more than a step does), so it keeps pace in every mode; in lockstep
-the pair is deterministic. Exit code 0 when the maneuver or the simulator ends.
+the pair is deterministic. A simulator in lockstep publishes its state again when no answer comes; that is answered only once it is clear
+that the first answer was lost, or two answers to one state would become the commands of two steps. Exit code 0 when the maneuver or the
+simulator ends.
 """
 
 from __future__ import annotations
@@ -13,6 +15,8 @@ import time
 
 from mbd_sim_ros.node import Signals, run
 from solver.errors import MbdError
+
+LOST = 0.3  # s without a newer state after which the answer to a repeated one is sent again
 
 
 class NoSimulator(MbdError):
@@ -48,11 +52,21 @@ def _play(signals: Signals) -> int:
     newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
     publishers = [node.create_publisher(Float64, f'{simulator}/{topic}', newest) for topic in ('steering_cmd', 'torque_cmd', 'brake_cmd')]
     now_ns = -1
+    repeated = float('inf')  # clock reading when the newest state came again
 
     def answer(encoded: bytes) -> None:
-        nonlocal now_ns
+        nonlocal now_ns, repeated
         seconds, nanoseconds = struct.unpack_from('<iI', encoded, 4)  # header.stamp
-        now_ns = seconds * 1_000_000_000 + nanoseconds
+        t_ns = seconds * 1_000_000_000 + nanoseconds
+        if t_ns == now_ns:
+            repeated = min(repeated, time.monotonic())
+            return
+        now_ns = t_ns
+        send()
+
+    def send() -> None:
+        nonlocal repeated
+        repeated = float('inf')
         for publisher, value in zip(publishers, maneuver.commands(now_ns * 1e-9)):
             publisher.publish(Float64(data=value))
 
@@ -65,6 +79,8 @@ def _play(signals: Signals) -> int:
     while not signals.event.is_set():
         answered = now_ns
         executor.spin_once(timeout_sec=0.1)
+        if time.monotonic() - repeated > LOST:
+            send()
         if rate > 0.0 and now_ns != answered:
             time.sleep(1.0 / rate)  # meanwhile the queue of depth one keeps the newest
         if now_ns < 0 and time.monotonic() - begin > timeout:
