@@ -62,7 +62,7 @@ def test_every_command_has_help_with_an_example(command: str, capsys: pytest.Cap
         (('run', 'four_bar', '--set', 'integrator.h=abc'), 2, '--set integrator.h: integrator.h = abc: must be a number'),
         (('run', 'four_bar', '--maneuver', 'step_stear'), 2, "did you mean 'step_steer'?"),
         (('info', 'nothing_like_it'), 2, 'no such file'),
-        (('export', 'nowhere', 'out'), 5, 'nowhere is not there'),
+        (('export', 'nowhere', '--csv', 'out'), 5, 'nowhere is not there'),
         (('recover', 'nowhere', 'out'), 5, 'nowhere is not there'),
         (('replay', 'nowhere'), 5, 'nowhere is not there'),
         (('compare', 'nowhere', 'elsewhere'), 5, 'nowhere is not there'),
@@ -227,7 +227,7 @@ def test_compare_finds_another_step_size_and_draws_it(recording: Path, capsys: p
 
 
 def test_export_agrees_with_the_recording(recording: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    code, data = document(capsys, 'export', str(recording), str(tmp_path / 'csv'))
+    code, data = document(capsys, 'export', str(recording), '--csv', str(tmp_path / 'csv'))
     assert code == 0
     assert data['rows'] == 201
     assert document(capsys, 'compare', str(tmp_path / 'csv'), str(recording), '--exact')[0] == 0
@@ -239,7 +239,7 @@ def test_recover_saves_a_cut_recording(recording: Path, capsys: pytest.CaptureFi
     whole = next(recording.glob('*.mcap')).read_bytes()
     cut = tmp_path / 'cut.mcap'
     cut.write_bytes(whole[: len(whole) * 2 // 3])
-    code, data = document(capsys, 'export', str(cut), str(tmp_path / 'csv'))
+    code, data = document(capsys, 'export', str(cut), '--csv', str(tmp_path / 'csv'))
     assert code == 5
     assert 'mbd recover' in data['error']
     code, data = document(capsys, 'recover', str(recording), str(tmp_path / 'saved'))

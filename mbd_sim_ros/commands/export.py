@@ -11,9 +11,9 @@ from mbd_sim_ros.commands import Result, declare
 
 def add(parsers: Any) -> None:
     """Declare the command."""
-    parser = declare(parsers, 'export', run, 'write a recording as CSV files, one per topic', 'mbd export bags/first out/first')
+    parser = declare(parsers, 'export', run, 'write a recording as CSV files, one per topic', 'mbd export bags/first --csv out/first')
     parser.add_argument('bag', metavar='BAG', type=Path, help='bag directory or .mcap file')
-    parser.add_argument('directory', metavar='DIR', type=Path, help='where to write <topic>.csv')
+    parser.add_argument('--csv', metavar='DIR', type=Path, required=True, help='where to write <topic>.csv')
 
 
 def run(args: argparse.Namespace) -> Result:
@@ -22,6 +22,6 @@ def run(args: argparse.Namespace) -> Result:
     from mbd_sim_ros.analysis import tables
 
     run_ = bag.read(args.bag)
-    files = [str(f) for f in tables.export(run_, args.directory)]
+    files = [str(f) for f in tables.export(run_, args.csv)]
     data = {'status': 'ok', 'rows': len(run_.time_ns), 'columns': len(run_.columns), 'files': files}
     return Result(data=data, text='\n'.join(files))
