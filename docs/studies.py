@@ -1,4 +1,5 @@
-"""Fills the generated parts of docs/studies.md from finished studies: `python docs/studies.py out` (after `mbd study NAME` into out/NAME).
+"""Fills the generated parts of docs/studies.md and docs/vehicle.md from finished studies: `python docs/studies.py out`, after
+`mbd study NAME` into out/NAME.
 
 A part stands between `<!-- begin NAME: HEADING -->` and `<!-- end -->` and is that section of out/NAME/report.md without its pictures;
 without a heading it is the text above the first section. Pictures that the document shows as pictures/NAME_FILE.png are copied beside it,
@@ -14,7 +15,7 @@ from pathlib import Path
 
 from PIL import Image  # comes with matplotlib
 
-FILE = Path(__file__).with_name('studies.md')
+FILES = [Path(__file__).with_name(name) for name in ('studies.md', 'vehicle.md')]
 PART = re.compile(r'<!-- begin (?P<name>\w+)(: (?P<heading>[^\n]+))? -->\n.*?<!-- end -->', re.DOTALL)
 COLOURS = 64  # of a copied picture, to keep it small
 PICTURE = re.compile(r'\]\(pictures/(?P<file>[\w.]+)\)')
@@ -43,7 +44,7 @@ def fill(document: str, out: Path) -> str:
 
 def copy_pictures(document: str, out: Path) -> None:
     """Copy what the document shows from the studies that are there."""
-    target = FILE.with_name('pictures')
+    target = FILES[0].with_name('pictures')
     target.mkdir(exist_ok=True)
     for match in PICTURE.finditer(document):
         for study in sorted(path.name for path in out.iterdir() if path.is_dir()):
@@ -54,6 +55,7 @@ def copy_pictures(document: str, out: Path) -> None:
 
 if __name__ == '__main__':
     directory = Path(sys.argv[1] if len(sys.argv) > 1 else 'out')
-    text = FILE.read_text(encoding='utf-8')
-    FILE.write_text(fill(text, directory), encoding='utf-8')
-    copy_pictures(text, directory)
+    for file in FILES:
+        text = file.read_text(encoding='utf-8')
+        file.write_text(fill(text, directory), encoding='utf-8')
+        copy_pictures(text, directory)

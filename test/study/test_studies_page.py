@@ -30,9 +30,10 @@ def test_a_part_is_a_section_without_pictures(studies, tmp_path):
     assert studies.fill(document, tmp_path) == expected + ' <!-- begin other: X -->\nkept\n<!-- end -->'
 
 
-def test_the_page_shows_small_pictures_that_are_there(studies):
-    shown = studies.PICTURE.findall(studies.FILE.read_text(encoding='utf-8'))
-    assert shown
-    for name in shown:
-        picture = studies.FILE.with_name('pictures') / name
-        assert 1_000 < picture.stat().st_size < 150_000, name
+def test_the_pages_show_small_pictures_that_are_there(studies):
+    for file in studies.FILES:
+        shown = studies.PICTURE.findall(file.read_text(encoding='utf-8'))
+        assert shown
+        for name in shown:
+            picture = file.with_name('pictures') / name
+            assert 1_000 < picture.stat().st_size < 150_000, name
