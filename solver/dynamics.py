@@ -132,6 +132,22 @@ def evaluate_forces(tables, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, out):
 
 
 @kernel(borrow=True)
+def evaluate_driven_forces(tables, kin, angle, zp, cz, u, f, Kq, Kv, z, out):
+    """Assign the outputs of the elements that follow inputs, and of no others; f and z are scratch."""
+    laws = tables.laws
+    x = tables.coordinates
+    at = tables.calls
+    if at[COORDINATE_FORCES] != 0:
+        invoke(
+            at[COORDINATE_FORCES], (tables.coordinate_forces, x, laws, kin, angle, zp, cz, u, False, f, Kq, Kv, z, out.coordinate_forces)
+        )
+    if at[BRAKES] != 0:
+        invoke(at[BRAKES], (tables.brakes, x, laws, kin, angle, zp, cz, u, False, f, Kq, Kv, z, out.brakes))
+    if at[APPLIED_FORCES] != 0:
+        invoke(at[APPLIED_FORCES], (tables.applied_forces, laws, kin, zp, cz, u, False, f, Kq, Kv, z, out.applied_forces))
+
+
+@kernel(borrow=True)
 def evaluate_constraints(tables, kin, angle, u, gradients, phi, J):
     """Assign residuals phi (nc,) and, when `gradients`, blocks J (entries + 1, 6, 6) of A. phi is A v where a row is not holonomic."""
     at = tables.calls

@@ -28,6 +28,7 @@ from solver.dynamics import (
     constraint_input_rates,
     constraint_rates,
     evaluate_constraints,
+    evaluate_driven_forces,
     evaluate_forces,
 )
 from solver.integrators.stage import (
@@ -335,7 +336,7 @@ def advance(tables, c, s0, s1, inputs, first, count, audit, work):
             if continue_inputs(c, u, work):
                 w = work
                 outputs_end = w.outputs_audit
-                evaluate_forces(tables, w.kin_e, new.angle, new.z, 0.0, w.u_end, False, w.f, w.Kq, w.Kv, w.z_s, outputs_end)
+                evaluate_driven_forces(tables, w.kin_e, new.angle, new.z, 0.0, w.u_end, w.f, w.Kq, w.Kv, w.z_s, outputs_end)
             update_audit(tables, work.kin_e, outputs_end, work.lam_out, work.phi_t, c.h, work.audit)
         for i in range(u.shape[0]):
             work.u_before[i] = u[i]

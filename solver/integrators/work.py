@@ -91,7 +91,7 @@ class Work(NamedTuple):
     u_force: np.ndarray  # (nu,) 1 for inputs that forces follow, 0 for prescribed motions
     u_before: np.ndarray  # (nu,) inputs of the step before
     u_end: np.ndarray  # (nu,) inputs at the end of the step
-    outputs_audit: Outputs  # with u_end
+    outputs_audit: Outputs  # those of elements that follow inputs with u_end, the others the same arrays
     formulation: Formulation  # coefficients of the constraints
     chassis: int  # body of the inertial unit
     frame: Frame  # what a Snapshot shows
@@ -120,13 +120,16 @@ def new_work(model, saddle: Saddle, outputs: Outputs, frame: Frame) -> Ref:
     used = np.concatenate([t.coordinate_forces.input, t.brakes.input, t.applied_forces.input])
     forces = np.isin(np.arange(len(model.spec.inputs)), used).astype(float)
 
+    driven = ('coordinate_forces', 'brakes', 'applied_forces')
+    audited = outputs._replace(**{kind: getattr(outputs, kind).copy() for kind in driven})
+
     work = Work(
         kin_s=new_kinematics(nb), kin_e=new_kinematics(nb), T_s=np.tile(np.eye(3), (nb + 1, 1, 1)), T_e=np.tile(np.eye(3), (nb + 1, 1, 1)),
         f=six(), r=six(), dw=six(), a_best=six(), lam_best=row(), Kq=np.zeros((ns + 1, 6, 6)), Kv=np.zeros((ns + 1, 6, 6)),
         phi=row(), phi_s=row(), g=row(), dlam=row(), phi_t=row(), phi_tt=row(), rate=row(),
         J=np.zeros((ne + 1, 6, 6)), J_now=np.zeros((ne + 1, 6, 6)), zp=np.zeros(nz), z_s=np.zeros(nz),
         saddle=saddle, outputs=outputs, v_out=six(), a_out=six(), lam_out=row(), audit=np.zeros(5),
-        u_force=forces, u_before=np.zeros_like(forces), u_end=np.zeros_like(forces), outputs_audit=Outputs(*(a.copy() for a in outputs)),
+        u_force=forces, u_before=np.zeros_like(forces), u_end=np.zeros_like(forces), outputs_audit=audited,
         formulation=new_formulation(model),
         chassis=model.body_names.index(model.spec.chassis) if model.spec.chassis else 0, frame=frame,
     )  # fmt: skip
