@@ -180,13 +180,13 @@ def coordinate_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents,
         for a in range(2 * table.terms[e]):
             add_gradient(Q, g[a], table.body[e, a], f)
         if tangents:
-            # dQ = -stiffness ds - damping d(ds/dt); a torque that is only applied has neither
+            # dQ = -stiffness ds - damping d(ds/dt); a torque that is only applied, below its limiter, has neither
             for b in range(2 * table.terms[e]):
-                if table.law[e, 0] >= 0 or table.law[e, 1] >= 0:
+                if stiffness != 0.0 or damping != 0.0:
                     dQ = add6(scale6(-stiffness, g[b]), scale6(-damping, h[b]))
                     for a in range(2 * table.terms[e]):
                         add_dyad(g[a], dQ, table.slot[e, a, b], Kq)
-                if table.law[e, 1] >= 0:
+                if damping != 0.0:
                     dQ_dv = scale6(-damping, g[b])
                     for a in range(2 * table.terms[e]):
                         add_dyad(g[a], dQ_dv, table.slot[e, a, b], Kv)

@@ -80,8 +80,9 @@ def test_limiter_ends_the_drive_at_the_top_rate(torque, rate, share):
     check_power_balance(element, kin, u=[torque])
 
 
-def test_limiter_has_exact_tangents(rng):
-    spec = CoordinateForceSpec(name='c', terms=(('left', 1.0), ('right', 0.5)), input='drive', damper=LAW)
+@pytest.mark.parametrize('damper', [LAW, None])
+def test_limiter_has_exact_tangents(rng, damper):
+    spec = CoordinateForceSpec(name='c', terms=(('left', 1.0), ('right', 0.5)), input='drive', damper=damper)
     coordinates, kin = chassis_coordinates(rng), random_kinematics(rng, 3)
     free = forces([spec], coordinates, bodies=3, inputs=('drive',))
     rate = free.output(free.evaluate(kin, u=[2.0]), 'rate')[0]
