@@ -100,6 +100,22 @@ def bind(tables: Ref, spec: ModelSpec) -> None:
 
 
 @kernel(borrow=True)
+def evaluate_driven_forces(tables, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, out):
+    """Accumulate the forces of the elements that follow inputs, and assign their outputs: the part of evaluate_forces that depends on u."""
+    laws = tables.laws
+    x = tables.coordinates
+    at = tables.calls
+    if at[COORDINATE_FORCES] != 0:
+        invoke(
+            at[COORDINATE_FORCES], (tables.coordinate_forces, x, laws, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, out.coordinate_forces)
+        )
+    if at[BRAKES] != 0:
+        invoke(at[BRAKES], (tables.brakes, x, laws, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, out.brakes))
+    if at[APPLIED_FORCES] != 0:
+        invoke(at[APPLIED_FORCES], (tables.applied_forces, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out.applied_forces))
+
+
+@kernel(borrow=True)
 def evaluate_forces(tables, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, out):
     """Assign f (nb+1, 6) and, when `tangents`, Kq and Kv (ns+1, 6, 6): all forces but those of the constraints.
 
@@ -110,41 +126,17 @@ def evaluate_forces(tables, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, out):
         Kq[:] = 0.0
         Kv[:] = 0.0
     laws = tables.laws
-    x = tables.coordinates
     at = tables.calls
     body_forces(tables.bodies, kin, tangents, f, Kv)
     if at[SPRING_DAMPERS] != 0:
         invoke(at[SPRING_DAMPERS], (tables.spring_dampers, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out.spring_dampers))
     if at[BUSHINGS] != 0:
         invoke(at[BUSHINGS], (tables.bushings, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out.bushings))
-    if at[COORDINATE_FORCES] != 0:
-        invoke(
-            at[COORDINATE_FORCES], (tables.coordinate_forces, x, laws, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, out.coordinate_forces)
-        )
-    if at[BRAKES] != 0:
-        invoke(at[BRAKES], (tables.brakes, x, laws, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, out.brakes))
-    if at[APPLIED_FORCES] != 0:
-        invoke(at[APPLIED_FORCES], (tables.applied_forces, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out.applied_forces))
+    evaluate_driven_forces(tables, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, out)
     if at[AERO_DRAGS] != 0:
         invoke(at[AERO_DRAGS], (tables.aero_drags, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out.aero_drags))
     if at[TIRES] != 0:
         invoke(at[TIRES], (tables.tires, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out.tires))
-
-
-@kernel(borrow=True)
-def evaluate_driven_forces(tables, kin, angle, zp, cz, u, f, Kq, Kv, z, out):
-    """Assign the outputs of the elements that follow inputs, and of no others; f and z are scratch."""
-    laws = tables.laws
-    x = tables.coordinates
-    at = tables.calls
-    if at[COORDINATE_FORCES] != 0:
-        invoke(
-            at[COORDINATE_FORCES], (tables.coordinate_forces, x, laws, kin, angle, zp, cz, u, False, f, Kq, Kv, z, out.coordinate_forces)
-        )
-    if at[BRAKES] != 0:
-        invoke(at[BRAKES], (tables.brakes, x, laws, kin, angle, zp, cz, u, False, f, Kq, Kv, z, out.brakes))
-    if at[APPLIED_FORCES] != 0:
-        invoke(at[APPLIED_FORCES], (tables.applied_forces, laws, kin, zp, cz, u, False, f, Kq, Kv, z, out.applied_forces))
 
 
 @kernel(borrow=True)

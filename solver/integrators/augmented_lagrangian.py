@@ -78,13 +78,14 @@ def _balanced(tables, c, speed, work):
 @kernel(borrow=True)
 def assemble(tables, c, lam, to_g, work):
     """Assign penalties, constraint rows and the force part of the step matrix in work.saddle from what was evaluated before, the
-    gradients of the end in work.saddle.J_s (work.J where c.weigh needs work.saddle for itself) among it.
+    gradients of the end in work.saddle.J_s (work.J with c.weigh, and when iterating to a tolerance) among it.
     """
     saddle = work.saddle
     s = 1.0 - c.af
     effective_masses(tables, work.J_now, saddle.W)
     if c.weigh != 0:
         invoke(c.weigh, (tables, c, work))
+    if c.weigh != 0 or c.fixed == 0:
         copy_blocks(work.J, saddle.J_s)
     for i in range(lam.shape[0]):
         m = 1.0 / to_g[tables.constraints.holonomic[i]] if c.m_alf == 1 else saddle.W[i]
@@ -113,7 +114,9 @@ def step(tables, c, s0, s1, u, want_outputs, work):
     for i in range(nc):
         s1.lam[i] = WARM_START * (s0.lam[i] + slope * (s0.lam[i] - s0.lam_before[i]))
     saddle = work.saddle
-    J_end = saddle.J_s if c.weigh == 0 else work.J
+    # Straight to where assemble() wants the gradients, unless it needs that place for itself, or an iteration that has converged may end
+    # before they are factorized: the projection must solve with the rows that the factorization has.
+    J_end = saddle.J_s if c.weigh == 0 and c.fixed == 1 else work.J
     holonomic = tables.constraints.holonomic
     to_g = (1.0 / (c.gamma * h), 1.0 / (c.beta * h * h))  # of a velocity, of a position
     # internal states: z_s = zp + cz zd_s
@@ -336,7 +339,7 @@ def advance(tables, c, s0, s1, inputs, first, count, audit, work):
             if continue_inputs(c, u, work):
                 w = work
                 outputs_end = w.outputs_audit
-                evaluate_driven_forces(tables, w.kin_e, new.angle, new.z, 0.0, w.u_end, w.f, w.Kq, w.Kv, w.z_s, outputs_end)
+                evaluate_driven_forces(tables, w.kin_e, new.angle, new.z, 0.0, w.u_end, False, w.f, w.Kq, w.Kv, w.z_s, outputs_end)
             update_audit(tables, work.kin_e, outputs_end, work.lam_out, work.phi_t, c.h, work.audit)
         for i in range(u.shape[0]):
             work.u_before[i] = u[i]
