@@ -18,6 +18,7 @@ from solver.errors import SpecError, suggestion
 from solver.signals import Constant, Signal, signal
 
 RATE, ACCELERATION = '_rate', '_acceleration'
+AHEAD = 100  # steps that are sampled at once: one costs about as much as a hundred
 COMMANDS = ('steering', 'drive_torque', 'brake_torque')
 
 
@@ -105,10 +106,18 @@ class ManeuverSource:
 
     def __init__(self, maneuver: Maneuver, input_names: Sequence[str], h_ns: int, stage: float = 1.0) -> None:
         self.maneuver, self.names, self.h_ns, self.stage = maneuver, tuple(input_names), h_ns, stage
-        self.table(0, 1)  # refuses channels the model does not have, before anything runs
+        self._first, self._ahead = 0, self._sampled(0, AHEAD)  # refuses channels the model does not have, before anything runs
 
     def table(self, k0: int, n: int) -> np.ndarray:
         """(n, nu) inputs of steps k0 ... k0 + n - 1."""
+        if n > AHEAD:
+            return self._sampled(k0, n)
+        at = k0 - self._first
+        if not 0 <= at <= AHEAD - n:
+            at, self._first, self._ahead = 0, k0, self._sampled(k0, AHEAD)
+        return self._ahead[at : at + n].copy()
+
+    def _sampled(self, k0: int, n: int) -> np.ndarray:
         begin_ns = np.arange(k0, k0 + n, dtype=np.int64) * self.h_ns
         return self.maneuver.inputs(self.names, (begin_ns + self.stage * self.h_ns) * 1e-9, (begin_ns + self.h_ns) * 1e-9)
 

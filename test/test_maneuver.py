@@ -129,6 +129,16 @@ def test_inputs_of_a_step_are_the_same_bits_however_they_are_asked_for() -> None
     parts = np.concatenate([source.table(k, 7) for k in range(0, 994, 7)])
     assert whole.tobytes() == single.tobytes()
     assert whole[:994].tobytes() == parts.tobytes()
+    for k in (990, 3, 250, 249, 251, 0):
+        assert source.sample(k).tobytes() == whole[k].tobytes()
+
+
+def test_inputs_handed_out_may_be_changed() -> None:
+    source = ManeuverSource(maneuver(), MOTION, 1_000_000, 0.5556)
+    first = source.table(100, 3)
+    kept = first.tobytes()
+    first[:] = 7.0
+    assert source.table(100, 3).tobytes() == kept
 
 
 def test_channel_the_model_does_not_have_is_refused_with_the_nearest_name() -> None:
