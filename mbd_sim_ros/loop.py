@@ -29,21 +29,6 @@ ENDED = 'the simulation has ended'
 WINDOW = 4096  # steps over which step times are judged
 
 
-def prefer(priority: int) -> bool:
-    """Give every thread of this process the real-time priority (SCHED_FIFO, 1 to 99), or ordinary scheduling for 0.
-
-    All of them, because whichever holds the interpreter lock is the one the simulation waits for. Beside other busy processes
-    this decides between steps that begin 20 us and steps that begin 5 ms late. Returns whether the system permits it.
-    """
-    policy = os.SCHED_FIFO if priority else os.SCHED_OTHER
-    try:
-        for thread in os.listdir('/proc/self/task'):
-            os.sched_setscheduler(int(thread), policy, os.sched_param(priority))
-    except (AttributeError, OSError):  # not Linux, or no permission
-        return False
-    return True
-
-
 class Stepper(Protocol):
     """What the loop needs of solver.simulation.Simulation."""
 
@@ -135,6 +120,23 @@ class Loop:
         self._judged = (time.perf_counter(), self.simulation.t_ns)
         self._begin = self._judged[0]
         self._thread.start()
+
+    def prefer(self, priority: int) -> bool:
+        """Give every thread of this process a real-time priority (SCHED_FIFO, 1 to 99), or ordinary scheduling for 0.
+
+        All of them, because whichever holds the interpreter lock is the one the simulation waits for; this thread one above the
+        others, or it waits for those of the middleware when they have all cores. Beside other busy processes this decides between
+        steps that begin 20 us and steps that begin 5 ms late. Returns whether the system permits it.
+        """
+        policy = os.SCHED_FIFO if priority else os.SCHED_OTHER
+        others = max(priority - 1, 1) if priority else 0
+        try:
+            for thread in map(int, os.listdir('/proc/self/task')):
+                at = priority if thread == self._thread.native_id else others
+                os.sched_setscheduler(thread, policy, os.sched_param(at))
+        except (AttributeError, OSError):  # not Linux, or no permission
+            return False
+        return True
 
     @property
     def wall_time(self) -> float:

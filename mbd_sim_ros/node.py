@@ -14,6 +14,8 @@ from collections.abc import Callable
 from types import FrameType
 from typing import Any
 
+SWITCH = 2e-5  # s; with 2e-4 a step in a second came late, the one beside the diagnostics
+LOOK = 0.25  # s between looks for the end and for signals; every one costs the simulation some of the interpreter lock
 MISSING = (
     'rclpy is missing: source a ROS 2 Jazzy installation (source /opt/ros/jazzy/setup.bash), or, where there is none, '
     "install the wheels with: pip install 'mbd_sim_ros[ros]'"
@@ -95,8 +97,9 @@ def _simulate(signals: Signals) -> int:
         raise SceneError('parameter scene is empty: give one with --ros-args -p scene:=NAME; known: ' + ', '.join(known_names()))
     node.get_logger().info(f'preparing {name} (the first time this compiles, which takes minutes)')
     scene, simulation = prepare(name, [text for text in node.value('overrides') if text])
-    # The threads share one interpreter: a short switch interval and no collection of what is here to stay keep the pace.
-    sys.setswitchinterval(2e-4)
+    # The threads share one interpreter. The simulation gives the lock up a dozen times a step (compiled code, publishing) and has to wait
+    # this long for it whenever the executor or the recorder computes; and what is here to stay is not to be collected.
+    sys.setswitchinterval(SWITCH)
     gc.collect()
     gc.freeze()
     signals.raising = False
@@ -108,7 +111,7 @@ def _simulate(signals: Signals) -> int:
             node.get_logger().info(f'running {scene.name}: step {simulation.h_ns * 1e-6:g} ms, mode {node.value("mode")}')
             executor.add_node(node)
             while not signals.event.is_set() and not node.loop.done.is_set():
-                executor.spin_once(timeout_sec=0.1)
+                executor.spin_once(timeout_sec=LOOK)
     finally:
         code = node.close(f'stopped by {signals.received}')
         executor.shutdown()

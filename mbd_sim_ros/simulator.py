@@ -24,7 +24,7 @@ from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 
 from mbd_sim_ros.diagnosis import diagnosis
-from mbd_sim_ros.loop import Loop, prefer
+from mbd_sim_ros.loop import Loop
 from mbd_sim_ros.messages import Messages
 from mbd_sim_ros.parameters import PARAMETERS, declare, refusal
 from mbd_sim_ros.publish import Publication
@@ -122,7 +122,7 @@ class Simulator(Node):
         """Real-time priority, but not for a loop that never waits: it would keep the processor for itself."""
         priority = self.value('realtime_priority') if self.loop.mode == 'realtime' else 0
         if priority != self._priority:
-            if prefer(priority):
+            if self.loop.prefer(priority):
                 self._priority = priority
             else:
                 self.get_logger().info('no permission for real-time priority (ulimit -r): beside other busy processes steps will be late')
