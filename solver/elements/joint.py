@@ -17,7 +17,27 @@ from solver.elements.marker import Context, Marker, Spec, compile_pairs, finite,
 from solver.elements.point_pair import add_point_pair_tangent, point_position
 from solver.errors import suggestion
 from solver.jit import kernel, sixes
-from solver.lie.vec import add, col, cross, dot, load3, load33, m_cross, mm, mscale, mv, outer, put33, scale, skew, sub, tmv, transpose
+from solver.lie.vec import (
+    add,
+    col,
+    cross,
+    cross_cross,
+    cross_m,
+    dot,
+    load3,
+    load33,
+    m_cross,
+    minus,
+    mscale,
+    mv,
+    outer,
+    put33,
+    scale,
+    sub,
+    tmm,
+    tmv,
+    transpose,
+)
 
 DX, DY, DZ = 0, 1, 2  # component of p_FG along an axis of F
 AXES = 3  # 3 + 3 a + b: F_a . G_b
@@ -101,6 +121,8 @@ class JointTable(NamedTuple):
     r_j: np.ndarray  # (nj, 3)
     F: np.ndarray  # (nj, 3, 3) marker axes in body i
     G: np.ndarray  # (nj, 3, 3)
+    a: np.ndarray  # (nj, 6, 3) the axis of F that a row is about, in body i, if it is about one
+    b: np.ndarray  # (nj, 6, 3) and of G, in body j
     length: np.ndarray  # (nj,)
     slot: np.ndarray  # (nj, 4) blocks ii ij ji jj
 
@@ -116,10 +138,17 @@ def compile_joints(
         row=np.array(first_row, np.int64),
         entry=np.array(entries, np.int64).reshape(n, 2),
         length=np.array([s.length or 0.0 for s in specs], float),
+        a=np.zeros((n, 6, 3)),
+        b=np.zeros((n, 6, 3)),
         **compile_pairs(specs, context)._asdict(),
     )
     for e, spec in enumerate(specs):
         table.code[e, : table.rows[e]] = KINDS[spec.kind]
+        for r, code in enumerate(KINDS[spec.kind]):
+            if code <= DZ:
+                table.a[e, r] = table.F[e][:, code]
+            elif code < TWIST:
+                table.a[e, r], table.b[e, r] = table.F[e][:, (code - AXES) // 3], table.G[e][:, (code - AXES) % 3]
     return table
 
 
@@ -145,77 +174,158 @@ def _put_closed(J, entry, on_i, on_j):
 
 
 @kernel(borrow=True)
-def evaluate_joints(table, kin, gradients, phi, J):
-    """Assign residuals phi (nc,) and, when `gradients`, blocks J (entries + 1, 6, 6): row of the joint x (force in W, torque in B)."""
+def _evaluate_rows(table, kin, e, first_row, gradients, phi, J):
+    """The rows of joint e from `first_row` on, each by its code."""
     J = sixes(J)
-    for e in range(table.rows.shape[0]):
-        i = table.body[e, 0]
-        j = table.body[e, 1]
-        entry = (table.entry[e, 0], table.entry[e, 1])
-        first = table.row[e]
-        R_i = load33(kin.R, i)
-        R_j = load33(kin.R, j)
-        Fl = load33(table.F, e)
-        Gl = load33(table.G, e)
-        r_i = load3(table.r_i, e)
-        r_j = load3(table.r_j, e)
-        d = sub(point_position(kin, j, r_j), point_position(kin, i, r_i))
-        zero = scale(0.0, d)
-        closed = table.code[e, 0] == PX  # the first three rows close all of p_FG
-        if closed:
-            for c in range(3):
-                phi[first + c] = d[c]
+    i = table.body[e, 0]
+    j = table.body[e, 1]
+    entry = (table.entry[e, 0], table.entry[e, 1])
+    R_i = load33(kin.R, i)
+    R_j = load33(kin.R, j)
+    zero = (0.0 * R_i[0], 0.0 * R_i[0], 0.0 * R_i[0])
+    for r in range(first_row, table.rows[e]):
+        code = table.code[e, r]
+        at = table.row[e] + r
+        if AXES <= code < TWIST:
+            a = mv(R_i, load3(table.a[e], r))
+            b = mv(R_j, load3(table.b[e], r))
+            phi[at] = dot(a, b)
             if gradients:
-                _put_closed(J, entry, m_cross(R_i, r_i), m_cross(R_j, r_j))
-        for r in range(3 if closed else 0, table.rows[e]):
-            code = table.code[e, r]
+                turn = cross(a, b)
+                _put_rows(J, entry, r, zero, tmv(R_i, turn), scale(-1.0, tmv(R_j, turn)))
+        elif code == TWIST:
+            Fl = load33(table.F, e)
+            Gl = load33(table.G, e)
+            x = mv(R_i, col(Fl, 0))
+            y = mv(R_i, col(Fl, 1))
+            X = mv(R_j, col(Gl, 0))
+            Y = mv(R_j, col(Gl, 1))
+            phi[at] = dot(x, Y) - dot(y, X)
+            if gradients:
+                turn = sub(cross(x, Y), cross(y, X))
+                _put_rows(J, entry, r, zero, tmv(R_i, turn), scale(-1.0, tmv(R_j, turn)))
+        else:
+            r_i = load3(table.r_i, e)
+            r_j = load3(table.r_j, e)
+            d = sub(point_position(kin, j, r_j), point_position(kin, i, r_i))
             if code <= DZ:
-                E = col(Fl, code)
-                n = mv(R_i, E)
-                phi[first + r] = dot(n, d)
+                a = load3(table.a[e], r)
+                n = mv(R_i, a)
+                phi[at] = dot(n, d)
                 if gradients:
-                    _put_rows(J, entry, r, n, cross(E, add(tmv(R_i, d), r_i)), cross(r_j, tmv(R_j, n)))
-            elif code < TWIST:
-                a = col(Fl, (code - AXES) // 3)
-                b = col(Gl, (code - AXES) % 3)
-                aw = mv(R_i, a)
-                bw = mv(R_j, b)
-                phi[first + r] = dot(aw, bw)
-                if gradients:
-                    _put_rows(J, entry, r, zero, cross(a, tmv(R_i, bw)), cross(b, tmv(R_j, aw)))
-            elif code == TWIST:
-                x = col(Fl, 0)
-                y = col(Fl, 1)
-                X = col(Gl, 0)
-                Y = col(Gl, 1)
-                xw = mv(R_i, x)
-                yw = mv(R_i, y)
-                Xw = mv(R_j, X)
-                Yw = mv(R_j, Y)
-                phi[first + r] = dot(xw, Yw) - dot(yw, Xw)
-                if gradients:
-                    on_i = sub(cross(x, tmv(R_i, Yw)), cross(y, tmv(R_i, Xw)))
-                    on_j = sub(cross(Y, tmv(R_j, xw)), cross(X, tmv(R_j, yw)))
-                    _put_rows(J, entry, r, zero, on_i, on_j)
+                    _put_rows(J, entry, r, n, cross(a, add(tmv(R_i, d), r_i)), cross(r_j, tmv(R_j, n)))
             else:
                 length = np.sqrt(dot(d, d))
-                phi[first + r] = length - table.length[e]
+                phi[at] = length - table.length[e]
                 if gradients:
                     n = scale(1.0 / length, d)
                     _put_rows(J, entry, r, n, scale(-1.0, cross(r_i, tmv(R_i, n))), cross(r_j, tmv(R_j, n)))
 
 
 @kernel(borrow=True)
+def evaluate_joints(table, kin, gradients, phi, J):
+    """Assign residuals phi (nc,) and, when `gradients`, blocks J (entries + 1, 6, 6): row of the joint x (force in W, torque in B)."""
+    J = sixes(J)
+    for e in range(table.rows.shape[0]):
+        closed = 0
+        if table.code[e, 0] == PX:  # the first three rows close all of p_FG
+            i = table.body[e, 0]
+            j = table.body[e, 1]
+            first = table.row[e]
+            r_i = load3(table.r_i, e)
+            r_j = load3(table.r_j, e)
+            d = sub(point_position(kin, j, r_j), point_position(kin, i, r_i))
+            for c in range(3):
+                phi[first + c] = d[c]
+            if gradients:
+                entry = (table.entry[e, 0], table.entry[e, 1])
+                _put_closed(J, entry, m_cross(load33(kin.R, i), r_i), m_cross(load33(kin.R, j), r_j))
+            closed = 3
+        if closed < table.rows[e]:
+            _evaluate_rows(table, kin, e, closed, gradients, phi, J)
+
+
+@kernel(borrow=True)
 def _add_axes_hessian(R_i, R_j, a, b, s_ii, s_ij, s_ji, s_jj, Kq):
     """Second derivative of (R_i a) . (R_j b)."""
-    A = skew(a)
-    B = skew(b)
-    Rij = mm(transpose(R_i), R_j)
-    AR = mm(A, mm(Rij, B))
-    put33(Kq, s_ij, 3, 3, mscale(-1.0, AR))
-    put33(Kq, s_ji, 3, 3, mscale(-1.0, transpose(AR)))
-    put33(Kq, s_ii, 3, 3, mm(A, skew(mv(Rij, b))))
-    put33(Kq, s_jj, 3, 3, mm(B, skew(tmv(Rij, a))))
+    AR = cross_m(a, m_cross(tmm(R_i, R_j), b))
+    put33(Kq, s_ij, 3, 3, minus(AR))
+    put33(Kq, s_ji, 3, 3, minus(transpose(AR)))
+    put33(Kq, s_ii, 3, 3, cross_cross(a, tmv(R_i, mv(R_j, b))))
+    put33(Kq, s_jj, 3, 3, cross_cross(b, tmv(R_j, mv(R_i, a))))
+
+
+@kernel(borrow=True)
+def _add_rows_hessian(table, kin, e, first_row, lam, Kq, Kv_trash):
+    """The geometric stiffness of the rows of joint e from `first_row` on."""
+    Kq = sixes(Kq)
+    i = table.body[e, 0]
+    j = table.body[e, 1]
+    s_ii = table.slot[e, 0]
+    s_ij = table.slot[e, 1]
+    s_ji = table.slot[e, 2]
+    s_jj = table.slot[e, 3]
+    R_i = load33(kin.R, i)
+    R_j = load33(kin.R, j)
+    N = (0.0, 0.0, 0.0)
+    to_x = (0.0, 0.0, 0.0)
+    to_y = (0.0, 0.0, 0.0)
+    to_z = (0.0, 0.0, 0.0)
+    points = False
+    axes = False
+    for r in range(first_row, table.rows[e]):
+        code = table.code[e, r]
+        m = lam[table.row[e] + r]
+        if code <= DZ:
+            N = add(N, scale(m, load3(table.a[e], r)))
+            points = True
+        elif code < TWIST:
+            # sum over rows m F_a . G_b, gathered by b: one second derivative for all rows that share G_b
+            a = scale(m, load3(table.a[e], r))
+            axes = True
+            if (code - AXES) % 3 == 0:
+                to_x = add(to_x, a)
+            elif (code - AXES) % 3 == 1:
+                to_y = add(to_y, a)
+            else:
+                to_z = add(to_z, a)
+        elif code == TWIST:
+            axes = True
+            Fl = load33(table.F, e)
+            to_y = add(to_y, scale(m, col(Fl, 0)))
+            to_x = add(to_x, scale(-m, col(Fl, 1)))
+        else:
+            r_i = load3(table.r_i, e)
+            r_j = load3(table.r_j, e)
+            d = sub(point_position(kin, j, r_j), point_position(kin, i, r_i))
+            length = np.sqrt(dot(d, d))
+            n = scale(1.0 / length, d)
+            t = m / length
+            D = mscale(-t, outer(n, n))
+            D = (D[0] + t, D[1], D[2], D[3], D[4] + t, D[5], D[6], D[7], D[8] + t)
+            add_point_pair_tangent(kin, i, j, r_i, r_j, scale(m, n), D, mscale(0.0, D), s_ii, s_ij, s_ji, s_jj, Kq, Kv_trash)
+    if axes:
+        Gl = load33(table.G, e)
+        for b in range(3):
+            a = to_x if b == 0 else (to_y if b == 1 else to_z)
+            if dot(a, a) > 0.0:
+                _add_axes_hessian(R_i, R_j, a, col(Gl, b), s_ii, s_ij, s_ji, s_jj, Kq)
+    if points:
+        # force R_i N on j at r_j, the opposite on i at the same point: torque N x (R_i^T d + r_i)
+        r_i = load3(table.r_i, e)
+        r_j = load3(table.r_j, e)
+        d = sub(point_position(kin, j, r_j), point_position(kin, i, r_i))
+        B = m_cross(R_i, N)
+        put33(Kq, s_ji, 0, 3, minus(B))
+        put33(Kq, s_ii, 0, 3, B)
+        Rji = tmm(R_j, R_i)
+        put33(Kq, s_ji, 3, 3, minus(cross_m(r_j, m_cross(Rji, N))))
+        put33(Kq, s_jj, 3, 3, cross_cross(r_j, mv(Rji, N)))
+        NR = cross_m(N, transpose(R_i))
+        put33(Kq, s_ij, 3, 0, NR)
+        put33(Kq, s_ij, 3, 3, minus(cross_m(N, m_cross(transpose(Rji), r_j))))
+        put33(Kq, s_ii, 3, 0, minus(NR))
+        put33(Kq, s_ii, 3, 3, cross_cross(N, add(tmv(R_i, d), r_i)))
 
 
 @kernel(borrow=True)
@@ -223,74 +333,13 @@ def add_joint_hessians(table, kin, lam, Kq, Kv_trash):
     """Add the geometric stiffness d(A^T lam)/dq of all joints to Kq. Kv_trash is scratch with the shape of Kq."""
     Kq = sixes(Kq)
     for e in range(table.rows.shape[0]):
-        i = table.body[e, 0]
-        j = table.body[e, 1]
-        s_ii = table.slot[e, 0]
-        s_ij = table.slot[e, 1]
-        s_ji = table.slot[e, 2]
-        s_jj = table.slot[e, 3]
-        R_i = load33(kin.R, i)
-        R_j = load33(kin.R, j)
-        Fl = load33(table.F, e)
-        Gl = load33(table.G, e)
-        r_i = load3(table.r_i, e)
-        r_j = load3(table.r_j, e)
-        N = (0.0, 0.0, 0.0)
-        P = (0.0, 0.0, 0.0)
-        to_x = (0.0, 0.0, 0.0)
-        to_y = (0.0, 0.0, 0.0)
-        to_z = (0.0, 0.0, 0.0)
-        points = False
-        closed = table.code[e, 0] == PX
-        if closed:
-            P = (lam[table.row[e]], lam[table.row[e] + 1], lam[table.row[e] + 2])
-        for r in range(3 if closed else 0, table.rows[e]):
-            code = table.code[e, r]
-            m = lam[table.row[e] + r]
-            if code <= DZ:
-                N = add(N, scale(m, col(Fl, code)))
-                points = True
-            elif code < TWIST:
-                # sum over rows m F_a . G_b, gathered by b: one second derivative for all rows that share G_b
-                a = scale(m, col(Fl, (code - AXES) // 3))
-                if (code - AXES) % 3 == 0:
-                    to_x = add(to_x, a)
-                elif (code - AXES) % 3 == 1:
-                    to_y = add(to_y, a)
-                else:
-                    to_z = add(to_z, a)
-            elif code == TWIST:
-                to_y = add(to_y, scale(m, col(Fl, 0)))
-                to_x = add(to_x, scale(-m, col(Fl, 1)))
-            else:
-                d = sub(point_position(kin, j, r_j), point_position(kin, i, r_i))
-                length = np.sqrt(dot(d, d))
-                n = scale(1.0 / length, d)
-                t = m / length
-                D = mscale(-t, outer(n, n))
-                D = (D[0] + t, D[1], D[2], D[3], D[4] + t, D[5], D[6], D[7], D[8] + t)
-                add_point_pair_tangent(kin, i, j, r_i, r_j, scale(m, n), D, mscale(0.0, D), s_ii, s_ij, s_ji, s_jj, Kq, Kv_trash)
-        for b in range(3):
-            a = to_x if b == 0 else (to_y if b == 1 else to_z)
-            if dot(a, a) > 0.0:
-                _add_axes_hessian(R_i, R_j, a, col(Gl, b), s_ii, s_ij, s_ji, s_jj, Kq)
-        if closed:
+        closed = 0
+        if table.code[e, 0] == PX:
             # force P on j at r_j and -P on i at r_i
-            put33(Kq, s_jj, 3, 3, mm(skew(r_j), skew(tmv(R_j, P))))
-            put33(Kq, s_ii, 3, 3, mscale(-1.0, mm(skew(r_i), skew(tmv(R_i, P)))))
-        if points:
-            # force R_i N on j at r_j, the opposite on i at the same point: torque N x (R_i^T d + r_i)
-            d = sub(point_position(kin, j, r_j), point_position(kin, i, r_i))
-            arm = add(tmv(R_i, d), r_i)
-            B = mscale(-1.0, mm(R_i, skew(N)))
-            put33(Kq, s_ji, 0, 3, B)
-            put33(Kq, s_ii, 0, 3, mscale(-1.0, B))
-            Rij = mm(transpose(R_i), R_j)
-            S = mm(skew(r_j), transpose(Rij))
-            put33(Kq, s_ji, 3, 3, mscale(-1.0, mm(S, skew(N))))
-            put33(Kq, s_jj, 3, 3, mm(skew(r_j), skew(tmv(Rij, N))))
-            NR = mm(skew(N), transpose(R_i))
-            put33(Kq, s_ij, 3, 0, NR)
-            put33(Kq, s_ij, 3, 3, mscale(-1.0, mm(skew(N), mm(Rij, skew(r_j)))))
-            put33(Kq, s_ii, 3, 0, mscale(-1.0, NR))
-            put33(Kq, s_ii, 3, 3, mm(skew(N), skew(arm)))
+            first = table.row[e]
+            P = (lam[first], lam[first + 1], lam[first + 2])
+            put33(Kq, table.slot[e, 3], 3, 3, cross_cross(load3(table.r_j, e), tmv(load33(kin.R, table.body[e, 1]), P)))
+            put33(Kq, table.slot[e, 0], 3, 3, minus(cross_cross(load3(table.r_i, e), tmv(load33(kin.R, table.body[e, 0]), P))))
+            closed = 3
+        if closed < table.rows[e]:
+            _add_rows_hessian(table, kin, e, closed, lam, Kq, Kv_trash)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from solver.jit import kernel
-from solver.lie.vec import add, cross, dot, madd, mm, mscale, scale, skew
+from solver.lie.vec import add, cross, cross_cross, dot, madd, mscale, scale, skew
 
 _IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 _SERIES_BELOW = 1e-2  # x^2 below which the power series (four terms) are exact to double precision
@@ -35,16 +35,14 @@ def _coefficients(x):
 def exp(x):
     """Rotation matrix of the rotation vector x [rad]."""
     a, b, _ = _coefficients(x)
-    k = skew(x)
-    return madd(_IDENTITY, madd(mscale(a, k), mscale(b, mm(k, k))))
+    return madd(_IDENTITY, madd(mscale(a, skew(x)), mscale(b, cross_cross(x, x))))
 
 
 @kernel(inline=True)
 def right_jacobian(x):
     """T(x) with exp(x + dx) = exp(x) exp(T(x) dx) to first order."""
     _, b, c = _coefficients(x)
-    k = skew(x)
-    return madd(_IDENTITY, madd(mscale(-b, k), mscale(c, mm(k, k))))
+    return madd(_IDENTITY, madd(mscale(-b, skew(x)), mscale(c, cross_cross(x, x))))
 
 
 @kernel(inline=True)
@@ -69,8 +67,7 @@ def inverse_jacobian_coefficients(s):
 def right_jacobian_inverse(x):
     """Inverse of right_jacobian(x); its transpose is the inverse left Jacobian."""
     e, _ = inverse_jacobian_coefficients(dot(x, x))
-    k = skew(x)
-    return madd(_IDENTITY, madd(mscale(0.5, k), mscale(e, mm(k, k))))
+    return madd(_IDENTITY, madd(mscale(0.5, skew(x)), mscale(e, cross_cross(x, x))))
 
 
 @kernel(borrow=True)

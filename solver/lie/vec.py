@@ -171,6 +171,17 @@ def m_cross(m, a):
 
 
 @kernel(inline=True)
+def cross_cross(a, b):
+    """Matrix skew(a) skew(b) = b a^T - (a . b) 1."""
+    s = dot(a, b)
+    return (
+        b[0] * a[0] - s, b[0] * a[1], b[0] * a[2],
+        b[1] * a[0], b[1] * a[1] - s, b[1] * a[2],
+        b[2] * a[0], b[2] * a[1], b[2] * a[2] - s,
+    )  # fmt: skip
+
+
+@kernel(inline=True)
 def msub(a, b):
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2], a[3] - b[3], a[4] - b[4], a[5] - b[5], a[6] - b[6], a[7] - b[7], a[8] - b[8])
 
