@@ -226,6 +226,37 @@ combined_block = _rotated(True)
 
 
 @intrinsic
+def add_scaled_rows(typing_context, f, b, sign, weights, first, count, J, e):
+    """f[b] += sign * sum over r below count of weights[first + r] J[e, r]; f is (n, 6), J (m, 6, 6)."""
+
+    def generate(context, builder, signature, args):
+        kinds, word = signature.args, ir.IntType(64)
+        f_, b_, sign_, weights_, first_, count_, J_, e_ = args
+        six = ir.VectorType(ir.DoubleType(), 6)
+        fma = cgutils.get_or_insert_function(builder.module, ir.FunctionType(six, [six] * 3), 'llvm.fma.v6f64')
+
+        def numbers(kind, array, offset):
+            data = builder.gep(context.make_array(kind)(context, builder, array).data, [offset])
+            return builder.bitcast(data, ir.PointerType(six))
+
+        target = numbers(kinds[0], f_, builder.mul(b_, ir.Constant(word, 6)))
+        base = builder.mul(e_, ir.Constant(word, 36))
+        weight = context.make_array(kinds[3])(context, builder, weights_).data
+        undefined, lanes = ir.Constant(six, ir.Undefined), ir.Constant(ir.VectorType(ir.IntType(32), 6), [0] * 6)
+        total = cgutils.alloca_once_value(builder, builder.load(target, align=8))
+        with cgutils.for_range(builder, count_, intp=word) as loop:
+            factor = builder.fmul(sign_, builder.load(builder.gep(weight, [builder.add(first_, loop.index)])))
+            factors = builder.shuffle_vector(builder.insert_element(undefined, factor, ir.Constant(ir.IntType(32), 0)), undefined, lanes)
+            row = numbers(kinds[6], J_, builder.add(base, builder.mul(loop.index, ir.Constant(word, 6))))
+            builder.store(builder.call(fma, [factors, builder.load(row, align=8), builder.load(total)]), total)
+        builder.store(builder.load(total), target, align=8)
+        return context.get_dummy_value()
+
+    integer = types.int64
+    return types.none(f, integer, types.float64, weights, integer, integer, J, integer), generate
+
+
+@intrinsic
 def subtract_weighted_rows(typing_context, x, b, J, e, t, first):
     """x[b] -= sum over the six rows r of t[first + r] J[e, r]; x is (n, WIDTH), J (m, 6, 6), t goes on for six more numbers."""
 

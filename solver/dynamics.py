@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from solver.blocks import add_scaled_rows
 from solver.elements.aero_drag import aero_drag_forces
 from solver.elements.applied_force import applied_force_forces
 from solver.elements.brake import brake_forces
@@ -18,6 +19,7 @@ from solver.elements.rigid_body import body_forces
 from solver.elements.spring_damper import spring_damper_forces
 from solver.elements.tire_pacejka import tire_forces
 from solver.jit import address_of, invoke, kernel
+from solver.lie.vec import dot
 from solver.linear import factorize, solve
 from solver.model.compile import compile_model
 from solver.model.spec import ModelSpec
@@ -182,25 +184,21 @@ def add_constraint_forces(constraints, J, lam, sign, f):
         first = constraints.row[g]
         rows = constraints.row[g + 1] - first
         for e in range(constraints.entry[g], constraints.entry[g + 1]):
-            b = constraints.body[e]
-            for r in range(rows):
-                m = sign * lam[first + r]
-                for c in range(6):
-                    f[b, c] += m * J[e, r, c]
+            add_scaled_rows(f, constraints.body[e], sign, lam, first, rows, J, e)
 
 
 @kernel(borrow=True)
 def constraint_rates(constraints, J, v, rate):
     """rate (nc,) = A v."""
+    for i in range(rate.shape[0]):
+        rate[i] = 0.0
     for g in range(constraints.row.shape[0] - 1):
         first = constraints.row[g]
         rows = constraints.row[g + 1] - first
-        for r in range(rows):
-            rate[first + r] = 0.0
         for e in range(constraints.entry[g], constraints.entry[g + 1]):
             b = constraints.body[e]
+            linear = (v[b, 0], v[b, 1], v[b, 2])
+            turn = (v[b, 3], v[b, 4], v[b, 5])
             for r in range(rows):
-                s = 0.0
-                for c in range(6):
-                    s += J[e, r, c] * v[b, c]
-                rate[first + r] += s
+                along = dot((J[e, r, 0], J[e, r, 1], J[e, r, 2]), linear)
+                rate[first + r] += along + dot((J[e, r, 3], J[e, r, 4], J[e, r, 5]), turn)

@@ -65,18 +65,22 @@ def new_saddle(model, form: int) -> Saddle:
 def effective_masses(tables, J, m):
     """m (nc,) = 1 / (a_R M^-1 a_R^T) of every row, from Jacobian blocks J."""
     con = tables.constraints
+    for i in range(m.shape[0]):
+        m[i] = 0.0
     for g in range(con.row.shape[0] - 1):
         first = con.row[g]
-        for r in range(con.row[g + 1] - first):
-            s = 0.0
-            for e in range(con.entry[g], con.entry[g + 1]):
-                b = con.body[e]
-                M = load33(tables.penalty_inverse_inertia, b)  # symmetric
+        rows = con.row[g + 1] - first
+        for e in range(con.entry[g], con.entry[g + 1]):
+            b = con.body[e]
+            mass = tables.penalty_inverse_mass[b]
+            M = load33(tables.penalty_inverse_inertia, b)  # symmetric
+            for r in range(rows):
                 x, y, z = J[e, r, 3], J[e, r, 4], J[e, r, 5]
                 linear = J[e, r, 0] * J[e, r, 0] + J[e, r, 1] * J[e, r, 1] + J[e, r, 2] * J[e, r, 2]
                 angular = x * (M[0] * x + 2.0 * (M[1] * y + M[2] * z)) + (y * (M[4] * y + 2.0 * M[5] * z) + M[8] * z * z)
-                s += tables.penalty_inverse_mass[b] * linear + angular
-            m[first + r] = 1.0 / s if s > 0.0 else 1.0
+                m[first + r] += mass * linear + angular
+    for i in range(m.shape[0]):
+        m[i] = 1.0 / m[i] if m[i] > 0.0 else 1.0
 
 
 @kernel(borrow=True)

@@ -26,10 +26,14 @@ from solver.lie.vec import (
     add3,
     col,
     cross,
+    cross_cross,
+    cross_m,
     dot,
     load3,
     load33,
+    m_cross,
     madd,
+    minus,
     mm,
     mscale,
     mv,
@@ -90,6 +94,27 @@ def _arctan2_of_type(s, c):
     return (lambda s, c: np.arctan2(s, c)) if s is types.float64 else _arctan2  # noqa: PLW0108
 
 
+@kernel(inline=True)
+def _continued(x, before):
+    """The angle x, which is known but for whole turns, next to the one before [rad]."""
+    return x + TWO_PI * np.round((before - x.real) / TWO_PI)
+
+
+@kernel(borrow=True)
+def coordinate_value(table, kin, k, angle):
+    """Value of coordinate k; angle (nx,) as for evaluate_coordinate."""
+    i = table.body[k, 0]
+    j = table.body[k, 1]
+    F = load33(table.F, k)
+    n = mv(load33(kin.R, i), col(F, 2))
+    if table.kind[k] == TRANSLATION:
+        return dot(n, sub(point_position(kin, j, load3(table.r_j, k)), point_position(kin, i, load3(table.r_i, k))))
+    x, y = mv(load33(kin.R, i), col(F, 0)), mv(load33(kin.R, i), col(F, 1))
+    G = load33(table.G, k)
+    X, Y = mv(load33(kin.R, j), col(G, 0)), mv(load33(kin.R, j), col(G, 1))
+    return _continued(_arctan2(dot(y, X) - dot(x, Y), dot(x, X) + dot(y, Y)), angle[k])
+
+
 @kernel(borrow=True)
 def evaluate_coordinate(table, kin, k, angle):
     """Return (x, g_i, g_j): value of coordinate k and its gradients, each a pair (force row in W, torque row in B).
@@ -115,8 +140,7 @@ def evaluate_coordinate(table, kin, k, angle):
     G = mm(R_j, load33(table.G, k))
     s = dot(col(F, 1), col(G, 0)) - dot(col(F, 0), col(G, 1))
     c = dot(col(F, 0), col(G, 0)) + dot(col(F, 1), col(G, 1))
-    raw = _arctan2(s, c)
-    x = raw + TWO_PI * np.round((angle[k] - raw.real) / TWO_PI)
+    x = _continued(_arctan2(s, c), angle[k])
     m = col(G, 2)
     g = scale(1.0 / (1.0 + dot(n, m)), add(n, m))
     zero = scale(0.0, g)
@@ -218,27 +242,26 @@ def add_coordinate_hessian(table, kin, k, Q, Kq):
         d = sub(point_position(kin, j, r_j), point_position(kin, i, r_i))
         e = add(tmv(R_i, d), r_i)
         # force on j: Q n, dn = -R_i [N] dtheta_i ; on i: the opposite
-        B = mscale(-Q, mm(R_i, skew(N)))
+        B = mscale(-Q, m_cross(R_i, N))
         put33(Kq, s_ji, 0, 3, B)
-        put33(Kq, s_ii, 0, 3, mscale(-1.0, B))
+        put33(Kq, s_ii, 0, 3, minus(B))
         # torque on j: r_j x R_j^T Q n
-        S_j = mm(skew(r_j), transpose(R_j))
-        put33(Kq, s_ji, 3, 3, mm(S_j, B))
-        put33(Kq, s_jj, 3, 3, mscale(Q, mm(skew(r_j), skew(tmv(R_j, n)))))
+        put33(Kq, s_ji, 3, 3, cross_m(r_j, tmm(R_j, B)))
+        put33(Kq, s_jj, 3, 3, mscale(Q, cross_cross(r_j, tmv(R_j, n))))
         # torque on i: Q N x (R_i^T d + r_i); d(R_i^T d) = R_i^T (dp_j - U_j dtheta_j - dp_i + U_i dtheta_i) + (R_i^T d) x dtheta_i
-        P = mscale(Q, mm(skew(N), transpose(R_i)))
+        P = mscale(Q, cross_m(N, transpose(R_i)))
         put33(Kq, s_ij, 3, 0, P)
-        put33(Kq, s_ij, 3, 3, mscale(-1.0, mm(P, mm(R_j, skew(r_j)))))
-        put33(Kq, s_ii, 3, 0, mscale(-1.0, P))
-        put33(Kq, s_ii, 3, 3, mscale(Q, mm(skew(N), skew(e))))
+        put33(Kq, s_ij, 3, 3, minus(m_cross(mm(P, R_j), r_j)))
+        put33(Kq, s_ii, 3, 0, minus(P))
+        put33(Kq, s_ii, 3, 3, mscale(Q, cross_cross(N, e)))
         return
     M = col(load33(table.G, k), 2)
     m = mv(R_j, M)
     q = 1.0 / (1.0 + dot(n, m))
     g = scale(q, add(n, m))
     # dn = E_i dtheta_i, dm = E_j dtheta_j ; dg = q (dn + dm) - q g (m.dn + n.dm)
-    E_i = mscale(-1.0, mm(R_i, skew(N)))
-    E_j = mscale(-1.0, mm(R_j, skew(M)))
+    E_i = minus(m_cross(R_i, N))
+    E_j = minus(m_cross(R_j, M))
     A_i = madd(mscale(q, E_i), mscale(-q, outer(g, mv(transpose(E_i), m))))
     A_j = madd(mscale(q, E_j), mscale(-q, outer(g, mv(transpose(E_j), n))))
     put33(Kq, s_jj, 3, 3, mscale(Q, madd(tmm(R_j, A_j), skew(tmv(R_j, g)))))

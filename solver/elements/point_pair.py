@@ -7,7 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.jit import kernel
-from solver.lie.vec import add3, cross, cross_m, load3, load33, m_cross, madd, minus, mm, put33, skew, tmm, tmv
+from solver.lie.rows import add_block, add_rows, cross_rows, mul_rows, rows, sub_block, sub_rows
+from solver.lie.vec import add3, cross, cross_cross, load3, load33, m_cross, mscale, tmv, transpose
 
 
 class Kinematics(NamedTuple):
@@ -64,27 +65,24 @@ def add_point_force(kin, b, r, F, f):
 
 
 @kernel(inline=True)
-def _add_columns(R_i, R_j, r_i, r_j, dF, s_j, s_i, column, K):
-    """Add the variation dF of a force on j and its reaction on i, with their torques, to three columns of the blocks."""
-    put33(K, s_j, 0, column, dF)
-    put33(K, s_j, 3, column, cross_m(r_j, tmm(R_j, dF)))
-    put33(K, s_i, 0, column, minus(dF))
-    put33(K, s_i, 3, column, minus(cross_m(r_i, tmm(R_i, dF))))
+def _add_variations(R_i, R_j, r_i, r_j, D, on_j, on_i, turn_j, turn_i, s_ii, s_ij, s_ji, s_jj, K):
+    """Add the variations of a force on j and of its reaction on i, with their torques, to the blocks K; all matrices are rows.
 
-
-@kernel(inline=True)
-def _add_translations(R_i, R_j, r_i, r_j, dF, s_ii, s_ij, s_ji, s_jj, K):
-    """The same for the columns of the translations of j and of i, where the variation is dF and its opposite."""
-    on_j = cross_m(r_j, tmm(R_j, dF))
-    on_i = cross_m(r_i, tmm(R_i, dF))
-    put33(K, s_jj, 0, 0, dF)
-    put33(K, s_jj, 3, 0, on_j)
-    put33(K, s_ij, 0, 0, minus(dF))
-    put33(K, s_ij, 3, 0, minus(on_i))
-    put33(K, s_ji, 0, 0, minus(dF))
-    put33(K, s_ji, 3, 0, minus(on_j))
-    put33(K, s_ii, 0, 0, dF)
-    put33(K, s_ii, 3, 0, on_i)
+    D of the force with the translation of j (its opposite with that of i), on_j with the turn of j, on_i of the reaction with the turn
+    of i; turn_j and turn_i of the torques with the turns beyond that.
+    """
+    back_i = transpose(R_i)
+    back_j = transpose(R_j)
+    p_j = cross_rows(r_j, mul_rows(back_j, D))
+    p_i = cross_rows(r_i, mul_rows(back_i, D))
+    add_block(K, s_jj, 0, D, on_j)
+    add_block(K, s_jj, 3, p_j, add_rows(cross_rows(r_j, mul_rows(back_j, on_j)), turn_j))
+    sub_block(K, s_ij, 0, D, on_j)
+    sub_block(K, s_ij, 3, p_i, cross_rows(r_i, mul_rows(back_i, on_j)))
+    sub_block(K, s_ji, 0, D, on_i)
+    sub_block(K, s_ji, 3, p_j, cross_rows(r_j, mul_rows(back_j, on_i)))
+    add_block(K, s_ii, 0, D, on_i)
+    add_block(K, s_ii, 3, p_i, sub_rows(cross_rows(r_i, mul_rows(back_i, on_i)), turn_i))
 
 
 @kernel(borrow=True)
@@ -96,17 +94,16 @@ def add_point_pair_tangent(kin, i, j, r_i, r_j, F, D, C, s_ii, s_ij, s_ji, s_jj,
     R_i = load33(kin.R, i)
     R_j = load33(kin.R, j)
     # d p_P / d theta_i = -U_i and d v_P / d theta_i = -N_i; the same for Q and j
-    U_i = m_cross(R_i, r_i)
-    U_j = m_cross(R_j, r_j)
-    N_i = m_cross(R_i, cross(angular_velocity(kin, i), r_i))
-    N_j = m_cross(R_j, cross(angular_velocity(kin, j), r_j))
-    turn_j = cross_m(r_j, skew(tmv(R_j, F)))
-    turn_i = cross_m(r_i, skew(tmv(R_i, F)))
-    put33(Kq, s_jj, 3, 3, turn_j)
-    put33(Kq, s_ii, 3, 3, minus(turn_i))
-    _add_translations(R_i, R_j, r_i, r_j, D, s_ii, s_ij, s_ji, s_jj, Kq)
-    _add_columns(R_i, R_j, r_i, r_j, minus(madd(mm(D, U_j), mm(C, N_j))), s_jj, s_ij, 3, Kq)
-    _add_columns(R_i, R_j, r_i, r_j, madd(mm(D, U_i), mm(C, N_i)), s_ji, s_ii, 3, Kq)
-    _add_translations(R_i, R_j, r_i, r_j, C, s_ii, s_ij, s_ji, s_jj, Kv)
-    _add_columns(R_i, R_j, r_i, r_j, minus(mm(C, U_j)), s_jj, s_ij, 3, Kv)
-    _add_columns(R_i, R_j, r_i, r_j, mm(C, U_i), s_ji, s_ii, 3, Kv)
+    U_i = rows(m_cross(R_i, r_i))
+    U_j = rows(m_cross(R_j, r_j))
+    N_i = rows(m_cross(R_i, cross(angular_velocity(kin, i), r_i)))
+    N_j = rows(m_cross(R_j, cross(angular_velocity(kin, j), r_j)))
+    none = rows(mscale(0.0, D))
+    turn_j = rows(cross_cross(r_j, tmv(R_j, F)))
+    turn_i = rows(cross_cross(r_i, tmv(R_i, F)))
+    on_j = sub_rows(none, add_rows(mul_rows(D, U_j), mul_rows(C, N_j)))
+    on_i = sub_rows(none, add_rows(mul_rows(D, U_i), mul_rows(C, N_i)))
+    _add_variations(R_i, R_j, r_i, r_j, rows(D), on_j, on_i, turn_j, turn_i, s_ii, s_ij, s_ji, s_jj, Kq)
+    on_j = sub_rows(none, mul_rows(C, U_j))
+    on_i = sub_rows(none, mul_rows(C, U_i))
+    _add_variations(R_i, R_j, r_i, r_j, rows(C), on_j, on_i, none, none, s_ii, s_ij, s_ji, s_jj, Kv)

@@ -11,7 +11,7 @@ import numpy as np
 from solver.elements.marker import IDENTITY, WORLD, Quaternion, Spec, Vector, finite, require, unit_quaternion, vector
 from solver.elements.point_pair import angular_velocity
 from solver.jit import kernel
-from solver.lie.vec import add3, cross, load33, madd, mm, mscale, mv, put33, scale, skew
+from solver.lie.vec import add3, cross, cross_m, load33, msub, mv, put33, scale, skew
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,4 +88,4 @@ def body_forces(table, kin, tangents, f, Kv):
         add3(f, b, 0, (table.mass[b] * table.gravity[0], table.mass[b] * table.gravity[1], table.mass[b] * table.gravity[2]))
         add3(f, b, 3, scale(-1.0, cross(w, h)))
         if tangents:
-            put33(Kv, table.slot[b], 3, 3, madd(skew(h), mscale(-1.0, mm(skew(w), J))))
+            put33(Kv, table.slot[b], 3, 3, msub(skew(h), cross_m(w, J)))

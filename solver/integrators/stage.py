@@ -6,7 +6,7 @@ import numpy as np
 
 from solver.jit import kernel
 from solver.lie.so3 import matrix_of_quaternion, quaternion_corrected, quaternion_exp, quaternion_product, right_jacobian
-from solver.lie.vec import scale, store33
+from solver.lie.vec import load33, mv, scale, store33
 
 AT_END, BOTH, WITH_TANGENTS = 0, 1, 2  # what place assigns
 
@@ -95,9 +95,14 @@ def place(tables, c, s0, a1, q1, what, work):
 def momentum_residual(tables, c, a0, a1, f, r):
     """r = M ((1 - am) a1 + am a0) - f."""
     bodies = tables.bodies
+    late = 1.0 - c.am
     for b in range(bodies.mass.shape[0]):
+        mass = bodies.mass[b]
+        J = load33(bodies.inertia, b)
+        change = mv(J, (late * a1[b, 3] + c.am * a0[b, 3], late * a1[b, 4] + c.am * a0[b, 4], late * a1[b, 5] + c.am * a0[b, 5]))
+        force = (f[b, 0], f[b, 1], f[b, 2])
+        torque = (f[b, 3], f[b, 4], f[b, 5])
+        momentum = (late * a1[b, 0] + c.am * a0[b, 0], late * a1[b, 1] + c.am * a0[b, 1], late * a1[b, 2] + c.am * a0[b, 2])
         for i in range(3):
-            r[b, i] = bodies.mass[b] * ((1.0 - c.am) * a1[b, i] + c.am * a0[b, i]) - f[b, i]
-            r[b, 3 + i] = -f[b, 3 + i]
-            for j in range(3):
-                r[b, 3 + i] += bodies.inertia[b, i, j] * ((1.0 - c.am) * a1[b, 3 + j] + c.am * a0[b, 3 + j])
+            r[b, i] = mass * momentum[i] - force[i]
+            r[b, 3 + i] = change[i] - torque[i]

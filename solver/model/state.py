@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.elements.coordinate import evaluate_coordinate
+from solver.elements.coordinate import coordinate_value
 from solver.elements.point_pair import Kinematics
 from solver.jit import kernel
 from solver.lie.so3 import matrix_of_quaternion
@@ -85,8 +85,7 @@ def kinematics_of(q: np.ndarray, v: np.ndarray) -> Ref:
 def update_angles(coordinates, kin, angle):
     """Advance the unwrapped values of all joint coordinates to the configuration of kin."""
     for k in range(coordinates.kind.shape[0]):
-        x, _, _ = evaluate_coordinate(coordinates, kin, k, angle)
-        angle[k] = x
+        angle[k] = coordinate_value(coordinates, kin, k, angle)
 
 
 def save_state(state: State, k: int, extra: dict[str, np.ndarray] | None = None) -> bytes:
