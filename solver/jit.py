@@ -113,6 +113,7 @@ def sixes(typing_context, array):
     def generate(context, builder, signature, args):
         from llvmlite import ir
         from numba.core import cgutils
+        from numba.core.imputils import impl_ret_borrowed
 
         kind = signature.args[0]
         word = ir.IntType(64)
@@ -122,7 +123,7 @@ def sixes(typing_context, array):
         strides = [ir.Constant(word, size * 6 ** (kind.ndim - 1 - k)) for k in range(kind.ndim)]
         known.shape = cgutils.pack_array(builder, [first, *[ir.Constant(word, 6)] * (kind.ndim - 1)], ty=word)
         known.strides = cgutils.pack_array(builder, strides, ty=word)
-        return known._getvalue()
+        return impl_ret_borrowed(context, builder, signature.return_type, known._getvalue())  # counted, where references are
 
     return array(array), generate
 
