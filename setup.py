@@ -43,8 +43,8 @@ setup(
         'ros': ['ros-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps-cpp'],
         # The integrators reference_bdf, reference_radau (scipy_dae) and reference_ida (SUNDIALS).
         'references': ['scipy_dae', 'scikit-sundae'],
-        # The peer of `mbd study work_precision` and `mbd bench`.
-        'bench': ['exudyn'],
+        # The peers of `mbd study work_precision` (exudyn) and `mbd bench`.
+        'bench': ['exudyn', 'mujoco'],
         # colcon reads package.xml with catkin_pkg; setuptools 80 dropped what `colcon build --symlink-install` calls.
         'test': [
             'pytest',

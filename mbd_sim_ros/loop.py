@@ -34,8 +34,9 @@ class Stepper(Protocol):
 
     h_ns: int
     k: int
-    t_ns: int
 
+    @property
+    def t_ns(self) -> int: ...
     def snapshot(self) -> Snapshot: ...
     def advance(self, n: int = 1, inputs: np.ndarray | None = None) -> Snapshot: ...
 

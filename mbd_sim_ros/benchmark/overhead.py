@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import resource
 import subprocess
@@ -16,35 +17,44 @@ from typing import Any
 import numpy as np
 
 from mbd_sim_ros.batch import record, warm_up
+from mbd_sim_ros.benchmark.machine import on_all_cores
+from mbd_sim_ros.loop import Loop
 from mbd_sim_ros.messages import Messages, Topic
+from mbd_sim_ros.node import SWITCH
+from mbd_sim_ros.recorder import Recorder
 from solver.scene import load_scene
 from solver.simulation import Simulation
 from solver.snapshot import Snapshot
 
+PIECES = {
+    'step': 'advance(1) in the loop, every step',
+    'encode': 'from the snapshot to the bytes of all messages, in the steps that publish',
+    'publish': 'handing the bytes to rclpy (0 in a loop that only records), in the same steps',
+    'record': 'handing the bytes to the recorder, in the same steps',
+    'overhead': 'encode + publish + record, what the simulation thread pays for such a step',
+}
 FIGURES = {
-    'step': 'advance(1) in the paced loop: median',
-    'encode': 'from the snapshot to the bytes of all messages: median',
-    'publish': 'handing the bytes to rclpy: median (0 in a loop that only records)',
-    'record': 'handing the bytes to the recorder: median',
-    'overhead_p50': 'encode + publish + record, what the simulation thread pays: median',
-    'overhead_p99': '99th percentile of the same',
-    'overhead_max': 'largest of the same',
+    **{f'{name}_{at}': f'{text}: {what}' for name, text in PIECES.items() for at, what in (('p50', 'median'), ('p99', '99th percentile'))},
+    'overhead_max': 'the same: largest',
+    'late': 'steps that ended, messages included, after the next one was due [%]',
     'other_threads': 'mean CPU time per step of all other threads: deliveries to the recording process, and middleware',
     'recording': 'mean CPU time per step of the recording process: writing, compression, the end of the file',
 }
+PRIORITY = 10  # real-time priority, where the system permits it; the node's by default
 DOMAIN = 101  # ROS domain of its own: nothing on the network listens to a benchmark
 DISCOVERY_SECONDS = 10.0
 LISTEN = 'import sys; from mbd_sim_ros.benchmark.overhead import listen; listen(sys.argv[1:])'
 
 
 class Overhead:
-    """Measures one case, some steps per round in real time at the step of the scene.
+    """Measures one case in the loop of the node in real time: a step whenever one is due, messages after every `publish_every`-th.
 
-    publish: also with rclpy, to one reader in a process of its own. Raises SceneError, SpecError or ConsistencyError on
-    construction (ImportError without rclpy), StepError or BagError from round().
+    In between only the inputs are recorded, without which a run could not be replayed. publish: also with rclpy, to one reader in a process
+    of its own. Raises SceneError, SpecError or ConsistencyError on construction (ImportError without rclpy), StepError or BagError from
+    round().
     """
 
-    def __init__(self, scene: str, overrides: Sequence[str], *, publish: bool) -> None:
+    def __init__(self, scene: str, overrides: Sequence[str], *, publish: bool, publish_every: int = 1) -> None:
         self._resources = ExitStack()
         self.simulation = Simulation(load_scene(scene, overrides))
         warm_up(self.simulation)
@@ -55,42 +65,74 @@ class Overhead:
         self._publish: Callable[[Sequence[bytes]], None] | None = None
         self._published = 0
         if publish:
-            self._publish, self._published = self._resources.enter_context(publication(self._messages.topics, sample))
-        self._times: list[tuple[float, ...]] = []
+            with on_all_cores():  # for the threads of the middleware: the core of the loop is for the loop
+                self._publish, self._published = self._resources.enter_context(publication(self._messages.topics, sample))
+        self._every = publish_every
+        self._times: list[int] = []  # ns, of every step
+        self._pieces: list[tuple[int, ...]] = []  # ns, of the steps that publish
+        self._late = 0
         self._others: list[float] = []
         self._recordings: list[float] = []
 
     def round(self, steps: int) -> None:
-        """Step, encode, publish and record, `steps` times."""
+        """Make `steps` steps with all that follows them."""
         simulation = self.simulation
         if simulation.k + steps > simulation.scene.steps:
             simulation.reset()
-        inputs = simulation.source.table(simulation.k, steps)
-        clock = time.thread_time_ns
-        with tempfile.TemporaryDirectory(prefix='mbd-bench-') as scratch:
+        with tempfile.TemporaryDirectory(prefix='mbd-bench-') as scratch, like_the_node():
             recording = -children()
-            messages, recorder = record(simulation, Path(scratch) / 'bag')
+            with on_all_cores():
+                messages, recorder = record(simulation, Path(scratch) / 'bag')
             recording -= time.clock_gettime((~recorder.pid << 3) | 2)  # its CPU clock: the start does not count
-            others = clock() - time.process_time_ns()
-            anchor = time.perf_counter()
-            for k, row in enumerate(inputs):
-                time.sleep(max(0.0, anchor + (k + 1) * simulation.h - time.perf_counter()))
-                t0 = clock()
-                snapshot: Snapshot = simulation.advance(1, row)
-                t1 = clock()
-                encoded = messages.encode(snapshot)
-                t2 = clock()
-                if self._publish is not None:
-                    self._publish(encoded)
-                t3 = clock()
-                recorder.write(snapshot.t_ns, encoded)
-                t4 = clock()
-                self._times.append((t1 - t0, t2 - t1, t3 - t2 if self._publish else 0, t4 - t3, t4 - t1))
+            others = time.thread_time_ns() - time.process_time_ns()
+            others -= self._pace(steps, messages, recorder)
             recorder.close()
-            others += time.process_time_ns() - clock()
+            others += time.process_time_ns() - time.thread_time_ns()
             recording += children()
         self._others.append(others / steps * 1e-3)
         self._recordings.append(recording / steps * 1e6)
+
+    def _pace(self, steps: int, messages: Messages, recorder: Recorder) -> int:
+        """Run the loop of the node for some steps; returns the CPU time of its thread [ns]."""
+        simulation, clock = self.simulation, time.thread_time_ns
+        first, rows = simulation.k, simulation.source.table(simulation.k, steps)
+        begin = end = 0
+
+        def inputs(_: tuple[float, float, float]) -> np.ndarray:
+            nonlocal begin
+            row = rows[simulation.k - first]
+            begin = clock()
+            return row
+
+        def emit(snapshot: Snapshot) -> None:
+            nonlocal end
+            end = t1 = clock()
+            if snapshot.k == first:  # the loop shows where it starts
+                return
+            self._times.append(t1 - begin)
+            if snapshot.k % self._every:
+                recorder.write(snapshot.t_ns, messages.encode_inputs(snapshot))
+                end = clock()
+                return
+            encoded = messages.encode(snapshot)
+            t2 = clock()
+            if self._publish is not None:
+                self._publish(encoded)
+            t3 = clock()
+            recorder.write(snapshot.t_ns, encoded)
+            end = clock()
+            self._pieces.append((t2 - t1, t3 - t2 if self._publish else 0, end - t3, end - t1))
+
+        loop = Loop(simulation, inputs=inputs, emit=emit, end_ns=simulation.t_ns + steps * simulation.h_ns)
+        loop.start()
+        loop.prefer(PRIORITY)
+        loop.done.wait()
+        loop.prefer(0)
+        loop.stop('')
+        if loop.error is not None:
+            raise loop.error
+        self._late += loop.overruns
+        return end
 
     def close(self) -> None:
         """Stop the reader and the middleware."""
@@ -98,22 +140,35 @@ class Overhead:
 
     def figures(self) -> dict[str, Any]:
         """The part of the report that belongs to this case: sizes and times [us]."""
-        times = np.array(self._times) * 1e-3
-        middle = np.median(times, axis=0)
-        us = dict(zip(('step', 'encode', 'publish', 'record', 'overhead_p50'), map(float, middle), strict=True))
-        us['overhead_p99'] = float(np.percentile(times[:, 4], 99.0))
-        us['overhead_max'] = float(times[:, 4].max())
+        samples = dict(zip(PIECES, (np.array(self._times), *np.array(self._pieces).T), strict=True))
+        us = {f'{name}_p{q}': float(np.percentile(ns, q)) * 1e-3 for name, ns in samples.items() for q in (50, 99)}
+        us['overhead_max'] = float(samples['overhead'].max()) * 1e-3
+        us['late'] = 100.0 * self._late / len(self._times)
         us['other_threads'] = float(np.median(self._others))
         us['recording'] = float(np.median(self._recordings))
         return {
             'h': self.simulation.h,
-            'rate': 1.0 / self.simulation.h,
-            'steps': len(times),
+            'rate': 1.0 / (self.simulation.h * self._every),
+            'steps': len(self._times),
             'topics': len(self._messages.topics),
             'published_topics': self._published,
             'bytes_per_step': self._bytes,
             'figures': us,
         }
+
+
+@contextmanager
+def like_the_node() -> Iterator[None]:
+    """The interpreter as the node sets it: the thread of the loop gets its lock back soon, and what is here to stay is not collected."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(SWITCH)
+    gc.collect()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
+        sys.setswitchinterval(before)
 
 
 def children() -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -33,6 +33,10 @@ TITLES = {  # of the measures whose table has one line per case and one column p
         'The car on a rig, here and in Exudyn',
         'CPU time per simulated millisecond on one core, in turns.',
     ),
+    'linkage': (
+        'N four-bar linkages, here, in Exudyn and in MuJoCo',
+        'CPU time per simulated millisecond on one core, in turns, of the fastest run that is as accurate; empty where none is.',
+    ),
     'start': ('Start', ''),
     'node': ('The node at work', 'Elapsed time, all cores; commanded over topics, everything published and recorded.'),
     'node_and_reader': ('The node at work, every topic with a reader', 'As above.'),
@@ -49,7 +53,11 @@ def tables(report: dict[str, Any]) -> list[Table]:
     for name, (title, about) in TITLES.items():
         found.append(_plain(title, about, of[name], MEASURES[name].figures))
         if name == 'peers':
-            found.append(_runs(of[name]))
+            about = 'Iterations and factorizations per step.'
+            found.append(_runs('Runs on the rig', about, of[name], {key: key for key in ('iterations', 'factorizations')}))
+        if name == 'linkage':
+            about = 'error: largest distance of a centre of mass from the exact solution; gap: of the two points of a joint.'
+            found.append(_runs('Runs of the linkages', about, of[name], {'gap': 'gap [um]'}))
         if name == 'growth':
             found.append(_exponents(report['growth']))
     found += [_overhead(of['record'] + of['publish']), _targets(report['cases']), _unavailable(report['cases'])]
@@ -72,14 +80,15 @@ def _plain(title: str, about: str, cases: Sequence[dict[str, Any]], figures: Map
     return Table(title, about, rows, figures)
 
 
-def _runs(cases: Sequence[dict[str, Any]]) -> Table:
-    """Every run of every program."""
-    rows = [['case', 'program', 'settings', 'h [ms]', 'us per ms', 'error [um]', 'iterations', 'factorizations']]
+def _runs(title: str, about: str, cases: Sequence[dict[str, Any]], more: Mapping[str, str]) -> Table:
+    """Every run of every program; more: figures beside time and error, with their titles."""
+    rows = [['case', 'program', 'settings', 'h [ms]', 'us per ms', 'error [um]', *more.values()]]
     for case in cases:
         for run in case['runs']:
-            numbers = (run[name] for name in ('us', 'error', 'iterations', 'factorizations'))
-            rows.append([case['name'], run['program'], run['settings'], f'{run["h"] * 1e3:g}', *map(_number, map(float, numbers))])
-    return Table('Runs on the rig', 'Iterations and factorizations per step.', rows)
+            numbers = ['failed'] if run['us'] is None else [_number(float(run[name])) for name in ('us', 'error', *more)]
+            row = [case['name'], run['program'], run['settings'], f'{run["h"] * 1e3:g}', *numbers]
+            rows.append(row + [''] * (len(rows[0]) - len(row)))
+    return Table(title, about, rows)
 
 
 def _exponents(growth: Sequence[dict[str, Any]]) -> Table:
@@ -105,32 +114,34 @@ def _stepping(cases: Sequence[dict[str, Any]]) -> Table:
     return Table('A step', 'CPU time in us; counters are those of an audited step.', rows, STEPPING_FIGURES)
 
 
-def _columns(cases: Sequence[dict[str, Any]], names: Sequence[str], value: Callable[[dict[str, Any], str], str]) -> list[list[str]]:
-    """One row per name, one column per case."""
-    return [['us', *(case['name'] for case in cases)], *([name, *(value(case, name) for case in cases)] for name in names)]
-
-
 def _phases(cases: Sequence[dict[str, Any]]) -> Table:
-    rows = _columns(cases, [*PHASES, 'whole'], lambda case, name: _number(case['phases'][name]))
+    rows = [['case', *PHASES, 'whole'], *([case['name'], *map(_number, case['phases'].values())] for case in cases)]
     about = 'CPU time in us per audited step: every compiled piece of a step repeated alone on the data of a real one, times its calls.'
     return Table('Phases of a step', about, rows, PHASES)
 
 
 def _elements(cases: Sequence[dict[str, Any]]) -> Table:
-    names = list(dict.fromkeys(name for case in cases for name in case['elements'] if name != 'bodies'))
+    names = [*dict.fromkeys(name for case in cases for name in case['elements'] if name != 'bodies'), 'bodies']
     about = 'CPU time in us per evaluation with tangents, by kind; bodies: gyroscopic terms, gravity and the clearing of the arrays.'
-    show = lambda case, name: _number(case['elements'][name]) if name in case['elements'] else ''  # noqa: E731
-    return Table('Force elements', about, _columns(cases, [*names, 'bodies'], show))
+    rows = [['case', *names], *([case['name'], *(_number(case['elements'].get(name)) for name in names)] for case in cases)]
+    return Table('Force elements', about, rows)
 
 
 def _overhead(cases: Sequence[dict[str, Any]]) -> Table:
-    rows = [['case', 'rate [Hz]', 'topics', 'with a reader', 'bytes', *OVERHEAD_FIGURES]]
+    rows = [['case', 'h [ms]', 'rate [Hz]', 'topics', 'with a reader', 'bytes', *OVERHEAD_FIGURES]]
     for case in cases:
         rows.append(
-            [case['name'], f'{case["rate"]:g}', str(case['topics']), str(case['published_topics']), str(case['bytes_per_step'])]
+            [
+                case['name'],
+                f'{case["h"] * 1e3:g}',
+                f'{case["rate"]:g}',
+                str(case['topics']),
+                str(case['published_topics']),
+                str(case['bytes_per_step']),
+            ]
             + [_number(case['figures'][figure]) for figure in OVERHEAD_FIGURES]
         )
-    return Table('Publishing and recording', 'CPU time in us per step of a loop paced in real time.', rows, OVERHEAD_FIGURES)
+    return Table('Publishing and recording', 'CPU time in us in a loop paced in real time; rate: of the messages.', rows, OVERHEAD_FIGURES)
 
 
 def _targets(cases: Sequence[dict[str, Any]]) -> Table:
@@ -144,7 +155,7 @@ def _targets(cases: Sequence[dict[str, Any]]) -> Table:
 
 
 def _unavailable(cases: Sequence[dict[str, Any]]) -> Table:
-    rows = [[case['name'], case['reason']] for case in cases if case['status'] != 'ok']
+    rows = [[case['name'], reason] for case in cases for reason in (case['reason'], *case.get('left_out', [])) if reason]
     return Table('Not measured', '', [['case', 'reason'], *rows])
 
 

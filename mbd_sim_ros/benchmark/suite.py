@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, Protocol
 
-from mbd_sim_ros.benchmark import endurance, growth, overhead, peers, single, start, stepping, threads
+from mbd_sim_ros.benchmark import endurance, growth, linkage, overhead, peers, single, start, stepping, threads
 from mbd_sim_ros.benchmark.machine import Watch, fingerprint, on_one_core
 from solver.elements.marker import finite, require
 from solver.errors import MbdError, SceneError, suggestion
@@ -47,6 +47,11 @@ def _steps(name: str, quick: bool) -> int:
     return MEASURES[name].quick_steps if quick else MEASURES[name].steps
 
 
+def _overhead(case: Case) -> Measurement:
+    publish = case.measure == 'publish'
+    return overhead.Overhead(case.scene, case.set, publish=publish, publish_every=case.publish_every)
+
+
 def _endurance(case: Case, quick: bool) -> Measurement:
     seconds = min(case.duration, QUICK_SECONDS) if quick else case.duration
     return endurance.Endurance(case.scene, case.set, seconds, with_reader=case.measure == 'node_and_reader')
@@ -58,8 +63,9 @@ MEASURES: dict[str, Measure] = {
     'growth': Measure(growth.FIGURES, 1000, 200, lambda case, _: growth.Growth(case.scene, case.set)),
     'threads': Measure(threads.FIGURES, 4000, 500, lambda case, _: threads.Threads(case.scene, case.set)),
     'peers': Measure(peers.FIGURES, 500, 100, lambda case, quick: peers.Peers(case.scene, case.set, _steps('peers', quick))),
-    'record': Measure(overhead.FIGURES, 500, 100, lambda case, _: overhead.Overhead(case.scene, case.set, publish=False)),
-    'publish': Measure(overhead.FIGURES, 500, 100, lambda case, _: overhead.Overhead(case.scene, case.set, publish=True)),
+    'linkage': Measure(linkage.FIGURES, 100, 20, lambda case, quick: linkage.Linkage(case.scene, case.set, _steps('linkage', quick))),
+    'record': Measure(overhead.FIGURES, 2000, 500, lambda case, _: _overhead(case)),
+    'publish': Measure(overhead.FIGURES, 2000, 500, lambda case, _: _overhead(case)),
     'start': Measure(start.FIGURES, 1, 1, lambda case, _: start.StartUp(case.scene, case.set), once=True),
     'node': Measure(endurance.FIGURES, 1, 1, _endurance, once=True),
     'node_and_reader': Measure(endurance.FIGURES, 1, 1, _endurance, once=True),
@@ -71,22 +77,27 @@ class Case:
     """One line of the benchmark.
 
     measure: 'steps' times advance(), 'single' steps one at a time beside an idle loop; 'growth' is for scenes of several sizes, 'threads'
-    for several simulations at once, 'peers' for the car on a rig here and in other programs; 'record' and 'publish' tell what encoding,
-    recording and publishing add to a step of a loop paced at the step of the scene, 'start' how long a start takes; 'node' is the real
-    node for `duration` [s], commanded, publishing and recording every step, 'node_and_reader' the same with a reader of every topic.
-    set: changes to the scene, as `--set`. targets: limits of figures, by name.
+    for several simulations at once, 'peers' for the car on a rig and 'linkage' for N four-bar linkages here and in other programs; 'record'
+    and 'publish' tell what encoding, recording and publishing add to a step of a loop paced at the step of the scene, 'start' how long a
+    start takes; 'node' is the real node for `duration` [s], commanded, publishing and recording every step, 'node_and_reader' the same with
+    a reader of every topic. set: changes to the scene, as `--set`. publish_every: of 'record' and 'publish', messages after every n-th
+    step, as the parameter of the node. targets: limits of figures, by name.
     """
 
     name: str
     scene: str
-    measure: Literal['steps', 'single', 'growth', 'threads', 'peers', 'record', 'publish', 'start', 'node', 'node_and_reader'] = 'steps'
+    measure: Literal[
+        'steps', 'single', 'growth', 'threads', 'peers', 'linkage', 'record', 'publish', 'start', 'node', 'node_and_reader'
+    ] = 'steps'
     set: tuple[str, ...] = ()
     duration: Annotated[float, 's'] = 600.0
+    publish_every: int = 1
     targets: dict[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         known = MEASURES[self.measure].figures
         finite(f'case {self.name!r}', 'duration', self.duration, low=0.0, strict=True)
+        finite(f'case {self.name!r}', 'publish_every', self.publish_every, low=1)
         for figure, limit in self.targets.items():
             if figure not in known:
                 require(False, f'case {self.name!r}', 'targets', figure, 'no such figure' + suggestion(figure, known))

@@ -2,8 +2,9 @@
 
 Input: bodies [{m, I, x, y, phi, vx, vy, w}] (centre of mass, world), revolutes [[a, [x, y], b, [x, y]]] with points from the centre of
 mass in body axes (body -1 is the ground, points in the world), sliders [body] (x free), springs [[a, point, b, point, length, stiffness,
-damping]], torques [[body, N m]], gravity [m/s^2] along y, instants [s] (equidistant from 0), observe [body, coordinate 0..2],
-runs [{h, rho, tolerance}]. Output: version and, per run, values at the instants (change since t = 0), cpu [s], counters, or error.
+damping]], torques [[body, N m]], gravity [m/s^2] along y, instants [s] (equidistant from 0), observe [[body, coordinate 0..2]],
+runs [{h, rho, tolerance, solver, every_step: a matrix in every step}]. Output: version and, per run, values (instants, observed; change
+since t = 0), cpu [s], counters, or error.
 """
 
 import json
@@ -12,7 +13,7 @@ import time
 
 
 def assemble(exu, items, model):
-    """(system, sensor number) of a model."""
+    """(system, sensor number of every node that is observed) of a model."""
     mbs = exu.SystemContainer().AddSystem()
     ground = mbs.AddObject(items.ObjectGround())
     fixed = mbs.AddMarker(items.MarkerNodeCoordinate(nodeNumber=mbs.AddNode(items.NodePointGround()), coordinate=0))
@@ -46,16 +47,18 @@ def assemble(exu, items, model):
         )
     for body, torque in model['torques']:
         mbs.AddLoad(items.LoadTorqueVector(markerNumber=rigid(body, [0, 0]), loadVector=[0, 0, torque]))
-    sensor = mbs.AddSensor(
-        items.SensorNode(nodeNumber=nodes[model['observe'][0]], storeInternal=True, outputVariableType=exu.OutputVariableType.Coordinates)
-    )
+    coordinates = exu.OutputVariableType.Coordinates
+    sensors = {
+        body: mbs.AddSensor(items.SensorNode(nodeNumber=nodes[body], storeInternal=True, outputVariableType=coordinates))
+        for body in sorted({body for body, _ in model['observe']})
+    }
     mbs.Assemble()
-    return mbs, sensor
+    return mbs, sensors
 
 
 def run(exu, items, model, settings):
     """One run: its values at the instants, CPU time and counters."""
-    mbs, sensor = assemble(exu, items, model)
+    mbs, sensors = assemble(exu, items, model)
     instants = model['instants']
     simulation = exu.SimulationSettings()
     integration = simulation.timeIntegration
@@ -64,21 +67,24 @@ def run(exu, items, model, settings):
     integration.generalizedAlpha.spectralRadius = settings['rho']
     integration.newton.relativeTolerance = settings['tolerance']
     integration.newton.useModifiedNewton = True
+    integration.newton.modifiedNewtonJacUpdatePerStep = settings['every_step']
     integration.adaptiveStep = False
     integration.verboseMode = 0
+    simulation.linearSolver.solverType = exu.LinearSolverType.__members__[settings['solver']]
+    simulation.parallel.numberOfThreads = 1
     simulation.solutionSettings.writeSolutionToFile = False
     simulation.solutionSettings.sensorsWritePeriod = instants[0]
     before = time.process_time()
     mbs.SolveDynamic(simulation)
     cpu = time.process_time() - before
-    found = mbs.GetSensorStoredData(sensor)
-    column = 1 + model['observe'][1]
+    found = {body: mbs.GetSensorStoredData(sensor) for body, sensor in sensors.items()}
+    times = next(iter(found.values()))[:, 0]
     values = []
     for t in instants:
-        row = min(found, key=lambda r: abs(r[0] - t))
-        if abs(row[0] - t) > 0.5 * settings['h']:
+        row = abs(times - t).argmin()
+        if abs(times[row] - t) > 0.5 * settings['h']:
             raise RuntimeError(f'no output at {t:g} s')
-        values.append(float(row[column]))
+        values.append([float(found[body][row, 1 + coordinate]) for body, coordinate in model['observe']])
     counters = mbs.sys['dynamicSolver'].it
     return {
         'values': values,
@@ -91,6 +97,7 @@ def run(exu, items, model, settings):
 def main():
     """Run what stdin asks for."""
     model = json.load(sys.stdin)
+    sys.exudynFast = True  # type: ignore[attr-defined]  # its build without range checks
     import exudyn as exu
     import exudyn.itemInterface as items
 

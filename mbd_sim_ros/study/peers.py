@@ -1,6 +1,6 @@
-"""Other programs beside ours: a planar model as plain numbers, and Exudyn run on it in a process of its own.
+"""Other programs beside ours: a planar model as plain numbers, and Exudyn and MuJoCo run on it in processes of their own.
 
-MBD_EXUDYN_PYTHON may name the Python that has exudyn; otherwise it is the one that runs this (extra `bench`).
+MBD_EXUDYN_PYTHON and MBD_MUJOCO_PYTHON may name the Python that has them; otherwise it is the one that runs this (extra `bench`).
 """
 
 from __future__ import annotations
@@ -20,13 +20,14 @@ from solver.errors import SpecError
 from solver.simulation import Simulation
 
 PYTHON = 'MBD_EXUDYN_PYTHON'
+MUJOCO_PYTHON = 'MBD_MUJOCO_PYTHON'
 PROGRAM = Path(__file__).with_name('exudyn_peer.py')
 
 
-def planar(simulation: Simulation, joint: str, instants: np.ndarray) -> dict[str, Any]:
-    """A mechanism in the x-y plane, as exudyn_peer wants it, observed in the coordinate of a joint. Bodies fixed to the world vanish.
+def planar(simulation: Simulation, instants: np.ndarray, joint: str = '') -> dict[str, Any]:
+    """A mechanism in the x-y plane, as exudyn_peer wants it: observed in the coordinate of a joint, or in all of every body.
 
-    Raises SpecError for what has no planar counterpart here.
+    Bodies fixed to the world vanish. Raises SpecError for what has no planar counterpart here.
     """
     spec, state = simulation.scene.model, simulation.state
     fixed = {WORLD} | {j.j.body for j in spec.joints if j.kind == 'fixed' and j.i.body == WORLD}
@@ -52,6 +53,7 @@ def planar(simulation: Simulation, joint: str, instants: np.ndarray) -> dict[str
         'torques': [],
         'gravity': float(spec.gravity[1]),
         'instants': [float(t) for t in instants],
+        'observe': [] if joint else [[n, coordinate] for n in range(len(moving)) for coordinate in range(3)],
     }
     for j in spec.joints:
         if j.kind == 'revolute':
@@ -61,7 +63,7 @@ def planar(simulation: Simulation, joint: str, instants: np.ndarray) -> dict[str
         elif not (j.kind == 'fixed' and j.j.body in fixed):
             raise SpecError(f'joint {j.name!r}: kind = {j.kind!r}: has no planar counterpart')
         if j.name == joint:
-            model['observe'] = [number[j.j.body], 0 if j.kind == 'prismatic' else 2]
+            model['observe'] = [[number[j.j.body], 0 if j.kind == 'prismatic' else 2]]
     rate = lambda law: 0.0 if law is None else law.slope[0]  # noqa: E731
     for s in spec.spring_dampers:
         model['springs'].append([number[s.i.body], point(s.i), number[s.j.body], point(s.j), s.free_length, rate(s.spring), rate(s.damper)])
@@ -73,7 +75,18 @@ def planar(simulation: Simulation, joint: str, instants: np.ndarray) -> dict[str
 
 def exudyn(model: dict[str, Any], runs: Sequence[Mapping[str, Any]], program: Path = PROGRAM) -> tuple[str, list[dict[str, Any]]]:
     """(version, result of every run) of a model in the words of the program. Raises SpecError with one sentence if Exudyn is not there."""
-    interpreter = os.environ.get(PYTHON, sys.executable)
+    return _ask('Exudyn', PYTHON, program, model, runs)
+
+
+def mujoco(model: dict[str, Any], runs: Sequence[Mapping[str, Any]], program: Path) -> tuple[str, list[dict[str, Any]]]:
+    """The same of MuJoCo."""
+    return _ask('MuJoCo', MUJOCO_PYTHON, program, model, runs)
+
+
+def _ask(
+    name: str, variable: str, program: Path, model: dict[str, Any], runs: Sequence[Mapping[str, Any]]
+) -> tuple[str, list[dict[str, Any]]]:
+    interpreter = os.environ.get(variable, sys.executable)
     try:
         done = subprocess.run(
             [interpreter, '-P', str(program)], input=json.dumps({**model, 'runs': [*runs]}), capture_output=True, text=True, check=True
@@ -81,7 +94,7 @@ def exudyn(model: dict[str, Any], runs: Sequence[Mapping[str, Any]], program: Pa
     except (OSError, subprocess.CalledProcessError) as error:
         last = (getattr(error, 'stderr', None) or str(error)).strip().splitlines()[-1]
         raise SpecError(
-            f"Exudyn is left out ({last}); install it with pip install 'mbd_sim_ros[bench]', or name a Python that has it in {PYTHON}"
+            f"{name} is left out ({last}); install it with pip install 'mbd_sim_ros[bench]', or name a Python that has it in {variable}"
         ) from None
     found = json.loads(done.stdout.strip().splitlines()[-1])
     return found['version'], found['results']

@@ -191,9 +191,10 @@ def _run(problem: Problem, method: str, setting: str, scene: Scene, exact: np.nd
 def _exudyn(
     problem: Problem, scene: Scene, instants: np.ndarray, exact: np.ndarray, divisions: tuple[int, ...], repeats: int
 ) -> list[Point]:
-    model = peers.planar(simulation_of(_with(scene)), problem.joint, instants)
+    model = peers.planar(simulation_of(_with(scene)), instants, problem.joint)
     steps = [problem.duration / problem.intervals / n for n in divisions]
-    wanted = [{'h': h, 'rho': 0.9, 'tolerance': tolerance} for h in steps for tolerance in (1e-8, 1e-4)]
+    common = {'rho': 0.9, 'solver': 'EXUdense', 'every_step': False}
+    wanted = [{'h': h, 'tolerance': tolerance, **common} for h in steps for tolerance in (1e-8, 1e-4)]
     rounds = [peers.exudyn(model, wanted) for _ in range(repeats)]
     points = []
     for settings, *found in zip(wanted, *(results for _, results in rounds), strict=True):
@@ -203,7 +204,7 @@ def _exudyn(
         if failed is not None:
             points.append(Point(problem.name, method, setting, math.nan, math.nan, 0, 0, failed))
             continue
-        error = float(np.abs(np.array(found[0]['values']) - exact).max())
+        error = float(np.abs(np.array(found[0]['values'])[:, 0] - exact).max())
         cpu = min(f['cpu'] for f in found)
         points.append(
             Point(problem.name, method, setting, error, cpu, found[0]['factorizations'], found[0]['evaluations'], f'ok, {rounds[0][0]}')

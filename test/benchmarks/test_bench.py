@@ -13,6 +13,7 @@ from mbd_sim_ros.benchmark import overhead, report, stepping
 from mbd_sim_ros.benchmark.phases import PHASES, phase_times
 from mbd_sim_ros.benchmark.suite import load_suite
 from mbd_sim_ros.cli import main
+from mbd_sim_ros.recorder import Recorder
 from solver.errors import SceneError
 from solver.scene import load_scene
 from solver.simulation import Simulation
@@ -63,8 +64,10 @@ def test_every_figure_of_a_case_is_there(run: dict[str, Any]) -> None:
     assert easy['figures']['single_p50'] <= easy['figures']['single_p99'] <= easy['figures']['single_max']
     assert (easy['h'], easy['bodies'], easy['rows'], easy['steps']) == (1e-3, 4, 26, 1000)
     assert list(recorded['figures']) == list(overhead.FIGURES)
-    assert recorded['figures']['publish'] == 0.0
-    assert recorded['figures']['overhead_p50'] >= recorded['figures']['encode'] > 0.0
+    assert recorded['figures']['publish_p50'] == recorded['figures']['publish_p99'] == 0.0
+    assert recorded['figures']['overhead_p50'] >= recorded['figures']['encode_p50'] > 0.0
+    assert all(recorded['figures'][f'{piece}_p50'] <= recorded['figures'][f'{piece}_p99'] for piece in overhead.PIECES)
+    assert 0.0 <= recorded['figures']['late'] <= 100.0
     assert recorded['bytes_per_step'] > 0
 
 
@@ -122,10 +125,31 @@ def test_measuring_phases_leaves_the_simulation_as_it_was() -> None:
     assert one.save() == other.save()
 
 
+def test_a_loop_that_publishes_every_fifth_step_makes_all_steps_and_records_their_inputs(monkeypatch: pytest.MonkeyPatch) -> None:
+    written: list[tuple[int, int]] = []
+    write = Recorder.write
+
+    def spy(self: Recorder, t_ns: int, messages: list[bytes | None]) -> None:
+        written.append((t_ns, sum(message is not None for message in messages)))
+        write(self, t_ns, messages)
+
+    monkeypatch.setattr(Recorder, 'write', spy)
+    case = overhead.Overhead('slider_crank', [], publish=False, publish_every=5)
+    case.round(20)
+    found = case.figures()
+    assert (found['rate'], found['steps'], case.simulation.k) == (200.0, 20, 20)
+    assert [t_ns for t_ns, _ in written] == [k * 1_000_000 for k in range(1, 21)]
+    assert [count for _, count in written] == [1, 1, 1, 1, found['topics']] * 4
+    assert found['topics'] > 1
+
+
 def test_a_suite_refuses_what_it_does_not_know(tmp_path: Path) -> None:
     file = tmp_path / 'suite.yaml'
     file.write_text('cases: {a: {scene: pendulum, targets: {bach: 1}}}')
     with pytest.raises(SceneError, match=r"suite\.yaml:1: cases\.a\.targets = .*did you mean 'batch'"):
+        load_suite(file)
+    file.write_text('cases: {a: {scene: pendulum, measure: record, publish_every: 0}}')
+    with pytest.raises(SceneError, match=r'publish_every = 0: must be >= 1'):
         load_suite(file)
     file.write_text('cases: {a: {scene: pendulum}}')
     with pytest.raises(SceneError, match='--cases b: no such case; allowed: a'):

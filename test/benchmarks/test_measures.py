@@ -1,4 +1,4 @@
-"""What `mbd bench` measures beside the step: idle loops, threads, growth, other programs, starts, the node. No time is asserted."""
+"""What `mbd bench` measures beside the step: idle loops, threads, growth, the rig, starts, the node. No time is asserted."""
 
 from __future__ import annotations
 
