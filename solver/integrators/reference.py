@@ -239,11 +239,11 @@ class Stabilised:
         """One step of the method towards t: (time reached, interpolant over the step)."""
         s = self.solver
         if self.kind == 'reference_ida':
-            result = s.step(t)
+            result = s.step(t, method='onestep', tstop=t)
             if not result.success:
                 raise StepError(str(result.message))
             y = np.array(result.y).ravel()
-            return t, lambda _: y
+            return float(np.ravel(result.t)[-1]), lambda _: y
         before = s.nlu
         message = s.step()
         self.factorizations += s.nlu - before
