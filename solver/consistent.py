@@ -18,6 +18,8 @@ from solver.dynamics import (
     evaluate_forces,
 )
 from solver.errors import ConsistencyError
+from solver.jit import kernel
+from solver.krylov import gmres
 from solver.lie.so3 import matrix_of_quaternion, quaternion_exp, quaternion_normalized, quaternion_product
 from solver.model.state import State, kinematics_of, update_angles
 from solver.model.tables import Model
@@ -27,6 +29,8 @@ from solver.saddle import CONDENSED, assemble_tangent, effective_masses, factori
 PENALTY = 1e6  # above it rounding of small inertias beside large ones shows
 STIFFEST = 1e4  # 1/s^2; PENALTY times it is above the square of the highest natural frequency, also when the pseudo-mass has faded
 AUGMENTATIONS = 400  # at most; each gains a factor 1 + PENALTY s_min, little where a light body carries a heavy one
+PLAIN, COMBINED = 10, 2  # augmentations for accelerations: first one by one, then combined by GMRES
+KRYLOV = 40  # augmentations in a combination at most
 ASSEMBLY_TOLERANCE = 1e-12  # m or rad
 LARGEST_TURN = 0.3  # rad or m per iteration of the assembly
 EQUILIBRIUM_TOLERANCE = 1e-11  # N or N m, relative to the weight of the model
@@ -61,8 +65,9 @@ class Start:
         self.J = np.zeros((model.n_entries + 1, 6, 6))
         self.z = np.zeros(model.n_internal)
         # massless bodies get the floor that the penalties use, here as inertia of the metric only
-        self.metric_mass = 1.0 / self.t.penalty_inverse_mass
-        self.metric_inertia = np.linalg.inv(self.t.penalty_inverse_inertia)
+        self.metric = np.zeros((nb, 6, 6))
+        self.metric[:, :3, :3] = np.eye(3) / self.t.penalty_inverse_mass[:, None, None]
+        self.metric[:, 3:, 3:] = np.linalg.inv(self.t.penalty_inverse_inertia)
 
     def _factorize(self, cm: float, cq: float, cv: float, metric: bool, holonomic: bool = False) -> None:
         """Factorize cm M - cq Kq - cv Kv with the constraints at self.J; metric: use the floored masses instead of M.
@@ -77,10 +82,7 @@ class Start:
             self.saddle.W[self.t.constraints.holonomic == 0] = 0.0
         assemble_tangent(self.t, 0.0 if metric else cm, cq, cv, self.Kq, self.Kv, self.identity, self.saddle.B)
         if metric:
-            for b in range(self.model.n_bodies):
-                s = self.t.bodies.slot[b]
-                self.saddle.B[s, :3, :3] += cm * self.metric_mass[b] * np.eye(3)
-                self.saddle.B[s, 3:6, 3:6] += cm * self.metric_inertia[b]
+            self.saddle.B[self.t.bodies.slot, :, :6] += cm * self.metric
         bad = factorize_saddle(self.t, CONDENSED, self.saddle)
         if bad >= 0:
             raise ConsistencyError(
@@ -162,7 +164,11 @@ class Start:
         return product
 
     def acceleration(self, q, v, z, angle, u) -> tuple[np.ndarray, np.ndarray]:
-        """(a (nb+1, 6), lam (nc,)) with M a = f + A^T lam and d/dt (A v + phi_t) = 0, by augmentation to convergence."""
+        """(a (nb+1, 6), lam (nc,)) with M a = f + A^T lam and d/dt (A v + phi_t) = 0.
+
+        By augmentation, which adds nothing to the multipliers of redundant constraints that balance each other. It gains little where a
+        light body carries a heavy one or turns freely about an axis; what is left there GMRES finds as a combination of augmentations.
+        """
         kin = self._constraints(q, v, angle, u)
         evaluate_forces(self.t, kin, angle, z, 0.0, u, False, self.f, self.Kq, self.Kv, self.z, self.outputs)
         constraint_input_rates(self.t, u, self.phi_t, self.phi_tt)
@@ -172,18 +178,40 @@ class Start:
         self._factorize(1.0, 0.0, 0.0, metric=True)
         a = np.zeros_like(self.f)
         lam = np.zeros(self.model.n_rows)
-        rate = np.zeros(self.model.n_rows)
-        for _ in range(AUGMENTATIONS):
-            r = self._mass_times(a) - self.f
-            add_constraint_forces(self.constraints, self.J, lam, -1.0, r)
-            r[-1] = 0.0
-            constraint_rates(self.constraints, self.J, a, rate)
-            solve_saddle(self.t, CONDENSED, self.saddle, r, rate + bias, self.dw, self.dlam)
+        for k in range(PLAIN + COMBINED):
+            self._augment(a, lam, self.f, bias)
+            if k >= PLAIN:
+                self._combine()
             a += self.dw
             lam += self.dlam
             if np.abs(self.dw).max() <= 1e-13 * max(1.0, np.abs(a).max()):
                 break
         return a, lam
+
+    def _augment(self, a: np.ndarray, lam: np.ndarray, f: np.ndarray | float, bias: np.ndarray | float) -> None:
+        """Assign dw and dlam, what an augmentation adds to a (nb+1, 6) and lam (nc,)."""
+        r = self._mass_times(a) - f
+        add_constraint_forces(self.constraints, self.J, lam, -1.0, r)
+        r[-1] = 0.0
+        rate = np.zeros_like(lam)
+        constraint_rates(self.constraints, self.J, a, rate)
+        solve_saddle(self.t, CONDENSED, self.saddle, r, rate + bias, self.dw, self.dlam)
+
+    def _combine(self) -> None:
+        """Replace dw and dlam by the combination of augmentations, from them on, after which least is left to augment."""
+        n = self.dw.size
+        masses = np.einsum('bii->bi', self.metric)
+        weight = np.sqrt(np.concatenate([masses.ravel(), np.ones(6), 1.0 / self.saddle.W]))  # both parts of the vector as energies
+
+        def parts(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            return (x / weight)[:n].reshape(-1, 6), (x / weight)[n:]
+
+        def product(x: np.ndarray) -> np.ndarray:
+            self._augment(*parts(x), 0.0, 0.0)
+            return -weight * np.concatenate([self.dw.ravel(), self.dlam])
+
+        right = weight * np.concatenate([self.dw.ravel(), self.dlam])
+        self.dw[:], self.dlam[:] = parts(gmres(product, right, 1e-8, KRYLOV))
 
     def _mass_times(self, a: np.ndarray) -> np.ndarray:
         out = np.zeros_like(a)
@@ -325,9 +353,13 @@ class Start:
         )
 
 
-def move(q: np.ndarray, dq: np.ndarray) -> None:
+@kernel(borrow=True)
+def move(q, dq):
     """q <- q o exp(dq) for all bodies; dq (nb + 1, 6) is a variation (docs/conventions.md)."""
-    for b in range(len(q) - 1):
-        q[b, :3] += dq[b, :3]
-        turn = quaternion_exp(tuple(float(x) for x in dq[b, 3:]))
-        q[b, 3:] = quaternion_normalized(quaternion_product(tuple(float(x) for x in q[b, 3:]), turn))
+    for b in range(q.shape[0] - 1):
+        turn = quaternion_exp((dq[b, 3], dq[b, 4], dq[b, 5]))
+        turned = quaternion_normalized(quaternion_product((q[b, 3], q[b, 4], q[b, 5], q[b, 6]), turn))
+        for i in range(3):
+            q[b, i] += dq[b, i]
+        for i in range(4):
+            q[b, 3 + i] = turned[i]

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from saloon import full_car, without_bushings
 
+from solver.audit import dense_jacobian
 from solver.consistent import Start
 from solver.dynamics import prepare
 from solver.elements.rigid_body import RigidBodySpec
@@ -115,6 +116,18 @@ def test_the_page_of_vehicles_shows_these_figures(found: dict[str, float]) -> No
     shown = {text: value.partition(' ')[0] for text, value in rows}
     for name, usual in USUAL.items():
         assert float(shown[usual.text]) == pytest.approx(found[name] * usual.factor, rel=2e-3), name
+
+
+def test_accelerations_balance_the_forces_of_every_body() -> None:
+    """M a = f + A^T lam to the rounding of its largest terms, also about the axes of light shafts that no constraint holds."""
+    s = Simulation(load_scene('car_swept_steer', ['start.speed_kmh=0']))
+    start = Start(s.model, s.outputs)
+    s.state.v[:-1, 3:] = 1e-3  # nothing may be still
+    a, lam = start.acceleration(s.state.q, s.state.v, s.state.z, s.state.angle, s.inputs)
+    bodies, A = s.model.tables.bodies, dense_jacobian(s.model, start.J)
+    inertial = np.hstack([bodies.mass[:, None] * a[:-1, :3], np.einsum('bij,bj->bi', bodies.inertia, a[:-1, 3:])])
+    left = inertial - start.f[:-1] - (A.T @ lam).reshape(-1, 6)
+    assert np.abs(left).max() < 1e-14 * np.abs(lam).max()
 
 
 def test_travel_curves_of_left_and_right_agree(standing: Simulation) -> None:
