@@ -15,7 +15,7 @@ LEAST_GRIP = 1e-3  # smallest singular value of such rows, in the columns of one
 REFERENCE, POWER, WORK, WORST, ENERGY = range(5)  # entries of the running audit
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def mechanical_energy(tables, kin, outputs):
     """Return (energy [J]: kinetic + gravity (zero at z = 0) + stored in elements, dissipated power [W])."""
     bodies = tables.bodies

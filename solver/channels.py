@@ -53,7 +53,7 @@ def channels_of(model: Model) -> Channels:
     )
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def _append(out, elements, at):
     """Copy the outputs of a kind of element to elements[at:]; returns where the next one goes."""
     for e in range(out.shape[0]):

@@ -101,7 +101,7 @@ def bind(tables: Ref, spec: ModelSpec) -> None:
         tables.calls[index] = address_of(function, *arguments) if present else 0
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def evaluate_driven_forces(tables, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, out):
     """Accumulate the forces of the elements that follow inputs, and assign their outputs: the part of evaluate_forces that depends on u."""
     laws = tables.laws

@@ -6,13 +6,17 @@ of all solver sources; stale directories are removed. Where the location is not 
 
 from __future__ import annotations
 
+import gc
 import hashlib
 import os
 import shutil
 import tempfile
 from pathlib import Path
 
+import numpy as np
+
 KEPT_CACHES = 3
+PATIENCE = 100_000  # objects made before garbage is looked for, while compiling
 
 
 def source_hash() -> str:
@@ -55,26 +59,72 @@ def _pin_cache() -> Path:
 CACHE_DIRECTORY = _pin_cache()
 
 import numba  # noqa: E402  (must come after the cache directory is set)
+from numba.core import event  # noqa: E402
 
 numba.config.CACHE_DIR = str(CACHE_DIRECTORY)
 
+# Truth values for calls of one kernel by another: numba compiles the callee once more for each literal among its arguments.
+YES, NO = np.bool_(True), np.bool_(False)
 
-def kernel(function=None, *, inline: bool = False, borrow: bool = False):
+
+class _Patience(event.Listener):
+    """Garbage is collected less often while numba compiles: almost all that it makes is kept, and looking through it again and again
+    took a tenth of the time.
+    """
+
+    def __init__(self) -> None:
+        self._depth = 0
+        self._thresholds = gc.get_threshold()
+
+    def on_start(self, event) -> None:
+        if self._depth == 0:
+            self._thresholds = gc.get_threshold()
+            gc.set_threshold(PATIENCE, *self._thresholds[1:])
+        self._depth += 1
+
+    def on_end(self, event) -> None:
+        self._depth -= 1
+        if self._depth == 0:
+            gc.set_threshold(*self._thresholds)
+
+
+event.register('numba:compiler_lock', _Patience())
+
+
+def kernel(function=None, *, inline: bool = False, borrow: bool = False, inner: bool | None = None):
     """Compile a function with the project's settings: cached, no fastmath, GIL released, IEEE division.
 
     borrow: the function only reads and writes the arrays it is given, so their references need not be counted. Counting
     takes an atomic operation per array and table and made the element kernels six times slower. Such a function cannot allocate,
     nor assign an array to a slice of another one (numba then says 'NRT required but not enabled').
-    inline: for small functions; always inlined, and borrowing.
+    inner: only other kernels call it; it borrows, and has no entry for Python, whose compilation took a tenth of the time of all.
+    inline: for small functions; always inlined, and inner unless said otherwise.
     """
-    options = {'cache': True, 'nogil': True, 'error_model': 'numpy', 'fastmath': False}
-    if inline or borrow:
+    inner = inline if inner is None else inner
+    options = {'cache': True, 'nogil': True, 'error_model': 'numpy', 'fastmath': False, 'no_cfunc_wrapper': True}
+    if inline or borrow or inner:
         options['_nrt'] = False
     if inline:
         options['forceinline'] = True
-    if function is None:
-        return numba.njit(**options)
-    return numba.njit(function, **options)
+    if inner:
+        options['no_cpython_wrapper'] = True
+
+    def compiled(function):
+        dispatcher = numba.njit(function, **options)
+        return _refusing_python(dispatcher) if inner and not numba.config.DISABLE_JIT else dispatcher
+
+    return compiled if function is None else compiled(function)
+
+
+def _refusing_python(dispatcher):
+    """The kernel without an entry for Python, where numba would call address 0 for it."""
+
+    def refuse(*arguments, **named):
+        raise TypeError(f'{dispatcher.__name__} is an inner kernel: call it from a kernel, or compile it with inner=False')
+
+    dispatcher.add_overload = lambda result: dispatcher.overloads.update({tuple(result.signature.args): result})
+    dispatcher._compile_for_args = refuse
+    return dispatcher
 
 
 @numba.extending.intrinsic

@@ -83,7 +83,7 @@ def effective_masses(tables, J, m):
         m[i] = 1.0 / m[i] if m[i] > 0.0 else 1.0
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def rotate_columns(constraints, J, T, out):
     """out = J with the angular columns of every block multiplied by T (nb, 3, 3) of its body."""
     for e in range(1, constraints.body.shape[0]):
@@ -103,7 +103,7 @@ def assemble_tangent(tables, cm, cq, cv, Kq, Kv, T, B):
     add_mass(tables, cm, B)
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def add_mass(tables, cm, B):
     """B += cm M."""
     bodies = tables.bodies

@@ -5,6 +5,7 @@ Both need processes of their own: in this one other tests have compiled what the
 
 from __future__ import annotations
 
+import gc
 import json
 import subprocess
 import sys
@@ -12,6 +13,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+
+from solver.jit import kernel
 
 SCENE = 'car_swept_steer'
 PROGRAM = """
@@ -65,6 +68,27 @@ simulation.advance(30)
 print(json.dumps({'error': str(loop.error), 'steps': loop.steps, 'seen': seen, 'prepared': prepared, 'done': done,
                   'continued': hashlib.sha256(simulation.save()).hexdigest()}))
 """
+
+
+def test_an_inner_kernel_refuses_python_before_and_after_its_compilation() -> None:
+    """numba would jump to address 0."""
+
+    @kernel(inner=True)
+    def one_more(x):
+        return x + 1
+
+    caller = kernel(lambda x: one_more(x))  # noqa: PLW0108
+    with pytest.raises(TypeError, match='one_more is an inner kernel'):
+        one_more(1)
+    assert caller(1) == 2
+    with pytest.raises(TypeError, match='one_more is an inner kernel'):
+        one_more(1)
+
+
+def test_garbage_is_collected_as_before_once_a_kernel_is_compiled() -> None:
+    before = gc.get_threshold()
+    assert kernel(lambda x: 2 * x)(3) == 6
+    assert gc.get_threshold() == before
 
 
 @pytest.fixture(scope='module')

@@ -114,7 +114,7 @@ def compile_coordinate_forces(specs: Sequence[CoordinateForceSpec], context: Con
     return table
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def _term(table, coordinates, kin, angle, e, t, tangents):
     """Return (x, dx/dt, g_i, g_j, h_i, h_j) of term t times its factor, zeros for an absent one: value, rate and their gradients.
 

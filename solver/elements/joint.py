@@ -152,7 +152,7 @@ def compile_joints(
     return table
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def _put_rows(J, entry, row, direction, on_i, on_j):
     """Assign the row of both bodies: force along `direction` (in W) on j and its opposite on i, torques in B."""
     for c in range(3):
@@ -245,7 +245,7 @@ def evaluate_joints(table, kin, gradients, phi, J):
             _evaluate_rows(table, kin, e, closed, gradients, phi, J)
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def _add_axes_hessian(R_i, R_j, a, b, s_ii, s_ij, s_ji, s_jj, Kq):
     """Second derivative of (R_i a) . (R_j b)."""
     AR = cross_m(a, m_cross(tmm(R_i, R_j), b))

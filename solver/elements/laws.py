@@ -14,6 +14,7 @@ import numpy as np
 
 from solver.elements.marker import finite, require
 from solver.jit import kernel
+from solver.reference import Ref
 
 
 @dataclass(frozen=True)
@@ -92,7 +93,7 @@ def compile_laws(laws: Sequence[Law]) -> LawTable:
             area[i] = area[i - 1] + 0.5 * h * (y[i] + y[i - 1]) + h * h / 12.0 * (slope[i - 1] - slope[i])
     table = LawTable(start, x, y, slope, area, np.zeros(len(laws)))
     for k in range(len(laws)):
-        table.area_at_zero[k] = evaluate_law(table, k, 0.0)[2]
+        table.area_at_zero[k] = evaluate_law(Ref(table), k, 0.0)[2]  # by reference, as the elements do: one compilation
     return table
 
 

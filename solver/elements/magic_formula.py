@@ -27,14 +27,14 @@ from solver.elements.turn_slip import (
     stiffness_factor,
     trail_factor,
 )
-from solver.jit import kernel
+from solver.jit import NO, kernel
 from solver.lie.dual import arctan, cos, exp, log, sin, sqrt
 
 SLOWEST = 0.5  # speed above which sign(V) is exactly 1 [m/s]
 TWO_OVER_PI = 2.0 / np.pi
 
 
-@kernel(inline=True)
+@kernel(inline=True, inner=False)
 def camber_variable(c, sin_gamma, cos_gamma):
     """sin gamma (6.1, 4.E4) or gamma (5.2), held smoothly inside the range of the fit: beyond it the polynomials are meaningless."""
     m = c[I.GAMMA_MAX]
@@ -42,7 +42,7 @@ def camber_variable(c, sin_gamma, cos_gamma):
     return held(gamma, m)
 
 
-@kernel(inline=True)
+@kernel(inline=True, inner=False)
 def load_increment(c, Fz):
     """dfz (4.E2a), held smoothly at FZMAX where the file states one."""
     F0 = c[I.FNOMIN] * c[I.LFZO]
@@ -52,7 +52,7 @@ def load_increment(c, Fz):
     return (Fz - F0) / F0
 
 
-@kernel(inline=True)
+@kernel(inline=True, inner=False)
 def slip_stiffness(c, gamma, Fz, dfz):
     """(Kxk, Kya): slip stiffness (4.E15) [N] and cornering stiffness (4.E25) [N/rad] at camber variable gamma."""
     dpi = c[I.DPI]
@@ -64,13 +64,13 @@ def slip_stiffness(c, gamma, Fz, dfz):
     return Kxk, Kya * (c[I.PKY1] * F0 * (1.0 + c[I.PPY1] * dpi) * c[I.LKY])
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def _camber_stiffness(c, Fz, dfz):
     """Kyg0 [N/rad] at zero camber and spin (4.E30)."""
     return Fz * (c[I.PKY6] + c[I.PKY7] * dfz) * ((1.0 + c[I.PPY5] * c[I.DPI]) * c[I.LKYC])
 
 
-@kernel(inline=True)
+@kernel(inline=True, inner=False)
 def relaxation_lengths(c, gamma, Fz, dfz, Kxk, Kya):
     """(sigma_kappa, sigma_alpha) [m]: slip stiffness over carcass stiffness ([B] 17-19), or the PTX, PTY formulas of MF 5.2."""
     dpi = c[I.DPI]
@@ -204,7 +204,7 @@ def _aligning(c, kappa, a, gamma, Fz, dfz, mu, Kxk, Kya, BC, shift, cos_alpha, s
     return t, Dr / sqrt(1.0 + Br * Br * (ar * ar + q)), 0.0 * Fz  # (4.E75), cos(arctan x) written out
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def patch_forces(c, kappa, tan_alpha, gamma, Fz, dfz, mu, Kxk, Kya, twist, forward):
     """(Fx, Fy, Mx, A, B) in the axes of the .tir file [N, N m], with Mz = forward A + B. Arguments as in magic_formula."""
     R0 = c[I.UNLOADED_RADIUS]
@@ -236,7 +236,7 @@ def patch_forces(c, kappa, tan_alpha, gamma, Fz, dfz, mu, Kxk, Kya, twist, forwa
     D_side = D / zeta_2 if turning else zero
     t, Mzr, spin_part = _aligning(c, kappa, a, gamma, Fz, dfz, mu, Kxk, Ky, BC, shift, cos_alpha, spin, twist, zeta_2, D_side, G)
     if c[I.IS_61] > 0.0:  # (4.E74): the trail acts on the side force at zero camber and spin
-        Fy0 = _lateral(c, a, 0.0 * gamma, Fz, dfz, mu, Ky0, False, zero, zero)[0]
+        Fy0 = _lateral(c, a, 0.0 * gamma, Fz, dfz, mu, Ky0, NO, zero, zero)[0]
     s = R0 * (c[I.SSZ1] + c[I.SSZ2] * Fy / Fn + (c[I.SSZ3] + c[I.SSZ4] * dfz) * gamma) * c[I.LS]  # (4.E76)
     turns, stays = Mzr - t * G * Fy0, held(s, c[I.HALF_WIDTH]) * Fx  # (4.E71), (4.E72)
     if turning:

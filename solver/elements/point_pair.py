@@ -85,7 +85,7 @@ def _add_variations(R_i, R_j, r_i, r_j, D, on_j, on_i, turn_j, turn_i, s_ii, s_i
     add_block(K, s_ii, 3, p_i, sub_rows(cross_rows(r_i, mul_rows(back_i, on_i)), turn_i))
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def add_point_pair_tangent(kin, i, j, r_i, r_j, F, D, C, s_ii, s_ij, s_ji, s_jj, Kq, Kv):
     """Add the tangents of a force +F on j at r_j and -F on i at r_i (F in W).
 

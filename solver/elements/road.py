@@ -219,7 +219,7 @@ def _step(s):
     return t * t * t * (10.0 + t * (6.0 * t - 15.0))
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def _weights(t):
     """Cubic B-spline weights of nodes -1, 0, 1, 2 at t in [0, 1], their first and second derivatives."""
     r = 1.0 - t
@@ -229,12 +229,12 @@ def _weights(t):
     return w, d, (r, 3.0 * t - 2.0, 1.0 - 3.0 * t, t)
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def _dot4(a, b):
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2] + a[3] * b[3]
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def _row4(road, g, i, j, w):
     """Sum of four nodes of grid row i around column j with weights w (indices clamped to the grid)."""
     n_i = road.shape[g, 0]
@@ -248,7 +248,7 @@ def _row4(road, g, i, j, w):
     )
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def _grid_at(road, g, x, y):
     """(h, h_x, h_y, h_xx, h_xy, h_yy) of grid g in W."""
     c = road.grid[g, 2]
@@ -315,7 +315,7 @@ def surface_at(road, x, y):
     return h, h_x, h_y, h_xx, h_xy, h_yy
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def friction_at(road, x, y):
     """Friction factor [-] at (x, y) [m] in W."""
     mu = 0.0 * x + road.friction[0]
@@ -328,7 +328,7 @@ def friction_at(road, x, y):
     return mu
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def normal_of_slopes(h_x, h_y):
     """Unit normal (upwards) of a surface with these slopes."""
     k = 1.0 / sqrt(1.0 + h_x * h_x + h_y * h_y)

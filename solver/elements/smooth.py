@@ -22,13 +22,13 @@ def ramp(x, width):
     return s * s / (4.0 * width)
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def smooth_abs(x, width):
     """|x| made smooth on the scale of width; exactly 0 at 0."""
     return x * x / sqrt(x * x + width * width)
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def smooth_sign(x, width):
     """sign(x), replaced by a cubic for |x| < width: once continuously differentiable."""
     if x.real >= width:
@@ -55,7 +55,7 @@ def smooth_step(s):
     return s * s * (3.0 - 2.0 * s)
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def at_most_one(E):
     """Curvature factors must not exceed 1 ([P], remark below 4.E14)."""
     if E.real > 1.0:
@@ -63,7 +63,7 @@ def at_most_one(E):
     return 1.0 * E
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def cos_arctan(x):
     return 1.0 / sqrt(1.0 + x * x)
 

@@ -33,14 +33,14 @@ class Motion(NamedTuple):
     spin: float  # rotation about the spin axis [rad/s]
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def motion_of(R, p, twist, r, a):
     """Motion of a wheel with its centre at r and its spin axis a (both in B) on a body, from its placement and twist."""
     v, w = (twist[0], twist[1], twist[2]), (twist[3], twist[4], twist[5])
     return Motion(p, add(p, mv(R, r)), mv(R, a), add(v, mv(R, cross(w, r))), mv(R, w), dot(a, w))
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def real_kinematics(kin, i):
     """(R, p, twist) of body i as real numbers, which they are where tangents are wanted."""
     M, p, v = load33(kin.R, i), load3(kin.p, i), kin.v
@@ -100,7 +100,7 @@ class Contact(NamedTuple):
     energy: float  # of that spring [J]
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def _spring(c, rho):
     """Force [N] of the tire spring at deflection rho [m]: [B] (4) with a parabolic beginning, and the rim."""
     R0 = c[I.UNLOADED_RADIUS]
@@ -114,7 +114,7 @@ def _spring(c, rho):
     return force
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def _spring_energy(c, rho):
     """Integral of _spring [J]."""
     R0 = c[I.UNLOADED_RADIUS]

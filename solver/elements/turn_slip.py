@@ -25,7 +25,7 @@ LARGEST_RATIO = 0.99  # bound of the argument of the arc cosine in (4.103)
 TWO_OVER_PI = 2.0 / np.pi
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def camber_reduction(c, dfz):
     """eps_gamma (4.90): how much less camber does than turn slip."""
     return c[I.PECP1] * (1.0 + c[I.PECP2] * dfz)
@@ -38,13 +38,13 @@ def spins(c, twist, forward, gamma, dfz):
     return twist + forward * lean, forward * twist + lean
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def peak_factor_x(c, kappa, spin, dfz):
     """zeta_1 (4.105), (4.106)."""
     return cos_arctan(c[I.PDXP1] * (1.0 + c[I.PDXP2] * dfz) * cos_arctan(c[I.PDXP3] * kappa) * spin)
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def peak_factor_y(c, tan_alpha, spin, dfz):
     """zeta_2 (4.77), (4.78)."""
     x = 1.0 * spin
@@ -54,13 +54,13 @@ def peak_factor_y(c, tan_alpha, spin, dfz):
     return cos_arctan(c[I.PDYP1] * (1.0 + c[I.PDYP2] * dfz) * cos_arctan(c[I.PDYP3] * tan_alpha) * x)
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def stiffness_factor(c, spin):
     """zeta_3 (4.79)."""
     return cos_arctan(c[I.PKYP1] * spin * spin)
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def side_shift(c, spin, camber_stiffness, cornering_stiffness, dfz):
     """S_Hy phi (4.80), (4.85) to (4.89). Stiffnesses K_y gamma 0, K_y alpha 0 [N/rad]: those at zero camber and spin."""
     C = c[I.PHYP1]
@@ -69,13 +69,13 @@ def side_shift(c, spin, camber_stiffness, cornering_stiffness, dfz):
     return D * sin(curve(B * spin, C, at_most_one(0.0 * dfz + c[I.PHYP4])))
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def trail_factor(c, spin):
     """zeta_5 (4.91)."""
     return cos_arctan(c[I.QDTP1] * spin)
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def residual_factor(c, spin):
     """zeta_6 (4.102)."""
     return cos_arctan(c[I.QBRP1] * spin)
@@ -96,7 +96,7 @@ def spin_slope(c, gamma, Fz, dfz):
     return Fz * stiffness * (c[I.UNLOADED_RADIUS] * c[I.LKZC]) / (1.0 - camber_reduction(c, dfz))
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def spin_moment(c, spin, twist, gamma, D, Gyk, Fz, dfz):
     """(D_r phi = zeta_8 - 1 [N m], C_r = zeta_7): spin moment without side slip (4.92) to (4.99), its decay with it (4.103), (4.104)."""
     limit = saturated_moment(c, D, Fz)

@@ -44,7 +44,7 @@ from solver.integrators.stage import (
     place,
 )
 from solver.integrators.work import BAD_INPUT, NON_FINITE, NOT_CONVERGED, OK, SINGULAR, StepResult
-from solver.jit import invoke, kernel
+from solver.jit import NO, YES, invoke, kernel
 from solver.model.state import update_angles
 from solver.saddle import assemble_tangent, effective_masses, factorize_saddle, rotate_columns, solve_saddle
 
@@ -59,7 +59,7 @@ MOST_ITERATIONS = 20  # of a step in mode fixed
 CONTRACTION_TO_REUSE = 0.1  # tolerance mode keeps the factorization while an iteration gains a digit
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def _balanced(tables, c, speed, work):
     """Whether the residuals are below the tolerance, as velocity over a step (momentum) and as displacement (constraints)."""
     limit = c.tolerance * speed
@@ -134,7 +134,7 @@ def step(tables, c, s0, s1, u, want_outputs, work):
     increment = 0.0
     before = 0.0
     residual = 0.0
-    refactor = True
+    refactor = YES
     rate = 0.0
     best = np.inf
     stagnated = 0
@@ -142,7 +142,7 @@ def step(tables, c, s0, s1, u, want_outputs, work):
         iterations += 1
         place(tables, c, s0, s1.a, s1.q, WITH_TANGENTS if refactor else BOTH, work)
         evaluate_forces(tables, work.kin_s, s0.angle, work.zp, cz, u, refactor, work.f, work.Kq, work.Kv, work.z_s, work.outputs)
-        evaluate_constraints(tables, work.kin_s, s0.angle, u, True, work.phi_s, work.J_now)
+        evaluate_constraints(tables, work.kin_s, s0.angle, u, YES, work.phi_s, work.J_now)
         evaluate_constraints(tables, work.kin_e, s0.angle, u, refactor, work.phi, J_end)
         evaluations += 1
         add_constraint_forces(tables.constraints, work.J_now, s1.lam, 1.0, work.f)
@@ -239,7 +239,7 @@ def step(tables, c, s0, s1, u, want_outputs, work):
         s1.angle[i] = s0.angle[i]
     update_angles(tables.coordinates, work.kin_e, s1.angle)
     # output: projected velocity, forces at the end of the step
-    evaluate_constraints(tables, work.kin_e, s1.angle, u, True, work.phi, work.J)
+    evaluate_constraints(tables, work.kin_e, s1.angle, u, YES, work.phi, work.J)
     position_drift = 0.0
     for i in range(nc):
         if holonomic[i] == 1:
@@ -249,7 +249,7 @@ def step(tables, c, s0, s1, u, want_outputs, work):
         for b in range(nb):
             for i in range(6):
                 work.kin_e.v[b, i] = work.v_out[b, i]
-        evaluate_forces(tables, work.kin_e, s1.angle, s1.z, 0.0, u, False, work.f, work.Kq, work.Kv, work.z_s, work.outputs)
+        evaluate_forces(tables, work.kin_e, s1.angle, s1.z, 0.0, u, NO, work.f, work.Kq, work.Kv, work.z_s, work.outputs)
         evaluations += 1
     for b in range(nb):
         if not (finite(work.v_out, b) and np.isfinite(velocity_drift + position_drift)):
@@ -282,7 +282,7 @@ def project_velocity(tables, c, v, u, passes, work):
     return worst
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def continue_inputs(c, u, work):
     """Assign work.u_end, the inputs u of the stage continued to the end of the step as the accelerations are; whether they differ.
 
@@ -339,7 +339,7 @@ def advance(tables, c, s0, s1, inputs, first, count, audit, work):
             if continue_inputs(c, u, work):
                 w = work
                 outputs_end = w.outputs_audit
-                evaluate_driven_forces(tables, w.kin_e, new.angle, new.z, 0.0, w.u_end, False, w.f, w.Kq, w.Kv, w.z_s, outputs_end)
+                evaluate_driven_forces(tables, w.kin_e, new.angle, new.z, 0.0, w.u_end, NO, w.f, w.Kq, w.Kv, w.z_s, outputs_end)
             update_audit(tables, work.kin_e, outputs_end, work.lam_out, work.phi_t, c.h, work.audit)
         for i in range(u.shape[0]):
             work.u_before[i] = u[i]

@@ -66,7 +66,7 @@ def new_formulation(model) -> Formulation:
     )
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def _factorize_kinetic(tables, form, J, saddle, formulation):
     """Factorize M + A^T W A with W = COUPLING m_R (isolated). Returns -1 or a bad node."""
     for e in range(1, J.shape[0]):
@@ -86,7 +86,7 @@ def _factorize_kinetic(tables, form, J, saddle, formulation):
     return factorize_saddle(tables, form, saddle)
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def _isolated_direction(tables, J, g, r, m, c):
     """c (nb + 1, 6) = m M^-1 a_R^T of row r in group g."""
     con = tables.constraints
@@ -99,7 +99,7 @@ def _isolated_direction(tables, J, g, r, m, c):
                 c[b, 3 + i] += m * tables.penalty_inverse_inertia[b, i, j] * J[e, r, 3 + j]
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def _kinetic(formulation, c):
     """c^T M c."""
     total = 0.0
@@ -111,7 +111,7 @@ def _kinetic(formulation, c):
     return total
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def _quadratic(tables, K, c):
     """c^T K c with blocks K (ns + 1, 6, 6)."""
     total = 0.0

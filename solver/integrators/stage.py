@@ -8,10 +8,10 @@ from solver.jit import kernel
 from solver.lie.so3 import matrix_of_quaternion, quaternion_corrected, quaternion_exp, quaternion_product, right_jacobian
 from solver.lie.vec import load33, mv, scale, store33
 
-AT_END, BOTH, WITH_TANGENTS = 0, 1, 2  # what place assigns
+AT_END, BOTH, WITH_TANGENTS = map(np.int64, range(3))  # what place assigns; not literals, for one compilation
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def copy_rows(source, target):
     """target <- source, (n, 6); borrowing kernels cannot assign array to array."""
     for b in range(source.shape[0]):
@@ -19,7 +19,7 @@ def copy_rows(source, target):
             target[b, i] = source[b, i]
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def copy_blocks(source, target):
     """target <- source, (n, 6, 6)."""
     for b in range(source.shape[0]):
@@ -91,7 +91,7 @@ def place(tables, c, s0, a1, q1, what, work):
                 work.kin_s.v[b, i] = s * v1 + c.af * s0.v[b, i]
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def momentum_residual(tables, c, a0, a1, f, r):
     """r = M ((1 - am) a1 + am a0) - f."""
     bodies = tables.bodies

@@ -31,21 +31,21 @@ def _coefficients(x):
     return a, b, c
 
 
-@kernel(inline=True)
+@kernel(inline=True, inner=False)
 def exp(x):
     """Rotation matrix of the rotation vector x [rad]."""
     a, b, _ = _coefficients(x)
     return madd(_IDENTITY, madd(mscale(a, skew(x)), mscale(b, cross_cross(x, x))))
 
 
-@kernel(inline=True)
+@kernel(inline=True, inner=False)
 def right_jacobian(x):
     """T(x) with exp(x + dx) = exp(x) exp(T(x) dx) to first order."""
     _, b, c = _coefficients(x)
     return madd(_IDENTITY, madd(mscale(-b, skew(x)), mscale(c, cross_cross(x, x))))
 
 
-@kernel(inline=True)
+@kernel(inline=True, inner=False)
 def inverse_jacobian_coefficients(s):
     """Return e and de/ds of the inverse right Jacobian 1 + skew(x)/2 + e skew(x)^2, where s = |x|^2 < (2 pi)^2.
 
@@ -111,7 +111,7 @@ def quaternion_exp(x):
     return (k * x[0], k * x[1], k * x[2], w)
 
 
-@kernel(inline=True)
+@kernel(inline=True, inner=False)
 def quaternion_product(a, b):
     """Hamilton product a b of quaternions xyzw: rotation b first, then a."""
     u = (a[0], a[1], a[2])
@@ -120,21 +120,21 @@ def quaternion_product(a, b):
     return (r[0], r[1], r[2], a[3] * b[3] - dot(u, w))
 
 
-@kernel(inline=True)
+@kernel(inline=True, inner=False)
 def quaternion_normalized(q):
     """q at unit length."""
     n = 1.0 / np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     return (n * q[0], n * q[1], n * q[2], n * q[3])
 
 
-@kernel(inline=True)
+@kernel(inline=True, inner=False)
 def quaternion_corrected(q):
     """q back at unit length after rounding alone has moved it, 1/|q| to first order (without the latency of a root and a division)."""
     n = 1.5 - 0.5 * ((q[0] * q[0] + q[1] * q[1]) + (q[2] * q[2] + q[3] * q[3]))
     return (n * q[0], n * q[1], n * q[2], n * q[3])
 
 
-@kernel(inline=True)
+@kernel(inline=True, inner=False)
 def matrix_of_quaternion(q):
     """Rotation matrix of a unit quaternion xyzw."""
     x, y, z, w = q

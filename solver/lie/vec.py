@@ -94,7 +94,7 @@ def row(m, k):
     return (m[6], m[7], m[8])
 
 
-@kernel(inline=True)
+@kernel(inline=True, inner=False)
 def mm(a, b):
     """Matrix product a b."""
     return (
@@ -143,14 +143,14 @@ def outer(a, b):
     return (a[0] * b[0], a[0] * b[1], a[0] * b[2], a[1] * b[0], a[1] * b[1], a[1] * b[2], a[2] * b[0], a[2] * b[1], a[2] * b[2])
 
 
-@kernel(inline=True)
+@kernel(inline=True, inner=False)
 def skew(a):
     """Matrix of the cross product: skew(a) b = a x b."""
     z = 0.0 * a[0]
     return (z, -a[2], a[1], a[2], z, -a[0], -a[1], a[0], z)
 
 
-@kernel(inline=True)
+@kernel(inline=True, inner=False)
 def cross_m(a, m):
     """Matrix skew(a) m without the products by zero."""
     return (
@@ -160,7 +160,7 @@ def cross_m(a, m):
     )  # fmt: skip
 
 
-@kernel(inline=True)
+@kernel(inline=True, inner=False)
 def m_cross(m, a):
     """Matrix m skew(a) without the products by zero."""
     return (
