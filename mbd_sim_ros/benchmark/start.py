@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 
 from mbd_sim_ros.benchmark.machine import on_all_cores
-from mbd_sim_ros.benchmark.overhead import children
 from solver.errors import MbdError, SpecError
 from solver.scene import load_scene
 
@@ -29,10 +28,11 @@ FIGURES = {
     'node': 'from the start of the simulator node to the first joint_states at a reader that was there before [s]: median',
 }
 FIRST_STEP = """
-import json, sys
+import json, sys, time
 from solver.scene import load_scene
 from solver.simulation import simulation_of
 simulation_of(load_scene(sys.argv[1], json.loads(sys.argv[2]))).advance(1)
+print(time.clock_gettime(time.CLOCK_MONOTONIC), time.process_time())
 """
 LISTEN = """
 import time
@@ -69,13 +69,14 @@ class StartUp:
             self._values['node'] = float(np.median(node)) if node else None
 
     def _first_step(self, environment: dict[str, str]) -> tuple[float, float]:
-        """(elapsed, CPU) time [s] of a process that makes one step."""
-        cpu, begin = children(), time.perf_counter()
+        """(elapsed, CPU) time [s] of a process up to the end of its first step."""
+        begin = time.clock_gettime(time.CLOCK_MONOTONIC)
         command = [sys.executable, '-c', FIRST_STEP, self._scene, json.dumps(self._overrides)]
         done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
         if done.returncode:
             raise SpecError(f'the start failed: {(done.stderr.strip().splitlines() or ["no reason given"])[-1]}')
-        return time.perf_counter() - begin, children() - cpu
+        end, cpu = map(float, done.stdout.split())
+        return end - begin, cpu
 
     def _node(self, environment: dict[str, str]) -> float:
         """Time [s] to the first message of the node."""
