@@ -76,6 +76,8 @@ def answer(sentence: str) -> None:
 
 def main() -> int:
     """Record until told to stop; returns the exit code."""
+    with suppress(AttributeError, OSError):  # begun by a real-time thread it would have its priority
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)  # the simulating process decides when the recording ends
     try:

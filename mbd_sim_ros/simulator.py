@@ -225,6 +225,8 @@ class Simulator(Node):
         namespace = self.get_namespace().rstrip('/')
         topics = [t if t.name.startswith('/') else t._replace(name=f'{namespace}/{t.name}') for t in self._messages.topics]
         recorder = Recorder(directory, topics, metadata, wait=False)
+        if self._priority:
+            self.loop.prefer(self._priority)  # its thread has the priority of the one that made it
         self.get_logger().info(f'recording into {directory}')
         return recorder
 

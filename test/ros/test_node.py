@@ -46,6 +46,33 @@ def test_a_signal_while_running_finishes_the_file(start, tmp_path, number):
     assert run.metadata['end'] == f'stopped by {signal.Signals(number).name}'
 
 
+def priorities(pid: int) -> list[int]:
+    """Real-time priorities of the threads of a process; 0: ordinary scheduling."""
+    threads = [int(task.name) for task in Path(f'/proc/{pid}/task').iterdir()]
+    return [os.sched_getparam(t).sched_priority if os.sched_getscheduler(t) == os.SCHED_FIFO else 0 for t in threads]
+
+
+def children(pid: int) -> list[int]:
+    return [int(child) for task in Path(f'/proc/{pid}/task').iterdir() for child in (task / 'children').read_text().split()]
+
+
+def test_in_real_time_the_simulation_stands_above_all_other_threads(start, client):
+    try:
+        before = os.sched_getscheduler(0)
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+        os.sched_setscheduler(0, before, os.sched_param(0))
+    except (AttributeError, OSError):
+        pytest.skip('needs Linux and the permission to use real-time priorities')
+    process = start({'realtime_priority': 7})
+    client.until(lambda: client.applied)
+    assert client.call('start_recording').success  # by the thread of the simulation: its process must not have the priority
+    client.until(lambda: children(process.process.pid))
+    (recording,) = children(process.process.pid)
+    client.until(lambda: os.sched_getscheduler(recording) == os.SCHED_OTHER)
+    found = sorted(priorities(process.process.pid))
+    assert found[-1] == 7 and set(found[:-1]) == {6} and len(found) > 3
+
+
 def test_a_signal_while_preparing_ends_at_once(start, tmp_path):
     process = start({'record': True, 'out': 'run'}, preparing=30.0)
     process.wait_for('PREPARING')
