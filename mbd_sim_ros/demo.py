@@ -95,7 +95,7 @@ def demo(scene: str, duration: float | None) -> int:
     loaded = load_scene(scene)
     duration = duration or float(max(loaded.duration, SHORTEST))
     directory = new_directory(f'demo-{loaded.name}')
-    print(f'demo: {scene}, {duration:g} s in real time; the first start compiles, which takes minutes', flush=True)
+    print(f'demo: {scene}, {duration:g} s in real time; the first start compiles, which takes about a minute', flush=True)
     drive(scene, directory, duration)
     run = bag.read(directory)
     steps, overruns = int(run.metadata['steps']), int(run.metadata['overruns'])

@@ -95,7 +95,7 @@ def _simulate(signals: Signals) -> int:
     name = node.value('scene')
     if not name:
         raise SceneError('parameter scene is empty: give one with --ros-args -p scene:=NAME; known: ' + ', '.join(known_names()))
-    node.get_logger().info(f'preparing {name} (the first time this compiles, which takes minutes)')
+    node.get_logger().info(f'preparing {name} (the first time this compiles, which takes about a minute)')
     scene, simulation = prepare(name, [text for text in node.value('overrides') if text])
     # The threads share one interpreter. The simulation gives the lock up a dozen times a step (compiled code, publishing) and has to wait
     # this long for it whenever the executor or the recorder computes; and what is here to stay is not to be collected.
