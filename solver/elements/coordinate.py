@@ -100,18 +100,18 @@ def _continued(x, before):
     return x + TWO_PI * np.round((before - x.real) / TWO_PI)
 
 
-@kernel(borrow=True)
+@kernel(inline=True)
 def coordinate_value(table, kin, k, angle):
     """Value of coordinate k; angle (nx,) as for evaluate_coordinate."""
-    i = table.body[k, 0]
-    j = table.body[k, 1]
+    R_i = load33(kin.R, table.body[k, 0])
+    R_j = load33(kin.R, table.body[k, 1])
     F = load33(table.F, k)
-    n = mv(load33(kin.R, i), col(F, 2))
     if table.kind[k] == TRANSLATION:
-        return dot(n, sub(point_position(kin, j, load3(table.r_j, k)), point_position(kin, i, load3(table.r_i, k))))
-    x, y = mv(load33(kin.R, i), col(F, 0)), mv(load33(kin.R, i), col(F, 1))
+        d = sub(point_position(kin, table.body[k, 1], load3(table.r_j, k)), point_position(kin, table.body[k, 0], load3(table.r_i, k)))
+        return dot(mv(R_i, col(F, 2)), d)
     G = load33(table.G, k)
-    X, Y = mv(load33(kin.R, j), col(G, 0)), mv(load33(kin.R, j), col(G, 1))
+    x, y = mv(R_i, col(F, 0)), mv(R_i, col(F, 1))
+    X, Y = mv(R_j, col(G, 0)), mv(R_j, col(G, 1))
     return _continued(_arctan2(dot(y, X) - dot(x, Y), dot(x, X) + dot(y, Y)), angle[k])
 
 
@@ -125,23 +125,16 @@ def evaluate_coordinate(table, kin, k, angle):
     j = table.body[k, 1]
     R_i = load33(kin.R, i)
     R_j = load33(kin.R, j)
-    F = mm(R_i, load33(table.F, k))
-    n = col(F, 2)
+    x = coordinate_value(table, kin, k, angle)
+    n = mv(R_i, col(load33(table.F, k), 2))
     if table.kind[k] == TRANSLATION:
         r_i = load3(table.r_i, k)
         r_j = load3(table.r_j, k)
-        d = sub(point_position(kin, j, r_j), point_position(kin, i, r_i))
-        x = dot(n, d)
-        N = tmv(R_i, n)
-        D = tmv(R_i, d)
-        g_i = (scale(-1.0, n), cross(N, add(D, r_i)))
+        D = tmv(R_i, sub(point_position(kin, j, r_j), point_position(kin, i, r_i)))
+        g_i = (scale(-1.0, n), cross(tmv(R_i, n), add(D, r_i)))
         g_j = (n, cross(r_j, tmv(R_j, n)))
         return x, g_i, g_j
-    G = mm(R_j, load33(table.G, k))
-    s = dot(col(F, 1), col(G, 0)) - dot(col(F, 0), col(G, 1))
-    c = dot(col(F, 0), col(G, 0)) + dot(col(F, 1), col(G, 1))
-    x = _continued(_arctan2(s, c), angle[k])
-    m = col(G, 2)
+    m = mv(R_j, col(load33(table.G, k), 2))
     g = scale(1.0 / (1.0 + dot(n, m)), add(n, m))
     zero = scale(0.0, g)
     return x, (zero, scale(-1.0, tmv(R_i, g))), (zero, tmv(R_j, g))

@@ -7,8 +7,9 @@ import pytest
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
+from solver.jit import kernel
 from solver.lie import so3
-from solver.lie.vec import cross_m, m_cross, mm, skew
+from solver.lie.vec import cross_cross, cross_m, m_cross, mm, skew
 
 STEP = 1e-40
 ANGLES = [0.0, 1e-12, 1e-6, 1e-3, 0.0632, 0.0633, 0.099, 0.101, 0.499, 0.501, 1.0, 2.0, 3.0, 3.14]
@@ -115,6 +116,17 @@ def test_products_with_skew_matrices(rng):
     a, m = vec(rng.normal(size=3)), row(rng.normal(size=(3, 3)))
     np.testing.assert_allclose(cross_m(a, m), mm(skew(a), m), rtol=0, atol=1e-15)
     np.testing.assert_allclose(m_cross(m, a), mm(m, skew(a)), rtol=0, atol=1e-15)
+
+
+@kernel
+def _cross_cross(a, b):
+    return cross_cross(a, b)
+
+
+def test_two_cross_products_as_one_matrix():
+    """x x (y x z) = y (x . z) - z (x . y), by hand: with x = (1, 2, 3), y = (4, 5, 6), z = (7, 8, 10) it is (-12, 9, -2)."""
+    M = np.array(_cross_cross((1.0, 2.0, 3.0), (4.0, 5.0, 6.0))).reshape(3, 3)
+    np.testing.assert_array_equal(M @ [7.0, 8.0, 10.0], [-12.0, 9.0, -2.0])
 
 
 def test_a_quaternion_that_rounding_has_moved_is_corrected_to_rounding(rng):

@@ -5,7 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solver.blocks import WIDTH, add_row_products, add_weighted_product, combined_block, rotated_block, subtract_weighted_rows
+from solver.blocks import (
+    WIDTH,
+    add_row_products,
+    add_scaled_rows,
+    add_weighted_product,
+    combined_block,
+    rotated_block,
+    subtract_weighted_rows,
+)
 from solver.jit import kernel
 from solver.linear import SMALLEST_PIVOT, factorize, plan_elimination, solve
 
@@ -59,6 +67,22 @@ def _products(B, X, Y, W, first, x, t, T, C):
     add_row_products(t, first, Y, 1, x, 0)
     rotated_block(C, 0, X, 1, T, 2, 1.5, X, 0.0)
     combined_block(C, 1, X, 2, T, 1, -0.5, X, 0.25)
+
+
+@kernel
+def _scaled_rows(f, b, sign, weights, first, count, J, e):
+    add_scaled_rows(f, b, sign, weights, first, count, J, e)
+
+
+@pytest.mark.parametrize(('sign', 'count'), [(1.0, 6), (-1.0, 3), (1.0, 1), (-1.0, 0)])
+def test_scaled_rows_are_added_to_one_body_and_read_no_further_than_their_number(sign, count):
+    rng = np.random.default_rng(4)
+    f, J, weights = rng.normal(size=(3, 6)), rng.normal(size=(4, 6, 6)), rng.normal(size=2 + count)
+    expected = f.copy()
+    expected[1] += sign * weights[2:] @ J[2, :count]
+    J[2, count:] = np.nan
+    _scaled_rows(f, 1, sign, weights, 2, count, J, 2)
+    np.testing.assert_allclose(f, expected, rtol=0.0, atol=1e-14)
 
 
 def test_products_on_blocks_are_those_of_matrices():
