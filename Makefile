@@ -28,13 +28,14 @@ test: setup
 lint: setup
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+	$(BIN)/lint-imports --no-logo
 	$(BIN)/mypy
 
 bench: setup
 	$(BIN)/mbd bench
 
 demo: setup
-	$(BIN)/python -m mbd_sim_ros.demo
+	$(BIN)/python -m mbd_sim_ros.commands.demo
 
 clean:
 	rm -rf build install log *.egg-info .pytest_cache .mypy_cache .ruff_cache

@@ -34,7 +34,7 @@ setup(
     maintainer_email='maintainers@example.org',
     python_requires='>=3.11',
     packages=find_packages(include=['solver', 'solver.*', NAME, f'{NAME}.*']),
-    package_data={NAME: ['schemas/*', 'schemas/*/*']},
+    package_data={f'{NAME}.messages': ['schemas/*', 'schemas/*/*']},
     data_files=data_files(),
     zip_safe=False,
     install_requires=['numpy', 'scipy', 'numba', 'pyyaml', 'mcap', 'matplotlib', 'tqdm'],
@@ -59,13 +59,13 @@ setup(
             'colcon-python-setup-py',
             'colcon-recursive-crawl',
         ],
-        'dev': ['ruff', 'mypy', 'types-PyYAML', 'types-tqdm'],
+        'dev': ['ruff', 'mypy', 'import-linter', 'types-PyYAML', 'types-tqdm'],
     },
     entry_points={
         'console_scripts': [
-            f'simulator = {NAME}.node:main',
-            f'maneuver = {NAME}.maneuver_player:main',
-            f'mbd = {NAME}.cli:main',
+            f'simulator = {NAME}.node.main:main',
+            f'maneuver = {NAME}.node.maneuver_player:main',
+            f'mbd = {NAME}.commands.main:main',
         ],
     },
 )

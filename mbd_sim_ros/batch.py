@@ -13,9 +13,9 @@ from typing import Any, Protocol
 import numpy as np
 from tqdm import tqdm
 
-from mbd_sim_ros.messages import Messages
-from mbd_sim_ros.recorder import Recorder, about, describe
-from solver.balance import Balance
+from mbd_sim_ros.bags.recorder import Recorder, about, describe
+from mbd_sim_ros.messages.encode import Messages
+from solver.analysis.balance import Balance
 from solver.errors import MbdError
 from solver.simulation import Simulation
 

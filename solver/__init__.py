@@ -1,3 +1,50 @@
-"""Numerics and models of mbd_sim_ros: no ROS, no messages."""
+"""Numerics and models of mbd_sim_ros: no ROS, no messages.
 
-from solver import jit  # noqa: F401  (pins the compile cache before the first kernel is imported)
+The public door, documented in docs/README.md:
+
+    import solver
+
+    simulation = solver.simulation_of(solver.load_scene('slider_crank'))
+    snapshot = simulation.advance(100)
+
+Nothing heavy is imported before the first call.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from solver.output.snapshot import Snapshot
+    from solver.scene import Scene
+    from solver.simulation import Simulation
+
+__all__ = ['Snapshot', 'load_scene', 'simulation_of']
+
+
+def load_scene(name: str | Path, overrides: Sequence[str] = ()) -> Scene:
+    """Load a scene by path or name. overrides: 'a.b.c=value' assignments. Raises SceneError (one sentence: place, value, remedy)."""
+    from solver.files import scene
+
+    return scene.load_scene(name, overrides)
+
+
+def simulation_of(scene: Scene) -> Simulation:
+    """The simulation of a scene at its start, by the kind of its integrator. Raises SpecError, SceneError or ConsistencyError."""
+    from solver.simulation import Simulation
+
+    if scene.integrator.kind in Simulation.KINDS:
+        return Simulation(scene)
+    from solver.reference.simulation import ReferenceSimulation
+
+    return ReferenceSimulation(scene)
+
+
+def __getattr__(name: str) -> Any:
+    if name == 'Snapshot':
+        from solver.output.snapshot import Snapshot
+
+        return Snapshot
+    raise AttributeError(f'module {__name__!r} has no attribute {name!r}')

@@ -1,7 +1,7 @@
 """Several independent simulations side by side, in threads of one process.
 
-Compiled steps run without the interpreter lock (solver.jit), and a Simulation shares nothing that changes with another one: tables,
-states and scratch are its own. So threads change no bits, and they gain most with many steps per call.
+Compiled steps run without the interpreter lock (solver.compiled.kernel), and a Simulation shares nothing that changes with another one:
+tables, states and scratch are its own. So threads change no bits, and they gain most with many steps per call.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
+from solver.output.snapshot import Snapshot
 from solver.simulation import Simulation
-from solver.snapshot import Snapshot
 
 
 def advance_all(

@@ -6,18 +6,29 @@ from typing import cast
 
 import numpy as np
 
-from solver.audit import WORST, describe, scaled_jacobian, update_audit
-from solver.beginning import Beginning
-from solver.branches import BranchWatch
-from solver.channels import channels_of, collect, new_outputs
-from solver.consistent import Start
-from solver.driver import Sight
-from solver.dynamics import constraint_input_rates, evaluate_constraints, evaluate_forces, prepare
+from solver.compiled.by_reference import Ref
+from solver.compiled.kernel import address_of
+from solver.compiled.so3 import matrix_of_quaternion
 from solver.errors import SpecError, StepError
-from solver.integrators.adaptation import Adaptation, Event
-from solver.integrators.augmented_lagrangian import MOST_ITERATIONS, advance
-from solver.integrators.coefficients import ConstraintCoefficients, coefficients_of, mass_factors, weigh
-from solver.integrators.work import (
+from solver.files.urdf import robot_description
+from solver.inputs.driver import Sight
+from solver.inputs.maneuver import DriverSource, ManeuverSource
+from solver.model.evaluate import constraint_input_rates, evaluate_constraints, evaluate_forces, prepare
+from solver.model.saddle import BLOCK, CONDENSED, new_saddle
+from solver.model.state import State, copy_state, fill_kinematics, kinematics_of, load_state, new_state, save_state
+from solver.model.tables import Model
+from solver.output.branches import BranchWatch
+from solver.output.collect import channels_of, collect, new_outputs
+from solver.output.dependence import describe, scaled_jacobian
+from solver.output.energy import WORST, update_audit
+from solver.output.snapshot import Snapshot, StepStats, frame_of, layout_of, new_numbers
+from solver.scene import Scene
+from solver.start.initial_conditions import Beginning
+from solver.start.newton import Start
+from solver.step.adaptation import Adaptation, Event
+from solver.step.augmented_lagrangian import MOST_ITERATIONS, advance
+from solver.step.constraint_coefficients import ConstraintCoefficients, coefficients_of, mass_factors, weigh
+from solver.step.work import (
     BAD_INPUT,
     INACCURATE,
     NON_FINITE,
@@ -29,16 +40,6 @@ from solver.integrators.work import (
     coefficients,
     new_work,
 )
-from solver.jit import address_of
-from solver.lie.so3 import matrix_of_quaternion
-from solver.maneuver import DriverSource, ManeuverSource
-from solver.model.state import State, copy_state, fill_kinematics, kinematics_of, load_state, new_state, save_state
-from solver.model.tables import Model
-from solver.reference import Ref
-from solver.saddle import BLOCK, CONDENSED, new_saddle
-from solver.scene import Scene
-from solver.snapshot import Snapshot, StepStats, frame_of, layout_of, new_numbers
-from solver.vehicle.urdf import robot_description
 
 NO_STEPS = StepStats(OK, 0, 0, 0, 0.0, 0.0, 0.0)
 LARGEST_TURN_PER_STEP = 1.0  # rad; the iteration contracts by about the turn of a body per step (docs/decisions/0002)
@@ -347,7 +348,7 @@ class Simulation:
         }
 
     def urdf(self) -> str:
-        """The spanning tree of the model at the current configuration as URDF (solver.vehicle.urdf)."""
+        """The spanning tree of the model at the current configuration as URDF (solver.files.urdf)."""
         now = self.snapshot()
         values = dict(zip(self.channels.joints, now.joint_position.tolist(), strict=True))
         return robot_description(self.model.spec, now.pose, values, self.scene.name)
@@ -358,12 +359,3 @@ class Simulation:
         phi, J = np.zeros(self.model.n_rows), np.zeros_like(self.work.J)
         evaluate_constraints(self.model.tables, kin, self.state.angle, self._inputs, True, phi, J)
         return describe(self.model, J)
-
-
-def simulation_of(scene: Scene) -> Simulation:
-    """The simulation of a scene, by the kind of its integrator. Raises what Simulation does."""
-    if scene.integrator.kind in Simulation.KINDS:
-        return Simulation(scene)
-    from solver.reference_simulation import ReferenceSimulation
-
-    return ReferenceSimulation(scene)

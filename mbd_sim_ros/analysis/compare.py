@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbd_sim_ros.bag import Run
+from mbd_sim_ros.bags.reader import Run
 from solver.errors import BagError, suggestion
 
 COUNTERS = ('cmd_applied/step',)  # compared bit by bit only: another step size counts differently

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from mbd_sim_ros import bag
-from mbd_sim_ros.bag import Run
+from mbd_sim_ros.bags import reader as bag
+from mbd_sim_ros.bags.reader import Run
 from solver.errors import BagError
 
 TIME = 'time [s]'

@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> Result:
     """Measure, judge, show."""
     from tqdm import tqdm
 
-    from mbd_sim_ros.benchmark import report, suite
+    from mbd_sim_ros.lab.benchmarks import suite, verdicts
 
     if args.out is not None and args.out.is_dir():
         raise IsADirectoryError(21, 'is a directory; --out needs the name of a file', str(args.out))
@@ -56,5 +56,5 @@ def run(args: argparse.Namespace) -> Result:
         given = {'--suite': suite_name and args.suite, '--cases': args.cases, '--duration': args.duration and f'{args.duration:g}'}
         options = ''.join([' --quick' if args.quick else '', *(f' {name} {value}' for name, value in given.items() if value)])
         where = args.out.name if args.out.is_absolute() else args.out
-        report.write(found, args.out, f'mbd bench{options} --out {where}', suite_name)
-    return Result(data=data, text=report.text(found), code=1 if failed else 0)
+        verdicts.write(found, args.out, f'mbd bench{options} --out {where}', suite_name)
+    return Result(data=data, text=verdicts.text(found), code=1 if failed else 0)

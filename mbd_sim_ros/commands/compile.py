@@ -22,9 +22,9 @@ def run(args: argparse.Namespace) -> Result:
     from tqdm import tqdm
 
     from mbd_sim_ros.batch import warm_up
-    from solver.jit import CACHE_DIRECTORY
-    from solver.scene import load_scene
-    from solver.simulation import simulation_of
+    from solver import simulation_of
+    from solver.compiled.kernel import CACHE_DIRECTORY
+    from solver.files.scene import load_scene
 
     seconds: dict[str, float] = {}
     names = args.scenes or SCENES

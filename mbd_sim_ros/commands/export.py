@@ -18,8 +18,8 @@ def add(parsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> Result:
     """Read and write."""
-    from mbd_sim_ros import bag
     from mbd_sim_ros.analysis import tables
+    from mbd_sim_ros.bags import reader as bag
 
     run_ = bag.read(args.bag)
     files = [str(f) for f in tables.export(run_, args.csv)]

@@ -24,10 +24,10 @@ def add(parsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> Result:
     """Load, compile and count."""
+    from solver import simulation_of
+    from solver.analysis.figures import is_vehicle
     from solver.errors import BagError
-    from solver.scene import load_scene
-    from solver.simulation import simulation_of
-    from solver.vehicle.figures import is_vehicle
+    from solver.files.scene import load_scene
 
     scene = load_scene(args.scene, args.overrides)
     if args.resolved:
@@ -67,7 +67,7 @@ def run(args: argparse.Namespace) -> Result:
 
 def _figures(scene: Scene) -> tuple[dict[str, Any], str]:
     """The figures of the vehicle of a scene, standing on a flat road: (an object for JSON in SI units, a table)."""
-    from solver.vehicle.figures import USUAL, figures, standing
+    from solver.analysis.figures import USUAL, figures, standing
 
     try:
         found = figures(standing(scene))

@@ -24,7 +24,7 @@ def add(parsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> Result:
     """Copy."""
-    from mbd_sim_ros import bag
+    from mbd_sim_ros.bags import reader as bag
 
     saved = bag.recover(args.bag, args.new)
     data = {

@@ -11,8 +11,8 @@ from mbd_sim_ros.commands import Result, declare
 from solver.errors import BagError
 
 if TYPE_CHECKING:
-    from mbd_sim_ros.bag import Run
-    from solver.maneuver import ReplaySource
+    from mbd_sim_ros.bags.reader import Run
+    from solver.inputs.maneuver import ReplaySource
 
 STEP = 'cmd_applied/step'
 
@@ -32,12 +32,12 @@ def add(parsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> Result:
     """Read, simulate, compare."""
-    from mbd_sim_ros import bag
     from mbd_sim_ros.analysis.compare import compare
+    from mbd_sim_ros.bags import reader as bag
     from mbd_sim_ros.batch import simulate
     from mbd_sim_ros.commands.compare import report
-    from solver.jit import source_hash
-    from solver.scene import load_scene_text
+    from solver.compiled.kernel import source_hash
+    from solver.files.scene import load_scene_text
     from solver.simulation import Simulation
 
     before = bag.read(args.bag)
@@ -72,7 +72,7 @@ def recorded_inputs(run_: Run, names: tuple[str, ...]) -> ReplaySource:
 
     Raises BagError for a recording that does not hold every step from the first on.
     """
-    from solver.maneuver import ReplaySource
+    from solver.inputs.maneuver import ReplaySource
 
     steps = run_[STEP]
     rows = steps >= 1.0  # NaN where a topic has no message; step 0 is the start

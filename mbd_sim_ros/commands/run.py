@@ -39,10 +39,10 @@ def add(parsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> Result:
     """Load, simulate, judge."""
+    from mbd_sim_ros.bags.recorder import new_directory
     from mbd_sim_ros.batch import simulate
-    from mbd_sim_ros.recorder import new_directory
-    from solver.scene import find_file, load_scene
-    from solver.simulation import simulation_of
+    from solver import simulation_of
+    from solver.files.scene import find_file, load_scene
 
     overrides = list(args.overrides)
     if args.maneuver is not None:

@@ -16,7 +16,7 @@ class _Listing(argparse.RawDescriptionHelpFormatter):
     """Lists the studies below the help; only then are their modules imported."""
 
     def format_help(self) -> str:
-        from mbd_sim_ros.study import STUDIES, module
+        from mbd_sim_ros.lab.studies import STUDIES, module
 
         return f'{super().format_help()}\nstudies:\n' + ''.join(f'  {name:20} {module(name).SUMMARY}\n' for name in STUDIES)
 
@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> Result:
     """Run the study, show its checks."""
     from tqdm import tqdm
 
-    from mbd_sim_ros import study
+    from mbd_sim_ros.lab import studies as study
 
     study.module(args.name)  # a wrong name makes no directory
     out = args.out or Path('out') / args.name

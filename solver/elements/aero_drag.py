@@ -15,10 +15,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.elements.marker import Context, Marker, Spec, finite
-from solver.elements.point_pair import angular_velocity, linear_velocity
-from solver.jit import kernel
-from solver.lie.vec import (
+from solver.compiled.kernel import kernel
+from solver.compiled.vec import (
     add,
     add3,
     cross,
@@ -39,6 +37,9 @@ from solver.lie.vec import (
     tmv,
     transpose,
 )
+from solver.elements.marker import Context, Marker, Spec
+from solver.elements.point_pair import angular_velocity, linear_velocity
+from solver.validate import finite
 
 OUTPUTS = ('energy', 'dissipation', 'fx', 'fy', 'fz', 'speed')
 

@@ -8,10 +8,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from solver.elements.marker import WORLD, Context, Marker, Spec, Vector, compile_pairs, require, vector
-from solver.elements.point_pair import angular_velocity, linear_velocity
-from solver.jit import kernel
-from solver.lie.vec import (
+from solver.compiled.kernel import kernel
+from solver.compiled.vec import (
     add,
     add3,
     cross,
@@ -31,6 +29,9 @@ from solver.lie.vec import (
     tmm,
     tmv,
 )
+from solver.elements.marker import WORLD, Context, Marker, Spec, compile_pairs
+from solver.elements.point_pair import angular_velocity, linear_velocity
+from solver.validate import Vector, require, vector
 
 OUTPUTS = ('energy', 'dissipation', 'fx', 'fy', 'fz', 'mx', 'my', 'mz')
 WORLD_AXES, BODY_AXES, REACTION_AXES = 0, 1, 2

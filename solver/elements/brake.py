@@ -25,6 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from solver.compiled.kernel import kernel, sixes
 from solver.elements.coordinate import (
     add_coordinate_hessian,
     add_dyad,
@@ -34,8 +35,8 @@ from solver.elements.coordinate import (
     evaluate_coordinate,
     scale6,
 )
-from solver.elements.marker import Context, Spec, finite
-from solver.jit import kernel, sixes
+from solver.elements.marker import Context, Spec
+from solver.validate import finite
 
 OUTPUTS = ('energy', 'dissipation', 'windup', 'rate', 'torque', 'capacity')
 

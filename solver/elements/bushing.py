@@ -18,13 +18,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.elements.laws import Law, evaluate_law
-from solver.elements.marker import Context, Marker, Spec, compile_pairs, finite, require, vector
-from solver.elements.point_pair import angular_velocity, linear_velocity
-from solver.jit import kernel, sixes
-from solver.lie.rows import add_block, add_rows, cross_rows, mul_rows, rows, sub_block, sub_rows
-from solver.lie.so3 import inverse_jacobian_coefficients, log
-from solver.lie.vec import (
+from solver.compiled.kernel import kernel, sixes
+from solver.compiled.rows import add_block, add_rows, cross_rows, mul_rows, rows, sub_block, sub_rows
+from solver.compiled.so3 import inverse_jacobian_coefficients, log
+from solver.compiled.vec import (
     add,
     add3,
     cross,
@@ -46,6 +43,10 @@ from solver.lie.vec import (
     tmv,
     transpose,
 )
+from solver.elements.laws import Law, evaluate_law
+from solver.elements.marker import Context, Marker, Spec, compile_pairs
+from solver.elements.point_pair import angular_velocity, linear_velocity
+from solver.validate import finite, require, vector
 
 OUTPUTS = ('energy', 'dissipation', 'fx', 'fy', 'fz', 'mx', 'my', 'mz', 'x', 'y', 'z', 'rx', 'ry', 'rz')
 Six = tuple[float, float, float, float, float, float]

@@ -15,11 +15,12 @@ from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
-from solver.elements.marker import Context, Marker, Spec, compile_pairs, finite, require
+from solver.compiled.kernel import kernel
+from solver.compiled.vec import col, cross, dot, load3, load33, madd, minus, mm, mscale, mv, outer, put33, scale, skew, sub, tmv, transpose
+from solver.elements.marker import Context, Marker, Spec, compile_pairs
 from solver.elements.point_pair import angular_velocity, linear_velocity, point_position
 from solver.errors import suggestion
-from solver.jit import kernel
-from solver.lie.vec import col, cross, dot, load3, load33, madd, minus, mm, mscale, mv, outer, put33, scale, skew, sub, tmv, transpose
+from solver.validate import finite, require
 
 KNIFE_EDGE, ROLLING = 0, 1
 # rows of every kind: name and whether it is holonomic

@@ -18,10 +18,8 @@ import numpy as np
 from numba import types
 from numba.extending import overload
 
-from solver.elements.marker import Context, Marker, Spec, compile_pairs, require
-from solver.elements.point_pair import angular_velocity, linear_velocity, point_position, point_velocity
-from solver.jit import kernel
-from solver.lie.vec import (
+from solver.compiled.kernel import kernel
+from solver.compiled.vec import (
     add,
     add3,
     col,
@@ -47,6 +45,9 @@ from solver.lie.vec import (
     tmv,
     transpose,
 )
+from solver.elements.marker import Context, Marker, Spec, compile_pairs
+from solver.elements.point_pair import angular_velocity, linear_velocity, point_position, point_velocity
+from solver.validate import require
 
 TRANSLATION, ROTATION = 0, 1
 TWO_PI = 2.0 * np.pi

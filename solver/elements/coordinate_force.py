@@ -16,6 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from solver.compiled.kernel import kernel, sixes
 from solver.elements.coordinate import (
     add6,
     add_coordinate_hessian,
@@ -27,8 +28,8 @@ from solver.elements.coordinate import (
     scale6,
 )
 from solver.elements.laws import Law, evaluate_law
-from solver.elements.marker import Context, Spec, finite, require
-from solver.jit import kernel, sixes
+from solver.elements.marker import Context, Spec
+from solver.validate import finite, require
 
 OUTPUTS = ('energy', 'dissipation', 'value', 'rate', 'force')
 MAX_TERMS = 3

@@ -11,9 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from solver.compiled.kernel import kernel, sixes
 from solver.elements.coordinate import add_coordinate_hessian, evaluate_coordinate
-from solver.elements.marker import Spec, finite, require
-from solver.jit import kernel, sixes
+from solver.elements.marker import Spec
+from solver.validate import finite, require
 
 MAX_TERMS = 3
 

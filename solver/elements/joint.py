@@ -13,11 +13,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.elements.marker import Context, Marker, Spec, compile_pairs, finite, require
-from solver.elements.point_pair import add_point_pair_tangent, point_position
-from solver.errors import suggestion
-from solver.jit import kernel, sixes
-from solver.lie.vec import (
+from solver.compiled.kernel import kernel, sixes
+from solver.compiled.vec import (
     add,
     col,
     cross,
@@ -38,6 +35,10 @@ from solver.lie.vec import (
     tmv,
     transpose,
 )
+from solver.elements.marker import Context, Marker, Spec, compile_pairs
+from solver.elements.point_pair import add_point_pair_tangent, point_position
+from solver.errors import suggestion
+from solver.validate import finite, require
 
 DX, DY, DZ = 0, 1, 2  # component of p_FG along an axis of F
 AXES = 3  # 3 + 3 a + b: F_a . G_b

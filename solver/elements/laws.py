@@ -12,9 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.elements.marker import finite, require
-from solver.jit import kernel
-from solver.reference import Ref
+from solver.compiled.by_reference import Ref
+from solver.compiled.kernel import kernel
+from solver.validate import finite, require
 
 
 @dataclass(frozen=True)

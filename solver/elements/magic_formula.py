@@ -15,6 +15,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from solver.compiled.dual import arctan, cos, exp, log, sin, sqrt
+from solver.compiled.kernel import NO, kernel
 from solver.elements.smooth import SMOOTH_CAMBER, at_most_one, cos_arctan, curve, held, ramp, smooth_abs
 from solver.elements.tire_data import I
 from solver.elements.turn_slip import (
@@ -27,8 +29,6 @@ from solver.elements.turn_slip import (
     stiffness_factor,
     trail_factor,
 )
-from solver.jit import NO, kernel
-from solver.lie.dual import arctan, cos, exp, log, sin, sqrt
 
 SLOWEST = 0.5  # speed above which sign(V) is exactly 1 [m/s]
 TWO_OVER_PI = 2.0 / np.pi

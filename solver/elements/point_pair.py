@@ -6,9 +6,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.jit import kernel
-from solver.lie.rows import add_block, add_rows, cross_rows, mul_rows, rows, sub_block, sub_rows
-from solver.lie.vec import add3, cross, cross_cross, load3, load33, m_cross, mscale, tmv, transpose
+from solver.compiled.kernel import kernel
+from solver.compiled.rows import add_block, add_rows, cross_rows, mul_rows, rows, sub_block, sub_rows
+from solver.compiled.vec import add3, cross, cross_cross, load3, load33, m_cross, mscale, tmv, transpose
 
 
 class Kinematics(NamedTuple):

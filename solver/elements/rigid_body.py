@@ -8,10 +8,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.elements.marker import IDENTITY, WORLD, Quaternion, Spec, Vector, finite, require, unit_quaternion, vector
+from solver.compiled.kernel import kernel
+from solver.compiled.vec import add3, cross, cross_m, load33, msub, mv, put33, scale, skew
+from solver.elements.marker import IDENTITY, WORLD, Spec
 from solver.elements.point_pair import angular_velocity
-from solver.jit import kernel
-from solver.lie.vec import add3, cross, cross_m, load33, msub, mv, put33, scale, skew
+from solver.validate import Quaternion, Vector, finite, require, unit_quaternion, vector
 
 
 @dataclass(frozen=True, kw_only=True)

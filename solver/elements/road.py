@@ -4,7 +4,7 @@ height(x, y) = plane + sum of grids. A grid is interpolated by the uniform cubic
 and curvature are continuous; beyond its border it continues with constant height. Friction is a factor on the peak friction of
 the tire: the product of the factors of all patches, each blended in smoothly over a strip of finite width.
 
-`road_at` runs on float64, complex128 and Dual (solver.lie.dual), so slope and curvature enter every tangent exactly.
+`road_at` runs on float64, complex128 and Dual (solver.compiled.dual), so slope and curvature enter every tangent exactly.
 """
 
 from __future__ import annotations
@@ -15,9 +15,10 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from solver.elements.marker import Spec, Vector, finite, require, vector
-from solver.jit import kernel
-from solver.lie.dual import sqrt
+from solver.compiled.dual import sqrt
+from solver.compiled.kernel import kernel
+from solver.elements.marker import Spec
+from solver.validate import Vector, finite, require, vector
 
 # ISO 8608:2016, table C.3: displacement spectral density at 0.1 cycles/m, geometric mean of each class [m^3]
 ISO_8608_DENSITY = {c: 16e-6 * 4.0**k for k, c in enumerate('ABCDEFGH')}

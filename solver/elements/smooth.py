@@ -5,8 +5,8 @@ On float64, complex128 and Dual; once continuously differentiable.
 
 from __future__ import annotations
 
-from solver.jit import kernel
-from solver.lie.dual import arctan, sqrt
+from solver.compiled.dual import arctan, sqrt
+from solver.compiled.kernel import kernel
 
 SMOOTH_CAMBER = 1e-3  # |gamma| is gamma^2/sqrt(gamma^2 + SMOOTH_CAMBER^2) [rad]
 

@@ -8,11 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from solver.compiled.kernel import kernel, sixes
+from solver.compiled.vec import dot, load3, madd, mscale, outer, scale, sub
 from solver.elements.laws import Law, evaluate_law
-from solver.elements.marker import Context, Marker, Spec, compile_pairs, finite
+from solver.elements.marker import Context, Marker, Spec, compile_pairs
 from solver.elements.point_pair import add_point_force, add_point_pair_tangent, point_position, point_velocity
-from solver.jit import kernel, sixes
-from solver.lie.vec import dot, load3, madd, mscale, outer, scale, sub
+from solver.validate import finite
 
 OUTPUTS = ('energy', 'dissipation', 'length', 'rate', 'force')
 

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from solver.compiled.dual import arctan, seeded, sqrt, value, variable
+from solver.compiled.kernel import kernel
+from solver.compiled.vec import add, cross, dot, load3, load33, mv, scale
 from solver.elements.road import surface_at
 from solver.elements.smooth import ramp, smooth_abs, smooth_step
 from solver.elements.tire_data import I
-from solver.jit import kernel
-from solver.lie.dual import arctan, seeded, sqrt, value, variable
-from solver.lie.vec import add, cross, dot, load3, load33, mv, scale
 
 TOUCH = 0.5e-3  # half width of the parabola with which the load begins at touch-down [m]
 RIM_TOUCH = 3e-3  # the same for the rim [m]

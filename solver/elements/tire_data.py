@@ -12,8 +12,8 @@ from typing import Literal
 
 import numpy as np
 
-from solver.elements.marker import finite, require
 from solver.errors import suggestion
+from solver.validate import finite, require
 
 # What a coefficient is when the file does not have it; None: the file must have it.
 DEFAULTS: dict[str, float | None] = {

@@ -23,6 +23,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from solver.compiled.dual import arctan, compose, differentiates, local, partial, sqrt, value
+from solver.compiled.kernel import kernel
+from solver.compiled.so3 import quaternion_of_matrix
+from solver.compiled.vec import add, cross, dot, load3, load33, scale, tmv
 from solver.elements.magic_formula import (
     SLOWEST,
     camber_variable,
@@ -32,18 +36,20 @@ from solver.elements.magic_formula import (
     rolling_resistance,
     slip_stiffness,
 )
-from solver.elements.marker import Context, Marker, Spec, finite, require
+from solver.elements.marker import Context, Marker, Spec
 from solver.elements.road import RoadSpec, RoadTable, compile_road, friction_at
 from solver.elements.smooth import ramp, smooth_sign, smooth_step
 from solver.elements.tire_contact import contact_of, motion_of, real_kinematics, seeded_motion_of
 from solver.elements.tire_data import ROW, I, TireData, pack
 from solver.elements.turn_slip import saturated_moment, spin_slope
-from solver.jit import kernel
-from solver.lie.dual import arctan, compose, differentiates, local, partial, sqrt, value
-from solver.lie.so3 import quaternion_of_matrix
-from solver.lie.vec import add, cross, dot, load3, load33, scale, tmv
-from solver.snapshot import TIRE_COLUMNS
+from solver.validate import finite, require
 
+TIRE_COLUMNS = (
+    'fx', 'fy', 'fz', 'mx', 'my', 'mz',  # force [N] and moment [N m] on the wheel at the contact point, contact frame
+    'kappa', 'alpha', 'gamma', 'spin',  # slip [-], slip angle [rad], camber [rad], spin velocity about +y [rad/s]
+    'deflection', 'friction',  # vertical deflection [m], road friction factor [-]
+    'px', 'py', 'pz', 'qx', 'qy', 'qz', 'qw',  # contact frame in the world: position [m], orientation xyzw
+)  # fmt: skip
 OUTPUTS = ('energy', 'dissipation', *TIRE_COLUMNS)
 STATES = 2  # without turn slip, one more with it
 

@@ -14,10 +14,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from solver.compiled.dual import arctan, sin, sqrt
+from solver.compiled.kernel import kernel
 from solver.elements.smooth import SMOOTH_CAMBER, at_most_one, cos_arctan, curve, held, smooth_abs
 from solver.elements.tire_data import I
-from solver.jit import kernel
-from solver.lie.dual import arctan, sin, sqrt
 
 SMALL_SPIN = 1e-3  # |R0 phi| is rounded below this [-]
 SMALL_MOMENT = 0.01  # and |D_r phi| below this fraction of M_z phi infinity

@@ -6,6 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from solver.compiled.by_reference import Ref
+from solver.compiled.so3 import matrix_of_quaternion
 from solver.elements.aero_drag import compile_aero_drags
 from solver.elements.applied_force import compile_applied_forces
 from solver.elements.brake import compile_brakes
@@ -21,12 +23,10 @@ from solver.elements.rigid_body import compile_bodies
 from solver.elements.spring_damper import compile_spring_dampers
 from solver.elements.tire_pacejka import compile_tires
 from solver.errors import SpecError, suggestion
-from solver.lie.so3 import matrix_of_quaternion
-from solver.linear import plan_elimination
+from solver.linear.elimination import plan_elimination
 from solver.model.spec import ModelSpec
 from solver.model.state import kinematics_of, placed_configuration
 from solver.model.tables import MAX_CALLS, ConstraintTable, Model, Tables
-from solver.reference import Ref
 
 PENALTY_MASS_FLOOR = 1e-4  # of the mean mass; keeps 1/(a M^-1 a^T) away from zero for (nearly) massless bodies and point masses
 

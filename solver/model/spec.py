@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 
 from solver.elements.aero_drag import AeroDragSpec
@@ -13,12 +14,13 @@ from solver.elements.coordinate import CoordinateSpec
 from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.elements.coupler import CouplerSpec
 from solver.elements.joint import JointSpec
-from solver.elements.marker import Vector, vector
 from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.road import RoadSpec
 from solver.elements.spring_damper import SpringDamperSpec
 from solver.elements.tire_pacejka import TireSpec
 from solver.errors import SpecError
+from solver.inputs.maneuver import ACCELERATION, RATE
+from solver.validate import Vector, vector
 
 FLAT = RoadSpec()
 
@@ -71,3 +73,17 @@ class ModelSpec:
                 if spec.name in seen:
                     raise SpecError(f'{spec.where}: name = {spec.name!r}: is used twice among the {kind}; rename one')
                 seen.add(spec.name)
+
+
+def used_inputs(model: ModelSpec) -> tuple[str, ...]:
+    """Input channels that the elements of a model mention, in order of first mention; drivers with their derivatives."""
+    names: dict[str, None] = {}
+    for field in dataclasses.fields(model):
+        specs = getattr(model, field.name)
+        for spec in specs if isinstance(specs, tuple) else ():
+            name = getattr(spec, 'input', None)
+            if isinstance(name, str):
+                names[name] = None
+                if isinstance(spec, CouplerSpec):
+                    names[name + RATE] = names[name + ACCELERATION] = None
+    return tuple(names)

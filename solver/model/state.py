@@ -7,11 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from solver.compiled.by_reference import Ref
+from solver.compiled.kernel import kernel
+from solver.compiled.so3 import matrix_of_quaternion
 from solver.elements.coordinate import coordinate_value
 from solver.elements.point_pair import Kinematics
-from solver.jit import kernel
-from solver.lie.so3 import matrix_of_quaternion
-from solver.reference import Ref
 
 
 class State(NamedTuple):

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from solver.compiled.by_reference import Ref
 from solver.elements.aero_drag import AeroDragTable
 from solver.elements.applied_force import AppliedForceTable
 from solver.elements.brake import BrakeTable
@@ -20,9 +21,8 @@ from solver.elements.laws import LawTable
 from solver.elements.rigid_body import BodyTable
 from solver.elements.spring_damper import SpringDamperTable
 from solver.elements.tire_pacejka import TireTable
-from solver.linear import Elimination
+from solver.linear.elimination import Elimination
 from solver.model.spec import ModelSpec
-from solver.reference import Ref
 
 MAX_CALLS = 16
 
@@ -47,7 +47,7 @@ class ConstraintTable(NamedTuple):
 class Tables(NamedTuple):
     """Everything the kernels need of a model."""
 
-    calls: np.ndarray  # (MAX_CALLS,) addresses of the kernels of this model's elements (solver.dynamics.bind)
+    calls: np.ndarray  # (MAX_CALLS,) addresses of the kernels of this model's elements (solver.model.evaluate.bind)
     bodies: BodyTable
     penalty_inverse_mass: np.ndarray  # (nb,) 1/mass with a floor, for the effective masses of constraints only
     penalty_inverse_inertia: np.ndarray  # (nb, 3, 3)

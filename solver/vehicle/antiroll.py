@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from solver.elements.coordinate import CoordinateSpec
 from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.elements.laws import Law
-from solver.elements.marker import Vector, finite
 from solver.elements.rigid_body import RigidBodySpec
+from solver.validate import Vector, finite
 from solver.vehicle.hardpoints import marker_at, on_side
 from solver.vehicle.parts import LEFTWARDS, Bushing, Link, Parts, joined, link, mounting, rods
 

@@ -22,10 +22,11 @@ import numpy as np
 from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.elements.joint import JointSpec
 from solver.elements.laws import Law
-from solver.elements.marker import Marker, Vector
+from solver.elements.marker import Marker
 from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.spring_damper import SpringDamperSpec
 from solver.elements.tire_pacejka import TireData
+from solver.validate import Vector
 from solver.vehicle.hardpoints import SIDES, distance, marker_at, on_side
 from solver.vehicle.parts import Part, Parts, joined
 from solver.vehicle.wheel_end import Brake, Wheel, wheel_end

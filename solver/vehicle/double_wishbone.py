@@ -15,8 +15,8 @@ from typing import Literal
 import numpy as np
 
 from solver.elements.joint import JointSpec
-from solver.elements.marker import Vector, require
 from solver.elements.rigid_body import RigidBodySpec
+from solver.validate import Vector, require
 from solver.vehicle.hardpoints import distance, marker_at, on_side
 from solver.vehicle.parts import (
     Arm,

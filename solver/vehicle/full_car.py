@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from solver.elements.marker import Vector, require
 from solver.elements.rigid_body import RigidBodySpec
-from solver.mechanism import used_inputs
-from solver.model.spec import ModelSpec
+from solver.model.spec import ModelSpec, used_inputs
+from solver.validate import Vector, require
 from solver.vehicle.antiroll import AntiRollBar, anti_roll_bar
 from solver.vehicle.double_wishbone import DoubleWishbone
 from solver.vehicle.hardpoints import SIDES

@@ -10,9 +10,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from solver.elements.marker import Marker, Vector
+from solver.elements.marker import Marker
 from solver.elements.rigid_body import RigidBodySpec
-from solver.mechanism import frame_of_axis, matrix, quaternion
+from solver.model.frames import frame_of_axis, matrix, quaternion
+from solver.validate import Vector
 
 SIDES = {'left': 1.0, 'right': -1.0}
 """Sign of y of the two sides of the vehicle."""
@@ -23,7 +24,7 @@ def marker_at(
 ) -> Marker:
     """The marker on a body at a point [m] of the design frame, in which body.position and body.orientation are given too.
 
-    z_axis, x_axis: directions of its axes in the design frame, as in solver.mechanism.frame_of_axis. Without z_axis the marker
+    z_axis, x_axis: directions of its axes in the design frame, as in solver.files.mechanism.frame_of_axis. Without z_axis the marker
     is parallel to the design frame. Raises ValueError for zero or parallel axes.
     """
     R_DB = matrix(body.orientation)

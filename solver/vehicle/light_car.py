@@ -22,9 +22,9 @@ from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.elements.coupler import CouplerSpec
 from solver.elements.joint import JointSpec
 from solver.elements.laws import Law
-from solver.elements.marker import Vector, require
 from solver.elements.rigid_body import RigidBodySpec
 from solver.model.spec import ModelSpec
+from solver.validate import Vector, require
 from solver.vehicle.corner import ArmAxle, Axle, StrutAxle, corner, corner_bodies, free_length
 from solver.vehicle.hardpoints import marker_at
 from solver.vehicle.parts import LEFTWARDS, Part, joined

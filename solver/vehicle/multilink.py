@@ -9,22 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from solver.elements.marker import Marker, Vector
+from solver.elements.marker import Marker
+from solver.validate import Vector
 from solver.vehicle.hardpoints import distance, marker_at, on_side
-from solver.vehicle.parts import (
-    Arm,
-    Corner,
-    Damper,
-    Link,
-    Parts,
-    Spring,
-    Structure,
-    control_arm,
-    damper_of,
-    joined,
-    link,
-    spring_of,
-)
+from solver.vehicle.parts import Arm, Corner, Damper, Link, Parts, Spring, Structure, control_arm, damper_of, joined, link, spring_of
 from solver.vehicle.wheel_end import IndependentSuspension
 
 

@@ -21,11 +21,12 @@ from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.elements.coupler import CouplerSpec
 from solver.elements.joint import JointSpec
 from solver.elements.laws import Law
-from solver.elements.marker import Marker, Vector, finite, require
+from solver.elements.marker import Marker
 from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.spring_damper import SpringDamperSpec
 from solver.elements.tire_pacejka import TireSpec
-from solver.mechanism import frame_of_axis
+from solver.model.frames import frame_of_axis
+from solver.validate import Vector, finite, require
 from solver.vehicle.hardpoints import SIDES, distance, marker_at, on_side
 
 UP: Vector = (0.0, 0.0, 1.0)

@@ -22,8 +22,8 @@ import numpy as np
 from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.elements.joint import JointSpec
 from solver.elements.laws import Law
-from solver.elements.marker import Vector, finite
 from solver.elements.rigid_body import RigidBodySpec
+from solver.validate import Vector, finite
 from solver.vehicle.hardpoints import SIDES, marker_at, on_side
 from solver.vehicle.parts import LEFTWARDS, UP, Bushing, Part, Parts, joined, mounting, rods, shaft_markers, vector_of
 from solver.vehicle.wheel_end import spin_axis

@@ -18,9 +18,10 @@ from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.elements.coupler import CouplerSpec
 from solver.elements.joint import JointSpec
 from solver.elements.laws import Law
-from solver.elements.marker import Marker, Vector, finite
+from solver.elements.marker import Marker
 from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.spring_damper import SpringDamperSpec
+from solver.validate import Vector, finite
 from solver.vehicle.hardpoints import marker_at
 from solver.vehicle.parts import LEFTWARDS, Part, Parts, rods, shaft_markers, vector_of
 

@@ -14,10 +14,11 @@ from typing import Annotated
 from solver.elements.brake import BrakeSpec
 from solver.elements.coordinate import CoordinateSpec
 from solver.elements.joint import JointSpec
-from solver.elements.marker import Marker, Vector
+from solver.elements.marker import Marker
 from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.tire_pacejka import TireData, TireSpec
-from solver.mechanism import frame_of_rpy, matrix, quaternion
+from solver.model.frames import frame_of_rpy, matrix, quaternion
+from solver.validate import Vector
 from solver.vehicle.hardpoints import SIDES, marker_at, on_side
 from solver.vehicle.parts import UP, Part, Parts
 

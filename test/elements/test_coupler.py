@@ -7,11 +7,11 @@ import pytest
 from contract import STEP, ContractContext, displaced, random_kinematics
 from scipy.spatial.transform import Rotation
 
+from solver.compiled.so3 import exp
 from solver.elements.coordinate import CoordinateSpec
 from solver.elements.coupler import MAX_TERMS, CouplerSpec, CouplerTable, add_coupler_hessians, evaluate_couplers
 from solver.elements.marker import Marker
 from solver.errors import SpecError
-from solver.lie.so3 import exp
 
 BODIES = 3
 ANGLE = np.zeros(3)

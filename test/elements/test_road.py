@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from solver.compiled.dual import partial, variable
+from solver.compiled.kernel import kernel
 from solver.elements.road import ISO_8608_DENSITY, FrictionPatch, HeightGrid, RandomRoad, RoadSpec, compile_road, road_at, surface_at
 from solver.errors import SpecError
-from solver.jit import kernel
-from solver.lie.dual import partial, variable
 
 
 @kernel

@@ -10,15 +10,15 @@ from tire_bench import forces as law
 
 from solver.elements.magic_formula import relaxation_lengths, slip_stiffness
 from solver.elements.tire_data import I, TireData, pack
-from solver.vehicle.tir import read_tir
+from solver.files.tir import read_tir
 
 ROOT = Path(__file__).resolve().parents[2]
-REFERENCE = ROOT / 'test' / 'reference'
+DATA = ROOT / 'test' / 'data'
 
 
 @pytest.fixture(scope='module')
 def sedan() -> TireData:
-    return read_tir(REFERENCE / 'chrono_245_40R18.tir')
+    return read_tir(DATA / 'chrono_245_40R18.tir')
 
 
 @pytest.fixture(scope='module')
@@ -28,7 +28,7 @@ def car() -> TireData:
 
 @pytest.fixture(scope='module')
 def example() -> TireData:
-    return read_tir(REFERENCE / 'externdata_225_50R17.tir')
+    return read_tir(DATA / 'externdata_225_50R17.tir')
 
 
 @pytest.mark.parametrize('name', ['sedan', 'car', 'example'])

@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solver.blocks import (
+from solver.compiled.kernel import kernel
+from solver.linear.blocks import (
     WIDTH,
     add_row_products,
     add_scaled_rows,
@@ -14,8 +15,7 @@ from solver.blocks import (
     rotated_block,
     subtract_weighted_rows,
 )
-from solver.jit import kernel
-from solver.linear import SMALLEST_PIVOT, factorize, plan_elimination, solve
+from solver.linear.elimination import SMALLEST_PIVOT, factorize, plan_elimination, solve
 
 
 def system(n: int, extra: int, seed: int):
@@ -116,7 +116,7 @@ def test_products_on_blocks_are_those_of_matrices():
 @pytest.mark.parametrize(('kind', 'size'), [('chain', 'links'), ('four_bar_n', 'loops')])
 def test_elimination_grows_in_proportion_to_the_bodies(kind, size):
     """Blocks and block products per body stay the same from 10 to 1000 bodies: no fill that grows."""
-    from solver.linkages import LINKAGES
+    from solver.files.linkages import LINKAGES
     from solver.model.compile import compile_model
 
     data, make = LINKAGES[kind]

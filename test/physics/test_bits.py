@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from solver.errors import SpecError, StepError
-from solver.scene import load_scene
+from solver.files.scene import load_scene
 from solver.simulation import Simulation
 
 SCENES = ('double_pendulum', 'four_bar', 'slider_crank')

@@ -7,7 +7,8 @@ import dataclasses
 import numpy as np
 import pytest
 
-from solver.scene import Scene, load_scene, load_scene_text
+from solver.files.scene import load_scene, load_scene_text
+from solver.scene import Scene
 from solver.simulation import Simulation
 
 SPATIAL = """

@@ -9,8 +9,8 @@ import pytest
 from closed_forms import falling_four_bar, pendulum, steady_top, torque_free_top
 from convergence import scene_of
 
-from solver.audit import ENERGY, REFERENCE, WORK
-from solver.scene import load_scene_text
+from solver.files.scene import load_scene_text
+from solver.output.energy import ENERGY, REFERENCE, WORK
 from solver.simulation import Simulation
 
 CONSERVING = {'rho_inf': 1.0, 'mode': 'tolerance', 'tolerance': 1e-13}

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from solver.scene import load_scene_text
+from solver.files.scene import load_scene_text
 from solver.simulation import Simulation
 
 # two bodies on a ball joint, a third on a spring and a bushing: internal forces of every kind, no external ones

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solver.scene import load_scene_text
+from solver.files.scene import load_scene_text
 from solver.simulation import Simulation
 
 SCENE = """

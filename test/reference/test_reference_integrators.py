@@ -12,12 +12,13 @@ import pytest
 from closed_forms import driven_four_bar, falling_four_bar, heavy_body, steady_top
 from convergence import error, scene_of
 
+from solver import simulation_of
 from solver.errors import SpecError, StepError
-from solver.integrators.equations import Motion
-from solver.integrators.reference import Stabilised
-from solver.reference_simulation import ReferenceSimulation
-from solver.scene import load_scene
-from solver.simulation import Simulation, simulation_of
+from solver.files.scene import load_scene
+from solver.reference.dense import Motion
+from solver.reference.methods import Stabilised
+from solver.reference.simulation import ReferenceSimulation
+from solver.simulation import Simulation
 
 KINDS = ('reference_kkt', 'reference_bdf', 'reference_radau', 'reference_ida')
 

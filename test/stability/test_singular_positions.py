@@ -1,6 +1,6 @@
 """The slider-crank with equal rods passes its singular positions from any starting phase, at any step, damped and conserving.
 
-Starts, exact motion and limits: mbd_sim_ros.study.crank. PHASES can be raised through the environment (MBD_PHASES=200);
+Starts, exact motion and limits: mbd_sim_ros.lab.studies.crank. PHASES can be raised through the environment (MBD_PHASES=200);
 `mbd study slider_crank_phases` is the full study with its report.
 """
 
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from mbd_sim_ros.study import crank
+from mbd_sim_ros.lab.studies import crank
 
 PHASES = int(os.environ.get('MBD_PHASES', '12'))
 TOLERANCE = {'rho_inf': 0.9, 'mode': 'tolerance'}

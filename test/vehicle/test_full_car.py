@@ -9,21 +9,22 @@ import numpy as np
 import pytest
 from saloon import full_car, without_bushings
 
-from solver.audit import dense_jacobian
-from solver.consistent import Start
-from solver.dynamics import prepare
+from solver.analysis.figures import USUAL, figures
+from solver.analysis.kinematics_and_compliance import Rig
+from solver.analysis.modes import eigenvalues, linearised, modes
 from solver.elements.rigid_body import RigidBodySpec
+from solver.elements.tire_pacejka import TIRE_COLUMNS
 from solver.errors import SpecError
-from solver.mechanism import matrix
-from solver.scene import Scene, load_scene
+from solver.files.scene import load_scene
+from solver.model.evaluate import prepare
+from solver.model.frames import matrix
+from solver.output.dependence import dense_jacobian
+from solver.scene import Scene
 from solver.scene import Start as SceneStart
 from solver.simulation import Simulation
-from solver.snapshot import TIRE_COLUMNS
-from solver.vehicle.figures import USUAL, figures
+from solver.start.newton import Start
 from solver.vehicle.full_car import full_car_model
-from solver.vehicle.modes import eigenvalues, linearised, modes
 from solver.vehicle.parts import Bushing, mounting, rods
-from solver.vehicle.rig import Rig
 
 WEIGHT = 1576.0 * 9.81
 PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'vehicle.md'

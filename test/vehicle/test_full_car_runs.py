@@ -9,18 +9,19 @@ import pytest
 import scipy.linalg
 from saloon import full_car, mirrored
 
-from solver.audit import ENERGY
-from solver.consistent import Start
+from solver.analysis.modes import linearised
+from solver.elements.tire_pacejka import TIRE_COLUMNS
 from solver.errors import StepError
-from solver.integrators.settings import IntegratorSettings
-from solver.maneuver import Maneuver
-from solver.scene import Scene, load_scene
+from solver.files.scene import load_scene
+from solver.inputs.maneuver import Maneuver
+from solver.inputs.signals import Sine
+from solver.output.energy import ENERGY
+from solver.scene import Scene
 from solver.scene import Start as SceneStart
-from solver.signals import Sine
 from solver.simulation import Simulation
-from solver.snapshot import TIRE_COLUMNS
+from solver.start.newton import Start
+from solver.step.settings import IntegratorSettings
 from solver.vehicle.full_car import FullCar, full_car_model
-from solver.vehicle.modes import linearised
 
 FX, FY, FZ = (TIRE_COLUMNS.index(name) for name in ('fx', 'fy', 'fz'))
 SIDES = {'left': 'right', 'right': 'left'}

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solver.scene import load_scene
+from solver.elements.tire_pacejka import TIRE_COLUMNS
+from solver.files.scene import load_scene
 from solver.simulation import Simulation
-from solver.snapshot import TIRE_COLUMNS
 
 FX, FY, FZ = range(3)
 G = 9.81

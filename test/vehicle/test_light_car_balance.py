@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver.mechanism import matrix
-from solver.scene import load_scene
+from solver.elements.tire_pacejka import TIRE_COLUMNS
+from solver.files.scene import load_scene
+from solver.model.frames import matrix
+from solver.output.snapshot import Snapshot
 from solver.simulation import Simulation
-from solver.snapshot import TIRE_COLUMNS, Snapshot
 
 POINT, FRAME = TIRE_COLUMNS.index('px'), TIRE_COLUMNS.index('qx')
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from solver.elements.magic_formula import load_increment, magic_formula, slip_stiffness
-from solver.scene import load_scene
+from solver.elements.tire_pacejka import TIRE_COLUMNS
+from solver.files.scene import load_scene
 from solver.simulation import Simulation
-from solver.snapshot import TIRE_COLUMNS
 
 G = 9.81
 SPIN = TIRE_COLUMNS.index('spin')

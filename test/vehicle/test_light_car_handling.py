@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from solver.elements.magic_formula import load_increment, magic_formula, slip_stiffness
-from solver.mechanism import matrix
-from solver.scene import load_scene
+from solver.elements.tire_pacejka import TIRE_COLUMNS
+from solver.files.scene import load_scene
+from solver.model.frames import matrix
 from solver.simulation import Simulation
-from solver.snapshot import TIRE_COLUMNS
 
 G = 9.81
 WHEELBASE = 2.65

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 import scipy.signal
 
-from solver.scene import load_scene
+from solver.elements.tire_pacejka import TIRE_COLUMNS
+from solver.files.scene import load_scene
+from solver.output.snapshot import Snapshot
 from solver.simulation import Simulation
-from solver.snapshot import TIRE_COLUMNS, Snapshot
 
 FX, FY, FZ, SPIN, PY = (TIRE_COLUMNS.index(name) for name in ('fx', 'fy', 'fz', 'spin', 'py'))
 G = 9.81

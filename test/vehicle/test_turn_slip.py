@@ -7,10 +7,10 @@ import pytest
 
 from solver.elements.magic_formula import load_increment
 from solver.elements.tire_data import I
+from solver.elements.tire_pacejka import TIRE_COLUMNS
 from solver.elements.turn_slip import saturated_moment
-from solver.scene import load_scene
+from solver.files.scene import load_scene
 from solver.simulation import Simulation
-from solver.snapshot import TIRE_COLUMNS
 
 ON = ('vehicle.front.turn_slip=true', 'vehicle.rear.turn_slip=true')
 FY, FZ, MZ = (TIRE_COLUMNS.index(key) for key in ('fy', 'fz', 'mz'))

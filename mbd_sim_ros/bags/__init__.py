@@ -1,0 +1,1 @@
+"""Recordings: MCAP files written, read and recovered."""

@@ -1,0 +1,178 @@
+"""Writing one bag directory: an MCAP file (profile ros2) that describes itself, and its `metadata.yaml`.
+
+While it is written the file is named `*.mcap.part`; a finished bag has its final name and `metadata.yaml`, so `ros2 bag` and
+`rosbags` open the directory. log_time and publish_time are simulation time.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+from mcap.exceptions import UnsupportedCompressionError
+from mcap.writer import CompressionType, Writer
+
+from mbd_sim_ros.messages.cdr import schema_text
+from mbd_sim_ros.messages.encode import TYPE_HASHES, Topic
+from solver.errors import BagError
+
+CHUNK_BYTES = 128 * 1024
+PART = '.part'
+RECORD = 'mbd_sim_ros'  # name of the metadata record that describes the run
+RESULT = 'mbd_sim_ros_result'  # name of the metadata record written at the end
+
+
+class BagWriter:
+    """Writes one bag directory, synchronously. Topics are given at once; relative names are put under `/`.
+
+    `directory` must not exist or must be empty. Raises BagError, one sentence, whenever the file system refuses.
+    """
+
+    def __init__(
+        self,
+        directory: str | Path,
+        topics: Sequence[Topic],
+        metadata: Mapping[str, Mapping[str, str]],
+        *,
+        schemas: Mapping[str, str] | None = None,
+    ) -> None:
+        self.directory = Path(directory)
+        self.topics = [topic._replace(name='/' + topic.name.lstrip('/')) for topic in topics]
+        self.path = self.directory / f'{self.directory.name}_0.mcap'
+        self.count = [0] * len(topics)
+        self.first_ns: int | None = None
+        self.last_ns = 0
+        self._custom = {key: value for key, value in metadata.get(RECORD, {}).items() if key in ('scene', 'scene_hash', 'code_version')}
+        try:
+            self.directory.mkdir(parents=True, exist_ok=True)
+            if any(self.directory.iterdir()):
+                raise BagError(f'cannot record into {self.directory}: it is not empty; recordings are never overwritten')
+            self._file = open(str(self.path) + PART, 'xb')  # noqa: SIM115  (closed in finish)
+        except OSError as error:
+            raise BagError(f'cannot record into {self.directory}: {error.strerror}; choose another place') from error
+        try:
+            self._start(metadata, schemas or {})
+        except OSError as error:
+            self.abandon()
+            raise BagError(self._failure(error)) from error
+
+    def _start(self, metadata: Mapping[str, Mapping[str, str]], schemas: Mapping[str, str]) -> None:
+        for compression in (CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE):
+            try:
+                self._writer = Writer(self._file, chunk_size=CHUNK_BYTES, compression=compression)
+                break
+            except UnsupportedCompressionError:
+                continue
+        self._writer.start(profile='ros2', library='mbd_sim_ros')
+        # Metadata first: it survives when the process is killed.
+        for name, record in metadata.items():
+            self._writer.add_metadata(name, dict(record))
+        self._channels = []
+        known: dict[str, int] = {}
+        for topic in self.topics:
+            if topic.type not in known:
+                text = schemas.get(topic.type) or schema_text(topic.type)
+                known[topic.type] = self._writer.register_schema(topic.type, 'ros2msg', text.encode())
+            about = {'offered_qos_profiles': yaml.safe_dump([quality_of_service(topic)], sort_keys=False)}
+            about['topic_type_hash'] = TYPE_HASHES.get(topic.type, '')
+            self._channels.append(self._writer.register_channel(topic.name, 'cdr', known[topic.type], about))
+
+    def _failure(self, error: OSError) -> str:
+        return f'recording to {self.path} failed: {error.strerror or error}; what was written can be recovered from {self.path.name}{PART}'
+
+    def write(self, t_ns: int, messages: Iterable[tuple[int, bytes]]) -> None:
+        """Write messages, given as (index of the topic, encoded message), at simulation time `t_ns`."""
+        if self.first_ns is None:
+            self.first_ns = t_ns
+        self.first_ns, self.last_ns = min(self.first_ns, t_ns), max(self.last_ns, t_ns)
+        try:
+            for index, data in messages:
+                self._writer.add_message(self._channels[index], t_ns, data, t_ns, self.count[index])
+                self.count[index] += 1
+        except OSError as error:
+            raise BagError(self._failure(error)) from error
+
+    def flush(self) -> None:
+        """Finish the chunk in progress: everything written so far can be recovered if the process is killed."""
+        try:
+            self._writer.flush()
+        except OSError as error:
+            raise BagError(self._failure(error)) from error
+
+    def finish(self, result: Mapping[str, str] | None = None) -> Path:
+        """Complete the bag, give it its final name and return its directory. `result` becomes the last metadata record."""
+        try:
+            if result:
+                self._writer.flush()  # or the record would come before the messages of the last chunk
+                self._writer.add_metadata(RESULT, dict(result))
+            self._writer.finish()
+            self._file.flush()
+            os.fsync(self._file.fileno())
+            self._file.close()
+            os.replace(str(self.path) + PART, self.path)
+            about = self.directory / 'metadata.yaml'
+            part = about.with_suffix('.yaml' + PART)
+            part.write_text(yaml.safe_dump({'rosbag2_bagfile_information': self._information()}, sort_keys=False), encoding='utf-8')
+            os.replace(part, about)
+        except OSError as error:
+            self.abandon()
+            raise BagError(self._failure(error)) from error
+        return self.directory
+
+    def abandon(self) -> None:
+        """Close the file as it is, under its `.part` name."""
+        try:
+            self._file.close()
+        except OSError:  # the disk is full: the buffered rest cannot be kept
+            os.close(self._file.fileno()) if not self._file.closed else None
+
+    def _information(self) -> dict[str, Any]:
+        """Return the content of metadata.yaml, version 9 of rosbag2 (Jazzy)."""
+        start = self.first_ns or 0
+        span = {'starting_time': {'nanoseconds_since_epoch': start}, 'duration': {'nanoseconds': self.last_ns - start}}
+        total = sum(self.count)
+        return {
+            'version': 9,
+            'storage_identifier': 'mcap',
+            'duration': span['duration'].copy(),
+            'starting_time': span['starting_time'].copy(),
+            'message_count': total,
+            'topics_with_message_count': [
+                {
+                    'topic_metadata': {
+                        'name': topic.name,
+                        'type': topic.type,
+                        'serialization_format': 'cdr',
+                        'offered_qos_profiles': [quality_of_service(topic)],
+                        'type_description_hash': TYPE_HASHES.get(topic.type, ''),
+                    },
+                    'message_count': count,
+                }
+                for topic, count in zip(self.topics, self.count)
+            ],
+            'compression_format': '',
+            'compression_mode': '',
+            'relative_file_paths': [self.path.name],
+            'files': [{'path': self.path.name, **span, 'message_count': total}],
+            'custom_data': self._custom,
+            'ros_distro': 'jazzy',
+        }
+
+
+def quality_of_service(topic: Topic) -> dict[str, Any]:
+    """Return the profile of a topic in the words of rosbag2."""
+    forever = {'sec': 9223372036, 'nsec': 854775807}
+    return {
+        'history': 'keep_last',
+        'depth': topic.depth,
+        'reliability': 'reliable' if topic.reliable else 'best_effort',
+        'durability': 'transient_local' if topic.latched else 'volatile',
+        'deadline': dict(forever),
+        'lifespan': dict(forever),
+        'liveliness': 'automatic',
+        'liveliness_lease_duration': dict(forever),
+        'avoid_ros_namespace_conventions': False,
+    }

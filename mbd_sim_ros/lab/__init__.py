@@ -1,0 +1,1 @@
+"""Studies and benchmarks: what measures the rest."""

@@ -1,0 +1,237 @@
+"""What encoding, recording and publishing add to a step of a loop that is paced like the node's."""
+
+from __future__ import annotations
+
+import gc
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mbd_sim_ros.bags.recorder import Recorder
+from mbd_sim_ros.batch import record, warm_up
+from mbd_sim_ros.lab.benchmarks.machine import on_all_cores
+from mbd_sim_ros.messages.encode import Messages, Topic
+from mbd_sim_ros.node.loop import Loop
+from mbd_sim_ros.node.main import SWITCH
+from solver.files.scene import load_scene
+from solver.output.snapshot import Snapshot
+from solver.simulation import Simulation
+
+PIECES = {
+    'step': 'advance(1) in the loop, every step',
+    'encode': 'from the snapshot to the bytes of all messages, in the steps that publish',
+    'publish': 'handing the bytes to rclpy (0 in a loop that only records), in the same steps',
+    'record': 'handing the bytes to the recorder, in the same steps',
+    'overhead': 'encode + publish + record, what the simulation thread pays for such a step',
+}
+FIGURES = {
+    **{f'{name}_{at}': f'{text}: {what}' for name, text in PIECES.items() for at, what in (('p50', 'median'), ('p99', '99th percentile'))},
+    'overhead_max': 'the same: largest',
+    'late': 'steps that ended, messages included, after the next one was due [%]',
+    'other_threads': 'mean CPU time per step of all other threads: deliveries to the recording process, and middleware',
+    'recording': 'mean CPU time per step of the recording process: writing, compression, the end of the file',
+}
+PRIORITY = 10  # real-time priority, where the system permits it; the node's by default
+DOMAIN = 101  # ROS domain of its own: nothing on the network listens to a benchmark
+DISCOVERY_SECONDS = 10.0
+LISTEN = 'import sys; from mbd_sim_ros.lab.benchmarks.overhead import listen; listen(sys.argv[1:])'
+
+
+class Overhead:
+    """Measures one case in the loop of the node in real time: a step whenever one is due, messages after every `publish_every`-th.
+
+    In between only the inputs are recorded, without which a run could not be replayed. publish: also with rclpy, to one reader in a process
+    of its own. Raises SceneError, SpecError or ConsistencyError on construction (ImportError without rclpy), StepError or BagError from
+    round().
+    """
+
+    def __init__(self, scene: str, overrides: Sequence[str], *, publish: bool, publish_every: int = 1) -> None:
+        self._resources = ExitStack()
+        self.simulation = Simulation(load_scene(scene, overrides))
+        warm_up(self.simulation)
+        record_ = self.simulation.scene.record
+        self._messages = Messages(self.simulation.channels, element_states=record_.elements, reactions=record_.reactions)
+        sample = self._messages.encode(self.simulation.snapshot())
+        self._bytes = sum(map(len, sample))
+        self._publish: Callable[[Sequence[bytes]], None] | None = None
+        self._published = 0
+        if publish:
+            with on_all_cores():  # for the threads of the middleware: the core of the loop is for the loop
+                self._publish, self._published = self._resources.enter_context(publication(self._messages.topics, sample))
+        self._every = publish_every
+        self._times: list[int] = []  # ns, of every step
+        self._pieces: list[tuple[int, ...]] = []  # ns, of the steps that publish
+        self._late = 0
+        self._others: list[float] = []
+        self._recordings: list[float] = []
+
+    def round(self, steps: int) -> None:
+        """Make `steps` steps with all that follows them."""
+        simulation = self.simulation
+        if simulation.k + steps > simulation.scene.steps:
+            simulation.reset()
+        with tempfile.TemporaryDirectory(prefix='mbd-bench-') as scratch, like_the_node():
+            recording = -children()
+            with on_all_cores():
+                messages, recorder = record(simulation, Path(scratch) / 'bag')
+            recording -= time.clock_gettime((~recorder.pid << 3) | 2)  # its CPU clock: the start does not count
+            others = time.thread_time_ns() - time.process_time_ns()
+            others -= self._pace(steps, messages, recorder)
+            recorder.close()
+            others += time.process_time_ns() - time.thread_time_ns()
+            recording += children()
+        self._others.append(others / steps * 1e-3)
+        self._recordings.append(recording / steps * 1e6)
+
+    def _pace(self, steps: int, messages: Messages, recorder: Recorder) -> int:
+        """Run the loop of the node for some steps; returns the CPU time of its thread [ns]."""
+        simulation, clock = self.simulation, time.thread_time_ns
+        first, rows = simulation.k, simulation.source.table(simulation.k, steps)
+        begin = end = 0
+
+        def inputs(_: tuple[float, float, float]) -> np.ndarray:
+            nonlocal begin
+            row = rows[simulation.k - first]
+            begin = clock()
+            return row
+
+        def emit(snapshot: Snapshot) -> None:
+            nonlocal end
+            end = t1 = clock()
+            if snapshot.k == first:  # the loop shows where it starts
+                return
+            self._times.append(t1 - begin)
+            if snapshot.k % self._every:
+                recorder.write(snapshot.t_ns, messages.encode_inputs(snapshot))
+                end = clock()
+                return
+            encoded = messages.encode(snapshot)
+            t2 = clock()
+            if self._publish is not None:
+                self._publish(encoded)
+            t3 = clock()
+            recorder.write(snapshot.t_ns, encoded)
+            end = clock()
+            self._pieces.append((t2 - t1, t3 - t2 if self._publish else 0, end - t3, end - t1))
+
+        loop = Loop(simulation, inputs=inputs, emit=emit, end_ns=simulation.t_ns + steps * simulation.h_ns)
+        loop.start()
+        loop.prefer(PRIORITY)
+        loop.done.wait()
+        loop.prefer(0)
+        loop.stop('')
+        if loop.error is not None:
+            raise loop.error
+        self._late += loop.overruns
+        return end
+
+    def close(self) -> None:
+        """Stop the reader and the middleware."""
+        self._resources.close()
+
+    def figures(self) -> dict[str, Any]:
+        """The part of the report that belongs to this case: sizes and times [us]."""
+        samples = dict(zip(PIECES, (np.array(self._times), *np.array(self._pieces).T), strict=True))
+        us = {f'{name}_p{q}': float(np.percentile(ns, q)) * 1e-3 for name, ns in samples.items() for q in (50, 99)}
+        us['overhead_max'] = float(samples['overhead'].max()) * 1e-3
+        us['late'] = 100.0 * self._late / len(self._times)
+        us['other_threads'] = float(np.median(self._others))
+        us['recording'] = float(np.median(self._recordings))
+        return {
+            'h': self.simulation.h,
+            'rate': 1.0 / (self.simulation.h * self._every),
+            'steps': len(self._times),
+            'topics': len(self._messages.topics),
+            'published_topics': self._published,
+            'bytes_per_step': self._bytes,
+            'figures': us,
+        }
+
+
+@contextmanager
+def like_the_node() -> Iterator[None]:
+    """The interpreter as the node sets it: the thread of the loop gets its lock back soon, and what is here to stay is not collected."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(SWITCH)
+    gc.collect()
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
+        sys.setswitchinterval(before)
+
+
+def children() -> float:
+    """CPU time of the processes started from here that have ended [s]."""
+    usage = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return usage.ru_utime + usage.ru_stime
+
+
+@contextmanager
+def publication(topics: Sequence[Topic], samples: Sequence[bytes]) -> Iterator[tuple[Callable[[Sequence[bytes]], None], int]]:
+    """Publishers of `topics`, each with one reader in another process; gives (publish, number of topics that have their reader).
+
+    Topics of types that are not installed are left out. Raises ImportError without rclpy.
+    """
+    import rclpy
+    from rclpy.context import Context
+    from rclpy.logging import LoggingSeverity
+
+    from mbd_sim_ros.node.publish import Publication, leave_sending_to_the_middleware
+
+    with ExitStack() as resources:
+        context = Context()
+        rclpy.init(args=[], context=context, domain_id=DOMAIN)
+        leave_sending_to_the_middleware()
+        resources.callback(rclpy.shutdown, context=context)
+        node = rclpy.create_node('mbd_bench', context=context, enable_rosout=False, start_parameter_services=False)
+        node.get_logger().set_level(LoggingSeverity.WARN)
+        resources.callback(node.destroy_node)
+        publish = Publication(node, topics, samples).publish
+        read = [topic for topic in topics if installed(topic.type)]
+        environment = {**os.environ, 'ROS_DOMAIN_ID': str(DOMAIN)}
+        reader = subprocess.Popen([sys.executable, '-c', LISTEN, *(f'{topic.name}:{topic.type}' for topic in read)], env=environment)
+        resources.callback(reader.wait)
+        resources.callback(reader.terminate)
+        limit = time.monotonic() + DISCOVERY_SECONDS
+        while any(node.count_subscribers(topic.name) == 0 for topic in read) and time.monotonic() < limit:
+            time.sleep(0.05)
+        yield publish, sum(node.count_subscribers(topic.name) > 0 for topic in read)
+
+
+def installed(message_type: str) -> bool:
+    """Whether ROS knows the message type."""
+    from mbd_sim_ros.node.publish import message_class
+
+    try:
+        message_class(message_type)
+    except ImportError:
+        return False
+    return True
+
+
+def listen(topics: Sequence[str]) -> None:
+    """Read the topics (name:type) and throw away what comes, until the process is terminated."""
+    import rclpy
+    from rclpy.executors import ExternalShutdownException
+
+    from mbd_sim_ros.node.publish import message_class
+
+    os.sched_setaffinity(0, range(os.cpu_count() or 1))  # not on the core that is measured alone
+    rclpy.init(args=[])
+    node = rclpy.create_node('mbd_bench_reader', enable_rosout=False)
+    for topic in topics:
+        name, _, kind = topic.partition(':')
+        node.create_subscription(message_class(kind), name, lambda _: None, 10, raw=True)
+    with suppress(ExternalShutdownException):
+        rclpy.spin(node)

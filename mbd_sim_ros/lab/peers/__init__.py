@@ -1,0 +1,1 @@
+"""Other programs that the same problems are given to."""

@@ -1,0 +1,55 @@
+"""Studies: a question put to many runs, answered by a report with pictures and tables. `mbd study NAME` runs one.
+
+STUDIES names the module of every study. Such a module has
+
+    SUMMARY: str
+        One line for `mbd study --help`, without a full stop.
+
+    def study(out: Path, *, quick: bool, progress: Callable[[str, float], None]) -> dict
+        Write report.md, pictures (.png) and tables (.csv) into the existing directory `out` and return the figures as a dict that
+        JSON can hold (numbers of numpy are fine). Its entry 'checks' is a list of dicts with the keys name, value, limit, met, as
+        report.check() makes them: requirements, each with the number it was judged by. quick: the same program on a few runs, a few
+        seconds after compilation, for a first look and for tests. progress(text, done): say what is being done and which share of
+        the work is behind, 0 to 1; call it before every piece of work that takes more than a second.
+
+Conclusions in a report are computed from the numbers beside them. A study that needs an optional package and cannot do without it
+raises SpecError with one sentence that says how to install it; one that can leaves the part out and says so in the report. Errors of
+the user are MbdError; failures of single runs are results and belong into the tables. Nothing depends on the clock except where CPU
+time is what is measured. Random numbers come from an explicit seed that stands in the report.
+
+The tools of all studies are in report.py: Report (markdown with tables, pictures, CSV files, checks) and the style of pictures.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+
+from solver.errors import SpecError, suggestion
+
+Progress = Callable[[str, float], None]
+
+STUDIES: dict[str, str] = {  # name: module
+    'slider_crank': 'mbd_sim_ros.lab.studies.slider_crank',
+    'work_precision': 'mbd_sim_ros.lab.studies.work_precision',
+    'penalty_map': 'mbd_sim_ros.lab.studies.penalty_map',
+    'slider_crank_phases': 'mbd_sim_ros.lab.studies.slider_crank_phases',
+    'kandc': 'mbd_sim_ros.lab.studies.kandc',
+    'car': 'mbd_sim_ros.lab.studies.car',
+}
+
+
+def module(name: str) -> ModuleType:
+    """The module of a study. Raises SpecError for an unknown name."""
+    if name not in STUDIES:
+        raise SpecError(f'study {name!r}: no such study{suggestion(name, STUDIES)}')
+    return importlib.import_module(STUDIES[name])
+
+
+def run(name: str, out: Path, *, quick: bool, progress: Progress) -> dict:
+    """Run a study into the directory `out`, made if need be. Raises SpecError, OSError and what the study raises."""
+    chosen = module(name)
+    out.mkdir(parents=True, exist_ok=True)
+    return chosen.study(out, quick=quick, progress=progress)

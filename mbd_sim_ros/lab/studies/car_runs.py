@@ -1,0 +1,167 @@
+"""Runs of one maneuver on a common grid, their converged limit with its error band, and how each of them departs from it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from solver import simulation_of
+from solver.elements.tire_pacejka import TIRE_COLUMNS
+from solver.errors import MbdError, SpecError
+from solver.files.scene import load_scene
+
+GRID = 0.01  # s
+FORCES = tuple(TIRE_COLUMNS.index(name) for name in ('fx', 'fy', 'fz'))
+
+
+class Run(NamedTuple):
+    """A run on the grid, as far as it came."""
+
+    name: str
+    t: np.ndarray  # (n,) [s]
+    place: np.ndarray  # (n, 2) x, y of the chassis frame [m]
+    heading: np.ndarray  # (n,) [rad], continuous
+    velocity: np.ndarray  # (n, 2) of that frame along its own x, y [m/s]
+    yaw_rate: np.ndarray  # (n,) [rad/s]
+    forces: np.ndarray  # (n, 4, 3) tire forces fx, fy, fz in the contact frame [N]
+    steps: np.ndarray  # (m, 2) t, step size from then on [s]
+    figures: dict[str, float]  # counters and CPU time
+    message: str  # why it ended early, or ''
+
+
+def run(scene: str, name: str, overrides: Sequence[str], duration: float) -> Run:
+    """Run a scene with these overrides for duration [s]; a failure ends the run and is kept as its message."""
+    simulation, rows, message = None, [], ''
+    begin = time.process_time()
+    try:
+        simulation = simulation_of(load_scene(scene, overrides))
+        rows.append(_row(simulation.snapshot()))
+        begin = time.process_time()
+        if abs(GRID / simulation.h - round(GRID / simulation.h)) > 1e-9:
+            raise SpecError(f'{name}: integrator.h = {simulation.h:g}: must be a whole part of the common grid of {GRID:g} s')
+        for _ in range(round(duration / GRID)):
+            rows.append(_row(simulation.advance(round(GRID / simulation.h), audit=False)))
+    except MbdError as error:
+        message = str(error)
+    cpu = time.process_time() - begin
+    if simulation is None:
+        none, pairs = np.zeros(0), np.zeros((0, 2))
+        return Run(name, none, pairs, none, pairs, none, np.zeros((0, 4, 3)), pairs, {}, message)
+    data = np.array(rows)
+    steps = [(0.0, simulation.h)] + [(e.t, e.new) for e in simulation.events if e.kind == 'step']
+    reached = max(float(data[-1, 0]), GRID)
+    audit = simulation.audit()
+    figures = {'cpu': cpu, 'cpu_per_second': cpu / reached, 'until': float(data[-1, 0])}
+    figures |= {key: float(audit[key]) for key in ('iterations', 'factorizations', 'evaluations', 'position_drift_max')}
+    heading = np.unwrap(data[:, 3])
+    return Run(
+        name, data[:, 0], data[:, 1:3], heading, data[:, 4:6], data[:, 6], data[:, 7:].reshape(-1, 4, 3), np.array(steps), figures, message
+    )  # fmt: skip
+
+
+def _row(s) -> np.ndarray:
+    x, y, z, w = s.pose[0, 3:]
+    heading = np.arctan2(2.0 * (x * y + w * z), 1.0 - 2.0 * (y * y + z * z))
+    forces = s.tire[:, FORCES].ravel()
+    return np.concatenate([[s.t_ns * 1e-9, *s.pose[0, :2], heading, *s.twist[0, :2], s.twist[0, 5]], forces])
+
+
+CURVES = ('place', 'heading', 'velocity', 'yaw_rate', 'forces')
+
+
+class Converged(NamedTuple):
+    """The limit of step halving, by Richardson's extrapolation of the two finest runs of a method of second order."""
+
+    run: Run
+    band: dict[str, np.ndarray]  # its uncertainty by curve: the distance to the extrapolation from the level before
+
+
+def extrapolated(coarse: Run, fine: Run) -> dict[str, np.ndarray]:
+    """Curves without their error of order h^2; fine has half the step of coarse."""
+    return {key: getattr(fine, key) + (getattr(fine, key) - getattr(coarse, key)) / 3.0 for key in CURVES}
+
+
+def converged(levels: Sequence[Run]) -> Converged:
+    """From at least three complete runs, each with half the step of the one before."""
+    best, before = extrapolated(levels[-2], levels[-1]), extrapolated(levels[-3], levels[-2])
+    truth = levels[-1]._replace(name='converged', **best)  # type: ignore[arg-type]
+    return Converged(truth, {key: np.abs(best[key] - before[key]) for key in CURVES})
+
+
+def departures(found: Run, truth: Run, until: float) -> dict[str, float]:
+    """How far a run is from the truth over the time both have, at most until [s]: position [m, largest], yaw rate [part of its
+    peak, largest], tire forces [part of each one's peak, root mean square, the worst of twelve], the lateral one in front left.
+    Peaks are those until then. Not a number for a run that failed: its last values mean nothing."""
+    if found.message:
+        return dict.fromkeys(('position', 'yaw_rate', 'tire_force', 'front_left_lateral'), np.nan)
+    last = round(until / GRID) + 1
+    n = min(len(found.t), last)
+    force = found.forces[:n] - truth.forces[:n]
+    rms = np.sqrt((force**2).mean(0)) / np.abs(truth.forces[:last]).max(0)
+    return {
+        'position': float(np.hypot(*(found.place[:n] - truth.place[:n]).T).max()),
+        'yaw_rate': float(np.abs(found.yaw_rate[:n] - truth.yaw_rate[:n]).max() / np.abs(truth.yaw_rate[:last]).max()),
+        'tire_force': float(rms.max()),
+        'front_left_lateral': float(rms[0, 1]),
+    }
+
+
+def orders(levels: Sequence[Run], until: float) -> list[dict[str, float]]:
+    """Observed order from each three successive levels: log2 of the ratio of the root mean squares of their differences; of the
+    tire forces the least of twelve."""
+    n = round(until / GRID) + 1
+
+    def order(key: str, a: Run, b: Run, c: Run) -> np.ndarray:
+        coarse, fine = (((getattr(p, key) - getattr(q, key))[:n] ** 2).mean(0) for p, q in ((a, b), (b, c)))
+        return 0.5 * np.log2(coarse.sum() / fine.sum() if key == 'place' else coarse / fine)
+
+    return [
+        {
+            'trajectory': float(order('place', *three)),
+            'yaw_rate': float(order('yaw_rate', *three)),
+            'tire_forces': float(order('forces', *three).min()),
+        }
+        for three in zip(levels, levels[1:], levels[2:], strict=False)
+    ]
+
+
+class Growth(NamedTuple):
+    """How a position error comes about and grows."""
+
+    power: float  # p of |error| ~ t^p
+    power_misfit: float  # root mean square of the logarithm
+    rate: float  # s of |error| ~ exp(s t) [1/s]
+    rate_misfit: float
+    heading_share: float  # part of the end's error that is the heading error times the way, the rest is velocity error integrated
+    rest: float  # what the two integrals leave unexplained, relative to the error
+
+
+def growth(found: Run, truth: Run, start: float) -> Growth:
+    """Of the position error after start [s]: fits by least squares, and its two causes integrated over time.
+
+    The place is the integral of R(heading) velocity, so its error is the integral of (heading error) R'(heading) velocity plus
+    R(heading) (velocity error), to first order.
+    """
+    n = len(found.t)
+    t, error = truth.t[:n], found.place - truth.place[:n]
+    size = np.hypot(*error.T)
+    used = (t > start) & (size > 0.0)
+    envelope = np.maximum.accumulate(size)[used]
+    x = t[used] - start + GRID
+
+    def fit(abscissa: np.ndarray) -> tuple[float, float]:
+        line = np.polyfit(abscissa, np.log(envelope), 1)
+        return float(line[0]), float(np.sqrt(np.mean((np.polyval(line, abscissa) - np.log(envelope)) ** 2)))
+
+    c, s = np.cos(truth.heading[:n]), np.sin(truth.heading[:n])
+    u, v = truth.velocity[:n].T
+    turned = (found.heading - truth.heading[:n])[:, None] * np.column_stack([-s * u - c * v, c * u - s * v])
+    du, dv = (found.velocity - truth.velocity[:n]).T
+    moved = np.column_stack([c * du - s * dv, s * du + c * dv])
+    by_heading, by_velocity = (np.concatenate([[[0.0, 0.0]], np.cumsum(0.5 * GRID * (w[1:] + w[:-1]), 0)]) for w in (turned, moved))
+    end = error[-1] / (error[-1] @ error[-1])
+    rest = np.linalg.norm(error[-1] - by_heading[-1] - by_velocity[-1]) / np.linalg.norm(error[-1])
+    return Growth(*fit(np.log(x)), *fit(x), float(by_heading[-1] @ end), float(rest))

@@ -1,0 +1,227 @@
+"""ROS 2 messages as bytes without ROS: schema text, CDR encoding (XCDR1, little endian) and decoding.
+
+A message is walked field by field in the order of its `.msg` definition. Encoding and decoding both report where every
+number landed, so a message whose strings never change is encoded once and from then on only its numbers are patched
+(`Template`), and a whole column of recorded messages is read with one strided view.
+Encoding rules: OMG DDS-XTypes 1.3, 7.4.1 (plain CDR): 4 bytes encapsulation, primitives aligned to their size counted from
+the byte after it, strings and sequences with a uint32 length, strings zero-terminated.
+"""
+
+from __future__ import annotations
+
+import struct
+from abc import ABC, abstractmethod
+from functools import cache
+from importlib.resources import files
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from solver.errors import BagError
+
+ENCAPSULATION = b'\x00\x01\x00\x00'  # CDR, little endian
+_FORMATS = {
+    'bool': '?', 'byte': 'B', 'char': 'B', 'int8': 'b', 'uint8': 'B', 'int16': 'h', 'uint16': 'H', 'int32': 'i', 'uint32': 'I',
+    'int64': 'q', 'uint64': 'Q', 'float32': 'f', 'float64': 'd',
+}  # fmt: skip
+
+
+class Field(NamedTuple):
+    """One line of a message definition: `size` is None for a single value, 0 for a sequence, n for a fixed array."""
+
+    name: str
+    kind: str  # primitive, 'string' or 'package/Type'
+    size: int | None
+
+
+class Place(NamedTuple):
+    """Where the numbers of one field are in an encoded message."""
+
+    kind: str  # primitive
+    offset: int  # bytes from the start of the message
+    size: int  # how many
+
+
+def dtype(place: Place) -> np.dtype:
+    """Return the little-endian numpy type of the numbers at a place."""
+    return np.dtype('<' + _FORMATS[place.kind])
+
+
+Definitions = dict[str, list[Field]]
+
+
+@cache
+def schema_text(message_type: str) -> str:
+    """Return the `ros2msg` schema of e.g. 'sensor_msgs/msg/JointState': its definition and those it refers to.
+
+    The format is that of rosbag2: dependencies follow, depth first, each behind a line of 80 '=' and 'MSG: package/Type'.
+    """
+    package, name = message_type.split('/msg/')
+    parts: list[str] = []
+    seen: set[str] = set()
+    todo = [f'{package}/{name}']
+    while todo:
+        current = todo.pop(0)
+        if current in seen:
+            continue
+        seen.add(current)
+        text = files('mbd_sim_ros.messages').joinpath('schemas', *current.split('/')).with_suffix('.msg').read_text(encoding='utf-8')  # type: ignore[attr-defined]
+        parts.append(text if not parts else '=' * 80 + f'\nMSG: {current}\n' + text)
+        todo += [field.kind for field in _fields(text, current.split('/')[0]) if field.kind not in _FORMATS and field.kind != 'string']
+    return '\n'.join(parts)
+
+
+def _fields(text: str, package: str) -> list[Field]:
+    fields = []
+    for line in text.splitlines():
+        words = line.split('#')[0].split()
+        if len(words) < 2 or '=' in line.split('#')[0]:  # empty, or a constant
+            continue
+        kind, _, brackets = words[0].partition('[')
+        kind = kind.split('<=')[0].removeprefix('w')  # bounds of strings do not change the encoding
+        if kind not in _FORMATS and kind != 'string' and '/' not in kind:
+            kind = f'{package}/{kind}' if kind != 'Header' else 'std_msgs/Header'
+        size = brackets.rstrip(']')
+        fields.append(Field(words[1], kind.replace('/msg/', '/'), None if not brackets else int(size) if size.isdigit() else 0))
+    return fields
+
+
+@cache
+def definitions(message_type: str, text: str) -> Definitions:
+    """Parse the `ros2msg` schema `text` of a message type into the fields of each type in it ('package/Type')."""
+    result: Definitions = {}
+    name = message_type.replace('/msg/', '/')
+    for part in text.replace('\r\n', '\n').split('=' * 80 + '\n'):
+        if result:
+            header, _, part = part.partition('\n')
+            name = header.removeprefix('MSG:').strip().replace('/msg/', '/')
+        result[name] = _fields(part, name.split('/')[0])
+    return result
+
+
+class _Walk(ABC):
+    """State of one pass over a message: position, and the places found."""
+
+    def __init__(self, types: Definitions) -> None:
+        self.types = types
+        self.places: dict[str, Place] = {}
+
+    def message(self, kind: str, value: Any, path: str) -> Any:
+        result = {}
+        for field in self.types[kind]:
+            inner = f'{path}.{field.name}' if path else field.name
+            result[field.name] = self.field(field, value.get(field.name) if isinstance(value, dict) else None, inner)
+        return result
+
+    def field(self, field: Field, value: Any, path: str) -> Any:
+        if field.size is None and field.kind not in _FORMATS:
+            return self.string(value) if field.kind == 'string' else self.message(field.kind, value, path)
+        if field.kind in _FORMATS:
+            count = 1 if field.size is None else field.size or self.length(value)
+            numbers = self.numbers(field.kind, count, value, path)
+            return numbers[0] if field.size is None else numbers
+        count = field.size or self.length(value)
+        items = value if value is not None else [None] * count
+        one = Field(field.name, field.kind, None)
+        return [self.field(one, items[i] if i < len(items) else None, f'{path}[{i}]') for i in range(count)]
+
+    @abstractmethod
+    def length(self, value: Any) -> int:
+        """Number of items of a sequence."""
+
+    @abstractmethod
+    def string(self, value: Any) -> str:
+        """A string."""
+
+    @abstractmethod
+    def numbers(self, kind: str, count: int, value: Any, path: str) -> Any:
+        """Numbers of one primitive kind; notes their place under `path`."""
+
+
+class _Encode(_Walk):
+    def __init__(self, types: Definitions) -> None:
+        super().__init__(types)
+        self.data = bytearray(ENCAPSULATION)
+
+    def align(self, size: int) -> None:
+        self.data += bytes(-(len(self.data) - len(ENCAPSULATION)) % size)
+
+    def length(self, value: Any) -> int:
+        count = 0 if value is None else len(value)
+        self.align(4)
+        self.data += struct.pack('<I', count)
+        return count
+
+    def string(self, value: Any) -> str:
+        raw = (value or '').encode() + b'\0'
+        self.length(raw)
+        self.data += raw
+        return value or ''
+
+    def numbers(self, kind: str, count: int, value: Any, path: str) -> Any:
+        code = '<' + _FORMATS[kind]
+        if count:  # an empty sequence is its length alone: no alignment follows
+            self.align(struct.calcsize(code))
+        self.places[path] = Place(kind, len(self.data), count)
+        numbers = np.zeros(count, code) if value is None else np.broadcast_to(np.asarray(value, code), (count,))
+        self.data += numbers.tobytes()
+        return numbers
+
+
+class _Decode(_Walk):
+    def __init__(self, types: Definitions, data: bytes) -> None:
+        super().__init__(types)
+        if data[:2] != ENCAPSULATION[:2]:
+            raise BagError(f'message encoding {data[:2].hex()} is not plain little-endian CDR')
+        self.data = data
+        self.at = len(ENCAPSULATION)
+
+    def take(self, size: int, count: int) -> int:
+        """Return the offset of `count` aligned primitives of `size` bytes and move behind them."""
+        start = self.at + (-(self.at - len(ENCAPSULATION)) % size if count else 0)
+        self.at = start + size * count
+        if self.at > len(self.data):
+            raise BagError(f'a message of {len(self.data)} bytes is shorter than its schema asks for')
+        return start
+
+    def length(self, value: Any) -> int:
+        return struct.unpack_from('<I', self.data, self.take(4, 1))[0]
+
+    def string(self, value: Any) -> str:
+        count = self.length(None)
+        start = self.take(1, count)
+        return bytes(self.data[start : start + max(count - 1, 0)]).decode()
+
+    def numbers(self, kind: str, count: int, value: Any, path: str) -> Any:
+        code = np.dtype('<' + _FORMATS[kind])
+        start = self.take(code.itemsize, count)
+        self.places[path] = Place(kind, start, count)
+        return np.frombuffer(self.data, code, count, start)
+
+
+def encode(message_type: str, text: str, value: dict[str, Any]) -> tuple[bytes, dict[str, Place]]:
+    """Encode nested dicts by the schema `text`; what is absent is zero or empty. Returns the message and where its numbers are."""
+    walk = _Encode(definitions(message_type, text))
+    walk.message(message_type.replace('/msg/', '/'), value, '')
+    return bytes(walk.data), walk.places
+
+
+def decode(message_type: str, text: str, data: bytes) -> tuple[dict[str, Any], dict[str, Place]]:
+    """Decode a message by the schema `text` into nested dicts (numbers as numpy values); the inverse of `encode`.
+
+    Raises BagError if the message is too short or not little-endian CDR.
+    """
+    walk = _Decode(definitions(message_type, text), data)
+    return walk.message(message_type.replace('/msg/', '/'), None, ''), walk.places
+
+
+class Template(NamedTuple):
+    """A message with fixed strings and sizes: encoded once, then only its numbers change."""
+
+    data: bytes
+    places: dict[str, Place]  # of its numbers, by path
+
+
+def template(message_type: str, value: dict[str, Any]) -> Template:
+    """Encode a message of a type that this package brings the definition of."""
+    return Template(*encode(message_type, schema_text(message_type), value))

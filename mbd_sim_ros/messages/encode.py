@@ -1,0 +1,200 @@
+"""The only conversion from a Snapshot to ROS messages: the same bytes are published by the node and written into recordings.
+
+Every topic is one `cdr.Template`; a step patches its numbers. Frames: `odom` is the world, `base_link` the reference frame of
+the chassis, `<wheel>_contact` the contact frame of a tire (ISO-W, docs/conventions.md), `imu_link` the chassis' centre of
+mass with the axes of `base_link` (REP-145: an IMU reports at its own frame).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from mbd_sim_ros.messages.cdr import ENCAPSULATION, Template, template
+from solver.elements.tire_pacejka import TIRE_COLUMNS
+from solver.errors import StepError
+from solver.output.snapshot import Channels, Snapshot, StepStats, layout_of, new_numbers
+
+JOINT_STATE = 'sensor_msgs/msg/JointState'
+ODOMETRY = 'nav_msgs/msg/Odometry'
+IMU = 'sensor_msgs/msg/Imu'
+WRENCH = 'geometry_msgs/msg/WrenchStamped'
+TF = 'tf2_msgs/msg/TFMessage'
+STRING = 'std_msgs/msg/String'
+
+# The type hashes (REP-2016) of ROS 2 Jazzy; a test compares them with the installed ones.
+TYPE_HASHES = {
+    JOINT_STATE: 'RIHS01_a13ee3a330e346c9d87b5aa18d24e11690752bd33a0350f11c5882bc9179260e',
+    ODOMETRY: 'RIHS01_3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0',
+    IMU: 'RIHS01_7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b',
+    WRENCH: 'RIHS01_8dc3deaf06b2ab281f9f9a742a8961c328ca7cec16e3fd6586d3a5c83fa78f77',
+    TF: 'RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087',
+    STRING: 'RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18',
+}
+
+_LOAD = TIRE_COLUMNS.index('fz')
+_SLIP = TIRE_COLUMNS.index('kappa')
+_CONTACT = TIRE_COLUMNS.index('px')
+NO_STATS = StepStats(0, 0, 0, 0, 0.0, 0.0, 0.0)
+TIRE_STATES = ('fz', *TIRE_COLUMNS[_SLIP:])  # the scalars of topic tire_states, per wheel
+
+
+class Topic(NamedTuple):
+    """Name (relative, except /tf), type and quality of service of what is published; all are volatile, keep last."""
+
+    name: str
+    type: str
+    depth: int = 10
+    reliable: bool = True
+    latched: bool = False
+
+
+class Messages:
+    """Turns snapshots into encoded messages, one per topic.
+
+    `frame_prefix` is put before every frame name (several vehicles in one graph). `element_states` and `reactions` add the
+    outputs of every force element and the reaction of every constraint row as named scalars. All messages lie in one buffer, and
+    a step is one indexed copy from the numbers of the snapshot to those of the messages: one instance serves one thread.
+    """
+
+    def __init__(self, channels: Channels, *, frame_prefix: str = '', element_states: bool = False, reactions: bool = False) -> None:
+        self.channels = channels
+        self._prefix = frame_prefix
+        topics: list[Topic] = []
+        templates: list[Template] = []
+        filled: list[tuple[int, int, np.ndarray]] = []  # template, offset in it, which numbers of the snapshot go there
+        layout = layout_of(channels)
+        # each number is its own place, so what a slice holds says where it comes from
+        s = Snapshot(0, 0, np.arange(new_numbers(layout).size), layout, NO_STATS)
+
+        def add(topic: Topic, value: dict) -> Template:
+            topics.append(topic)
+            templates.append(template(topic.type, value))
+            return templates[-1]
+
+        def fill(message: Template, path: str, source: np.ndarray) -> None:
+            filled.append((len(templates) - 1, message.places[path].offset, source.ravel()))
+
+        def scalars(name: str, names: tuple[str, ...], source: np.ndarray) -> Template:
+            message = add(Topic(name, JOINT_STATE), {'name': list(names), 'position': np.zeros(len(names))})
+            fill(message, 'position', source)
+            return message
+
+        n = len(channels.joints)
+        joints = add(
+            Topic('joint_states', JOINT_STATE),
+            {'name': list(channels.joints), 'position': np.zeros(n), 'velocity': np.zeros(n), 'effort': np.zeros(n)},
+        )
+        fill(joints, 'position', s.joint_position)
+        fill(joints, 'velocity', s.joint_velocity)
+        fill(joints, 'effort', s.joint_effort)
+
+        frames, places = [], []
+        if channels.chassis is not None:
+            chassis = channels.chassis
+            frames.append(self.frame('base_link'))
+            places.append(s.pose[chassis])
+            odom = add(Topic('odom', ODOMETRY), {'header': {'frame_id': self.frame('odom')}, 'child_frame_id': self.frame('base_link')})
+            fill(odom, 'pose.pose.position.x', s.pose[chassis])
+            fill(odom, 'twist.twist.linear.x', s.twist[chassis])
+            imu = add(Topic('imu', IMU), {'header': {'frame_id': self.frame('imu_link')}})
+            fill(imu, 'orientation.x', s.pose[chassis, 3:])
+            fill(imu, 'linear_acceleration.x', s.imu[:3])
+            fill(imu, 'angular_velocity.x', s.imu[3:])
+
+        for i, wheel in enumerate(channels.wheels):
+            frames.append(self.frame(f'{wheel}_contact'))
+            places.append(s.tire[i, _CONTACT:])
+            wrench = add(Topic(f'tire/{wheel}/force', WRENCH), {'header': {'frame_id': frames[-1]}})
+            fill(wrench, 'wrench.force.x', s.tire[i, :6])
+        if channels.wheels:
+            names = tuple(f'{wheel}/{name}' for wheel in channels.wheels for name in TIRE_STATES)
+            scalars('tire_states', names, np.column_stack([s.tire[:, _LOAD], s.tire[:, _SLIP:]]))
+
+        self._applied = len(topics)
+        applied = scalars('cmd_applied', (*channels.inputs, 'step'), s.inputs)
+        if element_states:
+            scalars('element_states', channels.elements, s.elements)
+        if reactions:
+            scalars('reactions', channels.reactions, s.reactions)
+        if frames:
+            transforms = [{'header': {'frame_id': self.frame('odom')}, 'child_frame_id': frame} for frame in frames]
+            tf = add(Topic('/tf', TF, depth=100), {'transforms': transforms})
+            for i, place in enumerate(places):
+                fill(tf, f'transforms[{i}].transform.translation.x', place)
+        self.topics = tuple(topics)
+        self._lay_out(templates, filled, applied)
+
+    def _lay_out(self, templates: list[Template], filled: list[tuple[int, int, np.ndarray]], applied: Template) -> None:
+        """Put the templates into one buffer, every body at a multiple of 8 bytes, as CDR aligns its numbers."""
+        begins, end = [], 0
+        for message in templates:
+            begins.append(end + 8 - len(ENCAPSULATION))
+            end = begins[-1] + len(message.data) + -(begins[-1] + len(message.data)) % 8
+        self._numbers = np.zeros(end // 8)
+        self._words = self._numbers.view(np.uint32)
+        memory = memoryview(self._numbers).cast('B')  # type: ignore[arg-type]  # numpy arrays are buffers
+        self._messages = [memory[begin : begin + len(message.data)] for begin, message in zip(begins, templates, strict=True)]
+        stamps = []
+        for begin, own, message in zip(begins, self._messages, templates, strict=True):
+            own[:] = message.data
+            stamps += [(begin + place.offset) // 4 for path, place in message.places.items() if path.endswith('stamp.sec')]
+        self._stamps = np.array(stamps)[:, None] + np.arange(2)
+        target = [(begins[k] + offset) // 8 + np.arange(len(source)) for k, offset, source in filled]
+        self._source, self._target = np.concatenate([source for *_, source in filled]), np.concatenate(target)
+        of_inputs = np.concatenate([np.full(len(source), k == self._applied) for k, _, source in filled])
+        self._inputs_source, self._inputs_target = self._source[of_inputs], self._target[of_inputs]
+        begin = begins[self._applied]
+        self._step = (begin + applied.places['position'].offset) // 8 + applied.places['position'].size - 1
+        self._inputs_stamp = (begin + applied.places['header.stamp.sec'].offset) // 4 + np.arange(2)
+
+    def frame(self, name: str) -> str:
+        """Return the name of a frame with the prefix of this vehicle."""
+        return self._prefix + name
+
+    def encode(self, snapshot: Snapshot) -> list[bytes]:
+        """Return one encoded message per topic, in the order of `topics`.
+
+        Raises StepError, which names what and when, if a number in the snapshot is not finite: such a state never leaves.
+        """
+        require_finite(snapshot, self.channels)
+        self._words[self._stamps] = divmod(snapshot.t_ns, 1_000_000_000)
+        self._numbers[self._target] = snapshot.numbers[self._source]
+        self._numbers[self._step] = snapshot.k
+        return [bytes(message) for message in self._messages]
+
+    def encode_inputs(self, snapshot: Snapshot) -> list[bytes | None]:
+        """Return the same list with `cmd_applied` alone: what a recording needs of the steps it otherwise leaves out."""
+        require_finite(snapshot, self.channels)
+        self._words[self._inputs_stamp] = divmod(snapshot.t_ns, 1_000_000_000)
+        self._numbers[self._inputs_target] = snapshot.numbers[self._inputs_source]
+        self._numbers[self._step] = snapshot.k
+        return [bytes(message) if i == self._applied else None for i, message in enumerate(self._messages)]
+
+
+def require_finite(snapshot: Snapshot, channels: Channels) -> None:
+    """Raise StepError naming the first channel that is not finite, with time and step."""
+    numbers = snapshot.numbers
+    if math.isfinite(np.vdot(numbers, numbers)):  # NaN and inf survive a sum of squares: the cheapest test of all
+        return
+    named: tuple[tuple[str, np.ndarray, tuple[str, ...]], ...] = (
+        ('pose of body', snapshot.pose, channels.bodies),
+        ('velocity of body', snapshot.twist, channels.bodies),
+        ('position of joint', snapshot.joint_position, channels.joints),
+        ('velocity of joint', snapshot.joint_velocity, channels.joints),
+        ('effort of joint', snapshot.joint_effort, channels.joints),
+        ('state of tire', snapshot.tire, channels.wheels),
+        ('input', snapshot.inputs, channels.inputs),
+        ('output', snapshot.elements, channels.elements),
+        ('reaction', snapshot.reactions, channels.reactions),
+    )
+    for what, values, names in named:
+        for name, value in zip(names, values):
+            if not np.all(np.isfinite(value)):
+                raise StepError(
+                    f'{what} {name!r} is not finite at t = {snapshot.t_ns * 1e-9:.6f} s (step {snapshot.k}); try a smaller step'
+                )
+    if not np.all(np.isfinite(snapshot.imu)):
+        raise StepError(f'the imu output is not finite at t = {snapshot.t_ns * 1e-9:.6f} s (step {snapshot.k}); try a smaller step')

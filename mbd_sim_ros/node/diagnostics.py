@@ -1,0 +1,47 @@
+"""The health of a running simulation as a diagnostic status: figures, and what is wrong in one sentence."""
+
+from __future__ import annotations
+
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+
+from mbd_sim_ros.bags.recorder import Recorder
+from mbd_sim_ros.node.loop import Loop
+from solver.errors import BagError
+
+SLOW = 0.98  # of the wanted rate, below which real time is not kept
+
+
+def diagnosis(loop: Loop, recorder: Recorder | None, failed_recording: BagError | None) -> DiagnosticStatus:
+    """Level, message and values since the last call; name and hardware_id are left to the caller."""
+    health = loop.health()
+    values = {
+        'simulation time [s]': f'{loop.simulation.t_ns * 1e-9:.3f}',
+        'mode': loop.mode + (' (paused)' if loop.paused else ''),
+        'real-time factor': f'{health.rate:.4f}',
+        'steps': health.steps,
+        'overruns': health.overruns,
+        'schedule slips': health.slips,
+        'step time p50 [ms]': f'{health.step_p50 * 1e3:.3f}',
+        'step time p99 [ms]': f'{health.step_p99 * 1e3:.3f}',
+        'step time max [ms]': f'{health.step_max * 1e3:.3f}',
+        'iterations': health.iterations,
+        'residual': f'{health.residual:.3g}',
+        'command age [s]': f'{health.command_age:.3f}',
+        'recorder lag [steps]': recorder.lag if recorder else 0,
+        'recorder dropped [steps]': recorder.dropped if recorder else 0,
+    }
+    problems = []
+    if loop.stale:
+        problems.append('drive torque command is too old and counts as zero')
+    if recorder and recorder.dropped:
+        problems.append('recording has lost steps')
+    if loop.mode == 'realtime' and not loop.paused and health.rate < SLOW * loop.rate_factor and health.steps > 0:
+        problems.append('slower than real time')
+    level, text = DiagnosticStatus.OK, 'running' if not loop.paused else 'paused'
+    if problems:
+        level, text = DiagnosticStatus.WARN, '; '.join(problems)
+    if loop.error is not None or failed_recording is not None:
+        level, text = DiagnosticStatus.ERROR, str(loop.error or failed_recording)
+    status = DiagnosticStatus(level=level, message=text)
+    status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+    return status

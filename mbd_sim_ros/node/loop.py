@@ -1,0 +1,300 @@
+"""The simulation thread of the node: pacing, commands and requests, without ROS.
+
+The simulation never takes its step from a clock; the clock only decides when the next step of fixed size is due.
+Deadlines are absolute (`anchor + k h / rate_factor`), so errors of single sleeps do not add up.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future
+from queue import Empty, SimpleQueue
+from typing import Any, Literal, NamedTuple, Protocol
+
+import numpy as np
+
+from solver.output.snapshot import Snapshot
+
+Mode = Literal['realtime', 'fast', 'lockstep']
+MODES = ('realtime', 'fast', 'lockstep')
+LONGEST_WAIT = 0.05  # s between looks at stop flag and requests
+SLIP = 0.2  # s behind schedule after which the schedule is given up and starts anew
+GLANCE = 5e-4  # s between looks for commands while lockstep waits
+REPEAT = 1.0  # s of waiting in lockstep after which the state is published again, for those who came late
+ENDED = 'the simulation has ended'
+WINDOW = 4096  # steps over which step times are judged
+
+
+class Stepper(Protocol):
+    """What the loop needs of solver.simulation.Simulation."""
+
+    h_ns: int
+    k: int
+
+    @property
+    def t_ns(self) -> int: ...
+    def snapshot(self) -> Snapshot: ...
+    def advance(self, n: int = 1, inputs: np.ndarray | None = None) -> Snapshot: ...
+
+
+class Latched(NamedTuple):
+    """The newest commands (steering, drive torque, brake torque): one tuple, swapped as a whole."""
+
+    values: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    times: tuple[int, int, int] = (-1, -1, -1)  # simulation time of arrival [ns]; -1: none came yet
+    counts: tuple[int, int, int] = (0, 0, 0)
+
+
+class Health(NamedTuple):
+    """Figures since the last question (step times [s]) and since the start (the counters)."""
+
+    rate: float  # simulated per elapsed time since the last question
+    steps: int
+    overruns: int  # steps that ended after their deadline
+    slips: int  # times the schedule was given up
+    step_p50: float
+    step_p99: float
+    step_max: float
+    iterations: int  # of the last step
+    residual: float
+    command_age: float  # s of simulation time since the oldest of the newest commands; -1 if none came
+
+
+class Loop:
+    """Runs a simulation on a thread of its own.
+
+    `poll()` fetches what came in since (it calls `command`), right before every step and while lockstep waits.
+    `inputs(values)` turns latched commands into the input vector of the next step (None: the scene's own maneuver drives).
+    `emit(snapshot)` is called on the simulation thread after every step, and once at the start; `repeat()` from time to time while
+    lockstep waits for a first or lost answer. The attributes mode, rate_factor, command_timeout [s, 0: never] and
+    lockstep_commands may be changed at any time. After the thread has ended `outcome` is a sentence and `error` the
+    exception that ended it, if any.
+    """
+
+    def __init__(
+        self,
+        simulation: Stepper,
+        *,
+        inputs: Callable[[tuple[float, float, float]], np.ndarray | None],
+        emit: Callable[[Snapshot], None],
+        poll: Callable[[], None] = lambda: None,
+        repeat: Callable[[], None] = lambda: None,
+        mode: Mode = 'realtime',
+        rate_factor: float = 1.0,
+        end_ns: int | None = None,
+        command_timeout: float = 0.0,
+        lockstep_commands: tuple[int, ...] = (0, 1, 2),
+    ) -> None:
+        self.simulation = simulation
+        self.mode = mode
+        self.rate_factor = rate_factor
+        self.end_ns = end_ns
+        self.command_timeout = command_timeout
+        self.lockstep_commands = lockstep_commands
+        self.latched = Latched()
+        self.stale = False  # the watchdog holds the drive torque at zero
+        self.paused = False
+        self.steps = self.overruns = self.slips = 0
+        self.outcome = ''
+        self.error: BaseException | None = None
+        self.done = threading.Event()
+        self._inputs, self._emit, self._poll, self._repeat = inputs, emit, poll, repeat
+        self._emitted = 0.0  # clock reading
+        self._stop = threading.Event()
+        self._wake = threading.Event()
+        self._requests: SimpleQueue[tuple[Callable[[], Any], Future]] = SimpleQueue()
+        self._used = (0, 0, 0)  # counts of the commands that the last lockstep step used
+        self._pending = 0  # steps asked for
+        self._anchor: tuple[float, int, float] | None = None  # clock, step and rate of the schedule in force
+        self._times: deque[float] = deque(maxlen=WINDOW)
+        self._stats = simulation.snapshot().stats
+        self._judged = (time.perf_counter(), simulation.t_ns)
+        self._begin = time.perf_counter()
+        self._thread = threading.Thread(target=self._run, name='simulation', daemon=True)
+
+    def start(self) -> None:
+        """Start the thread."""
+        self._judged = (time.perf_counter(), self.simulation.t_ns)
+        self._begin = self._judged[0]
+        self._thread.start()
+
+    def prefer(self, priority: int) -> bool:
+        """Give every thread of this process a real-time priority (SCHED_FIFO, 1 to 99), or ordinary scheduling for 0.
+
+        All of them, because whichever holds the interpreter lock is the one the simulation waits for; this thread one above the
+        others, or it waits for those of the middleware when they have all cores. Beside other busy processes this decides between
+        steps that begin 20 us and steps that begin 5 ms late. Returns whether the system permits it.
+        """
+        policy = os.SCHED_FIFO if priority else os.SCHED_OTHER
+        others = max(priority - 1, 1) if priority else 0
+        try:
+            for thread in map(int, os.listdir('/proc/self/task')):
+                at = priority if thread == self._thread.native_id else others
+                os.sched_setscheduler(thread, policy, os.sched_param(at))
+        except (AttributeError, OSError):  # not Linux, or no permission
+            return False
+        return True
+
+    @property
+    def wall_time(self) -> float:
+        """Seconds since the start (or restart)."""
+        return time.perf_counter() - self._begin
+
+    def stop(self, outcome: str) -> None:
+        """End the thread after the step it is in, and wait for it."""
+        if not self.outcome:
+            self.outcome = outcome
+        self._stop.set()
+        self._wake.set()
+        if self._thread.ident is not None:
+            self._thread.join()
+
+    def command(self, index: int, value: float) -> None:
+        """Latch a command (0 steering, 1 drive torque, 2 brake torque); from `poll`, on the simulation thread."""
+        old = self.latched
+        put = lambda values, new: (*values[:index], new, *values[index + 1 :])  # noqa: E731
+        self.latched = Latched(put(old.values, value), put(old.times, self.simulation.t_ns), put(old.counts, old.counts[index] + 1))
+
+    def ask(self, action: Callable[[], Any]) -> Future:
+        """Have `action` done on the simulation thread between two steps; the future holds its result or exception."""
+        future: Future = Future()
+        self._requests.put((action, future))
+        self._wake.set()
+        if self.done.is_set():  # nobody else will answer any more
+            self._answer(RuntimeError(ENDED))
+        return future
+
+    def pause(self) -> None:
+        """Hold the simulation (to be asked for)."""
+        self.paused = True
+
+    def resume(self) -> None:
+        """Go on (to be asked for)."""
+        self.paused = False
+        self._anchor = None
+
+    def step(self, count: int) -> None:
+        """Do `count` steps now, whether paused or waiting for commands (to be asked for)."""
+        self._pending += count
+
+    def restart(self) -> None:
+        """Forget commands, schedule and counters after the simulation was reset (to be asked for)."""
+        self.latched = Latched()
+        self._used, self._pending, self._anchor = (0, 0, 0), 0, None
+        self.steps = self.overruns = self.slips = 0
+        self._times.clear()
+        self._judged = (time.perf_counter(), self.simulation.t_ns)
+        self._begin = self._judged[0]
+        self._emit(self.simulation.snapshot())
+
+    def health(self) -> Health:
+        """Return the figures since the last call; for one thread."""
+        now, t_ns = time.perf_counter(), self.simulation.t_ns
+        elapsed, advanced = now - self._judged[0], (t_ns - self._judged[1]) * 1e-9
+        self._judged = (now, t_ns)
+        times = np.array(self._times) if self._times else np.zeros(1)
+        self._times.clear()
+        p50, p99 = np.percentile(times, (50, 99))
+        came = [t for t in self.latched.times if t >= 0]
+        age = (t_ns - min(came)) * 1e-9 if came else -1.0
+        return Health(
+            advanced / elapsed if elapsed > 0.0 else 0.0, self.steps, self.overruns, self.slips,
+            float(p50), float(p99), float(times.max()), self._stats.iterations, self._stats.residual, age,
+        )  # fmt: skip
+
+    def _run(self) -> None:
+        try:
+            self._emit(self.simulation.snapshot())
+            while not self._stop.is_set():
+                self._answer()
+                if self.end_ns is not None and self.simulation.t_ns >= self.end_ns:
+                    self.outcome = 'duration reached'
+                    break
+                if self._due():
+                    self._advance()
+        except BaseException as error:  # whatever it is, the main thread has to learn of it
+            self.error = error
+            self.outcome = str(error)
+        finally:
+            self.done.set()
+            self._answer(RuntimeError(ENDED))
+
+    def _answer(self, refusal: Exception | None = None) -> None:
+        while True:
+            try:
+                action, future = self._requests.get_nowait()
+            except Empty:
+                return
+            try:
+                if refusal is not None:
+                    raise refusal
+                future.set_result(action())
+            except Exception as error:  # the asker gets it
+                future.set_exception(error)
+
+    def _due(self) -> bool:
+        """Wait, at most LONGEST_WAIT, and return whether a step is to be done now."""
+        if self._pending:
+            self._pending -= 1
+            self._anchor = None
+            return True
+        if self.paused:
+            self._sleep(LONGEST_WAIT)
+            return False
+        if self.mode == 'fast':
+            return True
+        if self.mode == 'lockstep':
+            self._poll()
+            counts = self.latched.counts
+            if all(counts[i] > self._used[i] for i in self.lockstep_commands):
+                self._used = counts
+                return True
+            if time.perf_counter() - self._emitted > REPEAT:
+                self._emitted = time.perf_counter()
+                self._repeat()
+            self._sleep(GLANCE)
+            return False
+        deadline = self._deadline(self.simulation.k)
+        wait = deadline - time.perf_counter()
+        if wait > LONGEST_WAIT:
+            self._sleep(LONGEST_WAIT)
+            return False
+        if wait > 0.0:
+            time.sleep(wait)
+        elif wait < -SLIP:
+            self.slips += 1
+            self._anchor = None
+        return not self._stop.is_set()
+
+    def _deadline(self, k: int) -> float:
+        """Return the clock reading at which step k begins."""
+        if self._anchor is None or self._anchor[2] != self.rate_factor:
+            self._anchor = (time.perf_counter(), self.simulation.k, self.rate_factor)
+        clock, k0, rate = self._anchor
+        return clock + (k - k0) * self.simulation.h_ns * 1e-9 / rate
+
+    def _sleep(self, longest: float) -> None:
+        self._wake.wait(longest)
+        self._wake.clear()
+
+    def _advance(self) -> None:
+        simulation = self.simulation
+        if self.mode != 'lockstep':  # which has polled, and must not mix in what came since
+            self._poll()
+        start = time.perf_counter()
+        latched = self.latched
+        steering, drive, brake = latched.values
+        age = simulation.t_ns - latched.times[1]
+        self.stale = self.command_timeout > 0.0 and latched.times[1] >= 0 and age > self.command_timeout * 1e9
+        snapshot = simulation.advance(1, inputs=self._inputs((steering, 0.0 if self.stale else drive, brake)))
+        self._times.append(time.perf_counter() - start)
+        self._stats = snapshot.stats
+        self.steps += 1
+        self._emit(snapshot)
+        self._emitted = time.perf_counter()
+        if self.mode == 'realtime' and self._anchor is not None and time.perf_counter() > self._deadline(simulation.k):
+            self.overruns += 1

@@ -1,0 +1,88 @@
+"""The parameters of the node `simulator`: one table of defaults, descriptions with units, ranges, and what may change at run time."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from mbd_sim_ros.node.loop import MODES
+from solver.errors import SpecError, suggestion
+from solver.inputs.maneuver import COMMANDS
+
+
+class Spec(NamedTuple):
+    """Default, description with unit, range, and whether it may change while the node runs."""
+
+    default: Any
+    text: str
+    low: float = 0.0
+    high: float = 0.0
+    live: bool = False
+
+
+PARAMETERS = {
+    'scene': Spec('', 'scene file, or the name of one in config/scenes'),
+    'overrides': Spec([''], "changes to the scene, e.g. ['integrator.h=0.001']"),
+    'commands': Spec('topics', 'who drives: topics, or the maneuver of the scene'),
+    'mode': Spec('realtime', 'realtime, fast (no waiting) or lockstep (a step only for newer commands or ~/step)', live=True),
+    'rate_factor': Spec(1.0, 'simulated seconds per second in mode realtime [-]', 0.001, 1000.0, live=True),
+    'realtime_priority': Spec(10, 'SCHED_FIFO priority in mode realtime, where the system permits it [-]; 0: none', 0, 99),
+    'duration': Spec(0.0, 'simulated time after which the node ends with exit code 0 [s]; 0: none, -1: that of the scene', -1.0, 1e6),
+    'publish_every': Spec(1, 'publish every n-th step [-]', 1, 100000, live=True),
+    'publish_clock': Spec(True, 'publish /clock'),
+    'frame_prefix': Spec('', 'put before every frame name'),
+    'publish_elements': Spec(False, 'publish element_states and reactions too, as far as the scene has them recorded'),
+    'robot_description': Spec('', 'URDF, published latched on robot_description and recorded; empty: the spanning tree of the model'),
+    'record': Spec(False, 'record from the start'),
+    'out': Spec('', 'directory of the recording; empty: bags/<scene>-<date>-<time>'),
+    'restore': Spec('', 'state file of ~/save_state to start from'),
+    'max_steering': Spec(12.0, 'limit of the steering wheel command, both ways [rad]', 0.0, 100.0, live=True),
+    'max_drive_torque': Spec(2000.0, 'limit of the drive torque command, both ways [N m]', 0.0, 1e5, live=True),
+    'max_brake_torque': Spec(10000.0, 'limit of the brake command [N m]', 0.0, 1e6, live=True),
+    'command_timeout': Spec(
+        0.5, 'age in simulation time after which the drive torque command counts as zero [s]; 0: never', 0.0, 1e3, live=True
+    ),
+    'steering_bandwidth': Spec(5.0, 'bandwidth of the filter behind the steering command [Hz]', 0.1, 100.0),
+    'steering_rate_limit': Spec(20.0, 'largest rate of the steering wheel [rad/s]', 0.1, 1000.0),
+    'step_count': Spec(1, 'steps that one call of ~/step does [-]', 1, 1000000, live=True),
+    'lockstep_commands': Spec(list(COMMANDS), 'the commands that must all be newer before lockstep steps'),
+}
+CHOICES = {'commands': ('topics', 'maneuver'), 'mode': MODES}
+
+
+def declare(node: Node) -> None:
+    """Declare all parameters. Raises SpecError for a value that no range can express; rclpy refuses the others itself."""
+    for name, spec in PARAMETERS.items():
+        descriptor = ParameterDescriptor(description=spec.text)
+        if isinstance(spec.default, float):
+            descriptor.floating_point_range = [FloatingPointRange(from_value=spec.low, to_value=spec.high)]
+        elif isinstance(spec.default, int) and not isinstance(spec.default, bool):
+            descriptor.integer_range = [IntegerRange(from_value=int(spec.low), to_value=int(spec.high), step=1)]
+        if name in CHOICES:
+            descriptor.additional_constraints = 'one of: ' + ', '.join(CHOICES[name])
+        node.declare_parameter(name, spec.default, descriptor)
+    wrong = _wrong_choice([node.get_parameter(name) for name in CHOICES])
+    if wrong:
+        raise SpecError(wrong)
+    for name in node.get_parameter('lockstep_commands').value:
+        if name not in COMMANDS:
+            raise SpecError(f'parameter lockstep_commands: {name!r} is no command' + suggestion(name, COMMANDS))
+
+
+def refusal(parameters: list[Parameter]) -> str:
+    """Return why the running node does not accept a change, or ''."""
+    for parameter in parameters:
+        if parameter.name in PARAMETERS and not PARAMETERS[parameter.name].live:
+            return f'{parameter.name} is fixed while the node runs: start it anew'
+    return _wrong_choice(parameters)
+
+
+def _wrong_choice(parameters: list[Parameter]) -> str:
+    for parameter in parameters:
+        allowed = CHOICES.get(parameter.name)
+        if allowed and parameter.value not in allowed:
+            return f'parameter {parameter.name} = {parameter.value!r}: must be one of {", ".join(allowed)}'
+    return ''

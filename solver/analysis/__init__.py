@@ -1,0 +1,1 @@
+"""What is computed with finished models and simulations."""

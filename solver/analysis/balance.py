@@ -1,0 +1,123 @@
+"""Balances of energy and momentum of a run, element kind by element kind.
+
+At the end of every step the forces of each kind act alone on the motion that the run shows (projected velocities):
+
+    work on the bodies + change of what is stored + what is dissipated = 0            for every kind of element
+    change of kinetic energy = work of all kinds, of gravity and of the constraints
+    change of momentum = impulse of all of them; of kinds that act between bodies it is zero
+
+Integrals over time follow the trapezoidal rule, so the balances close to the second order of the method, but for instants where a
+force jumps (a brake that begins to stick). A balance looks from outside; the run itself is not changed by it.
+"""
+
+from __future__ import annotations
+
+from typing import Any, cast
+
+import numpy as np
+
+from solver.compiled.by_reference import Ref
+from solver.inputs.maneuver import is_motion_part
+from solver.model.evaluate import CALLS, Outputs, add_constraint_forces, evaluate_forces
+from solver.model.tables import Tables
+from solver.simulation import Simulation
+
+SUPPLYING = ('coordinate_forces', 'applied_forces')  # kinds whose elements with an input feed energy in
+
+
+class Balance:
+    """The balances of a simulation from its present state on; call update() after every single step."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        self._simulation = simulation
+        spec, tables = simulation.model.spec, cast(Tables, simulation.model.tables.value)
+        kinds = [kind for kind in Outputs._fields if getattr(spec, kind)]
+        self._alone = {kind: Ref(tables._replace(calls=self._only(tables.calls, CALLS.index(kind)))) for kind in kinds}
+        self._no_elements = Ref(tables._replace(calls=np.zeros_like(tables.calls)))
+        self._fed = {kind: np.array([bool(getattr(e, 'input', None)) for e in getattr(spec, kind)]) for kind in kinds if kind in SUPPLYING}
+        self._constraints = Ref(tables.constraints)
+        self.rows = (*kinds, 'gravity', 'constraints')
+        w = simulation.work
+        self._f, self._z = np.zeros_like(w.f), np.zeros_like(w.z_s)
+        self._time = simulation.k
+        self._inputs = simulation.inputs.copy()
+        # inputs of forces are those of the stage within the step; they are continued to its end, as the accelerations are
+        names = spec.inputs
+        self._ahead = np.array([0.0 if is_motion_part(name, names) else simulation.coefficients.af for name in names])
+        self._rates = self._evaluate()
+        self._start = self._now
+        self.total = np.zeros_like(self._rates)  # (rows, 9) integrals of work, dissipation, supply, force (3), moment about the origin (3)
+
+    @staticmethod
+    def _only(calls: np.ndarray, index: int) -> np.ndarray:
+        alone = np.zeros_like(calls)
+        alone[index] = calls[index]
+        return alone
+
+    def update(self) -> None:
+        """Add the step that was just made. Raises ValueError when it was not exactly one."""
+        if self._simulation.k != self._time + 1:
+            raise ValueError(f'balance: from step {self._time} to step {self._simulation.k}; it has to be updated after every step')
+        self._time += 1
+        before, self._rates = self._rates, self._evaluate()
+        self._inputs = self._simulation.inputs.copy()
+        self.total += 0.5 * self._simulation.h * (before + self._rates)
+
+    def _evaluate(self) -> np.ndarray:
+        """(rows, 9) rates of all integrals now; sets _now: (stored energies, kinetic energy, momentum)."""
+        s = self._simulation
+        w, kin, state, bodies = s.work, s.kinematics, s.state, s.model.tables.bodies
+        inputs = s.inputs + self._ahead * (s.inputs - self._inputs)
+        rates = np.zeros((len(self.rows), 9))
+        stored = np.zeros(len(self.rows))
+
+        def forces(tables: Ref) -> np.ndarray:
+            evaluate_forces(tables, kin, state.angle, state.z, 0.0, inputs, False, self._f, w.Kq, w.Kv, self._z, Ref(s.outputs))
+            return self._f.copy()
+
+        base = forces(self._no_elements)  # gravity and the gyroscopic torques, which are no forces
+        for row, kind in enumerate(self.rows[:-2]):
+            f = forces(self._alone[kind]) - base
+            out = getattr(s.outputs, kind)
+            stored[row] = out[:, 0].sum()
+            fed = -out[self._fed[kind], 1].sum() if kind in self._fed else 0.0
+            rates[row] = self._power_and_load(f, out[:, 1].sum() + fed, fed)
+        weight = np.zeros_like(base)
+        weight[:-1, :3] = bodies.mass[:, None] * bodies.gravity
+        stored[-2] = -float((weight[:, :3] * kin.p).sum())
+        rates[-2] = self._power_and_load(weight, 0.0, 0.0)
+        reaction = np.zeros_like(base)
+        add_constraint_forces(self._constraints, w.J, w.lam_out, 1.0, reaction)
+        reaction[-1] = 0.0
+        rates[-1] = self._power_and_load(reaction, 0.0, -float(w.lam_out @ w.phi_t))
+        v = kin.v[:-1]
+        spin = np.einsum('bij,bj->bi', bodies.inertia, v[:, 3:])
+        p = bodies.mass[:, None] * v[:, :3]
+        kinetic = 0.5 * float((p * v[:, :3]).sum() + (spin * v[:, 3:]).sum())
+        angular = np.cross(kin.p[:-1], p) + np.einsum('bij,bj->bi', kin.R[:-1], spin)
+        self._now = stored, kinetic, np.concatenate([p.sum(axis=0), angular.sum(axis=0)])
+        return rates
+
+    def _power_and_load(self, f: np.ndarray, dissipation: float, supply: float) -> np.ndarray:
+        kin = self._simulation.kinematics
+        moment = np.cross(kin.p, f[:, :3]) + np.einsum('bij,bj->bi', kin.R, f[:, 3:])
+        return np.array([(f * kin.v).sum(), dissipation, supply, *f[:, :3].sum(axis=0), *moment.sum(axis=0)])
+
+    @property
+    def momentum_error(self) -> np.ndarray:
+        """(6,) change of momentum [N s] and of angular momentum about the origin [N m s], less the impulse of all forces."""
+        return self._now[2] - self._start[2] - self.total[:, 3:].sum(axis=0)
+
+    def report(self) -> dict[str, Any]:
+        """Energies [J] since the start by kind: work on the bodies, change of the stored energy, dissipated, supplied by inputs, and error,
+        what is missing in work + stored + dissipated = supplied; for 'bodies' in kinetic energy = work. `momentum_error` [N s, N m s].
+        """
+        stored = self._now[0] - self._start[0]
+        table: dict[str, Any] = {}
+        for row, kind in enumerate(self.rows):
+            work, dissipated, supplied = (float(x) for x in self.total[row, :3])
+            error = work + float(stored[row]) + dissipated - supplied
+            table[kind] = {'work': work, 'stored': float(stored[row]), 'dissipated': dissipated, 'supplied': supplied, 'error': error}
+        kinetic, work = self._now[1] - self._start[1], float(self.total[:, 0].sum())
+        table['bodies'] = {'work': -work, 'stored': kinetic, 'dissipated': 0.0, 'supplied': 0.0, 'error': kinetic - work}
+        return {'energy_by_kind': table, 'momentum_error': self.momentum_error.tolist()}

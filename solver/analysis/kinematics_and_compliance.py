@@ -1,0 +1,178 @@
+"""A test bench for kinematics and compliance: curves of toe, camber, load over wheel travel, steering and loads at the tires.
+
+The rig holds the chassis in its design position, takes the tires off, locks the wheels to their carriers, and prescribes the wheel travels
+and the steering wheel. Every point of a sweep is a static equilibrium. It works on any vehicle model whose corners are called
+front_left ... and that has the coordinates wheel_<corner> and travel_<corner> (docs/vehicle.md). Angles in rad, SI units; signs:
+
+    toe      positive: toe-in            camber   negative: top inwards
+    steer    road-wheel angle, positive to the left
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from solver.analysis.modes import AXLES
+from solver.elements.applied_force import AppliedForceSpec
+from solver.elements.coupler import CouplerSpec
+from solver.elements.joint import JointSpec
+from solver.elements.marker import WORLD, Marker
+from solver.inputs.maneuver import ACCELERATION, RATE
+from solver.model.evaluate import prepare
+from solver.model.frames import matrix
+from solver.model.spec import ModelSpec
+from solver.model.state import new_state
+from solver.output.collect import new_outputs
+from solver.start.newton import Start
+from solver.vehicle.hardpoints import SIDES
+
+CORNERS = tuple(f'{axle}_{side}' for axle in AXLES for side in SIDES)
+LOADS = {'fx': ('force', (1.0, 0.0, 0.0)), 'fy': ('force', (0.0, 1.0, 0.0)), 'mz': ('torque', (0.0, 0.0, 1.0))}
+STEPS = {'travel': 0.03, 'steering': 0.5}  # largest change of an input of the rig at once [m or rad]
+
+
+def wheel_centers(spec: ModelSpec) -> dict[str, np.ndarray]:
+    """Corner -> centre of the wheel in the design position (3,) [m]."""
+    bodies = {b.name: b for b in spec.bodies}
+    return {
+        t.name: np.array(bodies[t.marker.body].position) + matrix(bodies[t.marker.body].orientation) @ np.array(t.marker.position)
+        for t in spec.tires
+    }
+
+
+class Rig:
+    """A kinematics and compliance test bench for a vehicle model; see the module."""
+
+    def __init__(self, spec: ModelSpec) -> None:
+        self.spec = spec
+        self.centers = wheel_centers(spec)
+        bodies = {b.name: b for b in spec.bodies}
+        chassis = bodies[spec.chassis or spec.bodies[0].name]
+        carrier = {}
+        for joint in spec.joints:
+            for tire in spec.tires:
+                if joint.name == f'wheel_{tire.name}':
+                    carrier[tire.name] = joint.i.body if joint.j.body == tire.marker.body else joint.j.body
+        rows = [CouplerSpec(name=f'hold_{c}', terms=((f'wheel_{c}', 1.0),)) for c in CORNERS]
+        rows += [CouplerSpec(name=f'travel_{c}', terms=((f'travel_{c}', 1.0),), offset=0.0, input=f'travel_{c}') for c in CORNERS]
+        loads = []
+        for c in CORNERS:
+            b = bodies[carrier[c]]
+            ground = np.array([*self.centers[c][:2], 0.0])
+            x, y, z = (float(v) for v in matrix(b.orientation).T @ (ground - np.array(b.position)))
+            marker = Marker(body=b.name, position=(x, y, z))
+            for n, (kind, direction) in LOADS.items():
+                loads.append(AppliedForceSpec(name=f'{n}_{c}', marker=marker, input=f'{n}_{c}', **{kind: direction}))  # type: ignore[arg-type]
+        names = [n + end for n in (*(f'travel_{c}' for c in CORNERS),) for end in ('', RATE, ACCELERATION)] + [f.name for f in loads]
+        fixed = JointSpec(
+            name='rig',
+            kind='fixed',
+            i=Marker(body=WORLD, position=chassis.position, orientation=chassis.orientation),
+            j=Marker(body=chassis.name),
+        )
+        self.inputs = (*spec.inputs, *names)
+        model = ModelSpec(
+            **{
+                **spec.__dict__,
+                'joints': (*spec.joints, fixed),
+                'couplers': (*spec.couplers, *rows),
+                'applied_forces': (*spec.applied_forces, *loads),
+                'tires': (),
+                'inputs': self.inputs,
+            }
+        )
+        self.model = prepare(model)
+        self.start = Start(self.model, new_outputs(self.model))
+        self.state = new_state(self.model)
+        self._u = np.zeros(len(self.inputs))
+        self.settle({})
+
+    def settle(self, inputs: Mapping[str, float]) -> dict[str, dict[str, float]]:
+        """Equilibrium under the given inputs (travel_<corner> [m], steering [rad], fx_, fy_ [N] or mz_<corner> [N m] at the contact
+        patch); returns by corner toe, camber, steer [rad], x, y of wheel centre and contact patch relative to the design [m],
+        load: vertical force at the wheel [N]."""
+        before, u = self._u, np.array([inputs.get(name, 0.0) for name in self.inputs])
+        limits = np.array([STEPS.get(name.partition('_')[0], np.inf) for name in self.inputs])
+        count = max(1, int(np.ceil(np.max(np.abs(u - before) / limits))))
+        for k in range(1, count + 1):
+            self.start.assemble(self.state, before + (u - before) * (k / count))
+        self.start.equilibrium(self.state, u)
+        self._u = u
+        return {c: self._corner(c) for c in CORNERS}
+
+    def _corner(self, corner: str) -> dict[str, float]:
+        tire = next(t for t in self.spec.tires if t.name == corner)
+        b = self.model.body_names.index(tire.marker.body)
+        side = SIDES[corner.partition('_')[2]]
+        R = matrix(tuple(self.state.q[b, 3:]))
+        center = self.state.q[b, :3] + R @ np.subtract(tire.marker.position, self.spec.bodies[b].com)
+        s = R @ matrix(tire.marker.orientation)[:, 1]
+        up = np.array([0.0, 0.0, 1.0]) - s[2] * s
+        contact = center - self.centers[corner][2] * up / np.linalg.norm(up)
+        at = self.centers[corner]
+        row = self.model.row_names.index(f'travel_{corner}')
+        return {
+            'toe': side * float(np.arctan2(s[0], s[1])),
+            'steer': float(np.arctan2(-s[0], s[1])),
+            'camber': -side * float(np.arcsin(s[2])),
+            'center_x': float(center[0] - at[0]),
+            'center_y': float(center[1] - at[1]),
+            'contact_x': float(contact[0] - at[0]),
+            'contact_y': float(contact[1] - at[1]),
+            'load': float(self.state.lam[row]),
+        }
+
+    def travel(self, values: Sequence[float], *, opposite: bool = False) -> dict[str, dict[str, np.ndarray]]:
+        """Sweep of all wheels in parallel, or left and right opposite (left in bump); curves over the left travel by corner."""
+        return self._sweep([{f'travel_{c}': z * (SIDES[c.partition('_')[2]] if opposite else 1.0) for c in CORNERS} for z in values])
+
+    def steering(self, values: Sequence[float]) -> dict[str, dict[str, np.ndarray]]:
+        """Sweep of the steering wheel [rad]."""
+        return self._sweep([{'steering': angle} for angle in values])
+
+    def loading(self, load: str, values: Sequence[float], *, opposite: bool = False) -> dict[str, dict[str, np.ndarray]]:
+        """Sweep of one load at all wheels (see LOADS), equal or of opposite sign left and right."""
+        return self._sweep([{f'{load}_{c}': f * (SIDES[c.partition('_')[2]] if opposite else 1.0) for c in CORNERS} for f in values])
+
+    def _sweep(self, points: Sequence[Mapping[str, float]]) -> dict[str, dict[str, np.ndarray]]:
+        results = [self.settle(point) for point in points]
+        self.settle({})
+        return {c: {key: np.array([r[c][key] for r in results]) for key in results[0][c]} for c in CORNERS}
+
+
+def kinematic_figures(rig: Rig, step: float = 0.01) -> dict[str, float]:
+    """Slopes at the design position from central differences over +- step [m]: per axle wheel rate [N/m], roll stiffness [N m/rad],
+    roll-centre height [m], toe and camber change [rad/m], and the ratio of steering wheel to mean road wheel [-]; compliances: toe by
+    lateral force, both to the left (left wheel, [rad/N], positive: towards the force) and by aligning moment [rad/(N m)],
+    longitudinal displacement by braking force [m/N], for models with bushings."""
+    both, roll = rig.travel([-step, step]), rig.travel([-step, step], opposite=True)
+    side, brake, align = rig.loading('fy', [-1000.0, 1000.0]), rig.loading('fx', [-1000.0, 1000.0]), rig.loading('mz', [-50.0, 50.0])
+    steer = rig.steering([-0.2, 0.2])
+    figures: dict[str, float] = {}
+    for axle in AXLES:
+        c = f'{axle}_left'
+        track = rig.centers[c][1] - rig.centers[f'{axle}_right'][1]
+
+        def slope(curves: dict[str, dict[str, np.ndarray]], key: str, width: float, c: str = c) -> float:
+            low, high = curves[c][key]
+            return float((high - low) / (2.0 * width))
+
+        figures |= {
+            f'wheel_rate_{axle}': slope(both, 'load', step),
+            f'roll_stiffness_{axle}': 0.5 * slope(roll, 'load', step) * track * track,
+            f'roll_center_{axle}': 0.5 * track * slope(both, 'contact_y', step),
+            f'bump_toe_{axle}': slope(both, 'toe', step),
+            f'bump_camber_{axle}': slope(both, 'camber', step),
+        }
+        if rig.spec.bushings:
+            figures |= {
+                f'lateral_steer_{axle}': slope(side, 'steer', 1000.0),
+                f'lateral_compliance_{axle}': slope(side, 'contact_y', 1000.0),
+                f'longitudinal_compliance_{axle}': slope(brake, 'center_x', 1000.0),
+                f'aligning_steer_{axle}': slope(align, 'steer', 50.0),
+            }
+    mean = 0.5 * (steer['front_left']['steer'] + steer['front_right']['steer'])
+    figures['steering_ratio'] = float(0.4 / (mean[1] - mean[0]))
+    return figures

@@ -1,0 +1,114 @@
+"""Modes of vibration of a vehicle (or any model) about a state of rest."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+
+from solver.model.evaluate import add_constraint_stiffness, evaluate_forces
+from solver.model.state import State
+from solver.model.tables import Model
+from solver.output.collect import new_outputs
+from solver.output.dependence import dense_jacobian
+from solver.simulation import Simulation
+from solver.start.newton import Start
+from solver.vehicle.hardpoints import SIDES
+
+AXLES = ('front', 'rear')
+GOOD_PART = 0.3  # of the kinetic energy of a mode
+LONG = 1e3  # s; internal states at rest move in proportion to it
+
+
+class Linear(NamedTuple):
+    """M a + C v + K x = A^T lam, A x = 0 about an equilibrium, dense, in the variations of docs/conventions.md (6 per body)."""
+
+    M: np.ndarray
+    C: np.ndarray
+    K: np.ndarray
+    A: np.ndarray
+
+
+@dataclass(frozen=True)
+class Mode:
+    """A mode of vibration: undamped natural frequency [Hz], damping ratio [-], share of the kinetic energy by (body, direction x y z or
+    rx ry rz), largest first."""
+
+    frequency: float
+    damping: float
+    shares: tuple[tuple[str, str, float], ...]
+
+    def share(self, bodies: Sequence[str], directions: Sequence[str]) -> float:
+        """Part of the kinetic energy in some directions of some bodies."""
+        return sum(s for body, direction, s in self.shares if body in bodies and direction in directions)
+
+
+def _dense(model: Model, K: np.ndarray) -> np.ndarray:
+    nb, t = model.n_bodies, model.tables
+    D = np.zeros((nb, 6, nb, 6))
+    for s in range(1, model.n_slots + 1):
+        D[t.block_row[s], :, t.block_col[s], :] += K[s]
+    return D.reshape(6 * nb, 6 * nb)
+
+
+def linearised(model: Model, state: State, u: np.ndarray) -> Linear:
+    """The model linearised about a state of rest; contact patches of standing tires are springs and dampers."""
+    start = Start(model, new_outputs(model))
+    at_rest = np.zeros_like(state.v)
+    _, lam = start.acceleration(state.q, at_rest, state.z, state.angle, u)
+    kin = start._constraints(state.q, at_rest, state.angle, u)
+    evaluate_forces(model.tables, kin, state.angle, state.z, LONG, u, True, start.f, start.Kq, start.Kv, start.z, start.outputs)
+    with_contact = start.Kv.copy()
+    evaluate_forces(model.tables, kin, state.angle, state.z, 0.0, u, True, start.f, start.Kq, start.Kv, start.z, start.outputs)
+    C = -_dense(model, start.Kv)
+    contact = -_dense(model, with_contact - start.Kv) / LONG
+    add_constraint_stiffness(model.tables, kin, lam, start.Kq, start.Kv)
+    K = -_dense(model, start.Kq) + contact
+    bodies = model.tables.bodies
+    M = scipy.linalg.block_diag(*(block for m, J in zip(bodies.mass, bodies.inertia, strict=True) for block in (m * np.eye(3), J)))
+    return Linear(M, C, K, dense_jacobian(model, start.J))
+
+
+def eigenvalues(linear: Linear) -> tuple[np.ndarray, np.ndarray]:
+    """(eigenvalues s (2 n,), shapes (6 nb, 2 n)) of motions x exp(s t) that keep the constraints; n degrees of freedom."""
+    Z = scipy.linalg.null_space(linear.A) if len(linear.A) else np.eye(len(linear.M))
+    M, C, K = (Z.T @ X @ Z for X in (linear.M, linear.C, linear.K))
+    n = len(M)
+    upper = np.hstack([np.zeros((n, n)), np.eye(n)])
+    s, X = scipy.linalg.eig(np.vstack([upper, -scipy.linalg.solve(M, np.hstack([K, C]), assume_a='pos')]))
+    return s, Z @ X[:n]
+
+
+def modes(simulation: Simulation) -> list[Mode]:
+    """Oscillating modes of a simulation at rest at its start, by frequency."""
+    model, state = simulation.model, simulation.state
+    linear = linearised(model, state, np.zeros(len(model.spec.inputs)))
+    s, X = eigenvalues(linear)
+    directions = ('x', 'y', 'z', 'rx', 'ry', 'rz')
+    found = []
+    for k in np.flatnonzero(s.imag > 1e-6):
+        shape = X[:, k]
+        energy = (shape.conj() * (linear.M @ shape)).real
+        order = np.argsort(-energy)
+        shares = tuple((model.body_names[i // 6], directions[i % 6], float(energy[i] / energy.sum())) for i in order)
+        found.append(Mode(float(abs(s[k]) / (2 * np.pi)), float(-s[k].real / abs(s[k])), shares))
+    return sorted(found, key=lambda mode: mode.frequency)
+
+
+def named_modes(simulation: Simulation) -> dict[str, Mode]:
+    """The modes a vehicle is known by: the lowest one with a good part of its kinetic energy in the motion that names it."""
+    chassis = simulation.model.spec.chassis or simulation.model.body_names[0]
+    wheels = {axle: [f'{part}_{axle}_{side}' for part in ('wheel', 'upright', 'knuckle') for side in SIDES] for axle in AXLES}
+    wanted = {
+        'bounce': ([chassis], ['z']),
+        'pitch': ([chassis], ['ry']),
+        'roll': ([chassis], ['rx']),
+        **{f'wheel hop {axle}': (wheels[axle], ['z']) for axle in AXLES},
+        'engine bounce': (['engine'], ['z']),
+    }
+    found = modes(simulation)
+    first = {name: next((mode for mode in found if mode.share(*where) > GOOD_PART), None) for name, where in wanted.items()}
+    return {name: mode for name, mode in first.items() if mode is not None}

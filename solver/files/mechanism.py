@@ -1,0 +1,173 @@
+"""Mechanism files: the sections of a file are the fields of ModelSpec, the entries of a section are named element specs.
+
+So a new element kind can be written in a file as soon as ModelSpec has a field for it. What a file may write more conveniently
+than the specs: markers by their place in the assembled mechanism, axes instead of orientations, roll-pitch-yaw, diagonal
+inertias, laws as a rate or a list of points (docs/scene.md).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import typing
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from solver.elements.joint import JointSpec
+from solver.elements.laws import Law
+from solver.elements.marker import WORLD, Marker, Spec
+from solver.elements.rigid_body import RigidBodySpec
+from solver.errors import SceneError, suggestion
+from solver.files.linkages import LINKAGES
+from solver.files.schema import Builder, Fields
+from solver.files.yaml_tree import Node, ScalarNode, SequenceNode, join, refuse, where
+from solver.model.frames import Placement, frame_of_axis, frame_of_rpy, matrix, quaternion
+from solver.model.spec import ModelSpec, used_inputs
+from solver.validate import Quaternion, Vector
+
+ROTATION_KEYS = ('orientation', 'rpy', 'rpy_deg', 'axis', 'x_axis')
+
+
+@dataclass(frozen=True)
+class MechanismReader:
+    """The hooks that read element specs; bodies collects the placement of each body as it is read."""
+
+    bodies: dict[str, Placement] = dataclasses.field(default_factory=lambda: {WORLD: Placement(np.zeros(3), np.eye(3))})
+
+    def builder(self) -> Builder:
+        """A loader that understands mechanism files."""
+        hooks = {ModelSpec: self.model, RigidBodySpec: self.body, Spec: self.element, Marker: self.marker, Law: self.law}
+        return Builder(hooks)
+
+    def model(self, builder: Builder, cls: type, node: Node, path: str, name: str | None) -> ModelSpec:
+        """A ModelSpec, or a linkage by `kind`. Bodies first, markers may be placed in the world; inputs from their uses unless listed."""
+        fields = builder.mapping(node, path)
+        if 'kind' in fields:
+            kind = fields.pop('kind')[1]
+            if kind.value not in LINKAGES:
+                raise refuse(kind, join(path, 'kind'), 'unknown kind of mechanism' + suggestion(str(kind.value), LINKAGES))
+            data, linkage = LINKAGES[kind.value]
+            return linkage(builder.construct(data, fields, node, path, extra=('kind',)))
+        given: dict[str, object] = {}
+        if 'bodies' in fields:
+            given['bodies'] = builder.build(tuple[RigidBodySpec, ...], fields.pop('bodies')[1], join(path, 'bodies'))
+        model = builder.construct(cls, fields, node, path, given=given)
+        return model if 'inputs' in fields else dataclasses.replace(model, inputs=used_inputs(model))
+
+    def body(self, builder: Builder, cls: type, node: Node, path: str, name: str | None) -> RigidBodySpec:
+        """A body: orientation, rpy or rpy_deg; inertia with three or six numbers."""
+        fields = builder.mapping(node, path)
+        given: dict[str, object] = {}
+        R = rotation(builder, fields, path, ('orientation', 'rpy', 'rpy_deg'))
+        if R is not None:
+            given['orientation'] = R
+        inertia = fields.get('inertia')
+        if inertia is not None and isinstance(inertia[1], SequenceNode) and len(inertia[1].value) == 3:
+            given['inertia'] = (*builder.build(Vector, fields.pop('inertia')[1], join(path, 'inertia')), 0.0, 0.0, 0.0)
+        body = builder.construct(cls, fields, node, path, name=name, given=given, extra=('rpy', 'rpy_deg'))
+        self.bodies[body.name] = Placement(np.array(body.position), matrix(body.orientation))
+        return body
+
+    def element(self, builder: Builder, cls: type, node: Node, path: str, name: str | None) -> Any:
+        """Any other element: `at`, `axis`, ... beside the markers place all markers that are given as bare body names."""
+        fields = builder.mapping(node, path)
+        hints = typing.get_type_hints(cls)
+        markers = [f.name for f in dataclasses.fields(cls) if hints[f.name] is Marker]
+        placed = [k for k in ('at', *ROTATION_KEYS) if markers and k in fields and k not in hints]
+        placement = None
+        if placed:
+            if 'at' not in placed:
+                raise SceneError(
+                    f"{where(fields[placed[0]][0])}: {join(path, placed[0])}: needs the key 'at' beside it (a point in the world)"
+                )
+            placement = self.placement(builder, fields, path)
+        given: dict[str, object] = {m: self._marker(builder, fields.pop(m)[1], join(path, m), placement) for m in markers if m in fields}
+        if cls is JointSpec and 'length' not in fields and 'kind' in fields and fields['kind'][1].value == 'distance' and len(given) == 2:
+            given['length'] = float(np.linalg.norm(self.point(given['j']) - self.point(given['i'])))
+        extra = ('at', *(k for k in ROTATION_KEYS if k not in hints)) if markers else ()
+        return builder.construct(cls, fields, node, path, name=name, given=given, extra=extra)
+
+    def placement(self, builder: Builder, fields: Fields, path: str) -> Placement:
+        """The frame given by at and axis, orientation or rpy, in the world; takes these keys out of fields."""
+        at = np.array(builder.build(Vector, fields.pop('at')[1], join(path, 'at')))
+        R = rotation(builder, fields, path, ROTATION_KEYS)
+        return Placement(at, np.eye(3) if R is None else matrix(R))
+
+    def marker(self, builder: Builder, cls: type, node: Node, path: str, name: str | None) -> Marker:
+        """A marker outside of any placement."""
+        return self._marker(builder, node, path, None)
+
+    def _marker(self, builder: Builder, node: Node, path: str, placement: Placement | None) -> Marker:
+        if not isinstance(node, ScalarNode):
+            fields = builder.mapping(node, path)
+            body = builder.build(str, fields['body'][1], join(path, 'body')) if 'body' in fields else None
+            if 'at' in fields and body is not None:
+                self._known(body, fields['body'][1], join(path, 'body'))
+                if 'position' in fields:
+                    raise refuse(
+                        fields['position'][1], join(path, 'position'), "give either 'at' (in the world) or 'position' (in the body)"
+                    )
+                frame = self.placement(builder, fields, path)
+                fields.pop('body')
+                builder.construct(_Nothing, fields, node, path, extra=('body', 'at', *ROTATION_KEYS))
+                return self.local(body, frame)
+            R = rotation(builder, fields, path, ROTATION_KEYS)
+            given = {} if R is None else {'orientation': R}
+            if body is not None:
+                self._known(body, fields['body'][1], join(path, 'body'))
+            return builder.construct(Marker, fields, node, path, given=given, extra=('at', *ROTATION_KEYS))
+        body = builder.build(str, node, path)
+        self._known(body, node, path)
+        return Marker(body=body) if placement is None else self.local(body, placement)
+
+    def _known(self, body: str, node: Node, path: str) -> None:
+        if body not in self.bodies:
+            raise refuse(node, path, 'no such body' + suggestion(body, self.bodies))
+
+    def local(self, body: str, frame: Placement) -> Marker:
+        """The marker on a body that coincides with a frame in the world in the placed configuration."""
+        p, R = self.bodies[body]
+        x, y, z = (float(c) for c in R.T @ (frame.p - p))
+        return Marker(body=body, position=(x, y, z), orientation=quaternion(R.T @ frame.R))
+
+    def point(self, marker: object) -> np.ndarray:
+        """(3,) place of a marker in the world [m]."""
+        assert isinstance(marker, Marker)
+        p, R = self.bodies[marker.body]
+        return p + R @ np.array(marker.position)
+
+    def law(self, builder: Builder, cls: type, node: Node, path: str, name: str | None) -> Law:
+        """A number is the rate of a straight line, a list of [x, y] points a monotone cubic."""
+        value = builder.build(float | tuple[tuple[float, float], ...], node, path)  # type: ignore[arg-type]
+        return Law.linear(value) if isinstance(value, float) else Law.table(value)
+
+
+@dataclass(frozen=True)
+class _Nothing:
+    """A dataclass without fields: refuses every key that is left."""
+
+
+def rotation(builder: Builder, fields: Fields, path: str, allowed: Sequence[str]) -> Quaternion | None:
+    """The orientation given by one of orientation, rpy, rpy_deg or axis (+ x_axis), taken out of fields; None without one."""
+    used = [k for k in allowed if k in fields and k != 'x_axis']
+    if len(used) > 1:
+        raise SceneError(f'{where(fields[used[1]][0])}: {join(path, used[1])}: is given beside {used[0]!r}; keep one of them')
+    if not used:
+        if 'x_axis' in allowed and 'x_axis' in fields:
+            raise SceneError(f"{where(fields['x_axis'][0])}: {join(path, 'x_axis')}: needs the key 'axis' beside it")
+        return None
+    key = used[0]
+    node = fields.pop(key)[1]
+    if key == 'orientation':
+        return builder.build(Quaternion, node, join(path, key))
+    if key != 'axis':
+        rpy = builder.build(Vector, node, join(path, key))
+        return quaternion(frame_of_rpy(np.deg2rad(rpy) if key == 'rpy_deg' else rpy))
+    axis = builder.build(Vector, node, join(path, key))
+    x_axis = builder.build(Vector, fields.pop('x_axis')[1], join(path, 'x_axis')) if 'x_axis' in fields else None
+    try:
+        return quaternion(frame_of_axis(axis, x_axis))
+    except ValueError as error:
+        raise refuse(node, join(path, key), str(error)) from None

@@ -1,0 +1,251 @@
+"""The strict loader: nodes with line numbers (solver.files.yaml_tree) -> frozen dataclasses, driven by their type hints.
+
+Nothing is guessed from how YAML 1.1 reads a word: a scalar is interpreted by the type of the field it is meant for, so `1e-3`
+is a number where a number is wanted, and `no` is a word where text is wanted. What the hints mean in a file:
+
+    float int bool str Literal    a scalar; numbers are decimal and finite, truth values are true and false
+    T | None                      also `null`
+    tuple[T, ...]                 a list; of dataclasses with a `name`: a mapping name -> the other fields
+    tuple[tuple[str, T], ...]     a mapping key -> T, or a list of pairs
+    tuple[A, B, C]                a list of exactly three
+    dict[str, T] Mapping[str, T]  a mapping
+    a dataclass                   a mapping of its fields
+    a union of dataclasses        a mapping whose `kind` chooses one (its Literal, or the class name: random_road); a scalar
+                                  where a plain number is in the union
+    Annotated[T, 'rad']           the unit of the field: `<key>_deg` is accepted too (SUFFIXES)
+
+Every refusal is a SceneError of one sentence: file:line: dotted.path = value: what is allowed.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import re
+import types
+import typing
+from collections.abc import Callable, Mapping, Sequence
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
+
+from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+
+from solver.errors import SceneError, SpecError, suggestion
+from solver.files.yaml_tree import join, refuse, where
+
+NUMBER = re.compile(r'[-+]?(0|[1-9][0-9]*)?(\.[0-9]*)?([eE][-+]?[0-9]+)?')
+COMPLAINT = re.compile(r'(?:[^=]*?: )?(?P<field>\w+)(?P<rest>[\w.\[\]]*(?: = |: ).*)', re.DOTALL)  # of a specification about its field
+SUFFIXES = {'deg': ('rad', math.pi / 180.0), 'mm': ('m', 1e-3), 'kmh': ('m/s', 1.0 / 3.6), 'rpm': ('rad/s', math.pi / 30.0)}
+_NULL = ('', '~', 'null')
+
+Fields = dict[str, tuple[Node, Node]]
+Hook = Callable[['Builder', Any, Node, str, 'str | None'], object]
+
+
+class Builder:
+    """Builds values of a type from nodes. hooks: functions for types that have a form of their own in files.
+
+    A hook is called as hook(builder, type, node, path, name) and is found by the first class of the type's MRO that has one.
+    """
+
+    def __init__(self, hooks: Mapping[type, Hook] | None = None) -> None:
+        self.hooks = dict(hooks or {})
+
+    def build(self, hint: Any, node: Node, path: str = '', name: str | None = None) -> Any:
+        """Value of type `hint` from a node; `name` is the key of a named part. Raises SceneError."""
+        hint = plain(hint)
+        hook = self._hook(hint)
+        if hook is not None:
+            try:
+                return hook(self, hint, node, path, name)
+            except SpecError as error:
+                raise SceneError(f'{where(node)}: {path}: {error}') from None
+        origin, args = get_origin(hint), get_args(hint)
+        if origin is Literal:
+            choices = {str(a): a for a in args}
+            if not isinstance(node, ScalarNode) or node.value not in choices:
+                raise refuse(node, path, 'is not one of the choices' + suggestion(str(node.value), choices))
+            return choices[node.value]
+        if origin in (Union, types.UnionType):
+            return self._union(args, node, path, name)
+        if origin is tuple:
+            return self._tuple(args, node, path)
+        if origin in (dict, Mapping):
+            return {key: self.build(args[1], value, join(path, key)) for key, (_, value) in self.mapping(node, path).items()}
+        if dataclasses.is_dataclass(hint):
+            return self.construct(typing.cast(type, hint), self.mapping(node, path), node, path, name=name)
+        return _scalar(hint, node, path)
+
+    def _hook(self, hint: Any) -> Hook | None:
+        return next((self.hooks[c] for c in hint.__mro__ if c in self.hooks), None) if isinstance(hint, type) else None
+
+    def mapping(self, node: Node, path: str) -> Fields:
+        """Key -> (key node, value node) of a mapping node."""
+        if isinstance(node, ScalarNode) and node.style is None and node.value in _NULL:
+            raise refuse(node, path, 'is empty; a mapping of keys is wanted here (write {} for one without keys)')
+        if not isinstance(node, MappingNode):
+            raise refuse(node, path, 'must be a mapping of keys')
+        return {key.value: (key, value) for key, value in node.value}
+
+    def construct(
+        self,
+        cls: type,
+        fields: Fields,
+        node: Node,
+        path: str,
+        *,
+        name: str | None = None,
+        given: Mapping[str, object] | None = None,
+        extra: Sequence[str] = (),
+    ) -> Any:
+        """A dataclass from the fields of a mapping. given: values already known; extra: keys the caller understands itself."""
+        hints = typing.get_type_hints(cls, include_extras=True)
+        wanted = {f.name: f for f in dataclasses.fields(cls) if f.init}
+        values: dict[str, object] = dict(given or {})
+        if name is not None and 'name' in wanted:
+            values['name'] = name
+        for key, (key_node, value) in fields.items():
+            field, factor = _field(key, wanted, hints)
+            here = join(path, key)
+            if field is None:
+                allowed = [k for k in {*wanted, *extra} if k != 'name' or name is None]
+                raise SceneError(f'{where(key_node)}: {here}: unknown key{suggestion(key, allowed)}')
+            if field in values:
+                remedy = 'the name is the key of the entry' if field == 'name' and name is not None else f'{field!r} is given twice'
+                raise SceneError(f'{where(key_node)}: {here}: {remedy}')
+            built = self.build(hints[field], value, here)
+            values[field] = built if factor == 1.0 else _scaled(built, factor)
+        missing = [k for k, f in wanted.items() if k not in values and f.default is f.default_factory is dataclasses.MISSING]
+        if missing:
+            raise SceneError(f'{where(node)}: {path}{": " if path else ""}the key {missing[0]!r} is missing')
+        try:
+            return cls(**values)
+        except SpecError as error:
+            at = COMPLAINT.fullmatch(str(error))
+            written = {key.value: value for key, value in node.value} if isinstance(node, MappingNode) else {}
+            if at is not None and at['field'] in written:
+                raise SceneError(f'{where(written[at["field"]])}: {join(path, at["field"])}{at["rest"]}') from None
+            raise SceneError(f'{where(node)}: {path}{": " if path else ""}{error}') from None
+
+    def _union(self, args: tuple, node: Node, path: str, name: str | None) -> Any:
+        empty = isinstance(node, ScalarNode) and node.style is None and node.value in _NULL
+        if empty and types.NoneType in args:
+            return None
+        rest = [plain(a) for a in args if a is not types.NoneType]
+        if len(rest) == 1:
+            return self.build(rest[0], node, path, name)
+        kinds = {kind: a for a in rest if dataclasses.is_dataclass(a) for kind in kinds_of(typing.cast(type, a))}
+        if isinstance(node, MappingNode) and kinds:
+            fields = self.mapping(node, path)
+            if 'kind' not in fields:
+                raise SceneError(f"{where(node)}: {path}: the key 'kind' is missing; one of: {', '.join(kinds)}")
+            kind = fields['kind'][1]
+            if kind.value not in kinds:
+                raise refuse(kind, join(path, 'kind'), 'unknown kind' + suggestion(str(kind.value), kinds))
+            chosen = typing.cast(type, kinds[kind.value])
+            if any(f.name == 'kind' for f in dataclasses.fields(chosen)):
+                return self.build(chosen, node, path, name)
+            return self.build(chosen, MappingNode(node.tag, [e for e in node.value if e[0].value != 'kind'], node.start_mark), path, name)
+        fitting = [a for a in rest if self._hook(a) or fits(a, node)]
+        if not fitting:
+            raise refuse(node, path, 'must be ' + ' or '.join(dict.fromkeys(described(a) for a in rest)))
+        return self.build(fitting[0], node, path, name)
+
+    def _tuple(self, args: tuple, node: Node, path: str) -> tuple:
+        repeated = len(args) == 2 and args[1] is Ellipsis
+        if repeated and isinstance(node, MappingNode):
+            item = plain(args[0])
+            members = [plain(a) for a in get_args(item)] if get_origin(item) in (Union, types.UnionType) else [item]
+            if all(dataclasses.is_dataclass(m) and any(f.name == 'name' for f in dataclasses.fields(m)) for m in members):
+                return tuple(self.build(args[0], value, join(path, key), key) for key, (_, value) in self.mapping(node, path).items())
+            if get_origin(item) is tuple and get_args(item)[0] is str and len(get_args(item)) == 2:
+                entries = self.mapping(node, path).items()
+                return tuple((key, self.build(get_args(item)[1], value, join(path, key))) for key, (_, value) in entries)
+        if not isinstance(node, SequenceNode) or (not repeated and len(node.value) != len(args)):
+            raise refuse(node, path, 'must be a list' + ('' if repeated else f' of {len(args)} values'))
+        kinds = [args[0]] * len(node.value) if repeated else args
+        return tuple(self.build(hint, item, f'{path}[{k}]') for k, (hint, item) in enumerate(zip(kinds, node.value, strict=True)))
+
+
+def plain(hint: Any) -> Any:
+    """The type without its Annotated wrapping."""
+    return get_args(hint)[0] if get_origin(hint) is Annotated else hint
+
+
+def unit_of(hint: Any) -> str:
+    """The unit in an Annotated hint, '' when there is none."""
+    return next((a for a in get_args(hint)[1:] if isinstance(a, str)), '') if get_origin(hint) is Annotated else ''
+
+
+def kinds_of(cls: type) -> tuple[str, ...]:
+    """What `kind` chooses a member of a union by: the Literal of its field `kind`, or its class name in lower case."""
+    hint = plain(typing.get_type_hints(cls, include_extras=True).get('kind'))
+    if get_origin(hint) is Literal:
+        return tuple(map(str, get_args(hint)))
+    return (re.sub(r'(?<=[a-z0-9])(?=[A-Z])', '_', cls.__name__.removesuffix('Spec')).lower(),)
+
+
+def fits(hint: Any, node: Node) -> bool:
+    """Whether the form of a node (scalar, list, mapping) is the one of a type; a scalar must also be a number for a number."""
+    kind = get_origin(hint) or hint
+    if isinstance(node, ScalarNode):
+        number = node.style is None and is_number(node.value)
+        return (kind in (float, int) and number) or kind in (str, bool, Literal)
+    return kind is tuple if isinstance(node, SequenceNode) else kind in (dict, Mapping) or dataclasses.is_dataclass(kind)
+
+
+def described(hint: Any) -> str:
+    """A type in words."""
+    kind = get_origin(hint) or hint
+    words = {float: 'a number', int: 'a whole number', str: 'text', bool: 'true or false', tuple: 'a list', Literal: 'a choice'}
+    return words.get(kind, 'a mapping')
+
+
+def is_number(text: str) -> bool:
+    """Whether the text is a decimal number (YAML 1.2 core schema, without the special values)."""
+    return bool(NUMBER.fullmatch(text)) and any(c.isdigit() for c in text.lower().partition('e')[0])
+
+
+def _field(key: str, wanted: Mapping[str, object], hints: Mapping[str, Any]) -> tuple[str | None, float]:
+    if key in wanted:
+        return key, 1.0
+    stem, _, suffix = key.rpartition('_')
+    unit, factor = SUFFIXES.get(suffix, ('', 1.0))
+    if stem in wanted and unit and unit_of(hints[stem]) == unit:
+        return stem, factor
+    return None, 1.0
+
+
+def _scaled(value: Any, factor: float) -> Any:
+    if isinstance(value, tuple):
+        return tuple(_scaled(v, factor) for v in value)
+    return None if value is None else value * factor
+
+
+def _scalar(hint: Any, node: Node, path: str) -> Any:
+    if hint not in (float, int, bool, str):
+        raise TypeError(f'{path}: the loader does not know the type {hint!r}')
+    if not isinstance(node, ScalarNode):
+        raise refuse(node, path, f'must be {described(hint)}')
+    text = node.value
+    if hint is str:
+        if node.style is None and text in _NULL:
+            raise refuse(node, path, 'is empty; text is wanted here')
+        return text
+    if node.style is not None:
+        raise refuse(node, path, f'is quoted text; must be {described(hint)} (remove the quotes)')
+    if hint is bool:
+        if text not in ('true', 'false'):
+            raise refuse(node, path, 'must be true or false')
+        return text == 'true'
+    if text.lstrip('+-').lower() in ('.inf', '.nan', 'inf', 'nan'):
+        raise refuse(node, path, 'must be finite')
+    if not is_number(text):
+        raise refuse(node, path, f'must be {described(hint)}, in decimal digits and without a unit')
+    number = float(text)
+    if not math.isfinite(number):
+        raise refuse(node, path, 'must be finite')
+    if hint is int:
+        if not number.is_integer():
+            raise refuse(node, path, 'must be a whole number')
+        return int(number) if 'e' in text.lower() or '.' in text else int(text)
+    return number

@@ -1,0 +1,35 @@
+"""Vehicle files: data of a template, chosen by the key `kind` -> ModelSpec.
+
+    kind: light_car
+    chassis: {mass: 1250, ...}
+
+The other keys are the fields of the template's data class; a further template is one entry in TEMPLATES.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from solver.errors import SceneError, suggestion
+from solver.files.schema import Builder, Node, join, refuse, where
+from solver.model.spec import ModelSpec
+from solver.vehicle.full_car import FullCar, full_car_model
+from solver.vehicle.light_car import LightCar, light_car_model
+
+TEMPLATES: dict[str, tuple[type, Callable[[Any], ModelSpec]]] = {
+    'full_car': (FullCar, full_car_model),
+    'light_car': (LightCar, light_car_model),
+}
+
+
+def build_vehicle(builder: Builder, node: Node, path: str) -> ModelSpec:
+    """The model of a vehicle from its node. Raises SceneError."""
+    fields = builder.mapping(node, path)
+    if 'kind' not in fields:
+        raise SceneError(f"{where(node)}: {path}: the key 'kind' is missing; one of: {', '.join(TEMPLATES)}")
+    kind = fields.pop('kind')[1]
+    if kind.value not in TEMPLATES:
+        raise refuse(kind, join(path, 'kind'), 'unknown kind of vehicle' + suggestion(str(kind.value), TEMPLATES))
+    data, model = TEMPLATES[kind.value]
+    return model(builder.construct(data, fields, node, path, extra=('kind',)))

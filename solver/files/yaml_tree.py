@@ -1,0 +1,219 @@
+"""YAML text as a tree of nodes that know their file and line: includes, overrides and the way back to text.
+
+A node is one of PyYAML's (mapping, sequence or scalar). No scalar is interpreted here; solver.files.schema does that by type.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+
+from solver.errors import SceneError, suggestion
+from solver.files.tir import read_tir
+
+INCLUDE = re.compile(r'[\w./-]+(\.[a-z]+)')
+TAGS = tuple(f'tag:yaml.org,2002:{kind}' for kind in ('map', 'seq', 'str', 'int', 'float', 'bool', 'null', 'timestamp', 'merge', 'value'))
+READERS: dict[str, Callable[[Path], object]] = {'.tir': read_tir}  # file ending -> what reads it into a dataclass; .yaml is built in
+
+
+def where(node: Node) -> str:
+    """file:line of a node."""
+    mark = node.start_mark
+    return f'{mark.name}:{mark.line + 1}' if mark.line >= 0 else str(mark.name)
+
+
+def shown(node: Node) -> str:
+    """A short rendering of a node's value for error sentences."""
+    text = _flow(node)
+    if len(text) > 60 and isinstance(node, MappingNode):
+        text = '{' + ', '.join(f'{key.value}: ...' for key, _ in node.value) + '}'
+    return text if len(text) <= 60 else text[:57] + '...'
+
+
+def _flow(node: Node) -> str:
+    if isinstance(node, ScalarNode):
+        return node.value if node.style is None else repr(node.value)
+    if isinstance(node, SequenceNode):
+        return '[' + ', '.join(map(_flow, node.value)) + ']'
+    return '{' + ', '.join(f'{key.value}: {_flow(value)}' for key, value in node.value) + '}'
+
+
+def refuse(node: Node, path: str, remedy: str) -> SceneError:
+    """The error sentence about a value."""
+    return SceneError(f'{where(node)}: {path}{" = " if path else ""}{shown(node)}: {remedy}')
+
+
+def parse(text: str, name: str) -> Node:
+    """Compose one YAML document and check what no type needs to be known for: tags, duplicate keys, endless aliases.
+
+    name: what error sentences call the text (a file name). Raises SceneError.
+    """
+    try:
+        node = yaml.compose(text, Loader=_loader(name))
+    except yaml.YAMLError as error:
+        mark = getattr(error, 'problem_mark', None)
+        line = f':{mark.line + 1}' if mark is not None else ''
+        problem = getattr(error, 'problem', None) or getattr(error, 'reason', None) or str(error)
+        raise SceneError(f'{name}{line}: not readable as YAML: {" ".join(str(problem).split())}') from None
+    if node is None:
+        raise SceneError(f'{name}: the file is empty')
+    _check(node, '', ())
+    return node
+
+
+def _loader(name: str):
+    class Named(yaml.SafeLoader):
+        def __init__(self, stream):
+            super().__init__(stream)
+            self.name = name
+
+    return Named
+
+
+def _check(node: Node, path: str, above: tuple[int, ...]) -> None:
+    if id(node) in above:
+        raise SceneError(f'{where(node)}: {path} contains itself through an alias')
+    if node.tag not in TAGS:
+        raise refuse(node, path, f'the tag {node.tag} is not allowed; write plain values')
+    above = (*above, id(node))
+    if isinstance(node, SequenceNode):
+        for k, item in enumerate(node.value):
+            _check(item, f'{path}[{k}]', above)
+    if isinstance(node, MappingNode):
+        first: dict[str, Node] = {}
+        for key, value in node.value:
+            if not isinstance(key, ScalarNode):
+                raise refuse(key, path, 'a key must be a word')
+            here = join(path, key.value)
+            if key.value in first:
+                raise SceneError(f'{where(key)}: {here}: the key is given twice (first in line {first[key.value].start_mark.line + 1})')
+            first[key.value] = key
+            _check(value, here, above)
+
+
+def join(path: str, key: str) -> str:
+    """Dotted path of a key."""
+    return f'{path}.{key}' if path else key
+
+
+def read(file: Path, roots: Sequence[Path], above: tuple[Path, ...] = ()) -> Node:
+    """Read a YAML file with everything it refers to.
+
+    A value that is a file name (without quotes) ending in .yaml, or in one of READERS, is replaced by the content of that file, looked up
+    beside the file, one directory above it, and in roots. Raises SceneError for files that are missing, unreadable or that
+    include themselves.
+    """
+    reader = READERS.get(file.suffix)
+    if reader is not None:
+        name = displayed(file)
+        return node_of(reader(Path(name)), yaml.Mark(name, 0, -1, 0, None, 0))
+    return include(parse(read_text(file), displayed(file)), [file.parent, file.parent.parent, *roots], (*above, file.resolve()))
+
+
+def displayed(file: Path) -> str:
+    """How error sentences call a file: relative to the current directory where it lies below it."""
+    path = file.resolve()
+    return str(path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path)
+
+
+def read_text(file: Path) -> str:
+    """Content of a text file; SceneError when it cannot be read."""
+    try:
+        return file.read_text(encoding='utf-8')
+    except (OSError, UnicodeDecodeError) as error:
+        raise SceneError(f'{file}: cannot be read: {getattr(error, "strerror", None) or "is not UTF-8 text"}') from None
+
+
+def include(node: Node, directories: Sequence[Path], above: tuple[Path, ...] = (), path: str = '') -> Node:
+    """Replace references to files by their content (see read); returns the node, changed in place."""
+    if isinstance(node, SequenceNode):
+        node.value = [include(item, directories, above, f'{path}[{k}]') for k, item in enumerate(node.value)]
+    elif isinstance(node, MappingNode):
+        node.value = [(key, include(value, directories, above, join(path, key.value))) for key, value in node.value]
+    elif (
+        isinstance(node, ScalarNode) and node.style is None and (match := INCLUDE.fullmatch(node.value)) and match[1] in ('.yaml', *READERS)
+    ):
+        file = find(node.value, directories)
+        if file is None:
+            known = sorted({name for d in directories for name in listing(d, Path(node.value))})
+            raise refuse(node, path, 'no such file' + suggestion(node.value, known))
+        if file.resolve() in above:
+            raise refuse(node, path, 'the file includes itself')
+        return read(file, directories, above)
+    return node
+
+
+def find(name: str, directories: Sequence[Path]) -> Path | None:
+    """First existing directory/name."""
+    return next((d / name for d in directories if (d / name).is_file()), None)
+
+
+def listing(directory: Path, like: Path) -> Iterator[str]:
+    """Names of the files in directory/<parent of like> with the same ending, as they would be written in an include."""
+    folder = directory / like.parent
+    if folder.is_dir():
+        yield from (file.relative_to(directory).as_posix() for file in folder.glob(f'*{like.suffix}'))
+
+
+def node_of(value: Any, mark: Any) -> Node:
+    """The node that stands for a value: dataclasses and mappings as mappings, floats with all their digits, text in quotes."""
+    if dataclasses.is_dataclass(value):
+        value = {f.name: getattr(value, f.name) for f in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return MappingNode(TAGS[0], [(ScalarNode(TAGS[2], k, mark, mark), node_of(v, mark)) for k, v in value.items()], mark, mark)
+    if isinstance(value, tuple | list):
+        return SequenceNode(TAGS[1], [node_of(v, mark) for v in value], mark, mark, flow_style=True)
+    if isinstance(value, str):
+        return ScalarNode(TAGS[2], value, mark, mark, style="'")
+    text = 'null' if value is None else str(value).lower() if isinstance(value, bool) else repr(value)
+    return ScalarNode(yaml.resolver.Resolver().resolve(ScalarNode, text, (True, False)), text, mark, mark)
+
+
+def text_of(node: Node) -> str:
+    """YAML text of a node; parse() of it gives the same values again, with every include expanded."""
+    return yaml.serialize(node, width=140, allow_unicode=True)
+
+
+def override(root: Node, assignment: str, directories: Sequence[Path]) -> None:
+    """Apply 'a.b.c=value' (value in YAML; list items as a.b.0 or a.b[0]) to a node tree in place; missing mappings are created."""
+    path, equals, text = assignment.partition('=')
+    keys = [key for key in re.split(r'[.\[\]]+', path.strip()) if key]
+    name = f'--set {path.strip()}'
+    if not equals or not keys:
+        raise SceneError(f'--set {assignment!r}: write it as path.to.key=value')
+    value = parse(text.strip() or "''", name)
+    _set_line(value, name)
+    value = include(value, directories)
+    node = root
+    for depth, key in enumerate(keys):
+        last = depth == len(keys) - 1
+        if isinstance(node, SequenceNode):
+            if not (key.isdigit() and int(key) < len(node.value)):
+                raise SceneError(f'{name}: {".".join(keys[:depth])} is a list of {len(node.value)}; {key!r} is not one of its indices')
+            if last:
+                node.value[int(key)] = value
+            node = node.value[int(key)]
+            continue
+        if not isinstance(node, MappingNode):
+            raise SceneError(f'{name}: {".".join(keys[:depth])} = {shown(node)} is a plain value and has no {key!r} in it')
+        at = next((k for k, (entry, _) in enumerate(node.value) if entry.value == key), None)
+        child = value if last else (MappingNode(TAGS[0], [], value.start_mark, value.end_mark) if at is None else node.value[at][1])
+        if at is None:
+            node.value.append((ScalarNode(TAGS[2], key, value.start_mark, value.end_mark), child))
+        else:
+            node.value[at] = (node.value[at][0], child)
+        node = child
+
+
+def _set_line(node: Node, name: str) -> None:
+    if node.start_mark.name == name:
+        node.start_mark = yaml.Mark(name, 0, -1, 0, None, 0)
+    for child in node.value if not isinstance(node, ScalarNode) else ():
+        for part in child if isinstance(child, tuple) else (child,):
+            _set_line(part, name)

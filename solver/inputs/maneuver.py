@@ -1,0 +1,244 @@
+"""Maneuvers and the other sources of inputs that a simulation samples once per step.
+
+Inputs come in two families. *Motion* inputs are prescribed motions: they have companions `<name>_rate` and
+`<name>_acceleration` and are taken at the end of a step, where the constraints hold. *Force-like* inputs (torques, pressures)
+are taken inside the step, at the instant `(k + stage) h` where the integrator balances forces.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Annotated
+
+import numpy as np
+
+from solver.errors import SpecError, suggestion
+from solver.inputs.driver import PreviewDriver, Sight
+from solver.inputs.signals import Constant, Signal, signal
+
+RATE, ACCELERATION = '_rate', '_acceleration'
+AHEAD = 100  # steps that are sampled at once: one costs about as much as a hundred
+COMMANDS = ('steering', 'drive_torque', 'brake_torque')
+
+
+@dataclass(frozen=True, kw_only=True)
+class Maneuver:
+    """Named inputs as functions of time.
+
+    steering: angle at the steering wheel [rad], positive to the left. drive_torque: at the differential [N m].
+    brake_torque: total of all wheels [N m], >= 0. signals: any other input channel of the model by name. driver: steers instead of
+    the signal `steering`.
+    """
+
+    name: str = ''
+    title: str = ''
+    steering: Annotated[float | Signal, 'rad at the wheel'] = 0.0
+    drive_torque: Annotated[float | Signal, 'N m'] = 0.0
+    brake_torque: Annotated[float | Signal, 'N m'] = 0.0
+    signals: dict[str, float | Signal] = field(default_factory=dict)
+    driver: PreviewDriver | None = None
+
+    def __post_init__(self) -> None:
+        if self.driver is not None and signal(self.steering) != Constant():
+            raise SpecError(f'maneuver {self.name!r}: steering is given, but the driver steers; remove one of them')
+
+    @property
+    def channels(self) -> dict[str, Signal]:
+        """Name -> signal of every channel that is not the constant zero."""
+        fixed = {name: getattr(self, name) for name in COMMANDS}
+        both = [name for name in self.signals if name in fixed]
+        if both:
+            raise SpecError(f'maneuver {self.name!r}: {both[0]!r} must be given as a key of the maneuver, not under signals')
+        channels = {name: signal(s) for name, s in {**fixed, **self.signals}.items()}
+        return {name: s for name, s in channels.items() if s != Constant()}
+
+    def inputs(self, names: Sequence[str], t_force: np.ndarray, t_end: np.ndarray) -> np.ndarray:
+        """(n, len(names)) input values: force-like ones at t_force (n,), motions and their derivatives at t_end (n,) [s].
+
+        Inputs the maneuver does not name are zero. Raises SpecError for a channel that is not among the names.
+        """
+        u = np.zeros((len(t_force), len(names)))
+        for name, s in self.channels.items():
+            if name not in names:
+                raise SpecError(f'maneuver {self.name!r}: the model has no input {name!r}{suggestion(name, base_names(names))}')
+            if is_motion(name, names):
+                jet = s.jet(t_end)
+                for suffix, values in zip(('', RATE, ACCELERATION), jet, strict=True):
+                    u[:, names.index(name + suffix)] = values
+            else:
+                u[:, names.index(name)] = s.jet(t_force).value
+        return u
+
+    def commands(self, t: float) -> tuple[float, float, float]:
+        """(steering [rad], drive torque [N m], brake torque [N m]) at time t [s], as a driver would command them.
+
+        Raises SpecError when a preview driver steers: his commands depend on the motion.
+        """
+        if self.driver is not None:
+            raise SpecError(f'maneuver {self.name!r}: its driver sees the motion; run it in the simulation (mbd run, commands:=maneuver)')
+        at = np.array([t])
+        steering, drive, brake = (float(signal(getattr(self, name)).jet(at).value[0]) for name in COMMANDS)
+        return steering, drive, brake
+
+
+def is_motion(name: str, names: Sequence[str]) -> bool:
+    """Whether an input is a prescribed motion: its rate and acceleration are inputs too."""
+    return name + RATE in names and name + ACCELERATION in names
+
+
+def is_motion_part(name: str, names: Sequence[str]) -> bool:
+    """Whether an input is a prescribed motion, or the rate or acceleration of one."""
+    return any(is_motion(name.removesuffix(suffix), names) for suffix in ('', RATE, ACCELERATION))
+
+
+def base_names(names: Sequence[str]) -> list[str]:
+    """Input names without the derivative companions of motions."""
+    companions = {n + suffix for n in names if is_motion(n, names) for suffix in (RATE, ACCELERATION)}
+    return [n for n in names if n not in companions]
+
+
+class ManeuverSource:
+    """Input source of a simulation: the inputs of step k (from k h to (k + 1) h), a pure function of k.
+
+    stage: where in the step the integrator balances forces, as a fraction of h in [0, 1].
+    """
+
+    def __init__(self, maneuver: Maneuver, input_names: Sequence[str], h_ns: int, stage: float = 1.0) -> None:
+        self.maneuver, self.names, self.h_ns, self.stage = maneuver, tuple(input_names), h_ns, stage
+        self._first, self._ahead = 0, self._sampled(0, AHEAD)  # refuses channels the model does not have, before anything runs
+
+    def table(self, k0: int, n: int) -> np.ndarray:
+        """(n, nu) inputs of steps k0 ... k0 + n - 1."""
+        if n > AHEAD:
+            return self._sampled(k0, n)
+        at = k0 - self._first
+        if not 0 <= at <= AHEAD - n:
+            at, self._first, self._ahead = 0, k0, self._sampled(k0, AHEAD)
+        return self._ahead[at : at + n].copy()
+
+    def _sampled(self, k0: int, n: int) -> np.ndarray:
+        begin_ns = np.arange(k0, k0 + n, dtype=np.int64) * self.h_ns
+        return self.maneuver.inputs(self.names, (begin_ns + self.stage * self.h_ns) * 1e-9, (begin_ns + self.h_ns) * 1e-9)
+
+    def sample(self, k: int) -> np.ndarray:
+        """(nu,) inputs of step k."""
+        return self.table(k, 1)[0]
+
+
+class CommandSource:
+    """Turns commands latched at step boundaries into inputs; the steering command passes a filter, torques hold over the step.
+
+    Steering: the reference r runs after the command at no more than `rate_limit`; the angle x follows it by
+    x'' = w^2 (r - x) - 2 w x' (critically damped, w = 2 pi bandwidth). The impulse response w^2 t exp(-w t) is positive with area
+    one, so |x'| <= rate_limit too; x'' is continuous, so angle, rate and acceleration belong together. The step is advanced by
+    the closed-form solution (r is linear, then constant), so it depends on nothing but the state and the command.
+
+    state: (3,) r, x [rad], x' [rad/s]; assign it to restore.
+    """
+
+    def __init__(
+        self,
+        input_names: Sequence[str],
+        h_ns: int,
+        *,
+        bandwidth: float = 5.0,
+        rate_limit: float = 20.0,
+        steering: float = 0.0,
+    ) -> None:
+        """bandwidth [Hz], rate_limit [rad/s], steering: initial angle [rad]."""
+        if not (bandwidth > 0.0 and rate_limit > 0.0):
+            raise SpecError(f'steering filter: bandwidth = {bandwidth!r} and rate_limit = {rate_limit!r}: both must be > 0')
+        self.names, self.h_ns = tuple(input_names), h_ns
+        self.omega, self.rate_limit = 2.0 * np.pi * bandwidth, rate_limit
+        self.state = np.array([steering, steering, 0.0])
+
+    def advance(self, steering: float, drive_torque: float, brake_torque: float) -> np.ndarray:
+        """(nu,) inputs of the next step for the commands [rad, N m, N m] that were in force at its beginning."""
+        h, (r, x, v) = self.h_ns * 1e-9, self.state
+        gap = steering - r
+        run = min(abs(gap) / self.rate_limit, h)
+        slope = self.rate_limit if gap > 0.0 else -self.rate_limit
+        x, v = self._follow(x, v, r, slope, run)
+        r = steering if run < h else r + slope * h
+        x, v = self._follow(x, v, r, 0.0, h - run)
+        self.state = np.array([r, x, v])
+        acceleration = self.omega * self.omega * (r - x) - 2.0 * self.omega * v
+        values = {
+            'steering': x,
+            'steering' + RATE: v,
+            'steering' + ACCELERATION: acceleration,
+            'drive_torque': drive_torque,
+            'brake_torque': brake_torque,
+        }
+        return np.array([values.get(name, 0.0) for name in self.names])
+
+    def _follow(self, x: float, v: float, r: float, slope: float, t: float) -> tuple[float, float]:
+        """Exact motion over t seconds behind a reference that starts at r and moves at `slope`."""
+        w = self.omega
+        lag = 2.0 * slope / w  # steady distance behind a moving reference
+        e = x - (r - lag)
+        b = v - slope + w * e
+        decay = np.exp(-w * t)
+        return r - lag + slope * t + (e + b * t) * decay, slope + (b - w * (e + b * t)) * decay
+
+
+class DriverSource:
+    """Input source of a simulation with a driver: what he does in step k depends on what he sees at its beginning.
+
+    The steering passes the filter of CommandSource, the other inputs are those of the maneuver. state: (3,) of the filter.
+    """
+
+    def __init__(self, maneuver: Maneuver, input_names: Sequence[str], h_ns: int, stage: float = 1.0) -> None:
+        assert maneuver.driver is not None
+        if 'steering' not in input_names:
+            raise SpecError(f'maneuver {maneuver.name!r}: driver: the model has no input steering')
+        self.driver = maneuver.driver
+        self.open_loop = ManeuverSource(maneuver, input_names, h_ns, stage)
+        self._steering = [input_names.index(name) for name in ('steering', 'steering' + RATE, 'steering' + ACCELERATION)]
+        self._hands = CommandSource(input_names, h_ns, bandwidth=self.driver.bandwidth, rate_limit=self.driver.rate_limit)
+
+    @property
+    def state(self) -> np.ndarray:
+        """State of the hands; assign it to restore."""
+        return self._hands.state
+
+    @state.setter
+    def state(self, value: np.ndarray) -> None:
+        self._hands.state = value.copy()
+
+    def sample(self, k: int, sight: Sight) -> np.ndarray:
+        """(nu,) inputs of step k; advances the hands by a step, so it is called once per step."""
+        row = self.open_loop.sample(k)
+        row[self._steering] = self._hands.advance(self.driver.steering(sight), 0.0, 0.0)[self._steering]
+        return row
+
+
+class ReplaySource:
+    """Inputs as they were applied in a recorded run, bit for bit.
+
+    columns: name -> (n,) values; steps: (n,) index of the step each row was applied in, consecutive.
+    """
+
+    def __init__(self, input_names: Sequence[str], columns: Mapping[str, np.ndarray], steps: np.ndarray) -> None:
+        missing = [name for name in input_names if name not in columns]
+        if missing:
+            raise SpecError(f'replay: the recording has no input {missing[0]!r}{suggestion(missing[0], columns)}')
+        steps = np.asarray(steps, np.int64)
+        if len(steps) and not np.array_equal(steps, np.arange(steps[0], steps[0] + len(steps))):
+            hole = int(steps[np.flatnonzero(np.diff(steps) != 1)[0]])
+            raise SpecError(f'replay: the recorded inputs are not consecutive after step {hole}')
+        self.names, self.first = tuple(input_names), int(steps[0]) if len(steps) else 0
+        self.values = np.column_stack([columns[n] for n in input_names]) if input_names else np.zeros((len(steps), 0))
+
+    def table(self, k0: int, n: int) -> np.ndarray:
+        """(n, nu) inputs of steps k0 ... k0 + n - 1; SpecError outside the recording."""
+        at = k0 - self.first
+        if at < 0 or at + n > len(self.values):
+            last = self.first + len(self.values) - 1
+            raise SpecError(f'replay: steps {k0} to {k0 + n - 1} are not in the recording (steps {self.first} to {last})')
+        return np.ascontiguousarray(self.values[at : at + n])
+
+    def sample(self, k: int) -> np.ndarray:
+        """(nu,) inputs of step k."""
+        return self.table(k, 1)[0]

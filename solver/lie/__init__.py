@@ -1,1 +1,0 @@
-"""Three-vectors, rotations and their tangent operators."""

@@ -1,0 +1,1 @@
+"""Linear algebra on the block pattern of a model."""

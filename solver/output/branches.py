@@ -1,0 +1,71 @@
+"""Branch switches: a mechanism that passes a singular position and leaves it along another branch of motion than it came in on.
+
+At a regular position the velocities that the constraints allow form a space that turns smoothly with the motion. At a singular
+position more velocities are possible; where two branches cross there, each continues its own space smoothly, and the space of the
+other stands at an angle to it. So a switch is a turn of the space of free velocities, across the position where the constraints are
+weakest, that its turning before and after does not explain. A motion that only comes to rest and returns does not turn its space.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import NamedTuple
+
+import numpy as np
+
+from solver.output.dependence import RANK_TOLERANCE
+
+EXPLAINED = 3.0  # times the turn over as many steps beside the weakest position may be the turn across it
+LEAST = 0.1  # rad; a smaller turn is no other branch
+
+
+class BranchSwitch(NamedTuple):
+    """Time [s] of the step nearest to the singular position, and the turn of the free velocities across it [rad]."""
+
+    t: float
+    turn: float
+
+
+class _Look(NamedTuple):
+    t: float
+    weakest: float  # smallest singular value that belongs to the rank
+    free: np.ndarray  # (n, dof) orthonormal
+
+
+class BranchWatch:
+    """Finds branch switches from one look per step at the constraints. events: those found since reset()."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self.events: list[BranchSwitch] = []
+        self._rank = 0
+        self._looks: deque[_Look] = deque(maxlen=5)
+
+    def look(self, t: float, A: np.ndarray) -> None:
+        """Take the scaled Jacobian A (nc, n) (solver.output.energy.scaled_jacobian) at time t [s] into account."""
+        if not len(A):
+            return
+        _, size, right = np.linalg.svd(A)
+        rank = int((size > RANK_TOLERANCE * size[0]).sum())
+        if rank > self._rank:  # until now the mechanism stood in a singular position
+            self._looks.clear()
+            self._rank = rank
+        self._looks.append(_Look(t, float(size[self._rank - 1]), right[self._rank :].T))
+        if len(self._looks) < 5:
+            return
+        first, before, middle, after, last = self._looks
+        if not (before.weakest > middle.weakest <= after.weakest):
+            return
+        turn = angle(before.free, after.free)
+        if turn > EXPLAINED * (angle(first.free, before.free) + angle(after.free, last.free)) + LEAST:
+            self.events.append(BranchSwitch(middle.t, turn))
+
+
+def angle(N: np.ndarray, M: np.ndarray) -> float:
+    """Largest principal angle [rad] between the spaces spanned by the orthonormal columns of N and M (n, dof)."""
+    if not N.shape[1]:
+        return 0.0
+    return float(np.arccos(np.clip(np.linalg.svd(N.T @ M, compute_uv=False).min(), 0.0, 1.0)))

@@ -1,0 +1,134 @@
+"""What a simulation hands out after a step: plain arrays, and the names that belong to them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from solver.elements.tire_pacejka import TIRE_COLUMNS
+
+
+class StepStats(NamedTuple):
+    """Counters and residuals of the last step (or the sums and maxima over the steps of one advance call)."""
+
+    status: int
+    iterations: int
+    factorizations: int
+    evaluations: int
+    residual: float  # momentum residual left [-], relative to the largest force in the step
+    position_drift: float  # max |phi| after the step [m or rad]
+    velocity_drift: float  # max |A v + phi_t| in the output [m/s or rad/s]
+
+    def followed_by(self, later: StepStats) -> StepStats:
+        """Sums and maxima over these steps and later ones, with the status of the later."""
+        _, i, f, e, r, p, v = self
+        status, i1, f1, e1, r1, p1, v1 = later
+        return StepStats(status, i + i1, f + f1, e + e1, r if r > r1 else r1, p if p > p1 else p1, v if v > v1 else v1)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Channels:
+    """Names of everything in a Snapshot, in order."""
+
+    joints: tuple[str, ...]  # joint coordinates
+    joint_kinds: tuple[str, ...]  # 'rotation' | 'translation'
+    bodies: tuple[str, ...]
+    wheels: tuple[str, ...]  # tires
+    inputs: tuple[str, ...]  # as applied
+    elements: tuple[str, ...]  # '<element>/<column>' of every force element
+    reactions: tuple[str, ...]  # '<joint>/<row>' of every constraint row
+    chassis: int | None  # index into bodies of the body that odom and imu describe
+
+
+class Frame(NamedTuple):
+    """The numbers of a Snapshot. Units in docs/conventions.md."""
+
+    joint_position: np.ndarray  # (nx,) [rad or m], unwrapped
+    joint_velocity: np.ndarray  # (nx,)
+    joint_effort: np.ndarray  # (nx,) applied generalized force [N m or N]
+    pose: np.ndarray  # (nb, 7) reference frame of every body in the world: p [m], quaternion xyzw
+    twist: np.ndarray  # (nb, 6) velocity of that frame's origin and angular velocity, both expressed in the body [m/s, rad/s]
+    imu: np.ndarray  # (6,) chassis centre of mass: specific force in B [m/s^2], angular velocity in B [rad/s]
+    tire: np.ndarray  # (nt, len(TIRE_COLUMNS))
+    inputs: np.ndarray  # (nu,) as applied in the step
+    elements: np.ndarray  # (ne,)
+    reactions: np.ndarray  # (nc,)
+
+
+Layout = dict[str, tuple[slice, tuple[int, ...]]]  # of every field of a Frame: where in the numbers, and its shape
+
+
+def layout_of(channels: Channels) -> Layout:
+    """How the numbers of a Snapshot lie one after the other."""
+    nx, nb = (len(channels.joints),), len(channels.bodies)
+    rest = ((len(names),) for names in (channels.inputs, channels.elements, channels.reactions))
+    shapes: list[tuple[int, ...]] = [nx, nx, nx, (nb, 7), (nb, 6), (6,), (len(channels.wheels), len(TIRE_COLUMNS)), *rest]
+    ends = np.cumsum([math.prod(shape) for shape in shapes]).tolist()
+    return {name: (slice(end - math.prod(shape), end), shape) for name, shape, end in zip(Frame._fields, shapes, ends, strict=True)}
+
+
+def new_numbers(layout: Layout) -> np.ndarray:
+    """Room for the numbers of a Snapshot."""
+    return np.zeros(max(place.stop for place, _ in layout.values()))
+
+
+def frame_of(numbers: np.ndarray, layout: Layout) -> Frame:
+    """The fields of a Frame as views."""
+    return Frame(**{name: numbers[place].reshape(shape) for name, (place, shape) in layout.items()})
+
+
+class Snapshot(NamedTuple):
+    """The output of step k at time t_ns, a copy that the caller may keep. Its fields are those of a Frame, by the same names."""
+
+    k: int
+    t_ns: int
+    numbers: np.ndarray  # (n,) all of them: copied as one, and cut into fields only where one is asked for
+    layout: Layout
+    stats: StepStats
+
+    def _field(self, name: str) -> np.ndarray:
+        place, shape = self.layout[name]
+        return self.numbers[place].reshape(shape)
+
+    @property
+    def joint_position(self) -> np.ndarray:
+        return self._field('joint_position')
+
+    @property
+    def joint_velocity(self) -> np.ndarray:
+        return self._field('joint_velocity')
+
+    @property
+    def joint_effort(self) -> np.ndarray:
+        return self._field('joint_effort')
+
+    @property
+    def pose(self) -> np.ndarray:
+        return self._field('pose')
+
+    @property
+    def twist(self) -> np.ndarray:
+        return self._field('twist')
+
+    @property
+    def imu(self) -> np.ndarray:
+        return self._field('imu')
+
+    @property
+    def tire(self) -> np.ndarray:
+        return self._field('tire')
+
+    @property
+    def inputs(self) -> np.ndarray:
+        return self._field('inputs')
+
+    @property
+    def elements(self) -> np.ndarray:
+        return self._field('elements')
+
+    @property
+    def reactions(self) -> np.ndarray:
+        return self._field('reactions')

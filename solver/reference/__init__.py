@@ -1,0 +1,1 @@
+"""Independent integrators of the same models, slow and careful."""

@@ -1,0 +1,1 @@
+"""From a specification to a state from which every step is second order."""

@@ -1,0 +1,365 @@
+"""A consistent start: assembly of positions, projection of velocities, static equilibrium, accelerations and multipliers.
+
+All of them are Newton iterations on the same saddle system as the step (solver.model.saddle), in its n x n form with repeated
+augmentation, so redundant constraints are harmless here too.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver.compiled.by_reference import Ref
+from solver.compiled.kernel import kernel
+from solver.compiled.so3 import matrix_of_quaternion, quaternion_exp, quaternion_normalized, quaternion_product
+from solver.errors import ConsistencyError
+from solver.linear.gmres import gmres
+from solver.model.evaluate import (
+    Outputs,
+    add_constraint_forces,
+    add_constraint_stiffness,
+    constraint_input_rates,
+    constraint_rates,
+    evaluate_constraints,
+    evaluate_forces,
+)
+from solver.model.saddle import CONDENSED, assemble_tangent, effective_masses, factorize_saddle, new_saddle, solve_saddle
+from solver.model.state import State, kinematics_of, update_angles
+from solver.model.tables import Model
+
+PENALTY = 1e6  # above it rounding of small inertias beside large ones shows
+STIFFEST = 1e4  # 1/s^2; PENALTY times it is above the square of the highest natural frequency, also when the pseudo-mass has faded
+AUGMENTATIONS = 400  # at most; each gains a factor 1 + PENALTY s_min, little where a light body carries a heavy one
+PLAIN, COMBINED = 10, 2  # augmentations for accelerations: first one by one, then combined by GMRES
+KRYLOV = 40  # augmentations in a combination at most
+ASSEMBLY_TOLERANCE = 1e-12  # m or rad
+LARGEST_TURN = 0.3  # rad or m per iteration of the assembly
+EQUILIBRIUM_TOLERANCE = 1e-11  # N or N m, relative to the weight of the model
+SETTLING = 1.0  # s, long against every damping in a model
+CLEARANCE = 10.0  # height at which no tire touches any road [m]
+HOLD = 1e9  # input of brakes that hold [N m per unit of gain]
+RELEASED = 1e-6  # stiffness of a released brake while equilibrium is sought, relative to its own
+GIVE = 1e-4  # m that what holds a vehicle with released brakes gives way under its whole weight
+
+
+class Start:
+    """Scratch for the start calculations of one model (not a state: every method says what it changes)."""
+
+    def __init__(self, model: Model, outputs: Outputs) -> None:
+        self.model = model
+        self.t = model.tables
+        nb, ns = model.n_bodies, model.n_slots
+        self.outputs = Ref(outputs)
+        self.chassis = model.body_names.index(model.spec.chassis) if model.spec.chassis else 0
+        self.saddle = Ref(new_saddle(model, CONDENSED))
+        self.coordinates = Ref(self.t.coordinates)
+        self.constraints = Ref(self.t.constraints)
+        self.identity = np.tile(np.eye(3), (nb + 1, 1, 1))
+        self.Kq = np.zeros((ns + 1, 6, 6))
+        self.Kv = np.zeros((ns + 1, 6, 6))
+        self.f = np.zeros((nb + 1, 6))
+        self.dw = np.zeros((nb + 1, 6))
+        self.dlam = np.zeros(model.n_rows)
+        self.phi = np.zeros(model.n_rows)
+        self.phi_t = np.zeros(model.n_rows)
+        self.phi_tt = np.zeros(model.n_rows)
+        self.J = np.zeros((model.n_entries + 1, 6, 6))
+        self.z = np.zeros(model.n_internal)
+        # massless bodies get the floor that the penalties use, here as inertia of the metric only
+        self.metric = np.zeros((nb, 6, 6))
+        self.metric[:, :3, :3] = np.eye(3) / self.t.penalty_inverse_mass[:, None, None]
+        self.metric[:, 3:, 3:] = np.linalg.inv(self.t.penalty_inverse_inertia)
+
+    def _factorize(self, cm: float, cq: float, cv: float, metric: bool, holonomic: bool = False) -> None:
+        """Factorize cm M - cq Kq - cv Kv with the constraints at self.J; metric: use the floored masses instead of M.
+
+        holonomic: leave out rows that constrain velocities only.
+        """
+        self.saddle.J_s[:] = self.J
+        self.saddle.J_e[:, :, :6] = self.J
+        effective_masses(self.t, self.J, self.saddle.W)
+        self.saddle.W[:] *= PENALTY * (cm if cq == cv == 0.0 else max(cm, STIFFEST))
+        if holonomic:
+            self.saddle.W[self.t.constraints.holonomic == 0] = 0.0
+        assemble_tangent(self.t, 0.0 if metric else cm, cq, cv, self.Kq, self.Kv, self.identity, self.saddle.B)
+        if metric:
+            self.saddle.B[self.t.bodies.slot, :, :6] += cm * self.metric
+        bad = factorize_saddle(self.t, CONDENSED, self.saddle)
+        if bad >= 0:
+            raise ConsistencyError(
+                f'start: the system is singular at body {self.model.body_names[bad]!r}; give it a mass and inertia or constrain it'
+            )
+
+    def _constraints(self, q: np.ndarray, v: np.ndarray, angle: np.ndarray, u: np.ndarray) -> Ref:
+        kin = kinematics_of(q, v)
+        evaluate_constraints(self.t, kin, angle, u, True, self.phi, self.J)
+        return kin
+
+    def _worst_row(self, residual: np.ndarray) -> str:
+        return self.model.row_names[int(np.argmax(np.abs(residual)))] if len(residual) else 'none'
+
+    def assemble(self, state: State, u: np.ndarray, offsets: np.ndarray | None = None, limit: int = 200) -> None:
+        """Move state.q onto phi = 0 by damped Gauss-Newton in the metric of the masses; updates state.angle.
+
+        offsets (nc,): added to phi. Raises ConsistencyError naming the constraint that stays open.
+        """
+        self.Kq[:] = 0.0
+        self.Kv[:] = 0.0
+        zero = np.zeros_like(self.f)
+        for _ in range(limit):
+            self._constraints(state.q, state.v, state.angle, u)
+            residual = self.t.constraints.holonomic * (self.phi + (offsets if offsets is not None else 0.0))
+            if not len(residual) or np.abs(residual).max() < ASSEMBLY_TOLERANCE:
+                break
+            self._factorize(1.0, 0.0, 0.0, metric=True, holonomic=True)
+            solve_saddle(self.t, CONDENSED, self.saddle, zero, residual, self.dw, self.dlam)
+            move(state.q, self.dw * min(1.0, LARGEST_TURN / max(np.abs(self.dw).max(), 1e-300)))
+        else:
+            worst = np.abs(residual).max()
+            if not worst < 1e-9:
+                raise ConsistencyError(
+                    f'start: the mechanism cannot be assembled from the given placement: constraint {self._worst_row(residual)!r} '
+                    f'stays open by {worst:.3g}; place the bodies nearer to a closed configuration or check the joint data'
+                )
+        update_angles(self.coordinates, kinematics_of(state.q, state.v), state.angle)
+
+    def project_velocity(self, state: State, u: np.ndarray, extra: np.ndarray | None = None, hold: float = 0.0) -> None:
+        """Make state.v satisfy A v + phi_t = 0 with the smallest change of kinetic energy; extra (nc,) is added to phi_t.
+
+        hold [s]: what dampers dissipate in this time counts as much as kinetic energy. So parts that only elastic elements connect
+        start to move together: shafts turn with the wheels they drive, and do not turn what carries them. Not the tires.
+        """
+        self._constraints(state.q, state.v, state.angle, u)
+        constraint_input_rates(self.t, u, self.phi_t, self.phi_tt)
+        if extra is not None:
+            self.phi_t += extra
+        self.Kq[:] = 0.0
+        self.Kv[:] = 0.0
+        if hold > 0.0:
+            in_the_air = state.q.copy()
+            in_the_air[:-1, 2] += CLEARANCE
+            at_rest = kinematics_of(in_the_air, np.zeros_like(state.v))
+            evaluate_forces(self.t, at_rest, state.angle, state.z, 0.0, u, True, self.f, self.Kq, self.Kv, self.z, self.outputs)
+        self._factorize(1.0, 0.0, hold, metric=True)
+        first = -hold * self._block_product(self.Kv, state.v)
+        rate = np.zeros(self.model.n_rows)
+        for k in range(AUGMENTATIONS):
+            constraint_rates(self.constraints, self.J, state.v, rate)
+            rate += self.phi_t
+            done = not len(rate) or np.abs(rate).max() < 1e-13 * max(1.0, np.abs(state.v).max())
+            if done and (k > 0 or not hold):
+                return
+            solve_saddle(self.t, CONDENSED, self.saddle, first, rate, self.dw, self.dlam)
+            state.v[:] += self.dw
+            first = np.zeros_like(first)
+        if np.abs(rate).max() > 1e-8:
+            raise ConsistencyError(
+                f'start: no velocity satisfies the constraints: {self._worst_row(rate)!r} is violated by {np.abs(rate).max():.3g}; '
+                'remove contradicting initial rates'
+            )
+
+    def _block_product(self, K: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """(nb + 1, 6) product of blocks K (ns + 1, 6, 6) with v (nb + 1, 6)."""
+        product = np.zeros_like(v)
+        np.add.at(product, self.t.block_row[1:], np.einsum('sij,sj->si', K[1:], v[self.t.block_col[1:]]))
+        return product
+
+    def acceleration(self, q, v, z, angle, u) -> tuple[np.ndarray, np.ndarray]:
+        """(a (nb+1, 6), lam (nc,)) with M a = f + A^T lam and d/dt (A v + phi_t) = 0.
+
+        By augmentation, which adds nothing to the multipliers of redundant constraints that balance each other. It gains little where a
+        light body carries a heavy one or turns freely about an axis; what is left there GMRES finds as a combination of augmentations.
+        """
+        kin = self._constraints(q, v, angle, u)
+        evaluate_forces(self.t, kin, angle, z, 0.0, u, False, self.f, self.Kq, self.Kv, self.z, self.outputs)
+        constraint_input_rates(self.t, u, self.phi_t, self.phi_tt)
+        bias = self._acceleration_bias(q, v, angle, u) + self.phi_tt
+        self.Kq[:] = 0.0
+        self.Kv[:] = 0.0
+        self._factorize(1.0, 0.0, 0.0, metric=True)
+        a = np.zeros_like(self.f)
+        lam = np.zeros(self.model.n_rows)
+        for k in range(PLAIN + COMBINED):
+            self._augment(a, lam, self.f, bias)
+            if k >= PLAIN:
+                self._combine()
+            a += self.dw
+            lam += self.dlam
+            if np.abs(self.dw).max() <= 1e-13 * max(1.0, np.abs(a).max()):
+                break
+        return a, lam
+
+    def _augment(self, a: np.ndarray, lam: np.ndarray, f: np.ndarray | float, bias: np.ndarray | float) -> None:
+        """Assign dw and dlam, what an augmentation adds to a (nb+1, 6) and lam (nc,)."""
+        r = self._mass_times(a) - f
+        add_constraint_forces(self.constraints, self.J, lam, -1.0, r)
+        r[-1] = 0.0
+        rate = np.zeros_like(lam)
+        constraint_rates(self.constraints, self.J, a, rate)
+        solve_saddle(self.t, CONDENSED, self.saddle, r, rate + bias, self.dw, self.dlam)
+
+    def _combine(self) -> None:
+        """Replace dw and dlam by the combination of augmentations, from them on, after which least is left to augment."""
+        n = self.dw.size
+        masses = np.einsum('bii->bi', self.metric)
+        weight = np.sqrt(np.concatenate([masses.ravel(), np.ones(6), 1.0 / self.saddle.W]))  # both parts of the vector as energies
+
+        def parts(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            return (x / weight)[:n].reshape(-1, 6), (x / weight)[n:]
+
+        def product(x: np.ndarray) -> np.ndarray:
+            self._augment(*parts(x), 0.0, 0.0)
+            return -weight * np.concatenate([self.dw.ravel(), self.dlam])
+
+        right = weight * np.concatenate([self.dw.ravel(), self.dlam])
+        self.dw[:], self.dlam[:] = parts(gmres(product, right, 1e-8, KRYLOV))
+
+    def _mass_times(self, a: np.ndarray) -> np.ndarray:
+        out = np.zeros_like(a)
+        out[:-1, :3] = self.t.bodies.mass[:, None] * a[:-1, :3]
+        out[:-1, 3:] = np.einsum('bij,bj->bi', self.t.bodies.inertia, a[:-1, 3:])
+        return out
+
+    def _acceleration_bias(self, q, v, angle, u) -> np.ndarray:
+        """(dA/dt) v by the fourth-order central difference of A v along the motion with frozen v."""
+        d = 1e-3 / max(1.0, np.abs(v).max())
+        bias = np.zeros(self.model.n_rows)
+        rate = np.zeros(self.model.n_rows)
+        J = np.zeros_like(self.J)
+        phi = np.zeros_like(self.phi)
+        for s, weight in ((-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3), (2, -1 / 12)):
+            moved = q.copy()
+            move(moved, s * d * v)
+            evaluate_constraints(self.t, kinematics_of(moved, v), angle, u, True, phi, J)
+            constraint_rates(self.constraints, J, v, rate)
+            bias += weight / d * rate
+        return bias
+
+    def start_integrator(self, state: State, u: np.ndarray, h: float, am: float, af: float) -> None:
+        """Assign state.a, a_s, lam, lam_before and zd, and adjust state.v, so that every step is second order from the first one on.
+
+        The scheme's a_n belongs to t_n + (am - af) h and its multipliers to t_n - af h; both are reached by a central difference
+        along the motion. Its velocity satisfies A v + phi_t = -h^2 A e, with e h^3 the local error of the increment of a step:
+        started with A v + phi_t = 0, it would jump there by O(h^2) in the first step and disturb the multipliers by O(h), which
+        rho_inf = 1 never forgets (Arnold, Bruels, Cardona 2015). The increment of the exact motion is h v + h^2/2 a + h^3/6 da/dt,
+        in rotations plus h^3/12 w x dw/dt; the scheme has h v + h^2 ((1/2 - beta) a_n + beta a_n+1).
+
+        Where the motion is too fast for the step to resolve (h |da/dt| > |a|) the uncorrected values are taken.
+        """
+        a, lam = self.acceleration(state.q, state.v, state.z, state.angle, u)
+        kin = kinematics_of(state.q, state.v)
+        cz = 1e-6
+        evaluate_forces(self.t, kin, state.angle, state.z, cz, u, False, self.f, self.Kq, self.Kv, self.z, self.outputs)
+        state.zd[:] = (self.z - state.z) / cz
+        d = min(1e-4, 0.1 * h)
+        sides = []
+        for s in (d, -d):
+            q = state.q.copy()
+            move(q, s * state.v + 0.5 * s * s * a)
+            sides.append(self.acceleration(q, state.v + s * a, state.z + s * state.zd, state.angle, u))
+        a_rate = (sides[0][0] - sides[1][0]) / (2 * d)
+        lam_rate = (sides[0][1] - sides[1][1]) / (2 * d)
+        smooth = h * np.linalg.norm(a_rate) <= np.linalg.norm(a)
+        state.a[:] = a + ((am - af) * h * a_rate if smooth else 0.0)
+        state.a_s[:] = a - (af * h * a_rate if smooth else 0.0)
+        state.lam[:] = lam - (af * h * lam_rate if smooth else 0.0)
+        state.lam_before[:] = state.lam - (h * lam_rate if smooth else 0.0)
+        state.a_s_before[:] = state.a_s - (h * a_rate if smooth else 0.0)
+        if smooth:
+            e = (0.25 * (1.0 + (am - af) ** 2) - 1 / 6) * a_rate  # beta + (am - af) / 2 - 1/6, with beta = (1 - (am - af))^2 / 4
+            e[:, 3:] -= np.cross(state.v[:, 3:], a[:, 3:]) / 12
+            self._constraints(state.q, state.v, state.angle, u)
+            excess = np.zeros(self.model.n_rows)
+            constraint_rates(self.constraints, self.J, e, excess)
+            self.project_velocity(state, u, h * h * excess * self.t.constraints.holonomic)
+
+    def equilibrium(self, state: State, u: np.ndarray, limit: int = 400) -> float:
+        """Static equilibrium: Newton on f(q, 0) + A^T lam = 0, phi = 0 with a pseudo-mass M/tau^2 that fades.
+
+        Changes state.q, state.lam, state.z, state.angle; state.v is set to zero. Returns the largest generalized force left [N
+        or N m]. Internal states follow the motion towards the equilibrium as if an iteration took SETTLING seconds: tires at rest
+        and brakes are springs between that motion and their force. Brakes hold during the search, or the toe of the wheels would
+        roll a car away; what they carry beyond their capacity under u is dropped at the end. Released ones hold so softly that
+        what is dropped does not matter: locked wheels would take part of the load of a suspension that moves them to and fro.
+        A vehicle whose brakes are all released is held at its chassis instead, along its x axis: on a slope it is found where it was
+        placed, resting in its suspension, and rolls away from there. Other directions without stiffness stay where they are. Raises
+        ConsistencyError if it does not settle.
+        """
+        brakes = self.t.brakes
+        capacity = np.maximum(brakes.gain * u[brakes.input], 0.0)
+        held = u.copy()
+        held[brakes.input] = HOLD
+        stiffness, damping = brakes.stiffness.copy(), brakes.damping.copy()
+        brakes.stiffness[capacity == 0.0] *= RELEASED
+        brakes.damping[capacity == 0.0] = 0.0
+        try:
+            left = self._settle(state, held, limit, hold=bool(self.model.spec.tires) and not capacity.any())
+        finally:
+            brakes.stiffness[:], brakes.damping[:] = stiffness, damping
+        limits = capacity / brakes.stiffness
+        state.z[brakes.state] = np.clip(state.z[brakes.state], -limits, limits)
+        return left
+
+    def _hold(self, q: np.ndarray, start: np.ndarray, stiffness: float) -> None:
+        """Add a spring along the x axis of the chassis, from its place p (3,) at the start, to the forces and their tangent."""
+        b = self.chassis
+        R = np.array(matrix_of_quaternion(tuple(q[b, 3:]))).reshape(3, 3)
+        d, moved = R[:, 0], q[b, :3] - start
+        s = d @ moved
+        self.f[b, :3] -= stiffness * s * d
+        slot = self.t.bodies.slot[b]
+        self.Kq[slot, :3, :3] -= stiffness * np.outer(d, d)
+        turned = np.column_stack([np.zeros(3), -R[:, 2], R[:, 1]])  # of d by a rotation in B
+        self.Kq[slot, :3, 3:] -= stiffness * (np.outer(d, moved @ turned) + s * turned)
+
+    def _settle(self, state: State, u: np.ndarray, limit: int, hold: bool) -> float:
+        place = state.q[self.chassis, :3].copy()
+        state.v[:] = 0.0
+        tau = 0.01
+        scale = max(1.0, float((self.t.bodies.mass * np.linalg.norm(self.t.bodies.gravity)).sum()))
+        last = np.inf
+        at_rest = np.zeros_like(state.v)
+        for _ in range(limit):
+            kin = self._constraints(state.q, at_rest, state.angle, u)
+            evaluate_forces(self.t, kin, state.angle, state.z, SETTLING, u, True, self.f, self.Kq, self.Kv, self.z, self.outputs)
+            if hold:
+                self._hold(state.q, place, scale / GIVE)
+            r = -self.f
+            add_constraint_forces(self.constraints, self.J, state.lam, -1.0, r)
+            r[-1] = 0.0
+            left = float(np.abs(r).max())
+            open_ = float(np.abs(self.phi).max(initial=0.0))
+            if left < EQUILIBRIUM_TOLERANCE * scale and open_ < 1e-11:
+                return left
+            # a slow rise is not divergence: while a car rolls to where its brakes hold it, the residual grows before it falls
+            tau = min(tau * (2.0 if left < 2.0 * last else 0.5), 1e2)
+            tau = max(tau, 1e-3)
+            last = left
+            add_constraint_stiffness(self.t, kin, state.lam, self.Kq, self.Kv)
+            self._factorize(1.0 / tau**2, 1.0, 1.0 / SETTLING, metric=True)
+            solve_saddle(self.t, CONDENSED, self.saddle, r, self.phi, self.dw, self.dlam)
+            factor = min(1.0, 0.05 / max(np.abs(self.dw).max(), 1e-300))
+            kin = kinematics_of(state.q, factor / SETTLING * self.dw)
+            evaluate_forces(self.t, kin, state.angle, state.z, SETTLING, u, False, self.f, self.Kq, self.Kv, self.z, self.outputs)
+            state.z[:] = self.z
+            move(state.q, factor * self.dw)
+            state.lam[:] += factor * self.dlam
+            update_angles(self.coordinates, kinematics_of(state.q, at_rest), state.angle)
+        if left < 1e2 * EQUILIBRIUM_TOLERANCE * scale:
+            return left
+        b, c = np.unravel_index(np.argmax(np.abs(r)), r.shape)
+        raise ConsistencyError(
+            f'start: no static equilibrium was found: {left:.3g} N (or N m) remain on body {self.model.body_names[b]!r} '
+            f'(component {"xyz"[c % 3]} of the {"force" if c < 3 else "torque"}); check springs, tires and the initial height'
+        )
+
+
+@kernel(borrow=True)
+def move(q, dq):
+    """q <- q o exp(dq) for all bodies; dq (nb + 1, 6) is a variation (docs/conventions.md)."""
+    for b in range(q.shape[0] - 1):
+        turn = quaternion_exp((dq[b, 3], dq[b, 4], dq[b, 5]))
+        turned = quaternion_normalized(quaternion_product((q[b, 3], q[b, 4], q[b, 5], q[b, 6]), turn))
+        for i in range(3):
+            q[b, i] += dq[b, i]
+        for i in range(4):
+            q[b, 3 + i] = turned[i]

@@ -1,0 +1,97 @@
+"""Settings of the time integration, as they stand in a scene."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from solver.validate import finite, require
+
+WHERE = 'integrator'
+
+
+@dataclass(frozen=True, kw_only=True)
+class IntegratorSettings:
+    """How a model is advanced in time (equations and choices: docs/formulation.md).
+
+    kind: 'alf' is the augmented-Lagrangian integrator, 'm_alf' the same code with the modified coefficients of the chapter
+    (h_R = lam_R, m_R = 1), 'reference_*' independent slow solutions of the same model.
+    h: step [s], a whole number of nanoseconds. rho_inf: spectral radius at infinite frequency, 0 (strong damping) to 1 (none).
+    mode: 'fixed' spends `iterations` Newton iterations per step, and more, up to 20, only where they do not contract (a stop is hit, a
+    wheel lands); 'tolerance' iterates until the relative residual and increment are below `tolerance` or `max_iterations` is reached.
+    penalty: xi, dimensionless. form: 'condensed' factorizes the n x n matrix with penalties added, 'block' keeps the
+    multipliers.
+    effective_mass: what a penalty multiplies, m_R of a constraint by itself ('isolated') or with the others in force ('coupled').
+    coefficients: 'mass' uses m_R alone, 'full' adds what c_R and k_R contribute in one step. mass_factor: multiplies m_R, one
+    number or a mapping from constraints (a joint, a coupler or one row) to numbers; with kind 'm_alf' it multiplies m_R = 1.
+    penalty_policy: 'adaptive' raises the penalties of the slowest constraints, up to `penalty_cap`, in a step that does not converge,
+    and relaxes them after easy steps.
+    step_policy: 'constant' keeps h; 'rescue' halves a step that fails, down to `h_min`, and doubles it after easy steps; 'error'
+    also keeps the estimated local error below `error_tolerance` per second: positions in m or rad, velocities relative to the
+    largest one. h is then the grid of inputs and outputs and the largest step. Error control and adaptive penalties need mode
+    'tolerance'.
+    """
+
+    kind: Literal['alf', 'm_alf', 'reference_bdf', 'reference_radau', 'reference_ida', 'reference_kkt'] = 'alf'
+    h: Annotated[float, 's'] = 1e-3
+    rho_inf: float = 0.8
+    mode: Literal['fixed', 'tolerance'] = 'fixed'
+    iterations: int = 3
+    tolerance: float = 1e-8
+    max_iterations: int = 20
+    penalty: float = 1e6
+    form: Literal['condensed', 'block'] = 'condensed'
+    effective_mass: Literal['isolated', 'coupled'] = 'isolated'
+    coefficients: Literal['mass', 'full'] = 'mass'
+    mass_factor: float | dict[str, float] = 1.0
+    penalty_policy: Literal['constant', 'adaptive'] = 'constant'
+    penalty_cap: float = 1e8
+    step_policy: Literal['constant', 'rescue', 'error'] = 'constant'
+    h_min: Annotated[float, 's'] = 1e-8
+    error_tolerance: Annotated[float, '1/s'] = 1e-3
+
+    def __post_init__(self) -> None:
+        finite(WHERE, 'h', self.h, low=1e-9, high=1.0)
+        require(
+            abs(self.h * 1e9 - round(self.h * 1e9)) < 1e-6,
+            WHERE,
+            'h',
+            self.h,
+            f'must be a whole number of nanoseconds; the nearest is {round(self.h * 1e9) * 1e-9:.9f}',
+        )
+        finite(WHERE, 'rho_inf', self.rho_inf, low=0.0, high=1.0)
+        finite(WHERE, 'iterations', self.iterations, low=1, high=100)
+        finite(WHERE, 'tolerance', self.tolerance, low=1e-14, high=1e-1)
+        finite(WHERE, 'max_iterations', self.max_iterations, low=1, high=1000)
+        finite(WHERE, 'penalty', self.penalty, low=0.0, high=1e15, strict=True)
+        for factor in self.mass_factors.values():
+            finite(WHERE, 'mass_factor', factor, low=0.0, high=1e6, strict=True)
+        finite(WHERE, 'penalty_cap', self.penalty_cap, low=0.0, high=1e15, strict=True)
+        finite(WHERE, 'h_min', self.h_min, low=1e-12, high=1.0)
+        finite(WHERE, 'error_tolerance', self.error_tolerance, low=1e-12, high=1e3)
+        for name, value, any_mode in (
+            ('penalty_policy', self.penalty_policy, ('constant',)),
+            ('step_policy', self.step_policy, ('constant', 'rescue')),
+        ):
+            remedy = 'needs integrator.mode: tolerance (a fixed number of iterations has no measured accuracy to adapt to)'
+            require(value in any_mode or self.mode == 'tolerance', WHERE, name, value, remedy)
+        if self.penalty_policy == 'adaptive':
+            remedy = f'must be at least integrator.penalty = {self.penalty:g}'
+            require(self.penalty_cap >= self.penalty, WHERE, 'penalty_cap', self.penalty_cap, remedy)
+        if self.step_policy != 'constant':
+            require(self.h_min <= self.h, WHERE, 'h_min', self.h_min, f'must be at most integrator.h = {self.h:g}')
+
+    @property
+    def mass_factors(self) -> dict[str, float]:
+        """mass_factor by constraint; '' stands for all."""
+        return self.mass_factor if isinstance(self.mass_factor, dict) else {'': self.mass_factor}
+
+    @property
+    def adapts(self) -> bool:
+        """Whether penalties or step change in the course of a run."""
+        return self.penalty_policy != 'constant' or self.step_policy != 'constant'
+
+    @property
+    def h_ns(self) -> int:
+        """The step in nanoseconds."""
+        return round(self.h * 1e9)

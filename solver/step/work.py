@@ -1,0 +1,136 @@
+"""What an augmented-Lagrangian step needs and gives: parameters of the scheme, scratch, status and counters."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from solver.compiled.by_reference import Ref
+from solver.elements.point_pair import Kinematics
+from solver.model.evaluate import Outputs
+from solver.model.saddle import Saddle
+from solver.model.state import new_kinematics
+from solver.output.snapshot import Frame
+from solver.step.constraint_coefficients import Formulation, new_formulation
+
+OK, NOT_CONVERGED, NON_FINITE, SINGULAR, INACCURATE, BAD_INPUT = range(6)  # status of a step; INACCURATE: error control gave up
+
+
+class Coefficients(NamedTuple):
+    """Scalars of the scheme and the iteration."""
+
+    h: float
+    am: float
+    af: float
+    beta: float
+    gamma: float
+    am1: float  # of first-order states
+    gamma1: float
+    ahead: float  # from the stage to the end of the step, in intervals between the last two stages: af while the step is constant
+    penalty: np.ndarray  # (nc,) xi_R, dimensionless
+    factor: np.ndarray  # (nc,) multiplies the coefficients m_R (the chapter's m/10 experiment)
+    m_alf: int  # 1: h_R = lam_R with unit coefficients (k = 1, m = c = f = 0): W = xi beta h^2 (xi gamma h of a velocity)
+    weigh: int  # address of solver.step.constraint_coefficients.weigh, 0: W are the isolated effective masses
+    coupled: int  # 1: coupled effective masses
+    full: int  # 1: with c_R and k_R
+    form: int
+    fixed: int  # 1: a fixed number of iterations with one factorization
+    iterations: int  # their number, or the limit in tolerance mode
+    tolerance: float
+
+
+def coefficients(h: float, rho_inf: float) -> dict[str, float]:
+    """Parameters of the scheme for step h [s] and spectral radius rho_inf in [0, 1] at infinite frequency."""
+    am = (2.0 * rho_inf - 1.0) / (rho_inf + 1.0)
+    af = rho_inf / (rho_inf + 1.0)
+    am1 = 1.0 - 0.5 * (3.0 - rho_inf) / (1.0 + rho_inf)
+    return {
+        'h': h,
+        'am': am,
+        'af': af,
+        'gamma': 0.5 + af - am,
+        'beta': 0.25 * (1.0 + af - am) ** 2,
+        'am1': am1,
+        'gamma1': 0.5 + (1.0 - am1) - (1.0 - af),
+        'ahead': af,
+    }
+
+
+class Work(NamedTuple):
+    """Scratch and outputs of a step; nothing in it but the energy balance and its inputs before survives from one step to the next."""
+
+    kin_s: Kinematics
+    kin_e: Kinematics
+    T_s: np.ndarray  # (nb + 1, 3, 3) derivative of the stage rotation with respect to the increment
+    T_e: np.ndarray
+    f: np.ndarray  # (nb + 1, 6)
+    r: np.ndarray
+    dw: np.ndarray
+    a_best: np.ndarray  # iterate with the smallest increment
+    lam_best: np.ndarray
+    Kq: np.ndarray  # (ns + 1, 6, 6)
+    Kv: np.ndarray
+    phi: np.ndarray  # (nc,)
+    phi_s: np.ndarray
+    g: np.ndarray
+    dlam: np.ndarray
+    phi_t: np.ndarray
+    phi_tt: np.ndarray
+    rate: np.ndarray
+    J: np.ndarray  # (entries + 1, 6, 6) at the end of the step
+    J_now: np.ndarray  # at the stage
+    zp: np.ndarray
+    z_s: np.ndarray
+    saddle: Saddle
+    outputs: Outputs
+    v_out: np.ndarray  # (nb + 1, 6) projected twist
+    a_out: np.ndarray  # (nb + 1, 6) acceleration at the end of the step
+    lam_out: np.ndarray  # (nc,) constraint forces at the end of the step
+    audit: np.ndarray  # (5,) running energy balance (solver.output.energy)
+    u_force: np.ndarray  # (nu,) 1 for inputs that forces follow, 0 for prescribed motions
+    u_before: np.ndarray  # (nu,) inputs of the step before
+    u_end: np.ndarray  # (nu,) inputs at the end of the step
+    outputs_audit: Outputs  # those of elements that follow inputs with u_end, the others the same arrays
+    formulation: Formulation  # coefficients of the constraints
+    chassis: int  # body of the inertial unit
+    frame: Frame  # what a Snapshot shows
+
+
+class StepResult(NamedTuple):
+    """Status and counters of one step; `where` is a body, group or iteration index that belongs to the status."""
+
+    status: int
+    where: int
+    iterations: int
+    factorizations: int
+    evaluations: int
+    residual: float
+    position_drift: float
+    velocity_drift: float
+    stagnated: int  # 1: accepted although the iteration stopped gaining before the tolerance
+
+
+def new_work(model, saddle: Saddle, outputs: Outputs, frame: Frame) -> Ref:
+    """Allocate the scratch (Work, by reference) of a model; outputs and frame are the arrays that it fills."""
+    nb, nc, ns, ne, nz = model.n_bodies, model.n_rows, model.n_slots, model.n_entries, model.n_internal
+    six = lambda: np.zeros((nb + 1, 6))  # noqa: E731
+    row = lambda: np.zeros(nc)  # noqa: E731
+    t = model.tables
+    used = np.concatenate([t.coordinate_forces.input, t.brakes.input, t.applied_forces.input])
+    forces = np.isin(np.arange(len(model.spec.inputs)), used).astype(float)
+
+    driven = ('coordinate_forces', 'brakes', 'applied_forces')
+    audited = outputs._replace(**{kind: getattr(outputs, kind).copy() for kind in driven})
+
+    work = Work(
+        kin_s=new_kinematics(nb), kin_e=new_kinematics(nb), T_s=np.tile(np.eye(3), (nb + 1, 1, 1)), T_e=np.tile(np.eye(3), (nb + 1, 1, 1)),
+        f=six(), r=six(), dw=six(), a_best=six(), lam_best=row(), Kq=np.zeros((ns + 1, 6, 6)), Kv=np.zeros((ns + 1, 6, 6)),
+        phi=row(), phi_s=row(), g=row(), dlam=row(), phi_t=row(), phi_tt=row(), rate=row(),
+        J=np.zeros((ne + 1, 6, 6)), J_now=np.zeros((ne + 1, 6, 6)), zp=np.zeros(nz), z_s=np.zeros(nz),
+        saddle=saddle, outputs=outputs, v_out=six(), a_out=six(), lam_out=row(), audit=np.zeros(5),
+        u_force=forces, u_before=np.zeros_like(forces), u_end=np.zeros_like(forces), outputs_audit=audited,
+        formulation=new_formulation(model),
+        chassis=model.body_names.index(model.spec.chassis) if model.spec.chassis else 0, frame=frame,
+    )  # fmt: skip
+    return Ref(work)

@@ -1,0 +1,274 @@
+"""The command line: exit codes, one JSON object, one sentence per error, recordings that are always closed."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from mbd_sim_ros.bags import reader as bag
+from mbd_sim_ros.commands import main as cli
+from mbd_sim_ros.commands.main import COMMANDS, main
+
+ROOT = Path(__file__).resolve().parents[2]
+SHORT = ['--duration', '0.2']
+
+
+def output(capsys: pytest.CaptureFixture[str], *argv: str) -> tuple[int, str, str]:
+    code = main(argv)
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
+
+
+def document(capsys: pytest.CaptureFixture[str], *argv: str) -> tuple[int, dict]:
+    code, out, err = output(capsys, *argv, '--json')
+    assert err == ''
+    assert out.count('\n') == 1
+    return code, json.loads(out)
+
+
+@pytest.fixture(scope='module')
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    directory = tmp_path_factory.mktemp('bags') / 'first'
+    assert main(['run', 'four_bar', *SHORT, '--out', str(directory), '--json']) == 0
+    return directory
+
+
+@pytest.mark.parametrize('command', [c.__name__.rpartition('.')[2] for c in COMMANDS])
+def test_every_command_has_help_with_an_example(command: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as caught:
+        main([command, '--help'])
+    assert caught.value.code == 0
+    assert re.search(rf'example:\n +mbd {command} \S+', capsys.readouterr().out)
+
+
+@pytest.mark.parametrize(
+    ('argv', 'code', 'says'),
+    [
+        ((), 2, 'required: COMMAND'),
+        (('rnu',), 2, "no command 'rnu'; did you mean 'run'?"),
+        (('run',), 2, 'required: SCENE'),
+        (('run', 'four_bar', '--fast'), 2, 'unrecognized arguments: --fast'),
+        (('run', 'fourbar'), 2, "did you mean 'four_bar'?"),
+        (('run', 'four_bar', '--duration', 'long'), 2, "invalid float value: 'long'"),
+        (('run', 'four_bar', '--duration', '-1'), 2, 'duration = -1.0: must be > 0'),
+        (('run', 'four_bar', '--duration', 'nan'), 2, 'duration = nan: must be finite'),
+        (('run', 'four_bar', '--set', 'integrator.h=abc'), 2, '--set integrator.h: integrator.h = abc: must be a number'),
+        (('run', 'four_bar', '--maneuver', 'step_stear'), 2, "did you mean 'step_steer'?"),
+        (('info', 'nothing_like_it'), 2, 'no such file'),
+        (('export', 'nowhere', '--csv', 'out'), 5, 'nowhere is not there'),
+        (('recover', 'nowhere', 'out'), 5, 'nowhere is not there'),
+        (('replay', 'nowhere'), 5, 'nowhere is not there'),
+        (('compare', 'nowhere', 'elsewhere'), 5, 'nowhere is not there'),
+        (('compare', 'a', 'b', '--map', 'x'), 5, 'write it as THEIRS=OURS'),
+        (('compare', 'a', 'b', '--rtol', '-1'), 5, 'must not be negative'),
+    ],
+)
+def test_an_error_is_one_sentence_and_a_code(argv: tuple[str, ...], code: int, says: str, capsys: pytest.CaptureFixture[str]) -> None:
+    got, out, err = output(capsys, *argv)
+    assert (got, out) == (code, '')
+    assert err.startswith('mbd')
+    assert err.count('\n') == 1
+    assert says in err
+    got, data = document(capsys, *argv)
+    assert got == code
+    assert data.keys() == {'status', 'error'}
+    assert data['status'] == 'error'
+    assert says in data['error']
+
+
+def test_an_unforeseen_error_has_no_traceback(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(_: object) -> None:
+        raise RuntimeError('two\nlines')
+
+    monkeypatch.setattr(cli.info, 'run', fail)
+    code, out, err = output(capsys, 'info', 'pendulum')
+    assert (code, out) == (70, '')
+    assert 'internal error: RuntimeError: two lines' in err
+    assert err.count('\n') == 1
+
+
+def test_info_counts_the_slider_crank_of_the_chapter(capsys: pytest.CaptureFixture[str]) -> None:
+    code, data = document(capsys, 'info', 'slider_crank')
+    assert code == 0
+    wanted = {'status': 'ok', 'bodies': 4, 'joints': 5, 'bushings': 0, 'spring_dampers': 0, 'force_elements': 0, 'tires': 0}
+    assert {k: data[k] for k in wanted} == wanted
+    assert (data['constraint_rows'], data['redundant_constraints'], data['dof']) == (26, 3, 1)
+    code, out, _ = output(capsys, 'info', 'slider_crank')
+    assert code == 0
+    assert re.search(r'^redundant constraints +3$', out, re.MULTILINE)
+
+
+def test_resolved_scene_runs_like_the_scene(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    file = tmp_path / 'four_bar.yaml'
+    file.write_text(document(capsys, 'info', 'four_bar', '--resolved')[1]['resolved'])
+    for name, directory in (('four_bar', tmp_path / 'a'), (str(file), tmp_path / 'b')):
+        assert document(capsys, 'run', name, *SHORT, '--out', str(directory))[0] == 0
+    assert document(capsys, 'compare', str(tmp_path / 'a'), str(tmp_path / 'b'), '--exact')[1]['status'] == 'same'
+
+
+def test_run_reports_and_records(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    code, data = document(capsys, 'run', 'four_bar', *SHORT, '--set', 'integrator.h=0.002', '--out', str(tmp_path / 'r'))
+    assert (code, data['status'], data['steps'], data['out']) == (0, 'ok', 100, str(tmp_path / 'r'))
+    for key in ('real_time_factor', 'cpu_per_step_us', 'iterations_per_step'):
+        assert data[key] > 0.0
+    for key in ('energy_error_max', 'position_drift_max', 'velocity_drift_max'):
+        assert 0.0 <= data[key] < 1e-3
+    run = bag.read(tmp_path / 'r')
+    assert run.time_ns.tolist() == list(range(0, 200_000_001, 2_000_000))
+    assert run.metadata['status'] == 'ok'
+    assert 'h: 0.002' in run.metadata['resolved_scene']
+
+
+def test_changes_of_step_and_penalties_are_counted_recorded_and_repeated(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    settings = ('mode=tolerance', 'penalty=1e3', 'penalty_policy=adaptive', 'step_policy=error', 'h=0.01', 'error_tolerance=1e-5')
+    overrides = [word for s in settings for word in ('--set', f'integrator.{s}')]
+    code, data = document(capsys, 'run', 'slider_crank', '--duration', '0.6', *overrides, '--out', str(tmp_path / 'r'))
+    assert (code, data['steps']) == (0, 60)
+    assert data['substeps'] > 120
+    run = bag.read(tmp_path / 'r')
+    assert len(run.events) == data['events'] > 0
+    assert {event['kind'] for event in run.events} >= {'step', 'penalty'}
+    assert all(set(event) == {'t', 'kind', 'name', 'old', 'new', 'cause'} for event in run.events)
+    code, _ = document(capsys, 'replay', str(tmp_path / 'r'), '--out', str(tmp_path / 'again'))
+    assert code == 0
+    assert bag.read(tmp_path / 'again').events == run.events
+
+
+def test_a_recording_is_never_overwritten(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    code, data = document(capsys, 'run', 'four_bar', *SHORT, '--out', str(recording))
+    assert code == 5
+    assert 'not empty' in data['error']
+
+
+def test_nothing_is_recorded_on_request(capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, data = document(capsys, 'run', 'four_bar', *SHORT, '--no-record')
+    assert (code, data['out']) == (0, None)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_recording_defaults_to_a_new_directory_in_bags(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    code, data = document(capsys, 'run', 'four_bar', *SHORT)
+    assert code == 0
+    assert re.fullmatch(r'bags/four_bar-\d{8}-\d{6}', data['out'])
+    assert bag.read(tmp_path / data['out']).time_ns[-1] == 200_000_000
+
+
+def test_a_requirement_that_is_not_met_fails_the_run(capsys: pytest.CaptureFixture[str]) -> None:
+    code, data = document(capsys, 'run', 'four_bar', *SHORT, '--no-record', '--set', 'require.energy_error_max=1e-30')
+    assert (code, data['status']) == (1, 'failed')
+    assert data['violations'][0].startswith('energy_error_max: ')
+    code, data = document(capsys, 'run', 'four_bar', *SHORT, '--no-record', '--set', 'require.energy_error_max=1')
+    assert (code, data['require']) == (0, {'energy_error_max': 1.0})
+
+
+def test_a_failed_step_closes_the_recording(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    impossible = ['--set', 'mechanism.couplers.motor.terms={rocker: 1}']  # the rocker cannot turn round
+    code, data = document(capsys, 'run', 'four_bar', '--duration', '2', *impossible, '--out', str(tmp_path / 'r'))
+    assert code == 4
+    assert re.match(r't = [\d.]+ s, step \d+: ', data['error'])
+    assert bag.read(tmp_path / 'r').metadata['status'] == 'failed'
+
+
+def test_a_recording_replays_bit_by_bit(recording: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    code, data = document(capsys, 'replay', str(recording), '--out', str(tmp_path / 'again'))
+    assert (code, data['status'], data['steps'], data['same_code']) == (0, 'identical', 200, True)
+    assert document(capsys, 'compare', str(recording), str(tmp_path / 'again'), '--exact')[0] == 0
+
+
+def test_replay_uses_the_recorded_inputs(recording: Path, tmp_path: Path) -> None:
+    """The scene's own maneuver must not be what drives the replay: with other inputs in the recording the result is another one."""
+    from mbd_sim_ros.batch import simulate
+    from mbd_sim_ros.commands.replay import recorded_inputs
+    from solver.files.scene import load_scene_text
+    from solver.simulation import Simulation
+
+    run = bag.read(recording)
+    for name in ('motor', 'motor_rate', 'motor_acceleration'):
+        run.columns[f'cmd_applied/{name}'] = 0.5 * run.columns[f'cmd_applied/{name}']
+    simulation = Simulation(load_scene_text(run.metadata['resolved_scene']))
+    simulate(simulation, 200, directory=tmp_path / 'half', source=recorded_inputs(run, simulation.channels.inputs))
+    half = bag.read(tmp_path / 'half')['joint_states/crank/position']
+    full = run['joint_states/crank/position']
+    assert half[-1] - half[0] == pytest.approx(0.5 * (full[-1] - full[0]), rel=1e-6)  # the driver holds to about 1e-9 rad
+
+
+def test_recording_with_steps_left_out_is_not_replayed(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    code, _ = document(capsys, 'run', 'four_bar', *SHORT, '--set', 'record.every=10', '--out', str(tmp_path / 'r'))
+    assert code == 0
+    assert len(bag.read(tmp_path / 'r').time_ns) == 21
+    code, data = document(capsys, 'replay', str(tmp_path / 'r'))
+    assert code == 5
+    assert 'every step' in data['error']
+
+
+def test_compare_finds_another_step_size_and_draws_it(recording: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    assert main(['run', 'four_bar', *SHORT, '--set', 'integrator.h=0.004', '--out', str(tmp_path / 'coarse')]) == 0
+    capsys.readouterr()
+    pair = (str(tmp_path / 'coarse'), str(recording))
+    code, data = document(capsys, 'compare', *pair, '--rtol', '1e-12', '--atol', '0', '--plot', str(tmp_path / 'c.png'))
+    assert (code, data['status'], data['instants'], data['interpolated']) == (1, 'different', 51, False)
+    assert (tmp_path / 'c.png').stat().st_size > 10_000
+    code, data = document(capsys, 'compare', *pair, '--rtol', '1', '--atol', '1')
+    assert (code, data['status'], data['outside']) == (0, 'same', [])
+    code, out, _ = output(capsys, 'compare', *pair, '--rtol', '1e-12', '--atol', '0')
+    assert code == 1
+    assert 'OUTSIDE' in out
+
+
+def test_export_agrees_with_the_recording(recording: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    code, data = document(capsys, 'export', str(recording), '--csv', str(tmp_path / 'csv'))
+    assert code == 0
+    assert data['rows'] == 201
+    assert document(capsys, 'compare', str(tmp_path / 'csv'), str(recording), '--exact')[0] == 0
+    header = (tmp_path / 'csv' / 'joint_states.csv').read_text().splitlines()[0]
+    assert header.startswith('time [s],crank/position [rad],')
+
+
+def test_recover_saves_a_cut_recording(recording: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    whole = next(recording.glob('*.mcap')).read_bytes()
+    cut = tmp_path / 'cut.mcap'
+    cut.write_bytes(whole[: len(whole) * 2 // 3])
+    code, data = document(capsys, 'export', str(cut), '--csv', str(tmp_path / 'csv'))
+    assert code == 5
+    assert 'mbd recover' in data['error']
+    code, data = document(capsys, 'recover', str(recording), str(tmp_path / 'saved'))
+    assert (code, data['complete']) == (0, True)
+    assert document(capsys, 'compare', str(tmp_path / 'saved'), str(recording), '--exact')[0] == 0
+
+
+@pytest.mark.parametrize(('number', 'code'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_interrupted_run_closes_its_recording(number: signal.Signals, code: int, tmp_path: Path) -> None:
+    directory = tmp_path / 'r'
+    command = [sys.executable, '-m', 'mbd_sim_ros.commands.main', 'run', 'four_bar', '--duration', '10000', '--out', str(directory)]
+    child = subprocess.Popen(
+        command, cwd=ROOT, env=dict(os.environ), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    try:
+        deadline = time.monotonic() + 600.0
+        while not (list(directory.glob('*.part')) and next(directory.glob('*.part')).stat().st_size > 200_000):
+            assert child.poll() is None, child.stderr and child.stderr.read()
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        child.send_signal(number)
+        out, err = child.communicate(timeout=60)
+    finally:
+        child.kill()
+        child.wait()
+    assert (child.returncode, out) == (code, '')
+    assert err.count('\n') == 1
+    assert re.search(r'at t = [\d.]+ s \(step \d+\); the recording in .* is complete up to there', err)
+    run = bag.read(directory)
+    assert run.metadata['status'] == 'interrupted'
+    assert f'(step {int(run["cmd_applied/step"][-1])})' in err

@@ -1,0 +1,114 @@
+"""Scene files: found, composed, overridden, resolved into one text, and refused with the place of a mistake."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver.elements.joint import JointSpec
+from solver.errors import SceneError
+from solver.files.scene import known_names, load_maneuver, load_scene, load_scene_text
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.mark.parametrize('name', known_names())
+def test_resolved_scene_loads_again_to_the_same_scene(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = load_scene(name)
+    monkeypatch.chdir(tmp_path)  # nothing but the text is needed
+    again = load_scene_text(scene.resolved, 'elsewhere')
+    assert again == scene
+    assert again.resolved == scene.resolved
+
+
+@pytest.mark.parametrize('name', known_names('maneuvers'))
+def test_maneuver_files_load(name: str) -> None:
+    maneuver = load_maneuver(name)
+    assert maneuver.name == name
+    assert np.isfinite(maneuver.commands(3.0)).all()
+
+
+def test_slider_crank_is_the_one_of_the_chapter() -> None:
+    model_ = load_scene('slider_crank').model
+    assert len(model_.bodies) == 4
+    assert sorted(j.kind for j in model_.joints) == ['fixed', 'prismatic', 'revolute', 'revolute', 'revolute']
+    assert sum(len(JointSpec.row_names(j)) for j in model_.joints) == 26
+
+
+def test_overrides_are_checked_like_the_file_and_are_in_the_resolved_text() -> None:
+    scene = load_scene(
+        'slider_crank', ['integrator.h=2e-3', 'mechanism.bodies.slider.mass=0.02', 'mechanism.bodies.crank.com[0]=0.4', 'title=other']
+    )
+    assert (scene.integrator.h_ns, scene.model.bodies[3].mass, scene.model.bodies[1].com[0], scene.title) == (2_000_000, 0.02, 0.4, 'other')
+    assert load_scene_text(scene.resolved) == scene
+    assert load_scene('slider_crank', ['start={}']).start.coordinates == {}
+
+
+@pytest.mark.parametrize(
+    ('override', 'says'),
+    [
+        ('integrator.hh=1', "--set integrator.hh: integrator.hh: unknown key; did you mean 'h'?"),
+        ('integrator.h=fast', '--set integrator.h: integrator.h = fast: must be a number'),
+        ('integrator.h=1.5e-9', 'must be a whole number of nanoseconds'),
+        ('integrator.rho_inf=1.2', '--set integrator.rho_inf: integrator.rho_inf = 1.2: must be in [0, 1]'),
+        ('duration', 'write it as path.to.key=value'),
+        ('duration.x=1', 'is a plain value'),
+        ('mechanism.bodies.crank.com[3]=1', 'is a list of 3'),
+        ('start.coordinates.slid.rate=1', "did you mean 'slide'?"),
+        ('maneuver=maneuvers/step_stear.yaml', "did you mean 'maneuvers/step_steer.yaml'?"),
+        ('maneuver=maneuvers/step_steer.yaml', "step_steer.yaml:2: maneuver = 'steering': the model has no such input"),
+        ('maneuver.signals.moter=1', 'the model has no such input'),
+        ('vehicle={}', 'exactly one of the keys'),
+    ],
+)
+def test_a_wrong_override_is_refused(override: str, says: str) -> None:
+    with pytest.raises(SceneError, match=re.escape(says)):
+        load_scene('slider_crank', [override])
+
+
+def test_a_wrong_scene_name_suggests_the_nearest() -> None:
+    with pytest.raises(SceneError, match=r"no such file.*did you mean 'slider_crank'\?"):
+        load_scene('slidercrank')
+    with pytest.raises(SceneError, match=r'allowed: .*pendulum'):
+        load_scene('zzz')
+
+
+def test_scenes_are_found_by_path_by_name_and_in_the_current_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    by_name = load_scene('pendulum')
+    assert load_scene(ROOT / 'config' / 'scenes' / 'pendulum.yaml') == by_name
+    (tmp_path / 'scenes').mkdir()
+    (tmp_path / 'scenes' / 'mine.yaml').write_text('mechanism: mechanisms/pendulum.yaml\nduration: 3\n')
+    monkeypatch.chdir(tmp_path)
+    assert load_scene('mine').duration == 3.0
+    assert load_scene('mine').model == by_name.model
+    assert load_scene('pendulum') == by_name
+
+
+def test_a_file_that_includes_itself_and_a_missing_one_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'loop.yaml').write_text('title: x\nmechanism: loop.yaml\n')
+    with pytest.raises(SceneError, match=r'loop.yaml:2: mechanism = loop.yaml: the file includes itself'):
+        load_scene('loop.yaml')
+    (tmp_path / 'gone.yaml').write_text('mechanism: mechanisms/pendulun.yaml\n')
+    with pytest.raises(SceneError, match=r"gone.yaml:1: .*did you mean 'mechanisms/pendulum.yaml'"):
+        load_scene('gone.yaml')
+    (tmp_path / 'binary.yaml').write_bytes(b'\xff\xfe\x00')
+    with pytest.raises(SceneError, match=r'binary.yaml: cannot be read: is not UTF-8 text'):
+        load_scene('binary.yaml')
+
+
+def test_an_error_inside_an_included_file_names_that_file_and_the_whole_path(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'm.yaml').write_text('bodies:\n  a: {mass: -1, inertia: [1, 1, 1]}\n')
+    (tmp_path / 's.yaml').write_text('mechanism: m.yaml\n')
+    with pytest.raises(SceneError, match=r'^m.yaml:2: mechanism.bodies.a.mass = -1.0: must be >= 0$'):
+        load_scene('s.yaml')
+
+
+@pytest.mark.parametrize('name', known_names('roads'))
+def test_road_files_load(name: str) -> None:
+    scene = load_scene('pendulum', [f'road=roads/{name}.yaml'])
+    assert load_scene_text(scene.resolved) == scene

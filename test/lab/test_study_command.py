@@ -1,0 +1,118 @@
+"""mbd study: quick studies write what they promise and judge it; errors are one sentence."""
+
+from __future__ import annotations
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+
+from mbd_sim_ros.commands.main import main
+from mbd_sim_ros.lab.studies import STUDIES, module
+
+
+def run(capsys: pytest.CaptureFixture[str], *argv: str) -> tuple[int, str, str]:
+    code = main(['study', *argv])
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
+
+
+def quick(capsys: pytest.CaptureFixture[str], name: str, out: Path) -> dict:
+    """A quick study as JSON, with everything in place that the contract of studies promises."""
+    code, text, err = run(capsys, name, '--quick', '--json', '--out', str(out))
+    assert (code, err, text.count('\n')) == (0, '', 1)
+    found = json.loads(text)
+    assert (found['status'], found['study'], found['quick']) == ('ok', name, True)
+    assert found['missed'] == [check['name'] for check in found['checks'] if not check['met']]
+    report = (out / 'report.md').read_text()
+    assert report.startswith('# ')
+    for check in found['checks']:
+        assert set(check) == {'name', 'value', 'limit', 'met'}
+        assert f'| {check["name"]} |' in report
+    pictures = sorted(path.name for path in out.glob('*.png'))
+    assert pictures
+    assert all(f']({name})' in report for name in pictures)
+    return found
+
+
+def rows(file: Path) -> list[dict[str, str]]:
+    with file.open(encoding='utf-8') as f:
+        return list(csv.DictReader(f))
+
+
+def test_help_lists_every_study_with_its_summary(capsys):
+    with pytest.raises(SystemExit) as caught:
+        main(['study', '--help'])
+    assert caught.value.code == 0
+    text = capsys.readouterr().out
+    for name in STUDIES:
+        assert f'{name:20} {module(name).SUMMARY}' in text
+
+
+def test_an_unknown_study_is_one_sentence_and_makes_no_directory(capsys, tmp_path):
+    code, out, err = run(capsys, 'slider_cank', '--out', str(tmp_path / 'new'))
+    assert (code, out, err.count('\n')) == (2, '', 1)
+    assert "did you mean 'slider_crank'?" in err
+    assert not (tmp_path / 'new').exists()
+
+
+def test_a_directory_that_cannot_be_written_is_one_sentence(capsys, tmp_path):
+    (tmp_path / 'file').write_text('in the way')
+    code, out, err = run(capsys, 'penalty_map', '--quick', '--out', str(tmp_path / 'file'))
+    assert (code, out, err.count('\n')) == (1, '', 1)
+    assert str(tmp_path / 'file') in err
+
+
+def test_strict_fails_when_a_check_is_not_met(capsys, tmp_path, monkeypatch):
+    """The same study with and without --strict, one of its limits set where no run can meet it."""
+    monkeypatch.setitem(module('slider_crank_phases').__dict__, 'LOWEST_ORDER', 100.0)
+    monkeypatch.setitem(module('slider_crank_phases').__dict__, 'QUICK_PHASES', 1)
+    arguments = ('slider_crank_phases', '--quick', '--out', str(tmp_path))
+    code, out, _ = run(capsys, *arguments)
+    assert code == 0
+    assert 'NOT MET' in out
+    code, out, _ = run(capsys, *arguments, '--strict')
+    assert code == 1
+
+
+def test_slider_crank_judges_every_claim_of_the_chapter_by_its_numbers(capsys, tmp_path):
+    found = quick(capsys, 'slider_crank', tmp_path)
+    assert found['missed'] == []
+    claims = rows(tmp_path / 'claims.csv')
+    assert len(claims) == 7
+    assert {claim['verdict'] for claim in claims} <= {'confirmed', 'confirmed with a condition', 'not reproduced'}
+    masses = rows(tmp_path / 'effective_masses.csv')
+    assert len(masses[0]) == 1 + 2 * 26
+    # a fixed joint of two bodies at rest: 1 kg against the world
+    assert float(masses[0]['base/x isolated']) == pytest.approx(1.0, rel=1e-12)
+
+
+def test_slider_crank_phases_keep_all_limits_with_both_settings(capsys, tmp_path):
+    found = quick(capsys, 'slider_crank_phases', tmp_path)
+    assert found['missed'] == []
+    for name in ('default', 'conserving'):
+        assert [float(row['h']) for row in rows(tmp_path / f'phases_{name}.csv')] == [0.02, 0.01, 0.005]
+
+
+def test_penalty_map_shows_the_erratic_range_and_that_the_settings_avoid_it(capsys, tmp_path):
+    found = quick(capsys, 'penalty_map', tmp_path)
+    assert found['missed'] == []
+    lost = {(row['scheme'], row['penalty']): row['lost'] for row in found['rows'] if row['h'] == 0.02 and row['form'] == 'condensed'}
+    assert lost['conserving', 1e6] > 0
+    assert lost['conserving', 1e4] == lost['default', 1e6] == 0
+    growth = {row['step [ms]']: row for row in found['growth']}
+    # with the step and with the root of the penalty, once it exceeds one
+    assert growth[20.0]['1e+06'] / growth[10.0]['1e+06'] == pytest.approx(2.0, rel=0.1)
+    assert growth[10.0]['1e+06'] > 1.0 > growth[20.0]['10000']
+
+
+def test_work_precision_measures_ours_and_says_what_is_left_out(capsys, tmp_path, monkeypatch):
+    monkeypatch.setenv('MBD_EXUDYN_PYTHON', str(tmp_path / 'no_such_python'))
+    found = quick(capsys, 'work_precision', tmp_path)
+    assert any('Exudyn is left out' in note and note.count('\n') == 0 for note in found['notes'])
+    ours = [p for p in found['points'] if p['method'] == 'ALF' and p['outcome'] == 'ok']
+    errors = {p['setting']: p['error'] for p in ours}
+    assert errors['h 25 ms'] / errors['h 5 ms'] > 0.5 * 5.0**2  # at least second order between these steps
+    assert all(p['cpu'] > 0.0 and p['factorizations'] > 0 and p['evaluations'] > p['factorizations'] for p in ours)
+    assert found['references'][0]['error estimate'] < 1e-6

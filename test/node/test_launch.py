@@ -1,0 +1,66 @@
+"""The launch file, read with stand-ins for the launch packages (which come with ROS only): nodes, parameters and arguments exist."""
+
+from __future__ import annotations
+
+import runpy
+import sys
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def stand_in(kind: str):
+    return lambda *args, **kwargs: SimpleNamespace(kind=kind, args=args, **kwargs)
+
+
+MODULES = {
+    'launch': ('LaunchDescription',),
+    'launch.actions': ('DeclareLaunchArgument',),
+    'launch.conditions': ('IfCondition',),
+    'launch.substitutions': ('LaunchConfiguration', 'PathJoinSubstitution'),
+    'launch_ros': (),
+    'launch_ros.actions': ('Node',),
+    'launch_ros.parameter_descriptions': ('ParameterValue',),
+    'launch_ros.substitutions': ('FindPackageShare',),
+}
+
+
+@pytest.fixture
+def description(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
+    for name, members in MODULES.items():
+        module = ModuleType(name)
+        for member in members:
+            setattr(module, member, stand_in(member))
+        monkeypatch.setitem(sys.modules, name, module)
+    return runpy.run_path(str(ROOT / 'launch' / 'sim.launch.py'))['generate_launch_description']()
+
+
+def test_launch_file_starts_what_is_installed(description: SimpleNamespace) -> None:
+    setup = (ROOT / 'setup.py').read_text()
+    nodes = [entity for entity in description.args[0] if entity.kind == 'Node']
+    assert [node.executable for node in nodes] == ['simulator', 'maneuver']
+    for node in nodes:
+        assert node.package == 'mbd_sim_ros'
+        assert f'{node.executable} = {{NAME}}.' in setup
+
+
+def test_arguments_are_declared_with_defaults_and_reach_parameters_that_exist(description: SimpleNamespace) -> None:
+    parameters = pytest.importorskip('mbd_sim_ros.node.parameters', reason='needs ROS: source Jazzy, or pip install .[ros]')
+    declared = {entity.args[0]: entity for entity in description.args[0] if entity.kind == 'DeclareLaunchArgument'}
+    simulator = next(entity for entity in description.args[0] if entity.kind == 'Node' and entity.executable == 'simulator')
+    file, values = simulator.parameters
+    assert file.kind == 'LaunchConfiguration' and file.args == ('params',)
+    for name, value in values.items():
+        assert name in parameters.PARAMETERS
+        assert value.args[0].args == (name,) and name in declared
+    share = declared['params'].default_value.args[0]
+    assert share[0].args == ('mbd_sim_ros',)
+    assert ROOT.joinpath(*share[1:]).is_file()
+    player = next(entity for entity in description.args[0] if entity.kind == 'Node' and entity.executable == 'maneuver')
+    source = (ROOT / 'mbd_sim_ros' / 'maneuver_player.py').read_text()
+    for name in player.parameters[0]:
+        assert f"declare_parameter('{name}'" in source
+    assert player.condition.args[0].args == ('play',)

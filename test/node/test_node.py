@@ -1,0 +1,355 @@
+"""The node `simulator` over real topics, as a process: pace, commands, services, and every way to end."""
+
+from __future__ import annotations
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from processes import DOMAIN, ROOT, SCRIPT, Process, start
+
+from mbd_sim_ros.bags import reader as bag
+from solver.errors import BagError
+
+__all__ = ['start']  # a fixture
+
+
+def test_a_run_of_given_duration_ends_by_itself_and_is_recorded_whole(start, tmp_path):
+    process = start({'duration': 1.0, 'record': True, 'out': 'run'})
+    assert process.end() == 0, process.output
+    assert 'Traceback' not in process.output
+    run = bag.read(tmp_path / 'run')
+    np.testing.assert_array_equal(run['cmd_applied/step'], np.arange(501.0))
+    assert run.metadata['end'] == 'duration reached'
+    assert yaml.safe_load(run.metadata['parameters'])['duration'] == 1.0
+    assert run.metadata['seed'] == '7'
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_while_running_finishes_the_file(start, tmp_path, number):
+    process = start({'record': True, 'out': 'run'})
+    process.wait_for('running synthetic')
+    time.sleep(0.5)
+    process.process.send_signal(number)
+    process.process.send_signal(number)  # an impatient second one changes nothing
+    assert process.end() == 0, process.output
+    assert 'Traceback' not in process.output
+    run = bag.read(tmp_path / 'run')
+    np.testing.assert_array_equal(np.diff(run['cmd_applied/step']), 1.0)
+    assert run.metadata['end'] == f'stopped by {signal.Signals(number).name}'
+
+
+def priorities(pid: int) -> list[int]:
+    """Real-time priorities of the threads of a process; 0: ordinary scheduling."""
+    threads = [int(task.name) for task in Path(f'/proc/{pid}/task').iterdir()]
+    return [os.sched_getparam(t).sched_priority if os.sched_getscheduler(t) == os.SCHED_FIFO else 0 for t in threads]
+
+
+def children(pid: int) -> list[int]:
+    return [int(child) for task in Path(f'/proc/{pid}/task').iterdir() for child in (task / 'children').read_text().split()]
+
+
+def test_in_real_time_the_simulation_stands_above_all_other_threads(start, client):
+    try:
+        before = os.sched_getscheduler(0)
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+        os.sched_setscheduler(0, before, os.sched_param(0))
+    except (AttributeError, OSError):
+        pytest.skip('needs Linux and the permission to use real-time priorities')
+    process = start({'realtime_priority': 7})
+    client.until(lambda: client.applied)
+    assert client.call('start_recording').success  # by the thread of the simulation: its process must not have the priority
+    client.until(lambda: children(process.process.pid))
+    (recording,) = children(process.process.pid)
+    client.until(lambda: os.sched_getscheduler(recording) == os.SCHED_OTHER)
+    found = sorted(priorities(process.process.pid))
+    assert found[-1] == 7 and set(found[:-1]) == {6} and len(found) > 3
+
+
+def test_a_signal_while_preparing_ends_at_once(start, tmp_path):
+    process = start({'record': True, 'out': 'run'}, preparing=30.0)
+    process.wait_for('PREPARING')
+    process.process.send_signal(signal.SIGINT)
+    assert process.end(10.0) == 0, process.output
+    assert 'Traceback' not in process.output
+    assert not (tmp_path / 'run').exists()
+
+
+def test_a_failing_step_ends_the_run_with_its_sentence(start, tmp_path):
+    process = start({'record': True, 'out': 'run', 'mode': 'fast'}, fails_at=300)
+    assert process.end() == 4
+    assert 'no convergence at constraint hinge' in process.output
+    assert 'Traceback' not in process.output
+    run = bag.read(tmp_path / 'run')
+    assert run['cmd_applied/step'][-1] == 299.0
+    assert 'no convergence' in run.metadata['end']
+
+
+def test_a_state_that_is_not_finite_is_never_let_out(start, tmp_path):
+    process = start({'record': True, 'out': 'run', 'mode': 'fast'}, bad_at=250)
+    assert process.end() == 4
+    assert "pose of body 'chassis' is not finite at t = 0.500000 s" in process.output
+    run = bag.read(tmp_path / 'run')
+    assert run['cmd_applied/step'][-1] == 249.0
+    assert all(np.isfinite(column).all() for column in run.columns.values())
+
+
+def test_a_recording_that_cannot_be_made_is_one_sentence(start, tmp_path):
+    (tmp_path / 'run').mkdir()
+    (tmp_path / 'run' / 'mine').touch()
+    process = start({'record': True, 'out': 'run'})
+    assert process.end() == 5
+    assert 'it is not empty' in process.output
+    assert 'Traceback' not in process.output
+
+
+@pytest.mark.parametrize(
+    ('parameters', 'sentence'),
+    [
+        ({'mode': 'quick'}, "parameter mode = 'quick': must be one of realtime, fast, lockstep"),
+        ({'duration': 'long'}, 'duration'),
+        ({'rate_factor': -1.0}, 'rate_factor'),
+        ({'scene': ''}, 'parameter scene is empty'),
+    ],
+)
+def test_wrong_parameters_are_refused_in_one_sentence(start, parameters, sentence):
+    process = start(parameters)
+    assert process.end() == 2, process.output
+    assert sentence in process.output
+    assert 'Traceback' not in process.output
+
+
+def test_without_rclpy_it_says_how_to_get_it(tmp_path):
+    code = "import sys; sys.modules['rclpy'] = None; from mbd_sim_ros.node.main import main; sys.exit(main([]))"
+    done = subprocess.run(
+        [sys.executable, '-c', code], cwd=ROOT, env=dict(os.environ), capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 1
+    assert done.stderr.startswith('rclpy is missing') and done.stderr.count('\n') == 1
+
+
+def test_recording_and_reading_do_not_need_rclpy():
+    code = (
+        "import sys; sys.modules['rclpy'] = None\n"
+        'import mbd_sim_ros.messages.encode, mbd_sim_ros.bags.recorder, mbd_sim_ros.bags.reader, mbd_sim_ros.node.loop\n'
+        "assert not any(name.startswith(('sensor_msgs', 'rosidl')) for name in sys.modules)"
+    )
+    subprocess.run([sys.executable, '-c', code], cwd=ROOT, env=dict(os.environ), timeout=60, check=True)
+
+
+class Client:
+    """The other side: publishes commands, calls services, keeps what it hears."""
+
+    def __init__(self, context, node) -> None:
+        from diagnostic_msgs.msg import DiagnosticArray
+        from nav_msgs.msg import Odometry
+        from rclpy.executors import SingleThreadedExecutor
+        from rclpy.qos import QoSProfile, ReliabilityPolicy
+        from rosgraph_msgs.msg import Clock
+        from sensor_msgs.msg import JointState
+        from std_msgs.msg import Float64, String
+        from std_srvs.srv import Trigger
+
+        self.node, self._float, self._trigger = node, Float64, Trigger
+        self.commands = [node.create_publisher(Float64, f'simulator/{name}', 1) for name in ('steering_cmd', 'torque_cmd', 'brake_cmd')]
+        self.applied: list[dict[str, float]] = []
+        self.clock: list[float] = []
+        self.odom, self.diagnostics, self.description = [], [], []
+        node.create_subscription(JointState, 'cmd_applied', lambda m: self.applied.append(dict(zip(m.name, m.position))), 1000)
+        node.create_subscription(Odometry, 'odom', self.odom.append, 10)
+        node.create_subscription(DiagnosticArray, '/diagnostics', self.diagnostics.append, 10)
+        best = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+        node.create_subscription(Clock, '/clock', lambda m: self.clock.append(m.clock.sec + 1e-9 * m.clock.nanosec), best)
+        from rclpy.qos import DurabilityPolicy
+
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        node.create_subscription(String, 'robot_description', self.description.append, latched)
+        self.executor = SingleThreadedExecutor(context=context)
+        self.executor.add_node(node)
+
+    def until(self, condition, seconds: float = 15.0) -> None:
+        end = time.monotonic() + seconds
+        while not condition():
+            assert time.monotonic() < end, 'timed out'
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def ready(self) -> None:
+        self.until(lambda: all(p.get_subscription_count() for p in self.commands))
+
+    def send(self, index: int, value: float) -> None:
+        self.commands[index].publish(self._float(data=value))
+
+    def call(self, name: str):
+        client = self.node.create_client(self._trigger, f'simulator/{name}')
+        self.until(client.service_is_ready)
+        future = client.call_async(self._trigger.Request())
+        self.until(future.done)
+        return future.result()
+
+
+@pytest.fixture
+def client():
+    rclpy = pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=int(DOMAIN))
+    node = rclpy.create_node('client', context=context)
+    yield Client(context, node)
+    node.destroy_node()
+    rclpy.shutdown(context=context)
+
+
+def test_commands_are_latched_clamped_refused_and_watched(start, client):
+    process = start({'command_timeout': 0.3, 'max_steering': 2.0, 'max_drive_torque': 100.0, 'robot_description': '<robot name="r"/>'})
+    client.ready()
+    client.until(lambda: client.applied)
+    assert client.applied[-1]['drive_torque'] == 0.0
+    for index, value in ((0, 5.0), (1, -500.0), (2, 30.0)):
+        client.send(index, value)
+    client.until(lambda: client.applied[-1]['drive_torque'] == -100.0 and client.applied[-1]['brake_torque'] == 30.0)
+    client.send(2, math.nan)
+    client.send(1, math.inf)
+    client.until(lambda: abs(client.applied[-1]['steering'] - 2.0) < 1e-3)  # clamped, behind its filter
+    client.until(lambda: client.applied[-1]['drive_torque'] == 0.0)  # too old: the torque goes
+    last = client.applied[-1]
+    assert last['brake_torque'] == 30.0 and abs(last['steering'] - 2.0) < 1e-3  # the rest holds
+    client.until(lambda: any(a.status[0].message.startswith('drive torque command is too old') for a in client.diagnostics))
+    client.send(1, 40.0)
+    client.until(lambda: client.applied[-1]['drive_torque'] == 40.0)  # and recovers
+    client.send(2, -1.0)
+    client.until(lambda: client.applied[-1]['brake_torque'] == 0.0)  # there is no negative braking
+    process.process.send_signal(signal.SIGTERM)
+    assert process.end() == 0
+    for text in ('steering_cmd: 5 is beyond the limit', 'brake_cmd: nan is not a number', 'torque_cmd: inf is not a number'):
+        assert text in process.output
+    steps = [a['step'] for a in client.applied]
+    assert np.all(np.diff(steps) >= 1.0)
+    values = {v.key: v.value for v in client.diagnostics[-1].status[0].values}
+    assert {'real-time factor', 'overruns', 'step time p99 [ms]', 'residual', 'command age [s]', 'recorder lag [steps]'} <= values.keys()
+    assert abs(float(values['real-time factor']) - 1.0) < 0.1
+    assert client.description[0].data == '<robot name="r"/>'
+    assert client.odom[-1].child_frame_id == 'base_link'
+    assert 2 <= len(client.clock) <= 110 * (steps[-1] - steps[0]) * 0.002 + 10  # at most 100 Hz
+    assert np.all(np.diff(client.clock) > 0.0)
+
+
+def test_services_act_between_steps(start, client, tmp_path):
+    process = start({'mode': 'realtime', 'step_count': 5})
+    client.ready()
+    assert client.call('pause').success
+    paused = client.call('pause').message
+    time.sleep(0.2)
+    assert client.call('pause').message == paused  # time stands still
+    k = int(paused.split('step ')[1])
+    client.applied.clear()
+    assert client.call('step').success
+    client.until(lambda: client.applied and client.applied[-1]['step'] == k + 5)
+    started = client.call('start_recording')
+    assert started.success, started.message
+    assert not client.call('start_recording').success  # already
+    saved = client.call('save_state')
+    assert saved.success and Path(saved.message).is_file()
+    client.call('resume')
+    client.until(lambda: client.applied[-1]['step'] > k + 100)
+    stopped = client.call('stop_recording')
+    assert stopped.success and not client.call('stop_recording').success
+    run = bag.read(tmp_path / stopped.message)
+    assert run['cmd_applied/step'][0] == k + 6.0
+    for text in (client.description[0].data, run.metadata['robot_description']):
+        assert text == '<robot name="of the model"/>'  # no parameter given: that of the model
+    assert client.call('reset').success
+    client.until(lambda: client.applied[-1]['step'] < k)
+    process.process.send_signal(signal.SIGINT)
+    assert process.end() == 0, process.output
+    again = start({'restore': saved.message, 'mode': 'fast', 'duration': (k + 50) * 0.002, 'record': True, 'out': 'again'})
+    assert again.end() == 0, again.output
+    assert bag.read(tmp_path / 'again')['cmd_applied/step'][0] == k + 5.0
+
+
+def test_lockstep_steps_once_for_each_set_of_newer_commands(start, client):
+    process = start({'mode': 'lockstep'})
+    client.ready()
+    client.until(lambda: client.applied)  # the state at the start
+    assert client.applied[-1]['step'] == 0.0
+    for k in range(1, 21):
+        for index, value in ((0, 0.01 * k), (1, 10.0 * k), (2, float(k))):
+            if index == 2:
+                time.sleep(0.002)
+                assert client.applied[-1]['step'] == k - 1  # two of three are not enough
+            client.send(index, value)
+        client.until(lambda k=k: client.applied[-1]['step'] == k)
+        assert client.applied[-1]['drive_torque'] == 10.0 * k
+        assert client.applied[-1]['brake_torque'] == k
+    client.call('step')
+    client.until(lambda: client.applied[-1]['step'] == 21)
+    process.process.send_signal(signal.SIGTERM)
+    assert process.end() == 0
+
+
+def test_parameters_are_described_guarded_and_load_again(start, client, tmp_path):
+    from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
+    from rclpy.parameter import Parameter, parameter_value_to_python
+
+    process = start({'command_timeout': 0.25})
+    client.ready()
+
+    def ask(kind, name, **fields):
+        service = client.node.create_client(kind, f'simulator/{name}')
+        client.until(service.service_is_ready)
+        future = service.call_async(kind.Request(**fields))
+        client.until(future.done)
+        return future.result()
+
+    names = list(ask(ListParameters, 'list_parameters').result.names)
+    described = {d.name: d for d in ask(DescribeParameters, 'describe_parameters', names=names).descriptors}
+    assert '[s]' in described['command_timeout'].description
+    assert described['rate_factor'].floating_point_range[0].to_value == 1000.0
+
+    def put(name, value):
+        return ask(SetParameters, 'set_parameters', parameters=[Parameter(name, value=value).to_parameter_msg()]).results[0]
+
+    assert put('rate_factor', 2.0).successful
+    assert 'fixed while the node runs' in put('scene', 'other').reason
+    assert 'must be one of realtime' in put('mode', 'quick').reason
+    assert not put('publish_every', 0).successful
+    values = [parameter_value_to_python(v) for v in ask(GetParameters, 'get_parameters', names=names).values]
+    dump = {n: list(v) if isinstance(v, (list, tuple)) else v for n, v in zip(names, values, strict=True)}
+    process.process.send_signal(signal.SIGTERM)
+    assert process.end() == 0
+    file = tmp_path / 'dump.yaml'  # what `ros2 param dump` writes
+    file.write_text(yaml.safe_dump({'/simulator': {'ros__parameters': {**dump, 'duration': 0.2, 'mode': 'fast'}}}))
+    command = [sys.executable, '-c', SCRIPT, '{}', '0', '--ros-args', '--params-file', str(file)]
+    again = Process(tmp_path, command)
+    try:
+        assert again.end() == 0, again.output
+        assert 'duration reached: t = 0.200 s' in again.output
+    finally:
+        again.kill()
+
+
+def test_a_full_disk_while_running_stops_the_recording_not_the_simulation(start, tmp_path):
+    """The size of files is limited, which the kernel reports in write() as it does a full disk."""
+    import resource
+
+    old = resource.getrlimit(resource.RLIMIT_FSIZE)
+    ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    try:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (150_000, old[1]))
+        # Shared memory of the middleware is a file too: loopback only for this process.
+        os.environ['FASTDDS_BUILTIN_TRANSPORTS'] = 'UDPv4'
+        process = start({'record': True, 'out': 'run', 'mode': 'fast', 'duration': 40.0})
+    finally:
+        os.environ.pop('FASTDDS_BUILTIN_TRANSPORTS', None)
+        resource.setrlimit(resource.RLIMIT_FSIZE, old)
+        signal.signal(signal.SIGXFSZ, ignored)
+    assert process.end() == BagError.exit_code, process.output
+    assert 'File too large' in process.output
+    assert 'duration reached: t = 40.000 s' in process.output
+    assert 'Traceback' not in process.output
+    assert bag.recover(tmp_path / 'run', tmp_path / 'saved').messages > 100

@@ -1,0 +1,116 @@
+"""The package as others get it: built by colcon, installed by pip, used away from the checkout."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+import sysconfig
+import venv
+from pathlib import Path
+from xml.etree import ElementTree
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PARTS = ('solver', 'mbd_sim_ros', 'config', 'docs', 'launch', 'resource')
+FILES = ('package.xml', 'setup.py', 'setup.cfg', 'pyproject.toml', 'README.md', 'CHANGELOG.rst')
+# Away from the checkout: packages, message definitions and scene data are found, and they are those just installed.
+CHECK = """
+import os, sys
+import mbd_sim_ros, solver
+from mbd_sim_ros.messages.cdr import schema_text
+from solver.scene import load_scene
+assert os.path.realpath(solver.__file__).startswith(os.path.realpath(sys.argv[1])), solver.__file__
+assert 'float64[] effort' in schema_text('sensor_msgs/msg/JointState')
+print(load_scene('pendulum').name)
+"""
+
+
+@pytest.fixture
+def source(tmp_path):
+    """A copy of the package, so that building leaves nothing in the checkout."""
+    copy = tmp_path / 'src' / 'mbd_sim_ros'
+    copy.mkdir(parents=True)
+    for part in PARTS:
+        shutil.copytree(ROOT / part, copy / part, ignore=shutil.ignore_patterns('__pycache__'))
+    for name in FILES:
+        shutil.copy(ROOT / name, copy)
+    return copy
+
+
+def run(command: list[str], directory: Path, **environment: str) -> str:
+    own = {**os.environ, 'PATH': f'{Path(sys.executable).parent}:{os.environ["PATH"]}', **environment}
+    own = {key: value for key, value in own.items() if value}
+    done = subprocess.run(command, cwd=directory, env=own, capture_output=True, text=True, timeout=120, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('options', [[], ['--symlink-install']])
+def test_colcon_builds_it(source, tmp_path, options):
+    run(['colcon', '--log-base', str(tmp_path / 'log'), 'build', *options], tmp_path, PYTHONPATH='')
+    prefix = tmp_path / 'install' / 'mbd_sim_ros'
+    for name in ('simulator', 'maneuver', 'mbd'):  # where `ros2 run` looks
+        assert os.access(prefix / 'lib' / 'mbd_sim_ros' / name, os.X_OK)
+    for name in ('launch/sim.launch.py', 'config/node.yaml', 'config/scenes/pendulum.yaml', 'package.xml', 'docs/conventions.md'):
+        assert (prefix / 'share' / 'mbd_sim_ros' / name).is_file()
+    assert (prefix / 'share/ament_index/resource_index/packages/mbd_sim_ros').is_file()
+    setup = f'source {tmp_path}/install/local_setup.bash && exec "$@"'
+    assert run(['bash', '-c', setup, '-', sys.executable, '-c', CHECK, str(tmp_path)], tmp_path / 'log', PYTHONPATH='') == 'pendulum\n'
+
+
+@pytest.mark.slow
+def test_pip_installs_it_without_ros(source, tmp_path):
+    """Into a new environment that sees the dependencies of this one, but not this checkout."""
+    venv.create(tmp_path / 'venv', with_pip=False)
+    python = tmp_path / 'venv' / 'bin' / 'python'
+    site = sysconfig.get_path('purelib', vars={'base': str(tmp_path / 'venv'), 'platbase': str(tmp_path / 'venv')})
+    (Path(site) / 'dependencies.pth').write_text(sysconfig.get_path('purelib') + '\n')
+    pip = [
+        sys.executable,
+        '-m',
+        'pip',
+        '--python',
+        str(python),
+        'install',
+        '--quiet',
+        '--no-deps',
+        '--no-build-isolation',
+        '--no-index',
+        '.',
+    ]
+    run(pip, source, PYTHONPATH='')
+    assert run([str(python), '-c', CHECK, str(tmp_path)], tmp_path / 'venv', PYTHONPATH='') == 'pendulum\n'
+    assert 'mbd COMMAND --help' in run([str(python.parent / 'mbd'), '--help'], tmp_path / 'venv', PYTHONPATH='')
+    assert not (Path(site) / 'test').exists() and not (Path(site) / 'config').exists()
+
+
+def test_manifest_names_what_is_imported():
+    """package.xml depends on every ROS package that the code imports."""
+    import ast
+
+    manifest = ElementTree.parse(ROOT / 'package.xml').getroot()
+    declared = {element.text for element in manifest.iter('exec_depend')}
+    imported = set()
+    for path in [*(ROOT / 'mbd_sim_ros').rglob('*.py'), *(ROOT / 'launch').glob('*.py')]:
+        for node in ast.walk(ast.parse(path.read_text())):
+            names = (
+                [a.name for a in node.names]
+                if isinstance(node, ast.Import)
+                else [node.module or '']
+                if isinstance(node, ast.ImportFrom)
+                else []
+            )
+            imported |= {name.split('.')[0] for name in names}
+    ros = {name for name in imported if name.endswith(('_msgs', '_srvs', 'rclpy')) or name in ('launch', 'launch_ros', 'rcl_interfaces')}
+    assert ros <= declared
+    assert {'rclpy', 'sensor_msgs', 'launch_ros'} <= ros
+    assert manifest.findtext('export/build_type') == 'ament_python'
+
+
+def test_versions_agree():
+    text = (ROOT / 'setup.py').read_text()
+    assert f"version='{ElementTree.parse(ROOT / 'package.xml').getroot().findtext('version')}'" in text

@@ -1,0 +1,95 @@
+"""A mechanism that leaves a singular position on another branch than it came in on is found out."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from mbd_sim_ros.commands.main import main
+from solver import simulation_of
+from solver.compiled.so3 import quaternion_exp
+from solver.files.scene import load_scene
+from solver.output.branches import BranchWatch
+from solver.simulation import Simulation
+from solver.start.newton import Start
+
+WATCHED = ['record.branches=true']
+
+
+def folded(branch: str) -> Simulation:
+    """The slider-crank at 1 ms, struck where its rods coincide (crank at 90 deg): it goes on with its rods mirrored or together."""
+    s = simulation_of(load_scene('slider_crank', WATCHED))
+    while s.advance().joint_position[0] < np.pi / 2 - 4e-3:
+        pass
+    rate = s.state.v[1, 5]
+    s.state.q[1:3, 3:] = quaternion_exp((0.0, 0.0, np.pi / 2)), quaternion_exp((0.0, 0.0, -np.pi / 2))
+    s.state.q[1:4, :3] = (0.0, 0.5, 0.0), (0.0, 0.5, 0.0), (0.0, 0.0, 0.0)
+    turn, slide = (-rate, -2 * rate) if branch == 'mirrored' else (rate, 0.0)
+    s.state.v[1:4] = 0.0
+    s.state.v[1:3, 5] = rate, turn
+    s.state.v[1:3, 0] = -0.5 * rate, -0.5 * rate if branch == 'together' else -1.5 * rate
+    s.state.v[3, 0] = slide
+    Start(s.model, s.outputs).start_integrator(s.state, np.zeros(0), s.h, s.coefficients.am, s.coefficients.af)
+    return s
+
+
+@pytest.mark.parametrize(('branch', 'switches'), [('mirrored', 0), ('together', 1)])
+def test_a_blow_in_the_singular_position_decides_the_branch_and_is_counted(branch, switches):
+    """50 ms after it: the knee has turned by -2 or by 0 times the turn of the crank; only the second is a switch, at 0.39 s."""
+    s = folded(branch)
+    crank, knee = s.advance(50).joint_position[:2] - (np.pi / 2, -np.pi)
+    assert crank > 0.05
+    assert knee == pytest.approx(-2 * crank if branch == 'mirrored' else 0.0, abs=1e-2)
+    assert s.audit()['branch_switches'] == switches
+    for event in s.branches.events:
+        assert event.t == pytest.approx(0.39, abs=3e-3)
+        assert event.turn > 0.3
+
+
+@pytest.mark.parametrize('h', [0.01, 0.005, 0.002])
+@pytest.mark.parametrize('name', ['slider_crank', 'four_bar_n', 'bricard', 'flyball_governor'])
+def test_runs_that_keep_their_branch_have_no_switches(name, h):
+    """5 s through up to ten singular positions (parallelograms and slider-crank), and mechanisms without any."""
+    loops = ['mechanism.loops=2'] if name == 'four_bar_n' else []
+    s = simulation_of(load_scene(name, [*WATCHED, *loops, f'integrator.h={h}']))
+    s.advance(round(5 / h))
+    assert s.audit()['branch_switches'] == 0
+
+
+def test_coming_to_rest_and_returning_is_no_switch():
+    """A pendulum that swings to and fro, its velocity through zero at both ends."""
+    s = simulation_of(load_scene('pendulum', WATCHED))
+    s.advance(5000)
+    assert s.audit()['branch_switches'] == 0
+
+
+def test_watch_finds_the_switch_of_two_crossing_lines_and_not_the_bend_of_a_curve():
+    """phi = x y: along y = 0 to the origin and on, or off along x = 0; a circle turns by as much, but all the time."""
+    for after, found in (((1.0, 0.0), 0), ((0.0, 1.0), 1)):
+        watch = BranchWatch()
+        for k in range(-5, 6):
+            x, y = (0.01 * k, 0.0) if k < 0 else 0.01 * k * np.array(after)
+            watch.look(0.1 * k, np.array([[y, x]]) + 1e-9)
+        assert [e.turn for e in watch.events] == pytest.approx([np.pi / 2] * found, abs=1e-5)
+    watch = BranchWatch()
+    for k in range(50):
+        angle = 0.3 * k
+        watch.look(0.1 * k, (1 + 0.1 * np.cos(5 * angle)) * np.array([[np.cos(angle), np.sin(angle)]]))
+    assert not watch.events
+
+
+def test_nothing_is_watched_unless_the_scene_asks():
+    s = simulation_of(load_scene('slider_crank'))
+    s.advance(10)
+    assert s.branches is None
+    assert 'branch_switches' not in s.audit()
+
+
+def test_run_reports_switches_and_judges_them(capsys):
+    """`mbd run --json` has the number and the times; a limit on them is a requirement like any other."""
+    arguments = ['run', 'slider_crank', '--no-record', '--json', '--duration', '1', '--set', 'require.branch_switches_max=0']
+    assert main(arguments) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert (data['branch_switches'], data['branch_switch_times'], data['require']['branch_switches_max']) == (0, [], 0)

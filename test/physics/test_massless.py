@@ -1,0 +1,104 @@
+"""Bodies without mass or inertia: they run wherever constraints or stiffness determine their motion, in both forms of the step."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from solver import simulation_of
+from solver.errors import StepError
+from solver.files.scene import load_scene, load_scene_text
+from solver.simulation import Simulation
+
+FORMS = ('condensed', 'block')
+MODES = ('fixed', 'tolerance')
+REGULAR = 'start.coordinates.slide.rate=-1'  # the crank does not reach its singular position
+
+
+def crank(weights: dict[str, float], *overrides: str) -> Simulation:
+    """The slider-crank with some bodies scaled to a mass [kg], their inertia with it."""
+    shape = {'rod': (5e-5, 1 / 12, 1 / 12), 'slider': (1e-4, 1e-4, 1e-4), 'ground': (1.0, 1.0, 1.0)}
+    changes = [
+        f'mechanism.bodies.{body}.{key}={value}'
+        for body, m in weights.items()
+        for key, value in (('mass', m), ('inertia', [m * x for x in shape[body]]))
+    ]
+    return simulation_of(load_scene('slider_crank', [*changes, *overrides]))
+
+
+def settings(form: str, mode: str) -> list[str]:
+    return [f'integrator.form={form}', f'integrator.mode={mode}', 'integrator.tolerance=1e-11']
+
+
+@pytest.mark.parametrize('mode', MODES)
+@pytest.mark.parametrize('form', FORMS)
+@pytest.mark.parametrize('bodies', [('rod',), ('slider',), ('rod', 'slider', 'ground')], ids='-'.join)
+def test_massless_bodies_are_the_limit_of_light_ones(bodies, form, mode):
+    """Zero against 1e-9 kg: the motion agrees to 1e-7 m after 0.3 s, and the unique reactions to 1e-6 N."""
+    light = crank(dict.fromkeys(bodies, 1e-9), REGULAR, *settings(form, mode))
+    without = crank(dict.fromkeys(bodies, 0.0), REGULAR, *settings(form, mode))
+    shared = [row in light.describe()['reactions_not_unique'] for row in light.model.row_names]
+    a, b = light.advance(300), without.advance(300)
+    np.testing.assert_allclose(b.pose, a.pose, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(b.twist, a.twist, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(b.reactions[~np.array(shared)], a.reactions[~np.array(shared)], rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize('form', FORMS)
+def test_the_massless_slider_of_the_chapter_passes_singular_positions(form):
+    """10 s at 1 ms, twelve passes: one branch, energy to 1e-3 J."""
+    s = crank({'slider': 0.0}, *settings(form, 'tolerance'), 'integrator.tolerance=1e-8', 'integrator.rho_inf=1')
+    turn = s.advance(10_000).joint_position - simulation_of(s.scene).snapshot().joint_position
+    assert abs(2 * turn[0] + turn[1]) < 1e-6
+    assert abs(turn[0]) > 6 * np.pi
+    assert s.audit()['energy_error_max'] < 1e-3
+
+
+@pytest.mark.parametrize('form', FORMS)
+def test_point_masses_need_no_inertia(form):
+    """A01 in both forms: (0.986291751132, -0.165010853126) m at 1 s, to 1e-5 at 1 ms."""
+    s = simulation_of(load_scene('pendulum', [f'integrator.form={form}']))
+    bob = s.advance(1000)
+    angle = bob.joint_position[0]
+    np.testing.assert_allclose([-np.cos(angle), -np.sin(angle)], (0.986291751132, -0.165010853126), rtol=0, atol=1e-5)
+
+
+KNOT = """
+mechanism:
+  bodies:
+    knot: {mass: 0, inertia: [0, 0, 0], position: [0, 0, -0.5]}
+    ball: {mass: 1, inertia: [0.01, 0.01, 0.01], position: [0, 0, -1]}
+  joints:
+    upper: {kind: prismatic, i: world, j: knot, axis: [0, 0, 1], at: [0, 0, 0]}
+    lower: {kind: prismatic, i: world, j: ball, axis: [0, 0, 1], at: [0, 0, 0]}
+  spring_dampers:
+    first: {i: world, j: knot, free_length: 0.5, spring: 100}
+    second: {i: knot, j: ball, free_length: 0.5, spring: 300}
+"""
+
+
+@pytest.mark.parametrize('form', FORMS)
+def test_a_massless_knot_between_two_springs_makes_them_one(form):
+    """Stiffness 100 300 / 400 = 75 N/m in series: x = -1 - (m g / 75) (1 - cos(sqrt(75) t)), the knot three quarters of it down."""
+    s = simulation_of(load_scene_text(KNOT, overrides=[f'integrator.form={form}', 'integrator.rho_inf=1', 'integrator.h=1e-3']))
+    snapshot = s.advance(1000)
+    stretch = 9.81 / 75 * (1 - np.cos(np.sqrt(75)))
+    assert snapshot.pose[1, 2] == pytest.approx(-1 - stretch, abs=1e-5)
+    assert snapshot.pose[0, 2] == pytest.approx(-0.5 - 0.75 * stretch, abs=1e-5)
+
+
+@pytest.mark.parametrize('form', FORMS)
+def test_a_motion_that_nothing_determines_is_refused_by_the_name_of_its_body(form):
+    """A massless rod between two spherical joints may turn about itself as it likes."""
+    rod = """
+mechanism:
+  bodies:
+    rod: {mass: 0, inertia: [0, 0, 0]}
+    ball: {mass: 1, inertia: [0.01, 0.01, 0.01], position: [1, 0, 0]}
+  joints:
+    a: {kind: spherical, i: world, j: rod}
+    b: {kind: spherical, i: rod, j: ball, at: [1, 0, 0]}
+"""
+    s = simulation_of(load_scene_text(rod, overrides=[f'integrator.form={form}']))
+    with pytest.raises(StepError, match=r"singular at body 'rod': .* neither inertia nor constraint nor stiffness; give the body mass"):
+        s.advance(1)

@@ -1,0 +1,328 @@
+"""Steps and penalties that adapt: they rescue, they keep the order and the tolerance, they forget nothing and repeat bit by bit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from closed_forms import driven_four_bar, falling_four_bar, heavy_body, pendulum, spring_mass, steady_top
+from convergence import FIELDS, error, scene_of
+
+from solver.errors import SceneError, SpecError, StepError
+from solver.files.scene import load_scene
+from solver.output.energy import update_audit
+from solver.simulation import Simulation
+from solver.step.adaptation import Adaptation, is_undetermined
+from solver.step.augmented_lagrangian import step
+
+RHYTHM = (1, 4, 2, 1, 1, 5, 3, 2)  # steps in the intervals of the grid: sizes change by factors up to five, up and down
+BY_ERROR = {'mode': 'tolerance', 'step_policy': 'error'}
+
+
+def simulation(name: str, *settings: str) -> Simulation:
+    return Simulation(load_scene(name, ['integrator.mode=tolerance', *(f'integrator.{s}' for s in settings)]))
+
+
+def bits(sim: Simulation) -> bytes:
+    """All numbers of the state, and everything the future depends on."""
+    s = sim.snapshot()
+    parts = [*sim.state, s.pose, s.twist, s.reactions, sim.work.audit]
+    if sim.adaptation is not None:
+        parts += sim.adaptation.memory().values()
+    return np.concatenate([np.ravel(part) for part in parts]).tobytes()
+
+
+def adaptation(sim: Simulation) -> Adaptation:
+    assert sim.adaptation is not None
+    return sim.adaptation
+
+
+# -- penalties ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize('penalty', [1.0, 10.0, 100.0, 1000.0])
+def test_adaptive_penalties_rescue_a_run_that_fails_with_constant_small_ones(penalty):
+    """The slider-crank through five singular positions, 2 s at 1 ms; energy as with a good penalty (1e-3 J, the damped setting)."""
+    with pytest.raises(StepError, match='no convergence in 20 iterations'):
+        simulation('slider_crank', f'penalty={penalty}').advance(2000)
+    sim = simulation('slider_crank', f'penalty={penalty}', 'penalty_policy=adaptive')
+    sim.advance(2000)
+    assert sim.audit()['energy_error_max'] < 1e-3
+    turn = sim.snapshot().joint_position[:2] - Simulation(load_scene('slider_crank')).snapshot().joint_position[:2]
+    assert abs(2 * turn[0] + turn[1]) < 1e-2, 'left its branch'
+    raised = [e for e in sim.events if e.new > e.old]
+    assert raised
+    assert {e.kind for e in sim.events} == {'penalty'}
+    assert {e.name for e in sim.events} <= set(sim.model.row_names)
+    assert all(penalty <= min(e.old, e.new) and max(e.old, e.new) <= sim.scene.integrator.penalty_cap for e in sim.events)
+    assert all(0.0 <= e.t < 2.0 for e in sim.events)
+    # what the events say is what the penalties are
+    now = dict.fromkeys(sim.model.row_names, penalty)
+    for e in sim.events:
+        assert now[e.name] == e.old
+        now[e.name] = e.new
+    assert now == dict(zip(sim.model.row_names, sim.coefficients.penalty, strict=True))
+
+
+def test_a_smaller_step_does_not_help_a_penalty_that_is_too_small():
+    """The error factor of an augmentation, 1 / (1 + xi s_min), does not contain the step: halving ends at the smallest one."""
+    sim = simulation('slider_crank', 'penalty=10', 'step_policy=rescue', 'h_min=1e-6')
+    with pytest.raises(StepError, match=r'not even with the smallest step integrator\.h_min = 1e-06'):
+        sim.advance(2000)
+    steps = [e.new for e in sim.events if e.kind == 'step']
+    assert min(steps) <= 1e-6
+    assert all(e.cause == 'failure' for e in sim.events)
+
+
+def test_a_velocity_row_without_trouble_keeps_its_penalty():
+    """A sleigh that glides beside the slider-crank: its slip [m/s] is judged by the displacement it makes in a step, not as one."""
+    sleigh = [
+        'mechanism.bodies.sleigh={mass: 2, inertia: [0.1, 0.1, 0.1], com: [0.1, 0, 0], velocity: [1, 0, 0], angular_velocity: [0, 0, 2]}',
+        'mechanism.contacts={blade: {kind: knife_edge, i: world, j: sleigh}}',
+    ]
+    settings = ['integrator.mode=tolerance', 'integrator.penalty=1e3', 'integrator.penalty_policy=adaptive']
+    sim = Simulation(load_scene('slider_crank', [*settings, *sleigh]))
+    sim.advance(2000)
+    assert 'blade/y' in sim.model.row_names
+    assert sim.events
+    assert 'blade/y' not in {e.name for e in sim.events}
+
+
+def test_penalties_relax_after_easy_steps_but_not_below_the_setting():
+    sim = simulation('slider_crank', 'penalty=1e3', 'penalty_policy=adaptive')
+    sim.advance(2000)
+    relaxed = [e for e in sim.events if e.cause == 'easy']
+    assert relaxed
+    assert all(1e3 <= e.new < e.old for e in relaxed)
+
+
+def test_penalties_that_need_no_change_change_no_bit():
+    one, other = simulation('double_pendulum'), simulation('double_pendulum', 'penalty_policy=adaptive', 'step_policy=rescue')
+    a, b = one.advance(200), other.advance(200)
+    assert other.events == []
+    assert a.pose.tobytes() == b.pose.tobytes()
+    assert a.reactions.tobytes() == b.reactions.tobytes()
+    assert one.work.audit.tobytes() == other.work.audit.tobytes()
+    assert one.audit() == other.audit()
+
+
+# -- steps -------------------------------------------------------------------------------------------------------------
+
+HASTY = ('h=0.01', 'max_iterations=3', 'tolerance=1e-4')  # too few iterations for the spinning top at this step
+
+
+def test_a_step_that_fails_is_halved_and_the_run_goes_on():
+    with pytest.raises(StepError, match='no convergence in 3 iterations'):
+        simulation('spinning_top', *HASTY).advance(150)
+    sim = simulation('spinning_top', *HASTY, 'step_policy=rescue')
+    sim.advance(150)
+    audit = sim.audit()
+    assert (sim.k, sim.t_ns) == (150, 150 * 10_000_000)  # the grid of time is untouched
+    assert audit['rejected'] == sum(e.cause == 'failure' for e in sim.events) > 0
+    assert audit['substeps'] > 150
+    assert any(e.cause == 'easy' and e.new > e.old for e in sim.events), 'the step never grew again'
+
+
+def test_a_failed_interval_leaves_the_state_of_its_start():
+    """Down to the last bit, whatever was tried inside; and the attempt can be repeated."""
+    sim = simulation('spinning_top', *HASTY, 'step_policy=rescue', 'h_min=0.01')
+    with pytest.raises(StepError):
+        sim.advance(150)
+    other = simulation('spinning_top', *HASTY, 'step_policy=rescue', 'h_min=0.01')
+    other.advance(sim.k)
+    assert sim.k > 5
+    for a, b in zip(sim.state, other.state, strict=True):
+        assert a.tobytes() == b.tobytes()
+    assert sim.work.audit.tobytes() == other.work.audit.tobytes()
+    for name, value in adaptation(other).memory().items():
+        assert value.tobytes() == adaptation(sim).memory()[name].tobytes(), name
+
+
+# problem, grids, fields that are neither trivial nor prescribed
+PROBLEMS = {
+    'pendulum': (pendulum(), (4e-3, 2e-3, 1e-3), FIELDS),
+    'spring and damper': (spring_mass(), (8e-3, 4e-3, 2e-3), FIELDS),
+    'top in steady precession': (steady_top(), (2e-3, 1e-3, 5e-4), FIELDS),
+    'heavy asymmetric body': (heavy_body(0.7), (4e-3, 2e-3, 1e-3), FIELDS),
+    'falling four-bar': (falling_four_bar(0.7), (4e-3, 2e-3, 1e-3), FIELDS),
+    'four-bar at constant crank speed': (driven_four_bar(6.0), (4e-3, 2e-3, 1e-3), ('multipliers',)),
+}
+
+
+def rhythm_errors(name: str, rho_inf: float) -> np.ndarray:
+    """(grids, fields) largest errors over 0.64 s with steps in RHYTHM."""
+    problem, grids, _ = PROBLEMS[name]
+    table = []
+    for h in grids:
+        sim = Simulation(scene_of(problem, h=h, rho_inf=rho_inf, mode='tolerance', tolerance=1e-12, step_policy='rescue'))
+        worst = np.zeros(3)
+        for k in range(round(0.64 / h)):
+            adaptation(sim).wanted = h / RHYTHM[k % len(RHYTHM)]
+            worst = np.maximum(worst, error(sim.advance(1), problem.exact(sim.k * h)))
+        assert sim.audit()['substeps'] == pytest.approx(sim.k * np.mean(RHYTHM), rel=0.1)
+        table.append(worst)
+    return np.array(table)
+
+
+@pytest.mark.parametrize('rho_inf', [1.0, 0.8, 0.0])
+@pytest.mark.parametrize('name', PROBLEMS)
+def test_second_order_survives_any_rhythm_of_steps(name, rho_inf):
+    """Positions, velocities and multipliers, largest error at any point of the grid over 0.64 s; slope 2 +- 0.3."""
+    _, grids, fields = PROBLEMS[name]
+    table = rhythm_errors(name, rho_inf)
+    x = np.log(grids) - np.mean(np.log(grids))
+    slopes = x @ np.log(np.maximum(table, 1e-300)) / (x @ x)
+    judged = [FIELDS.index(f) for f in fields]
+    np.testing.assert_allclose(slopes[judged], 2.0, rtol=0, atol=0.3, err_msg=f'errors {FIELDS} at {grids}:\n{table}')
+
+
+def test_order_is_lost_when_the_history_stays_behind(monkeypatch):
+    """The law above tests something: with accelerations and velocity left where the last step had them it fails."""
+    whole = Adaptation._step
+
+    def forgetful(self, source, history, *rest):
+        return whole(self, source, history._replace(between=np.inf, offset=0.0 * history.offset, z_rate=0.0 * history.z_rate), *rest)
+
+    monkeypatch.setattr(Adaptation, '_step', forgetful)
+    table = rhythm_errors('pendulum', 0.8)
+    slopes = np.log(table[0] / table[-1]) / np.log(4.0)
+    assert slopes[0] < 1.7
+    assert slopes[2] < 1.3
+
+
+def run_by_error(problem, tolerance: float, h: float = 0.08) -> tuple[np.ndarray, Simulation]:
+    """(largest errors (3,) over 0.64 s, simulation) on a grid that is coarse beside the steps the tolerance needs."""
+    sim = Simulation(scene_of(problem, h=h, error_tolerance=tolerance, **BY_ERROR))
+    worst = np.zeros(3)
+    for _ in range(round(0.64 / h)):
+        worst = np.maximum(worst, error(sim.advance(1), problem.exact(sim.k * h)))
+    return worst, sim
+
+
+@pytest.mark.parametrize('name', ['pendulum', 'spring and damper', 'top in steady precession', 'heavy asymmetric body', 'falling four-bar'])
+def test_the_error_of_a_run_is_proportional_to_its_tolerance(name):
+    """Error per unit of time is controlled, so the slope is one: positions and velocities, three decades."""
+    tolerances = (1e-3, 1e-4, 1e-5, 1e-6)
+    errors = np.array([run_by_error(PROBLEMS[name][0], tolerance)[0] for tolerance in tolerances])
+    x = np.log(tolerances) - np.mean(np.log(tolerances))
+    slopes = x @ np.log(errors) / (x @ x)
+    np.testing.assert_allclose(slopes[:2], 1.0, rtol=0, atol=0.15, err_msg=f'errors at {tolerances}:\n{errors}')
+    assert (errors[:, 0] < 10.0 * np.array(tolerances)).all(), f'far above the tolerance:\n{errors}'
+
+
+def test_steps_follow_the_tolerance_with_its_square_root():
+    """Second order: a hundredth of the tolerance takes ten times the steps, within the quantum of the grid."""
+    counts = [run_by_error(spring_mass(), tolerance)[1].audit()['substeps'] for tolerance in (1e-4, 1e-6)]
+    assert counts[1] / counts[0] == pytest.approx(10.0, rel=0.2)
+
+
+def test_work_is_counted_for_every_attempt():
+    """Three steps per pair, each with an evaluation per iteration; outputs after the two that count."""
+    _, sim = run_by_error(pendulum(), 1e-4)
+    audit = sim.audit()
+    pairs = audit['substeps'] // 2
+    assert audit['substeps'] == 2 * pairs
+    attempts = pairs + audit['rejected']
+    assert audit['evaluations'] == audit['iterations'] + 2 * attempts
+    assert 3 * attempts <= audit['factorizations'] <= audit['iterations']
+
+
+def test_singular_positions_are_passed_with_local_error_control():
+    """A tolerance below what is determined there: the error that had to be accepted is an event, the branch is kept."""
+    sim = simulation('slider_crank', 'step_policy=error', 'penalty_policy=adaptive', 'h=0.01', 'error_tolerance=1e-5')
+    start = sim.snapshot().joint_position[:2]
+    sim.advance(200)
+    turn = sim.snapshot().joint_position[:2] - start
+    assert abs(2 * turn[0] + turn[1]) < 1e-2
+    assert sim.audit()['energy_error_max'] < 1e-4
+    assert all(e.new > e.old == 1e-5 for e in sim.events if e.kind == 'error')
+
+
+def test_an_error_is_undetermined_when_smaller_steps_do_not_reduce_it():
+    assert not is_undetermined([(1e-3, 5.0)], 1.0)
+    assert not is_undetermined([(1e-3, 4.0), (5e-4, 1.0)], 1.0)  # second order: the rate falls with the square
+    assert is_undetermined([(1e-3, 4.0), (5e-4, 8.0)], 1.0)  # the same error in half the time
+    assert not is_undetermined([(1e-3, 4.0), (5e-4, 8.0)], 1e-3)  # too much for an interval of the grid
+
+
+def test_prescribed_motions_pass_through_an_interval_as_polynomials():
+    """Value, rate and acceleration inside an interval of the grid are those of the quintic through both ends; forces are held."""
+    sim = Simulation(load_scene('car_step_steer', ['integrator.mode=tolerance', 'integrator.step_policy=error', 'integrator.h=0.01']))
+    names = sim.channels.inputs
+    polynomial = np.polynomial.Polynomial([0.3, -2.0, 5.0, 40.0, -300.0, 1000.0])
+    T = sim.h
+
+    def at(t: float) -> np.ndarray:
+        u = np.arange(len(names)) * 1.0
+        for n, name in enumerate(('steering', 'steering_rate', 'steering_acceleration')):
+            u[names.index(name)] = polynomial.deriv(n)(t) if n else polynomial(t)
+        return u
+
+    for x in (0.25, 0.6, 1.0):
+        np.testing.assert_allclose(adaptation(sim)._inputs(at(0.0), at(T), x), at(x * T), rtol=1e-10, atol=1e-10)
+
+
+# -- memory ------------------------------------------------------------------------------------------------------------
+
+ADAPTING = {
+    'penalties': ('slider_crank', 'penalty=100', 'penalty_policy=adaptive'),
+    'rescue': ('spinning_top', *HASTY, 'step_policy=rescue'),
+    'error': ('double_pendulum', 'step_policy=error', 'h=0.02', 'error_tolerance=1e-4'),
+    'everything': ('slider_crank', 'penalty=100', 'penalty_policy=adaptive', 'step_policy=error', 'h=0.01', 'error_tolerance=1e-4'),
+}
+
+
+@pytest.mark.parametrize('name', ADAPTING)
+def test_a_saved_state_repeats_steps_penalties_and_events(name):
+    """In the same simulation and in a new one, and after a reset: the controller's memory belongs to the state."""
+    sim = simulation(*ADAPTING[name])
+    start = bits(sim)
+    sim.advance(40)
+    saved, seen = sim.save(), len(sim.events)
+    for _ in range(60):
+        sim.advance(1)
+    future, events = bits(sim), list(sim.events)
+    assert len(events) > seen > 0, 'nothing adapted, nothing is shown'
+    sim.restore(saved)
+    assert sim.events == events[:seen]
+    sim.advance(60)
+    assert bits(sim) == future
+    assert sim.events == events
+    fresh = simulation(*ADAPTING[name])
+    fresh.restore(saved)
+    fresh.advance(60)
+    assert bits(fresh) == future
+    assert fresh.events == events[seen:]
+    sim.reset()
+    assert bits(sim) == start
+    assert sim.events == []
+    sim.advance(100)
+    assert bits(sim) == future
+
+
+def test_a_state_of_other_policies_is_refused():
+    adaptive, constant = simulation('pendulum', 'step_policy=rescue'), simulation('pendulum')
+    with pytest.raises(SpecError, match=r'saved with constant step or penalties; set integrator\.step_policy'):
+        adaptive.restore(constant.save())
+    with pytest.raises(SpecError, match=r'saved with adaptive step or penalties; set integrator\.step_policy'):
+        constant.restore(adaptive.save())
+
+
+def test_nothing_is_compiled_while_a_run_adapts():
+    sim = simulation(*ADAPTING['everything'])
+    sim.advance(1)
+    before = [len(kernel.signatures) for kernel in (step, update_audit)]
+    sim.advance(100)
+    assert [len(kernel.signatures) for kernel in (step, update_audit)] == before
+
+
+@pytest.mark.parametrize(('settings', 'says'), [
+    (['mode=fixed', 'step_policy=error'], r"step_policy = 'error': needs integrator\.mode: tolerance"),
+    (['mode=fixed', 'penalty_policy=adaptive'], r"penalty_policy = 'adaptive': needs integrator\.mode: tolerance"),
+    (['mode=tolerance', 'penalty_policy=adaptive', 'penalty=1e9'], r'penalty_cap = .*must be at least integrator\.penalty = 1e\+09'),
+    (['mode=tolerance', 'step_policy=rescue', 'h=1e-3', 'h_min=1e-2'], r'h_min = .*must be at most integrator\.h = 0\.001'),
+    (['mass_factor=0'], r'mass_factor = 0'),
+    (['error_tolerance=0'], r'error_tolerance = 0'),
+])  # fmt: skip
+def test_settings_that_cannot_work_are_refused(settings, says):
+    with pytest.raises(SceneError, match=says):
+        load_scene('pendulum', [f'integrator.{s}' for s in settings])

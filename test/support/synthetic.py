@@ -1,0 +1,85 @@
+"""A simulation of nothing: every number of every snapshot is distinct and known, so a swapped one is seen."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+
+from solver.errors import StepError
+from solver.output.snapshot import Channels, Snapshot, StepStats, layout_of, new_numbers
+
+WHEELS = ('front_left', 'front_right', 'rear_left', 'rear_right')
+INPUTS = ('steering', 'steering_rate', 'steering_acceleration', 'drive_torque', 'brake_torque')
+
+
+def channels(*, vehicle: bool = True, joints: int = 5) -> Channels:
+    """Names of a small vehicle, or of a mechanism without chassis and tires."""
+    return Channels(
+        joints=tuple(f'joint_{i}' for i in range(joints)),
+        joint_kinds=('rotation',) * joints,
+        bodies=('subframe', 'chassis', 'wheel'),
+        wheels=WHEELS if vehicle else (),
+        inputs=INPUTS,
+        elements=('spring/energy', 'spring/force', 'damper/force'),
+        reactions=('hinge/x', 'hinge/y'),
+        chassis=1 if vehicle else None,
+    )
+
+
+def snapshot(names: Channels, k: int = 1, *, h_ns: int = 2_000_000, inputs: np.ndarray | None = None) -> Snapshot:
+    """Snapshot k, with numbers counted through from 1000 k on."""
+    layout = layout_of(names)
+    result = Snapshot(k, k * h_ns, new_numbers(layout), layout, StepStats(0, 3, 1, 3, 1e-9, 1e-10, 1e-11))
+    for i, (place, _) in enumerate(layout.values()):
+        result.numbers[place] = 1000.0 * k + 100.0 * i + 0.1 * np.arange(place.stop - place.start)
+    if inputs is not None:
+        result.inputs[:] = inputs
+    return result
+
+
+class Synthetic:
+    """Has the interface of solver.simulation.Simulation. `fails_at`: step that raises StepError; `bad_at`: step with a NaN in it."""
+
+    def __init__(self, *, h_ns: int = 2_000_000, vehicle: bool = True, fails_at: int = -1, bad_at: int = -1) -> None:
+        self.h_ns, self.fails_at, self.bad_at = h_ns, fails_at, bad_at
+        self.events: list = []
+        self.channels = channels(vehicle=vehicle)
+        self.reset()
+
+    @property
+    def t_ns(self) -> int:
+        return self.k * self.h_ns
+
+    def reset(self) -> None:
+        self.k = 0
+        self.inputs = np.zeros(len(INPUTS))
+
+    def snapshot(self) -> Snapshot:
+        result = snapshot(self.channels, self.k, h_ns=self.h_ns, inputs=self.inputs)
+        if self.k == self.bad_at:
+            result.pose[1, 2] = np.nan
+        return result
+
+    def advance(self, n: int = 1, inputs: np.ndarray | None = None) -> Snapshot:
+        if self.k + n == self.fails_at:
+            raise StepError(f't = {self.t_ns * 1e-9:.6f} s, step {self.k}: no convergence at constraint hinge; reduce integrator.h')
+        self.k += n
+        if inputs is not None:
+            self.inputs = np.array(inputs, float)
+        return self.snapshot()
+
+    def urdf(self) -> str:
+        return '<robot name="of the model"/>'
+
+    def save(self) -> bytes:
+        return self.k.to_bytes(8, 'little') + self.inputs.tobytes()
+
+    def restore(self, data: bytes) -> None:
+        self.k, self.inputs = int.from_bytes(data[:8], 'little'), np.frombuffer(data[8:]).copy()
+
+
+def scene(**values: object) -> SimpleNamespace:
+    """What the node needs of a solver.scene.Scene."""
+    defaults = {'name': 'synthetic', 'resolved': 'name: synthetic\n', 'hash': 'f' * 16, 'seed': 7, 'duration': 1.0}
+    return SimpleNamespace(**{**defaults, 'record': SimpleNamespace(every=1, elements=True, reactions=False), **values})
