@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 
 def tables():
-    spec = importlib.util.spec_from_file_location('tables', ROOT / 'docs' / 'tables.py')
+    spec = importlib.util.spec_from_file_location('tables', ROOT / 'docs' / 'tools' / 'tables.py')
     assert spec and spec.loader
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

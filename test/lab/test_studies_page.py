@@ -13,7 +13,7 @@ REPORT = '# Title\n\nabove\n\n## First\n\ntext\n\n![a caption](a.png)\n\n*a capt
 
 @pytest.fixture(scope='module')
 def studies():
-    spec = importlib.util.spec_from_file_location('studies_page', ROOT / 'docs' / 'studies.py')
+    spec = importlib.util.spec_from_file_location('studies_page', ROOT / 'docs' / 'tools' / 'studies.py')
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

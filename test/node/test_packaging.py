@@ -21,7 +21,7 @@ CHECK = """
 import os, sys
 import mbd_sim_ros, solver
 from mbd_sim_ros.messages.cdr import schema_text
-from solver.scene import load_scene
+from solver import load_scene
 assert os.path.realpath(solver.__file__).startswith(os.path.realpath(sys.argv[1])), solver.__file__
 assert 'float64[] effort' in schema_text('sensor_msgs/msg/JointState')
 print(load_scene('pendulum').name)

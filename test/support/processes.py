@@ -19,7 +19,7 @@ DOMAIN = str(60 + os.getpid() % 40)  # one per test run, so that two runs on a m
 SCRIPT = """
 import json, sys, time
 import synthetic
-from mbd_sim_ros import node
+from mbd_sim_ros.node import main as node
 def prepare(name, overrides):
     print('PREPARING', flush=True)
     time.sleep(float(sys.argv[2]))

@@ -29,8 +29,7 @@ FIGURES = {
 }
 FIRST_STEP = """
 import json, sys, time
-from solver.scene import load_scene
-from solver.simulation import simulation_of
+from solver import load_scene, simulation_of
 simulation_of(load_scene(sys.argv[1], json.loads(sys.argv[2]))).advance(1)
 print(time.clock_gettime(time.CLOCK_MONOTONIC), time.process_time())
 """
