@@ -18,7 +18,7 @@ from solver.model.saddle import BLOCK, CONDENSED, new_saddle
 from solver.model.state import State, copy_state, fill_kinematics, kinematics_of, load_state, new_state, save_state
 from solver.model.tables import Model
 from solver.output.branches import BranchWatch
-from solver.output.collect import channels_of, collect, new_outputs
+from solver.output.collect import channels_of, collect
 from solver.output.dependence import describe, scaled_jacobian
 from solver.output.energy import WORST, update_audit
 from solver.output.snapshot import Snapshot, StepStats, frame_of, layout_of, new_numbers
@@ -79,7 +79,7 @@ class Simulation:
             iterations=settings.iterations if settings.mode == 'fixed' else settings.max_iterations,
             tolerance=settings.tolerance,
         )
-        self.outputs = new_outputs(self.model)
+        self.outputs = self.model.new_outputs()
         self._layout = layout_of(self.channels)
         self._numbers = new_numbers(self._layout)
         frame = frame_of(self._numbers, self._layout)
@@ -94,10 +94,10 @@ class Simulation:
         self.driver: DriverSource | None = None
         if scene.maneuver.driver is not None:
             self.driver = DriverSource(scene.maneuver, scene.model.inputs, self.h_ns, self.stage)
-        self._output_table, self._frame = Ref(self.outputs), Ref(frame)
+        self._frame = Ref(frame)
         self.adaptation: Adaptation | None = None
         if settings.adapts and settings.kind in Simulation.KINDS:
-            self.adaptation = Adaptation(self.model, settings, self.coefficients, self.work, self._output_table)
+            self.adaptation = Adaptation(self.model, settings, self.coefficients, self.work, self.outputs)
         self._states = [Ref(new_state(self.model)), Ref(new_state(self.model))]
         self._initial = new_state(self.model)
         self._inputs = np.zeros(len(scene.model.inputs))
@@ -108,7 +108,7 @@ class Simulation:
         self.k = 0
         Beginning(
             scene, self.model, self._states, values, self._inputs_at_start(),
-            chassis=self.channels.chassis or 0, outputs=self.outputs, work=self.work, explain=self._failure,
+            chassis=self.channels.chassis or 0, work=self.work, explain=self._failure,
         ).find()  # fmt: skip
         copy_state(self.state, self._initial)
         self.reset()
@@ -164,13 +164,13 @@ class Simulation:
         kin = self._kinematics(s.q, s.v)
         evaluate_constraints(t, kin, s.angle, self._inputs, True, w.phi, w.J)
         constraint_input_rates(t, self._inputs, w.phi_t, w.phi_tt)
-        start = Start(self.model, self.outputs)
+        start = Start(self.model)
         start.project_velocity(projected := s._replace(v=s.v.copy()), self._inputs)
         w.v_out[:] = projected.v
         w.a_out[:], w.lam_out[:] = start.acceleration(s.q, projected.v, s.z, s.angle, self._inputs)
         kin = self._kinematics(s.q, projected.v)
-        evaluate_forces(t, kin, s.angle, s.z, 0.0, self._inputs, False, w.f, w.Kq, w.Kv, w.z_s, self._output_table)
-        update_audit(t, kin, self._output_table, w.lam_out, w.phi_t, 0.0, w.audit)
+        evaluate_forces(t, kin, s.angle, s.z, 0.0, self._inputs, False, w.f, w.Kq, w.Kv, w.z_s, self.outputs)
+        update_audit(t, kin, self.outputs, w.lam_out, w.phi_t, 0.0, w.audit)
         w.u_before[:] = self._inputs
         self._collect()
 
@@ -178,7 +178,7 @@ class Simulation:
         """Show the current state and the outputs that were evaluated last."""
         w = self.work
         tables, states = self.model.tables, self._states
-        collect(tables, w.chassis, self._kin, w.a_out, w.lam_out, self._inputs, states[0], self._output_table, self._frame)
+        collect(tables, w.chassis, self._kin, w.a_out, w.lam_out, self._inputs, states[0], self.outputs, self._frame)
 
     def advance(self, n: int = 1, inputs: np.ndarray | None = None, *, audit: bool = True) -> Snapshot:
         """Advance n steps and return the Snapshot after the last.
@@ -327,7 +327,7 @@ class Simulation:
 
     def constraint_coefficients(self, *, coupled: bool = False) -> dict[str, ConstraintCoefficients]:
         """m, c, k, f of every constraint row at the current state."""
-        return coefficients_of(self.model, self.state, self._inputs, new_outputs(self.model), coupled=coupled)
+        return coefficients_of(self.model, self.state, self._inputs, self.model.new_outputs(), coupled=coupled)
 
     def audit(self) -> dict[str, float]:
         """Sums of counters and largest residuals since the start, the error of the energy balance [J] and, if watched, branch switches."""

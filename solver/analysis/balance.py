@@ -12,17 +12,15 @@ force jumps (a brake that begins to stick). A balance looks from outside; the ru
 
 from __future__ import annotations
 
-from typing import Any, cast
+from typing import Any
 
 import numpy as np
 
 from solver.compiled.by_reference import Ref
+from solver.elements.registry import FORCE_BY_NAME, FORCES
 from solver.inputs.maneuver import is_motion_part
-from solver.model.evaluate import CALLS, Outputs, add_constraint_forces, evaluate_forces
-from solver.model.tables import Tables
+from solver.model.evaluate import add_constraint_forces, evaluate_forces
 from solver.simulation import Simulation
-
-SUPPLYING = ('coordinate_forces', 'applied_forces')  # kinds whose elements with an input feed energy in
 
 
 class Balance:
@@ -30,11 +28,11 @@ class Balance:
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
-        spec, tables = simulation.model.spec, cast(Tables, simulation.model.tables.value)
-        kinds = [kind for kind in Outputs._fields if getattr(spec, kind)]
-        self._alone = {kind: Ref(tables._replace(calls=self._only(tables.calls, CALLS.index(kind)))) for kind in kinds}
-        self._no_elements = Ref(tables._replace(calls=np.zeros_like(tables.calls)))
-        self._fed = {kind: np.array([bool(getattr(e, 'input', None)) for e in getattr(spec, kind)]) for kind in kinds if kind in SUPPLYING}
+        spec, tables = simulation.model.spec, simulation.model.tables
+        kinds = [kind.name for kind in FORCES if getattr(spec, kind.name)]
+        self._alone = {kind: simulation.model.only(kind) for kind in kinds}
+        self._no_elements = simulation.model.only(None)
+        self._fed = {kind: np.array([bool(e.input) for e in getattr(spec, kind)]) for kind in kinds if FORCE_BY_NAME[kind].supplies}
         self._constraints = Ref(tables.constraints)
         self.rows = (*kinds, 'gravity', 'constraints')
         w = simulation.work
@@ -47,12 +45,6 @@ class Balance:
         self._rates = self._evaluate()
         self._start = self._now
         self.total = np.zeros_like(self._rates)  # (rows, 9) integrals of work, dissipation, supply, force (3), moment about the origin (3)
-
-    @staticmethod
-    def _only(calls: np.ndarray, index: int) -> np.ndarray:
-        alone = np.zeros_like(calls)
-        alone[index] = calls[index]
-        return alone
 
     def update(self) -> None:
         """Add the step that was just made. Raises ValueError when it was not exactly one."""
@@ -72,13 +64,13 @@ class Balance:
         stored = np.zeros(len(self.rows))
 
         def forces(tables: Ref) -> np.ndarray:
-            evaluate_forces(tables, kin, state.angle, state.z, 0.0, inputs, False, self._f, w.Kq, w.Kv, self._z, Ref(s.outputs))
+            evaluate_forces(tables, kin, state.angle, state.z, 0.0, inputs, False, self._f, w.Kq, w.Kv, self._z, s.outputs)
             return self._f.copy()
 
         base = forces(self._no_elements)  # gravity and the gyroscopic torques, which are no forces
         for row, kind in enumerate(self.rows[:-2]):
             f = forces(self._alone[kind]) - base
-            out = getattr(s.outputs, kind)
+            out = s.model.outputs(kind, s.outputs)
             stored[row] = out[:, 0].sum()
             fed = -out[self._fed[kind], 1].sum() if kind in self._fed else 0.0
             rates[row] = self._power_and_load(f, out[:, 1].sum() + fed, fed)

@@ -24,7 +24,6 @@ from solver.model.evaluate import prepare
 from solver.model.frames import matrix
 from solver.model.spec import ModelSpec
 from solver.model.state import new_state
-from solver.output.collect import new_outputs
 from solver.start.newton import Start
 from solver.vehicle.hardpoints import SIDES
 
@@ -84,7 +83,7 @@ class Rig:
             }
         )
         self.model = prepare(model)
-        self.start = Start(self.model, new_outputs(self.model))
+        self.start = Start(self.model)
         self.state = new_state(self.model)
         self._u = np.zeros(len(self.inputs))
         self.settle({})

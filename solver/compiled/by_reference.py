@@ -15,11 +15,11 @@ from typing import Any
 
 import numpy as np
 from llvmlite import ir
-from numba import typeof
+from numba import config, typeof
 from numba.core import cgutils, types
 from numba.core.imputils import lower_getattr_generic
 from numba.core.typing.templates import AttributeTemplate
-from numba.extending import NativeValue, infer_getattr, models, register_model, typeof_impl, unbox
+from numba.extending import NativeValue, infer_getattr, intrinsic, models, register_model, typeof_impl, unbox
 
 WORD = 8
 
@@ -84,7 +84,7 @@ class Ref:
     __slots__ = ('pointer', 'type', 'value', 'words')
 
     def __init__(self, value: tuple) -> None:
-        self.value = value
+        self.value: Any = value
         self.type = RefType(typeof(value), _inner(value))
         self.words = np.array(_flatten(value), np.int64)
         self.pointer = self.words.ctypes.data
@@ -161,3 +161,31 @@ def _lower_ref_attribute(context, builder, typ, value, attr):
         array.strides = cgutils.pack_array(builder, [ir.Constant(word, n) for n in strides], ty=word)
         return array._getvalue()
     return load(0, context.get_value_type(kind))
+
+
+@intrinsic
+def matrix_at(typing_context, numbers, start, rows, columns):
+    """The (rows, columns) matrix that lies in the vector `numbers` from index `start` on. Its memory is that of the vector."""
+    vector = types.Array(numbers.dtype, 1, 'C')
+    matrix = types.Array(numbers.dtype, 2, 'C')
+    if numbers != vector:
+        return None
+
+    def generate(context, builder, signature, args):
+        source = context.make_array(vector)(context, builder, args[0])
+        size = ir.Constant(ir.IntType(64), np.dtype(str(vector.dtype)).itemsize)
+        array = context.make_array(matrix)(context, builder)
+        array.meminfo = cgutils.get_null_value(array.meminfo.type)
+        array.parent = cgutils.get_null_value(array.parent.type)
+        array.nitems = builder.mul(args[2], args[3])
+        array.itemsize = size
+        array.data = builder.gep(source.data, [args[1]])
+        array.shape = cgutils.pack_array(builder, [args[2], args[3]])
+        array.strides = cgutils.pack_array(builder, [builder.mul(args[3], size), size])
+        return array._getvalue()
+
+    return matrix(vector, types.int64, types.int64, types.int64), generate
+
+
+if config.DISABLE_JIT:
+    matrix_at = lambda numbers, start, rows, columns: numbers[start : start + rows * columns].reshape(rows, columns)  # noqa: E731

@@ -28,7 +28,7 @@ def source_hash() -> str:
     from importlib.metadata import version
 
     digest = hashlib.sha256()
-    root = Path(__file__).parent
+    root = Path(__file__).parents[1]
     for path in sorted(root.rglob('*.py')):
         if path.is_relative_to(root / 'vehicle'):
             continue

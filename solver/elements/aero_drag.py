@@ -37,11 +37,12 @@ from solver.compiled.vec import (
     tmv,
     transpose,
 )
+from solver.elements.kind import ForceKind
 from solver.elements.marker import Context, Marker, Spec
 from solver.elements.point_pair import angular_velocity, linear_velocity
 from solver.validate import finite
 
-OUTPUTS = ('energy', 'dissipation', 'fx', 'fy', 'fz', 'speed')
+OUTPUTS = {'energy': 'J', 'dissipation': 'W', 'fx': 'N', 'fy': 'N', 'fz': 'N', 'speed': 'm/s'}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,6 +53,7 @@ class AeroDragSpec(Spec):
     are along the axes of the marker. Dissipation is the power taken by drag and lift.
     """
 
+    counted_as = 'external_forces'
     marker: Marker
     drag_area: float
     lift_area: float = 0.0
@@ -132,3 +134,6 @@ def aero_drag_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
         out[e, 3] = o[1]
         out[e, 4] = o[2]
         out[e, 5] = speed
+
+
+AERO_DRAGS = ForceKind(name='aero_drags', spec=AeroDragSpec, compile=compile_aero_drags, kernel=aero_drag_forces, outputs=OUTPUTS)

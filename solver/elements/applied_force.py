@@ -29,11 +29,12 @@ from solver.compiled.vec import (
     tmm,
     tmv,
 )
+from solver.elements.kind import ForceKind
 from solver.elements.marker import WORLD, Context, Marker, Spec, compile_pairs
 from solver.elements.point_pair import angular_velocity, linear_velocity
 from solver.validate import Vector, require, vector
 
-OUTPUTS = ('energy', 'dissipation', 'fx', 'fy', 'fz', 'mx', 'my', 'mz')
+OUTPUTS = {'energy': 'J', 'dissipation': 'W'} | dict.fromkeys(('fx', 'fy', 'fz'), 'N') | dict.fromkeys(('mx', 'my', 'mz'), 'N m')
 WORLD_AXES, BODY_AXES, REACTION_AXES = 0, 1, 2
 FRAMES = ('world', 'body', 'reaction')
 
@@ -68,6 +69,11 @@ class AppliedForceSpec(Spec):
                 self.reaction.position,
                 'the reaction acts at the origin of marker; leave it out',
             )
+
+    @property
+    def counted_as(self) -> str:  # type: ignore[override]
+        """A force without a reaction acts from outside."""
+        return 'external_forces' if self.reaction is None else 'force_elements'
 
     @property
     def i(self) -> Marker:
@@ -181,3 +187,13 @@ def applied_force_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, ou
         for k in range(3):
             out[e, 2 + k] = F[k]
             out[e, 5 + k] = T[k]
+
+
+APPLIED_FORCES = ForceKind(
+    name='applied_forces',
+    spec=AppliedForceSpec,
+    compile=compile_applied_forces,
+    kernel=applied_force_forces,
+    outputs=OUTPUTS,
+    supplies=True,
+)

@@ -35,10 +35,13 @@ from solver.elements.coordinate import (
     evaluate_coordinate,
     scale6,
 )
+from solver.elements.kind import ForceKind, Held
 from solver.elements.marker import Context, Spec
 from solver.validate import finite
 
-OUTPUTS = ('energy', 'dissipation', 'windup', 'rate', 'torque', 'capacity')
+OUTPUTS = {'energy': 'J', 'dissipation': 'W', 'windup': 'rad', 'rate': 'rad/s', 'torque': 'N m', 'capacity': 'N m'}
+HOLD = 1e9  # input of brakes that hold [N m per unit of gain]
+RELEASED = 1e-6  # stiffness of a released brake while equilibrium is sought, relative to its own
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,3 +158,35 @@ def brake_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, K
         out[e, 3] = omega
         out[e, 4] = -torque
         out[e, 5] = T
+
+
+def held_brakes(table: BrakeTable, u: np.ndarray) -> Held:
+    """Brakes hold in the search for static equilibrium, or the toe of the wheels would roll a car away; what they carry beyond their
+    capacity under u (nu,) is dropped at the end. Released ones hold so softly that what is dropped does not matter: locked wheels would
+    take part of the load of a suspension that moves them to and fro.
+    """
+    capacity = capacities(table, u)
+    released = capacity == 0.0
+    soft = table._replace(
+        stiffness=np.where(released, RELEASED * table.stiffness, table.stiffness), damping=np.where(released, 0.0, table.damping)
+    )
+    inputs = u.copy()
+    inputs[table.input] = HOLD
+    return Held(soft, inputs, dict(zip(table.state.tolist(), (capacity / table.stiffness).tolist(), strict=True)))
+
+
+def capacities(table: BrakeTable, u: np.ndarray) -> np.ndarray:
+    """(n,) largest torques of the brakes [N m] under the inputs u (nu,)."""
+    return np.maximum(table.gain * u[table.input], 0.0)
+
+
+BRAKES = ForceKind(
+    name='brakes',
+    spec=BrakeSpec,
+    compile=compile_brakes,
+    kernel=brake_forces,
+    outputs=OUTPUTS,
+    on_coordinates=True,
+    effort='torque',
+    held=held_brakes,
+)

@@ -43,12 +43,19 @@ from solver.compiled.vec import (
     tmv,
     transpose,
 )
+from solver.elements.kind import ForceKind
 from solver.elements.laws import Law, evaluate_law
 from solver.elements.marker import Context, Marker, Spec, compile_pairs
 from solver.elements.point_pair import angular_velocity, linear_velocity
 from solver.validate import finite, require, vector
 
-OUTPUTS = ('energy', 'dissipation', 'fx', 'fy', 'fz', 'mx', 'my', 'mz', 'x', 'y', 'z', 'rx', 'ry', 'rz')
+OUTPUTS = (
+    {'energy': 'J', 'dissipation': 'W'}
+    | dict.fromkeys(('fx', 'fy', 'fz'), 'N')
+    | dict.fromkeys(('mx', 'my', 'mz'), 'N m')
+    | dict.fromkeys(('x', 'y', 'z'), 'm')
+    | dict.fromkeys(('rx', 'ry', 'rz'), 'rad')
+)
 Six = tuple[float, float, float, float, float, float]
 ZERO: Six = (0.0,) * 6
 
@@ -62,6 +69,7 @@ class BushingSpec(Spec):
     stiffness * displacement. The outputs fx..mz are the force and torque on j, x..rz the displacement of j, along the axes of i.
     """
 
+    counted_as = 'bushings'
     i: Marker
     j: Marker
     stiffness: Six
@@ -290,3 +298,6 @@ def bushing_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
             add_block(Kv, s_ij, 3, p_i, b_i)
             sub_block(Kv, s_ii, 0, p_W, sub_rows(zero, a_W))
             sub_block(Kv, s_ii, 3, p_i, sub_rows(zero, a_i))
+
+
+BUSHINGS = ForceKind(name='bushings', spec=BushingSpec, compile=compile_bushings, kernel=bushing_forces, outputs=OUTPUTS)

@@ -17,7 +17,8 @@ import numpy as np
 
 from solver.compiled.kernel import kernel
 from solver.compiled.vec import col, cross, dot, load3, load33, madd, minus, mm, mscale, mv, outer, put33, scale, skew, sub, tmv, transpose
-from solver.elements.marker import Context, Marker, Spec, compile_pairs
+from solver.elements.kind import ConstraintKind
+from solver.elements.marker import ConstraintSpec, Context, Marker, compile_pairs, number_pairs
 from solver.elements.point_pair import angular_velocity, linear_velocity, point_position
 from solver.errors import suggestion
 from solver.validate import finite, require
@@ -31,7 +32,7 @@ KINDS: dict[str, tuple[tuple[str, int], ...]] = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class ContactSpec(Spec):
+class ContactSpec(ConstraintSpec):
     """A contact that constrains velocities, between the plane or ground i and the rolling or sliding body j.
 
     kind: 'rolling': a thin disc with centre and axis (z) at marker j rolls on the plane through marker i, normal to its z axis,
@@ -80,14 +81,13 @@ class ContactTable(NamedTuple):
     slot: np.ndarray  # (n, 4) blocks ii ij ji jj
 
 
-def compile_contacts(
-    specs: Sequence[ContactSpec], context: Context, first_row: Sequence[int], entries: Sequence[tuple[int, int]]
-) -> ContactTable:
-    """Resolve names into a table; rows and Jacobian blocks are numbered by the caller."""
+def compile_contacts(specs: Sequence[ContactSpec], context: Context) -> ContactTable:
+    """Resolve names into a table."""
+    first_row, entries = number_pairs(specs, context)
     return ContactTable(
         code=np.array([ROLLING if s.kind == 'rolling' else KNIFE_EDGE for s in specs], np.int64),
-        row=np.array(first_row, np.int64),
-        entry=np.array(entries, np.int64).reshape(len(specs), 2),
+        row=first_row,
+        entry=entries,
         radius=np.array([s.radius or 0.0 for s in specs], float),
         **compile_pairs(specs, context)._asdict(),
     )
@@ -141,8 +141,8 @@ def evaluate_contacts(table, kin, gradients, phi, J):
 
 
 @kernel(borrow=True)
-def add_contact_gradients(table, kin, lam, Kq):
-    """Add d(A^T lam)/dq of all contacts to Kq (unsymmetric: A is no gradient)."""
+def add_contact_gradients(table, kin, lam, Kq, Kv):
+    """Add d(A^T lam)/dq of all contacts to Kq (unsymmetric: A is no gradient); Kv is left alone."""
     for e in range(table.row.shape[0]):
         i = table.body[e, 0]
         j = table.body[e, 1]
@@ -203,3 +203,8 @@ def add_contact_gradients(table, kin, lam, Kq):
 @kernel(inline=True)
 def _identity(m):
     return (m, 0.0, 0.0, 0.0, m, 0.0, 0.0, 0.0, m)
+
+
+CONTACTS = ConstraintKind(
+    name='contacts', spec=ContactSpec, compile=compile_contacts, residuals=evaluate_contacts, hessians=add_contact_gradients
+)

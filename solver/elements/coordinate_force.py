@@ -27,11 +27,12 @@ from solver.elements.coordinate import (
     evaluate_coordinate,
     scale6,
 )
+from solver.elements.kind import ForceKind
 from solver.elements.laws import Law, evaluate_law
 from solver.elements.marker import Context, Spec
 from solver.validate import finite, require
 
-OUTPUTS = ('energy', 'dissipation', 'value', 'rate', 'force')
+OUTPUTS = {'energy': 'J', 'dissipation': 'W', 'value': 'm or rad', 'rate': 'm/s or rad/s', 'force': 'N or N m'}
 MAX_TERMS = 3
 LIMITER_FROM = 0.95  # share of top_rate from which the input fades
 
@@ -198,3 +199,15 @@ def coordinate_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents,
         out[e, 2] = value
         out[e, 3] = rate
         out[e, 4] = Q
+
+
+COORDINATE_FORCES = ForceKind(
+    name='coordinate_forces',
+    spec=CoordinateForceSpec,
+    compile=compile_coordinate_forces,
+    kernel=coordinate_forces,
+    outputs=OUTPUTS,
+    on_coordinates=True,
+    supplies=True,
+    effort='force',
+)

@@ -6,6 +6,7 @@ a driver (prescribed motion) is a coupler with an input u, whose rate and accele
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -13,14 +14,16 @@ import numpy as np
 
 from solver.compiled.kernel import kernel, sixes
 from solver.elements.coordinate import add_coordinate_hessian, evaluate_coordinate
-from solver.elements.marker import Spec
+from solver.elements.kind import ConstraintKind
+from solver.elements.marker import ConstraintSpec, Context
+from solver.inputs.maneuver import ACCELERATION, RATE
 from solver.validate import finite, require
 
 MAX_TERMS = 3
 
 
 @dataclass(frozen=True, kw_only=True)
-class CouplerSpec(Spec):
+class CouplerSpec(ConstraintSpec):
     """sum of factor * coordinate = offset + input.
 
     terms: up to three (coordinate name, factor). offset: None takes the value that holds in the placed (initial) configuration.
@@ -48,6 +51,34 @@ class CouplerTable(NamedTuple):
     entry: np.ndarray  # (n, 3, 2) Jacobian block of bodies i and j of each term; terms may share blocks
     offset: np.ndarray  # (n,)
     input: np.ndarray  # (n, 3) channels of value, rate, acceleration; -1 for none
+
+
+def compile_couplers(specs: Sequence[CouplerSpec], context: Context) -> CouplerTable:
+    """Resolve names into a table; offsets that are not given are those of the placed configuration."""
+    n = len(specs)
+    table = CouplerTable(
+        row=np.zeros(n, np.int64),
+        terms=np.array([len(c.terms) for c in specs], np.int64),
+        coordinate=np.zeros((n, MAX_TERMS), np.int64),
+        factor=np.zeros((n, MAX_TERMS)),
+        entry=np.zeros((n, MAX_TERMS, 2), np.int64),
+        offset=np.zeros(n),
+        input=np.full((n, 3), -1, np.int64),
+    )
+    for e, spec in enumerate(specs):
+        coordinates = [context.coordinate(spec.where, name) for name, _ in spec.terms]
+        table.coordinate[e, : len(coordinates)] = coordinates
+        table.factor[e, : len(coordinates)] = [factor for _, factor in spec.terms]
+        table.row[e], blocks = context.rows(spec, [b for c in coordinates for b in context.coordinate_bodies(c)])
+        table.entry[e, : len(coordinates)] = np.reshape(blocks, (-1, 2))
+        if spec.input is not None:
+            table.input[e] = [context.input(spec.where, spec.input + end) for end in ('', RATE, ACCELERATION)]
+        if spec.offset is not None:
+            table.offset[e] = spec.offset
+        else:
+            for t, c in enumerate(coordinates):
+                table.offset[e] += table.factor[e, t] * context.placed_coordinate(c)
+    return table
 
 
 @kernel(borrow=True)
@@ -82,9 +113,19 @@ def evaluate_couplers(table, coordinates, kin, angle, u, gradients, phi, J):
 
 
 @kernel(borrow=True)
-def add_coupler_hessians(table, coordinates, kin, lam, Kq):
-    """Add the geometric stiffness d(A^T lam)/dq of all couplers to Kq."""
+def add_coupler_hessians(table, coordinates, kin, lam, Kq, Kv):
+    """Add the geometric stiffness d(A^T lam)/dq of all couplers to Kq; Kv is left alone."""
     Kq = sixes(Kq)
     for e in range(table.row.shape[0]):
         for t in range(table.terms[e]):
             add_coordinate_hessian(coordinates, kin, table.coordinate[e, t], lam[table.row[e]] * table.factor[e, t], Kq)
+
+
+COUPLERS = ConstraintKind(
+    name='couplers',
+    spec=CouplerSpec,
+    compile=compile_couplers,
+    residuals=evaluate_couplers,
+    hessians=add_coupler_hessians,
+    on_coordinates=True,
+)

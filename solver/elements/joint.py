@@ -35,7 +35,8 @@ from solver.compiled.vec import (
     tmv,
     transpose,
 )
-from solver.elements.marker import Context, Marker, Spec, compile_pairs
+from solver.elements.kind import ConstraintKind
+from solver.elements.marker import ConstraintSpec, Context, Marker, compile_pairs, number_pairs
 from solver.elements.point_pair import add_point_pair_tangent, point_position
 from solver.errors import suggestion
 from solver.validate import finite, require
@@ -80,7 +81,7 @@ ROW_NAMES = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class JointSpec(Spec):
+class JointSpec(ConstraintSpec):
     """A joint between marker i and marker j; where it is closed, the markers stand as `kind` says.
 
     fixed: they coincide. revolute: j turns about z of i. prismatic: j slides along z of i. cylindrical: both. spherical: the points
@@ -128,16 +129,15 @@ class JointTable(NamedTuple):
     slot: np.ndarray  # (nj, 4) blocks ii ij ji jj
 
 
-def compile_joints(
-    specs: Sequence[JointSpec], context: Context, first_row: Sequence[int], entries: Sequence[tuple[int, int]]
-) -> JointTable:
-    """Resolve names into a table; rows and Jacobian blocks are numbered by the caller."""
+def compile_joints(specs: Sequence[JointSpec], context: Context) -> JointTable:
+    """Resolve names into a table."""
     n = len(specs)
+    first_row, entries = number_pairs(specs, context)
     table = JointTable(
         code=np.zeros((n, 6), np.int64),
         rows=np.array([len(KINDS[s.kind]) for s in specs], np.int64),
-        row=np.array(first_row, np.int64),
-        entry=np.array(entries, np.int64).reshape(n, 2),
+        row=first_row,
+        entry=entries,
         length=np.array([s.length or 0.0 for s in specs], float),
         a=np.zeros((n, 6, 3)),
         b=np.zeros((n, 6, 3)),
@@ -257,7 +257,7 @@ def _add_axes_hessian(R_i, R_j, a, b, s_ii, s_ij, s_ji, s_jj, Kq):
 
 
 @kernel(borrow=True)
-def _add_rows_hessian(table, kin, e, first_row, lam, Kq, Kv_trash):
+def _add_rows_hessian(table, kin, e, first_row, lam, Kq, Kv):
     """The geometric stiffness of the rows of joint e from `first_row` on."""
     Kq = sixes(Kq)
     i = table.body[e, 0]
@@ -304,7 +304,7 @@ def _add_rows_hessian(table, kin, e, first_row, lam, Kq, Kv_trash):
             t = m / length
             D = mscale(-t, outer(n, n))
             D = (D[0] + t, D[1], D[2], D[3], D[4] + t, D[5], D[6], D[7], D[8] + t)
-            add_point_pair_tangent(kin, i, j, r_i, r_j, scale(m, n), D, mscale(0.0, D), s_ii, s_ij, s_ji, s_jj, Kq, Kv_trash)
+            add_point_pair_tangent(kin, i, j, r_i, r_j, scale(m, n), D, mscale(0.0, D), s_ii, s_ij, s_ji, s_jj, Kq, Kv)
     if axes:
         Gl = load33(table.G, e)
         for b in range(3):
@@ -330,8 +330,8 @@ def _add_rows_hessian(table, kin, e, first_row, lam, Kq, Kv_trash):
 
 
 @kernel(borrow=True)
-def add_joint_hessians(table, kin, lam, Kq, Kv_trash):
-    """Add the geometric stiffness d(A^T lam)/dq of all joints to Kq. Kv_trash is scratch with the shape of Kq."""
+def add_joint_hessians(table, kin, lam, Kq, Kv):
+    """Add the geometric stiffness d(A^T lam)/dq of all joints to Kq. Kv is scratch with the shape of Kq."""
     Kq = sixes(Kq)
     for e in range(table.rows.shape[0]):
         closed = 0
@@ -343,4 +343,7 @@ def add_joint_hessians(table, kin, lam, Kq, Kv_trash):
             put33(Kq, table.slot[e, 0], 3, 3, minus(cross_cross(load3(table.r_i, e), tmv(load33(kin.R, table.body[e, 0]), P))))
             closed = 3
         if closed < table.rows[e]:
-            _add_rows_hessian(table, kin, e, closed, lam, Kq, Kv_trash)
+            _add_rows_hessian(table, kin, e, closed, lam, Kq, Kv)
+
+
+JOINTS = ConstraintKind(name='joints', spec=JointSpec, compile=compile_joints, residuals=evaluate_joints, hessians=add_joint_hessians)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
@@ -17,9 +17,13 @@ IDENTITY: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
 @dataclass(frozen=True, kw_only=True)
 class Spec:
-    """A named part of a model. Subclasses validate themselves in __post_init__."""
+    """A named part of a model. Subclasses validate themselves in __post_init__.
+
+    counted_as: the count in which the description of a model has it; the 'force_elements' are the action-reaction elements.
+    """
 
     name: str
+    counted_as: ClassVar[str] = 'force_elements'
 
     @property
     def where(self) -> str:
@@ -33,6 +37,19 @@ class Spec:
     def replace(self, **changes):
         """Return a copy with some fields changed."""
         return dataclasses.replace(self, **changes)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConstraintSpec(Spec):
+    """A named constraint: one or more rows."""
+
+    def row_names(self) -> list[str]:
+        """Names of the constraint rows, '<constraint>/<row>'; of a single row the name of the constraint."""
+        return [self.name]
+
+    def holonomic(self) -> list[int]:
+        """1 for rows of positions, 0 for rows of velocities."""
+        return [1] * len(self.row_names())
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -64,6 +81,7 @@ class Context(Protocol):
     """What `compile_<kind>(specs, context)` may ask for. Implemented by solver.model.compile."""
 
     n_bodies: int
+    road: Any  # RoadSpec
 
     def body(self, where: str, name: str) -> int:
         """Index of a body (n_bodies for 'world'); SpecError with a suggestion for an unknown name."""
@@ -82,6 +100,12 @@ class Context(Protocol):
 
     def coordinate_bodies(self, index: int) -> tuple[int, int]:
         """Bodies i and j of a joint coordinate."""
+
+    def placed_coordinate(self, index: int) -> float:
+        """Value of a joint coordinate in the placed configuration [m or rad]."""
+
+    def rows(self, spec: ConstraintSpec, bodies: Sequence[int]) -> tuple[int, list[int]]:
+        """Number the rows of a constraint between bodies: (first row, Jacobian block of each body; the trash block of the world)."""
 
     def law(self, law: object) -> int:
         """Index of a force law in the law table (-1 for None)."""
@@ -130,3 +154,11 @@ def compile_pairs(specs: Sequence[Between], context: Context) -> MarkerPairs:
         pairs.F[e], pairs.G[e] = i.R, j.R
         pairs.slot[e] = [context.slot(a, b) for a in (i.body, j.body) for b in (i.body, j.body)]
     return pairs
+
+
+def number_pairs(specs: Sequence[Any], context: Context) -> tuple[np.ndarray, np.ndarray]:
+    """(first rows (n,), Jacobian blocks of i and j (n, 2)) of constraints between two markers."""
+    first, blocks = np.zeros(len(specs), np.int64), np.zeros((len(specs), 2), np.int64)
+    for e, spec in enumerate(specs):
+        first[e], blocks[e] = context.rows(spec, [context.body(spec.where, marker.body) for marker in (spec.i, spec.j)])
+    return first, blocks

@@ -10,12 +10,13 @@ import numpy as np
 
 from solver.compiled.kernel import kernel, sixes
 from solver.compiled.vec import dot, load3, madd, mscale, outer, scale, sub
+from solver.elements.kind import ForceKind
 from solver.elements.laws import Law, evaluate_law
 from solver.elements.marker import Context, Marker, Spec, compile_pairs
 from solver.elements.point_pair import add_point_force, add_point_pair_tangent, point_position, point_velocity
 from solver.validate import finite
 
-OUTPUTS = ('energy', 'dissipation', 'length', 'rate', 'force')
+OUTPUTS = {'energy': 'J', 'dissipation': 'W', 'length': 'm', 'rate': 'm/s', 'force': 'N'}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,6 +27,7 @@ class SpringDamperSpec(Spec):
     None means absent.
     """
 
+    counted_as = 'spring_dampers'
     i: Marker
     j: Marker
     free_length: float
@@ -104,3 +106,8 @@ def spring_damper_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, ou
         out[e, 2] = length
         out[e, 3] = rate
         out[e, 4] = force
+
+
+SPRING_DAMPERS = ForceKind(
+    name='spring_dampers', spec=SpringDamperSpec, compile=compile_spring_dampers, kernel=spring_damper_forces, outputs=OUTPUTS
+)

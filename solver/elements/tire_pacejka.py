@@ -27,6 +27,7 @@ from solver.compiled.dual import arctan, compose, differentiates, local, partial
 from solver.compiled.kernel import kernel
 from solver.compiled.so3 import quaternion_of_matrix
 from solver.compiled.vec import add, cross, dot, load3, load33, scale, tmv
+from solver.elements.kind import ForceKind
 from solver.elements.magic_formula import (
     SLOWEST,
     camber_variable,
@@ -37,20 +38,23 @@ from solver.elements.magic_formula import (
     slip_stiffness,
 )
 from solver.elements.marker import Context, Marker, Spec
-from solver.elements.road import RoadSpec, RoadTable, compile_road, friction_at
+from solver.elements.road import RoadTable, compile_road, friction_at
 from solver.elements.smooth import ramp, smooth_sign, smooth_step
 from solver.elements.tire_contact import contact_of, motion_of, real_kinematics, seeded_motion_of
 from solver.elements.tire_data import ROW, I, TireData, pack
 from solver.elements.turn_slip import saturated_moment, spin_slope
 from solver.validate import finite, require
 
-TIRE_COLUMNS = (
-    'fx', 'fy', 'fz', 'mx', 'my', 'mz',  # force [N] and moment [N m] on the wheel at the contact point, contact frame
-    'kappa', 'alpha', 'gamma', 'spin',  # slip [-], slip angle [rad], camber [rad], spin velocity about +y [rad/s]
-    'deflection', 'friction',  # vertical deflection [m], road friction factor [-]
-    'px', 'py', 'pz', 'qx', 'qy', 'qz', 'qw',  # contact frame in the world: position [m], orientation xyzw
-)  # fmt: skip
-OUTPUTS = ('energy', 'dissipation', *TIRE_COLUMNS)
+TIRE_UNITS = {
+    **dict.fromkeys(('fx', 'fy', 'fz'), 'N'),  # force on the wheel at the contact point, contact frame
+    **dict.fromkeys(('mx', 'my', 'mz'), 'N m'),  # moment on it
+    **{'kappa': '', 'alpha': 'rad', 'gamma': 'rad', 'spin': 'rad/s'},  # slip, slip angle, camber, spin velocity about +y
+    **{'deflection': 'm', 'friction': ''},  # vertical deflection, road friction factor
+    **dict.fromkeys(('px', 'py', 'pz'), 'm'),  # contact frame in the world: position
+    **dict.fromkeys(('qx', 'qy', 'qz', 'qw'), ''),  # orientation
+}
+TIRE_COLUMNS = tuple(TIRE_UNITS)
+OUTPUTS = {'energy': 'J', 'dissipation': 'W', **TIRE_UNITS}
 STATES = 2  # without turn slip, one more with it
 
 FULL_CONTACT = 0.02  # load, relative to FNOMIN, from which the contact point follows the road fully
@@ -76,6 +80,7 @@ class TireSpec(Spec):
     against turning on the spot.
     """
 
+    counted_as = 'tires'
     marker: Marker
     data: TireData
     mirrored: bool = False
@@ -115,7 +120,7 @@ class TireTable(NamedTuple):
     road: RoadTable
 
 
-def compile_tires(specs: Sequence[TireSpec], road: RoadSpec, context: Context) -> TireTable:
+def compile_tires(specs: Sequence[TireSpec], context: Context) -> TireTable:
     """Resolve names, reserve the internal states of each tire, pack coefficients."""
     n = len(specs)
     table = TireTable(
@@ -128,7 +133,7 @@ def compile_tires(specs: Sequence[TireSpec], road: RoadSpec, context: Context) -
         c=np.zeros((n, ROW)),
         damping=np.zeros(n),
         low=np.zeros((n, 5)),
-        road=compile_road(road),
+        road=compile_road(context.road),
     )
     for e, spec in enumerate(specs):
         placed = context.marker(spec.where, spec.marker)
@@ -320,3 +325,6 @@ def rolling_radius(table: TireTable, e: int, load: float, speed: float) -> float
     c_z = (1.0 + c[I.PFZ1] * c[I.DPI]) * c[I.VERTICAL_STIFFNESS]
     q = load / F0
     return float(R0 * c[I.Q_RE0] + growth - F0 / c_z * (c[I.DREFF] * np.arctan(c[I.BREFF] * q) + c[I.FREFF] * q))
+
+
+TIRES = ForceKind(name='tires', spec=TireSpec, compile=compile_tires, kernel=tire_forces, outputs=OUTPUTS, wheels=True)

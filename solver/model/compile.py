@@ -3,39 +3,42 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
 from solver.compiled.by_reference import Ref
-from solver.compiled.so3 import matrix_of_quaternion
-from solver.elements.aero_drag import compile_aero_drags
-from solver.elements.applied_force import compile_applied_forces
-from solver.elements.brake import compile_brakes
-from solver.elements.bushing import compile_bushings
-from solver.elements.contact import ContactSpec, compile_contacts
 from solver.elements.coordinate import CoordinateSpec, compile_coordinates, evaluate_coordinate
-from solver.elements.coordinate_force import compile_coordinate_forces
-from solver.elements.coupler import MAX_TERMS, CouplerTable
-from solver.elements.joint import JointSpec, compile_joints
+from solver.elements.joint import JointSpec
+from solver.elements.kind import ForceKind
 from solver.elements.laws import Law, compile_laws
-from solver.elements.marker import WORLD, Marker, PlacedMarker
+from solver.elements.marker import WORLD, ConstraintSpec, Marker, PlacedMarker
+from solver.elements.registry import CONSTRAINTS, FORCES
 from solver.elements.rigid_body import compile_bodies
-from solver.elements.spring_damper import compile_spring_dampers
-from solver.elements.tire_pacejka import compile_tires
+from solver.elements.road import RoadSpec
 from solver.errors import SpecError, suggestion
 from solver.linear.elimination import plan_elimination
+from solver.model.frames import matrix
 from solver.model.spec import ModelSpec
 from solver.model.state import kinematics_of, placed_configuration
-from solver.model.tables import MAX_CALLS, ConstraintTable, Model, Tables
+from solver.model.tables import (
+    CONSTRAINT_ON_COORDINATES,
+    CONSTRAINT_TABLE,
+    COUNT,
+    DRIVEN,
+    ON_COORDINATES,
+    OUTPUT,
+    TABLE,
+    WIDTH,
+    ConstraintTable,
+    EffortTable,
+    Model,
+    Tables,
+)
 
 PENALTY_MASS_FLOOR = 1e-4  # of the mean mass; keeps 1/(a M^-1 a^T) away from zero for (nearly) massless bodies and point masses
 
 MASSLESS = 1e-12  # of the largest mass or moment of inertia in the model
-
-
-def rotation(quaternion) -> np.ndarray:
-    """(3, 3) rotation matrix of a quaternion xyzw."""
-    return np.array(matrix_of_quaternion(tuple(float(x) for x in quaternion))).reshape(3, 3)
 
 
 def joint_coordinates(joint: JointSpec) -> list[CoordinateSpec]:
@@ -57,8 +60,19 @@ class _Context:
         self.laws: list[Law] = []
         self.slots: dict[tuple[int, int], int] = {}
         self.internal_owner: list[str] = []
+        self.groups = _Groups(self)
         for b in range(self.n_bodies):
             self.slot(b, b)
+        self.coordinate_specs = [c for joint in spec.joints for c in joint_coordinates(joint)] + list(spec.coordinates)
+        for k, c in enumerate(self.coordinate_specs):
+            if c.name in self.coordinates:
+                raise SpecError(f'{c.where}: name = {c.name!r}: a joint already defines this coordinate; rename one')
+            self.coordinates[c.name] = k
+        self.coordinate_table = compile_coordinates(self.coordinate_specs, self)
+
+    @property
+    def road(self) -> RoadSpec:
+        return self.spec.road
 
     @staticmethod
     def _look_up(where: str, what: str, name: str, known: dict[str, int]) -> int:
@@ -72,7 +86,7 @@ class _Context:
     def marker(self, where: str, marker: Marker) -> PlacedMarker:
         b = self.body(where, marker.body)
         com = np.array(self.spec.bodies[b].com) if b < self.n_bodies else np.zeros(3)
-        return PlacedMarker(b, np.array(marker.position) - com, rotation(marker.orientation))
+        return PlacedMarker(b, np.array(marker.position) - com, matrix(marker.orientation))
 
     def slot(self, row: int, column: int) -> int:
         if self.n_bodies in (row, column):
@@ -90,6 +104,15 @@ class _Context:
         spec = self.coordinate_specs[index]
         return self.body(spec.where, spec.i.body), self.body(spec.where, spec.j.body)
 
+    def placed_coordinate(self, index: int) -> float:
+        """Value of a coordinate in the placed configuration."""
+        kin = kinematics_of(placed_configuration(self.spec.bodies), np.zeros((self.n_bodies + 1, 6)))
+        return float(evaluate_coordinate(Ref(self.coordinate_table), kin, index, np.zeros(len(self.coordinates)))[0])
+
+    def rows(self, spec: ConstraintSpec, bodies: Sequence[int]) -> tuple[int, list[int]]:
+        """Number the rows of a constraint between bodies: (first row, Jacobian block of each body)."""
+        return self.groups.add(spec, bodies)
+
     def law(self, law: Law | None) -> int:
         if law is None:
             return -1
@@ -101,26 +124,59 @@ class _Context:
         return len(self.internal_owner) - count
 
 
+class _Groups:
+    """Numbers constraint rows, Jacobian blocks and the matrix blocks that their products fill."""
+
+    def __init__(self, context: _Context) -> None:
+        self.context = context
+        self.row, self.entry, self.body, self.pair = [0], [1], [context.n_bodies], [0]
+        self.slot: list[int] = []
+        self.holonomic: list[int] = []
+        self.row_names: list[str] = []
+        self.names: list[str] = []
+
+    def add(self, spec: ConstraintSpec, bodies: Sequence[int]) -> tuple[int, list[int]]:
+        """See _Context.rows."""
+        nb, first = self.context.n_bodies, self.row[-1]
+        index = {nb: 0}  # the world gets the trash block 0
+        for b in bodies:
+            if b not in index:
+                index[b] = len(self.body)
+                self.body.append(b)
+        own = [b for b in index if b != nb]
+        self.slot += [self.context.slot(a, b) for a in own for b in own]
+        self.row.append(first + len(spec.row_names()))
+        self.entry.append(len(self.body))
+        self.pair.append(len(self.slot))
+        self.row_names += spec.row_names()
+        self.holonomic += spec.holonomic()
+        self.names.append(spec.name)
+        return first, [index[b] for b in bodies]
+
+    def table(self, driven: list[np.ndarray]) -> ConstraintTable:
+        """All groups; the slots of the block form are still to be given."""
+        as_array = lambda values: np.array(values, np.int64)  # noqa: E731
+        return ConstraintTable(
+            row=as_array(self.row),
+            entry=as_array(self.entry),
+            body=as_array(self.body),
+            pair=as_array(self.pair),
+            slot=as_array(self.slot),
+            holonomic=as_array(self.holonomic),
+            up=np.zeros(len(self.body), np.int64),
+            down=np.zeros(len(self.body), np.int64),
+            centre=np.zeros(len(self.names), np.int64),
+            driven=np.concatenate([np.zeros((0, 3), np.int64), *driven]),
+        )
+
+
 def compile_model(spec: ModelSpec) -> Model:
     """Compile a ModelSpec. Raises SpecError (element, field, value, remedy) for anything that does not fit together."""
     context = _Context(spec)
-    coordinate_specs = [c for joint in spec.joints for c in joint_coordinates(joint)] + list(spec.coordinates)
-    for k, c in enumerate(coordinate_specs):
-        if c.name in context.coordinates:
-            raise SpecError(f'{c.where}: name = {c.name!r}: a joint already defines this coordinate; rename one')
-        context.coordinates[c.name] = k
-    context.coordinate_specs = coordinate_specs
-    coordinates = compile_coordinates(coordinate_specs, context)
-    constraints, row_names, group_names = _compile_constraints(spec, context)
-    forces = {
-        'spring_dampers': compile_spring_dampers(spec.spring_dampers, context),
-        'bushings': compile_bushings(spec.bushings, context),
-        'coordinate_forces': compile_coordinate_forces(spec.coordinate_forces, context),
-        'brakes': compile_brakes(spec.brakes, context),
-        'applied_forces': compile_applied_forces(spec.applied_forces, context),
-        'aero_drags': compile_aero_drags(spec.aero_drags, context),
-        'tires': compile_tires(spec.tires, spec.road, context),
-    }
+    elements: dict[str, Ref] = {}
+    constraint_kinds, driven = _compile_constraints(context, elements)
+    forces, effort, internal_bodies = _compile_forces(context, elements)
+    constraints = context.groups.table(driven)
     n_slots = len(context.slots)
     block_row = np.zeros(n_slots + 1, np.int64)
     block_col = np.zeros(n_slots + 1, np.int64)
@@ -143,117 +199,99 @@ def compile_model(spec: ModelSpec) -> Model:
         for b in members & follow.keys():
             follow[b].add(group)
     wait_for = {group: heavy for group, members in wait_for.items() if (heavy := members - follow.keys())}
-    inverse_mass, inverse_inertia = _floored_inverses(bodies, constraints.joints)
+    inverse_mass, inverse_inertia = _floored_inverses(bodies, [elements[kind.name] for kind in CONSTRAINTS])
     tables = Ref(
         Tables(
-            calls=np.zeros(MAX_CALLS, np.int64),
+            forces=forces,
+            constraint_kinds=constraint_kinds,
+            linear=np.zeros(2, np.int64),
             bodies=bodies,
             penalty_inverse_mass=inverse_mass,
             penalty_inverse_inertia=inverse_inertia,
             block_row=block_row,
             block_col=block_col,
-            coordinates=coordinates,
+            coordinates=context.coordinate_table,
             constraints=constraints,
             laws=compile_laws(context.laws),
+            effort=effort,
             condensed=plan_elimination(nb, context.slots),
             block=plan_elimination(nb + groups, block_slots, wait_for, follow),
-            **forces,
         )
     )
-    model = Model(
+    return Model(
         spec=spec,
         tables=tables,
+        elements=elements,
         n_bodies=nb,
         n_rows=int(constraints.row[-1]),
         n_slots=n_slots,
         n_entries=len(constraints.body) - 1,
         n_internal=len(context.internal_owner),
         coordinate_names=tuple(context.coordinates),
-        coordinate_kinds=tuple(c.kind for c in coordinate_specs),
+        coordinate_kinds=tuple(c.kind for c in context.coordinate_specs),
         coordinate_index=dict(context.coordinates),
-        row_names=tuple(row_names),
-        group_names=tuple(group_names),
+        row_names=tuple(context.groups.row_names),
+        group_names=tuple(context.groups.names),
         body_names=tuple(b.name for b in spec.bodies),
         internal_owner=tuple(context.internal_owner),
+        internal_bodies=internal_bodies,
     )
-    _resolve_offsets(model)
-    return model
 
 
-def _compile_constraints(spec: ModelSpec, context: _Context) -> tuple[ConstraintTable, list[str], list[str]]:
-    nb = context.n_bodies
-    row, entry, body, pair, slot = [0], [1], [nb], [0], []
-    row_names: list[str] = []
+def _compile_constraints(context: _Context, elements: dict[str, Ref]) -> tuple[np.ndarray, list[np.ndarray]]:
+    """(constraint_kinds of Tables without addresses, rows of ConstraintTable.driven of every kind); adds the tables to elements."""
+    kinds = np.zeros((len(CONSTRAINTS), 4), np.int64)
+    driven = []
+    for kind, row in zip(CONSTRAINTS, kinds, strict=True):
+        specs = getattr(context.spec, kind.name)
+        before = len(context.groups.names)
+        table = kind.compile(specs, context)
+        if len(context.groups.names) != before + len(specs):
+            raise TypeError(f'kind {kind.name!r}: {kind.compile.__name__} must number the rows of every element once (context.rows)')
+        elements[kind.name] = Ref(table)
+        row[CONSTRAINT_TABLE] = elements[kind.name].pointer
+        row[CONSTRAINT_ON_COORDINATES] = kind.on_coordinates
+        if kind.driven:
+            follows = table.input[:, 0] >= 0
+            driven.append(np.column_stack([table.row, table.input[:, 1:]])[follows])
+    return kinds, driven
 
-    def add_group(bodies: list[int], rows: int) -> dict[int, int]:
-        """Number the Jacobian blocks of a group; the world gets the trash block 0."""
-        index = {nb: 0}
-        for b in bodies:
-            if b not in index:
-                index[b] = len(body)
-                body.append(b)
-        own = [b for b in index if b != nb]
-        for a in own:
-            for b in own:
-                slot.append(context.slot(a, b))
-        row.append(row[-1] + rows)
-        entry.append(len(body))
-        pair.append(len(slot))
-        return index
 
-    def add_pairs(specs: Sequence[JointSpec] | Sequence[ContactSpec]) -> tuple[list[int], list[tuple[int, int]]]:
-        """Number the rows and blocks of constraints between two bodies: (first rows, blocks of i and j)."""
-        first, entries = [], []
-        for each in specs:
-            i, j = context.body(each.where, each.i.body), context.body(each.where, each.j.body)
-            first.append(row[-1])
-            index = add_group([i, j], len(each.row_names()))
-            entries.append((index[i], index[j]))
-            row_names.extend(each.row_names())
-        return first, entries
+def _compile_forces(context: _Context, elements: dict[str, Ref]) -> tuple[np.ndarray, EffortTable, tuple[int, ...]]:
+    """(forces of Tables without addresses, efforts, bodies whose motion internal states depend on); adds the tables to elements."""
+    forces = np.zeros((len(FORCES), 7), np.int64)
+    efforts = []
+    internal_bodies: set[int] = set()
+    start = 0
+    for kind, row in zip(FORCES, forces, strict=True):
+        specs = getattr(context.spec, kind.name)
+        states = len(context.internal_owner)
+        table = kind.compile(specs, context)
+        if len(context.internal_owner) > states:
+            internal_bodies |= set(np.unique(table.body).tolist()) - {context.n_bodies}
+        elements[kind.name] = Ref(table)
+        width = len(kind.outputs)
+        row[[TABLE, ON_COORDINATES, DRIVEN]] = elements[kind.name].pointer, kind.on_coordinates, kind.driven
+        row[[OUTPUT, COUNT, WIDTH]] = start, len(specs), width
+        if kind.effort is not None and specs:
+            efforts += _efforts(kind, table, start)
+        start += len(specs) * width
+    columns = tuple(zip(*efforts, strict=True)) or ((), (), ())
+    effort = EffortTable(np.array(columns[0], np.int64), np.array(columns[1], np.int64), np.array(columns[2], float))
+    return forces, effort, tuple(sorted(internal_bodies))
 
-    joints = compile_joints(spec.joints, context, *add_pairs(spec.joints))
-    holonomic = [1] * row[-1] + [flag for contact in spec.contacts for flag in contact.holonomic()]
-    contacts = compile_contacts(spec.contacts, context, *add_pairs(spec.contacts))
-    n = len(spec.couplers)
-    couplers = CouplerTable(
-        row=np.zeros(n, np.int64),
-        terms=np.array([len(c.terms) for c in spec.couplers], np.int64),
-        coordinate=np.zeros((n, MAX_TERMS), np.int64),
-        factor=np.zeros((n, MAX_TERMS)),
-        entry=np.zeros((n, MAX_TERMS, 2), np.int64),
-        offset=np.zeros(n),
-        input=np.full((n, 3), -1, np.int64),
-    )
-    for k, coupler in enumerate(spec.couplers):
-        pairs = []
-        for t, (name, factor) in enumerate(coupler.terms):
-            c = context.coordinate(coupler.where, name)
-            couplers.coordinate[k, t], couplers.factor[k, t] = c, factor
-            pairs.append(context.coordinate_bodies(c))
-        couplers.row[k] = row[-1]
-        index = add_group([b for pair_ in pairs for b in pair_], 1)
-        for t, (i, j) in enumerate(pairs):
-            couplers.entry[k, t] = index[i], index[j]
-        if coupler.input is not None:
-            couplers.input[k] = [context.input(coupler.where, coupler.input + end) for end in ('', '_rate', '_acceleration')]
-        row_names.append(coupler.name)
-    groups = len(row) - 1
-    table = ConstraintTable(
-        row=np.array(row, np.int64),
-        entry=np.array(entry, np.int64),
-        body=np.array(body, np.int64),
-        pair=np.array(pair, np.int64),
-        slot=np.array(slot, np.int64),
-        holonomic=np.array(holonomic + n * [1], np.int64),
-        up=np.zeros(len(body), np.int64),
-        down=np.zeros(len(body), np.int64),
-        centre=np.zeros(groups, np.int64),
-        joints=joints,
-        contacts=contacts,
-        couplers=couplers,
-    )
-    return table, row_names, [s.name for s in (*spec.joints, *spec.contacts, *spec.couplers)]
+
+def _efforts(kind: ForceKind, table: Any, start: int) -> list[tuple[int, int, float]]:
+    """Rows of EffortTable of a kind whose outputs begin at `start`."""
+    assert kind.effort is not None
+    coordinates = table.coordinate.reshape(len(table.coordinate), -1)
+    factors = table.factor if 'factor' in table._fields else np.ones(coordinates.shape)
+    terms = table.terms if 'terms' in table._fields else np.full(len(coordinates), coordinates.shape[1])
+    return [
+        (start + e * len(kind.outputs) + kind.column(kind.effort), int(coordinates[e, t]), float(factors[e, t]))
+        for e in range(len(coordinates))
+        for t in range(terms[e])
+    ]
 
 
 def _massless(bodies) -> list[int]:
@@ -263,7 +301,7 @@ def _massless(bodies) -> list[int]:
     return [int(b) for b in np.flatnonzero(light | (moments[:, 0] <= MASSLESS * moments.max()))]
 
 
-def _floored_inverses(bodies, joints) -> tuple[np.ndarray, np.ndarray]:
+def _floored_inverses(bodies, constraints: Sequence[Any]) -> tuple[np.ndarray, np.ndarray]:
     """1/mass (nb,) and inverse inertia (nb, 3, 3) with floors.
 
     The floor of the inertia is a fraction of the mean of inertia and mass * (lever arm of a joint)^2: the second remains when all
@@ -273,22 +311,9 @@ def _floored_inverses(bodies, joints) -> tuple[np.ndarray, np.ndarray]:
     mass = np.maximum(bodies.mass, PENALTY_MASS_FLOOR * max(float(bodies.mass.mean()), 1e-12))
     size = np.trace(bodies.inertia, axis1=1, axis2=2)
     arm = np.zeros(n + 1)
-    for side, r in enumerate((joints.r_i, joints.r_j)):
-        np.maximum.at(arm, joints.body[:, side], np.linalg.norm(r, axis=1))
+    for table in constraints:
+        if 'r_i' in table._fields:  # between two markers
+            for side, r in enumerate((table.r_i, table.r_j)):
+                np.maximum.at(arm, table.body[:, side], np.linalg.norm(r, axis=1))
     floor = PENALTY_MASS_FLOOR * max(float((size + bodies.mass * arm[:n] ** 2).mean()), 1e-12)
     return 1.0 / mass, np.linalg.inv(bodies.inertia + floor * np.eye(3) * (size < 3 * floor).reshape(n, 1, 1) + 1e-300 * np.eye(3))
-
-
-def _resolve_offsets(model: Model) -> None:
-    """Give couplers without an offset the value that holds in the placed configuration."""
-    table = model.tables.constraints.couplers
-    kin = kinematics_of(placed_configuration(model), np.zeros((model.n_bodies + 1, 6)))
-    zero = np.zeros(len(model.coordinate_names))
-    coordinates = Ref(model.tables.coordinates)
-    for k, coupler in enumerate(model.spec.couplers):
-        if coupler.offset is not None:
-            table.offset[k] = coupler.offset
-            continue
-        for t in range(table.terms[k]):
-            x, _, _ = evaluate_coordinate(coordinates, kin, table.coordinate[k, t], zero)
-            table.offset[k] += table.factor[k, t] * x

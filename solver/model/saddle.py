@@ -23,7 +23,7 @@ import numpy as np
 from solver.compiled.kernel import invoke, kernel
 from solver.compiled.vec import load33
 from solver.linear.blocks import WIDTH, add_row_products, add_weighted_product, combined_block, rotated_block, subtract_weighted_rows
-from solver.model.evaluate import FACTORIZE, SOLVE
+from solver.model.tables import FACTORIZE, SOLVE
 
 CONDENSED, BLOCK = 0, 1
 
@@ -138,9 +138,9 @@ def factorize_saddle(tables, form, saddle):
                         B[con.down[a], r, i] = J_e[a, r, i]
     saddle.T[0, 0] = -1.0
     if form == CONDENSED:
-        invoke(tables.calls[FACTORIZE], (tables.condensed, B, saddle.T))
+        invoke(tables.linear[FACTORIZE], (tables.condensed, B, saddle.T))
     else:
-        invoke(tables.calls[FACTORIZE], (tables.block, B, saddle.T))
+        invoke(tables.linear[FACTORIZE], (tables.block, B, saddle.T))
     return int(saddle.T[0, 0])
 
 
@@ -169,9 +169,9 @@ def solve_saddle(tables, form, saddle, r, g, dw, dlam):
             for q in range(WIDTH):
                 x[nb + k, q] = -g[first + q] if q < rows else 0.0
     if form == CONDENSED:
-        invoke(tables.calls[SOLVE], (tables.condensed, saddle.B, x))
+        invoke(tables.linear[SOLVE], (tables.condensed, saddle.B, x))
     else:
-        invoke(tables.calls[SOLVE], (tables.block, saddle.B, x))
+        invoke(tables.linear[SOLVE], (tables.block, saddle.B, x))
     for b in range(nb):
         for i in range(6):
             dw[b, i] = x[b, i]

@@ -2,88 +2,83 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
-from solver.elements.aero_drag import AeroDragSpec
-from solver.elements.applied_force import AppliedForceSpec
-from solver.elements.brake import BrakeSpec
-from solver.elements.bushing import BushingSpec
-from solver.elements.contact import ContactSpec
 from solver.elements.coordinate import CoordinateSpec
-from solver.elements.coordinate_force import CoordinateForceSpec
-from solver.elements.coupler import CouplerSpec
-from solver.elements.joint import JointSpec
+from solver.elements.marker import Spec
+from solver.elements.registry import CONSTRAINTS, KINDS
 from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.road import RoadSpec
-from solver.elements.spring_damper import SpringDamperSpec
-from solver.elements.tire_pacejka import TireSpec
 from solver.errors import SpecError
 from solver.inputs.maneuver import ACCELERATION, RATE
 from solver.validate import Vector, vector
 
 FLAT = RoadSpec()
+T = TypeVar('T')
 
 
-@dataclass(frozen=True, kw_only=True)
+def _with_kinds(cls: type[T]) -> type[T]:
+    """A frozen dataclass with a further field, a tuple of specifications, for every registered kind of element."""
+    kinds: dict[str, Any] = {kind.name: tuple[kind.spec, ...] for kind in KINDS}  # type: ignore[name-defined]
+    for name in kinds:
+        setattr(cls, name, ())
+    own = dict(cls.__annotations__)
+    first = {name: own.pop(name) for name in ('bodies', 'coordinates')}
+    cls.__annotations__ = first | kinds | own
+    return dataclass(frozen=True, kw_only=True)(cls)
+
+
+@_with_kinds
 class ModelSpec:
     """A mechanism or vehicle on a road. Names are unique within their kind; order is kept everywhere.
 
-    Joints of kind revolute, prismatic and cylindrical define joint coordinates named after them; `coordinates` adds others.
+    Joints of kind revolute, prismatic and cylindrical define joint coordinates named after them; `coordinates` adds others. Every kind of
+    element in solver.elements.registry has a field of its name.
     chassis: the body that odom and imu describe (None: the first body).
     """
 
     bodies: tuple[RigidBodySpec, ...]
-    joints: tuple[JointSpec, ...] = ()
-    contacts: tuple[ContactSpec, ...] = ()
     coordinates: tuple[CoordinateSpec, ...] = ()
-    couplers: tuple[CouplerSpec, ...] = ()
-    spring_dampers: tuple[SpringDamperSpec, ...] = ()
-    bushings: tuple[BushingSpec, ...] = ()
-    coordinate_forces: tuple[CoordinateForceSpec, ...] = ()
-    brakes: tuple[BrakeSpec, ...] = ()
-    applied_forces: tuple[AppliedForceSpec, ...] = ()
-    aero_drags: tuple[AeroDragSpec, ...] = ()
-    tires: tuple[TireSpec, ...] = ()
     road: RoadSpec = FLAT
     gravity: Vector = (0.0, 0.0, -9.81)
     inputs: tuple[str, ...] = ()
     chassis: str | None = None
 
+    if TYPE_CHECKING:  # what a type checker cannot know of the fields that the registry adds
+        __dataclass_fields__: ClassVar[dict[str, Any]]
+
+        def __init__(self, **fields: Any) -> None: ...
+        def __getattr__(self, name: str) -> Any: ...
+
     def __post_init__(self) -> None:
         object.__setattr__(self, 'gravity', vector('model', 'gravity', self.gravity))
         if not self.bodies:
             raise SpecError('model: bodies is empty: a model needs at least one body')
-        for kind in [
-            'bodies',
-            'joints',
-            'contacts',
-            'coordinates',
-            'couplers',
-            'spring_dampers',
-            'bushings',
-            'coordinate_forces',
-            'brakes',
-            'applied_forces',
-            'aero_drags',
-            'tires',
-        ]:
+        for section, specs in self.sections().items():
             seen: set[str] = set()
-            for spec in getattr(self, kind):
+            for spec in specs:
                 if spec.name in seen:
-                    raise SpecError(f'{spec.where}: name = {spec.name!r}: is used twice among the {kind}; rename one')
+                    raise SpecError(f'{spec.where}: name = {spec.name!r}: is used twice among the {section}; rename one')
                 seen.add(spec.name)
+
+    def sections(self) -> dict[str, tuple[Spec, ...]]:
+        """The specifications of bodies, coordinates and elements by the names of their fields."""
+        return {name: getattr(self, name) for name in SECTIONS}
+
+
+SECTIONS = ('bodies', 'coordinates', *(kind.name for kind in KINDS))
 
 
 def used_inputs(model: ModelSpec) -> tuple[str, ...]:
     """Input channels that the elements of a model mention, in order of first mention; drivers with their derivatives."""
     names: dict[str, None] = {}
-    for field in dataclasses.fields(model):
-        specs = getattr(model, field.name)
-        for spec in specs if isinstance(specs, tuple) else ():
+    motions = {kind.name for kind in CONSTRAINTS}
+    for section, specs in model.sections().items():
+        for spec in specs:
             name = getattr(spec, 'input', None)
             if isinstance(name, str):
                 names[name] = None
-                if isinstance(spec, CouplerSpec):
+                if section in motions:
                     names[name + RATE] = names[name + ACCELERATION] = None
     return tuple(names)

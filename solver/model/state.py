@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -12,6 +13,7 @@ from solver.compiled.kernel import kernel
 from solver.compiled.so3 import matrix_of_quaternion
 from solver.elements.coordinate import coordinate_value
 from solver.elements.point_pair import Kinematics
+from solver.elements.rigid_body import RigidBodySpec
 
 
 class State(NamedTuple):
@@ -34,7 +36,16 @@ def new_state(model) -> State:
     nb, nz, nc, nx = model.n_bodies, model.n_internal, model.n_rows, len(model.coordinate_names)
     six = lambda: np.zeros((nb + 1, 6))  # noqa: E731
     return State(
-        placed_configuration(model), six(), six(), six(), six(), np.zeros(nz), np.zeros(nz), np.zeros(nc), np.zeros(nc), np.zeros(nx)
+        placed_configuration(model.spec.bodies),
+        six(),
+        six(),
+        six(),
+        six(),
+        np.zeros(nz),
+        np.zeros(nz),
+        np.zeros(nc),
+        np.zeros(nc),
+        np.zeros(nx),
     )
 
 
@@ -44,11 +55,11 @@ def copy_state(source: State, target: State) -> None:
         b[...] = a
 
 
-def placed_configuration(model) -> np.ndarray:
-    """q (nb + 1, 7) of the bodies as the specification places them."""
-    q = np.zeros((model.n_bodies + 1, 7))
+def placed_configuration(bodies: Sequence[RigidBodySpec]) -> np.ndarray:
+    """q (nb + 1, 7) of bodies as their specifications place them."""
+    q = np.zeros((len(bodies) + 1, 7))
     q[:, 6] = 1.0
-    for b, spec in enumerate(model.spec.bodies):
+    for b, spec in enumerate(bodies):
         R = np.array(matrix_of_quaternion(spec.orientation)).reshape(3, 3)
         q[b, :3] = np.array(spec.position) + R @ np.array(spec.com)
         q[b, 3:] = spec.orientation

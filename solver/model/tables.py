@@ -3,28 +3,24 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from solver.compiled.by_reference import Ref
-from solver.elements.aero_drag import AeroDragTable
-from solver.elements.applied_force import AppliedForceTable
-from solver.elements.brake import BrakeTable
-from solver.elements.bushing import BushingTable
-from solver.elements.contact import ContactTable
 from solver.elements.coordinate import CoordinateTable
-from solver.elements.coordinate_force import CoordinateForceTable
-from solver.elements.coupler import CouplerTable
-from solver.elements.joint import JointTable
 from solver.elements.laws import LawTable
+from solver.elements.registry import FORCE_BY_NAME, FORCES
 from solver.elements.rigid_body import BodyTable
-from solver.elements.spring_damper import SpringDamperTable
-from solver.elements.tire_pacejka import TireTable
 from solver.linear.elimination import Elimination
 from solver.model.spec import ModelSpec
 
-MAX_CALLS = 16
+# Columns of Tables.forces: address of the kernel (0: the model has no such element) and of the table; whether the kernel works on joint
+# coordinates and whether its forces follow inputs; where the outputs are, number of elements and of columns
+ADDRESS, TABLE, ON_COORDINATES, DRIVEN, OUTPUT, COUNT, WIDTH = range(7)
+# and of Tables.constraint_kinds: addresses of the kernels of residuals and of second derivatives, then as above
+RESIDUALS, HESSIANS, CONSTRAINT_TABLE, CONSTRAINT_ON_COORDINATES = range(4)
+FACTORIZE, SOLVE = range(2)  # of Tables.linear
 
 
 class ConstraintTable(NamedTuple):
@@ -39,15 +35,23 @@ class ConstraintTable(NamedTuple):
     up: np.ndarray  # (entries + 1,) block form: slot (body, group)
     down: np.ndarray  # (entries + 1,) block form: slot (group, body)
     centre: np.ndarray  # (ng,) block form: slot (group, group)
-    joints: JointTable
-    contacts: ContactTable
-    couplers: CouplerTable
+    driven: np.ndarray  # (nd, 3) rows that follow an input, and the channels of its rate and acceleration
+
+
+class EffortTable(NamedTuple):
+    """Outputs that are generalized forces on joint coordinates, one after the other."""
+
+    output: np.ndarray  # (m,) index in the outputs
+    coordinate: np.ndarray  # (m,)
+    factor: np.ndarray  # (m,)
 
 
 class Tables(NamedTuple):
-    """Everything the kernels need of a model."""
+    """Everything the kernels need of a model. The tables of element kinds are known to their own kernels only."""
 
-    calls: np.ndarray  # (MAX_CALLS,) addresses of the kernels of this model's elements (solver.model.evaluate.bind)
+    forces: np.ndarray  # (kinds of forces, 7) see ADDRESS ... WIDTH
+    constraint_kinds: np.ndarray  # (kinds of constraints, 4)
+    linear: np.ndarray  # (2,) addresses of factorize and solve
     bodies: BodyTable
     penalty_inverse_mass: np.ndarray  # (nb,) 1/mass with a floor, for the effective masses of constraints only
     penalty_inverse_inertia: np.ndarray  # (nb, 3, 3)
@@ -56,13 +60,7 @@ class Tables(NamedTuple):
     coordinates: CoordinateTable
     constraints: ConstraintTable
     laws: LawTable
-    spring_dampers: SpringDamperTable
-    bushings: BushingTable
-    coordinate_forces: CoordinateForceTable
-    brakes: BrakeTable
-    applied_forces: AppliedForceTable
-    aero_drags: AeroDragTable
-    tires: TireTable
+    effort: EffortTable
     condensed: Elimination  # of the n x n form
     block: Elimination  # of the block form
 
@@ -73,6 +71,7 @@ class Model:
 
     spec: ModelSpec
     tables: Ref  # of Tables
+    elements: dict[str, Ref]  # tables of the kinds of forces and constraints, by name
     n_bodies: int
     n_rows: int  # constraint rows
     n_slots: int  # 6x6 blocks of forces and constraints, without fill and without the trash slot
@@ -84,4 +83,33 @@ class Model:
     group_names: tuple[str, ...]
     body_names: tuple[str, ...]
     internal_owner: tuple[str, ...]
+    internal_bodies: tuple[int, ...]  # bodies whose motion internal states depend on
     coordinate_index: dict[str, int]
+
+    def outputs(self, kind: str, numbers: np.ndarray) -> np.ndarray:
+        """(n, columns) outputs of a kind of force within those of all elements (new_outputs); a view."""
+        row = self.tables.forces[FORCES.index(FORCE_BY_NAME[kind])]
+        return numbers[row[OUTPUT] : row[OUTPUT] + row[COUNT] * row[WIDTH]].reshape(row[COUNT], row[WIDTH])
+
+    def new_outputs(self) -> np.ndarray:
+        """Room for the outputs of all force elements, kind by kind, filled with NaN until an evaluation assigns them."""
+        return np.full(int((self.tables.forces[:, COUNT] * self.tables.forces[:, WIDTH]).sum()), np.nan)
+
+    def inputs_of(self, kind: str) -> np.ndarray:
+        """Indices of the inputs that the forces of a kind follow."""
+        used = np.unique(self.elements[kind].input) if FORCE_BY_NAME[kind].driven else np.zeros(0, int)
+        return used[used >= 0]
+
+    def only(self, kind: str | None) -> Ref:
+        """The tables with the force elements of one kind alone, or with none."""
+        forces = self.tables.forces.copy()
+        forces[[k for k, other in enumerate(FORCES) if other.name != kind], ADDRESS] = 0
+        return Ref(self.tables.value._replace(forces=forces))
+
+    def with_tables(self, changed: dict[str, Any]) -> tuple[Ref, list[Ref]]:
+        """(the tables with those of some kinds of force exchanged, what must be kept alive as long as they are used)."""
+        forces, kept = self.tables.forces.copy(), []
+        for kind, table in changed.items():
+            kept.append(Ref(table))
+            forces[FORCES.index(FORCE_BY_NAME[kind]), TABLE] = kept[-1].pointer
+        return Ref(self.tables.value._replace(forces=forces)), kept

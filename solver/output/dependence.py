@@ -7,9 +7,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from solver.elements.registry import CONSTRAINTS, FORCES
 from solver.model.tables import Model
 
 RANK_TOLERANCE = 1e-8  # of rows of unit norm in the metric of the masses
+COUNTS = ('bushings', 'spring_dampers', 'force_elements', 'external_forces', 'tires')  # of force elements, of which a model may have none
 LEAST_GRIP = 1e-3  # smallest singular value of such rows, in the columns of one body, that are independent beyond doubt
 
 
@@ -122,17 +124,16 @@ def describe(model: Model, J: np.ndarray) -> dict:
     kinds: dict[str, int] = {}
     for joint in spec.joints:
         kinds[joint.kind] = kinds.get(joint.kind, 0) + 1
+    counts = dict.fromkeys(COUNTS, 0)
+    for kind in FORCES:
+        for element in getattr(spec, kind.name):
+            counts[element.counted_as] = counts.get(element.counted_as, 0) + 1
     return {
         'bodies': len(spec.bodies),
         'joints': len(spec.joints),
         'joints_by_kind': kinds,
-        'contacts': len(spec.contacts),
-        'couplers': len(spec.couplers),
-        'bushings': len(spec.bushings),
-        'spring_dampers': len(spec.spring_dampers),
-        'force_elements': len(spec.coordinate_forces) + len(spec.brakes) + sum(f.reaction is not None for f in spec.applied_forces),
-        'external_forces': len(spec.aero_drags) + sum(f.reaction is None for f in spec.applied_forces),
-        'tires': len(spec.tires),
+        **{kind.name: len(getattr(spec, kind.name)) for kind in CONSTRAINTS if kind.name != 'joints'},
+        **counts,
         'constraint_rows': model.n_rows,
         'dof': 6 * model.n_bodies - found.rank,
         'position_dof': 6 * model.n_bodies - found.position_rank,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from solver.compiled.kernel import kernel
+from solver.model.tables import COUNT, OUTPUT, WIDTH
 
 REFERENCE, POWER, WORK, WORST, ENERGY = range(5)  # entries of the running audit
 
@@ -18,18 +19,12 @@ def mechanical_energy(tables, kin, outputs):
             for j in range(3):
                 energy += 0.5 * kin.v[b, 3 + i] * bodies.inertia[b, i, j] * kin.v[b, 3 + j]
     dissipation = 0.0
-    for out in (
-        outputs.spring_dampers,
-        outputs.bushings,
-        outputs.coordinate_forces,
-        outputs.brakes,
-        outputs.applied_forces,
-        outputs.aero_drags,
-        outputs.tires,
-    ):
-        for e in range(out.shape[0]):
-            energy += out[e, 0]
-            dissipation += out[e, 1]
+    for k in range(tables.forces.shape[0]):
+        at = tables.forces[k, OUTPUT]
+        for _ in range(tables.forces[k, COUNT]):
+            energy += outputs[at]
+            dissipation += outputs[at + 1]
+            at += tables.forces[k, WIDTH]
     return energy, dissipation
 
 

@@ -38,7 +38,7 @@ class Rows(NamedTuple):
 class Equations:
     """Forces and constraints of a compiled model as dense matrices. inputs: t [s] -> (nu,). Not thread-safe: one scratch."""
 
-    def __init__(self, model: Model, outputs: Ref, inputs: Callable[[float], np.ndarray], angle: np.ndarray) -> None:
+    def __init__(self, model: Model, outputs: np.ndarray, inputs: Callable[[float], np.ndarray], angle: np.ndarray) -> None:
         t = model.tables
         self.model, self.tables, self.outputs, self.inputs = model, t, outputs, inputs
         self.n = 6 * model.n_bodies
@@ -48,14 +48,6 @@ class Equations:
         self.evaluations = 0
         nb, nc, ns = model.n_bodies, model.n_rows, model.n_slots
         self._kin = Ref(new_kinematics(nb))
-        on = {tire.marker.body for tire in model.spec.tires} | {
-            marker.body
-            for brake in model.spec.brakes
-            for joint in model.spec.joints
-            if joint.name == brake.coordinate.partition('/')[0]
-            for marker in (joint.i, joint.j)
-        }
-        self._state_bodies = [b for b, name in enumerate(model.body_names) if name in on]  # whose motion internal states depend on
         self._coordinates = Ref(t.coordinates)
         self._f = np.zeros((nb + 1, 6))
         self._Kq, self._Kv = np.zeros((ns + 1, 6, 6)), np.zeros((ns + 1, 6, 6))
@@ -148,7 +140,7 @@ class Equations:
         for k, d in enumerate(DIFFERENCE * np.eye(nz)):
             (f1, z1), (f0, z0) = self.forces(t, zp + d, cz), self.forces(t, zp - d, cz)
             f_z[:, k], z_z[:, k] = (f1 - f0) / (2 * DIFFERENCE), (z1 - z0) / (2 * DIFFERENCE)
-        for b in self._state_bodies:
+        for b in self.model.internal_bodies:
             for i, d in enumerate(DIFFERENCE * np.eye(6)):
                 for out, q_step, v_step in ((z_q, d, 0.0 * d), (z_v, 0.0 * d, d)):
                     sides = []

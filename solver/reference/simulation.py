@@ -39,7 +39,7 @@ class ReferenceSimulation(Simulation):
         super()._refresh()
         kind, tolerance = self.scene.integrator.kind, self.scene.integrator.tolerance
         s = self.state
-        self.equations = Equations(self.model, Ref(self.outputs), self._inputs_at, s.angle)
+        self.equations = Equations(self.model, self.outputs, self._inputs_at, s.angle)
         motion = Motion(s.q.copy(), self.work.v_out.copy(), s.z.copy())
         t = self.t_ns * 1e-9
         if kind == 'reference_kkt':
@@ -94,6 +94,6 @@ class ReferenceSimulation(Simulation):
         w.a_out[:-1] = a.reshape(-1, 6)
         evaluate_constraints(tables, kin, s.angle, self._inputs, True, w.phi, w.J)
         constraint_input_rates(tables, self._inputs, w.phi_t, w.phi_tt)
-        evaluate_forces(tables, kin, s.angle, s.z, 0.0, self._inputs, False, w.f, w.Kq, w.Kv, w.z_s, self._output_table)
-        update_audit(tables, kin, self._output_table, w.lam_out, w.phi_t, self.h, w.audit)
+        evaluate_forces(tables, kin, s.angle, s.z, 0.0, self._inputs, False, w.f, w.Kq, w.Kv, w.z_s, self.outputs)
+        update_audit(tables, kin, self.outputs, w.lam_out, w.phi_t, self.h, w.audit)
         self._collect()

@@ -11,10 +11,10 @@ import numpy as np
 from solver.compiled.by_reference import Ref
 from solver.compiled.kernel import kernel
 from solver.compiled.so3 import matrix_of_quaternion, quaternion_exp, quaternion_normalized, quaternion_product
+from solver.elements.registry import FORCES
 from solver.errors import ConsistencyError
 from solver.linear.gmres import gmres
 from solver.model.evaluate import (
-    Outputs,
     add_constraint_forces,
     add_constraint_stiffness,
     constraint_input_rates,
@@ -36,20 +36,17 @@ LARGEST_TURN = 0.3  # rad or m per iteration of the assembly
 EQUILIBRIUM_TOLERANCE = 1e-11  # N or N m, relative to the weight of the model
 SETTLING = 1.0  # s, long against every damping in a model
 CLEARANCE = 10.0  # height at which no tire touches any road [m]
-HOLD = 1e9  # input of brakes that hold [N m per unit of gain]
-RELEASED = 1e-6  # stiffness of a released brake while equilibrium is sought, relative to its own
-GIVE = 1e-4  # m that what holds a vehicle with released brakes gives way under its whole weight
+GIVE = 1e-4  # m that what holds a body gives way under the weight of the whole model
 
 
 class Start:
     """Scratch for the start calculations of one model (not a state: every method says what it changes)."""
 
-    def __init__(self, model: Model, outputs: Outputs) -> None:
+    def __init__(self, model: Model) -> None:
         self.model = model
         self.t = model.tables
         nb, ns = model.n_bodies, model.n_slots
-        self.outputs = Ref(outputs)
-        self.chassis = model.body_names.index(model.spec.chassis) if model.spec.chassis else 0
+        self.outputs = model.new_outputs()
         self.saddle = Ref(new_saddle(model, CONDENSED))
         self.coordinates = Ref(self.t.coordinates)
         self.constraints = Ref(self.t.constraints)
@@ -272,36 +269,30 @@ class Start:
             constraint_rates(self.constraints, self.J, e, excess)
             self.project_velocity(state, u, h * h * excess * self.t.constraints.holonomic)
 
-    def equilibrium(self, state: State, u: np.ndarray, limit: int = 400) -> float:
+    def equilibrium(self, state: State, u: np.ndarray, limit: int = 400, *, hold: int | None = None) -> float:
         """Static equilibrium: Newton on f(q, 0) + A^T lam = 0, phi = 0 with a pseudo-mass M/tau^2 that fades.
 
         Changes state.q, state.lam, state.z, state.angle; state.v is set to zero. Returns the largest generalized force left [N
         or N m]. Internal states follow the motion towards the equilibrium as if an iteration took SETTLING seconds: tires at rest
-        and brakes are springs between that motion and their force. Brakes hold during the search, or the toe of the wheels would
-        roll a car away; what they carry beyond their capacity under u is dropped at the end. Released ones hold so softly that
-        what is dropped does not matter: locked wheels would take part of the load of a suspension that moves them to and fro.
-        A vehicle whose brakes are all released is held at its chassis instead, along its x axis: on a slope it is found where it was
-        placed, resting in its suspension, and rolls away from there. Other directions without stiffness stay where they are. Raises
-        ConsistencyError if it does not settle.
+        and brakes are springs between that motion and their force. Kinds of elements may act otherwise during the search
+        (ForceKind.held). hold: a body that is held along its x axis, at the place where it is. Other directions without stiffness stay
+        where they are. Raises ConsistencyError if it does not settle.
         """
-        brakes = self.t.brakes
-        capacity = np.maximum(brakes.gain * u[brakes.input], 0.0)
-        held = u.copy()
-        held[brakes.input] = HOLD
-        stiffness, damping = brakes.stiffness.copy(), brakes.damping.copy()
-        brakes.stiffness[capacity == 0.0] *= RELEASED
-        brakes.damping[capacity == 0.0] = 0.0
-        try:
-            left = self._settle(state, held, limit, hold=bool(self.model.spec.tires) and not capacity.any())
-        finally:
-            brakes.stiffness[:], brakes.damping[:] = stiffness, damping
-        limits = capacity / brakes.stiffness
-        state.z[brakes.state] = np.clip(state.z[brakes.state], -limits, limits)
+        changed, limits = {}, {}
+        for kind in FORCES:
+            if kind.held is not None and getattr(self.model.spec, kind.name):
+                held = kind.held(self.model.elements[kind.name].value, u)
+                changed[kind.name], u = held.table, held.inputs
+                limits |= held.limits
+        tables, kept = self.model.with_tables(changed)
+        left = self._settle(tables, state, u, limit, hold)
+        del kept
+        for index, largest in limits.items():
+            state.z[index] = np.clip(state.z[index], -largest, largest)
         return left
 
-    def _hold(self, q: np.ndarray, start: np.ndarray, stiffness: float) -> None:
-        """Add a spring along the x axis of the chassis, from its place p (3,) at the start, to the forces and their tangent."""
-        b = self.chassis
+    def _hold(self, b: int, q: np.ndarray, start: np.ndarray, stiffness: float) -> None:
+        """Add a spring along the x axis of body b, from its place p (3,) at the start, to the forces and their tangent."""
         R = np.array(matrix_of_quaternion(tuple(q[b, 3:]))).reshape(3, 3)
         d, moved = R[:, 0], q[b, :3] - start
         s = d @ moved
@@ -311,8 +302,8 @@ class Start:
         turned = np.column_stack([np.zeros(3), -R[:, 2], R[:, 1]])  # of d by a rotation in B
         self.Kq[slot, :3, 3:] -= stiffness * (np.outer(d, moved @ turned) + s * turned)
 
-    def _settle(self, state: State, u: np.ndarray, limit: int, hold: bool) -> float:
-        place = state.q[self.chassis, :3].copy()
+    def _settle(self, tables: Ref, state: State, u: np.ndarray, limit: int, hold: int | None) -> float:
+        place = state.q[0 if hold is None else hold, :3].copy()
         state.v[:] = 0.0
         tau = 0.01
         scale = max(1.0, float((self.t.bodies.mass * np.linalg.norm(self.t.bodies.gravity)).sum()))
@@ -320,9 +311,9 @@ class Start:
         at_rest = np.zeros_like(state.v)
         for _ in range(limit):
             kin = self._constraints(state.q, at_rest, state.angle, u)
-            evaluate_forces(self.t, kin, state.angle, state.z, SETTLING, u, True, self.f, self.Kq, self.Kv, self.z, self.outputs)
-            if hold:
-                self._hold(state.q, place, scale / GIVE)
+            evaluate_forces(tables, kin, state.angle, state.z, SETTLING, u, True, self.f, self.Kq, self.Kv, self.z, self.outputs)
+            if hold is not None:
+                self._hold(hold, state.q, place, scale / GIVE)
             r = -self.f
             add_constraint_forces(self.constraints, self.J, state.lam, -1.0, r)
             r[-1] = 0.0
@@ -339,7 +330,7 @@ class Start:
             solve_saddle(self.t, CONDENSED, self.saddle, r, self.phi, self.dw, self.dlam)
             factor = min(1.0, 0.05 / max(np.abs(self.dw).max(), 1e-300))
             kin = kinematics_of(state.q, factor / SETTLING * self.dw)
-            evaluate_forces(self.t, kin, state.angle, state.z, SETTLING, u, False, self.f, self.Kq, self.Kv, self.z, self.outputs)
+            evaluate_forces(tables, kin, state.angle, state.z, SETTLING, u, False, self.f, self.Kq, self.Kv, self.z, self.outputs)
             state.z[:] = self.z
             move(state.q, factor * self.dw)
             state.lam[:] += factor * self.dlam

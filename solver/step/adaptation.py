@@ -100,7 +100,7 @@ def is_undetermined(tried: list[tuple[float, float]], allowed: float) -> bool:
 class Adaptation:
     """Advances a model over the output grid with steps and penalties of its own choice."""
 
-    def __init__(self, model: Model, settings: IntegratorSettings, coefficients: Ref, work: Ref, output_table: Ref) -> None:
+    def __init__(self, model: Model, settings: IntegratorSettings, coefficients: Ref, work: Ref, outputs: np.ndarray) -> None:
         self.model, self.settings, self.coefficients, self.work = model, settings, coefficients, work
         self.grid = settings.h_ns * 1e-9
         self.base = coefficients.penalty.copy()
@@ -110,7 +110,7 @@ class Adaptation:
         self.usual_cause = 'error' if self.by_error else 'easy'  # of a change of the step when nothing went wrong
         self._full, self._half = (Ref(new_state(model)) for _ in range(2))
         self._begin = new_state(model)
-        self._kin, self._output_table = Ref(work.kin_e), output_table
+        self._kin, self._outputs = Ref(work.kin_e), outputs
         names = model.spec.inputs
         motions = [n for n in names if is_motion(n, names)]
         self._motion = np.array([[names.index(n + end) for n in motions] for end in ('', RATE, ACCELERATION)], int).reshape(3, -1)
@@ -276,7 +276,7 @@ class Adaptation:
     def _keep_audit(self, wanted: bool, result: StepResult, h: float) -> None:
         if wanted and result.status == OK:
             w = self.work
-            update_audit(self.model.tables, self._kin, self._output_table, w.lam_out, w.phi_t, h, w.audit)
+            update_audit(self.model.tables, self._kin, self._outputs, w.lam_out, w.phi_t, h, w.audit)
 
     def _difference(self, a: State, v_a: np.ndarray, b: State) -> float:
         """Largest difference of positions [m], turns [rad], internal states, and velocities.

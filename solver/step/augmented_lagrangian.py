@@ -327,7 +327,9 @@ def advance(tables, c, s0, s1, inputs, first, count, audit, work):
             outputs_end = work.outputs
             if continue_inputs(c, u, work):
                 w = work
-                outputs_end = w.outputs_audit
+                outputs_end = w.outputs_end
+                for i in range(outputs_end.shape[0]):
+                    outputs_end[i] = w.outputs[i]
                 evaluate_driven_forces(tables, w.kin_e, new.angle, new.z, 0.0, w.u_end, NO, w.f, w.Kq, w.Kv, w.z_s, outputs_end)
             update_audit(tables, work.kin_e, outputs_end, work.lam_out, work.phi_t, c.h, work.audit)
         for i in range(u.shape[0]):

@@ -200,7 +200,7 @@ def coefficients_of(model, state: State, u: np.ndarray, outputs, *, coupled: boo
     f, z = np.zeros((model.n_bodies + 1, 6)), np.zeros(model.n_internal)
     Kq, Kv = (np.zeros((model.n_slots + 1, 6, 6)) for _ in range(2))
     evaluate_constraints(t, kin, state.angle, u, True, phi, J)
-    evaluate_forces(t, kin, state.angle, state.z, 0.0, u, True, f, Kq, Kv, z, Ref(outputs))
+    evaluate_forces(t, kin, state.angle, state.z, 0.0, u, True, f, Kq, Kv, z, outputs)
     formulation = new_formulation(model)
     constraint_coefficients(t, CONDENSED, int(coupled), 1, J, Kq, Kv, f, Ref(new_saddle(model, CONDENSED)), Ref(formulation))
     return {name: ConstraintCoefficients(*(float(x) for x in row)) for name, row in zip(model.row_names, formulation.values, strict=True)}

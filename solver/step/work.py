@@ -8,7 +8,7 @@ import numpy as np
 
 from solver.compiled.by_reference import Ref
 from solver.elements.point_pair import Kinematics
-from solver.model.evaluate import Outputs
+from solver.elements.registry import FORCES
 from solver.model.saddle import Saddle
 from solver.model.state import new_kinematics
 from solver.output.snapshot import Frame
@@ -83,7 +83,7 @@ class Work(NamedTuple):
     zp: np.ndarray
     z_s: np.ndarray
     saddle: Saddle
-    outputs: Outputs
+    outputs: np.ndarray  # those of all force elements (Model.new_outputs)
     v_out: np.ndarray  # (nb + 1, 6) projected twist
     a_out: np.ndarray  # (nb + 1, 6) acceleration at the end of the step
     lam_out: np.ndarray  # (nc,) constraint forces at the end of the step
@@ -91,7 +91,7 @@ class Work(NamedTuple):
     u_force: np.ndarray  # (nu,) 1 for inputs that forces follow, 0 for prescribed motions
     u_before: np.ndarray  # (nu,) inputs of the step before
     u_end: np.ndarray  # (nu,) inputs at the end of the step
-    outputs_audit: Outputs  # those of elements that follow inputs with u_end, the others the same arrays
+    outputs_end: np.ndarray  # the same, those of elements that follow inputs with u_end
     formulation: Formulation  # coefficients of the constraints
     chassis: int  # body of the inertial unit
     frame: Frame  # what a Snapshot shows
@@ -111,25 +111,20 @@ class StepResult(NamedTuple):
     stagnated: int  # 1: accepted although the iteration stopped gaining before the tolerance
 
 
-def new_work(model, saddle: Saddle, outputs: Outputs, frame: Frame) -> Ref:
+def new_work(model, saddle: Saddle, outputs: np.ndarray, frame: Frame) -> Ref:
     """Allocate the scratch (Work, by reference) of a model; outputs and frame are the arrays that it fills."""
     nb, nc, ns, ne, nz = model.n_bodies, model.n_rows, model.n_slots, model.n_entries, model.n_internal
     six = lambda: np.zeros((nb + 1, 6))  # noqa: E731
     row = lambda: np.zeros(nc)  # noqa: E731
-    t = model.tables
-    used = np.concatenate([t.coordinate_forces.input, t.brakes.input, t.applied_forces.input])
+    used = np.concatenate([model.inputs_of(kind.name) for kind in FORCES])
     forces = np.isin(np.arange(len(model.spec.inputs)), used).astype(float)
-
-    driven = ('coordinate_forces', 'brakes', 'applied_forces')
-    audited = outputs._replace(**{kind: getattr(outputs, kind).copy() for kind in driven})
-
     work = Work(
         kin_s=new_kinematics(nb), kin_e=new_kinematics(nb), T_s=np.tile(np.eye(3), (nb + 1, 1, 1)), T_e=np.tile(np.eye(3), (nb + 1, 1, 1)),
         f=six(), r=six(), dw=six(), a_best=six(), lam_best=row(), Kq=np.zeros((ns + 1, 6, 6)), Kv=np.zeros((ns + 1, 6, 6)),
         phi=row(), phi_s=row(), g=row(), dlam=row(), phi_t=row(), phi_tt=row(), rate=row(),
         J=np.zeros((ne + 1, 6, 6)), J_now=np.zeros((ne + 1, 6, 6)), zp=np.zeros(nz), z_s=np.zeros(nz),
         saddle=saddle, outputs=outputs, v_out=six(), a_out=six(), lam_out=row(), audit=np.zeros(5),
-        u_force=forces, u_before=np.zeros_like(forces), u_end=np.zeros_like(forces), outputs_audit=audited,
+        u_force=forces, u_before=np.zeros_like(forces), u_end=np.zeros_like(forces), outputs_end=outputs.copy(),
         formulation=new_formulation(model),
         chassis=model.body_names.index(model.spec.chassis) if model.spec.chassis else 0, frame=frame,
     )  # fmt: skip

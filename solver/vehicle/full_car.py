@@ -78,7 +78,8 @@ def full_car_model(car: FullCar) -> ModelSpec:
             shafts,
         )
     )
-    model = ModelSpec(**parts._asdict(), aero_drags=aero_drag(car.aero, chassis), gravity=(0.0, 0.0, -car.gravity), chassis='chassis')
+    parts = joined((parts, Parts(aero_drags=aero_drag(car.aero, chassis))))
+    model = ModelSpec(**parts.sections, gravity=(0.0, 0.0, -car.gravity), chassis='chassis')
     return ModelSpec(**{**model.__dict__, 'inputs': used_inputs(model)})
 
 

@@ -10,22 +10,18 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import chain
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
-from solver.elements.brake import BrakeSpec
 from solver.elements.bushing import BushingSpec, Six
-from solver.elements.coordinate import CoordinateSpec
-from solver.elements.coordinate_force import CoordinateForceSpec
-from solver.elements.coupler import CouplerSpec
 from solver.elements.joint import JointSpec
 from solver.elements.laws import Law
-from solver.elements.marker import Marker
+from solver.elements.marker import Marker, Spec
 from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.spring_damper import SpringDamperSpec
-from solver.elements.tire_pacejka import TireSpec
 from solver.model.frames import frame_of_axis
+from solver.model.spec import SECTIONS
 from solver.validate import Vector, finite, require
 from solver.vehicle.hardpoints import SIDES, distance, marker_at, on_side
 
@@ -40,23 +36,29 @@ def vector_of(array: np.ndarray) -> Vector:
     return (x, y, z)
 
 
-class Parts(NamedTuple):
-    """Fields of ModelSpec that a part of the vehicle contributes to."""
+class Parts:
+    """Sections of ModelSpec (bodies, joints, coordinates, any kind of element) that a part of the vehicle contributes to."""
 
-    bodies: tuple[RigidBodySpec, ...] = ()
-    joints: tuple[JointSpec, ...] = ()
-    coordinates: tuple[CoordinateSpec, ...] = ()
-    couplers: tuple[CouplerSpec, ...] = ()
-    spring_dampers: tuple[SpringDamperSpec, ...] = ()
-    bushings: tuple[BushingSpec, ...] = ()
-    coordinate_forces: tuple[CoordinateForceSpec, ...] = ()
-    brakes: tuple[BrakeSpec, ...] = ()
-    tires: tuple[TireSpec, ...] = ()
+    def __init__(self, **sections: tuple[Spec, ...]) -> None:
+        unknown = sections.keys() - set(SECTIONS)
+        if unknown:
+            raise TypeError(f'Parts: {min(unknown)!r} is no section of ModelSpec')
+        self.sections = sections
+
+    def __getattr__(self, section: str) -> tuple[Any, ...]:
+        if section not in SECTIONS:
+            raise AttributeError(section)
+        return self.sections.get(section, ())
+
+    def replace(self, **sections: tuple[Spec, ...]) -> Parts:
+        """The same parts with some sections exchanged."""
+        return Parts(**{**self.sections, **sections})
 
 
 def joined(parts: Iterable[Parts]) -> Parts:
     """All parts together, in order."""
-    return Parts(*(tuple(chain(*field)) for field in zip(*parts, strict=True)))
+    every = list(parts)
+    return Parts(**{section: tuple(chain(*(getattr(part, section) for part in every))) for section in SECTIONS})
 
 
 class Corner(NamedTuple):

@@ -107,4 +107,4 @@ class IndependentSuspension:
         upright = self.upright.body(f'upright_{name}', self.wheel.center, side)
         wheel = self.wheel.body(f'wheel_{name}', side)
         parts = wheel_end(name, side, wheel, upright, chassis, tire=self.tire, turn_slip=self.turn_slip, brake=self.brake)
-        return parts._replace(bodies=(upright, wheel)), upright, wheel
+        return parts.replace(bodies=(upright, wheel)), upright, wheel

@@ -27,7 +27,7 @@ def ring(car: Simulation, displacement: np.ndarray, velocity: np.ndarray, row: i
     """(COUNT,) displacement along row of the variations after a start moved by (6 nb,) variations and velocities."""
     car.reset()
     state, c = car.state, car.coefficients
-    start, u = Start(car.model, car.outputs), np.zeros(len(car.model.spec.inputs))
+    start, u = Start(car.model), np.zeros(len(car.model.spec.inputs))
     rest = state.q.copy()
     state.q[:-1, :3] += displacement.reshape(-1, 6)[:, :3]
     turn = displacement.reshape(-1, 6)[:, 3:]

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from solver.compiled.so3 import exp
 from solver.elements.coordinate import CoordinateSpec
-from solver.elements.coupler import MAX_TERMS, CouplerSpec, CouplerTable, add_coupler_hessians, evaluate_couplers
+from solver.elements.coupler import CouplerSpec, add_coupler_hessians, compile_couplers, evaluate_couplers
 from solver.elements.marker import Marker
 from solver.errors import SpecError
 
@@ -31,37 +31,25 @@ def coordinates(rng):
 
 
 class Row:
-    """The row of one coupler as a function of the kinematics of three bodies; the world has Jacobian block 0."""
+    """The row of one coupler as a function of the kinematics of three bodies."""
 
-    def __init__(self, specs, terms, offset=0.0, channel=-1) -> None:
-        context = ContractContext(bodies=BODIES, coordinates=specs)
+    def __init__(self, specs, terms, offset=0.0, channel=None) -> None:
+        context = ContractContext(bodies=BODIES, coordinates=specs, inputs=('other', 'u', 'u_rate', 'u_acceleration'))
         self.x = context.coordinate_table()
-        n = len(terms)
-        index = [context.coordinate('test', name) for name, _ in terms]
-        pad = [0] * (MAX_TERMS - n)
-        block = [[(b + 1) % (BODIES + 1) for b in context.coordinate_bodies(k)] for k in index]
-        self.table = CouplerTable(
-            row=np.zeros(1, np.int64),
-            terms=np.array([n]),
-            coordinate=np.array([index + pad]),
-            factor=np.array([[f for _, f in terms] + pad], float),
-            entry=np.array([block + [[0, 0]] * (MAX_TERMS - n)]),
-            offset=np.array([offset]),
-            input=np.array([[channel, channel, channel]]),
-        )
+        self.table = compile_couplers([CouplerSpec(name='row', terms=tuple(terms), offset=offset, input=channel)], context)
 
     def evaluate(self, kin, u=()):
         phi = np.full(1, np.nan, kin.p.dtype)
-        J = np.full((BODIES + 1, 6, 6), np.nan, kin.p.dtype)
+        J = np.full((BODIES + 2, 6, 6), np.nan, kin.p.dtype)
         evaluate_couplers(self.table, self.x, kin, ANGLE, np.array(u, float), True, phi, J)
         used = np.unique(self.table.entry[0, : self.table.terms[0]])
-        gradient = np.zeros((BODIES + 1, 6), kin.p.dtype)
+        gradient = np.zeros((BODIES + 2, 6), kin.p.dtype)
         gradient[used] = J[used, 0]
-        return phi[0], gradient[1:].ravel()
+        return phi[0], gradient[1 : BODIES + 1].ravel()
 
     def stiffness(self, kin, lam):
-        blocks = np.zeros((BODIES * BODIES + 1, 6, 6))
-        add_coupler_hessians(self.table, self.x, kin, np.array([lam]), blocks)
+        blocks, trash = (np.zeros((BODIES * BODIES + 1, 6, 6)) for _ in range(2))
+        add_coupler_hessians(self.table, self.x, kin, np.array([lam]), blocks, trash)
         return blocks[1:].reshape(BODIES, BODIES, 6, 6).transpose(0, 2, 1, 3).reshape(6 * BODIES, 6 * BODIES)
 
 
@@ -106,7 +94,7 @@ def test_driver_subtracts_its_input(rng):
     specs = coordinates(rng)
     kin = random_kinematics(rng, BODIES)
     free, _ = Row(specs, [('slide', 1.0)]).evaluate(kin)
-    driven, _ = Row(specs, [('slide', 1.0)], offset=0.25, channel=1).evaluate(kin, [9.0, 0.5])
+    driven, _ = Row(specs, [('slide', 1.0)], offset=0.25, channel='u').evaluate(kin, [9.0, 0.5])
     assert driven == pytest.approx(free - 0.75, abs=1e-14)
 
 

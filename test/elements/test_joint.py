@@ -8,7 +8,7 @@ from constraint_rows import BODIES, Rows, check_derivatives, check_reactions
 from contract import kinematics, random_kinematics, random_marker
 from scipy.spatial.transform import Rotation
 
-from solver.elements.joint import KINDS, JointSpec
+from solver.elements.joint import JOINTS, KINDS, JointSpec
 from solver.elements.marker import Marker
 from solver.errors import SpecError
 
@@ -21,7 +21,7 @@ def joint(kind, i, j, **fields):
 @pytest.mark.parametrize('kind', KINDS)
 def test_jacobian_and_geometric_stiffness_are_the_complex_step_derivatives(rng, kind, i, j):
     """A = d phi/dq and d(A^T lam)/dq, to rounding, in open joints."""
-    rows = Rows(joint(kind, random_marker(rng, i), random_marker(rng, j)), com=rng.normal(size=(2, 3)))
+    rows = Rows(JOINTS, joint(kind, random_marker(rng, i), random_marker(rng, j)), com=rng.normal(size=(2, 3)))
     for _ in range(3):
         check_derivatives(rows, random_kinematics(rng, 2), rng.normal(size=rows.n))
 
@@ -54,7 +54,7 @@ def closed(rng, kind):
     p_G = kin.p[0] + kin.R[0] @ np.array(F.position) + R_F @ np.array(d)
     kin.R[1] = R_G @ Rotation.from_quat(G.orientation).as_matrix().T
     kin.p[1] = p_G - kin.R[1] @ np.array(G.position)
-    return Rows(joint(kind, F, G)), kin, R_F, p_G
+    return Rows(JOINTS, joint(kind, F, G)), kin, R_F, p_G
 
 
 @pytest.mark.parametrize('kind', KINDS)
@@ -87,16 +87,16 @@ def test_constant_velocity_joint_turns_both_shafts_alike(rng):
         spin = Rotation.from_rotvec([0, 0, angle])
         R = (bend * spin).as_matrix()
         kin = kinematics([((0, 0, 0), spin.as_matrix()), ((0, 0, 0), R)])
-        np.testing.assert_allclose(Rows(joint('constant_velocity', F, G)).evaluate(kin)[0], 0.0, atol=1e-14)
+        np.testing.assert_allclose(Rows(JOINTS, joint('constant_velocity', F, G)).evaluate(kin)[0], 0.0, atol=1e-14)
     kin = kinematics([((0, 0, 0), (0, 0, 0.3)), ((0, 0, 0), (bend * Rotation.from_rotvec([0, 0, 0.3])).as_matrix())])
-    assert abs(Rows(joint('universal', F, G)).evaluate(kin)[0][3]) > 1e-2
+    assert abs(Rows(JOINTS, joint('universal', F, G)).evaluate(kin)[0][3]) > 1e-2
 
 
 def test_positive_multiplier_pushes_towards_larger_residuals():
     """G 0.1 m ahead of F along x: phi_x of a revolute and of a distance joint is +0.1; lam = 2 N pulls b1 along +x, b0 along -x."""
     kin = kinematics([((0, 0, 0), (0, 0, 0)), ((0.8, 0, 0), (0, 0, 0))])
     for kind, position in (('revolute', (0.7, 0, 0)), ('distance', (0, 0, 0))):
-        rows = Rows(joint(kind, Marker(body='b0', position=position), Marker(body='b1')))
+        rows = Rows(JOINTS, joint(kind, Marker(body='b0', position=position), Marker(body='b1')))
         phi, A = rows.evaluate(kin)
         assert phi[0] == pytest.approx(0.1, abs=1e-15)
         f = 2.0 * A[0].reshape(3, 6)

@@ -114,7 +114,7 @@ def test_mirrored_tire_in_mirrored_motion_gives_the_mirrored_force() -> None:
     v, w = np.array([15.0, 0.8, -0.1]), np.array([0.2, 47.0, 0.3])
     mirror, axial = np.array([1.0, -1.0, 1.0]), np.array([-1.0, 1.0, -1.0])
     context = ContractContext(bodies=1, com=[com * mirror])
-    table = compile_tires([TireSpec(name='tire', marker=Marker(body='b0'), data=EXAMPLE, mirrored=True)], FLAT, context)
+    table = compile_tires([TireSpec(name='tire', marker=Marker(body='b0'), data=EXAMPLE, mirrored=True)], context)
     right = Element(lambda kin, *a: tire_forces(table, context.laws(), kin, *a), context, n=1, outputs=OUTPUTS)
     p = np.array([0.0, 0.0, 0.3]) + R.as_matrix() @ com
     a = left.evaluate(kinematics([(p, R.as_matrix())], [(*v, *w)]), zp=(0.01, 0.02))
@@ -177,7 +177,7 @@ def test_friction_of_the_road_limits_the_force() -> None:
 def test_height_under_the_wheel_is_the_road() -> None:
     """A wheel held 0.3 m above the road everywhere on a gentle grid has nearly the same deflection everywhere."""
     element = tire(road=HILLY)
-    table = compile_tires([], HILLY, ContractContext(bodies=1)).road
+    table = compile_tires([], ContractContext(bodies=1, road=HILLY)).road
     for x, y in ((0.0, 0.0), (0.7, -0.3), (-0.6, 0.9)):
         h, n, _ = road_at(table, x, y)
         r = element.evaluate(wheel(position=(x, y, h + 0.3)), zp=(0, 0))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from contract import ContractContext, Element, Result
-from tire_bench import CAR, FLAT, settled, tire, value, wheel
+from tire_bench import CAR, settled, tire, value, wheel
 
 from solver.elements.magic_formula import slip_stiffness
 from solver.elements.marker import Marker
@@ -35,7 +35,7 @@ def test_63_percent_after_one_relaxation_length(direction: str) -> None:
     name = 'alpha' if direction == 'lateral' else 'kappa'
     final = value(element, settled(element, wheel(**motion)), name)
     Fz = value(element, settled(element, wheel(**motion)), 'fz')
-    c = compile_tires([TireSpec(name='t', marker=Marker(body='b0'), data=CAR)], FLAT, ContractContext(bodies=1)).c[0]
+    c = compile_tires([TireSpec(name='t', marker=Marker(body='b0'), data=CAR)], ContractContext(bodies=1)).c[0]
     dfz = Fz / 4200 - 1.0
     Kx, Ky = slip_stiffness(c, 0.0, Fz, dfz)
     sigma = -Ky / (120e3 * (1 + 0.10 * dfz)) if direction == 'lateral' else Kx / (380e3 * (1 + 0.17 * dfz))

@@ -218,7 +218,7 @@ def test_tires_with_and_without_turn_slip_side_by_side() -> None:
     """States are counted per tire: 2, 3, 2; each tire gives what it gives alone."""
     context = ContractContext(bodies=3)
     specs = [TireSpec(name=f't{k}', marker=Marker(body=f'b{k}'), data=CAR, turn_slip=k == 1) for k in range(3)]
-    table = compile_tires(specs, FLAT, context)
+    table = compile_tires(specs, context)
     assert table.state.tolist() == [0, 2, 5]
     assert context.n_states == 7
     element = Element(lambda kin, *a: tire_forces(table, context.laws(), kin, *a), context, n=3, outputs=tire().outputs)

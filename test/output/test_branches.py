@@ -31,7 +31,7 @@ def folded(branch: str) -> Simulation:
     s.state.v[1:3, 5] = rate, turn
     s.state.v[1:3, 0] = -0.5 * rate, -0.5 * rate if branch == 'together' else -1.5 * rate
     s.state.v[3, 0] = slide
-    Start(s.model, s.outputs).start_integrator(s.state, np.zeros(0), s.h, s.coefficients.am, s.coefficients.af)
+    Start(s.model).start_integrator(s.state, np.zeros(0), s.h, s.coefficients.am, s.coefficients.af)
     return s
 
 

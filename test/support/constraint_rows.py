@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from contract import STEP, ContractContext, displaced
 
-from solver.elements.contact import ContactSpec, add_contact_gradients, compile_contacts, evaluate_contacts
-from solver.elements.joint import JointSpec, add_joint_hessians, compile_joints, evaluate_joints
+from solver.elements.kind import ConstraintKind
 from solver.elements.point_pair import Kinematics
 
 BODIES = [('b0', 'b1'), ('world', 'b1'), ('b0', 'world')]
@@ -16,30 +17,28 @@ STILL = np.zeros((2, 6))
 class Rows:
     """The rows of one constraint between two bodies (index 2: the world) as functions of the kinematics."""
 
-    def __init__(self, spec: JointSpec | ContactSpec, com=None) -> None:
+    def __init__(self, kind: ConstraintKind, spec: Any, com=None) -> None:
         context = ContractContext(com=com)
-        contact = isinstance(spec, ContactSpec)
+        self.kind = kind
         self.n = len(spec.row_names())
-        self.holonomic = np.array(spec.holonomic() if contact else [1] * self.n) == 1
+        self.holonomic = np.array(spec.holonomic()) == 1
         self.bodies = [context.body('test', m.body) for m in (spec.i, spec.j)]
-        self.table = (compile_contacts if contact else compile_joints)([spec], context, [0], [(1, 2)])
-        self._evaluate = evaluate_contacts if contact else evaluate_joints
-        self._add = add_contact_gradients if contact else lambda *a: add_joint_hessians(*a, np.zeros((5, 6, 6)))
+        self.table = kind.compile([spec], context)
 
     def evaluate(self, kin: Kinematics) -> tuple[np.ndarray, np.ndarray]:
         """phi (rows,) and A (rows, 18): columns of b0, b1, world."""
         phi = np.full(self.n, np.nan, kin.p.dtype)
-        blocks = np.full((3, 6, 6), np.nan, kin.p.dtype)
-        self._evaluate(self.table, kin, True, phi, blocks)
+        blocks = np.full((4, 6, 6), np.nan, kin.p.dtype)
+        self.kind.residuals(self.table, kin, True, phi, blocks)
         A = np.zeros((self.n, 3, 6), kin.p.dtype)
-        for block, b in zip(blocks[1:], self.bodies, strict=True):
-            A[:, b] += block[: self.n]
+        for b in self.bodies:
+            A[:, b] = blocks[b + 1, : self.n]
         return phi, A.reshape(self.n, 18)
 
     def gradient(self, kin: Kinematics, lam: np.ndarray) -> np.ndarray:
         """d(A^T lam)/dq, (12, 12)."""
-        blocks = np.zeros((5, 6, 6))
-        self._add(self.table, kin, lam, blocks)
+        blocks, trash = np.zeros((5, 6, 6)), np.zeros((5, 6, 6))
+        self.kind.hessians(self.table, kin, lam, blocks, trash)
         return blocks[1:].reshape(2, 2, 6, 6).transpose(0, 2, 1, 3).reshape(12, 12)
 
 

@@ -12,7 +12,7 @@ bind them in the lambda, which receives (kin, zp, cz, u, tangents, f, Kq, Kv, z,
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -21,8 +21,9 @@ from scipy.spatial.transform import Rotation
 
 from solver.elements.coordinate import CoordinateSpec, CoordinateTable, compile_coordinates
 from solver.elements.laws import Law, LawTable, compile_laws
-from solver.elements.marker import WORLD, Marker, PlacedMarker
+from solver.elements.marker import WORLD, ConstraintSpec, Marker, PlacedMarker
 from solver.elements.point_pair import Kinematics
+from solver.elements.road import RoadSpec
 from solver.errors import SpecError, suggestion
 from solver.validate import Vector
 
@@ -42,7 +43,10 @@ class ContractContext:
         com: Sequence[Sequence[float]] | None = None,
         inputs: Sequence[str] = (),
         coordinates: Sequence[CoordinateSpec] = (),
+        road: RoadSpec | None = None,
     ) -> None:
+        self.road = road or RoadSpec()
+        self.n_rows = 0
         self.n_bodies = bodies
         self.com = np.zeros((bodies, 3)) if com is None else np.array(com, float)
         self.inputs = tuple(inputs)
@@ -71,6 +75,15 @@ class ContractContext:
     def coordinate_bodies(self, index: int) -> tuple[int, int]:
         spec = self.coordinates[index]
         return self.body(spec.where, spec.i.body), self.body(spec.where, spec.j.body)
+
+    def placed_coordinate(self, index: int) -> float:
+        raise AssertionError('the contract has no placed configuration: give the offset')
+
+    def rows(self, spec: ConstraintSpec, bodies: Sequence[int]) -> tuple[int, list[int]]:
+        """Jacobian block b + 1 is that of body b; the world has one too, so that reactions on it are seen."""
+        first = self.n_rows
+        self.n_rows += len(spec.row_names())
+        return first, [b + 1 for b in bodies]
 
     def law(self, law: object) -> int:
         if law is None:
@@ -116,7 +129,7 @@ class Element:
     call: Callable[..., None]
     context: ContractContext
     n: int
-    outputs: tuple[str, ...]
+    outputs: Collection[str]
 
     def evaluate(self, kin: Kinematics, *, zp=(), cz: float = 0.0, u=(), tangents: bool = False, dtype=float, start: float = 0.0) -> Result:
         """Call the kernel on fresh arrays: z and out poisoned with NaN, f, Kq, Kv filled with `start`."""
@@ -134,7 +147,7 @@ class Element:
 
     def output(self, result: Result, name: str) -> np.ndarray:
         """A column of the outputs by name, (n,)."""
-        return result.out[:, self.outputs.index(name)]
+        return result.out[:, list(self.outputs).index(name)]
 
     def _dense(self, blocks: np.ndarray) -> np.ndarray:
         nb = self.context.n_bodies

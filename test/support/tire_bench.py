@@ -34,8 +34,8 @@ HILLY = RoadSpec(
 
 def tire(data: TireData = CAR, road: RoadSpec = FLAT, **spec) -> Element:
     """One tire on body b0, whose centre of mass lies off the wheel centre."""
-    context = ContractContext(bodies=1, com=[(0.02, -0.01, 0.03)])
-    table = compile_tires([TireSpec(name='tire', marker=Marker(body='b0'), data=data, **spec)], road, context)
+    context = ContractContext(bodies=1, com=[(0.02, -0.01, 0.03)], road=road)
+    table = compile_tires([TireSpec(name='tire', marker=Marker(body='b0'), data=data, **spec)], context)
     return Element(lambda kin, *a: tire_forces(table, context.laws(), kin, *a), context, n=1, outputs=OUTPUTS)
 
 

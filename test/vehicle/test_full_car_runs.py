@@ -57,7 +57,7 @@ def test_mirrored_car_gives_the_mirrored_run(penalty: float, mode: Literal['fixe
     other.state.v[swap] = one.state.v[:-1] * (1, -1, 1, -1, 1, -1)
     for s in (one, other):
         c = s.coefficients
-        Start(s.model, s.outputs).start_integrator(s.state, s.snapshot().inputs, s.h, c.am, c.af)
+        Start(s.model).start_integrator(s.state, s.snapshot().inputs, s.h, c.am, c.af)
     a, b = one.advance(500), other.advance(500)
     assert abs(a.pose[0, 1]) > 0.1
     assert b.pose[0] == pytest.approx(a.pose[0] * (1, -1, 1, -1, 1, -1, 1), abs=place)
@@ -85,7 +85,7 @@ def test_run_shows_the_frequencies_of_the_linear_model() -> None:
         state, u = simulation.state, np.zeros(len(scene.model.inputs))
         state.v[:-1] = velocity.reshape(-1, 6)
         c = simulation.coefficients
-        Start(model, simulation.outputs).start_integrator(state, u, simulation.h, c.am, c.af)
+        Start(model).start_integrator(state, u, simulation.h, c.am, c.af)
         start = state.q.copy()
         out = []
         for _ in range(40):

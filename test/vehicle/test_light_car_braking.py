@@ -35,7 +35,7 @@ def slip_of_brakes(sim: Simulation) -> np.ndarray:
 
 def sliding_friction(sim: Simulation, load: float, slip: float) -> float:
     """|Fx|/Fz of a tire at a longitudinal slip."""
-    c = sim.model.tables.tires.c[0]
+    c = sim.model.elements['tires'].c[0]
     dfz = load_increment(c, load)
     Kx, Ky = slip_stiffness(c, 0.0, load, dfz)
     return abs(magic_formula(c, slip, 0.0, 0.0, load, dfz, 1.0, 15.0, Kx, Ky, 1.0, 0.0)[0]) / load

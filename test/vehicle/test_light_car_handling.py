@@ -40,7 +40,7 @@ def steer_angles(sim: Simulation) -> tuple[float, float]:
 
 def tire_stiffness(sim: Simulation, e: int, load: float, camber: float) -> tuple[float, float]:
     """(cornering stiffness [N/rad], pneumatic trail [m]) of tire e at a load [N], at small slip."""
-    c = sim.model.tables.tires.c[e]
+    c = sim.model.elements['tires'].c[e]
     dfz = load_increment(c, load)
     Kx, Ky = slip_stiffness(c, camber, load, dfz)
     small = 1e-3

@@ -30,7 +30,7 @@ def test_parking_moment_of_a_standing_car() -> None:
     on.advance(2300)
     moment = on.snapshot().tire[:2, MZ].copy()
     for e in range(2):
-        c = on.model.tables.tires.c[e]
+        c = on.model.elements['tires'].c[e]
         Fz = on.snapshot().tire[e, FZ]
         peak = (c[I.PDY1] + c[I.PDY2] * load_increment(c, Fz)) * Fz
         assert 0.8 < -moment[e] / saturated_moment(c, peak, Fz) < 1.0

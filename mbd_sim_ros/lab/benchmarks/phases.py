@@ -9,21 +9,21 @@ difference to the measured step is reported as `rest`.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from statistics import median
 
 from solver.compiled.by_reference import Ref
 from solver.compiled.kernel import address_of, kernel
-from solver.model.evaluate import CALLS, FACTORIZE, TIRES, add_constraint_forces, evaluate_constraints, evaluate_forces
+from solver.elements.registry import FORCES as FORCE_KINDS
+from solver.model.evaluate import add_constraint_forces, evaluate_constraints, evaluate_forces
 from solver.model.saddle import CONDENSED, factorize_saddle, solve_saddle
 from solver.model.state import copy_state, new_state, update_angles
+from solver.model.tables import FACTORIZE
 from solver.output.energy import update_audit
 from solver.simulation import Simulation
 from solver.step.augmented_lagrangian import advance, assemble, project_velocity, step
 from solver.step.stage import AT_END, BOTH, WITH_TANGENTS, momentum_residual, place
 
-FORCE_KINDS = range(TIRES + 1)  # indices into tables.calls
 PLACE_TANGENTS, PLACE, PLACE_END, TANGENTS, FORCES, CONSTRAINTS, RESIDUALS, RESIDUAL, ASSEMBLE = range(9)
 FACTORIZE_ALL, SOLVE, PROJECT, OUTPUTS = range(9, 13)
 PHASES = {
@@ -85,23 +85,13 @@ def _eliminate_nothing(plan, B, T):
     T[0, 0] = -1.0
 
 
-@contextmanager
-def _calling(simulation: Simulation, instead: dict[int, int]) -> Iterator[None]:
-    """The model calls other kernels: {index into tables.calls: address, 0 for none}."""
-    calls = simulation.model.tables.calls
-    own = calls.copy()
-    for index, address in instead.items():
-        calls[index] = address
-    try:
-        yield
-    finally:
-        calls[:] = own
-
-
-def _no_elimination(simulation: Simulation) -> dict[int, int]:
+def _no_elimination(simulation: Simulation) -> Ref:
+    """The tables of the model with a factorization that does nothing."""
     tables, saddle = simulation.model.tables, simulation.work.saddle
     plan = tables.condensed if simulation.coefficients.form == CONDENSED else tables.block
-    return {FACTORIZE: address_of(_eliminate_nothing, Ref(plan), saddle.B, saddle.T)}
+    linear = tables.linear.copy()
+    linear[FACTORIZE] = address_of(_eliminate_nothing, Ref(plan), saddle.B, saddle.T)
+    return Ref(tables.value._replace(linear=linear))
 
 
 def phase_times(simulation: Simulation, rounds: int, count: int = 200) -> tuple[dict[str, float], dict[str, float]]:
@@ -110,16 +100,18 @@ def phase_times(simulation: Simulation, rounds: int, count: int = 200) -> tuple[
     Measured is a step with outputs and audit (`whole`, its mean over the next `count` steps); element kinds with tangents. The
     simulation is left as it was.
     """
-    tables, c, work = simulation.model.tables, simulation.coefficients, simulation.work
+    model, c, work = simulation.model, simulation.coefficients, simulation.work
+    whole_tables, plain, bodies_alone = model.tables, _no_elimination(simulation), model.only(None)
+    kinds = {kind.name: model.only(kind.name) for kind in FORCE_KINDS if getattr(model.spec, kind.name)}
     inputs = simulation.source.table(simulation.k, count)
     start = new_state(simulation.model)
     copy_state(simulation.state, start)
     first = new_state(simulation.model)
     s0, s1 = Ref(first), Ref(new_state(simulation.model))
 
-    def piece(phase: int) -> float:
+    def piece(phase: int, tables: Ref = whole_tables) -> float:
         copy_state(start, first)
-        step(tables, c, s0, s1, inputs[0], True, work)  # repeated pieces may add up what a step clears
+        step(whole_tables, c, s0, s1, inputs[0], True, work)  # repeated pieces may add up what a step clears
         begin = time.thread_time_ns()
         repeat(phase, count, tables, c, s0, s1, inputs[0], work)
         return (time.thread_time_ns() - begin) / count * 1e-3
@@ -127,12 +119,11 @@ def phase_times(simulation: Simulation, rounds: int, count: int = 200) -> tuple[
     def one_round() -> dict[str, float]:
         copy_state(start, first)
         begin = time.thread_time_ns()
-        result, _ = advance(tables, c, s0, s1, inputs, 0, count, True, work)
+        result, _ = advance(whole_tables, c, s0, s1, inputs, 0, count, True, work)
         whole = (time.thread_time_ns() - begin) / count * 1e-3
         n, factorizations = result.iterations / count, result.factorizations / count
         assembly, complete = piece(ASSEMBLE), piece(FACTORIZE_ALL)
-        with _calling(simulation, _no_elimination(simulation)):
-            before_elimination = piece(FACTORIZE_ALL)
+        before_elimination = piece(FACTORIZE_ALL, plain)
         found = {
             'placement': factorizations * piece(PLACE_TANGENTS) + (n - factorizations) * piece(PLACE) + piece(PLACE_END),
             'forces and tangents': factorizations * piece(TANGENTS),
@@ -148,27 +139,18 @@ def phase_times(simulation: Simulation, rounds: int, count: int = 200) -> tuple[
         }
         return {**found, 'rest': whole - sum(found.values()), 'whole': whole}
 
-    present = [kind for kind in FORCE_KINDS if tables.calls[kind]]
-
     def elements() -> dict[str, float]:
-        found = {}
-        with _calling(simulation, dict.fromkeys(present, 0)):
-            none = piece(TANGENTS)
-            for kind in present:
-                address = own[kind]
-                with _calling(simulation, {kind: address}):
-                    found[CALLS[kind]] = piece(TANGENTS) - none
-        return {**found, 'bodies': none}
+        none = piece(TANGENTS, bodies_alone)
+        return {**{name: piece(TANGENTS, alone) - none for name, alone in kinds.items()}, 'bodies': none}
 
-    own = tables.calls.copy()
     saved = simulation.save()
     try:
         one_round()  # warm
         measured = [(one_round(), elements()) for _ in range(rounds)]
     finally:
         simulation.restore(saved)
-    phases, kinds = zip(*measured, strict=True)
-    return _medians(phases), _medians(kinds)
+    phases, per_kind = zip(*measured, strict=True)
+    return _medians(phases), _medians(per_kind)
 
 
 def _medians(rows: Sequence[dict[str, float]]) -> dict[str, float]:

@@ -1,0 +1,118 @@
+"""What the rest of the program has to know of a kind of element: one object for each, listed in solver.elements.registry.
+
+Tables, calls, outputs, the energy account, balances, references, recordings and the sections of files follow from these objects in
+loops. What a kind promises is checked when it is made, so that a forgotten step is an error at import.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from solver.elements.marker import ConstraintSpec, Spec
+
+FORCE = ('table', 'laws', 'kin', 'zp', 'cz', 'u', 'tangents', 'f', 'Kq', 'Kv', 'z', 'out')
+FORCE_ON_COORDINATES = ('table', 'coordinates', 'laws', 'kin', 'angle', *FORCE[3:])
+RESIDUALS = ('table', 'kin', 'gradients', 'phi', 'J')
+RESIDUALS_ON_COORDINATES = ('table', 'coordinates', 'kin', 'angle', 'u', 'gradients', 'phi', 'J')
+HESSIANS = ('table', 'kin', 'lam', 'Kq', 'Kv')
+HESSIANS_ON_COORDINATES = ('table', 'coordinates', *HESSIANS[1:])
+FIRST_OUTPUTS = ('energy', 'dissipation')
+
+
+class Held(NamedTuple):
+    """How the elements of a kind act while static equilibrium is sought."""
+
+    table: Any
+    inputs: np.ndarray  # (nu,)
+    limits: dict[int, float]  # largest magnitude that an internal state keeps when the search has ended
+
+
+def _require_arguments(where: str, kernel: Callable, wanted: tuple[str, ...]) -> None:
+    given = tuple(inspect.signature(getattr(kernel, 'py_func', kernel)).parameters)
+    if given != wanted:
+        raise TypeError(f'{where}: {kernel.__name__}({", ".join(given)}) must have the arguments ({", ".join(wanted)})')
+
+
+def _follows_inputs(spec: type[Spec]) -> bool:
+    return any(field.name == 'input' for field in dataclasses.fields(spec))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForceKind:
+    """A kind of force element.
+
+    name: the field of ModelSpec and the section of a file. compile(specs, context): their table, a NamedTuple of arrays; with a column
+    `body` where elements have internal states, `input` (indices of channels, -1 for none) where the specification has one. kernel: see
+    solver.elements. outputs: column -> unit, energy and dissipation first. on_coordinates: the kernel takes the table of joint
+    coordinates and their values too. supplies: inputs are loads, which feed energy in, not capacities. effort: the column that is a
+    generalized force on the joint coordinates in the table's columns `coordinate`, times `factor` where there is one. wheels: the
+    elements are the wheels of a vehicle, shown by topics of their own. held(table, u): how they act in the search for static equilibrium.
+    """
+
+    name: str
+    spec: type[Spec]
+    compile: Callable[..., Any]
+    kernel: Callable[..., None]
+    outputs: Mapping[str, str]
+    on_coordinates: bool = False
+    supplies: bool = False
+    effort: str | None = None
+    wheels: bool = False
+    held: Callable[[Any, np.ndarray], Held] | None = None
+
+    def __post_init__(self) -> None:
+        where = f'kind {self.name!r}'
+        _require_arguments(where, self.kernel, FORCE_ON_COORDINATES if self.on_coordinates else FORCE)
+        if tuple(self.outputs)[:2] != FIRST_OUTPUTS:
+            raise TypeError(
+                f'{where}: the first two outputs must be {" and ".join(FIRST_OUTPUTS)}, not {", ".join(list(self.outputs)[:2])}'
+            )
+        if self.effort is not None and self.effort not in self.outputs:
+            raise TypeError(f'{where}: effort = {self.effort!r} is no output')
+        if self.supplies and not self.driven:
+            raise TypeError(f'{where}: supplies, but {self.spec.__name__} has no input')
+
+    @property
+    def driven(self) -> bool:
+        """Whether forces may follow inputs."""
+        return _follows_inputs(self.spec)
+
+    def column(self, name: str) -> int:
+        """Index of an output. Raises ValueError."""
+        return list(self.outputs).index(name)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ConstraintKind:
+    """A kind of constraint.
+
+    name: the field of ModelSpec and the section of a file. compile(specs, context): their table; rows and Jacobian blocks are those that
+    context.rows() gives out. Where the specification has an input, the table has columns `row` and `input` (n, 3): channels of value,
+    rate and acceleration, -1 for none, and the value is subtracted in that row. residuals assigns phi and, when `gradients`, J;
+    hessians adds d(A^T lam)/dq to Kq (Kv is scratch of its shape). on_coordinates: as of ForceKind, and inputs.
+    """
+
+    name: str
+    spec: type[ConstraintSpec]
+    compile: Callable[..., Any]
+    residuals: Callable[..., None]
+    hessians: Callable[..., None]
+    on_coordinates: bool = False
+
+    def __post_init__(self) -> None:
+        where = f'kind {self.name!r}'
+        _require_arguments(where, self.residuals, RESIDUALS_ON_COORDINATES if self.on_coordinates else RESIDUALS)
+        _require_arguments(where, self.hessians, HESSIANS_ON_COORDINATES if self.on_coordinates else HESSIANS)
+        if self.driven and not self.on_coordinates:
+            raise TypeError(f'{where}: {self.spec.__name__} has an input, which only kernels on coordinates are given')
+
+    @property
+    def driven(self) -> bool:
+        """Whether rows may follow inputs."""
+        return _follows_inputs(self.spec)

@@ -1,0 +1,104 @@
+"""What the start of a vehicle needs beside that of a mechanism: something that holds it on a slope, wheels that roll, settling at speed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import cast
+
+import numpy as np
+
+from solver.compiled.by_reference import Ref
+from solver.elements.brake import capacities
+from solver.elements.tire_pacejka import TIRES, rolling_radius
+from solver.errors import ConsistencyError
+from solver.model.evaluate import evaluate_forces
+from solver.model.frames import matrix
+from solver.model.state import State, kinematics_of
+from solver.model.tables import Model
+from solver.step.augmented_lagrangian import advance
+from solver.step.work import OK, Coefficients, StepResult, coefficients
+
+SETTLE_TIME = 5.0  # s, some ten periods of a suspension mode
+SETTLE_EVERY = 0.05  # s
+SETTLE_PENALTY = 1e6
+SETTLE_STEP = 5e-3  # s, whatever the step of the scene, so that a start does not depend on it; where it settles does not depend on the step
+
+
+def held_body(model: Model, chassis: int, u: np.ndarray) -> int | None:
+    """The chassis of a vehicle whose brakes are all released under the inputs u (nu,), else None.
+
+    It is held along its x axis while static equilibrium is sought: on a slope it is found where it was placed, resting in its suspension,
+    and rolls away from there.
+    """
+    return chassis if model.spec.tires and not capacities(model.elements['brakes'].value, u).any() else None
+
+
+def roll_wheels(model: Model, state: State, speed: float, u: np.ndarray) -> dict[str, float]:
+    """Let the wheels roll at `speed` [m/s], in state.v; returns the rates [rad/s] of the revolute coordinates that carry them."""
+    kin = kinematics_of(state.q, state.v)
+    outputs = model.new_outputs()
+    f, z = np.zeros((model.n_bodies + 1, 6)), np.zeros(model.n_internal)
+    no_tangents = np.zeros((model.n_slots + 1, 6, 6))
+    evaluate_forces(model.tables, kin, state.angle, state.z, 0.0, u, False, f, no_tangents, no_tangents, z, outputs)
+    loads = model.outputs(TIRES.name, outputs)[:, TIRES.column('fz')]
+    rates = {}
+    for e, tire in enumerate(model.spec.tires):
+        rate = speed / rolling_radius(model.elements[TIRES.name].value, e, loads[e], speed)
+        spin = matrix(tire.marker.orientation)[:, 1]
+        # the wheel itself has to turn before velocities are projected, or the projection would turn what carries it
+        state.v[model.body_names.index(tire.marker.body), 3:] += rate * spin
+        for joint in model.spec.joints:
+            if joint.kind == 'revolute' and tire.marker.body in (joint.i.body, joint.j.body):
+                side = 1.0 if joint.j.body == tire.marker.body else -1.0
+                own = joint.j if side > 0 else joint.i
+                axis = matrix(own.orientation)[:, 2]
+                rates[joint.name] = side * float(np.sign(axis @ spin)) * rate
+                break
+    return rates
+
+
+def settle_rolling(
+    model: Model,
+    states: list[Ref],
+    method: Coefficients,
+    rho_inf: float,
+    speed: float,
+    u: np.ndarray,
+    chassis: int,
+    work: Ref,
+    explain: Callable[[StepResult], str],
+) -> None:
+    """Let a vehicle that starts at `speed` [m/s] come to rest in its suspension, on the spot and at its speed; states[0] is its state.
+
+    Rolling tires grow and stiffen, drag and drive torque act: a car that stands in equilibrium does not roll in it. It begins without
+    accelerations, with the constraint forces of that equilibrium; what this disturbs dies away with the rest. Every SETTLE_EVERY
+    seconds it is put back to its place and its speed. Raises ConsistencyError with the sentence of `explain` when a step fails.
+    """
+    # with settings of its own: every method of a comparison starts from the same state
+    own = {
+        'penalty': np.full(model.n_rows, SETTLE_PENALTY),
+        'factor': np.ones(model.n_rows),
+        'm_alf': 0,
+        'weigh': 0,
+        'coupled': 0,
+        'full': 0,
+    }
+    scheme = coefficients(SETTLE_STEP, rho_inf)
+    settling = Ref(method._replace(fixed=1, iterations=2, **own, **scheme))  # type: ignore[arg-type]
+    steps = round(SETTLE_EVERY / SETTLE_STEP)
+    inputs = np.repeat(u[None, :], steps, axis=0)
+    place = cast(State, states[0].value).q[chassis, :2].copy()
+    wheels = [model.body_names.index(tire.marker.body) for tire in model.spec.tires]
+    for _ in range(round(SETTLE_TIME / SETTLE_EVERY)):
+        result, done = advance(model.tables, settling, *states, inputs, 0, steps, False, work)
+        if done % 2 == 1:
+            states.reverse()
+        if result.status != OK:
+            raise ConsistencyError(f'start: the vehicle does not settle at {speed:g} m/s: {explain(result)}')
+        q, v = cast(State, states[0].value).q, cast(State, states[0].value).v
+        forward = matrix(tuple(q[chassis, 3:]))[:, 0]
+        now = float(v[chassis, :3] @ forward)
+        q[:-1, :2] += place - q[chassis, :2]
+        v[:-1, :3] += (speed - now) * forward
+        for wheel in wheels:
+            v[wheel, 3:] *= speed / now
