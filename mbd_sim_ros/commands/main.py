@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from mbd_sim_ros.commands import bench, compare, compile, export, info, recover, replay, run, study
+from solver.compiled import interruption
 from solver.errors import MbdError, suggestion
 
 COMMANDS = (info, run, export, compare, replay, recover, study, bench, compile)
@@ -52,6 +53,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code; never raises, apart from --help's SystemExit."""
     argv = list(sys.argv[1:] if argv is None else argv)
     as_json = '--json' in argv
+    interruption.forget()
     # SIGINT too: a shell starts background jobs with it ignored, and launch tools end those with it
     previous = {number: signal.signal(number, _interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
@@ -97,7 +99,10 @@ def plain(value: Any) -> Any:
 
 
 def _interrupt(number: int, _frame: object) -> None:
-    raise KeyboardInterrupt('interrupted', number)
+    if interruption.pending():  # the second signal: whatever still goes on is not waited for
+        os.write(sys.stderr.fileno(), b'mbd: interrupted twice\n')
+        os._exit(KILLED + number)
+    interruption.interrupt(KeyboardInterrupt('interrupted', number))
 
 
 def _print(text: str) -> None:
