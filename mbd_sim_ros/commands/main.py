@@ -51,6 +51,7 @@ def parser() -> Parser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code; never raises, apart from --help's SystemExit."""
+    last = argv is None  # the process ends with this command
     argv = list(sys.argv[1:] if argv is None else argv)
     as_json = '--json' in argv
     interruption.forget()
@@ -82,7 +83,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _fail(f'internal error: {what}; set {SHOW_TRACEBACK}=1 to see where', INTERNAL_ERROR, as_json)
     finally:
         for number, handler in previous.items():
-            signal.signal(number, handler)
+            signal.signal(number, signal.SIG_IGN if last else handler)
 
 
 def plain(value: Any) -> Any:
@@ -100,9 +101,14 @@ def plain(value: Any) -> Any:
 
 def _interrupt(number: int, _frame: object) -> None:
     if interruption.pending():  # the second signal: whatever still goes on is not waited for
-        os.write(sys.stderr.fileno(), b'mbd: interrupted twice\n')
-        os._exit(KILLED + number)
-    interruption.interrupt(KeyboardInterrupt('interrupted', number))
+        _end(number)
+    interruption.interrupt(KeyboardInterrupt('interrupted', number), lambda: _end(number))
+
+
+def _end(number: int) -> NoReturn:
+    """End the process here and now, whatever its threads are doing."""
+    os.write(sys.stderr.fileno(), b'mbd: interrupted\n')
+    os._exit(KILLED + number)
 
 
 def _print(text: str) -> None:

@@ -41,6 +41,11 @@ class Signals:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._handle)
 
+    def ignore(self) -> None:
+        """SIGINT and SIGTERM mean nothing any more."""
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
+
     def _handle(self, number: int, _: FrameType | None) -> None:
         first = not self.received
         self.received = signal.Signals(number).name
@@ -85,6 +90,9 @@ def run(body: Callable[[Signals], int], args: list[str] | None) -> int:
             rclpy.try_shutdown()
     except Stopped:
         return 0
+    finally:
+        if args is None:  # the process ends, with this exit code, whatever still comes
+            signals.ignore()
 
 
 def _simulate(signals: Signals) -> int:

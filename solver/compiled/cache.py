@@ -43,6 +43,7 @@ SETTINGS = ('OPT', 'LOOP_VECTORIZE', 'SLP_VECTORIZE', 'BOUNDSCHECK', 'DEBUGINFO_
 KEPT = 3  # directories that stay when a new one is made,
 KEPT_SECONDS = 86400.0  # and all that were used within this time: whoever works on several checkouts needs more
 DIGEST = 16  # bytes
+ATTEMPTS = 10  # to write a file while another process removes the directory
 
 
 def location() -> Path:
@@ -216,15 +217,15 @@ class Store:
             print(f'mbd: {self.directory / name} was damaged; compiled anew', file=sys.stderr, flush=True)
 
     def _write(self, name: str, content: bytes) -> None:
-        for attempt in range(2):
-            new = not self.directory.is_dir()
-            self.directory.mkdir(parents=True, exist_ok=True)
-            if new:
-                _prune(self.directory.parent, 'kernels-*')
+        for attempt in range(1, ATTEMPTS + 1):
             try:
+                new = not self.directory.is_dir()
+                self.directory.mkdir(parents=True, exist_ok=True)
+                if new:
+                    _prune(self.directory.parent, 'kernels-*')
                 return _replace(self.directory / name, content)
-            except FileNotFoundError:  # another process removed the directory just now
-                if attempt:
+            except (FileNotFoundError, FileExistsError):  # another process removed the directory just now
+                if attempt == ATTEMPTS:
                     raise
 
 
