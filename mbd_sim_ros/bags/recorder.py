@@ -24,10 +24,10 @@ from typing import Any
 
 import yaml
 
+import solver
 from mbd_sim_ros.bags.writer import RECORD
 from mbd_sim_ros.messages.cdr import template
 from mbd_sim_ros.messages.encode import STRING, Topic
-from solver.compiled.kernel import source_hash
 from solver.errors import BagError
 
 POLL_SECONDS = 0.02  # between deliveries to the recording process
@@ -84,6 +84,16 @@ def code_version() -> str:
     except (OSError, subprocess.TimeoutExpired):
         return release
     return f'{release}+{done.stdout.strip()}' if done.returncode == 0 else release
+
+
+def source_hash() -> str:
+    """A short hash of every source file of the solver: whether two recordings were made by the same one."""
+    root = Path(solver.__file__).parent
+    found = hashlib.sha256()
+    for path in sorted(root.rglob('*.py')):
+        found.update(path.relative_to(root).as_posix().encode())
+        found.update(path.read_bytes())
+    return found.hexdigest()[:16]
 
 
 def new_directory(scene: str, base: str | Path = 'bags') -> Path:

@@ -7,6 +7,7 @@ import time
 from typing import Any
 
 from mbd_sim_ros.commands import SCENE_HELP, Result, declare, table
+from solver.errors import MbdError
 
 SCENES = ('slider_crank', 'car_swept_steer')  # between them they use every kernel but those of rarely used elements and settings
 
@@ -23,7 +24,7 @@ def run(args: argparse.Namespace) -> Result:
 
     from mbd_sim_ros.batch import warm_up
     from solver import simulation_of
-    from solver.compiled.kernel import CACHE_DIRECTORY
+    from solver.compiled.kernel import STORE
     from solver.files.scene import load_scene
 
     seconds: dict[str, float] = {}
@@ -34,7 +35,9 @@ def run(args: argparse.Namespace) -> Result:
             begin = time.perf_counter()
             warm_up(simulation_of(load_scene(name)))
             seconds[name] = time.perf_counter() - begin
+    if STORE.unkept:
+        raise MbdError(STORE.unkept)
     rows = [(name, f'{value:.1f} s') for name, value in seconds.items()]
     return Result(
-        data={'status': 'ok', 'seconds': seconds, 'cache': str(CACHE_DIRECTORY)}, text=table(rows) + f'\ncache: {CACHE_DIRECTORY}'
+        data={'status': 'ok', 'seconds': seconds, 'cache': str(STORE.directory)}, text=table(rows) + f'\ncache: {STORE.directory}'
     )

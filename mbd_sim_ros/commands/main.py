@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from typing import Any, NoReturn
 
 from mbd_sim_ros.commands import bench, compare, compile, export, info, recover, replay, run, study
+from solver.compiled import interruption
 from solver.errors import MbdError, suggestion
 
 COMMANDS = (info, run, export, compare, replay, recover, study, bench, compile)
@@ -50,8 +51,10 @@ def parser() -> Parser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code; never raises, apart from --help's SystemExit."""
+    last = argv is None  # the process ends with this command
     argv = list(sys.argv[1:] if argv is None else argv)
     as_json = '--json' in argv
+    interruption.forget()
     # SIGINT too: a shell starts background jobs with it ignored, and launch tools end those with it
     previous = {number: signal.signal(number, _interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
@@ -80,7 +83,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _fail(f'internal error: {what}; set {SHOW_TRACEBACK}=1 to see where', INTERNAL_ERROR, as_json)
     finally:
         for number, handler in previous.items():
-            signal.signal(number, handler)
+            signal.signal(number, signal.SIG_IGN if last else handler)
 
 
 def plain(value: Any) -> Any:
@@ -97,7 +100,15 @@ def plain(value: Any) -> Any:
 
 
 def _interrupt(number: int, _frame: object) -> None:
-    raise KeyboardInterrupt('interrupted', number)
+    if interruption.pending():  # the second signal: whatever still goes on is not waited for
+        _end(number)
+    interruption.interrupt(KeyboardInterrupt('interrupted', number), lambda: _end(number))
+
+
+def _end(number: int) -> NoReturn:
+    """End the process here and now, whatever its threads are doing."""
+    os.write(sys.stderr.fileno(), b'mbd: interrupted\n')
+    os._exit(KILLED + number)
 
 
 def _print(text: str) -> None:

@@ -34,9 +34,9 @@ def run(args: argparse.Namespace) -> Result:
     """Read, simulate, compare."""
     from mbd_sim_ros.analysis.compare import compare
     from mbd_sim_ros.bags import reader as bag
+    from mbd_sim_ros.bags.recorder import source_hash
     from mbd_sim_ros.batch import simulate
     from mbd_sim_ros.commands.compare import report
-    from solver.compiled.kernel import source_hash
     from solver.files.scene import load_scene_text
     from solver.simulation import Simulation
 

@@ -14,6 +14,8 @@ from collections.abc import Callable
 from types import FrameType
 from typing import Any
 
+from solver.compiled import interruption
+
 SWITCH = 2e-5  # s; with 2e-4 a step in a second came late, the one beside the diagnostics
 LOOK = 0.25  # s between looks for the end and for signals; every one costs the simulation some of the interpreter lock
 MISSING = (
@@ -27,21 +29,29 @@ class Stopped(BaseException):
 
 
 class Signals:
-    """SIGINT and SIGTERM: an exception while preparing, a flag from then on; the flag survives any number of signals."""
+    """SIGINT and SIGTERM: an exception while preparing (between two kernels while compiling), a flag from then on; the flag survives any
+    number of signals.
+    """
 
     def __init__(self) -> None:
         self.received = ''
         self.raising = True
         self.event = threading.Event()
+        interruption.forget()
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, self._handle)
+
+    def ignore(self) -> None:
+        """SIGINT and SIGTERM mean nothing any more."""
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
 
     def _handle(self, number: int, _: FrameType | None) -> None:
         first = not self.received
         self.received = signal.Signals(number).name
         self.event.set()
         if self.raising and first:
-            raise Stopped
+            interruption.interrupt(Stopped())
 
 
 def prepare(scene: str, overrides: list[str]) -> tuple[Any, Any]:
@@ -80,6 +90,9 @@ def run(body: Callable[[Signals], int], args: list[str] | None) -> int:
             rclpy.try_shutdown()
     except Stopped:
         return 0
+    finally:
+        if args is None:  # the process ends, with this exit code, whatever still comes
+            signals.ignore()
 
 
 def _simulate(signals: Signals) -> int:

@@ -1,76 +1,29 @@
-"""The one place that configures numba: `kernel` is the decorator of every compiled function.
-
-numba's on-disk cache does not notice when a callee in another file changes, so the cache directory is keyed by a hash
-of all solver sources; stale directories are removed. Where the location is not writable a temporary one is used.
-"""
+"""The one place that configures numba: `kernel` is the decorator of every compiled function; solver.compiled.cache keeps them."""
 
 from __future__ import annotations
 
 import gc
-import hashlib
-import os
-import shutil
-import tempfile
 import threading
 from pathlib import Path
 
+import numba
 import numpy as np
+from numba.core import event
+from numba.core.compiler_lock import global_compiler_lock
 
-KEPT_CACHES = 3
+from solver.compiled import interruption
+from solver.compiled.cache import Store, cache_of, location
+
 PATIENCE = 100_000  # objects made before garbage is looked for, while compiling
-
-
-def source_hash() -> str:
-    """Return a short hash of the solver's Python files (and of the numba and numpy versions).
-
-    The vehicle templates are left out: no kernel is in them or may import from them.
-    """
-    from importlib.metadata import version
-
-    digest = hashlib.sha256()
-    root = Path(__file__).parents[1]
-    for path in sorted(root.rglob('*.py')):
-        if path.is_relative_to(root / 'vehicle'):
-            continue
-        digest.update(str(path.relative_to(root)).encode())
-        digest.update(path.read_bytes())
-    for name in ('numba', 'numpy'):
-        digest.update(version(name).encode())
-    return digest.hexdigest()[:16]
-
-
-def _pin_cache() -> Path:
-    base = Path(os.environ.get('MBD_CACHE_DIR') or Path(os.environ.get('XDG_CACHE_HOME') or Path.home() / '.cache') / 'mbd_sim_ros')
-    directory = base / ('kernels-' + source_hash() + ('-boundscheck' if os.environ.get('NUMBA_BOUNDSCHECK') == '1' else ''))
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        probe = directory / f'.probe-{os.getpid()}'
-        probe.touch()
-        probe.unlink()
-        os.utime(directory)
-        old = sorted(base.glob('kernels-*'), key=lambda p: p.stat().st_mtime, reverse=True)[KEPT_CACHES:]
-        for stale in old:
-            shutil.rmtree(stale, ignore_errors=True)
-    except OSError:
-        directory = Path(tempfile.mkdtemp(prefix='mbd_sim_ros-kernels-'))
-    os.environ['NUMBA_CACHE_DIR'] = str(directory)
-    return directory
-
-
-CACHE_DIRECTORY = _pin_cache()
-
-import numba  # noqa: E402  (must come after the cache directory is set)
-from numba.core import event  # noqa: E402
-
-numba.config.CACHE_DIR = str(CACHE_DIRECTORY)
+STORE = Store(Path(__file__).parents[1], location())
 
 # Truth values for calls of one kernel by another: numba compiles the callee once more for each literal among its arguments.
 YES, NO = np.bool_(True), np.bool_(False)
 
 
-class _Patience(event.Listener):
-    """Garbage is collected less often while numba compiles: almost all that it makes is kept, and looking through it again and again
-    took a twelfth of the time.
+class _Lock(event.Listener):
+    """What is so while numba compiles or loads: interruptions wait, and garbage is collected less often (almost all that numba makes is
+    kept, and looking through it again and again took a twelfth of the time).
     """
 
     def __init__(self) -> None:
@@ -79,6 +32,7 @@ class _Patience(event.Listener):
         self._thresholds = gc.get_threshold()
 
     def on_start(self, event) -> None:
+        interruption.enter()
         with self._lock:
             if self._depth == 0:
                 self._thresholds = gc.get_threshold()
@@ -90,13 +44,25 @@ class _Patience(event.Listener):
             self._depth -= 1
             if self._depth == 0:
                 gc.set_threshold(*self._thresholds)
+        interruption.leave()
 
 
-event.register('numba:compiler_lock', _Patience())
+class _Passes(event.Listener):
+    """Between two passes the compiler can be left."""
+
+    def on_start(self, event) -> None:
+        interruption.check()
+
+    def on_end(self, event) -> None:
+        pass
+
+
+event.register('numba:compiler_lock', _Lock())
+event.register('numba:run_pass', _Passes())
 
 
 def kernel(function=None, *, inline: bool = False, borrow: bool = False, inner: bool | None = None):
-    """Compile a function with the project's settings: cached, no fastmath, GIL released, IEEE division.
+    """Compile a function with the project's settings: kept on disk, no fastmath, GIL released, IEEE division.
 
     borrow: the function only reads and writes the arrays it is given, so their references need not be counted. Counting
     takes an atomic operation per array and table and made the element kernels six times slower. Such a function cannot allocate,
@@ -105,7 +71,7 @@ def kernel(function=None, *, inline: bool = False, borrow: bool = False, inner: 
     inline: for small functions; always inlined, and inner unless said otherwise.
     """
     inner = inline if inner is None else inner
-    options = {'cache': True, 'nogil': True, 'error_model': 'numpy', 'fastmath': False, 'no_cfunc_wrapper': True}
+    options = {'nogil': True, 'error_model': 'numpy', 'fastmath': False, 'no_cfunc_wrapper': True}
     if inline or borrow or inner:
         options['_nrt'] = False
     if inline:
@@ -115,7 +81,10 @@ def kernel(function=None, *, inline: bool = False, borrow: bool = False, inner: 
 
     def compiled(function):
         dispatcher = numba.njit(function, **options)
-        return _refusing_python(dispatcher) if inner and not numba.config.DISABLE_JIT else dispatcher
+        if numba.config.DISABLE_JIT:
+            return dispatcher
+        dispatcher._cache = cache_of(function, STORE)
+        return _refusing_python(dispatcher) if inner else dispatcher
 
     return compiled if function is None else compiled(function)
 
@@ -202,6 +171,7 @@ def address_of(function, *arguments) -> int:
     if not hasattr(function, 'compile'):
         raise TypeError('invoke needs compiled kernels; unset NUMBA_DISABLE_JIT')
     signature = tuple(numba.typeof(a) for a in arguments)
-    function.compile(signature)
-    result = function.overloads[signature]
-    return result.library.get_pointer_to_function(result.fndesc.llvm_func_name)
+    with global_compiler_lock:
+        function.compile(signature)
+        result = function.overloads[signature]
+        return result.library.get_pointer_to_function(result.fndesc.llvm_func_name)

@@ -11,7 +11,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from solver.compiled.kernel import source_hash
+from mbd_sim_ros.bags.recorder import source_hash
 
 
 def fingerprint() -> dict[str, Any]:
