@@ -84,7 +84,7 @@ class Ref:
     __slots__ = ('pointer', 'type', 'value', 'words')
 
     def __init__(self, value: tuple) -> None:
-        self.value = value
+        self.value: Any = value
         self.type = RefType(typeof(value), _inner(value))
         self.words = np.array(_flatten(value), np.int64)
         self.pointer = self.words.ctypes.data

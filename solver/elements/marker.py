@@ -9,6 +9,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from solver.elements.laws import Law
 from solver.validate import Quaternion, Vector, unit_quaternion, vector
 
 WORLD = 'world'
@@ -83,7 +84,7 @@ class Context(Protocol):
     def coordinate_bodies(self, index: int) -> tuple[int, int]:
         """Bodies i and j of a joint coordinate."""
 
-    def law(self, law: object) -> int:
+    def law(self, law: Law | None) -> int:
         """Index of a force law in the law table (-1 for None)."""
 
     def internal_states(self, where: str, count: int) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any, Literal
 
 import numpy as np
 
@@ -40,8 +41,11 @@ def rotation(quaternion) -> np.ndarray:
 
 def joint_coordinates(joint: JointSpec) -> list[CoordinateSpec]:
     """Coordinates that a joint defines: revolute and prismatic one named after it, cylindrical '/angle' and '/slide'."""
-    kinds = {'revolute': [('', 'rotation')], 'prismatic': [('', 'translation')]}
-    kinds['cylindrical'] = [('/angle', 'rotation'), ('/slide', 'translation')]
+    kinds: dict[str, list[tuple[str, Literal['translation', 'rotation']]]] = {
+        'revolute': [('', 'rotation')],
+        'prismatic': [('', 'translation')],
+        'cylindrical': [('/angle', 'rotation'), ('/slide', 'translation')],
+    }
     return [CoordinateSpec(name=joint.name + end, kind=kind, i=joint.i, j=joint.j) for end, kind in kinds.get(joint.kind, [])]
 
 
@@ -54,6 +58,7 @@ class _Context:
         self.bodies = {b.name: k for k, b in enumerate(spec.bodies)} | {WORLD: self.n_bodies}
         self.inputs = {name: k for k, name in enumerate(spec.inputs)}
         self.coordinates: dict[str, int] = {}
+        self.coordinate_specs: list[CoordinateSpec] = []
         self.laws: list[Law] = []
         self.slots: dict[tuple[int, int], int] = {}
         self.internal_owner: list[str] = []
@@ -112,7 +117,7 @@ def compile_model(spec: ModelSpec) -> Model:
     context.coordinate_specs = coordinate_specs
     coordinates = compile_coordinates(coordinate_specs, context)
     constraints, row_names, group_names = _compile_constraints(spec, context)
-    forces = {
+    forces: dict[str, Any] = {
         'spring_dampers': compile_spring_dampers(spec.spring_dampers, context),
         'bushings': compile_bushings(spec.bushings, context),
         'coordinate_forces': compile_coordinate_forces(spec.coordinate_forces, context),
@@ -124,8 +129,8 @@ def compile_model(spec: ModelSpec) -> Model:
     n_slots = len(context.slots)
     block_row = np.zeros(n_slots + 1, np.int64)
     block_col = np.zeros(n_slots + 1, np.int64)
-    for (r, c), s in context.slots.items():
-        block_row[s], block_col[s] = r, c
+    for (row, column), s in context.slots.items():
+        block_row[s], block_col[s] = row, column
     nb = context.n_bodies
     groups = len(constraints.centre)
     block_slots = dict(context.slots)

@@ -388,4 +388,5 @@ class Adaptation:
         s[6] += result.stagnated
 
     def _summed(self, status: int, where: int) -> StepResult:
-        return StepResult(status, where, *self._sum)
+        s = self._sum
+        return StepResult(status, where, int(s[0]), int(s[1]), int(s[2]), s[3], s[4], s[5], int(s[6]))

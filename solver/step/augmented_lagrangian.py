@@ -125,7 +125,7 @@ def step(tables, c, s0, s1, u, want_outputs, work):
     increment = 0.0
     before = 0.0
     residual = 0.0
-    refactor = YES
+    refactor: np.bool_ | bool = YES
     rate = 0.0
     best = np.inf
     stagnated = 0

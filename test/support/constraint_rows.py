@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from contract import STEP, ContractContext, displaced
 
-from solver.elements.contact import ContactSpec, add_contact_gradients, compile_contacts, evaluate_contacts
-from solver.elements.joint import JointSpec, add_joint_hessians, compile_joints, evaluate_joints
+from solver.elements.contact import ContactSpec, ContactTable, add_contact_gradients, compile_contacts, evaluate_contacts
+from solver.elements.joint import JointSpec, JointTable, add_joint_hessians, compile_joints, evaluate_joints
 from solver.elements.point_pair import Kinematics
 
 BODIES = [('b0', 'b1'), ('world', 'b1'), ('b0', 'world')]
@@ -18,13 +18,17 @@ class Rows:
 
     def __init__(self, spec: JointSpec | ContactSpec, com=None) -> None:
         context = ContractContext(com=com)
-        contact = isinstance(spec, ContactSpec)
         self.n = len(spec.row_names())
-        self.holonomic = np.array(spec.holonomic() if contact else [1] * self.n) == 1
         self.bodies = [context.body('test', m.body) for m in (spec.i, spec.j)]
-        self.table = (compile_contacts if contact else compile_joints)([spec], context, [0], [(1, 2)])
-        self._evaluate = evaluate_contacts if contact else evaluate_joints
-        self._add = add_contact_gradients if contact else lambda *a: add_joint_hessians(*a, np.zeros((5, 6, 6)))
+        self.table: ContactTable | JointTable
+        if isinstance(spec, ContactSpec):
+            self.holonomic = np.array(spec.holonomic()) == 1
+            self.table = compile_contacts([spec], context, [0], [(1, 2)])
+            self._evaluate, self._add = evaluate_contacts, add_contact_gradients
+        else:
+            self.holonomic = np.ones(self.n, bool)
+            self.table = compile_joints([spec], context, [0], [(1, 2)])
+            self._evaluate, self._add = evaluate_joints, lambda *a: add_joint_hessians(*a, np.zeros((5, 6, 6)))
 
     def evaluate(self, kin: Kinematics) -> tuple[np.ndarray, np.ndarray]:
         """phi (rows,) and A (rows, 18): columns of b0, b1, world."""
