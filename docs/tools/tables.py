@@ -69,7 +69,7 @@ def nested(cls: type) -> list[type]:
 def element(hint: Any) -> type | None:
     """The spec in tuple[Spec, ...], or None."""
     args = get_args(hint)
-    return args[0] if get_origin(hint) is tuple and dataclasses.is_dataclass(args[0]) else None
+    return args[0] if get_origin(hint) is tuple and isinstance(args[0], type) and dataclasses.is_dataclass(args[0]) else None
 
 
 def block(cls: type, *, named: bool = False) -> str:
@@ -101,7 +101,7 @@ def value(hint: Any) -> str:
         return ' or '.join(words + ([f'mapping with `kind` {", ".join(classes)}'] if classes else []))
     if origin is tuple and len(args) == 2 and args[1] is Ellipsis:
         inner = plain(args[0])
-        if dataclasses.is_dataclass(inner) and any(f.name == 'name' for f in dataclasses.fields(inner)):
+        if isinstance(inner, type) and dataclasses.is_dataclass(inner) and any(f.name == 'name' for f in dataclasses.fields(inner)):
             return f'mapping name: {inner.__name__.removesuffix("Spec")}'
         if get_origin(inner) is tuple and get_args(inner)[0] is str:
             return f'mapping text: {value(get_args(inner)[1])}'

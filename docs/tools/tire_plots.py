@@ -43,8 +43,8 @@ def main(source: str, target: str) -> None:
     sigma = np.array([relaxation_lengths(c, 0.0, F, load_increment(c, F), *K) for F, K in zip(Fz, stiffness, strict=True)])
     axes[1, 2].plot(Fz, sigma[:, 0], label='sigma kappa [m]')
     axes[1, 2].plot(Fz, sigma[:, 1], label='sigma alpha [m]')
-    titles = (('kappa [-]', 'Fx [N]'), ('alpha [deg]', 'Fy [N]'), ('alpha [deg]', 'Mz [N m]'))
-    titles += (('Fx [N]', 'Fy [N]'), ('alpha [deg]', 'Fy [N]'), ('Fz [N]', 'relaxation length [m]'))
+    titles = [('kappa [-]', 'Fx [N]'), ('alpha [deg]', 'Fy [N]'), ('alpha [deg]', 'Mz [N m]')]
+    titles += [('Fx [N]', 'Fy [N]'), ('alpha [deg]', 'Fy [N]'), ('Fz [N]', 'relaxation length [m]')]
     for axis, (x, y) in zip(axes.flat, titles, strict=True):
         axis.set(xlabel=x, ylabel=y)
         axis.grid(alpha=0.3)

@@ -2,6 +2,7 @@
 
 Masses from the specification, modes from the linearised model (solver.analysis.modes), kinematics and compliance from a bench
 (solver.analysis.kinematics_and_compliance), understeer and roll from a run. Angles in rad, SI units.
+Usual ranges after [Reimpell2001], [Gillespie1992] and [Heydinger1999].
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ Inside compiled code a Dual is a float64 and one or three SIMD vectors of four f
 vector of 12 fits no register and would be taken apart at every call). A function written with + - * / and the functions of
 this module runs on float64, complex128 and both Duals alike. Branch on `.real`. Outside compiled code (NUMBA_DISABLE_JIT=1) the
 Python class below has the same meaning.
-Reference: Griewank and Walther, "Evaluating derivatives" (2008), chapters 3 and 4.
+Reference: [Griewank2008], chapters 3 and 4.
 """
 
 from __future__ import annotations

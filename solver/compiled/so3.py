@@ -1,6 +1,6 @@
 """Rotations: exponential, logarithm, right-trivialised tangent operator; quaternions are xyzw.
 
-Formulas: Sola, Deray, Atchuthan, "A micro Lie theory for state estimation in robotics" (2018), eqs. 131-146.
+Formulas: [Sola2018], eqs. 131-146.
 Smooth in the argument and valid for complex arguments (complex-step derivatives), so series are chosen by the real part.
 """
 

@@ -101,7 +101,7 @@ def compile_coordinate_forces(specs: Sequence[CoordinateForceSpec], context: Con
         top_rate=np.array([s.top_rate or 0.0 for s in specs], float),
     )
     for e, spec in enumerate(specs):
-        bodies = []
+        bodies: list[int] = []
         for t, (name, factor) in enumerate(spec.terms):
             table.coordinate[e, t] = context.coordinate(spec.where, name)
             table.factor[e, t] = factor

@@ -47,7 +47,7 @@ class Law:
 
 
 def monotone_slopes(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Slopes of the monotone cubic through (x, y): inside the harmonic mean of Fritsch and Butland (1984), weighted by the intervals; at
+    """Slopes of the monotone cubic through (x, y): inside the harmonic mean of [Fritsch1984], weighted by the intervals; at
     an end that of the parabola through three points, limited so that the curve stays monotone (Moler, Numerical Computing, 3.6).
     """
     h = np.diff(x)

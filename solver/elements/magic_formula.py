@@ -1,8 +1,7 @@
 """The Magic Formula 5.2 and 6.1 for combined slip: a pure law from slip, camber and load to forces and moments.
 
-Equation numbers are those of [P] H. B. Pacejka, Tire and Vehicle Dynamics, 3rd ed. (2012), section 4.3.2 and appendix 3, and
-[B] I. J. M. Besselink, A. J. C. Schmeitz, H. B. Pacejka, An improved Magic Formula/Swift tyre model that can handle inflation
-pressure changes, Vehicle System Dynamics 48 (2010) S337-S352. MF 5.2 is the 2002 edition of [P] and the MF-Tyre 5.2 manual.
+Equation numbers are those of [P] = [Pacejka2012], section 4.3.2 and appendix 3, and [B] = [Besselink2010] (docs/references.md). MF 5.2
+is the 2002 edition of [P] and the MF-Tyre 5.2 manual.
 
 Axes are those of the .tir files (ISO-W): kappa = -Vsx/|Vx|, tan(alpha) = +Vsy/|Vx|, so a tire has a negative PKY1; gamma about +x.
 The element (tire_pacejka.py) converts to the signs of docs/conventions.md. Turn slip (the factors zeta) is in turn_slip.py and acts

@@ -9,6 +9,7 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
+from solver.elements.laws import Law
 from solver.validate import Quaternion, Vector, unit_quaternion, vector
 
 WORLD = 'world'
@@ -107,7 +108,7 @@ class Context(Protocol):
     def rows(self, spec: ConstraintSpec, bodies: Sequence[int]) -> tuple[int, list[int]]:
         """Number the rows of a constraint between bodies: (first row, Jacobian block of each body; the trash block of the world)."""
 
-    def law(self, law: object) -> int:
+    def law(self, law: Law | None) -> int:
         """Index of a force law in the law table (-1 for None)."""
 
     def internal_states(self, where: str, count: int) -> int:

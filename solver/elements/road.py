@@ -20,7 +20,7 @@ from solver.compiled.kernel import kernel
 from solver.elements.marker import Spec
 from solver.validate import Vector, finite, require, vector
 
-# ISO 8608:2016, table C.3: displacement spectral density at 0.1 cycles/m, geometric mean of each class [m^3]
+# [ISO8608], annex C: displacement spectral density at 0.1 cycles/m, geometric mean of each class [m^3]
 ISO_8608_DENSITY = {c: 16e-6 * 4.0**k for k, c in enumerate('ABCDEFGH')}
 ISO_8608_REFERENCE = 0.1  # [cycles/m]
 ISO_8608_WAVINESS = 2.0
@@ -78,7 +78,7 @@ class HeightGrid:
 
 @dataclass(frozen=True, kw_only=True)
 class RandomRoad:
-    """A random road with the displacement spectrum of ISO 8608, G(n) = G(0.1) (n/0.1)^-2 along x.
+    """A random road with the displacement spectrum of [ISO8608], G(n) = G(0.1) (n/0.1)^-2 along x.
 
     origin, yaw: as in HeightGrid. length, width: [m]. step: (dx, dy) [m]. quality: class 'A' to 'H'. seed: of numpy's PCG64.
     coherence: tracks a distance y apart have the coherence function exp(-2 pi coherence n y) at n [cycles/m] (0: a cylindrical

@@ -1,7 +1,7 @@
 """Where a tire touches the road, how it moves there, and how hard it stands on it.
 
 The contact frame C and all signs are those of docs/conventions.md; sections 1 and 2 of docs/tire.md describe the model.
-Source: [B] Besselink et al. (2010), load and effective radius.
+Source: [B] = [Besselink2010], load and effective radius.
 """
 
 from __future__ import annotations

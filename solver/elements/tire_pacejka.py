@@ -12,7 +12,7 @@ itself; at rest nothing decays and u is a spring (no creep). k_x bounds the slip
 of the peak force, so that a wheel that slides to rest does not store more than the force it can carry. With turn slip the twist of
 the contact patch is a third such state, R0 times its angle, driven by R0 times the yaw rate.
 
-Sources: [P] Pacejka, Tire and Vehicle Dynamics, 3rd ed. (2012), 2.2 (slip), 4.3.3 (turn slip), 7.2 (relaxation), 8.6 (standstill).
+Source: [Pacejka2012] 2.2 (slip), 4.3.3 (turn slip), 7.2 (relaxation), 8.6 (standstill).
 """
 
 from __future__ import annotations

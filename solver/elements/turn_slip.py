@@ -1,7 +1,7 @@
 """Turn slip of the Magic Formula 6.1: what the rotation of the contact patch about the road normal does to forces and moments.
 
-[P] 4.3.3, equations (4.75) to (4.106), in the axes of the .tir files (z up). With the turn slip phi_t = yaw rate/V and the part of the
-camber that acts like it, the spin is
+[P] = [Pacejka2012] 4.3.3, equations (4.75) to (4.106), in the axes of the .tir files (z up). With the turn slip phi_t = yaw rate/V
+and the part of the camber that acts like it, the spin is
 
     R0 phi = R0 phi_t + (1 - eps_gamma) sin(gamma)
 

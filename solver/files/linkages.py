@@ -42,7 +42,7 @@ class EqualRods:
 
 @dataclass(frozen=True, kw_only=True)
 class FourBarN(EqualRods):
-    """N four-bar linkages side by side (IFToMM benchmark A02; two loops: Bayo and Avello 1994), 2 N + 1 equal uniform rods.
+    """N four-bar linkages side by side (IFToMM benchmark A02 [Gonzalez2006]; two loops: [Bayo1994]), 2 N + 1 equal uniform rods.
 
     The cranks crank_0 ... crank_N turn on the ground at x = 0, length, 2 length, ...; rod_1 ... rod_N join their ends. All cranks are
     placed upright in the x-y plane, gravity acts along -y. The coordinate A0 is the angle of crank_0 from the x axis, counter-clockwise.

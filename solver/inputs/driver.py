@@ -5,16 +5,12 @@ lies e to the left of it. The arc that reaches the path there has the curvature
 
     kappa = 2 e / l^2
 
-(lateral acceleration 2 e / T^2, the optimal single-point preview of [1]; for a point on the arc, pure pursuit [2]). The steering
-wheel is turned to the angle which holds this curvature in the steady state of the single-track model ([3] 6.5)
+(lateral acceleration 2 e / T^2, the optimal single-point preview of [Guo1993]; for a point on the arc, pure pursuit [Coulter1992]). The
+steering wheel is turned to the angle which holds this curvature in the steady state of the single-track model ([Gillespie1992] 6.5)
 
     steering = ratio (wheelbase + understeer v^2) kappa
 
 and reaches it through the hands: rate limit and critically damped lag of solver.inputs.maneuver.CommandSource.
-
-[1] K. Guo, H. Guan, Modelling of driver/vehicle directional control system, Vehicle System Dynamics 22 (1993) 141-184.
-[2] R. C. Coulter, Implementation of the pure pursuit path tracking algorithm, CMU-RI-TR-92-01 (1992).
-[3] T. D. Gillespie, Fundamentals of Vehicle Dynamics (1992).
 """
 
 from __future__ import annotations
@@ -45,7 +41,7 @@ class Gate(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True)
 class DoubleLaneChange:
-    """The track of ISO 3888 along x, beginning at x = start with the centre line of its first lane at y = 0.
+    """The track of [ISO3888] along x, beginning at x = start with the centre line of its first lane at y = 0.
 
     standard: iso_3888_1 (severe double lane change, 125 m with the lane behind it) or iso_3888_2 (obstacle avoidance, 61 m).
     width: of the vehicle without mirrors [m]; it decides the width of the lanes.

@@ -1,8 +1,8 @@
 """Block-sparse LU without a runtime symbolic phase: the elimination is planned once per model.
 
 Nodes are bodies (n x n form) or bodies and constraint groups (block form). Every block is 6x6, stored in rows of eight (one SIMD
-vector); groups with fewer rows are padded by the identity. Ordering: minimum degree (Tinney-Walker scheme 2 on the quotient
-graph); in the block form a group becomes eligible only after one of its bodies, so its pivot is the well-conditioned A S^-1 A^T
+vector); groups with fewer rows are padded by the identity. Ordering: minimum degree ([Tinney1967] scheme 2, on the quotient graph
+[George1989]); in the block form a group becomes eligible only after one of its bodies, so its pivot is the well-conditioned A S^-1 A^T
 instead of the tiny regularisation. Bodies without mass or inertia have no pivot of their own and follow all of their groups.
 """
 

@@ -1,4 +1,4 @@
-"""GMRES (Saad and Schultz 1986): a linear system of which only products with vectors are known.
+"""GMRES [Saad1986]: a linear system of which only products with vectors are known.
 
 That of scipy would do, but its modules take 0.28 s to import, a fifth of a warm start.
 """

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -43,8 +43,11 @@ MASSLESS = 1e-12  # of the largest mass or moment of inertia in the model
 
 def joint_coordinates(joint: JointSpec) -> list[CoordinateSpec]:
     """Coordinates that a joint defines: revolute and prismatic one named after it, cylindrical '/angle' and '/slide'."""
-    kinds = {'revolute': [('', 'rotation')], 'prismatic': [('', 'translation')]}
-    kinds['cylindrical'] = [('/angle', 'rotation'), ('/slide', 'translation')]
+    kinds: dict[str, list[tuple[str, Literal['translation', 'rotation']]]] = {
+        'revolute': [('', 'rotation')],
+        'prismatic': [('', 'translation')],
+        'cylindrical': [('/angle', 'rotation'), ('/slide', 'translation')],
+    }
     return [CoordinateSpec(name=joint.name + end, kind=kind, i=joint.i, j=joint.j) for end, kind in kinds.get(joint.kind, [])]
 
 
@@ -53,10 +56,12 @@ class _Context:
 
     def __init__(self, spec: ModelSpec) -> None:
         self.spec = spec
+        self.road: RoadSpec = spec.road
         self.n_bodies = len(spec.bodies)
         self.bodies = {b.name: k for k, b in enumerate(spec.bodies)} | {WORLD: self.n_bodies}
         self.inputs = {name: k for k, name in enumerate(spec.inputs)}
         self.coordinates: dict[str, int] = {}
+        self.coordinate_specs: list[CoordinateSpec] = []
         self.laws: list[Law] = []
         self.slots: dict[tuple[int, int], int] = {}
         self.internal_owner: list[str] = []
@@ -69,10 +74,6 @@ class _Context:
                 raise SpecError(f'{c.where}: name = {c.name!r}: a joint already defines this coordinate; rename one')
             self.coordinates[c.name] = k
         self.coordinate_table = compile_coordinates(self.coordinate_specs, self)
-
-    @property
-    def road(self) -> RoadSpec:
-        return self.spec.road
 
     @staticmethod
     def _look_up(where: str, what: str, name: str, known: dict[str, int]) -> int:
@@ -180,8 +181,8 @@ def compile_model(spec: ModelSpec) -> Model:
     n_slots = len(context.slots)
     block_row = np.zeros(n_slots + 1, np.int64)
     block_col = np.zeros(n_slots + 1, np.int64)
-    for (r, c), s in context.slots.items():
-        block_row[s], block_col[s] = r, c
+    for (row, column), s in context.slots.items():
+        block_row[s], block_col[s] = row, column
     nb = context.n_bodies
     groups = len(constraints.centre)
     block_slots = dict(context.slots)

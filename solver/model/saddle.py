@@ -4,7 +4,7 @@
     [ A_e  1/W   ] [ dlam ]  = - [ g ]
 
 S are 6x6 blocks on the body graph, W the diagonal of penalties. The n x n ("condensed") form eliminates dlam, which is one
-augmentation of the augmented Lagrangian: (S + A_s^T W A_e) dw = -(r + A_s^T W g), dlam = -W (g + A_e dw). The block form keeps
+augmentation of the augmented Lagrangian [Bayo1988]: (S + A_s^T W A_e) dw = -(r + A_s^T W g), dlam = -W (g + A_e dw). The block form keeps
 dlam as unknowns and stays well-conditioned for any W. Both give the same dw and dlam in exact arithmetic.
 
 The residuals use the exact force directions, A at the stage of the step, but the matrix has A at its end in both places. Close

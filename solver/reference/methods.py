@@ -4,10 +4,10 @@ They share the element kernels (forces, constraint residuals and Jacobians) with
 multipliers or linear solver. Two formulations of M dv/dt = f + A^T lam, phi = 0:
 
 Kkt: index 1. Accelerations from [M -A^T; A 0] by singular values, so redundant constraints and massless bodies are harmless, with the
-explicit Runge-Kutta method DOP853; positions and velocities are projected after every step. Not for stiff models.
+explicit Runge-Kutta method DOP853 [Hairer1993]; positions and velocities are projected after every step. Not for stiff models.
 
-Stabilised: Gear, Gupta, Leimkuhler (1985) with the derivatives of the unknowns Lam and Mu as multipliers (Anantharaman and Hiller
-1991), an implicit system of index 1 for the BDF and Radau methods of scipy_dae and for IDA of SUNDIALS (scikit-sundae):
+Stabilised: [Gear1985] with the derivatives of the unknowns Lam and Mu as multipliers [Anantharaman1991], an implicit system of index 1
+for the BDF and Radau methods of scipy_dae and for IDA of SUNDIALS (scikit-sundae):
 
     dq/dt = v + M^-1 A^T dMu/dt        M dv/dt = f + A^T dLam/dt        dz/dt = g(z, q, v)        A v + phi_t = 0        phi = 0
 

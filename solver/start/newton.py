@@ -1,10 +1,12 @@
 """A consistent start: assembly of positions, projection of velocities, static equilibrium, accelerations and multipliers.
 
 All of them are Newton iterations on the same saddle system as the step (solver.model.saddle), in its n x n form with repeated
-augmentation, so redundant constraints are harmless here too.
+augmentation [Bayo1996], so redundant constraints are harmless here too.
 """
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 
@@ -237,7 +239,7 @@ class Start:
         The scheme's a_n belongs to t_n + (am - af) h and its multipliers to t_n - af h; both are reached by a central difference
         along the motion. Its velocity satisfies A v + phi_t = -h^2 A e, with e h^3 the local error of the increment of a step:
         started with A v + phi_t = 0, it would jump there by O(h^2) in the first step and disturb the multipliers by O(h), which
-        rho_inf = 1 never forgets (Arnold, Bruels, Cardona 2015). The increment of the exact motion is h v + h^2/2 a + h^3/6 da/dt,
+        rho_inf = 1 never forgets [Arnold2015]. The increment of the exact motion is h v + h^2/2 a + h^3/6 da/dt,
         in rotations plus h^3/12 w x dw/dt; the scheme has h v + h^2 ((1/2 - beta) a_n + beta a_n+1).
 
         Where the motion is too fast for the step to resolve (h |da/dt| > |a|) the uncorrected values are taken.
@@ -278,7 +280,8 @@ class Start:
         (ForceKind.held). hold: a body that is held along its x axis, at the place where it is. Other directions without stiffness stay
         where they are. Raises ConsistencyError if it does not settle.
         """
-        changed, limits = {}, {}
+        changed: dict[str, Any] = {}
+        limits: dict[int, float] = {}
         for kind in FORCES:
             if kind.held is not None and getattr(self.model.spec, kind.name):
                 held = kind.held(self.model.elements[kind.name].value, u)

@@ -2,14 +2,14 @@
 
 The grid of inputs and outputs is fixed, k h; inside an interval of it the step is chosen freely, so time stays an integer.
 
-*Penalties* (`penalty_policy: adaptive`). An iteration that stagnates with constraints open is repeated from the start of the step
-with larger penalties of the slowest constraints: those with the largest violation, weighed by the masses behind them. Where it would be
-accepted as it is, a raise that does not help is taken back; where the step would fail, all penalties are raised. After easy steps all
-return towards the setting.
+*Penalties* (`penalty_policy: adaptive`; the formulation leaves the rules open, these are ours). An iteration that stagnates with
+constraints open is repeated from the start of the step with larger penalties of the slowest constraints: those with the largest
+violation, weighed by the masses behind them. Where it would be accepted as it is, a raise that does not help is taken back; where the
+step would fail, all penalties are raised. After easy steps all return towards the setting.
 
 *Step* (`step_policy`). `rescue`: a step that fails is halved and taken again from its start; after easy steps it doubles. `error`: two
-steps of h/2 are compared with one of h from the same start; a third of the difference is the local error of the two (second order),
-and a PI controller (Gustafsson 1991) holds its rate at the tolerance, so that the error of a run is proportional to it.
+steps of h/2 are compared with one of h from the same start; a third of the difference is the local error of the two (second order,
+[Hairer1993] II.4), and a PI controller [Gustafsson1991] holds its rate at the tolerance, so that the error of a run is proportional to it.
 
 *History.* The algorithm's acceleration a_n belongs to t_n + (am - af) h, the rates of internal states to t_n + (am1 - af) h, and the
 velocity satisfies A v + phi_t = -h^2 A e (solver.start.newton). When the next step is of another size all three are moved to where
@@ -388,4 +388,5 @@ class Adaptation:
         s[6] += result.stagnated
 
     def _summed(self, status: int, where: int) -> StepResult:
-        return StepResult(status, where, *self._sum)
+        s = self._sum
+        return StepResult(status, where, int(s[0]), int(s[1]), int(s[2]), s[3], s[4], s[5], int(s[6]))

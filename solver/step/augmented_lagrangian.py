@@ -1,5 +1,7 @@
 """The augmented-Lagrangian step: three independent fields (position, velocity, momentum rate), tied over each step.
 
+Formulation: [Natsiavas2015], [Paraskevopoulos2015], [Potosakis2020] (docs/references.md).
+
 Scheme (docs/decisions/0002): generalized-alpha with all forces, constraint forces included, taken at the generalized
 midpoint t_s = t_0 + (1 - alpha_f) h, and the position constraint imposed at the end of the step:
 
@@ -8,11 +10,11 @@ midpoint t_s = t_0 + (1 - alpha_f) h, and the position constraint imposed at the
     q1 = q0 o exp(D),  D = h v0 + h^2 ((1/2 - beta) a0 + beta a1);   q_s = q0 o exp((1 - af) D),  v_s = (1 - af) v1 + af v0
     phi(q1, t1) = 0,  A(q1) v1 = 0 for rows that are not holonomic
 
-with am, af, beta, gamma of Chung and Hulbert (1993) for the spectral radius rho_inf. For rho_inf = 1 it is the midpoint rule
-with an impulse along A at the midpoint. First-order internal states use the parameters of Jansen, Whiting and Hulbert (2000)
-for the same rho_inf, which have the same stage. The constraint force h_R is augmented within the step,
+with am, af, beta, gamma of [Chung1993] for the spectral radius rho_inf and the increment D as in [Bruls2010]. For rho_inf = 1 it is the
+midpoint rule with an impulse along A at the midpoint. First-order internal states use the parameters of [Jansen2000] for the same
+rho_inf, which have the same stage. The constraint force h_R is augmented within the step,
 h_R <- h_R - W_R (g_R + A dw), g = phi / (beta h^2) or A v / (gamma h), where W_R = xi_R m_R is the penalty scaled by the effective mass
-(solver.model.saddle). The velocity in the output is projected onto A v + phi_t = 0; the projection is not fed back, because that
+(solver.model.saddle). The velocity in the output is projected onto A v + phi_t = 0 [Bayo1996]; the projection is not fed back, because that
 costs the multipliers an order.
 """
 
@@ -123,7 +125,7 @@ def step(tables, c, s0, s1, u, want_outputs, work):
     increment = 0.0
     before = 0.0
     residual = 0.0
-    refactor = YES
+    refactor: np.bool_ | bool = YES
     rate = 0.0
     best = np.inf
     stagnated = 0

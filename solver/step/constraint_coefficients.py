@@ -4,7 +4,8 @@ With a direction c_R that moves constraint R alone at unit rate,
 
     m_R = c_R^T M c_R,   c_RR = -c_R^T (df/dv) c_R,   k_R = -c_R^T (df/dq) c_R,   f_R = c_R^T f
 
-where f are the applied forces (docs/formulation.md). A row that is not holonomic has a velocity, (m psidot)' + c psidot = 0, and no k_R.
+where f are the applied forces (docs/formulation.md). The equations with these coefficients are those of [Natsiavas2015]; the directions
+are our choice. A row that is not holonomic has a velocity, (m psidot)' + c psidot = 0, and no k_R.
 *Isolated*: a_R c_R = 1 with the smallest m_R, c_R = m_R M^-1 a_R^T and
 m_R = 1/(a_R M^-1 a_R^T). *Coupled*: the other constraints hold besides, A c_R = e_R with the smallest m_R, which gives
 m_R = [(A M^-1 A^T)^+]_RR. It is the solution of (M + A^T W A) c_R = W_R a_R^T for large penalties W, which takes redundant rows as

@@ -14,8 +14,8 @@ WHERE = 'integrator'
 class IntegratorSettings:
     """How a model is advanced in time (equations and choices: docs/formulation.md).
 
-    kind: 'alf' is the augmented-Lagrangian integrator, 'm_alf' the same code with the modified coefficients of the chapter
-    (h_R = lam_R, m_R = 1), 'reference_*' independent slow solutions of the same model.
+    kind: 'alf' is the augmented-Lagrangian integrator, 'm_alf' the same code as the usual augmented Lagrangian of
+    multibody codes [Bayo1988] (h_R = lam_R, m_R = 1), 'reference_*' independent slow solutions of the same model.
     h: step [s], a whole number of nanoseconds. rho_inf: spectral radius at infinite frequency, 0 (strong damping) to 1 (none).
     mode: 'fixed' spends `iterations` Newton iterations per step, and more, up to 20, only where they do not contract (a stop is hit, a
     wheel lands); 'tolerance' iterates until the relative residual and increment are below `tolerance` or `max_iterations` is reached.

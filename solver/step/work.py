@@ -29,7 +29,7 @@ class Coefficients(NamedTuple):
     gamma1: float
     ahead: float  # from the stage to the end of the step, in intervals between the last two stages: af while the step is constant
     penalty: np.ndarray  # (nc,) xi_R, dimensionless
-    factor: np.ndarray  # (nc,) multiplies the coefficients m_R (the chapter's m/10 experiment)
+    factor: np.ndarray  # (nc,) multiplies the coefficients m_R (the experiment with m/10, docs/studies.md)
     m_alf: int  # 1: h_R = lam_R with unit coefficients (k = 1, m = c = f = 0): W = xi beta h^2 (xi gamma h of a velocity)
     weigh: int  # address of solver.step.constraint_coefficients.weigh, 0: W are the isolated effective masses
     coupled: int  # 1: coupled effective masses

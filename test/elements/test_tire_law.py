@@ -167,8 +167,8 @@ def test_mirrored_slip_and_camber_mirror_the_forces(car: TireData) -> None:
         assert b[key] == pytest.approx(sign * a[key], rel=1e-14)
 
 
-# Bakker, Nyborg, Pacejka, Tyre modelling for use in vehicle dynamics studies, SAE 870421 (1987): load-dependent coefficients of a measured
-# car tire, Fz in kN, slip in % and slip angle in degrees; and the factors B, C, D, E fitted to its curves at each load
+# [Bakker1987]: load-dependent coefficients of a measured car tire, Fz in kN, slip in % and slip angle in degrees; and the factors
+# B, C, D, E fitted to its curves at each load
 SIDE_1987 = (-22.1, 1011.0, 1078.0, 1.82, 0.208, 0.0, -0.354, 0.707)
 BRAKE_1987 = (-21.3, 1144.0, 49.6, 226.0, 0.069, -0.006, 0.056, 0.486)
 CURVES_1987 = {  # Fz [kN]: B, C, D, E of the side force, of the brake force

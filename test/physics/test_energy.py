@@ -73,7 +73,7 @@ def test_unresolved_oscillation_keeps_its_energy_without_dissipation():
 
 @pytest.mark.parametrize('rho_inf', [0.9, 0.8, 0.5])
 def test_unresolved_oscillation_decays_by_rho_inf_per_step(rho_inf):
-    """The scheme has three roots rho_inf there (Chung and Hulbert 1993): between rho_inf^n and n^2 rho_inf^n, from step 10 to 25."""
+    """The scheme has three roots rho_inf there [Chung1993]: between rho_inf^n and n^2 rho_inf^n, from step 10 to 25."""
     simulation = oscillation(rho_inf)
     amplitude = []
     for steps in (10, 15):

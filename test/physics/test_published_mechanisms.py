@@ -1,4 +1,4 @@
-"""Benchmark mechanisms (IFToMM library of multibody benchmarks, IVP test set) from their scene files, against their published values."""
+"""Benchmark mechanisms (IFToMM library [Gonzalez2006], IVP test set [Mazzia2008]) from their scene files, against published values."""
 
 from __future__ import annotations
 

@@ -259,10 +259,12 @@ def falling_four_bar(duration: float) -> Problem:
 
     start = [np.pi / 2, 0.0]
     solution = solve_ivp(lambda t, y: [y[1], accelerate(*y)[0]], (0, duration), start, **TIGHT).sol
-    return Problem(
-        'mechanism: mechanisms/four_bar.yaml\noverride: {mechanism.couplers: {}}',
-        lambda t: bar.motion(*solution(t), accelerate(*solution(t))[1:], None),
-    )
+
+    def motion(t: float) -> Motion:
+        crank, rate = solution(t)
+        return bar.motion(crank, rate, accelerate(crank, rate)[1:], None)
+
+    return Problem('mechanism: mechanisms/four_bar.yaml\noverride: {mechanism.couplers: {}}', motion)
 
 
 def driven_four_bar(speed: float) -> Problem:

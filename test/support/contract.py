@@ -14,9 +14,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
 from solver.elements.coordinate import CoordinateSpec, CoordinateTable, compile_coordinates
@@ -154,7 +155,7 @@ class Element:
         return blocks[1:].reshape(nb, nb, 6, 6).transpose(0, 2, 1, 3).reshape(6 * nb, 6 * nb)
 
 
-def kinematics(poses: Sequence[tuple[Sequence[float], object]], twists: Sequence[Sequence[float]] | None = None) -> Kinematics:
+def kinematics(poses: Sequence[tuple[ArrayLike, ArrayLike]], twists: ArrayLike | None = None) -> Kinematics:
     """Kinematics of bodies given as (position of the centre of mass [m], rotation matrix or rotation vector [rad]); world appended."""
     n = len(poses)
     R = np.tile(np.eye(3), (n + 1, 1, 1))
@@ -171,7 +172,7 @@ def kinematics(poses: Sequence[tuple[Sequence[float], object]], twists: Sequence
 
 def random_marker(rng: np.random.Generator, body: str, position: Vector | None = None) -> Marker:
     """A marker of any orientation, at a given position or at any."""
-    at = rng.normal(size=3) if position is None else position
+    at: Any = rng.normal(size=3) if position is None else position
     return Marker(body=body, position=at, orientation=Rotation.random(random_state=rng).as_quat())
 
 

@@ -47,6 +47,7 @@ class Process:
         self._reader.start()
 
     def _read(self) -> None:
+        assert self.process.stdout is not None
         for line in self.process.stdout:
             self.output += line
 

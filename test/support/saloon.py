@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 from solver.files.mechanism import MechanismReader
 from solver.files.scene import config_directories, find_file
@@ -36,7 +37,7 @@ def without_bushings(data):
 def mirrored(car: FullCar) -> FullCar:
     """The car with its steering on the other side and its propeller shaft turning the other way: all that is not symmetric."""
     s = car.steering
-    points = {name: mirror(getattr(s, name)) for name in ('pinion_foot', 'pinion_joint', 'column_joint', 'wheel_hub')}
+    points: dict[str, Any] = {name: mirror(getattr(s, name)) for name in ('pinion_foot', 'pinion_joint', 'column_joint', 'wheel_hub')}
     return dataclasses.replace(
         car, steering=dataclasses.replace(s, **points), driveline=dataclasses.replace(car.driveline, ratio=-car.driveline.ratio)
     )
