@@ -59,6 +59,8 @@ def _pin_cache() -> Path:
 
 CACHE_DIRECTORY = _pin_cache()
 
+os.environ['NUMBA_DISABLE_INTEL_SVML'] = '1'  # only some machines have it, and its sin, exp, ... are not those of the C library
+
 import numba  # noqa: E402  (must come after the cache directory is set)
 from numba.core import event  # noqa: E402
 

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from solver.compiled.by_reference import Ref
+from solver.compiled.dense import inverse, norms, principal_moments
 from solver.compiled.so3 import matrix_of_quaternion
 from solver.elements.aero_drag import compile_aero_drags
 from solver.elements.applied_force import compile_applied_forces
@@ -258,7 +259,7 @@ def _compile_constraints(spec: ModelSpec, context: _Context) -> tuple[Constraint
 
 def _massless(bodies) -> list[int]:
     """Bodies whose mass matrix is singular, or nearly so beside those of the others."""
-    moments = np.linalg.eigvalsh(bodies.inertia)
+    moments = principal_moments(bodies.inertia)
     light = bodies.mass <= MASSLESS * bodies.mass.max()
     return [int(b) for b in np.flatnonzero(light | (moments[:, 0] <= MASSLESS * moments.max()))]
 
@@ -274,9 +275,9 @@ def _floored_inverses(bodies, joints) -> tuple[np.ndarray, np.ndarray]:
     size = np.trace(bodies.inertia, axis1=1, axis2=2)
     arm = np.zeros(n + 1)
     for side, r in enumerate((joints.r_i, joints.r_j)):
-        np.maximum.at(arm, joints.body[:, side], np.linalg.norm(r, axis=1))
+        np.maximum.at(arm, joints.body[:, side], norms(r))
     floor = PENALTY_MASS_FLOOR * max(float((size + bodies.mass * arm[:n] ** 2).mean()), 1e-12)
-    return 1.0 / mass, np.linalg.inv(bodies.inertia + floor * np.eye(3) * (size < 3 * floor).reshape(n, 1, 1) + 1e-300 * np.eye(3))
+    return 1.0 / mass, inverse(bodies.inertia + floor * np.eye(3) * (size < 3 * floor).reshape(n, 1, 1) + 1e-300 * np.eye(3))
 
 
 def _resolve_offsets(model: Model) -> None:

@@ -8,6 +8,7 @@ from typing import cast
 import numpy as np
 
 from solver.compiled.by_reference import Ref
+from solver.compiled.dense import product
 from solver.compiled.so3 import matrix_of_quaternion
 from solver.elements.coupler import CouplerSpec
 from solver.elements.tire_pacejka import TIRE_COLUMNS, rolling_radius
@@ -106,7 +107,7 @@ class Beginning:
                 raise ConsistencyError(f'start: the vehicle does not settle at {speed:g} m/s: {self.explain(result)}')
             q, v = self.state.q, self.state.v
             forward = np.array(matrix_of_quaternion(tuple(q[chassis, 3:]))).reshape(3, 3)[:, 0]
-            now = float(v[chassis, :3] @ forward)
+            now = float(product(v[chassis, :3], forward))
             q[:-1, :2] += place - q[chassis, :2]
             v[:-1, :3] += (speed - now) * forward
             for wheel in wheels:
@@ -134,7 +135,7 @@ class Beginning:
         for b, body in enumerate(self.model.spec.bodies):
             R_b = np.array(matrix_of_quaternion(tuple(self.state.q[b, 3:]))).reshape(3, 3)
             w = np.array(body.angular_velocity)
-            v[b, :3] = np.array(body.velocity) + R_b @ np.cross(w, body.com) + speed * R[:, 0]
+            v[b, :3] = np.array(body.velocity) + product(R_b, np.cross(w, body.com)) + speed * R[:, 0]
             v[b, 3:] = w
 
     def _roll_wheels(self, speed: float, u: np.ndarray) -> dict[str, float]:
@@ -166,6 +167,6 @@ class Beginning:
                     side = 1.0 if joint.j.body == tire.marker.body else -1.0
                     own = joint.j if side > 0 else joint.i
                     axis = np.array(matrix_of_quaternion(own.orientation)).reshape(3, 3)[:, 2]
-                    rates[joint.name] = side * float(np.sign(axis @ spin)) * rate
+                    rates[joint.name] = side * float(np.sign(product(axis, spin))) * rate
                     break
         return rates
