@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from typing import cast
 
 import numpy as np
 
 from solver.compiled.by_reference import Ref
+from solver.compiled.dense import norms, product
 from solver.compiled.kernel import address_of
 from solver.compiled.so3 import matrix_of_quaternion
 from solver.errors import SpecError, StepError
@@ -231,9 +233,9 @@ class Simulation:
         q, v = self.state.q[chassis], self.state.v[chassis]
         R = np.array(matrix_of_quaternion(tuple(q[3:]))).reshape(3, 3)
         com = np.array(self.model.spec.bodies[chassis].com)
-        p = q[:3] - R @ com
-        speed = float(R[:, 0] @ v[:3] - np.cross(v[3:], com)[0])
-        return Sight(float(p[0]), float(p[1]), float(np.arctan2(R[1, 0], R[0, 0])), speed)
+        p = q[:3] - product(R, com)
+        speed = float(product(R[:, 0], v[:3]) - np.cross(v[3:], com)[0])
+        return Sight(float(p[0]), float(p[1]), math.atan2(R[1, 0], R[0, 0]), speed)
 
     def _count(self, result: StepResult) -> None:
         status, _, iterations, factorizations, evaluations, residual, position, velocity, stagnated = result
@@ -278,7 +280,7 @@ class Simulation:
 
     def _fast_turn(self) -> str:
         """The body that turns too far in a step for the iteration to follow, or nothing."""
-        turns = self.h * np.linalg.norm(self.state.v[:-1, 3:], axis=1)
+        turns = self.h * norms(self.state.v[:-1, 3:])
         body = int(np.argmax(turns))
         if not turns[body] > LARGEST_TURN_PER_STEP:
             return ''

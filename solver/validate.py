@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from solver.compiled.dense import norm
 from solver.errors import SpecError
 
 Vector = tuple[float, float, float]
@@ -41,7 +42,7 @@ def vector(where: str, field: str, value: Sequence[float], length: int = 3) -> t
 def unit_quaternion(where: str, field: str, value: Sequence[float]) -> Quaternion:
     """Return value normalised; refuses a norm further than 1e-3 from one."""
     q = np.array(vector(where, field, value, 4))
-    n = float(np.linalg.norm(q))
+    n = norm(q)
     require(abs(n - 1.0) < 1e-3, where, field, value, 'must be a unit quaternion x y z w')
     x, y, z, w = q / n
     return (float(x), float(y), float(z), float(w))

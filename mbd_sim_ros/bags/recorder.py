@@ -28,6 +28,7 @@ import solver
 from mbd_sim_ros.bags.writer import RECORD
 from mbd_sim_ros.messages.cdr import template
 from mbd_sim_ros.messages.encode import STRING, Topic
+from solver.compiled.target import target
 from solver.errors import BagError
 
 POLL_SECONDS = 0.02  # between deliveries to the recording process
@@ -38,7 +39,7 @@ LENGTH = struct.Struct('<Q')  # before every delivery: its size in bytes
 
 
 def describe(*, scene: str, resolved_yaml: str, parameters: Mapping[str, Any] | None = None, seed: int = 0, **more: str) -> dict[str, str]:
-    """Return what a recording says about its run, as strings: scene, code and package versions, parameters, seed."""
+    """Return what a recording says about its run, as strings: scene, code and package versions, target, parameters, seed."""
     packages = {}
     for name in ('numpy', 'scipy', 'numba', 'mcap'):
         try:
@@ -52,6 +53,7 @@ def describe(*, scene: str, resolved_yaml: str, parameters: Mapping[str, Any] | 
         'code_version': code_version(),
         'source_hash': source_hash(),
         'packages': yaml.safe_dump(packages),
+        'target': yaml.safe_dump(target()),
         'parameters': yaml.safe_dump(dict(parameters or {})),
         'seed': str(seed),
         'created': time.strftime('%Y-%m-%dT%H:%M:%S%z'),

@@ -7,6 +7,8 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import yaml
+
 from mbd_sim_ros.commands import Result, declare
 from solver.errors import BagError
 
@@ -37,6 +39,7 @@ def run(args: argparse.Namespace) -> Result:
     from mbd_sim_ros.bags.recorder import source_hash
     from mbd_sim_ros.batch import simulate
     from mbd_sim_ros.commands.compare import report
+    from solver.compiled.target import differences, target
     from solver.files.scene import load_scene_text
     from solver.simulation import Simulation
 
@@ -52,11 +55,15 @@ def run(args: argparse.Namespace) -> Result:
         simulate(simulation, steps, directory=directory, source=source, progress=not args.json)
         found = compare(bag.read(directory), before, exact=True)
     result = report(found)
+    recorded_on = yaml.safe_load(before.metadata.get('target', '{}'))
+    elsewhere = differences(recorded_on, target())
     same_code = before.metadata.get('source_hash', '') == source_hash()
     data = {
         'status': 'identical' if found.ok else 'different',
         'steps': steps,
         'same_code': same_code,
+        'target': recorded_on,
+        'target_differences': elsewhere,
         'out': None if args.out is None else str(args.out),
         'outside': result.data['outside'],
         'channels': result.data['channels'],
@@ -64,6 +71,8 @@ def run(args: argparse.Namespace) -> Result:
     if found.ok:
         return Result(data=data, text=f'identical: {steps} steps, {len(found.differences)} channels')
     hint = '' if same_code else '\nthe recording was made by another version of the solver'
+    if elsewhere:
+        hint += f'\nthe same bits cannot be expected, because the recording was made on another target: {"; ".join(elsewhere)}'
     return Result(data=data, text=result.text + hint, code=1)
 
 

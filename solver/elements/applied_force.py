@@ -8,6 +8,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from solver.compiled.dense import product
 from solver.compiled.kernel import kernel
 from solver.compiled.vec import (
     add,
@@ -113,7 +114,7 @@ def compile_applied_forces(specs: Sequence[AppliedForceSpec], context: Context) 
     )
     for e, spec in enumerate(specs):
         axes = (np.eye(3), pairs.G[e], pairs.F[e])[table.frame[e]]
-        table.force[e], table.torque[e] = axes @ spec.force, axes @ spec.torque
+        table.force[e], table.torque[e] = product(axes, spec.force), product(axes, spec.torque)
         if spec.input is not None:
             table.input[e] = context.input(spec.where, spec.input)
     return table

@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from solver.compiled.dense import product
 from solver.compiled.kernel import kernel, sixes
 from solver.compiled.rows import add_block, add_rows, cross_rows, mul_rows, rows, sub_block, sub_rows
 from solver.compiled.so3 import inverse_jacobian_coefficients, log
@@ -125,7 +126,7 @@ def compile_bushings(specs: Sequence[BushingSpec], context: Context) -> BushingT
         slot=pairs.slot,
     )
     for e, (spec, F, G) in enumerate(zip(specs, pairs.F, pairs.G, strict=True)):
-        table.H[e] = G @ F.T
+        table.H[e] = product(G, F.T)
         table.law[e] = [context.law(law) for law in spec.laws]
         table.stiffness[e] = np.where(table.law[e] < 0, spec.stiffness, 0.0)
         for M, values in (
@@ -134,8 +135,8 @@ def compile_bushings(specs: Sequence[BushingSpec], context: Context) -> BushingT
             (table.C, spec.damping[:3]),
             (table.Ct, spec.damping[3:]),
         ):
-            M[e] = F @ np.diag(values) @ F.T
-        table.preload[e, :3], table.preload[e, 3:] = F @ spec.preload[:3], F @ spec.preload[3:]
+            M[e] = product(F * values, F.T)
+        table.preload[e, :3], table.preload[e, 3:] = product(F, spec.preload[:3]), product(F, spec.preload[3:])
     return table
 
 

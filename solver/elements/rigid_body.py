@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from solver.compiled.dense import principal_moments
 from solver.compiled.kernel import kernel
 from solver.compiled.vec import add3, cross, cross_m, load33, msub, mv, put33, scale, skew
 from solver.elements.marker import IDENTITY, WORLD, Spec
@@ -40,7 +41,7 @@ class RigidBodySpec(Spec):
         for field in ('com', 'position', 'velocity', 'angular_velocity'):
             self.set(field, vector(where, field, getattr(self, field)))
         self.set('orientation', unit_quaternion(where, 'orientation', self.orientation))
-        moments = np.linalg.eigvalsh(self.inertia_matrix())
+        moments = principal_moments(self.inertia_matrix())
         scale_ = max(float(moments[2]), 1e-300)
         require(moments[0] >= -1e-9 * scale_, where, 'inertia', self.inertia, 'must be positive semidefinite')
         require(

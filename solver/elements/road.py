@@ -9,13 +9,16 @@ the tire: the product of the factors of all patches, each blended in smoothly ov
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
 
+from solver.compiled.dense import norm, solve_tridiagonal
 from solver.compiled.dual import sqrt
+from solver.compiled.elementary import exp
 from solver.compiled.kernel import kernel
 from solver.elements.marker import Spec
 from solver.validate import Vector, finite, require, vector
@@ -23,7 +26,6 @@ from solver.validate import Vector, finite, require, vector
 # [ISO8608], annex C: displacement spectral density at 0.1 cycles/m, geometric mean of each class [m^3]
 ISO_8608_DENSITY = {c: 16e-6 * 4.0**k for k, c in enumerate('ABCDEFGH')}
 ISO_8608_REFERENCE = 0.1  # [cycles/m]
-ISO_8608_WAVINESS = 2.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -119,16 +121,15 @@ class RandomRoad:
         n_x = round(self.length / dx) + 1
         n_y = max(int(np.ceil(self.width / dy)) + 1, 2)
         n = np.fft.rfftfreq(n_x, dx)[1:]
-        density = ISO_8608_DENSITY[self.quality] * (n / ISO_8608_REFERENCE) ** -ISO_8608_WAVINESS * (n <= 1.0 / self.shortest)
+        density = ISO_8608_DENSITY[self.quality] * np.square(ISO_8608_REFERENCE / n) * (n <= 1.0 / self.shortest)
         rng = np.random.default_rng(self.seed)
         # E|a|^2 = 2 G dn: the variance of Re(a e^(i...)) is half of that
         draws = rng.standard_normal((n_y, 2, n.size)) * np.sqrt(density / (n_x * dx))
-        amplitude = draws[:, 0] + 1j * draws[:, 1]
-        memory = np.exp(-2.0 * np.pi * self.coherence * n * dy)
+        memory = exp(-2.0 * np.pi * self.coherence * n * dy)
         for j in range(1, n_y):
-            amplitude[j] = memory * amplitude[j - 1] + np.sqrt(1.0 - memory * memory) * amplitude[j]
+            draws[j] = memory * draws[j - 1] + np.sqrt(1.0 - memory * memory) * draws[j]
         spectrum = np.zeros((n_y, n.size + 1), complex)
-        spectrum[:, 1:] = amplitude * n_x / 2.0
+        spectrum.real[:, 1:], spectrum.imag[:, 1:] = np.moveaxis(draws * n_x / 2.0, 1, 0)
         height = np.fft.irfft(spectrum, n_x, axis=1).T
         x = np.arange(n_x) * dx
         t = np.clip(np.minimum(x, x[-1] - x) / self.ramp, 0.0, 1.0)
@@ -154,7 +155,7 @@ class RoadSpec(Spec):
     def __post_init__(self) -> None:
         self.set('point', vector(self.where, 'point', self.point))
         n = np.array(vector(self.where, 'normal', self.normal))
-        length = float(np.sqrt(n @ n))
+        length = norm(n)
         upwards = length > 0.0 and n[2] > 0.1 * length
         require(upwards, self.where, 'normal', self.normal, 'must point upwards (z component above 0.1 of its length)')
         self.set('normal', tuple(float(c) for c in n / length))
@@ -177,16 +178,13 @@ class RoadTable(NamedTuple):
 
 def _spline_coefficients(height: np.ndarray) -> np.ndarray:
     """Coefficients of the interpolating uniform cubic B-spline, continued by its border coefficients, along both axes."""
-    from scipy.linalg import solve_banded  # slow to import, and most roads have no grid
-
     c = height
     for axis in (0, 1):
         c = np.moveaxis(c, axis, 0)
         n = c.shape[0]
-        bands = np.zeros((3, n))
-        bands[0, 1:], bands[1], bands[2, :-1] = 1.0 / 6.0, 4.0 / 6.0, 1.0 / 6.0
-        bands[1, [0, -1]] += 1.0 / 6.0  # c[-1] = c[0], c[n] = c[n-1]
-        c = np.moveaxis(solve_banded((1, 1), bands, c), 0, axis)
+        beside, diagonal = np.full(n, 1.0 / 6.0), np.full(n, 4.0 / 6.0)
+        diagonal[[0, -1]] += 1.0 / 6.0  # c[-1] = c[0], c[n] = c[n-1]
+        c = np.moveaxis(solve_tridiagonal(beside, diagonal, beside, c), 0, axis)
     return c
 
 
@@ -200,9 +198,9 @@ def compile_road(spec: RoadSpec) -> RoadTable:
         plane=np.array([p[2] + (n[0] * p[0] + n[1] * p[1]) / n[2], -n[0] / n[2], -n[1] / n[2]]),
         friction=np.array([spec.friction]),
         patch=np.array(
-            [[*f.center, np.cos(f.yaw), np.sin(f.yaw), f.size[0] / 2, f.size[1] / 2, f.factor, f.blend] for f in spec.patches], float
+            [[*f.center, math.cos(f.yaw), math.sin(f.yaw), f.size[0] / 2, f.size[1] / 2, f.factor, f.blend] for f in spec.patches], float
         ).reshape(-1, 8),
-        grid=np.array([[*g.origin, np.cos(g.yaw), np.sin(g.yaw), *g.step] for g in grids], float).reshape(-1, 6),
+        grid=np.array([[*g.origin, math.cos(g.yaw), math.sin(g.yaw), *g.step] for g in grids], float).reshape(-1, 6),
         shape=np.array([h.shape for h in heights], np.int64).reshape(-1, 2),
         start=np.array([0, *np.cumsum(sizes)[:-1]], np.int64) if sizes else np.zeros(0, np.int64),
         spline=np.concatenate([_spline_coefficients(h).ravel() for h in heights]) if sizes else np.zeros(0),

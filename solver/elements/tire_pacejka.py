@@ -17,6 +17,7 @@ Source: [Pacejka2012] 2.2 (slip), 4.3.3 (turn slip), 7.2 (relaxation), 8.6 (stan
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -324,7 +325,7 @@ def rolling_radius(table: TireTable, e: int, load: float, speed: float) -> float
     growth = R0 * c[I.Q_V1] * (speed / c[I.LONGVL]) ** 2
     c_z = (1.0 + c[I.PFZ1] * c[I.DPI]) * c[I.VERTICAL_STIFFNESS]
     q = load / F0
-    return float(R0 * c[I.Q_RE0] + growth - F0 / c_z * (c[I.DREFF] * np.arctan(c[I.BREFF] * q) + c[I.FREFF] * q))
+    return float(R0 * c[I.Q_RE0] + growth - F0 / c_z * (c[I.DREFF] * math.atan(c[I.BREFF] * q) + c[I.FREFF] * q))
 
 
 TIRES = ForceKind(name='tires', spec=TireSpec, compile=compile_tires, kernel=tire_forces, outputs=OUTPUTS, wheels=True)

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from solver.compiled.dense import norm, product
 from solver.elements.joint import JointSpec
 from solver.elements.laws import Law
 from solver.elements.marker import WORLD, Marker, Spec
@@ -85,7 +86,7 @@ class MechanismReader:
             placement = self.placement(builder, fields, path)
         given: dict[str, object] = {m: self._marker(builder, fields.pop(m)[1], join(path, m), placement) for m in markers if m in fields}
         if cls is JointSpec and 'length' not in fields and 'kind' in fields and fields['kind'][1].value == 'distance' and len(given) == 2:
-            given['length'] = float(np.linalg.norm(self.point(given['j']) - self.point(given['i'])))
+            given['length'] = norm(self.point(given['j']) - self.point(given['i']))
         extra = ('at', *(k for k in ROTATION_KEYS if k not in hints)) if markers else ()
         return builder.construct(cls, fields, node, path, name=name, given=given, extra=extra)
 
@@ -129,14 +130,14 @@ class MechanismReader:
     def local(self, body: str, frame: Placement) -> Marker:
         """The marker on a body that coincides with a frame in the world in the placed configuration."""
         p, R = self.bodies[body]
-        x, y, z = (float(c) for c in R.T @ (frame.p - p))
-        return Marker(body=body, position=(x, y, z), orientation=quaternion(R.T @ frame.R))
+        x, y, z = (float(c) for c in product(R.T, frame.p - p))
+        return Marker(body=body, position=(x, y, z), orientation=quaternion(product(R.T, frame.R)))
 
     def point(self, marker: object) -> np.ndarray:
         """(3,) place of a marker in the world [m]."""
         assert isinstance(marker, Marker)
         p, R = self.bodies[marker.body]
-        return p + R @ np.array(marker.position)
+        return p + product(R, marker.position)
 
     def law(self, builder: Builder, cls: type, node: Node, path: str, name: str | None) -> Law:
         """A number is the rate of a straight line, a list of [x, y] points a monotone cubic."""

@@ -15,12 +15,14 @@ and reaches it through the hands: rate limit and critically damped lag of solver
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
+from solver.compiled.dense import clamped_spline_slopes, piecewise_cubic
 from solver.errors import SpecError
 from solver.inputs.signals import smooth_step
 
@@ -102,10 +104,8 @@ class Waypoints:
 
     def lateral(self, x: float) -> float:
         """y of the path [m] at x [m]."""
-        from scipy.interpolate import CubicSpline  # slow to import, and needed here only
-
         at, y = np.array(self.points).T
-        return float(CubicSpline(at, y, bc_type='clamped')(np.clip(x, at[0], at[-1])))
+        return float(piecewise_cubic(at, y, clamped_spline_slopes(at, y), np.clip(x, at[0], at[-1]))[0])
 
 
 class Sight(NamedTuple):
@@ -145,7 +145,7 @@ class PreviewDriver:
         """Angle at the steering wheel [rad] that the driver wants."""
         v = max(sight.speed, self.slowest)
         distance = v * self.preview
-        c, s = np.cos(sight.heading), np.sin(sight.heading)
+        c, s = math.cos(sight.heading), math.sin(sight.heading)
         x, y = sight.x + distance * c, sight.y + distance * s
         error = (self.path.lateral(x) - y) * c
         angle = self.ratio * (self.wheelbase + self.understeer * v * v) * 2.0 * error / (distance * distance)

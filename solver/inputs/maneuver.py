@@ -7,6 +7,7 @@ are taken inside the step, at the instant `(k + stage) h` where the integrator b
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated
@@ -179,7 +180,7 @@ class CommandSource:
         lag = 2.0 * slope / w  # steady distance behind a moving reference
         e = x - (r - lag)
         b = v - slope + w * e
-        decay = np.exp(-w * t)
+        decay = math.exp(-w * t)
         return r - lag + slope * t + (e + b * t) * decay, slope + (b - w * (e + b * t)) * decay
 
 

@@ -12,6 +12,8 @@ from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
+from solver.compiled.dense import clamped_spline_slopes, piecewise_cubic
+from solver.compiled.elementary import cos, sin
 from solver.errors import SpecError
 
 Seconds = Annotated[float, 's']
@@ -45,7 +47,7 @@ class Jet(NamedTuple):
 
     def sine(self) -> Jet:
         """sin of the function, by the chain rule."""
-        s, c = np.sin(self.value), np.cos(self.value)
+        s, c = sin(self.value), cos(self.value)
         return Jet(s, c * self.rate, c * self.acceleration - s * self.rate * self.rate)
 
 
@@ -277,11 +279,8 @@ class Table:
         if self.interpolation == 'linear':
             slope = np.append(np.diff(y) / np.diff(x), 0.0)[np.clip(np.searchsorted(x, t, 'right') - 1, 0, len(x) - 1)]
             return Jet(np.interp(t, x, y), np.where(inside, slope, 0.0), np.zeros_like(t))
-        from scipy.interpolate import CubicSpline  # slow to import, and needed here only
-
-        spline = CubicSpline(x, y, bc_type='clamped')
-        at = np.clip(t, x[0], x[-1])
-        return Jet(spline(at), np.where(inside, spline(at, 1), 0.0), np.where(inside, spline(at, 2), 0.0))
+        value, rate, acceleration = piecewise_cubic(x, y, clamped_spline_slopes(x, y), np.clip(t, x[0], x[-1]))
+        return Jet(value, np.where(inside, rate, 0.0), np.where(inside, acceleration, 0.0))
 
 
 @dataclass(frozen=True, kw_only=True)

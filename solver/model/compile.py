@@ -8,6 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from solver.compiled.by_reference import Ref
+from solver.compiled.dense import inverse, norms, principal_moments
 from solver.elements.coordinate import CoordinateSpec, compile_coordinates, evaluate_coordinate
 from solver.elements.joint import JointSpec
 from solver.elements.kind import ForceKind
@@ -297,7 +298,7 @@ def _efforts(kind: ForceKind, table: Any, start: int) -> list[tuple[int, int, fl
 
 def _massless(bodies) -> list[int]:
     """Bodies whose mass matrix is singular, or nearly so beside those of the others."""
-    moments = np.linalg.eigvalsh(bodies.inertia)
+    moments = principal_moments(bodies.inertia)
     light = bodies.mass <= MASSLESS * bodies.mass.max()
     return [int(b) for b in np.flatnonzero(light | (moments[:, 0] <= MASSLESS * moments.max()))]
 
@@ -315,6 +316,6 @@ def _floored_inverses(bodies, constraints: Sequence[Any]) -> tuple[np.ndarray, n
     for table in constraints:
         if 'r_i' in table._fields:  # between two markers
             for side, r in enumerate((table.r_i, table.r_j)):
-                np.maximum.at(arm, table.body[:, side], np.linalg.norm(r, axis=1))
+                np.maximum.at(arm, table.body[:, side], norms(r))
     floor = PENALTY_MASS_FLOOR * max(float((size + bodies.mass * arm[:n] ** 2).mean()), 1e-12)
-    return 1.0 / mass, np.linalg.inv(bodies.inertia + floor * np.eye(3) * (size < 3 * floor).reshape(n, 1, 1) + 1e-300 * np.eye(3))
+    return 1.0 / mass, inverse(bodies.inertia + floor * np.eye(3) * (size < 3 * floor).reshape(n, 1, 1) + 1e-300 * np.eye(3))

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from solver.compiled.dense import norm, product
 from solver.compiled.so3 import matrix_of_quaternion, quaternion_of_matrix
 from solver.validate import Quaternion
 
@@ -26,15 +28,15 @@ def frame_of_axis(axis: Sequence[float], x_axis: Sequence[float] | None = None) 
     Without x_axis the x column comes from the first coordinate axis, or from the second where the first is nearly parallel to
     the axis; so axis (0, 0, 1) gives the identity. Raises ValueError for zero or parallel axes.
     """
-    length = float(np.linalg.norm(axis))
+    length = norm(axis)
     if length < 1e-12:
         raise ValueError('the axis must not be zero')
     z = np.asarray(axis, float) / length
     if x_axis is None:
         x_axis = (1.0, 0.0, 0.0) if abs(z[0]) < PARALLEL else (0.0, 1.0, 0.0)
-    x = np.asarray(x_axis, float) - np.dot(x_axis, z) * z
-    size = float(np.linalg.norm(x))
-    if size < 1e-6 * max(float(np.linalg.norm(x_axis)), 1e-12):
+    x = np.asarray(x_axis, float) - product(z, x_axis) * z
+    size = norm(x)
+    if size < 1e-6 * max(norm(x_axis), 1e-12):
         raise ValueError('x_axis must not be parallel to axis')
     x /= size
     return np.column_stack([x, np.cross(z, x), z])
@@ -42,7 +44,7 @@ def frame_of_axis(axis: Sequence[float], x_axis: Sequence[float] | None = None) 
 
 def frame_of_rpy(rpy: Sequence[float]) -> np.ndarray:
     """(3, 3) rotation Rz(yaw) Ry(pitch) Rx(roll), angles [rad]."""
-    (cr, cp, cy), (sr, sp, sy) = np.cos(rpy), np.sin(rpy)
+    (cr, cp, cy), (sr, sp, sy) = map(math.cos, rpy), map(math.sin, rpy)
     return np.array(
         [
             [cy * cp, cy * sp * sr - sy * cr, cy * sp * cr + sy * sr],

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.compiled.by_reference import Ref
+from solver.compiled.dense import product
 from solver.compiled.kernel import kernel
 from solver.compiled.so3 import matrix_of_quaternion
 from solver.elements.coordinate import coordinate_value
@@ -61,7 +62,7 @@ def placed_configuration(bodies: Sequence[RigidBodySpec]) -> np.ndarray:
     q[:, 6] = 1.0
     for b, spec in enumerate(bodies):
         R = np.array(matrix_of_quaternion(spec.orientation)).reshape(3, 3)
-        q[b, :3] = np.array(spec.position) + R @ np.array(spec.com)
+        q[b, :3] = np.array(spec.position) + product(R, spec.com)
         q[b, 3:] = spec.orientation
     return q
 

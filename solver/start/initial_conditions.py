@@ -8,6 +8,7 @@ from typing import cast
 import numpy as np
 
 from solver.compiled.by_reference import Ref
+from solver.compiled.dense import product
 from solver.compiled.so3 import matrix_of_quaternion
 from solver.elements.coupler import CouplerSpec
 from solver.elements.registry import FORCES
@@ -99,5 +100,5 @@ class Beginning:
         for b, body in enumerate(self.model.spec.bodies):
             R_b = np.array(matrix_of_quaternion(tuple(self.state.q[b, 3:]))).reshape(3, 3)
             w = np.array(body.angular_velocity)
-            v[b, :3] = np.array(body.velocity) + R_b @ np.cross(w, body.com) + speed * R[:, 0]
+            v[b, :3] = np.array(body.velocity) + product(R_b, np.cross(w, body.com)) + speed * R[:, 0]
             v[b, 3:] = w

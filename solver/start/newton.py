@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from solver.compiled.by_reference import Ref
+from solver.compiled.dense import inverse, norm, product
 from solver.compiled.kernel import kernel
 from solver.compiled.so3 import matrix_of_quaternion, quaternion_exp, quaternion_normalized, quaternion_product
 from solver.elements.registry import FORCES
@@ -66,7 +67,7 @@ class Start:
         # massless bodies get the floor that the penalties use, here as inertia of the metric only
         self.metric = np.zeros((nb, 6, 6))
         self.metric[:, :3, :3] = np.eye(3) / self.t.penalty_inverse_mass[:, None, None]
-        self.metric[:, 3:, 3:] = np.linalg.inv(self.t.penalty_inverse_inertia)
+        self.metric[:, 3:, 3:] = inverse(self.t.penalty_inverse_inertia)
 
     def _factorize(self, cm: float, cq: float, cv: float, metric: bool, holonomic: bool = False) -> None:
         """Factorize cm M - cq Kq - cv Kv with the constraints at self.J; metric: use the floored masses instead of M.
@@ -159,7 +160,7 @@ class Start:
     def _block_product(self, K: np.ndarray, v: np.ndarray) -> np.ndarray:
         """(nb + 1, 6) product of blocks K (ns + 1, 6, 6) with v (nb + 1, 6)."""
         product = np.zeros_like(v)
-        np.add.at(product, self.t.block_row[1:], np.einsum('sij,sj->si', K[1:], v[self.t.block_col[1:]]))
+        np.add.at(product, self.t.block_row[1:], np.add.reduce(K[1:] * v[self.t.block_col[1:], None, :], axis=2))
         return product
 
     def acceleration(self, q, v, z, angle, u) -> tuple[np.ndarray, np.ndarray]:
@@ -199,7 +200,7 @@ class Start:
     def _combine(self) -> None:
         """Replace dw and dlam by the combination of augmentations, from them on, after which least is left to augment."""
         n = self.dw.size
-        masses = np.einsum('bii->bi', self.metric)
+        masses = np.diagonal(self.metric, axis1=1, axis2=2)
         weight = np.sqrt(np.concatenate([masses.ravel(), np.ones(6), 1.0 / self.saddle.W]))  # both parts of the vector as energies
 
         def parts(x: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -215,7 +216,7 @@ class Start:
     def _mass_times(self, a: np.ndarray) -> np.ndarray:
         out = np.zeros_like(a)
         out[:-1, :3] = self.t.bodies.mass[:, None] * a[:-1, :3]
-        out[:-1, 3:] = np.einsum('bij,bj->bi', self.t.bodies.inertia, a[:-1, 3:])
+        out[:-1, 3:] = np.add.reduce(self.t.bodies.inertia * a[:-1, None, 3:], axis=2)
         return out
 
     def _acceleration_bias(self, q, v, angle, u) -> np.ndarray:
@@ -257,7 +258,7 @@ class Start:
             sides.append(self.acceleration(q, state.v + s * a, state.z + s * state.zd, state.angle, u))
         a_rate = (sides[0][0] - sides[1][0]) / (2 * d)
         lam_rate = (sides[0][1] - sides[1][1]) / (2 * d)
-        smooth = h * np.linalg.norm(a_rate) <= np.linalg.norm(a)
+        smooth = h * norm(a_rate) <= norm(a)
         state.a[:] = a + ((am - af) * h * a_rate if smooth else 0.0)
         state.a_s[:] = a - (af * h * a_rate if smooth else 0.0)
         state.lam[:] = lam - (af * h * lam_rate if smooth else 0.0)
@@ -298,18 +299,18 @@ class Start:
         """Add a spring along the x axis of body b, from its place p (3,) at the start, to the forces and their tangent."""
         R = np.array(matrix_of_quaternion(tuple(q[b, 3:]))).reshape(3, 3)
         d, moved = R[:, 0], q[b, :3] - start
-        s = d @ moved
+        s = product(d, moved)
         self.f[b, :3] -= stiffness * s * d
         slot = self.t.bodies.slot[b]
         self.Kq[slot, :3, :3] -= stiffness * np.outer(d, d)
         turned = np.column_stack([np.zeros(3), -R[:, 2], R[:, 1]])  # of d by a rotation in B
-        self.Kq[slot, :3, 3:] -= stiffness * (np.outer(d, moved @ turned) + s * turned)
+        self.Kq[slot, :3, 3:] -= stiffness * (np.outer(d, product(moved, turned)) + s * turned)
 
     def _settle(self, tables: Ref, state: State, u: np.ndarray, limit: int, hold: int | None) -> float:
         place = state.q[0 if hold is None else hold, :3].copy()
         state.v[:] = 0.0
         tau = 0.01
-        scale = max(1.0, float((self.t.bodies.mass * np.linalg.norm(self.t.bodies.gravity)).sum()))
+        scale = max(1.0, float((self.t.bodies.mass * norm(self.t.bodies.gravity)).sum()))
         last = np.inf
         at_rest = np.zeros_like(state.v)
         for _ in range(limit):

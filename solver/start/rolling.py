@@ -8,6 +8,7 @@ from typing import cast
 import numpy as np
 
 from solver.compiled.by_reference import Ref
+from solver.compiled.dense import product
 from solver.elements.brake import capacities
 from solver.elements.tire_pacejka import TIRES, rolling_radius
 from solver.errors import ConsistencyError
@@ -52,7 +53,7 @@ def roll_wheels(model: Model, state: State, speed: float, u: np.ndarray) -> dict
                 side = 1.0 if joint.j.body == tire.marker.body else -1.0
                 own = joint.j if side > 0 else joint.i
                 axis = matrix(own.orientation)[:, 2]
-                rates[joint.name] = side * float(np.sign(axis @ spin)) * rate
+                rates[joint.name] = side * float(np.sign(product(axis, spin))) * rate
                 break
     return rates
 
@@ -97,7 +98,7 @@ def settle_rolling(
             raise ConsistencyError(f'start: the vehicle does not settle at {speed:g} m/s: {explain(result)}')
         q, v = cast(State, states[0].value).q, cast(State, states[0].value).v
         forward = matrix(tuple(q[chassis, 3:]))[:, 0]
-        now = float(v[chassis, :3] @ forward)
+        now = float(product(v[chassis, :3], forward))
         q[:-1, :2] += place - q[chassis, :2]
         v[:-1, :3] += (speed - now) * forward
         for wheel in wheels:

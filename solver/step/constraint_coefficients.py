@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.compiled.by_reference import Ref
+from solver.compiled.dense import inverse
 from solver.compiled.kernel import kernel
 from solver.errors import SpecError, suggestion
 from solver.model.evaluate import evaluate_constraints, evaluate_forces
@@ -58,7 +59,7 @@ def new_formulation(model) -> Formulation:
     nb, nc, t = model.n_bodies, model.n_rows, model.tables
     return Formulation(
         mass=1.0 / t.penalty_inverse_mass,
-        inertia=np.ascontiguousarray(np.linalg.inv(t.penalty_inverse_inertia)),
+        inertia=inverse(t.penalty_inverse_inertia),
         direction=np.zeros((nb + 1, 6)),
         zero=np.zeros((nb + 1, 6)),
         rate=np.zeros(nc),

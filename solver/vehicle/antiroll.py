@@ -9,7 +9,7 @@ from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.elements.laws import Law
 from solver.elements.rigid_body import RigidBodySpec
 from solver.validate import Vector, finite
-from solver.vehicle.hardpoints import marker_at, on_side
+from solver.vehicle.hardpoints import distance, marker_at, on_side
 from solver.vehicle.parts import LEFTWARDS, Bushing, Link, Parts, joined, link, mounting, rods
 
 
@@ -46,7 +46,7 @@ def anti_roll_bar(axle: str, data: AntiRollBar, subframe: RigidBodySpec, arms: d
     for side, arm in arms.items():
         end, bend = on_side(side, data.drop_link.inner), on_side(side, data.bend)
         spans = [(data.center, bend), (bend, end)]
-        lengths = [sum((p - q) ** 2 for p, q in zip(a, b, strict=True)) ** 0.5 for a, b in spans]
+        lengths = [distance(a, b) for a, b in spans]
         body = rods(
             f'anti_roll_bar_{axle}_{side}',
             [(data.mass * length / sum(lengths), a, b, data.radius) for (a, b), length in zip(spans, lengths, strict=True)],

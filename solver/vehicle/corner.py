@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from solver.compiled.dense import norm, product
 from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.elements.joint import JointSpec
 from solver.elements.laws import Law
@@ -113,7 +114,7 @@ def suspension_motion(axle: Axle) -> Motion:
         axis = np.subtract(axle.axis_upper, axle.axis_lower) / distance(axle.axis_upper, axle.axis_lower)
         rod = np.subtract(axle.tie_rod_knuckle, axle.tie_rod_rack)
         turned = np.cross(axis, np.subtract(axle.tie_rod_knuckle, axle.axis_lower))
-        motion = Motion(origin, axis, -(rod @ axis) / (rod @ turned) * axis)
+        motion = Motion(origin, axis, -product(rod, axis) / product(rod, turned) * axis)
     else:
         assert isinstance(axle, ArmAxle)
         motion = Motion(np.array(axle.pivot_inner), np.zeros(3), np.subtract(axle.pivot_outer, axle.pivot_inner))
@@ -124,7 +125,7 @@ def suspension_motion(axle: Axle) -> Motion:
 def length_rate(element: Spring | Damper, motion: Motion) -> float:
     """Derivative of the length of a spring or damper by the wheel travel [-]."""
     line = np.subtract(element.knuckle, element.chassis)
-    return float(line @ motion.at(element.knuckle) / np.linalg.norm(line))
+    return float(product(line, motion.at(element.knuckle)) / norm(line))
 
 
 def free_length(axle: Axle, load: float, gravity: float) -> float:

@@ -98,9 +98,9 @@ def crossing(a: Link, b: Link) -> np.ndarray:
     """(3,) where the lines of two links cross in plan view, at the mean height of their outer ends [m]."""
     p, q = np.array(a.outer), np.array(b.outer)
     d, e = p - a.inner, q - b.inner
-    lines = np.column_stack([d[:2], -e[:2]])
-    require(abs(np.linalg.det(lines)) > 1e-6, 'double wishbone', 'lower_link', a, 'must not be parallel to radius_link in plan view')
-    s = np.linalg.solve(lines, q[:2] - p[:2])[0]
+    across = d[0] * e[1] - d[1] * e[0]
+    require(abs(across) > 1e-6, 'double wishbone', 'lower_link', a, 'must not be parallel to radius_link in plan view')
+    s = ((q[0] - p[0]) * e[1] - (q[1] - p[1]) * e[0]) / across  # p + s d lies on the line of b
     return np.array([*(p + s * d)[:2], 0.5 * (p[2] + q[2])])
 
 

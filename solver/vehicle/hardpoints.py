@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from solver.compiled.dense import norm, product
 from solver.elements.marker import Marker
 from solver.elements.rigid_body import RigidBodySpec
 from solver.model.frames import frame_of_axis, matrix, quaternion
@@ -29,8 +30,8 @@ def marker_at(
     """
     R_DB = matrix(body.orientation)
     R_DM = np.eye(3) if z_axis is None else frame_of_axis(z_axis, x_axis)
-    x, y, z = (float(c) for c in R_DB.T @ (np.asarray(point, float) - np.array(body.position)))
-    return Marker(body=body.name, position=(x, y, z), orientation=quaternion(R_DB.T @ R_DM))
+    x, y, z = (float(c) for c in product(R_DB.T, np.subtract(point, body.position)))
+    return Marker(body=body.name, position=(x, y, z), orientation=quaternion(product(R_DB.T, R_DM)))
 
 
 def mirror(point: Sequence[float]) -> Vector:
@@ -47,4 +48,4 @@ def on_side(side: str, point: Sequence[float]) -> Vector:
 
 def distance(a: Sequence[float], b: Sequence[float]) -> float:
     """Distance of two points [m]."""
-    return float(np.linalg.norm(np.subtract(a, b)))
+    return norm(np.subtract(a, b))

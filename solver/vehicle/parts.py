@@ -14,6 +14,7 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
+from solver.compiled.dense import norm, product
 from solver.elements.bushing import BushingSpec, Six
 from solver.elements.joint import JointSpec
 from solver.elements.laws import Law
@@ -147,7 +148,7 @@ def mounting(
         i_marker, j_marker = (marker_at(body, centre, line, x_axis) for body in (i, j))
         return Parts(joints=(JointSpec(name=name, kind=ideal, i=i_marker, j=j_marker),))
     own = line if bushing.axis is None else on_side(side, bushing.axis)
-    arms = (placed - mean) @ frame_of_axis(own)
+    arms = product(placed - mean, frame_of_axis(own))
     n, k = len(points), np.array(bushing.stiffness)
     squares = (arms * arms).sum(axis=0)
     turning = n * k[3:] + [
@@ -179,7 +180,7 @@ def rods(name: str, pieces: Sequence[tuple[float, Vector, Vector, float]]) -> Ri
     the design frame. Ends are placed already (not mirrored)."""
     masses = np.array([m for m, *_ in pieces])
     centres = np.array([0.5 * (np.array(a) + np.array(b)) for _, a, b, _ in pieces])
-    com = masses @ centres / masses.sum()
+    com = product(masses, centres) / masses.sum()
     inertia = np.zeros((3, 3))
     for (m, a, b, radius), centre in zip(pieces, centres, strict=True):
         length = distance(a, b)
@@ -187,7 +188,7 @@ def rods(name: str, pieces: Sequence[tuple[float, Vector, Vector, float]]) -> Ri
         across = m * (radius * radius / 4.0 + length * length / 12.0)
         d = centre - com
         inertia += across * np.eye(3) + (0.5 * m * radius * radius - across) * np.outer(n, n)
-        inertia += m * (d @ d * np.eye(3) - np.outer(d, d))
+        inertia += m * (product(d, d) * np.eye(3) - np.outer(d, d))
     six = (inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2])
     return RigidBodySpec(name=name, mass=float(masses.sum()), inertia=tuple(float(c) for c in six), position=vector_of(com))  # type: ignore[arg-type]
 
@@ -280,7 +281,7 @@ def shaft_markers(
     constant-velocity joint is open by exactly zero. Directions are placed already (not mirrored).
     """
     normal = np.cross(axis_i, axis_j)
-    if np.linalg.norm(normal) < 1e-9 * np.linalg.norm(axis_i) * np.linalg.norm(axis_j):
+    if norm(normal) < 1e-9 * norm(axis_i) * norm(axis_j):
         normal = frame_of_axis(axis_i)[:, 0]
     x_axis = vector_of(normal)
     return marker_at(i, point, axis_i, x_axis), marker_at(j, point, axis_j, x_axis)

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver.compiled.dense import norm, product
 from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.elements.coupler import CouplerSpec
 from solver.elements.joint import JointSpec
@@ -110,8 +111,8 @@ def steering_gear(data: SteeringGear, chassis: RigidBodySpec, subframe: RigidBod
 
 def steering_wheel(data: SteeringGear, axis: np.ndarray) -> RigidBodySpec:
     """Steering wheel and column as one body at the hub: a flat ring, and the column as a rod of its length."""
-    n = axis / np.linalg.norm(axis)
-    across = 0.5 * data.wheel_inertia + data.wheel_mass * float(axis @ axis) / 12.0
+    n = axis / norm(axis)
+    across = 0.5 * data.wheel_inertia + data.wheel_mass * float(product(axis, axis)) / 12.0
     inertia = across * np.eye(3) + (data.wheel_inertia - across) * np.outer(n, n)
     six = (inertia[0, 0], inertia[1, 1], inertia[2, 2], inertia[0, 1], inertia[0, 2], inertia[1, 2])
     return RigidBodySpec(name='steering_wheel', mass=data.wheel_mass, inertia=tuple(float(c) for c in six), position=data.wheel_hub)  # type: ignore[arg-type]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from ensemble import neighbours
 
 from solver import simulation_of
 from solver.errors import StepError
@@ -46,12 +47,15 @@ def test_massless_bodies_are_the_limit_of_light_ones(bodies, form, mode):
 
 @pytest.mark.parametrize('form', FORMS)
 def test_the_massless_slider_of_the_chapter_passes_singular_positions(form):
-    """10 s at 1 ms, twelve passes: one branch, energy to 1e-3 J."""
-    s = crank({'slider': 0.0}, *settings(form, 'tolerance'), 'integrator.tolerance=1e-8', 'integrator.rho_inf=1')
-    turn = s.advance(10_000).joint_position - simulation_of(s.scene).snapshot().joint_position
-    assert abs(2 * turn[0] + turn[1]) < 1e-6
-    assert abs(turn[0]) > 6 * np.pi
-    assert s.audit()['energy_error_max'] < 1e-3
+    """10 s at 1 ms, twelve passes, from every neighbour of the start: one branch, energy to 1e-3 J."""
+    whole = crank({'slider': 0.0}, *settings(form, 'tolerance'), 'integrator.tolerance=1e-8', 'integrator.rho_inf=1')
+    for scene in neighbours(whole.scene):
+        s = simulation_of(scene)
+        placed = s.snapshot().joint_position
+        turn = s.advance(10_000).joint_position - placed
+        assert abs(2 * turn[0] + turn[1]) < 1e-6
+        assert abs(turn[0]) > 6 * np.pi
+        assert s.audit()['energy_error_max'] < 1e-3
 
 
 @pytest.mark.parametrize('form', FORMS)

@@ -1,0 +1,53 @@
+"""On what the bits of a run depend beside its scene and the code: the instruction set, the C library, and the compiler of the kernels."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import platform
+import struct
+from importlib.metadata import PackageNotFoundError, version
+
+POINTS = 2000
+
+
+def target() -> dict[str, str]:
+    """Machine, whether it has FMA, C library, a digest of its elementary functions, and versions of the packages that compute.
+
+    Two equal targets give the same bits, and two processors with equal entries are equal targets; different entries may give other bits
+    (docs/decisions/0008-same-bits-on-every-processor.md).
+    """
+    from llvmlite.binding import get_host_cpu_features
+
+    try:
+        fma = 'yes' if get_host_cpu_features().get('fma') else 'no'
+    except RuntimeError:  # LLVM does not know this machine
+        fma = 'unknown'
+    found = {
+        'machine': platform.machine(),
+        'fma': fma,
+        'libc': ' '.join(platform.libc_ver()).strip() or 'unknown',
+        'elementary': elementary_digest(),
+    }
+    for name in ('numba', 'llvmlite', 'numpy'):
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:  # installed by the distribution, without metadata
+            found[name] = 'unknown'
+    return found
+
+
+def elementary_digest() -> str:
+    """Of sin, cos, tan, exp, log, atan, atan2 and pow of the C library at POINTS numbers each: it chooses them by the processor."""
+    found = hashlib.sha256()
+    for k in range(POINTS):
+        x = 0.003 + k * math.pi / 512.0  # to 12
+        y = 0.37 * x - 1.0
+        values = (math.sin(x), math.cos(x), math.tan(x), math.exp(y), math.log(x), math.atan(y), math.atan2(y, x), math.pow(x, y))
+        found.update(struct.pack('<8d', *values))
+    return found.hexdigest()[:12]
+
+
+def differences(there: dict[str, str], here: dict[str, str]) -> list[str]:
+    """What two targets do not have in common, in words."""
+    return [f'{name} {there[name]} there and {here[name]} here' for name in there if name in here and there[name] != here[name]]
