@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver.compiled import kernel as compiled
+from solver.compiled.cache import location
 from solver.compiled.kernel import kernel
 
 ROOT = Path(__file__).parents[2]
@@ -77,7 +77,7 @@ def test_the_runs_are_not_all_the_same():
 
 @pytest.mark.slow
 def test_kernels_compiled_for_an_older_processor_give_the_same_bits():
-    cache = compiled.CACHE_DIRECTORY.parent / 'haswell'
+    cache = location() / 'haswell'
     older = bits(SMALL, NUMBA_CPU_NAME='haswell', NUMBA_CPU_FEATURES=HASWELL, MBD_CACHE_DIR=str(cache))
     assert older == bits(SMALL)
 
