@@ -114,7 +114,7 @@ def simulate(
 
 def _figures(simulation: Simulation, wall: float, cpu: float) -> dict[str, Any]:
     """Speed and accuracy of the steps made so far. wall, cpu: seconds spent in all and in the steps."""
-    audit, n = simulation.audit(), max(simulation.k, 1)
+    audit, n = simulation.totals(), max(simulation.k, 1)
     return {
         'steps': simulation.k,
         'simulated_time': simulation.t_ns * 1e-9,

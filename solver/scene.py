@@ -24,7 +24,7 @@ class CoordinateStart:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Start:
+class StartSettings:
     """The state at t = 0.
 
     kind: 'as_placed' takes the placement in the file, which must satisfy the joints; 'assemble' moves the bodies as little as
@@ -91,7 +91,7 @@ class Scene:
     name: str
     model: ModelSpec
     title: str = ''
-    start: Start = Start()
+    start: StartSettings = StartSettings()
     maneuver: Maneuver = field(default_factory=Maneuver)
     integrator: IntegratorSettings = field(default_factory=IntegratorSettings)
     duration: Annotated[float, 's'] = 10.0

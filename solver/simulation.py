@@ -22,11 +22,11 @@ from solver.model.tables import Model
 from solver.output.branches import BranchWatch
 from solver.output.collect import channels_of, collect
 from solver.output.dependence import describe, scaled_jacobian
-from solver.output.energy import WORST, update_audit
-from solver.output.snapshot import Snapshot, StepStats, frame_of, layout_of, new_numbers
+from solver.output.energy import WORST, update_energy
+from solver.output.snapshot import NO_STEPS, Counters, Snapshot, layout_of, new_numbers, output_arrays
 from solver.scene import Scene
-from solver.start.initial_conditions import Beginning
-from solver.start.newton import Start
+from solver.start.initial_conditions import InitialConditions
+from solver.start.newton import ConsistentState
 from solver.step.adaptation import Adaptation, Event
 from solver.step.augmented_lagrangian import MOST_ITERATIONS, advance
 from solver.step.constraint_coefficients import ConstraintCoefficients, coefficients_of, mass_factors, weigh
@@ -37,13 +37,12 @@ from solver.step.work import (
     NOT_CONVERGED,
     OK,
     SINGULAR,
-    Coefficients,
+    Scheme,
     StepResult,
-    coefficients,
     new_work,
+    scheme_parameters,
 )
 
-NO_STEPS = StepStats(OK, 0, 0, 0, 0.0, 0.0, 0.0)
 LARGEST_TURN_PER_STEP = 1.0  # rad; the iteration contracts by about the turn of a body per step (docs/decisions/0002)
 
 
@@ -66,9 +65,9 @@ class Simulation:
             raise SpecError(
                 f'integrator: kind = {settings.kind!r}: {type(self).__name__} knows {", ".join(self.KINDS)}; use simulation_of(scene)'
             )
-        scheme = coefficients(self.h, settings.rho_inf)
+        scheme = scheme_parameters(self.h, settings.rho_inf)
         form = BLOCK if settings.form == 'block' else CONDENSED
-        values = Coefficients(
+        values = Scheme(
             **scheme,
             penalty=np.full(self.model.n_rows, settings.penalty),
             factor=mass_factors(self.model, settings.mass_factors),
@@ -84,14 +83,14 @@ class Simulation:
         self.outputs = self.model.new_outputs()
         self._layout = layout_of(self.channels)
         self._numbers = new_numbers(self._layout)
-        frame = frame_of(self._numbers, self._layout)
+        frame = output_arrays(self._numbers, self._layout)
         self.work = new_work(self.model, new_saddle(self.model, form), self.outputs, frame)
         if values.coupled or values.full:
             values = values._replace(weigh=address_of(weigh, self.model.tables, Ref(values), self.work))
-        self.coefficients = Ref(values)
+        self.scheme = Ref(values)
         # A force-like input is held over the interval of the grid: with steps of any size inside, its mean is what matters.
         self.stage = 0.5 if settings.step_policy == 'error' else 1.0 - scheme['af']
-        self._kin = Ref(self.work.kin_e)
+        self._kin = Ref(self.work.kin_end)
         self.source = ManeuverSource(scene.maneuver, scene.model.inputs, self.h_ns, self.stage)
         self.driver: DriverSource | None = None
         if scene.maneuver.driver is not None:
@@ -99,16 +98,15 @@ class Simulation:
         self._frame = Ref(frame)
         self.adaptation: Adaptation | None = None
         if settings.adapts and settings.kind in Simulation.KINDS:
-            self.adaptation = Adaptation(self.model, settings, self.coefficients, self.work, self.outputs)
+            self.adaptation = Adaptation(self.model, settings, self.scheme, self.work, self.outputs)
         self._states = [Ref(new_state(self.model)), Ref(new_state(self.model))]
         self._initial = new_state(self.model)
         self._inputs = np.zeros(len(scene.model.inputs))
         self._totals = NO_STEPS
-        self._stagnated = 0
         watched = scene.record.branches or scene.require.branch_switches_max is not None
         self.branches = BranchWatch() if watched else None
         self.k = 0
-        Beginning(
+        InitialConditions(
             scene, self.model, self._states, values, self._inputs_at_start(),
             chassis=self.channels.chassis or 0, work=self.work, explain=self._failure,
         ).find()  # fmt: skip
@@ -149,8 +147,7 @@ class Simulation:
         """Back to the start, bit for bit."""
         copy_state(self._initial, self.state)
         self.k = 0
-        self._totals = self._stats = NO_STEPS
-        self._stagnated = 0
+        self._totals = self._counters = NO_STEPS
         self._inputs = self._inputs_at_start()
         if self.driver is not None:
             self.driver.state = np.zeros(3)
@@ -164,15 +161,15 @@ class Simulation:
             self.branches.reset()
         w, t, s = self.work, self.model.tables, self.state
         kin = self._kinematics(s.q, s.v)
-        evaluate_constraints(t, kin, s.angle, self._inputs, True, w.phi, w.J)
+        evaluate_constraints(t, kin, s.angle, self._inputs, True, w.phi_end, w.J_end)
         constraint_input_rates(t, self._inputs, w.phi_t, w.phi_tt)
-        start = Start(self.model)
+        start = ConsistentState(self.model)
         start.project_velocity(projected := s._replace(v=s.v.copy()), self._inputs)
         w.v_out[:] = projected.v
         w.a_out[:], w.lam_out[:] = start.acceleration(s.q, projected.v, s.z, s.angle, self._inputs)
         kin = self._kinematics(s.q, projected.v)
-        evaluate_forces(t, kin, s.angle, s.z, 0.0, self._inputs, False, w.f, w.Kq, w.Kv, w.z_s, self.outputs)
-        update_audit(t, kin, self.outputs, w.lam_out, w.phi_t, 0.0, w.audit)
+        evaluate_forces(t, kin, s.angle, s.z, 0.0, self._inputs, False, w.f, w.Kq, w.Kv, w.z_stage, self.outputs)
+        update_energy(t, kin, self.outputs, w.lam_out, w.phi_t, 0.0, w.energy)
         w.u_before[:] = self._inputs
         self._collect()
 
@@ -206,26 +203,26 @@ class Simulation:
     def _advance(self, n: int, inputs: np.ndarray, audit: bool) -> None:
         watch = self.branches if audit else None
         part = n if watch is None else 1
-        self._stats = NO_STEPS
+        self._counters = NO_STEPS
         held = len(inputs) == 1
         for first in range(0, n, max(part, 1)):
             if self.adaptation is not None:
                 rows = np.repeat(inputs, part, axis=0) if held else inputs[first : first + part]
                 result, done = self.adaptation.advance(self._states, self._inputs, rows, self.k, audit)
             else:
-                result, done = advance(self.model.tables, self.coefficients, *self._states, inputs, first, part, audit, self.work)
+                result, done = advance(self.model.tables, self.scheme, *self._states, inputs, first, part, audit, self.work)
                 if done % 2 == 1:
                     self._states.reverse()
             self.k += done
             if done:
                 self._inputs = inputs[0 if held else first + done - 1].copy()
-            self._count(result)
+            self._count(result.counters)
             if result.status != OK:
                 raise StepError(self._failure(result))
             if self.adaptation is not None:
                 self._collect()
             if watch is not None:
-                watch.look(self.t_ns * 1e-9, scaled_jacobian(self.model, self.work.J))
+                watch.look(self.t_ns * 1e-9, scaled_jacobian(self.model, self.work.J_end))
 
     def _sight(self) -> Sight:
         """What a driver sees now."""
@@ -237,12 +234,9 @@ class Simulation:
         speed = float(product(R[:, 0], v[:3]) - np.cross(v[3:], com)[0])
         return Sight(float(p[0]), float(p[1]), math.atan2(R[1, 0], R[0, 0]), speed)
 
-    def _count(self, result: StepResult) -> None:
-        status, _, iterations, factorizations, evaluations, residual, position, velocity, stagnated = result
-        stats = StepStats(status, iterations, factorizations, evaluations, residual, position, velocity)
-        self._stats = self._stats.followed_by(stats)
-        self._totals = self._totals.followed_by(stats)
-        self._stagnated += stagnated
+    def _count(self, counters: Counters) -> None:
+        self._counters = self._counters.followed_by(counters)
+        self._totals = self._totals.followed_by(counters)
 
     def _failure(self, result: StepResult) -> str:
         when = f't = {self.t_ns * 1e-9:.6f} s, step {self.k}: ' + self._fast_turn()
@@ -268,15 +262,15 @@ class Simulation:
             tolerance = self.scene.integrator.error_tolerance
             return when + f'the error stays above integrator.error_tolerance = {tolerance:g} with {smallest}; reduce h_min or allow more'
         assert result.status == NOT_CONVERGED
-        worst = int(np.argmax(np.abs(self.work.phi))) if self.model.n_rows else -1
-        name = f', worst constraint {self.model.row_names[worst]!r} ({abs(self.work.phi[worst]):.2g})' if worst >= 0 else ''
+        worst = int(np.argmax(np.abs(self.work.phi_end))) if self.model.n_rows else -1
+        name = f', worst constraint {self.model.row_names[worst]!r} ({abs(self.work.phi_end[worst]):.2g})' if worst >= 0 else ''
         constant = self.scene.integrator.step_policy == 'constant'
         if constant:
             remedy = 'reduce integrator.h, or let such steps be divided (integrator.step_policy: rescue)'
         else:
             remedy = f'not even with {smallest}: reduce it or raise the penalties'
-        tried = max(self.coefficients.iterations, MOST_ITERATIONS if self.coefficients.fixed == 1 else 0)
-        return when + f'no convergence in {tried} iterations (residual {result.residual:.2g}{name}); {remedy}'
+        tried = max(self.scheme.iterations, MOST_ITERATIONS if self.scheme.fixed == 1 else 0)
+        return when + f'no convergence in {tried} iterations (residual {result.counters.residual:.2g}{name}); {remedy}'
 
     def _fast_turn(self) -> str:
         """The body that turns too far in a step for the iteration to follow, or nothing."""
@@ -288,7 +282,7 @@ class Simulation:
 
     def snapshot(self) -> Snapshot:
         """The outputs of the last step, as a copy; after a failure those of the last call of advance() that succeeded."""
-        return Snapshot(self.k, self.t_ns, self._numbers.copy(), self._layout, self._stats)
+        return Snapshot(self.k, self.t_ns, self._numbers.copy(), self._layout, self._counters)
 
     # -- state and reports ---------------------------------------------------------------------------------------------
 
@@ -297,7 +291,7 @@ class Simulation:
         memory = self.adaptation.memory() if self.adaptation is not None else {}
         if self.driver is not None:
             memory['driver'] = self.driver.state
-        return save_state(self.state, self.k, {'inputs': self._inputs, 'audit': self.work.audit, **memory})
+        return save_state(self.state, self.k, {'inputs': self._inputs, 'audit': self.work.energy, **memory})
 
     def restore(self, data: bytes) -> None:
         """Continue from save(); raises SpecError if it belongs to another model."""
@@ -318,7 +312,7 @@ class Simulation:
                 raise SpecError('restore: the saved state has no driver: it is of another scene')
             self.driver.state = extra['driver']
         self._refresh()
-        self.work.audit[:] = extra['audit']
+        self.work.energy[:] = extra['audit']
         if self.adaptation is not None:
             self.adaptation.recall(extra, self.t_ns * 1e-9)
 
@@ -331,18 +325,11 @@ class Simulation:
         """m, c, k, f of every constraint row at the current state."""
         return coefficients_of(self.model, self.state, self._inputs, self.model.new_outputs(), coupled=coupled)
 
-    def audit(self) -> dict[str, float]:
-        """Sums of counters and largest residuals since the start, the error of the energy balance [J] and, if watched, branch switches."""
-        t = self._totals
+    def totals(self) -> dict[str, float]:
+        """Counters and largest residuals since the start, the error of the energy account [J] and, if watched, branch switches."""
         return {
-            'iterations': t.iterations,
-            'factorizations': t.factorizations,
-            'evaluations': t.evaluations,
-            'residual_max': t.residual,
-            'position_drift_max': t.position_drift,
-            'velocity_drift_max': t.velocity_drift,
-            'energy_error_max': float(self.work.audit[WORST]),
-            'stagnated': self._stagnated,
+            **self._totals.report(),
+            'energy_error_max': float(self.work.energy[WORST]),
             'substeps': self.k if self.adaptation is None else self.adaptation.substeps,
             'rejected': 0 if self.adaptation is None else self.adaptation.rejected,
             'events': len(self.events),
@@ -358,6 +345,6 @@ class Simulation:
     def describe(self) -> dict:
         """Counts, degrees of freedom, redundancy and reactions that are not unique, at the current configuration."""
         kin = kinematics_of(self.state.q, self.state.v)  # not that of the outputs
-        phi, J = np.zeros(self.model.n_rows), np.zeros_like(self.work.J)
+        phi, J = np.zeros(self.model.n_rows), np.zeros_like(self.work.J_end)
         evaluate_constraints(self.model.tables, kin, self.state.angle, self._inputs, True, phi, J)
         return describe(self.model, J)

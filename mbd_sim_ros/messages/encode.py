@@ -15,7 +15,7 @@ import numpy as np
 from mbd_sim_ros.messages.cdr import ENCAPSULATION, Template, template
 from solver.elements.tire_pacejka import TIRE_COLUMNS
 from solver.errors import StepError
-from solver.output.snapshot import Channels, Snapshot, StepStats, layout_of, new_numbers
+from solver.output.snapshot import NO_STEPS, Channels, Snapshot, layout_of, new_numbers
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
 ODOMETRY = 'nav_msgs/msg/Odometry'
@@ -37,7 +37,6 @@ TYPE_HASHES = {
 _LOAD = TIRE_COLUMNS.index('fz')
 _SLIP = TIRE_COLUMNS.index('kappa')
 _CONTACT = TIRE_COLUMNS.index('px')
-NO_STATS = StepStats(0, 0, 0, 0, 0.0, 0.0, 0.0)
 TIRE_STATES = ('fz', *TIRE_COLUMNS[_SLIP:])  # the scalars of topic tire_states, per wheel
 
 
@@ -67,7 +66,7 @@ class Messages:
         filled: list[tuple[int, int, np.ndarray]] = []  # template, offset in it, which numbers of the snapshot go there
         layout = layout_of(channels)
         # each number is its own place, so what a slice holds says where it comes from
-        s = Snapshot(0, 0, np.arange(new_numbers(layout).size), layout, NO_STATS)
+        s = Snapshot(0, 0, np.arange(new_numbers(layout).size), layout, NO_STEPS)
 
         def add(topic: Topic, value: dict) -> Template:
             topics.append(topic)

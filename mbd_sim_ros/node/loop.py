@@ -111,7 +111,7 @@ class Loop:
         self._pending = 0  # steps asked for
         self._anchor: tuple[float, int, float] | None = None  # clock, step and rate of the schedule in force
         self._times: deque[float] = deque(maxlen=WINDOW)
-        self._stats = simulation.snapshot().stats
+        self._counters = simulation.snapshot().counters
         self._judged = (time.perf_counter(), simulation.t_ns)
         self._begin = time.perf_counter()
         self._thread = threading.Thread(target=self._run, name='simulation', daemon=True)
@@ -203,7 +203,7 @@ class Loop:
         age = (t_ns - min(came)) * 1e-9 if came else -1.0
         return Health(
             advanced / elapsed if elapsed > 0.0 else 0.0, self.steps, self.overruns, self.slips,
-            float(p50), float(p99), float(times.max()), self._stats.iterations, self._stats.residual, age,
+            float(p50), float(p99), float(times.max()), self._counters.iterations, self._counters.residual, age,
         )  # fmt: skip
 
     def _run(self) -> None:
@@ -292,7 +292,7 @@ class Loop:
         self.stale = self.command_timeout > 0.0 and latched.times[1] >= 0 and age > self.command_timeout * 1e9
         snapshot = simulation.advance(1, inputs=self._inputs((steering, 0.0 if self.stale else drive, brake)))
         self._times.append(time.perf_counter() - start)
-        self._stats = snapshot.stats
+        self._counters = snapshot.counters
         self.steps += 1
         self._emit(snapshot)
         self._emitted = time.perf_counter()

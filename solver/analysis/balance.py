@@ -36,12 +36,12 @@ class Balance:
         self._constraints = Ref(tables.constraints)
         self.rows = (*kinds, 'gravity', 'constraints')
         w = simulation.work
-        self._f, self._z = np.zeros_like(w.f), np.zeros_like(w.z_s)
+        self._f, self._z = np.zeros_like(w.f), np.zeros_like(w.z_stage)
         self._time = simulation.k
         self._inputs = simulation.inputs.copy()
         # inputs of forces are those of the stage within the step; they are continued to its end, as the accelerations are
         names = spec.inputs
-        self._ahead = np.array([0.0 if is_motion_part(name, names) else simulation.coefficients.af for name in names])
+        self._ahead = np.array([0.0 if is_motion_part(name, names) else simulation.scheme.af for name in names])
         self._rates = self._evaluate()
         self._start = self._now
         self.total = np.zeros_like(self._rates)  # (rows, 9) integrals of work, dissipation, supply, force (3), moment about the origin (3)
@@ -79,7 +79,7 @@ class Balance:
         stored[-2] = -float((weight[:, :3] * kin.p).sum())
         rates[-2] = self._power_and_load(weight, 0.0, 0.0)
         reaction = np.zeros_like(base)
-        add_constraint_forces(self._constraints, w.J, w.lam_out, 1.0, reaction)
+        add_constraint_forces(self._constraints, w.J_end, w.lam_out, 1.0, reaction)
         reaction[-1] = 0.0
         rates[-1] = self._power_and_load(reaction, 0.0, -float(w.lam_out @ w.phi_t))
         v = kin.v[:-1]

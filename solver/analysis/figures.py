@@ -19,8 +19,7 @@ from solver.inputs.maneuver import Maneuver
 from solver.inputs.signals import Ramp
 from solver.model.frames import matrix
 from solver.model.spec import ModelSpec
-from solver.scene import Scene
-from solver.scene import Start as SceneStart
+from solver.scene import Scene, StartSettings
 from solver.simulation import Simulation
 from solver.step.settings import IntegratorSettings
 
@@ -106,7 +105,7 @@ def understeer_gradient(spec: ModelSpec, ratio: float, *, speed: float = 22.0, h
     figures = mass_figures(spec)
     maneuver = Maneuver(steering=Ramp(slope=0.2, start=0.5, blend=0.4), drive_torque=Ramp(slope=20.0, initial=150.0, start=0.5, blend=0.2))
     scene = Scene(
-        name='understeer', model=spec, start=SceneStart(kind='equilibrium', speed=speed), maneuver=maneuver,
+        name='understeer', model=spec, start=StartSettings(kind='equilibrium', speed=speed), maneuver=maneuver,
         integrator=IntegratorSettings(h=h, penalty=1e6),
     )  # fmt: skip
     simulation = Simulation(scene)
@@ -139,7 +138,7 @@ def standing(scene: Scene) -> Simulation:
     model = dataclasses.replace(scene.model, road=RoadSpec())
     return Simulation(
         dataclasses.replace(
-            scene, model=model, start=SceneStart(kind='equilibrium'), maneuver=Maneuver(), integrator=IntegratorSettings(penalty=1e6)
+            scene, model=model, start=StartSettings(kind='equilibrium'), maneuver=Maneuver(), integrator=IntegratorSettings(penalty=1e6)
         )
     )
 

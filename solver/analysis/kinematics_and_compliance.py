@@ -24,7 +24,7 @@ from solver.model.evaluate import prepare
 from solver.model.frames import matrix
 from solver.model.spec import ModelSpec
 from solver.model.state import new_state
-from solver.start.newton import Start
+from solver.start.newton import ConsistentState
 from solver.vehicle.hardpoints import SIDES
 
 CORNERS = tuple(f'{axle}_{side}' for axle in AXLES for side in SIDES)
@@ -83,7 +83,7 @@ class Rig:
             }
         )
         self.model = prepare(model)
-        self.start = Start(self.model)
+        self.start = ConsistentState(self.model)
         self.state = new_state(self.model)
         self._u = np.zeros(len(self.inputs))
         self.settle({})

@@ -14,7 +14,7 @@ from solver.model.state import State
 from solver.model.tables import Model
 from solver.output.dependence import dense_jacobian
 from solver.simulation import Simulation
-from solver.start.newton import Start
+from solver.start.newton import ConsistentState
 from solver.vehicle.hardpoints import SIDES
 
 AXLES = ('front', 'rear')
@@ -55,7 +55,7 @@ def _dense(model: Model, K: np.ndarray) -> np.ndarray:
 
 def linearised(model: Model, state: State, u: np.ndarray) -> Linear:
     """The model linearised about a state of rest; contact patches of standing tires are springs and dampers."""
-    start = Start(model)
+    start = ConsistentState(model)
     at_rest = np.zeros_like(state.v)
     _, lam = start.acceleration(state.q, at_rest, state.z, state.angle, u)
     kin = start._constraints(state.q, at_rest, state.angle, u)

@@ -177,7 +177,7 @@ class RoadTable(NamedTuple):
 
 
 def _spline_coefficients(height: np.ndarray) -> np.ndarray:
-    """Coefficients of the interpolating uniform cubic B-spline, continued by its border coefficients, along both axes."""
+    """Scheme of the interpolating uniform cubic B-spline, continued by its border coefficients, along both axes."""
     c = height
     for axis in (0, 1):
         c = np.moveaxis(c, axis, 0)

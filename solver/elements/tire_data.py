@@ -95,7 +95,7 @@ def pack(values: Mapping[str, float], version: int, pressure: float | None = Non
 
 @dataclass(frozen=True, kw_only=True)
 class TireData:
-    """Coefficients of one tire, by their Magic Formula names, SI units, as the file has them (sign and side included).
+    """Scheme of one tire, by their Magic Formula names, SI units, as the file has them (sign and side included).
 
     version: 52 or 61. values: known coefficients; missing ones take those of DEFAULTS. extra: keys this
     model does not use. side: side of the vehicle or test bench the data belong to. source: where they come from.

@@ -36,8 +36,8 @@ class Saddle(NamedTuple):
     T: np.ndarray  # (6, WIDTH) scratch
     t: np.ndarray  # (nc + WIDTH,) scratch
     W: np.ndarray  # (nc,) penalties; memory goes on for six more, because six are read for every group
-    J_s: np.ndarray  # (entries + 1, 6, 6) force directions
-    J_e: np.ndarray  # (entries + 1, 6, WIDTH) constraint rows A_e with respect to dw
+    J_force: np.ndarray  # (entries + 1, 6, 6) force directions
+    J_row: np.ndarray  # (entries + 1, 6, WIDTH) constraint rows A_e with respect to dw
 
 
 def new_saddle(model, form: int) -> Saddle:
@@ -49,8 +49,8 @@ def new_saddle(model, form: int) -> Saddle:
         T=np.zeros((6, WIDTH)),
         t=np.zeros(model.n_rows + WIDTH),
         W=np.ones(model.n_rows + 6)[: model.n_rows],
-        J_s=np.zeros((model.n_entries + 1, 6, 6)),
-        J_e=np.zeros((model.n_entries + 1, 6, WIDTH)),
+        J_force=np.zeros((model.n_entries + 1, 6, 6)),
+        J_row=np.zeros((model.n_entries + 1, 6, WIDTH)),
     )
 
 
@@ -110,11 +110,11 @@ def add_mass(tables, cm, B):
 
 @kernel(borrow=True)
 def factorize_saddle(tables, form, saddle):
-    """Complete the assembled tangent in saddle.B with the constraints (saddle.W, J_s, J_e) and factorize. -1 or a bad node."""
+    """Complete the assembled tangent in saddle.B with the constraints (saddle.W, J_force, J_row) and factorize. -1 or a bad node."""
     con = tables.constraints
     B = saddle.B
-    J_s = saddle.J_s
-    J_e = saddle.J_e
+    J_force = saddle.J_force
+    J_row = saddle.J_row
     for g in range(con.row.shape[0] - 1):
         first = con.row[g]
         rows = con.row[g + 1] - first
@@ -126,7 +126,7 @@ def factorize_saddle(tables, form, saddle):
                 for b in range(e0, e1):
                     s = con.slot[p]
                     p += 1
-                    add_weighted_product(B, s, J_s, a, J_e, b, saddle.W, first)  # rows that a group lacks are zero in J
+                    add_weighted_product(B, s, J_force, a, J_row, b, saddle.W, first)  # rows that a group lacks are zero in J
         else:
             s = con.centre[g]
             for r in range(6):
@@ -134,8 +134,8 @@ def factorize_saddle(tables, form, saddle):
             for a in range(e0, e1):
                 for r in range(rows):
                     for i in range(6):
-                        B[con.up[a], i, r] = -J_s[a, r, i]
-                        B[con.down[a], r, i] = J_e[a, r, i]
+                        B[con.up[a], i, r] = -J_force[a, r, i]
+                        B[con.down[a], r, i] = J_row[a, r, i]
     saddle.T[0, 0] = -1.0
     if form == CONDENSED:
         invoke(tables.linear[FACTORIZE], (tables.condensed, B, saddle.T))
@@ -163,7 +163,7 @@ def solve_saddle(tables, form, saddle, r, g, dw, dlam):
         first = con.row[k]
         if form == CONDENSED:
             for e in range(con.entry[k], con.entry[k + 1]):
-                subtract_weighted_rows(x, con.body[e], saddle.J_s, e, saddle.t, first)
+                subtract_weighted_rows(x, con.body[e], saddle.J_force, e, saddle.t, first)
         else:
             rows = con.row[k + 1] - first
             for q in range(WIDTH):
@@ -180,7 +180,7 @@ def solve_saddle(tables, form, saddle, r, g, dw, dlam):
             saddle.t[i] = g[i]
         for k in range(groups):
             for e in range(con.entry[k], con.entry[k + 1]):
-                add_row_products(saddle.t, con.row[k], saddle.J_e, e, x, con.body[e])
+                add_row_products(saddle.t, con.row[k], saddle.J_row, e, x, con.body[e])
         for i in range(g.shape[0]):
             dlam[i] = -saddle.W[i] * saddle.t[i]
     else:

@@ -23,8 +23,8 @@ class State(NamedTuple):
     q: np.ndarray  # (nb + 1, 7)
     v: np.ndarray  # (nb + 1, 6) the integrator's own twist; outputs are projected
     a: np.ndarray  # (nb + 1, 6)
-    a_s: np.ndarray  # (nb + 1, 6) acceleration of the last stage, the predictor of the next
-    a_s_before: np.ndarray  # (nb + 1, 6) and of the one before
+    a_stage: np.ndarray  # (nb + 1, 6) acceleration of the last stage, the predictor of the next
+    a_stage_before: np.ndarray  # (nb + 1, 6) and of the one before
     z: np.ndarray  # (nz,)
     zd: np.ndarray  # (nz,)
     lam: np.ndarray  # (nc,) multipliers of the last stage

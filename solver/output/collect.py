@@ -33,7 +33,7 @@ def channels_of(model: Model) -> Channels:
 
 @kernel(borrow=True)
 def collect(tables, chassis, kin, a, lam, u, state, outputs, frame):
-    """Assign the Frame of a state: kin and a (nb + 1, 6) are those of the outputs, lam (nc,) and u (nu,) what was applied."""
+    """Assign the OutputArrays of a state: kin and a (nb + 1, 6) are those of the outputs, lam (nc,) and u (nu,) what was applied."""
     x = tables.coordinates
     for k in range(x.kind.shape[0]):
         value, g_i, g_j = evaluate_coordinate(x, kin, k, state.angle)

@@ -29,7 +29,7 @@ def mechanical_energy(tables, kin, outputs):
 
 
 @kernel(borrow=True)
-def update_audit(tables, kin, outputs, lam, phi_t, h, audit):
+def update_energy(tables, kin, outputs, lam, phi_t, h, audit):
     """Advance the energy balance by a step h [s] (h = 0 starts it): error = E - E_0 + integral of (dissipation - driver power).
 
     The integral is the trapezoidal rule, second order like the method if the outputs are those of the inputs at the end of the step.

@@ -11,22 +11,27 @@ import numpy as np
 from solver.elements.tire_pacejka import TIRE_COLUMNS
 
 
-class StepStats(NamedTuple):
-    """Counters and residuals of the last step (or the sums and maxima over the steps of one advance call)."""
+class Counters(NamedTuple):
+    """Work and residuals of a step, or sums and maxima over several: the same from the step to the bag."""
 
-    status: int
     iterations: int
     factorizations: int
-    evaluations: int
-    residual: float  # momentum residual left [-], relative to the largest force in the step
-    position_drift: float  # max |phi| after the step [m or rad]
-    velocity_drift: float  # max |A v + phi_t| in the output [m/s or rad/s]
+    evaluations: int  # of all forces
+    stagnated: int  # steps accepted although their iteration stopped gaining before the tolerance
+    residual: float  # largest last increment of an iteration [-], relative to the largest velocity
+    position_drift: float  # largest |phi| after a step [m or rad]
+    velocity_drift: float  # largest |A v + phi_t| in the output [m/s or rad/s]
 
-    def followed_by(self, later: StepStats) -> StepStats:
-        """Sums and maxima over these steps and later ones, with the status of the later."""
-        _, i, f, e, r, p, v = self
-        status, i1, f1, e1, r1, p1, v1 = later
-        return StepStats(status, i + i1, f + f1, e + e1, r if r > r1 else r1, p if p > p1 else p1, v if v > v1 else v1)
+    def followed_by(self, later: Counters) -> Counters:
+        """Sums and maxima over these steps and later ones."""
+        return Counters(*(a + b for a, b in zip(self[:4], later[:4], strict=True)), *map(max, self[4:], later[4:]))
+
+    def report(self) -> dict[str, float]:
+        """By the names of reports and recordings."""
+        return {name if k < 4 else f'{name}_max': value for k, (name, value) in enumerate(self._asdict().items())}
+
+
+NO_STEPS = Counters(0, 0, 0, 0, 0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -43,7 +48,7 @@ class Channels:
     chassis: int | None  # index into bodies of the body that odom and imu describe
 
 
-class Frame(NamedTuple):
+class OutputArrays(NamedTuple):
     """The numbers of a Snapshot. Units in docs/conventions.md."""
 
     joint_position: np.ndarray  # (nx,) [rad or m], unwrapped
@@ -58,7 +63,7 @@ class Frame(NamedTuple):
     reactions: np.ndarray  # (nc,)
 
 
-Layout = dict[str, tuple[slice, tuple[int, ...]]]  # of every field of a Frame: where in the numbers, and its shape
+Layout = dict[str, tuple[slice, tuple[int, ...]]]  # of every field of OutputArrays: where in the numbers, and its shape
 
 
 def layout_of(channels: Channels) -> Layout:
@@ -67,7 +72,7 @@ def layout_of(channels: Channels) -> Layout:
     rest = ((len(names),) for names in (channels.inputs, channels.elements, channels.reactions))
     shapes: list[tuple[int, ...]] = [nx, nx, nx, (nb, 7), (nb, 6), (6,), (len(channels.wheels), len(TIRE_COLUMNS)), *rest]
     ends = np.cumsum([math.prod(shape) for shape in shapes]).tolist()
-    return {name: (slice(end - math.prod(shape), end), shape) for name, shape, end in zip(Frame._fields, shapes, ends, strict=True)}
+    return {name: (slice(end - math.prod(shape), end), shape) for name, shape, end in zip(OutputArrays._fields, shapes, ends, strict=True)}
 
 
 def new_numbers(layout: Layout) -> np.ndarray:
@@ -75,19 +80,19 @@ def new_numbers(layout: Layout) -> np.ndarray:
     return np.zeros(max(place.stop for place, _ in layout.values()))
 
 
-def frame_of(numbers: np.ndarray, layout: Layout) -> Frame:
-    """The fields of a Frame as views."""
-    return Frame(**{name: numbers[place].reshape(shape) for name, (place, shape) in layout.items()})
+def output_arrays(numbers: np.ndarray, layout: Layout) -> OutputArrays:
+    """The fields of OutputArrays as views."""
+    return OutputArrays(**{name: numbers[place].reshape(shape) for name, (place, shape) in layout.items()})
 
 
 class Snapshot(NamedTuple):
-    """The output of step k at time t_ns, a copy that the caller may keep. Its fields are those of a Frame, by the same names."""
+    """The output of step k at time t_ns, a copy that the caller may keep. Its fields are those of OutputArrays, by the same names."""
 
     k: int
     t_ns: int
     numbers: np.ndarray  # (n,) all of them: copied as one, and cut into fields only where one is asked for
     layout: Layout
-    stats: StepStats
+    counters: Counters
 
     def _field(self, name: str) -> np.ndarray:
         place, shape = self.layout[name]

@@ -166,12 +166,12 @@ class Stabilised:
         e.move_to(q, v)
         rows = e.constraints(t)
         A, closing = rows.A[self.rows], rows.A[self.closing]
-        z_s, cz = z, INTERNAL_STEP
-        f, z_s = e.forces(t, z - cz * yp[s.z], cz)
+        z_stage, cz = z, INTERNAL_STEP
+        f, z_stage = e.forces(t, z - cz * yp[s.z], cz)
         out = np.empty(self.size)
         out[s.q] = yp[s.q] - s.rate(y, y[s.v] + e.root @ (e.root.T @ (closing.T @ yp[self.Mu])))
         out[s.v] = e.M @ yp[s.v] - f - A.T @ yp[self.Lam]
-        out[s.z] = (z - z_s) / cz
+        out[s.z] = (z - z_stage) / cz
         out[self.Lam] = A @ y[s.v] + rows.phi_t[self.rows]
         out[self.Mu] = rows.phi[self.closing]
         return out

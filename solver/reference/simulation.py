@@ -9,13 +9,12 @@ from solver.errors import SpecError, StepError
 from solver.model.evaluate import constraint_input_rates, evaluate_constraints, evaluate_forces
 from solver.model.state import update_angles
 from solver.output.dependence import scaled_jacobian
-from solver.output.energy import update_audit
-from solver.output.snapshot import Snapshot, StepStats
+from solver.output.energy import update_energy
+from solver.output.snapshot import Counters, Snapshot
 from solver.reference.dense import Equations, Motion
 from solver.reference.methods import METHODS, Kkt, Stabilised
 from solver.scene import Scene
 from solver.simulation import Simulation
-from solver.step.work import OK
 
 
 class ReferenceSimulation(Simulation):
@@ -74,12 +73,12 @@ class ReferenceSimulation(Simulation):
             self.k += 1
             self._show(t, self.equations.project(t, raw))
             if audit and self.branches is not None:
-                self.branches.look(t, scaled_jacobian(self.model, self.work.J))
+                self.branches.look(t, scaled_jacobian(self.model, self.work.J_end))
         now = (self.equations.evaluations, self._solver.factorizations)
         evaluations, factorizations = (a - b for a, b in zip(now, self._counted, strict=True))
         self._counted = now
-        self._stats = StepStats(OK, 0, factorizations, evaluations, 0.0, position, velocity)
-        self._totals = self._totals.followed_by(self._stats)
+        self._counters = Counters(0, factorizations, evaluations, 0, 0.0, position, velocity)
+        self._totals = self._totals.followed_by(self._counters)
         return self.snapshot()
 
     def _show(self, t: float, motion: Motion) -> None:
@@ -92,8 +91,8 @@ class ReferenceSimulation(Simulation):
         a, lam, _ = self.equations.acceleration(t, motion)
         w.v_out[:], w.lam_out[:] = motion.v, lam
         w.a_out[:-1] = a.reshape(-1, 6)
-        evaluate_constraints(tables, kin, s.angle, self._inputs, True, w.phi, w.J)
+        evaluate_constraints(tables, kin, s.angle, self._inputs, True, w.phi_end, w.J_end)
         constraint_input_rates(tables, self._inputs, w.phi_t, w.phi_tt)
-        evaluate_forces(tables, kin, s.angle, s.z, 0.0, self._inputs, False, w.f, w.Kq, w.Kv, w.z_s, self.outputs)
-        update_audit(tables, kin, self.outputs, w.lam_out, w.phi_t, self.h, w.audit)
+        evaluate_forces(tables, kin, s.angle, s.z, 0.0, self._inputs, False, w.f, w.Kq, w.Kv, w.z_stage, self.outputs)
+        update_energy(tables, kin, self.outputs, w.lam_out, w.phi_t, self.h, w.energy)
         self._collect()

@@ -16,12 +16,12 @@ from solver.model.evaluate import prepare
 from solver.model.state import State, kinematics_of, update_angles
 from solver.model.tables import Model
 from solver.scene import Scene
-from solver.start.newton import Start
+from solver.start.newton import ConsistentState
 from solver.start.rolling import held_body, roll_wheels, settle_rolling
-from solver.step.work import Coefficients, StepResult
+from solver.step.work import Scheme, StepResult
 
 
-class Beginning:
+class InitialConditions:
     """Finds the start of a scene for a simulation, in the first of its two state buffers.
 
     inputs (nu,) are those at the start; work is scratch; explain makes a sentence of a step that failed.
@@ -32,7 +32,7 @@ class Beginning:
         scene: Scene,
         model: Model,
         states: list[Ref],
-        method: Coefficients,
+        method: Scheme,
         inputs: np.ndarray,
         *,
         chassis: int,
@@ -50,7 +50,7 @@ class Beginning:
     def find(self) -> None:
         """Assign the start of the scene to the state. Raises ConsistencyError."""
         start, u, method = self.scene.start, self.inputs, self.method
-        calculation = Start(self.model)
+        calculation = ConsistentState(self.model)
         state = self.state
         update_angles(Ref(self.model.tables.coordinates), kinematics_of(state.q, state.v), state.angle)
         values = {n: c.value for n, c in start.coordinates.items() if c.value is not None}
@@ -84,14 +84,14 @@ class Beginning:
                 rest[self.model.inputs_of(kind.name)] = 0.0
         return rest
 
-    def _with_rows(self, names: list[str], offsets: list[float]) -> Start:
+    def _with_rows(self, names: list[str], offsets: list[float]) -> ConsistentState:
         """The start calculation of the model with extra rows coordinate = offset."""
         if not names:
-            return Start(self.model)
+            return ConsistentState(self.model)
         spec = self.model.spec
         rows = tuple(CouplerSpec(name=f'start of {n}', terms=((n, 1.0),), offset=o) for n, o in zip(names, offsets, strict=True))
         model = prepare(type(spec)(**{**spec.__dict__, 'couplers': spec.couplers + rows}))
-        return Start(model)
+        return ConsistentState(model)
 
     def _place_velocities(self, speed: float) -> None:
         """Velocities of the specification, plus a translation of everything along the chassis x axis."""

@@ -42,7 +42,7 @@ CLEARANCE = 10.0  # height at which no tire touches any road [m]
 GIVE = 1e-4  # m that what holds a body gives way under the weight of the whole model
 
 
-class Start:
+class ConsistentState:
     """Scratch for the start calculations of one model (not a state: every method says what it changes)."""
 
     def __init__(self, model: Model) -> None:
@@ -74,8 +74,8 @@ class Start:
 
         holonomic: leave out rows that constrain velocities only.
         """
-        self.saddle.J_s[:] = self.J
-        self.saddle.J_e[:, :, :6] = self.J
+        self.saddle.J_force[:] = self.J
+        self.saddle.J_row[:, :, :6] = self.J
         effective_masses(self.t, self.J, self.saddle.W)
         self.saddle.W[:] *= PENALTY * (cm if cq == cv == 0.0 else max(cm, STIFFEST))
         if holonomic:
@@ -235,7 +235,7 @@ class Start:
         return bias
 
     def start_integrator(self, state: State, u: np.ndarray, h: float, am: float, af: float) -> None:
-        """Assign state.a, a_s, lam, lam_before and zd, and adjust state.v, so that every step is second order from the first one on.
+        """Assign state.a, a_stage, lam, lam_before and zd, and adjust state.v, so that every step is second order from the first one on.
 
         The scheme's a_n belongs to t_n + (am - af) h and its multipliers to t_n - af h; both are reached by a central difference
         along the motion. Its velocity satisfies A v + phi_t = -h^2 A e, with e h^3 the local error of the increment of a step:
@@ -260,10 +260,10 @@ class Start:
         lam_rate = (sides[0][1] - sides[1][1]) / (2 * d)
         smooth = h * norm(a_rate) <= norm(a)
         state.a[:] = a + ((am - af) * h * a_rate if smooth else 0.0)
-        state.a_s[:] = a - (af * h * a_rate if smooth else 0.0)
+        state.a_stage[:] = a - (af * h * a_rate if smooth else 0.0)
         state.lam[:] = lam - (af * h * lam_rate if smooth else 0.0)
         state.lam_before[:] = state.lam - (h * lam_rate if smooth else 0.0)
-        state.a_s_before[:] = state.a_s - (h * a_rate if smooth else 0.0)
+        state.a_stage_before[:] = state.a_stage - (h * a_rate if smooth else 0.0)
         if smooth:
             e = (0.25 * (1.0 + (am - af) ** 2) - 1 / 6) * a_rate  # beta + (am - af) / 2 - 1/6, with beta = (1 - (am - af))^2 / 4
             e[:, 3:] -= np.cross(state.v[:, 3:], a[:, 3:]) / 12

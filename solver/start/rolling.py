@@ -17,7 +17,7 @@ from solver.model.frames import matrix
 from solver.model.state import State, kinematics_of
 from solver.model.tables import Model
 from solver.step.augmented_lagrangian import advance
-from solver.step.work import OK, Coefficients, StepResult, coefficients
+from solver.step.work import OK, Scheme, StepResult, scheme_parameters
 
 SETTLE_TIME = 5.0  # s, some ten periods of a suspension mode
 SETTLE_EVERY = 0.05  # s
@@ -61,7 +61,7 @@ def roll_wheels(model: Model, state: State, speed: float, u: np.ndarray) -> dict
 def settle_rolling(
     model: Model,
     states: list[Ref],
-    method: Coefficients,
+    method: Scheme,
     rho_inf: float,
     speed: float,
     u: np.ndarray,
@@ -84,7 +84,7 @@ def settle_rolling(
         'coupled': 0,
         'full': 0,
     }
-    scheme = coefficients(SETTLE_STEP, rho_inf)
+    scheme = scheme_parameters(SETTLE_STEP, rho_inf)
     settling = Ref(method._replace(fixed=1, iterations=2, **own, **scheme))  # type: ignore[arg-type]
     steps = round(SETTLE_EVERY / SETTLE_STEP)
     inputs = np.repeat(u[None, :], steps, axis=0)

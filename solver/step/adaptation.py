@@ -27,7 +27,8 @@ from solver.compiled.by_reference import Ref
 from solver.inputs.maneuver import ACCELERATION, RATE, is_motion
 from solver.model.state import State, copy_state, new_state
 from solver.model.tables import Model
-from solver.output.energy import update_audit
+from solver.output.energy import update_energy
+from solver.output.snapshot import NO_STEPS
 from solver.step.augmented_lagrangian import LARGEST_STAGNATION, step
 from solver.step.settings import IntegratorSettings
 from solver.step.work import BAD_INPUT, INACCURATE, NOT_CONVERGED, OK, StepResult
@@ -82,7 +83,7 @@ Inputs = tuple[np.ndarray, np.ndarray]  # of the interval before and of this one
 
 def is_stuck(result: StepResult) -> bool:
     """Whether the iteration ended before the tolerance."""
-    return result.status == NOT_CONVERGED or (result.status == OK and result.stagnated > 0)
+    return result.status == NOT_CONVERGED or (result.status == OK and result.counters.stagnated > 0)
 
 
 def is_undetermined(tried: list[tuple[float, float]], allowed: float) -> bool:
@@ -101,7 +102,7 @@ class Adaptation:
     """Advances a model over the output grid with steps and penalties of its own choice."""
 
     def __init__(self, model: Model, settings: IntegratorSettings, coefficients: Ref, work: Ref, outputs: np.ndarray) -> None:
-        self.model, self.settings, self.coefficients, self.work = model, settings, coefficients, work
+        self.model, self.settings, self.scheme, self.work = model, settings, coefficients, work
         self.grid = settings.h_ns * 1e-9
         self.base = coefficients.penalty.copy()
         self.events: list[Event] = []
@@ -110,7 +111,7 @@ class Adaptation:
         self.usual_cause = 'error' if self.by_error else 'easy'  # of a change of the step when nothing went wrong
         self._full, self._half = (Ref(new_state(model)) for _ in range(2))
         self._begin = new_state(model)
-        self._kin, self._outputs = Ref(work.kin_e), outputs
+        self._kin, self._outputs = Ref(work.kin_end), outputs
         names = model.spec.inputs
         motions = [n for n in names if is_motion(n, names)]
         self._motion = np.array([[names.index(n + end) for n in motions] for end in ('', RATE, ACCELERATION)], int).reshape(3, -1)
@@ -124,7 +125,7 @@ class Adaptation:
         self.last_error = self.settings.error_tolerance
         self.easy, self.patience = 0, EASY_STEPS
         self.substeps = self.rejected = 0
-        self.coefficients.penalty[:] = self.base
+        self.scheme.penalty[:] = self.base
         self.events.clear()
 
     def memory(self) -> dict[str, np.ndarray]:
@@ -135,7 +136,7 @@ class Adaptation:
             'adaptation': np.array(numbers),
             'offset': h.offset.copy(),
             'z_rate': h.z_rate.copy(),
-            'penalty': self.coefficients.penalty.copy(),
+            'penalty': self.scheme.penalty.copy(),
         }
 
     def recall(self, memory: dict[str, np.ndarray], t: float) -> None:
@@ -143,7 +144,7 @@ class Adaptation:
         h, between, self.wanted, self.taken, self.last_error, easy, patience = (float(x) for x in memory['adaptation'])
         self.easy, self.patience = int(easy), int(patience)
         self.history = History(h, between, memory['offset'].copy(), memory['z_rate'].copy())
-        self.coefficients.penalty[:] = memory['penalty']
+        self.scheme.penalty[:] = memory['penalty']
         self.events[:] = [event for event in self.events if event.t < t]
 
     # -- the output grid -----------------------------------------------------------------------------------------------
@@ -154,21 +155,21 @@ class Adaptation:
         before (nu,): inputs of the interval before. Returns (summed counters, intervals done); after a failure the state is that
         at the start of the interval.
         """
-        self._sum = [0, 0, 0, 0.0, 0.0, 0.0, 0]
+        self._sum = NO_STEPS
         if not np.isfinite(inputs).all():
-            return self._summed(BAD_INPUT, int(np.argwhere(~np.isfinite(inputs))[0, 1])), 0
+            return StepResult(BAD_INPUT, int(np.argwhere(~np.isfinite(inputs))[0, 1]), self._sum), 0
         for n, row in enumerate(inputs):
             t = (k + n) * self.settings.h_ns * 1e-9
             result = self._interval(states, before, row, t, audit, n == len(inputs) - 1)
             if result.status != OK:
-                return self._summed(result.status, result.where), n
+                return StepResult(result.status, result.where, self._sum), n
             before = row
-        return self._summed(OK, 0), len(inputs)
+        return StepResult(OK, 0, self._sum), len(inputs)
 
     def _interval(self, states: list[Ref], before: np.ndarray, now: np.ndarray, t: float, audit: bool, outputs: bool) -> StepResult:
         copy_state(cast(State, states[0].value), self._begin)
         kept = (self.history, self.wanted, self.taken, self.last_error, self.easy, self.patience)
-        penalty, energy = self.coefficients.penalty.copy(), self.work.audit.copy()
+        penalty, energy = self.scheme.penalty.copy(), self.work.energy.copy()
         done, cause = 0.0, self.usual_cause
         inaccurate: list[tuple[float, float]] = []  # step and error of the attempts at the next step so far
         undetermined = False
@@ -178,7 +179,7 @@ class Adaptation:
             end = 1.0 if count == 1 else done + part
             here = t + done * self.grid
             h = self._note_step(here, part * self.grid / self.group, cause)
-            before_attempt = self.work.audit.copy()
+            before_attempt = self.work.energy.copy()
             attempt = self._pair if self.by_error else self._single
             result, error, history = attempt(states, h, (done, end), (before, now), here, (audit, audit or (outputs and count == 1)))
             accurate = not error > self.settings.error_tolerance
@@ -195,7 +196,7 @@ class Adaptation:
                 inaccurate.clear()
                 continue
             self.rejected += 1
-            self.work.audit[:] = before_attempt
+            self.work.energy[:] = before_attempt
             smallest = h <= self.settings.h_min * (1.0 + 1e-9)
             cause, factor = 'failure', 0.5
             if result.status == OK:
@@ -204,8 +205,8 @@ class Adaptation:
             undetermined = result.status == OK and is_undetermined(inaccurate, self.settings.error_tolerance * self.grid)
             if smallest and not undetermined:
                 copy_state(self._begin, cast(State, states[0].value))
-                self.work.audit[:] = energy
-                self.coefficients.penalty[:] = penalty
+                self.work.energy[:] = energy
+                self.scheme.penalty[:] = penalty
                 self.history, self.wanted, self.taken, self.last_error, self.easy, self.patience = kept
                 return result if result.status != OK else result._replace(status=INACCURATE)
             smaller = max(h * min(SAFETY, max(SMALLEST_FACTOR, factor)), self.settings.h_min)
@@ -230,12 +231,12 @@ class Adaptation:
             if factor < 1.0 or factor >= WORTHWHILE:
                 self.wanted = min(self.grid, self.group * max(self.taken * factor, self.settings.h_min))
             self.last_error = error
-        easy = not is_stuck(result) and result.iterations <= EASY_ITERATIONS
+        easy = not is_stuck(result) and result.counters.iterations <= EASY_ITERATIONS
         self.easy = self.easy + 1 if easy else 0
         if self.easy < self.patience:
             return
         self.easy = 0
-        penalty = self.coefficients.penalty
+        penalty = self.scheme.penalty
         raised = bool((penalty > self.base).any())
         self._set_penalties(t, np.maximum(self.base, penalty / RAISE), 'easy')
         if not self.by_error and self.wanted < self.grid:
@@ -269,14 +270,16 @@ class Adaptation:
         error = self._difference(cast(State, self._full.value), v_full, cast(State, states[1].value)) / 3.0
         for result in (first, second):
             if is_stuck(result):
-                error = max(error, result.residual)
-        worse = max(first.iterations, second.iterations)
-        return Attempt(second._replace(iterations=worse, stagnated=first.stagnated + second.stagnated), error / (2.0 * h), history)
+                error = max(error, result.counters.residual)
+        worse = max(first.counters.iterations, second.counters.iterations)
+        stagnated = first.counters.stagnated + second.counters.stagnated
+        counters = second.counters._replace(iterations=worse, stagnated=stagnated)
+        return Attempt(second._replace(counters=counters), error / (2.0 * h), history)
 
     def _keep_audit(self, wanted: bool, result: StepResult, h: float) -> None:
         if wanted and result.status == OK:
             w = self.work
-            update_audit(self.model.tables, self._kin, self._outputs, w.lam_out, w.phi_t, h, w.audit)
+            update_energy(self.model.tables, self._kin, self._outputs, w.lam_out, w.phi_t, h, w.energy)
 
     def _difference(self, a: State, v_a: np.ndarray, b: State) -> float:
         """Largest difference of positions [m], turns [rad], internal states, and velocities.
@@ -284,7 +287,7 @@ class Adaptation:
         Velocities count relative to the largest now or, at this acceleration, an interval later, and at least 1 m/s or rad/s.
         """
         v_b = self.work.v_out
-        speed = max(1.0, np.abs(v_b).max(), self.grid * np.abs(b.a_s).max())
+        speed = max(1.0, np.abs(v_b).max(), self.grid * np.abs(b.a_stage).max())
         turn = 2.0 * np.minimum(np.abs(a.q[:, 3:] - b.q[:, 3:]).max(axis=1), np.abs(a.q[:, 3:] + b.q[:, 3:]).max(axis=1))
         parts = (np.abs(a.q[:, :3] - b.q[:, :3]).max(), turn.max(), np.abs(a.z - b.z).max(initial=0.0))
         return max(*map(float, parts), float(np.abs(v_a - v_b).max() / speed))
@@ -309,7 +312,7 @@ class Adaptation:
         self, source: Ref, history: History, target: Ref, h: float, u: np.ndarray, t: float, outputs: bool
     ) -> tuple[StepResult, History]:
         """One step of size h, with penalties raised if need be; source is left as it was."""
-        s, new, c = cast(State, source.value), cast(State, target.value), self.coefficients
+        s, new, c = cast(State, source.value), cast(State, target.value), self.scheme
         between = (1.0 - c.af) * h + c.af * history.h
         tolerance = self.settings.tolerance
         if self.by_error:
@@ -321,7 +324,7 @@ class Adaptation:
         if moved:
             kept = [array.copy() for array in (s.v, s.a, s.zd)]
             s.v[:] += ((h / history.h) ** 2 - 1.0) * history.offset
-            s.a[:] += (c.am - c.af) * (h - history.h) / history.between * (s.a_s - s.a_s_before)
+            s.a[:] += (c.am - c.af) * (h - history.h) / history.between * (s.a_stage - s.a_stage_before)
             s.zd[:] += (c.am1 - c.af) * (h - history.h) * history.z_rate
         result = self._converge(source, target, h, u, t, outputs)
         z_rate = (new.zd - s.zd) / h
@@ -334,11 +337,11 @@ class Adaptation:
         """Take the step; while it is stuck with constraints open, again with their penalties raised."""
 
         def take() -> StepResult:
-            result = step(self.model.tables, self.coefficients, source, target, u, outputs, self.work)
-            self._count(result)
+            result = step(self.model.tables, self.scheme, source, target, u, outputs, self.work)
+            self._sum = self._sum.followed_by(result.counters)
             return result
 
-        c, speed = self.coefficients, float(np.abs(cast(State, source.value).v).max(initial=1.0))
+        c, speed = self.scheme, float(np.abs(cast(State, source.value).v).max(initial=1.0))
         result = take()
         if self.settings.penalty_policy == 'constant' or self._left(result, speed) <= c.tolerance:
             return result
@@ -360,33 +363,21 @@ class Adaptation:
         """What the iteration left open, relative as its tolerance is; infinite when it failed."""
         if result.status != OK:
             return math.inf if result.status == NOT_CONVERGED else 0.0
-        return max(result.position_drift / (self.coefficients.h * speed), result.residual if result.stagnated else 0.0)
+        return max(result.counters.position_drift / (self.scheme.h * speed), result.counters.residual if result.counters.stagnated else 0.0)
 
     def _slowest(self, speed: float) -> np.ndarray:
         """(nc,) rows that are open and have the largest violation in the metric of what their penalties multiply.
 
         A row that is not holonomic is open by a velocity; over a step it counts as the displacement that this makes.
         """
-        c = self.coefficients
-        phi = np.abs(self.work.phi) * np.where(self.model.tables.constraints.holonomic == 1, 1.0, c.h)
+        c = self.scheme
+        phi = np.abs(self.work.phi_end) * np.where(self.model.tables.constraints.holonomic == 1, 1.0, c.h)
         violation = phi * np.sqrt(self.work.saddle.W / c.penalty)
         is_open = phi > c.tolerance * speed * c.h
         return is_open & (violation >= SLOW * violation.max(where=is_open, initial=0.0))
 
     def _set_penalties(self, t: float, values: np.ndarray, cause: str) -> None:
-        penalty = self.coefficients.penalty
+        penalty = self.scheme.penalty
         for row in np.flatnonzero(values != penalty):
             self.events.append(Event(t, 'penalty', self.model.row_names[row], float(penalty[row]), float(values[row]), cause))
         penalty[:] = values
-
-    def _count(self, result: StepResult) -> None:
-        s = self._sum
-        s[0] += result.iterations
-        s[1] += result.factorizations
-        s[2] += result.evaluations
-        s[3:6] = map(max, s[3:6], (result.residual, result.position_drift, result.velocity_drift))
-        s[6] += result.stagnated
-
-    def _summed(self, status: int, where: int) -> StepResult:
-        s = self._sum
-        return StepResult(status, where, int(s[0]), int(s[1]), int(s[2]), s[3], s[4], s[5], int(s[6]))

@@ -5,7 +5,7 @@ Formulation: [Natsiavas2015], [Paraskevopoulos2015], [Potosakis2020] (docs/refer
 Scheme (docs/decisions/0002): generalized-alpha with all forces, constraint forces included, taken at the generalized
 midpoint t_s = t_0 + (1 - alpha_f) h, and the position constraint imposed at the end of the step:
 
-    M ((1 - am) a1 + am a0) = f(q_s, v_s, z_s) + A(q_s)^T h_R
+    M ((1 - am) a1 + am a0) = f(q_s, v_s, z_stage) + A(q_s)^T h_R
     v1 = v0 + h ((1 - gamma) a0 + gamma a1)
     q1 = q0 o exp(D),  D = h v0 + h^2 ((1/2 - beta) a0 + beta a1);   q_s = q0 o exp((1 - af) D),  v_s = (1 - af) v1 + af v0
     phi(q1, t1) = 0,  A(q1) v1 = 0 for rows that are not holonomic
@@ -35,9 +35,10 @@ from solver.model.evaluate import (
 from solver.model.saddle import assemble_tangent, effective_masses, factorize_saddle, rotate_columns, solve_saddle
 from solver.model.state import update_angles
 from solver.output.collect import collect
-from solver.output.energy import update_audit
+from solver.output.energy import update_energy
+from solver.output.snapshot import Counters
 from solver.step.stage import AT_END, BOTH, WITH_TANGENTS, copy_blocks, copy_rows, finite, largest, largest_turn, momentum_residual, place
-from solver.step.work import BAD_INPUT, NON_FINITE, NOT_CONVERGED, OK, SINGULAR, StepResult
+from solver.step.work import BAD_INPUT, NON_FINITE, NOT_CONVERGED, OK, SINGULAR, StepResult, added
 
 # The multipliers of redundant constraints are determined only by rounding; starting each step from a little less than the last
 # values keeps that part from drifting, while the determined part is found again by the first iteration.
@@ -54,8 +55,8 @@ CONTRACTION_TO_REUSE = 0.1  # tolerance mode keeps the factorization while an it
 def _balanced(tables, c, speed, work):
     """Whether the residuals are below the tolerance, as velocity over a step (momentum) and as displacement (constraints)."""
     limit = c.tolerance * speed
-    for i in range(work.phi.shape[0]):
-        if not abs(work.phi[i]) <= (limit * c.h if tables.constraints.holonomic[i] == 1 else limit):
+    for i in range(work.phi_end.shape[0]):
+        if not abs(work.phi_end[i]) <= (limit * c.h if tables.constraints.holonomic[i] == 1 else limit):
             return False
     for b in range(tables.bodies.mass.shape[0]):
         for i in range(3):
@@ -69,110 +70,151 @@ def _balanced(tables, c, speed, work):
 @kernel(borrow=True)
 def assemble(tables, c, lam, to_g, work):
     """Assign penalties, constraint rows and the force part of the step matrix in work.saddle from what was evaluated before, the
-    gradients of the end in work.saddle.J_s (work.J with c.weigh, and when iterating to a tolerance) among it.
+    gradients of the end in work.saddle.J_force (work.J_end with c.weigh, and when iterating to a tolerance) among it.
     """
     saddle = work.saddle
     s = 1.0 - c.af
-    effective_masses(tables, work.J_now, saddle.W)
+    effective_masses(tables, work.J_stage, saddle.W)
     if c.weigh != 0:
         invoke(c.weigh, (tables, c, work))
     if c.weigh != 0 or c.fixed == 0:
-        copy_blocks(work.J, saddle.J_s)
+        copy_blocks(work.J_end, saddle.J_force)
     for i in range(lam.shape[0]):
         m = 1.0 / to_g[tables.constraints.holonomic[i]] if c.m_alf == 1 else saddle.W[i]
         saddle.W[i] = c.penalty[i] * (c.factor[i] * m)
-    add_constraint_stiffness(tables, work.kin_s, lam, work.Kq, work.Kv)
+    add_constraint_stiffness(tables, work.kin_stage, lam, work.Kq, work.Kv)
     # rows of the end of the step in both places: see the module docstring of solver.model.saddle
-    rotate_columns(tables.constraints, saddle.J_s, work.T_e, saddle.J_e)
-    assemble_tangent(tables, 1.0 - c.am, s * c.beta * c.h * c.h, s * c.gamma * c.h, work.Kq, work.Kv, work.T_s, saddle.B)
+    rotate_columns(tables.constraints, saddle.J_force, work.T_end, saddle.J_row)
+    assemble_tangent(tables, 1.0 - c.am, s * c.beta * c.h * c.h, s * c.gamma * c.h, work.Kq, work.Kv, work.T_stage, saddle.B)
 
 
-@kernel(borrow=True)
-def step(tables, c, s0, s1, u, want_outputs, work):
-    """Advance s0 to s1 by one step with the inputs u; outputs and projected velocity go to work. Returns a StepResult."""
-    nb = tables.bodies.mass.shape[0]
-    nc = s0.lam.shape[0]
-    h = c.h
-    s = 1.0 - c.af
-    # The acceleration of the stage is smooth even where a oscillates (rho_inf near one): predict with it. A single iteration
-    # is of second order only from a linear prediction; further iterations need none, and it would carry kicks on.
+@kernel(inner=True)
+def predict(c, s0, s1, work):
+    """Assign the first iterate, s1.a and s1.lam, and work.zp; returns cz: internal states of the stage are z = zp + cz dz/dt.
+
+    The acceleration of the stage is smooth even where a oscillates (rho_inf near one): predict with it. A single iteration is of
+    second order only from a linear prediction; further iterations need none, and it would carry kicks on.
+    """
     slope = 1.0 if c.fixed == 1 and c.iterations == 1 else 0.0
     share = 1.0 / (1.0 - c.am)
-    for b in range(nb):
+    for b in range(work.r.shape[0] - 1):
         for i in range(6):
-            a_s = s0.a_s[b, i] + slope * (s0.a_s[b, i] - s0.a_s_before[b, i])
-            s1.a[b, i] = share * (a_s - c.am * s0.a[b, i])
-    for i in range(nc):
+            a_stage = s0.a_stage[b, i] + slope * (s0.a_stage[b, i] - s0.a_stage_before[b, i])
+            s1.a[b, i] = share * (a_stage - c.am * s0.a[b, i])
+    for i in range(s0.lam.shape[0]):
         s1.lam[i] = WARM_START * (s0.lam[i] + slope * (s0.lam[i] - s0.lam_before[i]))
+    s = 1.0 - c.af
+    cz = s * c.gamma1 * c.h / (1.0 - c.am1)
+    for i in range(s0.z.shape[0]):
+        work.zp[i] = s0.z[i] + s * c.h * (1.0 - c.gamma1) * s0.zd[i] - cz * c.am1 * s0.zd[i]
+    return cz
+
+
+@kernel(inner=True)
+def evaluate_iterate(tables, c, s0, s1, u, cz, tangents, J_end, work):
+    """Assign the residuals work.r and work.g at the present iterate; with `tangents` all that assemble() needs besides."""
+    place(tables, c, s0, s1.a, s1.q, WITH_TANGENTS if tangents else BOTH, work)
+    evaluate_forces(tables, work.kin_stage, s0.angle, work.zp, cz, u, tangents, work.f, work.Kq, work.Kv, work.z_stage, work.outputs)
+    evaluate_constraints(tables, work.kin_stage, s0.angle, u, YES, work.phi_stage, work.J_stage)
+    evaluate_constraints(tables, work.kin_end, s0.angle, u, tangents, work.phi_end, J_end)
+    add_constraint_forces(tables.constraints, work.J_stage, s1.lam, 1.0, work.f)
+    momentum_residual(tables, c, s0.a, s1.a, work.f, work.r)
+    to_g = _to_g(c)
+    for i in range(work.g.shape[0]):
+        work.g[i] = work.phi_end[i] * to_g[tables.constraints.holonomic[i]]
+
+
+@kernel(inline=True)
+def _to_g(c):
+    """What makes an acceleration of the residual of a velocity (0) and of a position (1) at the end of a step."""
+    return 1.0 / (c.gamma * c.h), 1.0 / (c.beta * c.h * c.h)
+
+
+@kernel(inner=True)
+def increment_of(work):
+    """(largest increment of an acceleration, largest of those that turn a body, body that is not finite or -1)."""
+    increment = 0.0
+    turn = 0.0
+    bad = -1
+    for b in range(work.r.shape[0] - 1):
+        turn = max(turn, largest_turn(work.dw, b))
+        increment = max(increment, largest(work.dw, b))
+        if not finite(work.dw, b):
+            bad = b
+    return increment, turn, bad
+
+
+@kernel(inner=True)
+def add_increment(part, s1, work):
+    """Add a part of the increment to the iterate."""
+    for b in range(work.r.shape[0] - 1):
+        for i in range(6):
+            s1.a[b, i] += part * work.dw[b, i]
+    for i in range(s1.lam.shape[0]):
+        s1.lam[i] += part * work.dlam[i]
+
+
+@kernel(inner=True)
+def keep_best(s1, work):
+    """Remember the iterate."""
+    copy_rows(s1.a, work.a_best)
+    for i in range(s1.lam.shape[0]):
+        work.lam_best[i] = s1.lam[i]
+
+
+@kernel(inner=True)
+def return_to_best(s1, work):
+    """Go back to the iterate that was remembered."""
+    copy_rows(work.a_best, s1.a)
+    for i in range(s1.lam.shape[0]):
+        s1.lam[i] = work.lam_best[i]
+
+
+@kernel(inner=True)
+def iterate(tables, c, s0, s1, u, cz, work):
+    """Newton's iteration on s1.a and s1.lam. Returns a StepResult without drifts."""
+    nb = tables.bodies.mass.shape[0]
     saddle = work.saddle
     # Straight to where assemble() wants the gradients, unless it needs that place for itself, or an iteration that has converged may end
     # before they are factorized: the projection must solve with the rows that the factorization has.
-    J_end = saddle.J_s if c.weigh == 0 and c.fixed == 1 else work.J
-    holonomic = tables.constraints.holonomic
-    to_g = (1.0 / (c.gamma * h), 1.0 / (c.beta * h * h))  # of a velocity, of a position
-    # internal states: z_s = zp + cz zd_s
-    cz = s * c.gamma1 * h / (1.0 - c.am1)
-    for i in range(s0.z.shape[0]):
-        work.zp[i] = s0.z[i] + s * h * (1.0 - c.gamma1) * s0.zd[i] - cz * c.am1 * s0.zd[i]
+    J_end = saddle.J_force if c.weigh == 0 and c.fixed == 1 else work.J_end
     speed = 1.0
     for b in range(nb):
         speed = max(speed, largest(s0.v, b))
     status = NOT_CONVERGED
     where = 0
     factorizations = 0
-    evaluations = 0
     iterations = 0
     increment = 0.0
-    before = 0.0
     residual = 0.0
     refactor: np.bool_ | bool = YES
-    rate = 0.0
     best = np.inf
     stagnated = 0
     for it in range(max(c.iterations, MOST_ITERATIONS) if c.fixed == 1 else c.iterations):
         iterations += 1
-        place(tables, c, s0, s1.a, s1.q, WITH_TANGENTS if refactor else BOTH, work)
-        evaluate_forces(tables, work.kin_s, s0.angle, work.zp, cz, u, refactor, work.f, work.Kq, work.Kv, work.z_s, work.outputs)
-        evaluate_constraints(tables, work.kin_s, s0.angle, u, YES, work.phi_s, work.J_now)
-        evaluate_constraints(tables, work.kin_e, s0.angle, u, refactor, work.phi, J_end)
-        evaluations += 1
-        add_constraint_forces(tables.constraints, work.J_now, s1.lam, 1.0, work.f)
-        momentum_residual(tables, c, s0.a, s1.a, work.f, work.r)
-        for i in range(nc):
-            work.g[i] = work.phi[i] * to_g[holonomic[i]]
+        evaluate_iterate(tables, c, s0, s1, u, cz, refactor, J_end, work)
         if c.fixed == 0 and it > 0 and _balanced(tables, c, speed, work):
             status = OK
             break
         if refactor:
-            assemble(tables, c, s1.lam, to_g, work)
-            bad = factorize_saddle(tables, c.form, saddle)
+            assemble(tables, c, s1.lam, _to_g(c), work)
+            where = factorize_saddle(tables, c.form, saddle)
             factorizations += 1
-            if bad >= 0:
+            if where >= 0:
                 status = SINGULAR
-                where = bad
                 break
         solve_saddle(tables, c.form, saddle, work.r, work.g, work.dw, work.dlam)
         before = increment
-        increment = 0.0
-        turn = 0.0
-        for b in range(nb):
-            turn = max(turn, largest_turn(work.dw, b))
-            increment = max(increment, largest(work.dw, b))
-            if not finite(work.dw, b):
-                status = NON_FINITE
-                where = b
-        if status == NON_FINITE:
+        increment, turn, where = increment_of(work)
+        if where >= 0:
+            status = NON_FINITE
             break
-        turn *= c.beta * h * h
+        turn *= c.beta * c.h * c.h
         part = LARGEST_TURN / turn if turn > LARGEST_TURN else 1.0
         if c.fixed == 1 and it >= max(c.iterations, DAMPED_FROM):
             part = min(part, 0.5)  # Newton's iteration may go round between the branches of a contact; half of it does not
-        for b in range(nb):
-            for i in range(6):
-                s1.a[b, i] += part * work.dw[b, i]
-        for i in range(nc):
-            s1.lam[i] += part * work.dlam[i]
-        increment *= c.gamma * h / speed
+        add_increment(part, s1, work)
+        increment *= c.gamma * c.h / speed
         rate = increment / before if it > 0 and before > 0.0 else 1.0
         residual = increment
         remaining = increment * rate / (1.0 - rate) if rate < 1.0 else increment
@@ -184,68 +226,101 @@ def step(tables, c, s0, s1, u, want_outputs, work):
                 status = OK
                 break
             refactor = (it > 0 or c.iterations == 1) and not settled
-            if part < 1.0:
-                increment = 0.0
-            continue
-        if min(increment, remaining) <= c.tolerance:
-            status = OK
-            break
-        if increment < best:
-            best = increment
-            copy_rows(s1.a, work.a_best)
-            for i in range(nc):
-                work.lam_best[i] = s1.lam[i]
-        if it > 1 and before > 0.0 and rate > STAGNATION and part == 1.0 and (rate < 1.0 or best < LARGEST_STAGNATION):
-            break
-        refactor = rate > CONTRACTION_TO_REUSE
-        where = it
+        else:
+            if min(increment, remaining) <= c.tolerance:
+                status = OK
+                break
+            if increment < best:
+                best = increment
+                keep_best(s1, work)
+            if it > 1 and before > 0.0 and rate > STAGNATION and part == 1.0 and (rate < 1.0 or best < LARGEST_STAGNATION):
+                break
+            refactor = rate > CONTRACTION_TO_REUSE
+            where = it
         if part < 1.0:
             increment = 0.0  # nothing to compare the next iteration with
     if status == NOT_CONVERGED and best < LARGEST_STAGNATION:
         # Next to a singular position the iteration may not settle along the direction that the constraints hardly see (the force
-        # direction A_s and the constraint row A_e can have opposite signs there); its best iterate is as good as any.
-        copy_rows(work.a_best, s1.a)
-        for i in range(nc):
-            s1.lam[i] = work.lam_best[i]
+        # direction A at the stage and the constraint row A at the end can have opposite signs there); its best iterate is as good as any.
+        return_to_best(s1, work)
         residual = best
         status = OK
         stagnated = 1
-    if status != OK:
-        return StepResult(status, where, iterations, factorizations, evaluations, residual, 0.0, 0.0, stagnated)
+    return StepResult(status, where, Counters(iterations, factorizations, iterations, stagnated, residual, 0.0, 0.0))
+
+
+@kernel(inner=True)
+def finish(tables, c, s0, s1, work):
+    """Assign the rest of s1 from its acceleration, multipliers and the internal states of the stage; a_out and lam_out of work."""
     place(tables, c, s0, s1.a, s1.q, AT_END, work)
-    for b in range(nb):
+    for b in range(tables.bodies.mass.shape[0]):
         for i in range(6):
-            s1.v[b, i] = work.kin_e.v[b, i]
-            s1.a_s_before[b, i] = s0.a_s[b, i]
-            s1.a_s[b, i] = (1.0 - c.am) * s1.a[b, i] + c.am * s0.a[b, i]
+            s1.v[b, i] = work.kin_end.v[b, i]
+            s1.a_stage_before[b, i] = s0.a_stage[b, i]
+            s1.a_stage[b, i] = (1.0 - c.am) * s1.a[b, i] + c.am * s0.a[b, i]
             # continued from the stage to the end of the step, as the multipliers are
-            work.a_out[b, i] = s1.a_s[b, i] + c.ahead * (s1.a_s[b, i] - s0.a_s[b, i])
+            work.a_out[b, i] = s1.a_stage[b, i] + c.ahead * (s1.a_stage[b, i] - s0.a_stage[b, i])
     for i in range(s0.z.shape[0]):
-        s1.z[i] = (work.z_s[i] - c.af * s0.z[i]) / s
-        s1.zd[i] = ((s1.z[i] - s0.z[i]) / h - (1.0 - c.gamma1) * s0.zd[i]) / c.gamma1
-    for i in range(nc):
+        s1.z[i] = (work.z_stage[i] - c.af * s0.z[i]) / (1.0 - c.af)
+        s1.zd[i] = ((s1.z[i] - s0.z[i]) / c.h - (1.0 - c.gamma1) * s0.zd[i]) / c.gamma1
+    for i in range(s0.lam.shape[0]):
         s1.lam_before[i] = s0.lam[i]
         work.lam_out[i] = s1.lam[i] + c.ahead * (s1.lam[i] - s0.lam[i])
     for i in range(s0.angle.shape[0]):
         s1.angle[i] = s0.angle[i]
-    update_angles(tables.coordinates, work.kin_e, s1.angle)
-    # output: projected velocity, forces at the end of the step
-    evaluate_constraints(tables, work.kin_e, s1.angle, u, YES, work.phi, work.J)
-    position_drift = 0.0
-    for i in range(nc):
-        if holonomic[i] == 1:
-            position_drift = max(position_drift, abs(work.phi[i]))
-    velocity_drift = project_velocity(tables, c, s1.v, u, 1 if c.fixed == 1 else 3, work)
+    update_angles(tables.coordinates, work.kin_end, s1.angle)
+
+
+@kernel(inner=True)
+def outputs_at_end(tables, s1, u, work):
+    """Evaluate the forces at the end of the step, with the projected velocity."""
+    for b in range(tables.bodies.mass.shape[0]):
+        for i in range(6):
+            work.kin_end.v[b, i] = work.v_out[b, i]
+    evaluate_forces(tables, work.kin_end, s1.angle, s1.z, 0.0, u, NO, work.f, work.Kq, work.Kv, work.z_stage, work.outputs)
+
+
+@kernel(inner=True)
+def position_drift(tables, work):
+    """Largest residual of a position constraint [m or rad]."""
+    worst = 0.0
+    for i in range(work.phi_end.shape[0]):
+        if tables.constraints.holonomic[i] == 1:
+            worst = max(worst, abs(work.phi_end[i]))
+    return worst
+
+
+@kernel(inner=True)
+def body_not_finite(work):
+    """The last body whose projected twist is not finite, or -1."""
+    bad = -1
+    for b in range(work.r.shape[0] - 1):
+        if not finite(work.v_out, b):
+            bad = b
+    return bad
+
+
+@kernel(borrow=True)
+def step(tables, c, s0, s1, u, want_outputs, work):
+    """Advance s0 to s1 by one step with the inputs u; outputs and projected velocity go to work. Returns a StepResult."""
+    cz = predict(c, s0, s1, work)
+    found = iterate(tables, c, s0, s1, u, cz, work)
+    if found.status != OK:
+        return found
+    finish(tables, c, s0, s1, work)
+    evaluate_constraints(tables, work.kin_end, s1.angle, u, YES, work.phi_end, work.J_end)
+    position = position_drift(tables, work)
+    velocity = project_velocity(tables, c, s1.v, u, 1 if c.fixed == 1 else 3, work)
+    evaluations = found.counters.evaluations
     if want_outputs:
-        for b in range(nb):
-            for i in range(6):
-                work.kin_e.v[b, i] = work.v_out[b, i]
-        evaluate_forces(tables, work.kin_e, s1.angle, s1.z, 0.0, u, NO, work.f, work.Kq, work.Kv, work.z_s, work.outputs)
+        outputs_at_end(tables, s1, u, work)
         evaluations += 1
-    for b in range(nb):
-        if not (finite(work.v_out, b) and np.isfinite(velocity_drift + position_drift)):
-            return StepResult(NON_FINITE, b, iterations, factorizations, evaluations, residual, position_drift, velocity_drift, stagnated)
-    return StepResult(OK, 0, iterations, factorizations, evaluations, residual, position_drift, velocity_drift, stagnated)
+    n = found.counters
+    counters = Counters(n.iterations, n.factorizations, evaluations, n.stagnated, n.residual, position, velocity)
+    bad = body_not_finite(work)
+    if bad >= 0 or not np.isfinite(velocity + position):
+        return StepResult(NON_FINITE, max(bad, 0), counters)
+    return StepResult(OK, 0, counters)
 
 
 @kernel(borrow=True)
@@ -257,7 +332,7 @@ def project_velocity(tables, c, v, u, passes, work):
     work.r[:] = 0.0
     worst = 0.0
     for k in range(passes + 1):
-        constraint_rates(tables.constraints, work.J, work.v_out, work.rate)
+        constraint_rates(tables.constraints, work.J_end, work.v_out, work.rate)
         worst = 0.0
         for i in range(work.rate.shape[0]):
             work.rate[i] += work.phi_t[i]
@@ -266,7 +341,7 @@ def project_velocity(tables, c, v, u, passes, work):
             break
         solve_saddle(tables, c.form, work.saddle, work.r, work.rate, work.dw, work.dlam)
         for b in range(nb):
-            T = work.T_e[b]
+            T = work.T_end[b]
             for i in range(3):
                 work.v_out[b, i] += work.dw[b, i]
                 work.v_out[b, 3 + i] += T[i, 0] * work.dw[b, 3] + T[i, 1] * work.dw[b, 4] + T[i, 2] * work.dw[b, 5]
@@ -287,57 +362,47 @@ def continue_inputs(c, u, work):
     return differs
 
 
+@kernel(inner=True)
+def keep_account(tables, c, s1, u, work):
+    """Advance the energy account by the step that ended in s1, with forces that follow inputs as these are at its end."""
+    outputs = work.outputs
+    if continue_inputs(c, u, work):
+        outputs = work.outputs_end
+        for i in range(outputs.shape[0]):
+            outputs[i] = work.outputs[i]
+        w = work
+        evaluate_driven_forces(tables, w.kin_end, s1.angle, s1.z, 0.0, w.u_end, NO, w.f, w.Kq, w.Kv, w.z_stage, outputs)
+    update_energy(tables, work.kin_end, outputs, work.lam_out, work.phi_t, c.h, work.energy)
+
+
 @kernel(borrow=True)
 def advance(tables, c, s0, s1, inputs, first, count, audit, work):
-    """Advance count steps with rows first.. of inputs (n, nu), swapping the buffers; outputs are of the last step, in work.frame too.
+    """Advance count steps with rows first.. of inputs (n, nu), swapping the buffers; outputs are of the last step, in work.arrays too.
 
     A single row of inputs holds for all steps. audit: evaluate outputs after every step and keep the energy balance.
 
     Returns (StepResult with summed counters and largest residuals, steps done). After an odd number of steps the newest
     state is in s1, after an even number in s0.
     """
-    iterations = 0
-    factorizations = 0
-    evaluations = 0
-    residual = 0.0
-    position = 0.0
-    velocity = 0.0
-    stagnated = 0
     held = inputs.shape[0] == 1
     for k in range(first, first + count):
         for i in range(inputs.shape[1]):
             if not np.isfinite(inputs[0 if held else k, i]):
-                return StepResult(BAD_INPUT, i, 0, 0, 0, 0.0, 0.0, 0.0, 0), 0
+                return StepResult(BAD_INPUT, i, Counters(0, 0, 0, 0, 0.0, 0.0, 0.0)), 0
+    total = Counters(0, 0, 0, 0, 0.0, 0.0, 0.0)
     old, new = s0, s1
     for k in range(count):
-        outputs = audit or k == count - 1
         u = inputs[0 if held else first + k]
-        result = step(tables, c, old, new, u, outputs, work)
-        iterations += result.iterations
-        factorizations += result.factorizations
-        evaluations += result.evaluations
-        residual = max(residual, result.residual)
-        position = max(position, result.position_drift)
-        velocity = max(velocity, result.velocity_drift)
-        stagnated += result.stagnated
+        result = step(tables, c, old, new, u, audit or k == count - 1, work)
+        total = added(total, result.counters)
         if result.status != OK:
-            failed = StepResult(
-                result.status, result.where, iterations, factorizations, evaluations, residual, position, velocity, stagnated
-            )
-            return failed, k
+            return StepResult(result.status, result.where, total), k
         if audit:
-            outputs_end = work.outputs
-            if continue_inputs(c, u, work):
-                w = work
-                outputs_end = w.outputs_end
-                for i in range(outputs_end.shape[0]):
-                    outputs_end[i] = w.outputs[i]
-                evaluate_driven_forces(tables, w.kin_e, new.angle, new.z, 0.0, w.u_end, NO, w.f, w.Kq, w.Kv, w.z_s, outputs_end)
-            update_audit(tables, work.kin_e, outputs_end, work.lam_out, work.phi_t, c.h, work.audit)
+            keep_account(tables, c, new, u, work)
         for i in range(u.shape[0]):
             work.u_before[i] = u[i]
         old, new = new, old
     if count > 0:
         u = inputs[0 if held else first + count - 1]
-        collect(tables, work.chassis, work.kin_e, work.a_out, work.lam_out, u, old, work.outputs, work.frame)
-    return StepResult(OK, 0, iterations, factorizations, evaluations, residual, position, velocity, stagnated), count
+        collect(tables, work.chassis, work.kin_end, work.a_out, work.lam_out, u, old, work.outputs, work.arrays)
+    return StepResult(OK, 0, total), count

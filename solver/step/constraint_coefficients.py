@@ -74,8 +74,8 @@ def _factorize_kinetic(tables, form, J, saddle, formulation):
     for e in range(1, J.shape[0]):
         for r in range(6):
             for i in range(6):
-                saddle.J_s[e, r, i] = J[e, r, i]
-                saddle.J_e[e, r, i] = J[e, r, i]
+                saddle.J_force[e, r, i] = J[e, r, i]
+                saddle.J_row[e, r, i] = J[e, r, i]
     for i in range(saddle.W.shape[0]):
         saddle.W[i] *= COUPLING
     saddle.B[:] = 0.0
@@ -169,7 +169,7 @@ def weigh(tables, c, work):
     tangent that makes it smaller than m_R is left out.
     """
     constraint_coefficients(
-        tables, c.form, c.coupled, c.full, work.J_now, work.Kq, work.Kv, work.f, work.saddle, work.formulation
+        tables, c.form, c.coupled, c.full, work.J_stage, work.Kq, work.Kv, work.f, work.saddle, work.formulation
     )  # fmt: skip
     values = work.formulation.values
     scale = (1.0 - c.af) * c.h / (1.0 - c.am)
@@ -195,7 +195,7 @@ def mass_factors(model, factors: dict[str, float]) -> np.ndarray:
 
 
 def coefficients_of(model, state: State, u: np.ndarray, outputs, *, coupled: bool = False) -> dict[str, ConstraintCoefficients]:
-    """Coefficients of every constraint row by name, at a state and inputs u (nu,); outputs are those of the force elements."""
+    """Scheme of every constraint row by name, at a state and inputs u (nu,); outputs are those of the force elements."""
     t = model.tables
     kin = kinematics_of(state.q, state.v)
     phi, J = np.zeros(model.n_rows), np.zeros((model.n_entries + 1, 6, 6))

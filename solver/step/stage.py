@@ -62,9 +62,9 @@ def place(tables, c, s0, a1, q1, what, work):
         for i in range(3):
             d = h * s0.v[b, i] + k0 * s0.a[b, i] + k1 * a1[b, i]
             q1[b, i] = s0.q[b, i] + d
-            work.kin_e.p[b, i] = q1[b, i]
+            work.kin_end.p[b, i] = q1[b, i]
             if what != AT_END:
-                work.kin_s.p[b, i] = s0.q[b, i] + s * d
+                work.kin_stage.p[b, i] = s0.q[b, i] + s * d
         x = (
             h * s0.v[b, 3] + k0 * s0.a[b, 3] + k1 * a1[b, 3],
             h * s0.v[b, 4] + k0 * s0.a[b, 4] + k1 * a1[b, 4],
@@ -77,18 +77,18 @@ def place(tables, c, s0, a1, q1, what, work):
         q1[b, 4] = end[1]
         q1[b, 5] = end[2]
         q1[b, 6] = end[3]
-        store33(work.kin_e.R, b, matrix_of_quaternion(end))
+        store33(work.kin_end.R, b, matrix_of_quaternion(end))
         if what != AT_END:
             stage = quaternion_corrected(quaternion_product(quaternion, quaternion_exp(xs)))
-            store33(work.kin_s.R, b, matrix_of_quaternion(stage))
+            store33(work.kin_stage.R, b, matrix_of_quaternion(stage))
         if what == WITH_TANGENTS:
-            store33(work.T_e, b, right_jacobian(x))
-            store33(work.T_s, b, right_jacobian(xs))
+            store33(work.T_end, b, right_jacobian(x))
+            store33(work.T_stage, b, right_jacobian(xs))
         for i in range(6):
             v1 = s0.v[b, i] + h * ((1.0 - c.gamma) * s0.a[b, i] + c.gamma * a1[b, i])
-            work.kin_e.v[b, i] = v1
+            work.kin_end.v[b, i] = v1
             if what != AT_END:
-                work.kin_s.v[b, i] = s * v1 + c.af * s0.v[b, i]
+                work.kin_stage.v[b, i] = s * v1 + c.af * s0.v[b, i]
 
 
 @kernel(inner=True)

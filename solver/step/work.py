@@ -7,17 +7,18 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.compiled.by_reference import Ref
+from solver.compiled.kernel import kernel
 from solver.elements.point_pair import Kinematics
 from solver.elements.registry import FORCES
 from solver.model.saddle import Saddle
 from solver.model.state import new_kinematics
-from solver.output.snapshot import Frame
+from solver.output.snapshot import Counters, OutputArrays
 from solver.step.constraint_coefficients import Formulation, new_formulation
 
 OK, NOT_CONVERGED, NON_FINITE, SINGULAR, INACCURATE, BAD_INPUT = range(6)  # status of a step; INACCURATE: error control gave up
 
 
-class Coefficients(NamedTuple):
+class Scheme(NamedTuple):
     """Scalars of the scheme and the iteration."""
 
     h: float
@@ -40,7 +41,7 @@ class Coefficients(NamedTuple):
     tolerance: float
 
 
-def coefficients(h: float, rho_inf: float) -> dict[str, float]:
+def scheme_parameters(h: float, rho_inf: float) -> dict[str, float]:
     """Parameters of the scheme for step h [s] and spectral radius rho_inf in [0, 1] at infinite frequency."""
     am = (2.0 * rho_inf - 1.0) / (rho_inf + 1.0)
     af = rho_inf / (rho_inf + 1.0)
@@ -60,10 +61,10 @@ def coefficients(h: float, rho_inf: float) -> dict[str, float]:
 class Work(NamedTuple):
     """Scratch and outputs of a step; nothing in it but the energy balance and its inputs before survives from one step to the next."""
 
-    kin_s: Kinematics
-    kin_e: Kinematics
-    T_s: np.ndarray  # (nb + 1, 3, 3) derivative of the stage rotation with respect to the increment
-    T_e: np.ndarray
+    kin_stage: Kinematics  # at the generalized midpoint; the suffix says the instant: stage or end of the step
+    kin_end: Kinematics
+    T_stage: np.ndarray  # (nb + 1, 3, 3) derivative of the stage rotation with respect to the increment
+    T_end: np.ndarray
     f: np.ndarray  # (nb + 1, 6)
     r: np.ndarray
     dw: np.ndarray
@@ -71,61 +72,70 @@ class Work(NamedTuple):
     lam_best: np.ndarray
     Kq: np.ndarray  # (ns + 1, 6, 6)
     Kv: np.ndarray
-    phi: np.ndarray  # (nc,)
-    phi_s: np.ndarray
+    phi_end: np.ndarray  # (nc,)
+    phi_stage: np.ndarray
     g: np.ndarray
     dlam: np.ndarray
     phi_t: np.ndarray
     phi_tt: np.ndarray
     rate: np.ndarray
-    J: np.ndarray  # (entries + 1, 6, 6) at the end of the step
-    J_now: np.ndarray  # at the stage
+    J_end: np.ndarray  # (entries + 1, 6, 6) at the end of the step
+    J_stage: np.ndarray  # at the stage
     zp: np.ndarray
-    z_s: np.ndarray
+    z_stage: np.ndarray
     saddle: Saddle
     outputs: np.ndarray  # those of all force elements (Model.new_outputs)
     v_out: np.ndarray  # (nb + 1, 6) projected twist
     a_out: np.ndarray  # (nb + 1, 6) acceleration at the end of the step
     lam_out: np.ndarray  # (nc,) constraint forces at the end of the step
-    audit: np.ndarray  # (5,) running energy balance (solver.output.energy)
+    energy: np.ndarray  # (5,) running energy account (solver.output.energy)
     u_force: np.ndarray  # (nu,) 1 for inputs that forces follow, 0 for prescribed motions
     u_before: np.ndarray  # (nu,) inputs of the step before
     u_end: np.ndarray  # (nu,) inputs at the end of the step
     outputs_end: np.ndarray  # the same, those of elements that follow inputs with u_end
     formulation: Formulation  # coefficients of the constraints
     chassis: int  # body of the inertial unit
-    frame: Frame  # what a Snapshot shows
+    arrays: OutputArrays  # what a Snapshot shows
 
 
 class StepResult(NamedTuple):
-    """Status and counters of one step; `where` is a body, group or iteration index that belongs to the status."""
+    """Status and counters of one step, or of several; `where` is a body, group or iteration index that belongs to the status."""
 
     status: int
     where: int
-    iterations: int
-    factorizations: int
-    evaluations: int
-    residual: float
-    position_drift: float
-    velocity_drift: float
-    stagnated: int  # 1: accepted although the iteration stopped gaining before the tolerance
+    counters: Counters
 
 
-def new_work(model, saddle: Saddle, outputs: np.ndarray, frame: Frame) -> Ref:
-    """Allocate the scratch (Work, by reference) of a model; outputs and frame are the arrays that it fills."""
+@kernel(inline=True)
+def added(a, b):
+    """Counters of steps and of later ones."""
+    return Counters(
+        a.iterations + b.iterations,
+        a.factorizations + b.factorizations,
+        a.evaluations + b.evaluations,
+        a.stagnated + b.stagnated,
+        max(a.residual, b.residual),
+        max(a.position_drift, b.position_drift),
+        max(a.velocity_drift, b.velocity_drift),
+    )
+
+
+def new_work(model, saddle: Saddle, outputs: np.ndarray, arrays: OutputArrays) -> Ref:
+    """Allocate the scratch (Work, by reference) of a model; outputs and arrays are the arrays that it fills."""
     nb, nc, ns, ne, nz = model.n_bodies, model.n_rows, model.n_slots, model.n_entries, model.n_internal
     six = lambda: np.zeros((nb + 1, 6))  # noqa: E731
     row = lambda: np.zeros(nc)  # noqa: E731
+    unit = lambda: np.tile(np.eye(3), (nb + 1, 1, 1))  # noqa: E731
     used = np.concatenate([model.inputs_of(kind.name) for kind in FORCES])
     forces = np.isin(np.arange(len(model.spec.inputs)), used).astype(float)
     work = Work(
-        kin_s=new_kinematics(nb), kin_e=new_kinematics(nb), T_s=np.tile(np.eye(3), (nb + 1, 1, 1)), T_e=np.tile(np.eye(3), (nb + 1, 1, 1)),
+        kin_stage=new_kinematics(nb), kin_end=new_kinematics(nb), T_stage=unit(), T_end=unit(),
         f=six(), r=six(), dw=six(), a_best=six(), lam_best=row(), Kq=np.zeros((ns + 1, 6, 6)), Kv=np.zeros((ns + 1, 6, 6)),
-        phi=row(), phi_s=row(), g=row(), dlam=row(), phi_t=row(), phi_tt=row(), rate=row(),
-        J=np.zeros((ne + 1, 6, 6)), J_now=np.zeros((ne + 1, 6, 6)), zp=np.zeros(nz), z_s=np.zeros(nz),
-        saddle=saddle, outputs=outputs, v_out=six(), a_out=six(), lam_out=row(), audit=np.zeros(5),
+        phi_end=row(), phi_stage=row(), g=row(), dlam=row(), phi_t=row(), phi_tt=row(), rate=row(),
+        J_end=np.zeros((ne + 1, 6, 6)), J_stage=np.zeros((ne + 1, 6, 6)), zp=np.zeros(nz), z_stage=np.zeros(nz),
+        saddle=saddle, outputs=outputs, v_out=six(), a_out=six(), lam_out=row(), energy=np.zeros(5),
         u_force=forces, u_before=np.zeros_like(forces), u_end=np.zeros_like(forces), outputs_end=outputs.copy(),
         formulation=new_formulation(model),
-        chassis=model.body_names.index(model.spec.chassis) if model.spec.chassis else 0, frame=frame,
+        chassis=model.body_names.index(model.spec.chassis) if model.spec.chassis else 0, arrays=arrays,
     )  # fmt: skip
     return Ref(work)

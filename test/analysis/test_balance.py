@@ -55,7 +55,7 @@ def test_audit_is_of_second_order_while_torques_ramp(scene: str) -> None:
     for h in (2e-3, 1e-3):
         simulation = Simulation(load_scene(scene, [f'integrator.h={h}']))
         simulation.advance(round(2.5 / h))
-        errors.append(simulation.audit()['energy_error_max'])
+        errors.append(simulation.totals()['energy_error_max'])
     assert errors[0] / errors[1] == pytest.approx(4.0, abs=0.3)
 
 

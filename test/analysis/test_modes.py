@@ -12,7 +12,7 @@ from solver.files.scene import load_scene
 from solver.model.evaluate import evaluate_forces
 from solver.model.state import kinematics_of
 from solver.simulation import Simulation
-from solver.start.newton import Start
+from solver.start.newton import ConsistentState
 
 AMPLITUDE = 1e-4  # m or rad of the largest component: within the smooth part of every law
 EVERY, COUNT = 4, 300  # ms, samples
@@ -26,8 +26,8 @@ def car() -> Simulation:
 def ring(car: Simulation, displacement: np.ndarray, velocity: np.ndarray, row: int) -> np.ndarray:
     """(COUNT,) displacement along row of the variations after a start moved by (6 nb,) variations and velocities."""
     car.reset()
-    state, c = car.state, car.coefficients
-    start, u = Start(car.model), np.zeros(len(car.model.spec.inputs))
+    state, c = car.state, car.scheme
+    start, u = ConsistentState(car.model), np.zeros(len(car.model.spec.inputs))
     rest = state.q.copy()
     state.q[:-1, :3] += displacement.reshape(-1, 6)[:, :3]
     turn = displacement.reshape(-1, 6)[:, 3:]

@@ -1,6 +1,6 @@
 """The tire of Pacejka's book against values that two other implementations computed for it.
 
-Coefficients: [Pacejka2006], table A3.1 (205/60 R15 91V, 2.2 bar, ISO axes). docs/tire.md says
+Scheme: [Pacejka2006], table A3.1 (205/60 R15 91V, 2.2 bar, ISO axes). docs/tire.md says
 where they and the values were found. The law is that of the 3rd edition.
 """
 

@@ -52,7 +52,7 @@ def test_scenes_in_the_document_run():
     for text in blocks():
         simulation = simulation_of(load_scene_text(text))
         simulation.advance(100)
-        assert simulation.audit()['energy_error_max'] < 1e-3
+        assert simulation.totals()['energy_error_max'] < 1e-3
 
 
 def test_rolling_wheel_of_the_document_goes_straight_at_its_speed():

@@ -107,9 +107,9 @@ def test_targets_are_judged_but_only_strict_fails(run: dict[str, Any], tmp_path:
 def test_a_fixed_step_takes_two_iterations_and_one_factorization(scene: str) -> None:
     simulation = Simulation(load_scene(scene, FIXED))
     n = 50
-    alone = simulation.advance(n, audit=False).stats
+    alone = simulation.advance(n, audit=False).counters
     assert (alone.iterations, alone.factorizations, alone.evaluations) == (2 * n, n, 2 * n + 1)  # outputs after the last step only
-    audited = simulation.advance(n).stats
+    audited = simulation.advance(n).counters
     assert (audited.iterations, audited.factorizations, audited.evaluations) == (2 * n, n, 3 * n)
 
 

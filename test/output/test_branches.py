@@ -13,7 +13,7 @@ from solver.compiled.so3 import quaternion_exp
 from solver.files.scene import load_scene
 from solver.output.branches import BranchWatch
 from solver.simulation import Simulation
-from solver.start.newton import Start
+from solver.start.newton import ConsistentState
 
 WATCHED = ['record.branches=true']
 
@@ -31,7 +31,7 @@ def folded(branch: str) -> Simulation:
     s.state.v[1:3, 5] = rate, turn
     s.state.v[1:3, 0] = -0.5 * rate, -0.5 * rate if branch == 'together' else -1.5 * rate
     s.state.v[3, 0] = slide
-    Start(s.model).start_integrator(s.state, np.zeros(0), s.h, s.coefficients.am, s.coefficients.af)
+    ConsistentState(s.model).start_integrator(s.state, np.zeros(0), s.h, s.scheme.am, s.scheme.af)
     return s
 
 
@@ -42,7 +42,7 @@ def test_a_blow_in_the_singular_position_decides_the_branch_and_is_counted(branc
     crank, knee = s.advance(50).joint_position[:2] - (np.pi / 2, -np.pi)
     assert crank > 0.05
     assert knee == pytest.approx(-2 * crank if branch == 'mirrored' else 0.0, abs=1e-2)
-    assert s.audit()['branch_switches'] == switches
+    assert s.totals()['branch_switches'] == switches
     for event in s.branches.events:
         assert event.t == pytest.approx(0.39, abs=3e-3)
         assert event.turn > 0.3
@@ -55,14 +55,14 @@ def test_runs_that_keep_their_branch_have_no_switches(name, h):
     loops = ['mechanism.loops=2'] if name == 'four_bar_n' else []
     s = simulation_of(load_scene(name, [*WATCHED, *loops, f'integrator.h={h}']))
     s.advance(round(5 / h))
-    assert s.audit()['branch_switches'] == 0
+    assert s.totals()['branch_switches'] == 0
 
 
 def test_coming_to_rest_and_returning_is_no_switch():
     """A pendulum that swings to and fro, its velocity through zero at both ends."""
     s = simulation_of(load_scene('pendulum', WATCHED))
     s.advance(5000)
-    assert s.audit()['branch_switches'] == 0
+    assert s.totals()['branch_switches'] == 0
 
 
 def test_watch_finds_the_switch_of_two_crossing_lines_and_not_the_bend_of_a_curve():
@@ -84,7 +84,7 @@ def test_nothing_is_watched_unless_the_scene_asks():
     s = simulation_of(load_scene('slider_crank'))
     s.advance(10)
     assert s.branches is None
-    assert 'branch_switches' not in s.audit()
+    assert 'branch_switches' not in s.totals()
 
 
 def test_run_reports_switches_and_judges_them(capsys):

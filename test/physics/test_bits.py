@@ -34,10 +34,10 @@ def test_restoring_a_saved_state_repeats_the_future_bit_by_bit(name):
     for steps in (7, 20):
         simulation.advance(steps)
         saved = simulation.save()
-        future, audit = bits(simulation.advance(30)), simulation.work.audit.tobytes()
+        future, audit = bits(simulation.advance(30)), simulation.work.energy.tobytes()
         simulation.restore(saved)
         assert bits(simulation.advance(30)) == future
-        assert simulation.work.audit.tobytes() == audit
+        assert simulation.work.energy.tobytes() == audit
         fresh = Simulation(load_scene(name))
         fresh.restore(saved)
         assert bits(fresh.advance(30)) == future
@@ -49,7 +49,7 @@ def test_reset_repeats_the_run_bit_by_bit(name):
     start = bits(simulation.snapshot())
     run = bits(simulation.advance(33))
     simulation.reset()
-    assert (simulation.k, simulation.audit()['iterations']) == (0, 0)
+    assert (simulation.k, simulation.totals()['iterations']) == (0, 0)
     assert bits(simulation.snapshot()) == start
     assert bits(simulation.advance(33)) == run
 

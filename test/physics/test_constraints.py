@@ -36,8 +36,8 @@ def test_drift_stays_at_the_tolerance_over_a_hundred_thousand_steps(mode):
     simulation = Simulation(with_settings(load_scene_text(SPATIAL), h=1e-3, mode=mode, tolerance=1e-9))
     drifts = []
     for _ in range(10):
-        stats = simulation.advance(10_000, audit=False).stats
-        drifts.append((stats.position_drift, stats.velocity_drift))
+        counters = simulation.advance(10_000, audit=False).counters
+        drifts.append((counters.position_drift, counters.velocity_drift))
     position, velocity = np.array(drifts).T
     assert position.max() < 1e-9
     assert velocity.max() < (1e-6 if mode == 'fixed' else 1e-9)

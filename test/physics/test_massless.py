@@ -55,7 +55,7 @@ def test_the_massless_slider_of_the_chapter_passes_singular_positions(form):
         turn = s.advance(10_000).joint_position - placed
         assert abs(2 * turn[0] + turn[1]) < 1e-6
         assert abs(turn[0]) > 6 * np.pi
-        assert s.audit()['energy_error_max'] < 1e-3
+        assert s.totals()['energy_error_max'] < 1e-3
 
 
 @pytest.mark.parametrize('form', FORMS)

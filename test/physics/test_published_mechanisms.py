@@ -30,7 +30,7 @@ def test_pendulum_meets_the_high_criterion_over_ten_seconds():
         snapshot = s.advance(t * 1000 - s.k)
         np.testing.assert_allclose(points(snapshot, 0, (-1, 0, 0))[:2], xy, rtol=0, atol=1e-3)
     np.testing.assert_allclose(s.state.v[0, :2], (4.1755981010, -1.1947490546), rtol=0, atol=5e-3)
-    assert s.audit()['energy_error_max'] < 5e-5
+    assert s.totals()['energy_error_max'] < 5e-5
 
 
 # coordinate of the mechanism file: value at t = 0 and at 0.03 s (IVP test set; Phi and Omega change their sign, epsilon falls)
@@ -80,8 +80,8 @@ def test_bricard_mechanism_moves_although_its_count_of_freedoms_is_zero():
         counts = s.describe()
         assert (counts['constraint_rows'], counts['dof'], counts['redundant_constraints']) == (30, 1, 1)
     assert np.ptp(corner, axis=0).max() > 0.5
-    assert s.audit()['energy_error_max'] < 1e-4
-    assert s.audit()['position_drift_max'] < 1e-9
+    assert s.totals()['energy_error_max'] < 1e-4
+    assert s.totals()['position_drift_max'] < 1e-9
 
 
 def test_forty_four_bars_turn_as_one_pendulum_through_their_singular_positions():
@@ -129,4 +129,4 @@ def test_slider_crank_passes_its_singular_positions_on_the_right_branch():
     for t in range(1, 11):
         snapshot = s.advance(1000)
         assert points(snapshot, 3, (0, 0, 0))[0] == pytest.approx(2 * np.cos(solution(t)[0]), abs=4e-4)
-    assert s.audit()['energy_error_max'] < 1e-3
+    assert s.totals()['energy_error_max'] < 1e-3

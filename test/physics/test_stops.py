@@ -39,12 +39,12 @@ def test_fixed_iterations_follow_a_hard_stop(iterations):
     found, simulation = positions(f'mode: fixed, iterations: {iterations}')
     assert exact.max() > 0.07
     assert found[-1] - found[-2] == pytest.approx(exact[-1] - exact[-2], rel=0.01)
-    assert simulation.audit()['iterations'] > 30 * iterations
+    assert simulation.totals()['iterations'] > 30 * iterations
 
 
 def test_fixed_iterations_stay_fixed_where_nothing_is_hit():
     _, simulation = positions('mode: fixed, iterations: 2')
     simulation.reset()
     simulation.advance(2)  # still before the stop
-    totals = simulation.audit()
+    totals = simulation.totals()
     assert (totals['iterations'], totals['factorizations']) == (4, 2)

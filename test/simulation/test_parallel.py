@@ -22,7 +22,7 @@ def test_threads_change_no_bits():
         one = [simulation.advance(n) for simulation in alone]
         other = advance_all(together, n, threads=4)
         for a, b in zip(one, other, strict=True):
-            assert (a.k, a.stats) == (b.k, b.stats)
+            assert (a.k, a.counters) == (b.k, b.counters)
             assert a.numbers.tobytes() == b.numbers.tobytes()
     assert [s.save() for s in alone] == [s.save() for s in together]
 

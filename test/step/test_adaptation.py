@@ -10,7 +10,7 @@ from ensemble import neighbours
 
 from solver.errors import SceneError, SpecError, StepError
 from solver.files.scene import load_scene
-from solver.output.energy import update_audit
+from solver.output.energy import update_energy
 from solver.simulation import Simulation
 from solver.step.adaptation import Adaptation, is_undetermined
 from solver.step.augmented_lagrangian import step
@@ -26,7 +26,7 @@ def simulation(name: str, *settings: str) -> Simulation:
 def bits(sim: Simulation) -> bytes:
     """All numbers of the state, and everything the future depends on."""
     s = sim.snapshot()
-    parts = [*sim.state, s.pose, s.twist, s.reactions, sim.work.audit]
+    parts = [*sim.state, s.pose, s.twist, s.reactions, sim.work.energy]
     if sim.adaptation is not None:
         parts += sim.adaptation.memory().values()
     return np.concatenate([np.ravel(part) for part in parts]).tobytes()
@@ -52,7 +52,7 @@ def test_adaptive_penalties_rescue_a_run_that_fails_with_constant_small_ones(pen
     for scene in neighbours(load_scene('slider_crank', settings)):
         sim = Simulation(scene)
         sim.advance(2000)
-        assert sim.audit()['energy_error_max'] < 1e-3
+        assert sim.totals()['energy_error_max'] < 1e-3
         turn = sim.snapshot().joint_position[:2] - placed
         assert abs(2 * turn[0] + turn[1]) < 1e-2, 'left its branch'
     raised = [e for e in sim.events if e.new > e.old]
@@ -66,7 +66,7 @@ def test_adaptive_penalties_rescue_a_run_that_fails_with_constant_small_ones(pen
     for e in sim.events:
         assert now[e.name] == e.old
         now[e.name] = e.new
-    assert now == dict(zip(sim.model.row_names, sim.coefficients.penalty, strict=True))
+    assert now == dict(zip(sim.model.row_names, sim.scheme.penalty, strict=True))
 
 
 def test_a_smaller_step_does_not_help_a_penalty_that_is_too_small():
@@ -107,8 +107,8 @@ def test_penalties_that_need_no_change_change_no_bit():
     assert other.events == []
     assert a.pose.tobytes() == b.pose.tobytes()
     assert a.reactions.tobytes() == b.reactions.tobytes()
-    assert one.work.audit.tobytes() == other.work.audit.tobytes()
-    assert one.audit() == other.audit()
+    assert one.work.energy.tobytes() == other.work.energy.tobytes()
+    assert one.totals() == other.totals()
 
 
 # -- steps -------------------------------------------------------------------------------------------------------------
@@ -121,7 +121,7 @@ def test_a_step_that_fails_is_halved_and_the_run_goes_on():
         simulation('spinning_top', *HASTY).advance(150)
     sim = simulation('spinning_top', *HASTY, 'step_policy=rescue')
     sim.advance(150)
-    audit = sim.audit()
+    audit = sim.totals()
     assert (sim.k, sim.t_ns) == (150, 150 * 10_000_000)  # the grid of time is untouched
     assert audit['rejected'] == sum(e.cause == 'failure' for e in sim.events) > 0
     assert audit['substeps'] > 150
@@ -138,7 +138,7 @@ def test_a_failed_interval_leaves_the_state_of_its_start():
     assert sim.k > 5
     for a, b in zip(sim.state, other.state, strict=True):
         assert a.tobytes() == b.tobytes()
-    assert sim.work.audit.tobytes() == other.work.audit.tobytes()
+    assert sim.work.energy.tobytes() == other.work.energy.tobytes()
     for name, value in adaptation(other).memory().items():
         assert value.tobytes() == adaptation(sim).memory()[name].tobytes(), name
 
@@ -164,7 +164,7 @@ def rhythm_errors(name: str, rho_inf: float) -> np.ndarray:
         for k in range(round(0.64 / h)):
             adaptation(sim).wanted = h / RHYTHM[k % len(RHYTHM)]
             worst = np.maximum(worst, error(sim.advance(1), problem.exact(sim.k * h)))
-        assert sim.audit()['substeps'] == pytest.approx(sim.k * np.mean(RHYTHM), rel=0.1)
+        assert sim.totals()['substeps'] == pytest.approx(sim.k * np.mean(RHYTHM), rel=0.1)
         table.append(worst)
     return np.array(table)
 
@@ -217,14 +217,14 @@ def test_the_error_of_a_run_is_proportional_to_its_tolerance(name):
 
 def test_steps_follow_the_tolerance_with_its_square_root():
     """Second order: a hundredth of the tolerance takes ten times the steps, within the quantum of the grid."""
-    counts = [run_by_error(spring_mass(), tolerance)[1].audit()['substeps'] for tolerance in (1e-4, 1e-6)]
+    counts = [run_by_error(spring_mass(), tolerance)[1].totals()['substeps'] for tolerance in (1e-4, 1e-6)]
     assert counts[1] / counts[0] == pytest.approx(10.0, rel=0.2)
 
 
 def test_work_is_counted_for_every_attempt():
     """Three steps per pair, each with an evaluation per iteration; outputs after the two that count."""
     _, sim = run_by_error(pendulum(), 1e-4)
-    audit = sim.audit()
+    audit = sim.totals()
     pairs = audit['substeps'] // 2
     assert audit['substeps'] == 2 * pairs
     attempts = pairs + audit['rejected']
@@ -241,7 +241,7 @@ def test_singular_positions_are_passed_with_local_error_control():
         sim.advance(200)
         turn = sim.snapshot().joint_position[:2] - start
         assert abs(2 * turn[0] + turn[1]) < 1e-2
-        assert sim.audit()['energy_error_max'] < 1e-4
+        assert sim.totals()['energy_error_max'] < 1e-4
         assert all(e.new > e.old == 1e-5 for e in sim.events if e.kind == 'error')
 
 
@@ -318,9 +318,9 @@ def test_a_state_of_other_policies_is_refused():
 def test_nothing_is_compiled_while_a_run_adapts():
     sim = simulation(*ADAPTING['everything'])
     sim.advance(1)
-    before = [len(kernel.signatures) for kernel in (step, update_audit)]
+    before = [len(kernel.signatures) for kernel in (step, update_energy)]
     sim.advance(100)
-    assert [len(kernel.signatures) for kernel in (step, update_audit)] == before
+    assert [len(kernel.signatures) for kernel in (step, update_energy)] == before
 
 
 @pytest.mark.parametrize(('settings', 'says'), [

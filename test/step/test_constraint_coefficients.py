@@ -139,7 +139,7 @@ def test_full_coefficients_weigh_a_position_with_stiffness_and_a_velocity_withou
     """W/xi = m + s/(1 - am) (c gamma h + k beta h^2), the damping and stiffness of the bushing; s = 1 - af."""
     sim = mass_on(constraint, 500.0, 7.0, 'coefficients=full', 'h=0.05', 'penalty=1e6')
     sim.advance(1)
-    c = sim.coefficients
+    c = sim.scheme
     expected = 3.0 + (1.0 - c.af) / (1.0 - c.am) * c.h * (7.0 * c.gamma + stiffness * c.beta * c.h)
     across = [name in ('blade/y', 'guide/x', 'guide/y') for name in sim.model.row_names]
     assert sim.work.saddle.W[across].max() / 1e6 == pytest.approx(expected, rel=1e-9)
@@ -162,7 +162,7 @@ def run(name: str, *settings: str, steps: int = 200) -> Simulation:
 def test_no_coefficient_changes_the_motion(name, settings):
     """Converged steps agree to what the iteration leaves, the tolerance of 1e-12 per step over 200 steps, and rounding beside it."""
     one, other = run(name), run(name, *settings)
-    assert one.audit()['stagnated'] == other.audit()['stagnated'] == 0
+    assert one.totals()['stagnated'] == other.totals()['stagnated'] == 0
     a, b = one.snapshot(), other.snapshot()
     size = max(1.0, np.abs(a.twist).max())
     np.testing.assert_allclose(b.pose, a.pose, rtol=0, atol=1e-9)
@@ -179,13 +179,13 @@ def test_the_coefficients_are_used_and_not_only_accepted():
         weights.append(sim.work.saddle.W.copy() / 1e6)
         if choice == ('effective_mass=isolated',):
             expected = np.zeros(sim.model.n_rows)
-            effective_masses(sim.model.tables, sim.work.J_now, expected)
+            effective_masses(sim.model.tables, sim.work.J_stage, expected)
     isolated, coupled, full, unit = weights
     assert np.abs(isolated / expected - 1.0).max() < 1e-3  # the configuration moved a little since the matrix was made
     assert (coupled > 1.1 * isolated).any()
     assert (full >= isolated).all()
     assert (full > isolated).any()
-    c = sim.coefficients
+    c = sim.scheme
     np.testing.assert_allclose(unit, c.beta * c.h**2, rtol=1e-15)
 
 
@@ -199,7 +199,7 @@ def test_a_tenth_of_the_masses_is_a_tenth_of_the_penalty(form, mode):
         a, b = one.advance(60), other.advance(60)
         assert a.pose.tobytes() == b.pose.tobytes()  # an eighth: a power of two, nothing is rounded
         assert a.reactions.tobytes() == b.reactions.tobytes()
-    assert one.audit() == other.audit()
+    assert one.totals() == other.totals()
 
 
 def test_a_factor_belongs_to_the_constraint_it_names():
@@ -207,7 +207,7 @@ def test_a_factor_belongs_to_the_constraint_it_names():
     joint = scene.model.joints[1].name
     row = prepare(scene.model).row_names[0]
     sim = Simulation(dataclasses.replace(scene, integrator=dataclasses.replace(scene.integrator, mass_factor={joint: 0.1, row: 3.0})))
-    named = dict(zip(sim.model.row_names, sim.coefficients.factor, strict=True))
+    named = dict(zip(sim.model.row_names, sim.scheme.factor, strict=True))
     assert all(value == {joint: 0.1}.get(name.rpartition('/')[0], 3.0 if name == row else 1.0) for name, value in named.items())
     with pytest.raises(SpecError, match=r"mass_factor: the model has no constraint 'crnk'; did you mean"):
         simulation('slider_crank', 'mass_factor={crnk: 0.1}')
@@ -223,10 +223,10 @@ def test_coupled_masses_need_a_smaller_penalty_where_isolated_ones_stagnate():
     coupled.advance(50)
     isolated = simulation('bricard', *settings)
     isolated.advance(50)
-    assert isolated.audit()['stagnated'] == 50
-    assert coupled.audit()['stagnated'] == 0
-    assert coupled.audit()['iterations'] <= 150
-    assert coupled.audit()['position_drift_max'] < 1e-10
+    assert isolated.totals()['stagnated'] == 50
+    assert coupled.totals()['stagnated'] == 0
+    assert coupled.totals()['iterations'] <= 150
+    assert coupled.totals()['position_drift_max'] < 1e-10
 
 
 @pytest.mark.parametrize('penalty', [10.0, 1e3, 1e5])
@@ -244,8 +244,8 @@ def test_coupled_masses_pass_singular_positions_with_any_penalty(penalty):
         sim.advance(3000)
         turn = sim.snapshot().joint_position[:2] - start
         assert abs(2 * turn[0] + turn[1]) < 1e-2
-        assert sim.audit()['energy_error_max'] < 1e-3
-        stagnated.append(sim.audit()['stagnated'])
+        assert sim.totals()['energy_error_max'] < 1e-3
+        stagnated.append(sim.totals()['stagnated'])
     assert median(stagnated) == 0, stagnated
 
 

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from solver.errors import StepError
-from solver.output.snapshot import Channels, Snapshot, StepStats, layout_of, new_numbers
+from solver.output.snapshot import Channels, Counters, Snapshot, layout_of, new_numbers
 
 WHEELS = ('front_left', 'front_right', 'rear_left', 'rear_right')
 INPUTS = ('steering', 'steering_rate', 'steering_acceleration', 'drive_torque', 'brake_torque')
@@ -30,7 +30,7 @@ def channels(*, vehicle: bool = True, joints: int = 5) -> Channels:
 def snapshot(names: Channels, k: int = 1, *, h_ns: int = 2_000_000, inputs: np.ndarray | None = None) -> Snapshot:
     """Snapshot k, with numbers counted through from 1000 k on."""
     layout = layout_of(names)
-    result = Snapshot(k, k * h_ns, new_numbers(layout), layout, StepStats(0, 3, 1, 3, 1e-9, 1e-10, 1e-11))
+    result = Snapshot(k, k * h_ns, new_numbers(layout), layout, Counters(3, 1, 3, 0, 1e-9, 1e-10, 1e-11))
     for i, (place, _) in enumerate(layout.values()):
         result.numbers[place] = 1000.0 * k + 100.0 * i + 0.1 * np.arange(place.stop - place.start)
     if inputs is not None:

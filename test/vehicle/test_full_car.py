@@ -19,10 +19,9 @@ from solver.files.scene import load_scene
 from solver.model.evaluate import prepare
 from solver.model.frames import matrix
 from solver.output.dependence import dense_jacobian
-from solver.scene import Scene
-from solver.scene import Start as SceneStart
+from solver.scene import Scene, StartSettings
 from solver.simulation import Simulation
-from solver.start.newton import Start
+from solver.start.newton import ConsistentState
 from solver.vehicle.full_car import full_car_model
 from solver.vehicle.parts import Bushing, mounting, rods
 
@@ -56,7 +55,7 @@ def test_counts_are_those_of_the_reference_car(standing: Simulation) -> None:
 
 def test_design_position_closes_every_joint_and_is_symmetric() -> None:
     model = prepare(full_car_model(full_car()))
-    start = Start(model)
+    start = ConsistentState(model)
     state = Simulation(Scene(name='s', model=model.spec)).state
     start._constraints(state.q, state.v, state.angle, np.zeros(len(model.spec.inputs)))
     assert np.abs(start.phi).max() < 1e-14
@@ -79,7 +78,7 @@ def test_ideal_joints_leave_sixteen_degrees_of_freedom() -> None:
 
 def test_standing_car_is_in_equilibrium(standing: Simulation) -> None:
     """With its wheels held: forces, constraint forces and weight balance on every body to 1e-6 N or N m."""
-    start = Start(standing.model)
+    start = ConsistentState(standing.model)
     u = np.zeros(len(standing.model.spec.inputs))
     assert start.equilibrium(standing.state, u, hold=standing.channels.chassis) < 1e-6
     assert np.abs(start.phi).max() < 1e-12
@@ -122,7 +121,7 @@ def test_the_page_of_vehicles_shows_these_figures(found: dict[str, float]) -> No
 def test_accelerations_balance_the_forces_of_every_body() -> None:
     """M a = f + A^T lam to the rounding of its largest terms, also about the axes of light shafts that no constraint holds."""
     s = Simulation(load_scene('car_swept_steer', ['start.speed_kmh=0']))
-    start = Start(s.model)
+    start = ConsistentState(s.model)
     s.state.v[:-1, 3:] = 1e-3  # nothing may be still
     a, lam = start.acceleration(s.state.q, s.state.v, s.state.z, s.state.angle, s.inputs)
     bodies, A = s.model.tables.bodies, dense_jacobian(s.model, start.J)
@@ -194,7 +193,7 @@ def test_brake_shares_must_add_up() -> None:
 
 def test_rolling_start_is_smooth() -> None:
     """At speed nothing but the steady deceleration is left: shafts turn with their wheels and nothing else moves."""
-    simulation = Simulation(Scene(name='roll', model=full_car_model(full_car()), start=SceneStart(kind='equilibrium', speed=20.0)))
+    simulation = Simulation(Scene(name='roll', model=full_car_model(full_car()), start=StartSettings(kind='equilibrium', speed=20.0)))
     v = simulation.state.v
     names = simulation.model.body_names
     rate = v[names.index('wheel_rear_left'), 4]

@@ -16,10 +16,9 @@ from solver.files.scene import load_scene
 from solver.inputs.maneuver import Maneuver
 from solver.inputs.signals import Sine
 from solver.output.energy import ENERGY
-from solver.scene import Scene
-from solver.scene import Start as SceneStart
+from solver.scene import Scene, StartSettings
 from solver.simulation import Simulation
-from solver.start.newton import Start
+from solver.start.newton import ConsistentState
 from solver.step.settings import IntegratorSettings
 from solver.vehicle.full_car import FullCar, full_car_model
 
@@ -31,7 +30,9 @@ def slalom(car: FullCar, steering: float, penalty: float, mode: Literal['fixed',
     """The car at 20 m/s in its design position, about to drive a slalom."""
     maneuver = Maneuver(steering=Sine(amplitude=steering, frequency=1.0, start=0.1), drive_torque=200.0)
     settings = IntegratorSettings(h=2e-3, iterations=3, penalty=penalty, mode=mode, tolerance=1e-12)
-    return Simulation(Scene(name='slalom', model=full_car_model(car), start=SceneStart(speed=20.0), maneuver=maneuver, integrator=settings))
+    return Simulation(
+        Scene(name='slalom', model=full_car_model(car), start=StartSettings(speed=20.0), maneuver=maneuver, integrator=settings)
+    )
 
 
 def across(name: str) -> str:
@@ -56,8 +57,8 @@ def test_mirrored_car_gives_the_mirrored_run(penalty: float, mode: Literal['fixe
     assert np.array_equal(other.state.q[swap], one.state.q[:-1] * (1, -1, 1, -1, 1, -1, 1))
     other.state.v[swap] = one.state.v[:-1] * (1, -1, 1, -1, 1, -1)
     for s in (one, other):
-        c = s.coefficients
-        Start(s.model).start_integrator(s.state, s.snapshot().inputs, s.h, c.am, c.af)
+        c = s.scheme
+        ConsistentState(s.model).start_integrator(s.state, s.snapshot().inputs, s.h, c.am, c.af)
     a, b = one.advance(500), other.advance(500)
     assert abs(a.pose[0, 1]) > 0.1
     assert b.pose[0] == pytest.approx(a.pose[0] * (1, -1, 1, -1, 1, -1, 1), abs=place)
@@ -84,8 +85,8 @@ def test_run_shows_the_frequencies_of_the_linear_model() -> None:
         simulation.reset()
         state, u = simulation.state, np.zeros(len(scene.model.inputs))
         state.v[:-1] = velocity.reshape(-1, 6)
-        c = simulation.coefficients
-        Start(model).start_integrator(state, u, simulation.h, c.am, c.af)
+        c = simulation.scheme
+        ConsistentState(model).start_integrator(state, u, simulation.h, c.am, c.af)
         start = state.q.copy()
         out = []
         for _ in range(40):
@@ -121,7 +122,7 @@ def test_swept_steering_converges_with_second_order() -> None:
 def test_swept_steering_runs_at_both_steps_without_drift(h: float) -> None:
     simulation = Simulation(load_scene('car_swept_steer', [f'integrator.h={h}']))
     s = simulation.advance(round(6.0 / h))
-    assert simulation.audit()['position_drift_max'] < 1e-7
+    assert simulation.totals()['position_drift_max'] < 1e-7
     assert np.isfinite(s.tire).all()
     assert s.twist[0, 0] > 20.0  # it has accelerated
 
@@ -225,12 +226,12 @@ def test_rollover_runs_on(h: float, mode: str, policy: str) -> None:
     over = simulation.advance(round(0.7 / h))
     x, y, _, _ = over.pose[0, 3:]
     assert 1.0 - 2.0 * (x * x + y * y) < 0.0  # z of the chassis points down
-    energy = simulation.work.audit[ENERGY]
+    energy = simulation.work.energy[ENERGY]
     landing = 0.0
     for _ in range(70):
         now = simulation.advance(round(0.05 / h))
-        assert simulation.work.audit[ENERGY] < energy + 6e3  # of 580 kJ: the treads return what they stored (30 kN on 120 kN/m: 3.8 kJ)
-        energy = min(energy, simulation.work.audit[ENERGY])
+        assert simulation.work.energy[ENERGY] < energy + 6e3  # of 580 kJ: the treads return what they stored (30 kN on 120 kN/m: 3.8 kJ)
+        energy = min(energy, simulation.work.energy[ENERGY])
         landing = max(landing, now.tire[:, FZ].max())
         assert np.isfinite(now.pose).all() and np.isfinite(now.elements).all()
     assert landing > 3e4
@@ -254,7 +255,7 @@ def test_wheels_spin_up_to_the_limiter(scene: str, axle: str, h: float) -> None:
     assert 0.95 * 230 < s.joint_velocity[spins].mean() < 230
     push = s.tire[driven, FX] / s.tire[driven, FZ]
     assert np.all((push > 0.1) & (push < 0.3 * 1.2))
-    assert simulation.audit()['position_drift_max'] < 1e-5
+    assert simulation.totals()['position_drift_max'] < 1e-5
 
 
 def test_a_shaft_too_fast_for_the_step_is_named() -> None:

@@ -73,7 +73,7 @@ def test_energy_balance_closes_with_second_order():
         settings = ('maneuver.steering.start=0.3', f'integrator.h={h}', 'integrator.mode=tolerance')
         sim = Simulation(load_scene('light_car_step_steer', settings))
         sim.advance(round(1.5 / h))
-        found.append(sim.audit()['energy_error_max'])
+        found.append(sim.totals()['energy_error_max'])
     work = 150.0 * 1.5 * 22.2 / 0.31  # of the drive torque [J]
     assert found[-1] < 1e-4 * work
     order = np.polyfit(np.log(steps), np.log(found), 1)[0]
@@ -86,4 +86,4 @@ def test_energy_of_braking_goes_into_brakes_and_tires():
     last = sim.advance(5000)
     assert np.abs(last.twist[0]).max() < 0.05
     # the brakes stick when the car stops: the balance is of first order there, h x torque x rate at that instant
-    assert sim.audit()['energy_error_max'] < 1e-3 * kinetic
+    assert sim.totals()['energy_error_max'] < 1e-3 * kinetic

@@ -19,7 +19,7 @@ from solver.model.evaluate import add_constraint_forces, evaluate_constraints, e
 from solver.model.saddle import CONDENSED, factorize_saddle, solve_saddle
 from solver.model.state import copy_state, new_state, update_angles
 from solver.model.tables import FACTORIZE
-from solver.output.energy import update_audit
+from solver.output.energy import update_energy
 from solver.simulation import Simulation
 from solver.step.augmented_lagrangian import advance, assemble, project_velocity, step
 from solver.step.stage import AT_END, BOTH, WITH_TANGENTS, momentum_residual, place
@@ -57,12 +57,14 @@ def repeat(phase, count, tables, c, s0, s1, u, work):
             place(tables, c, s0, s1.a, s1.q, WITH_TANGENTS if phase == PLACE_TANGENTS else BOTH, work)
         elif phase in (TANGENTS, FORCES):
             tangents = phase == TANGENTS
-            evaluate_forces(tables, work.kin_s, s0.angle, work.zp, cz, u, tangents, work.f, work.Kq, work.Kv, work.z_s, work.outputs)
+            evaluate_forces(
+                tables, work.kin_stage, s0.angle, work.zp, cz, u, tangents, work.f, work.Kq, work.Kv, work.z_stage, work.outputs
+            )
         elif phase in (CONSTRAINTS, RESIDUALS):
-            evaluate_constraints(tables, work.kin_s, s0.angle, u, True, work.phi_s, work.J_now)
-            evaluate_constraints(tables, work.kin_e, s0.angle, u, phase == CONSTRAINTS, work.phi, saddle.J_s)
+            evaluate_constraints(tables, work.kin_stage, s0.angle, u, True, work.phi_stage, work.J_stage)
+            evaluate_constraints(tables, work.kin_end, s0.angle, u, phase == CONSTRAINTS, work.phi_end, saddle.J_force)
         elif phase == RESIDUAL:
-            add_constraint_forces(tables.constraints, work.J_now, s1.lam, 1.0, work.f)
+            add_constraint_forces(tables.constraints, work.J_stage, s1.lam, 1.0, work.f)
             momentum_residual(tables, c, s0.a, s1.a, work.f, work.r)
         elif phase in (ASSEMBLE, FACTORIZE_ALL):
             assemble(tables, c, s1.lam, to_g, work)
@@ -71,12 +73,12 @@ def repeat(phase, count, tables, c, s0, s1, u, work):
         elif phase == SOLVE:
             solve_saddle(tables, c.form, saddle, work.r, work.g, work.dw, work.dlam)
         elif phase == PROJECT:
-            update_angles(tables.coordinates, work.kin_e, s1.angle)
-            evaluate_constraints(tables, work.kin_e, s1.angle, u, True, work.phi, work.J)
+            update_angles(tables.coordinates, work.kin_end, s1.angle)
+            evaluate_constraints(tables, work.kin_end, s1.angle, u, True, work.phi_end, work.J_end)
             project_velocity(tables, c, s1.v, u, 1 if c.fixed == 1 else 3, work)
         else:
-            evaluate_forces(tables, work.kin_e, s1.angle, s1.z, 0.0, u, False, work.f, work.Kq, work.Kv, work.z_s, work.outputs)
-            update_audit(tables, work.kin_e, work.outputs, work.lam_out, work.phi_t, h, work.audit)
+            evaluate_forces(tables, work.kin_end, s1.angle, s1.z, 0.0, u, False, work.f, work.Kq, work.Kv, work.z_stage, work.outputs)
+            update_energy(tables, work.kin_end, work.outputs, work.lam_out, work.phi_t, h, work.energy)
 
 
 @kernel(borrow=True)
@@ -88,7 +90,7 @@ def _eliminate_nothing(plan, B, T):
 def _no_elimination(simulation: Simulation) -> Ref:
     """The tables of the model with a factorization that does nothing."""
     tables, saddle = simulation.model.tables, simulation.work.saddle
-    plan = tables.condensed if simulation.coefficients.form == CONDENSED else tables.block
+    plan = tables.condensed if simulation.scheme.form == CONDENSED else tables.block
     linear = tables.linear.copy()
     linear[FACTORIZE] = address_of(_eliminate_nothing, Ref(plan), saddle.B, saddle.T)
     return Ref(tables.value._replace(linear=linear))
@@ -100,7 +102,7 @@ def phase_times(simulation: Simulation, rounds: int, count: int = 200) -> tuple[
     Measured is a step with outputs and audit (`whole`, its mean over the next `count` steps); element kinds with tangents. The
     simulation is left as it was.
     """
-    model, c, work = simulation.model, simulation.coefficients, simulation.work
+    model, c, work = simulation.model, simulation.scheme, simulation.work
     whole_tables, plain, bodies_alone = model.tables, _no_elimination(simulation), model.only(None)
     kinds = {kind.name: model.only(kind.name) for kind in FORCE_KINDS if getattr(model.spec, kind.name)}
     inputs = simulation.source.table(simulation.k, count)

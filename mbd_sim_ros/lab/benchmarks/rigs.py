@@ -96,7 +96,7 @@ class Peers:
         for name, simulation in self._ours.items():
             finer = OURS[name][0]
             positions, cpu = self._run(simulation, finer)
-            audit = simulation.audit()
+            audit = simulation.totals()
             counters = {key: audit[key] / (finer * self._steps) for key in COUNTERS}
             self._note('mbd_sim_ros', name, simulation.h, cpu, _distance(positions, self._our_exact), counters)
         for name, found in zip(EXUDYN, self._exudyn(list(EXUDYN.values()))[1], strict=True):

@@ -10,7 +10,7 @@ import numpy as np
 
 from mbd_sim_ros.lab.benchmarks.phases import phase_times
 from solver.files.scene import load_scene
-from solver.output.snapshot import StepStats
+from solver.output.snapshot import Counters
 from solver.simulation import Simulation
 
 BATCH = 1000  # steps per call
@@ -61,7 +61,7 @@ class Stepping:
                 inputs = self._inputs(batch)
                 begin = time.thread_time_ns()
                 snapshot = simulation.advance(batch, inputs, audit=audit)
-                self._sample(way, time.thread_time_ns() - begin, snapshot.stats, batch)
+                self._sample(way, time.thread_time_ns() - begin, snapshot.counters, batch)
         simulation.restore(start)
         for _ in range(calls * batch):
             begin = time.thread_time_ns()
@@ -71,15 +71,15 @@ class Stepping:
                 row = self._inputs(1)[0]
             begin = time.thread_time_ns()
             snapshot = simulation.advance(1, row)
-            self._sample('single', time.thread_time_ns() - begin, snapshot.stats, 1)
+            self._sample('single', time.thread_time_ns() - begin, snapshot.counters, 1)
             begin = time.thread_time_ns()
             simulation.snapshot()
             self._samples['snapshot'].append((time.thread_time_ns() - begin) * 1e-3)
         self._phases.append(phase_times(simulation, PHASE_ROUNDS))
 
-    def _sample(self, way: str, ns: int, stats: StepStats, steps: int) -> None:
+    def _sample(self, way: str, ns: int, counters: Counters, steps: int) -> None:
         self._samples[way].append(ns / steps * 1e-3)
-        self._counters[way].append((stats.iterations / steps, stats.factorizations / steps, stats.evaluations / steps))
+        self._counters[way].append((counters.iterations / steps, counters.factorizations / steps, counters.evaluations / steps))
 
     def close(self) -> None:
         """Nothing to end."""

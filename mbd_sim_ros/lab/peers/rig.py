@@ -26,7 +26,7 @@ from solver.elements.spring_damper import SpringDamperSpec
 from solver.files.scene import load_scene
 from solver.model.frames import matrix
 from solver.model.spec import ModelSpec
-from solver.scene import Scene, Start
+from solver.scene import Scene, StartSettings
 from solver.simulation import Simulation
 
 RUNOUT = 0.004  # m
@@ -85,7 +85,7 @@ def car_on_rig(scene: str, overrides: Sequence[str] = (), *, duration: float) ->
     return Scene(
         name='car_on_rig',
         model=model,
-        start=Start(kind='equilibrium'),
+        start=StartSettings(kind='equilibrium'),
         integrator=full.integrator,
         duration=duration,
     )

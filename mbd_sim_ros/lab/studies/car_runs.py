@@ -53,7 +53,7 @@ def run(scene: str, name: str, overrides: Sequence[str], duration: float) -> Run
     data = np.array(rows)
     steps = [(0.0, simulation.h)] + [(e.t, e.new) for e in simulation.events if e.kind == 'step']
     reached = max(float(data[-1, 0]), GRID)
-    audit = simulation.audit()
+    audit = simulation.totals()
     figures = {'cpu': cpu, 'cpu_per_second': cpu / reached, 'until': float(data[-1, 0])}
     figures |= {key: float(audit[key]) for key in ('iterations', 'factorizations', 'evaluations', 'position_drift_max')}
     heading = np.unwrap(data[:, 3])

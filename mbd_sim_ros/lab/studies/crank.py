@@ -18,7 +18,7 @@ from solver.compiled.so3 import quaternion_exp
 from solver.errors import ConsistencyError, StepError
 from solver.files.scene import load_scene
 from solver.output.dependence import dense_jacobian
-from solver.scene import Scene, Start
+from solver.scene import Scene, StartSettings
 from solver.simulation import Simulation
 
 G = 9.81
@@ -104,7 +104,7 @@ def scene_at(theta: float, h: float, settings: dict[str, Any]) -> Scene:
     return dataclasses.replace(
         scene,
         model=dataclasses.replace(scene.model, bodies=turned),
-        start=Start(),
+        start=StartSettings(),
         integrator=type(scene.integrator)(h=h, **settings),
     )
 
@@ -123,7 +123,7 @@ def jacobian(theta: float) -> tuple[np.ndarray, np.ndarray]:
     for b in range(n):
         M[6 * b : 6 * b + 3, 6 * b : 6 * b + 3] = bodies.mass[b] * np.eye(3)
         M[6 * b + 3 : 6 * b + 6, 6 * b + 3 : 6 * b + 6] = bodies.inertia[b]
-    return dense_jacobian(simulation.model, simulation.work.J), M
+    return dense_jacobian(simulation.model, simulation.work.J_end), M
 
 
 class Passage(NamedTuple):
@@ -154,8 +154,8 @@ def passage(theta: float, angle: float, h: float, settings: dict[str, Any], dura
     except StepError as error:
         return Passage('failed', simulation.t_ns * 1e-9, np.nan, np.nan, _iterations(simulation), str(error))
     position = abs(snapshot.pose[3, 0] - 2 * np.cos(angle))
-    return Passage('ok', duration, simulation.audit()['energy_error_max'], float(position), _iterations(simulation), '')
+    return Passage('ok', duration, simulation.totals()['energy_error_max'], float(position), _iterations(simulation), '')
 
 
 def _iterations(simulation: Simulation) -> float:
-    return simulation.audit()['iterations'] / max(1, simulation.k)
+    return simulation.totals()['iterations'] / max(1, simulation.k)

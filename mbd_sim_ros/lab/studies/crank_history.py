@@ -67,19 +67,19 @@ def record(label: str, h: float, duration: float, settings: dict[str, Any]) -> R
     start = simulation.snapshot().joint_position
     steps = round(duration / h)
     energy = np.full((steps + 1, 2), np.nan)
-    energy[0] = 0.0, simulation.work.audit[ENERGY]
+    energy[0] = 0.0, simulation.work.energy[ENERGY]
     outcome = 'ok'
     try:
         for k in range(1, steps + 1):
             snapshot = simulation.advance()
-            energy[k] = simulation.t_ns * 1e-9, simulation.work.audit[ENERGY]
+            energy[k] = simulation.t_ns * 1e-9, simulation.work.energy[ENERGY]
             turn = snapshot.joint_position - start
             if not abs(2 * turn[0] + turn[1]) < crank.ON_BRANCH:
                 outcome = 'wrong branch'
                 break
     except StepError:
         outcome = 'failed'
-    audit, until = simulation.audit(), simulation.t_ns * 1e-9
+    audit, until = simulation.totals(), simulation.t_ns * 1e-9
     error = np.nan
     if outcome == 'ok':
         angle = crank.exact_angles(np.array([START]), crank.slider_mass(), np.array([duration]))[0, 0]

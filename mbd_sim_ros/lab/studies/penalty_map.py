@@ -10,7 +10,7 @@ import numpy as np
 from mbd_sim_ros.lab.studies import Progress, crank
 from mbd_sim_ros.lab.studies.report import COLOURS, Report, figure
 from solver.step.settings import IntegratorSettings
-from solver.step.work import coefficients
+from solver.step.work import scheme_parameters
 
 SUMMARY = 'success and error of the slider-crank over penalty 1e1 to 1e13 and step, and the erratic middle range explained'
 PENALTIES, QUICK_PENALTIES = 10.0 ** np.arange(1, 14), 10.0 ** np.array([3.0, 4.0, 6.0])
@@ -125,7 +125,7 @@ def _matrices(report: Report, rows: list[dict[str, Any]], penalties: np.ndarray,
     rate = float(crank.crank_rate(np.pi / 2, crank.slider_mass()))
     found = []
     for h in steps:
-        scheme = coefficients(h, MATRIX_RHO)
+        scheme = scheme_parameters(h, MATRIX_RHO)
         for offset in OFFSETS:
             end = np.pi / 2 + offset * h * rate
             A_e, M = crank.jacobian(end)

@@ -11,7 +11,7 @@ from mbd_sim_ros.lab.studies import Progress, crank, slider_crank_claims
 from mbd_sim_ros.lab.studies.crank_history import START, Run, record
 from mbd_sim_ros.lab.studies.report import COLOURS, Report, figure
 from solver.simulation import Simulation
-from solver.step.work import coefficients
+from solver.step.work import scheme_parameters
 
 SUMMARY = "the chapter's figures 1 and 2 for the 26-constraint slider-crank, and a judgement of each of its claims"
 H = 5e-3  # s
@@ -39,7 +39,7 @@ def study(out: Path, *, quick: bool, progress: Progress) -> dict:
     progress('effective masses', 0.0)
     theta = np.linspace(0.0, 2 * np.pi, count)
     names, isolated, coupled = masses(theta)
-    fair = XI * float(np.exp(np.log(isolated).mean())) / (coefficients(H, COMMON['rho_inf'])['beta'] * H * H)
+    fair = XI * float(np.exp(np.log(isolated).mean())) / (scheme_parameters(H, COMMON['rho_inf'])['beta'] * H * H)
     wanted: dict[str, dict[str, Any]] = {
         'm': ADAPTIVE,
         'm/10': {**ADAPTIVE, 'mass_factor': 0.1},
@@ -105,7 +105,7 @@ def _conditions(penalties: np.ndarray) -> list[dict[str, float]]:
     A, M = crank.jacobian(START)
     B = A @ np.linalg.inv(np.linalg.cholesky(M)).T
     N = B / np.linalg.norm(B, axis=1)[:, None]  # rows times the root of m_R
-    S = (1.0 - coefficients(H, COMMON['rho_inf'])['am']) * np.eye(len(M))
+    S = (1.0 - scheme_parameters(H, COMMON['rho_inf'])['am']) * np.eye(len(M))
     return [
         {
             'penalty': float(p),

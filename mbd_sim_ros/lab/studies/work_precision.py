@@ -19,7 +19,7 @@ from solver import simulation_of
 from solver.errors import MbdError, SpecError
 from solver.files.scene import load_scene
 from solver.scene import Scene
-from solver.step.work import coefficients
+from solver.step.work import scheme_parameters
 
 SUMMARY = 'error against CPU time and counters: ALF, M-ALF, BDF, Radau, IDA and Exudyn on four problems'
 BUDGET, QUICK_BUDGET = 10.0, 2.0  # s of CPU for one run of a reference integrator; what takes longer is left out
@@ -155,7 +155,7 @@ def _ours(problem: Problem, scene: Scene, divisions: tuple[int, ...]) -> Iterato
         h = round(problem.duration / problem.intervals / n * 1e9) * 1e-9
         for method, settings in OURS.items():
             yield method, f'h {h * 1e3:g} ms', _with(scene, h=h, **settings)
-        fair = min(1e15, 1e6 * mass / (coefficients(h, rho)['beta'] * h * h))  # what the default penalty is, on average
+        fair = min(1e15, 1e6 * mass / (scheme_parameters(h, rho)['beta'] * h * h))  # what the default penalty is, on average
         yield M_ALF, f'h {h * 1e3:g} ms', _with(scene, h=h, kind='m_alf', rho_inf=rho, penalty=fair)
 
 
@@ -171,7 +171,7 @@ def _values(problem: Problem, scene: Scene, budget: float = math.inf) -> tuple[n
         values.append(simulation.advance(each, audit=False).joint_position[column] - start)
         if time.process_time() - begin > budget:
             raise TimeoutError
-    return np.array(values), time.process_time() - begin, simulation.audit()
+    return np.array(values), time.process_time() - begin, simulation.totals()
 
 
 def _run(problem: Problem, method: str, setting: str, scene: Scene, exact: np.ndarray, repeats: int, budget: float) -> Point:
