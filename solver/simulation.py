@@ -7,7 +7,7 @@ from typing import cast
 
 import numpy as np
 
-from solver.compiled.by_reference import Ref
+from solver.compiled.by_reference import Ref, nbytes
 from solver.compiled.dense import norms, product
 from solver.compiled.kernel import address_of
 from solver.compiled.so3 import matrix_of_quaternion
@@ -37,6 +37,7 @@ from solver.step.work import (
     NOT_CONVERGED,
     OK,
     SINGULAR,
+    LastStep,
     Scheme,
     StepResult,
     new_work,
@@ -84,13 +85,13 @@ class Simulation:
         self._layout = layout_of(self.channels)
         self._numbers = new_numbers(self._layout)
         frame = output_arrays(self._numbers, self._layout)
-        self.work = new_work(self.model, new_saddle(self.model, form), self.outputs, frame)
+        self._work = new_work(self.model, new_saddle(self.model, form), self.outputs, frame)
         if values.coupled or values.full:
-            values = values._replace(weigh=address_of(weigh, self.model.tables, Ref(values), self.work))
+            values = values._replace(weigh=address_of(weigh, self.model.tables, Ref(values), self._work))
         self.scheme = Ref(values)
         # A force-like input is held over the interval of the grid: with steps of any size inside, its mean is what matters.
         self.stage = 0.5 if settings.step_policy == 'error' else 1.0 - scheme['af']
-        self._kin = Ref(self.work.kin_end)
+        self._kin = Ref(self._work.kin_end)
         self.source = ManeuverSource(scene.maneuver, scene.model.inputs, self.h_ns, self.stage)
         self.driver: DriverSource | None = None
         if scene.maneuver.driver is not None:
@@ -98,7 +99,7 @@ class Simulation:
         self._frame = Ref(frame)
         self.adaptation: Adaptation | None = None
         if settings.adapts and settings.kind in Simulation.KINDS:
-            self.adaptation = Adaptation(self.model, settings, self.scheme, self.work, self.outputs)
+            self.adaptation = Adaptation(self.model, settings, self.scheme, self._work, self.outputs)
         self._states = [Ref(new_state(self.model)), Ref(new_state(self.model))]
         self._initial = new_state(self.model)
         self._inputs = np.zeros(len(scene.model.inputs))
@@ -108,7 +109,7 @@ class Simulation:
         self.k = 0
         InitialConditions(
             scene, self.model, self._states, values, self._inputs_at_start(),
-            chassis=self.channels.chassis or 0, work=self.work, explain=self._failure,
+            chassis=self.channels.chassis or 0, work=self._work, explain=self._failure,
         ).find()  # fmt: skip
         copy_state(self.state, self._initial)
         self.reset()
@@ -143,6 +144,17 @@ class Simulation:
         """Placement and velocities that the outputs show: of the end of the last step, projected onto the constraints."""
         return self._kin
 
+    @property
+    def last_step(self) -> LastStep:
+        """What the last step worked with."""
+        w = self._work
+        return LastStep(w.phi_end, w.J_end, w.J_stage, w.phi_t, w.lam_out, w.saddle.W, w.energy)
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of the tables of the model, of the scratch of a step and of a state."""
+        return nbytes((self.model.tables.value, *(table.value for table in self.model.elements.values()), self._work.value, self.state))
+
     def reset(self) -> None:
         """Back to the start, bit for bit."""
         copy_state(self._initial, self.state)
@@ -159,7 +171,7 @@ class Simulation:
         """Outputs of the current state when no step has produced them; restarts the audit."""
         if self.branches is not None:
             self.branches.reset()
-        w, t, s = self.work, self.model.tables, self.state
+        w, t, s = self._work, self.model.tables, self.state
         kin = self._kinematics(s.q, s.v)
         evaluate_constraints(t, kin, s.angle, self._inputs, True, w.phi_end, w.J_end)
         constraint_input_rates(t, self._inputs, w.phi_t, w.phi_tt)
@@ -175,7 +187,7 @@ class Simulation:
 
     def _collect(self) -> None:
         """Show the current state and the outputs that were evaluated last."""
-        w = self.work
+        w = self._work
         tables, states = self.model.tables, self._states
         collect(tables, w.chassis, self._kin, w.a_out, w.lam_out, self._inputs, states[0], self.outputs, self._frame)
 
@@ -210,7 +222,7 @@ class Simulation:
                 rows = np.repeat(inputs, part, axis=0) if held else inputs[first : first + part]
                 result, done = self.adaptation.advance(self._states, self._inputs, rows, self.k, audit)
             else:
-                result, done = advance(self.model.tables, self.scheme, *self._states, inputs, first, part, audit, self.work)
+                result, done = advance(self.model.tables, self.scheme, *self._states, inputs, first, part, audit, self._work)
                 if done % 2 == 1:
                     self._states.reverse()
             self.k += done
@@ -222,7 +234,7 @@ class Simulation:
             if self.adaptation is not None:
                 self._collect()
             if watch is not None:
-                watch.look(self.t_ns * 1e-9, scaled_jacobian(self.model, self.work.J_end))
+                watch.look(self.t_ns * 1e-9, scaled_jacobian(self.model, self._work.J_end))
 
     def _sight(self) -> Sight:
         """What a driver sees now."""
@@ -262,8 +274,8 @@ class Simulation:
             tolerance = self.scene.integrator.error_tolerance
             return when + f'the error stays above integrator.error_tolerance = {tolerance:g} with {smallest}; reduce h_min or allow more'
         assert result.status == NOT_CONVERGED
-        worst = int(np.argmax(np.abs(self.work.phi_end))) if self.model.n_rows else -1
-        name = f', worst constraint {self.model.row_names[worst]!r} ({abs(self.work.phi_end[worst]):.2g})' if worst >= 0 else ''
+        worst = int(np.argmax(np.abs(self._work.phi_end))) if self.model.n_rows else -1
+        name = f', worst constraint {self.model.row_names[worst]!r} ({abs(self._work.phi_end[worst]):.2g})' if worst >= 0 else ''
         constant = self.scene.integrator.step_policy == 'constant'
         if constant:
             remedy = 'reduce integrator.h, or let such steps be divided (integrator.step_policy: rescue)'
@@ -291,7 +303,7 @@ class Simulation:
         memory = self.adaptation.memory() if self.adaptation is not None else {}
         if self.driver is not None:
             memory['driver'] = self.driver.state
-        return save_state(self.state, self.k, {'inputs': self._inputs, 'audit': self.work.energy, **memory})
+        return save_state(self.state, self.k, {'inputs': self._inputs, 'audit': self._work.energy, **memory})
 
     def restore(self, data: bytes) -> None:
         """Continue from save(); raises SpecError if it belongs to another model."""
@@ -312,7 +324,7 @@ class Simulation:
                 raise SpecError('restore: the saved state has no driver: it is of another scene')
             self.driver.state = extra['driver']
         self._refresh()
-        self.work.energy[:] = extra['audit']
+        self._work.energy[:] = extra['audit']
         if self.adaptation is not None:
             self.adaptation.recall(extra, self.t_ns * 1e-9)
 
@@ -329,7 +341,7 @@ class Simulation:
         """Counters and largest residuals since the start, the error of the energy account [J] and, if watched, branch switches."""
         return {
             **self._totals.report(),
-            'energy_error_max': float(self.work.energy[WORST]),
+            'energy_error_max': float(self._work.energy[WORST]),
             'substeps': self.k if self.adaptation is None else self.adaptation.substeps,
             'rejected': 0 if self.adaptation is None else self.adaptation.rejected,
             'events': len(self.events),
@@ -345,6 +357,6 @@ class Simulation:
     def describe(self) -> dict:
         """Counts, degrees of freedom, redundancy and reactions that are not unique, at the current configuration."""
         kin = kinematics_of(self.state.q, self.state.v)  # not that of the outputs
-        phi, J = np.zeros(self.model.n_rows), np.zeros_like(self.work.J_end)
+        phi, J = np.zeros(self.model.n_rows), np.zeros_like(self._work.J_end)
         evaluate_constraints(self.model.tables, kin, self.state.angle, self._inputs, True, phi, J)
         return describe(self.model, J)

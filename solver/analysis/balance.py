@@ -35,8 +35,9 @@ class Balance:
         self._fed = {kind: np.array([bool(e.input) for e in getattr(spec, kind)]) for kind in kinds if FORCE_BY_NAME[kind].supplies}
         self._constraints = Ref(tables.constraints)
         self.rows = (*kinds, 'gravity', 'constraints')
-        w = simulation.work
-        self._f, self._z = np.zeros_like(w.f), np.zeros_like(w.z_stage)
+        model = simulation.model
+        self._f, self._z = np.zeros((model.n_bodies + 1, 6)), np.zeros(model.n_internal)
+        self._no_tangents, self._outputs = np.zeros((model.n_slots + 1, 6, 6)), model.new_outputs()
         self._time = simulation.k
         self._inputs = simulation.inputs.copy()
         # inputs of forces are those of the stage within the step; they are continued to its end, as the accelerations are
@@ -58,19 +59,20 @@ class Balance:
     def _evaluate(self) -> np.ndarray:
         """(rows, 9) rates of all integrals now; sets _now: (stored energies, kinetic energy, momentum)."""
         s = self._simulation
-        w, kin, state, bodies = s.work, s.kinematics, s.state, s.model.tables.bodies
+        last, kin, state, bodies = s.last_step, s.kinematics, s.state, s.model.tables.bodies
         inputs = s.inputs + self._ahead * (s.inputs - self._inputs)
         rates = np.zeros((len(self.rows), 9))
         stored = np.zeros(len(self.rows))
 
         def forces(tables: Ref) -> np.ndarray:
-            evaluate_forces(tables, kin, state.angle, state.z, 0.0, inputs, False, self._f, w.Kq, w.Kv, self._z, s.outputs)
+            none, out = self._no_tangents, self._outputs
+            evaluate_forces(tables, kin, state.angle, state.z, 0.0, inputs, False, self._f, none, none, self._z, out)
             return self._f.copy()
 
         base = forces(self._no_elements)  # gravity and the gyroscopic torques, which are no forces
         for row, kind in enumerate(self.rows[:-2]):
             f = forces(self._alone[kind]) - base
-            out = s.model.outputs(kind, s.outputs)
+            out = s.model.outputs(kind, self._outputs)
             stored[row] = out[:, 0].sum()
             fed = -out[self._fed[kind], 1].sum() if kind in self._fed else 0.0
             rates[row] = self._power_and_load(f, out[:, 1].sum() + fed, fed)
@@ -79,9 +81,9 @@ class Balance:
         stored[-2] = -float((weight[:, :3] * kin.p).sum())
         rates[-2] = self._power_and_load(weight, 0.0, 0.0)
         reaction = np.zeros_like(base)
-        add_constraint_forces(self._constraints, w.J_end, w.lam_out, 1.0, reaction)
+        add_constraint_forces(self._constraints, last.J, last.lam, 1.0, reaction)
         reaction[-1] = 0.0
-        rates[-1] = self._power_and_load(reaction, 0.0, -float(w.lam_out @ w.phi_t))
+        rates[-1] = self._power_and_load(reaction, 0.0, -float(last.lam @ last.phi_t))
         v = kin.v[:-1]
         spin = np.einsum('bij,bj->bi', bodies.inertia, v[:, 3:])
         p = bodies.mass[:, None] * v[:, :3]

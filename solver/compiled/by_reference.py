@@ -78,6 +78,13 @@ def _flatten(value: Any) -> list[int]:
     return [int(value)]
 
 
+def nbytes(value: Any) -> int:
+    """Memory of all arrays in nested tuples."""
+    if isinstance(value, np.ndarray):
+        return value.nbytes
+    return sum(map(nbytes, value)) if isinstance(value, tuple) else 0
+
+
 class Ref:
     """A NamedTuple of arrays, numbers and such NamedTuples, as compiled code sees it. The arrays are shared, never copied."""
 

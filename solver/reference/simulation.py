@@ -39,7 +39,7 @@ class ReferenceSimulation(Simulation):
         kind, tolerance = self.scene.integrator.kind, self.scene.integrator.tolerance
         s = self.state
         self.equations = Equations(self.model, self.outputs, self._inputs_at, s.angle)
-        motion = Motion(s.q.copy(), self.work.v_out.copy(), s.z.copy())
+        motion = Motion(s.q.copy(), self._work.v_out.copy(), s.z.copy())
         t = self.t_ns * 1e-9
         if kind == 'reference_kkt':
             self._solver = Kkt(self.equations, t, motion, tolerance)
@@ -73,7 +73,7 @@ class ReferenceSimulation(Simulation):
             self.k += 1
             self._show(t, self.equations.project(t, raw))
             if audit and self.branches is not None:
-                self.branches.look(t, scaled_jacobian(self.model, self.work.J_end))
+                self.branches.look(t, scaled_jacobian(self.model, self._work.J_end))
         now = (self.equations.evaluations, self._solver.factorizations)
         evaluations, factorizations = (a - b for a, b in zip(now, self._counted, strict=True))
         self._counted = now
@@ -83,7 +83,7 @@ class ReferenceSimulation(Simulation):
 
     def _show(self, t: float, motion: Motion) -> None:
         """Make a motion the current state, with all its outputs."""
-        s, w, tables = self.state, self.work, self.model.tables
+        s, w, tables = self.state, self._work, self.model.tables
         s.q[:], s.v[:], s.z[:] = motion
         self._inputs = self._inputs_at(t)
         kin = self._kinematics(s.q, s.v)

@@ -98,6 +98,18 @@ class Work(NamedTuple):
     arrays: OutputArrays  # what a Snapshot shows
 
 
+class LastStep(NamedTuple):
+    """Views of what the last step worked with: to be read before the next one, not to be written."""
+
+    phi: np.ndarray  # (nc,) residuals at the end: of positions [m or rad], of velocities where a row is not holonomic
+    J: np.ndarray  # (entries + 1, 6, 6) blocks of A at the end (solver.model.tables.ConstraintTable)
+    J_stage: np.ndarray  # the same at the stage
+    phi_t: np.ndarray  # (nc,) explicit time derivatives of the rows
+    lam: np.ndarray  # (nc,) constraint forces at the end of the step
+    W: np.ndarray  # (nc,) penalties: xi_R times what it multiplies
+    energy: np.ndarray  # (5,) the energy account (solver.output.energy)
+
+
 class StepResult(NamedTuple):
     """Status and counters of one step, or of several; `where` is a body, group or iteration index that belongs to the status."""
 

@@ -60,7 +60,7 @@ def test_multipliers_that_balance_each_other_change_no_motion_and_no_unique_reac
     """Started with 100 N of every self-equilibrated set of multipliers more: same motion, other reactions in just the rows named."""
     settings = ['integrator.mode=tolerance', 'integrator.tolerance=1e-11', 'integrator.form=condensed', 'integrator.h=1e-3']
     plain, loaded = (simulation_of(load_scene(name, settings)) for _ in range(2))
-    left, size, _ = np.linalg.svd(dense_jacobian(loaded.model, loaded.work.J_end))
+    left, size, _ = np.linalg.svd(dense_jacobian(loaded.model, loaded.last_step.J))
     null = left[:, (size > 1e-9).sum() :]
     for lam in (loaded.state.lam, loaded.state.lam_before):
         lam += 100.0 * null.sum(axis=1)
@@ -98,8 +98,8 @@ mechanism:
 def test_rank_and_reactions_are_those_of_all_rows_together(name):
     """Open chains are taken off before the rank is found; every decision is that of the singular values of the whole Jacobian."""
     s = simulation_of(load_scene_text(TREE) if name == 'tree' else load_scene(name))
-    found = dependence(s.model, s.work.J_end)
-    A, holonomic = scaled_jacobian(s.model, s.work.J_end), s.model.tables.constraints.holonomic == 1
+    found = dependence(s.model, s.last_step.J)
+    A, holonomic = scaled_jacobian(s.model, s.last_step.J), s.model.tables.constraints.holonomic == 1
     left, size, _ = np.linalg.svd(A)
     rank = int((size > RANK_TOLERANCE).sum())
     assert found.rank == rank
@@ -113,7 +113,7 @@ def test_open_chains_are_taken_apart_and_loops_are_not():
     """Of the tree only its four-bar and the rod that hangs twice on the same two points remain; of a chain nothing, however long."""
     for scene, remain in ((load_scene_text(TREE), 'abcd'), (load_scene('chain', ['mechanism.links=300']), '')):
         s = simulation_of(scene)
-        names = [s.model.group_names[g] for g in tied_groups(s.model, scaled_blocks(s.model, s.work.J_end))]
+        names = [s.model.group_names[g] for g in tied_groups(s.model, scaled_blocks(s.model, s.last_step.J))]
         assert names == [*remain, *(('rope', 'double') if remain else ())]
 
 

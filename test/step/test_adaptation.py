@@ -26,7 +26,7 @@ def simulation(name: str, *settings: str) -> Simulation:
 def bits(sim: Simulation) -> bytes:
     """All numbers of the state, and everything the future depends on."""
     s = sim.snapshot()
-    parts = [*sim.state, s.pose, s.twist, s.reactions, sim.work.energy]
+    parts = [*sim.state, s.pose, s.twist, s.reactions, sim.last_step.energy]
     if sim.adaptation is not None:
         parts += sim.adaptation.memory().values()
     return np.concatenate([np.ravel(part) for part in parts]).tobytes()
@@ -107,7 +107,7 @@ def test_penalties_that_need_no_change_change_no_bit():
     assert other.events == []
     assert a.pose.tobytes() == b.pose.tobytes()
     assert a.reactions.tobytes() == b.reactions.tobytes()
-    assert one.work.energy.tobytes() == other.work.energy.tobytes()
+    assert one.last_step.energy.tobytes() == other.last_step.energy.tobytes()
     assert one.totals() == other.totals()
 
 
@@ -138,7 +138,7 @@ def test_a_failed_interval_leaves_the_state_of_its_start():
     assert sim.k > 5
     for a, b in zip(sim.state, other.state, strict=True):
         assert a.tobytes() == b.tobytes()
-    assert sim.work.energy.tobytes() == other.work.energy.tobytes()
+    assert sim.last_step.energy.tobytes() == other.last_step.energy.tobytes()
     for name, value in adaptation(other).memory().items():
         assert value.tobytes() == adaptation(sim).memory()[name].tobytes(), name
 

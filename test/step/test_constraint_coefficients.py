@@ -142,7 +142,7 @@ def test_full_coefficients_weigh_a_position_with_stiffness_and_a_velocity_withou
     c = sim.scheme
     expected = 3.0 + (1.0 - c.af) / (1.0 - c.am) * c.h * (7.0 * c.gamma + stiffness * c.beta * c.h)
     across = [name in ('blade/y', 'guide/x', 'guide/y') for name in sim.model.row_names]
-    assert sim.work.saddle.W[across].max() / 1e6 == pytest.approx(expected, rel=1e-9)
+    assert sim.last_step.W[across].max() / 1e6 == pytest.approx(expected, rel=1e-9)
 
 
 def run(name: str, *settings: str, steps: int = 200) -> Simulation:
@@ -176,10 +176,10 @@ def test_the_coefficients_are_used_and_not_only_accepted():
     for choice in settings:
         sim = simulation('flyball_governor', 'penalty=1e6', 'mode=fixed', *choice)
         sim.advance(1)
-        weights.append(sim.work.saddle.W.copy() / 1e6)
+        weights.append(sim.last_step.W.copy() / 1e6)
         if choice == ('effective_mass=isolated',):
             expected = np.zeros(sim.model.n_rows)
-            effective_masses(sim.model.tables, sim.work.J_stage, expected)
+            effective_masses(sim.model.tables, sim.last_step.J_stage, expected)
     isolated, coupled, full, unit = weights
     assert np.abs(isolated / expected - 1.0).max() < 1e-3  # the configuration moved a little since the matrix was made
     assert (coupled > 1.1 * isolated).any()

@@ -226,12 +226,12 @@ def test_rollover_runs_on(h: float, mode: str, policy: str) -> None:
     over = simulation.advance(round(0.7 / h))
     x, y, _, _ = over.pose[0, 3:]
     assert 1.0 - 2.0 * (x * x + y * y) < 0.0  # z of the chassis points down
-    energy = simulation.work.energy[ENERGY]
+    energy = simulation.last_step.energy[ENERGY]
     landing = 0.0
     for _ in range(70):
         now = simulation.advance(round(0.05 / h))
-        assert simulation.work.energy[ENERGY] < energy + 6e3  # of 580 kJ: the treads return what they stored (30 kN on 120 kN/m: 3.8 kJ)
-        energy = min(energy, simulation.work.energy[ENERGY])
+        assert simulation.last_step.energy[ENERGY] < energy + 6e3  # of 580 kJ: treads return what they stored (30 kN on 120 kN/m: 3.8 kJ)
+        energy = min(energy, simulation.last_step.energy[ENERGY])
         landing = max(landing, now.tire[:, FZ].max())
         assert np.isfinite(now.pose).all() and np.isfinite(now.elements).all()
     assert landing > 3e4

@@ -48,7 +48,7 @@ class Growth:
         """The part of the report that belongs to this case."""
         simulation = self.simulation
         bodies, step = simulation.model.n_bodies, float(np.median(self._times)) / BATCH * 1e-3
-        memory = _bytes((simulation.model.tables.value, simulation.work.value, simulation.state)) * 1e-3
+        memory = simulation.nbytes * 1e-3
         values = (step, step / bodies, memory, memory / bodies)
         return {
             'h': simulation.h,
@@ -74,10 +74,3 @@ def exponents(cases: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
         row['met'] = bool(row['step'] <= LIMIT and row['memory'] <= LIMIT)
         found.append(row)
     return found
-
-
-def _bytes(tables: Any) -> int:
-    """Memory of all arrays in nested tuples."""
-    if isinstance(tables, np.ndarray):
-        return tables.nbytes
-    return sum(map(_bytes, tables)) if isinstance(tables, tuple) else 0

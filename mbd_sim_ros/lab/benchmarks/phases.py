@@ -11,18 +11,21 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from statistics import median
+from typing import Any
 
 from solver.compiled.by_reference import Ref
 from solver.compiled.kernel import address_of, kernel
 from solver.elements.registry import FORCES as FORCE_KINDS
 from solver.model.evaluate import add_constraint_forces, evaluate_constraints, evaluate_forces
-from solver.model.saddle import CONDENSED, factorize_saddle, solve_saddle
+from solver.model.saddle import CONDENSED, factorize_saddle, new_saddle, solve_saddle
 from solver.model.state import copy_state, new_state, update_angles
 from solver.model.tables import FACTORIZE
 from solver.output.energy import update_energy
+from solver.output.snapshot import layout_of, new_numbers, output_arrays
 from solver.simulation import Simulation
 from solver.step.augmented_lagrangian import advance, assemble, project_velocity, step
 from solver.step.stage import AT_END, BOTH, WITH_TANGENTS, momentum_residual, place
+from solver.step.work import new_work
 
 PLACE_TANGENTS, PLACE, PLACE_END, TANGENTS, FORCES, CONSTRAINTS, RESIDUALS, RESIDUAL, ASSEMBLE = range(9)
 FACTORIZE_ALL, SOLVE, PROJECT, OUTPUTS = range(9, 13)
@@ -87,9 +90,9 @@ def _eliminate_nothing(plan, B, T):
     T[0, 0] = -1.0
 
 
-def _no_elimination(simulation: Simulation) -> Ref:
+def _no_elimination(simulation: Simulation, saddle: Any) -> Ref:
     """The tables of the model with a factorization that does nothing."""
-    tables, saddle = simulation.model.tables, simulation.work.saddle
+    tables = simulation.model.tables
     plan = tables.condensed if simulation.scheme.form == CONDENSED else tables.block
     linear = tables.linear.copy()
     linear[FACTORIZE] = address_of(_eliminate_nothing, Ref(plan), saddle.B, saddle.T)
@@ -102,8 +105,9 @@ def phase_times(simulation: Simulation, rounds: int, count: int = 200) -> tuple[
     Measured is a step with outputs and audit (`whole`, its mean over the next `count` steps); element kinds with tangents. The
     simulation is left as it was.
     """
-    model, c, work = simulation.model, simulation.scheme, simulation.work
-    whole_tables, plain, bodies_alone = model.tables, _no_elimination(simulation), model.only(None)
+    model, c, layout = simulation.model, simulation.scheme, layout_of(simulation.channels)
+    work = new_work(model, new_saddle(model, c.form), model.new_outputs(), output_arrays(new_numbers(layout), layout))
+    whole_tables, plain, bodies_alone = model.tables, _no_elimination(simulation, work.saddle), model.only(None)
     kinds = {kind.name: model.only(kind.name) for kind in FORCE_KINDS if getattr(model.spec, kind.name)}
     inputs = simulation.source.table(simulation.k, count)
     start = new_state(simulation.model)

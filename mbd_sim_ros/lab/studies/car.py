@@ -57,7 +57,7 @@ def fair_penalty(h: float) -> float:
     """Penalty of M-ALF with which its weights xi beta h^2 have the median of those of ALF, xi m_R."""
     simulation = Simulation(load_scene(SCENE, [f'integrator.h={h}']))
     simulation.advance(1)
-    return float(np.median(simulation.work.saddle.W) / (simulation.scheme.beta * h * h))
+    return float(np.median(simulation.last_step.W) / (simulation.scheme.beta * h * h))
 
 
 def study(out: Path, *, quick: bool, progress: Callable[[str, float], None]) -> dict:

@@ -123,7 +123,7 @@ def jacobian(theta: float) -> tuple[np.ndarray, np.ndarray]:
     for b in range(n):
         M[6 * b : 6 * b + 3, 6 * b : 6 * b + 3] = bodies.mass[b] * np.eye(3)
         M[6 * b + 3 : 6 * b + 6, 6 * b + 3 : 6 * b + 6] = bodies.inertia[b]
-    return dense_jacobian(simulation.model, simulation.work.J_end), M
+    return dense_jacobian(simulation.model, simulation.last_step.J), M
 
 
 class Passage(NamedTuple):

@@ -67,12 +67,12 @@ def record(label: str, h: float, duration: float, settings: dict[str, Any]) -> R
     start = simulation.snapshot().joint_position
     steps = round(duration / h)
     energy = np.full((steps + 1, 2), np.nan)
-    energy[0] = 0.0, simulation.work.energy[ENERGY]
+    energy[0] = 0.0, simulation.last_step.energy[ENERGY]
     outcome = 'ok'
     try:
         for k in range(1, steps + 1):
             snapshot = simulation.advance()
-            energy[k] = simulation.t_ns * 1e-9, simulation.work.energy[ENERGY]
+            energy[k] = simulation.t_ns * 1e-9, simulation.last_step.energy[ENERGY]
             turn = snapshot.joint_position - start
             if not abs(2 * turn[0] + turn[1]) < crank.ON_BRANCH:
                 outcome = 'wrong branch'
