@@ -12,6 +12,7 @@ Nothing heavy is imported before the first call.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,6 +21,9 @@ if TYPE_CHECKING:
     from solver.output.snapshot import Snapshot
     from solver.scene import Scene
     from solver.simulation import Simulation
+
+# Before anything imports numba: Intel's sin, exp, ... are there on some machines only, and not those of the C library.
+os.environ['NUMBA_DISABLE_INTEL_SVML'] = '1'
 
 __all__ = ['Snapshot', 'load_scene', 'simulation_of']
 

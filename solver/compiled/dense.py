@@ -63,35 +63,40 @@ def principal_moments(inertia: np.ndarray) -> np.ndarray:
 
 
 def _principal_moments(a: list[list[float]]) -> list[float]:
-    size = max(abs(x) for row in a for x in row)
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = a
+    small = 1e-17 * max(abs(xx), abs(yy), abs(zz), abs(xy), abs(xz), abs(yz))
     for _ in range(20):  # it converges quadratically: five sweeps are many
-        if max(abs(a[0][1]), abs(a[0][2]), abs(a[1][2])) <= 1e-17 * size:
+        if abs(xy) <= small and abs(xz) <= small and abs(yz) <= small:
             break
-        for p, q in ((0, 1), (0, 2), (1, 2)):
-            if a[p][q] == 0.0:
-                continue
-            half = (a[q][q] - a[p][p]) / (2.0 * a[p][q])
-            t = math.copysign(1.0, half) / (abs(half) + math.sqrt(1.0 + half * half))
-            c = 1.0 / math.sqrt(1.0 + t * t)
-            s, r = t * c, 3 - p - q
-            a[p][p], a[q][q] = a[p][p] - t * a[p][q], a[q][q] + t * a[p][q]
-            a[p][r], a[q][r] = c * a[p][r] - s * a[q][r], s * a[p][r] + c * a[q][r]
-            a[r][p], a[r][q] = a[p][r], a[q][r]
-            a[p][q] = a[q][p] = 0.0
-    return sorted(a[i][i] for i in range(3))
+        xx, yy, xz, yz = _turned(xx, yy, xy, xz, yz)
+        xx, zz, xy, yz = _turned(xx, zz, xz, 0.0, yz)
+        yy, zz, xy, xz = _turned(yy, zz, yz, xy, 0.0)
+        yz = 0.0
+    return sorted((xx, yy, zz))
+
+
+def _turned(pp: float, qq: float, pq: float, pr: float, qr: float) -> tuple[float, float, float, float]:
+    """pp, qq, pr, qr after the rotation in the plane of p and q that makes pq zero."""
+    if pq == 0.0:
+        return pp, qq, pr, qr
+    half = (qq - pp) / (2.0 * pq)
+    t = math.copysign(1.0, half) / (abs(half) + math.sqrt(1.0 + half * half))
+    c = 1.0 / math.sqrt(1.0 + t * t)
+    s = t * c
+    return pp - t * pq, qq + t * pq, c * pr - s * qr, s * pr + c * qr
 
 
 def solve_tridiagonal(below: Numbers, diagonal: Numbers, above: Numbers, right: np.ndarray) -> np.ndarray:
     """x (n, m) with below[i] x[i-1] + diagonal[i] x[i] + above[i] x[i+1] = right[i], without pivoting: for dominant diagonals (n,)."""
     x = np.array(right, float, order='C')
-    factor, pivot = [], float(diagonal[0])
-    x[0] /= pivot
+    lower, pivots, upper = (np.asarray(band, float).tolist() for band in (below, diagonal, above))
     for i in range(1, len(x)):
-        factor.append(float(above[i - 1]) / pivot)
-        pivot = float(diagonal[i]) - float(below[i]) * factor[-1]
-        x[i] = (x[i] - below[i] * x[i - 1]) / pivot
+        share = lower[i] / pivots[i - 1]
+        pivots[i] -= share * upper[i - 1]
+        x[i] -= share * x[i - 1]
+    x[-1] /= pivots[-1]
     for i in range(len(x) - 2, -1, -1):
-        x[i] -= factor[i] * x[i + 1]
+        x[i] = (x[i] - upper[i] * x[i + 1]) / pivots[i]
     return x
 
 

@@ -12,12 +12,14 @@ POINTS = 2000
 
 
 def target() -> dict[str, str]:
-    """Machine, whether it has FMA, C library, a digest of its elementary functions, and versions of the packages that compute.
+    """Machine, whether it has FMA, C library, a digest of its elementary functions, whether Intel's take their place in kernels, and
+    versions of the packages that compute.
 
-    Two equal targets give the same bits, and two processors with equal entries are equal targets; different entries may give other bits
+    Equal targets give the same bits, whatever the processor; others may not
     (docs/decisions/0008-same-bits-on-every-processor.md).
     """
     from llvmlite.binding import get_host_cpu_features
+    from numba import config
 
     try:
         fma = 'yes' if get_host_cpu_features().get('fma') else 'no'
@@ -28,6 +30,7 @@ def target() -> dict[str, str]:
         'fma': fma,
         'libc': ' '.join(platform.libc_ver()).strip() or 'unknown',
         'elementary': elementary_digest(),
+        'svml': 'yes' if config.USING_SVML else 'no',
     }
     for name in ('numba', 'llvmlite', 'numpy'):
         try:

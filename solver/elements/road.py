@@ -9,6 +9,7 @@ the tire: the product of the factors of all patches, each blended in smoothly ov
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -188,6 +189,7 @@ def _spline_coefficients(height: np.ndarray) -> np.ndarray:
     return c
 
 
+@functools.lru_cache(maxsize=2)  # the start of a scene compiles its model more than once
 def compile_road(spec: RoadSpec) -> RoadTable:
     """Expand random roads and build the table."""
     p, n = spec.point, spec.normal

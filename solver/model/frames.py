@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.compiled.dense import norm, product
+from solver.compiled.dense import norm
 from solver.compiled.so3 import matrix_of_quaternion, quaternion_of_matrix
 from solver.validate import Quaternion
 
@@ -31,15 +31,17 @@ def frame_of_axis(axis: Sequence[float], x_axis: Sequence[float] | None = None) 
     length = norm(axis)
     if length < 1e-12:
         raise ValueError('the axis must not be zero')
-    z = np.asarray(axis, float) / length
+    z = [c / length for c in axis]
     if x_axis is None:
         x_axis = (1.0, 0.0, 0.0) if abs(z[0]) < PARALLEL else (0.0, 1.0, 0.0)
-    x = np.asarray(x_axis, float) - product(z, x_axis) * z
+    along = x_axis[0] * z[0] + x_axis[1] * z[1] + x_axis[2] * z[2]
+    x = [a - along * c for a, c in zip(x_axis, z, strict=True)]
     size = norm(x)
     if size < 1e-6 * max(norm(x_axis), 1e-12):
         raise ValueError('x_axis must not be parallel to axis')
-    x /= size
-    return np.column_stack([x, np.cross(z, x), z])
+    x = [c / size for c in x]
+    y = (z[1] * x[2] - z[2] * x[1], z[2] * x[0] - z[0] * x[2], z[0] * x[1] - z[1] * x[0])
+    return np.array([x, y, z], float).T
 
 
 def frame_of_rpy(rpy: Sequence[float]) -> np.ndarray:
