@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import csv
+import fnmatch
 import json
+from collections.abc import Callable, Sequence
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
 
 from mbd_sim_ros.bags import reader as bag
-from mbd_sim_ros.bags.reader import Run
+from mbd_sim_ros.bags.reader import Run, Series
 from solver.errors import BagError
 
 TIME = 'time [s]'
+ROWS = 10_000  # written at once
 JOINT_UNITS = {'rotation': ('rad', 'rad/s', 'N m'), 'translation': ('m', 'm/s', 'N')}
 ELEMENT_UNITS = {
     'energy': 'J', 'dissipation': 'W', 'length': 'm', 'rate': 'm/s', 'force': 'N', 'torque': 'N m',
     'fz': 'N', 'kappa': '1', 'alpha': 'rad', 'gamma': 'rad', 'spin': 'rad/s', 'deflection': 'm', 'friction': '1',
-    'px': 'm', 'py': 'm', 'pz': 'm', 'qx': '1', 'qy': '1', 'qz': '1', 'qw': '1',
+    'fx': 'N', 'fy': 'N', 'mx': 'N m', 'my': 'N m', 'mz': 'N m', 'x': 'm', 'y': 'm', 'z': 'm', 'rx': 'rad', 'ry': 'rad', 'rz': 'rad',
+    'capacity': 'N m', 'speed': 'm/s', 'windup': 'rad', 'px': 'm', 'py': 'm', 'pz': 'm', 'qx': '1', 'qy': '1', 'qz': '1', 'qw': '1',
 }  # fmt: skip
 BLOCK_UNITS = {
     'pose': {'x': 'm', 'y': 'm', 'z': 'm'},
@@ -55,14 +60,10 @@ def joint_kinds(run: Run) -> dict[str, str]:
     return json.loads(run.metadata.get('joint_kinds', '{}'))
 
 
-def topics(run: Run) -> dict[str, list[str]]:
-    """Topic -> its columns, in the order of the recording."""
-    known = ('joint_states', 'odom', 'imu', 'tire_states', 'cmd_applied', 'element_states', 'reactions')
-    found: dict[str, list[str]] = {}
-    for column in run.columns:
-        topic = next((name for name in known if column.startswith(name + '/')), column.rpartition('/')[0])
-        found.setdefault(topic, []).append(column)
-    return found
+def units(run: Run) -> Callable[[str], str]:
+    """The unit of a column, as far as this recording tells."""
+    kinds = joint_kinds(run)
+    return lambda column: unit(column, kinds)
 
 
 def export(run: Run, directory: Path) -> list[Path]:
@@ -71,20 +72,25 @@ def export(run: Run, directory: Path) -> list[Path]:
     files = []
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        for topic, columns in topics(run).items():
-            file = directory / f'{topic.replace("/", ".")}.csv'
-            values = [run.columns[c] for c in columns]
-            rows = ~np.all([np.isnan(v) for v in values], axis=0)
+        for topic, series in run.series.items():
+            file = directory / f'{file_name(topic)}.csv'
             with file.open('w', newline='', encoding='utf-8') as stream:
                 writer = csv.writer(stream, lineterminator='\n')
-                names = [c.removeprefix(topic + '/') for c in columns]
-                writer.writerow([TIME, *(f'{n} [{unit(c, kinds)}]' if unit(c, kinds) else n for n, c in zip(names, columns, strict=True))])
-                seconds = (seconds_of(int(t)) for t in run.time_ns[rows])
-                writer.writerows([t, *row] for t, row in zip(seconds, np.column_stack(values)[rows].tolist(), strict=True))
+                names = {c: c.removeprefix(topic + '/') for c in series.columns}
+                writer.writerow([TIME, *(f'{n} [{unit(c, kinds)}]' if unit(c, kinds) else n for c, n in names.items())])
+                for begin in range(0, series.time_ns.size, ROWS):
+                    seconds = (seconds_of(int(t)) for t in series.time_ns[begin : begin + ROWS])
+                    values = np.column_stack([v[begin : begin + ROWS] for v in series.columns.values()])
+                    writer.writerows([t, *row] for t, row in zip(seconds, values.tolist(), strict=True))
             files.append(file)
     except OSError as error:
         raise BagError(f'cannot write to {directory}: {error.strerror}; choose another place') from None
     return files
+
+
+def file_name(topic: str) -> str:
+    """The name of a topic as that of a file, without ending."""
+    return topic.replace('/', '.') or 'run'
 
 
 def seconds_of(t_ns: int) -> str:
@@ -93,30 +99,30 @@ def seconds_of(t_ns: int) -> str:
     return f'{sign}{t_ns // 1_000_000_000}.{t_ns % 1_000_000_000:09d}'
 
 
-def read(path: str | Path) -> Run:
+def read(path: str | Path, channels: Sequence[str] = ()) -> Run:
     """A bag, an .mcap file, a .csv file, or a directory of .csv files as export() writes them.
 
-    Columns of a CSV file in a directory get the name of its topic in front; those of a single file are as in its header. Units in
-    square brackets are dropped. Raises BagError (file, line, remedy).
+    channels: shell patterns of the columns to read; all without any. Columns of a CSV file in a directory get the name of its topic
+    in front; those of a single file are as in its header. Units in square brackets are dropped. Raises BagError (file, line, remedy).
     """
     path = Path(path)
-    if path.suffix.lower() == '.csv':
-        return _read_csv(path, '')
-    files = sorted(path.glob('*.csv')) if path.is_dir() else []
-    if not files or list(path.glob('*.mcap*')):
-        return bag.read(path)
-    runs = [_read_csv(file, file.stem.replace('.', '/') + '/') for file in files]
-    grid = np.unique(np.concatenate([run.time_ns for run in runs]))
-    columns = {}
-    for run in runs:
-        rows = np.searchsorted(grid, run.time_ns)
-        for name, values in run.columns.items():
-            columns[name] = np.full(grid.size, np.nan)
-            columns[name][rows] = values
-    return Run(grid, columns)
+    files = [path] if path.suffix.lower() == '.csv' else sorted(path.glob('*.csv')) if path.is_dir() else []
+    if not files or (path.is_dir() and list(path.glob('*.mcap*'))):
+        return bag.read(path, channels)
+    series = {}
+    for file in files:
+        topic = file.stem.replace('.', '/') if path.is_dir() else ''
+        one = _read_csv(file, topic and topic + '/')
+        series[topic] = one
+    known = tuple(name for one in series.values() for name in one.columns)
+    if channels:
+        for topic, one in list(series.items()):
+            kept = {n: v for n, v in one.columns.items() if any(fnmatch.fnmatchcase(n, p) for p in channels)}
+            series[topic] = Series(one.time_ns, kept)
+    return Run({topic: one for topic, one in series.items() if one.columns}, known=known)
 
 
-def _read_csv(file: Path, prefix: str) -> Run:
+def _read_csv(file: Path, prefix: str) -> Series:
     try:
         with file.open(newline='', encoding='utf-8-sig') as stream:
             rows = [row for row in csv.reader(stream) if row and not row[0].lstrip().startswith('#')]
@@ -139,7 +145,16 @@ def _read_csv(file: Path, prefix: str) -> Run:
         table = np.array([[float(cell) if cell.strip() else np.nan for cell in row] for row in rows[1:]])
     except ValueError as error:
         raise BagError(f'{file}: {error}') from None
-    time_ns = np.round(table[:, 0] * 1e9).astype(np.int64)
+    if not np.all(np.isfinite(table[:, 0])):
+        raise BagError(f'{file}: every row needs a time in its first column')
+    time_ns = _nanoseconds([row[0] for row in rows[1:]], table[:, 0])
     if not np.all(np.diff(time_ns) > 0):
         raise BagError(f'{file}: the times must increase from row to row')
-    return Run(time_ns, {prefix + name: table[:, k].copy() for k, name in enumerate(names) if k})
+    return Series(time_ns, {prefix + name: table[:, k].copy() for k, name in enumerate(names) if k})
+
+
+def _nanoseconds(texts: Sequence[str], seconds: np.ndarray) -> np.ndarray:
+    """Times [ns]; a float holds nanoseconds up to a hundred days only, not those of stamps with the time of day."""
+    if seconds.size and np.max(np.abs(seconds)) < 2.0**53 * 1e-9:
+        return np.round(seconds * 1e9).astype(np.int64)
+    return np.array([round(Decimal(text.strip()) * 1_000_000_000) for text in texts], np.int64)

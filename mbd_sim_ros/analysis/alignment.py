@@ -1,0 +1,244 @@
+"""Signals of different recordings at common instants, and the time offset between two recordings.
+
+Kinds of signal, by which they are brought to other instants: 'linear' interpolates, 'hold' takes the last value given (commands),
+'angle' interpolates what np.unwrap gives, 'orientation' interpolates quaternions (x, y, z, w) along the shortest rotation (slerp).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Literal, NamedTuple
+
+import numpy as np
+from scipy.fft import irfft, next_fast_len, rfft
+from scipy.interpolate import CubicSpline
+from scipy.optimize import minimize_scalar
+
+from solver.errors import BagError
+
+Kind = Literal['linear', 'hold', 'angle', 'orientation']
+TURN = 2.0 * np.pi
+EPOCH_NS = 100_000_000 * 1_000_000_000  # a recording that begins later is stamped with the time of day (seconds since 1970)
+COARSE_POINTS = 200_000  # of the grid on which an offset is sought first
+LEAST_OVERLAP = 0.5  # of the shorter recording, where an offset is sought
+LEAST_CORRELATION = 0.5
+AGAIN = 0.98  # another offset that fits as well, relative to the best correlation
+
+
+class Signal(NamedTuple):
+    """A channel: instants [ns], ascending, and values (n,) or, of an orientation, (n, 4) unit quaternions."""
+
+    time_ns: np.ndarray
+    values: np.ndarray
+
+
+class Common(NamedTuple):
+    """Signals at common instants [ns]."""
+
+    time_ns: np.ndarray
+    values: tuple[np.ndarray, ...]
+    interpolated: bool  # whether any had to be
+    overlap: float  # shared time relative to the longest of the recordings, after what sampling alone may take away
+
+
+class Offset(NamedTuple):
+    """A time offset [s] to be added to the stamps of the reference, and how well the signals then agree.
+
+    correlation: of the two signals (Pearson) at the offset. again: the next offset that fits nearly as well, None without one.
+    """
+
+    seconds: float
+    correlation: float
+    again: float | None
+
+
+def common(signals: Sequence[Signal], kind: Kind = 'linear') -> Common:
+    """Bring signals to the instants of the coarsest of them in the time they share.
+
+    Where these exist in a finer one nothing is interpolated.
+    Raises BagError when the signals share no time.
+    """
+    grids = [one.time_ns for one in signals]
+    first, last = max(int(t[0]) for t in grids), min(int(t[-1]) for t in grids)
+    spans = ' and '.join(f'{t[0] * 1e-9:g} to {t[-1] * 1e-9:g} s' for t in grids)
+    if first > last:
+        raise BagError(f'the runs do not overlap in time ({spans}); give --offset, or --align CHANNEL to find it')
+    if all(t is grids[0] or np.array_equal(t, grids[0]) for t in grids[1:]):
+        values = tuple(unwrapped(one.values) if kind == 'angle' else one.values for one in signals)
+        return Common(grids[0], values, False, 1.0)
+    inside = [t[np.searchsorted(t, first) : np.searchsorted(t, last, 'right')] for t in grids]
+    coarse = min(inside, key=len)
+    if len(coarse) == 0:
+        raise BagError(f'the runs have no instant in common in the time they share ({spans})')
+    rows = [np.searchsorted(t, coarse) for t in grids]
+    exact = [np.array_equal(t[np.minimum(r, t.size - 1)], coarse) for t, r in zip(grids, rows)]
+    values = tuple(_at(one, coarse, None if e else r, kind) for one, r, e in zip(signals, rows, exact))
+    longest = max(int(t[-1]) - int(t[0]) for t in grids)
+    step = max(_step_ns(t) for t in grids)
+    missing = max(0, longest - (last - first) - step)
+    return Common(coarse, values, not all(exact), 1.0 - missing / longest if longest else 1.0)
+
+
+def _step_ns(time_ns: np.ndarray) -> int:
+    """Half again the usual interval, so that a last sample more or less is no loss."""
+    return int(1.5 * float(np.median(np.diff(time_ns)))) if time_ns.size > 1 else 0
+
+
+def _at(signal: Signal, instants: np.ndarray, rows: np.ndarray | None, kind: Kind) -> np.ndarray:
+    """Values of a signal at instants within its time; rows: where these are among its own."""
+    values = unwrapped(signal.values) if kind == 'angle' else signal.values
+    if rows is not None:
+        return values[rows]
+    behind = np.clip(np.searchsorted(signal.time_ns, instants, 'right'), 1, signal.time_ns.size - 1)
+    if kind == 'hold':
+        return values[np.searchsorted(signal.time_ns, instants, 'right') - 1]
+    begin, end = signal.time_ns[behind - 1], signal.time_ns[behind]
+    part = (instants - begin) / (end - begin)
+    if kind == 'orientation':
+        return slerp(values[behind - 1], values[behind], part)
+    before = values[behind - 1]
+    return np.where(part == 0.0, before, before + part * (values[behind] - before))
+
+
+def unwrapped(values: np.ndarray) -> np.ndarray:
+    """An angle without jumps by full turns. Only values within one turn can have been wrapped: others stay as they are.
+
+    A signal sampled so slowly that it turns by more than half a turn in between, like a wheel, is never within one turn for long.
+    """
+    finite = values[np.isfinite(values)]
+    if finite.size == 0 or np.ptp(finite) > TURN * (1.0 + 1e-6) or np.max(np.abs(finite)) > TURN * (1.0 + 1e-6):
+        return values
+    if np.any(np.abs(np.diff(finite)) > np.pi):
+        result = values.copy()
+        result[np.isfinite(values)] = np.unwrap(finite)
+        return result
+    return values
+
+
+def is_wrapped(values: np.ndarray) -> bool:
+    """Whether the signal has jumps that `unwrapped` takes out."""
+    return unwrapped(values) is not values
+
+
+def same_turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """a moved by the number of full turns that brings it nearest to b: where a count starts is arbitrary once angles were wrapped."""
+    return a - TURN * np.round(np.nanmedian(a - b) / TURN)
+
+
+def slerp(a: np.ndarray, b: np.ndarray, part: np.ndarray) -> np.ndarray:
+    """Unit quaternions (n, 4) on the shortest way from a to b. K. Shoemake, Animating rotation with quaternion curves, SIGGRAPH 1985."""
+    dot = np.sum(a * b, axis=1)
+    b = np.where(dot[:, None] < 0.0, -b, b)
+    half = np.arccos(np.clip(np.abs(dot), 0.0, 1.0))
+    small = half < 1e-6  # there the chord is the arc to rounding
+    sine = np.where(small, 1.0, np.sin(half))
+    left = np.where(small, 1.0 - part, np.sin((1.0 - part) * half) / sine)
+    right = np.where(small, part, np.sin(part * half) / sine)
+    result = left[:, None] * a + right[:, None] * b
+    return result / np.linalg.norm(result, axis=1, keepdims=True)
+
+
+def rotation_angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Angle [rad], 0 to pi, of the rotation between the orientations a and b (n, 4), xyzw: 2 atan2(|vector|, |scalar|) of conj(a) b."""
+    va, wa, vb, wb = a[..., :3], a[..., 3:], b[..., :3], b[..., 3:]
+    vector = wa * vb - wb * va - np.cross(va, vb)
+    scalar = np.sum(a * b, axis=-1)
+    return 2.0 * np.arctan2(np.linalg.norm(vector, axis=-1), np.abs(scalar))
+
+
+def find_offset(a: Signal, b: Signal) -> Offset:
+    """The offset [s] to be added to the times of b so that it agrees best with a, by cross-correlation.
+
+    First on a common grid over all lags at which the signals share at least half of the shorter one, with the correlation normalised by
+    the means and variances of what they share (J. P. Lewis, Fast normalized cross-correlation, 1995). Then between the samples: the finer
+    signal, a cubic spline, is moved under the instants of the coarser one until the correlation is largest, which is the least squares
+    fit with free gain and bias. Raises BagError where no offset fits.
+    """
+    steps = [float(np.median(np.diff(s.time_ns))) for s in (a, b)] if min(a.time_ns.size, b.time_ns.size) > 1 else []
+    spans = [int(s.time_ns[-1] - s.time_ns[0]) for s in (a, b)]
+    if not steps or min(spans) < 10 * max(steps):
+        raise BagError('the signals are too short to find a time offset from; give it with --offset')
+    dt = max(*steps, max(spans) / COARSE_POINTS)
+    x, y = (_regular(s, dt) for s in (a, b))
+    correlation = _correlations(x, y)
+    best = int(np.nanargmax(np.where(np.isnan(correlation), -2.0, correlation)))
+    lag = best - (y.size - 1)
+    start = (int(a.time_ns[0]) - int(b.time_ns[0])) * 1e-9
+    coarse = start + lag * dt * 1e-9
+    seconds, height = _refined(a, b, coarse, dt * 1e-9)
+    if not height >= LEAST_CORRELATION:
+        raise BagError(
+            f'no time offset brings the signals together: the best, {seconds:.4g} s, gives a correlation of {height:.2f};'
+            ' choose a channel that moves more, or give --offset'
+        )
+    return Offset(seconds, height, _again(correlation, best, start, y.size - 1, dt * 1e-9))
+
+
+def _regular(signal: Signal, dt: float) -> np.ndarray:
+    """Values on a grid of interval dt [ns] from the first instant on, without their mean."""
+    relative = (signal.time_ns - signal.time_ns[0]).astype(float)
+    values = np.interp(np.arange(int(relative[-1] // dt) + 1) * dt, relative, signal.values)
+    return values - values.mean()
+
+
+def _correlations(x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Pearson correlation of x[i + lag] and y[i] for the lags from -(len(y) - 1) on; NaN where too little is shared."""
+    n = next_fast_len(x.size + y.size)
+    products = irfft(rfft(x, n) * np.conj(rfft(y, n)), n)
+    lags = np.arange(-(y.size - 1), x.size)
+    products = products[lags % n]
+    first, last = np.maximum(0, lags), np.minimum(x.size, y.size + lags)  # what is shared, in x
+    count = (last - first).astype(float)
+
+    def sums(values: np.ndarray, shift: np.ndarray | int) -> tuple[np.ndarray, np.ndarray]:
+        total = np.concatenate([[0.0], np.cumsum(values)])
+        squares = np.concatenate([[0.0], np.cumsum(values**2)])
+        return total[last - shift] - total[first - shift], squares[last - shift] - squares[first - shift]
+
+    sx, sxx = sums(x, 0)
+    sy, syy = sums(y, lags)
+    vx, vy = sxx - sx**2 / count, syy - sy**2 / count
+    least = 1e-6 * max(float(np.sum(x * x)) / x.size, np.finfo(float).tiny), 1e-6 * max(float(np.sum(y * y)) / y.size, np.finfo(float).tiny)
+    usable = (count >= LEAST_OVERLAP * min(x.size, y.size)) & (vx > least[0] * count) & (vy > least[1] * count)
+    with np.errstate(invalid='ignore', divide='ignore'):
+        return np.where(usable, (products - sx * sy / count) / np.sqrt(vx * vy), np.nan)
+
+
+def _refined(a: Signal, b: Signal, coarse: float, dt: float) -> tuple[float, float]:
+    """The offset within dt [s] of `coarse` with the largest correlation, and that correlation."""
+    sign, fine, other = (1.0, a, b) if a.time_ns.size >= b.time_ns.size else (-1.0, b, a)
+    origin = int(fine.time_ns[0])
+    tf = (fine.time_ns - origin) * 1e-9
+    to = (other.time_ns - origin) * 1e-9
+    spline = CubicSpline(tf, fine.values)
+    margin = 1.5 * dt
+    shifted = to + sign * coarse
+    use = (shifted - margin >= tf[0]) & (shifted + margin <= tf[-1])
+    if np.count_nonzero(use) < 3 or np.ptp(other.values[use]) == 0.0:
+        return coarse, 0.0
+    target = other.values[use] - other.values[use].mean()
+    instants = to[use]
+    norm = np.sqrt(np.sum(target**2))
+
+    def loss(offset: float) -> float:
+        values = spline(instants + sign * offset)
+        values -= values.mean()
+        size = np.sqrt(np.sum(values**2))
+        return -float(np.sum(values * target) / (size * norm)) if size > 0.0 else 0.0
+
+    found = minimize_scalar(loss, bounds=(coarse - margin, coarse + margin), method='bounded', options={'xatol': 1e-7})
+    return float(found.x), -float(found.fun)
+
+
+def _again(correlation: np.ndarray, best: int, start: float, zero: int, dt: float) -> float | None:
+    """Another peak that is nearly as high as the best one, as periodic signals have."""
+    values = np.nan_to_num(correlation, nan=-1.0)
+    peaks = np.flatnonzero((values[1:-1] >= values[:-2]) & (values[1:-1] > values[2:])) + 1
+    low = values[best] - 0.5 * abs(values[best])
+    left = best - int(np.argmax(values[best::-1] < low)) if np.any(values[best::-1] < low) else 0
+    right = best + int(np.argmax(values[best:] < low)) if np.any(values[best:] < low) else values.size
+    others = [p for p in peaks if (p < left or p > right) and values[p] >= AGAIN * values[best]]
+    if not others:
+        return None
+    nearest = min(others, key=lambda p: abs(p - best))
+    return start + (int(nearest) - zero) * dt
