@@ -63,7 +63,7 @@ setup(
             'colcon-python-setup-py',
             'colcon-recursive-crawl',
         ],
-        'dev': ['ruff', 'mypy', 'import-linter', 'types-PyYAML', 'types-tqdm', 'pandas-stubs'],
+        'dev': ['ruff', 'mypy', 'import-linter', 'types-PyYAML', 'types-tqdm'],
     },
     entry_points={
         'console_scripts': [

@@ -11,8 +11,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
-from scipy.interpolate import CubicSpline
-from scipy.optimize import minimize_scalar
+from scipy.interpolate import CubicSpline, PPoly
+from scipy.ndimage import gaussian_filter1d
 
 from solver.errors import BagError
 
@@ -22,6 +22,8 @@ EPOCH_NS = 100_000_000 * 1_000_000_000  # a recording that begins later is stamp
 COARSE_POINTS = 200_000  # of the grid on which an offset is sought first
 LEAST_OVERLAP = 0.5  # of the shorter recording, where an offset is sought
 LEAST_CORRELATION = 0.5
+SMOOTHING = 2.0  # standard deviation of the smoothing before an offset is sought, in samples
+NEAR = 4  # lags on either side between which the correlation is a spline
 AGAIN = 0.98  # another offset that fits as well, relative to the best correlation
 
 
@@ -42,14 +44,19 @@ class Common(NamedTuple):
 
 
 class Offset(NamedTuple):
-    """A time offset [s] to be added to the stamps of the reference, and how well the signals then agree.
+    """A time offset [ns] to be added to the stamps of the reference, and how well the signals then agree.
 
-    correlation: of the two signals (Pearson) at the offset. again: the next offset that fits nearly as well, None without one.
+    correlation: of the two signals (Pearson) at the offset. again: the nearest other offset [s] that fits nearly as well, None without.
     """
 
-    seconds: float
+    nanoseconds: int
     correlation: float
     again: float | None
+
+    @property
+    def seconds(self) -> float:
+        """The offset in seconds."""
+        return self.nanoseconds * 1e-9
 
 
 def common(signals: Sequence[Signal], kind: Kind = 'linear') -> Common:
@@ -72,7 +79,7 @@ def common(signals: Sequence[Signal], kind: Kind = 'linear') -> Common:
         raise BagError(f'the runs have no instant in common in the time they share ({spans})')
     rows = [np.searchsorted(t, coarse) for t in grids]
     exact = [np.array_equal(t[np.minimum(r, t.size - 1)], coarse) for t, r in zip(grids, rows)]
-    values = tuple(_at(one, coarse, None if e else r, kind) for one, r, e in zip(signals, rows, exact))
+    values = tuple(_at(one, coarse, r if e else None, kind) for one, r, e in zip(signals, rows, exact))
     longest = max(int(t[-1]) - int(t[0]) for t in grids)
     step = max(_step_ns(t) for t in grids)
     missing = max(0, longest - (last - first) - step)
@@ -147,38 +154,59 @@ def rotation_angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def find_offset(a: Signal, b: Signal) -> Offset:
-    """The offset [s] to be added to the times of b so that it agrees best with a, by cross-correlation.
+    """The offset to be added to the times of b so that it agrees best with a, by cross-correlation.
 
-    First on a common grid over all lags at which the signals share at least half of the shorter one, with the correlation normalised by
-    the means and variances of what they share (J. P. Lewis, Fast normalized cross-correlation, 1995). Then between the samples: the finer
-    signal, a cubic spline, is moved under the instants of the coarser one until the correlation is largest, which is the least squares
-    fit with free gain and bias. Raises BagError where no offset fits.
+    Both signals are brought to a grid of the interval of the coarser one, as means over that interval, and smoothed alike: noise above
+    the band that both have would otherwise draw the result to or from whole intervals. The correlation is taken at all lags at which
+    they share at least half of the shorter one, normalised by the means and variances of what they share (J. P. Lewis, Fast normalized
+    cross-correlation, 1995). Between the lags it is a cubic spline, whose maximum is sought: a signal sampled often enough has a smooth
+    correlation. Raises BagError where no offset fits.
     """
-    steps = [float(np.median(np.diff(s.time_ns))) for s in (a, b)] if min(a.time_ns.size, b.time_ns.size) > 1 else []
-    spans = [int(s.time_ns[-1] - s.time_ns[0]) for s in (a, b)]
-    if not steps or min(spans) < 10 * max(steps):
+    if min(a.time_ns.size, b.time_ns.size) < 2:
         raise BagError('the signals are too short to find a time offset from; give it with --offset')
-    dt = max(*steps, max(spans) / COARSE_POINTS)
+    spans = [int(s.time_ns[-1] - s.time_ns[0]) for s in (a, b)]
+    dt = max(*(float(np.median(np.diff(s.time_ns))) for s in (a, b)), max(spans) / COARSE_POINTS)
+    if min(spans) < 20 * dt:
+        raise BagError('the signals are too short to find a time offset from; give it with --offset')
     x, y = (_regular(s, dt) for s in (a, b))
     correlation = _correlations(x, y)
-    best = int(np.nanargmax(np.where(np.isnan(correlation), -2.0, correlation)))
-    lag = best - (y.size - 1)
-    start = (int(a.time_ns[0]) - int(b.time_ns[0])) * 1e-9
-    coarse = start + lag * dt * 1e-9
-    seconds, height = _refined(a, b, coarse, dt * 1e-9)
+    usable = np.isfinite(correlation)
+    best = int(np.argmax(np.where(usable, correlation, -2.0)))
+    near = np.arange(max(0, best - NEAR), min(correlation.size, best + NEAR + 1))
+    near = near[usable[near]]
+    lag, height = float(best), float(correlation[best]) if usable[best] else 0.0
+    if near.size > 3:
+        curve = CubicSpline(near, correlation[near])
+        turning = [float(r) for r in curve.derivative().roots(extrapolate=False) if abs(r - best) <= 1.0]
+        lag = max([*turning, lag], key=lambda at: float(curve(at)))
+        height = float(curve(lag))
+    moved = int(a.time_ns[0]) - int(b.time_ns[0]) + round((lag - (y.size - 1)) * dt)
     if not height >= LEAST_CORRELATION:
         raise BagError(
-            f'no time offset brings the signals together: the best, {seconds:.4g} s, gives a correlation of {height:.2f};'
+            f'no time offset brings the signals together: the best, {moved * 1e-9:.4g} s, gives a correlation of {height:.2f};'
             ' choose a channel that moves more, or give --offset'
         )
-    return Offset(seconds, height, _again(correlation, best, start, y.size - 1, dt * 1e-9))
+    again = _again(correlation, best)
+    return Offset(moved, height, None if again is None else (moved + (again - lag) * dt) * 1e-9)
 
 
 def _regular(signal: Signal, dt: float) -> np.ndarray:
-    """Values on a grid of interval dt [ns] from the first instant on, without their mean."""
+    """Means over intervals dt [ns] around the points of a grid from the first instant on, smoothed, without their mean."""
     relative = (signal.time_ns - signal.time_ns[0]).astype(float)
-    values = np.interp(np.arange(int(relative[-1] // dt) + 1) * dt, relative, signal.values)
-    return values - values.mean()
+    values = signal.values - np.mean(signal.values)
+    integral = _integral(relative, values)
+    grid = np.arange(int(relative[-1] // dt) + 1) * dt
+    begin, end = np.maximum(grid - 0.5 * dt, 0.0), np.minimum(grid + 0.5 * dt, relative[-1])
+    means = (integral(end) - integral(begin)) / (end - begin)
+    smooth = gaussian_filter1d(means, SMOOTHING, mode='nearest')
+    return smooth - smooth.mean()
+
+
+def _integral(time: np.ndarray, values: np.ndarray) -> PPoly:
+    """The integral of the straight lines between the samples."""
+    step = np.diff(time)
+    slope = np.diff(values) / step
+    return PPoly(np.stack([slope, values[:-1]]), time).antiderivative()
 
 
 def _correlations(x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -204,41 +232,11 @@ def _correlations(x: np.ndarray, y: np.ndarray) -> np.ndarray:
         return np.where(usable, (products - sx * sy / count) / np.sqrt(vx * vy), np.nan)
 
 
-def _refined(a: Signal, b: Signal, coarse: float, dt: float) -> tuple[float, float]:
-    """The offset within dt [s] of `coarse` with the largest correlation, and that correlation."""
-    sign, fine, other = (1.0, a, b) if a.time_ns.size >= b.time_ns.size else (-1.0, b, a)
-    origin = int(fine.time_ns[0])
-    tf = (fine.time_ns - origin) * 1e-9
-    to = (other.time_ns - origin) * 1e-9
-    spline = CubicSpline(tf, fine.values)
-    margin = 1.5 * dt
-    shifted = to + sign * coarse
-    use = (shifted - margin >= tf[0]) & (shifted + margin <= tf[-1])
-    if np.count_nonzero(use) < 3 or np.ptp(other.values[use]) == 0.0:
-        return coarse, 0.0
-    target = other.values[use] - other.values[use].mean()
-    instants = to[use]
-    norm = np.sqrt(np.sum(target**2))
-
-    def loss(offset: float) -> float:
-        values = spline(instants + sign * offset)
-        values -= values.mean()
-        size = np.sqrt(np.sum(values**2))
-        return -float(np.sum(values * target) / (size * norm)) if size > 0.0 else 0.0
-
-    found = minimize_scalar(loss, bounds=(coarse - margin, coarse + margin), method='bounded', options={'xatol': 1e-7})
-    return float(found.x), -float(found.fun)
-
-
-def _again(correlation: np.ndarray, best: int, start: float, zero: int, dt: float) -> float | None:
+def _again(correlation: np.ndarray, best: int) -> int | None:
     """Another peak that is nearly as high as the best one, as periodic signals have."""
     values = np.nan_to_num(correlation, nan=-1.0)
     peaks = np.flatnonzero((values[1:-1] >= values[:-2]) & (values[1:-1] > values[2:])) + 1
-    low = values[best] - 0.5 * abs(values[best])
-    left = best - int(np.argmax(values[best::-1] < low)) if np.any(values[best::-1] < low) else 0
-    right = best + int(np.argmax(values[best:] < low)) if np.any(values[best:] < low) else values.size
-    others = [p for p in peaks if (p < left or p > right) and values[p] >= AGAIN * values[best]]
-    if not others:
-        return None
-    nearest = min(others, key=lambda p: abs(p - best))
-    return start + (int(nearest) - zero) * dt
+    low = np.flatnonzero(values < 0.5 * values[best])
+    left, right = np.max(low[low < best], initial=-1), np.min(low[low > best], initial=values.size)
+    others = peaks[((peaks < left) | (peaks > right)) & (values[peaks] >= AGAIN * values[best])]
+    return int(others[np.argmin(np.abs(others - best))]) if others.size else None

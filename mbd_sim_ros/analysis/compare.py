@@ -192,7 +192,7 @@ def compare(
     """
     limits = tolerances or Tolerances()
     homes = [{name: one for one in r.series.values() for name in one.columns} for r in (run, *references)]
-    names, only_in_run, only_in_reference = _names(homes, channels, [name for r in (run, *references) for name in r.known])
+    names, only_in_run, only_in_reference = _names(homes, channels, [name for r in (run, *references) for name in r.names])
     if exact:
         if len(references) != 1 or offset != 0.0 or align is not None:
             raise BagError('an exact comparison is of two recordings, without offset')
@@ -313,7 +313,7 @@ def _clocks(homes: Sequence[Mapping[str, Series]], offset: float, align: str | N
                     raise BagError(f'--align {align}: no such channel in both recordings{suggestion(align, homes[0].keys() & home.keys())}')
             item = _Item(align, (align,), 'linear')
             found.append(find_offset(_signal(item, homes[0], shifts[0]), _signal(item, home, shifts[k])))
-            shifts[k] += round(found[-1].seconds * 1e9)
+            shifts[k] += found[-1].nanoseconds
     return origins, shifts, found
 
 

@@ -30,8 +30,7 @@ def load(bag: str | Path, topics: Sequence[str] | None = None) -> dict[str, pd.D
     wanted = [topic.strip('/') for topic in topics]
     for topic in wanted:
         if topic not in found:
-            known = {name.rpartition('/')[0] for name in run.known} | found.keys()
-            why = f': {run.left_out[topic]}' if topic in run.left_out else suggestion(topic, known - run.left_out.keys())
+            why = f': {run.left_out[topic]}' if topic in run.left_out else suggestion(topic, run.known.keys() - run.left_out.keys())
             raise BagError(f'{bag} has no topic {topic!r} that can be read{why}')
     return {topic: found[topic] for topic in wanted}
 

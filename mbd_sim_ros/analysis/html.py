@@ -18,8 +18,9 @@ from solver.errors import BagError
 SHOWN = 24  # curves of the channels that differ most
 POINTS = 3000  # about so many of a curve; the extremes of every stretch are among them
 COLUMNS = (
-    'channel', 'unit', 'largest difference', 'at [s]', 'RMS', 'scale', 'largest / scale', 'RMS / scale', 'peak run', 'peak reference',
-    'peak later by [s]', 'rating', 'corridor', 'phase', 'magnitude', 'slope', 'shift [s]', 'in band', 'time in both', 'verdict',
+    'channel', 'unit', 'largest difference', 'at [s]', 'RMS', 'scale', 'largest / scale', 'RMS / scale',
+    'rating', 'corridor', 'phase', 'magnitude', 'slope', 'shift [s]',
+    'peak of run', 'peak of reference', 'peak later by [s]', 'in band', 'time in both', 'verdict',
 )  # fmt: skip
 LEGEND = (
     'The worst relative to its tolerance comes first. Scale: largest value of the reference. Rating and its parts after ISO/TS 18571, 1 is'
@@ -61,7 +62,7 @@ def _row(d: Difference) -> list[Any]:
         [None] * 6 if d.rating is None else [getattr(d.rating, n) for n in ('overall', 'corridor', 'phase', 'magnitude', 'slope', 'shift')]
     )
     later = d.peak_time[0] - d.peak_time[1]
-    figures = [d.max, d.time, d.rms, d.scale, d.normalised, d.rms_normalised, *d.peak, later, *scores]
+    figures = [d.max, d.time, d.rms, d.scale, d.normalised, d.rms_normalised, *scores, *d.peak, later]
     return [d.channel, d.unit, *figures, None if d.band is None else d.band.inside, d.overlap, '; '.join(d.reasons)]
 
 

@@ -125,7 +125,7 @@ def apply(run: Run, channels: Mapping[str, Source], axes: Sequence[Axes], unit: 
 
     Channels that are not mapped keep their names, unless a mapped one takes it. Raises BagError.
     """
-    found = resolve(channels, run.known or tuple(name for one in run.series.values() for name in one.columns))
+    found = resolve(channels, run.names or tuple(name for one in run.series.values() for name in one.columns))
     taken = {new for new, _ in found.values()}
     series = {}
     for topic, one in run.series.items():
@@ -141,7 +141,10 @@ def apply(run: Run, channels: Mapping[str, Source], axes: Sequence[Axes], unit: 
             series[topic] = Series(one.time_ns, columns)
     for turn in axes:
         _rotate(series, turn)
-    known = tuple(found[name][0] if name in found else name for name in run.known if name in found or name not in taken)
+    known = {
+        topic: tuple(found[name][0] if name in found else name for name in names if name in found or name not in taken)
+        for topic, names in run.known.items()
+    }
     held = frozenset(new for new, source in found.values() if source.hold)
     return Run(series, run.metadata, run.left_out, known), held
 

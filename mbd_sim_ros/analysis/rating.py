@@ -32,6 +32,7 @@ SHIFT_MAX = 0.2  # of the length
 BAND = 0.1  # of the length
 MAGNITUDE_ERROR_MAX, SLOPE_ERROR_MAX = 0.5, 2.0
 SMOOTHED = 9
+LEAST = 11  # samples: after the largest shift there are nine
 RATE = 50.0  # [Hz]
 POINTS_LEAST, POINTS_MOST = 1000, 10_000
 SAME_CORRELATION = 1e-9  # correlations nearer than this are the same but for rounding; then the smaller shift counts
@@ -54,8 +55,8 @@ class Rating:
 
 
 def rate(time: np.ndarray, values: np.ndarray, reference: np.ndarray) -> Rating | None:
-    """Rate a signal against its reference at the same instants [s]; None for signals of fewer than nine samples or with gaps."""
-    if time.size < SMOOTHED or not (np.all(np.isfinite(values)) and np.all(np.isfinite(reference))):
+    """Rate a signal against its reference at the same instants [s]; None for signals of fewer than LEAST samples or with gaps."""
+    if time.size < LEAST or not (np.all(np.isfinite(values)) and np.all(np.isfinite(reference))):
         return None
     grid = sampling(time)
     return rate_sampled(np.interp(grid, time, values), np.interp(grid, time, reference), float(grid[1] - grid[0]))
@@ -65,11 +66,11 @@ def sampling(time: np.ndarray) -> np.ndarray:
     """The instants [s] at which signals are rated."""
     span = float(time[-1] - time[0])
     points = min(max(span * RATE, POINTS_LEAST), POINTS_MOST, span / float(np.median(np.diff(time))))
-    return np.linspace(time[0], time[-1], max(round(points), SMOOTHED - 1) + 1)
+    return np.linspace(time[0], time[-1], max(round(points), LEAST - 1) + 1)
 
 
 def rate_sampled(values: np.ndarray, reference: np.ndarray, dt: float) -> Rating:
-    """Rate a signal against its reference, both sampled at the interval dt [s], at least nine times."""
+    """Rate a signal against its reference, both sampled at the interval dt [s], at least LEAST times."""
     later = shift_of(values, reference)
     n = values.size
     moved, fixed = (values[later:], reference[: n - later]) if later >= 0 else (values[:later], reference[-later:])

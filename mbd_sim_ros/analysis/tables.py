@@ -114,7 +114,7 @@ def read(path: str | Path, channels: Sequence[str] = ()) -> Run:
         topic = file.stem.replace('.', '/') if path.is_dir() else ''
         one = _read_csv(file, topic and topic + '/')
         series[topic] = one
-    known = tuple(name for one in series.values() for name in one.columns)
+    known = {topic: tuple(one.columns) for topic, one in series.items()}
     if channels:
         for topic, one in list(series.items()):
             kept = {n: v for n, v in one.columns.items() if any(fnmatch.fnmatchcase(n, p) for p in channels)}

@@ -56,13 +56,13 @@ class Run:
     """One run: a series per topic, each at its own instants.
 
     `time_ns` and `columns` are all of them on one common grid, NaN where a topic has no message.
-    left_out: topic -> why its messages could not be read. known: all channels, also those that were not asked for.
+    left_out: topic -> why its messages could not be read. known: topic -> its channels, also those that were not asked for.
     """
 
     series: dict[str, Series]
     metadata: dict[str, str] = field(default_factory=dict)  # see recorder.describe
     left_out: dict[str, str] = field(default_factory=dict)
-    known: tuple[str, ...] = ()
+    known: dict[str, tuple[str, ...]] = field(default_factory=dict)
 
     @cached_property
     def time_ns(self) -> np.ndarray:
@@ -90,6 +90,11 @@ class Run:
     def time(self) -> np.ndarray:
         """Time in seconds."""
         return self.time_ns * 1e-9
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All channels of the recording, also those that were not asked for."""
+        return tuple(name for names in self.known.values() for name in names)
 
     @property
     def events(self) -> list[dict[str, Any]]:
@@ -133,6 +138,7 @@ class _Collector:
         self._data: list[bytes] = []
         self._bytes = 0
         self._count = 0
+        self._begun = False
         self._first: dict[str, Any] = {}
         self._length = 0
         self._places: dict[str, cdr.Place] = {}
@@ -143,11 +149,12 @@ class _Collector:
     @property
     def idle(self) -> bool:
         """Whether no further message is of use."""
-        return bool(self.problem) or (bool(self._places) and not self.columns)
+        return bool(self.problem) or (self._begun and not self.columns)
 
     def add(self, messages: Messages) -> None:
         """Take some messages."""
-        if not self._places and not self.problem:
+        if not self._begun:
+            self._begun = True
             self._begin(messages.data[0])
         if self.idle:
             return
@@ -339,7 +346,7 @@ def read(path: str | Path, channels: Sequence[str] = ()) -> Run:
         raise BagError(f'{path} is cut off or damaged; `mbd recover {path} NEW` saves every complete chunk')
     series = {one.name: found for one in collectors.values() if (found := one.series()) is not None}
     left_out = {one.name: one.problem for one in collectors.values() if one.problem}
-    known = tuple(name for one in collectors.values() for name in one.known)
+    known = {one.name: tuple(one.known) for one in collectors.values() if one.known}
     if not series and left_out:
         topic, problem = next(iter(left_out.items()))
         raise BagError(f'{path} holds nothing that can be read: topic {topic}: {problem}')
