@@ -133,7 +133,7 @@ def same_turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def slerp(a: np.ndarray, b: np.ndarray, part: np.ndarray) -> np.ndarray:
-    """Unit quaternions (n, 4) on the shortest way from a to b. K. Shoemake, Animating rotation with quaternion curves, SIGGRAPH 1985."""
+    """Unit quaternions (n, 4) on the shortest way from a to b. [Shoemake1985]"""
     dot = np.sum(a * b, axis=1)
     b = np.where(dot[:, None] < 0.0, -b, b)
     half = np.arccos(np.clip(np.abs(dot), 0.0, 1.0))
@@ -158,9 +158,9 @@ def find_offset(a: Signal, b: Signal) -> Offset:
 
     Both signals are brought to a grid of the interval of the coarser one, as means over that interval, and smoothed alike: noise above
     the band that both have would otherwise draw the result to or from whole intervals. The correlation is taken at all lags at which
-    they share at least half of the shorter one, normalised by the means and variances of what they share (J. P. Lewis, Fast normalized
-    cross-correlation, 1995). Between the lags it is a cubic spline, whose maximum is sought: a signal sampled often enough has a smooth
-    correlation. Raises BagError where no offset fits.
+    they share at least half of the shorter one, normalised by the means and variances of what they share [Lewis1995]. Between the lags
+    it is a cubic spline, whose maximum is sought: a signal sampled often enough has a smooth correlation.
+    Raises BagError where no offset fits.
     """
     if min(a.time_ns.size, b.time_ns.size) < 2:
         raise BagError('the signals are too short to find a time offset from; give it with --offset')

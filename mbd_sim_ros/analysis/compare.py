@@ -1,9 +1,8 @@
 """A run beside a reference: per channel the differences at common instants, judged by tolerances.
 
 The reference may be several repeats of one test. Then the run is compared with their mean and may leave it by the confidence band of
-that mean besides the tolerance: mean +- t_{0.975, n-1} s / sqrt(n) at every instant (Student's t, two-sided 95 %). ISO 19364:2016 and
-ISO 19365:2016 compare a simulation with at least three measured repeats; their texts were not at hand, so which band they ask for is
-not confirmed.
+that mean besides the tolerance: mean +- t_{0.975, n-1} s / sqrt(n) at every instant (Student's t, two-sided 95 %). The standards
+[ISOValidation2016] compare a simulation with at least three measured repeats; which band they ask for is not confirmed.
 
 Grids: where the instants of the coarsest signal all exist in the others, those are compared and nothing is interpolated; otherwise the
 finer ones are interpolated, each kind of channel in its own way (alignment.py). Orientations are one channel, whose difference is the
@@ -32,7 +31,7 @@ from mbd_sim_ros.analysis.alignment import (
     same_turn,
 )
 from mbd_sim_ros.analysis.rating import Rating, rate
-from mbd_sim_ros.analysis.tables import joint_kinds, unit
+from mbd_sim_ros.analysis.tables import units
 from mbd_sim_ros.analysis.tolerances import Tolerance, Tolerances
 from mbd_sim_ros.bags.reader import Run, Series
 from solver.errors import BagError, suggestion
@@ -196,10 +195,10 @@ def compare(
     if exact:
         if len(references) != 1 or offset != 0.0 or align is not None:
             raise BagError('an exact comparison is of two recordings, without offset')
-        return _exact(homes[0], homes[1], names, only_in_run, only_in_reference, _units(run, *references))
+        return _exact(homes[0], homes[1], names, only_in_run, only_in_reference, units(run, *references))
     names = [name for name in names if name not in COUNTERS]
     origins, shifts, found = _clocks(homes, offset, align)
-    unit_of = _units(run, *references)
+    unit_of = units(run, *references)
     items = _items(names, homes, unit_of, held)
     least = overlap if overlap is not None else OVERLAP_MOVED if any(shifts) else 1.0
 
@@ -258,11 +257,6 @@ def _orientations(names: Sequence[str]) -> list[str]:
     known = set(names)
     heads = [name.removesuffix(QUATERNION[0]) for name in names if name.endswith('/' + QUATERNION[0])]
     return [head + ORIENTATION for head in heads if all(head + q in known for q in QUATERNION)]
-
-
-def _units(*runs: Run) -> Callable[[str], str]:
-    kinds = next((found for r in runs if (found := joint_kinds(r))), {})
-    return lambda name: unit(name, kinds)
 
 
 def _items(names: Sequence[str], homes: Sequence[Mapping[str, Series]], unit_of: Callable[[str], str], held: frozenset[str]) -> list[_Item]:

@@ -41,11 +41,11 @@ def frames(run: Run) -> dict[str, pd.DataFrame]:
         import pandas as pd
     except ImportError:
         raise BagError("pandas is missing: pip install 'mbd_sim_ros[analysis]'") from None
-    kinds = tables.joint_kinds(run)
+    unit = tables.units(run)
     result = {}
     for topic, series in run.series.items():
         frame = pd.DataFrame(series.columns, index=pd.Index(series.time_ns * 1e-9, name=TIME), copy=False)
-        frame.attrs = {'units': {name: tables.unit(name, kinds) for name in series.columns}, 'metadata': dict(run.metadata)}
+        frame.attrs = {'units': {name: unit(name) for name in series.columns}, 'metadata': dict(run.metadata)}
         result[topic] = frame
     return result
 

@@ -125,7 +125,7 @@ def apply(run: Run, channels: Mapping[str, Source], axes: Sequence[Axes], unit: 
 
     Channels that are not mapped keep their names, unless a mapped one takes it. Raises BagError.
     """
-    found = resolve(channels, run.names or tuple(name for one in run.series.values() for name in one.columns))
+    found = resolve(channels, run.names)
     taken = {new for new, _ in found.values()}
     series = {}
     for topic, one in run.series.items():

@@ -10,9 +10,8 @@ R = 0.4 Z + 0.2 E_P + 0.2 E_M + 0.2 E_S.
   e = sum |a - b| / sum |b| over the pairs gives 1 - e / 0.5, at least 0.
 - Slope E_S: central differences, averaged over nine samples (fewer at the ends); e = sum |a' - b'| / sum |b'| gives 1 - e / 2.
 
-Source of formulas and parameters: ISO/TS 18571:2014, 6.1 to 6.3, and :2024 as implemented by the Objective Rating Metric ISO18571 of TU
-Graz (openvt.eu/validation-metrics/ISO18571) and by github.com/yeonsoo-p/ISO18571, whose tests hold the results of the annex of the
-standard. The text of the standard itself was not at hand: not confirmed are its rules for the sampling of signals slower than those of a
+Source of formulas and parameters: [ISORating2024] by its public implementations, whose tests hold the results of the annex of the standard.
+The text of the standard itself was not at hand: not confirmed are its rules for the sampling of signals slower than those of a
 crash (it asks for 10 kHz) and its names for ranges of R. Here signals are sampled at 50 Hz, finer where less than 20 s are
 shared (1000 samples), never finer than they were recorded.
 """

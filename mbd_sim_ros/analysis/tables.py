@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import fnmatch
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from decimal import Decimal
 from pathlib import Path
 
@@ -13,17 +13,16 @@ import numpy as np
 
 from mbd_sim_ros.bags import reader as bag
 from mbd_sim_ros.bags.reader import Run, Series
+from solver.elements.registry import FORCES
+from solver.elements.tire_pacejka import TIRES
 from solver.errors import BagError
 
 TIME = 'time [s]'
 ROWS = 10_000  # written at once
-JOINT_UNITS = {'rotation': ('rad', 'rad/s', 'N m'), 'translation': ('m', 'm/s', 'N')}
-ELEMENT_UNITS = {
-    'energy': 'J', 'dissipation': 'W', 'length': 'm', 'rate': 'm/s', 'force': 'N', 'torque': 'N m',
-    'fz': 'N', 'kappa': '1', 'alpha': 'rad', 'gamma': 'rad', 'spin': 'rad/s', 'deflection': 'm', 'friction': '1',
-    'fx': 'N', 'fy': 'N', 'mx': 'N m', 'my': 'N m', 'mz': 'N m', 'x': 'm', 'y': 'm', 'z': 'm', 'rx': 'rad', 'ry': 'rad', 'rz': 'rad',
-    'capacity': 'N m', 'speed': 'm/s', 'windup': 'rad', 'px': 'm', 'py': 'm', 'pz': 'm', 'qx': '1', 'qy': '1', 'qz': '1', 'qw': '1',
-}  # fmt: skip
+JOINT_UNITS = {
+    'rotation': {'position': 'rad', 'velocity': 'rad/s', 'effort': 'N m'},
+    'translation': {'position': 'm', 'velocity': 'm/s', 'effort': 'N'},
+}
 BLOCK_UNITS = {
     'pose': {'x': 'm', 'y': 'm', 'z': 'm'},
     'twist': {'vx': 'm/s', 'vy': 'm/s', 'vz': 'm/s', 'wx': 'rad/s', 'wy': 'rad/s', 'wz': 'rad/s'},
@@ -39,36 +38,54 @@ INPUT_UNITS = {
 }
 
 
-def unit(column: str, kinds: dict[str, str]) -> str:
-    """Unit of a column of a Run, '' where the recording does not tell. kinds: joint coordinate -> 'rotation' | 'translation'."""
+def units(*runs: Run) -> Callable[[str], str]:
+    """The unit of a column, '' where the recordings do not tell: joints by their kind, elements by the kind whose outputs they have."""
+    kinds: dict[str, str] = {}
+    outputs: dict[str, list[str]] = {}  # element -> its outputs
+    for run in runs:
+        kinds = kinds or json.loads(run.metadata.get('joint_kinds', '{}'))
+        for column in run.names:
+            topic, _, rest = column.partition('/')
+            if topic == 'element_states':
+                element, _, output = rest.rpartition('/')
+                known = outputs.setdefault(element, [])
+                if output not in known:
+                    known.append(output)
+    elements = {element: _element_units(tuple(found)) for element, found in outputs.items()}
+    unclear = _element_units(())
+    return lambda column: _unit(column, kinds, elements, unclear)
+
+
+def _element_units(found: tuple[str, ...]) -> dict[str, str]:
+    """Output -> unit of the kinds of elements with these outputs, as far as they agree; of all kinds where none has them."""
+    candidates = [kind for kind in FORCES if tuple(kind.outputs) == found] or FORCES
+    agreed: dict[str, set[str]] = {}
+    for kind in candidates:
+        for output, measure in kind.outputs.items():
+            agreed.setdefault(output, set()).add(measure or '1')
+    return {output: next(iter(m)) for output, m in agreed.items() if len(m) == 1 and ' or ' not in next(iter(m))}
+
+
+def _unit(column: str, kinds: Mapping[str, str], elements: Mapping[str, Mapping[str, str]], unclear: Mapping[str, str]) -> str:
     topic, _, rest = column.partition('/')
     head, _, last = column.rpartition('/')
     if topic == 'joint_states':
         joint, _, part = rest.rpartition('/')
-        units = JOINT_UNITS.get(kinds.get(joint, ''))
-        return '' if units is None else units[('position', 'velocity', 'effort').index(part)]
+        of_joint = JOINT_UNITS.get(kinds.get(joint, ''), {})
+        return of_joint.get(part, '')
     if topic == 'cmd_applied':
         return INPUT_UNITS.get(rest, '1' if rest == 'step' else '')
-    if topic in ('tire_states', 'element_states'):
-        return ELEMENT_UNITS.get(last, '')
+    if topic == 'tire_states':
+        return (TIRES.outputs[last] or '1') if last in TIRES.outputs else ''
+    if topic == 'element_states':
+        return elements.get(rest.rpartition('/')[0], unclear).get(last, '')
     block = BLOCK_UNITS.get(head.rpartition('/')[2], {})
     return block.get(last, '1' if last in ('qx', 'qy', 'qz', 'qw') else '')
 
 
-def joint_kinds(run: Run) -> dict[str, str]:
-    """Joint coordinate -> 'rotation' | 'translation', as far as the recording tells."""
-    return json.loads(run.metadata.get('joint_kinds', '{}'))
-
-
-def units(run: Run) -> Callable[[str], str]:
-    """The unit of a column, as far as this recording tells."""
-    kinds = joint_kinds(run)
-    return lambda column: unit(column, kinds)
-
-
 def export(run: Run, directory: Path) -> list[Path]:
     """Write one CSV file per topic (slashes of its name as dots) and return them. Raises BagError when a file cannot be written."""
-    kinds = joint_kinds(run)
+    unit = units(run)
     files = []
     try:
         directory.mkdir(parents=True, exist_ok=True)
@@ -77,7 +94,7 @@ def export(run: Run, directory: Path) -> list[Path]:
             with file.open('w', newline='', encoding='utf-8') as stream:
                 writer = csv.writer(stream, lineterminator='\n')
                 names = {c: c.removeprefix(topic + '/') for c in series.columns}
-                writer.writerow([TIME, *(f'{n} [{unit(c, kinds)}]' if unit(c, kinds) else n for c, n in names.items())])
+                writer.writerow([TIME, *(f'{n} [{unit(c)}]' if unit(c) else n for c, n in names.items())])
                 for begin in range(0, series.time_ns.size, ROWS):
                     seconds = (seconds_of(int(t)) for t in series.time_ns[begin : begin + ROWS])
                     values = np.column_stack([v[begin : begin + ROWS] for v in series.columns.values()])

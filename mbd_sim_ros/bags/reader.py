@@ -94,7 +94,8 @@ class Run:
     @property
     def names(self) -> tuple[str, ...]:
         """All channels of the recording, also those that were not asked for."""
-        return tuple(name for names in self.known.values() for name in names)
+        known = self.known or {topic: tuple(one.columns) for topic, one in self.series.items()}
+        return tuple(name for names in known.values() for name in names)
 
     @property
     def events(self) -> list[dict[str, Any]]:

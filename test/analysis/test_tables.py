@@ -75,3 +75,26 @@ def test_comments_and_blank_lines_in_a_table_are_skipped(tmp_path: Path) -> None
     read = tables.read(file)
     assert read.time_ns.tolist() == [0, 500_000_000]
     assert read['angle'].tolist() == [1.0, 2.0]
+
+
+def test_units_of_elements_are_those_of_their_kind() -> None:
+    """A rate is m/s of a spring and rad/s of a brake; which of the two an element is, its outputs tell."""
+    spring = ('energy', 'dissipation', 'length', 'rate', 'force')
+    brake = ('energy', 'dissipation', 'windup', 'rate', 'torque', 'capacity')
+    along = ('energy', 'dissipation', 'value', 'rate', 'force')
+    known = [f'element_states/{name}/{o}' for name, outputs in (('s', spring), ('b', brake), ('c', along)) for o in outputs]
+    run = Run({}, {'joint_kinds': '{"a": "rotation", "b": "translation"}'}, known={'element_states': tuple(known)})
+    unit = tables.units(run)
+    found = {
+        c: unit(f'element_states/{c}') for c in ('s/rate', 's/force', 'b/rate', 'b/windup', 'b/torque', 'c/energy', 'c/rate', 'c/value')
+    }
+    assert found == {
+        's/rate': 'm/s', 's/force': 'N', 'b/rate': 'rad/s', 'b/windup': 'rad', 'b/torque': 'N m', 'c/energy': 'J',
+        'c/rate': '', 'c/value': '',
+    }  # fmt: skip
+    assert [unit(f'joint_states/{c}') for c in ('a/position', 'a/effort', 'b/velocity', 'x/position')] == ['rad', 'N m', 'm/s', '']
+    assert [unit(c) for c in ('imu/ay', 'odom/pose/qw', 'tire/f/force/mz', 'tire_states/f/kappa', 'cmd_applied/steering', 'what')] == [
+        'm/s^2', '1', 'N m', '1', 'rad', '',
+    ]  # fmt: skip
+    bare = tables.units(Run({}))
+    assert (bare('element_states/x/rate'), bare('element_states/x/energy')) == ('', 'J')  # nothing tells which kind it is
