@@ -79,7 +79,7 @@ def records(path: Path, *, skip: Collection[int] = ()) -> Iterator[Record]:
             raise BagError(f'{path} is empty: nothing was recorded')
         if stream.read(len(MAGIC)) != MAGIC:
             raise BagError(f'{path} is not a recording: it is not an MCAP file')
-        at = len(MAGIC)
+        at, chunks = len(MAGIC), 0
         try:
             while len(head := stream.read(_HEAD.size)) == _HEAD.size:
                 opcode, length = _HEAD.unpack(head)
@@ -92,12 +92,18 @@ def records(path: Path, *, skip: Collection[int] = ()) -> Iterator[Record]:
                     at_data = _CHUNK.size + n + 8
                     compression = body[_CHUNK.size : at_data - 8].decode()
                     chunk = Chunk(compression, body[at_data:], end, begin, checksum, inflated)
-                    content, _ = get_chunk_data_stream(chunk, validate_crc=True)
-                    yield from _inside(content.read(inflated), skip)
+                    content, length = get_chunk_data_stream(chunk, validate_crc=True)
+                    if length != inflated:
+                        return
+                    chunks += 1
+                    yield from _inside(content.read(length), skip)
                 elif opcode == MESSAGE:  # of a file without chunks
                     yield from _inside(head + body, skip)
                 elif opcode in KINDS:
-                    yield KINDS[opcode].read(ReadDataStream(BytesIO(body)))
+                    record = KINDS[opcode].read(ReadDataStream(BytesIO(body)))
+                    if isinstance(record, Statistics) and record.chunk_count != chunks:
+                        return  # what should be a chunk was not
+                    yield record
                     if opcode == 2:
                         return
         except _BROKEN:
