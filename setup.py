@@ -34,7 +34,7 @@ setup(
     maintainer_email='maintainers@example.org',
     python_requires='>=3.11',
     packages=find_packages(include=['solver', 'solver.*', NAME, f'{NAME}.*']),
-    package_data={f'{NAME}.messages': ['schemas/*/*.msg']},
+    package_data={f'{NAME}.messages': ['schemas/*/*.msg'], f'{NAME}.analysis': ['report.html']},
     data_files=data_files(),
     zip_safe=False,
     install_requires=['numpy', 'scipy', 'numba', 'pyyaml', 'mcap', 'matplotlib', 'tqdm'],
@@ -43,12 +43,16 @@ setup(
         'ros': ['ros-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps-cpp'],
         # The integrators reference_bdf, reference_radau (scipy_dae) and reference_ida (SUNDIALS).
         'references': ['scipy_dae', 'scikit-sundae'],
+        # Recordings as pandas DataFrames (mbd_sim_ros.analysis.load) and Parquet files (mbd export --parquet).
+        'analysis': ['pandas', 'pyarrow'],
         # The peers of `mbd study work_precision` (exudyn) and `mbd bench`.
         'bench': ['exudyn', 'mujoco'],
         # colcon reads package.xml with catkin_pkg; setuptools 80 dropped what `colcon build --symlink-install` calls.
         'test': [
             'pytest',
             'rosbags',
+            'pandas',
+            'pyarrow',
             'scipy_dae',
             'scikit-sundae',
             'setuptools<80',

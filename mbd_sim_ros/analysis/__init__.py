@@ -1,1 +1,7 @@
-"""What is done with recordings: tables, comparison, plots."""
+"""What is done with recordings: tables, data frames, comparison, pictures, reports."""
+
+from __future__ import annotations
+
+from mbd_sim_ros.analysis.dataframes import load
+
+__all__ = ['load']

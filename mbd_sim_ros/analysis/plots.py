@@ -9,7 +9,6 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from mbd_sim_ros.analysis.compare import Comparison
-from mbd_sim_ros.analysis.tables import unit
 from solver.errors import BagError
 
 SHOWN = 6
@@ -18,10 +17,8 @@ GREY = '#555555'
 STYLE: dict = {'font.size': 9, 'axes.grid': True, 'grid.color': '#e4e4e4', 'axes.spines.top': False, 'axes.spines.right': False}
 
 
-def plot_comparison(
-    comparison: Comparison, file: Path, *, names: tuple[str, str] = ('run', 'reference'), kinds: dict[str, str] | None = None
-) -> None:
-    """Draw the worst channels: both curves on the left, their difference on the right. kinds: as tables.joint_kinds().
+def plot_comparison(comparison: Comparison, file: Path, *, names: tuple[str, str] = ('run', 'reference')) -> None:
+    """Draw the worst channels: both curves on the left, their difference on the right.
 
     Raises BagError when the file cannot be written.
     """
@@ -31,12 +28,13 @@ def plot_comparison(
         FigureCanvasAgg(figure)
         axes = figure.subplots(len(shown), 2, squeeze=False, sharex=True, width_ratios=(3, 2))
         for (left, right), d in zip(axes, shown, strict=True):
-            a, b = comparison.a[d.channel], comparison.b[d.channel]
-            left.plot(comparison.time, b, color=SECOND, lw=1.6, label=names[1])
-            left.plot(comparison.time, a, color=FIRST, lw=1.0, ls=(0, (5, 3)), label=names[0])
-            measure = unit(d.channel, kinds or {})
-            left.set_title(d.channel + (f' [{measure}]' if measure not in ('', '1') else ''), loc='left', fontsize=9)
-            right.plot(comparison.time, a - b, color=GREY, lw=0.9)
+            c = comparison.curves(d.channel)
+            if c.half is not None:
+                left.fill_between(c.time, c.reference - c.half, c.reference + c.half, color=SECOND, alpha=0.25, lw=0)
+            left.plot(c.time, c.reference, color=SECOND, lw=1.6, label=names[1])
+            left.plot(c.time, c.run, color=FIRST, lw=1.0, ls=(0, (5, 3)), label=names[0])
+            left.set_title(d.channel + (f' [{d.unit}]' if d.unit not in ('', '1') else ''), loc='left', fontsize=9)
+            right.plot(c.time, c.difference, color=GREY, lw=0.9)
             right.set_title(
                 f'difference: max {d.max:.3g} at {d.time:g} s, RMS {d.rms:.3g}' + ('' if d.ok else '  OUTSIDE'), loc='left', fontsize=9
             )

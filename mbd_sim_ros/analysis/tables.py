@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import csv
+import fnmatch
 import json
+from collections.abc import Callable, Mapping, Sequence
+from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
 
 from mbd_sim_ros.bags import reader as bag
-from mbd_sim_ros.bags.reader import Run
+from mbd_sim_ros.bags.reader import Run, Series
+from solver.elements.registry import FORCES
+from solver.elements.tire_pacejka import TIRES
 from solver.errors import BagError
 
 TIME = 'time [s]'
-JOINT_UNITS = {'rotation': ('rad', 'rad/s', 'N m'), 'translation': ('m', 'm/s', 'N')}
-ELEMENT_UNITS = {
-    'energy': 'J', 'dissipation': 'W', 'length': 'm', 'rate': 'm/s', 'force': 'N', 'torque': 'N m',
-    'fz': 'N', 'kappa': '1', 'alpha': 'rad', 'gamma': 'rad', 'spin': 'rad/s', 'deflection': 'm', 'friction': '1',
-    'px': 'm', 'py': 'm', 'pz': 'm', 'qx': '1', 'qy': '1', 'qz': '1', 'qw': '1',
-}  # fmt: skip
+ROWS = 10_000  # written at once
+JOINT_UNITS = {
+    'rotation': {'position': 'rad', 'velocity': 'rad/s', 'effort': 'N m'},
+    'translation': {'position': 'm', 'velocity': 'm/s', 'effort': 'N'},
+}
 BLOCK_UNITS = {
     'pose': {'x': 'm', 'y': 'm', 'z': 'm'},
     'twist': {'vx': 'm/s', 'vy': 'm/s', 'vz': 'm/s', 'wx': 'rad/s', 'wy': 'rad/s', 'wz': 'rad/s'},
@@ -34,57 +38,76 @@ INPUT_UNITS = {
 }
 
 
-def unit(column: str, kinds: dict[str, str]) -> str:
-    """Unit of a column of a Run, '' where the recording does not tell. kinds: joint coordinate -> 'rotation' | 'translation'."""
+def units(*runs: Run) -> Callable[[str], str]:
+    """The unit of a column, '' where the recordings do not tell: joints by their kind, elements by the kind whose outputs they have."""
+    kinds: dict[str, str] = {}
+    outputs: dict[str, list[str]] = {}  # element -> its outputs
+    for run in runs:
+        kinds = kinds or json.loads(run.metadata.get('joint_kinds', '{}'))
+        for column in run.names:
+            topic, _, rest = column.partition('/')
+            if topic == 'element_states':
+                element, _, output = rest.rpartition('/')
+                known = outputs.setdefault(element, [])
+                if output not in known:
+                    known.append(output)
+    elements = {element: _element_units(tuple(found)) for element, found in outputs.items()}
+    unclear = _element_units(())
+    return lambda column: _unit(column, kinds, elements, unclear)
+
+
+def _element_units(found: tuple[str, ...]) -> dict[str, str]:
+    """Output -> unit of the kinds of elements with these outputs, as far as they agree; of all kinds where none has them."""
+    candidates = [kind for kind in FORCES if tuple(kind.outputs) == found] or FORCES
+    agreed: dict[str, set[str]] = {}
+    for kind in candidates:
+        for output, measure in kind.outputs.items():
+            agreed.setdefault(output, set()).add(measure or '1')
+    return {output: next(iter(m)) for output, m in agreed.items() if len(m) == 1 and ' or ' not in next(iter(m))}
+
+
+def _unit(column: str, kinds: Mapping[str, str], elements: Mapping[str, Mapping[str, str]], unclear: Mapping[str, str]) -> str:
     topic, _, rest = column.partition('/')
     head, _, last = column.rpartition('/')
     if topic == 'joint_states':
         joint, _, part = rest.rpartition('/')
-        units = JOINT_UNITS.get(kinds.get(joint, ''))
-        return '' if units is None else units[('position', 'velocity', 'effort').index(part)]
+        of_joint = JOINT_UNITS.get(kinds.get(joint, ''), {})
+        return of_joint.get(part, '')
     if topic == 'cmd_applied':
         return INPUT_UNITS.get(rest, '1' if rest == 'step' else '')
-    if topic in ('tire_states', 'element_states'):
-        return ELEMENT_UNITS.get(last, '')
+    if topic == 'tire_states':
+        return (TIRES.outputs[last] or '1') if last in TIRES.outputs else ''
+    if topic == 'element_states':
+        return elements.get(rest.rpartition('/')[0], unclear).get(last, '')
     block = BLOCK_UNITS.get(head.rpartition('/')[2], {})
     return block.get(last, '1' if last in ('qx', 'qy', 'qz', 'qw') else '')
 
 
-def joint_kinds(run: Run) -> dict[str, str]:
-    """Joint coordinate -> 'rotation' | 'translation', as far as the recording tells."""
-    return json.loads(run.metadata.get('joint_kinds', '{}'))
-
-
-def topics(run: Run) -> dict[str, list[str]]:
-    """Topic -> its columns, in the order of the recording."""
-    known = ('joint_states', 'odom', 'imu', 'tire_states', 'cmd_applied', 'element_states', 'reactions')
-    found: dict[str, list[str]] = {}
-    for column in run.columns:
-        topic = next((name for name in known if column.startswith(name + '/')), column.rpartition('/')[0])
-        found.setdefault(topic, []).append(column)
-    return found
-
-
 def export(run: Run, directory: Path) -> list[Path]:
     """Write one CSV file per topic (slashes of its name as dots) and return them. Raises BagError when a file cannot be written."""
-    kinds = joint_kinds(run)
+    unit = units(run)
     files = []
     try:
         directory.mkdir(parents=True, exist_ok=True)
-        for topic, columns in topics(run).items():
-            file = directory / f'{topic.replace("/", ".")}.csv'
-            values = [run.columns[c] for c in columns]
-            rows = ~np.all([np.isnan(v) for v in values], axis=0)
+        for topic, series in run.series.items():
+            file = directory / f'{file_name(topic)}.csv'
             with file.open('w', newline='', encoding='utf-8') as stream:
                 writer = csv.writer(stream, lineterminator='\n')
-                names = [c.removeprefix(topic + '/') for c in columns]
-                writer.writerow([TIME, *(f'{n} [{unit(c, kinds)}]' if unit(c, kinds) else n for n, c in zip(names, columns, strict=True))])
-                seconds = (seconds_of(int(t)) for t in run.time_ns[rows])
-                writer.writerows([t, *row] for t, row in zip(seconds, np.column_stack(values)[rows].tolist(), strict=True))
+                names = {c: c.removeprefix(topic + '/') for c in series.columns}
+                writer.writerow([TIME, *(f'{n} [{unit(c)}]' if unit(c) else n for c, n in names.items())])
+                for begin in range(0, series.time_ns.size, ROWS):
+                    seconds = (seconds_of(int(t)) for t in series.time_ns[begin : begin + ROWS])
+                    values = np.column_stack([v[begin : begin + ROWS] for v in series.columns.values()])
+                    writer.writerows([t, *row] for t, row in zip(seconds, values.tolist(), strict=True))
             files.append(file)
     except OSError as error:
         raise BagError(f'cannot write to {directory}: {error.strerror}; choose another place') from None
     return files
+
+
+def file_name(topic: str) -> str:
+    """The name of a topic as that of a file, without ending."""
+    return topic.replace('/', '.') or 'run'
 
 
 def seconds_of(t_ns: int) -> str:
@@ -93,30 +116,30 @@ def seconds_of(t_ns: int) -> str:
     return f'{sign}{t_ns // 1_000_000_000}.{t_ns % 1_000_000_000:09d}'
 
 
-def read(path: str | Path) -> Run:
+def read(path: str | Path, channels: Sequence[str] = ()) -> Run:
     """A bag, an .mcap file, a .csv file, or a directory of .csv files as export() writes them.
 
-    Columns of a CSV file in a directory get the name of its topic in front; those of a single file are as in its header. Units in
-    square brackets are dropped. Raises BagError (file, line, remedy).
+    channels: shell patterns of the columns to read; all without any. Columns of a CSV file in a directory get the name of its topic
+    in front; those of a single file are as in its header. Units in square brackets are dropped. Raises BagError (file, line, remedy).
     """
     path = Path(path)
-    if path.suffix.lower() == '.csv':
-        return _read_csv(path, '')
-    files = sorted(path.glob('*.csv')) if path.is_dir() else []
-    if not files or list(path.glob('*.mcap*')):
-        return bag.read(path)
-    runs = [_read_csv(file, file.stem.replace('.', '/') + '/') for file in files]
-    grid = np.unique(np.concatenate([run.time_ns for run in runs]))
-    columns = {}
-    for run in runs:
-        rows = np.searchsorted(grid, run.time_ns)
-        for name, values in run.columns.items():
-            columns[name] = np.full(grid.size, np.nan)
-            columns[name][rows] = values
-    return Run(grid, columns)
+    files = [path] if path.suffix.lower() == '.csv' else sorted(path.glob('*.csv')) if path.is_dir() else []
+    if not files or (path.is_dir() and list(path.glob('*.mcap*'))):
+        return bag.read(path, channels)
+    series = {}
+    for file in files:
+        topic = file.stem.replace('.', '/') if path.is_dir() else ''
+        one = _read_csv(file, topic and topic + '/')
+        series[topic] = one
+    known = {topic: tuple(one.columns) for topic, one in series.items()}
+    if channels:
+        for topic, one in list(series.items()):
+            kept = {n: v for n, v in one.columns.items() if any(fnmatch.fnmatchcase(n, p) for p in channels)}
+            series[topic] = Series(one.time_ns, kept)
+    return Run({topic: one for topic, one in series.items() if one.columns}, known=known)
 
 
-def _read_csv(file: Path, prefix: str) -> Run:
+def _read_csv(file: Path, prefix: str) -> Series:
     try:
         with file.open(newline='', encoding='utf-8-sig') as stream:
             rows = [row for row in csv.reader(stream) if row and not row[0].lstrip().startswith('#')]
@@ -139,7 +162,16 @@ def _read_csv(file: Path, prefix: str) -> Run:
         table = np.array([[float(cell) if cell.strip() else np.nan for cell in row] for row in rows[1:]])
     except ValueError as error:
         raise BagError(f'{file}: {error}') from None
-    time_ns = np.round(table[:, 0] * 1e9).astype(np.int64)
+    if not np.all(np.isfinite(table[:, 0])):
+        raise BagError(f'{file}: every row needs a time in its first column')
+    time_ns = _nanoseconds([row[0] for row in rows[1:]], table[:, 0])
     if not np.all(np.diff(time_ns) > 0):
         raise BagError(f'{file}: the times must increase from row to row')
-    return Run(time_ns, {prefix + name: table[:, k].copy() for k, name in enumerate(names) if k})
+    return Series(time_ns, {prefix + name: table[:, k].copy() for k, name in enumerate(names) if k})
+
+
+def _nanoseconds(texts: Sequence[str], seconds: np.ndarray) -> np.ndarray:
+    """Times [ns]; a float holds nanoseconds up to a hundred days only, not those of stamps with the time of day."""
+    if seconds.size and np.max(np.abs(seconds)) < 2.0**53 * 1e-9:
+        return np.round(seconds * 1e9).astype(np.int64)
+    return np.array([round(Decimal(text.strip()) * 1_000_000_000) for text in texts], np.int64)

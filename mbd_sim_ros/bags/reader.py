@@ -1,28 +1,31 @@
-"""Reading recordings: a bag becomes a `Run`, a time grid with named columns; a broken one gives back every complete chunk.
+"""Reading recordings: a bag becomes a `Run`, per topic its instants and named columns; a broken one gives back every complete chunk.
 
 Columns: `joint_states/<joint>/position|velocity|effort`, `odom/pose/x|y|z|qx|qy|qz|qw`, `odom/twist/vx|...|wz`,
 `tire/<wheel>/force/fx|fy|fz|mx|my|mz`, `imu/ax|...|wz|qx|...`, and `<topic>/<name>` for topics of named scalars (JointState with
 positions only: `tire_states/<wheel>/kappa`, `cmd_applied/<input>`). Other types give `<topic>/<field path>`.
+
+The messages of one topic of our recordings differ in their numbers only, so a block of them is one table of bytes and a column is a
+strided part of it. Topics whose strings or sizes change are decoded message by message.
 """
 
 from __future__ import annotations
 
+import fnmatch
 import json
-import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from mcap.exceptions import McapError
-from mcap.records import Channel, Chunk, Footer, Message, Metadata, Schema
-from mcap.stream_reader import CRCValidationError, StreamReader, get_chunk_data_stream
+from mcap.records import Channel, Metadata, Schema, Statistics
 
-from mbd_sim_ros.bags.writer import PART, RECORD, RESULT, BagWriter
+from mbd_sim_ros.bags.records import Messages, find_file, message_counts, records
+from mbd_sim_ros.bags.writer import RECORD, RESULT, BagWriter
 from mbd_sim_ros.messages import cdr
 from mbd_sim_ros.messages.encode import IMU, JOINT_STATE, ODOMETRY, WRENCH, Topic
-from solver.errors import BagError
+from solver.errors import BagError, suggestion
 
 _XYZ, _QUATERNION, _TWIST = ('x', 'y', 'z'), ('qx', 'qy', 'qz', 'qw'), ('vx', 'vy', 'vz', 'wx', 'wy', 'wz')
 # Per type: first field of a run of float64, and the column names of that run.
@@ -34,23 +37,65 @@ _BLOCKS = {
     IMU: (('orientation.x', _QUATERNION), ('angular_velocity.x', _TWIST[3:]), ('linear_acceleration.x', ('ax', 'ay', 'az'))),
     WRENCH: (('wrench.force.x', ('fx', 'fy', 'fz', 'mx', 'my', 'mz')),),
 }
-_BROKEN = (McapError, CRCValidationError, ValueError, IndexError, KeyError, struct.error, EOFError, MemoryError)
-_MESSAGE = struct.Struct('<HIQQ')  # channel, sequence, log time, publish time
-_RECORD = struct.Struct('<BQ')  # opcode, length
+NOT_SIGNALS = ('tf', 'tf_static', 'robot_description')  # topics that are no columns
+BLOCK_BYTES = 1 << 22  # messages of a topic that are decoded at once
+COLUMNS_MAX = 4096  # of one topic; a cloud of points is no set of channels
+STAMP = ('header.stamp.sec', 'header.stamp.nanosec')
+
+
+@dataclass(frozen=True)
+class Series:
+    """One topic: its instants [ns] and float64 columns on them (SI units), under their full names."""
+
+    time_ns: np.ndarray  # (n,) int64, ascending
+    columns: dict[str, np.ndarray]  # (n,) each
 
 
 @dataclass
 class Run:
-    """One run: a common time grid [ns] and float64 columns on it (SI units; NaN where a topic has no message at that time)."""
+    """One run: a series per topic, each at its own instants.
 
-    time_ns: np.ndarray  # (n,) int64, ascending
-    columns: dict[str, np.ndarray]  # (n,) each
+    `time_ns` and `columns` are all of them on one common grid, NaN where a topic has no message.
+    left_out: topic -> why its messages could not be read. known: topic -> its channels, also those that were not asked for.
+    """
+
+    series: dict[str, Series]
     metadata: dict[str, str] = field(default_factory=dict)  # see recorder.describe
+    left_out: dict[str, str] = field(default_factory=dict)
+    known: dict[str, tuple[str, ...]] = field(default_factory=dict)
+
+    @cached_property
+    def time_ns(self) -> np.ndarray:
+        """All instants [ns], ascending."""
+        grids = [one.time_ns for one in self.series.values()]
+        if all(np.array_equal(grid, grids[0]) for grid in grids[1:]):
+            return grids[0]
+        return np.unique(np.concatenate(grids))
+
+    @cached_property
+    def columns(self) -> dict[str, np.ndarray]:
+        """All columns on the common grid."""
+        return {name: values for one in self.series.values() for name, values in self._spread(one).items()}
+
+    def _spread(self, one: Series) -> dict[str, np.ndarray]:
+        if one.time_ns is self.time_ns or np.array_equal(one.time_ns, self.time_ns):
+            return one.columns
+        rows = np.searchsorted(self.time_ns, one.time_ns)
+        result = {name: np.full(self.time_ns.size, np.nan) for name in one.columns}
+        for name, values in one.columns.items():
+            result[name][rows] = values
+        return result
 
     @property
     def time(self) -> np.ndarray:
         """Time in seconds."""
         return self.time_ns * 1e-9
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """All channels of the recording, also those that were not asked for."""
+        known = self.known or {topic: tuple(one.columns) for topic, one in self.series.items()}
+        return tuple(name for names in known.values() for name in names)
 
     @property
     def events(self) -> list[dict[str, Any]]:
@@ -59,8 +104,6 @@ class Run:
 
     def __getitem__(self, name: str) -> np.ndarray:
         if name not in self.columns:
-            from solver.errors import suggestion
-
             raise BagError(f'the recording has no column {name!r}' + suggestion(name, self.columns))
         return self.columns[name]
 
@@ -75,188 +118,151 @@ class Recovered(NamedTuple):
     complete: bool  # the source was whole
 
 
-@dataclass
-class _Series:
-    """All messages of one topic."""
-
-    topic: str
-    type: str
-    schema: str
-    times: list[int] = field(default_factory=list)
-    data: list[bytes] = field(default_factory=list)
+class _Changing(Exception):
+    """The messages of a topic are not all alike."""
 
 
-def find_file(path: str | Path, *, unfinished: bool = False) -> Path:
-    """Return the MCAP file of a bag directory (or `path` itself, if it is a file); `unfinished` admits `.part` files.
+class _Collector:
+    """Takes the messages of one topic and keeps the columns that are wanted.
 
-    Raises BagError if there is none.
+    wanted: tells of a full column name whether it is. expected: how many messages will come (0: not known).
     """
-    path = Path(path)
-    if path.is_file():
-        return path
-    if not path.is_dir():
-        raise BagError(f'{path} is not there: neither a bag directory nor an .mcap file')
-    found = sorted(path.glob('*.mcap'))
-    parts = sorted(path.glob('*.mcap' + PART))
-    if not found and parts and unfinished:
-        found = parts
-    if not found:
-        if parts:
-            raise BagError(f'{path} was not finished: the recording process died; `mbd recover {path} NEW` saves every complete chunk')
-        other = ' (storage sqlite3 is not read; convert it with `ros2 bag convert`)' if list(path.glob('*.db3')) else ''
-        raise BagError(f'{path} is not a recording: it holds no .mcap file{other}')
-    if len(found) > 1:
-        raise BagError(f'{path} holds {len(found)} .mcap files; name one of them')
-    return found[0]
 
+    def __init__(self, topic: str, name: str, kind: str, schema: str, wanted: Callable[[str], bool]) -> None:
+        self.topic, self.name, self.type, self.schema = topic, name, kind, schema
+        self.expected = 0
+        self.problem = ''
+        self.known: list[str] = []
+        self.columns: list[str] = []
+        self._wanted = wanted
+        self._times: list[int] = []
+        self._data: list[bytes] = []
+        self._bytes = 0
+        self._count = 0
+        self._begun = False
+        self._first: dict[str, Any] = {}
+        self._length = 0
+        self._places: dict[str, cdr.Place] = {}
+        self._picks: list[tuple[str, slice | list[int], int]] = []  # field, which of its numbers, how many
+        self._table = np.empty((0, 0))
+        self._stamps = np.empty((2, 0), np.int64)  # log times, stamps
 
-def _records(path: Path) -> Iterator[Any]:
-    """Yield Schema, Channel, Metadata and Footer records and (channel id, log time, message) of every complete chunk.
+    @property
+    def idle(self) -> bool:
+        """Whether no further message is of use."""
+        return bool(self.problem) or (self._begun and not self.columns)
 
-    A record that is cut off or damaged ends the stream: whoever wants to know whether it was whole looks for the Footer.
-    Raises BagError if the file is not MCAP or cannot be opened.
-    """
-    try:
-        stream = path.open('rb')
-    except OSError as error:
-        raise BagError(f'cannot read {path}: {error.strerror}') from error
-    with stream:
-        if path.stat().st_size == 0:
-            raise BagError(f'{path} is empty: nothing was recorded')
-        if stream.read(8) != b'\x89MCAP0\r\n':
-            raise BagError(f'{path} is not a recording: it is not an MCAP file')
-        stream.seek(0)
-        limit = max(path.stat().st_size, 1 << 20)
-        try:
-            for record in StreamReader(stream, emit_chunks=True, record_size_limit=limit).records:
-                if isinstance(record, Chunk):
-                    body, _ = get_chunk_data_stream(record, validate_crc=True)
-                    yield from _chunk(body.read(record.uncompressed_size))
-                elif isinstance(record, Message):
-                    yield record.channel_id, record.log_time, record.data
-                elif isinstance(record, Schema | Channel | Metadata | Footer):
-                    yield record
-        except _BROKEN:
+    def add(self, messages: Messages) -> None:
+        """Take some messages."""
+        if not self._begun:
+            self._begun = True
+            self._begin(messages.data[0])
+        if self.idle:
             return
-        except Exception as error:  # decompression errors of zstandard and lz4 have no common base
-            if type(error).__module__.split('.')[0] in ('zstandard', 'zstd', 'lz4', 'builtins'):
-                return
-            raise
+        self._times += messages.log_times
+        self._data += messages.data
+        self._bytes += len(messages.data) * len(messages.data[0])
+        if self._bytes >= BLOCK_BYTES:
+            self._decode()
 
+    def series(self) -> Series | None:
+        """All that came, with header stamps as times where the type has them and they tell the messages apart."""
+        self._decode()
+        if self.problem or not self._count:
+            return None
+        log_times, stamps = self._stamps[:, : self._count]
+        times = log_times if stamps[0] < 0 or (self._count > 1 and np.all(stamps == stamps[0])) else stamps
+        table = self._table[:, : self._count]
+        order = np.argsort(times, kind='stable')
+        keep = order[np.flatnonzero(np.diff(times[order], append=np.iinfo(np.int64).max))]  # of equal times the last
+        if keep.size == times.size and np.all(keep == np.arange(times.size)):
+            return Series(times, dict(zip(self.columns, table)))
+        return Series(times[keep], {name: values[keep] for name, values in zip(self.columns, table)})
 
-def _chunk(body: bytes) -> Iterator[Any]:
-    """Yield the records of a decompressed chunk; the loop over messages is the whole cost of reading a bag."""
-    at = 0
-    while at + _RECORD.size <= len(body):
-        opcode, length = _RECORD.unpack_from(body, at)
-        at += _RECORD.size
-        if opcode == 5:
-            channel, _, log_time, _ = _MESSAGE.unpack_from(body, at)
-            yield channel, log_time, body[at + _MESSAGE.size : at + length]
-        elif opcode in (3, 4):
-            from io import BytesIO
+    def _begin(self, data: bytes) -> None:
+        """Learn from the first message what the columns are."""
+        try:
+            self._first, self._places = cdr.decode(self.type, self.schema, data)
+            names = _names(self.topic, self.type, self._first, self._places)
+        except (BagError, KeyError, ValueError, UnicodeDecodeError) as error:
+            self.problem = str(error) if isinstance(error, BagError) else 'its messages do not fit their definition'
+            return
+        if len(names) > COLUMNS_MAX:
+            self.problem = f'a message of it holds {len(names)} numbers, more than {COLUMNS_MAX}'
+            return
+        self._length = len(data)
+        self.known = [f'{self.name}/{name}' for name in names]
+        chosen = [(full, place) for full, place in zip(self.known, names.values()) if self._wanted(full)]
+        for path in dict.fromkeys(path for _, (path, _) in chosen):
+            of_it = [(full, i) for full, (p, i) in chosen if p == path]
+            self.columns += [full for full, _ in of_it]
+            whole = len(of_it) == self._places[path].size
+            self._picks.append((path, slice(None) if whole else [i for _, i in of_it], len(of_it)))
+        self._table = np.empty((len(self.columns), self.expected))
+        self._stamps = np.empty((2, self.expected), np.int64)
+        variable = np.zeros(self._length + 1, bool)
+        for place in self._places.values():
+            variable[place.offset : place.offset + place.size * cdr.dtype(place).itemsize] = True
+        variable[-1] = True
+        edges = np.flatnonzero(np.diff(variable, prepend=True))
+        self._fixed = list(zip(edges[::2].tolist(), edges[1::2].tolist()))
+        self._model = np.frombuffer(data, np.uint8)
 
-            from mcap.data_stream import ReadDataStream
+    def _decode(self) -> None:
+        """Turn the messages at hand into rows of the table."""
+        n = len(self._data)
+        if n == 0 or self.problem:
+            return
+        try:
+            gathered = self._alike() or self._one_by_one()
+        except (_Changing, BagError):
+            self.problem = 'its messages change their names or sizes during the recording'
+            self._data, self._times, self._bytes = [], [], 0
+            return
+        begin, end = self._count, self._count + n
+        if end > self._table.shape[1]:
+            capacity = max(end, 2 * self._table.shape[1])
+            self._table = _wider(self._table, capacity, begin)
+            self._stamps = _wider(self._stamps, capacity, begin)
+        row = 0
+        for path, which, many in self._picks:
+            self._table[row : row + many, begin:end] = gathered[path][:, which].T
+            row += many
+        self._stamps[0, begin:end] = self._times
+        self._stamps[1, begin:end] = (
+            gathered[STAMP[0]][:, 0].astype(np.int64) * 1_000_000_000 + gathered[STAMP[1]][:, 0] if STAMP[0] in gathered else -1
+        )
+        self._count = end
+        self._data, self._times, self._bytes = [], [], 0
 
-            yield (Schema if opcode == 3 else Channel).read(ReadDataStream(BytesIO(body[at : at + length])))
-        at += length
+    def _needed(self) -> list[str]:
+        return [path for path, *_ in self._picks] + [path for path in STAMP if path in self._places]
 
+    def _alike(self) -> dict[str, np.ndarray] | None:
+        """The numbers of messages that are like the first one but for their numbers; None if they are not."""
+        if any(len(data) != self._length for data in self._data):
+            return None
+        table = np.frombuffer(b''.join(self._data), np.uint8).reshape(len(self._data), -1)
+        if any(np.any(table[:, a:b] != self._model[a:b]) for a, b in self._fixed):
+            return None  # names changed (or padding is not zero)
+        return {path: _gather(table, self._places[path]) for path in self._needed()}
 
-def _scan(path: Path) -> tuple[dict[int, _Series], dict[str, dict[str, str]], bool]:
-    """Read a whole file: messages by channel, metadata records by name, and whether the file was complete."""
-    schemas: dict[int, Schema] = {}
-    series: dict[int, _Series] = {}
-    metadata: dict[str, dict[str, str]] = {}
-    complete = False
-    for record in _records(path):
-        if isinstance(record, tuple):
-            one = series.get(record[0])
-            if one is not None:
-                one.times.append(record[1])
-                one.data.append(record[2])
-        elif isinstance(record, Schema):
-            schemas[record.id] = record
-        elif isinstance(record, Channel):
-            schema = schemas.get(record.schema_id)
-            if record.id not in series and record.message_encoding == 'cdr' and schema and schema.encoding == 'ros2msg':
-                series[record.id] = _Series(record.topic, schema.name, schema.data.decode())
-        elif isinstance(record, Metadata):
-            metadata[record.name] = record.metadata
-        else:
-            complete = True
-    return series, metadata, complete
-
-
-def read(path: str | Path) -> Run:
-    """Read a bag directory or an .mcap file.
-
-    Raises BagError if it is not a recording, is empty, or was cut off.
-    """
-    path = find_file(path)
-    series, metadata, complete = _scan(path)
-    if not complete:
-        raise BagError(f'{path} is cut off or damaged; `mbd recover {path} NEW` saves every complete chunk')
-    return _run(path, series, metadata)
-
-
-def _run(path: Path, series: dict[int, _Series], metadata: dict[str, dict[str, str]]) -> Run:
-    about = {**metadata.get(RECORD, {}), **metadata.get(RESULT, {})}
-    namespace = about.get('namespace', '').strip('/')
-    pieces: list[tuple[np.ndarray, dict[str, np.ndarray]]] = []
-    for one in series.values():
-        topic = one.topic.strip('/').removeprefix(namespace + '/' if namespace else '')
-        if one.times and topic not in ('tf', 'tf_static', 'robot_description'):
-            times, columns = _columns(one)
-            pieces.append((times, {f'{topic}/{name}': values for name, values in columns.items()}))
-    if not pieces:
-        raise BagError(f'{path} holds no messages')
-    grid = pieces[0][0]
-    if any(not np.array_equal(times, grid) for times, _ in pieces):
-        grid = np.unique(np.concatenate([times for times, _ in pieces]))
-    columns = {}
-    for times, named in pieces:
-        if times is grid or np.array_equal(times, grid):
-            columns.update(named)
-            continue
-        rows = np.searchsorted(grid, times)
-        for name, values in named.items():
-            columns[name] = np.full(grid.size, np.nan)
-            columns[name][rows] = values
-    return Run(grid, columns, about)
-
-
-def _columns(one: _Series) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Return times [ns] (header stamps where the type has them) and columns of one topic, without the topic's name."""
-    first, places = cdr.decode(one.type, one.schema, one.data[0])
-    names = _names(one, first, places)
-    table = None
-    if all(len(data) == len(one.data[0]) for data in one.data):
-        table = np.frombuffer(b''.join(one.data), np.uint8).reshape(len(one.data), -1)
-        fixed = np.ones(table.shape[1], bool)
-        for place in places.values():
-            fixed[place.offset : place.offset + place.size * cdr.dtype(place).itemsize] = False
-        if np.any(table[:, fixed] != table[0, fixed]):
-            table = None  # names changed (or padding is not zero): read one by one
-    if table is not None:
-        gathered = {path: _gather(table, place) for path, place in places.items()}
-    else:
+    def _one_by_one(self) -> dict[str, np.ndarray]:
         rows = []
-        for data in one.data:
-            value, found = cdr.decode(one.type, one.schema, data)
-            if found.keys() != places.keys() or value.get('name') != first.get('name'):
-                raise BagError(f'the messages of topic {one.topic} change their names during the recording')
-            rows.append({path: np.frombuffer(data, cdr.dtype(place), place.size, place.offset) for path, place in found.items()})
-        gathered = {path: np.stack([row[path] for row in rows]) for path in places}
-    if 'header.stamp.sec' in gathered:
-        times = gathered['header.stamp.sec'][:, 0].astype(np.int64) * 1_000_000_000 + gathered['header.stamp.nanosec'][:, 0]
-    else:
-        times = np.asarray(one.times, np.int64)
-    columns = {name: gathered[path][:, i].astype(np.float64) for name, (path, i) in names.items()}
-    order = np.argsort(times, kind='stable')
-    keep = order[np.flatnonzero(np.diff(times[order], append=np.iinfo(np.int64).max))]  # of equal times the last
-    if keep.size == times.size and np.all(keep == np.arange(times.size)):
-        return times, columns
-    return times[keep], {name: values[keep] for name, values in columns.items()}
+        sizes = {path: place.size for path, place in self._places.items()}
+        for data in self._data:
+            value, found = cdr.decode(self.type, self.schema, data)
+            if {path: place.size for path, place in found.items()} != sizes or value.get('name') != self._first.get('name'):
+                raise _Changing
+            numbers = {path: found[path] for path in self._needed()}
+            rows.append({path: np.frombuffer(data, cdr.dtype(place), place.size, place.offset) for path, place in numbers.items()})
+        return {path: np.stack([row[path] for row in rows]) for path in self._needed()}
+
+
+def _wider(table: np.ndarray, capacity: int, filled: int) -> np.ndarray:
+    result = np.empty((table.shape[0], capacity), table.dtype)
+    result[:, :filled] = table[:, :filled]
+    return result
 
 
 def _gather(table: np.ndarray, place: cdr.Place) -> np.ndarray:
@@ -266,22 +272,22 @@ def _gather(table: np.ndarray, place: cdr.Place) -> np.ndarray:
     return part.view(dtype) if place.size else np.zeros((len(table), 0), dtype)
 
 
-def _names(one: _Series, first: dict[str, Any], places: dict[str, cdr.Place]) -> dict[str, tuple[str, int]]:
+def _names(topic: str, kind: str, first: dict[str, Any], places: dict[str, cdr.Place]) -> dict[str, tuple[str, int]]:
     """Map column names to (field path, index in it)."""
-    if one.type == JOINT_STATE:
+    if kind == JOINT_STATE:
         filled = [part for part in ('position', 'velocity', 'effort') if places[part].size]
-        plain = filled == ['position'] and not one.topic.endswith('joint_states')
+        plain = filled == ['position'] and not topic.endswith('joint_states')
         return {
             name if plain else f'{name}/{part}': (part, i)
             for part in filled
             for i, name in enumerate(first['name'])
             if i < places[part].size
         }
-    if one.type in _BLOCKS:
+    if kind in _BLOCKS:
         paths = list(places)
         return {
             name: (path, 0)
-            for start, names in _BLOCKS[one.type]
+            for start, names in _BLOCKS[kind]
             for name, path in zip(names, paths[paths.index(start) : paths.index(start) + len(names)])
         }
     return {
@@ -292,21 +298,96 @@ def _names(one: _Series, first: dict[str, Any], places: dict[str, cdr.Place]) ->
     }
 
 
+def read(path: str | Path, channels: Sequence[str] = ()) -> Run:
+    """Read a bag directory or an .mcap file. channels: shell patterns of the columns to read ('odom/*'); all without any.
+
+    Raises BagError if it is not a recording, is empty, or was cut off.
+    """
+    path = find_file(path)
+    namespace = ''
+    expected: dict[int, int] = message_counts(path)
+    schemas: dict[int, Schema] = {}
+    collectors: dict[tuple[str, int], _Collector] = {}  # by topic and schema: several publishers are one topic
+    of_channel: dict[int, _Collector] = {}
+    metadata: dict[str, dict[str, str]] = {}
+    skip: set[int] = set()
+    complete = False
+
+    def wanted(name: str) -> bool:
+        return not channels or any(fnmatch.fnmatchcase(name, pattern) for pattern in channels)
+
+    for record in records(path, skip=skip):
+        if isinstance(record, Messages):
+            one = of_channel.get(record.channel)
+            if one is None:
+                skip.add(record.channel)
+                continue
+            one.add(record)
+            if one.idle:
+                skip.add(record.channel)
+        elif isinstance(record, Schema):
+            schemas[record.id] = record
+        elif isinstance(record, Channel):
+            if record.id in of_channel or record.id in skip:
+                continue
+            schema = schemas.get(record.schema_id)
+            topic = record.topic.strip('/').removeprefix(namespace + '/' if namespace else '')
+            if topic in NOT_SIGNALS or record.message_encoding != 'cdr' or schema is None or schema.encoding != 'ros2msg':
+                skip.add(record.id)
+                continue
+            fresh = _Collector(record.topic, topic, schema.name, schema.data.decode(), wanted)
+            one = of_channel[record.id] = collectors.setdefault((record.topic, record.schema_id), fresh)
+            one.expected += expected.get(record.id, 0)
+        elif isinstance(record, Metadata):
+            metadata[record.name] = record.metadata
+            namespace = metadata.get(RECORD, {}).get('namespace', '').strip('/')
+        elif not isinstance(record, Statistics):
+            complete = True
+    if not complete:
+        raise BagError(f'{path} is cut off or damaged; `mbd recover {path} NEW` saves every complete chunk')
+    series = {one.name: found for one in collectors.values() if (found := one.series()) is not None}
+    left_out = {one.name: one.problem for one in collectors.values() if one.problem}
+    known = {one.name: tuple(one.known) for one in collectors.values() if one.known}
+    if not series and left_out:
+        topic, problem = next(iter(left_out.items()))
+        raise BagError(f'{path} holds nothing that can be read: topic {topic}: {problem}')
+    if not known:
+        raise BagError(f'{path} holds no messages')
+    return Run(series, {**metadata.get(RECORD, {}), **metadata.get(RESULT, {})}, left_out, known)
+
+
 def recover(source: str | Path, destination: str | Path) -> Recovered:
     """Copy every complete chunk of a recording that was cut off (or of a whole one) into a new bag directory.
 
     Raises BagError if the source is not MCAP, nothing complete is in it, or the destination cannot be written.
     """
     path = find_file(source, unfinished=True)
-    series, metadata, complete = _scan(path)
-    merged = sorted((t, k, i) for i, one in enumerate(series.values()) for k, t in enumerate(one.times))
-    if not merged:
+    schemas: dict[int, Schema] = {}
+    channels: dict[int, tuple[str, Schema]] = {}
+    metadata: dict[str, Mapping[str, str]] = {}
+    used: set[int] = set()
+    complete = False
+    for record in records(path):
+        if isinstance(record, Messages):
+            used.add(record.channel)
+        elif isinstance(record, Schema):
+            schemas[record.id] = record
+        elif isinstance(record, Channel):
+            if record.message_encoding == 'cdr' and record.schema_id in schemas and schemas[record.schema_id].encoding == 'ros2msg':
+                channels.setdefault(record.id, (record.topic, schemas[record.schema_id]))
+        elif isinstance(record, Metadata):
+            metadata[record.name] = record.metadata
+        elif not isinstance(record, Statistics):
+            complete = True
+    if not used & channels.keys():
         raise BagError(f'{path} holds no complete chunk: nothing can be recovered')
-    every = list(series.values())
-    metadata.setdefault(RESULT, {})['recovered_from'] = path.name
-    topics = [Topic(one.topic, one.type, depth=1 if one.topic.endswith('robot_description') else 10) for one in every]
-    writer = BagWriter(destination, topics, metadata, schemas={one.type: one.schema for one in every})
-    for t, k, i in merged:
-        writer.write(t, [(i, every[i].data[k])])
+    metadata[RESULT] = {**metadata.get(RESULT, {}), 'recovered_from': path.name}
+    place = {channel: i for i, channel in enumerate(channels)}
+    topics = [Topic(topic, schema.name, depth=1 if topic.endswith('robot_description') else 10) for topic, schema in channels.values()]
+    writer = BagWriter(destination, topics, metadata, schemas={schema.name: schema.data.decode() for _, schema in channels.values()})
+    for record in records(path):
+        if isinstance(record, Messages) and record.channel in place:
+            for log_time, data in zip(record.log_times, record.data):
+                writer.write(log_time, [(place[record.channel], data)])
     directory = writer.finish()
-    return Recovered(directory, len(merged), merged[0][0], merged[-1][0], complete)
+    return Recovered(directory, sum(writer.count), writer.first_ns or 0, writer.last_ns, complete)

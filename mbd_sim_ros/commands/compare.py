@@ -1,8 +1,10 @@
-"""mbd compare: two runs, or a run and a table, side by side."""
+"""mbd compare: a run beside a reference, which may be a recording of another simulator or of a car, or several repeats of a test."""
 
 from __future__ import annotations
 
 import argparse
+import dataclasses
+import fnmatch
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,9 +12,24 @@ from mbd_sim_ros.commands import Result, declare, table
 from solver.errors import BagError
 
 if TYPE_CHECKING:
-    from mbd_sim_ros.analysis.compare import Comparison
+    from mbd_sim_ros.analysis.compare import Comparison, Difference
+    from mbd_sim_ros.analysis.mapping import ChannelMap
+    from mbd_sim_ros.bags.reader import Run
 
 SHOWN = 12
+EXAMPLE = """mbd compare bags/coarse bags/fine --rtol 1e-3 --atol 1e-6 --html out/compare.html
+  mbd compare bags/first bags/again --exact
+  mbd compare bags/run measured/lap_1 measured/lap_2 measured/lap_3 --mapping car.yaml --align imu/wz --tolerances limits.yaml
+mapping file (THEIRS in deg/s becomes OURS in rad/s; axes: theirs are turned by roll, pitch, yaw):
+  channels:
+    imu/wz: {channel: vehicle/imu/yaw_rate, unit: deg/s, sign: -1, offset: 0.0}
+    'tire/*/force/fz': {channel: 'wheels/*/load', unit: kN}
+  axes:
+    - {channels: [imu/ax, imu/ay, imu/az], rpy_deg: [180, 0, 0]}
+tolerance file (the first pattern that fits counts; rms, peak: relative; shift: s; rating: ISO/TS 18571, 0 to 1):
+  tolerances:
+    'imu/w*': {rtol: 0.05, atol: 0.01, rms: 0.02, rating: 0.8, shift: 0.05}
+  default: {rtol: 0.1}"""
 
 
 def add(parsers: Any) -> None:
@@ -21,80 +38,250 @@ def add(parsers: Any) -> None:
         parsers,
         'compare',
         run,
-        'compare a run with a reference; exit code 1 when a channel is outside its tolerance',
-        'mbd compare bags/coarse bags/fine --rtol 1e-3 --atol 1e-6 --plot out/compare.png\n  mbd compare bags/first bags/again --exact',
+        'compare a run with a reference; exit code 1 when a channel is outside its tolerance or missing',
+        EXAMPLE,
     )
-    parser.add_argument('run_', metavar='RUN', type=Path, help='bag directory, .mcap file, .csv file or directory of .csv files')
+    source = 'bag directory, .mcap file, .csv file or directory of .csv files'
+    parser.add_argument('run_', metavar='RUN', type=Path, help=source)
     parser.add_argument('reference', metavar='REFERENCE', type=Path, help='the same; differences are RUN - REFERENCE')
     parser.add_argument(
-        '--rtol',
+        'repeats',
+        metavar='REPEAT',
+        type=Path,
+        nargs='*',
+        help='more references: repeats of one test, whose mean is the reference; RUN may leave it by its 95 %% confidence band as well',
+    )
+    judged = parser.add_argument_group('what is allowed')
+    judged.add_argument(
+        '--rtol', type=float, help='allowed difference relative to the largest value of the channel in REFERENCE (default 1e-06)'
+    )
+    judged.add_argument('--atol', type=float, help='allowed absolute difference, added to the relative one (default 1e-09)')
+    judged.add_argument('--tolerances', metavar='FILE', type=Path, help='limits per channel, see below; --rtol and --atol for the others')
+    judged.add_argument('--exact', action='store_true', help='same instants, same channels, same bits')
+    judged.add_argument('--allow-missing', action='store_true', help='do not mind channels and times that one recording lacks')
+    judged.add_argument(
+        '--overlap',
+        metavar='PART',
         type=float,
-        default=1e-6,
-        help='allowed difference relative to the largest value of the channel in REFERENCE (%(default)g)',
+        help='part of the longer recording that both must have (1; 0.95 when times are moved)',
     )
-    parser.add_argument('--atol', type=float, default=1e-9, help='allowed absolute difference, added to the relative one (%(default)g)')
-    parser.add_argument('--exact', action='store_true', help='same instants, same channels, same bits')
-    parser.add_argument(
-        '--channel', metavar='PATTERN', action='append', default=[], help="compare only channels like 'odom/*' (repeatable)"
-    )
-    parser.add_argument(
+    chosen = parser.add_argument_group('channels')
+    chosen.add_argument('--channel', metavar='PATTERN', action='append', default=[], help="only channels like 'odom/*' (repeatable)")
+    chosen.add_argument(
         '--map',
         metavar='THEIRS=OURS',
         action='append',
         default=[],
-        help='a channel of REFERENCE and the channel of RUN it belongs to (repeatable)',
+        help="a channel of REFERENCE and its name in RUN, also as patterns: 'vehicle/imu/*=imu/*' (repeatable)",
     )
-    parser.add_argument('--plot', metavar='PNG', type=Path, help='draw the channels that differ most')
+    chosen.add_argument(
+        '--mapping',
+        metavar='FILE',
+        type=Path,
+        help='names, units, signs, offsets, axes of REFERENCE, see below; only these are compared',
+    )
+    times = parser.add_argument_group('times')
+    times.add_argument('--offset', metavar='SECONDS', type=float, default=0.0, help='added to the times of REFERENCE')
+    times.add_argument('--align', metavar='CHANNEL', help='find the time offset of REFERENCE by cross-correlation of this channel of RUN')
+    shown = parser.add_argument_group('pictures')
+    shown.add_argument('--html', metavar='FILE', type=Path, help='report with all figures and curves to zoom into, in one file')
+    shown.add_argument('--plot', metavar='PNG', type=Path, help='draw the channels that differ most')
+    shown.add_argument('--no-rating', action='store_true', help='leave out the rating after ISO/TS 18571 where no tolerance asks for it')
 
 
 def run(args: argparse.Namespace) -> Result:
-    """Read both, compare, draw."""
-    from mbd_sim_ros.analysis import tables
+    """Read all, compare, draw."""
+    from mbd_sim_ros.analysis import mapping
     from mbd_sim_ros.analysis.compare import compare
+    from mbd_sim_ros.analysis.tolerances import Tolerances, load_tolerances
 
-    if args.rtol < 0.0 or args.atol < 0.0:
-        raise BagError(f'--rtol {args.rtol:g} --atol {args.atol:g}: tolerances must not be negative')
-    names = {}
-    for pair in args.map:
-        theirs, equals, ours = pair.partition('=')
-        if not (equals and theirs and ours):
-            raise BagError(f'--map {pair!r}: write it as THEIRS=OURS')
-        names[theirs] = ours
-    a, b = tables.read(args.run_), tables.read(args.reference)
-    found = compare(a, b, rtol=args.rtol, atol=args.atol, exact=args.exact, channels=args.channel, names=names)
+    given = {name: getattr(args, name) for name in ('rtol', 'atol') if getattr(args, name) is not None}
+    if any(not value >= 0.0 for value in given.values()):
+        raise BagError(f'{" ".join(f"--{name} {value:g}" for name, value in given.items())}: tolerances must not be negative')
+    if args.overlap is not None and not 0.0 <= args.overlap <= 1.0:
+        raise BagError(f'--overlap {args.overlap:g}: must be a part, 0 to 1')
+    limits = Tolerances() if args.tolerances is None else load_tolerances(args.tolerances)
+    limits = dataclasses.replace(limits, default=dataclasses.replace(limits.default, **given))
+    pairs = mapping.pairs(args.map)
+    file = None if args.mapping is None else mapping.load_mapping(args.mapping)
+    ours, references, held = _read(args, pairs, file)
+    channels = args.channel
+    if file is not None:
+        listed = [*file.channels, *pairs, *(axis for turn in file.axes for axis in turn.channels)]
+        keep = {name for r in (ours, *references) for one in r.series.values() for name in one.columns}
+        channels = sorted(
+            name
+            for name in keep
+            if any(fnmatch.fnmatchcase(name, p) for p in listed) and (not channels or any(fnmatch.fnmatchcase(name, p) for p in channels))
+        )
+        common = keep.intersection(*({n for one in r.series.values() for n in one.columns} for r in (ours, *references)))
+        lacking = sorted(set(channels) - common)
+        channels = [name for name in channels if name in common]
+        if not channels:
+            raise BagError(f'{args.mapping}: none of its channels is in all recordings ({", ".join(lacking[:3])} are in some)')
+    found = compare(
+        ours,
+        *references,
+        tolerances=limits,
+        exact=args.exact,
+        channels=channels,
+        offset=args.offset,
+        align=args.align,
+        overlap=0.0 if args.allow_missing else args.overlap,
+        held=held,
+        rated=not args.no_rating,
+    )
+    if file is not None:
+        in_run = {n for one in ours.series.values() for n in one.columns}
+        found = dataclasses.replace(
+            found,
+            only_in_run=tuple(n for n in lacking if n in in_run),
+            only_in_reference=tuple(n for n in lacking if n not in in_run),
+        )
+    names = _labels([args.run_, args.reference, *args.repeats])
+    left_out = {f'{name}: {topic}': why for name, r in zip(names, (ours, *references)) for topic, why in r.left_out.items()}
+    result = report(found, allow_missing=args.allow_missing, names=names, left_out=left_out, plot=args.plot, html=args.html)
     if args.plot is not None:
         from mbd_sim_ros.analysis.plots import plot_comparison
 
-        labels = (args.run_.name, args.reference.name if args.reference.name != args.run_.name else f'{args.reference}')
-        plot_comparison(found, args.plot, names=labels, kinds=tables.joint_kinds(a) or tables.joint_kinds(b))
-    return report(found, plot=args.plot)
+        plot_comparison(found, args.plot, names=(names[0], names[1] if len(names) == 2 else 'mean of repeats'))
+    if args.html is not None:
+        from mbd_sim_ros.analysis.html import write_report
+
+        verdict = result.text.splitlines()[-1]
+        write_report(found, args.html, names=names, about=about(found, names, left_out), verdict=(result.code == 0, verdict))
+    return result
 
 
-def report(found: Comparison, plot: Path | None = None) -> Result:
-    """A comparison as a Result: exit code 0 when every channel is within its tolerance."""
+def _read(args: argparse.Namespace, pairs: dict, file: ChannelMap | None) -> tuple[Run, list[Run], frozenset[str]]:
+    """The run, the references under the names of the run, and which channels hold their value; only what is needed is decoded."""
+    from mbd_sim_ros.analysis import mapping, tables
+
+    also = [args.align] if args.align is not None else []
+    quaternions = [p.removesuffix('orientation') + 'q[xyzw]' for p in args.channel if p.endswith('orientation')]
+    wanted = [*args.channel, *quaternions, *also] if args.channel else []
+    places = [args.reference, *args.repeats]
+    if file is None and not pairs:
+        return tables.read(args.run_, wanted), [tables.read(place, wanted) for place in places], frozenset()
+    axes = [name for turn in file.axes for name in turn.channels] if file is not None else []
+    sources = {**(file.channels if file is not None else {}), **pairs}
+    ours = tables.read(args.run_, [*sources, *axes, *also] if file is not None else wanted)
+    unit_of = tables.units(ours)
+    held: frozenset[str] = frozenset()
+    references = []
+    for place in places:
+        theirs = tables.read(place, [*(s.channel for s in sources.values()), *axes, *also] if file is not None else ())
+        try:
+            renamed, holding = mapping.apply(theirs, sources, file.axes if file is not None else (), unit_of)
+        except BagError as error:
+            raise BagError(f'{place}: {error}') from None
+        references.append(renamed)
+        held |= holding
+    return ours, references, held
+
+
+def _labels(places: list[Path]) -> list[str]:
+    """Short names of the recordings, all different."""
+    short = [place.name or str(place) for place in places]
+    return short if len(set(short)) == len(short) else [str(place) for place in places]
+
+
+def about(found: Comparison, names: list[str], left_out: dict[str, str]) -> list[str]:
+    """What was done before comparing, a line each."""
+    lines = []
+    if any(found.origins):
+        lines += [f'times of {name} count from {origin:.9f} s' for name, origin in zip(names, found.origins) if origin]
+    for k, name in enumerate(names[1:]):
+        if k < len(found.found):
+            one = found.found[k]
+            again = '' if one.again is None else f'; {one.again:.6g} s fits nearly as well'
+            lines.append(f'{found.offsets[k]:.6f} s added to the times of {name} (correlation {one.correlation:.4f}{again})')
+        elif k < len(found.offsets) and found.offsets[k]:
+            lines.append(f'{found.offsets[k]:.6f} s added to the times of {name}')
+    for side, channels in ((names[0], found.only_in_run), ('reference', found.only_in_reference)):
+        if channels:
+            more = f' and {len(channels) - 6} more' if len(channels) > 6 else ''
+            lines.append(f'in {side} only: {", ".join(channels[:6])}{more}')
+    lines += [f'not read: {topic}: {why}' for topic, why in left_out.items()]
+    return lines
+
+
+def report(
+    found: Comparison,
+    *,
+    allow_missing: bool = False,
+    names: list[str] | None = None,
+    left_out: dict[str, str] | None = None,
+    plot: Path | None = None,
+    html: Path | None = None,
+) -> Result:
+    """A comparison as a Result: exit code 0 when every channel is there and within its tolerance."""
     outside = [d for d in found.differences if not d.ok]
+    missing = () if allow_missing else found.left_out
+    good = found.ok and not missing
     data = {
-        'status': 'same' if found.ok else 'different',
-        'instants': len(found.time),
+        'status': 'same' if good else 'different',
+        'instants': found.instants,
         'interpolated': found.interpolated,
-        'channels': {
-            d.channel: {'max': d.max, 'rms': d.rms, 'time_of_max': d.time, 'scale': d.scale, 'ok': d.ok} for d in found.differences
-        },
+        'offsets': [
+            {'seconds': s, **({'correlation': f.correlation, 'again': f.again} if f else {})}
+            for s, f in zip(found.offsets, [*found.found, *[None] * len(found.offsets)])
+        ],
+        'channels': {d.channel: _channel(d) for d in found.differences},
         'outside': [d.channel for d in outside],
         'left_out': list(found.left_out),
+        'only_in_run': list(found.only_in_run),
+        'only_in_reference': list(found.only_in_reference),
+        'not_read': left_out or {},
+        'problems': list(found.problems),
         'plot': None if plot is None else str(plot),
+        'html': None if html is None else str(html),
     }
-    rows = [('channel', 'max', 'at [s]', 'rms', 'scale', '')]
+    rated = any(d.rating is not None for d in found.differences)
+    band = any(d.band is not None for d in found.differences)
+    extra = (*(['rating'] if rated else []), *(['in band'] if band else []))
+    rows: list[tuple[str, ...]] = [('channel', 'unit', 'max', 'at [s]', 'rms', 'scale', 'max/scale', *extra, '')]
     for d in found.differences[:SHOWN]:
-        rows.append((d.channel, f'{d.max:.3g}', f'{d.time:.6g}', f'{d.rms:.3g}', f'{d.scale:.3g}', '' if d.ok else 'OUTSIDE'))
-    lines = [table(rows)]
+        cells = [d.channel, d.unit, f'{d.max:.3g}', f'{d.time:.6g}', f'{d.rms:.3g}', f'{d.scale:.3g}', f'{d.normalised:.3g}']
+        cells += ['' if d.rating is None else f'{d.rating.overall:.3f}'] if rated else []
+        cells += ['' if d.band is None else f'{100.0 * d.band.inside:.1f} %'] if band else []
+        rows.append((*cells, '' if d.ok else f'OUTSIDE: {"; ".join(d.reasons)}'))
+    lines = [*about(found, names or ['run', 'reference'], left_out or {}), table(rows)]
     if len(found.differences) > SHOWN:
         lines.append(f'... and {len(found.differences) - SHOWN} channels that differ less')
-    if found.left_out:
-        lines.append(
-            f'in one run only: {", ".join(found.left_out[:6])}'
-            + (f' and {len(found.left_out) - 6} more' if len(found.left_out) > 6 else '')
-        )
     verdict = f'{len(outside)} of {len(found.differences)} channels outside' if outside else f'{len(found.differences)} channels within'
-    lines.append(f'{verdict} tolerance at {len(found.time)} instants' + (' (interpolated)' if found.interpolated else ''))
-    return Result(data=data, text='\n'.join(lines), code=0 if found.ok else 1)
+    verdict += f' tolerance at {found.instants} instants' + (' (interpolated)' if found.interpolated else '')
+    if missing:
+        verdict += f'; {len(missing)} channels are in one recording only'
+    lines.append(verdict)
+    return Result(data=data, text='\n'.join(lines), code=0 if good else 1)
+
+
+def _channel(d: Difference) -> dict[str, Any]:
+    """One channel for JSON; times in s, the rest in its unit or without one."""
+    data = {
+        'unit': d.unit,
+        'max': d.max,
+        'rms': d.rms,
+        'time_of_max': d.time,
+        'scale': d.scale,
+        'normalised': d.normalised,
+        'rms_normalised': d.rms_normalised,
+        'limit': d.limit,
+        'peak_run': d.peak[0],
+        'peak_reference': d.peak[1],
+        'peak_difference': d.peak_difference,
+        'peak_later_by': d.peak_time[0] - d.peak_time[1],
+        'overlap': d.overlap,
+        'instants': d.instants,
+        'ok': d.ok,
+        'reasons': list(d.reasons),
+    }
+    if d.first is not None:
+        data['first'] = d.first
+    if d.rating is not None:
+        data |= {'rating': d.rating.overall, 'shift': d.rating.shift}
+        data['scores'] = {name: getattr(d.rating, name) for name in ('corridor', 'phase', 'magnitude', 'slope')}
+    if d.band is not None:
+        data['band'] = dataclasses.asdict(d.band)
+    return data

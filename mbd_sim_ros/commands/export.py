@@ -1,4 +1,4 @@
-"""mbd export: a recording as CSV files."""
+"""mbd export: a recording as CSV or Parquet files."""
 
 from __future__ import annotations
 
@@ -7,21 +7,42 @@ from pathlib import Path
 from typing import Any
 
 from mbd_sim_ros.commands import Result, declare
+from solver.errors import BagError
 
 
 def add(parsers: Any) -> None:
     """Declare the command."""
-    parser = declare(parsers, 'export', run, 'write a recording as CSV files, one per topic', 'mbd export bags/first --csv out/first')
+    parser = declare(
+        parsers,
+        'export',
+        run,
+        'write a recording as CSV or Parquet files, one per topic',
+        "mbd export bags/first --csv out/first\n  mbd export bags/first --parquet out/first --channel 'odom/*' --channel 'tire/*'",
+    )
     parser.add_argument('bag', metavar='BAG', type=Path, help='bag directory or .mcap file')
-    parser.add_argument('--csv', metavar='DIR', type=Path, required=True, help='where to write <topic>.csv')
+    parser.add_argument('--csv', metavar='DIR', type=Path, help='where to write <topic>.csv')
+    parser.add_argument('--parquet', metavar='DIR', type=Path, help='where to write <topic>.parquet (extra `analysis`)')
+    parser.add_argument('--channel', metavar='PATTERN', action='append', default=[], help="only channels like 'odom/*' (repeatable)")
 
 
 def run(args: argparse.Namespace) -> Result:
     """Read and write."""
-    from mbd_sim_ros.analysis import tables
+    from mbd_sim_ros.analysis import dataframes, tables
     from mbd_sim_ros.bags import reader as bag
 
-    run_ = bag.read(args.bag)
-    files = [str(f) for f in tables.export(run_, args.csv)]
-    data = {'status': 'ok', 'rows': len(run_.time_ns), 'columns': len(run_.columns), 'files': files}
-    return Result(data=data, text='\n'.join(files))
+    if args.csv is None and args.parquet is None:
+        raise BagError('nothing to write: give --csv DIR or --parquet DIR')
+    run_ = bag.read(args.bag, args.channel)
+    if not run_.series:
+        raise BagError(f'{args.bag}: no channel matches {" ".join(args.channel)}')
+    files = tables.export(run_, args.csv) if args.csv is not None else []
+    files += dataframes.export_parquet(run_, args.parquet) if args.parquet is not None else []
+    rows = max(one.time_ns.size for one in run_.series.values())
+    data = {
+        'status': 'ok',
+        'rows': rows,
+        'columns': sum(len(one.columns) for one in run_.series.values()),
+        'files': [str(f) for f in files],
+        'not_read': run_.left_out,
+    }
+    return Result(data=data, text='\n'.join([*map(str, files), *(f'not read: {t}: {why}' for t, why in run_.left_out.items())]))

@@ -1,184 +1,219 @@
-"""Comparing runs: known differences are found, unknown ones are not invented, tables survive the way out and back."""
+"""mbd compare as vehicle engineers use it: recordings of others, repeats, tolerances, reports; one object, one sentence, the right code."""
 
 from __future__ import annotations
 
-import re
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
+from scalars import write_scalars
 
-from mbd_sim_ros.analysis import tables
-from mbd_sim_ros.analysis.compare import align, compare
-from mbd_sim_ros.analysis.plots import plot_comparison
-from mbd_sim_ros.bags.reader import Run
-from solver.errors import BagError
+from mbd_sim_ros.bags import reader as bag
+from mbd_sim_ros.commands.main import main
 
-
-def run(n: int = 101, h_ns: int = 10_000_000, **columns) -> Run:
-    t = np.arange(n) * h_ns
-    values = {name: f(t * 1e-9) for name, f in columns.items()}
-    return Run(t, values)
-
-
-def test_largest_and_rms_difference_are_those_of_the_formula() -> None:
-    a = run(x=lambda t: np.sin(t) + 0.3 * t, y=lambda t: t)
-    b = run(x=np.sin, y=lambda t: t)
-    found = compare(a, b, rtol=0.0, atol=0.31)
-    x = next(d for d in found.differences if d.channel == 'x')
-    assert x.max == pytest.approx(0.3, rel=1e-14)
-    assert x.time == pytest.approx(1.0, rel=1e-15)
-    assert x.rms == pytest.approx(0.3 * np.sqrt(np.mean(np.linspace(0.0, 1.0, 101) ** 2)), rel=1e-14)
-    assert x.scale == pytest.approx(np.sin(1.0), rel=1e-14)
-    assert found.ok
-    assert not found.interpolated
-    assert not compare(a, b, rtol=0.0, atol=0.29).ok
+MS = 1_000_000
+EPOCH = 1_700_000_000 * 10**9
+PLANTED = 0.137
+MAPPING = """
+channels:
+  imu/wz: {channel: vehicle/motion/yaw_rate, unit: deg/s}
+  imu/ay: {channel: vehicle/motion/lateral, unit: g, sign: -1}
+  odom/twist/vx: {channel: vehicle/speed/kmh, unit: km/h}
+  cmd_applied/steering: {channel: vehicle/steering/angle, unit: deg, hold: true}
+  'tire/*/force/fz': {channel: 'wheels/load/*', unit: kN, offset: 50.0}
+"""
+LIMITS = """
+tolerances:
+  cmd_applied/*: {rtol: 0.05}
+  imu/*: {rtol: 0.05, rms: 0.01, rating: 0.9, shift: 0.03}
+  odom/*: {rtol: 0.01, rms: 0.005}
+  tire/*: {rtol: 0.05, rms: 0.005}
+"""
 
 
-@pytest.mark.parametrize(('rtol', 'atol', 'ok'), [(0.0101, 0.0, True), (0.0099, 0.0, False), (0.005, 0.0101, True), (0.005, 0.0099, False)])
-def test_tolerance_is_absolute_plus_relative_to_the_largest_reference_value(rtol: float, atol: float, ok: bool) -> None:
-    b = run(x=lambda t: 2.0 * np.cos(np.pi * t))
-    a = Run(b.time_ns, {'x': b.columns['x'] + 0.02})
-    assert compare(a, b, rtol=rtol, atol=atol).ok is ok
+def document(capsys: pytest.CaptureFixture[str], *argv: object) -> tuple[int, dict]:
+    capsys.readouterr()
+    code = main(['compare', *map(str, argv), '--json'])
+    captured = capsys.readouterr()
+    assert captured.err == ''
+    assert captured.out.count('\n') == 1
+    return code, json.loads(captured.out)
 
 
-def test_worst_channel_comes_first() -> None:
-    b = run(small=lambda t: 1e-3 + t, large=lambda t: 1e3 + t)
-    a = Run(b.time_ns, {'large': b.columns['large'] + 1e-3, 'small': b.columns['small'] + 1e-4})
-    assert [d.channel for d in compare(a, b, rtol=1e-3, atol=0.0).differences] == ['small', 'large']
+@pytest.fixture(scope='module')
+def driven(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The light car in a step of steering, 8 s at 500 Hz."""
+    directory = tmp_path_factory.mktemp('bags') / 'run'
+    arguments = ['--set', 'integrator.h=0.002', '--duration', '8', '--out', str(directory), '--json']
+    assert main(['run', 'light_car_step_steer', *arguments]) == 0
+    return directory
 
 
-def test_nothing_is_interpolated_where_the_coarse_instants_exist_in_the_fine_run() -> None:
-    coarse = run(n=11, h_ns=100_000_000, x=lambda t: t**3)
-    fine = run(x=lambda t: t**3)
-    for a, b in ((coarse, fine), (fine, coarse)):
-        found = compare(a, b, rtol=0.0, atol=0.0)
-        assert found.ok
-        assert not found.interpolated
-        assert len(found.time) == 11
+def car(directory: Path, driven: Path, seed: int, *, load_factor: float = 1.0, offset: float = PLANTED, noise: float = 1.0) -> Path:
+    """What a measuring system would have recorded of that run: 100 Hz and 50 Hz, the time of day, other names, units and signs, noise.
 
+    Its clock is ahead such that `offset` must be added to its stamps, counted from the first. load_factor: error of one load cell.
+    """
+    run = bag.read(driven)
+    rng = np.random.default_rng(seed)
 
-def test_different_grids_are_interpolated_linearly_in_the_common_interval() -> None:
-    a = Run(np.array([5, 15, 25, 35]) * 10**8, {'x': np.array([1.0, 3.0, 5.0, 7.0])})
-    b = Run(np.arange(0, 31, 2) * 10**8, {'x': np.arange(0, 31, 2) * 0.2})
-    found = compare(a, b, rtol=0.0, atol=1e-12)
-    assert found.interpolated
-    np.testing.assert_allclose(found.time, [0.5, 1.5, 2.5])
-    assert found.ok  # both are the straight line x = 2 t
-    with pytest.raises(BagError, match='do not overlap'):
-        align(np.array([0, 1]), np.array([5, 6]))
+    def at(name: str, times: np.ndarray) -> np.ndarray:
+        return np.interp(times + offset, run.time, run[name])
 
+    def noisy(values: np.ndarray, part: float) -> np.ndarray:
+        return values + noise * part * np.max(np.abs(values)) * rng.standard_normal(values.size)
 
-def test_a_quaternion_and_its_negative_are_the_same_orientation_but_not_the_same_bits() -> None:
-    q = {f'odom/pose/{c}': (lambda t, k=k: np.cos(t + k)) for k, c in enumerate(('qx', 'qy', 'qz', 'qw'))}
-    b = run(**q)
-    flip = np.where(np.arange(101) % 2, -1.0, 1.0)
-    a = Run(b.time_ns, {c: flip * v for c, v in b.columns.items()})
-    assert compare(a, b, rtol=0.0, atol=1e-15).ok
-    assert not compare(a, b, exact=True).ok
-
-
-def test_nan_agrees_with_nan_only() -> None:
-    b = run(x=lambda t: np.where(t < 0.5, np.nan, t))
-    assert compare(Run(b.time_ns, dict(b.columns)), b).ok
-    a = Run(b.time_ns, {'x': b.time})
-    assert not compare(a, b, atol=1e9).ok
-    assert not compare(b, a, atol=1e9).ok
-
-
-def test_exact_means_every_bit_every_instant_and_every_channel() -> None:
-    b = run(x=np.sin, y=np.cos)
-    assert compare(Run(b.time_ns.copy(), {c: v.copy() for c, v in b.columns.items()}), b, exact=True).ok
-    a = Run(b.time_ns, {'x': b.columns['x'], 'y': b.columns['y'].copy()})
-    a.columns['y'][50] = np.nextafter(a.columns['y'][50], 2.0)
-    found = compare(a, b, exact=True)
-    assert [d.channel for d in found.differences if not d.ok] == ['y']
-    assert found.differences[0].max == pytest.approx(np.spacing(b.columns['y'][50]), rel=0.5)
-    zero, minus = run(x=lambda t: 0.0 * t), run(x=lambda t: -0.0 * t)
-    assert not compare(zero, minus, exact=True).ok
-    assert compare(zero, minus, rtol=0.0, atol=0.0).ok
-    assert not compare(run(n=100, x=np.sin, y=np.cos), b, exact=True).ok
-    assert not compare(Run(b.time_ns, {'x': b.columns['x']}), b, exact=True).ok
-
-
-def test_channels_are_chosen_by_pattern_and_matched_by_name() -> None:
-    a, b = run(**{'odom/x': np.sin, 'odom/y': np.cos}), run(**{'odom/x': np.cos, 'theirs': np.cos})
-    found = compare(a, b, names={'theirs': 'odom/y'}, channels=['odom/y'])
-    assert [d.channel for d in found.differences] == ['odom/y']
-    assert found.ok
-    with pytest.raises(BagError, match=re.escape("no common channel matches 'odm/*'; did you mean 'odom/x'?")):
-        compare(a, b, channels=['odm/*'])
-    with pytest.raises(BagError, match="no column 'thers'; did you mean 'theirs'"):
-        compare(a, b, names={'thers': 'odom/y'})
-    with pytest.raises(BagError, match='no channel in common'):
-        compare(a, run(z=np.sin))
-
-
-def wild(rng: np.random.Generator) -> Run:
-    n = 50
-    time_ns = np.cumsum(rng.integers(1, 10**7, n))
-    columns = {
-        f'joint_states/{j}/{p}': rng.standard_normal(n) * 10.0 ** rng.integers(-300, 300, n)
-        for j in ('a', 'b/angle')
-        for p in ('position', 'velocity')
+    t, slow = np.arange(760) * 0.01, np.arange(380) * 0.02
+    loads = {corner: (at(f'tire/{corner}/force/fz', t) - 50.0) / 1e3 for corner in ('front_left', 'front_right', 'rear_left', 'rear_right')}
+    loads['rear_left'] = (load_factor * at('tire/rear_left/force/fz', t) - 50.0) / 1e3
+    held = np.searchsorted(run.time, slow + offset, 'right') - 1
+    topics = {
+        'vehicle/motion': (t, {'yaw_rate': noisy(np.rad2deg(at('imu/wz', t)), 0.004), 'lateral': noisy(-at('imu/ay', t) / 9.80665, 0.004)}),
+        'vehicle/speed': (slow, {'kmh': noisy(3.6 * at('odom/twist/vx', slow), 0.0005)}),
+        'vehicle/steering': (slow, {'angle': np.rad2deg(run['cmd_applied/steering'][held])}),
+        'wheels/load': (t, {corner: noisy(values, 0.001) for corner, values in loads.items()}),
     }
-    columns['tire/front_left/force/fx'] = rng.standard_normal(n)
-    columns['cmd_applied/steering'] = np.where(rng.random(n) < 0.5, np.nan, 1.0)
-    return Run(time_ns, columns, {'joint_kinds': '{"a": "rotation", "b/angle": "translation"}'})
+    stamped = {topic: (EPOCH + np.round(times * 1e9).astype(np.int64), columns) for topic, (times, columns) in topics.items()}
+    return write_scalars(directory, stamped, log_ns=3 * MS)
 
 
-def test_export_and_back_is_the_same_bits(rng: np.random.Generator, tmp_path: Path) -> None:
-    before = wild(rng)
-    files = tables.export(before, tmp_path)
-    assert sorted(f.name for f in files) == ['cmd_applied.csv', 'joint_states.csv', 'tire.front_left.force.csv']
-    after = tables.read(tmp_path)
-    assert compare(after, before, exact=True).ok
-    assert set(after.columns) == set(before.columns)
+@pytest.fixture
+def files(tmp_path: Path) -> tuple[str, ...]:
+    (tmp_path / 'car.yaml').write_text(MAPPING)
+    (tmp_path / 'limits.yaml').write_text(LIMITS)
+    return '--mapping', str(tmp_path / 'car.yaml'), '--tolerances', str(tmp_path / 'limits.yaml'), '--align', 'imu/wz'
 
 
-def test_header_names_quantity_and_unit(rng: np.random.Generator, tmp_path: Path) -> None:
-    tables.export(wild(rng), tmp_path)
-    header = (tmp_path / 'joint_states.csv').read_text().splitlines()[0]
-    assert header == 'time [s],a/position [rad],a/velocity [rad/s],b/angle/position [m],b/angle/velocity [m/s]'
-    assert (tmp_path / 'tire.front_left.force.csv').read_text().splitlines()[0] == 'time [s],fx [N]'
+@pytest.mark.slow
+def test_a_recording_of_a_car_is_aligned_converted_and_rated(driven: Path, files: tuple[str, ...], tmp_path: Path, capsys) -> None:
+    good = car(tmp_path / 'good', driven, 1)
+    code, data = document(capsys, driven, good, *files, '--overlap', '0.9', '--html', tmp_path / 'r.html')
+    assert data['outside'] == [], {name: data['channels'][name] for name in data['outside']}
+    assert code == 0
+    assert data['offsets'][0]['seconds'] == pytest.approx(PLANTED, abs=1e-3)
+    assert data['offsets'][0]['correlation'] > 0.99
+    wheels = {f'tire/{a}_{b}/force/fz' for a in ('front', 'rear') for b in ('left', 'right')}
+    assert data['channels'].keys() == {'imu/wz', 'imu/ay', 'odom/twist/vx', 'cmd_applied/steering'} | wheels
+    for name, channel in data['channels'].items():
+        assert 0.9 < channel['rating'] <= 1.0, name
+        assert set(channel['scores']) == {'corridor', 'phase', 'magnitude', 'slope'}
+        assert channel['unit'], name
+    assert (tmp_path / 'r.html').stat().st_size > 50_000
+
+
+@pytest.mark.slow
+def test_an_error_of_two_percent_in_one_channel_is_named(driven: Path, files: tuple[str, ...], tmp_path: Path, capsys) -> None:
+    bad = car(tmp_path / 'bad', driven, 2, load_factor=1.02)
+    code, data = document(capsys, driven, bad, *files, '--overlap', '0.9')
+    assert code == 1
+    assert data['outside'] == ['tire/rear_left/force/fz']
+    channel = data['channels']['tire/rear_left/force/fz']
+    assert channel['peak_difference'] / channel['scale'] == pytest.approx(-0.02 / 1.02, abs=0.005)  # noise of 0.1 %
+    assert next(iter(data['channels'])) == 'tire/rear_left/force/fz'  # and comes first
+    assert main(['compare', str(driven), str(bad), *files, '--overlap', '0.9']) == 1
+    text = capsys.readouterr().out
+    assert '0.13' in text.splitlines()[1]
+    assert 'OUTSIDE' in text
+
+
+@pytest.mark.slow
+def test_repeats_of_a_test_with_their_own_clocks(driven: Path, files: tuple[str, ...], tmp_path: Path, capsys) -> None:
+    laps = [car(tmp_path / f'lap_{k}', driven, 10 + k, offset=shift) for k, shift in enumerate((0.137, 0.02, 0.301))]
+    code, data = document(capsys, driven, *laps, *files, '--overlap', '0.9')
+    assert [o['seconds'] for o in data['offsets']] == pytest.approx([0.137, 0.02, 0.301], abs=1e-3)
+    assert code == 0, data['outside']
+    assert data['channels']['imu/wz']['band']['repeats'] == 3
+    assert data['channels']['imu/wz']['band']['inside'] > 0.8  # three laps with noise: 95 % but for errors of alignment
+
+
+def scalars(directory: Path, n: int = 801, *, factor: float = 1.0, extra: bool = False) -> Path:
+    t = np.arange(n) * 10 * MS
+    columns = {'wz': factor * np.sin(t * 1e-9), 'ay': np.cos(t * 1e-9)}
+    return write_scalars(directory, {'imu': (t, columns | ({'az': columns['ay']} if extra else {}))})
+
+
+def test_a_run_that_is_cut_short_or_lacks_channels_is_not_the_same(tmp_path: Path, capsys) -> None:
+    whole, cut, more = scalars(tmp_path / 'whole'), scalars(tmp_path / 'cut', 501), scalars(tmp_path / 'more', extra=True)
+    code, data = document(capsys, cut, whole)
+    assert (code, data['outside']) == (1, ['imu/wz', 'imu/ay'])
+    assert data['channels']['imu/wz']['overlap'] == pytest.approx(0.625, abs=0.003)
+    assert document(capsys, cut, whole, '--allow-missing')[0] == 0
+    assert document(capsys, cut, whole, '--overlap', '0.6')[0] == 0
+    for pair, side in (((whole, more), 'only_in_reference'), ((more, whole), 'only_in_run')):
+        code, data = document(capsys, *pair)
+        assert (code, data['status'], data['outside'], data[side]) == (1, 'different', [], ['imu/az'])
+        assert document(capsys, *pair, '--allow-missing')[0] == 0
+    assert document(capsys, whole, more, '--channel', 'imu/w*')[0] == 0
+
+
+def test_patterns_map_whole_topics(tmp_path: Path, capsys) -> None:
+    t = np.arange(101) * 10 * MS
+    values = {'wz': np.sin(t * 1e-9), 'ax': np.cos(t * 1e-9)}
+    ours = write_scalars(tmp_path / 'ours', {'imu': (t, values)})
+    theirs = write_scalars(tmp_path / 'theirs', {'vehicle/imu': (t, values)})
+    code, data = document(capsys, ours, theirs, '--map', 'vehicle/imu/*=imu/*')
+    assert (code, set(data['channels'])) == (0, {'imu/wz', 'imu/ax'})
+
+
+def test_only_the_channels_of_a_mapping_file_are_compared_and_missed(tmp_path: Path, capsys) -> None:
+    ours, theirs = scalars(tmp_path / 'ours', extra=True), scalars(tmp_path / 'theirs', extra=True)
+    file = tmp_path / 'map.yaml'
+    file.write_text('channels:\n  imu/wz: {channel: imu/wz}\n')
+    assert set(document(capsys, ours, theirs, '--mapping', file)[1]['channels']) == {'imu/wz'}
+    file.write_text('channels:\n  imu/wz: {channel: imu/wz}\n  imu/q: {channel: imu/az}\n')
+    code, data = document(capsys, ours, theirs, '--mapping', file)
+    assert (code, data['only_in_reference'], data['only_in_run']) == (1, ['imu/q'], [])
+
+
+def test_exact_names_channel_and_time(tmp_path: Path, capsys) -> None:
+    t = np.arange(2001) * MS
+    values = {f'c{k}': np.sin(k + t * 1e-9) for k in range(5)}
+    first = write_scalars(tmp_path / 'first', {'s': (t, values)})
+    values['c3'] = values['c3'] + 1e-9 * (np.arange(2001) == 1234)
+    again = write_scalars(tmp_path / 'again', {'s': (t, values)})
+    assert document(capsys, first, first, '--exact')[0] == 0
+    code, data = document(capsys, again, first, '--exact')
+    assert (code, data['outside']) == (1, ['s/c3'])
+    assert data['channels']['s/c3']['first'] == pytest.approx(1.234)
+    assert data['channels']['s/c3']['max'] == pytest.approx(1e-9, rel=1e-6)
+    assert main(['compare', str(again), str(first), '--exact']) == 1
+    assert '1 of 2001 values differ, the first at 1.234 s' in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(
-    ('text', 'says'),
+    ('arguments', 'says'),
     [
-        ('x,y\n1,2\n', "the first column is 'x'"),
-        ('time [s],y\n', 'holds no data'),
-        ('time,y\n0,1\n0,2\n', 'must increase'),
-        ('time,y\n0,1\n1\n', 'row 3 has 1 values for 2 columns'),
-        ('time,y\n0,abc\n', "could not convert string to float: 'abc'"),
-        ('time,y,y\n0,1,2\n', "the column 'y' is given twice"),
+        (('--mapping', 'none.yaml'), 'none.yaml'),
+        (('--tolerances', 'none.yaml'), 'none.yaml'),
+        (('--align', 'imu/wx'), "--align imu/wx: no such channel in both recordings; did you mean 'imu/w"),
+        (('--offset', '1000'), 'do not overlap'),
+        (('--overlap', '2'), '--overlap 2: must be a part'),
+        (('--exact', '--offset', '1'), 'without offset'),
+        (('--map', 'imu/x=imu/y'), "the other recording has no column 'imu/x'"),
+        (('--channel', 'nothing'), "no common channel matches 'nothing'"),
     ],
 )
-def test_a_broken_table_is_refused_with_its_place(text: str, says: str, tmp_path: Path) -> None:
-    file = tmp_path / 'x.csv'
-    file.write_text(text)
-    with pytest.raises(BagError, match=re.escape(says)) as caught:
-        tables.read(file)
-    assert str(file) in str(caught.value)
+def test_what_cannot_be_compared_is_one_sentence(arguments: tuple[str, ...], says: str, tmp_path: Path, capsys) -> None:
+    ours = scalars(tmp_path / 'ours')
+    assert main(['compare', str(ours), str(ours), *arguments]) not in (0, 1)
+    captured = capsys.readouterr()
+    assert captured.out == ''
+    assert captured.err.count('\n') == 1
+    assert says in captured.err
+    code, data = document(capsys, ours, ours, *arguments)
+    assert code > 1
+    assert data.keys() == {'status', 'error'}
 
 
-def test_comments_and_blank_lines_in_a_table_are_skipped(tmp_path: Path) -> None:
-    file = tmp_path / 'x.csv'
-    file.write_text('# source: measured\ntime [s],angle [rad]\n0,1\n\n0.5,2\n')
-    read = tables.read(file)
-    assert read.time_ns.tolist() == [0, 500_000_000]
-    assert read['angle'].tolist() == [1.0, 2.0]
-
-
-def test_picture_shows_both_runs_and_the_difference(tmp_path: Path) -> None:
-    a, b = run(x=np.sin, y=np.cos), run(x=lambda t: np.sin(t) + 0.1, y=np.cos)
-    file = tmp_path / 'deep' / 'c.png'
-    plot_comparison(compare(a, b), file)
-    from matplotlib.image import imread
-
-    pixels = imread(file)[..., :3]
-    assert pixels.shape[1] > 1000
-    for colour in ((0xD9, 0x5F, 0x02), (0x1B, 0x6C, 0xA8), (0x55, 0x55, 0x55)):  # run, reference, difference
-        assert np.sum(np.all(np.abs(pixels - np.array(colour) / 255.0) < 0.02, axis=-1)) > 200
-    with pytest.raises(BagError, match='cannot write the picture'):
-        plot_comparison(compare(a, b), file / 'x.png')
+def test_export_of_chosen_channels_and_to_parquet(tmp_path: Path, capsys) -> None:
+    pytest.importorskip('pyarrow', reason='pip install .[analysis]')
+    ours = scalars(tmp_path / 'ours')
+    assert main(['export', str(ours), '--parquet', str(tmp_path / 'p'), '--csv', str(tmp_path / 'c'), '--channel', 'imu/w*', '--json']) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert (data['rows'], data['columns']) == (801, 1)
+    assert sorted(Path(f).name for f in data['files']) == ['imu.csv', 'imu.parquet']
+    assert main(['export', str(ours)]) == 5
+    assert 'give --csv DIR or --parquet DIR' in capsys.readouterr().err
+    assert main(['export', str(ours), '--csv', str(tmp_path / 'c'), '--channel', 'x']) == 5
+    assert 'no channel matches x' in capsys.readouterr().err

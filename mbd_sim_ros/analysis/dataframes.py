@@ -1,0 +1,77 @@
+"""Recordings as pandas DataFrames and Parquet files (extra `analysis`)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from mbd_sim_ros.analysis import tables
+from mbd_sim_ros.bags.reader import Run
+from solver.errors import BagError, suggestion
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+TIME = 'time'  # name of the index [s]
+
+
+def load(bag: str | Path, topics: Sequence[str] | None = None) -> dict[str, pd.DataFrame]:
+    """Read a bag (or tables, see tables.read) into one DataFrame per topic.
+
+    topics: names as in the columns ('odom', 'tire/front_left/force'); all without any. The index is the time [s], a column is named like
+    its channel ('odom/twist/wz'), `attrs['units']` tells its unit ('' where the recording does not), `attrs['metadata']` what the
+    recording says about its run. Raises BagError for a recording or topic that cannot be read, and where pandas is missing.
+    """
+    run = tables.read(bag, [f'{topic.strip("/")}/*' for topic in topics] if topics is not None else ())
+    found = frames(run)
+    if topics is None:
+        return found
+    wanted = [topic.strip('/') for topic in topics]
+    for topic in wanted:
+        if topic not in found:
+            why = f': {run.left_out[topic]}' if topic in run.left_out else suggestion(topic, run.known.keys() - run.left_out.keys())
+            raise BagError(f'{bag} has no topic {topic!r} that can be read{why}')
+    return {topic: found[topic] for topic in wanted}
+
+
+def frames(run: Run) -> dict[str, pd.DataFrame]:
+    """The topics of a run as DataFrames, see load()."""
+    try:
+        import pandas as pd
+    except ImportError:
+        raise BagError("pandas is missing: pip install 'mbd_sim_ros[analysis]'") from None
+    unit = tables.units(run)
+    result = {}
+    for topic, series in run.series.items():
+        frame = pd.DataFrame(series.columns, index=pd.Index(series.time_ns * 1e-9, name=TIME), copy=False)
+        frame.attrs = {'units': {name: unit(name) for name in series.columns}, 'metadata': dict(run.metadata)}
+        result[topic] = frame
+    return result
+
+
+def export_parquet(run: Run, directory: Path) -> list[Path]:
+    """Write one Parquet file per topic (slashes of its name as dots) and return them; pandas reads back what load() gives.
+
+    Columns: time [s] (the index), `time_ns` [ns] as recorded, and the channels, whose fields carry their `unit`.
+    Raises BagError when a file cannot be written and where pandas or pyarrow is missing.
+    """
+    try:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+    except ImportError:
+        raise BagError("pyarrow is missing: pip install 'mbd_sim_ros[analysis]'") from None
+    files = []
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        for topic, frame in frames(run).items():
+            units = {**frame.attrs['units'], 'time_ns': 'ns', TIME: 's'}
+            frame.insert(0, 'time_ns', run.series[topic].time_ns)
+            table = pa.Table.from_pandas(frame)
+            fields = [part.with_metadata({'unit': units.get(part.name, '')}) for part in table.schema]
+            file = directory / f'{tables.file_name(topic)}.parquet'
+            pq.write_table(table.cast(pa.schema(fields, table.schema.metadata)), file, compression='zstd')
+            files.append(file)
+    except OSError as error:
+        raise BagError(f'cannot write to {directory}: {error.strerror or error}; choose another place') from None
+    return files

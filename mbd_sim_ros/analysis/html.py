@@ -1,0 +1,115 @@
+"""A comparison as one HTML file that needs nothing else: figures, and curves to zoom into (docs/decisions/0008-html-report.md)."""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mbd_sim_ros.analysis.compare import Comparison, Curves, Difference
+from solver.errors import BagError
+
+SHOWN = 24  # curves of the channels that differ most
+POINTS = 3000  # about so many of a curve; the extremes of every stretch are among them
+COLUMNS = (
+    'channel', 'unit', 'largest difference', 'at [s]', 'RMS', 'scale', 'largest / scale', 'RMS / scale',
+    'rating', 'corridor', 'phase', 'magnitude', 'slope', 'shift [s]',
+    'peak of run', 'peak of reference', 'peak later by [s]', 'in band', 'time in both', 'verdict',
+)  # fmt: skip
+LEGEND = (
+    'The worst relative to its tolerance comes first. Scale: largest value of the reference. Rating and its parts after ISO/TS 18571, 1 is'
+    ' best. Shift: how much later the run comes, by the largest correlation. In band: part of the time at which the run is inside the 95 %'
+    ' confidence band of the mean of the repeats.'
+)
+
+
+def write_report(comparison: Comparison, file: Path, *, names: Sequence[str], about: Sequence[str], verdict: tuple[bool, str]) -> None:
+    """Write the report. names: of the run and its references. about: lines for its head. verdict: whether all is well, and a sentence.
+
+    Raises BagError when the file cannot be written.
+    """
+    repeats = len(names) > 2
+    reference = 'mean of repeats' if repeats else names[1]
+    keys = [[names[0], 'run'], [reference, 'reference']]
+    keys += [['95 % confidence band of the mean', 'band'], ['repeats', 'repeat']] if repeats else []
+    data = {
+        'title': f'{names[0]} compared with {", ".join(names[1:])}',
+        'verdict': {'ok': verdict[0], 'text': verdict[1]},
+        'about': list(about),
+        'legend': LEGEND,
+        'keys': [*keys, ['difference', 'other']],
+        'columns': COLUMNS,
+        'rows': [_row(d) for d in comparison.differences],
+        'charts': [_chart(d, comparison.curves(d.channel)) for d in comparison.differences[:SHOWN]],
+    }
+    text = json.dumps(_finite(data), allow_nan=False).replace('<', '\\u003c')  # no tag can end the script
+    page = files('mbd_sim_ros.analysis').joinpath('report.html').read_text(encoding='utf-8').replace('@DATA@', text)
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(page, encoding='utf-8')
+    except OSError as error:
+        raise BagError(f'cannot write the report {file}: {error.strerror}; choose another place') from None
+
+
+def _row(d: Difference) -> list[Any]:
+    scores = (
+        [None] * 6 if d.rating is None else [getattr(d.rating, n) for n in ('overall', 'corridor', 'phase', 'magnitude', 'slope', 'shift')]
+    )
+    later = d.peak_time[0] - d.peak_time[1]
+    figures = [d.max, d.time, d.rms, d.scale, d.normalised, d.rms_normalised, *scores, *d.peak, later]
+    return [d.channel, d.unit, *figures, None if d.band is None else d.band.inside, d.overlap, '; '.join(d.reasons)]
+
+
+def _chart(d: Difference, curves: Curves) -> dict[str, Any]:
+    keep = thinned(curves)
+    origin = float(curves.time[0])
+    text = f'largest difference {d.max:.4g} at {d.time:.6g} s, RMS {d.rms:.4g}'
+    text += f', rating {d.rating.overall:.3f}' if d.rating is not None else ''
+    return {
+        'name': d.channel,
+        'label': d.channel.rpartition('/')[2],
+        'unit': d.unit,
+        'text': text + (f'; {"; ".join(d.reasons)}' if d.reasons else ''),
+        'origin': 0.0 if abs(origin) < 1e4 else origin,  # a float of 32 bits holds no time of day
+        'time': _floats((curves.time - (0.0 if abs(origin) < 1e4 else origin))[keep]),
+        'run': _floats(curves.run[keep]),
+        'reference': _floats(curves.reference[keep]),
+        'difference': _floats(curves.difference[keep]),
+        'half': None if curves.half is None else _floats(curves.half[keep]),
+        'repeats': [_floats(r[keep]) for r in curves.repeats],
+    }
+
+
+def thinned(curves: Curves) -> np.ndarray:
+    """Which samples are drawn: all of a short signal, otherwise the extremes of run, reference and difference in every stretch of it."""
+    n = curves.time.size
+    if n <= POINTS:
+        return np.arange(n)
+    stretch = math.ceil(n / (POINTS / 6))
+    starts = np.arange(0, n, stretch)
+    chosen: list[np.ndarray] = [starts, np.array([n - 1])]
+    for values in (curves.run, curves.reference, curves.difference):
+        for fill, best in ((np.inf, np.argmin), (-np.inf, np.argmax)):
+            padded = np.full(starts.size * stretch, fill)
+            padded[:n] = np.where(np.isfinite(values), values, fill)
+            chosen.append(starts + best(padded.reshape(-1, stretch), axis=1))
+    return np.unique(np.concatenate(chosen).clip(max=n - 1))
+
+
+def _floats(values: np.ndarray) -> str:
+    with np.errstate(over='ignore'):
+        return base64.b64encode(np.ascontiguousarray(values, '<f4').tobytes()).decode()
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: _finite(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(v) for v in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,171 @@
+"""Recordings of others under our names: names, units, signs, offsets and axes, from a file or from THEIRS=OURS on the command line.
+
+    channels:                                    # ours: what it is made from
+      imu/wz: {channel: vehicle/imu/yaw_rate, unit: deg/s}
+      'tire/*/force/fz': {channel: 'wheels/*/load', unit: kN, sign: -1, offset: 12.0}
+    axes:                                        # vectors that are given along other axes
+      - {channels: [imu/ax, imu/ay, imu/az], rpy_deg: [180, 0, 0]}      # x forward, y right, z down
+
+A `*` in a name stands for the same text on both sides.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+
+from mbd_sim_ros.bags.reader import Run, Series
+from solver.errors import BagError, suggestion
+from solver.files.schema import Builder
+from solver.files.yaml_tree import read
+from solver.validate import require
+
+G = 9.80665  # m/s^2, standard gravity
+_DEG = math.pi / 180.0
+# Unit -> (SI unit, factor)
+UNITS = {
+    'deg': ('rad', _DEG), 'deg/s': ('rad/s', _DEG), 'deg/s^2': ('rad/s^2', _DEG), 'rpm': ('rad/s', math.pi / 30.0),
+    'turn': ('rad', 2.0 * math.pi),
+    'km/h': ('m/s', 1.0 / 3.6), 'mph': ('m/s', 0.44704), 'kn': ('m/s', 1852.0 / 3600.0), 'g': ('m/s^2', G),
+    'mm': ('m', 1e-3), 'cm': ('m', 1e-2), 'km': ('m', 1e3), 'in': ('m', 0.0254), 'ft': ('m', 0.3048),
+    'kN': ('N', 1e3), 'daN': ('N', 10.0), 'kgf': ('N', G), 'lbf': ('N', 4.4482216152605), 'kN m': ('N m', 1e3), 'N mm': ('N m', 1e-3),
+    'kJ': ('J', 1e3), 'kW': ('W', 1e3), 'ms': ('s', 1e-3), '%': ('1', 1e-2),
+}  # fmt: skip
+SI = ('1', 'rad', 'rad/s', 'rad/s^2', 'm', 'm/s', 'm/s^2', 'N', 'N m', 'J', 'W', 's')
+UNITS |= {name: (name, 1.0) for name in SI}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Source:
+    """What a channel is made from: sign * value * (unit in SI) + offset.
+
+    channel: its name in the other recording. unit: of the values there ('': as ours). offset: in SI units, added last.
+    hold: the last value holds until the next comes, as of commands.
+    """
+
+    channel: str
+    unit: str = ''
+    sign: float = 1.0
+    offset: float = 0.0
+    hold: bool = False
+
+    def __post_init__(self) -> None:
+        require(self.unit in ('', *UNITS), 'mapping', 'unit', self.unit, 'no such unit' + suggestion(self.unit, UNITS))
+        require(self.sign in (1.0, -1.0), 'mapping', 'sign', self.sign, 'must be 1 or -1')
+
+
+@dataclass(frozen=True, kw_only=True)
+class Axes:
+    """Three channels, ours, that came along other axes: v_ours = Rz(yaw) Ry(pitch) Rx(roll) v_theirs (docs/conventions.md)."""
+
+    channels: tuple[str, ...]
+    rpy: Annotated[tuple[float, ...], 'rad']
+
+    def __post_init__(self) -> None:
+        require(len(self.channels) == 3, 'mapping', 'axes.channels', self.channels, 'must be three channels: x, y, z')
+        require(len(self.rpy) == 3, 'mapping', 'axes.rpy', self.rpy, 'must be three angles: roll, pitch, yaw')
+
+
+@dataclass(frozen=True, kw_only=True)
+class ChannelMap:
+    """All of a mapping file. channels: ours (patterns) -> what it is made from."""
+
+    channels: dict[str, Source]
+    axes: tuple[Axes, ...] = field(default_factory=tuple)
+
+
+def load_mapping(file: str | Path) -> ChannelMap:
+    """Read a mapping file. Raises SceneError (file, line, remedy)."""
+    return Builder().build(ChannelMap, read(Path(file), ()))
+
+
+def pairs(texts: Sequence[str]) -> dict[str, Source]:
+    """THEIRS=OURS from the command line. Raises BagError."""
+    result = {}
+    for text in texts:
+        theirs, equals, ours = text.partition('=')
+        if not (equals and theirs and ours):
+            raise BagError(f'--map {text!r}: write it as THEIRS=OURS')
+        result[ours] = Source(channel=theirs)
+    return result
+
+
+def resolve(channels: Mapping[str, Source], known: Sequence[str]) -> dict[str, tuple[str, Source]]:
+    """Theirs -> (ours, source) for every channel of `known` that is mapped.
+
+    Raises BagError for names that are not there and for two sources of one channel.
+    """
+    found: dict[str, tuple[str, Source]] = {}
+    made: dict[str, str] = {}
+    for ours, source in channels.items():
+        theirs = source.channel
+        if ours.count('*') != theirs.count('*'):
+            raise BagError(f'mapping {theirs}={ours}: both names need the same number of *')
+        pattern = re.compile('(.*?)'.join(re.escape(part) for part in theirs.split('*')))
+        matches = [(name, match) for name in known if (match := pattern.fullmatch(name))]
+        if not matches:
+            raise BagError(f'mapping {theirs}={ours}: the other recording has no column {theirs!r}{suggestion(theirs, known)}')
+        for name, match in matches:
+            parts = ours.split('*')
+            new = parts[0] + ''.join(text + part for text, part in zip(match.groups(), parts[1:]))
+            if made.setdefault(new, name) != name:
+                raise BagError(f'mapping {theirs}={ours}: {new} is made from both {made[new]} and {name}')
+            found[name] = (new, source)
+    return found
+
+
+def apply(run: Run, channels: Mapping[str, Source], axes: Sequence[Axes], unit: Callable[[str], str]) -> tuple[Run, frozenset[str]]:
+    """The run under our names and in SI units, and which of its channels are held. unit: of our channels, '' where it is not known.
+
+    Channels that are not mapped keep their names, unless a mapped one takes it. Raises BagError.
+    """
+    found = resolve(channels, run.names)
+    taken = {new for new, _ in found.values()}
+    series = {}
+    for topic, one in run.series.items():
+        columns = {}
+        for name, values in one.columns.items():
+            new, source = found.get(name, (name, None))
+            if source is None:
+                if new not in taken:
+                    columns[new] = values
+                continue
+            columns[new] = _converted(new, values, source, unit(new))
+        if columns:
+            series[topic] = Series(one.time_ns, columns)
+    for turn in axes:
+        _rotate(series, turn)
+    known = {
+        topic: tuple(found[name][0] if name in found else name for name in names if name in found or name not in taken)
+        for topic, names in run.known.items()
+    }
+    held = frozenset(new for new, source in found.values() if source.hold)
+    return Run(series, run.metadata, run.left_out, known), held
+
+
+def _converted(name: str, values: np.ndarray, source: Source, wanted: str) -> np.ndarray:
+    base, factor = UNITS.get(source.unit, ('', 1.0))
+    if base and wanted and base != wanted:
+        raise BagError(f'mapping of {name}: it is in {wanted}, which {source.unit!r} does not measure')
+    if source.sign == 1.0 and factor == 1.0 and source.offset == 0.0:
+        return values
+    return source.sign * factor * values + source.offset
+
+
+def _rotate(series: Mapping[str, Series], turn: Axes) -> None:
+    home = next((one for one in series.values() if turn.channels[0] in one.columns), None)
+    missing = [name for name in turn.channels if home is None or name not in home.columns]
+    if home is None or missing:
+        raise BagError(f'mapping of axes: {missing[0]} is not in the recording, or not in one topic with {turn.channels[0]}')
+    (sr, sp, sy), (cr, cp, cy) = np.sin(turn.rpy), np.cos(turn.rpy)
+    x = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
+    y = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])
+    z = np.array([[cy, -sy, 0.0], [sy, cy, 0.0], [0.0, 0.0, 1.0]])
+    vectors = z @ y @ x @ np.stack([home.columns[name] for name in turn.channels])
+    home.columns.update(zip(turn.channels, vectors))

@@ -1,0 +1,100 @@
+"""Tables survive the way out and back bit for bit; broken ones are refused with their place."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mbd_sim_ros.analysis import tables
+from mbd_sim_ros.analysis.compare import compare
+from mbd_sim_ros.bags.reader import Run, Series
+from solver.errors import BagError
+
+
+def wild(rng: np.random.Generator, start_ns: int = 0) -> Run:
+    """Numbers of all sizes, three topics, one of them at other instants and with gaps."""
+    n = 50
+    time_ns = start_ns + np.cumsum(rng.integers(1, 10**7, n))
+    joints = {
+        f'joint_states/{j}/{p}': rng.standard_normal(n) * 10.0 ** rng.integers(-300, 300, n)
+        for j in ('a', 'b/angle')
+        for p in ('position', 'velocity')
+    }
+    series = {
+        'joint_states': Series(time_ns, joints),
+        'tire/front_left/force': Series(time_ns, {'tire/front_left/force/fx': rng.standard_normal(n)}),
+        'cmd_applied': Series(time_ns[::3] + 1, {'cmd_applied/steering': np.where(rng.random(17) < 0.5, np.nan, 1.0)}),
+    }
+    return Run(series, {'joint_kinds': '{"a": "rotation", "b/angle": "translation"}'})
+
+
+@pytest.mark.parametrize('start_ns', [0, 1_700_000_000_123_456_789])
+def test_export_and_back_is_the_same_bits(start_ns: int, rng: np.random.Generator, tmp_path: Path) -> None:
+    before = wild(rng, start_ns)
+    files = tables.export(before, tmp_path)
+    assert sorted(f.name for f in files) == ['cmd_applied.csv', 'joint_states.csv', 'tire.front_left.force.csv']
+    after = tables.read(tmp_path)
+    assert compare(after, before, exact=True).ok
+    assert set(after.columns) == set(before.columns)
+    assert set(tables.read(tmp_path, ['tire/*']).columns) == {'tire/front_left/force/fx'}
+
+
+def test_header_names_quantity_and_unit(rng: np.random.Generator, tmp_path: Path) -> None:
+    tables.export(wild(rng), tmp_path)
+    header = (tmp_path / 'joint_states.csv').read_text().splitlines()[0]
+    assert header == 'time [s],a/position [rad],a/velocity [rad/s],b/angle/position [m],b/angle/velocity [m/s]'
+    assert (tmp_path / 'tire.front_left.force.csv').read_text().splitlines()[0] == 'time [s],fx [N]'
+
+
+@pytest.mark.parametrize(
+    ('text', 'says'),
+    [
+        ('x,y\n1,2\n', "the first column is 'x'"),
+        ('time [s],y\n', 'holds no data'),
+        ('time,y\n0,1\n0,2\n', 'must increase'),
+        ('time,y\n0,1\n,2\n', 'every row needs a time'),
+        ('time,y\n0,1\n1\n', 'row 3 has 1 values for 2 columns'),
+        ('time,y\n0,abc\n', "could not convert string to float: 'abc'"),
+        ('time,y,y\n0,1,2\n', "the column 'y' is given twice"),
+    ],
+)
+def test_a_broken_table_is_refused_with_its_place(text: str, says: str, tmp_path: Path) -> None:
+    file = tmp_path / 'x.csv'
+    file.write_text(text)
+    with pytest.raises(BagError, match=re.escape(says)) as caught:
+        tables.read(file)
+    assert str(file) in str(caught.value)
+
+
+def test_comments_and_blank_lines_in_a_table_are_skipped(tmp_path: Path) -> None:
+    file = tmp_path / 'x.csv'
+    file.write_text('# source: measured\ntime [s],angle [rad]\n0,1\n\n0.5,2\n')
+    read = tables.read(file)
+    assert read.time_ns.tolist() == [0, 500_000_000]
+    assert read['angle'].tolist() == [1.0, 2.0]
+
+
+def test_units_of_elements_are_those_of_their_kind() -> None:
+    """A rate is m/s of a spring and rad/s of a brake; which of the two an element is, its outputs tell."""
+    spring = ('energy', 'dissipation', 'length', 'rate', 'force')
+    brake = ('energy', 'dissipation', 'windup', 'rate', 'torque', 'capacity')
+    along = ('energy', 'dissipation', 'value', 'rate', 'force')
+    known = [f'element_states/{name}/{o}' for name, outputs in (('s', spring), ('b', brake), ('c', along)) for o in outputs]
+    run = Run({}, {'joint_kinds': '{"a": "rotation", "b": "translation"}'}, known={'element_states': tuple(known)})
+    unit = tables.units(run)
+    found = {
+        c: unit(f'element_states/{c}') for c in ('s/rate', 's/force', 'b/rate', 'b/windup', 'b/torque', 'c/energy', 'c/rate', 'c/value')
+    }
+    assert found == {
+        's/rate': 'm/s', 's/force': 'N', 'b/rate': 'rad/s', 'b/windup': 'rad', 'b/torque': 'N m', 'c/energy': 'J',
+        'c/rate': '', 'c/value': '',
+    }  # fmt: skip
+    assert [unit(f'joint_states/{c}') for c in ('a/position', 'a/effort', 'b/velocity', 'x/position')] == ['rad', 'N m', 'm/s', '']
+    assert [unit(c) for c in ('imu/ay', 'odom/pose/qw', 'tire/f/force/mz', 'tire_states/f/kappa', 'cmd_applied/steering', 'what')] == [
+        'm/s^2', '1', 'N m', '1', 'rad', '',
+    ]  # fmt: skip
+    bare = tables.units(Run({}))
+    assert (bare('element_states/x/rate'), bare('element_states/x/energy')) == ('', 'J')  # nothing tells which kind it is
