@@ -162,15 +162,18 @@ def _read(args: argparse.Namespace, pairs: dict, file: ChannelMap | None) -> tup
     wanted = [*args.channel, *quaternions, *also] if args.channel else []
     places = [args.reference, *args.repeats]
     if file is None and not pairs:
-        return tables.read(args.run_, wanted), [tables.read(place, wanted) for place in places], frozenset()
+        ours, *references = _together([(place, wanted) for place in (args.run_, *places)])
+        return ours, references, frozenset()
     axes = [name for turn in file.axes for name in turn.channels] if file is not None else []
     sources = {**(file.channels if file is not None else {}), **pairs}
-    ours = tables.read(args.run_, [*sources, *axes, *also] if file is not None else wanted)
+    listed = [*(s.channel for s in sources.values()), *axes, *also] if file is not None else []
+    ours, *others = _together(
+        [(args.run_, [*sources, *axes, *also] if file is not None else wanted), *((place, listed) for place in places)]
+    )
     unit_of = tables.units(ours)
     held: frozenset[str] = frozenset()
     references = []
-    for place in places:
-        theirs = tables.read(place, [*(s.channel for s in sources.values()), *axes, *also] if file is not None else ())
+    for place, theirs in zip(places, others, strict=True):
         try:
             renamed, holding = mapping.apply(theirs, sources, file.axes if file is not None else (), unit_of)
         except BagError as error:
@@ -178,6 +181,16 @@ def _read(args: argparse.Namespace, pairs: dict, file: ChannelMap | None) -> tup
         references.append(renamed)
         held |= holding
     return ours, references, held
+
+
+def _together(jobs: list[tuple[Path, list[str]]]) -> list[Run]:
+    """Read recordings, given as (place, channels), at once: decompression leaves the interpreter to others."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    from mbd_sim_ros.analysis import tables
+
+    with ThreadPoolExecutor(min(len(jobs), 4)) as pool:
+        return list(pool.map(lambda job: tables.read(*job), jobs))
 
 
 def _labels(places: list[Path]) -> list[str]:
