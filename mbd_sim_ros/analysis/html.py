@@ -1,4 +1,4 @@
-"""A comparison as one HTML file that needs nothing else: figures, and curves to zoom into (docs/decisions/0008-html-report.md)."""
+"""A comparison as one HTML file that needs nothing else: figures, and curves to zoom into (docs/decisions/0011-report-of-comparisons.md)."""
 
 from __future__ import annotations
 
