@@ -8,8 +8,8 @@ from typing import cast
 import numpy as np
 
 from solver.compiled.by_reference import Ref, nbytes
-from solver.compiled.dense import norms, product
 from solver.compiled.kernel import address_of
+from solver.compiled.portable import norms, product
 from solver.compiled.so3 import matrix_of_quaternion
 from solver.errors import SpecError, StepError
 from solver.files.urdf import robot_description

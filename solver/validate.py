@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from solver.compiled.dense import norm
+from solver.compiled.portable import norm
 from solver.errors import SpecError
 
 Vector = tuple[float, float, float]

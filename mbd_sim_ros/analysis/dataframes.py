@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mbd_sim_ros.analysis import tables
+from mbd_sim_ros.analysis import runs
 from mbd_sim_ros.bags.reader import Run
 from solver.errors import BagError, suggestion
 
@@ -23,7 +23,7 @@ def load(bag: str | Path, topics: Sequence[str] | None = None) -> dict[str, pd.D
     its channel ('odom/twist/wz'), `attrs['units']` tells its unit ('' where the recording does not), `attrs['metadata']` what the
     recording says about its run. Raises BagError for a recording or topic that cannot be read, and where pandas is missing.
     """
-    run = tables.read(bag, [f'{topic.strip("/")}/*' for topic in topics] if topics is not None else ())
+    run = runs.read(bag, [f'{topic.strip("/")}/*' for topic in topics] if topics is not None else ())
     found = frames(run)
     if topics is None:
         return found
@@ -41,7 +41,7 @@ def frames(run: Run) -> dict[str, pd.DataFrame]:
         import pandas as pd
     except ImportError:
         raise BagError("pandas is missing: pip install 'mbd_sim_ros[analysis]'") from None
-    unit = tables.units(run)
+    unit = runs.units(run)
     result = {}
     for topic, series in run.series.items():
         frame = pd.DataFrame(series.columns, index=pd.Index(series.time_ns * 1e-9, name=TIME), copy=False)
@@ -69,7 +69,7 @@ def export_parquet(run: Run, directory: Path) -> list[Path]:
             frame.insert(0, 'time_ns', run.series[topic].time_ns)
             table = pa.Table.from_pandas(frame)
             fields = [part.with_metadata({'unit': units.get(part.name, '')}) for part in table.schema]
-            file = directory / f'{tables.file_name(topic)}.parquet'
+            file = directory / f'{runs.file_name(topic)}.parquet'
             pq.write_table(table.cast(pa.schema(fields, table.schema.metadata)), file, compression='zstd')
             files.append(file)
     except OSError as error:

@@ -1,4 +1,4 @@
-"""A comparison as one HTML file that needs nothing else: figures, and curves to zoom into (docs/decisions/0011-report-of-comparisons.md)."""
+"""A comparison as one HTML file that needs nothing else: curves to zoom into (docs/decisions/0011-report-of-comparisons.md)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from mbd_sim_ros.analysis.compare import Comparison, Curves, Difference
+from mbd_sim_ros.analysis.comparison import Comparison, Curves, Difference
 from solver.errors import BagError
 
 SHOWN = 24  # curves of the channels that differ most

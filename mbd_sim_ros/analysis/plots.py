@@ -8,7 +8,7 @@ import matplotlib as mpl
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from mbd_sim_ros.analysis.compare import Comparison
+from mbd_sim_ros.analysis.comparison import Comparison
 from solver.errors import BagError
 
 SHOWN = 6

@@ -12,7 +12,7 @@ from mbd_sim_ros.commands import Result, declare, table
 from solver.errors import BagError
 
 if TYPE_CHECKING:
-    from mbd_sim_ros.analysis.compare import Comparison, Difference
+    from mbd_sim_ros.analysis.comparison import Comparison, Difference
     from mbd_sim_ros.analysis.mapping import ChannelMap
     from mbd_sim_ros.bags.reader import Run
 
@@ -92,7 +92,7 @@ def add(parsers: Any) -> None:
 def run(args: argparse.Namespace) -> Result:
     """Read all, compare, draw."""
     from mbd_sim_ros.analysis import mapping
-    from mbd_sim_ros.analysis.compare import compare
+    from mbd_sim_ros.analysis.comparison import compare
     from mbd_sim_ros.analysis.tolerances import Tolerances, load_tolerances
 
     given = {name: getattr(args, name) for name in ('rtol', 'atol') if getattr(args, name) is not None}
@@ -155,7 +155,7 @@ def run(args: argparse.Namespace) -> Result:
 
 def _read(args: argparse.Namespace, pairs: dict, file: ChannelMap | None) -> tuple[Run, list[Run], frozenset[str]]:
     """The run, the references under the names of the run, and which channels hold their value; only what is needed is decoded."""
-    from mbd_sim_ros.analysis import mapping, tables
+    from mbd_sim_ros.analysis import mapping, runs
 
     also = [args.align] if args.align is not None else []
     quaternions = [p.removesuffix('orientation') + 'q[xyzw]' for p in args.channel if p.endswith('orientation')]
@@ -170,7 +170,7 @@ def _read(args: argparse.Namespace, pairs: dict, file: ChannelMap | None) -> tup
     ours, *others = _together(
         [(args.run_, [*sources, *axes, *also] if file is not None else wanted), *((place, listed) for place in places)]
     )
-    unit_of = tables.units(ours)
+    unit_of = runs.units(ours)
     held: frozenset[str] = frozenset()
     references = []
     for place, theirs in zip(places, others, strict=True):
@@ -187,10 +187,10 @@ def _together(jobs: list[tuple[Path, list[str]]]) -> list[Run]:
     """Read recordings, given as (place, channels), at once: decompression leaves the interpreter to others."""
     from concurrent.futures import ThreadPoolExecutor
 
-    from mbd_sim_ros.analysis import tables
+    from mbd_sim_ros.analysis import runs
 
     with ThreadPoolExecutor(min(len(jobs), 4)) as pool:
-        return list(pool.map(lambda job: tables.read(*job), jobs))
+        return list(pool.map(lambda job: runs.read(*job), jobs))
 
 
 def _labels(places: list[Path]) -> list[str]:

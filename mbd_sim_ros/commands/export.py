@@ -27,7 +27,7 @@ def add(parsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> Result:
     """Read and write."""
-    from mbd_sim_ros.analysis import dataframes, tables
+    from mbd_sim_ros.analysis import dataframes, runs
     from mbd_sim_ros.bags import reader as bag
 
     if args.csv is None and args.parquet is None:
@@ -35,7 +35,7 @@ def run(args: argparse.Namespace) -> Result:
     run_ = bag.read(args.bag, args.channel)
     if not run_.series:
         raise BagError(f'{args.bag}: no channel matches {" ".join(args.channel)}')
-    files = tables.export(run_, args.csv) if args.csv is not None else []
+    files = runs.export(run_, args.csv) if args.csv is not None else []
     files += dataframes.export_parquet(run_, args.parquet) if args.parquet is not None else []
     rows = max(one.time_ns.size for one in run_.series.values())
     data = {

@@ -34,7 +34,7 @@ def add(parsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> Result:
     """Read, simulate, compare."""
-    from mbd_sim_ros.analysis.compare import compare
+    from mbd_sim_ros.analysis.comparison import compare
     from mbd_sim_ros.bags import reader as bag
     from mbd_sim_ros.bags.recorder import source_hash
     from mbd_sim_ros.batch import simulate

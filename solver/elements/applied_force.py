@@ -8,8 +8,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from solver.compiled.dense import product
 from solver.compiled.kernel import kernel
+from solver.compiled.portable import product
 from solver.compiled.vec import (
     add,
     add3,

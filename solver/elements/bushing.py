@@ -18,8 +18,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.compiled.dense import product
 from solver.compiled.kernel import kernel, sixes
+from solver.compiled.portable import product
 from solver.compiled.rows import add_block, add_rows, cross_rows, mul_rows, rows, sub_block, sub_rows
 from solver.compiled.so3 import inverse_jacobian_coefficients, log
 from solver.compiled.vec import (

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.compiled.dense import principal_moments
 from solver.compiled.kernel import kernel
+from solver.compiled.portable import principal_moments
 from solver.compiled.vec import add3, cross, cross_m, load33, msub, mv, put33, scale, skew
 from solver.elements.marker import IDENTITY, WORLD, Spec
 from solver.elements.point_pair import angular_velocity

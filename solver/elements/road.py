@@ -17,10 +17,10 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from solver.compiled.dense import norm, solve_tridiagonal
 from solver.compiled.dual import sqrt
 from solver.compiled.elementary import exp
 from solver.compiled.kernel import kernel
+from solver.compiled.portable import norm, solve_tridiagonal
 from solver.elements.marker import Spec
 from solver.validate import Vector, finite, require, vector
 

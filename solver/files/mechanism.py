@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from solver.compiled.dense import norm, product
+from solver.compiled.portable import norm, product
 from solver.elements.joint import JointSpec
 from solver.elements.laws import Law
 from solver.elements.marker import WORLD, Marker, Spec

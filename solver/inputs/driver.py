@@ -22,7 +22,7 @@ from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
-from solver.compiled.dense import clamped_spline_slopes, piecewise_cubic
+from solver.compiled.portable import clamped_spline_slopes, piecewise_cubic
 from solver.errors import SpecError
 from solver.inputs.signals import smooth_step
 

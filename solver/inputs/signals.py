@@ -12,8 +12,8 @@ from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
 
-from solver.compiled.dense import clamped_spline_slopes, piecewise_cubic
 from solver.compiled.elementary import cos, sin
+from solver.compiled.portable import clamped_spline_slopes, piecewise_cubic
 from solver.errors import SpecError
 
 Seconds = Annotated[float, 's']

@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from solver.compiled.dense import norm, product
+from solver.compiled.portable import norm, product
 
 ROUNDING = 1e-14
 

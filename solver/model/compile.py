@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from solver.compiled.by_reference import Ref
-from solver.compiled.dense import inverse, norms, principal_moments
+from solver.compiled.portable import inverse, norms, principal_moments
 from solver.elements.coordinate import CoordinateSpec, compile_coordinates, evaluate_coordinate
 from solver.elements.joint import JointSpec
 from solver.elements.kind import ForceKind

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.compiled.dense import norm
+from solver.compiled.portable import norm
 from solver.compiled.so3 import matrix_of_quaternion, quaternion_of_matrix
 from solver.validate import Quaternion
 

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.compiled.by_reference import Ref
-from solver.compiled.dense import product
 from solver.compiled.kernel import kernel
+from solver.compiled.portable import product
 from solver.compiled.so3 import matrix_of_quaternion
 from solver.elements.coordinate import coordinate_value
 from solver.elements.point_pair import Kinematics

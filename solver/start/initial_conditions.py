@@ -8,7 +8,7 @@ from typing import cast
 import numpy as np
 
 from solver.compiled.by_reference import Ref
-from solver.compiled.dense import product
+from solver.compiled.portable import product
 from solver.compiled.so3 import matrix_of_quaternion
 from solver.elements.coupler import CouplerSpec
 from solver.elements.registry import FORCES

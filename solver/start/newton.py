@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from solver.compiled.by_reference import Ref
-from solver.compiled.dense import inverse, norm, product
 from solver.compiled.kernel import kernel
+from solver.compiled.portable import inverse, norm, product
 from solver.compiled.so3 import matrix_of_quaternion, quaternion_exp, quaternion_normalized, quaternion_product
 from solver.elements.registry import FORCES
 from solver.errors import ConsistencyError

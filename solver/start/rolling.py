@@ -8,7 +8,7 @@ from typing import cast
 import numpy as np
 
 from solver.compiled.by_reference import Ref
-from solver.compiled.dense import product
+from solver.compiled.portable import product
 from solver.elements.brake import capacities
 from solver.elements.tire_pacejka import TIRES, rolling_radius
 from solver.errors import ConsistencyError

@@ -20,8 +20,8 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.compiled.by_reference import Ref
-from solver.compiled.dense import inverse
 from solver.compiled.kernel import kernel
+from solver.compiled.portable import inverse
 from solver.errors import SpecError, suggestion
 from solver.model.evaluate import evaluate_constraints, evaluate_forces
 from solver.model.saddle import CONDENSED, effective_masses, factorize_saddle, new_saddle, solve_saddle

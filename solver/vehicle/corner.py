@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.compiled.dense import norm, product
+from solver.compiled.portable import norm, product
 from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.elements.joint import JointSpec
 from solver.elements.laws import Law

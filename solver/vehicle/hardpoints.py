@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from solver.compiled.dense import norm, product
+from solver.compiled.portable import norm, product
 from solver.elements.marker import Marker
 from solver.elements.rigid_body import RigidBodySpec
 from solver.model.frames import frame_of_axis, matrix, quaternion

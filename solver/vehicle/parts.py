@@ -14,7 +14,7 @@ from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
-from solver.compiled.dense import norm, product
+from solver.compiled.portable import norm, product
 from solver.elements.bushing import BushingSpec, Six
 from solver.elements.joint import JointSpec
 from solver.elements.laws import Law

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver.compiled.dense import norm, product
+from solver.compiled.portable import norm, product
 from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.elements.coupler import CouplerSpec
 from solver.elements.joint import JointSpec

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from scalars import run, run_of
 
-from mbd_sim_ros.analysis.compare import Comparison, Curves, compare
+from mbd_sim_ros.analysis.comparison import Comparison, Curves, compare
 from mbd_sim_ros.analysis.html import POINTS, thinned, write_report
 from solver.errors import BagError
 

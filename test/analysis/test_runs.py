@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mbd_sim_ros.analysis import tables
-from mbd_sim_ros.analysis.compare import compare
+from mbd_sim_ros.analysis import runs
+from mbd_sim_ros.analysis.comparison import compare
 from mbd_sim_ros.bags.reader import Run, Series
 from solver.errors import BagError
 
@@ -34,16 +34,16 @@ def wild(rng: np.random.Generator, start_ns: int = 0) -> Run:
 @pytest.mark.parametrize('start_ns', [0, 1_700_000_000_123_456_789])
 def test_export_and_back_is_the_same_bits(start_ns: int, rng: np.random.Generator, tmp_path: Path) -> None:
     before = wild(rng, start_ns)
-    files = tables.export(before, tmp_path)
+    files = runs.export(before, tmp_path)
     assert sorted(f.name for f in files) == ['cmd_applied.csv', 'joint_states.csv', 'tire.front_left.force.csv']
-    after = tables.read(tmp_path)
+    after = runs.read(tmp_path)
     assert compare(after, before, exact=True).ok
     assert set(after.columns) == set(before.columns)
-    assert set(tables.read(tmp_path, ['tire/*']).columns) == {'tire/front_left/force/fx'}
+    assert set(runs.read(tmp_path, ['tire/*']).columns) == {'tire/front_left/force/fx'}
 
 
 def test_header_names_quantity_and_unit(rng: np.random.Generator, tmp_path: Path) -> None:
-    tables.export(wild(rng), tmp_path)
+    runs.export(wild(rng), tmp_path)
     header = (tmp_path / 'joint_states.csv').read_text().splitlines()[0]
     assert header == 'time [s],a/position [rad],a/velocity [rad/s],b/angle/position [m],b/angle/velocity [m/s]'
     assert (tmp_path / 'tire.front_left.force.csv').read_text().splitlines()[0] == 'time [s],fx [N]'
@@ -65,14 +65,14 @@ def test_a_broken_table_is_refused_with_its_place(text: str, says: str, tmp_path
     file = tmp_path / 'x.csv'
     file.write_text(text)
     with pytest.raises(BagError, match=re.escape(says)) as caught:
-        tables.read(file)
+        runs.read(file)
     assert str(file) in str(caught.value)
 
 
 def test_comments_and_blank_lines_in_a_table_are_skipped(tmp_path: Path) -> None:
     file = tmp_path / 'x.csv'
     file.write_text('# source: measured\ntime [s],angle [rad]\n0,1\n\n0.5,2\n')
-    read = tables.read(file)
+    read = runs.read(file)
     assert read.time_ns.tolist() == [0, 500_000_000]
     assert read['angle'].tolist() == [1.0, 2.0]
 
@@ -84,7 +84,7 @@ def test_units_of_elements_are_those_of_their_kind() -> None:
     along = ('energy', 'dissipation', 'value', 'rate', 'force')
     known = [f'element_states/{name}/{o}' for name, outputs in (('s', spring), ('b', brake), ('c', along)) for o in outputs]
     run = Run({}, {'joint_kinds': '{"a": "rotation", "b": "translation"}'}, known={'element_states': tuple(known)})
-    unit = tables.units(run)
+    unit = runs.units(run)
     found = {
         c: unit(f'element_states/{c}') for c in ('s/rate', 's/force', 'b/rate', 'b/windup', 'b/torque', 'c/energy', 'c/rate', 'c/value')
     }
@@ -96,5 +96,5 @@ def test_units_of_elements_are_those_of_their_kind() -> None:
     assert [unit(c) for c in ('imu/ay', 'odom/pose/qw', 'tire/f/force/mz', 'tire_states/f/kappa', 'cmd_applied/steering', 'what')] == [
         'm/s^2', '1', 'N m', '1', 'rad', '',
     ]  # fmt: skip
-    bare = tables.units(Run({}))
+    bare = runs.units(Run({}))
     assert (bare('element_states/x/rate'), bare('element_states/x/energy')) == ('', 'J')  # nothing tells which kind it is

@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import solve_banded
 
 from solver.compiled import elementary
-from solver.compiled.dense import (
+from solver.compiled.portable import (
     clamped_spline_slopes,
     inverse,
     norm,

@@ -10,7 +10,7 @@ import pytest
 from scalars import joined, run, run_of
 from scipy.spatial.transform import Rotation
 
-from mbd_sim_ros.analysis.compare import compare
+from mbd_sim_ros.analysis.comparison import compare
 from mbd_sim_ros.analysis.plots import plot_comparison
 from mbd_sim_ros.analysis.tolerances import Tolerance, Tolerances, load_tolerances
 from mbd_sim_ros.bags.reader import Run, Series

@@ -31,7 +31,7 @@ from mbd_sim_ros.analysis.alignment import (
     same_turn,
 )
 from mbd_sim_ros.analysis.rating import Rating, rate
-from mbd_sim_ros.analysis.tables import units
+from mbd_sim_ros.analysis.runs import units
 from mbd_sim_ros.analysis.tolerances import Tolerance, Tolerances
 from mbd_sim_ros.bags.reader import Run, Series
 from solver.errors import BagError, suggestion
