@@ -190,7 +190,7 @@ def test_a_call_of_many_long_steps_is_divided(tmp_path: Path, monkeypatch: pytes
             self.k = 0
             spent.clear()
 
-        def audit(self) -> dict[str, float]:
+        def totals(self) -> dict[str, float]:
             names = ('iterations', 'factorizations', 'evaluations', 'residual_max', 'energy_error_max', 'position_drift_max')
             return dict.fromkeys((*names, 'velocity_drift_max', 'stagnated', 'substeps', 'rejected', 'events'), 0.0)
 
