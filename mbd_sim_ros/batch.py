@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 import json
-import signal
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 from tqdm import tqdm
 
-from mbd_sim_ros.bags.recorder import Recorder, about, describe
+from mbd_sim_ros import interrupts
+from mbd_sim_ros.bags.applied import begin_of
+from mbd_sim_ros.bags.recorder import StepRecorder, about, describe
 from mbd_sim_ros.messages.encode import Messages
 from solver.analysis.balance import Balance
 from solver.errors import MbdError
 from solver.simulation import Simulation
 
 UNRECORDED_CHUNK = 100  # steps per call when nobody looks between
+DEAF = 0.1  # s that a call of many steps may take; nobody looks for signals meanwhile
 
 
 class Source(Protocol):
@@ -28,17 +30,36 @@ class Source(Protocol):
     def table(self, k0: int, n: int) -> np.ndarray: ...
 
 
-def record(simulation: Simulation, directory: Path) -> tuple[Messages, Recorder]:
-    """The encoder and the recorder of a simulation's scene. Raises BagError when the directory cannot be written."""
+class Portion:
+    """How many steps a call may do: twice as many as the last one while that took less than DEAF seconds. Bits do not depend on it."""
+
+    def __init__(self) -> None:
+        self.most = 1
+
+    def took(self, steps: int, seconds: float) -> None:
+        """A call of so many steps took so long."""
+        fitting = int(DEAF * steps / seconds) if seconds > 0.0 else 2 * steps
+        self.most = max(1, min(2 * max(steps, self.most), fitting))
+
+
+def record(
+    simulation: Simulation, directory: Path, *, frame_prefix: str = '', parameters: Mapping[str, Any] | None = None
+) -> tuple[Messages, StepRecorder]:
+    """The encoder and the recorder of a simulation's scene; the recording begins with its state now.
+
+    frame_prefix: put before every frame name. parameters: for the description. Raises BagError when the directory cannot be written.
+    """
     scene, channels = simulation.scene, simulation.channels
-    messages = Messages(channels, element_states=scene.record.elements, reactions=scene.record.reactions)
+    messages = Messages(channels, frame_prefix=frame_prefix, element_states=scene.record.elements, reactions=scene.record.reactions)
     metadata = describe(
         scene=scene.name,
         resolved_yaml=scene.resolved,
         seed=scene.seed,
         robot_description=simulation.urdf(),
-    ) | about(simulation, reactions=scene.record.reactions)
-    return messages, Recorder(directory, messages.topics, metadata)
+        parameters=parameters,
+    )
+    metadata |= about(simulation, reactions=scene.record.reactions) | begin_of(simulation)
+    return messages, StepRecorder(directory, messages.topics, channels.inputs, simulation.k, metadata)
 
 
 def warm_up(simulation: Simulation) -> None:
@@ -46,18 +67,6 @@ def warm_up(simulation: Simulation) -> None:
     with suppress(MbdError):  # it will fail again, where it is reported
         simulation.advance(1)
     simulation.reset()
-
-
-@contextmanager
-def signals_noted() -> Iterator[list[int]]:
-    """SIGINT and SIGTERM only append their number to the list: a step and its recording are never torn apart."""
-    noted: list[int] = []
-    previous = {number: signal.signal(number, lambda n, _: noted.append(n)) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield noted
-    finally:
-        for number, handler in previous.items():
-            signal.signal(number, handler)
 
 
 def simulate(
@@ -68,58 +77,79 @@ def simulate(
     source: Source | None = None,
     progress: bool = False,
     balance: bool = False,
+    state: bytes | None = None,
+    from_start: bool = True,
+    frame_prefix: str = '',
+    parameters: Mapping[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """Advance from the start by `steps` steps and return the figures of the run.
+    """Advance to step `steps`, from the start or from a saved state, and return the figures of the run.
 
     directory: where to record (None: not at all). source: of the inputs; None is the maneuver of the scene. progress: show a bar
-    if stderr is a terminal. balance: follow energy and momentum by element kind, which takes its time.
+    if stderr is a terminal. balance: follow energy and momentum by element kind, which takes its time. state: of Simulation.save().
+    from_start: record the state at the beginning too.
     A recording is always closed, with the reason when the run did not end well. Raises StepError,
     BagError, and KeyboardInterrupt(sentence to show, signal number) between two steps.
     """
     every = simulation.scene.record.every if directory is not None else UNRECORDED_CHUNK
     with tqdm(total=steps, unit='step', desc='compiling', disable=None if progress else True, leave=False) as bar:
+        interrupts.now(f'preparing {simulation.scene.name}')
         warm_up(simulation)
+        if state is not None:
+            simulation.restore(state)
+        interrupts.check()
         bar.set_description(simulation.scene.name)
         bar.unpause()
-        with signals_noted() as noted:
-            messages, recorder = record(simulation, directory) if directory is not None else (None, None)
-            status, cpu, begin = 'failed', 0.0, time.perf_counter()
+        first, portion = simulation.k, Portion()
+        messages, recorder = (None, None)
+        if directory is not None:
+            messages, recorder = record(simulation, directory, frame_prefix=frame_prefix, parameters=parameters)
+        with interrupts.held():
+            status, cpu, begin, written = 'failed', 0.0, time.perf_counter(), -1
             balances = Balance(simulation) if balance else None
             try:
-                if recorder and messages:
-                    recorder.write(simulation.t_ns, messages.encode(simulation.snapshot()))
-                while simulation.k < steps and not noted:
-                    n = min(1 if balances else every, steps - simulation.k)
+                if recorder and messages and from_start:
+                    recorder.record(simulation.t_ns, messages.encode(simulation.snapshot()))
+                    written = simulation.k
+                while simulation.k < steps and not interrupts.received():
+                    n = min(1 if balances else every - simulation.k % every, steps - simulation.k, portion.most)
                     inputs = None if source is None else source.table(simulation.k, n)
-                    started = time.thread_time()
+                    started, clock = time.thread_time(), time.perf_counter()
                     snapshot = simulation.advance(n, inputs)
                     cpu += time.thread_time() - started
+                    portion.took(n, time.perf_counter() - clock)
                     if balances:
                         balances.update()
-                    if recorder and messages and (simulation.k % every == 0 or simulation.k == steps):
-                        recorder.write(snapshot.t_ns, messages.encode(snapshot))
+                    if recorder and messages:
+                        if simulation.applied is not None:
+                            recorder.note(simulation.k, simulation.applied)
+                        if simulation.k % every == 0 or simulation.k == steps or interrupts.received():
+                            recorder.record(snapshot.t_ns, messages.encode(snapshot))
+                            written = simulation.k
                     bar.update(n)
-                status = 'interrupted' if noted else 'ok'
+                if recorder and messages and written != simulation.k:  # interrupted right behind a step
+                    recorder.record(simulation.t_ns, messages.encode(simulation.snapshot()))
+                number = interrupts.received() if simulation.k < steps else 0
+                status = 'interrupted' if number else 'ok'
             finally:
-                figures = _figures(simulation, time.perf_counter() - begin, cpu)
+                figures = _figures(simulation, first, time.perf_counter() - begin, cpu)
                 if recorder:
                     events = json.dumps([event._asdict() for event in simulation.events])
                     recorder.close({'status': status, **{key: f'{value!r}' for key, value in figures.items()}, 'event_list': events})
-    if noted:
+    if number:
         kept = f'; the recording in {directory} is complete up to there' if directory is not None else ''
-        raise KeyboardInterrupt(f'interrupted at t = {simulation.t_ns * 1e-9:g} s (step {simulation.k}){kept}', noted[0])
+        raise KeyboardInterrupt(f'interrupted at t = {simulation.t_ns * 1e-9:g} s (step {simulation.k}){kept}', number)
     followed = balances.report() if balances else {}
     return {'status': status, **figures, **followed, 'out': None if directory is None else str(directory)}
 
 
-def _figures(simulation: Simulation, wall: float, cpu: float) -> dict[str, Any]:
-    """Speed and accuracy of the steps made so far. wall, cpu: seconds spent in all and in the steps."""
-    audit, n = simulation.totals(), max(simulation.k, 1)
+def _figures(simulation: Simulation, first: int, wall: float, cpu: float) -> dict[str, Any]:
+    """Speed and accuracy of the steps made since step `first`. wall, cpu: seconds spent in all and in the steps."""
+    audit, n = simulation.totals(), max(simulation.k - first, 1)
     return {
         'steps': simulation.k,
         'simulated_time': simulation.t_ns * 1e-9,
         'wall_time': wall,
-        'real_time_factor': simulation.t_ns * 1e-9 / wall,
+        'real_time_factor': (simulation.k - first) * simulation.h_ns * 1e-9 / wall,
         'cpu_per_step_us': cpu / n * 1e6,
         'iterations_per_step': audit['iterations'] / n,
         'factorizations_per_step': audit['factorizations'] / n,

@@ -14,7 +14,8 @@ from solver.compiled.so3 import matrix_of_quaternion
 from solver.errors import SpecError, StepError
 from solver.files.urdf import robot_description
 from solver.inputs.driver import Sight
-from solver.inputs.maneuver import DriverSource, ManeuverSource
+from solver.inputs.maneuver import DriverSource, source_of
+from solver.inputs.recorded import RecordedSource
 from solver.model.evaluate import constraint_input_rates, evaluate_constraints, evaluate_forces, prepare
 from solver.model.saddle import BLOCK, CONDENSED, new_saddle
 from solver.model.state import State, copy_state, fill_kinematics, kinematics_of, load_state, new_state, save_state
@@ -92,7 +93,10 @@ class Simulation:
         # A force-like input is held over the interval of the grid: with steps of any size inside, its mean is what matters.
         self.stage = 0.5 if settings.step_policy == 'error' else 1.0 - scheme['af']
         self._kin = Ref(self._work.kin_end)
-        self.source = ManeuverSource(scene.maneuver, scene.model.inputs, self.h_ns, self.stage)
+        self.source = source_of(scene.maneuver, scene.model.inputs, self.h_ns, self.stage)
+        if isinstance(self.source, RecordedSource) and scene.steps > self.source.steps:
+            last = self.source.steps * self.h_ns * 1e-9
+            raise SpecError(f'duration = {scene.duration:g}: {self.source.given.where} ends at {last:g} s; set duration to that or less')
         self.driver: DriverSource | None = None
         if scene.maneuver.driver is not None:
             self.driver = DriverSource(scene.maneuver, scene.model.inputs, self.h_ns, self.stage)
@@ -103,6 +107,7 @@ class Simulation:
         self._states = [Ref(new_state(self.model)), Ref(new_state(self.model))]
         self._initial = new_state(self.model)
         self._inputs = np.zeros(len(scene.model.inputs))
+        self._applied: np.ndarray | None = None
         self._totals = NO_STEPS
         watched = scene.record.branches or scene.require.branch_switches_max is not None
         self.branches = BranchWatch() if watched else None
@@ -120,6 +125,8 @@ class Simulation:
         return cast(State, self._states[0].value)
 
     def _inputs_at_start(self) -> np.ndarray:
+        if isinstance(self.source, RecordedSource):
+            return self.source.start
         zero = np.zeros(1)
         return self.scene.maneuver.inputs(self.scene.model.inputs, zero, zero)[0]
 
@@ -138,6 +145,11 @@ class Simulation:
     def inputs(self) -> np.ndarray:
         """(nu,) inputs of the last step."""
         return self._inputs
+
+    @property
+    def applied(self) -> np.ndarray | None:
+        """(n, nu) inputs of the n steps of the last advance(), as applied; None when the integrator looks at any time it likes."""
+        return self._applied
 
     @property
     def kinematics(self) -> Ref:
@@ -199,8 +211,12 @@ class Simulation:
         failure the state is that of the last good step.
         """
         if inputs is None and self.driver is not None:
-            for _ in range(n):
-                self._advance(1, self.driver.sample(self.k, self._sight())[None, :], audit)
+            rows = np.empty((n, len(self._inputs)))
+            for i in range(n):
+                self._applied = rows[:i]
+                rows[i] = self.driver.sample(self.k, self._sight())
+                self._advance(1, rows[i : i + 1], audit)
+            self._applied = rows
             return self.snapshot()
         if inputs is None:
             inputs = self.source.table(self.k, n)
@@ -209,7 +225,12 @@ class Simulation:
         inputs = np.ascontiguousarray(inputs, float)
         if not inputs.flags.writeable:
             inputs = inputs.copy()  # kernels are compiled for arrays that can be written
-        self._advance(n, inputs, audit)
+        before = self.k
+        try:
+            self._advance(n, inputs, audit)
+        finally:
+            done = self.k - before
+            self._applied = inputs[:done] if len(inputs) == n else np.broadcast_to(inputs, (done, inputs.shape[1]))
         return self.snapshot()
 
     def _advance(self, n: int, inputs: np.ndarray, audit: bool) -> None:

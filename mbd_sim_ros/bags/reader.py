@@ -24,7 +24,7 @@ from mcap.records import Channel, Metadata, Schema, Statistics
 from mbd_sim_ros.bags.records import Messages, find_file, message_counts, records
 from mbd_sim_ros.bags.writer import RECORD, RESULT, BagWriter
 from mbd_sim_ros.messages import cdr
-from mbd_sim_ros.messages.encode import IMU, JOINT_STATE, ODOMETRY, WRENCH, Topic
+from mbd_sim_ros.messages.encode import IMU, INPUTS, JOINT_STATE, ODOMETRY, WRENCH, Topic
 from solver.errors import BagError, suggestion
 
 _XYZ, _QUATERNION, _TWIST = ('x', 'y', 'z'), ('qx', 'qy', 'qz', 'qw'), ('vx', 'vy', 'vz', 'wx', 'wy', 'wz')
@@ -37,7 +37,7 @@ _BLOCKS = {
     IMU: (('orientation.x', _QUATERNION), ('angular_velocity.x', _TWIST[3:]), ('linear_acceleration.x', ('ax', 'ay', 'az'))),
     WRENCH: (('wrench.force.x', ('fx', 'fy', 'fz', 'mx', 'my', 'mz')),),
 }
-NOT_SIGNALS = ('tf', 'tf_static', 'robot_description')  # topics that are no columns
+NOT_SIGNALS = ('tf', 'tf_static', 'robot_description', INPUTS.name)  # topics that are no columns
 BLOCK_BYTES = 1 << 22  # messages of a topic that are decoded at once
 COLUMNS_MAX = 4096  # of one topic; a cloud of points is no set of channels
 STAMP = ('header.stamp.sec', 'header.stamp.nanosec')

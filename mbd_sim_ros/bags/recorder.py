@@ -10,6 +10,7 @@ import hashlib
 import json
 import marshal
 import os
+import re
 import struct
 import subprocess
 import sys
@@ -22,12 +23,14 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 
 import solver
+from mbd_sim_ros.bags.applied import Applied
 from mbd_sim_ros.bags.writer import RECORD
 from mbd_sim_ros.messages.cdr import template
-from mbd_sim_ros.messages.encode import STRING, Topic
+from mbd_sim_ros.messages.encode import INPUTS, STRING, Topic
 from solver.compiled.target import target
 from solver.errors import BagError
 
@@ -98,12 +101,17 @@ def source_hash() -> str:
     return found.hexdigest()[:16]
 
 
+def file_stem(name: str) -> str:
+    """The name of a scene as the name of a file: nothing in it leads to another directory."""
+    return re.sub(r'[^\w.+-]+', '_', name).strip('.') or 'scene'
+
+
 def new_directory(scene: str, base: str | Path = 'bags') -> Path:
     """Make and return `base/<scene>-<YYYYmmdd-HHMMSS>`; a number is appended rather than anything overwritten.
 
     Raises BagError if the directory cannot be made.
     """
-    stem = f'{scene}-{time.strftime("%Y%m%d-%H%M%S")}'
+    stem = f'{file_stem(scene)}-{time.strftime("%Y%m%d-%H%M%S")}'
     for attempt in range(1, 1000):
         directory = Path(base) / (stem if attempt == 1 else f'{stem}-{attempt}')
         try:
@@ -166,18 +174,22 @@ class Recorder:
         """The number of the recording process."""
         return self._process.pid
 
-    def write(self, t_ns: int, messages: Sequence[bytes | None]) -> None:
-        """Queue the messages of one step, one per topic as given at the start (None: no message). Raises BagError after a failure."""
+    def write(self, t_ns: int, messages: Sequence[bytes | None]) -> bool:
+        """Queue the messages of one step, one per topic as given at the start (None: no message); whether there was room for them.
+
+        Raises BagError after a failure.
+        """
         if self.error is not None:
             raise self.error
         while len(self._queue) >= QUEUE_STEPS:
             if not self._wait:
                 self.dropped += 1
-                return
+                return False
             time.sleep(0.001)
             if self.error is not None:
                 raise self.error
         self._queue.append((t_ns, messages))
+        return True
 
     def close(self, result: Mapping[str, str] | None = None) -> Path:
         """Write what is queued, finish the bag and return its directory. Raises BagError if the recording failed."""
@@ -243,6 +255,37 @@ class Recorder:
             self._pipe.close()
         self._process.wait()
         self._replies.close()
+
+
+class StepRecorder(Recorder):
+    """Records the steps of a simulation: messages at the instants it is given, and the inputs of every step between them.
+
+    inputs: their names. first: the step it begins behind. namespace: put before topics that do not begin with `/`.
+    """
+
+    def __init__(
+        self,
+        directory: str | Path,
+        topics: Sequence[Topic],
+        inputs: Sequence[str],
+        first: int,
+        metadata: Mapping[str, str],
+        *,
+        namespace: str = '',
+        wait: bool = True,
+    ) -> None:
+        named = [t if t.name.startswith('/') else t._replace(name=f'{namespace.rstrip("/")}/{t.name}') for t in (*topics, INPUTS)]
+        self._applied = Applied(inputs, first)
+        super().__init__(directory, named, metadata, wait=wait)
+
+    def note(self, last: int, rows: np.ndarray) -> None:
+        """The inputs (n, nu) of the n steps that led to step `last`, none of which has been recorded yet."""
+        self._applied.add(last, rows)
+
+    def record(self, t_ns: int, messages: Sequence[bytes | None]) -> None:
+        """Queue the messages of an instant and the inputs noted since the last. Raises BagError after a failure."""
+        if self.write(t_ns, [*messages, self._applied.message()]):
+            self._applied.taken()
 
 
 def enlarge(pipe: int) -> None:

@@ -5,11 +5,17 @@ Exit code 0 only if at most 1 % of the steps missed their deadline and the repla
 
 from __future__ import annotations
 
+from mbd_sim_ros import interrupts
+
+if __name__ == '__main__':
+    interrupts.install(lambda text: interrupts.write(2, f'demo: {text}'))
+
 import argparse
 import json
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 from mbd_sim_ros.bags import reader as bag
@@ -43,6 +49,10 @@ def drive(scene: str, directory: Path, duration: float) -> None:
     ]
     maneuver = subprocess.Popen(player, env=environment)
     try:
+        while simulator.poll() is None:
+            if maneuver.poll():  # or the car would go on without a driver
+                raise MbdError(f'the maneuver ended with exit code {maneuver.returncode}')
+            time.sleep(0.1)
         if code := simulator.wait():
             raise MbdError(f'the simulator ended with exit code {code}')
         if code := maneuver.wait(30.0):
@@ -95,6 +105,7 @@ def demo(scene: str, duration: float | None) -> int:
     loaded = load_scene(scene)
     duration = duration or float(max(loaded.duration, SHORTEST))
     directory = new_directory(f'demo-{loaded.name}')
+    interrupts.now(f'driving {scene}')
     print(f'demo: {scene}, {duration:g} s in real time; the first start compiles, which takes about a minute', flush=True)
     drive(scene, directory, duration)
     run = bag.read(directory)
@@ -128,6 +139,10 @@ def main() -> int:
     except MbdError as error:
         print(f'demo: {error}', file=sys.stderr)
         return error.exit_code
+    except KeyboardInterrupt:
+        if interrupts.claim():
+            print(f'demo: {interrupts.sentence()}', file=sys.stderr)
+        return interrupts.EXIT + interrupts.received()
 
 
 if __name__ == '__main__':

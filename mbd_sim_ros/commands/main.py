@@ -2,22 +2,41 @@
 
 from __future__ import annotations
 
+import sys
+
+from mbd_sim_ros import interrupts
+
+
+def _say(text: str) -> None:
+    interrupts.write(2, f'mbd: {text}')
+
+
+def _say_early(text: str) -> None:
+    """Before the arguments are read."""
+    if '--json' in sys.argv:
+        interrupts.write(1, f'{{"status": "error", "error": "{text}"}}')
+    else:
+        _say(text)
+
+
+if __name__ == '__main__' or interrupts.is_program('mbd'):
+    interrupts.install(_say_early)  # before anything that takes time
+
 import argparse
 import json
 import math
 import os
 import signal
-import sys
 import traceback
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, redirect_stdout, suppress
 from typing import Any, NoReturn
 
 from mbd_sim_ros.commands import bench, compare, compile, export, info, recover, replay, run, study
-from solver.compiled import interruption
 from solver.errors import MbdError, suggestion
 
 COMMANDS = (info, run, export, compare, replay, recover, study, bench, compile)
-USAGE_ERROR, INTERNAL_ERROR, KILLED = 2, 70, 128  # KILLED + signal number, as shells do
+USAGE_ERROR, INTERNAL_ERROR = 2, 70
 SHOW_TRACEBACK = 'MBD_TRACEBACK'
 
 
@@ -51,39 +70,90 @@ def parser() -> Parser:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code; never raises, apart from --help's SystemExit."""
-    last = argv is None  # the process ends with this command
     argv = list(sys.argv[1:] if argv is None else argv)
     as_json = '--json' in argv
-    interruption.forget()
-    # SIGINT too: a shell starts background jobs with it ignored, and launch tools end those with it
-    previous = {number: signal.signal(number, _interrupt) for number in (signal.SIGINT, signal.SIGTERM)}
+    with _output(as_json) as out, interrupts.watched(lambda text: _at_the_end(text, out, as_json)):
+        try:
+            try:
+                first = next((a for a in argv if not a.startswith('-')), None)
+                names = [c.__name__.rpartition('.')[2] for c in COMMANDS]
+                if first is not None and first not in names:
+                    raise UsageError(f'mbd: no command {first!r}{suggestion(first, names)}')
+                interrupts.now(f'starting mbd {first}' if first else '')
+                args = parser().parse_args(argv)
+                result = args.run(args)
+                out.say(json.dumps(plain(result.data), allow_nan=False) if as_json else result.text)
+                return result.code
+            except MbdError as error:
+                return _fail(out, str(error), error.exit_code, as_json)
+            except KeyboardInterrupt as interrupt:
+                sentence, number = interrupt.args if len(interrupt.args) == 2 else (interrupts.sentence(), signal.SIGINT)
+                code = interrupts.EXIT + number
+                return _fail(out, sentence, code, as_json) if interrupts.claim() else code
+            except BrokenPipeError:  # the reader of our output went away, e.g. `mbd info ... | head`
+                out.drop()
+                return 1
+            except OSError as error:
+                return _fail(out, f'{error.filename or "the system"}: {error.strerror or error}', 1, as_json)
+            except Exception as error:
+                if os.environ.get(SHOW_TRACEBACK):
+                    traceback.print_exc()
+                what = ' '.join(f'{type(error).__name__}: {error}'.split())
+                return _fail(out, f'internal error: {what}; set {SHOW_TRACEBACK}=1 to see where', INTERNAL_ERROR, as_json)
+        except OSError as error:  # what says the error cannot be written either
+            out.drop()
+            if as_json:
+                with suppress(OSError):
+                    _say(f'the output: {error.strerror or error}')
+            return 1
+
+
+class _Output:
+    """Where the result goes: the standard output, while libraries print to the standard error in --json mode."""
+
+    def __init__(self) -> None:
+        self.stream = sys.stdout
+
+    def say(self, text: str) -> None:
+        """Write the result. Raises OSError."""
+        if text:
+            print(text, file=self.stream, flush=True)
+
+    def drop(self) -> None:
+        """Have the interpreter not try again to write at its end."""
+        with suppress(OSError, ValueError):
+            os.dup2(os.open(os.devnull, os.O_WRONLY), self.stream.fileno())
+
+
+@contextmanager
+def _output(as_json: bool) -> Iterator[_Output]:
+    """In --json mode nothing but the result reaches the standard output, whatever a library prints, in Python or in C."""
+    out = _Output()
+    if not as_json:
+        yield out
+        return
+    captured = sys.stdout is not sys.__stdout__  # by whoever called main()
     try:
-        first = next((a for a in argv if not a.startswith('-')), None)
-        names = [c.__name__.rpartition('.')[2] for c in COMMANDS]
-        if first is not None and first not in names:
-            raise UsageError(f'mbd: no command {first!r}{suggestion(first, names)}')
-        args = parser().parse_args(argv)
-        result = args.run(args)
-        _print(json.dumps(plain(result.data), allow_nan=False) if as_json else result.text)
-        return result.code
-    except MbdError as error:
-        return _fail(str(error), error.exit_code, as_json)
-    except KeyboardInterrupt as interrupt:
-        sentence, number = interrupt.args or ('interrupted', signal.SIGINT)
-        return _fail(sentence, KILLED + number, as_json)
-    except BrokenPipeError:  # the reader of our output went away, e.g. `mbd info ... | head`
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return 1
-    except OSError as error:
-        return _fail(f'{error.filename or "the system"}: {error.strerror or error}', 1, as_json)
-    except Exception as error:
-        if os.environ.get(SHOW_TRACEBACK):
-            traceback.print_exc()
-        what = ' '.join(f'{type(error).__name__}: {error}'.split())
-        return _fail(f'internal error: {what}; set {SHOW_TRACEBACK}=1 to see where', INTERNAL_ERROR, as_json)
+        kept = os.dup(1)
+    except OSError:  # closed
+        yield out
+        return
+    sys.stdout.flush()
+    if not captured:
+        out.stream = os.fdopen(os.dup(kept), 'w', encoding='utf-8')
+    with suppress(OSError):
+        os.dup2(2, 1)
+    try:
+        with redirect_stdout(sys.stderr):
+            yield out
     finally:
-        for number, handler in previous.items():
-            signal.signal(number, signal.SIG_IGN if last else handler)
+        with suppress(OSError, ValueError):
+            sys.stdout.flush()
+        os.dup2(kept, 1)
+        os.close(kept)
+        if not captured:
+            with suppress(OSError):
+                out.stream.close()
 
 
 def plain(value: Any) -> Any:
@@ -99,29 +169,20 @@ def plain(value: Any) -> Any:
     return value if isinstance(value, str | int | float | bool | None) else str(value)
 
 
-def _interrupt(number: int, _frame: object) -> None:
-    if interruption.pending():  # the second signal: whatever still goes on is not waited for
-        _end(number)
-    interruption.interrupt(KeyboardInterrupt('interrupted', number), lambda: _end(number))
-
-
-def _end(number: int) -> NoReturn:
-    """End the process here and now, whatever its threads are doing."""
-    os.write(sys.stderr.fileno(), b'mbd: interrupted\n')
-    os._exit(KILLED + number)
-
-
-def _print(text: str) -> None:
-    if text:
-        print(text, flush=True)
-
-
-def _fail(sentence: str, code: int, as_json: bool) -> int:
+def _fail(out: _Output, sentence: str, code: int, as_json: bool) -> int:
     if as_json:
-        print(json.dumps({'status': 'error', 'error': sentence}), flush=True)
+        out.say(json.dumps({'status': 'error', 'error': sentence}))
     else:
         print(sentence if sentence.startswith('mbd') else f'mbd: {sentence}', file=sys.stderr, flush=True)
     return code
+
+
+def _at_the_end(sentence: str, out: _Output, as_json: bool) -> None:
+    """Say why the process is ended, past all buffers."""
+    if as_json:
+        interrupts.write(out.stream.fileno(), json.dumps({'status': 'error', 'error': sentence}))
+    else:
+        _say(sentence)
 
 
 if __name__ == '__main__':

@@ -1,22 +1,24 @@
-"""mbd replay: run the scene in a recording again with the inputs as they were applied, and compare bit by bit."""
+"""mbd replay: run the scene in a recording again with the inputs as they were applied.
+
+Unchanged, every message must come out the same. With other settings or another vehicle the channels of both runs are compared.
+"""
 
 from __future__ import annotations
 
 import argparse
-import tempfile
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import yaml
 
-from mbd_sim_ros.commands import Result, declare
-from solver.errors import BagError
+from mbd_sim_ros.commands import SET_HELP, Result, declare, table
+from solver.errors import BagError, SpecError
 
 if TYPE_CHECKING:
-    from mbd_sim_ros.bags.reader import Run
-    from solver.inputs.maneuver import ReplaySource
+    from mbd_sim_ros.bags.inputs import Content, Inputs
 
-STEP = 'cmd_applied/step'
+SHOWN = 20  # channels in the table for people
 
 
 def add(parsers: Any) -> None:
@@ -26,67 +28,165 @@ def add(parsers: Any) -> None:
         'replay',
         run,
         'simulate a recording again from the inputs in it; exit code 1 when the result is not the same bits',
-        'mbd replay bags/first',
+        'mbd replay bags/first\n  mbd replay bags/first --set integrator.iterations=4 --out bags/closer',
     )
     parser.add_argument('bag', metavar='BAG', type=Path, help='bag directory or .mcap file')
+    parser.add_argument('--set', metavar='KEY=VALUE', action='append', default=[], dest='overrides', help=SET_HELP + '; compares channels')
+    parser.add_argument('--vehicle', metavar='FILE', help='another vehicle: a path, or a name in config/vehicles; compares channels')
     parser.add_argument('--out', metavar='DIR', type=Path, help='keep the new recording here')
 
 
 def run(args: argparse.Namespace) -> Result:
     """Read, simulate, compare."""
+    from mbd_sim_ros import interrupts
+    from mbd_sim_ros.bags.inputs import content, inputs_of
+
+    interrupts.now(f'reading {args.bag}')
+    before = content(args.bag)
+    if not before.metadata.get('resolved_scene', ''):
+        raise BagError(f'{args.bag} cannot be replayed: it does not hold its scene')
+    applied = inputs_of(before)
+    changed = bool(args.overrides or args.vehicle)
+    with ExitStack() as stack:
+        directory = args.out or stack.enter_context(interrupts.scratch('mbd-replay-')) / 'replay'
+        if changed:
+            return _changed(args, before, applied, directory)
+        return _again(args, before, applied, directory)
+
+
+def _again(args: argparse.Namespace, before: Content, applied: Inputs, directory: Path) -> Result:
+    """The same once more: every message must be the same bytes."""
+    from mbd_sim_ros import interrupts
     from mbd_sim_ros.analysis.comparison import compare
     from mbd_sim_ros.bags import reader as bag
+    from mbd_sim_ros.bags.inputs import content
     from mbd_sim_ros.bags.recorder import source_hash
     from mbd_sim_ros.batch import simulate
     from mbd_sim_ros.commands.compare import report
+    from solver import simulation_of
     from solver.compiled.target import differences, target
     from solver.files.scene import load_scene_text
     from solver.simulation import Simulation
 
-    before = bag.read(args.bag)
-    text = before.metadata.get('resolved_scene', '')
-    if not text:
-        raise BagError(f'{args.bag} cannot be replayed: it does not hold its scene')
-    simulation = Simulation(load_scene_text(text, f'scene in {args.bag}'))
-    source = recorded_inputs(before, simulation.channels.inputs)
-    steps = source.first + len(source.values)
-    with tempfile.TemporaryDirectory(prefix='mbd-replay-') as scratch:
-        directory = args.out or Path(scratch) / 'replay'
-        simulate(simulation, steps, directory=directory, source=source, progress=not args.json)
-        found = compare(bag.read(directory), before, exact=True)
-    result = report(found)
+    scene = load_scene_text(before.metadata['resolved_scene'], f'scene in {args.bag}', _own_start(args.bag, before, applied))
+    simulation = simulation_of(scene)
+    own = scene.integrator.kind in Simulation.KINDS  # the others follow the maneuver of the scene at any time they like
+    if applied.first and before.state is None:
+        raise BagError(f'{args.bag} cannot be replayed: it begins with step {applied.first + 1} and does not hold the state there')
+    if applied.first and not own:
+        raise BagError(f'{args.bag} cannot be replayed bit by bit: integrator {scene.integrator.kind} does not go on from a saved state so')
+    prefix = str(before.parameters.get('frame_prefix', ''))
+    source = applied.source(simulation.channels.inputs) if own else None
+    simulate(
+        simulation, applied.last, directory=directory, source=source, progress=not args.json, state=before.state,
+        from_start=applied.from_start, frame_prefix=prefix, parameters={'frame_prefix': prefix} if prefix else None,
+    )  # fmt: skip
+    interrupts.now(f'comparing {args.bag} with its replay')
+    after = content(directory)
+    lost = int(before.metadata.get('dropped_steps', '0') or 0) > 0
+    unequal = different_topics(before, after, lost=lost)
+    same_code = before.metadata.get('source_hash', '') == source_hash()
     recorded_on = yaml.safe_load(before.metadata.get('target', '{}'))
     elsewhere = differences(recorded_on, target())
-    same_code = before.metadata.get('source_hash', '') == source_hash()
-    data = {
-        'status': 'identical' if found.ok else 'different',
-        'steps': steps,
+    data: dict[str, Any] = {
+        'status': 'different' if unequal else 'identical',
+        'steps': applied.last - applied.first,
+        'first_step': applied.first,
+        'messages': sum(map(len, before.outputs.values())),
         'same_code': same_code,
         'target': recorded_on,
         'target_differences': elsewhere,
         'out': None if args.out is None else str(args.out),
-        'outside': result.data['outside'],
-        'channels': result.data['channels'],
+        'outside': unequal,
+        'channels': {},
     }
-    if found.ok:
-        return Result(data=data, text=f'identical: {steps} steps, {len(found.differences)} channels')
+    if not unequal:
+        steps = f'{data["steps"]} steps' + (f' from step {applied.first} on' if applied.first else '')
+        return Result(data=data, text=f'identical: {steps}, {data["messages"]} messages of {len(before.outputs)} topics')
+    found = compare(bag.read(directory), bag.read(args.bag), exact=True)
+    result = report(found)
+    data |= {'outside': result.data['outside'] or unequal, 'channels': result.data['channels']}
     hint = '' if same_code else '\nthe recording was made by another version of the solver'
     if elsewhere:
         hint += f'\nthe same bits cannot be expected, because the recording was made on another target: {"; ".join(elsewhere)}'
-    return Result(data=data, text=result.text + hint, code=1)
+    topics = f'topics that differ: {", ".join(unequal)}\n'
+    return Result(data=data, text=topics + result.text + hint, code=1)
 
 
-def recorded_inputs(run_: Run, names: tuple[str, ...]) -> ReplaySource:
-    """The inputs in a recording as a source. Row k of a recording holds what was applied in the step that led to it.
+def _own_start(where: Path, before: Content, applied: Inputs) -> list[str]:
+    """Overrides so that the scene starts with what was applied at its start, where its own maneuver is a recording that may be gone."""
+    from solver.files.scene import load_scene_text
 
-    Raises BagError for a recording that does not hold every step from the first on.
-    """
-    from solver.inputs.maneuver import ReplaySource
+    scene = load_scene_text(before.metadata['resolved_scene'], f'scene in {where}')
+    if not scene.maneuver.bag:
+        return []
+    return _maneuver(where, applied) if applied.start and applied.last > applied.first else ['maneuver={}']
 
-    steps = run_[STEP]
-    rows = steps >= 1.0  # NaN where a topic has no message; step 0 is the start
-    applied = steps[rows].astype('int64') - 1
-    if len(applied) == 0 or applied[0] != 0:
-        first = f'begins with step {applied[0] + 1}' if len(applied) else 'holds no step'
-        raise BagError(f'the recording cannot be replayed: it {first}; it must hold every step from the start on (record.every: 1)')
-    return ReplaySource(names, {n: run_[f'cmd_applied/{n}'][rows] for n in names}, applied)
+
+def _maneuver(where: Path, applied: Inputs) -> list[str]:
+    """Overrides that let the inputs in a recording drive, for as long as it lasts."""
+    seconds = (applied.last - applied.first) * applied.h_ns * 1e-9
+    return [f'maneuver={{bag: "{where.resolve()}"}}', f'duration={seconds!r}']
+
+
+def different_topics(before: Content, after: Content, *, lost: bool = False) -> list[str]:
+    """Topics whose messages are not the same bytes at the same instants. lost: the recording may lack instants of the replay."""
+    found = []
+    for name in sorted(before.outputs.keys() | after.outputs.keys()):
+        ours, theirs = before.outputs.get(name, {}), after.outputs.get(name, {})
+        instants = ours.keys() <= theirs.keys() if lost else ours.keys() == theirs.keys()
+        if not instants or any(theirs[t] != data for t, data in ours.items()):
+            found.append(name)
+    return found
+
+
+def _changed(args: argparse.Namespace, before: Content, applied: Inputs, directory: Path) -> Result:
+    """With other settings or another vehicle, driven by the same inputs: the channels side by side."""
+    from mbd_sim_ros.analysis.comparison import compare
+    from mbd_sim_ros.bags import reader as bag
+    from mbd_sim_ros.batch import simulate
+    from solver import simulation_of
+    from solver.files.scene import find_file, load_scene_text
+
+    overrides = list(args.overrides)
+    if args.vehicle is not None:
+        overrides.insert(0, f'vehicle={find_file(args.vehicle, "vehicles").resolve()}')
+    if applied.last == applied.first:
+        raise BagError(f'{args.bag} cannot be replayed: it holds no step')
+    text, name = before.metadata['resolved_scene'], f'scene in {args.bag}'
+    first = load_scene_text(text, name, overrides)
+    h_ns = first.integrator.h_ns
+    steps = (applied.last - applied.first) * applied.h_ns // h_ns
+    drive = _maneuver(args.bag, applied)[:1]
+    scene = load_scene_text(text, name, [*overrides, *drive, f'duration={steps * h_ns * 1e-9!r}'])
+    simulation = simulation_of(scene)
+    if applied.first == 0:
+        figures = simulate(simulation, steps, directory=directory, progress=not args.json)
+    else:
+        if h_ns != applied.h_ns or args.vehicle is not None or before.state is None:
+            raise SpecError(
+                f'{args.bag} begins with step {applied.first + 1}: its state there is of a step of {applied.h_ns * 1e-9:g} s and of its '
+                'vehicle; keep both, or replay a recording that begins at the start'
+            )
+        figures = simulate(
+            simulation, applied.last, directory=directory, progress=not args.json, state=before.state,
+            from_start=applied.from_start, source=applied.source(simulation.channels.inputs),
+        )  # fmt: skip
+    found = compare(bag.read(directory), bag.read(args.bag), rated=False)
+    data = {
+        'status': 'compared',
+        'steps': steps,
+        'first_step': applied.first,
+        'real_time_factor': figures['real_time_factor'],
+        'interpolated': found.interpolated,
+        'instants': found.instants,
+        'channels': {d.channel: {'max': d.max, 'rms': d.rms, 'time_of_max': d.time, 'scale': d.scale} for d in found.differences},
+        'left_out': list(found.left_out),
+        'out': None if args.out is None else str(args.out),
+    }
+    rows = [('channel', 'max', 'at [s]', 'rms', 'scale')]
+    rows += [(d.channel, f'{d.max:.3g}', f'{d.time:.6g}', f'{d.rms:.3g}', f'{d.scale:.3g}') for d in found.differences[:SHOWN]]
+    more = len(found.differences) - SHOWN
+    lines = [table(rows)] + ([f'... and {more} channels that differ less'] if more > 0 else [])
+    lines.append(f'differences from {args.bag} at {found.instants} instants' + (' (interpolated)' if found.interpolated else ''))
+    return Result(data=data, text='\n'.join(lines))

@@ -23,6 +23,7 @@ IMU = 'sensor_msgs/msg/Imu'
 WRENCH = 'geometry_msgs/msg/WrenchStamped'
 TF = 'tf2_msgs/msg/TFMessage'
 STRING = 'std_msgs/msg/String'
+ARRAY = 'std_msgs/msg/Float64MultiArray'
 
 # The type hashes (REP-2016) of ROS 2 Jazzy; a test compares them with the installed ones.
 TYPE_HASHES = {
@@ -31,6 +32,7 @@ TYPE_HASHES = {
     IMU: 'RIHS01_7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b',
     WRENCH: 'RIHS01_8dc3deaf06b2ab281f9f9a742a8961c328ca7cec16e3fd6586d3a5c83fa78f77',
     TF: 'RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087',
+    ARRAY: 'RIHS01_1025ddc6b9552d191f89ef1a8d2f60f3d373e28b283d8891ddcc974e8c55397f',
     STRING: 'RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18',
 }
 
@@ -48,6 +50,9 @@ class Topic(NamedTuple):
     depth: int = 10
     reliable: bool = True
     latched: bool = False
+
+
+INPUTS = Topic('inputs_applied', ARRAY)  # recorded only (mbd_sim_ros.bags.inputs)
 
 
 class Messages:
@@ -143,11 +148,8 @@ class Messages:
         self._stamps = np.array(stamps)[:, None] + np.arange(2)
         target = [(begins[k] + offset) // 8 + np.arange(len(source)) for k, offset, source in filled]
         self._source, self._target = np.concatenate([source for *_, source in filled]), np.concatenate(target)
-        of_inputs = np.concatenate([np.full(len(source), k == self._applied) for k, _, source in filled])
-        self._inputs_source, self._inputs_target = self._source[of_inputs], self._target[of_inputs]
         begin = begins[self._applied]
         self._step = (begin + applied.places['position'].offset) // 8 + applied.places['position'].size - 1
-        self._inputs_stamp = (begin + applied.places['header.stamp.sec'].offset) // 4 + np.arange(2)
 
     def frame(self, name: str) -> str:
         """Return the name of a frame with the prefix of this vehicle."""
@@ -163,14 +165,6 @@ class Messages:
         self._numbers[self._target] = snapshot.numbers[self._source]
         self._numbers[self._step] = snapshot.k
         return [bytes(message) for message in self._messages]
-
-    def encode_inputs(self, snapshot: Snapshot) -> list[bytes | None]:
-        """Return the same list with `cmd_applied` alone: what a recording needs of the steps it otherwise leaves out."""
-        require_finite(snapshot, self.channels)
-        self._words[self._inputs_stamp] = divmod(snapshot.t_ns, 1_000_000_000)
-        self._numbers[self._inputs_target] = snapshot.numbers[self._inputs_source]
-        self._numbers[self._step] = snapshot.k
-        return [bytes(message) if i == self._applied else None for i, message in enumerate(self._messages)]
 
 
 def require_finite(snapshot: Snapshot, channels: Channels) -> None:

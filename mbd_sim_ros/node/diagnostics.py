@@ -11,8 +11,13 @@ from solver.errors import BagError
 SLOW = 0.98  # of the wanted rate, below which real time is not kept
 
 
-def diagnosis(loop: Loop, recorder: Recorder | None, failed_recording: BagError | None) -> DiagnosticStatus:
-    """Level, message and values since the last call; name and hardware_id are left to the caller."""
+def diagnosis(
+    loop: Loop, recorder: Recorder | None, failed_recording: BagError | None, *, refused: int = 0, namesakes: int = 0
+) -> DiagnosticStatus:
+    """Level, message and values since the last call; name and hardware_id are left to the caller.
+
+    refused: commands that were no numbers or named no input. namesakes: other nodes of the same name.
+    """
     health = loop.health()
     values = {
         'simulation time [s]': f'{loop.simulation.t_ns * 1e-9:.3f}',
@@ -27,12 +32,18 @@ def diagnosis(loop: Loop, recorder: Recorder | None, failed_recording: BagError 
         'iterations': health.iterations,
         'residual': f'{health.residual:.3g}',
         'command age [s]': f'{health.command_age:.3f}',
+        'lockstep answers taken': loop.answers.taken,
+        'lockstep answers refused': loop.answers.refused,
+        'lockstep surplus commands': loop.answers.surplus,
+        'commands refused': refused,
         'recorder lag [steps]': recorder.lag if recorder else 0,
         'recorder dropped [steps]': recorder.dropped if recorder else 0,
     }
     problems = []
     if loop.stale:
         problems.append('drive torque command is too old and counts as zero')
+    if namesakes:
+        problems.append('another node has the same name: both take the commands and publish the same topics')
     if recorder and recorder.dropped:
         problems.append('recording has lost steps')
     if loop.mode == 'realtime' and not loop.paused and health.rate < SLOW * loop.rate_factor and health.steps > 0:

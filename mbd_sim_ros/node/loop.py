@@ -49,6 +49,14 @@ class Latched(NamedTuple):
     counts: tuple[int, int, int] = (0, 0, 0)
 
 
+class Answers(NamedTuple):
+    """What became of stamped commands and of plain ones in lockstep, since the start."""
+
+    taken: int = 0  # steps that a stamped command made
+    refused: int = 0  # stamped commands that answered another state than the one that is waiting
+    surplus: int = 0  # plain commands that came twice for one step: whoever sends them may be a step behind
+
+
 class Health(NamedTuple):
     """Figures since the last question (step times [s]) and since the start (the counters)."""
 
@@ -96,6 +104,7 @@ class Loop:
         self.command_timeout = command_timeout
         self.lockstep_commands = lockstep_commands
         self.latched = Latched()
+        self.answers = Answers()
         self.stale = False  # the watchdog holds the drive torque at zero
         self.paused = False
         self.steps = self.overruns = self.slips = 0
@@ -108,6 +117,7 @@ class Loop:
         self._wake = threading.Event()
         self._requests: SimpleQueue[tuple[Callable[[], Any], Future]] = SimpleQueue()
         self._used = (0, 0, 0)  # counts of the commands that the last lockstep step used
+        self._answered = -1  # step index of the state that a stamped command has answered
         self._pending = 0  # steps asked for
         self._anchor: tuple[float, int, float] | None = None  # clock, step and rate of the schedule in force
         self._times: deque[float] = deque(maxlen=WINDOW)
@@ -159,6 +169,23 @@ class Loop:
         put = lambda values, new: (*values[:index], new, *values[index + 1 :])  # noqa: E731
         self.latched = Latched(put(old.values, value), put(old.times, self.simulation.t_ns), put(old.counts, old.counts[index] + 1))
 
+    def answer(self, t_ns: int, values: dict[int, float]) -> bool:
+        """Take commands (index -> value) that answer the state of simulation time `t_ns`; from `poll`, on the simulation thread.
+
+        In lockstep only the answer to the state that is waiting counts, and only the first one; others are refused (False). In the
+        other modes the commands are latched like plain ones.
+        """
+        lockstep = self.mode == 'lockstep'
+        if lockstep and (t_ns != self.simulation.t_ns or self._answered == self.simulation.k):
+            self.answers = self.answers._replace(refused=self.answers.refused + 1)
+            return False
+        for index, value in values.items():
+            self.command(index, value)
+        if lockstep:
+            self._answered = self.simulation.k
+            self.answers = self.answers._replace(taken=self.answers.taken + 1)
+        return True
+
     def ask(self, action: Callable[[], Any]) -> Future:
         """Have `action` done on the simulation thread between two steps; the future holds its result or exception."""
         future: Future = Future()
@@ -184,7 +211,7 @@ class Loop:
     def restart(self) -> None:
         """Forget commands, schedule and counters after the simulation was reset (to be asked for)."""
         self.latched = Latched()
-        self._used, self._pending, self._anchor = (0, 0, 0), 0, None
+        self._used, self._pending, self._anchor, self._answered = (0, 0, 0), 0, None, -1
         self.steps = self.overruns = self.slips = 0
         self._times.clear()
         self._judged = (time.perf_counter(), self.simulation.t_ns)
@@ -250,7 +277,12 @@ class Loop:
         if self.mode == 'lockstep':
             self._poll()
             counts = self.latched.counts
+            if self._answered == self.simulation.k:
+                self._used = counts
+                return True
             if all(counts[i] > self._used[i] for i in self.lockstep_commands):
+                surplus = sum(counts[i] - self._used[i] - 1 for i in self.lockstep_commands)
+                self.answers = self.answers._replace(surplus=self.answers.surplus + surplus)
                 self._used = counts
                 return True
             if time.perf_counter() - self._emitted > REPEAT:

@@ -1,20 +1,29 @@
 """Executable `simulator`: runs a scene as a ROS 2 node (see simulator.py) from the first import to the last file.
 
-SIGINT and SIGTERM at any moment end it with exit code 0 and a finished recording; whatever else goes wrong ends it with one
-sentence and the exit code of the error. The module imports nothing heavy before the signals are taken care of.
+SIGINT and SIGTERM at any moment end it with one sentence, a finished recording and exit code 128 + number; whatever else goes wrong
+ends it with one sentence and the exit code of the error. Nothing heavy is imported before the signals are taken care of.
 """
 
 from __future__ import annotations
 
+import sys
+
+from mbd_sim_ros import interrupts
+
+
+def _say(text: str) -> None:
+    interrupts.write(2, text)
+
+
+if __name__ == '__main__' or interrupts.is_program('simulator') or interrupts.is_program('maneuver'):
+    interrupts.install(_say)
+
 import gc
 import signal
-import sys
-import threading
 from collections.abc import Callable
-from types import FrameType
+from itertools import pairwise
+from pathlib import Path
 from typing import Any
-
-from solver.compiled import interruption
 
 SWITCH = 2e-5  # s; with 2e-4 a step in a second came late, the one beside the diagnostics
 LOOK = 0.25  # s between looks for the end and for signals; every one costs the simulation some of the interpreter lock
@@ -22,36 +31,6 @@ MISSING = (
     'rclpy is missing: source a ROS 2 Jazzy installation (source /opt/ros/jazzy/setup.bash), or, where there is none, '
     "install the wheels with: pip install 'mbd_sim_ros[ros]'"
 )
-
-
-class Stopped(BaseException):
-    """A signal came while nothing needed finishing."""
-
-
-class Signals:
-    """SIGINT and SIGTERM: an exception while preparing (between two kernels while compiling), a flag from then on; the flag survives any
-    number of signals.
-    """
-
-    def __init__(self) -> None:
-        self.received = ''
-        self.raising = True
-        self.event = threading.Event()
-        interruption.forget()
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, self._handle)
-
-    def ignore(self) -> None:
-        """SIGINT and SIGTERM mean nothing any more."""
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, signal.SIG_IGN)
-
-    def _handle(self, number: int, _: FrameType | None) -> None:
-        first = not self.received
-        self.received = signal.Signals(number).name
-        self.event.set()
-        if self.raising and first:
-            interruption.interrupt(Stopped())
 
 
 def prepare(scene: str, overrides: list[str]) -> tuple[Any, Any]:
@@ -66,36 +45,52 @@ def prepare(scene: str, overrides: list[str]) -> tuple[Any, Any]:
     return loaded, simulation
 
 
-def run(body: Callable[[Signals], int], args: list[str] | None) -> int:
+def run(body: Callable[[], int], args: list[str] | None, name: str) -> int:
     """Run `body` inside rclpy.init and shutdown and return its exit code, or that of the error, which is printed as one sentence."""
-    signals = Signals()
+    interrupts.install(_say)
+    interrupts.now(f'starting {name}')
     try:
-        try:
-            import rclpy
-            from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
-            from rclpy.signals import SignalHandlerOptions
-        except ImportError:
-            print(MISSING, file=sys.stderr)
-            return 1
-        from solver.errors import MbdError
+        import rclpy
+        from rclpy._rclpy_pybind11 import RCLError
+        from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+        from rclpy.signals import SignalHandlerOptions
+    except ImportError:
+        print(MISSING, file=sys.stderr)
+        return 1
+    from solver.errors import MbdError
 
+    try:
+        for file in _parameter_files(sys.argv if args is None else args):
+            if not file.is_file():
+                print(f'{name}: the parameter file {file} is not there; see --params-file', file=sys.stderr)
+                return 2
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-        try:
-            return body(signals)
-        except (MbdError, InvalidParameterTypeException, InvalidParameterValueException) as error:
-            print(error, file=sys.stderr)
-            return getattr(error, 'exit_code', 2)
-        finally:
-            signals.raising = False
-            rclpy.try_shutdown()
-    except Stopped:
-        return 0
+        return body()
+    except (MbdError, InvalidParameterTypeException, InvalidParameterValueException) as error:
+        print(error, file=sys.stderr)
+        return getattr(error, 'exit_code', 2)
+    except RCLError as error:  # of rclpy.init: arguments and parameter files; the place in its source follows the reason
+        print(f'{name}: {" ".join(str(error).split(", at ")[0].split())}', file=sys.stderr)
+        return 2
+    except OSError as error:
+        print(f'{name}: {error.filename or "the system"}: {error.strerror or error}', file=sys.stderr)
+        return 1
+    except KeyboardInterrupt as interrupt:
+        number = interrupt.args[1] if len(interrupt.args) == 2 else signal.SIGINT
+        if interrupts.claim():
+            print(interrupts.sentence(), file=sys.stderr)
+        return interrupts.EXIT + number
     finally:
-        if args is None:  # the process ends, with this exit code, whatever still comes
-            signals.ignore()
+        with interrupts.held():
+            rclpy.try_shutdown()
+        interrupts.leave()
 
 
-def _simulate(signals: Signals) -> int:
+def _parameter_files(arguments: list[str]) -> list[Path]:
+    return [Path(after) for before, after in pairwise(arguments) if before == '--params-file']
+
+
+def _simulate() -> int:
     from rclpy.executors import SingleThreadedExecutor
 
     from mbd_sim_ros.node.publish import leave_sending_to_the_middleware
@@ -108,6 +103,7 @@ def _simulate(signals: Signals) -> int:
     name = node.value('scene')
     if not name:
         raise SceneError('parameter scene is empty: give one with --ros-args -p scene:=NAME; known: ' + ', '.join(known_names()))
+    interrupts.now(f'preparing {name}')
     node.get_logger().info(f'preparing {name} (the first time this compiles, which takes about a minute)')
     scene, simulation = prepare(name, [text for text in node.value('overrides') if text])
     # The threads share one interpreter. The simulation gives the lock up a dozen times a step (compiled code, publishing) and has to wait
@@ -115,26 +111,32 @@ def _simulate(signals: Signals) -> int:
     sys.setswitchinterval(SWITCH)
     gc.collect()
     gc.freeze()
-    signals.raising = False
     executor = SingleThreadedExecutor()
-    code = 0
     try:
-        if not signals.received:
-            node.open(scene, simulation)
+        node.open(scene, simulation)
+    except BaseException:
+        node.close('not started')
+        raise
+    with interrupts.held():
+        code = 0
+        try:
             node.get_logger().info(f'running {scene.name}: step {simulation.h_ns * 1e-6:g} ms, mode {node.value("mode")}')
             executor.add_node(node)
-            while not signals.event.is_set() and not node.loop.done.is_set():
+            while not interrupts.event.is_set() and not node.loop.done.is_set():
                 executor.spin_once(timeout_sec=LOOK)
-    finally:
-        code = node.close(f'stopped by {signals.received}')
-        executor.shutdown()
-        node.destroy_node()
-    return code
+        finally:
+            number = interrupts.received()
+            if number:
+                interrupts.claim()  # what the node says when it closes is the sentence
+            code = node.close(f'stopped by {signal.Signals(number).name}' if number else 'stopped')
+            executor.shutdown()
+            node.destroy_node()
+    return code or (interrupts.EXIT + number if number else 0)
 
 
 def main(args: list[str] | None = None) -> int:
     """Run the simulator node; returns the exit code."""
-    return run(_simulate, args)
+    return run(_simulate, args, 'simulator')
 
 
 if __name__ == '__main__':

@@ -48,7 +48,7 @@ PARAMETERS = {
     'steering_bandwidth': Spec(5.0, 'bandwidth of the filter behind the steering command [Hz]', 0.1, 100.0),
     'steering_rate_limit': Spec(20.0, 'largest rate of the steering wheel [rad/s]', 0.1, 1000.0),
     'step_count': Spec(1, 'steps that one call of ~/step does [-]', 1, 1000000, live=True),
-    'lockstep_commands': Spec(list(COMMANDS), 'the commands that must all be newer before lockstep steps'),
+    'lockstep_commands': Spec(list(COMMANDS), 'the plain commands that must all be newer before lockstep makes a step'),
 }
 CHOICES = {'commands': ('topics', 'maneuver'), 'mode': MODES}
 
@@ -70,6 +70,13 @@ def declare(node: Node) -> None:
     for name in node.get_parameter('lockstep_commands').value:
         if name not in COMMANDS:
             raise SpecError(f'parameter lockstep_commands: {name!r} is no command' + suggestion(name, COMMANDS))
+
+
+def unknown(node: Node) -> list[str]:
+    """One sentence for every parameter that was given to the node and that it does not have."""
+    declared = [name for name in node._parameters if not name.startswith('qos_overrides')]
+    given = [name for name in node._parameter_overrides if not name.startswith(('qos_overrides', 'start_type_description'))]
+    return [f'parameter {name!r} is unknown and ignored{suggestion(name, declared)}' for name in given if name not in declared]
 
 
 def refusal(parameters: list[Parameter]) -> str:

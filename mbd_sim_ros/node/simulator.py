@@ -20,22 +20,35 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from rosgraph_msgs.msg import Clock as ClockMessage
+from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 
-from mbd_sim_ros.bags.recorder import Recorder, about, describe, new_directory
+from mbd_sim_ros.bags.applied import begin_of
+from mbd_sim_ros.bags.recorder import StepRecorder, about, describe, file_stem, new_directory
 from mbd_sim_ros.messages.encode import Messages
 from mbd_sim_ros.node.diagnostics import diagnosis
 from mbd_sim_ros.node.loop import Loop
-from mbd_sim_ros.node.parameters import PARAMETERS, declare, refusal
+from mbd_sim_ros.node.parameters import PARAMETERS, declare, refusal, unknown
 from mbd_sim_ros.node.publish import Publication
-from solver.errors import BagError, MbdError, SpecError
+from solver.errors import BagError, MbdError, SpecError, suggestion
 from solver.inputs.maneuver import COMMANDS, CommandSource
 from solver.output.snapshot import Snapshot
 
 CLOCK_SECONDS = 0.01  # /clock is published at most at 100 Hz
 WARN_SECONDS = 2.0  # a repeated warning about a command is said this often
 REPLY_SECONDS = 30.0
+PLAIN = ('steering_cmd', 'torque_cmd', 'brake_cmd')  # topics of the COMMANDS
+LIMITS = ('max_steering', 'max_drive_torque', 'max_brake_torque')  # parameters that limit them
+SERVICES = {
+    'pause': 'hold the simulation',
+    'resume': 'go on',
+    'reset': 'back to the start, bit for bit; a recording goes on in a new directory',
+    'step': 'do `step_count` steps while paused or in lockstep',
+    'save_state': 'write the state into a file in the current directory, for the parameter `restore`',
+    'start_recording': 'record into a new directory',
+    'stop_recording': 'finish the recording',
+}
 
 
 class Simulator(Node):
@@ -46,12 +59,19 @@ class Simulator(Node):
     def __init__(self) -> None:
         # The node makes time; it must not wait for it.
         super().__init__('simulator', parameter_overrides=[Parameter('use_sim_time', value=False)])
-        self.recorder: Recorder | None = None
+        self.recorder: StepRecorder | None = None
         self.failed_recording: BagError | None = None
         declare(self)
+        for sentence in unknown(self):
+            self.get_logger().warning(sentence)
         self._priority = 0
         self._ears: Node | None = None
         self._warned: dict[str, float] = {}
+        self._refused = 0  # commands that were no numbers, or named no input
+        self._stale_said = False
+        self._namesakes = 0
+        self._stamps = False  # somebody publishes stamped commands
+        self._written = -1  # step whose messages were recorded last
 
     # -- parameters ----------------------------------------------------------------------------------------------------
 
@@ -159,6 +179,8 @@ class Simulator(Node):
                 self.get_logger().error('the simulation thread failed:\n' + ''.join(traceback.format_exception(error)))
                 code = 1
             outcome = self.loop.outcome
+            if self.recorder is not None and error is None and self._written != self.simulation.k:
+                self._record_step(self.simulation.snapshot())
         try:
             directory = self._end_recording(outcome)
             if directory:
@@ -180,15 +202,14 @@ class Simulator(Node):
     def _emit(self, snapshot: Snapshot) -> None:
         publish = snapshot.k % self._publish_every == 0
         record = self.recorder is not None and snapshot.k % self._record_every == 0
-        messages: Sequence[bytes | None] = ()
-        if publish or record:
-            full = self._messages.encode(snapshot)
-            messages = full
-            if publish:
-                self._publication.publish(full)
         if self.recorder is not None:
-            # What was applied is recorded in every step, or the run could not be replayed.
-            self._record(snapshot.t_ns, messages if record else self._messages.encode_inputs(snapshot))
+            self.recorder.note(snapshot.k, snapshot.inputs[None])  # of every step, or the run could not be replayed
+        if publish or record:
+            messages = self._messages.encode(snapshot)
+            if publish:
+                self._publication.publish(messages)
+            if record:
+                self._record_step(snapshot, messages)
         if self._ticks is not None:
             self._publish_clock(self._ticks, snapshot.t_ns)
 
@@ -202,17 +223,19 @@ class Simulator(Node):
             message.clock.sec, message.clock.nanosec = divmod(t_ns, 1_000_000_000)
             publisher.publish(message)
 
-    def _record(self, t_ns: int, messages: Sequence[bytes | None]) -> None:
+    def _record_step(self, snapshot: Snapshot, messages: Sequence[bytes] | None = None) -> None:
         assert self.recorder is not None
+        self._written = snapshot.k
         try:
-            self.recorder.write(t_ns, messages)
+            self.recorder.record(snapshot.t_ns, messages or self._messages.encode(snapshot))
         except BagError as error:  # the simulation goes on; the exit code tells
             self.get_logger().error(str(error))
             self.failed_recording, self.recorder = error, None
 
     # -- recording -----------------------------------------------------------------------------------------------------
 
-    def _new_recorder(self, out: str) -> Recorder:
+    def _new_recorder(self, out: str) -> StepRecorder:
+        """Begin a recording with the state of now; for the simulation thread, or before there is one."""
         directory = Path(out) if out else new_directory(self.scene.name)
         metadata = describe(
             scene=self.scene.name,
@@ -221,10 +244,12 @@ class Simulator(Node):
             parameters={name: self.value(name) for name in PARAMETERS if name != 'robot_description'},
             namespace=self.get_namespace(),
             robot_description=self._urdf,
-        ) | about(self.simulation, reactions=self.scene.record.reactions)
-        namespace = self.get_namespace().rstrip('/')
-        topics = [t if t.name.startswith('/') else t._replace(name=f'{namespace}/{t.name}') for t in self._messages.topics]
-        recorder = Recorder(directory, topics, metadata, wait=False)
+        )
+        metadata |= about(self.simulation, reactions=self.scene.record.reactions) | begin_of(self.simulation)
+        recorder = StepRecorder(
+            directory, self._messages.topics, self.simulation.channels.inputs, self.simulation.k, metadata,
+            namespace=self.get_namespace(), wait=False,
+        )  # fmt: skip
         if self._priority:
             self.loop.prefer(self._priority)  # its thread has the priority of the one that made it
         self.get_logger().info(f'recording into {directory}')
@@ -248,7 +273,7 @@ class Simulator(Node):
         subscriptions takes 20 us, and the command is used in the very next step.
         """
         self.value_commands = self.value('commands') == 'topics'
-        self._inbox: list[tuple[Subscription, Callable[[Float64], None]]] = []
+        self._inbox: list[tuple[Subscription, type, Callable[[Any], None]]] = []
         if not self.value_commands:
             return
         self._ears = Node(
@@ -259,31 +284,69 @@ class Simulator(Node):
             enable_rosout=False,
         )
         newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
-        names = ('steering_cmd', 'torque_cmd', 'brake_cmd')
-        for index, (topic, limit) in enumerate(zip(names, ('max_steering', 'max_drive_torque', 'max_brake_torque'))):
-            receive = self._command(index, topic, limit)
-            full = self.resolve_topic_name(f'~/{topic}')
-            self._inbox.append((self._ears.create_subscription(Float64, full, receive, newest), receive))
+        for index, name in enumerate(PLAIN):
+            receive = self._plain(index, name)
+            full = self.resolve_topic_name(f'~/{name}')
+            self._inbox.append((self._ears.create_subscription(Float64, full, receive, newest), Float64, receive))
+        several = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)  # an old answer must not push the right one out
+        full = self.resolve_topic_name('~/lockstep_cmd')
+        self._answers = self._ears.create_subscription(JointState, full, self._stamped, several)
 
     def _poll(self) -> None:
-        for subscription, receive in self._inbox:
-            with subscription.handle:
-                taken = subscription.handle.take_message(Float64, False)
-            if taken is not None:
-                receive(taken[0])
+        for subscription, kind, receive in self._inbox:
+            message = _take(subscription, kind)
+            if message is not None:
+                receive(message)
+        if self.value_commands and (self._stamps or self.loop.mode == 'lockstep'):
+            for _ in range(10):
+                message = _take(self._answers, JointState)
+                if message is None:
+                    return
+                self._stamped(message)
 
-    def _command(self, index: int, topic: str, limit: str) -> Callable[[Float64], None]:
+    def _plain(self, index: int, topic: str) -> Callable[[Float64], None]:
         def receive(message: Float64) -> None:
-            if not math.isfinite(message.data):
-                self._warn(f'{topic} not finite', f'{topic}: {message.data} is not a number; the command before it stays')
-                return
-            high = self.value(limit)
-            value = min(max(message.data, 0.0 if topic == 'brake_cmd' else -high), high)
-            if value != message.data:
-                self._warn(topic, f'{topic}: {message.data:g} is beyond the limit; {value:g} is applied (parameter {limit})')
-            self.loop.command(index, value)
+            value = self._accepted(index, topic, message.data)
+            if value is not None:
+                self.loop.command(index, value)
 
         return receive
+
+    def _stamped(self, message: JointState) -> None:
+        """Commands by the names of the inputs, that answer the state of header.stamp."""
+        values: dict[int, float] = {}
+        if len(message.name) != len(message.position) or not message.name:
+            self._refuse('lockstep_cmd', f'lockstep_cmd: {len(message.name)} names, {len(message.position)} positions; give one for each')
+            return
+        for name, number in zip(message.name, message.position):
+            if name not in COMMANDS:
+                self._refuse('lockstep_cmd', f'lockstep_cmd: {name!r} is no command{suggestion(name, COMMANDS)}')
+                return
+            index = COMMANDS.index(name)
+            value = self._accepted(index, f'lockstep_cmd: {name}', number)
+            if value is None:
+                return
+            values[index] = value
+        t_ns = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+        if not self.loop.answer(t_ns, values):
+            now = self.simulation.t_ns
+            self._warn('answer', f'lockstep_cmd answers t = {t_ns * 1e-9:.6f} s, the state that is waiting is that of {now * 1e-9:.6f} s')
+
+    def _accepted(self, index: int, what: str, number: float) -> float | None:
+        """The command within its limits; None for one that is not a number."""
+        if not math.isfinite(number):
+            self._refuse(f'{what} not finite', f'{what}: {number} is not a number; the command before it stays')
+            return None
+        limit = LIMITS[index]
+        high = self.value(limit)
+        value = min(max(number, 0.0 if COMMANDS[index] == 'brake_torque' else -high), high)
+        if value != number:
+            self._warn(what, f'{what}: {number:g} is beyond the limit; {value:g} is applied (parameter {limit})')
+        return value
+
+    def _refuse(self, about: str, text: str) -> None:
+        self._refused += 1
+        self._warn(about, text)
 
     def _warn(self, about: str, text: str) -> None:
         now = time.monotonic()
@@ -294,7 +357,7 @@ class Simulator(Node):
     # -- services ------------------------------------------------------------------------------------------------------
 
     def _serve(self) -> None:
-        services: dict[str, Callable[[], str]] = {
+        actions: dict[str, Callable[[], str]] = {
             'pause': self._pause,
             'resume': self._resume,
             'reset': self._reset,
@@ -303,18 +366,21 @@ class Simulator(Node):
             'start_recording': self._start_recording,
             'stop_recording': self._stop_recording,
         }
-        for name, action in services.items():
-            self.create_service(Trigger, f'~/{name}', self._service(action))
+        for name in SERVICES:
+            self.create_service(Trigger, f'~/{name}', self._service(name, actions[name]))
 
-    def _service(self, action: Callable[[], str]) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:
+    def _service(self, name: str, action: Callable[[], str]) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:
         def call(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             try:
                 response.message = self.loop.ask(action).result(REPLY_SECONDS)
                 response.success = True
+                self.get_logger().info(f'{name}: {response.message}')
             except TimeoutError:
                 response.message = f'no answer from the simulation within {REPLY_SECONDS:g} s'
             except (MbdError, RuntimeError, OSError) as error:
                 response.message = str(error)
+            if not response.success:
+                self.get_logger().warning(f'{name} refused: {response.message}')
             return response
 
         return call
@@ -341,12 +407,14 @@ class Simulator(Node):
         return 'back at t = 0'
 
     def _step(self) -> str:
+        if not self.loop.paused and self.loop.mode != 'lockstep':
+            raise SpecError(f'the simulation is running (mode {self.loop.mode}): call ~/pause before ~/step, or use mode lockstep')
         count = self.value('step_count')
         self.loop.step(count)
         return f'{count} steps from step {self.simulation.k}'
 
     def _save(self) -> str:
-        path = Path(f'{self.scene.name}-step{self.simulation.k}-{time.strftime("%Y%m%d-%H%M%S")}.state.npz')
+        path = Path(f'{file_stem(self.scene.name)}-step{self.simulation.k}-{time.strftime("%Y%m%d-%H%M%S")}.state.npz')
         np.savez(path, simulation=np.frombuffer(self.simulation.save(), np.uint8), steering=self._source.state, scene=self.scene.hash)
         return str(path.resolve())
 
@@ -377,11 +445,25 @@ class Simulator(Node):
     # -- diagnostics ---------------------------------------------------------------------------------------------------
 
     def _diagnose(self) -> None:
-        if self.loop.stale:
-            self._warn('stale', f'no torque_cmd for {self.loop.command_timeout:g} s: the drive torque is zero until one comes')
-        status = diagnosis(self.loop, self.recorder, self.failed_recording)
+        if self.loop.stale and not self._stale_said:
+            self.get_logger().warning(f'no torque_cmd for {self.loop.command_timeout:g} s: the drive torque is zero until one comes')
+        self._stale_said = self.loop.stale
+        self._stamps = self.count_publishers(self.resolve_topic_name('~/lockstep_cmd')) > 0
+        full = self.get_fully_qualified_name()
+        namesakes = [f'{space.rstrip("/")}/{name}' for name, space in self.get_node_names_and_namespaces()].count(full) - 1
+        if namesakes > self._namesakes:
+            self.get_logger().warning(f'another node is called {full}: both take the commands and publish the same topics; rename one')
+        self._namesakes = max(namesakes, 0)
+        status = diagnosis(self.loop, self.recorder, self.failed_recording, refused=self._refused, namesakes=self._namesakes)
         status.name = f'{self.get_fully_qualified_name()}: simulation'
         status.hardware_id = self.scene.name
         array = DiagnosticArray(status=[status])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
+
+
+def _take(subscription: Subscription, kind: type) -> Any:
+    """The next message of a subscription that no executor spins, or None."""
+    with subscription.handle:
+        taken = subscription.handle.take_message(kind, False)
+    return None if taken is None else taken[0]

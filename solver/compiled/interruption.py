@@ -1,34 +1,22 @@
 """Signals and the compiler: what interrupts numba waits until it is between two of its passes.
 
 An exception that a signal handler raises anywhere in numba may meet a destructor or a callback from LLVM, where Python prints it and
-goes on: the signal is lost, minutes of compiling are not. So a handler gives its exception to `interrupt`. Outside of the compiler it
-is raised at once; inside it waits for the next `check`, which solver.compiled.kernel makes before every kernel and every pass.
+goes on: the signal is lost, minutes of compiling are not. So whoever watches the signals leaves the exception here (`note`), and it is
+raised by the next `check`, which solver.compiled.kernel makes before every kernel and every pass.
 """
 
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
-
-WAIT = 1.0  # s; the longest pass takes two
 
 _pending: BaseException | None = None
-_depth = 0  # of the main thread in the compiler: the only thread that runs signal handlers
+_depth = 0  # of the main thread in the compiler
 
 
-def interrupt(exception: BaseException, give_up: Callable[[], None] | None = None) -> None:
-    """Raise this exception, at once or, inside the compiler, at its next check. For signal handlers.
-
-    give_up: called by another thread when that check has not come within WAIT seconds.
-    """
+def note(exception: BaseException) -> None:
+    """Have the next check raise this exception; from any thread."""
     global _pending
     _pending = exception
-    if _depth == 0:
-        raise exception
-    if give_up is not None:
-        timer = threading.Timer(WAIT, lambda: give_up() if _depth else None)
-        timer.daemon = True
-        timer.start()
 
 
 def pending() -> bool:

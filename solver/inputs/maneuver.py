@@ -16,9 +16,9 @@ import numpy as np
 
 from solver.errors import SpecError, suggestion
 from solver.inputs.driver import PreviewDriver, Sight
+from solver.inputs.recorded import ACCELERATION, RATE, BagChannel, RecordedSource, recorded
 from solver.inputs.signals import Constant, Signal, signal
 
-RATE, ACCELERATION = '_rate', '_acceleration'
 AHEAD = 100  # steps that are sampled at once: one costs about as much as a hundred
 COMMANDS = ('steering', 'drive_torque', 'brake_torque')
 
@@ -29,7 +29,8 @@ class Maneuver:
 
     steering: angle at the steering wheel [rad], positive to the left. drive_torque: at the differential [N m].
     brake_torque: total of all wheels [N m], >= 0. signals: any other input channel of the model by name. driver: steers instead of
-    the signal `steering`.
+    the signal `steering`. bag: a recording (directory or .mcap file) whose inputs are applied again instead of all these; map: for
+    recordings of others, which of their channels is which input.
     """
 
     name: str = ''
@@ -39,8 +40,15 @@ class Maneuver:
     brake_torque: Annotated[float | Signal, 'N m'] = 0.0
     signals: dict[str, float | Signal] = field(default_factory=dict)
     driver: PreviewDriver | None = None
+    bag: str = ''
+    map: dict[str, BagChannel] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        if self.bag and (self.driver is not None or self.channels):
+            other = 'driver' if self.driver is not None else next(iter(self.channels))
+            raise SpecError(f'bag = {self.bag}: the inputs come from the recording, but {other!r} is given too; remove one of them')
+        if self.map and not self.bag:
+            raise SpecError('map: says what the channels of a recording are, but the key bag, which names the recording, is missing')
         if self.driver is not None and signal(self.steering) != Constant():
             raise SpecError(f'maneuver {self.name!r}: steering is given, but the driver steers; remove one of them')
 
@@ -76,6 +84,8 @@ class Maneuver:
 
         Raises SpecError when a preview driver steers: his commands depend on the motion.
         """
+        if self.bag:
+            raise SpecError(f'maneuver {self.name!r}: its inputs are a recording; run it in the simulation (mbd run, commands:=maneuver)')
         if self.driver is not None:
             raise SpecError(f'maneuver {self.name!r}: its driver sees the motion; run it in the simulation (mbd run, commands:=maneuver)')
         at = np.array([t])
@@ -125,6 +135,13 @@ class ManeuverSource:
     def sample(self, k: int) -> np.ndarray:
         """(nu,) inputs of step k."""
         return self.table(k, 1)[0]
+
+
+def source_of(maneuver: Maneuver, input_names: Sequence[str], h_ns: int, stage: float = 1.0) -> ManeuverSource | RecordedSource:
+    """The source of the inputs that depend on time alone. Raises SpecError, also for a recording that cannot be used."""
+    if maneuver.bag:
+        return RecordedSource(recorded(maneuver.bag, maneuver.map), input_names, h_ns, stage)
+    return ManeuverSource(maneuver, input_names, h_ns, stage)
 
 
 class CommandSource:

@@ -176,7 +176,7 @@ def compile_model(spec: ModelSpec) -> Model:
     """Compile a ModelSpec. Raises SpecError (element, field, value, remedy) for anything that does not fit together."""
     context = _Context(spec)
     elements: dict[str, Ref] = {}
-    constraint_kinds, driven = _compile_constraints(context, elements)
+    constraint_kinds, driven, drives = _compile_constraints(context, elements)
     forces, effort, internal_bodies = _compile_forces(context, elements)
     constraints = context.groups.table(driven)
     n_slots = len(context.slots)
@@ -216,6 +216,7 @@ def compile_model(spec: ModelSpec) -> Model:
             constraints=constraints,
             laws=compile_laws(context.laws),
             effort=effort,
+            drives=drives,
             condensed=plan_elimination(nb, context.slots),
             block=plan_elimination(nb + groups, block_slots, wait_for, follow),
         )
@@ -240,10 +241,11 @@ def compile_model(spec: ModelSpec) -> Model:
     )
 
 
-def _compile_constraints(context: _Context, elements: dict[str, Ref]) -> tuple[np.ndarray, list[np.ndarray]]:
-    """(constraint_kinds of Tables without addresses, rows of ConstraintTable.driven of every kind); adds the tables to elements."""
+def _compile_constraints(context: _Context, elements: dict[str, Ref]) -> tuple[np.ndarray, list[np.ndarray], EffortTable]:
+    """(constraint_kinds of Tables without addresses, rows of ConstraintTable.driven of every kind, drives); adds the tables to elements."""
     kinds = np.zeros((len(CONSTRAINTS), 4), np.int64)
     driven = []
+    drives: list[tuple[int, int, float]] = []
     for kind, row in zip(CONSTRAINTS, kinds, strict=True):
         specs = getattr(context.spec, kind.name)
         before = len(context.groups.names)
@@ -256,7 +258,10 @@ def _compile_constraints(context: _Context, elements: dict[str, Ref]) -> tuple[n
         if kind.driven:
             follows = table.input[:, 0] >= 0
             driven.append(np.column_stack([table.row, table.input[:, 1:]])[follows])
-    return kinds, driven
+            if kind.on_coordinates:
+                for e in np.flatnonzero(follows):
+                    drives += [(int(table.row[e]), int(table.coordinate[e, t]), float(table.factor[e, t])) for t in range(table.terms[e])]
+    return kinds, driven, _effort_table(drives)
 
 
 def _compile_forces(context: _Context, elements: dict[str, Ref]) -> tuple[np.ndarray, EffortTable, tuple[int, ...]]:
@@ -278,9 +283,12 @@ def _compile_forces(context: _Context, elements: dict[str, Ref]) -> tuple[np.nda
         if kind.effort is not None and specs:
             efforts += _efforts(kind, table, start)
         start += len(specs) * width
-    columns = tuple(zip(*efforts, strict=True)) or ((), (), ())
-    effort = EffortTable(np.array(columns[0], np.int64), np.array(columns[1], np.int64), np.array(columns[2], float))
-    return forces, effort, tuple(sorted(internal_bodies))
+    return forces, _effort_table(efforts), tuple(sorted(internal_bodies))
+
+
+def _effort_table(rows: list[tuple[int, int, float]]) -> EffortTable:
+    columns = tuple(zip(*rows, strict=True)) or ((), (), ())
+    return EffortTable(np.array(columns[0], np.int64), np.array(columns[1], np.int64), np.array(columns[2], float))
 
 
 def _efforts(kind: ForceKind, table: Any, start: int) -> list[tuple[int, int, float]]:

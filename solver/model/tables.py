@@ -61,6 +61,7 @@ class Tables(NamedTuple):
     constraints: ConstraintTable
     laws: LawTable
     effort: EffortTable
+    drives: EffortTable  # rows that prescribe a motion (`output` is the row) and the coordinates they drive
     condensed: Elimination  # of the n x n form
     block: Elimination  # of the block form
 

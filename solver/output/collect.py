@@ -43,6 +43,9 @@ def collect(tables, chassis, kin, a, lam, u, state, outputs, frame):
     effort = tables.effort
     for k in range(effort.output.shape[0]):
         frame.joint_effort[effort.coordinate[k]] += effort.factor[k] * outputs[effort.output[k]]
+    drives = tables.drives
+    for k in range(drives.output.shape[0]):
+        frame.joint_effort[drives.coordinate[k]] += drives.factor[k] * lam[drives.output[k]]
     for b in range(tables.bodies.mass.shape[0]):
         R = load33(kin.R, b)
         com = load3(tables.bodies.com, b)

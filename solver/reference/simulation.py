@@ -31,6 +31,8 @@ class ReferenceSimulation(Simulation):
     def __init__(self, scene: Scene) -> None:
         if scene.maneuver.driver is not None:
             raise SpecError('maneuver: driver: a reference integrator follows functions of time; use integrator.kind alf')
+        if scene.maneuver.bag:
+            raise SpecError('maneuver: bag: a reference integrator follows functions of time; use integrator.kind alf')
         self._solver: Kkt | Stabilised | None = None
         super().__init__(scene)
 

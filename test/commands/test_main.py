@@ -187,32 +187,6 @@ def test_a_recording_replays_bit_by_bit(recording: Path, capsys: pytest.CaptureF
     assert document(capsys, 'compare', str(recording), str(tmp_path / 'again'), '--exact')[0] == 0
 
 
-def test_replay_uses_the_recorded_inputs(recording: Path, tmp_path: Path) -> None:
-    """The scene's own maneuver must not be what drives the replay: with other inputs in the recording the result is another one."""
-    from mbd_sim_ros.batch import simulate
-    from mbd_sim_ros.commands.replay import recorded_inputs
-    from solver.files.scene import load_scene_text
-    from solver.simulation import Simulation
-
-    run = bag.read(recording)
-    for name in ('motor', 'motor_rate', 'motor_acceleration'):
-        run.columns[f'cmd_applied/{name}'] = 0.5 * run.columns[f'cmd_applied/{name}']
-    simulation = Simulation(load_scene_text(run.metadata['resolved_scene']))
-    simulate(simulation, 200, directory=tmp_path / 'half', source=recorded_inputs(run, simulation.channels.inputs))
-    half = bag.read(tmp_path / 'half')['joint_states/crank/position']
-    full = run['joint_states/crank/position']
-    assert half[-1] - half[0] == pytest.approx(0.5 * (full[-1] - full[0]), rel=1e-6)  # the driver holds to about 1e-9 rad
-
-
-def test_recording_with_steps_left_out_is_not_replayed(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    code, _ = document(capsys, 'run', 'four_bar', *SHORT, '--set', 'record.every=10', '--out', str(tmp_path / 'r'))
-    assert code == 0
-    assert len(bag.read(tmp_path / 'r').time_ns) == 21
-    code, data = document(capsys, 'replay', str(tmp_path / 'r'))
-    assert code == 5
-    assert 'every step' in data['error']
-
-
 def test_compare_finds_another_step_size_and_draws_it(recording: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert main(['run', 'four_bar', *SHORT, '--set', 'integrator.h=0.004', '--out', str(tmp_path / 'coarse')]) == 0
     capsys.readouterr()
@@ -272,3 +246,62 @@ def test_interrupted_run_closes_its_recording(number: signal.Signals, code: int,
     run = bag.read(directory)
     assert run.metadata['status'] == 'interrupted'
     assert f'(step {int(run["cmd_applied/step"][-1])})' in err
+
+
+def test_only_the_object_is_on_stdout_whatever_a_library_prints(tmp_path: Path) -> None:
+    script = (
+        'import ctypes, os, sys\n'
+        'from mbd_sim_ros.commands import main as cli\n'
+        'from mbd_sim_ros.commands import Result\n'
+        'def chatty(_):\n'
+        '    print("from python")\n'
+        '    os.write(1, b"to the descriptor\\n")\n'
+        '    ctypes.CDLL(None).puts(b"from c")\n'
+        '    ctypes.CDLL(None).fflush(None)\n'
+        '    return Result(data={"status": "ok"})\n'
+        'cli.info.run = chatty\n'
+        'sys.exit(cli.main(sys.argv[1:]))\n'
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', script, 'info', 'pendulum', '--json'], cwd=ROOT, capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (done.returncode, json.loads(done.stdout)) == (0, {'status': 'ok'})
+    for text in ('from python', 'to the descriptor', 'from c'):
+        assert text in done.stderr
+
+
+@pytest.mark.parametrize('extra', [(), ('--json',)])
+def test_an_output_that_takes_nothing_is_one_sentence(extra: tuple[str, ...]) -> None:
+    with open('/dev/full', 'w') as full:
+        done = subprocess.run(
+            [sys.executable, '-m', 'mbd_sim_ros.commands.main', 'info', 'pendulum', *extra],
+            cwd=ROOT, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60, check=False,
+        )  # fmt: skip
+    assert done.returncode == 1
+    assert done.stderr.count('\n') == 1 and 'No space left on device' in done.stderr
+
+
+@pytest.mark.parametrize(
+    'argv',
+    [
+        ('run', 'four_bar', *SHORT, '--out', '/dev/full'),
+        ('run', 'four_bar', *SHORT, '--out', '/proc/nothing/r'),
+        ('info', 'four_bar', '--urdf', '/dev/full'),
+    ],
+)
+def test_places_that_take_nothing_are_one_sentence(argv: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, err = output(capsys, *argv)
+    assert code in (1, 5) and out == ''
+    assert err.count('\n') == 1 and argv[-1].rpartition('/')[0] in err
+
+
+@pytest.mark.parametrize('name', ['../../outside', '/tmp/outside', '..', 'a b/c'])
+def test_the_name_of_a_scene_stays_inside_bags(
+    name: str, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / 'here').mkdir()
+    monkeypatch.chdir(tmp_path / 'here')
+    code, data = document(capsys, 'run', 'four_bar', *SHORT, '--set', f'name={json.dumps(name)}')
+    assert code == 0
+    assert Path(data['out']).parent == Path('bags')
+    assert [p.name for p in tmp_path.iterdir()] == ['here'] and [p.name for p in (tmp_path / 'here').iterdir()] == ['bags']

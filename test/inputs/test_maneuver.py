@@ -7,6 +7,7 @@ import pytest
 
 from solver.errors import SpecError
 from solver.inputs.maneuver import CommandSource, Maneuver, ManeuverSource, ReplaySource
+from solver.inputs.recorded import Recorded, RecordedSource, Track
 from solver.inputs.signals import Constant, Ramp, Signal, Sine, SineWithDwell, Step, Sum, Sweep, Table
 
 SMOOTH: list[Signal] = [
@@ -217,3 +218,72 @@ def test_replay_of_a_recording_with_holes_is_refused() -> None:
         ReplaySource(('a',), {'a': np.zeros(4)}, np.array([1, 2, 4, 5]))
     with pytest.raises(SpecError, match="no input 'a'"):
         ReplaySource(('a',), {'b': np.zeros(4)}, np.arange(4))
+
+
+def recorded(h_ns: int = 2_000_000, steps: int = 50) -> Recorded:
+    """A motion x = 1 + t^2 + t^5 and a force that grows with every step."""
+    t = (1 + np.arange(steps)) * h_ns * 1e-9
+    rows = {
+        'x': 1.0 + t**2 + t**5,
+        'x_rate': 2.0 * t + 5.0 * t**4,
+        'x_acceleration': 2.0 + 20.0 * t**3,
+        'force': np.arange(steps, dtype=float),
+    }
+    return Recorded('bag b', h_ns, 7, rows, {'x': 1.0, 'x_rate': 0.0, 'x_acceleration': 2.0, 'force': 0.0}, {})
+
+
+NAMES = ('force', 'x', 'x_rate', 'x_acceleration')
+
+
+def test_recorded_inputs_with_the_same_step_are_the_same_bits():
+    given = recorded()
+    source = RecordedSource(given, NAMES, given.h_ns)
+    assert source.steps == 50
+    table = source.table(3, 10)
+    for column, name in enumerate(NAMES):
+        np.testing.assert_array_equal(table[:, column], given.rows[name][3:13])
+    np.testing.assert_array_equal(source.start, [0.0, 1.0, 0.0, 2.0])
+
+
+@pytest.mark.parametrize('h_ns', [500_000, 3_000_000, 7_000_000])
+def test_recorded_motions_pass_through_quintics_and_forces_keep_their_impulse(h_ns):
+    """A polynomial of degree five is its own quintic; the sum of force times step is that of the recorded one up to any common instant."""
+    given = recorded()
+    source = RecordedSource(given, NAMES, h_ns)
+    n = source.steps
+    assert n == 100_000_000 // h_ns
+    table = source.table(0, n)
+    t = (1 + np.arange(n)) * h_ns * 1e-9
+    np.testing.assert_allclose(table[:, 1], 1.0 + t**2 + t**5, rtol=1e-14)
+    np.testing.assert_allclose(table[:, 2], 2.0 * t + 5.0 * t**4, rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(table[:, 3], 2.0 + 20.0 * t**3, rtol=0.0, atol=1e-8)  # eps / h^2
+    common = np.lcm(h_ns, given.h_ns)
+    ours, theirs = np.cumsum(table[:, 0]) * h_ns, np.cumsum(given.rows['force']) * given.h_ns
+    for end in range(common, n * h_ns + 1, common):
+        assert ours[end // h_ns - 1] == pytest.approx(theirs[end // given.h_ns - 1], rel=1e-13)
+    np.testing.assert_array_equal(source.table(2, 5), table[2:7])
+
+
+def test_recorded_inputs_that_cannot_be_used_are_refused():
+    given = recorded()
+    with pytest.raises(SpecError, match="bag b: the model has no input 'force'; allowed: x"):
+        RecordedSource(given, NAMES[1:], given.h_ns)
+    with pytest.raises(SpecError, match=r'beyond its end at 0\.1 s'):
+        RecordedSource(given, NAMES, given.h_ns).table(45, 6)
+    del given.rows['x_rate']
+    with pytest.raises(SpecError, match='the recording has no rates of it'):
+        RecordedSource(given, NAMES, given.h_ns)
+
+
+def test_samples_of_others_become_motions_and_forces():
+    t_ns = 5_000_000_000 + 10_000_000 * np.arange(11)
+    track = Track(t_ns, np.linspace(0.0, 2.0, 11))
+    given = Recorded('bag b', 0, 0, {}, {}, {'x': track, 'force': track})
+    source = RecordedSource(given, NAMES, 1_000_000, stage=0.5)
+    assert source.steps == 100
+    table = source.table(0, 100)
+    np.testing.assert_allclose(table[:, 0], 20.0 * (np.arange(100) + 0.5) * 1e-3, rtol=1e-12)
+    np.testing.assert_allclose(table[9::10, 1], np.linspace(0.2, 2.0, 10), rtol=1e-12)
+    x, v, a = table[:-1, 1:].T  # at the end it is held, without acceleration
+    h = 1e-3  # the rule below is exact for the cubic between two samples: rates and accelerations belong to the values
+    np.testing.assert_allclose(np.diff(x), h / 2.0 * (v[1:] + v[:-1]) - h * h / 12.0 * (a[1:] - a[:-1]), rtol=0.0, atol=1e-14)

@@ -102,15 +102,6 @@ def test_mechanism_without_chassis_has_no_vehicle_topics():
     assert len(messages.encode(snapshot(names))) == 2
 
 
-def test_skipped_steps_still_tell_what_was_applied():
-    names = channels()
-    messages = Messages(names)
-    full, sparse = messages.encode(snapshot(names, 3)), messages.encode_inputs(snapshot(names, 3))
-    applied = [topic.name for topic in messages.topics].index('cmd_applied')
-    assert [i for i, data in enumerate(sparse) if data is not None] == [applied]
-    assert sparse[applied] == full[applied]
-
-
 def test_bytes_are_independent_of_what_was_encoded_before():
     names = channels()
     used = Messages(names)

@@ -18,8 +18,9 @@ def stand_in(kind: str):
 
 MODULES = {
     'launch': ('LaunchDescription',),
-    'launch.actions': ('DeclareLaunchArgument',),
+    'launch.actions': ('DeclareLaunchArgument', 'RegisterEventHandler', 'Shutdown'),
     'launch.conditions': ('IfCondition',),
+    'launch.event_handlers': ('OnProcessExit',),
     'launch.substitutions': ('LaunchConfiguration', 'PathJoinSubstitution'),
     'launch_ros': (),
     'launch_ros.actions': ('Node',),
@@ -64,3 +65,19 @@ def test_arguments_are_declared_with_defaults_and_reach_parameters_that_exist(de
     for name in player.parameters[0]:
         assert f"declare_parameter('{name}'" in source
     assert player.condition.args[0].args == ('play',)
+
+
+@pytest.mark.parametrize('code', [0, 130, 143])
+def test_the_launch_ends_when_the_simulator_has_ended(description: SimpleNamespace, code: int) -> None:
+    handler = next(entity for entity in description.args[0] if entity.kind == 'RegisterEventHandler').args[0]
+    simulator = next(entity for entity in description.args[0] if entity.kind == 'Node' and entity.executable == 'simulator')
+    assert handler.kind == 'OnProcessExit' and handler.target_action is simulator
+    assert [action.kind for action in handler.on_exit(SimpleNamespace(returncode=code), None)] == ['Shutdown']
+
+
+@pytest.mark.parametrize('code', [1, 4, -9])
+def test_the_launch_fails_when_the_simulator_has_failed(description: SimpleNamespace, code: int) -> None:
+    """An exception in a handler is what launch turns into a shutdown with exit code 1."""
+    handler = next(entity for entity in description.args[0] if entity.kind == 'RegisterEventHandler').args[0]
+    with pytest.raises(RuntimeError, match=f'ended with exit code {code}'):
+        handler.on_exit(SimpleNamespace(returncode=code), None)

@@ -13,12 +13,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from processes import DOMAIN, ROOT, SCRIPT, Process, start
+from client import client
+from processes import ROOT, SCRIPT, Process, start
 
 from mbd_sim_ros.bags import reader as bag
 from solver.errors import BagError
 
-__all__ = ['start']  # a fixture
+__all__ = ['client', 'start']  # fixtures
 
 
 def test_a_run_of_given_duration_ends_by_itself_and_is_recorded_whole(start, tmp_path):
@@ -38,8 +39,8 @@ def test_a_signal_while_running_finishes_the_file(start, tmp_path, number):
     process.wait_for('running synthetic')
     time.sleep(0.5)
     process.process.send_signal(number)
-    process.process.send_signal(number)  # an impatient second one changes nothing
-    assert process.end() == 0, process.output
+    process.process.send_signal(number)  # delivered twice, as terminals and launch tools do: one gesture
+    assert process.end() == 128 + number, process.output
     assert 'Traceback' not in process.output
     run = bag.read(tmp_path / 'run')
     np.testing.assert_array_equal(np.diff(run['cmd_applied/step']), 1.0)
@@ -77,8 +78,10 @@ def test_a_signal_while_preparing_ends_at_once(start, tmp_path):
     process = start({'record': True, 'out': 'run'}, preparing=30.0)
     process.wait_for('PREPARING')
     process.process.send_signal(signal.SIGINT)
-    assert process.end(10.0) == 0, process.output
-    assert 'Traceback' not in process.output
+    begin = time.monotonic()
+    assert process.end(10.0) == 130, process.output
+    assert time.monotonic() - begin < 1.0
+    assert process.output.splitlines()[-1] == 'interrupted while preparing synthetic'
     assert not (tmp_path / 'run').exists()
 
 
@@ -117,6 +120,7 @@ def test_a_recording_that_cannot_be_made_is_one_sentence(start, tmp_path):
         ({'duration': 'long'}, 'duration'),
         ({'rate_factor': -1.0}, 'rate_factor'),
         ({'scene': ''}, 'parameter scene is empty'),
+        ({'restore': 'nowhere.npz'}, 'nowhere.npz is not a state file'),
     ],
 )
 def test_wrong_parameters_are_refused_in_one_sentence(start, parameters, sentence):
@@ -144,67 +148,6 @@ def test_recording_and_reading_do_not_need_rclpy():
     subprocess.run([sys.executable, '-c', code], cwd=ROOT, env=dict(os.environ), timeout=60, check=True)
 
 
-class Client:
-    """The other side: publishes commands, calls services, keeps what it hears."""
-
-    def __init__(self, context, node) -> None:
-        from diagnostic_msgs.msg import DiagnosticArray
-        from nav_msgs.msg import Odometry
-        from rclpy.executors import SingleThreadedExecutor
-        from rclpy.qos import QoSProfile, ReliabilityPolicy
-        from rosgraph_msgs.msg import Clock
-        from sensor_msgs.msg import JointState
-        from std_msgs.msg import Float64, String
-        from std_srvs.srv import Trigger
-
-        self.node, self._float, self._trigger = node, Float64, Trigger
-        self.commands = [node.create_publisher(Float64, f'simulator/{name}', 1) for name in ('steering_cmd', 'torque_cmd', 'brake_cmd')]
-        self.applied: list[dict[str, float]] = []
-        self.clock: list[float] = []
-        self.odom, self.diagnostics, self.description = [], [], []
-        node.create_subscription(JointState, 'cmd_applied', lambda m: self.applied.append(dict(zip(m.name, m.position))), 1000)
-        node.create_subscription(Odometry, 'odom', self.odom.append, 10)
-        node.create_subscription(DiagnosticArray, '/diagnostics', self.diagnostics.append, 10)
-        best = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-        node.create_subscription(Clock, '/clock', lambda m: self.clock.append(m.clock.sec + 1e-9 * m.clock.nanosec), best)
-        from rclpy.qos import DurabilityPolicy
-
-        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        node.create_subscription(String, 'robot_description', self.description.append, latched)
-        self.executor = SingleThreadedExecutor(context=context)
-        self.executor.add_node(node)
-
-    def until(self, condition, seconds: float = 15.0) -> None:
-        end = time.monotonic() + seconds
-        while not condition():
-            assert time.monotonic() < end, 'timed out'
-            self.executor.spin_once(timeout_sec=0.05)
-
-    def ready(self) -> None:
-        self.until(lambda: all(p.get_subscription_count() for p in self.commands))
-
-    def send(self, index: int, value: float) -> None:
-        self.commands[index].publish(self._float(data=value))
-
-    def call(self, name: str):
-        client = self.node.create_client(self._trigger, f'simulator/{name}')
-        self.until(client.service_is_ready)
-        future = client.call_async(self._trigger.Request())
-        self.until(future.done)
-        return future.result()
-
-
-@pytest.fixture
-def client():
-    rclpy = pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
-    context = rclpy.Context()
-    rclpy.init(context=context, domain_id=int(DOMAIN))
-    node = rclpy.create_node('client', context=context)
-    yield Client(context, node)
-    node.destroy_node()
-    rclpy.shutdown(context=context)
-
-
 def test_commands_are_latched_clamped_refused_and_watched(start, client):
     process = start({'command_timeout': 0.3, 'max_steering': 2.0, 'max_drive_torque': 100.0, 'robot_description': '<robot name="r"/>'})
     client.ready()
@@ -225,7 +168,7 @@ def test_commands_are_latched_clamped_refused_and_watched(start, client):
     client.send(2, -1.0)
     client.until(lambda: client.applied[-1]['brake_torque'] == 0.0)  # there is no negative braking
     process.process.send_signal(signal.SIGTERM)
-    assert process.end() == 0
+    assert process.end() == 143
     for text in ('steering_cmd: 5 is beyond the limit', 'brake_cmd: nan is not a number', 'torque_cmd: inf is not a number'):
         assert text in process.output
     steps = [a['step'] for a in client.applied]
@@ -266,7 +209,7 @@ def test_services_act_between_steps(start, client, tmp_path):
     assert client.call('reset').success
     client.until(lambda: client.applied[-1]['step'] < k)
     process.process.send_signal(signal.SIGINT)
-    assert process.end() == 0, process.output
+    assert process.end() == 130, process.output
     again = start({'restore': saved.message, 'mode': 'fast', 'duration': (k + 50) * 0.002, 'record': True, 'out': 'again'})
     assert again.end() == 0, again.output
     assert bag.read(tmp_path / 'again')['cmd_applied/step'][0] == k + 5.0
@@ -289,7 +232,7 @@ def test_lockstep_steps_once_for_each_set_of_newer_commands(start, client):
     client.call('step')
     client.until(lambda: client.applied[-1]['step'] == 21)
     process.process.send_signal(signal.SIGTERM)
-    assert process.end() == 0
+    assert process.end() == 143
 
 
 def test_parameters_are_described_guarded_and_load_again(start, client, tmp_path):
@@ -321,7 +264,7 @@ def test_parameters_are_described_guarded_and_load_again(start, client, tmp_path
     values = [parameter_value_to_python(v) for v in ask(GetParameters, 'get_parameters', names=names).values]
     dump = {n: list(v) if isinstance(v, (list, tuple)) else v for n, v in zip(names, values, strict=True)}
     process.process.send_signal(signal.SIGTERM)
-    assert process.end() == 0
+    assert process.end() == 143
     file = tmp_path / 'dump.yaml'  # what `ros2 param dump` writes
     file.write_text(yaml.safe_dump({'/simulator': {'ros__parameters': {**dump, 'duration': 0.2, 'mode': 'fast'}}}))
     command = [sys.executable, '-c', SCRIPT, '{}', '0', '--ros-args', '--params-file', str(file)]
@@ -353,3 +296,67 @@ def test_a_full_disk_while_running_stops_the_recording_not_the_simulation(start,
     assert 'duration reached: t = 40.000 s' in process.output
     assert 'Traceback' not in process.output
     assert bag.recover(tmp_path / 'run', tmp_path / 'saved').messages > 100
+
+
+def test_a_parameter_that_is_not_known_is_named(start):
+    process = start({'scnee': 'x', 'duration': 0.1, 'mode': 'fast'})
+    assert process.end() == 0, process.output
+    assert "parameter 'scnee' is unknown and ignored; did you mean 'scene'?" in process.output
+
+
+def test_a_parameter_file_that_is_missing_or_broken_is_one_sentence(tmp_path):
+    pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
+    (tmp_path / 'broken.yaml').write_text('a: [1\n  b')
+    for name, words in (('missing.yaml', 'is not there'), ('broken.yaml', 'broken.yaml')):
+        process = Process(tmp_path, [sys.executable, '-m', 'mbd_sim_ros.node.main', '--ros-args', '--params-file', str(tmp_path / name)])
+        assert process.end() == 2, process.output
+        said = [line for line in process.output.splitlines() if not line.startswith('[')]  # rcl logs on its own
+        assert len(said) == 1 and words in said[0], process.output
+        assert 'Traceback' not in process.output
+
+
+@pytest.mark.parametrize('out', ['/dev/full', '/proc/nothing/here'])
+def test_a_place_where_nothing_can_be_recorded_is_one_sentence(start, out):
+    process = start({'record': True, 'out': out})
+    assert process.end() == 5, process.output
+    assert f'cannot record into {out}' in process.output
+    assert 'Traceback' not in process.output
+
+
+def test_service_calls_are_logged_and_steps_need_a_pause(start, client):
+    process = start()
+    client.ready()
+    refused = client.call('step')
+    assert not refused.success and 'the simulation is running (mode realtime): call ~/pause before ~/step' in refused.message
+    assert client.call('pause').success and client.call('step').success
+    process.process.terminate()
+    assert process.end() == 143
+    for text in ('step refused: the simulation is running', 'pause: paused at t = ', 'step: 1 steps from step '):
+        assert text in process.output
+
+
+def test_a_missing_torque_command_is_said_once(start, client):
+    process = start({'command_timeout': 0.2})
+    client.ready()
+    client.until(lambda: client.applied)
+    client.send(1, 40.0)
+    client.until(lambda: client.applied[-1]['drive_torque'] == 40.0)
+    client.until(lambda: client.applied[-1]['drive_torque'] == 0.0)
+    client.diagnostics.clear()
+    client.until(lambda: len(client.diagnostics) > 5)  # 1 Hz
+    process.process.terminate()
+    assert process.end() == 143
+    assert process.output.count('no torque_cmd for 0.2 s') == 1
+
+
+def test_every_parameter_is_in_the_parameter_file_and_in_the_readme():
+    parameters = pytest.importorskip('mbd_sim_ros.node.parameters', reason='needs ROS: source Jazzy, or pip install .[ros]')
+    readme = (ROOT / 'README.md').read_text()
+    text = (ROOT / 'config' / 'node.yaml').read_text()
+    given = yaml.safe_load(text)['/**']['ros__parameters']
+    for name, spec in parameters.PARAMETERS.items():
+        assert f'`{name}`' in readme, name
+        assert f'    {name}: ' in text or f'    # {name}: ' in text, name
+        if name in given:
+            assert given[name] == spec.default and type(given[name]) is type(spec.default), name
+    assert given.keys() <= parameters.PARAMETERS.keys()

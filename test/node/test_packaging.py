@@ -114,3 +114,15 @@ def test_manifest_names_what_is_imported():
 def test_versions_agree():
     text = (ROOT / 'setup.py').read_text()
     assert f"version='{ElementTree.parse(ROOT / 'package.xml').getroot().findtext('version')}'" in text
+
+
+def test_the_page_on_ros_agrees_with_the_code():
+    import importlib.util
+
+    pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
+    spec = importlib.util.spec_from_file_location('ros_page', ROOT / 'docs' / 'tools' / 'ros.py')
+    assert spec and spec.loader
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    text = module.FILE.read_text(encoding='utf-8')
+    assert module.render(text) == text, 'run `python docs/tools/ros.py`'

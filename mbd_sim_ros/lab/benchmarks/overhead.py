@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from mbd_sim_ros.bags.recorder import Recorder
+from mbd_sim_ros.bags.recorder import StepRecorder
 from mbd_sim_ros.batch import record, warm_up
 from mbd_sim_ros.lab.benchmarks.machine import on_all_cores
 from mbd_sim_ros.messages.encode import Messages, Topic
@@ -92,7 +92,7 @@ class Overhead:
         self._others.append(others / steps * 1e-3)
         self._recordings.append(recording / steps * 1e6)
 
-    def _pace(self, steps: int, messages: Messages, recorder: Recorder) -> int:
+    def _pace(self, steps: int, messages: Messages, recorder: StepRecorder) -> int:
         """Run the loop of the node for some steps; returns the CPU time of its thread [ns]."""
         simulation, clock = self.simulation, time.thread_time_ns
         first, rows = simulation.k, simulation.source.table(simulation.k, steps)
@@ -110,8 +110,8 @@ class Overhead:
             if snapshot.k == first:  # the loop shows where it starts
                 return
             self._times.append(t1 - begin)
+            recorder.note(snapshot.k, snapshot.inputs[None])
             if snapshot.k % self._every:
-                recorder.write(snapshot.t_ns, messages.encode_inputs(snapshot))
                 end = clock()
                 return
             encoded = messages.encode(snapshot)
@@ -119,7 +119,7 @@ class Overhead:
             if self._publish is not None:
                 self._publish(encoded)
             t3 = clock()
-            recorder.write(snapshot.t_ns, encoded)
+            recorder.record(snapshot.t_ns, encoded)
             end = clock()
             self._pieces.append((t2 - t1, t3 - t2 if self._publish else 0, end - t3, end - t1))
 

@@ -1,0 +1,170 @@
+"""Recordings as what was applied and what came of it: the inputs of every step, and the messages of every topic as they are.
+
+For replays (mbd replay) and for the maneuver of a scene that takes its inputs from a recording.
+"""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import yaml
+from mcap.records import Channel, Footer, Metadata
+
+from mbd_sim_ros.bags import reader as bag
+from mbd_sim_ros.bags.records import Messages, find_file, records
+from mbd_sim_ros.bags.writer import RECORD, RESULT
+from mbd_sim_ros.messages.cdr import decode, dtype, schema_text
+from mbd_sim_ros.messages.encode import ARRAY, INPUTS, JOINT_STATE
+from solver.errors import BagError, suggestion
+from solver.inputs.maneuver import ReplaySource
+from solver.inputs.recorded import BagChannel, Recorded, Track
+
+APPLIED = 'cmd_applied'
+DESCRIPTION = 'robot_description'
+
+
+class Content(NamedTuple):
+    """A recording: its messages by topic (without the namespace of the node), and what it says about itself."""
+
+    path: Path
+    topics: dict[str, dict[int, bytes]]  # topic -> instant [ns] -> message
+    metadata: dict[str, str]
+
+    @property
+    def outputs(self) -> dict[str, dict[int, bytes]]:
+        """The topics that a run produces."""
+        return {name: messages for name, messages in self.topics.items() if name not in (INPUTS.name, DESCRIPTION)}
+
+    @property
+    def state(self) -> bytes | None:
+        """The state it begins with, where that is not the start of its scene."""
+        text = self.metadata.get('start_state', '')
+        return base64.b64decode(text) if text else None
+
+    @property
+    def first_step(self) -> int | None:
+        """The step it begins behind; None when it does not say."""
+        step = self.metadata.get('start_step')
+        return None if step is None else int(step)
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """The parameters of the node that made it."""
+        return dict(yaml.safe_load(self.metadata.get('parameters', '') or '{}') or {})
+
+
+class Inputs(NamedTuple):
+    """The inputs of every step in a recording."""
+
+    first: int  # index of the first step: it leads from first * h to (first + 1) * h
+    last: int  # index of the last instant
+    rows: dict[str, np.ndarray]  # input -> (last - first,)
+    start: dict[str, float]  # input -> value at the beginning, where that is recorded
+    h_ns: int
+    from_start: bool  # the instant before the first step is in the recording too
+
+    def source(self, names: Sequence[str]) -> ReplaySource:
+        """Rows for a simulation that counts its steps like the recording. Raises SpecError when an input is missing."""
+        return ReplaySource(tuple(names), self.rows, np.arange(self.first, self.last))
+
+
+def content(path: str | Path) -> Content:
+    """Read a whole recording. Raises BagError if it is none, or was cut off."""
+    path = find_file(path)
+    names: dict[int, str] = {}
+    found: dict[int, dict[int, bytes]] = {}
+    metadata: dict[str, dict[str, str]] = {}
+    complete = False
+    for record in records(path):
+        if isinstance(record, Messages):
+            found.setdefault(record.channel, {}).update(zip(record.log_times, record.data))
+        elif isinstance(record, Channel):
+            names[record.id] = record.topic
+        elif isinstance(record, Metadata):
+            metadata[record.name] = record.metadata
+        elif isinstance(record, Footer):
+            complete = True
+    if not complete:
+        raise BagError(f'{path} is cut off or damaged; `mbd recover {path} NEW` saves every complete chunk')
+    about = {**metadata.get(RECORD, {}), **metadata.get(RESULT, {})}
+    namespace = about.get('namespace', '').strip('/')
+    own = {channel: name.strip('/').removeprefix(namespace + '/' if namespace else '') for channel, name in names.items()}
+    return Content(path, {own[channel]: messages for channel, messages in found.items()}, about)
+
+
+def inputs_of(recording: Content) -> Inputs:
+    """The inputs of every step in a recording of this package.
+
+    Raises BagError when it is not one, or when steps are missing between the first and the last.
+    """
+    where = recording.path
+    messages = recording.topics.get(APPLIED, {})
+    if not messages:
+        raise BagError(f'{where} does not say what was applied: it has no messages of topic {APPLIED}')
+    names, table = _applied(messages, where)
+    step = table[:, -1].astype(np.int64)
+    blocks = [_block(data, names, where) for data in recording.topics.get(INPUTS.name, {}).values()]
+    every = np.vstack([np.column_stack([step, table[:, :-1]]), *blocks])
+    _, keep = np.unique(every[:, 0], return_index=True)
+    every = every[keep]
+    first = recording.first_step
+    if first is None:  # made before recordings said so
+        first = 0 if step[0] == 0 else int(every[0, 0]) - 1
+    from_start = bool(step[0] == first)
+    start = dict(zip(names, table[0, :-1].tolist())) if from_start else {}
+    every = every[every[:, 0] > first]
+    last = int(step[-1])
+    missing = np.setdiff1d(np.arange(first + 1, last + 1), every[:, 0].astype(np.int64))
+    if missing.size:
+        raise BagError(f'{where} cannot be replayed: it does not hold the inputs of step {missing[0]} ({missing.size} steps are missing)')
+    rows = {name: np.ascontiguousarray(every[:, 1 + i]) for i, name in enumerate(names)}
+    h_ns = max(messages) // last if last else 0
+    return Inputs(first, last, rows, start, h_ns, from_start)
+
+
+def _applied(messages: Mapping[int, bytes], where: Path) -> tuple[list[str], np.ndarray]:
+    """Names of the inputs, and a table (n, nu + 1) of them and the index of the step, in the order of the steps."""
+    data = list(messages.values())
+    value, places = decode(JOINT_STATE, schema_text(JOINT_STATE), data[0])
+    place = places['position']
+    names = list(value['name'])
+    if names[-1:] != ['step'] or any(len(one) != len(data[0]) for one in data):
+        raise BagError(f'{where}: the topic {APPLIED} is not that of this simulator')
+    table = np.stack([np.frombuffer(one, dtype(place), place.size, place.offset) for one in data])
+    return names[:-1], table[np.argsort(table[:, -1], kind='stable')]
+
+
+def _block(data: bytes, names: Sequence[str], where: Path) -> np.ndarray:
+    """(n, 1 + nu) the rows of one message of inputs_applied, columns step and `names`."""
+    value, _ = decode(ARRAY, schema_text(ARRAY), data)
+    steps, columns = value['layout']['dim']
+    labels = columns['label'].split(',')
+    if len(labels) != int(columns['size']) or set(labels) != {'step', *names}:
+        raise BagError(f'{where}: the topic {INPUTS.name} holds other inputs ({columns["label"]}) than {APPLIED}')
+    rows = value['data'].reshape(int(steps['size']), len(labels))
+    return rows[:, [labels.index(name) for name in ('step', *names)]]
+
+
+def recorded_inputs(path: str, channels: Mapping[str, BagChannel]) -> Recorded:
+    """What `maneuver: {bag: path, map: channels}` stands for (solver.inputs.recorded.READER). Raises BagError."""
+    where = f'maneuver: bag {path}'
+    if not channels:
+        found = inputs_of(content(path))
+        if found.last == found.first:
+            raise BagError(f'{where}: it holds no step')
+        return Recorded(where, found.h_ns, found.first, found.rows, found.start, {})
+    run = bag.read(path)
+    tracks = {}
+    for name, channel in channels.items():
+        if channel.channel not in run.columns:
+            raise BagError(f'maneuver: map: {name}: {path} has no channel {channel.channel!r}{suggestion(channel.channel, run.columns)}')
+        values = run[channel.channel]
+        at = np.isfinite(values)
+        if not at.any():
+            raise BagError(f'maneuver: map: {name}: channel {channel.channel!r} of {path} holds no number')
+        tracks[name] = Track(run.time_ns[at], channel.scale * values[at] + channel.offset)
+    return Recorded(where, 0, 0, {}, {}, tracks)

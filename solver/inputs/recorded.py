@@ -1,0 +1,186 @@
+"""Inputs taken from a recording: as they were applied, or as somebody else measured them.
+
+The solver depends on nothing that reads recordings; who does is found by name (READER) when a scene asks for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from solver.errors import SpecError, suggestion
+
+RATE, ACCELERATION = '_rate', '_acceleration'
+READER = 'mbd_sim_ros.bags.inputs:recorded_inputs'  # (path, map of inputs to BagChannels) -> Recorded
+
+
+@dataclass(frozen=True, kw_only=True)
+class BagChannel:
+    """Where an input is found in a recording: `channel` is `<topic>/<field>` as `mbd export` names its columns; the input is
+    scale * value + offset, in the unit of the input.
+    """
+
+    channel: str
+    scale: float = 1.0
+    offset: float = 0.0
+
+
+class Track(NamedTuple):
+    """Samples of one input."""
+
+    t_ns: np.ndarray  # (n,) ascending
+    values: np.ndarray  # (n,)
+
+
+class Recorded(NamedTuple):
+    """What a recording says about inputs: rows of every step (h_ns > 0), or samples at instants of their own (h_ns = 0)."""
+
+    where: str  # what error sentences call it
+    h_ns: int  # step of the recorded run
+    first: int  # step of the first row; it led from first * h to (first + 1) * h
+    rows: Mapping[str, np.ndarray]  # input -> (n,) as applied, motions at the end of the step
+    start: Mapping[str, float]  # input -> value at the beginning of the first step, where it is known
+    tracks: Mapping[str, Track]  # input -> samples, when h_ns is 0
+
+
+def recorded(path: str, channels: Mapping[str, BagChannel]) -> Recorded:
+    """Read the inputs in a recording. Raises SpecError where nobody can, and what the reader raises."""
+    module, _, function = READER.partition(':')
+    try:
+        read = getattr(import_module(module), function)
+    except ImportError as error:
+        raise SpecError(f'bag = {path}: recordings are read by {module}, which cannot be imported ({error})') from None
+    return read(path, channels)
+
+
+class RecordedSource:
+    """Input source of a simulation: the inputs in a recording, which begins at t = 0 here.
+
+    A run with the same step gets the same rows, bit for bit. With another step a motion goes through every recorded value, rate and
+    acceleration (quintic between two instants), and a force-like input is the mean of what was held in the recorded steps, so its
+    impulse is kept. Samples of others: motions by a cubic spline through them, force-like inputs linearly between them at the instant
+    where the integrator balances forces.
+    Raises SpecError when the model lacks an input that is not zero in the recording, and outside of the recording.
+    """
+
+    def __init__(self, given: Recorded, input_names: Sequence[str], h_ns: int, stage: float = 1.0) -> None:
+        self.given, self.names, self.h_ns, self.stage = given, tuple(input_names), h_ns, stage
+        moved = lambda name: name + RATE in self.names and name + ACCELERATION in self.names  # noqa: E731
+        self._motions = [name for name in self.names if moved(name)]
+        companions = {name + suffix for name in self._motions for suffix in (RATE, ACCELERATION)}
+        self._forces = [name for name in self.names if name not in self._motions and name not in companions]
+        if given.h_ns:
+            self._length_ns = given.h_ns * len(next(iter(given.rows.values()), ()))
+            used = {name: values for name, values in given.rows.items() if np.any(values != 0.0)}
+        else:
+            begin = min(int(track.t_ns[0]) for track in given.tracks.values())
+            self._tracks = {name: Track(track.t_ns - begin, track.values) for name, track in given.tracks.items()}
+            self._length_ns = max(int(track.t_ns[-1]) for track in self._tracks.values())
+            used = {name: track.values for name, track in self._tracks.items()}
+            self._splines: dict[str, Any] = {}
+        for name in used:
+            if name not in self.names:
+                raise SpecError(f'{given.where}: the model has no input {name!r}{suggestion(name, self.names)}')
+        for name in self._motions if given.h_ns else ():
+            if name in given.rows and not {name + RATE, name + ACCELERATION} <= given.rows.keys():
+                raise SpecError(f'{given.where}: {name!r} is a motion in this model, but the recording has no rates of it')
+        self._same = given.h_ns == h_ns
+
+    @property
+    def steps(self) -> int:
+        """Steps that the recording lasts for."""
+        return self._length_ns // self.h_ns
+
+    @property
+    def start(self) -> np.ndarray:
+        """(nu,) inputs at t = 0."""
+        if self.given.h_ns and self.given.start:
+            return np.array([self.given.start.get(name, 0.0) for name in self.names])
+        zero = np.zeros(1, np.int64)
+        return self._sampled(zero, zero, zero)[0]
+
+    def table(self, k0: int, n: int) -> np.ndarray:
+        """(n, nu) inputs of steps k0 ... k0 + n - 1."""
+        if k0 < 0 or k0 + n > self.steps:
+            seconds = self._length_ns * 1e-9
+            raise SpecError(f'{self.given.where}: steps {k0} to {k0 + n - 1} are beyond its end at {seconds:g} s; set duration to that')
+        if self._same:
+            rows = self.given.rows
+            none = np.zeros(n)
+            return np.column_stack([rows[name][k0 : k0 + n] if name in rows else none for name in self.names])
+        begin = np.arange(k0, k0 + n, dtype=np.int64) * self.h_ns
+        return self._sampled(begin, begin + round(self.stage * self.h_ns), begin + self.h_ns)
+
+    def sample(self, k: int) -> np.ndarray:
+        """(nu,) inputs of step k."""
+        return self.table(k, 1)[0]
+
+    def _sampled(self, begin: np.ndarray, stage: np.ndarray, end: np.ndarray) -> np.ndarray:
+        """(n, nu) inputs of steps from begin to end [ns], forces balanced at stage."""
+        u = np.zeros((len(begin), len(self.names)))
+        for name in self._motions:
+            columns = [self.names.index(name + suffix) for suffix in ('', RATE, ACCELERATION)]
+            u[:, columns] = self._motion(name, end)
+        for name in self._forces:
+            u[:, self.names.index(name)] = self._force(name, begin, stage, end)
+        return u
+
+    def _motion(self, name: str, t_ns: np.ndarray) -> np.ndarray:
+        """(n, 3) value, rate and acceleration of a motion."""
+        if not self.given.h_ns:
+            return self._spline(name, t_ns)
+        rows = self.given.rows
+        if name not in rows:
+            return np.zeros((len(t_ns), 3))
+        h = self.given.h_ns * 1e-9
+        nodes = np.column_stack([rows[name + suffix] for suffix in ('', RATE, ACCELERATION)])
+        x, v, a = nodes[0]
+        first = [self.given.start.get(name + suffix) for suffix in ('', RATE, ACCELERATION)]
+        if any(value is None for value in first):  # the recording begins behind it
+            first = [x - h * v + 0.5 * h * h * a, v - h * a, a]
+        nodes = np.vstack([np.array(first, float), nodes]) * [1.0, h, h * h]
+        at = np.minimum(t_ns // self.given.h_ns, len(nodes) - 2)
+        s = (t_ns - at * self.given.h_ns) / self.given.h_ns
+        (p0, v0, a0), (p1, v1, a1) = nodes[at].T, nodes[at + 1].T
+        d, dv, da = p1 - p0 - v0 - 0.5 * a0, v1 - v0 - a0, a1 - a0
+        c3, c4, c5 = 10.0 * d - 4.0 * dv + 0.5 * da, -15.0 * d + 7.0 * dv - da, 6.0 * d - 3.0 * dv + 0.5 * da
+        value = p0 + s * (v0 + s * (0.5 * a0 + s * (c3 + s * (c4 + s * c5))))
+        rate = v0 + s * (a0 + s * (3.0 * c3 + s * (4.0 * c4 + s * 5.0 * c5)))
+        acceleration = a0 + s * (6.0 * c3 + s * (12.0 * c4 + s * 20.0 * c5))
+        return np.column_stack([value, rate / h, acceleration / (h * h)])
+
+    def _force(self, name: str, begin: np.ndarray, stage: np.ndarray, end: np.ndarray) -> np.ndarray:
+        """(n,) values of a force-like input."""
+        if not self.given.h_ns:
+            if name not in self._tracks:
+                return np.zeros(len(begin))
+            t, values = self._tracks[name]
+            return np.interp(stage.astype(float), t.astype(float), values)
+        if name not in self.given.rows:
+            return np.zeros(len(begin))
+        values, h_ns = self.given.rows[name], self.given.h_ns
+        first = np.minimum(begin // h_ns, len(values) - 1)
+        last = np.clip((end - 1) // h_ns, first, len(values) - 1)
+        impulse = np.concatenate([[0.0], np.cumsum(values * float(h_ns))])
+        until = lambda t, row: impulse[row] + values[row] * (t - row * h_ns)  # noqa: E731
+        mean = (until(end, last) - until(begin, first)) / np.maximum(end - begin, 1)
+        return np.where(first == last, values[first], mean)
+
+    def _spline(self, name: str, t_ns: np.ndarray) -> np.ndarray:
+        if name not in self._tracks:
+            return np.zeros((len(t_ns), 3))
+        t, values = self._tracks[name]
+        if len(t) == 1:
+            return np.column_stack([np.full(len(t_ns), values[0]), np.zeros((len(t_ns), 2))])
+        if name not in self._splines:
+            from scipy.interpolate import CubicSpline  # slow to import, and needed here only
+
+            self._splines[name] = CubicSpline(t * 1e-9, values, bc_type='clamped')
+        spline = self._splines[name]
+        inside = (t_ns >= t[0]) & (t_ns < t[-1])
+        at = np.clip(t_ns, t[0], t[-1]) * 1e-9
+        return np.column_stack([spline(at), np.where(inside, spline(at, 1), 0.0), np.where(inside, spline(at, 2), 0.0)])

@@ -1,0 +1,200 @@
+"""Ctrl-C at any moment: one sentence, its exit code, at once, and every recording complete.
+
+`MBD_FAULTS=500 pytest test/faults` makes 500 trials; MBD_FAULTS_SEED chooses other times.
+"""
+
+from __future__ import annotations
+
+import json
+import signal
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from faults import UNWANTED, Ended, Victim, finished, mbd, simulator, times, trials
+from processes import DOMAIN, SCRIPT
+
+from mbd_sim_ros.commands.main import main
+
+ANSWER, WHILE_COMPILING = 1.0, 3.0  # s
+BUSY = 0.5  # s more that other processes on the machine may cost
+COMMANDS = {  # command -> seconds from its start within which the signal comes
+    'run': 4.0,
+    'run_long_steps': 4.0,
+    'run_unrecorded': 3.0,
+    'replay': 5.0,
+    'export': 3.0,
+    'compare': 3.0,
+    'recover': 2.0,
+    'info': 4.0,
+    'study': 8.0,
+    'bench': 6.0,
+    'compile': 20.0,
+    'simulator': 4.0,
+    'maneuver': 2.0,
+}
+
+
+@pytest.fixture(scope='module')
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    directory = tmp_path_factory.mktemp('bags') / 'first'
+    assert main(['run', 'light_car_lane_change', '--duration', '4', '--set', 'record.every=1', '--out', str(directory), '--json']) == 0
+    return directory
+
+
+def command(name: str, recording: Path) -> list[object]:
+    """Arguments of the Python interpreter."""
+    car = ('light_car_lane_change', '--set', 'duration=100000')
+    return {
+        'run': mbd('run', *car, '--out', 'out'),
+        'run_long_steps': mbd('run', *car, '--set', 'record.every=10000', '--out', 'out'),
+        'run_unrecorded': mbd('run', *car, '--no-record'),
+        'replay': mbd('replay', recording, '--out', 'out'),
+        'export': mbd('export', recording, '--csv', 'csv'),
+        'compare': mbd('compare', recording, recording, '--plot', 'p.png'),
+        'recover': mbd('recover', recording, 'out'),
+        'info': mbd('info', 'light_car_lane_change'),
+        'study': mbd('study', 'slider_crank', '--quick', '--out', 'study'),
+        'bench': mbd('bench', '--cases', 'slider_crank', '--quick'),
+        'compile': mbd('compile', 'slider_crank'),
+        'simulator': simulator(SCRIPT, '{}', '0.5', record=True, out='out'),
+        'maneuver': ['-m', 'mbd_sim_ros.node.maneuver_player', '--ros-args', '-p', 'maneuver:=step_steer'],
+    }[name]
+
+
+def judge(ended: Ended, number: int, limit: float, *, as_json: bool, node: bool) -> None:
+    """One sentence, the exit code of the signal, in time. A command that had done its work before is as well."""
+    said = ended.out + ended.err
+    assert not UNWANTED.search(said), said
+    assert ended.code >= 0, f'ended by signal {-ended.code}: {said}'
+    if ended.code == 0:
+        return
+    assert ended.code == 128 + number, said
+    assert ended.seconds < limit + BUSY, f'{ended.seconds:.2f} s: {said}'
+    if as_json:
+        assert json.loads(ended.out)['status'] == 'error'
+        assert ended.lines == []
+    elif node:
+        assert ('interrupted while' in said) != ('stopped by SIG' in said), said
+    else:
+        assert ended.out == ''
+        assert len(ended.lines) == 1 and 'interrupted' in ended.lines[0], said
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('trial', trials(2 * len(COMMANDS)))
+def test_an_interrupted_command_says_one_sentence_and_ends(trial: int, recording: Path, tmp_path: Path) -> None:
+    name = list(COMMANDS)[trial % len(COMMANDS)]
+    node = name in ('simulator', 'maneuver')
+    if node:
+        pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
+    random = times('interrupts', trial)
+    delay = COMMANDS[name] * random.random()
+    number = signal.SIGINT if random.random() < 0.8 else signal.SIGTERM
+    as_json = not node and random.random() < 0.3
+    environment = {'ROS_DOMAIN_ID': DOMAIN, 'ROS_LOG_DIR': str(tmp_path / 'log')} if node else {}
+    if name == 'compile':
+        environment['MBD_CACHE_DIR'] = str(tmp_path / 'cache')  # so that it does compile
+    victim = Victim(tmp_path, [*command(name, recording), *(['--json'] if as_json else [])], **environment)
+    try:
+        if victim.ready():
+            time.sleep(delay)
+        clock = victim.strike(number, group=random.random() < 0.5)
+        ended = victim.end(clock)
+    finally:
+        victim.kill()
+    judge(ended, number, WHILE_COMPILING if name == 'compile' else ANSWER, as_json=as_json, node=node)
+    run = finished(tmp_path / 'out') if name != 'recover' else None
+    if run is not None and ended.code:
+        steps = run['cmd_applied/step']
+        assert np.all(np.diff(steps) > 0.0)
+        assert run.metadata.get('status') == 'interrupted' or 'end' in run.metadata
+
+
+@pytest.mark.parametrize('name', ['run', 'simulator'])
+def test_a_second_signal_ends_the_process_at_once_and_the_recording_is_complete(name: str, recording: Path, tmp_path: Path) -> None:
+    """The first one finds a simulation whose step takes longer than anybody waits."""
+    if name == 'simulator':
+        pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
+    slow = 'import time\nimport solver.simulation\n'
+    if name == 'run':
+        script = slow + (
+            'advance = solver.simulation.Simulation.advance\n'
+            'def deaf(self, n=1, inputs=None, **more):\n'
+            '    if self.k >= 500:\n'
+            '        print("DEAF", flush=True)\n'
+            '        time.sleep(30.0)\n'
+            '    return advance(self, n, inputs, **more)\n'
+            'solver.simulation.Simulation.advance = deaf\n'
+            'import sys\n'
+            'from mbd_sim_ros.commands.main import main\n'
+            'sys.exit(main(sys.argv[1:]))\n'
+        )
+        arguments: list[object] = ['-c', script, 'run', 'light_car_lane_change', '--out', 'out']
+    else:
+        script = SCRIPT.replace(
+            'node.prepare = prepare',
+            'advance = synthetic.Synthetic.advance\n'
+            'def deaf(self, n=1, inputs=None):\n'
+            '    if self.k >= 500:\n'
+            '        print("DEAF", flush=True)\n'
+            '        time.sleep(30.0)\n'
+            '    return advance(self, n, inputs)\n'
+            'synthetic.Synthetic.advance = deaf\n'
+            'node.prepare = prepare',
+        )
+        arguments = simulator(script, '{}', '0', record=True, out='out')
+    victim = Victim(tmp_path, arguments, ROS_DOMAIN_ID=DOMAIN, ROS_LOG_DIR=str(tmp_path / 'log'))
+    try:
+        assert victim.ready('DEAF')
+        time.sleep(0.5)  # what was written is delivered
+        victim.strike(signal.SIGINT)
+        time.sleep(0.6)
+        assert victim.process.poll() is None  # it would finish in order
+        clock = victim.strike(signal.SIGINT)
+        ended = victim.end(clock)
+    finally:
+        victim.kill()
+    assert ended.code == 130, ended.err
+    assert ended.seconds < 0.5
+    assert not UNWANTED.search(ended.err)
+    run = finished(tmp_path / 'out')
+    assert run is not None and run['cmd_applied/step'][-1] == 500.0
+    assert run.metadata['end'] == 'the simulating process died'
+
+
+def test_a_call_of_many_long_steps_is_divided(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No call lasts longer than twice what is allowed, whatever record.every says, once the first steps have been measured."""
+    from mbd_sim_ros import batch
+
+    spent = []
+
+    class Slow:
+        """Steps of 20 ms."""
+
+        class scene:
+            name = 'slow'
+            record = type('record', (), {'every': 100})
+
+        k, h_ns, branches, events = 0, 1_000_000, None, ()
+        t_ns = property(lambda self: self.k * self.h_ns)
+
+        def advance(self, n: int, inputs: object = None) -> None:
+            begin = time.perf_counter()
+            time.sleep(0.02 * n)
+            self.k += n
+            spent.append((n, time.perf_counter() - begin))
+
+        def reset(self) -> None:
+            self.k = 0
+            spent.clear()
+
+        def totals(self) -> dict[str, float]:
+            names = ('iterations', 'factorizations', 'evaluations', 'residual_max', 'energy_error_max', 'position_drift_max')
+            return dict.fromkeys((*names, 'velocity_drift_max', 'stagnated', 'substeps', 'rejected', 'events'), 0.0)
+
+    batch.simulate(Slow(), 60)  # type: ignore[arg-type]
+    assert sum(n for n, _ in spent) == 60
+    assert max(n for n, _ in spent) == 4 or max(n for n, _ in spent) == 5
+    assert max(seconds for _, seconds in spent) < 0.2
