@@ -23,7 +23,6 @@ ARGUMENTS = {
     'namespace': ('', 'namespace of both nodes'),
     'params': (PathJoinSubstitution([FindPackageShare('mbd_sim_ros'), 'config', 'node.yaml']), 'parameter file'),
 }
-INTERRUPTED = (130, 143)  # exit codes after SIGINT and SIGTERM: as wanted
 
 
 def ended(event, _context):
@@ -31,7 +30,7 @@ def ended(event, _context):
 
     Raises RuntimeError when it failed: an exception is what gives a launch an exit code.
     """
-    if event.returncode and event.returncode not in INTERRUPTED:
+    if event.returncode:
         raise RuntimeError(f'the simulator ended with exit code {event.returncode}')
     return [Shutdown(reason='the simulator has ended')]
 

@@ -42,6 +42,7 @@ WAITS = ('subprocess', 'selectors', 'mbd_sim_ros.lab', 'mbd_sim_ros.commands')
 event = threading.Event()  # set by the first signal
 doing = ''  # what the sentence says was interrupted
 _say: Callable[[str], None] | None = None
+_code: int | None = None
 _number = 0
 _held = 0
 _said = threading.Lock()
@@ -98,10 +99,13 @@ def scratch(prefix: str) -> Iterator[Path]:
             _scratch.discard(Path(name))
 
 
-def install(say: Callable[[str], None]) -> None:
-    """Take SIGINT and SIGTERM over for the life of this process (main thread only). say: how the sentence reaches the user."""
-    global _watcher, _say
-    _say = say
+def install(say: Callable[[str], None], code: int | None = None) -> None:
+    """Take SIGINT and SIGTERM over for the life of this process (main thread only).
+
+    say: how the sentence reaches the user. code: the exit code after a first signal, instead of that of shells.
+    """
+    global _watcher, _say, _code
+    _say, _code = say, code
     if _watcher is None:
         _watcher = _Watcher()
 
@@ -175,11 +179,11 @@ class _Watcher:
                 first = idle = clock
                 _note(numbers[0])
             elif numbers and clock - first > SAME_GESTURE:
-                _end()
+                _end(EXIT + numbers[0])
             if _held:
                 idle = clock
             if _number and (clock - idle > GRACE or clock - first > PATIENCE):
-                _end()
+                _end(EXIT + _number if _code is None else _code)
 
 
 def _note(number: int) -> None:
@@ -197,14 +201,14 @@ def _handle(number: int, frame: FrameType | None) -> None:
         raise KeyboardInterrupt(sentence(), number)
 
 
-def _end() -> None:
+def _end(code: int) -> None:
     """End the process from the watching thread."""
     if claim() and _say is not None:
         with suppress(OSError, ValueError):  # nobody reads it
             _say(sentence())
     for directory in _scratch:
         shutil.rmtree(directory, ignore_errors=True)
-    os._exit(EXIT + _number)
+    os._exit(code)
 
 
 def write(descriptor: int, text: str) -> None:

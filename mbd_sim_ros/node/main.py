@@ -1,7 +1,7 @@
 """Executable `simulator`: runs a scene as a ROS 2 node (see simulator.py) from the first import to the last file.
 
-SIGINT and SIGTERM at any moment end it with one sentence, a finished recording and exit code 128 + number; whatever else goes wrong
-ends it with one sentence and the exit code of the error. Nothing heavy is imported before the signals are taken care of.
+SIGINT and SIGTERM at any moment end it with one sentence, a finished recording and exit code 0, as launch expects of nodes; whatever else
+goes wrong ends it with one sentence and the exit code of the error. Nothing heavy is imported before the signals are taken care of.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ def _say(text: str) -> None:
 
 
 if __name__ == '__main__' or interrupts.is_program('simulator') or interrupts.is_program('maneuver'):
-    interrupts.install(_say)
+    interrupts.install(_say, code=0)
 
 import gc
 import signal
@@ -47,7 +47,7 @@ def prepare(scene: str, overrides: list[str]) -> tuple[Any, Any]:
 
 def run(body: Callable[[], int], args: list[str] | None, name: str) -> int:
     """Run `body` inside rclpy.init and shutdown and return its exit code, or that of the error, which is printed as one sentence."""
-    interrupts.install(_say)
+    interrupts.install(_say, code=0)
     interrupts.now(f'starting {name}')
     try:
         import rclpy
@@ -75,11 +75,10 @@ def run(body: Callable[[], int], args: list[str] | None, name: str) -> int:
     except OSError as error:
         print(f'{name}: {error.filename or "the system"}: {error.strerror or error}', file=sys.stderr)
         return 1
-    except KeyboardInterrupt as interrupt:
-        number = interrupt.args[1] if len(interrupt.args) == 2 else signal.SIGINT
+    except KeyboardInterrupt:
         if interrupts.claim():
             print(interrupts.sentence(), file=sys.stderr)
-        return interrupts.EXIT + number
+        return 0
     finally:
         with interrupts.held():
             rclpy.try_shutdown()
@@ -131,7 +130,7 @@ def _simulate() -> int:
             code = node.close(f'stopped by {signal.Signals(number).name}' if number else 'stopped')
             executor.shutdown()
             node.destroy_node()
-    return code or (interrupts.EXIT + number if number else 0)
+    return code
 
 
 def main(args: list[str] | None = None) -> int:

@@ -15,7 +15,7 @@ from mbd_sim_ros import interrupts
 from mbd_sim_ros.node.main import run
 
 if __name__ == '__main__':
-    interrupts.install(lambda text: interrupts.write(2, text))
+    interrupts.install(lambda text: interrupts.write(2, text), code=0)
 
 import struct
 import time

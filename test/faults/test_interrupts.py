@@ -68,9 +68,9 @@ def judge(ended: Ended, number: int, limit: float, *, as_json: bool, node: bool)
     said = ended.out + ended.err
     assert not UNWANTED.search(said), said
     assert ended.code >= 0, f'ended by signal {-ended.code}: {said}'
-    if ended.code == 0:
+    if ended.code == 0 and not node:
         return
-    assert ended.code == 128 + number, said
+    assert ended.code == (0 if node else 128 + number), said
     assert ended.seconds < limit + BUSY, f'{ended.seconds:.2f} s: {said}'
     if as_json:
         assert json.loads(ended.out)['status'] == 'error'
