@@ -210,7 +210,7 @@ def test_recordings_begun_while_running_and_after_restore_replay_to_the_same_bit
             scene='car_step_steer',
             commands='maneuver',
             mode='fast',
-            duration=2.0,
+            duration=6.0,
             restore=saved.message,
             record=True,
             out='again',
