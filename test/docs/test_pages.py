@@ -10,6 +10,8 @@ from pathlib import Path
 import pytest
 from program_copy import ROOT, run_there
 
+from solver.model.state import State
+
 DOCS = ROOT / 'docs'
 PAGES = sorted({ROOT / 'README.md', ROOT / 'bags' / 'README.md', *DOCS.rglob('*.md')})
 LINK = re.compile(r'(?<!!)\[([^\]\n]+)\]\(([^)\s]+)\)|!\[[^\]]*\]\(([^)\s]+)\)')
@@ -131,6 +133,13 @@ def resolves(dotted: str) -> bool:
             rest = '.'.join(parts[k:])
             return not rest or rest in defined(file) or (file.parent / f'{rest}.msg').exists()
     return False
+
+
+def test_the_table_of_the_state_has_its_fields():
+    """docs/conventions.md, `## State`: every array, in order."""
+    section = (DOCS / 'conventions.md').read_text(encoding='utf-8').partition('## State\n')[2].partition('\n\n')[0]
+    named = [name for line in section.splitlines()[2:] for name in CODE.findall(line.split('|')[1])]
+    assert tuple(named) == State._fields
 
 
 def test_every_page_stands_in_the_index():
