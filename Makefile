@@ -1,8 +1,13 @@
-# make setup | test | lint | bench | demo. VENV=... and PYTHON=... may be given.
+# make setup   .venv with everything
+# make check   after an edit: lint, and every test that is neither slow nor bound to the clock
+# make test    all tests; make lint: ruff, the floors of the house, types
+# make bench   what a step costs (docs/performance.md); make demo: the car over ROS topics
+# VENV=... and PYTHON=... may be given, and WORKERS=... (processes of tests at a time).
 SHELL := /bin/bash
 , := ,
 VENV ?= .venv
 BIN := $(VENV)/bin
+WORKERS ?= 2
 PYTHON ?= $(shell for p in python3 python3.12 python3.11 python3.13; do \
 	$$p -c 'import sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null && { echo $$p; break; }; done)
 # Where ROS 2 Jazzy is sourced its own rclpy is used; elsewhere the extra `ros` brings the same release as wheels.
@@ -11,7 +16,7 @@ EXTRAS := $(if $(SYSTEM_ROS),test$(,)dev,ros$(,)test$(,)dev)
 
 STAMP := $(VENV)/.installed
 
-.PHONY: setup test lint bench demo clean
+.PHONY: setup check test lint bench demo clean
 
 setup: $(STAMP)
 
@@ -22,8 +27,13 @@ $(STAMP): setup.py setup.cfg pyproject.toml Makefile
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[$(EXTRAS)]'
 	@touch $@
 
+check: lint
+	$(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal -m 'not slow and not realtime'
+
+# Tests that wait for the clock beside a process run after the others, one at a time.
 test: setup
-	$(BIN)/python -m pytest -q
+	$(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal -m 'not realtime'
+	$(BIN)/python -m pytest -q -m realtime
 
 lint: setup
 	$(BIN)/ruff check .

@@ -50,6 +50,7 @@ setup(
         # colcon reads package.xml with catkin_pkg; setuptools 80 dropped what `colcon build --symlink-install` calls.
         'test': [
             'pytest',
+            'pytest-xdist',
             'rosbags',
             'pandas',
             'pyarrow',

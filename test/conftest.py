@@ -7,6 +7,8 @@ import zlib
 import numpy as np
 import pytest
 
+collect_ignore = ['data']  # files of recipes, tested in a copy of the program
+
 
 @pytest.fixture
 def rng(request: pytest.FixtureRequest) -> np.random.Generator:

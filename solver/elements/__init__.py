@@ -1,6 +1,6 @@
 """One file per physical concept: specification, table, kernel and output columns.
 
-The contract of a force element, the same for every kind (see docs/elements.md):
+The contract of a force element, the same for every kind (see docs/contributing.md):
 
     <kind>_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out)
 

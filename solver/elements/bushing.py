@@ -57,7 +57,9 @@ OUTPUTS = (
     | dict.fromkeys(('x', 'y', 'z'), 'm')
     | dict.fromkeys(('rx', 'ry', 'rz'), 'rad')
 )
+Three = tuple[float, float, float]
 Six = tuple[float, float, float, float, float, float]
+Nine = tuple[float, float, float, float, float, float, float, float, float]  # a matrix, row by row
 ZERO: Six = (0.0,) * 6
 
 
@@ -184,6 +186,181 @@ def _torque_tangent(x, s, c, e, m, M):
     return madd(msub(D, mscale(0.5, Dx)), mscale(c, m_cross(Dx, x)))
 
 
+class Relative(NamedTuple):
+    """Placement and motion of G relative to F, and what leads there; everything along the axes of B_i."""
+
+    R: Nine  # R_i
+    S: Nine  # R_i^T R_j
+    rho: Three  # G from the centre of mass of j [m]
+    e: Three  # G from the centre of mass of i [m]
+    d: Three  # displacement: G from F [m]
+    theta: Three  # rotation vector [rad]
+    w_i: Three  # angular velocity of i [rad/s]
+    s: Three  # and of j
+    sigma: Three  # s x rho: of G from the motion of j's centre of mass [m/s]
+    y: Three  # v_G - v_i [m/s]
+    d_dot: Three  # velocity of G in B_i [m/s]
+    w: Three  # s - w_i
+
+
+class Loads(NamedTuple):
+    """Force and torque on j along the axes of B_i, and what their tangents need."""
+
+    force: Three  # [N]
+    torque: Three  # [N m]
+    m: Three  # dE/dtheta [N m]
+    K: Nine  # d2E/dd2 [N/m]
+    Kt: Nine  # d2E/dtheta2 [N m/rad]
+    s2: float  # |theta|^2
+    c1: float  # inverse_jacobian_coefficients(s2)
+    c2: float
+    energy: float  # [J]
+    dissipation: float  # [W]
+
+
+@kernel(inline=True)
+def _relative_motion(table, n, kin):
+    """The Relative of bushing n."""
+    i = table.body[n, 0]
+    j = table.body[n, 1]
+    R_i = load33(kin.R, i)
+    R_j = load33(kin.R, j)
+    r_j = load3(table.r_j, n)
+    w_i = angular_velocity(kin, i)
+    w_j = angular_velocity(kin, j)
+    S = tmm(R_i, R_j)
+    rho = mv(S, r_j)
+    e = add(tmv(R_i, sub(load3(kin.p, j), load3(kin.p, i))), rho)
+    d = sub(e, load3(table.r_i, n))
+    s = mv(S, w_j)
+    sigma = cross(s, rho)
+    y = add(tmv(R_i, sub(linear_velocity(kin, j), linear_velocity(kin, i))), sigma)
+    d_dot = add(y, cross(e, w_i))
+    theta = log(mm(S, load33(table.H, n)))
+    return Relative(R_i, S, rho, e, d, theta, w_i, s, sigma, y, d_dot, sub(s, w_i))
+
+
+@kernel(inline=True)
+def _loads(table, laws, n, at):
+    """The Loads of bushing n in the relative motion `at`."""
+    g, K, energy = _elastic(table, laws, n, 0, at.d)
+    m, Kt, energy_t = _elastic(table, laws, n, 3, at.theta)
+    viscous = mv(load33(table.C, n), at.d_dot)
+    viscous_t = mv(load33(table.Ct, n), at.w)
+    s2 = dot(at.theta, at.theta)
+    c1, c2 = inverse_jacobian_coefficients(s2)
+    xm = cross(at.theta, m)
+    elastic_t = add(m, add(scale(0.5, xm), scale(c1, cross(at.theta, xm))))
+    force = scale(-1.0, add(g, viscous))
+    torque = scale(-1.0, add(elastic_t, viscous_t))
+    dissipation = dot(at.d_dot, viscous) + dot(at.w, viscous_t)
+    return Loads(force, torque, m, K, Kt, s2, c1, c2, energy + energy_t, dissipation)
+
+
+@kernel(inline=True)
+def _add_loads(table, n, at, on, f):
+    """Accumulate the forces on both bodies."""
+    i = table.body[n, 0]
+    j = table.body[n, 1]
+    F_W = mv(at.R, on.force)
+    add3(f, j, 0, F_W)
+    add3(f, i, 0, scale(-1.0, F_W))
+    add3(f, j, 3, tmv(at.S, add(cross(at.rho, on.force), on.torque)))
+    add3(f, i, 3, sub(scale(-1.0, on.torque), cross(at.e, on.force)))
+
+
+@kernel(inline=True)
+def _show(table, n, at, on, out):
+    """Assign the outputs, along the axes of F."""
+    F = load33(table.F, n)
+    out[n, 0] = on.energy
+    out[n, 1] = on.dissipation
+    o1 = tmv(F, on.force)
+    o2 = tmv(F, on.torque)
+    o3 = tmv(F, at.d)
+    o4 = tmv(F, at.theta)
+    for k in range(3):
+        out[n, 2 + k] = o1[k]
+        out[n, 5 + k] = o2[k]
+        out[n, 8 + k] = o3[k]
+        out[n, 11 + k] = o4[k]
+
+
+@kernel(inline=True)
+def _add_stiffness(table, n, at, on, Kq):
+    """Accumulate the tangents of the forces with respect to position and rotation.
+
+    Columns dp (of j; of i the opposite), dtheta_i and dtheta_j of: the displacement; the force along the axes of F, which turn with
+    i; the same as seen from G; the torques on i and on j.
+    """
+    s_ii, s_ij, s_ji, s_jj = table.slot[n, 0], table.slot[n, 1], table.slot[n, 2], table.slot[n, 3]
+    C = load33(table.C, n)
+    D = msub(m_cross(C, at.w_i), on.K)
+    E = msub(m_cross(load33(table.Ct, n), at.s), _torque_tangent(at.theta, on.s2, on.c1, on.c2, on.m, on.Kt))
+    back = transpose(at.S)
+    R = rows(transpose(at.R))
+    S = rows(at.S)
+    rho_S = cross_rows(at.rho, S)
+    p_force = mul_rows(D, R)
+    a_force = rows(msub(m_cross(D, at.e), m_cross(C, at.y)))
+    b_force = mul_rows(msub(m_cross(C, at.sigma), m_cross(D, at.rho)), S)
+    a_seen = sub_rows(a_force, rows(skew(on.force)))
+    b_seen = add_rows(b_force, cross_rows(on.force, S))
+    E_S = mul_rows(E, S)
+    p_W = mul_rows(at.R, p_force)
+    a_W = mul_rows(at.R, a_seen)
+    b_W = mul_rows(at.R, b_force)
+    p_i = sub_rows(cross_rows(on.force, R), cross_rows(at.e, p_force))
+    a_i = sub_rows(rows(madd(cross_m(on.force, skew(at.e)), E)), cross_rows(at.e, a_force))
+    b_i = add_rows(add_rows(cross_rows(on.force, rho_S), cross_rows(at.e, b_force)), E_S)  # the opposite
+    p_j = mul_rows(back, cross_rows(at.rho, p_force))
+    a_j = mul_rows(back, sub_rows(cross_rows(at.rho, a_seen), rows(madd(E, skew(on.torque)))))
+    b_j = mul_rows(back, add_rows(add_rows(cross_rows(at.rho, b_seen), cross_rows(on.torque, S)), E_S))
+    zero = rows(mscale(0.0, at.S))
+    add_block(Kq, s_jj, 0, p_W, b_W)
+    add_block(Kq, s_jj, 3, p_j, b_j)
+    sub_block(Kq, s_ji, 0, p_W, sub_rows(zero, a_W))
+    sub_block(Kq, s_ji, 3, p_j, sub_rows(zero, a_j))
+    sub_block(Kq, s_ij, 0, p_W, b_W)
+    add_block(Kq, s_ij, 3, p_i, sub_rows(zero, b_i))
+    add_block(Kq, s_ii, 0, p_W, sub_rows(zero, a_W))
+    sub_block(Kq, s_ii, 3, p_i, sub_rows(zero, a_i))
+
+
+@kernel(inline=True)
+def _add_damping(table, n, at, Kv):
+    """Accumulate the tangents of the forces with respect to velocity: the columns of _add_stiffness, computed without their sign."""
+    s_ii, s_ij, s_ji, s_jj = table.slot[n, 0], table.slot[n, 1], table.slot[n, 2], table.slot[n, 3]
+    C = load33(table.C, n)
+    Ct = load33(table.Ct, n)
+    back = transpose(at.S)
+    R = rows(transpose(at.R))
+    S = rows(at.S)
+    zero = rows(mscale(0.0, at.S))
+    p_force = mul_rows(C, R)
+    a_force = rows(m_cross(C, at.e))
+    b_force = sub_rows(zero, mul_rows(C, cross_rows(at.rho, S)))
+    Ct_S = mul_rows(Ct, S)
+    Ct_ = rows(mscale(1.0 + 0.0 * at.e[0], Ct))  # of the type of the motion
+    p_W = mul_rows(at.R, p_force)
+    a_W = mul_rows(at.R, a_force)
+    b_W = mul_rows(at.R, b_force)
+    p_i = cross_rows(at.e, p_force)
+    a_i = sub_rows(cross_rows(at.e, a_force), Ct_)
+    b_i = add_rows(cross_rows(at.e, b_force), Ct_S)
+    p_j = mul_rows(back, cross_rows(at.rho, p_force))
+    a_j = mul_rows(back, sub_rows(cross_rows(at.rho, a_force), Ct_))
+    b_j = mul_rows(back, add_rows(cross_rows(at.rho, b_force), Ct_S))
+    sub_block(Kv, s_jj, 0, p_W, b_W)
+    sub_block(Kv, s_jj, 3, p_j, b_j)
+    add_block(Kv, s_ji, 0, p_W, sub_rows(zero, a_W))
+    add_block(Kv, s_ji, 3, p_j, sub_rows(zero, a_j))
+    add_block(Kv, s_ij, 0, p_W, b_W)
+    add_block(Kv, s_ij, 3, p_i, b_i)
+    sub_block(Kv, s_ii, 0, p_W, sub_rows(zero, a_W))
+    sub_block(Kv, s_ii, 3, p_i, sub_rows(zero, a_i))
+
+
 @kernel(borrow=True)
 def bushing_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
     """Accumulate forces and tangents of all bushings (contract: solver/elements/__init__.py).
@@ -193,112 +370,13 @@ def bushing_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
     """
     f = sixes(f)
     for n in range(table.body.shape[0]):
-        i = table.body[n, 0]
-        j = table.body[n, 1]
-        R_i = load33(kin.R, i)
-        R_j = load33(kin.R, j)
-        r_j = load3(table.r_j, n)
-        w_i = angular_velocity(kin, i)
-        w_j = angular_velocity(kin, j)
-        C = load33(table.C, n)
-        Ct = load33(table.Ct, n)
-        S = tmm(R_i, R_j)
-        rho = mv(S, r_j)  # G from the centre of mass of j
-        e = add(tmv(R_i, sub(load3(kin.p, j), load3(kin.p, i))), rho)  # G from the centre of mass of i
-        d = sub(e, load3(table.r_i, n))
-        s = mv(S, w_j)
-        sigma = cross(s, rho)
-        y = add(tmv(R_i, sub(linear_velocity(kin, j), linear_velocity(kin, i))), sigma)  # v_G - v_i
-        d_dot = add(y, cross(e, w_i))
-        w = sub(s, w_i)
-        theta = log(mm(S, load33(table.H, n)))
-        g, K, energy = _elastic(table, laws, n, 0, d)
-        m, Kt, energy_t = _elastic(table, laws, n, 3, theta)
-        viscous = mv(C, d_dot)
-        viscous_t = mv(Ct, w)
-        s2 = dot(theta, theta)
-        c1, c2 = inverse_jacobian_coefficients(s2)
-        xm = cross(theta, m)
-        elastic_t = add(m, add(scale(0.5, xm), scale(c1, cross(theta, xm))))
-        force = scale(-1.0, add(g, viscous))
-        torque = scale(-1.0, add(elastic_t, viscous_t))
-        F_W = mv(R_i, force)
-        add3(f, j, 0, F_W)
-        add3(f, i, 0, scale(-1.0, F_W))
-        add3(f, j, 3, tmv(S, add(cross(rho, force), torque)))
-        add3(f, i, 3, sub(scale(-1.0, torque), cross(e, force)))
-        F = load33(table.F, n)
-        out[n, 0] = energy + energy_t
-        out[n, 1] = dot(d_dot, viscous) + dot(w, viscous_t)
-        o1 = tmv(F, force)
-        o2 = tmv(F, torque)
-        o3 = tmv(F, d)
-        o4 = tmv(F, theta)
-        for k in range(3):
-            out[n, 2 + k] = o1[k]
-            out[n, 5 + k] = o2[k]
-            out[n, 8 + k] = o3[k]
-            out[n, 11 + k] = o4[k]
+        at = _relative_motion(table, n, kin)
+        on = _loads(table, laws, n, at)
+        _add_loads(table, n, at, on, f)
+        _show(table, n, at, on, out)
         if tangents:
-            s_ii = table.slot[n, 0]
-            s_ij = table.slot[n, 1]
-            s_ji = table.slot[n, 2]
-            s_jj = table.slot[n, 3]
-            D = msub(m_cross(C, w_i), K)
-            E = msub(m_cross(Ct, s), _torque_tangent(theta, s2, c1, c2, m, Kt))
-            back = transpose(S)
-            # Columns dp (of j; of i the opposite), dtheta_i and dtheta_j of: the displacement; the force along the axes of F, which
-            # turn with i; the same as seen from G; the torques on i and on j.
-            R = rows(transpose(R_i))
-            S_ = rows(S)
-            rho_S = cross_rows(rho, S_)
-            p_force = mul_rows(D, R)
-            a_force = rows(msub(m_cross(D, e), m_cross(C, y)))
-            b_force = mul_rows(msub(m_cross(C, sigma), m_cross(D, rho)), S_)
-            a_seen = sub_rows(a_force, rows(skew(force)))
-            b_seen = add_rows(b_force, cross_rows(force, S_))
-            E_S = mul_rows(E, S_)
-            p_W = mul_rows(R_i, p_force)
-            a_W = mul_rows(R_i, a_seen)
-            b_W = mul_rows(R_i, b_force)
-            p_i = sub_rows(cross_rows(force, R), cross_rows(e, p_force))
-            a_i = sub_rows(rows(madd(cross_m(force, skew(e)), E)), cross_rows(e, a_force))
-            b_i = add_rows(add_rows(cross_rows(force, rho_S), cross_rows(e, b_force)), E_S)  # the opposite
-            p_j = mul_rows(back, cross_rows(rho, p_force))
-            a_j = mul_rows(back, sub_rows(cross_rows(rho, a_seen), rows(madd(E, skew(torque)))))
-            b_j = mul_rows(back, add_rows(add_rows(cross_rows(rho, b_seen), cross_rows(torque, S_)), E_S))
-            zero = rows(mscale(0.0, S))
-            add_block(Kq, s_jj, 0, p_W, b_W)
-            add_block(Kq, s_jj, 3, p_j, b_j)
-            sub_block(Kq, s_ji, 0, p_W, sub_rows(zero, a_W))
-            sub_block(Kq, s_ji, 3, p_j, sub_rows(zero, a_j))
-            sub_block(Kq, s_ij, 0, p_W, b_W)
-            add_block(Kq, s_ij, 3, p_i, sub_rows(zero, b_i))
-            add_block(Kq, s_ii, 0, p_W, sub_rows(zero, a_W))
-            sub_block(Kq, s_ii, 3, p_i, sub_rows(zero, a_i))
-            # the same of the viscous part, without its sign
-            p_force = mul_rows(C, R)
-            a_force = rows(m_cross(C, e))
-            b_force = sub_rows(zero, mul_rows(C, rho_S))
-            Ct_S = mul_rows(Ct, S_)
-            Ct_ = rows(mscale(1.0 + 0.0 * e[0], Ct))  # of the type of the motion
-            p_W = mul_rows(R_i, p_force)
-            a_W = mul_rows(R_i, a_force)
-            b_W = mul_rows(R_i, b_force)
-            p_i = cross_rows(e, p_force)
-            a_i = sub_rows(cross_rows(e, a_force), Ct_)
-            b_i = add_rows(cross_rows(e, b_force), Ct_S)
-            p_j = mul_rows(back, cross_rows(rho, p_force))
-            a_j = mul_rows(back, sub_rows(cross_rows(rho, a_force), Ct_))
-            b_j = mul_rows(back, add_rows(cross_rows(rho, b_force), Ct_S))
-            sub_block(Kv, s_jj, 0, p_W, b_W)
-            sub_block(Kv, s_jj, 3, p_j, b_j)
-            add_block(Kv, s_ji, 0, p_W, sub_rows(zero, a_W))
-            add_block(Kv, s_ji, 3, p_j, sub_rows(zero, a_j))
-            add_block(Kv, s_ij, 0, p_W, b_W)
-            add_block(Kv, s_ij, 3, p_i, b_i)
-            sub_block(Kv, s_ii, 0, p_W, sub_rows(zero, a_W))
-            sub_block(Kv, s_ii, 3, p_i, sub_rows(zero, a_i))
+            _add_stiffness(table, n, at, on, Kq)
+            _add_damping(table, n, at, Kv)
 
 
 BUSHINGS = ForceKind(name='bushings', spec=BushingSpec, compile=compile_bushings, kernel=bushing_forces, outputs=OUTPUTS)

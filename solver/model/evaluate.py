@@ -86,7 +86,7 @@ def evaluate_driven_forces(tables, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z
 def evaluate_forces(tables, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, outputs):
     """Assign f (nb+1, 6) and, when `tangents`, Kq and Kv (ns+1, 6, 6): all forces but those of the constraints.
 
-    Arguments are those of the element contract (docs/elements.md); outputs are those of all elements (Model.new_outputs).
+    Arguments are those of the element contract (docs/contributing.md); outputs are those of all elements (Model.new_outputs).
     """
     f[:] = 0.0
     if tangents:

@@ -250,6 +250,7 @@ def test_a_disk_that_is_full_from_the_start_is_one_sentence(tmp_path, monkeypatc
         writer.finish()
 
 
+@pytest.mark.realtime
 def test_a_slow_disk_never_blocks_a_real_time_run(tmp_path):
     """With the recording process at a standstill the queue fills to its bound; from then on steps are dropped and counted."""
     names = channels(vehicle=False)
@@ -310,6 +311,7 @@ def killed(directory: Path, *, also_the_recording: bool) -> int:
     return last
 
 
+@pytest.mark.realtime
 def test_a_killed_run_loses_nothing_but_the_last_delivery(tmp_path):
     """The recording process outlives the simulation and finishes the bag."""
     last = killed(tmp_path / 'run', also_the_recording=False)
@@ -323,6 +325,7 @@ def test_a_killed_run_loses_nothing_but_the_last_delivery(tmp_path):
     np.testing.assert_array_equal(np.diff(run['cmd_applied/step']), 1.0)
 
 
+@pytest.mark.realtime
 def test_a_killed_recording_loses_at_most_the_last_flush(tmp_path):
     last = killed(tmp_path / 'run', also_the_recording=True)
     with pytest.raises(BagError, match='the recording process died; `mbd recover'):

@@ -39,6 +39,7 @@ def kept(cache: Path) -> list[Path]:
     return list(cache.glob('kernels-*/[!.]*'))
 
 
+@pytest.mark.realtime
 @pytest.mark.parametrize(
     ('command', 'signals'),
     [('compile', [signal.SIGINT]), ('run', [signal.SIGINT]), ('compile', [signal.SIGTERM]), ('compile', [signal.SIGINT, signal.SIGINT])],

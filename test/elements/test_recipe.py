@@ -7,17 +7,13 @@ restore, recordings. Whoever forgets the entry, or a part of the contract, is to
 from __future__ import annotations
 
 import json
-import os
 import shutil
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
+from program_copy import RECIPE, ROOT, changed, copied_program, mbd, run_there
 
-ROOT = Path(__file__).parents[2]
-RECIPE = ROOT / 'test' / 'data' / 'recipe'
 MASS, GAIN, LAG, INPUT, SECONDS = 2.0, 5.0, 0.1, 0.8, 0.5
 SCENE = f"""
 mechanism:
@@ -62,33 +58,23 @@ FORCE_ENTRY, CONSTRAINT_ENTRY = ('pusher', 'PUSHERS', '    SPRING_DAMPERS,\n'), 
 
 def program(directory: Path, *, entries=(FORCE_ENTRY, CONSTRAINT_ENTRY)) -> Path:
     """A copy of the program with the new files, and these entries in the registry."""
-    for package in ('solver', 'mbd_sim_ros'):
-        shutil.copytree(ROOT / package, directory / package, ignore=shutil.ignore_patterns('__pycache__'))
-    for file in RECIPE.glob('*.py'):
-        shutil.copy(file, directory / 'solver' / 'elements')
+    copied_program(directory)
+    for module in ('pusher', 'level'):
+        shutil.copy(RECIPE / f'{module}.py', directory / 'solver' / 'elements')
     registry = directory / 'solver' / 'elements' / 'registry.py'
-    text = registry.read_text()
     for module, name, after in entries:
-        assert text.count(after) == 1
         line = 'from solver.elements.spring_damper import'
-        text = text.replace(line, f'from solver.elements.{module} import {name}\n{line}').replace(after, f'{after}    {name},\n')
-    registry.write_text(text)
+        changed(registry, line, f'from solver.elements.{module} import {name}\n{line}')
+        changed(registry, after, f'{after}    {name},\n')
     (directory / 'scene.yaml').write_text(SCENE)
     return directory
-
-
-def run(directory: Path, *arguments: str, **environment: str) -> subprocess.CompletedProcess:
-    environment = {**os.environ, 'PYTHONPATH': str(directory), **environment}
-    return subprocess.run(
-        [sys.executable, *arguments], cwd=directory, env=environment, capture_output=True, text=True, timeout=300, check=False
-    )
 
 
 @pytest.mark.slow
 def test_a_kind_that_follows_the_recipe_is_known_everywhere(tmp_path):
     """Position: the closed form of a force with a lag; x to second order of the method, 1e-6 m at 1 ms; the reaction is the weight."""
     directory = program(tmp_path)
-    done = run(directory, '-c', PROGRAM, 'scene.yaml', str(directory), MBD_CACHE_DIR=str(tmp_path / 'cache'))
+    done = run_there(directory, '-c', PROGRAM, 'scene.yaml', str(directory), MBD_CACHE_DIR=str(tmp_path / 'cache'))
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)
     grown = 1.0 - np.exp(-SECONDS / LAG)
@@ -111,17 +97,31 @@ def test_a_kind_that_follows_the_recipe_is_known_everywhere(tmp_path):
     assert found['described']['internal_states'] == 1
     assert found['described']['dof'] == 5
 
-    exported = run(directory, '-m', 'mbd_sim_ros.commands.main', 'export', 'bag', '--csv', 'csv', MBD_CACHE_DIR=str(tmp_path / 'cache'))
+    exported = mbd(directory, 'export', 'bag', '--csv', 'csv', MBD_CACHE_DIR=str(tmp_path / 'cache'))
     assert exported.returncode == 0, exported.stderr
     header = (directory / 'csv' / 'element_states.csv').read_text().splitlines()[0]
     assert 'motor/force' in header
+
+
+@pytest.mark.slow
+def test_the_test_that_comes_with_the_element_passes(tmp_path):
+    """It stands where the recipe puts it, beside the support of all tests."""
+    directory = program(tmp_path)
+    test = tmp_path / 'test' / 'elements' / 'test_pusher.py'
+    test.parent.mkdir(parents=True)
+    shutil.copy(RECIPE / 'test_pusher.py', test)
+    shutil.copy(ROOT / 'test' / 'conftest.py', test.parents[1])
+    shutil.copytree(ROOT / 'test' / 'support', tmp_path / 'test' / 'support')
+    done = run_there(directory, '-m', 'pytest', '-q', '-p', 'no:cacheprovider', str(test), MBD_CACHE_DIR=str(tmp_path / 'cache'))
+    assert done.returncode == 0, done.stdout
+    assert '4 passed' in done.stdout
 
 
 @pytest.mark.parametrize('kept', [FORCE_ENTRY, CONSTRAINT_ENTRY])
 def test_a_forgotten_entry_is_an_error_with_a_name(tmp_path, kept):
     """The section is unknown; nothing is computed."""
     directory = program(tmp_path, entries=(kept,))
-    done = run(directory, '-m', 'mbd_sim_ros.commands.main', 'info', 'scene.yaml')
+    done = mbd(directory, 'info', 'scene.yaml')
     missing = {'pusher': 'levels', 'level': 'pushers'}[kept[0]]
     assert done.returncode == 2
     assert f'mechanism.{missing}: unknown key' in done.stderr
@@ -144,6 +144,6 @@ def test_a_kind_that_breaks_the_contract_is_refused_at_import(tmp_path, file, wa
     text = path.read_text()
     assert was in text
     path.write_text(text.replace(was, becomes, 1))
-    done = run(directory, '-c', 'import solver.elements.registry')
+    done = run_there(directory, '-c', 'import solver.elements.registry')
     assert done.returncode != 0
     assert message in done.stderr

@@ -18,6 +18,8 @@ from processes import Process, start
 from mbd_sim_ros.bags import reader as bag
 from solver.errors import BagError
 
+pytestmark = pytest.mark.realtime
+
 __all__ = ['client', 'start']  # fixtures
 
 # argv: seconds, messages per second, values...

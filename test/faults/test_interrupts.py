@@ -17,6 +17,8 @@ from processes import DOMAIN, SCRIPT
 
 from mbd_sim_ros.commands.main import main
 
+pytestmark = pytest.mark.realtime
+
 ANSWER, WHILE_COMPILING = 1.0, 3.0  # s
 BUSY = 0.5  # s more that other processes on the machine may cost
 COMMANDS = {  # command -> seconds from its start within which the signal comes

@@ -22,6 +22,8 @@ from mbd_sim_ros.commands.main import main
 from mbd_sim_ros.messages.encode import Messages
 from solver.errors import BagError
 
+pytestmark = pytest.mark.realtime
+
 SCENE = ('light_car_lane_change', '--set', 'record.every=1')
 LATE = 0.15  # s between the clock of the test and what a busy machine does
 

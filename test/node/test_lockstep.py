@@ -13,6 +13,8 @@ from processes import Process, start
 
 from mbd_sim_ros.bags import reader as bag
 
+pytestmark = pytest.mark.realtime
+
 __all__ = ['client', 'start']  # fixtures
 
 STEPS = 150

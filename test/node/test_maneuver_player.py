@@ -14,6 +14,8 @@ from mbd_sim_ros.bags import reader as bag
 from mbd_sim_ros.node.maneuver_player import LOST
 from solver.files.scene import load_maneuver
 
+pytestmark = pytest.mark.realtime
+
 __all__ = ['start']  # a fixture
 
 MANEUVER = {

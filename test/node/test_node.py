@@ -19,6 +19,8 @@ from processes import ROOT, SCRIPT, Process, start
 from mbd_sim_ros.bags import reader as bag
 from solver.errors import BagError
 
+pytestmark = pytest.mark.realtime
+
 __all__ = ['client', 'start']  # fixtures
 
 

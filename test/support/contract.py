@@ -1,4 +1,4 @@
-"""The laws every force element obeys (docs/elements.md), checked on one element kind without a model or an integrator.
+"""The laws every force element obeys (docs/contributing.md), checked on one element kind without a model or an integrator.
 
     context = ContractContext(bodies=2, inputs=('throttle',))
     table = compile_spring_dampers([spec], context)

@@ -1,0 +1,71 @@
+"""The floors of the house: the map tells what import-linter checks, and import-linter refuses an import upwards."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import tomllib
+from pathlib import Path
+
+import pytest
+from program_copy import ROOT, changed, copied_program, run_there
+
+LINT = 'import sys; from importlinter.cli import lint_imports_command; sys.argv = ["lint-imports", "--no-logo"]; lint_imports_command()'
+
+
+def lint(directory: Path) -> tuple[int, str]:
+    """Exit code and text of `lint-imports` over the packages of a directory."""
+    done = run_there(directory, '-c', LINT)
+    return done.returncode, ' '.join((done.stdout + done.stderr).split())
+
+
+def test_an_import_upwards_breaks_the_contract_by_name(tmp_path):
+    """The copy passes as it is; with one planted line it does not, and the sentence names both ends."""
+    pytest.importorskip('importlinter', reason='comes with the extra dev')
+    copied_program(tmp_path)
+    code, text = lint(tmp_path)
+    assert code == 0, text
+    assert 'BROKEN' not in text
+    first = 'from __future__ import annotations\n'
+    changed(tmp_path / 'solver' / 'model' / 'frames.py', first, f'{first}\nfrom solver.simulation import Simulation\n')
+    code, text = lint(tmp_path)
+    assert code == 1
+    assert 'solver.model is not allowed to import solver.simulation' in text
+    assert 'solver.model.frames -> solver.simulation' in text
+
+
+def test_only_commands_import_the_lab(tmp_path):
+    pytest.importorskip('importlinter', reason='comes with the extra dev')
+    copied_program(tmp_path)
+    first = 'from __future__ import annotations\n'
+    changed(tmp_path / 'mbd_sim_ros' / 'batch.py', first, f'{first}\nfrom mbd_sim_ros.lab.studies import STUDIES\n')
+    code, text = lint(tmp_path)
+    assert code == 1
+    assert 'mbd_sim_ros.batch -> mbd_sim_ros.lab.studies' in text
+
+
+def test_a_room_that_no_floor_names_breaks_the_contract(tmp_path):
+    pytest.importorskip('importlinter', reason='comes with the extra dev')
+    copied_program(tmp_path)
+    shutil.copytree(tmp_path / 'solver' / 'inputs', tmp_path / 'solver' / 'cellar')
+    code, text = lint(tmp_path)
+    assert code != 0
+    assert 'cellar' in text
+
+
+def test_the_map_shows_the_floors_that_are_checked():
+    """docs/README.md: one line per floor, in the order of the contracts, and nothing else in its tables of floors."""
+    contracts = tomllib.loads((ROOT / 'pyproject.toml').read_text(encoding='utf-8'))['tool']['importlinter']['contracts']
+    floors = {contract['containers'][0]: contract['layers'] for contract in contracts if 'containers' in contract}
+    page = (ROOT / 'docs' / 'README.md').read_text(encoding='utf-8')
+    tables = re.findall(r'\| floor \| what is there \|\n\|---\|---\|\n((?:\|.*\n)+)', page)
+    shown = [[' | '.join(re.findall(r'`(\w+)`', line.split('|')[1])) for line in table.splitlines()] for table in tables]
+    assert shown == [floors['mbd_sim_ros'], floors['solver']]
+
+
+@pytest.mark.parametrize('package', ['solver', 'mbd_sim_ros'])
+def test_tests_lie_in_folders_named_like_those_they_test(package):
+    """Every room with files of its own has its folder of tests."""
+    rooms = {path.name for path in (ROOT / package).iterdir() if path.is_dir() and (path / '__init__.py').is_file()}
+    there = {path.name for path in (ROOT / 'test').iterdir() if path.is_dir()}
+    assert rooms - there - {'model'} == set()  # test/physics, elements and step see nothing but the model at work
