@@ -26,6 +26,7 @@ def followed(scene: str, h: float, seconds: float, *overrides: str) -> Balance:
     return balance
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('scene', 'seconds'), [('car_swept_steer', 3.0), ('light_car_swept_steer', 2.0)])
 def test_balances_close_with_second_order(scene: str, seconds: float) -> None:
     coarse, fine = (followed(scene, h, seconds) for h in (1e-3, 5e-4))
@@ -42,6 +43,7 @@ def test_balances_close_with_second_order(scene: str, seconds: float) -> None:
     assert np.all(np.abs(fine.momentum_error) < 1e-6 * impulse.max())
 
 
+@pytest.mark.slow
 def test_balance_of_the_bushings_reaches_second_order() -> None:
     """Light parts on them decay at 3e3 1/s and faster, so the order shows late: from 2 ms on errors fall by 2.8, 3.5, 3.9."""
     coarse, fine = (followed('car_swept_steer', h, 1.2).report()['energy_by_kind']['bushings'] for h in (5e-4, 2.5e-4))

@@ -58,6 +58,7 @@ def ring(car: Simulation, displacement: np.ndarray, velocity: np.ndarray, row: i
     return out
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', ['bounce', 'pitch', 'roll', 'wheel hop front', 'wheel hop rear', 'engine bounce'])
 def test_ring_down_has_frequency_and_damping_of_the_linear_mode(car: Simulation, name: str) -> None:
     """A start in the shape of the mode; a damped sine fitted to the run, from a first guess 15 % off, finds its eigenvalue to 1 %."""

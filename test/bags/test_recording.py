@@ -186,6 +186,7 @@ def test_what_is_no_recording_is_refused_in_one_sentence(tmp_path):
             bag.recover(tmp_path / name, tmp_path / 'saved')
 
 
+@pytest.mark.slow
 def test_recordings_are_never_overwritten(tmp_path):
     record(tmp_path / 'run', steps=3)
     before = (tmp_path / 'run' / 'run_0.mcap').read_bytes()
@@ -195,6 +196,7 @@ def test_recordings_are_never_overwritten(tmp_path):
     assert len({new_directory('x', tmp_path / 'bags') for _ in range(3)}) == 3
 
 
+@pytest.mark.slow
 def test_a_place_that_cannot_be_written_is_named(tmp_path):
     (tmp_path / 'file').touch()
     with pytest.raises(BagError, match='cannot record'):

@@ -106,6 +106,7 @@ def test_info_counts_the_slider_crank_of_the_chapter(capsys: pytest.CaptureFixtu
     assert re.search(r'^redundant constraints +3$', out, re.MULTILINE)
 
 
+@pytest.mark.slow
 def test_resolved_scene_runs_like_the_scene(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     file = tmp_path / 'four_bar.yaml'
     file.write_text(document(capsys, 'info', 'four_bar', '--resolved')[1]['resolved'])
@@ -127,6 +128,7 @@ def test_run_reports_and_records(capsys: pytest.CaptureFixture[str], tmp_path: P
     assert 'h: 0.002' in run.metadata['resolved_scene']
 
 
+@pytest.mark.slow
 def test_changes_of_step_and_penalties_are_counted_recorded_and_repeated(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     settings = ('mode=tolerance', 'penalty=1e3', 'penalty_policy=adaptive', 'step_policy=error', 'h=0.01', 'error_tolerance=1e-5')
     overrides = [word for s in settings for word in ('--set', f'integrator.{s}')]
@@ -142,6 +144,7 @@ def test_changes_of_step_and_penalties_are_counted_recorded_and_repeated(capsys:
     assert bag.read(tmp_path / 'again').events == run.events
 
 
+@pytest.mark.slow
 def test_a_recording_is_never_overwritten(recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
     code, data = document(capsys, 'run', 'four_bar', *SHORT, '--out', str(recording))
     assert code == 5
@@ -187,6 +190,7 @@ def test_a_recording_replays_bit_by_bit(recording: Path, capsys: pytest.CaptureF
     assert document(capsys, 'compare', str(recording), str(tmp_path / 'again'), '--exact')[0] == 0
 
 
+@pytest.mark.slow
 def test_compare_finds_another_step_size_and_draws_it(recording: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     assert main(['run', 'four_bar', *SHORT, '--set', 'integrator.h=0.004', '--out', str(tmp_path / 'coarse')]) == 0
     capsys.readouterr()
@@ -222,6 +226,7 @@ def test_recover_saves_a_cut_recording(recording: Path, capsys: pytest.CaptureFi
     assert document(capsys, 'compare', str(tmp_path / 'saved'), str(recording), '--exact')[0] == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('number', 'code'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_interrupted_run_closes_its_recording(number: signal.Signals, code: int, tmp_path: Path) -> None:
     directory = tmp_path / 'r'

@@ -232,6 +232,7 @@ def test_recordings_begun_while_running_and_after_restore_replay_to_the_same_bit
     assert code == 2 and 'its state there is of a step of 0.001 s' in data['error']
 
 
+@pytest.mark.slow
 def test_on_another_target_it_says_that_the_same_bits_cannot_be_expected(tmp_path, capsys):
     """The recording is made by a process whose C library takes its functions for processors without FMA (glibc's tunable)."""
     if not target()['libc'].startswith('glibc') or target()['fma'] != 'yes':
@@ -250,6 +251,7 @@ def test_on_another_target_it_says_that_the_same_bits_cannot_be_expected(tmp_pat
     )
 
 
+@pytest.mark.slow
 def test_on_the_same_target_it_says_nothing_of_it(tmp_path, capsys):
     assert main(['run', 'slider_crank', '--duration', '0.1', '--out', str(tmp_path / 'run')]) == 0
     run = bag.read(tmp_path / 'run')

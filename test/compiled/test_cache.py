@@ -87,6 +87,7 @@ EDITS: dict[str, tuple[str, Callable[[str], str], bool]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('what', EDITS)
 def test_only_what_decides_about_kernels_changes_the_key(tree: Path, what: str) -> None:
     name, edit, same = EDITS[what]
@@ -100,6 +101,7 @@ def test_only_what_decides_about_kernels_changes_the_key(tree: Path, what: str) 
     assert key(tree) == reference
 
 
+@pytest.mark.slow
 def test_the_key_knows_new_files_and_settings_and_no_places(tree: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     reference = key(tree)
     assert key(SOLVER) == reference
@@ -110,6 +112,7 @@ def test_the_key_knows_new_files_and_settings_and_no_places(tree: Path, tmp_path
     assert key(tree) != reference
 
 
+@pytest.mark.slow
 def test_a_remembered_key_is_believed_only_whole(tree: Path, tmp_path: Path) -> None:
     reference = key(tree, tmp_path)
     (note,) = tmp_path.iterdir()
@@ -214,6 +217,7 @@ DAMAGE: dict[str, Callable[[Path], object]] = {
 }
 
 
+@pytest.mark.slow
 def test_damage_heals_with_one_line(root: Path, filled: Path, tmp_path: Path) -> None:
     kinds = {kind: hurt for kind, hurt in DAMAGE.items() if kind != 'forbidden' or os.geteuid()}  # nothing is forbidden to root
     jobs = []
@@ -231,6 +235,7 @@ def test_damage_heals_with_one_line(root: Path, filled: Path, tmp_path: Path) ->
         assert len(list(path.parent.iterdir())) == 3
 
 
+@pytest.mark.slow
 def test_all_files_damaged_is_one_line_and_missing_ones_none(root: Path, filled: Path, tmp_path: Path) -> None:
     jobs = [{'cache': str(shutil.copytree(filled, tmp_path / name))} for name in ('all', 'missing', 'gone')]
     for path in (tmp_path / 'all').iterdir():
@@ -260,6 +265,7 @@ def test_no_flipped_bit_and_no_shorter_file_is_read(filled: Path, tmp_path: Path
         assert store.read(name, identity) is None
 
 
+@pytest.mark.slow
 def test_another_checkout_of_the_same_content_finds_the_kernels(root: Path, filled: Path, tmp_path: Path) -> None:
     elsewhere = package(tmp_path / 'elsewhere')
     text = TOY.replace('\n@kernel\n', '\n\n# a comment\n@kernel\n')  # every line moves
@@ -268,6 +274,7 @@ def test_another_checkout_of_the_same_content_finds_the_kernels(root: Path, fill
     assert (answer['cache'], answer['values'], answer['compiled'], answer['err']) == (str(filled), VALUES, 0, '')
 
 
+@pytest.mark.slow
 def test_a_changed_callee_is_never_met_by_old_code(root: Path, filled: Path, tmp_path: Path) -> None:
     elsewhere = package(tmp_path / 'elsewhere')
     (elsewhere / 'solver' / 'elements' / 'toy.py').write_text(TOY.replace('x * x', 'x * x * x'))
@@ -276,6 +283,7 @@ def test_a_changed_callee_is_never_met_by_old_code(root: Path, filled: Path, tmp
     assert (answer['values'], answer['compiled'], answer['err']) == ([100.0, 200.0], 3, '')
 
 
+@pytest.mark.slow
 def test_what_is_edited_while_a_process_runs_is_neither_read_nor_kept(root: Path, filled: Path, tmp_path: Path) -> None:
     """Nobody knows which of the two versions it imported."""
     elsewhere = package(tmp_path / 'elsewhere')
@@ -287,6 +295,7 @@ def test_what_is_edited_while_a_process_runs_is_neither_read_nor_kept(root: Path
     assert not Path(kept['cache']).exists()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('warm', [False, True])
 def test_a_place_that_cannot_be_written_is_told_once_and_leaves_nothing(root: Path, filled: Path, tmp_path: Path, warm: bool) -> None:
     """A full disk, as a limit of the size of files; a place below a file; /proc, where nobody makes directories."""
@@ -307,6 +316,7 @@ def test_a_place_that_cannot_be_written_is_told_once_and_leaves_nothing(root: Pa
     assert warm or list(Path(answers[0]['cache']).iterdir()) == []
 
 
+@pytest.mark.slow
 def test_processes_compile_at_once_while_the_directory_is_removed(root: Path, tmp_path: Path) -> None:
     cache = tmp_path / 'cache'
     toys = Toys(root, cache, tmp_path / 'jobs')
@@ -349,6 +359,7 @@ def test_pruning_keeps_the_newest_and_those_used_within_a_day(tmp_path: Path) ->
     assert sorted(p.name for p in tmp_path.glob('kernels-*')) == [f'kernels-{k}' for k in range(KEPT)]
 
 
+@pytest.mark.slow
 def test_a_start_counts_as_a_use(root: Path, filled: Path, tmp_path: Path) -> None:
     old = time.time() - 9.0 * KEPT_SECONDS
     os.utime(filled, (old, old))

@@ -103,6 +103,7 @@ def processes(tmp_path_factory: pytest.TempPathFactory) -> list[dict[str, Any]]:
     return [json.loads(process.stdout) for process in found]
 
 
+@pytest.mark.slow
 def test_a_prepared_simulation_compiles_nothing_and_needs_no_other_specialisation(processes: list[dict[str, Any]]) -> None:
     for process in processes:
         assert (process['error'], process['steps']) == ('None', 20)

@@ -155,6 +155,7 @@ def test_every_page_stands_in_the_index():
         assert (decisions / name).read_text(encoding='utf-8').startswith(f'# {number} ')
 
 
+@pytest.mark.slow
 def test_the_example_of_the_public_door_runs(tmp_path):
     """docs/README.md, from the first line to the last; its own assertions are checked."""
     examples = re.findall(r'^```python\n(.*?)^```$', (DOCS / 'README.md').read_text(encoding='utf-8'), re.MULTILINE | re.DOTALL)

@@ -58,6 +58,7 @@ def test_a_suspension_is_one_file_and_one_name(program):
     assert found['redundant_constraints'] == 0
 
 
+@pytest.mark.slow
 def test_a_command_is_one_file_and_its_name(program):
     shutil.copy(RECIPE / 'weigh.py', program / 'mbd_sim_ros' / 'commands')
     assert 'weigh' not in mbd(program, '--help').stdout
@@ -73,6 +74,7 @@ def test_a_command_is_one_file_and_its_name(program):
     assert "did you mean 'pendulum'?" in wrong.stderr
 
 
+@pytest.mark.slow
 def test_a_topic_is_one_line(program):
     """The line stands in the page; what it publishes is recorded and read without further ado."""
     (line,) = re.findall(r'^```python\n(.*?)^```$', PAGE, re.MULTILINE | re.DOTALL)
@@ -89,6 +91,7 @@ def test_a_topic_is_one_line(program):
     assert read.returncode == 0, read.stderr
 
 
+@pytest.mark.slow
 def test_a_study_is_one_file_and_one_entry(program):
     shutil.copy(RECIPE / 'swing.py', program / 'mbd_sim_ros' / 'lab' / 'studies')
     studies = program / 'mbd_sim_ros' / 'lab' / 'studies' / '__init__.py'

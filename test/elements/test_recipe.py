@@ -117,6 +117,7 @@ def test_the_test_that_comes_with_the_element_passes(tmp_path):
     assert '4 passed' in done.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('kept', [FORCE_ENTRY, CONSTRAINT_ENTRY])
 def test_a_forgotten_entry_is_an_error_with_a_name(tmp_path, kept):
     """The section is unknown; nothing is computed."""

@@ -31,6 +31,7 @@ def example() -> TireData:
     return read_tir(DATA / 'externdata_225_50R17.tir')
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', ['sedan', 'car', 'example'])
 def test_slopes_at_zero_slip_are_the_stiffness_coefficients(name: str, request: pytest.FixtureRequest) -> None:
     """At nominal load Kx = PKX1 Fz and Ky = PKY1 Fz sin(PKY4 arctan(1/PKY2)): the slopes at the points where the curves are steepest."""

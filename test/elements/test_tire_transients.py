@@ -67,6 +67,7 @@ def slope_gravity(grade: float, heading: float = 0.0) -> tuple[float, float, flo
     return (g * np.sin(grade) * np.cos(heading), g * np.sin(grade) * np.sin(heading), -g * np.cos(grade))
 
 
+@pytest.mark.slow
 def test_a_braked_wheel_on_a_slope_stands_without_creeping() -> None:
     """11.3 degrees, downhill obliquely: after 6 s the velocity is rounding error (a viscous tire model would creep by mm/s).
 

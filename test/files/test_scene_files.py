@@ -33,6 +33,7 @@ PROMISED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', PROMISED)
 def test_info_counts_every_promised_mechanism(name, capsys):
     assert (ROOT / 'config' / 'mechanisms' / f'{name}.yaml').is_file()

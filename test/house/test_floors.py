@@ -19,6 +19,7 @@ def lint(directory: Path) -> tuple[int, str]:
     return done.returncode, ' '.join((done.stdout + done.stderr).split())
 
 
+@pytest.mark.slow
 def test_an_import_upwards_breaks_the_contract_by_name(tmp_path):
     """The copy passes as it is; with one planted line it does not, and the sentence names both ends."""
     pytest.importorskip('importlinter', reason='comes with the extra dev')
@@ -34,6 +35,7 @@ def test_an_import_upwards_breaks_the_contract_by_name(tmp_path):
     assert 'solver.model.frames -> solver.simulation' in text
 
 
+@pytest.mark.slow
 def test_only_commands_import_the_lab(tmp_path):
     pytest.importorskip('importlinter', reason='comes with the extra dev')
     copied_program(tmp_path)
@@ -44,6 +46,7 @@ def test_only_commands_import_the_lab(tmp_path):
     assert 'mbd_sim_ros.batch -> mbd_sim_ros.lab.studies' in text
 
 
+@pytest.mark.slow
 def test_a_room_that_no_floor_names_breaks_the_contract(tmp_path):
     pytest.importorskip('importlinter', reason='comes with the extra dev')
     copied_program(tmp_path)

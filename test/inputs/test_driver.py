@@ -75,6 +75,7 @@ def margins(scene: str) -> tuple[Simulation, list[float], np.ndarray]:
     return simulation, found, acceleration
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('scene', 'least'), [('car_lane_change', 6.0), ('car_obstacle_avoidance', 6.0), ('light_car_lane_change', 5.0)])
 def test_lane_change_stays_between_the_cones(scene: str, least: float) -> None:
     """No corner of the body touches a cone, at lateral accelerations beyond the linear range, and the car runs straight afterwards."""

@@ -125,6 +125,7 @@ def test_measuring_phases_leaves_the_simulation_as_it_was() -> None:
     assert one.save() == other.save()
 
 
+@pytest.mark.slow
 def test_a_loop_that_publishes_every_fifth_step_makes_all_steps_and_records_their_inputs(monkeypatch: pytest.MonkeyPatch) -> None:
     written: list[tuple[int, int]] = []
     write = Recorder.write

@@ -49,6 +49,7 @@ def test_a_run_that_fails_is_a_result() -> None:
     assert 'whole part of the common grid' in run('light_car_straight', 'odd', ['integrator.h=0.003'], 0.1).message
 
 
+@pytest.mark.slow
 def test_quick_study_of_the_car_meets_its_limits(tmp_path) -> None:
     found = car.study(tmp_path, quick=True, progress=lambda text, done: None)
     assert {check['name']: check['met'] for check in found['checks']} == {check['name']: True for check in found['checks']}
@@ -60,6 +61,7 @@ def test_quick_study_of_the_car_meets_its_limits(tmp_path) -> None:
     assert {'maneuver.png', 'departures.png', 'dampers.png', 'methods.csv'} <= {path.name for path in tmp_path.iterdir()}
 
 
+@pytest.mark.slow
 def test_quick_study_of_kinematics_and_compliance(tmp_path) -> None:
     found = kandc.study(tmp_path, quick=True, progress=lambda text, done: None)
     assert all(check['met'] for check in found['checks'])

@@ -65,6 +65,7 @@ def nobody(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
         monkeypatch.setenv(variable, str(tmp_path / 'nobody'))
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures('nobody')
 def test_without_other_programs_our_runs_are_measured_and_a_line_says_what_is_missing(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]

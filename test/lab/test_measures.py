@@ -46,6 +46,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     return {'data': data, 'cases': {c['name']: c for c in data['cases']}, 'file': file}
 
 
+@pytest.mark.slow
 def test_every_figure_is_there(run: dict[str, Any]) -> None:
     cases = run['cases']
     for name, figures in (('alone', single.FIGURES), ('pair', threads.FIGURES), ('chain_3', growth.FIGURES)):
@@ -183,6 +184,7 @@ def test_points_of_the_exported_rig_are_taken_from_the_centres_of_mass() -> None
     np.testing.assert_allclose(found, lengths, rtol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_start_is_timed_in_a_process_of_its_own() -> None:
     with pytest.raises(SceneError):
         start.StartUp('no_such_scene', [])
@@ -194,6 +196,7 @@ def test_a_start_is_timed_in_a_process_of_its_own() -> None:
         broken._first_step({**os.environ})
 
 
+@pytest.mark.slow
 def test_the_node_at_work_is_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip('rclpy')
     monkeypatch.setattr(endurance, 'DOMAIN', str(60 + os.getpid() % 40))

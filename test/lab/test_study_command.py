@@ -64,6 +64,7 @@ def test_a_directory_that_cannot_be_written_is_one_sentence(capsys, tmp_path):
     assert str(tmp_path / 'file') in err
 
 
+@pytest.mark.slow
 def test_strict_fails_when_a_check_is_not_met(capsys, tmp_path, monkeypatch):
     """The same study with and without --strict, one of its limits set where no run can meet it."""
     monkeypatch.setitem(module('slider_crank_phases').__dict__, 'LOWEST_ORDER', 100.0)
@@ -76,6 +77,7 @@ def test_strict_fails_when_a_check_is_not_met(capsys, tmp_path, monkeypatch):
     assert code == 1
 
 
+@pytest.mark.slow
 def test_slider_crank_judges_every_claim_of_the_chapter_by_its_numbers(capsys, tmp_path):
     found = quick(capsys, 'slider_crank', tmp_path)
     assert found['missed'] == []
@@ -88,6 +90,7 @@ def test_slider_crank_judges_every_claim_of_the_chapter_by_its_numbers(capsys, t
     assert float(masses[0]['base/x isolated']) == pytest.approx(1.0, rel=1e-12)
 
 
+@pytest.mark.slow
 def test_slider_crank_phases_keep_all_limits_with_both_settings(capsys, tmp_path):
     found = quick(capsys, 'slider_crank_phases', tmp_path)
     assert found['missed'] == []
@@ -95,6 +98,7 @@ def test_slider_crank_phases_keep_all_limits_with_both_settings(capsys, tmp_path
         assert [float(row['h']) for row in rows(tmp_path / f'phases_{name}.csv')] == [0.02, 0.01, 0.005]
 
 
+@pytest.mark.slow
 def test_penalty_map_shows_the_erratic_range_and_that_the_settings_avoid_it(capsys, tmp_path):
     found = quick(capsys, 'penalty_map', tmp_path)
     assert found['missed'] == []
@@ -107,6 +111,7 @@ def test_penalty_map_shows_the_erratic_range_and_that_the_settings_avoid_it(caps
     assert growth[10.0]['1e+06'] > 1.0 > growth[20.0]['10000']
 
 
+@pytest.mark.slow
 def test_work_precision_measures_ours_and_says_what_is_left_out(capsys, tmp_path, monkeypatch):
     monkeypatch.setenv('MBD_EXUDYN_PYTHON', str(tmp_path / 'no_such_python'))
     found = quick(capsys, 'work_precision', tmp_path)

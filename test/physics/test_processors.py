@@ -48,6 +48,7 @@ def bits(scenes: tuple[str, ...], *arguments: str, **environment: str) -> dict[s
     return json.loads(done.stdout)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     'environment',
     [

@@ -84,6 +84,7 @@ def test_bricard_mechanism_moves_although_its_count_of_freedoms_is_zero():
     assert s.totals()['position_drift_max'] < 1e-9
 
 
+@pytest.mark.slow
 def test_forty_four_bars_turn_as_one_pendulum_through_their_singular_positions():
     """A02: ((N + 1)/3 + N) l phi'' = -((N + 1)/2 + N) g cos(phi); all cranks stay parallel over 10 s, the first is where the ODE says."""
     n = 40

@@ -93,6 +93,7 @@ PAIRS = [
 PAIRS += [('reference_bdf', 'flyball_governor'), ('reference_bdf', 'slider_crank'), ('reference_radau', 'slider_crank')]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('kind', 'name'), PAIRS, indirect=['kind'])
 def test_motion_and_unique_reactions_agree_within_both_error_bars(kind, name):
     """Every mechanism: within three times the change of the step's last halving plus the reference's change from 1e-7 to 1e-9."""
@@ -158,6 +159,7 @@ def test_analytic_jacobians_with_internal_states(rng):
     assert np.abs(Jy[at.v, at.z]).max() > 1e4  # the forces do depend on them
 
 
+@pytest.mark.slow
 def test_a_car_with_internal_states_runs_on_every_reference(kind):
     """Tires and brakes included: 10 ms of a step steer, positions to 1e-6 m and tire forces to 1 % of the load of the step's."""
     scene = load_scene('light_car_straight', ['integrator.h=0.01', f'integrator.kind={kind}', 'integrator.tolerance=1e-6'])
@@ -175,6 +177,7 @@ def test_reset_repeats_a_reference_run():
     np.testing.assert_array_equal(simulation.advance(4).pose, first.pose)
 
 
+@pytest.mark.slow
 def test_stabilised_methods_stop_at_a_singular_position_with_one_sentence():
     """Slider-crank at theta = 90 deg (0.39 s): rank 22 of 23. Most neighbours of the start stop there, as rounding lets them see it."""
     pytest.importorskip('scipy_dae')

@@ -21,6 +21,7 @@ PHASES = int(os.environ.get('MBD_PHASES', '12'))
 TOLERANCE = {'rho_inf': 0.9, 'mode': 'tolerance'}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('settings', 'limits'), [
     pytest.param(crank.CONSERVING, 'conserving', id='conserving'),
     pytest.param(crank.DAMPED, 'damped', id='damped'),

@@ -169,6 +169,7 @@ def rhythm_errors(name: str, rho_inf: float) -> np.ndarray:
     return np.array(table)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('rho_inf', [1.0, 0.8, 0.0])
 @pytest.mark.parametrize('name', PROBLEMS)
 def test_second_order_survives_any_rhythm_of_steps(name, rho_inf):
@@ -204,6 +205,7 @@ def run_by_error(problem, tolerance: float, h: float = 0.08) -> tuple[np.ndarray
     return worst, sim
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', ['pendulum', 'spring and damper', 'top in steady precession', 'heavy asymmetric body', 'falling four-bar'])
 def test_the_error_of_a_run_is_proportional_to_its_tolerance(name):
     """Error per unit of time is controlled, so the slope is one: positions and velocities, three decades."""
@@ -232,6 +234,7 @@ def test_work_is_counted_for_every_attempt():
     assert 3 * attempts <= audit['factorizations'] <= audit['iterations']
 
 
+@pytest.mark.slow
 def test_singular_positions_are_passed_with_local_error_control():
     """A tolerance below what is determined there: the error that had to be accepted is an event. Every neighbour keeps its branch."""
     settings = ('mode=tolerance', 'step_policy=error', 'penalty_policy=adaptive', 'h=0.01', 'error_tolerance=1e-5')

@@ -229,6 +229,7 @@ def test_coupled_masses_need_a_smaller_penalty_where_isolated_ones_stagnate():
     assert coupled.totals()['position_drift_max'] < 1e-10
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('penalty', [10.0, 1e3, 1e5])
 def test_coupled_masses_pass_singular_positions_with_any_penalty(penalty):
     """The slider-crank for 3 s: a constraint that is about to lose its hold becomes heavy, so its penalty grows with the need.

@@ -94,6 +94,7 @@ def test_tires_carry_the_weight_and_the_car_stands_at_its_design_height(standing
     assert fz[0] == pytest.approx(fz[1], rel=0.01)
 
 
+@pytest.mark.slow
 def test_every_mode_is_stable(standing: Simulation) -> None:
     """At rest, brakes released: nothing grows, and what does not oscillate fast is damped; a link spinning freely would be undamped."""
     s, _ = eigenvalues(linearised(standing.model, standing.state, np.zeros(len(standing.model.spec.inputs))))
@@ -103,6 +104,7 @@ def test_every_mode_is_stable(standing: Simulation) -> None:
     assert all(mode.damping > 0.03 for mode in modes(standing) if mode.frequency > 0.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', USUAL)
 def test_figure_lies_where_passenger_cars_lie(found: dict[str, float], name: str) -> None:
     assert USUAL[name].low <= found[name] <= USUAL[name].high

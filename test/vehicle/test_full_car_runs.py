@@ -66,6 +66,7 @@ def test_mirrored_car_gives_the_mirrored_run(penalty: float, mode: Literal['fixe
     assert -b.tire[[1, 0, 3, 2], FY] == pytest.approx(a.tire[:, FY], abs=force)
 
 
+@pytest.mark.slow
 def test_run_shows_the_frequencies_of_the_linear_model() -> None:
     """A small push on the standing car: chassis and engine follow the solution of the linearised model, exp of its state matrix."""
     scene = load_scene('car_swept_steer', ['start={kind: equilibrium}', 'maneuver=maneuvers/straight_ahead.yaml', 'integrator.h=1e-3'])
@@ -106,6 +107,7 @@ def test_run_shows_the_frequencies_of_the_linear_model() -> None:
         assert motion[:, column] == pytest.approx(np.array(expected)[:, column], abs=0.03 * size)
 
 
+@pytest.mark.slow
 def test_swept_steering_converges_with_second_order() -> None:
     """First 2.4 s at h = 4, 2, 1 ms in fixed mode: differences of place, yaw rate and front-left lateral force fall by four."""
     results = []
@@ -180,6 +182,7 @@ def test_car_lands_from_a_drop(depth: float, h: float, policy: str) -> None:
     assert abs(landed.pose[0, 1]) < 2e-3 * landed.pose[0, 0]
 
 
+@pytest.mark.slow
 def test_a_locked_wheel_regains_grip_as_physics_has_it() -> None:
     """It comes off the slippery strip at 3.9 s, spins up from rest within 30 ms and overshoots; the chassis nods with -11.8 m/s^2 on the
     fore-and-aft compliance. Half the step shows the same to 2 %, and all bodies together never slow down by more than the tires push."""
@@ -202,6 +205,7 @@ def test_a_locked_wheel_regains_grip_as_physics_has_it() -> None:
     assert peaks[0] == pytest.approx(peaks[1], rel=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('h', 'mode', 'policy'),
     [

@@ -28,6 +28,7 @@ def over(shots: list[Snapshot], take) -> tuple[np.ndarray, np.ndarray]:
     return np.array([s.t_ns * 1e-9 for s in shots]), np.array([take(s) for s in shots])
 
 
+@pytest.mark.slow
 def test_sine_with_dwell_decays() -> None:
     """The criteria of FMVSS 126 (S5.2.1, S5.2.2): yaw rate below 35 % of its second peak 1.0 s, and below 20 % 1.75 s after the end of
     steer; 1.83 m to the side 1.07 s after the beginning. Steering begins at 2 s and ends 1/0.7 + 0.5 s later."""
@@ -74,6 +75,7 @@ def test_acceleration_is_torque_over_radius_and_limited_by_friction() -> None:
     assert shots[-1].tire[2, SPIN] * 0.31 > 2.0 * shots[-1].twist[0, 0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('scene', ['car_circle', 'light_car_circle'])
 def test_steady_circle(scene: str) -> None:
     """Constant radius and speed at the end: centripetal force from the tires, load to the outside by m a h / track."""
@@ -108,6 +110,7 @@ def test_cleat_is_felt_by_both_axles_in_turn() -> None:
     assert load[-100:].std(axis=0).max() < 100.0  # it has died out
 
 
+@pytest.mark.slow
 def test_rough_road_shakes_the_body_at_its_modes() -> None:
     """Class C at 70 km/h: 0.5 to 2 m/s^2 RMS at the body; its spectrum is largest near the ride frequencies and falls above wheel hop.
     Class D, a profile twice as high, doubles the response."""
@@ -125,6 +128,7 @@ def test_rough_road_shakes_the_body_at_its_modes() -> None:
     assert band(8.0, 15.0) > 3.0 * band(25.0, 40.0)  # wheel hop, and little above it
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('scene', ['car_step_steer', 'light_car_step_steer'])
 def test_parked_on_a_slope_for_a_minute(scene: str) -> None:
     """10 %, braked: in 5 s brakes and tires take the load; in the next 60 s nothing moves (drift below 1 um), nothing chatters."""
