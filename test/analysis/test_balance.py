@@ -50,6 +50,7 @@ def test_balance_of_the_bushings_reaches_second_order() -> None:
     assert 3.5 < coarse['error'] / fine['error'] < 4.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('scene', ['car_swept_steer', 'light_car_swept_steer', 'light_car_brake'])
 def test_audit_is_of_second_order_while_torques_ramp(scene: str) -> None:
     """Drive or brake torque rises within the time: the error of the running balance falls by four."""

@@ -87,6 +87,7 @@ def test_a_place_that_cannot_be_written_is_named(tmp_path: Path) -> None:
         written(compared(), tmp_path / 'file' / 'r.html')
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(CHROMIUM is None, reason='needs a browser: apt-get install chromium')
 def test_a_browser_draws_it(tmp_path: Path) -> None:
     repeats = [run(n=501, x=lambda t, d=d: np.sin(t) + d) for d in (-0.05, 0.0, 0.05)]

@@ -66,6 +66,7 @@ def test_only_what_is_asked_for_is_kept_and_the_rest_is_known(tmp_path: Path) ->
     assert bag.read(tmp_path / 'bag', ['none']).columns == {}
 
 
+@pytest.mark.slow
 def test_reading_takes_the_memory_of_the_columns_that_are_asked_for(tmp_path: Path) -> None:
     n, width = 4000, 400
     t = np.arange(n) * MS

@@ -184,6 +184,7 @@ def test_a_failed_step_closes_the_recording(capsys: pytest.CaptureFixture[str], 
     assert bag.read(tmp_path / 'r').metadata['status'] == 'failed'
 
 
+@pytest.mark.slow
 def test_a_recording_replays_bit_by_bit(recording: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     code, data = document(capsys, 'replay', str(recording), '--out', str(tmp_path / 'again'))
     assert (code, data['status'], data['steps'], data['same_code']) == (0, 'identical', 200, True)
@@ -275,6 +276,7 @@ def test_only_the_object_is_on_stdout_whatever_a_library_prints(tmp_path: Path) 
         assert text in done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('extra', [(), ('--json',)])
 def test_an_output_that_takes_nothing_is_one_sentence(extra: tuple[str, ...]) -> None:
     with open('/dev/full', 'w') as full:

@@ -49,6 +49,7 @@ def node(tmp_path: Path, **parameters: object) -> Process:
     return Process(tmp_path, [sys.executable, '-m', 'mbd_sim_ros.node.main', '--ros-args', *arguments])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('every', [1, 7, 10, 1000])
 def test_a_recording_holds_the_inputs_of_every_step_and_replays(every, tmp_path, capsys):
     recorded = run(tmp_path / 'r', 'four_bar', f'record.every={every}')
@@ -63,6 +64,7 @@ def test_a_recording_holds_the_inputs_of_every_step_and_replays(every, tmp_path,
     assert document(capsys, 'replay', tmp_path / 'again')[1]['status'] == 'identical'
 
 
+@pytest.mark.slow
 def test_a_driver_is_replayed_by_what_he_did(tmp_path, capsys):
     recorded = run(tmp_path / 'r', CAR, 'record.every=10', duration=1.005)  # ends between two instants of the grid
     code, data = document(capsys, 'replay', recorded)
@@ -71,6 +73,7 @@ def test_a_driver_is_replayed_by_what_he_did(tmp_path, capsys):
     assert np.ptp(np.diff(applied.rows['steering'])) > 0.0
 
 
+@pytest.mark.slow
 def test_what_differs_is_found(tmp_path, capsys):
     """Inputs of one step between two recorded instants are another: the replay must see it."""
     recorded = run(tmp_path / 'r', 'four_bar', 'record.every=10')
@@ -89,6 +92,7 @@ def test_what_differs_is_found(tmp_path, capsys):
     assert document(capsys, 'replay', tmp_path / 'other')[0] == 0  # by its own inputs it is right
 
 
+@pytest.mark.slow
 def test_steps_that_a_slow_disk_did_not_take_are_bridged(tmp_path, capsys, monkeypatch):
     write = StepRecorder.write
 
@@ -105,6 +109,7 @@ def test_steps_that_a_slow_disk_did_not_take_are_bridged(tmp_path, capsys, monke
     assert document(capsys, 'replay', recorded)[1]['status'] == 'identical'
 
 
+@pytest.mark.slow
 def test_portions_of_calls_change_no_bits(tmp_path, monkeypatch):
     settings = ('record.every=20',)
     whole = run(tmp_path / 'whole', CAR, *settings)
@@ -113,6 +118,7 @@ def test_portions_of_calls_change_no_bits(tmp_path, monkeypatch):
     assert content(whole).outputs == content(single).outputs
 
 
+@pytest.mark.slow
 def test_unchanged_settings_compare_without_difference_and_others_with_one(tmp_path, capsys):
     recorded = run(tmp_path / 'r', CAR, 'record.every=5', duration=0.5)
     h = load_scene(CAR).integrator.h
@@ -126,6 +132,7 @@ def test_unchanged_settings_compare_without_difference_and_others_with_one(tmp_p
     assert channels['cmd_applied/steering']['max'] < 1e-12  # at the recorded instants it is what was recorded
 
 
+@pytest.mark.slow
 def test_another_vehicle_is_driven_by_the_same_inputs(tmp_path, capsys):
     recorded = run(tmp_path / 'r', CAR, 'record.every=5', duration=0.5)
     heavier = tmp_path / 'heavier.yaml'
@@ -139,6 +146,7 @@ def test_another_vehicle_is_driven_by_the_same_inputs(tmp_path, capsys):
     assert data['channels']['odom/pose/x']['max'] > 0.0
 
 
+@pytest.mark.slow
 def test_a_recording_is_a_maneuver(tmp_path, capsys):
     recorded = run(tmp_path / 'r', CAR, 'record.every=5', duration=0.5)
     again = run(tmp_path / 'again', CAR, 'record.every=5', f'maneuver={{bag: {recorded}}}', duration=0.5)
@@ -149,6 +157,7 @@ def test_a_recording_is_a_maneuver(tmp_path, capsys):
     assert code == 5 and 'nowhere is not there' in data['error']
 
 
+@pytest.mark.slow
 def test_channels_of_others_are_inputs_by_a_map(tmp_path, capsys):
     recorded = run(tmp_path / 'r', CAR, 'record.every=5', duration=0.5)
     mapping = f'maneuver={{bag: {recorded}, map: {{steering: {{channel: odom/twist/vx, scale: 0.1, offset: -1}}}}}}'
@@ -163,6 +172,7 @@ def test_channels_of_others_are_inputs_by_a_map(tmp_path, capsys):
     assert code == 5 and "did you mean 'odom/twist/vx'" in data['error']
 
 
+@pytest.mark.slow
 def test_a_replay_does_not_need_the_recording_that_drove_it(tmp_path, capsys):
     first = run(tmp_path / 'first', CAR, duration=0.3)
     second = run(tmp_path / 'second', CAR, f'maneuver={{bag: {first}}}', duration=0.3)

@@ -248,6 +248,7 @@ def test_all_files_damaged_is_one_line_and_missing_ones_none(root: Path, filled:
     assert (gone['values'], gone['compiled'], gone['err']) == (VALUES, 3, '')
 
 
+@pytest.mark.slow
 def test_no_flipped_bit_and_no_shorter_file_is_read(filled: Path, tmp_path: Path) -> None:
     store = Store(tmp_path, tmp_path)
     store.directory = tmp_path

@@ -112,6 +112,7 @@ def test_a_prepared_simulation_compiles_nothing_and_needs_no_other_specialisatio
         assert process['done'] == process['prepared']
 
 
+@pytest.mark.slow
 def test_a_second_process_compiles_nothing(processes: list[dict[str, Any]]) -> None:
     assert processes[1]['done'][0] == 0
 

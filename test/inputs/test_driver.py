@@ -85,6 +85,7 @@ def test_lane_change_stays_between_the_cones(scene: str, least: float) -> None:
     assert abs(simulation.snapshot().twist[0, 5]) < 0.06
 
 
+@pytest.mark.slow
 def test_replay_of_what_was_applied_is_exact() -> None:
     """One step at a time, many at once, the recorded inputs played back, and a run continued from a saved state give the same bits."""
     scene = load_scene('light_car_lane_change', ['maneuver.driver.path.start=5'])

@@ -63,6 +63,7 @@ def test_neither_blas_nor_numpy_choose_the_bits_of_a_run(environment):
     assert bits(SCENES, **environment) == {'here': bits(SCENES, '--nudged')['here']}
 
 
+@pytest.mark.slow
 def test_nor_does_the_last_bit_of_what_numpy_chooses_by_the_processor():
     """All of it is replaced by functions that are one unit in the last place off, as on a processor with other vector instructions."""
     found = bits(SCENES, '--nudged')

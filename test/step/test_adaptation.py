@@ -40,6 +40,7 @@ def adaptation(sim: Simulation) -> Adaptation:
 # -- penalties ---------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('penalty', [1.0, 10.0, 100.0, 1000.0])
 def test_adaptive_penalties_rescue_a_run_that_fails_with_constant_small_ones(penalty):
     """The slider-crank through five singular positions, 2 s at 1 ms; energy as with a good penalty (1e-3 J, the damped setting),

@@ -110,6 +110,7 @@ def test_figure_lies_where_passenger_cars_lie(found: dict[str, float], name: str
     assert USUAL[name].low <= found[name] <= USUAL[name].high
 
 
+@pytest.mark.slow
 def test_the_page_of_vehicles_shows_these_figures(found: dict[str, float]) -> None:
     """To the four digits that are shown."""
     rows = [

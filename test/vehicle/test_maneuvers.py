@@ -60,6 +60,7 @@ def test_split_friction_turns_the_car_towards_the_grip() -> None:
     assert rate[late].min() > 0.0
 
 
+@pytest.mark.slow
 def test_acceleration_is_torque_over_radius_and_limited_by_friction() -> None:
     """1500 N m at the differential: 5 kN, less drag and rolling resistance. The same torque on a road of 0.3: no more than 0.3 of the load
     on the driven axle (times the tire's own peak, up to 1.2), and the wheels spin."""
@@ -90,6 +91,7 @@ def test_steady_circle(scene: str) -> None:
     assert transfer / 2.0 == pytest.approx(mass * v * r * 0.54 / (2.0 * 0.777), rel=0.12)  # h = 0.54 m and what the body leans
 
 
+@pytest.mark.slow
 def test_step_steer_settles_after_a_small_overshoot() -> None:
     t, rate = over(run('car_step_steer', 'maneuver.drive_torque=250'), lambda s: s.twist[0, 5])
     final = rate[(t > 4.0) & (t < 5.0)].mean()
