@@ -336,7 +336,7 @@ class Simulation:
             raise SpecError(
                 f'restore: the state was saved with {saved} step or penalties; set integrator.step_policy and penalty_policy so'
             )
-        if extra['audit'].shape != self.work.energy.shape:
+        if extra['audit'].shape != self._work.energy.shape:
             raise SpecError('restore: the state was saved by another version of the solver; save it anew')
         copy_state(state, self.state)
         self.k = k

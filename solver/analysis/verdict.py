@@ -69,14 +69,14 @@ def report(found: list[Finding]) -> list[dict[str, Any]]:
 
 def exchanged(simulation: Simulation) -> float:
     """Energy [J] that was exchanged so far: supplied and dissipated, and the ranges of kinetic and potential energy."""
-    a = simulation.work.energy
+    a = simulation.last_step.energy
     kinetic, potential = a[account.KINETIC_HIGH] - a[account.KINETIC_LOW], a[account.POTENTIAL_HIGH] - a[account.POTENTIAL_LOW]
     return float(a[account.GROSS] + kinetic + potential)
 
 
 def allowed_energy_error(simulation: Simulation) -> float:
     """The default limit of the energy error [J]."""
-    a, bodies = simulation.work.energy, simulation.model.tables.bodies
+    a, bodies = simulation.last_step.energy, simulation.model.tables.bodies
     weight = float(np.add.reduce(bodies.mass)) * norm(bodies.gravity)
     open_ = WRITTEN * (weight + a[account.KINETIC_HIGH])
     return SHARE * exchanged(simulation) + TRUNCATION * float(a[account.TURNING]) + float(open_)
@@ -99,7 +99,7 @@ def _finding(
 
 
 def _energy(s: Simulation) -> Finding | None:
-    a, moved = s.work.energy, exchanged(s)
+    a, moved = s.last_step.energy, exchanged(s)
     worst = float(a[account.WORST])
     remedy = f'{moved:.3g} J were exchanged in all; reduce integrator.h, or find what is stiffer or faster than the step resolves'
     return _finding(
@@ -109,7 +109,7 @@ def _energy(s: Simulation) -> Finding | None:
 
 
 def _iteration(s: Simulation) -> list[Finding | None]:
-    a, need = s.work.energy, s.scene.require
+    a, need = s.last_step.energy, s.scene.require
     speed = max(1.0, float(a[account.SPEED]))
     rows, bodies = s.model.row_names, s.model.body_names
     fixed = s.scene.integrator.mode == 'fixed'
@@ -139,7 +139,7 @@ def _iteration(s: Simulation) -> list[Finding | None]:
 def _turn(s: Simulation) -> Finding | None:
     if s.scene.integrator.kind.startswith('reference_'):
         return None  # these choose their own steps
-    turn, time, body = (float(x) for x in s.work.energy[account.TURN : account.TURN + 3])
+    turn, time, body = (float(x) for x in s.last_step.energy[account.TURN : account.TURN + 3])
     place = f'body {s.model.body_names[int(body)]!r}'
     return _finding('turn_per_step', turn, LARGEST_TURN_PER_STEP, None, 'rad per step', time, place, 'a body turns by',
                     'reduce integrator.h')  # fmt: skip

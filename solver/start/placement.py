@@ -4,6 +4,7 @@ and what the start changed.
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -57,7 +58,7 @@ class Changes:
     def __str__(self) -> str:
         parts = []
         if self.placed_by:
-            moved, turned = _said(self.distance, 'm', self.moved), _said(np.degrees(self.turn), 'deg', self.turned)
+            moved, turned = _said(self.distance, 'm', self.moved), _said(math.degrees(self.turn), 'deg', self.turned)
             parts.append(f'{self.placed_by} moved bodies by up to {" and ".join(filter(None, (moved, turned)))}')
         if self.set_by:
             faster, spun = _said(self.velocity, 'm/s', self.faster), _said(self.rate, 'rad/s', self.spun)
@@ -75,7 +76,7 @@ def changes(model: Model, kind: str, placed: np.ndarray, given: np.ndarray, stat
     names = model.body_names
     distance = norms(state.q[:-1, :3] - placed[:-1, :3])
     cosine = np.abs(np.add.reduce(state.q[:-1, 3:] * placed[:-1, 3:], axis=1))
-    turn = 2.0 * np.arccos(np.minimum(cosine, 1.0))
+    turn = np.array([2.0 * math.acos(min(c, 1.0)) for c in cosine.tolist()])
     turn[turn < OPEN] = 0.0
     velocity, rate = norms(state.v[:-1, :3] - given[:-1, :3]), norms(state.v[:-1, 3:] - given[:-1, 3:])
     by = 'static equilibrium' if kind == 'equilibrium' else 'assembly'
@@ -129,7 +130,7 @@ def _described(model: Model, phi: np.ndarray, row: int) -> str:
             angle = [0.5 * x if code == TWIST else x for x, code in zip(own, codes, strict=True) if AXES <= code <= TWIST]
             parts = [f'{norm(np.array(apart)):.6g} m'] if norm(np.array(apart)) > OPEN else []
             if norm(np.array(angle)) > OPEN:
-                parts.append(f'{np.degrees(np.arcsin(min(1.0, norm(np.array(angle))))):.4g} deg')
+                parts.append(f'{math.degrees(math.asin(min(1.0, norm(np.array(angle))))):.4g} deg')
             return f'joint {joint.name!r} is open by {" and ".join(parts)}'
         first += len(codes)
     return f'constraint {model.row_names[row]!r} is open by {abs(phi[row]):.6g} (m or rad)'
