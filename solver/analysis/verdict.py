@@ -8,6 +8,8 @@ bodies that turn, in which energy goes from axis to axis unseen by that account,
 *Iteration.* A step is accepted when what its iteration leaves is below LARGEST_STAGNATION of the velocity; over a step that is a
 distance. Residual, drift of velocities and drift of positions must not show more than that, and all but few steps a digit less.
 *Turn.* The iteration contracts by about the turn of a body per step (docs/decisions/0002).
+*Road.* A tire touches the road at one point. Of a hollow that is rounder than the wheel, an edge above all, the wheel itself makes a profile
+no rounder than itself (Pacejka 2012, 10.1.5); without that the point of contact jumps, and loads are many times too large.
 """
 
 from __future__ import annotations
@@ -17,7 +19,8 @@ from typing import Any
 
 import numpy as np
 
-from solver.compiled.dense import norm
+from solver.compiled.portable import norm
+from solver.elements.road import HeightGrid
 from solver.output import energy as account
 from solver.simulation import LARGEST_TURN_PER_STEP, Simulation
 from solver.step.augmented_lagrangian import LARGEST_STAGNATION
@@ -53,7 +56,7 @@ class Finding:
 def findings(simulation: Simulation, real_time_factor: float | None = None) -> list[Finding]:
     """Everything that makes the run so far suspect, from the running account of steps advanced with audit."""
     s = simulation
-    found = [_energy(s), *_iteration(s), _turn(s), _branches(s), _speed(s, real_time_factor)]
+    found = [_energy(s), *_iteration(s), _turn(s), _road(s), _branches(s), _speed(s, real_time_factor)]
     return [finding for finding in found if finding]
 
 
@@ -143,6 +146,23 @@ def _turn(s: Simulation) -> Finding | None:
     place = f'body {s.model.body_names[int(body)]!r}'
     return _finding('turn_per_step', turn, LARGEST_TURN_PER_STEP, None, 'rad per step', time, place, 'a body turns by',
                     'reduce integrator.h')  # fmt: skip
+
+
+def _road(s: Simulation) -> Finding | None:
+    if not s.model.spec.tires:
+        return None
+    worst, place = 0.0, ''
+    for k, grid in enumerate(s.model.spec.road.grids):
+        if not isinstance(grid, HeightGrid):
+            continue  # the spectrum of a random road ends where the tire envelops
+        for axis, step in enumerate(grid.step):
+            hollow = np.diff(np.array(grid.height), 2, axis=axis) / step**2
+            if hollow.size and hollow.max() > worst:
+                worst, (i, j) = float(hollow.max()), np.unravel_index(int(np.argmax(hollow)), hollow.shape)
+                place = f'road.grids[{k}].height[{i + (axis == 0)}][{j + (axis == 1)}]'
+    smallest = min(tire.data.values['UNLOADED_RADIUS'] for tire in s.model.spec.tires)
+    return _finding('road_curvature', worst, 1.0 / smallest, None, '1/m', None, place, 'a hollow of the road is rounder than the wheels:',
+                    'give the profile that the wheel makes of the obstacle (scene car_cleat)')  # fmt: skip
 
 
 def _branches(s: Simulation) -> Finding | None:

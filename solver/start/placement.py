@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from solver.compiled.dense import norm, norms, product
+from solver.compiled.portable import norm, norms, product
 from solver.compiled.so3 import matrix_of_quaternion
 from solver.elements.coordinate import ROTATION
 from solver.elements.joint import AXES, DISTANCE, KINDS, PX, TWIST
