@@ -17,6 +17,7 @@ from mbd_sim_ros.bags.applied import begin_of
 from mbd_sim_ros.bags.recorder import StepRecorder, about, describe
 from mbd_sim_ros.messages.encode import Messages
 from solver.analysis.balance import Balance
+from solver.analysis.verdict import OK, SUSPECT, Finding, findings, passes, report
 from solver.errors import MbdError
 from solver.simulation import Simulation
 
@@ -87,8 +88,9 @@ def simulate(
     directory: where to record (None: not at all). source: of the inputs; None is the maneuver of the scene. progress: show a bar
     if stderr is a terminal. balance: follow energy and momentum by element kind, which takes its time. state: of Simulation.save().
     from_start: record the state at the beginning too.
-    A recording is always closed, with the reason when the run did not end well. Raises StepError,
-    BagError, and KeyboardInterrupt(sentence to show, signal number) between two steps.
+    `status` is 'ok' or 'suspect', `findings` say why; `passed` is false where the scene does not allow what was found. A recording is
+    always closed, with the verdict or what ended the run. Raises StepError, BagError, and KeyboardInterrupt(sentence to show, signal
+    number) between two steps.
     """
     every = simulation.scene.record.every if directory is not None else UNRECORDED_CHUNK
     with tqdm(total=steps, unit='step', desc='compiling', disable=None if progress else True, leave=False) as bar:
@@ -104,7 +106,8 @@ def simulate(
         if directory is not None:
             messages, recorder = record(simulation, directory, frame_prefix=frame_prefix, parameters=parameters)
         with interrupts.held():
-            status, cpu, begin, written = 'failed', 0.0, time.perf_counter(), -1
+            status, cpu, begin, written = 'error', 0.0, time.perf_counter(), -1
+            found: list[Finding] = []
             balances = Balance(simulation) if balance else None
             try:
                 if recorder and messages and from_start:
@@ -129,17 +132,27 @@ def simulate(
                 if recorder and messages and written != simulation.k:  # interrupted right behind a step
                     recorder.record(simulation.t_ns, messages.encode(simulation.snapshot()))
                 number = interrupts.received() if simulation.k < steps else 0
-                status = 'interrupted' if number else 'ok'
+                figures = _figures(simulation, first, time.perf_counter() - begin, cpu)
+                found = findings(simulation, figures['real_time_factor'])
+                status = 'interrupted' if number else SUSPECT if found else OK
             finally:
                 figures = _figures(simulation, first, time.perf_counter() - begin, cpu)
                 if recorder:
                     events = json.dumps([event._asdict() for event in simulation.events])
-                    recorder.close({'status': status, **{key: f'{value!r}' for key, value in figures.items()}, 'event_list': events})
+                    verdict = {'status': status, 'findings': json.dumps(report(found))}
+                    recorder.close({**verdict, **{key: f'{value!r}' for key, value in figures.items()}, 'event_list': events})
     if number:
         kept = f'; the recording in {directory} is complete up to there' if directory is not None else ''
         raise KeyboardInterrupt(f'interrupted at t = {simulation.t_ns * 1e-9:g} s (step {simulation.k}){kept}', number)
     followed = balances.report() if balances else {}
-    return {'status': status, **figures, **followed, 'out': None if directory is None else str(directory)}
+    return {
+        'status': status,
+        'findings': report(found),
+        'passed': passes(simulation, found),
+        **figures,
+        **followed,
+        'out': None if directory is None else str(directory),
+    }
 
 
 def _figures(simulation: Simulation, first: int, wall: float, cpu: float) -> dict[str, Any]:

@@ -112,7 +112,7 @@ class Simulation:
         watched = scene.record.branches or scene.require.branch_switches_max is not None
         self.branches = BranchWatch() if watched else None
         self.k = 0
-        InitialConditions(
+        self.start = InitialConditions(
             scene, self.model, self._states, values, self._inputs_at_start(),
             chassis=self.channels.chassis or 0, work=self._work, explain=self._failure,
         ).find()  # fmt: skip
@@ -127,8 +127,7 @@ class Simulation:
     def _inputs_at_start(self) -> np.ndarray:
         if isinstance(self.source, RecordedSource):
             return self.source.start
-        zero = np.zeros(1)
-        return self.scene.maneuver.inputs(self.scene.model.inputs, zero, zero)[0]
+        return self.scene.maneuver.inputs_at_start(self.scene.model.inputs)
 
     def _kinematics(self, q: np.ndarray, v: np.ndarray):
         fill_kinematics(q, v, self._kin)
@@ -337,6 +336,8 @@ class Simulation:
             raise SpecError(
                 f'restore: the state was saved with {saved} step or penalties; set integrator.step_policy and penalty_policy so'
             )
+        if extra['audit'].shape != self._work.energy.shape:
+            raise SpecError('restore: the state was saved by another version of the solver; save it anew')
         copy_state(state, self.state)
         self.k = k
         self._inputs = extra['inputs']

@@ -53,6 +53,7 @@ def run(args: argparse.Namespace) -> Result:
         'h': scene.integrator.h,
         'duration': scene.duration,
         'steps': scene.steps,
+        'start': simulation.start.report(),
     }
     text = ''
     if not args.brief and is_vehicle(scene.model):
@@ -60,8 +61,9 @@ def run(args: argparse.Namespace) -> Result:
     rows = [
         (key.replace('_', ' '), _text(value))
         for key, value in data.items()
-        if key not in ('status', 'figures') and value not in ('', [], {})
+        if key not in ('status', 'figures', 'start') and value not in ('', [], {})
     ]
+    rows.append(('start', str(simulation.start)))
     return Result(data=data, text=table(rows) + text)
 
 

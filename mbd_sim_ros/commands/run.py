@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import dataclasses
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +16,7 @@ FIGURES = {
     'iterations_per_step': '.2f',
     'events': 'd',
     'energy_error_max': '.3g J',
+    'residual_max': '.3g',
     'position_drift_max': '.3g',
     'velocity_drift_max': '.3g',
     'branch_switches': 'd',
@@ -53,23 +53,23 @@ def run(args: argparse.Namespace) -> Result:
     simulation = simulation_of(scene)
     directory = None if args.no_record else args.out or new_directory(scene.name)
     data = simulate(simulation, scene.steps, directory=directory, progress=not args.json, balance=args.balance)
-    data = {'scene': scene.name, **data}
-    violations = scene.require.violations(data)
+    data = {'scene': scene.name, **data, 'start': simulation.start.report()}
+    data['require'] = scene.require.limits
+    violations = [f'{f["quantity"]}: {f["text"]}' for f in data['findings'] if f['required']]
     if violations:
-        data |= {'status': 'failed', 'violations': violations}
-    limits = {f.name: getattr(scene.require, f.name) for f in dataclasses.fields(scene.require)}
-    data['require'] = {name: limit for name, limit in limits.items() if limit is not None}
-    return Result(data=data, text=describe(data), code=1 if violations else 0)
+        data['violations'] = violations
+    return Result(data=data, text=describe(data, str(simulation.start)), code=0 if data['passed'] else 1)
 
 
-def describe(data: dict[str, Any]) -> str:
-    """The figures of a run for people."""
-    rows = [(key.replace('_', ' '), _shown(data[key], form)) for key, form in FIGURES.items() if key in data]
+def describe(data: dict[str, Any], start: str) -> str:
+    """The figures of a run for people. start: what it changed of what is given."""
+    rows = [('verdict', data['status']), ('start', start)]
+    rows += [(key.replace('_', ' '), _shown(data[key], form)) for key, form in FIGURES.items() if key in data]
     if data['out']:
         rows.append(('recorded in', data['out']))
     for kind, energies in data.get('energy_by_kind', {}).items():
         rows.append((f'energy of {kind.replace("_", " ")}', ', '.join(f'{name} {value:.4g} J' for name, value in energies.items())))
-    rows += [('REQUIREMENT', text) for text in data.get('violations', [])]
+    rows += [('REQUIREMENT' if found['required'] else 'SUSPECT', found['text']) for found in data['findings']]
     return table(rows)
 
 

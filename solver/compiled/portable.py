@@ -24,9 +24,13 @@ def product(A: np.ndarray, B: Numbers) -> np.ndarray:
 
 
 def norm(x: Numbers) -> float:
-    """Euclidean length of a vector, or root of the sum of squares of an array."""
+    """Euclidean length of a vector, or root of the sum of squares of an array; of any finite numbers, also if their squares are not."""
     x = np.asarray(x, float).ravel()
-    return math.sqrt(np.add.reduce(x * x))
+    largest = float(np.abs(x).max(initial=0.0))
+    if 1e-150 < largest < 1e150 or not 0.0 < largest < math.inf:
+        return math.sqrt(np.add.reduce(x * x))
+    x = x / largest
+    return largest * math.sqrt(np.add.reduce(x * x))
 
 
 def norms(x: np.ndarray) -> np.ndarray:

@@ -1,4 +1,9 @@
-"""Point-to-point spring-damper: a force along the line between two points, from a law of length and a law of rate."""
+"""Point-to-point spring-damper: a force along the line between two points, from a law of length and a law of rate.
+
+Where the points coincide the line is that of their relative velocity, on which they leave each other; without any the damper has no
+force, and the spring none either if its free length is zero. Its stiffness there is the same in all directions. A spring with a force at
+length zero has no direction to pull in: a start there is refused (solver.start.placement).
+"""
 
 from __future__ import annotations
 
@@ -80,7 +85,9 @@ def spring_damper_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, ou
         d = sub(point_position(kin, j, r_j), point_position(kin, i, r_i))
         w = sub(point_velocity(kin, j, r_j), point_velocity(kin, i, r_i))
         length = np.sqrt(dot(d, d))
-        n = scale(1.0 / length, d)
+        apart = length.real > 0.0
+        along = length if apart else np.sqrt(dot(w, w))
+        n = scale(1.0 / along, d if apart else w) if along.real > 0.0 else scale(0.0, d)
         rate = dot(n, w)
         x = length - table.free_length[e]
         spring, stiffness, energy = evaluate_law(laws, table.law[e, 0], x)
@@ -91,13 +98,14 @@ def spring_damper_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, ou
         add_point_force(kin, i, r_i, scale(force, n), f)
         if tangents:
             # F = -force n ; dn = (1 - n n^T) dd / length ; drate = n.dw + (w - rate n).dd / length
+            across = force / length if apart else stiffness
+            twist = -damping / length if apart else 0.0 * length
             nn = outer(n, n)
             D = madd(
-                mscale(-(stiffness - force / length), nn),
-                mscale(-damping / length, outer(n, sub(w, scale(rate, n)))),
+                mscale(-(stiffness - across), nn),
+                mscale(twist, outer(n, sub(w, scale(rate, n)))),
             )
-            t = -force / length
-            D = (D[0] + t, D[1], D[2], D[3], D[4] + t, D[5], D[6], D[7], D[8] + t)
+            D = (D[0] - across, D[1], D[2], D[3], D[4] - across, D[5], D[6], D[7], D[8] - across)
             C = mscale(-damping, nn)
             s = table.slot
             add_point_pair_tangent(kin, i, j, r_i, r_j, F, D, C, s[e, 0], s[e, 1], s[e, 2], s[e, 3], Kq, Kv)

@@ -79,6 +79,14 @@ class Maneuver:
                 u[:, names.index(name)] = s.jet(t_force).value
         return u
 
+    def inputs_at_start(self, names: Sequence[str]) -> np.ndarray:
+        """(nu,) inputs at t = 0. Rates and accelerations of motions are those just after: what moves from there on moves already."""
+        zero = np.zeros(1)
+        u, after = self.inputs(names, zero, zero)[0], self.inputs(names, zero, np.nextafter(zero, 1.0))[0]
+        jumps = np.abs(after - u) > JUMP
+        u[jumps] = after[jumps]
+        return u
+
     def commands(self, t: float) -> tuple[float, float, float]:
         """(steering [rad], drive torque [N m], brake torque [N m]) at time t [s], as a driver would command them.
 
@@ -91,6 +99,9 @@ class Maneuver:
         at = np.array([t])
         steering, drive, brake = (float(signal(getattr(self, name)).jet(at).value[0]) for name in COMMANDS)
         return steering, drive, brake
+
+
+JUMP = 1e-200  # what a rate or acceleration may change in the shortest time there is without a jump
 
 
 def is_motion(name: str, names: Sequence[str]) -> bool:

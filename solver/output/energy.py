@@ -1,50 +1,145 @@
-"""The energy account of a run: what is stored, what was dissipated and supplied, and what is missing."""
+"""The running account of a run: energy that is stored, dissipated, supplied and missing, how much of it was exchanged at all, and the
+largest residuals with the instant and the place of each.
+
+What is exchanged is the integral of the magnitude of every element's dissipated and every input's supplied power, and the ranges of
+kinetic and of potential energy. Kept in one flat array, so that it is saved, restored and taken back as one.
+"""
 
 from __future__ import annotations
 
 from solver.compiled.kernel import kernel
 from solver.model.tables import COUNT, OUTPUT, WIDTH
 
-REFERENCE, POWER, WORK, WORST, ENERGY = range(5)  # entries of the running audit
+REFERENCE, POWER, WORK, WORST, ENERGY = range(5)  # entries of the running account; all energies [J]
+WORST_AT = 5  # when the error was largest [s]
+TIME = 6  # since the account began [s]
+GROSS, GROSS_POWER = 7, 8  # integral of all magnitudes of power, and that sum now [W]
+KINETIC_LOW, KINETIC_HIGH, POTENTIAL_LOW, POTENTIAL_HIGH = range(9, 13)
+TURNING = 13  # largest sum over bodies of kinetic energy * (turn in a step)^2
+SPEED = 14  # largest |component| of a twist [m/s or rad/s]
+NOTED = 15  # from here on rows of (value, time, index) of what was largest
+RESIDUAL, POSITION, VELOCITY, TURN = (NOTED + 3 * k for k in range(4))  # index of a body, rows of constraints, a body
+STEPS, UNSETTLED = NOTED + 12, NOTED + 13  # steps noted, and those of them with a residual above SETTLED
+LENGTH = NOTED + 14
+
+SETTLED = 1e-3  # relative velocity increment: a digit better than what is accepted where an iteration does not converge
 
 
 @kernel(inner=True)
-def mechanical_energy(tables, kin, outputs):
-    """Return (energy [J]: kinetic + gravity (zero at z = 0) + stored in elements, dissipated power [W])."""
+def mechanical_energy(tables, kin, outputs, h, account):
+    """Return (energy [J]: kinetic + gravity (zero at z = 0) + stored in elements, kinetic energy in it, dissipated power [W], sum of the
+    magnitudes of the elements' dissipated or supplied power [W]). Notes the fastest and the most turned body of a step h [s].
+    """
     bodies = tables.bodies
     energy = 0.0
+    kinetic = 0.0
+    turning = 0.0
+    fastest = 0.0
+    most = 0.0
+    most_turned = 0
     for b in range(bodies.mass.shape[0]):
+        own = 0.0
         for i in range(3):
             energy += bodies.mass[b] * (0.5 * kin.v[b, i] ** 2 - bodies.gravity[i] * kin.p[b, i])
+            own += bodies.mass[b] * kin.v[b, i] ** 2
             for j in range(3):
-                energy += 0.5 * kin.v[b, 3 + i] * bodies.inertia[b, i, j] * kin.v[b, 3 + j]
+                rotational = 0.5 * kin.v[b, 3 + i] * bodies.inertia[b, i, j] * kin.v[b, 3 + j]
+                energy += rotational
+                own += 2.0 * rotational
+            fastest = max(fastest, abs(kin.v[b, i]), abs(kin.v[b, 3 + i]))
+        kinetic += 0.5 * own
+        turn = h * h * (kin.v[b, 3] ** 2 + kin.v[b, 4] ** 2 + kin.v[b, 5] ** 2)
+        turning += 0.5 * own * turn
+        if turn > most:
+            most = turn
+            most_turned = b
+    account[TURNING] = max(account[TURNING], turning)
+    account[SPEED] = max(account[SPEED], fastest)
+    if most > account[TURN] * account[TURN]:
+        account[TURN] = most**0.5
+        account[TURN + 1] = account[TIME]
+        account[TURN + 2] = most_turned
     dissipation = 0.0
+    magnitude = 0.0
     for k in range(tables.forces.shape[0]):
         at = tables.forces[k, OUTPUT]
         for _ in range(tables.forces[k, COUNT]):
             energy += outputs[at]
             dissipation += outputs[at + 1]
+            magnitude += abs(outputs[at + 1])
             at += tables.forces[k, WIDTH]
-    return energy, dissipation
+    return energy, kinetic, dissipation, magnitude
 
 
 @kernel(borrow=True)
-def update_energy(tables, kin, outputs, lam, phi_t, h, audit):
+def update_energy(tables, kin, outputs, lam, phi_t, h, account):
     """Advance the energy balance by a step h [s] (h = 0 starts it): error = E - E_0 + integral of (dissipation - driver power).
 
-    The integral is the trapezoidal rule, second order like the method if the outputs are those of the inputs at the end of the step.
+    The integrals follow the trapezoidal rule, second order like the method if the outputs are those of the inputs at the end of the step.
     lam and phi_t give the power of prescribed motions.
     """
-    energy, loss = mechanical_energy(tables, kin, outputs)
+    if h == 0.0:
+        account[:] = 0.0
+    account[TIME] += h
+    energy, kinetic, loss, magnitude = mechanical_energy(tables, kin, outputs, h, account)
     for i in range(lam.shape[0]):
         loss += lam[i] * phi_t[i]
+        magnitude += abs(lam[i] * phi_t[i])
+    potential = energy - kinetic
     if h == 0.0:
-        audit[REFERENCE] = energy
-        audit[WORK] = 0.0
-        audit[WORST] = 0.0
+        account[REFERENCE] = energy
+        account[KINETIC_LOW] = kinetic
+        account[KINETIC_HIGH] = kinetic
+        account[POTENTIAL_LOW] = potential
+        account[POTENTIAL_HIGH] = potential
     else:
-        audit[WORK] += 0.5 * h * (loss + audit[POWER])
-        error = abs(energy - audit[REFERENCE] + audit[WORK])
-        audit[WORST] = max(audit[WORST], error)
-    audit[POWER] = loss
-    audit[ENERGY] = energy
+        account[WORK] += 0.5 * h * (loss + account[POWER])
+        account[GROSS] += 0.5 * h * (magnitude + account[GROSS_POWER])
+        account[KINETIC_LOW] = min(account[KINETIC_LOW], kinetic)
+        account[KINETIC_HIGH] = max(account[KINETIC_HIGH], kinetic)
+        account[POTENTIAL_LOW] = min(account[POTENTIAL_LOW], potential)
+        account[POTENTIAL_HIGH] = max(account[POTENTIAL_HIGH], potential)
+        error = abs(energy - account[REFERENCE] + account[WORK])
+        if error > account[WORST]:
+            account[WORST] = error
+            account[WORST_AT] = account[TIME]
+    account[POWER] = loss
+    account[GROSS_POWER] = magnitude
+    account[ENERGY] = energy
+
+
+@kernel(borrow=True)
+def note_residuals(constraints, residual, position, velocity, phi, rate, a, a_before, account):
+    """Note what is largest so far: the residual of the iteration, |phi| and |A v + phi_t| after a step, with time and place.
+
+    phi and rate (nc,) are those of the step. The place of a residual is the body whose acceleration (nb + 1, 6) changed most in the step.
+    """
+    account[STEPS] += 1.0
+    if residual > SETTLED:
+        account[UNSETTLED] += 1.0
+    if residual > account[RESIDUAL]:
+        account[RESIDUAL] = residual
+        account[RESIDUAL + 1] = account[TIME]
+        most = -1.0
+        for b in range(a.shape[0] - 1):
+            for i in range(6):
+                change = abs(a[b, i] - a_before[b, i])
+                if change > most:
+                    most = change
+                    account[RESIDUAL + 2] = b
+    if position > account[POSITION]:
+        account[POSITION] = position
+        account[POSITION + 1] = account[TIME]
+        most = -1.0
+        for i in range(phi.shape[0]):
+            if constraints.holonomic[i] == 1 and abs(phi[i]) > most:
+                most = abs(phi[i])
+                account[POSITION + 2] = i
+    if velocity > account[VELOCITY]:
+        account[VELOCITY] = velocity
+        account[VELOCITY + 1] = account[TIME]
+        most = -1.0
+        for i in range(rate.shape[0]):
+            if abs(rate[i]) > most:
+                most = abs(rate[i])
+                account[VELOCITY + 2] = i

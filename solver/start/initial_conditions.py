@@ -12,12 +12,21 @@ from solver.compiled.portable import product
 from solver.compiled.so3 import matrix_of_quaternion
 from solver.elements.coupler import CouplerSpec
 from solver.elements.registry import FORCES
+from solver.errors import ConsistencyError
 from solver.model.evaluate import prepare
-from solver.model.state import State, kinematics_of, update_angles
+from solver.model.state import State, copy_state, kinematics_of, new_state, update_angles
 from solver.model.tables import Model
 from solver.scene import Scene
 from solver.start.newton import ConsistentState
-from solver.start.rolling import held_body, roll_wheels, settle_rolling
+from solver.start.placement import (
+    Changes,
+    changes,
+    refuse_open_joints,
+    refuse_points_without_distance,
+    refuse_undirected,
+    refuse_unloaded_wheels,
+)
+from solver.start.rolling import held_body, roll_wheels, settle_rolling, without_brakes
 from solver.step.work import Scheme, StepResult
 
 
@@ -47,34 +56,61 @@ class InitialConditions:
         """The state that becomes the start."""
         return cast(State, self.states[0].value)
 
-    def find(self) -> None:
-        """Assign the start of the scene to the state. Raises ConsistencyError."""
+    def find(self) -> Changes:
+        """Assign the start of the scene to the state; returns what was changed of what is given. Raises ConsistencyError."""
         start, u, method = self.scene.start, self.inputs, self.method
         calculation = ConsistentState(self.model)
         state = self.state
+        placed = state.q.copy()
         update_angles(Ref(self.model.tables.coordinates), kinematics_of(state.q, state.v), state.angle)
         values = {n: c.value for n, c in start.coordinates.items() if c.value is not None}
         rates = {n: c.rate for n, c in start.coordinates.items() if c.rate is not None}
-        if start.kind != 'as_placed' or values:
+        refuse_points_without_distance(self.model, state)
+        if start.kind == 'as_placed' and not values:
+            refuse_open_joints(self.model, state, u)
+        else:
             self._with_rows(list(values), list(values.values())).assemble(state, u)
         if start.kind == 'equilibrium':
-            calculation.equilibrium(state, self._without_loads(u), hold=held_body(self.model, self.chassis, u))
-        self._start_moving(start.speed, rates, u)
+            self._rest(calculation, state, self._without_loads(u))
+        refuse_undirected(self.model, state, u)
+        given = self._start_moving(start.speed, rates, u)
         if start.kind == 'equilibrium' and start.speed:
             settle_rolling(
                 self.model, self.states, self.method, self.scene.integrator.rho_inf, start.speed, u, self.chassis, self.work, self.explain
             )
             calculation.project_velocity(self.state, u)
+        changed = changes(self.model, start.kind, placed, given, self.state, wanted=bool(rates), speed=start.speed)
         calculation.start_integrator(self.state, u, method.h, method.am, method.af)
+        return changed
 
-    def _start_moving(self, speed: float, rates: dict[str, float], u: np.ndarray) -> None:
-        """Give the current configuration its start velocity: wanted rates, speed of the chassis [m/s], wheels rolling."""
+    def _start_moving(self, speed: float, rates: dict[str, float], u: np.ndarray) -> np.ndarray:
+        """Give the current configuration its start velocity: wanted rates, speed of the chassis [m/s], wheels rolling.
+
+        Returns the velocities (nb + 1, 6) that were given.
+        """
         self._place_velocities(speed)
+        given = self.state.v.copy()
         wanted = rates | (roll_wheels(self.model, self.state, speed, u) if speed else {})
         extended = self._with_rows(list(wanted), [0.0] * len(wanted))
         extra = np.zeros(extended.model.n_rows)
         extra[self.model.n_rows :] = [-rate for rate in wanted.values()]
         extended.project_velocity(self.state, u, extra, hold=100.0 if speed else 0.0)
+        return given
+
+    def _rest(self, calculation: ConsistentState, state: State, u: np.ndarray) -> None:
+        """Static equilibrium, of a braked vehicle from where it rests with its brakes released: locked wheels that settle from the
+        placement on roll with what carries them, and jack a car up that stands on a slope.
+        """
+        held = held_body(self.model, self.chassis, u)
+        if held is None and self.model.spec.tires:
+            before = new_state(self.model)
+            copy_state(state, before)
+            try:
+                calculation.equilibrium(state, without_brakes(self.model, u), hold=self.chassis)
+            except ConsistencyError:  # far from rest only what is free to roll finds it
+                copy_state(before, state)
+        calculation.equilibrium(state, u, hold=held, stable=True)
+        refuse_unloaded_wheels(self.model, state, u)
 
     def _without_loads(self, u: np.ndarray) -> np.ndarray:
         """Inputs with those that are loads zero: static equilibrium is sought under gravity, without drive torque."""

@@ -28,6 +28,7 @@ from solver.model.evaluate import (
 from solver.model.saddle import CONDENSED, assemble_tangent, effective_masses, factorize_saddle, new_saddle, solve_saddle
 from solver.model.state import State, kinematics_of, update_angles
 from solver.model.tables import Model
+from solver.start.minimum import refuse_unstable
 
 PENALTY = 1e6  # above it rounding of small inertias beside large ones shows
 STIFFEST = 1e4  # 1/s^2; PENALTY times it is above the square of the highest natural frequency, also when the pseudo-mass has faded
@@ -39,6 +40,8 @@ LARGEST_TURN = 0.3  # rad or m per iteration of the assembly
 EQUILIBRIUM_TOLERANCE = 1e-11  # N or N m, relative to the weight of the model
 SETTLING = 1.0  # s, long against every damping in a model
 CLEARANCE = 10.0  # height at which no tire touches any road [m]
+UNRESOLVED = 0.5  # part of the change of an acceleration over a step that a Taylor polynomial may miss
+UNSEEN = 1e-9  # m or rad of a step
 GIVE = 1e-4  # m that what holds a body gives way under the weight of the whole model
 
 
@@ -69,15 +72,15 @@ class ConsistentState:
         self.metric[:, :3, :3] = np.eye(3) / self.t.penalty_inverse_mass[:, None, None]
         self.metric[:, 3:, 3:] = inverse(self.t.penalty_inverse_inertia)
 
-    def _factorize(self, cm: float, cq: float, cv: float, metric: bool, holonomic: bool = False) -> None:
+    def _factorize(self, cm: float, cq: float, cv: float, metric: bool, holonomic: bool = False, stiffest: float = STIFFEST) -> None:
         """Factorize cm M - cq Kq - cv Kv with the constraints at self.J; metric: use the floored masses instead of M.
 
-        holonomic: leave out rows that constrain velocities only.
+        holonomic: leave out rows that constrain velocities only. stiffest [1/s^2]: smallest factor of the penalties beside stiffness.
         """
         self.saddle.J_force[:] = self.J
         self.saddle.J_row[:, :, :6] = self.J
         effective_masses(self.t, self.J, self.saddle.W)
-        self.saddle.W[:] *= PENALTY * (cm if cq == cv == 0.0 else max(cm, STIFFEST))
+        self.saddle.W[:] *= PENALTY * (cm if cq == cv == 0.0 else max(cm, stiffest))
         if holonomic:
             self.saddle.W[self.t.constraints.holonomic == 0] = 0.0
         assemble_tangent(self.t, 0.0 if metric else cm, cq, cv, self.Kq, self.Kv, self.identity, self.saddle.B)
@@ -243,7 +246,10 @@ class ConsistentState:
         rho_inf = 1 never forgets [Arnold2015]. The increment of the exact motion is h v + h^2/2 a + h^3/6 da/dt,
         in rotations plus h^3/12 w x dw/dt; the scheme has h v + h^2 ((1/2 - beta) a_n + beta a_n+1).
 
-        Where the motion is too fast for the step to resolve (h |da/dt| > |a|) the uncorrected values are taken.
+        Where the motion is too fast for the step to resolve (h |da/dt| > |a|) the uncorrected values are taken. Where an element is so
+        stiff that its acceleration at the first instant would give a body more speed in the step than there is, the acceleration over the
+        step is taken: the predictor would else throw the body past the element (beyond the anchor of a spring between points, to where
+        it is in equilibrium as well).
         """
         a, lam = self.acceleration(state.q, state.v, state.z, state.angle, u)
         kin = kinematics_of(state.q, state.v)
@@ -259,6 +265,11 @@ class ConsistentState:
         a_rate = (sides[0][0] - sides[1][0]) / (2 * d)
         lam_rate = (sides[0][1] - sides[1][1]) / (2 * d)
         smooth = h * norm(a_rate) <= norm(a)
+        over, forces = self._acceleration_over_a_step(state, u, h)
+        stiff = norm(over - (a + h * a_rate)) > UNRESOLVED * max(norm(a), h * norm(a_rate))
+        sudden = np.abs(over - a).max() > max(np.abs(over).max(), np.abs(state.v).max() / h, UNSEEN / (h * h))  # never if not finite
+        if stiff and sudden:
+            a, lam, smooth = over, forces, False
         state.a[:] = a + ((am - af) * h * a_rate if smooth else 0.0)
         state.a_stage[:] = a - (af * h * a_rate if smooth else 0.0)
         state.lam[:] = lam - (af * h * lam_rate if smooth else 0.0)
@@ -272,14 +283,41 @@ class ConsistentState:
             constraint_rates(self.constraints, self.J, e, excess)
             self.project_velocity(state, u, h * h * excess * self.t.constraints.holonomic)
 
-    def equilibrium(self, state: State, u: np.ndarray, limit: int = 400, *, hold: int | None = None) -> float:
+    def _acceleration_over_a_step(self, state: State, u: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
+        """(a (nb+1, 6), lam (nc,)) of a linearised backward Euler step of h [s]: M a = f(q + h (v + h a), v + h a) + A^T lam.
+
+        Constraints are those of acceleration(). Of resolved motions it is the acceleration at the end of the step; stiff elements relax.
+        """
+        kin = self._constraints(state.q, state.v, state.angle, u)
+        evaluate_forces(self.t, kin, state.angle, state.z, h, u, True, self.f, self.Kq, self.Kv, self.z, self.outputs)
+        constraint_input_rates(self.t, u, self.phi_t, self.phi_tt)
+        Kq, Kv, J = self.Kq.copy(), self.Kv.copy(), self.J.copy()
+        bias = self._acceleration_bias(state.q, state.v, state.angle, u) + self.phi_tt
+        self.J[:], self.Kq[:], self.Kv[:] = J, Kq, Kv
+        f = self.f + h * self._block_product(Kq, state.v)
+        self._factorize(1.0, h * h, h, metric=True, stiffest=1.0)
+        a, lam = np.zeros_like(self.f), np.zeros(self.model.n_rows)
+        rate = np.zeros_like(lam)
+        for _ in range(AUGMENTATIONS):
+            r = self._mass_times(a) - self._block_product(h * h * Kq + h * Kv, a) - f
+            add_constraint_forces(self.constraints, self.J, lam, -1.0, r)
+            r[-1] = 0.0
+            constraint_rates(self.constraints, self.J, a, rate)
+            solve_saddle(self.t, CONDENSED, self.saddle, r, rate + bias, self.dw, self.dlam)
+            a += self.dw
+            lam += self.dlam
+            if np.abs(self.dw).max() <= 1e-10 * np.abs(a).max(initial=1.0):
+                break
+        return a, lam
+
+    def equilibrium(self, state: State, u: np.ndarray, limit: int = 400, *, hold: int | None = None, stable: bool = False) -> float:
         """Static equilibrium: Newton on f(q, 0) + A^T lam = 0, phi = 0 with a pseudo-mass M/tau^2 that fades.
 
         Changes state.q, state.lam, state.z, state.angle; state.v is set to zero. Returns the largest generalized force left [N
         or N m]. Internal states follow the motion towards the equilibrium as if an iteration took SETTLING seconds: tires at rest
         and brakes are springs between that motion and their force. Kinds of elements may act otherwise during the search
         (ForceKind.held). hold: a body that is held along its x axis, at the place where it is. Other directions without stiffness stay
-        where they are. Raises ConsistencyError if it does not settle.
+        where they are. Raises ConsistencyError if it does not settle, and with `stable` if the model would leave what was found.
         """
         changed: dict[str, Any] = {}
         limits: dict[int, float] = {}
@@ -289,7 +327,15 @@ class ConsistentState:
                 changed[kind.name], u = held.table, held.inputs
                 limits |= held.limits
         tables, kept = self.model.with_tables(changed)
+        place = state.q[0 if hold is None else hold, :3].copy()
         left = self._settle(tables, state, u, limit, hold)
+        if stable:
+            kin = self._constraints(state.q, np.zeros_like(state.v), state.angle, u)
+            evaluate_forces(tables, kin, state.angle, state.z, SETTLING, u, True, self.f, self.Kq, self.Kv, self.z, self.outputs)
+            add_constraint_stiffness(self.t, kin, state.lam, self.Kq, self.Kv)
+            if hold is not None:
+                self._hold(hold, state.q, place, self._weight() / GIVE)
+            refuse_unstable(self.model, self.Kq + self.Kv / SETTLING, self.J, self.metric)
         del kept
         for index, largest in limits.items():
             state.z[index] = np.clip(state.z[index], -largest, largest)
@@ -306,11 +352,15 @@ class ConsistentState:
         turned = np.column_stack([np.zeros(3), -R[:, 2], R[:, 1]])  # of d by a rotation in B
         self.Kq[slot, :3, 3:] -= stiffness * (np.outer(d, product(moved, turned)) + s * turned)
 
+    def _weight(self) -> float:
+        """Of the whole model, at least 1 N."""
+        return max(1.0, float((self.t.bodies.mass * norm(self.t.bodies.gravity)).sum()))
+
     def _settle(self, tables: Ref, state: State, u: np.ndarray, limit: int, hold: int | None) -> float:
         place = state.q[0 if hold is None else hold, :3].copy()
         state.v[:] = 0.0
         tau = 0.01
-        scale = max(1.0, float((self.t.bodies.mass * norm(self.t.bodies.gravity)).sum()))
+        scale = self._weight()
         last = np.inf
         at_rest = np.zeros_like(state.v)
         for _ in range(limit):

@@ -34,6 +34,13 @@ def held_body(model: Model, chassis: int, u: np.ndarray) -> int | None:
     return chassis if model.spec.tires and not capacities(model.elements['brakes'].value, u).any() else None
 
 
+def without_brakes(model: Model, u: np.ndarray) -> np.ndarray:
+    """The inputs u (nu,) with all brakes released."""
+    released = u.copy()
+    released[model.inputs_of('brakes')] = 0.0
+    return released
+
+
 def roll_wheels(model: Model, state: State, speed: float, u: np.ndarray) -> dict[str, float]:
     """Let the wheels roll at `speed` [m/s], in state.v; returns the rates [rad/s] of the revolute coordinates that carry them."""
     kin = kinematics_of(state.q, state.v)

@@ -27,7 +27,7 @@ from solver.compiled.by_reference import Ref
 from solver.inputs.maneuver import ACCELERATION, RATE, is_motion
 from solver.model.state import State, copy_state, new_state
 from solver.model.tables import Model
-from solver.output.energy import update_energy
+from solver.output.energy import note_residuals, update_energy
 from solver.output.snapshot import NO_STEPS
 from solver.step.augmented_lagrangian import LARGEST_STAGNATION, step
 from solver.step.settings import IntegratorSettings
@@ -112,6 +112,7 @@ class Adaptation:
         self._full, self._half = (Ref(new_state(model)) for _ in range(2))
         self._begin = new_state(model)
         self._kin, self._outputs = Ref(work.kin_end), outputs
+        self._constraints = Ref(model.tables.constraints)
         names = model.spec.inputs
         motions = [n for n in names if is_motion(n, names)]
         self._motion = np.array([[names.index(n + end) for n in motions] for end in ('', RATE, ACCELERATION)], int).reshape(3, -1)
@@ -249,7 +250,7 @@ class Adaptation:
     def _single(self, states: list[Ref], h: float, span: Span, u: Inputs, t: float, outputs: tuple[bool, bool]) -> Attempt:
         """One step from states[0] to states[1]; no error is known."""
         result, history = self._step(states[0], self.history, states[1], h, self._inputs(*u, span[1]), t, outputs[1])
-        self._keep_audit(outputs[0], result, h)
+        self._keep_audit(outputs[0], result, h, states[1])
         return Attempt(result, 0.0, history)
 
     def _pair(self, states: list[Ref], h: float, span: Span, u: Inputs, t: float, outputs: tuple[bool, bool]) -> Attempt:
@@ -262,11 +263,11 @@ class Adaptation:
         first, history = self._step(states[0], self.history, self._half, h, middle, t, outputs[0])
         if first.status != OK:
             return Attempt(first, 0.0, history)
-        self._keep_audit(outputs[0], first, h)
+        self._keep_audit(outputs[0], first, h, self._half)
         second, history = self._step(self._half, history, states[1], h, end, t + h, outputs[1])
         if second.status != OK:
             return Attempt(second, 0.0, history)
-        self._keep_audit(outputs[0], second, h)
+        self._keep_audit(outputs[0], second, h, states[1])
         error = self._difference(cast(State, self._full.value), v_full, cast(State, states[1].value)) / 3.0
         for result in (first, second):
             if is_stuck(result):
@@ -276,10 +277,12 @@ class Adaptation:
         counters = second.counters._replace(iterations=worse, stagnated=stagnated)
         return Attempt(second._replace(counters=counters), error / (2.0 * h), history)
 
-    def _keep_audit(self, wanted: bool, result: StepResult, h: float) -> None:
+    def _keep_audit(self, wanted: bool, result: StepResult, h: float, after: Ref) -> None:
         if wanted and result.status == OK:
-            w = self.work
+            w, n, s = self.work, result.counters, cast(State, after.value)
             update_energy(self.model.tables, self._kin, self._outputs, w.lam_out, w.phi_t, h, w.energy)
+            constraints, drifts = self._constraints, (n.position_drift, n.velocity_drift)
+            note_residuals(constraints, n.residual, *drifts, w.phi_end, w.rate, s.a_stage, s.a_stage_before, w.energy)
 
     def _difference(self, a: State, v_a: np.ndarray, b: State) -> float:
         """Largest difference of positions [m], turns [rad], internal states, and velocities.

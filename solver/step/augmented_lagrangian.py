@@ -35,7 +35,7 @@ from solver.model.evaluate import (
 from solver.model.saddle import assemble_tangent, effective_masses, factorize_saddle, rotate_columns, solve_saddle
 from solver.model.state import update_angles
 from solver.output.collect import collect
-from solver.output.energy import update_energy
+from solver.output.energy import note_residuals, update_energy
 from solver.output.snapshot import Counters
 from solver.step.stage import AT_END, BOTH, WITH_TANGENTS, copy_blocks, copy_rows, finite, largest, largest_turn, momentum_residual, place
 from solver.step.work import BAD_INPUT, NON_FINITE, NOT_CONVERGED, OK, SINGULAR, StepResult, added
@@ -363,8 +363,8 @@ def continue_inputs(c, u, work):
 
 
 @kernel(inner=True)
-def keep_account(tables, c, s1, u, work):
-    """Advance the energy account by the step that ended in s1, with forces that follow inputs as these are at its end."""
+def keep_account(tables, c, s1, u, counters, work):
+    """Advance the account by the step that ended in s1, with forces that follow inputs as these are at its end."""
     outputs = work.outputs
     if continue_inputs(c, u, work):
         outputs = work.outputs_end
@@ -373,6 +373,9 @@ def keep_account(tables, c, s1, u, work):
         w = work
         evaluate_driven_forces(tables, w.kin_end, s1.angle, s1.z, 0.0, w.u_end, NO, w.f, w.Kq, w.Kv, w.z_stage, outputs)
     update_energy(tables, work.kin_end, outputs, work.lam_out, work.phi_t, c.h, work.energy)
+    n = counters
+    phi, rate, a, a_before = work.phi_end, work.rate, s1.a_stage, s1.a_stage_before
+    note_residuals(tables.constraints, n.residual, n.position_drift, n.velocity_drift, phi, rate, a, a_before, work.energy)
 
 
 @kernel(borrow=True)
@@ -398,7 +401,7 @@ def advance(tables, c, s0, s1, inputs, first, count, audit, work):
         if result.status != OK:
             return StepResult(result.status, result.where, total), k
         if audit:
-            keep_account(tables, c, new, u, work)
+            keep_account(tables, c, new, u, result.counters, work)
         for i in range(u.shape[0]):
             work.u_before[i] = u[i]
         old, new = new, old

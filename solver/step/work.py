@@ -12,6 +12,7 @@ from solver.elements.point_pair import Kinematics
 from solver.elements.registry import FORCES
 from solver.model.saddle import Saddle
 from solver.model.state import new_kinematics
+from solver.output.energy import LENGTH
 from solver.output.snapshot import Counters, OutputArrays
 from solver.step.constraint_coefficients import Formulation, new_formulation
 
@@ -88,7 +89,7 @@ class Work(NamedTuple):
     v_out: np.ndarray  # (nb + 1, 6) projected twist
     a_out: np.ndarray  # (nb + 1, 6) acceleration at the end of the step
     lam_out: np.ndarray  # (nc,) constraint forces at the end of the step
-    energy: np.ndarray  # (5,) running energy account (solver.output.energy)
+    energy: np.ndarray  # (LENGTH,) running account (solver.output.energy)
     u_force: np.ndarray  # (nu,) 1 for inputs that forces follow, 0 for prescribed motions
     u_before: np.ndarray  # (nu,) inputs of the step before
     u_end: np.ndarray  # (nu,) inputs at the end of the step
@@ -145,7 +146,7 @@ def new_work(model, saddle: Saddle, outputs: np.ndarray, arrays: OutputArrays) -
         f=six(), r=six(), dw=six(), a_best=six(), lam_best=row(), Kq=np.zeros((ns + 1, 6, 6)), Kv=np.zeros((ns + 1, 6, 6)),
         phi_end=row(), phi_stage=row(), g=row(), dlam=row(), phi_t=row(), phi_tt=row(), rate=row(),
         J_end=np.zeros((ne + 1, 6, 6)), J_stage=np.zeros((ne + 1, 6, 6)), zp=np.zeros(nz), z_stage=np.zeros(nz),
-        saddle=saddle, outputs=outputs, v_out=six(), a_out=six(), lam_out=row(), energy=np.zeros(5),
+        saddle=saddle, outputs=outputs, v_out=six(), a_out=six(), lam_out=row(), energy=np.zeros(LENGTH),
         u_force=forces, u_before=np.zeros_like(forces), u_end=np.zeros_like(forces), outputs_end=outputs.copy(),
         formulation=new_formulation(model),
         chassis=model.body_names.index(model.spec.chassis) if model.spec.chassis else 0, arrays=arrays,

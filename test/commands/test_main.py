@@ -170,7 +170,7 @@ def test_recording_defaults_to_a_new_directory_in_bags(
 
 def test_a_requirement_that_is_not_met_fails_the_run(capsys: pytest.CaptureFixture[str]) -> None:
     code, data = document(capsys, 'run', 'four_bar', *SHORT, '--no-record', '--set', 'require.energy_error_max=1e-30')
-    assert (code, data['status']) == (1, 'failed')
+    assert (code, data['status']) == (1, 'suspect')
     assert data['violations'][0].startswith('energy_error_max: ')
     code, data = document(capsys, 'run', 'four_bar', *SHORT, '--no-record', '--set', 'require.energy_error_max=1')
     assert (code, data['require']) == (0, {'energy_error_max': 1.0})
@@ -181,7 +181,7 @@ def test_a_failed_step_closes_the_recording(capsys: pytest.CaptureFixture[str], 
     code, data = document(capsys, 'run', 'four_bar', '--duration', '2', *impossible, '--out', str(tmp_path / 'r'))
     assert code == 4
     assert re.match(r't = [\d.]+ s, step \d+: ', data['error'])
-    assert bag.read(tmp_path / 'r').metadata['status'] == 'failed'
+    assert bag.read(tmp_path / 'r').metadata['status'] == 'error'
 
 
 @pytest.mark.slow

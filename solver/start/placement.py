@@ -1,0 +1,199 @@
+"""Whether a start is what was asked for: joints that the placement closes, elements that have a direction, velocities that were given;
+and what the start changed.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from solver.compiled.portable import norm, norms, product
+from solver.compiled.so3 import matrix_of_quaternion
+from solver.elements.coordinate import ROTATION
+from solver.elements.joint import AXES, DISTANCE, KINDS, PX, TWIST
+from solver.elements.marker import Marker
+from solver.elements.spring_damper import SPRING_DAMPERS
+from solver.elements.tire_pacejka import TIRES
+from solver.errors import ConsistencyError
+from solver.model.evaluate import evaluate_constraints, evaluate_forces
+from solver.model.state import State, kinematics_of
+from solver.model.tables import Model
+
+OPEN = 1e-6  # m or rad, and relative of velocities: what numbers written with finitely many digits leave open
+COINCIDING = 1e-12  # m
+OPPOSED = 1e-9  # of 1 + the cosine between two axes: 3e-5 rad from opposite
+UNLOADED = 1e-3  # of the mean load of a wheel
+
+
+@dataclass(frozen=True, kw_only=True)
+class Changes:
+    """What a start changed of what was given: the largest changes and the bodies that have them ('' where nothing was changed).
+
+    distance [m] and turn [rad] of the placement; velocity [m/s] of centres of mass and rate [rad/s] against the velocities given
+    (start.speed included). placed_by and set_by say what changed placement and velocities. corrected: the body whose own velocity,
+    one given in the file, was changed most, and correction by how much [m/s or rad/s].
+    """
+
+    kind: str
+    moved: str = ''
+    distance: float = 0.0
+    turned: str = ''
+    turn: float = 0.0
+    placed_by: str = ''
+    faster: str = ''
+    velocity: float = 0.0
+    spun: str = ''
+    rate: float = 0.0
+    set_by: str = ''
+    corrected: str = ''
+    correction: float = 0.0
+
+    def report(self) -> dict[str, Any]:
+        """As an object for JSON."""
+        return asdict(self)
+
+    def __str__(self) -> str:
+        parts = []
+        if self.placed_by:
+            moved, turned = _said(self.distance, 'm', self.moved), _said(math.degrees(self.turn), 'deg', self.turned)
+            parts.append(f'{self.placed_by} moved bodies by up to {" and ".join(filter(None, (moved, turned)))}')
+        if self.set_by:
+            faster, spun = _said(self.velocity, 'm/s', self.faster), _said(self.rate, 'rad/s', self.spun)
+            parts.append(f'{self.set_by} changed velocities by up to {" and ".join(filter(None, (faster, spun)))}')
+        if self.corrected:
+            parts.append(f'the velocity given for {self.corrected} does not fit the constraints and was changed by {self.correction:.3g}')
+        return '; '.join(parts) or 'as given'
+
+
+def changes(model: Model, kind: str, placed: np.ndarray, given: np.ndarray, state: State, *, wanted: bool, speed: float) -> Changes:
+    """Compare a start with the placement (nb + 1, 7) and the velocities (nb + 1, 6) that were given. Changes below OPEN are none.
+
+    wanted: whether rates of coordinates are wanted; speed: of the chassis [m/s].
+    """
+    names = model.body_names
+    distance = norms(state.q[:-1, :3] - placed[:-1, :3])
+    cosine = np.abs(np.add.reduce(state.q[:-1, 3:] * placed[:-1, 3:], axis=1))
+    turn = np.array([2.0 * math.acos(min(c, 1.0)) for c in cosine.tolist()])
+    turn[turn < OPEN] = 0.0
+    velocity, rate = norms(state.v[:-1, :3] - given[:-1, :3]), norms(state.v[:-1, 3:] - given[:-1, 3:])
+    by = 'static equilibrium' if kind == 'equilibrium' else 'assembly'
+    causes = (['rolling at start.speed'] if speed else []) + (['rates wanted in start.coordinates'] if wanted else [])
+    found: dict[str, Any] = {}
+    if max(distance.max(initial=0.0), turn.max(initial=0.0)) > OPEN:
+        found |= _largest(names, distance, 'moved', 'distance') | _largest(names, turn, 'turned', 'turn') | {'placed_by': by}
+    if max(velocity.max(initial=0.0), rate.max(initial=0.0)) > OPEN:
+        set_by = ' and '.join(causes) or 'the constraints'
+        found |= _largest(names, velocity, 'faster', 'velocity') | _largest(names, rate, 'spun', 'rate') | {'set_by': set_by}
+        own = np.array([any((*body.velocity, *body.angular_velocity)) for body in model.spec.bodies])
+        found |= _largest(names, own * np.maximum(velocity, rate), 'corrected', 'correction')
+    return Changes(kind=kind, **found)
+
+
+def _said(value: float, unit: str, body: str) -> str:
+    return f'{value:.3g} {unit} ({body})' if body else ''
+
+
+def _largest(names: list[str] | tuple[str, ...], values: np.ndarray, body: str, value: str) -> dict[str, Any]:
+    worst = int(np.argmax(values))
+    return {body: names[worst], value: float(values[worst])} if values[worst] > OPEN else {}
+
+
+def refuse_open_joints(model: Model, state: State, u: np.ndarray) -> None:
+    """Raise ConsistencyError with the constraint that a placement leaves open the most, if by more than OPEN."""
+    phi = _residuals(model, state, u)
+    if not len(phi) or np.abs(phi).max() <= OPEN:
+        return
+    row = int(np.argmax(np.abs(phi)))
+    remedy = 'set start.kind: assemble, or correct the placement of its bodies or markers (start.kind: as_placed takes them as they are)'
+    raise ConsistencyError(f'start: {_described(model, phi, row)} as the bodies are placed; {remedy}')
+
+
+def _residuals(model: Model, state: State, u: np.ndarray) -> np.ndarray:
+    """(nc,) residuals of the constraints of positions; those of velocities are zero."""
+    t = model.tables
+    phi, J = np.zeros(model.n_rows), np.zeros((model.n_entries + 1, 6, 6))
+    evaluate_constraints(t, kinematics_of(state.q, np.zeros_like(state.v)), state.angle, u, False, phi, J)
+    return phi * t.constraints.holonomic
+
+
+def _described(model: Model, phi: np.ndarray, row: int) -> str:
+    """'joint X is open by ...' for the constraint that has a row."""
+    first = 0
+    for joint in model.spec.joints:
+        codes = KINDS[joint.kind]
+        if first <= row < first + len(codes):
+            own = phi[first : first + len(codes)]
+            apart = [x for x, code in zip(own, codes, strict=True) if code >= PX or code in (DISTANCE, *range(AXES))]
+            angle = [0.5 * x if code == TWIST else x for x, code in zip(own, codes, strict=True) if AXES <= code <= TWIST]
+            parts = [f'{norm(np.array(apart)):.6g} m'] if norm(np.array(apart)) > OPEN else []
+            if norm(np.array(angle)) > OPEN:
+                parts.append(f'{math.degrees(math.asin(min(1.0, norm(np.array(angle))))):.4g} deg')
+            return f'joint {joint.name!r} is open by {" and ".join(parts)}'
+        first += len(codes)
+    return f'constraint {model.row_names[row]!r} is open by {abs(phi[row]):.6g} (m or rad)'
+
+
+def refuse_points_without_distance(model: Model, state: State) -> None:
+    """Raise ConsistencyError for a distance joint whose points coincide: it has no direction there."""
+    for joint in model.spec.joints:
+        if joint.kind == 'distance' and norm(_point(model, state, joint.j) - _point(model, state, joint.i)) < COINCIDING:
+            raise ConsistencyError(
+                f'start: the points of joint {joint.name!r} (distance) coincide, so it has no direction; place one of its bodies elsewhere'
+            )
+
+
+def _point(model: Model, state: State, marker: Marker) -> np.ndarray:
+    if marker.body not in model.body_names:
+        return np.array(marker.position)
+    b = model.body_names.index(marker.body)
+    R = np.array(matrix_of_quaternion(tuple(state.q[b, 3:]))).reshape(3, 3)
+    return state.q[b, :3] + product(R, np.array(marker.position) - np.array(model.spec.bodies[b].com))
+
+
+def refuse_undirected(model: Model, state: State, u: np.ndarray) -> None:
+    """Raise ConsistencyError for an element without a direction: a spring with a force at length zero, opposed axes of a rotation."""
+    t = model.tables
+    kin = kinematics_of(state.q, state.v)
+    axes = t.coordinates
+    for k in np.flatnonzero(axes.kind == ROTATION):
+        i, j = axes.body[k]
+        n, m = product(kin.R[i], axes.F[k, :, 2]), product(kin.R[j], axes.G[k, :, 2])
+        if 1.0 + float(product(n, m)) < OPPOSED:
+            raise ConsistencyError(
+                f'start: the axes of the two markers of {model.coordinate_names[k]!r} point in opposite directions, where its angle is not '
+                'defined; turn one of the two markers by 180 deg'
+            )
+    if not model.spec.spring_dampers:
+        return
+    for spec, out in zip(model.spec.spring_dampers, model.outputs(SPRING_DAMPERS.name, _outputs(model, state, u)), strict=True):
+        length, force = out[SPRING_DAMPERS.column('length')], out[SPRING_DAMPERS.column('force')]
+        if length < COINCIDING and force != 0.0:
+            raise ConsistencyError(
+                f'start: spring-damper {spec.name!r} has length zero, so its force of {force:.3g} N has no direction; place its bodies '
+                'apart, or let it be without force there (free_length: 0, no preload)'
+            )
+
+
+def _outputs(model: Model, state: State, u: np.ndarray) -> np.ndarray:
+    """Outputs of all force elements."""
+    outputs = model.new_outputs()
+    f, z = np.zeros((model.n_bodies + 1, 6)), np.zeros(model.n_internal)
+    none = np.zeros((model.n_slots + 1, 6, 6))
+    evaluate_forces(model.tables, kinematics_of(state.q, state.v), state.angle, state.z, 0.0, u, False, f, none, none, z, outputs)
+    return outputs
+
+
+def refuse_unloaded_wheels(model: Model, state: State, u: np.ndarray) -> None:
+    """Raise ConsistencyError for a static equilibrium in which a wheel carries nothing."""
+    if not model.spec.tires:
+        return
+    loads = model.outputs(TIRES.name, _outputs(model, state, u))[:, TIRES.column('fz')]
+    free = [tire.name for tire, load in zip(model.spec.tires, loads, strict=True) if load < UNLOADED * loads.mean()]
+    if free:
+        raise ConsistencyError(
+            f'start: in the static equilibrium that was found nothing rests on {", ".join(free)}: the vehicle stands on its other wheels '
+            'only; place it nearer to how it stands, on a gentler slope, or with less or no brake_torque at t = 0'
+        )

@@ -1,0 +1,167 @@
+"""Every run ends 'ok' or 'suspect', with findings that say what is beyond, by how much, when, where, and what helps."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from mbd_sim_ros.bags import reader as bag
+from mbd_sim_ros.commands.main import main
+
+SARRUS = """
+mechanism:
+  bodies:
+    plate: {mass: 2, inertia: [0.1, 0.1, 0.1], position: [0, 0, 1.7320508075688772]}
+    A1: {mass: 1, inertia: [0.01, 0.01, 0.01], position: [0.75, 0, 0.4330127018922193]}
+    A2: {mass: 1, inertia: [0.01, 0.01, 0.01], position: [0.75, 0, 1.299038105676658]}
+    B1: {mass: 1, inertia: [0.01, 0.01, 0.01], position: [0, 0.75, 0.4330127018922193]}
+    B2: {mass: 1, inertia: [0.01, 0.01, 0.01], position: [0, 0.75, 1.299038105676658]}
+  joints:
+    Ag: {kind: revolute, i: world, j: A1, at: [0.5, 0, 0], axis: [0, 1, 0]}
+    Ak: {kind: revolute, i: A1, j: A2, at: [1, 0, 0.8660254037844386], axis: [0, 1, 0]}
+    Ap: {kind: revolute, i: A2, j: plate, at: [0.5, 0, 1.7320508075688772], axis: [0, 1, 0]}
+    Bg: {kind: revolute, i: world, j: B1, at: [0, 0.5, 0], axis: [1, 0, 0]}
+    Bk: {kind: revolute, i: B1, j: B2, at: [0, 1, 0.8660254037844386], axis: [1, 0, 0]}
+    Bp: {kind: revolute, i: B2, j: plate, at: [0, 0.5, 1.7320508075688772], axis: [1, 0, 0]}
+duration: 3
+"""
+STOP = """
+mechanism:
+  bodies: {b: {mass: 1, inertia: [1, 1, 1], position: [0, 0, 0.1]}}
+  joints: {g: {kind: prismatic, i: world, j: b, at: [0, 0, 0], axis: [0, 0, 1]}}
+  coordinate_forces: {stop: {terms: [[g, 1]], spring: [[-0.2, -100000], [-0.1, 0], [1, 0]]}}
+duration: 1
+"""
+DISTANCE = """
+mechanism:
+  bodies: {pend: {mass: 1, inertia: [0.04, 0.1, 0.1], position: [-1, 4, 3]}}
+  joints: {J: {kind: distance, i: {body: world, position: [1, 2, 3]}, j: {body: pend, at: [1, 4, 3]}}}
+duration: 5
+"""
+OSCILLATOR = """
+mechanism:
+  gravity: [0, 0, 0]
+  bodies: {b: {mass: 1, inertia: [1, 1, 1], position: [0, 0, 0.1]}}
+  joints: {g: {kind: prismatic, i: world, j: b, at: [0, 0, 0], axis: [0, 0, 1]}}
+  coordinate_forces: {s: {terms: [[g, 1]], spring: 3947.8417604357433}}
+duration: 1
+"""
+QUICK = ['--no-record']
+
+
+def output(capsys: pytest.CaptureFixture[str], *argv: str) -> tuple[int, str, str]:
+    code = main(argv)
+    captured = capsys.readouterr()
+    return code, captured.out, captured.err
+
+
+def document(capsys: pytest.CaptureFixture[str], *argv: str) -> tuple[int, dict]:
+    code, out, _ = output(capsys, *argv, '--json')
+    return code, json.loads(out)
+
+
+def run(tmp_path: Path, capsys: pytest.CaptureFixture[str], scene: str, *overrides: str) -> tuple[int, dict]:
+    path = tmp_path / 'scene.yaml'
+    path.write_text(scene)
+    return document(capsys, 'run', str(path), *QUICK, *(word for o in overrides for word in ('--set', o)))
+
+
+@pytest.mark.parametrize(
+    ('scene', 'bad', 'good'),
+    [
+        pytest.param(SARRUS, ['integrator.h=0.01'], ['integrator.h=0.004'], id='sarrus'),
+        pytest.param(STOP, ['integrator.h=0.005'], ['integrator.h=0.0005'], id='stop'),
+        pytest.param(DISTANCE, ['integrator.h=0.005'], ['integrator.h=0.001'], id='distance'),
+        pytest.param(DISTANCE, ['integrator={h: 0.01, mode: tolerance, penalty_policy: adaptive}'], ['integrator.h=0.001'], id='adaptive'),
+    ],
+)  # fmt: skip
+def test_energy_from_nowhere_is_suspect_and_a_smaller_step_is_not(tmp_path, capsys, scene, bad, good) -> None:
+    code, data = run(tmp_path, capsys, scene, *bad)
+    assert (code, data['status']) == (1, 'suspect')
+    found = {f['quantity']: f for f in data['findings']}['energy_error_max']
+    assert found['value'] == data['energy_error_max'] > found['limit']
+    assert 0.0 < found['time'] <= data['simulated_time']
+    assert 'integrator.h' in found['text']
+    code, data = run(tmp_path, capsys, scene, *good)
+    assert (code, data['status'], data['findings']) == (0, 'ok', [])
+
+
+@pytest.mark.parametrize(('steps_per_period', 'status'), [(200, 'ok'), (10, 'suspect')])
+def test_the_limit_of_energy_is_that_of_a_resolved_oscillation(tmp_path, capsys, steps_per_period: int, status: str) -> None:
+    """Ten periods of 10 Hz without damping: what the damping of the default rho_inf takes away is missing in the account."""
+    h = round(0.1 / steps_per_period, 9)
+    _, data = run(tmp_path, capsys, OSCILLATOR, f'integrator.h={h}')
+    assert data['status'] == status
+
+
+def test_a_body_that_turns_too_far_in_a_step_is_named(tmp_path, capsys) -> None:
+    body = 'mechanism:\n  bodies: {rotor: {mass: 1, inertia: [1, 1, 1], angular_velocity: [0, 0, 1200]}}\nduration: 0.1\n'
+    code, data = run(tmp_path, capsys, body)
+    (found,) = data['findings']
+    assert (code, found['quantity'], found['where']) == (1, 'turn_per_step', "body 'rotor'")
+    assert found['value'] == pytest.approx(1.2)
+
+
+def test_steps_that_do_not_settle_are_named_with_the_body(tmp_path, capsys) -> None:
+    _, data = run(tmp_path, capsys, STOP, 'integrator={h: 0.005, iterations: 1}')
+    found = {f['quantity']: f for f in data['findings']}['residual_max']
+    assert found['where'] == "most in body 'b'"
+    assert found['value'] > 0.01
+
+
+def test_a_scene_may_allow_it_or_set_its_own_limit(tmp_path, capsys) -> None:
+    bad = 'integrator.h=0.005'
+    code, data = run(tmp_path, capsys, STOP, bad, 'require.allow_suspect=true')
+    assert (code, data['status']) == (0, 'suspect')
+    wide = 'require={energy_error_max: 1, residual_max: 0.1, allow_suspect: true}'
+    code, data = run(tmp_path, capsys, STOP, bad, wide)
+    assert [f['quantity'] for f in data['findings']] == ['unsettled']
+    assert code == 0
+    code, data = run(tmp_path, capsys, STOP, 'integrator.h=0.0005', 'require={residual_max: 1.0e-15, allow_suspect: true}')
+    assert (code, data['status'], data['findings'][0]['required']) == (1, 'suspect', True)
+    assert data['violations'][0].startswith('residual_max: ')
+
+
+def test_the_text_says_verdict_and_reason(tmp_path, capsys) -> None:
+    path = tmp_path / 'scene.yaml'
+    path.write_text(STOP)
+    code, text, _ = output(capsys, 'run', str(path), *QUICK, '--set', 'integrator.h=0.005')
+    assert code == 1
+    assert 'verdict' in text.splitlines()[0]
+    assert 'suspect' in text.splitlines()[0]
+    assert any(line.startswith('SUSPECT') and 'energy account misses' in line for line in text.splitlines())
+
+
+def test_the_recording_holds_the_verdict(tmp_path, capsys) -> None:
+    path = tmp_path / 'scene.yaml'
+    path.write_text(STOP)
+    document(capsys, 'run', str(path), '--out', str(tmp_path / 'r'), '--set', 'integrator.h=0.005')
+    metadata = bag.read(tmp_path / 'r').metadata
+    assert metadata['status'] == 'suspect'
+    assert json.loads(metadata['findings'])[0]['quantity'] == 'energy_error_max'
+
+
+def test_a_start_that_moves_bodies_is_told_by_run_and_info(tmp_path, capsys) -> None:
+    path = tmp_path / 'scene.yaml'
+    path.write_text(
+        'mechanism:\n  bodies: {bob: {mass: 1, inertia: [0.01, 0.01, 0.01], com: [0, 0, -1]}}\n  joints:\n    pivot: {kind: revolute, '
+        'i: {body: world, axis: [0, 1, 0]}, j: {body: bob, position: [0.1, 0, 0], axis: [0, 1, 0]}}\n'
+        'start: {kind: assemble}\nduration: 0.1\n'
+    )
+    for command in (['run', str(path), *QUICK], ['info', str(path)]):
+        _, data = document(capsys, *command)
+        assert (data['start']['moved'], data['start']['placed_by']) == ('bob', 'assembly')
+
+
+def test_an_edge_under_the_tires_is_told_and_the_profile_of_a_wheel_is_not(tmp_path, capsys) -> None:
+    """A step of 50 mm over 50 mm: hollow by 20 1/m, where a wheel of 0.31 m makes 3.2 1/m of it; loads of 130 kN on a wheel came of it."""
+    car = 'vehicle: vehicles/light_car.yaml\nstart: {kind: equilibrium, speed_kmh: 20}\nduration: 0.01\n'
+    edge = 'road: {grids: [{kind: height_grid, origin: [6, -4], step: [0.05, 8], height: [[0, 0], [0, 0], [0.05, 0.05], [0.05, 0.05]]}]}\n'
+    code, data = run(tmp_path, capsys, car + edge)
+    (found,) = data['findings']
+    assert (code, found['quantity'], found['where']) == (1, 'road_curvature', 'road.grids[0].height[1][0]')
+    assert found['value'] == pytest.approx(20.0)
+    code, data = document(capsys, 'run', 'car_cleat', '--no-record', '--duration', '0.01')
+    assert (code, data['findings']) == (0, [])
