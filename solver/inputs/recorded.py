@@ -8,10 +8,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from solver.compiled.portable import clamped_spline_slopes, piecewise_cubic
 from solver.errors import SpecError, suggestion
 
 RATE, ACCELERATION = '_rate', '_acceleration'
@@ -81,7 +82,7 @@ class RecordedSource:
             self._tracks = {name: Track(track.t_ns - begin, track.values) for name, track in given.tracks.items()}
             self._length_ns = max(int(track.t_ns[-1]) for track in self._tracks.values())
             used = {name: track.values for name, track in self._tracks.items()}
-            self._splines: dict[str, Any] = {}
+            self._splines: dict[str, np.ndarray] = {}  # slopes
         for name in used:
             if name not in self.names:
                 raise SpecError(f'{given.where}: the model has no input {name!r}{suggestion(name, self.names)}')
@@ -177,10 +178,9 @@ class RecordedSource:
         if len(t) == 1:
             return np.column_stack([np.full(len(t_ns), values[0]), np.zeros((len(t_ns), 2))])
         if name not in self._splines:
-            from scipy.interpolate import CubicSpline  # slow to import, and needed here only
-
-            self._splines[name] = CubicSpline(t * 1e-9, values, bc_type='clamped')
-        spline = self._splines[name]
+            self._splines[name] = clamped_spline_slopes(t * 1e-9, values)
+        slopes = self._splines[name]
         inside = (t_ns >= t[0]) & (t_ns < t[-1])
         at = np.clip(t_ns, t[0], t[-1]) * 1e-9
-        return np.column_stack([spline(at), np.where(inside, spline(at, 1), 0.0), np.where(inside, spline(at, 2), 0.0)])
+        value, rate, acceleration = piecewise_cubic(t * 1e-9, values, slopes, at)
+        return np.column_stack([value, np.where(inside, rate, 0.0), np.where(inside, acceleration, 0.0)])

@@ -5,6 +5,8 @@ from __future__ import annotations
 import dataclasses
 import json
 import os
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -36,13 +38,11 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     (directory / 'others.yaml').write_text(SUITE)
     file = directory / 'performance.md'
     file.write_text('# Mine\n\n<!-- begin bench -->\nthe usual part\n<!-- end -->\n')
-    with pytest.MonkeyPatch.context() as patch:
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(StringIO()) as printed:
         patch.setenv(PYTHON, str(directory / 'nobody'))
-        printed: list[str] = []
-        patch.setattr('mbd_sim_ros.commands.main._print', printed.append)
         command = ['bench', '--suite', str(directory / 'others.yaml'), '--quick', '--json', '--out', str(file)]
         assert main(command) == 0
-    data = json.loads(printed[-1])
+    data = json.loads(printed.getvalue())
     return {'data': data, 'cases': {c['name']: c for c in data['cases']}, 'file': file}
 
 
