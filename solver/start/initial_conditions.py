@@ -109,7 +109,7 @@ class InitialConditions:
                 calculation.equilibrium(state, without_brakes(self.model, u), hold=self.chassis)
             except ConsistencyError:  # far from rest only what is free to roll finds it
                 copy_state(before, state)
-        calculation.equilibrium(state, u, hold=held, stable=True)
+        calculation.equilibrium(state, u, hold=held, stable=self.scene.start.stable)
         refuse_unloaded_wheels(self.model, state, u)
 
     def _without_loads(self, u: np.ndarray) -> np.ndarray:

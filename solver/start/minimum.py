@@ -53,5 +53,5 @@ def refuse_unstable(model: Model, K: np.ndarray, J: np.ndarray, metric: np.ndarr
         energy = (motion[:, None, :] @ metric @ motion[:, :, None]).ravel()
         raise ConsistencyError(
             f'start: the static equilibrium that was found is not stable: body {model.body_names[int(np.argmax(energy))]!r} would leave it '
-            f'with exp({rates[worst]:.3g} t); place the bodies nearer to one that is, or set start.kind: assemble'
+            f'with exp({rates[worst]:.3g} t); place the bodies nearer to one that is, or set start.stable: false'
         )
