@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import time
 from collections.abc import Mapping
@@ -18,10 +19,13 @@ from mbd_sim_ros.bags.recorder import StepRecorder, about, describe
 from mbd_sim_ros.messages.encode import Messages
 from solver.analysis.balance import Balance
 from solver.analysis.verdict import OK, SUSPECT, Finding, findings, passes, report
-from solver.errors import MbdError
+from solver.errors import MbdError, StepError
+from solver.files.scene import load_scene_text
 from solver.simulation import Simulation
 
 UNRECORDED_CHUNK = 100  # steps per call when nobody looks between
+LAST = 200  # steps before a failure that are recorded every one
+LAST_STEPS = 'last_steps'  # name of their recording, in the directory of the run
 DEAF = 0.1  # s that a call of many steps may take; nobody looks for signals meanwhile
 
 
@@ -82,17 +86,20 @@ def simulate(
     from_start: bool = True,
     frame_prefix: str = '',
     parameters: Mapping[str, Any] | None = None,
+    looking_back: bool = True,
 ) -> dict[str, Any]:
     """Advance to step `steps`, from the start or from a saved state, and return the figures of the run.
 
     directory: where to record (None: not at all). source: of the inputs; None is the maneuver of the scene. progress: show a bar
     if stderr is a terminal. balance: follow energy and momentum by element kind, which takes its time. state: of Simulation.save().
-    from_start: record the state at the beginning too.
+    from_start: record the state at the beginning too. looking_back: a run that fails leaves in its recording another one, `last_steps`:
+    the last LAST steps at least, every one, from a saved state on, so that `mbd replay` can start again from just before.
     `status` is 'ok' or 'suspect', `findings` say why; `passed` is false where the scene does not allow what was found. A recording is
     always closed, with the verdict or what ended the run. Raises StepError, BagError, and KeyboardInterrupt(sentence to show, signal
     number) between two steps.
     """
     every = simulation.scene.record.every if directory is not None else UNRECORDED_CHUNK
+    looking_back &= directory is not None
     with tqdm(total=steps, unit='step', desc='compiling', disable=None if progress else True, leave=False) as bar:
         interrupts.now(f'preparing {simulation.scene.name}')
         warm_up(simulation)
@@ -108,13 +115,18 @@ def simulate(
         with interrupts.held():
             status, cpu, begin, written = 'error', 0.0, time.perf_counter(), -1
             found: list[Finding] = []
+            failure: StepError | None = None
+            number = 0
             balances = Balance(simulation) if balance else None
+            before = recent = (simulation.k, b'')  # states from LAST steps ago at least, and later
             try:
                 if recorder and messages and from_start:
                     recorder.record(simulation.t_ns, messages.encode(simulation.snapshot()))
                     written = simulation.k
                 while simulation.k < steps and not interrupts.received():
                     n = min(1 if balances else every - simulation.k % every, steps - simulation.k, portion.most)
+                    if looking_back and simulation.k >= recent[0] + LAST:
+                        before, recent = recent, (simulation.k, simulation.save())
                     inputs = None if source is None else source.table(simulation.k, n)
                     started, clock = time.thread_time(), time.perf_counter()
                     snapshot = simulation.advance(n, inputs)
@@ -135,12 +147,19 @@ def simulate(
                 figures = _figures(simulation, first, time.perf_counter() - begin, cpu)
                 found = findings(simulation, figures['real_time_factor'])
                 status = 'interrupted' if number else SUSPECT if found else OK
+            except StepError as error:
+                failure = error
             finally:
                 figures = _figures(simulation, first, time.perf_counter() - begin, cpu)
                 if recorder:
                     events = json.dumps([event._asdict() for event in simulation.events])
                     verdict = {'status': status, 'findings': json.dumps(report(found))}
                     recorder.close({**verdict, **{key: f'{value!r}' for key, value in figures.items()}, 'event_list': events})
+    if failure is not None:
+        if looking_back and directory is not None:
+            where = _last_steps(simulation, steps, directory / LAST_STEPS, source, before[1] or state, frame_prefix, parameters)
+            raise StepError(f'{failure}; {where}') from failure
+        raise failure
     if number:
         kept = f'; the recording in {directory} is complete up to there' if directory is not None else ''
         raise KeyboardInterrupt(f'interrupted at t = {simulation.t_ns * 1e-9:g} s (step {simulation.k}){kept}', number)
@@ -153,6 +172,30 @@ def simulate(
         **followed,
         'out': None if directory is None else str(directory),
     }
+
+
+def _last_steps(
+    simulation: Simulation,
+    steps: int,
+    directory: Path,
+    source: Source | None,
+    state: bytes | None,
+    frame_prefix: str,
+    parameters: Mapping[str, Any] | None,
+) -> str:
+    """Record the steps from a state (None: the start) to the failure, every one; returns a phrase that says where they are."""
+    scene = simulation.scene
+    resolved = load_scene_text(scene.resolved, overrides=['record.every=1']).resolved if scene.resolved else ''
+    each = dataclasses.replace(scene, record=dataclasses.replace(scene.record, every=1), resolved=resolved)
+    simulation.scene = each
+    options: dict[str, Any] = {'frame_prefix': frame_prefix, 'parameters': parameters, 'looking_back': False}
+    try:
+        simulate(simulation, steps, directory=directory, source=source, state=state, **options)
+    except StepError:  # the same again
+        pass
+    finally:
+        simulation.scene = scene
+    return f'the steps before are in {directory}, with the state to start again from (mbd replay)'
 
 
 def _figures(simulation: Simulation, first: int, wall: float, cpu: float) -> dict[str, Any]:

@@ -30,7 +30,8 @@ class StartSettings:
     kind: 'as_placed' takes the placement in the file, which must satisfy the joints to 1e-6; 'assemble' moves the bodies as little as
     possible until it does; 'equilibrium' seeks static equilibrium under gravity (a vehicle whose brakes are all released is held along
     the x axis of its chassis meanwhile, and rolls away from a slope at t = 0). Velocities are made to fit in every case.
-    stable: refuse an equilibrium that the model would leave by itself. speed: along the x axis of the chassis [m/s], rolling wheels included. coordinates: joint coordinates that are wanted.
+    stable: refuse an equilibrium that the model would leave by itself. speed: along the x axis of the chassis [m/s], rolling wheels
+    included. coordinates: joint coordinates that are wanted.
     """
 
     kind: Literal['as_placed', 'assemble', 'equilibrium'] = 'as_placed'

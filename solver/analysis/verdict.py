@@ -8,8 +8,8 @@ bodies that turn, in which energy goes from axis to axis unseen by that account,
 *Iteration.* A step is accepted when what its iteration leaves is below LARGEST_STAGNATION of the velocity; over a step that is a
 distance. Residual, drift of velocities and drift of positions must not show more than that, and all but few steps a digit less.
 *Turn.* The iteration contracts by about the turn of a body per step (docs/decisions/0002).
-*Road.* A tire touches the road at one point. Of a hollow that is rounder than the wheel, an edge above all, the wheel itself makes a
-profile no rounder than itself (Pacejka 2012, 10.1.5); without that the point of contact jumps, and loads are many times too large.
+*Road.* A tire touches the road at one point. Of a hollow that is rounder than the wheel, an edge above all, a wheel makes a profile
+no rounder than itself (Pacejka 2012, 10.1.5); without that the point of contact jumps, and loads are many times too large.
 """
 
 from __future__ import annotations

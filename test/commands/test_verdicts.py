@@ -46,6 +46,7 @@ mechanism:
   bodies: {b: {mass: 1, inertia: [1, 1, 1], position: [0, 0, 0.1]}}
   joints: {g: {kind: prismatic, i: world, j: b, at: [0, 0, 0], axis: [0, 0, 1]}}
   coordinate_forces: {s: {terms: [[g, 1]], spring: 3947.8417604357433}}
+start: {coordinates: {g: {value: 0.1}}}
 duration: 1
 """
 QUICK = ['--no-record']
@@ -88,7 +89,7 @@ def test_energy_from_nowhere_is_suspect_and_a_smaller_step_is_not(tmp_path, caps
     assert (code, data['status'], data['findings']) == (0, 'ok', [])
 
 
-@pytest.mark.parametrize(('steps_per_period', 'status'), [(200, 'ok'), (10, 'suspect')])
+@pytest.mark.parametrize(('steps_per_period', 'status'), [(200, 'ok'), (4, 'suspect')])
 def test_the_limit_of_energy_is_that_of_a_resolved_oscillation(tmp_path, capsys, steps_per_period: int, status: str) -> None:
     """Ten periods of 10 Hz without damping: what the damping of the default rho_inf takes away is missing in the account."""
     h = round(0.1 / steps_per_period, 9)
@@ -165,3 +166,24 @@ def test_an_edge_under_the_tires_is_told_and_the_profile_of_a_wheel_is_not(tmp_p
     assert found['value'] == pytest.approx(20.0)
     code, data = document(capsys, 'run', 'car_cleat', '--no-record', '--duration', '0.01')
     assert (code, data['findings']) == (0, [])
+
+
+def test_a_run_that_fails_leaves_its_last_steps_and_a_state_to_start_again_from(tmp_path, capsys) -> None:
+    """Recorded every 50 steps: its last 200 steps are there one by one, and replay from a state behind the start."""
+    path = tmp_path / 'scene.yaml'
+    path.write_text(
+        'mechanism: mechanisms/four_bar.yaml\nmaneuver: {signals: {motor: {kind: ramp, slope: 2.0, start: 0.1}}}\nduration: 4\n'
+    )
+    impossible = ['--set', 'mechanism.couplers.motor.terms={rocker: 1}', '--set', 'record.every=50']  # the rocker cannot turn round
+    code, data = document(capsys, 'run', str(path), *impossible, '--out', str(tmp_path / 'r'))
+    assert (code, data['status']) == (4, 'error')
+    assert 'last_steps' in data['error']
+    assert bag.read(tmp_path / 'r').metadata['status'] == 'error'
+    last = bag.read(tmp_path / 'r' / 'last_steps')
+    step = last['cmd_applied/step']
+    failed = int(data['error'].split('step ')[1].split(':')[0])
+    assert step[-1] == failed
+    assert failed - step[0] >= min(200, failed)
+    assert set(step[1:] - step[:-1]) == {1.0}
+    code, data = document(capsys, 'replay', str(tmp_path / 'r' / 'last_steps'))
+    assert (code, data['status']) == (0, 'identical')
