@@ -37,6 +37,7 @@ from solver.model.state import update_angles
 from solver.output.collect import collect
 from solver.output.energy import note_residuals, update_energy
 from solver.output.snapshot import Counters
+from solver.step.augmentation import CONTRACTION, ENOUGH, HELD, combine, opposed, weighed
 from solver.step.stage import AT_END, BOTH, WITH_TANGENTS, copy_blocks, copy_rows, finite, largest, largest_turn, momentum_residual, place
 from solver.step.work import BAD_INPUT, NON_FINITE, NOT_CONVERGED, OK, SINGULAR, StepResult, added
 
@@ -44,6 +45,8 @@ from solver.step.work import BAD_INPUT, NON_FINITE, NOT_CONVERGED, OK, SINGULAR,
 # values keeps that part from drifting, while the determined part is found again by the first iteration.
 WARM_START = 0.9999
 LARGEST_STAGNATION = 1e-2  # relative velocity increment below which an iteration that stops converging is accepted
+SETTLED = 1e-3  # of the error that is left in mode fixed, from where on a step takes no more than its number of iterations
+NEGLIGIBLE = 1e-7  # relative velocity increment that need not be looked at
 STAGNATION = 0.5  # an iteration that gains less is stopped and its best iterate judged
 LARGEST_TURN = 0.1  # rad; an iteration that wants to turn a body by more follows tangents that no longer hold: it goes only so far
 DAMPED_FROM = 8  # iterations of a step in mode fixed, from where on only half of each is taken
@@ -188,6 +191,8 @@ def iterate(tables, c, s0, s1, u, cz, work):
     increment = 0.0
     residual = 0.0
     refactor: np.bool_ | bool = YES
+    share = ENOUGH * ENOUGH if c.fixed == 1 else CONTRACTION * CONTRACTION
+    smallest = (HELD if c.fixed == 1 else CONTRACTION * c.tolerance) * speed / (c.gamma * c.h)
     best = np.inf
     stagnated = 0
     for it in range(max(c.iterations, MOST_ITERATIONS) if c.fixed == 1 else c.iterations):
@@ -200,28 +205,41 @@ def iterate(tables, c, s0, s1, u, cz, work):
             assemble(tables, c, s1.lam, _to_g(c), work)
             where = factorize_saddle(tables, c.form, saddle)
             factorizations += 1
+            work.augmentation.count[0] = 0
             if where >= 0:
                 status = SINGULAR
                 break
         solve_saddle(tables, c.form, saddle, work.r, work.g, work.dw, work.dlam)
+        if c.combined == 1 and (refactor or work.augmentation.count[0] > 0):
+            measure = it == 0 or c.fixed == 0
+            combine(tables, c.form, saddle, work.augmentation, measure, share, smallest, work.g, work.dw, work.dlam)
         before = increment
         increment, turn, where = increment_of(work)
         if where >= 0:
             status = NON_FINITE
             break
+        increment *= c.gamma * c.h / speed
         turn *= c.beta * c.h * c.h
         part = LARGEST_TURN / turn if turn > LARGEST_TURN else 1.0
+        if c.fixed == 1 and part == 1.0 and before > 0.0 and increment > max(STAGNATION * before, NEGLIGIBLE):
+            # Next to a singular position the constraints are closed, but not by forces along A of the stage: the impulse that closed them
+            # acted along A of the end, which is as good to second order. Going on only makes it worse.
+            closed = weighed(saddle.W, work.g, work.g) < SETTLED * SETTLED * work.augmentation.violation[0]
+            if (before < LARGEST_STAGNATION or closed) and opposed(tables, work.J_stage, J_end, work.dlam, work.r, work.f):
+                residual = increment
+                status = OK
+                stagnated = 1
+                break
         if c.fixed == 1 and it >= max(c.iterations, DAMPED_FROM):
             part = min(part, 0.5)  # Newton's iteration may go round between the branches of a contact; half of it does not
         add_increment(part, s1, work)
-        increment *= c.gamma * c.h / speed
         rate = increment / before if it > 0 and before > 0.0 else 1.0
         residual = increment
         remaining = increment * rate / (1.0 - rate) if rate < 1.0 else increment
         if c.fixed == 1:
             # A fixed number of iterations relies on their gain. Where they do not gain (a stop is hit, a wheel lands) the tangents of
             # the prediction are those of another place: go on with new ones until they do.
-            settled = (remaining if part == 1.0 else increment) < LARGEST_STAGNATION
+            settled = (remaining if part == 1.0 else increment) < (SETTLED if it >= c.iterations - 1 else LARGEST_STAGNATION)
             if it >= c.iterations - 1 and settled:
                 status = OK
                 break
@@ -233,12 +251,15 @@ def iterate(tables, c, s0, s1, u, cz, work):
             if increment < best:
                 best = increment
                 keep_best(s1, work)
-            if it > 1 and before > 0.0 and rate > STAGNATION and part == 1.0 and (rate < 1.0 or best < LARGEST_STAGNATION):
+            if it > 1 and before > 0.0 and rate > STAGNATION and part == 1.0 and best < LARGEST_STAGNATION:
                 break
             refactor = rate > CONTRACTION_TO_REUSE
             where = it
         if part < 1.0:
             increment = 0.0  # nothing to compare the next iteration with
+    if status == NOT_CONVERGED and c.fixed == 1 and residual < LARGEST_STAGNATION:  # settles slowly
+        status = OK
+        stagnated = 1
     if status == NOT_CONVERGED and best < LARGEST_STAGNATION:
         # Next to a singular position the iteration may not settle along the direction that the constraints hardly see (the force
         # direction A at the stage and the constraint row A at the end can have opposite signs there); its best iterate is as good as any.
@@ -291,6 +312,20 @@ def position_drift(tables, work):
 
 
 @kernel(inner=True)
+def left_open(tables, c, s0, work):
+    """Largest residual of a constraint as a velocity over the step, relative to the speed: what augmentations leave open shows in no
+    increment.
+    """
+    speed = 1.0
+    for b in range(work.r.shape[0] - 1):
+        speed = max(speed, largest(s0.v, b))
+    worst = 0.0
+    for i in range(work.phi_end.shape[0]):
+        worst = max(worst, abs(work.phi_end[i]) / c.h if tables.constraints.holonomic[i] == 1 else abs(work.phi_end[i]))
+    return worst / speed
+
+
+@kernel(inner=True)
 def body_not_finite(work):
     """The last body whose projected twist is not finite, or -1."""
     bad = -1
@@ -316,7 +351,8 @@ def step(tables, c, s0, s1, u, want_outputs, work):
         outputs_at_end(tables, s1, u, work)
         evaluations += 1
     n = found.counters
-    counters = Counters(n.iterations, n.factorizations, evaluations, n.stagnated, n.residual, position, velocity)
+    residual = max(n.residual, left_open(tables, c, s0, work))
+    counters = Counters(n.iterations, n.factorizations, evaluations, n.stagnated, residual, position, velocity)
     bad = body_not_finite(work)
     if bad >= 0 or not np.isfinite(velocity + position):
         return StepResult(NON_FINITE, max(bad, 0), counters)
@@ -340,6 +376,8 @@ def project_velocity(tables, c, v, u, passes, work):
         if k == passes or (k > 0 and worst < c.tolerance):
             break
         solve_saddle(tables, c.form, work.saddle, work.r, work.rate, work.dw, work.dlam)
+        if work.augmentation.count[0] > 0:
+            combine(tables, c.form, work.saddle, work.augmentation, True, ENOUGH * ENOUGH, 0.0, work.rate, work.dw, work.dlam)
         for b in range(nb):
             T = work.T_end[b]
             for i in range(3):

@@ -14,6 +14,7 @@ from solver.model.saddle import Saddle
 from solver.model.state import new_kinematics
 from solver.output.energy import LENGTH
 from solver.output.snapshot import Counters, OutputArrays
+from solver.step.augmentation import Augmentation, new_augmentation
 from solver.step.constraint_coefficients import Formulation, new_formulation
 
 OK, NOT_CONVERGED, NON_FINITE, SINGULAR, INACCURATE, BAD_INPUT = range(6)  # status of a step; INACCURATE: error control gave up
@@ -40,6 +41,7 @@ class Scheme(NamedTuple):
     fixed: int  # 1: a fixed number of iterations with one factorization
     iterations: int  # their number, or the limit in tolerance mode
     tolerance: float
+    combined: int  # 1: combined augmentations where one leaves constraints open
 
 
 def scheme_parameters(h: float, rho_inf: float) -> dict[str, float]:
@@ -94,6 +96,7 @@ class Work(NamedTuple):
     u_before: np.ndarray  # (nu,) inputs of the step before
     u_end: np.ndarray  # (nu,) inputs at the end of the step
     outputs_end: np.ndarray  # the same, those of elements that follow inputs with u_end
+    augmentation: Augmentation  # directions of the factorization
     formulation: Formulation  # coefficients of the constraints
     chassis: int  # body of the inertial unit
     arrays: OutputArrays  # what a Snapshot shows
@@ -148,6 +151,7 @@ def new_work(model, saddle: Saddle, outputs: np.ndarray, arrays: OutputArrays) -
         J_end=np.zeros((ne + 1, 6, 6)), J_stage=np.zeros((ne + 1, 6, 6)), zp=np.zeros(nz), z_stage=np.zeros(nz),
         saddle=saddle, outputs=outputs, v_out=six(), a_out=six(), lam_out=row(), energy=np.zeros(LENGTH),
         u_force=forces, u_before=np.zeros_like(forces), u_end=np.zeros_like(forces), outputs_end=outputs.copy(),
+        augmentation=new_augmentation(model),
         formulation=new_formulation(model),
         chassis=model.body_names.index(model.spec.chassis) if model.spec.chassis else 0, arrays=arrays,
     )  # fmt: skip

@@ -1,0 +1,179 @@
+"""Augmentations combined: the solution of an iteration with multipliers that close the constraints, at the cost of a few substitutions.
+
+One augmentation of the saddle system (solver.model.saddle) leaves t = g + A dw = -dlam / W of the violation g. It takes off a part
+xi s / (1 + xi s) of a mode of the constraints with the eigenvalue s (docs/formulation.md): nearly all of it as a rule, nearly nothing
+where bodies hold each other, a light one carries a heavy one, or something stiff acts on a light part. A further augmentation, of the
+violation that is left, gives increments with balanced momentum that change the constraints by a known image P t. The combination
+of these that leaves the smallest violation, each row weighed by its penalty, is found by generalized conjugate residuals, which are GMRES
+[Saad1986] with the directions kept: as many directions as there are slow modes. Directions hold for as long as the factorization does, so the
+iterations of a step and the projection of its velocity share them.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from solver.compiled.kernel import kernel
+from solver.model.saddle import CONDENSED, solve_saddle
+
+MOST_DIRECTIONS = 12
+ENOUGH = 1e-4  # part of the violation at the prediction that an iteration of mode fixed may leave; of the velocity, its projection
+CONTRACTION = 1e-2  # part of its own violation, and of the tolerance, that an iteration of mode tolerance may leave
+HELD = 1e-11  # relative velocity over the step; what violates less is rounding
+SMALLEST_IMAGE = 1e-6  # relative to the violation; less is a direction that the constraints cannot hold: it is left to its inertia
+
+
+class Augmentation(NamedTuple):
+    """Directions of one factorization, and scratch; nothing in it survives a step."""
+
+    image: np.ndarray  # (MOST_DIRECTIONS, nc) -A dw of every direction; orthonormal, weighed by the penalties
+    dw: np.ndarray  # (MOST_DIRECTIONS, nb + 1, 6)
+    dlam: np.ndarray  # (MOST_DIRECTIONS, nc)
+    count: np.ndarray  # (1,) directions so far
+    violation: np.ndarray  # (1,) sum W g^2 that was measured last
+    left: np.ndarray  # (nc,) violation
+    zero: np.ndarray  # (nb + 1, 6)
+
+
+def new_augmentation(model) -> Augmentation:
+    """Allocate for a model."""
+    n, nb, nc = MOST_DIRECTIONS, model.n_bodies, model.n_rows
+    return Augmentation(
+        np.zeros((n, nc)),
+        np.zeros((n, nb + 1, 6)),
+        np.zeros((n, nc)),
+        np.zeros(1, np.int64),
+        np.zeros(1),
+        np.zeros(nc),
+        np.zeros((nb + 1, 6)),
+    )
+
+
+@kernel(inner=True)
+def weighed(W, x, y):
+    """sum of W x y, in four partial sums, because a sum waits for the one before."""
+    n = W.shape[0]
+    one, two, three, four = 0.0, 0.0, 0.0, 0.0
+    for i in range(0, n - 3, 4):
+        one += W[i] * x[i] * y[i]
+        two += W[i + 1] * x[i + 1] * y[i + 1]
+        three += W[i + 2] * x[i + 2] * y[i + 2]
+        four += W[i + 3] * x[i + 3] * y[i + 3]
+    for i in range(n - n % 4, n):
+        one += W[i] * x[i] * y[i]
+    return (one + two) + (three + four)
+
+
+@kernel(inner=True)
+def _add(augmentation, k, factor, dw, dlam):
+    """dw and dlam += factor times direction k."""
+    source = augmentation.dw[k]
+    for b in range(source.shape[0]):
+        for i in range(6):
+            dw[b, i] += factor * source[b, i]
+    for i in range(dlam.shape[0]):
+        dlam[i] += factor * augmentation.dlam[k, i]
+
+
+@kernel(inner=True)
+def _new_direction(tables, form, saddle, augmentation, size):
+    """Append the direction that augments augmentation.left, of the given weighed size; whether it has an image worth it."""
+    k = augmentation.count[0]
+    W = saddle.W
+    image, dlam, dw = augmentation.image[k], augmentation.dlam[k], augmentation.dw[k]
+    solve_saddle(tables, form, saddle, augmentation.zero, augmentation.left, dw, dlam)
+    for i in range(W.shape[0]):
+        image[i] = augmentation.left[i] + dlam[i] / W[i]
+    for j in range(k):
+        part = weighed(W, augmentation.image[j], image)
+        for i in range(W.shape[0]):
+            image[i] -= part * augmentation.image[j, i]
+        _add(augmentation, j, -part, dw, dlam)
+    length = np.sqrt(weighed(W, image, image))
+    if not length > SMALLEST_IMAGE * size:
+        return False
+    for i in range(W.shape[0]):
+        image[i] /= length
+        dlam[i] /= length
+    for b in range(dw.shape[0]):
+        for i in range(6):
+            dw[b, i] /= length
+    augmentation.count[0] = k + 1
+    return True
+
+
+@kernel(inner=True)
+def combine(tables, form, saddle, augmentation, measure, share, smallest, g, dw, dlam):
+    """Add to dw (nb + 1, 6) and dlam (nc,), the solution for the violation g (nc,) that solve_saddle just gave, combined augmentations
+    if it leaves more than `share` of the violation that was measured last, and more than `smallest` in every row.
+
+    measure: g is that violation. Violations are sums of W g^2, and so is share. augmentation.count belongs to the factorization.
+    """
+    W, t = saddle.W, saddle.t
+    if form != CONDENSED:
+        for i in range(dlam.shape[0]):
+            t[i] = -dlam[i] / W[i]
+    if measure:
+        augmentation.violation[0] = weighed(W, g, g)
+    enough = share * augmentation.violation[0]
+    if weighed(W, t, t) > enough:
+        _combine(tables, form, saddle, augmentation, enough, smallest, dw, dlam)
+
+
+@kernel(inner=True)
+def _combine(tables, form, saddle, augmentation, enough, smallest, dw, dlam):
+    """Add to dw and dlam what closes the violation saddle.t that they leave."""
+    W = saddle.W
+    left = augmentation.left
+    floor = 0.0
+    for i in range(W.shape[0]):
+        left[i] = saddle.t[i]
+        floor += W[i] * smallest * smallest
+    enough = max(enough, floor)
+    size = weighed(W, left, left)
+    for k in range(MOST_DIRECTIONS):
+        if not size > enough:
+            break
+        if k == augmentation.count[0] and not _new_direction(tables, form, saddle, augmentation, np.sqrt(size)):
+            break
+        image = augmentation.image[k]
+        part = weighed(W, image, left)
+        for i in range(W.shape[0]):
+            left[i] -= part * image[i]
+        _add(augmentation, k, part, dw, dlam)
+        size = weighed(W, left, left)
+
+
+@kernel(borrow=True)
+def opposed(tables, J_s, J_e, dlam, r, f):
+    """Whether the change dlam (nc,) of the multipliers makes more than half of the momentum residual r (nb + 1, 6) by acting along J_s, the
+    force directions of the stage, instead of J_e, those that the matrix has; f (nb + 1, 6) is scratch.
+
+    So it is next to a singular position, where a constraint sees the free direction with opposite signs at the stage and at the end. A
+    stop that is hit or a wheel that lands makes an iteration grow too, but by its own force.
+    """
+    con = tables.constraints
+    for b in range(f.shape[0]):
+        for i in range(6):
+            f[b, i] = 0.0
+    for g in range(con.row.shape[0] - 1):
+        first = con.row[g]
+        for e in range(con.entry[g], con.entry[g + 1]):
+            for k in range(con.row[g + 1] - first):
+                for i in range(6):
+                    f[con.body[e], i] += dlam[first + k] * (J_s[e, k, i] - J_e[e, k, i])
+    return _kinetic(tables, f) > 0.25 * _kinetic(tables, r)
+
+
+@kernel(inner=True)
+def _kinetic(tables, p):
+    """p^T M^-1 p."""
+    total = 0.0
+    for b in range(tables.bodies.mass.shape[0]):
+        for i in range(3):
+            total += tables.penalty_inverse_mass[b] * p[b, i] * p[b, i]
+            for j in range(3):
+                total += p[b, 3 + i] * tables.penalty_inverse_inertia[b, i, j] * p[b, 3 + j]
+    return total
