@@ -81,6 +81,7 @@ class Simulation:
             fixed=int(settings.mode == 'fixed'),
             iterations=settings.iterations if settings.mode == 'fixed' else settings.max_iterations,
             tolerance=settings.tolerance,
+            combined=int(settings.augmentation == 'combined'),
         )
         self.outputs = self.model.new_outputs()
         self._layout = layout_of(self.channels)

@@ -21,6 +21,8 @@ class IntegratorSettings:
     wheel lands); 'tolerance' iterates until the relative residual and increment are below `tolerance` or `max_iterations` is reached.
     penalty: xi, dimensionless. form: 'condensed' factorizes the n x n matrix with penalties added, 'block' keeps the
     multipliers.
+    augmentation: 'combined' closes constraints that one augmentation of an iteration leaves open by a combination of further ones,
+    'plain' leaves them to the next iteration.
     effective_mass: what a penalty multiplies, m_R of a constraint by itself ('isolated') or with the others in force ('coupled').
     coefficients: 'mass' uses m_R alone, 'full' adds what c_R and k_R contribute in one step. mass_factor: multiplies m_R, one
     number or a mapping from constraints (a joint, a coupler or one row) to numbers; with kind 'm_alf' it multiplies m_R = 1.
@@ -41,6 +43,7 @@ class IntegratorSettings:
     max_iterations: int = 20
     penalty: float = 1e6
     form: Literal['condensed', 'block'] = 'condensed'
+    augmentation: Literal['combined', 'plain'] = 'combined'
     effective_mass: Literal['isolated', 'coupled'] = 'isolated'
     coefficients: Literal['mass', 'full'] = 'mass'
     mass_factor: float | dict[str, float] = 1.0

@@ -16,6 +16,7 @@ from solver.step.adaptation import Adaptation, is_undetermined
 from solver.step.augmented_lagrangian import step
 
 RHYTHM = (1, 4, 2, 1, 1, 5, 3, 2)  # steps in the intervals of the grid: sizes change by factors up to five, up and down
+PLAIN = ('augmentation=plain',)  # combined augmentations leave penalties nothing to rescue
 BY_ERROR = {'mode': 'tolerance', 'step_policy': 'error'}
 
 
@@ -41,15 +42,20 @@ def adaptation(sim: Simulation) -> Adaptation:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('penalty', [1.0, 10.0, 100.0, 1000.0])
+@pytest.mark.parametrize('penalty', [1.0, 10.0, 100.0])
 def test_adaptive_penalties_rescue_a_run_that_fails_with_constant_small_ones(penalty):
     """The slider-crank through five singular positions, 2 s at 1 ms; energy as with a good penalty (1e-3 J, the damped setting),
     from every neighbour of the start; what the events are like is judged in the last run.
     """
     with pytest.raises(StepError, match='no convergence in 20 iterations'):
-        simulation('slider_crank', f'penalty={penalty}').advance(2000)
+        simulation('slider_crank', *PLAIN, f'penalty={penalty}').advance(2000)
     placed = Simulation(load_scene('slider_crank')).snapshot().joint_position[:2]
-    settings = ['integrator.mode=tolerance', f'integrator.penalty={penalty}', 'integrator.penalty_policy=adaptive']
+    settings = [
+        'integrator.mode=tolerance',
+        f'integrator.penalty={penalty}',
+        'integrator.penalty_policy=adaptive',
+        'integrator.augmentation=plain',
+    ]
     for scene in neighbours(load_scene('slider_crank', settings)):
         sim = Simulation(scene)
         sim.advance(2000)
@@ -72,7 +78,7 @@ def test_adaptive_penalties_rescue_a_run_that_fails_with_constant_small_ones(pen
 
 def test_a_smaller_step_does_not_help_a_penalty_that_is_too_small():
     """The error factor of an augmentation, 1 / (1 + xi s_min), does not contain the step: halving ends at the smallest one."""
-    sim = simulation('slider_crank', 'penalty=10', 'step_policy=rescue', 'h_min=1e-6')
+    sim = simulation('slider_crank', *PLAIN, 'penalty=10', 'step_policy=rescue', 'h_min=1e-6')
     with pytest.raises(StepError, match=r'not even with the smallest step integrator\.h_min = 1e-06'):
         sim.advance(2000)
     steps = [e.new for e in sim.events if e.kind == 'step']
@@ -86,7 +92,12 @@ def test_a_velocity_row_without_trouble_keeps_its_penalty():
         'mechanism.bodies.sleigh={mass: 2, inertia: [0.1, 0.1, 0.1], com: [0.1, 0, 0], velocity: [1, 0, 0], angular_velocity: [0, 0, 2]}',
         'mechanism.contacts={blade: {kind: knife_edge, i: world, j: sleigh}}',
     ]
-    settings = ['integrator.mode=tolerance', 'integrator.penalty=1e3', 'integrator.penalty_policy=adaptive']
+    settings = [
+        'integrator.mode=tolerance',
+        'integrator.penalty=1e3',
+        'integrator.penalty_policy=adaptive',
+        'integrator.augmentation=plain',
+    ]
     sim = Simulation(load_scene('slider_crank', [*settings, *sleigh]))
     sim.advance(2000)
     assert 'blade/y' in sim.model.row_names
@@ -95,7 +106,7 @@ def test_a_velocity_row_without_trouble_keeps_its_penalty():
 
 
 def test_penalties_relax_after_easy_steps_but_not_below_the_setting():
-    sim = simulation('slider_crank', 'penalty=1e3', 'penalty_policy=adaptive')
+    sim = simulation('slider_crank', *PLAIN, 'penalty=1e3', 'penalty_policy=adaptive')
     sim.advance(2000)
     relaxed = [e for e in sim.events if e.cause == 'easy']
     assert relaxed
@@ -276,10 +287,10 @@ def test_prescribed_motions_pass_through_an_interval_as_polynomials():
 # -- memory ------------------------------------------------------------------------------------------------------------
 
 ADAPTING = {
-    'penalties': ('slider_crank', 'penalty=100', 'penalty_policy=adaptive'),
+    'penalties': ('slider_crank', *PLAIN, 'penalty=100', 'penalty_policy=adaptive'),
     'rescue': ('spinning_top', *HASTY, 'step_policy=rescue'),
     'error': ('double_pendulum', 'step_policy=error', 'h=0.02', 'error_tolerance=1e-4'),
-    'everything': ('slider_crank', 'penalty=100', 'penalty_policy=adaptive', 'step_policy=error', 'h=0.01', 'error_tolerance=1e-4'),
+    'everything': ('slider_crank', *PLAIN, 'penalty=100', 'penalty_policy=adaptive', 'step_policy=error', 'h=0.01', 'error_tolerance=1e-4'),
 }
 
 

@@ -29,7 +29,7 @@ GOVERNED = ('integrator.mode=tolerance', 'integrator.h=0.005', 'integrator.step_
 
 def cases(quick: bool) -> dict[str, list[str]]:
     """Methods by name: the overrides of the scene."""
-    adaptive = [*ADAPTIVE, 'integrator.penalty_policy=adaptive', f'integrator.penalty={CHAPTER_PENALTY}']
+    adaptive = [*ADAPTIVE, 'integrator.augmentation=plain', 'integrator.penalty_policy=adaptive', f'integrator.penalty={CHAPTER_PENALTY}']
     found = {
         'ALF 5 ms': ['integrator.h=0.005'],
         'ALF 1 ms, to tolerance': ['integrator.mode=tolerance'],

@@ -47,7 +47,7 @@ def study(out: Path, *, quick: bool, progress: Progress) -> dict:
             for penalty in penalties:
                 progress(f'{scheme}, {form}, penalty {penalty:g}', 0.95 * len(rows) / (cells * len(steps)))
                 for h in steps:
-                    chosen = {**settings, 'form': form, 'penalty': float(penalty)}
+                    chosen = {**settings, 'augmentation': 'plain', 'form': form, 'penalty': float(penalty)}
                     runs = [crank.passage(a, e, h, chosen) for a, e in zip(theta, angles, strict=True)]
                     ok = [run for run in runs if run.outcome == 'ok']
                     rows.append(

@@ -22,7 +22,10 @@ CAP = 1e8
 PENALTIES, QUICK_PENALTIES = 10.0 ** np.arange(1, 13), 10.0 ** np.array([2.0, 4.0, 10.0])
 ITERATIONS = 20  # a step that takes more is a failed one
 # The chapter reduces its step when the iteration fails; so does 'rescue'. It does not damp.
-COMMON: dict[str, Any] = {'rho_inf': 1.0, 'mode': 'tolerance', 'max_iterations': ITERATIONS, 'step_policy': 'rescue', 'h_min': 1e-5}
+# the chapter's iteration: what one augmentation leaves open is left to the next
+COMMON: dict[str, Any] = {
+    'rho_inf': 1.0, 'mode': 'tolerance', 'max_iterations': ITERATIONS, 'step_policy': 'rescue', 'h_min': 1e-5, 'augmentation': 'plain'
+}  # fmt: skip
 ADAPTIVE: dict[str, Any] = {**COMMON, 'penalty': XI, 'penalty_policy': 'adaptive', 'penalty_cap': CAP}
 
 
