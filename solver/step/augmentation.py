@@ -4,9 +4,9 @@ One augmentation of the saddle system (solver.model.saddle) leaves t = g + A dw 
 xi s / (1 + xi s) of a mode of the constraints with the eigenvalue s (docs/formulation.md): nearly all of it as a rule, nearly nothing
 where bodies hold each other, a light one carries a heavy one, or something stiff acts on a light part. A further augmentation, of the
 violation that is left, gives increments with balanced momentum that change the constraints by a known image P t. The combination
-of these that leaves the smallest violation, each row weighed by its penalty, is found by generalized conjugate residuals, which are GMRES
-[Saad1986] with the directions kept: as many directions as there are slow modes. Directions hold for as long as the factorization does, so the
-iterations of a step and the projection of its velocity share them.
+of these that leaves the smallest violation, each row weighed by its penalty, is found by generalized conjugate residuals, which are GMRES [Saad1986] with the directions
+kept: as many as there are slow modes. They hold for as long as the factorization does, so the iterations of a step and the projection of
+its velocity share them.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Augmentation(NamedTuple):
     image: np.ndarray  # (MOST_DIRECTIONS, nc) -A dw of every direction; orthonormal, weighed by the penalties
     dw: np.ndarray  # (MOST_DIRECTIONS, nb + 1, 6)
     dlam: np.ndarray  # (MOST_DIRECTIONS, nc)
-    count: np.ndarray  # (1,) directions so far
+    known: np.ndarray  # (1,) directions so far
     violation: np.ndarray  # (1,) sum W g^2 that was measured last
     left: np.ndarray  # (nc,) violation
     zero: np.ndarray  # (nb + 1, 6)
@@ -80,7 +80,7 @@ def _add(augmentation, k, factor, dw, dlam):
 @kernel(inner=True)
 def _new_direction(tables, form, saddle, augmentation, size):
     """Append the direction that augments augmentation.left, of the given weighed size; whether it has an image worth it."""
-    k = augmentation.count[0]
+    k = augmentation.known[0]
     W = saddle.W
     image, dlam, dw = augmentation.image[k], augmentation.dlam[k], augmentation.dw[k]
     solve_saddle(tables, form, saddle, augmentation.zero, augmentation.left, dw, dlam)
@@ -100,7 +100,7 @@ def _new_direction(tables, form, saddle, augmentation, size):
     for b in range(dw.shape[0]):
         for i in range(6):
             dw[b, i] /= length
-    augmentation.count[0] = k + 1
+    augmentation.known[0] = k + 1
     return True
 
 
@@ -109,7 +109,7 @@ def combine(tables, form, saddle, augmentation, measure, share, smallest, g, dw,
     """Add to dw (nb + 1, 6) and dlam (nc,), the solution for the violation g (nc,) that solve_saddle just gave, combined augmentations
     if it leaves more than `share` of the violation that was measured last, and more than `smallest` in every row.
 
-    measure: g is that violation. Violations are sums of W g^2, and so is share. augmentation.count belongs to the factorization.
+    measure: g is that violation. Violations are sums of W g^2, and so is share. augmentation.known belongs to the factorization.
     """
     W, t = saddle.W, saddle.t
     if form != CONDENSED:
@@ -136,7 +136,7 @@ def _combine(tables, form, saddle, augmentation, enough, smallest, dw, dlam):
     for k in range(MOST_DIRECTIONS):
         if not size > enough:
             break
-        if k == augmentation.count[0] and not _new_direction(tables, form, saddle, augmentation, np.sqrt(size)):
+        if k == augmentation.known[0] and not _new_direction(tables, form, saddle, augmentation, np.sqrt(size)):
             break
         image = augmentation.image[k]
         part = weighed(W, image, left)

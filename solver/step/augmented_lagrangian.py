@@ -205,12 +205,12 @@ def iterate(tables, c, s0, s1, u, cz, work):
             assemble(tables, c, s1.lam, _to_g(c), work)
             where = factorize_saddle(tables, c.form, saddle)
             factorizations += 1
-            work.augmentation.count[0] = 0
+            work.augmentation.known[0] = 0
             if where >= 0:
                 status = SINGULAR
                 break
         solve_saddle(tables, c.form, saddle, work.r, work.g, work.dw, work.dlam)
-        if c.combined == 1 and (refactor or work.augmentation.count[0] > 0):
+        if c.combined == 1 and (refactor or work.augmentation.known[0] > 0):
             measure = it == 0 or c.fixed == 0
             combine(tables, c.form, saddle, work.augmentation, measure, share, smallest, work.g, work.dw, work.dlam)
         before = increment
@@ -376,7 +376,7 @@ def project_velocity(tables, c, v, u, passes, work):
         if k == passes or (k > 0 and worst < c.tolerance):
             break
         solve_saddle(tables, c.form, work.saddle, work.r, work.rate, work.dw, work.dlam)
-        if work.augmentation.count[0] > 0:
+        if work.augmentation.known[0] > 0:
             combine(tables, c.form, work.saddle, work.augmentation, True, ENOUGH * ENOUGH, 0.0, work.rate, work.dw, work.dlam)
         for b in range(nb):
             T = work.T_end[b]
