@@ -94,10 +94,11 @@ def test_a_tall_scissor_moves_as_with_multipliers_of_its_own(cells: int, h: floa
 @pytest.mark.parametrize('mode', ['fixed', 'tolerance'])
 @pytest.mark.parametrize('mass', [1e4, 1e6])
 def test_a_light_rope_carries_a_heavy_mass(mass: float, mode: str) -> None:
-    exact = positions(rope(10, mass, 'h=0.0002', 'form=block', 'penalty=1e9', 'iterations=4'), 0.5)[-1, :3]
+    """As with multipliers of its own at every step: what augmentations leave open is below the rounding of the reference, 1e-6 m."""
+    own = ('form=block', 'penalty=1e9', 'iterations=4')
     for h in (1e-2, 5e-3, 2e-3, 1e-3):
         s = rope(10, mass, f'h={h}', f'mode={mode}')
-        assert np.abs(positions(s, 0.5)[-1, :3] - exact).max() < h**2 + 1e-6, f'h = {h}'  # the reference is known to 1e-6
+        assert np.abs(positions(s, 0.5) - positions(rope(10, mass, f'h={h}', *own), 0.5))[-1, :3].max() < 1e-6, f'h = {h}'
         assert s.totals()['position_drift_max'] < 1e-7
 
 
