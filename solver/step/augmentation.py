@@ -3,10 +3,10 @@
 One augmentation of the saddle system (solver.model.saddle) leaves t = g + A dw = -dlam / W of the violation g. It takes off a part
 xi s / (1 + xi s) of a mode of the constraints with the eigenvalue s (docs/formulation.md): nearly all of it as a rule, nearly nothing
 where bodies hold each other, a light one carries a heavy one, or something stiff acts on a light part. A further augmentation, of the
-violation that is left, gives increments with balanced momentum that change the constraints by a known image P t. The combination
-of these that leaves the smallest violation, each row weighed by its penalty, is found by generalized conjugate residuals, which are
-GMRES [Saad1986] with the directions kept: as many as there are slow modes. They hold for as long as the factorization does, so the
-iterations of a step and the projection of its velocity share them.
+violation that is left, gives increments with balanced momentum that change the constraints by a known image P t. The combination of
+these that leaves the smallest violation, each row weighed by its penalty, is found by generalized conjugate residuals, which are GMRES
+[Saad1986] with the directions kept: as many as there are slow modes. They hold for as long as the factorization does, so the iterations
+of a step and the projection of its velocity share them.
 """
 
 from __future__ import annotations
