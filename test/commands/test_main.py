@@ -130,7 +130,15 @@ def test_run_reports_and_records(capsys: pytest.CaptureFixture[str], tmp_path: P
 
 @pytest.mark.slow
 def test_changes_of_step_and_penalties_are_counted_recorded_and_repeated(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    settings = ('mode=tolerance', 'penalty=1e3', 'penalty_policy=adaptive', 'step_policy=error', 'h=0.01', 'error_tolerance=1e-5')
+    settings = (
+        'mode=tolerance',
+        'augmentation=plain',
+        'penalty=100',
+        'penalty_policy=adaptive',
+        'step_policy=error',
+        'h=0.01',
+        'error_tolerance=1e-5',
+    )
     overrides = [word for s in settings for word in ('--set', f'integrator.{s}')]
     code, data = document(capsys, 'run', 'slider_crank', '--duration', '0.6', *overrides, '--out', str(tmp_path / 'r'))
     assert (code, data['steps']) == (0, 60)

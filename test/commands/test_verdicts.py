@@ -72,7 +72,7 @@ def run(tmp_path: Path, capsys: pytest.CaptureFixture[str], scene: str, *overrid
 @pytest.mark.parametrize(
     ('scene', 'bad', 'good'),
     [
-        pytest.param(SARRUS, ['integrator.h=0.01'], ['integrator.h=0.004'], id='sarrus'),
+        pytest.param(SARRUS, ['integrator.h=0.02'], ['integrator.h=0.004'], id='sarrus'),
         pytest.param(STOP, ['integrator.h=0.005'], ['integrator.h=0.0005'], id='stop'),
         pytest.param(DISTANCE, ['integrator.h=0.005'], ['integrator.h=0.001'], id='distance'),
         pytest.param(DISTANCE, ['integrator={h: 0.01, mode: tolerance, penalty_policy: adaptive}'], ['integrator.h=0.001'], id='adaptive'),

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
+import io
 import json
 import os
 from contextlib import redirect_stdout
-from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -38,7 +38,7 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     (directory / 'others.yaml').write_text(SUITE)
     file = directory / 'performance.md'
     file.write_text('# Mine\n\n<!-- begin bench -->\nthe usual part\n<!-- end -->\n')
-    with pytest.MonkeyPatch.context() as patch, redirect_stdout(StringIO()) as printed:
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(io.StringIO()) as printed:
         patch.setenv(PYTHON, str(directory / 'nobody'))
         command = ['bench', '--suite', str(directory / 'others.yaml'), '--quick', '--json', '--out', str(file)]
         assert main(command) == 0
@@ -89,6 +89,7 @@ def test_exponents_are_those_of_the_sizes() -> None:
     assert growth.exponents(cases)[0]['met']
 
 
+@pytest.mark.slow
 def test_growth_is_in_the_report(run: dict[str, Any]) -> None:
     (row,) = run['data']['growth']
     assert (row['scene'], row['smallest'], row['largest']) == ('chain', 3, 6)
@@ -97,6 +98,7 @@ def test_growth_is_in_the_report(run: dict[str, Any]) -> None:
     assert '| chain | 3 to 6 |' in run['file'].read_text()
 
 
+@pytest.mark.slow
 def test_a_peer_that_is_not_installed_leaves_a_line(run: dict[str, Any]) -> None:
     case = run['cases']['rig']
     assert case['status'] == 'unavailable'
@@ -105,6 +107,7 @@ def test_a_peer_that_is_not_installed_leaves_a_line(run: dict[str, Any]) -> None
     assert 'rig/time_ratio' in run['data']['missed']
 
 
+@pytest.mark.slow
 def test_a_suite_has_a_part_of_its_own_in_a_document(run: dict[str, Any]) -> None:
     text = run['file'].read_text()
     before = '# Mine\n\n<!-- begin bench -->\nthe usual part\n<!-- end -->\n'

@@ -99,11 +99,10 @@ def test_slider_crank_phases_keep_all_limits_with_both_settings(capsys, tmp_path
 
 
 @pytest.mark.slow
-def test_penalty_map_shows_the_erratic_range_and_that_the_settings_avoid_it(capsys, tmp_path):
+def test_penalty_map_shows_what_grows_with_the_penalty_and_that_the_settings_lose_nothing(capsys, tmp_path):
     found = quick(capsys, 'penalty_map', tmp_path)
     assert found['missed'] == []
     lost = {(row['scheme'], row['penalty']): row['lost'] for row in found['rows'] if row['h'] == 0.02 and row['form'] == 'condensed'}
-    assert lost['conserving', 1e6] > 0
     assert lost['conserving', 1e4] == lost['default', 1e6] == 0
     growth = {row['step [ms]']: row for row in found['growth']}
     # with the step and with the root of the penalty, once it exceeds one
