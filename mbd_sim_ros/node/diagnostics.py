@@ -6,11 +6,16 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from mbd_sim_ros.bags.recorder import Recorder
 from mbd_sim_ros.node.loop import Loop
-from solver.analysis.verdict import findings
+from solver.analysis.verdict import Finding, findings
 from solver.errors import BagError
 from solver.simulation import Simulation
 
 SLOW = 0.98  # of the wanted rate, below which real time is not kept
+
+
+def judged(simulation: object) -> list[Finding]:
+    """What makes the run so far suspect; nothing of a stand-in, which keeps no account."""
+    return findings(simulation) if isinstance(simulation, Simulation) else []
 
 
 def diagnosis(
@@ -50,7 +55,7 @@ def diagnosis(
         problems.append('recording has lost steps')
     if loop.mode == 'realtime' and not loop.paused and health.rate < SLOW * loop.rate_factor and health.steps > 0:
         problems.append('slower than real time')
-    suspect = findings(loop.simulation) if isinstance(loop.simulation, Simulation) else []
+    suspect = judged(loop.simulation)
     values['findings'] = len(suspect)
     problems += [f'suspect: {finding}' for finding in suspect]
     level, text = DiagnosticStatus.OK, 'running' if not loop.paused else 'paused'

@@ -27,11 +27,11 @@ from std_srvs.srv import Trigger
 from mbd_sim_ros.bags.applied import begin_of
 from mbd_sim_ros.bags.recorder import StepRecorder, about, describe, file_stem, new_directory
 from mbd_sim_ros.messages.encode import Messages
-from mbd_sim_ros.node.diagnostics import diagnosis
+from mbd_sim_ros.node.diagnostics import diagnosis, judged
 from mbd_sim_ros.node.loop import Loop
 from mbd_sim_ros.node.parameters import PARAMETERS, declare, refusal, unknown
 from mbd_sim_ros.node.publish import Publication
-from solver.analysis.verdict import OK, SUSPECT, findings, report
+from solver.analysis.verdict import OK, SUSPECT, report
 from solver.errors import BagError, MbdError, SpecError, suggestion
 from solver.inputs.maneuver import COMMANDS, CommandSource
 from solver.output.snapshot import Snapshot
@@ -263,7 +263,7 @@ class Simulator(Node):
         loop = self.loop
         figures = {'steps': loop.steps, 'overruns': loop.overruns, 'schedule_slips': loop.slips, 'wall_time': f'{loop.wall_time:.3f}'}
         events = json.dumps([event._asdict() for event in self.simulation.events])
-        found = findings(self.simulation)
+        found = judged(self.simulation)
         status = 'error' if loop.error else SUSPECT if found else OK
         verdict = {'end': outcome, 'status': status, 'findings': json.dumps(report(found))}
         return recorder.close({**verdict, **{key: str(value) for key, value in figures.items()}, 'event_list': events})
