@@ -18,7 +18,7 @@ class Counters(NamedTuple):
     factorizations: int
     evaluations: int  # of all forces
     stagnated: int  # steps accepted although their iteration stopped gaining before the tolerance
-    residual: float  # largest last increment of an iteration, or violation of a constraint over h, relative to the largest velocity [-]
+    residual: float  # largest last increment of an iteration, or violation of a position over h, relative to the largest velocity [-]
     position_drift: float  # largest |phi| after a step [m or rad]
     velocity_drift: float  # largest |A v + phi_t| in the output [m/s or rad/s]
 

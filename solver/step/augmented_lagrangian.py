@@ -174,16 +174,21 @@ def return_to_best(s1, work):
 
 
 @kernel(inner=True)
-def iterate(tables, c, s0, s1, u, cz, work):
+def speed_of(s):
+    """Largest velocity [m/s or rad/s], at least 1: what increments and residuals are relative to."""
+    speed = 1.0
+    for b in range(s.v.shape[0] - 1):
+        speed = max(speed, largest(s.v, b))
+    return speed
+
+
+@kernel(inner=True)
+def iterate(tables, c, s0, s1, u, cz, speed, work):
     """Newton's iteration on s1.a and s1.lam. Returns a StepResult without drifts."""
-    nb = tables.bodies.mass.shape[0]
     saddle = work.saddle
     # Straight to where assemble() wants the gradients, unless it needs that place for itself, or an iteration that has converged may end
     # before they are factorized: the projection must solve with the rows that the factorization has.
     J_end = saddle.J_force if c.weigh == 0 and c.fixed == 1 else work.J_end
-    speed = 1.0
-    for b in range(nb):
-        speed = max(speed, largest(s0.v, b))
     status = NOT_CONVERGED
     where = 0
     factorizations = 0
@@ -312,20 +317,6 @@ def position_drift(tables, work):
 
 
 @kernel(inner=True)
-def left_open(tables, c, s0, work):
-    """Largest residual of a constraint as a velocity over the step, relative to the speed: what augmentations leave open shows in no
-    increment.
-    """
-    speed = 1.0
-    for b in range(work.r.shape[0] - 1):
-        speed = max(speed, largest(s0.v, b))
-    worst = 0.0
-    for i in range(work.phi_end.shape[0]):
-        worst = max(worst, abs(work.phi_end[i]) / c.h if tables.constraints.holonomic[i] == 1 else abs(work.phi_end[i]))
-    return worst / speed
-
-
-@kernel(inner=True)
 def body_not_finite(work):
     """The last body whose projected twist is not finite, or -1."""
     bad = -1
@@ -339,7 +330,8 @@ def body_not_finite(work):
 def step(tables, c, s0, s1, u, want_outputs, work):
     """Advance s0 to s1 by one step with the inputs u; outputs and projected velocity go to work. Returns a StepResult."""
     cz = predict(c, s0, s1, work)
-    found = iterate(tables, c, s0, s1, u, cz, work)
+    speed = speed_of(s0)
+    found = iterate(tables, c, s0, s1, u, cz, speed, work)
     if found.status != OK:
         return found
     finish(tables, c, s0, s1, work)
@@ -351,7 +343,7 @@ def step(tables, c, s0, s1, u, want_outputs, work):
         outputs_at_end(tables, s1, u, work)
         evaluations += 1
     n = found.counters
-    residual = max(n.residual, left_open(tables, c, s0, work))
+    residual = max(n.residual, position / (c.h * speed))  # what augmentations leave open shows in no increment
     counters = Counters(n.iterations, n.factorizations, evaluations, n.stagnated, residual, position, velocity)
     bad = body_not_finite(work)
     if bad >= 0 or not np.isfinite(velocity + position):
