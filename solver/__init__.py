@@ -36,14 +36,26 @@ def load_scene(name: str | Path, overrides: Sequence[str] = ()) -> Scene:
 
 
 def simulation_of(scene: Scene) -> Simulation:
-    """The simulation of a scene at its start, by the kind of its integrator. Raises SpecError, SceneError or ConsistencyError."""
+    """The simulation of a scene at its start, by its fidelity, its switches and the kind of its integrator.
+
+    Raises SpecError, SceneError or ConsistencyError.
+    """
     from solver.simulation import Simulation
 
-    if scene.integrator.kind in Simulation.KINDS:
-        return Simulation(scene)
-    from solver.reference.simulation import ReferenceSimulation
+    level = None
+    if scene.reduced:
+        from solver.levels import derive
 
-    return ReferenceSimulation(scene)
+        derived = derive(scene)
+        scene, level = derived.scene, derived.report
+    if scene.integrator.kind in Simulation.KINDS:
+        simulation = Simulation(scene)
+    else:
+        from solver.reference.simulation import ReferenceSimulation
+
+        simulation = ReferenceSimulation(scene)
+    simulation.level = level
+    return simulation
 
 
 def __getattr__(name: str) -> Any:

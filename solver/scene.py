@@ -14,6 +14,21 @@ from solver.model.spec import ModelSpec
 from solver.step.settings import IntegratorSettings
 from solver.validate import finite, require
 
+Fidelity = Literal['full', 'condensed', 'kc', 'single_track', 'auto']
+SUBSYSTEMS = (
+    'engine_mounts',
+    'subframes',
+    'steering_column',
+    'driveline_torsion',
+    'anti_roll_bars',
+    'stops',
+    'relaxation',
+    'turn_slip',
+    'camber',
+    'drag',
+    'road_unevenness',
+)
+
 
 @dataclass(frozen=True, kw_only=True)
 class CoordinateStart:
@@ -88,6 +103,8 @@ class Scene:
     """A complete simulation task.
 
     name, title: for people. model: the mechanism or vehicle on its road. duration: simulated time [s]. seed: of everything random.
+    fidelity: how much of a vehicle is simulated (solver.levels); 'auto' is what the plan of this scene says. switches: subsystems of a
+    vehicle that are 'off', at every level (SUBSYSTEMS, docs/scene.md).
     resolved: the scene as YAML text with every include and override expanded; load_scene_text() of it gives the same scene ('' for a
     scene made in Python).
     """
@@ -98,6 +115,8 @@ class Scene:
     start: StartSettings = StartSettings()
     maneuver: Maneuver = field(default_factory=Maneuver)
     integrator: IntegratorSettings = field(default_factory=IntegratorSettings)
+    fidelity: Fidelity = 'full'
+    switches: dict[str, Literal['on', 'off']] = field(default_factory=dict)
     duration: Annotated[float, 's'] = 10.0
     record: Record = Record()
     require: Require = Require()
@@ -113,11 +132,21 @@ class Scene:
         names = base_names(self.model.inputs)
         for name in (n for n in self.maneuver.channels if n not in names):
             require(False, where_, 'maneuver', name, 'the model has no such input' + suggestion(name, names))
+        for name in (n for n in self.switches if n not in SUBSYSTEMS):
+            require(False, where_, 'switches', name, 'no such subsystem' + suggestion(name, SUBSYSTEMS))
+        vehicle = bool(self.model.tires)
+        require(vehicle or self.fidelity == 'full', where_, 'fidelity', self.fidelity, 'only a vehicle has levels; remove this key')
+        require(vehicle or not self.switches, where_, 'switches', [*self.switches], 'only a vehicle has subsystems; remove this key')
 
     @property
     def steps(self) -> int:
         """Number of steps of the whole duration."""
         return round(self.duration * 1e9 / self.integrator.h_ns)
+
+    @property
+    def reduced(self) -> bool:
+        """Whether something else than its model as given is to be simulated (solver.levels.derive)."""
+        return self.fidelity != 'full' or 'off' in self.switches.values()
 
     @property
     def hash(self) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import cast
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -45,6 +45,9 @@ from solver.step.work import (
     scheme_parameters,
 )
 
+if TYPE_CHECKING:
+    from solver.levels.derived import LevelReport
+
 LARGEST_TURN_PER_STEP = 1.0  # rad; the iteration contracts by about the turn of a body per step (docs/decisions/0002)
 
 
@@ -52,11 +55,15 @@ class Simulation:
     """Compile a scene, find its consistent start, advance it in whole steps.
 
     Raises SpecError, SceneError or ConsistencyError on construction and StepError from advance(); each is one sentence.
+    level: what the model leaves out of the vehicle it was derived from (None: it is the model of the scene as given).
     """
 
     KINDS: tuple[str, ...] = ('alf', 'm_alf')  # of integrators
+    level: LevelReport | None = None
 
     def __init__(self, scene: Scene) -> None:
+        if scene.reduced:
+            raise SpecError(f'fidelity = {scene.fidelity!r}: {type(self).__name__} simulates models as given; use simulation_of(scene)')
         self.scene = scene
         self.model: Model = prepare(scene.model)
         self.channels = channels_of(self.model)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +11,7 @@ from mbd_sim_ros.commands import Result, add_scene, declare, table
 from solver.errors import MbdError
 
 if TYPE_CHECKING:
+    from solver.levels.derived import LevelReport
     from solver.scene import Scene
 
 
@@ -56,15 +58,33 @@ def run(args: argparse.Namespace) -> Result:
         'start': simulation.start.report(),
     }
     text = ''
-    if not args.brief and is_vehicle(scene.model):
-        data['figures'], text = _figures(scene)
+    if simulation.level is not None:
+        data['fidelity'] = scene.fidelity
+        data['level'], text = dataclasses.asdict(simulation.level), _level(simulation.level)
+    if not args.brief and is_vehicle(simulation.scene.model):
+        data['figures'], figures = _figures(simulation.scene)
+        text += figures
     rows = [
         (key.replace('_', ' '), _text(value))
         for key, value in data.items()
-        if key not in ('status', 'figures', 'start') and value not in ('', [], {})
+        if key not in ('status', 'figures', 'level', 'start') and value not in ('', [], {})
     ]
     rows.append(('start', str(simulation.start)))
     return Result(data=data, text=table(rows) + text)
+
+
+def _level(level: LevelReport) -> str:
+    """What a level leaves out, where it holds, and how far it is from the full vehicle, as tables."""
+    parts: list[list[tuple[str, ...]]] = [
+        [('subsystem', '', 'why'), *((s.subsystem, 'on' if s.on else 'off', s.why) for s in level.switched)],
+        [('lost',), *((text,) for text in level.lost)],
+        [('valid for',), *((str(limit),) for limit in level.validity)],
+        [('not published',), *((name,) for name in level.absent)],
+    ]
+    found = level.errors or ()
+    errors = [(e.maneuver, e.quantity, f'{100.0 * e.rms:.2g} %', f'{100.0 * e.largest:.2g} %', f'{e.peak:.4g} {e.unit}') for e in found]
+    parts.append([('maneuver', 'quantity', 'RMS error', 'largest', 'of the peak'), *errors])
+    return ''.join('\n\n' + table(rows) for rows in parts if len(rows) > 1)
 
 
 def _figures(scene: Scene) -> tuple[dict[str, Any], str]:

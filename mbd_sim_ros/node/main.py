@@ -35,11 +35,16 @@ MISSING = (
 
 def prepare(scene: str, overrides: list[str]) -> tuple[Any, Any]:
     """Load a scene and return it with its simulation, compiled and at its start. Raises MbdError."""
+    from solver import simulation_of
+    from solver.errors import SpecError
     from solver.files.scene import load_scene
     from solver.simulation import Simulation
 
     loaded = load_scene(scene, overrides)
-    simulation = Simulation(loaded)
+    kind = loaded.integrator.kind
+    if kind not in Simulation.KINDS:
+        raise SpecError(f'integrator: kind = {kind!r}: a node steps with {" or ".join(Simulation.KINDS)}; run this one with mbd run')
+    simulation = simulation_of(loaded)
     simulation.advance(1, inputs=simulation.snapshot().inputs)  # compiles what a step needs before pacing starts
     simulation.reset()
     return loaded, simulation

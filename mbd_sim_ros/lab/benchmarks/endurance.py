@@ -27,9 +27,9 @@ from mbd_sim_ros.lab.benchmarks.machine import on_all_cores
 from mbd_sim_ros.lab.benchmarks.overhead import LISTEN, installed
 from mbd_sim_ros.lab.benchmarks.start import parameters
 from mbd_sim_ros.messages.encode import Messages
+from solver import simulation_of
 from solver.errors import MbdError
 from solver.files.scene import load_scene
-from solver.simulation import Simulation
 
 DOMAIN = '103'  # ROS domain of its own
 PERIOD = 0.01  # s between commands
@@ -54,13 +54,13 @@ FIGURES = {
 class Endurance:
     """Measures one case for `seconds` of simulated time. with_reader: every topic is read by another process.
 
-    Raises what Simulation does on construction (ImportError without rclpy), MbdError from round().
+    Raises what simulation_of does (ImportError without rclpy), MbdError from round().
     """
 
     def __init__(self, scene: str, overrides: Sequence[str], seconds: float, *, with_reader: bool) -> None:
         import rclpy  # noqa: F401
 
-        simulation = Simulation(load_scene(scene, overrides))  # also fills the cache, so that the node starts at once
+        simulation = simulation_of(load_scene(scene, overrides))  # also fills the cache, so that the node starts at once
         warm_up(simulation)
         record = simulation.scene.record
         topics = Messages(simulation.channels, element_states=record.elements, reactions=record.reactions).topics

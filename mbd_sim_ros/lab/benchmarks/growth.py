@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from mbd_sim_ros.batch import warm_up
+from solver import simulation_of
 from solver.files.scene import load_scene
-from solver.simulation import Simulation
 
 BATCH = 100  # steps per call
 LIMIT = 1.1  # exponent
@@ -26,7 +26,7 @@ class Growth:
     """Measures one size. Raises SceneError, SpecError or ConsistencyError on construction, StepError from round()."""
 
     def __init__(self, scene: str, overrides: Sequence[str]) -> None:
-        self.simulation = Simulation(load_scene(scene, overrides))
+        self.simulation = simulation_of(load_scene(scene, overrides))
         warm_up(self.simulation)
         self._times: list[int] = []
 

@@ -22,9 +22,9 @@ from mbd_sim_ros.lab.benchmarks.machine import on_all_cores
 from mbd_sim_ros.messages.encode import Messages, Topic
 from mbd_sim_ros.node.loop import Loop
 from mbd_sim_ros.node.main import SWITCH
+from solver import simulation_of
 from solver.files.scene import load_scene
 from solver.output.snapshot import Snapshot
-from solver.simulation import Simulation
 
 PIECES = {
     'step': 'advance(1) in the loop, every step',
@@ -56,7 +56,7 @@ class Overhead:
 
     def __init__(self, scene: str, overrides: Sequence[str], *, publish: bool, publish_every: int = 1) -> None:
         self._resources = ExitStack()
-        self.simulation = Simulation(load_scene(scene, overrides))
+        self.simulation = simulation_of(load_scene(scene, overrides))
         warm_up(self.simulation)
         record_ = self.simulation.scene.record
         self._messages = Messages(self.simulation.channels, element_states=record_.elements, reactions=record_.reactions)

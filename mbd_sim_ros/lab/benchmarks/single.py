@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from mbd_sim_ros.batch import warm_up
+from solver import simulation_of
 from solver.files.scene import load_scene
-from solver.simulation import Simulation
 
 LATE = 1000.0  # us
 CALIBRATION = 200  # steps, and loops
@@ -33,7 +33,7 @@ class Single:
     """Measures one case. Raises SceneError, SpecError or ConsistencyError on construction, StepError from round()."""
 
     def __init__(self, scene: str, overrides: Sequence[str]) -> None:
-        self.simulation = Simulation(load_scene(scene, overrides))
+        self.simulation = simulation_of(load_scene(scene, overrides))
         warm_up(self.simulation)
         self._steps: list[int] = []
         self._idle: list[int] = []

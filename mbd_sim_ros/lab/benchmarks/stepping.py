@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from mbd_sim_ros.lab.benchmarks.phases import phase_times
+from solver import simulation_of
 from solver.files.scene import load_scene
 from solver.output.snapshot import Counters
-from solver.simulation import Simulation
 
 BATCH = 1000  # steps per call
 PHASE_ROUNDS = 3  # per round
@@ -33,7 +33,7 @@ class Stepping:
     """
 
     def __init__(self, scene: str, overrides: Sequence[str]) -> None:
-        self.simulation = Simulation(load_scene(scene, overrides))
+        self.simulation = simulation_of(load_scene(scene, overrides))
         self._samples: dict[str, list[float]] = {'batch': [], 'audited': [], 'single': [], 'snapshot': [], 'inputs': []}
         self._counters: dict[str, list[tuple[float, ...]]] = {'batch': [], 'audited': [], 'single': []}
         self._phases: list[tuple[dict[str, float], dict[str, float]]] = []

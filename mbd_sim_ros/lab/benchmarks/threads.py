@@ -10,9 +10,9 @@ import numpy as np
 
 from mbd_sim_ros.batch import warm_up
 from mbd_sim_ros.lab.benchmarks.machine import on_all_cores
+from solver import simulation_of
 from solver.files.scene import load_scene
 from solver.parallel import advance_all
-from solver.simulation import Simulation
 
 COUNT = 2  # simulations and threads
 BATCH = 500  # steps per call
@@ -27,7 +27,7 @@ class Threads:
     """Measures one case. Raises SceneError, SpecError or ConsistencyError on construction, StepError from round()."""
 
     def __init__(self, scene: str, overrides: Sequence[str]) -> None:
-        self.simulations = [Simulation(load_scene(scene, overrides)) for _ in range(COUNT)]
+        self.simulations = [simulation_of(load_scene(scene, overrides)) for _ in range(COUNT)]
         for simulation in self.simulations:
             warm_up(simulation)
         self._times: list[tuple[float, float]] = []

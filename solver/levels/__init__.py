@@ -1,0 +1,41 @@
+"""Levels of detail: less of a vehicle, derived from the whole one by rules, for any vehicle file.
+
+The one door is `derive(scene)`: first the switches take subsystems out of the model (solver.levels.switches), then the rules of a level
+reduce what is left, each in its module. The derived scene holds a model as given (`fidelity: full`), so that everything that simulates,
+records and analyses treats it like any other; its report says what it left out, and where it holds.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import importlib
+
+from solver.errors import SceneError, SpecError
+from solver.levels.derived import Derived, LevelReport, channels
+from solver.levels.switches import switched
+from solver.scene import Scene
+
+__all__ = ['Derived', 'LevelReport', 'derive']
+
+LEVELS = {'condensed': 'solver.levels.condensed', 'kc': 'solver.levels.kc', 'single_track': 'solver.levels.single_track'}
+"""Level -> the module with its `derive(scene) -> Derived`: from a scene with `fidelity: full` and no switches."""
+
+
+def derive(scene: Scene) -> Derived:
+    """What of a scene is simulated. Raises SceneError where its vehicle has no such level, or the scene asks for what the level lacks."""
+    if scene.fidelity == 'auto':
+        from solver.levels.auto import resolved
+
+        scene = resolved(scene)
+    model, switches = switched(scene.model, scene.switches)
+    try:
+        given = dataclasses.replace(scene, model=model, fidelity='full', switches={})
+        if scene.fidelity == 'full':
+            derived = Derived(scene=given, level='full', report=LevelReport())
+        else:
+            derived = importlib.import_module(LEVELS[scene.fidelity]).derive(given)
+    except SpecError as error:
+        raise SceneError(f'fidelity = {scene.fidelity!r}: {error}') from None
+    left = set(channels(derived.scene.model))
+    absent = tuple(name for name in channels(scene.model) if name not in left)
+    return dataclasses.replace(derived, report=dataclasses.replace(derived.report, absent=absent, switched=switches))

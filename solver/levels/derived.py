@@ -1,0 +1,81 @@
+"""What a level of detail is: a scene with another model, and a report that says what the model leaves out and where it holds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from solver.elements.registry import FORCES
+from solver.model.compile import joint_coordinates
+from solver.model.spec import ModelSpec
+from solver.scene import Fidelity, Scene
+
+
+@dataclass(frozen=True, kw_only=True)
+class Limit:
+    """Where a level holds: the quantity between low and high, in the unit, and why (None: no limit on that side)."""
+
+    quantity: str
+    unit: str
+    low: float | None = None
+    high: float | None = None
+    why: str
+
+    def __str__(self) -> str:
+        low = '' if self.low is None else f'{self.low:g} {self.unit} <= '
+        high = '' if self.high is None else f' <= {self.high:g} {self.unit}'
+        return f'{low}{self.quantity}{high}: {self.why}'
+
+
+@dataclass(frozen=True, kw_only=True)
+class Switched:
+    """A subsystem that the vehicle has, whether the model has it, and why."""
+
+    subsystem: str
+    on: bool
+    why: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class ErrorFigure:
+    """How far a quantity is from the full vehicle in a maneuver: root mean square and largest error, as shares of its peak [unit]."""
+
+    maneuver: str
+    quantity: str
+    rms: float
+    largest: float
+    peak: float
+    unit: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class LevelReport:
+    """What a level leaves out of the vehicle it is derived from.
+
+    lost: modes and effects that it does not model, in words. absent: channels of the full vehicle that it does not publish. validity:
+    where it holds. switched: every subsystem of the vehicle. errors: the error sheet, where it has been measured.
+    """
+
+    lost: tuple[str, ...] = ()
+    absent: tuple[str, ...] = ()
+    validity: tuple[Limit, ...] = ()
+    switched: tuple[Switched, ...] = ()
+    errors: tuple[ErrorFigure, ...] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Derived:
+    """A level of a scene. scene: what is simulated: `fidelity: full`, another model, the resolved text of the scene it is derived from."""
+
+    scene: Scene
+    level: Fidelity
+    report: LevelReport
+
+
+def channels(model: ModelSpec) -> list[str]:
+    """What a model publishes, by the names of its parts: 'joint <name>', 'body <name>' and '<kind of element> <name>'."""
+    coordinates = [c.name for joint in model.joints for c in joint_coordinates(joint)] + [c.name for c in model.coordinates]
+    return [
+        *(f'joint {name}' for name in coordinates),
+        *(f'body {body.name}' for body in model.bodies),
+        *(f'{kind.name} {spec.name}' for kind in FORCES for spec in getattr(model, kind.name)),
+    ]
