@@ -5,12 +5,13 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
-from solver.errors import suggestion
+from solver.errors import SpecError, suggestion
 from solver.inputs.maneuver import Maneuver, base_names
 from solver.model.compile import joint_coordinates
 from solver.model.spec import ModelSpec
+from solver.quantities import published, quantity
 from solver.step.settings import IntegratorSettings
 from solver.validate import finite, require
 
@@ -73,6 +74,54 @@ class Record:
         finite('record', 'every', self.every, low=1)
 
 
+class Bound(NamedTuple):
+    """A limit of an error: absolute in SI units, or as part of the peak of the reference. In files '0.1 m' and '2 %'."""
+
+    value: float
+    share: bool = False
+
+    def of(self, peak: float) -> float:
+        """The limit in SI units."""
+        return self.value * peak if self.share else self.value
+
+
+@dataclass(frozen=True, kw_only=True)
+class Accuracy:
+    """Largest errors of one quantity against the converged full vehicle: max over time, rms its root mean square, delay in time.
+
+    Each with its unit, or (max and rms) in % of the peak of the quantity.
+    """
+
+    max: Bound | None = None
+    rms: Bound | None = None
+    delay: Bound | None = None
+
+    def __post_init__(self) -> None:
+        if not self.bounds:
+            raise SpecError('require: a quantity needs at least one of max, rms and delay')
+        if self.delay is not None and self.delay.share:
+            raise SpecError('delay: must be a time, e.g. 5 ms')
+        for name, bound in self.bounds.items():
+            finite('require', name, bound.value, low=0.0, strict=True)
+
+    @property
+    def bounds(self) -> dict[str, Bound]:
+        """Those that are given, by measure."""
+        given = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        return {name: bound for name, bound in given.items() if bound is not None}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Budget:
+    """What a run may cost. real_time_factor: at least so many simulated seconds per second of one core."""
+
+    real_time_factor: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.real_time_factor is not None:
+            finite('budget', 'real_time_factor', self.real_time_factor, low=0.0, strict=True)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Require:
     """Limits a run must keep; it is suspect otherwise, and `mbd run` ends with a code that is not 0.
@@ -81,6 +130,8 @@ class Require:
     everything that is beyond); real_time_factor_min has none. residual_max: largest last increment of an iteration, of the velocity.
     branch_switches_max looks for them as record.branches does. allow_suspect: a run that is suspect by limits that are not given here ends
     with code 0; it is called suspect all the same.
+    accuracy: errors that a level of detail and a coarse integration may make, by quantity, which `mbd plan` keeps; a quantity may also
+    stand beside the other keys: `require: {yaw_rate: {rms: 2 %}}`.
     """
 
     energy_error_max: Annotated[float | None, 'J'] = None
@@ -90,11 +141,13 @@ class Require:
     real_time_factor_min: float | None = None
     branch_switches_max: int | None = None
     allow_suspect: bool = False
+    accuracy: dict[str, Accuracy] = field(default_factory=dict)
 
     @property
     def limits(self) -> dict[str, float]:
-        """The limits that are given."""
-        values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name != 'allow_suspect'}
+        """The limits of figures of a run that are given."""
+        others = ('allow_suspect', 'accuracy')
+        values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name not in others}
         return {name: limit for name, limit in values.items() if limit is not None}
 
 
@@ -120,6 +173,7 @@ class Scene:
     duration: Annotated[float, 's'] = 10.0
     record: Record = Record()
     require: Require = Require()
+    budget: Budget = Budget()
     seed: int = 0
     resolved: str = field(default='', repr=False, compare=False)
 
@@ -132,6 +186,7 @@ class Scene:
         names = base_names(self.model.inputs)
         for name in (n for n in self.maneuver.channels if n not in names):
             require(False, where_, 'maneuver', name, 'the model has no such input' + suggestion(name, names))
+        _check_accuracy(where_, self.require.accuracy, self.model)
         for name in (n for n in self.switches if n not in SUBSYSTEMS):
             require(False, where_, 'switches', name, 'no such subsystem' + suggestion(name, SUBSYSTEMS))
         vehicle = bool(self.model.tires)
@@ -152,3 +207,13 @@ class Scene:
     def hash(self) -> str:
         """Short hash of the resolved text."""
         return hashlib.sha256(self.resolved.encode()).hexdigest()[:16]
+
+
+def _check_accuracy(where_: str, accuracy: dict[str, Accuracy], model: ModelSpec) -> None:
+    channels = published(model) if accuracy else None
+    for name in accuracy:
+        assert channels is not None
+        try:
+            quantity(name, channels)
+        except SpecError as error:
+            raise SpecError(f'{where_}: require.{error}') from None

@@ -22,10 +22,13 @@ from solver.elements.tire_pacejka import TireData
 from solver.files.schema import kinds_of, plain, unit_of
 from solver.files.vehicle import TEMPLATES
 from solver.model.spec import ModelSpec
+from solver.quantities import BY_WHEEL, NAMED
+from solver.scene import Bound
 
 FILE = Path(__file__).parents[1] / 'scene.md'
 PART = re.compile(r'<!-- begin (?P<name>[\w.]+) -->\n(?P<body>.*?)<!-- end -->', re.DOTALL)
 WORDS = {float: 'number', int: 'whole number', str: 'text', bool: 'true or false', types.NoneType: 'null', Marker: 'marker', Law: 'law'}
+WORDS[Bound] = 'limit'
 SUFFIXES_OF = {'rad': '_deg', 'm': '_mm', 'm/s': '_kmh', 'rad/s': '_rpm'}
 
 
@@ -45,6 +48,10 @@ def part(name: str) -> str:
             f'### {kind}\n\n' + '\n'.join(f'#### {cls.__name__}\n\n{block(cls)}' for cls in nested(data))
             for kind, (data, _) in TEMPLATES.items()
         )
+    if name == 'quantities':
+        rows = [(name, of) for name, of in NAMED.items()] + [(f'{name}.<wheel>', of) for name, of in BY_WHEEL.items()]
+        lines = [f'| `{name}` | {of.text} | {of.unit} | {of.least:g} |' for name, of in rows]
+        return '\n'.join(['| quantity | | unit | least peak |', '|---|---|---|---|', *lines]) + '\n'
     module, _, cls = name.rpartition('.')
     return block(getattr(importlib.import_module(module), cls))
 

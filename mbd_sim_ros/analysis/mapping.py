@@ -11,7 +11,6 @@ A `*` in a name stands for the same text on both sides.
 
 from __future__ import annotations
 
-import math
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -24,21 +23,8 @@ from mbd_sim_ros.bags.reader import Run, Series
 from solver.errors import BagError, suggestion
 from solver.files.schema import Builder
 from solver.files.yaml_tree import read
+from solver.units import UNITS
 from solver.validate import require
-
-G = 9.80665  # m/s^2, standard gravity
-_DEG = math.pi / 180.0
-# Unit -> (SI unit, factor)
-UNITS = {
-    'deg': ('rad', _DEG), 'deg/s': ('rad/s', _DEG), 'deg/s^2': ('rad/s^2', _DEG), 'rpm': ('rad/s', math.pi / 30.0),
-    'turn': ('rad', 2.0 * math.pi),
-    'km/h': ('m/s', 1.0 / 3.6), 'mph': ('m/s', 0.44704), 'kn': ('m/s', 1852.0 / 3600.0), 'g': ('m/s^2', G),
-    'mm': ('m', 1e-3), 'cm': ('m', 1e-2), 'km': ('m', 1e3), 'in': ('m', 0.0254), 'ft': ('m', 0.3048),
-    'kN': ('N', 1e3), 'daN': ('N', 10.0), 'kgf': ('N', G), 'lbf': ('N', 4.4482216152605), 'kN m': ('N m', 1e3), 'N mm': ('N m', 1e-3),
-    'kJ': ('J', 1e3), 'kW': ('W', 1e3), 'ms': ('s', 1e-3), '%': ('1', 1e-2),
-}  # fmt: skip
-SI = ('1', 'rad', 'rad/s', 'rad/s^2', 'm', 'm/s', 'm/s^2', 'N', 'N m', 'J', 'W', 's')
-UNITS |= {name: (name, 1.0) for name in SI}
 
 
 @dataclass(frozen=True, kw_only=True)

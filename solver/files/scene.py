@@ -10,13 +10,14 @@ from pathlib import Path
 
 from solver.elements.road import RoadSpec
 from solver.errors import SceneError, suggestion
+from solver.files import requirements
 from solver.files.mechanism import MechanismReader
 from solver.files.schema import Builder
 from solver.files.vehicle import build_vehicle
 from solver.files.yaml_tree import MappingNode, Node, ScalarNode, include, override, parse, read, text_of, where
 from solver.inputs.maneuver import Maneuver
 from solver.model.spec import ModelSpec
-from solver.scene import Scene
+from solver.scene import Bound, Require, Scene
 
 PACKAGE = 'mbd_sim_ros'
 
@@ -83,6 +84,7 @@ def _apply(root: Node, overrides: Sequence[str]) -> None:
 def _scene(root: Node, name: str, overrides: Sequence[str]) -> Scene:
     _apply(root, overrides)
     builder = MechanismReader().builder()
+    builder.hooks |= {Require: requirements.require, Bound: requirements.bound}
     fields = builder.mapping(root, '')
     if 'name' not in fields:
         assert isinstance(root, MappingNode)

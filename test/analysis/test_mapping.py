@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from scalars import run_of
 
-from mbd_sim_ros.analysis.mapping import UNITS, Axes, Source, apply, load_mapping, pairs, resolve
+from mbd_sim_ros.analysis.mapping import Axes, Source, apply, load_mapping, pairs, resolve
 from solver.errors import BagError, MbdError
+from solver.units import UNITS
 
 T = np.arange(4) * 10**7
 

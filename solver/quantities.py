@@ -1,0 +1,258 @@
+"""Quantities of interest: named signals with units, computed from the snapshots of any run, by which runs are compared.
+
+Of a vehicle, in the words of [ISO8855]: X and Y of the intermediate axes are horizontal, X along the vehicle. Velocities and positions
+are those of base_link, accelerations those of the centre of mass of the chassis. Beside these every recorded number has the name of its
+column in a recording (bags/README.md). What a level of detail does not publish is absent there, and nothing takes its place.
+
+A percentage is one of the peak of the reference, the largest absolute value in the time that is compared; where that is less than the
+`least` of the quantity, of this: a car that drives straight ahead is not held to two percent of nothing.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from solver.elements.registry import FORCES
+from solver.elements.tire_pacejka import TIRE_COLUMNS, TIRE_UNITS
+from solver.errors import SpecError, suggestion
+from solver.model.compile import joint_coordinates
+from solver.model.spec import ModelSpec
+from solver.output.snapshot import NO_STEPS, Channels, Snapshot, layout_of, new_numbers
+
+POSE, TWIST, FORCE = ('x', 'y', 'z', 'qx', 'qy', 'qz', 'qw'), ('vx', 'vy', 'vz', 'wx', 'wy', 'wz'), TIRE_COLUMNS[:6]
+TIRE_STATES = ('fz', *TIRE_COLUMNS[6 : TIRE_COLUMNS.index('px')])
+LEAST = 1e-9  # of recorded numbers, of which nothing is known
+
+Numbers = Callable[[np.ndarray], np.ndarray]
+
+
+class Quantity(NamedTuple):
+    """A signal of one or several components (the error is then the length of their difference)."""
+
+    name: str
+    unit: str  # SI, '1' for a number
+    least: float  # the smallest peak that percentages refer to
+    places: np.ndarray  # (m,) which numbers of a snapshot it is computed from
+    of: Numbers  # (n, m) rows of these numbers, in the order of time -> (n, components)
+    from_start: bool  # its peak is the largest distance from where it starts
+
+    def peak(self, values: np.ndarray) -> float:
+        """The largest absolute value (n, components), at least `least`."""
+        return max(self.least, float(lengths(values - values[0] if self.from_start else values).max()))
+
+
+def lengths(values: np.ndarray) -> np.ndarray:
+    """(n,) absolute values of (n, components)."""
+    return np.abs(values[:, 0]) if values.shape[1] == 1 else np.sqrt((values * values).sum(axis=1))
+
+
+class Named(NamedTuple):
+    """A quantity of a vehicle: unit, the smallest peak that percentages refer to, and what it is."""
+
+    unit: str
+    least: float
+    text: str
+
+
+NAMED: dict[str, Named] = {
+    'position': Named('m', 1.0, 'place of base_link on the ground, x and y; the error is a distance'),
+    'heading': Named('rad', 0.01, 'yaw angle'),
+    'yaw_rate': Named('rad/s', 0.01, 'yaw velocity, the rate of the yaw angle'),
+    'longitudinal_velocity': Named('m/s', 0.1, 'horizontal velocity of base_link along X'),
+    'sideslip_velocity': Named('m/s', 0.02, 'horizontal velocity of base_link along Y, the lateral velocity'),
+    'sideslip_angle': Named('rad', 0.001, 'angle between X and the horizontal velocity of base_link'),
+    'longitudinal_acceleration': Named('m/s^2', 0.1, 'horizontal acceleration along X'),
+    'lateral_acceleration': Named('m/s^2', 0.1, 'horizontal acceleration along Y'),
+    'roll': Named('rad', 0.001, 'vehicle roll angle'),
+    'pitch': Named('rad', 0.001, 'vehicle pitch angle'),
+    'steering_torque': Named('N m', 0.1, 'torque at the steering wheel that its imposed angle takes'),
+}
+BY_WHEEL: dict[str, Named] = {
+    'wheel_load': Named('N', 100.0, 'force of the road on the tire along its normal'),
+    'tire_force': Named('N', 100.0, 'force on the tire in the contact frame; add .x, .y or .z'),
+    'slip_angle': Named('rad', 0.001, 'slip angle of the tire'),
+    'slip': Named('1', 0.001, 'longitudinal slip of the tire'),
+    'suspension_travel': Named('m', 0.001, 'travel of the wheel, positive in bump'),
+}
+OF_TIRE = {'wheel_load': 'fz', 'slip_angle': 'alpha', 'slip': 'kappa', 'tire_force.x': 'fx', 'tire_force.y': 'fy', 'tire_force.z': 'fz'}
+JOINT_UNITS = {'rotation': ('rad', 'rad/s', 'N m'), 'translation': ('m', 'm/s', 'N')}
+UNITS_OF = {**dict.fromkeys('xyz', 'm'), **dict.fromkeys(TWIST[:3], 'm/s'), **dict.fromkeys(TWIST[3:], 'rad/s')}
+RATES = ('position', 'velocity', 'effort')
+
+
+def published(model: ModelSpec) -> Channels:
+    """Names of what a model publishes, without compiling it; reactions are left out."""
+    coordinates = [c for joint in model.joints for c in joint_coordinates(joint)] + [*model.coordinates]
+    wheels = [kind for kind in FORCES if kind.wheels]
+    others = [kind for kind in FORCES if not kind.wheels]
+    bodies = tuple(body.name for body in model.bodies)
+    return Channels(
+        joints=tuple(c.name for c in coordinates),
+        joint_kinds=tuple(c.kind for c in coordinates),
+        bodies=bodies,
+        wheels=tuple(e.name for kind in wheels for e in getattr(model, kind.name)),
+        inputs=model.inputs,
+        elements=tuple(f'{e.name}/{column}' for kind in others for e in getattr(model, kind.name) for column in kind.outputs),
+        reactions=(),
+        chassis=bodies.index(model.chassis) if model.chassis else 0,
+    )
+
+
+def names(channels: Channels) -> list[str]:
+    """The named quantities of a vehicle with these channels; none of a mechanism."""
+    if not channels.wheels:
+        return []
+    wheels = [f'{name}.{wheel}' for name in ('wheel_load', 'slip_angle', 'slip') for wheel in channels.wheels]
+    wheels += [f'tire_force.{wheel}.{axis}' for wheel in channels.wheels for axis in 'xyz']
+    wheels += [f'suspension_travel.{wheel}' for wheel in channels.wheels if f'travel_{wheel}' in channels.joints]
+    body = [name for name in NAMED if name != 'steering_torque' or 'steering_wheel' in channels.joints]
+    return body + wheels
+
+
+def quantity(name: str, channels: Channels) -> Quantity:
+    """The quantity of that name in snapshots with these channels. Raises SpecError where they do not have it."""
+    layout = layout_of(channels)
+    s = Snapshot(0, 0, np.arange(new_numbers(layout).size, dtype=float), layout, NO_STEPS)  # each number is its own place
+    if name in names(channels):
+        return _named(name, channels, s)
+    for column, unit, place in _columns(channels, s):
+        if column == name:
+            return Quantity(name, unit, LEAST, np.array([place], int), _same, False)
+    known = [*names(channels), *(column for column, *_ in _columns(channels, s))]
+    raise SpecError(f'{name}: no such quantity{suggestion(name, known)}')
+
+
+def _named(name: str, channels: Channels, s: Snapshot) -> Quantity:
+    head, _, rest = name.partition('.')
+    places: np.ndarray
+    if head in NAMED:
+        meaning = NAMED[head]
+        if head == 'steering_torque':
+            places = s.joint_effort[[channels.joints.index('steering_wheel')]]
+            return Quantity(name, meaning.unit, meaning.least, places.astype(int), _same, False)
+        chassis = channels.chassis or 0
+        places = np.concatenate([s.pose[chassis], s.twist[chassis], s.imu[:3]])
+        return Quantity(name, meaning.unit, meaning.least, places.astype(int), OF_BODY[head], head in ('position', 'heading'))
+    meaning = BY_WHEEL[head]
+    wheel, _, axis = rest.partition('.')
+    if head == 'suspension_travel':
+        places = s.joint_position[[channels.joints.index(f'travel_{wheel}')]]
+    else:
+        column = TIRE_COLUMNS.index(OF_TIRE[f'{head}.{axis}' if axis else head])
+        places = s.tire[channels.wheels.index(wheel), [column]]
+    return Quantity(name, meaning.unit, meaning.least, places.astype(int), _same, False)
+
+
+def _same(rows: np.ndarray) -> np.ndarray:
+    return rows
+
+
+def _rotation(rows: np.ndarray) -> np.ndarray:
+    """(n, 3, 3) R_WB of the quaternions xyzw in columns 3 to 6."""
+    x, y, z, w = rows[:, 3:7].T
+    R = [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+    ]
+    return np.array(R).transpose(2, 0, 1)
+
+
+def _column(values: np.ndarray) -> np.ndarray:
+    return values[:, None]
+
+
+def _position(rows: np.ndarray) -> np.ndarray:
+    return rows[:, :2]
+
+
+def _heading(rows: np.ndarray) -> np.ndarray:
+    R = _rotation(rows)
+    return _column(np.unwrap(np.arctan2(R[:, 1, 0], R[:, 0, 0])))
+
+
+def _yaw_rate(rows: np.ndarray) -> np.ndarray:
+    """d/dt atan2(R_10, R_00), with dR/dt = R [w]."""
+    R, w = _rotation(rows), rows[:, 10:13]
+    a, b = R[:, 0, 0], R[:, 1, 0]
+    a_dot = R[:, 0, 1] * w[:, 2] - R[:, 0, 2] * w[:, 1]
+    b_dot = R[:, 1, 1] * w[:, 2] - R[:, 1, 2] * w[:, 1]
+    return _column((a * b_dot - b * a_dot) / (a * a + b * b))
+
+
+def _roll(rows: np.ndarray) -> np.ndarray:
+    R = _rotation(rows)
+    return _column(np.arctan2(R[:, 2, 1], R[:, 2, 2]))
+
+
+def _pitch(rows: np.ndarray) -> np.ndarray:
+    return _column(-np.arcsin(np.clip(_rotation(rows)[:, 2, 0], -1.0, 1.0)))
+
+
+def _horizontal(rows: np.ndarray, first: int, axis: int) -> np.ndarray:
+    """(n,) component along X (axis 0) or Y (1) of the vector in the body whose components begin in column `first`."""
+    R = _rotation(rows)
+    vector = np.einsum('nij,nj->ni', R, rows[:, first : first + 3])
+    along = R[:, :2, 0] / np.sqrt(R[:, 0, 0] ** 2 + R[:, 1, 0] ** 2)[:, None]
+    if axis == 0:
+        return along[:, 0] * vector[:, 0] + along[:, 1] * vector[:, 1]
+    return along[:, 0] * vector[:, 1] - along[:, 1] * vector[:, 0]
+
+
+def _sideslip(rows: np.ndarray) -> np.ndarray:
+    return _column(np.arctan2(_horizontal(rows, 7, 1), _horizontal(rows, 7, 0)))
+
+
+OF_BODY: dict[str, Numbers] = {
+    'position': _position,
+    'heading': _heading,
+    'yaw_rate': _yaw_rate,
+    'longitudinal_velocity': lambda rows: _column(_horizontal(rows, 7, 0)),
+    'sideslip_velocity': lambda rows: _column(_horizontal(rows, 7, 1)),
+    'sideslip_angle': _sideslip,
+    # the specific force is acceleration less gravity, which is vertical
+    'longitudinal_acceleration': lambda rows: _column(_horizontal(rows, 13, 0)),
+    'lateral_acceleration': lambda rows: _column(_horizontal(rows, 13, 1)),
+    'roll': _roll,
+    'pitch': _pitch,
+}
+
+
+def _columns(channels: Channels, s: Snapshot) -> Iterator[tuple[str, str, float]]:
+    """(name in recordings, unit, place) of every recorded number."""
+    for k, (joint, kind) in enumerate(zip(channels.joints, channels.joint_kinds, strict=True)):
+        for rate, unit, values in zip(RATES, JOINT_UNITS[kind], (s.joint_position, s.joint_velocity, s.joint_effort), strict=True):
+            yield f'joint_states/{joint}/{rate}', unit, values[k]
+    if channels.chassis is not None:
+        for name, value in zip(POSE, s.pose[channels.chassis], strict=True):
+            yield f'odom/pose/{name}', UNITS_OF.get(name, '1'), value
+        for name, value in zip(TWIST, s.twist[channels.chassis], strict=True):
+            yield f'odom/twist/{name}', UNITS_OF[name], value
+        for name, value in zip(('ax', 'ay', 'az', *TWIST[3:]), s.imu, strict=True):
+            yield f'imu/{name}', UNITS_OF.get(name, 'm/s^2'), value
+    for k, wheel in enumerate(channels.wheels):
+        for name in FORCE:
+            yield f'tire/{wheel}/force/{name}', TIRE_UNITS[name], s.tire[k, TIRE_COLUMNS.index(name)]
+        for name in TIRE_STATES:
+            yield f'tire_states/{wheel}/{name}', TIRE_UNITS[name] or '1', s.tire[k, TIRE_COLUMNS.index(name)]
+    outputs: dict[str, list[str]] = {}
+    for name in channels.elements:
+        element, _, output = name.rpartition('/')
+        outputs.setdefault(element, []).append(output)
+    for name, value in zip(channels.elements, s.elements, strict=True):
+        element, _, output = name.rpartition('/')
+        yield f'element_states/{name}', _unit_of_output(tuple(outputs[element]), output), value
+    for name, value in zip(channels.reactions, s.reactions, strict=True):
+        yield f'reactions/{name}', '1', value
+
+
+@functools.cache
+def _unit_of_output(outputs: tuple[str, ...], output: str) -> str:
+    """Unit of an output of an element that has these outputs, as far as the kinds that have them agree; else '1'."""
+    units = {kind.outputs[output] or '1' for kind in FORCES if tuple(kind.outputs) == outputs}
+    unit = units.pop() if len(units) == 1 else '1'
+    return '1' if ' or ' in unit else unit

@@ -1,0 +1,48 @@
+"""Units that files and command lines may use, and what they are in SI."""
+
+from __future__ import annotations
+
+import math
+import re
+
+G = 9.80665  # m/s^2, standard gravity
+_DEG = math.pi / 180.0
+# Unit -> (SI unit, factor)
+UNITS = {
+    'deg': ('rad', _DEG), 'deg/s': ('rad/s', _DEG), 'deg/s^2': ('rad/s^2', _DEG), 'rpm': ('rad/s', math.pi / 30.0),
+    'turn': ('rad', 2.0 * math.pi),
+    'km/h': ('m/s', 1.0 / 3.6), 'mph': ('m/s', 0.44704), 'kn': ('m/s', 1852.0 / 3600.0), 'g': ('m/s^2', G),
+    'mm': ('m', 1e-3), 'cm': ('m', 1e-2), 'km': ('m', 1e3), 'in': ('m', 0.0254), 'ft': ('m', 0.3048),
+    'kN': ('N', 1e3), 'daN': ('N', 10.0), 'kgf': ('N', G), 'lbf': ('N', 4.4482216152605), 'kN m': ('N m', 1e3), 'N mm': ('N m', 1e-3),
+    'kJ': ('J', 1e3), 'kW': ('W', 1e3), 'ms': ('s', 1e-3), '%': ('1', 1e-2),
+}  # fmt: skip
+SI = ('1', 'rad', 'rad/s', 'rad/s^2', 'm', 'm/s', 'm/s^2', 'N', 'N m', 'J', 'W', 's')
+UNITS |= {name: (name, 1.0) for name in SI}
+WITH_UNIT = re.compile(r'\s*([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)\s*(.*?)\s*')
+SPELLED = {'m/s2': 'm/s^2', 'rad/s2': 'rad/s^2', 'deg/s2': 'deg/s^2', 'Nm': 'N m', '°': 'deg'}
+
+
+def measured(text: str) -> tuple[float, str]:
+    """(value in SI, SI unit) of a text like '2 %', '0.1 m' or '3'; a number alone has the unit ''. Raises ValueError that says why."""
+    match = WITH_UNIT.fullmatch(text)
+    try:
+        number = float(match[1]) if match else math.nan
+    except ValueError:
+        number = math.nan
+    if match is None or not math.isfinite(number):
+        raise ValueError('must be a number with its unit, e.g. 2 % or 0.1 m')
+    unit = SPELLED.get(match[2], match[2])
+    if not unit:
+        return number, ''
+    if unit not in UNITS:
+        raise ValueError(f'no such unit {unit!r}; one of {", ".join(sorted(UNITS, key=str.lower))}')
+    si, factor = UNITS[unit]
+    return number * factor, '%' if unit == '%' else si
+
+
+def shown(value: float, unit: str) -> str:
+    """A value in SI for people: angles in degrees, short lengths and times in thousandths."""
+    name, factor = {'rad': ('deg', 1.0 / _DEG), 'rad/s': ('deg/s', 1.0 / _DEG), 'rad/s^2': ('deg/s^2', 1.0 / _DEG)}.get(unit, (unit, 1.0))
+    if unit in ('m', 's') and 0.0 < abs(value) < 0.1:
+        name, factor = f'm{unit}', 1e3
+    return f'{value * factor:.3g} {"" if name == "1" else name}'.rstrip()
