@@ -15,6 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from solver.compiled.by_reference import matrix_at
 from solver.compiled.kernel import kernel
 from solver.model.saddle import CONDENSED, solve_saddle
 
@@ -26,11 +27,15 @@ SMALLEST_IMAGE = 1e-4  # relative to the violation; less is a direction that the
 
 
 class Augmentation(NamedTuple):
-    """Directions of one factorization, and scratch; nothing in it survives a step."""
+    """Directions of one factorization, and scratch; nothing in it survives a step.
 
-    image: np.ndarray  # (MOST_DIRECTIONS, nc) -A dw of every direction; orthonormal, weighed by the penalties
-    dw: np.ndarray  # (MOST_DIRECTIONS, nb + 1, 6)
-    dlam: np.ndarray  # (MOST_DIRECTIONS, nc)
+    Directions lie one behind the other in vectors: compiled code has the inner sizes of an array as constants, and must be the same for
+    models of all sizes.
+    """
+
+    image: np.ndarray  # (MOST_DIRECTIONS * nc,) -A dw of every direction; orthonormal, weighed by the penalties
+    dw: np.ndarray  # (MOST_DIRECTIONS * (nb + 1) * 6,)
+    dlam: np.ndarray  # (MOST_DIRECTIONS * nc,)
     known: np.ndarray  # (1,) directions so far
     violation: np.ndarray  # (1,) sum W g^2 that was measured last
     left: np.ndarray  # (nc,) violation
@@ -41,9 +46,9 @@ def new_augmentation(model) -> Augmentation:
     """Allocate for a model."""
     n, nb, nc = MOST_DIRECTIONS, model.n_bodies, model.n_rows
     return Augmentation(
-        np.zeros((n, nc)),
-        np.zeros((n, nb + 1, 6)),
-        np.zeros((n, nc)),
+        np.zeros(n * nc),
+        np.zeros(n * (nb + 1) * 6),
+        np.zeros(n * nc),
         np.zeros(1, np.int64),
         np.zeros(1),
         np.zeros(nc),
@@ -66,15 +71,23 @@ def weighed(W, x, y):
     return (one + two) + (three + four)
 
 
+@kernel(inline=True)
+def _direction(augmentation, k):
+    """(image (nc,), dw (nb + 1, 6), dlam (nc,)) of direction k."""
+    nc, n = augmentation.left.shape[0], augmentation.zero.shape[0]
+    first, last = k * nc, (k + 1) * nc
+    return augmentation.image[first:last], matrix_at(augmentation.dw, 6 * n * k, n, 6), augmentation.dlam[first:last]
+
+
 @kernel(inner=True)
 def _add(augmentation, k, factor, dw, dlam):
     """dw and dlam += factor times direction k."""
-    source = augmentation.dw[k]
+    _, source, multipliers = _direction(augmentation, k)
     for b in range(source.shape[0]):
         for i in range(6):
             dw[b, i] += factor * source[b, i]
     for i in range(dlam.shape[0]):
-        dlam[i] += factor * augmentation.dlam[k, i]
+        dlam[i] += factor * multipliers[i]
 
 
 @kernel(inner=True)
@@ -82,14 +95,15 @@ def _new_direction(tables, form, saddle, augmentation, size):
     """Append the direction that augments augmentation.left, of the given weighed size; whether it has an image worth it."""
     k = augmentation.known[0]
     W = saddle.W
-    image, dlam, dw = augmentation.image[k], augmentation.dlam[k], augmentation.dw[k]
+    image, dw, dlam = _direction(augmentation, k)
     solve_saddle(tables, form, saddle, augmentation.zero, augmentation.left, dw, dlam)
     for i in range(W.shape[0]):
         image[i] = augmentation.left[i] + dlam[i] / W[i]
     for j in range(k):
-        part = weighed(W, augmentation.image[j], image)
+        other, _, _ = _direction(augmentation, j)
+        part = weighed(W, other, image)
         for i in range(W.shape[0]):
-            image[i] -= part * augmentation.image[j, i]
+            image[i] -= part * other[i]
         _add(augmentation, j, -part, dw, dlam)
     length = np.sqrt(weighed(W, image, image))
     if not length > SMALLEST_IMAGE * size:
@@ -138,7 +152,7 @@ def _combine(tables, form, saddle, augmentation, enough, smallest, dw, dlam):
             break
         if k == augmentation.known[0] and not _new_direction(tables, form, saddle, augmentation, np.sqrt(size)):
             break
-        image = augmentation.image[k]
+        image, _, _ = _direction(augmentation, k)
         part = weighed(W, image, left)
         for i in range(W.shape[0]):
             left[i] -= part * image[i]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import NamedTuple
 
 import numba
@@ -10,6 +11,9 @@ import pytest
 
 from solver.compiled.by_reference import Ref
 from solver.compiled.kernel import address_of, invoke, kernel, sixes
+from solver.files.scene import load_scene
+from solver.simulation import Simulation
+from solver.step.settings import IntegratorSettings
 
 compiled = pytest.mark.skipif(bool(numba.config.DISABLE_JIT), reason='about compiled code')
 
@@ -144,3 +148,12 @@ def _fill(f, K):
 @kernel
 def _call(address, f, K):
     invoke(address, (f, K))
+
+
+@compiled
+def test_a_step_is_compiled_once_for_models_of_all_sizes() -> None:
+    """What a step is given has the same type for a pendulum, a slider-crank and ten loops of four bars."""
+    scenes = [load_scene('pendulum'), load_scene('slider_crank'), load_scene('four_bar_n', ['mechanism.loops=10'])]
+    simulations = [Simulation(dataclasses.replace(scene, integrator=IntegratorSettings())) for scene in scenes]
+    given = {(s._work.type, s.scheme.type, s.model.tables.type, s._states[0].type) for s in simulations}
+    assert len(given) == 1
