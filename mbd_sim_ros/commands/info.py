@@ -52,9 +52,9 @@ def run(args: argparse.Namespace) -> Result:
         'inputs': list(simulation.channels.inputs),
         'maneuver': scene.maneuver.name,
         'integrator': scene.integrator.kind,
-        'h': scene.integrator.h,
+        'h': simulation.scene.integrator.h,
         'duration': scene.duration,
-        'steps': scene.steps,
+        'steps': simulation.scene.steps,
         'start': simulation.start.report(),
     }
     text = ''

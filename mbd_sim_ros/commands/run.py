@@ -52,9 +52,13 @@ def run(args: argparse.Namespace) -> Result:
     scene = load_scene(args.scene, overrides)
     simulation = simulation_of(scene)
     directory = None if args.no_record else args.out or new_directory(scene.name)
-    data = simulate(simulation, scene.steps, directory=directory, progress=not args.json, balance=args.balance)
+    data = simulate(simulation, simulation.scene.steps, directory=directory, progress=not args.json, balance=args.balance)
     data = {'scene': scene.name, **data, 'start': simulation.start.report()}
     data['require'] = scene.require.limits
+    if scene.require.accuracy:
+        from solver.levels.auto import certificate_of
+
+        data['accuracy'] = {'required': [*scene.require.accuracy], 'certificate': certificate_of(scene)}
     violations = [f'{f["quantity"]}: {f["text"]}' for f in data['findings'] if f['required']]
     if violations:
         data['violations'] = violations
@@ -69,6 +73,12 @@ def describe(data: dict[str, Any], start: str) -> str:
         rows.append(('recorded in', data['out']))
     for kind, energies in data.get('energy_by_kind', {}).items():
         rows.append((f'energy of {kind.replace("_", " ")}', ', '.join(f'{name} {value:.4g} J' for name, value in energies.items())))
+    if 'accuracy' in data:
+        required, certificate = ', '.join(data['accuracy']['required']), data['accuracy']['certificate']
+        proof = (
+            f'certified by plan {certificate}' if certificate else 'a run cannot check it, and no plan certifies these settings (mbd plan)'
+        )
+        rows.append(('accuracy', f'required of {required}: {proof}'))
     rows += [('REQUIREMENT' if found['required'] else 'SUSPECT', found['text']) for found in data['findings']]
     return table(rows)
 

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from mbd_sim_ros.commands import Result, declare, table
+from mbd_sim_ros.commands import SCENE_HELP, SET_HELP, Result, declare, table
 
 BAR = '{percentage:3.0f}% |{bar:30}| {desc}'
 
@@ -28,11 +28,14 @@ def add(parsers: Any) -> None:
         'study',
         run,
         'put a question to many runs and write a report with pictures and tables',
-        'mbd study slider_crank --out out/slider_crank\n  mbd study penalty_map --quick',
+        'mbd study slider_crank --out out/slider_crank\n  mbd study trade car_step_steer --set duration=4',
     )
     parser.formatter_class = _Listing
     parser.add_argument('name', metavar='NAME', help='one of the studies below')
-    parser.add_argument('--out', metavar='DIR', type=Path, help='directory of the report (default: out/NAME)')
+    parser.add_argument('scene', metavar='SCENE', nargs='?', help=f'of the study trade: {SCENE_HELP}')
+    parser.add_argument('--set', metavar='KEY=VALUE', action='append', default=[], dest='overrides', help=SET_HELP)
+    parser.add_argument('--workers', metavar='N', type=int, help='of the study trade: runs at a time (default: as many as there are cores)')
+    parser.add_argument('--out', metavar='DIR', type=Path, help='directory of the report (default: out/NAME, or out/NAME/SCENE)')
     parser.add_argument('--quick', action='store_true', help='a few runs only: for a first look, not for conclusions')
     parser.add_argument('--strict', action='store_true', help='exit code 1 when a check is not met')
 
@@ -43,15 +46,15 @@ def run(args: argparse.Namespace) -> Result:
 
     from mbd_sim_ros.lab import studies as study
 
-    study.module(args.name)  # a wrong name makes no directory
-    out = args.out or Path('out') / args.name
+    options = _options(args)  # a wrong name makes no directory
+    out = args.out or Path('out') / args.name / (options['scene'].name if options else '')
     with tqdm(total=1.0, bar_format=BAR, disable=args.json or not sys.stderr.isatty(), leave=False) as bar:
 
         def progress(text: str, done: float) -> None:
             bar.set_description_str(text, refresh=False)
             bar.update(min(1.0, done) - bar.n)
 
-        figures = study.run(args.name, out, quick=args.quick, progress=progress)
+        figures = study.run(args.name, out, quick=args.quick, progress=progress, **options)
     missed = [check['name'] for check in figures['checks'] if not check['met']]
     failed = args.strict and bool(missed)
     data = {
@@ -66,3 +69,21 @@ def run(args: argparse.Namespace) -> Result:
     rows = [(c['name'], f'{c["value"]:.3g}', f'{c["limit"]:.3g}', '' if c['met'] else 'NOT MET') for c in figures['checks']]
     text = [table([('check', 'value', 'limit', ''), *rows]), f'{len(missed)} of {len(rows)} checks not met', f'report: {out / "report.md"}']
     return Result(data=data, text='\n'.join(text if rows else text[-1:]), code=1 if failed else 0)
+
+
+def _options(args: argparse.Namespace) -> dict[str, Any]:
+    """Scene and workers of a study that wants a scene. Raises SpecError where one is missing, or given to another study."""
+    from mbd_sim_ros.lab import studies
+    from solver.errors import SpecError
+    from solver.files.scene import load_scene
+
+    if not studies.of_scene(args.name):
+        given = args.scene or (args.overrides and '--set') or (args.workers is not None and '--workers')
+        if given:
+            raise SpecError(f'study {args.name!r}: takes no scene, but {given!r} is given; remove it')
+        return {}
+    if args.scene is None:
+        raise SpecError(f'study {args.name!r}: the scene is missing; e.g. mbd study {args.name} car_step_steer')
+    if args.workers is not None and args.workers < 1:
+        raise SpecError(f'--workers = {args.workers}: must be > 0')
+    return {'scene': load_scene(args.scene, args.overrides), 'workers': args.workers}

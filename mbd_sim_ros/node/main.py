@@ -34,7 +34,7 @@ MISSING = (
 
 
 def prepare(scene: str, overrides: list[str]) -> tuple[Any, Any]:
-    """Load a scene and return it with its simulation, compiled and at its start. Raises MbdError."""
+    """Load a scene and return what of it is simulated with its simulation, compiled and at its start. Raises MbdError."""
     from solver import simulation_of
     from solver.errors import SpecError
     from solver.files.scene import load_scene
@@ -47,7 +47,7 @@ def prepare(scene: str, overrides: list[str]) -> tuple[Any, Any]:
     simulation = simulation_of(loaded)
     simulation.advance(1, inputs=simulation.snapshot().inputs)  # compiles what a step needs before pacing starts
     simulation.reset()
-    return loaded, simulation
+    return simulation.scene, simulation
 
 
 def run(body: Callable[[], int], args: list[str] | None, name: str) -> int:

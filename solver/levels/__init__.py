@@ -11,7 +11,7 @@ import dataclasses
 import importlib
 
 from solver.errors import SceneError, SpecError
-from solver.levels.derived import Derived, LevelReport, channels
+from solver.levels.derived import Derived, LevelReport, Limit, channels
 from solver.levels.switches import switched
 from solver.scene import Scene
 
@@ -23,10 +23,11 @@ LEVELS = {'condensed': 'solver.levels.condensed', 'kc': 'solver.levels.kc', 'sin
 
 def derive(scene: Scene) -> Derived:
     """What of a scene is simulated. Raises SceneError where its vehicle has no such level, or the scene asks for what the level lacks."""
+    envelope: tuple[Limit, ...] = ()
     if scene.fidelity == 'auto':
         from solver.levels.auto import resolved
 
-        scene = resolved(scene)
+        scene, envelope = resolved(scene)
     model, switches = switched(scene.model, scene.switches)
     try:
         given = dataclasses.replace(scene, model=model, fidelity='full', switches={})
@@ -38,4 +39,5 @@ def derive(scene: Scene) -> Derived:
         raise SceneError(f'fidelity = {scene.fidelity!r}: {error}') from None
     left = set(channels(derived.scene.model))
     absent = tuple(name for name in channels(scene.model) if name not in left)
-    return dataclasses.replace(derived, report=dataclasses.replace(derived.report, absent=absent, switched=switches))
+    validity = (*derived.report.validity, *envelope)
+    return dataclasses.replace(derived, report=dataclasses.replace(derived.report, absent=absent, switched=switches, validity=validity))

@@ -1,11 +1,100 @@
-"""`fidelity: auto`: the level, switches and integrator that the plan of a scene has chosen."""
+"""`fidelity: auto`: level, switches and integrator that the plan of a scene has chosen (`mbd plan`), and the envelope of its certificate.
+
+A plan is kept beside the compiled kernels under what it depends on: the model, the start, the maneuver, the duration, what is required, and
+the sources of the solver. So it cannot be out of date: whatever changes, there is none any more.
+"""
 
 from __future__ import annotations
 
+import dataclasses
+import json
+import os
+import uuid
+from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from solver.compiled.cache import digest, location
 from solver.errors import SceneError
+from solver.files.scene import load_scene_text
+from solver.levels.derived import Limit
+from solver.levels.kept import sources
 from solver.scene import Scene
 
+FIXED: dict[str, Any] = {'step_policy': 'constant', 'penalty_policy': 'constant'}
+OK = 'ok'  # status of a plan that is certified
 
-def resolved(scene: Scene) -> Scene:
-    """The scene as its plan resolves it. Raises SceneError where there is no plan."""
-    raise SceneError(f"scene {scene.name!r}: fidelity = 'auto': no plan of this scene is kept; name a level, e.g. 'condensed'")
+
+def key(scene: Scene) -> str:
+    """Of everything a plan of this scene depends on."""
+    chosen: dict[str, Any] = {'h': 1e-3, 'rho_inf': 0.8, 'mode': 'fixed', 'iterations': 1, 'tolerance': 1e-8}
+    integrator = dataclasses.replace(scene.integrator, **chosen, **FIXED)
+    parts = (scene.model, scene.start, scene.maneuver, scene.duration, scene.require.accuracy, scene.budget, integrator)
+    return digest(sources(), *(repr(part).encode() for part in parts)).hex()
+
+
+def plan_of(scene: Scene) -> dict[str, Any] | None:
+    """The kept plan of a scene, None without one."""
+    with suppress(OSError, ValueError):
+        proof, _, text = _file(scene).read_text(encoding='utf-8').partition('\n')
+        if proof == digest(text.encode()).hex():
+            return json.loads(text)
+    return None
+
+
+def keep(scene: Scene, plan: Mapping[str, Any]) -> None:
+    """Keep the plan of a scene; where nothing can be written there is none at the next start."""
+    text, file = json.dumps(plan, allow_nan=False), _file(scene)
+    fresh = file.with_name(f'.{uuid.uuid4().hex}.tmp')
+    with suppress(OSError):
+        file.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            fresh.write_text(f'{digest(text.encode()).hex()}\n{text}', encoding='utf-8')
+            os.replace(fresh, file)
+        finally:
+            fresh.unlink(missing_ok=True)
+
+
+def _file(scene: Scene) -> Path:
+    return location() / 'plans' / f'{key(scene)}.json'
+
+
+def resolved(scene: Scene) -> tuple[Scene, tuple[Limit, ...]]:
+    """(the scene as its plan resolves it, the envelope of its certificate). Raises SceneError where there is no plan."""
+    plan = plan_of(scene)
+    begin = f"scene {scene.name!r}: fidelity = 'auto'"
+    if plan is None:
+        raise SceneError(f"{begin}: there is no plan of this scene as it stands; make one with mbd plan, or name a level, e.g. 'full'")
+    if plan['status'] != OK:
+        raise SceneError(
+            f"{begin}: its plan found nothing that keeps what is required; relax require or budget, or name a level, e.g. 'full'"
+        )
+    envelope = tuple(
+        Limit(quantity=e['quantity'], unit=e['unit'], low=e['low'], high=e['high'], why='the plan is certified for this range')
+        for e in plan['envelope']
+    )
+    return chosen(scene, plan), envelope
+
+
+def chosen(scene: Scene, plan: Mapping[str, Any]) -> Scene:
+    """The scene with what a plan has chosen in place, in its resolved text too: a recording of it needs no plan."""
+    settings = plan['settings']
+    integrator = settings['integrator'] | FIXED
+    if scene.resolved:
+        switches = ', '.join(f'{name}: {state}' for name, state in settings['switches'].items())
+        overrides = [f'fidelity={plan["fidelity"]}', f'switches={{{switches}}}', *(f'integrator.{k}={v}' for k, v in integrator.items())]
+        return load_scene_text(scene.resolved, scene.name, overrides)
+    integrator = dataclasses.replace(scene.integrator, **integrator)
+    return dataclasses.replace(scene, fidelity=plan['fidelity'], switches=settings['switches'], integrator=integrator)
+
+
+def certificate_of(scene: Scene) -> str | None:
+    """The hash of the plan by which a scene is certified as it is integrated, None where there is none."""
+    plan = plan_of(scene)
+    if plan is None or plan['status'] != OK:
+        return None
+    asked = scene if scene.fidelity == 'auto' else chosen(scene, plan)
+    off = {name for name, state in scene.switches.items() if state == 'off'}
+    same = asked.fidelity == scene.fidelity and {*plan['settings']['switches']} == off and asked.integrator == scene.integrator
+    return plan['hash'] if scene.fidelity == 'auto' or same else None

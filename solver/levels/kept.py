@@ -28,7 +28,7 @@ def kept(what: str, subject: str, make: Callable[[], Any]) -> Any:
     what: names the kind of data, and the file. subject: text that says everything the value depends on besides the sources of the
     solver, e.g. repr() of a ModelSpec. The value is what JSON makes of it, also when it is fresh (tuples are lists).
     """
-    identity = digest(_sources(), what.encode(), subject.encode())
+    identity = digest(sources(), what.encode(), subject.encode())
     path = location() / 'levels' / f'{what}-{identity.hex()}.json'
     with suppress(OSError, ValueError):
         proof, _, text = path.read_text(encoding='ascii').partition('\n')
@@ -49,7 +49,7 @@ def kept(what: str, subject: str, make: Callable[[], Any]) -> Any:
 
 
 @functools.cache
-def _sources() -> bytes:
+def sources() -> bytes:
     """A digest of every source file of the solver."""
     root = Path(__file__).parents[1]
     paths = sorted(root.rglob('*.py'))

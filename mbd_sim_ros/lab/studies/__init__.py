@@ -12,6 +12,9 @@ STUDIES names the module of every study. Such a module has
         seconds after compilation, for a first look and for tests. progress(text, done): say what is being done and which share of
         the work is behind, 0 to 1; call it before every piece of work that takes more than a second.
 
+A study of a scene of the user's choice has OF_SCENE = True, and study() takes scene (a Scene) and workers (runs at a time, None for
+as many as there are cores) too.
+
 Conclusions in a report are computed from the numbers beside them. A study that needs an optional package and cannot do without it
 raises SpecError with one sentence that says how to install it; one that can leaves the part out and says so in the report. Errors of
 the user are MbdError; failures of single runs are results and belong into the tables. Nothing depends on the clock except where CPU
@@ -26,6 +29,7 @@ import importlib
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
+from typing import Any
 
 from solver.errors import SpecError, suggestion
 
@@ -38,6 +42,7 @@ STUDIES: dict[str, str] = {  # name: module
     'slider_crank_phases': 'mbd_sim_ros.lab.studies.slider_crank_phases',
     'kandc': 'mbd_sim_ros.lab.studies.kandc',
     'car': 'mbd_sim_ros.lab.studies.car',
+    'trade': 'mbd_sim_ros.lab.studies.trade',
 }
 
 
@@ -48,8 +53,16 @@ def module(name: str) -> ModuleType:
     return importlib.import_module(STUDIES[name])
 
 
-def run(name: str, out: Path, *, quick: bool, progress: Progress) -> dict:
-    """Run a study into the directory `out`, made if need be. Raises SpecError, OSError and what the study raises."""
+def of_scene(name: str) -> bool:
+    """Whether a study wants a scene. Raises SpecError for an unknown name."""
+    return getattr(module(name), 'OF_SCENE', False)
+
+
+def run(name: str, out: Path, *, quick: bool, progress: Progress, **options: Any) -> dict:
+    """Run a study into the directory `out`, made if need be; options: scene and workers of those that want a scene.
+
+    Raises SpecError, OSError and what the study raises.
+    """
     chosen = module(name)
     out.mkdir(parents=True, exist_ok=True)
-    return chosen.study(out, quick=quick, progress=progress)
+    return chosen.study(out, quick=quick, progress=progress, **options)

@@ -1,0 +1,210 @@
+"""The page of a plan: one HTML file with pictures of what was chosen, what it rests on, and what leaving things out saves and costs."""
+
+from __future__ import annotations
+
+import base64
+import html
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from mbd_sim_ros.analysis.plots import FIRST, GREY, SECOND, STYLE
+from solver.errors import MbdError
+from solver.trade.runs import Stopped
+from solver.trade.search import MARGIN, ORIGINS, Search, Verdict
+from solver.trade.variations import AS_GIVEN
+from solver.units import shown
+
+DPI = 110
+PARTS = {'model': '#1b6ca8', 'step': '#d95f02', 'iteration': '#2a9d5c', 'reference': '#7f7f7f'}
+CURVES = 6
+HEAD = """<!DOCTYPE html>
+<html lang="en"><head><meta charset="utf-8"><title>@TITLE@</title><style>
+body { font: 14px/1.45 system-ui, "DejaVu Sans", sans-serif; color: #1c2330; margin: 0 auto; max-width: 1080px; padding: 24px; }
+h1 { font-size: 22px; } h2 { font-size: 16px; margin: 28px 0 6px; } img { max-width: 100%; }
+table { border-collapse: collapse; font-size: 13px; font-variant-numeric: tabular-nums; }
+th, td { padding: 3px 8px; text-align: left; border-bottom: 1px solid #e4e8ee; vertical-align: top; }
+.verdict { font-weight: 600; padding: 2px 10px; border-radius: 4px; border: 2px solid #0072b2; display: inline-block; }
+.bad { border-color: #d55e00; color: #9c4300; }
+</style></head><body>
+"""
+
+
+def write_page(search: Search, data: dict[str, Any], file: Path) -> None:
+    """Write the page. Raises OSError."""
+    ok = data['status'] == 'ok'
+    title = f'Plan of {data["scene"]}'
+    parts = [HEAD.replace('@TITLE@', html.escape(title)), f'<h1>{html.escape(title)}</h1>']
+    parts.append(f'<p class="verdict{"" if ok else " bad"}">{html.escape(verdict(data))}</p>')
+    parts += [f'<p>{html.escape(text)}</p>' for text in (*data['give'], *data['notes'])]
+    chosen = search.result or search.closest()
+    if data['errors']:
+        parts += ['<h2>Errors by origin</h2>', picture(_origins(data)), rows(_error_rows(data))]
+        parts.append('<p>Each is bounded by the sum of its parts, so that errors which cancel on one maneuver are not counted on.</p>')
+    if chosen is not None:
+        parts += ['<h2>Curves on the maneuver of the scene</h2>', _curves(search, chosen)]
+    if search.tried:
+        parts += ['<h2>What was tried</h2>', picture(_tried(search, chosen))]
+        parts.append(
+            '<p>Share of the limit that the largest error uses, and expected cost. Dots below the line keep everything with margin.</p>'
+        )
+    parts += ['<h2>Levels of detail</h2>', rows([('level', ''), *data['levels'].items()])]
+    if search.influences:
+        parts += ['<h2>Which subsystem matters for which output</h2>', picture(_influences(search))]
+        parts.append(
+            '<p>RMS change of each output, in % of its peak, when the subsystem alone is left out of the chosen level; beside it what a'
+            ' step then costs, and the activity of the subsystem, the integral of |power|, in the full vehicle.</p>'
+        )
+    if data['checks']:
+        parts += ['<h2>Maneuvers that had no part in the choice</h2>', picture(_checks(data))]
+    reference = data['reference']
+    if reference:
+        steps = ', '.join(f'{1e3 * h:g}' for h in reference['steps'])
+        parts += ['<h2>Reference</h2>', f'<p>Converged full vehicle from steps of {steps} ms. RMS, in % of the peak:</p>']
+        second = reference['second_formulation']
+        table = [(name, f'{100 * b:.2g}', f'{100 * second[name]:.2g}' if name in second else '-') for name, b in reference['band'].items()]
+        parts.append(rows([('quantity', 'band', 'second formulation'), *table]))
+    envelope = [(e['quantity'], shown(e['low'], e['unit']), shown(e['high'], e['unit'])) for e in data['envelope']]
+    parts += ['<h2>Envelope</h2>', rows([('quantity', 'from', 'to'), *envelope])]
+    parts.append(f'<p>Certificate {html.escape(data["hash"])}; {html.escape(data["baseline"])} costs 1.</p></body></html>\n')
+    file.write_text('\n'.join(parts), encoding='utf-8')
+
+
+def verdict(data: dict[str, Any]) -> str:
+    """One sentence."""
+    if data['settings'] is None:
+        return f'{data["status"]}: nothing was found'
+    integrator = ', '.join(f'{name} {value}' for name, value in data['settings']['integrator'].items())
+    off = ', '.join(data['settings']['switches'])
+    what = f'{data["fidelity"]}{f" without {off}" if off else ""} with {integrator}'
+    costs = f'costs {data["cost_ratio"]:.3g} of the full vehicle at 1 ms'
+    unseen = data['unseen']
+    return f'{data["status"]}: {what} {costs}; {unseen["passed"]} of {unseen["passed"] + unseen["failed"]} unseen maneuvers passed'
+
+
+def rows(table: Sequence[Sequence[str]]) -> str:
+    """A table whose first row is its head."""
+    head = ''.join(f'<th>{html.escape(c)}</th>' for c in table[0])
+    body = '\n'.join('<tr>' + ''.join(f'<td>{html.escape(str(c))}</td>' for c in row) + '</tr>' for row in table[1:])
+    return f'<table><tr>{head}</tr>\n{body}</table>'
+
+
+def picture(figure: Figure) -> str:
+    """A figure inside the page."""
+    data = io.BytesIO()
+    with mpl.rc_context(STYLE):
+        figure.savefig(data, dpi=DPI, format='png')
+    return f'<p><img alt="" src="data:image/png;base64,{base64.b64encode(data.getvalue()).decode()}"></p>'
+
+
+def new_figure(width: float, height: float, rows_: int = 1, columns: int = 1) -> tuple[Figure, Any]:
+    """(figure, axes (rows, columns))."""
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=(width, height), layout='constrained')
+        FigureCanvasAgg(figure)
+        return figure, figure.subplots(rows_, columns, squeeze=False)
+
+
+def _error_rows(data: dict[str, Any]) -> list[tuple[str, ...]]:
+    found: list[tuple[str, ...]] = [('error', *ORIGINS, 'sum', 'limit')]
+    for quantity, measures in data['errors'].items():
+        for measure, e in measures.items():
+            found.append((f'{quantity} {measure}', *(f'{e[k]:.3g}' for k in (*ORIGINS, 'sum', 'limit'))))
+    return found
+
+
+def _origins(data: dict[str, Any]) -> Figure:
+    """Stacked bars of the parts of each error, in % of its limit."""
+    errors = [(f'{q} {m}', e) for q, measures in data['errors'].items() for m, e in measures.items()]
+    figure, axes = new_figure(9.0, 1.1 + 0.42 * len(errors))
+    ax = axes[0, 0]
+    left = np.zeros(len(errors))
+    for origin, colour in PARTS.items():
+        width = np.array([100.0 * (e[origin] or 0.0) / e['limit'] for _, e in errors])
+        ax.barh(range(len(errors)), width, left=left, color=colour, label=origin)
+        left += width
+    ax.axvline(100.0, color='black', lw=1.2)
+    ax.axvline(100.0 * (1.0 - data['margin']), color='black', lw=1.0, ls=':')
+    ax.set_yticks(range(len(errors)), [name for name, _ in errors])
+    ax.invert_yaxis()
+    ax.set_xlabel('% of the limit; dotted: with margin')
+    ax.legend(fontsize=8, ncols=4, loc='upper center', bbox_to_anchor=(0.5, 1.0 + 0.5 / (0.5 + 0.42 * len(errors))), frameon=False)
+    return figure
+
+
+def _curves(search: Search, chosen: Verdict) -> str:
+    try:
+        truth, found = search.truth(AS_GIVEN), search.run(AS_GIVEN, chosen.setting)
+    except (MbdError, Stopped) as failure:
+        return f'<p>{html.escape(str(failure))}</p>'
+    names = [n for n in search.shown if n in found.curves and n != 'position'][:CURVES]
+    if not names:
+        return ''
+    figure, axes = new_figure(9.5, 1.0 + 1.6 * len(names), len(names))
+    for ax, name in zip(axes[:, 0], names, strict=True):
+        ax.plot(truth.time, truth.curves[name][:, 0], color=SECOND, lw=2.0, label='converged full vehicle')
+        ax.plot(found.time, found.curves[name][:, 0], color=FIRST, lw=1.0, ls=(0, (5, 3)), label=str(chosen.setting))
+        error = search.truth(AS_GIVEN).errors(found)[name]
+        ax.set_title(
+            f'{name} [{truth.quantities[name].unit}]: RMS error {100 * error.share("rms"):.2g} % of the peak', loc='left', fontsize=9
+        )
+        ax.margins(x=0.01)
+    axes[-1, 0].set_xlabel('time [s]')
+    axes[0, 0].legend(fontsize=8, frameon=False, loc='best')
+    return picture(figure)
+
+
+def _tried(search: Search, chosen: Verdict | None) -> Figure:
+    figure, axes = new_figure(8.0, 4.4)
+    ax = axes[0, 0]
+    levels = list(dict.fromkeys(t.setting.level for t in search.tried))
+    colours = dict(zip(levels, ('#1b6ca8', '#d95f02', '#2a9d5c', '#8e44ad'), strict=False))
+    for level in levels:
+        points = [t for t in search.tried if t.setting.level == level and np.isfinite(t.used) and t.used > 0.0]
+        for kept, marker in ((True, 'o'), (False, 'x')):
+            some = [t for t in points if (not t.dropped) == kept]
+            label = level if kept else None
+            ax.scatter([1e3 * t.cost for t in some], [t.used for t in some], marker=marker, color=colours[level], s=26, label=label)
+    if chosen is not None and np.isfinite(chosen.used):
+        ax.scatter([1e3 * chosen.cost], [chosen.used], s=190, facecolor='none', edgecolor='black', lw=1.5, label='chosen')
+    ax.axhline(1.0, color='black', lw=1.2)
+    ax.axhline(1.0 - MARGIN, color='black', lw=1.0, ls=':')
+    ax.set(xscale='log', yscale='log', xlabel='expected cost [ms of CPU per simulated second]', ylabel='largest share of a limit')
+    ax.legend(fontsize=8)
+    return figure
+
+
+def _influences(search: Search) -> Figure:
+    names = search.shown
+    known = [i for i in search.influences if i.errors]
+    table = np.array([[100.0 * i.errors[n] for n in names] for i in known])
+    figure, axes = new_figure(3.2 + 0.62 * len(names), 1.9 + 0.34 * len(known))
+    ax = axes[0, 0]
+    ax.grid(False)
+    finite = np.where(np.isfinite(table), np.maximum(table, 1e-4), np.nan)
+    ax.imshow(np.log10(finite), cmap='Blues', aspect='auto', vmin=-3, vmax=2)
+    for i, row in enumerate(table):
+        for k, value in enumerate(row):
+            text = '-' if not np.isfinite(value) else '0' if value < 1e-6 else f'{value:.1g}' if value < 10.0 else f'{value:.0f}'
+            ax.text(k, i, text, ha='center', va='center', fontsize=8, color='white' if value > 3.0 else 'black')
+    ax.set_xticks(range(len(names)), names, rotation=45, ha='right', fontsize=8)
+    labels = [f'{i.subsystem}: step {100 * i.cost:.0f} %, {i.activity:.2g} J' for i in known]
+    ax.set_yticks(range(len(known)), labels, fontsize=8)
+    return figure
+
+
+def _checks(data: dict[str, Any]) -> Figure:
+    checks = data['checks']
+    figure, axes = new_figure(9.0, 2.6)
+    ax = axes[0, 0]
+    used = [100.0 * c['used'] if c['used'] is not None else 200.0 for c in checks]
+    ax.bar(range(1, len(used) + 1), used, color=[SECOND if u <= 100.0 else FIRST for u in used])
+    ax.axhline(100.0, color=GREY, lw=1.2)
+    ax.set(xlabel='maneuver', ylabel='largest error, % of its limit')
+    return figure

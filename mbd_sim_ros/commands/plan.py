@@ -1,0 +1,111 @@
+"""mbd plan: the cheapest way to simulate a scene that keeps the accuracy it requires, with a certificate."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from mbd_sim_ros.commands import Result, add_scene, declare, table
+
+BAR = '{percentage:3.0f}% |{bar:30}| {desc}'
+
+
+def add(parsers: Any) -> None:
+    """Declare the command."""
+    parser = declare(
+        parsers,
+        'plan',
+        run,
+        'find the cheapest way to simulate a scene that keeps the accuracy it requires',
+        "mbd plan car_step_steer --set 'require.yaw_rate={rms: 2 %}' --out out/plan",
+    )
+    add_scene(parser)
+    parser.add_argument('--out', metavar='DIR', type=Path, help='directory of scene, certificate and page (default: out/plan/SCENE)')
+    parser.add_argument('--workers', metavar='N', type=int, help='runs at a time (default: as many as there are cores)')
+    parser.add_argument('--time', metavar='SECONDS', type=float, help='most that the search may take (default: 170)')
+    parser.add_argument('--unseen', metavar='N', type=int, help='maneuvers to check on that had no part in the choice (default: 24)')
+
+
+def run(args: argparse.Namespace) -> Result:
+    """Search, write what was found, keep it for `fidelity: auto`."""
+    from tqdm import tqdm
+
+    from mbd_sim_ros import interrupts
+    from mbd_sim_ros.analysis.plan_page import write_page
+    from solver.errors import BagError, SpecError
+    from solver.files.scene import load_scene
+    from solver.levels.auto import chosen, keep
+    from solver.trade.certificate import plan
+    from solver.trade.search import LONGEST, UNSEEN, Search
+
+    for name, value in (('workers', args.workers), ('time', args.time), ('unseen', args.unseen)):
+        if value is not None and not value > 0:
+            raise SpecError(f'--{name} = {value:g}: must be > 0')
+    scene = load_scene(args.scene, args.overrides)
+    out = args.out or Path('out') / 'plan' / scene.name
+    with tqdm(total=1.0, bar_format=BAR, disable=args.json or not sys.stderr.isatty(), leave=False) as bar:
+
+        def progress(text: str, done: float) -> None:
+            interrupts.now(f'planning {scene.name}: {text}')
+            interrupts.check()
+            bar.set_description_str(text, refresh=False)
+            bar.update(min(1.0, done) - bar.n)
+
+        search = Search(
+            scene, workers=args.workers, longest=args.time or LONGEST, unseen=args.unseen or UNSEEN, progress=progress,
+        )  # fmt: skip
+        data = plan(search)
+    keep(scene, data)
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        data['out'] = str(out)
+        if data['settings'] is not None and scene.resolved:
+            (out / 'scene.yaml').write_text(chosen(scene, data).resolved, encoding='utf-8')
+        (out / 'certificate.json').write_text(json.dumps(data, indent=1, allow_nan=False) + '\n', encoding='utf-8')
+        write_page(search, data, out / 'plan.html')
+    except OSError as error:
+        raise BagError(f'{error.filename or out}: cannot be written: {error.strerror}; choose another directory with --out') from None
+    return Result(data=data, text=describe(data), code=0 if data['status'] == 'ok' else 1)
+
+
+def describe(data: dict[str, Any]) -> str:
+    """A plan for people."""
+    from solver.units import shown
+
+    rows = [('plan', data['status'])]
+    if data['settings'] is not None:
+        integrator = ', '.join(f'{name} {value}' for name, value in data['settings']['integrator'].items())
+        off = ', '.join(data['settings']['switches']) or 'nothing'
+        cost = data['cost']
+        rows += [
+            ('fidelity' if data['status'] == 'ok' else 'closest', data['fidelity']),
+            ('switched off', off),
+            ('integrator', integrator),
+            ('cost', f'{data["cost_ratio"]:.3g} of the full vehicle at 1 ms; {cost["real_time_factor"]:.3g} times real time on one core'),
+        ]
+    unseen = data['unseen']
+    bound = '' if unseen['bound'] is None else f'; fewer than {100 * min(1.0, unseen["bound"]):.2g} % fail, with 95 % confidence'
+    rows.append(('unseen maneuvers', f'{unseen["passed"]} passed, {unseen["failed"]} failed{bound}'))
+    rows += [('what has to give', text) for text in data['give']]
+    rows += [('note', text) for text in data['notes']]
+    rows += [(f'level {level}', why) for level, why in data['levels'].items()]
+    rows += [('results', data['out']), ('took', f'{data["took"]:.0f} s')]
+    parts: list[tuple[str, ...]] = [('error', 'model', 'step', 'iteration', 'reference', 'sum', 'limit')]
+    for quantity, measures in data['errors'].items():
+        for measure, e in measures.items():
+            unit = 's' if measure == 'delay' else _unit(quantity)
+            parts.append(
+                (f'{quantity} {measure}', *(shown(e[k], unit) for k in ('model', 'step', 'iteration', 'reference', 'sum', 'limit')))
+            )
+    return table(rows) + ('\n\n' + table(parts) if len(parts) > 1 else '')
+
+
+def _unit(quantity: str) -> str:
+    from solver.quantities import BY_WHEEL, NAMED
+
+    head = quantity.partition('.')[0]
+    known = NAMED.get(head) or BY_WHEEL.get(head)
+    return known.unit if known else '1'

@@ -1,0 +1,160 @@
+"""Tables and pictures of the study of speed against accuracy."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from mbd_sim_ros.lab.studies.report import COLOURS, Report, figure
+from solver.units import shown
+
+if TYPE_CHECKING:
+    from mbd_sim_ros.lab.studies.trade import Grid, Row
+
+LEVEL_COLOURS = dict(zip(('full', 'condensed', 'kc', 'single_track'), COLOURS, strict=False))
+SWITCHED = '#aaaaaa'
+PICTURES = 4  # quantities
+
+
+def write(report: Report, grid: Grid) -> dict[str, Any]:
+    """The whole report; returns what --json gives."""
+    from mbd_sim_ros.lab.studies.trade import AGREE, judged
+
+    truth, rows = grid.truth, grid.rows
+    good = [row for row in rows if not row['failure']]
+    steps = ', '.join(f'{1e3 * h:g}' for h in truth.steps)
+    report.text(
+        f'Scene `{grid.scene.name}`, {grid.scene.duration:g} s. Every setting is compared with the converged full vehicle, the Richardson '
+        f'limit of steps of {steps} ms. Errors are RMS in % of the peak of each quantity; the parts of the model, of the step and of the '
+        'iteration are measured one by one and may cancel in the whole. Cost is CPU time of one core per simulated second, one setting at '
+        'a time.'
+    )
+    report.text('## Reference')
+    report.table(
+        'reference',
+        [
+            {
+                'quantity': name, 'peak': shown(truth.peaks[name], q.unit), 'band [%]': 100 * truth.band[name].share('rms'),
+                'second formulation [%]': 100 * grid.second[name].share('rms'),
+            }
+            for name, q in truth.quantities.items()
+        ],
+    )  # fmt: skip
+    for name in truth.quantities:
+        report.check(f'{name}: both formulations agree, share of the peak', grid.second[name].share('rms'), AGREE)
+    out = {level: why for level, why in grid.levels.items() if why}
+    if out:
+        report.text('Levels that are not there:', '\n'.join(f'- {level}: {why}' for level, why in out.items()))
+    front = sorted((row for row in rows if row['front']), key=lambda row: row['cost_median'])
+    report.text('## The front', 'No other setting is both cheaper and more accurate, by the worst of all quantities:')
+    if front:
+        report.table('front', [_summary(row, grid, judged) for row in front])
+    report.text('## All settings')
+    report.table('settings', [_summary(row, grid, judged) for row in rows])
+    report.table('errors', _long(rows), shown=False)
+    failed = [row for row in rows if row['failure']]
+    if failed:
+        report.text('Failed:', '\n'.join(f'- {row["setting"]}: {row["failure"]}' for row in failed))
+    if good:
+        _costs(report, grid, good)
+        _steps(report, grid, good)
+    if front:
+        _origins(report, grid, front)
+    report.write()
+    return {'rows': rows, 'levels': grid.levels, 'front': [row['setting'] for row in front], 'checks': report.checks}
+
+
+def _summary(row: Row, grid: Grid, judged: Any) -> dict[str, Any]:
+    errors = row['errors']
+    base = next(r for r in grid.rows if r is grid.rows[0])['cost_median'] if 'cost_median' in grid.rows[0] else math.nan
+    counters = row.get('counters') or {}
+    found = {'setting': row['setting'], 'front': 'yes' if row['front'] else ''}
+    found |= {
+        f'{name} [%]': 100 * errors[name]['rms_share'] if _has(errors, name) else math.nan for name in grid.names if name != 'position'
+    }
+    if 'position' in grid.names:
+        found['position, max [m]'] = errors['position']['max'] if _has(errors, 'position') else math.nan
+    found['CPU, median [ms/s]'] = 1e3 * row.get('cost_median', math.nan)
+    found['CPU, p99 [ms/s]'] = 1e3 * row.get('cost_p99', math.nan)
+    found['of full at 1 ms'] = row.get('cost_median', math.nan) / base
+    found['evaluations per step'] = counters.get('evaluations', math.nan)
+    found['factorizations per step'] = counters.get('factorizations', math.nan)
+    return found
+
+
+def _has(errors: dict[str, Any], name: str) -> bool:
+    return name in errors and errors[name]['rms_share'] is not None
+
+
+def _long(rows: list[Row]) -> list[dict[str, Any]]:
+    found = [{'setting': row['setting'], 'quantity': name, **errors} for row in rows for name, errors in row['errors'].items()]
+    return found or [{'setting': '', 'quantity': ''}]
+
+
+def _costs(report: Report, grid: Grid, rows: list[Row]) -> None:
+    names = [n for n in grid.names if any(_has(row['errors'], n) for row in rows)][:PICTURES]
+    picture, axes = figure(9.6, 4.0 * math.ceil(len(names) / 2), math.ceil(len(names) / 2), 2)
+    for ax, name in zip(axes.ravel(), names, strict=False):
+        for level, colour in LEVEL_COLOURS.items():
+            for off in (False, True):
+                some = [r for r in rows if r['level'] == level and bool(r['off']) == off and _has(r['errors'], name) and 'cost_median' in r]
+                if not some:
+                    continue
+                look = {'marker': 'x' if off else 'o', 's': 22, 'color': colour, 'label': f'{level}, a subsystem off' if off else level}
+                x, y = [1e3 * r['cost_median'] for r in some], [max(100 * r['errors'][name]['rms_share'], 1e-5) for r in some]
+                ax.scatter(x, y, **look)
+        points = sorted(
+            (1e3 * r['cost_median'], max(100 * r['errors'][name]['rms_share'], 1e-5))
+            for r in rows
+            if _has(r['errors'], name) and 'cost_median' in r
+        )
+        front, best = [], math.inf
+        for x, y in points:
+            if y < best:
+                best = y
+                front.append((x, y))
+        ax.step(*np.array(front).T, where='post', color='black', lw=1.0, label='front')
+        ax.set(xscale='log', yscale='log', xlabel='CPU per simulated second [ms]', ylabel='RMS error [% of the peak]')
+        ax.set_title(name, loc='left', fontsize=10)
+    for ax in axes.ravel()[len(names) :]:
+        ax.set_visible(False)
+    axes[0, 0].legend(fontsize=7)
+    report.figure('cost', picture, 'Error against cost, every setting; the line joins those that nothing beats')
+
+
+def _steps(report: Report, grid: Grid, rows: list[Row]) -> None:
+    """Error over the step, of the quantity that is worst at the smallest."""
+    name = next((n for n in ('sideslip_velocity', *grid.names) if n in grid.names), grid.names[0])
+    picture, axes = figure(6.4, 4.2)
+    ax = axes[0, 0]
+    for level, colour in LEVEL_COLOURS.items():
+        for iterations, style in ((1, ':'), (2, '--'), (3, '-')):
+            some = [r for r in rows if r['level'] == level and not r['off'] and r['iterations'] == iterations and r['rho_inf'] == 0.8]
+            points = sorted({(1e3 * r['h'], 100 * r['errors'][name]['rms_share']) for r in some if _has(r['errors'], name)})
+            if points:
+                ax.plot(*np.array(points).T, style, marker='.', color=colour, label=f'{level}, {iterations}')
+    ax.set(xscale='log', yscale='log', xlabel='step [ms]', ylabel=f'RMS error of {name} [% of the peak]')
+    ax.legend(fontsize=7, title='level, iterations', title_fontsize=7)
+    report.figure('steps', picture, 'Error over the step with one, two and three iterations; it levels off at the error of the model')
+
+
+def _origins(report: Report, grid: Grid, front: list[Row]) -> None:
+    from mbd_sim_ros.lab.studies.trade import ORIGINS
+
+    name = next((n for n in ('yaw_rate', *grid.names) if n in grid.names), grid.names[0])
+    some = [row for row in front if _has(row['errors'], name)]
+    if not some:
+        return
+    picture, axes = figure(9.0, 1.2 + 0.32 * len(some))
+    ax = axes[0, 0]
+    heights = np.arange(len(some))
+    for k, (origin, colour) in enumerate(zip(ORIGINS, COLOURS, strict=False)):
+        values = [max(100 * (row['errors'][name][f'{origin}_share'] or 0.0), 1e-6) for row in some]
+        ax.barh(heights + 0.26 * (k - 1), values, height=0.26, color=colour, label=origin)
+    ax.set_yticks(heights, [row['setting'] for row in some], fontsize=7)
+    ax.invert_yaxis()
+    ax.set(xscale='log', xlabel=f'RMS error of {name} by origin [% of the peak]')
+    ax.legend(fontsize=8)
+    report.figure('origins', picture, 'Where the errors of the settings on the front come from')

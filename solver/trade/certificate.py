@@ -1,0 +1,147 @@
+"""What a search has found, as one object: the setting, what proves it, and where it holds."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from typing import Any
+
+from solver.levels.auto import OK, key
+from solver.trade.search import MARGIN, ORIGINS, Search, Verdict
+from solver.trade.setting import Setting, baseline
+from solver.trade.variations import RANGES
+
+NO, INCOMPLETE = 'no', 'incomplete'
+CONFIDENCE = 3.0  # over n: the bound of the rate of failures after n passes, 95 %
+
+
+def plan(search: Search) -> dict[str, Any]:
+    """Run the search and describe its result.
+
+    `status` is 'ok', 'no' (nothing fits) or 'incomplete' (time was up before anything was checked). Errors are in SI units; `share` of the
+    limit. Raises MbdError where the full vehicle itself cannot be simulated.
+    """
+    best = search.find()
+    scene = search.scene
+    shown = best or search.closest()
+    data: dict[str, Any] = {'status': NO, 'scene': scene.name, 'fidelity': None, 'settings': None, 'cost_ratio': None}
+    slow = False
+    if shown is not None:
+        of, full = search.costs(shown.setting)
+        factor = scene.budget.real_time_factor
+        slow = factor is not None and 1.0 / of.median < factor
+        data |= {
+            'fidelity': shown.setting.level,
+            'settings': {key_: value for key_, value in shown.setting.keys().items() if key_ != 'fidelity'},
+            'cost_ratio': of.median / full.median,
+            'cost': {
+                'median': of.median,
+                'p99': of.p99,
+                'full_median': full.median,
+                'full_p99': full.p99,
+                'real_time_factor': 1.0 / of.median,
+            },
+        }
+    data['errors'] = {} if shown is None else errors(shown)
+    passed, failed = sum(c.passed for c in search.checks), sum(not c.passed for c in search.checks)
+    data['unseen'] = {
+        'passed': passed,
+        'failed': failed,
+        'bound': CONFIDENCE / passed if passed and not failed else None,
+        'ranges': RANGES,
+        'largest': max((c.used for c in search.checks), default=None),
+    }
+    if best is not None and not slow:
+        data['status'] = OK if passed and not failed else INCOMPLETE
+    data['give'] = [] if data['status'] == OK else what_has_to_give(search, shown, slow, data)
+    data['margin'] = MARGIN
+    data['reference'] = reference_of(search)
+    data['envelope'] = envelope_of(search)
+    data['levels'] = {level: why or 'kept' for level, why in search.levels.items()}
+    data['subsystems'] = [influence._asdict() for influence in search.influences]
+    data['tried'] = [
+        {'setting': str(t.setting), 'used': t.used, 'cost': t.cost, 'dropped': t.dropped, 'worst': t.worst} for t in search.tried
+    ]
+    data['checks'] = [{'variation': str(c.variation), 'used': c.used, 'worst': c.worst, 'failure': c.failure} for c in search.checks]
+    data['notes'] = search.notes
+    data['baseline'] = str(baseline(scene))
+    data['key'] = key(scene)
+    data['took'] = search.took
+    data = finite(data)
+    data['hash'] = hashlib.sha256(json.dumps(data, sort_keys=True, default=str).encode()).hexdigest()[:16]
+    return data
+
+
+def finite(value: Any) -> Any:
+    """The value as JSON holds it: numbers of numpy as numbers, None for those that are not finite."""
+    if isinstance(value, dict):
+        return {str(k): finite(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [finite(v) for v in value]
+    if hasattr(value, 'item'):
+        value = value.item()
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def errors(verdict: Verdict) -> dict[str, dict[str, Any]]:
+    """By quantity and measure: bounds by origin, their sum, the limit."""
+    found: dict[str, dict[str, Any]] = {}
+    for bound in verdict.bounds.values():
+        r = bound.requirement
+        parts = dict(zip(ORIGINS, bound.parts, strict=True))
+        found.setdefault(r.quantity, {})[r.measure] = {**parts, 'sum': sum(bound.parts), 'limit': bound.limit, 'share': bound.used}
+    return found
+
+
+def reference_of(search: Search) -> dict[str, Any]:
+    """How the converged full vehicle was found and confirmed: RMS errors as shares of the peak by quantity."""
+    base = Setting().model
+    found = [r for (_, model, steps), r in search._references.items() if model == base and steps == search.steps]
+    if not found:
+        return {}
+    band = {name: d.share('rms') for name, d in found[0].band.items() if name in search.shown}
+    second = {name: d.share('rms') for name, d in search.second.items() if name in search.shown}
+    return {'steps': list(search.steps), 'band': band, 'second_formulation': second}
+
+
+UNITS = {
+    'lateral_acceleration': 'm/s^2',
+    'longitudinal_acceleration': 'm/s^2',
+    'longitudinal_velocity': 'm/s',
+    'slip_angle': 'rad',
+    'slip': '1',
+    'wheel_load': 'N',
+}
+
+
+def envelope_of(search: Search) -> list[dict[str, Any]]:
+    """The ranges of the maneuvers that were passed."""
+    return [{'quantity': name, 'unit': UNITS[name], 'low': low, 'high': high} for name, (low, high) in search.envelope().items()]
+
+
+def what_has_to_give(search: Search, closest: Verdict | None, slow: bool, data: dict[str, Any]) -> list[str]:
+    """Sentences: what comes closest, and which limit it would need."""
+    if closest is None:
+        return [*search.notes, 'no setting could be tried'] if not search.notes else search.notes
+    if slow:
+        factor, found = search.scene.budget.real_time_factor, data['cost']['real_time_factor']
+        cheaper = [t for t in search.tried if math.isfinite(t.used) and t.cost > 0.0 and 1.0 / t.cost >= (factor or 0.0)]
+        best = min(cheaper, key=lambda t: t.used, default=None)
+        sentences = [f'{closest.setting} keeps the accuracy at {found:.3g} times real time; the budget asks for {factor:g}']
+        if best is not None:
+            sentences.append(f'within the budget {best.setting} comes closest: {best.worst} at {best.used:.3g} of its limit')
+        return sentences
+    if data['status'] == INCOMPLETE:
+        return [f'{closest.setting} keeps the accuracy on the maneuvers it was chosen on; there was no time to check it on others']
+    sentences = [f'{closest.setting} comes closest: {closest.worst} at {closest.used:.3g} of its limit']
+    for bound in closest.bounds.values():
+        if bound.used > 1.0 - MARGIN:
+            largest = max(zip(bound.parts, ORIGINS, strict=True))
+            needed = sum(bound.parts) / (1.0 - MARGIN) / bound.limit
+            sentences.append(
+                f'{bound.requirement}: the limit would have to be {needed:.3g} times as large; most of it is error of the {largest[1]}'
+            )
+    if len(sentences) == 1 and closest.used > 0.0:
+        sentences.append(f'{closest.worst}: the limit would have to be {closest.used / (1.0 - MARGIN):.3g} times as large')
+    return sentences

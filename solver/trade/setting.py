@@ -1,0 +1,60 @@
+"""A way to simulate a scene: how much of the vehicle, and how finely."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+from solver.scene import Fidelity, Scene
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setting:
+    """level: of detail. off: subsystems that are left out. h: step [s]. iterations: per step; None iterates to `tolerance`.
+
+    rho_inf: spectral radius at infinite frequency. other: further keys of the integrator, for a second formulation.
+    """
+
+    level: Fidelity = 'full'
+    off: tuple[str, ...] = ()
+    h: float = 1e-3
+    iterations: int | None = None
+    rho_inf: float = 0.8
+    tolerance: float = 1e-10
+    other: tuple[tuple[str, Any], ...] = ()
+
+    def __str__(self) -> str:
+        how = f'{self.iterations} iteration{"s" * (self.iterations > 1)}' if self.iterations else f'tolerance {self.tolerance:g}'
+        off = f' without {", ".join(self.off)}' if self.off else ''
+        return f'{self.level}{off}, {self.h * 1e3:g} ms, {how}, rho {self.rho_inf:g}'
+
+    @property
+    def model(self) -> tuple[str, tuple[str, ...]]:
+        """What decides about the model."""
+        return self.level, self.off
+
+    def of(self, scene: Scene) -> Scene:
+        """The scene simulated this way, with constant step and penalties."""
+        mode: dict[str, Any] = {'mode': 'fixed', 'iterations': self.iterations}
+        if self.iterations is None:
+            mode = {'mode': 'tolerance', 'tolerance': self.tolerance}
+        mode |= {'kind': 'alf', 'h': self.h, 'rho_inf': self.rho_inf, 'step_policy': 'constant', 'penalty_policy': 'constant'}
+        integrator = dataclasses.replace(scene.integrator, **(mode | dict(self.other)))
+        return dataclasses.replace(scene, fidelity=self.level, switches=dict.fromkeys(self.off, 'off'), integrator=integrator)
+
+    def keys(self) -> dict[str, Any]:
+        """The keys of a scene that this setting is, as they stand in a file."""
+        integrator: dict[str, Any] = {'h': self.h, 'rho_inf': self.rho_inf}
+        if self.iterations:
+            integrator |= {'mode': 'fixed', 'iterations': self.iterations}
+        else:
+            integrator |= {'mode': 'tolerance', 'tolerance': self.tolerance}
+        return {'fidelity': self.level, 'switches': dict.fromkeys(self.off, 'off'), 'integrator': integrator}
+
+
+def baseline(scene: Scene) -> Setting:
+    """The full vehicle at 1 ms with the iterations of the scene, to which costs are related."""
+    settings = scene.integrator
+    iterations = settings.iterations if settings.mode == 'fixed' else None
+    return Setting(h=1e-3, iterations=iterations, rho_inf=settings.rho_inf, tolerance=settings.tolerance)

@@ -1,0 +1,116 @@
+"""Maneuvers beside the one that a scene has: another amplitude, speed, friction, direction, and another road of the same class.
+
+The ranges are part of a certificate: what was found holds within them. Their corners serve to choose, points inside to check.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, NamedTuple
+
+from solver.elements.road import RandomRoad, RoadSpec
+from solver.inputs.driver import Waypoints
+from solver.inputs.maneuver import COMMANDS, Maneuver
+from solver.inputs.signals import Constant, Signal, Sum, signal
+from solver.scene import Scene
+
+RANGES = {'amplitude': (0.8, 1.05), 'speed': (0.9, 1.05), 'friction': (0.9, 1.0)}
+BASES = {'amplitude': 2, 'speed': 3, 'friction': 5, 'direction': 7}  # of the Halton sequence
+SIZES = ('value', 'initial', 'final', 'slope', 'amplitude', 'final_amplitude', 'offset')  # fields of signals that scale with them
+
+
+class Variation(NamedTuple):
+    """Factors on the amplitude of the steering (of the torques where nothing is steered), on the speed and the friction; direction -1:
+    to the other side; road: added to the seed of random roads."""
+
+    amplitude: float = 1.0
+    speed: float = 1.0
+    friction: float = 1.0
+    direction: int = 1
+    road: int = 0
+
+    def __str__(self) -> str:
+        side = ', mirrored' if self.direction < 0 else ''
+        road = f', road {self.road}' if self.road else ''
+        return f'amplitude {self.amplitude:.3g}, speed {self.speed:.3g}, friction {self.friction:.3g}{side}{road}'
+
+
+AS_GIVEN = Variation()
+CORNERS = (
+    Variation(RANGES['amplitude'][1], RANGES['speed'][1], RANGES['friction'][0], 1, 1),
+    Variation(RANGES['amplitude'][0], RANGES['speed'][0], RANGES['friction'][1], -1, 2),
+)
+
+
+def inside(k: int) -> Variation:
+    """Point k = 0, 1, ... of a sequence that fills the ranges evenly (Halton's)."""
+
+    def halton(base: int) -> float:
+        found, share, n = 0.0, 1.0, k + 1
+        while n:
+            share /= base
+            n, digit = divmod(n, base)
+            found += share * digit
+        return found
+
+    def within(name: str) -> float:
+        low, high = RANGES[name]
+        return low + (high - low) * halton(BASES[name])
+
+    direction = 1 if halton(BASES['direction']) < 0.5 else -1
+    return Variation(within('amplitude'), within('speed'), within('friction'), direction, 3 + k)
+
+
+def varied(scene: Scene, v: Variation) -> Scene:
+    """The scene with another maneuver. A path that cannot be mirrored stays; so does a road of given heights."""
+    maneuver, mirrorable = _maneuver(scene.maneuver, v)
+    model = scene.model
+    if model.tires:
+        mirrored = v.direction < 0 and mirrorable
+        model = dataclasses.replace(model, road=_road(model.road, v.friction, mirrored, v.road))
+    start = dataclasses.replace(scene.start, speed=scene.start.speed * v.speed)
+    return dataclasses.replace(scene, model=model, start=start, maneuver=maneuver, resolved='')
+
+
+def is_steered(scene: Scene) -> bool:
+    """Whether anything turns the steering wheel."""
+    return scene.maneuver.driver is not None or signal(scene.maneuver.steering) != Constant()
+
+
+def _maneuver(maneuver: Maneuver, v: Variation) -> tuple[Maneuver, bool]:
+    """(the maneuver, whether it can be mirrored)."""
+    if maneuver.bag:
+        return maneuver, False
+    driver = maneuver.driver
+    if driver is not None:
+        if isinstance(driver.path, Waypoints) and v.direction < 0:
+            path = dataclasses.replace(driver.path, points=tuple((x, -y) for x, y in driver.path.points))
+            return dataclasses.replace(maneuver, driver=dataclasses.replace(driver, path=path)), True
+        return maneuver, False
+    steering = signal(maneuver.steering)
+    if steering != Constant():
+        return dataclasses.replace(maneuver, steering=scaled(steering, v.amplitude * v.direction)), True
+    torques: dict[str, Any] = {name: scaled(signal(getattr(maneuver, name)), v.amplitude) for name in COMMANDS[1:]}
+    return dataclasses.replace(maneuver, **torques), True
+
+
+def scaled(given: Signal, factor: float) -> Signal:
+    """The signal times a factor."""
+    if isinstance(given, Sum):
+        return Sum(terms=tuple(scaled(signal(term), factor) for term in given.terms))
+    changes: dict[str, Any] = {}
+    for field in dataclasses.fields(given):
+        value = getattr(given, field.name)
+        if field.name in SIZES and value is not None:
+            changes[field.name] = factor * value
+        elif field.name == 'points':
+            changes[field.name] = tuple((t, factor * y) for t, y in value)
+    return dataclasses.replace(given, **changes)
+
+
+def _road(road: RoadSpec, friction: float, mirrored: bool, seed: int) -> RoadSpec:
+    patches = road.patches
+    if mirrored:
+        patches = tuple(dataclasses.replace(p, center=(p.center[0], -p.center[1]), yaw=-p.yaw) for p in patches)
+    grids = tuple(dataclasses.replace(g, seed=g.seed + seed) if isinstance(g, RandomRoad) else g for g in road.grids)
+    return dataclasses.replace(road, friction=road.friction * friction, patches=patches, grids=grids)

@@ -1,0 +1,69 @@
+"""mbd plan: files, JSON and exit code; `fidelity: auto` takes the kept plan of exactly this scene."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from mbd_sim_ros.commands.main import main
+
+SCENE = ['light_car_step_steer', '--set', 'duration=1', '--set', 'maneuver.steering.start=0.2']
+LIMIT = ['--set', 'require={yaw_rate: {rms: 2 %}}']
+
+
+def document(capsys: pytest.CaptureFixture[str], *argv: str) -> tuple[int, dict]:
+    code = main([*argv, '--json'])
+    return code, json.loads(capsys.readouterr().out)
+
+
+@pytest.mark.slow
+def test_a_plan_is_written_and_fidelity_auto_takes_it(capsys, tmp_path: Path) -> None:
+    code, refused = document(capsys, 'run', *SCENE, '--set', 'require={yaw_rate: {rms: 1.9 %}}', '--set', 'fidelity=auto', '--no-record')
+    assert (code, refused['status']) == (2, 'error')
+    assert 'make one with mbd plan' in refused['error']
+    code, data = document(capsys, 'plan', *SCENE, *LIMIT, '--out', str(tmp_path), '--unseen', '2', '--workers', '1')
+    assert code == 0
+    assert {'status', 'fidelity', 'settings', 'cost_ratio', 'errors', 'unseen'} <= set(data)
+    assert data['status'] == 'ok'
+    assert (data['unseen']['passed'], data['unseen']['failed']) == (2, 0)
+    assert json.loads((tmp_path / 'certificate.json').read_text())['hash'] == data['hash']
+    page = (tmp_path / 'plan.html').read_text()
+    assert page.count('<img') >= 4
+    assert '<script' not in page
+    code, found = document(capsys, 'info', *SCENE, *LIMIT, '--set', 'fidelity=auto', '--brief')
+    assert code == 0
+    assert (found['fidelity'], found['h']) == ('auto', data['settings']['integrator']['h'])
+    assert any(limit['quantity'] == 'lateral_acceleration' for limit in found['level']['validity'])
+    code, found = document(capsys, 'run', *SCENE, *LIMIT, '--set', 'fidelity=auto', '--no-record')
+    assert found['steps'] == round(1.0 / data['settings']['integrator']['h'])
+    assert found['accuracy'] == {'required': ['yaw_rate'], 'certificate': data['hash']}
+    code, again = document(capsys, 'run', str(tmp_path / 'scene.yaml'), '--no-record')
+    assert (again['steps'], again['accuracy']) == (found['steps'], found['accuracy'])
+    code, coarse = document(capsys, 'run', *SCENE, *LIMIT, '--no-record')
+    assert coarse['accuracy']['certificate'] is None
+    code, other = document(capsys, 'run', *SCENE, *LIMIT, '--set', 'start.speed=21', '--set', 'fidelity=auto', '--no-record')
+    assert (code, other['status']) == (2, 'error')
+
+
+@pytest.mark.slow
+def test_what_cannot_be_had_ends_with_a_code_and_says_what_has_to_give(capsys, tmp_path: Path) -> None:
+    budget = ['--set', 'budget.real_time_factor=1e9']
+    code = main(['plan', *SCENE, *LIMIT, *budget, '--out', str(tmp_path), '--unseen', '1', '--workers', '1'])
+    out = capsys.readouterr().out
+    assert code == 1
+    assert 'what has to give' in out
+    assert 'real time; the budget asks for 1e+09' in out
+
+
+def test_refusals_are_one_sentence(capsys) -> None:
+    for argv, sentence in (
+        (['plan', 'light_car_step_steer'], 'no accuracy is required'),
+        (['plan', *SCENE, *LIMIT, '--workers', '0'], '--workers = 0: must be > 0'),
+        (['plan', *SCENE, '--set', 'require.yaw_rat.rms=2 %'], "did you mean 'yaw_rate'"),
+    ):
+        assert main(argv) == 2
+        err = capsys.readouterr().err
+        assert sentence in err
+        assert err.count('\n') == 1

@@ -1,0 +1,89 @@
+"""The plan: cheapest setting that keeps what is required, proved where it was not chosen, or a clear no."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import pytest
+
+import solver
+from solver.errors import SpecError
+from solver.trade.certificate import finite, plan
+from solver.trade.cost import PerStep
+from solver.trade.search import MARGIN, Search, Verdict
+from solver.trade.setting import Setting
+
+SHORT = ['duration=1', 'maneuver.steering.start=0.2']
+
+
+def searched(*requirements: str, unseen: int = 3, longest: float = 60.0) -> tuple[dict, Search]:
+    """A plan of the light car with these requirements, costs of a step being what they are on a quiet machine."""
+    scene = solver.load_scene('light_car_step_steer', [*SHORT, *requirements])
+    search = Search(scene, unseen=unseen, workers=1, longest=longest)
+    search._costs[Setting().model] = PerStep(14e-6, 5e-6, 1.0, 3.0)
+    return plan(search), search
+
+
+@pytest.mark.slow
+def test_a_plan_keeps_its_limits_with_margin_and_is_checked_elsewhere() -> None:
+    data, search = searched('require={yaw_rate: {rms: 2 %}, position: {max: 0.1 m}}')
+    assert (data['status'], data['fidelity']) == ('ok', 'full')
+    assert data['settings']['integrator']['h'] >= 4e-3
+    assert data['unseen'] | {'ranges': None, 'largest': None} == {
+        'passed': 3, 'failed': 0, 'bound': 1.0, 'ranges': None, 'largest': None,
+    }  # fmt: skip
+    assert 0.0 < data['cost_ratio'] < 0.5
+    for measures in data['errors'].values():
+        for error in measures.values():
+            assert error['sum'] == pytest.approx(error['model'] + error['step'] + error['iteration'] + error['reference'])
+            assert error['sum'] <= (1.0 - MARGIN) * error['limit']
+            assert error['model'] == 0.0
+    assert json.loads(json.dumps(data, allow_nan=False)) == data
+    # cheapest first: everything cheaper was tried and dropped, or is as cheap and less accurate
+    assert search.result is not None
+    assert all(t.dropped for t in search.tried if t.cost * 1.05 < search.result.cost)
+
+
+@pytest.mark.slow
+def test_stricter_limits_cost_more_and_the_strictest_take_the_full_vehicle_and_a_small_step() -> None:
+    loose, _ = searched('require={position: {max: 0.1 m}}', unseen=1)
+    strict, search = searched('require={position: {max: 1.0e-5 m}}', unseen=1)
+    assert (loose['status'], strict['status'], strict['fidelity']) == ('ok', 'ok', 'full')
+    assert strict['settings']['integrator']['h'] <= 2e-3 < loose['settings']['integrator']['h']
+    assert search.steps[-1] <= 1e-3
+
+
+@pytest.mark.slow
+def test_the_impossible_is_a_clear_no_that_says_what_has_to_give() -> None:
+    data, _ = searched('require={wheel_load.front_left: {max: 1.0e-9 N}}', unseen=1)
+    assert (data['status'], data['settings']) == ('no', None)
+    assert any('the reference itself is uncertain' in text for text in data['give'])
+    data, _ = searched('require={yaw_rate: {rms: 2 %}}', 'budget.real_time_factor=1e9', unseen=1)
+    assert data['status'] == 'no'
+    assert 'the budget asks for 1e+09' in data['give'][0]
+    assert data['unseen']['passed'] == 1
+
+
+@pytest.mark.slow
+def test_the_choice_does_not_depend_on_the_clock() -> None:
+    first, second = (searched('require={sideslip_velocity: {rms: 0.2 %}}', unseen=1)[0] for _ in range(2))
+    for name in ('status', 'fidelity', 'settings', 'errors', 'unseen', 'tried', 'envelope'):
+        assert first[name] == second[name], name
+
+
+@pytest.mark.slow
+def test_a_plan_that_has_no_time_says_so() -> None:
+    data, _ = searched('require={yaw_rate: {rms: 2 %}}', longest=1e-3)
+    assert data['status'] == 'no'
+    assert any('ended after' in text for text in data['notes'])
+
+
+def test_without_a_requirement_there_is_nothing_to_plan() -> None:
+    with pytest.raises(SpecError, match='no accuracy is required'):
+        Search(solver.load_scene('light_car_step_steer'))
+
+
+def test_what_is_not_finite_is_null() -> None:
+    verdict = Verdict(Setting(), math.inf, 1.0, '', 'failed', {})
+    assert finite({'a': (verdict.used, float('nan'), 1)}) == {'a': [None, None, 1]}

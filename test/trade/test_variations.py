@@ -1,0 +1,75 @@
+"""Maneuvers beside the given one: what is scaled, mirrored and kept, and that the points fill their ranges."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import solver
+from solver.elements.road import RandomRoad
+from solver.inputs.signals import Constant, Ramp, Sine, SineWithDwell, Step, Sum, Sweep, Table, signal
+from solver.trade.variations import AS_GIVEN, CORNERS, RANGES, Variation, inside, scaled, varied
+
+T = np.linspace(0.0, 10.0, 1001)
+SIGNALS = (
+    Constant(value=0.3),
+    Ramp(slope=0.2, start=1.0, initial=-0.1, final=0.4),
+    Step(value=0.9, initial=0.1),
+    Sine(amplitude=0.5, frequency=0.7, offset=0.2, cycles=2),
+    SineWithDwell(amplitude=1.5),
+    Sweep(amplitude=0.4, final_amplitude=1.2, frequency=0.2, final_frequency=1.0, duration=6.0),
+    Table(points=((0.0, 0.1), (1.0, 0.5), (3.0, -0.2))),
+    Sum(terms=(0.25, Step(value=1.0))),
+)
+
+
+@pytest.mark.parametrize('given', SIGNALS, ids=lambda s: s.kind)
+@pytest.mark.parametrize('factor', [1.05, -0.8])
+def test_a_scaled_signal_is_the_factor_times_the_signal_with_its_derivatives(given, factor: float) -> None:
+    for found, expected in zip(scaled(given, factor).jet(T), given.jet(T), strict=True):
+        np.testing.assert_allclose(found, factor * expected, rtol=1e-12, atol=1e-14)
+
+
+def test_every_kind_of_signal_is_among_those_tested() -> None:
+    from typing import get_args
+
+    from solver.inputs.signals import Signal
+
+    assert {type(s) for s in SIGNALS} == set(get_args(Signal))
+
+
+def test_a_steered_scene_is_scaled_mirrored_and_driven_at_another_speed() -> None:
+    scene = solver.load_scene('light_car_step_steer')
+    found = varied(scene, Variation(amplitude=0.9, speed=1.05, friction=0.95, direction=-1))
+    assert signal(found.maneuver.steering).jet(T).value[-1] == pytest.approx(-0.9 * 0.9)
+    assert found.maneuver.drive_torque == scene.maneuver.drive_torque
+    assert found.start.speed == pytest.approx(1.05 * scene.start.speed)
+    assert found.model.road.friction == pytest.approx(0.95 * scene.model.road.friction)
+    assert varied(scene, AS_GIVEN).maneuver.channels == scene.maneuver.channels
+
+
+def test_brakes_are_scaled_where_nobody_steers_and_the_slippery_strip_changes_sides() -> None:
+    scene = solver.load_scene('car_split_mu_brake')
+    found = varied(scene, Variation(amplitude=0.8, direction=-1))
+    assert signal(found.maneuver.brake_torque).jet(T).value[-1] == pytest.approx(0.8 * 2200.0)
+    assert [p.center[1] for p in found.model.road.patches] == [-p.center[1] for p in scene.model.road.patches]
+
+
+def test_a_random_road_is_another_one_of_its_class_and_a_driver_keeps_his_path() -> None:
+    rough, lane = solver.load_scene('car_rough_road'), solver.load_scene('light_car_lane_change')
+    grid, new = rough.model.road.grids[0], varied(rough, inside(0)).model.road.grids[0]
+    assert isinstance(grid, RandomRoad)
+    assert isinstance(new, RandomRoad)
+    assert (new.quality, new.seed == grid.seed) == (grid.quality, False)
+    assert varied(lane, CORNERS[1]).maneuver.driver == lane.maneuver.driver
+
+
+def test_points_lie_inside_the_ranges_differ_and_come_to_both_sides() -> None:
+    points = [inside(k) for k in range(30)]
+    for name, (low, high) in RANGES.items():
+        values = np.array([getattr(p, name) for p in points])
+        assert low < values.min() < low + 0.1 * (high - low)
+        assert high > values.max() > high - 0.1 * (high - low)
+    assert len(set(points)) == 30
+    assert 10 <= sum(p.direction > 0 for p in points) <= 20
+    assert not set(points) & {AS_GIVEN, *CORNERS}
