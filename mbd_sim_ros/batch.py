@@ -18,6 +18,7 @@ from mbd_sim_ros.bags.applied import begin_of
 from mbd_sim_ros.bags.recorder import StepRecorder, about, describe
 from mbd_sim_ros.messages.encode import Messages
 from solver.analysis.balance import Balance
+from solver.analysis.envelope import Envelope
 from solver.analysis.verdict import OK, SUSPECT, Finding, findings, passes, report
 from solver.errors import MbdError, StepError
 from solver.files.scene import load_scene_text
@@ -118,6 +119,7 @@ def simulate(
             failure: StepError | None = None
             number = 0
             balances = Balance(simulation) if balance else None
+            envelope = Envelope(simulation)
             before = recent = (simulation.k, b'')  # states from LAST steps ago at least, and later
             try:
                 if recorder and messages and from_start:
@@ -132,6 +134,7 @@ def simulate(
                     snapshot = simulation.advance(n, inputs)
                     cpu += time.thread_time() - started
                     portion.took(n, time.perf_counter() - clock)
+                    envelope.look(snapshot)
                     if balances:
                         balances.update()
                     if recorder and messages:
@@ -145,7 +148,7 @@ def simulate(
                     recorder.record(simulation.t_ns, messages.encode(simulation.snapshot()))
                 number = interrupts.received() if simulation.k < steps else 0
                 figures = _figures(simulation, first, time.perf_counter() - begin, cpu)
-                found = findings(simulation, figures['real_time_factor'])
+                found = findings(simulation, figures['real_time_factor']) + envelope.findings()
                 status = 'interrupted' if number else SUSPECT if found else OK
             except StepError as error:
                 failure = error

@@ -6,6 +6,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from mbd_sim_ros.bags.recorder import Recorder
 from mbd_sim_ros.node.loop import Loop
+from solver.analysis.envelope import Envelope
 from solver.analysis.verdict import Finding, findings
 from solver.errors import BagError
 from solver.simulation import Simulation
@@ -13,17 +14,24 @@ from solver.simulation import Simulation
 SLOW = 0.98  # of the wanted rate, below which real time is not kept
 
 
-def judged(simulation: object) -> list[Finding]:
-    """What makes the run so far suspect; nothing of a stand-in, which keeps no account."""
-    return findings(simulation) if isinstance(simulation, Simulation) else []
+def judged(simulation: object, envelope: Envelope | None = None) -> list[Finding]:
+    """What makes the run so far suspect; nothing of a stand-in, which keeps no account. envelope: of the plan that was taken, if any."""
+    found = findings(simulation) if isinstance(simulation, Simulation) else []
+    return found + (envelope.findings(all_of_it=False) if envelope is not None else [])
 
 
 def diagnosis(
-    loop: Loop, recorder: Recorder | None, failed_recording: BagError | None, *, refused: int = 0, namesakes: int = 0
+    loop: Loop,
+    recorder: Recorder | None,
+    failed_recording: BagError | None,
+    *,
+    refused: int = 0,
+    namesakes: int = 0,
+    envelope: Envelope | None = None,
 ) -> DiagnosticStatus:
     """Level, message and values since the last call; name and hardware_id are left to the caller.
 
-    refused: commands that were no numbers or named no input. namesakes: other nodes of the same name.
+    refused: commands that were no numbers or named no input. namesakes: other nodes of the same name. envelope: see judged.
     """
     health = loop.health()
     values = {
@@ -55,7 +63,7 @@ def diagnosis(
         problems.append('recording has lost steps')
     if loop.mode == 'realtime' and not loop.paused and health.rate < SLOW * loop.rate_factor and health.steps > 0:
         problems.append('slower than real time')
-    suspect = judged(loop.simulation)
+    suspect = judged(loop.simulation, envelope)
     values['findings'] = len(suspect)
     problems += [f'suspect: {finding}' for finding in suspect]
     level, text = DiagnosticStatus.OK, 'running' if not loop.paused else 'paused'

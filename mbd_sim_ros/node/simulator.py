@@ -31,6 +31,7 @@ from mbd_sim_ros.node.diagnostics import diagnosis, judged
 from mbd_sim_ros.node.loop import Loop
 from mbd_sim_ros.node.parameters import PARAMETERS, declare, refusal, unknown
 from mbd_sim_ros.node.publish import Publication
+from solver.analysis.envelope import Envelope
 from solver.analysis.verdict import OK, SUSPECT, report
 from solver.errors import BagError, MbdError, SpecError, suggestion
 from solver.inputs.maneuver import COMMANDS, CommandSource
@@ -108,6 +109,7 @@ class Simulator(Node):
             reactions=scene.record.reactions,
         )
         self._record_every = scene.record.every
+        self._envelope = Envelope(simulation)
         self._publish_every = self.value('publish_every')
         silent = () if self.value('publish_elements') else ('element_states', 'reactions')
         self._publication = Publication(self, self._messages.topics, self._messages.encode(simulation.snapshot()), silent=silent)
@@ -201,6 +203,7 @@ class Simulator(Node):
         return self._source.advance(*values) if self.value_commands else None
 
     def _emit(self, snapshot: Snapshot) -> None:
+        self._envelope.look(snapshot)
         publish = snapshot.k % self._publish_every == 0
         record = self.recorder is not None and snapshot.k % self._record_every == 0
         if self.recorder is not None:
@@ -263,7 +266,7 @@ class Simulator(Node):
         loop = self.loop
         figures = {'steps': loop.steps, 'overruns': loop.overruns, 'schedule_slips': loop.slips, 'wall_time': f'{loop.wall_time:.3f}'}
         events = json.dumps([event._asdict() for event in self.simulation.events])
-        found = judged(self.simulation)
+        found = judged(self.simulation, self._envelope)
         status = 'error' if loop.error else SUSPECT if found else OK
         verdict = {'end': outcome, 'status': status, 'findings': json.dumps(report(found))}
         return recorder.close({**verdict, **{key: str(value) for key, value in figures.items()}, 'event_list': events})
@@ -458,7 +461,9 @@ class Simulator(Node):
         if namesakes > self._namesakes:
             self.get_logger().warning(f'another node is called {full}: both take the commands and publish the same topics; rename one')
         self._namesakes = max(namesakes, 0)
-        status = diagnosis(self.loop, self.recorder, self.failed_recording, refused=self._refused, namesakes=self._namesakes)
+        status = diagnosis(
+            self.loop, self.recorder, self.failed_recording, refused=self._refused, namesakes=self._namesakes, envelope=self._envelope
+        )
         status.name = f'{self.get_fully_qualified_name()}: simulation'
         status.hardware_id = self.scene.name
         array = DiagnosticArray(status=[status])

@@ -1,0 +1,44 @@
+"""A run is watched against the ranges of the certificate that it relies on."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+import solver
+from mbd_sim_ros.batch import simulate
+from solver.analysis.envelope import Envelope
+from solver.levels.derived import LevelReport, Limit
+
+LIMITS = (
+    Limit(quantity='lateral_acceleration', unit='m/s^2', low=-1.0, high=2.0, why='certified'),
+    Limit(quantity='wheel_load', unit='N', low=0.0, high=20e3, why='certified'),
+    Limit(quantity='frequency', unit='Hz', high=3.0, why='a limit of another kind'),
+)
+
+
+def test_a_run_that_leaves_its_envelope_is_suspect_with_what_and_when() -> None:
+    """6.7 m/s^2 to the left where 2 is certified; the loads stay within theirs."""
+    scene = solver.load_scene('light_car_step_steer', ['duration=1.2', 'maneuver.steering.start=0.2'])
+    simulation = solver.simulation_of(scene)
+    simulation.level = LevelReport(validity=LIMITS)
+    data = simulate(simulation, scene.steps)
+    (found,) = [f for f in data['findings'] if f['quantity'] == 'envelope']
+    assert data['status'] == 'suspect'
+    assert found['where'] == 'lateral_acceleration'
+    assert 5.0 < found['value'] < 9.0
+    assert found['limit'] == 2.0
+    assert 0.3 < found['time'] <= pytest.approx(1.2)
+    assert 'certified is -1 to 2 m/s^2' in found['text']
+
+
+@pytest.mark.parametrize('validity', [(), LIMITS[2:], (dataclasses.replace(LIMITS[0], low=-20.0, high=20.0),)])
+def test_a_run_within_its_envelope_is_not(validity: tuple[Limit, ...]) -> None:
+    scene = solver.load_scene('light_car_step_steer', ['duration=0.3'])
+    simulation = solver.simulation_of(scene)
+    simulation.level = LevelReport(validity=validity)
+    watch = Envelope(simulation)
+    for _ in range(3):
+        watch.look(simulation.advance(100))
+    assert watch.findings() == []
