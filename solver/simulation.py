@@ -358,6 +358,10 @@ class Simulation:
         if self.adaptation is not None:
             self.adaptation.recall(extra, self.t_ns * 1e-9)
 
+    def __reduce__(self) -> tuple:
+        """As its scene and save(): another process compiles the model anew, finds the same start, and goes on with the same bits."""
+        return _resumed, (type(self), self.scene, self.save(), self._totals, self._counters)
+
     @property
     def events(self) -> list[Event]:
         """Every change of step and penalties so far."""
@@ -390,3 +394,11 @@ class Simulation:
         phi, J = np.zeros(self.model.n_rows), np.zeros_like(self._work.J_end)
         evaluate_constraints(self.model.tables, kin, self.state.angle, self._inputs, True, phi, J)
         return describe(self.model, J)
+
+
+def _resumed(kind: type[Simulation], scene: Scene, state: bytes, totals: Counters, counters: Counters) -> Simulation:
+    """Inverse of Simulation.__reduce__()."""
+    simulation = kind(scene)
+    simulation.restore(state)
+    simulation._totals, simulation._counters = totals, counters
+    return simulation

@@ -6,7 +6,8 @@ Equation numbers: see magic_formula.py. One row of coefficients is a flat array;
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from functools import partial
 from types import MappingProxyType, ModuleType
 from typing import Literal
 
@@ -135,6 +136,11 @@ class TireData:
     def __getitem__(self, key: str) -> float:
         """Value of a coefficient, the default where the data have none."""
         return self.values[key] if key in self.values else DEFAULTS[key]  # type: ignore[return-value]
+
+    def __reduce__(self) -> tuple:
+        """Read-only views do not travel to other processes; what they show does."""
+        plain = {'values': dict(self.values), 'extra': dict(self.extra)}
+        return partial(TireData, **{field.name: getattr(self, field.name) for field in fields(self)} | plain), ()
 
     def require_turn_slip(self, where: str) -> None:
         """Refuse coefficients with which turn slip would not resist the turning of the wheel. Raises SpecError."""

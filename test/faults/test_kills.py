@@ -54,7 +54,7 @@ def rescued(directory: Path, new: Path) -> Content:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('trial', trials(6))
+@pytest.mark.parametrize('trial', trials(3))
 def test_a_killed_run_leaves_the_beginning_of_the_same_recording(trial: int, reference: Content, tmp_path: Path) -> None:
     whom = ('process', 'group', 'recorder')[trial % 3]
     random = times('kills', trial)
