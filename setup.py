@@ -34,7 +34,11 @@ setup(
     maintainer_email='maintainers@example.org',
     python_requires='>=3.11',
     packages=find_packages(include=['solver', 'solver.*', NAME, f'{NAME}.*']),
-    package_data={f'{NAME}.messages': ['schemas/*/*.msg'], f'{NAME}.analysis': ['report.html']},
+    package_data={
+        f'{NAME}.messages': ['schemas/*/*.msg'],
+        f'{NAME}.analysis': ['report.html'],
+        f'{NAME}.lab.studies': ['published/*.csv'],
+    },
     data_files=data_files(),
     zip_safe=False,
     install_requires=['numpy', 'scipy', 'numba', 'pyyaml', 'mcap', 'matplotlib', 'tqdm'],

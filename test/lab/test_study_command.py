@@ -111,6 +111,16 @@ def test_penalty_map_shows_what_grows_with_the_penalty_and_that_the_settings_los
 
 
 @pytest.mark.slow
+def test_validation_finds_ours_at_the_published_figures(capsys, tmp_path):
+    found = quick(capsys, 'validation', tmp_path)
+    assert found['missed'] == []
+    assert {j['case'] for j in found['judgements']} >= {'A01', 'Cylindrical_Case03'}
+    torque = next(j for j in found['judgements'] if (j['case'], j['quantity']) == ('Cylindrical_Case03', 'reaction torque'))
+    assert torque['size'] > 1700.0 > 1e3 * torque['limiting']
+    assert '| reaction torque [N m] | 5 | 1754.50 -129.869 129.869 |' in (tmp_path / 'report.md').read_text()
+
+
+@pytest.mark.slow
 def test_work_precision_measures_ours_and_says_what_is_left_out(capsys, tmp_path, monkeypatch):
     monkeypatch.setenv('MBD_EXUDYN_PYTHON', str(tmp_path / 'no_such_python'))
     found = quick(capsys, 'work_precision', tmp_path)

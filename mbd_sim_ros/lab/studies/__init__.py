@@ -43,6 +43,7 @@ STUDIES: dict[str, str] = {  # name: module
     'kandc': 'mbd_sim_ros.lab.studies.kandc',
     'car': 'mbd_sim_ros.lab.studies.car',
     'trade': 'mbd_sim_ros.lab.studies.trade',
+    'validation': 'mbd_sim_ros.lab.studies.validation',
 }
 
 
