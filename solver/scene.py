@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
+import math
 from dataclasses import dataclass, field
 from typing import Annotated, Literal, NamedTuple
 
@@ -62,16 +63,23 @@ class Record:
 
     every: one message set per so many steps. elements: force element columns. reactions: constraint forces of all rows.
     branches: look at every step whether the mechanism leaves a singular position on another branch than it came in on (slow: a dense
-    decomposition of all constraints); the run reports `branch_switches`.
+    decomposition of all constraints); the run reports `branch_switches`. poses: how often /tf places all bodies, at most 100 times a
+    second; 0: never.
     """
 
     every: int = 1
     elements: bool = True
     reactions: bool = False
     branches: bool = False
+    poses: Annotated[float, 'Hz'] = 50.0
 
     def __post_init__(self) -> None:
         finite('record', 'every', self.every, low=1)
+        finite('record', 'poses', self.poses, low=0.0, high=100.0)
+
+    def poses_every(self, h: float) -> int:
+        """Steps of h [s] between two instants at which all bodies are placed, a multiple of `every`; 0: there are none."""
+        return self.every * max(1, math.ceil(round(1.0 / (self.poses * h * self.every), 6))) if self.poses > 0.0 else 0
 
 
 class Bound(NamedTuple):

@@ -26,7 +26,7 @@ MEANING = {
     'cmd_applied': 'inputs as applied in the step that led here, and `step`: the acknowledgement of a command',
     'element_states': 'outputs of every force element (parameter `publish_elements`)',
     'reactions': 'reaction of every constraint row (parameter `publish_elements`, scene `record.reactions`)',
-    '/tf': '`base_link` and the contact frames in `odom`',
+    '/tf': '`base_link` and the contact frames in `odom`; at the rate `record.poses` all bodies, as links, and `imu_link`',
 }
 FURTHER = (
     ('`robot_description`', 'std_msgs/String', 'reliable, 1, latched', 'URDF of the spanning tree'),

@@ -2,19 +2,22 @@
 
 Every topic is one `cdr.Template`; a step patches its numbers. Frames: `odom` is the world, `base_link` the reference frame of
 the chassis, `<wheel>_contact` the contact frame of a tire (ISO-W, docs/conventions.md), `imu_link` the chassis' centre of
-mass with the axes of `base_link` (REP-145: an IMU reports at its own frame).
+mass with the axes of `base_link` (REP-145: an IMU reports at its own frame). At a rate of its own /tf holds the reference frames of all
+bodies too, under the names of their links in `robot_description`: what shows the robot then shows the motion as it is.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from mbd_sim_ros.messages.cdr import ENCAPSULATION, Template, template
 from solver.elements.tire_pacejka import TIRE_COLUMNS
 from solver.errors import StepError
+from solver.files.urdf import link_of
 from solver.output.snapshot import NO_STEPS, Channels, Snapshot, layout_of, new_numbers
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
@@ -59,13 +62,26 @@ class Messages:
     """Turns snapshots into encoded messages, one per topic.
 
     `frame_prefix` is put before every frame name (several vehicles in one graph). `element_states` and `reactions` add the
-    outputs of every force element and the reaction of every constraint row as named scalars. All messages lie in one buffer, and
+    outputs of every force element and the reaction of every constraint row as named scalars. poses_every: steps between messages that
+    place all bodies (0: none does); links: their names in `robot_description`, 'base_link' for one that has its place anyway (default: all
+    bodies but the chassis under their own names); imu_at: where the chassis has its centre of mass [m]. All messages lie in one buffer, and
     a step is one indexed copy from the numbers of the snapshot to those of the messages: one instance serves one thread.
     """
 
-    def __init__(self, channels: Channels, *, frame_prefix: str = '', element_states: bool = False, reactions: bool = False) -> None:
+    def __init__(
+        self,
+        channels: Channels,
+        *,
+        frame_prefix: str = '',
+        element_states: bool = False,
+        reactions: bool = False,
+        poses_every: int = 0,
+        links: Sequence[str] = (),
+        imu_at: Sequence[float] = (0.0, 0.0, 0.0),
+    ) -> None:
         self.channels = channels
         self._prefix = frame_prefix
+        self._poses_every = poses_every
         topics: list[Topic] = []
         templates: list[Template] = []
         filled: list[tuple[int, int, np.ndarray]] = []  # template, offset in it, which numbers of the snapshot go there
@@ -123,13 +139,47 @@ class Messages:
             scalars('element_states', channels.elements, s.elements)
         if reactions:
             scalars('reactions', channels.reactions, s.reactions)
-        if frames:
-            transforms = [{'header': {'frame_id': self.frame('odom')}, 'child_frame_id': frame} for frame in frames]
-            tf = add(Topic('/tf', TF, depth=100), {'transforms': transforms})
+
+        def placed(frames: list[str], places: list[np.ndarray], more: list[dict]) -> dict:
+            return {'transforms': [{'header': {'frame_id': self.frame('odom')}, 'child_frame_id': frame} for frame in frames] + more}
+
+        def place_all(message: Template, places: list[np.ndarray]) -> None:
             for i, place in enumerate(places):
-                fill(tf, f'transforms[{i}].transform.translation.x', place)
+                fill(message, f'transforms[{i}].transform.translation.x', place)
+
+        if frames or poses_every:
+            topics.append(Topic('/tf', TF, depth=100))
+        if frames:
+            templates.append(template(TF, placed(frames, places, [])))
+            place_all(templates[-1], places)
+        self._seldom: int | None = None
+        if poses_every:
+            links = links or ['base_link' if b == channels.chassis else name for b, name in enumerate(channels.bodies)]
+            others = [b for b, link in enumerate(links) if link != 'base_link']
+            frames = frames + [self.frame(links[b]) for b in others]
+            places = places + [s.pose[b] for b in others]
+            at = {'translation': dict(zip('xyz', imu_at, strict=True)), 'rotation': {'w': 1.0}}
+            sensor = {'header': {'frame_id': self.frame('base_link')}, 'child_frame_id': self.frame('imu_link'), 'transform': at}
+            self._seldom = len(templates)
+            templates.append(template(TF, placed(frames, places, [] if channels.chassis is None else [sensor])))
+            place_all(templates[-1], places)
         self.topics = tuple(topics)
         self._lay_out(templates, filled, applied)
+
+    @classmethod
+    def of(cls, simulation: Any, frame_prefix: str = '') -> Messages:
+        """The encoder of what a simulation (solver.simulation.Simulation or alike) shows, as its scene has it recorded."""
+        scene, channels = simulation.scene, simulation.channels
+        chassis = channels.chassis
+        return cls(
+            channels,
+            frame_prefix=frame_prefix,
+            element_states=scene.record.elements,
+            reactions=scene.record.reactions,
+            poses_every=scene.record.poses_every(simulation.h_ns * 1e-9),
+            links=[link_of(scene.model, name) for name in channels.bodies],
+            imu_at=(0.0, 0.0, 0.0) if chassis is None else scene.model.bodies[chassis].com,
+        )
 
     def _lay_out(self, templates: list[Template], filled: list[tuple[int, int, np.ndarray]], applied: Template) -> None:
         """Put the templates into one buffer, every body at a multiple of 8 bytes, as CDR aligns its numbers."""
@@ -155,8 +205,8 @@ class Messages:
         """Return the name of a frame with the prefix of this vehicle."""
         return self._prefix + name
 
-    def encode(self, snapshot: Snapshot) -> list[bytes]:
-        """Return one encoded message per topic, in the order of `topics`.
+    def encode(self, snapshot: Snapshot, *, whole: bool = False) -> list[bytes | None]:
+        """Return one encoded message per topic, in the order of `topics`; None where a topic has none at this step, unless `whole`.
 
         Raises StepError, which names what and when, if a number in the snapshot is not finite: such a state never leaves.
         """
@@ -164,7 +214,14 @@ class Messages:
         self._words[self._stamps] = divmod(snapshot.t_ns, 1_000_000_000)
         self._numbers[self._target] = snapshot.numbers[self._source]
         self._numbers[self._step] = snapshot.k
-        return [bytes(message) for message in self._messages]
+        messages: list[bytes | None] = [bytes(message) for message in self._messages[: self._seldom]]
+        if self._seldom is not None:
+            placed = bytes(self._messages[self._seldom]) if whole or snapshot.k % self._poses_every == 0 else None
+            if len(messages) < len(self.topics):
+                messages.append(placed)
+            elif placed is not None:
+                messages[-1] = placed
+        return messages
 
 
 def require_finite(snapshot: Snapshot, channels: Channels) -> None:

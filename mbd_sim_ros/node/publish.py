@@ -66,7 +66,7 @@ class Publication:
     as are the topics named in `silent`.
     """
 
-    def __init__(self, node: Node, topics: Sequence[Topic], samples: Sequence[bytes], *, silent: Sequence[str] = ()) -> None:
+    def __init__(self, node: Node, topics: Sequence[Topic], samples: Sequence[bytes | None], *, silent: Sequence[str] = ()) -> None:
         self._publishers: list[tuple[int, Publisher]] = []
         self._ordinary: list[tuple[int, Publisher, Topic, Any]] = []
         for i, (topic, sample) in enumerate(zip(topics, samples)):
@@ -78,6 +78,7 @@ class Publication:
                 node.get_logger().info(f'{topic.name} is not published: {topic.type} is not installed')
                 continue
             publisher = node.create_publisher(kind, topic.name, profile(topic))
+            assert sample is not None
             value, _ = decode(topic.type, schema_text(topic.type), sample)
             if deserialize_message(sample, kind) == assign(kind(), value):
                 self._publishers.append((i, publisher))
@@ -85,9 +86,12 @@ class Publication:
                 node.get_logger().warning(f'{topic.name}: ROS reads other numbers in the encoded message; publishing ordinary messages')
                 self._ordinary.append((i, publisher, topic, kind))
 
-    def publish(self, messages: Sequence[bytes]) -> None:
-        """Publish one message per topic."""
+    def publish(self, messages: Sequence[bytes | None]) -> None:
+        """Publish one message per topic, where there is one."""
         for i, publisher in self._publishers:
-            publisher.publish(messages[i])
+            if messages[i] is not None:
+                publisher.publish(messages[i])
         for i, publisher, topic, kind in self._ordinary:
-            publisher.publish(assign(kind(), decode(topic.type, schema_text(topic.type), messages[i])[0]))
+            data = messages[i]
+            if data is not None:
+                publisher.publish(assign(kind(), decode(topic.type, schema_text(topic.type), data)[0]))

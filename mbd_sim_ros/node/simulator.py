@@ -98,21 +98,17 @@ class Simulator(Node):
     def open(self, scene: Any, simulation: Any) -> None:
         """Connect a simulation (solver.simulation.Simulation or alike) and start it. Raises MbdError."""
         self.scene, self.simulation = scene, simulation
-        channels = simulation.channels
         self._source = self._new_source()
         if self.value('restore'):
             self._restore(Path(self.value('restore')))
-        self._messages = Messages(
-            channels,
-            frame_prefix=self.value('frame_prefix'),
-            element_states=scene.record.elements,
-            reactions=scene.record.reactions,
-        )
+        self._messages = Messages.of(simulation, self.value('frame_prefix'))
         self._record_every = scene.record.every
         self._envelope = Envelope(simulation)
         self._publish_every = self.value('publish_every')
         silent = () if self.value('publish_elements') else ('element_states', 'reactions')
-        self._publication = Publication(self, self._messages.topics, self._messages.encode(simulation.snapshot()), silent=silent)
+        self._publication = Publication(
+            self, self._messages.topics, self._messages.encode(simulation.snapshot(), whole=True), silent=silent
+        )
         best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._ticks = self.create_publisher(ClockMessage, '/clock', best_effort) if self.value('publish_clock') else None
         self._ticked = (-math.inf, -math.inf)
@@ -227,7 +223,7 @@ class Simulator(Node):
             message.clock.sec, message.clock.nanosec = divmod(t_ns, 1_000_000_000)
             publisher.publish(message)
 
-    def _record_step(self, snapshot: Snapshot, messages: Sequence[bytes] | None = None) -> None:
+    def _record_step(self, snapshot: Snapshot, messages: Sequence[bytes | None] | None = None) -> None:
         assert self.recorder is not None
         self._written = snapshot.k
         try:

@@ -8,6 +8,7 @@ along the connection that says most about the relative motion:
     any other joint, bushing, spring   'fixed' as at the start
 
 so every body has a link, every moving joint bears the name of a joint coordinate, and at the start all links are where the bodies are.
+How the bodies move in truth, loops and bushings included, is in /tf under the names of the links. `imu_link` is where the IMU is.
 The root is `base_link`, the chassis, or `odom`, the world, in a model without one. Inertias are those of the bodies; a body is drawn as the
 box with its inertia, a wheel as a cylinder.
 """
@@ -96,11 +97,16 @@ def spanning_tree(spec: ModelSpec, root: str) -> list[tuple[str, str, Edge]]:
     return tree
 
 
+def link_of(spec: ModelSpec, body: str) -> str:
+    """The name of the link that stands for a body."""
+    return 'odom' if body == WORLD else 'base_link' if body == spec.chassis else body
+
+
 class _Writer:
     def __init__(self, spec: ModelSpec, poses: dict[str, Pose], values: dict[str, float], root: str, name: str) -> None:
         self.spec, self.poses, self.values = spec, poses, values
         self.robot = ElementTree.Element('robot', name=name)
-        self.links = {root: 'base_link' if root != WORLD else 'odom'}
+        self.links = {root: link_of(spec, root)}
         self.wheels = {tire.marker.body: tire for tire in spec.tires}
         self.bodies = {body.name: body for body in spec.bodies}
         self.link(root)
@@ -176,6 +182,11 @@ class _Writer:
         if link != name:
             self.joint('fixed', f'{edge.name}/fixed', link, name, here.to(goal))
 
+    def sensor(self, name: str, place: np.ndarray) -> None:
+        """A frame fixed on the root [m]."""
+        ElementTree.SubElement(self.robot, 'link', name=name)
+        self.joint('fixed', f'{name}/fixed', 'base_link', name, Pose(place, np.eye(3)))
+
     def _massless(self, coordinate: str) -> str:
         name = f'{coordinate}/axis'
         ElementTree.SubElement(self.robot, 'link', name=name)
@@ -191,6 +202,8 @@ def robot_description(spec: ModelSpec, pose: np.ndarray, values: dict[str, float
     writer = _Writer(spec, poses, values, root, name)
     for parent, child, edge in spanning_tree(spec, root):
         writer.connect(parent, child, edge)
+    if root != WORLD:
+        writer.sensor('imu_link', np.array(writer.bodies[root].com))
     ElementTree.indent(writer.robot)
     return '<?xml version="1.0"?>\n' + ElementTree.tostring(writer.robot, encoding='unicode') + '\n'
 

@@ -85,6 +85,33 @@ def test_transforms_place_base_link_and_contact_frames_in_odom(decoded):
         np.testing.assert_array_equal(vector(value['rotation'], 'x', 'y', 'z', 'w'), pose[3:])
 
 
+def test_every_so_many_steps_all_bodies_are_placed_as_links_beside_the_sensor():
+    names = channels()
+    messages = Messages(names, poses_every=20, imu_at=(0.1, 0.0, 0.6), frame_prefix='car/')
+    plain = Messages(names, frame_prefix='car/')
+    for k in (0, 19, 20, 21, 40):
+        shot = snapshot(names, k)
+        *others, tf = messages.encode(shot)
+        *before, short = plain.encode(shot)
+        assert others == before
+        if k % 20:
+            assert tf == short
+            continue
+        value = cdr.decode(messages.topics[-1].type, cdr.schema_text(messages.topics[-1].type), tf)[0]
+        transforms = {t['child_frame_id']: t for t in value['transforms']}
+        bodies = {'car/base_link' if i == names.chassis else f'car/{name}': i for i, name in enumerate(names.bodies)}
+        assert set(transforms) == {*bodies, *(f'car/{wheel}_contact' for wheel in WHEELS), 'car/imu_link'}
+        for frame, i in bodies.items():
+            assert transforms[frame]['header']['frame_id'] == 'car/odom'
+            pose = transforms[frame]['transform']
+            np.testing.assert_array_equal(vector(pose['translation'], 'x', 'y', 'z'), shot.pose[i, :3])
+            np.testing.assert_array_equal(vector(pose['rotation'], 'x', 'y', 'z', 'w'), shot.pose[i, 3:])
+        sensor = transforms['car/imu_link']
+        assert sensor['header']['frame_id'] == 'car/base_link'
+        np.testing.assert_array_equal(vector(sensor['transform']['translation'], 'x', 'y', 'z'), [0.1, 0.0, 0.6])
+    assert messages.encode(snapshot(names, 1), whole=True)[-1] != plain.encode(snapshot(names, 1))[-1]
+
+
 def test_joints_inputs_and_scalars_go_by_name(decoded):
     shot, messages = decoded
     for part, values in (('position', shot.joint_position), ('velocity', shot.joint_velocity), ('effort', shot.joint_effort)):
@@ -100,6 +127,10 @@ def test_mechanism_without_chassis_has_no_vehicle_topics():
     messages = Messages(names)
     assert [topic.name for topic in messages.topics] == ['joint_states', 'cmd_applied']
     assert len(messages.encode(snapshot(names))) == 2
+    placing = Messages(names, poses_every=3)
+    assert [topic.name for topic in placing.topics] == ['joint_states', 'cmd_applied', '/tf']
+    for k in range(4):
+        assert (placing.encode(snapshot(names, k))[-1] is None) == (k % 3 != 0)
 
 
 def test_bytes_are_independent_of_what_was_encoded_before():

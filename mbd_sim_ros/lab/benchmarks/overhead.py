@@ -45,6 +45,8 @@ DOMAIN = 101  # ROS domain of its own: nothing on the network listens to a bench
 DISCOVERY_SECONDS = 10.0
 LISTEN = 'import sys; from mbd_sim_ros.lab.benchmarks.overhead import listen; listen(sys.argv[1:])'
 
+Publishing = Iterator[tuple[Callable[[Sequence[bytes | None]], None], int]]
+
 
 class Overhead:
     """Measures one case in the loop of the node in real time: a step whenever one is due, messages after every `publish_every`-th.
@@ -58,11 +60,10 @@ class Overhead:
         self._resources = ExitStack()
         self.simulation = simulation_of(load_scene(scene, overrides))
         warm_up(self.simulation)
-        record_ = self.simulation.scene.record
-        self._messages = Messages(self.simulation.channels, element_states=record_.elements, reactions=record_.reactions)
-        sample = self._messages.encode(self.simulation.snapshot())
-        self._bytes = sum(map(len, sample))
-        self._publish: Callable[[Sequence[bytes]], None] | None = None
+        self._messages = Messages.of(self.simulation)
+        sample = self._messages.encode(self.simulation.snapshot(), whole=True)
+        self._bytes = sum(len(data) for data in self._messages.encode(self.simulation.snapshot()) if data is not None)
+        self._publish: Callable[[Sequence[bytes | None]], None] | None = None
         self._published = 0
         if publish:
             with on_all_cores():  # for the threads of the middleware: the core of the loop is for the loop
@@ -178,7 +179,7 @@ def children() -> float:
 
 
 @contextmanager
-def publication(topics: Sequence[Topic], samples: Sequence[bytes]) -> Iterator[tuple[Callable[[Sequence[bytes]], None], int]]:
+def publication(topics: Sequence[Topic], samples: Sequence[bytes | None]) -> Publishing:
     """Publishers of `topics`, each with one reader in another process; gives (publish, number of topics that have their reader).
 
     Topics of types that are not installed are left out. Raises ImportError without rclpy.

@@ -1,0 +1,75 @@
+"""The poses in a recording: where every body was, from the transforms in /tf."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from mcap.records import Channel, Schema
+
+from mbd_sim_ros.bags.records import Messages, find_file, records
+from mbd_sim_ros.messages import cdr
+from solver.errors import BagError
+
+NUMBERS = 7  # x y z, qx qy qz qw: they lie side by side in a transform
+
+
+@dataclass(frozen=True, kw_only=True)
+class Poses:
+    """Placements of frames in the frame `root`.
+
+    time_ns: (n,) int64, ascending. frames: their names. pose: (n, frames, 7) positions [m] and quaternions xyzw.
+    """
+
+    root: str
+    time_ns: np.ndarray
+    frames: tuple[str, ...]
+    pose: np.ndarray
+
+
+def read_poses(path: str | Path) -> Poses:
+    """The poses in a bag directory or .mcap file, at the instants at which most frames were placed.
+
+    Raises BagError if it is no recording, or holds no transforms.
+    """
+    path = find_file(path)
+    schemas: dict[int, Schema] = {}
+    channels: dict[int, Schema] = {}
+    skip: set[int] = set()
+    found: dict[int, list[tuple[int, bytes]]] = defaultdict(list)  # by size: messages of one size place the same frames
+    kind = schema = ''
+    for record in records(path, skip=skip):
+        if isinstance(record, Schema):
+            schemas[record.id] = record
+        elif isinstance(record, Channel):
+            of_it = schemas.get(record.schema_id)
+            if record.topic.rsplit('/', 1)[-1] == 'tf' and of_it is not None and of_it.encoding == 'ros2msg':
+                channels[record.id] = of_it
+                kind, schema = of_it.name, of_it.data.decode()
+            else:
+                skip.add(record.id)
+        elif isinstance(record, Messages) and record.channel in channels:
+            for log_time, data in zip(record.log_times, record.data):
+                found[len(data)].append((log_time, data))
+    if not found:
+        raise BagError(f'{path}: the topic /tf is missing, so nobody knows where the bodies were; record with record.poses above 0')
+    messages = found[max(found)]
+    value, places = cdr.decode(kind, schema, messages[0][1])
+    transforms = value['transforms']
+    parents = [transform['header']['frame_id'] for transform in transforms]
+    root = max(set(parents), key=parents.count)
+    picks = [i for i, parent in enumerate(parents) if parent == root]
+    names = [transforms[i]['child_frame_id'] for i in picks]
+    last = cdr.decode(kind, schema, messages[-1][1])[0]['transforms']
+    if [transform['child_frame_id'] for transform in last] != [transform['child_frame_id'] for transform in transforms]:
+        raise BagError(f'{path}: the frames in /tf change their names during the recording')
+    table = np.frombuffer(b''.join(data for _, data in messages), np.uint8).reshape(len(messages), -1)
+    pose = np.empty((len(messages), len(picks), NUMBERS))
+    for k, i in enumerate(picks):
+        begin = places[f'transforms[{i}].transform.translation.x'].offset
+        pose[:, k] = np.ascontiguousarray(table[:, begin : begin + 8 * NUMBERS]).view(np.float64)
+    times = np.array([log_time for log_time, _ in messages], np.int64)
+    order = np.argsort(times, kind='stable')
+    return Poses(root=root, time_ns=times[order], frames=tuple(names), pose=pose[order])
