@@ -42,13 +42,15 @@ def simulation_of(scene: Scene) -> Simulation:
     """
     from solver.simulation import Simulation
 
-    level = None
+    level, simulate = None, None
     if scene.reduced:
         from solver.levels import derive
 
         derived = derive(scene)
-        scene, level = derived.scene, derived.report
-    if scene.integrator.kind in Simulation.KINDS:
+        scene, level, simulate = derived.scene, derived.report, derived.simulate
+    if simulate is not None:
+        simulation = simulate(scene)
+    elif scene.integrator.kind in Simulation.KINDS:
         simulation = Simulation(scene)
     else:
         from solver.reference.simulation import ReferenceSimulation

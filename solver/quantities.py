@@ -103,8 +103,8 @@ def published(model: ModelSpec) -> Channels:
 
 
 def names(channels: Channels) -> list[str]:
-    """The named quantities of a vehicle with these channels; none of a mechanism."""
-    if not channels.wheels:
+    """The named quantities of a vehicle with these channels, also of one whose level has no tires; none of a mechanism."""
+    if not channels.wheels and 'steering_wheel' not in channels.joints:
         return []
     wheels = [f'{name}.{wheel}' for name in ('wheel_load', 'slip_angle', 'slip') for wheel in channels.wheels]
     wheels += [f'tire_force.{wheel}.{axis}' for wheel in channels.wheels for axis in 'xyz']

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
@@ -101,13 +102,7 @@ class Simulation:
         # A force-like input is held over the interval of the grid: with steps of any size inside, its mean is what matters.
         self.stage = 0.5 if settings.step_policy == 'error' else 1.0 - scheme['af']
         self._kin = Ref(self._work.kin_end)
-        self.source = source_of(scene.maneuver, scene.model.inputs, self.h_ns, self.stage)
-        if isinstance(self.source, RecordedSource) and scene.steps > self.source.steps:
-            last = self.source.steps * self.h_ns * 1e-9
-            raise SpecError(f'duration = {scene.duration:g}: {self.source.given.where} ends at {last:g} s; set duration to that or less')
-        self.driver: DriverSource | None = None
-        if scene.maneuver.driver is not None:
-            self.driver = DriverSource(scene.maneuver, scene.model.inputs, self.h_ns, self.stage)
+        self._take_inputs(scene)
         self._frame = Ref(frame)
         self.adaptation: Adaptation | None = None
         if settings.adapts and settings.kind in Simulation.KINDS:
@@ -126,6 +121,16 @@ class Simulation:
         ).find()  # fmt: skip
         copy_state(self.state, self._initial)
         self.reset()
+
+    def _take_inputs(self, scene: Scene) -> None:
+        """Prepare the sources of the inputs, sampled at the instant `stage` of a step. Raises SpecError."""
+        self.source = source_of(scene.maneuver, scene.model.inputs, self.h_ns, self.stage)
+        if isinstance(self.source, RecordedSource) and scene.steps > self.source.steps:
+            last = self.source.steps * self.h_ns * 1e-9
+            raise SpecError(f'duration = {scene.duration:g}: {self.source.given.where} ends at {last:g} s; set duration to that or less')
+        self.driver: DriverSource | None = None
+        if scene.maneuver.driver is not None:
+            self.driver = DriverSource(scene.maneuver, scene.model.inputs, self.h_ns, self.stage)
 
     @property
     def state(self) -> State:
@@ -168,6 +173,14 @@ class Simulation:
         """What the last step worked with."""
         w = self._work
         return LastStep(w.phi_end, w.J_end, w.J_stage, w.phi_t, w.lam_out, w.saddle.W, w.energy)
+
+    @property
+    def reached(self) -> dict[str, tuple[float, float | None]]:
+        """Quantities that the limits of a level are about -> the largest value so far, and its time [s] where it has one.
+
+        Of a model as given nothing is followed.
+        """
+        return {}
 
     @property
     def nbytes(self) -> int:
@@ -360,7 +373,11 @@ class Simulation:
 
     def __reduce__(self) -> tuple:
         """As its scene and save(): another process compiles the model anew, finds the same start, and goes on with the same bits."""
-        return _resumed, (type(self), self.scene, self.save(), self._totals, self._counters)
+        return _resumed, (self._made(), self.scene, self.save(), self._totals, self._counters, self.level)
+
+    def _made(self) -> Callable[[Scene], Simulation]:
+        """What makes a simulation like this of a scene."""
+        return type(self)
 
     @property
     def events(self) -> list[Event]:
@@ -396,9 +413,11 @@ class Simulation:
         return describe(self.model, J)
 
 
-def _resumed(kind: type[Simulation], scene: Scene, state: bytes, totals: Counters, counters: Counters) -> Simulation:
+def _resumed(
+    make: Callable[[Scene], Simulation], scene: Scene, state: bytes, totals: Counters, counters: Counters, level: LevelReport | None
+) -> Simulation:
     """Inverse of Simulation.__reduce__()."""
-    simulation = kind(scene)
+    simulation = make(scene)
     simulation.restore(state)
-    simulation._totals, simulation._counters = totals, counters
+    simulation._totals, simulation._counters, simulation.level = totals, counters, level
     return simulation

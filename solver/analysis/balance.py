@@ -27,6 +27,8 @@ class Balance:
     """The balances of a simulation from its present state on; call update() after every single step."""
 
     def __init__(self, simulation: Simulation) -> None:
+        """Raises SpecError for a level of detail that has no bodies."""
+        _ = simulation.state
         self._simulation = simulation
         spec, tables = simulation.model.spec, simulation.model.tables
         kinds = [kind.name for kind in FORCES if getattr(spec, kind.name)]

@@ -10,6 +10,7 @@ distance. Residual, drift of velocities and drift of positions must not show mor
 *Turn.* The iteration contracts by about the turn of a body per step (docs/decisions/0002).
 *Road.* A tire touches the road at one point. Of a hollow that is rounder than the wheel, an edge above all, a wheel makes a profile
 no rounder than itself (Pacejka 2012, 10.1.5); without that the point of contact jumps, and loads are many times too large.
+*Validity.* A level of detail says where it holds (solver.levels); a run that it follows says how far it went.
 """
 
 from __future__ import annotations
@@ -56,7 +57,7 @@ class Finding:
 def findings(simulation: Simulation, real_time_factor: float | None = None) -> list[Finding]:
     """Everything that makes the run so far suspect, from the running account of steps advanced with audit."""
     s = simulation
-    found = [_energy(s), *_iteration(s), _turn(s), _road(s), _branches(s), _speed(s, real_time_factor)]
+    found = [_energy(s), *_iteration(s), _turn(s), _road(s), _branches(s), _speed(s, real_time_factor), *_validity(s)]
     return [finding for finding in found if finding]
 
 
@@ -179,3 +180,18 @@ def _speed(s: Simulation, factor: float | None) -> Finding | None:
         return None
     text = f'the real-time factor is {factor:.3g}; the scene requires at least {limit:.3g}; take a larger integrator.h or a faster machine'
     return Finding(quantity='real_time_factor_min', value=factor, limit=limit, unit='', time=None, where='', required=True, text=text)
+
+
+def _validity(s: Simulation) -> list[Finding | None]:
+    """What left the limits of the level."""
+    found: list[Finding | None] = []
+    for limit in s.level.validity if s.level is not None else ():
+        if limit.quantity not in s.reached:
+            continue
+        value, time = s.reached[limit.quantity]
+        high = limit.high if limit.high is not None else np.inf
+        text = f'the run leaves where its level of detail holds ({limit.why}): {limit.quantity}'
+        found.append(
+            _finding('validity', value, high, None, limit.unit, time, '', text, 'take a level with more detail, or fidelity: full')
+        )
+    return found

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from solver.elements.registry import FORCES
 from solver.model.compile import joint_coordinates
 from solver.model.spec import ModelSpec
 from solver.scene import Fidelity, Scene
+from solver.simulation import Simulation
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -21,8 +23,8 @@ class Limit:
     why: str
 
     def __str__(self) -> str:
-        low = '' if self.low is None else f'{self.low:g} {self.unit} <= '
-        high = '' if self.high is None else f' <= {self.high:g} {self.unit}'
+        low = '' if self.low is None else f'{self.low:g} {self.unit}'.rstrip() + ' <= '
+        high = '' if self.high is None else f' <= {self.high:g} {self.unit}'.rstrip()
         return f'{low}{self.quantity}{high}: {self.why}'
 
 
@@ -64,11 +66,14 @@ class LevelReport:
 
 @dataclass(frozen=True, kw_only=True)
 class Derived:
-    """A level of a scene. scene: what is simulated: `fidelity: full`, another model, the resolved text of the scene it is derived from."""
+    """A level of a scene. scene: what is simulated: `fidelity: full`, another model, the resolved text of the scene it is derived from.
+    simulate: makes the simulation of that scene where the level has a step of its own (None: the kind of the integrator decides).
+    """
 
     scene: Scene
     level: Fidelity
     report: LevelReport
+    simulate: Callable[[Scene], Simulation] | None = None
 
 
 def channels(model: ModelSpec) -> list[str]:

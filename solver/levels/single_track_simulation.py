@@ -1,0 +1,293 @@
+"""The level `single_track` in motion, with the outward interface of Simulation."""
+
+from __future__ import annotations
+
+import functools
+import io
+import math
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from solver.compiled.by_reference import Ref, nbytes
+from solver.elements.road import HeightGrid, RandomRoad, compile_road
+from solver.errors import SpecError, StepError
+from solver.files.urdf import robot_description
+from solver.inputs.driver import Sight
+from solver.inputs.maneuver import ACCELERATION, RATE
+from solver.model.evaluate import prepare
+from solver.model.frames import matrix
+from solver.model.state import State
+from solver.output.energy import LENGTH, WORST
+from solver.output.snapshot import NO_STEPS, Channels, Counters, OutputArrays, Snapshot, layout_of, new_numbers, output_arrays
+from solver.scene import Scene
+from solver.simulation import Simulation
+from solver.start.placement import Changes
+from solver.step.constraint_coefficients import ConstraintCoefficients
+from solver.step.single_track import (
+    AXLE_COLUMNS,
+    LONG,
+    REACHED,
+    ROLL,
+    SIZE,
+    SPIN,
+    TOLD,
+    VX,
+    YAW,
+    YAW_RATE,
+    Axle,
+    Body,
+    Mounting,
+    SingleTrackTables,
+    SingleTrackWork,
+    X,
+    Y,
+    advance,
+    start,
+)
+from solver.step.work import LastStep
+
+LONGEST = 2.5e-3  # s: longer steps are divided into equal parts
+COMMANDS = ('steering', 'steering' + RATE, 'steering' + ACCELERATION, 'drive_torque', 'brake_torque')
+AXLES = ('front', 'rear')
+WHEELS = tuple(f'wheel_{axle}_{side}' for axle in AXLES for side in ('left', 'right'))
+ELEMENTS = (*(f'axle_{axle}/{column}' for axle in AXLES for column in AXLE_COLUMNS), 'drag/force')
+
+Parameters = Mapping[str, Mapping[str, float]]  # of the NamedTuples mounting, body, front and rear
+
+
+def tables_of(parameters: Parameters, scene: Scene, yaw: float = 0.0) -> SingleTrackTables:
+    """The parameters as the step takes them, on the road of a scene; yaw: at the start [rad]."""
+    p = parameters
+    return SingleTrackTables(
+        mounting=Mounting(**{**p['mounting'], 'yaw': yaw}), body=Body(**p['body']), front=Axle(**p['front']), rear=Axle(**p['rear']),
+        road=compile_road(scene.model.road),
+    )  # fmt: skip
+
+
+def _heights(grid: HeightGrid | RandomRoad) -> tuple[float, float]:
+    """(lowest, highest) point of a grid [m]."""
+    height = np.array((grid.expand() if isinstance(grid, RandomRoad) else grid).height)
+    return float(height.min()), float(height.max())
+
+
+def channels_of(inputs: tuple[str, ...], chassis: str) -> Channels:
+    """Names of everything a Snapshot of this level holds."""
+    return Channels(
+        joints=('steering_wheel', *WHEELS), joint_kinds=('rotation',) * 5, bodies=(chassis,), wheels=(), inputs=inputs, elements=ELEMENTS,
+        reactions=(), chassis=0,
+    )  # fmt: skip
+
+
+def new_frame(n_inputs: int) -> OutputArrays:
+    """Arrays for what a state shows."""
+    layout = layout_of(channels_of(('',) * n_inputs, ''))
+    return output_arrays(new_numbers(layout), layout)
+
+
+def new_scratch() -> Ref:
+    """Scratch of a step, by reference."""
+    row = lambda: np.zeros(SIZE)  # noqa: E731
+    work = SingleTrackWork(
+        rates=row(), start=row(), k1=row(), k2=row(), between=row(), stiff=np.zeros((2, 8)), stiff_2=np.zeros((2, 8)),
+        told=np.zeros(TOLD), reached=np.zeros((len(REACHED), 2)), steered=np.zeros(2), energy=np.zeros(LENGTH),
+    )  # fmt: skip
+    return Ref(work)
+
+
+def rolling(t: SingleTrackTables, speed: float, x: float = 0.0, y: float = 0.0, yaw: float = 0.0) -> np.ndarray:
+    """(SIZE,) state straight on at a speed [m/s], wheels rolling against their resistance; centre of mass at x, y [m]."""
+    state = np.zeros(SIZE)
+    state[X], state[Y], state[YAW], state[VX] = x, y, yaw, speed
+    for i, axle in enumerate((t.front, t.rear)):
+        slip = -math.copysign(axle.resistance * axle.load / axle.stiffness_x, speed) if speed else 0.0
+        state[LONG + i] = slip * axle.length_x
+        state[SPIN + i] = speed * (1.0 - abs(slip)) / axle.rolling_radius
+    return state
+
+
+class SingleTrackSimulation(Simulation):
+    """A scene whose model is what solver.levels.single_track shows of a vehicle; the parameters are those that level found.
+
+    Of the integrator h alone means something here: the step is that of solver.step.single_track, in parts of LONGEST at most. Nothing
+    iterates, and there are no constraints. Raises SpecError on construction and StepError from
+    advance(); each is one sentence.
+    """
+
+    def __init__(self, scene: Scene, parameters: Parameters) -> None:
+        settings = scene.integrator
+        if settings.kind not in self.KINDS:
+            raise SpecError(f'integrator: kind = {settings.kind!r}: the level single_track has a step of its own; use alf')
+        self.scene, self.model = scene, prepare(scene.model)
+        self.h_ns, self.h = settings.h_ns, settings.h_ns * 1e-9
+        self.stage = 0.5  # torques are held over the step: the mean is what matters
+        self._take_inputs(scene)
+        names = scene.model.inputs
+        self._index = np.array([names.index(name) for name in COMMANDS])
+        self.channels = channels_of(names, scene.model.chassis or 'chassis')
+        self._layout = layout_of(self.channels)
+        self._numbers = new_numbers(self._layout)
+        self._frame = Ref(output_arrays(self._numbers, self._layout))
+        self._scratch = new_scratch()
+        self._parameters = parameters
+        x, y, yaw = self._place()
+        self.tables = Ref(tables_of(parameters, scene, yaw))
+        self.parts = max(1, math.ceil(self.h / LONGEST - 1e-9))
+        self.adaptation = None
+        self.branches = None
+        self.start = Changes(kind=scene.start.kind)
+        behind = self.tables.mounting.x
+        self._at_start = rolling(self.tables.value, scene.start.speed, x - math.cos(yaw) * behind, y - math.sin(yaw) * behind, yaw)
+        road = scene.model.road
+        heights = [height for grid in road.grids for height in _heights(grid)]
+        self._uneven = max(heights, default=0.0) - min(heights, default=0.0)
+        self._slope = math.hypot(*road.normal[:2]) / road.normal[2]
+        self.y = self._at_start.copy()
+        self._inputs = np.zeros(len(names))
+        self._applied = None
+        self._totals = NO_STEPS
+        self.k = 0
+        self.reset()
+
+    def _place(self) -> tuple[float, float, float]:
+        """x, y [m] and yaw [rad] of the chassis at the start. Raises SpecError where more is asked for than straight on."""
+        scene = self.scene
+        for name in scene.start.coordinates:
+            raise SpecError(f'start.coordinates = {name!r}: the level single_track starts straight on; remove it')
+        chassis = next(b for b in scene.model.bodies if b.name == self.channels.bodies[0])
+        if any(chassis.velocity) or any(chassis.angular_velocity):
+            raise SpecError(f'{chassis.where}: velocity is given, but the level single_track starts with start.speed; take another level')
+        R = matrix(chassis.orientation)
+        return chassis.position[0], chassis.position[1], math.atan2(R[1, 0], R[0, 0])
+
+    @property
+    def state(self) -> State:
+        """Refused: the level has no bodies."""
+        raise SpecError("fidelity = 'single_track': this looks at the bodies of a model, and the level has none; take another level")
+
+    @property
+    def last_step(self) -> LastStep:
+        """The energy account; there are no constraints."""
+        none = np.zeros(0)
+        return LastStep(none, np.zeros((1, 6, 6)), np.zeros((1, 6, 6)), none, none, none, self._scratch.energy)
+
+    @property
+    def reached(self) -> dict[str, tuple[float, float | None]]:
+        """Of what the limits of the level are about: the largest value so far, and its time [s] where it has one.
+
+        frequency: root of the ratio of the mean squares of rate and angle of the steering wheel.
+        """
+        w = self._scratch
+        found: dict[str, tuple[float, float | None]] = {
+            name: (float(value), float(time)) for name, (value, time) in zip(REACHED, w.reached, strict=True)
+        }
+        angle, rate = w.steered.tolist()
+        found['frequency'] = (math.sqrt(rate / angle) / (2.0 * math.pi) if angle > 0.0 else 0.0, None)
+        found['road height'], found['road slope'] = (self._uneven, None), (self._slope, None)
+        return found
+
+    @property
+    def nbytes(self) -> int:
+        """Memory of parameters, scratch and state."""
+        return nbytes((self.tables.value.road, self._scratch.value, self.y))
+
+    def reset(self) -> None:
+        """Back to the start, bit for bit."""
+        self.y[:] = self._at_start
+        self.k = 0
+        self._totals = self._counters = NO_STEPS
+        self._inputs = np.array(self._inputs_at_start(), float)
+        if self.driver is not None:
+            self.driver.state = np.zeros(3)
+        start(self.tables, self.y, self._inputs, self._index, self._scratch, self._frame)
+
+    def _advance(self, n: int, inputs: np.ndarray, audit: bool) -> None:
+        self._inputs = self._inputs.copy()  # those shown before stay as they were
+        status, done = advance(
+            self.tables, self.y, inputs, self._index, self._inputs, 0, n, audit, self.h, self.parts, self._scratch, self._frame
+        )
+        if status == 1:
+            raise StepError(f'{self._when()}input {self.channels.inputs[done]!r} is not finite; nothing was advanced')
+        self.k += done
+        self._count(Counters(done * self.parts, 0, done * (2 * self.parts + 1), 0, 0.0, 0.0, 0.0))
+        if status == 2:
+            raise StepError(f'{self._when()}the motion is no longer finite; reduce integrator.h or check the torques')
+
+    def _when(self) -> str:
+        return f't = {self.t_ns * 1e-9:.6f} s, step {self.k}: '
+
+    def _sight(self) -> Sight:
+        """What a driver sees now."""
+        pose = self._frame.pose[0]
+        return Sight(float(pose[0]), float(pose[1]), float(self.y[YAW]), float(self.y[VX] - self.y[YAW_RATE] * self._side))
+
+    @property
+    def _side(self) -> float:
+        return self.tables.mounting.axis * self.y[ROLL]
+
+    def save(self) -> bytes:
+        """Everything the future depends on."""
+        file = io.BytesIO()
+        w = self._scratch
+        arrays = {'single_track': self.y, 'inputs': self._inputs, 'audit': w.energy, 'reached': w.reached, 'steered': w.steered}
+        if self.driver is not None:
+            arrays['driver'] = self.driver.state
+        np.savez(file, k=np.int64(self.k), **arrays)  # type: ignore[arg-type]
+        return file.getvalue()
+
+    def restore(self, data: bytes) -> None:
+        """Continue from save(); raises SpecError if it belongs to another model."""
+        with np.load(io.BytesIO(data), allow_pickle=False) as file:
+            found = {name: file[name] for name in file.files}
+        if 'single_track' not in found or found['single_track'].shape != self.y.shape or found['inputs'].shape != self._inputs.shape:
+            raise SpecError('restore: the saved state is of another model than this one of level single_track')
+        if self.driver is not None:
+            if 'driver' not in found:
+                raise SpecError('restore: the saved state has no driver: it is of another scene')
+            self.driver.state = found['driver']
+        self.y[:] = found['single_track']
+        self.k = int(found['k'])
+        self._inputs = found['inputs']
+        loss = self.y.copy()
+        start(self.tables, self.y, self._inputs, self._index, self._scratch, self._frame)
+        self.y[:] = loss
+        self._scratch.energy[:] = found['audit']
+        self._scratch.reached[:] = found['reached']
+        self._scratch.steered[:] = found['steered']
+
+    def _made(self) -> Callable[[Scene], Simulation]:
+        return functools.partial(type(self), parameters=self._parameters)
+
+    def totals(self) -> dict[str, float]:
+        """Counters since the start and the error of the energy account [J]."""
+        return {
+            **self._totals.report(),
+            'energy_error_max': float(self._scratch.energy[WORST]),
+            'substeps': self.k * self.parts,
+            'rejected': 0,
+            'events': 0,
+        }
+
+    def urdf(self) -> str:
+        """Chassis, wheels and steering wheel at the current configuration as URDF (solver.files.urdf)."""
+        poses = np.array([(*b.position, *b.orientation) for b in self.scene.model.bodies])
+        return robot_description(self.scene.model, poses, dict.fromkeys(self.channels.joints, 0.0), self.scene.name)
+
+    def snapshot(self) -> Snapshot:
+        """The outputs of the last step, as a copy; after a failure those of the last call of advance() that succeeded."""
+        return Snapshot(self.k, self.t_ns, self._numbers.copy(), self._layout, self._counters)
+
+    def constraint_coefficients(self, *, coupled: bool = False) -> dict[str, ConstraintCoefficients]:
+        """There are no constraints."""
+        return {}
+
+    def describe(self) -> dict:
+        """Counts: degrees of freedom are those of plane, roll and the spins of both axles."""
+        spec = self.scene.model
+        return {
+            'bodies': 1,
+            'dof': 6,
+            'internal_states': SIZE - 14,
+            'mass': float(self.tables.body.mass),
+            'inputs': list(spec.inputs),
+        }

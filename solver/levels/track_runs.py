@@ -1,0 +1,97 @@
+"""Runs of a whole vehicle on a flat road that show its axles: what a single-track model of it is identified from."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from solver.elements.road import RoadSpec
+from solver.elements.tire_pacejka import TIRE_COLUMNS
+from solver.errors import SpecError, StepError
+from solver.inputs.maneuver import Maneuver
+from solver.model.spec import ModelSpec
+from solver.scene import Scene, StartSettings
+from solver.simulation import Simulation
+from solver.step.settings import IntegratorSettings
+
+H = 2e-3  # s
+EVERY = 5  # steps between samples
+LEAST_SAMPLES = 20
+CORNERS = ('front_left', 'front_right', 'rear_left', 'rear_right')
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drive:
+    """A run: speed at its start [m/s], inputs, duration [s]."""
+
+    speed: float
+    maneuver: Maneuver
+    duration: float
+
+
+class Run(NamedTuple):
+    """What a run showed, one row per sample; axles: front, rear."""
+
+    time: np.ndarray  # (n,) [s]
+    inputs: np.ndarray  # (n EVERY, nu) of every step
+    names: tuple[str, ...]  # of the inputs
+    vx: np.ndarray  # (n,) of the origin of the chassis, along it [m/s]
+    vy: np.ndarray
+    yaw_rate: np.ndarray  # [rad/s]
+    height: np.ndarray  # of that origin [m]
+    pose: np.ndarray  # (n, 4) quaternion of the chassis
+    effort: np.ndarray  # at the steering wheel [N m]
+    spin: np.ndarray  # (n, 2) mean of an axle [rad/s]
+    tire: dict[str, np.ndarray]  # column -> (n, 4), wheels in the order of CORNERS
+
+    def axle(self, column: str) -> np.ndarray:
+        """(n, 2) sums of both wheels of each axle."""
+        four = self.tire[column]
+        return np.stack([four[:, 0] + four[:, 1], four[:, 2] + four[:, 3]], axis=1)
+
+
+def whole(model: ModelSpec, drive: Drive) -> Simulation:
+    """The simulation of a run of the vehicle on a flat road."""
+    return Simulation(
+        Scene(
+            name='identification', model=dataclasses.replace(model, road=RoadSpec()), maneuver=drive.maneuver, duration=drive.duration,
+            start=StartSettings(kind='equilibrium', speed=drive.speed), integrator=IntegratorSettings(h=H, iterations=2),
+        )
+    )  # fmt: skip
+
+
+def driven(model: ModelSpec, drive: Drive) -> Run:
+    """Run the vehicle; a run that fails ends where it failed. Raises SpecError where that is at once."""
+    simulation = whole(model, drive)
+    channels = simulation.channels
+    wheels = [channels.wheels.index(corner) for corner in CORNERS]
+    joint = channels.joints.index('steering_wheel') if 'steering_wheel' in channels.joints else -1
+    chassis = channels.chassis or 0
+    shots, inputs = [], []
+    for _ in range(round(drive.duration / (H * EVERY))):
+        try:
+            shot = simulation.advance(EVERY)
+        except StepError:
+            break
+        assert simulation.applied is not None
+        shots.append(shot)
+        inputs.append(simulation.applied)
+    if len(shots) < LEAST_SAMPLES:
+        after = simulation.t_ns * 1e-9
+        raise SpecError(f'the vehicle as a whole fails after {after:.3g} s of a run at {drive.speed:g} m/s; see why with fidelity: full')
+    tires = np.array([s.tire[wheels] for s in shots])
+    twist = np.array([s.twist[chassis] for s in shots])
+    pose = np.array([s.pose[chassis] for s in shots])
+    tire = {name: tires[:, :, k].copy() for k, name in enumerate(TIRE_COLUMNS)}
+    spin = 0.5 * np.stack([tire['spin'][:, 0] + tire['spin'][:, 1], tire['spin'][:, 2] + tire['spin'][:, 3]], axis=1)
+    return Run(
+        time=np.array([s.t_ns for s in shots]) * 1e-9,
+        inputs=np.concatenate(inputs),
+        names=channels.inputs,
+        vx=twist[:, 0], vy=twist[:, 1], yaw_rate=twist[:, 5], height=pose[:, 2], pose=pose[:, 3:],
+        effort=np.array([s.joint_effort[joint] if joint >= 0 else 0.0 for s in shots]),
+        spin=spin, tire=tire,
+    )  # fmt: skip

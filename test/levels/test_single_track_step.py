@@ -1,0 +1,319 @@
+"""The single-track model in motion, with parameters given here: closed forms of the linear model, braking, rest, energy, bits."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import math
+import pickle
+
+import numpy as np
+import pytest
+from scipy.linalg import expm
+
+from solver.analysis.verdict import findings
+from solver.elements.road import FrictionPatch, RoadSpec
+from solver.errors import SpecError, StepError
+from solver.files.scene import load_scene
+from solver.inputs.maneuver import Maneuver
+from solver.inputs.signals import Ramp, Sine, Step
+from solver.levels.single_track import shown
+from solver.levels.single_track_simulation import ELEMENTS, SingleTrackSimulation
+from solver.scene import Scene, StartSettings
+from solver.step.settings import IntegratorSettings
+from solver.step.single_track import LATERAL, ROLL, VX, VY, YAW_RATE
+
+MODEL = shown(load_scene('light_car_straight').model)
+STRAIGHT, FLAT = Maneuver(), RoadSpec()
+AXLE = {
+    'x': 1.2, 'half_track': 0.76, 'load': 7000.0, 'shifted': -1.0, 'stiffness_x': 150e3, 'stiffness_y': 90e3, 'peak_x': 7500.0,
+    'peak_y': 7000.0, 'shape_x': 1.5, 'shape_y': 1.3, 'curvature_x': 0.0, 'curvature_y': 0.0, 'length_x': 0.15, 'length_y': 0.4,
+    'steered': 1.0, 'roll_steer': -0.03, 'trail': 0.04, 'trail_lost': 0.04, 'radius': 0.298, 'rolling_radius': 0.308, 'inertia': 1.8,
+    'resistance': 0.01, 'drive': 1.0, 'brake': 0.7, 'brake_stiffness': 8e4, 'brake_damping': 600.0,
+}  # fmt: skip
+PARAMETERS = {
+    'mounting': {
+        'x': -0.1, 'axis': 0.1, 'height': 0.0, 'pitch': 0.0, 'pitch_by_shift': -1.5e-5, 'pitch_by_roll': 0.5,
+        'com_x': 0.1, 'com_y': 0.0, 'com_z': 0.6,
+        'yaw': 0.0, 'gravity': 9.81,
+    },
+    'body': {
+        'mass': 1400.0, 'yaw_inertia': 2300.0, 'roll_inertia': 1000.0, 'coupling': 800.0, 'product': -20.0, 'roll_stiffness': 9e4,
+        'roll_damping': 2700.0, 'drag': 0.4, 'height': 0.2, 'lag': 0.05, 'ratio': 1.0 / 16.0, 'ratio_3': 5e-5, 'steering_inertia': 0.05,
+        'steering_damping': 0.5, 'top_spin': 230.0, 'low_speed': 2.0, 'contact_time': 0.04,
+    },
+    'front': AXLE,
+    'rear': AXLE | {
+        'x': -1.45, 'load': 6500.0, 'shifted': 1.0, 'stiffness_y': 110e3, 'steered': 0.0, 'roll_steer': 0.0, 'trail': 0.0,
+        'trail_lost': 0.0, 'drive': 0.0, 'brake': 0.3,
+    },
+}  # fmt: skip
+
+
+def linear(**more: float) -> dict:
+    """Parameters without roll, resistance and relaxation: what the closed forms are about. more: of both axles."""
+    p = copy.deepcopy(PARAMETERS)
+    p['body'] |= {'coupling': 0.0, 'product': 0.0, 'drag': 0.0, 'ratio_3': 0.0}
+    for axle in ('front', 'rear'):
+        p[axle] |= {'roll_steer': 0.0, 'resistance': 0.0, 'length_y': 1e-3, 'trail': 0.0, 'trail_lost': 0.0, 'drive': 0.0, **more}
+    return p
+
+
+def simulation(
+    maneuver: Maneuver = STRAIGHT, *, speed: float = 20.0, h: float = 1e-3, parameters: dict = PARAMETERS, road: RoadSpec = FLAT
+) -> SingleTrackSimulation:
+    """A run of the model on a road."""
+    scene = Scene(
+        name='track', model=dataclasses.replace(MODEL, road=road), maneuver=maneuver, start=StartSettings(kind='equilibrium', speed=speed),
+        integrator=IntegratorSettings(h=h), duration=10.0,
+    )  # fmt: skip
+    return SingleTrackSimulation(scene, parameters)
+
+
+def understeer() -> float:
+    """Gradient of the linear model [rad s^2/m]: m / L (b / Cf - a / Cr) ([Gillespie1992] 6.4)."""
+    a, b = PARAMETERS['front']['x'], -PARAMETERS['rear']['x']
+    front, rear = PARAMETERS['front']['stiffness_y'], PARAMETERS['rear']['stiffness_y']
+    return PARAMETERS['body']['mass'] / (a + b) * (b / front - a / rear)
+
+
+@pytest.mark.parametrize('speed', [8.0, 20.0, 45.0])
+def test_steady_yaw_gain_is_that_of_the_linear_single_track_model(speed: float) -> None:
+    wheel = 1e-3
+    s = simulation(Maneuver(steering=Step(value=wheel, start=0.1, rise=0.2)), speed=speed, parameters=linear())
+    s.advance(6000)
+    v = s.y[VX]
+    gain = s.y[YAW_RATE] / (wheel / 16.0)
+    assert gain == pytest.approx(v / (2.65 + understeer() * v * v), rel=1e-4)
+
+
+def matrix(p: dict, v: float) -> np.ndarray:
+    """Of the linear model with relaxation at a speed v [m/s]: lateral velocity, yaw rate, lateral deflections of both axles."""
+    m, inertia = p['body']['mass'], p['body']['yaw_inertia']
+    x = [p[axle]['x'] for axle in ('front', 'rear')]
+    c = [p[axle]['stiffness_y'] / p[axle]['length_y'] for axle in ('front', 'rear')]
+    decay = [-v / p[axle]['length_y'] for axle in ('front', 'rear')]
+    return np.array(
+        [
+            [0.0, -v, c[0] / m, c[1] / m],
+            [0.0, 0.0, x[0] * c[0] / inertia, x[1] * c[1] / inertia],
+            [-1.0, -x[0], decay[0], 0.0],
+            [-1.0, -x[1], 0.0, decay[1]],
+        ]
+    )
+
+
+def test_free_motion_is_the_matrix_exponential_of_the_linear_model() -> None:
+    p, v = linear(length_y=0.4), 25.0
+    s = simulation(speed=v, parameters=p)
+    x = np.array([0.02, 0.0, -0.02 / v * 0.4, -0.02 / v * 0.4])
+    s.y[VY], s.y[LATERAL : LATERAL + 2] = x[0], x[2:]
+    for k in range(1, 6):
+        s.advance(100)
+        expected = expm(matrix(p, v) * 0.1 * k) @ x
+        assert [s.y[VY], s.y[YAW_RATE], *s.y[LATERAL : LATERAL + 2]] == pytest.approx(expected.tolist(), abs=2e-6)
+
+
+@pytest.mark.parametrize('v', [15.0, 40.0])
+def test_without_relaxation_natural_frequency_and_damping_are_those_of_the_books(v: float) -> None:
+    """The linear model the level is held against above has the eigenvalues of [Gillespie1992] with short relaxation lengths."""
+    p = linear(length_y=1e-4)
+    m, inertia, a, b = p['body']['mass'], p['body']['yaw_inertia'], p['front']['x'], -p['rear']['x']
+    front, rear = p['front']['stiffness_y'], p['rear']['stiffness_y']
+    slow = sorted(np.linalg.eigvals(matrix(p, v)), key=abs)[:2]
+    frequency2 = front * rear * (a + b) ** 2 / (m * inertia * v * v) + (b * rear - a * front) / inertia
+    damping = (inertia * (front + rear) + m * (a * a * front + b * b * rear)) / (m * inertia * v)
+    assert np.prod(slow).real == pytest.approx(frequency2, rel=1e-2)
+    assert -np.sum(slow).real == pytest.approx(damping, rel=1e-2)
+
+
+def test_roll_in_a_steady_bend_is_what_the_stiffness_leaves() -> None:
+    s = simulation(Maneuver(steering=Step(value=0.1, start=0.1, rise=0.2)))
+    s.advance(5000)
+    lateral = s.y[VX] * s.y[YAW_RATE]
+    assert s.y[ROLL] == pytest.approx(800.0 * lateral / 9e4, rel=5e-3)  # it still slows down a little
+    assert s.y[ROLL] > 0.0  # to the right in a bend to the left
+
+
+def test_roll_alone_is_a_damped_oscillator() -> None:
+    """About an axis without mass beside it: period and decay of I p' = -k phi - c p."""
+    p = linear()
+    s = simulation(speed=0.0, parameters=p)
+    s.y[ROLL] = 0.01
+    w, d = math.sqrt(9e4 / 1000.0), 0.5 * 2700.0 / 1000.0
+    wd = math.sqrt(w * w - d * d)
+    s.advance(400)
+    assert s.y[ROLL] == pytest.approx(0.01 * math.exp(-d * 0.4) * (math.cos(wd * 0.4) + d / wd * math.sin(wd * 0.4)), abs=1e-6)
+
+
+def test_braking_slows_mass_and_wheels() -> None:
+    s = simulation(Maneuver(brake_torque=Step(value=1500.0, start=0.1, rise=0.1)), speed=30.0, parameters=linear())
+    s.advance(1000)
+    before = s.y[VX]
+    s.advance(500)
+    turning = sum(1.8 / (0.298 * 0.308) for _ in range(2))
+    assert (before - s.y[VX]) / 0.5 == pytest.approx(1500.0 / 0.298 / (1400.0 + turning), rel=2e-3)
+
+
+def test_coasting_against_the_drag_follows_its_closed_form() -> None:
+    p = linear()
+    p['body']['drag'] = 0.4
+    s = simulation(speed=40.0, parameters=p)
+    s.advance(5000)
+    m = 1400.0 + 2.0 * 1.8 / (0.298 * 0.308)
+    assert s.y[VX] == pytest.approx(40.0 / (1.0 + 0.4 * 40.0 * 5.0 / m), rel=1e-4)
+
+
+@pytest.mark.parametrize('h', [1e-3, 1e-2])
+def test_it_brakes_to_rest_and_stays_there(h: float) -> None:
+    s = simulation(Maneuver(brake_torque=3000.0, steering=0.5), speed=10.0, h=h)
+    s.advance(round(8.0 / h))
+    rest = s.snapshot()
+    s.advance(round(4.0 / h))
+    moved = s.snapshot().pose - rest.pose
+    assert np.abs(moved).max() < 1e-6
+    assert np.abs(s.snapshot().twist).max() < 1e-6
+
+
+def test_a_brake_that_lets_go_holds_no_more() -> None:
+    s = simulation(Maneuver(brake_torque=Step(initial=2000.0, value=0.0, start=3.0, rise=0.1), drive_torque=300.0), speed=3.0)
+    s.advance(2900)
+    assert abs(s.y[VX]) < 1e-3
+    s.advance(2000)
+    assert s.y[VX] > 0.8
+    assert s.snapshot().joint_effort[1:].max() == pytest.approx(0.0, abs=1e-9)
+
+
+def bend(h: float, braking: float = 400.0) -> SingleTrackSimulation:
+    """Steered to and fro, and braked at the end with a torque that grows by so much [N m/s]."""
+    brake = Ramp(slope=braking, start=3.0, blend=0.2)
+    s = simulation(Maneuver(steering=Sine(amplitude=0.8, frequency=0.5), drive_torque=200.0, brake_torque=brake), h=h)
+    s.advance(round(5.0 / h))
+    return s
+
+
+def test_energy_closes_with_the_second_power_of_the_step() -> None:
+    """A brake that begins is stiffer than any step, and closes with the first power."""
+    errors = [bend(h, 0.0).totals()['energy_error_max'] for h in (2e-3, 1e-3, 5e-4)]
+    assert errors[0] / errors[1] > 3.2
+    assert errors[1] / errors[2] > 3.2
+    assert errors[2] < 5e-5 * 0.5 * 1400.0 * 20.0**2
+    errors = [bend(h).totals()['energy_error_max'] for h in (2e-3, 1e-3, 5e-4)]
+    assert errors[1] / errors[2] > 1.6
+    assert errors[1] < 1e-4 * 0.5 * 1400.0 * 20.0**2
+    assert findings_of_energy(bend(1e-3)) == []
+
+
+def findings_of_energy(s: SingleTrackSimulation) -> list[str]:
+    return [finding.text for finding in findings(s) if finding.quantity == 'energy_error_max']
+
+
+def test_the_motion_converges_with_the_second_power_of_the_step() -> None:
+    fine = bend(1.25e-4).y[:10]
+    errors = [np.abs(bend(h).y[:10] - fine).max() for h in (2e-3, 1e-3)]
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.25)
+
+
+def test_pieces_and_restored_states_give_the_same_bits() -> None:
+    whole = bend(1e-3)
+    s = bend(1e-3)
+    s.reset()
+    s.advance(1700)
+    kept = s.save()
+    s.advance(33)
+    s.restore(kept)
+    assert s.k == 1700
+    while s.k < 5000:
+        s.advance(min(7, 5000 - s.k))
+    assert s.snapshot().numbers.tobytes() == whole.snapshot().numbers.tobytes()
+    assert s.totals()['energy_error_max'] == whole.totals()['energy_error_max']
+    assert s.reached == whole.reached
+
+
+def test_it_goes_on_with_the_same_bits_in_another_process() -> None:
+    s = bend(1e-3)
+    again = pickle.loads(pickle.dumps(s))
+    assert again.advance(50).numbers.tobytes() == s.advance(50).numbers.tobytes()
+    assert again.totals() == s.totals()
+
+
+def test_what_it_does_not_model_is_absent() -> None:
+    s = simulation()
+    assert s.channels.wheels == ()
+    assert s.channels.bodies == ('chassis',)
+    assert s.channels.joints == ('steering_wheel', 'wheel_front_left', 'wheel_front_right', 'wheel_rear_left', 'wheel_rear_right')
+    assert s.channels.elements == ELEMENTS
+    assert s.snapshot().tire.size == 0
+
+
+def test_velocity_and_pose_of_the_chassis_belong_together() -> None:
+    """The twist is the derivative of the pose, roll and pitch included."""
+    s = simulation(Maneuver(steering=Sine(amplitude=1.0, frequency=1.0), brake_torque=Step(value=1000.0, start=0.5, rise=0.3)), h=1e-4)
+    s.advance(8000)
+    a, b = s.snapshot(), s.advance(1)
+    x, y, z, w = 0.5 * (a.pose[0, 3:] + b.pose[0, 3:])
+    R = np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
+            [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
+        ]
+    )
+    moved = R.T @ (b.pose[0, :3] - a.pose[0, :3]) / 1e-4
+    assert moved == pytest.approx(0.5 * (a.twist[0, :3] + b.twist[0, :3]), abs=2e-4)
+    q, dq = np.array([x, y, z, w]), (b.pose[0, 3:] - a.pose[0, 3:]) / 1e-4
+    turned = 2.0 * np.array(
+        [
+            q[3] * dq[0] - q[0] * dq[3] + -(q[1] * dq[2] - q[2] * dq[1]),
+            q[3] * dq[1] - q[1] * dq[3] + -(q[2] * dq[0] - q[0] * dq[2]),
+            q[3] * dq[2] - q[2] * dq[3] + -(q[0] * dq[1] - q[1] * dq[0]),
+        ]
+    )
+    assert turned == pytest.approx(0.5 * (a.twist[0, 3:] + b.twist[0, 3:]), abs=2e-4)
+    assert np.abs(turned).min() > 1e-4
+
+
+def test_less_friction_leaves_less_force() -> None:
+    steering = Step(value=2.0, start=0.1, rise=0.5)
+    dry, wet = simulation(Maneuver(steering=steering)), simulation(Maneuver(steering=steering), road=RoadSpec(friction=0.4))
+    dry.advance(2000)
+    wet.advance(2000)
+    assert wet.reached['lateral acceleration'][0] < 0.45 * 9.81 < dry.reached['lateral acceleration'][0]
+
+
+def test_friction_that_differs_between_the_sides_is_noticed() -> None:
+    strip = FrictionPatch(center=(0.0, -5.0), size=(1000.0, 10.0), factor=0.3)
+    s = simulation(road=RoadSpec(patches=(strip,)))
+    s.advance(100)
+    assert s.reached['friction difference'][0] == pytest.approx(0.7)
+
+
+def test_the_frequency_of_a_sine_is_found() -> None:
+    s = simulation(Maneuver(steering=Sine(amplitude=0.1, frequency=3.0)))
+    s.advance(5000)
+    assert s.reached['frequency'][0] == pytest.approx(3.0, rel=0.02)
+
+
+def test_it_starts_where_the_chassis_is_placed() -> None:
+    """Turned by 90 degrees: it drives along y, and its wheels turn from zero."""
+    half = math.sqrt(0.5)
+    chassis, *others = MODEL.bodies
+    placed = dataclasses.replace(chassis, position=(3.0, 4.0, 0.0), orientation=(0.0, 0.0, half, half))
+    scene = Scene(
+        name='turned', model=dataclasses.replace(MODEL, bodies=(placed, *others)), start=StartSettings(kind='equilibrium', speed=20.0)
+    )
+    s = SingleTrackSimulation(scene, PARAMETERS)
+    assert s.snapshot().joint_position[1:] == pytest.approx(np.zeros(4))
+    assert s.snapshot().pose[0, :2] == pytest.approx([3.0, 4.0])
+    moved = s.advance(100).pose[0, :2]
+    assert moved[0] == pytest.approx(3.0, abs=1e-3)
+    assert moved[1] == pytest.approx(6.0, rel=1e-2)
+
+
+def test_errors_are_sentences() -> None:
+    s = simulation()
+    with pytest.raises(StepError, match="input 'drive_torque' is not finite; nothing was advanced"):
+        s.advance(1, inputs=np.array([0.0, 0.0, 0.0, np.nan, 0.0]))
+    assert s.k == 0
+    with pytest.raises(SpecError, match='take another level'):
+        _ = s.state
