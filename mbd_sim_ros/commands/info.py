@@ -19,7 +19,9 @@ def add(parsers: Any) -> None:
     """Declare the command."""
     parser = declare(parsers, 'info', run, 'show what a scene consists of', 'mbd info slider_crank')
     add_scene(parser)
-    parser.add_argument('--brief', action='store_true', help='leave out the figures of a vehicle, which take some seconds')
+    parser.add_argument(
+        '--brief', action='store_true', help='leave out the figures of a vehicle and the errors of its level, which take seconds'
+    )
     parser.add_argument('--urdf', metavar='FILE', type=Path, help='write the spanning tree as URDF, as the node publishes it')
     parser.add_argument('--resolved', action='store_true', help='print the scene as one YAML text, with every include and --set in place')
 
@@ -60,7 +62,8 @@ def run(args: argparse.Namespace) -> Result:
     text = ''
     if simulation.level is not None:
         data['fidelity'] = scene.fidelity
-        data['level'], text = dataclasses.asdict(simulation.level), _level(simulation.level)
+        level = simulation.level if args.brief else _with_errors(simulation.level, scene)
+        data['level'], text = dataclasses.asdict(level), _level(level)
     if not args.brief and is_vehicle(simulation.scene.model):
         data['figures'], figures = _figures(simulation.scene)
         text += figures
@@ -71,6 +74,15 @@ def run(args: argparse.Namespace) -> Result:
     ]
     rows.append(('start', str(simulation.start)))
     return Result(data=data, text=table(rows) + text)
+
+
+def _with_errors(level: LevelReport, scene: Scene) -> LevelReport:
+    """The report with the error sheet, which is measured once for a vehicle and takes some seconds then."""
+    from solver.levels.error_sheet import error_sheet
+
+    if scene.fidelity in ('full', 'auto') or level.errors is not None:
+        return level
+    return dataclasses.replace(level, errors=error_sheet(scene.model, scene.fidelity, scene.switches))
 
 
 def _level(level: LevelReport) -> str:

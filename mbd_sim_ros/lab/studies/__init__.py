@@ -44,6 +44,7 @@ STUDIES: dict[str, str] = {  # name: module
     'car': 'mbd_sim_ros.lab.studies.car',
     'trade': 'mbd_sim_ros.lab.studies.trade',
     'validation': 'mbd_sim_ros.lab.studies.validation',
+    'levels': 'mbd_sim_ros.lab.studies.levels',
 }
 
 

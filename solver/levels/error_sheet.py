@@ -1,0 +1,172 @@
+"""The error sheet of a level: five maneuvers of a vehicle at the level and as a whole, side by side.
+
+    step steer at 0.4 g, sine with dwell at three times the reference angle [ISO19365], swept sine 0.2 to 2 Hz at 0.3 g, all at 80 km/h;
+    braking with 0.5 g from 100 km/h; a road of 2 m wavelength, 5 mm high, left and right alike, at 20 m/s
+
+Angles of the steering wheel follow from a slow ramp of the whole vehicle (13.5 deg/s at 80 km/h, as ISO 19365 asks for): the reference
+angle is that at 0.3 g. Errors are root mean squares and largest differences over the run, in parts of the peak of the whole vehicle; of
+the wheels that with the largest is shown. What a level does not publish has no figure.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import time
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from solver.analysis.departures import departure
+from solver.elements.road import HeightGrid, RoadSpec
+from solver.inputs.maneuver import Maneuver
+from solver.inputs.signals import Ramp, SineWithDwell, Step, Sweep
+from solver.levels.derived import ErrorFigure
+from solver.levels.kept import kept
+from solver.model.spec import ModelSpec
+from solver.quantities import names, published, quantity
+from solver.scene import Fidelity, Scene, StartSettings
+from solver.simulation import Simulation
+from solver.step.settings import IntegratorSettings
+
+G = 9.81
+NO_SWITCHES: Mapping[str, Literal['on', 'off']] = MappingProxyType({})
+SPEED = 80.0 / 3.6  # m/s
+H = 1e-3  # s
+EVERY = 10  # steps between samples
+RAMP = math.radians(13.5)  # rad/s
+REST = 1.0  # s straight on
+WAVE, AMPLITUDE, ROAD_SPEED = 2.0, 0.005, 20.0  # m, m, m/s
+OF_BODY = ('longitudinal_velocity', 'yaw_rate', 'sideslip_velocity', 'roll', 'pitch')
+BY_WHEEL = ('wheel_load',)
+
+
+class Course(NamedTuple):
+    """A maneuver of the sheet on its road."""
+
+    name: str
+    speed: float  # at the start [m/s]
+    maneuver: Maneuver
+    duration: float  # [s]
+    road: RoadSpec = RoadSpec()
+
+
+def course_scene(
+    model: ModelSpec, course: Course, fidelity: Fidelity, switches: Mapping[str, Literal['on', 'off']] = NO_SWITCHES, h: float = H
+) -> Scene:
+    """The scene of a course."""
+    return Scene(
+        name=course.name, model=dataclasses.replace(model, road=course.road), maneuver=course.maneuver, duration=course.duration,
+        start=StartSettings(kind='equilibrium', speed=course.speed), integrator=IntegratorSettings(h=h, iterations=2), fidelity=fidelity,
+        switches=dict(switches),
+    )  # fmt: skip
+
+
+def simulated(scene: Scene) -> Simulation:
+    """The simulation of a scene at its level (solver.simulation_of)."""
+    from solver import simulation_of
+
+    return simulation_of(scene)
+
+
+def angles(model: ModelSpec, accelerations: tuple[float, ...]) -> list[float]:
+    """Angles of the steering wheel [rad] at lateral accelerations [m/s^2], from a slow ramp of the whole vehicle at SPEED."""
+    ramp = Course('slow ramp', SPEED, Maneuver(steering=Ramp(slope=RAMP, start=0.5)), 8.0)
+    simulation = simulated(course_scene(model, ramp, 'full', h=2e-3))
+    column, chassis = simulation.channels.inputs.index('steering'), simulation.channels.chassis or 0
+    wheel, lateral = [0.0], [0.0]
+    while simulation.t_ns < ramp.duration * 1e9 and lateral[-1] < max(accelerations):
+        shot = simulation.advance(EVERY)
+        wheel.append(float(shot.inputs[column]))
+        lateral.append(float(shot.twist[chassis, 0] * shot.twist[chassis, 5]))
+    rising = np.maximum.accumulate(np.array(lateral))
+    return [float(np.interp(a, rising, wheel)) for a in accelerations]
+
+
+def courses(model: ModelSpec) -> tuple[Course, ...]:
+    """The maneuvers of the sheet for a vehicle."""
+    reference, step = angles(model, (0.3 * G, 0.4 * G))
+    mass = sum(body.mass for body in model.bodies)
+    radius = float(np.mean([tire.data.values['UNLOADED_RADIUS'] for tire in model.tires]))
+    x = np.arange(0.0, 120.0 + 0.05, 0.05) - 10.0
+    rise = np.clip((x - 10.0) / 5.0, 0.0, 1.0)
+    wave = [
+        AMPLITUDE * r * r * (3.0 - 2.0 * r) * math.sin(2.0 * math.pi * at / WAVE) for r, at in zip(rise.tolist(), x.tolist(), strict=True)
+    ]
+    road = RoadSpec(grids=(HeightGrid(origin=(-10.0, -10.0), step=(0.05, 20.0), height=tuple((z, z) for z in wave)),))
+    return (
+        Course('step steer 0.4 g', SPEED, Maneuver(steering=Step(value=step, start=REST, rise=0.15), drive_torque=0.0), 5.0),
+        Course('sine with dwell 3 A', SPEED, Maneuver(steering=SineWithDwell(amplitude=3.0 * reference, start=REST)), 5.0),
+        Course(
+            'swept sine 0.3 g', SPEED,
+            Maneuver(steering=Sweep(amplitude=reference, frequency=0.2, final_frequency=2.0, duration=14.0, start=REST)), 15.5,
+        ),
+        Course(
+            'braking 0.5 g', 100.0 / 3.6, Maneuver(brake_torque=Step(value=0.5 * G * mass * 0.95 * radius, start=REST, rise=0.3)), 5.0
+        ),
+        Course('road of 2 m', ROAD_SPEED, Maneuver(), 4.0, road),
+    )  # fmt: skip
+
+
+def shown(simulation: Simulation, course: Course) -> dict[str, np.ndarray]:
+    """Quantity -> its values at the samples of a course (n, components), of those the simulation publishes."""
+    rows = np.array([simulation.advance(EVERY).numbers for _ in range(round(course.duration / (H * EVERY)))])
+    there = names(simulation.channels)
+    wanted = [name for name in there if name in OF_BODY or name.partition('.')[0] in BY_WHEEL]
+    return {name: (q := quantity(name, simulation.channels)).of(rows[:, q.places]) for name in wanted}
+
+
+def compared(model: ModelSpec, course: str, ours: dict[str, np.ndarray], theirs: dict[str, np.ndarray]) -> list[ErrorFigure]:
+    """Figures of every quantity that both have and that moves in the course; of those of the wheels the worst."""
+    channels = published(model)
+    worst: dict[str, ErrorFigure] = {}
+    for name, reference in theirs.items():
+        q = quantity(name, channels)
+        if name not in ours or q.peak(reference) <= q.least:
+            continue
+        time_ = np.arange(1, len(reference) + 1) * (H * EVERY)
+        found = departure(q, time_, ours[name], reference)
+        shown_as = name.partition('.')[0]
+        figure = ErrorFigure(
+            maneuver=course, quantity=shown_as, rms=found.share('rms'), largest=found.share('max'), peak=found.peak, unit=q.unit
+        )
+        if shown_as not in worst or figure.rms > worst[shown_as].rms:
+            worst[shown_as] = figure
+    return list(worst.values())
+
+
+def error_sheet(
+    model: ModelSpec,
+    fidelity: Fidelity,
+    switches: Mapping[str, Literal['on', 'off']] = NO_SWITCHES,
+    progress: Callable[[str, float], None] = lambda text, done: None,
+) -> tuple[ErrorFigure, ...]:
+    """The error sheet of a level of a vehicle, measured once (solver.levels.kept). Raises MbdError."""
+    bare = dataclasses.replace(model, road=RoadSpec())
+
+    def measure() -> list[dict[str, Any]]:
+        found: list[ErrorFigure] = []
+        progress('slow ramp', 0.0)
+        every = courses(bare)
+        for k, course in enumerate(every):
+            progress(course.name, (k + 0.5) / len(every))
+            whole = shown(simulated(course_scene(bare, course, 'full')), course)
+            found += compared(bare, course.name, shown(simulated(course_scene(bare, course, fidelity, switches)), course), whole)
+        return [dataclasses.asdict(figure) for figure in found]
+
+    return tuple(ErrorFigure(**figure) for figure in kept(f'errors-{fidelity}', repr((bare, sorted(switches.items()))), measure))
+
+
+def cost(model: ModelSpec, fidelity: Fidelity, course: Course, *, rounds: int = 3) -> float:
+    """CPU time of a step of H in this thread [s], the best of some rounds through a course, 100 steps per call."""
+    simulation = simulated(course_scene(model, course, fidelity))
+    best = math.inf
+    for _ in range(rounds):
+        simulation.reset()
+        begin = time.thread_time()
+        for _ in range(round(course.duration / H) // 100):
+            simulation.advance(100)
+        best = min(best, (time.thread_time() - begin) / simulation.k)
+    return best

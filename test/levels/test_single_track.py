@@ -1,0 +1,161 @@
+"""The level `single_track` beside the whole vehicle: errors, steady figures, what it says of itself, for three cars."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from saloon import double_wishbones
+
+import solver
+from solver.analysis.verdict import findings
+from solver.errors import SceneError
+from solver.files.scene import load_scene, load_scene_text
+from solver.inputs.maneuver import Maneuver
+from solver.inputs.signals import Ramp, Sine, Step
+from solver.levels import derive
+from solver.levels.error_sheet import course_scene, courses, error_sheet
+from solver.levels.single_track_simulation import SingleTrackSimulation
+from solver.model.spec import ModelSpec
+from solver.scene import Scene, StartSettings
+from solver.step.single_track import SingleTrackTables
+from solver.vehicle.full_car import full_car_model
+
+SLOW_RAMP = Maneuver(steering=Ramp(slope=0.2, start=0.5), drive_torque=150.0)
+ROOT = Path(__file__).parents[2]
+CARS = ('full car', 'light car', 'double wishbones')
+
+
+@functools.cache
+def model(car: str) -> ModelSpec:
+    if car == 'double wishbones':
+        return full_car_model(double_wishbones())
+    return load_scene({'full car': 'car_step_steer', 'light car': 'light_car_step_steer'}[car]).model
+
+
+def scene(car: str, maneuver: Maneuver, *, speed: float = 22.0, duration: float = 5.0) -> Scene:
+    start = StartSettings(kind='equilibrium', speed=speed)
+    return Scene(name='track', model=model(car), maneuver=maneuver, start=start, duration=duration, fidelity='single_track')
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('car', CARS)
+def test_errors_against_the_whole_vehicle(car: str) -> None:
+    """Root mean squares over the peak: yaw rate below 5 % up to 0.5 g, and with three times the reference angle."""
+    sheet = {(f.maneuver, f.quantity): f for f in error_sheet(model(car), 'single_track')}
+    for maneuver in ('step steer 0.4 g', 'swept sine 0.3 g', 'sine with dwell 3 A'):
+        assert sheet[maneuver, 'yaw_rate'].rms < 0.05, maneuver
+        assert sheet[maneuver, 'sideslip_velocity'].rms < 0.06, maneuver
+    assert sheet['braking 0.5 g', 'longitudinal_velocity'].rms < 0.005
+    assert not any(quantity == 'wheel_load' for _, quantity in sheet)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('car', CARS)
+def test_understeer_and_mass_are_those_of_the_whole_vehicle(car: str) -> None:
+    """Gradient of the slow ramp of ISO 4138, and what is conserved exactly."""
+    simulation = solver.simulation_of(scene(car, Maneuver()))
+    assert isinstance(simulation, SingleTrackSimulation)
+    t = simulation.tables.value
+    assert t.body.mass == pytest.approx(sum(b.mass for b in model(car).bodies), rel=1e-12)
+    assert t.front.load + t.rear.load == pytest.approx(t.body.mass * 9.81, rel=1e-3)
+    assert t.front.load * t.front.x == pytest.approx(-t.rear.load * t.rear.x, rel=1e-2)  # at speed, not at rest
+    assert t.front.brake + t.rear.brake == pytest.approx(1.0, abs=0.02)
+    assert t.front.drive + t.rear.drive == pytest.approx(1.0, abs=0.02)
+    level, whole = (gradient(dataclasses.replace(scene(car, SLOW_RAMP), fidelity=each), t) for each in ('single_track', 'full'))
+    assert level == pytest.approx(whole, abs=2e-4)
+    assert whole > 1e-3
+
+
+def gradient(each: Scene, t: SingleTrackTables) -> float:
+    """Understeer gradient [rad s^2/m] of a scene, by a straight line up to 3.5 m/s^2 (ISO 4138)."""
+    simulation = solver.simulation_of(each)
+    chassis = simulation.channels.chassis or 0
+    rows = []
+    for _ in range(500):
+        s = simulation.advance(10)
+        v, r = s.twist[chassis, 0], s.twist[chassis, 5]
+        rows.append((v * r, s.inputs[0] * t.body.ratio - (t.front.x - t.rear.x) * r / v))
+    a, understeer = np.array(rows).T
+    used = (a > 0.5) & (a < 3.5)
+    return float(np.polyfit(a[used], understeer[used], 1)[0])
+
+
+@pytest.mark.slow
+def test_a_run_that_leaves_the_limits_is_suspect() -> None:
+    mild = solver.simulation_of(scene('light car', Maneuver(steering=Step(value=0.3))))
+    mild.advance(3000)
+    assert findings(mild) == []
+    wild = solver.simulation_of(scene('light car', Maneuver(steering=Sine(amplitude=0.5, frequency=6.0), brake_torque=9000.0)))
+    wild.advance(3000)
+    text = ' '.join(str(finding) for finding in findings(wild))
+    assert 'frequency' in text
+    assert ': slip ' in text
+    assert 'take a level with more detail' in text
+
+
+@pytest.mark.slow
+def test_a_driver_finds_his_way() -> None:
+    """The lane change of the light car, steered by the preview driver at both levels: the same path within a tenth of a metre."""
+    whole = load_scene('light_car_lane_change', ['integrator.h=0.002'])
+    level = load_scene('light_car_lane_change', ['integrator.h=0.002', 'fidelity=single_track'])
+    paths = []
+    for each in (whole, level):
+        simulation = solver.simulation_of(each)
+        paths.append(np.array([simulation.advance(20).pose[0, :2] for _ in range(150)]))
+    departure = np.interp(paths[0][:, 0], *paths[1].T) - paths[0][:, 1]
+    assert np.abs(paths[0][:, 1]).max() > 3.0
+    assert np.abs(departure).max() < 0.1
+
+
+@pytest.mark.slow
+def test_the_same_text_is_the_same_bits() -> None:
+    """What is derived is kept; a scene from its resolved text drives the same way."""
+    given = load_scene('light_car_step_steer', ['fidelity=single_track'])
+    ends = [solver.simulation_of(s).advance(3000).numbers.tobytes() for s in (given, load_scene_text(given.resolved))]
+    assert ends[0] == ends[1]
+
+
+def test_what_the_level_lacks_is_refused_with_a_sentence() -> None:
+    one = model('light car')
+    fewer = dataclasses.replace(one, tires=one.tires[:2])
+    with pytest.raises(SceneError, match='needs the wheels front_left'):
+        derive(dataclasses.replace(scene('light car', Maneuver()), model=fewer))
+
+
+@pytest.mark.slow
+def test_other_processors_identify_the_same_numbers() -> None:
+    """Neither BLAS nor the vector instructions of numpy enter; limits, which only judge, are shown with three digits."""
+    program = (
+        'import json; from solver.files.scene import load_scene; from solver.levels.single_track import identified; '
+        'print(json.dumps(identified(load_scene("light_car_straight").model)))'
+    )
+    found = []
+    for core in ('Haswell', 'Prescott'):
+        environment = {**os.environ, 'PYTHONPATH': str(ROOT), 'OPENBLAS_CORETYPE': core}
+        done = subprocess.run([sys.executable, '-c', program], env=environment, capture_output=True, text=True, check=True, timeout=300)
+        found.append(done.stdout)
+    assert found[0] == found[1]
+    assert 'stiffness_y' in found[0]
+
+
+@pytest.mark.slow
+def test_absent_channels_are_told() -> None:
+    level = solver.simulation_of(scene('light car', Maneuver())).level
+    assert level is not None
+    assert {'joint travel_front_left', 'joint rack', 'tires front_left', 'body knuckle_front_left'} <= set(level.absent)
+    assert 'joint steering_wheel' not in level.absent
+
+
+@pytest.mark.slow
+def test_courses_reach_what_their_names_say() -> None:
+    course = courses(model('light car'))[0]
+    simulation = solver.simulation_of(course_scene(model('light car'), course, 'full'))
+    lateral = [float((s := simulation.advance(10)).twist[0, 0] * s.twist[0, 5]) for _ in range(500)]
+    assert lateral[-100] == pytest.approx(0.4 * 9.81, rel=0.08)
