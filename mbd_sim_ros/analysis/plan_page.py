@@ -55,7 +55,7 @@ def write_page(search: Search, data: dict[str, Any], file: Path) -> None:
             '<p>Share of the limit that the largest error uses, and expected cost. Dots below the line keep everything with margin.</p>'
         )
     parts += ['<h2>Levels of detail</h2>', rows([('level', ''), *data['levels'].items()])]
-    if search.influences:
+    if any(i.errors for i in search.influences):
         parts += ['<h2>Which subsystem matters for which output</h2>', picture(_influences(search))]
         parts.append(
             '<p>RMS change of each output, in % of its peak, when the subsystem alone is left out of the chosen level; beside it what a'

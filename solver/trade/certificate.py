@@ -19,8 +19,8 @@ CONFIDENCE = 3.0  # over n: the bound of the rate of failures after n passes, 95
 def plan(search: Search) -> dict[str, Any]:
     """Run the search and describe its result.
 
-    `status` is 'ok', 'no' (nothing fits) or 'incomplete' (time was up before anything was checked). Errors are in SI units; `share` of the
-    limit. Raises MbdError where the full vehicle itself cannot be simulated.
+    `status` is 'ok', 'no' (nothing fits) or 'incomplete' (time was up before anything was found and checked). Errors are in SI units;
+    `share` is of the limit. Raises MbdError where the full vehicle itself cannot be simulated.
     """
     best = search.find()
     scene = search.scene
@@ -54,6 +54,8 @@ def plan(search: Search) -> dict[str, Any]:
     }
     if best is not None and not slow:
         data['status'] = OK if passed and not failed else INCOMPLETE
+    elif best is None and search.ended:
+        data['status'] = INCOMPLETE
     data['give'] = [] if data['status'] == OK else what_has_to_give(search, shown, slow, data)
     data['margin'] = MARGIN
     data['reference'] = reference_of(search)
@@ -132,7 +134,7 @@ def what_has_to_give(search: Search, closest: Verdict | None, slow: bool, data: 
         if best is not None:
             sentences.append(f'within the budget {best.setting} comes closest: {best.worst} at {best.used:.3g} of its limit')
         return sentences
-    if data['status'] == INCOMPLETE:
+    if data['status'] == INCOMPLETE and search.result is not None:
         return [f'{closest.setting} keeps the accuracy on the maneuvers it was chosen on; there was no time to check it on others']
     sentences = [f'{closest.setting} comes closest: {closest.worst} at {closest.used:.3g} of its limit']
     for bound in closest.bounds.values():

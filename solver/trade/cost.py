@@ -85,7 +85,8 @@ def per_step(scene: Scene, setting: Setting) -> PerStep:
             count = (simulation.totals()['evaluations'] - before) / PROBE
         times.append(best)
         evaluations.append(count)
-    slope = (times[1] - times[0]) / max(evaluations[1] - evaluations[0], 1e-9)
-    if not slope > 0.0:  # a model so small that the clock sees no difference
+    counted = evaluations[1] - evaluations[0]
+    slope = (times[1] - times[0]) / counted if counted > 0.5 else 0.0
+    if not slope > 0.0:  # a model without iterations, or so small that the clock sees no difference
         return PerStep(float(max(times)), 0.0, *map(float, evaluations))
     return PerStep(float(max(times[0] - slope * evaluations[0], 0.0)), float(slope), *map(float, evaluations))

@@ -172,6 +172,7 @@ class Search:
         self.second: dict[str, Departure] = {}
         self.checks: list[Check] = []
         self.result: Verdict | None = None
+        self.ended = False  # before the search had come to an end, by time
 
     # -- what everything is measured with ------------------------------------------------------------------------------
 
@@ -511,6 +512,7 @@ class Search:
             if best is not None:
                 best = self.eliminate(best)
         except Stopped:
+            self.ended = True
             self.notes.append(f'the search was ended after {self.took:.0f} s; what it had found by then is what counts')
         self._until = self._longest
         while best is not None:
@@ -529,6 +531,7 @@ class Search:
                     models.append(again)
                 best = self.cheapest(models)
             except Stopped:
+                self.ended = True
                 self.notes.append('time was up before another setting was found')
                 return None
         return None

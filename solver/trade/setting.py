@@ -56,5 +56,6 @@ class Setting:
 def baseline(scene: Scene) -> Setting:
     """The full vehicle at 1 ms with the iterations of the scene, to which costs are related."""
     settings = scene.integrator
-    iterations = settings.iterations if settings.mode == 'fixed' else None
-    return Setting(h=1e-3, iterations=iterations, rho_inf=settings.rho_inf, tolerance=settings.tolerance)
+    if settings.mode == 'fixed':
+        return Setting(h=1e-3, iterations=settings.iterations, rho_inf=settings.rho_inf)
+    return Setting(h=1e-3, rho_inf=settings.rho_inf, tolerance=settings.tolerance)

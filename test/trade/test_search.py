@@ -75,7 +75,7 @@ def test_the_choice_does_not_depend_on_the_clock() -> None:
 @pytest.mark.slow
 def test_a_plan_that_has_no_time_says_so() -> None:
     data, _ = searched('require={yaw_rate: {rms: 2 %}}', longest=1e-3)
-    assert data['status'] == 'no'
+    assert data['status'] == 'incomplete'
     assert any('ended after' in text for text in data['notes'])
 
 

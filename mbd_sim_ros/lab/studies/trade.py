@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
@@ -132,7 +133,7 @@ class Grid:
         self._references(settings, [s for s in settings if kept[s] is None])
         missing = [s for s in settings if kept[s] is None]
         done = 0
-        with ThreadPoolExecutor(self.workers) as pool:
+        with ThreadPoolExecutor(self.workers or os.cpu_count()) as pool:
             futures = {pool.submit(self.row, s): s for s in missing}
             try:
                 for future in as_completed(futures):
