@@ -37,6 +37,7 @@ setup(
     package_data={
         f'{NAME}.messages': ['schemas/*/*.msg'],
         f'{NAME}.analysis': ['report.html'],
+        f'{NAME}.analysis.view': ['view.html'],
         f'{NAME}.lab.studies': ['published/*.csv'],
     },
     data_files=data_files(),
@@ -49,6 +50,8 @@ setup(
         'references': ['scipy_dae', 'scikit-sundae'],
         # Recordings as pandas DataFrames (mbd_sim_ros.analysis.load) and Parquet files (mbd export --parquet).
         'analysis': ['pandas', 'pyarrow'],
+        # ffmpeg, for films in MP4 (mbd view) where the system has none.
+        'video': ['imageio-ffmpeg'],
         # The peers of `mbd study work_precision` (exudyn) and `mbd bench`.
         'bench': ['exudyn', 'mujoco'],
         # colcon reads package.xml with catkin_pkg; setuptools 80 dropped what `colcon build --symlink-install` calls.
@@ -56,6 +59,7 @@ setup(
             'pytest',
             'pytest-xdist',
             'rosbags',
+            'imageio-ffmpeg',
             'pandas',
             'pyarrow',
             'scipy_dae',

@@ -1,0 +1,102 @@
+"""A recording in motion as one web page that needs nothing else: bodies to turn around, a slider of time, curves beside."""
+
+from __future__ import annotations
+
+import base64
+import itertools
+import json
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mbd_sim_ros.analysis.runs import units
+from mbd_sim_ros.analysis.view.drawing import WORLD_BODY, Drawing
+from mbd_sim_ros.analysis.view.motion import Motion, curves_of
+from solver.errors import BagError
+
+POINTS = 1500  # of a curve, about
+
+
+def write_page(motions: list[Motion], file: Path, channels: tuple[str, ...] = ()) -> None:
+    """Write the page of one recording, or of several: the first is solid, the others are ghosts. Raises BagError."""
+    first = motions[0]
+    unit = units(*(motion.run for motion in motions))
+    origins = [np.zeros(3) if first.follows == WORLD_BODY else first.pose[0, first.follows, :3]] * len(motions)
+    data = {
+        'title': ' and '.join(motion.name for motion in motions),
+        'runs': [_run(motion, origin) for motion, origin in zip(motions, origins, strict=True)],
+        'origin': _numbers(origins[0] if first.follows != WORLD_BODY else np.zeros(3)),
+        'curves': [_curve(name, unit(name), motions) for name in curves_of(first, channels)],
+        'size': size_of(first),
+    }
+    text = json.dumps(data, allow_nan=False).replace('<', '\\u003c')  # no tag can end the script
+    page = files('mbd_sim_ros.analysis.view').joinpath('view.html').read_text(encoding='utf-8').replace('@DATA@', text)
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(page, encoding='utf-8')
+    except OSError as error:
+        raise BagError(f'cannot write {file}: {error.strerror}; choose another place') from None
+
+
+def size_of(motion: Motion) -> float:
+    """Half the height of what the camera sees [m]: the vehicle, or all the places where a mechanism comes."""
+    if motion.follows != WORLD_BODY:
+        at = motion.pose[0, [wheel.body for wheel in motion.drawing.wheels], :3]
+        return float(0.9 * np.ptp(at, axis=0).max())
+    reach = [np.abs(motion.pose[:, :, :3]).max(initial=0.5)]
+    for line in motion.drawing.lines:
+        reach += [np.abs(motion.point(k, line.body, end)).max() for k in range(0, len(motion.time), 10) for end in (line.a, line.b)]
+    return 1.15 * float(max(reach))
+
+
+def _run(motion: Motion, origin: np.ndarray) -> dict[str, Any]:
+    drawing: Drawing = motion.drawing
+    pose = motion.pose.copy()
+    pose[..., :3] -= origin
+    return {
+        'name': motion.name,
+        'follows': motion.follows,
+        'time': _floats(motion.time),
+        'pose': _floats(pose),
+        'bodies': len(drawing.bodies),
+        'contact': _floats(motion.contact - origin),
+        'force': _floats(motion.force),
+        'lines': [[line.body, *line.a, *line.b, line.kind] for line in drawing.lines],
+        'springs': [[s.i, *s.a, s.j, *s.b] for s in drawing.springs],
+        'wheels': [[w.body, *w.center, *w.axis, w.radius, w.width] for w in drawing.wheels],
+    }
+
+
+def _curve(name: str, unit: str, motions: list[Motion]) -> dict[str, Any]:
+    """A channel of every recording that has it, thinned to the extremes of every stretch."""
+    lines = []
+    for motion in motions:
+        if name not in motion.run.columns:
+            lines.append({'time': '', 'value': ''})
+            continue
+        topic = next(one for one in motion.run.series.values() if name in one.columns)
+        time, value = topic.time_ns * 1e-9, topic.columns[name]
+        keep = _thinned(value)
+        lines.append({'time': _floats(time[keep]), 'value': _floats(value[keep])})
+    return {'name': name, 'unit': unit, 'lines': lines}
+
+
+def _thinned(values: np.ndarray) -> np.ndarray:
+    n = values.size
+    if n <= POINTS:
+        return np.arange(n)
+    edges = np.linspace(0, n, POINTS // 2 + 1).astype(int)
+    keep = [
+        index for a, b in itertools.pairwise(edges.tolist()) for index in (a + int(np.argmin(values[a:b])), a + int(np.argmax(values[a:b])))
+    ]
+    return np.unique([0, *keep, n - 1])
+
+
+def _floats(values: np.ndarray) -> str:
+    return base64.b64encode(np.ascontiguousarray(values, '<f4').tobytes()).decode()
+
+
+def _numbers(values: np.ndarray) -> list[float]:
+    return [float(value) for value in values]

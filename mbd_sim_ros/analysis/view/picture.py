@@ -1,0 +1,213 @@
+"""Pictures and films of a recording, without a display: PNG and GIF by matplotlib, MP4 with ffmpeg."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from tqdm import tqdm
+
+from mbd_sim_ros.analysis.runs import units
+from mbd_sim_ros.analysis.view.drawing import WORLD_BODY
+from mbd_sim_ros.analysis.view.motion import Motion, curves_of, rotated
+from mbd_sim_ros.analysis.view.page import size_of
+from solver.errors import BagError
+
+COLOURS = {'outline': '#8a8a8a', 'body': '#0072b2', 'wheel': '#222222', 'spring': '#e69f00', 'force': '#d55e00', 'world': '#bbbbbb'}
+GHOST = '#cc79a7'
+WIDTHS = {'outline': 0.9, 'body': 2.0, 'wheel': 1.4, 'spring': 2.6, 'force': 2.2, 'world': 2.0}
+NEWTONS_PER_METRE = 6000.0  # an arrow of 1 m
+WIDTH = 1120  # pixels of a picture
+CURVES = 4  # beside the motion
+RIM, SPOKES = 28, 5  # points of a rim
+
+
+class Stroke(NamedTuple):
+    """A line through points (n, 3) in the world [m]."""
+
+    kind: str
+    points: np.ndarray
+
+
+def strokes(motion: Motion, k: int) -> Iterator[Stroke]:
+    """Everything that is drawn at instant k."""
+    for line in motion.drawing.lines:
+        kind = 'world' if line.body == WORLD_BODY else line.kind
+        yield Stroke(kind, np.array([motion.point(k, line.body, line.a), motion.point(k, line.body, line.b)]))
+    for spring in motion.drawing.springs:
+        yield Stroke('spring', np.array([motion.point(k, spring.i, spring.a), motion.point(k, spring.j, spring.b)]))
+    for w, wheel in enumerate(motion.drawing.wheels):
+        pose = motion.pose[k, wheel.body]
+        n = np.array(wheel.axis)
+        u = np.cross(n, [0.0, 0.0, 1.0] if abs(n[2]) < 0.9 else [1.0, 0.0, 0.0])
+        u /= np.linalg.norm(u)
+        v = np.cross(n, u)
+        angle = np.linspace(0.0, 2.0 * np.pi, RIM + 1)[:, None]
+        circle = wheel.radius * (np.cos(angle) * u + np.sin(angle) * v)
+        center = np.array(wheel.center)
+        for side in (-0.5, 0.5):
+            yield Stroke('wheel', pose[:3] + rotated(pose[3:], center + circle + side * wheel.width * n))
+        for a in 2.0 * np.pi * np.arange(SPOKES) / SPOKES:
+            spoke = np.array([center, center + wheel.radius * (np.cos(a) * u + np.sin(a) * v)])
+            yield Stroke('wheel', pose[:3] + rotated(pose[3:], spoke))
+        if np.isfinite(motion.force[k, w]).all():
+            foot = motion.contact[k, w]
+            yield Stroke('force', np.array([foot, foot + motion.force[k, w] / NEWTONS_PER_METRE]))
+
+
+class Camera(NamedTuple):
+    """Looks from a direction without perspective. target (3,) [m]: what is in the middle."""
+
+    azimuth: float
+    elevation: float
+    target: np.ndarray
+
+    def see(self, points: np.ndarray) -> np.ndarray:
+        """Points (n, 3) as (n, 2) to the right and upwards [m]."""
+        ca, sa, ce, se = np.cos(self.azimuth), np.sin(self.azimuth), np.cos(self.elevation), np.sin(self.elevation)
+        axes = np.array([[-sa, ca, 0.0], [-ca * se, -sa * se, ce]])
+        return (points - self.target) @ axes.T
+
+
+def camera_of(motion: Motion, k: int) -> Camera:
+    """From behind and above for what drives; a mechanism that stays in a level plane from above, any other from the front."""
+    if motion.follows != WORLD_BODY:
+        return Camera(-2.2, 0.35, motion.pose[k, motion.follows, :3] + [0.0, 0.0, 0.5])
+    level = np.ptp(motion.pose[..., 2]) < 1e-3 * size_of(motion)
+    return Camera(-0.5 * np.pi, 0.5 * np.pi if level else 0.35, np.zeros(3))
+
+
+class Painter:
+    """A figure: the motion at the left, curves with the present instant at the right."""
+
+    def __init__(self, motions: list[Motion], channels: tuple[str, ...] = (), width: int = WIDTH) -> None:
+        from matplotlib.figure import Figure
+
+        self.motions = motions
+        first = motions[0]
+        names = curves_of(first, channels)[: max(CURVES, len(channels))]
+        self.figure = Figure(figsize=(0.01 * WIDTH, 6.0), dpi=100 * width / WIDTH, layout='constrained')
+        grid = self.figure.add_gridspec(len(names), 2, width_ratios=(3, 2))
+        self._scene = self.figure.add_subplot(grid[:, 0])
+        self._size = size_of(first)
+        unit = units(*(motion.run for motion in motions))
+        self._cursors: list[Any] = []
+        axes: Any = None
+        for i, name in enumerate(names):
+            axes = self.figure.add_subplot(grid[i, 1], sharex=axes)
+            for r, motion in reversed(list(enumerate(motions))):
+                topic = next((one for one in motion.run.series.values() if name in one.columns), None)
+                if topic is not None:
+                    axes.plot(topic.time_ns * 1e-9, topic.columns[name], color=GHOST if r else '#0072b2', linewidth=1.2)
+            axes.set_title(f'{name} [{unit(name)}]' if unit(name) else name, fontsize=9, loc='left')
+            axes.tick_params(labelsize=8, labelbottom=i == len(names) - 1)
+            axes.grid(color='#e5e5e5')
+            self._cursors.append(axes.axvline(0.0, color='#d55e00', linewidth=1.2))
+        axes.set_xlabel('t [s]', fontsize=9)
+
+    def paint(self, t: float) -> None:
+        """Show the instant t [s]."""
+        from matplotlib.collections import LineCollection
+
+        axes, first = self._scene, self.motions[0]
+        axes.clear()
+        axes.set_axis_off()
+        axes.set_aspect('equal')
+        nearest = [int(np.argmin(np.abs(motion.time - t))) for motion in self.motions]
+        camera = camera_of(first, nearest[0])
+        if first.follows != WORLD_BODY:
+            x, y = np.round(camera.target[:2])
+            lines = [[[x + i, y - 8, 0], [x + i, y + 8, 0]] for i in range(-8, 9)] + [
+                [[x - 8, y + i, 0], [x + 8, y + i, 0]] for i in range(-8, 9)
+            ]
+            axes.add_collection(LineCollection([camera.see(np.array(line)) for line in lines], colors='#dddddd', linewidths=0.6))
+        for r, motion in reversed(list(enumerate(self.motions))):
+            for kind, points in strokes(motion, nearest[r]):
+                flat = camera.see(points)
+                colour = GHOST if r and kind != 'force' else COLOURS[kind]
+                if kind == 'force':
+                    axes.annotate(
+                        '',
+                        flat[1],
+                        flat[0],
+                        arrowprops={'arrowstyle': '->', 'color': colour, 'lw': WIDTHS[kind], 'alpha': 0.45 if r else 1},
+                    )
+                else:
+                    dot: dict[str, Any] = {'marker': 'o', 'markersize': 3.5} if kind in ('body', 'world') else {}
+                    axes.plot(*flat.T, color=colour, linewidth=WIDTHS[kind], alpha=0.45 if r else 1.0, solid_capstyle='round', **dot)
+        axes.set_xlim(-1.25 * self._size, 1.25 * self._size)
+        axes.set_ylim(-self._size, self._size)
+        names = self.motions[0].name + ''.join(f' (ghost: {motion.name})' for motion in self.motions[1:])
+        axes.set_title(f'{names}, t = {t:.2f} s', fontsize=11)
+        for cursor in self._cursors:
+            cursor.set_xdata([t, t])
+        if self.figure.get_layout_engine() is not None:
+            self.figure.draw_without_rendering()
+            self.figure.set_layout_engine('none')  # the places of all axes are found once
+
+
+def write_picture(
+    motions: list[Motion], file: Path, *, at: float | None = None, width: int = WIDTH, channels: tuple[str, ...] = ()
+) -> None:
+    """One instant [s] (default: the middle) as PNG, so many pixels wide. Raises BagError."""
+    time = motions[0].time
+    t = 0.5 * (time[0] + time[-1]) if at is None else at
+    if not time[0] <= t <= time[-1]:
+        raise BagError(f'--at {t:g}: the recording goes from {time[0]:g} to {time[-1]:g} s')
+    painter = Painter(motions, channels, width)
+    painter.paint(t)
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        painter.figure.savefig(file, dpi=painter.figure.dpi)
+    except OSError as error:
+        raise BagError(f'cannot write {file}: {error.strerror}; choose another place') from None
+
+
+def write_film(
+    motions: list[Motion], file: Path, *, rate: float, speed: float, progress: bool, width: int = WIDTH, channels: tuple[str, ...] = ()
+) -> None:
+    """A film of the whole recording: .mp4 or .gif. rate: pictures a second. speed: of the motion in it, 1 is as it was. Raises BagError."""
+    from matplotlib.animation import FFMpegWriter, PillowWriter
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    if file.suffix == '.mp4':
+        _use_ffmpeg(file)
+    painter = Painter(motions, channels, width)
+    FigureCanvasAgg(painter.figure)
+    time = motions[0].time
+    instants = np.arange(time[0], time[-1] + 1e-9, speed / rate)
+    writer = (
+        FFMpegWriter(
+            fps=rate,  # type: ignore[arg-type]  # it takes any number
+            codec='h264',
+            extra_args=['-pix_fmt', 'yuv420p'],
+        )
+        if file.suffix == '.mp4'
+        else PillowWriter(fps=round(rate))
+    )
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with writer.saving(painter.figure, str(file), dpi=painter.figure.dpi):
+            for t in tqdm(instants, unit='picture', desc=file.name, disable=None if progress else True, leave=False):
+                painter.paint(float(t))
+                writer.grab_frame()
+    except OSError as error:
+        raise BagError(f'cannot write {file}: {error.strerror or error}; choose another place') from None
+
+
+def _use_ffmpeg(file: Path) -> None:
+    """Have matplotlib find ffmpeg: that of the system, or of the extra `video`."""
+    import matplotlib as mpl
+
+    program = shutil.which('ffmpeg')
+    if program is None:
+        try:
+            import imageio_ffmpeg
+        except ImportError:
+            remedy = f"install it, or pip install 'mbd_sim_ros[video]', or write {file.with_suffix('.gif').name}"
+            raise BagError(f'{file}: a film in MP4 needs ffmpeg, which is not here; {remedy}') from None
+        program = imageio_ffmpeg.get_ffmpeg_exe()
+    mpl.rcParams['animation.ffmpeg_path'] = program

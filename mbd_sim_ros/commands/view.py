@@ -1,0 +1,65 @@
+"""mbd view: a recording in motion, as a web page, a picture or a film."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from mbd_sim_ros.commands import Result, declare
+from solver.errors import BagError
+
+KINDS = ('.html', '.png', '.gif', '.mp4')
+EXAMPLE = """mbd view bags/first --out out/first.html
+  mbd view bags/coarse bags/fine --out out/both.html   (the second as a ghost)
+  mbd view bags/first --out out/first.png --at 1.5
+  mbd view bags/first --out out/first.mp4 --speed 0.5"""
+
+
+def add(parsers: Any) -> None:
+    """Declare the command."""
+    parser = declare(parsers, 'view', run, 'show a recording in motion: a web page, a picture or a film', EXAMPLE)
+    parser.add_argument('bag', metavar='BAG', type=Path, help='bag directory or .mcap file')
+    parser.add_argument('ghosts', metavar='GHOST', type=Path, nargs='*', help='further recordings, drawn as ghosts beside the first')
+    parser.add_argument('--out', metavar='FILE', type=Path, required=True, help=f'what to write, by its ending: {", ".join(KINDS)}')
+    parser.add_argument('--channel', metavar='PATTERN', action='append', default=[], help="curves to draw, e.g. 'imu/*' (repeatable)")
+    parser.add_argument('--at', metavar='SECONDS', type=float, help='instant of a picture (default: the middle of the recording)')
+    parser.add_argument('--rate', metavar='HZ', type=float, help='pictures a second of a film (default 25, of a GIF 12.5)')
+    parser.add_argument('--width', metavar='PIXELS', type=int, default=1120, help='of a picture or film (default 1120)')
+    parser.add_argument('--speed', metavar='FACTOR', type=float, default=1.0, help='speed of the motion in a film (default 1)')
+
+
+def run(args: argparse.Namespace) -> Result:
+    """Read, draw, write."""
+    from mbd_sim_ros.analysis.view import page, picture
+    from mbd_sim_ros.analysis.view.motion import read_motion
+
+    file, channels = args.out, tuple(args.channel)
+    if file.suffix not in KINDS:
+        raise BagError(f'--out {file}: its ending must be one of {", ".join(KINDS)}')
+    for name in ('rate', 'speed'):
+        value = getattr(args, name)
+        if value is not None and not 0.01 <= value <= 1000.0:
+            raise BagError(f'--{name} {value:g}: must be between 0.01 and 1000')
+    if not 160 <= args.width <= 8000:
+        raise BagError(f'--width {args.width}: must be between 160 and 8000')
+    width = args.width - args.width % 2  # films need even sizes
+    motions = [read_motion(path, channels) for path in (args.bag, *args.ghosts)]
+    if file.suffix == '.html':
+        page.write_page(motions, file, channels)
+    elif file.suffix == '.png':
+        picture.write_picture(motions, file, at=args.at, width=width, channels=channels)
+    else:
+        rate = args.rate or (25.0 if file.suffix == '.mp4' else 12.5)
+        picture.write_film(motions, file, rate=rate, speed=args.speed, progress=not args.json, width=width, channels=channels)
+    first = motions[0]
+    data = {
+        'status': 'ok',
+        'file': str(file),
+        'bytes': file.stat().st_size,
+        'bodies': len(first.drawing.bodies),
+        'instants': len(first.time),
+        'begin': float(first.time[0]),
+        'end': float(first.time[-1]),
+    }
+    return Result(data=data, text=f'{file} ({data["bytes"] / 1e6:.2f} MB)')

@@ -1,0 +1,170 @@
+"""A recording in motion: what is drawn stands where mechanics has it, in pictures and in the page."""
+
+from __future__ import annotations
+
+import html
+import itertools
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from mbd_sim_ros.analysis.view.motion import Motion, read_motion
+from mbd_sim_ros.analysis.view.page import write_page
+from mbd_sim_ros.analysis.view.picture import strokes
+from mbd_sim_ros.batch import simulate
+from mbd_sim_ros.commands.main import main
+from solver import load_scene, simulation_of
+
+CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which('google-chrome')
+QUIET = ['--headless', '--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run', '--disable-background-networking']
+
+
+def recorded(directory: Path, scene: str, *overrides: str) -> Path:
+    simulation = simulation_of(load_scene(scene, overrides))
+    simulate(simulation, simulation.scene.steps, directory=directory)
+    return directory
+
+
+@pytest.fixture(scope='module')
+def car(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return recorded(tmp_path_factory.mktemp('bags') / 'car', 'light_car_step_steer', 'duration=2.6', 'record.poses=10')
+
+
+@pytest.fixture(scope='module')
+def crank(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return recorded(tmp_path_factory.mktemp('bags') / 'crank', 'slider_crank', 'duration=0.4', 'record.poses=20')
+
+
+def drawn(motion: Motion, k: int, kind: str) -> list[np.ndarray]:
+    return [points for is_, points in strokes(motion, k) if is_ == kind]
+
+
+def test_the_rods_of_a_slider_crank_are_a_metre_long_meet_and_end_on_its_axis(crank: Path):
+    motion = read_motion(crank)
+    angles = motion.run['joint_states/crank/position'] if 'joint_states/crank/position' in motion.run.columns else None
+    for k in range(len(motion.time)):
+        rods = [line for line in drawn(motion, k, 'body') if np.ptp(line, axis=0).max() > 1e-9]
+        assert len(rods) == 2
+        for rod in rods:
+            assert np.linalg.norm(rod[1] - rod[0]) == pytest.approx(1.0, abs=1e-9)
+        gaps = sorted(float(np.linalg.norm(a - b)) for a, b in itertools.product(*rods))
+        assert gaps[0] < 1e-6  # the pin between them; constraints are closed to their tolerance
+        ends = np.concatenate(rods)
+        assert np.sum(np.abs(ends[:, 1]) < 1e-6) >= 2  # bearing and slider
+    assert angles is None or np.ptp(angles) > 0.5  # it did move
+
+
+def test_wheels_steer_and_turn_as_their_poses_have_it(car: Path):
+    motion = read_motion(car)
+    chassis = motion.follows
+    steered, spun = [], []
+    for k in range(len(motion.time)):
+        wheels = drawn(motion, k, 'wheel')
+        assert len(wheels) == 4 * (2 + 5)
+        first = wheels[0]  # a rim of the front left wheel
+        normal = np.cross(first[7] - first[0], first[14] - first[0])
+        forward = Rotation.from_quat(motion.pose[k, chassis, 3:]).apply([1.0, 0.0, 0.0])
+        left = Rotation.from_quat(motion.pose[k, chassis, 3:]).apply([0.0, 1.0, 0.0])
+        normal /= np.linalg.norm(normal)
+        normal *= np.sign(normal @ left)
+        steered.append(np.arctan2(-normal @ forward, normal @ left))
+        spoke = wheels[2]
+        spun.append(spoke[1] - spoke[0])
+        for i, wheel in enumerate(motion.drawing.wheels):  # every rim stands on the ground, but for the deflection of the tire
+            rims = np.concatenate(wheels[7 * i : 7 * i + 2])
+            assert -0.04 < rims[:, 2].min() < 0.005
+            radii = np.linalg.norm(np.diff(wheels[7 * i + 2], axis=0), axis=1)
+            assert radii == pytest.approx(wheel.radius, rel=1e-9)
+    wheel = motion.run['joint_states/steering_wheel/position']
+    straight, steady = np.abs(wheel) < 1e-6, np.abs(wheel) > 0.9 * np.abs(wheel).max()
+    assert straight.any() and steady.any()
+    # the steering wheel turns the road wheels to its side, ten to twenty times less
+    assert steered[-1] - steered[0] == pytest.approx(wheel[-1] / 15.0, rel=0.35)
+    assert np.ptp(np.array(spun), axis=0)[2] > motion.drawing.wheels[0].radius  # it rolled
+
+
+def test_the_arrows_are_the_tire_forces(car: Path):
+    motion = read_motion(car)
+    weight = 9.81 * sum(body.mass for body in load_scene('light_car_step_steer').model.bodies)
+    assert motion.force[0, :, 2].sum() == pytest.approx(weight, rel=1e-3)  # straight ahead on level ground
+    arrows = np.array([points[1] - points[0] for points in drawn(motion, len(motion.time) - 1, 'force')])
+    assert len(arrows) == 4
+    assert 6000.0 * arrows[:, 2].sum() == pytest.approx(weight, rel=0.05)
+    side = 6000.0 * arrows[:, :2].sum(axis=0)
+    velocity = motion.pose[-1, motion.follows, :2] - motion.pose[-2, motion.follows, :2]
+    assert velocity[0] * side[1] - velocity[1] * side[0] > 0.0 if motion.run['imu/wz'][-1] > 0.0 else True  # towards the inside of the bend
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason='no browser')
+@pytest.mark.slow
+def test_the_page_draws_what_the_pictures_do(car: Path, tmp_path: Path):
+    motion = read_motion(car)
+    write_page([motion, motion], tmp_path / 'p.html')
+    page = (tmp_path / 'p.html').read_text()
+    assert 'http' not in page.replace('http://www.w3.org', '')  # it needs no network
+    k = len(motion.time) - 2
+    probe = (
+        '<script>const r = view.data.runs[0];'
+        f'document.body.dataset.drawn = JSON.stringify(view.drawn(r, view.at(r, r.time[{k}]), false).map(x => x[2]));</script></html>'
+    )
+    (tmp_path / 'probe.html').write_text(page.replace('</html>', probe))
+    home = ['--user-data-dir=' + str(tmp_path / 'profile'), '--window-size=1280,760', '--virtual-time-budget=2000']
+    command = [str(CHROMIUM), *QUIET, *home]
+    dom = subprocess.run([*command, '--dump-dom', f'file://{tmp_path}/probe.html'], timeout=120, check=True, capture_output=True, text=True)
+    found = re.search(r'data-drawn="([^"]*)"', dom.stdout)
+    assert found is not None
+    theirs = json.loads(html.unescape(found[1]))
+    ours = [points for _, points in strokes(motion, k)]
+    origin = motion.pose[0, motion.follows, :3]
+    # the page keeps all rims, spokes and arrows of a wheel in the same order; forces come last there
+    order = [points for kind, points in strokes(motion, k) if kind != 'force'] + [
+        points for kind, points in strokes(motion, k) if kind == 'force'
+    ]
+    assert len(theirs) == len(ours)
+    for a, b in zip(theirs, order, strict=True):
+        np.testing.assert_allclose(np.array(a), b - origin, atol=2e-4)  # single precision at 60 m
+    picture = tmp_path / 'p.png'
+    subprocess.run([*command, f'--screenshot={picture}', f'file://{tmp_path}/p.html'], timeout=120, check=True, capture_output=True)
+    from matplotlib.image import imread
+
+    pixels = imread(picture)[..., :3]
+    for colour in ((0x00, 0x72, 0xB2), (0xD5, 0x5E, 0x00), (0x22, 0x22, 0x22)):  # links and curves, forces, wheels
+        assert np.sum(np.all(np.abs(pixels - np.array(colour) / 255.0) < 0.04, axis=-1)) > 200
+
+
+@pytest.mark.slow
+def test_pictures_and_films_are_written(crank: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    from PIL import Image
+
+    for name, options in (('a.png', ['--at', '0.2']), ('a.gif', ['--rate', '10']), ('a.mp4', ['--rate', '10']), ('a.html', [])):
+        assert main(['view', str(crank), str(crank), '--out', str(tmp_path / name), *options, '--json']) == 0
+        assert json.loads(capsys.readouterr().out)['bytes'] == (tmp_path / name).stat().st_size > 1000
+    assert Image.open(tmp_path / 'a.gif').n_frames == 5  # 0 to 0.4 s
+    assert (tmp_path / 'a.mp4').read_bytes()[4:8] == b'ftyp'
+    assert Image.open(tmp_path / 'a.png').size == (1120, 600)
+
+
+def test_what_cannot_be_shown_is_one_sentence(
+    crank: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+):
+    bare = recorded(tmp_path / 'bare', 'four_bar', 'duration=0.01', 'record.poses=0')
+    monkeypatch.setattr(shutil, 'which', lambda _: None)
+    monkeypatch.setitem(__import__('sys').modules, 'imageio_ffmpeg', None)
+    for arguments, part in (
+        ([crank, '--out', tmp_path / 'x.avi'], 'must be one of .html, .png, .gif, .mp4'),
+        ([bare, '--out', tmp_path / 'x.html'], 'record.poses'),
+        ([crank, '--out', tmp_path / 'x.png', '--at', '9'], 'goes from 0 to 0.4 s'),
+        ([crank, '--out', tmp_path / 'x.gif', '--rate', '0'], '--rate 0'),
+        ([crank, '--out', tmp_path / 'x.html', '--channel', 'nothing'], 'no channel matches nothing'),
+        ([crank, '--out', tmp_path / 'x.mp4'], 'needs ffmpeg'),
+        ([tmp_path / 'none', '--out', tmp_path / 'x.html'], 'is not there'),
+    ):
+        assert main(['view', *map(str, arguments)]) != 0
+        said = capsys.readouterr()
+        assert part in said.err and said.err.count('\n') == 1, said.err
