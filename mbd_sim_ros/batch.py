@@ -220,14 +220,15 @@ def _figures(simulation: Simulation, first: int, wall: float, cpu: float) -> dic
         'stagnated': audit['stagnated'],
         'substeps': audit['substeps'],
         'rejected': audit['rejected'],
+        'smallest_step': audit['smallest_step'],
         'events': audit['events'],
         **_branches(simulation),
     }
 
 
 def _branches(simulation: Simulation) -> dict[str, Any]:
-    """Branch switches, when the scene asks for them."""
-    if simulation.branches is None:
+    """Branch switches, when the scene asks for them or a rescued step made one."""
+    found = simulation.switches
+    if simulation.branches is None and not found:
         return {}
-    found = simulation.branches.events
     return {'branch_switches': len(found), 'branch_switch_times': [event.t for event in found]}

@@ -190,6 +190,7 @@ def _note(number: int) -> None:
     global _number
     _number = number
     event.set()
+    interruption.request()
     if not _held:
         interruption.note(KeyboardInterrupt(sentence(), number))  # the compiler can be left between two passes
 

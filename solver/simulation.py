@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, cast
@@ -21,17 +22,18 @@ from solver.model.evaluate import constraint_input_rates, evaluate_constraints, 
 from solver.model.saddle import BLOCK, CONDENSED, new_saddle
 from solver.model.state import State, copy_state, fill_kinematics, kinematics_of, load_state, new_state, save_state
 from solver.model.tables import Model
-from solver.output.branches import BranchWatch
+from solver.output.branches import BranchSwitch, BranchWatch, unexplained_turn
 from solver.output.collect import channels_of, collect
 from solver.output.dependence import describe, scaled_jacobian
 from solver.output.energy import WORST, update_energy
 from solver.output.snapshot import NO_STEPS, Counters, Snapshot, layout_of, new_numbers, output_arrays
 from solver.scene import Scene
 from solver.start.initial_conditions import InitialConditions
-from solver.start.newton import ConsistentState
-from solver.step.adaptation import Adaptation, Event
-from solver.step.augmented_lagrangian import MOST_ITERATIONS, advance
+from solver.start.newton import ConsistentState, move
+from solver.step.adaptation import Adaptation, is_idle
+from solver.step.augmented_lagrangian import MOST_ITERATIONS, advance, perform
 from solver.step.constraint_coefficients import ConstraintCoefficients, coefficients_of, mass_factors, weigh
+from solver.step.control import Event
 from solver.step.work import (
     BAD_INPUT,
     INACCURATE,
@@ -69,6 +71,8 @@ class Simulation:
         self.model: Model = prepare(scene.model)
         self.channels = channels_of(self.model)
         settings = scene.integrator
+        if settings.step_policy == 'auto':
+            settings = dataclasses.replace(settings, step_policy='rescue')
         self.h_ns = settings.h_ns
         self.h = self.h_ns * 1e-9
         if settings.kind not in self.KINDS:
@@ -90,12 +94,15 @@ class Simulation:
             iterations=settings.iterations if settings.mode == 'fixed' else settings.max_iterations,
             tolerance=settings.tolerance,
             combined=int(settings.augmentation == 'combined'),
+            step=0,
         )
         self.outputs = self.model.new_outputs()
         self._layout = layout_of(self.channels)
         self._numbers = new_numbers(self._layout)
         frame = output_arrays(self._numbers, self._layout)
         self._work = new_work(self.model, new_saddle(self.model, form), self.outputs, frame)
+        arguments = self.model.tables, Ref(values), *(Ref(new_state(self.model)) for _ in range(2)), np.zeros(len(scene.model.inputs))
+        values = values._replace(step=address_of(perform, *arguments, True, self._work))
         if values.coupled or values.full:
             values = values._replace(weigh=address_of(weigh, self.model.tables, Ref(values), self._work))
         self.scheme = Ref(values)
@@ -106,12 +113,15 @@ class Simulation:
         self._frame = Ref(frame)
         self.adaptation: Adaptation | None = None
         if settings.adapts and settings.kind in Simulation.KINDS:
-            self.adaptation = Adaptation(self.model, settings, self.scheme, self._work, self.outputs)
+            self.adaptation = Adaptation(
+                self.model, settings, self.scheme, self._work, 0.5 if settings.step_policy == 'error' else scheme['af']
+            )
         self._states = [Ref(new_state(self.model)), Ref(new_state(self.model))]
         self._initial = new_state(self.model)
         self._inputs = np.zeros(len(scene.model.inputs))
         self._applied: np.ndarray | None = None
         self._totals = NO_STEPS
+        self._rescued: list[BranchSwitch] = []
         watched = scene.record.branches or scene.require.branch_switches_max is not None
         self.branches = BranchWatch() if watched else None
         self.k = 0
@@ -192,6 +202,7 @@ class Simulation:
         copy_state(self._initial, self.state)
         self.k = 0
         self._totals = self._counters = NO_STEPS
+        self._rescued.clear()
         self._inputs = self._inputs_at_start()
         if self.driver is not None:
             self.driver.state = np.zeros(3)
@@ -200,9 +211,13 @@ class Simulation:
             self.adaptation.start(self.state)
 
     def _refresh(self) -> None:
-        """Outputs of the current state when no step has produced them; restarts the audit."""
+        """Begin anew at the current state: no step has produced its outputs, and the audit starts."""
         if self.branches is not None:
             self.branches.reset()
+        self._show_present()
+
+    def _show_present(self) -> None:
+        """Outputs of the current state when no step has produced them; restarts the audit."""
         w, t, s = self._work, self.model.tables, self.state
         kin = self._kinematics(s.q, s.v)
         evaluate_constraints(t, kin, s.angle, self._inputs, True, w.phi_end, w.J_end)
@@ -260,8 +275,7 @@ class Simulation:
         held = len(inputs) == 1
         for first in range(0, n, max(part, 1)):
             if self.adaptation is not None:
-                rows = np.repeat(inputs, part, axis=0) if held else inputs[first : first + part]
-                result, done = self.adaptation.advance(self._states, self._inputs, rows, self.k, audit)
+                result, done = self.adaptation.advance(self._states, inputs, first, part, self.k, audit, self._look_at_rescue)
             else:
                 result, done = advance(self.model.tables, self.scheme, *self._states, inputs, first, part, audit, self._work)
                 if done % 2 == 1:
@@ -272,10 +286,29 @@ class Simulation:
             self._count(result.counters)
             if result.status != OK:
                 raise StepError(self._failure(result))
-            if self.adaptation is not None:
-                self._collect()
+            if done < part:  # somebody asks for an end
+                energy = self._work.energy.copy()
+                self._show_present()
+                self._work.energy[:] = energy
+                break
             if watch is not None:
                 watch.look(self.t_ns * 1e-9, scaled_jacobian(self.model, self._work.J_end))
+
+    def _look_at_rescue(self, k: int) -> None:
+        """Note whether the steps that replaced one that failed, up to step k of the grid, left on another branch than they came."""
+        assert self.adaptation is not None
+        begin, end = self.adaptation.values.begin, self.state
+        turn = unexplained_turn(*(self._jacobian(s, t) for s, t in ((begin, -self.h), (begin, 0.0), (end, 0.0), (end, self.h))))
+        if turn > 0.0:
+            self._rescued.append(BranchSwitch((k - 1) * self.h_ns * 1e-9, turn))
+
+    def _jacobian(self, s: State, later: float) -> np.ndarray:
+        """Scaled constraint Jacobian of a state moved by so many seconds."""
+        q = s.q.copy()
+        move(q, later * s.v + 0.5 * later**2 * s.a_stage)
+        phi, J = np.zeros(self.model.n_rows), np.zeros_like(self._work.J_end)
+        evaluate_constraints(self.model.tables, kinematics_of(q, s.v), s.angle, self._inputs, True, phi, J)
+        return scaled_jacobian(self.model, J)
 
     def _sight(self) -> Sight:
         """What a driver sees now."""
@@ -310,18 +343,20 @@ class Simulation:
             )
         if result.status == BAD_INPUT:
             return when + f'input {self.channels.inputs[result.where]!r} is not finite; nothing was advanced'
-        smallest = f'the smallest step integrator.h_min = {self.scene.integrator.h_min:g}'
+        integrator = self.scene.integrator
+        smallest, remedy = f'{integrator.smallest_step:g} s, a small part of integrator.h', 'reduce integrator.h'
+        if integrator.h_min:
+            smallest, remedy = f'the smallest step integrator.h_min = {integrator.h_min:g}', 'reduce it'
         if result.status == INACCURATE:
-            tolerance = self.scene.integrator.error_tolerance
-            return when + f'the error stays above integrator.error_tolerance = {tolerance:g} with {smallest}; reduce h_min or allow more'
+            tolerance = integrator.error_tolerance
+            return when + f'the error stays above integrator.error_tolerance = {tolerance:g} with {smallest}; {remedy} or allow more'
         assert result.status == NOT_CONVERGED
         worst = int(np.argmax(np.abs(self._work.phi_end))) if self.model.n_rows else -1
         name = f', worst constraint {self.model.row_names[worst]!r} ({abs(self._work.phi_end[worst]):.2g})' if worst >= 0 else ''
-        constant = self.scene.integrator.step_policy == 'constant'
-        if constant:
+        if integrator.step_policy == 'constant':
             remedy = 'reduce integrator.h, or let such steps be divided (integrator.step_policy: rescue)'
         else:
-            remedy = f'not even with {smallest}: reduce it or raise the penalties'
+            remedy = f'not even with {smallest}: {remedy} or raise the penalties'
         tried = max(self.scheme.iterations, MOST_ITERATIONS if self.scheme.fixed == 1 else 0)
         return when + f'no convergence in {tried} iterations (residual {result.counters.residual:.2g}{name}); {remedy}'
 
@@ -352,10 +387,11 @@ class Simulation:
         for name, a, b in zip(State._fields, state, self.state, strict=True):
             if a.shape != b.shape:
                 raise SpecError(f'restore: {name} has shape {a.shape}, this model needs {b.shape}: the saved state is of another model')
-        if (self.adaptation is None) == ('adaptation' in extra):
-            saved = 'adaptive' if self.adaptation is None else 'constant'
+        adapted = 'adaptation' in extra and not is_idle(extra, self.h, self.scheme.penalty)
+        if self.adaptation is None and adapted:
             raise SpecError(
-                f'restore: the state was saved with {saved} step or penalties; set integrator.step_policy and penalty_policy so'
+                'restore: the state was saved while step or penalties were not those of the setting; set integrator.step_policy and '
+                'penalty_policy as they were'
             )
         if extra['audit'].shape != self._work.energy.shape:
             raise SpecError('restore: the state was saved by another version of the solver; save it anew')
@@ -369,7 +405,11 @@ class Simulation:
         self._refresh()
         self._work.energy[:] = extra['audit']
         if self.adaptation is not None:
-            self.adaptation.recall(extra, self.t_ns * 1e-9)
+            if 'adaptation' in extra:
+                self.adaptation.recall(extra, self.t_ns * 1e-9)
+            else:
+                self.adaptation.start(self.state)
+        self._rescued[:] = [switch for switch in self._rescued if switch.t < self.t_ns * 1e-9]
 
     def __reduce__(self) -> tuple:
         """As its scene and save(): another process compiles the model anew, finds the same start, and goes on with the same bits."""
@@ -384,6 +424,11 @@ class Simulation:
         """Every change of step and penalties so far."""
         return self.adaptation.events if self.adaptation is not None else []
 
+    @property
+    def switches(self) -> list[BranchSwitch]:
+        """Branch switches so far: all of them if the scene asks for that, else those across steps that failed and were divided."""
+        return self._rescued if self.branches is None else self.branches.events
+
     def constraint_coefficients(self, *, coupled: bool = False) -> dict[str, ConstraintCoefficients]:
         """m, c, k, f of every constraint row at the current state."""
         return coefficients_of(self.model, self.state, self._inputs, self.model.new_outputs(), coupled=coupled)
@@ -395,6 +440,7 @@ class Simulation:
             'energy_error_max': float(self._work.energy[WORST]),
             'substeps': self.k if self.adaptation is None else self.adaptation.substeps,
             'rejected': 0 if self.adaptation is None else self.adaptation.rejected,
+            'smallest_step': min((e.new for e in self.events if e.kind == 'step'), default=self.h),
             'events': len(self.events),
             **({} if self.branches is None else {'branch_switches': len(self.branches.events)}),
         }

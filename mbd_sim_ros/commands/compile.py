@@ -33,7 +33,10 @@ def run(args: argparse.Namespace) -> Result:
         for name in bar:
             bar.set_description(f'compiling {name}')
             begin = time.perf_counter()
-            warm_up(simulation_of(load_scene(name)))
+            scene = load_scene(name)
+            warm_up(simulation_of(scene))
+            if scene.integrator.step_policy == 'auto':  # which the node takes for constant
+                warm_up(simulation_of(load_scene(name, ['integrator.step_policy=constant'])))
             seconds[name] = time.perf_counter() - begin
     if STORE.unkept:
         raise MbdError(STORE.unkept)

@@ -69,6 +69,9 @@ def describe(data: dict[str, Any], start: str) -> str:
     """The figures of a run for people. start: what it changed of what is given."""
     rows = [('verdict', data['status']), ('start', start)]
     rows += [(key.replace('_', ' '), _shown(data[key], form)) for key, form in FIGURES.items() if key in data]
+    if data['rejected']:
+        tried = f'{data["rejected"]} attempts at a step failed or were too inaccurate'
+        rows.append(('rescue', f'{tried}; the smallest step was {data["smallest_step"]:.3g} s'))
     if data['out']:
         rows.append(('recorded in', data['out']))
     for kind, energies in data.get('energy_by_kind', {}).items():

@@ -34,13 +34,18 @@ MISSING = (
 
 
 def prepare(scene: str, overrides: list[str]) -> tuple[Any, Any]:
-    """Load a scene and return what of it is simulated with its simulation, compiled and at its start. Raises MbdError."""
+    """Load a scene and return what of it is simulated with its simulation, compiled and at its start. Raises MbdError.
+
+    Steps of a scene that leaves it open are constant: one that is divided would come late. What is recorded says so.
+    """
     from solver import simulation_of
     from solver.errors import SpecError
     from solver.files.scene import load_scene
     from solver.simulation import Simulation
 
     loaded = load_scene(scene, overrides)
+    if loaded.integrator.step_policy == 'auto':
+        loaded = load_scene(scene, [*overrides, 'integrator.step_policy=constant'])
     kind = loaded.integrator.kind
     if kind not in Simulation.KINDS:
         raise SpecError(f'integrator: kind = {kind!r}: a node steps with {" or ".join(Simulation.KINDS)}; run this one with mbd run')

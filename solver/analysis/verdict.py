@@ -167,11 +167,13 @@ def _road(s: Simulation) -> Finding | None:
 
 
 def _branches(s: Simulation) -> Finding | None:
-    if s.branches is None or not s.branches.events:
+    events = s.switches
+    if not events:
         return None
-    events = s.branches.events
-    return _finding('branch_switches', len(events), 0, s.scene.require.branch_switches_max, '', events[0].t, '',
-                    'branch switches:', 'reduce integrator.h, or give integrator.rho_inf some damping')  # fmt: skip
+    remedy = 'reduce integrator.h, or give integrator.rho_inf some damping'
+    if s.branches is None:
+        remedy = f'a step that failed was divided, and the steps after it went another way; {remedy}'
+    return _finding('branch_switches', len(events), 0, s.scene.require.branch_switches_max, '', events[0].t, '', 'branch switches:', remedy)
 
 
 def _speed(s: Simulation, factor: float | None) -> Finding | None:

@@ -170,6 +170,24 @@ def _lower_ref_attribute(context, builder, typ, value, attr):
     return load(0, context.get_value_type(kind))
 
 
+@intrinsic(prefer_literal=True)
+def assign(typing_context, ref, name, number):
+    """Change a float field of the NamedTuple behind a Ref, as Ref.assign does from Python (whose Ref.value does not follow).
+
+    Only for a kernel that reads that field nowhere itself, nor in what it calls but through invoke(): compiled code takes it for constant.
+    """
+    if not isinstance(ref, RefType) or not isinstance(name, types.StringLiteral):
+        return None
+    _, offset, _ = ref.field(name.literal_value)
+
+    def generate(context, builder, signature, args):
+        address = builder.add(args[0], ir.Constant(ir.IntType(64), WORD * offset))
+        builder.store(args[2], builder.inttoptr(address, ir.PointerType(ir.DoubleType())))
+        return context.get_dummy_value()
+
+    return types.none(ref, name, types.float64), generate
+
+
 @intrinsic
 def matrix_at(typing_context, numbers, start, rows, columns):
     """The (rows, columns) matrix that lies in the vector `numbers` from index `start` on. Its memory is that of the vector."""

@@ -2,7 +2,8 @@
 
 An exception that a signal handler raises anywhere in numba may meet a destructor or a callback from LLVM, where Python prints it and
 goes on: the signal is lost, minutes of compiling are not. So whoever watches the signals leaves the exception here (`note`), and it is
-raised by the next `check`, which solver.compiled.kernel makes before every kernel and every pass.
+raised by the next `check`, which solver.compiled.kernel makes before every kernel and every pass. A run that is held by somebody who looks
+for signals himself is only asked to come back between two steps (`request`).
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import threading
 
 _pending: BaseException | None = None
+_requested = False
 _depth = 0  # of the main thread in the compiler
 
 
@@ -19,6 +21,17 @@ def note(exception: BaseException) -> None:
     _pending = exception
 
 
+def request() -> None:
+    """Ask whoever takes many steps in a call to return; from any thread."""
+    global _requested
+    _requested = True
+
+
+def requested() -> bool:
+    """Whether somebody asked since the last forget()."""
+    return _requested
+
+
 def pending() -> bool:
     """Whether there was an interruption since the last forget()."""
     return _pending is not None
@@ -26,8 +39,8 @@ def pending() -> bool:
 
 def forget() -> None:
     """What was interrupted has ended; another command may begin."""
-    global _pending
-    _pending = None
+    global _pending, _requested
+    _pending, _requested = None, False
 
 
 def check() -> None:

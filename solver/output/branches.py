@@ -64,6 +64,20 @@ class BranchWatch:
             self.events.append(BranchSwitch(middle.t, turn))
 
 
+def unexplained_turn(first: np.ndarray, before: np.ndarray, after: np.ndarray, last: np.ndarray) -> float:
+    """Turn [rad] of the space of free velocities between `before` and `after` if what it turns beside them does not explain it, else 0.
+
+    Scaled Jacobians (nc, n) at four instants, the same time apart.
+    """
+    if not len(first):
+        return 0.0
+    parts = [np.linalg.svd(A)[1:] for A in (first, before, after, last)]
+    rank = max(int((size > RANK_TOLERANCE * size[0]).sum()) for size, _ in parts)
+    free = [right[rank:].T for _, right in parts]
+    turn = angle(free[1], free[2])
+    return turn if turn > EXPLAINED * (angle(free[0], free[1]) + angle(free[2], free[3])) + LEAST else 0.0
+
+
 def angle(N: np.ndarray, M: np.ndarray) -> float:
     """Largest principal angle [rad] between the spaces spanned by the orthonormal columns of N and M (n, dof)."""
     if not N.shape[1]:

@@ -39,7 +39,7 @@ from solver.output.energy import note_residuals, update_energy
 from solver.output.snapshot import Counters
 from solver.step.augmentation import CONTRACTION, ENOUGH, HELD, combine, opposed, weighed
 from solver.step.stage import AT_END, BOTH, WITH_TANGENTS, copy_blocks, copy_rows, finite, largest, largest_turn, momentum_residual, place
-from solver.step.work import BAD_INPUT, NON_FINITE, NOT_CONVERGED, OK, SINGULAR, StepResult, added
+from solver.step.work import BAD_INPUT, NON_FINITE, NOT_CONVERGED, OK, SINGULAR, StepResult, added, last_result
 
 # The multipliers of redundant constraints are determined only by rounding; starting each step from a little less than the last
 # values keeps that part from drifting, while the determined part is found again by the first iteration.
@@ -379,30 +379,43 @@ def project_velocity(tables, c, v, u, passes, work):
 
 
 @kernel(inner=True)
-def continue_inputs(c, u, work):
-    """Assign work.u_end, the inputs u of the stage continued to the end of the step as the accelerations are; whether they differ.
+def perform(tables, c, s0, s1, u, want_outputs, work):
+    """step() for callers by address, c.step: its result goes to work.result. So it is compiled once for all who take steps, and c may
+    change between two of them.
+    """
+    result = step(tables, c, s0, s1, u, want_outputs, work)
+    n = result.counters
+    r = work.result
+    r[0], r[1], r[2], r[3], r[4], r[5] = result.status, result.where, n.iterations, n.factorizations, n.evaluations, n.stagnated
+    r[6], r[7], r[8] = n.residual, n.position_drift, n.velocity_drift
+
+
+@kernel(inner=True)
+def continue_inputs(follow, u, work):
+    """Assign work.u_end, the inputs u of the stage continued to the end of the step by a part `follow` of their change over an interval;
+    whether they differ.
 
     Their power at the end of a step is then of second order. Outputs show what the step applied: a jump must not overshoot there.
     """
     differs = False
     for i in range(u.shape[0]):
         change = work.u_force[i] * (u[i] - work.u_before[i])
-        work.u_end[i] = u[i] + c.ahead * change
+        work.u_end[i] = u[i] + follow * change
         differs = differs or change != 0.0
     return differs
 
 
 @kernel(inner=True)
-def keep_account(tables, c, s1, u, counters, work):
-    """Advance the account by the step that ended in s1, with forces that follow inputs as these are at its end."""
+def keep_account(tables, h, follow, s1, u, counters, work):
+    """Advance the account by the step of h [s] that ended in s1, with forces that follow inputs as these are at its end."""
     outputs = work.outputs
-    if continue_inputs(c, u, work):
+    if continue_inputs(follow, u, work):
         outputs = work.outputs_end
         for i in range(outputs.shape[0]):
             outputs[i] = work.outputs[i]
         w = work
         evaluate_driven_forces(tables, w.kin_end, s1.angle, s1.z, 0.0, w.u_end, NO, w.f, w.Kq, w.Kv, w.z_stage, outputs)
-    update_energy(tables, work.kin_end, outputs, work.lam_out, work.phi_t, c.h, work.energy)
+    update_energy(tables, work.kin_end, outputs, work.lam_out, work.phi_t, h, work.energy)
     n = counters
     phi, rate, a, a_before = work.phi_end, work.rate, s1.a_stage, s1.a_stage_before
     note_residuals(tables.constraints, n.residual, n.position_drift, n.velocity_drift, phi, rate, a, a_before, work.energy)
@@ -426,12 +439,13 @@ def advance(tables, c, s0, s1, inputs, first, count, audit, work):
     old, new = s0, s1
     for k in range(count):
         u = inputs[0 if held else first + k]
-        result = step(tables, c, old, new, u, audit or k == count - 1, work)
+        invoke(c.step, (tables, c, old, new, u, np.bool_(audit or k == count - 1), work))
+        result = last_result(work)
         total = added(total, result.counters)
         if result.status != OK:
             return StepResult(result.status, result.where, total), k
         if audit:
-            keep_account(tables, c, new, u, result.counters, work)
+            keep_account(tables, c.h, c.ahead, new, u, result.counters, work)
         for i in range(u.shape[0]):
             work.u_before[i] = u[i]
         old, new = new, old

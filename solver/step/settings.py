@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 from solver.validate import finite, require
 
 WHERE = 'integrator'
+SMALLEST_PART = 1024  # a step that fails is halved ten times: more costs more than it saves
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,8 +31,9 @@ class IntegratorSettings:
     and relaxes them after easy steps.
     step_policy: 'constant' keeps h; 'rescue' halves a step that fails, down to `h_min`, and doubles it after easy steps; 'error'
     also keeps the estimated local error below `error_tolerance` per second: positions in m or rad, velocities relative to the
-    largest one. h is then the grid of inputs and outputs and the largest step. Error control and adaptive penalties need mode
-    'tolerance'.
+    largest one. h is then the grid of inputs and outputs and the largest step. 'auto' is 'rescue' where nothing waits for a step,
+    and 'constant' in the node, whose steps have their time. Error control and adaptive penalties need mode 'tolerance'.
+    h_min: the smallest step; where it is not given (0) h / 1024 with 'rescue', 1e-8 with 'error'.
     """
 
     kind: Literal['alf', 'm_alf', 'reference_bdf', 'reference_radau', 'reference_ida', 'reference_kkt'] = 'alf'
@@ -49,8 +51,8 @@ class IntegratorSettings:
     mass_factor: float | dict[str, float] = 1.0
     penalty_policy: Literal['constant', 'adaptive'] = 'constant'
     penalty_cap: float = 1e8
-    step_policy: Literal['constant', 'rescue', 'error'] = 'constant'
-    h_min: Annotated[float, 's'] = 1e-8
+    step_policy: Literal['auto', 'constant', 'rescue', 'error'] = 'auto'
+    h_min: Annotated[float, 's'] = 0.0
     error_tolerance: Annotated[float, '1/s'] = 1e-3
 
     def __post_init__(self) -> None:
@@ -70,18 +72,19 @@ class IntegratorSettings:
         for factor in self.mass_factors.values():
             finite(WHERE, 'mass_factor', factor, low=0.0, high=1e6, strict=True)
         finite(WHERE, 'penalty_cap', self.penalty_cap, low=0.0, high=1e15, strict=True)
-        finite(WHERE, 'h_min', self.h_min, low=1e-12, high=1.0)
+        if self.h_min:
+            finite(WHERE, 'h_min', self.h_min, low=1e-12, high=1.0)
         finite(WHERE, 'error_tolerance', self.error_tolerance, low=1e-12, high=1e3)
         for name, value, any_mode in (
             ('penalty_policy', self.penalty_policy, ('constant',)),
-            ('step_policy', self.step_policy, ('constant', 'rescue')),
+            ('step_policy', self.step_policy, ('auto', 'constant', 'rescue')),
         ):
             remedy = 'needs integrator.mode: tolerance (a fixed number of iterations has no measured accuracy to adapt to)'
             require(value in any_mode or self.mode == 'tolerance', WHERE, name, value, remedy)
         if self.penalty_policy == 'adaptive':
             remedy = f'must be at least integrator.penalty = {self.penalty:g}'
             require(self.penalty_cap >= self.penalty, WHERE, 'penalty_cap', self.penalty_cap, remedy)
-        if self.step_policy != 'constant':
+        if self.step_policy in ('rescue', 'error'):
             require(self.h_min <= self.h, WHERE, 'h_min', self.h_min, f'must be at most integrator.h = {self.h:g}')
 
     @property
@@ -93,6 +96,11 @@ class IntegratorSettings:
     def adapts(self) -> bool:
         """Whether penalties or step change in the course of a run."""
         return self.penalty_policy != 'constant' or self.step_policy != 'constant'
+
+    @property
+    def smallest_step(self) -> float:
+        """Down to which a step may be divided [s]."""
+        return self.h_min or (min(1e-8, self.h) if self.step_policy == 'error' else self.h / SMALLEST_PART)
 
     @property
     def h_ns(self) -> int:

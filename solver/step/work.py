@@ -17,7 +17,8 @@ from solver.output.snapshot import Counters, OutputArrays
 from solver.step.augmentation import Augmentation, new_augmentation
 from solver.step.constraint_coefficients import Formulation, new_formulation
 
-OK, NOT_CONVERGED, NON_FINITE, SINGULAR, INACCURATE, BAD_INPUT = range(6)  # status of a step; INACCURATE: error control gave up
+# status of a step, or of several; INACCURATE: error control gave up, PAUSED: the caller may look around and call again
+OK, NOT_CONVERGED, NON_FINITE, SINGULAR, INACCURATE, BAD_INPUT, PAUSED = range(7)
 
 
 class Scheme(NamedTuple):
@@ -42,6 +43,7 @@ class Scheme(NamedTuple):
     iterations: int  # their number, or the limit in tolerance mode
     tolerance: float
     combined: int  # 1: combined augmentations where one leaves constraints open
+    step: int  # address of solver.step.augmented_lagrangian.perform
 
 
 def scheme_parameters(h: float, rho_inf: float) -> dict[str, float]:
@@ -100,6 +102,7 @@ class Work(NamedTuple):
     formulation: Formulation  # coefficients of the constraints
     chassis: int  # body of the inertial unit
     arrays: OutputArrays  # what a Snapshot shows
+    result: np.ndarray  # (9,) StepResult of the last step, its counters one by one
 
 
 class LastStep(NamedTuple):
@@ -136,6 +139,14 @@ def added(a, b):
     )
 
 
+@kernel(inline=True)
+def last_result(work):
+    """The StepResult of the step that perform() did last."""
+    r = work.result
+    counters = Counters(int(r[2]), int(r[3]), int(r[4]), int(r[5]), r[6], r[7], r[8])
+    return StepResult(int(r[0]), int(r[1]), counters)
+
+
 def new_work(model, saddle: Saddle, outputs: np.ndarray, arrays: OutputArrays) -> Ref:
     """Allocate the scratch (Work, by reference) of a model; outputs and arrays are the arrays that it fills."""
     nb, nc, ns, ne, nz = model.n_bodies, model.n_rows, model.n_slots, model.n_entries, model.n_internal
@@ -154,5 +165,6 @@ def new_work(model, saddle: Saddle, outputs: np.ndarray, arrays: OutputArrays) -
         augmentation=new_augmentation(model),
         formulation=new_formulation(model),
         chassis=model.body_names.index(model.spec.chassis) if model.spec.chassis else 0, arrays=arrays,
+        result=np.zeros(2 + len(Counters._fields)),
     )  # fmt: skip
     return Ref(work)

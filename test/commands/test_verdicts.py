@@ -9,6 +9,8 @@ import pytest
 
 from mbd_sim_ros.bags import reader as bag
 from mbd_sim_ros.commands.main import main
+from mbd_sim_ros.node.main import prepare
+from solver.files.scene import load_scene_text
 
 SARRUS = """
 mechanism:
@@ -166,6 +168,32 @@ def test_an_edge_under_the_tires_is_told_and_the_profile_of_a_wheel_is_not(tmp_p
     assert found['value'] == pytest.approx(20.0)
     code, data = document(capsys, 'run', 'car_cleat', '--no-record', '--duration', '0.01')
     assert (code, data['findings']) == (0, [])
+
+
+HASTY = [*(f'integrator.{s}' for s in ('mode=tolerance', 'h=0.01', 'max_iterations=3', 'tolerance=1e-4')), 'duration=1.5']
+
+
+def test_a_step_that_fails_is_divided_by_default_and_the_run_says_so(tmp_path, capsys) -> None:
+    """And its recording is replayed with the same steps; the node, whose steps have their time, keeps them constant unless told."""
+    sets = [word for o in HASTY for word in ('--set', o)]
+    code, data = document(capsys, 'run', 'spinning_top', *sets, '--set', 'integrator.step_policy=constant', *QUICK)
+    assert (code, data['status']) == (4, 'error')
+    directory = str(tmp_path / 'r')
+    code, data = document(capsys, 'run', 'spinning_top', *sets, '--out', directory)
+    assert data['rejected'] > 0 and data['substeps'] > data['steps'] == 150
+    assert data['smallest_step'] < 0.01
+    assert 'branch_switches' not in data
+    _, out, _ = output(capsys, 'run', 'spinning_top', *sets, *QUICK)
+    assert f'{data["rejected"]} attempts at a step failed' in out
+    code, data = document(capsys, 'replay', directory)
+    assert (code, data['status']) == (0, 'identical')
+
+
+def test_the_node_keeps_steps_constant_unless_it_is_told(tmp_path, capsys) -> None:
+    for sets, policy in ([], 'constant'), (['integrator.step_policy=rescue'], 'rescue'):
+        scene, _ = prepare('pendulum', sets)
+        assert scene.integrator.step_policy == policy
+        assert load_scene_text(scene.resolved).integrator.step_policy == policy  # what a recording of it holds, and replays
 
 
 def test_a_run_that_fails_leaves_its_last_steps_and_a_state_to_start_again_from(tmp_path, capsys) -> None:

@@ -8,15 +8,29 @@ from closed_forms import driven_four_bar, falling_four_bar, heavy_body, pendulum
 from convergence import FIELDS, error, scene_of
 from ensemble import neighbours
 
+from solver.compiled import interruption
 from solver.errors import SceneError, SpecError, StepError
-from solver.files.scene import load_scene
-from solver.output.energy import update_energy
+from solver.files.scene import load_scene, load_scene_text
 from solver.simulation import Simulation
-from solver.step.adaptation import Adaptation, is_undetermined
-from solver.step.augmented_lagrangian import step
+from solver.step.adaptation import Adaptation
+from solver.step.augmented_lagrangian import advance, perform
+from solver.step.control import WANTED
+from solver.step.interpolation import inputs_inside
+from solver.step.interval import advance_adapting, is_undetermined
 
 RHYTHM = (1, 4, 2, 1, 1, 5, 3, 2)  # steps in the intervals of the grid: sizes change by factors up to five, up and down
+CONSTANT = 'step_policy=constant'
 PLAIN = ('augmentation=plain',)  # combined augmentations leave penalties nothing to rescue
+EXCITED = """
+mechanism:
+  gravity: [0, 0, 0]
+  bodies: {b: {mass: 1, inertia: [1, 1, 1], position: [0.1, 0, 0]}}
+  joints: {g: {kind: prismatic, i: world, j: b, at: [0, 0, 0], axis: [1, 0, 0]}}
+  coordinate_forces: {s: {terms: [[g, 1]], spring: 400, input: push}}
+maneuver: {signals: {push: {kind: sine, amplitude: 50, frequency: 2}}}
+integrator: {mode: tolerance, step_policy: error, error_tolerance: 1.0e-5}
+duration: 1
+"""
 BY_ERROR = {'mode': 'tolerance', 'step_policy': 'error'}
 
 
@@ -48,13 +62,14 @@ def test_adaptive_penalties_rescue_a_run_that_fails_with_constant_small_ones(pen
     from every neighbour of the start; what the events are like is judged in the last run.
     """
     with pytest.raises(StepError, match='no convergence in 20 iterations'):
-        simulation('slider_crank', *PLAIN, f'penalty={penalty}').advance(2000)
+        simulation('slider_crank', *PLAIN, CONSTANT, f'penalty={penalty}').advance(2000)
     placed = Simulation(load_scene('slider_crank')).snapshot().joint_position[:2]
     settings = [
         'integrator.mode=tolerance',
         f'integrator.penalty={penalty}',
         'integrator.penalty_policy=adaptive',
         'integrator.augmentation=plain',
+        'integrator.step_policy=constant',
     ]
     for scene in neighbours(load_scene('slider_crank', settings)):
         sim = Simulation(scene)
@@ -114,13 +129,29 @@ def test_penalties_relax_after_easy_steps_but_not_below_the_setting():
 
 
 def test_penalties_that_need_no_change_change_no_bit():
-    one, other = simulation('double_pendulum'), simulation('double_pendulum', 'penalty_policy=adaptive', 'step_policy=rescue')
+    one, other = simulation('double_pendulum', CONSTANT), simulation('double_pendulum', 'penalty_policy=adaptive', 'step_policy=rescue')
     a, b = one.advance(200), other.advance(200)
     assert other.events == []
-    assert a.pose.tobytes() == b.pose.tobytes()
-    assert a.reactions.tobytes() == b.reactions.tobytes()
+    assert a.numbers.tobytes() == b.numbers.tobytes()
     assert one.last_step.energy.tobytes() == other.last_step.energy.tobytes()
     assert one.totals() == other.totals()
+
+
+@pytest.mark.parametrize('mode', ['fixed', 'tolerance'])
+@pytest.mark.parametrize('name', ['slider_crank', 'flyball_governor', 'bricard', 'light_car_step_steer'])
+def test_the_default_has_the_bits_of_constant_steps_while_nothing_fails(name, mode):
+    """Outputs, state and energy account: wheels, springs, prescribed motions and forces that follow inputs are among them."""
+    ways = [CONSTANT, 'step_policy=rescue', 'step_policy=auto']
+    sims = [Simulation(load_scene(name, [f'integrator.mode={mode}', f'integrator.{way}'])) for way in ways]
+    for steps, audit in ((1, True), (70, True), (29, False)):
+        first, *others = (sim.advance(steps, audit=audit) for sim in sims)
+        for other, sim in zip(others, sims[1:], strict=True):
+            assert other.numbers.tobytes() == first.numbers.tobytes()
+            assert other.counters == first.counters
+            assert sim.last_step.energy.tobytes() == sims[0].last_step.energy.tobytes()
+            assert all(a.tobytes() == b.tobytes() for a, b in zip(sim.state, sims[0].state, strict=True))
+    assert sims[2].totals() == sims[0].totals()
+    assert sims[2].events == []
 
 
 # -- steps -------------------------------------------------------------------------------------------------------------
@@ -130,7 +161,7 @@ HASTY = ('h=0.01', 'max_iterations=3', 'tolerance=1e-4')  # too few iterations f
 
 def test_a_step_that_fails_is_halved_and_the_run_goes_on():
     with pytest.raises(StepError, match='no convergence in 3 iterations'):
-        simulation('spinning_top', *HASTY).advance(150)
+        simulation('spinning_top', *HASTY, CONSTANT).advance(150)
     sim = simulation('spinning_top', *HASTY, 'step_policy=rescue')
     sim.advance(150)
     audit = sim.totals()
@@ -166,15 +197,19 @@ PROBLEMS = {
 }
 
 
-def rhythm_errors(name: str, rho_inf: float) -> np.ndarray:
-    """(grids, fields) largest errors over 0.64 s with steps in RHYTHM."""
+def rhythm_errors(name: str, rho_inf: float, forgetful: bool = False) -> np.ndarray:
+    """(grids, fields) largest errors over 0.64 s with steps in RHYTHM. forgetful: history stays where the last step left it."""
     problem, grids, _ = PROBLEMS[name]
     table = []
     for h in grids:
         sim = Simulation(scene_of(problem, h=h, rho_inf=rho_inf, mode='tolerance', tolerance=1e-12, step_policy='rescue'))
         worst = np.zeros(3)
         for k in range(round(0.64 / h)):
-            adaptation(sim).wanted = h / RHYTHM[k % len(RHYTHM)]
+            control = adaptation(sim).values
+            control.memory[WANTED] = h / RHYTHM[k % len(RHYTHM)]
+            if forgetful:
+                control.history.size[1] = np.inf
+                control.history.offset[:], control.history.z_rate[:] = 0.0, 0.0
             worst = np.maximum(worst, error(sim.advance(1), problem.exact(sim.k * h)))
         assert sim.totals()['substeps'] == pytest.approx(sim.k * np.mean(RHYTHM), rel=0.1)
         table.append(worst)
@@ -194,15 +229,9 @@ def test_second_order_survives_any_rhythm_of_steps(name, rho_inf):
     np.testing.assert_allclose(slopes[judged], 2.0, rtol=0, atol=0.3, err_msg=f'errors {FIELDS} at {grids}:\n{table}')
 
 
-def test_order_is_lost_when_the_history_stays_behind(monkeypatch):
+def test_order_is_lost_when_the_history_stays_behind():
     """The law above tests something: with accelerations and velocity left where the last step had them it fails."""
-    whole = Adaptation._step
-
-    def forgetful(self, source, history, *rest):
-        return whole(self, source, history._replace(between=np.inf, offset=0.0 * history.offset, z_rate=0.0 * history.z_rate), *rest)
-
-    monkeypatch.setattr(Adaptation, '_step', forgetful)
-    table = rhythm_errors('pendulum', 0.8)
+    table = rhythm_errors('pendulum', 0.8, forgetful=True)
     slopes = np.log(table[0] / table[-1]) / np.log(4.0)
     assert slopes[0] < 1.7
     assert slopes[2] < 1.3
@@ -261,10 +290,9 @@ def test_singular_positions_are_passed_with_local_error_control():
 
 
 def test_an_error_is_undetermined_when_smaller_steps_do_not_reduce_it():
-    assert not is_undetermined([(1e-3, 5.0)], 1.0)
-    assert not is_undetermined([(1e-3, 4.0), (5e-4, 1.0)], 1.0)  # second order: the rate falls with the square
-    assert is_undetermined([(1e-3, 4.0), (5e-4, 8.0)], 1.0)  # the same error in half the time
-    assert not is_undetermined([(1e-3, 4.0), (5e-4, 8.0)], 1e-3)  # too much for an interval of the grid
+    assert not is_undetermined(1e-3, 4.0, 5e-4, 1.0, 1.0)  # second order: the rate falls with the square
+    assert is_undetermined(1e-3, 4.0, 5e-4, 8.0, 1.0)  # the same error in half the time
+    assert not is_undetermined(1e-3, 4.0, 5e-4, 8.0, 1e-3)  # too much for an interval of the grid
 
 
 def test_prescribed_motions_pass_through_an_interval_as_polynomials():
@@ -281,7 +309,46 @@ def test_prescribed_motions_pass_through_an_interval_as_polynomials():
         return u
 
     for x in (0.25, 0.6, 1.0):
-        np.testing.assert_allclose(adaptation(sim)._inputs(at(0.0), at(T), x), at(x * T), rtol=1e-10, atol=1e-10)
+        u = np.full(len(names), np.nan)
+        inputs_inside(adaptation(sim).values.motion, T, at(0.0), at(T), x, u)
+        np.testing.assert_allclose(u, at(x * T), rtol=1e-10, atol=1e-10)
+
+
+def test_the_account_of_energy_is_of_second_order_where_forces_follow_inputs():
+    """A mass on a spring that a force excites with 2 Hz, steps by error control inside a coarse grid: its error falls with the square."""
+    errors = []
+    for h in (0.02, 0.01, 0.005):
+        sim = Simulation(load_scene_text(EXCITED, 'excited', [f'integrator.h={h}']))
+        sim.advance(round(1.0 / h))
+        assert sim.totals()['substeps'] > 2 * sim.k
+        errors.append(sim.totals()['energy_error_max'])
+    slopes = np.log2(np.array(errors[:-1]) / errors[1:])
+    np.testing.assert_allclose(slopes, 2.0, rtol=0, atol=0.3, err_msg=f'{errors}')
+
+
+# -- interruption ------------------------------------------------------------------------------------------------------
+
+
+def test_a_long_interval_is_left_when_somebody_asks_for_an_end():
+    """Thousands of steps in one interval of the grid: the run comes back with the state of its start, and can be taken up again."""
+    settings = ('mode=tolerance', 'step_policy=error', 'h=0.2', 'error_tolerance=1e-5')
+    sim, other = (simulation('double_pendulum', *settings) for _ in range(2))
+    one = sim.advance(1)
+    before = [array.copy() for array in sim.state]
+    energy = sim.last_step.energy.copy()
+    interruption.request()
+    try:
+        now = sim.advance(3)
+    finally:
+        interruption.forget()
+    assert sim.k == 1
+    assert all(a.tobytes() == b.tobytes() for a, b in zip(sim.state, before, strict=True))
+    assert sim.last_step.energy.tobytes() == energy.tobytes()
+    np.testing.assert_allclose(now.pose, one.pose, rtol=0, atol=1e-12)
+    other.advance(4)
+    sim.advance(3)
+    assert adaptation(other).rejected > 0 and adaptation(other).substeps > 500
+    assert bits(sim) == bits(other)
 
 
 # -- memory ------------------------------------------------------------------------------------------------------------
@@ -322,20 +389,34 @@ def test_a_saved_state_repeats_steps_penalties_and_events(name):
     assert bits(sim) == future
 
 
-def test_a_state_of_other_policies_is_refused():
-    adaptive, constant = simulation('pendulum', 'step_policy=rescue'), simulation('pendulum')
-    with pytest.raises(SpecError, match=r'saved with constant step or penalties; set integrator\.step_policy'):
-        adaptive.restore(constant.save())
-    with pytest.raises(SpecError, match=r'saved with adaptive step or penalties; set integrator\.step_policy'):
+def test_a_state_goes_on_with_another_policy_where_both_would_have_done_the_same():
+    """Saved by a run with constant steps, as the node does, and taken up by one that may divide them, and the other way round."""
+    runs = [simulation('slider_crank', CONSTANT), simulation('slider_crank', 'step_policy=rescue')]
+    for sim in runs:
+        sim.advance(50)
+    for one, other in (runs, runs[::-1]):
+        saved = one.save()
+        future = one.advance(30)
+        other.restore(saved)
+        assert other.advance(30).numbers.tobytes() == future.numbers.tobytes()
+        one.restore(saved)
+
+
+def test_a_state_in_the_middle_of_a_rescue_is_refused_by_constant_steps():
+    adaptive, constant = simulation('spinning_top', *HASTY, 'step_policy=rescue'), simulation('spinning_top', *HASTY, CONSTANT)
+    adaptive.advance(150)
+    assert adaptive.events[-1].new < 0.01
+    with pytest.raises(SpecError, match=r'while step or penalties were not those of the setting; set integrator\.step_policy'):
         constant.restore(adaptive.save())
 
 
 def test_nothing_is_compiled_while_a_run_adapts():
     sim = simulation(*ADAPTING['everything'])
     sim.advance(1)
-    before = [len(kernel.signatures) for kernel in (step, update_energy)]
+    kernels = (advance, advance_adapting, perform)
+    before = [len(kernel.signatures) for kernel in kernels]
     sim.advance(100)
-    assert [len(kernel.signatures) for kernel in (step, update_energy)] == before
+    assert [len(kernel.signatures) for kernel in kernels] == before
 
 
 @pytest.mark.parametrize(('settings', 'says'), [

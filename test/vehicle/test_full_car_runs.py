@@ -265,7 +265,7 @@ def test_wheels_spin_up_to_the_limiter(scene: str, axle: str, h: float) -> None:
 def test_a_shaft_too_fast_for_the_step_is_named() -> None:
     """The same at 5 ms: the propeller shaft turns by more than half a turn per step, which no step of this kind can follow."""
     torque = 'maneuver={drive_torque: {kind: step, value: 6000, start: 0.1, rise: 0.1}}'
-    changes = ['road={friction: 0.3}', 'start={kind: equilibrium, speed_kmh: 20}', torque, 'integrator.h=5e-3']
+    changes = ['road={friction: 0.3}', 'start={kind: equilibrium, speed_kmh: 20}', torque, 'integrator={h: 5e-3, step_policy: constant}']
     simulation = Simulation(load_scene('car_acceleration', changes))
     with pytest.raises(
         StepError,
