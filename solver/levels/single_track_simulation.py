@@ -135,6 +135,7 @@ class SingleTrackSimulation(Simulation):
         self.parts = max(1, math.ceil(self.h / LONGEST - 1e-9))
         self.adaptation = None
         self.branches = None
+        self._rescued = []
         self.start = Changes(kind=scene.start.kind)
         behind = self.tables.mounting.x
         self._at_start = rolling(self.tables.value, scene.start.speed, x - math.cos(yaw) * behind, y - math.sin(yaw) * behind, yaw)
@@ -265,6 +266,7 @@ class SingleTrackSimulation(Simulation):
             'energy_error_max': float(self._scratch.energy[WORST]),
             'substeps': self.k * self.parts,
             'rejected': 0,
+            'smallest_step': self.h / self.parts,
             'events': 0,
         }
 
