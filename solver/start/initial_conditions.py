@@ -75,9 +75,7 @@ class InitialConditions:
         refuse_undirected(self.model, state, u)
         given = self._start_moving(start.speed, rates, u)
         if start.kind == 'equilibrium' and start.speed:
-            settle_rolling(
-                self.model, self.states, self.method, self.scene.integrator.rho_inf, start.speed, u, self.chassis, self.work, self.explain
-            )
+            settle_rolling(self.model, self.states, self.method, start.speed, u, self.chassis, self.work, self.explain)
             calculation.project_velocity(self.state, u)
         changed = changes(self.model, start.kind, placed, given, self.state, wanted=bool(rates), speed=start.speed)
         calculation.start_integrator(self.state, u, method.h, method.am, method.af)

@@ -22,6 +22,7 @@ from solver.step.work import OK, Scheme, StepResult, scheme_parameters
 SETTLE_TIME = 5.0  # s, some ten periods of a suspension mode
 SETTLE_EVERY = 0.05  # s
 SETTLE_PENALTY = 1e6
+SETTLE_RHO = 0.8  # spectral radius at infinite frequency, whatever that of the scene
 SETTLE_STEP = 5e-3  # s, whatever the step of the scene, so that a start does not depend on it; where it settles does not depend on the step
 
 
@@ -69,7 +70,6 @@ def settle_rolling(
     model: Model,
     states: list[Ref],
     method: Scheme,
-    rho_inf: float,
     speed: float,
     u: np.ndarray,
     chassis: int,
@@ -90,8 +90,9 @@ def settle_rolling(
         'weigh': 0,
         'coupled': 0,
         'full': 0,
+        'combined': 1,
     }
-    scheme = scheme_parameters(SETTLE_STEP, rho_inf)
+    scheme = scheme_parameters(SETTLE_STEP, SETTLE_RHO)
     settling = Ref(method._replace(fixed=1, iterations=2, **own, **scheme))  # type: ignore[arg-type]
     steps = round(SETTLE_EVERY / SETTLE_STEP)
     inputs = np.repeat(u[None, :], steps, axis=0)
