@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from mbd_sim_ros.lab.studies import car, kandc
+from mbd_sim_ros.lab.studies import car, car_cost, kandc
 from mbd_sim_ros.lab.studies.car_runs import GRID, Run, converged, departures, growth, orders, run
 
 
@@ -82,3 +82,30 @@ def test_ackermann_is_the_angle_about_a_common_point() -> None:
     places = {'front_left': (1.25, 0.75), 'front_right': (1.25, -0.75), 'rear_left': (-1.25, 0.75)}
     stand = SimpleNamespace(centers={name: np.array(place) for name, place in places.items()})
     assert kandc.ackermann(stand, np.arctan(2.5 / 4.0)) == pytest.approx(np.arctan(2.5 / 5.5))  # type: ignore[arg-type]
+
+
+def test_the_front_is_what_no_other_setting_beats() -> None:
+    def point(h: float, error: float, cost: float, message: str = '') -> car_cost.Point:
+        return car_cost.Point(car_cost.Setting(h, 2, 0.8), error, error, cost, 1e3 * cost, message)
+
+    points = [point(1, 1e-2, 5.0), point(2, 1e-1, 1.0), point(3, 2e-2, 6.0), point(4, 1e-3, 9.0), point(5, 2e-1, 1.0)]
+    points.append(point(6, 1e-9, 0.1, 'no convergence'))
+    for cost in car_cost.COSTS:
+        assert [p.setting.h for p in car_cost.front(points, 'position', cost)] == [2, 1, 4]
+
+
+@pytest.mark.slow
+def test_quick_study_of_error_against_cost(tmp_path) -> None:
+    found = car_cost.study(tmp_path, quick=True, progress=lambda text, done: None)
+    errors = {(p['h'], p['iterations'], p['rho']): p['position'] for p in found['points'] if not p['other']}
+    assert len(errors) == 8
+    assert errors[5e-3, 3, 0.8] > 10.0 * errors[1e-3, 3, 0.8]  # second order would be 25, what three iterations leave is more
+    # damping is no worse than what it damps: all begin in the same state
+    assert errors[1e-3, 3, 0.0] < 0.1 * errors[5e-3, 1, 0.8]
+    work = {(p['h'], p['iterations'], p['rho']): p['evaluations'] for p in found['points'] if not p['other']}
+    assert work[1e-3, 3, 0.8] > 4.0 * work[5e-3, 3, 0.8]
+    assert all(p['cpu'] > 0.0 for p in found['points'] if not p['message'])
+    with (tmp_path / 'front_position_evaluations.csv').open() as file:
+        front = list(csv.DictReader(file))
+    assert len(front) >= 2
+    assert {'front.png', 'points.csv', 'report.md'} <= {path.name for path in tmp_path.iterdir()}

@@ -43,6 +43,7 @@ STUDIES: dict[str, str] = {  # name: module
     'kandc': 'mbd_sim_ros.lab.studies.kandc',
     'car': 'mbd_sim_ros.lab.studies.car',
     'trade': 'mbd_sim_ros.lab.studies.trade',
+    'car_cost': 'mbd_sim_ros.lab.studies.car_cost',
     'validation': 'mbd_sim_ros.lab.studies.validation',
     'levels': 'mbd_sim_ros.lab.studies.levels',
 }

@@ -12,6 +12,7 @@ from solver import simulation_of
 from solver.elements.tire_pacejka import TIRE_COLUMNS
 from solver.errors import MbdError, SpecError
 from solver.files.scene import load_scene
+from solver.simulation import Simulation
 
 GRID = 0.01  # s
 FORCES = tuple(TIRE_COLUMNS.index(name) for name in ('fx', 'fy', 'fz'))
@@ -34,12 +35,19 @@ class Run(NamedTuple):
 
 def run(scene: str, name: str, overrides: Sequence[str], duration: float) -> Run:
     """Run a scene with these overrides for duration [s]; a failure ends the run and is kept as its message."""
-    simulation, rows, message = None, [], ''
-    begin = time.process_time()
     try:
         simulation = simulation_of(load_scene(scene, overrides))
-        rows.append(_row(simulation.snapshot()))
-        begin = time.process_time()
+    except MbdError as error:
+        none, pairs = np.zeros(0), np.zeros((0, 2))
+        return Run(name, none, pairs, none, pairs, none, np.zeros((0, 4, 3)), pairs, {}, str(error))
+    return follow(simulation, name, duration)
+
+
+def follow(simulation: Simulation, name: str, duration: float) -> Run:
+    """The run of a simulation from its start on; a failure ends it and is kept as its message."""
+    rows, message = [_row(simulation.snapshot())], ''
+    begin = time.process_time()
+    try:
         if abs(GRID / simulation.h - round(GRID / simulation.h)) > 1e-9:
             raise SpecError(f'{name}: integrator.h = {simulation.h:g}: must be a whole part of the common grid of {GRID:g} s')
         for _ in range(round(duration / GRID)):
@@ -47,9 +55,6 @@ def run(scene: str, name: str, overrides: Sequence[str], duration: float) -> Run
     except MbdError as error:
         message = str(error)
     cpu = time.process_time() - begin
-    if simulation is None:
-        none, pairs = np.zeros(0), np.zeros((0, 2))
-        return Run(name, none, pairs, none, pairs, none, np.zeros((0, 4, 3)), pairs, {}, message)
     data = np.array(rows)
     steps = [(0.0, simulation.h)] + [(e.t, e.new) for e in simulation.events if e.kind == 'step']
     reached = max(float(data[-1, 0]), GRID)
