@@ -50,6 +50,9 @@ setup(
         'references': ['scipy_dae', 'scikit-sundae'],
         # Recordings as pandas DataFrames (mbd_sim_ros.analysis.load) and Parquet files (mbd export --parquet).
         'analysis': ['pandas', 'pyarrow'],
+        # Designs and indices of sensitivity (mbd sweep); sweeps on a Dask cluster.
+        'sweep': ['SALib', 'pyarrow'],
+        'cluster': ['distributed'],
         # ffmpeg, for films in MP4 (mbd view) where the system has none.
         'video': ['imageio-ffmpeg'],
         # The peers of `mbd study work_precision` (exudyn) and `mbd bench`.
@@ -60,6 +63,8 @@ setup(
             'pytest-xdist',
             'rosbags',
             'imageio-ffmpeg',
+            'SALib',
+            'distributed',
             'pandas',
             'pyarrow',
             'scipy_dae',

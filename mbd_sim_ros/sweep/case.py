@@ -1,0 +1,143 @@
+"""One case of a sweep: a run, and the numbers that are kept of it. Runs in any process that has this package."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mbd_sim_ros.bags.recorder import source_hash
+from mbd_sim_ros.batch import record, warm_up
+from mbd_sim_ros.sweep.design import Figure
+from solver import simulation_of
+from solver.analysis.verdict import findings
+from solver.errors import BagError, MbdError
+from solver.files.scene import load_scene_text
+from solver.quantities import Quantity, lengths, quantity
+
+SAMPLE = 1e-3  # s: figures are of instants at least so far apart
+Row = dict[str, Any]
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True)
+class Case:
+    """What a process needs to know. text: the resolved scene. values: of the parameters. rows: directory of the rows, where it can be
+    reached ('' elsewhere); bags: of the recordings, or ''."""
+
+    number: int
+    text: str
+    name: str
+    values: Mapping[str, float | str]
+    figures: Mapping[str, Figure]
+    rows: str = ''
+    bags: str = ''
+
+
+def row_of(case: Case) -> Row:
+    """The row of a case: number, values, status, message, figures (NaN where there is none). It is run unless its row is kept already."""
+    head: Row = {'case': case.number, **case.values}
+    nothing = dict.fromkeys(case.figures, math.nan)
+    try:
+        scene = load_scene_text(case.text, case.name, overrides_of(case.values))
+    except MbdError as error:
+        return {**head, 'status': 'error', 'message': str(error), **nothing}
+    asked = json.dumps([dataclasses.asdict(figure) for figure in case.figures.values()])
+    key = hashlib.sha256('\0'.join((scene.resolved, asked, source_hash())).encode()).hexdigest()[:24]
+    kept = Path(case.rows) / f'{key}.json' if case.rows else None
+    if kept is not None and kept.is_file():
+        try:
+            found = json.loads(kept.read_text(encoding='utf-8'))
+            if set(found) == {'status', 'message', 'figures'} and set(found['figures']) == set(case.figures):
+                return _row(head, found)
+        except (OSError, ValueError):  # half written, or damaged: it is run again
+            pass
+    bag = Path(case.bags) / f'{case.number:06d}' if case.bags else None
+    found = _run(scene, case.figures, bag)
+    if kept is not None:
+        part = kept.with_suffix(f'.{case.number}.part')
+        part.write_text(json.dumps(found), encoding='utf-8')
+        part.replace(kept)
+    return _row(head, found)
+
+
+def _row(head: Row, found: Mapping[str, Any]) -> Row:
+    figures = {name: math.nan if value is None else value for name, value in found['figures'].items()}
+    return {**head, 'status': found['status'], 'message': found['message'], **figures}
+
+
+def overrides_of(values: Mapping[str, float | str]) -> list[str]:
+    """The parameters as KEY=VALUE; numbers keep all their digits, whole ones are integers."""
+    return [f'{key}={_text(value)}' for key, value in values.items()]
+
+
+def _text(value: float | str) -> str:
+    if isinstance(value, str):
+        return value
+    return repr(int(value)) if float(value).is_integer() and abs(value) < 1e15 else repr(float(value))
+
+
+def _run(scene: Any, figures: Mapping[str, Figure], bag: Path | None) -> dict[str, Any]:
+    """status, message, figures (None where there is none)."""
+    found: dict[str, Quantity] = {}
+    instants: list[float] = []
+    values: list[np.ndarray] = []
+    recorder = messages = None
+    status, message = 'error', ''
+    try:
+        simulation = simulation_of(scene)
+        found = {name: quantity(figure.quantity, simulation.channels) for name, figure in figures.items()}
+        warm_up(simulation)
+        every = scene.record.every if bag is not None else 1
+        n = every * max(1, math.ceil(round(SAMPLE / (simulation.h * every), 6)))
+        if bag is not None:
+            messages, recorder = record(simulation, bag)
+        while True:
+            snapshot = simulation.snapshot()
+            instants.append(snapshot.t_ns * 1e-9)
+            values.append(snapshot.numbers)
+            if recorder and messages:
+                if simulation.k and simulation.applied is not None:
+                    recorder.note(simulation.k, simulation.applied)
+                recorder.record(snapshot.t_ns, messages.encode(snapshot))
+            if simulation.k >= scene.steps:
+                break
+            simulation.advance(min(n, scene.steps - simulation.k))
+        told = findings(simulation)
+        status, message = ('suspect', '; '.join(map(str, told))) if told else ('ok', '')
+    except BagError:
+        raise
+    except MbdError as error:
+        message = str(error)
+    finally:
+        if recorder is not None:
+            recorder.close({'status': status})
+    numbers = dict.fromkeys(figures) if status == 'error' else _figures(figures, found, np.array(instants), np.array(values))
+    return {'status': status, 'message': message, 'figures': numbers}
+
+
+def _figures(figures: Mapping[str, Figure], found: Mapping[str, Quantity], time: np.ndarray, rows: np.ndarray) -> dict[str, float | None]:
+    result: dict[str, float | None] = {}
+    for name, figure in figures.items():
+        of = found[name]
+        values = of.of(rows[:, of.places])
+        size = lengths(values - values[0] if of.from_start else values)
+        signed = values[:, 0] if values.shape[1] == 1 else size
+        take = figure.take
+        if take == 'peak':
+            value = size.max()
+        elif take == 'rms':
+            value = math.sqrt(float(np.mean(size * size)))
+        elif take == 'peak_time':
+            value = time[int(np.argmax(size))]
+        elif take == 'final':
+            value = signed[-1]
+        else:
+            value = signed.min() if take == 'min' else signed.max() if take == 'max' else signed.mean()
+        result[name] = float(value) if math.isfinite(value) else None
+    return result

@@ -1,0 +1,166 @@
+"""The file of a sweep, and the cases it asks for.
+
+scene: light_car_step_steer
+set: [duration=3.0]                                  # for every case
+parameters:                                          # keys of the scene, as for --set
+  vehicle.chassis.mass: {low: 1000, high: 1400}
+  integrator.h: {values: [0.001, 0.002]}
+  maneuver: {values: [maneuvers/step_steer.yaml, maneuvers/brake.yaml]}
+design: {kind: latin_hypercube, samples: 64, seed: 1}
+figures:                                             # what is kept of a run
+  yaw_rate_peak: {quantity: yaw_rate, take: peak}
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+from scipy.stats import qmc
+
+from solver.errors import SceneError, SpecError
+from solver.files.scene import find_file
+from solver.files.schema import Builder
+from solver.files.yaml_tree import read
+from solver.output.snapshot import Channels
+from solver.quantities import quantity
+from solver.validate import finite, require
+
+TAKES = ('peak', 'rms', 'min', 'max', 'mean', 'final', 'peak_time')
+SENSITIVITY = ('morris', 'saltelli')  # designs from which indices of sensitivity follow
+MOST_CASES = 1_000_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """What one key of the scene takes: the values of a list, or numbers from low to high (in a grid so many, ends included)."""
+
+    values: tuple[float | str, ...] = ()
+    low: float | None = None
+    high: float | None = None
+    steps: int = 5
+
+    def __post_init__(self) -> None:
+        ranged = self.low is not None and self.high is not None
+        require(bool(self.values) != ranged, 'sweep', 'parameters', self.values or (self.low, self.high), 'give values, or low and high')
+        require(not ranged or self.low < self.high, 'sweep', 'low', self.low, f'must be below high = {self.high}')  # type: ignore[operator]
+        finite('sweep', 'steps', self.steps, low=2)
+
+    @property
+    def ranged(self) -> bool:
+        """Whether it is a range of numbers."""
+        return not self.values
+
+    def at(self, share: float) -> float | str:
+        """The value at a share of the range or list, 0 to 1."""
+        if self.ranged:
+            assert self.low is not None
+            assert self.high is not None
+            return float(self.low + share * (self.high - self.low))
+        return self.values[min(int(share * len(self.values)), len(self.values) - 1)]
+
+    @property
+    def grid(self) -> list[float | str]:
+        """Its values in a grid."""
+        return [self.at(share) for share in np.linspace(0.0, 1.0, self.steps).tolist()] if self.ranged else list(self.values)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Design:
+    """Which cases. kind: 'grid' is every combination; the others take `samples` of the space: 'latin_hypercube', 'sobol' (a power of two),
+    and for indices of sensitivity 'morris' (as many trajectories) and 'saltelli' (a base of as many; [Herman2017])."""
+
+    kind: Literal['grid', 'latin_hypercube', 'sobol', 'morris', 'saltelli'] = 'grid'
+    samples: int = 16
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        finite('sweep', 'samples', self.samples, low=1, high=MOST_CASES)
+        power = self.samples & (self.samples - 1) == 0
+        require(self.kind not in ('sobol', 'saltelli') or power, 'sweep', 'samples', self.samples, 'must be a power of two')
+
+
+@dataclass(frozen=True, kw_only=True)
+class Figure:
+    """A number kept of a run: of a quantity of interest (docs/scene.md) or a recorded channel. peak: the largest absolute value."""
+
+    quantity: str
+    take: Literal['peak', 'rms', 'min', 'max', 'mean', 'final', 'peak_time'] = 'peak'
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sweep:
+    """A sweep. set: KEY=VALUE for every case. record: keep the bag of every case."""
+
+    scene: str
+    parameters: dict[str, Parameter]
+    figures: dict[str, Figure]
+    set: tuple[str, ...] = ()
+    design: Design = field(default_factory=Design)
+    record: bool = False
+
+    def __post_init__(self) -> None:
+        require(bool(self.parameters), 'sweep', 'parameters', {}, 'must name at least one key of the scene')
+        require(bool(self.figures), 'sweep', 'figures', {}, 'must name at least one number to keep')
+        taken = {'case', 'status', 'message'} & (self.figures.keys() | self.parameters.keys())
+        require(not taken, 'sweep', 'figures', sorted(taken), 'is a name of the table; take another')
+        if self.design.kind in SENSITIVITY:
+            for name, parameter in self.parameters.items():
+                require(parameter.ranged, 'sweep', name, parameter.values, f'a design of kind {self.design.kind} needs low and high')
+
+
+def load_sweep(file: str | Path) -> Sweep:
+    """Read the file of a sweep. Raises SceneError (file, line, remedy)."""
+    path = Path(file)
+    if not path.is_file():
+        path = find_file(file, 'sweeps')
+    return Builder().build(Sweep, read(path, ()))
+
+
+def cases(sweep: Sweep) -> list[dict[str, float | str]]:
+    """The values of all parameters, case by case. Raises SceneError for too many, SpecError without SALib where it is needed."""
+    names, parameters = list(sweep.parameters), list(sweep.parameters.values())
+    design = sweep.design
+    if design.kind == 'grid':
+        grids = [parameter.grid for parameter in parameters]
+        count = int(np.prod([len(grid) for grid in grids], dtype=float))
+        if count > MOST_CASES:
+            raise SceneError(f'sweep: the grid has {count} cases, more than {MOST_CASES}; take fewer values or design.kind: sobol')
+        return [dict(zip(names, values, strict=True)) for values in itertools.product(*grids)]
+    if design.kind in SENSITIVITY:
+        table = np.asarray(_salib(sweep)(problem(sweep)))
+        return [dict(zip(names, row, strict=True)) for row in table.tolist()]
+    sampler = qmc.LatinHypercube if design.kind == 'latin_hypercube' else qmc.Sobol
+    shares = sampler(len(names), seed=design.seed).random(design.samples)
+    return [{n: p.at(share) for n, p, share in zip(names, parameters, row, strict=True)} for row in shares.tolist()]
+
+
+def problem(sweep: Sweep) -> dict[str, Any]:
+    """The parameters as SALib wants them."""
+    bounds = [[parameter.low, parameter.high] for parameter in sweep.parameters.values()]
+    return {'num_vars': len(bounds), 'names': list(sweep.parameters), 'bounds': bounds}
+
+
+def _salib(sweep: Sweep) -> Any:
+    try:
+        from SALib.sample import morris, sobol
+    except ImportError:
+        raise SpecError(f"sweep: design.kind = {sweep.design.kind!r} needs SALib: pip install 'mbd_sim_ros[sweep]'") from None
+    n, seed = sweep.design.samples, sweep.design.seed
+    if sweep.design.kind == 'morris':
+        return lambda asked: morris.sample(asked, n, seed=seed)
+    return lambda asked: sobol.sample(asked, n, calc_second_order=False, seed=seed)
+
+
+def units_of(sweep: Sweep, channels: Channels) -> dict[str, str]:
+    """Units of the figures. Raises SceneError for a quantity that the scene does not have."""
+    units = {}
+    for name, figure in sweep.figures.items():
+        try:
+            units[name] = 's' if figure.take == 'peak_time' else quantity(figure.quantity, channels).unit
+        except SpecError as error:
+            raise SceneError(f'sweep: figures.{name}.quantity: {error}') from None
+    return units

@@ -1,0 +1,137 @@
+"""What a sweep found: the table, sensitivities, and a report."""
+
+from __future__ import annotations
+
+import base64
+import csv
+import html
+import io
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mbd_sim_ros.sweep.case import Row
+from mbd_sim_ros.sweep.design import Sweep, problem
+from solver.errors import BagError
+
+COLOURS = {'ok': '#0072b2', 'suspect': '#e69f00', 'error': '#d55e00'}
+
+
+def write_table(rows: Sequence[Row], directory: Path) -> Path:
+    """Write all rows in the order of their cases: sweep.parquet, or sweep.csv where pyarrow is missing. Raises BagError."""
+    columns = {name: [row[name] for row in rows] for name in rows[0]}
+    for name, values in columns.items():
+        if any(isinstance(value, str) for value in values):
+            columns[name] = [value if isinstance(value, str) else repr(value) for value in values]
+    try:
+        import pyarrow as pa
+        from pyarrow import parquet
+    except ImportError:
+        file = directory / 'sweep.csv'
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator='\n')
+        writer.writerow(columns)
+        writer.writerows(zip(*columns.values(), strict=True))
+        return _write(file, text.getvalue())
+    file = directory / 'sweep.parquet'
+    try:
+        parquet.write_table(pa.table(columns), file)
+    except OSError as error:
+        raise BagError(f'cannot write {file}: {error.strerror or error}; choose another place') from None
+    return file
+
+
+def sensitivities(sweep: Sweep, rows: Sequence[Row]) -> dict[str, dict[str, dict[str, float]]]:
+    """figure -> parameter -> indices: of a design of kind morris mu_star and sigma (elementary effects [Morris1991]), of saltelli S1 and ST
+    (first-order and total [Saltelli2010], by SALib); nothing of the other kinds, and where a case failed."""
+    if sweep.design.kind not in ('morris', 'saltelli'):
+        return {}
+    result: dict[str, dict[str, dict[str, float]]] = {}
+    asked, names = problem(sweep), list(sweep.parameters)
+    at = np.array([[float(row[name]) for name in names] for row in rows])
+    for figure in sweep.figures:
+        values = np.array([float(row[figure]) for row in rows])
+        if not np.isfinite(values).all() or np.ptp(values) == 0.0:
+            continue
+        if sweep.design.kind == 'morris':
+            from SALib.analyze import morris
+
+            found = morris.analyze(asked, at, values, seed=sweep.design.seed)
+            keys = ('mu_star', 'sigma')
+        else:
+            from SALib.analyze import sobol
+
+            found = sobol.analyze(asked, values, calc_second_order=False, seed=sweep.design.seed)
+            keys = ('S1', 'ST')
+        result[figure] = {name: {key: float(found[key][i]) for key in keys} for i, name in enumerate(names)}
+    return result
+
+
+def write_report(sweep: Sweep, rows: Sequence[Row], indices: dict[str, Any], units: Mapping[str, str], directory: Path, title: str) -> Path:
+    """Write report.html: counts, extremes of every figure and where they are, a picture per figure, failures. Raises BagError.
+
+    units: of the figures.
+    """
+    counts = {status: sum(row['status'] == status for row in rows) for status in COLOURS}
+    parts = [f'<h1>{html.escape(title)}</h1>', f'<p>{len(rows)} cases: {", ".join(f"{n} {status}" for status, n in counts.items())}.</p>']
+    for figure, meaning in sweep.figures.items():
+        known = [row for row in rows if math.isfinite(row[figure])]
+        parts.append(f'<h2>{html.escape(figure)}: {meaning.take} of {html.escape(meaning.quantity)}</h2>')
+        if not known:
+            parts.append('<p>no case has it</p>')
+            continue
+        low, high = min(known, key=lambda row: row[figure]), max(known, key=lambda row: row[figure])
+        parts.append(f'<p>from {low[figure]:.6g} (case {low["case"]}) to {high[figure]:.6g} {units[figure]} (case {high["case"]})</p>')
+        parts.append(f'<img alt="{html.escape(figure)}" src="data:image/png;base64,{_picture(sweep, known, figure, units[figure])}">')
+        if figure in indices:
+            keys = list(next(iter(indices[figure].values())))
+            rows_ = ''.join(
+                f'<tr><td>{html.escape(name)}</td>{"".join(f"<td>{found[key]:.4g}</td>" for key in keys)}</tr>'
+                for name, found in sorted(indices[figure].items(), key=lambda item: -abs(item[1][keys[-1]]))
+            )
+            parts.append(f'<table><tr><th>parameter</th>{"".join(f"<th>{key}</th>" for key in keys)}</tr>{rows_}</table>')
+    failed = [row for row in rows if row['status'] != 'ok']
+    if failed:
+        parts.append('<h2>Not ok</h2><table><tr><th>case</th><th>status</th><th>what was found</th></tr>')
+        parts += [f'<tr><td>{row["case"]}</td><td>{row["status"]}</td><td>{html.escape(row["message"])}</td></tr>' for row in failed]
+        parts.append('</table>')
+    style = 'body{font:15px/1.5 system-ui,sans-serif;margin:2em auto;max-width:70em;padding:0 1em;color:#222}img{max-width:100%}'
+    style += 'table{border-collapse:collapse}td,th{padding:2px 12px;text-align:left;border-bottom:1px solid #ddd}'
+    page = f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{html.escape(title)}</title><style>{style}</style>'
+    return _write(directory / 'report.html', page + '\n'.join(parts) + '</html>\n')
+
+
+def _picture(sweep: Sweep, rows: Sequence[Row], figure: str, unit: str) -> str:
+    """The figure over every parameter, as PNG in base64."""
+    from matplotlib.figure import Figure
+
+    names = list(sweep.parameters)
+    across = min(3, len(names))
+    down = math.ceil(len(names) / across)
+    drawing = Figure(figsize=(4.2 * across, 3.0 * down), dpi=90, layout='constrained')
+    for k, name in enumerate(names):
+        axes = drawing.add_subplot(down, across, k + 1)
+        for status, colour in COLOURS.items():
+            some = [row for row in rows if row['status'] == status]
+            if some:
+                axes.plot([row[name] for row in some], [row[figure] for row in some], 'o', color=colour, markersize=4, label=status)
+        axes.set_xlabel(name, fontsize=9)
+        axes.set_ylabel(f'{figure} [{unit}]' if k % across == 0 else '', fontsize=9)
+        axes.tick_params(labelsize=8)
+        axes.grid(color='#e5e5e5')
+        if k == 0:
+            axes.legend(fontsize=8)
+    out = io.BytesIO()
+    drawing.savefig(out, format='png')
+    return base64.b64encode(out.getvalue()).decode()
+
+
+def _write(file: Path, text: str) -> Path:
+    try:
+        file.write_text(text, encoding='utf-8')
+    except OSError as error:
+        raise BagError(f'cannot write {file}: {error.strerror}; choose another place') from None
+    return file

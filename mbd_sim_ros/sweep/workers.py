@@ -1,0 +1,94 @@
+"""Processes of this machine that run cases. A worker that dies takes with it the case it was at, which is tried once more."""
+
+from __future__ import annotations
+
+import math
+import multiprocessing
+import os
+import signal
+from collections import deque
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from multiprocessing.connection import Connection, wait
+from typing import Any
+
+from mbd_sim_ros.sweep.case import Case, Row, row_of
+
+TRIES = 2  # of a case whose worker died
+
+
+class Worker:
+    """One process, and the case it is at."""
+
+    def __init__(self, context: Any) -> None:
+        self.pipe, theirs = context.Pipe()
+        self.process = context.Process(target=_work, args=(theirs,), daemon=True)
+        self.process.start()
+        theirs.close()
+        self.case: Case | None = None
+
+    def give(self, case: Case) -> None:
+        """Have it run a case."""
+        self.case = case
+        with suppress(OSError):  # it is dead, which wait() tells
+            self.pipe.send(case)
+
+    def end(self) -> None:
+        """End it now."""
+        self.process.kill()
+        self.process.join()
+        self.pipe.close()
+
+
+def run_here(cases: Sequence[Case], count: int) -> Iterator[Row]:
+    """The rows of the cases, as they are done, by `count` processes."""
+    context = multiprocessing.get_context('spawn')  # a fork would share locks of threads, and signals
+    waiting = deque((case, TRIES) for case in cases)
+    workers: list[Worker] = []
+    left: dict[int, int] = {}
+    try:
+        workers += [Worker(context) for _ in range(min(count, len(cases)))]
+        for worker in workers:
+            _next(worker, waiting, left)
+        while any(worker.case for worker in workers):
+            for pipe in wait([worker.pipe for worker in workers if worker.case]):
+                i = next(k for k, worker in enumerate(workers) if worker.pipe is pipe)
+                case = workers[i].case
+                assert case is not None
+                try:
+                    yield workers[i].pipe.recv()
+                    workers[i].case = None
+                except (EOFError, OSError):
+                    workers[i].end()
+                    number = workers[i].process.exitcode
+                    workers[i] = Worker(context)
+                    tries = left[case.number] - 1
+                    if tries:
+                        waiting.appendleft((case, tries))
+                    else:
+                        yield lost(case, f'its worker died twice (exit code {number})')
+                _next(workers[i], waiting, left)
+    finally:
+        for worker in workers:
+            worker.end()
+
+
+def lost(case: Case, message: str) -> Row:
+    """The row of a case that no worker brought back."""
+    return {'case': case.number, **case.values, 'status': 'error', 'message': message, **dict.fromkeys(case.figures, math.nan)}
+
+
+def _next(worker: Worker, waiting: deque[tuple[Case, int]], left: dict[int, int]) -> None:
+    if waiting:
+        case, left_tries = waiting.popleft()
+        left[case.number] = left_tries
+        worker.give(case)
+
+
+def _work(pipe: Connection) -> None:
+    """The life of a worker: cases in, rows out, until nobody is at the other end."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C in the terminal is for the process that asked
+    os.environ['TQDM_DISABLE'] = '1'
+    with suppress(EOFError, OSError):
+        while True:
+            pipe.send(row_of(pipe.recv()))

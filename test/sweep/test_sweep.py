@@ -1,0 +1,220 @@
+"""Sweeps: what is asked for is run, once, whatever dies or is interrupted, and the table has the same bits."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pyarrow import parquet
+
+from mbd_sim_ros.commands.main import main
+from mbd_sim_ros.sweep import workers
+from mbd_sim_ros.sweep.case import Case, row_of
+from mbd_sim_ros.sweep.design import Design, Figure, Parameter, Sweep, cases, load_sweep
+from mbd_sim_ros.sweep.table import sensitivities
+from solver import load_scene, simulation_of
+from solver.errors import SceneError, SpecError
+
+FILE = """
+scene: pendulum
+set: [duration=0.3]
+parameters:
+  integrator.h: {values: [0.01, 0.005]}
+  mechanism.gravity: {values: ['[0, -9.81, 0]', '[0, -1.62, 0]']}
+figures:
+  lowest: {quantity: odom/pose/y, take: min}
+  fast: {quantity: odom/twist/wz, take: peak}
+"""
+
+
+def swept(capsys: pytest.CaptureFixture[str], file: Path, out: Path, *options: str) -> dict:
+    assert main(['sweep', str(file), '--out', str(out), '--json', *options]) == 0
+    return json.loads(capsys.readouterr().out)
+
+
+def test_a_grid_is_every_combination_and_its_figures_are_those_of_single_runs(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    file = tmp_path / 's.yaml'
+    file.write_text(FILE)
+    found = swept(capsys, file, tmp_path / 'out', '--workers', '2')
+    assert (found['cases'], found['cases_ok']) == (4, 4)
+    table = parquet.read_table(found['table']).to_pylist()
+    assert [row['case'] for row in table] == [0, 1, 2, 3]
+    assert {(row['integrator.h'], row['mechanism.gravity']) for row in table} == {
+        (h, g) for h in (0.01, 0.005) for g in ('[0, -9.81, 0]', '[0, -1.62, 0]')
+    }
+    for row in table:
+        overrides = ['duration=0.3', f'integrator.h={row["integrator.h"]}', f'mechanism.gravity={row["mechanism.gravity"]}']
+        simulation = simulation_of(load_scene('pendulum', overrides))
+        shots = [simulation.snapshot()] + [simulation.advance(1) for _ in range(simulation.scene.steps)]
+        body = simulation.channels.chassis or 0
+        assert row['lowest'] == min(shot.pose[body, 1] for shot in shots)
+        assert row['fast'] == max(abs(shot.twist[body, 5]) for shot in shots)
+    assert 'lowest' in Path(found['report']).read_text()
+
+
+def test_finished_cases_are_not_run_again_and_the_table_keeps_its_bits(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    file = tmp_path / 's.yaml'
+    file.write_text(FILE)
+    first = swept(capsys, file, tmp_path / 'out', '--workers', '1')
+    before = Path(first['table']).read_bytes()
+    rows = sorted((tmp_path / 'out' / 'rows').glob('*.json'))
+    assert len(rows) == 4
+    rows[0].write_text('{"status": "ok"')  # half written
+    rows[1].unlink()
+    kept = {row: row.stat().st_mtime_ns for row in rows[2:]}
+    again = swept(capsys, file, tmp_path / 'out', '--workers', '2')
+    assert Path(again['table']).read_bytes() == before
+    assert {row: row.stat().st_mtime_ns for row in rows[2:]} == kept
+    assert json.loads(rows[0].read_text())['status'] == 'ok'
+
+
+def test_failures_are_rows(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    file = tmp_path / 's.yaml'
+    file.write_text(FILE.replace('[0.01, 0.005]', '[0.01, -1.0]'))
+    found = swept(capsys, file, tmp_path / 'out', '--workers', '1')
+    assert (found['cases_ok'], found['cases_error']) == (2, 2)
+    for row in parquet.read_table(found['table']).to_pylist():
+        bad = row['integrator.h'] == -1
+        assert (row['status'] == 'error') == bad
+        assert ('integrator.h' in row['message']) == bad
+        assert math.isnan(row['fast']) == bad
+
+
+def pendulums(n: int, rows: Path) -> list[Case]:
+    text = load_scene('pendulum', ['duration=0.2']).resolved
+    figures = {'fast': Figure(quantity='odom/twist/wz')}
+    return [
+        Case(number=i, text=text, name='pendulum', values={'integrator.h': 1e-3 * (1 + i % 5)}, figures=figures, rows=str(rows))
+        for i in range(n)
+    ]
+
+
+@pytest.mark.slow
+def test_a_worker_that_dies_costs_nothing(tmp_path: Path):
+    todo = pendulums(12, tmp_path)
+    expected = [row_of(case) for case in pendulums(12, tmp_path / 'none' if (tmp_path / 'none').mkdir() is None else tmp_path)]
+    found = []
+    for row in (rows := workers.run_here(todo, 2)):
+        found.append(row)
+        if len(found) == 3:
+            frame = rows.gi_frame  # type: ignore[attr-defined]
+            os.kill(frame.f_locals['workers'][0].process.pid, signal.SIGKILL)
+    assert sorted(found, key=lambda row: row['case']) == expected
+
+
+@pytest.mark.slow
+def test_a_sweep_that_is_interrupted_goes_on(tmp_path: Path):
+    file = tmp_path / 's.yaml'
+    steps = ', '.join(f'{1e-3 + 1e-5 * i:.6g}' for i in range(40))
+    file.write_text(FILE.replace('[0.01, 0.005]', f'[{steps}]').replace('duration=0.3', 'duration=3.0'))
+    command = [sys.executable, '-m', 'mbd_sim_ros.commands.main', 'sweep', str(file), '--out', str(tmp_path / 'out'), '--workers', '1']
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    end = time.monotonic() + 120.0
+    while len(list(tmp_path.glob('out/rows/*.json'))) < 3 and time.monotonic() < end:
+        time.sleep(0.02)
+    os.killpg(process.pid, signal.SIGINT)
+    said = process.communicate(timeout=30)[1]
+    assert process.returncode == 130
+    assert 'Traceback' not in said
+    assert 'goes on' in said
+    done = len(list(tmp_path.glob('out/rows/*.json')))
+    assert 3 <= done < 80
+    time.sleep(0.5)
+    assert len(list(tmp_path.glob('out/rows/*.json'))) == done  # no worker was left behind
+    assert subprocess.run([*command, '--json'], timeout=300, check=True, capture_output=True).returncode == 0
+    assert parquet.read_table(tmp_path / 'out' / 'sweep.parquet').num_rows == 80
+
+
+@pytest.mark.slow
+def test_a_cluster_gives_the_same_rows(tmp_path: Path):
+    distributed = pytest.importorskip('distributed')
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None) as cluster:
+        from mbd_sim_ros.sweep.cluster import run_there
+
+        (tmp_path / 'there').mkdir()
+        (tmp_path / 'here').mkdir()
+        there = sorted(run_there(pendulums(4, tmp_path / 'there'), cluster.scheduler_address), key=lambda row: row['case'])
+    assert there == [row_of(case) for case in pendulums(4, tmp_path / 'here')]
+
+
+def sweep_of(kind: str, samples: int = 16, **more: Parameter) -> Sweep:
+    ranges = {name: Parameter(low=0.0, high=1.0) for name in ('a', 'b', 'c')} | more
+    return Sweep(scene='x', parameters=ranges, figures={'f': Figure(quantity='q')}, design=Design(kind=kind, samples=samples, seed=3))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ('kind', 'count'), [('latin_hypercube', 16), ('sobol', 16), ('morris', 16 * 4), ('saltelli', 16 * 5), ('grid', 125)]
+)
+def test_designs_stay_inside_repeat_and_fill_the_space(kind: str, count: int):
+    sweep = sweep_of(kind)
+    found = cases(sweep)
+    assert found == cases(sweep)
+    table = np.array([[case[name] for name in 'abc'] for case in found], float)
+    assert table.shape == (count, 3)
+    assert (table >= 0.0).all() and (table <= 1.0).all()
+    if kind == 'latin_hypercube':  # one in every sixteenth of each axis
+        assert (np.sort(np.floor(16 * table).astype(int), axis=0) == np.arange(16)[:, None]).all()
+    if kind == 'sobol':  # balanced: as many in either half
+        assert ((table < 0.5).sum(axis=0) == 8).all()
+
+
+def test_indices_of_a_known_function():
+    """f = a + 2 b: S1 = ST = 1/5, 4/5, 0; elementary effects 1, 2, 0 everywhere."""
+    for kind in ('saltelli', 'morris'):
+        sweep = sweep_of(kind, 1024 if kind == 'saltelli' else 8)
+        rows = [{**case, 'f': float(case['a']) + 2.0 * float(case['b'])} for case in cases(sweep)]
+        found = sensitivities(sweep, rows)['f']
+        if kind == 'saltelli':
+            for name, share in zip('abc', (0.2, 0.8, 0.0), strict=True):
+                # the estimator's error falls like 1/sqrt(1024)
+                assert found[name]['S1'] == pytest.approx(share, abs=0.1)
+                assert found[name]['ST'] == pytest.approx(share, abs=0.1)
+        else:
+            for name, effect in zip('abc', (1.0, 2.0, 0.0), strict=True):
+                assert found[name]['mu_star'] == pytest.approx(effect, abs=1e-9)
+                assert found[name]['sigma'] == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ('change', 'part'),
+    [
+        (('scene: pendulum', 'scene: pendulem'), 'pendulem'),
+        (('integrator.h:', 'integrator.hh:'), 'hh'),
+        (('odom/pose/y', 'odom/pose/yy'), 'odom/pose/yy'),
+        (('{values: [0.01, 0.005]}', '{low: 1}'), 'low and high'),
+        (('{values: [0.01, 0.005]}', '{low: 2, high: 1}'), 'below'),
+        (('take: min', 'take: least'), 'take'),
+    ],
+)
+def test_wrong_files_are_one_sentence(change: tuple[str, str], part: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    file = tmp_path / 's.yaml'
+    assert change[0] in FILE
+    file.write_text(FILE.replace(*change))
+    assert main(['sweep', str(file), '--out', str(tmp_path / 'out')]) != 0
+    said = capsys.readouterr().err
+    assert part in said and said.count('\n') == 1, said
+    assert not (tmp_path / 'out').exists()
+
+
+def test_designs_that_cannot_be_are_refused():
+    with pytest.raises(SpecError, match='power of two'):
+        Design(kind='sobol', samples=12)
+    with pytest.raises(SpecError, match='low and high'):
+        sweep_of('morris', 16, d=Parameter(values=(1.0, 2.0)))
+    with pytest.raises(SceneError, match='more than'):
+        cases(sweep_of('grid', **{name: Parameter(low=0.0, high=1.0, steps=100) for name in 'abcd'}))
+
+
+def test_a_file_is_found_by_name_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / 'config' / 'sweeps').mkdir(parents=True)
+    (tmp_path / 'config' / 'sweeps' / 'mine.yaml').write_text(FILE)
+    monkeypatch.chdir(tmp_path)
+    assert load_sweep('mine').scene == 'pendulum'
