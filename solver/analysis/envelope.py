@@ -1,4 +1,5 @@
-"""Whether a run stays where the certificate of its plan holds (solver.levels.auto): quantities of interest within their ranges.
+"""Whether a run stays where its level of detail holds, and the certificate of its plan (solver.levels.auto): quantities of interest within
+their ranges.
 
 What is looked at are the snapshots that are handed out, so a run that shows every tenth step is watched at every tenth.
 """
@@ -64,8 +65,8 @@ class Envelope:
             side = limit.high if value > limit.high else limit.low
             name, unit = limit.quantity.replace('_', ' '), limit.unit
             text = (
-                f'the run leaves the envelope of its plan: {name} is {value:.3g} {unit} at t = {time:.6g} s, certified is '
-                f'{limit.low:.3g} to {limit.high:.3g} {unit}; plan a scene that goes so far, or take fidelity: full'
+                f'the run leaves its envelope: {name} is {value:.3g} {unit} at t = {time:.6g} s, valid is {limit.low:.3g} to '
+                f'{limit.high:.3g} {unit} ({limit.why}); plan a scene that goes so far, or take fidelity: full'
             )
             found.append(
                 Finding(quantity='envelope', value=value, limit=side, unit=unit, time=time, where=limit.quantity, required=False, text=text)

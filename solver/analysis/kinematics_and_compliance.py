@@ -11,6 +11,7 @@ front_left ... and that has the coordinates wheel_<corner> and travel_<corner> (
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -29,7 +30,14 @@ from solver.vehicle.hardpoints import SIDES
 
 CORNERS = tuple(f'{axle}_{side}' for axle in AXLES for side in SIDES)
 LOADS = {'fx': ('force', (1.0, 0.0, 0.0)), 'fy': ('force', (0.0, 1.0, 0.0)), 'mz': ('torque', (0.0, 0.0, 1.0))}
+AT_CENTER = {
+    'cx': ('force', (1.0, 0.0, 0.0)),
+    'cy': ('force', (0.0, 1.0, 0.0)),
+    'mx': ('torque', (1.0, 0.0, 0.0)),
+    'my': ('torque', (0.0, 1.0, 0.0)),
+}
 STEPS = {'travel': 0.03, 'steering': 0.5}  # largest change of an input of the rig at once [m or rad]
+HOLD = 1e6  # brake input that locks wheels [N m]
 
 
 def wheel_centers(spec: ModelSpec) -> dict[str, np.ndarray]:
@@ -42,9 +50,13 @@ def wheel_centers(spec: ModelSpec) -> dict[str, np.ndarray]:
 
 
 class Rig:
-    """A kinematics and compliance test bench for a vehicle model; see the module."""
+    """A kinematics and compliance test bench for a vehicle model; see the module.
 
-    def __init__(self, spec: ModelSpec) -> None:
+    at_center: with inputs for what else a wheel can be loaded with and moved by: forces cx_<corner>, cy_ [N] at the wheel centre, moments
+    mx_, my_ [N m], and the angle spin_ [rad] of the wheel in its carrier. Wheels without a bearing are locked by their brakes.
+    """
+
+    def __init__(self, spec: ModelSpec, *, at_center: bool = False) -> None:
         self.spec = spec
         self.centers = wheel_centers(spec)
         bodies = {b.name: b for b in spec.bodies}
@@ -54,17 +66,30 @@ class Rig:
             for tire in spec.tires:
                 if joint.name == f'wheel_{tire.name}':
                     carrier[tire.name] = joint.i.body if joint.j.body == tire.marker.body else joint.j.body
-        rows = [CouplerSpec(name=f'hold_{c}', terms=((f'wheel_{c}', 1.0),)) for c in CORNERS]
+        self._locked = {} if carrier else dict.fromkeys({guide.input for guide in spec.guides}, HOLD)
+        spin = [f'spin_{c}' for c in CORNERS] if at_center else [None] * len(CORNERS)
+        rows = [
+            CouplerSpec(name=f'hold_{c}', terms=((f'wheel_{c}', 1.0),), offset=None if name is None else 0.0, input=name)
+            for c, name in zip(CORNERS, spin, strict=True)
+            if c in carrier
+        ]
         rows += [CouplerSpec(name=f'travel_{c}', terms=((f'travel_{c}', 1.0),), offset=0.0, input=f'travel_{c}') for c in CORNERS]
         loads = []
         for c in CORNERS:
-            b = bodies[carrier[c]]
-            ground = np.array([*self.centers[c][:2], 0.0])
-            x, y, z = (float(v) for v in matrix(b.orientation).T @ (ground - np.array(b.position)))
-            marker = Marker(body=b.name, position=(x, y, z))
-            for n, (kind, direction) in LOADS.items():
-                loads.append(AppliedForceSpec(name=f'{n}_{c}', marker=marker, input=f'{n}_{c}', **{kind: direction}))  # type: ignore[arg-type]
-        names = [n + end for n in (*(f'travel_{c}' for c in CORNERS),) for end in ('', RATE, ACCELERATION)] + [f.name for f in loads]
+            b = bodies[carrier.get(c) or next(tire.marker.body for tire in spec.tires if tire.name == c)]
+            center = self.centers[c]
+            for here, height in ((LOADS, 0.0), (AT_CENTER if at_center else {}, float(center[2]))):
+                free = c not in carrier  # a body that may turn about the spin axis is loaded at its centre by the force and its moment
+                at = center if free else np.array([*center[:2], height])
+                x, y, z = (float(v) for v in matrix(b.orientation).T @ (at - np.array(b.position)))
+                marker = Marker(body=b.name, position=(x, y, z))
+                for n, (kind, direction) in here.items():
+                    load: dict[str, Any] = {kind: direction}
+                    if free and kind == 'force':
+                        load['torque'] = tuple(np.cross((0.0, 0.0, height - center[2]), direction).tolist())
+                    loads.append(AppliedForceSpec(name=f'{n}_{c}', marker=marker, input=f'{n}_{c}', **load))
+        driven = [row.input for row in rows if row.input is not None]
+        names = [n + end for n in driven for end in ('', RATE, ACCELERATION)] + [f.name for f in loads]
         fixed = JointSpec(
             name='rig',
             kind='fixed',
@@ -84,6 +109,10 @@ class Rig:
         )
         self.model = prepare(model)
         self.start = ConsistentState(self.model)
+        self.reset()
+
+    def reset(self) -> None:
+        """To the equilibrium of the design position, from the placement."""
         self.state = new_state(self.model)
         self._u = np.zeros(len(self.inputs))
         self.settle({})
@@ -92,7 +121,7 @@ class Rig:
         """Equilibrium under the given inputs (travel_<corner> [m], steering [rad], fx_, fy_ [N] or mz_<corner> [N m] at the contact
         patch); returns by corner toe, camber, steer [rad], x, y of wheel centre and contact patch relative to the design [m],
         load: vertical force at the wheel [N]."""
-        before, u = self._u, np.array([inputs.get(name, 0.0) for name in self.inputs])
+        before, u = self._u, np.array([inputs.get(name, self._locked.get(name, 0.0)) for name in self.inputs])
         limits = np.array([STEPS.get(name.partition('_')[0], np.inf) for name in self.inputs])
         count = max(1, int(np.ceil(np.max(np.abs(u - before) / limits))))
         for k in range(1, count + 1):
@@ -165,7 +194,7 @@ def kinematic_figures(rig: Rig, step: float = 0.01) -> dict[str, float]:
             f'bump_toe_{axle}': slope(both, 'toe', step),
             f'bump_camber_{axle}': slope(both, 'camber', step),
         }
-        if rig.spec.bushings:
+        if rig.spec.bushings or rig.spec.guides:
             figures |= {
                 f'lateral_steer_{axle}': slope(side, 'steer', 1000.0),
                 f'lateral_compliance_{axle}': slope(side, 'contact_y', 1000.0),

@@ -59,11 +59,16 @@ def linearised(model: Model, state: State, u: np.ndarray) -> Linear:
     at_rest = np.zeros_like(state.v)
     _, lam = start.acceleration(state.q, at_rest, state.z, state.angle, u)
     kin = start._constraints(state.q, at_rest, state.angle, u)
-    evaluate_forces(model.tables, kin, state.angle, state.z, LONG, u, True, start.f, start.Kq, start.Kv, start.z, start.outputs)
-    with_contact = start.Kv.copy()
-    evaluate_forces(model.tables, kin, state.angle, state.z, 0.0, u, True, start.f, start.Kq, start.Kv, start.z, start.outputs)
-    C = -_dense(model, start.Kv)
-    contact = -_dense(model, with_contact - start.Kv) / LONG
+    rates = []
+    for time in (
+        2.0 * LONG,
+        LONG,
+        0.0,
+    ):  # tangents over velocities are -C - K time for the states of standing tires, -C for those of dampers
+        evaluate_forces(model.tables, kin, state.angle, state.z, time, u, True, start.f, start.Kq, start.Kv, start.z, start.outputs)
+        rates.append(_dense(model, start.Kv))
+    contact = (rates[1] - rates[0]) / LONG
+    C = -rates[1] - LONG * contact
     add_constraint_stiffness(model.tables, kin, lam, start.Kq, start.Kv)
     K = -_dense(model, start.Kq) + contact
     bodies = model.tables.bodies

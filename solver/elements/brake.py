@@ -100,7 +100,7 @@ def compile_brakes(specs: Sequence[BrakeSpec], context: Context) -> BrakeTable:
 
 
 @kernel(inline=True)
-def _friction(zp, cz, omega, T, k, d):
+def friction(zp, cz, omega, T, k, d):
     """Return (z, tau, dtau/domega, dissipation) of the return mapping described in the module."""
     stiff = k * cz + d
     tau = k * zp + stiff * omega
@@ -136,7 +136,7 @@ def brake_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, K
         _, g_i, g_j = evaluate_coordinate(coordinates, kin, c, angle)
         omega = coordinate_rate(coordinates, kin, c, g_i, g_j)
         T = max(table.gain[e] * u[table.input[e]], 0.0)
-        wound, torque, slope, dissipation = _friction(zp[n], cz, omega, T, k, table.damping[e])
+        wound, torque, slope, dissipation = friction(zp[n], cz, omega, T, k, table.damping[e])
         g = (g_i, g_j)
         for a in range(2):
             add_gradient(-torque, g[a], table.body[e, a], f)
@@ -189,4 +189,5 @@ BRAKES = ForceKind(
     on_coordinates=True,
     effort='torque',
     held=held_brakes,
+    capacities=capacities,
 )

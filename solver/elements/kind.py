@@ -51,8 +51,10 @@ class ForceKind:
     `body` where elements have internal states, `input` (indices of channels, -1 for none) where the specification has one. kernel: see
     solver.elements. outputs: column -> unit, energy and dissipation first. on_coordinates: the kernel takes the table of joint
     coordinates and their values too. supplies: inputs are loads, which feed energy in, not capacities. effort: the column that is a
-    generalized force on the joint coordinates in the table's columns `coordinate`, times `factor` where there is one. wheels: the
+    generalized force on the joint coordinates in the table's columns `coordinate`, times `factor` where there is one; or one column for
+    each of these coordinates. wheels: the
     elements are the wheels of a vehicle, shown by topics of their own. held(table, u): how they act in the search for static equilibrium.
+    capacities(table, u): the largest torques of the brakes that they are or have, under the inputs u (nu,).
     """
 
     name: str
@@ -62,9 +64,10 @@ class ForceKind:
     outputs: Mapping[str, str]
     on_coordinates: bool = False
     supplies: bool = False
-    effort: str | None = None
+    effort: str | tuple[str, ...] | None = None
     wheels: bool = False
     held: Callable[[Any, np.ndarray], Held] | None = None
+    capacities: Callable[[Any, np.ndarray], np.ndarray] | None = None
 
     def __post_init__(self) -> None:
         where = f'kind {self.name!r}'
@@ -73,10 +76,16 @@ class ForceKind:
             raise TypeError(
                 f'{where}: the first two outputs must be {" and ".join(FIRST_OUTPUTS)}, not {", ".join(list(self.outputs)[:2])}'
             )
-        if self.effort is not None and self.effort not in self.outputs:
-            raise TypeError(f'{where}: effort = {self.effort!r} is no output')
+        for name in self.efforts:
+            if name not in self.outputs:
+                raise TypeError(f'{where}: effort = {name!r} is no output')
         if self.supplies and not self.driven:
             raise TypeError(f'{where}: supplies, but {self.spec.__name__} has no input')
+
+    @property
+    def efforts(self) -> tuple[str, ...]:
+        """The columns that are generalized forces."""
+        return (self.effort,) if isinstance(self.effort, str) else self.effort or ()
 
     @property
     def driven(self) -> bool:

@@ -9,6 +9,7 @@ from solver.elements.bushing import BUSHINGS
 from solver.elements.contact import CONTACTS
 from solver.elements.coordinate_force import COORDINATE_FORCES
 from solver.elements.coupler import COUPLERS
+from solver.elements.guide import GUIDES
 from solver.elements.joint import JOINTS
 from solver.elements.kind import ConstraintKind, ForceKind
 from solver.elements.spring_damper import SPRING_DAMPERS
@@ -24,6 +25,7 @@ FORCES: tuple[ForceKind, ...] = (
     BUSHINGS,
     COORDINATE_FORCES,
     BRAKES,
+    GUIDES,
     APPLIED_FORCES,
     AERO_DRAGS,
     TIRES,

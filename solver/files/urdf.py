@@ -4,7 +4,7 @@ URDF knows trees of joints with one coordinate each; a car has loops, ball joint
 along the connection that says most about the relative motion:
 
     revolute, prismatic, cylindrical   exact; the coordinates of these joints
-    other joint coordinates            e.g. travel_front_left: only this part of the motion is shown
+    other joint coordinates            e.g. travel_front_left: only this part of the motion is shown; of a guided wheel travel and spin
     any other joint, bushing, spring   'fixed' as at the start
 
 so every body has a link, every moving joint bears the name of a joint coordinate, and at the start all links are where the bodies are.
@@ -59,6 +59,11 @@ def _edges(spec: ModelSpec) -> list[Edge]:
     for joint in spec.joints:
         coordinates = tuple(joint_coordinates(joint))
         edges.append(Edge(EXACT if coordinates else JOINT, joint.name, joint.i.body, joint.j.body, coordinates))
+    for guide in spec.guides:
+        for wheel in (guide.left, guide.right):
+            own = [c for c in spec.coordinates if {c.i.body, c.j.body} == {guide.chassis, wheel}]
+            moving = sorted((c for c in own if c.i.body == guide.chassis), key=lambda c: c.kind == 'rotation')  # travel, then spin
+            edges.append(Edge(COORDINATE, wheel, guide.chassis, wheel, tuple(moving)))
     edges += [Edge(COORDINATE, c.name, c.i.body, c.j.body, (c,)) for c in spec.coordinates]
     edges += [Edge(BUSHING, e.name, e.i.body, e.j.body, ()) for e in spec.bushings]
     edges += [Edge(OTHER, e.name, e.i.body, e.j.body, ()) for e in spec.spring_dampers]

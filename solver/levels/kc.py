@@ -1,12 +1,301 @@
-"""The level `kc`."""
+"""The level `kc`: a body on four wheels that follow maps of kinematics and compliance, measured on the bench from the full vehicle.
+
+    bodies    the chassis, which everything that does not move with a wheel is part of; four wheels; the steering wheel
+    axles     one guide each (solver.elements.guide) instead of arms, links, rubbers, subframes, springs, dampers, bars and rack
+    kept      tires, road, drag, steering wheel and its driver, drive torque (between the driven wheels and the chassis)
+
+Conserved are the mass of the vehicle, its centre of mass and its inertia in the design position; the mass that moves with the travel of a
+wheel and the inertia that turns with it (twice the kinetic energy of the full model at unit rates, along the tangent of the map); static
+loads, wheel rates and the curves of kinematics and compliance; brakes and dampers with their laws. Lost is what vibrates inside.
+
+With no loop of joints an iteration leaves next to nothing to a second one, so steps of a fixed number make one up to FINE, and more where
+it does not contract (docs/decisions/0007); the other settings of the scene hold.
+"""
 
 from __future__ import annotations
 
-from solver.errors import SceneError
-from solver.levels.derived import Derived
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+
+from solver.analysis.kinematics_and_compliance import CORNERS, wheel_centers
+from solver.compiled.portable import inverse, product
+from solver.elements.coordinate import CoordinateSpec
+from solver.elements.coordinate_force import CoordinateForceSpec
+from solver.elements.guide import GuideSpec
+from solver.elements.laws import Law
+from solver.elements.marker import Marker
+from solver.elements.registry import FORCES
+from solver.elements.rigid_body import RigidBodySpec
+from solver.elements.road import RoadSpec
+from solver.errors import SpecError
+from solver.levels import maps
+from solver.levels.derived import Derived, LevelReport, Limit
+from solver.levels.kept import kept
+from solver.model.frames import matrix, quaternion
+from solver.model.spec import ModelSpec, used_inputs
 from solver.scene import Scene
+from solver.vehicle.hardpoints import SIDES, marker_at
+from solver.vehicle.parts import UP, vector_of
+
+AXLES = ('front', 'rear')
+FINE = 2e-3  # s; of longer steps the iterations that are set are made
+LAG = 0.002  # s; of the departures, a usual loss of rubber over its stiffness
+REPLACED = ('spring_dampers', 'bushings', 'brakes')  # kinds of forces that guides stand for
+
+LOST = (
+    'vibration of engine, subframes, links, rack and driveline (above about 8 Hz)',
+    'compliance is linear, that of the design position; so are its changes by the travel of the other wheel',
+    'the inertia of propeller shaft and gears turns with both driven wheels in equal shares',
+)
+VALIDITY = (  # and the range of the travel
+    Limit(quantity='lateral_acceleration', unit='m/s^2', low=-9.0, high=9.0, why='compliance is that of moderate loads'),
+    Limit(quantity='roll', unit='rad', low=-0.5, high=0.5, why='a car that rolls over falls on parts that this level does not have'),
+    Limit(quantity='angle of the steering wheel', unit='rad', high=maps.STEERING, why='the range of the maps, which go on linearly'),
+    Limit(quantity='frequency', unit='Hz', high=8.0, why='engine and subframes do not vibrate'),
+    Limit(quantity='wavelength of the road over speed', unit='s', low=0.1, why='wheel loads were compared up to it'),
+)
 
 
 def derive(scene: Scene) -> Derived:
-    """The level `kc` of a scene. Raises SceneError."""
-    raise SceneError(f"scene {scene.name!r}: fidelity = 'kc': not available yet for this vehicle; use full")
+    """The level `kc` of a scene. Raises SpecError for a vehicle that is no car with four wheels on two axles."""
+    settings = scene.integrator
+    if settings.mode == 'fixed' and settings.h <= FINE:
+        settings = dataclasses.replace(settings, iterations=1)
+    model = kc_model(scene.model)
+    derived = dataclasses.replace(scene, model=model, integrator=settings)
+    high = -min(guide.travel[0] for guide in model.guides)
+    travel = Limit(quantity='suspension_travel', unit='m', low=-high, high=high, why='the range of the maps, which go on linearly')
+    return Derived(scene=derived, level='kc', report=LevelReport(lost=LOST, validity=(travel, *VALIDITY)))
+
+
+def kc_model(spec: ModelSpec) -> ModelSpec:
+    """The model of the level; raises SpecError."""
+    _require_car(spec)
+    standing = dataclasses.replace(spec, road=RoadSpec())
+    data = kept('kc', repr(standing), lambda: maps.measured(standing))
+    return _Reduction(spec, data).model()
+
+
+def _require_car(spec: ModelSpec) -> None:
+    if {tire.name for tire in spec.tires} != set(CORNERS):
+        raise SpecError('a car with the wheels front_left, front_right, rear_left and rear_right is needed; use full')
+    names = {c.name for c in spec.coordinates} | {joint.name for joint in spec.joints}
+    for corner in CORNERS:
+        for name in (f'travel_{corner}', f'wheel_{corner}'):
+            if name not in names:
+                raise SpecError(f'the vehicle has no coordinate {name!r}; use full')
+
+
+class _Reduction:
+    """A vehicle and what was measured of it, becoming a model of six bodies."""
+
+    def __init__(self, spec: ModelSpec, data: dict[str, Any]) -> None:
+        self.spec, self.data = spec, data
+        self.bodies = {b.name: b for b in spec.bodies}
+        self.joints = {j.name: j for j in spec.joints}
+        self.chassis = self.bodies[spec.chassis or spec.bodies[0].name]
+        self.tires = {tire.name: tire for tire in spec.tires}
+        self.centers = wheel_centers(spec)
+        for corner, tire in self.tires.items():
+            if any(tire.marker.position):
+                raise SpecError(f'tire {corner!r}: the marker must be at the origin of its body')
+
+    def model(self) -> ModelSpec:
+        wheels = {corner: self._wheel(corner) for corner in CORNERS}
+        hands, joints, couplers = self._steering()
+        chassis = self._rest((*wheels.values(), *hands))
+        coordinates = [self._spin(c, wheels[c]) for c in CORNERS] + [self._travel(c, wheels[c]) for c in CORNERS]
+        model = ModelSpec(
+            bodies=(chassis, *wheels.values(), *hands),
+            joints=joints,
+            couplers=couplers,
+            coordinates=tuple(coordinates),
+            guides=tuple(self._guide(axle, wheels, couplers) for axle in AXLES),
+            coordinate_forces=self._drives(),
+            tires=self.spec.tires,
+            road=self.spec.road,
+            gravity=self.spec.gravity,
+            chassis=chassis.name,
+            **self._others(),
+        )
+        names = used_inputs(model)
+        return dataclasses.replace(model, inputs=tuple(n for n in self.spec.inputs if n in names))
+
+    def _others(self) -> dict[str, Any]:
+        """Forces of all other kinds, which act on the chassis alone. Raises SpecError for one that does not."""
+        found: dict[str, Any] = {}
+        for kind in FORCES:
+            if kind.name in (*REPLACED, 'coordinate_forces', 'tires', 'guides'):
+                continue
+            for element in getattr(self.spec, kind.name):
+                where = [getattr(element, name).body for name in ('marker', 'i', 'j') if getattr(element, name, None) is not None]
+                if set(where) - {self.chassis.name, 'world'}:
+                    raise SpecError(f'{element.where}: acts on {where[0]!r}, which this level does not have; use full')
+            found[kind.name] = getattr(self.spec, kind.name)
+        return found
+
+    def _wheel(self, corner: str) -> RigidBodySpec:
+        """Wheel, carrier and what moves with them as one body at the wheel centre, which turns as the wheel does.
+
+        Its mass moves with the travel as all parts do; its inertia about a diameter is the mean of wheel and carrier about x and z.
+        """
+        wheel = self.bodies[self.tires[corner].marker.body]
+        bearing = self.joints[f'wheel_{corner}']
+        carrier = self.bodies[bearing.i.body if bearing.j.body == wheel.name else bearing.j.body]
+        across = 0.0
+        for body in (wheel, carrier):
+            R = matrix(body.orientation)
+            d = np.array(body.position) + product(R, body.com) - self.centers[corner]
+            J = product(product(R, body.inertia_matrix()), R.T)
+            across += 0.5 * (J[0, 0] + J[2, 2]) + body.mass * (d[1] * d[1] + 0.5 * (d[0] * d[0] + d[2] * d[2]))
+        slope = self._slopes(corner)
+        moved = self.data[corner]['travel'] - across * (slope[2] * slope[2] + slope[3] * slope[3])
+        mass = moved / (1.0 + slope[0] * slope[0] + slope[1] * slope[1])
+        inertia = (across, float(self.data[corner]['spin']), across, 0.0, 0.0, 0.0)
+        return RigidBodySpec(name=wheel.name, mass=float(mass), inertia=inertia, position=wheel.position, orientation=wheel.orientation)
+
+    def _slopes(self, corner: str) -> np.ndarray:
+        """(5,) slopes of the maps over the own travel in the design position."""
+        axle, _, side = corner.partition('_')
+        data = self.data[axle]
+        columns = maps.MAP_STEERING + 2 if data['steered'] else 1
+        shape = np.array(data['shape']).reshape(2, maps.MAP_TRAVEL + 2, columns, 5)[list(SIDES).index(side)]
+        along = (
+            shape[:, 0]
+            if columns == 1
+            else np.add.reduce(shape[:, columns // 2 - 1 : columns // 2 + 2] * np.array([1.0, 4.0, 1.0])[:, None] / 6.0, axis=1)
+        )
+        i, step = (maps.MAP_TRAVEL + 2) // 2, 2.0 * self.data['travel'] / (maps.MAP_TRAVEL - 1)
+        return (along[i + 1] - along[i - 1]) / (2.0 * step)
+
+    def _steering(self) -> tuple[tuple[RigidBodySpec, ...], tuple[Any, ...], tuple[Any, ...]]:
+        """(steering wheel, its bearing, its driver), nothing for a car that is not steered."""
+        for coupler in self.spec.couplers:
+            joint = self.joints.get(coupler.terms[0][0])
+            if coupler.input is not None and len(coupler.terms) == 1 and joint is not None:
+                if joint.kind != 'revolute' or joint.i.body != self.chassis.name:
+                    raise SpecError(f'{joint.where}: the steering wheel must turn on the chassis; use full')
+                return (self.bodies[joint.j.body],), (joint,), (coupler,)
+        return (), (), ()
+
+    def _rest(self, taken: tuple[RigidBodySpec, ...]) -> RigidBodySpec:
+        """The chassis with all mass and inertia of the vehicle that the bodies taken out do not have."""
+        mass, moment, inertia = _sums(self.spec.bodies)
+        less = _sums(taken)
+        mass, moment, inertia = mass - less[0], moment - less[1], inertia - less[2]
+        com = moment / mass
+        inertia = inertia - mass * (product(com, com) * np.eye(3) - np.outer(com, com))
+        R = matrix(self.chassis.orientation)
+        own = product(product(R.T, inertia), R)
+        x, y, z = (float(c) for c in product(R.T, com - self.chassis.position))
+        six = (own[0, 0], own[1, 1], own[2, 2], own[0, 1], own[0, 2], own[1, 2])
+        return self.chassis.replace(mass=float(mass), com=(x, y, z), inertia=tuple(float(c) for c in six))
+
+    def _spin(self, corner: str, wheel: RigidBodySpec) -> CoordinateSpec:
+        """The rotation of a wheel, against the chassis instead of the carrier."""
+        bearing = self.joints[f'wheel_{corner}']
+        own, base = (bearing.j, bearing.i) if bearing.j.body == wheel.name else (bearing.i, bearing.j)
+        R = product(matrix(self.bodies[base.body].orientation), matrix(base.orientation))
+        R_C = matrix(self.chassis.orientation)
+        x, y, z = (float(c) for c in product(R_C.T, self.centers[corner] - self.chassis.position))
+        on_chassis = Marker(body=self.chassis.name, position=(x, y, z), orientation=quaternion(product(R_C.T, R)))
+        i, j = (on_chassis, own) if own is bearing.j else (own, on_chassis)
+        return CoordinateSpec(name=bearing.name, kind='rotation', i=i, j=j)
+
+    def _travel(self, corner: str, wheel: RigidBodySpec) -> CoordinateSpec:
+        at = tuple(float(c) for c in self.centers[corner])
+        return CoordinateSpec(name=f'travel_{corner}', kind='translation', i=marker_at(self.chassis, at, UP), j=marker_at(wheel, at, UP))
+
+    def _guide(self, axle: str, wheels: dict[str, RigidBodySpec], couplers: tuple[Any, ...]) -> GuideSpec:
+        data = self.data[axle]
+        corners = [f'{axle}_{side}' for side in SIDES]
+        brakes = {b.coordinate: b for b in self.spec.brakes}
+        own = [brakes.get(f'wheel_{c}') for c in corners]
+        if None in own or own[0].input != own[1].input or own[0].stiffness != own[1].stiffness or own[0].damping != own[1].damping:  # type: ignore[union-attr]
+            raise SpecError(f'both wheels of the {axle} axle need equal brakes on one input; use full')
+        C = np.array(data['compliance'])
+        C += np.diag([1.0 / (x * (2.0 * math.pi * maps.STIFFEST) ** 2) for c in corners for x in self._inertias(wheels[c])])
+        K = inverse(C)
+        K = 0.5 * (K + K.T)
+        by_brake = np.array(data['by_brake'])
+        windup = product(by_brake, K)
+        left = np.array(data['winding']) - np.add.reduce(windup * by_brake, axis=1)
+        reach = self.data['travel']
+        fine = np.linspace(-reach, reach, maps.FORCE_TRAVEL)
+        weight = -self.spec.gravity[2]
+        springs = [maps.spring_law(fine, np.array(data['loads'][k]) - weight * wheels[c].mass) for k, c in enumerate(corners)]
+        laws, ratios, mounts, yields = zip(*(self._damper(data, k) for k in range(2)), strict=True)
+        steered = data['steered']
+        if steered and not couplers:
+            raise SpecError(f'the {axle} axle is steered, but no coupler with an input turns a steering wheel; use full')
+        travel = (-reach, 2.0 * reach / (maps.MAP_TRAVEL - 1), maps.MAP_TRAVEL)
+        steering = (-maps.STEERING, 2.0 * maps.STEERING / (maps.MAP_STEERING - 1), maps.MAP_STEERING) if steered else (0.0, 1.0, 1)
+        R_C = matrix(self.chassis.orientation)
+        at = [vector_of(product(R_C.T, self.centers[c] - self.chassis.position)) for c in corners]
+        axes = [vector_of(matrix(self.tires[c].marker.orientation)[:, 1]) for c in corners]
+        stiffness = own[0].stiffness  # type: ignore[union-attr]
+        return GuideSpec(
+            name=axle, chassis=self.chassis.name, left=wheels[corners[0]].name, right=wheels[corners[1]].name,
+            centers=(at[0], at[1]), axes=(axes[0], axes[1]), travel=travel, steering=steering,
+            shape=tuple(data['shape']), opposite=tuple(data['opposite']), coordinate=couplers[0].terms[0][0] if steered else None,
+            stiffness=tuple(K.ravel().tolist()), lag=LAG, windup=tuple(windup.ravel().tolist()),
+            springs=(springs[0], springs[1]), coupling=tuple(data['coupling']),
+            dampers=laws, ratios=tuple(x for ratio in ratios for x in ratio), mounts=mounts, yields=yields,
+            wheels=(f'wheel_{corners[0]}', f'wheel_{corners[1]}'), input=own[0].input,  # type: ignore[union-attr]
+            shares=(own[0].gain, own[1].gain),  # type: ignore[union-attr]
+            brake_stiffness=1.0 / (1.0 / stiffness + max(float(left.mean()), 0.0)), brake_damping=own[0].damping,  # type: ignore[union-attr]
+        )  # fmt: skip
+
+    @staticmethod
+    def _inertias(wheel: RigidBodySpec) -> tuple[float, float, float, float]:
+        """What resists x, y, psi, gamma of a wheel."""
+        return wheel.mass, wheel.mass, wheel.inertia[2], wheel.inertia[0]
+
+    def _damper(self, data: dict[str, Any], side: int) -> tuple[Law, list[float], float, Law]:
+        """(law, powers of the slope of its length, stiffness of its mount, inverse of the law) of the damper that moves with a wheel."""
+        elements = self.spec.spring_dampers
+        found = [(elements[int(k)].damper, powers, data['mounts'][int(k)]) for k, powers in data['dampers'][side].items()]
+        found = [damper for damper in found if damper[0] is not None]
+        if len(found) > 1:
+            raise SpecError(f'{len(found)} dampers move with one wheel; use full')
+        nothing = Law.linear(0.0)
+        if not found:
+            return nothing, [0.0] * maps.POWERS, 0.0, nothing
+        law, powers, mount = found[0]
+        assert law is not None
+        yields = maps.inverse_law(law)
+        return law, powers, mount if yields is not None else 0.0, yields or nothing
+
+    def _drives(self) -> tuple[CoordinateForceSpec, ...]:
+        """Forces on coordinates that turn with the wheels: drive torque and limited slip, at the wheels and the chassis."""
+        slopes = self.data['coordinates']
+        found = []
+        for force in self.spec.coordinate_forces:
+            terms: dict[str, float] = {}
+            for name, factor in force.terms:
+                for corner, slope in slopes.get(name, {}).items():
+                    terms[f'wheel_{corner}'] = terms.get(f'wheel_{corner}', 0.0) + factor * slope
+            terms = {name: round(factor, 9) for name, factor in terms.items() if abs(factor) > 1e-4}
+            if terms and (force.input is not None or force.damper is not None) and len(terms) <= 3:
+                if force.spring is not None:
+                    raise SpecError(f'{force.where}: a spring at the turning wheels; use full')
+                found.append(force.replace(terms=tuple(terms.items())))
+            elif force.input is not None:
+                raise SpecError(f'{force.where}: its input moves nothing that this level has; use full')
+        return tuple(found)
+
+
+def _sums(bodies: tuple[RigidBodySpec, ...]) -> tuple[float, np.ndarray, np.ndarray]:
+    """(mass [kg], first moment [kg m], inertia about the origin of the design frame [kg m^2]) of bodies in the design position."""
+    mass, moment, inertia = 0.0, np.zeros(3), np.zeros((3, 3))
+    for body in bodies:
+        R = matrix(body.orientation)
+        p = np.array(body.position) + product(R, body.com)
+        mass += body.mass
+        moment = moment + body.mass * p
+        own = product(product(R, body.inertia_matrix()), R.T)
+        inertia = inertia + own + body.mass * (product(p, p) * np.eye(3) - np.outer(p, p))
+    return mass, moment, inertia

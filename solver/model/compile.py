@@ -293,12 +293,12 @@ def _effort_table(rows: list[tuple[int, int, float]]) -> EffortTable:
 
 def _efforts(kind: ForceKind, table: Any, start: int) -> list[tuple[int, int, float]]:
     """Rows of EffortTable of a kind whose outputs begin at `start`."""
-    assert kind.effort is not None
+    columns = [kind.column(name) for name in kind.efforts]
     coordinates = table.coordinate.reshape(len(table.coordinate), -1)
     factors = table.factor if 'factor' in table._fields else np.ones(coordinates.shape)
     terms = table.terms if 'terms' in table._fields else np.full(len(coordinates), coordinates.shape[1])
     return [
-        (start + e * len(kind.outputs) + kind.column(kind.effort), int(coordinates[e, t]), float(factors[e, t]))
+        (start + e * len(kind.outputs) + columns[t % len(columns)], int(coordinates[e, t]), float(factors[e, t]))
         for e in range(len(coordinates))
         for t in range(terms[e])
     ]

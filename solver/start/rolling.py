@@ -9,7 +9,7 @@ import numpy as np
 
 from solver.compiled.by_reference import Ref
 from solver.compiled.portable import product
-from solver.elements.brake import capacities
+from solver.elements.registry import FORCES
 from solver.elements.tire_pacejka import TIRES, rolling_radius
 from solver.errors import ConsistencyError
 from solver.model.evaluate import evaluate_forces
@@ -32,13 +32,16 @@ def held_body(model: Model, chassis: int, u: np.ndarray) -> int | None:
     It is held along its x axis while static equilibrium is sought: on a slope it is found where it was placed, resting in its suspension,
     and rolls away from there.
     """
-    return chassis if model.spec.tires and not capacities(model.elements['brakes'].value, u).any() else None
+    braked = any(kind.capacities(model.elements[kind.name].value, u).any() for kind in FORCES if kind.capacities)
+    return chassis if model.spec.tires and not braked else None
 
 
 def without_brakes(model: Model, u: np.ndarray) -> np.ndarray:
     """The inputs u (nu,) with all brakes released."""
     released = u.copy()
-    released[model.inputs_of('brakes')] = 0.0
+    for kind in FORCES:
+        if kind.capacities:
+            released[model.inputs_of(kind.name)] = 0.0
     return released
 
 

@@ -30,7 +30,7 @@ def test_a_run_that_leaves_its_envelope_is_suspect_with_what_and_when() -> None:
     assert 5.0 < found['value'] < 9.0
     assert found['limit'] == 2.0
     assert 0.3 < found['time'] < 1.2001
-    assert 'certified is -1 to 2 m/s^2' in found['text']
+    assert 'valid is -1 to 2 m/s^2 (certified)' in found['text']
 
 
 @pytest.mark.parametrize('validity', [(), LIMITS[2:], (dataclasses.replace(LIMITS[0], low=-20.0, high=20.0),)])

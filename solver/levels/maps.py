@@ -1,0 +1,326 @@
+"""What the axles of a vehicle do to its wheels, measured on the bench: the numbers of guides (solver.elements.guide) and of their wheels.
+
+The bench (solver.analysis.kinematics_and_compliance) holds the chassis of the full model in its design position. Measured are
+
+- both wheels of an axle at travels up to TRAVELS to either side, steered by -STEERING to STEERING: the maps over travel and steering;
+- one wheel alone, the other one held: the force of springs, stops and anti-roll bar over either travel, the change of the maps by the
+  travel of the other wheel, and the lengths of the dampers;
+- a pull of the dampers with travels and steering held: the stiffness of their mounts;
+- loads at the wheel centres with travels and steering held: the compliance, steering gear and subframe included, and by the difference of
+  all bodies' places the masses that move with a wheel and the inertia that turns with it.
+
+All fits are sums in a fixed order, so they have the same bits everywhere.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from solver.analysis.kinematics_and_compliance import CORNERS, Rig
+from solver.compiled.portable import inverse, product
+from solver.elements.guide import QUANTITIES
+from solver.elements.laws import Law
+from solver.elements.spring_damper import SPRING_DAMPERS
+from solver.errors import ConsistencyError, SpecError
+from solver.model.frames import matrix
+from solver.model.spec import ModelSpec
+from solver.vehicle.hardpoints import SIDES
+
+TRAVELS, STEERING = (0.10, 0.09, 0.08, 0.07), 8.0  # range of the maps to either side [m] (the first that is reached), [rad]
+ROLL = 0.06  # of both wheels in opposite directions [m]
+MAP_TRAVEL, MAP_STEERING, FORCE_TRAVEL = 11, 33, 41  # nodes
+LOADS = {'cx': 2000.0, 'cy': 2000.0, 'mz': 100.0, 'mx': 600.0, 'my': 600.0}  # [N], [N m]: of a tire under 2 kN along or across
+STEP = 1e-3  # of travels and spins, for masses [m], [rad]
+STIFFEST = 3000.0  # Hz; a guide gives at least as much as lets its wheel vibrate so: rigid links have no stiffness to measure
+PULL, RIGID = 500.0, 3e7  # of the dampers [N]; a mount that is stiffer is none [N/m]
+REFINED = 4  # knots of an inverse law for one of the law
+APPROACH = 8  # equilibria on the way to a place that is not found at once
+POWERS = 5  # of the polynomial that is the slope of a damper's length
+
+
+class Stand(NamedTuple):
+    """A state of the bench. q (nb + 1, 7); x: by corner (5,) x, y, psi, gamma, theta; load: by corner, vertical [N]; lengths: of the
+    spring-dampers [m]; angles: of the joint coordinates."""
+
+    q: np.ndarray
+    x: dict[str, np.ndarray]
+    load: dict[str, float]
+    lengths: np.ndarray
+    angles: np.ndarray
+
+
+class Bench:
+    """The rig with everything that a wheel can be loaded with and moved by."""
+
+    def __init__(self, spec: ModelSpec) -> None:
+        self.rig = Rig(spec, at_center=True)
+        self.spec = spec
+        self.wheels = {tire.name: self.rig.model.body_names.index(tire.marker.body) for tire in spec.tires}
+
+    def stand(self, **inputs: float) -> Stand:
+        """The equilibrium under inputs of the rig."""
+        try:
+            corners = self.rig.settle(inputs)
+        except ConsistencyError:
+            corners = self._approached(inputs)
+        loads = {c: corner['load'] for c, corner in corners.items()}
+        model, state = self.rig.model, self.rig.state
+        lengths = model.outputs(SPRING_DAMPERS.name, self.rig.start.outputs)[:, SPRING_DAMPERS.column('length')].copy()
+        return Stand(state.q.copy(), {c: self._wheel(c, state.q) for c in CORNERS}, loads, lengths, state.angle.copy())
+
+    def _approached(self, inputs: dict[str, float]) -> dict[str, dict[str, float]]:
+        """The same from the design position, by equilibria on the way."""
+        self.rig.reset()
+        for k in range(1, APPROACH):
+            self.rig.settle({name: value * k / APPROACH for name, value in inputs.items()})
+        return self.rig.settle(inputs)
+
+    def _wheel(self, corner: str, q: np.ndarray) -> np.ndarray:
+        b = self.wheels[corner]
+        R = matrix(tuple(q[b, 3:]))
+        place = q[b, :3] - self.rig.centers[corner]
+        psi, gamma = math.atan2(-R[0, 1], R[1, 1]), float(R[2, 1])
+        # R = Rz(psi) Rx(asin gamma) Ry(theta)
+        level = math.sqrt(1.0 - gamma * gamma)
+        theta = math.atan2(-R[2, 0] / level, R[2, 2] / level)
+        return np.array([place[0], place[1], psi, gamma, theta])
+
+
+def least_squares(A: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """x with the smallest |A x - y|, by the normal equations of scaled columns."""
+    scale = np.sqrt(np.add.reduce(A * A, axis=0))
+    scale[scale == 0.0] = 1.0
+    B = A / scale
+    return (product(inverse(product(B.T, B)), product(B.T, y)).T / scale).T
+
+
+def spline(values: np.ndarray) -> np.ndarray:
+    """(n + 2, ...) coefficients of the cubic B-spline through values (n, ...) at equidistant nodes; at both ends the third derivative is
+    continuous at the second node."""
+    n = len(values)
+    A = np.zeros((n + 2, n + 2))
+    for i in range(n):
+        A[i + 1, i : i + 3] = 1.0 / 6.0, 4.0 / 6.0, 1.0 / 6.0
+    A[0, :5], A[-1, -5:] = (1, -4, 6, -4, 1), (1, -4, 6, -4, 1)
+    right = np.zeros((n + 2, *values.shape[1:]))
+    right[1:-1] = values
+    return product(inverse(A), right.reshape(n + 2, -1)).reshape(right.shape)
+
+
+def spring_law(travel: np.ndarray, force: np.ndarray) -> Law:
+    """The law through force (n,) [N] over equidistant travel (n,) [m] with the slopes of a spline."""
+    c = spline(force)
+    slope = (c[2:] - c[:-2]) / (2.0 * (travel[1] - travel[0]))
+    return Law(tuple(travel.tolist()), tuple(force.tolist()), tuple(slope.tolist()))
+
+
+def measured(spec: ModelSpec, progress: Callable[[float], None] = lambda done: None) -> dict[str, Any]:
+    """Everything that the level kc needs to know of a vehicle, as lists and numbers: by axle the fields of a GuideSpec that are measured,
+    by corner the masses that move with 'travel' [kg] and 'spin' [kg m^2]; 'travel': the range of the maps [m]; 'coordinates': by name
+    their slopes over the spins of the corners.
+    """
+    for travel in TRAVELS[:-1]:
+        with suppress(ConsistencyError):
+            return _measured(spec, travel, progress)
+    return _measured(spec, TRAVELS[-1], progress)
+
+
+def _measured(spec: ModelSpec, travel: float, progress: Callable[[float], None]) -> dict[str, Any]:
+    """The same with maps up to `travel` [m]. Raises ConsistencyError where a place is not reached."""
+    bench = Bench(spec)
+    axles = {axle: (f'{axle}_left', f'{axle}_right') for axle in ('front', 'rear')}
+    rest = bench.stand()
+    z = np.linspace(-travel, travel, MAP_TRAVEL)
+    steering = np.linspace(-STEERING, STEERING, MAP_STEERING)
+    grid = np.zeros((2, 2, MAP_TRAVEL, MAP_STEERING, len(QUANTITIES)))  # over axle, side
+    for j, angle in enumerate(steering.tolist()):
+        for i in range(MAP_TRAVEL)[:: 1 if j % 2 == 0 else -1]:
+            s = bench.stand(steering=angle, **{f'travel_{c}': float(z[i]) for c in CORNERS})
+            for a, corners in enumerate(axles.values()):
+                for k, corner in enumerate(corners):
+                    grid[a, k, i, j] = s.x[corner]
+        progress(0.8 * (j + 1) / MAP_STEERING)
+    fine = np.linspace(-travel, travel, FORCE_TRAVEL)
+    bench.stand()
+    against = np.full((2, 2, MAP_TRAVEL, len(QUANTITIES)), np.nan)
+    for i in np.flatnonzero(np.abs(z) < 1.001 * ROLL).tolist():
+        v = float(z[i])
+        for k, sign in enumerate(SIDES.values()):
+            s = bench.stand(**{f'travel_{c}': sign * SIDES[c.partition('_')[2]] * v for c in CORNERS})
+            for a, corners in enumerate(axles.values()):
+                against[a, k, i] = s.x[corners[k]]
+    alone = {corner: [bench.stand(**{f'travel_{corner}': float(v)}) for v in fine] for corner in CORNERS}
+    progress(0.9)
+    compliance = _compliance(bench)
+    mounts = _mounts(spec, rest)
+    masses = _masses(bench, rest)
+    result: dict[str, Any] = {'coordinates': _driven(bench), 'travel': travel}
+    for a, (axle, corners) in enumerate(axles.items()):
+        steered = bool(np.abs(grid[a, :, :, :, 2] - grid[a, :, :, MAP_STEERING // 2 : MAP_STEERING // 2 + 1, 2]).max() > 1e-3)
+        result[axle] = _axle(corners, z, grid[a], against[a], fine, alone, steered) | compliance[axle] | {'mounts': mounts}
+    for corner in CORNERS:
+        result[corner] = masses[corner]
+    progress(1.0)
+    return result
+
+
+def _axle(
+    corners: Sequence[str],
+    z: np.ndarray,
+    grid: np.ndarray,
+    against: np.ndarray,
+    fine: np.ndarray,
+    alone: dict[str, list[Stand]],
+    steered: bool,
+) -> dict[str, Any]:
+    """Maps, springs and dampers of an axle; grid (2, travel, steering, 5) with both wheels at the same travel, against (2, travel, 5) with
+    the other wheel at the opposite one."""
+    middle = grid.shape[2] // 2
+    every = (len(fine) - 1) // (len(z) - 1)
+    own = [np.array([s.x[corners[k]] for s in alone[corners[k]]]) for k in range(2)]
+    other = [np.array([s.x[corners[1 - k]] for s in alone[corners[k]]]) for k in range(2)]
+    shape, opposite = [], []
+    for k in range(2):
+        beside = other[1 - k][::every]  # this wheel held, the other one at z
+        rows = [np.column_stack([z, 0.0 * z]), np.column_stack([z, z * z]), np.column_stack([-z, -z * z])]
+        changes = [beside - beside[len(z) // 2], grid[k, :, middle] - own[k][::every], against[k] - own[k][::every]]
+        known = np.tile(np.isfinite(against[k, :, 0]), 3)  # all three where there is nothing but rubber
+        b = least_squares(np.concatenate(rows)[known], np.concatenate(changes)[known])  # (2, 5)
+        alone_here = grid[k] - (z[:, None] * (b[0] + z[:, None] * b[1]))[:, None]
+        surface = spline(alone_here)
+        if steered:
+            surface = spline(np.moveaxis(surface, 1, 0)).swapaxes(0, 1)
+        else:
+            surface = surface[:, middle : middle + 1]
+        shape += surface.ravel().tolist()
+        opposite += b.T.ravel().tolist()
+    loads = [np.array([s.load[corner] for s in alone[corner]]) for corner in corners]
+    crossed = [np.array([s.load[corners[1 - k]] for s in alone[corners[k]]]) for k in range(2)]
+    n = len(fine) // 2
+    coupling = least_squares(np.concatenate([np.column_stack([fine, fine**2, fine**3])] * 2), np.concatenate([c - c[n] for c in crossed]))
+    dampers = [_damper(alone[corner], fine, n) for corner in corners]
+    return {
+        'shape': shape,
+        'opposite': opposite,
+        'steered': steered,
+        'loads': [load.tolist() for load in loads],
+        'coupling': [*coupling.tolist(), 0.0],
+        'dampers': dampers,
+    }
+
+
+def _damper(stands: Sequence[Stand], travel: np.ndarray, n: int) -> dict[int, list[float]]:
+    """By index of a spring-damper the polynomial (POWERS,) that is the slope of its length over the travel, of those that move with it."""
+    lengths = np.array([s.lengths for s in stands])
+    found = {}
+    for k in np.flatnonzero(np.abs(lengths - lengths[n]).max(axis=0) > 0.01 * travel[-1]):
+        powers = np.column_stack([travel**p / p for p in range(1, POWERS + 1)])
+        found[int(k)] = least_squares(powers, lengths[:, k] - lengths[n, k]).tolist()
+    return found
+
+
+def _mounts(spec: ModelSpec, rest: Stand) -> list[float]:
+    """By spring-damper the stiffness [N/m] of what a damper stands on, 0 for none: its pull over what it shortens."""
+    pulled = tuple(e.replace(preload=e.preload + PULL) if e.damper is not None else e for e in spec.spring_dampers)
+    lengths = Bench(dataclasses.replace(spec, spring_dampers=pulled)).stand().lengths
+    return [PULL / x if x > PULL / RIGID else 0.0 for x in (rest.lengths - lengths).tolist()]
+
+
+def inverse_law(law: Law) -> Law | None:
+    """Rate over force of a damper whose force over rate is `law`; None where it does not rise."""
+    if len(law.x) == 1:
+        return Law(law.y, law.x, (1.0 / law.slope[0],)) if law.slope[0] > 0.0 else None
+    x, y, slopes = (np.array(v) for v in (law.x, law.y, law.slope))
+    h, t = np.diff(x)[:, None], np.arange(REFINED) / REFINED
+    c1, e, g = slopes[:-1, None] * h, np.diff(y)[:, None], slopes[1:, None] * h
+    c2, c3 = 3.0 * e - 2.0 * c1 - g, c1 + g - 2.0 * e
+    at = np.append((x[:-1, None] + h * t).ravel(), x[-1])
+    force = np.append((y[:-1, None] + t * (c1 + t * (c2 + t * c3))).ravel(), y[-1])
+    slope = np.append(((c1 + t * (2.0 * c2 + 3.0 * t * c3)) / h).ravel(), slopes[-1])
+    if not (slope > 1e-3 * slope.max()).all() or not (np.diff(force) > 0.0).all():
+        return None
+    return Law(tuple(force.tolist()), tuple(at.tolist()), tuple((1.0 / slope).tolist()))
+
+
+def _compliance(bench: Bench) -> dict[str, dict[str, Any]]:
+    """By axle 'compliance' (8, 8) of x, y, psi, gamma left and right, 'by_brake' (2, 8) of them by a moment about the spin axis, 'winding'
+    (2,) of the carriers about it by that moment [rad/(N m)]."""
+    rest = bench.stand()
+    found = {}
+    for axle in ('front', 'rear'):
+        corners = [f'{axle}_{side}' for side in SIDES]
+        response = np.zeros((10, 10))
+        for k, corner in enumerate(corners):
+            b = bench.wheels[corner]
+            a = matrix(tuple(rest.q[b, 3:]))[:, 1]
+            p, g = np.array([-a[2] * a[0], -a[2] * a[1], 1.0]), np.array([a[1], -a[0], 0.0])
+            # generalized forces of the loads: moments along psi, gamma and the spin axis
+            moments = np.array([[p[2], g[2], a[2]], [p[0], g[0], a[0]], [p[1], g[1], a[1]]]).T  # columns mz, mx, my
+            to_loads = np.zeros((5, 5))
+            to_loads[:2, :2] = np.eye(2)
+            to_loads[2:, 2:] = inverse(moments)
+            columns = np.zeros((10, 5))
+            for m, (load, size) in enumerate(LOADS.items()):
+                high, low = bench.stand(**{f'{load}_{corner}': size}), bench.stand(**{f'{load}_{corner}': -size})
+                columns[:, m] = np.concatenate([high.x[c] - low.x[c] for c in corners]) / (2.0 * size)
+            response[:, 5 * k : 5 * k + 5] = product(columns, to_loads)
+        response = 0.5 * (response + response.T)  # reciprocity
+        d, w = [0, 1, 2, 3, 5, 6, 7, 8], [4, 9]
+        found[axle] = {
+            'compliance': response[np.ix_(d, d)].tolist(),
+            'by_brake': response[np.ix_(w, d)].tolist(),
+            'winding': response[np.ix_(w, w)].diagonal().tolist(),
+        }
+    return found
+
+
+def _moved(low: np.ndarray, high: np.ndarray, width: float) -> tuple[np.ndarray, np.ndarray]:
+    """(velocities (nb, 3), rotations in B (nb, 3)) of all bodies per unit between two configurations."""
+    a, b = low[:-1], high[:-1]
+    sign = np.where(np.add.reduce(a[:, 3:] * b[:, 3:], axis=1) < 0.0, -1.0, 1.0)[:, None]
+    v, w = a[:, 3:6], sign * b[:, 3:6]
+    turn = 2.0 * (a[:, 6:] * w - sign * b[:, 6:] * v - np.cross(v, w))
+    return (b[:, :3] - a[:, :3]) / width, turn / width
+
+
+def _masses(bench: Bench, rest: Stand) -> dict[str, dict[str, float]]:
+    """By corner the mass that its travel moves and the inertia that its spin turns: twice the kinetic energies at unit rates, where the
+    wheels of an axle spin together and share what turns with both."""
+    bodies = bench.rig.model.tables.bodies
+    found = {}
+    for corner in CORNERS:
+        axle, own = corner.partition('_')[0], bench.wheels[corner]
+        low, high = bench.stand(**{f'travel_{corner}': -STEP}), bench.stand(**{f'travel_{corner}': STEP})
+        v, w = _moved(low.q, high.q, 2.0 * STEP)
+        w[own, 1] = 0.0  # the wheel does not turn with its carrier
+        travel = float(np.add.reduce(bodies.mass * np.add.reduce(v * v, axis=1)) + _turning(bodies.inertia, w))
+        spins = {f'spin_{axle}_{side}': STEP for side in SIDES}
+        low, high = bench.stand(**{name: -angle for name, angle in spins.items()}), bench.stand(**spins)
+        v, w = _moved(low.q, high.q, 2.0 * STEP)
+        spin = 0.5 * float(np.add.reduce(bodies.mass * np.add.reduce(v * v, axis=1)) + _turning(bodies.inertia, w))
+        found[corner] = {'travel': travel, 'spin': spin}
+    return found
+
+
+def _turning(inertia: np.ndarray, w: np.ndarray) -> float:
+    return float(np.add.reduce(np.add.reduce(w * np.add.reduce(inertia * w[:, None, :], axis=2), axis=1)))
+
+
+def _driven(bench: Bench) -> dict[str, dict[str, float]]:
+    """By name the slopes of joint coordinates over the spins of the corners, of those that have one."""
+    found: dict[str, dict[str, float]] = {}
+    for corner in CORNERS:
+        low, high = bench.stand(**{f'spin_{corner}': -STEP}), bench.stand(**{f'spin_{corner}': STEP})
+        slopes = (high.angles - low.angles) / (2.0 * STEP)
+        for name, slope in zip(bench.rig.model.coordinate_names, slopes.tolist(), strict=True):
+            if abs(slope) > 1e-6:
+                found.setdefault(name, {})[corner] = slope
+    if not found:
+        raise SpecError('kc: no coordinate turns with the wheels')
+    return found

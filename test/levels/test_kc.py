@@ -1,0 +1,194 @@
+"""The level kc: mass, kinematics, compliance, statics and motion of the full vehicle."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+
+import numpy as np
+import pytest
+from saloon import double_wishbones
+
+import solver
+from mbd_sim_ros.batch import simulate
+from solver.analysis.balance import Balance
+from solver.analysis.figures import mass_figures, standing
+from solver.analysis.kinematics_and_compliance import CORNERS, Rig, kinematic_figures
+from solver.elements.road import RoadSpec
+from solver.errors import SpecError
+from solver.inputs.maneuver import Maneuver
+from solver.inputs.signals import SineWithDwell, Step, Sweep
+from solver.levels import derive
+from solver.levels.kc import kc_model
+from solver.scene import Scene, StartSettings
+from solver.simulation import Simulation
+from solver.step.settings import IntegratorSettings
+from solver.vehicle.full_car import full_car_model
+
+CARS = ('car_step_steer', 'light_car_step_steer', 'double wishbones')
+
+
+@functools.cache
+def levels(name: str) -> tuple[Scene, Scene]:
+    """(a scene, what is simulated of it at the level kc)."""
+    if name == 'double wishbones':
+        full = dataclasses.replace(solver.load_scene('car_step_steer'), model=full_car_model(double_wishbones()))
+    else:
+        full = solver.load_scene(name)
+    return full, derive(dataclasses.replace(full, fidelity='kc')).scene
+
+
+@pytest.mark.parametrize('name', CARS)
+def test_mass_and_inertia_are_those_of_the_vehicle(name):
+    """In the design position, to rounding; the mass that moves with a wheel is what a wheel hop needs, so it may not be the wheel's."""
+    full, kc = levels(name)
+    was, now = mass_figures(full.model), mass_figures(kc.model)
+    for figure in ('mass', 'com_x', 'com_y', 'com_z', 'roll_inertia', 'pitch_inertia', 'yaw_inertia', 'wheelbase', 'track_front'):
+        assert now[figure] == pytest.approx(was[figure], rel=1e-9, abs=1e-9), figure
+    assert len(kc.model.bodies) == 6 and not kc.model.bushings and not kc.model.spring_dampers
+
+
+@functools.cache
+def rigs(name: str) -> tuple[Rig, Rig]:
+    """Both on the bench."""
+    full, kc = levels(name)
+    return Rig(dataclasses.replace(full.model, road=RoadSpec())), Rig(kc.model)
+
+
+def near(found, wanted, *, share=0.01, key=''):
+    """All within a share of the largest change."""
+    scale = np.abs(wanted - wanted[len(wanted) // 2]).max()
+    assert np.abs(found - wanted).max() <= share * scale, (key, found - wanted, scale)
+
+
+@pytest.mark.parametrize('name', CARS)
+def test_curves_of_kinematics_are_those_of_the_vehicle(name):
+    """Toe, camber, wheel centre and load over parallel and opposite travel, and over steering, within 1 % of their range."""
+    full, kc = rigs(name)
+    z = np.linspace(-0.06, 0.06, 7)
+    for opposite in (False, True):
+        wanted, found = full.travel(z, opposite=opposite), kc.travel(z, opposite=opposite)
+        for corner in CORNERS:
+            for key in ('toe', 'camber', 'center_x', 'center_y', 'contact_y', 'load'):
+                near(found[corner][key], wanted[corner][key], key=(corner, key, opposite))
+    angles = np.linspace(-6.0, 6.0, 7)
+    wanted, found = full.steering(angles), kc.steering(angles)
+    for corner in ('front_left', 'front_right'):
+        near(found[corner]['steer'], wanted[corner]['steer'], key=corner)
+
+
+@pytest.mark.parametrize('name', CARS)
+def test_figures_of_the_bench_are_those_of_the_vehicle(name):
+    """Wheel rates, roll stiffness, roll centres, steering ratio and compliances within 1 %."""
+    full, kc = rigs(name)
+    wanted, found = kinematic_figures(full), kinematic_figures(kc)
+    for figure in wanted:
+        if figure in found:
+            assert found[figure] == pytest.approx(wanted[figure], rel=0.01), figure
+
+
+def simulated(scene: Scene, maneuver: Maneuver, speed: float, duration: float, road: RoadSpec | None = None) -> np.ndarray:
+    """(n, 7) every 10 ms: yaw rate, sideslip velocity, roll, loads of the wheels."""
+    model = scene.model if road is None else dataclasses.replace(scene.model, road=road)
+    start, settings = StartSettings(kind='equilibrium', speed=speed), IntegratorSettings(h=1e-3, iterations=2)
+    s = Simulation(dataclasses.replace(scene, model=model, maneuver=maneuver, start=start, integrator=settings, duration=duration))
+    rows, chassis = [], s.channels.chassis
+    for _ in range(round(duration * 100)):
+        q = s.advance(10)
+        x, y, z, w = q.pose[chassis, 3:]
+        rows.append([q.twist[chassis, 5], q.twist[chassis, 1], np.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y)), *q.tire[:, 2]])
+    totals = s.totals()
+    assert totals['energy_error_max'] < 0.01 * 1576 * 20**2
+    return np.array(rows)
+
+
+MANEUVERS = {
+    'step steer, 0.4 g': (Maneuver(steering=Step(value=0.484, start=1.0, rise=0.15), drive_torque=150.0), 80 / 3.6, 4.0),
+    'sine with dwell, three times 0.3 g': (Maneuver(steering=SineWithDwell(amplitude=1.09, start=1.0)), 80 / 3.6, 5.0),
+    'swept sine, 0.3 g': (
+        Maneuver(steering=Sweep(amplitude=0.363, frequency=0.2, final_frequency=2.0, duration=12.0, start=1.0), drive_torque=150.0),
+        80 / 3.6,
+        13.5,
+    ),
+    'braking, 0.5 g': (Maneuver(brake_torque=Step(value=2370.0, start=0.5, rise=0.2)), 30.0, 4.0),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', CARS)
+@pytest.mark.parametrize('maneuver', MANEUVERS)
+def test_motion_is_within_two_percent(name, maneuver):
+    """Root mean square of yaw rate, sideslip velocity, roll and wheel loads, of their peaks; lateral motion only where there is some."""
+    wanted, found = (simulated(scene, *MANEUVERS[maneuver]) for scene in levels(name))
+    rms, peak = np.sqrt(np.mean((found - wanted) ** 2, axis=0)), np.abs(wanted).max(axis=0)
+    quantities = slice(3, None) if 'braking' in maneuver else slice(None)
+    assert (rms[quantities] <= 0.02 * peak[quantities]).all(), rms / peak
+
+
+def moving(name: str, h: float, **changes) -> Simulation:
+    """A scene at the level kc with the step h [s]."""
+    kc = levels(name)[1]
+    return Simulation(dataclasses.replace(kc, integrator=dataclasses.replace(kc.integrator, h=h, iterations=2), **changes))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', ['car_swept_steer', 'light_car_swept_steer'])
+def test_energy_and_momentum_close_with_second_order(name):
+    """Torque rises and the car is steered: the error of the running account falls by four with half the step; so do the momenta."""
+    errors, momenta, impulses = [], [], []
+    for h in (2e-3, 1e-3):
+        s = moving(name, h)
+        s.advance(round(0.3 / h))
+        balance = Balance(s)
+        for _ in range(round(2.0 / h)):
+            s.advance(1)
+            balance.update()
+        errors.append(s.totals()['energy_error_max'])
+        momenta.append(np.abs(balance.momentum_error))
+        impulses.append(np.abs(balance.total[:, 3:]).max())
+        assert abs(balance.report()['energy_by_kind']['guides']['error']) < 1e-5 * impulses[-1] * 20.0
+    assert errors[0] / errors[1] == pytest.approx(4.0, abs=0.4)
+    assert (momenta[1] < 0.4 * momenta[0] + 1e-9 * impulses[1]).all()
+    assert momenta[1].max() < 1e-5 * impulses[1]
+
+
+@pytest.mark.parametrize('name', CARS)
+def test_brakes_to_rest_on_a_slope_and_stays(name):
+    """On a grade of 10 % under 3 kN m: at rest within 3 s from 10 m/s, and not a millimetre further in the second after that."""
+    model = dataclasses.replace(levels(name)[1].model, road=RoadSpec(normal=(-0.1, 0.03, 1.0)))
+    maneuver = Maneuver(brake_torque=Step(value=3000.0, start=0.2, rise=0.2))
+    s = moving(name, 2e-3, model=model, maneuver=maneuver, start=StartSettings(kind='equilibrium', speed=10.0))
+    there = s.advance(2000).pose[0, :3]
+    after = s.advance(500)
+    assert np.linalg.norm(after.pose[0, :3] - there) < 1e-3
+    assert np.abs(after.twist[0]).max() < 1e-2
+    weight = 9.81 * mass_figures(model)['mass']
+    normal = 1.0 / np.sqrt(1.0 + 0.1**2 + 0.03**2)
+    assert after.tire[:, 2].sum() == pytest.approx(weight * normal, rel=1e-3)
+
+
+def test_starts_at_rest_with_the_wheel_loads_of_the_vehicle():
+    for name in CARS:
+        full, kc = (standing(scene).snapshot().tire[:, 2] for scene in levels(name))
+        np.testing.assert_allclose(kc, full, rtol=0.01)
+
+
+def test_a_run_that_leaves_the_level_is_told():
+    """The full car at 40 m/s on a road of friction 1.6, the steering wheel turned by 4 rad: compliance is not measured for that."""
+    scene = solver.load_scene('car_step_steer')
+    scene = dataclasses.replace(
+        scene,
+        model=dataclasses.replace(scene.model, road=RoadSpec(friction=1.6)),
+        fidelity='kc', start=StartSettings(kind='equilibrium', speed=40.0), duration=1.5,
+        maneuver=Maneuver(steering=Step(value=4.0, start=0.1, rise=0.2)),
+    )  # fmt: skip
+    data = simulate(solver.simulation_of(scene), scene.steps)
+    assert data['status'] == 'suspect'
+    found = [f for f in data['findings'] if f['quantity'] == 'envelope']
+    assert 'lateral_acceleration' in {f['where'] for f in found}
+    assert any('compliance is that of moderate loads' in f['text'] for f in found)
+
+
+def test_a_model_that_is_no_car_is_refused():
+    with pytest.raises(SpecError, match='a car with the wheels front_left, front_right, rear_left and rear_right is needed; use full'):
+        kc_model(solver.load_scene('four_bar').model)
