@@ -139,8 +139,8 @@ class Simulation:
             last = self.source.steps * self.h_ns * 1e-9
             raise SpecError(f'duration = {scene.duration:g}: {self.source.given.where} ends at {last:g} s; set duration to that or less')
         self.driver: DriverSource | None = None
-        if scene.maneuver.driver is not None:
-            self.driver = DriverSource(scene.maneuver, scene.model.inputs, self.h_ns, self.stage)
+        if scene.maneuver.closed_loop:
+            self.driver = DriverSource(scene.maneuver, scene.model.inputs, self.h_ns, self.stage, scene.start.speed)
 
     @property
     def state(self) -> State:
@@ -205,7 +205,7 @@ class Simulation:
         self._rescued.clear()
         self._inputs = self._inputs_at_start()
         if self.driver is not None:
-            self.driver.state = np.zeros(3)
+            self.driver.reset()
         self._refresh()
         if self.adaptation is not None:
             self.adaptation.start(self.state)

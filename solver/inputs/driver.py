@@ -1,7 +1,7 @@
-"""A driver who looks ahead along a path: the angle of the steering wheel as a function of the motion, sampled once per step.
+"""Drivers: what they command as a function of the motion, sampled once per step. One looks ahead along a path, the other keeps a speed.
 
-Law: the preview-follower with one preview point. At the preview distance l = v T ahead of the vehicle, along its heading, the path
-lies e to the left of it. The arc that reaches the path there has the curvature
+Law of the one who looks ahead: the preview-follower with one preview point. At the preview distance l = v T ahead of the vehicle, along
+its heading, the path lies e to the left of it. The arc that reaches the path there has the curvature
 
     kappa = 2 e / l^2
 
@@ -11,6 +11,10 @@ steering wheel is turned to the angle which holds this curvature in the steady s
     steering = ratio (wheelbase + understeer v^2) kappa
 
 and reaches it through the hands: rate limit and critically damped lag of solver.inputs.maneuver.CommandSource.
+
+Law of the one who keeps a speed: torque T = P e + I + inertia * dv_wanted/dt with e = v_wanted - v and dI/dt = P (omega/2) e. On a car that
+answers with inertia * dv/dt = T - resistance, P = 2 omega inertia makes this a critically damped loop of frequency omega. Where T
+leaves the torques of the engine, I stands still; what is below them is left to the brakes, if they are allowed.
 """
 
 from __future__ import annotations
@@ -24,7 +28,7 @@ import numpy as np
 
 from solver.compiled.portable import clamped_spline_slopes, piecewise_cubic
 from solver.errors import SpecError
-from solver.inputs.signals import smooth_step
+from solver.inputs.signals import Signal, smooth_step
 
 
 class Gate(NamedTuple):
@@ -87,6 +91,10 @@ class DoubleLaneChange:
             y += (after.middle - before.middle) * float(rise.value)
         return y
 
+    def left_of(self, x: float, y: float, heading: float) -> float:
+        """How far [m] the path lies to the left of a point, seen along the heading [rad]."""
+        return (self.lateral(x) - y) * math.cos(heading)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Waypoints:
@@ -107,6 +115,28 @@ class Waypoints:
         at, y = np.array(self.points).T
         return float(piecewise_cubic(at, y, clamped_spline_slopes(at, y), np.clip(x, at[0], at[-1]))[0])
 
+    def left_of(self, x: float, y: float, heading: float) -> float:
+        """How far [m] the path lies to the left of a point, seen along the heading [rad]."""
+        return (self.lateral(x) - y) * math.cos(heading)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Circle:
+    """Round and round a circle that touches the x axis at x = start: to the left where the radius is positive, else to the right."""
+
+    kind: Literal['circle'] = 'circle'
+    radius: Annotated[float, 'm']
+    start: Annotated[float, 'm'] = 0.0
+
+    def __post_init__(self) -> None:
+        if not abs(self.radius) >= 5.0:
+            raise SpecError(f'radius = {self.radius:g}: must be a radius that a car can drive, 5 m or more')
+
+    def left_of(self, x: float, y: float, heading: float) -> float:
+        """How far [m] the path lies to the left of a point, seen along the circle."""
+        distance = math.hypot(x - self.start, y - self.radius)
+        return math.copysign(1.0, self.radius) * (distance - abs(self.radius))
+
 
 class Sight(NamedTuple):
     """What the driver sees at the beginning of a step: reference frame of the chassis in the world."""
@@ -121,12 +151,12 @@ class Sight(NamedTuple):
 class PreviewDriver:
     """Steers along a path by previewing it; see the module for the law.
 
-    path: y(x). preview: time T [s] to the preview point. wheelbase [m]. ratio: of the steering wheel to the road wheels [-].
+    path: where to. preview: time T [s] to the preview point. wheelbase [m]. ratio: of the steering wheel to the road wheels [-].
     understeer: gradient of the road wheels' angle over lateral acceleration [rad s^2/m]. limit: largest angle of the steering wheel.
     bandwidth [Hz] and rate_limit [rad/s] of the hands. slowest: speed below which the preview distance shrinks no further [m/s].
     """
 
-    path: DoubleLaneChange | Waypoints
+    path: DoubleLaneChange | Waypoints | Circle
     preview: Annotated[float, 's'] = 0.8
     wheelbase: Annotated[float, 'm'] = 2.7
     ratio: float = 16.0
@@ -147,6 +177,51 @@ class PreviewDriver:
         distance = v * self.preview
         c, s = math.cos(sight.heading), math.sin(sight.heading)
         x, y = sight.x + distance * c, sight.y + distance * s
-        error = (self.path.lateral(x) - y) * c
+        error = self.path.left_of(x, y, sight.heading)
         angle = self.ratio * (self.wheelbase + self.understeer * v * v) * 2.0 * error / (distance * distance)
         return float(np.clip(angle, -self.limit, self.limit))
+
+
+@dataclass(frozen=True, kw_only=True)
+class SpeedControl:
+    """Keeps a speed with the drive torque, and with the brakes where these are allowed; see the module for the law.
+
+    target: speed along the x axis of the chassis over time (none: that of the start of the scene). until: from then on no torque at
+    all (throttle released, clutch open; it fades over `release`). inertia: torque at the differential per acceleration of the car,
+    about mass times radius of the wheels. bandwidth: of the loop. first: torque at t = 0. most, least: torques of the engine.
+    brakes: most brake torque of all wheels together.
+    """
+
+    target: Annotated[float | Signal | None, 'm/s'] = None
+    until: Annotated[float | None, 's'] = None
+    release: Annotated[float, 's'] = 0.2
+    inertia: Annotated[float, 'N m s^2/m'] = 450.0
+    bandwidth: Annotated[float, 'Hz'] = 0.3
+    first: Annotated[float, 'N m'] = 0.0
+    most: Annotated[float, 'N m'] = 3000.0
+    least: Annotated[float, 'N m'] = -300.0
+    brakes: Annotated[float, 'N m'] = 0.0
+
+    def __post_init__(self) -> None:
+        for name in ('inertia', 'bandwidth', 'release'):
+            if not getattr(self, name) > 0.0:
+                raise SpecError(f'{name} = {getattr(self, name):g}: must be > 0')
+        if not self.least <= 0.0 < self.most:
+            raise SpecError(f'least = {self.least:g} and most = {self.most:g}: least must be <= 0 and most > 0')
+        if not self.brakes >= 0.0:
+            raise SpecError(f'brakes = {self.brakes:g}: must be >= 0')
+
+    def torques(self, t: float, wanted: float, slope: float, speed: float, kept: float, h: float) -> tuple[float, float, float]:
+        """(drive torque, brake torque, I after the step) [N m] at t [s] for the wanted speed [m/s], its slope [m/s^2], the speed and I."""
+        on = 1.0 if self.until is None else min(max(1.0 - (t - self.until) / self.release, 0.0), 1.0)
+        if on == 0.0:
+            return 0.0, 0.0, kept
+        omega = 2.0 * math.pi * self.bandwidth
+        gain = 2.0 * omega * self.inertia
+        error = wanted - speed
+        torque = gain * error + kept + self.inertia * slope
+        low = self.least - self.brakes
+        if low < torque < self.most or (torque >= self.most and error < 0.0) or (torque <= low and error > 0.0):
+            kept += h * gain * 0.5 * omega * error
+        torque = min(max(torque, low), self.most)
+        return on * max(torque, self.least), on * max(self.least - torque, 0.0), kept

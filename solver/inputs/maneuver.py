@@ -15,7 +15,7 @@ from typing import Annotated
 import numpy as np
 
 from solver.errors import SpecError, suggestion
-from solver.inputs.driver import PreviewDriver, Sight
+from solver.inputs.driver import PreviewDriver, Sight, SpeedControl
 from solver.inputs.recorded import ACCELERATION, RATE, BagChannel, RecordedSource, recorded
 from solver.inputs.signals import Constant, Signal, signal
 
@@ -29,8 +29,9 @@ class Maneuver:
 
     steering: angle at the steering wheel [rad], positive to the left. drive_torque: at the differential [N m].
     brake_torque: total of all wheels [N m], >= 0. signals: any other input channel of the model by name. driver: steers instead of
-    the signal `steering`. bag: a recording (directory or .mcap file) whose inputs are applied again instead of all these; map: for
-    recordings of others, which of their channels is which input.
+    the signal `steering`. speed: keeps a speed with the drive torque, and the brakes, instead of their signals. bag: a recording
+    (directory or .mcap file) whose inputs are applied again instead of all these; map: for recordings of others, which of their
+    channels is which input. evaluation: what `mbd evaluate` makes of its recordings (docs/evaluating.md); evaluate_with: parameters.
     """
 
     name: str = ''
@@ -40,17 +41,29 @@ class Maneuver:
     brake_torque: Annotated[float | Signal, 'N m'] = 0.0
     signals: dict[str, float | Signal] = field(default_factory=dict)
     driver: PreviewDriver | None = None
+    speed: SpeedControl | None = None
+    evaluation: str = ''
+    evaluate_with: dict[str, float] = field(default_factory=dict)
     bag: str = ''
     map: dict[str, BagChannel] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        if self.bag and (self.driver is not None or self.channels):
-            other = 'driver' if self.driver is not None else next(iter(self.channels))
+        if self.bag and (self.closed_loop or self.channels):
+            other = next((name for name in ('driver', 'speed') if getattr(self, name) is not None), None) or next(iter(self.channels))
             raise SpecError(f'bag = {self.bag}: the inputs come from the recording, but {other!r} is given too; remove one of them')
         if self.map and not self.bag:
             raise SpecError('map: says what the channels of a recording are, but the key bag, which names the recording, is missing')
         if self.driver is not None and signal(self.steering) != Constant():
             raise SpecError(f'maneuver {self.name!r}: steering is given, but the driver steers; remove one of them')
+        if self.speed is not None and signal(self.drive_torque) != Constant():
+            raise SpecError(f'maneuver {self.name!r}: drive_torque is given, but the speed is kept by it; remove one of them')
+        if self.speed is not None and self.speed.brakes and signal(self.brake_torque) != Constant():
+            raise SpecError(f'maneuver {self.name!r}: brake_torque is given, but the speed is kept by the brakes too; remove one of them')
+
+    @property
+    def closed_loop(self) -> bool:
+        """Whether some inputs depend on the motion."""
+        return self.driver is not None or self.speed is not None
 
     @property
     def channels(self) -> dict[str, Signal]:
@@ -94,7 +107,7 @@ class Maneuver:
         """
         if self.bag:
             raise SpecError(f'maneuver {self.name!r}: its inputs are a recording; run it in the simulation (mbd run, commands:=maneuver)')
-        if self.driver is not None:
+        if self.closed_loop:
             raise SpecError(f'maneuver {self.name!r}: its driver sees the motion; run it in the simulation (mbd run, commands:=maneuver)')
         at = np.array([t])
         steering, drive, brake = (float(signal(getattr(self, name)).jet(at).value[0]) for name in COMMANDS)
@@ -215,32 +228,73 @@ class CommandSource:
 class DriverSource:
     """Input source of a simulation with a driver: what he does in step k depends on what he sees at its beginning.
 
-    The steering passes the filter of CommandSource, the other inputs are those of the maneuver. state: (3,) of the filter.
+    The steering of a PreviewDriver passes the filter of CommandSource, a SpeedControl gives torques, all else is of the maneuver.
+    start: speed of the scene at t = 0 [m/s]. state: (3,) of the hands, then (1,) of the speed control; only of those that there are.
     """
 
-    def __init__(self, maneuver: Maneuver, input_names: Sequence[str], h_ns: int, stage: float = 1.0) -> None:
-        assert maneuver.driver is not None
-        if 'steering' not in input_names:
-            raise SpecError(f'maneuver {maneuver.name!r}: driver: the model has no input steering')
-        self.driver = maneuver.driver
+    def __init__(self, maneuver: Maneuver, input_names: Sequence[str], h_ns: int, stage: float = 1.0, start: float = 0.0) -> None:
+        assert maneuver.closed_loop
+        self.driver, self.speed, self.h_ns = maneuver.driver, maneuver.speed, h_ns
         self.open_loop = ManeuverSource(maneuver, input_names, h_ns, stage)
-        self._steering = [input_names.index(name) for name in ('steering', 'steering' + RATE, 'steering' + ACCELERATION)]
-        self._hands = CommandSource(input_names, h_ns, bandwidth=self.driver.bandwidth, rate_limit=self.driver.rate_limit)
+        needed = ['steering'] * (self.driver is not None) + ['drive_torque'] * (self.speed is not None)
+        needed += ['brake_torque'] * (self.speed is not None and self.speed.brakes > 0.0)
+        for name in needed:
+            if name not in input_names:
+                raise SpecError(f'maneuver {maneuver.name!r}: driver: the model has no input {name}')
+        self._at = {name: k for k, name in enumerate(input_names)}
+        if self.driver is not None:
+            self._steering = [self._at[name] for name in ('steering', 'steering' + RATE, 'steering' + ACCELERATION)]
+            self._hands = CommandSource(input_names, h_ns, bandwidth=self.driver.bandwidth, rate_limit=self.driver.rate_limit)
+        if self.speed is not None:
+            self._target = signal(start if self.speed.target is None else self.speed.target)
+            self._first, self._wanted = -1, np.zeros((AHEAD, 2))
+        self.reset()
+
+    def reset(self) -> None:
+        """Back to t = 0."""
+        if self.driver is not None:
+            self._hands.state = np.zeros(3)
+        self._kept = 0.0 if self.speed is None else self.speed.first
 
     @property
     def state(self) -> np.ndarray:
-        """State of the hands; assign it to restore."""
-        return self._hands.state
+        """State of the hands and of the speed control; assign it to restore."""
+        hands = self._hands.state if self.driver is not None else np.zeros(0)
+        return hands if self.speed is None else np.append(hands, self._kept)
 
     @state.setter
     def state(self, value: np.ndarray) -> None:
-        self._hands.state = value.copy()
+        if value.shape != self.state.shape:
+            raise SpecError(
+                f'restore: the state of the driver has {value.size} numbers, this maneuver needs {self.state.size}: other scene'
+            )
+        if self.driver is not None:
+            self._hands.state = value[:3].copy()
+        if self.speed is not None:
+            self._kept = float(value[-1])
 
     def sample(self, k: int, sight: Sight) -> np.ndarray:
-        """(nu,) inputs of step k; advances the hands by a step, so it is called once per step."""
+        """(nu,) inputs of step k; advances hands and speed control by a step, so it is called once per step."""
         row = self.open_loop.sample(k)
-        row[self._steering] = self._hands.advance(self.driver.steering(sight), 0.0, 0.0)[self._steering]
+        if self.driver is not None:
+            row[self._steering] = self._hands.advance(self.driver.steering(sight), 0.0, 0.0)[self._steering]
+        if self.speed is not None:
+            wanted, slope = self._wanted_at(k)
+            h = self.h_ns * 1e-9
+            drive, brake, self._kept = self.speed.torques(k * h, wanted, slope, sight.speed, self._kept, h)
+            row[self._at['drive_torque']] = drive
+            if self.speed.brakes > 0.0:
+                row[self._at['brake_torque']] = brake
         return row
+
+    def _wanted_at(self, k: int) -> tuple[float, float]:
+        """Speed [m/s] and slope [m/s^2] that are wanted at the beginning of step k."""
+        if not 0 <= k - self._first < AHEAD or self._first < 0:
+            self._first = k
+            jet = self._target.jet(np.arange(k, k + AHEAD) * (self.h_ns * 1e-9))
+            self._wanted = np.column_stack([jet.value, jet.rate])
+        wanted, slope = self._wanted[k - self._first]
+        return float(wanted), float(slope)
 
 
 class ReplaySource:

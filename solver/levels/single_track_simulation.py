@@ -199,7 +199,7 @@ class SingleTrackSimulation(Simulation):
         self._totals = self._counters = NO_STEPS
         self._inputs = np.array(self._inputs_at_start(), float)
         if self.driver is not None:
-            self.driver.state = np.zeros(3)
+            self.driver.reset()
         start(self.tables, self.y, self._inputs, self._index, self._scratch, self._frame)
 
     def _advance(self, n: int, inputs: np.ndarray, audit: bool) -> None:

@@ -29,7 +29,7 @@ class ReferenceSimulation(Simulation):
     KINDS = ('reference_kkt', *METHODS)
 
     def __init__(self, scene: Scene) -> None:
-        if scene.maneuver.driver is not None:
+        if scene.maneuver.closed_loop:
             raise SpecError('maneuver: driver: a reference integrator follows functions of time; use integrator.kind alf')
         if scene.maneuver.bag:
             raise SpecError('maneuver: bag: a reference integrator follows functions of time; use integrator.kind alf')

@@ -46,7 +46,7 @@ class Reference(NamedTuple):
 
 def order(scene: Scene) -> int:
     """The order of the error in the step."""
-    return 1 if scene.maneuver.driver is not None else 2
+    return 1 if scene.maneuver.closed_loop else 2
 
 
 def extrapolated(coarse: Run, fine: Run, p: int) -> tuple[np.ndarray, Curves]:

@@ -9,7 +9,7 @@ import dataclasses
 from typing import Any, NamedTuple
 
 from solver.elements.road import RandomRoad, RoadSpec
-from solver.inputs.driver import Waypoints
+from solver.inputs.driver import Circle, Waypoints
 from solver.inputs.maneuver import COMMANDS, Maneuver
 from solver.inputs.signals import Constant, Signal, Sum, signal
 from solver.scene import Scene
@@ -64,6 +64,9 @@ def inside(k: int) -> Variation:
 def varied(scene: Scene, v: Variation) -> Scene:
     """The scene with another maneuver. A path that cannot be mirrored stays; so does a road of given heights."""
     maneuver, mirrorable = _maneuver(scene.maneuver, v)
+    kept = maneuver.speed
+    if kept is not None and kept.target is not None:
+        maneuver = dataclasses.replace(maneuver, speed=dataclasses.replace(kept, target=scaled(signal(kept.target), v.speed)))
     model = scene.model
     if model.tires:
         mirrored = v.direction < 0 and mirrorable
@@ -86,6 +89,9 @@ def _maneuver(maneuver: Maneuver, v: Variation) -> tuple[Maneuver, bool]:
         if isinstance(driver.path, Waypoints) and v.direction < 0:
             path = dataclasses.replace(driver.path, points=tuple((x, -y) for x, y in driver.path.points))
             return dataclasses.replace(maneuver, driver=dataclasses.replace(driver, path=path)), True
+        if isinstance(driver.path, Circle) and v.direction < 0:
+            circle = dataclasses.replace(driver.path, radius=-driver.path.radius)
+            return dataclasses.replace(maneuver, driver=dataclasses.replace(driver, path=circle)), True
         return maneuver, False
     steering = signal(maneuver.steering)
     if steering != Constant():

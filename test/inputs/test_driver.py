@@ -7,9 +7,10 @@ import pytest
 
 from solver import simulation_of
 from solver.errors import SceneError, SpecError
-from solver.files.scene import load_scene
-from solver.inputs.driver import DoubleLaneChange, PreviewDriver, Sight, Waypoints
-from solver.inputs.maneuver import Maneuver
+from solver.files.scene import load_scene, load_scene_text
+from solver.inputs.driver import Circle, DoubleLaneChange, PreviewDriver, Sight, SpeedControl, Waypoints
+from solver.inputs.maneuver import DriverSource, Maneuver
+from solver.inputs.signals import Ramp
 from solver.simulation import Simulation
 
 LENGTH = 4.6  # of the body of a mid-size car [m]
@@ -123,3 +124,122 @@ def test_refusals() -> None:
         load_scene('light_car_lane_change', ['maneuver.driver.path.standard=iso_3888'])
     with pytest.raises(SpecError, match='functions of time'):
         simulation_of(load_scene('light_car_lane_change', ['integrator={kind: reference_kkt}']))
+
+
+def test_circle_is_left_of_who_runs_inside_to_the_right() -> None:
+    """On the circle nothing to correct, wherever; 1 m outside a left-hand circle it lies 1 m to the left, inside 1 m to the right."""
+    for radius in (100.0, -100.0):
+        path = Circle(radius=radius, start=10.0)
+        for angle in np.linspace(0.0, 2.0 * np.pi, 9):
+            for out in (-1.0, 0.0, 1.0):
+                R = abs(radius) + out
+                x, y = 10.0 + R * np.sin(angle), radius - np.sign(radius) * R * np.cos(angle)
+                assert path.left_of(x, y, np.sign(radius) * angle) == pytest.approx(np.sign(radius) * out, abs=1e-9)
+
+
+def point_mass(control: SpeedControl, *, mass: float, resistance: float, speed: float, seconds: float, h: float = 1e-3) -> np.ndarray:
+    """(n, 4) time, speed, drive and brake torque of mass * dv/dt = T - resistance under the control, as DriverSource calls it."""
+    names = ('drive_torque', 'brake_torque')
+    source = DriverSource(Maneuver(speed=control), names, round(h * 1e9), start=speed)
+    v, rows = speed, []
+    for k in range(round(seconds / h)):
+        drive, brake = source.sample(k, Sight(0.0, 0.0, 0.0, v))
+        rows.append((k * h, v, drive, brake))
+        v += h * (drive - brake - resistance) / mass
+    return np.array(rows)
+
+
+def test_speed_returns_as_a_critically_damped_loop_does() -> None:
+    """A resistance R that begins at once: e'' + 2 w e' + w^2 e = 0 with e'(0) = R/m, so e = R/m t exp(-w t); the step is 1 ms of 530 ms."""
+    mass, resistance, bandwidth = 450.0, 150.0, 0.3
+    t, v, drive, brake = point_mass(
+        SpeedControl(inertia=mass, bandwidth=bandwidth), mass=mass, resistance=resistance, speed=20.0, seconds=8.0
+    ).T
+    w = 2.0 * np.pi * bandwidth
+    expected = 20.0 - resistance / mass * t * np.exp(-w * t)
+    assert np.abs(v - expected).max() < 2.0 * w * 1e-3 * (20.0 - expected).max()
+    assert drive[-1] == pytest.approx(resistance, rel=1e-4)
+    assert not brake.any()
+
+
+def test_a_ramp_of_speed_is_followed_without_lag() -> None:
+    target = Ramp(initial=10.0, slope=0.5, start=1.0, final=15.0)
+    control = SpeedControl(target=target, inertia=450.0, first=100.0)
+    t, v, *_ = point_mass(control, mass=450.0, resistance=100.0, speed=10.0, seconds=14.0).T
+    assert np.abs(v - target.jet(t).value).max() < 1e-3  # half a step of the ramp is 0.25 mm/s
+    heavier = point_mass(control, mass=500.0, resistance=100.0, speed=10.0, seconds=14.0)
+    assert abs(heavier[10000, 1] - target.jet(np.array([10.0])).value[0]) < 0.01  # the integral finds what the inertia lacks
+
+
+def test_engine_and_brakes_have_their_limits_and_the_integral_does_not_run_away() -> None:
+    """From 20 to 10 m/s: the engine drags with 300 N m, the brakes add what they may, and 10 m/s is not undershot by more than 2 %."""
+    slower = Ramp(initial=20.0, slope=-10.0, start=0.5, final=10.0)
+    coasting = point_mass(SpeedControl(target=slower), mass=450.0, resistance=0.0, speed=20.0, seconds=20.0)
+    assert coasting[:, 2].min() == -300.0
+    assert not coasting[:, 3].any()
+    braking = point_mass(SpeedControl(target=slower, brakes=2000.0), mass=450.0, resistance=0.0, speed=20.0, seconds=20.0)
+    assert braking[:, 3].max() == 2000.0
+    for found in (coasting, braking):
+        assert found[-1, 1] == pytest.approx(10.0, abs=0.02)
+        assert found[:, 1].min() > 9.8
+    t10 = [rows[np.argmax(rows[:, 1] < 11.0), 0] for rows in (coasting, braking)]
+    assert t10[1] < 0.5 * t10[0]
+    away = point_mass(SpeedControl(target=10.0, most=100.0), mass=450.0, resistance=200.0, speed=10.0, seconds=5.0)
+    assert away[:, 2].max() == 100.0
+
+
+def test_released_throttle_gives_no_torque() -> None:
+    control = SpeedControl(until=1.0, release=0.2, first=100.0)
+    rows = point_mass(control, mass=1e9, resistance=0.0, speed=10.0, seconds=2.0)  # so heavy that its speed does not change
+    t, drive = rows[:, 0], rows[:, 2]
+    assert drive[t <= 1.0] == pytest.approx(100.0, rel=1e-5)
+    assert drive[np.argmin(np.abs(t - 1.1))] == pytest.approx(50.0, abs=0.6)
+    assert not drive[t > 1.2].any()
+
+
+HOLD = """
+vehicle: vehicles/light_car.yaml
+start: {kind: equilibrium, speed: 10}
+maneuver:
+  speed: {target: {kind: ramp, initial: 10, slope: 1, start: 0.2, final: 11}, first: 40}
+  driver: {path: {kind: circle, radius: 60}, wheelbase: 2.65, ratio: 16.3}
+integrator: {h: 1.0e-3, iterations: 1}
+duration: 2
+"""
+
+
+@pytest.mark.slow
+def test_a_car_keeps_radius_and_speed_and_goes_on_from_a_saved_state_bit_for_bit() -> None:
+    scene = load_scene_text(HOLD)
+    straight, continued = Simulation(scene), Simulation(scene)
+    straight.advance(700)
+    saved = straight.save()
+    s = straight.advance(1300)
+    continued.restore(saved)
+    assert np.array_equal(continued.advance(1300).numbers, s.numbers)
+    assert s.twist[0, 0] == pytest.approx(11.0, abs=0.05)
+    x, y = s.pose[0, :2]
+    assert np.hypot(x, y - 60.0) == pytest.approx(60.0, abs=0.2)
+    straight.reset()
+    assert np.array_equal(straight.advance(2000).numbers, s.numbers)
+    assert s.inputs[scene.model.inputs.index('drive_torque')] > 0.0
+
+
+def test_refusals_of_who_keeps_a_speed() -> None:
+    with pytest.raises(SpecError, match='drive_torque is given'):
+        Maneuver(speed=SpeedControl(), drive_torque=100.0)
+    with pytest.raises(SpecError, match='brake_torque is given'):
+        Maneuver(speed=SpeedControl(brakes=100.0), brake_torque=100.0)
+    assert Maneuver(speed=SpeedControl(), brake_torque=100.0).closed_loop
+    with pytest.raises(SpecError, match='no input drive_torque'):
+        DriverSource(Maneuver(speed=SpeedControl()), ('steering',), 1_000_000)
+    with pytest.raises(SpecError, match='least'):
+        SpeedControl(least=10.0)
+    with pytest.raises(SpecError, match='bandwidth'):
+        SpeedControl(bandwidth=0.0)
+    with pytest.raises(SpecError, match='radius'):
+        Circle(radius=2.0)
+    with pytest.raises(SpecError, match='sees the motion'):
+        Maneuver(speed=SpeedControl()).commands(0.0)
+    with pytest.raises(SpecError, match="'speed' is given too"):
+        Maneuver(speed=SpeedControl(), bag='bags/first')

@@ -73,3 +73,14 @@ def test_points_lie_inside_the_ranges_differ_and_come_to_both_sides() -> None:
     assert len(set(points)) == 30
     assert 10 <= sum(p.direction > 0 for p in points) <= 20
     assert not set(points) & {AS_GIVEN, *CORNERS}
+
+
+def test_a_circle_is_driven_the_other_way_round_and_a_kept_speed_is_another_one() -> None:
+    scene = solver.load_scene(
+        'light_car_straight',
+        ['maneuver={driver: {path: {kind: circle, radius: 80}}, speed: {target: {kind: ramp, initial: 8, slope: 0.5}}}'],
+    )
+    found = varied(scene, Variation(speed=1.05, direction=-1)).maneuver
+    assert found.driver.path.radius == -80.0
+    assert found.speed.target.initial == pytest.approx(8.4)
+    assert found.speed.target.slope == pytest.approx(0.525)
