@@ -39,6 +39,7 @@ setup(
         f'{NAME}.analysis': ['report.html'],
         f'{NAME}.analysis.view': ['view.html'],
         f'{NAME}.lab.studies': ['published/*.csv'],
+        f'{NAME}.analysis.evaluation': ['page.html'],
     },
     data_files=data_files(),
     zip_safe=False,

@@ -32,10 +32,10 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout, suppress
 from typing import Any, NoReturn
 
-from mbd_sim_ros.commands import bench, compare, compile, export, info, plan, recover, replay, run, study, sweep, view
+from mbd_sim_ros.commands import bench, compare, compile, evaluate, export, info, maneuver, plan, recover, replay, run, study, sweep, view
 from solver.errors import MbdError, suggestion
 
-COMMANDS = (info, run, plan, sweep, export, compare, view, replay, recover, study, bench, compile)
+COMMANDS = (info, run, plan, maneuver, sweep, export, compare, evaluate, view, replay, recover, study, bench, compile)
 USAGE_ERROR, INTERNAL_ERROR = 2, 70
 SHOW_TRACEBACK = 'MBD_TRACEBACK'
 

@@ -28,7 +28,8 @@ def test_resolved_scene_loads_again_to_the_same_scene(name: str, tmp_path: Path,
 def test_maneuver_files_load(name: str) -> None:
     maneuver = load_maneuver(name)
     assert maneuver.name == name
-    assert np.isfinite(maneuver.commands(3.0)).all()
+    if not maneuver.closed_loop:  # the others depend on the motion
+        assert np.isfinite(maneuver.commands(3.0)).all()
 
 
 def test_slider_crank_is_the_one_of_the_chapter() -> None:

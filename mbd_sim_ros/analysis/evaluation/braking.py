@@ -1,0 +1,166 @@
+"""Braking: stopping distance on a straight road [ISOStopping2007] and on split friction [ISOSplit1999].
+
+Distances are integrals of the speed from the instant at which the brakes are first applied. Mean fully developed deceleration
+[BrakingUN2014]:
+
+    (v_b^2 - v_e^2) / (2 (s_e - s_b))   with v_b = 0.8 v_0, v_e = 0.1 v_0, s_b and s_e travelled at these speeds
+
+The stopping distance is corrected to the nominal speed by the square of the ratio of the speeds.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbd_sim_ros.analysis.evaluation.figures import Chart, Curve, Figure, Result
+from mbd_sim_ros.analysis.evaluation.kinds import Drive, Evaluation
+from mbd_sim_ros.analysis.evaluation.measures import at, crossing, integral
+from mbd_sim_ros.analysis.evaluation.signals import Signals
+
+NORM = 'ISO 21994:2007 [ISOStopping2007]'
+SPLIT = 'ISO 14512:1999 [ISOSplit1999]'
+APPLIED = 0.02  # part of the largest brake command that counts as applied
+BEGIN, END = 0.8, 0.1  # of the initial speed
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stopping:
+    """nominal: speed to which the stopping distance is corrected [m/s]. rest: speed that counts as standing [m/s]. deviation: largest
+    difference between initial and nominal speed without a note [m/s]."""
+
+    nominal: float = 100.0 / 3.6
+    rest: float = 0.05
+    deviation: float = 2.0 / 3.6
+
+
+@dataclass(frozen=True, kw_only=True)
+class SplitFriction:
+    """rest: speed that counts as standing [m/s]. after: reactions are given so long after the brakes are applied [s]."""
+
+    rest: float = 0.05
+    after: float = 1.0
+
+
+def stop(s: Signals, rest: float) -> tuple[float, float, np.ndarray]:
+    """(instant of application [s], instant of standing or NaN, distance travelled since application (n,) [m]). Raises BagError."""
+    brake = np.abs(s['brake'])
+    if not brake.max() > 0.0:
+        raise s.refuse('the brakes are not applied in it')
+    t0 = crossing(s.t, brake, APPLIED * brake.max())
+    if at(s.t, s['speed'], t0) < 2.0:
+        raise s.refuse('the car stands already when the brakes are applied')
+    end = crossing(s.t, -s['speed'], -rest, after=t0)
+    way = integral(s.t, np.maximum(s['speed'], 0.0))
+    return t0, end, way - at(s.t, way, t0)
+
+
+def developed(s: Signals, t0: float, way: np.ndarray) -> float:
+    """Mean fully developed deceleration [m/s^2]; NaN where the speed does not come down so far."""
+    v0 = at(s.t, s['speed'], t0)
+    tb, te = (crossing(s.t, -s['speed'], -part * v0, after=t0) for part in (BEGIN, END))
+    if math.isnan(te):
+        return math.nan
+    return ((BEGIN * v0) ** 2 - (END * v0) ** 2) / (2.0 * (at(s.t, way, te) - at(s.t, way, tb)))
+
+
+def judge_stopping(s: Signals, p: Stopping) -> Result:
+    """Stopping distance, as driven and corrected. Raises BagError."""
+    t0, end, way = stop(s, p.rest)
+    if math.isnan(end):
+        raise s.refuse(f'the car does not come to rest in it: {s["speed"][-1]:.3g} m/s at its end')
+    v0, distance = at(s.t, s['speed'], t0), at(s.t, way, end)
+    notes = list(s.notes)
+    if abs(v0 - p.nominal) > p.deviation:
+        notes.append(f'braked from {3.6 * v0:.4g} km/h; the correction to {3.6 * p.nominal:g} km/h is meant for small differences')
+    figures = (
+        Figure('initial_speed', 'speed when the brakes are applied', v0, 'm/s'),
+        Figure('distance', 'stopping distance as driven', distance, 'm'),
+        Figure('corrected_distance', f'stopping distance corrected to {3.6 * p.nominal:g} km/h', distance * (p.nominal / v0) ** 2, 'm'),
+        Figure('mfdd', 'mean fully developed deceleration', developed(s, t0, way), 'm/s^2'),
+        Figure('mean_deceleration', 'mean deceleration over the distance', v0 * v0 / (2.0 * distance), 'm/s^2'),
+        Figure('time', 'time to rest', end - t0, 's'),
+    )
+    shown = s.between(t0 - 0.5, end + 0.5)
+    charts = (
+        Chart(title='speed', x=('time', 's'), y=('speed', 'm/s'), curves=(Curve('speed', s.t[shown] - t0, s['speed'][shown]),)),
+        Chart(
+            title='speed over distance', x=('distance', 'm'), y=('speed', 'm/s'), curves=(Curve('speed', way[shown], s['speed'][shown]),)
+        ),
+    )
+    return Result(
+        evaluation='iso21994', title='Stopping distance', norm=NORM, figures=figures, charts=charts, notes=tuple(notes), source=s.place
+    )
+
+
+def judge_split(s: Signals, p: SplitFriction) -> Result:
+    """Deceleration and what the car does aside of it. Raises BagError."""
+    t0, end, way = stop(s, p.rest)
+    standing = not math.isnan(end)
+    end = end if standing else float(s.t[-1])
+    if end < t0 + p.after:
+        raise s.refuse(f'it ends {end - t0:.3g} s after the brakes are applied; {p.after:g} s are needed')
+    v0, inside, when = at(s.t, s['speed'], t0), s.between(t0, end), t0 + p.after
+    distance = at(s.t, way, end)
+    lost = v0 * v0 - at(s.t, s['speed'], end) ** 2
+    figures = [
+        Figure('initial_speed', 'speed when the brakes are applied', v0, 'm/s'),
+        Figure('mean_deceleration', 'mean deceleration over the distance', lost / (2.0 * distance), 'm/s^2'),
+        Figure('mfdd', 'mean fully developed deceleration', developed(s, t0, way), 'm/s^2'),
+        Figure('distance', 'distance travelled' if standing else 'distance travelled (not to rest)', distance, 'm'),
+    ]
+    heading = s['heading'] if 'heading' in s else integral(s.t, s['yaw_rate'])
+    turned = heading - at(s.t, heading, t0)
+    seen = [('yaw_rate', 'yaw rate', s['yaw_rate'], 'rad/s'), ('yaw_angle', 'yaw angle', turned, 'rad')]
+    if 'x' in s and 'y' in s:
+        first = at(s.t, heading, t0)
+        aside = -math.sin(first) * (s['x'] - at(s.t, s['x'], t0)) + math.cos(first) * (s['y'] - at(s.t, s['y'], t0))
+        seen.append(('deviation', 'lateral deviation', aside, 'm'))
+    if 'sideslip_angle' in s:
+        fast = s['speed'] > 3.0
+        seen.append(('sideslip', 'sideslip angle', np.where(fast, s['sideslip_angle'], 0.0), 'rad'))
+    if 'steering' in s:
+        seen.append(('steering', 'steering-wheel angle', s['steering'] - at(s.t, s['steering'], t0), 'rad'))
+    early = s.between(t0, when)
+    for name, text, values, unit in seen:
+        then = at(s.t, values, when)
+        figures.append(Figure(f'{name}_after', f'{text} {p.after:g} s after the brakes are applied', then, unit))
+        figures.append(Figure(f'{name}_early', f'{text}, largest until then', max(abs(then), float(np.abs(values[early]).max())), unit))
+        figures.append(Figure(f'{name}_largest', f'{text}, largest', float(np.abs(values[inside]).max()), unit))
+    shown = s.between(t0 - 0.5, end + 0.2)
+    charts = tuple(
+        Chart(title=text, x=('time', 's'), y=(text, unit), curves=(Curve(text, s.t[shown] - t0, values[shown]),))
+        for _, text, values, unit in (('speed', 'speed', s['speed'], 'm/s'), *seen)
+    )
+    return Result(
+        evaluation='iso14512',
+        title='Braking on split friction',
+        norm=SPLIT,
+        figures=tuple(figures),
+        charts=charts,
+        notes=tuple(s.notes),
+        source=s.place,
+    )
+
+
+STOPPING = Evaluation(
+    name='iso21994',
+    title='stopping distance, corrected to the nominal speed, and mean fully developed deceleration',
+    norm=NORM,
+    needs=('speed', 'brake'),
+    parameters=Stopping,
+    judge=judge_stopping,
+    drive=Drive(maneuver='iso21994', speed=100.0 / 3.6, duration=9.0, every=5),
+)
+SPLIT_FRICTION = Evaluation(
+    name='iso14512',
+    title='braking on split friction: deceleration, yaw and lateral deviation',
+    norm=SPLIT,
+    needs=('speed', 'brake', 'yaw_rate'),
+    also=('heading', 'x', 'y', 'sideslip_angle', 'steering'),
+    parameters=SplitFriction,
+    judge=judge_split,
+    drive=Drive(maneuver='iso14512', speed=80.0 / 3.6, duration=7.0, every=5, road='mu_split'),
+)

@@ -1,0 +1,185 @@
+"""Drives the maneuver of a norm with a vehicle: finds the amplitude, runs what is to be run, keeps what has been run already.
+
+A run lies in a directory named by its content: hash of the scene with everything in place, and of the source of the solver. What is
+there and complete is not driven again.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from mbd_sim_ros import interrupts
+from mbd_sim_ros.analysis import runs
+from mbd_sim_ros.analysis.evaluation.kinds import Drive, Evaluation
+from mbd_sim_ros.analysis.evaluation.measures import line, low_passed
+from mbd_sim_ros.analysis.evaluation.signals import NEEDED, Vehicle, signals
+from mbd_sim_ros.bags.recorder import source_hash
+from mbd_sim_ros.batch import simulate
+from solver import simulation_of
+from solver.errors import BagError, SpecError
+from solver.files.scene import find_file, load_scene_text
+from solver.files.yaml_tree import INCLUDE
+from solver.scene import Scene
+
+RAMP = math.radians(13.5)  # rad/s at the steering wheel
+RAMPED_TO = 0.5 * 9.80665  # m/s^2 that the ramp for A reaches
+LINE = (0.1 * 9.80665, 0.375 * 9.80665)  # m/s^2 between which the straight line for A is
+LONGEST = 12.0  # s of a ramp: 162 deg, then nothing is found
+CALIBRATION = 'slowly_increasing_steer'
+OWN = ('maneuver', 'duration', 'record', 'road')  # keys of --set that are for the maneuver, not for the ramp before it
+
+
+def scene_text(drive: Drive, vehicle: Path, name: str, overrides: Sequence[str] = ()) -> str:
+    """The scene of a maneuver, as a text to which anything may be --set. overrides: what will be; a speed among them replaces that here."""
+    speed = '' if {'start.speed', 'start.speed_kmh'} & {key_of(o) for o in overrides} else f', speed: {drive.speed!r}'
+    lines = [
+        f'name: {name}',
+        f'vehicle: {_included(vehicle)}',
+        f'start: {{kind: equilibrium{speed}}}',
+        f'maneuver: {_included(find_file(drive.maneuver, "maneuvers"))}',
+        'integrator: {h: 1.0e-3, iterations: 2}',
+        f'duration: {drive.duration!r}',
+        f'record: {{every: {drive.every}, elements: false}}',
+    ]
+    if drive.road:
+        lines.append(f'road: {_included(find_file(drive.road, "roads"))}')
+    return '\n'.join(lines) + '\n'
+
+
+def key_of(override: str) -> str:
+    """The key of a KEY=VALUE."""
+    return override.partition('=')[0].strip()
+
+
+def _included(file: Path) -> str:
+    """A file as scenes include it. Raises SpecError."""
+    name = str(file.resolve())
+    if not INCLUDE.fullmatch(name):
+        raise SpecError(f'{name}: a scene cannot include it; move it to a path of letters, digits and . _ - that ends in .yaml')
+    return name
+
+
+class Driving:
+    """Drives maneuvers of one vehicle into a directory. overrides: --set of the user, after all others. say: whether to show progress."""
+
+    def __init__(self, vehicle: str, directory: Path, overrides: Sequence[str] = (), *, say: bool = False) -> None:
+        self.vehicle, self.directory, self.overrides, self.say = find_file(vehicle, 'vehicles').resolve(), directory, list(overrides), say
+        self.driven = self.kept = 0
+        self._angles: dict[tuple[str, ...], tuple[np.ndarray, np.ndarray]] = {}
+
+    def drive(self, evaluation: Evaluation) -> tuple[list[Path], dict[str, float]]:
+        """(the recordings, in order; what was found before: the angle of the steering wheel `reference` or `amplitude` [rad])."""
+        one = evaluation.drive
+        text = scene_text(one, self.vehicle, evaluation.name, self.overrides)
+        settings = self._driver(text) if one.driver else []
+        if not one.amplitude:
+            return [self._run(evaluation.name, text, settings)], {}
+        if any(key_of(o).startswith(one.amplitude.rpartition('.')[0]) for o in self.overrides):
+            return [self._run(evaluation.name, text, settings)], {}  # the user says what is steered
+        if one.series is None:
+            angle = self._reaching(text, one.reaches)
+            return [self._run(evaluation.name, text, [*settings, f'{one.amplitude}={angle!r}'])], {'amplitude': angle}
+        reference = math.radians(round(math.degrees(self._reference(text, one.reaches)), 1))
+        settings.append(f'maneuver.evaluate_with.reference={reference!r}')
+        amplitudes = [side * a for side in (1.0, -1.0) for a in one.series(reference)]
+        places = []
+        for a in tqdm(amplitudes, desc=evaluation.name, unit='run', disable=None if self.say else True, leave=False):
+            places.append(
+                self._run(f'{evaluation.name}_{math.degrees(a):+.0f}deg', text, [*settings, f'{one.amplitude}={a!r}'], quiet=True)
+            )
+        return places, {'reference': reference}
+
+    def _driver(self, text: str) -> list[str]:
+        """What the preview driver knows of the car, as settings."""
+        scene = load_scene_text(text, 'scene of the maneuver', self._vehicle_overrides())
+        vehicle = Vehicle.of(scene)
+        if vehicle.ratio is None:
+            raise SpecError(f'{self.vehicle.stem} is no vehicle with four wheels and a steering: it has no such maneuver')
+        known = {'wheelbase': vehicle.masses['wheelbase'], 'ratio': vehicle.ratio}
+        return [f'maneuver.driver.{name}={value!r}' for name, value in known.items()]
+
+    def _vehicle_overrides(self) -> list[str]:
+        return [o for o in self.overrides if key_of(o).partition('.')[0] not in OWN]
+
+    def _ramp(self, text: str, side: float, enough: float) -> tuple[np.ndarray, np.ndarray]:
+        """(lateral acceleration, angle of the steering wheel) of a slow ramp to one side at the speed of the scene, both positive, up to
+        the acceleration `enough` if the car reaches it."""
+        speed = load_scene_text(text, 'scene of the maneuver', self._vehicle_overrides()).start.speed
+        drive = Drive(maneuver=CALIBRATION, speed=speed, duration=LONGEST)
+        ramp = scene_text(drive, self.vehicle, CALIBRATION, self.overrides)
+        settings = [f'maneuver.steering.slope={side * RAMP!r}']
+        key = (f'{enough!r}', ramp, *settings, *self._vehicle_overrides())
+        if key not in self._angles:
+            for seconds in (5.0, 8.0, LONGEST):
+                place = self._run(
+                    f'{CALIBRATION}_{"left" if side > 0.0 else "right"}', ramp, [*settings, f'duration={seconds}'], calibration=True
+                )
+                s = signals(runs.read(place, NEEDED), str(place), ('steering', 'lateral_acceleration'))
+                a, d = (side * low_passed(s[name], s.rate, 6.0) for name in ('lateral_acceleration', 'steering'))
+                if a.max() > enough:
+                    break
+            top = int(np.argmax(a > enough)) if a.max() > enough else int(np.argmax(a))
+            self._angles[key] = a[: top + 1], d[: top + 1]
+        return self._angles[key]
+
+    def _reaching(self, text: str, wanted: float) -> float:
+        """Angle [rad] with which the car reaches a lateral acceleration in the steady state, from a slow ramp to the left.
+
+        The car answers late, so the ramp is ahead of the angle for the acceleration it shows, at any time by the same: what a straight
+        line through small accelerations leaves at zero.
+        """
+        a, d = self._ramp(text, 1.0, 1.05 * wanted)
+        if a.max() < wanted:
+            raise SpecError(
+                f'{self.vehicle.stem} does not reach a lateral acceleration of {wanted:.3g} m/s^2 at this speed: {a.max():.3g} m/s^2 at '
+                f'{math.degrees(d[-1]):.3g} deg; give the steering with --set maneuver.steering=...'
+            )
+        small = (a >= 0.2 * wanted) & (a <= 0.6 * wanted)
+        ahead = line(a[small], d[small])[1] if small.sum() >= 5 else 0.0
+        return float(np.interp(wanted, np.maximum.accumulate(a), d)) - ahead
+
+    def _reference(self, text: str, wanted: float) -> float:
+        """The angle at a lateral acceleration by a straight line, mean of both sides [rad]."""
+        found = []
+        for side in (1.0, -1.0):
+            a, d = self._ramp(text, side, RAMPED_TO)
+            used = (a >= LINE[0]) & (a <= LINE[1])
+            if used.sum() < 5 or a.max() < LINE[1]:
+                raise SpecError(f'{self.vehicle.stem} does not reach {LINE[1]:.3g} m/s^2 in the slowly increasing steer at this speed')
+            slope, zero = line(a[used], d[used])
+            found.append(zero + slope * wanted)
+        return float(np.mean(found))
+
+    def _run(self, label: str, text: str, settings: Sequence[str], *, calibration: bool = False, quiet: bool = False) -> Path:
+        """Drive one scene, unless that has been done; returns its recording."""
+        overrides = [*settings, *(self._vehicle_overrides() if calibration else self.overrides)]
+        scene = load_scene_text(text, label, overrides)
+        content = hashlib.sha256(f'{scene.hash} {source_hash()}'.encode()).hexdigest()[:12]
+        place = self.directory / f'{label}-{content}'
+        if complete(place, scene):
+            self.kept += 1
+            return place
+        if place.exists():
+            shutil.rmtree(place)  # begun and interrupted: its name says that it is ours
+        interrupts.now(f'driving {label}')
+        simulate(simulation_of(scene), scene.steps, directory=place, progress=self.say and not quiet)
+        self.driven += 1
+        return place
+
+
+def complete(place: Path, scene: Scene) -> bool:
+    """Whether a recording is there and holds the whole scene."""
+    if not place.is_dir():
+        return False
+    try:
+        run = runs.read(place, ('cmd_applied/*',))
+    except BagError:
+        return False
+    return run.metadata.get('scene_hash', '')[:16] == scene.hash and run.metadata.get('status') in ('ok', 'suspect')

@@ -1,0 +1,115 @@
+"""What an evaluation finds: figures with units, limits and verdicts, curves to look at, and notes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+
+G = 9.80665  # m/s^2, of 'deg/g'
+DEG = 180.0 / math.pi
+SHOWN = {  # SI unit -> (unit for people, factor)
+    'rad': ('deg', DEG),
+    'rad/s': ('deg/s', DEG),
+    'rad s': ('deg s', DEG),
+    'rad s^2/m': ('deg/g', DEG * G),
+    'N m s^2/m': ('N m/g', G),
+    'N m/rad': ('N m/deg', 1.0 / DEG),
+    'm/s^2/rad': ('m/s^2/deg', 1.0 / DEG),
+    'N m s/rad': ('N m/(deg/s)', 1.0 / DEG),
+}
+
+
+class Figure(NamedTuple):
+    """One number. name: its key in JSON. text: for people. unit: SI. limit: what the norm asks for, as text; ok: whether it is kept
+    (None: not judged)."""
+
+    name: str
+    text: str
+    value: float
+    unit: str
+    limit: str = ''
+    ok: bool | None = None
+
+    @property
+    def verdict(self) -> str:
+        """'pass', 'FAIL' or 'not judged'."""
+        return 'not judged' if self.ok is None else 'pass' if self.ok else 'FAIL'
+
+    def shown(self) -> tuple[str, str]:
+        """(value, unit) for people."""
+        unit, factor = SHOWN.get(self.unit, (self.unit, 1.0))
+        return ('-' if not math.isfinite(self.value) else f'{self.value * factor:.4g}'), '' if unit == '1' else unit
+
+
+class Curve(NamedTuple):
+    """A line of a chart. style: run, reference, third, other, limit (dashed) or points."""
+
+    name: str
+    x: np.ndarray
+    y: np.ndarray
+    style: str = 'run'
+
+
+@dataclass(frozen=True, kw_only=True)
+class Chart:
+    """Curves over one axis; units in SI become those for people when drawn. keep_shape: one metre is as long in x as in y."""
+
+    title: str
+    x: tuple[str, str]  # label, unit
+    y: tuple[str, str]
+    curves: tuple[Curve, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Result:
+    """Of one recording. evaluation: its name. norm: what it follows. notes: what people must know who use the figures."""
+
+    evaluation: str
+    title: str
+    norm: str
+    figures: tuple[Figure, ...]
+    charts: tuple[Chart, ...] = ()
+    notes: tuple[str, ...] = ()
+    source: str = ''
+    parameters: dict[str, float | None] = field(default_factory=dict)
+
+    @property
+    def passed(self) -> bool | None:
+        """Whether every limit is kept; None where nothing is judged."""
+        return verdict(figure.ok for figure in self.figures)
+
+    def __getitem__(self, name: str) -> float:
+        return next(figure.value for figure in self.figures if figure.name == name)
+
+    def data(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            'evaluation': self.evaluation,
+            'title': self.title,
+            'norm': self.norm,
+            'source': self.source,
+            'passed': self.passed,
+            'figures': {
+                f.name: {'text': f.text, 'value': f.value, 'unit': f.unit, 'limit': f.limit, 'verdict': f.verdict} for f in self.figures
+            },
+            'parameters': self.parameters,
+            'notes': list(self.notes),
+        }
+
+
+def verdict(oks: Any) -> bool | None:
+    """All of them, None where none is judged."""
+    judged = [ok for ok in oks if ok is not None]
+    return all(judged) if judged else None
+
+
+def rows(results: Sequence[Result]) -> list[tuple[str, ...]]:
+    """A table of figures for people; one result gives its figures below each other."""
+    lines: list[tuple[str, ...]] = [('figure', 'value', 'unit', 'limit', '')]
+    for result in results:
+        lines += [(f.text, *f.shown(), f.limit, f.verdict if f.limit else '') for f in result.figures]
+    return lines

@@ -1,0 +1,53 @@
+"""What an evaluation is: one object per maneuver of a norm, made in the file of its family and listed in registry.py."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from mbd_sim_ros.analysis.evaluation.figures import Figure, Result
+from mbd_sim_ros.analysis.evaluation.signals import Signals
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drive:
+    """How `mbd maneuver` drives it.
+
+    maneuver: file in config/maneuvers. speed [m/s]: at the start. duration [s]. every: steps between two instants that are recorded.
+    road: file in config/roads. amplitude: the key of the scene that is set to the angle of the steering wheel with which the car
+    reaches, in a slow ramp of it at this speed, the lateral acceleration `reaches` [m/s^2]. driver: tell the preview driver the
+    wheelbase and the ratio of the car. series: from the angle (mean of a ramp to the left and one to the right, by a straight line) to
+    the amplitudes of all runs.
+    """
+
+    maneuver: str
+    speed: float
+    duration: float
+    every: int = 10
+    road: str = ''
+    amplitude: str = ''
+    reaches: float = 0.0
+    driver: bool = False
+    series: Callable[[float], list[float]] | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evaluation:
+    """One maneuver of a norm.
+
+    name: on the command line and in `maneuver.evaluation`. norm: what it follows, with its key in docs/references.md. needs, also:
+    signals without which it cannot be, and such that give more figures. parameters: a dataclass of numbers that may be set. judge:
+    signals and parameters -> Result; raises BagError where the maneuver is not in the recording. together: figures of a whole series.
+    """
+
+    name: str
+    title: str
+    norm: str
+    needs: tuple[str, ...]
+    also: tuple[str, ...] = ()
+    parameters: type
+    judge: Callable[[Signals, Any], Result]
+    drive: Drive
+    together: Callable[[list[Result]], tuple[Figure, ...]] | None = None
+    aliases: tuple[str, ...] = ()

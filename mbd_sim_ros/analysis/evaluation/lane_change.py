@@ -1,0 +1,152 @@
+"""Lane changes [ISO3888]: part 1, double lane change, and part 2, obstacle avoidance: speeds and contact with the cones.
+
+The lanes follow from the width of the vehicle (solver.inputs.driver.DoubleLaneChange). The body is a rectangle on the road. The distance
+to the cones of a lane is the least of: corners of the body to the rows of cones, while they are between its first and last cone; and the
+first and last cones to the sides of the body, while these pass. Where it is negative, a cone is hit.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbd_sim_ros.analysis.evaluation.figures import Chart, Curve, Figure, Result
+from mbd_sim_ros.analysis.evaluation.kinds import Drive, Evaluation
+from mbd_sim_ros.analysis.evaluation.measures import at, crossing
+from mbd_sim_ros.analysis.evaluation.signals import Signals
+from solver.inputs.driver import DoubleLaneChange, Gate
+
+NORM = 'ISO 3888 [ISO3888]'
+
+
+@dataclass(frozen=True, kw_only=True)
+class LaneChange:
+    """width, length: of the body without mirrors [m]; width and start none: as the driver of the scene has them. middle: of the body ahead
+    of base_link [m]. start: x of the first cones [m]; the centre line of the first lane is y = 0."""
+
+    width: float | None = None
+    length: float = 4.6
+    middle: float = 0.0
+    start: float | None = None
+
+
+def distances(gate: Gate, x: np.ndarray, y: np.ndarray, heading: np.ndarray, p: LaneChange, width: float) -> float:
+    """Least distance [m] of the body to the cones of a lane over all samples; NaN if it is never in the lane."""
+    c, s = np.cos(heading), np.sin(heading)
+    found = []
+    ends = (p.middle - 0.5 * p.length, p.middle + 0.5 * p.length)
+    for along in ends:
+        for side in (-0.5 * width, 0.5 * width):
+            X, Y = x + along * c - side * s, y + along * s + side * c
+            inside = (gate.begin <= X) & (gate.end >= X)
+            if not inside.any():
+                return math.nan
+            found.append(float(np.minimum(gate.left - Y, Y - gate.right)[inside].min()))
+    for cone_x in (gate.begin, gate.end):
+        for cone_y, way in ((gate.left, 1.0), (gate.right, -1.0)):
+            dx, dy = cone_x - x, cone_y - y
+            forward, left = c * dx + s * dy, c * dy - s * dx
+            beside = (forward >= ends[0]) & (forward <= ends[1])
+            if beside.any():
+                found.append(float((way * left - 0.5 * width)[beside].min()))
+    return min(found)
+
+
+def judge(s: Signals, p: LaneChange, standard: str) -> Result:
+    """Speeds at entry and exit and distance to the cones. Raises BagError."""
+    driver = s.vehicle.scene.maneuver.driver if s.vehicle.scene is not None else None
+    path = driver.path if driver is not None and isinstance(driver.path, DoubleLaneChange) and driver.path.standard == standard else None
+    width = p.width if p.width is not None else (path.width if path else None)
+    start = p.start if p.start is not None else (path.start if path else None)
+    if width is None or start is None:
+        missing = 'width' if width is None else 'start'
+        raise s.refuse(
+            f'the track is not known: no driver of a scene in it follows it; give it with --set width=... --set start=... (no {missing})'
+        )
+    gates = DoubleLaneChange(standard=standard, width=width, start=start).gates  # type: ignore[arg-type]
+    x, y, heading, t = s['x'], s['y'], s['heading'], s.t
+    if x.max() < gates[-1].end or x.min() > gates[0].begin:
+        raise s.refuse(
+            f'does not pass the track: x from {x.min():.4g} to {x.max():.4g} m, the track from {gates[0].begin:g} to {gates[-1].end:g} m'
+        )
+    entry, leave = crossing(t, x, gates[0].begin), crossing(t, x, gates[-1].end)
+    figures = [
+        Figure('entry_speed', 'speed at entry', at(t, s['speed'], entry), 'm/s'),
+        Figure('exit_speed', 'speed at exit', at(t, s['speed'], leave), 'm/s'),
+        Figure('time', 'time in the track', leave - entry, 's'),
+    ]
+    for k, gate in enumerate(gates, 1):
+        distance = distances(gate, x, y, heading, p, width)
+        figures.append(Figure(f'clearance_{k}', f'distance to the cones of lane {k}', distance, 'm', '>= 0 m', bool(distance >= 0.0)))
+    inside = s.between(entry, leave)
+    figures += [
+        Figure('largest_acceleration', 'largest lateral acceleration', float(np.abs(s['lateral_acceleration'][inside]).max()), 'm/s^2'),
+        Figure('largest_yaw_rate', 'largest yaw rate', float(np.abs(s['yaw_rate'][inside]).max()), 'rad/s'),
+    ]
+    figures += [
+        Figure(name, text, float(np.abs(s[key][inside]).max()), unit)
+        for name, text, key, unit in (
+            ('largest_steering', 'largest steering-wheel angle', 'steering', 'rad'),
+            ('largest_sideslip', 'largest sideslip angle', 'sideslip_angle', 'rad'),
+            ('largest_roll', 'largest roll angle', 'roll', 'rad'),
+        )
+        if key in s
+    ]
+    rows = [
+        Curve('cones' if k == 0 else '', np.array([g.begin, g.end]), np.full(2, edge), 'limit')
+        for k, (g, edge) in enumerate((g, e) for g in gates for e in (g.left, g.right))
+    ]
+    ahead = p.middle + 0.5 * p.length
+    sides = [
+        Curve(
+            'front corners' if k == 0 else '',
+            x + ahead * np.cos(heading) - side * np.sin(heading),
+            y + ahead * np.sin(heading) + side * np.cos(heading),
+            'other',
+        )
+        for k, side in enumerate((-0.5 * width, 0.5 * width))
+    ]
+    near = (x > gates[0].begin - 10.0) & (x < gates[-1].end + 10.0)
+    sides = [c._replace(x=c.x[near], y=c.y[near]) for c in sides]
+    charts = [
+        Chart(title='path', x=('x', 'm'), y=('y', 'm'), curves=(Curve('base_link', x[near], y[near]), *sides, *rows)),
+        Chart(
+            title='lateral acceleration',
+            x=('time', 's'),
+            y=('lateral acceleration', 'm/s^2'),
+            curves=(Curve('car', t - entry, s['lateral_acceleration']),),
+        ),
+    ]
+    if 'steering' in s:
+        charts.append(
+            Chart(
+                title='steering',
+                x=('time', 's'),
+                y=('steering-wheel angle', 'rad'),
+                curves=(Curve('steering wheel', t - entry, s['steering']),),
+            )
+        )
+    part = standard[-1]
+    return Result(
+        evaluation=f'iso3888_{part}', title='Double lane change' if part == '1' else 'Obstacle avoidance', norm=f'{NORM}, part {part}',
+        figures=tuple(figures), charts=tuple(charts), notes=tuple(s.notes), source=s.place,
+    )  # fmt: skip
+
+
+def _evaluation(part: int, title: str, speed: float, duration: float) -> Evaluation:
+    return Evaluation(
+        name=f'iso3888_{part}',
+        title=title,
+        norm=f'{NORM}, part {part}',
+        needs=('x', 'y', 'heading', 'speed', 'yaw_rate', 'lateral_acceleration'),
+        also=('steering', 'sideslip_angle', 'roll'),
+        parameters=LaneChange,
+        judge=lambda s, p: judge(s, p, f'iso_3888_{part}'),
+        drive=Drive(maneuver=f'iso3888_{part}', speed=speed / 3.6, duration=duration, every=5, driver=True),
+    )
+
+
+DOUBLE = _evaluation(1, 'double lane change: speeds, distance to the cones', 80.0, 8.5)
+AVOIDANCE = _evaluation(2, 'obstacle avoidance: speeds, distance to the cones', 50.0, 8.0)

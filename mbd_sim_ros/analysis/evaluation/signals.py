@@ -1,0 +1,237 @@
+"""The signals that evaluations ask for, on one even grid of time, from our recordings and from mapped ones of others.
+
+A signal is taken from the channel of its own name (a mapping file may give `roll: {channel: vehicle/roll, unit: deg}`), or it is computed
+from the channels of our recordings. Axes and signs: docs/conventions.md; velocities and positions are those of base_link, accelerations
+those of the place of the IMU, the centre of mass of the chassis.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from mbd_sim_ros.bags.reader import Run, Series
+from solver.analysis.figures import is_vehicle, mass_figures
+from solver.analysis.kinematics_and_compliance import Rig, kinematic_figures
+from solver.errors import BagError, MbdError
+from solver.files.scene import load_scene_text
+from solver.quantities import OF_BODY
+from solver.scene import Scene
+
+POSE = tuple(f'odom/pose/{name}' for name in ('x', 'y', 'z', 'qx', 'qy', 'qz', 'qw'))
+TWIST = tuple(f'odom/twist/{name}' for name in ('vx', 'vy', 'vz', 'wx', 'wy', 'wz'))
+FORCE = tuple(f'imu/{name}' for name in ('ax', 'ay', 'az'))
+BODY = (*POSE, *TWIST, *FORCE)
+LARGEST_RATE = 1000.0  # Hz of the grid
+GAP = 0.25  # s without a sample that is told
+Columns = Sequence[np.ndarray]
+
+
+class Way(NamedTuple):
+    """One way to a signal: from these channels. note: what is lost by it."""
+
+    channels: tuple[str, ...]
+    of: Callable[[Columns], np.ndarray]
+    note: str = ''
+
+
+def _of_body(name: str) -> Way:
+    last = 16 if name.endswith('acceleration') else 7 if name in ('heading', 'roll') else 13
+
+    def of(columns: Columns) -> np.ndarray:
+        table = np.zeros((columns[0].size, 16))
+        table[:, : len(columns)] = np.column_stack(columns)
+        return OF_BODY[name](table)[:, 0]
+
+    return Way(BODY[:last], of)
+
+
+def _one(channel: str, note: str = '') -> Way:
+    return Way((channel,), lambda columns: columns[0], note)
+
+
+TILT = 'lateral acceleration is the channel imu/ay as it is, with what the roll of the body adds to it: the recording has no orientation'
+WAYS: dict[str, tuple[str, str, tuple[Way, ...]]] = {
+    'steering': ('rad', 'angle of the steering wheel', (_one('cmd_applied/steering'), _one('joint_states/steering_wheel/position'))),
+    'steering_torque': ('N m', 'hand torque', (_one('joint_states/steering_wheel/effort'),)),
+    'brake': ('N m', 'brake command', (_one('cmd_applied/brake_torque'),)),
+    'speed': ('m/s', 'speed along the vehicle', (_of_body('longitudinal_velocity'), _one('odom/twist/vx'))),
+    'sideslip_angle': (
+        'rad',
+        'sideslip angle of base_link',
+        (_of_body('sideslip_angle'), Way(('odom/twist/vx', 'odom/twist/vy'), lambda c: np.arctan2(c[1], c[0]))),
+    ),
+    'yaw_rate': ('rad/s', 'yaw rate', (_of_body('yaw_rate'), _one('imu/wz'), _one('odom/twist/wz'))),
+    'lateral_acceleration': ('m/s^2', 'lateral acceleration', (_of_body('lateral_acceleration'), _one('imu/ay', TILT))),
+    'roll': ('rad', 'roll angle', (_of_body('roll'),)),
+    'heading': ('rad', 'yaw angle', (_of_body('heading'),)),
+    'x': ('m', 'place', (_one('odom/pose/x'),)),
+    'y': ('m', 'place', (_one('odom/pose/y'),)),
+    'ax': ('m/s^2', 'specific force forward', (_one('imu/ax'),)),
+    'ay': ('m/s^2', 'specific force to the left', (_one('imu/ay'),)),
+    'az': ('m/s^2', 'specific force upwards', (_one('imu/az'),)),
+}
+ANGLES = ('heading',)
+NEEDED = tuple(dict.fromkeys(channel for _, _, ways in WAYS.values() for way in ways for channel in way.channels))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Vehicle:
+    """What a recording knows of its vehicle; None where it holds no scene of one. ratio: steering wheel to road wheels [-]."""
+
+    scene: Scene | None = None
+    masses: Mapping[str, float] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, scene: Scene | None) -> Vehicle:
+        """From the scene in a recording."""
+        if scene is None or not is_vehicle(scene.model):
+            return cls(scene=scene)
+        return cls(scene=scene, masses=mass_figures(scene.model))
+
+    @cached_property
+    def ratio(self) -> float | None:
+        """Of the steering, on the bench."""
+        if not self.masses or self.scene is None:
+            return None
+        try:
+            return kinematic_figures(Rig(self.scene.model))['steering_ratio']
+        except MbdError:
+            return None
+
+    def known(self, name: str) -> float | None:
+        """wheelbase [m], mass [kg], ratio ... or None."""
+        return self.ratio if name == 'ratio' else self.masses.get(name)
+
+
+def scene_of(run: Run, place: str) -> Scene | None:
+    """The scene that a recording holds."""
+    text = run.metadata.get('resolved_scene', '')
+    return load_scene_text(text, f'scene in {place}') if text else None
+
+
+@dataclass(kw_only=True)
+class Signals:
+    """The signals of a recording. t: (n,) evenly spaced [s], counted from the first stamp where stamps tell the time of day."""
+
+    place: str
+    t: np.ndarray
+    values: dict[str, np.ndarray]
+    notes: list[str]
+    vehicle: Vehicle = field(default_factory=Vehicle)
+
+    @property
+    def rate(self) -> float:
+        """Samples per second."""
+        return 1.0 / (self.t[1] - self.t[0])
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        return self.values[name]
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.values
+
+    def refuse(self, why: str) -> BagError:
+        """The error of a recording in which the maneuver is not."""
+        return BagError(f'{self.place}: {why}')
+
+    def between(self, begin: float, end: float) -> np.ndarray:
+        """(n,) mask of the samples from begin to end [s]."""
+        return (self.t >= begin - 1e-9) & (self.t <= end + 1e-9)
+
+    def parameter(self, given: Any, name: str, missing: str) -> float:
+        """A number of the vehicle: as given, or of the scene; NaN and a note that says what is missing without it."""
+        value = given if given is not None else self.vehicle.known(name)
+        if value is None:
+            self.notes.append(f'{missing}: give it with --set {name}=...')
+        return math.nan if value is None else float(value)
+
+
+def signals(
+    run: Run,
+    place: str,
+    needs: Sequence[str],
+    also: Sequence[str] = (),
+    *,
+    held: frozenset[str] = frozenset(),
+    vehicle: Vehicle | None = None,
+) -> Signals:
+    """The signals `needs`, and those of `also` that the recording has. held: channels whose last value holds.
+
+    Raises BagError that says which channel is missing.
+    """
+    home = {name: one for one in _without_jumps(run).values() for name in one.columns}
+    chosen: dict[str, Way] = {}
+    for name in (*needs, *also):
+        _, text, ways = WAYS[name]
+        way = next((w for w in (_one(name), *ways) if all(channel in home for channel in w.channels)), None)
+        if way is not None:
+            chosen[name] = way
+        elif name in needs:
+            fewest = min(ways, key=lambda w: len(w.channels))
+            lacking = [channel for channel in fewest.channels if channel not in home]
+            raise BagError(f'{place}: has no {text}: the channel {name} or {lacking[0]} is needed; map it with --map THEIRS={name}')
+    channels = tuple(dict.fromkeys(channel for way in chosen.values() for channel in way.channels))
+    t_ns, origin, notes = _grid({id(home[c]): home[c].time_ns for c in channels}, place)
+    held = held | {c for c in channels if c in ('cmd_applied/brake_torque', 'cmd_applied/drive_torque')}
+    on_grid = {c: _resampled(t_ns, home[c].time_ns, home[c].columns[c], c, c in held) for c in channels}
+    _normalise(on_grid)
+    values = {name: way.of([on_grid[c] for c in way.channels]) for name, way in chosen.items()}
+    notes += [way.note for way in chosen.values() if way.note]
+    return Signals(place=place, t=(t_ns - origin) * 1e-9, values=values, notes=notes, vehicle=vehicle or Vehicle())
+
+
+def _grid(times: Mapping[int, np.ndarray], place: str) -> tuple[np.ndarray, int, list[str]]:
+    """(n,) instants [ns] in the time that all topics share, as fine as the finest of them; what counts as zero; notes."""
+    begin, end = max(int(t[0]) for t in times.values()), min(int(t[-1]) for t in times.values())
+    step = min((int(np.median(np.diff(t))) for t in times.values() if t.size > 1), default=0)
+    if step <= 0 or end - begin < 10 * step:
+        raise BagError(f'{place}: its topics share less than ten samples; an evaluation needs a maneuver')
+    step = max(step, round(1e9 / LARGEST_RATE))
+    notes = []
+    for t in times.values():
+        if t.size < 2:
+            continue
+        widest = int(np.argmax(np.diff(t)))
+        if t[widest + 1] - t[widest] > max(GAP * 1e9, 3 * step):
+            notes.append(f'{(t[widest + 1] - t[widest]) * 1e-9:.3g} s without samples behind t = {(t[widest] - begin) * 1e-9:.3g} s')
+    grid = np.arange(begin, end + 1, step, dtype=np.int64)
+    return grid, (0 if begin < 10_000_000_000_000 else begin), list(dict.fromkeys(notes))
+
+
+def _resampled(grid: np.ndarray, time_ns: np.ndarray, values: np.ndarray, name: str, hold: bool) -> np.ndarray:
+    good = np.isfinite(values)
+    if not good.all():
+        time_ns, values = time_ns[good], values[good]
+    if np.array_equal(grid, time_ns):
+        return values
+    if hold:
+        return values[np.clip(np.searchsorted(time_ns, grid, 'right') - 1, 0, None)]
+    if name in ANGLES:
+        values = np.unwrap(values)
+    return np.interp((grid - grid[0]).astype(float), (time_ns - grid[0]).astype(float), values)
+
+
+def _normalise(columns: dict[str, np.ndarray]) -> None:
+    """Quaternions of length one again, after interpolation."""
+    if all(name in columns for name in POSE[3:]):
+        length = np.sqrt(sum(columns[name] ** 2 for name in POSE[3:]))
+        for name in POSE[3:]:
+            columns[name] = columns[name] / np.where(length > 0.0, length, 1.0)
+
+
+def _without_jumps(run: Run) -> dict[str, Series]:
+    """The series of a run, its quaternions without changes of sign, so that they may be interpolated."""
+    series = dict(run.series)
+    for topic, one in run.series.items():
+        if all(name in one.columns for name in POSE[3:]):
+            q = np.column_stack([one.columns[name] for name in POSE[3:]])
+            flips = np.where((q[1:] * q[:-1]).sum(axis=1) < 0.0, -1.0, 1.0)
+            q[1:] *= np.cumprod(flips)[:, None]
+            series[topic] = Series(one.time_ns, one.columns | dict(zip(POSE[3:], q.T)))
+    return series

@@ -1,0 +1,138 @@
+"""mbd evaluate: the figures of a maneuver of a norm, from recordings."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mbd_sim_ros.commands import Result, declare, table
+from solver.errors import SpecError
+
+if TYPE_CHECKING:
+    from mbd_sim_ros.analysis.evaluation import figures
+
+SHOWN = 3  # results whose figures are printed
+EXAMPLE = """mbd evaluate bags/run --html out/evaluation.html
+  mbd evaluate measured.mcap --as iso7401_step --mapping car.yaml --json
+mapping file (THEIRS in deg/s becomes OURS in rad/s; any signal of docs/evaluating.md by its name, or channels of our recordings):
+  channels:
+    yaw_rate: {channel: vehicle/imu/yaw_rate, unit: deg/s}
+    lateral_acceleration: {channel: vehicle/imu/lateral, unit: g, sign: -1}
+    speed: {channel: vehicle/speed, unit: km/h}
+    steering: {channel: vehicle/steering, unit: deg}"""
+
+
+def add(parsers: Any) -> None:
+    """Declare the command."""
+    help_ = 'judge maneuvers of norms in recordings: figures, limits, pass or fail'
+    parser = declare(parsers, 'evaluate', run, help_, EXAMPLE)
+    source = 'bag directory, .mcap file, .csv file or directory of .csv files; several are a series'
+    parser.add_argument('bags', metavar='BAG', type=Path, nargs='*', help=source)
+    parser.add_argument('--as', metavar='NAME', dest='name', default='', help='the evaluation, where the recording does not state it')
+    parser.add_argument('--list', action='store_true', help='list the evaluations and their parameters')
+    parser.add_argument(
+        '--set',
+        metavar='KEY=NUMBER',
+        action='append',
+        default=[],
+        dest='overrides',
+        help='a parameter of the evaluation, in SI units (repeatable)',
+    )
+    parser.add_argument('--map', metavar='THEIRS=OURS', action='append', default=[], help='a channel and its name here (repeatable)')
+    parser.add_argument('--mapping', metavar='FILE', type=Path, help='names, units, signs, offsets and axes of the channels, see below')
+    parser.add_argument('--html', metavar='FILE', type=Path, help='page with all figures and curves to zoom into, in one file')
+    parser.add_argument('--strict', action='store_true', help='exit code 1 where a limit of the norm is not kept')
+
+
+def run(args: argparse.Namespace) -> Result:
+    """Read, judge, report."""
+    from mbd_sim_ros.analysis import mapping
+    from mbd_sim_ros.analysis.evaluation import judging
+
+    if args.list:
+        return listed()
+    if not args.bags:
+        raise SpecError('mbd evaluate: which recording? give a BAG, or --list')
+    sources = mapping.pairs(args.map)
+    axes: tuple[mapping.Axes, ...] = ()
+    if args.mapping is not None:
+        file = mapping.load_mapping(args.mapping)
+        sources, axes = {**file.channels, **sources}, file.axes
+    given = judging.assignments(args.overrides)
+    if args.name:
+        judging.called(args.name)  # a wrong name is told before anything is read
+    results = []
+    for place in args.bags:
+        recording, held, scene = judging.read(place, sources, axes)
+        evaluation = judging.meant(scene, args.name, str(place))
+        results.append(judging.judge(evaluation, recording, str(place), given, held=held, scene=scene))
+    return report(results, html=args.html, strict=args.strict)
+
+
+def report(
+    results: Sequence[figures.Result], *, html: Path | None, strict: bool, about: Sequence[str] = (), data: Mapping[str, Any] | None = None
+) -> Result:
+    """The object, the text, the page and the exit code of some results."""
+    from mbd_sim_ros.analysis.evaluation import figures
+    from mbd_sim_ros.analysis.evaluation.html import write_page
+    from mbd_sim_ros.analysis.evaluation.registry import called
+
+    together = {}
+    for name in dict.fromkeys(r.evaluation for r in results):
+        of_it = [r for r in results if r.evaluation == name]
+        evaluation = called(name)[0]
+        if evaluation.together is not None and len(of_it) > 1:
+            together[name] = evaluation.together(of_it)
+    passed = figures.verdict(r.passed for r in results)
+    found: dict[str, Any] = {
+        'status': 'ok',
+        'passed': passed,
+        'results': [r.data() for r in results],
+        'together': {
+            name: {f.name: {'value': f.value, 'unit': f.unit, 'limit': f.limit, 'verdict': f.verdict} for f in fs}
+            for name, fs in together.items()
+        },
+        'html': None if html is None else str(html),
+        **(data or {}),
+    }
+    lines = [*about]
+    for r in results[:SHOWN] if not together else ():
+        lines += ['', f'{r.title} ({r.norm}): {r.source}', table(figures.rows([r])), *(f'note: {note}' for note in r.notes)]
+    if len(results) > SHOWN and not together:
+        lines.append(f'... and {len(results) - SHOWN} more; --json or --html has all')
+    for name, fs in together.items():
+        rows = [
+            ('figure', 'value', 'unit', 'limit', ''),
+            *((f.text, *f.shown(), f.limit, f.verdict if f.ok is not None else '') for f in fs),
+        ]
+        lines += ['', f'{name}, {sum(r.evaluation == name for r in results)} runs', table(rows)]
+    lines += [
+        '',
+        {True: 'all limits of the norm are kept', False: 'limits of the norm are not kept', None: 'not judged: the norm has no limits'}[
+            passed
+        ],
+    ]
+    if html is not None:
+        title = ', '.join(dict.fromkeys(r.title for r in results))
+        write_page(
+            results, html, title=title, about=about, passed=passed, together={f'{name}: all runs': fs for name, fs in together.items()}
+        )
+        lines.append(f'page: {html}')
+    return Result(data=found, text='\n'.join(lines).lstrip('\n'), code=1 if strict and passed is False else 0)
+
+
+def listed() -> Result:
+    """What there is."""
+    import dataclasses
+
+    from mbd_sim_ros.analysis.evaluation.registry import EVALUATIONS
+
+    rows: list[tuple[str, ...]] = [('name', '', 'norm', 'parameters')]
+    data = []
+    for e in EVALUATIONS:
+        parameters = {f.name: f.default for f in dataclasses.fields(e.parameters)}
+        rows.append((e.name, e.title, e.norm.partition(' [')[0], ', '.join(parameters)))
+        data.append({'name': e.name, 'title': e.title, 'norm': e.norm, 'aliases': e.aliases, 'needs': e.needs, 'parameters': parameters})
+    return Result(data={'status': 'ok', 'evaluations': data}, text=table(rows))

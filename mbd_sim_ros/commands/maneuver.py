@@ -1,0 +1,85 @@
+"""mbd maneuver: drive the maneuver of a norm with a vehicle, and judge it."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from mbd_sim_ros.commands import SET_HELP, Result, declare, table
+from solver.errors import BagError, SpecError
+
+
+def add(parsers: Any) -> None:
+    """Declare the command."""
+    help_ = 'drive the maneuver of a norm with a vehicle and judge it; without a name list them'
+    example = 'mbd maneuver iso4138 light_car --out out/iso4138\n  mbd maneuver fmvss126 full_car --set integrator.h=0.002 --json'
+    parser = declare(parsers, 'maneuver', run, help_, example)
+    parser.add_argument('name', metavar='NAME', nargs='?', help='an evaluation (mbd evaluate --list), or a norm: all of its maneuvers')
+    parser.add_argument('vehicle', metavar='VEHICLE', nargs='?', help='path of a vehicle file, or a name in config/vehicles')
+    parser.add_argument(
+        '--out',
+        metavar='DIR',
+        type=Path,
+        help='for recordings and report.html (default: bags/NAME-VEHICLE); what is complete there is kept',
+    )
+    parser.add_argument('--set', metavar='KEY=VALUE', action='append', default=[], dest='overrides', help=SET_HELP)
+    parser.add_argument(
+        '--with',
+        metavar='KEY=NUMBER',
+        action='append',
+        default=[],
+        dest='given',
+        help='a parameter of the evaluation, in SI units (repeatable)',
+    )
+    parser.add_argument('--strict', action='store_true', help='exit code 1 where a limit of the norm is not kept')
+
+
+def run(args: argparse.Namespace) -> Result:
+    """Drive, judge, report."""
+    if args.name is None:
+        return _listed()
+    from mbd_sim_ros.analysis.evaluation import judging
+    from mbd_sim_ros.analysis.evaluation.driving import Driving
+    from mbd_sim_ros.commands.evaluate import report
+    from mbd_sim_ros.commands.main import plain
+
+    evaluations = judging.called(args.name)
+    if args.vehicle is None:
+        raise SpecError(f'mbd maneuver {args.name}: which VEHICLE? e.g. mbd maneuver {args.name} light_car')
+    given = judging.assignments(args.given)
+    for evaluation in evaluations:
+        judging.parameters_of(evaluation, given)
+    directory = args.out or Path('bags') / f'{args.name}-{Path(args.vehicle).stem}'
+    driving = Driving(args.vehicle, directory, args.overrides, say=not args.json)
+    results, found = [], {}
+    for evaluation in evaluations:
+        places, before = driving.drive(evaluation)
+        found[evaluation.name] = before
+        for place in places:
+            recording, held, scene = judging.read(place)
+            results.append(judging.judge(evaluation, recording, str(place), given, held=held, scene=scene))
+    about = [f'{driving.vehicle.stem}: runs driven now {driving.driven}, there already {driving.kept}']
+    about += [
+        f'{name}: {key} {math.degrees(value):.4g} deg at the steering wheel'
+        for name, before in found.items()
+        for key, value in before.items()
+    ]
+    data = {'vehicle': str(driving.vehicle), 'out': str(directory), 'driven': driving.driven, 'kept': driving.kept, 'found': found}
+    result = report(results, html=directory / 'report.html', strict=args.strict, about=about, data=data)
+    try:
+        (directory / 'report.json').write_text(json.dumps(plain(result.data), indent=1), encoding='utf-8')
+    except OSError as error:
+        raise BagError(f'cannot write {directory / "report.json"}: {error.strerror}') from None
+    return result
+
+
+def _listed() -> Result:
+    from mbd_sim_ros.analysis.evaluation.registry import EVALUATIONS
+
+    rows: list[tuple[str, ...]] = [('maneuver', '', 'speed', 'norm')]
+    rows += [(e.name, e.title, f'{3.6 * e.drive.speed:.4g} km/h', e.norm.partition(' [')[0]) for e in EVALUATIONS]
+    data = [{'name': e.name, 'title': e.title, 'norm': e.norm, 'maneuver': e.drive.maneuver, 'speed': e.drive.speed} for e in EVALUATIONS]
+    return Result(data={'status': 'ok', 'maneuvers': data}, text=table(rows))
