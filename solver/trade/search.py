@@ -502,7 +502,9 @@ class Search:
 
     def find(self) -> Verdict | None:
         """The whole search. self.checks are those of the result; None where nothing keeps what is required, or time is up."""
-        self._until = (1.0 - CHECK_SHARE) * self._longest
+        self.say('compiling')
+        Going(self.scene, baseline(self.scene), []).to(min(0.01, self.scene.duration))
+        self._begin, self._until = clock(), (1.0 - CHECK_SHARE) * self._longest  # what is compiled once is not time of the plan
         best: Verdict | None = None
         try:
             if not self.find_reference():
