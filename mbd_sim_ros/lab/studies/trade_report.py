@@ -63,7 +63,13 @@ def write(report: Report, grid: Grid) -> dict[str, Any]:
     if front:
         _origins(report, grid, front)
     report.write()
-    return {'rows': rows, 'levels': grid.levels, 'front': [row['setting'] for row in front], 'checks': report.checks}
+    return {
+        'duration': grid.scene.duration,
+        'rows': rows,
+        'levels': grid.levels,
+        'front': [row['setting'] for row in front],
+        'checks': report.checks,
+    }
 
 
 def _summary(row: Row, grid: Grid, judged: Any) -> dict[str, Any]:
