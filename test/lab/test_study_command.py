@@ -6,10 +6,12 @@ import csv
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from mbd_sim_ros.commands.main import main
-from mbd_sim_ros.lab.studies import STUDIES, module
+from mbd_sim_ros.lab.studies import STUDIES, module, work_precision
+from solver.files.scene import load_scene
 
 
 def run(capsys: pytest.CaptureFixture[str], *argv: str) -> tuple[int, str, str]:
@@ -123,10 +125,63 @@ def test_validation_finds_ours_at_the_published_figures(capsys, tmp_path):
 @pytest.mark.slow
 def test_work_precision_measures_ours_and_says_what_is_left_out(capsys, tmp_path, monkeypatch):
     monkeypatch.setenv('MBD_EXUDYN_PYTHON', str(tmp_path / 'no_such_python'))
+    monkeypatch.setenv('MBD_MUJOCO_PYTHON', str(tmp_path / 'no_such_python'))
     found = quick(capsys, 'work_precision', tmp_path)
-    assert any('Exudyn is left out' in note and note.count('\n') == 0 for note in found['notes'])
-    ours = [p for p in found['points'] if p['method'] == 'ALF' and p['outcome'] == 'ok']
+    for program in ('Exudyn', 'MuJoCo'):
+        assert any(f'{program} is left out' in note and note.count('\n') == 0 for note in found['notes'])
+    ours = [p for p in found['points'] if p['method'] == 'ALF' and p['outcome'] == 'ok' and p['problem'] == 'regular slider-crank']
     errors = {p['setting']: p['error'] for p in ours}
     assert errors['h 25 ms'] / errors['h 5 ms'] > 0.5 * 5.0**2  # at least second order between these steps
     assert all(p['cpu'] > 0.0 and p['factorizations'] > 0 and p['evaluations'] > p['factorizations'] for p in ours)
     assert found['references'][0]['error estimate'] < 1e-6
+
+
+@pytest.mark.slow
+def test_mujoco_swings_as_the_reference_does_on_an_open_chain():
+    """Its Runge-Kutta method of order four against our reference of a double pendulum: the two describe the same motion, angle by angle."""
+    pytest.importorskip('mujoco', reason="a peer: pip install 'mbd_sim_ros[bench]'")
+    problem = next(p for p in work_precision.PROBLEMS if p.name == 'double pendulum')._replace(duration=0.5, intervals=5)
+    scene = load_scene(problem.scene, problem.overrides)
+    instants = problem.duration * np.arange(1, problem.intervals + 1) / problem.intervals
+    exact, estimate = work_precision._reference(problem, scene, instants)
+    assert estimate < 1e-9
+    points = work_precision._mujoco(problem, scene, instants, exact, (10, 20), 1)
+    errors = {(p.method, p.setting): p.error for p in points}
+    coarse, fine = (errors['MuJoCo RK4', f'h {h} ms'] for h in ('10', '5'))
+    assert fine < 1e-5
+    assert coarse / fine == pytest.approx(16.0, rel=0.5)
+    coarse, fine = (errors['MuJoCo IMPLICIT', f'h {h} ms'] for h in ('10', '5'))
+    assert coarse / fine == pytest.approx(2.0, rel=0.3)
+
+
+def test_work_precision_goes_on_with_the_problem_it_was_in(tmp_path, monkeypatch):
+    """Interrupted in its second problem, it does not begin the first again; what a missing peer left out is not kept."""
+    asked: list[str] = []
+    missing: list[str] = []
+
+    def solved(problem, quick, progress):
+        asked.append(problem.name)
+        if len(asked) == 2:
+            raise KeyboardInterrupt
+        runs = [work_precision.Point(problem.name, 'ALF', f'h {n} ms', 1e-4 * n**2, 1.0 / n, 100 // n, 200 // n, 'ok') for n in (1, 2, 4)]
+        return {'points': [run._asdict() for run in runs], 'notes': missing, 'estimate': 1e-12}
+
+    monkeypatch.setattr(work_precision, '_solved', solved)
+    first, second = work_precision.QUICK
+
+    def study() -> dict:
+        return work_precision.study(tmp_path, quick=True, progress=lambda text, done: None)
+
+    with pytest.raises(KeyboardInterrupt):
+        study()
+    found = study()
+    assert asked == [first, second, second]
+    assert len(found['points']) == 6
+    study()
+    assert asked == [first, second, second]
+    missing.append('Exudyn is left out.')
+    for file in (tmp_path / 'problems').iterdir():
+        file.unlink()
+    study()
+    study()
+    assert asked[3:] == [first, second] * 2

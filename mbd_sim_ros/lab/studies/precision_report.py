@@ -1,4 +1,4 @@
-"""How work-precision runs are shown and judged: pictures, and who is on the front at engineering accuracy."""
+"""How work-precision runs are shown and judged: pictures, and who is on the front at which accuracy."""
 
 from __future__ import annotations
 
@@ -13,9 +13,11 @@ from mbd_sim_ros.lab.studies.report import COLOURS, Report, figure
 if TYPE_CHECKING:
     from mbd_sim_ros.lab.studies.work_precision import Point
 
-ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5)
+ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
+ENGINEERING = 1e-5  # what ours are made for ends here; what is finer is shown, and not required
 COSTS = {'cpu': 'CPU time [s]', 'factorizations': 'factorizations', 'evaluations': 'evaluations'}
 OURS = ('ALF', 'M-ALF')
+WITHOUT_CONSTRAINTS = 'MuJoCo'  # on open chains: what it does not have to solve no method with constraints can make up for
 INTRODUCTION = (
     'Error: largest deviation of one coordinate (slider position or crank angle, change since the start) at equidistant instants from the '
     'reference. CPU time: of stepping alone, start and compilation left out, on one core; the shortest of several runs for ours and '
@@ -24,6 +26,10 @@ INTRODUCTION = (
     'Exudyn integrates a planar model without redundant constraints (its best case; ours is the spatial one with all redundancies) by '
     'generalized-alpha, rho 0.9, Newton tolerance 1e-8 and, "loose", 1e-4. Evaluations of Exudyn are its Newton iterations. M-ALF has the '
     'penalty that is, on the average of constraints, the default one of ALF.',
+    'MuJoCo takes part on the open chains (pendulum, double pendulum, ten rods). It describes them by the angles of their hinges: no '
+    'constraint to keep, and a mass matrix of one, two and ten rows where ours has six coordinates a body. An evaluation of it is its '
+    'forward dynamics with one factorization of that matrix; RK4 makes four in a step, its implicit integrators one. Runs of more than '
+    '8 s of CPU are left out, and those of Exudyn with more than 50 000 steps.',
 )
 
 
@@ -73,12 +79,15 @@ def judge(report: Report, points: Sequence[Point], problems: Sequence[str], refe
                         'on the front': 'yes' if ratio <= 1.0 else 'NO',
                     }
                 )
-                if cost == 'cpu':
-                    report.check(f'{problem}: our CPU time over that of the best rival at {accuracy:g}', ratio, 1.0)
+                if cost == 'cpu' and accuracy >= ENGINEERING:
+                    others = [p.cpu for m, p in found.items() if not _is_ours(m) and not m.startswith(WITHOUT_CONSTRAINTS)]
+                    least = min(others, default=math.inf)
+                    ahead = ours.cpu / least if ours else math.inf
+                    report.check(f'{problem}: our CPU time over that of the best rival that keeps constraints at {accuracy:g}', ahead, 1.0)
                 if ratio > 1.0:
                     sentences.append(_why(mine, problem, title, cost, accuracy, ours, rival))
         report.check(f'{problem}: error estimate of the reference', reference['error estimate'], 0.1 * ACCURACIES[-1])
-    report.text('## The front at engineering accuracy', 'Cheapest run with at most this error, ours (ALF and M-ALF) and of all others.')
+    report.text('## The front', 'Cheapest run with at most this error, ours (ALF and M-ALF) and of all others.')
     report.table('fronts', rows)
     report.text('## Where ours is not on the front, and why', *(sentences or ['Nowhere.']))
     failures = [p for p in points if not math.isfinite(p.error)]
@@ -122,7 +131,7 @@ def picture(report: Report, problem: str, unit: str, points: Sequence[Point]) ->
                     [getattr(p, cost) for p in chosen], [p.error for p in chosen], 'o-' if _is_ours(method) else 's--',
                     ms=3, lw=1.1, color=COLOURS[k % len(COLOURS)], label=method,
                 )  # fmt: skip
-        ax.axhspan(ACCURACIES[-1], ACCURACIES[0], color='#f3f3f3', zorder=0)
+        ax.axhspan(ENGINEERING, ACCURACIES[0], color='#f3f3f3', zorder=0)
         ax.set_xlabel(title)
     axes[0, 0].set_ylabel(f'error [{unit}]')
     axes[0, 0].legend(fontsize=6.5, frameon=False)

@@ -1,8 +1,13 @@
-"""Error against CPU time and against counters, for our step, for the reference integrators and for Exudyn, on four problems."""
+"""Error against CPU time and counters, down to 1e-8: our step, reference integrators, Exudyn, and MuJoCo on open chains; six problems.
+
+What one problem gave is kept in out/problems as long as neither the solver nor this file changes: an interrupted study goes on with
+the problem it was in.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
 import time
 from collections.abc import Iterator
@@ -11,21 +16,26 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mbd_sim_ros import interrupts
 from mbd_sim_ros.lab.peers import exudyn as peers
 from mbd_sim_ros.lab.studies import Progress, crank, precision_report
 from mbd_sim_ros.lab.studies.crank_history import START
 from mbd_sim_ros.lab.studies.report import Report
 from solver import simulation_of
+from solver.compiled.cache import digest
 from solver.errors import MbdError, SpecError
 from solver.files.scene import load_scene
+from solver.levels.kept import sources
 from solver.scene import Scene
 from solver.step.work import scheme_parameters
 
-SUMMARY = 'error against CPU time and counters: ALF, M-ALF, BDF, Radau, IDA and Exudyn on four problems'
-BUDGET, QUICK_BUDGET = 10.0, 2.0  # s of CPU for one run of a reference integrator; what takes longer is left out
-REPEATS = 3  # of our runs and those of Exudyn; the shortest counts
-TIGHT, TIGHTER = 1e-10, 1e-12  # tolerances of the reference solution; their difference is its error estimate
-EXUDYN = 'Exudyn'
+SUMMARY = 'error against CPU time and counters: ALF, M-ALF, BDF, Radau, IDA, Exudyn and MuJoCo on six problems'
+BUDGET, QUICK_BUDGET = 8.0, 1.0  # s of CPU for one run; what takes longer is left out
+REPEATS, LONG = 3, 1.0  # of our runs and those of Exudyn and MuJoCo, the shortest counts; what takes longer [s] is run once
+TIGHT, TIGHTER = 1e-11, 1e-13  # tolerances of the reference solution; their difference is its error estimate
+EXUDYN, MUJOCO = 'Exudyn', 'MuJoCo'
+MUJOCO_PROGRAM = Path(peers.__file__).with_name('mujoco_linkage.py')
+EXUDYN_STEPS = 50_000  # no run of Exudyn has more
 
 
 class Problem(NamedTuple):
@@ -38,22 +48,31 @@ class Problem(NamedTuple):
     duration: float  # s
     intervals: int
     divisions: tuple[int, ...]
+    overrides: tuple[str, ...] = ()  # of the scene
+    chain: bool = False  # an open one: no loops
 
 
+FINE = (2500, 5000, 12500, 31250)  # further divisions, for what is below engineering accuracy
 PROBLEMS = (
-    Problem('regular slider-crank', 'slider_crank_regular', 'slide', 'm', 5.0, 20, (5, 10, 25, 50, 100, 250, 500, 1000)),
-    Problem('singular slider-crank', 'slider_crank', 'slide', 'm', 5.0, 20, (20, 25, 50, 100, 250, 500, 1000)),
-    Problem('pendulum', 'pendulum', 'pivot', 'rad', 10.0, 20, (10, 20, 50, 100, 250, 500, 1000, 2000)),
-    Problem("Andrews' squeezer", 'andrews', 'O', 'rad', 0.03, 10, (30, 60, 120, 300, 600, 1200, 3000)),
+    Problem('regular slider-crank', 'slider_crank_regular', 'slide', 'm', 5.0, 20, (5, 10, 25, 50, 100, 250, 500, 1000, *FINE)),
+    Problem('singular slider-crank', 'slider_crank', 'slide', 'm', 5.0, 20, (20, 25, 50, 100, 250, 500, 1000, *FINE)),
+    Problem('pendulum', 'pendulum', 'pivot', 'rad', 10.0, 20, (10, 20, 50, 100, 250, 500, 1000, 2000, 5000, 20000, 50000), chain=True),
+    Problem('double pendulum', 'chain', 'A1', 'rad', 2.0, 20, (5, 10, 20, 50, 100, 250, 500, 1000, *FINE), ('mechanism.links=2',), True),
+    Problem('chain of ten rods', 'chain', 'A1', 'rad', 1.0, 20, (5, 10, 20, 50, 100, 250, 500, 1000, 2500, 5000), (), True),
+    Problem("Andrews' squeezer", 'andrews', 'O', 'rad', 0.03, 10, (30, 60, 120, 300, 600, 1200, 3000, 10000, 30000)),
 )
 OURS: dict[str, dict[str, Any]] = {
     'ALF': crank.DAMPED,
     'ALF, conserving': crank.CONSERVING,
     'ALF, one iteration': {'iterations': 1},
 }
+MUJOCO_INTEGRATORS = {'RK4': 4, 'IMPLICIT': 1, 'IMPLICITFAST': 1}  # evaluations (and factorizations of its mass matrix) of a step
+MUJOCO_FIRST = (1, 2, 4)  # divisions before those of a problem
+LEAST_INERTIA = 1e-12  # kg m^2: MuJoCo takes no point masses
 M_ALF = 'M-ALF'
 REFERENCES = {'BDF': 'reference_bdf', 'Radau': 'reference_radau', 'IDA': 'reference_ida'}
-TOLERANCES, QUICK_TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6), (1e-4,)
+QUICK = ('regular slider-crank', 'double pendulum')
+TOLERANCES, QUICK_TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9), (1e-4,)
 
 
 class Point(NamedTuple):
@@ -71,42 +90,25 @@ class Point(NamedTuple):
 
 def study(out: Path, *, quick: bool, progress: Progress) -> dict:
     """Run every method on every problem and judge who is on the front."""
-    first = PROBLEMS[0]
-    problems = (first._replace(duration=first.duration / 5, intervals=first.intervals // 5),) if quick else PROBLEMS
+    problems = [p._replace(duration=p.duration / 5, intervals=p.intervals // 5) for p in PROBLEMS if p.name in QUICK] if quick else PROBLEMS
     report = Report(out, 'Work and precision')
     report.text(*precision_report.INTRODUCTION)
+    kept = out / 'problems'
+    kept.mkdir(exist_ok=True)
     points: list[Point] = []
     notes: list[str] = []
     references = []
     for k, problem in enumerate(problems):
-        share = lambda part, k=k: (k + part) / len(problems)  # noqa: E731
-        progress(f'{problem.name}: reference', share(0.0))
-        # the start of the scene has the slider's own energy beside the chapter's; the reference has the chapter's
-        scene = crank.scene_at(START, crank.STEPS[-1], {}) if problem.scene == 'slider_crank' else load_scene(problem.scene)
-        instants = problem.duration * np.arange(1, problem.intervals + 1) / problem.intervals
-        exact, estimate = _reference(problem, scene, instants)
-        references.append({'problem': problem.name, 'reference': _reference_name(problem), 'error estimate': estimate})
-        divisions = problem.divisions[1:4:2] if quick else problem.divisions
-        for done, (method, setting, chosen) in enumerate(_ours(problem, scene, divisions)):
-            progress(f'{problem.name}: {method}', share(0.1 + 0.02 * done))
-            points.append(_run(problem, method, setting, chosen, exact, 1 if quick else REPEATS, math.inf))
-        for method, kind in REFERENCES.items():
-            for tolerance in QUICK_TOLERANCES if quick else TOLERANCES:
-                progress(f'{problem.name}: {method} {tolerance:g}', share(0.6))
-                chosen = _with(scene, kind=kind, tolerance=tolerance, h=problem.duration / problem.intervals)
-                try:
-                    point = _run(problem, method, f'tolerance {tolerance:g}', chosen, exact, 1, QUICK_BUDGET if quick else BUDGET)
-                except SpecError as error:  # the package is not there
-                    notes.append(f'{method} is left out: {error}.')
-                    break
-                points.append(point)
-                if point.outcome == 'over the budget':
-                    break
-        progress(f'{problem.name}: {EXUDYN}', share(0.9))
-        try:
-            points += _exudyn(problem, scene, instants, exact, divisions, 1 if quick else REPEATS)
-        except SpecError as error:
-            notes.append(f'{error}.')
+        interrupts.check()
+        file = kept / f'{digest(sources(), Path(__file__).read_bytes(), repr((problem, quick)).encode()).hex()}.json'
+        found = json.loads(file.read_text(encoding='utf-8')) if file.exists() else None
+        if found is None:
+            found = _solved(problem, quick, lambda text, part, k=k: progress(text, (k + part) / len(problems)))  # type: ignore[misc]
+            if not found['notes']:  # a peer that is missing may be there the next time
+                file.write_text(json.dumps(found), encoding='utf-8')
+        points += [Point(**point) for point in found['points']]
+        notes += found['notes']
+        references.append({'problem': problem.name, 'reference': _reference_name(problem), 'error estimate': found['estimate']})
     report.table('references', references)
     report.text(*dict.fromkeys(notes))
     report.table('points', [point._asdict() for point in points], shown=False)
@@ -123,21 +125,57 @@ def study(out: Path, *, quick: bool, progress: Progress) -> dict:
     }
 
 
+def _solved(problem: Problem, quick: bool, progress: Progress) -> dict[str, Any]:
+    """Every method on one problem: points as dictionaries, notes and the error estimate of the reference."""
+    points: list[Point] = []
+    notes: list[str] = []
+    progress(f'{problem.name}: reference', 0.0)
+    # the start of the scene has the slider's own energy beside the chapter's; the reference has the chapter's
+    crank_scene = problem.scene == 'slider_crank'
+    scene = crank.scene_at(START, crank.STEPS[-1], {}) if crank_scene else load_scene(problem.scene, problem.overrides)
+    instants = problem.duration * np.arange(1, problem.intervals + 1) / problem.intervals
+    exact, estimate = _reference(problem, scene, instants)
+    divisions = problem.divisions[1:4:2] if quick else problem.divisions
+    repeats, budget = (1, QUICK_BUDGET) if quick else (REPEATS, BUDGET)
+    for done, (method, setting, chosen) in enumerate(_ours(problem, scene, divisions)):
+        progress(f'{problem.name}: {method}, {setting}', 0.1 + 0.4 * done / (len(divisions) * (len(OURS) + 1)))
+        points.append(_run(problem, method, setting, chosen, exact, repeats, budget))
+    for method, kind in REFERENCES.items():
+        for tolerance in QUICK_TOLERANCES if quick else TOLERANCES:
+            progress(f'{problem.name}: {method} {tolerance:g}', 0.6)
+            chosen = _with(scene, kind=kind, tolerance=tolerance, h=problem.duration / problem.intervals)
+            try:
+                point = _run(problem, method, f'tolerance {tolerance:g}', chosen, exact, 1, budget)
+            except SpecError as error:  # the package is not there
+                notes.append(f'{method} is left out: {error}.')
+                break
+            points.append(point)
+            if point.outcome == 'over the budget':
+                break
+    progress(f'{problem.name}: {EXUDYN} and {MUJOCO}', 0.8)
+    for found in (_exudyn, *([_mujoco] if problem.chain else [])):
+        try:
+            points += found(problem, scene, instants, exact, divisions, repeats)
+        except SpecError as error:
+            notes.append(f'{error}.')
+    return {'points': [point._asdict() for point in points], 'notes': notes, 'estimate': estimate}
+
+
 def _with(scene: Scene, **settings: Any) -> Scene:
     return dataclasses.replace(scene, integrator=type(scene.integrator)(**settings))
 
 
 def _reference_name(problem: Problem) -> str:
     if problem.scene == 'slider_crank':
-        return 'equation of motion of one coordinate, DOP853 to 1e-12'
+        return f'equation of motion of one coordinate, DOP853 to {TIGHTER:g}'
     return f'dense KKT, DOP853 to {TIGHTER:g}; estimate from {TIGHT:g}'
 
 
 def _reference(problem: Problem, scene: Scene, instants: np.ndarray) -> tuple[np.ndarray, float]:
     """(change of the coordinate since t = 0 at the instants, estimate of its error)."""
     if problem.scene == 'slider_crank':
-        x = 2 * np.cos(crank.exact_angles(np.array([START]), crank.slider_mass(), instants)[0])
-        coarse = 2 * np.cos(crank.exact_angles(np.array([START]), crank.slider_mass(), instants, tolerance=1e-10)[0])
+        x = 2 * np.cos(crank.exact_angles(np.array([START]), crank.slider_mass(), instants, tolerance=TIGHTER)[0])
+        coarse = 2 * np.cos(crank.exact_angles(np.array([START]), crank.slider_mass(), instants, tolerance=1e-11)[0])
         return x - 2 * np.cos(START), float(np.abs(x - coarse).max())
     found = []
     for tolerance in (TIGHT, TIGHTER):
@@ -180,6 +218,8 @@ def _run(problem: Problem, method: str, setting: str, scene: Scene, exact: np.nd
         for _ in range(repeats):
             values, taken, audit = _values(problem, scene, budget)
             cpu = min(cpu, taken)
+            if taken > LONG:
+                break
     except SpecError:
         raise
     except MbdError as failure:
@@ -194,7 +234,7 @@ def _exudyn(
     problem: Problem, scene: Scene, instants: np.ndarray, exact: np.ndarray, divisions: tuple[int, ...], repeats: int
 ) -> list[Point]:
     model = peers.planar(simulation_of(_with(scene)), instants, problem.joint)
-    steps = [problem.duration / problem.intervals / n for n in divisions]
+    steps = [problem.duration / problem.intervals / n for n in divisions if n * problem.intervals <= EXUDYN_STEPS]
     common = {'rho': 0.9, 'solver': 'EXUdense', 'every_step': False}
     wanted = [{'h': h, 'tolerance': tolerance, **common} for h in steps for tolerance in (1e-8, 1e-4)]
     rounds = [peers.exudyn(model, wanted) for _ in range(repeats)]
@@ -211,4 +251,32 @@ def _exudyn(
         points.append(
             Point(problem.name, method, setting, error, cpu, found[0]['factorizations'], found[0]['evaluations'], f'ok, {rounds[0][0]}')
         )
+    return points
+
+
+def _mujoco(
+    problem: Problem, scene: Scene, instants: np.ndarray, exact: np.ndarray, divisions: tuple[int, ...], repeats: int
+) -> list[Point]:
+    """Its explicit and its implicit integrators on an open chain, which it describes by the angles of its hinges: no constraint at all."""
+    model = peers.planar(simulation_of(_with(scene)), instants, problem.joint)
+    body = model['observe'][0][0]
+    for entry in model['bodies']:
+        entry['I'] = max(entry['I'], LEAST_INERTIA)
+    wanted = [
+        {'h': problem.duration / problem.intervals / n, 'integrator': integrator, 'steps': n * problem.intervals}
+        for integrator in MUJOCO_INTEGRATORS
+        for n in (*MUJOCO_FIRST, *divisions)
+    ]
+    rounds = [peers.mujoco(model, wanted, MUJOCO_PROGRAM) for _ in range(repeats)]
+    points = []
+    for settings, *found in zip(wanted, *(results for _, results in rounds), strict=True):
+        method, setting = f'{MUJOCO} {settings["integrator"]}', f'h {settings["h"] * 1e3:g} ms'
+        failed = next((f['error'] for f in found if 'error' in f), None)
+        if failed is not None:
+            points.append(Point(problem.name, method, setting, math.nan, math.nan, 0, 0, failed))
+            continue
+        turned = np.array(found[0]['values'])[:, body, 2] - model['bodies'][body]['phi']
+        error = float(np.abs((turned - exact + np.pi) % (2 * np.pi) - np.pi).max())  # it gives angles up to whole turns
+        work = MUJOCO_INTEGRATORS[settings['integrator']] * settings['steps']
+        points.append(Point(problem.name, method, setting, error, min(f['cpu'] for f in found), work, work, f'ok, {rounds[0][0]}'))
     return points
