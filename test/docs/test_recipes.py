@@ -92,6 +92,26 @@ def test_a_topic_is_one_line(program):
 
 
 @pytest.mark.slow
+def test_an_evaluation_is_one_file_and_one_line(program):
+    """A car that loses 0.25 m/s every second, from 22 m/s on; a faster one does not keep the limit, a short one is refused."""
+    folder = program / 'mbd_sim_ros' / 'analysis' / 'evaluation'
+    shutil.copy(RECIPE / 'coasting.py', folder)
+    changed(folder / 'registry.py', 'evaluation import braking, ', 'evaluation import braking, coasting, ')
+    changed(folder / 'registry.py', '    ride.RIDE,\n', '    ride.RIDE,\n    coasting.COASTING,\n')
+    for name, slope, seconds in (('slow', 0.25, 40), ('fast', 0.8, 40), ('short', 0.25, 10)):
+        rows = ''.join(f'{0.1 * k:.1f},{22.0 - slope * 0.1 * k!r}\n' for k in range(10 * seconds))
+        (program / f'{name}.csv').write_text('time [s],speed [m/s]\n' + rows)
+    done = mbd(program, 'evaluate', 'slow.csv', 'fast.csv', '--as', 'coasting', '--json')
+    assert done.returncode == 0, done.stderr
+    slow, fast = json.loads(done.stdout)['results']
+    assert slow['figures']['deceleration']['value'] == pytest.approx(0.25)
+    assert (slow['passed'], fast['passed']) == (True, False)
+    refused = mbd(program, 'evaluate', 'short.csv', '--as', 'coasting')
+    assert refused.returncode != 0
+    assert 'does not roll out from 20 to 15 m/s' in refused.stderr
+
+
+@pytest.mark.slow
 def test_a_study_is_one_file_and_one_entry(program):
     shutil.copy(RECIPE / 'swing.py', program / 'mbd_sim_ros' / 'lab' / 'studies')
     studies = program / 'mbd_sim_ros' / 'lab' / 'studies' / '__init__.py'
