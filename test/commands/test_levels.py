@@ -58,8 +58,9 @@ def test_what_a_level_cannot_tell_is_refused_with_a_sentence(capsys: pytest.Capt
 @pytest.mark.slow
 def test_a_node_drives_a_single_track(tmp_path: Path) -> None:
     pytest.importorskip('rclpy')
-    values = {'scene': SCENE, 'overrides': ['fidelity=single_track'], 'mode': 'fast', 'commands': 'maneuver', 'duration': 0.5,
-              'record': True, 'out': str(tmp_path / 'bag')}  # fmt: skip
+    changes = ['fidelity=single_track', 'record.every=1']
+    out = str(tmp_path / 'bag')
+    values = {'scene': SCENE, 'overrides': changes, 'mode': 'fast', 'commands': 'maneuver', 'duration': 0.5, 'record': True, 'out': out}
     arguments = [text for name, value in values.items() for text in ('-p', f'{name}:={json.dumps(value)}')]
     process = Process(tmp_path, [sys.executable, '-m', 'mbd_sim_ros.node.main', '--ros-args', *arguments])
     assert process.end(120.0) == 0, process.output
