@@ -12,8 +12,11 @@ from solver.elements.coupler import COUPLERS
 from solver.elements.guide import GUIDES
 from solver.elements.joint import JOINTS
 from solver.elements.kind import ConstraintKind, ForceKind
+from solver.elements.rod import RODS
 from solver.elements.spring_damper import SPRING_DAMPERS
+from solver.elements.strut import STRUTS
 from solver.elements.tire_pacejka import TIRES
+from solver.elements.transmission import TRANSMISSIONS
 
 CONSTRAINTS: tuple[ConstraintKind, ...] = (
     JOINTS,
@@ -24,6 +27,9 @@ FORCES: tuple[ForceKind, ...] = (
     SPRING_DAMPERS,
     BUSHINGS,
     COORDINATE_FORCES,
+    RODS,
+    STRUTS,
+    TRANSMISSIONS,
     BRAKES,
     GUIDES,
     APPLIED_FORCES,

@@ -1,0 +1,226 @@
+"""Rod: a massless link between a bushing at a point P of body i and a ball joint at a point Q of body j.
+
+What is left of a link whose mass is carried by its ends: a force along the line from P to Q, from a law of its extension (the stiffness of
+what it hangs in), and the resistance of the bushing at P against its swing. With d = p_PQ seen from marker i, s = |d|, n = d/s and the
+rod's design direction along z of marker i:
+
+    E(d)      = U(s - length) + (swing_y n_x^2 + swing_x n_y^2)/2
+    force on j = -dE/dd - damping n (n . d') - across (d' - n (n . d'))
+
+The second term of E is the energy of a torsional spring for small angles of swing (sin for the angle). The reaction on i acts at Q, so the
+bushing's moment on i is part of it. E depends on d alone, so the spin of the rod about itself is free, and costs nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from solver.compiled.kernel import kernel, sixes
+from solver.compiled.rows import add_block, add_rows, cross_rows, mul_rows, rows, sub_block, sub_rows
+from solver.compiled.vec import (
+    add,
+    add3,
+    cross,
+    cross_m,
+    dot,
+    load3,
+    load33,
+    m_cross,
+    madd,
+    mscale,
+    msub,
+    mv,
+    outer,
+    scale,
+    skew,
+    sub,
+    tmm,
+    tmv,
+    transpose,
+)
+from solver.elements.kind import ForceKind
+from solver.elements.laws import Law, evaluate_law
+from solver.elements.marker import Context, Marker, Spec, compile_pairs
+from solver.elements.point_pair import angular_velocity, linear_velocity
+from solver.validate import finite, vector
+
+OUTPUTS = {'energy': 'J', 'dissipation': 'W', 'length': 'm', 'rate': 'm/s', 'force': 'N'}
+
+
+@dataclass(frozen=True, kw_only=True)
+class RodSpec(Spec):
+    """Massless link from the origin of marker i to that of marker j; see the module for the force.
+
+    length: without force [m]. law: force [N] over extension [m], tension positive. damping: along the rod [N s/m]. swing: stiffness
+    against swing about x and about y of marker i, whose z axis is the design direction [N m/rad]. across: damping against motion across
+    the rod [N s/m].
+    """
+
+    i: Marker
+    j: Marker
+    length: float
+    law: Law
+    damping: float = 0.0
+    swing: tuple[float, float] = (0.0, 0.0)
+    across: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.set('length', finite(self.where, 'length', self.length, low=0.0, strict=True))
+        for field in ('damping', 'across'):
+            self.set(field, finite(self.where, field, getattr(self, field), low=0.0))
+        self.set('swing', vector(self.where, 'swing', self.swing, 2))
+
+
+class RodTable(NamedTuple):
+    """Columns of all rods; matrices are along the axes of body i."""
+
+    body: np.ndarray  # (n, 2)
+    r_i: np.ndarray  # (n, 3) P from the centre of mass of i, in B_i [m]
+    r_j: np.ndarray  # (n, 3) Q from the centre of mass of j, in B_j [m]
+    law: np.ndarray  # (n,)
+    length: np.ndarray  # (n,) [m]
+    damping: np.ndarray  # (n,) [N s/m]
+    across: np.ndarray  # (n,) [N s/m]
+    S: np.ndarray  # (n, 3, 3) the quadratic form of the swing in the direction n [N m/rad]
+    slot: np.ndarray  # (n, 4) blocks ii ij ji jj
+
+
+def compile_rods(specs: Sequence[RodSpec], context: Context) -> RodTable:
+    """Resolve names and laws into a table."""
+    pairs = compile_pairs(specs, context)
+    about = np.array([s.swing for s in specs], float).reshape(len(specs), 2)
+    x, y = pairs.F[:, :, 0], pairs.F[:, :, 1]
+    return RodTable(
+        body=pairs.body,
+        r_i=pairs.r_i,
+        r_j=pairs.r_j,
+        law=np.array([context.law(s.law) for s in specs], np.int64),
+        length=np.array([s.length for s in specs], float),
+        damping=np.array([s.damping for s in specs], float),
+        across=np.array([s.across for s in specs], float),
+        S=about[:, 1, None, None] * x[:, :, None] * x[:, None, :] + about[:, 0, None, None] * y[:, :, None] * y[:, None, :],
+        slot=pairs.slot,
+    )
+
+
+@kernel(inline=True)
+def _add_stiffness(R_i, S, rho, e, sigma, y, force, C, D, s_ii, s_ij, s_ji, s_jj, Kq):
+    """Accumulate the tangents of the forces with respect to position and rotation: columns as in solver.elements.bushing, no moments."""
+    back = transpose(S)
+    R = rows(transpose(R_i))
+    S_ = rows(S)
+    p_force = mul_rows(D, R)
+    a_force = rows(msub(m_cross(D, e), m_cross(C, y)))
+    b_force = mul_rows(msub(m_cross(C, sigma), m_cross(D, rho)), S_)
+    a_seen = sub_rows(a_force, rows(skew(force)))
+    b_seen = add_rows(b_force, cross_rows(force, S_))
+    zero = rows(mscale(0.0, S))
+    p_W = mul_rows(R_i, p_force)
+    a_W = mul_rows(R_i, a_seen)
+    b_W = mul_rows(R_i, b_force)
+    p_i = sub_rows(cross_rows(force, R), cross_rows(e, p_force))
+    a_i = sub_rows(rows(cross_m(force, skew(e))), cross_rows(e, a_force))
+    b_i = add_rows(cross_rows(force, cross_rows(rho, S_)), cross_rows(e, b_force))  # the opposite
+    p_j = mul_rows(back, cross_rows(rho, p_force))
+    a_j = mul_rows(back, cross_rows(rho, a_seen))
+    b_j = mul_rows(back, cross_rows(rho, b_seen))
+    add_block(Kq, s_jj, 0, p_W, b_W)
+    add_block(Kq, s_jj, 3, p_j, b_j)
+    sub_block(Kq, s_ji, 0, p_W, sub_rows(zero, a_W))
+    sub_block(Kq, s_ji, 3, p_j, sub_rows(zero, a_j))
+    sub_block(Kq, s_ij, 0, p_W, b_W)
+    add_block(Kq, s_ij, 3, p_i, sub_rows(zero, b_i))
+    add_block(Kq, s_ii, 0, p_W, sub_rows(zero, a_W))
+    sub_block(Kq, s_ii, 3, p_i, sub_rows(zero, a_i))
+
+
+@kernel(inline=True)
+def _add_damping(R_i, S, rho, e, C, s_ii, s_ij, s_ji, s_jj, Kv):
+    """Accumulate the tangents of the forces with respect to velocity: the columns of _add_stiffness, computed without their sign."""
+    back = transpose(S)
+    S_ = rows(S)
+    zero = rows(mscale(0.0, S))
+    p_force = mul_rows(C, rows(transpose(R_i)))
+    a_force = rows(m_cross(C, e))
+    b_force = sub_rows(zero, mul_rows(C, cross_rows(rho, S_)))
+    p_W = mul_rows(R_i, p_force)
+    a_W = mul_rows(R_i, a_force)
+    b_W = mul_rows(R_i, b_force)
+    p_j = mul_rows(back, cross_rows(rho, p_force))
+    a_j = mul_rows(back, cross_rows(rho, a_force))
+    b_j = mul_rows(back, cross_rows(rho, b_force))
+    sub_block(Kv, s_jj, 0, p_W, b_W)
+    sub_block(Kv, s_jj, 3, p_j, b_j)
+    add_block(Kv, s_ji, 0, p_W, sub_rows(zero, a_W))
+    add_block(Kv, s_ji, 3, p_j, sub_rows(zero, a_j))
+    add_block(Kv, s_ij, 0, p_W, b_W)
+    add_block(Kv, s_ij, 3, cross_rows(e, p_force), cross_rows(e, b_force))
+    sub_block(Kv, s_ii, 0, p_W, sub_rows(zero, a_W))
+    sub_block(Kv, s_ii, 3, cross_rows(e, p_force), sub_rows(zero, cross_rows(e, a_force)))
+
+
+@kernel(borrow=True)
+def rod_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
+    """Accumulate forces and tangents of all rods (contract: solver/elements/__init__.py).
+
+    Everything is computed along the axes of B_i, with the variations of solver.elements.bushing.bushing_forces.
+    """
+    f = sixes(f)
+    for n in range(table.length.shape[0]):
+        i = table.body[n, 0]
+        j = table.body[n, 1]
+        R_i = load33(kin.R, i)
+        R_j = load33(kin.R, j)
+        w_i = angular_velocity(kin, i)
+        S = tmm(R_i, R_j)
+        rho = mv(S, load3(table.r_j, n))
+        e = add(tmv(R_i, sub(load3(kin.p, j), load3(kin.p, i))), rho)
+        sigma = cross(mv(S, angular_velocity(kin, j)), rho)
+        y = add(tmv(R_i, sub(linear_velocity(kin, j), linear_velocity(kin, i))), sigma)
+        d = sub(e, load3(table.r_i, n))
+        d_dot = add(y, cross(e, w_i))
+        s = np.sqrt(dot(d, d))
+        t = 1.0 / s
+        along = scale(t, d)
+        rate = dot(along, d_dot)
+        slide = sub(d_dot, scale(rate, along))
+        tension, stiffness, energy = evaluate_law(laws, table.law[n], s - table.length[n])
+        swing = load33(table.S, n)
+        q = mv(swing, along)
+        nq = dot(along, q)
+        bend = sub(q, scale(nq, along))  # s times the force of the swing
+        c = table.damping[n]
+        k = table.across[n]
+        force = scale(-1.0, add(add(scale(tension + c * rate, along), scale(t, bend)), scale(k, slide)))
+        F_W = mv(R_i, force)
+        add3(f, j, 0, F_W)
+        add3(f, i, 0, scale(-1.0, F_W))
+        add3(f, j, 3, tmv(S, cross(rho, force)))
+        add3(f, i, 3, scale(-1.0, cross(e, force)))
+        if tangents:
+            # -d(force)/dd at constant d_dot; the second derivative of the swing's energy is t^2 (S - 2 (n bend^T + bend n^T) - n.S n)
+            nn = outer(along, along)
+            plain = t * (tension + (c - k) * rate)
+            D = madd(mscale(stiffness - plain, nn), mscale(t * t, swing))
+            D = msub(D, mscale(2.0 * t * t, madd(outer(along, bend), outer(bend, along))))
+            D = madd(D, mscale((c - k) * t, outer(along, slide)))
+            p = plain - t * t * nq
+            D = (D[0] + p, D[1], D[2], D[3], D[4] + p, D[5], D[6], D[7], D[8] + p)
+            C = mscale(c - k, nn)
+            C = (C[0] + k, C[1], C[2], C[3], C[4] + k, C[5], C[6], C[7], C[8] + k)
+            D = msub(m_cross(C, w_i), D)
+            s_ii, s_ij, s_ji, s_jj = table.slot[n, 0], table.slot[n, 1], table.slot[n, 2], table.slot[n, 3]
+            _add_stiffness(R_i, S, rho, e, sigma, y, force, C, D, s_ii, s_ij, s_ji, s_jj, Kq)
+            _add_damping(R_i, S, rho, e, C, s_ii, s_ij, s_ji, s_jj, Kv)
+        out[n, 0] = energy + 0.5 * nq
+        out[n, 1] = c * rate * rate + k * dot(slide, slide)
+        out[n, 2] = s
+        out[n, 3] = rate
+        out[n, 4] = tension + c * rate
+
+
+RODS = ForceKind(name='rods', spec=RodSpec, compile=compile_rods, kernel=rod_forces, outputs=OUTPUTS)

@@ -1,0 +1,162 @@
+"""Transmission: an elastic mesh between a joint coordinate and another one that reaches it through a shaft with universal joints.
+
+    s = factor_1 x_1 + factor_2 path(x_2)        path(x) = x + sum over n = 2, 4 of a_n sin(n x) + b_n (cos(n x) - 1)
+    Q = -spring(s) - damper(ds/dt)               generalized force on x_1: factor_1 Q, on x_2: factor_2 path'(x_2) Q
+
+The harmonics are the non-uniformity of universal joints, whose driven angle leads and lags twice a turn. Without them it is a coordinate
+force of two terms (solver.elements.coordinate_force).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from solver.compiled.kernel import kernel, sixes
+from solver.elements.coordinate import (
+    add6,
+    add_coordinate_hessian,
+    add_dyad,
+    add_gradient,
+    coordinate_rate,
+    coordinate_rate_gradient,
+    evaluate_coordinate,
+    scale6,
+)
+from solver.elements.coordinate_force import OUTPUTS
+from solver.elements.kind import ForceKind
+from solver.elements.laws import Law, evaluate_law
+from solver.elements.marker import Context, Spec
+from solver.validate import finite, require, vector
+
+
+@dataclass(frozen=True, kw_only=True)
+class TransmissionSpec(Spec):
+    """Elastic mesh over s = factor_1 x_1 + factor_2 path(x_2); see the module for the formula.
+
+    terms: two (coordinate name, factor), the second one a rotation behind universal joints. harmonics: a_2, b_2, a_4, b_4 of its path
+    [rad]. spring: law over s, damper: law over ds/dt (None: absent).
+    """
+
+    terms: tuple[tuple[str, float], ...]
+    harmonics: tuple[float, float, float, float]
+    spring: Law | None = None
+    damper: Law | None = None
+
+    def __post_init__(self) -> None:
+        require(len(self.terms) == 2, self.where, 'terms', self.terms, 'needs two [coordinate, factor] pairs')
+        self.set('terms', tuple((str(c), finite(self.where, f'factor of {c}', f)) for c, f in self.terms))
+        self.set('harmonics', vector(self.where, 'harmonics', self.harmonics, 4))
+
+
+class TransmissionTable(NamedTuple):
+    """Columns of all transmissions; bodies and blocks of term t are at 2 t (body i) and 2 t + 1 (body j)."""
+
+    terms: np.ndarray  # (n,) those whose effort is factor Q: the first
+    coordinate: np.ndarray  # (n, 2)
+    factor: np.ndarray  # (n, 2)
+    harmonics: np.ndarray  # (n, 4)
+    body: np.ndarray  # (n, 4)
+    slot: np.ndarray  # (n, 4, 4) block (row body, column body)
+    law: np.ndarray  # (n, 2) spring, damper
+
+
+def compile_transmissions(specs: Sequence[TransmissionSpec], context: Context) -> TransmissionTable:
+    """Resolve names and laws into a table."""
+    n = len(specs)
+    table = TransmissionTable(
+        terms=np.ones(n, np.int64),
+        coordinate=np.zeros((n, 2), np.int64),
+        factor=np.array([[f for _, f in s.terms] for s in specs], float).reshape(n, 2),
+        harmonics=np.array([s.harmonics for s in specs], float).reshape(n, 4),
+        body=np.zeros((n, 4), np.int64),
+        slot=np.zeros((n, 4, 4), np.int64),
+        law=np.zeros((n, 2), np.int64),
+    )
+    for e, spec in enumerate(specs):
+        table.coordinate[e] = [context.coordinate(spec.where, name) for name, _ in spec.terms]
+        table.body[e] = [b for k in table.coordinate[e] for b in context.coordinate_bodies(int(k))]
+        for a, row in enumerate(table.body[e]):
+            for b, column in enumerate(table.body[e]):
+                table.slot[e, a, b] = context.slot(int(row), int(column))
+        table.law[e] = context.law(spec.spring), context.law(spec.damper)
+    return table
+
+
+@kernel(inline=True)
+def _path(table, e, x):
+    """(value, slope, curvature) of the path of transmission e at x."""
+    a2, b2, a4, b4 = table.harmonics[e, 0], table.harmonics[e, 1], table.harmonics[e, 2], table.harmonics[e, 3]
+    s2, c2 = np.sin(2.0 * x), np.cos(2.0 * x)
+    s4, c4 = 2.0 * s2 * c2, c2 * c2 - s2 * s2
+    value = x + a2 * s2 + b2 * (c2 - 1.0) + a4 * s4 + b4 * (c4 - 1.0)
+    slope = 1.0 + 2.0 * (a2 * c2 - b2 * s2) + 4.0 * (a4 * c4 - b4 * s4)
+    curvature = -4.0 * (a2 * s2 + b2 * c2) - 16.0 * (a4 * s4 + b4 * c4)
+    return value, slope, curvature
+
+
+@kernel(borrow=True)
+def transmission_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, out):
+    """Accumulate forces and tangents of all transmissions (contract: solver/elements/__init__.py, on coordinates)."""
+    f = sixes(f)
+    Kq = sixes(Kq)
+    Kv = sixes(Kv)
+    for e in range(table.factor.shape[0]):
+        k0 = table.coordinate[e, 0]
+        k1 = table.coordinate[e, 1]
+        x0, g0, g1 = evaluate_coordinate(coordinates, kin, k0, angle)
+        x1, g2, g3 = evaluate_coordinate(coordinates, kin, k1, angle)
+        v0 = coordinate_rate(coordinates, kin, k0, g0, g1)
+        v1 = coordinate_rate(coordinates, kin, k1, g2, g3)
+        path, slope, curvature = _path(table, e, x1)
+        first = table.factor[e, 0]
+        second = table.factor[e, 1] * slope
+        bent = table.factor[e, 1] * curvature
+        value = first * x0 + table.factor[e, 1] * path
+        rate = first * v0 + second * v1
+        spring, stiffness, energy = evaluate_law(laws, table.law[e, 0], value)
+        damper, damping, _ = evaluate_law(laws, table.law[e, 1], rate)
+        Q = -spring - damper
+        g = (scale6(first, g0), scale6(first, g1), scale6(second, g2), scale6(second, g3))
+        for a in range(4):
+            add_gradient(Q, g[a], table.body[e, a], f)
+        if tangents:
+            h0, h1 = coordinate_rate_gradient(coordinates, kin, k0)
+            h2, h3 = coordinate_rate_gradient(coordinates, kin, k1)
+            h = (
+                scale6(first, h0),
+                scale6(first, h1),
+                add6(scale6(second, h2), scale6(bent * v1, g2)),
+                add6(scale6(second, h3), scale6(bent * v1, g3)),
+            )
+            own = (g2, g3)
+            for b in range(4):
+                dQ = add6(scale6(-stiffness, g[b]), scale6(-damping, h[b]))
+                dQ_dv = scale6(-damping, g[b])
+                for a in range(4):
+                    add_dyad(g[a], dQ, table.slot[e, a, b], Kq)
+                    add_dyad(g[a], dQ_dv, table.slot[e, a, b], Kv)
+            for b in range(2):
+                for a in range(2):
+                    add_dyad(own[a], scale6(bent * Q, own[b]), table.slot[e, 2 + a, 2 + b], Kq)
+            add_coordinate_hessian(coordinates, kin, k0, first * Q, Kq)
+            add_coordinate_hessian(coordinates, kin, k1, second * Q, Kq)
+        out[e, 0] = energy
+        out[e, 1] = damper * rate
+        out[e, 2] = value
+        out[e, 3] = rate
+        out[e, 4] = Q
+
+
+TRANSMISSIONS = ForceKind(
+    name='transmissions',
+    spec=TransmissionSpec,
+    compile=compile_transmissions,
+    kernel=transmission_forces,
+    outputs=OUTPUTS,
+    on_coordinates=True,
+    effort='force',
+)
