@@ -144,10 +144,11 @@ def standing(scene: Scene) -> Simulation:
 
 
 def figures(simulation: Simulation) -> dict[str, float]:
-    """All figures of a vehicle whose simulation stands at its start (see standing()); USUAL tells what they are."""
+    """All figures of a vehicle whose simulation stands at its start (see standing()), without modes where there are none of bodies alone
+    (solver.analysis.modes); USUAL tells what they are."""
     spec = simulation.model.spec
     found = mass_figures(spec)
-    for name, mode in named_modes(simulation).items():
+    for name, mode in named_modes(simulation).items() if not spec.struts else ():
         key = name.replace(' ', '_')
         found |= {f'{key}_frequency': mode.frequency, f'{key}_damping': mode.damping}
     found |= kinematic_figures(Rig(spec))

@@ -9,6 +9,7 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg
 
+from solver.errors import SpecError
 from solver.model.evaluate import add_constraint_stiffness, evaluate_forces
 from solver.model.state import State
 from solver.model.tables import Model
@@ -54,7 +55,14 @@ def _dense(model: Model, K: np.ndarray) -> np.ndarray:
 
 
 def linearised(model: Model, state: State, u: np.ndarray) -> Linear:
-    """The model linearised about a state of rest; contact patches of standing tires are springs and dampers."""
+    """The model linearised about a state of rest; contact patches of standing tires are springs and dampers.
+
+    Raises SpecError for a model with struts, whose mounts move besides the bodies.
+    """
+    if model.spec.struts:
+        raise SpecError(
+            f'strut {model.spec.struts[0].name!r}: the modes of its mount are none of the bodies; take the whole vehicle for modes'
+        )
     start = ConsistentState(model)
     at_rest = np.zeros_like(state.v)
     _, lam = start.acceleration(state.q, at_rest, state.z, state.angle, u)

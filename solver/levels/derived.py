@@ -77,10 +77,10 @@ class Derived:
 
 
 def channels(model: ModelSpec) -> list[str]:
-    """What a model publishes, by the names of its parts: 'joint <name>', 'body <name>' and '<kind of element> <name>'."""
+    """What a model publishes, by the names of its parts: 'joint <name>', 'body <name>', 'element <name>' and 'wheel <name>'."""
     coordinates = [c.name for joint in model.joints for c in joint_coordinates(joint)] + [c.name for c in model.coordinates]
     return [
         *(f'joint {name}' for name in coordinates),
         *(f'body {body.name}' for body in model.bodies),
-        *(f'{kind.name} {spec.name}' for kind in FORCES for spec in getattr(model, kind.name)),
+        *(f'{"wheel" if kind.wheels else "element"} {spec.name}' for kind in FORCES for spec in getattr(model, kind.name)),
     ]

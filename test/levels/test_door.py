@@ -88,9 +88,9 @@ def test_channels_name_what_a_model_publishes() -> None:
     model = load_scene('light_car_straight').model
     found = channels(model)
     assert len(set(found)) == len(found)
-    assert {'joint travel_front_left', 'joint rack', 'body chassis', 'tires rear_right', 'brakes brake_front_left'} <= set(found)
+    assert {'joint travel_front_left', 'joint rack', 'body chassis', 'wheel rear_right', 'element brake_front_left'} <= set(found)
     less = dataclasses.replace(model, aero_drags=())
-    assert set(found) - set(channels(less)) == {f'aero_drags {spec.name}' for spec in model.aero_drags}
+    assert set(found) - set(channels(less)) == {f'element {spec.name}' for spec in model.aero_drags}
 
 
 def test_a_limit_reads_as_a_sentence() -> None:

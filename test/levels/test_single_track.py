@@ -149,7 +149,7 @@ def test_other_processors_identify_the_same_numbers() -> None:
 def test_absent_channels_are_told() -> None:
     level = solver.simulation_of(scene('light car', Maneuver())).level
     assert level is not None
-    assert {'joint travel_front_left', 'joint rack', 'tires front_left', 'body knuckle_front_left'} <= set(level.absent)
+    assert {'joint travel_front_left', 'joint rack', 'wheel front_left', 'body knuckle_front_left'} <= set(level.absent)
     assert 'joint steering_wheel' not in level.absent
 
 

@@ -1,0 +1,390 @@
+"""Shafts without bodies of their own: what only turns with something else lends it its inertia and is gone.
+
+    half shaft      bearing -output- constant velocity -shaft- constant velocity -wheel: the coordinate of the bearing becomes the
+                    rotation of the wheel against what carries the bearing
+    propeller shaft bearing -pinion- joint -shaft- joint -shaft- free to turn: the pinion has the inertia of all
+                    and no play along its axis
+    steering column two bearings with universal joints and a telescope between them: the mesh at the far bearing is driven by the near one
+                    through the non-uniformity of the joints (solver.elements.transmission)
+
+Chains are found by what their joints are, not by names.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from solver.compiled.portable import norm, product
+from solver.elements.coordinate import CoordinateSpec
+from solver.elements.coordinate_force import CoordinateForceSpec
+from solver.elements.joint import JointSpec
+from solver.elements.transmission import TransmissionSpec
+from solver.levels.draft import Draft, Hold, spread, unit
+from solver.model.compile import joint_coordinates
+from solver.model.frames import Placement
+
+COUPLINGS = ('constant_velocity', 'universal')
+BEARINGS = ('revolute', 'cylindrical')
+SAMPLES = 360  # of a turn, for the harmonics of universal joints
+
+
+def reduced_shafts(draft: Draft) -> None:
+    """Take out all half shafts, propeller shafts and steering columns."""
+    _half_shafts(draft)
+    _free_shafts(draft)
+    _columns(draft)
+
+
+class Bearing(NamedTuple):
+    """What a body turns in: the joint, its end on the body, what carries it, and its frame there."""
+
+    joint: JointSpec
+    hold: Hold
+    base: str
+    frame: Placement
+
+
+def _joints(draft: Draft, body: str, kinds: tuple[str, ...]) -> list[Hold]:
+    return [h for h in draft.holds(body) if h.section == 'joints' and draft.spec(h).kind in kinds]
+
+
+def _bearing(draft: Draft, body: str, others: int) -> Bearing | None:
+    """The bearing of a body that has besides it so many other holds and nothing else."""
+    found = _joints(draft, body, BEARINGS)
+    if len(found) != 1 or len(draft.holds(body)) != 1 + others:
+        return None
+    joint = draft.spec(found[0])
+    return Bearing(joint, found[0], draft.other(found[0]).body, draft.placed(joint.i))
+
+
+def disc(inertia: float, axis: np.ndarray) -> np.ndarray:
+    """(3, 3) inertia [kg m^2] of a disc with this moment about its axis, which has half of it across."""
+    return inertia * (0.5 * np.eye(3) + 0.5 * axis[:, None] * axis[None, :])
+
+
+def add_disc(draft: Draft, body: str, axis: np.ndarray, inertia: float) -> None:
+    """Let a body carry a disc without mass."""
+    draft.set_mass(body, draft.bodies[body].mass, draft.com(body), draft.inertia(body) + disc(inertia, axis))
+
+
+def without_disc(draft: Draft, body: str, axis: np.ndarray) -> float:
+    """Take from a body what turns about an axis, as a disc, and return its inertia [kg m^2]; masses along the axis are left."""
+    J = draft.inertia(body)
+    spin = float(product(axis, product(J, axis)))
+    across = np.eye(3) - axis[:, None] * axis[None, :]
+    slender = product(product(across, J - disc(spin, axis)), across)
+    if float(np.trace(slender)) < 0.0:
+        slender = np.zeros((3, 3))
+    draft.set_mass(body, draft.bodies[body].mass, draft.com(body), slender)
+    return spin
+
+
+def _aligned(R: np.ndarray, z: np.ndarray) -> np.ndarray:
+    """The frame R turned the shortest way so that its z axis is along z: no twist between the two."""
+    a = R[:, 2]
+    axis = np.cross(a, z)
+    s, c = norm(axis), float(product(a, z))
+    if s < 1e-12:
+        return R
+    n = axis / s
+    along = n[:, None] * n[None, :]
+    skew = np.array([[0.0, -n[2], n[1]], [n[2], 0.0, -n[0]], [-n[1], n[0], 0.0]])
+    turn = c * np.eye(3) + (1.0 - c) * along + s * skew
+    return product(turn, R)
+
+
+# -- half shafts ---------------------------------------------------------------------------------------------------------------
+
+
+def _half_shafts(draft: Draft) -> None:
+    for shaft in list(draft.bodies):
+        ends = _joints(draft, shaft, ('constant_velocity',))
+        if len(ends) != 2 or len(draft.holds(shaft)) != 2:
+            continue
+        for inner, outer in (ends, ends[::-1]):
+            output, wheel = draft.other(inner).body, draft.other(outer).body
+            bearing = _bearing(draft, output, 1) if output in draft.bodies else None
+            if bearing is not None and wheel in draft.bodies:
+                _take_half_shaft(draft, shaft, inner, outer, output, wheel, bearing)
+                break
+
+
+def _take_half_shaft(draft: Draft, shaft: str, inner: Hold, outer: Hold, output: str, wheel: str, bearing: Bearing) -> None:
+    start, end = draft.placed(draft.other(inner)).p, draft.placed(draft.other(outer))
+    spin = end.R[:, 2] if float(product(end.R[:, 2], bearing.frame.R[:, 2])) > 0.0 else -end.R[:, 2]
+    turning = without_disc(draft, output, unit(bearing.frame.R[:, 2])) + without_disc(draft, shaft, unit(end.p - start))
+    angle = draft.coordinates_of(bearing.joint.name)[0]
+    for name in (bearing.joint.name, inner.name, outer.name):
+        draft.drop('joints', name)
+    draft.share(shaft, bearing.base, start, wheel, end.p)
+    draft.merge(output, bearing.base)
+    add_disc(draft, wheel, spin, turning)
+    draft.put(
+        'coordinates',
+        CoordinateSpec(
+            name=angle, kind='rotation', i=draft.marker(bearing.base, end.p, bearing.frame.R),
+            j=draft.marker(wheel, end.p, _aligned(bearing.frame.R, spin)),
+        ),
+    )  # fmt: skip
+    draft.lose(f'motion of {shaft} and {output} along and across their axes')
+
+
+# -- propeller shafts ----------------------------------------------------------------------------------------------------------
+
+
+def _free_shafts(draft: Draft) -> None:
+    for pinion in list(draft.bodies):
+        if pinion not in draft.bodies:
+            continue
+        bearing = _bearing(draft, pinion, 1)
+        links = _joints(draft, pinion, COUPLINGS)
+        if bearing is None or len(links) != 1:
+            continue
+        chain = _free_chain(draft, pinion, links[0])
+        if chain:
+            _take_free_shaft(draft, pinion, bearing, chain)
+
+
+def _free_chain(draft: Draft, pinion: str, link: Hold) -> list[str]:
+    """The shafts behind a coupling, one after the other, if nothing else holds the last one from turning."""
+    chain: list[str] = []
+    last = link
+    while True:
+        body = draft.other(last).body
+        if body not in draft.bodies or body in (*chain, pinion, draft.chassis):
+            return []
+        chain.append(body)
+        rest = [h for h in draft.holds(body) if h.name != last.name]
+        couplings = [h for h in rest if h.section == 'joints' and draft.spec(h).kind in COUPLINGS]
+        if len(rest) == 1 and couplings:
+            last = couplings[0]
+            continue
+        free = rest and all(h.section == 'joints' and draft.spec(h).kind in ('spherical', 'point_on_line') for h in rest)
+        return chain if free and len(rest) == 2 else []
+
+
+def _take_free_shaft(draft: Draft, pinion: str, bearing: Bearing, chain: list[str]) -> None:
+    axis = bearing.frame.R[:, 2]
+    turning = 0.0
+    before = pinion
+    for shaft in chain:
+        joint = next(h for h in draft.holds(shaft) if draft.other(h).body == before)
+        at = draft.placed(getattr(draft.spec(joint), joint.field)).p
+        rest = [h for h in draft.holds(shaft) if h.name != joint.name]
+        ends = [(draft.other(h).body, draft.placed(draft.other(h)).p) for h in rest]
+        turning += without_disc(draft, shaft, unit(ends[-1][1] - at))
+        draft.drop('joints', joint.name)
+        if len(ends) == 2:  # the last one: where it hangs and where it is guided
+            for h in rest:
+                draft.drop('joints', h.name)
+        (near, a), (far, b) = ends if len(ends) == 2 else (ends[0], (pinion, at))
+        _carried(draft, shaft, near, a, far, b, draft.chassis)
+        before = shaft
+    angle = draft.coordinates_of(bearing.joint.name)[0]
+    draft.drop('joints', bearing.joint.name)
+    draft.put('joints', bearing.joint.replace(name=angle, kind='revolute'))
+    add_disc(draft, pinion, axis, turning)
+    draft.lose(f'non-uniformity and whirl of {", ".join(chain)}')
+
+
+def _carried(draft: Draft, body: str, near: str, a: np.ndarray, far: str, b: np.ndarray, base: str) -> None:
+    """Share a body between two supports like its weight, and remove it; base: where what its inertia is less goes."""
+    mass, com, inertia = draft.bodies[body].mass, draft.com(body), draft.inertia(body)
+    line = b - a
+    share = min(max(float(product(com - a, line)) / float(product(line, line)), 0.0), 1.0)
+    at = a + share * line
+    draft.drop('bodies', body)
+    aside = com - at  # what the line does not pass through stays where it is, with both
+    draft.add_mass(far, share * mass, b + aside, np.zeros((3, 3)))
+    rest = inertia - spread(share * mass, b + aside - com) - spread((1.0 - share) * mass, a + aside - com)
+    draft.add_mass(near, (1.0 - share) * mass, a + aside, np.zeros((3, 3)))
+    draft.add_inertia(base, rest, body)
+
+
+# -- steering columns ----------------------------------------------------------------------------------------------------------
+
+
+class Column(NamedTuple):
+    """A chain of two bearings with two universal joints and a telescope between: bodies and joints from the driven end on."""
+
+    wheel: str
+    near: Bearing
+    upper: JointSpec
+    shafts: tuple[str, str]
+    slide: str
+    lower: JointSpec
+    pinion: str
+    far: Bearing
+
+
+def _columns(draft: Draft) -> None:
+    for column in _all_columns(draft):
+        _take_column(draft, column)
+
+
+def _all_columns(draft: Draft) -> list[Column]:
+    driven = {name for coupler in draft.sections['couplers'].values() if coupler.input is not None for name, _ in coupler.terms}
+    return [column for wheel in draft.bodies if (column := _column(draft, wheel, driven)) is not None]
+
+
+def straight_columns(draft: Draft, *, look: bool = False) -> bool:
+    """Whether there are steering columns. Unless only a look is wanted: the gears turn with the steering wheels, without joints between."""
+    columns = _all_columns(draft)
+    if not look:
+        for column in columns:
+            _take_column(draft, column)
+        for mesh in list(draft.sections['transmissions'].values()):
+            draft.drop('transmissions', mesh.name)
+            draft.put('coordinate_forces', CoordinateForceSpec(name=mesh.name, terms=mesh.terms, spring=mesh.spring, damper=mesh.damper))
+    return bool(columns)
+
+
+# -- torsion of the driveline --------------------------------------------------------------------------------------------------
+
+
+def without_torsion(draft: Draft, *, look: bool = False) -> bool:
+    """Whether a propeller shaft turns with outputs through an elastic final drive. Unless only a look is wanted: it turns with their mean.
+
+    Its inertia over the square of the ratio turns by equal parts with the outputs: exact for equal speeds.
+    """
+    found = False
+    for drive in list(draft.sections['coordinate_forces'].values()):
+        pinion = _pinion(draft, drive)
+        if pinion is None:
+            continue
+        found = True
+        if not look:
+            _take_pinion(draft, drive, pinion)
+    return found
+
+
+def _pinion(draft: Draft, drive: CoordinateForceSpec) -> str | None:
+    """The body of the last term of a final drive, which turns with nothing but free shafts."""
+    if len(drive.terms) != 3 or drive.spring is None or drive.input is not None:
+        return None
+    *_, (angle, _) = drive.terms
+    joint = next((j for j in draft.sections['joints'].values() if angle in draft.coordinates_of(j.name)), None)
+    return joint.j.body if joint is not None and draft.uses(angle) == [drive.name] else None
+
+
+def _take_pinion(draft: Draft, drive: CoordinateForceSpec, pinion: str) -> None:
+    _free_shafts(draft)
+    *outputs, (angle, share) = drive.terms
+    joint = next(j for j in draft.sections['joints'].values() if angle in draft.coordinates_of(j.name))
+    axis = draft.placed(joint.i).R[:, 2]
+    turning = without_disc(draft, pinion, axis) / (share * share)
+    draft.drop('coordinate_forces', drive.name)
+    draft.drop('joints', joint.name)
+    draft.merge(pinion, joint.i.body)
+    total = sum(abs(factor) for _, factor in outputs)
+    for name, factor in outputs:
+        coordinate = next((c for j in draft.sections['joints'].values() for c in joint_coordinates(j) if c.name == name), None)
+        coordinate = coordinate or draft.sections['coordinates'][name]
+        # half of the inertia of the mean: at equal speeds the same energy
+        add_disc(draft, coordinate.j.body, draft.placed(coordinate.j).R[:, 2], turning * abs(factor) * total)
+
+
+def _column(draft: Draft, wheel: str, driven: set[str]) -> Column | None:
+    near, first = _bearing(draft, wheel, 1), _joints(draft, wheel, ('universal',))
+    if near is None or len(first) != 1 or near.joint.name not in driven:
+        return None
+    shaft = draft.other(first[0]).body
+    slides = _joints(draft, shaft, ('prismatic',)) if shaft in draft.bodies else []
+    if len(slides) != 1 or len(draft.holds(shaft)) != 2 or draft.uses(slides[0].name):
+        return None
+    other = draft.other(slides[0]).body
+    second = _joints(draft, other, ('universal',))
+    if len(second) != 1 or len(draft.holds(other)) != 2:
+        return None
+    pinion = draft.other(second[0]).body
+    far = _bearing(draft, pinion, 1) if pinion in draft.bodies else None
+    if far is None:
+        return None
+    return Column(wheel, near, draft.spec(first[0]), (shaft, other), slides[0].name, draft.spec(second[0]), pinion, far)
+
+
+def _take_column(draft: Draft, column: Column) -> None:
+    angle, driving = column.far.joint.name, column.near.joint.name
+    meshes = [f for f in draft.sections['coordinate_forces'].values() if angle in {name for name, _ in f.terms}]
+    if len(meshes) != 1 or len(meshes[0].terms) != 2 or meshes[0].input is not None or draft.uses(angle) != [meshes[0].name]:
+        return
+    mesh: CoordinateForceSpec = meshes[0]
+    harmonics, sense = _harmonics(draft, column)
+    (own,) = (f for name, f in mesh.terms if name == angle)
+    (other,) = (term for term in mesh.terms if term[0] != angle)
+    if mesh.reference != 0.0 or mesh.preload != 0.0:
+        return
+    draft.drop('coordinate_forces', mesh.name)
+    draft.put(
+        'transmissions',
+        TransmissionSpec(
+            name=mesh.name, terms=(other, (driving, own * sense)), harmonics=harmonics, spring=mesh.spring, damper=mesh.damper
+        ),
+    )
+    up, low = draft.placed(column.upper.i).p, draft.placed(column.lower.i).p
+    axis = column.near.frame.R[:, 2]
+    turning = without_disc(draft, column.pinion, column.far.frame.R[:, 2])
+    for name in (column.upper.name, column.slide, column.lower.name, angle):
+        draft.drop('joints', name)
+    upper, lower = column.shafts
+    turning += without_disc(draft, upper, unit(up - low)) + without_disc(draft, lower, unit(up - low))
+    draft.merge(lower, upper)
+    _carried(draft, upper, column.near.base, up, column.far.base, low, draft.chassis)
+    draft.merge(column.pinion, column.far.base)
+    add_disc(draft, column.wheel, axis, turning)
+    draft.lose(f'motion of {column.pinion}, {upper} and {lower} against each other')
+
+
+def _turned(axis: np.ndarray, angle: float, v: np.ndarray) -> np.ndarray:
+    """The vector turned about a unit axis."""
+    return math.cos(angle) * v + math.sin(angle) * np.cross(axis, v) + (1.0 - math.cos(angle)) * float(product(axis, v)) * axis
+
+
+def _harmonics(draft: Draft, column: Column) -> tuple[tuple[float, float, float, float], float]:
+    """(a_2, b_2, a_4, b_4 [rad] of the angle at the far bearing over that at the near one, its sense of rotation).
+
+    A universal joint keeps the pin on its body i perpendicular to the pin on j; the shaft turns about the line of the joint centres.
+    """
+    up, low = column.upper, column.lower
+    shaft = unit(draft.placed(up.i).p - draft.placed(low.i).p)
+    near, far = column.near.frame.R[:, 2], column.far.frame.R[:, 2]
+    # pins on: the wheel and the shaft (above), the pinion and the shaft (below)
+    wheel_pin, top_pin = _pins(draft, up, column.wheel)
+    pinion_pin, foot_pin = _pins(draft, low, column.pinion)
+    angles, before = [], (0.0, 0.0)
+    for k in range(SAMPLES):
+        x = 2.0 * math.pi * k / SAMPLES
+        pin = _turned(near, x, wheel_pin)
+        turn = _perpendicular(shaft, top_pin, pin, before[0])
+        after = _perpendicular(far, pinion_pin, _turned(shaft, turn, foot_pin), before[1])
+        before = (turn, after)
+        angles.append(after)
+    sense = 1.0 if angles[SAMPLES // 4] > 0.0 else -1.0
+    rest = [sense * angle - 2.0 * math.pi * k / SAMPLES for k, angle in enumerate(angles)]
+
+    def part(n: int) -> tuple[float, float]:
+        turns = [2.0 * math.pi * n * k / SAMPLES for k in range(SAMPLES)]
+        return (
+            2.0 / SAMPLES * sum(r * math.sin(t) for r, t in zip(rest, turns, strict=True)),
+            2.0 / SAMPLES * sum(r * math.cos(t) for r, t in zip(rest, turns, strict=True)),
+        )
+
+    return (*part(2), *part(4)), sense
+
+
+def _pins(draft: Draft, joint: JointSpec, body: str) -> tuple[np.ndarray, np.ndarray]:
+    """Directions of the pins of a universal joint in the design position: on the body, on the other one (x of i, y of j)."""
+    x, y = draft.placed(joint.i).R[:, 0], draft.placed(joint.j).R[:, 1]
+    return (x, y) if joint.i.body == body else (y, x)
+
+
+def _perpendicular(axis: np.ndarray, pin: np.ndarray, other: np.ndarray, near: float) -> float:
+    """The angle about the axis next to `near` at which the turned pin is perpendicular to the other."""
+    c, s = float(product(pin, other)), float(product(np.cross(axis, pin), other))
+    along = float(product(axis, pin)) * float(product(axis, other))
+    assert abs(along) < 1e-9, 'a pin of a universal joint is perpendicular to its shaft'
+    angle = math.atan2(-c, s)
+    return angle + math.pi * round((near - angle) / math.pi)

@@ -1,0 +1,135 @@
+"""Switches: what is off is not in the model, and the report says what is on, what is off, and why."""
+
+from __future__ import annotations
+
+import pytest
+
+import solver
+from solver.analysis.figures import mass_figures
+from solver.files.scene import load_scene
+from solver.levels import derive
+from solver.levels.condensed import condensed
+from solver.levels.switches import RULES, switched
+from solver.model.compile import compile_model
+from solver.model.spec import ModelSpec
+from solver.scene import SUBSYSTEMS
+
+# bodies, rows and elements that are gone, in the full car and in the condensed one
+GONE = {
+    'engine_mounts': ((1, 0, {'bushings': 3}), (1, 0, {'bushings': 2})),
+    'subframes': ((2, 0, {'bushings': 3}), (2, 0, {'bushings': 3})),
+    'steering_column': ((3, 18, {}), (0, 0, {'transmissions': 1, 'coordinate_forces': -1})),
+    'driveline_torsion': ((3, 17, {'coordinate_forces': 1}), (1, 5, {'coordinate_forces': 1})),
+    'anti_roll_bars': ((8, 28, {'bushings': 4, 'coordinate_forces': 2}), (0, 0, {'coordinate_forces': 2})),
+    'drag': ((0, 0, {'aero_drags': 1}), (0, 0, {'aero_drags': 1})),
+}
+
+
+def model(*overrides: str) -> ModelSpec:
+    return load_scene('car_rough_road', overrides).model
+
+
+def off(given: ModelSpec, name: str) -> ModelSpec:
+    return switched(given, {name: 'off'})[0]
+
+
+def test_every_subsystem_of_the_key_has_a_rule() -> None:
+    assert tuple(RULES) == SUBSYSTEMS
+
+
+@pytest.mark.parametrize('name', GONE)
+def test_what_is_off_costs_nothing(name: str) -> None:
+    """Counted where it costs: bodies, rows and entries in the tables of the compiled model."""
+    for level, (bodies, rows, elements) in zip((lambda m: m, lambda m: condensed(m)[0]), GONE[name], strict=True):
+        with_it, without = level(model()), level(off(model(), name))
+        large, small = compile_model(with_it), compile_model(without)
+        assert large.n_bodies - small.n_bodies == bodies
+        assert large.n_rows - small.n_rows == rows
+        for kind, count in elements.items():
+            assert len(getattr(with_it, kind)) - len(getattr(without, kind)) == count, kind
+
+
+def test_turn_slip_costs_a_state_of_each_tire() -> None:
+    given = load_scene('light_car_step_steer').model
+    if not any(tire.turn_slip for tire in given.tires):
+        given = load_scene('light_car_step_steer', ['vehicle.front.turn_slip=true']).model
+    with_it, without = compile_model(given), compile_model(off(given, 'turn_slip'))
+    turning = sum(tire.turn_slip for tire in given.tires)
+    assert turning > 0
+    assert with_it.n_internal - without.n_internal == turning
+
+
+def test_an_even_road_has_no_grids_and_keeps_its_friction() -> None:
+    given = load_scene('car_rough_road', ['road.patches=[{center: [0, 0], size: [10, 10], factor: 0.5}]']).model
+    flat = off(given, 'road_unevenness')
+    assert given.road.grids
+    assert flat.road.grids == ()
+    assert flat.road.patches == given.road.patches
+
+
+def test_without_stops_springs_and_dampers_stay() -> None:
+    for scene in ('car_step_steer', 'light_car_step_steer'):
+        given = load_scene(scene).model
+        without = off(given, 'stops')
+        laws = [force.spring for force in (*without.spring_dampers, *without.coordinate_forces) if force.spring is not None]
+        assert len(compile_model(without).tables.laws.start) < len(compile_model(given).tables.laws.start)
+        assert all(len(law.x) == 1 for law in laws), 'springs and bars are linear; what is left has no dead travel'
+        assert {s.name for s in given.spring_dampers} == {s.name for s in without.spring_dampers}
+
+
+@pytest.mark.parametrize('name', ['engine_mounts', 'subframes', 'steering_column', 'driveline_torsion'])
+def test_what_is_made_rigid_keeps_its_mass(name: str) -> None:
+    """The inertia of a propeller shaft turns with the wheels afterwards: by the square of the ratio more, about their axes."""
+    before, after = mass_figures(model()), mass_figures(off(model(), name))
+    for key in ('mass', 'com_x', 'com_y', 'com_z'):
+        assert after[key] == pytest.approx(before[key], rel=1e-12, abs=1e-12)
+    for key in ('roll_inertia', 'yaw_inertia'):
+        assert after[key] == pytest.approx(before[key], rel=1e-3)
+
+
+def test_the_report_names_every_subsystem_and_why() -> None:
+    scene = load_scene('car_step_steer', ['fidelity=condensed', 'switches.drag=off', 'switches.stops=on'])
+    report = {s.subsystem: s for s in derive(scene).report.switched}
+    assert tuple(report) == SUBSYSTEMS
+    assert (report['drag'].on, report['drag'].why) == (False, 'switched off in the scene')
+    assert (report['stops'].on, report['stops'].why) == (True, 'switched on in the scene')
+    assert (report['road_unevenness'].on, report['road_unevenness'].why) == (False, 'the vehicle or its road has none')
+    assert report['anti_roll_bars'].on
+    assert 'element aero' in derive(scene).report.absent
+
+
+def test_switches_that_are_on_leave_the_model_alone() -> None:
+    given = model()
+    assert switched(given, dict.fromkeys(SUBSYSTEMS, 'on'))[0] is given
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('fidelity', ['full', 'condensed'])
+def test_a_car_without_anything_drives_on(fidelity: str) -> None:
+    """All off: it starts in equilibrium, steps, and its energy account closes."""
+    overrides = [f'fidelity={fidelity}', *(f'switches.{name}=off' for name in SUBSYSTEMS)]
+    simulation = solver.simulation_of(load_scene('car_step_steer', overrides))
+    snapshot = simulation.advance(500)
+    assert snapshot.counters.stagnated == 0
+    speed = snapshot.twist[simulation.channels.chassis or 0, 0]
+    assert 21.0 < speed < 23.0
+    assert simulation.totals()['energy_error_max'] < 5.0
+    assert simulation.level is not None
+    assert not any(s.on for s in simulation.level.switched)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', ['relaxation', 'camber'])
+def test_what_a_tire_leaves_out_changes_its_force(name: str) -> None:
+    """Relaxation: the side force follows a step of the steering at once. Camber: a cambered wheel that rolls straight pushes less."""
+    runs = []
+    for state in ('on', 'off'):
+        overrides = [f'switches.{name}={state}', 'maneuver.steering={kind: step, value: 0.5, start: 0.05, rise: 0.02}']
+        simulation = solver.simulation_of(load_scene('car_step_steer', overrides))
+        wheel = simulation.channels.wheels.index('front_left')
+        runs.append([float(simulation.advance(1).tire[wheel, 1]) for _ in range(90)])
+    if name == 'relaxation':  # 0.5 m at 22 m/s are 22 ms
+        reached = [next(k for k in range(50, 90) if abs(run[k] - run[49]) > 300.0) for run in runs]
+        assert reached[1] + 4 <= reached[0]
+    else:
+        assert abs(runs[0][20] - runs[1][20]) > 5.0
