@@ -34,6 +34,7 @@ from solver.step.adaptation import Adaptation, is_idle
 from solver.step.augmented_lagrangian import MOST_ITERATIONS, advance, perform
 from solver.step.constraint_coefficients import ConstraintCoefficients, coefficients_of, mass_factors, weigh
 from solver.step.control import Event
+from solver.step.extrapolation import extrapolate
 from solver.step.work import (
     BAD_INPUT,
     INACCURATE,
@@ -51,6 +52,7 @@ from solver.step.work import (
 if TYPE_CHECKING:
     from solver.levels.derived import LevelReport
 
+ROUNDING_PENALTY = 1e7  # with larger ones solutions of the condensed form of a car have errors that show (docs/formulation.md, "Rounding")
 LARGEST_TURN_PER_STEP = 1.0  # rad; the iteration contracts by about the turn of a body per step (docs/decisions/0002)
 
 
@@ -113,9 +115,12 @@ class Simulation:
         self._frame = Ref(frame)
         self.adaptation: Adaptation | None = None
         if settings.adapts and settings.kind in Simulation.KINDS:
-            self.adaptation = Adaptation(
-                self.model, settings, self.scheme, self._work, 0.5 if settings.step_policy == 'error' else scheme['af']
-            )
+            hold = 0.5 if settings.step_policy == 'error' else scheme['af']
+            fourth = 0
+            if settings.order == 4:
+                masses = Ref(new_saddle(self.model, CONDENSED))
+                fourth = address_of(extrapolate, self.model.tables, masses, *arguments[2:], True, self._work)
+            self.adaptation = Adaptation(self.model, settings, self.scheme, self._work, hold, fourth)
         self._states = [Ref(new_state(self.model)), Ref(new_state(self.model))]
         self._initial = new_state(self.model)
         self._inputs = np.zeros(len(scene.model.inputs))
@@ -357,6 +362,8 @@ class Simulation:
             remedy = 'reduce integrator.h, or let such steps be divided (integrator.step_policy: rescue)'
         else:
             remedy = f'not even with {smallest}: {remedy} or raise the penalties'
+        if integrator.form == 'condensed' and self.scheme.penalty.max(initial=0.0) > ROUNDING_PENALTY:
+            remedy = 'reduce integrator.penalty, whose rounding spoils the condensed matrix, or take integrator.form: block'
         tried = max(self.scheme.iterations, MOST_ITERATIONS if self.scheme.fixed == 1 else 0)
         return when + f'no convergence in {tried} iterations (residual {result.counters.residual:.2g}{name}); {remedy}'
 

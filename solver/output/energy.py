@@ -108,6 +108,33 @@ def update_energy(tables, kin, outputs, lam, phi_t, h, account):
     account[ENERGY] = energy
 
 
+@kernel(inner=True)
+def power_now(tables, outputs, lam, phi_t):
+    """Dissipated minus supplied power [W], as update_energy() has it."""
+    loss = 0.0
+    for k in range(tables.forces.shape[0]):
+        at = tables.forces[k, OUTPUT]
+        for _ in range(tables.forces[k, COUNT]):
+            loss += outputs[at + 1]
+            at += tables.forces[k, WIDTH]
+    for i in range(lam.shape[0]):
+        loss += lam[i] * phi_t[i]
+    return loss
+
+
+@kernel(inner=True)
+def refine_work(account, h, before, middle, worst, at):
+    """Integrate the power over the last step, h [s], by Simpson's rule instead: it was `before` and, in the middle, `middle` [W].
+
+    worst, at: largest error [J] and its time [s] before that step.
+    """
+    account[WORK] += h / 6.0 * (4.0 * middle - 2.0 * (before + account[POWER]))
+    error = abs(account[ENERGY] - account[REFERENCE] + account[WORK])
+    account[WORST], account[WORST_AT] = worst, at
+    if error > worst:
+        account[WORST], account[WORST_AT] = error, account[TIME]
+
+
 @kernel(borrow=True)
 def note_residuals(constraints, residual, position, velocity, phi, rate, a, a_before, account):
     """Note what is largest so far: the residual of the iteration, |phi| and |A v + phi_t| after a step, with time and place.

@@ -30,9 +30,9 @@ def is_idle(memory: dict[str, np.ndarray], h: float, penalty: np.ndarray) -> boo
 class Adaptation:
     """Advances a model over the output grid with steps and penalties of its own choice."""
 
-    def __init__(self, model: Model, settings: IntegratorSettings, scheme: Ref, work: Ref, hold: float) -> None:
+    def __init__(self, model: Model, settings: IntegratorSettings, scheme: Ref, work: Ref, hold: float, fourth: int) -> None:
         self.model, self.scheme, self.work = model, scheme, work
-        self.control = new_control(model, settings, hold)
+        self.control = new_control(model, settings, hold, fourth)
         self.events: list[Event] = []
         self.abandoned = False  # the last advance() left an interval again, because somebody asked for it
         self._progress, self._counts = self.values.progress, self.values.counts

@@ -5,7 +5,7 @@ velocity satisfies A v + phi_t = -h^2 A e (solver.start.newton). When the next s
 that step expects them, or each change would cost an order. What was moved is put back, because the step may not be accepted.
 
 *Error.* Two steps of h/2 are compared with one of h from the same start; a third of the difference is the local error of the two (second
-order, [Hairer1993] II.4).
+order, [Hairer1993] II.4). With `order: 4` the state that goes on is the one extrapolated from both (solver.step.extrapolation).
 """
 
 from __future__ import annotations
@@ -13,7 +13,8 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from solver.compiled.by_reference import assign
-from solver.compiled.kernel import NO, kernel
+from solver.compiled.kernel import NO, invoke, kernel
+from solver.output.energy import POWER, WORST, WORST_AT, power_now, refine_work
 from solver.output.snapshot import Counters
 from solver.step.augmented_lagrangian import keep_account
 from solver.step.control import copy_table, copy_vector
@@ -115,6 +116,7 @@ def single(tables, c, control, old, new, h, end, now, t, outputs, audit, work):
 def pair(tables, c, control, old, new, h, begin, end, now, t, outputs, audit, work):
     """Two steps of size h from the fraction `begin` of the interval to `end`, compared with one of 2 h."""
     middle = 0.5 * (begin + end)
+    fourth = control.fourth != 0
     u = now
     if end != 1.0:
         inputs_inside(control.motion, control.grid, work.u_before, now, end, control.u_end)
@@ -127,13 +129,15 @@ def pair(tables, c, control, old, new, h, begin, end, now, t, outputs, audit, wo
     if result.status != OK:
         return _judged(result, total, 0.0)
     copy_table(work.v_out, control.kept.v_full)
-    half, follow = control.half, hold - (1.0 - middle)
-    total = added(total, take(tables, c, control, old, history, half, first, h, control.u_middle, t, audit, audit, follow, work))
+    half, follow, kept = control.half, hold - (1.0 - middle), audit and not fourth
+    total = added(total, take(tables, c, control, old, history, half, first, h, control.u_middle, t, audit, kept, follow, work))
     one = last_result(work)
     if one.status != OK:
         return _judged(one, total, 0.0)
+    power = power_now(tables, work.outputs, work.lam_out, work.phi_t) if fourth and audit else 0.0
     follow = hold - (1.0 - end)
-    total = added(total, take(tables, c, control, half, first, new, last, h, u, t + h, outputs, audit, follow, work))
+    shown = outputs and not fourth
+    total = added(total, take(tables, c, control, half, first, new, last, h, u, t + h, shown, kept, follow, work))
     two = last_result(work)
     if two.status != OK:
         return _judged(two, total, 0.0)
@@ -144,7 +148,34 @@ def pair(tables, c, control, old, new, h, begin, end, now, t, outputs, audit, wo
         error = max(error, two.counters.residual)
     both = added(one.counters, two.counters)
     most = max(one.counters.iterations, two.counters.iterations)
-    return Attempt(OK, 0, most, both.stagnated > 0, error / (2.0 * h), total)
+    if fourth:
+        invoke(control.fourth, (tables, control.masses, control.full, new, u, outputs, work))
+        end_state = last_result(work)
+        total = added(total, end_state.counters)
+        if end_state.status != OK:
+            return _judged(end_state, total, 0.0)
+        _carry_offset_on(history, first, last, h, new, work)
+        if audit:
+            account = work.energy
+            before, worst, at = account[POWER], account[WORST], account[WORST_AT]
+            n = added(both, end_state.counters)
+            keep_account(tables, 2.0 * h, follow, new, u, n, work)
+            refine_work(account, 2.0 * h, before, power, worst, at)
+    rate = error / (2.0 * h) if control.by_error == 1 else 0.0
+    return Attempt(OK, 0, most, both.stagnated > 0, rate, total)
+
+
+@kernel(inner=True)
+def _carry_offset_on(begin, middle, end, h, new, work):
+    """Give the state `new`, with the projected velocity work.v_out, the smooth part of what velocities violate for steps of h; they
+    alternate about it. begin, middle, end: histories before, between and after two steps of h; that of the end becomes the state's.
+    """
+    grown = (h / begin.size[0]) ** 2
+    for b in range(new.v.shape[0]):
+        for i in range(6):
+            smooth = 0.25 * (grown * begin.offset[b, i] + 2.0 * middle.offset[b, i] + end.offset[b, i])
+            end.offset[b, i] = smooth
+            new.v[b, i] = work.v_out[b, i] + smooth
 
 
 @kernel(inner=True)

@@ -10,6 +10,7 @@ import numpy as np
 from solver.compiled.by_reference import Ref
 from solver.compiled.kernel import kernel
 from solver.inputs.maneuver import ACCELERATION, RATE, is_motion
+from solver.model.saddle import CONDENSED, Saddle, new_saddle
 from solver.model.state import State, new_state
 from solver.output.energy import LENGTH
 from solver.step.settings import IntegratorSettings
@@ -66,6 +67,7 @@ class Control(NamedTuple):
     """The control of one simulation. Its memory, history and the penalties are all that the future depends on."""
 
     by_error: int  # 1: the local error is controlled
+    fourth: int  # address of solver.step.extrapolation.extrapolate, 0: second order
     adaptive: int  # 1: penalties adapt
     group: int  # steps that are taken together
     h_ns: int  # the grid of inputs and outputs
@@ -87,6 +89,7 @@ class Control(NamedTuple):
     next: History  # after an attempt
     begin: State  # of the interval, once a part of it is done
     full: State  # after one step instead of two
+    masses: Saddle  # of order four, else empty
     half: State  # after the first of two steps
     kept: Kept
     u_middle: np.ndarray  # (nu,) inputs after the first of two steps
@@ -98,27 +101,30 @@ def new_history(model) -> History:
     return History(np.zeros(2), np.zeros((model.n_bodies + 1, 6)), np.zeros(model.n_internal))
 
 
-def new_control(model, settings: IntegratorSettings, hold: float) -> Ref:
-    """Allocate for a model (Control, by reference). hold: see there."""
+def new_control(model, settings: IntegratorSettings, hold: float, fourth: int) -> Ref:
+    """Allocate for a model (Control, by reference). hold, fourth: see there."""
     nb, nc, nz, names = model.n_bodies, model.n_rows, model.n_internal, model.spec.inputs
     by_error, adaptive = settings.step_policy == 'error', settings.penalty_policy == 'adaptive'
     motions = [n for n in names if is_motion(n, names)]
     raises = 1 + max(1, math.ceil(math.log10(settings.penalty_cap / settings.penalty))) if adaptive else 0
     reserve = 4 + (3 * raises + 4) * nc
+    masses = new_saddle(model, CONDENSED)
+    if not fourth:
+        masses = Saddle(*(np.zeros((1, *array.shape[1:])) for array in masses))
     six = lambda: np.zeros((nb + 1, 6))  # noqa: E731
     kept = Kept(
         memory=np.zeros(5), history=new_history(model), penalty=np.zeros(nc), energy=np.zeros(LENGTH), energy_before=np.zeros(LENGTH),
         penalty_before=np.zeros(nc), v=six(), a=six(), zd=np.zeros(nz), v_full=six(),
     )  # fmt: skip
     control = Control(
-        by_error=int(by_error), adaptive=int(adaptive), group=2 if by_error else 1,
+        by_error=int(by_error), fourth=fourth, adaptive=int(adaptive), group=2 if by_error or fourth else 1,
         h_ns=settings.h_ns, grid=settings.h_ns * 1e-9, hold=hold, h_min=settings.smallest_step,
         error_tolerance=settings.error_tolerance, tolerance=settings.tolerance, penalty_cap=settings.penalty_cap,
         base=np.full(nc, settings.penalty),
         motion=np.array([[names.index(n + end) for end in ('', RATE, ACCELERATION)] for n in motions], np.int64).reshape(-1, 3),
         memory=np.zeros(5), history=new_history(model), counts=np.zeros(3, np.int64), events=np.zeros((reserve + ROOM, 6)),
         reserve=reserve, progress=np.zeros(13), middle=new_history(model), next=new_history(model),
-        begin=new_state(model), full=new_state(model), half=new_state(model), kept=kept,
+        begin=new_state(model), full=new_state(model), masses=masses, half=new_state(model), kept=kept,
         u_middle=np.zeros(len(names)), u_end=np.zeros(len(names)),
     )  # fmt: skip
     return Ref(control)

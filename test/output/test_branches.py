@@ -9,8 +9,10 @@ import pytest
 
 from mbd_sim_ros.commands.main import main
 from solver import simulation_of
+from solver.analysis.verdict import findings
 from solver.compiled.so3 import quaternion_exp
 from solver.files.scene import load_scene
+from solver.model.state import copy_state
 from solver.output.branches import BranchWatch
 from solver.simulation import Simulation
 from solver.start.newton import ConsistentState
@@ -46,6 +48,22 @@ def test_a_blow_in_the_singular_position_decides_the_branch_and_is_counted(branc
     for event in s.branches.events:
         assert event.t == pytest.approx(0.39, abs=3e-3)
         assert event.turn > 0.3
+
+
+@pytest.mark.parametrize(('branch', 'found'), [('mirrored', 0), ('together', 1)])
+def test_divided_steps_that_come_out_on_the_other_branch_make_a_run_suspect(branch: str, found: int) -> None:
+    """What is looked at behind a step that failed: the state before the passage, and one behind it on either branch."""
+    s = simulation_of(load_scene('slider_crank'))
+    while s.advance().joint_position[0] < np.pi / 2 - 4e-3:
+        pass
+    assert s.adaptation is not None
+    copy_state(s.state, s.adaptation.values.begin)
+    passed = folded(branch)
+    passed.advance(3)
+    copy_state(passed.state, s.state)
+    s._look_at_rescue(s.k)
+    assert len(s.switches) == found
+    assert [f.quantity for f in findings(s)].count('branch_switches') == found
 
 
 @pytest.mark.parametrize('h', [0.01, 0.005, 0.002])

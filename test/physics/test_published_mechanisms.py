@@ -66,6 +66,32 @@ def test_squeezer_is_within_a_microradian_at_tight_tolerance():
     assert squeezer_error(h=2e-6, mode='tolerance', tolerance=1e-10, rho_inf=1) < 1e-6
 
 
+def test_squeezer_with_order_four_is_within_1e_7_at_a_few_times_the_cost():
+    """1500 steps of three iterations, each taken as one and as two: three iterations for one, and a factorization of the masses."""
+    settings = {'mode': 'fixed', 'iterations': 3, 'rho_inf': 1, 'form': 'condensed'}
+    coarse, fine = (squeezer_error(h=h, order=4, **settings) for h in (4e-5, 2e-5))
+    assert fine < 1e-7
+    assert np.log2(coarse / fine) > 3.7
+    second, fourth = (simulation('andrews', h=2e-5, order=order, **settings) for order in (2, 4))
+    for s in (second, fourth):
+        s.advance(100, audit=False)
+    one, three = second.totals(), fourth.totals()
+    assert three['iterations'] <= 3.5 * one['iterations']
+    assert three['evaluations'] <= 3.5 * one['evaluations']
+    assert three['factorizations'] <= 4 * one['factorizations']
+
+
+def test_governor_with_order_four_is_within_1e_6_at_2_ms():
+    """Against a quarter of the step, after 1 s, and fourth order between 1 and 0.5 ms; second order is 3.5e-5 off at 2 ms."""
+    poses = [
+        simulation('flyball_governor', h=h, order=4, mode='fixed', rho_inf=1).advance(round(1 / h), audit=False).pose
+        for h in (2e-3, 1e-3, 5e-4, 2.5e-4)
+    ]
+    errors = [np.abs(pose - poses[-1]).max() for pose in poses[:-1]]
+    assert errors[0] < 1e-6
+    assert np.log2(errors[1] / errors[2]) == pytest.approx(4.0, abs=0.6)
+
+
 def test_squeezer_modelled_in_space_has_nine_redundant_constraints():
     counts = simulation('andrews').describe()
     assert (counts['dof'], counts['constraint_rows'], counts['redundant_constraints']) == (1, 50, 9)

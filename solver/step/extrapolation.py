@@ -1,0 +1,193 @@
+"""Fourth order: two steps of half the size and one of the whole from the same start, extrapolated (Richardson; [Hairer1993] II.9).
+
+For rho_inf = 1 a step is the midpoint rule on the group of motions, with the impulse of the constraints along A of the midpoint. It is its
+own inverse with the sign of time reversed, so the error of the velocities and places after a time T has even powers of h alone, and
+(4 x_h/2 - x_h) / 3 is of fourth order; rotations are extrapolated along the geodesic between the two. Three things make it so:
+
+- The step maps positions on the constraints and velocities that violate them by A v + phi_t = -h^2 A e (solver.start.newton). Both
+  solutions begin with what belongs to their own h. Without, the violation that one step reflects disturbs it by O(h^4), and the
+  extrapolated run is of third order.
+- What a velocity violates is known from the steps before: it alternates about its smooth part with what it began with, so the mean of
+  three, (w_0 + 2 w_1 + w_2) / 4, is the smooth part, and nothing of it is carried on.
+- Both solutions satisfy phi = 0 and differ by O(h^3), so the extrapolated one violates it by O(h^6): nothing accumulates, because every
+  step ends on the constraints. Its velocity is projected, and accelerations and multipliers are those that belong to both.
+
+Internal states follow the same rule. What is of fourth order are motions that a step resolves; unresolved undamped ones grow, because
+(4 R(h/2)^2 - R(h)) / 3 exceeds one on the imaginary axis: by y^6 / 1152 per step with y = h omega.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver.compiled.kernel import YES, kernel
+from solver.compiled.so3 import log_quaternion, matrix_of_quaternion, quaternion_corrected, quaternion_exp, quaternion_product
+from solver.compiled.vec import load33, mv, scale, store33
+from solver.model.evaluate import add_constraint_forces, constraint_input_rates, constraint_rates, evaluate_constraints
+from solver.model.saddle import CONDENSED, assemble_tangent, effective_masses, factorize_saddle, solve_saddle
+from solver.model.state import update_angles
+from solver.step.augmentation import combine
+from solver.step.augmented_lagrangian import body_not_finite, outputs_at_end, position_drift
+from solver.step.stage import copy_rows, largest
+from solver.step.work import NON_FINITE, OK, SINGULAR
+
+THIRD = 1.0 / 3.0
+PENALTY = 1e6
+SPACING = 1e-3  # m or rad between the places at which the rows of the constraints are differenced
+PASSES = 10  # at most, of a projection or an acceleration
+EXACT = 1e-13  # relative
+
+
+@kernel(inner=True)
+def _combine_solutions(tables, full, s1, work):
+    """s1, its velocity in work.v_out, and work.kin_end become those extrapolated from s1 and the state `full`.
+
+    Velocities as the step has them: what they violate cancels but for O(h^3), and is projected off in the metric of the masses. The
+    projection of a step, in the metric of its matrix, would leave O(h^3) along the free directions.
+    """
+    for b in range(tables.bodies.mass.shape[0]):
+        for i in range(3):
+            s1.q[b, i] += THIRD * (s1.q[b, i] - full.q[b, i])
+            work.kin_end.p[b, i] = s1.q[b, i]
+        two = (s1.q[b, 3], s1.q[b, 4], s1.q[b, 5], s1.q[b, 6])
+        back = (-full.q[b, 3], -full.q[b, 4], -full.q[b, 5], full.q[b, 6])
+        turn = quaternion_exp(scale(THIRD, log_quaternion(quaternion_product(back, two))))
+        end = quaternion_corrected(quaternion_product(two, turn))
+        s1.q[b, 3], s1.q[b, 4], s1.q[b, 5], s1.q[b, 6] = end
+        store33(work.kin_end.R, b, matrix_of_quaternion(end))
+        for i in range(6):
+            work.v_out[b, i] = s1.v[b, i] + THIRD * (s1.v[b, i] - full.v[b, i])
+    for i in range(s1.z.shape[0]):
+        s1.z[i] += THIRD * (s1.z[i] - full.z[i])
+
+
+@kernel(inner=True)
+def _factorize_masses(tables, masses, work):
+    """Factorize the masses with the constraints at work.J_end; returns -1 or a bad node. Masses as they are, zero where a body has none:
+    another metric would leave part of what is projected off.
+    """
+    effective_masses(tables, work.J_end, masses.W)
+    for i in range(work.rate.shape[0]):
+        masses.W[i] *= PENALTY
+    for e in range(1, work.J_end.shape[0]):
+        for r in range(6):
+            for i in range(6):
+                masses.J_force[e, r, i] = work.J_end[e, r, i]
+                masses.J_row[e, r, i] = work.J_end[e, r, i]
+    assemble_tangent(tables, 1.0, 0.0, 0.0, work.Kq, work.Kv, work.T_end, masses.B)
+    work.augmentation.known[0] = 0
+    return factorize_saddle(tables, CONDENSED, masses)
+
+
+@kernel(inner=True)
+def _close_velocity(tables, masses, work):
+    """Project work.v_out with the factorized masses; returns the largest violation left."""
+    worst, before = 0.0, np.inf
+    copy_rows(work.formulation.zero, work.r)
+    for k in range(PASSES):
+        constraint_rates(tables.constraints, work.J_end, work.v_out, work.rate)
+        worst, fastest = 0.0, 1.0
+        for i in range(work.rate.shape[0]):
+            work.rate[i] += work.phi_t[i]
+            worst = max(worst, abs(work.rate[i]))
+        for b in range(tables.bodies.mass.shape[0]):
+            fastest = max(fastest, largest(work.v_out, b))
+        if worst <= EXACT * fastest or not worst < 0.5 * before or k == PASSES - 1:
+            break
+        before = worst
+        solve_saddle(tables, CONDENSED, masses, work.r, work.rate, work.dw, work.dlam)
+        combine(tables, CONDENSED, masses, work.augmentation, YES, EXACT, 0.0, work.rate, work.dw, work.dlam)
+        for b in range(tables.bodies.mass.shape[0]):
+            for i in range(6):
+                work.v_out[b, i] += work.dw[b, i]
+    return worst
+
+
+@kernel(inner=True)
+def _bias(tables, s, u, work):
+    """work.g = (dA/dt) v + phi_tt, by the fourth-order central difference of A v along the motion with frozen v; kin_stage is scratch."""
+    kin, v = work.kin_stage, work.v_out
+    fastest = 1.0
+    for b in range(tables.bodies.mass.shape[0]):
+        fastest = max(fastest, largest(v, b))
+    d = SPACING / fastest
+    for i in range(work.g.shape[0]):
+        work.g[i] = work.phi_tt[i]
+    for k in range(4):
+        step = (-2.0, -1.0, 1.0, 2.0)[k] * d
+        weight = (1.0 / 12.0, -2.0 / 3.0, 2.0 / 3.0, -1.0 / 12.0)[k] / d
+        for b in range(tables.bodies.mass.shape[0]):
+            turn = quaternion_exp((step * v[b, 3], step * v[b, 4], step * v[b, 5]))
+            placed = quaternion_corrected(quaternion_product((s.q[b, 3], s.q[b, 4], s.q[b, 5], s.q[b, 6]), turn))
+            store33(kin.R, b, matrix_of_quaternion(placed))
+            for i in range(3):
+                kin.p[b, i] = s.q[b, i] + step * v[b, i]
+            for i in range(6):
+                kin.v[b, i] = v[b, i]
+        evaluate_constraints(tables, kin, s.angle, u, YES, work.phi_stage, work.J_stage)
+        constraint_rates(tables.constraints, work.J_stage, v, work.rate)
+        for i in range(work.g.shape[0]):
+            work.g[i] += weight * work.rate[i]
+
+
+@kernel(inner=True)
+def _accelerate(tables, masses, work):
+    """work.a_out and work.lam_out with M a = f + A^T lam and A a = -work.g, by augmentation with the factorized masses.
+
+    work.f holds the forces. From zero on, so that nothing is added to multipliers of redundant constraints that balance each other.
+    """
+    bodies, a, lam = tables.bodies, work.a_out, work.lam_out
+    copy_rows(work.formulation.zero, a)
+    for i in range(lam.shape[0]):
+        lam[i] = 0.0
+    for k in range(PASSES):
+        for b in range(bodies.mass.shape[0]):
+            turning = mv(load33(bodies.inertia, b), (a[b, 3], a[b, 4], a[b, 5]))
+            for i in range(3):
+                work.r[b, i] = bodies.mass[b] * a[b, i] - work.f[b, i]
+                work.r[b, 3 + i] = turning[i] - work.f[b, 3 + i]
+        add_constraint_forces(tables.constraints, work.J_end, lam, -1.0, work.r)
+        constraint_rates(tables.constraints, work.J_end, a, work.rate)
+        for i in range(work.rate.shape[0]):
+            work.rate[i] += work.g[i]
+        solve_saddle(tables, CONDENSED, masses, work.r, work.rate, work.dw, work.dlam)
+        combine(tables, CONDENSED, masses, work.augmentation, k == 0, EXACT, 0.0, work.rate, work.dw, work.dlam)
+        change, size = 0.0, 1.0
+        for b in range(bodies.mass.shape[0]):
+            for i in range(6):
+                a[b, i] += work.dw[b, i]
+                change = max(change, abs(work.dw[b, i]))
+                size = max(size, abs(a[b, i]))
+        for i in range(lam.shape[0]):
+            lam[i] += work.dlam[i]
+        if change <= EXACT * size:
+            break
+
+
+@kernel(inner=True)
+def extrapolate(tables, masses, full, s1, u, want_outputs, work):
+    """Make of s1, the state after two steps, and of `full`, that after one, the state of fourth order in s1 and work.v_out, with its
+    accelerations and multipliers when outputs are wanted. s1.v is left as it is. masses: a Saddle of the condensed form, whose rows
+    need no mass at every body.
+
+    For callers by address; status and counters are in work.result, as those of a step.
+    """
+    _combine_solutions(tables, full, s1, work)
+    update_angles(tables.coordinates, work.kin_end, s1.angle)
+    evaluate_constraints(tables, work.kin_end, s1.angle, u, YES, work.phi_end, work.J_end)
+    constraint_input_rates(tables, u, work.phi_t, work.phi_tt)
+    bad = _factorize_masses(tables, masses, work)
+    position = position_drift(tables, work)
+    velocity = _close_velocity(tables, masses, work)
+    if want_outputs:
+        outputs_at_end(tables, s1, u, work)
+        _bias(tables, s1, u, work)
+        _accelerate(tables, masses, work)
+    r = work.result
+    r[0], r[1] = OK, 0
+    if bad >= 0:
+        r[0], r[1] = SINGULAR, bad
+    elif body_not_finite(work) >= 0 or not np.isfinite(velocity + position):
+        r[0], r[1] = NON_FINITE, max(body_not_finite(work), 0)
+    r[2], r[3], r[4], r[5], r[6] = 0, 1, 1 if want_outputs else 0, 0, 0.0
+    r[7], r[8] = position, velocity
