@@ -141,6 +141,7 @@ class Search:
         workers: int | None = None,
         longest: float = LONGEST,
         unseen: int = UNSEEN,
+        levels: Sequence[str] = tuple(LEVELS),
         progress: Callable[[str, float], None] = lambda text, done: None,
     ) -> None:
         self.scene = dataclasses.replace(scene, fidelity='full', switches={}, resolved='')
@@ -148,6 +149,7 @@ class Search:
         if not self.requirements:
             raise SpecError(f'scene {scene.name!r}: no accuracy is required, so there is nothing to plan; add e.g. require: {EXAMPLE}')
         self.workers, self.unseen, self._longest, self._progress = workers, unseen, longest, progress
+        self._levels = levels  # that may take the place of the full vehicle
         self._begin, self._until = clock(), longest
         self.notes: list[str] = []
         channels = published(self.scene.model)
@@ -359,7 +361,7 @@ class Search:
     def find_levels(self) -> list[str]:
         """Levels whose model error leaves room; self.levels says why the others are out."""
         self.levels = {'full': ''}
-        for level in LEVELS:
+        for level in self._levels:
             self.say(f'model error of {level}')
             base = Setting(level=level)  # type: ignore[arg-type]
             self.levels[level] = self._out(base)

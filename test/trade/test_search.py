@@ -18,9 +18,9 @@ SHORT = ['duration=1', 'maneuver.steering.start=0.2']
 
 
 def searched(*requirements: str, unseen: int = 3, longest: float = 60.0) -> tuple[dict, Search]:
-    """A plan of the light car with these requirements, costs of a step being what they are on a quiet machine."""
+    """A plan of the full light car with these requirements, costs of a step being what they are on a quiet machine."""
     scene = solver.load_scene('light_car_step_steer', [*SHORT, *requirements])
-    search = Search(scene, unseen=unseen, workers=1, longest=longest)
+    search = Search(scene, unseen=unseen, workers=1, longest=longest, levels=())
     search._costs[Setting().model] = PerStep(14e-6, 5e-6, 1.0, 3.0)
     return plan(search), search
 
