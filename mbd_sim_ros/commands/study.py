@@ -28,7 +28,7 @@ def add(parsers: Any) -> None:
         'study',
         run,
         'put a question to many runs and write a report with pictures and tables',
-        'mbd study slider_crank --out out/slider_crank\n  mbd study trade car_step_steer --set duration=4',
+        'mbd study trade car_step_steer --set duration=4\n  mbd study mechanisms --n 1000 --seed 0',
     )
     parser.formatter_class = _Listing
     parser.add_argument('name', metavar='NAME', help='one of the studies below')
@@ -37,6 +37,8 @@ def add(parsers: Any) -> None:
     parser.add_argument('--workers', metavar='N', type=int, help='of the study trade: runs at a time (default: as many as there are cores)')
     parser.add_argument('--out', metavar='DIR', type=Path, help='directory of the report (default: out/NAME, or out/NAME/SCENE)')
     parser.add_argument('--quick', action='store_true', help='a few runs only: for a first look, not for conclusions')
+    parser.add_argument('--n', metavar='N', type=int, help='of the study mechanisms: how many of them')
+    parser.add_argument('--seed', metavar='SEED', type=int, help='of the study mechanisms: of their series (default: 0)')
     parser.add_argument('--strict', action='store_true', help='exit code 1 when a check is not met')
 
 
@@ -47,7 +49,7 @@ def run(args: argparse.Namespace) -> Result:
     from mbd_sim_ros.lab import studies as study
 
     options = _options(args)  # a wrong name makes no directory
-    out = args.out or Path('out') / args.name / (options['scene'].name if options else '')
+    out = args.out or Path('out') / args.name / (options['scene'].name if 'scene' in options else '')
     with tqdm(total=1.0, bar_format=BAR, disable=args.json or not sys.stderr.isatty(), leave=False) as bar:
 
         def progress(text: str, done: float) -> None:
@@ -72,16 +74,23 @@ def run(args: argparse.Namespace) -> Result:
 
 
 def _options(args: argparse.Namespace) -> dict[str, Any]:
-    """Scene and workers of a study that wants a scene. Raises SpecError where one is missing, or given to another study."""
+    """Scene and workers of a study that wants a scene, n and seed of one that draws samples. Raises SpecError where a scene is missing, or
+    one of them is given to another study."""
     from mbd_sim_ros.lab import studies
     from solver.errors import SpecError
     from solver.files.scene import load_scene
 
+    samples = {key: value for key in ('n', 'seed') if (value := getattr(args, key)) is not None}
+    if samples and not studies.draws(args.name):
+        raise SpecError(f'study {args.name!r}: draws no samples; remove {", ".join("--" + key for key in samples)}')
+    for key, least in (('n', 1), ('seed', 0)):
+        if samples.get(key, least) < least:
+            raise SpecError(f'--{key} = {samples[key]}: must be at least {least}')
     if not studies.of_scene(args.name):
         given = args.scene or (args.overrides and '--set') or (args.workers is not None and '--workers')
         if given:
             raise SpecError(f'study {args.name!r}: takes no scene, but {given!r} is given; remove it')
-        return {}
+        return samples
     if args.scene is None:
         raise SpecError(f'study {args.name!r}: the scene is missing; e.g. mbd study {args.name} car_step_steer')
     if args.workers is not None and args.workers < 1:

@@ -185,3 +185,41 @@ def test_work_precision_goes_on_with_the_problem_it_was_in(tmp_path, monkeypatch
     study()
     study()
     assert asked[3:] == [first, second] * 2
+
+
+@pytest.mark.slow
+def test_mechanisms_go_on_where_they_were_interrupted(capsys, tmp_path):
+    """Five of them, then seven: the first five are not computed again, and a line that is not whole is."""
+    drawn = quick_samples(capsys, tmp_path, 5)
+    assert drawn['missed'] == []
+    file = tmp_path / 'cells.jsonl'
+    lines = file.read_text().splitlines(keepends=True)
+    assert len(lines) == 1 + 5
+    first = json.loads(lines[1])
+    assert [run['h'] for run in first['runs']] == [0.01, 0.005, 0.002, 0.001, 0.0005]
+    marked = json.dumps({**first, 'reference': 'kept'}) + '\n'
+    file.write_text(''.join([lines[0], marked, *lines[2:5], lines[5][:20]]))
+    quick_samples(capsys, tmp_path, 7)
+    after = [json.loads(line) for line in file.read_text().splitlines()[1:]]
+    assert after[0]['reference'] == 'kept'
+    assert [row['cell'] for row in after[:5]] == [json.loads(line)['cell'] for line in lines[1:]]
+    assert len(after) == 7
+    file.write_text(''.join(['{"program": "another"}\n', *lines[1:]]))
+    quick_samples(capsys, tmp_path, 1)
+    assert len(file.read_text().splitlines()) == 1 + 1
+
+
+def quick_samples(capsys, out: Path, n: int) -> dict:
+    code, text, err = run(capsys, 'mechanisms', '--n', str(n), '--seed', '3', '--json', '--out', str(out))
+    assert (code, err) == (0, '')
+    return json.loads(text)
+
+
+def test_samples_are_for_studies_that_draw_them(capsys, tmp_path):
+    code, _, err = run(capsys, 'kandc', '--n', '3', '--out', str(tmp_path / 'new'))
+    assert (code, err.count('\n')) == (2, 1)
+    assert 'draws no samples' in err
+    assert not (tmp_path / 'new').exists()
+    code, _, err = run(capsys, 'mechanisms', '--n', '0', '--out', str(tmp_path / 'new'))
+    assert code == 2
+    assert '--n = 0: must be at least 1' in err

@@ -15,6 +15,9 @@ STUDIES names the module of every study. Such a module has
 A study of a scene of the user's choice has OF_SCENE = True, and study() takes scene (a Scene) and workers (runs at a time, None for
 as many as there are cores) too.
 
+One that draws random samples has DRAWS = True, and study() takes n and seed, their number (None: its own) and that of their series. Studies
+that take minutes keep their results in cells.py, cell by cell, so that they go on where they were interrupted.
+
 Conclusions in a report are computed from the numbers beside them. A study that needs an optional package and cannot do without it
 raises SpecError with one sentence that says how to install it; one that can leaves the part out and says so in the report. Errors of
 the user are MbdError; failures of single runs are results and belong into the tables. Nothing depends on the clock except where CPU
@@ -46,6 +49,7 @@ STUDIES: dict[str, str] = {  # name: module
     'car_cost': 'mbd_sim_ros.lab.studies.car_cost',
     'validation': 'mbd_sim_ros.lab.studies.validation',
     'levels': 'mbd_sim_ros.lab.studies.levels',
+    'mechanisms': 'mbd_sim_ros.lab.studies.mechanisms',
 }
 
 
@@ -61,8 +65,14 @@ def of_scene(name: str) -> bool:
     return getattr(module(name), 'OF_SCENE', False)
 
 
+def draws(name: str) -> bool:
+    """Whether a study draws samples. Raises SpecError for an unknown name."""
+    return getattr(module(name), 'DRAWS', False)
+
+
 def run(name: str, out: Path, *, quick: bool, progress: Progress, **options: Any) -> dict:
-    """Run a study into the directory `out`, made if need be; options: scene and workers of those that want a scene.
+    """Run a study into the directory `out`, made if need be; options: scene and workers of those that want a scene, n and seed of those
+    that draw samples.
 
     Raises SpecError, OSError and what the study raises.
     """
