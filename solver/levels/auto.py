@@ -22,7 +22,7 @@ from solver.levels.derived import Limit
 from solver.levels.kept import sources
 from solver.scene import Scene
 
-FIXED: dict[str, Any] = {'step_policy': 'constant', 'penalty_policy': 'constant'}
+FIXED: dict[str, Any] = {'step_policy': 'constant', 'penalty_policy': 'constant', 'order': 2}
 OK = 'ok'  # status of a plan that is certified
 
 

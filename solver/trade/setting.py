@@ -35,11 +35,11 @@ class Setting:
         return self.level, self.off
 
     def of(self, scene: Scene) -> Scene:
-        """The scene simulated this way, with constant step and penalties."""
+        """The scene simulated this way, with constant step and penalties and the method of second order."""
         mode: dict[str, Any] = {'mode': 'fixed', 'iterations': self.iterations}
         if self.iterations is None:
             mode = {'mode': 'tolerance', 'tolerance': self.tolerance}
-        mode |= {'kind': 'alf', 'h': self.h, 'rho_inf': self.rho_inf, 'step_policy': 'constant', 'penalty_policy': 'constant'}
+        mode |= {'kind': 'alf', 'h': self.h, 'rho_inf': self.rho_inf, 'step_policy': 'constant', 'penalty_policy': 'constant', 'order': 2}
         integrator = dataclasses.replace(scene.integrator, **(mode | dict(self.other)))
         return dataclasses.replace(scene, fidelity=self.level, switches=dict.fromkeys(self.off, 'off'), integrator=integrator)
 
