@@ -124,3 +124,12 @@ def named_modes(simulation: Simulation) -> dict[str, Mode]:
     found = modes(simulation)
     first = {name: next((mode for mode in found if mode.share(*where) > GOOD_PART), None) for name, where in wanted.items()}
     return {name: mode for name, mode in first.items() if mode is not None}
+
+
+def smallest_eigenvalue(K: np.ndarray, M: np.ndarray) -> float:
+    """Of K x = lambda M x, K positive semidefinite, M positive definite; only to be compared with a threshold."""
+    scale = np.sqrt(np.diag(M))
+    scaled = K / scale[:, None] / scale[None, :]
+    weight = M / scale[:, None] / scale[None, :]
+    values = np.linalg.eigvals(np.linalg.solve(weight, scaled))
+    return float(values.real.min())

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from solver.analysis.modes import smallest_eigenvalue
 from solver.compiled.portable import product
 from solver.elements.marker import WORLD
 from solver.levels.compliance import cross_matrix, rates
@@ -73,14 +74,5 @@ def slowest(draft: Draft, body: str, bushings: list[str]) -> float:
     M = np.zeros((6, 6))
     M[:3, :3] = draft.bodies[body].mass * np.eye(3)
     M[3:, 3:] = draft.inertia(body)
-    lowest = _smallest_eigenvalue(K, M)
+    lowest = smallest_eigenvalue(K, M)
     return math.sqrt(max(lowest, 0.0)) / (2.0 * math.pi)
-
-
-def _smallest_eigenvalue(K: np.ndarray, M: np.ndarray) -> float:
-    """Of K x = lambda M x, K positive semidefinite, M positive definite; only to be compared with a threshold."""
-    scale = np.sqrt(np.diag(M))
-    scaled = K / scale[:, None] / scale[None, :]
-    weight = M / scale[:, None] / scale[None, :]
-    values = np.linalg.eigvals(np.linalg.solve(weight, scaled))
-    return float(values.real.min())

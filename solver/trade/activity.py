@@ -13,7 +13,7 @@ import numpy as np
 from solver import simulation_of
 from solver.errors import MbdError
 from solver.levels import derive
-from solver.scene import SUBSYSTEMS, Scene
+from solver.scene import Scene
 from solver.trade.setting import Setting
 
 STEP = 2e-3  # s
@@ -41,10 +41,11 @@ def of_elements(scene: Scene, until: float) -> dict[str, float]:
 
 
 def of_subsystems(scene: Scene, until: float) -> dict[str, float]:
-    """Subsystem -> activity [J] of the elements that its switch removes; subsystems that cannot be off are left out."""
+    """Subsystem that is on -> activity [J] of the elements that its switch removes; those that cannot be off are left out."""
     elements = of_elements(scene, until)
     found = {}
-    for subsystem in SUBSYSTEMS:
+    there = [one.subsystem for one in derive(scene).report.switched if one.on]
+    for subsystem in there:
         try:
             absent = derive(Setting(off=(subsystem,)).of(dataclasses.replace(scene, resolved=''))).report.absent
         except MbdError:

@@ -18,6 +18,7 @@ def document(capsys: pytest.CaptureFixture[str], *argv: str) -> tuple[int, dict]
     return code, json.loads(capsys.readouterr().out)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_plan_is_written_and_fidelity_auto_takes_it(capsys, tmp_path: Path) -> None:
     code, refused = document(capsys, 'run', *SCENE, '--set', 'require={yaw_rate: {rms: 1.9 %}}', '--set', 'fidelity=auto', '--no-record')

@@ -118,7 +118,10 @@ def test_vector_functions_of_intel_are_off_whatever_is_imported_first(module):
 
 
 # Files of the solver whose results are only shown, that only judge, or that integrate independently of what they check.
-SHOWN = ('analysis/', 'reference/', 'output/branches.py', 'output/dependence.py', 'files/urdf.py', 'start/minimum.py')
+SHOWN = (
+    *('analysis/', 'reference/', 'trade/', 'quantities.py', 'output/branches.py', 'output/dependence.py', 'files/urdf.py'),
+    'start/minimum.py',
+)
 # Files that tell numba what to compile for these functions, or are compiled by way of that.
 FOR_NUMBA = ('compiled/dual.py', 'elements/coordinate.py')
 CHOSEN_BY_THE_PROCESSOR = {

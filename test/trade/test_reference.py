@@ -54,10 +54,10 @@ def test_a_driver_who_looks_once_a_step_makes_the_first_power_of_it() -> None:
 
 def test_a_failure_is_kept_and_a_reference_does_without_it() -> None:
     scene = solver.load_scene('light_car_step_steer', ['duration=0.2'])
-    missing = run(scene, Setting(off=('drag',), h=0.3), ['yaw_rate'])
+    missing = run(scene, Setting(level='auto', h=0.3), ['yaw_rate'])
     assert missing.failure
     assert missing.curves == {}
-    with pytest.raises(StepError, match='without drag'):
+    with pytest.raises(StepError, match='auto'):
         of_runs(scene, [missing, missing])
     with pytest.raises(Stopped):
         run(scene, Setting(), ['yaw_rate'], stop=lambda: True)
