@@ -56,7 +56,7 @@ def record(
     frame_prefix: put before every frame name. parameters: for the description. Raises BagError when the directory cannot be written.
     """
     scene, channels = simulation.scene, simulation.channels
-    messages = Messages.of(simulation, frame_prefix)
+    messages = Messages.of(scene, simulation, frame_prefix)
     metadata = describe(
         scene=scene.name,
         resolved_yaml=scene.resolved,

@@ -167,18 +167,23 @@ class Messages:
         self._lay_out(templates, filled, applied)
 
     @classmethod
-    def of(cls, simulation: Any, frame_prefix: str = '') -> Messages:
+    def of(cls, scene: Any, simulation: Any, frame_prefix: str = '') -> Messages:
         """The encoder of what a simulation (solver.simulation.Simulation or alike) shows, as its scene has it recorded."""
-        scene, channels = simulation.scene, simulation.channels
-        chassis = channels.chassis
+        channels, record = simulation.channels, scene.record
+        every = record.poses_every(simulation.h_ns * 1e-9)
+        links, at = [], (0.0, 0.0, 0.0)
+        if every:
+            model = simulation.scene.model  # of a level of detail it is not that of the scene that was asked for
+            links = [link_of(model, name) for name in channels.bodies]
+            at = at if channels.chassis is None else model.bodies[channels.chassis].com
         return cls(
             channels,
             frame_prefix=frame_prefix,
-            element_states=scene.record.elements,
-            reactions=scene.record.reactions,
-            poses_every=scene.record.poses_every(simulation.h_ns * 1e-9),
-            links=[link_of(scene.model, name) for name in channels.bodies],
-            imu_at=(0.0, 0.0, 0.0) if chassis is None else scene.model.bodies[chassis].com,
+            element_states=record.elements,
+            reactions=record.reactions,
+            poses_every=every,
+            links=links,
+            imu_at=at,
         )
 
     def _lay_out(self, templates: list[Template], filled: list[tuple[int, int, np.ndarray]], applied: Template) -> None:

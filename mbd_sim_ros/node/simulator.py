@@ -101,7 +101,7 @@ class Simulator(Node):
         self._source = self._new_source()
         if self.value('restore'):
             self._restore(Path(self.value('restore')))
-        self._messages = Messages.of(simulation, self.value('frame_prefix'))
+        self._messages = Messages.of(scene, simulation, self.value('frame_prefix'))
         self._record_every = scene.record.every
         self._envelope = Envelope(simulation)
         self._publish_every = self.value('publish_every')

@@ -8,6 +8,7 @@ import numpy as np
 
 from solver.errors import StepError
 from solver.output.snapshot import Channels, Counters, Snapshot, layout_of, new_numbers
+from solver.scene import Record
 
 WHEELS = ('front_left', 'front_right', 'rear_left', 'rear_right')
 INPUTS = ('steering', 'steering_rate', 'steering_acceleration', 'drive_torque', 'brake_torque')
@@ -82,4 +83,4 @@ class Synthetic:
 def scene(**values: object) -> SimpleNamespace:
     """What the node needs of a solver.scene.Scene."""
     defaults = {'name': 'synthetic', 'resolved': 'name: synthetic\n', 'hash': 'f' * 16, 'seed': 7, 'duration': 1.0}
-    return SimpleNamespace(**{**defaults, 'record': SimpleNamespace(every=1, elements=True, reactions=False), **values})
+    return SimpleNamespace(**{**defaults, 'record': Record(poses=0.0), **values})

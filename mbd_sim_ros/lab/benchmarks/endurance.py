@@ -62,7 +62,7 @@ class Endurance:
 
         simulation = simulation_of(load_scene(scene, overrides))  # also fills the cache, so that the node starts at once
         warm_up(simulation)
-        topics = Messages.of(simulation).topics
+        topics = Messages.of(simulation.scene, simulation).topics
         self._read = [f'{topic.name}:{topic.type}' for topic in topics if installed(topic.type)] if with_reader else []
         self._scene, self._overrides, self._seconds, self._h = scene, list(overrides), seconds, simulation.h
         self._result: dict[str, str] = {}

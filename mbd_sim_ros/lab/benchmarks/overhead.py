@@ -60,7 +60,7 @@ class Overhead:
         self._resources = ExitStack()
         self.simulation = simulation_of(load_scene(scene, overrides))
         warm_up(self.simulation)
-        self._messages = Messages.of(self.simulation)
+        self._messages = Messages.of(self.simulation.scene, self.simulation)
         sample = self._messages.encode(self.simulation.snapshot(), whole=True)
         self._bytes = sum(len(data) for data in self._messages.encode(self.simulation.snapshot()) if data is not None)
         self._publish: Callable[[Sequence[bytes | None]], None] | None = None
