@@ -196,7 +196,7 @@ def test_a_call_of_many_long_steps_is_divided(tmp_path: Path, monkeypatch: pytes
 
         def totals(self) -> dict[str, float]:
             names = ('iterations', 'factorizations', 'evaluations', 'residual_max', 'energy_error_max', 'position_drift_max')
-            return dict.fromkeys((*names, 'velocity_drift_max', 'stagnated', 'substeps', 'rejected', 'events'), 0.0)
+            return dict.fromkeys((*names, 'velocity_drift_max', 'stagnated', 'substeps', 'rejected', 'events', 'smallest_step'), 0.0)
 
     batch.simulate(Slow(), 60)  # type: ignore[arg-type]
     assert sum(n for n, _ in spent) == 60

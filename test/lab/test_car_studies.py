@@ -95,6 +95,7 @@ def test_the_front_is_what_no_other_setting_beats() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_quick_study_of_error_against_cost(tmp_path) -> None:
     found = car_cost.study(tmp_path, quick=True, progress=lambda text, done: None)
     errors = {(p['h'], p['iterations'], p['rho']): p['position'] for p in found['points'] if not p['other']}

@@ -188,6 +188,7 @@ def test_work_precision_goes_on_with_the_problem_it_was_in(tmp_path, monkeypatch
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_mechanisms_go_on_where_they_were_interrupted(capsys, tmp_path):
     """Five of them, then seven: the first five are not computed again, and a line that is not whole is."""
     drawn = quick_samples(capsys, tmp_path, 5)

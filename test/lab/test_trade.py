@@ -15,6 +15,7 @@ SCENE = ['light_car_step_steer', '--set', 'duration=1', '--set', 'maneuver.steer
 
 
 @pytest.mark.slow
+@pytest.mark.long
 def test_a_quick_trade_has_all_rows_marks_its_front_and_can_be_resumed(capsys, tmp_path, monkeypatch) -> None:
     monkeypatch.setattr(trade, 'LEVELS', {})  # deriving the others takes longer than everything else here
     argv = ['study', 'trade', *SCENE, '--quick', '--workers', '1', '--out', str(tmp_path), '--json']
