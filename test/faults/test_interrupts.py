@@ -181,7 +181,7 @@ def test_a_call_of_many_long_steps_is_divided(tmp_path: Path, monkeypatch: pytes
             name = 'slow'
             record = type('record', (), {'every': 100})
 
-        k, h_ns, branches, events = 0, 1_000_000, None, ()
+        k, h_ns, branches, events, switches = 0, 1_000_000, None, (), None
         t_ns = property(lambda self: self.k * self.h_ns)
 
         def advance(self, n: int, inputs: object = None) -> None:
