@@ -16,8 +16,9 @@ from matplotlib.figure import Figure
 
 from mbd_sim_ros.analysis.plots import FIRST, GREY, SECOND, STYLE
 from solver.errors import MbdError
+from solver.trade.requirements import ORIGINS
 from solver.trade.runs import Stopped
-from solver.trade.search import MARGIN, ORIGINS, Search, Verdict
+from solver.trade.search import MARGIN, Search, Verdict
 from solver.trade.variations import AS_GIVEN
 from solver.units import shown
 

@@ -24,7 +24,7 @@ import numpy as np
 
 from solver.analysis.kinematics_and_compliance import CORNERS, Rig
 from solver.compiled.portable import inverse, product
-from solver.elements.guide import QUANTITIES
+from solver.elements.guide_map import QUANTITIES
 from solver.elements.laws import Law
 from solver.elements.spring_damper import SPRING_DAMPERS
 from solver.errors import ConsistencyError, SpecError

@@ -24,7 +24,8 @@ from solver.scene import Scene
 from solver.simulation import Simulation
 from solver.start.placement import Changes
 from solver.step.constraint_coefficients import ConstraintCoefficients
-from solver.step.single_track import (
+from solver.step.single_track import advance, start
+from solver.step.single_track_tables import (
     AXLE_COLUMNS,
     LONG,
     REACHED,
@@ -42,8 +43,6 @@ from solver.step.single_track import (
     SingleTrackWork,
     X,
     Y,
-    advance,
-    start,
 )
 from solver.step.work import LastStep
 

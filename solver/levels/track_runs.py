@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -12,12 +13,14 @@ from solver.elements.road import RoadSpec
 from solver.elements.tire_pacejka import TIRE_COLUMNS
 from solver.errors import SpecError, StepError
 from solver.inputs.maneuver import Maneuver
+from solver.levels.fitting import each
 from solver.model.spec import ModelSpec
 from solver.scene import Scene, StartSettings
 from solver.simulation import Simulation
 from solver.step.settings import IntegratorSettings
 
 H = 2e-3  # s
+SPEED = 22.0  # m/s
 EVERY = 5  # steps between samples
 LEAST_SAMPLES = 20
 CORNERS = ('front_left', 'front_right', 'rear_left', 'rear_right')
@@ -95,3 +98,20 @@ def driven(model: ModelSpec, drive: Drive) -> Run:
         effort=np.array([s.joint_effort[joint] if joint >= 0 else 0.0 for s in shots]),
         spin=spin, tire=tire,
     )  # fmt: skip
+
+
+def heading(qx: np.ndarray, qy: np.ndarray, qz: np.ndarray, qw: np.ndarray) -> np.ndarray:
+    """Yaw of quaternions [rad]."""
+    return each(math.atan2, 2.0 * (qx * qy + qz * qw), 1.0 - 2.0 * (qy * qy + qz * qz))
+
+
+def roll_of(run: Run) -> np.ndarray:
+    """Roll of the chassis [rad]."""
+    x, y, z, w = run.pose.T
+    return each(math.atan2, 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))
+
+
+def pitch_of(run: Run) -> np.ndarray:
+    """Pitch of the chassis [rad]."""
+    x, y, z, w = run.pose.T
+    return each(math.asin, 2.0 * (w * y - z * x))

@@ -8,8 +8,9 @@ import math
 from typing import Any
 
 from solver.levels.auto import OK, key
-from solver.trade.search import MARGIN, ORIGINS, Search, Verdict
-from solver.trade.setting import Setting, baseline
+from solver.trade.requirements import ORIGINS
+from solver.trade.search import MARGIN, Search, Verdict
+from solver.trade.setting import baseline
 from solver.trade.variations import RANGES
 
 NO, INCOMPLETE = 'no', 'incomplete'
@@ -98,8 +99,7 @@ def errors(verdict: Verdict) -> dict[str, dict[str, Any]]:
 
 def reference_of(search: Search) -> dict[str, Any]:
     """How the converged full vehicle was found and confirmed: RMS errors as shares of the peak by quantity."""
-    base = Setting().model
-    found = [r for (_, model, steps), r in search._references.items() if model == base and steps == search.steps]
+    found = search.references()
     if not found:
         return {}
     band = {name: d.share('rms') for name, d in found[0].band.items() if name in search.shown}

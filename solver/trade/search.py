@@ -18,83 +18,33 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import threading
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from solver.analysis.departures import Departure
-from solver.errors import MbdError, SpecError
+from solver.errors import MbdError
 from solver.levels import LEVELS, derive
-from solver.quantities import names as names_of
-from solver.quantities import published
 from solver.scene import SUBSYSTEMS, Scene
 from solver.trade import cost, reference
 from solver.trade.activity import of_subsystems
-from solver.trade.reference import Reference
-from solver.trade.runs import Going, Run, Stopped, all_of, clock, departures, run
+from solver.trade.measurements import ITERATIONS, STEP_SETS, Measurements
+from solver.trade.requirements import Bound
+from solver.trade.runs import Going, Stopped, all_of, clock, departures
 from solver.trade.setting import Setting, baseline
-from solver.trade.variations import AS_GIVEN, CORNERS, Variation, inside, varied
+from solver.trade.variations import AS_GIVEN, CORNERS, Variation, inside
 
 MARGIN = 0.1  # of every limit that the bound leaves free
 LONGEST = 170.0  # s that a plan may take
 CHECK_SHARE = 0.45  # of that which is kept for checking
 UNSEEN = 24
 CLEAR_BAND = 0.1  # of the limit that the band of the reference may take before its steps are refined
-STEP_SETS = tuple(tuple(h / 2**k for h in reference.STEPS) for k in range(4))
 STEPS = (0.02, 0.01, 0.008, 0.005, 0.004, 0.003, 0.002, 0.001, 0.0005, 0.00025, 0.000125)
-ITERATIONS = (1, 2, 3)
 RHOS = (0.8, 0.5)
 PARTS = (0.25, 0.5, 1.0)  # of the maneuver, in the race
 SAME = 1.05  # settings whose costs are nearer than this are equally cheap, and the more accurate one is taken
 SAVES = 0.97  # of the cost: what a subsystem must bring it below to be worth its error
-EXAMPLE = '{yaw_rate: {rms: 2 %}}'
-ORIGINS = ('model', 'step', 'iteration', 'reference')
-WATCHED = ('lateral_acceleration', 'longitudinal_acceleration', 'longitudinal_velocity')
-WATCHED_WHEELS = ('slip_angle', 'slip', 'wheel_load')
-
-
-class Requirement(NamedTuple):
-    """One limit of one error."""
-
-    quantity: str
-    measure: str  # 'max', 'rms' or 'delay'
-    value: float
-    share: bool
-
-    def limit(self, peak: float) -> float:
-        """In SI units."""
-        return self.value * peak if self.share else self.value
-
-    def error(self, d: Departure) -> float:
-        """The error that is limited. Curves without a delay of their own have none when they lie close to each other."""
-        if self.measure != 'delay':
-            return float(getattr(d, self.measure))
-        if math.isnan(d.delay):
-            return 0.0 if d.rms <= 0.05 * d.peak else math.inf
-        return abs(d.delay)
-
-    def __str__(self) -> str:
-        return f'{self.quantity} {self.measure}'
-
-
-def requirements(scene: Scene) -> list[Requirement]:
-    """All limits of errors that a scene requires."""
-    return [Requirement(name, m, b.value, b.share) for name, a in scene.require.accuracy.items() for m, b in a.bounds.items()]
-
-
-class Bound(NamedTuple):
-    """Errors of one requirement on one maneuver by origin, and the limit there."""
-
-    requirement: Requirement
-    parts: tuple[float, float, float, float]  # ORIGINS
-    limit: float
-
-    @property
-    def used(self) -> float:
-        """Share of the limit."""
-        return sum(self.parts) / self.limit
 
 
 class Verdict(NamedTuple):
@@ -131,8 +81,8 @@ class Influence(NamedTuple):
     failure: str
 
 
-class Search:
-    """The search for one scene. progress(text, done) is told what is going on; left() seconds remain."""
+class Search(Measurements):
+    """The search for one scene, in at most `longest` seconds."""
 
     def __init__(
         self,
@@ -144,30 +94,11 @@ class Search:
         levels: Sequence[str] = tuple(LEVELS),
         progress: Callable[[str, float], None] = lambda text, done: None,
     ) -> None:
-        self.scene = dataclasses.replace(scene, fidelity='full', switches={}, resolved='')
-        self.requirements = requirements(scene)
-        if not self.requirements:
-            raise SpecError(f'scene {scene.name!r}: no accuracy is required, so there is nothing to plan; add e.g. require: {EXAMPLE}')
-        self.workers, self.unseen, self._longest, self._progress = workers, unseen, longest, progress
+        super().__init__(scene, workers=workers, longest=longest, progress=progress)
+        self.unseen = unseen
         self._levels = levels  # that may take the place of the full vehicle
-        self._begin, self._until = clock(), longest
-        self.notes: list[str] = []
-        channels = published(self.scene.model)
-        self.names = list(dict.fromkeys(r.quantity for r in self.requirements))
-        known = names_of(channels)
-        standard = [n for n in ('yaw_rate', 'sideslip_velocity', 'roll') if n in known]
-        wheels = [f'{n}.{w}' for n in WATCHED_WHEELS for w in channels.wheels]
-        self.watched = [n for n in (*WATCHED, *wheels) if n in known]
-        self.shown = [*dict.fromkeys([*self.names, *standard, *(n for n in wheels if n.startswith('wheel_load'))])]
-        self._all = [*dict.fromkeys([*self.shown, *self.watched])]
-        self.steps = STEP_SETS[0]
-        self._lock = threading.Lock()
-        self._scenes: dict[Variation, Scene] = {}
-        self._runs: dict[tuple[Variation, Setting], Run] = {}
-        self._references: dict[tuple[Variation, tuple[str, tuple[str, ...]], tuple[float, ...]], Reference] = {}
         self._lost: dict[Setting, tuple[str, float]] = {}
-        self._costs: dict[tuple[str, tuple[str, ...]], cost.PerStep] = {}
-        self.seen: list[Variation] = [AS_GIVEN, *CORNERS]
+        self.notes: list[str] = []
         self.tried: list[Verdict] = []
         self.levels: dict[str, str] = {}  # level -> why it is out, '' where it is not
         self.influences: list[Influence] = []
@@ -175,101 +106,6 @@ class Search:
         self.checks: list[Check] = []
         self.result: Verdict | None = None
         self.ended = False  # before the search had come to an end, by time
-
-    # -- what everything is measured with ------------------------------------------------------------------------------
-
-    @property
-    def took(self) -> float:
-        """Seconds since the beginning."""
-        return clock() - self._begin
-
-    def say(self, text: str) -> None:
-        """What is being done, and the share of the time that is gone."""
-        self._progress(text, min(1.0, self.took / self._longest))
-
-    def _late(self) -> bool:
-        return self.took > self._until
-
-    def maneuver(self, v: Variation) -> Scene:
-        """The scene of a variation."""
-        with self._lock:
-            if v not in self._scenes:
-                self._scenes[v] = self.scene if v == AS_GIVEN else varied(self.scene, v)
-            return self._scenes[v]
-
-    def run(self, v: Variation, setting: Setting) -> Run:
-        """A whole run, made once."""
-        key = (v, setting)
-        if key not in self._runs:
-            self._runs[key] = run(self.maneuver(v), setting, self._all, stop=self._late)
-        return self._runs[key]
-
-    def limit_of(self, v: Variation, setting: Setting, steps: Sequence[float]) -> Reference:
-        """The converged solution of a model on a maneuver, made once. Raises StepError."""
-        key = (v, setting.model, tuple(steps))
-        if key not in self._references:
-            base = Setting(level=setting.level, off=setting.off)
-            runs = [self.run(v, reference.with_step(base, h)) for h in steps]
-            self._references[key] = reference.of_runs(self.maneuver(v), runs)
-        return self._references[key]
-
-    def truth(self, v: Variation) -> Reference:
-        """The converged full vehicle: three steps where it serves to choose, two elsewhere."""
-        return self.limit_of(v, Setting(), self.steps if v in self.seen else self.steps[1:])
-
-    def uncertainty(self, r: Requirement) -> float:
-        """Band of the converged full vehicle as a share of the peak: the worst of the maneuvers with three steps."""
-        found = [
-            self._references[v, Setting().model, self.steps] for v in self.seen if (v, Setting().model, self.steps) in self._references
-        ]
-        return max((r.error(t.band[r.quantity]) / t.peaks[r.quantity] for t in found), default=0.0)
-
-    def per_step(self, setting: Setting) -> cost.PerStep:
-        """Cost of a step of a model, measured once."""
-        if setting.model not in self._costs:
-            self._costs[setting.model] = cost.per_step(self.scene, Setting(level=setting.level, off=setting.off))
-        return self._costs[setting.model]
-
-    def expected(self, setting: Setting, found: Run | None = None) -> float:
-        """CPU seconds per simulated second by counters; before a run by what its iterations should take."""
-        model = self.per_step(setting)
-        evaluations = model.expected(setting.iterations or ITERATIONS[-1]) if found is None else found.counters['evaluations']
-        return model.of(setting.h, evaluations)
-
-    # -- bounds --------------------------------------------------------------------------------------------------------
-
-    def _limits(self, v: Variation) -> dict[Requirement, float]:
-        return {r: r.limit(self.truth(v).peaks[r.quantity]) for r in self.requirements}
-
-    def _part(self, found: Run, than: Reference) -> dict[Requirement, float]:
-        errors = than.errors(found)
-        return {r: r.error(errors[r.quantity]) for r in self.requirements}
-
-    def _between(self, a: Run, b: Run, truth: Reference) -> dict[Requirement, float]:
-        errors = departures(a, b.time, b.curves, truth.quantities, truth.peaks)
-        return {r: r.error(errors[r.quantity]) for r in self.requirements}
-
-    def model_error(self, v: Variation, setting: Setting) -> dict[Requirement, float]:
-        """Of the converged level against the converged full vehicle. Raises StepError."""
-        if setting.model == Setting().model:
-            return dict.fromkeys(self.requirements, 0.0)
-        level = self.limit_of(v, setting, self.steps[1:])
-        return self._part(Run(setting, level.time, level.curves, {}, ''), self.truth(v))
-
-    def _own_limit(self, v: Variation, setting: Setting) -> Reference:
-        return self.truth(v) if setting.model == Setting().model else self.limit_of(v, setting, self.steps[1:])
-
-    def bounds(self, v: Variation, setting: Setting) -> list[Bound]:
-        """Bounds of all requirements on a maneuver. Raises StepError."""
-        own, truth, limits = self._own_limit(v, setting), self.truth(v), self._limits(v)
-        model, found = self.model_error(v, setting), self.run(v, setting)
-        if setting.iterations is None:
-            step, iteration = self._part(found, own), dict.fromkeys(self.requirements, 0.0)
-        else:
-            settled = self.run(v, dataclasses.replace(setting, iterations=None))
-            step, iteration = self._part(settled, own), self._between(found, settled, truth)
-        band = {r: self.uncertainty(r) * truth.peaks[r.quantity] for r in self.requirements}
-        return [Bound(r, (model[r], step[r], iteration[r], band[r]), limits[r]) for r in self.requirements]
 
     def race(self, setting: Setting) -> tuple[str, float]:
         """(why a setting is out on the scene's own maneuver, '' if it is not; largest share of a limit) on growing parts of it.
@@ -279,10 +115,10 @@ class Search:
         v = AS_GIVEN
         if setting in self._lost:
             return self._lost[setting]
-        own, limits, peaks = self._own_limit(v, setting), self._limits(v), self.truth(v).peaks
+        own, limits, peaks = self.own_limit(v, setting), self.limits(v), self.truth(v).peaks
         model = self.model_error(v, setting)
-        known = self._runs.get((v, setting))
-        going = None if known else Going(self.maneuver(v), setting, self._all, stop=self._late)
+        known = self.known(v, setting)
+        going = None if known else Going(self.maneuver(v), setting, self.everything, stop=self.late)
         used, worst = math.inf, ''
         for part in PARTS if going else PARTS[-1:]:
             found = known or going.to(part * self.scene.duration)  # type: ignore[union-attr]
@@ -298,8 +134,7 @@ class Search:
             worst, used = max(shares.items(), key=lambda item: item[1])
             if not used <= 1.0 - MARGIN:
                 return self._lost.setdefault(setting, (f'{worst}: {used:.2g} of its limit after {part:.0%} of the maneuver', used))
-        with self._lock:
-            self._runs[v, setting] = found
+        self.keep(v, setting, found)
         return '', used
 
     def judge(self, setting: Setting) -> Verdict:
@@ -309,7 +144,7 @@ class Search:
             dropped, used = self.race(setting)
             if dropped:
                 return Verdict(setting, used, expected, dropped.partition(':')[0], dropped, {})
-            expected = self.expected(setting, self._runs[AS_GIVEN, setting])
+            expected = self.expected(setting, self.known(AS_GIVEN, setting))
             worst: dict[str, Bound] = {}
             for v in self.seen:
                 for bound in self.bounds(v, setting):
@@ -335,7 +170,7 @@ class Search:
             self.steps = steps
             self.say(f'reference with {", ".join(f"{1e3 * h:g}" for h in steps)} ms')
             all_of(lambda h: self.run(AS_GIVEN, Setting(h=h)), steps, self.workers)
-            limits = self._limits(AS_GIVEN)
+            limits = self.limits(AS_GIVEN)
             shares = {r: self.uncertainty(r) * self.truth(AS_GIVEN).peaks[r.quantity] / limits[r] for r in self.requirements}
             if max(shares.values()) <= CLEAR_BAND:
                 break
@@ -346,7 +181,7 @@ class Search:
             )
             return False
         self.say('second formulation of the reference')
-        self.second = reference.second_formulation(self.scene, self.truth(AS_GIVEN), self._late)
+        self.second = reference.second_formulation(self.scene, self.truth(AS_GIVEN), self.late)
         self.say('references of the corners')
         corners = [(v, reference.with_step(Setting(), h)) for v in CORNERS for h in self.steps]
         all_of(lambda job: self.run(*job), corners, self.workers)
@@ -376,7 +211,7 @@ class Search:
         for v in self.seen:
             try:
                 all_of(lambda h: self.run(v, reference.with_step(base, h)), self.steps[1:], self.workers)  # noqa: B023
-                limits, errors = self._limits(v), self.model_error(v, base)
+                limits, errors = self.limits(v), self.model_error(v, base)
             except Stopped:
                 raise
             except MbdError as error:
@@ -477,7 +312,7 @@ class Search:
             return Check(v, math.inf, '', f'the reference: {error}')
         if found.failure:
             return Check(v, math.inf, '', found.failure)
-        errors, limits = self._part(found, truth), self._limits(v)
+        errors, limits = self.part(found, truth), self.limits(v)
         shares = {str(r): errors[r] / limits[r] + self.uncertainty(r) * truth.peaks[r.quantity] / limits[r] for r in self.requirements}
         worst = max(shares, key=lambda n: shares[n])
         return Check(v, shares[worst], worst, '')
@@ -496,7 +331,7 @@ class Search:
                 break
             if any(not c.passed and not c.failure.startswith('the reference') for c in found):
                 break
-            if self.took + 1.2 * (clock() - begin) > self._until:
+            if self.took + 1.2 * (clock() - begin) > self.until:
                 break
         without = [c for c in found if c.failure.startswith('the reference')]
         self.notes += [f'no check on {c.variation}: {c.failure}' for c in without]
@@ -506,7 +341,7 @@ class Search:
         """The whole search. self.checks are those of the result; None where nothing keeps what is required, or time is up."""
         self.say('compiling')
         Going(self.scene, baseline(self.scene), []).to(min(0.01, self.scene.duration))
-        self._begin, self._until = clock(), (1.0 - CHECK_SHARE) * self._longest  # what is compiled once is not time of the plan
+        self.begin, self.until = clock(), (1.0 - CHECK_SHARE) * self.longest  # what is compiled once is not time of the plan
         best: Verdict | None = None
         try:
             if not self.find_reference():
@@ -518,7 +353,7 @@ class Search:
         except Stopped:
             self.ended = True
             self.notes.append(f'the search was ended after {self.took:.0f} s; what it had found by then is what counts')
-        self._until = self._longest
+        self.until = self.longest
         while best is not None:
             self.checks = self.check_unseen(best.setting)
             failed = [c.variation for c in self.checks if not c.passed]

@@ -24,7 +24,7 @@ from solver.levels.error_sheet import course_scene, courses, error_sheet
 from solver.levels.single_track_simulation import SingleTrackSimulation
 from solver.model.spec import ModelSpec
 from solver.scene import Scene, StartSettings
-from solver.step.single_track import SingleTrackTables
+from solver.step.single_track_tables import SingleTrackTables
 from solver.vehicle.full_car import full_car_model
 
 SLOW_RAMP = Maneuver(steering=Ramp(slope=0.2, start=0.5), drive_torque=150.0)

@@ -21,7 +21,7 @@ from solver.levels.single_track import shown
 from solver.levels.single_track_simulation import ELEMENTS, SingleTrackSimulation
 from solver.scene import Scene, StartSettings
 from solver.step.settings import IntegratorSettings
-from solver.step.single_track import LATERAL, ROLL, VX, VY, YAW_RATE
+from solver.step.single_track_tables import LATERAL, ROLL, VX, VY, YAW_RATE
 
 MODEL = shown(load_scene('light_car_straight').model)
 STRAIGHT, FLAT = Maneuver(), RoadSpec()

@@ -32,7 +32,7 @@ def searched(*requirements: str, unseen: int = 3, longest: float = 60.0) -> tupl
     """A plan of the full light car with these requirements, costs of a step being what they are on a quiet machine."""
     scene = solver.load_scene('light_car_step_steer', [*SHORT, *requirements])
     search = Search(scene, unseen=unseen, workers=1, longest=longest, levels=())
-    search._costs = Priced()
+    search.prices = Priced()
     return plan(search), search
 
 

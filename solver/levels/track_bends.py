@@ -1,0 +1,158 @@
+"""What runs in bends tell of a vehicle: the characteristics of its axles, roll, what the steering wheel feels, and where it all holds."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+
+from solver.analysis.figures import standing
+from solver.analysis.modes import named_modes
+from solver.compiled.by_reference import Ref
+from solver.inputs.maneuver import Maneuver
+from solver.inputs.signals import Ramp, Step
+from solver.levels.fitting import PRIOR, fitted
+from solver.levels.single_track_simulation import AXLES, COMMANDS, new_frame, new_scratch, rolling, tables_of
+from solver.levels.track_runs import EVERY, SPEED, Drive, H, Run, pitch_of, roll_of
+from solver.levels.track_straight import characteristic
+from solver.model.spec import ModelSpec
+from solver.scene import Scene
+from solver.step.single_track import advance
+from solver.step.single_track_tables import FY, ROLL, SATURATION, SHIFT, SingleTrackTables
+
+FAST = 33.0  # m/s
+LATERAL = 4.0  # m/s^2 that the steps are meant for
+RAMP = 12.0  # m/s^2 that the ramp would end at if nothing saturated
+SATURATED = 7.0  # m/s^2: what is beyond weighs less and less
+UNDERSTEER = 0.003  # rad s^2/m that runs in bends are laid out with
+SCALES = {'curvature_y': 1.0, 'roll_steer': 0.1, 'axis': 0.1}  # of unknowns that may start at zero; the others are relative to their start
+ERROR = 0.05  # of the peak: what the level is meant to keep, and its limits follow from
+
+
+class Lateral:
+    """The search for what the runs in bends tell; its unknowns are relative to their start, one each."""
+
+    NAMES = (
+        *((axle, name) for axle in AXLES for name in ('stiffness_y', 'peak_y', 'shape_y', 'curvature_y', 'length_y', 'roll_steer')),
+        *(('body', name) for name in ('coupling', 'roll_stiffness', 'roll_damping')),
+        ('mounting', 'axis'),
+    )
+
+    def __init__(self, scene: Scene, start: dict[str, dict[str, float]], inertia: np.ndarray, runs: list[tuple[Drive, Run]]) -> None:
+        self.scene, self.given, self.inertia, self.runs = scene, start, inertia, runs
+        self.scales = [SCALES.get(name, 0.0) or start[part][name] for part, name in self.NAMES]
+        self.weights = []
+        for _, run in runs:
+            lateral = np.abs(run.vx * run.yaw_rate)
+            less = 1.0 / np.sqrt(1.0 + (lateral / SATURATED) ** 8)
+            shown = (run.yaw_rate, run.vy, roll_of(run))
+            self.weights.append([(y, less / (np.abs(y).max() * math.sqrt(len(y)))) for y in shown])
+
+    def parameters(self, x: np.ndarray) -> dict[str, dict[str, float]]:
+        """All parameters at the unknowns x."""
+        found = {part: dict(values) for part, values in self.given.items()}
+        for (part, name), scale, value in zip(self.NAMES, self.scales, x.tolist(), strict=True):
+            found[part][name] = self.given[part][name] + scale * value
+        S, m = found['body']['coupling'], found['body']['mass']
+        found['body']['roll_inertia'] = float(self.inertia[0, 0]) + S * S / m  # about the axis of roll
+        return found
+
+    def residual(self, x: np.ndarray) -> np.ndarray:
+        """Errors of yaw rate, lateral velocity and roll, relative to their peaks, root mean square over each run; and the prior."""
+        tables = tables_of(self.parameters(x), self.scene)
+        parts = [PRIOR * x]
+        for (drive, run), weights in zip(self.runs, self.weights, strict=True):
+            shown = replay(tables, drive, run)
+            parts += [(ours - theirs) * weight for ours, (theirs, weight) in zip(shown[:3], weights, strict=True)]
+        return np.concatenate(parts)
+
+
+def replay(tables: SingleTrackTables, drive: Drive, run: Run) -> tuple[np.ndarray, ...]:
+    """(yaw rate, lateral velocity, roll; lateral force and saturation of the front axle, load moved to the rear) of the level under
+    the inputs of a run, at its samples.
+    """
+    t, y, w = Ref(tables), rolling(tables, drive.speed), new_scratch()
+    frame = Ref(new_frame(len(run.names)))
+    index = np.array([run.names.index(name) for name in COMMANDS])
+    u = run.inputs[0].copy()
+    rows = []
+    for k in range(len(run.time)):
+        advance(t, y, run.inputs, index, u, k * EVERY, EVERY, False, H, 1, w, frame)
+        rows.append((frame.twist[0, 5], frame.twist[0, 1], y[ROLL], w.told[FY], w.told[SATURATION], y[SHIFT]))
+    return tuple(np.array(rows).T)
+
+
+def feel(found: dict[str, dict[str, float]], scene: Scene, runs: list[tuple[Drive, Run]]) -> None:
+    """Add what the steering wheel feels, inertia, damping and the trail of the front axle, and the pitch that comes with roll, by least
+    squares of torque and pitch.
+    """
+    columns: list[list[np.ndarray]] = [[], [], [], []]
+    torque, rolled, pitched = [], [], []
+    body, mounting = found['body'], found['mounting']
+    for drive, run in runs:
+        _, _, roll, force, saturation, moved = replay(tables_of(found, scene), drive, run)
+        rolled.append(roll * roll)
+        pitched.append(pitch_of(run) - mounting['pitch'] - mounting['pitch_by_shift'] * moved)
+        angle, rate, acceleration = (run.inputs[EVERY - 1 :: EVERY, run.names.index(name)] for name in COMMANDS[:3])
+        lever = (body['ratio'] + 3.0 * body['ratio_3'] * angle * angle) * force
+        for column, values in zip(columns, (acceleration, rate, lever, -lever * saturation), strict=True):
+            column.append(values)
+        torque.append(run.effort)
+    inertia, damping, trail, lost = fitted([np.concatenate(c) for c in columns], np.concatenate(torque)).tolist()
+    body |= {'steering_inertia': max(inertia, 0.0), 'steering_damping': max(damping, 0.0)}
+    found['front'] |= {'trail': trail, 'trail_lost': lost}
+    mounting['pitch_by_roll'] = float(fitted([np.concatenate(rolled)], np.concatenate(pitched))[0])
+
+
+def limits(found: dict[str, dict[str, float]], scene: Scene, bend: tuple[Drive, Run], lock: Run, model: ModelSpec) -> list[dict[str, Any]]:
+    """Where the level holds, as fields of Limit: as far as it follows the ramp and the braking to ERROR, and what it leaves out."""
+    drive, run = bend
+    shown_ = replay(tables_of(found, scene), drive, run)
+    lateral = run.vx * run.yaw_rate
+    wrong = (np.abs(shown_[0] - run.yaw_rate) > ERROR * np.abs(run.yaw_rate)) & (lateral > 1.0)
+    last = int(np.argmax(wrong)) if wrong.any() else len(wrong) - 1
+    last = max(0, min(last, int(np.argmax(lateral))) - 1)
+    slips = []
+    for i, axle in enumerate(AXLES):
+        a = found[axle]
+        share = np.maximum(lock.axle('fz')[:, i] / a['load'], 0.05)
+        kappa = np.abs(0.5 * lock.axle('kappa')[:, i])
+        wanted = a['peak_x'] * characteristic(kappa * a['stiffness_x'] / (a['peak_x'] * share), a['shape_x'], a['curvature_x'])
+        error = np.abs(-lock.axle('fx')[:, i] / share - wanted)
+        wrong = error > ERROR * a['peak_x']
+        slips.append(float(kappa[: int(np.argmax(wrong))].max(initial=0.0)) if wrong.any() else float(kappa.max()))
+    hop = min(mode.frequency for name, mode in named_modes(standing(dataclasses.replace(scene, model=model))).items() if 'hop' in name)
+    identified_ = f'the runs it was identified from are followed to {100 * ERROR:g} % up to there'
+    rows = (
+        ('lateral acceleration', 'm/s^2', float(np.abs(lateral[: last + 1]).max()), identified_),
+        ('slip angle', 'rad', float(np.abs(0.5 * run.axle('alpha')[last]).max()), identified_),
+        ('slip', '', min(slips), identified_),
+        ('frequency', 'Hz', math.sqrt(ERROR) * hop, f'wheels hop at {hop:.3g} Hz: what follows them at once is {100 * ERROR:g} % wrong'),
+        ('friction difference', '', 0.1, 'both wheels of an axle are one'),
+        ('road height', 'm', 0.005, 'it drives on a plane'),
+        ('road slope', '', 0.005, 'it drives on the level'),
+    )
+    return [{'quantity': quantity, 'unit': unit, 'high': float(f'{high:.3g}'), 'why': why} for quantity, unit, high, why in rows]
+
+
+def bends(start: dict[str, dict[str, float]], wheelbase: float) -> list[Drive]:
+    """A ramp and a step at SPEED and a step at FAST, with the torque that keeps the speed straight on."""
+    body = start['body']
+
+    def wheel(lateral: float, speed: float) -> float:
+        return lateral * (wheelbase / speed**2 + UNDERSTEER) / body['ratio']
+
+    def torque(speed: float) -> float:
+        shares = sum(start[axle]['drive'] / start[axle]['radius'] for axle in AXLES)
+        resistance = body['drag'] * speed**2 + sum(start[axle]['resistance'] * start[axle]['load'] for axle in AXLES)
+        return resistance / shares if shares > 0.0 else 0.0
+
+    end = wheel(RAMP, SPEED)
+    ramp = Ramp(slope=end / 6.0, start=0.5, final=end)
+    drives = [Drive(speed=SPEED, maneuver=Maneuver(steering=ramp, drive_torque=torque(SPEED)), duration=7.0)]
+    for speed in (SPEED, FAST):
+        step = Step(value=wheel(LATERAL, speed), start=0.5, rise=0.15)
+        drives.append(Drive(speed=speed, maneuver=Maneuver(steering=step, drive_torque=torque(speed)), duration=3.0))
+    return drives

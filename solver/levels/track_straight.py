@@ -1,0 +1,138 @@
+"""What runs straight on tell of a vehicle: gear of the steering, rolling radii, resistance, forces along, load moved and its lag, pitch."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from solver.inputs.maneuver import Maneuver
+from solver.inputs.signals import Ramp, Step
+from solver.levels.fitting import PRIOR, each, fitted, least_squares
+from solver.levels.single_track_simulation import AXLES
+from solver.levels.track_bulk import turning
+from solver.levels.track_runs import EVERY, SPEED, Drive, H, Run, driven, heading, pitch_of
+from solver.model.spec import ModelSpec
+
+BRAKING = 5.0  # m/s^2
+DRIVING = 1.5  # m/s^2
+SLOW = 3.0  # m/s: runs straight on are looked at above
+SLIP = 0.15  # of the brakes: up to there the characteristic along is fitted
+LEAST_SHARE = 0.02  # of the drive torque: less is none
+LAGS = tuple(0.02 * 1.05**k for k in range(60))  # s
+
+
+def gear(model: ModelSpec) -> tuple[float, float]:
+    """(ratio, ratio_3): mean angle of the front wheels = ratio s + ratio_3 s^3 of the steering wheel, creeping."""
+    run = driven(model, Drive(speed=2.0, maneuver=Maneuver(steering=Ramp(slope=1.0, start=0.5)), duration=6.0))
+    q = [run.tire[name] for name in ('qx', 'qy', 'qz', 'qw')]
+    wheels = 0.5 * (heading(*(c[:, 0] for c in q)) + heading(*(c[:, 1] for c in q)))
+    angle = wheels - heading(*run.pose.T)
+    s = run.inputs[EVERY - 1 :: EVERY, run.names.index('steering')]
+    ratio, ratio_3 = fitted([s, s * s * s], angle)
+    return float(ratio), float(ratio_3)
+
+
+def straight(model: ModelSpec, mass: float) -> tuple[dict[str, dict[str, float]], dict[str, float], Run]:
+    """(parameters of both axles, of body and mounting) that runs straight on tell, and the run that ended with locked wheels."""
+    wheels, rest = turning(model, SPEED)
+    R0 = {t.name.partition('_')[0]: t.data.values['UNLOADED_RADIUS'] for t in model.tires}
+    torque = 0.5 * mass * (R0['front'] + R0['rear'])  # N m per m/s^2
+    steps = {
+        'push': Drive(speed=SPEED, maneuver=Maneuver(drive_torque=Step(value=DRIVING * torque, start=0.5, rise=0.1)), duration=3.0),
+        'stop': Drive(speed=SPEED, maneuver=Maneuver(brake_torque=Step(value=BRAKING * torque, start=0.5, rise=0.1)), duration=4.0),
+        'lock': Drive(speed=35.0, maneuver=Maneuver(brake_torque=Ramp(slope=4.0 * torque, start=0.2)), duration=5.0),
+    }
+    free = driven(model, Drive(speed=SPEED, maneuver=Maneuver(), duration=0.6))
+    push, stop, lock = (driven(model, drive) for drive in steps.values())
+    axles = {}
+    for i, axle in enumerate(AXLES):
+        load = float(np.mean(free.axle('fz')[:, i]))
+        lever = R0[axle] - 0.5 * float(np.mean(free.axle('deflection')[:, i]))
+        stiffness, peak, shape = along(lock, i, load)
+        axles[axle] = {
+            'load': load,
+            'radius': lever,
+            'rolling_radius': float(np.mean((1.0 + 0.5 * free.axle('kappa')[:, i]) * free.vx / free.spin[:, i])),
+            'resistance': -float(np.mean(free.axle('my')[:, i])) / (load * lever),
+            'half_track': 0.5 * float(np.mean(free.tire['py'][:, 2 * i] - free.tire['py'][:, 2 * i + 1])),
+            'inertia': wheels[axle],
+            'stiffness_x': stiffness,
+            'peak_x': peak,
+            'shape_x': shape,
+            'brake': share(stop, 'brake_torque', i, lever, -wheels[axle]),
+            'drive': share(push, 'drive_torque', i, lever, wheels[axle]),
+        }
+    driving = {axle: found['drive'] for axle, found in axles.items()}
+    for i, axle in enumerate(AXLES):
+        whole_ = sum(max(d, 0.0) for d in driving.values())
+        part = max(driving[axle], 0.0) / whole_ if whole_ > LEAST_SHARE else 0.0
+        if part < LEAST_SHARE:
+            axles[axle]['drive'] = 0.0
+            continue
+        axles[axle]['inertia'] += part * rest
+        axles[axle]['drive'] = share(push, 'drive_torque', i, axles[axle]['radius'], axles[axle]['inertia'])
+    moved = stop.axle('fz')[:, 1] - axles['rear']['load']
+    force = stop.axle('fx').sum(axis=1)
+    steady = (stop.time > 1.0) & (stop.vx > SLOW)
+    height = float(fitted([force[steady]], moved[steady])[0])
+    pitch = pitch_of(stop)
+    level = float(np.mean(pitch_of(free)))
+    return (
+        axles,
+        {
+            'height': height,
+            'lag': lag(height * force, moved, H * EVERY),
+            'pitch': level,
+            'pitch_by_shift': float(fitted([moved[steady]], (pitch - level)[steady])[0]),
+            'z': float(np.mean(free.height)),
+        },
+        lock,
+    )
+
+
+def along(run: Run, i: int, load: float) -> tuple[float, float, float]:
+    """(stiffness [N], peak [N], shape) of an axle's force against slip, from a run that brakes more and more, up to SLIP."""
+    slip = -0.5 * run.axle('kappa')[:, i]
+    used = (slip > 0.0) & (slip < SLIP) & (run.vx > SLOW)
+    share = np.maximum(run.axle('fz')[:, i] / load, 0.05)[used]
+    slip, force = slip[used], -run.axle('fx')[:, i][used] / load
+    if len(slip) < 10:  # nothing brakes this axle
+        return 20.0 * load, load, 1.5
+
+    def residual(x: np.ndarray) -> np.ndarray:
+        K, D, C = 20.0 * (1.0 + x[0]), 1.0 + x[1], 1.5 + x[2]
+        wanted = D * characteristic(K * slip / (D * share), C, 0.0) * share
+        return np.concatenate([(wanted - force) / math.sqrt(len(force)), PRIOR * x])
+
+    x = least_squares(residual, np.zeros(3)).tolist()
+    return 20.0 * load * (1.0 + x[0]), load * (1.0 + x[1]), 1.5 + x[2]
+
+
+def characteristic(s: np.ndarray, C: float, E: float) -> np.ndarray:
+    """Force over its peak at the slip s, relative to peak over stiffness (solver.step.single_track)."""
+    x = s / C
+    return each(math.sin, C * each(math.atan, x - E * (x - each(math.atan, x))))
+
+
+def share(run: Run, given: str, i: int, lever: float, inertia: float) -> float:
+    """Share of the torque `given` that the balance of an axle's spin shows; the inertia counts with the sign of the torque."""
+    u = run.inputs[EVERY - 1 :: EVERY, run.names.index(given)]
+    late = (run.time > 1.0) & (run.vx > SLOW) & (u > 0.0)
+    spinning = np.gradient(run.spin[:, i], run.time)
+    balance = lever * run.axle('fx')[:, i] - run.axle('my')[:, i]
+    sign = 1.0 if inertia > 0.0 else -1.0
+    return float(np.mean((sign * balance + inertia * spinning)[late] / u[late]))
+
+
+def lag(wanted: np.ndarray, found: np.ndarray, h: float) -> float:
+    """Time constant [s] with which `found` follows `wanted` best, of a table of them."""
+    best, smallest = LAGS[0], math.inf
+    for tau in LAGS:
+        x, error, decay = 0.0, 0.0, math.exp(-h / tau)
+        for w, y in zip(wanted.tolist(), found.tolist(), strict=True):
+            x = w + (x - w) * decay
+            error += (x - y) * (x - y)
+        if error < smallest:
+            best, smallest = tau, error
+    return best

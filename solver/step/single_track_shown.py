@@ -1,0 +1,148 @@
+"""What a single-track model shows of its state, the account of its energy, and how far it went (solver.step.single_track)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver.compiled.kernel import kernel
+from solver.output import energy as account_of
+from solver.step.single_track_tables import (
+    ALPHA,
+    AXLE_COLUMNS,
+    BRAKE,
+    DRAG,
+    ENERGY,
+    FRICTION_GAP,
+    GROSS,
+    KAPPA,
+    KINETIC,
+    LOSS,
+    ROLL,
+    ROLL_RATE,
+    SHIFT,
+    SPIN,
+    TURN_F,
+    VX,
+    VY,
+    WHEEL_TORQUE,
+    YAW,
+    YAW_RATE,
+    X,
+    Y,
+)
+
+
+@kernel(inner=True)
+def keep_account(told, y, h, a):
+    """Advance the running account by a step h (h = 0 starts it); the integrals are those of the state."""
+    energy = told[ENERGY]
+    kinetic = told[KINETIC]
+    potential = energy - kinetic
+    if h == 0.0:
+        a[:] = 0.0
+        a[account_of.REFERENCE] = energy
+        a[account_of.KINETIC_LOW] = kinetic
+        a[account_of.KINETIC_HIGH] = kinetic
+        a[account_of.POTENTIAL_LOW] = potential
+        a[account_of.POTENTIAL_HIGH] = potential
+    a[account_of.TIME] += h
+    a[account_of.STEPS] += 1.0
+    a[account_of.WORK] = y[LOSS]
+    a[account_of.GROSS] = y[GROSS]
+    a[account_of.ENERGY] = energy
+    a[account_of.KINETIC_LOW] = min(a[account_of.KINETIC_LOW], kinetic)
+    a[account_of.KINETIC_HIGH] = max(a[account_of.KINETIC_HIGH], kinetic)
+    a[account_of.POTENTIAL_LOW] = min(a[account_of.POTENTIAL_LOW], potential)
+    a[account_of.POTENTIAL_HIGH] = max(a[account_of.POTENTIAL_HIGH], potential)
+    a[account_of.SPEED] = max(a[account_of.SPEED], abs(y[VX]), abs(y[VY]), abs(y[SPIN]), abs(y[SPIN + 1]))
+    error = abs(energy - a[account_of.REFERENCE] + y[LOSS])
+    if error > a[account_of.WORST]:
+        a[account_of.WORST] = error
+        a[account_of.WORST_AT] = a[account_of.TIME]
+
+
+@kernel(inner=True)
+def note(reached, k, value, time):
+    """Remember the largest value and its time."""
+    if value > reached[k, 0]:
+        reached[k, 0] = value
+        reached[k, 1] = time
+
+
+@kernel(inner=True)
+def keep_reached(y, rates, told, time, reached):
+    """Note how far the run went: what the limits of the model are about."""
+    note(reached, 0, abs(rates[VY] + y[YAW_RATE] * y[VX]), time)
+    rear = len(AXLE_COLUMNS)
+    note(reached, 1, max(abs(told[ALPHA]), abs(told[rear + ALPHA])), time)
+    note(reached, 2, max(abs(told[KAPPA]), abs(told[rear + KAPPA])), time)
+    note(reached, 3, told[FRICTION_GAP], time)
+
+
+@kernel(inner=True)
+def unrolled(v, ct, st, cr, sr):
+    """A vector along the heading, in the axes of the chassis that pitched (ct, st) and rolled (cr, sr)."""
+    x = ct * v[0] - st * v[2]
+    z = st * v[0] + ct * v[2]
+    return x, cr * v[1] + sr * z, -sr * v[1] + cr * z
+
+
+@kernel(inner=True)
+def show(t, y, rates, told, steering, u, frame):
+    """Assign the OutputArrays of a state: joints steering_wheel and the wheels in the order front left, right, rear left, right."""
+    m = t.mounting
+    c = np.cos(y[YAW])
+    s = np.sin(y[YAW])
+    phi = y[ROLL]
+    theta = m.pitch + m.pitch_by_shift * y[SHIFT] + m.pitch_by_roll * phi * phi
+    cr = np.cos(phi)
+    sr = np.sin(phi)
+    ct = np.cos(theta)
+    st = np.sin(theta)
+    side = m.axis * phi
+    r = y[YAW_RATE]
+    frame.pose[0, 0] = y[X] + c * m.x - s * side
+    frame.pose[0, 1] = y[Y] + s * m.x + c * side
+    frame.pose[0, 2] = m.height
+    hc = np.cos(0.5 * y[YAW])
+    hs = np.sin(0.5 * y[YAW])
+    pc = np.cos(0.5 * theta)
+    ps = np.sin(0.5 * theta)
+    rc = np.cos(0.5 * phi)
+    rs = np.sin(0.5 * phi)
+    frame.pose[0, 3] = hc * pc * rs - hs * ps * rc
+    frame.pose[0, 4] = hc * ps * rc + hs * pc * rs
+    frame.pose[0, 5] = hs * pc * rc - hc * ps * rs
+    frame.pose[0, 6] = hc * pc * rc + hs * ps * rs
+    v = unrolled((y[VX] - r * side, y[VY] + r * m.x + m.axis * y[ROLL_RATE], 0.0), ct, st, cr, sr)
+    pitching = m.pitch_by_shift * rates[SHIFT] + 2.0 * m.pitch_by_roll * phi * y[ROLL_RATE]
+    w = unrolled((0.0, pitching, r), ct, st, cr, sr)
+    w = (w[0] + y[ROLL_RATE], w[1], w[2])
+    # centre of mass of the chassis
+    arm = m.com_z - m.axis
+    dx = m.x + m.com_x
+    dy = m.com_y - arm * phi
+    vy = -arm * y[ROLL_RATE]
+    ax = rates[VX] - r * y[VY] - r * r * dx - rates[YAW_RATE] * dy - 2.0 * r * vy
+    ay = rates[VY] + r * y[VX] + rates[YAW_RATE] * dx - r * r * dy - arm * rates[ROLL_RATE]
+    felt = unrolled((ax, ay, m.gravity), ct, st, cr, sr)
+    for i in range(3):
+        frame.twist[0, i] = v[i]
+        frame.twist[0, 3 + i] = w[i]
+        frame.imu[i] = felt[i]
+        frame.imu[3 + i] = w[i]
+    frame.joint_position[0] = steering.angle
+    frame.joint_velocity[0] = steering.rate
+    frame.joint_effort[0] = told[WHEEL_TORQUE]
+    for k in range(4):
+        i = k // 2
+        axle = t.front if i == 0 else t.rear
+        lever = (axle.half_track if k % 2 == 0 else -axle.half_track) / axle.rolling_radius
+        frame.joint_position[1 + k] = y[TURN_F + i] - lever * (y[YAW] - m.yaw)
+        frame.joint_velocity[1 + k] = y[SPIN + i] - lever * r
+        frame.joint_effort[1 + k] = -0.5 * told[i * len(AXLE_COLUMNS) + BRAKE]
+    for i in range(2 * len(AXLE_COLUMNS)):
+        frame.elements[i] = told[i]
+    frame.elements[2 * len(AXLE_COLUMNS)] = told[DRAG]
+    for i in range(u.shape[0]):
+        frame.inputs[i] = u[i]
