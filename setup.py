@@ -36,7 +36,7 @@ setup(
     packages=find_packages(include=['solver', 'solver.*', NAME, f'{NAME}.*']),
     package_data={
         f'{NAME}.messages': ['schemas/*/*.msg'],
-        f'{NAME}.analysis': ['report.html'],
+        f'{NAME}.analysis': ['report.html', 'page.css', 'page.js'],
         f'{NAME}.analysis.view': ['view.html'],
         f'{NAME}.lab.studies': ['published/*.csv'],
         f'{NAME}.analysis.evaluation': ['page.html'],

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import base64
-import json
-import math
 from collections.abc import Sequence
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from mbd_sim_ros.analysis.comparison import Comparison, Curves, Difference
-from solver.errors import BagError
+from mbd_sim_ros.analysis.comparison import Comparison
+from mbd_sim_ros.analysis.difference import Curves, Difference
+from mbd_sim_ros.analysis.pages import fill, floats, thinned
 
 SHOWN = 24  # curves of the channels that differ most
 POINTS = 3000  # about so many of a curve; the extremes of every stretch are among them
@@ -48,13 +43,7 @@ def write_report(comparison: Comparison, file: Path, *, names: Sequence[str], ab
         'rows': [_row(d) for d in comparison.differences],
         'charts': [_chart(d, comparison.curves(d.channel)) for d in comparison.differences[:SHOWN]],
     }
-    text = json.dumps(_finite(data), allow_nan=False).replace('<', '\\u003c')  # no tag can end the script
-    page = files('mbd_sim_ros.analysis').joinpath('report.html').read_text(encoding='utf-8').replace('@DATA@', text)
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(page, encoding='utf-8')
-    except OSError as error:
-        raise BagError(f'cannot write the report {file}: {error.strerror}; choose another place') from None
+    fill(file, 'mbd_sim_ros.analysis:report.html', data)
 
 
 def _row(d: Difference) -> list[Any]:
@@ -67,7 +56,7 @@ def _row(d: Difference) -> list[Any]:
 
 
 def _chart(d: Difference, curves: Curves) -> dict[str, Any]:
-    keep = thinned(curves)
+    keep = thinned(POINTS, curves.run, curves.reference, curves.difference)
     origin = float(curves.time[0])
     text = f'largest difference {d.max:.4g} at {d.time:.6g} s, RMS {d.rms:.4g}'
     text += f', rating {d.rating.overall:.3f}' if d.rating is not None else ''
@@ -77,39 +66,10 @@ def _chart(d: Difference, curves: Curves) -> dict[str, Any]:
         'unit': d.unit,
         'text': text + (f'; {"; ".join(d.reasons)}' if d.reasons else ''),
         'origin': 0.0 if abs(origin) < 1e4 else origin,  # a float of 32 bits holds no time of day
-        'time': _floats((curves.time - (0.0 if abs(origin) < 1e4 else origin))[keep]),
-        'run': _floats(curves.run[keep]),
-        'reference': _floats(curves.reference[keep]),
-        'difference': _floats(curves.difference[keep]),
-        'half': None if curves.half is None else _floats(curves.half[keep]),
-        'repeats': [_floats(r[keep]) for r in curves.repeats],
+        'time': floats((curves.time - (0.0 if abs(origin) < 1e4 else origin))[keep]),
+        'run': floats(curves.run[keep]),
+        'reference': floats(curves.reference[keep]),
+        'difference': floats(curves.difference[keep]),
+        'half': None if curves.half is None else floats(curves.half[keep]),
+        'repeats': [floats(r[keep]) for r in curves.repeats],
     }
-
-
-def thinned(curves: Curves) -> np.ndarray:
-    """Which samples are drawn: all of a short signal, otherwise the extremes of run, reference and difference in every stretch of it."""
-    n = curves.time.size
-    if n <= POINTS:
-        return np.arange(n)
-    stretch = math.ceil(n / (POINTS / 6))
-    starts = np.arange(0, n, stretch)
-    chosen: list[np.ndarray] = [starts, np.array([n - 1])]
-    for values in (curves.run, curves.reference, curves.difference):
-        for fill, best in ((np.inf, np.argmin), (-np.inf, np.argmax)):
-            padded = np.full(starts.size * stretch, fill)
-            padded[:n] = np.where(np.isfinite(values), values, fill)
-            chosen.append(starts + best(padded.reshape(-1, stretch), axis=1))
-    return np.unique(np.concatenate(chosen).clip(max=n - 1))
-
-
-def _floats(values: np.ndarray) -> str:
-    with np.errstate(over='ignore'):
-        return base64.b64encode(np.ascontiguousarray(values, '<f4').tobytes()).decode()
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {k: _finite(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(v) for v in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -14,6 +14,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from mbd_sim_ros.analysis.pages import plain_page, write_text
 from mbd_sim_ros.analysis.plots import FIRST, GREY, SECOND, STYLE
 from solver.errors import MbdError
 from solver.trade.requirements import ORIGINS
@@ -25,24 +26,13 @@ from solver.units import shown
 DPI = 110
 PARTS = {'model': '#1b6ca8', 'step': '#d95f02', 'iteration': '#2a9d5c', 'reference': '#7f7f7f'}
 CURVES = 6
-HEAD = """<!DOCTYPE html>
-<html lang="en"><head><meta charset="utf-8"><title>@TITLE@</title><style>
-body { font: 14px/1.45 system-ui, "DejaVu Sans", sans-serif; color: #1c2330; margin: 0 auto; max-width: 1080px; padding: 24px; }
-h1 { font-size: 22px; } h2 { font-size: 16px; margin: 28px 0 6px; } img { max-width: 100%; }
-table { border-collapse: collapse; font-size: 13px; font-variant-numeric: tabular-nums; }
-th, td { padding: 3px 8px; text-align: left; border-bottom: 1px solid #e4e8ee; vertical-align: top; }
-.verdict { font-weight: 600; padding: 2px 10px; border-radius: 4px; border: 2px solid #0072b2; display: inline-block; }
-.bad { border-color: #d55e00; color: #9c4300; }
-</style></head><body>
-"""
 
 
 def write_page(search: Search, data: dict[str, Any], file: Path) -> None:
-    """Write the page. Raises OSError."""
+    """Write the page. Raises BagError."""
     ok = data['status'] == 'ok'
     title = f'Plan of {data["scene"]}'
-    parts = [HEAD.replace('@TITLE@', html.escape(title)), f'<h1>{html.escape(title)}</h1>']
-    parts.append(f'<p class="verdict{"" if ok else " bad"}">{html.escape(verdict(data))}</p>')
+    parts = [f'<p class="verdict {"ok" if ok else "bad"}">{html.escape(verdict(data))}</p>']
     parts += [f'<p>{html.escape(text)}</p>' for text in (*data['give'], *data['notes'])]
     chosen = search.result or search.closest()
     if data['errors']:
@@ -73,8 +63,8 @@ def write_page(search: Search, data: dict[str, Any], file: Path) -> None:
         parts.append(rows([('quantity', 'band', 'second formulation'), *table]))
     envelope = [(e['quantity'], shown(e['low'], e['unit']), shown(e['high'], e['unit'])) for e in data['envelope']]
     parts += ['<h2>Envelope</h2>', rows([('quantity', 'from', 'to'), *envelope])]
-    parts.append(f'<p>Certificate {html.escape(data["hash"])}; {html.escape(data["baseline"])} costs 1.</p></body></html>\n')
-    file.write_text('\n'.join(parts), encoding='utf-8')
+    parts.append(f'<p>Certificate {html.escape(data["hash"])}; {html.escape(data["baseline"])} costs 1.</p>')
+    write_text(file, plain_page(title, parts))
 
 
 def verdict(data: dict[str, Any]) -> str:

@@ -12,7 +12,8 @@ from mbd_sim_ros.commands import Result, declare, table
 from solver.errors import BagError
 
 if TYPE_CHECKING:
-    from mbd_sim_ros.analysis.comparison import Comparison, Difference
+    from mbd_sim_ros.analysis.comparison import Comparison
+    from mbd_sim_ros.analysis.difference import Difference
     from mbd_sim_ros.analysis.mapping import ChannelMap
     from mbd_sim_ros.bags.reader import Run
 

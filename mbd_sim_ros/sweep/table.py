@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from mbd_sim_ros.analysis.pages import plain_page, write_text
 from mbd_sim_ros.sweep.case import Row
 from mbd_sim_ros.sweep.design import Sweep, problem
 from solver.errors import BagError
@@ -35,7 +36,8 @@ def write_table(rows: Sequence[Row], directory: Path) -> Path:
         writer = csv.writer(text, lineterminator='\n')
         writer.writerow(columns)
         writer.writerows(zip(*columns.values(), strict=True))
-        return _write(file, text.getvalue())
+        write_text(file, text.getvalue())
+        return file
     file = directory / 'sweep.parquet'
     try:
         parquet.write_table(pa.table(columns), file)
@@ -76,7 +78,7 @@ def write_report(sweep: Sweep, rows: Sequence[Row], indices: dict[str, Any], uni
     units: of the figures.
     """
     counts = {status: sum(row['status'] == status for row in rows) for status in COLOURS}
-    parts = [f'<h1>{html.escape(title)}</h1>', f'<p>{len(rows)} cases: {", ".join(f"{n} {status}" for status, n in counts.items())}.</p>']
+    parts = [f'<p>{len(rows)} cases: {", ".join(f"{n} {status}" for status, n in counts.items())}.</p>']
     for figure, meaning in sweep.figures.items():
         known = [row for row in rows if math.isfinite(row[figure])]
         parts.append(f'<h2>{html.escape(figure)}: {meaning.take} of {html.escape(meaning.quantity)}</h2>')
@@ -98,10 +100,9 @@ def write_report(sweep: Sweep, rows: Sequence[Row], indices: dict[str, Any], uni
         parts.append('<h2>Not ok</h2><table><tr><th>case</th><th>status</th><th>what was found</th></tr>')
         parts += [f'<tr><td>{row["case"]}</td><td>{row["status"]}</td><td>{html.escape(row["message"])}</td></tr>' for row in failed]
         parts.append('</table>')
-    style = 'body{font:15px/1.5 system-ui,sans-serif;margin:2em auto;max-width:70em;padding:0 1em;color:#222}img{max-width:100%}'
-    style += 'table{border-collapse:collapse}td,th{padding:2px 12px;text-align:left;border-bottom:1px solid #ddd}'
-    page = f'<!doctype html><html lang="en"><meta charset="utf-8"><title>{html.escape(title)}</title><style>{style}</style>'
-    return _write(directory / 'report.html', page + '\n'.join(parts) + '</html>\n')
+    file = directory / 'report.html'
+    write_text(file, plain_page(title, parts))
+    return file
 
 
 def _picture(sweep: Sweep, rows: Sequence[Row], figure: str, unit: str) -> str:
@@ -127,11 +128,3 @@ def _picture(sweep: Sweep, rows: Sequence[Row], figure: str, unit: str) -> str:
     out = io.BytesIO()
     drawing.savefig(out, format='png')
     return base64.b64encode(out.getvalue()).decode()
-
-
-def _write(file: Path, text: str) -> Path:
-    try:
-        file.write_text(text, encoding='utf-8')
-    except OSError as error:
-        raise BagError(f'cannot write {file}: {error.strerror}; choose another place') from None
-    return file

@@ -2,18 +2,13 @@
 
 from __future__ import annotations
 
-import base64
-import json
 import math
 from collections.abc import Mapping, Sequence
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from mbd_sim_ros.analysis.evaluation.figures import SHOWN, Chart, Figure, Result, rows
-from solver.errors import BagError
+from mbd_sim_ros.analysis.pages import fill, floats, thinned
 
 POINTS = 1500  # about so many of a curve
 
@@ -51,13 +46,7 @@ def write_page(
             for r in results
         ],
     }
-    text = json.dumps(data, allow_nan=False).replace('<', '\\u003c')  # no tag can end the script
-    page = files('mbd_sim_ros.analysis.evaluation').joinpath('page.html').read_text(encoding='utf-8').replace('@DATA@', text)
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(page, encoding='utf-8')
-    except OSError as error:
-        raise BagError(f'cannot write the page {file}: {error.strerror}; choose another place') from None
+    fill(file, 'mbd_sim_ros.analysis.evaluation:page.html', data)
 
 
 def _row(figure: Figure) -> list[str]:
@@ -75,29 +64,11 @@ def _chart(chart: Chart) -> dict[str, Any]:
     y, fy = _axis(*chart.y)
     curves = []
     for curve in chart.curves:
-        keep = thinned(curve.y)
-        curves.append({'name': curve.name, 'style': curve.style, 'x': _floats(fx * curve.x[keep]), 'y': _floats(fy * curve.y[keep])})
+        keep = thinned(POINTS, curve.y)
+        curves.append({'name': curve.name, 'style': curve.style, 'x': floats(fx * curve.x[keep]), 'y': floats(fy * curve.y[keep])})
     return {'title': chart.title, 'x': x, 'y': y, 'curves': curves}
 
 
 def _axis(label: str, unit: str) -> tuple[str, float]:
     shown, factor = SHOWN.get(unit, (unit, 1.0))
     return (label if shown in ('', '1') else f'{label} [{shown}]'), factor
-
-
-def thinned(y: np.ndarray) -> np.ndarray:
-    """Which samples are drawn: all of a short curve, otherwise the smallest and largest of every stretch, in order."""
-    if y.size <= POINTS:
-        return np.arange(y.size)
-    stretch = math.ceil(y.size / (POINTS / 2))
-    starts = np.arange(0, y.size, stretch)
-    chosen = [np.array([0, y.size - 1])]
-    for fill, best in ((np.inf, np.argmin), (-np.inf, np.argmax)):
-        padded = np.full(starts.size * stretch, fill)
-        padded[: y.size] = np.where(np.isfinite(y), y, fill)
-        chosen.append(starts + best(padded.reshape(-1, stretch), axis=1))
-    return np.unique(np.concatenate(chosen).clip(max=y.size - 1))
-
-
-def _floats(values: np.ndarray) -> str:
-    return base64.b64encode(np.ascontiguousarray(values, '<f4').tobytes()).decode()

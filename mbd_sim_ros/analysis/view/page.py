@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-import base64
-import itertools
-import json
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from mbd_sim_ros.analysis.pages import fill, floats, thinned
 from mbd_sim_ros.analysis.runs import units
 from mbd_sim_ros.analysis.view.drawing import WORLD_BODY, Drawing
 from mbd_sim_ros.analysis.view.motion import Motion, curves_of
-from solver.errors import BagError
 
 POINTS = 1500  # of a curve, about
 
@@ -31,13 +27,7 @@ def write_page(motions: list[Motion], file: Path, channels: tuple[str, ...] = ()
         'curves': [_curve(name, unit(name), motions) for name in curves_of(first, channels)],
         'size': size_of(first),
     }
-    text = json.dumps(data, allow_nan=False).replace('<', '\\u003c')  # no tag can end the script
-    page = files('mbd_sim_ros.analysis.view').joinpath('view.html').read_text(encoding='utf-8').replace('@DATA@', text)
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(page, encoding='utf-8')
-    except OSError as error:
-        raise BagError(f'cannot write {file}: {error.strerror}; choose another place') from None
+    fill(file, 'mbd_sim_ros.analysis.view:view.html', data)
 
 
 def size_of(motion: Motion) -> float:
@@ -58,11 +48,11 @@ def _run(motion: Motion, origin: np.ndarray) -> dict[str, Any]:
     return {
         'name': motion.name,
         'follows': motion.follows,
-        'time': _floats(motion.time),
-        'pose': _floats(pose),
+        'time': floats(motion.time),
+        'pose': floats(pose),
         'bodies': len(drawing.bodies),
-        'contact': _floats(motion.contact - origin),
-        'force': _floats(motion.force),
+        'contact': floats(motion.contact - origin),
+        'force': floats(motion.force),
         'lines': [[line.body, *line.a, *line.b, line.kind] for line in drawing.lines],
         'springs': [[s.i, *s.a, s.j, *s.b] for s in drawing.springs],
         'wheels': [[w.body, *w.center, *w.axis, w.radius, w.width] for w in drawing.wheels],
@@ -78,24 +68,9 @@ def _curve(name: str, unit: str, motions: list[Motion]) -> dict[str, Any]:
             continue
         topic = next(one for one in motion.run.series.values() if name in one.columns)
         time, value = topic.time_ns * 1e-9, topic.columns[name]
-        keep = _thinned(value)
-        lines.append({'time': _floats(time[keep]), 'value': _floats(value[keep])})
+        keep = thinned(POINTS, value)
+        lines.append({'time': floats(time[keep]), 'value': floats(value[keep])})
     return {'name': name, 'unit': unit, 'lines': lines}
-
-
-def _thinned(values: np.ndarray) -> np.ndarray:
-    n = values.size
-    if n <= POINTS:
-        return np.arange(n)
-    edges = np.linspace(0, n, POINTS // 2 + 1).astype(int)
-    keep = [
-        index for a, b in itertools.pairwise(edges.tolist()) for index in (a + int(np.argmin(values[a:b])), a + int(np.argmax(values[a:b])))
-    ]
-    return np.unique([0, *keep, n - 1])
-
-
-def _floats(values: np.ndarray) -> str:
-    return base64.b64encode(np.ascontiguousarray(values, '<f4').tobytes()).decode()
 
 
 def _numbers(values: np.ndarray) -> list[float]:

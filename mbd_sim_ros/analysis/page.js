@@ -1,0 +1,75 @@
+'use strict';
+const data = JSON.parse(document.getElementById('data').textContent);
+// apart for colour-blind eyes too (Okabe and Ito)
+const colour = { run: '#d55e00', reference: '#0072b2', third: '#009e73', other: '#767676', limit: '#444444', points: '#0072b2', band: 'rgba(0,114,178,0.20)', repeat: 'rgba(0,114,178,0.45)' };
+const make = (tag, text, parent, cls) => {
+  const e = document.createElement(tag);
+  if (text !== undefined && text !== null) e.textContent = text;
+  if (cls) e.className = cls;
+  if (parent) parent.appendChild(e);
+  return e;
+};
+const floats = text => {
+  if (text === null || text === undefined) return null;
+  const raw = atob(text), bytes = new Uint8Array(raw.length);
+  for (let i = 0; i < raw.length; i++) bytes[i] = raw.charCodeAt(i);
+  return new Float32Array(bytes.buffer);
+};
+const short = (v, n = 4) => v === null || v === undefined ? '' : typeof v === 'string' ? v :
+  v === 0 ? '0' : Math.abs(v) >= 1e5 || Math.abs(v) < 1e-3 ? v.toExponential(Math.max(n - 2, 1)) : String(+v.toPrecision(n));
+
+// about so many round values from low to high, and what to write at them
+function ticks(low, high, count) {
+  const raw = (high - low) / Math.max(count, 1), power = Math.pow(10, Math.floor(Math.log10(raw)));
+  const step = [1, 2, 5, 10].map(m => m * power).find(s => s >= raw) || 10 * power, values = [];
+  for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++) values.push(k * step);
+  const most = Math.max(...values.map(Math.abs), 0), fine = Math.floor(Math.log10(step) + 1e-9);
+  if (most >= 1e5 || (most > 0 && most < 1e-3)) {
+    const order = Math.floor(Math.log10(most)), digits = Math.max(0, Math.min(8, order - fine));
+    return { values, texts: values.map(v => v === 0 ? '0' : (v / Math.pow(10, order)).toFixed(digits) + 'e' + order) };
+  }
+  return { values, texts: values.map(v => v.toFixed(Math.max(0, Math.min(10, -fine)))) };
+}
+
+// a canvas as fine as the screen, empty: [context, width, height]
+function cleared(canvas) {
+  const ratio = window.devicePixelRatio || 1, w = canvas.clientWidth, h = canvas.clientHeight;
+  if (canvas.width !== Math.round(w * ratio) || canvas.height !== Math.round(h * ratio)) { canvas.width = Math.round(w * ratio); canvas.height = Math.round(h * ratio); }
+  const g = canvas.getContext('2d');
+  g.setTransform(ratio, 0, 0, ratio, 0, 0);
+  g.clearRect(0, 0, w, h);
+  g.font = '12px system-ui, "DejaVu Sans", sans-serif';
+  return [g, w, h];
+}
+
+// grid, frame, numbers and label of the upward axis; numbers and label of the other one where it has a label
+function axes(g, box, X, Y, x, y, up, along) {
+  const { left, right, top, bottom } = box;
+  g.lineWidth = 1; g.setLineDash([]); g.strokeStyle = '#e6e9ed';
+  g.beginPath();
+  for (const v of y.values) { g.moveTo(left, Y(v)); g.lineTo(right, Y(v)); }
+  for (const v of x.values) { g.moveTo(X(v), top); g.lineTo(X(v), bottom); }
+  g.stroke();
+  g.strokeStyle = '#7d8794';
+  g.strokeRect(left, top, right - left, bottom - top);
+  g.fillStyle = '#1c2330'; g.textAlign = 'right'; g.textBaseline = 'middle';
+  y.values.forEach((v, i) => g.fillText(y.texts[i], left - 6, Y(v)));
+  g.save(); g.translate(11, (top + bottom) / 2); g.rotate(-Math.PI / 2); g.textAlign = 'center'; g.fillText(up, 0, 0); g.restore();
+  g.textBaseline = 'alphabetic';
+  if (!along) return;
+  g.textAlign = 'center';
+  x.values.forEach((v, i) => g.fillText(x.texts[i], X(v), bottom + 15));
+  g.fillText(along, (left + right) / 2, bottom + 32);
+}
+
+// a line through samples first to last, with gaps where there is no number
+function through(g, X, Y, x, y, first = 0, last = x.length - 1) {
+  g.beginPath();
+  let pen = false;
+  for (let i = first; i <= last; i++) {
+    if (!isFinite(x[i]) || !isFinite(y[i])) { pen = false; continue; }
+    if (pen) g.lineTo(X(x[i]), Y(y[i])); else g.moveTo(X(x[i]), Y(y[i]));
+    pen = true;
+  }
+  g.stroke();
+}

@@ -1,0 +1,82 @@
+"""Web pages of one file that need nothing else: a template, what all of them share (page.css, page.js), and data.
+
+In a template @STYLE@ and @SCRIPT@ stand for the shared style and script, and @DATA@ for the data as JSON; the script gives the rest `data`.
+Curves go as 32-bit floats in base64 (docs/decisions/0011-report-of-comparisons.md).
+"""
+
+from __future__ import annotations
+
+import base64
+import html
+import json
+import math
+from collections.abc import Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from solver.errors import BagError
+
+HOME = 'mbd_sim_ros.analysis'
+
+
+def fill(file: Path, template: str, data: dict[str, Any]) -> None:
+    """Fill a template (package:file) with data; numbers that are not finite become null. Raises BagError when it cannot be written."""
+    package, _, name = template.partition(':')
+    text = json.dumps(_finite(data), allow_nan=False).replace('<', '\\u003c')  # no tag can end the script
+    page = _text(package, name)
+    for mark, content in (('@STYLE@', _text(HOME, 'page.css')), ('@SCRIPT@', _text(HOME, 'page.js')), ('@DATA@', text)):
+        page = page.replace(mark, content)
+    write_text(file, page)
+
+
+def plain_page(title: str, parts: Sequence[str]) -> str:
+    """A page without script: its parts, in HTML, under the shared style."""
+    named, style = html.escape(title), _text(HOME, 'page.css')
+    head = f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{named}</title><style>{style}</style></head><body>'
+    return '\n'.join([head, f'<h1>{named}</h1>', *parts, '</body></html>\n'])
+
+
+def write_text(file: Path, text: str) -> None:
+    """Write a text, and the directories above it. Raises BagError."""
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text, encoding='utf-8')
+    except OSError as error:
+        raise BagError(f'cannot write {file}: {error.strerror}; choose another place') from None
+
+
+def floats(values: np.ndarray) -> str:
+    """Numbers for the script."""
+    with np.errstate(over='ignore'):
+        return base64.b64encode(np.ascontiguousarray(values, '<f4').tobytes()).decode()
+
+
+def thinned(points: int, *signals: np.ndarray) -> np.ndarray:
+    """Which samples of signals of one length are drawn: all of short ones, else the extremes of each in every stretch, about `points`."""
+    n = signals[0].size
+    if n <= points:
+        return np.arange(n)
+    stretch = math.ceil(n * 2 * len(signals) / points)
+    starts = np.arange(0, n, stretch)
+    chosen = [np.array([0, n - 1])]
+    for values in signals:
+        for fill, best in ((np.inf, np.argmin), (-np.inf, np.argmax)):
+            padded = np.full(starts.size * stretch, fill)
+            padded[:n] = np.where(np.isfinite(values), values, fill)
+            chosen.append(starts + best(padded.reshape(-1, stretch), axis=1))
+    return np.unique(np.concatenate(chosen).clip(max=n - 1))
+
+
+def _text(package: str, name: str) -> str:
+    return files(package).joinpath(name).read_text(encoding='utf-8')
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {k: _finite(v) for k, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(v) for v in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

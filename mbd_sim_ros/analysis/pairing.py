@@ -1,0 +1,113 @@
+"""Which channels recordings share, of what kind each is, and on what scale its differences are small."""
+
+from __future__ import annotations
+
+import fnmatch
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbd_sim_ros.analysis.alignment import Kind, Signal
+from mbd_sim_ros.bags.reader import Series
+from solver.errors import BagError, suggestion
+
+QUATERNION = ('qx', 'qy', 'qz', 'qw')
+ORIENTATION = 'orientation'
+HEADINGS = ('yaw', 'heading', 'psi', 'course')  # angles of which full turns mean nothing
+
+
+@dataclass(frozen=True)
+class Item:
+    """A channel to compare, with its columns (four of an orientation) and how it is brought to other instants."""
+
+    name: str
+    columns: tuple[str, ...]
+    kind: Kind
+
+
+def shared_names(
+    homes: Sequence[Mapping[str, Series]], patterns: Sequence[str], known: Sequence[str]
+) -> tuple[list[str], tuple[str, ...], tuple[str, ...]]:
+    """Channels that all have, those of the run alone, those that it lacks. known: of all recordings, for suggestions."""
+    ours = list(homes[0])
+    theirs = list(dict.fromkeys(name for home in homes[1:] for name in home))
+    both = [name for name in ours if all(name in home for home in homes[1:])]
+    if not both and not patterns:
+        raise BagError(f'the two runs have no channel in common ({_some(ours)} here, {_some(theirs)} there)')
+    for pattern in patterns:
+        if not fnmatch.filter([*both, *_orientations(both)], pattern):
+            raise BagError(f'no common channel matches {pattern!r}{suggestion(pattern, known or both)}')
+
+    def chosen(names: Sequence[str]) -> list[str]:
+        return [name for name in names if not patterns or any(fnmatch.fnmatchcase(name, p) for p in patterns)]
+
+    common_names = set(both)
+    quaternions = [head + q for group in chosen(_orientations(both)) if (head := group.removesuffix(ORIENTATION)) for q in QUATERNION]
+    wanted = {*chosen(both), *(quaternions if patterns else ())}
+    only = [tuple(sorted(name for name in chosen(side) if name not in common_names)) for side in (ours, theirs)]
+    return [name for name in both if name in wanted], only[0], only[1]
+
+
+def _orientations(names: Sequence[str]) -> list[str]:
+    known = set(names)
+    heads = [name.removesuffix(QUATERNION[0]) for name in names if name.endswith('/' + QUATERNION[0])]
+    return [head + ORIENTATION for head in heads if all(head + q in known for q in QUATERNION)]
+
+
+def items_of(
+    names: Sequence[str], homes: Sequence[Mapping[str, Series]], unit_of: Callable[[str], str], held: frozenset[str]
+) -> list[Item]:
+    """The channels to compare: quaternions become orientations where all have the four parts at the same instants."""
+    result = []
+    inside: set[str] = set()
+    for group in _orientations(names):
+        parts = tuple(group.removesuffix(ORIENTATION) + q for q in QUATERNION)
+        if all(home[p] is home[parts[0]] for home in homes for p in parts):
+            result.append(Item(group, parts, 'orientation'))
+            inside |= set(parts)
+    for name in names:
+        if name in inside:
+            continue
+        kind: Kind = 'linear'
+        if name in held or name.startswith('cmd_applied/'):
+            kind = 'hold'
+        elif unit_of(name) == 'rad' or name.rpartition('/')[2] in HEADINGS:
+            kind = 'angle'
+        result.append(Item(name, (name,), kind))
+    return result
+
+
+def signal_of(item: Item, home: Mapping[str, Series], shift_ns: int = 0) -> Signal:
+    """The signal of a channel with its stamps moved [ns]; quaternions (n, 4) are made of unit length."""
+    one = home[item.columns[0]]
+    time_ns = one.time_ns + shift_ns if shift_ns else one.time_ns
+    if item.kind != 'orientation':
+        return Signal(time_ns, one.columns[item.columns[0]])
+    values = np.stack([one.columns[c] for c in item.columns], axis=1)
+    size = np.linalg.norm(values, axis=1, keepdims=True)
+    return Signal(time_ns, values / np.where(size > 0.0, size, 1.0))
+
+
+def least_scales(
+    items: Sequence[Item], references: Sequence[Mapping[str, Series]], unit_of: Callable[[str], str], floor: float
+) -> dict[str, float]:
+    """Least scale of every channel: a part of the largest value among channels of the same topic (its first word) and unit."""
+    largest: dict[tuple[str, str], float] = {}
+    kinds = {}
+    for item in items:
+        measure = unit_of(item.columns[0]) if item.kind != 'orientation' else 'rotation'
+        kind = kinds[item.name] = (item.name.partition('/')[0], measure or item.name.rpartition('/')[2])
+        if item.kind != 'orientation':
+            for home in references:
+                largest[kind] = max(largest.get(kind, 0.0), _largest(home[item.columns[0]].columns[item.columns[0]]))
+    return {item.name: floor * largest.get(kinds[item.name], 0.0) for item in items}
+
+
+def _largest(values: np.ndarray) -> float:
+    finite = values[np.isfinite(values)]
+    return float(max(finite.max(), -finite.min())) if finite.size else 0.0
+
+
+def _some(names: Sequence[str]) -> str:
+    return ', '.join(names[:3]) + (f' and {len(names) - 3} more' if len(names) > 3 else '')

@@ -1,0 +1,69 @@
+"""ISO 21994 and ISO 14512: constant decelerations."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from drives import even, made
+
+from mbd_sim_ros.analysis.evaluation import braking
+from mbd_sim_ros.analysis.evaluation.signals import Signals
+from solver.errors import BagError
+
+
+def stopping(v0: float = 27.0, b: float = 8.0, rate: float = 200.0) -> Signals:
+    """Constant deceleration from t = 1 s on, which is when the brakes are applied."""
+    t = even(7.0, rate)
+    v = np.clip(v0 - b * np.clip(t - 1.0, 0.0, None), 0.0, None)
+    return made(
+        t,
+        speed=v,
+        brake=np.where(t >= 1.0, 3000.0, 0.0),
+        yaw_rate=np.where(t > 1.0, 0.05, 0.0),
+        heading=0.05 * np.clip(t - 1.0, 0.0, None),
+        x=0.0,
+        y=-0.3 * np.clip(t - 1.0, 0.0, None),
+    )
+
+
+def test_stopping_distance() -> None:
+    """v^2/2b from 27.5 m/s, corrected to 100 km/h; all decelerations are b."""
+    r = braking.judge_stopping(stopping(27.5), braking.Stopping())
+    sample = 27.5 / 200.0  # m travelled in a sample, within which the brakes are applied
+    assert r['initial_speed'] == pytest.approx(27.5)
+    assert r['distance'] == pytest.approx(27.5**2 / 16.0, abs=sample)
+    assert r['corrected_distance'] == pytest.approx((100.0 / 3.6) ** 2 / 16.0, abs=sample * 1.06)
+    assert r['mfdd'] == pytest.approx(8.0, rel=1e-3)
+    assert r['mean_deceleration'] == pytest.approx(8.0, rel=3e-3)
+    assert r['time'] == pytest.approx(27.5 / 8.0, abs=0.02)  # standing is 0.05 m/s
+    assert not r.notes
+    assert any('small differences' in n for n in braking.judge_stopping(stopping(20.0), braking.Stopping()).notes)
+
+
+def test_mfdd_is_of_the_developed_part() -> None:
+    """8 m/s^2 above 80 % of the speed, 4 m/s^2 below: the part from 0.8 to 0.1 v_0 is what counts."""
+    s = stopping(25.0)
+    t = s.t
+    first = 5.0 / 8.0
+    s.values['speed'] = np.clip(
+        np.where(t < 1.0 + first, 25.0 - 8.0 * np.clip(t - 1.0, 0.0, None), 20.0 - 4.0 * (t - 1.0 - first)), 0.0, None
+    )
+    assert braking.judge_stopping(s, braking.Stopping())['mfdd'] == pytest.approx(4.0, rel=1e-3)
+
+
+def test_split_friction() -> None:
+    r = braking.judge_split(stopping(), braking.SplitFriction())
+    assert r['mean_deceleration'] == pytest.approx(8.0, rel=3e-3)
+    assert r['yaw_rate_after'] == pytest.approx(0.05)
+    assert r['yaw_angle_after'] == pytest.approx(0.05, abs=1e-3)
+    assert r['yaw_angle_largest'] == pytest.approx(0.05 * 27.0 / 8.0, abs=2e-3)
+    assert r['deviation_after'] == pytest.approx(-0.3, abs=2e-3)
+
+
+def test_braking_that_is_none_is_refused() -> None:
+    s = stopping()
+    s.values['brake'][:] = 0.0
+    with pytest.raises(BagError, match='not applied'):
+        braking.judge_stopping(s, braking.Stopping())
+    with pytest.raises(BagError, match='does not come to rest'):
+        braking.judge_stopping(stopping(b=1.0), braking.Stopping())

@@ -1,0 +1,59 @@
+"""ISO 3888: distances to the cones."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from drives import even, made
+
+from mbd_sim_ros.analysis.evaluation import lane_change
+from mbd_sim_ros.analysis.evaluation.signals import Signals
+from solver.errors import BagError
+from solver.inputs.driver import DoubleLaneChange
+
+
+def through(standard: str, aside: float = 0.0, width: float = 1.8) -> Signals:
+    """A car that follows the middle of the lanes at 20 m/s, its body along the path, shifted by `aside` to the left."""
+    path = DoubleLaneChange(standard=standard, width=width, start=30.0)  # type: ignore[arg-type]
+    t = even(9.0, 200.0)
+    x = 20.0 * t
+    y = np.array([path.lateral(v) for v in x])
+    return made(t, x=x, y=y + aside, heading=np.arctan(np.gradient(y, x)), speed=20.0 - 0.1 * t, yaw_rate=0.1, lateral_acceleration=1.0)
+
+
+@pytest.mark.parametrize('part', ['1', '2'])
+def test_clearance_in_the_lanes(part: str) -> None:
+    """In the middle of a lane a straight body is (lane - width)/2 away from its cones; aside, less by that."""
+    p = lane_change.LaneChange(width=1.8, start=30.0, length=4.0)
+    r = lane_change.judge(through(f'iso_3888_{part}'), p, f'iso_3888_{part}')
+    gates = DoubleLaneChange(standard=f'iso_3888_{part}', width=1.8, start=30.0).gates  # type: ignore[arg-type]
+    assert r['entry_speed'] == pytest.approx(20.0 - 0.1 * 1.5)
+    assert r['exit_speed'] == pytest.approx(20.0 - 0.1 * gates[-1].end / 20.0)
+    widest = 0.5 * (gates[0].left - gates[0].right - 1.8)
+    assert 0.0 < r['clearance_1'] <= widest + 1e-9
+    assert r.passed is True
+    shifted = lane_change.judge(through(f'iso_3888_{part}', 0.5), p, f'iso_3888_{part}')
+    assert shifted['clearance_1'] == pytest.approx(widest - 0.5, abs=0.02)  # negative: cones are hit
+    assert shifted.passed is False
+
+
+def test_a_cone_that_the_side_hits_behind_the_corners_counts() -> None:
+    """Straight through lane 1, turned by 30 deg about the place of its last left cone, which is 0.1 m inside the body."""
+    gate = DoubleLaneChange(width=1.8, start=0.0).gates[0]
+    p = lane_change.LaneChange(width=1.8, start=0.0, length=4.0)
+    heading = np.full(3, np.pi / 6.0)
+    n = np.array([-np.sin(np.pi / 6.0), np.cos(np.pi / 6.0)])
+    centre = np.array([gate.end, gate.left]) - 0.8 * n
+    x, y = np.array([[0.0, 5.0, centre[0]], [0.0, 0.0, centre[1]]])
+    straight = np.array([0.0, 0.0, np.pi / 6.0])
+    found = lane_change.distances(gate, x, y, np.where(np.arange(3) < 2, 0.0, heading), p, 1.8)
+    assert found <= -0.1 + 1e-9
+    assert straight[2] == heading[2]
+
+
+def test_who_does_not_pass_the_track_is_refused() -> None:
+    s = through('iso_3888_1')
+    with pytest.raises(BagError, match='does not pass the track'):
+        lane_change.judge(s, lane_change.LaneChange(width=1.8, start=100.0), 'iso_3888_1')
+    with pytest.raises(BagError, match='--set width='):
+        lane_change.judge(s, lane_change.LaneChange(start=100.0), 'iso_3888_1')

@@ -1,0 +1,46 @@
+"""ISO 13674: loops of weaving that are ellipses."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from drives import weaving
+
+from mbd_sim_ros.analysis.evaluation import on_centre
+from solver.errors import BagError
+
+
+def test_loops_of_weaving() -> None:
+    r = on_centre.judge(weaving(), on_centre.Weave())
+    near = dict(rel=2e-3)  # straight lines between samples, slopes by differences over 20 ms of 5 s
+    assert r['frequency'] == pytest.approx(0.2, rel=1e-6)
+    assert r['periods'] == 5.0
+    assert r['lateral_acceleration'] == pytest.approx(2.0, **near)
+    assert r['steering_sensitivity'] == pytest.approx(2.0 / 0.3 * math.cos(0.2), **near)
+    assert r['acceleration_hysteresis'] == pytest.approx(-2.0 * 2.0 * math.sin(0.2), **near)
+    assert r['angle_deadband'] == pytest.approx(2.0 * 0.3 * math.sin(0.2), **near)
+    assert r['yaw_rate_gain'] == pytest.approx(0.07 / 0.3 * math.cos(0.12), **near)
+    assert r['yaw_rate_hysteresis'] == pytest.approx(-2.0 * 0.07 * math.sin(0.12), **near)
+    w = 2.0 * math.pi * 0.2
+    assert r['yaw_rate_delay'] == pytest.approx(0.12 / w, **near)
+    assert r['lateral_acceleration_delay'] == pytest.approx(0.2 / w, **near)
+    assert r['torque_stiffness'] == pytest.approx(3.0 / 0.3 * math.cos(0.4), **near)
+    assert r['torque_hysteresis'] == pytest.approx(2.0 * 3.0 * math.sin(0.4), **near)
+    assert r['torque_gradient_zero'] == pytest.approx(3.0 / 2.0 * math.cos(0.6), **near)
+    assert r['torque_at_zero'] == pytest.approx(2.0 * 3.0 * math.sin(0.6), **near)
+    assert r['acceleration_at_zero_torque'] == pytest.approx(-2.0 * 2.0 * math.sin(0.6), **near)
+    assert r['angle_at_zero_torque'] == pytest.approx(-2.0 * 0.3 * math.sin(0.4), **near)
+    # a = 1: sin(wt - p) = 1/2 on both ways; dm/da = M cos(x + 0.6)/(A cos x) at x = pi/6 and 5 pi/6, and at -1 likewise: the mean
+    ways = [3.0 * math.cos(x + 0.6) / (2.0 * math.cos(x)) for x in (math.pi / 6, 5 * math.pi / 6, -math.pi / 6, 7 * math.pi / 6)]
+    assert r['torque_gradient_level'] == pytest.approx(np.mean(ways), **near)
+
+
+def test_what_does_not_weave_is_refused() -> None:
+    with pytest.raises(BagError, match=r'weaving is 0\.1 to 0\.5 Hz'):
+        on_centre.judge(weaving(1.0), on_centre.Weave())
+    still = weaving()
+    still.values['steering'][:] = 0.0
+    with pytest.raises(BagError, match='no weaving'):
+        on_centre.judge(still, on_centre.Weave())

@@ -1,0 +1,65 @@
+"""ISO 2631: weights, running RMS and doses of sines and bursts."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from drives import even, made
+
+from mbd_sim_ros.analysis.evaluation import ride
+from solver.errors import BagError
+
+# Weights x 1000 at one-third-octave frequencies as tables of the standard give them.
+TABLE = {
+    'wk': {
+        0.5: 418, 1.0: 482, 2.0: 531, 2.5: 631, 3.15: 804, 4.0: 967, 5.0: 1039, 6.3: 1054, 8.0: 1036, 10.0: 988, 12.5: 902, 16.0: 768,
+        20.0: 636, 31.5: 405, 50.0: 246, 80.0: 132,
+    },
+    'wd': {0.5: 853, 1.0: 1011, 1.25: 1008, 2.0: 890, 2.5: 776, 4.0: 512, 8.0: 253, 16.0: 125, 31.5: 63.2, 80.0: 21.1},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize('key', ['wk', 'wd'])
+def test_weightings_are_those_of_the_tables(key: str) -> None:
+    """At the nominal one-third-octave frequencies, to the rounding of the table (one entry, 16 Hz, is rounded down there)."""
+    f, expected = np.array(list(TABLE[key])), np.array(list(TABLE[key].values()))
+    unit = np.where(expected < 100.0, 0.1, 1.0)
+    assert np.all(np.abs(1e3 * np.abs(ride.WEIGHTINGS[key].response(f)) - expected) < 0.75 * unit)
+
+
+@pytest.mark.parametrize(('axis', 'name', 'key'), [('x', 'ax', 'wd'), ('y', 'ay', 'wd'), ('z', 'az', 'wk'), ('z', 'az', 'wb')])
+def test_a_sine_has_the_weight_of_its_frequency(axis: str, name: str, key: str) -> None:
+    """RMS A |H|/sqrt(2), dose A |H| (3/8 T)^(1/4), crest factor sqrt(2), running RMS the RMS once it has settled."""
+    t = even(32.0, 400.0)
+    f, A = 5.0, 1.3
+    s = made(t, ax=0.0, ay=0.0, az=9.81)
+    s.values[name] = s.values[name] + A * np.sin(2.0 * np.pi * f * t)
+    r = ride.judge(s, ride.Ride())
+    weight = abs(ride.WEIGHTINGS[key].response(np.array([f]))[0])
+    assert r[f'{axis}_{key}_rms'] == pytest.approx(A * weight / math.sqrt(2.0), rel=2e-3)
+    assert r[f'{axis}_{key}_vdv'] == pytest.approx(A * weight * (0.375 * 30.0) ** 0.25, rel=2e-3)
+    if key != 'wb':
+        assert r[f'{axis}_{key}_crest'] == pytest.approx(math.sqrt(2.0), rel=0.01)
+        assert r[f'{axis}_{key}_mtvv'] == pytest.approx(A * weight / math.sqrt(2.0), rel=0.06)  # ripple of 1/(4 pi f T) of the mean square
+        assert r['total'] == pytest.approx(A * weight / math.sqrt(2.0), rel=2e-3)
+
+
+def test_running_rms_of_a_burst() -> None:
+    """y = 1 from t = 0 on: sqrt(1 - exp(-t/T)); off again it fades with exp(-t/2T)."""
+    t = even(10.0, 100.0)
+    found = ride.running_rms(np.where(t <= 5.0, 1.0, 0.0), 100.0, 1.0)
+    on, off = (t > 0.1) & (t <= 5.0), t > 5.1
+    assert found[on] == pytest.approx(np.sqrt(1.0 - np.exp(-t[on])), abs=1e-9)
+    assert found[off] == pytest.approx(math.sqrt(1.0 - math.exp(-5.0)) * np.exp(-0.5 * (t[off] - 5.0)), rel=5e-3)
+
+
+def test_a_weighting_is_causal() -> None:
+    """Nothing comes before a shock but the ringing of the band limit at half the sampling rate."""
+    y = np.zeros(4000)
+    y[2000] = 1.0
+    found = ride.weighted(y, 400.0, ride.WEIGHTINGS['wk'])
+    assert np.abs(found[:1950]).max() < 1e-2 * np.abs(found).max()
+    with pytest.raises(BagError, match='nothing shakes'):
+        ride.judge(made(even(8.0), ax=0.0, ay=0.0, az=9.81), ride.Ride())

@@ -1,0 +1,72 @@
+"""Signals of an evaluation from topics of different rates."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from drives import EPOCH, even
+from scipy.spatial.transform import Rotation
+
+from mbd_sim_ros.analysis.evaluation.signals import signals
+from mbd_sim_ros.bags.reader import Run, Series
+from solver.errors import BagError
+
+G = 9.80665
+
+
+def pose(t: np.ndarray, heading: np.ndarray, roll: float, speed: float) -> dict[str, np.ndarray]:
+    q = Rotation.from_euler('ZYX', np.column_stack([heading, np.zeros_like(t), np.full_like(t, roll)])).as_quat()
+    body = {f'odom/pose/{n}': v for n, v in zip(('x', 'y', 'z'), (speed * t, 0.0 * t, 0.0 * t))}
+    body |= {f'odom/pose/q{n}': v for n, v in zip('xyzw', q.T)}
+    return body
+
+
+def test_signals_come_from_topics_of_different_rates_on_uneven_stamps(rng: np.random.Generator) -> None:
+    """A body that rolls by 0.05 rad and turns; the specific force holds what gravity adds, the lateral acceleration does not."""
+    t1 = np.sort(np.concatenate([[0.0, 10.0], rng.uniform(0.0, 10.0, 4000)]))
+    t2 = even(10.0, 100.0) + 0.001 * np.sin(np.arange(1001))
+    t2[[0, -1]] = 0.0, 10.0
+    roll, r, v, a = 0.05, 0.8, 20.0, 3.0
+    body = pose(t1, r * t1, roll, v)
+    signs = np.where(t1 > 5.0, -1.0, 1.0)  # a quaternion and its negative are one orientation
+    for n in 'xyzw':
+        body[f'odom/pose/q{n}'] = body[f'odom/pose/q{n}'] * signs
+    w = np.array([0.0, np.sin(roll) * r, np.cos(roll) * r])  # in the body
+    force = np.array([0.0, a * np.cos(roll) + G * np.sin(roll), -a * np.sin(roll) + G * np.cos(roll)])
+    body |= {f'odom/twist/{n}': np.full_like(t1, x) for n, x in zip(('vx', 'vy', 'vz', 'wx', 'wy', 'wz'), (v, 0.0, 0.0, *w))}
+    stamps = [EPOCH + np.round(t * 1e9).astype(np.int64) for t in (t1, t2)]
+    run = Run(
+        {
+            'odom': Series(stamps[0], body),
+            'imu': Series(stamps[1], {f'imu/{n}': np.full_like(t2, x) for n, x in zip(('ax', 'ay', 'az'), force)}),
+            'cmd_applied': Series(
+                stamps[1], {'cmd_applied/steering': 0.1 * t2, 'cmd_applied/brake_torque': np.where(t2 < 5.0, 0.0, 100.0)}
+            ),
+        }
+    )
+    s = signals(run, 'bag', ('speed', 'yaw_rate', 'lateral_acceleration', 'roll', 'steering', 'brake', 'heading'))
+    assert s.t[0] == 0.0
+    assert s['speed'] == pytest.approx(v)
+    assert s['yaw_rate'] == pytest.approx(r, abs=1e-6)
+    assert s['lateral_acceleration'] == pytest.approx(a, abs=1e-3)  # gravity of the scene is 9.81
+    assert s['roll'] == pytest.approx(roll, abs=1e-6)
+    assert s['heading'] == pytest.approx(r * s.t, abs=1e-5)
+    assert s['steering'] == pytest.approx(0.1 * s.t, abs=1e-9)
+    assert set(np.unique(s['brake'])) == {0.0, 100.0}  # held, nothing between
+    assert np.ptp(np.diff(s.t)) < 1e-9
+    with pytest.raises(BagError, match='has no hand torque: the channel steering_torque or joint_states/steering_wheel/effort is needed'):
+        signals(run, 'bag', ('steering_torque',))
+    del run.series['odom']
+    again = signals(run, 'bag', ('lateral_acceleration',))
+    assert again['lateral_acceleration'] == pytest.approx(force[1])
+    assert 'no orientation' in again.notes[0]
+
+
+def test_gaps_are_told() -> None:
+    t = even(10.0, 100.0)
+    keep = (t < 4.0) | (t > 4.5)
+    run = Run({'imu': Series(np.round(t[keep] * 1e9).astype(np.int64), {'imu/wz': t[keep]})})
+    s = signals(run, 'bag', ('yaw_rate',))
+    assert '0.51 s without samples' in s.notes[0] or '0.52 s without samples' in s.notes[0]
+    with pytest.raises(BagError, match='ten samples'):
+        signals(Run({'imu': Series(np.arange(5), {'imu/wz': np.zeros(5)})}), 'bag', ('yaw_rate',))

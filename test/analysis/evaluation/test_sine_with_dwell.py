@@ -1,0 +1,76 @@
+"""Sine with dwell: ratios, displacement, limits and series."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from drives import dwelling, weaving
+
+from mbd_sim_ros.analysis.evaluation import sine_with_dwell
+from mbd_sim_ros.analysis.evaluation.signals import Signals
+from solver.errors import BagError
+
+
+@pytest.mark.parametrize('side', [1.0, -1.0])
+def test_ratios_and_displacement_of_a_sine_with_dwell(side: float) -> None:
+    r = sine_with_dwell.judge(dwelling(side=side), sine_with_dwell.SineWithDwell(reference=0.25, mass=1500.0))
+    assert r['amplitude'] == pytest.approx(side * 1.5, rel=2e-3)
+    assert r['over_reference'] == pytest.approx(6.0, rel=2e-3)
+    assert r['speed'] == pytest.approx(22.2)
+    assert r['peak_yaw_rate'] == pytest.approx(0.6, rel=5e-3)
+    assert r['yaw_rate_ratio_100'] == pytest.approx(0.3, rel=0.01)  # the 6 Hz filter rounds the corners of the lines
+    assert r['yaw_rate_ratio_175'] == pytest.approx(0.1, rel=0.02)
+    assert r['displacement'] == pytest.approx(6.0 * 1.07**3 / 6.0, rel=0.01)
+    verdicts = {f.name: f.ok for f in r.figures}
+    assert verdicts['yaw_rate_ratio_100'] is True
+    assert verdicts['displacement'] is False  # 1.23 m
+    assert r.passed is False
+
+
+def test_limits_of_a_sine_with_dwell() -> None:
+    def verdicts(s: Signals, **given: float) -> dict[str, bool | None]:
+        return {f.name: f.ok for f in sine_with_dwell.judge(s, sine_with_dwell.SineWithDwell(**given)).figures if f.limit}
+
+    near = {'reference': 0.25, 'mass': 1500.0}
+    assert all(verdicts(dwelling(push=9.1), **near).values())  # 1.86 m
+    assert verdicts(dwelling(push=8.8), **near)['displacement'] is False  # 1.80 m
+    assert verdicts(dwelling(push=8.8), reference=0.25, mass=4000.0)['displacement'] is True  # 1.52 m are enough for a heavy one
+    assert verdicts(dwelling(push=1.0), reference=0.4)['displacement'] is None  # 3.75 A
+    assert verdicts(dwelling(push=1.0))['displacement'] is None  # A is not known
+    assert verdicts(dwelling(ratios=(0.37, 0.1)))['yaw_rate_ratio_100'] is False
+    assert verdicts(dwelling(ratios=(0.33, 0.22))) == {'yaw_rate_ratio_100': True, 'yaw_rate_ratio_175': False, 'displacement': None}
+
+
+def test_the_series_of_amplitudes() -> None:
+    """From 1.5 A by 0.5 A to the greater of 6.5 A and 270 deg, at most 300 deg."""
+    found = np.degrees(sine_with_dwell.series(math.radians(30.0)))
+    assert found == pytest.approx([*np.arange(45.0, 270.0, 15.0), 270.0])
+    assert np.degrees(sine_with_dwell.series(math.radians(45.0)))[-1] == pytest.approx(292.5)
+    last = np.degrees(sine_with_dwell.series(math.radians(50.0)))
+    assert last[-1] == pytest.approx(300.0)
+    assert np.diff(last).max() == pytest.approx(25.0)
+
+
+def test_a_series_is_as_good_as_its_worst_run() -> None:
+    p = sine_with_dwell.SineWithDwell(reference=0.25)
+    runs = [sine_with_dwell.judge(dwelling(a, ratios=(q, 0.1), push=9.5), p) for a, q in ((1.0, 0.1), (1.25, 0.2), (1.5, 0.4))]
+    found = {f.name: f for f in sine_with_dwell.together(runs)}
+    assert found['worst_ratio_100'].value == pytest.approx(0.4, rel=0.01)
+    assert found['worst_ratio_100'].ok is False
+    assert found['worst_ratio_175'].ok is True
+    assert found['stable_up_to'].value == pytest.approx(1.25, rel=2e-3)
+    assert found['least_displacement'].ok is True
+
+
+def test_what_is_no_sine_with_dwell_is_refused() -> None:
+    sine = dwelling()
+    sine.values['steering'] = 1.5 * np.sin(2.0 * np.pi * 0.7 * np.clip(sine.t - 2.0, 0.0, 1.0 / 0.7))
+    with pytest.raises(BagError, match='stays at its second peak'):
+        sine_with_dwell.judge(sine, sine_with_dwell.SineWithDwell())
+    with pytest.raises(BagError, match='75 deg/s'):
+        sine_with_dwell.judge(weaving(), sine_with_dwell.SineWithDwell())
+    sine.values['steering'] = np.interp(sine.t, [2.0, 2.5], [0.0, 1.5])
+    with pytest.raises(BagError, match='one side'):
+        sine_with_dwell.judge(sine, sine_with_dwell.SineWithDwell())

@@ -1,0 +1,56 @@
+"""ISO 4138: gradients of a car whose steady state is exactly linear."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from drives import RATIO, ROLL, SLIP, TORQUE, L, U, circling
+
+from mbd_sim_ros.analysis.evaluation import steady_state
+from solver.errors import BagError
+
+
+@pytest.mark.parametrize('side', [1.0, -1.0])
+@pytest.mark.parametrize('method', ['constant_radius', 'constant_steering', 'constant_speed'])
+def test_gradients_of_a_linear_car(method: str, side: float) -> None:
+    p = steady_state.SteadyState(wheelbase=L, ratio=RATIO, high=3.0)
+    r = steady_state.judge(circling(method, side), p, method)
+    smoothing = dict(rel=2e-3)  # the low pass bends the curve a little where it begins
+    assert r['understeer_gradient'] == pytest.approx(U, **smoothing)
+    assert r['roll_gradient'] == pytest.approx(ROLL, **smoothing)
+    assert r['sideslip_gradient'] == pytest.approx(SLIP, **smoothing)
+    assert r['steering_torque_gradient'] == pytest.approx(TORQUE, **smoothing)
+    if method == 'constant_radius':
+        assert r['steering_wheel_gradient'] == pytest.approx(RATIO * U, **smoothing)
+        assert r['mean'] == pytest.approx(100.0, rel=1e-6)
+    if method == 'constant_speed':
+        assert r['reference_steer_gradient'] == pytest.approx(L / 22.0**2, **smoothing)
+    if method == 'constant_steering':
+        assert r['steering_wheel_gradient'] == pytest.approx(0.0, abs=1e-9)
+        assert r['reference_steer_gradient'] == pytest.approx(-U, **smoothing)
+    assert r.passed is None
+
+
+def test_noise_does_not_bend_the_gradients(rng: np.random.Generator) -> None:
+    s = circling('constant_speed')
+    for name, size in (('yaw_rate', 0.014), ('steering', 0.005), ('roll', 0.002)):
+        s.values[name] += size * rng.standard_normal(s.t.size)
+    r = steady_state.judge(s, steady_state.SteadyState(wheelbase=L, ratio=RATIO), 'constant_speed')
+    # after the low pass about 50 independent samples remain, with noise of 0.3 mrad in roll and 0.04 m/s^2: 0.9 % for a standard deviation
+    assert r['understeer_gradient'] == pytest.approx(U, rel=0.04)
+    assert r['roll_gradient'] == pytest.approx(ROLL, rel=0.04)
+
+
+def test_circles_that_are_none_are_refused() -> None:
+    with pytest.raises(BagError, match='not driven with constant speed: it varies by'):
+        steady_state.judge(circling('constant_radius'), steady_state.SteadyState(), 'constant_speed')
+    slow = circling('constant_radius')
+    slow.values['yaw_rate'] *= 0.1
+    with pytest.raises(BagError, match='no steady-state circular driving'):
+        steady_state.judge(slow, steady_state.SteadyState(), 'constant_radius')
+    r = steady_state.judge(circling('constant_radius'), steady_state.SteadyState(), 'constant_radius')
+    assert math.isnan(r['understeer_gradient'])  # wheelbase and ratio are not known: a note, no number
+    assert any('wheelbase' in note for note in r.notes)
+    assert r['roll_gradient'] == pytest.approx(ROLL, rel=2e-3)

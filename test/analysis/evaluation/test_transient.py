@@ -1,0 +1,103 @@
+"""ISO 7401: step and frequency responses of second order."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from drives import even, made, second_order, stepped
+from scipy import signal
+
+from mbd_sim_ros.analysis.evaluation import transient
+from mbd_sim_ros.analysis.evaluation.signals import Signals
+from solver.errors import BagError
+
+
+@pytest.mark.parametrize('side', [1.0, -1.0])
+def test_step_response_of_second_order(side: float) -> None:
+    """Peak at pi/w_d, overshoot exp(-pi D/sqrt(1 - D^2)); the response time solves the closed form; half the step is at t = 2 s."""
+    r = transient.judge_step(stepped(side), transient.StepSteer())
+    assert r['speed'] == pytest.approx(22.0)
+    assert r['steering'] == pytest.approx(side * 0.5)
+    assert r['steering_rise'] == pytest.approx(0.08, abs=1e-6)
+    for name, gain, f, damping in (('yaw_rate', 0.3, 1.2, 0.6), ('lateral_acceleration', 4.0, 0.9, 0.8)):
+        w, root = 2.0 * np.pi * f, np.sqrt(1.0 - damping**2)
+        fine = np.linspace(0.0, 1.0, 200_001)
+        ninety = fine[np.argmax(second_order(fine, 1.0, f, damping) >= 0.9)]
+        forgotten = 2.0 * math.exp(-damping * w * 2.0)  # of the response, two seconds after the step
+        assert r[f'{name}_steady'] == pytest.approx(side * gain, rel=forgotten)
+        assert r[f'{name}_response_time'] == pytest.approx(ninety, abs=2e-4)
+        assert r[f'{name}_peak_time'] == pytest.approx(math.pi / (w * root), abs=1e-3)
+        assert r[f'{name}_overshoot'] == pytest.approx(math.exp(-math.pi * damping / root), abs=2e-3)
+    assert r['yaw_rate_gain'] == pytest.approx(0.6, rel=1e-3)
+    assert r['lateral_acceleration_gain'] == pytest.approx(8.0, rel=1e-3)
+    assert r['tb_factor'] == pytest.approx(0.02 * math.pi / (2.0 * np.pi * 1.2 * 0.8), rel=2e-3)
+
+
+def test_what_is_no_step_is_refused() -> None:
+    t = even(8.0)
+    still = made(t, steering=0.01 * t, speed=20.0, yaw_rate=0.0, lateral_acceleration=0.0)
+    with pytest.raises(BagError, match='no step of the steering wheel in it'):
+        transient.judge_step(still, transient.StepSteer())
+    wave = made(t, steering=0.5 * np.sin(2.0 * np.pi * 0.5 * t), speed=20.0, yaw_rate=0.0, lateral_acceleration=0.0)
+    with pytest.raises(BagError, match='not held'):
+        transient.judge_step(wave, transient.StepSteer())
+    short = stepped()
+    short = Signals(place='bag', t=short.t[:1700], values={k: v[:1700] for k, v in short.values.items()}, notes=[])
+    with pytest.raises(BagError, match=r'ends 1.* s behind the step'):
+        transient.judge_step(short, transient.StepSteer())
+
+
+def answered(x: np.ndarray, rate: float, gain: float, f: float, damping: float) -> np.ndarray:
+    w = 2.0 * np.pi * f
+    system = signal.cont2discrete(([gain * w * w], [1.0, 2.0 * damping * w, w * w]), 1.0 / rate, 'foh')
+    return signal.lfilter(system[0].ravel(), system[1], x)
+
+
+@pytest.mark.parametrize('kind', ['random', 'sweep'])
+def test_frequency_response_of_second_order(kind: str, rng: np.random.Generator) -> None:
+    rate, seconds = 100.0, 240.0
+    t = even(seconds, rate)
+    if kind == 'random':
+        x = 0.3 * signal.sosfilt(signal.butter(2, 4.0, fs=rate, output='sos'), rng.standard_normal(t.size))
+    else:
+        x = 0.3 * np.sin(2.0 * np.pi * (0.05 * t + 0.5 * 3.5 / seconds * t * t))
+    yaw, lateral = answered(x, rate, 0.3, 1.2, 0.6), answered(x, rate, 8.0, 0.9, 0.8)
+    r = transient.judge_frequencies(
+        made(t, steering=x, speed=22.0, yaw_rate=yaw, lateral_acceleration=lateral), transient.FrequencyResponse()
+    )
+    for name, gain, f, damping in (('yaw_rate', 0.3, 1.2, 0.6), ('lateral_acceleration', 8.0, 0.9, 0.8)):
+
+        def H(at: float, gain: float = gain, f: float = f, damping: float = damping) -> complex:
+            return gain / (1.0 - (at / f) ** 2 + 2j * damping * at / f)
+
+        assert r[f'{name}_static_gain'] == pytest.approx(abs(H(0.2)), rel=0.01)
+        assert r[f'{name}_gain_1hz'] == pytest.approx(abs(H(1.0)), rel=0.02)  # resolution of 0.1 Hz
+        assert r[f'{name}_gain_2hz'] == pytest.approx(abs(H(2.0)), rel=0.02)
+        assert r[f'{name}_phase_1hz'] == pytest.approx(np.angle(H(1.0)), abs=0.02)
+        assert r[f'{name}_delay_1hz'] == pytest.approx(-np.angle(H(1.0)) / (2.0 * np.pi), abs=4e-3)
+        down = next(k for k in np.arange(0.2, 4.0, 1e-3) if abs(H(k)) < abs(H(0.2)) / math.sqrt(2.0))
+        assert r[f'{name}_bandwidth'] == pytest.approx(down, rel=0.02)
+        assert r[f'{name}_least_coherence'] > 0.98
+    top = 1.2 * math.sqrt(1.0 - 2.0 * 0.36)
+    assert r['yaw_rate_peak_frequency'] == pytest.approx(top, abs=0.11)
+    assert r['yaw_rate_peak_ratio'] == pytest.approx(
+        1.0 / (2.0 * 0.6 * 0.8) / abs(1.0 / (1.0 - (0.2 / 1.2) ** 2 + 2j * 0.6 * 0.2 / 1.2)), rel=0.01
+    )
+
+
+def test_noise_lowers_the_coherence_as_it_must(rng: np.random.Generator) -> None:
+    """Independent noise of the power of the response: coherence 1/2 at every frequency where both are white."""
+    t = even(400.0, 50.0)
+    x = 0.3 * rng.standard_normal(t.size)
+    y = x + 0.3 * rng.standard_normal(t.size)
+    r = transient.judge_frequencies(made(t, steering=x, speed=22.0, yaw_rate=y, lateral_acceleration=x), transient.FrequencyResponse())
+    assert 0.25 < r['yaw_rate_least_coherence'] < 0.5
+    assert r['lateral_acceleration_least_coherence'] == pytest.approx(1.0)
+    assert any('coherence' in note for note in r.notes)
+    with pytest.raises(BagError, match='does not excite'):
+        transient.judge_frequencies(
+            made(t, steering=np.sin(2.0 * np.pi * 0.2 * t), speed=20.0, yaw_rate=0.0, lateral_acceleration=0.0),
+            transient.FrequencyResponse(),
+        )

@@ -1,0 +1,50 @@
+"""What web pages share: samples to draw, numbers for the script, pages of one file."""
+
+from __future__ import annotations
+
+import base64
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mbd_sim_ros.analysis.pages import fill, floats, plain_page, thinned
+
+POINTS = 1500
+TEMPLATES = ('mbd_sim_ros.analysis:report.html', 'mbd_sim_ros.analysis.evaluation:page.html', 'mbd_sim_ros.analysis.view:view.html')
+
+
+@pytest.mark.parametrize('signals', [1, 3])
+def test_thinning_keeps_the_extremes_of_all_signals_and_the_ends(signals: int, rng: np.random.Generator) -> None:
+    values = rng.standard_normal((signals, 60_001))
+    values[0, 12_345], values[-1, 45_678] = 9.0, -9.0
+    values[0, 500:600] = np.nan
+    keep = thinned(POINTS, *values)
+    assert keep.size <= 1.05 * POINTS
+    assert {0, 12_345, 45_678, 60_000} <= set(keep.tolist())
+    assert np.all(np.diff(keep) > 0)
+    assert np.array_equal(thinned(POINTS, *values[:, :100]), np.arange(100))
+
+
+def test_numbers_arrive_as_floats_of_32_bits() -> None:
+    found = np.frombuffer(base64.b64decode(floats(np.array([0.1, -2.0, np.nan, 1e300]))), '<f4')
+    np.testing.assert_array_equal(found, np.array([0.1, -2.0, np.nan, np.inf], np.float32))
+    assert floats(np.array([])) == ''
+
+
+@pytest.mark.parametrize('template', TEMPLATES)
+def test_a_template_is_filled_and_needs_nothing_else(template: str, tmp_path: Path) -> None:
+    fill(tmp_path / 'deep' / 'p.html', template, {'title': '</script>', 'worst': [float('inf'), 1.5]})
+    page = (tmp_path / 'deep' / 'p.html').read_text(encoding='utf-8')
+    assert not re.search('@[A-Z]+@', page)
+    assert page.count('</script>') == 2  # nothing in the data ends a script
+    assert not re.search(r'(src|href)=|https?://|@import|url\(', page)
+    data = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)
+    assert data is not None and json.loads(data[1]) == {'title': '</script>', 'worst': [None, 1.5]}
+
+
+def test_a_plain_page_escapes_its_title() -> None:
+    page = plain_page('a < b', ['<p>text</p>'])
+    assert '<title>a &lt; b</title>' in page and '<h1>a &lt; b</h1>' in page and '<p>text</p>' in page

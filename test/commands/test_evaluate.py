@@ -1,0 +1,130 @@
+"""mbd evaluate: recordings of others, refusals, verdicts, the list."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from drives import EPOCH, dwelling, stepped
+from scalars import write_scalars
+
+from mbd_sim_ros.analysis.evaluation import judging, sine_with_dwell
+from mbd_sim_ros.analysis.evaluation.figures import Result
+from mbd_sim_ros.analysis.evaluation.registry import EVALUATIONS, called, names
+from mbd_sim_ros.analysis.evaluation.signals import WAYS, Signals
+from mbd_sim_ros.commands.main import main
+from solver.errors import SpecError
+
+G = 9.80665
+
+
+def recorded(directory: Path, s: Signals, names: dict[str, str]) -> Path:
+    """A bag of plain scalars: signal -> name of the channel there."""
+    stamps = EPOCH + np.round(s.t * 1e9).astype(np.int64)
+    topics: dict[str, dict[str, np.ndarray]] = {}
+    for name, channel in names.items():
+        topic, _, rest = channel.rpartition('/')
+        topics.setdefault(topic, {})[rest] = s[name]
+    return write_scalars(directory, {topic: (stamps, columns) for topic, columns in topics.items()})
+
+
+MAPPING = """
+channels:
+  yaw_rate: {channel: car/imu/yaw, unit: deg/s}
+  lateral_acceleration: {channel: car/imu/lateral, unit: g, sign: -1}
+  speed: {channel: car/speed/kmh, unit: km/h}
+  steering: {channel: car/wheel/angle, unit: deg}
+"""
+THEIRS = {'yaw_rate': 'car/imu/yaw', 'lateral_acceleration': 'car/imu/lateral', 'speed': 'car/speed/kmh', 'steering': 'car/wheel/angle'}
+
+
+@pytest.fixture
+def foreign(tmp_path: Path) -> tuple[Path, Path]:
+    """A recording of another system with a step steer, and the mapping file for it."""
+    s = stepped(rate=100.0)
+    units = {'yaw_rate': 180.0 / math.pi, 'lateral_acceleration': -1.0 / G, 'speed': 3.6, 'steering': 180.0 / math.pi}
+    s.values = {name: factor * s[name] for name, factor in units.items()}
+    (tmp_path / 'car.yaml').write_text(MAPPING)
+    return recorded(tmp_path / 'car', s, THEIRS), tmp_path / 'car.yaml'
+
+
+def test_a_recording_of_others_is_evaluated(foreign: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    bag, file = foreign
+    page = tmp_path / 'page.html'
+    assert main(['evaluate', str(bag), '--as', 'iso7401_step', '--mapping', str(file), '--html', str(page), '--json']) == 0
+    captured = capsys.readouterr()
+    assert captured.err == ''
+    data = json.loads(captured.out)
+    assert data['passed'] is None
+    figures = data['results'][0]['figures']
+    assert figures['yaw_rate_peak_time']['value'] == pytest.approx(math.pi / (2.0 * np.pi * 1.2 * 0.8), abs=5e-3)
+    assert figures['yaw_rate_peak_time']['unit'] == 's'
+    assert figures['lateral_acceleration_gain']['value'] == pytest.approx(8.0, rel=2e-3)
+    assert 'http' not in page.read_text(encoding='utf-8')
+    assert main(['evaluate', str(bag), '--as', 'iso7401_step', '--mapping', str(file)]) == 0
+    assert 'not judged' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'sentence'),
+    [
+        ([], 'does not say which maneuver of a norm it holds; say it with --as'),
+        (['--as', 'iso7401_stepp'], "did you mean 'iso7401_step'"),
+        (['--as', 'iso7401_step'], 'none of the channels that evaluations use is in it'),
+        (['--as', 'iso7401_step', '--map', 'car/wheel/angle=steering'], 'has no speed along the vehicle: the channel speed or'),
+        (['--as', 'iso13674', '--mapping', 'FILE'], 'no weaving in it'),
+        (['--as', 'iso7401', '--mapping', 'FILE'], 'hold? iso7401_step, iso7401_frequency'),
+        (['--as', 'iso7401_step', '--mapping', 'FILE', '--set', 'settle=1'], "did you mean 'settled'"),
+        (['--as', 'iso7401_step', '--mapping', 'FILE', '--set', 'settled'], 'write it as KEY=NUMBER'),
+    ],
+)
+def test_refusals_are_one_sentence(
+    foreign: tuple[Path, Path], arguments: list[str], sentence: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag, file = foreign
+    assert main(['evaluate', str(bag), *(str(file) if a == 'FILE' else a for a in arguments)]) != 0
+    captured = capsys.readouterr()
+    assert captured.out == ''
+    assert captured.err.count('\n') == 1
+    assert sentence in captured.err
+
+
+def test_strict_fails_where_the_norm_is_not_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    keys = {name: name for name in ('steering', 'speed', 'yaw_rate', 'lateral_acceleration')}
+    bags = [
+        recorded(tmp_path / name, dwelling(ratios=ratios), {k: f'car/{v}' for k, v in keys.items()})
+        for name, ratios in (('good', (0.2, 0.1)), ('bad', (0.5, 0.1)))
+    ]
+    options = ['--as', 'sine_with_dwell', '--map', 'car/*=*']
+    assert main(['evaluate', str(bags[0]), *options, '--strict']) == 0
+    assert main(['evaluate', str(bags[1]), *options]) == 0
+    assert main(['evaluate', str(bags[1]), *options, '--strict']) == 1
+    capsys.readouterr()
+    assert main(['evaluate', *map(str, bags), *options, '--json']) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert data['passed'] is False
+    assert data['together']['fmvss126']['worst_ratio_100']['value'] == pytest.approx(0.5, rel=0.02)
+
+
+def test_every_evaluation_is_listed_and_can_be_called(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(['evaluate', '--list', '--json']) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert [e['name'] for e in data['evaluations']] == [e.name for e in EVALUATIONS]
+    for e in EVALUATIONS:
+        assert called(e.name) == (e,)
+        assert set(e.needs + e.also) <= set(WAYS)
+        assert judging.parameters_of(e, {})
+    assert [e.name for e in called('iso4138')] == ['iso4138_constant_radius', 'iso4138_constant_steering', 'iso4138_constant_speed']
+    assert called('ISO-3888-2')[0].name == 'iso3888_2'
+    assert 'iso19365' in names()
+    with pytest.raises(SpecError, match='iso4138'):
+        called('iso4183')
+
+
+def test_a_figure_without_value_never_passes() -> None:
+    assert Result(evaluation='x', title='x', norm='x', figures=()).passed is None
+    r = sine_with_dwell.judge(dwelling(), sine_with_dwell.SineWithDwell())
+    assert all(math.isfinite(f.value) for f in r.figures if f.ok)
