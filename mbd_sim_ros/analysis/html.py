@@ -13,9 +13,9 @@ from mbd_sim_ros.analysis.pages import fill, floats, thinned
 SHOWN = 24  # curves of the channels that differ most
 POINTS = 3000  # about so many of a curve; the extremes of every stretch are among them
 COLUMNS = (
-    'channel', 'unit', 'largest difference', 'at [s]', 'RMS', 'scale', 'largest / scale', 'RMS / scale',
+    'channel', 'verdict', 'unit', 'largest difference', 'at [s]', 'RMS', 'scale', 'largest / scale', 'RMS / scale',
     'rating', 'corridor', 'phase', 'magnitude', 'slope', 'shift [s]',
-    'peak of run', 'peak of reference', 'peak later by [s]', 'in band', 'time in both', 'verdict',
+    'peak of run', 'peak of reference', 'peak later by [s]', 'in band', 'time in both',
 )  # fmt: skip
 LEGEND = (
     'The worst relative to its tolerance comes first. Scale: largest value of the reference. Rating and its parts after ISO/TS 18571, 1 is'
@@ -33,14 +33,16 @@ def write_report(comparison: Comparison, file: Path, *, names: Sequence[str], ab
     reference = 'mean of repeats' if repeats else names[1]
     keys = [[names[0], 'run'], [reference, 'reference']]
     keys += [['95 % confidence band of the mean', 'band'], ['repeats', 'repeat']] if repeats else []
+    rows = [_row(d) for d in comparison.differences]
+    filled = [k for k, name in enumerate(COLUMNS) if name == 'verdict' or any(row[k] is not None for row in rows)]
     data = {
         'title': f'{names[0]} compared with {", ".join(names[1:])}',
         'verdict': {'ok': verdict[0], 'text': verdict[1]},
         'about': list(about),
         'legend': LEGEND,
         'keys': [*keys, ['difference', 'other']],
-        'columns': COLUMNS,
-        'rows': [_row(d) for d in comparison.differences],
+        'columns': [COLUMNS[k] for k in filled],
+        'rows': [[row[k] for k in filled] for row in rows],
         'charts': [_chart(d, comparison.curves(d.channel)) for d in comparison.differences[:SHOWN]],
     }
     fill(file, 'mbd_sim_ros.analysis:report.html', data)
@@ -52,7 +54,8 @@ def _row(d: Difference) -> list[Any]:
     )
     later = d.peak_time[0] - d.peak_time[1]
     figures = [d.max, d.time, d.rms, d.scale, d.normalised, d.rms_normalised, *scores, *d.peak, later]
-    return [d.channel, d.unit, *figures, None if d.band is None else d.band.inside, d.overlap, '; '.join(d.reasons)]
+    reasons = '; '.join(d.reasons)
+    return [d.channel, reasons, d.unit, *figures, None if d.band is None else d.band.inside, d.overlap]
 
 
 def _chart(d: Difference, curves: Curves) -> dict[str, Any]:
