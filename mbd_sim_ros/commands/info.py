@@ -1,4 +1,4 @@
-"""mbd info: what a scene consists of."""
+"""mbd info: what a scene consists of, and what became of the keys of a tire file."""
 
 from __future__ import annotations
 
@@ -11,13 +11,14 @@ from mbd_sim_ros.commands import Result, add_scene, declare, table
 from solver.errors import MbdError
 
 if TYPE_CHECKING:
+    from solver.files.tire_receipt import Entry
     from solver.levels.derived import LevelReport
     from solver.scene import Scene
 
 
 def add(parsers: Any) -> None:
     """Declare the command."""
-    parser = declare(parsers, 'info', run, 'show what a scene consists of', 'mbd info slider_crank')
+    parser = declare(parsers, 'info', run, 'show what a scene, or a tire file (.tir), consists of', 'mbd info slider_crank')
     add_scene(parser)
     parser.add_argument(
         '--brief', action='store_true', help='leave out the figures of a vehicle and the errors of its level, which take seconds'
@@ -33,6 +34,8 @@ def run(args: argparse.Namespace) -> Result:
     from solver.errors import BagError
     from solver.files.scene import load_scene
 
+    if args.scene.lower().endswith('.tir'):
+        return _tire_file(args)
     scene = load_scene(args.scene, args.overrides)
     if args.resolved:
         return Result(data={'status': 'ok', 'scene': scene.name, 'resolved': scene.resolved}, text=scene.resolved.rstrip())
@@ -67,13 +70,60 @@ def run(args: argparse.Namespace) -> Result:
     if not args.brief and is_vehicle(simulation.scene.model):
         data['figures'], figures = _figures(simulation.scene)
         text += figures
+    if scene.model.tires:
+        data['tire_data'], receipts = _tires(scene)
+        text += receipts
     rows = [
         (key.replace('_', ' '), _text(value))
         for key, value in data.items()
-        if key not in ('status', 'figures', 'level', 'start') and value not in ('', [], {})
+        if key not in ('status', 'figures', 'level', 'start', 'tire_data') and value not in ('', [], {})
     ]
     rows.append(('start', str(simulation.start)))
     return Result(data=data, text=table(rows) + text)
+
+
+def _tire_file(args: argparse.Namespace) -> Result:
+    """The receipt of a tire file: every key used, ignored (why) or defaulted (value)."""
+    from solver.errors import SceneError
+    from solver.files.tir import read_tir
+    from solver.files.tire_receipt import receipt, warnings
+
+    for name, given in (('--set', args.overrides), ('--urdf', args.urdf), ('--resolved', args.resolved)):
+        if given:
+            raise SceneError(f'{args.scene}: {name} is for a scene, not for a tire file')
+    data = read_tir(args.scene)
+    found = receipt(data)
+    said = warnings(data)
+    rows = [('key', '', 'value', ''), *((e.key, e.fate, _text(e.value), e.why) for e in found)]
+    object_ = {
+        'status': 'ok',
+        'tire': data.name,
+        'version': data.version,
+        'side': data.side,
+        'receipt': [dataclasses.asdict(e) for e in found],
+    }
+    head = table([('tire', data.name), ('equations', f'{data.version // 10}.{data.version % 10}'), ('side', data.side), *_counts(found)])
+    return Result(data=object_ | {'warnings': said}, text='\n'.join([head, *said, '', table(rows)]))
+
+
+def _counts(found: list[Entry]) -> list[tuple[str, str]]:
+    return [(fate, str(sum(e.fate == fate for e in found))) for fate in ('used', 'ignored', 'defaulted')]
+
+
+def _tires(scene: Scene) -> tuple[list[dict[str, Any]], str]:
+    """What became of the keys of each tire that the scene has: (objects for JSON, text)."""
+    from solver.files.tire_receipt import receipt, warnings
+
+    objects, text = [], ''
+    distinct = {(t.data.source or t.data.name, t.turn_slip): t for t in scene.model.tires}
+    for (name, _), tire in distinct.items():
+        found, said = receipt(tire.data, turn_slip=tire.turn_slip), warnings(tire.data)
+        wheels = [t.name for t in scene.model.tires if (t.data.source or t.data.name, t.turn_slip) == (name, tire.turn_slip)]
+        counts = ', '.join(f'{number} keys {fate}' for fate, number in _counts(found))
+        text += f'\n\ntire {name} ({", ".join(wheels)}): {counts} (every one: mbd info FILE.tir, or --json)'
+        text += ''.join(f'\n  {sentence}' for sentence in said)
+        objects.append({'tire': name, 'wheels': wheels, 'receipt': [dataclasses.asdict(e) for e in found], 'warnings': said})
+    return objects, text
 
 
 def _with_errors(level: LevelReport, scene: Scene) -> LevelReport:

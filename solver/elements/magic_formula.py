@@ -163,6 +163,21 @@ def _lateral_weight(c, kappa, a, gamma, dfz, D):
     return G, DV * sin(c[I.RVY5] * arctan(c[I.RVY6] * kappa)) * c[I.LVYKA]
 
 
+@kernel(inner=True)
+def _reference_load(c):
+    """Load of the moment's arms: F'z0 (4.E42, 4.E76), in 5.2 Fz0 without LFZO (MF-Tyre 5.2 manual)."""
+    return c[I.FNOMIN] * c[I.LFZO] if c[I.IS_61] > 0.0 else 1.0 * c[I.FNOMIN]
+
+
+@kernel(inner=True)
+def _equivalent(c, slip, q):
+    """Size of the equivalent slip: (4.E77), (4.E78), or in 5.2 the angle whose tangent it is (MF-Tyre 5.2 manual)."""
+    if c[I.IS_61] > 0.0:
+        return sqrt(slip * slip + q + 1e-16)
+    t = sin(slip) / cos(slip)
+    return arctan(sqrt(t * t + q + 1e-16))
+
+
 @kernel(inline=True)
 def _aligning(c, kappa, a, gamma, Fz, dfz, mu, Kxk, Kya, BC, shift, cos_alpha, spin, twist, zeta_2, D_side, Gyk):
     """(trail t for forward rolling, part of Mzr that turns with the sign of rolling, part that does not) at combined slip.
@@ -171,7 +186,7 @@ def _aligning(c, kappa, a, gamma, Fz, dfz, mu, Kxk, Kya, BC, shift, cos_alpha, s
     """
     dpi = c[I.DPI]
     R0 = c[I.UNLOADED_RADIUS]
-    F0 = c[I.FNOMIN] * c[I.LFZO]
+    F0 = _reference_load(c)
     g = gamma * c[I.LGAZ]
     size = smooth_abs(g, SMOOTH_CAMBER)
     at = a + (c[I.QHZ1] + c[I.QHZ2] * dfz + (c[I.QHZ3] + c[I.QHZ4] * dfz) * g)  # (4.E34)
@@ -189,7 +204,7 @@ def _aligning(c, kappa, a, gamma, Fz, dfz, mu, Kxk, Kya, BC, shift, cos_alpha, s
     # equivalent slip (4.E77), (4.E78); the trail and the residual moment are even in it, so its sign is not needed
     q = Kxk / Kya * kappa
     q = q * q
-    x = B * sqrt(at * at + q + 1e-16)
+    x = B * _equivalent(c, at, q)
     t = D * cos(curve(x, C, at_most_one(E))) * cos_alpha  # (4.E73)
     Br = c[I.QBZ9] * c[I.LKY] / scale + c[I.QBZ10] * BC  # (4.E45)
     ar = a + shift
@@ -200,7 +215,10 @@ def _aligning(c, kappa, a, gamma, Fz, dfz, mu, Kxk, Kya, BC, shift, cos_alpha, s
         return t * trail_factor(c, spin), Dr * G, moment * G
     camber = ((c[I.QDZ8] + c[I.QDZ9] * dfz) * (1.0 + c[I.PPZ2] * dpi) + (c[I.QDZ10] + c[I.QDZ11] * dfz) * size) * g * c[I.LKZC]
     Dr = Fz * ((c[I.QDZ6] + c[I.QDZ7] * dfz) * c[I.LRES] + camber) * (scale * R0) * cos_alpha  # (4.E47)
-    return t, Dr / sqrt(1.0 + Br * Br * (ar * ar + q)), 0.0 * Fz  # (4.E75), cos(arctan x) written out
+    if c[I.IS_61] > 0.0:
+        return t, Dr / sqrt(1.0 + Br * Br * (ar * ar + q)), 0.0 * Fz  # (4.E75), cos(arctan x) written out
+    er = _equivalent(c, ar, q)
+    return t, Dr / sqrt(1.0 + Br * Br * er * er), 0.0 * Fz
 
 
 @kernel(inner=True)
@@ -208,7 +226,7 @@ def patch_forces(c, kappa, tan_alpha, gamma, Fz, dfz, mu, Kxk, Kya, twist, forwa
     """(Fx, Fy, Mx, A, B) in the axes of the .tir file [N, N m], with Mz = forward A + B. Arguments as in magic_formula."""
     R0 = c[I.UNLOADED_RADIUS]
     F0 = c[I.FNOMIN]
-    Fn = F0 * c[I.LFZO]
+    Fn = _reference_load(c)
     cos_alpha = 1.0 / sqrt(1.0 + tan_alpha * tan_alpha)
     if c[I.IS_61] > 0.0:
         a = 1.0 * tan_alpha  # (4.E3)

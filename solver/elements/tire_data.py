@@ -100,6 +100,7 @@ class TireData:
 
     version: 52 or 61. values: known coefficients; missing ones take those of DEFAULTS. extra: keys this
     model does not use. side: side of the vehicle or test bench the data belong to. source: where they come from.
+    notes: what the reader of a file made of a key (solver.files.tire_receipt).
     """
 
     name: str
@@ -108,6 +109,7 @@ class TireData:
     side: Literal['left', 'right', 'symmetric'] = 'left'
     source: str = ''
     extra: Mapping[str, float | str] = field(default_factory=dict)
+    notes: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         where = f'TireData {self.name!r}'
@@ -126,6 +128,7 @@ class TireData:
         require(values['PKY1'] < 0.0, where, 'PKY1', values['PKY1'], axes)
         object.__setattr__(self, 'values', MappingProxyType(values))
         object.__setattr__(self, 'extra', MappingProxyType(dict(self.extra)))
+        object.__setattr__(self, 'notes', MappingProxyType(dict(self.notes)))
         row = pack(values, self.version)
         for axis, stiffness, table in (('kappa', 'LONGITUDINAL_STIFFNESS', ('PTX1',)), ('alpha', 'LATERAL_STIFFNESS', ('PTY1', 'PTY2'))):
             known = self.version == 61 and values.get(stiffness, 0.0) > 0.0
@@ -139,7 +142,7 @@ class TireData:
 
     def __reduce__(self) -> tuple:
         """Read-only views do not travel to other processes; what they show does."""
-        plain = {'values': dict(self.values), 'extra': dict(self.extra)}
+        plain = {name: dict(getattr(self, name)) for name in ('values', 'extra', 'notes')}
         return partial(TireData, **{field.name: getattr(self, field.name) for field in fields(self)} | plain), ()
 
     def require_turn_slip(self, where: str) -> None:

@@ -1,7 +1,8 @@
-"""Reader of tire property files (.tir) of the Magic Formula 5.2 and 6.1.
+"""Reader of tire property files (.tir) of the Magic Formula 5.0 to 6.2.
 
-A file has sections `[NAME]`, lines `KEY = value $comment`, comment lines that begin with `!` or `$`, and numeric tables behind a
-`{heading}` line, which are skipped. Units of dimensional entries follow [UNITS]; coefficients are dimensionless (angles in rad).
+A file has sections `[NAME]`, lines `KEY = value`, comments from `$`, `!` or `#` on, and tables of numbers, with or without a
+`{heading}` line. Units of dimensional entries follow [UNITS]; coefficients are dimensionless (angles in rad). Nothing is dropped
+silently: what the model does not use is kept in `extra`, what was made of a value is told in `notes` (solver.files.tire_receipt).
 Format reference: MF-Tyre/MF-Swift manuals (TNO); the PAC2002 files of Adams and Chrono have the coefficients of MF 5.2.
 """
 
@@ -14,6 +15,7 @@ from typing import Literal
 
 from solver.elements.tire_data import DEFAULTS, TireData
 from solver.errors import SceneError, SpecError
+from solver.files.tire_completion import complete
 
 _DEGREE = math.pi / 180.0
 UNITS: dict[str, dict[str, float]] = {
@@ -36,54 +38,122 @@ DIMENSIONS = {
     'VERTICAL_DAMPING': (-1, 1, 0, 1),
     'LONGVL': (1, 0, 0, -1),
 }
-ALIASES = {'QV1': 'Q_V1', 'QV2': 'Q_V2', 'QFZ1': 'Q_FZ1', 'QFZ2': 'Q_FZ2', 'QRE0': 'Q_RE0'}
-VERSIONS: dict[str, Literal[52, 61]] = {'6': 52, '52': 52, '61': 61}  # FITTYP
-FORMATS: dict[str, Literal[52, 61]] = {'MF52': 52, 'MF_52': 52, 'PAC2002': 52, 'MF61': 61, 'MF_61': 61}  # PROPERTY_FILE_FORMAT
-SIDES: dict[str, Literal['left', 'right', 'symmetric']] = {'LEFT': 'left', 'RIGHT': 'right', 'SYMMETRIC': 'symmetric'}
+ALIASES = {
+    **{'QV1': 'Q_V1', 'QV2': 'Q_V2', 'QFZ1': 'Q_FZ1', 'QFZ2': 'Q_FZ2', 'QRE0': 'Q_RE0', 'LFZ0': 'LFZO'},
+    **{'IP': 'INFLPRES', 'IP_NOM': 'NOMPRES', 'QPZ1': 'PPZ1', 'QPZ2': 'PPZ2', 'QPX1': 'PPMX1'},  # PAC2002
+}
+TYPES: dict[str, tuple[Literal[52, 61], str]] = {  # FITTYP
+    '5': (52, 'Magic Formula 5.0 or 5.1, read as 5.2: the same equations with fewer coefficients'),
+    '6': (52, 'Magic Formula 5.2'),
+    '21': (52, 'MF-Swift 1.x: forces of slip of the Magic Formula 5.2'),
+    '51': (52, 'read as Magic Formula 5.2'),
+    '52': (52, 'Magic Formula 5.2'),
+    '60': (61, 'Magic Formula 6.0, read as 6.1: the same equations without pressure'),
+    '61': (61, 'Magic Formula 6.1'),
+    '62': (61, 'Magic Formula 6.2: forces of slip as in 6.1; its further terms of the load are not part of this model'),
+}
+FORMATS: dict[str, Literal[52, 61]] = {  # PROPERTY_FILE_FORMAT
+    **dict.fromkeys(('MF52', 'MF_52', 'MF_05', 'MF05', 'PAC2002'), 52),
+    **dict.fromkeys(('MF61', 'MF_61', 'MF60', 'MF_60', 'MF62', 'MF_62'), 61),
+}
+SIDES: dict[str, Literal['left', 'right', 'symmetric']] = {
+    **{'LEFT': 'left', 'RIGHT': 'right', 'SYMMETRIC': 'symmetric'},
+    **{'UNKNOWN': 'left', 'UNDEFINED': 'left', '': 'left'},
+}
+MOTORCYCLE = 'PCY2'  # a coefficient that only MF-MCTyre has, whose FITTYP 51 and 52 are those of other files of the 5.2
+LARGEST_FILE = 4_000_000  # [bytes]; a tire file has some 20 000
+TABLES = ('SHAPE', 'DEFLECTION_LOAD_CURVE', 'BOTTOMING_CURVE')  # sections that may have a heading without braces
 
 _KEY = re.compile(r'([A-Za-z_]\w*)\s*=\s*(.*)')
-_TABLE_ROW = re.compile(r'[-+.\d]')
+_ROW = re.compile(r'[-+.\d][-+.\deEdD]*([\s,;]+[-+.\d][-+.\deEdD]*)+')
+_HEADING = re.compile(r'[A-Za-z_]+(\s+[A-Za-z_]+)*')
 
 
 class _Entry:
-    """Where a key stands and what is behind it."""
+    """Where a key stands and what is behind it; note: what is said of it."""
 
-    def __init__(self, line: int, section: str, text: str) -> None:
-        self.line, self.section, self.text = line, section, text
+    def __init__(self, line: int, section: str, text: str, note: str = '') -> None:
+        self.line, self.section, self.text, self.note = line, section, text, note
 
     @property
     def quoted(self) -> str:
         return self.text.strip('\'"').strip()
 
 
-def _entries(path: Path) -> dict[tuple[str, str], _Entry]:
-    """All entries by (section, KEY)."""
+class _Content:
+    """Entries by (section, KEY), rows of tables (line, text) by section, and what is said of tables."""
+
+    def __init__(self) -> None:
+        self.entries: dict[tuple[str, str], _Entry] = {}
+        self.tables: dict[str, list[tuple[int, str]]] = {}
+        self.notes: dict[str, str] = {}
+
+
+def _text(path: Path) -> str:
+    """Content of the file without a byte-order mark."""
     try:
-        text = path.read_text(encoding='utf-8', errors='replace')
+        size = path.stat().st_size
+        if size > LARGEST_FILE:
+            raise SceneError(f'{path}: {size} bytes are too many for a tire file (at most {LARGEST_FILE})')
+        data = path.read_bytes()
     except OSError as error:
         raise SceneError(f'{path}: cannot be read: {error.strerror}') from None
-    entries: dict[tuple[str, str], _Entry] = {}
-    section, table = '', False
-    for number, raw in enumerate(text.splitlines(), 1):
-        line = raw.split('$')[0].strip()
-        if not line or line.startswith('!'):
+    wide = data.startswith((b'\xff\xfe', b'\xfe\xff'))
+    return data.decode('utf-16' if wide else 'utf-8-sig', errors='replace')
+
+
+def _uncommented(line: str) -> str:
+    """A line up to the first mark of a comment outside quotes."""
+    quote = ''
+    for k, c in enumerate(line):
+        if quote:
+            quote = '' if c == quote else quote
+        elif c in '$!#':
+            return line[:k].strip()
+        elif c in '\'"' and line.find(c, k + 1) > 0:
+            quote = c
+    return line.strip()
+
+
+def _content(path: Path) -> _Content:
+    """Everything in the file that is not a comment."""
+    content = _Content()
+    section, heading, rows = '', False, False
+    for number, raw in enumerate(_text(path).splitlines(), 1):
+        line = _uncommented(raw)
+        if not line or line.startswith(('*', '//')):
             continue
         if line.startswith('['):
             if not line.endswith(']'):
                 raise SceneError(f'{path}:{number}: section {line!r} has no closing bracket')
-            section, table = line[1:-1].strip().upper(), False
+            section, heading, rows = line[1:-1].strip().upper(), False, False
         elif line.startswith('{'):
-            table = True
+            heading = True
         elif (match := _KEY.match(line)) and section:
-            key = match[1].upper()
-            key = ALIASES.get(key, key)
-            before = entries.get((section, key))
-            if before is not None:
-                raise SceneError(f'{path}:{number}: {key} is given twice, first in line {before.line}: keep one')
-            entries[section, key] = _Entry(number, section, match[2].strip())
-        elif not (table and _TABLE_ROW.match(line)):
-            raise SceneError(f'{path}:{number}: {line!r} is not a section, a comment or KEY = value')
-    return entries
+            _enter(content, number, section, match[1].upper(), match[2].strip())
+        elif section and _ROW.fullmatch(line):
+            if not rows and section in content.tables:
+                content.notes[section] = f'given twice: the table from line {number} on counts'
+            content.tables[section] = [*(content.tables[section] if rows else []), (number, line)]
+            rows = True
+        elif section in TABLES and not (heading or rows) and _HEADING.fullmatch(line):
+            heading = True
+        else:
+            raise SceneError(f'{path}:{number}: {line!r} is not a section, a comment, a row of a table or KEY = value')
+    return content
+
+
+def _enter(content: _Content, number: int, section: str, written: str, text: str) -> None:
+    """Add an entry; of those with the same name the last one counts, and is said to."""
+    key = ALIASES.get(written, written)
+    note = f'from {written}' if key != written and key.replace('_', '') != written else ''
+    place = (section, key)
+    if key in DEFAULTS:
+        place = next((p for p in content.entries if p[1] == key), place)
+    before = content.entries.get(place)
+    if before is not None and before.text != text:
+        note = f'{note}; ' * bool(note) + f'given twice: line {number} counts, not {before.text or "nothing"} of line {before.line}'
+    content.entries[place] = _Entry(number, section, text, note)
 
 
 def _number(path: Path, key: str, entry: _Entry) -> float:
@@ -111,56 +181,89 @@ def _units(path: Path, entries: dict[tuple[str, str], _Entry]) -> dict[str, floa
     return units
 
 
-def _version(path: Path, model: dict[str, _Entry]) -> Literal[52, 61]:
-    """FITTYP decides; without it PROPERTY_FILE_FORMAT."""
-    for key, table in (('FITTYP', VERSIONS), ('PROPERTY_FILE_FORMAT', FORMATS)):
-        entry = model.get(key)
-        if entry is not None:
-            name = entry.quoted.upper().removesuffix('.0')
-            if name not in table:
-                raise SceneError(f'{path}:{entry.line}: {key} = {entry.text} is not supported; allowed: {", ".join(table)}')
-            return table[name]
-    raise SceneError(f'{path}: [MODEL] has neither FITTYP (6, 52 or 61) nor PROPERTY_FILE_FORMAT ({", ".join(FORMATS)})')
+def _version(path: Path, model: dict[str, _Entry]) -> tuple[Literal[52, 61], str]:
+    """(version of the equations, what is said of it): FITTYP decides; without it PROPERTY_FILE_FORMAT."""
+    fit, form = model.get('FITTYP'), model.get('PROPERTY_FILE_FORMAT')
+    if fit is not None and fit.text:
+        name = fit.quoted.upper().removesuffix('.0')
+        if name not in TYPES:
+            raise SceneError(f'{path}:{fit.line}: FITTYP = {fit.text} is not supported; allowed: {", ".join(TYPES)}')
+        return TYPES[name]
+    if form is not None and form.text:
+        name = form.quoted.upper()
+        if name not in FORMATS:
+            raise SceneError(f'{path}:{form.line}: PROPERTY_FILE_FORMAT = {form.text} is not supported; allowed: {", ".join(FORMATS)}')
+        return FORMATS[name], f'equations of the Magic Formula {"5.2" if FORMATS[name] == 52 else "6.1"}'
+    raise SceneError(f'{path}: [MODEL] has neither FITTYP ({", ".join(TYPES)}) nor PROPERTY_FILE_FORMAT ({", ".join(FORMATS)})')
+
+
+def _scale(key: str, units: dict[str, float]) -> float:
+    """Size in SI of the unit of a coefficient."""
+    if key in ('NOMPRES', 'INFLPRES') and 'PRESSURE' in units:
+        return units['PRESSURE']
+    length, force, angle, time = DIMENSIONS.get(key, (0, 0, 0, 0))
+    return units['LENGTH'] ** length * units['FORCE'] ** force * units['ANGLE'] ** angle * units['TIME'] ** time
+
+
+def _curve(path: Path, rows: list[tuple[int, str]], units: dict[str, float]) -> list[tuple[float, float]]:
+    """(deflection [m], force [N]) of the rows of a table, which must rise in the first column."""
+    points: list[tuple[float, float]] = []
+    for line, text in rows:
+        cells = re.split(r'[\s,;]+', text)
+        try:
+            x, y = (float(re.sub('[dD]', 'e', cell)) for cell in cells)
+        except ValueError:
+            raise SceneError(f'{path}:{line}: {text!r}: must be two numbers, deflection and force') from None
+        if not (math.isfinite(x) and math.isfinite(y)) or (points and x * units['LENGTH'] <= points[-1][0]):
+            raise SceneError(f'{path}:{line}: {text!r}: deflections must be finite and rise from row to row')
+        points.append((x * units['LENGTH'], y * units['FORCE']))
+    return points
 
 
 def read_tir(path: str | Path) -> TireData:
     """Read a .tir file into SI units.
 
     Keys the model does not use are kept in TireData.extra as 'SECTION/KEY'. Raises SceneError, one sentence with file and line,
-    for unreadable files, unknown formats and units, bad numbers, duplicated keys, missing or unacceptable coefficients.
+    for unreadable files, unknown formats and units, bad numbers, missing or unacceptable coefficients.
     """
     path = Path(path)
-    entries = _entries(path)
+    content = _content(path)
+    entries = content.entries
     units = _units(path, entries)
     model = {key: entry for (section, key), entry in entries.items() if section == 'MODEL'}
-    version = _version(path, model)
+    version, meaning = _version(path, model)
     values: dict[str, float] = {}
     lines: dict[str, int] = {}
+    notes = {'FITTYP' if 'FITTYP' in model else 'PROPERTY_FILE_FORMAT': meaning, **content.notes}
     extra: dict[str, float | str] = {}
     for (section, key), entry in entries.items():
         if section == 'UNITS':
             continue
+        if entry.note:
+            notes[key] = entry.note
+        if key == MOTORCYCLE and version == 52 and entry.text and _number(path, key, entry) != 0.0:
+            raise SceneError(f'{path}:{entry.line}: {key} = {entry.text}: is of a motorcycle tire (MF-MCTyre), which is not supported')
         if key not in DEFAULTS:
             try:
                 extra[f'{section}/{key}'] = float(entry.text)
             except ValueError:
                 extra[f'{section}/{key}'] = entry.quoted
-            continue
-        if key in lines:
-            raise SceneError(f'{path}:{entry.line}: {key} is given twice, first in line {lines[key]}: keep one')
-        length, force, angle, time = DIMENSIONS.get(key, (0, 0, 0, 0))
-        if key in ('NOMPRES', 'INFLPRES') and 'PRESSURE' in units:
-            factor = units['PRESSURE']
+        elif not entry.text:
+            notes[key] = f'empty in line {entry.line}'
         else:
-            factor = units['LENGTH'] ** length * units['FORCE'] ** force * units['ANGLE'] ** angle * units['TIME'] ** time
-        values[key] = _number(path, key, entry) * factor
-        lines[key] = entry.line
+            values[key] = _number(path, key, entry) * _scale(key, units)
+            lines[key] = entry.line
+    extra |= {f'{name}/table': '; '.join(' '.join(text.split()) for _, text in rows) for name, rows in content.tables.items()}
+    curves = {name: _curve(path, content.tables[name], units) for name in TABLES[1:] if name in content.tables}
     side = model.get('TYRESIDE')
     if side is not None and side.quoted.upper() not in SIDES:
-        raise SceneError(f'{path}:{side.line}: TYRESIDE = {side.text}: must be LEFT, RIGHT or SYMMETRIC')
+        raise SceneError(f'{path}:{side.line}: TYRESIDE = {side.text}: must be LEFT, RIGHT, SYMMETRIC or UNKNOWN')
+    if side is None or side.quoted.upper() not in ('LEFT', 'RIGHT', 'SYMMETRIC'):
+        notes['TYRESIDE'] = 'not known: taken as LEFT'
     try:
+        complete(values, extra, notes, curves, version, units['LENGTH'])
         which = SIDES[side.quoted.upper()] if side else 'left'
-        return TireData(name=path.stem, version=version, values=values, side=which, source=path.name, extra=extra)
+        return TireData(name=path.stem, version=version, values=values, side=which, source=path.name, extra=extra, notes=notes)
     except SpecError as error:
         message = str(error)
         line = next((lines[k] for k in lines if f': {k} = ' in message), None)

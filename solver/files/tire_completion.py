@@ -1,0 +1,144 @@
+"""What a tire file says in another way than the coefficients of the model do, and what follows from them where it says nothing.
+
+Scale factors and curves of the load (PAC2002) become coefficients of the tire's spring; relaxation lengths that are missing follow
+from the slip stiffnesses and a carcass in proportion to the vertical stiffness. Everything that is done is noted.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+
+from solver.errors import SpecError
+
+# Carcass stiffness over vertical stiffness of the passenger car tire 225/50 R17 of test/data (358 and 103 kN/m of 210 kN/m)
+CARCASS_X, CARCASS_Y = 1.71, 0.49
+CURVE_ERROR = 0.1  # of FNOMIN: what a parabola may miss of a curve of the load
+RANGE = 2.0  # times FNOMIN: loads up to which the parabola is fitted
+
+
+def complete(
+    values: dict[str, float],
+    extra: Mapping[str, float | str],
+    notes: dict[str, str],
+    curves: Mapping[str, list[tuple[float, float]]],
+    version: int,
+    length: float,
+) -> None:
+    """Complete coefficients (SI units, by name) in place and note how.
+
+    extra: keys that are no coefficients. curves: (deflection [m], force [N]) of DEFLECTION_LOAD_CURVE and BOTTOMING_CURVE.
+    length: unit of length of the file [m]. Raises SpecError.
+    """
+    if 'DEFLECTION_LOAD_CURVE' in curves:
+        _load_curve(values, notes, curves['DEFLECTION_LOAD_CURVE'])
+    if 'BOTTOMING_CURVE' in curves:
+        _bottoming_curve(values, notes, curves['BOTTOMING_CURVE'], _number(extra, 'BOTTOMING_RADIUS', 0.0) * length)
+    _scale_factors(values, extra, notes)
+    if {'VERTICAL_STIFFNESS', 'FNOMIN', 'UNLOADED_RADIUS', 'PKX1', 'PKY1', 'PKY2'} <= values.keys():
+        _relaxation(values, notes, version)
+
+
+def _number(extra: Mapping[str, float | str], key: str, default: float) -> float:
+    """Value of a key of any section that is not a coefficient."""
+    value = next((v for name, v in extra.items() if name.rpartition('/')[2] == key), default)
+    return value if isinstance(value, float) else default
+
+
+def _note(notes: dict[str, str], key: str, text: str) -> None:
+    notes[key] = f'{notes[key]}; {text}' if key in notes else text
+
+
+def _load_curve(values: dict[str, float], notes: dict[str, str], curve: list[tuple[float, float]]) -> None:
+    """Q_FZ1, Q_FZ2 of the parabola through zero that is nearest to the curve up to RANGE times the nominal load."""
+    R0, F0 = values.get('UNLOADED_RADIUS', 0.0), values.get('FNOMIN', 0.0)
+    if not (R0 > 0.0 and F0 > 0.0):
+        return  # refused by TireData, with the name of what is missing
+    points = np.array([p for p in curve if p[0] > 0.0])
+    inside = points[: max(int(np.searchsorted(points[:, 1], RANGE * F0)) + 1, 2)] if len(points) else points
+    if len(inside) < 2:
+        raise SpecError(f'DEFLECTION_LOAD_CURVE: {len(points)} rows with a deflection are too few: give two or more, or remove the section')
+    x, force = inside[:, 0] / R0, inside[:, 1] / F0
+    (q1, q2), *_ = np.linalg.lstsq(np.column_stack((x, x * x)), force, rcond=None)
+    error = float(np.abs(q1 * x + q2 * x * x - force).max())
+    if error > CURVE_ERROR or q1 <= 0.0 or q1 + 2.0 * q2 * float(x[-1]) <= 0.0:
+        raise SpecError(
+            f'DEFLECTION_LOAD_CURVE: no parabola follows it (off by {100.0 * error:.0f} % of FNOMIN up to {RANGE:g} FNOMIN): '
+            'remove the section, or give Q_FZ1 and Q_FZ2'
+        )
+    values['Q_FZ1'], values['Q_FZ2'] = float(q1), float(q2)
+    text = f'of the parabola nearest to DEFLECTION_LOAD_CURVE, which it misses by at most {100.0 * error:.2g} % of FNOMIN'
+    for key in ('Q_FZ1', 'Q_FZ2'):
+        _note(notes, key, text)
+    if 'VERTICAL_STIFFNESS' not in values:
+        values['VERTICAL_STIFFNESS'] = math.sqrt(max(float(q1 * q1 + 4.0 * q2), 0.0)) * F0 / R0
+        _note(notes, 'VERTICAL_STIFFNESS', 'slope of DEFLECTION_LOAD_CURVE at FNOMIN')
+
+
+def _bottoming_curve(values: dict[str, float], notes: dict[str, str], curve: list[tuple[float, float]], radius: float) -> None:
+    """BOTTOM_STIFF of the straight line from where the curve begins to rise; its deflections count from BOTTOMING_RADIUS."""
+    rise = [k for k, (_, force) in enumerate(curve) if force > 0.0]
+    if not rise:
+        return
+    first = curve[rise[0] - 1] if rise[0] > 0 else (0.0, 0.0)
+    x = np.array([p[0] - first[0] for p in curve[rise[0] :]])
+    force = np.array([p[1] - first[1] for p in curve[rise[0] :]])
+    stiffness = float(x @ force / (x @ x))
+    if not math.isfinite(stiffness) or stiffness <= 0.0:
+        raise SpecError('BOTTOMING_CURVE: the force must rise with the deflection')
+    R0, rim = values.get('UNLOADED_RADIUS', 0.0), values.get('RIM_RADIUS', 0.0)
+    # without a radius the deflection is that of the tire
+    begin = R0 - first[0] if radius == 0.0 else radius - first[0]
+    values['BOTTOM_STIFF'], values['BOTTOM_OFFST'] = stiffness, begin - rim
+    error = float(np.abs(stiffness * x - force).max())
+    text = f'of the straight line nearest to BOTTOMING_CURVE, which it misses by at most {error:.3g} N'
+    for key in ('BOTTOM_STIFF', 'BOTTOM_OFFST'):
+        _note(notes, key, text)
+
+
+def _scale_factors(values: dict[str, float], extra: Mapping[str, float | str], notes: dict[str, str]) -> None:
+    """LCZ on the vertical stiffness, LIP on the pressure."""
+    stiffer = _number(extra, 'LCZ', 1.0)
+    if stiffer != 1.0:
+        if stiffer <= 0.0:
+            raise SpecError(f'LCZ = {stiffer:g}: must be positive')
+        R0, F0 = values.get('UNLOADED_RADIUS', 0.0), values.get('FNOMIN', 1.0)
+        if values.get('Q_FZ2', 0.0) != 0.0 and values.get('Q_FZ1', 0.0) == 0.0:
+            k = values.get('VERTICAL_STIFFNESS', 0.0) * R0 / F0
+            values['Q_FZ1'] = math.sqrt(max(k * k - 4.0 * values['Q_FZ2'], 0.0))
+            _note(notes, 'Q_FZ1', 'from VERTICAL_STIFFNESS')
+        for key in ('VERTICAL_STIFFNESS', 'Q_FZ1', 'Q_FZ2'):
+            if key in values:
+                values[key] *= stiffer
+                _note(notes, key, f'times LCZ = {stiffer:g}')
+    pressure = _number(extra, 'LIP', 1.0)
+    if pressure != 1.0 and 'INFLPRES' in values:
+        values['INFLPRES'] *= pressure
+        _note(notes, 'INFLPRES', f'times LIP = {pressure:g}')
+
+
+def _relaxation(values: dict[str, float], notes: dict[str, str], version: int) -> None:
+    """Relaxation lengths where the file has none: slip stiffness over carcass stiffness ([Pacejka2012] 7.2), at all loads in 5.2, too."""
+    R0, F0, c_z = values['UNLOADED_RADIUS'], values['FNOMIN'], values['VERTICAL_STIFFNESS']
+    if not (R0 > 0.0 and F0 > 0.0 and c_z > 0.0):
+        return
+    for axis, carcass, ratio, names in (
+        ('x', 'LONGITUDINAL_STIFFNESS', CARCASS_X, ('PTX1',)),
+        ('y', 'LATERAL_STIFFNESS', CARCASS_Y, ('PTY1', 'PTY2')),
+    ):
+        known = version == 61 and values.get(carcass, 0.0) > 0.0
+        if known or all(values.get(name, 0.0) > 0.0 for name in names):
+            continue
+        stiffness = ratio * c_z
+        why = f'no relaxation length in the file: from a carcass of {ratio:g} VERTICAL_STIFFNESS'
+        if version == 61:
+            found = {carcass: stiffness}
+        elif axis == 'x':
+            found = {'PTX1': values['PKX1'] * F0 / (stiffness * R0)}
+        else:
+            found = {'PTY1': abs(values['PKY1']) * F0 / (stiffness * R0), 'PTY2': values['PKY2']}
+        for key, value in found.items():
+            values[key] = value
+            _note(notes, key, why)
