@@ -9,8 +9,9 @@ import re
 from pathlib import Path
 
 from mbd_sim_ros.messages.encode import Messages, Topic
+from mbd_sim_ros.node.commands import LIMITS, PLAIN
 from mbd_sim_ros.node.parameters import CHOICES, PARAMETERS
-from mbd_sim_ros.node.simulator import LIMITS, PLAIN, SERVICES
+from mbd_sim_ros.node.services import SERVICES
 from solver.inputs.maneuver import COMMANDS
 from solver.output.snapshot import Channels
 

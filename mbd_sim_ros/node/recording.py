@@ -1,0 +1,90 @@
+"""The recordings of a node: one after the other, each from the state in which it begins to its verdict."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+from rclpy.node import Node
+
+from mbd_sim_ros.bags.applied import begin_of
+from mbd_sim_ros.bags.recorder import StepRecorder, about, describe, new_directory
+from mbd_sim_ros.messages.encode import Messages
+from mbd_sim_ros.node.diagnostics import judged
+from mbd_sim_ros.node.loop import Loop
+from mbd_sim_ros.node.parameters import PARAMETERS
+from solver.analysis.envelope import Envelope
+from solver.analysis.verdict import OK, SUSPECT, report
+from solver.errors import BagError
+from solver.output.snapshot import Snapshot
+from solver.scene import Scene
+
+
+class Recording:
+    """Records the steps of a simulation while `recorder` is there. `failed`: what ended a recording that was wanted."""
+
+    loop: Loop  # whose figures stand in the verdict
+
+    def __init__(self, node: Node, scene: Scene, simulation, messages: Messages, envelope: Envelope, urdf: str) -> None:
+        self.recorder: StepRecorder | None = None
+        self.failed: BagError | None = None
+        self._node, self._scene, self._simulation = node, scene, simulation
+        self._messages, self._envelope, self._urdf = messages, envelope, urdf
+        self._every = scene.record.every
+        self._written = -1  # step whose messages were recorded last
+
+    def begin(self, out: str = '') -> Path:
+        """Begin with the state of now; for the simulation thread, or before there is one. Raises BagError."""
+        node, simulation = self._node, self._simulation
+        directory = Path(out) if out else new_directory(self._scene.name)
+        metadata = describe(
+            scene=self._scene.name,
+            resolved_yaml=self._scene.resolved,
+            seed=self._scene.seed,
+            parameters={name: node.get_parameter(name).value for name in PARAMETERS if name != 'robot_description'},
+            namespace=node.get_namespace(),
+            robot_description=self._urdf,
+        )
+        metadata |= about(simulation, reactions=self._scene.record.reactions) | begin_of(simulation)
+        self.recorder = StepRecorder(
+            directory, self._messages.topics, simulation.channels.inputs, simulation.k, metadata,
+            namespace=node.get_namespace(), wait=False,
+        )  # fmt: skip
+        node.get_logger().info(f'recording into {directory}')
+        return self.recorder.directory
+
+    def wants(self, snapshot: Snapshot) -> bool:
+        """Note the inputs of a step, of every one, or the run could not be replayed; returns whether its messages are recorded too."""
+        if self.recorder is None:
+            return False
+        self.recorder.note(snapshot.k, snapshot.inputs[None])
+        return snapshot.k % self._every == 0
+
+    def take(self, snapshot: Snapshot, messages: Sequence[bytes | None] | None = None) -> None:
+        """Record the messages of a step."""
+        assert self.recorder is not None
+        self._written = snapshot.k
+        try:
+            self.recorder.record(snapshot.t_ns, messages or self._messages.encode(snapshot))
+        except BagError as error:  # the simulation goes on; the exit code tells
+            self._node.get_logger().error(str(error))
+            self.failed, self.recorder = error, None
+
+    def take_last(self) -> None:
+        """Record the present state, unless that is done."""
+        if self.recorder is not None and self._written != self._simulation.k:
+            self.take(self._simulation.snapshot())
+
+    def end(self, outcome: str) -> Path | None:
+        """Finish the recording; returns its directory, or None where there is none. Raises BagError."""
+        recorder, self.recorder = self.recorder, None
+        if recorder is None:
+            return None
+        loop = self.loop
+        figures = {'steps': loop.steps, 'overruns': loop.overruns, 'schedule_slips': loop.slips, 'wall_time': f'{loop.wall_time:.3f}'}
+        events = json.dumps([event._asdict() for event in self._simulation.events])
+        found = judged(self._simulation, self._envelope)
+        status = 'error' if loop.error else SUSPECT if found else OK
+        verdict = {'end': outcome, 'status': status, 'findings': json.dumps(report(found))}
+        return recorder.close({**verdict, **{key: str(value) for key, value in figures.items()}, 'event_list': events})

@@ -1,0 +1,100 @@
+"""The services of a node: each call is done by the simulation thread between two steps, answered with one sentence, and logged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Protocol
+
+from rclpy.node import Node
+from std_srvs.srv import Trigger
+
+from mbd_sim_ros.node.running import Running
+from solver.errors import BagError, MbdError, SpecError
+
+REPLY_SECONDS = 30.0
+
+
+class Host(Protocol):
+    """The node that has the services."""
+
+    running: Running
+
+
+def pause(running: Running) -> str:
+    """hold the simulation"""
+    running.loop.pause()
+    return f'paused at t = {running.simulation.t_ns * 1e-9:.6f} s, step {running.simulation.k}'
+
+
+def resume(running: Running) -> str:
+    """go on"""
+    running.loop.resume()
+    return 'running'
+
+
+def reset(running: Running) -> str:
+    """back to the start, bit for bit; a recording goes on in a new directory"""
+    running.reset()
+    return 'back at t = 0'
+
+
+def step(running: Running) -> str:
+    """do `step_count` steps while paused or in lockstep"""
+    if not running.loop.paused and running.loop.mode != 'lockstep':
+        raise SpecError(f'the simulation is running (mode {running.loop.mode}): call ~/pause before ~/step, or use mode lockstep')
+    count = running.value('step_count')
+    running.loop.step(count)
+    return f'{count} steps from step {running.simulation.k}'
+
+
+def save_state(running: Running) -> str:
+    """write the state into a file in the current directory, for the parameter `restore`"""
+    return str(running.save())
+
+
+def start_recording(running: Running) -> str:
+    """record into a new directory"""
+    if running.recording.recorder is not None:
+        raise BagError(f'already recording into {running.recording.recorder.directory}')
+    return str(running.begin_recording())
+
+
+def stop_recording(running: Running) -> str:
+    """finish the recording"""
+    directory = running.recording.end('stopped by request')
+    if directory is None:
+        raise BagError('nothing is being recorded')
+    return str(directory)
+
+
+ACTIONS: tuple[Callable[[Running], str], ...] = (pause, resume, reset, step, save_state, start_recording, stop_recording)
+SERVICES = {action.__name__: action.__doc__ or '' for action in ACTIONS}
+
+
+def serve(node: Node, host: Host) -> None:
+    """Offer ACTIONS as services of type std_srvs/Trigger."""
+    for action in ACTIONS:
+        node.create_service(Trigger, f'~/{action.__name__}', _service(node, host, action))
+
+
+def _service(node: Node, host: Host, action: Callable[[Running], str]) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:
+    def call(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.success, response.message = asked(host.running, action)
+        log, name = node.get_logger(), action.__name__
+        if response.success:
+            log.info(f'{name}: {response.message}')
+        else:
+            log.warning(f'{name} refused: {response.message}')
+        return response
+
+    return call
+
+
+def asked(running: Running, action: Callable[[Running], str]) -> tuple[bool, str]:
+    """Have an action done between two steps: whether it was, and its sentence."""
+    try:
+        return True, running.loop.ask(lambda: action(running)).result(REPLY_SECONDS)
+    except TimeoutError:
+        return False, f'no answer from the simulation within {REPLY_SECONDS:g} s'
+    except (MbdError, RuntimeError, OSError) as error:
+        return False, str(error)
