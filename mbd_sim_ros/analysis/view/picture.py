@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,6 +23,7 @@ NEWTONS_PER_METRE = 6000.0  # an arrow of 1 m
 WIDTH = 1120  # pixels of a picture
 CURVES = 4  # beside the motion
 RIM, SPOKES = 28, 5  # points of a rim
+SHADES = 12  # of a colour in a GIF
 
 
 class Stroke(NamedTuple):
@@ -92,7 +93,7 @@ class Painter:
         self.figure = Figure(figsize=(0.01 * WIDTH, 6.0), dpi=100 * width / WIDTH, layout='constrained')
         grid = self.figure.add_gridspec(len(names), 2, width_ratios=(3, 2))
         self._scene = self.figure.add_subplot(grid[:, 0])
-        self._size = size_of(first)
+        self._size = size_of(first) * (1.0 if first.follows == WORLD_BODY else 0.78)  # a car is low
         unit = units(*(motion.run for motion in motions))
         self._cursors: list[Any] = []
         axes: Any = None
@@ -170,32 +171,58 @@ def write_film(
     motions: list[Motion], file: Path, *, rate: float, speed: float, progress: bool, width: int = WIDTH, channels: tuple[str, ...] = ()
 ) -> None:
     """A film of the whole recording: .mp4 or .gif. rate: pictures a second. speed: of the motion in it, 1 is as it was. Raises BagError."""
-    from matplotlib.animation import FFMpegWriter, PillowWriter
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-
-    if file.suffix == '.mp4':
-        _use_ffmpeg(file)
+    if file.suffix == '.gif':
+        rate = 100.0 / max(round(100.0 / rate), 2)  # a GIF counts hundredths of a second, and browsers slow down what is faster than 50 Hz
     painter = Painter(motions, channels, width)
-    FigureCanvasAgg(painter.figure)
     time = motions[0].time
     instants = np.arange(time[0], time[-1] + 1e-9, speed / rate)
-    writer = (
-        FFMpegWriter(
-            fps=rate,  # type: ignore[arg-type]  # it takes any number
-            codec='h264',
-            extra_args=['-pix_fmt', 'yuv420p'],
-        )
-        if file.suffix == '.mp4'
-        else PillowWriter(fps=round(rate))
-    )
+    shown = tqdm(instants, unit='picture', desc=file.name, disable=None if progress else True, leave=False)
+    write = _write_mp4 if file.suffix == '.mp4' else _write_gif
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        with writer.saving(painter.figure, str(file), dpi=painter.figure.dpi):
-            for t in tqdm(instants, unit='picture', desc=file.name, disable=None if progress else True, leave=False):
-                painter.paint(float(t))
-                writer.grab_frame()
+        write(painter, shown, file, rate)
     except OSError as error:
         raise BagError(f'cannot write {file}: {error.strerror or error}; choose another place') from None
+
+
+def _write_mp4(painter: Painter, instants: Iterable[float], file: Path, rate: float) -> None:
+    from matplotlib.animation import FFMpegWriter
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    _use_ffmpeg(file)
+    FigureCanvasAgg(painter.figure)
+    extra = ['-pix_fmt', 'yuv420p']
+    writer = FFMpegWriter(fps=rate, codec='h264', extra_args=extra)  # type: ignore[arg-type]  # it takes any number of pictures a second
+    with writer.saving(painter.figure, str(file), dpi=painter.figure.dpi):
+        for t in instants:
+            painter.paint(float(t))
+            writer.grab_frame()
+
+
+def _write_gif(painter: Painter, instants: Iterable[float], file: Path, rate: float) -> None:
+    """All pictures in the same few colours: what stays the same between two of them takes no space."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from PIL import Image
+
+    canvas = FigureCanvasAgg(painter.figure)
+    palette = Image.new('P', (1, 1))
+    palette.putpalette(_shades())
+    pictures: list[Image.Image] = []
+    for t in instants:
+        painter.paint(float(t))
+        canvas.draw()
+        picture = Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3])
+        pictures.append(picture.quantize(palette=palette, dither=Image.Dither.NONE))
+    pictures[0].save(file, save_all=True, append_images=pictures[1:], duration=1000.0 / rate, loop=0)
+
+
+def _shades() -> list[int]:
+    """The colours that are drawn with, and what lies between them and the white of the paper: red, green, blue of each, 0 to 255."""
+    from matplotlib.colors import to_rgb
+
+    inks = list(dict.fromkeys(('#000000', GHOST, *(COLOURS[kind] for kind in ('body', 'spring', 'force')))))
+    part = np.linspace(0.0, 1.0, SHADES)[:, None]
+    return np.rint(255.0 * np.concatenate([1.0 + part * (np.array(to_rgb(ink)) - 1.0) for ink in inks])).astype(int).ravel().tolist()
 
 
 def _use_ffmpeg(file: Path) -> None:

@@ -145,7 +145,11 @@ def test_pictures_and_films_are_written(crank: Path, tmp_path: Path, capsys: pyt
     for name, options in (('a.png', ['--at', '0.2']), ('a.gif', ['--rate', '10']), ('a.mp4', ['--rate', '10']), ('a.html', [])):
         assert main(['view', str(crank), str(crank), '--out', str(tmp_path / name), *options, '--json']) == 0
         assert json.loads(capsys.readouterr().out)['bytes'] == (tmp_path / name).stat().st_size > 1000
-    assert Image.open(tmp_path / 'a.gif').n_frames == 5  # 0 to 0.4 s
+    film = Image.open(tmp_path / 'a.gif')
+    assert film.n_frames == 5  # 0 to 0.4 s
+    assert film.info['duration'] == 100
+    colours = {colour for _, colour in film.convert('RGB').getcolors(1000)}
+    assert (0x00, 0x72, 0xB2) in colours and len(colours) <= 60  # a rod has its own colour
     assert (tmp_path / 'a.mp4').read_bytes()[4:8] == b'ftyp'
     assert Image.open(tmp_path / 'a.png').size == (1120, 600)
 
