@@ -16,6 +16,7 @@ from solver.quantities import published, quantity
 from solver.step.settings import IntegratorSettings
 from solver.validate import finite, require
 
+LONGEST = 9e9  # s: time is counted in nanoseconds, with 63 bits
 Fidelity = Literal['full', 'condensed', 'kc', 'single_track', 'auto']
 SUBSYSTEMS = (
     'engine_mounts',
@@ -188,6 +189,7 @@ class Scene:
     def __post_init__(self) -> None:
         where_ = f'scene {self.name!r}'
         finite(where_, 'duration', self.duration, low=0.0, strict=True)
+        finite(where_, 'duration', self.duration, high=LONGEST)
         known = [c.name for joint in self.model.joints for c in joint_coordinates(joint)] + [c.name for c in self.model.coordinates]
         for name in (n for n in self.start.coordinates if n not in known):
             require(False, where_, 'start.coordinates', name, 'no such coordinate' + suggestion(name, known))

@@ -20,7 +20,7 @@ from solver.inputs.maneuver import DriverSource, source_of
 from solver.inputs.recorded import RecordedSource
 from solver.model.evaluate import constraint_input_rates, evaluate_constraints, evaluate_forces, prepare
 from solver.model.saddle import BLOCK, CONDENSED, new_saddle
-from solver.model.state import State, copy_state, fill_kinematics, kinematics_of, load_state, new_state, save_state
+from solver.model.state import State, copy_state, fill_kinematics, fitting, kinematics_of, load_state, new_state, save_state
 from solver.model.tables import Model
 from solver.output.branches import BranchSwitch, BranchWatch, unexplained_turn
 from solver.output.collect import channels_of, collect
@@ -392,23 +392,23 @@ class Simulation:
         """Continue from save(); raises SpecError if it belongs to another model."""
         state, k, extra = load_state(data)
         for name, a, b in zip(State._fields, state, self.state, strict=True):
-            if a.shape != b.shape:
-                raise SpecError(f'restore: {name} has shape {a.shape}, this model needs {b.shape}: the saved state is of another model')
+            fitting(name, a, b)
         adapted = 'adaptation' in extra and not is_idle(extra, self.h, self.scheme.penalty)
         if self.adaptation is None and adapted:
             raise SpecError(
                 'restore: the state was saved while step or penalties were not those of the setting; set integrator.step_policy and '
                 'penalty_policy as they were'
             )
-        if extra['audit'].shape != self._work.energy.shape:
+        if extra.get('audit', np.zeros(0)).shape != self._work.energy.shape:
             raise SpecError('restore: the state was saved by another version of the solver; save it anew')
-        copy_state(state, self.state)
-        self.k = k
-        self._inputs = extra['inputs']
+        inputs = fitting('inputs', extra.get('inputs'), self._inputs)
         if self.driver is not None:
             if 'driver' not in extra:
                 raise SpecError('restore: the saved state has no driver: it is of another scene')
-            self.driver.state = extra['driver']
+            self.driver.state = fitting('driver', extra['driver'], self.driver.state)
+        copy_state(state, self.state)
+        self.k = k
+        self._inputs = inputs
         self._refresh()
         self._work.energy[:] = extra['audit']
         if self.adaptation is not None:

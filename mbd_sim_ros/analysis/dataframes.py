@@ -64,12 +64,13 @@ def export_parquet(run: Run, directory: Path) -> list[Path]:
     files = []
     try:
         directory.mkdir(parents=True, exist_ok=True)
+        names = runs.file_names(run.series)
         for topic, frame in frames(run).items():
             units = {**frame.attrs['units'], 'time_ns': 'ns', TIME: 's'}
             frame.insert(0, 'time_ns', run.series[topic].time_ns)
             table = pa.Table.from_pandas(frame)
             fields = [part.with_metadata({'unit': units.get(part.name, '')}) for part in table.schema]
-            file = directory / f'{runs.file_name(topic)}.parquet'
+            file = directory / f'{names[topic]}.parquet'
             pq.write_table(table.cast(pa.schema(fields, table.schema.metadata)), file, compression='zstd')
             files.append(file)
     except OSError as error:

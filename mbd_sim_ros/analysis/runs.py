@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import csv
 import fnmatch
-import json
-from collections.abc import Callable, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from decimal import Decimal
 from pathlib import Path
 
@@ -19,6 +19,7 @@ from solver.errors import BagError
 
 TIME = 'time [s]'
 ROWS = 10_000  # written at once
+NAME_MOST = 60  # characters of the name of a file
 JOINT_UNITS = {
     'rotation': {'position': 'rad', 'velocity': 'rad/s', 'effort': 'N m'},
     'translation': {'position': 'm', 'velocity': 'm/s', 'effort': 'N'},
@@ -43,7 +44,7 @@ def units(*runs: Run) -> Callable[[str], str]:
     kinds: dict[str, str] = {}
     outputs: dict[str, list[str]] = {}  # element -> its outputs
     for run in runs:
-        kinds = kinds or json.loads(run.metadata.get('joint_kinds', '{}'))
+        kinds = kinds or run.joint_kinds
         for column in run.names:
             topic, _, rest = column.partition('/')
             if topic == 'element_states':
@@ -89,8 +90,9 @@ def export(run: Run, directory: Path) -> list[Path]:
     files = []
     try:
         directory.mkdir(parents=True, exist_ok=True)
+        names_of_files = file_names(run.series)
         for topic, series in run.series.items():
-            file = directory / f'{file_name(topic)}.csv'
+            file = directory / f'{names_of_files[topic]}.csv'
             with file.open('w', newline='', encoding='utf-8') as stream:
                 writer = csv.writer(stream, lineterminator='\n')
                 names = {c: c.removeprefix(topic + '/') for c in series.columns}
@@ -105,9 +107,16 @@ def export(run: Run, directory: Path) -> list[Path]:
     return files
 
 
-def file_name(topic: str) -> str:
-    """The name of a topic as that of a file, without ending."""
-    return topic.replace('/', '.') or 'run'
+def file_names(topics: Iterable[str]) -> dict[str, str]:
+    """Names of files, without ending, for topics: all different, none leads elsewhere, none is too long."""
+    names: dict[str, str] = {}
+    for topic in topics:
+        name = re.sub(r'[\x00-\x1f]', '_', topic.replace('/', '.')).lstrip('.')[:NAME_MOST] or 'run'
+        k = 1
+        while (unique := name if k == 1 else f'{name}-{k}') in names.values():
+            k += 1
+        names[topic] = unique
+    return names
 
 
 def seconds_of(t_ns: int) -> str:

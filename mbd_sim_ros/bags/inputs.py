@@ -12,18 +12,20 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
-from mcap.records import Channel, Footer, Metadata
+from mcap.records import Channel, Metadata
 
 from mbd_sim_ros.bags import reader as bag
-from mbd_sim_ros.bags.records import Messages, find_file, records
+from mbd_sim_ros.bags.records import Messages, Reading, find_file
 from mbd_sim_ros.bags.writer import RECORD, RESULT
 from mbd_sim_ros.messages.cdr import decode, dtype, schema_text
 from mbd_sim_ros.messages.encode import ARRAY, INPUTS, JOINT_STATE
-from solver.errors import BagError, suggestion
+from solver.errors import BagError, MbdError, suggestion
+from solver.files.yaml_tree import parse
 from solver.inputs.maneuver import ReplaySource
 from solver.inputs.recorded import BagChannel, Recorded, Track
 
 APPLIED = 'cmd_applied'
+MOST_STEPS = 2.0**53  # a number of a step that is exact
 DESCRIPTION = 'robot_description'
 
 
@@ -43,18 +45,49 @@ class Content(NamedTuple):
     def state(self) -> bytes | None:
         """The state it begins with, where that is not the start of its scene."""
         text = self.metadata.get('start_state', '')
-        return base64.b64decode(text) if text else None
+        try:
+            return base64.b64decode(text, validate=True) if text else None
+        except ValueError:
+            raise BagError(f'{self.path} is damaged: its metadata hold a start_state that is not base64') from None
 
     @property
     def first_step(self) -> int | None:
         """The step it begins behind; None when it does not say."""
-        step = self.metadata.get('start_step')
-        return None if step is None else int(step)
+        return None if 'start_step' not in self.metadata else self.count('start_step')
+
+    @property
+    def dropped_steps(self) -> int:
+        """How many steps a slow disk did not take."""
+        return self.count('dropped_steps')
 
     @property
     def parameters(self) -> dict[str, Any]:
         """The parameters of the node that made it."""
-        return dict(yaml.safe_load(self.metadata.get('parameters', '') or '{}') or {})
+        return self._mapping('parameters')
+
+    @property
+    def target(self) -> dict[str, Any]:
+        """The processor it was made on (solver.compiled.target)."""
+        return self._mapping('target')
+
+    def count(self, key: str) -> int:
+        """An entry of the metadata that is a number of steps; 0 without it. Raises BagError."""
+        text = self.metadata.get(key, '') or '0'
+        if not (text.isascii() and text.isdigit() and len(text) < 16):
+            raise BagError(f'{self.path} is damaged: its metadata say {key} = {text[:40]!r}, which is not a number of steps')
+        return int(text)
+
+    def _mapping(self, key: str) -> dict[str, Any]:
+        """An entry of the metadata that is a YAML mapping; empty without it. Raises BagError."""
+        text = self.metadata.get(key, '')
+        try:
+            parse(text or '{}', key)  # its bounds first
+            value = yaml.safe_load(text or '{}')
+        except (MbdError, yaml.YAMLError, ValueError):
+            value = None
+        if not isinstance(value, dict):
+            raise BagError(f'{self.path} is damaged: its metadata say {key} = {text[:40]!r}, which is not a mapping')
+        return value
 
 
 class Inputs(NamedTuple):
@@ -78,18 +111,15 @@ def content(path: str | Path) -> Content:
     names: dict[int, str] = {}
     found: dict[int, dict[int, bytes]] = {}
     metadata: dict[str, dict[str, str]] = {}
-    complete = False
-    for record in records(path):
+    reading = Reading(path)
+    for record in reading:
         if isinstance(record, Messages):
             found.setdefault(record.channel, {}).update(zip(record.log_times, record.data))
         elif isinstance(record, Channel):
             names[record.id] = record.topic
         elif isinstance(record, Metadata):
             metadata[record.name] = record.metadata
-        elif isinstance(record, Footer):
-            complete = True
-    if not complete:
-        raise BagError(f'{path} is cut off or damaged; `mbd recover {path} NEW` saves every complete chunk')
+    reading.require_whole()
     about = {**metadata.get(RECORD, {}), **metadata.get(RESULT, {})}
     namespace = about.get('namespace', '').strip('/')
     own = {channel: name.strip('/').removeprefix(namespace + '/' if namespace else '') for channel, name in names.items()}
@@ -118,9 +148,13 @@ def inputs_of(recording: Content) -> Inputs:
     start = dict(zip(names, table[0, :-1].tolist())) if from_start else {}
     every = every[every[:, 0] > first]
     last = int(step[-1])
-    missing = np.setdiff1d(np.arange(first + 1, last + 1), every[:, 0].astype(np.int64))
-    if missing.size:
-        raise BagError(f'{where} cannot be replayed: it does not hold the inputs of step {missing[0]} ({missing.size} steps are missing)')
+    steps = every[:, 0].astype(np.int64)
+    steps = steps[steps <= last]
+    if steps.size != last - first:
+        follows = np.flatnonzero(steps != first + 1 + np.arange(steps.size))  # steps are ascending and all different
+        lacking = first + 1 + int(follows[0] if follows.size else steps.size)
+        count = last - first - steps.size
+        raise BagError(f'{where} cannot be replayed: it does not hold the inputs of step {lacking} ({count} steps are missing)')
     rows = {name: np.ascontiguousarray(every[:, 1 + i]) for i, name in enumerate(names)}
     h_ns = max(messages) // last if last else 0
     return Inputs(first, last, rows, start, h_ns, from_start)
@@ -132,20 +166,24 @@ def _applied(messages: Mapping[int, bytes], where: Path) -> tuple[list[str], np.
     value, places = decode(JOINT_STATE, schema_text(JOINT_STATE), data[0])
     place = places['position']
     names = list(value['name'])
-    if names[-1:] != ['step'] or any(len(one) != len(data[0]) for one in data):
+    if names[-1:] != ['step'] or place.size != len(names) or any(len(one) != len(data[0]) for one in data):
         raise BagError(f'{where}: the topic {APPLIED} is not that of this simulator')
     table = np.stack([np.frombuffer(one, dtype(place), place.size, place.offset) for one in data])
+    if not (np.isfinite(table).all() and np.all((table[:, -1] >= 0.0) & (table[:, -1] < MOST_STEPS) & (table[:, -1] % 1.0 == 0.0))):
+        raise BagError(f'{where}: the topic {APPLIED} holds what is no input or no number of a step')
     return names[:-1], table[np.argsort(table[:, -1], kind='stable')]
 
 
 def _block(data: bytes, names: Sequence[str], where: Path) -> np.ndarray:
     """(n, 1 + nu) the rows of one message of inputs_applied, columns step and `names`."""
     value, _ = decode(ARRAY, schema_text(ARRAY), data)
-    steps, columns = value['layout']['dim']
-    labels = columns['label'].split(',')
-    if len(labels) != int(columns['size']) or set(labels) != {'step', *names}:
-        raise BagError(f'{where}: the topic {INPUTS.name} holds other inputs ({columns["label"]}) than {APPLIED}')
-    rows = value['data'].reshape(int(steps['size']), len(labels))
+    dimensions = value['layout']['dim']
+    labels = dimensions[-1]['label'].split(',') if len(dimensions) == 2 else []
+    if len(labels) != len(names) + 1 or set(labels) != {'step', *names} or value['data'].size % len(labels):
+        raise BagError(f'{where}: the topic {INPUTS.name} holds other inputs ({",".join(labels)}) than {APPLIED}')
+    rows = value['data'].reshape(-1, len(labels))
+    if not np.isfinite(rows).all():
+        raise BagError(f'{where}: the topic {INPUTS.name} holds what is no number')
     return rows[:, [labels.index(name) for name in ('step', *names)]]
 
 

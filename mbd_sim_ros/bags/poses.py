@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from mcap.records import Channel, Schema
 
-from mbd_sim_ros.bags.records import Messages, find_file, records
+from mbd_sim_ros.bags.records import Messages, Reading, find_file
 from mbd_sim_ros.messages import cdr
+from mbd_sim_ros.messages.encode import TF
 from solver.errors import BagError
 
 NUMBERS = 7  # x y z, qx qy qz qw: they lie side by side in a transform
@@ -36,30 +38,37 @@ def read_poses(path: str | Path) -> Poses:
     """
     path = find_file(path)
     schemas: dict[int, Schema] = {}
-    channels: dict[int, Schema] = {}
+    channels: set[int] = set()
     skip: set[int] = set()
     found: dict[int, list[tuple[int, bytes]]] = defaultdict(list)  # by size: messages of one size place the same frames
-    kind = schema = ''
-    for record in records(path, skip=skip):
+    reading = Reading(path, skip=skip)
+    for record in reading:
         if isinstance(record, Schema):
             schemas[record.id] = record
         elif isinstance(record, Channel):
             of_it = schemas.get(record.schema_id)
-            if record.topic.rsplit('/', 1)[-1] == 'tf' and of_it is not None and of_it.encoding == 'ros2msg':
-                channels[record.id] = of_it
-                kind, schema = of_it.name, of_it.data.decode()
+            if record.topic.rsplit('/', 1)[-1] == 'tf' and of_it is not None and of_it.name == TF:
+                channels.add(record.id)
             else:
                 skip.add(record.id)
         elif isinstance(record, Messages) and record.channel in channels:
             for log_time, data in zip(record.log_times, record.data):
                 found[len(data)].append((log_time, data))
+    reading.require_whole()
     if not found:
         raise BagError(f'{path}: the topic /tf is missing, so nobody knows where the bodies were; record with record.poses above 0')
-    messages = found[max(found)]
+    return _poses(path, found[max(found)])
+
+
+def _poses(path: Path, messages: Sequence[tuple[int, bytes]]) -> Poses:
+    """Those in messages (time, TFMessage) of one size. Every TFMessage has the fields of ours, whatever comments its definition has."""
+    kind, schema = TF, cdr.schema_text(TF)
     value, places = cdr.decode(kind, schema, messages[0][1])
     transforms = value['transforms']
     parents = [transform['header']['frame_id'] for transform in transforms]
-    root = max(set(parents), key=parents.count)
+    if not parents:
+        raise BagError(f'{path}: the messages of /tf hold no transforms')
+    root = max(dict.fromkeys(parents), key=parents.count)
     picks = [i for i, parent in enumerate(parents) if parent == root]
     names = [transforms[i]['child_frame_id'] for i in picks]
     last = cdr.decode(kind, schema, messages[-1][1])[0]['transforms']

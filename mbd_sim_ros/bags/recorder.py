@@ -38,6 +38,7 @@ POLL_SECONDS = 0.02  # between deliveries to the recording process
 DELIVERY_STEPS = 256  # at most in one delivery
 QUEUE_STEPS = 4096
 PIPE_BYTES = 1 << 20
+STEM_MOST = 60  # characters of the name of a scene in the names of files; one takes 4 bytes at most, a file name 255
 LENGTH = struct.Struct('<Q')  # before every delivery: its size in bytes
 
 
@@ -103,7 +104,7 @@ def source_hash() -> str:
 
 def file_stem(name: str) -> str:
     """The name of a scene as the name of a file: nothing in it leads to another directory."""
-    return re.sub(r'[^\w.+-]+', '_', name).strip('.') or 'scene'
+    return re.sub(r'[^\w.+-]+', '_', name)[:STEM_MOST].strip('.') or 'scene'
 
 
 def new_directory(scene: str, base: str | Path = 'bags') -> Path:

@@ -1,30 +1,46 @@
-"""The records of an MCAP file, one after the other: a broken file gives every complete chunk. Nothing is decoded here."""
+"""The records of an MCAP file, one after the other, and whether all of them are as they were written. Nothing is decoded here.
+
+Whole is what ends with a footer and the magic, where every checksum that was written is right (of each chunk, of the data before
+`DataEnd`, of the summary) and where the statistics count as many messages and chunks as were found. Files of others may lack any of
+these; ours have all.
+
+A file may be made to hurt its reader, so what it claims is bounded before anything is reserved for it: CHUNK_MOST bytes in a chunk,
+and in all no more bytes and messages than its size can hold even when the messages hardly differ.
+"""
 
 from __future__ import annotations
 
 import os
 import struct
+import zlib
 from collections.abc import Collection, Iterator
 from io import BytesIO
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
-from mcap.records import Channel, Chunk, Footer, Metadata, Schema, Statistics
-from mcap.stream_reader import CRCValidationError, get_chunk_data_stream
+from mcap.records import Channel, Metadata, Schema, Statistics
 
 from mbd_sim_ros.bags.writer import PART
 from solver.errors import BagError
 
 MAGIC = b'\x89MCAP0\r\n'
-KINDS: dict[int, Any] = {2: Footer, 3: Schema, 4: Channel, 11: Statistics, 12: Metadata}  # by opcode
-MESSAGE, CHUNK = 5, 6
+FOOTER, MESSAGE, CHUNK, DATA_END = 2, 5, 6, 15
+KINDS: dict[int, Any] = {3: Schema, 4: Channel, 11: Statistics, 12: Metadata}  # by opcode
+SIZES = {FOOTER: 20, DATA_END: 4, 14: 17}  # of records that are always of one size [bytes]
+LAST_OPCODE, FIRST_PRIVATE = 15, 128  # those between are none
+CHUNK_MOST = 1 << 27  # bytes in a chunk
+INFLATED = (1 << 28, 2000)  # bytes in a file: so many, and so many for every byte on disk
+MESSAGES = (1_000_000, 0.5)  # messages in a file, likewise
+TIME_MOST = (1 << 63) - 1  # ns
+_PIECE = 1 << 20
 _HEAD = struct.Struct('<BQ')  # opcode, length
 _CHUNK = struct.Struct('<QQQII')  # first and last log time, size, checksum, length of the name of the compression
 _MESSAGE = struct.Struct('<BQHIQQ')  # opcode, length, channel, sequence, log time, publish time
+_FOOTER = struct.Struct('<QQI')  # begin of the summary, of its offsets, checksum
 _TAIL = struct.Struct('<BQQQI8s')  # the footer (opcode, length, begin of the summary, of its offsets, checksum) and the magic
-_BROKEN = (McapError, CRCValidationError, ValueError, IndexError, KeyError, struct.error, EOFError, MemoryError)
+_BROKEN = (McapError, ValueError, IndexError, KeyError, struct.error, EOFError, MemoryError, OverflowError)
 
 
 class Messages(NamedTuple):
@@ -35,7 +51,7 @@ class Messages(NamedTuple):
     data: list[bytes]
 
 
-Record = Messages | Schema | Channel | Metadata | Statistics | Footer
+Record = Messages | Schema | Channel | Metadata
 
 
 def find_file(path: str | Path, *, unfinished: bool = False) -> Path:
@@ -44,12 +60,15 @@ def find_file(path: str | Path, *, unfinished: bool = False) -> Path:
     Raises BagError if there is none.
     """
     path = Path(path)
-    if path.is_file():
-        return path
-    if not path.is_dir():
-        raise BagError(f'{path} is not there: neither a bag directory nor an .mcap file')
-    found = sorted(path.glob('*.mcap'))
-    parts = sorted(path.glob('*.mcap' + PART))
+    try:
+        if path.is_file():
+            return path
+        if not path.is_dir():
+            raise BagError(f'{path} is not there: neither a bag directory nor an .mcap file')
+        found = sorted(path.glob('*.mcap'))
+        parts = sorted(path.glob('*.mcap' + PART))
+    except (OSError, ValueError) as error:  # a name that no file can have
+        raise BagError(f'cannot read {str(path)!r}: {getattr(error, "strerror", None) or error}') from None
     if not found and parts and unfinished:
         found = parts
     if not found:
@@ -62,89 +81,216 @@ def find_file(path: str | Path, *, unfinished: bool = False) -> Path:
     return found[0]
 
 
-def records(path: Path, *, skip: Collection[int] = ()) -> Iterator[Record]:
-    """Yield the records of a file that matter here, and the messages of every complete chunk whose checksum is right.
+class Reading:
+    """One pass over a file: iterated once, it gives the records that matter here and the messages of every complete chunk.
 
-    skip: channels whose messages are passed over; it may grow while the file is read. A record that is cut off or damaged ends the
-    stream: whoever wants to know whether it was whole looks for the Footer.
-    Raises BagError if the file is not MCAP or cannot be opened.
+    skip: channels whose messages are passed over; it may grow while the file is read. onwards: go on behind a damaged record, to save
+    what there is; otherwise the first damage ends the pass.
+    Afterwards `damage` says what is wrong with the file (empty: it is whole) and `lost` how many messages are known to be missing.
+    Iterating raises BagError if the file is not MCAP or cannot be opened.
     """
-    try:
-        stream = path.open('rb', buffering=1 << 20)
-    except OSError as error:
-        raise BagError(f'cannot read {path}: {error.strerror}') from error
-    with stream:
-        size = os.fstat(stream.fileno()).st_size
-        if size == 0:
-            raise BagError(f'{path} is empty: nothing was recorded')
-        if stream.read(len(MAGIC)) != MAGIC:
-            raise BagError(f'{path} is not a recording: it is not an MCAP file')
-        at, chunks = len(MAGIC), 0
+
+    def __init__(self, path: Path, *, skip: Collection[int] = (), onwards: bool = False) -> None:
+        self.path = path
+        self.damage: list[str] = []
+        self.lost = 0
+        self._skip, self._onwards = skip, onwards
+        self._chunks = self._messages = self._inflated = self._at = 0
+        self._counted = self._checked = False
+        self._private = -1  # where a record of a kind of somebody's own begins
+
+    def require_whole(self) -> None:
+        """Raise BagError if the file is not as it was written."""
+        if self.damage:
+            path = self.path
+            raise BagError(f'{path} is cut off or damaged ({self.damage[0]}); `mbd recover {path} NEW` saves every complete chunk')
+
+    def __iter__(self) -> Iterator[Record]:
         try:
-            while len(head := stream.read(_HEAD.size)) == _HEAD.size:
-                opcode, length = _HEAD.unpack(head)
-                at += _HEAD.size + length
-                if at > size:
-                    return
-                body = stream.read(length)
-                if opcode == CHUNK:
-                    begin, end, inflated, checksum, n = _CHUNK.unpack_from(body)
-                    at_data = _CHUNK.size + n + 8
-                    compression = body[_CHUNK.size : at_data - 8].decode()
-                    chunk = Chunk(compression, body[at_data:], end, begin, checksum, inflated)
-                    content, length = get_chunk_data_stream(chunk, validate_crc=True)
-                    if length != inflated:
-                        return
-                    chunks += 1
-                    yield from _inside(content.read(length), skip)
-                elif opcode == MESSAGE:  # of a file without chunks
-                    yield from _inside(head + body, skip)
-                elif opcode in KINDS:
-                    record = KINDS[opcode].read(ReadDataStream(BytesIO(body)))
-                    if isinstance(record, Statistics) and record.chunk_count != chunks:
-                        return  # what should be a chunk was not
-                    yield record
-                    if opcode == 2:
-                        return
-        except _BROKEN:
-            return
-        except Exception as error:  # decompression errors of zstandard and lz4 have no common base
-            if type(error).__module__.split('.')[0] in ('zstandard', 'zstd', 'backports', 'compression', 'lz4', 'builtins'):
+            stream = self.path.open('rb', buffering=_PIECE)
+        except OSError as error:
+            raise BagError(f'cannot read {self.path}: {error.strerror}') from error
+        with stream:
+            size = os.fstat(stream.fileno()).st_size
+            if size == 0:
+                raise BagError(f'{self.path} is empty: nothing was recorded')
+            if stream.read(len(MAGIC)) != MAGIC:
+                raise BagError(f'{self.path} is not a recording: it is not an MCAP file')
+            try:
+                yield from self._records(stream, size)
+            except OSError as error:
+                raise BagError(f'cannot read {self.path}: {error.strerror}') from error
+
+    def _records(self, stream: BinaryIO, size: int) -> Iterator[Record]:
+        self._at, checksum = len(MAGIC), zlib.crc32(MAGIC)
+        while not self.damage or self._onwards:
+            head = stream.read(_HEAD.size)
+            if len(head) < _HEAD.size:
+                self.damage.append('its end is missing')
                 return
-            raise
+            opcode, length = _HEAD.unpack(head)
+            begin, self._at = self._at, self._at + _HEAD.size + length
+            if self._at > size:
+                self.damage.append(f'its end is missing behind byte {begin}')
+                return
+            if length != SIZES.get(opcode, length) or opcode == 0 or LAST_OPCODE < opcode < FIRST_PRIVATE:
+                self.damage.append(f'the record at byte {begin} is of no kind there is')
+                self._pass_over(stream, length, 0)
+                continue
+            if opcode == FOOTER:
+                self._end(stream, size, checksum, head)
+                return
+            if opcode not in KINDS and opcode not in (CHUNK, MESSAGE, DATA_END):
+                self._private = begin if opcode >= FIRST_PRIVATE else self._private
+                checksum = self._pass_over(stream, length, zlib.crc32(head, checksum))
+                continue
+            body = stream.read(length)
+            if opcode == DATA_END:
+                (told,) = struct.unpack('<I', body)
+                self._checked = told != 0
+                if self._checked and told != checksum:
+                    self.damage.append('the checksum of its data is wrong')
+                checksum = 0  # that of the summary begins
+                continue
+            checksum = zlib.crc32(body, zlib.crc32(head, checksum))
+            try:
+                yield from self._record(opcode, head, body)
+            except _BROKEN as error:
+                what = 'chunk' if opcode == CHUNK else 'record'
+                why = f': {error}' if type(error) is _Crafted else ''
+                self.damage.append(f'the {what} at byte {begin} cannot be read{why}')
 
+    def _record(self, opcode: int, head: bytes, body: bytes) -> Iterator[Record]:
+        if opcode == CHUNK:
+            yield from self._inside(self._chunk(body))
+            self._chunks += 1
+        elif opcode == MESSAGE:  # of a file without chunks
+            yield from self._inside(head + body)
+        else:
+            stream = ReadDataStream(BytesIO(body))
+            record = KINDS[opcode].read(stream)
+            if stream.count != len(body):
+                raise ValueError
+            if isinstance(record, Statistics):
+                self._compare(record)
+            else:
+                yield record
 
-def _inside(body: bytes, skip: Collection[int]) -> Iterator[Record]:
-    """Yield the records of a decompressed chunk, its messages gathered by channel: the loop runs once per message of a recording."""
-    at, end = 0, len(body) - _HEAD.size
-    head, whole = _HEAD.size, _MESSAGE.size
-    unpack = _MESSAGE.unpack_from
-    found: dict[int, Messages] = {}
-    while at <= end:
-        if body[at] == MESSAGE:
-            _, length, channel, _, log_time, _ = unpack(body, at)
-            behind = at + head + length
-            if channel in found:
-                one = found[channel]
-            elif channel in skip:
+    def _pass_over(self, stream: BinaryIO, length: int, checksum: int) -> int:
+        """Read what is of no interest, in pieces; the checksum with it."""
+        while length > 0:
+            piece = stream.read(min(length, _PIECE))
+            if not piece:
+                break
+            checksum = zlib.crc32(piece, checksum)
+            length -= len(piece)
+        return checksum
+
+    def _chunk(self, body: bytes) -> bytes:
+        """The records in a chunk. Raises what says that it is damaged."""
+        _, _, inflated, checksum, n = _CHUNK.unpack_from(body)
+        compression = body[_CHUNK.size : _CHUNK.size + n].decode()
+        (length,) = struct.unpack_from('<Q', body, _CHUNK.size + n)
+        data = body[_CHUNK.size + n + 8 :]
+        self._inflated += inflated
+        if inflated > CHUNK_MOST or self._inflated > INFLATED[0] + INFLATED[1] * self._at:
+            raise _Crafted(f'it claims to hold {inflated} bytes')
+        content = _inflate(compression, data, inflated) if len(data) == length else b''
+        if len(content) != inflated or (checksum and zlib.crc32(content) != checksum):
+            raise ValueError
+        return content
+
+    def _inside(self, body: bytes) -> Iterator[Record]:
+        """Yield the records of a decompressed chunk, its messages gathered by channel: the loop runs once per message of a recording."""
+        at, end = 0, len(body) - _HEAD.size
+        head, whole = _HEAD.size, _MESSAGE.size
+        least = whole - head
+        most = int(MESSAGES[0] + MESSAGES[1] * self._at) - self._messages
+        unpack, skip = _MESSAGE.unpack_from, self._skip
+        found: dict[int, Messages] = {}
+        others: list[Record] = []
+        count = 0
+        while at <= end:
+            if body[at] == MESSAGE:
+                _, length, channel, _, log_time, _ = unpack(body, at)
+                behind = at + head + length
+                count += 1
+                if length < least or count > most:
+                    raise _Crafted(f'it holds {count} messages and more') if count > most else ValueError
+                if channel in found:
+                    one = found[channel]
+                elif channel in skip:
+                    at = behind
+                    continue
+                else:
+                    one = found[channel] = Messages(channel, [], [])
+                one[1].append(log_time)
+                one[2].append(body[at + whole : behind])
                 at = behind
                 continue
-            else:
-                one = found[channel] = Messages(channel, [], [])
-            one[1].append(log_time)
-            one[2].append(body[at + whole : behind])
-            at = behind
-            continue
-        opcode, length = _HEAD.unpack_from(body, at)
-        at += head
-        if opcode in (3, 4):
-            yield KINDS[opcode].read(ReadDataStream(BytesIO(body[at : at + length])))
-        at += length
-    yield from found.values()
+            opcode, length = _HEAD.unpack_from(body, at)
+            at += head
+            if opcode not in (3, 4) or len(others) > 0xFFFF:
+                raise ValueError
+            others.append(KINDS[opcode].read(ReadDataStream(BytesIO(body[at : at + length]))))
+            at += length
+        if at != len(body):
+            raise ValueError
+        for one in found.values():
+            if max(one.log_times) > TIME_MOST:
+                raise _Crafted(f'a message is dated {max(one.log_times)} ns, beyond what 63 bits hold')
+        self._messages += count
+        yield from others
+        yield from found.values()
+
+    def _compare(self, told: Statistics) -> None:
+        """Hold what was found against the statistics."""
+        self._counted = True
+        if (told.message_count, told.chunk_count) != (self._messages, self._chunks):
+            self.lost = max(0, told.message_count - self._messages)
+            says = f'it says that it holds {told.message_count} messages in {told.chunk_count} chunks'
+            self.damage.insert(0, f'{says}, and {self._messages} in {self._chunks} were found')
+
+    def _end(self, stream: BinaryIO, size: int, checksum: int, head: bytes) -> None:
+        """The footer: the last record, before the magic."""
+        body = stream.read(_FOOTER.size)
+        begin, _, told = _FOOTER.unpack(body)
+        if stream.read(len(MAGIC)) != MAGIC or self._at + len(MAGIC) != size:
+            self.damage.append('it does not end with its footer')
+        elif told and told != zlib.crc32(body[:16], zlib.crc32(head, checksum)):
+            self.damage.append('the checksum of its summary is wrong')
+        elif self._checked and begin and not told:
+            self.damage.append('the checksum of its summary is missing')
+        elif self._private >= 0 and not (self._counted or self._checked):  # a chunk whose opcode is damaged looks like it
+            self.damage.append(f'the record at byte {self._private} is of no kind that is known, and nothing tells that it may be left out')
+
+
+class _Crafted(ValueError):
+    """More is claimed than a recording holds."""
+
+
+def _inflate(compression: str, data: bytes, size: int) -> bytes:
+    """Decompress; never more than size + 1 bytes. Raises ValueError when it is damaged, or packed in a way that is not known here."""
+    try:
+        if compression == '':
+            return data
+        if compression == 'zstd':
+            import zstandard
+
+            if zstandard.frame_content_size(data) == size:
+                return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
+            return zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True).read(size + 1)
+        if compression == 'lz4':
+            from lz4.frame import LZ4FrameDecompressor
+
+            return LZ4FrameDecompressor().decompress(data, max_length=size + 1)
+    except Exception as error:  # those of zstandard and lz4 have no common base
+        raise ValueError(f'not readable as {compression}') from error
+    raise _Crafted(f'it is packed with {compression!r}, which is not read here')
 
 
 def message_counts(path: Path) -> dict[int, int]:
-    """How many messages each channel has, by the summary at the end of the file; empty where there is none."""
+    """How many messages each channel has, by the summary at the end of the file; empty where there is none. A hint: it may be wrong."""
     with path.open('rb') as stream:
         size = os.fstat(stream.fileno()).st_size
         stream.seek(max(0, size - _TAIL.size))
@@ -152,7 +298,7 @@ def message_counts(path: Path) -> dict[int, int]:
         if len(tail) < _TAIL.size:
             return {}
         opcode, _, begin, _, _, magic = _TAIL.unpack(tail)
-        if opcode != 2 or magic != MAGIC or not 0 < begin < size:
+        if opcode != FOOTER or magic != MAGIC or not 0 < begin < size:
             return {}
         stream.seek(begin)
         summary = stream.read()
@@ -161,7 +307,9 @@ def message_counts(path: Path) -> dict[int, int]:
         opcode, length = _HEAD.unpack_from(summary, at)
         at += _HEAD.size
         if opcode == 11 and at + length <= len(summary):
-            found = Statistics.read(ReadDataStream(BytesIO(summary[at : at + length])))
-            return {channel: min(count, size) for channel, count in found.channel_message_counts.items()}
+            try:
+                return Statistics.read(ReadDataStream(BytesIO(summary[at : at + length]))).channel_message_counts
+            except _BROKEN:
+                return {}
         at += length
     return {}

@@ -62,7 +62,7 @@ class BagWriter:
     def _start(self, metadata: Mapping[str, Mapping[str, str]], schemas: Mapping[str, str]) -> None:
         for compression in (CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE):
             try:
-                self._writer = Writer(self._file, chunk_size=CHUNK_BYTES, compression=compression)
+                self._writer = Writer(self._file, chunk_size=CHUNK_BYTES, compression=compression, enable_data_crcs=True)
                 break
             except UnsupportedCompressionError:
                 continue

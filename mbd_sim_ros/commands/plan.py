@@ -35,6 +35,7 @@ def run(args: argparse.Namespace) -> Result:
 
     from mbd_sim_ros import interrupts
     from mbd_sim_ros.analysis.plan_page import write_page
+    from mbd_sim_ros.bags.recorder import file_stem
     from solver.errors import BagError, SpecError
     from solver.files.scene import load_scene
     from solver.levels.auto import chosen, keep
@@ -45,7 +46,7 @@ def run(args: argparse.Namespace) -> Result:
         if value is not None and not value > 0:
             raise SpecError(f'--{name} = {value:g}: must be > 0')
     scene = load_scene(args.scene, args.overrides)
-    out = args.out or Path('out') / 'plan' / scene.name
+    out = args.out or Path('out') / 'plan' / file_stem(scene.name)
     with tqdm(total=1.0, bar_format=BAR, disable=args.json or not sys.stderr.isatty(), leave=False) as bar:
 
         def progress(text: str, done: float) -> None:

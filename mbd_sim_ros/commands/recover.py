@@ -15,7 +15,7 @@ def add(parsers: Any) -> None:
         parsers,
         'recover',
         run,
-        'copy every complete chunk of a recording that was cut off into a new bag',
+        'copy every complete chunk of a recording that was cut off or damaged into a new bag',
         'mbd recover bags/killed bags/saved',
     )
     parser.add_argument('bag', metavar='BAG', type=Path, help='bag directory or .mcap(.part) file')
@@ -24,9 +24,9 @@ def add(parsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> Result:
     """Copy."""
-    from mbd_sim_ros.bags import reader as bag
+    from mbd_sim_ros.bags.recovery import recover
 
-    saved = bag.recover(args.bag, args.new)
+    saved = recover(args.bag, args.new)
     data = {
         'status': 'ok',
         'out': str(saved.directory),
@@ -34,8 +34,11 @@ def run(args: argparse.Namespace) -> Result:
         'start': saved.start_ns * 1e-9,
         'end': saved.end_ns * 1e-9,
         'complete': saved.complete,
+        'damage': list(saved.damage),
+        'lost': saved.lost,
+        'not_copied': saved.left_out,
     }
-    whole = 'the recording was whole' if saved.complete else 'the recording was cut off'
-    return Result(
-        data=data, text=f'{saved.messages} messages, {data["start"]:g} to {data["end"]:g} s, saved in {saved.directory} ({whole})'
-    )
+    whole = 'the recording was whole' if saved.complete else f'the recording was cut off or damaged: {"; ".join(saved.damage)}'
+    lines = [f'{saved.messages} messages, {data["start"]:g} to {data["end"]:g} s, saved in {saved.directory} ({whole})']
+    lines += [f'not copied: {topic}: {why}' for topic, why in saved.left_out.items()]
+    return Result(data=data, text='\n'.join(lines))

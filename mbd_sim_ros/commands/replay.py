@@ -10,8 +10,6 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import yaml
-
 from mbd_sim_ros.commands import SET_HELP, Result, declare, table
 from solver.errors import BagError, SpecError
 
@@ -83,10 +81,10 @@ def _again(args: argparse.Namespace, before: Content, applied: Inputs, directory
     )  # fmt: skip
     interrupts.now(f'comparing {args.bag} with its replay')
     after = content(directory)
-    lost = int(before.metadata.get('dropped_steps', '0') or 0) > 0
+    lost = before.dropped_steps > 0
     unequal = different_topics(before, after, lost=lost)
     same_code = before.metadata.get('source_hash', '') == source_hash()
-    recorded_on = yaml.safe_load(before.metadata.get('target', '{}'))
+    recorded_on = before.target
     elsewhere = differences(recorded_on, target())
     data: dict[str, Any] = {
         'status': 'different' if unequal else 'identical',

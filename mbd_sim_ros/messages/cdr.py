@@ -19,6 +19,8 @@ import numpy as np
 
 from solver.errors import BagError
 
+DEPTH_MOST = 32  # types inside each other; one that contains itself has no end
+FIELDS_MOST = 50_000  # in one message; an array of numbers is one
 ENCAPSULATION = b'\x00\x01\x00\x00'  # CDR, little endian
 _FORMATS = {
     'bool': '?', 'byte': 'B', 'char': 'B', 'int8': 'b', 'uint8': 'B', 'int16': 'h', 'uint16': 'H', 'int32': 'i', 'uint32': 'I',
@@ -80,11 +82,12 @@ def _fields(text: str, package: str) -> list[Field]:
         if len(words) < 2 or '=' in line.split('#')[0]:  # empty, or a constant
             continue
         kind, _, brackets = words[0].partition('[')
-        kind = kind.split('<=')[0].removeprefix('w')  # bounds of strings do not change the encoding
-        if kind not in _FORMATS and kind != 'string' and '/' not in kind:
+        kind = kind.split('<=')[0]  # bounds of strings do not change the encoding
+        if kind not in _FORMATS and kind not in ('string', 'wstring') and '/' not in kind:
             kind = f'{package}/{kind}' if kind != 'Header' else 'std_msgs/Header'
         size = brackets.rstrip(']')
-        fields.append(Field(words[1], kind.replace('/msg/', '/'), None if not brackets else int(size) if size.isdigit() else 0))
+        count = int(size) if size.isdecimal() and len(size) < 10 else 0
+        fields.append(Field(words[1], kind.replace('/msg/', '/'), count if brackets else None))
     return fields
 
 
@@ -107,15 +110,25 @@ class _Walk(ABC):
     def __init__(self, types: Definitions) -> None:
         self.types = types
         self.places: dict[str, Place] = {}
+        self._depth = self._fields = 0
 
     def message(self, kind: str, value: Any, path: str) -> Any:
+        if kind not in self.types:
+            raise BagError(f'its definition refers to {kind!r}, which it does not define')
+        if self._depth == DEPTH_MOST:
+            raise BagError(f'its definition has more than {DEPTH_MOST} types inside each other: {kind!r}')
+        self._depth += 1
         result = {}
         for field in self.types[kind]:
             inner = f'{path}.{field.name}' if path else field.name
             result[field.name] = self.field(field, value.get(field.name) if isinstance(value, dict) else None, inner)
+        self._depth -= 1
         return result
 
     def field(self, field: Field, value: Any, path: str) -> Any:
+        self._fields += 1
+        if self._fields > FIELDS_MOST:
+            raise BagError(f'a message of it has more than {FIELDS_MOST} fields')
         if field.size is None and field.kind not in _FORMATS:
             return self.string(value) if field.kind == 'string' else self.message(field.kind, value, path)
         if field.kind in _FORMATS:
@@ -123,6 +136,8 @@ class _Walk(ABC):
             numbers = self.numbers(field.kind, count, value, path)
             return numbers[0] if field.size is None else numbers
         count = field.size or self.length(value)
+        if count > FIELDS_MOST:
+            raise BagError(f'a message of it claims {count} items of {path}, more than {FIELDS_MOST}')
         items = value if value is not None else [None] * count
         one = Field(field.name, field.kind, None)
         return [self.field(one, items[i] if i < len(items) else None, f'{path}[{i}]') for i in range(count)]
@@ -192,7 +207,10 @@ class _Decode(_Walk):
     def string(self, value: Any) -> str:
         count = self.length(None)
         start = self.take(1, count)
-        return bytes(self.data[start : start + max(count - 1, 0)]).decode()
+        try:
+            return bytes(self.data[start : start + max(count - 1, 0)]).decode()
+        except UnicodeDecodeError:
+            raise BagError('a text in a message of it is not UTF-8') from None
 
     def numbers(self, kind: str, count: int, value: Any, path: str) -> Any:
         code = np.dtype('<' + _FORMATS[kind])

@@ -27,6 +27,7 @@ from solver.validate import Vector, finite, require, vector
 # [ISO8608], annex C: displacement spectral density at 0.1 cycles/m, geometric mean of each class [m^3]
 ISO_8608_DENSITY = {c: 16e-6 * 4.0**k for k, c in enumerate('ABCDEFGH')}
 ISO_8608_REFERENCE = 0.1  # [cycles/m]
+MOST_NODES = 2_000_000  # of all grids of a road: seconds and some hundred MB at the start
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,6 +79,11 @@ class HeightGrid:
         require(bool(np.isfinite(h).all()), where, 'height', 'not finite', 'every height must be a finite number')
         object.__setattr__(self, 'height', tuple(map(tuple, h.tolist())))
 
+    @property
+    def nodes(self) -> int:
+        """How many heights it has."""
+        return len(self.height) * len(self.height[0])
+
 
 @dataclass(frozen=True, kw_only=True)
 class RandomRoad:
@@ -110,8 +116,16 @@ class RandomRoad:
         object.__setattr__(self, 'length', finite(where, 'length', self.length, low=2.0 * self.ramp))
         object.__setattr__(self, 'width', finite(where, 'width', self.width, low=0.0, strict=True))
         object.__setattr__(self, 'coherence', finite(where, 'coherence', self.coherence, low=0.0))
-        object.__setattr__(self, 'shortest', finite(where, 'shortest', self.shortest, low=2.0 * self.step[0]))
         require(min(self.step) > 0.0, where, 'step', self.step, 'both must be positive')
+        object.__setattr__(self, 'shortest', finite(where, 'shortest', self.shortest, low=2.0 * self.step[0]))
+        size = f'{self.length:g} m x {self.width:g} m at steps of {self.step[0]:g} m x {self.step[1]:g} m'
+        most = f'needs {self.nodes:.3g} heights, more than {MOST_NODES}; take a shorter road or longer steps'
+        require(self.nodes <= MOST_NODES, where, 'length', size, most)
+
+    @property
+    def nodes(self) -> float:
+        """How many heights it has, about."""
+        return (self.length / self.step[0] + 1.0) * (self.width / self.step[1] + 2.0)
 
     def expand(self) -> HeightGrid:
         """Return the grid; the same seed gives the same road.
@@ -163,6 +177,8 @@ class RoadSpec(Spec):
         self.set('friction', finite(self.where, 'friction', self.friction, low=1e-3))
         self.set('patches', tuple(self.patches))
         self.set('grids', tuple(self.grids))
+        nodes = sum(grid.nodes for grid in self.grids)
+        require(nodes <= MOST_NODES, self.where, 'grids', f'{nodes:.3g} heights', f'must have {MOST_NODES} at most, all of them together')
 
 
 class RoadTable(NamedTuple):

@@ -46,10 +46,8 @@ class MechanismReader:
         """A ModelSpec, or a linkage by `kind`. Bodies first, markers may be placed in the world; inputs from their uses unless listed."""
         fields = builder.mapping(node, path)
         if 'kind' in fields:
-            kind = fields.pop('kind')[1]
-            if kind.value not in LINKAGES:
-                raise refuse(kind, join(path, 'kind'), 'unknown kind of mechanism' + suggestion(str(kind.value), LINKAGES))
-            data, linkage = LINKAGES[kind.value]
+            kind = builder.choice(fields.pop('kind')[1], join(path, 'kind'), LINKAGES, 'unknown kind of mechanism')
+            data, linkage = LINKAGES[kind]
             return linkage(builder.construct(data, fields, node, path, extra=('kind',)))
         given: dict[str, object] = {}
         if 'bodies' in fields:

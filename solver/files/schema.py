@@ -24,7 +24,7 @@ import math
 import re
 import types
 import typing
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
@@ -62,9 +62,7 @@ class Builder:
         origin, args = get_origin(hint), get_args(hint)
         if origin is Literal:
             choices = {str(a): a for a in args}
-            if not isinstance(node, ScalarNode) or node.value not in choices:
-                raise refuse(node, path, 'is not one of the choices' + suggestion(str(node.value), choices))
-            return choices[node.value]
+            return choices[self.choice(node, path, choices, 'is not one of the choices')]
         if origin in (Union, types.UnionType):
             return self._union(args, node, path, name)
         if origin is tuple:
@@ -77,6 +75,12 @@ class Builder:
 
     def _hook(self, hint: Any) -> Hook | None:
         return next((self.hooks[c] for c in hint.__mro__ if c in self.hooks), None) if isinstance(hint, type) else None
+
+    def choice(self, node: Node, path: str, known: Collection[str], problem: str) -> str:
+        """A word out of `known`."""
+        if not isinstance(node, ScalarNode) or node.value not in known:
+            raise refuse(node, path, problem + suggestion(node.value if isinstance(node, ScalarNode) else '', known))
+        return node.value
 
     def mapping(self, node: Node, path: str) -> Fields:
         """Key -> (key node, value node) of a mapping node."""
@@ -138,10 +142,7 @@ class Builder:
             fields = self.mapping(node, path)
             if 'kind' not in fields:
                 raise SceneError(f"{where(node)}: {path}: the key 'kind' is missing; one of: {', '.join(kinds)}")
-            kind = fields['kind'][1]
-            if kind.value not in kinds:
-                raise refuse(kind, join(path, 'kind'), 'unknown kind' + suggestion(str(kind.value), kinds))
-            chosen = typing.cast(type, kinds[kind.value])
+            chosen = typing.cast(type, kinds[self.choice(fields['kind'][1], join(path, 'kind'), kinds, 'unknown kind')])
             if any(f.name == 'kind' for f in dataclasses.fields(chosen)):
                 return self.build(chosen, node, path, name)
             return self.build(chosen, MappingNode(node.tag, [e for e in node.value if e[0].value != 'kind'], node.start_mark), path, name)

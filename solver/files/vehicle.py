@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from solver.errors import SceneError, suggestion
-from solver.files.schema import Builder, Node, join, refuse, where
+from solver.errors import SceneError
+from solver.files.schema import Builder, Node, join, where
 from solver.model.spec import ModelSpec
 from solver.vehicle.full_car import FullCar, full_car_model
 from solver.vehicle.light_car import LightCar, light_car_model
@@ -28,8 +28,6 @@ def build_vehicle(builder: Builder, node: Node, path: str) -> ModelSpec:
     fields = builder.mapping(node, path)
     if 'kind' not in fields:
         raise SceneError(f"{where(node)}: {path}: the key 'kind' is missing; one of: {', '.join(TEMPLATES)}")
-    kind = fields.pop('kind')[1]
-    if kind.value not in TEMPLATES:
-        raise refuse(kind, join(path, 'kind'), 'unknown kind of vehicle' + suggestion(str(kind.value), TEMPLATES))
-    data, model = TEMPLATES[kind.value]
+    kind = builder.choice(fields.pop('kind')[1], join(path, 'kind'), TEMPLATES, 'unknown kind of vehicle')
+    data, model = TEMPLATES[kind]
     return model(builder.construct(data, fields, node, path, extra=('kind',)))

@@ -1,13 +1,14 @@
 """YAML text as a tree of nodes that know their file and line: includes, overrides and the way back to text.
 
 A node is one of PyYAML's (mapping, sequence or scalar). No scalar is interpreted here; solver.files.schema does that by type.
+What a file asks for is bounded (see Extent): a short text with aliases or includes can stand for more than any memory holds.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,12 @@ from solver.files.tir import read_tir
 
 INCLUDE = re.compile(r'[\w./-]+(\.[a-z]+)')
 TAGS = tuple(f'tag:yaml.org,2002:{kind}' for kind in ('map', 'seq', 'str', 'int', 'float', 'bool', 'null', 'timestamp', 'merge', 'value'))
+MOST_CHARACTERS = 1 << 20  # of all files together: about five seconds of reading
+MOST_VALUES = 100_000  # with every alias and include expanded
+MOST_FILES = 1000
+MOST_DEPTH = 64  # of values in each other
+MOST_INCLUDED = 16  # files in each other
+SHOWN = 60  # characters of a value in an error sentence
 READERS: dict[str, Callable[[Path], object]] = {'.tir': read_tir}  # file ending -> what reads it into a dataclass; .yaml is built in
 
 
@@ -30,18 +37,36 @@ def where(node: Node) -> str:
 
 def shown(node: Node) -> str:
     """A short rendering of a node's value for error sentences."""
-    text = _flow(node)
-    if len(text) > 60 and isinstance(node, MappingNode):
-        text = '{' + ', '.join(f'{key.value}: ...' for key, _ in node.value) + '}'
-    return text if len(text) <= 60 else text[:57] + '...'
+    text = _short(_flow(node))
+    if len(text) > SHOWN and isinstance(node, MappingNode):
+        text = '{' + _short(f'{_short(_flow(key))}: ..., ' for key, _ in node.value).removesuffix(', ') + '}'
+    return text if len(text) <= SHOWN else text[: SHOWN - 3] + '...'
 
 
-def _flow(node: Node) -> str:
+def _short(pieces: Iterable[str]) -> str:
+    """The pieces together, as far as they are shown: a value may be endless through an alias."""
+    text = ''
+    for piece in pieces:
+        text += piece
+        if len(text) > SHOWN:
+            break
+    return text
+
+
+def _flow(node: Node) -> Iterator[str]:
+    """A value in one line, piece by piece."""
     if isinstance(node, ScalarNode):
-        return node.value if node.style is None else repr(node.value)
-    if isinstance(node, SequenceNode):
-        return '[' + ', '.join(map(_flow, node.value)) + ']'
-    return '{' + ', '.join(f'{key.value}: {_flow(value)}' for key, value in node.value) + '}'
+        yield node.value if node.style is None else repr(node.value[: SHOWN + 1])
+        return
+    yield '[' if isinstance(node, SequenceNode) else '{'
+    for k, item in enumerate(node.value):
+        yield ', ' if k else ''
+        key, value = (None, item) if isinstance(node, SequenceNode) else item
+        if key is not None:
+            yield from _flow(key)
+            yield ': '
+        yield from _flow(value)
+    yield ']' if isinstance(node, SequenceNode) else '}'
 
 
 def refuse(node: Node, path: str, remedy: str) -> SceneError:
@@ -49,13 +74,38 @@ def refuse(node: Node, path: str, remedy: str) -> SceneError:
     return SceneError(f'{where(node)}: {path}{" = " if path else ""}{shown(node)}: {remedy}')
 
 
-def parse(text: str, name: str) -> Node:
-    """Compose one YAML document and check what no type needs to be known for: tags, duplicate keys, endless aliases.
+class Extent:
+    """How much has been read for one file with all that it includes. Each method raises SceneError for too much."""
 
-    name: what error sentences call the text (a file name). Raises SceneError.
+    def __init__(self) -> None:
+        self._values = self._characters = self._files = 0
+
+    def text(self, text: str, name: str) -> None:
+        """A text is read."""
+        self._characters += len(text)
+        self._files += 1
+        if self._characters > MOST_CHARACTERS:
+            raise SceneError(f'{name}: too long: with what includes it, {self._characters} characters; at most {MOST_CHARACTERS} are read')
+        if self._files > MOST_FILES:
+            raise SceneError(f'{name}: more than {MOST_FILES} files are included')
+
+    def value(self, node: Node) -> None:
+        """A value is looked at."""
+        self._values += 1
+        if self._values > MOST_VALUES:
+            raise SceneError(f'{where(node)}: with every alias and include in place there are more than {MOST_VALUES} values')
+
+
+def parse(text: str, name: str, extent: Extent | None = None) -> Node:
+    """Compose one YAML document and check what no type needs to be known for: tags, duplicate keys, endless aliases, its extent.
+
+    name: what error sentences call the text (a file name). extent: of the file that includes it. Raises SceneError.
     """
+    (extent or Extent()).text(text, name)
     try:
         node = yaml.compose(text, Loader=_loader(name))
+    except RecursionError:
+        raise SceneError(f'{name}: more than {MOST_DEPTH} values in each other') from None
     except yaml.YAMLError as error:
         mark = getattr(error, 'problem_mark', None)
         line = f':{mark.line + 1}' if mark is not None else ''
@@ -63,7 +113,7 @@ def parse(text: str, name: str) -> Node:
         raise SceneError(f'{name}{line}: not readable as YAML: {" ".join(str(problem).split())}') from None
     if node is None:
         raise SceneError(f'{name}: the file is empty')
-    _check(node, '', ())
+    _check(node, '', (), Extent())
     return node
 
 
@@ -76,15 +126,18 @@ def _loader(name: str):
     return Named
 
 
-def _check(node: Node, path: str, above: tuple[int, ...]) -> None:
+def _check(node: Node, path: str, above: tuple[int, ...], extent: Extent) -> None:
     if id(node) in above:
-        raise SceneError(f'{where(node)}: {path} contains itself through an alias')
+        raise SceneError(f'{where(node)}: {path[:SHOWN]} contains itself through an alias')
+    if len(above) > MOST_DEPTH:
+        raise SceneError(f'{where(node)}: more than {MOST_DEPTH} values in each other')
+    extent.value(node)
     if node.tag not in TAGS:
         raise refuse(node, path, f'the tag {node.tag} is not allowed; write plain values')
     above = (*above, id(node))
     if isinstance(node, SequenceNode):
         for k, item in enumerate(node.value):
-            _check(item, f'{path}[{k}]', above)
+            _check(item, f'{path}[{k}]', above, extent)
     if isinstance(node, MappingNode):
         first: dict[str, Node] = {}
         for key, value in node.value:
@@ -94,7 +147,7 @@ def _check(node: Node, path: str, above: tuple[int, ...]) -> None:
             if key.value in first:
                 raise SceneError(f'{where(key)}: {here}: the key is given twice (first in line {first[key.value].start_mark.line + 1})')
             first[key.value] = key
-            _check(value, here, above)
+            _check(value, here, above, extent)
 
 
 def join(path: str, key: str) -> str:
@@ -102,18 +155,23 @@ def join(path: str, key: str) -> str:
     return f'{path}.{key}' if path else key
 
 
-def read(file: Path, roots: Sequence[Path], above: tuple[Path, ...] = ()) -> Node:
+def read(file: Path, roots: Sequence[Path], above: tuple[Path, ...] = (), extent: Extent | None = None) -> Node:
     """Read a YAML file with everything it refers to.
 
     A value that is a file name (without quotes) ending in .yaml, or in one of READERS, is replaced by the content of that file, looked up
     beside the file, one directory above it, and in roots. Raises SceneError for files that are missing, unreadable or that
-    include themselves.
+    include themselves, and for too much of all. extent: of the file that includes this one.
     """
+    extent = extent or Extent()
+    name = displayed(file)
+    if len(above) >= MOST_INCLUDED:
+        raise SceneError(f'{name}: more than {MOST_INCLUDED} files include each other')
     reader = READERS.get(file.suffix)
     if reader is not None:
-        name = displayed(file)
+        extent.text(read_text(file, errors='replace'), name)
         return node_of(reader(Path(name)), yaml.Mark(name, 0, -1, 0, None, 0))
-    return include(parse(read_text(file), displayed(file)), [file.parent, file.parent.parent, *roots], (*above, file.resolve()))
+    directories = [file.parent, file.parent.parent, *roots]
+    return include(parse(read_text(file), name, extent), directories, (*above, file.resolve()), extent=extent)
 
 
 def displayed(file: Path) -> str:
@@ -122,20 +180,25 @@ def displayed(file: Path) -> str:
     return str(path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path)
 
 
-def read_text(file: Path) -> str:
-    """Content of a text file; SceneError when it cannot be read."""
+def read_text(file: Path, errors: str = 'strict') -> str:
+    """Content of a text file; SceneError when it cannot be read, or is too long."""
     try:
-        return file.read_text(encoding='utf-8')
+        size = file.stat().st_size
+        if size > 4 * MOST_CHARACTERS:
+            raise SceneError(f'{file}: too long: {size} bytes; at most {MOST_CHARACTERS} characters are read')
+        return file.read_text(encoding='utf-8', errors=errors)
     except (OSError, UnicodeDecodeError) as error:
         raise SceneError(f'{file}: cannot be read: {getattr(error, "strerror", None) or "is not UTF-8 text"}') from None
 
 
-def include(node: Node, directories: Sequence[Path], above: tuple[Path, ...] = (), path: str = '') -> Node:
+def include(node: Node, directories: Sequence[Path], above: tuple[Path, ...] = (), path: str = '', extent: Extent | None = None) -> Node:
     """Replace references to files by their content (see read); returns the node, changed in place."""
+    extent = extent or Extent()
+    extent.value(node)
     if isinstance(node, SequenceNode):
-        node.value = [include(item, directories, above, f'{path}[{k}]') for k, item in enumerate(node.value)]
+        node.value = [include(item, directories, above, f'{path}[{k}]', extent) for k, item in enumerate(node.value)]
     elif isinstance(node, MappingNode):
-        node.value = [(key, include(value, directories, above, join(path, key.value))) for key, value in node.value]
+        node.value = [(key, include(value, directories, above, join(path, key.value), extent)) for key, value in node.value]
     elif (
         isinstance(node, ScalarNode) and node.style is None and (match := INCLUDE.fullmatch(node.value)) and match[1] in ('.yaml', *READERS)
     ):
@@ -145,7 +208,7 @@ def include(node: Node, directories: Sequence[Path], above: tuple[Path, ...] = (
             raise refuse(node, path, 'no such file' + suggestion(node.value, known))
         if file.resolve() in above:
             raise refuse(node, path, 'the file includes itself')
-        return read(file, directories, above)
+        return read(file, directories, above, extent)
     return node
 
 

@@ -17,7 +17,7 @@ from solver.inputs.driver import Sight
 from solver.inputs.maneuver import ACCELERATION, RATE
 from solver.model.evaluate import prepare
 from solver.model.frames import matrix
-from solver.model.state import State
+from solver.model.state import State, fitting, load_arrays, step_of
 from solver.output.energy import LENGTH, WORST
 from solver.output.snapshot import NO_STEPS, Channels, Counters, OutputArrays, Snapshot, layout_of, new_numbers, output_arrays
 from solver.scene import Scene
@@ -237,16 +237,19 @@ class SingleTrackSimulation(Simulation):
 
     def restore(self, data: bytes) -> None:
         """Continue from save(); raises SpecError if it belongs to another model."""
-        with np.load(io.BytesIO(data), allow_pickle=False) as file:
-            found = {name: file[name] for name in file.files}
-        if 'single_track' not in found or found['single_track'].shape != self.y.shape or found['inputs'].shape != self._inputs.shape:
+        found = load_arrays(data)
+        if 'single_track' not in found or found['single_track'].shape != self.y.shape:
             raise SpecError('restore: the saved state is of another model than this one of level single_track')
+        own = {'inputs': self._inputs, 'audit': self._scratch.energy, 'reached': self._scratch.reached, 'steered': self._scratch.steered}
+        for name, array in own.items():
+            fitting(name, found.get(name), array)
+        k = step_of(found.get('k'))
         if self.driver is not None:
             if 'driver' not in found:
                 raise SpecError('restore: the saved state has no driver: it is of another scene')
-            self.driver.state = found['driver']
+            self.driver.state = fitting('driver', found['driver'], self.driver.state)
         self.y[:] = found['single_track']
-        self.k = int(found['k'])
+        self.k = k
         self._inputs = found['inputs']
         loss = self.y.copy()
         start(self.tables, self.y, self._inputs, self._index, self._scratch, self._frame)

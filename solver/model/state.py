@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import io
+import struct
+import zipfile
+import zlib
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -15,6 +18,9 @@ from solver.compiled.so3 import matrix_of_quaternion
 from solver.elements.coordinate import coordinate_value
 from solver.elements.point_pair import Kinematics
 from solver.elements.rigid_body import RigidBodySpec
+from solver.errors import SpecError
+
+MOST = 1 << 26  # bytes of a saved state
 
 
 class State(NamedTuple):
@@ -109,8 +115,38 @@ def save_state(state: State, k: int, extra: dict[str, np.ndarray] | None = None)
 
 
 def load_state(data: bytes) -> tuple[State, int, dict[str, np.ndarray]]:
-    """Inverse of save_state."""
-    with np.load(io.BytesIO(data), allow_pickle=False) as file:
-        arrays = {name: file[name] for name in file.files}
-    k = int(arrays.pop('k'))
+    """Inverse of save_state. Raises SpecError."""
+    arrays = load_arrays(data)
+    k = step_of(arrays.pop('k', None))
+    missing = [name for name in State._fields if name not in arrays]
+    if missing:
+        raise SpecError(f'restore: the saved state has no {missing[0]!r}: it is of another model')
     return State(*(arrays.pop(name) for name in State._fields)), k, arrays
+
+
+def step_of(k: np.ndarray | None) -> int:
+    """The index of a step in a saved state. Raises SpecError."""
+    if k is None or k.shape != () or k.dtype.kind != 'i' or not 0 <= k < 1 << 53:
+        raise SpecError('restore: the saved state does not say which step it is of')
+    return int(k)
+
+
+def load_arrays(data: bytes) -> dict[str, np.ndarray]:
+    """The arrays in a saved state. Raises SpecError when it is damaged, or claims to be larger than a state is."""
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as packed:
+            size = sum(entry.file_size for entry in packed.infolist())
+        if size > MOST:
+            raise SpecError(f'restore: the saved state claims to hold {size} bytes, more than {MOST}')
+        with np.load(io.BytesIO(data), allow_pickle=False) as file:
+            return {name: file[name] for name in file.files}
+    except (ValueError, KeyError, OSError, EOFError, MemoryError, NotImplementedError, struct.error, zipfile.BadZipFile, zlib.error):
+        raise SpecError('restore: the saved state is damaged') from None
+
+
+def fitting(name: str, saved: np.ndarray | None, own: np.ndarray) -> np.ndarray:
+    """A saved array that must be like the one of this model. Raises SpecError."""
+    if saved is None or saved.shape != own.shape or saved.dtype != own.dtype:
+        found = 'is missing' if saved is None else f'has shape {saved.shape}, this model needs {own.shape}'
+        raise SpecError(f'restore: {name} {found}: the saved state is of another model')
+    return saved

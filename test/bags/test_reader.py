@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from mcap.writer import CompressionType, Writer
-from scalars import write_scalars
+from mcap.writer import Writer
+from scalars import write_mcap, write_scalars
 
+from mbd_sim_ros.bags import columns
 from mbd_sim_ros.bags import reader as bag
 from mbd_sim_ros.messages import cdr
 from mbd_sim_ros.messages.encode import JOINT_STATE
@@ -23,19 +24,6 @@ NAMELESS = 'string text\n'
 def two_rates(directory: Path, **options) -> Path:
     fast, slow = np.arange(101) * 10 * MS, np.arange(11) * 100 * MS + 3 * MS
     return write_scalars(directory, {'fast': (fast, {'a': fast * 1e-9, 'b': -fast * 1e-9}), 'slow': (slow, {'c': slow * 2e-9})}, **options)
-
-
-def write_mcap(file: Path, channels: list[tuple[str, str, str, list[tuple[int, bytes]]]], **options) -> Path:
-    """Write a file with the mcap library. channels: topic, type, schema, [(log time, message)]."""
-    with file.open('wb') as stream:
-        writer = Writer(stream, compression=CompressionType.NONE, **options)
-        writer.start(profile='ros2', library='test')
-        for topic, kind, text, messages in channels:
-            channel = writer.register_channel(topic, 'cdr', writer.register_schema(kind, 'ros2msg', text.encode()))
-            for k, (t, data) in enumerate(messages):
-                writer.add_message(channel, t, data, t, k)
-        writer.finish()
-    return file
 
 
 def scalar(t: int, value: float, stamp: int | None = None) -> tuple[int, bytes]:
@@ -81,7 +69,7 @@ def test_reading_takes_the_memory_of_the_columns_that_are_asked_for(tmp_path: Pa
         return most
 
     numbers = 8 * n * width
-    assert peak() < numbers + 6 * bag.BLOCK_BYTES  # messages of a block, their bytes in one piece, their numbers
+    assert peak() < numbers + 6 * columns.BLOCK_BYTES  # messages of a block, their bytes in one piece, their numbers
     assert peak('narrow/*') < 0.3 * numbers
 
 
@@ -95,7 +83,7 @@ def test_strings_that_change_are_no_obstacle(tmp_path: Path) -> None:
 
 def test_a_topic_that_is_no_set_of_channels_is_left_out_with_its_reason(tmp_path: Path) -> None:
     cloud = [(k, cdr.encode('x/msg/Cloud', CLOUD, {'x': 1.0, 'data': np.zeros(k + 1)})[0]) for k in range(3)]
-    huge = [(0, cdr.encode('x/msg/Cloud', CLOUD, {'x': 1.0, 'data': np.zeros(bag.COLUMNS_MAX)})[0])]
+    huge = [(0, cdr.encode('x/msg/Cloud', CLOUD, {'x': 1.0, 'data': np.zeros(columns.COLUMNS_MAX)})[0])]
     broken = [(0, b'\x00\x01\x00\x00\x01')]
     text = [(0, cdr.encode('x/msg/Text', NAMELESS, {'text': 'hello'})[0]), (1, cdr.encode('x/msg/Text', NAMELESS, {'text': 'you'})[0])]
     channels = [

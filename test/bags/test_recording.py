@@ -16,6 +16,7 @@ from synthetic import WHEELS, channels, snapshot
 
 from mbd_sim_ros.bags import reader as bag
 from mbd_sim_ros.bags.recorder import QUEUE_STEPS, Recorder, describe, new_directory
+from mbd_sim_ros.bags.recovery import recover
 from mbd_sim_ros.bags.writer import PART, RECORD, BagWriter
 from mbd_sim_ros.messages.encode import TIRE_STATES, Messages
 from solver.elements.tire_pacejka import TIRE_COLUMNS
@@ -142,7 +143,7 @@ def test_a_truncated_recording_gives_back_every_complete_chunk(recorded, tmp_pat
     cut.write_bytes(data[:size])
     with pytest.raises(BagError, match=r'cut off.*mbd recover'):
         bag.read(cut)
-    saved = bag.recover(cut, tmp_path / 'saved')
+    saved = recover(cut, tmp_path / 'saved')
     assert not saved.complete
     assert saved.end_ns == complete[-1].message_end_time
     run = bag.read(tmp_path / 'saved')
@@ -152,7 +153,7 @@ def test_a_truncated_recording_gives_back_every_complete_chunk(recorded, tmp_pat
     np.testing.assert_array_equal(run['odom/pose/x'][:n], [s.pose[1, 0] for s in shots[:n]])
 
 
-def test_damage_inside_a_chunk_ends_what_is_recovered_before_it(recorded, tmp_path):
+def test_all_but_the_chunk_that_is_damaged_is_recovered_and_what_is_lost_is_said(recorded, tmp_path):
     from mcap.reader import make_reader
 
     with open(recorded[0] / 'run_0.mcap', 'rb') as stream:
@@ -161,9 +162,15 @@ def test_damage_inside_a_chunk_ends_what_is_recovered_before_it(recorded, tmp_pa
     middle = chunks[4].chunk_start_offset + chunks[4].chunk_length // 2
     data[middle : middle + 8] = bytes(8 * [0x5A])
     (tmp_path / 'bad.mcap').write_bytes(data)
-    saved = bag.recover(tmp_path / 'bad.mcap', tmp_path / 'saved')
-    assert saved.end_ns == chunks[3].message_end_time
-    assert not saved.complete
+    saved = recover(tmp_path / 'bad.mcap', tmp_path / 'saved')
+    assert saved.end_ns == chunks[-1].message_end_time
+    assert not saved.complete and 'the chunk at byte' in saved.damage[1]
+    whole = recover(recorded[0], tmp_path / 'whole')
+    assert whole.complete and saved.lost > 0 and saved.messages + saved.lost == whole.messages
+    assert bag.read(saved.directory).metadata['lost_messages'] == str(saved.lost)
+    steps = bag.read(saved.directory)['cmd_applied/step']
+    inside = [c / 2_000_000 for c in (chunks[4].message_start_time, chunks[4].message_end_time)]
+    assert not np.any((steps > inside[0]) & (steps < inside[1])) and steps[-1] > inside[1]
 
 
 def test_what_is_no_recording_is_refused_in_one_sentence(tmp_path):
@@ -183,7 +190,7 @@ def test_what_is_no_recording_is_refused_in_one_sentence(tmp_path):
             bag.read(tmp_path / name)
         assert '\n' not in str(caught.value)
         with pytest.raises(BagError):
-            bag.recover(tmp_path / name, tmp_path / 'saved')
+            recover(tmp_path / name, tmp_path / 'saved')
 
 
 @pytest.mark.slow
@@ -231,7 +238,7 @@ def test_a_full_disk_is_one_sentence_and_the_rest_can_be_recovered(tmp_path):
     assert list((tmp_path / 'run').iterdir()) == [tmp_path / 'run' / f'run_0.mcap{PART}']
     with pytest.raises(BagError, match='was not finished'):
         bag.read(tmp_path / 'run')
-    saved = bag.recover(tmp_path / 'run', tmp_path / 'saved')
+    saved = recover(tmp_path / 'run', tmp_path / 'saved')
     assert saved.messages > 100
 
 
@@ -332,7 +339,7 @@ def test_a_killed_recording_loses_at_most_the_last_flush(tmp_path):
     last = killed(tmp_path / 'run', also_the_recording=True)
     with pytest.raises(BagError, match='the recording process died; `mbd recover'):
         bag.read(tmp_path / 'run')
-    saved = bag.recover(tmp_path / 'run', tmp_path / 'saved')
+    saved = recover(tmp_path / 'run', tmp_path / 'saved')
     assert saved.end_ns >= 0.5 * last * 2_000_000  # of 1.5 s at most 0.25 s and a busy machine's hiccup are gone
     run = bag.read(tmp_path / 'saved')
     assert run.metadata['scene'] == 'killed'

@@ -16,6 +16,7 @@ from faults import UNWANTED, trials
 from processes import Process, start
 
 from mbd_sim_ros.bags import reader as bag
+from mbd_sim_ros.bags.recovery import recover
 from solver.errors import BagError
 
 pytestmark = pytest.mark.realtime
@@ -159,5 +160,5 @@ def test_a_disk_that_fills_up_costs_what_did_not_fit(trial: int, tmp_path: Path)
         victim.kill()
     assert ended.code == BagError.exit_code, ended.err
     assert len(ended.lines) == 1 and 'File too large' in ended.lines[0]
-    saved = bag.recover(tmp_path / 'out', tmp_path / 'saved')
+    saved = recover(tmp_path / 'out', tmp_path / 'saved')
     assert saved.messages > 100 and not saved.complete

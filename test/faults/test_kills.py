@@ -15,9 +15,9 @@ from faults import UNWANTED, Victim, finished, mbd, simulator, times, trials
 from processes import DOMAIN, SCRIPT
 from synthetic import channels, snapshot
 
-from mbd_sim_ros.bags import reader as bag
 from mbd_sim_ros.bags.inputs import Content, content
 from mbd_sim_ros.bags.process import FLUSH_SECONDS
+from mbd_sim_ros.bags.recovery import recover
 from mbd_sim_ros.commands.main import main
 from mbd_sim_ros.messages.encode import Messages
 from solver.errors import BagError
@@ -99,7 +99,7 @@ def test_a_killed_run_leaves_the_beginning_of_the_same_recording(trial: int, ref
 
 def _chunks(path: Path) -> bool:
     try:
-        bag.recover(path, path.parent.parent / 'probe')
+        recover(path, path.parent.parent / 'probe')
     except BagError:
         return False
     return True

@@ -17,6 +17,7 @@ from client import client
 from processes import ROOT, SCRIPT, Process, start
 
 from mbd_sim_ros.bags import reader as bag
+from mbd_sim_ros.bags.recovery import recover
 from solver.errors import BagError
 
 pytestmark = pytest.mark.realtime
@@ -297,7 +298,7 @@ def test_a_full_disk_while_running_stops_the_recording_not_the_simulation(start,
     assert 'File too large' in process.output
     assert 'duration reached: t = 40.000 s' in process.output
     assert 'Traceback' not in process.output
-    assert bag.recover(tmp_path / 'run', tmp_path / 'saved').messages > 100
+    assert recover(tmp_path / 'run', tmp_path / 'saved').messages > 100
 
 
 def test_a_parameter_that_is_not_known_is_named(start):

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from mcap.writer import CompressionType, Writer
 
 from mbd_sim_ros.bags.reader import Run, Series
 from mbd_sim_ros.bags.writer import RECORD, BagWriter
@@ -30,6 +32,27 @@ def write_scalars(directory: Path, topics: Scalars, *, frame: Callable[[int], st
         value = {'header': header, 'name': list(columns), 'position': [v[k] for v in columns.values()]}
         writer.write(t + log_ns, [(i, cdr.encode(JOINT_STATE, text, value)[0])])
     return writer.finish()
+
+
+def write_mcap(
+    file: Path,
+    channels: Sequence[tuple[str, str, str | bytes, Sequence[tuple[int, bytes]]]],
+    metadata: Mapping[str, Mapping[str, str]] | None = None,
+    **options: Any,
+) -> Path:
+    """Write a file with the mcap library. channels: topic, type, schema, [(log time, message)]. options: of mcap.writer.Writer."""
+    with file.open('wb') as stream:
+        writer = Writer(stream, **{'compression': CompressionType.NONE, **options})
+        writer.start(profile='ros2', library='test')
+        for name, record in (metadata or {}).items():
+            writer.add_metadata(name, dict(record))
+        for topic, kind, text, messages in channels:
+            schema = writer.register_schema(kind, 'ros2msg', text.encode() if isinstance(text, str) else text)
+            channel = writer.register_channel(topic, 'cdr', schema)
+            for k, (t, data) in enumerate(messages):
+                writer.add_message(channel, t, data, t, k)
+        writer.finish()
+    return file
 
 
 def run_of(columns: Mapping[str, np.ndarray], time_ns: np.ndarray, metadata: dict[str, str] | None = None) -> Run:

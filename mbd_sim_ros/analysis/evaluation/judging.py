@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -73,7 +72,7 @@ def suspicion(run: Run) -> tuple[str, ...]:
     status = run.metadata.get('status', 'ok')
     if status == 'ok':
         return ()
-    texts = [str(finding.get('text', '')) for finding in json.loads(run.metadata.get('findings', '[]'))]
+    texts = [str(finding.get('text', '')) for finding in run.findings]
     return (f'the run is {status}' + (f': {"; ".join(texts)}' if texts else ''),)
 
 

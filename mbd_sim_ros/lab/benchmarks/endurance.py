@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from mcap.reader import make_reader
 
-from mbd_sim_ros.bags import reader as bag
+from mbd_sim_ros.bags.records import find_file
 from mbd_sim_ros.bags.writer import RESULT
 from mbd_sim_ros.batch import warm_up
 from mbd_sim_ros.lab.benchmarks.machine import on_all_cores
@@ -93,7 +93,7 @@ class Endurance:
             if commander.returncode or not answer:
                 raise MbdError(f'the commander ended with exit code {commander.returncode}')
             self._latencies = json.loads(answer.splitlines()[-1])
-            file = bag.find_file(directory)
+            file = find_file(directory)
             self._bytes = file.stat().st_size
             with file.open('rb') as stream:
                 records = {record.name: record.metadata for record in make_reader(stream).iter_metadata()}
