@@ -14,10 +14,12 @@ from typing import Any
 from solver.errors import SceneError
 from solver.files.schema import Builder, Node, join, where
 from solver.model.spec import ModelSpec
+from solver.vehicle.car import Car, car_model
 from solver.vehicle.full_car import FullCar, full_car_model
 from solver.vehicle.light_car import LightCar, light_car_model
 
 TEMPLATES: dict[str, tuple[type, Callable[[Any], ModelSpec]]] = {
+    'car': (Car, car_model),
     'full_car': (FullCar, full_car_model),
     'light_car': (LightCar, light_car_model),
 }

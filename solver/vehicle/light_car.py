@@ -16,7 +16,6 @@ from typing import Literal
 
 import numpy as np
 
-from solver.elements.aero_drag import AeroDragSpec
 from solver.elements.coordinate import CoordinateSpec
 from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.elements.coupler import CouplerSpec
@@ -25,10 +24,12 @@ from solver.elements.laws import Law
 from solver.elements.rigid_body import RigidBodySpec
 from solver.model.spec import ModelSpec
 from solver.validate import Vector, require
+from solver.vehicle.aero import Aero, aero_drag
 from solver.vehicle.corner import ArmAxle, Axle, StrutAxle, corner, corner_bodies, free_length
+from solver.vehicle.drives import wheel_shaft
 from solver.vehicle.hardpoints import marker_at
 from solver.vehicle.parts import LEFTWARDS, Part, joined
-from solver.vehicle.wheel_end import Brake, spin_axis
+from solver.vehicle.wheel_end import Brake
 
 INPUTS = ('steering', 'steering_rate', 'steering_acceleration', 'drive_torque', 'brake_torque')
 
@@ -60,22 +61,6 @@ class Brakes:
 
     front: Brake
     rear: Brake
-
-
-@dataclass(frozen=True, kw_only=True)
-class Aero:
-    """Drag and lift at one point [m]; drag_area and lift_area [m^2]."""
-
-    point: Vector
-    drag_area: float
-    lift_area: float = 0.0
-
-
-def aero_drag(aero: Aero | None, chassis: RigidBodySpec) -> tuple[AeroDragSpec, ...]:
-    """Drag and lift on the chassis, if there are any."""
-    if aero is None:
-        return ()
-    return (AeroDragSpec(name='aero', marker=marker_at(chassis, aero.point), drag_area=aero.drag_area, lift_area=aero.lift_area),)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,15 +159,7 @@ def driveline(
     car: LightCar, chassis: RigidBodySpec, wheels: Sequence[RigidBodySpec]
 ) -> tuple[tuple[CoordinateSpec, ...], tuple[CoordinateForceSpec, ...]]:
     """Side shafts (rotation of the driven wheels relative to the chassis) and the torque an open differential halves between them."""
-    shafts = tuple(
-        CoordinateSpec(
-            name=f'shaft_{wheel.name.removeprefix("wheel_")}',
-            kind='rotation',
-            i=marker_at(chassis, wheel.position, LEFTWARDS),
-            j=marker_at(wheel, wheel.position, spin_axis(wheel)),
-        )
-        for wheel in wheels
-    )
+    shafts = tuple(wheel_shaft(wheel.name.removeprefix('wheel_'), chassis, wheel) for wheel in wheels)
     terms = tuple((shaft.name, 0.5) for shaft in shafts)
     drive = CoordinateForceSpec(
         name='differential', terms=terms, input='drive_torque', input_gain=car.driveline.ratio, top_rate=car.driveline.top_speed

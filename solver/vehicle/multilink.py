@@ -9,10 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from solver.elements.marker import Marker
 from solver.validate import Vector
-from solver.vehicle.hardpoints import distance, marker_at, on_side
-from solver.vehicle.parts import Arm, Corner, Damper, Link, Parts, Spring, Structure, control_arm, damper_of, joined, link, spring_of
+from solver.vehicle.parts import Arm, Corner, Damper, Link, Spring, Structure, control_arm, joined, link, sprung
 from solver.vehicle.wheel_end import IndependentSuspension
 
 
@@ -39,18 +37,5 @@ class MultiLink(IndependentSuspension):
         lower = control_arm(f'lower_arm_{name}', self.lower_arm, structure.subframe, upright, side)
         links = [link(f'{key}_{name}', data, structure.subframe, upright, side) for key, data in self.links.items()]
         arm = lower.bodies[0]
-
-        def ends(chassis: Vector, on_arm: Vector) -> tuple[Marker, Marker, float]:
-            return (
-                marker_at(structure.chassis, on_side(side, chassis)),
-                marker_at(arm, on_side(side, on_arm)),
-                distance(chassis, on_arm),
-            )
-
-        elastic = Parts(
-            spring_dampers=(
-                spring_of(f'spring_{name}', self.spring, *ends(self.spring_chassis, self.spring_arm)),
-                damper_of(f'damper_{name}', self.damper, *ends(self.damper_chassis, self.damper_arm)),
-            )
-        )
+        elastic = sprung(name, side, structure.chassis, arm, self)
         return Corner(joined((hub, lower, *links, elastic)), upright, wheel, arm)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import chain
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -270,6 +270,37 @@ def spring_of(name: str, data: Spring, i: Marker, j: Marker, length: float) -> S
 def damper_of(name: str, data: Damper, i: Marker, j: Marker, length: float) -> SpringDamperSpec:
     """The damper, with its stops, between two markers that are `length` apart in the design position [m]."""
     return SpringDamperSpec(name=name, i=i, j=j, free_length=length, spring=data.stops, damper=data.law)
+
+
+class Sprung(Protocol):
+    """Data of a suspension whose spring and damper stand between the chassis and one of its parts, each at two points [m]."""
+
+    @property
+    def spring(self) -> Spring: ...
+    @property
+    def spring_chassis(self) -> Vector: ...
+    @property
+    def spring_arm(self) -> Vector: ...
+    @property
+    def damper(self) -> Damper: ...
+    @property
+    def damper_chassis(self) -> Vector: ...
+    @property
+    def damper_arm(self) -> Vector: ...
+
+
+def sprung(name: str, side: str, chassis: RigidBodySpec, arm: RigidBodySpec, data: Sprung) -> Parts:
+    """Spring and damper of corner `name` between chassis and arm, without bodies of their own."""
+
+    def ends(on_chassis: Vector, on_arm: Vector) -> tuple[Marker, Marker, float]:
+        return marker_at(chassis, on_side(side, on_chassis)), marker_at(arm, on_side(side, on_arm)), distance(on_chassis, on_arm)
+
+    return Parts(
+        spring_dampers=(
+            spring_of(f'spring_{name}', data.spring, *ends(data.spring_chassis, data.spring_arm)),
+            damper_of(f'damper_{name}', data.damper, *ends(data.damper_chassis, data.damper_arm)),
+        )
+    )
 
 
 def shaft_markers(

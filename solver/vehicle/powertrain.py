@@ -15,6 +15,7 @@ difference of the output speeds (one more force element).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -58,23 +59,33 @@ class Shaft:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Driveline:
-    """Data of the driveline; the left half shaft, the right one is mirrored.
+class HalfShafts:
+    """Half shafts of an axle; the left one, the right one is mirrored.
 
-    differential: housing, on identical mounts at `mounts`. output: centre of the inner joint of the half shaft; the outer one is
-    at the wheel, `inset` [m] inwards of its centre along the spin axis. ratio: of the final drive; stiffness [N m/rad] and damping
-    [N m s/rad] of half shafts and mesh, at the outputs. engine_flange, center_joint, pinion_flange: joints of the propeller shaft,
-    center_bearing: its bearing on the chassis [m]. limited_slip: locking torque over the difference of the output speeds [N m s/rad].
+    output: centre of the inner joint; the outer one is at the wheel, `inset` [m] inwards of its centre along the spin axis.
     top_speed: mean speed of the outputs at which the engine's limiter ends the drive torque [rad/s]; None: it never does.
+    limited_slip: locking torque over the difference of the output speeds [N m s/rad].
     """
 
-    differential: Part
-    mounts: tuple[Vector, ...]
-    mount_bushing: Bushing | None = None
     output: Vector
     output_shaft: Shaft
     half_shaft: Shaft
     inset: float
+    limited_slip: Law | None = None
+    top_speed: float | None = None
+
+    def __post_init__(self) -> None:
+        finite('driveline', 'inset', self.inset, low=0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Propshaft:
+    """A propeller shaft of two parts and the final drive behind it.
+
+    engine_flange, center_joint, pinion_flange: its joints, center_bearing: its bearing on the chassis [m]. ratio: of the final drive;
+    stiffness [N m/rad] and damping [N m s/rad] of half shafts and mesh, at the outputs.
+    """
+
     ratio: float
     stiffness: float
     damping: float
@@ -85,11 +96,18 @@ class Driveline:
     propshaft_front: Shaft
     propshaft_rear: Shaft
     pinion: Shaft
-    limited_slip: Law | None = None
-    top_speed: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Driveline(HalfShafts, Propshaft):
+    """Propeller shaft, differential and half shafts of a rear-driven car. differential: housing, on identical mounts at `mounts`."""
+
+    differential: Part
+    mounts: tuple[Vector, ...]
+    mount_bushing: Bushing | None = None
 
     def __post_init__(self) -> None:
-        finite('driveline', 'inset', self.inset, low=0.0)
+        super().__post_init__()
         finite('driveline', 'stiffness', self.stiffness, low=0.0, strict=True)
 
 
@@ -114,38 +132,60 @@ def driveline(
     chassis: RigidBodySpec,
     engine: RigidBodySpec,
     subframe: RigidBodySpec,
-    wheels: dict[str, RigidBodySpec],
+    wheels: Mapping[str, RigidBodySpec],
     axle: str,
-) -> Parts:
-    """Propeller shaft, differential and half shafts to the wheels (by side) of an axle.
+    share: float,
+    names: tuple[str, str],
+) -> tuple[Parts, tuple[str, str]]:
+    """(propeller shaft, differential and half shafts to the wheels (by side) of an axle; coordinates of the outputs).
 
-    Coordinates output_shaft_<corner>/angle and drive_pinion/angle, positive when rolling forward.
+    share: of the input drive_torque [-]; names: of the differential and of its lock. Coordinates output_shaft_<corner>/angle and
+    drive_pinion/angle, positive when rolling forward.
     """
-    housing = data.differential.body('differential', data.differential.com)
-    parts = [
+    differential, lock = names
+    housing = data.differential.body(differential, data.differential.com)
+    shafts, outputs = half_shafts(data, housing, wheels, axle)
+    drive = open_differential(differential, outputs, share=share, top_speed=data.top_speed)
+    parts = (
         Parts(bodies=(housing,)),
-        mounting('differential_mount', subframe, housing, data.mounts, data.mount_bushing, ideal='fixed', axis=UP),
+        mounting(f'{differential}_mount', subframe, housing, data.mounts, data.mount_bushing, ideal='fixed', axis=UP),
         propeller_shaft(data, chassis, engine, housing),
-    ]
-    outputs = []
-    for side, wheel in wheels.items():
-        corner = f'{axle}_{side}'
-        parts.append(half_shaft(data, housing, wheel, corner, side))
-        outputs.append(f'output_shaft_{corner}/angle')
+        shafts,
+        Parts(coordinate_forces=(drive, final_drive(data, outputs))),
+        limited_slip(lock, outputs, data.limited_slip),
+    )
+    return joined(parts), outputs
+
+
+def half_shafts(data: HalfShafts, housing: RigidBodySpec, wheels: Mapping[str, RigidBodySpec], axle: str) -> tuple[Parts, tuple[str, str]]:
+    """(half shafts from a housing to the wheels (by side) of an axle; names of the coordinates of their outputs, left and right)."""
+    parts = joined(half_shaft(data, housing, wheel, f'{axle}_{side}', side) for side, wheel in wheels.items())
+    return parts, (f'output_shaft_{axle}_left/angle', f'output_shaft_{axle}_right/angle')
+
+
+def open_differential(name: str, outputs: tuple[str, str], *, share: float = 1.0, top_speed: float | None = None) -> CoordinateForceSpec:
+    """A share [-] of the input drive_torque, halved between two outputs."""
+    terms = tuple((output, 0.5) for output in outputs)
+    return CoordinateForceSpec(name=name, terms=terms, input='drive_torque', input_gain=share, top_rate=top_speed)
+
+
+def final_drive(data: Propshaft, outputs: tuple[str, str]) -> CoordinateForceSpec:
+    """The elasticity between the mean of the outputs and the drive pinion."""
     halves = tuple((name, 0.5) for name in outputs)
-    forces = [
-        CoordinateForceSpec(name='differential', terms=halves, input='drive_torque', top_rate=data.top_speed),
-        CoordinateForceSpec(
-            name='final_drive', terms=(*halves, ('drive_pinion/angle', -1.0 / data.ratio)),
-            spring=Law.linear(data.stiffness), damper=Law.linear(data.damping),
-        ),
-    ]  # fmt: skip
-    if data.limited_slip is not None:
-        forces.append(CoordinateForceSpec(name='limited_slip', terms=((outputs[0], 1.0), (outputs[1], -1.0)), damper=data.limited_slip))
-    return joined((*parts, Parts(coordinate_forces=tuple(forces))))
+    return CoordinateForceSpec(
+        name='final_drive', terms=(*halves, ('drive_pinion/angle', -1.0 / data.ratio)),
+        spring=Law.linear(data.stiffness), damper=Law.linear(data.damping),
+    )  # fmt: skip
 
 
-def half_shaft(data: Driveline, housing: RigidBodySpec, wheel: RigidBodySpec, corner: str, side: str) -> Parts:
+def limited_slip(name: str, outputs: tuple[str, str], law: Law | None) -> Parts:
+    """A viscous lock over the difference of two outputs, if there is one."""
+    if law is None:
+        return Parts()
+    return Parts(coordinate_forces=(CoordinateForceSpec(name=name, terms=((outputs[0], 1.0), (outputs[1], -1.0)), damper=law),))
+
+
+def half_shaft(data: HalfShafts, housing: RigidBodySpec, wheel: RigidBodySpec, corner: str, side: str) -> Parts:
     """Output shaft in the side gear and half shaft to the wheel."""
     sign = SIDES[side]
     spin = spin_axis(wheel)
@@ -166,7 +206,7 @@ def half_shaft(data: Driveline, housing: RigidBodySpec, wheel: RigidBodySpec, co
     )
 
 
-def propeller_shaft(data: Driveline, chassis: RigidBodySpec, engine: RigidBodySpec, housing: RigidBodySpec) -> Parts:
+def propeller_shaft(data: Propshaft, chassis: RigidBodySpec, engine: RigidBodySpec, housing: RigidBodySpec) -> Parts:
     """Two-part propeller shaft with centre bearing, and the drive pinion."""
     front, bearing, centre, rear = data.engine_flange, data.center_bearing, data.center_joint, data.pinion_flange
     end = vector_of(np.array(rear) - (STUB, 0.0, 0.0))

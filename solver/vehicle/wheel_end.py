@@ -8,6 +8,7 @@ Coordinates of a corner:
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated
 
@@ -20,7 +21,7 @@ from solver.elements.tire_pacejka import TireData, TireSpec
 from solver.model.frames import frame_of_rpy, matrix, quaternion
 from solver.validate import Vector
 from solver.vehicle.hardpoints import SIDES, marker_at, on_side
-from solver.vehicle.parts import UP, Part, Parts
+from solver.vehicle.parts import UP, Corner, Part, Parts, Structure
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -92,19 +93,47 @@ def wheel_end(
 
 
 @dataclass(frozen=True, kw_only=True)
-class IndependentSuspension:
-    """Data that every independent suspension of a left wheel has. turn_slip: whether it acts at the tire."""
+class Suspension:
+    """Data that every suspension has of its left wheel. turn_slip: whether it acts at the tire."""
 
     kind: str
     wheel: Wheel
     tire: TireData
     turn_slip: bool = False
     brake: Brake
+
+    def hub(self, name: str, side: str, chassis: RigidBodySpec, upright: RigidBodySpec) -> tuple[Parts, RigidBodySpec]:
+        """(wheel of corner `name` with bearing on the upright, tire and brake; body of the wheel)."""
+        wheel = self.wheel.body(f'wheel_{name}', side)
+        parts = wheel_end(name, side, wheel, upright, chassis, tire=self.tire, turn_slip=self.turn_slip, brake=self.brake)
+        return parts.replace(bodies=(wheel,)), wheel
+
+    def corners(self, axle: str, structures: Mapping[str, Structure], right: Suspension | None = None) -> dict[str, Corner]:
+        """Both suspensions of an axle by side. right: data of the right one, as its mirror image; None: those of the left."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, kw_only=True)
+class IndependentSuspension(Suspension):
+    """Data that every independent suspension of a left wheel has."""
+
     upright: Part
 
     def wheel_end(self, name: str, side: str, chassis: RigidBodySpec) -> tuple[Parts, RigidBodySpec, RigidBodySpec]:
         """(upright and wheel of corner `name` with bearing, tire and brake; body of the upright; body of the wheel)."""
         upright = self.upright.body(f'upright_{name}', self.wheel.center, side)
-        wheel = self.wheel.body(f'wheel_{name}', side)
-        parts = wheel_end(name, side, wheel, upright, chassis, tire=self.tire, turn_slip=self.turn_slip, brake=self.brake)
+        parts, wheel = self.hub(name, side, chassis, upright)
         return parts.replace(bodies=(upright, wheel)), upright, wheel
+
+    def corner(self, name: str, side: str, structure: Structure) -> Corner:
+        """The suspension of corner `name` on a side."""
+        raise NotImplementedError
+
+    def corners(self, axle: str, structures: Mapping[str, Structure], right: Suspension | None = None) -> dict[str, Corner]:
+        """Both suspensions of an axle by side; see Suspension."""
+        data = {'left': self, 'right': right or self}
+        found = {}
+        for side, own in data.items():
+            assert isinstance(own, IndependentSuspension)
+            found[side] = own.corner(f'{axle}_{side}', side, structures[side])
+        return found

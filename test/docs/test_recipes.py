@@ -17,7 +17,7 @@ PAGE = (ROOT / 'docs' / 'contributing.md').read_text(encoding='utf-8')
 STANDING = """
 import json
 from solver import load_scene, simulation_of
-changes = ['vehicle.rear=trailing_arm.yaml', 'start={kind: equilibrium}', 'maneuver=maneuvers/straight_ahead.yaml']
+changes = ['vehicle.rear=sliding_pillar.yaml', 'start={kind: equilibrium}', 'maneuver=maneuvers/straight_ahead.yaml']
 simulation = simulation_of(load_scene('car_step_steer', changes))
 shot = simulation.advance(1)
 print(json.dumps({**simulation.describe(), 'loads': shot.tire[:, 2].tolist(), 'wheels': simulation.channels.wheels}))
@@ -37,16 +37,16 @@ def test_every_file_of_the_recipes_is_linked_from_the_page():
 @pytest.mark.slow
 def test_a_suspension_is_one_file_and_one_name(program):
     """Arm and links of the multi-link axle are gone, and the car stands: the tires carry its weight, left and right alike."""
-    shutil.copy(RECIPE / 'trailing_arm.py', program / 'solver' / 'vehicle')
-    shutil.copy(RECIPE / 'trailing_arm.yaml', program)
-    arguments = ('info', 'car_step_steer', '--brief', '--set', 'vehicle.rear=trailing_arm.yaml')
+    shutil.copy(RECIPE / 'sliding_pillar.py', program / 'solver' / 'vehicle')
+    shutil.copy(RECIPE / 'sliding_pillar.yaml', program)
+    arguments = ('info', 'car_step_steer', '--brief', '--set', 'vehicle.rear=sliding_pillar.yaml')
     forgotten = mbd(program, *arguments)
     assert forgotten.returncode == 2
-    assert 'vehicle.rear' in forgotten.stderr and 'trailing_arm' in forgotten.stderr
-    template = program / 'solver' / 'vehicle' / 'full_car.py'
+    assert 'vehicle.rear' in forgotten.stderr and 'sliding_pillar' in forgotten.stderr
+    template = program / 'solver' / 'vehicle' / 'car.py'
     last = 'from solver.vehicle.steering import SteeringGear, steering_gear\n'
-    changed(template, last, f'{last}from solver.vehicle.trailing_arm import TrailingArm\n')
-    changed(template, 'Suspension = DoubleWishbone | MultiLink\n', 'Suspension = DoubleWishbone | MultiLink | TrailingArm\n')
+    changed(template, last, f'{last}from solver.vehicle.sliding_pillar import SlidingPillar\n')
+    changed(template, 'TwistBeam | LiveAxle\n', 'TwistBeam | LiveAxle | SlidingPillar\n')
     done = run_there(program, '-c', STANDING)
     assert done.returncode == 0, done.stderr
     found = json.loads(done.stdout)

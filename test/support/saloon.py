@@ -8,6 +8,7 @@ from typing import Any
 from solver.files.mechanism import MechanismReader
 from solver.files.scene import config_directories, find_file
 from solver.files.yaml_tree import read
+from solver.vehicle.double_wishbone import DoubleWishbone
 from solver.vehicle.full_car import FullCar
 from solver.vehicle.hardpoints import mirror
 from solver.vehicle.parts import Bushing
@@ -49,6 +50,7 @@ def double_wishbones() -> FullCar:
     """
     car = full_car()
     front, back = car.front, 0.06
+    assert isinstance(front, DoubleWishbone)
 
     def turned(point: tuple[float, ...]) -> tuple[float, float, float]:
         return (-point[0] - back, point[1], point[2])

@@ -1,0 +1,26 @@
+"""Air drag and lift of a car."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from solver.elements.aero_drag import AeroDragSpec
+from solver.elements.rigid_body import RigidBodySpec
+from solver.validate import Vector
+from solver.vehicle.hardpoints import marker_at
+
+
+@dataclass(frozen=True, kw_only=True)
+class Aero:
+    """Drag and lift at one point [m]; drag_area and lift_area [m^2]."""
+
+    point: Vector
+    drag_area: float
+    lift_area: float = 0.0
+
+
+def aero_drag(aero: Aero | None, chassis: RigidBodySpec) -> tuple[AeroDragSpec, ...]:
+    """Drag and lift on the chassis, if there are any."""
+    if aero is None:
+        return ()
+    return (AeroDragSpec(name='aero', marker=marker_at(chassis, aero.point), drag_area=aero.drag_area, lift_area=aero.lift_area),)

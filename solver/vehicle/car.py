@@ -1,0 +1,193 @@
+"""A car put together from axles, each with its suspension and with what else it has: a subframe, an anti-roll bar, a drive, a rack.
+
+    kind: car
+    chassis: {...}
+    axles:
+      front: {suspension: {kind: macpherson, ...}, anti_roll_bar: {...}, drive: {kind: half_shafts, ...}}
+      rear: {suspension: {kind: twist_beam, ...}}
+    steering: {...}         # the rack of the first axle
+    engine: {...}           # optional
+
+Every part is compliant with its bushings and ideal without. docs/vehicle.md lists parts and names; the full car
+(solver.vehicle.full_car) is a car of this kind.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from solver.elements.coupler import CouplerSpec
+from solver.elements.joint import JointSpec
+from solver.elements.rigid_body import RigidBodySpec
+from solver.model.spec import ModelSpec, used_inputs
+from solver.validate import Vector, require
+from solver.vehicle.aero import Aero, aero_drag
+from solver.vehicle.antiroll import AntiRollBar, anti_roll_bar
+from solver.vehicle.double_wishbone import DoubleWishbone
+from solver.vehicle.drives import Base, Drive, Transfer
+from solver.vehicle.hardpoints import marker_at
+from solver.vehicle.live_axle import LiveAxle
+from solver.vehicle.macpherson import MacPherson
+from solver.vehicle.multilink import MultiLink
+from solver.vehicle.parts import LEFTWARDS, UP, Bushing, Corner, Part, Parts, Structure, joined, mounting
+from solver.vehicle.powertrain import Engine, Propshaft, engine
+from solver.vehicle.steering import SteeringGear, steering_gear
+from solver.vehicle.trailing_arm import TrailingArm
+from solver.vehicle.twist_beam import TwistBeam
+
+# What a suspension may be; a further kind is one more file and one more name here. A steered one needs a tie rod and `steering_arm`.
+Steered = DoubleWishbone | MacPherson
+AnySuspension = DoubleWishbone | MacPherson | MultiLink | TrailingArm | TwistBeam | LiveAxle
+
+
+@dataclass(frozen=True, kw_only=True)
+class Subframe:
+    """A subframe on mounts. mounts: groups of points with the same bushing [m]; a group becomes one element at its centre. Without a
+    bushing the subframe is fixed to the chassis."""
+
+    part: Part
+    mounts: tuple[tuple[Vector, ...], ...]
+    bushing: Bushing | None = None
+
+    def __post_init__(self) -> None:
+        require(len(self.mounts) >= 1, 'subframe', 'mounts', self.mounts, 'needs at least one group of points')
+
+
+@dataclass(frozen=True, kw_only=True)
+class FollowingRack:
+    """A rack that the steering wheel moves by a fixed ratio: rear steering. per_turn: its travel to the left per turn of the steering
+    wheel [m]; negative steers the other way round."""
+
+    rack: Part
+    per_turn: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Axle:
+    """An axle; suspension: of the left side, mirrored on the right, unless `right` gives that of the right side (as its mirror image)."""
+
+    name: str
+    suspension: AnySuspension
+    right: AnySuspension | None = None
+    subframe: Subframe | None = None
+    anti_roll_bar: AntiRollBar | None = None
+    drive: Drive | None = None
+    rack: FollowingRack | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Car:
+    """Data of a car; lengths in the design frame, left side. steering: of the first axle."""
+
+    chassis: Part
+    axles: tuple[Axle, ...]
+    steering: SteeringGear
+    engine: Engine | None = None
+    transfer: Transfer | None = None
+    aero: Aero | None = None
+    gravity: float = 9.81
+
+    def __post_init__(self) -> None:
+        require(2 <= len(self.axles) <= 4, 'car', 'axles', len(self.axles), 'a car has two to four of them')
+        along = [axle.suspension.wheel.center[0] for axle in self.axles]
+        require(along == sorted(along, reverse=True), 'car', 'axles', along, 'must stand from front to rear')
+        brakes = sum(s.brake.share for axle in self.axles for s in (axle.suspension, axle.right or axle.suspension))
+        require(abs(brakes - 1.0) < 1e-9, 'car', 'brake', brakes, 'the shares of all wheels must add up to 1')
+        driven = [axle.drive.share for axle in self.axles if axle.drive is not None]
+        require(bool(driven), 'car', 'drive', None, 'no axle is driven: give one a drive')
+        require(abs(sum(driven) - 1.0) < 1e-9, 'car', 'share', sum(driven), 'the shares of the driven axles must add up to 1')
+        first = self.axles[0]
+        steered = isinstance(first.suspension, Steered)
+        require(
+            steered, 'car', 'suspension', first.suspension.kind, 'the first axle is steered: it needs a double_wishbone or a macpherson'
+        )
+        require(first.rack is None, 'car', 'rack', 'given', 'the first axle has the rack of `steering`: remove it')
+        for axle in self.axles[1:]:
+            follows = axle.rack is None or isinstance(axle.suspension, Steered)
+            require(follows, f'axle {axle.name!r}', 'rack', 'given', 'only a double_wishbone or a macpherson has tie rods to it')
+
+
+def car_model(car: Car) -> ModelSpec:
+    """The model of a car in its design position. Inputs: steering (imposed angle), drive_torque, brake_torque."""
+    chassis = car.chassis.body('chassis', (0.0, 0.0, 0.0))
+    frames = {axle.name: subframe(axle.name, axle.subframe, chassis) for axle in car.axles}
+    bases = {name: body for name, (_, body) in frames.items()}
+    first = car.axles[0]
+    assert isinstance(first.suspension, Steered)
+    steering, rack = steering_gear(car.steering, chassis, bases[first.name], first.suspension.steering_arm())
+    power = Parts() if car.engine is None else engine(car.engine, chassis, bases[first.name])
+    racks, following = {first.name: rack}, []
+    for axle in car.axles[1:]:
+        if axle.rack is not None:
+            parts, racks[axle.name] = following_rack(axle.name, axle.rack, bases[axle.name])
+            following.append(parts)
+    corners = {axle.name: suspensions(axle, Structure(chassis, bases[axle.name], racks.get(axle.name))) for axle in car.axles}
+    bars = [
+        anti_roll_bar(axle.name, axle.anti_roll_bar, bases[axle.name], arms(corners[axle.name])) for axle in car.axles if axle.anti_roll_bar
+    ]
+    parts = joined(
+        (
+            Parts(bodies=(chassis,)),
+            *(parts for parts, _ in frames.values()),
+            power,
+            *(corner.parts for axle in corners.values() for corner in axle.values()),
+            *bars,
+            steering,
+            *following,
+            drives(car, chassis, bases, power.bodies[0] if power.bodies else None, corners),
+            Parts(aero_drags=aero_drag(car.aero, chassis)),
+        )
+    )
+    model = ModelSpec(**parts.sections, gravity=(0.0, 0.0, -car.gravity), chassis='chassis')
+    return ModelSpec(**{**model.__dict__, 'inputs': used_inputs(model)})
+
+
+def suspensions(axle: Axle, structure: Structure) -> dict[str, Corner]:
+    """The two corners of an axle by side."""
+    return axle.suspension.corners(axle.name, {'left': structure, 'right': structure}, axle.right)
+
+
+def subframe(axle: str, data: Subframe | None, chassis: RigidBodySpec) -> tuple[Parts, RigidBodySpec]:
+    """(parts, body) of the subframe of an axle on the chassis; without one nothing and the chassis."""
+    if data is None:
+        return Parts(), chassis
+    body = data.part.body(f'{axle}_subframe', data.part.com)
+    groups = data.mounts if data.bushing is not None else (sum(data.mounts, ()),)
+    mounts = [
+        mounting(f'{axle}_subframe_mount_{k + 1}', chassis, body, points, data.bushing, ideal='fixed', axis=UP)
+        for k, points in enumerate(groups)
+    ]
+    return joined((Parts(bodies=(body,)), *mounts)), body
+
+
+def following_rack(axle: str, data: FollowingRack, base: RigidBodySpec) -> tuple[Parts, RigidBodySpec]:
+    """(parts, body) of a rack that follows the steering wheel. Coordinate rack_<axle>, positive along y [m]."""
+    body, name = data.rack.body(f'rack_{axle}', data.rack.com), f'rack_{axle}'
+    slide = JointSpec(name=name, kind='prismatic', i=marker_at(base, data.rack.com, LEFTWARDS), j=marker_at(body, data.rack.com, LEFTWARDS))
+    ratio = CouplerSpec(name=name + '_ratio', terms=((name, 1.0), ('steering_wheel', -data.per_turn / 6.283185307179586)), offset=0.0)
+    return Parts(bodies=(body,), joints=(slide,), couplers=(ratio,)), body
+
+
+def drives(
+    car: Car,
+    chassis: RigidBodySpec,
+    bases: dict[str, RigidBodySpec],
+    power: RigidBodySpec | None,
+    corners: dict[str, dict[str, Corner]],
+) -> Parts:
+    """The drives of all driven axles and the lock between them."""
+    driven = {axle.name: axle.drive for axle in car.axles if axle.drive is not None}
+    parts, outputs = [], {}
+    for name, drive in driven.items():
+        own, outputs[name] = drive.parts(name, Base(chassis, bases[name], power, len(driven) == 1), corners[name])
+        parts.append(own)
+    if car.transfer is not None:
+        behind = [drive for drive in driven.values() if isinstance(drive, Propshaft)]
+        require(len(behind) == 1, 'transfer', 'axle', car.transfer.axle, 'needs one axle with a propeller shaft to be locked to')
+        parts.append(car.transfer.parts(outputs, behind[0].ratio))
+    return joined(parts)
+
+
+def arms(corners: dict[str, Corner]) -> dict[str, RigidBodySpec]:
+    """What drop links go to, by side."""
+    return {side: corner.arm for side, corner in corners.items()}

@@ -1,0 +1,181 @@
+"""What may drive an axle, and a lock between two driven axles. Each takes its share of the input drive_torque.
+
+propshaft     differential on the subframe behind a propeller shaft, half shafts        (solver.vehicle.powertrain)
+half_shafts   differential on the subframe, or in the gearbox of the engine (transverse engine), half shafts
+live_axle     differential in the housing of a live axle, behind a propeller shaft
+motors        a motor per wheel, on the chassis or in the upright
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+from solver.elements.coordinate import CoordinateSpec
+from solver.elements.coordinate_force import CoordinateForceSpec
+from solver.elements.laws import Law
+from solver.elements.rigid_body import RigidBodySpec
+from solver.validate import Vector, finite, require
+from solver.vehicle.hardpoints import marker_at
+from solver.vehicle.parts import LEFTWARDS, UP, Bushing, Corner, Part, Parts, joined, mounting
+from solver.vehicle.powertrain import (
+    Driveline,
+    HalfShafts,
+    Propshaft,
+    driveline,
+    final_drive,
+    half_shafts,
+    limited_slip,
+    open_differential,
+    propeller_shaft,
+)
+from solver.vehicle.wheel_end import spin_axis
+
+
+class Base(NamedTuple):
+    """What a drive is attached to. single: no other axle is driven, so its parts need not be named after theirs."""
+
+    chassis: RigidBodySpec
+    subframe: RigidBodySpec
+    engine: RigidBodySpec | None
+    single: bool
+
+    def name(self, part: str, axle: str) -> str:
+        """Name of a part of the drive of an axle."""
+        return part if self.single else f'{part}_{axle}'
+
+    def powered(self, kind: str) -> RigidBodySpec:
+        """The engine, which a drive of this kind needs."""
+        require(self.engine is not None, f'drive {kind!r}', 'engine', None, 'the car has none: add it')
+        assert self.engine is not None
+        return self.engine
+
+
+@dataclass(frozen=True, kw_only=True)
+class PropshaftDrive(Driveline):
+    """Propeller shaft, differential on the subframe, half shafts. share: of the drive torque that goes to the axle [-]."""
+
+    kind: Literal['propshaft'] = 'propshaft'
+    share: float = 1.0
+
+    def parts(self, axle: str, base: Base, corners: Mapping[str, Corner]) -> tuple[Parts, tuple[str, str]]:
+        """(parts of the drive, coordinates of its outputs)."""
+        wheels = {side: corner.wheel for side, corner in corners.items()}
+        names = base.name('differential', axle), base.name('limited_slip', axle)
+        return driveline(self, base.chassis, base.powered(self.kind), base.subframe, wheels, axle, self.share, names)
+
+
+@dataclass(frozen=True, kw_only=True)
+class HalfShaftDrive(HalfShafts):
+    """A differential with half shafts, without a propeller shaft of its own. differential: its housing on identical mounts at `mounts`;
+    None: it is a part of the engine. share: of the drive torque that goes to the axle [-]."""
+
+    kind: Literal['half_shafts'] = 'half_shafts'
+    share: float = 1.0
+    differential: Part | None = None
+    mounts: tuple[Vector, ...] = ()
+    mount_bushing: Bushing | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        placed = bool(self.mounts) == (self.differential is not None)
+        require(placed, 'drive', 'mounts', self.mounts, 'belong to a differential of its own: give both or neither')
+
+    def parts(self, axle: str, base: Base, corners: Mapping[str, Corner]) -> tuple[Parts, tuple[str, str]]:
+        """(parts of the drive, coordinates of its outputs)."""
+        name = base.name('differential', axle)
+        if self.differential is None:
+            housing, own = base.powered(self.kind), Parts()
+        else:
+            housing = self.differential.body(name, self.differential.com)
+            feet = mounting(f'{name}_mount', base.subframe, housing, self.mounts, self.mount_bushing, ideal='fixed', axis=UP)
+            own = joined((Parts(bodies=(housing,)), feet))
+        shafts, outputs = half_shafts(self, housing, {side: corner.wheel for side, corner in corners.items()}, axle)
+        drive = Parts(coordinate_forces=(open_differential(name, outputs, share=self.share, top_speed=self.top_speed),))
+        return joined((own, shafts, drive, limited_slip(base.name('limited_slip', axle), outputs, self.limited_slip))), outputs
+
+
+@dataclass(frozen=True, kw_only=True)
+class LiveAxleDrive(Propshaft):
+    """A propeller shaft to the differential in the housing of a live axle. share: of the drive torque that goes to the axle [-].
+    limited_slip, top_speed: as of HalfShafts."""
+
+    kind: Literal['live_axle'] = 'live_axle'
+    share: float = 1.0
+    limited_slip: Law | None = None
+    top_speed: float | None = None
+
+    def parts(self, axle: str, base: Base, corners: Mapping[str, Corner]) -> tuple[Parts, tuple[str, str]]:
+        """(parts of the drive, coordinates of its outputs)."""
+        housings = {corner.upright.name for corner in corners.values()}
+        require(len(housings) == 1, f'drive of axle {axle!r}', 'kind', self.kind, 'is for a suspension of this kind: choose half_shafts')
+        outputs = (f'wheel_{axle}_left', f'wheel_{axle}_right')
+        forces = open_differential(base.name('differential', axle), outputs, share=self.share, top_speed=self.top_speed)
+        return joined(
+            (
+                propeller_shaft(self, base.chassis, base.powered(self.kind), corners['left'].upright),
+                Parts(coordinate_forces=(forces, final_drive(self, outputs))),
+                limited_slip(base.name('limited_slip', axle), outputs, self.limited_slip),
+            )
+        ), outputs
+
+
+@dataclass(frozen=True, kw_only=True)
+class Motors:
+    """A motor per wheel: `chassis` on the chassis, with ideal shafts, `upright` in the wheel. share: of the drive torque that goes to
+    the axle [-], half to each wheel. top_speed: speed of the wheel at which it ends [rad/s]. The inertia of rotor and gears is in the
+    spin inertia of the wheel."""
+
+    kind: Literal['motors'] = 'motors'
+    share: float = 1.0
+    on: Literal['chassis', 'upright'] = 'chassis'
+    top_speed: float | None = None
+
+    def parts(self, axle: str, base: Base, corners: Mapping[str, Corner]) -> tuple[Parts, tuple[str, str]]:
+        """(parts of the drive, coordinates of its outputs)."""
+        shafts: tuple[CoordinateSpec, ...] = ()
+        outputs = (f'wheel_{axle}_left', f'wheel_{axle}_right')
+        if self.on == 'chassis':
+            outputs = (f'shaft_{axle}_left', f'shaft_{axle}_right')
+            shafts = tuple(wheel_shaft(f'{axle}_{side}', base.chassis, corner.wheel) for side, corner in corners.items())
+        forces = tuple(
+            CoordinateForceSpec(
+                name=f'motor_{axle}_{side}', terms=((output, 1.0),), input='drive_torque',
+                input_gain=0.5 * self.share, top_rate=self.top_speed,
+            )
+            for side, output in zip(corners, outputs, strict=True)
+        )  # fmt: skip
+        return Parts(coordinates=shafts, coordinate_forces=forces), outputs
+
+
+Drive = PropshaftDrive | HalfShaftDrive | LiveAxleDrive | Motors
+
+
+def wheel_shaft(corner: str, chassis: RigidBodySpec, wheel: RigidBodySpec) -> CoordinateSpec:
+    """Coordinate shaft_<corner>: rotation of a wheel against the chassis, as an ideal shaft with constant-velocity joints has it."""
+    return CoordinateSpec(
+        name=f'shaft_{corner}', kind='rotation', i=marker_at(chassis, wheel.position, LEFTWARDS),
+        j=marker_at(wheel, wheel.position, spin_axis(wheel)),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Transfer:
+    """The connection of a driven axle in front with the drive pinion behind: a locked transfer case (stiffness [N m/rad]), or a viscous
+    one (damping [N m s/rad] alone), both at the wheels of the axle."""
+
+    axle: str = 'front'
+    stiffness: float = 0.0
+    damping: float
+
+    def __post_init__(self) -> None:
+        finite('transfer', 'stiffness', self.stiffness, low=0.0)
+        finite('transfer', 'damping', self.damping, low=0.0, strict=True)
+
+    def parts(self, outputs: Mapping[str, tuple[str, str]], ratio: float) -> Parts:
+        """The force element. outputs: coordinates by driven axle; ratio: of the final drive behind."""
+        require(self.axle in outputs, 'transfer', 'axle', self.axle, f'is not driven; driven are: {", ".join(outputs)}')
+        terms = (*((output, 0.5) for output in outputs[self.axle]), ('drive_pinion/angle', -1.0 / ratio))
+        spring = Law.linear(self.stiffness) if self.stiffness > 0.0 else None
+        return Parts(coordinate_forces=(CoordinateForceSpec(name='transfer', terms=terms, spring=spring, damper=Law.linear(self.damping)),))

@@ -1,0 +1,34 @@
+"""A toy suspension of the recipe in docs/contributing.md: a sliding pillar, along which the upright moves up and down."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from solver.validate import Vector
+from solver.vehicle.parts import Bushing, Corner, Damper, Spring, Structure, joined, mounting, sprung
+from solver.vehicle.wheel_end import IndependentSuspension
+
+
+@dataclass(frozen=True, kw_only=True)
+class SlidingPillar(IndependentSuspension):
+    """Data of the left wheel suspension. pillar: a point of it; axis: its direction; bushing: its guide, soft along z; the others: ends of
+    spring and damper [m]."""
+
+    kind: Literal['sliding_pillar'] = 'sliding_pillar'
+    pillar: Vector
+    axis: Vector
+    bushing: Bushing | None = None
+    spring: Spring
+    spring_chassis: Vector
+    spring_arm: Vector
+    damper: Damper
+    damper_chassis: Vector
+    damper_arm: Vector
+
+    def corner(self, name: str, side: str, structure: Structure) -> Corner:
+        """The suspension of corner `name` on a side."""
+        hub, upright, wheel = self.wheel_end(name, side, structure.chassis)
+        base = structure.subframe
+        guide = mounting(f'pillar_{name}', base, upright, (self.pillar,), self.bushing, ideal='prismatic', side=side, axis=self.axis)
+        return Corner(joined((hub, guide, sprung(name, side, structure.chassis, upright, self))), upright, wheel, upright)
