@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,7 +19,8 @@ if TYPE_CHECKING:
 
 def add(parsers: Any) -> None:
     """Declare the command."""
-    parser = declare(parsers, 'info', run, 'show what a scene, or a tire file (.tir), consists of', 'mbd info slider_crank')
+    what = 'show what a scene, a vehicle or a tire file (.tir) consists of'
+    parser = declare(parsers, 'info', run, what, 'mbd info slider_crank\n  mbd info compact_fwd')
     add_scene(parser)
     parser.add_argument(
         '--brief', action='store_true', help='leave out the figures of a vehicle and the errors of its level, which take seconds'
@@ -32,11 +34,10 @@ def run(args: argparse.Namespace) -> Result:
     from solver import simulation_of
     from solver.analysis.figures import is_vehicle
     from solver.errors import BagError
-    from solver.files.scene import load_scene
 
     if args.scene.lower().endswith('.tir'):
         return _tire_file(args)
-    scene = load_scene(args.scene, args.overrides)
+    scene = _scene(args.scene, args.overrides)
     if args.resolved:
         return Result(data={'status': 'ok', 'scene': scene.name, 'resolved': scene.resolved}, text=scene.resolved.rstrip())
     simulation = simulation_of(scene)
@@ -149,24 +150,34 @@ def _level(level: LevelReport) -> str:
     return ''.join('\n\n' + table(rows) for rows in parts if len(rows) > 1)
 
 
+def _scene(name: str, overrides: Sequence[str]) -> Scene:
+    """The scene of that name; of a vehicle that is no scene: the vehicle standing on a flat road."""
+    from solver.files.scene import known_names, load_scene, load_scene_text
+
+    if name not in known_names() and name in known_names('vehicles') and not Path(name).is_file():
+        return load_scene_text(f'vehicle: vehicles/{name}.yaml\nstart: {{kind: equilibrium}}\nduration: 1\n', name, overrides)
+    return load_scene(name, overrides)
+
+
 def _figures(scene: Scene) -> tuple[dict[str, Any], str]:
     """The figures of the vehicle of a scene, standing on a flat road: (an object for JSON in SI units, a table)."""
-    from solver.analysis.figures import USUAL, figures, standing
+    from solver.analysis.figures import figures, standing
+    from solver.analysis.usual import usual
 
     try:
         found = figures(standing(scene))
     except MbdError as error:
         return {'error': str(error)}, f'\n\nno figures of the vehicle: {error}'
-    data = {}
-    rows: list[tuple[str, ...]] = [('figure', 'value', 'passenger cars', '', 'source')]
-    for name, usual in USUAL.items():
+    data, ranges = {}, usual(scene.model)
+    rows: list[tuple[str, ...]] = [('figure', 'value', f'of a {scene.model.category or "saloon"}', '', 'source')]
+    for name, where in ranges.items():
         if name not in found:
             continue
-        within = usual.low <= found[name] <= usual.high
-        data[name] = {'value': found[name], 'low': usual.low, 'high': usual.high, 'within': within, 'source': usual.source}
-        value, low, high = (f'{x * usual.factor:.4g}' for x in (found[name], usual.low, usual.high))
-        rows.append((usual.text, f'{value} {usual.unit}', f'{low} to {high}', '' if within else 'OUTSIDE', usual.source))
-    others = {name: {'value': value} for name, value in found.items() if name not in USUAL}
+        within = where.low <= found[name] <= where.high
+        data[name] = {'value': found[name], 'low': where.low, 'high': where.high, 'within': within, 'source': where.source}
+        value, low, high = (f'{x * where.factor:.4g}' for x in (found[name], where.low, where.high))
+        rows.append((where.text, f'{value} {where.unit}', f'{low} to {high}', '' if within else 'OUTSIDE', where.source))
+    others = {name: {'value': value} for name, value in found.items() if name not in ranges}
     return data | others, '\n\n' + table(rows)
 
 

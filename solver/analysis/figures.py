@@ -1,14 +1,13 @@
-"""Figures of a vehicle, computed from its own model, and where those of passenger cars lie.
+"""Figures of a vehicle, computed from its own model.
 
 Masses from the specification, modes from the linearised model (solver.analysis.modes), kinematics and compliance from a bench
-(solver.analysis.kinematics_and_compliance), understeer and roll from a run. Angles in rad, SI units.
-Usual ranges after [Reimpell2001], [Gillespie1992] and [Heydinger1999].
+(solver.analysis.kinematics_and_compliance), understeer and roll from a run. Angles in rad, SI units. Where they usually lie:
+solver.analysis.usual.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from typing import NamedTuple
 
 import numpy as np
 
@@ -22,59 +21,7 @@ from solver.model.spec import ModelSpec
 from solver.scene import Scene, StartSettings
 from solver.simulation import Simulation
 from solver.step.settings import IntegratorSettings
-
-
-class Usual(NamedTuple):
-    """A figure of a vehicle: what it is, its unit in text and the factor to it from SI, where passenger cars lie (SI), and who says so."""
-
-    text: str
-    unit: str
-    factor: float
-    low: float
-    high: float
-    source: str
-
-
-R = 'Reimpell, Stoll, Betzler, The Automotive Chassis (2001)'
-G = 'Gillespie, Fundamentals of Vehicle Dynamics (1992)'
-H = 'Heydinger et al., SAE 1999-01-1336'
-DEG = float(np.rad2deg(1.0))
-# The books give orders of magnitude and signs, not limits: the ranges are drawn around what they call usual for a saloon.
-USUAL: dict[str, Usual] = {
-    'mass': Usual('mass', 'kg', 1.0, 1400, 1700, H),
-    'front_share': Usual('share of the front axle', '', 1.0, 0.48, 0.60, H),
-    'wheelbase': Usual('wheelbase', 'm', 1.0, 2.6, 2.8, H),
-    'track_front': Usual('track, front', 'm', 1.0, 1.45, 1.62, H),
-    'track_rear': Usual('track, rear', 'm', 1.0, 1.45, 1.62, H),
-    'com_z': Usual('height of the centre of mass', 'm', 1.0, 0.50, 0.58, H),
-    'roll_inertia': Usual('roll inertia', 'kg m^2', 1.0, 400, 700, H),
-    'pitch_inertia': Usual('pitch inertia', 'kg m^2', 1.0, 2000, 2900, H),
-    'yaw_inertia': Usual('yaw inertia', 'kg m^2', 1.0, 2200, 3100, H),
-    'bounce_frequency': Usual('bounce', 'Hz', 1.0, 1.1, 1.6, G),
-    'bounce_damping': Usual('bounce, damping ratio', '', 1.0, 0.15, 0.40, G),
-    'pitch_frequency': Usual('pitch', 'Hz', 1.0, 1.1, 1.8, G),
-    'roll_frequency': Usual('roll, on standing tires', 'Hz', 1.0, 1.1, 2.2, G),
-    'wheel_hop_front_frequency': Usual('wheel hop, front', 'Hz', 1.0, 10, 15, G),
-    'wheel_hop_rear_frequency': Usual('wheel hop, rear', 'Hz', 1.0, 10, 15, G),
-    'engine_bounce_frequency': Usual('engine bounce', 'Hz', 1.0, 8, 14, R),
-    'wheel_rate_front': Usual('wheel rate, front', 'kN/m', 1e-3, 18e3, 32e3, R),
-    'wheel_rate_rear': Usual('wheel rate, rear', 'kN/m', 1e-3, 18e3, 34e3, R),
-    'roll_stiffness_front': Usual('roll stiffness, front', 'N m/deg', 1.0 / DEG, 3.5e4, 7e4, R),
-    'roll_stiffness_rear': Usual('roll stiffness, rear', 'N m/deg', 1.0 / DEG, 2.5e4, 6e4, R),
-    'roll_center_front': Usual('roll-centre height, front', 'mm', 1e3, 0.0, 0.12, R),
-    'roll_center_rear': Usual('roll-centre height, rear', 'mm', 1e3, 0.05, 0.18, R),
-    'bump_toe_front': Usual('toe by bump, front (out: understeer)', 'deg/m', DEG, -0.12, 0.0, R),
-    'bump_toe_rear': Usual('toe by bump, rear (in: understeer)', 'deg/m', DEG, 0.0, 0.10, R),
-    'bump_camber_front': Usual('camber by bump, front', 'deg/m', DEG, -0.45, -0.10, R),
-    'bump_camber_rear': Usual('camber by bump, rear', 'deg/m', DEG, -0.60, -0.15, R),
-    'lateral_steer_front': Usual('steer by lateral force, front (away: understeer)', 'deg/kN', 1e3 * DEG, -4e-6, 0.0, R),
-    'lateral_steer_rear': Usual('steer by lateral force, rear (towards: understeer)', 'deg/kN', 1e3 * DEG, 0.0, 3e-6, R),
-    'longitudinal_compliance_front': Usual('longitudinal compliance, front', 'mm/kN', 1e6, 1e-6, 6e-6, R),
-    'aligning_steer_front': Usual('steer by aligning moment, front', 'deg/(100 N m)', 1e2 * DEG, 5e-6, 8e-5, R),
-    'steering_ratio': Usual('steering wheel to road wheel', '', 1.0, 13, 18, R),
-    'understeer_gradient': Usual('understeer gradient', 'deg/g', 9.81 * DEG, 0.001, 0.007, G),
-    'roll_gradient': Usual('roll gradient', 'deg/g', 9.81 * DEG, 0.0055, 0.0115, G),
-}
+from solver.vehicle.hardpoints import SIDES
 
 
 def mass_figures(spec: ModelSpec) -> dict[str, float]:
@@ -128,6 +75,13 @@ def understeer_gradient(spec: ModelSpec, ratio: float, *, speed: float = 22.0, h
     }
 
 
+def sag(simulation: Simulation) -> dict[str, float]:
+    """How much lower than designed the vehicle stands [m], per axle: the mean travel of its wheels."""
+    names = simulation.channels.joints
+    x = simulation.advance(0).joint_position
+    return {f'sag_{axle}': float(np.mean([x[names.index(f'travel_{axle}_{side}')] for side in SIDES])) for axle in AXLES}
+
+
 def is_vehicle(spec: ModelSpec) -> bool:
     """Whether the figures of this module can be computed: tires at the four corners."""
     return {tire.name for tire in spec.tires} == set(CORNERS)
@@ -145,11 +99,11 @@ def standing(scene: Scene) -> Simulation:
 
 def figures(simulation: Simulation) -> dict[str, float]:
     """All figures of a vehicle whose simulation stands at its start (see standing()), without modes where there are none of bodies alone
-    (solver.analysis.modes); USUAL tells what they are."""
+    (solver.analysis.modes); solver.analysis.usual tells what they are."""
     spec = simulation.model.spec
     found = mass_figures(spec)
     for name, mode in named_modes(simulation).items() if not spec.struts else ():
         key = name.replace(' ', '_')
         found |= {f'{key}_frequency': mode.frequency, f'{key}_damping': mode.damping}
-    found |= kinematic_figures(Rig(spec))
+    found |= kinematic_figures(Rig(spec)) | sag(simulation)
     return found | understeer_gradient(spec, found['steering_ratio'])

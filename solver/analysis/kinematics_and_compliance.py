@@ -172,7 +172,8 @@ class Rig:
 
 def kinematic_figures(rig: Rig, step: float = 0.01) -> dict[str, float]:
     """Slopes at the design position from central differences over +- step [m]: per axle wheel rate [N/m], roll stiffness [N m/rad],
-    roll-centre height [m], toe and camber change [rad/m], and the ratio of steering wheel to mean road wheel [-]; compliances: toe by
+    roll-centre height [m] (in roll, so that it holds for dependent suspensions too), toe and camber change [rad/m], roll steer (to the
+    left per roll to the right [-]), and the ratio of steering wheel to mean road wheel [-]; compliances: toe by
     lateral force, both to the left (left wheel, [rad/N], positive: towards the force) and by aligning moment [rad/(N m)],
     longitudinal displacement by braking force [m/N], for models with bushings."""
     both, roll = rig.travel([-step, step]), rig.travel([-step, step], opposite=True)
@@ -190,9 +191,11 @@ def kinematic_figures(rig: Rig, step: float = 0.01) -> dict[str, float]:
         figures |= {
             f'wheel_rate_{axle}': slope(both, 'load', step),
             f'roll_stiffness_{axle}': 0.5 * slope(roll, 'load', step) * track * track,
-            f'roll_center_{axle}': 0.5 * track * slope(both, 'contact_y', step),
+            f'roll_center_{axle}': 0.5 * track * slope(roll, 'contact_y', step),
             f'bump_toe_{axle}': slope(both, 'toe', step),
             f'bump_camber_{axle}': slope(both, 'camber', step),
+            # opposite travel z of the left wheel is a roll angle of the body of -2 z / track
+            f'roll_steer_{axle}': -0.5 * track * slope(roll, 'steer', step),
         }
         if rig.spec.bushings or rig.spec.guides:
             figures |= {

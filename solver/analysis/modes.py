@@ -20,6 +20,7 @@ from solver.vehicle.hardpoints import SIDES
 
 AXLES = ('front', 'rear')
 GOOD_PART = 0.3  # of the kinetic energy of a mode
+ROLL_PART = 0.25  # rolling on standing tires is half a swaying
 LONG = 1e3  # s; internal states at rest move in proportion to it
 
 
@@ -115,14 +116,17 @@ def named_modes(simulation: Simulation) -> dict[str, Mode]:
     chassis = simulation.model.spec.chassis or simulation.model.body_names[0]
     wheels = {axle: [f'{part}_{axle}_{side}' for part in ('wheel', 'upright', 'knuckle') for side in SIDES] for axle in AXLES}
     wanted = {
-        'bounce': ([chassis], ['z']),
-        'pitch': ([chassis], ['ry']),
-        'roll': ([chassis], ['rx']),
-        **{f'wheel hop {axle}': (wheels[axle], ['z']) for axle in AXLES},
-        'engine bounce': (['engine'], ['z']),
+        'bounce': ([chassis], ['z'], GOOD_PART),
+        'pitch': ([chassis], ['ry'], GOOD_PART),
+        'roll': ([chassis], ['rx'], ROLL_PART),
+        **{f'wheel hop {axle}': (wheels[axle], ['z'], GOOD_PART) for axle in AXLES},
+        'engine bounce': (['engine'], ['z'], GOOD_PART),
     }
     found = modes(simulation)
-    first = {name: next((mode for mode in found if mode.share(*where) > GOOD_PART), None) for name, where in wanted.items()}
+    first = {
+        name: next((mode for mode in found if mode.share(bodies, directions) > part), None)
+        for name, (bodies, directions, part) in wanted.items()
+    }
     return {name: mode for name, mode in first.items() if mode is not None}
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-from solver.errors import SceneError
+from solver.errors import SceneError, SpecError
 from solver.files.schema import Builder, Node, join, where
 from solver.model.spec import ModelSpec
 from solver.vehicle.car import Car, car_model
@@ -32,4 +32,7 @@ def build_vehicle(builder: Builder, node: Node, path: str) -> ModelSpec:
         raise SceneError(f"{where(node)}: {path}: the key 'kind' is missing; one of: {', '.join(TEMPLATES)}")
     kind = builder.choice(fields.pop('kind')[1], join(path, 'kind'), TEMPLATES, 'unknown kind of vehicle')
     data, model = TEMPLATES[kind]
-    return model(builder.construct(data, fields, node, path, extra=('kind',)))
+    try:
+        return model(builder.construct(data, fields, node, path, extra=('kind',)))
+    except SpecError as error:
+        raise SceneError(f'{where(node)}: {path}: {error}') from None

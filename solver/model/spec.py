@@ -35,7 +35,8 @@ class ModelSpec:
 
     Joints of kind revolute, prismatic and cylindrical define joint coordinates named after them; `coordinates` adds others. Every kind of
     element in solver.elements.registry has a field of its name.
-    chassis: the body that odom and imu describe (None: the first body).
+    chassis: the body that odom and imu describe (None: the first body). category: of vehicle, what its figures are compared with
+    (solver.analysis.usual).
     """
 
     bodies: tuple[RigidBodySpec, ...]
@@ -44,6 +45,7 @@ class ModelSpec:
     gravity: Vector = (0.0, 0.0, -9.81)
     inputs: tuple[str, ...] = ()
     chassis: str | None = None
+    category: str = ''
 
     if TYPE_CHECKING:  # what a type checker cannot know of the fields that the registry adds
         __dataclass_fields__: ClassVar[dict[str, Any]]

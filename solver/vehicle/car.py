@@ -29,7 +29,7 @@ from solver.vehicle.hardpoints import marker_at
 from solver.vehicle.live_axle import LiveAxle
 from solver.vehicle.macpherson import MacPherson
 from solver.vehicle.multilink import MultiLink
-from solver.vehicle.parts import LEFTWARDS, UP, Bushing, Corner, Part, Parts, Structure, joined, mounting
+from solver.vehicle.parts import LEFTWARDS, UP, Bushing, Category, Corner, Part, Parts, Structure, joined, mounting
 from solver.vehicle.powertrain import Engine, Propshaft, engine
 from solver.vehicle.steering import SteeringGear, steering_gear
 from solver.vehicle.trailing_arm import TrailingArm
@@ -77,8 +77,10 @@ class Axle:
 
 @dataclass(frozen=True, kw_only=True)
 class Car:
-    """Data of a car; lengths in the design frame, left side. steering: of the first axle."""
+    """Data of a car; lengths in the design frame, left side. category: what its figures are compared with; steering: of the
+    first axle."""
 
+    category: Category = 'saloon'
     chassis: Part
     axles: tuple[Axle, ...]
     steering: SteeringGear
@@ -138,7 +140,7 @@ def car_model(car: Car) -> ModelSpec:
             Parts(aero_drags=aero_drag(car.aero, chassis)),
         )
     )
-    model = ModelSpec(**parts.sections, gravity=(0.0, 0.0, -car.gravity), chassis='chassis')
+    model = ModelSpec(**parts.sections, gravity=(0.0, 0.0, -car.gravity), chassis='chassis', category=car.category)
     return ModelSpec(**{**model.__dict__, 'inputs': used_inputs(model)})
 
 

@@ -124,8 +124,8 @@ class LiveAxleDrive(Propshaft):
 @dataclass(frozen=True, kw_only=True)
 class Motors:
     """A motor per wheel: `chassis` on the chassis, with ideal shafts, `upright` in the wheel. share: of the drive torque that goes to
-    the axle [-], half to each wheel. top_speed: speed of the wheel at which it ends [rad/s]. The inertia of rotor and gears is in the
-    spin inertia of the wheel."""
+    the axle [-], half to each wheel. top_speed: speed of the wheel at which it ends [rad/s]. The inertia of rotor and
+    gears is not modelled: no wheel could have it about its axis alone."""
 
     kind: Literal['motors'] = 'motors'
     share: float = 1.0

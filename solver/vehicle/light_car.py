@@ -133,6 +133,7 @@ def light_car_model(car: LightCar) -> ModelSpec:
         gravity=(0.0, 0.0, -car.gravity),
         inputs=INPUTS,
         chassis='chassis',
+        category='compact',
     )
 
 

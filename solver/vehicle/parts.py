@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import chain
-from typing import Annotated, Any, NamedTuple, Protocol
+from typing import Annotated, Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from solver.vehicle.hardpoints import SIDES, distance, marker_at, on_side
 
 UP: Vector = (0.0, 0.0, 1.0)
 LEFTWARDS: Vector = (0.0, 1.0, 0.0)
+Category = Literal['saloon', 'compact', 'pickup', 'electric', 'formula']  # of car: what its figures are compared with
 SKEW = 0.02  # largest coupling of rotations, relative to the rotational rates, that a mounting may neglect
 
 

@@ -32,6 +32,8 @@ def without_bushings(data):
         return dataclasses.replace(data, **changes)
     if isinstance(data, dict):
         return {key: without_bushings(value) for key, value in data.items()}
+    if type(data) is tuple:
+        return tuple(map(without_bushings, data))
     return data
 
 

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from saloon import full_car, without_bushings
 
-from solver.analysis.figures import USUAL, figures
+from solver.analysis.figures import figures
 from solver.analysis.kinematics_and_compliance import Rig
 from solver.analysis.modes import eigenvalues, linearised, modes
+from solver.analysis.usual import SALOON, usual
 from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.tire_pacejka import TIRE_COLUMNS
 from solver.errors import SpecError
@@ -105,20 +106,21 @@ def test_every_mode_is_stable(standing: Simulation) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('name', USUAL)
-def test_figure_lies_where_passenger_cars_lie(found: dict[str, float], name: str) -> None:
-    assert USUAL[name].low <= found[name] <= USUAL[name].high
+@pytest.mark.parametrize('name', SALOON)
+def test_figure_lies_where_passenger_cars_lie(standing: Simulation, found: dict[str, float], name: str) -> None:
+    where = usual(standing.model.spec)[name]
+    assert where.low <= found[name] <= where.high
 
 
 @pytest.mark.slow
-def test_the_page_of_vehicles_shows_these_figures(found: dict[str, float]) -> None:
+def test_the_page_of_vehicles_shows_these_figures(standing: Simulation, found: dict[str, float]) -> None:
     """To the four digits that are shown."""
     rows = [
         [cell.strip() for cell in line.split('|')[1:3]] for line in PAGE.read_text(encoding='utf-8').splitlines() if line.count('|') == 5
     ]
     shown = {text: value.partition(' ')[0] for text, value in rows}
-    for name, usual in USUAL.items():
-        assert float(shown[usual.text]) == pytest.approx(found[name] * usual.factor, rel=2e-3), name
+    for name, where in usual(standing.model.spec).items():
+        assert float(shown[where.text]) == pytest.approx(found[name] * where.factor, rel=2e-3), name
 
 
 def test_accelerations_balance_the_forces_of_every_body() -> None:

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from mbd_sim_ros.lab.studies.report import COLOURS, Report, figure
-from solver.analysis.figures import DEG, USUAL
 from solver.analysis.kinematics_and_compliance import Rig, kinematic_figures
 from solver.analysis.modes import AXLES
+from solver.analysis.usual import DEG
+from solver.analysis.usual import usual as usual_ranges
 from solver.files.scene import load_scene
 
 SUMMARY = 'kinematics and compliance of both cars: wheel travel, roll, forces at the tires, steering'
@@ -54,12 +55,12 @@ def study(out: Path, *, quick: bool, progress: Callable[[str, float], None]) -> 
 
 def _sheet(report: Report, car: str, rig: Rig, sweeps: dict[str, tuple[np.ndarray, Curves]]) -> dict[str, float]:
     """Slopes at the design position, and what the steering does at its stops."""
-    found = kinematic_figures(rig)
+    found, ranges = kinematic_figures(rig), usual_ranges(rig.spec)
     rows = []
     for name, value in found.items():
-        usual = USUAL.get(name)
+        usual = ranges.get(name)
         if usual is None:
-            rows.append({'figure': name.replace('_', ' '), 'value': value, 'unit': 'SI', 'passenger cars': '', 'within': ''})
+            rows.append({'figure': name.replace('_', ' '), 'value': value, 'unit': 'SI', 'usual': '', 'within': ''})
             continue
         low, high = (f'{x * usual.factor:.3g}' for x in (usual.low, usual.high))
         within = 'yes' if usual.low <= value <= usual.high else 'NO'
@@ -68,7 +69,7 @@ def _sheet(report: Report, car: str, rig: Rig, sweeps: dict[str, tuple[np.ndarra
                 'figure': usual.text,
                 'value': value * usual.factor,
                 'unit': usual.unit,
-                'passenger cars': f'{low} to {high}',
+                'usual': f'{low} to {high}',
                 'within': within,
             }
         )
