@@ -44,10 +44,13 @@ def part(name: str) -> str:
         kinds = [(f.name, element(hints[f.name])) for f in dataclasses.fields(ModelSpec)]
         return '\n'.join(f'### {section}\n\n{block(cls, named=True)}' for section, cls in kinds if cls is not None)
     if name == 'vehicles':
-        return '\n'.join(
-            f'### {kind}\n\n' + '\n'.join(f'#### {cls.__name__}\n\n{block(cls)}' for cls in nested(data))
-            for kind, (data, _) in TEMPLATES.items()
-        )
+        seen: set[type] = set()  # a class that several templates share stands with the first of them
+        parts = []
+        for kind, (data, _) in TEMPLATES.items():
+            new = [cls for cls in nested(data) if cls not in seen]
+            seen.update(new)
+            parts.append(f'### {kind}\n\n' + '\n'.join(f'#### {cls.__name__}\n\n{block(cls)}' for cls in new))
+        return '\n'.join(parts)
     if name == 'quantities':
         rows = [(name, of) for name, of in NAMED.items()] + [(f'{name}.<wheel>', of) for name, of in BY_WHEEL.items()]
         lines = [f'| `{name}` | {of.text} | {of.unit} | {of.least:g} |' for name, of in rows]
@@ -103,6 +106,8 @@ def value(hint: Any) -> str:
         return ', '.join(f'`{a}`' for a in args)
     if origin in (Union, types.UnionType):
         members = [a for a in args if a is not types.NoneType]
+        if len(members) == 1:
+            return value(members[0])
         classes = [kind for a in members if dataclasses.is_dataclass(plain(a)) and plain(a) not in WORDS for kind in kinds_of(plain(a))]
         words = [value(a) for a in members if not dataclasses.is_dataclass(plain(a)) or plain(a) in WORDS]
         return ' or '.join(words + ([f'mapping with `kind` {", ".join(classes)}'] if classes else []))

@@ -26,7 +26,7 @@ from solver.start.placement import (
     refuse_undirected,
     refuse_unloaded_wheels,
 )
-from solver.start.rolling import held_body, roll_wheels, settle_rolling, without_brakes
+from solver.start.rolling import held_body, lay_on_road, roll_wheels, settle_rolling, without_brakes
 from solver.step.work import Scheme, StepResult
 
 
@@ -99,6 +99,7 @@ class InitialConditions:
         """Static equilibrium, of a braked vehicle from where it rests with its brakes released: locked wheels that settle from the
         placement on roll with what carries them, and jack a car up that stands on a slope.
         """
+        lay_on_road(self.model, state, self.chassis)
         held = held_body(self.model, self.chassis, u)
         if held is None and self.model.spec.tires:
             before = new_state(self.model)

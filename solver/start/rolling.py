@@ -8,22 +8,49 @@ from typing import cast
 import numpy as np
 
 from solver.compiled.by_reference import Ref
-from solver.compiled.portable import product
+from solver.compiled.portable import norm, product
 from solver.elements.registry import FORCES
 from solver.elements.tire_pacejka import TIRES, rolling_radius
 from solver.errors import ConsistencyError
 from solver.model.evaluate import evaluate_forces
-from solver.model.frames import matrix
+from solver.model.frames import matrix, quaternion
 from solver.model.state import State, kinematics_of
 from solver.model.tables import Model
 from solver.step.augmented_lagrangian import advance
 from solver.step.work import OK, Scheme, StepResult, scheme_parameters
 
+STEEP = 0.05  # rad, what the search for static equilibrium turns a body in one iteration
 SETTLE_TIME = 5.0  # s, some ten periods of a suspension mode
 SETTLE_EVERY = 0.05  # s
 SETTLE_PENALTY = 1e6
 SETTLE_RHO = 0.8  # spectral radius at infinite frequency, whatever that of the scene
 SETTLE_STEP = 5e-3  # s, whatever the step of the scene, so that a start does not depend on it; where it settles does not depend on the step
+
+
+def lay_on_road(model: Model, state: State, chassis: int) -> None:
+    """Turn a whole vehicle, joints and all, about the centre of mass of its chassis until its floor is parallel to the base plane of the
+    road, as far from it as it was placed above it.
+
+    Where the two differ by less than STEEP nothing is done: the search for equilibrium goes that far by itself. From a level placement on a
+    steeper slope the wheels of one side would stand so deep in the road that links turn over on the way out.
+    """
+    if not model.spec.tires:
+        return
+    n, point = np.array(model.spec.road.normal), np.array(model.spec.road.point)
+    body = model.spec.bodies[chassis]
+    R = matrix(tuple(state.q[chassis, 3:]))
+    axis, cosine = np.cross(R[:, 2], n), float(product(R[:, 2], n))
+    if norm(axis) < STEEP or cosine < 0.0:
+        return
+    half = float(np.sqrt(0.5 * (1.0 + cosine)))  # cosine of half the angle
+    turn = matrix((*(axis / (2.0 * half)).tolist(), half))
+    com = state.q[chassis, :3].copy()
+    floor = product(R, -np.array(body.com))  # from the centre of mass to the reference frame
+    above = float(product(n, com + floor - point)) / n[2]  # vertically
+    lift = above - float(product(n, com + product(turn, floor) - point))
+    for b in range(model.n_bodies):
+        state.q[b, :3] = com + product(turn, state.q[b, :3] - com) + lift * n
+        state.q[b, 3:] = quaternion(product(turn, matrix(tuple(state.q[b, 3:]))))
 
 
 def held_body(model: Model, chassis: int, u: np.ndarray) -> int | None:
