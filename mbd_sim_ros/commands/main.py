@@ -19,7 +19,9 @@ def _say_early(text: str) -> None:
         _say(text)
 
 
-if __name__ == '__main__' or interrupts.is_program('mbd'):
+PROGRAM = __name__ == '__main__' or interrupts.is_program('mbd')  # the process ends with the command
+
+if PROGRAM:
     interrupts.install(_say_early)  # before anything that takes time
 
 import argparse
@@ -38,6 +40,7 @@ from solver.errors import MbdError, suggestion
 COMMANDS = (info, run, plan, maneuver, sweep, export, compare, evaluate, view, replay, recover, study, bench, compile)
 USAGE_ERROR, INTERNAL_ERROR = 2, 70
 SHOW_TRACEBACK = 'MBD_TRACEBACK'
+SENTENCE_MOST = 1000  # characters
 
 
 class UsageError(MbdError):
@@ -95,6 +98,9 @@ def main(argv: Sequence[str] | None = None) -> int:
                 return 1
             except OSError as error:
                 return _fail(out, f'{error.filename or "the system"}: {error.strerror or error}', 1, as_json)
+            except MemoryError:
+                what = f' while {interrupts.doing}' if interrupts.doing else ''
+                return _fail(out, f'there is not enough memory{what}; ask for less, or free some', 1, as_json)
             except Exception as error:
                 if os.environ.get(SHOW_TRACEBACK):
                     traceback.print_exc()
@@ -117,7 +123,10 @@ class _Output:
     def say(self, text: str) -> None:
         """Write the result. Raises OSError."""
         if text:
-            print(text, file=self.stream, flush=True)
+            encoding = self.stream.encoding or 'utf-8'
+            print(
+                text.encode(encoding, 'backslashreplace').decode(encoding), file=self.stream, flush=True
+            )  # names of files may be any bytes
 
     def drop(self) -> None:
         """Have the interpreter not try again to write at its end."""
@@ -149,7 +158,8 @@ def _output(as_json: bool) -> Iterator[_Output]:
     finally:
         with suppress(OSError, ValueError):
             sys.stdout.flush()
-        os.dup2(kept, 1)
+        if not PROGRAM:  # else it stays as it is: libraries print at the very end too
+            os.dup2(kept, 1)
         os.close(kept)
         if not captured:
             with suppress(OSError):
@@ -169,7 +179,14 @@ def plain(value: Any) -> Any:
     return value if isinstance(value, str | int | float | bool | None) else str(value)
 
 
+def one_sentence(text: str) -> str:
+    """A text as one line that fits a screen, whatever was quoted in it."""
+    line = ''.join(c if c.isprintable() else c.encode('unicode_escape').decode() for c in text)
+    return line if len(line) <= SENTENCE_MOST else f'{line[: SENTENCE_MOST // 2]} ... {line[-SENTENCE_MOST // 2 :]}'
+
+
 def _fail(out: _Output, sentence: str, code: int, as_json: bool) -> int:
+    sentence = one_sentence(sentence)
     if as_json:
         out.say(json.dumps({'status': 'error', 'error': sentence}))
     else:

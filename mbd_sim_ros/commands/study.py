@@ -46,10 +46,11 @@ def run(args: argparse.Namespace) -> Result:
     """Run the study, show its checks."""
     from tqdm import tqdm
 
+    from mbd_sim_ros.bags.recorder import file_stem
     from mbd_sim_ros.lab import studies as study
 
     options = _options(args)  # a wrong name makes no directory
-    out = args.out or Path('out') / args.name / (options['scene'].name if 'scene' in options else '')
+    out = args.out or Path('out') / args.name / (file_stem(options['scene'].name) if 'scene' in options else '')
     with tqdm(total=1.0, bar_format=BAR, disable=args.json or not sys.stderr.isatty(), leave=False) as bar:
 
         def progress(text: str, done: float) -> None:

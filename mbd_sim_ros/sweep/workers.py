@@ -9,10 +9,12 @@ import signal
 from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
 from mbd_sim_ros.sweep.case import Case, Row, row_of
+from solver.errors import BagError, MbdError
 
 TRIES = 2  # of a case whose worker died
 
@@ -23,7 +25,12 @@ class Worker:
     def __init__(self, context: Any) -> None:
         self.pipe, theirs = context.Pipe()
         self.process = context.Process(target=_work, args=(theirs,), daemon=True)
-        self.process.start()
+        resource_tracker.ensure_running()  # whose start would unblock the signal
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            self.process.start()  # Ctrl-C in the terminal is for the process that asked, also while this one imports what it needs
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         theirs.close()
         self.case: Case | None = None
 
@@ -41,7 +48,7 @@ class Worker:
 
 
 def run_here(cases: Sequence[Case], count: int) -> Iterator[Row]:
-    """The rows of the cases, as they are done, by `count` processes."""
+    """The rows of the cases, as they are done, by `count` processes. Raises BagError when what is kept cannot be written."""
     context = multiprocessing.get_context('spawn')  # a fork would share locks of threads, and signals
     waiting = deque((case, TRIES) for case in cases)
     workers: list[Worker] = []
@@ -56,9 +63,15 @@ def run_here(cases: Sequence[Case], count: int) -> Iterator[Row]:
                 case = workers[i].case
                 assert case is not None
                 try:
-                    yield workers[i].pipe.recv()
+                    row = workers[i].pipe.recv()
                     workers[i].case = None
                 except (EOFError, OSError):
+                    row = None
+                if isinstance(row, MbdError):
+                    raise row
+                if row is not None:
+                    yield row
+                else:
                     workers[i].end()
                     number = workers[i].process.exitcode
                     workers[i] = Worker(context)
@@ -87,8 +100,17 @@ def _next(worker: Worker, waiting: deque[tuple[Case, int]], left: dict[int, int]
 
 def _work(pipe: Connection) -> None:
     """The life of a worker: cases in, rows out, until nobody is at the other end."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C in the terminal is for the process that asked
     os.environ['TQDM_DISABLE'] = '1'
     with suppress(EOFError, OSError):
         while True:
-            pipe.send(row_of(pipe.recv()))
+            pipe.send(_row_or_error(pipe.recv()))
+
+
+def _row_or_error(case: Case) -> Row | MbdError:
+    """A row, or why none can be kept: the disk is full, or what was there is gone."""
+    try:
+        return row_of(case)
+    except MbdError as error:
+        return error
+    except OSError as error:
+        return BagError(f'{error.filename or case.rows}: {error.strerror or error}; what is done is kept, the same command goes on')

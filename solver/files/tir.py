@@ -134,7 +134,9 @@ def _content(path: Path) -> _Content:
         elif section and _ROW.fullmatch(line):
             if not rows and section in content.tables:
                 content.notes[section] = f'given twice: the table from line {number} on counts'
-            content.tables[section] = [*(content.tables[section] if rows else []), (number, line)]
+            if not rows:
+                content.tables[section] = []
+            content.tables[section].append((number, line))
             rows = True
         elif section in TABLES and not (heading or rows) and _HEADING.fullmatch(line):
             heading = True

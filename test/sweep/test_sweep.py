@@ -218,3 +218,19 @@ def test_a_file_is_found_by_name_too(tmp_path: Path, monkeypatch: pytest.MonkeyP
     (tmp_path / 'config' / 'sweeps' / 'mine.yaml').write_text(FILE)
     monkeypatch.chdir(tmp_path)
     assert load_sweep('mine').scene == 'pendulum'
+
+
+def test_a_worker_is_deaf_to_the_terminal_from_its_first_instruction(tmp_path: Path):
+    """Ctrl-C reaches all processes of a terminal; one that were still importing would say so with a traceback."""
+    import multiprocessing
+
+    from mbd_sim_ros.sweep.workers import Worker
+
+    worker = Worker(multiprocessing.get_context('spawn'))
+    try:
+        status = Path(f'/proc/{worker.process.pid}/status').read_text()
+        blocked = int(status.partition('SigBlk:')[2].split()[0], 16)
+        assert blocked >> (signal.SIGINT - 1) & 1
+        assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    finally:
+        worker.end()
