@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
 from typing import Annotated, Literal, NamedTuple
 
@@ -29,6 +30,9 @@ import numpy as np
 from solver.compiled.portable import clamped_spline_slopes, piecewise_cubic
 from solver.errors import SpecError
 from solver.inputs.signals import Signal, smooth_step
+
+COARSE = 0.25  # distance of the points that a course is drawn with [m]
+FAR = 1e5  # m
 
 
 class Gate(NamedTuple):
@@ -138,6 +142,62 @@ class Circle:
         return math.copysign(1.0, self.radius) * (distance - abs(self.radius))
 
 
+@dataclass(frozen=True, kw_only=True)
+class Course:
+    """Any way on the plane: through points [[x, y], ...] [m] in their order, back to the first one where closed; straight on behind the
+    ends of an open one.
+
+    Between the points runs the cubic of Catmull and Rom with the square roots of the distances as its parameter, which makes neither loops
+    nor corners ([Yuksel2011]); its curvature jumps at the points, so that a curve wants them closely spaced.
+    """
+
+    kind: Literal['course'] = 'course'
+    points: tuple[tuple[float, float], ...]
+    closed: bool = False
+
+    def __post_init__(self) -> None:
+        if len(self.points) < 2 + self.closed:
+            raise SpecError(f'points: {len(self.points)} given, a course needs at least {2 + self.closed} [x, y] points')
+        for k, (p, q) in enumerate(pairwise((*self.points, *self.points[: self.closed]))):
+            if math.hypot(q[0] - p[0], q[1] - p[1]) < COARSE:
+                raise SpecError(f'points[{(k + 1) % len(self.points)}]: must be at least {COARSE:g} m from the point before it')
+
+    @cached_property
+    def line(self) -> np.ndarray:
+        """(n, 2) points [m] of the course, COARSE apart or closer, those of an open one with a straight way of FAR at both ends."""
+        p = np.array(self.points)
+        if self.closed:
+            p = np.concatenate([p[-1:], p, p[:2]])
+        else:
+            p = np.concatenate([[2.0 * p[0] - p[1]], p, [2.0 * p[-1] - p[-2]]])
+        parts = []
+        for a, b, c, d in zip(p[:-3], p[1:-2], p[2:-1], p[3:], strict=True):
+            t = np.cumsum([0.0, *(math.sqrt(math.hypot(*(v - u).tolist())) for u, v in ((a, b), (b, c), (c, d)))])
+            n = math.ceil(math.hypot(*(c - b).tolist()) / COARSE)
+            s = (t[1] + (t[2] - t[1]) * np.arange(n) / n)[:, None]
+            A, B, C = (((v - s) * x + (s - u) * y) / (v - u) for u, v, x, y in ((t[0], t[1], a, b), (t[1], t[2], b, c), (t[2], t[3], c, d)))
+            D, E = ((t[2] - s) * A + (s - t[0]) * B) / (t[2] - t[0]), ((t[3] - s) * B + (s - t[1]) * C) / (t[3] - t[1])
+            parts.append(((t[2] - s) * D + (s - t[1]) * E) / (t[2] - t[1]))
+        way = np.concatenate([*parts, p[-2:-1]])
+        if self.closed:
+            return way
+        first, last = (FAR * (u - v) / math.hypot(*(u - v).tolist()) for u, v in ((way[0], way[1]), (way[-1], way[-2])))
+        return np.concatenate([[way[0] + first], way, [way[-1] + last]])
+
+    def left_of(self, x: float, y: float, heading: float) -> float:
+        """How far [m] the course lies to the left of a point, across the heading [rad]; where it does not cross that line, the distance of
+        the nearest point of it, on the side where this is."""
+        c, s = math.cos(heading), math.sin(heading)
+        dx, dy = self.line[:, 0] - x, self.line[:, 1] - y
+        ahead, left = c * dx + s * dy, c * dy - s * dx
+        k = np.flatnonzero((ahead[:-1] <= 0.0) & (ahead[1:] > 0.0))  # in the direction of the course
+        if not len(k):
+            nearest = int(np.argmin(ahead * ahead + left * left))
+            return math.copysign(math.hypot(ahead[nearest], left[nearest]), left[nearest])
+        across = left[k] - ahead[k] * (left[k + 1] - left[k]) / (ahead[k + 1] - ahead[k])
+        return float(across[np.argmin(np.abs(across))])
+
+
 class Sight(NamedTuple):
     """What the driver sees at the beginning of a step: reference frame of the chassis in the world."""
 
@@ -156,7 +216,7 @@ class PreviewDriver:
     bandwidth [Hz] and rate_limit [rad/s] of the hands. slowest: speed below which the preview distance shrinks no further [m/s].
     """
 
-    path: DoubleLaneChange | Waypoints | Circle
+    path: DoubleLaneChange | Waypoints | Circle | Course
     preview: Annotated[float, 's'] = 0.8
     wheelbase: Annotated[float, 'm'] = 2.7
     ratio: float = 16.0

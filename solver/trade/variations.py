@@ -9,7 +9,7 @@ import dataclasses
 from typing import Any, NamedTuple
 
 from solver.elements.road import RandomRoad, RoadSpec
-from solver.inputs.driver import Circle, Waypoints
+from solver.inputs.driver import Circle, Course, Waypoints
 from solver.inputs.maneuver import COMMANDS, Maneuver
 from solver.inputs.signals import Constant, Signal, Sum, signal
 from solver.scene import Scene
@@ -86,7 +86,7 @@ def _maneuver(maneuver: Maneuver, v: Variation) -> tuple[Maneuver, bool]:
         return maneuver, False
     driver = maneuver.driver
     if driver is not None:
-        if isinstance(driver.path, Waypoints) and v.direction < 0:
+        if isinstance(driver.path, Waypoints | Course) and v.direction < 0:
             path = dataclasses.replace(driver.path, points=tuple((x, -y) for x, y in driver.path.points))
             return dataclasses.replace(maneuver, driver=dataclasses.replace(driver, path=path)), True
         if isinstance(driver.path, Circle) and v.direction < 0:

@@ -8,7 +8,7 @@ import pytest
 from solver import simulation_of
 from solver.errors import SceneError, SpecError
 from solver.files.scene import load_scene, load_scene_text
-from solver.inputs.driver import Circle, DoubleLaneChange, PreviewDriver, Sight, SpeedControl, Waypoints
+from solver.inputs.driver import Circle, Course, DoubleLaneChange, PreviewDriver, Sight, SpeedControl, Waypoints
 from solver.inputs.maneuver import DriverSource, Maneuver
 from solver.inputs.signals import Ramp
 from solver.simulation import Simulation
@@ -243,3 +243,38 @@ def test_refusals_of_who_keeps_a_speed() -> None:
         Maneuver(speed=SpeedControl()).commands(0.0)
     with pytest.raises(SpecError, match="'speed' is given too"):
         Maneuver(speed=SpeedControl(), bag='bags/first')
+
+
+def test_a_course_of_points_on_a_circle_is_that_circle() -> None:
+    """32 points on a radius of 40 m: between them the cubic departs by less than the fourth order of their distance allows (2 mm)."""
+    radius, n = 40.0, 32
+    angles = 2.0 * np.pi * np.arange(n) / n
+    points = tuple((radius * np.sin(a), radius * (1.0 - np.cos(a))) for a in angles.tolist())
+    course, circle = Course(points=points, closed=True), Circle(radius=radius)
+    for angle in np.linspace(0.0, 2.0 * np.pi, 37):
+        for out in (-3.0, 0.0, 2.0):
+            x, y = (radius + out) * np.sin(angle), radius - (radius + out) * np.cos(angle)
+            assert course.left_of(x, y, angle) == pytest.approx(circle.left_of(x, y, angle), abs=5e-3)
+
+
+def test_an_open_course_goes_straight_on_and_its_own_crossings_are_told_apart() -> None:
+    """A loop that crosses itself at right angles: on each branch the one that is driven is followed."""
+    loop = ((50.0, 10.0), (40.0, 20.0), (30.0, 10.0))
+    course = Course(points=(*((x, 0.0) for x in range(0, 45, 5)), *loop, *((30.0, y) for y in range(5, -35, -5))))
+    assert course.left_of(-50.0, 1.0, 0.0) == pytest.approx(-1.0)
+    assert course.left_of(29.9, 0.5, 0.0) == pytest.approx(-0.5, abs=0.1)
+    assert course.left_of(30.5, -5.0, -0.5 * np.pi) == pytest.approx(-0.5, abs=0.1)
+    assert course.left_of(31.0, -200.0, -0.5 * np.pi) == pytest.approx(-1.0, abs=0.1)
+
+
+@pytest.mark.parametrize(
+    ('points', 'closed', 'says'),
+    [
+        (((0.0, 0.0),), False, 'at least 2'),
+        (((0.0, 0.0), (1.0, 0.0)), True, 'at least 3'),
+        (((0.0, 0.0), (0.1, 0.0)), False, r'points\[1\]'),
+    ],
+)
+def test_courses_that_cannot_be(points, closed, says) -> None:
+    with pytest.raises(SpecError, match=says):
+        Course(points=points, closed=closed)

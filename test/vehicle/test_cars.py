@@ -16,10 +16,10 @@ from solver.files.mechanism import MechanismReader
 from solver.files.scene import config_directories, find_file, load_scene_text
 from solver.files.yaml_tree import read
 from solver.model.evaluate import prepare
-from solver.scene import Scene
+from solver.scene import Scene, StartSettings
 from solver.simulation import Simulation
 from solver.start.newton import ConsistentState
-from solver.vehicle.car import Car, FollowingRack, car_model
+from solver.vehicle.car import Axle, Car, FollowingRack, car_model
 from solver.vehicle.double_wishbone import DoubleWishbone
 from solver.vehicle.live_axle import LiveAxle
 from solver.vehicle.parts import Part
@@ -169,6 +169,32 @@ def test_a_rear_rack_follows_the_steering_wheel() -> None:
     moved = 0.02 * angle / (2.0 * np.pi)
     arm = rear.suspension.steering_arm()  # of the toe link: negative, behind the axis
     assert curves['rear_left']['steer'][0] - rig.steering([0.0])['rear_left']['steer'][0] == pytest.approx(moved / arm, rel=0.02)
+
+
+def test_a_car_with_three_axles_drives() -> None:
+    """The pickup with a second, undriven live axle behind: all six tires carry, together the weight, and it rolls straight on."""
+    data = car('pickup_awd')
+    driven = data.axles[1]
+    rear = driven.suspension
+    assert isinstance(rear, LiveAxle) and rear.leaf is not None
+
+    def behind(point: tuple[float, ...]) -> tuple[float, float, float]:
+        return point[0] - 1.1, point[1], point[2]
+
+    leaf = dataclasses.replace(rear.leaf, **{key: behind(getattr(rear.leaf, key)) for key in ('front_eye', 'rear_eye', 'seat', 'shackle')})
+    brake = dataclasses.replace(rear.brake, share=0.5 * rear.brake.share)
+    tag = dataclasses.replace(
+        rear, leaf=leaf, brake=brake, wheel=dataclasses.replace(rear.wheel, center=behind(rear.wheel.center)),
+        housing=dataclasses.replace(rear.housing, com=behind(rear.housing.com)),
+        damper_chassis=behind(rear.damper_chassis), damper_axle=behind(rear.damper_axle),
+    )  # fmt: skip
+    first = dataclasses.replace(driven, suspension=dataclasses.replace(rear, brake=brake))
+    model = car_model(dataclasses.replace(data, axles=(data.axles[0], first, Axle(name='tag', suspension=tag))))
+    simulation = Simulation(Scene(name='three axles', model=model, start=StartSettings(kind='equilibrium', speed=15.0)))
+    loads = simulation.advance(200).tire[:, 2]
+    assert len(loads) == 6 and loads.min() > 1000.0
+    assert loads.sum() == pytest.approx(9.81 * sum(body.mass for body in model.bodies), rel=5e-3)
+    assert abs(simulation.snapshot().twist[simulation.channels.chassis or 0, 5]) < 1e-3
 
 
 @pytest.mark.parametrize(
