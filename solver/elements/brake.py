@@ -28,15 +28,14 @@ import numpy as np
 from solver.compiled.kernel import kernel, sixes
 from solver.elements.coordinate import (
     add_coordinate_hessian,
-    add_dyad,
+    add_generalized,
     add_gradient,
     coordinate_rate,
     coordinate_rate_gradient,
     evaluate_coordinate,
-    scale6,
 )
 from solver.elements.kind import ForceKind, Held
-from solver.elements.marker import Context, Spec
+from solver.elements.marker import Context, Spec, slots
 from solver.validate import finite
 
 OUTPUTS = {'energy': 'J', 'dissipation': 'W', 'windup': 'rad', 'rate': 'rad/s', 'torque': 'N m', 'capacity': 'N m'}
@@ -93,7 +92,7 @@ def compile_brakes(specs: Sequence[BrakeSpec], context: Context) -> BrakeTable:
         table.coordinate[e] = context.coordinate(spec.where, spec.coordinate)
         bodies = context.coordinate_bodies(int(table.coordinate[e]))
         table.body[e] = bodies
-        table.slot[e] = [[context.slot(row, column) for column in bodies] for row in bodies]
+        table.slot[e] = slots(bodies, context)
         table.state[e] = context.internal_states(spec.where, 1)
         table.input[e] = context.input(spec.where, spec.input)
     return table
@@ -143,13 +142,7 @@ def brake_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, K
         if tangents:
             if slope > 0.0:
                 h_i, h_j = coordinate_rate_gradient(coordinates, kin, c)
-                h = (h_i, h_j)
-                for b in range(2):
-                    dQ = scale6(-slope, h[b])
-                    dQ_dv = scale6(-slope, g[b])
-                    for a in range(2):
-                        add_dyad(g[a], dQ, table.slot[e, a, b], Kq)
-                        add_dyad(g[a], dQ_dv, table.slot[e, a, b], Kv)
+                add_generalized(g, (h_i, h_j), 2, 0.0, slope, table.slot, e, Kq, Kv)
             add_coordinate_hessian(coordinates, kin, c, -torque, Kq)
         z[n] = wound
         out[e, 0] = 0.5 * k * wound * wound

@@ -20,7 +20,7 @@ import numpy as np
 
 from solver.compiled.kernel import kernel, sixes
 from solver.compiled.portable import product
-from solver.compiled.rows import add_block, add_rows, cross_rows, mul_rows, rows, sub_block, sub_rows
+from solver.compiled.rows import add_rows, cross_rows, mul_rows, rows, sub_rows
 from solver.compiled.so3 import inverse_jacobian_coefficients, log
 from solver.compiled.vec import (
     add,
@@ -40,14 +40,13 @@ from solver.compiled.vec import (
     scale,
     skew,
     sub,
-    tmm,
     tmv,
     transpose,
 )
 from solver.elements.kind import ForceKind
 from solver.elements.laws import Law, evaluate_law
 from solver.elements.marker import Context, Marker, Spec, compile_pairs
-from solver.elements.point_pair import angular_velocity, linear_velocity
+from solver.elements.relative import Nine, Three, add_by_place, add_by_rate, by_place, by_rate, relative_motion
 from solver.validate import finite, require, vector
 
 OUTPUTS = (
@@ -57,9 +56,7 @@ OUTPUTS = (
     | dict.fromkeys(('x', 'y', 'z'), 'm')
     | dict.fromkeys(('rx', 'ry', 'rz'), 'rad')
 )
-Three = tuple[float, float, float]
 Six = tuple[float, float, float, float, float, float]
-Nine = tuple[float, float, float, float, float, float, float, float, float]  # a matrix, row by row
 ZERO: Six = (0.0,) * 6
 
 
@@ -186,21 +183,12 @@ def _torque_tangent(x, s, c, e, m, M):
     return madd(msub(D, mscale(0.5, Dx)), mscale(c, m_cross(Dx, x)))
 
 
-class Relative(NamedTuple):
-    """Placement and motion of G relative to F, and what leads there; everything along the axes of B_i."""
+class Turned(NamedTuple):
+    """How G stands to F, and turns, beside the motion of its origin (solver.elements.relative), along the axes of B_i."""
 
-    R: Nine  # R_i
-    S: Nine  # R_i^T R_j
-    rho: Three  # G from the centre of mass of j [m]
-    e: Three  # G from the centre of mass of i [m]
     d: Three  # displacement: G from F [m]
     theta: Three  # rotation vector [rad]
-    w_i: Three  # angular velocity of i [rad/s]
-    s: Three  # and of j
-    sigma: Three  # s x rho: of G from the motion of j's centre of mass [m/s]
-    y: Three  # v_G - v_i [m/s]
-    d_dot: Three  # velocity of G in B_i [m/s]
-    w: Three  # s - w_i
+    w: Three  # angular velocity relative to i [rad/s]
 
 
 class Loads(NamedTuple):
@@ -219,41 +207,25 @@ class Loads(NamedTuple):
 
 
 @kernel(inline=True)
-def _relative_motion(table, n, kin):
-    """The Relative of bushing n."""
-    i = table.body[n, 0]
-    j = table.body[n, 1]
-    R_i = load33(kin.R, i)
-    R_j = load33(kin.R, j)
-    r_j = load3(table.r_j, n)
-    w_i = angular_velocity(kin, i)
-    w_j = angular_velocity(kin, j)
-    S = tmm(R_i, R_j)
-    rho = mv(S, r_j)
-    e = add(tmv(R_i, sub(load3(kin.p, j), load3(kin.p, i))), rho)
-    d = sub(e, load3(table.r_i, n))
-    s = mv(S, w_j)
-    sigma = cross(s, rho)
-    y = add(tmv(R_i, sub(linear_velocity(kin, j), linear_velocity(kin, i))), sigma)
-    d_dot = add(y, cross(e, w_i))
-    theta = log(mm(S, load33(table.H, n)))
-    return Relative(R_i, S, rho, e, d, theta, w_i, s, sigma, y, d_dot, sub(s, w_i))
+def _turned(table, n, at):
+    """The Turned of bushing n in the relative motion `at`."""
+    return Turned(sub(at.e, load3(table.r_i, n)), log(mm(at.S, load33(table.H, n))), sub(at.s, at.w_i))
 
 
 @kernel(inline=True)
-def _loads(table, laws, n, at):
-    """The Loads of bushing n in the relative motion `at`."""
-    g, K, energy = _elastic(table, laws, n, 0, at.d)
-    m, Kt, energy_t = _elastic(table, laws, n, 3, at.theta)
+def _loads(table, laws, n, at, by):
+    """The Loads of bushing n in the relative motion `at`, turned `by`."""
+    g, K, energy = _elastic(table, laws, n, 0, by.d)
+    m, Kt, energy_t = _elastic(table, laws, n, 3, by.theta)
     viscous = mv(load33(table.C, n), at.d_dot)
-    viscous_t = mv(load33(table.Ct, n), at.w)
-    s2 = dot(at.theta, at.theta)
+    viscous_t = mv(load33(table.Ct, n), by.w)
+    s2 = dot(by.theta, by.theta)
     c1, c2 = inverse_jacobian_coefficients(s2)
-    xm = cross(at.theta, m)
-    elastic_t = add(m, add(scale(0.5, xm), scale(c1, cross(at.theta, xm))))
+    xm = cross(by.theta, m)
+    elastic_t = add(m, add(scale(0.5, xm), scale(c1, cross(by.theta, xm))))
     force = scale(-1.0, add(g, viscous))
     torque = scale(-1.0, add(elastic_t, viscous_t))
-    dissipation = dot(at.d_dot, viscous) + dot(at.w, viscous_t)
+    dissipation = dot(at.d_dot, viscous) + dot(by.w, viscous_t)
     return Loads(force, torque, m, K, Kt, s2, c1, c2, energy + energy_t, dissipation)
 
 
@@ -270,15 +242,15 @@ def _add_loads(table, n, at, on, f):
 
 
 @kernel(inline=True)
-def _show(table, n, at, on, out):
+def _show(table, n, by, on, out):
     """Assign the outputs, along the axes of F."""
     F = load33(table.F, n)
     out[n, 0] = on.energy
     out[n, 1] = on.dissipation
     o1 = tmv(F, on.force)
     o2 = tmv(F, on.torque)
-    o3 = tmv(F, at.d)
-    o4 = tmv(F, at.theta)
+    o3 = tmv(F, by.d)
+    o4 = tmv(F, by.theta)
     for k in range(3):
         out[n, 2 + k] = o1[k]
         out[n, 5 + k] = o2[k]
@@ -287,95 +259,57 @@ def _show(table, n, at, on, out):
 
 
 @kernel(inline=True)
-def _add_stiffness(table, n, at, on, Kq):
-    """Accumulate the tangents of the forces with respect to position and rotation.
-
-    Columns dp (of j; of i the opposite), dtheta_i and dtheta_j of: the displacement; the force along the axes of F, which turn with
-    i; the same as seen from G; the torques on i and on j.
-    """
-    s_ii, s_ij, s_ji, s_jj = table.slot[n, 0], table.slot[n, 1], table.slot[n, 2], table.slot[n, 3]
+def _add_stiffness(table, n, at, by, on, Kq):
+    """Accumulate the tangents of the forces with respect to position and rotation (columns of solver.elements.relative)."""
     C = load33(table.C, n)
     D = msub(m_cross(C, at.w_i), on.K)
-    E = msub(m_cross(load33(table.Ct, n), at.s), _torque_tangent(at.theta, on.s2, on.c1, on.c2, on.m, on.Kt))
+    E = msub(m_cross(load33(table.Ct, n), at.s), _torque_tangent(by.theta, on.s2, on.c1, on.c2, on.m, on.Kt))
+    c = by_place(at, on.force, C, D)
     back = transpose(at.S)
     R = rows(transpose(at.R))
     S = rows(at.S)
-    rho_S = cross_rows(at.rho, S)
-    p_force = mul_rows(D, R)
-    a_force = rows(msub(m_cross(D, at.e), m_cross(C, at.y)))
-    b_force = mul_rows(msub(m_cross(C, at.sigma), m_cross(D, at.rho)), S)
-    a_seen = sub_rows(a_force, rows(skew(on.force)))
-    b_seen = add_rows(b_force, cross_rows(on.force, S))
     E_S = mul_rows(E, S)
-    p_W = mul_rows(at.R, p_force)
-    a_W = mul_rows(at.R, a_seen)
-    b_W = mul_rows(at.R, b_force)
-    p_i = sub_rows(cross_rows(on.force, R), cross_rows(at.e, p_force))
-    a_i = sub_rows(rows(madd(cross_m(on.force, skew(at.e)), E)), cross_rows(at.e, a_force))
-    b_i = add_rows(add_rows(cross_rows(on.force, rho_S), cross_rows(at.e, b_force)), E_S)  # the opposite
-    p_j = mul_rows(back, cross_rows(at.rho, p_force))
-    a_j = mul_rows(back, sub_rows(cross_rows(at.rho, a_seen), rows(madd(E, skew(on.torque)))))
-    b_j = mul_rows(back, add_rows(add_rows(cross_rows(at.rho, b_seen), cross_rows(on.torque, S)), E_S))
-    zero = rows(mscale(0.0, at.S))
-    add_block(Kq, s_jj, 0, p_W, b_W)
-    add_block(Kq, s_jj, 3, p_j, b_j)
-    sub_block(Kq, s_ji, 0, p_W, sub_rows(zero, a_W))
-    sub_block(Kq, s_ji, 3, p_j, sub_rows(zero, a_j))
-    sub_block(Kq, s_ij, 0, p_W, b_W)
-    add_block(Kq, s_ij, 3, p_i, sub_rows(zero, b_i))
-    add_block(Kq, s_ii, 0, p_W, sub_rows(zero, a_W))
-    sub_block(Kq, s_ii, 3, p_i, sub_rows(zero, a_i))
+    p_i = sub_rows(cross_rows(on.force, R), cross_rows(at.e, c.p))
+    a_i = sub_rows(rows(madd(cross_m(on.force, skew(at.e)), E)), cross_rows(at.e, c.a))
+    b_i = add_rows(add_rows(cross_rows(on.force, cross_rows(at.rho, S)), cross_rows(at.e, c.b)), E_S)
+    p_j = mul_rows(back, cross_rows(at.rho, c.p))
+    a_j = mul_rows(back, sub_rows(cross_rows(at.rho, c.a_seen), rows(madd(E, skew(on.torque)))))
+    b_j = mul_rows(back, add_rows(add_rows(cross_rows(at.rho, c.b_seen), cross_rows(on.torque, S)), E_S))
+    add_by_place(table.slot, n, at, c, (p_i, a_i, b_i), (p_j, a_j, b_j), Kq)
 
 
 @kernel(inline=True)
 def _add_damping(table, n, at, Kv):
-    """Accumulate the tangents of the forces with respect to velocity: the columns of _add_stiffness, computed without their sign."""
-    s_ii, s_ij, s_ji, s_jj = table.slot[n, 0], table.slot[n, 1], table.slot[n, 2], table.slot[n, 3]
-    C = load33(table.C, n)
+    """Accumulate the tangents of the forces with respect to velocity."""
+    c = by_rate(at, load33(table.C, n))
     Ct = load33(table.Ct, n)
     back = transpose(at.S)
-    R = rows(transpose(at.R))
-    S = rows(at.S)
-    zero = rows(mscale(0.0, at.S))
-    p_force = mul_rows(C, R)
-    a_force = rows(m_cross(C, at.e))
-    b_force = sub_rows(zero, mul_rows(C, cross_rows(at.rho, S)))
-    Ct_S = mul_rows(Ct, S)
+    Ct_S = mul_rows(Ct, rows(at.S))
     Ct_ = rows(mscale(1.0 + 0.0 * at.e[0], Ct))  # of the type of the motion
-    p_W = mul_rows(at.R, p_force)
-    a_W = mul_rows(at.R, a_force)
-    b_W = mul_rows(at.R, b_force)
-    p_i = cross_rows(at.e, p_force)
-    a_i = sub_rows(cross_rows(at.e, a_force), Ct_)
-    b_i = add_rows(cross_rows(at.e, b_force), Ct_S)
-    p_j = mul_rows(back, cross_rows(at.rho, p_force))
-    a_j = mul_rows(back, sub_rows(cross_rows(at.rho, a_force), Ct_))
-    b_j = mul_rows(back, add_rows(cross_rows(at.rho, b_force), Ct_S))
-    sub_block(Kv, s_jj, 0, p_W, b_W)
-    sub_block(Kv, s_jj, 3, p_j, b_j)
-    add_block(Kv, s_ji, 0, p_W, sub_rows(zero, a_W))
-    add_block(Kv, s_ji, 3, p_j, sub_rows(zero, a_j))
-    add_block(Kv, s_ij, 0, p_W, b_W)
-    add_block(Kv, s_ij, 3, p_i, b_i)
-    sub_block(Kv, s_ii, 0, p_W, sub_rows(zero, a_W))
-    sub_block(Kv, s_ii, 3, p_i, sub_rows(zero, a_i))
+    p_i = cross_rows(at.e, c.p)
+    a_i = sub_rows(cross_rows(at.e, c.a), Ct_)
+    b_i = add_rows(cross_rows(at.e, c.b), Ct_S)
+    p_j = mul_rows(back, cross_rows(at.rho, c.p))
+    a_j = mul_rows(back, sub_rows(cross_rows(at.rho, c.a), Ct_))
+    b_j = mul_rows(back, add_rows(cross_rows(at.rho, c.b), Ct_S))
+    add_by_rate(table.slot, n, at, c, (p_i, a_i, b_i), (p_j, a_j, b_j), Kv)
 
 
 @kernel(borrow=True)
 def bushing_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
     """Accumulate forces and tangents of all bushings (contract: solver/elements/__init__.py).
 
-    Everything is computed along the axes of B_i. a = dtheta_i and b = S dtheta_j are the rotation variations there and
-    P = R_i^T (dp_j - dp_i); then the displacement of G relative to B_i varies by P + e x a - rho x b.
+    Everything is computed along the axes of B_i (solver.elements.relative).
     """
     f = sixes(f)
     for n in range(table.body.shape[0]):
-        at = _relative_motion(table, n, kin)
-        on = _loads(table, laws, n, at)
+        at = relative_motion(table, n, kin)
+        by = _turned(table, n, at)
+        on = _loads(table, laws, n, at, by)
         _add_loads(table, n, at, on, f)
-        _show(table, n, at, on, out)
+        _show(table, n, by, on, out)
         if tangents:
-            _add_stiffness(table, n, at, on, Kq)
+            _add_stiffness(table, n, at, by, on, Kq)
             _add_damping(table, n, at, Kv)
 
 

@@ -182,6 +182,22 @@ def add_dyad(g, h, slot, K):
         put66(K, slot, outer(g[0], h[0]), outer(g[0], h[1]), outer(g[1], h[0]), outer(g[1], h[1]))
 
 
+@kernel(inline=True)
+def add_generalized(g, h, n, stiffness, damping, slot, e, Kq, Kv):
+    """Add the tangents of a generalized force Q on n gradients g: dQ = -stiffness g - damping h over places, h being the gradient of the
+    rate, and -damping g over velocities; slot[e, a, b]: block of row a and column b.
+    """
+    for b in range(n):
+        if stiffness != 0.0 or damping != 0.0:
+            dQ = add6(scale6(-stiffness, g[b]), scale6(-damping, h[b]))
+            for a in range(n):
+                add_dyad(g[a], dQ, slot[e, a, b], Kq)
+        if damping != 0.0:
+            dQ_dv = scale6(-damping, g[b])
+            for a in range(n):
+                add_dyad(g[a], dQ_dv, slot[e, a, b], Kv)
+
+
 @kernel(borrow=True)
 def coordinate_rate_gradient(table, kin, k):
     """Return (h_i, h_j): derivative of the rate of coordinate k with respect to the variation, at constant twists; pairs as g_i, g_j."""

@@ -18,9 +18,8 @@ import numpy as np
 
 from solver.compiled.kernel import kernel, sixes
 from solver.elements.coordinate import (
-    add6,
     add_coordinate_hessian,
-    add_dyad,
+    add_generalized,
     add_gradient,
     coordinate_rate,
     coordinate_rate_gradient,
@@ -29,7 +28,7 @@ from solver.elements.coordinate import (
 )
 from solver.elements.kind import ForceKind
 from solver.elements.laws import Law, evaluate_law
-from solver.elements.marker import Context, Spec
+from solver.elements.marker import Context, Spec, slots
 from solver.validate import finite, require
 
 OUTPUTS = {'energy': 'J', 'dissipation': 'W', 'value': 'm or rad', 'rate': 'm/s or rad/s', 'force': 'N or N m'}
@@ -107,9 +106,7 @@ def compile_coordinate_forces(specs: Sequence[CoordinateForceSpec], context: Con
             table.factor[e, t] = factor
             bodies += context.coordinate_bodies(int(table.coordinate[e, t]))
         table.body[e, : len(bodies)] = bodies
-        for a, row in enumerate(bodies):
-            for b, column in enumerate(bodies):
-                table.slot[e, a, b] = context.slot(row, column)
+        table.slot[e, : len(bodies), : len(bodies)] = slots(bodies, context)
         table.law[e] = context.law(spec.spring), context.law(spec.damper)
         if spec.input is not None:
             table.input[e] = context.input(spec.where, spec.input)
@@ -182,16 +179,8 @@ def coordinate_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents,
         for a in range(2 * table.terms[e]):
             add_gradient(Q, g[a], table.body[e, a], f)
         if tangents:
-            # dQ = -stiffness ds - damping d(ds/dt); a torque that is only applied, below its limiter, has neither
-            for b in range(2 * table.terms[e]):
-                if stiffness != 0.0 or damping != 0.0:
-                    dQ = add6(scale6(-stiffness, g[b]), scale6(-damping, h[b]))
-                    for a in range(2 * table.terms[e]):
-                        add_dyad(g[a], dQ, table.slot[e, a, b], Kq)
-                if damping != 0.0:
-                    dQ_dv = scale6(-damping, g[b])
-                    for a in range(2 * table.terms[e]):
-                        add_dyad(g[a], dQ_dv, table.slot[e, a, b], Kv)
+            # a torque that is only applied, below its limiter, has neither stiffness nor damping
+            add_generalized(g, h, 2 * table.terms[e], stiffness, damping, table.slot, e, Kq, Kv)
             for t in range(table.terms[e]):
                 add_coordinate_hessian(coordinates, kin, table.coordinate[e, t], table.factor[e, t] * Q, Kq)
         out[e, 0] = energy + table.preload[e] * x

@@ -55,7 +55,7 @@ from solver.elements.guide_travel import coupling, damper_on_travel
 from solver.elements.guide_wheel import dot8, eight, gradients, load8, over_travels, plus8, times8, wheel_of, wrench
 from solver.elements.kind import ForceKind, Held
 from solver.elements.laws import Law, evaluate_law
-from solver.elements.marker import Context, Marker, Spec
+from solver.elements.marker import Context, Marker, Spec, slots
 from solver.validate import Vector, finite, require
 
 SIDES = ('left', 'right')
@@ -197,7 +197,7 @@ def compile_guides(specs: Sequence[GuideSpec], context: Context) -> GuideTable:
         if spec.coordinate is not None:
             table.steering[e] = context.coordinate(spec.where, spec.coordinate)
             table.body[e, 3:] = context.coordinate_bodies(int(table.steering[e]))
-        table.slot[e] = [[context.slot(a, b) for b in table.body[e].tolist()] for a in table.body[e].tolist()]
+        table.slot[e] = slots(table.body[e].tolist(), context)
         table.state[e] = context.internal_states(spec.where, STATES)
         table.input[e] = context.input(spec.where, spec.input)
     return table

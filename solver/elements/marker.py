@@ -153,8 +153,13 @@ def compile_pairs(specs: Sequence[Between], context: Context) -> MarkerPairs:
         pairs.body[e] = i.body, j.body
         pairs.r_i[e], pairs.r_j[e] = i.r, j.r
         pairs.F[e], pairs.G[e] = i.R, j.R
-        pairs.slot[e] = [context.slot(a, b) for a in (i.body, j.body) for b in (i.body, j.body)]
+        pairs.slot[e] = np.ravel(slots((i.body, j.body), context))
     return pairs
+
+
+def slots(bodies: Sequence[int], context: Context) -> list[list[int]]:
+    """Blocks (row body, column body) of some bodies."""
+    return [[context.slot(row, column) for column in bodies] for row in bodies]
 
 
 def number_pairs(specs: Sequence[Any], context: Context) -> tuple[np.ndarray, np.ndarray]:

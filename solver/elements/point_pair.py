@@ -8,7 +8,7 @@ import numpy as np
 
 from solver.compiled.kernel import kernel
 from solver.compiled.rows import add_block, add_rows, cross_rows, mul_rows, rows, sub_block, sub_rows
-from solver.compiled.vec import add3, cross, cross_cross, load3, load33, m_cross, mscale, tmv, transpose
+from solver.compiled.vec import add3, cross, cross_cross, load3, load33, m_cross, madd, mscale, outer, scale, sub, tmv, transpose
 
 
 class Kinematics(NamedTuple):
@@ -64,6 +64,38 @@ def add_point_force(kin, b, r, F, f):
     add3(f, b, 3, cross(r, tmv(load33(kin.R, b), F)))
 
 
+class Between(NamedTuple):
+    """Points P on body i and Q on body j."""
+
+    i: int
+    j: int
+    r_i: tuple  # from the centre of mass, in B_i [m]
+    r_j: tuple
+    d: tuple  # from P to Q in W [m]
+    v: tuple  # velocity of Q less that of P in W [m/s]
+
+
+@kernel(inline=True)
+def between(table, e, kin):
+    """The points of element e of a table with the columns body, r_i and r_j."""
+    i = table.body[e, 0]
+    j = table.body[e, 1]
+    r_i = load3(table.r_i, e)
+    r_j = load3(table.r_j, e)
+    d = sub(point_position(kin, j, r_j), point_position(kin, i, r_i))
+    v = sub(point_velocity(kin, j, r_j), point_velocity(kin, i, r_i))
+    return Between(i, j, r_i, r_j, d, v)
+
+
+@kernel(inline=True)
+def add_tension(kin, at, n, force, f):
+    """Add a force along the unit vector n from P to Q that pulls them together, and return it as it acts on j."""
+    F = scale(-force, n)
+    add_point_force(kin, at.j, at.r_j, F, f)
+    add_point_force(kin, at.i, at.r_i, scale(force, n), f)
+    return F
+
+
 @kernel(inline=True)
 def _add_variations(R_i, R_j, r_i, r_j, D, on_j, on_i, turn_j, turn_i, s_ii, s_ij, s_ji, s_jj, K):
     """Add the variations of a force on j and of its reaction on i, with their torques, to the blocks K; all matrices are rows.
@@ -107,3 +139,17 @@ def add_point_pair_tangent(kin, i, j, r_i, r_j, F, D, C, s_ii, s_ij, s_ji, s_jj,
     on_j = sub_rows(none, mul_rows(C, U_j))
     on_i = sub_rows(none, mul_rows(C, U_i))
     _add_variations(R_i, R_j, r_i, r_j, rows(C), on_j, on_i, none, none, s_ii, s_ij, s_ji, s_jj, Kv)
+
+
+@kernel(inline=True)
+def add_tension_tangent(kin, at, n, rate, F, stiffness, damping, across, twist, slot, e, Kq, Kv):
+    """Add the tangents of add_tension: of its stiffness and damping along n, and of its turn: across = force / length, twist = -damping /
+    length where there is a length.
+
+    F = -force n ; dn = (1 - n n^T) dd / length ; drate = n.dw + (w - rate n).dd / length
+    """
+    nn = outer(n, n)
+    D = madd(mscale(-(stiffness - across), nn), mscale(twist, outer(n, sub(at.v, scale(rate, n)))))
+    D = (D[0] - across, D[1], D[2], D[3], D[4] - across, D[5], D[6], D[7], D[8] - across)
+    C = mscale(-damping, nn)
+    add_point_pair_tangent(kin, at.i, at.j, at.r_i, at.r_j, F, D, C, slot[e, 0], slot[e, 1], slot[e, 2], slot[e, 3], Kq, Kv)

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.compiled.kernel import kernel, sixes
-from solver.compiled.rows import add_block, add_rows, cross_rows, mul_rows, rows, sub_block, sub_rows
+from solver.compiled.rows import add_rows, cross_rows, mul_rows, rows, sub_rows
 from solver.compiled.vec import (
     add,
     add3,
@@ -38,14 +38,13 @@ from solver.compiled.vec import (
     scale,
     skew,
     sub,
-    tmm,
     tmv,
     transpose,
 )
 from solver.elements.kind import ForceKind
 from solver.elements.laws import Law, evaluate_law
 from solver.elements.marker import Context, Marker, Spec, compile_pairs
-from solver.elements.point_pair import angular_velocity, linear_velocity
+from solver.elements.relative import add_by_place, add_by_rate, by_place, by_rate, relative_motion
 from solver.validate import finite, vector
 
 OUTPUTS = {'energy': 'J', 'dissipation': 'W', 'length': 'm', 'rate': 'm/s', 'force': 'N'}
@@ -108,86 +107,52 @@ def compile_rods(specs: Sequence[RodSpec], context: Context) -> RodTable:
 
 
 @kernel(inline=True)
-def _add_stiffness(R_i, S, rho, e, sigma, y, force, C, D, s_ii, s_ij, s_ji, s_jj, Kq):
-    """Accumulate the tangents of the forces with respect to position and rotation: columns as in solver.elements.bushing, no moments."""
-    back = transpose(S)
-    R = rows(transpose(R_i))
-    S_ = rows(S)
-    p_force = mul_rows(D, R)
-    a_force = rows(msub(m_cross(D, e), m_cross(C, y)))
-    b_force = mul_rows(msub(m_cross(C, sigma), m_cross(D, rho)), S_)
-    a_seen = sub_rows(a_force, rows(skew(force)))
-    b_seen = add_rows(b_force, cross_rows(force, S_))
-    zero = rows(mscale(0.0, S))
-    p_W = mul_rows(R_i, p_force)
-    a_W = mul_rows(R_i, a_seen)
-    b_W = mul_rows(R_i, b_force)
-    p_i = sub_rows(cross_rows(force, R), cross_rows(e, p_force))
-    a_i = sub_rows(rows(cross_m(force, skew(e))), cross_rows(e, a_force))
-    b_i = add_rows(cross_rows(force, cross_rows(rho, S_)), cross_rows(e, b_force))  # the opposite
-    p_j = mul_rows(back, cross_rows(rho, p_force))
-    a_j = mul_rows(back, cross_rows(rho, a_seen))
-    b_j = mul_rows(back, cross_rows(rho, b_seen))
-    add_block(Kq, s_jj, 0, p_W, b_W)
-    add_block(Kq, s_jj, 3, p_j, b_j)
-    sub_block(Kq, s_ji, 0, p_W, sub_rows(zero, a_W))
-    sub_block(Kq, s_ji, 3, p_j, sub_rows(zero, a_j))
-    sub_block(Kq, s_ij, 0, p_W, b_W)
-    add_block(Kq, s_ij, 3, p_i, sub_rows(zero, b_i))
-    add_block(Kq, s_ii, 0, p_W, sub_rows(zero, a_W))
-    sub_block(Kq, s_ii, 3, p_i, sub_rows(zero, a_i))
+def _add_stiffness(table, n, at, force, C, D, Kq):
+    """Accumulate the tangents of the forces with respect to position and rotation; there are no moments but those of the force."""
+    c = by_place(at, force, C, D)
+    back = transpose(at.S)
+    p_i = sub_rows(cross_rows(force, rows(transpose(at.R))), cross_rows(at.e, c.p))
+    a_i = sub_rows(rows(cross_m(force, skew(at.e))), cross_rows(at.e, c.a))
+    b_i = add_rows(cross_rows(force, cross_rows(at.rho, rows(at.S))), cross_rows(at.e, c.b))
+    p_j, a_j, b_j = (
+        mul_rows(back, cross_rows(at.rho, c.p)),
+        mul_rows(back, cross_rows(at.rho, c.a_seen)),
+        mul_rows(back, cross_rows(at.rho, c.b_seen)),
+    )
+    add_by_place(table.slot, n, at, c, (p_i, a_i, b_i), (p_j, a_j, b_j), Kq)
 
 
 @kernel(inline=True)
-def _add_damping(R_i, S, rho, e, C, s_ii, s_ij, s_ji, s_jj, Kv):
-    """Accumulate the tangents of the forces with respect to velocity: the columns of _add_stiffness, computed without their sign."""
-    back = transpose(S)
-    S_ = rows(S)
-    zero = rows(mscale(0.0, S))
-    p_force = mul_rows(C, rows(transpose(R_i)))
-    a_force = rows(m_cross(C, e))
-    b_force = sub_rows(zero, mul_rows(C, cross_rows(rho, S_)))
-    p_W = mul_rows(R_i, p_force)
-    a_W = mul_rows(R_i, a_force)
-    b_W = mul_rows(R_i, b_force)
-    p_j = mul_rows(back, cross_rows(rho, p_force))
-    a_j = mul_rows(back, cross_rows(rho, a_force))
-    b_j = mul_rows(back, cross_rows(rho, b_force))
-    sub_block(Kv, s_jj, 0, p_W, b_W)
-    sub_block(Kv, s_jj, 3, p_j, b_j)
-    add_block(Kv, s_ji, 0, p_W, sub_rows(zero, a_W))
-    add_block(Kv, s_ji, 3, p_j, sub_rows(zero, a_j))
-    add_block(Kv, s_ij, 0, p_W, b_W)
-    add_block(Kv, s_ij, 3, cross_rows(e, p_force), cross_rows(e, b_force))
-    sub_block(Kv, s_ii, 0, p_W, sub_rows(zero, a_W))
-    sub_block(Kv, s_ii, 3, cross_rows(e, p_force), sub_rows(zero, cross_rows(e, a_force)))
+def _add_damping(table, n, at, C, Kv):
+    """Accumulate the tangents of the forces with respect to velocity."""
+    c = by_rate(at, C)
+    back = transpose(at.S)
+    on_i = (cross_rows(at.e, c.p), cross_rows(at.e, c.a), cross_rows(at.e, c.b))
+    on_j = (
+        mul_rows(back, cross_rows(at.rho, c.p)),
+        mul_rows(back, cross_rows(at.rho, c.a)),
+        mul_rows(back, cross_rows(at.rho, c.b)),
+    )
+    add_by_rate(table.slot, n, at, c, on_i, on_j, Kv)
 
 
 @kernel(borrow=True)
 def rod_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
     """Accumulate forces and tangents of all rods (contract: solver/elements/__init__.py).
 
-    Everything is computed along the axes of B_i, with the variations of solver.elements.bushing.bushing_forces.
+    Everything is computed along the axes of B_i (solver.elements.relative).
     """
     f = sixes(f)
     for n in range(table.length.shape[0]):
         i = table.body[n, 0]
         j = table.body[n, 1]
-        R_i = load33(kin.R, i)
-        R_j = load33(kin.R, j)
-        w_i = angular_velocity(kin, i)
-        S = tmm(R_i, R_j)
-        rho = mv(S, load3(table.r_j, n))
-        e = add(tmv(R_i, sub(load3(kin.p, j), load3(kin.p, i))), rho)
-        sigma = cross(mv(S, angular_velocity(kin, j)), rho)
-        y = add(tmv(R_i, sub(linear_velocity(kin, j), linear_velocity(kin, i))), sigma)
-        d = sub(e, load3(table.r_i, n))
-        d_dot = add(y, cross(e, w_i))
+        at = relative_motion(table, n, kin)
+        d = sub(at.e, load3(table.r_i, n))
         s = np.sqrt(dot(d, d))
         t = 1.0 / s
         along = scale(t, d)
-        rate = dot(along, d_dot)
-        slide = sub(d_dot, scale(rate, along))
+        rate = dot(along, at.d_dot)
+        slide = sub(at.d_dot, scale(rate, along))
         tension, stiffness, energy = evaluate_law(laws, table.law[n], s - table.length[n])
         swing = load33(table.S, n)
         q = mv(swing, along)
@@ -196,11 +161,11 @@ def rod_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
         c = table.damping[n]
         k = table.across[n]
         force = scale(-1.0, add(add(scale(tension + c * rate, along), scale(t, bend)), scale(k, slide)))
-        F_W = mv(R_i, force)
+        F_W = mv(at.R, force)
         add3(f, j, 0, F_W)
         add3(f, i, 0, scale(-1.0, F_W))
-        add3(f, j, 3, tmv(S, cross(rho, force)))
-        add3(f, i, 3, scale(-1.0, cross(e, force)))
+        add3(f, j, 3, tmv(at.S, cross(at.rho, force)))
+        add3(f, i, 3, scale(-1.0, cross(at.e, force)))
         if tangents:
             # -d(force)/dd at constant d_dot; the second derivative of the swing's energy is t^2 (S - 2 (n bend^T + bend n^T) - n.S n)
             nn = outer(along, along)
@@ -212,10 +177,9 @@ def rod_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
             D = (D[0] + p, D[1], D[2], D[3], D[4] + p, D[5], D[6], D[7], D[8] + p)
             C = mscale(c - k, nn)
             C = (C[0] + k, C[1], C[2], C[3], C[4] + k, C[5], C[6], C[7], C[8] + k)
-            D = msub(m_cross(C, w_i), D)
-            s_ii, s_ij, s_ji, s_jj = table.slot[n, 0], table.slot[n, 1], table.slot[n, 2], table.slot[n, 3]
-            _add_stiffness(R_i, S, rho, e, sigma, y, force, C, D, s_ii, s_ij, s_ji, s_jj, Kq)
-            _add_damping(R_i, S, rho, e, C, s_ii, s_ij, s_ji, s_jj, Kv)
+            D = msub(m_cross(C, at.w_i), D)
+            _add_stiffness(table, n, at, force, C, D, Kq)
+            _add_damping(table, n, at, C, Kv)
         out[n, 0] = energy + 0.5 * nq
         out[n, 1] = c * rate * rate + k * dot(slide, slide)
         out[n, 2] = s

@@ -14,11 +14,11 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.compiled.kernel import kernel, sixes
-from solver.compiled.vec import dot, load3, madd, mscale, outer, scale, sub
+from solver.compiled.vec import dot, scale
 from solver.elements.kind import ForceKind
 from solver.elements.laws import Law, evaluate_law
 from solver.elements.marker import Context, Marker, Spec, compile_pairs
-from solver.elements.point_pair import add_point_force, add_point_pair_tangent, point_position, point_velocity
+from solver.elements.point_pair import add_tension, add_tension_tangent, between
 from solver.validate import finite
 
 OUTPUTS = {'energy': 'J', 'dissipation': 'W', 'length': 'm', 'rate': 'm/s', 'force': 'N'}
@@ -78,37 +78,21 @@ def spring_damper_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, ou
     Kq = sixes(Kq)
     Kv = sixes(Kv)
     for e in range(table.free_length.shape[0]):
-        i = table.body[e, 0]
-        j = table.body[e, 1]
-        r_i = load3(table.r_i, e)
-        r_j = load3(table.r_j, e)
-        d = sub(point_position(kin, j, r_j), point_position(kin, i, r_i))
-        w = sub(point_velocity(kin, j, r_j), point_velocity(kin, i, r_i))
-        length = np.sqrt(dot(d, d))
+        at = between(table, e, kin)
+        length = np.sqrt(dot(at.d, at.d))
         apart = length.real > 0.0
-        along = length if apart else np.sqrt(dot(w, w))
-        n = scale(1.0 / along, d if apart else w) if along.real > 0.0 else scale(0.0, d)
-        rate = dot(n, w)
+        along = length if apart else np.sqrt(dot(at.v, at.v))
+        n = scale(1.0 / along, at.d if apart else at.v) if along.real > 0.0 else scale(0.0, at.d)
+        rate = dot(n, at.v)
         x = length - table.free_length[e]
         spring, stiffness, energy = evaluate_law(laws, table.law[e, 0], x)
         damper, damping, _ = evaluate_law(laws, table.law[e, 1], rate)
         force = spring + damper + table.preload[e]
-        F = scale(-force, n)  # on j
-        add_point_force(kin, j, r_j, F, f)
-        add_point_force(kin, i, r_i, scale(force, n), f)
+        F = add_tension(kin, at, n, force, f)
         if tangents:
-            # F = -force n ; dn = (1 - n n^T) dd / length ; drate = n.dw + (w - rate n).dd / length
             across = force / length if apart else stiffness
             twist = -damping / length if apart else 0.0 * length
-            nn = outer(n, n)
-            D = madd(
-                mscale(-(stiffness - across), nn),
-                mscale(twist, outer(n, sub(w, scale(rate, n)))),
-            )
-            D = (D[0] - across, D[1], D[2], D[3], D[4] - across, D[5], D[6], D[7], D[8] - across)
-            C = mscale(-damping, nn)
-            s = table.slot
-            add_point_pair_tangent(kin, i, j, r_i, r_j, F, D, C, s[e, 0], s[e, 1], s[e, 2], s[e, 3], Kq, Kv)
+            add_tension_tangent(kin, at, n, rate, F, stiffness, damping, across, twist, table.slot, e, Kq, Kv)
         out[e, 0] = energy + table.preload[e] * x
         out[e, 1] = damper * rate
         out[e, 2] = length

@@ -16,11 +16,11 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.compiled.kernel import kernel, sixes
-from solver.compiled.vec import dot, load3, madd, mscale, outer, scale, sub
+from solver.compiled.vec import dot, scale
 from solver.elements.kind import ForceKind
 from solver.elements.laws import Law, evaluate_law
 from solver.elements.marker import Context, Marker, Spec, compile_pairs
-from solver.elements.point_pair import add_point_force, add_point_pair_tangent, point_position, point_velocity
+from solver.elements.point_pair import add_tension, add_tension_tangent, between
 from solver.validate import finite
 
 OUTPUTS = {
@@ -130,32 +130,20 @@ def strut_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
     Kq = sixes(Kq)
     Kv = sixes(Kv)
     for e in range(table.free_length.shape[0]):
-        i = table.body[e, 0]
-        j = table.body[e, 1]
-        r_i = load3(table.r_i, e)
-        r_j = load3(table.r_j, e)
-        d = sub(point_position(kin, j, r_j), point_position(kin, i, r_i))
-        v = sub(point_velocity(kin, j, r_j), point_velocity(kin, i, r_i))
-        length = np.sqrt(dot(d, d))
-        n = scale(1.0 / length, d)
-        rate = dot(n, v)
+        at = between(table, e, kin)
+        length = np.sqrt(dot(at.d, at.d))
+        n = scale(1.0 / length, at.d)
+        rate = dot(n, at.v)
         state = table.state[e]
         w = _mount_rate(table, laws, e, length, rate, zp[state], cz)
         y, force, slope, spring, stops, k, damper, c, energy = _sides(table, laws, e, length, rate, zp[state], cz, w)
-        F = scale(-force, n)  # on j
-        add_point_force(kin, j, r_j, F, f)
-        add_point_force(kin, i, r_i, scale(force, n), f)
+        F = add_tension(kin, at, n, force, f)
         if tangents:
             # dw = (k dl + c dr) / (slope + k cz + c), and the mount's force changes by slope dw
             share = slope / (slope + k * cz + c)
             stiffness, damping = share * k, share * c
-            across = force / length
-            nn = outer(n, n)
-            D = madd(mscale(-(stiffness - across), nn), mscale(-damping / length, outer(n, sub(v, scale(rate, n)))))
-            D = (D[0] - across, D[1], D[2], D[3], D[4] - across, D[5], D[6], D[7], D[8] - across)
-            C = mscale(-damping, nn)
-            s = table.slot
-            add_point_pair_tangent(kin, i, j, r_i, r_j, F, D, C, s[e, 0], s[e, 1], s[e, 2], s[e, 3], Kq, Kv)
+            turn = force / length, -damping / length
+            add_tension_tangent(kin, at, n, rate, F, stiffness, damping, turn[0], turn[1], table.slot, e, Kq, Kv)
         z[state] = y
         out[e, 0] = energy
         out[e, 1] = damper * (rate - w) + table.damping[e] * w * w

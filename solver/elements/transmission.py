@@ -20,6 +20,7 @@ from solver.elements.coordinate import (
     add6,
     add_coordinate_hessian,
     add_dyad,
+    add_generalized,
     add_gradient,
     coordinate_rate,
     coordinate_rate_gradient,
@@ -29,7 +30,7 @@ from solver.elements.coordinate import (
 from solver.elements.coordinate_force import OUTPUTS
 from solver.elements.kind import ForceKind
 from solver.elements.laws import Law, evaluate_law
-from solver.elements.marker import Context, Spec
+from solver.elements.marker import Context, Spec, slots
 from solver.validate import finite, require, vector
 
 
@@ -79,9 +80,7 @@ def compile_transmissions(specs: Sequence[TransmissionSpec], context: Context) -
     for e, spec in enumerate(specs):
         table.coordinate[e] = [context.coordinate(spec.where, name) for name, _ in spec.terms]
         table.body[e] = [b for k in table.coordinate[e] for b in context.coordinate_bodies(int(k))]
-        for a, row in enumerate(table.body[e]):
-            for b, column in enumerate(table.body[e]):
-                table.slot[e, a, b] = context.slot(int(row), int(column))
+        table.slot[e] = slots(table.body[e].tolist(), context)
         table.law[e] = context.law(spec.spring), context.law(spec.damper)
     return table
 
@@ -133,12 +132,7 @@ def transmission_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangent
                 add6(scale6(second, h3), scale6(bent * v1, g3)),
             )
             own = (g2, g3)
-            for b in range(4):
-                dQ = add6(scale6(-stiffness, g[b]), scale6(-damping, h[b]))
-                dQ_dv = scale6(-damping, g[b])
-                for a in range(4):
-                    add_dyad(g[a], dQ, table.slot[e, a, b], Kq)
-                    add_dyad(g[a], dQ_dv, table.slot[e, a, b], Kv)
+            add_generalized(g, h, 4, stiffness, damping, table.slot, e, Kq, Kv)
             for b in range(2):
                 for a in range(2):
                     add_dyad(own[a], scale6(bent * Q, own[b]), table.slot[e, 2 + a, 2 + b], Kq)
