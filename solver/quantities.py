@@ -69,6 +69,7 @@ NAMED: dict[str, Named] = {
     'lateral_acceleration': Named('m/s^2', 0.1, 'horizontal acceleration along Y'),
     'roll': Named('rad', 0.001, 'vehicle roll angle'),
     'pitch': Named('rad', 0.001, 'vehicle pitch angle'),
+    'steering_wheel_angle': Named('rad', 0.01, 'angle of the steering wheel, positive to the left'),
     'steering_torque': Named('N m', 0.1, 'torque at the steering wheel that its imposed angle takes'),
 }
 BY_WHEEL: dict[str, Named] = {
@@ -79,6 +80,7 @@ BY_WHEEL: dict[str, Named] = {
     'suspension_travel': Named('m', 0.001, 'travel of the wheel, positive in bump'),
 }
 OF_TIRE = {'wheel_load': 'fz', 'slip_angle': 'alpha', 'slip': 'kappa', 'tire_force.x': 'fx', 'tire_force.y': 'fy', 'tire_force.z': 'fz'}
+OF_STEERING = ('steering_wheel_angle', 'steering_torque')
 JOINT_UNITS = {'rotation': ('rad', 'rad/s', 'N m'), 'translation': ('m', 'm/s', 'N')}
 UNITS_OF = {**dict.fromkeys('xyz', 'm'), **dict.fromkeys(TWIST[:3], 'm/s'), **dict.fromkeys(TWIST[3:], 'rad/s')}
 RATES = ('position', 'velocity', 'effort')
@@ -109,7 +111,7 @@ def names(channels: Channels) -> list[str]:
     wheels = [f'{name}.{wheel}' for name in ('wheel_load', 'slip_angle', 'slip') for wheel in channels.wheels]
     wheels += [f'tire_force.{wheel}.{axis}' for wheel in channels.wheels for axis in 'xyz']
     wheels += [f'suspension_travel.{wheel}' for wheel in channels.wheels if f'travel_{wheel}' in channels.joints]
-    body = [name for name in NAMED if name != 'steering_torque' or 'steering_wheel' in channels.joints]
+    body = [name for name in NAMED if name not in OF_STEERING or 'steering_wheel' in channels.joints]
     return body + wheels
 
 
@@ -131,8 +133,8 @@ def _named(name: str, channels: Channels, s: Snapshot) -> Quantity:
     places: np.ndarray
     if head in NAMED:
         meaning = NAMED[head]
-        if head == 'steering_torque':
-            places = s.joint_effort[[channels.joints.index('steering_wheel')]]
+        if head in OF_STEERING:
+            places = (s.joint_position, s.joint_effort)[OF_STEERING.index(head)][[channels.joints.index('steering_wheel')]]
             return Quantity(name, meaning.unit, meaning.least, places.astype(int), _same, False)
         chassis = channels.chassis or 0
         places = np.concatenate([s.pose[chassis], s.twist[chassis], s.imu[:3]])

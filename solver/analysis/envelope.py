@@ -1,18 +1,21 @@
 """Whether a run stays where its level of detail holds, and the certificate of its plan (solver.levels.auto): quantities of interest within
-their ranges.
+their ranges, and frequencies below their limit.
 
-What is looked at are the snapshots that are handed out, so a run that shows every tenth step is watched at every tenth.
+What is looked at are the snapshots that are handed out, so a run that shows every tenth step is watched at every tenth. The frequency is
+that of the travel of every wheel and of the steering wheel, in windows of WINDOW: root mean square of the rate over that of the departure
+from the mean, over 2 pi. On waves of the road it is speed over wavelength.
 """
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from solver.analysis.verdict import Finding
-from solver.output.snapshot import Snapshot
-from solver.quantities import names, quantity
+from solver.output.snapshot import Channels, Snapshot
+from solver.quantities import Quantity, names, quantity
 from solver.simulation import Simulation
 
 if TYPE_CHECKING:
@@ -20,27 +23,109 @@ if TYPE_CHECKING:
 
 ROWS = 64  # snapshots that are looked at together
 BEYOND = 0.02  # of the range: what a run may leave it by, since maneuvers between those that were tried may
+WINDOW = 1.0  # s
+STILL = {'travel_': 5e-4, 'steering_wheel': 0.005}  # m, rad: root mean square of a departure that is too small to have a frequency
+FREQUENCY = 'frequency'
 
 
-class _Watched(NamedTuple):
-    limit: Limit
-    curves: tuple  # the quantities of that name, of all wheels
+class _Worst(NamedTuple):
+    """How far beyond a limit [parts of the range], what, its value, and when [s]."""
+
+    beyond: float = 0.0
+    name: str = ''
+    value: float = 0.0
+    time: float = 0.0
+
+
+class _Range:
+    """Follows the quantities of one name, of all wheels."""
+
+    def __init__(self, limit: Limit, channels: Channels) -> None:
+        self.limit, self.worst = limit, _Worst()
+        self._curves = [quantity(name, channels) for name in names(channels) if name.partition('.')[0] == limit.quantity]
+
+    def fold(self, rows: np.ndarray, times: np.ndarray) -> None:
+        low, high = self.limit.low, self.limit.high
+        assert low is not None
+        assert high is not None
+        for one in self._curves:
+            values = one.of(rows[:, one.places])[:, 0]
+            beyond = np.maximum(values - high, low - values) / (high - low)
+            k = int(np.argmax(beyond))
+            if beyond[k] > self.worst.beyond:
+                self.worst = _Worst(float(beyond[k]), self.limit.quantity.replace('_', ' '), float(values[k]), float(times[k]))
+
+    def end(self) -> None:
+        pass
+
+
+class _Swing(NamedTuple):
+    """A motion that has a frequency."""
+
+    name: str
+    still: float
+    position: Quantity
+    rate: Quantity
+
+
+class _Frequency:
+    """Follows how fast wheels and steering wheel swing."""
+
+    def __init__(self, limit: Limit, channels: Channels) -> None:
+        self.limit, self.worst = limit, _Worst()
+        self._swings = [
+            _Swing(joint.replace('_', ' '), still, *(quantity(f'joint_states/{joint}/{of}', channels) for of in ('position', 'velocity')))
+            for joint in channels.joints
+            for begin, still in STILL.items()
+            if joint.startswith(begin)
+        ]
+        self._sums = np.zeros((len(self._swings), 3))  # of departures from the first sample, their squares, the squares of the rates
+        self._first: np.ndarray | None = None
+        self._n, self._begin, self._time = 0, 0.0, 0.0
+
+    def fold(self, rows: np.ndarray, times: np.ndarray) -> None:
+        x = np.array([s.position.of(rows[:, s.position.places])[:, 0] for s in self._swings]).reshape(-1, len(rows))
+        v = np.array([s.rate.of(rows[:, s.rate.places])[:, 0] for s in self._swings]).reshape(-1, len(rows))
+        if self._first is None or times[0] < self._time:  # after a reset time begins anew
+            self._sums[:] = 0.0
+            self._first, self._begin, self._n = x[:, 0], float(times[0]), 0
+        x = x - self._first[:, None]
+        self._sums += np.stack([x.sum(axis=1), (x * x).sum(axis=1), (v * v).sum(axis=1)], axis=1)
+        self._n, self._time = self._n + len(rows), float(times[-1])
+        if self._time - self._begin >= WINDOW:
+            self._close()
+
+    def end(self) -> None:
+        if self._first is not None and self._time - self._begin >= 0.5 * WINDOW:
+            self._close()
+
+    def _close(self) -> None:
+        high = self.limit.high
+        assert high is not None
+        for swing, (x, xx, vv) in zip(self._swings, (self._sums / self._n).tolist(), strict=True):
+            departure = math.sqrt(max(xx - x * x, 0.0))
+            if departure < swing.still:
+                continue
+            value = math.sqrt(vv) / (2.0 * math.pi * departure)
+            if value / high - 1.0 > self.worst.beyond:
+                self.worst = _Worst(value / high - 1.0, f'frequency of {swing.name}', value, self._time)
+        self._sums[:] = 0.0
+        self._first, self._n = None, 0
 
 
 class Envelope:
-    """Follows the snapshots of a simulation: look() at each, findings(). Without a certificate it does nothing."""
+    """Follows the snapshots of a simulation: look() at each, findings(). Without a level or a certificate it does nothing."""
 
     def __init__(self, simulation: Simulation) -> None:
         level = getattr(simulation, 'level', None)
-        limits = [limit for limit in (level.validity if level is not None else ()) if limit.low is not None and limit.high is not None]
-        known = names(simulation.channels) if limits else []
-        self._watched = [
-            _Watched(limit, tuple(quantity(name, simulation.channels) for name in known if name.partition('.')[0] == limit.quantity))
-            for limit in limits
-        ]
+        self._watched: list[_Range | _Frequency] = []
+        for limit in level.validity if level is not None else ():
+            if limit.low is not None and limit.high is not None:
+                self._watched.append(_Range(limit, simulation.channels))
+            elif limit.quantity == FREQUENCY and limit.high is not None and FREQUENCY not in simulation.reached:
+                self._watched.append(_Frequency(limit, simulation.channels))
         self._rows: list[np.ndarray] = []
         self._times: list[int] = []
-        self._worst: dict[str, tuple[float, float, float]] = {}  # quantity -> how far beyond [parts of the range], value, time [s]
 
     def look(self, snapshot: Snapshot) -> None:
         """Note a snapshot."""
@@ -55,36 +140,31 @@ class Envelope:
         """What left its range so far, at its worst; without the last few snapshots unless all_of_it (for threads that do not look)."""
         if all_of_it:
             self._fold()
+            for watched in self._watched:
+                watched.end()
         found = []
-        for limit, _ in self._watched:
-            beyond, value, time = self._worst.get(limit.quantity, (0.0, 0.0, 0.0))
+        for watched in self._watched:
+            limit, (beyond, name, value, time) = watched.limit, watched.worst
             if beyond <= BEYOND:
                 continue
-            assert limit.low is not None
             assert limit.high is not None
-            side = limit.high if value > limit.high else limit.low
-            name, unit = limit.quantity.replace('_', ' '), limit.unit
+            side = limit.high if limit.low is None or value > limit.high else limit.low
+            valid = f'up to {limit.high:.3g} {limit.unit}' if limit.low is None else f'{limit.low:.3g} to {limit.high:.3g} {limit.unit}'
             text = (
-                f'the run leaves its envelope: {name} is {value:.3g} {unit} at t = {time:.6g} s, valid is {limit.low:.3g} to '
-                f'{limit.high:.3g} {unit} ({limit.why}); plan a scene that goes so far, or take fidelity: full'
+                f'the run leaves its envelope: {name} is {value:.3g} {limit.unit} at t = {time:.6g} s, valid is {valid} ({limit.why}); '
+                f'plan a scene that goes so far, or take fidelity: full'
             )
+            where = limit.quantity
             found.append(
-                Finding(quantity='envelope', value=value, limit=side, unit=unit, time=time, where=limit.quantity, required=False, text=text)
+                Finding(quantity='envelope', value=value, limit=side, unit=limit.unit, time=time, where=where, required=False, text=text)
             )
         return found
 
     def _fold(self) -> None:
         if not self._rows:
             return
-        rows = np.array(self._rows)
-        for limit, curves in self._watched:
-            assert limit.low is not None
-            assert limit.high is not None
-            for one in curves:
-                values = one.of(rows[:, one.places])[:, 0]
-                beyond = np.maximum(values - limit.high, limit.low - values) / (limit.high - limit.low)
-                k = int(np.argmax(beyond))
-                if beyond[k] > self._worst.get(limit.quantity, (0.0,))[0]:
-                    self._worst[limit.quantity] = (float(beyond[k]), float(values[k]), self._times[k] * 1e-9)
+        rows, times = np.array(self._rows), np.array(self._times) * 1e-9
+        for watched in self._watched:
+            watched.fold(rows, times)
         self._rows.clear()
         self._times.clear()

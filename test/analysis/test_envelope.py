@@ -42,3 +42,24 @@ def test_a_run_within_its_envelope_is_not(validity: tuple[Limit, ...]) -> None:
     for _ in range(3):
         watch.look(simulation.advance(100))
     assert watch.findings() == []
+
+
+FREQUENCY = Limit(quantity='frequency', unit='Hz', high=5.0, why='certified')
+
+
+@pytest.mark.parametrize(('frequency', 'suspect'), [(4.0, False), (7.0, True)])
+def test_how_fast_a_run_swings_is_watched(frequency: float, suspect: bool) -> None:
+    """The steering wheel swings with a given frequency; a sine has no other, and the wheels hardly travel."""
+    steering = f'maneuver.steering={{kind: sine, amplitude: 0.1, frequency: {frequency}}}'
+    simulation = solver.simulation_of(solver.load_scene('light_car_step_steer', ['duration=1.5', steering]))
+    simulation.level = LevelReport(validity=(FREQUENCY,))
+    watch = Envelope(simulation)
+    for _ in range(150):
+        watch.look(simulation.advance(10))
+    found = watch.findings()
+    assert len(found) == suspect
+    if suspect:
+        assert found[0].where == 'frequency'
+        assert found[0].value == pytest.approx(frequency, rel=0.05)
+        assert 'frequency of steering wheel is 7' in found[0].text
+        assert 'valid is up to 5 Hz (certified)' in found[0].text
