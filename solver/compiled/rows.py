@@ -88,6 +88,31 @@ def _difference(typing_context, x, y):
     return ROW(ROW, ROW), lambda context, builder, signature, args: builder.fsub(*args)
 
 
+@intrinsic
+def _scaled(typing_context, a, x):
+    return ROW(types.float64, ROW), lambda context, builder, signature, args: builder.fmul(_splat(builder, args[0]), args[1])
+
+
+def _lane(k):
+    """Intrinsic: the row of the numbers k of three rows."""
+
+    @intrinsic
+    def take(typing_context, x, y, z):
+        def generate(context, builder, signature, args):
+            out = ir.Constant(_VECTOR, None)
+            for place, given in enumerate(args):
+                number = builder.extract_element(given, ir.Constant(_LANE, k))
+                out = builder.insert_element(out, number, ir.Constant(_LANE, place))
+            return out
+
+        return ROW(ROW, ROW, ROW), generate
+
+    return take
+
+
+_first, _second, _third = _lane(0), _lane(1), _lane(2)
+
+
 def _accumulation(operation):
     """Intrinsic: blocks[s, r] += or -= (x, y) for blocks (n, 6, 6)."""
 
@@ -137,6 +162,26 @@ def less(x, y):
     return (x[0] - y[0], x[1] - y[1], x[2] - y[2])
 
 
+def times(a, x):
+    """a x for a number and a row."""
+    return (a * x[0], a * x[1], a * x[2])
+
+
+def first(x, y, z):
+    """The row of the first numbers of three rows."""
+    return (x[0], y[0], z[0])
+
+
+def second(x, y, z):
+    """The row of the second numbers of three rows."""
+    return (x[1], y[1], z[1])
+
+
+def third(x, y, z):
+    """The row of the third numbers of three rows."""
+    return (x[2], y[2], z[2])
+
+
 def add_to(blocks, s, r, x, y):
     """blocks[s, r] += (x, y) for blocks (n, 6, 6) and rows x, y."""
     for k in range(3):
@@ -174,6 +219,26 @@ def _plus_rows(x, y):
 @overload(less)
 def _less_rows(x, y):
     return (lambda x, y: _difference(x, y)) if x is ROW else less  # noqa: PLW0108
+
+
+@overload(times)
+def _times_row(a, x):
+    return (lambda a, x: _scaled(a, x)) if x is ROW else times  # noqa: PLW0108
+
+
+@overload(first)
+def _first_of_rows(x, y, z):
+    return (lambda x, y, z: _first(x, y, z)) if x is ROW else first  # noqa: PLW0108
+
+
+@overload(second)
+def _second_of_rows(x, y, z):
+    return (lambda x, y, z: _second(x, y, z)) if x is ROW else second  # noqa: PLW0108
+
+
+@overload(third)
+def _third_of_rows(x, y, z):
+    return (lambda x, y, z: _third(x, y, z)) if x is ROW else third  # noqa: PLW0108
 
 
 @overload(add_to)
@@ -218,6 +283,18 @@ def add_rows(x, y):
 def sub_rows(x, y):
     """x - y."""
     return less(x[0], y[0]), less(x[1], y[1]), less(x[2], y[2])
+
+
+@kernel(inline=True)
+def scale_rows(a, x):
+    """a x."""
+    return times(a, x[0]), times(a, x[1]), times(a, x[2])
+
+
+@kernel(inline=True)
+def transpose_rows(x):
+    """The transposed matrix."""
+    return first(x[0], x[1], x[2]), second(x[0], x[1], x[2]), third(x[0], x[1], x[2])
 
 
 @kernel(inline=True)

@@ -36,7 +36,7 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.compiled.kernel import kernel, sixes
-from solver.compiled.vec import dot, load33, mscale
+from solver.compiled.vec import dot, load33
 from solver.elements.brake import HOLD, RELEASED, friction
 from solver.elements.coordinate import add_coordinate_hessian, add_gradient, coordinate_rate, evaluate_coordinate
 from solver.elements.guide_map import QUANTITIES, Nodes, map_of
@@ -44,12 +44,13 @@ from solver.elements.guide_tangents import (
     add_dyads,
     add_motions,
     add_steering,
+    add_turning,
     elastic_blocks,
     first4,
-    lagging_blocks,
     last4,
     own_curvature,
     turning_axes,
+    with_travels,
 )
 from solver.elements.guide_travel import coupling, damper_on_travel
 from solver.elements.guide_wheel import dot8, eight, gradients, load8, over_travels, plus8, times8, wheel_of, wrench
@@ -232,7 +233,7 @@ def guide_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, K
             sigma, g_i, g_j = evaluate_coordinate(coordinates, kin, table.steering[e], angle)
             sigma_rate = coordinate_rate(coordinates, kin, table.steering[e], g_i, g_j)
         s_l, s_r, v_l, v_r = lw.x[2], rw.x[2], lw.rate[2], rw.rate[2]
-        m_l, m_r = map_of(table, e, 0, s_l, s_r, sigma), map_of(table, e, 1, s_r, s_l, sigma)
+        m_l, m_r = map_of(table, e, 0, s_l, s_r, sigma, tangents), map_of(table, e, 1, s_r, s_l, sigma, tangents)
 
         # departures and their rates
         by_l, by_r = over_travels(m_l, m_r)
@@ -284,13 +285,13 @@ def guide_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, K
             on_ll = elastic_blocks(K, e, 0, 0, lw, lw, first4(k_l), first4(k_l), ll)
             on_lr = elastic_blocks(K, e, 0, 1, lw, rw, last4(k_l), first4(k_r), mix)
             on_rr = elastic_blocks(K, e, 1, 1, rw, rw, last4(k_r), last4(k_r), rr)
-            none = mscale(0.0, R_c)
-            a, b, c = lagging_blocks(on_ll, lag, d_lv), lagging_blocks(on_lr, lag, 0.0), lagging_blocks(on_rr, lag, d_rv)
-            add_motions(R_c, lw, rw, a, b, c, (none, none, none), (none, none, none), slots, e, Kv)
+            blocks = with_travels(on_ll, more_l), with_travels(on_lr, more), with_travels(on_rr, more_r)
+            damping = (d_lv - lag * more_l, -lag * more, d_rv - lag * more_r)
+            add_motions(R_c, lw, rw, blocks[0], blocks[1], blocks[2], lag, damping, slots, e, Kq, Kv)
             turn_l = turning_axes(lw, on_l[0], on_l[1], -held[2], -held[3], -t_l)
             turn_r = turning_axes(rw, on_r[0], on_r[1], -held[6], -held[7], -t_r)
-            a, b, c = lagging_blocks(on_ll, 1.0, more_l), lagging_blocks(on_lr, 1.0, more), lagging_blocks(on_rr, 1.0, more_r)
-            add_motions(R_c, lw, rw, a, b, c, turn_l, turn_r, slots, e, Kq)
+            add_turning(R_c, lw, turn_l, slots[e, 1, 1], slots[e, 1, 0], slots[e, 0, 1], slots[e, 0, 0], Kq)
+            add_turning(R_c, rw, turn_r, slots[e, 2, 2], slots[e, 2, 0], slots[e, 0, 2], slots[e, 0, 0], Kq)
             if table.steering[e] >= 0:
                 lt, rt, tt = -dot8(by_l, k_t), -dot8(by_r, k_t), -dot8(by_t, k_t)
                 on_l = wrench(lw, k_t[0], k_t[1], lt, k_t[2], k_t[3], 0.0)

@@ -58,40 +58,46 @@ class Place(NamedTuple):
     ddu: tuple
 
 
+@kernel(inline=True)
+def _four(shape, row, q, w):
+    """Sum of four coefficients in a row with weights."""
+    return shape[row, q] * w[0] + shape[row + 1, q] * w[1] + shape[row + 2, q] * w[2] + shape[row + 3, q] * w[3]
+
+
 @kernel(inner=True)
-def _surface(shape, at, q):
-    """(value, by s, by sigma, by s s, by s sigma, by sigma sigma) of quantity q."""
+def _surface(shape, at, q, bent):
+    """(value, by s, by sigma, by s s, by s sigma, by sigma sigma) of quantity q; the second derivatives only if bent."""
     zero = 0.0 * at.w[0]
     v, v_s, v_t, v_ss, v_st, v_tt = zero, zero, zero, zero, zero, zero
     for k in range(4):
         row = at.row + k * at.columns
         if at.columns > 1:
-            a = shape[row, q] * at.u[0] + shape[row + 1, q] * at.u[1] + shape[row + 2, q] * at.u[2] + shape[row + 3, q] * at.u[3]
-            b = shape[row, q] * at.du[0] + shape[row + 1, q] * at.du[1] + shape[row + 2, q] * at.du[2] + shape[row + 3, q] * at.du[3]
-            c = shape[row, q] * at.ddu[0] + shape[row + 1, q] * at.ddu[1] + shape[row + 2, q] * at.ddu[2] + shape[row + 3, q] * at.ddu[3]
+            a, b = _four(shape, row, q, at.u), _four(shape, row, q, at.du)
             v_t += at.w[k] * b
-            v_st += at.d[k] * b
-            v_tt += at.w[k] * c
+            if bent:
+                v_st += at.d[k] * b
+                v_tt += at.w[k] * _four(shape, row, q, at.ddu)
         else:
             a = shape[row, q] + zero
         v += at.w[k] * a
         v_s += at.d[k] * a
-        v_ss += at.dd[k] * a
+        if bent:
+            v_ss += at.dd[k] * a
     return v, v_s, v_t, v_ss, v_st, v_tt
 
 
 @kernel(inner=True)
-def _quantity(table, side, at, q, s, o):
+def _quantity(table, side, at, q, s, o, bent):
     """(value, by s, by o, by sigma, by s s, by s o, by s sigma, by sigma sigma) of quantity q with the travel o of the other wheel."""
-    v, v_s, v_t, v_ss, v_st, v_tt = _surface(table.shape, at, q)
+    v, v_s, v_t, v_ss, v_st, v_tt = _surface(table.shape, at, q, bent)
     b0, b1 = table.opposite[side, q, 0], table.opposite[side, q, 1]
     v_o = b0 + b1 * s
     return v + o * v_o, v_s + o * b1, v_o, v_t, v_ss, b1, v_st, v_tt
 
 
 @kernel(inner=True)
-def map_of(table, e, k, s, o, sigma):
-    """The five quantities of wheel k of guide e."""
+def map_of(table, e, k, s, o, sigma, bent):
+    """The five quantities of wheel k of guide e; their second derivatives only if bent."""
     side = 2 * e + k
     i, w, d, dd = _place(s, table.nodes[e, 0], table.nodes[e, 1], table.number[e, 0])
     zero = 0.0 * s
@@ -102,9 +108,9 @@ def map_of(table, e, k, s, o, sigma):
         columns = table.number[e, 1] + 2
     at = Place(table.start[side] + i * columns + j, columns, w, d, dd, u, du, ddu)
     return (
-        _quantity(table, side, at, 0, s, o),
-        _quantity(table, side, at, 1, s, o),
-        _quantity(table, side, at, 2, s, o),
-        _quantity(table, side, at, 3, s, o),
-        _quantity(table, side, at, 4, s, o),
+        _quantity(table, side, at, 0, s, o, bent),
+        _quantity(table, side, at, 1, s, o, bent),
+        _quantity(table, side, at, 2, s, o, bent),
+        _quantity(table, side, at, 3, s, o, bent),
+        _quantity(table, side, at, 4, s, o, bent),
     )

@@ -3,29 +3,26 @@
 from __future__ import annotations
 
 from solver.compiled.kernel import kernel
-from solver.compiled.rows import add_block, mul_rows, rows
-from solver.compiled.vec import add, cross_m, m_cross, madd, minus, mscale, msub, outer, put33, scale, skew, transpose
+from solver.compiled.rows import add_block, mul_rows, rows, scale_rows, sub_rows, transpose_rows
+from solver.compiled.vec import add, cross_m, m_cross, madd, minus, outer, put33, scale, skew, transpose
 from solver.elements.coordinate import add_dyad, scale6
 
 
 @kernel(inner=True)
-def add_motions(R_c, left, right, ll, lr, rr, turn_l, turn_r, slot, e, K):
-    """Add to K what the wrenches at both wheels and their reaction change by the motions of wheels and chassis.
+def add_motions(R_c, left, right, ll, lr, rr, lag, damping, slot, e, Kq, Kv):
+    """Add to Kq what the wrenches at both wheels and their reaction change by the motions of wheels and chassis, to Kv lag times that and
+    the damping (left, between both, right) of the travels.
 
     ll, lr, rr: blocks (A, B, C, E) of the motions of the wheels relative to the chassis along its axes, force A dD + B dTheta, moment
-    C dD + E dTheta, symmetric as a whole. A variation of the chassis is dD = -dp + [D] dtheta, dTheta = -dtheta of both wheels. turn_l,
-    turn_r: of turning_axes.
+    C dD + E dTheta, symmetric as a whole. A variation of the chassis is dD = -dp + [D] dtheta, dTheta = -dtheta of both wheels.
     """
     back, L, R = rows(transpose(R_c)), rows(left.R), rows(right.R)
     L_t, R_t = transpose(left.R), transpose(right.R)
-    F_l, own_l, G_l = turn_l
-    F_r, own_r, G_r = turn_r
     A, B, C, E = lr
     A_t, B_t, C_t, E_t = transpose(A), transpose(C), transpose(B), transpose(E)
-    _between(K, slot[e, 1, 1], R_c, L_t, back, L, ll[0], ll[1], ll[2], madd(ll[3], own_l))
-    _between(K, slot[e, 2, 2], R_c, R_t, back, R, rr[0], rr[1], rr[2], madd(rr[3], own_r))
-    _between(K, slot[e, 1, 2], R_c, L_t, back, R, A, B, C, E)
-    _between(K, slot[e, 2, 1], R_c, R_t, back, L, A_t, B_t, C_t, E_t)
+    _add_symmetric(_between(R_c, L_t, back, L, ll[0], ll[1], ll[2], ll[3]), slot[e, 1, 1], slot[e, 1, 1], lag, Kq, Kv)
+    _add_symmetric(_between(R_c, R_t, back, R, rr[0], rr[1], rr[2], rr[3]), slot[e, 2, 2], slot[e, 2, 2], lag, Kq, Kv)
+    _add_symmetric(_between(R_c, L_t, back, R, A, B, C, E), slot[e, 1, 2], slot[e, 2, 1], lag, Kq, Kv)
     # columns of the chassis, along its axes
     pp_l, mp_l = minus(madd(ll[0], A)), minus(madd(ll[2], C))
     pp_r, mp_r = minus(madd(rr[0], A_t)), minus(madd(rr[2], C_t))
@@ -33,39 +30,88 @@ def add_motions(R_c, left, right, ll, lr, rr, turn_l, turn_r, slot, e, K):
     mt_l = madd(_turned(ll[2], left.D, ll[3]), _turned(C, right.D, E))
     pt_r = madd(_turned(rr[0], right.D, rr[1]), _turned(A_t, left.D, B_t))
     mt_r = madd(_turned(rr[2], right.D, rr[3]), _turned(C_t, left.D, E_t))
-    on_l, on_r = msub(pt_l, F_l), msub(pt_r, F_r)
-    _by_chassis(K, slot[e, 1, 0], R_c, L_t, back, pp_l, on_l, mp_l, msub(mt_l, own_l))
-    _by_chassis(K, slot[e, 2, 0], R_c, R_t, back, pp_r, on_r, mp_r, msub(mt_r, own_r))
-    of_l, of_r = msub(transpose(pt_l), minus(F_l)), msub(transpose(pt_r), minus(F_r))
-    _on_chassis(K, slot[e, 0, 1], R_c, back, L, transpose(pp_l), transpose(mp_l), of_l, msub(transpose(mt_l), G_l))
-    _on_chassis(K, slot[e, 0, 2], R_c, back, R, transpose(pp_r), transpose(mp_r), of_r, msub(transpose(mt_r), G_r))
+    _add_symmetric(_by_chassis(R_c, L_t, back, pp_l, pt_l, mp_l, mt_l), slot[e, 1, 0], slot[e, 0, 1], lag, Kq, Kv)
+    _add_symmetric(_by_chassis(R_c, R_t, back, pp_r, pt_r, mp_r, mt_r), slot[e, 2, 0], slot[e, 0, 2], lag, Kq, Kv)
     turned = madd(madd(cross_m(left.D, pt_l), cross_m(right.D, pt_r)), madd(mt_l, mt_r))
-    turning = madd(madd(m_cross(F_l, left.D), m_cross(F_r, right.D)), madd(G_l, G_r))
-    p, w = mul_rows(R_c, mul_rows(minus(madd(pp_l, pp_r)), back)), mul_rows(R_c, rows(minus(madd(on_l, on_r))))
-    m = mul_rows(minus(madd(of_l, of_r)), back)
-    add_block(K, slot[e, 0, 0], 0, p, w)
-    add_block(K, slot[e, 0, 0], 3, m, rows(msub(turning, turned)))
+    p, w = mul_rows(R_c, mul_rows(minus(madd(pp_l, pp_r)), back)), mul_rows(R_c, rows(minus(madd(pt_l, pt_r))))
+    _add_symmetric((p, w, transpose_rows(w), rows(minus(turned))), slot[e, 0, 0], slot[e, 0, 0], lag, Kq, Kv)
+    _add_travels(R_c, left, right, damping, slot, e, Kv)
 
 
 @kernel(inline=True)
-def _between(K, s, R_c, own, back, other, A, B, C, E):
-    """Add the matrix of A, B, C, E between two wheels, given along the axes of the chassis, to block s."""
-    add_block(K, s, 0, mul_rows(R_c, mul_rows(A, back)), mul_rows(R_c, mul_rows(B, other)))
-    add_block(K, s, 3, mul_rows(own, mul_rows(C, back)), mul_rows(own, mul_rows(E, other)))
+def _add_symmetric(blocks, s, mirrored, lag, Kq, Kv):
+    """Add the matrix of A, B, C, E to block s of Kq, lag times it to Kv; transposed to block mirrored, where that is another one."""
+    A, B, C, E = blocks
+    add_block(Kq, s, 0, A, B)
+    add_block(Kq, s, 3, C, E)
+    A_lag, B_lag, C_lag, E_lag = scale_rows(lag, A), scale_rows(lag, B), scale_rows(lag, C), scale_rows(lag, E)
+    add_block(Kv, s, 0, A_lag, B_lag)
+    add_block(Kv, s, 3, C_lag, E_lag)
+    if mirrored != s:
+        add_block(Kq, mirrored, 0, transpose_rows(A), transpose_rows(C))
+        add_block(Kq, mirrored, 3, transpose_rows(B), transpose_rows(E))
+        add_block(Kv, mirrored, 0, transpose_rows(A_lag), transpose_rows(C_lag))
+        add_block(Kv, mirrored, 3, transpose_rows(B_lag), transpose_rows(E_lag))
 
 
 @kernel(inline=True)
-def _by_chassis(K, s, R_c, own, back, A, B, C, E):
+def _between(R_c, own, back, other, A, B, C, E):
+    """The matrix of A, B, C, E between two wheels, which are given along the axes of the chassis."""
+    return (
+        mul_rows(R_c, mul_rows(A, back)), mul_rows(R_c, mul_rows(B, other)),
+        mul_rows(own, mul_rows(C, back)), mul_rows(own, mul_rows(E, other)),
+    )  # fmt: skip
+
+
+@kernel(inline=True)
+def _by_chassis(R_c, own, back, A, B, C, E):
     """The same of a wheel and the chassis."""
-    add_block(K, s, 0, mul_rows(R_c, mul_rows(A, back)), mul_rows(R_c, rows(B)))
-    add_block(K, s, 3, mul_rows(own, mul_rows(C, back)), mul_rows(own, rows(E)))
+    return mul_rows(R_c, mul_rows(A, back)), mul_rows(R_c, rows(B)), mul_rows(own, mul_rows(C, back)), mul_rows(own, rows(E))
 
 
 @kernel(inline=True)
-def _on_chassis(K, s, R_c, back, other, A, B, C, E):
-    """The same of the chassis and a wheel."""
-    add_block(K, s, 0, mul_rows(R_c, mul_rows(A, back)), mul_rows(R_c, mul_rows(B, other)))
-    add_block(K, s, 3, mul_rows(C, back), mul_rows(E, other))
+def _add_travels(R_c, left, right, k, slot, e, K):
+    """Add to K the matrix k (left, between both, right) of the travels: of a force k ds along z of the chassis."""
+    n = (R_c[2], R_c[5], R_c[8])
+    c_l, c_r = (left.D[1], -left.D[0], 0.0 * n[0]), (right.D[1], -right.D[0], 0.0 * n[0])  # D x z
+    nn = rows(outer(n, n))
+    none = sub_rows(nn, nn)
+    on_l, on_r = add(scale(k[0], c_l), scale(k[1], c_r)), add(scale(k[1], c_l), scale(k[2], c_r))
+    by_l, by_r, by_both = k[0] + k[1], k[1] + k[2], k[0] + 2.0 * k[1] + k[2]
+    between = scale_rows(k[1], nn)
+    add_block(K, slot[e, 1, 1], 0, scale_rows(k[0], nn), none)
+    add_block(K, slot[e, 2, 2], 0, scale_rows(k[2], nn), none)
+    add_block(K, slot[e, 1, 2], 0, between, none)
+    add_block(K, slot[e, 2, 1], 0, between, none)
+    left_, right_ = scale_rows(-by_l, nn), scale_rows(-by_r, nn)
+    turn_l, turn_r, turn = rows(outer(n, on_l)), rows(outer(n, on_r)), rows(outer(n, add(on_l, on_r)))
+    add_block(K, slot[e, 1, 0], 0, left_, sub_rows(none, turn_l))
+    add_block(K, slot[e, 2, 0], 0, right_, sub_rows(none, turn_r))
+    add_block(K, slot[e, 0, 1], 0, left_, none)
+    add_block(K, slot[e, 0, 2], 0, right_, none)
+    add_block(K, slot[e, 0, 1], 3, sub_rows(none, transpose_rows(turn_l)), none)
+    add_block(K, slot[e, 0, 2], 3, sub_rows(none, transpose_rows(turn_r)), none)
+    add_block(K, slot[e, 0, 0], 0, scale_rows(by_both, nn), turn)
+    add_block(K, slot[e, 0, 0], 3, transpose_rows(turn), rows(madd(outer(c_l, on_l), outer(c_r, on_r))))
+
+
+@kernel(inline=True)
+def add_turning(R_c, wheel, turning, s_w, s_wc, s_cw, s_c, K):
+    """Add to K what the wrench at a wheel changes because the axes turn that it is given along (`turning` of turning_axes).
+
+    s_w, s_wc, s_cw, s_c: blocks of wheel, wheel by chassis, chassis by wheel, chassis.
+    """
+    F, own, G = turning
+    R, R_t = rows(wheel.R), transpose(wheel.R)
+    force = mul_rows(R_c, rows(F))
+    back = transpose_rows(force)
+    none = sub_rows(R, R)
+    add_block(K, s_w, 3, none, mul_rows(R_t, mul_rows(own, R)))
+    add_block(K, s_wc, 0, none, sub_rows(none, force))
+    add_block(K, s_wc, 3, none, sub_rows(none, mul_rows(R_t, rows(own))))
+    add_block(K, s_cw, 3, sub_rows(none, back), sub_rows(none, mul_rows(G, R)))
+    add_block(K, s_c, 0, none, force)
+    add_block(K, s_c, 3, back, rows(madd(m_cross(F, wheel.D), G)))
 
 
 @kernel(inline=True)
@@ -120,11 +166,10 @@ def turning_axes(wheel, F, m, psi, gamma, about):
 
 
 @kernel(inline=True)
-def lagging_blocks(blocks, lag, more):
-    """lag times the blocks of elastic_blocks, and more between the travels."""
+def with_travels(blocks, more):
+    """The blocks of elastic_blocks with more between the travels."""
     A, B, C, E = blocks
-    A = mscale(lag, A)
-    return (A[0], A[1], A[2], A[3], A[4], A[5], A[6], A[7], A[8] + more), mscale(lag, B), mscale(lag, C), mscale(lag, E)
+    return (A[0], A[1], A[2], A[3], A[4], A[5], A[6], A[7], A[8] + more), B, C, E
 
 
 @kernel(inline=True)
