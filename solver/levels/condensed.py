@@ -16,7 +16,7 @@ from __future__ import annotations
 import dataclasses
 
 from solver.levels.bars import reduced_bars
-from solver.levels.derived import Derived, LevelReport, Limit
+from solver.levels.derived import Derived, LevelReport, Limit, with_one_iteration
 from solver.levels.draft import Draft
 from solver.levels.merging import merge_fixed, merge_stiff
 from solver.levels.mounts import joined_mounts
@@ -47,4 +47,5 @@ def derive(scene: Scene) -> Derived:
     model, lost = condensed(scene.model)
     validity = (Limit(quantity='frequency', unit='Hz', high=30.0, why='links, arms and shafts have no modes of their own'),)
     report = LevelReport(lost=lost, validity=validity)
-    return Derived(scene=dataclasses.replace(scene, model=model), level='condensed', report=report)
+    derived = dataclasses.replace(scene, model=model, integrator=with_one_iteration(scene.integrator))
+    return Derived(scene=derived, level='condensed', report=report)

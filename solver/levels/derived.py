@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -10,6 +11,9 @@ from solver.model.compile import joint_coordinates
 from solver.model.spec import ModelSpec
 from solver.scene import Fidelity, Scene
 from solver.simulation import Simulation
+from solver.step.settings import IntegratorSettings
+
+FINE = 2e-3  # s; of longer steps the iterations that are set are made
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -74,6 +78,14 @@ class Derived:
     level: Fidelity
     report: LevelReport
     simulate: Callable[[Scene], Simulation] | None = None
+
+
+def with_one_iteration(settings: IntegratorSettings) -> IntegratorSettings:
+    """The settings of a level with next to no loops of joints, of which a second iteration finds next to nothing: steps of a fixed number
+    make one up to FINE, and more where it does not contract (docs/decisions/0007-iterations-in-an-impact.md); the others hold.
+    """
+    one = settings.mode == 'fixed' and settings.h <= FINE
+    return dataclasses.replace(settings, iterations=1) if one else settings
 
 
 def channels(model: ModelSpec) -> list[str]:

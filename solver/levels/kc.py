@@ -8,8 +8,7 @@ Conserved are the mass of the vehicle, its centre of mass and its inertia in the
 wheel and the inertia that turns with it (twice the kinetic energy of the full model at unit rates, along the tangent of the map); static
 loads, wheel rates and the curves of kinematics and compliance; brakes and dampers with their laws. Lost is what vibrates inside.
 
-With no loop of joints an iteration leaves next to nothing to a second one, so steps of a fixed number make one up to FINE, and more where
-it does not contract (docs/decisions/0007); the other settings of the scene hold.
+With no loop of joints an iteration leaves next to nothing to a second one (solver.levels.derived.with_one_iteration).
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.road import RoadSpec
 from solver.errors import SpecError
 from solver.levels import maps
-from solver.levels.derived import Derived, LevelReport, Limit
+from solver.levels.derived import Derived, LevelReport, Limit, with_one_iteration
 from solver.levels.kept import kept
 from solver.model.frames import matrix, quaternion
 from solver.model.spec import ModelSpec, used_inputs
@@ -41,9 +40,10 @@ from solver.vehicle.hardpoints import SIDES, marker_at
 from solver.vehicle.parts import UP, vector_of
 
 AXLES = ('front', 'rear')
-FINE = 2e-3  # s; of longer steps the iterations that are set are made
+FASTEST = 10.0  # Hz, of the travel of a wheel (speed over wavelength of the road) and of the steering
 LAG = 0.002  # s; of the departures, a usual loss of rubber over its stiffness
 REPLACED = ('spring_dampers', 'bushings', 'brakes')  # kinds of forces that guides stand for
+MAPS = 'the range of the maps, which go on linearly'
 
 LOST = (
     'vibration of engine, subframes, links, rack and driveline (above about 8 Hz)',
@@ -53,21 +53,17 @@ LOST = (
 VALIDITY = (  # and the range of the travel
     Limit(quantity='lateral_acceleration', unit='m/s^2', low=-9.0, high=9.0, why='compliance is that of moderate loads'),
     Limit(quantity='roll', unit='rad', low=-0.5, high=0.5, why='a car that rolls over falls on parts that this level does not have'),
-    Limit(quantity='angle of the steering wheel', unit='rad', high=maps.STEERING, why='the range of the maps, which go on linearly'),
-    Limit(quantity='frequency', unit='Hz', high=8.0, why='engine and subframes do not vibrate'),
-    Limit(quantity='wavelength of the road over speed', unit='s', low=0.1, why='wheel loads were compared up to it'),
+    Limit(quantity='steering_wheel_angle', unit='rad', low=-maps.STEERING, high=maps.STEERING, why=MAPS),
+    Limit(quantity='frequency', unit='Hz', high=FASTEST, why='engine and subframes do not vibrate; compared up to waves of 2 m at 20 m/s'),
 )
 
 
 def derive(scene: Scene) -> Derived:
     """The level `kc` of a scene. Raises SpecError for a vehicle that is no car with four wheels on two axles."""
-    settings = scene.integrator
-    if settings.mode == 'fixed' and settings.h <= FINE:
-        settings = dataclasses.replace(settings, iterations=1)
     model = kc_model(scene.model)
-    derived = dataclasses.replace(scene, model=model, integrator=settings)
+    derived = dataclasses.replace(scene, model=model, integrator=with_one_iteration(scene.integrator))
     high = -min(guide.travel[0] for guide in model.guides)
-    travel = Limit(quantity='suspension_travel', unit='m', low=-high, high=high, why='the range of the maps, which go on linearly')
+    travel = Limit(quantity='suspension_travel', unit='m', low=-high, high=high, why=MAPS)
     return Derived(scene=derived, level='kc', report=LevelReport(lost=LOST, validity=(travel, *VALIDITY)))
 
 
