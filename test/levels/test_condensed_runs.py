@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from pathlib import Path
 from statistics import median
 from time import thread_time
 
@@ -23,8 +22,8 @@ from solver.levels.condensed import condensed
 from solver.scene import Scene
 from solver.simulation import Simulation
 
-SECOND_CAR = Path(__file__).parents[1] / 'data' / 'vehicles' / 'second_car.yaml'
-CARS = ('vehicles/full_car.yaml', str(SECOND_CAR))
+SECOND_CAR = 'vehicles/wishbone_car.yaml'
+CARS = ('vehicles/full_car.yaml', SECOND_CAR)
 TOLERANCE = 0.005  # of the peak, root mean square
 WAVE, AMPLITUDE = 2.0, 0.005  # m
 ROAD = RoadSpec(

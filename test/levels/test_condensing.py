@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,16 +24,16 @@ from solver.levels.shafts import _all_columns, _harmonics
 from solver.model.compile import compile_model
 from solver.model.spec import ModelSpec
 
-SECOND_CAR = Path(__file__).parents[1] / 'data' / 'vehicles' / 'second_car.yaml'
+SECOND_CAR = 'vehicles/wishbone_car.yaml'
 
 
 def vehicle(name: str) -> ModelSpec:
-    if name == 'second_car':
-        return load_scene_text(f'vehicle: {SECOND_CAR}', 'second car').model
+    if name == 'wishbone_car':
+        return load_scene_text(f'vehicle: {SECOND_CAR}', 'wishbone car').model
     return load_scene(name).model
 
 
-@pytest.fixture(scope='module', params=['car_step_steer', 'second_car', 'light_car_step_steer'])
+@pytest.fixture(scope='module', params=['car_step_steer', 'wishbone_car', 'light_car_step_steer'])
 def pair(request: pytest.FixtureRequest) -> tuple[ModelSpec, ModelSpec]:
     """(a vehicle, the same condensed)."""
     full = vehicle(request.param)

@@ -9,13 +9,13 @@ from typing import Any
 
 from mbd_sim_ros.lab.studies.report import Report
 from solver.errors import MbdError
-from solver.files.scene import load_scene
+from solver.files.scene import load_scene_text
 from solver.levels import LEVELS
 from solver.levels.error_sheet import cost, courses, error_sheet
 from solver.scene import Fidelity
 
-SUMMARY = 'levels of detail of both cars: CPU per step and errors against the whole vehicle in five maneuvers'
-SCENES = {'full car': 'car_step_steer', 'light car': 'light_car_step_steer'}
+SUMMARY = 'levels of detail of three cars: CPU per step and errors against the whole vehicle in five maneuvers'
+VEHICLES = {'full car': 'full_car', 'wishbone car': 'wishbone_car', 'light car': 'light_car'}
 DETAILED = 'full car'  # whose CPU time the levels are measured by
 HANDLING = ('yaw_rate', 'sideslip_velocity', 'roll', 'wheel_load')
 JUDGED: dict[Fidelity, tuple[float, float, tuple[str, ...]]] = {  # level: error allowed, share of the CPU time, quantities
@@ -38,10 +38,10 @@ def study(out: Path, *, quick: bool, progress: Callable[[str, float], None]) -> 
     )
     data: dict[str, Any] = {}
     levels = [level for level in JUDGED if level in LEVELS]
-    pieces = len(SCENES) * (len(levels) + 1)
-    for c, (car, scene) in enumerate(SCENES.items()):
+    pieces = len(VEHICLES) * (len(levels) + 1)
+    for c, (car, vehicle) in enumerate(VEHICLES.items()):
         report.text(f'## {car.capitalize()}')
-        model = load_scene(scene).model
+        model = load_scene_text(f'vehicle: vehicles/{vehicle}.yaml', car).model
         first = c * (len(levels) + 1)
         progress(f'{car}: whole', first / pieces)
         step_steer = courses(model)[0]
