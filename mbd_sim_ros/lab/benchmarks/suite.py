@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple, Protocol
 
-from mbd_sim_ros.lab.benchmarks import endurance, growth, linkage, overhead, rigs, single, start, stepping, threads
+from mbd_sim_ros.lab.benchmarks import endurance, growth, levels, linkage, overhead, rigs, single, start, stepping, threads
 from mbd_sim_ros.lab.benchmarks.machine import Watch, fingerprint, on_one_core
 from solver.errors import MbdError, SceneError, suggestion
 from solver.files.scene import config_directories, find_file
@@ -57,6 +57,10 @@ def _endurance(case: Case, quick: bool) -> Measurement:
     return endurance.Endurance(case.scene, case.set, seconds, with_reader=case.measure == 'node_and_reader')
 
 
+def _node_levels(case: Case, quick: bool) -> Measurement:
+    return levels.NodeLevels(case.scene, case.set, min(case.duration, QUICK_SECONDS) if quick else case.duration)
+
+
 MEASURES: dict[str, Measure] = {
     'steps': Measure(stepping.FIGURES, 4000, 500, lambda case, _: stepping.Stepping(case.scene, case.set)),
     'single': Measure(single.FIGURES, 12000, 500, lambda case, _: single.Single(case.scene, case.set)),
@@ -67,6 +71,8 @@ MEASURES: dict[str, Measure] = {
     'record': Measure(overhead.FIGURES, 2000, 500, lambda case, _: _overhead(case)),
     'publish': Measure(overhead.FIGURES, 2000, 500, lambda case, _: _overhead(case)),
     'start': Measure(start.FIGURES, 1, 1, lambda case, _: start.StartUp(case.scene, case.set), once=True),
+    'levels': Measure(levels.FIGURES, 4000, 400, lambda case, _: levels.Levels(case.scene, case.set)),
+    'node_levels': Measure(levels.NODE_FIGURES, 1, 1, _node_levels, once=True),
     'node': Measure(endurance.FIGURES, 1, 1, _endurance, once=True),
     'node_and_reader': Measure(endurance.FIGURES, 1, 1, _endurance, once=True),
 }
@@ -77,17 +83,30 @@ class Case:
     """One line of the benchmark.
 
     measure: 'steps' times advance(), 'single' steps one at a time beside an idle loop; 'growth' is for scenes of several sizes, 'threads'
-    for several simulations at once, 'peers' for the car on a rig and 'linkage' for N four-bar linkages here and in other programs; 'record'
-    and 'publish' tell what encoding, recording and publishing add to a step of a loop paced at the step of the scene, 'start' how long a
-    start takes; 'node' is the real node for `duration` [s], commanded, publishing and recording every step, 'node_and_reader' the same with
-    a reader of every topic. set: changes to the scene, as `--set`. publish_every: of 'record' and 'publish', messages after every n-th
-    step, as the parameter of the node. targets: limits of figures, by name.
+    for several simulations at once, 'levels' for the levels of detail of a vehicle, 'peers' for the car on a rig and 'linkage' for N
+    four-bar linkages here and in other programs; 'record' and 'publish' tell what encoding, recording and publishing add to a step of a
+    paced loop, 'start' how long a start takes; 'node' is the real node for `duration` [s], commanded, publishing and recording every step,
+    'node_and_reader' the same with a reader of every topic, 'node_levels' how much of a core it takes at each level. set: changes to the
+    scene, as `--set`. publish_every: of 'record' and 'publish', messages after every n-th step, as the parameter of the node. targets:
+    limits of figures, by name.
     """
 
     name: str
     scene: str
     measure: Literal[
-        'steps', 'single', 'growth', 'threads', 'peers', 'linkage', 'record', 'publish', 'start', 'node', 'node_and_reader'
+        'steps',
+        'single',
+        'growth',
+        'threads',
+        'levels',
+        'peers',
+        'linkage',
+        'record',
+        'publish',
+        'start',
+        'node',
+        'node_and_reader',
+        'node_levels',
     ] = 'steps'
     set: tuple[str, ...] = ()
     duration: Annotated[float, 's'] = 600.0

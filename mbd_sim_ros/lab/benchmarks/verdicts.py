@@ -29,6 +29,7 @@ TITLES = {  # of the measures whose table has one line per case and one column p
     'single': ('Single steps beside an idle loop', 'CPU time of one thread.'),
     'growth': ('Growth with the number of bodies', 'CPU time of steps in a batch, and memory.'),
     'threads': ('Simulations in threads', ''),
+    'levels': ('Levels of detail', 'CPU time of one thread, in turns.'),
     'peers': (
         'The car on a rig, here and in Exudyn',
         'CPU time per simulated millisecond on one core, in turns.',
@@ -39,6 +40,10 @@ TITLES = {  # of the measures whose table has one line per case and one column p
     ),
     'start': ('Start', ''),
     'node': ('The node at work', 'Elapsed time, all cores; commanded over topics, everything published and recorded.'),
+    'node_levels': (
+        'The node at its levels of detail',
+        'CPU time of all threads of the node, paced in real time, publishing as it does by itself.',
+    ),
     'node_and_reader': ('The node at work, every topic with a reader', 'As above.'),
 }
 
