@@ -49,6 +49,7 @@ STUDIES: dict[str, str] = {  # name: module
     'car_cost': 'mbd_sim_ros.lab.studies.car_cost',
     'validation': 'mbd_sim_ros.lab.studies.validation',
     'levels': 'mbd_sim_ros.lab.studies.levels',
+    'plan': 'mbd_sim_ros.lab.studies.plan',
     'mechanisms': 'mbd_sim_ros.lab.studies.mechanisms',
 }
 

@@ -1,0 +1,193 @@
+"""Study of the plans: what `mbd plan` chooses on six scenes with three requirements each, held against maneuvers it has not seen and
+against the cheapest of the whole grid, which is looked for afterwards."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from mbd_sim_ros.lab.studies.cells import Cells, number
+from mbd_sim_ros.lab.studies.report import Report
+from solver.errors import MbdError
+from solver.files.scene import load_scene, load_scene_text
+from solver.levels import LEVELS
+from solver.scene import Scene
+from solver.trade.certificate import OK, plan
+from solver.trade.search import LONGEST, UNSEEN, Check, Search
+from solver.trade.setting import Setting
+from solver.trade.variations import inside
+
+SUMMARY = 'plans of six scenes with three requirements each: maneuvers they have not seen, cost against the cheapest of the grid, time'
+CORES = 2  # that a plan has LONGEST seconds on
+LEAST_UNSEEN = 20
+DEAREST = 1.5  # of the cheapest of the grid
+ALLOWED = 180.0  # s on CORES
+SMALL = 1e-3  # s: at most this is a small step
+
+CRUISE = """
+vehicle: vehicles/full_car.yaml
+start: {kind: equilibrium, speed_kmh: 80}
+maneuver: {name: cruise, drive_torque: 170}
+integrator: {iterations: 2}
+duration: 4
+"""
+SCENES: dict[str, Callable[[list[str]], Scene]] = {
+    'level cruise': lambda more: load_scene_text(CRUISE, 'cruise', more),
+    'step steer': lambda more: load_scene('car_step_steer', ['duration=4', *more]),
+    'swept steer at the limit': lambda more: load_scene('car_swept_steer', ['duration=6', *more]),
+    'double lane change': lambda more: load_scene('car_lane_change', ['duration=6.5', *more]),
+    'braking on split friction': lambda more: load_scene('car_split_mu_brake', ['duration=4', 'maneuver.brake_torque.start=0.5', *more]),
+    'rough road': lambda more: load_scene('car_rough_road', ['duration=4', *more]),
+}
+YAW = '{yaw_rate: {rms: 5 %}}'
+HANDLING = '{yaw_rate: {rms: 1 %}, sideslip_velocity: {rms: 1 %}, roll: {rms: 2 %}, position: {max: 0.1 m}}'
+LOADS = '{wheel_load.front_left: {rms: 1 %}, wheel_load.rear_right: {rms: 1 %}}'
+EXACT = '{position: {max: 1.0e-5 m}}'
+IMPOSSIBLE = '{position: {max: 1.0e-13 m}}'
+
+
+class Wish(NamedTuple):
+    """A plan to be made."""
+
+    scene: str
+    require: str
+
+    def __str__(self) -> str:
+        return f'{self.scene}, {self.require}'
+
+
+WISHES = (
+    *(Wish(scene, LOADS) for scene in SCENES),
+    *(Wish(scene, YAW) for scene in SCENES if scene not in ('level cruise', 'rough road')),
+    Wish('level cruise', '{longitudinal_velocity: {rms: 0.1 %}, position: {max: 0.1 m}}'),
+    Wish('rough road', '{roll: {rms: 5 %}, position: {max: 0.1 m}}'),
+    Wish('step steer', EXACT),
+    Wish('level cruise', '{pitch: {rms: 2 %}, position: {max: 1 mm}}'),
+    *(Wish(scene, HANDLING) for scene in ('swept steer at the limit', 'double lane change', 'braking on split friction')),
+    Wish('rough road', '{wheel_load.front_left: {rms: 0.1 %}, wheel_load.rear_right: {rms: 0.1 %}}'),
+)
+HOP, TURN, TIGHT = Wish('rough road', LOADS), Wish('step steer', YAW), Wish('step steer', EXACT)
+NEVER = Wish('step steer', IMPOSSIBLE)
+
+
+def study(out: Path, *, quick: bool, progress: Callable[[str, float], None]) -> dict:
+    """See mbd_sim_ros.lab.studies. Plans are made one after the other, each on all cores that this process may use."""
+    cores = len(os.sched_getaffinity(0))
+    wishes = (Wish('level cruise', '{position: {max: 0.5 m}}'),) if quick else tuple(dict.fromkeys((TURN, HOP, TIGHT, NEVER, *WISHES)))
+    rows: dict[Wish, dict[str, Any]] = {}
+    with Cells(out / 'plans.jsonl') as cells:
+        for k, wish in enumerate(wishes):
+
+            def said(text: str, _: float, k: int = k, wish: Wish = wish) -> None:
+                progress(f'plan {k + 1} of {len(wishes)}: {wish.scene}: {text}', k / len(wishes))
+
+            rows[wish] = cells.cell(str(wish), lambda wish=wish, said=said: made(wish, cores, quick, said))  # type: ignore[misc]
+    report = Report(out, 'Plans')
+    report.text(
+        'Every plan is made from nothing but its scene and what is required of it, and then held against maneuvers that had no part in '
+        f'it, at least {LEAST_UNSEEN} of them, and against the cheapest setting of the grid (level, step, iterations, damping) that keeps '
+        'the same limits on the same maneuvers; of all that are cheaper every one is tried. Costs are CPU seconds per simulated second by '
+        f'counters. Made on {cores} core{"s" * (cores > 1)}; time is given for {CORES}.'
+    )
+    report.table('plans', [shown(wish, row) for wish, row in rows.items()])
+    for wish, row in rows.items():
+        if wish == NEVER:
+            report.check(f'{wish}: plans that say no, and why', float(row['status'] == 'no' and bool(row['give'])), 1.0, least=True)
+            continue
+        if not quick:
+            report.check(f'{wish}: unseen maneuvers', row['passed'] + row['failed'], LEAST_UNSEEN, least=True)
+        report.check(f'{wish}: unseen maneuvers that it failed on', row['failed'], 0)
+        report.check(f'{wish}: cost over that of the cheapest of the grid', number(row['dearer']), DEAREST)
+        report.check(f'{wish}: time on {CORES} cores [s]', row['took'] * cores / CORES, ALLOWED)
+    if not quick:
+        report.check('wheel-hop loads take another level than yaw rate', float(rows[HOP]['level'] != rows[TURN]['level']), 1.0, least=True)
+        tight = rows[TIGHT]
+        full = tight['level'] == 'full' and number(tight['h']) <= SMALL
+        report.check('1e-5 m takes the full vehicle and a small step', float(full), 1.0, least=True)
+    refused = [f'{wish}: {" ".join(row["give"])}' for wish, row in rows.items() if row['status'] != OK]
+    if refused:
+        report.text('## No plan', *refused)
+    report.write()
+    return {'plans': list(rows.values()), 'checks': report.checks}
+
+
+def shown(wish: Wish, row: dict[str, Any]) -> dict[str, Any]:
+    """A line of the table."""
+    return {
+        'scene': wish.scene, 'required': wish.require, 'plan': row['setting'] or row['status'],
+        'unseen passed': row['passed'], 'failed': row['failed'], 'largest share of a limit': row['largest'],
+        'cheapest of the grid': row['cheapest'] or '', 'dearer': row['dearer'], 'of the full vehicle': row['cost_ratio'],
+        'time [s]': row['took'],
+    }  # fmt: skip
+
+
+def made(wish: Wish, cores: int, quick: bool, progress: Callable[[str, float], None]) -> dict[str, Any]:
+    """A plan, and what became of it."""
+    scene = SCENES[wish.scene]([*(['duration=1'] if quick else []), f'require={wish.require}'])
+    levels = () if quick else tuple(LEVELS)
+    longest = LONGEST * CORES / cores
+    search = Search(scene, workers=cores, longest=longest, unseen=2 if quick else UNSEEN, levels=levels, progress=progress)
+    data = plan(search)
+    found: dict[str, Any] = {
+        'status': data['status'], 'level': None, 'h': None, 'setting': '', 'passed': 0, 'failed': 0, 'largest': None, 'cheapest': '',
+        'dearer': None, 'cost_ratio': data['cost_ratio'], 'took': data['took'], 'give': data['give'], 'notes': data['notes'],
+        'levels': data['levels'],
+    }  # fmt: skip
+    if search.result is None:
+        return found
+    best = search.result
+    search.until = math.inf
+    checks = unseen(search, best.setting, 2 if quick else LEAST_UNSEEN)
+    cheapest, cost = cheapest_of_grid(search, best.cost, checks, levels)
+    return found | {
+        'level': best.setting.level,
+        'h': best.setting.h,
+        'setting': str(best.setting),
+        'passed': sum(c.passed for c in checks),
+        'failed': sum(not c.passed for c in checks),
+        'largest': max((c.used for c in checks), default=None),
+        'cheapest': str(cheapest or best.setting),
+        'dearer': best.cost / cost,
+    }
+
+
+def unseen(search: Search, setting: Setting, least: int) -> list[Check]:
+    """The checks of the plan on maneuvers that had no part in the choice, and more where it had no time for so many."""
+    checks = [c for c in search.checks if c.variation not in search.seen]
+    known = {c.variation for c in checks}
+    k = 0
+    while len(checks) < least and k < 10 * least:
+        v = inside(k)
+        k += 1
+        if v in known or v in search.seen:
+            continue
+        search.say(f'more unseen maneuvers: {len(checks)} of {least}')
+        check = search.check(setting, v)
+        if not check.failure.startswith('the reference'):
+            checks.append(check)
+    return checks
+
+
+def cheapest_of_grid(search: Search, cost: float, checks: list[Check], levels: Sequence[str]) -> tuple[Setting | None, float]:
+    """(the cheapest setting of the grid below a cost that keeps the limits on all these maneuvers, None if there is none; its cost)."""
+    models = [Setting()]
+    for level in levels:
+        setting = Setting(level=level)  # type: ignore[arg-type]
+        try:
+            search.per_step(setting)
+        except MbdError:
+            continue
+        models.append(setting)
+    maneuvers = [*search.seen, *(c.variation for c in checks)]
+    best: tuple[Setting | None, float] = (None, cost)
+    for setting in search.candidates(models):
+        if search.expected(setting) >= best[1]:
+            break
+        search.say(f'grid: {setting}')
+        if all(search.check(setting, v).passed for v in maneuvers):
+            exact = search.expected(setting, search.known(maneuvers[0], setting))
+            best = min(best, (setting, exact), key=lambda entry: entry[1])
+    return best
