@@ -93,6 +93,20 @@ def _scaled(typing_context, a, x):
     return ROW(types.float64, ROW), lambda context, builder, signature, args: builder.fmul(_splat(builder, args[0]), args[1])
 
 
+@intrinsic
+def _plus_times(typing_context, x, a, y):
+    return ROW(ROW, types.float64, ROW), lambda context, builder, signature, args: _multiply_add(builder, args[1], args[2], args[0])
+
+
+@intrinsic
+def _unpack(typing_context, x):
+    def generate(context, builder, signature, args):
+        numbers = [builder.extract_element(args[0], ir.Constant(_LANE, k)) for k in range(3)]
+        return context.make_tuple(builder, signature.return_type, numbers)
+
+    return types.UniTuple(types.float64, 3)(ROW), generate
+
+
 def _lane(k):
     """Intrinsic: the row of the numbers k of three rows."""
 
@@ -167,6 +181,16 @@ def times(a, x):
     return (a * x[0], a * x[1], a * x[2])
 
 
+def plus_times(x, a, y):
+    """x + a y for a number a and rows x, y."""
+    return (x[0] + a * y[0], x[1] + a * y[1], x[2] + a * y[2])
+
+
+def numbers(x):
+    """The three numbers of a row."""
+    return x
+
+
 def first(x, y, z):
     """The row of the first numbers of three rows."""
     return (x[0], y[0], z[0])
@@ -224,6 +248,16 @@ def _less_rows(x, y):
 @overload(times)
 def _times_row(a, x):
     return (lambda a, x: _scaled(a, x)) if x is ROW else times  # noqa: PLW0108
+
+
+@overload(plus_times)
+def _plus_times_row(x, a, y):
+    return (lambda x, a, y: _plus_times(x, a, y)) if x is ROW else plus_times  # noqa: PLW0108
+
+
+@overload(numbers)
+def _numbers_of_row(x):
+    return (lambda x: _unpack(x)) if x is ROW else numbers  # noqa: PLW0108
 
 
 @overload(first)

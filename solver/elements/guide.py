@@ -39,7 +39,7 @@ from solver.compiled.kernel import kernel, sixes
 from solver.compiled.vec import dot, load33
 from solver.elements.brake import HOLD, RELEASED, friction
 from solver.elements.coordinate import add_coordinate_hessian, add_gradient, coordinate_rate, evaluate_coordinate
-from solver.elements.guide_map import QUANTITIES, Nodes, map_of
+from solver.elements.guide_map import COLUMNS, QUANTITIES, Nodes, map_of
 from solver.elements.guide_tangents import (
     add_dyads,
     add_motions,
@@ -137,7 +137,7 @@ class GuideTable(NamedTuple):
     nodes: np.ndarray  # (n, 4) first and step of travel and steering
     number: np.ndarray  # (n, 2) of them
     start: np.ndarray  # (2 n,) first row in shape of either side
-    shape: np.ndarray  # (rows, 5)
+    shape: np.ndarray  # (rows, COLUMNS)
     opposite: np.ndarray  # (2 n, 5, 2)
     steering: np.ndarray  # (n,) coordinate, -1 for none
     K: np.ndarray  # (n, 8, 8)
@@ -155,6 +155,12 @@ class GuideTable(NamedTuple):
     damping: np.ndarray  # (n,)
 
 
+def _padded(shape: Sequence[float]) -> np.ndarray:
+    """Coefficients of all maps, (rows, COLUMNS)."""
+    given = np.array(shape, float).reshape(-1, len(QUANTITIES))
+    return np.pad(given, ((0, 0), (0, COLUMNS - len(QUANTITIES))))
+
+
 def compile_guides(specs: Sequence[GuideSpec], context: Context) -> GuideTable:
     """Resolve names and laws into a table."""
     n = len(specs)
@@ -167,7 +173,7 @@ def compile_guides(specs: Sequence[GuideSpec], context: Context) -> GuideTable:
         nodes=np.array([[*s.travel[:2], *s.steering[:2]] for s in specs], float).reshape(-1, 4),
         number=np.array([[s.travel[2], s.steering[2]] for s in specs], np.int64).reshape(-1, 2),
         start=np.array([0, *np.cumsum(rows)[:-1]] if rows else [], np.int64),
-        shape=np.array([v for s in specs for v in s.shape], float).reshape(-1, len(QUANTITIES)),
+        shape=_padded([v for s in specs for v in s.shape]),
         opposite=np.array([s.opposite for s in specs], float).reshape(2 * n, 5, 2),
         steering=np.full(n, -1, np.int64),
         K=np.array([s.stiffness for s in specs], float).reshape(-1, 8, 8),

@@ -7,8 +7,11 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.compiled.kernel import kernel
+from solver.compiled.rows import combine3, numbers, plus_times
+from solver.compiled.rows import row as row_of
 
 QUANTITIES = ('x', 'y', 'psi', 'gamma', 'theta')
+COLUMNS = 6  # of the coefficients: two rows of three (solver.compiled.rows), the last column empty
 
 
 class Nodes(NamedTuple):
@@ -58,41 +61,76 @@ class Place(NamedTuple):
     ddu: tuple
 
 
+class Surface(NamedTuple):
+    """Three quantities and their derivatives, as rows of solver.compiled.rows."""
+
+    v: tuple
+    s: tuple
+    t: tuple  # by sigma
+    ss: tuple
+    st: tuple
+    tt: tuple
+
+
 @kernel(inline=True)
-def _four(shape, row, q, w):
-    """Sum of four coefficients in a row with weights."""
-    return shape[row, q] * w[0] + shape[row + 1, q] * w[1] + shape[row + 2, q] * w[2] + shape[row + 3, q] * w[3]
+def _coefficients(shape, at, row, q):
+    """Those of three quantities from q on; like the place, for complex places too."""
+    zero = 0.0 * at.w[0]
+    return row_of(shape[row, q] + zero, shape[row, q + 1] + zero, shape[row, q + 2] + zero)
+
+
+@kernel(inline=True)
+def _four(x, w):
+    """Sum of four rows with weights."""
+    return plus_times(combine3(w[0], x[0], w[1], x[1], w[2], x[2]), w[3], x[3])
 
 
 @kernel(inner=True)
 def _surface(shape, at, q, bent):
-    """(value, by s, by sigma, by s s, by s sigma, by sigma sigma) of quantity q; the second derivatives only if bent."""
+    """The Surface of the quantities q, q + 1, q + 2; second derivatives only if bent."""
     zero = 0.0 * at.w[0]
-    v, v_s, v_t, v_ss, v_st, v_tt = zero, zero, zero, zero, zero, zero
+    none = row_of(zero, zero, zero)
+    v, v_s, v_t, v_ss, v_st, v_tt = none, none, none, none, none, none
     for k in range(4):
         row = at.row + k * at.columns
         if at.columns > 1:
-            a, b = _four(shape, row, q, at.u), _four(shape, row, q, at.du)
-            v_t += at.w[k] * b
+            x = (
+                _coefficients(shape, at, row, q), _coefficients(shape, at, row + 1, q),
+                _coefficients(shape, at, row + 2, q), _coefficients(shape, at, row + 3, q),
+            )  # fmt: skip
+            a, b = _four(x, at.u), _four(x, at.du)
+            v_t = plus_times(v_t, at.w[k], b)
             if bent:
-                v_st += at.d[k] * b
-                v_tt += at.w[k] * _four(shape, row, q, at.ddu)
+                v_st = plus_times(v_st, at.d[k], b)
+                v_tt = plus_times(v_tt, at.w[k], _four(x, at.ddu))
         else:
-            a = shape[row, q] + zero
-        v += at.w[k] * a
-        v_s += at.d[k] * a
+            a = _coefficients(shape, at, row, q)
+        v = plus_times(v, at.w[k], a)
+        v_s = plus_times(v_s, at.d[k], a)
         if bent:
-            v_ss += at.dd[k] * a
-    return v, v_s, v_t, v_ss, v_st, v_tt
+            v_ss = plus_times(v_ss, at.dd[k], a)
+    return Surface(v, v_s, v_t, v_ss, v_st, v_tt)
 
 
-@kernel(inner=True)
-def _quantity(table, side, at, q, s, o, bent):
+@kernel(inline=True)
+def _quantity(table, side, q, s, o, v, v_s, v_t, v_ss, v_st, v_tt):
     """(value, by s, by o, by sigma, by s s, by s o, by s sigma, by sigma sigma) of quantity q with the travel o of the other wheel."""
-    v, v_s, v_t, v_ss, v_st, v_tt = _surface(table.shape, at, q, bent)
     b0, b1 = table.opposite[side, q, 0], table.opposite[side, q, 1]
     v_o = b0 + b1 * s
     return v + o * v_o, v_s + o * b1, v_o, v_t, v_ss, b1, v_st, v_tt
+
+
+@kernel(inline=True)
+def _three(table, side, at, q, s, o, bent):
+    """Quantities q, q + 1, q + 2; the last one of none is not looked at."""
+    x = _surface(table.shape, at, q, bent)
+    v, v_s, v_t, v_ss, v_st, v_tt = numbers(x.v), numbers(x.s), numbers(x.t), numbers(x.ss), numbers(x.st), numbers(x.tt)
+    last = min(q + 2, len(QUANTITIES) - 1)
+    return (
+        _quantity(table, side, q, s, o, v[0], v_s[0], v_t[0], v_ss[0], v_st[0], v_tt[0]),
+        _quantity(table, side, q + 1, s, o, v[1], v_s[1], v_t[1], v_ss[1], v_st[1], v_tt[1]),
+        _quantity(table, side, last, s, o, v[2], v_s[2], v_t[2], v_ss[2], v_st[2], v_tt[2]),
+    )
 
 
 @kernel(inner=True)
@@ -107,10 +145,6 @@ def map_of(table, e, k, s, o, sigma, bent):
         j, u, du, ddu = _place(sigma + zero, table.nodes[e, 2], table.nodes[e, 3], table.number[e, 1])
         columns = table.number[e, 1] + 2
     at = Place(table.start[side] + i * columns + j, columns, w, d, dd, u, du, ddu)
-    return (
-        _quantity(table, side, at, 0, s, o, bent),
-        _quantity(table, side, at, 1, s, o, bent),
-        _quantity(table, side, at, 2, s, o, bent),
-        _quantity(table, side, at, 3, s, o, bent),
-        _quantity(table, side, at, 4, s, o, bent),
-    )
+    x, y, psi = _three(table, side, at, 0, s, o, bent)
+    gamma, theta, _ = _three(table, side, at, 3, s, o, bent)
+    return x, y, psi, gamma, theta

@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from solver import simulation_of
+from solver.levels.derived import FINE
 from solver.scene import Scene
 from solver.trade.setting import Setting
 
@@ -23,6 +24,7 @@ PIECE = 0.1  # s of simulated time that one sample of the cost is of
 ROUNDS = 3
 PROBE = 150  # steps of one timing of a model
 PROBES = (1, 3)  # iterations
+PROBED = 1.25 * FINE  # s, the step of such a timing: every level makes the iterations that it is told
 
 
 class Cost(NamedTuple):
@@ -73,7 +75,7 @@ def per_step(scene: Scene, setting: Setting) -> PerStep:
     """Time of a step and of an evaluation of a model, by timing it with one and with three iterations. Raises MbdError."""
     times, evaluations = [], []
     for iterations in PROBES:
-        simulation = simulation_of(dataclasses.replace(setting, iterations=iterations).of(scene))
+        simulation = simulation_of(dataclasses.replace(setting, h=PROBED, iterations=iterations).of(scene))
         simulation.advance(PROBE // 3, audit=False)
         saved, best = simulation.save(), np.inf
         for _ in range(ROUNDS):

@@ -61,5 +61,5 @@ def test_how_fast_a_run_swings_is_watched(frequency: float, suspect: bool) -> No
     if suspect:
         assert found[0].where == 'frequency'
         assert found[0].value == pytest.approx(frequency, rel=0.05)
-        assert 'frequency of steering wheel is 7' in found[0].text
+        assert 'frequency of steering wheel is 6.9' in found[0].text
         assert 'valid is up to 5 Hz (certified)' in found[0].text
