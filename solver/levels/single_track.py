@@ -7,7 +7,8 @@ whole vehicle, on a flat road of friction 1:
     creeping with the steering turned      gear of the steering
     driving and braking straight on        rolling radii and resistance, stiffness against slip, load moved and its lag, pitch
     braking more and more                  longitudinal peaks
-    ramp steer, step steer at two speeds   characteristics and relaxation of both axles, roll steer, roll
+    ramp steer, step steer at two speeds,
+    step steer braked in the bend          characteristics and relaxation of both axles, roll steer, roll
 
 The last group by least squares of yaw rate, lateral velocity and roll over time, the level itself driving the same inputs
 (Levenberg-Marquardt with explicit start; sums, products and the solution of the normal equations have the same bits on every processor).
@@ -58,7 +59,6 @@ def derive(scene: Scene) -> Derived:
             'travel of the wheels, bounce, pitch as a motion of its own, wheel hop, engine and subframes on their mounts',
             'unevenness and slope of the road; friction counts as the mean of both wheels of an axle',
             'torsion of steering and driveline',
-            'growth of lateral stiffness with the load: braked with 0.3 g in a bend of 0.3 g, yaw rate is 5 to 8 % wrong',
         ),
         validity=tuple(Limit(**limit) for limit in found['validity']),
     )
@@ -109,6 +109,7 @@ def identified(model: ModelSpec) -> dict[str, Any]:
             'shifted': -1.0 if i == 0 else 1.0,
             'steered': 1.0 if i == 0 else 0.0,
             'stiffness_y': 15.0 * found['load'],
+            'stiffness_load': 0.8,
             'peak_y': 1.0 * found['load'],
             'shape_y': 1.3,
             'curvature_x': 0.0,
@@ -152,4 +153,4 @@ def identified(model: ModelSpec) -> dict[str, Any]:
     x = least_squares(search.residual, np.zeros(len(search.NAMES)))
     parameters = search.parameters(x)
     feel(parameters, scene, runs)
-    return parameters | {'validity': limits(parameters, scene, runs[0], lock, model)}
+    return parameters | {'validity': limits(parameters, scene, runs, lock, model)}

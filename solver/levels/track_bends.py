@@ -25,6 +25,7 @@ from solver.step.single_track_tables import FY, ROLL, SATURATION, SHIFT, SingleT
 FAST = 33.0  # m/s
 LATERAL = 4.0  # m/s^2 that the steps are meant for
 RAMP = 12.0  # m/s^2 that the ramp would end at if nothing saturated
+COMBINED = 3.0  # m/s^2, along and across
 SATURATED = 7.0  # m/s^2: what is beyond weighs less and less
 UNDERSTEER = 0.003  # rad s^2/m that runs in bends are laid out with
 SCALES = {'curvature_y': 1.0, 'roll_steer': 0.1, 'axis': 0.1}  # of unknowns that may start at zero; the others are relative to their start
@@ -35,7 +36,8 @@ class Lateral:
     """The search for what the runs in bends tell; its unknowns are relative to their start, one each."""
 
     NAMES = (
-        *((axle, name) for axle in AXLES for name in ('stiffness_y', 'peak_y', 'shape_y', 'curvature_y', 'length_y', 'roll_steer')),
+        *((axle, name) for axle in AXLES for name in ('stiffness_y', 'stiffness_load', 'peak_y', 'shape_y', 'curvature_y')),
+        *((axle, name) for axle in AXLES for name in ('length_y', 'roll_steer')),
         *(('body', name) for name in ('coupling', 'roll_stiffness', 'roll_damping')),
         ('mounting', 'axis'),
     )
@@ -106,14 +108,21 @@ def feel(found: dict[str, dict[str, float]], scene: Scene, runs: list[tuple[Driv
     mounting['pitch_by_roll'] = float(fitted([np.concatenate(rolled)], np.concatenate(pitched))[0])
 
 
-def limits(found: dict[str, dict[str, float]], scene: Scene, bend: tuple[Drive, Run], lock: Run, model: ModelSpec) -> list[dict[str, Any]]:
+def limits(
+    found: dict[str, dict[str, float]], scene: Scene, runs: list[tuple[Drive, Run]], lock: Run, model: ModelSpec
+) -> list[dict[str, Any]]:
     """Where the level holds, as fields of Limit: as far as it follows the ramp and the braking to ERROR, and what it leaves out."""
-    drive, run = bend
+    drive, run = runs[0]
     shown_ = replay(tables_of(found, scene), drive, run)
     lateral = run.vx * run.yaw_rate
     wrong = (np.abs(shown_[0] - run.yaw_rate) > ERROR * np.abs(run.yaw_rate)) & (lateral > 1.0)
     last = int(np.argmax(wrong)) if wrong.any() else len(wrong) - 1
     last = max(0, min(last, int(np.argmax(lateral))) - 1)
+    braked_drive, braked = runs[-1]
+    error = np.abs(replay(tables_of(found, scene), braked_drive, braked)[0] - braked.yaw_rate)
+    wrong = error > ERROR * np.abs(braked.yaw_rate).max()
+    end = int(np.argmax(wrong)) if wrong.any() else len(wrong)
+    both = np.sqrt(np.abs((np.gradient(braked.vx, braked.time) - braked.vy * braked.yaw_rate) * braked.vx * braked.yaw_rate))
     slips = []
     for i, axle in enumerate(AXLES):
         a = found[axle]
@@ -129,6 +138,7 @@ def limits(found: dict[str, dict[str, float]], scene: Scene, bend: tuple[Drive, 
         ('lateral acceleration', 'm/s^2', float(np.abs(lateral[: last + 1]).max()), identified_),
         ('slip angle', 'rad', float(np.abs(0.5 * run.axle('alpha')[last]).max()), identified_),
         ('slip', '', min(slips), identified_),
+        ('combined acceleration', 'm/s^2', float(both[:end].max(initial=0.0)), f'root of the product of both; {identified_}'),
         ('frequency', 'Hz', math.sqrt(ERROR) * hop, f'wheels hop at {hop:.3g} Hz: what follows them at once is {100 * ERROR:g} % wrong'),
         ('friction difference', '', 0.1, 'both wheels of an axle are one'),
         ('road height', 'm', 0.005, 'it drives on a plane'),
@@ -138,7 +148,7 @@ def limits(found: dict[str, dict[str, float]], scene: Scene, bend: tuple[Drive, 
 
 
 def bends(start: dict[str, dict[str, float]], wheelbase: float) -> list[Drive]:
-    """A ramp and a step at SPEED and a step at FAST, with the torque that keeps the speed straight on."""
+    """A ramp and a step at SPEED and a step at FAST, with the torque that keeps the speed straight on, and a step that is braked then."""
     body = start['body']
 
     def wheel(lateral: float, speed: float) -> float:
@@ -155,4 +165,6 @@ def bends(start: dict[str, dict[str, float]], wheelbase: float) -> list[Drive]:
     for speed in (SPEED, FAST):
         step = Step(value=wheel(LATERAL, speed), start=0.5, rise=0.15)
         drives.append(Drive(speed=speed, maneuver=Maneuver(steering=step, drive_torque=torque(speed)), duration=3.0))
-    return drives
+    brake = Step(value=COMBINED * body['mass'] * start['front']['radius'], start=2.0, rise=0.2)
+    step = Step(value=wheel(COMBINED, SPEED), start=0.5, rise=0.15)
+    return [*drives, Drive(speed=SPEED, maneuver=Maneuver(steering=step, brake_torque=brake), duration=4.0)]

@@ -22,10 +22,10 @@ and a characteristic of combined slip in the manner of the similarity method ([P
     s = |(Kx kappa / Dx, Ky tan(alpha) / Dy)|     F = D f(s) s_i / s     f(s) = sin(C atan(X - E (X - atan(X)))),  X = s / C
 
 with f'(0) = 1; C and E go from their values along to those across with the square of the direction of slip. D is proportional to the
-load of the axle and the friction of the road. Steering turns the front axle; roll turns both (roll steer). The point of contact stands the
-trail n behind the axis of steering, so the steering wheel feels n Fy. The load that goes to the rear under acceleration follows it with
-a lag; the body pitches with it and with the square of its roll. The brake is a slider in series with a spring whose wind-up b follows
-Dahl's law db/dt = w - |w| k b / T, which has no singularity at rest.
+load of the axle and the friction of the road, Ky grows with the load. Steering turns the front axle; roll turns both (roll steer). The
+point of contact stands the trail n behind the axis of steering, so the steering wheel feels n Fy. The load that goes to the rear under
+acceleration follows it with a lag; the body pitches with it and with the square of its roll. The brake is a slider in series with a spring
+whose wind-up b follows Dahl's law db/dt = w - |w| k b / T, which has no singularity at rest.
 
 Method: ROS2 [Verwer1999], two stages, second order with any matrix A, L-stable where A is the derivative: A has the stiff parts alone, the
 spin, longitudinal deflection and wind-up of each axle, its lateral deflection and the lag of the load.

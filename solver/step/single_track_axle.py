@@ -69,12 +69,13 @@ def axle_forces(b, axle, road, i, y, steering, drive, brake, c, s, rates, stiff,
     mu, gap = _friction(road, axle, y[X] + axle.x * c, y[Y] + axle.x * s, c, s)
     Fz = max(axle.load + axle.shifted * y[SHIFT], LEAST_LOAD * axle.load)
     share = Fz / axle.load * mu
+    Ky = axle.stiffness_y * (1.0 + axle.stiffness_load * (Fz / axle.load - 1.0))
     Dx = axle.peak_x * share
     Dy = axle.peak_y * share
     u = y[LONG + i]
     v = y[LATERAL + i]
     tan = v / axle.length_y
-    sy = axle.stiffness_y * tan / Dy
+    sy = Ky * tan / Dy
     trail = axle.trail - axle.trail_lost * (sy * sy / (1.0 + sy * sy))
     Vsy = across * ct - y[VX] * st - trail * turning
 
@@ -96,7 +97,7 @@ def axle_forces(b, axle, road, i, y, steering, drive, brake, c, s, rates, stiff,
 
     # characteristic
     sx = axle.stiffness_x * kappa / Dx
-    sy = axle.stiffness_y * tan / Dy
+    sy = Ky * tan / Dy
     size = np.sqrt(sx * sx + sy * sy)
     share = 1.0
     if size > 1e-6:

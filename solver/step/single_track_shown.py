@@ -72,7 +72,10 @@ def note(reached, k, value, time):
 @kernel(inner=True)
 def keep_reached(y, rates, told, time, reached):
     """Note how far the run went: what the limits of the model are about."""
-    note(reached, 0, abs(rates[VY] + y[YAW_RATE] * y[VX]), time)
+    along = abs(rates[VX] - y[YAW_RATE] * y[VY])
+    across = abs(rates[VY] + y[YAW_RATE] * y[VX])
+    note(reached, 0, across, time)
+    note(reached, 4, np.sqrt(along * across), time)
     rear = len(AXLE_COLUMNS)
     note(reached, 1, max(abs(told[ALPHA]), abs(told[rear + ALPHA])), time)
     note(reached, 2, max(abs(told[KAPPA]), abs(told[rear + KAPPA])), time)

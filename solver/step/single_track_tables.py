@@ -22,7 +22,7 @@ WHEEL_TORQUE, ENERGY, KINETIC, FRICTION_GAP, DRAG, SATURATION = range(12, 18)
 TOLD = 18
 
 # What was largest so far: value and time of each
-REACHED = ('lateral acceleration', 'slip angle', 'slip', 'friction difference')
+REACHED = ('lateral acceleration', 'slip angle', 'slip', 'friction difference', 'combined acceleration')
 
 
 class Axle(NamedTuple):
@@ -33,7 +33,8 @@ class Axle(NamedTuple):
     load: float  # at rest [N]
     shifted: float  # load per load moved to the rear: -1 in front, 1 behind
     stiffness_x: float  # [N]
-    stiffness_y: float  # [N/rad]
+    stiffness_y: float  # at rest [N/rad]
+    stiffness_load: float  # its growth over that of the load, both relative to rest [-]
     peak_x: float  # at rest, on a road of friction 1 [N]
     peak_y: float
     shape_x: float  # C

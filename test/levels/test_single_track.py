@@ -88,6 +88,18 @@ def gradient(each: Scene, t: SingleTrackTables) -> float:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize('car', CARS)
+def test_braking_in_a_bend(car: str) -> None:
+    """Another speed and other torques than the level was identified with: the load that moves forward turns the car in."""
+    braking = Maneuver(steering=Step(value=0.45, start=0.5, rise=0.15), brake_torque=Step(value=1000.0, start=2.5, rise=0.2))
+    yaw = []
+    for fidelity in ('full', 'single_track'):
+        simulation = solver.simulation_of(dataclasses.replace(scene(car, braking, speed=25.0), fidelity=fidelity))
+        yaw.append(np.array([simulation.advance(10).twist[0, 5] for _ in range(500)]))
+    assert np.sqrt(np.mean((yaw[1] - yaw[0]) ** 2)) < 0.05 * np.abs(yaw[0]).max()
+
+
+@pytest.mark.slow
 def test_a_run_that_leaves_the_limits_is_suspect() -> None:
     mild = solver.simulation_of(scene('light car', Maneuver(steering=Step(value=0.3))))
     mild.advance(3000)

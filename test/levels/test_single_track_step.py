@@ -26,10 +26,10 @@ from solver.step.single_track_tables import LATERAL, ROLL, VX, VY, YAW_RATE
 MODEL = shown(load_scene('light_car_straight').model)
 STRAIGHT, FLAT = Maneuver(), RoadSpec()
 AXLE = {
-    'x': 1.2, 'half_track': 0.76, 'load': 7000.0, 'shifted': -1.0, 'stiffness_x': 150e3, 'stiffness_y': 90e3, 'peak_x': 7500.0,
-    'peak_y': 7000.0, 'shape_x': 1.5, 'shape_y': 1.3, 'curvature_x': 0.0, 'curvature_y': 0.0, 'length_x': 0.15, 'length_y': 0.4,
-    'steered': 1.0, 'roll_steer': -0.03, 'trail': 0.04, 'trail_lost': 0.04, 'radius': 0.298, 'rolling_radius': 0.308, 'inertia': 1.8,
-    'resistance': 0.01, 'drive': 1.0, 'brake': 0.7, 'brake_stiffness': 8e4, 'brake_damping': 600.0,
+    'x': 1.2, 'half_track': 0.76, 'load': 7000.0, 'shifted': -1.0, 'stiffness_x': 150e3, 'stiffness_y': 90e3, 'stiffness_load': 0.8,
+    'peak_x': 7500.0, 'peak_y': 7000.0, 'shape_x': 1.5, 'shape_y': 1.3, 'curvature_x': 0.0, 'curvature_y': 0.0, 'length_x': 0.15,
+    'length_y': 0.4, 'steered': 1.0, 'roll_steer': -0.03, 'trail': 0.04, 'trail_lost': 0.04, 'radius': 0.298, 'rolling_radius': 0.308,
+    'inertia': 1.8, 'resistance': 0.01, 'drive': 1.0, 'brake': 0.7, 'brake_stiffness': 8e4, 'brake_damping': 600.0,
 }  # fmt: skip
 PARAMETERS = {
     'mounting': {
