@@ -145,7 +145,7 @@ def test_its_understeer_is_that_of_the_whole_car(car: str) -> None:
 
 @pytest.mark.slow
 def test_it_costs_half_of_the_whole_car() -> None:
-    """CPU time of a step, side by side in one thread, medians; a margin for what disturbs a test."""
+    """CPU time of a step, side by side in one thread, medians."""
     simulations = [solver.simulation_of(load_scene('car_step_steer', [f'fidelity={level}'])) for level in ('full', 'condensed')]
     times: tuple[list[float], list[float]] = ([], [])
     for _ in range(12):
@@ -153,4 +153,4 @@ def test_it_costs_half_of_the_whole_car() -> None:
             begin = thread_time()
             simulation.advance(200, audit=False)
             taken.append(thread_time() - begin)
-    assert median(times[1][2:]) < 0.55 * median(times[0][2:])
+    assert median(times[1][2:]) < 0.5 * median(times[0][2:])
