@@ -156,6 +156,12 @@ def row(a, b, c):
     return (a, b, c)
 
 
+def row_like(number, a, b, c):
+    """The row (a, b, c) of real numbers, to be combined with such a number as the given one."""
+    zero = 0.0 * number
+    return (a + zero, b + zero, c + zero)
+
+
 def combine2(a, x, b, y):
     """a x + b y for numbers a, b and rows x, y."""
     return (a * x[0] + b * y[0], a * x[1] + b * y[1], a * x[2] + b * y[2])
@@ -223,6 +229,11 @@ def take_from(blocks, s, r, x, y):
 @overload(row)
 def _row(a, b, c):
     return (lambda a, b, c: _pack(a, b, c)) if a is types.float64 else row  # noqa: PLW0108
+
+
+@overload(row_like)
+def _row_like(number, a, b, c):
+    return (lambda number, a, b, c: _pack(a, b, c)) if number is types.float64 else row_like
 
 
 @overload(combine2)

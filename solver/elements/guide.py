@@ -68,6 +68,7 @@ OUTPUTS = {
     'steering_torque': 'N m',
 }
 STATES = 4
+SYMMETRIC = 1e-9  # relative: what rounding may leave of the difference of a stiffness and its transpose
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,6 +121,9 @@ class GuideSpec(Spec):
             values = getattr(self, name)
             require(len(values) == length, where, name, len(values), f'must be {length} numbers')
             self.set(name, tuple(finite(where, name, v) for v in values))
+        K = np.array(self.stiffness).reshape(8, 8)
+        apart, largest = float(np.abs(K - K.T).max()), float(np.abs(K).max())
+        require(apart <= SYMMETRIC * largest, where, 'stiffness', apart, 'is how far it is from its transpose; it must be symmetric')
         self.set('mounts', tuple(finite(where, 'mounts', k, low=0.0) for k in self.mounts))
         require(self.yields is not None or not any(self.mounts), where, 'yields', self.yields, 'is needed with mounts')
         self.set('lag', finite(where, 'lag', self.lag, low=0.0))
@@ -140,7 +144,7 @@ class GuideTable(NamedTuple):
     shape: np.ndarray  # (rows, COLUMNS)
     opposite: np.ndarray  # (2 n, 5, 2)
     steering: np.ndarray  # (n,) coordinate, -1 for none
-    K: np.ndarray  # (n, 8, 8)
+    K: np.ndarray  # (n, 8, 9), its last column empty (solver.compiled.rows)
     lag: np.ndarray  # (n,)
     windup: np.ndarray  # (2 n, 8)
     law: np.ndarray  # (2 n, 3) spring, damper, its inverse
@@ -155,10 +159,9 @@ class GuideTable(NamedTuple):
     damping: np.ndarray  # (n,)
 
 
-def _padded(shape: Sequence[float]) -> np.ndarray:
-    """Coefficients of all maps, (rows, COLUMNS)."""
-    given = np.array(shape, float).reshape(-1, len(QUANTITIES))
-    return np.pad(given, ((0, 0), (0, COLUMNS - len(QUANTITIES))))
+def _padded(values: Sequence[float], columns: int, wanted: int) -> np.ndarray:
+    """Rows of so many columns as rows of more, zeros in the new ones."""
+    return np.pad(np.array(values, float).reshape(-1, columns), ((0, 0), (0, wanted - columns)))
 
 
 def compile_guides(specs: Sequence[GuideSpec], context: Context) -> GuideTable:
@@ -173,10 +176,10 @@ def compile_guides(specs: Sequence[GuideSpec], context: Context) -> GuideTable:
         nodes=np.array([[*s.travel[:2], *s.steering[:2]] for s in specs], float).reshape(-1, 4),
         number=np.array([[s.travel[2], s.steering[2]] for s in specs], np.int64).reshape(-1, 2),
         start=np.array([0, *np.cumsum(rows)[:-1]] if rows else [], np.int64),
-        shape=_padded([v for s in specs for v in s.shape]),
+        shape=_padded([v for s in specs for v in s.shape], len(QUANTITIES), COLUMNS),
         opposite=np.array([s.opposite for s in specs], float).reshape(2 * n, 5, 2),
         steering=np.full(n, -1, np.int64),
-        K=np.array([s.stiffness for s in specs], float).reshape(-1, 8, 8),
+        K=_padded([v for s in specs for v in s.stiffness], 8, 9).reshape(-1, 8, 9),
         lag=np.array([s.lag for s in specs], float),
         windup=np.array([s.windup for s in specs], float).reshape(-1, 8),
         law=np.zeros((2 * n, 3), np.int64),

@@ -7,8 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.compiled.kernel import kernel
-from solver.compiled.rows import combine3, numbers, plus_times
-from solver.compiled.rows import row as row_of
+from solver.compiled.rows import combine3, numbers, plus_times, row_like
 
 QUANTITIES = ('x', 'y', 'psi', 'gamma', 'theta')
 COLUMNS = 6  # of the coefficients: two rows of three (solver.compiled.rows), the last column empty
@@ -74,9 +73,8 @@ class Surface(NamedTuple):
 
 @kernel(inline=True)
 def _coefficients(shape, at, row, q):
-    """Those of three quantities from q on; like the place, for complex places too."""
-    zero = 0.0 * at.w[0]
-    return row_of(shape[row, q] + zero, shape[row, q + 1] + zero, shape[row, q + 2] + zero)
+    """Those of three quantities from q on."""
+    return row_like(at.w[0], shape[row, q], shape[row, q + 1], shape[row, q + 2])
 
 
 @kernel(inline=True)
@@ -88,8 +86,7 @@ def _four(x, w):
 @kernel(inner=True)
 def _surface(shape, at, q, bent):
     """The Surface of the quantities q, q + 1, q + 2; second derivatives only if bent."""
-    zero = 0.0 * at.w[0]
-    none = row_of(zero, zero, zero)
+    none = row_like(at.w[0], 0.0, 0.0, 0.0)
     v, v_s, v_t, v_ss, v_st, v_tt = none, none, none, none, none, none
     for k in range(4):
         row = at.row + k * at.columns

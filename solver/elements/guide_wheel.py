@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from solver.compiled.dual import arctan
 from solver.compiled.kernel import kernel
+from solver.compiled.rows import combine3, numbers, plus, plus_times, row_like
 from solver.compiled.vec import add, cross, dot, load3, load33, mv, scale, sub, tmm, tmv
 from solver.elements.coordinate import scale6
 
@@ -95,19 +96,23 @@ def plus8(a, s, b):
 
 
 @kernel(inline=True)
-def _row8(K, e, i, x):
-    return ((K[e, i, 0] * x[0] + K[e, i, 1] * x[1]) + (K[e, i, 2] * x[2] + K[e, i, 3] * x[3])) + (
-        (K[e, i, 4] * x[4] + K[e, i, 5] * x[5]) + (K[e, i, 6] * x[6] + K[e, i, 7] * x[7])
-    )
+def _three8(K, e, q, x):
+    """Rows q, q + 1, q + 2 of K x; K is symmetric."""
+    a = combine3(x[0], _three(K, e, 0, q, x), x[1], _three(K, e, 1, q, x), x[2], _three(K, e, 2, q, x))
+    b = combine3(x[3], _three(K, e, 3, q, x), x[4], _three(K, e, 4, q, x), x[5], _three(K, e, 5, q, x))
+    return plus_times(plus_times(plus(a, b), x[6], _three(K, e, 6, q, x)), x[7], _three(K, e, 7, q, x))
+
+
+@kernel(inline=True)
+def _three(K, e, i, q, x):
+    return row_like(x[0], K[e, i, q], K[e, i, q + 1], K[e, i, q + 2])
 
 
 @kernel(inner=True)
 def times8(K, e, x):
-    """K x of guide e."""
-    return (
-        _row8(K, e, 0, x), _row8(K, e, 1, x), _row8(K, e, 2, x), _row8(K, e, 3, x),
-        _row8(K, e, 4, x), _row8(K, e, 5, x), _row8(K, e, 6, x), _row8(K, e, 7, x),
-    )  # fmt: skip
+    """K x of guide e; K has a ninth column, which is empty (solver.compiled.rows)."""
+    a, b, c = numbers(_three8(K, e, 0, x)), numbers(_three8(K, e, 3, x)), numbers(_three8(K, e, 6, x))
+    return a[0], a[1], a[2], b[0], b[1], b[2], c[0], c[1]
 
 
 @kernel(inline=True)

@@ -155,3 +155,10 @@ def test_a_damper_on_a_stiff_mount_is_the_damper(rng):
 def test_refuses_maps_of_another_size(rng):
     with pytest.raises(SpecError, match="Guide 'g': shape = 3: must be 490 numbers"):
         guide(rng, shape=(1.0, 2.0, 3.0))
+
+
+def test_refuses_a_stiffness_that_is_not_symmetric(rng):
+    skew = np.eye(8)
+    skew[0, 3] = 0.5
+    with pytest.raises(SpecError, match=r"Guide 'g': stiffness = 0.5: is how far it is from its transpose; it must be symmetric"):
+        guide(rng, stiffness=tuple(skew.ravel()))
