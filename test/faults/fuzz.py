@@ -1,9 +1,10 @@
-"""Damaged scenes, vehicles, tires, roads, maneuvers, sweeps, overrides, requirements, mappings, tolerances, recordings, command lines.
+"""Damaged input of every kind: scenes, vehicles, tires, roads, maneuvers, sweeps, overrides, requirements, mappings, tolerances,
+recordings, parameters of the node, command lines.
 
     python test/faults/fuzz.py --count 10000 --seed 1 --out out/fuzz
 
 Every case must end in success or in one sentence, within 10 s of CPU time and 1 GB, and lose nothing in silence: a scene that is read is
-the same again after its resolved text, and a recording with a damaged byte is never read as if it were whole (fuzzing.py). The same seed
+the same again after its resolved text, and a recording with a damaged byte is never read as if it were whole (fuzz_cases.py). The same seed
 gives the same cases. What was done is in OUT/cases.jsonl, and a second run goes on from there; the files of a fault stay in OUT/faults.
 Cases are children of one process that has everything compiled: about ten a second on a core.
 """
@@ -21,7 +22,8 @@ from pathlib import Path
 
 sys.path[:0] = [str(Path(__file__).parents[1] / 'support'), str(Path(__file__).parents[2])]
 
-from fuzzing import EVERY, KINDS, READERS, Verdict, make_material, run_case
+from fuzz_cases import EVERY, KINDS, READERS, make_material
+from fuzzing import Verdict, run_case
 
 WEIGHTS = {'scenes': 3, 'vehicles': 2, 'bags': 3}  # others count once
 

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 from faults import COUNT, SEED
-from fuzzing import KINDS, Material, make_material, run_case
+from fuzz_cases import KINDS, Material, make_material
+from fuzzing import run_case
 from mutations import damage_bag, damage_text, damage_yaml, numbers_of
 
 from solver.files.scene import config_directories

@@ -1,0 +1,334 @@
+"""Cases for the fuzzer: damaged input of every kind, the command that reads it, and what must hold of its answer."""
+
+from __future__ import annotations
+
+import importlib.util
+import io
+import os
+import tempfile
+from collections.abc import Callable, Sequence
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mcap.records import Channel, Metadata
+from mutations import damage_bag, damage_bytes, damage_text, damage_yaml, pick, word
+
+from mbd_sim_ros.bags.records import Messages, Reading, find_file
+from mbd_sim_ros.commands.main import main
+from solver.errors import BagError, MbdError, SpecError
+
+ROOT = Path(__file__).parents[2]
+CONFIG = ROOT / 'config'
+SMALL = (
+    'slider_crank',
+    'four_bar',
+    'pendulum',
+    'double_pendulum',
+    'spinning_top',
+    'spring_mass',
+    'rolling_disc',
+    'chaplygin_sleigh',
+    'andrews',
+)
+CARS = ('light_car_lane_change', 'light_car_straight', 'light_car_circle')
+FULL = ('car_step_steer', 'car_rough_road')
+EVERY = (*SMALL, *CARS, *FULL)
+READERS = {'sweeps', 'comparisons', 'bags', 'parameters'}  # kinds of cases that run no scene
+SHORT = ['--duration', '0.02']
+REQUIRES = (
+    'require: {yaw_rate: {rms: 2 %, max: 0.1 rad/s}, energy_error_max: 1.0}\nbudget: {real_time_factor: 1.5}\n',
+    'require: {accuracy: {lateral_acceleration: {max: 5 %, delay: 5 ms}}, allow_suspect: true}\n',
+    'require: {tire_load.front_left: {rms: 10 N}, position_drift_max: 1e-6, residual_max: 1e-3}\nswitches: {stops: off, drag: off}\n',
+)
+MAPPING = """channels:
+  imu/wz: {channel: imu/wz, unit: rad/s, sign: 1, offset: 0.0}
+  "tire/*/force/fz": {channel: "tire/*/force/fz"}
+axes:
+  - {channels: [imu/ax, imu/ay, imu/az], rpy_deg: [180, 0, 0]}
+"""
+TOLERANCES = """tolerances:
+  "imu/w*": {rtol: 0.05, atol: 0.01, rating: 0.8}
+  "odom/pose/*": {rtol: 0.02, shift: 0.05, peak: 0.1, rms: 0.1}
+floor: 1.0e-6
+"""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Material:
+    """Good recordings that are damaged: of a mechanism and of a car, and a directory of CSV files."""
+
+    crank: Path
+    car: Path
+    csv: Path
+
+
+def make_material(directory: Path, loaded: Sequence[str] = EVERY) -> Material:
+    """Record them, and load what the cases need, kernels for the scenes `loaded` too: children of this process have it at once."""
+    material = Material(crank=directory / 'crank', car=directory / 'car', csv=directory / 'csv')
+    for place, scene in ((material.crank, 'slider_crank'), (material.car, 'light_car_lane_change')):
+        if not (place / 'metadata.yaml').exists():
+            assert _quiet('run', scene, '--duration', '0.3', '--set', 'record.every=5', '--out', place) in (0, 1)
+    for scene in loaded:
+        _quiet('run', scene, '--duration', '0.005', '--no-record')
+    if not material.csv.exists():
+        assert _quiet('export', material.car, '--csv', material.csv) == 0
+    with tempfile.TemporaryDirectory() as scratch:
+        _quiet('compare', material.car, material.car)
+        _quiet('evaluate', material.car, '--as', 'iso3888_2')
+        _quiet('view', material.crank, '--out', f'{scratch}/page.html')
+        _quiet('recover', material.crank, f'{scratch}/saved')
+        if loaded:
+            _quiet('replay', material.crank)
+    return material
+
+
+def _quiet(*words: object) -> int:
+    with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
+        return main([*map(str, words), '--json'])
+
+
+Made = tuple[list[str], Callable[[int, dict[str, Any]], str] | None]  # arguments of the command; what else must hold ('' or the fault)
+
+
+def _scene_run(rng: np.random.Generator, file: str) -> list[str]:
+    kind = rng.random()
+    if kind < 0.75:
+        return ['run', file, *SHORT, '--no-record']
+    return ['run', file, *SHORT, '--out', 'run'] if kind < 0.9 else ['info', file, '--brief']
+
+
+def _same_again(file: Path) -> Callable[[int, dict[str, Any]], str]:
+    """A scene that is read is the same again when it is written out and read."""
+
+    def look(code: int, _: dict[str, Any]) -> str:
+        from solver.files.scene import load_scene, load_scene_text
+
+        try:
+            scene = load_scene(file)
+        except MbdError:
+            return ''
+        return '' if load_scene_text(scene.resolved, file.stem) == scene else 'its resolved text is another scene'
+
+    return look
+
+
+def scenes(rng: np.random.Generator, at: Path, material: Material) -> Made:
+    """Scene files with their mechanism in them."""
+    kind = rng.random()
+    name = str(pick(rng, SMALL if kind < 0.8 else CARS if kind < 0.95 else FULL))
+    text = (CONFIG / 'scenes' / f'{name}.yaml').read_text()
+    mechanism = CONFIG / 'mechanisms' / f'{name}.yaml'
+    if mechanism.exists() and rng.random() < 0.7:
+        damaged = damage_yaml(rng, mechanism.read_text())
+        (at / 'mechanism.yaml').write_bytes(damaged)
+        text = '\n'.join('mechanism: mechanism.yaml' if line.startswith('mechanism:') else line for line in text.splitlines())
+        (at / 'scene.yaml').write_text(text)
+    else:
+        (at / 'scene.yaml').write_bytes(damage_yaml(rng, text))
+    return _scene_run(rng, 'scene.yaml'), _same_again(at / 'scene.yaml')
+
+
+def vehicles(rng: np.random.Generator, at: Path, material: Material) -> Made:
+    """Vehicle files."""
+    name, scene = ('light_car', 'light_car_lane_change') if rng.random() < 0.8 else ('full_car', 'car_step_steer')
+    (at / 'vehicle.yaml').write_bytes(damage_yaml(rng, (CONFIG / 'vehicles' / f'{name}.yaml').read_text()))
+    level = ['--set', f'fidelity={pick(rng, ("condensed", "full"))}'] if rng.random() < 0.1 else []
+    return ['run', scene, *SHORT, '--no-record', '--set', f'vehicle={at / "vehicle.yaml"}', *level], None
+
+
+def tires(rng: np.random.Generator, at: Path, material: Material) -> Made:
+    """Tire property files."""
+    file = pick(rng, (CONFIG / 'tires' / '205_55R16.tir', *sorted((ROOT / 'test' / 'data').glob('*.tir'))))
+    (at / 'tire.tir').write_bytes(damage_text(rng, Path(str(file)).read_text(errors='replace')))
+    side = pick(rng, ('front', 'rear'))
+    return ['run', 'light_car_lane_change', *SHORT, '--no-record', '--set', f'vehicle.{side}.tire={at / "tire.tir"}'], None
+
+
+def overrides(rng: np.random.Generator, at: Path, material: Material) -> Made:
+    """--set: keys that are there and odd values, and odd texts."""
+    import yaml
+
+    name = str(pick(rng, (*SMALL, *CARS)))
+    from solver.files.scene import load_scene
+
+    root = yaml.compose(load_scene(name).resolved, Loader=yaml.SafeLoader)
+    keys: list[str] = []
+
+    def walk(node: Any, path: str) -> None:
+        entries = [] if isinstance(node.value, str) else [e if isinstance(e, tuple) else (k, e) for k, e in enumerate(node.value)]
+        for key, value in entries:
+            here = f'{path}.{getattr(key, "value", key)}'.lstrip('.')
+            keys.append(here)
+            walk(value, here)
+
+    walk(root, '')
+    texts = []
+    for _ in range(int(rng.integers(1, 4))):
+        key = str(pick(rng, keys))
+        kind = rng.random()
+        value = word(rng).replace('\x00', '') if kind < 0.7 else word(rng, '1.0')
+        text = f'{key}={value}'
+        if rng.random() < 0.1:
+            text = damage_bytes(rng, text.encode()).decode('utf-8', 'replace').replace('\x00', '')
+        texts += ['--set', text]
+    return ['run', name, *texts, *SHORT, '--no-record'], None
+
+
+def maneuvers(rng: np.random.Generator, at: Path, material: Material) -> Made:
+    """Maneuver files."""
+    file = pick(rng, sorted((CONFIG / 'maneuvers').glob('*.yaml')))
+    (at / 'maneuver.yaml').write_bytes(damage_yaml(rng, Path(str(file)).read_text()))
+    return ['run', str(pick(rng, CARS)), *SHORT, '--no-record', '--maneuver', 'maneuver.yaml'], None
+
+
+def roads(rng: np.random.Generator, at: Path, material: Material) -> Made:
+    """Road files."""
+    file = pick(rng, sorted((CONFIG / 'roads').glob('*.yaml')))
+    (at / 'road.yaml').write_bytes(damage_yaml(rng, Path(str(file)).read_text()))
+    return ['run', str(pick(rng, CARS)), *SHORT, '--no-record', '--set', f'road={at / "road.yaml"}'], None
+
+
+def requirements(rng: np.random.Generator, at: Path, material: Material) -> Made:
+    """Blocks of what a scene requires, of its budget and of its switches."""
+    text = (CONFIG / 'scenes' / 'light_car_lane_change.yaml').read_text()
+    lines = [line for line in text.splitlines() if not line.startswith(('require', 'budget'))]
+    block = damage_yaml(rng, str(pick(rng, REQUIRES)))
+    (at / 'scene.yaml').write_bytes('\n'.join([*lines, '']).encode() + block)
+    return _scene_run(rng, 'scene.yaml'), _same_again(at / 'scene.yaml')
+
+
+def sweeps(rng: np.random.Generator, at: Path, material: Material) -> Made:
+    """Files of sweeps: what they ask for, without running it."""
+    from mbd_sim_ros.sweep.design import cases, load_sweep
+
+    (at / 'sweep.yaml').write_bytes(damage_yaml(rng, (CONFIG / 'sweeps' / 'step_steer_mass.yaml').read_text()))
+
+    def look(code: int, _: dict[str, Any]) -> str:
+        try:
+            sweep = load_sweep(at / 'sweep.yaml')
+            if sweep.design.samples <= 1024:
+                cases(sweep)
+        except MbdError as error:
+            return '' if '\n' not in str(error) else f'two lines: {error}'
+        return ''
+
+    return [], look
+
+
+def comparisons(rng: np.random.Generator, at: Path, material: Material) -> Made:
+    """Mappings and tolerances of compare, and CSV files."""
+    kind = int(rng.integers(3))
+    if kind == 0:
+        (at / 'mapping.yaml').write_bytes(damage_yaml(rng, MAPPING))
+        return ['compare', str(material.car), str(material.car), '--mapping', 'mapping.yaml'], None
+    if kind == 1:
+        (at / 'tolerances.yaml').write_bytes(damage_yaml(rng, TOLERANCES))
+        return ['compare', str(material.car), str(material.car), '--tolerances', 'tolerances.yaml'], None
+    file = pick(rng, sorted(material.csv.glob('*.csv')))
+    text = Path(str(file)).read_text()
+    (at / 'data.csv').write_bytes(damage_text(rng, text))
+    return ['compare', 'data.csv', str(file)], None
+
+
+def _content(path: Path) -> tuple[dict[str, list[tuple[int, bytes]]], dict[str, dict[str, str]]]:
+    """All messages by topic, and the metadata."""
+    names: dict[int, str] = {}
+    found: dict[str, list[tuple[int, bytes]]] = {}
+    metadata = {}
+    reading = Reading(find_file(path))
+    for record in reading:
+        if isinstance(record, Messages):
+            found.setdefault(names[record.channel], []).extend(zip(record.log_times, record.data))
+        elif isinstance(record, Channel):
+            names[record.id] = record.topic
+        elif isinstance(record, Metadata):
+            metadata[record.name] = record.metadata
+    reading.require_whole()
+    return {topic: sorted(messages) for topic, messages in found.items()}, metadata
+
+
+def bags(rng: np.random.Generator, at: Path, material: Material) -> Made:
+    """Recordings: what is read of a damaged one is what was recorded, or it is said."""
+    good = find_file(material.crank if rng.random() < 0.5 else material.car)
+    bytes_only = rng.random() < 0.5
+    (at / 'bad.mcap').write_bytes(damage_bytes(rng, good.read_bytes()) if bytes_only else damage_bag(rng, good))
+    command = str(pick(rng, ('recover', 'recover', 'export', 'export', 'compare', 'evaluate', 'view', 'replay')))
+    arguments = {
+        'recover': ['recover', 'bad.mcap', 'saved'],
+        'export': ['export', 'bad.mcap', '--csv', 'csv'],
+        'compare': ['compare', 'bad.mcap', str(good)],
+        'evaluate': ['evaluate', 'bad.mcap', '--as', 'iso3888_2'],
+        'view': ['view', 'bad.mcap', '--out', 'page.html'],
+        'replay': ['replay', 'bad.mcap'],
+    }[command]
+
+    def look(code: int, told: dict[str, Any]) -> str:
+        if not bytes_only:
+            return ''
+        before, about = _content(good)
+        if command == 'recover':
+            if code:
+                return ''
+            saved, _ = _content(at / 'saved')
+            if any(not set(messages) <= set(before.get(topic, [])) for topic, messages in saved.items()):
+                return 'recover gives what was not recorded'
+            return 'recover says whole and it is not' if told['complete'] and saved != before else ''
+        try:
+            after, other = _content(at / 'bad.mcap')
+        except BagError:
+            return 'a damaged recording is read' if code == 0 else ''
+        return '' if after == before and other == about else 'a damaged recording counts as whole'
+
+    return arguments, look
+
+
+def commands(rng: np.random.Generator, at: Path, material: Material) -> Made:
+    """Command lines made of words of command lines."""
+    vocabulary = (
+        'run', 'info', 'export', 'compare', 'recover', 'replay', 'view', 'evaluate', 'maneuver', 'sweep', 'plan', 'bench', 'study',
+        'slider_crank', 'light_car_straight', str(material.car), str(material.crank), str(material.csv), '--set', '--out', '--no-record',
+        '--duration', '0.01', '--csv', '--parquet', '--channel', 'odom/*', '--rtol', '--atol', '--exact', '--map', 'a=b', 'imu/wz=imu/wz',
+        '--mapping', '--tolerances', '--urdf', '--resolved', '--brief', '--balance', '--maneuver', 'brake', '--at', '--rate', '--width',
+        '1e9', '--as', 'iso7401_step', '--list', '--strict', '--with', 'speed=1', '--vehicle', 'light_car', 'out', '/dev/null', '/dev/full',
+        '/proc/none', '--', '--json', '--html', 'page.html', '--plot', 'p.png', '--offset', '--speed', '0', '\udcff', 'a\0b',
+    )  # fmt: skip
+    first = str(pick(rng, ('run', 'info', 'export', 'compare', 'recover', 'replay', 'view', 'evaluate', 'maneuver')))
+    rest = [str(pick(rng, vocabulary)) if rng.random() < 0.9 else word(rng) for _ in range(int(rng.integers(0, 6)))]
+    if first == 'run':
+        rest = [*rest, *SHORT]
+    if first == 'maneuver':
+        rest = rest[:1]
+    if '--help' in rest:
+        rest.remove('--help')
+    return [first, *rest], None
+
+
+def parameters(rng: np.random.Generator, at: Path, material: Material) -> Made:
+    """Parameter files of the node, up to where it would load its scene."""
+    lines = (CONFIG / 'node.yaml').read_text().splitlines()
+    given = [line.replace('# ', '', 1) if line.startswith('    # ') and rng.random() < 0.5 else line for line in lines]
+    text = '\n'.join(given)
+    (at / 'node.yaml').write_bytes(damage_yaml(rng, text))
+
+    def look(code: int, _: dict[str, Any]) -> str:
+        from mbd_sim_ros.node import main as node
+
+        def prepared(scene: str, overrides: Sequence[str]) -> Any:
+            raise SpecError('prepared')
+
+        node.prepare = prepared
+        os.environ |= {'ROS_LOG_DIR': str(at / 'log'), 'ROS_DOMAIN_ID': '99'}
+        ended = node.main(['--ros-args', '--params-file', str(at / 'node.yaml'), '-p', 'scene:=any'])
+        return '' if ended in (1, 2) else f'the node ended with code {ended}'
+
+    return [], look
+
+
+HAS_ROS = importlib.util.find_spec('rclpy') is not None
+CASES = (scenes, vehicles, tires, overrides, maneuvers, roads, requirements, sweeps, comparisons, bags, commands)
+KINDS: dict[str, Callable[[np.random.Generator, Path, Material], Made]] = {
+    f.__name__: f for f in (*CASES, *([parameters] if HAS_ROS else []))
+}
