@@ -37,14 +37,13 @@ class Cells:
         self.rows: dict[str, dict[str, Any]] = {}
         self.kept = 0  # cells that were there
         program = digest_of_program(sources)
-        lines = file.read_text(encoding='utf-8').split('\n')[:-1] if file.exists() else []
+        lines = file.read_text(encoding='utf-8', errors='replace').split('\n')[:-1] if file.exists() else []
         if lines and _parsed(lines[0]) == {'program': program}:
             self.rows = {row['cell']: row for row in map(_parsed, lines[1:]) if 'cell' in row}
             self.kept = len(self.rows)
-        self._file = file.open('w', encoding='utf-8')
-        self._write({'program': program})
-        for row in self.rows.values():
-            self._write(row)
+        begun = [{'program': program}, *self.rows.values()]
+        replace_text(file, ''.join(f'{json.dumps(row, allow_nan=False)}\n' for row in begun))
+        self._file = file.open('a', encoding='utf-8')
 
     def __enter__(self) -> Cells:
         return self
@@ -65,6 +64,16 @@ class Cells:
     def _write(self, row: dict[str, Any]) -> None:
         self._file.write(json.dumps(row, allow_nan=False) + '\n')
         self._file.flush()
+
+
+def replace_text(file: Path, text: str) -> None:
+    """Write a file so that whoever is killed meanwhile, or finds the disk full, leaves the old one."""
+    part = file.with_name(f'{file.name}.part')
+    try:
+        part.write_text(text, encoding='utf-8')
+        part.replace(file)
+    finally:
+        part.unlink(missing_ok=True)
 
 
 def _parsed(line: str) -> dict[str, Any]:

@@ -19,6 +19,7 @@ import numpy as np
 from mbd_sim_ros import interrupts
 from mbd_sim_ros.lab.peers import exudyn as peers
 from mbd_sim_ros.lab.studies import Progress, crank, precision_report
+from mbd_sim_ros.lab.studies.cells import replace_text
 from mbd_sim_ros.lab.studies.crank_history import START
 from mbd_sim_ros.lab.studies.report import Report
 from solver import simulation_of
@@ -88,6 +89,15 @@ class Point(NamedTuple):
     outcome: str
 
 
+def _kept(file: Path) -> dict[str, Any] | None:
+    """What was found before; None where there is nothing, or it was damaged."""
+    try:
+        found = json.loads(file.read_text(encoding='utf-8'))
+    except (OSError, ValueError):
+        return None
+    return found if isinstance(found, dict) and {'points', 'notes', 'estimate'} <= found.keys() else None
+
+
 def study(out: Path, *, quick: bool, progress: Progress) -> dict:
     """Run every method on every problem and judge who is on the front."""
     problems = [p._replace(duration=p.duration / 5, intervals=p.intervals // 5) for p in PROBLEMS if p.name in QUICK] if quick else PROBLEMS
@@ -101,11 +111,11 @@ def study(out: Path, *, quick: bool, progress: Progress) -> dict:
     for k, problem in enumerate(problems):
         interrupts.check()
         file = kept / f'{digest(sources(), Path(__file__).read_bytes(), repr((problem, quick)).encode()).hex()}.json'
-        found = json.loads(file.read_text(encoding='utf-8')) if file.exists() else None
+        found = _kept(file)
         if found is None:
             found = _solved(problem, quick, lambda text, part, k=k: progress(text, (k + part) / len(problems)))  # type: ignore[misc]
             if not found['notes']:  # a peer that is missing may be there the next time
-                file.write_text(json.dumps(found), encoding='utf-8')
+                replace_text(file, json.dumps(found))
         points += [Point(**point) for point in found['points']]
         notes += found['notes']
         references.append({'problem': problem.name, 'reference': _reference_name(problem), 'error estimate': found['estimate']})
