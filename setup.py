@@ -15,7 +15,8 @@ def data_files() -> list[tuple[str, list[str]]]:
     files = defaultdict(list)
     files['share/ament_index/resource_index/packages'].append(f'resource/{NAME}')
     files[SHARE] += ['package.xml', 'README.md', 'CHANGELOG.rst']
-    for directory in ('config', 'launch', 'docs'):
+    files[f'{SHARE}/bags'] += [f'bags/{name}' for name in ('README.md', 'real_car.py', 'real_car.yaml', 'limits.yaml')]
+    for directory in ('config', 'launch', 'docs', 'bags/step_steer', 'bags/real_car'):
         for path in sorted((ROOT / directory).rglob('*')):
             relative = path.relative_to(ROOT)
             if path.is_file() and not any(part.startswith(('.', '__')) for part in relative.parts):
@@ -49,8 +50,8 @@ setup(
         'ros': ['ros-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps-cpp'],
         # The integrators reference_bdf, reference_radau (scipy_dae) and reference_ida (SUNDIALS).
         'references': ['scipy_dae', 'scikit-sundae'],
-        # Recordings as pandas DataFrames (mbd_sim_ros.analysis.load) and Parquet files (mbd export --parquet).
-        'analysis': ['pandas', 'pyarrow'],
+        # Recordings as pandas DataFrames or xarray Datasets (mbd_sim_ros.analysis.load) and Parquet files (mbd export --parquet).
+        'analysis': ['pandas', 'pyarrow', 'xarray'],
         # Designs and indices of sensitivity (mbd sweep); sweeps on a Dask cluster.
         'sweep': ['SALib', 'pyarrow'],
         'cluster': ['distributed'],
@@ -68,6 +69,10 @@ setup(
             'distributed',
             'pandas',
             'pyarrow',
+            'xarray',
+            'nbclient',
+            'nbformat',
+            'ipykernel',
             'scipy_dae',
             'scikit-sundae',
             'setuptools<80',

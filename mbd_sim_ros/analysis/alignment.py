@@ -142,15 +142,20 @@ def slerp(a: np.ndarray, b: np.ndarray, part: np.ndarray) -> np.ndarray:
     left = np.where(small, 1.0 - part, np.sin((1.0 - part) * half) / sine)
     right = np.where(small, part, np.sin(part * half) / sine)
     result = left[:, None] * a + right[:, None] * b
-    return result / np.linalg.norm(result, axis=1, keepdims=True)
+    with np.errstate(invalid='ignore'):  # beside no orientation there is none
+        return result / np.linalg.norm(result, axis=1, keepdims=True)
 
 
 def rotation_angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Angle [rad], 0 to pi, of the rotation between the orientations a and b (n, 4), xyzw: 2 atan2(|vector|, |scalar|) of conj(a) b."""
+    """Angle [rad], 0 to pi, of the rotation between the orientations a and b (n, 4), xyzw: 2 atan2(|vector|, |scalar|) of conj(a) b.
+
+    NaN where one is zero, which sensors that give no orientation send.
+    """
     va, wa, vb, wb = a[..., :3], a[..., 3:], b[..., :3], b[..., 3:]
     vector = wa * vb - wb * va - np.cross(va, vb)
     scalar = np.sum(a * b, axis=-1)
-    return 2.0 * np.arctan2(np.linalg.norm(vector, axis=-1), np.abs(scalar))
+    given = np.any(a != 0.0, axis=-1) & np.any(b != 0.0, axis=-1)
+    return np.where(given, 2.0 * np.arctan2(np.linalg.norm(vector, axis=-1), np.abs(scalar)), np.nan)
 
 
 def find_offset(a: Signal, b: Signal) -> Offset:

@@ -1,10 +1,10 @@
-"""Recordings as pandas DataFrames and Parquet files (extra `analysis`)."""
+"""Recordings as pandas DataFrames, xarray Datasets and Parquet files (extra `analysis`)."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, Literal, overload
 
 from mbd_sim_ros.analysis import runs
 from mbd_sim_ros.bags.reader import Run
@@ -12,19 +12,28 @@ from solver.errors import BagError, suggestion
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray as xr
 
 TIME = 'time'  # name of the index [s]
 
 
-def load(bag: str | Path, topics: Sequence[str] | None = None) -> dict[str, pd.DataFrame]:
-    """Read a bag (or tables, see tables.read) into one DataFrame per topic.
+@overload
+def load(bag: str | Path, topics: Sequence[str] | None = None, *, to: Literal['pandas'] = 'pandas') -> dict[str, pd.DataFrame]: ...
+@overload
+def load(bag: str | Path, topics: Sequence[str] | None = None, *, to: Literal['xarray']) -> dict[str, xr.Dataset]: ...
+def load(bag: str | Path, topics: Sequence[str] | None = None, *, to: str = 'pandas') -> dict[str, Any]:
+    """Read a bag (or tables, see runs.read) into one DataFrame or Dataset per topic.
 
-    topics: names as in the columns ('odom', 'tire/front_left/force'); all without any. The index is the time [s], a column is named like
-    its channel ('odom/twist/wz'), `attrs['units']` tells its unit ('' where the recording does not), `attrs['metadata']` what the
-    recording says about its run. Raises BagError for a recording or topic that cannot be read, and where pandas is missing.
+    topics: names as in the columns ('odom', 'tire/front_left/force'); all without any. Of a DataFrame (to='pandas') the index is the time
+    [s], a column is named like its channel ('odom/twist/wz'), `attrs['units']` tells its unit ('' where the recording does not),
+    `attrs['metadata']` what the recording says about its run. Of a Dataset (to='xarray') `time` is the coordinate, and every variable has
+    its own `attrs['units']`. Raises BagError for a recording or topic that cannot be read, and where pandas or xarray is missing.
     """
+    makers = {'pandas': frames, 'xarray': datasets}
+    if to not in makers:
+        raise BagError(f'load(..., to={to!r}): must be pandas or xarray')
     run = runs.read(bag, [f'{topic.strip("/")}/*' for topic in topics] if topics is not None else ())
-    found = frames(run)
+    found = makers[to](run)
     if topics is None:
         return found
     wanted = [topic.strip('/') for topic in topics]
@@ -47,6 +56,20 @@ def frames(run: Run) -> dict[str, pd.DataFrame]:
         frame = pd.DataFrame(series.columns, index=pd.Index(series.time_ns * 1e-9, name=TIME), copy=False)
         frame.attrs = {'units': {name: unit(name) for name in series.columns}, 'metadata': dict(run.metadata)}
         result[topic] = frame
+    return result
+
+
+def datasets(run: Run) -> dict[str, xr.Dataset]:
+    """The topics of a run as Datasets, see load()."""
+    try:
+        import xarray as xr
+    except ImportError:
+        raise BagError("xarray is missing: pip install 'mbd_sim_ros[analysis]'") from None
+    unit = runs.units(run)
+    result = {}
+    for topic, series in run.series.items():
+        variables = {name: (TIME, values, {'units': unit(name)}) for name, values in series.columns.items()}
+        result[topic] = xr.Dataset(variables, {TIME: (TIME, series.time_ns * 1e-9, {'units': 's'})}, dict(run.metadata))
     return result
 
 

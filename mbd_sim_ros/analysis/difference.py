@@ -100,10 +100,12 @@ def curves_of(kind: Kind, at: Common) -> Curves:
     if kind == 'orientation':
         same = [r * np.where(np.sum(r * references[0], axis=1) < 0.0, -1.0, 1.0)[:, None] for r in references]
         mean = np.sum(same, axis=0)
-        mean /= np.linalg.norm(mean, axis=1, keepdims=True)
+        with np.errstate(invalid='ignore'):  # of no orientation
+            mean /= np.linalg.norm(mean, axis=1, keepdims=True)
         spread = np.sqrt(np.sum([rotation_angle(r, mean) ** 2 for r in references], axis=0) / max(n - 1, 1))
         start = np.broadcast_to(mean[0], mean.shape)
-        gap = rotation_angle(run, mean)
+        known = [~np.isnan(rotation_angle(q, q)) for q in (run, mean)]
+        gap = np.where(known[0] & known[1], rotation_angle(run, mean), np.where(known[0] == known[1], 0.0, np.inf))
         curves = tuple(rotation_angle(r, start) for r in references)
         half = factor * spread if n > 1 else None
         return Curves(

@@ -136,6 +136,17 @@ def test_quaternions_are_compared_as_orientations() -> None:
     assert same.differences[0].max < 1e-9
 
 
+@pytest.mark.parametrize('rate', [10, 25])
+def test_who_gives_no_orientation_does_not_agree_with_who_does(rate: int) -> None:
+    """Sensors without orientation send zeros, which are no rotation; they agree with zeros only."""
+    turned = run(n=101, qx=lambda t: 0.0 * t, qy=lambda t: 0.0 * t, qz=np.sin, qw=np.cos)
+    zeros = run(n=1010 // rate, h_ns=rate * MS, **{f'q{c}': lambda t: 0.0 * t for c in 'xyzw'})
+    turned, zeros = (run_of({f'imu/{n}': v for n, v in r.columns.items()}, r.time_ns) for r in (turned, zeros))
+    assert compare(zeros, turned, overlap=0.5).differences[0].max == np.inf
+    assert compare(turned, zeros, overlap=0.5).differences[0].max == np.inf
+    assert compare(zeros, zeros).ok
+
+
 def test_a_quaternion_and_its_negative_are_the_same_orientation_but_not_the_same_bits() -> None:
     b = run_of(
         {f'odom/pose/q{c}': v for c, v in zip('xyzw', Rotation.random(101, random_state=np.random.default_rng(1)).as_quat().T)},

@@ -43,6 +43,20 @@ def test_one_frame_per_topic_with_time_names_and_units(recorded: Path) -> None:
             np.testing.assert_array_equal(frame[name], run[name][~np.isnan(run[name])])
 
 
+def test_one_dataset_per_topic_with_units_of_every_variable(recorded: Path) -> None:
+    pytest.importorskip('xarray', reason='pip install .[analysis]')
+    frames, found = load(recorded), load(recorded, to='xarray')
+    assert set(found) == set(frames)
+    tires = found['tire_states']
+    assert tires['tire_states/front_left/fz'].attrs['units'] == 'N'
+    assert tires['time'].attrs['units'] == 's'
+    assert tires.attrs['scene'] == 'synthetic'
+    for topic, dataset in found.items():
+        pd.testing.assert_frame_equal(dataset.to_dataframe(), frames[topic], check_exact=True)
+    with pytest.raises(BagError, match='must be pandas or xarray'):
+        load(recorded, to='polars')  # type: ignore[call-overload]
+
+
 def test_topics_are_chosen_and_wrong_ones_refused(recorded: Path) -> None:
     assert list(load(recorded, topics=['/cmd_applied'])) == ['cmd_applied']
     with pytest.raises(BagError, match=r"no topic 'tire_state' that can be read; did you mean 'tire_states'"):
