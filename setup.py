@@ -57,6 +57,8 @@ setup(
         'cluster': ['distributed'],
         # ffmpeg, for films in MP4 (mbd view) where the system has none.
         'video': ['imageio-ffmpeg'],
+        # The viewer of `mbd view --rerun` and files for it: 170 MB to fetch, 500 MB installed, which is why it is in no other extra.
+        'rerun': ['rerun-sdk'],
         # The peers of `mbd study work_precision` (exudyn) and `mbd bench`.
         'bench': ['exudyn', 'mujoco'],
         # colcon reads package.xml with catkin_pkg; setuptools 80 dropped what `colcon build --symlink-install` calls.

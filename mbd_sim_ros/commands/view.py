@@ -9,11 +9,12 @@ from typing import Any
 from mbd_sim_ros.commands import Result, declare
 from solver.errors import BagError
 
-KINDS = ('.html', '.png', '.gif', '.mp4')
+KINDS = ('.html', '.png', '.gif', '.mp4', '.rrd')
 EXAMPLE = """mbd view bags/first --out out/first.html
   mbd view bags/coarse bags/fine --out out/both.html   (the second as a ghost)
   mbd view bags/first --out out/first.png --at 1.5
-  mbd view bags/first --out out/first.mp4 --speed 0.5"""
+  mbd view bags/first --out out/first.mp4 --speed 0.5
+  mbd view bags/first --rerun                          (in the viewer of Rerun; --out out/first.rrd for another machine)"""
 
 
 def add(parsers: Any) -> None:
@@ -21,7 +22,8 @@ def add(parsers: Any) -> None:
     parser = declare(parsers, 'view', run, 'show a recording in motion: a web page, a picture or a film', EXAMPLE)
     parser.add_argument('bag', metavar='BAG', type=Path, help='bag directory or .mcap file')
     parser.add_argument('ghosts', metavar='GHOST', type=Path, nargs='*', help='further recordings, drawn as ghosts beside the first')
-    parser.add_argument('--out', metavar='FILE', type=Path, required=True, help=f'what to write, by its ending: {", ".join(KINDS)}')
+    parser.add_argument('--out', metavar='FILE', type=Path, help=f'what to write, by its ending: {", ".join(KINDS)}')
+    parser.add_argument('--rerun', action='store_true', help='open the recordings in the viewer of Rerun (extra `rerun`)')
     parser.add_argument('--channel', metavar='PATTERN', action='append', default=[], help="curves to draw, e.g. 'imu/*' (repeatable)")
     parser.add_argument('--at', metavar='SECONDS', type=float, help='instant of a picture (default: the middle of the recording)')
     parser.add_argument('--rate', metavar='HZ', type=float, help='pictures a second of a film (default 25, of a GIF 12.5)')
@@ -35,6 +37,14 @@ def run(args: argparse.Namespace) -> Result:
     from mbd_sim_ros.analysis.view.motion import read_motion
 
     file, channels = args.out, tuple(args.channel)
+    if file is None and not args.rerun:
+        raise BagError(f'nothing to show: give --out FILE, which may end in {", ".join(KINDS)}, or --rerun')
+    if args.rerun:
+        from mbd_sim_ros.analysis.view.rerun import open_viewer
+
+        open_viewer((args.bag, *args.ghosts))
+        if file is None:
+            return Result(data={'status': 'ok', 'file': None}, text='opened in Rerun')
     if file.suffix not in KINDS:
         raise BagError(f'--out {file}: its ending must be one of {", ".join(KINDS)}')
     for name in ('rate', 'speed'):
@@ -43,6 +53,12 @@ def run(args: argparse.Namespace) -> Result:
             raise BagError(f'--{name} {value:g}: must be between 0.01 and 1000')
     if not 160 <= args.width <= 8000:
         raise BagError(f'--width {args.width}: must be between 160 and 8000')
+    if file.suffix == '.rrd':
+        from mbd_sim_ros.analysis.view.rerun import write_rrd
+
+        write_rrd((args.bag, *args.ghosts), file)
+        size = file.stat().st_size
+        return Result(data={'status': 'ok', 'file': str(file), 'bytes': size}, text=f'{file} ({size / 1e6:.2f} MB)')
     width = args.width - args.width % 2  # films need even sizes
     motions = [read_motion(path, channels) for path in (args.bag, *args.ghosts)]
     if file.suffix == '.html':

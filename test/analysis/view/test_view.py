@@ -8,6 +8,7 @@ import json
 import re
 import shutil
 import subprocess
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -154,19 +155,32 @@ def test_pictures_and_films_are_written(crank: Path, tmp_path: Path, capsys: pyt
     assert Image.open(tmp_path / 'a.png').size == (1120, 600)
 
 
+@pytest.mark.slow
+def test_a_file_for_rerun_has_all_topics_and_moving_links(crank: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    chunks = pytest.importorskip('rerun.chunk', reason="pip install '.[rerun]'")
+    assert main(['view', str(crank), '--out', str(tmp_path / 'deep' / 'x.rrd'), '--json']) == 0
+    assert json.loads(capsys.readouterr().out)['bytes'] > 10_000
+    moved = [chunk for chunk in chunks.RrdReader(tmp_path / 'deep' / 'x.rrd').stream() if str(chunk.entity_path).startswith('/tf')]
+    assert sum(chunk.num_rows for chunk in moved) >= len(read_motion(crank).time)
+
+
 def test_what_cannot_be_shown_is_one_sentence(
     crank: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
     bare = recorded(tmp_path / 'bare', 'four_bar', 'duration=0.01', 'record.poses=0')
     monkeypatch.setattr(shutil, 'which', lambda _: None)
+    for variable in ('DISPLAY', 'WAYLAND_DISPLAY'):
+        monkeypatch.delenv(variable, raising=False)
     monkeypatch.setitem(__import__('sys').modules, 'imageio_ffmpeg', None)
     for arguments, part in (
-        ([crank, '--out', tmp_path / 'x.avi'], 'must be one of .html, .png, .gif, .mp4'),
+        ([crank, '--out', tmp_path / 'x.avi'], 'must be one of .html, .png, .gif, .mp4, .rrd'),
         ([bare, '--out', tmp_path / 'x.html'], 'record.poses'),
         ([crank, '--out', tmp_path / 'x.png', '--at', '9'], 'goes from 0 to 0.4 s'),
         ([crank, '--out', tmp_path / 'x.gif', '--rate', '0'], '--rate 0'),
         ([crank, '--out', tmp_path / 'x.html', '--channel', 'nothing'], 'no channel matches nothing'),
         ([crank, '--out', tmp_path / 'x.mp4'], 'needs ffmpeg'),
+        ([crank], 'nothing to show: give --out FILE'),
+        ([crank, '--rerun'], 'there is no display' if find_spec('rerun') else "Rerun is not installed: pip install 'mbd_sim_ros[rerun]'"),
         ([tmp_path / 'none', '--out', tmp_path / 'x.html'], 'is not there'),
     ):
         assert main(['view', *map(str, arguments)]) != 0

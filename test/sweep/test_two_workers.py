@@ -1,0 +1,38 @@
+"""A sweep of two hundred short runs: how much faster two workers are than one, with the same table to the bit."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import pytest
+
+from mbd_sim_ros.commands.main import main
+
+SWEEP = """
+scene: light_car_step_steer
+set: [duration=3.5]
+parameters:
+  vehicle.chassis.mass: {low: 1000, high: 1500}
+  start.speed: {low: 18, high: 26}
+design: {kind: latin_hypercube, samples: 200, seed: 3}
+figures:
+  yaw_rate_peak: {quantity: yaw_rate, take: peak}
+"""
+
+
+@pytest.mark.long
+def test_two_workers_are_nearly_twice_as_fast_as_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """On a machine with two cores and nothing else to do."""
+    (tmp_path / 'sweep.yaml').write_text(SWEEP)
+    seconds, tables = {}, {}
+    for workers in (2, 1):
+        out = tmp_path / str(workers)
+        begin = time.monotonic()
+        assert main(['sweep', str(tmp_path / 'sweep.yaml'), '--workers', str(workers), '--out', str(out)]) == 0
+        seconds[workers] = time.monotonic() - begin
+        tables[workers] = (out / 'sweep.parquet').read_bytes()
+        assert '200 cases: 200 ok' in capsys.readouterr().out
+    print(seconds)
+    assert tables[1] == tables[2]
+    assert seconds[1] / seconds[2] >= 1.8
