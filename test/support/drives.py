@@ -61,6 +61,7 @@ def stepped(side: float = 1.0, rate: float = 500.0) -> Signals:
         yaw_rate=yaw,
         lateral_acceleration=lateral,
         sideslip_angle=side * second_order(since, -0.02, 1.0, 0.7),
+        roll=side * second_order(since, 0.05, 1.1, 0.5),
     )
 
 

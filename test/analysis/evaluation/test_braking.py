@@ -58,6 +58,30 @@ def test_split_friction() -> None:
     assert r['yaw_angle_after'] == pytest.approx(0.05, abs=1e-3)
     assert r['yaw_angle_largest'] == pytest.approx(0.05 * 27.0 / 8.0, abs=2e-3)
     assert r['deviation_after'] == pytest.approx(-0.3, abs=2e-3)
+    stop = 27.0 / 8.0  # s, after which the car stands
+    assert r['initial_speed'] == pytest.approx(27.0)
+    assert r['mfdd'] == pytest.approx(8.0, rel=1e-3)
+    assert r['distance'] == pytest.approx(27.0**2 / 16.0, abs=27.0 / 200.0)
+    assert r['yaw_rate_early'] == r['yaw_rate_largest'] == pytest.approx(0.05)
+    assert r['yaw_angle_early'] == pytest.approx(0.05, abs=1e-3)
+    assert r['deviation_early'] == pytest.approx(0.3, abs=2e-3)
+    assert r['deviation_largest'] == pytest.approx(0.3 * stop, abs=6e-3)
+
+
+def test_split_friction_with_counter_steering_and_sideslip() -> None:
+    """Counted from what they are when the brakes are applied; sideslip counts above 3 m/s only, here up to t = 1 s + 24/8 s."""
+    s = stopping()
+    since = np.clip(s.t - 1.0, 0.0, None)
+    s.values['steering'] = 0.02 - 0.2 * since
+    s.values['sideslip_angle'] = 0.01 * since
+    r = braking.judge_split(s, braking.SplitFriction())
+    sample = 1.0 / 200.0
+    assert r['steering_after'] == pytest.approx(-0.2, abs=0.2 * sample)
+    assert r['steering_early'] == pytest.approx(0.2, abs=0.2 * sample)
+    assert r['steering_largest'] == pytest.approx(0.2 * 27.0 / 8.0, abs=0.6 * sample * 5)
+    assert r['sideslip_after'] == pytest.approx(0.01, abs=0.01 * sample)
+    assert r['sideslip_early'] == pytest.approx(0.01, abs=0.01 * sample)
+    assert r['sideslip_largest'] == pytest.approx(0.03, abs=0.02 * sample)
 
 
 def test_braking_that_is_none_is_refused() -> None:

@@ -18,7 +18,18 @@ def through(standard: str, aside: float = 0.0, width: float = 1.8) -> Signals:
     t = even(9.0, 200.0)
     x = 20.0 * t
     y = np.array([path.lateral(v) for v in x])
-    return made(t, x=x, y=y + aside, heading=np.arctan(np.gradient(y, x)), speed=20.0 - 0.1 * t, yaw_rate=0.1, lateral_acceleration=1.0)
+    return made(
+        t,
+        x=x,
+        y=y + aside,
+        heading=np.arctan(np.gradient(y, x)),
+        speed=20.0 - 0.1 * t,
+        yaw_rate=0.1,
+        lateral_acceleration=1.0,
+        steering=-0.7,
+        sideslip_angle=0.02,
+        roll=-0.03,
+    )
 
 
 @pytest.mark.parametrize('part', ['1', '2'])
@@ -31,6 +42,11 @@ def test_clearance_in_the_lanes(part: str) -> None:
     assert r['exit_speed'] == pytest.approx(20.0 - 0.1 * gates[-1].end / 20.0)
     widest = 0.5 * (gates[0].left - gates[0].right - 1.8)
     assert 0.0 < r['clearance_1'] <= widest + 1e-9
+    assert r['time'] == pytest.approx((gates[-1].end - gates[0].begin) / 20.0)
+    for k, gate in enumerate(gates, 1):  # where the lanes are the car is straight but for their ends
+        assert 0.0 < r[f'clearance_{k}'] <= 0.5 * (gate.left - gate.right - 1.8) + 1e-9
+    largest = {name: r[f'largest_{name}'] for name in ('acceleration', 'yaw_rate', 'steering', 'sideslip', 'roll')}
+    assert largest == pytest.approx({'acceleration': 1.0, 'yaw_rate': 0.1, 'steering': 0.7, 'sideslip': 0.02, 'roll': 0.03})
     assert r.passed is True
     shifted = lane_change.judge(through(f'iso_3888_{part}', 0.5), p, f'iso_3888_{part}')
     assert shifted['clearance_1'] == pytest.approx(widest - 0.5, abs=0.02)  # negative: cones are hit

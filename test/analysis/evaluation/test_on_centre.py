@@ -21,6 +21,9 @@ def test_loops_of_weaving() -> None:
     assert r['steering_sensitivity'] == pytest.approx(2.0 / 0.3 * math.cos(0.2), **near)
     assert r['acceleration_hysteresis'] == pytest.approx(-2.0 * 2.0 * math.sin(0.2), **near)
     assert r['angle_deadband'] == pytest.approx(2.0 * 0.3 * math.sin(0.2), **near)
+    assert r['speed'] == pytest.approx(27.8)
+    # |da/dd| = A/D cos(u)/cos(u + p) grows with u = wt - p, which is -30 deg where a = -1; 1.3 samples of 0.7 deg are 0.3 % there
+    assert r['least_sensitivity'] == pytest.approx(2.0 / 0.3 * math.cos(math.pi / 6) / math.cos(math.pi / 6 - 0.2), rel=4e-3)
     assert r['yaw_rate_gain'] == pytest.approx(0.07 / 0.3 * math.cos(0.12), **near)
     assert r['yaw_rate_hysteresis'] == pytest.approx(-2.0 * 0.07 * math.sin(0.12), **near)
     w = 2.0 * math.pi * 0.2

@@ -62,6 +62,8 @@ def test_a_series_is_as_good_as_its_worst_run() -> None:
     assert found['worst_ratio_175'].ok is True
     assert found['stable_up_to'].value == pytest.approx(1.25, rel=2e-3)
     assert found['least_displacement'].ok is True
+    assert found['least_displacement'].value == pytest.approx(9.5 * 1.07**3 / 6.0, rel=0.01)
+    assert found['runs'].value == 3.0
 
 
 def test_what_is_no_sine_with_dwell_is_refused() -> None:

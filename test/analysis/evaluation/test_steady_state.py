@@ -22,9 +22,13 @@ def test_gradients_of_a_linear_car(method: str, side: float) -> None:
     assert r['roll_gradient'] == pytest.approx(ROLL, **smoothing)
     assert r['sideslip_gradient'] == pytest.approx(SLIP, **smoothing)
     assert r['steering_torque_gradient'] == pytest.approx(TORQUE, **smoothing)
+    assert r['mean'] == pytest.approx({'constant_radius': 100.0, 'constant_steering': 0.4, 'constant_speed': 22.0}[method], rel=1e-6)
+    assert r['spread'] < 1e-6
+    assert r['largest_acceleration'] == pytest.approx(
+        circling(method)['lateral_acceleration'].max(), rel=0.01
+    )  # the low pass lags at the end
     if method == 'constant_radius':
         assert r['steering_wheel_gradient'] == pytest.approx(RATIO * U, **smoothing)
-        assert r['mean'] == pytest.approx(100.0, rel=1e-6)
     if method == 'constant_speed':
         assert r['reference_steer_gradient'] == pytest.approx(L / 22.0**2, **smoothing)
     if method == 'constant_steering':

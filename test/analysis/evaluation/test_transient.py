@@ -21,7 +21,13 @@ def test_step_response_of_second_order(side: float) -> None:
     assert r['speed'] == pytest.approx(22.0)
     assert r['steering'] == pytest.approx(side * 0.5)
     assert r['steering_rise'] == pytest.approx(0.08, abs=1e-6)
-    for name, gain, f, damping in (('yaw_rate', 0.3, 1.2, 0.6), ('lateral_acceleration', 4.0, 0.9, 0.8)):
+    responses = (
+        ('yaw_rate', 0.3, 1.2, 0.6),
+        ('lateral_acceleration', 4.0, 0.9, 0.8),
+        ('sideslip_angle', -0.02, 1.0, 0.7),
+        ('roll', 0.05, 1.1, 0.5),
+    )
+    for name, gain, f, damping in responses:
         w, root = 2.0 * np.pi * f, np.sqrt(1.0 - damping**2)
         fine = np.linspace(0.0, 1.0, 200_001)
         ninety = fine[np.argmax(second_order(fine, 1.0, f, damping) >= 0.9)]
@@ -80,6 +86,12 @@ def test_frequency_response_of_second_order(kind: str, rng: np.random.Generator)
         down = next(k for k in np.arange(0.2, 4.0, 1e-3) if abs(H(k)) < abs(H(0.2)) / math.sqrt(2.0))
         assert r[f'{name}_bandwidth'] == pytest.approx(down, rel=0.02)
         assert r[f'{name}_least_coherence'] > 0.98
+        table = {float(x.name.removeprefix(f'{name}_gain_')[:-2]): x.value for x in r.figures if x.name.startswith(f'{name}_gain_')}
+        assert len(table) >= 4
+        assert table == pytest.approx({k: abs(H(k)) for k in table}, rel=0.02)
+    assert r['speed'] == pytest.approx(22.0)
+    assert r['lateral_acceleration_peak_frequency'] == pytest.approx(0.2)  # damped so much that the gain only falls
+    assert r['lateral_acceleration_peak_ratio'] == pytest.approx(1.0)
     top = 1.2 * math.sqrt(1.0 - 2.0 * 0.36)
     assert r['yaw_rate_peak_frequency'] == pytest.approx(top, abs=0.11)
     assert r['yaw_rate_peak_ratio'] == pytest.approx(
