@@ -90,6 +90,30 @@ def test_wheels_steer_and_turn_as_their_poses_have_it(car: Path):
     assert np.ptp(np.array(spun), axis=0)[2] > motion.drawing.wheels[0].radius  # it rolled
 
 
+def test_links_and_wheels_stand_where_the_kinematics_of_the_simulation_has_them(car: Path):
+    """The same simulation again, asked for its poses: every line, spring and rim goes through points of their bodies there."""
+    motion = read_motion(car)
+    simulation = simulation_of(load_scene('light_car_step_steer', ('duration=2.6', 'record.poses=10')))
+    for k in (0, len(motion.time) - 3, len(motion.time) - 1):  # standing straight, while it steers, in the bend
+        shot = simulation.advance(round(motion.time[k] / simulation.h) - simulation.k)
+        turn = [Rotation.from_quat(q) for q in shot.pose[:, 3:]]
+
+        def place(body: int, point: tuple[float, float, float], shot=shot, turn=turn) -> np.ndarray:
+            return shot.pose[body, :3] + turn[body].apply(point)
+
+        lines = drawn(motion, k, 'body') + drawn(motion, k, 'outline')
+        fixed = [[place(line.body, line.a), place(line.body, line.b)] for line in motion.drawing.lines if line.body >= 0]
+        key = lambda points: np.round(np.ravel(points), 6).tolist()  # noqa: E731
+        np.testing.assert_allclose(sorted(map(key, lines)), sorted(map(key, fixed)), atol=2e-6)
+        for spring, points in zip(motion.drawing.springs, drawn(motion, k, 'spring'), strict=True):
+            ends = [place(body, at) if body >= 0 else at for body, at in ((spring.i, spring.a), (spring.j, spring.b))]
+            np.testing.assert_allclose(points, ends, atol=1e-9)
+        for i, wheel in enumerate(motion.drawing.wheels):
+            rim, middle, spin = drawn(motion, k, 'wheel')[7 * i], place(wheel.body, wheel.center), turn[wheel.body].apply(wheel.axis)
+            np.testing.assert_allclose((rim - middle) @ spin, -0.5 * wheel.width, atol=1e-9)  # in one plane across the axis: it steers
+            np.testing.assert_allclose(np.linalg.norm(np.cross(rim - middle, spin), axis=1), wheel.radius, atol=1e-9)
+
+
 def test_the_arrows_are_the_tire_forces(car: Path):
     motion = read_motion(car)
     weight = 9.81 * sum(body.mass for body in load_scene('light_car_step_steer').model.bodies)
