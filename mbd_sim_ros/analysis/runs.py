@@ -15,7 +15,7 @@ from mbd_sim_ros.bags import reader as bag
 from mbd_sim_ros.bags.reader import Run, Series
 from solver.elements.registry import FORCES
 from solver.elements.tire_pacejka import TIRES
-from solver.errors import BagError
+from solver.errors import BagError, suggestion
 
 TIME = 'time [s]'
 ROWS = 10_000  # written at once
@@ -117,6 +117,13 @@ def file_names(topics: Iterable[str]) -> dict[str, str]:
             k += 1
         names[topic] = unique
     return names
+
+
+def must_match(run: Run, patterns: Sequence[str], place: str | Path) -> None:
+    """Raise BagError for a pattern that no channel of the recording matches."""
+    for pattern in patterns:
+        if not fnmatch.filter(run.names, pattern):
+            raise BagError(f'{place}: no channel matches {pattern!r}{suggestion(pattern, run.names)}')
 
 
 def seconds_of(t_ns: int) -> str:

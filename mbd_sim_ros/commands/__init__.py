@@ -31,7 +31,7 @@ def declare(parsers: Any, name: str, run: Any, help_: str, example: str) -> argp
         allow_abbrev=False,
     )
     parser.add_argument('--json', action='store_true', help='print exactly one JSON object on stdout')
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, parser=parser)
     return parser
 
 

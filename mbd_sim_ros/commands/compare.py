@@ -50,6 +50,7 @@ def add(parsers: Any) -> None:
         metavar='REPEAT',
         type=Path,
         nargs='*',
+        default=[],
         help='more references: repeats of one test, whose mean is the reference; RUN may leave it by its 95 %% confidence band as well',
     )
     judged = parser.add_argument_group('what is allowed')

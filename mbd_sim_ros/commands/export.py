@@ -33,8 +33,9 @@ def run(args: argparse.Namespace) -> Result:
     if args.csv is None and args.parquet is None:
         raise BagError('nothing to write: give --csv DIR or --parquet DIR')
     run_ = bag.read(args.bag, args.channel)
+    runs.must_match(run_, args.channel, args.bag)
     if not run_.series:
-        raise BagError(f'{args.bag}: no channel matches {" ".join(args.channel)}')
+        raise BagError(f'{args.bag}: nothing in it can be written as a table')
     files = runs.export(run_, args.csv) if args.csv is not None else []
     files += dataframes.export_parquet(run_, args.parquet) if args.parquet is not None else []
     rows = max(one.time_ns.size for one in run_.series.values())

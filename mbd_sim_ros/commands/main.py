@@ -28,6 +28,7 @@ import argparse
 import json
 import math
 import os
+import re
 import signal
 import traceback
 from collections.abc import Iterator, Sequence
@@ -83,7 +84,10 @@ def main(argv: Sequence[str] | None = None) -> int:
                 if first is not None and first not in names:
                     raise UsageError(f'mbd: no command {first!r}{suggestion(first, names)}')
                 interrupts.now(f'starting mbd {first}' if first else '')
-                args = parser().parse_args(argv)
+                args, unknown = parser().parse_known_args(argv)
+                if unknown:
+                    known = re.findall(r'--[\w-]+', args.parser.format_help())
+                    args.parser.error(f'unrecognized argument {unknown[0]}{suggestion(unknown[0], known)}')
                 result = args.run(args)
                 out.say(json.dumps(plain(result.data), allow_nan=False) if as_json else result.text)
                 return result.code

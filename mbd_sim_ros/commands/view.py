@@ -21,7 +21,9 @@ def add(parsers: Any) -> None:
     """Declare the command."""
     parser = declare(parsers, 'view', run, 'show a recording in motion: a web page, a picture or a film', EXAMPLE)
     parser.add_argument('bag', metavar='BAG', type=Path, help='bag directory or .mcap file')
-    parser.add_argument('ghosts', metavar='GHOST', type=Path, nargs='*', help='further recordings, drawn as ghosts beside the first')
+    parser.add_argument(
+        'ghosts', metavar='GHOST', type=Path, nargs='*', default=[], help='further recordings, drawn as ghosts beside the first'
+    )
     parser.add_argument('--out', metavar='FILE', type=Path, help=f'what to write, by its ending: {", ".join(KINDS)}')
     parser.add_argument('--rerun', action='store_true', help='open the recordings in the viewer of Rerun (extra `rerun`)')
     parser.add_argument('--channel', metavar='PATTERN', action='append', default=[], help="curves to draw, e.g. 'imu/*' (repeatable)")

@@ -216,4 +216,4 @@ def test_export_of_chosen_channels_and_to_parquet(tmp_path: Path, capsys) -> Non
     assert main(['export', str(ours)]) == 5
     assert 'give --csv DIR or --parquet DIR' in capsys.readouterr().err
     assert main(['export', str(ours), '--csv', str(tmp_path / 'c'), '--channel', 'x']) == 5
-    assert 'no channel matches x' in capsys.readouterr().err
+    assert "no channel matches 'x'" in capsys.readouterr().err

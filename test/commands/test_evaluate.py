@@ -79,6 +79,11 @@ def test_a_recording_of_others_is_evaluated(foreign: tuple[Path, Path], tmp_path
         (['--as', 'iso7401', '--mapping', 'FILE'], 'hold? iso7401_step, iso7401_frequency'),
         (['--as', 'iso7401_step', '--mapping', 'FILE', '--set', 'settle=1'], "did you mean 'settled'"),
         (['--as', 'iso7401_step', '--mapping', 'FILE', '--set', 'settled'], 'write it as KEY=NUMBER'),
+        (['--as', 'iso7401_step', '--mapping', 'FILE', '--set', 'settled=-1'], 'settled = -1.0: must be > 0'),
+        (
+            ['--as', 'iso7401_step', '--mapping', 'FILE', '--sett', 'settled=1'],
+            "unrecognized argument --sett; did you mean '--set'?; see mbd evaluate",
+        ),
     ],
 )
 def test_refusals_are_one_sentence(

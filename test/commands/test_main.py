@@ -55,7 +55,7 @@ def test_every_command_has_help_with_an_example(command: str, capsys: pytest.Cap
         ((), 2, 'required: COMMAND'),
         (('rnu',), 2, "no command 'rnu'; did you mean 'run'?"),
         (('run',), 2, 'required: SCENE'),
-        (('run', 'four_bar', '--fast'), 2, 'unrecognized arguments: --fast'),
+        (('run', 'four_bar', '--fast'), 2, 'mbd run: unrecognized argument --fast; '),
         (('run', 'fourbar'), 2, "did you mean 'four_bar'?"),
         (('run', 'four_bar', '--duration', 'long'), 2, "invalid float value: 'long'"),
         (('run', 'four_bar', '--duration', '-1'), 2, 'duration = -1.0: must be > 0'),

@@ -14,7 +14,7 @@ scene: light_car_step_steer
 set: [duration=3.5]
 parameters:
   vehicle.chassis.mass: {low: 1000, high: 1500}
-  start.speed: {low: 18, high: 26}
+  start.speed_kmh: {low: 65, high: 95}
 design: {kind: latin_hypercube, samples: 200, seed: 3}
 figures:
   yaw_rate_peak: {quantity: yaw_rate, take: peak}

@@ -17,6 +17,10 @@ from mbd_sim_ros.analysis.mapping import Axes, Source
 from mbd_sim_ros.bags.reader import Run
 from solver.errors import BagError, SpecError, suggestion
 from solver.scene import Scene
+from solver.validate import finite
+
+SIGNED = ('middle', 'start')  # parameters that are places
+MAY_BE_ZERO = ('low', 'skip', 'begin', 'deviation', 'kx', 'ky', 'kz')
 
 
 def read(place: Path, sources: Mapping[str, Source] | None = None, axes: Sequence[Axes] = ()) -> tuple[Run, frozenset[str], Scene | None]:
@@ -82,6 +86,8 @@ def parameters_of(evaluation: Evaluation, given: Mapping[str, float]) -> Any:
     for name in given:
         if name not in known:
             raise SpecError(f'{evaluation.name} has no parameter {name!r}{suggestion(name, known)}; it has {", ".join(known)}')
+        if name not in SIGNED:
+            finite(evaluation.name, name, given[name], low=0.0, strict=name not in MAY_BE_ZERO)
     return evaluation.parameters(**given)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mbd_sim_ros.analysis.runs import must_match
 from mbd_sim_ros.analysis.view.drawing import WORLD_BODY, Drawing, drawing_of
 from mbd_sim_ros.bags import reader
 from mbd_sim_ros.bags.poses import Poses, read_poses
@@ -112,6 +113,5 @@ def curves_of(motion: Motion, channels: tuple[str, ...] = ()) -> list[str]:
     chosen = [name for pattern in patterns for name in names if fnmatch.fnmatchcase(name, pattern)]
     if not chosen and not channels:
         chosen = [name for name in names if fnmatch.fnmatchcase(name, 'joint_states/*/position')][:MOST_CURVES]
-    if not chosen:
-        raise BagError(f'{motion.name}: no channel matches {" ".join(channels)}')
+    must_match(motion.run, channels, motion.name)
     return list(dict.fromkeys(chosen))

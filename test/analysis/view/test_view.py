@@ -201,7 +201,7 @@ def test_what_cannot_be_shown_is_one_sentence(
         ([bare, '--out', tmp_path / 'x.html'], 'record.poses'),
         ([crank, '--out', tmp_path / 'x.png', '--at', '9'], 'goes from 0 to 0.4 s'),
         ([crank, '--out', tmp_path / 'x.gif', '--rate', '0'], '--rate 0'),
-        ([crank, '--out', tmp_path / 'x.html', '--channel', 'nothing'], 'no channel matches nothing'),
+        ([crank, '--out', tmp_path / 'x.html', '--channel', 'nothing'], "no channel matches 'nothing'"),
         ([crank, '--out', tmp_path / 'x.mp4'], 'needs ffmpeg'),
         ([crank], 'nothing to show: give --out FILE'),
         ([crank, '--rerun'], 'there is no display' if find_spec('rerun') else "Rerun is not installed: pip install 'mbd_sim_ros[rerun]'"),
