@@ -9,11 +9,12 @@ from typing import Any
 from mbd_sim_ros.commands import Result, declare
 from solver.errors import BagError
 
-KINDS = ('.html', '.png', '.gif', '.mp4', '.rrd')
+KINDS = ('.html', '.png', '.gif', '.mp4', '.rrd', '.json')
 EXAMPLE = """mbd view bags/first --out out/first.html
   mbd view bags/coarse bags/fine --out out/both.html   (the second as a ghost)
   mbd view bags/first --out out/first.png --at 1.5
   mbd view bags/first --out out/first.mp4 --speed 0.5
+  mbd view bags/first --out out/first.json             (a layout for Foxglove)
   mbd view bags/first --rerun                          (in the viewer of Rerun; --out out/first.rrd for another machine)"""
 
 
@@ -65,6 +66,10 @@ def run(args: argparse.Namespace) -> Result:
     motions = [read_motion(path, channels) for path in (args.bag, *args.ghosts)]
     if file.suffix == '.html':
         page.write_page(motions, file, channels)
+    elif file.suffix == '.json':
+        from mbd_sim_ros.analysis.view.foxglove import write_layout
+
+        write_layout(motions[0], args.bag, file, channels)
     elif file.suffix == '.png':
         picture.write_picture(motions, file, at=args.at, width=width, channels=channels)
     else:

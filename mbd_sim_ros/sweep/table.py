@@ -79,6 +79,7 @@ def write_report(sweep: Sweep, rows: Sequence[Row], indices: dict[str, Any], uni
     """
     counts = {status: sum(row['status'] == status for row in rows) for status in COLOURS}
     parts = [f'<p>{len(rows)} cases: {", ".join(f"{n} {status}" for status, n in counts.items())}.</p>']
+    parts.append('<p class="soft">Parameters are in SI units, but for those whose names end in their unit (_kmh, _deg).</p>')
     for figure, meaning in sweep.figures.items():
         known = [row for row in rows if math.isfinite(row[figure])]
         parts.append(f'<h2>{html.escape(figure)}: {meaning.take} of {html.escape(meaning.quantity)}</h2>')

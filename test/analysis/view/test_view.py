@@ -13,13 +13,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
 from scipy.spatial.transform import Rotation
 
 from mbd_sim_ros.analysis.view.motion import Motion, read_motion
 from mbd_sim_ros.analysis.view.page import write_page
 from mbd_sim_ros.analysis.view.picture import strokes
+from mbd_sim_ros.bags import reader
 from mbd_sim_ros.batch import simulate
 from mbd_sim_ros.commands.main import main
+from mbd_sim_ros.messages import cdr
 from solver import load_scene, simulation_of
 
 CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which('google-chrome')
@@ -188,6 +191,29 @@ def test_a_file_for_rerun_has_all_topics_and_moving_links(crank: Path, tmp_path:
     assert sum(chunk.num_rows for chunk in moved) >= len(read_motion(crank).time)
 
 
+def test_the_paths_of_a_layout_for_foxglove_lead_to_the_values(car: Path, tmp_path: Path):
+    patterns = ('odom/*', 'imu/*', 'tire/front_left/force/*', 'tire_states/*', 'joint_states/steering_wheel/*', 'cmd_applied/steering')
+    assert main(['view', str(car), '--out', str(tmp_path / 'x.json'), *(f'--channel={p}' for p in patterns)]) == 0
+    data = json.loads((tmp_path / 'x.json').read_text())
+    first = {}
+    with next(car.glob('*.mcap')).open('rb') as stream:
+        for schema, channel, message in make_reader(stream).iter_messages():
+            if channel.topic not in first:
+                first[channel.topic] = cdr.decode(schema.name, schema.data.decode(), message.data)[0]
+    run = reader.read(car, list(patterns))
+    panels = [config for name, config in data['configById'].items() if name.startswith('Plot!')]
+    assert len(panels) == len(run.columns) > 40
+    for panel in panels:
+        topic, *fields = panel['paths'][0]['value'].split('.')
+        value = first[topic]
+        for field in fields:
+            name, _, index = field.partition('[')
+            value = value[name][int(index[:-1])] if index else value[name]
+        assert value == run[panel['foxglovePanelTitle']][0]
+    named = re.findall(r'"((?:3D|Plot)![^"]*)"', json.dumps(data['layout']))
+    assert sorted(named) == sorted(data['configById'])  # every panel has its place
+
+
 def test_what_cannot_be_shown_is_one_sentence(
     crank: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
@@ -197,7 +223,7 @@ def test_what_cannot_be_shown_is_one_sentence(
         monkeypatch.delenv(variable, raising=False)
     monkeypatch.setitem(__import__('sys').modules, 'imageio_ffmpeg', None)
     for arguments, part in (
-        ([crank, '--out', tmp_path / 'x.avi'], 'must be one of .html, .png, .gif, .mp4, .rrd'),
+        ([crank, '--out', tmp_path / 'x.avi'], 'must be one of .html, .png, .gif, .mp4, .rrd, .json'),
         ([bare, '--out', tmp_path / 'x.html'], 'record.poses'),
         ([crank, '--out', tmp_path / 'x.png', '--at', '9'], 'goes from 0 to 0.4 s'),
         ([crank, '--out', tmp_path / 'x.gif', '--rate', '0'], '--rate 0'),
