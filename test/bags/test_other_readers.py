@@ -11,6 +11,7 @@ from mcap.reader import make_reader
 
 from mbd_sim_ros.analysis import load
 from mbd_sim_ros.bags import reader
+from mbd_sim_ros.bags.recovery import recover
 from mbd_sim_ros.batch import simulate
 from solver import load_scene, simulation_of
 
@@ -30,7 +31,7 @@ def bags(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     broken = home / 'broken.mcap'
     whole = (BAGS / 'step_steer' / 'step_steer_0.mcap').read_bytes()
     broken.write_bytes(whole[: len(whole) // 3])
-    reader.recover(broken, home / 'recovered')
+    recover(broken, home / 'recovered')
     return {name: BAGS / name for name in KINDS[:2]} | {name: home / name for name in KINDS[2:]}
 
 
