@@ -24,6 +24,7 @@ from mbd_sim_ros.node.recording import Recording
 from solver.analysis.envelope import Envelope
 from solver.errors import BagError, MbdError, SpecError
 from solver.inputs.maneuver import COMMANDS, CommandSource
+from solver.model.state import fitting, load_arrays
 from solver.output.snapshot import Snapshot
 
 CLOCK_SECONDS = 0.01  # /clock is published at most at 100 Hz
@@ -192,11 +193,11 @@ class Running:
     def restore(self, path: Path) -> None:
         """Go on from a state file. Raises SpecError for one that is none, or of another scene."""
         try:
-            with np.load(path) as saved:
-                data, steering, scene = saved['simulation'].tobytes(), saved['steering'], str(saved['scene'])
-        except (OSError, KeyError, ValueError) as error:
+            saved = load_arrays(path.read_bytes() if path.is_file() else b'')
+            data, steering, scene = saved['simulation'].tobytes(), saved['steering'], str(saved['scene'])
+        except (OSError, KeyError, SpecError) as error:
             raise SpecError(f'parameter restore: {path} is not a state file of ~/save_state ({error})') from error
         if scene != self.scene.hash:
             raise SpecError(f'parameter restore: {path} belongs to another scene (hash {scene}, this one has {self.scene.hash})')
         self.simulation.restore(data)
-        self._source.state = steering
+        self._source.state = fitting('steering', steering, self._source.state)

@@ -29,6 +29,7 @@ FORCE = tuple(f'imu/{name}' for name in ('ax', 'ay', 'az'))
 BODY = (*POSE, *TWIST, *FORCE)
 LARGEST_RATE = 1000.0  # Hz of the grid
 GAP = 0.25  # s without a sample that is told
+MOST_SAMPLES = 5_000_000  # of the grid: an hour and more at its largest rate
 Columns = Sequence[np.ndarray]
 
 
@@ -193,6 +194,11 @@ def _grid(times: Mapping[int, np.ndarray], place: str) -> tuple[np.ndarray, int,
     if step <= 0 or end - begin < 10 * step:
         raise BagError(f'{place}: its topics share less than ten samples; an evaluation needs a maneuver')
     step = max(step, round(1e9 / LARGEST_RATE))
+    if end - begin > MOST_SAMPLES * step:
+        raise BagError(
+            f'{place}: from {begin * 1e-9:.6g} to {end * 1e-9:.6g} s there are more than {MOST_SAMPLES} samples at steps of '
+            f'{step * 1e-9:g} s; a clock was set meanwhile, or there is a long gap: cut the recording there'
+        )
     notes = []
     for t in times.values():
         if t.size < 2:

@@ -22,6 +22,7 @@ WIDTHS = {'outline': 0.9, 'body': 2.0, 'wheel': 1.4, 'spring': 2.6, 'force': 2.2
 NEWTONS_PER_METRE = 6000.0  # an arrow of 1 m
 WIDTH = 1120  # pixels of a picture
 CURVES = 4  # beside the motion
+MOST_PICTURES = 100_000  # of a film, which takes hours then
 RIM, SPOKES = 28, 5  # points of a rim
 SHADES = 12  # of a colour in a GIF
 
@@ -173,8 +174,11 @@ def write_film(
     """A film of the whole recording: .mp4 or .gif. rate: pictures a second. speed: of the motion in it, 1 is as it was. Raises BagError."""
     if file.suffix == '.gif':
         rate = 100.0 / max(round(100.0 / rate), 2)  # a GIF counts hundredths of a second, and browsers slow down what is faster than 50 Hz
-    painter = Painter(motions, channels, width)
     time = motions[0].time
+    pictures = (time[-1] - time[0]) * rate / speed
+    if pictures > MOST_PICTURES:
+        raise BagError(f'{file} would have {pictures:.3g} pictures, more than {MOST_PICTURES}; take a larger --speed or a smaller --rate')
+    painter = Painter(motions, channels, width)
     instants = np.arange(time[0], time[-1] + 1e-9, speed / rate)
     shown = tqdm(instants, unit='picture', desc=file.name, disable=None if progress else True, leave=False)
     write = _write_mp4 if file.suffix == '.mp4' else _write_gif
