@@ -1,9 +1,12 @@
-"""ros2 launch mbd_sim_ros sim.launch.py scene:=NAME [play:=true] [record:=true] [namespace:=car1] [params:=FILE] ...
+"""ros2 launch mbd_sim_ros sim.launch.py scene:=NAME [play:=true] [record:=true] [rviz:=true] [foxglove:=true] [namespace:=car1] ...
 
-The launch ends when the simulator ends, with exit code 1 if that failed.
+Nodes of this launch talk to this machine only, unless open:=true or ROS_AUTOMATIC_DISCOVERY_RANGE is set. The launch ends when the
+simulator ends, with exit code 1 if that failed.
 """
 
-from launch.actions import DeclareLaunchArgument, RegisterEventHandler, Shutdown
+import os
+
+from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction, RegisterEventHandler, SetEnvironmentVariable, Shutdown
 from launch.conditions import IfCondition
 from launch.event_handlers import OnProcessExit
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
@@ -20,6 +23,9 @@ ARGUMENTS = {
     'duration': ('0.0', 'simulated seconds after which it ends; 0: none, -1: that of the scene'),
     'record': ('false', 'record from the start'),
     'play': ('false', "also play the scene's maneuver over the command topics"),
+    'rviz': ('false', 'show the car in RViz, when that is installed'),
+    'foxglove': ('false', 'open a bridge for Foxglove on port 8765, when that is installed'),
+    'open': ('false', 'talk to other machines too (docs/ros.md, Security)'),
     'namespace': ('', 'namespace of both nodes'),
     'params': (PathJoinSubstitution([FindPackageShare('mbd_sim_ros'), 'config', 'node.yaml']), 'parameter file'),
 }
@@ -33,6 +39,39 @@ def ended(event, _context):
     if event.returncode:
         raise RuntimeError(f'the simulator ended with exit code {event.returncode}')
     return [Shutdown(reason='the simulator has ended')]
+
+
+VIEWERS = {  # argument -> package, executable, what to say when it is missing
+    'rviz': ('rviz2', 'rviz2', 'install ros-jazzy-rviz2, or look at the recording with `mbd view`'),
+    'foxglove': ('foxglove_bridge', 'foxglove_bridge', 'install ros-jazzy-foxglove-bridge, or open the recording in Foxglove'),
+}
+LAYOUT = PathJoinSubstitution([FindPackageShare('mbd_sim_ros'), 'config', 'layouts', 'car.rviz'])
+
+
+def viewers(context):
+    """The viewers that are wanted and installed, and a sentence for those that are not installed."""
+    from ament_index_python.packages import PackageNotFoundError, get_package_prefix
+
+    entities = []
+    for name, (package, executable, remedy) in VIEWERS.items():
+        if context.launch_configurations[name].lower() not in ('true', '1'):
+            continue
+        try:
+            get_package_prefix(package)
+        except PackageNotFoundError:
+            entities.append(LogInfo(msg=f'{name}:=true, but {package} is not installed: {remedy}'))
+            continue
+        namespace = context.launch_configurations['namespace']
+        arguments = {'arguments': ['-d', LAYOUT]} if name == 'rviz' else {}
+        entities.append(Node(package=package, executable=executable, namespace=namespace, output='screen', **arguments))
+    return entities
+
+
+def discovery(context):
+    """Keep the nodes to this machine, unless that is decided otherwise."""
+    if context.launch_configurations['open'].lower() in ('true', '1') or 'ROS_AUTOMATIC_DISCOVERY_RANGE' in os.environ:
+        return []
+    return [SetEnvironmentVariable('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')]
 
 
 def generate_launch_description() -> LaunchDescription:
@@ -60,8 +99,10 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription(
         [
             *(DeclareLaunchArgument(name, default_value=default, description=text) for name, (default, text) in ARGUMENTS.items()),
+            OpaqueFunction(function=discovery),  # before anything is started
             simulator,
             maneuver,
+            OpaqueFunction(function=viewers),
             RegisterEventHandler(OnProcessExit(target_action=simulator, on_exit=ended)),
         ]
     )

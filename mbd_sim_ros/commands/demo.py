@@ -31,7 +31,7 @@ DOMAIN = '77'  # of its own, so that nothing else on the machine steers the car
 
 def drive(scene: str, directory: Path, duration: float) -> None:
     """Run simulator and maneuver as processes until the simulator ends. Raises MbdError with its exit code if it fails."""
-    environment = {'ROS_DOMAIN_ID': DOMAIN, **os.environ}
+    environment = {'ROS_DOMAIN_ID': DOMAIN, 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST', **os.environ}  # nobody else listens
     parameters = {'scene': scene, 'duration': duration, 'record': True, 'out': str(directory), 'mode': 'realtime', 'rate_factor': 1.0}
     arguments = [text for name, value in parameters.items() for text in ('-p', f'{name}:={json.dumps(value)}')]
     simulator = subprocess.Popen([sys.executable, '-m', 'mbd_sim_ros.node.main', '--ros-args', *arguments], env=environment)

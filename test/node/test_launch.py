@@ -18,7 +18,14 @@ def stand_in(kind: str):
 
 MODULES = {
     'launch': ('LaunchDescription',),
-    'launch.actions': ('DeclareLaunchArgument', 'RegisterEventHandler', 'Shutdown'),
+    'launch.actions': (
+        'DeclareLaunchArgument',
+        'LogInfo',
+        'OpaqueFunction',
+        'RegisterEventHandler',
+        'SetEnvironmentVariable',
+        'Shutdown',
+    ),
     'launch.conditions': ('IfCondition',),
     'launch.event_handlers': ('OnProcessExit',),
     'launch.substitutions': ('LaunchConfiguration', 'PathJoinSubstitution'),
@@ -27,6 +34,16 @@ MODULES = {
     'launch_ros.parameter_descriptions': ('ParameterValue',),
     'launch_ros.substitutions': ('FindPackageShare',),
 }
+
+
+@pytest.fixture
+def installed(monkeypatch: pytest.MonkeyPatch) -> dict[str, str]:
+    """Packages that ROS finds -> where."""
+    found: dict[str, str] = {}
+    module = ModuleType('ament_index_python.packages')
+    module.PackageNotFoundError, module.get_package_prefix = KeyError, found.__getitem__  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    return found
 
 
 @pytest.fixture
@@ -80,3 +97,32 @@ def test_the_launch_fails_when_the_simulator_has_failed(description: SimpleNames
     handler = next(entity for entity in description.args[0] if entity.kind == 'RegisterEventHandler').args[0]
     with pytest.raises(RuntimeError, match=f'ended with exit code {code}'):
         handler.on_exit(SimpleNamespace(returncode=code), None)
+
+
+def of_function(description: SimpleNamespace, name: str, **arguments: str) -> list:
+    """What a function of the launch adds for these arguments."""
+    functions = {e.function.__name__: e.function for e in description.args[0] if e.kind == 'OpaqueFunction'}
+    defaults = {e.args[0]: e.default_value for e in description.args[0] if e.kind == 'DeclareLaunchArgument'}
+    return functions[name](SimpleNamespace(launch_configurations={**defaults, **arguments}))
+
+
+def test_viewers_are_started_when_they_are_wanted_and_installed(description: SimpleNamespace, installed: dict[str, str]) -> None:
+    assert of_function(description, 'viewers', rviz='false') == []
+    (said,) = of_function(description, 'viewers', rviz='true')
+    assert said.kind == 'LogInfo' and said.msg.startswith('rviz:=true, but rviz2 is not installed: install')
+    installed |= {'rviz2': '/opt/ros', 'foxglove_bridge': '/opt/ros'}
+    rviz, bridge = of_function(description, 'viewers', rviz='true', foxglove='True', namespace='car1')
+    assert (rviz.executable, bridge.executable) == ('rviz2', 'foxglove_bridge')
+    assert rviz.namespace == bridge.namespace == 'car1'
+    assert ROOT.joinpath(*rviz.arguments[1].args[0][1:]).is_file()
+
+
+def test_nodes_keep_to_this_machine_unless_it_is_decided_otherwise(description: SimpleNamespace, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv('ROS_AUTOMATIC_DISCOVERY_RANGE', raising=False)
+    (setting,) = of_function(description, 'discovery')
+    assert setting.args == ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    kinds = [entity.kind for entity in description.args[0]]
+    assert kinds.index('OpaqueFunction') < kinds.index('Node')
+    assert of_function(description, 'discovery', open='true') == []
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'SUBNET')
+    assert of_function(description, 'discovery') == []
