@@ -42,37 +42,53 @@ from solver.vehicle.parts import UP, vector_of
 AXLES = ('front', 'rear')
 FASTEST = 10.0  # Hz, of the travel of a wheel (speed over wavelength of the road) and of the steering
 LAG = 0.002  # s; of the departures, a usual loss of rubber over its stiffness
+CROSSED = 0.25  # motion of the damper on the other side, of that of the own one, that is left out
 REPLACED = ('spring_dampers', 'bushings', 'brakes')  # kinds of forces that guides stand for
 MAPS = 'the range of the maps, which go on linearly'
 
 LOST = (
     'vibration of engine, subframes, links, rack and driveline (above about 8 Hz)',
     'compliance is linear, that of the design position; so are its changes by the travel of the other wheel',
+    'what a damper of a dependent axle feels of the other wheel (up to a quarter of what it feels of its own)',
     'the inertia of propeller shaft and gears turns with both driven wheels in equal shares',
 )
-VALIDITY = (  # and the range of the travel
-    Limit(quantity='lateral_acceleration', unit='m/s^2', low=-9.0, high=9.0, why='compliance is that of moderate loads'),
+VALIDITY = (  # and the ranges of travel and steering
     Limit(quantity='roll', unit='rad', low=-0.5, high=0.5, why='a car that rolls over falls on parts that this level does not have'),
-    Limit(quantity='steering_wheel_angle', unit='rad', low=-maps.STEERING, high=maps.STEERING, why=MAPS),
     Limit(quantity='frequency', unit='Hz', high=FASTEST, why='engine and subframes do not vibrate; compared up to waves of 2 m at 20 m/s'),
 )
 
 
 def derive(scene: Scene) -> Derived:
     """The level `kc` of a scene. Raises SpecError for a vehicle that is no car with four wheels on two axles."""
-    model = kc_model(scene.model)
+    reduction = _reduction(scene.model)
+    model = reduction.model()
     derived = dataclasses.replace(scene, model=model, integrator=with_one_iteration(scene.integrator))
     high = -min(guide.travel[0] for guide in model.guides)
     travel = Limit(quantity='suspension_travel', unit='m', low=-high, high=high, why=MAPS)
-    return Derived(scene=derived, level='kc', report=LevelReport(lost=LOST, validity=(travel, *VALIDITY)))
+    turned = max(-guide.steering[0] for guide in model.guides)
+    steering = Limit(quantity='steering_wheel_angle', unit='rad', low=-turned, high=turned, why=MAPS)
+    validity = (travel, steering, *_lateral(scene.model, reduction.dependent), *VALIDITY)
+    return Derived(scene=derived, level='kc', report=LevelReport(lost=LOST, validity=validity))
+
+
+def _lateral(spec: ModelSpec, dependent: bool) -> tuple[Limit, ...]:
+    """Up to which lateral acceleration: none for a car without rubber."""
+    if not spec.bushings:
+        return ()
+    high = 5.0 if dependent else 9.0
+    why = 'rolling moves the wheels of a dependent axle by each other' if dependent else 'compliance is that of moderate loads'
+    return (Limit(quantity='lateral_acceleration', unit='m/s^2', low=-high, high=high, why=why),)
 
 
 def kc_model(spec: ModelSpec) -> ModelSpec:
     """The model of the level; raises SpecError."""
+    return _reduction(spec).model()
+
+
+def _reduction(spec: ModelSpec) -> _Reduction:
     _require_car(spec)
     standing = dataclasses.replace(spec, road=RoadSpec())
-    data = kept('kc', repr(standing), lambda: maps.measured(standing))
-    return _Reduction(spec, data).model()
+    return _Reduction(spec, kept('kc', repr(standing), lambda: maps.measured(standing)))
 
 
 def _require_car(spec: ModelSpec) -> None:
@@ -90,6 +106,7 @@ class _Reduction:
 
     def __init__(self, spec: ModelSpec, data: dict[str, Any]) -> None:
         self.spec, self.data = spec, data
+        self.dependent = False  # whether a wheel moves the damper of the other one, known with the model
         self.bodies = {b.name: b for b in spec.bodies}
         self.joints = {j.name: j for j in spec.joints}
         self.chassis = self.bodies[spec.chassis or spec.bodies[0].name]
@@ -115,6 +132,7 @@ class _Reduction:
             road=self.spec.road,
             gravity=self.spec.gravity,
             chassis=chassis.name,
+            category=self.spec.category,
             **self._others(),
         )
         names = used_inputs(model)
@@ -228,7 +246,8 @@ class _Reduction:
         if steered and not couplers:
             raise SpecError(f'the {axle} axle is steered, but no coupler with an input turns a steering wheel; use full')
         travel = (-reach, 2.0 * reach / (maps.MAP_TRAVEL - 1), maps.MAP_TRAVEL)
-        steering = (-maps.STEERING, 2.0 * maps.STEERING / (maps.MAP_STEERING - 1), maps.MAP_STEERING) if steered else (0.0, 1.0, 1)
+        turned = self.data['steering']
+        steering = (-turned, 2.0 * turned / (maps.MAP_STEERING - 1), maps.MAP_STEERING) if steered else (0.0, 1.0, 1)
         R_C = matrix(self.chassis.orientation)
         at = [vector_of(product(R_C.T, self.centers[c] - self.chassis.position)) for c in corners]
         axes = [vector_of(matrix(self.tires[c].marker.orientation)[:, 1]) for c in corners]
@@ -254,9 +273,12 @@ class _Reduction:
         """(law, powers of the slope of its length, stiffness of its mount, inverse of the law) of the damper that moves with a wheel."""
         elements = self.spec.spring_dampers
         found = [(elements[int(k)].damper, powers, data['mounts'][int(k)]) for k, powers in data['dampers'][side].items()]
-        found = [damper for damper in found if damper[0] is not None]
-        if len(found) > 1:
-            raise SpecError(f'{len(found)} dampers move with one wheel; use full')
+        found = sorted((damper for damper in found if damper[0] is not None), key=lambda damper: -abs(damper[1][0]))
+        for _, powers, _ in found[1:]:  # of a dependent axle the damper of the other wheel moves too
+            share = abs(powers[0] / found[0][1][0])
+            if share > CROSSED:
+                raise SpecError(f'{len(found)} dampers move with one wheel, the second by {100 * share:.0f} % of the first; use full')
+            self.dependent = True
         nothing = Law.linear(0.0)
         if not found:
             return nothing, [0.0] * maps.POWERS, 0.0, nothing

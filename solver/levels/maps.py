@@ -2,7 +2,7 @@
 
 The bench (solver.analysis.kinematics_and_compliance) holds the chassis of the full model in its design position. Measured are
 
-- both wheels of an axle at travels up to TRAVELS to either side, steered by -STEERING to STEERING: the maps over travel and steering;
+- both wheels of an axle at travels and angles of the steering wheel up to RANGES to either side: the maps over travel and steering;
 - one wheel alone, the other one held: the force of springs, stops and anti-roll bar over either travel, the change of the maps by the
   travel of the other wheel, and the lengths of the dampers;
 - a pull of the dampers with travels and steering held: the stiffness of their mounts;
@@ -32,7 +32,8 @@ from solver.model.frames import matrix
 from solver.model.spec import ModelSpec
 from solver.vehicle.hardpoints import SIDES
 
-TRAVELS, STEERING = (0.10, 0.09, 0.08, 0.07), 8.0  # range of the maps to either side [m] (the first that is reached), [rad]
+# ranges of the maps to either side, the first that is reached: travel [m], steering wheel [rad]; the last one is that of a racing car
+RANGES = ((0.10, 8.0), (0.09, 8.0), (0.08, 8.0), (0.07, 8.0), (0.03, 2.0))
 ROLL = 0.06  # of both wheels in opposite directions [m]
 MAP_TRAVEL, MAP_STEERING, FORCE_TRAVEL = 11, 33, 41  # nodes
 LOADS = {'cx': 2000.0, 'cy': 2000.0, 'mz': 100.0, 'mx': 600.0, 'my': 600.0}  # [N], [N m]: of a tire under 2 kN along or across
@@ -122,22 +123,22 @@ def spring_law(travel: np.ndarray, force: np.ndarray) -> Law:
 
 def measured(spec: ModelSpec, progress: Callable[[float], None] = lambda done: None) -> dict[str, Any]:
     """Everything that the level kc needs to know of a vehicle, as lists and numbers: by axle the fields of a GuideSpec that are measured,
-    by corner the masses that move with 'travel' [kg] and 'spin' [kg m^2]; 'travel': the range of the maps [m]; 'coordinates': by name
-    their slopes over the spins of the corners.
+    by corner the masses that move with 'travel' [kg] and 'spin' [kg m^2]; 'travel', 'steering': the range of the maps [m],
+    [rad]; 'coordinates': by name their slopes over the spins of the corners.
     """
-    for travel in TRAVELS[:-1]:
+    for reach in RANGES[:-1]:
         with suppress(ConsistencyError):
-            return _measured(spec, travel, progress)
-    return _measured(spec, TRAVELS[-1], progress)
+            return _measured(spec, *reach, progress)
+    return _measured(spec, *RANGES[-1], progress)
 
 
-def _measured(spec: ModelSpec, travel: float, progress: Callable[[float], None]) -> dict[str, Any]:
-    """The same with maps up to `travel` [m]. Raises ConsistencyError where a place is not reached."""
+def _measured(spec: ModelSpec, travel: float, turned: float, progress: Callable[[float], None]) -> dict[str, Any]:
+    """The same with maps up to `travel` [m] and `turned` [rad]. Raises ConsistencyError where a place is not reached."""
     bench = Bench(spec)
     axles = {axle: (f'{axle}_left', f'{axle}_right') for axle in ('front', 'rear')}
     rest = bench.stand()
     z = np.linspace(-travel, travel, MAP_TRAVEL)
-    steering = np.linspace(-STEERING, STEERING, MAP_STEERING)
+    steering = np.linspace(-turned, turned, MAP_STEERING)
     grid = np.zeros((2, 2, MAP_TRAVEL, MAP_STEERING, len(QUANTITIES)))  # over axle, side
     for j, angle in enumerate(steering.tolist()):
         for i in range(MAP_TRAVEL)[:: 1 if j % 2 == 0 else -1]:
@@ -160,7 +161,7 @@ def _measured(spec: ModelSpec, travel: float, progress: Callable[[float], None])
     compliance = _compliance(bench)
     mounts = _mounts(spec, rest)
     masses = _masses(bench, rest)
-    result: dict[str, Any] = {'coordinates': _driven(bench), 'travel': travel}
+    result: dict[str, Any] = {'coordinates': _driven(bench), 'travel': travel, 'steering': turned}
     for a, (axle, corners) in enumerate(axles.items()):
         steered = bool(np.abs(grid[a, :, :, :, 2] - grid[a, :, :, MAP_STEERING // 2 : MAP_STEERING // 2 + 1, 2]).max() > 1e-3)
         result[axle] = _axle(corners, z, grid[a], against[a], fine, alone, steered) | compliance[axle] | {'mounts': mounts}

@@ -29,6 +29,7 @@ COMBINED = 3.0  # m/s^2, along and across
 SATURATED = 7.0  # m/s^2: what is beyond weighs less and less
 UNDERSTEER = 0.003  # rad s^2/m that runs in bends are laid out with
 SCALES = {'curvature_y': 1.0, 'roll_steer': 0.1, 'axis': 0.1}  # of unknowns that may start at zero; the others are relative to their start
+SHORTEST = 0.1  # relaxation length, of that of the tires
 ERROR = 0.05  # of the peak: what the level is meant to keep, and its limits follow from
 
 
@@ -57,6 +58,8 @@ class Lateral:
         found = {part: dict(values) for part, values in self.given.items()}
         for (part, name), scale, value in zip(self.NAMES, self.scales, x.tolist(), strict=True):
             found[part][name] = self.given[part][name] + scale * value
+        for axle in AXLES:  # where steering by its own forces outruns the tires, an axle answers as fast as one may
+            found[axle]['length_y'] = max(found[axle]['length_y'], SHORTEST * self.given[axle]['length_y'])
         S, m = found['body']['coupling'], found['body']['mass']
         found['body']['roll_inertia'] = float(self.inertia[0, 0]) + S * S / m  # about the axis of roll
         return found

@@ -15,7 +15,7 @@ from solver.analysis.balance import Balance
 from solver.analysis.figures import mass_figures, standing, understeer_gradient
 from solver.analysis.kinematics_and_compliance import CORNERS, Rig, kinematic_figures
 from solver.elements.road import RoadSpec
-from solver.errors import SpecError
+from solver.errors import SceneError, SpecError
 from solver.inputs.maneuver import Maneuver
 from solver.inputs.signals import SineWithDwell, Step, Sweep
 from solver.levels import derive
@@ -202,3 +202,26 @@ def test_a_run_that_leaves_the_level_is_told():
 def test_a_model_that_is_no_car_is_refused():
     with pytest.raises(SpecError, match='a car with the wheels front_left, front_right, rear_left and rear_right is needed; use full'):
         kc_model(solver.load_scene('four_bar').model)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ('car', 'limits'),
+    [
+        ('compact_fwd', {'lateral_acceleration': 5.0, 'suspension_travel': 0.1, 'steering_wheel_angle': 8.0}),
+        ('formula_student', {'suspension_travel': 0.03, 'steering_wheel_angle': 2.0}),
+    ],
+)
+def test_limits_follow_from_the_vehicle(car: str, limits: dict[str, float]) -> None:
+    """A twist beam's wheels move each other; a racing car without rubber has short travels and gives way to no load."""
+    level = derive(solver.load_scene('car_step_steer', [f'vehicle=vehicles/{car}.yaml', 'fidelity=kc'])).report
+    found = {limit.quantity: limit.high for limit in level.validity}
+    assert {name: found[name] for name in limits} == limits
+    assert ('lateral_acceleration' in found) == ('lateral_acceleration' in limits)
+
+
+@pytest.mark.slow
+def test_a_live_axle_is_refused_with_its_share() -> None:
+    """Dampers stand at 0.46 m of the half track of 0.79 m: that of the other wheel moves by (1 - 0.58)/(1 + 0.58) = 27 % of the own one."""
+    with pytest.raises(SceneError, match=r'the second by 2[0-9] % of the first; use full'):
+        derive(solver.load_scene('car_step_steer', ['vehicle=vehicles/pickup_awd.yaml', 'fidelity=kc']))

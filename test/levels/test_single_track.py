@@ -15,6 +15,7 @@ from saloon import double_wishbones
 
 import solver
 from solver.analysis.verdict import findings
+from solver.elements.rigid_body import RigidBodySpec
 from solver.errors import SceneError
 from solver.files.scene import load_scene, load_scene_text
 from solver.inputs.maneuver import Maneuver
@@ -22,6 +23,7 @@ from solver.inputs.signals import Ramp, Sine, Step
 from solver.levels import derive
 from solver.levels.error_sheet import course_scene, courses, error_sheet
 from solver.levels.single_track_simulation import SingleTrackSimulation
+from solver.levels.track_bends import Lateral
 from solver.model.spec import ModelSpec
 from solver.scene import Scene, StartSettings
 from solver.step.single_track_tables import SingleTrackTables
@@ -171,3 +173,13 @@ def test_courses_reach_what_their_names_say() -> None:
     simulation = solver.simulation_of(course_scene(model('light car'), course, 'full'))
     lateral = [float((s := simulation.advance(10)).twist[0, 0] * s.twist[0, 5]) for _ in range(500)]
     assert lateral[-100] == pytest.approx(0.4 * 9.81, rel=0.08)
+
+
+def test_no_axle_answers_faster_than_a_tenth_of_its_tires_relaxation() -> None:
+    """A search that runs to negative lengths, as of a twist beam that steers by its own forces, ends at a length that can be integrated."""
+    start = {part: dict.fromkeys((name for p, name in Lateral.NAMES if p == part), 1.0) for part, _ in Lateral.NAMES}
+    start['body'] |= {'mass': 1000.0, 'roll_inertia': 1.0}
+    scene = Scene(name='s', model=ModelSpec(bodies=(RigidBodySpec(name='chassis', mass=1.0, inertia=(1.0, 1.0, 1.0, 0.0, 0.0, 0.0)),)))
+    found = Lateral(scene, start, np.eye(3), []).parameters(np.full(len(Lateral.NAMES), -2.0))
+    assert found['front']['length_y'] == found['rear']['length_y'] == pytest.approx(0.1)
+    assert found['front']['peak_y'] == -1.0
