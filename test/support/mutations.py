@@ -78,7 +78,10 @@ def damage_yaml(rng: np.random.Generator, text: str) -> bytes:
             node = numbers[int(rng.integers(len(numbers)))] if numbers else ScalarNode(TEXT, '1')
             power = float(rng.choice(np.array([0.1, 0.5, 3.0, 12.0])))
             sign = float(rng.choice(np.array([1.0, 1.0, -1.0, 0.0])))
-            node.value = repr(float(node.value) * sign * 10.0 ** (power * float(rng.standard_normal())))
+            number = repr(float(node.value) * sign * 10.0 ** (power * float(rng.standard_normal())))
+            if 'e' in number and '.' not in number:
+                number = number.replace('e', '.0e')
+            node.value, node.tag = number, _tag(number)
         return yaml.serialize(root, allow_unicode=True).encode()
     for _ in range(int(rng.integers(1, 4))):
         places: list[tuple[Node, int]] = []
@@ -100,6 +103,11 @@ def _scalars(node: Node) -> list[ScalarNode]:
         return [node]
     children = node.value if isinstance(node, SequenceNode) else [value for _, value in node.value]
     return [scalar for child in children for scalar in _scalars(child)]
+
+
+def _tag(text: str) -> str:
+    """The tag with which a text is written without quotes."""
+    return yaml.resolver.Resolver().resolve(ScalarNode, text, (True, False))
 
 
 def _raw(rng: np.random.Generator, text: str) -> bytes:
@@ -134,7 +142,8 @@ def _change(rng: np.random.Generator, root: Node, places: list[tuple[Node, int]]
     if kind <= 3:
         text = item.value if isinstance(item, ScalarNode) else ''
         style = None if rng.random() < 0.9 else "'"
-        put(ScalarNode(TEXT, word(rng, text).replace('\x00', ''), style=style))
+        new = word(rng, text).replace('\x00', '')
+        put(ScalarNode(_tag(new) if style is None else TEXT, new, style=style))
     elif kind == 4:
         del node.value[k]
     elif kind == 5:
