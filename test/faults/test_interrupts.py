@@ -16,6 +16,7 @@ from faults import UNWANTED, Ended, Victim, finished, mbd, simulator, times, tri
 from processes import DOMAIN, SCRIPT
 
 from mbd_sim_ros.commands.main import main
+from mbd_sim_ros.lab.studies import STUDIES
 
 pytestmark = pytest.mark.realtime
 
@@ -35,6 +36,12 @@ COMMANDS = {  # command -> seconds from its start within which the signal comes
     'compile': 20.0,
     'simulator': 4.0,
     'maneuver': 2.0,
+    'plan': 8.0,
+    'sweep': 8.0,
+    'drive': 6.0,
+    'view': 4.0,
+    'evaluate': 3.0,
+    'trade': 6.0,
 }
 
 
@@ -45,7 +52,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return directory
 
 
-def command(name: str, recording: Path) -> list[object]:
+def command(name: str, recording: Path, study: str = 'slider_crank') -> list[object]:
     """Arguments of the Python interpreter."""
     car = ('light_car_lane_change', '--set', 'duration=100000')
     return {
@@ -57,11 +64,17 @@ def command(name: str, recording: Path) -> list[object]:
         'compare': mbd('compare', recording, recording, '--plot', 'p.png'),
         'recover': mbd('recover', recording, 'out'),
         'info': mbd('info', 'light_car_lane_change'),
-        'study': mbd('study', 'slider_crank', '--quick', '--out', 'study'),
+        'study': mbd('study', study, '--quick', '--out', 'study'),
         'bench': mbd('bench', '--cases', 'slider_crank', '--quick'),
         'compile': mbd('compile', 'slider_crank'),
         'simulator': simulator(SCRIPT, '{}', '0.5', record=True, out='out'),
         'maneuver': ['-m', 'mbd_sim_ros.node.maneuver_player', '--ros-args', '-p', 'maneuver:=step_steer'],
+        'plan': mbd('plan', 'light_car_lane_change', '--set', 'require={yaw_rate: {rms: 2 %}}', '--out', 'plan', '--workers', '1'),
+        'sweep': mbd('sweep', 'step_steer_mass', '--out', 'sweep', '--workers', '1'),
+        'drive': mbd('maneuver', 'iso4138', 'light_car', '--out', 'drive'),
+        'view': mbd('view', recording, '--out', 'film.gif'),
+        'evaluate': mbd('evaluate', recording, '--as', 'iso3888_2', '--html', 'page.html'),
+        'trade': mbd('study', 'trade', 'light_car_lane_change', '--quick', '--out', 'trade', '--workers', '1'),
     }[name]
 
 
@@ -98,7 +111,8 @@ def test_an_interrupted_command_says_one_sentence_and_ends(trial: int, recording
     environment = {'ROS_DOMAIN_ID': DOMAIN, 'ROS_LOG_DIR': str(tmp_path / 'log')} if node else {}
     if name == 'compile':
         environment['MBD_CACHE_DIR'] = str(tmp_path / 'cache')  # so that it does compile
-    victim = Victim(tmp_path, [*command(name, recording), *(['--json'] if as_json else [])], **environment)
+    study = str(random.choice([name for name in STUDIES if name != 'trade']))
+    victim = Victim(tmp_path, [*command(name, recording, study), *(['--json'] if as_json else [])], **environment)
     try:
         if victim.ready():
             time.sleep(delay)
