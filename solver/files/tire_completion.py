@@ -11,6 +11,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from solver.compiled.portable import inverse, product
 from solver.errors import SpecError
 
 # Carcass stiffness over vertical stiffness of the passenger car tire 225/50 R17 of test/data (358 and 103 kN/m of 210 kN/m)
@@ -58,10 +59,13 @@ def _load_curve(values: dict[str, float], notes: dict[str, str], curve: list[tup
         return  # refused by TireData, with the name of what is missing
     points = np.array([p for p in curve if p[0] > 0.0])
     inside = points[: max(int(np.searchsorted(points[:, 1], RANGE * F0)) + 1, 2)] if len(points) else points
-    if len(inside) < 2:
-        raise SpecError(f'DEFLECTION_LOAD_CURVE: {len(points)} rows with a deflection are too few: give two or more, or remove the section')
+    if len({x for x, _ in inside.tolist()}) < 2:
+        raise SpecError(
+            f'DEFLECTION_LOAD_CURVE: {len(points)} rows with a deflection are too few: give two different ones, or remove the section'
+        )
     x, force = inside[:, 0] / R0, inside[:, 1] / F0
-    (q1, q2), *_ = np.linalg.lstsq(np.column_stack((x, x * x)), force, rcond=None)
+    A = np.column_stack((x, x * x))
+    q1, q2 = product(inverse(product(A.T, A)[None])[0], product(A.T, force)).tolist()
     error = float(np.abs(q1 * x + q2 * x * x - force).max())
     if error > CURVE_ERROR or q1 <= 0.0 or q1 + 2.0 * q2 * float(x[-1]) <= 0.0:
         raise SpecError(
@@ -85,7 +89,8 @@ def _bottoming_curve(values: dict[str, float], notes: dict[str, str], curve: lis
     first = curve[rise[0] - 1] if rise[0] > 0 else (0.0, 0.0)
     x = np.array([p[0] - first[0] for p in curve[rise[0] :]])
     force = np.array([p[1] - first[1] for p in curve[rise[0] :]])
-    stiffness = float(x @ force / (x @ x))
+    square = float(product(x, x))
+    stiffness = float(product(x, force)) / square if square > 0.0 else math.inf
     if not math.isfinite(stiffness) or stiffness <= 0.0:
         raise SpecError('BOTTOMING_CURVE: the force must rise with the deflection')
     R0, rim = values.get('UNLOADED_RADIUS', 0.0), values.get('RIM_RADIUS', 0.0)
