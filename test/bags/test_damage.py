@@ -131,9 +131,9 @@ def test_crafted_types_leave_one_topic_out(name: str, tmp_path: Path) -> None:
     fine = ('/fine', JOINT_STATE, cdr.schema_text(JOINT_STATE), [(5, joint_state(5, ['v'], [1.0]))])
     file = write_mcap(tmp_path / 'a.mcap', [fine, ('/odd', kind, schema, [(1, message), (2, message)])])
     tracemalloc.start()
-    begin = time.monotonic()
+    begin = time.process_time()
     run = bag.read(file)
-    assert time.monotonic() - begin < 2.0
+    assert time.process_time() - begin < 5.0
     assert tracemalloc.get_traced_memory()[1] < 1e8
     tracemalloc.stop()
     assert run['fine/v'].tolist() == [1.0]
