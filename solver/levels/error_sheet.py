@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import time
 from collections.abc import Callable, Mapping
 from types import MappingProxyType
 from typing import Any, Literal, NamedTuple
@@ -157,16 +156,3 @@ def error_sheet(
         return [dataclasses.asdict(figure) for figure in found]
 
     return tuple(ErrorFigure(**figure) for figure in kept(f'errors-{fidelity}', repr((bare, sorted(switches.items()))), measure))
-
-
-def cost(model: ModelSpec, fidelity: Fidelity, course: Course, *, rounds: int = 3) -> float:
-    """CPU time of a step of H in this thread [s], the best of some rounds through a course, 100 steps per call."""
-    simulation = simulated(course_scene(model, course, fidelity))
-    best = math.inf
-    for _ in range(rounds):
-        simulation.reset()
-        begin = time.thread_time()
-        for _ in range(round(course.duration / H) // 100):
-            simulation.advance(100)
-        best = min(best, (time.thread_time() - begin) / simulation.k)
-    return best
