@@ -11,7 +11,7 @@ import numpy as np
 
 from solver.compiled.by_reference import Ref, nbytes
 from solver.compiled.kernel import address_of
-from solver.compiled.portable import norms, product
+from solver.compiled.portable import product
 from solver.compiled.so3 import matrix_of_quaternion
 from solver.errors import SpecError, StepError
 from solver.files.urdf import robot_description
@@ -19,7 +19,7 @@ from solver.inputs.driver import Sight
 from solver.inputs.maneuver import DriverSource, source_of
 from solver.inputs.recorded import RecordedSource
 from solver.model.evaluate import constraint_input_rates, evaluate_constraints, evaluate_forces, prepare
-from solver.model.saddle import BLOCK, CONDENSED, new_saddle
+from solver.model.saddle import CONDENSED, new_saddle
 from solver.model.state import State, copy_state, fill_kinematics, fitting, kinematics_of, load_state, new_state, save_state
 from solver.model.tables import Model
 from solver.output.branches import BranchSwitch, BranchWatch, unexplained_turn
@@ -31,29 +31,16 @@ from solver.scene import Scene
 from solver.start.initial_conditions import InitialConditions
 from solver.start.newton import ConsistentState, move
 from solver.step.adaptation import Adaptation, is_idle
-from solver.step.augmented_lagrangian import MOST_ITERATIONS, advance, perform
-from solver.step.constraint_coefficients import ConstraintCoefficients, coefficients_of, mass_factors, weigh
+from solver.step.augmented_lagrangian import advance, perform
+from solver.step.constraint_coefficients import ConstraintCoefficients, coefficients_of, weigh
 from solver.step.control import Event
 from solver.step.extrapolation import extrapolate
-from solver.step.work import (
-    BAD_INPUT,
-    INACCURATE,
-    NON_FINITE,
-    NOT_CONVERGED,
-    OK,
-    SINGULAR,
-    LastStep,
-    Scheme,
-    StepResult,
-    new_work,
-    scheme_parameters,
-)
+from solver.step.failure import sentence
+from solver.step.scheme import scheme_of
+from solver.step.work import OK, LastStep, StepResult, new_work
 
 if TYPE_CHECKING:
     from solver.levels.derived import LevelReport
-
-ROUNDING_PENALTY = 1e7  # with larger ones solutions of the condensed form of a car have errors that show (docs/formulation.md, "Rounding")
-LARGEST_TURN_PER_STEP = 1.0  # rad; the iteration contracts by about the turn of a body per step (docs/decisions/0002)
 
 
 class Simulation:
@@ -81,41 +68,25 @@ class Simulation:
             raise SpecError(
                 f'integrator: kind = {settings.kind!r}: {type(self).__name__} knows {", ".join(self.KINDS)}; use simulation_of(scene)'
             )
-        scheme = scheme_parameters(self.h, settings.rho_inf)
-        form = BLOCK if settings.form == 'block' else CONDENSED
-        values = Scheme(
-            **scheme,
-            penalty=np.full(self.model.n_rows, settings.penalty),
-            factor=mass_factors(self.model, settings.mass_factors),
-            m_alf=int(settings.kind == 'm_alf'),
-            weigh=0,
-            coupled=int(settings.effective_mass == 'coupled'),
-            full=int(settings.coefficients == 'full'),
-            form=form,
-            fixed=int(settings.mode == 'fixed'),
-            iterations=settings.iterations if settings.mode == 'fixed' else settings.max_iterations,
-            tolerance=settings.tolerance,
-            combined=int(settings.augmentation == 'combined'),
-            step=0,
-        )
+        values = scheme_of(self.model, settings)
         self.outputs = self.model.new_outputs()
         self._layout = layout_of(self.channels)
         self._numbers = new_numbers(self._layout)
         frame = output_arrays(self._numbers, self._layout)
-        self._work = new_work(self.model, new_saddle(self.model, form), self.outputs, frame)
+        self._work = new_work(self.model, new_saddle(self.model, values.form), self.outputs, frame)
         arguments = self.model.tables, Ref(values), *(Ref(new_state(self.model)) for _ in range(2)), np.zeros(len(scene.model.inputs))
         values = values._replace(step=address_of(perform, *arguments, True, self._work))
         if values.coupled or values.full:
             values = values._replace(weigh=address_of(weigh, self.model.tables, Ref(values), self._work))
         self.scheme = Ref(values)
         # A force-like input is held over the interval of the grid: with steps of any size inside, its mean is what matters.
-        self.stage = 0.5 if settings.step_policy == 'error' else 1.0 - scheme['af']
+        hold = 0.5 if settings.step_policy == 'error' else values.af
+        self.stage = 1.0 - hold
         self._kin = Ref(self._work.kin_end)
         self._take_inputs(scene)
         self._frame = Ref(frame)
         self.adaptation: Adaptation | None = None
         if settings.adapts and settings.kind in Simulation.KINDS:
-            hold = 0.5 if settings.step_policy == 'error' else scheme['af']
             fourth = 0
             if settings.order == 4:
                 masses = Ref(new_saddle(self.model, CONDENSED))
@@ -156,10 +127,6 @@ class Simulation:
         if isinstance(self.source, RecordedSource):
             return self.source.start
         return self.scene.maneuver.inputs_at_start(self.scene.model.inputs)
-
-    def _kinematics(self, q: np.ndarray, v: np.ndarray):
-        fill_kinematics(q, v, self._kin)
-        return self._kin
 
     # -- time ----------------------------------------------------------------------------------------------------------
 
@@ -224,14 +191,15 @@ class Simulation:
     def _show_present(self) -> None:
         """Outputs of the current state when no step has produced them; restarts the audit."""
         w, t, s = self._work, self.model.tables, self.state
-        kin = self._kinematics(s.q, s.v)
+        fill_kinematics(s.q, s.v, self._kin)
+        kin = self._kin
         evaluate_constraints(t, kin, s.angle, self._inputs, True, w.phi_end, w.J_end)
         constraint_input_rates(t, self._inputs, w.phi_t, w.phi_tt)
         start = ConsistentState(self.model)
         start.project_velocity(projected := s._replace(v=s.v.copy()), self._inputs)
         w.v_out[:] = projected.v
         w.a_out[:], w.lam_out[:] = start.acceleration(s.q, projected.v, s.z, s.angle, self._inputs)
-        kin = self._kinematics(s.q, projected.v)
+        fill_kinematics(s.q, projected.v, kin)
         evaluate_forces(t, kin, s.angle, s.z, 0.0, self._inputs, False, w.f, w.Kq, w.Kv, w.z_stage, self.outputs)
         update_energy(t, kin, self.outputs, w.lam_out, w.phi_t, 0.0, w.energy)
         w.u_before[:] = self._inputs
@@ -319,61 +287,17 @@ class Simulation:
         """What a driver sees now."""
         chassis = self.channels.chassis or 0
         q, v = self.state.q[chassis], self.state.v[chassis]
-        R = np.array(matrix_of_quaternion(tuple(q[3:]))).reshape(3, 3)
-        com = np.array(self.model.spec.bodies[chassis].com)
+        R, com = np.array(matrix_of_quaternion(tuple(q[3:]))).reshape(3, 3), np.array(self.model.spec.bodies[chassis].com)
         p = q[:3] - product(R, com)
-        speed = float(product(R[:, 0], v[:3]) - np.cross(v[3:], com)[0])
-        return Sight(float(p[0]), float(p[1]), math.atan2(R[1, 0], R[0, 0]), speed)
+        return Sight(float(p[0]), float(p[1]), math.atan2(R[1, 0], R[0, 0]), float(product(R[:, 0], v[:3]) - np.cross(v[3:], com)[0]))
 
     def _count(self, counters: Counters) -> None:
         self._counters = self._counters.followed_by(counters)
         self._totals = self._totals.followed_by(counters)
 
     def _failure(self, result: StepResult) -> str:
-        when = f't = {self.t_ns * 1e-9:.6f} s, step {self.k}: ' + self._fast_turn()
-        if result.status == NON_FINITE:
-            body = self.model.body_names[result.where]
-            return when + f'the motion of body {body!r} is no longer finite; reduce integrator.h or check the loads on that body'
-        if result.status == SINGULAR:
-            where = result.where
-            if where >= self.model.n_bodies:
-                name = self.model.group_names[where - self.model.n_bodies]
-                return (
-                    when
-                    + f'the step matrix is singular at constraint {name!r}; use integrator.form: condensed or a smaller integrator.penalty'
-                )
-            return when + (
-                f'the step matrix is singular at body {self.model.body_names[where]!r}: a part of its motion has neither inertia nor '
-                'constraint nor stiffness; give the body mass and inertia, or constrain that motion'
-            )
-        if result.status == BAD_INPUT:
-            return when + f'input {self.channels.inputs[result.where]!r} is not finite; nothing was advanced'
-        integrator = self.scene.integrator
-        smallest, remedy = f'{integrator.smallest_step:g} s, a small part of integrator.h', 'reduce integrator.h'
-        if integrator.h_min:
-            smallest, remedy = f'the smallest step integrator.h_min = {integrator.h_min:g}', 'reduce it'
-        if result.status == INACCURATE:
-            tolerance = integrator.error_tolerance
-            return when + f'the error stays above integrator.error_tolerance = {tolerance:g} with {smallest}; {remedy} or allow more'
-        assert result.status == NOT_CONVERGED
-        worst = int(np.argmax(np.abs(self._work.phi_end))) if self.model.n_rows else -1
-        name = f', worst constraint {self.model.row_names[worst]!r} ({abs(self._work.phi_end[worst]):.2g})' if worst >= 0 else ''
-        if integrator.step_policy == 'constant':
-            remedy = 'reduce integrator.h, or let such steps be divided (integrator.step_policy: rescue)'
-        else:
-            remedy = f'not even with {smallest}: {remedy} or raise the penalties'
-        if integrator.form == 'condensed' and self.scheme.penalty.max(initial=0.0) > ROUNDING_PENALTY:
-            remedy = 'reduce integrator.penalty, whose rounding spoils the condensed matrix, or take integrator.form: block'
-        tried = max(self.scheme.iterations, MOST_ITERATIONS if self.scheme.fixed == 1 else 0)
-        return when + f'no convergence in {tried} iterations (residual {result.counters.residual:.2g}{name}); {remedy}'
-
-    def _fast_turn(self) -> str:
-        """The body that turns too far in a step for the iteration to follow, or nothing."""
-        turns = self.h * norms(self.state.v[:-1, 3:])
-        body = int(np.argmax(turns))
-        if not turns[body] > LARGEST_TURN_PER_STEP:
-            return ''
-        return f'body {self.model.body_names[body]!r} turns by {turns[body]:.2g} rad per step of integrator.h = {self.h:g}; '
+        when = f't = {self.t_ns * 1e-9:.6f} s, step {self.k}'
+        return sentence(self.model, self.scene.integrator, self.scheme, self.state, self._work.phi_end, result, when)
 
     def snapshot(self) -> Snapshot:
         """The outputs of the last step, as a copy; after a failure those of the last call of advance() that succeeded."""

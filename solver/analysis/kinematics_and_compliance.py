@@ -25,7 +25,7 @@ from solver.model.evaluate import prepare
 from solver.model.frames import matrix
 from solver.model.spec import ModelSpec
 from solver.model.state import new_state
-from solver.start.newton import ConsistentState
+from solver.start.equilibrium import Equilibrium
 from solver.vehicle.hardpoints import SIDES
 
 CORNERS = tuple(f'{axle}_{side}' for axle in AXLES for side in SIDES)
@@ -108,7 +108,7 @@ class Rig:
             }
         )
         self.model = prepare(model)
-        self.start = ConsistentState(self.model)
+        self.start = Equilibrium(self.model)
         self.reset()
 
     def reset(self) -> None:

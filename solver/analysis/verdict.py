@@ -23,8 +23,9 @@ import numpy as np
 from solver.compiled.portable import norm
 from solver.elements.road import HeightGrid
 from solver.output import energy as account
-from solver.simulation import LARGEST_TURN_PER_STEP, Simulation
-from solver.step.augmented_lagrangian import LARGEST_STAGNATION
+from solver.simulation import Simulation
+from solver.step.failure import LARGEST_TURN_PER_STEP
+from solver.step.iteration import LARGEST_STAGNATION
 
 SHARE = 0.01  # of the exchanged energy
 TRUNCATION = 1.0 / 12.0  # of (turn in a step)^2

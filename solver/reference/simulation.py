@@ -7,7 +7,7 @@ import numpy as np
 from solver.compiled.by_reference import Ref
 from solver.errors import SpecError, StepError
 from solver.model.evaluate import constraint_input_rates, evaluate_constraints, evaluate_forces
-from solver.model.state import update_angles
+from solver.model.state import fill_kinematics, update_angles
 from solver.output.dependence import scaled_jacobian
 from solver.output.energy import update_energy
 from solver.output.snapshot import Counters, Snapshot
@@ -88,7 +88,8 @@ class ReferenceSimulation(Simulation):
         s, w, tables = self.state, self._work, self.model.tables
         s.q[:], s.v[:], s.z[:] = motion
         self._inputs = self._inputs_at(t)
-        kin = self._kinematics(s.q, s.v)
+        kin = self._kin
+        fill_kinematics(s.q, s.v, kin)
         update_angles(Ref(tables.coordinates), kin, s.angle)
         a, lam, _ = self.equations.acceleration(t, motion)
         w.v_out[:], w.lam_out[:] = motion.v, lam

@@ -17,6 +17,7 @@ from solver.model.evaluate import prepare
 from solver.model.state import State, copy_state, kinematics_of, new_state, update_angles
 from solver.model.tables import Model
 from solver.scene import Scene
+from solver.start.equilibrium import Equilibrium
 from solver.start.newton import ConsistentState
 from solver.start.placement import (
     Changes,
@@ -59,7 +60,7 @@ class InitialConditions:
     def find(self) -> Changes:
         """Assign the start of the scene to the state; returns what was changed of what is given. Raises ConsistencyError."""
         start, u, method = self.scene.start, self.inputs, self.method
-        calculation = ConsistentState(self.model)
+        calculation = Equilibrium(self.model)
         state = self.state
         placed = state.q.copy()
         update_angles(Ref(self.model.tables.coordinates), kinematics_of(state.q, state.v), state.angle)
@@ -95,7 +96,7 @@ class InitialConditions:
         extended.project_velocity(self.state, u, extra, hold=100.0 if speed else 0.0)
         return given
 
-    def _rest(self, calculation: ConsistentState, state: State, u: np.ndarray) -> None:
+    def _rest(self, calculation: Equilibrium, state: State, u: np.ndarray) -> None:
         """Static equilibrium, of a braked vehicle from where it rests with its brakes released: locked wheels that settle from the
         placement on roll with what carries them, and jack a car up that stands on a slope.
         """

@@ -1,4 +1,4 @@
-"""A consistent start: assembly of positions, projection of velocities, static equilibrium, accelerations and multipliers.
+"""A consistent start: assembly of positions, projection of velocities, accelerations and multipliers.
 
 All of them are Newton iterations on the same saddle system as the step (solver.model.saddle), in its n x n form with repeated
 augmentation [Bayo1996], so redundant constraints are harmless here too.
@@ -6,20 +6,16 @@ augmentation [Bayo1996], so redundant constraints are harmless here too.
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from solver.compiled.by_reference import Ref
 from solver.compiled.kernel import kernel
-from solver.compiled.portable import inverse, norm, product
-from solver.compiled.so3 import matrix_of_quaternion, quaternion_exp, quaternion_normalized, quaternion_product
-from solver.elements.registry import FORCES
+from solver.compiled.portable import inverse, norm
+from solver.compiled.so3 import quaternion_exp, quaternion_normalized, quaternion_product
 from solver.errors import ConsistencyError
 from solver.linear.gmres import gmres
 from solver.model.evaluate import (
     add_constraint_forces,
-    add_constraint_stiffness,
     constraint_input_rates,
     constraint_rates,
     evaluate_constraints,
@@ -28,7 +24,6 @@ from solver.model.evaluate import (
 from solver.model.saddle import CONDENSED, assemble_tangent, effective_masses, factorize_saddle, new_saddle, solve_saddle
 from solver.model.state import State, kinematics_of, update_angles
 from solver.model.tables import Model
-from solver.start.minimum import refuse_unstable
 
 PENALTY = 1e6  # above it rounding of small inertias beside large ones shows
 STIFFEST = 1e4  # 1/s^2; PENALTY times it is above the square of the highest natural frequency, also when the pseudo-mass has faded
@@ -37,12 +32,9 @@ PLAIN, COMBINED = 10, 2  # augmentations for accelerations: first one by one, th
 KRYLOV = 40  # augmentations in a combination at most
 ASSEMBLY_TOLERANCE = 1e-12  # m or rad
 LARGEST_TURN = 0.3  # rad or m per iteration of the assembly
-EQUILIBRIUM_TOLERANCE = 1e-11  # N or N m, relative to the weight of the model
-SETTLING = 1.0  # s, long against every damping in a model
 CLEARANCE = 10.0  # height at which no tire touches any road [m]
 UNRESOLVED = 0.5  # part of the change of an acceleration over a step that a Taylor polynomial may miss
 UNSEEN = 1e-9  # m or rad of a step
-GIVE = 1e-4  # m that what holds a body gives way under the weight of the whole model
 
 
 class ConsistentState:
@@ -309,93 +301,6 @@ class ConsistentState:
             if np.abs(self.dw).max() <= 1e-10 * np.abs(a).max(initial=1.0):
                 break
         return a, lam
-
-    def equilibrium(self, state: State, u: np.ndarray, limit: int = 400, *, hold: int | None = None, stable: bool = False) -> float:
-        """Static equilibrium: Newton on f(q, 0) + A^T lam = 0, phi = 0 with a pseudo-mass M/tau^2 that fades.
-
-        Changes state.q, state.lam, state.z, state.angle; state.v is set to zero. Returns the largest generalized force left [N
-        or N m]. Internal states follow the motion towards the equilibrium as if an iteration took SETTLING seconds: tires at rest
-        and brakes are springs between that motion and their force. Kinds of elements may act otherwise during the search
-        (ForceKind.held). hold: a body that is held along its x axis, at the place where it is. Other directions without stiffness stay
-        where they are. Raises ConsistencyError if it does not settle, and with `stable` if the model would leave what was found.
-        """
-        changed: dict[str, Any] = {}
-        limits: dict[int, float] = {}
-        for kind in FORCES:
-            if kind.held is not None and getattr(self.model.spec, kind.name):
-                held = kind.held(self.model.elements[kind.name].value, u)
-                changed[kind.name], u = held.table, held.inputs
-                limits |= held.limits
-        tables, kept = self.model.with_tables(changed)
-        place = state.q[0 if hold is None else hold, :3].copy()
-        left = self._settle(tables, state, u, limit, hold)
-        if stable:
-            kin = self._constraints(state.q, np.zeros_like(state.v), state.angle, u)
-            evaluate_forces(tables, kin, state.angle, state.z, SETTLING, u, True, self.f, self.Kq, self.Kv, self.z, self.outputs)
-            add_constraint_stiffness(self.t, kin, state.lam, self.Kq, self.Kv)
-            if hold is not None:
-                self._hold(hold, state.q, place, self._weight() / GIVE)
-            refuse_unstable(self.model, self.Kq + self.Kv / SETTLING, self.J, self.metric)
-        del kept
-        for index, largest in limits.items():
-            state.z[index] = np.clip(state.z[index], -largest, largest)
-        return left
-
-    def _hold(self, b: int, q: np.ndarray, start: np.ndarray, stiffness: float) -> None:
-        """Add a spring along the x axis of body b, from its place p (3,) at the start, to the forces and their tangent."""
-        R = np.array(matrix_of_quaternion(tuple(q[b, 3:]))).reshape(3, 3)
-        d, moved = R[:, 0], q[b, :3] - start
-        s = product(d, moved)
-        self.f[b, :3] -= stiffness * s * d
-        slot = self.t.bodies.slot[b]
-        self.Kq[slot, :3, :3] -= stiffness * np.outer(d, d)
-        turned = np.column_stack([np.zeros(3), -R[:, 2], R[:, 1]])  # of d by a rotation in B
-        self.Kq[slot, :3, 3:] -= stiffness * (np.outer(d, product(moved, turned)) + s * turned)
-
-    def _weight(self) -> float:
-        """Of the whole model, at least 1 N."""
-        return max(1.0, float((self.t.bodies.mass * norm(self.t.bodies.gravity)).sum()))
-
-    def _settle(self, tables: Ref, state: State, u: np.ndarray, limit: int, hold: int | None) -> float:
-        place = state.q[0 if hold is None else hold, :3].copy()
-        state.v[:] = 0.0
-        tau = 0.01
-        scale = self._weight()
-        last = np.inf
-        at_rest = np.zeros_like(state.v)
-        for _ in range(limit):
-            kin = self._constraints(state.q, at_rest, state.angle, u)
-            evaluate_forces(tables, kin, state.angle, state.z, SETTLING, u, True, self.f, self.Kq, self.Kv, self.z, self.outputs)
-            if hold is not None:
-                self._hold(hold, state.q, place, scale / GIVE)
-            r = -self.f
-            add_constraint_forces(self.constraints, self.J, state.lam, -1.0, r)
-            r[-1] = 0.0
-            left = float(np.abs(r).max())
-            open_ = float(np.abs(self.phi).max(initial=0.0))
-            if left < EQUILIBRIUM_TOLERANCE * scale and open_ < 1e-11:
-                return left
-            # a slow rise is not divergence: while a car rolls to where its brakes hold it, the residual grows before it falls
-            tau = min(tau * (2.0 if left < 2.0 * last else 0.5), 1e2)
-            tau = max(tau, 1e-3)
-            last = left
-            add_constraint_stiffness(self.t, kin, state.lam, self.Kq, self.Kv)
-            self._factorize(1.0 / tau**2, 1.0, 1.0 / SETTLING, metric=True)
-            solve_saddle(self.t, CONDENSED, self.saddle, r, self.phi, self.dw, self.dlam)
-            factor = min(1.0, 0.05 / max(np.abs(self.dw).max(), 1e-300))
-            kin = kinematics_of(state.q, factor / SETTLING * self.dw)
-            evaluate_forces(tables, kin, state.angle, state.z, SETTLING, u, False, self.f, self.Kq, self.Kv, self.z, self.outputs)
-            state.z[:] = self.z
-            move(state.q, factor * self.dw)
-            state.lam[:] += factor * self.dlam
-            update_angles(self.coordinates, kinematics_of(state.q, at_rest), state.angle)
-        if left < 1e2 * EQUILIBRIUM_TOLERANCE * scale:
-            return left
-        b, c = np.unravel_index(np.argmax(np.abs(r)), r.shape)
-        raise ConsistencyError(
-            f'start: no static equilibrium was found: {left:.3g} N (or N m) remain on body {self.model.body_names[b]!r} '
-            f'(component {"xyz"[c % 3]} of the {"force" if c < 3 else "torque"}); check springs, tires and the initial height'
-        )
 
 
 @kernel(borrow=True)

@@ -10,8 +10,8 @@ from __future__ import annotations
 import numpy as np
 
 from solver.compiled.kernel import invoke, kernel
-from solver.step.augmented_lagrangian import LARGEST_STAGNATION
 from solver.step.control import EASY, LONGEST_PATIENCE, NO_HELP, OF_PENALTY, PATIENCE, RAISE, STAGNATION, copy_vector, note_event
+from solver.step.iteration import LARGEST_STAGNATION
 from solver.step.work import NOT_CONVERGED, OK, added, last_result
 
 SLOW = 0.1  # constraints with at least this part of the largest violation are the slowest

@@ -22,6 +22,7 @@ from solver.model.frames import matrix
 from solver.output.dependence import dense_jacobian
 from solver.scene import Scene, StartSettings
 from solver.simulation import Simulation
+from solver.start.equilibrium import Equilibrium
 from solver.start.newton import ConsistentState
 from solver.vehicle.full_car import full_car_model
 from solver.vehicle.parts import Bushing, mounting, rods
@@ -79,7 +80,7 @@ def test_ideal_joints_leave_sixteen_degrees_of_freedom() -> None:
 
 def test_standing_car_is_in_equilibrium(standing: Simulation) -> None:
     """With its wheels held: forces, constraint forces and weight balance on every body to 1e-6 N or N m."""
-    start = ConsistentState(standing.model)
+    start = Equilibrium(standing.model)
     u = np.zeros(len(standing.model.spec.inputs))
     assert start.equilibrium(standing.state, u, hold=standing.channels.chassis) < 1e-6
     assert np.abs(start.phi).max() < 1e-12

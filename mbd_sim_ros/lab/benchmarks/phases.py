@@ -23,7 +23,8 @@ from solver.model.tables import FACTORIZE
 from solver.output.energy import update_energy
 from solver.output.snapshot import layout_of, new_numbers, output_arrays
 from solver.simulation import Simulation
-from solver.step.augmented_lagrangian import advance, assemble, project_velocity, step
+from solver.step.augmented_lagrangian import advance, project_velocity, step
+from solver.step.iteration import assemble
 from solver.step.stage import AT_END, BOTH, WITH_TANGENTS, momentum_residual, place
 from solver.step.work import new_work
 

@@ -1,0 +1,63 @@
+"""Why a step failed, as a sentence that names the place and a remedy."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver.compiled.by_reference import Ref
+from solver.compiled.portable import norms
+from solver.model.state import State
+from solver.model.tables import Model
+from solver.step.iteration import MOST_ITERATIONS
+from solver.step.settings import IntegratorSettings
+from solver.step.work import BAD_INPUT, INACCURATE, NON_FINITE, NOT_CONVERGED, SINGULAR, StepResult
+
+ROUNDING_PENALTY = 1e7  # with larger ones solutions of the condensed form of a car have errors that show (docs/formulation.md, "Rounding")
+LARGEST_TURN_PER_STEP = 1.0  # rad; the iteration contracts by about the turn of a body per step (docs/decisions/0002)
+
+
+def sentence(model: Model, settings: IntegratorSettings, scheme: Ref, state: State, phi: np.ndarray, result: StepResult, when: str) -> str:
+    """What a step from a state came to; phi (nc,): residuals of the constraints that it left; when: instant and number of the step."""
+    when = f'{when}: {_fast_turn(model, settings.h, state)}'
+    where = result.where
+    if result.status == NON_FINITE:
+        body = model.body_names[where]
+        return when + f'the motion of body {body!r} is no longer finite; reduce integrator.h or check the loads on that body'
+    if result.status == SINGULAR:
+        if where >= model.n_bodies:
+            name = model.group_names[where - model.n_bodies]
+            return (
+                when + f'the step matrix is singular at constraint {name!r}; use integrator.form: condensed or a smaller integrator.penalty'
+            )
+        return when + (
+            f'the step matrix is singular at body {model.body_names[where]!r}: a part of its motion has neither inertia nor '
+            'constraint nor stiffness; give the body mass and inertia, or constrain that motion'
+        )
+    if result.status == BAD_INPUT:
+        return when + f'input {model.spec.inputs[where]!r} is not finite; nothing was advanced'
+    smallest, remedy = f'{settings.smallest_step:g} s, a small part of integrator.h', 'reduce integrator.h'
+    if settings.h_min:
+        smallest, remedy = f'the smallest step integrator.h_min = {settings.h_min:g}', 'reduce it'
+    if result.status == INACCURATE:
+        tolerance = settings.error_tolerance
+        return when + f'the error stays above integrator.error_tolerance = {tolerance:g} with {smallest}; {remedy} or allow more'
+    assert result.status == NOT_CONVERGED
+    worst = int(np.argmax(np.abs(phi))) if model.n_rows else -1
+    name = f', worst constraint {model.row_names[worst]!r} ({abs(phi[worst]):.2g})' if worst >= 0 else ''
+    if settings.step_policy == 'constant':
+        remedy = 'reduce integrator.h, or let such steps be divided (integrator.step_policy: rescue)'
+    else:
+        remedy = f'not even with {smallest}: {remedy} or raise the penalties'
+    if settings.form == 'condensed' and scheme.penalty.max(initial=0.0) > ROUNDING_PENALTY:
+        remedy = 'reduce integrator.penalty, whose rounding spoils the condensed matrix, or take integrator.form: block'
+    tried = max(scheme.iterations, MOST_ITERATIONS if scheme.fixed == 1 else 0)
+    return when + f'no convergence in {tried} iterations (residual {result.counters.residual:.2g}{name}); {remedy}'
+
+
+def _fast_turn(model: Model, h: float, state: State) -> str:
+    """The body that turns too far in a step of h [s] for the iteration to follow, or nothing."""
+    turns = h * norms(state.v[:-1, 3:])
+    body = int(np.argmax(turns))
+    if not turns[body] > LARGEST_TURN_PER_STEP:
+        return ''
+    return f'body {model.body_names[body]!r} turns by {turns[body]:.2g} rad per step of integrator.h = {h:g}; '
