@@ -29,6 +29,7 @@ PENALTY = 1e6  # above it rounding of small inertias beside large ones shows
 STIFFEST = 1e4  # 1/s^2; PENALTY times it is above the square of the highest natural frequency, also when the pseudo-mass has faded
 AUGMENTATIONS = 400  # at most; each gains a factor 1 + PENALTY s_min, little where a light body carries a heavy one
 PLAIN, COMBINED = 10, 2  # augmentations for accelerations: first one by one, then combined by GMRES
+STAGNATION = 0.5  # of the change before, above which an iteration has come to rounding
 KRYLOV = 40  # augmentations in a combination at most
 ASSEMBLY_TOLERANCE = 1e-12  # m or rad
 LARGEST_TURN = 0.3  # rad or m per iteration of the assembly
@@ -120,6 +121,8 @@ class ConsistentState:
     def project_velocity(self, state: State, u: np.ndarray, extra: np.ndarray | None = None, hold: float = 0.0) -> None:
         """Make state.v satisfy A v + phi_t = 0 with the smallest change of kinetic energy; extra (nc,) is added to phi_t.
 
+        Augmentations go on, from the residual of M (v - given) = A^T lam too, until only rounding is left.
+
         hold [s]: what dampers dissipate in this time counts as much as kinetic energy. So parts that only elastic elements connect
         start to move together: shafts turn with the wheels they drive, and do not turn what carries them. Not the tires.
         """
@@ -135,18 +138,27 @@ class ConsistentState:
             at_rest = kinematics_of(in_the_air, np.zeros_like(state.v))
             evaluate_forces(self.t, at_rest, state.angle, state.z, 0.0, u, True, self.f, self.Kq, self.Kv, self.z, self.outputs)
         self._factorize(1.0, 0.0, hold, metric=True)
-        first = -hold * self._block_product(self.Kv, state.v)
-        rate = np.zeros(self.model.n_rows)
+        given = state.v.copy()
+        rate, lam = np.zeros(self.model.n_rows), np.zeros(self.model.n_rows)
+        last = np.inf
         for k in range(AUGMENTATIONS):
             constraint_rates(self.constraints, self.J, state.v, rate)
             rate += self.phi_t
-            done = not len(rate) or np.abs(rate).max() < 1e-13 * max(1.0, np.abs(state.v).max())
-            if done and (k > 0 or not hold):
+            closed = np.abs(rate).max(initial=0.0) < 1e-13 * max(1.0, np.abs(state.v).max())
+            if closed and k == 0 and hold == 0.0:
                 return
-            solve_saddle(self.t, CONDENSED, self.saddle, first, rate, self.dw, self.dlam)
+            r = -hold * self._block_product(self.Kv, state.v)
+            r[:-1] += np.add.reduce(self.metric * (state.v - given)[:-1, None, :], axis=2)
+            add_constraint_forces(self.constraints, self.J, lam, -1.0, r)
+            r[-1] = 0.0
+            solve_saddle(self.t, CONDENSED, self.saddle, r, rate, self.dw, self.dlam)
+            change = np.abs(self.dw).max()
+            if closed and (change == 0.0 or change > STAGNATION * last):
+                return  # what is left is rounding, of the residuals now
             state.v[:] += self.dw
-            first = np.zeros_like(first)
-        if np.abs(rate).max() > 1e-8:
+            lam += self.dlam
+            last = change
+        if np.abs(rate).max(initial=0.0) > 1e-8:
             raise ConsistencyError(
                 f'start: no velocity satisfies the constraints: {self._worst_row(rate)!r} is violated by {np.abs(rate).max():.3g}; '
                 'remove contradicting initial rates'
