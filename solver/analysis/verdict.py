@@ -7,6 +7,17 @@ moves to and fro. So 1 % of what was exchanged may be missing (solver.output.ene
 bodies that turn, in which energy goes from axis to axis unseen by that account, and what numbers written with six digits leave open.
 *Iteration.* A step is accepted when what its iteration leaves is below LARGEST_STAGNATION of the velocity; over a step that is a
 distance. Residual, drift of velocities and drift of positions must not show more than that, and all but few steps a digit less.
+*Resolution.* Of a motion that takes a period in N steps an acceleration changes, over a step and times the step, by (2 pi / N)^2 of its
+velocity. So it must not change by more than (2 pi / 10)^2 of the largest velocity of the run: with fewer than ten steps a period, positions
+are off by 3 % of what they do. Translation and rotation are looked at apart. What vibrates fast but little passes, a stiff transient that
+sets the whole motion going does not.
+*Phase.* Of such a motion with the frequency w a step h costs (w h)^3 / 12 of phase. Added up over all steps, with (w h)^2 as above at the
+time, that must stay below one radian: where it is more, amplitudes may be right, but not where something is at an instant.
+*Rounding.* A penalty multiplies the rounding of the condensed matrix; the block form does not care (docs/formulation.md, "Rounding"). It is
+told where iterations do not settle with one that is too large.
+*Distance.* A place at the distance D is rounded by eps D in every step, and a velocity of the step by eps D / h: over n steps these walk to
+sqrt(n) times as much, of which 1e-4 of the largest velocity (at least 1 m/s) is left to be.
+*Account.* Of steps that were advanced without it nothing is known.
 *Turn.* The iteration contracts by about the turn of a body per step (docs/decisions/0002).
 *Road.* A tire touches the road at one point. Of a hollow that is rounder than the wheel, an edge above all, a wheel makes a profile
 no rounder than itself (Pacejka 2012, 10.1.5); without that the point of contact jumps, and loads are many times too large.
@@ -15,6 +26,7 @@ no rounder than itself (Pacejka 2012, 10.1.5); without that the point of contact
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -22,14 +34,19 @@ import numpy as np
 
 from solver.compiled.portable import norm
 from solver.elements.road import HeightGrid
+from solver.model.saddle import CONDENSED
 from solver.output import energy as account
 from solver.simulation import Simulation
-from solver.step.failure import LARGEST_TURN_PER_STEP
+from solver.step.failure import LARGEST_TURN_PER_STEP, ROUNDING_PENALTY
 from solver.step.iteration import LARGEST_STAGNATION
 
 SHARE = 0.01  # of the exchanged energy
 TRUNCATION = 1.0 / 12.0  # of (turn in a step)^2
 WRITTEN = 1e-6  # relative, and m: what numbers written with finitely many digits leave open
+SPOILT = 1e-4  # last increment of an iteration, relative to the velocity, which three iterations bring below 1e-6 where nothing spoils them
+ROUNDED = 1e-4  # of the largest velocity
+LARGEST_PHASE = 1.0  # rad
+FEWEST = 10  # steps a period
 UNSETTLED_SHARE = 0.01  # of the steps: an impact may leave a step a digit less exact, the motion between may not
 SUSPECT, OK = 'suspect', 'ok'
 
@@ -58,7 +75,8 @@ class Finding:
 def findings(simulation: Simulation, real_time_factor: float | None = None) -> list[Finding]:
     """Everything that makes the run so far suspect, from the running account of steps advanced with audit."""
     s = simulation
-    found = [_energy(s), *_iteration(s), _turn(s), _road(s), _branches(s), _speed(s, real_time_factor), *_validity(s)]
+    looked = [_energy(s), *_iteration(s), *_resolution(s), _rounding(s), _distance(s), _unseen(s), _turn(s), _road(s), _branches(s)]
+    found = [*looked, _speed(s, real_time_factor), *_validity(s)]
     return [finding for finding in found if finding]
 
 
@@ -139,6 +157,59 @@ def _iteration(s: Simulation) -> list[Finding | None]:
         _finding('velocity_drift_max', velocity[0], LARGEST_STAGNATION * speed, need.velocity_drift_max, 'm/s or rad/s', *velocity[1:],
                  'a velocity violates its constraint by', 'reduce integrator.h or raise integrator.penalty'),
     ]  # fmt: skip
+
+
+def _resolution(s: Simulation) -> list[Finding | None]:
+    """Motions that the step does not resolve."""
+    a, falling = s.last_step.energy, s.h * norm(s.model.tables.bodies.gravity)
+    remedy = 'reduce integrator.h'
+    if s.scene.integrator.order == 4:
+        remedy += ', or take integrator.order: 2 (extrapolation amplifies vibrations that steps do not resolve)'
+    found = []
+    for k, name in enumerate(('a velocity', 'an angular velocity')):
+        change, time, body = (float(x) for x in a[account.KICK + 3 * k : account.KICK + 3 * k + 3])
+        part = change / max(float(a[account.FASTEST + k]), falling, account.SLOWEST)
+        text = f'the step does not resolve the motion: what it adds to {name} changes in a step, relative to the largest, by'
+        place = f'body {s.model.body_names[int(body)]!r}' if change > 0.0 else ''
+        limit = (2.0 * math.pi / FEWEST) ** 2
+        found.append(_finding('resolution', part, limit, None, '', time, place, text, remedy))
+        text = f'{name} of what vibrates is out of step with the motion: small errors of every period have grown to a phase of'
+        found.append(_finding('phase', float(a[account.PHASE + k]), LARGEST_PHASE, None, 'rad', None, '', text, remedy))
+    return found
+
+
+def _rounding(s: Simulation) -> Finding | None:
+    """Penalties whose rounding spoils the condensed matrix so that its iteration does not settle: of a car 1e7 leave 3e-10 m after 2 s, and
+    1e8 1e-3 m."""
+    spoilt = s.last_step.energy[account.RESIDUAL] > SPOILT and s.model.n_rows > 0
+    if not spoilt or s.scene.integrator.kind != 'alf' or s.scheme.form != CONDENSED:
+        return None
+    row = int(np.argmax(s.scheme.penalty))
+    place = f'constraint {s.model.row_names[row]!r}'
+    text = 'iterations do not settle because rounding of the condensed matrix shows with a penalty of'
+    remedy = 'reduce integrator.penalty, or take integrator.form: block'
+    return _finding('penalty', float(s.scheme.penalty[row]), ROUNDING_PENALTY, None, '', None, place, text, remedy)
+
+
+def _distance(s: Simulation) -> Finding | None:
+    """Places so far from the origin that their rounding shows."""
+    a = s.last_step.energy
+    if a[account.STEPS] == 0.0:
+        return None  # no steps of bodies
+    far = np.abs(s.state.q[:-1, :3]).max(axis=1)
+    body = int(np.argmax(far))
+    kick = np.finfo(float).eps * float(far[body]) / s.h
+    text, place = 'places far from the origin are rounded; of the largest velocity that makes', f'body {s.model.body_names[body]!r}'
+    value = kick * max(float(a[account.STEPS]), 1.0) ** 0.5 / max(1.0, float(a[account.FASTEST]))
+    remedy = 'move the model nearer to the origin, or take a larger integrator.h'
+    return _finding('distance', value, ROUNDED, None, '', None, place, text, remedy)
+
+
+def _unseen(s: Simulation) -> Finding | None:
+    """Time that the account does not cover."""
+    unseen = s.t_ns * 1e-9 - float(s.last_step.energy[account.TIME])
+    return _finding('unseen', unseen, 0.5 * s.h, None, 's', None, '', 'steps were advanced without an account, and nothing is known of',
+                    'advance them with audit')  # fmt: skip
 
 
 def _turn(s: Simulation) -> Finding | None:

@@ -20,8 +20,12 @@ SPEED = 14  # largest |component| of a twist [m/s or rad/s]
 NOTED = 15  # from here on rows of (value, time, index) of what was largest
 RESIDUAL, POSITION, VELOCITY, TURN = (NOTED + 3 * k for k in range(4))  # index of a body, rows of constraints, a body
 STEPS, UNSETTLED = NOTED + 12, NOTED + 13  # steps noted, and those of them with a residual above SETTLED
-LENGTH = NOTED + 14
+FASTEST = NOTED + 14  # largest velocity of a centre of mass [m/s], and largest angular velocity [rad/s]
+KICK = NOTED + 16  # two rows, of the same: (largest change of an acceleration in a step, times the step; time; body)
+PHASE = KICK + 6  # of the same: phase that steps have cost the motion so far [rad]
+LENGTH = PHASE + 2
 
+SLOWEST = 1e-6  # m/s or rad/s
 SETTLED = 1e-3  # relative velocity increment: a digit better than what is accepted where an iteration does not converge
 
 
@@ -35,10 +39,13 @@ def mechanical_energy(tables, kin, outputs, h, account):
     kinetic = 0.0
     turning = 0.0
     fastest = 0.0
+    most_moving = 0.0
+    most_spin = 0.0
     most = 0.0
     most_turned = 0
     for b in range(bodies.mass.shape[0]):
         own = 0.0
+        moving = kin.v[b, 0] ** 2 + kin.v[b, 1] ** 2 + kin.v[b, 2] ** 2
         for i in range(3):
             energy += bodies.mass[b] * (0.5 * kin.v[b, i] ** 2 - bodies.gravity[i] * kin.p[b, i])
             own += bodies.mass[b] * kin.v[b, i] ** 2
@@ -48,13 +55,17 @@ def mechanical_energy(tables, kin, outputs, h, account):
                 own += 2.0 * rotational
             fastest = max(fastest, abs(kin.v[b, i]), abs(kin.v[b, 3 + i]))
         kinetic += 0.5 * own
-        turn = h * h * (kin.v[b, 3] ** 2 + kin.v[b, 4] ** 2 + kin.v[b, 5] ** 2)
+        spin = kin.v[b, 3] ** 2 + kin.v[b, 4] ** 2 + kin.v[b, 5] ** 2
+        most_moving, most_spin = max(most_moving, moving), max(most_spin, spin)
+        turn = h * h * spin
         turning += 0.5 * own * turn
         if turn > most:
             most = turn
             most_turned = b
     account[TURNING] = max(account[TURNING], turning)
     account[SPEED] = max(account[SPEED], fastest)
+    account[FASTEST] = max(account[FASTEST], most_moving**0.5)
+    account[FASTEST + 1] = max(account[FASTEST + 1], most_spin**0.5)
     if most > account[TURN] * account[TURN]:
         account[TURN] = most**0.5
         account[TURN + 1] = account[TIME]
@@ -135,13 +146,38 @@ def refine_work(account, h, before, middle, worst, at):
         account[WORST], account[WORST_AT] = error, account[TIME]
 
 
-@kernel(borrow=True)
-def note_residuals(constraints, residual, position, velocity, phi, rate, a, a_before, account):
-    """Note what is largest so far: the residual of the iteration, |phi| and |A v + phi_t| after a step, with time and place.
+@kernel(inline=True)
+def _note_change(account, k, change, body, slowest):
+    """Note a change of velocity per step [m/s or rad/s] between two steps; k: 0 of translation, 1 of rotation."""
+    if change > account[KICK + 3 * k]:
+        account[KICK + 3 * k] = change
+        account[KICK + 3 * k + 1] = account[TIME]
+        account[KICK + 3 * k + 2] = body
+    part = change / max(account[FASTEST + k], slowest)  # (w h)^2 of the vibration that carries the motion, or less
+    account[PHASE + k] += part * part**0.5 / 12.0
 
-    phi and rate (nc,) are those of the step. The place of a residual is the body whose acceleration (nb + 1, 6) changed most in the step.
+
+@kernel(borrow=True)
+def note_residuals(constraints, h, residual, position, velocity, phi, rate, a, a_before, slowest, account):
+    """Note what is largest so far: the residual of the iteration, |phi|, |A v + phi_t|, changes of accelerations, with time and place.
+
+    h [s] is the step, phi and rate (nc,) are those after it. The place of a residual is the body whose acceleration (nb + 1, 6) changed
+    most in the step. slowest [m/s or rad/s]: below it motions do not count.
     """
     account[STEPS] += 1.0
+    moved, turned, body_moved, body_turned = 0.0, 0.0, 0, 0
+    for b in range(a.shape[0] - 1):
+        now, before = a[b], a_before[b]
+        x, y, z = now[0] - before[0], now[1] - before[1], now[2] - before[2]
+        change = x * x + y * y + z * z
+        if change > moved:
+            moved, body_moved = change, b
+        x, y, z = now[3] - before[3], now[4] - before[4], now[5] - before[5]
+        change = x * x + y * y + z * z
+        if change > turned:
+            turned, body_turned = change, b
+    _note_change(account, 0, h * moved**0.5, body_moved, slowest)
+    _note_change(account, 1, h * turned**0.5, body_turned, slowest)
     if residual > SETTLED:
         account[UNSETTLED] += 1.0
     if residual > account[RESIDUAL]:

@@ -27,7 +27,7 @@ from solver.model.evaluate import constraint_input_rates, constraint_rates, eval
 from solver.model.saddle import solve_saddle
 from solver.model.state import update_angles
 from solver.output.collect import collect
-from solver.output.energy import note_residuals, update_energy
+from solver.output.energy import SLOWEST, note_residuals, update_energy
 from solver.output.snapshot import Counters
 from solver.step.augmentation import ENOUGH, combine
 from solver.step.iteration import iterate, predict, speed_of
@@ -176,9 +176,11 @@ def keep_account(tables, h, follow, s1, u, counters, work):
         w = work
         evaluate_driven_forces(tables, w.kin_end, s1.angle, s1.z, 0.0, w.u_end, NO, w.f, w.Kq, w.Kv, w.z_stage, outputs)
     update_energy(tables, work.kin_end, outputs, work.lam_out, work.phi_t, h, work.energy)
-    n = counters
+    n, g = counters, tables.bodies.gravity
+    slowest = max(h * (g[0] * g[0] + g[1] * g[1] + g[2] * g[2]) ** 0.5, SLOWEST)
     phi, rate, a, a_before = work.phi_end, work.rate, s1.a_stage, s1.a_stage_before
-    note_residuals(tables.constraints, n.residual, n.position_drift, n.velocity_drift, phi, rate, a, a_before, work.energy)
+    position, velocity = n.position_drift, n.velocity_drift
+    note_residuals(tables.constraints, h, n.residual, position, velocity, phi, rate, a, a_before, slowest, work.energy)
 
 
 @kernel(borrow=True)

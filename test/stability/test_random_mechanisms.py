@@ -15,7 +15,6 @@ from solver.files.scene import load_scene_text
 from solver.simulation import Simulation
 
 JUDGED = 42  # three of each family
-LIES = {38: 'springs_2026000002 is off by 0.13 (m or rad) at 1 ms and says ok; second order predicts 7e-4'}
 
 
 @pytest.mark.parametrize('family', FAMILIES)
@@ -87,14 +86,8 @@ def test_what_no_reference_resolves_is_undecided() -> None:
     assert judgements(found, spread=np.nan) == [UNDECIDED] * 5
 
 
-def numbers() -> list:
-    """Of the judged mechanisms; those in LIES must be told or right, and are not yet."""
-    marks = {number: pytest.mark.xfail(strict=False, raises=AssertionError, reason=reason) for number, reason in LIES.items()}
-    return [pytest.param(number, marks=marks.get(number, ())) for number in range(JUDGED)]
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize('number', numbers())
+@pytest.mark.parametrize('number', range(JUDGED))
 def test_the_default_neither_fails_nor_lies(number: int) -> None:
     mechanism = drawn(number, 2026)
     judged = judge(mechanism)

@@ -9,7 +9,7 @@ same at all steps; of a vibration that no step resolves it is the amplitude, and
 
     e(h) <= WORSE * d(h) * median of e / d of the other steps     or     e(h) <= floor
 
-(of other steps that are ok; of suspect ones where there are none; 1 without any).
+(of other steps that are ok; 1 where there are none).
 floor: RESOLVED of the size of the motion, or what the reference leaves open. It is *told* when it failed, was refused or is suspect.
 Otherwise it is *silently wrong*, unless a second reference, to a tolerance a thousand times coarser, differs from the first by a tenth of
 the error or more, or none was found: then nothing resolves the motion, and it is *undecided*.
@@ -338,7 +338,6 @@ def classify(
     runs = []
     for h, status, text, error, d in found:
         others = known or [ratio for other, ratio in ratios.items() if other in ok - {h}]
-        others = others or [ratio for other, ratio in ratios.items() if other != h]
         allowed = max(floor, WORSE * d * (float(np.median(others)) if others else 1.0))
         if status != 'ok':
             judgement = TOLD
