@@ -40,6 +40,7 @@ from solver.model.tables import (
 PENALTY_MASS_FLOOR = 1e-4  # of the mean mass; keeps 1/(a M^-1 a^T) away from zero for (nearly) massless bodies and point masses
 
 MASSLESS = 1e-12  # of the largest mass or moment of inertia in the model
+THIN = 1e-9  # of the largest moment of inertia: bodies that turn about an axis with less have a floor there too
 
 
 def joint_coordinates(joint: JointSpec) -> list[CoordinateSpec]:
@@ -315,7 +316,7 @@ def _floored_inverses(bodies, constraints: Sequence[Any]) -> tuple[np.ndarray, n
     """1/mass (nb,) and inverse inertia (nb, 3, 3) with floors.
 
     The floor of the inertia is a fraction of the mean of inertia and mass * (lever arm of a joint)^2: the second remains when all
-    bodies are point masses.
+    bodies are point masses. Bodies that turn without inertia about any axis have it, thin rods among them.
     """
     n = len(bodies.mass)
     mass = np.maximum(bodies.mass, PENALTY_MASS_FLOOR * max(float(bodies.mass.mean()), 1e-12))
@@ -326,4 +327,6 @@ def _floored_inverses(bodies, constraints: Sequence[Any]) -> tuple[np.ndarray, n
             for side, r in enumerate((table.r_i, table.r_j)):
                 np.maximum.at(arm, table.body[:, side], norms(r))
     floor = PENALTY_MASS_FLOOR * max(float((size + bodies.mass * arm[:n] ** 2).mean()), 1e-12)
-    return 1.0 / mass, inverse(bodies.inertia + floor * np.eye(3) * (size < 3 * floor).reshape(n, 1, 1) + 1e-300 * np.eye(3))
+    moments = principal_moments(bodies.inertia)
+    floored = (size < 3 * floor) | (moments[:, 0] <= THIN * moments.max())
+    return 1.0 / mass, inverse(bodies.inertia + floor * np.eye(3) * floored.reshape(n, 1, 1))
