@@ -224,3 +224,11 @@ def test_samples_are_for_studies_that_draw_them(capsys, tmp_path):
     code, _, err = run(capsys, 'mechanisms', '--n', '0', '--out', str(tmp_path / 'new'))
     assert code == 2
     assert '--n = 0: must be at least 1' in err
+
+
+@pytest.mark.long
+def test_stability_finds_nothing_silently_wrong(capsys, tmp_path):
+    found = quick(capsys, 'stability', tmp_path)
+    assert found['missed'] == []
+    assert found['classes']['right'] > 0.3 * found['cells']
+    assert found['classes']['silently wrong'] == 0

@@ -51,6 +51,7 @@ STUDIES: dict[str, str] = {  # name: module
     'levels': 'mbd_sim_ros.lab.studies.levels',
     'plan': 'mbd_sim_ros.lab.studies.plan',
     'mechanisms': 'mbd_sim_ros.lab.studies.mechanisms',
+    'stability': 'mbd_sim_ros.lab.studies.stability',
 }
 
 
