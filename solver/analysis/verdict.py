@@ -15,6 +15,8 @@ sets the whole motion going does not.
 time, that must stay below one radian: where it is more, amplitudes may be right, but not where something is at an instant.
 *Rounding.* A penalty multiplies the rounding of the condensed matrix; the block form does not care (docs/formulation.md, "Rounding"). It is
 told where iterations do not settle with one that is too large.
+*Light bodies.* Penalties take a body for no lighter than 1e-4 of the mean: of one with less mass m they add eps penalty 1e-4 mean / m of
+rounding to its own acceleration. Beside 1 kg a pendulum of 1e-8 kg is right, one of 1e-10 kg was off by 0.03 m and nothing else told it.
 *Distance.* A place at the distance D is rounded by eps D in every step, and a velocity of the step by eps D / h: over n steps these walk to
 sqrt(n) times as much, of which 1e-4 of the largest velocity (at least 1 m/s) is left to be.
 *Account.* Of steps that were advanced without it nothing is known.
@@ -44,6 +46,7 @@ SHARE = 0.01  # of the exchanged energy
 TRUNCATION = 1.0 / 12.0  # of (turn in a step)^2
 WRITTEN = 1e-6  # relative, and m: what numbers written with finitely many digits leave open
 SPOILT = 1e-4  # last increment of an iteration, relative to the velocity, which three iterations bring below 1e-6 where nothing spoils them
+HIDDEN = 3e-5  # of an acceleration
 ROUNDED = 1e-4  # of the largest velocity
 LARGEST_PHASE = 1.0  # rad
 FEWEST = 10  # steps a period
@@ -75,7 +78,18 @@ class Finding:
 def findings(simulation: Simulation, real_time_factor: float | None = None) -> list[Finding]:
     """Everything that makes the run so far suspect, from the running account of steps advanced with audit."""
     s = simulation
-    looked = [_energy(s), *_iteration(s), *_resolution(s), _rounding(s), _distance(s), _unseen(s), _turn(s), _road(s), _branches(s)]
+    looked = [
+        _energy(s),
+        *_iteration(s),
+        *_resolution(s),
+        _rounding(s),
+        _light(s),
+        _distance(s),
+        _unseen(s),
+        _turn(s),
+        _road(s),
+        _branches(s),
+    ]
     found = [*looked, _speed(s, real_time_factor), *_validity(s)]
     return [finding for finding in found if finding]
 
@@ -189,6 +203,19 @@ def _rounding(s: Simulation) -> Finding | None:
     text = 'iterations do not settle because rounding of the condensed matrix shows with a penalty of'
     remedy = 'reduce integrator.penalty, or take integrator.form: block'
     return _finding('penalty', float(s.scheme.penalty[row]), ROUNDING_PENALTY, None, '', None, place, text, remedy)
+
+
+def _light(s: Simulation) -> Finding | None:
+    """Bodies so light beside the others that penalties on them, which have a floor, hide their inertia in the condensed matrix."""
+    if s.last_step.energy[account.STEPS] == 0.0 or s.scene.integrator.kind != 'alf' or s.scheme.form != CONDENSED or not s.model.n_rows:
+        return None
+    bodies = s.model.tables.bodies
+    mass = np.where(bodies.mass > 0.0, bodies.mass, np.inf)  # without any mass nothing is hidden
+    hidden = np.finfo(float).eps * float(s.scheme.penalty.max()) / (s.model.tables.penalty_inverse_mass * mass)
+    body = int(np.argmax(hidden))
+    text = 'rounding of the condensed matrix hides the inertia of a light body; of an acceleration of it that makes'
+    remedy = f'give it {mass[body] * hidden[body] / HIDDEN:.2g} kg or more, or none where constraints determine its motion'
+    return _finding('light_body', hidden[body], HIDDEN, None, '', None, f'body {s.model.body_names[body]!r}', text, remedy)
 
 
 def _distance(s: Simulation) -> Finding | None:

@@ -69,6 +69,27 @@ def test_a_transient_that_sets_a_delicate_motion_going_is_told() -> None:
         assert {finding.quantity for finding in findings(s)} == quantities
 
 
+@pytest.mark.parametrize(('ratio', 'told'), [(1e-8, False), (1e-10, True), (1e10, True), (0.0, False)])
+def test_bodies_that_penalties_hide_are_told(ratio: float, told: bool) -> None:
+    """Two pendulums below each other, 1 kg and `ratio` kg: from 1e-10 on the light one was off by 0.03 m, and ok at one step of ten."""
+    arm = {'kind': 'revolute', 'axis': [0, 1, 0]}
+    mechanism = {
+        'bodies': {
+            'a': {'mass': 1, 'inertia': [1, 1, 1], 'position': [1, 0, 0]},
+            'b': {'mass': ratio, 'inertia': [0.1 * ratio] * 3, 'position': [2, 0, 0]},
+        },
+        'joints': {
+            'one': {**arm, 'i': 'world', 'j': 'a', 'at': [0, 0, 0]},
+            'two': {**arm, 'i': 'a', 'j': 'b', 'at': [1, 0, 0]},
+        },
+    }
+    if ratio == 0.0:
+        mechanism['joints']['two']['kind'] = 'fixed'
+    s = Simulation(load_scene_text(json.dumps({'mechanism': mechanism, 'duration': 1})))
+    s.advance(2)
+    assert ('light_body' in {finding.quantity for finding in findings(s)}) == told
+
+
 def test_steps_without_an_account_are_told() -> None:
     s = oscillator(50)
     s.advance(100)
