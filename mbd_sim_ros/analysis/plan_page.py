@@ -19,8 +19,9 @@ from mbd_sim_ros.analysis.plots import FIRST, GREY, SECOND, STYLE
 from solver.errors import MbdError
 from solver.trade.requirements import ORIGINS
 from solver.trade.runs import Stopped
-from solver.trade.search import MARGIN, Search, Verdict
+from solver.trade.search import MARGIN, Search
 from solver.trade.variations import AS_GIVEN
+from solver.trade.verdicts import Verdict
 from solver.units import shown
 
 DPI = 110

@@ -9,11 +9,13 @@ from typing import Any
 
 from solver.levels.auto import OK, key
 from solver.trade.requirements import ORIGINS
-from solver.trade.search import MARGIN, Search, Verdict
+from solver.trade.search import MARGIN, Search
 from solver.trade.setting import baseline
 from solver.trade.variations import RANGES
+from solver.trade.verdicts import Verdict
 
 NO, INCOMPLETE = 'no', 'incomplete'
+UNTRIED = 'not looked at: what is cheaper keeps everything'
 CONFIDENCE = 3.0  # over n: the bound of the rate of failures after n passes, 95 %
 
 
@@ -61,7 +63,7 @@ def plan(search: Search) -> dict[str, Any]:
     data['margin'] = MARGIN
     data['reference'] = reference_of(search)
     data['envelope'] = envelope_of(search)
-    data['levels'] = {level: why or 'kept' for level, why in search.levels.items()}
+    data['levels'] = {level: search.levels.get(level, UNTRIED) or 'kept' for level in search.candidate_levels}
     data['subsystems'] = [influence._asdict() for influence in search.influences]
     data['tried'] = [
         {'setting': str(t.setting), 'used': t.used, 'cost': t.cost, 'dropped': t.dropped, 'worst': t.worst} for t in search.tried

@@ -7,11 +7,12 @@ Errors of different origin cancel on one maneuver and not on the next. So an err
     iteration  the setting with its iterations, against the same iterated to tolerance
     reference  band of the converged full vehicle
 
-Levels whose model error alone is too large go first. Of the rest settings are tried cheapest first, on growing parts of the scene's own
-maneuver (what an error has reached by then it does not lose again) and then on the corners of the variations (solver.trade.variations);
-the first that stays below the limits with MARGIN to spare is the cheapest. Of its level subsystems are then switched off, those first that
-save most for the error they make, singly and by exchanging pairs. What remains is checked by its error itself on variations that had no
-part in the choice. n passes without failure bound the rate of failures by 3/n with 95 % confidence [Hanley1983].
+Settings are tried cheapest first, on growing parts of the scene's own maneuver (what an error has reached by then it does not lose again)
+and then on the corners of the variations (solver.trade.variations); the first that stays below the limits with MARGIN to spare is the
+cheapest. When it is the turn of a level its model error is looked at first: one that is too large by itself takes all its settings out. Of
+its level subsystems are then switched off, those first that save most for the error they make, singly and by exchanging pairs. What
+remains is checked by its error itself on variations that had no part in the choice. n passes without failure bound the rate of failures by
+3/n with 95 % confidence [Hanley1983].
 """
 
 from __future__ import annotations
@@ -19,7 +20,6 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -34,6 +34,7 @@ from solver.trade.requirements import Bound
 from solver.trade.runs import Going, Stopped, all_of, clock, departures
 from solver.trade.setting import Setting, baseline
 from solver.trade.variations import AS_GIVEN, CORNERS, Variation, inside
+from solver.trade.verdicts import Check, Influence, Verdict
 
 MARGIN = 0.1  # of every limit that the bound leaves free
 LONGEST = 170.0  # s that a plan may take
@@ -45,40 +46,6 @@ RHOS = (0.8, 0.5)
 PARTS = (0.25, 0.5, 1.0)  # of the maneuver, in the race
 SAME = 1.05  # settings whose costs are nearer than this are equally cheap, and the more accurate one is taken
 SAVES = 0.97  # of the cost: what a subsystem must bring it below to be worth its error
-
-
-class Verdict(NamedTuple):
-    """A setting that was tried: its largest share of a limit so far, its cost, and why it was dropped ('' : it passes)."""
-
-    setting: Setting
-    used: float
-    cost: float  # expected CPU seconds per simulated second
-    worst: str
-    dropped: str
-    bounds: dict[str, Bound]  # the worst over maneuvers by requirement
-
-
-class Check(NamedTuple):
-    """The error itself on a maneuver that had no part in the choice."""
-
-    variation: Variation
-    used: float
-    worst: str
-    failure: str
-
-    @property
-    def passed(self) -> bool:
-        return not self.failure and self.used <= 1.0
-
-
-class Influence(NamedTuple):
-    """What leaving one subsystem out does: errors as shares of the peak by quantity (RMS), and the cost of a step relative to before."""
-
-    subsystem: str
-    activity: float  # J
-    errors: dict[str, float]
-    cost: float
-    failure: str
 
 
 class Search(Measurements):
@@ -96,11 +63,11 @@ class Search(Measurements):
     ) -> None:
         super().__init__(scene, workers=workers, longest=longest, progress=progress)
         self.unseen = unseen
-        self._levels = levels  # that may take the place of the full vehicle
+        self.candidate_levels = ('full', *levels)
         self._lost: dict[Setting, tuple[str, float]] = {}
         self.notes: list[str] = []
         self.tried: list[Verdict] = []
-        self.levels: dict[str, str] = {}  # level -> why it is out, '' where it is not
+        self.levels: dict[str, str] = {}  # level that was looked at -> why it is out, '' where it is not
         self.influences: list[Influence] = []
         self.second: dict[str, Departure] = {}
         self.checks: list[Check] = []
@@ -193,17 +160,31 @@ class Search(Measurements):
                 self.notes.append(f'the corner {v} of the variations is left out: {error}')
         return True
 
-    def find_levels(self) -> list[str]:
-        """Levels whose model error leaves room; self.levels says why the others are out."""
-        self.levels = {'full': ''}
-        for level in self._levels:
-            self.say(f'model error of {level}')
+    def find_levels(self) -> list[Setting]:
+        """The levels that the vehicle has; self.levels says why it has not the others."""
+        found = [Setting()]
+        for level in self.candidate_levels[1:]:
             base = Setting(level=level)  # type: ignore[arg-type]
-            self.levels[level] = self._out(base)
-        return [level for level, why in self.levels.items() if not why]
+            try:
+                self.say(f'deriving {level}')
+                derive(base.of(self.scene))
+            except MbdError as error:
+                self.levels[level] = str(error)
+                continue
+            found.append(base)
+        return found
+
+    def _is_out(self, level: str) -> bool:
+        """Whether the model error of a level alone is too large, looked at once."""
+        if level not in self.levels:
+            self.say(f'model error of {level}')
+            self.levels[level] = self._out(Setting(level=level))  # type: ignore[arg-type]
+        return bool(self.levels[level])
 
     def _out(self, base: Setting) -> str:
         """Why a model cannot keep the limits whatever its step, or ''."""
+        if base.model == Setting().model:
+            return ''
         try:
             derive(base.of(self.scene))
         except MbdError as error:
@@ -237,8 +218,15 @@ class Search(Measurements):
             expected = self.expected(setting)
             if expected > (below if best is None else SAME * best.cost):
                 break
+            if not setting.off and self._is_out(setting.level):
+                continue
             self.say(str(setting))
-            verdict = self.judge(setting)
+            try:
+                verdict = self.judge(setting)
+            except Stopped:
+                if best is None:
+                    raise
+                break
             self.tried.append(verdict)
             if verdict.dropped or verdict.cost > below:
                 continue
@@ -272,7 +260,13 @@ class Search(Measurements):
         return self.influences
 
     def eliminate(self, best: Verdict) -> Verdict:
-        """Switch subsystems off as long as that is cheaper and keeps everything: one after the other, then by exchanging pairs."""
+        """Switch subsystems off as long as that is cheaper and keeps everything: one after the other, then by exchanging pairs.
+
+        A level with a step of its own costs the same whatever is off; their influence is then that on the full vehicle.
+        """
+        if derive(best.setting.of(self.scene)).simulate is not None:
+            self.influence(Setting(h=self.steps[0], iterations=ITERATIONS[1]))
+            return best
         gains = [i for i in self.influence(dataclasses.replace(best.setting, off=())) if not i.failure and i.cost < SAVES]
 
         def price(i: Influence) -> float:
@@ -343,10 +337,11 @@ class Search(Measurements):
         Going(self.scene, baseline(self.scene), []).to(min(0.01, self.scene.duration))
         self.begin, self.until = clock(), (1.0 - CHECK_SHARE) * self.longest  # what is compiled once is not time of the plan
         best: Verdict | None = None
+        models: list[Setting] = []
         try:
             if not self.find_reference():
                 return None
-            models = [Setting(level=level) for level in self.find_levels()]  # type: ignore[arg-type]
+            models = self.find_levels()
             best = self.cheapest(models)
             if best is not None:
                 best = self.eliminate(best)
@@ -364,11 +359,9 @@ class Search(Measurements):
             self.tried = [t if t is not best else t._replace(dropped=f'{self.checks[-1].worst}: unseen {failed[0]}') for t in self.tried]
             self.seen += failed
             try:
-                models = [m for m in (Setting(level=level) for level, why in self.levels.items() if not why) if not self._out(m)]  # type: ignore[arg-type]
+                self.levels = {level: why for level, why in self.levels.items() if why}  # the others are looked at again
                 again = Setting(level=best.setting.level, off=best.setting.off)
-                if again.off and not self._out(again):
-                    models.append(again)
-                best = self.cheapest(models)
+                best = self.cheapest([*models, again] if again.off and not self._out(again) else models)
             except Stopped:
                 self.ended = True
                 self.notes.append('time was up before another setting was found')

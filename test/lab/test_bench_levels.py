@@ -32,7 +32,7 @@ def test_the_clock_of_a_process_is_its_cpu_time() -> None:
 
 def test_the_suites_hold_the_levels_to_their_targets() -> None:
     (steps,) = load_suite(names=['car_levels'])
-    (node,) = load_suite('node_at_work.yaml', ['car_levels'])
+    (node,) = load_suite('node_at_work.yaml', ['car_levels_100hz'])
     assert steps.targets['condensed_share'] == steps.targets['condensed_audited'] == 0.5
     assert steps.targets['kc_share'] == steps.targets['kc_audited'] == 0.2
     assert steps.targets['single_track_share'] == 0.03

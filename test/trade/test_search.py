@@ -11,8 +11,9 @@ import solver
 from solver.errors import SpecError
 from solver.trade.certificate import finite, plan
 from solver.trade.cost import PerStep
-from solver.trade.search import MARGIN, Search, Verdict
+from solver.trade.search import MARGIN, Search
 from solver.trade.setting import Setting
+from solver.trade.verdicts import Verdict
 
 SHORT = ['duration=1', 'maneuver.steering.start=0.2']
 

@@ -79,18 +79,19 @@ class Levels:
 
 
 class NodeLevels:
-    """Measures one case: the real node paced in real time, publishing as it does by itself, at every level for `seconds`.
+    """Measures one case: the real node paced in real time, publishing after every so many steps, at every level for `seconds`.
 
     Raises what simulation_of does (ImportError without rclpy), MbdError from round().
     """
 
-    def __init__(self, scene: str, overrides: Sequence[str], seconds: float) -> None:
+    def __init__(self, scene: str, overrides: Sequence[str], seconds: float, *, publish_every: int = 1) -> None:
         import rclpy  # noqa: F401
 
         for level in NODE_LEVELS:  # fills the cache, so that the node starts at once
             simulation = simulation_of(load_scene(scene, [*overrides, f'fidelity={level}']))
             warm_up(simulation)
         self._scene, self._overrides, self._seconds, self._h = scene, list(overrides), seconds, simulation.h
+        self._values = {'duration': float(seconds), 'publish_every': publish_every}
         self._shares: dict[str, float] = {}
 
     def round(self, _: int) -> None:
@@ -100,7 +101,7 @@ class NodeLevels:
 
     def _node(self, level: str) -> float:
         """CPU time over elapsed time of a node at work."""
-        given = parameters(self._scene, [*self._overrides, f'fidelity={level}'], duration=float(self._seconds))
+        given = parameters(self._scene, [*self._overrides, f'fidelity={level}'], **self._values)
         command = [sys.executable, '-m', 'mbd_sim_ros.node.main', '--ros-args', '--log-level', 'warn', *given]
         looks: list[tuple[float, float]] = []
         with on_all_cores(), ExitStack() as running:

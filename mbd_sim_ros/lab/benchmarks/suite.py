@@ -58,7 +58,8 @@ def _endurance(case: Case, quick: bool) -> Measurement:
 
 
 def _node_levels(case: Case, quick: bool) -> Measurement:
-    return levels.NodeLevels(case.scene, case.set, min(case.duration, QUICK_SECONDS) if quick else case.duration)
+    seconds = min(case.duration, QUICK_SECONDS) if quick else case.duration
+    return levels.NodeLevels(case.scene, case.set, seconds, publish_every=case.publish_every)
 
 
 MEASURES: dict[str, Measure] = {
@@ -87,8 +88,8 @@ class Case:
     four-bar linkages here and in other programs; 'record' and 'publish' tell what encoding, recording and publishing add to a step of a
     paced loop, 'start' how long a start takes; 'node' is the real node for `duration` [s], commanded, publishing and recording every step,
     'node_and_reader' the same with a reader of every topic, 'node_levels' how much of a core it takes at each level. set: changes to the
-    scene, as `--set`. publish_every: of 'record' and 'publish', messages after every n-th step, as the parameter of the node. targets:
-    limits of figures, by name.
+    scene, as `--set`. publish_every: of 'record', 'publish' and 'node_levels', messages after every n-th step, as the parameter of the
+    node. targets: limits of figures, by name.
     """
 
     name: str

@@ -42,7 +42,7 @@ TITLES = {  # of the measures whose table has one line per case and one column p
     'node': ('The node at work', 'Elapsed time, all cores; commanded over topics, everything published and recorded.'),
     'node_levels': (
         'The node at its levels of detail',
-        'CPU time of all threads of the node, paced in real time, publishing as it does by itself.',
+        'CPU time of all threads of the node, paced in real time.',
     ),
     'node_and_reader': ('The node at work, every topic with a reader', 'As above.'),
 }

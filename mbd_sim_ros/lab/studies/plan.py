@@ -16,9 +16,10 @@ from solver.files.scene import load_scene, load_scene_text
 from solver.levels import LEVELS
 from solver.scene import Scene
 from solver.trade.certificate import OK, plan
-from solver.trade.search import LONGEST, UNSEEN, Check, Search
+from solver.trade.search import LONGEST, UNSEEN, Search
 from solver.trade.setting import Setting
 from solver.trade.variations import inside
+from solver.trade.verdicts import Check
 
 SUMMARY = 'plans of six scenes with three requirements each: maneuvers they have not seen, cost against the cheapest of the grid, time'
 CORES = 2  # that a plan has LONGEST seconds on

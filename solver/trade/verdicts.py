@@ -1,0 +1,43 @@
+"""What a search says of settings: those that were tried, those that were checked, and what leaving a subsystem out does."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from solver.trade.requirements import Bound
+from solver.trade.setting import Setting
+from solver.trade.variations import Variation
+
+
+class Verdict(NamedTuple):
+    """A setting that was tried: its largest share of a limit so far, its cost, and why it was dropped ('' : it passes)."""
+
+    setting: Setting
+    used: float
+    cost: float  # expected CPU seconds per simulated second
+    worst: str
+    dropped: str
+    bounds: dict[str, Bound]  # the worst over maneuvers by requirement
+
+
+class Check(NamedTuple):
+    """The error itself on a maneuver that had no part in the choice."""
+
+    variation: Variation
+    used: float
+    worst: str
+    failure: str
+
+    @property
+    def passed(self) -> bool:
+        return not self.failure and self.used <= 1.0
+
+
+class Influence(NamedTuple):
+    """What leaving one subsystem out does: errors as shares of the peak by quantity (RMS), and the cost of a step relative to before."""
+
+    subsystem: str
+    activity: float  # J
+    errors: dict[str, float]
+    cost: float
+    failure: str
