@@ -71,6 +71,15 @@ def measured(scene: Scene, setting: Setting, *, seconds: float = 2.0, rounds: in
     return Cost(float(np.median(best)), float(np.percentile(found, 99)))
 
 
+def size(scene: Scene, setting: Setting) -> tuple[int, ...]:
+    """What a step of a model works on: bodies, rows, internal states, columns of its elements, height grids. Raises MbdError.
+
+    Models of one size cost the same; what the clock sees between them is noise.
+    """
+    s = simulation_of(setting.of(scene))
+    return s.model.n_bodies, s.model.n_rows, int(s.state.z.size), len(s.channels.elements), len(s.model.spec.road.grids)
+
+
 def per_step(scene: Scene, setting: Setting) -> PerStep:
     """Time of a step and of an evaluation of a model, by timing it with one and with three iterations. Raises MbdError."""
     times, evaluations = [], []

@@ -242,14 +242,15 @@ class Search(Measurements):
         except MbdError:
             activity = {}
         before = self.run(AS_GIVEN, base)
-        truth, whole = self.truth(AS_GIVEN), self.per_step(base)
+        truth, whole, size = self.truth(AS_GIVEN), self.per_step(base), cost.size(self.scene, base)
         evaluations = before.counters['evaluations']
         order = sorted(activity, key=lambda s: activity[s])
         for subsystem in order:
             self.say(f'without {subsystem}')
             setting = dataclasses.replace(base, off=(subsystem,))
             try:
-                share = self.per_step(setting).of(1.0, evaluations) / whole.of(1.0, evaluations)
+                same = cost.size(self.scene, setting) == size
+                share = 1.0 if same else self.per_step(setting).of(1.0, evaluations) / whole.of(1.0, evaluations)
             except MbdError as error:
                 self.influences.append(Influence(subsystem, activity[subsystem], {}, 1.0, str(error)))
                 continue
