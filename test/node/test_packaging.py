@@ -14,8 +14,11 @@ from xml.etree import ElementTree
 import pytest
 
 ROOT = Path(__file__).parents[2]
-PARTS = ('solver', 'mbd_sim_ros', 'config', 'docs', 'launch', 'resource')
-FILES = ('package.xml', 'setup.py', 'setup.cfg', 'pyproject.toml', 'README.md', 'CHANGELOG.rst')
+PARTS = ('solver', 'mbd_sim_ros', 'config', 'docs', 'launch', 'resource', 'bags/step_steer', 'bags/real_car')
+FILES = (
+    'package.xml', 'setup.py', 'setup.cfg', 'pyproject.toml', 'README.md', 'CHANGELOG.rst',
+    *(f'bags/{name}' for name in ('README.md', 'real_car.py', 'real_car.yaml', 'limits.yaml')),
+)  # fmt: skip
 # Away from the checkout: packages, message definitions and scene data are found, and they are those just installed.
 CHECK = """
 import os, sys
@@ -36,7 +39,7 @@ def source(tmp_path):
     for part in PARTS:
         shutil.copytree(ROOT / part, copy / part, ignore=shutil.ignore_patterns('__pycache__'))
     for name in FILES:
-        shutil.copy(ROOT / name, copy)
+        shutil.copy(ROOT / name, copy / name)
     return copy
 
 
@@ -55,7 +58,14 @@ def test_colcon_builds_it(source, tmp_path, options):
     prefix = tmp_path / 'install' / 'mbd_sim_ros'
     for name in ('simulator', 'maneuver', 'mbd'):  # where `ros2 run` looks
         assert os.access(prefix / 'lib' / 'mbd_sim_ros' / name, os.X_OK)
-    for name in ('launch/sim.launch.py', 'config/node.yaml', 'config/scenes/pendulum.yaml', 'package.xml', 'docs/conventions.md'):
+    for name in (
+        'launch/sim.launch.py',
+        'config/node.yaml',
+        'config/scenes/pendulum.yaml',
+        'package.xml',
+        'docs/conventions.md',
+        'bags/real_car.yaml',
+    ):
         assert (prefix / 'share' / 'mbd_sim_ros' / name).is_file()
     assert (prefix / 'share/ament_index/resource_index/packages/mbd_sim_ros').is_file()
     setup = f'source {tmp_path}/install/local_setup.bash && exec "$@"'
