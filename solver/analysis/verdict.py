@@ -35,7 +35,8 @@ from typing import Any
 import numpy as np
 
 from solver.compiled.portable import norm
-from solver.elements.road import HeightGrid
+from solver.elements.enveloping import sharpest
+from solver.elements.road import RandomRoad, envelops
 from solver.model.saddle import CONDENSED
 from solver.output import energy as account
 from solver.simulation import Simulation
@@ -251,18 +252,17 @@ def _turn(s: Simulation) -> Finding | None:
 def _road(s: Simulation) -> Finding | None:
     if not s.model.spec.tires:
         return None
-    worst, place = 0.0, ''
-    for k, grid in enumerate(s.model.spec.road.grids):
-        if not isinstance(grid, HeightGrid):
+    radius = min(tire.data.values['UNLOADED_RADIUS'] for tire in s.model.spec.tires)
+    road, worst, place = s.model.spec.road, 0.0, ''
+    for k, (grid, enveloped) in enumerate(zip(road.grids, envelops(road, radius), strict=True)):
+        if enveloped or isinstance(grid, RandomRoad):
             continue  # the spectrum of a random road ends where the tire envelops
-        for axis, step in enumerate(grid.step):
-            hollow = np.diff(np.array(grid.height), 2, axis=axis) / step**2
-            if hollow.size and hollow.max() > worst:
-                worst, (i, j) = float(hollow.max()), np.unravel_index(int(np.argmax(hollow)), hollow.shape)
-                place = f'road.grids[{k}].height[{i + (axis == 0)}][{j + (axis == 1)}]'
-    smallest = min(tire.data.values['UNLOADED_RADIUS'] for tire in s.model.spec.tires)
-    return _finding('road_curvature', worst, 1.0 / smallest, None, '1/m', None, place, 'a hollow of the road is rounder than the wheels:',
-                    'give the profile that the wheel makes of the obstacle (scene car_cleat)')  # fmt: skip
+        edge = sharpest(grid.heights)
+        if edge.curvature > worst:
+            worst = edge.curvature
+            place = f'road.grids[{k}].height[{edge.node[0]}][{edge.node[1]}] at x = {edge.place[0]:.4g} m, y = {edge.place[1]:.4g} m'
+    return _finding('road_curvature', worst, 1.0 / radius, None, '1/m', None, place, 'a hollow of the road is rounder than the wheels:',
+                    'take road.contact: enveloping, or give the profile that the wheel makes of the obstacle')  # fmt: skip
 
 
 def _branches(s: Simulation) -> Finding | None:

@@ -2,7 +2,7 @@
 
 height(x, y) = plane + sum of grids. A grid is interpolated by the uniform cubic B-spline through its nodes, so height, normal
 and curvature are continuous; beyond its border it continues with constant height. Friction is a factor on the peak friction of
-the tire: the product of the factors of all patches, each blended in smoothly over a strip of finite width.
+the tire: the product of the factors of all patches, each blended in smoothly over a strip of finite width, and of all maps.
 
 `road_at` runs on float64, complex128 and Dual (solver.compiled.dual), so slope and curvature enter every tangent exactly.
 """
@@ -11,23 +11,18 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
 
 from solver.compiled.dual import sqrt
-from solver.compiled.elementary import exp
 from solver.compiled.kernel import kernel
 from solver.compiled.portable import norm, solve_tridiagonal
+from solver.elements.enveloping import Footprint, Heights, effective, sharpest
 from solver.elements.marker import Spec
+from solver.elements.road_grids import MOST_NODES, FrictionMap, HeightGrid, RandomRoad, RasterGrid
 from solver.validate import Vector, finite, require, vector
-
-# [ISO8608], annex C: displacement spectral density at 0.1 cycles/m, geometric mean of each class [m^3]
-ISO_8608_DENSITY = {c: 16e-6 * 4.0**k for k, c in enumerate('ABCDEFGH')}
-ISO_8608_REFERENCE = 0.1  # [cycles/m]
-MOST_NODES = 2_000_000  # of all grids of a road: seconds and some hundred MB at the start
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,110 +49,14 @@ class FrictionPatch:
 
 
 @dataclass(frozen=True, kw_only=True)
-class HeightGrid:
-    """Heights above the plane on a rectangular grid.
-
-    origin: (x, y) [m] in W of node (0, 0). step: (dx, dy) [m]. yaw: direction of the grid's x axis in W [rad].
-    height: [m], height[i][j] at (i dx, j dy); at least 2 x 2.
-    """
-
-    origin: tuple[float, float]
-    step: tuple[float, float]
-    height: tuple[tuple[float, ...], ...]
-    yaw: float = 0.0
-
-    def __post_init__(self) -> None:
-        where = 'height grid'
-        object.__setattr__(self, 'origin', vector(where, 'origin', self.origin, 2))
-        object.__setattr__(self, 'step', vector(where, 'step', self.step, 2))
-        object.__setattr__(self, 'yaw', finite(where, 'yaw', self.yaw))
-        require(min(self.step) > 0.0, where, 'step', self.step, 'both must be positive')
-        rows = tuple(len(row) for row in self.height)
-        regular = len(rows) >= 2 and min(rows) >= 2 and len(set(rows)) == 1
-        require(regular, where, 'height', rows, 'must be rows of equal length, 2 x 2 or more')
-        h = np.array(self.height, float)
-        require(bool(np.isfinite(h).all()), where, 'height', 'not finite', 'every height must be a finite number')
-        object.__setattr__(self, 'height', tuple(map(tuple, h.tolist())))
-
-    @property
-    def nodes(self) -> int:
-        """How many heights it has."""
-        return len(self.height) * len(self.height[0])
-
-
-@dataclass(frozen=True, kw_only=True)
-class RandomRoad:
-    """A random road with the displacement spectrum of [ISO8608], G(n) = G(0.1) (n/0.1)^-2 along x.
-
-    origin, yaw: as in HeightGrid. length, width: [m]. step: (dx, dy) [m]. quality: class 'A' to 'H'. seed: of numpy's PCG64.
-    coherence: tracks a distance y apart have the coherence function exp(-2 pi coherence n y) at n [cycles/m] (0: a cylindrical
-    road; about 0.5 to 1 is measured on roads). shortest: shortest wavelength [m] (the tire envelops shorter ones).
-    Heights fade to zero over `ramp` [m] at both ends.
-    """
-
-    origin: tuple[float, float]
-    length: float
-    width: float
-    quality: Literal['A', 'B', 'C', 'D', 'E', 'F', 'G', 'H']
-    seed: int
-    step: tuple[float, float] = (0.1, 0.5)
-    yaw: float = 0.0
-    coherence: float = 0.7
-    shortest: float = 0.4
-    ramp: float = 5.0
-
-    def __post_init__(self) -> None:
-        where = 'random road'
-        require(self.quality in ISO_8608_DENSITY, where, 'quality', self.quality, "must be one of 'A' to 'H'")
-        require(isinstance(self.seed, int) and self.seed >= 0, where, 'seed', self.seed, 'must be a non-negative integer')
-        object.__setattr__(self, 'step', vector(where, 'step', self.step, 2))
-        object.__setattr__(self, 'origin', vector(where, 'origin', self.origin, 2))
-        object.__setattr__(self, 'ramp', finite(where, 'ramp', self.ramp, low=0.0, strict=True))
-        object.__setattr__(self, 'length', finite(where, 'length', self.length, low=2.0 * self.ramp))
-        object.__setattr__(self, 'width', finite(where, 'width', self.width, low=0.0, strict=True))
-        object.__setattr__(self, 'coherence', finite(where, 'coherence', self.coherence, low=0.0))
-        require(min(self.step) > 0.0, where, 'step', self.step, 'both must be positive')
-        object.__setattr__(self, 'shortest', finite(where, 'shortest', self.shortest, low=2.0 * self.step[0]))
-        size = f'{self.length:g} m x {self.width:g} m at steps of {self.step[0]:g} m x {self.step[1]:g} m'
-        most = f'needs {self.nodes:.3g} heights, more than {MOST_NODES}; take a shorter road or longer steps'
-        require(self.nodes <= MOST_NODES, where, 'length', size, most)
-
-    @property
-    def nodes(self) -> float:
-        """How many heights it has, about."""
-        return (self.length / self.step[0] + 1.0) * (self.width / self.step[1] + 2.0)
-
-    def expand(self) -> HeightGrid:
-        """Return the grid; the same seed gives the same road.
-
-        Amplitudes are complex Gaussian with variance G(n) dn, neighbouring tracks a first-order Markov chain per frequency.
-        """
-        dx, dy = self.step
-        n_x = round(self.length / dx) + 1
-        n_y = max(int(np.ceil(self.width / dy)) + 1, 2)
-        n = np.fft.rfftfreq(n_x, dx)[1:]
-        density = ISO_8608_DENSITY[self.quality] * np.square(ISO_8608_REFERENCE / n) * (n <= 1.0 / self.shortest)
-        rng = np.random.default_rng(self.seed)
-        # E|a|^2 = 2 G dn: the variance of Re(a e^(i...)) is half of that
-        draws = rng.standard_normal((n_y, 2, n.size)) * np.sqrt(density / (n_x * dx))
-        memory = exp(-2.0 * np.pi * self.coherence * n * dy)
-        for j in range(1, n_y):
-            draws[j] = memory * draws[j - 1] + np.sqrt(1.0 - memory * memory) * draws[j]
-        spectrum = np.zeros((n_y, n.size + 1), complex)
-        spectrum.real[:, 1:], spectrum.imag[:, 1:] = np.moveaxis(draws * n_x / 2.0, 1, 0)
-        height = np.fft.irfft(spectrum, n_x, axis=1).T
-        x = np.arange(n_x) * dx
-        t = np.clip(np.minimum(x, x[-1] - x) / self.ramp, 0.0, 1.0)
-        height *= (t * t * (3.0 - 2.0 * t))[:, None]
-        return HeightGrid(origin=self.origin, step=self.step, yaw=self.yaw, height=tuple(map(tuple, height.tolist())))
-
-
-@dataclass(frozen=True, kw_only=True)
 class RoadSpec(Spec):
     """The ground under the tires.
 
     point, normal: of the base plane [m], in W; the normal is normalised and must point upwards.
     friction: factor on the tires' peak friction away from patches [-].
+    contact: how tires touch the grids. 'point': the tangent plane below the wheel centre. 'enveloping': the road that a tire makes of
+    them (docs/tire.md); the wheels are taken to roll along the x axes of the grids. 'auto': enveloping for grids with edges, which are
+    rounder than the wheels.
     """
 
     name: str = 'road'
@@ -165,7 +64,9 @@ class RoadSpec(Spec):
     normal: Vector = (0.0, 0.0, 1.0)
     friction: float = 1.0
     patches: tuple[FrictionPatch, ...] = ()
-    grids: tuple[HeightGrid | RandomRoad, ...] = ()
+    maps: tuple[FrictionMap, ...] = ()
+    grids: tuple[HeightGrid | RasterGrid | RandomRoad, ...] = ()
+    contact: Literal['auto', 'point', 'enveloping'] = 'auto'
 
     def __post_init__(self) -> None:
         self.set('point', vector(self.where, 'point', self.point))
@@ -175,14 +76,20 @@ class RoadSpec(Spec):
         require(upwards, self.where, 'normal', self.normal, 'must point upwards (z component above 0.1 of its length)')
         self.set('normal', tuple(float(c) for c in n / length))
         self.set('friction', finite(self.where, 'friction', self.friction, low=1e-3))
+        choices = ('auto', 'point', 'enveloping')
+        require(self.contact in choices, self.where, 'contact', self.contact, f'must be one of {", ".join(choices)}')
         self.set('patches', tuple(self.patches))
+        self.set('maps', tuple(self.maps))
         self.set('grids', tuple(self.grids))
-        nodes = sum(grid.nodes for grid in self.grids)
+        nodes = sum(grid.nodes for grid in (*self.grids, *self.maps))
         require(nodes <= MOST_NODES, self.where, 'grids', f'{nodes:.3g} heights', f'must have {MOST_NODES} at most, all of them together')
 
 
 class RoadTable(NamedTuple):
-    """The compiled road. Grids are concatenated: node (i, j) of grid g is spline[start[g] + i * shape[g, 1] + j]."""
+    """The compiled road. Grids are concatenated: node (i, j) of grid g is spline[start[g] + i * shape[g, 1] + j].
+
+    The first `heights` grids are heights, the others factors of friction.
+    """
 
     plane: np.ndarray  # (3,) height = plane[0] + plane[1] x + plane[2] y
     friction: np.ndarray  # (1,)
@@ -190,7 +97,9 @@ class RoadTable(NamedTuple):
     grid: np.ndarray  # (ng, 6): x, y, cos yaw, sin yaw, dx, dy
     shape: np.ndarray  # (ng, 2)
     start: np.ndarray  # (ng,)
-    spline: np.ndarray  # (sum of nodes,) B-spline coefficients [m]
+    spline: np.ndarray  # (sum of nodes,) B-spline coefficients [m, or of a factor]
+    heights: np.ndarray  # (1,) number of grids that are heights
+    enveloping: np.ndarray  # (1,): 1 where some grid is an effective road, 0 where all are touched at a point
 
 
 def _spline_coefficients(height: np.ndarray) -> np.ndarray:
@@ -205,13 +114,30 @@ def _spline_coefficients(height: np.ndarray) -> np.ndarray:
     return c
 
 
+def envelops(spec: RoadSpec, radius: float) -> tuple[bool, ...]:
+    """Which grids of a road are enveloped by wheels of this radius [m]. Random roads end where the tire envelops, unless asked for."""
+    if spec.contact != 'auto':
+        return (spec.contact == 'enveloping',) * len(spec.grids)
+    return tuple(not isinstance(g, RandomRoad) and sharpest(g.heights).curvature > 1.0 / radius for g in spec.grids)
+
+
 @functools.lru_cache(maxsize=2)  # the start of a scene compiles its model more than once
-def compile_road(spec: RoadSpec) -> RoadTable:
-    """Expand random roads and build the table."""
+def compile_road(spec: RoadSpec, tire: Footprint | None = None) -> RoadTable:
+    """Expand random roads and build the table. tire: what envelops obstacles; without one every grid is touched at a point.
+
+    Raises SpecError for an effective road that has too many nodes.
+    """
     p, n = spec.point, spec.normal
-    grids: Sequence[HeightGrid] = [g.expand() if isinstance(g, RandomRoad) else g for g in spec.grids]
-    heights = [np.array(g.height) for g in grids]
-    sizes = [h.size for h in heights]
+    enveloped = envelops(spec, tire.radius) if tire is not None else (False,) * len(spec.grids)
+    grids: list[Heights] = []
+    for g, envelope in zip(spec.grids, enveloped, strict=True):
+        heights = g.expand().heights if isinstance(g, RandomRoad) else g.heights
+        grids.append(effective(heights, tire, spec.where) if tire is not None and envelope else heights)
+    splines = [_spline_coefficients(g.height) for g in grids]
+    factors = [m.factors for m in spec.maps]
+    splines += [f.height for f in factors]  # not interpolated: these numbers bound the factor
+    grids += factors
+    sizes = [c.size for c in splines]
     return RoadTable(
         plane=np.array([p[2] + (n[0] * p[0] + n[1] * p[1]) / n[2], -n[0] / n[2], -n[1] / n[2]]),
         friction=np.array([spec.friction]),
@@ -219,9 +145,11 @@ def compile_road(spec: RoadSpec) -> RoadTable:
             [[*f.center, math.cos(f.yaw), math.sin(f.yaw), f.size[0] / 2, f.size[1] / 2, f.factor, f.blend] for f in spec.patches], float
         ).reshape(-1, 8),
         grid=np.array([[*g.origin, math.cos(g.yaw), math.sin(g.yaw), *g.step] for g in grids], float).reshape(-1, 6),
-        shape=np.array([h.shape for h in heights], np.int64).reshape(-1, 2),
+        shape=np.array([g.height.shape for g in grids], np.int64).reshape(-1, 2),
         start=np.array([0, *np.cumsum(sizes)[:-1]], np.int64) if sizes else np.zeros(0, np.int64),
-        spline=np.concatenate([_spline_coefficients(h).ravel() for h in heights]) if sizes else np.zeros(0),
+        spline=np.concatenate([c.ravel() for c in splines]) if sizes else np.zeros(0),
+        heights=np.array([len(spec.grids)], np.int64),
+        enveloping=np.array([float(any(enveloped))]),
     )
 
 
@@ -321,7 +249,7 @@ def surface_at(road, x, y):
     h_xx = zero
     h_xy = zero
     h_yy = zero
-    for g in range(road.start.shape[0]):
+    for g in range(road.heights[0]):
         a = _grid_at(road, g, x, y)
         h = h + a[0]
         h_x = h_x + a[1]
@@ -342,6 +270,8 @@ def friction_at(road, x, y):
         b = (y - p[1]) * p[2] - (x - p[0]) * p[3]
         inside = _step((p[4] + a) / p[7]) * _step((p[4] - a) / p[7]) * _step((p[5] + b) / p[7]) * _step((p[5] - b) / p[7])
         mu = mu * (1.0 + (p[6] - 1.0) * inside)
+    for g in range(road.heights[0], road.start.shape[0]):
+        mu = mu * _grid_at(road, g, x, y)[0]
     return mu
 
 

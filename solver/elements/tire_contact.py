@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+
 from solver.compiled.dual import arctan, seeded, sqrt, value, variable
 from solver.compiled.kernel import kernel
 from solver.compiled.vec import add, cross, dot, load3, load33, mv, scale
@@ -151,7 +153,10 @@ def contact_of(c, damping, road, motion):
     e_x = scale(1.0 / cos_g, x)
     e_y = cross(n, e_x)
     height = centre[2] - h
-    below = n[2] * height  # from the centre to the road's tangent plane
+    envelops = road.enveloping[0] > 0.0
+    level = 1.0 / np.sqrt(1.0 + road.plane[1] * road.plane[1] + road.plane[2] * road.plane[2])
+    # from the centre to the road's tangent plane, or to the effective road along the normal of the base plane (solver.elements.enveloping)
+    below = level * height if envelops else n[2] * height
     # loaded radius: along the wheel plane to the road, below = loaded cos(gamma). Towards a wheel that lies flat the cosine is held at
     # half the width over the radius: the sidewall carries it. The contact point follows from the same function (virtual work).
     flat = c[I.HALF_WIDTH] / R0
@@ -167,11 +172,14 @@ def contact_of(c, damping, road, motion):
     # rate of the loaded radius, with the turning of the normal as the wheel moves over a curved road
     sin_rate = cos_g * w_x
     rise = dot(n, v_c)
-    if road.start.shape[0] > 0:
+    if road.heights[0] > 0:
         m = (-(h_xx * v_c[0] + h_xy * v_c[1]), -(h_xy * v_c[0] + h_yy * v_c[1]), 0.0 * height)
         n_dot = scale(1.0 / slope, add(m, scale(-dot(m, n), n)))
         sin_rate = sin_rate + dot(n_dot, s)
-        rise = rise + n_dot[2] * height
+        if envelops:
+            rise = rise * slope * level
+        else:
+            rise = rise + n_dot[2] * height
     loaded_rate = (rise + reach * sin_g * sin_rate) / support
 
     # load
@@ -182,6 +190,8 @@ def contact_of(c, damping, road, motion):
     spring = _spring(c, deflection)
     stiffening = 1.0 + c[I.Q_V2] * smooth_abs(turn, 1e-3)
     Fz = spring * stiffening / support * ramp(1.0 - damping * loaded_rate, NEVER_PULL)
+    if envelops:
+        Fz = Fz * slope * level  # the spring acts along the base normal; along n it is this much larger, and conservative
     upright = smooth_step((cos_g - FLAT_TO) / (FLAT_FROM - FLAT_TO))
 
     # effective rolling radius [B] (7); load without damper, so that it follows the deflection

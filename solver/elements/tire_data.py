@@ -45,6 +45,9 @@ DEFAULTS: dict[str, float | None] = {
     **dict.fromkeys(('QDZ1', 'QDZ2', 'QDZ3', 'QDZ4', 'QDZ6', 'QDZ7', 'QDZ8', 'QDZ9', 'QDZ10', 'QDZ11'), 0.0),
     **dict.fromkeys(('QEZ1', 'QEZ2', 'QEZ3', 'QEZ4', 'QEZ5', 'QHZ1', 'QHZ2', 'QHZ3', 'QHZ4', 'PPZ1', 'PPZ2'), 0.0),
     **dict.fromkeys(('SSZ1', 'SSZ2', 'SSZ3', 'SSZ4'), 0.0),
+    # enveloping of short obstacles ([Schmeitz2004]): the values of the sample file of MF-Tyre 6.1, lengths over UNLOADED_RADIUS
+    **{'ELLIPS_SHIFT': 0.8, 'ELLIPS_LENGTH': 1.0, 'ELLIPS_HEIGHT': 1.0, 'ELLIPS_ORDER': 1.8},
+    **{'Q_RA1': 0.60147, 'Q_RA2': 0.81974, 'Q_RB1': 1.2648, 'Q_RB2': -1.4057},
     # turn slip, used when TireSpec.turn_slip asks for it: the values that files without measurements of it commonly have
     **{'LMP': 1.0, 'PDXP1': 0.4, 'PDXP2': 0.0, 'PDXP3': 0.0, 'PKYP1': 1.0, 'PDYP1': 0.4, 'PDYP2': 0.0, 'PDYP3': 0.0, 'PDYP4': 0.0},
     **{'PHYP1': 1.0, 'PHYP2': 0.15, 'PHYP3': 0.0, 'PHYP4': -4.0, 'PECP1': 0.5, 'PECP2': 0.0, 'QDTP1': 10.0},

@@ -28,6 +28,7 @@ from solver.compiled.dual import arctan, compose, differentiates, local, partial
 from solver.compiled.kernel import kernel
 from solver.compiled.so3 import quaternion_of_matrix
 from solver.compiled.vec import add, cross, dot, load3, load33, scale, tmv
+from solver.elements.footprint import footprint
 from solver.elements.kind import ForceKind
 from solver.elements.magic_formula import (
     SLOWEST,
@@ -134,7 +135,7 @@ def compile_tires(specs: Sequence[TireSpec], context: Context) -> TireTable:
         c=np.zeros((n, ROW)),
         damping=np.zeros(n),
         low=np.zeros((n, 5)),
-        road=compile_road(context.road),
+        road=compile_road(context.road, footprint([s.data for s in specs])),
     )
     for e, spec in enumerate(specs):
         placed = context.marker(spec.where, spec.marker)
@@ -188,6 +189,7 @@ def _evaluate(table, e, motion, zp, cz):
     Fz, Vx, Vsy = at.Fz, at.Vx, at.Vsy
     Vsx = Vx - motion.spin * at.rolling_radius
     mu = friction_at(table.road, motion.centre[0], motion.centre[1])
+    varies = table.road.patch.shape[0] > 0 or table.road.start.shape[0] > table.road.heights[0]  # the friction of the road
 
     # relaxation
     gamma = camber_variable(c, side * at.sin_camber, at.cos_camber)
@@ -223,7 +225,7 @@ def _evaluate(table, e, motion, zp, cz):
         )
         Fx, Fy, Mx = compose(Fx, kappa, slip, gamma, Fz), compose(Fy, kappa, slip, gamma, Fz), compose(Mx, kappa, slip, gamma, Fz)
         A, B = compose(A, kappa, slip, gamma, Fz), compose(B, kappa, slip, gamma, Fz)
-        if differentiates(Fz) and (c[I.TURN_SLIP] > 0.0 or table.road.patch.shape[0] > 0):  # its other arguments
+        if differentiates(Fz) and (c[I.TURN_SLIP] > 0.0 or varies):  # its other arguments
             camber, load = local(gamma, -1), local(Fz, -1)
             dfz = load_increment(c, load)
             Kxk, Kya = slip_stiffness(c, camber, load, dfz)

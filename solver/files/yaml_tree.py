@@ -16,6 +16,8 @@ import yaml
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from solver.errors import SceneError, suggestion
+from solver.files.crg import read_crg
+from solver.files.raster import read_npz, read_png
 from solver.files.tir import read_tir
 
 INCLUDE = re.compile(r'[\w./-]+(\.[a-z]+)')
@@ -26,7 +28,8 @@ MOST_FILES = 1000
 MOST_DEPTH = 64  # of values in each other
 MOST_INCLUDED = 16  # files in each other
 SHOWN = 60  # characters of a value in an error sentence
-READERS: dict[str, Callable[[Path], object]] = {'.tir': read_tir}  # file ending -> what reads it into a dataclass; .yaml is built in
+# file ending -> what reads it into a dataclass or mapping; .yaml is built in
+READERS: dict[str, Callable[[Path], object]] = {'.tir': read_tir, '.crg': read_crg, '.png': read_png, '.npz': read_npz}
 
 
 def where(node: Node) -> str:
@@ -168,8 +171,12 @@ def read(file: Path, roots: Sequence[Path], above: tuple[Path, ...] = (), extent
         raise SceneError(f'{name}: more than {MOST_INCLUDED} files include each other')
     reader = READERS.get(file.suffix)
     if reader is not None:
-        extent.text(read_text(file, errors='replace'), name)
-        return node_of(reader(Path(name)), yaml.Mark(name, 0, -1, 0, None, 0))
+        text = read_text(file, errors='replace') if reader is read_tir else ''
+        extent.text(text, name)
+        node = node_of(reader(Path(name)), yaml.Mark(name, 0, -1, 0, None, 0))
+        if not text:  # of what is no text counts what stands for it in the resolved text
+            extent.text(text_of(node), name)
+        return node
     directories = [file.parent, file.parent.parent, *roots]
     return include(parse(read_text(file), name, extent), directories, (*above, file.resolve()), extent=extent)
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from solver.compiled.by_reference import Ref, nbytes
-from solver.elements.road import HeightGrid, RandomRoad, compile_road
+from solver.elements.road import HeightGrid, RandomRoad, RasterGrid, compile_road
 from solver.errors import SpecError, StepError
 from solver.files.urdf import robot_description
 from solver.inputs.driver import Sight
@@ -64,9 +64,9 @@ def tables_of(parameters: Parameters, scene: Scene, yaw: float = 0.0) -> SingleT
     )  # fmt: skip
 
 
-def _heights(grid: HeightGrid | RandomRoad) -> tuple[float, float]:
+def _heights(grid: HeightGrid | RasterGrid | RandomRoad) -> tuple[float, float]:
     """(lowest, highest) point of a grid [m]."""
-    height = np.array((grid.expand() if isinstance(grid, RandomRoad) else grid).height)
+    height = (grid.expand() if isinstance(grid, RandomRoad) else grid).heights.height
     return float(height.min()), float(height.max())
 
 

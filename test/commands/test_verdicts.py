@@ -161,11 +161,13 @@ def test_a_start_that_moves_bodies_is_told_by_run_and_info(tmp_path, capsys) -> 
 def test_an_edge_under_the_tires_is_told_and_the_profile_of_a_wheel_is_not(tmp_path, capsys) -> None:
     """A step of 50 mm over 50 mm: hollow by 20 1/m, where a wheel of 0.31 m makes 3.2 1/m of it; loads of 130 kN on a wheel came of it."""
     car = 'vehicle: vehicles/light_car.yaml\nstart: {kind: equilibrium, speed_kmh: 20}\nduration: 0.01\n'
-    edge = 'road: {grids: [{kind: height_grid, origin: [6, -4], step: [0.05, 8], height: [[0, 0], [0, 0], [0.05, 0.05], [0.05, 0.05]]}]}\n'
+    grid = '{kind: height_grid, origin: [6, -4], step: [0.05, 8], height: [[0, 0], [0, 0], [0.05, 0.05], [0.05, 0.05]]}'
+    edge = f'road: {{contact: point, grids: [{grid}]}}\n'
     code, data = run(tmp_path, capsys, car + edge)
     (found,) = data['findings']
-    assert (code, found['quantity'], found['where']) == (1, 'road_curvature', 'road.grids[0].height[1][0]')
+    assert (code, found['quantity'], found['where']) == (1, 'road_curvature', 'road.grids[0].height[1][0] at x = 6.05 m, y = -4 m')
     assert found['value'] == pytest.approx(20.0)
+    assert run(tmp_path, capsys, car + edge.replace('contact: point, ', ''))[0] == 0  # enveloped by itself
     code, data = document(capsys, 'run', 'car_cleat', '--no-record', '--duration', '0.01')
     assert (code, data['findings']) == (0, [])
 

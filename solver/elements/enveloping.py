@@ -1,0 +1,131 @@
+"""The road that a tire makes of obstacles shorter than its contact patch: tandem elliptical cams on a grid of heights.
+
+A rigid cam with the outline of the tire rolls over the profile and traces its basic curve; the tire feels the basic curve through a
+patch of finite length and width, whose two ends follow it [Schmeitz2004], [Zegelaar1998]. All cams of a patch, one behind the other
+and side by side, together make the effective road
+
+    w(x, y) = mean of E over the base,    E(x, y) = max over s of h(x + s, y) - (b - b (1 - |s/a|^c)^(1/c)),
+
+so that dw/dx is the slope between the front and the rear cam (the two-point follower), and dw/dy that between the outer rows. It is
+computed once, when a model is compiled, and the step reads it like any other grid. The vertical spring stands on w along the normal of
+the base plane: its force along the normal of w is then the gradient of a potential, and an obstacle that is crossed gives back what it
+took. The base has the length and width at nominal load; the wheel rolls along the x axis of the grid.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from solver.errors import SpecError
+
+NODES_ALONG, NODES_ACROSS = 12, 6  # nodes of the effective road per length and width of the base
+LARGEST = 4_000_000  # nodes of an effective road
+END = 0.98  # of half the length of a cam: its end is vertical
+
+
+class Heights(NamedTuple):
+    """Heights on a grid: origin (x, y) [m] and yaw [rad] in W, step (dx, dy) [m], height (n_x, n_y) [m]."""
+
+    origin: tuple[float, float]
+    step: tuple[float, float]
+    yaw: float
+    height: np.ndarray
+
+
+class Footprint(NamedTuple):
+    """What of a tire envelops a road: its radius, length and width of the base, half axes and order of the cams; all lengths [m]."""
+
+    radius: float
+    length: float
+    width: float
+    cam_length: float
+    cam_height: float
+    order: float
+
+
+class Edge(NamedTuple):
+    """Where a grid bends upwards most: curvature of the hollow [1/m], its node and place in W [m]."""
+
+    curvature: float
+    node: tuple[int, int]
+    place: tuple[float, float]
+
+
+def sharpest(grid: Heights) -> Edge:
+    """The roundest hollow of a grid, by second differences; curvature 0 where there is none."""
+    worst, node = 0.0, (0, 0)
+    for axis, step in enumerate(grid.step):
+        hollow = np.diff(grid.height, 2, axis=axis) / step**2
+        if hollow.size and hollow.max() > worst:
+            i, j = (int(k) for k in np.unravel_index(int(np.argmax(hollow)), hollow.shape))
+            worst, node = float(hollow.max()), (i + (axis == 0), j + (axis == 1))
+    a, b = node[0] * grid.step[0], node[1] * grid.step[1]
+    c, s = math.cos(grid.yaw), math.sin(grid.yaw)
+    return Edge(worst, node, (grid.origin[0] + a * c - b * s, grid.origin[1] + a * s + b * c))
+
+
+def effective(grid: Heights, tire: Footprint, where: str) -> Heights:
+    """The effective road of a grid, on a finer grid that reaches as far as an obstacle at its border does.
+
+    Between its nodes the road is linear. where: what error sentences call it. Raises SpecError for more than LARGEST nodes.
+    """
+    height = grid.height
+    dx, dy = grid.step
+    fine = dx / math.ceil(dx * NODES_ALONG / tire.length)
+    along = math.ceil((END * tire.cam_length + 0.5 * tire.length) / fine) + 2
+    varies = bool(np.ptp(height, axis=1).any())
+    fine_y = dy / math.ceil(dy * NODES_ACROSS / tire.width) if varies else dy
+    across = math.ceil(0.5 * tire.width / fine_y) + 2 if varies else 0
+    n = round((height.shape[0] - 1) * dx / fine) + 1 + 2 * along
+    m = round((height.shape[1] - 1) * dy / fine_y) + 1 + 2 * across
+    if n * m > LARGEST:
+        remedy = f'take a smaller grid, or contact: point (at most {LARGEST} nodes of {1e3 * fine:.0f} mm x {1e3 * fine_y:.0f} mm)'
+        raise SpecError(f'{where}: grids: the road that the tires make of it has {n * m} nodes: {remedy}')
+    road = _linear(_linear(height, n, along, fine / dx, 0), m, across, fine_y / dy, 1)
+    mean = _mean(_rolled(road, fine, tire), 0.5 * tire.length / fine, 0)
+    if varies:
+        mean = _mean(mean, 0.5 * tire.width / fine_y, 1)
+    c, s = math.cos(grid.yaw), math.sin(grid.yaw)
+    a, b = along * fine, across * fine_y
+    return Heights((grid.origin[0] - a * c + b * s, grid.origin[1] - a * s - b * c), (fine, fine_y), grid.yaw, mean)
+
+
+def _linear(height: np.ndarray, count: int, before: int, ratio: float, axis: int) -> np.ndarray:
+    """`count` values at (k - before) ratio along an axis, linear between the given ones and constant beyond them."""
+    at = np.clip((np.arange(count) - before) * ratio, 0.0, height.shape[axis] - 1.0)
+    low = np.minimum(at.astype(np.int64), height.shape[axis] - 2)
+    part = np.expand_dims(at - low, 1 - axis)
+    return np.take(height, low, axis) * (1.0 - part) + np.take(height, low + 1, axis) * part
+
+
+def _rolled(road: np.ndarray, step: float, tire: Footprint) -> np.ndarray:
+    """The basic curve along axis 0: how high the lowest point of a cam is that touches the road with its centre there."""
+    reach = int(END * tire.cam_length / step)
+    ends = [abs(k) * step / tire.cam_length for k in range(-reach, reach + 1)]
+    drop = [tire.cam_height * (1.0 - math.pow(1.0 - math.pow(x, tire.order), 1.0 / tire.order)) for x in ends]
+    count, rise = road.shape[0], float(np.ptp(road))
+    padded = np.pad(road, ((reach, reach), (0, 0)), mode='edge')
+    curve = road.copy()
+    for k, fall in enumerate(drop):
+        if fall < rise:
+            np.maximum(curve, padded[k : k + count] - fall, out=curve)
+    return curve
+
+
+def _mean(values: np.ndarray, half: float, axis: int) -> np.ndarray:
+    """Mean over `half` cells to either side along an axis, exact for values that are linear between the nodes."""
+    v = np.moveaxis(values, axis, 0)
+    whole, part = int(half), half - int(half)
+    pad = whole + 2
+    v = np.concatenate((np.repeat(v[:1], pad, 0), v, np.repeat(v[-1:], pad, 0)))
+    cells = 0.5 * (v[1:] + v[:-1])
+    total = np.concatenate((np.zeros_like(v[:1]), np.cumsum(cells, axis=0)))
+    count = values.shape[axis]
+    at = np.arange(pad, pad + count)
+    right, left = at + whole, at - whole
+    upper = total[right] + part * (v[right] + 0.5 * part * (v[right + 1] - v[right]))
+    lower = total[left] - part * (v[left] + 0.5 * part * (v[left - 1] - v[left]))
+    return np.moveaxis((upper - lower) / (2.0 * half), 0, axis)
