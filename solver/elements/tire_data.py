@@ -127,6 +127,11 @@ class TireData:
             require(values[key] > 0.0, where, key, values[key], 'must be positive')
         for key in ('VERTICAL_DAMPING', 'NOMPRES', 'INFLPRES', 'FZMAX', 'BOTTOM_STIFF', 'LONGITUDINAL_STIFFNESS', 'LATERAL_STIFFNESS'):
             require(values.get(key, 0.0) >= 0.0, where, key, values.get(key), 'must not be negative')
+        for key in ('ELLIPS_SHIFT', 'ELLIPS_LENGTH', 'ELLIPS_HEIGHT'):
+            if key in values:
+                finite(where, key, values[key], low=0.1, high=3.0)
+        if 'ELLIPS_ORDER' in values:
+            finite(where, 'ELLIPS_ORDER', values['ELLIPS_ORDER'], low=1.0, high=10.0)
         axes = 'must be negative: these are ISO-W axes, where Fy is positive for negative alpha'
         require(values['PKY1'] < 0.0, where, 'PKY1', values['PKY1'], axes)
         object.__setattr__(self, 'values', MappingProxyType(values))

@@ -25,6 +25,8 @@ _FORMS = {'LRFI': (10, 8, ''), 'LDFI': (20, 4, ''), 'KRBI': (0, 0, '>f4'), 'KDBI
 _HEADER = re.compile(r'([A-Za-z_][\w]*)[ .]*=\s*(\S+)')
 STRAIGHT = 1e-6  # [rad]: headings of a straight road differ by less
 HOLES = 'grid_nan_mode'  # a modifier about missing numbers, which are always those of their neighbours here
+LARGEST_NUMBER = 1e9
+CLOSEST = 1e-3  # [m] between two long sections
 FINEST = 0.02  # [m]: a curved road is not sampled finer
 
 
@@ -49,7 +51,7 @@ def read_crg(path: Path) -> dict[str, Any]:
     x0 = head.numbers.get('reference_line_start_x', 0.0)
     y0 = head.numbers.get('reference_line_start_y', 0.0)
     if np.abs(phi - first).max() < STRAIGHT:
-        v, heights = _uniform(v, heights)
+        v, heights = _uniform(path, v, heights)
         c, s = math.cos(first), math.sin(first)
         origin = (x0 - v[0] * s, y0 + v[0] * c)  # v counts to the left
         return _grid(path, origin, (du, float(v[1] - v[0])), first, heights + z[:, None])
@@ -104,8 +106,8 @@ def _float(path: Path, key: str, text: str) -> float:
         value = float(re.sub('[dD]', 'e', text))
     except ValueError:
         value = math.nan
-    if not math.isfinite(value):
-        raise SceneError(f'{path}: {key} = {text}: must be a finite number')
+    if not abs(value) <= LARGEST_NUMBER:
+        raise SceneError(f'{path}: {key} = {text}: must be a finite number below {LARGEST_NUMBER:g}')
     return value
 
 
@@ -185,8 +187,9 @@ def _surface(path: Path, head: _Definition, table: np.ndarray) -> tuple[np.ndarr
         v = np.linspace(right, left, len(sections))
     order = np.argsort(v)
     v, heights = v[order], table[:, sections][:, order]
-    if not np.isfinite(v).all() or np.diff(v).min() <= 0.0:
-        raise SceneError(f'{path}: the distances of the long sections must be given and differ (LONG_SECTION_V_RIGHT, LONG_SECTION_V_LEFT)')
+    if not np.isfinite(v).all() or np.diff(v).min() < CLOSEST:
+        remedy = f'must be given and differ by {CLOSEST:g} m (LONG_SECTION_V_RIGHT, LONG_SECTION_V_LEFT)'
+        raise SceneError(f'{path}: the distances of the long sections {remedy}')
     banking = channel('banking')
     if banking is None:
         banking = np.full(count, head.numbers.get('reference_line_start_b', 0.0))
@@ -204,12 +207,15 @@ def _filled(path: Path, v: np.ndarray, heights: np.ndarray) -> np.ndarray:
     return heights
 
 
-def _uniform(v: np.ndarray, heights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _uniform(path: Path, v: np.ndarray, heights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The same surface at equal distances, linear between the given ones."""
     steps = np.diff(v)
     if np.ptp(steps) < 1e-6 * steps.max():
         return v, heights
-    even = np.linspace(v[0], v[-1], max(round((v[-1] - v[0]) / steps.min()), 1) + 1)
+    count = max(round((v[-1] - v[0]) / steps.min()), 1) + 1
+    if count * len(heights) > LARGEST_RASTER:
+        raise SceneError(f'{path}: {count * len(heights)} heights at equal distances are too many (at most {LARGEST_RASTER})')
+    even = np.linspace(v[0], v[-1], count)
     return even, np.array([np.interp(even, v, row) for row in heights])
 
 

@@ -39,11 +39,11 @@ REASONS = {  # by key, or by what keys begin with where there is a *
     **dict.fromkeys(('Q_FCX', 'QFCX', 'Q_FCY', 'QFCY', 'Q_FCY2', 'Q_FZ3', 'QFZ3', 'QFCG', 'Q_CAM*', 'QCAM*', 'Q_FYS*', 'QFYS*'), LOAD),
     **dict.fromkeys(('MC_CONTOUR_*',), 'the tread is flat across: no round contour'),
     **dict.fromkeys(('DYNAMIC_STIFFNESS', 'DYNAMIC_DAMPING'), 'the vertical spring does not depend on frequency'),
-    **dict.fromkeys(('Q_RA*', 'Q_RB*', 'Q_A1', 'Q_A2', 'QA*', 'ELLIPS_*'), 'the enveloping contact has its own measures (road.contact)'),
+    **dict.fromkeys(('Q_A1', 'Q_A2', 'QA*', 'ELLIPS_*'), 'the enveloping contact has its own rows and steps (road.contact)'),
     **dict.fromkeys(('KPUMIN', 'KPUMAX', 'ALPMIN', 'ALPMAX', 'FZMIN', 'PRESMIN', 'PRESMAX'), RANGE),
     **dict.fromkeys(('PTX4', 'PTY3', 'VXLOW'), 'standstill and low speed are those of the element (low_speed, standstill_damping)'),
     **dict.fromkeys(('ASPECT_RATIO', 'RIM_WIDTH', 'SHAPE/table'), 'measures that no equation of the model has'),
-    **dict.fromkeys(('ENV_C1', 'ENV_C2'), 'the enveloping contact has its own measures (road.contact)'),
+    **dict.fromkeys(('ENV_C1', 'ENV_C2'), 'the effective height and slope are not attenuated'),
     **dict.fromkeys(('BOTTOMING_RADIUS',), 'there is no BOTTOMING_CURVE'),
     **dict.fromkeys(('LKG',), 'no scale factor of the camber stiffness in 5.2'),
     **dict.fromkeys(('FE_METHOD',), 'combined slip by the coefficients RB*, RC*, not by a friction ellipse'),
@@ -59,6 +59,9 @@ def receipt(data: TireData, *, turn_slip: bool = False) -> list[Entry]:
     found: list[Entry] = []
     for key, value in data.values.items():
         why = _unread(data, key, turn_slip)
+        if key == 'QSY7' and value == 0.0:
+            found.append(Entry(key=key, fate='used', value=value, why='0 stands for not fitted and is taken as 1'))
+            continue
         found.append(Entry(key=key, fate='ignored' if why else 'used', value=value, why=why or data.notes.get(key, '')))
     for place, kept in data.extra.items():
         key = place.rpartition('/')[2]

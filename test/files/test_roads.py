@@ -159,7 +159,7 @@ def crg_text(head: str = '', form: str = 'LRFI', data: str = ' 0.0 0.0\n') -> by
         (b'', 'has no data'),
         (b'$CT\nnothing here\n', 'has no data'),
         (crg_text(form='XYZ'), 'form XYZ are not supported'),
-        (crg_text('reference_line_start_x = here'), 'reference_line_start_x = here: must be a finite number'),
+        (crg_text('reference_line_start_x = here'), 'reference_line_start_x = here: must be a finite number below 1e+09'),
         (crg_text(data='       0.0       0.0\n'), 'has 1 rows of 2 numbers'),
         (crg_text(data='       abc       0.0\n' * 3), 'data = abc'),
         (crg_text(data=' *missing* *missing*\n' * 3), 'row 0 has no height at all'),
