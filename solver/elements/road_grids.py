@@ -86,7 +86,9 @@ class Raster:
         for name in ('low', 'resolution'):
             object.__setattr__(self, name, finite(where, name, getattr(self, name), low=-1e6, high=1e6))
         length = len(self.packed)
-        require(length <= LARGEST_PACKED, where, 'packed', f'{length} characters', f'{LARGEST_PACKED} at most: take a part, or coarser steps')
+        require(
+            length <= LARGEST_PACKED, where, 'packed', f'{length} characters', f'{LARGEST_PACKED} at most: take a part, or coarser steps'
+        )
         require(self.values.size == size, where, 'packed', '...', 'has another size')
 
     @staticmethod
@@ -113,7 +115,9 @@ class Raster:
             data = zlib.decompressobj().decompress(base64.b64decode(self.packed, validate=True), size + 1)
         except (binascii.Error, zlib.error, ValueError):
             data = b''
-        require(len(data) == size, 'raster', 'packed', f'{len(data)} bytes', f'must be {size} bytes (16 bits a number), deflated, in base64')
+        require(
+            len(data) == size, 'raster', 'packed', f'{len(data)} bytes', f'must be {size} bytes (16 bits a number), deflated, in base64'
+        )
         steps = np.frombuffer(data, '<u2').reshape(self.rows, self.columns).astype(np.int64)
         return self.low + self.resolution * (np.cumsum(steps, axis=0) % (_LEVELS + 1))
 
