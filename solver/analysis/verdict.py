@@ -35,8 +35,7 @@ from typing import Any
 import numpy as np
 
 from solver.compiled.portable import norm
-from solver.elements.enveloping import sharpest
-from solver.elements.road import RandomRoad, envelops
+from solver.elements.road import RandomRoad, edge, envelops
 from solver.model.saddle import CONDENSED
 from solver.output import energy as account
 from solver.simulation import Simulation
@@ -257,10 +256,10 @@ def _road(s: Simulation) -> Finding | None:
     for k, (grid, enveloped) in enumerate(zip(road.grids, envelops(road, radius), strict=True)):
         if enveloped or isinstance(grid, RandomRoad):
             continue  # the spectrum of a random road ends where the tire envelops
-        edge = sharpest(grid.heights)
-        if edge.curvature > worst:
-            worst = edge.curvature
-            place = f'road.grids[{k}].height[{edge.node[0]}][{edge.node[1]}] at x = {edge.place[0]:.4g} m, y = {edge.place[1]:.4g} m'
+        found = edge(grid)
+        if found.curvature > worst:
+            worst, (i, j), (x, y) = found.curvature, found.node, found.place
+            place = f'road.grids[{k}].height[{i}][{j}] at x = {x:.4g} m, y = {y:.4g} m'
     return _finding('road_curvature', worst, 1.0 / radius, None, '1/m', None, place, 'a hollow of the road is rounder than the wheels:',
                     'take road.contact: enveloping, or give the profile that the wheel makes of the obstacle')  # fmt: skip
 

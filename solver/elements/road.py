@@ -19,7 +19,7 @@ import numpy as np
 from solver.compiled.dual import sqrt
 from solver.compiled.kernel import kernel
 from solver.compiled.portable import norm, solve_tridiagonal
-from solver.elements.enveloping import Footprint, Heights, effective, sharpest
+from solver.elements.enveloping import Edge, Footprint, Heights, effective, sharpest
 from solver.elements.marker import Spec
 from solver.elements.road_grids import MOST_NODES, FrictionMap, HeightGrid, RandomRoad, RasterGrid
 from solver.validate import Vector, finite, require, vector
@@ -114,11 +114,17 @@ def _spline_coefficients(height: np.ndarray) -> np.ndarray:
     return c
 
 
+@functools.lru_cache(maxsize=16)  # asked for whenever a run is judged
+def edge(grid: HeightGrid | RasterGrid) -> Edge:
+    """The roundest hollow of a grid."""
+    return sharpest(grid.heights)
+
+
 def envelops(spec: RoadSpec, radius: float) -> tuple[bool, ...]:
     """Which grids of a road are enveloped by wheels of this radius [m]. Random roads end where the tire envelops, unless asked for."""
     if spec.contact != 'auto':
         return (spec.contact == 'enveloping',) * len(spec.grids)
-    return tuple(not isinstance(g, RandomRoad) and sharpest(g.heights).curvature > 1.0 / radius for g in spec.grids)
+    return tuple(not isinstance(g, RandomRoad) and edge(g).curvature > 1.0 / radius for g in spec.grids)
 
 
 @functools.lru_cache(maxsize=2)  # the start of a scene compiles its model more than once
