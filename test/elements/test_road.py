@@ -7,7 +7,8 @@ import pytest
 
 from solver.compiled.dual import partial, variable
 from solver.compiled.kernel import kernel
-from solver.elements.road import ISO_8608_DENSITY, FrictionPatch, HeightGrid, RandomRoad, RoadSpec, compile_road, road_at, surface_at
+from solver.elements.road import FrictionPatch, HeightGrid, RandomRoad, RoadSpec, compile_road, road_at, surface_at
+from solver.elements.road_grids import ISO_8608_DENSITY
 from solver.errors import SpecError
 
 
