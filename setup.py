@@ -91,6 +91,7 @@ setup(
         'console_scripts': [
             f'simulator = {NAME}.node.main:main',
             f'maneuver = {NAME}.node.maneuver_player:main',
+            f'adapter = {NAME}.node.adapter:main',
             f'mbd = {NAME}.commands.main:main',
         ],
     },

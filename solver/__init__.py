@@ -42,6 +42,10 @@ def simulation_of(scene: Scene) -> Simulation:
     """
     from solver.simulation import Simulation
 
+    if scene.maneuver.by_road_wheel:
+        from solver.levels.road_wheel import by_steering_wheel
+
+        scene = by_steering_wheel(scene)
     level, simulate = None, None
     if scene.reduced:
         from solver.levels import derive

@@ -9,9 +9,11 @@ from dataclasses import dataclass, field
 from typing import Annotated, Literal, NamedTuple
 
 from solver.errors import SpecError, suggestion
+from solver.inputs.actuation import Actuation
 from solver.inputs.maneuver import Maneuver, base_names
 from solver.model.compile import joint_coordinates
 from solver.model.spec import ModelSpec
+from solver.output.sensors import Sensors
 from solver.quantities import published, quantity
 from solver.step.settings import IntegratorSettings
 from solver.validate import finite, require
@@ -62,7 +64,8 @@ class StartSettings:
 class Record:
     """What a recording holds besides the standard topics.
 
-    every: one message set per so many steps. elements: force element columns. reactions: constraint forces of all rows.
+    every: one message set per so many steps. elements: force element columns, elements_rate: how often (0: in every message set); they are
+    most of a recording. reactions: constraint forces of all rows.
     branches: look at every step whether the mechanism leaves a singular position on another branch than it came in on (slow: a dense
     decomposition of all constraints); the run reports `branch_switches`. poses: how often /tf places all bodies, at most 100 times a
     second; 0: never.
@@ -70,17 +73,26 @@ class Record:
 
     every: int = 1
     elements: bool = True
+    elements_rate: Annotated[float, 'Hz'] = 100.0
     reactions: bool = False
     branches: bool = False
     poses: Annotated[float, 'Hz'] = 50.0
 
     def __post_init__(self) -> None:
         finite('record', 'every', self.every, low=1)
+        finite('record', 'elements_rate', self.elements_rate, low=0.0)
         finite('record', 'poses', self.poses, low=0.0, high=100.0)
 
     def poses_every(self, h: float) -> int:
         """Steps of h [s] between two instants at which all bodies are placed, a multiple of `every`; 0: there are none."""
-        return self.every * max(1, math.ceil(round(1.0 / (self.poses * h * self.every), 6))) if self.poses > 0.0 else 0
+        return self._apart(self.poses, h) if self.poses > 0.0 else 0
+
+    def elements_every(self, h: float) -> int:
+        """Steps of h [s] between two instants at which force elements are recorded, a multiple of `every`."""
+        return self._apart(self.elements_rate, h) if self.elements_rate > 0.0 else self.every
+
+    def _apart(self, rate: float, h: float) -> int:
+        return self.every * max(1, math.ceil(round(1.0 / (rate * h * self.every), 6)))
 
 
 class Bound(NamedTuple):
@@ -164,9 +176,10 @@ class Require:
 class Scene:
     """A complete simulation task.
 
-    name, title: for people. model: the mechanism or vehicle on its road. duration: simulated time [s]. seed: of everything random.
-    fidelity: how much of a vehicle is simulated (solver.levels); 'auto' is what the plan of this scene says. switches: subsystems of a
-    vehicle that are 'off', at every level (SUBSYSTEMS, docs/scene.md).
+    name, title: for people. model: the mechanism or vehicle on its road. actuation: which commands a vehicle takes, and the actuators
+    between them and its inputs. duration: simulated time [s]. seed: of everything random but the noise of sensors. sensors: accuracy and
+    noise of odom and imu. fidelity: how much of a vehicle is simulated (solver.levels); 'auto' is what the plan of this scene says.
+    switches: subsystems of a vehicle that are 'off', at every level (SUBSYSTEMS, docs/scene.md).
     resolved: the scene as YAML text with every include and override expanded; load_scene_text() of it gives the same scene ('' for a
     scene made in Python).
     """
@@ -176,11 +189,13 @@ class Scene:
     title: str = ''
     start: StartSettings = StartSettings()
     maneuver: Maneuver = field(default_factory=Maneuver)
+    actuation: Actuation = field(default_factory=Actuation)
     integrator: IntegratorSettings = field(default_factory=IntegratorSettings)
     fidelity: Fidelity = 'full'
     switches: dict[str, Literal['on', 'off']] = field(default_factory=dict)
     duration: Annotated[float, 's'] = 10.0
     record: Record = Record()
+    sensors: Sensors = field(default_factory=Sensors)
     require: Require = Require()
     budget: Budget = Budget()
     seed: int = 0
@@ -196,6 +211,10 @@ class Scene:
         names = base_names(self.model.inputs)
         for name in (n for n in self.maneuver.channels if n not in names):
             require(False, where_, 'maneuver', name, 'the model has no such input' + suggestion(name, names))
+        if self.maneuver.by_road_wheel:
+            require('steering' in names, where_, 'maneuver.road_wheel', '...', 'needs the input steering: an angle, of a vehicle')
+        for name in (n for n in self.actuation.actuators if n not in names):
+            require(False, where_, 'actuation.actuators', name, 'the model has no such input' + suggestion(name, names))
         _check_accuracy(where_, self.require.accuracy, self.model)
         for name in (n for n in self.switches if n not in SUBSYSTEMS):
             require(False, where_, 'switches', name, 'no such subsystem' + suggestion(name, SUBSYSTEMS))

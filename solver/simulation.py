@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, cast
 
@@ -11,25 +10,26 @@ import numpy as np
 
 from solver.compiled.by_reference import Ref, nbytes
 from solver.compiled.kernel import address_of
-from solver.compiled.portable import product
-from solver.compiled.so3 import matrix_of_quaternion
 from solver.errors import SpecError, StepError
 from solver.files.urdf import robot_description
 from solver.inputs.driver import Sight
-from solver.inputs.maneuver import DriverSource, source_of
+from solver.inputs.maneuver import ManeuverSource
 from solver.inputs.recorded import RecordedSource
+from solver.inputs.sources import Sources
 from solver.model.evaluate import constraint_input_rates, evaluate_constraints, evaluate_forces, prepare
 from solver.model.saddle import CONDENSED, new_saddle
 from solver.model.state import State, copy_state, fill_kinematics, fitting, kinematics_of, load_state, new_state, save_state
 from solver.model.tables import Model
-from solver.output.branches import BranchSwitch, BranchWatch, unexplained_turn
+from solver.output.branches import BranchSwitch, BranchWatch
 from solver.output.collect import channels_of, collect
 from solver.output.dependence import describe, scaled_jacobian
 from solver.output.energy import WORST, update_energy
 from solver.output.snapshot import NO_STEPS, Counters, Snapshot, layout_of, new_numbers, output_arrays
 from solver.scene import Scene
+from solver.start.displacement import displace, require_uniform, sight
 from solver.start.initial_conditions import InitialConditions
-from solver.start.newton import ConsistentState, move
+from solver.start.newton import ConsistentState
+from solver.start.rescue import turn_across
 from solver.step.adaptation import Adaptation, is_idle
 from solver.step.augmented_lagrangian import advance, perform
 from solver.step.constraint_coefficients import ConstraintCoefficients, coefficients_of, weigh
@@ -47,11 +47,13 @@ class Simulation:
     """Compile a scene, find its consistent start, advance it in whole steps.
 
     Raises SpecError, SceneError or ConsistencyError on construction and StepError from advance(); each is one sentence.
-    level: what the model leaves out of the vehicle it was derived from (None: it is the model of the scene as given).
+    level: what the model leaves out of the vehicle it was derived from (None: it is the model of the scene as given). displaced: it was
+    placed somewhere since its start.
     """
 
     KINDS: tuple[str, ...] = ('alf', 'm_alf')  # of integrators
     level: LevelReport | None = None
+    displaced = False
 
     def __init__(self, scene: Scene) -> None:
         if scene.reduced:
@@ -102,7 +104,7 @@ class Simulation:
         self.branches = BranchWatch() if watched else None
         self.k = 0
         self.start = InitialConditions(
-            scene, self.model, self._states, values, self._inputs_at_start(),
+            scene, self.model, self._states, values, self.sources.reset(),
             chassis=self.channels.chassis or 0, work=self._work, explain=self._failure,
         ).find()  # fmt: skip
         copy_state(self.state, self._initial)
@@ -110,23 +112,18 @@ class Simulation:
 
     def _take_inputs(self, scene: Scene) -> None:
         """Prepare the sources of the inputs, sampled at the instant `stage` of a step. Raises SpecError."""
-        self.source = source_of(scene.maneuver, scene.model.inputs, self.h_ns, self.stage)
-        if isinstance(self.source, RecordedSource) and scene.steps > self.source.steps:
-            last = self.source.steps * self.h_ns * 1e-9
-            raise SpecError(f'duration = {scene.duration:g}: {self.source.given.where} ends at {last:g} s; set duration to that or less')
-        self.driver: DriverSource | None = None
-        if scene.maneuver.closed_loop:
-            self.driver = DriverSource(scene.maneuver, scene.model.inputs, self.h_ns, self.stage, scene.start.speed)
+        names, speed = scene.model.inputs, scene.start.speed
+        self.sources = Sources(scene.maneuver, scene.actuation, names, self.h_ns, self.stage, speed=speed, duration=scene.duration)
+
+    @property
+    def source(self) -> ManeuverSource | RecordedSource:
+        """Of the inputs that depend on time alone."""
+        return self.sources.of_time
 
     @property
     def state(self) -> State:
         """The current state (the arrays themselves)."""
         return cast(State, self._states[0].value)
-
-    def _inputs_at_start(self) -> np.ndarray:
-        if isinstance(self.source, RecordedSource):
-            return self.source.start
-        return self.scene.maneuver.inputs_at_start(self.scene.model.inputs)
 
     # -- time ----------------------------------------------------------------------------------------------------------
 
@@ -172,12 +169,10 @@ class Simulation:
     def reset(self) -> None:
         """Back to the start, bit for bit."""
         copy_state(self._initial, self.state)
-        self.k = 0
+        self.k, self.displaced = 0, False
         self._totals = self._counters = NO_STEPS
         self._rescued.clear()
-        self._inputs = self._inputs_at_start()
-        if self.driver is not None:
-            self.driver.reset()
+        self._inputs = self.sources.reset()
         self._refresh()
         if self.adaptation is not None:
             self.adaptation.start(self.state)
@@ -214,15 +209,15 @@ class Simulation:
     def advance(self, n: int = 1, inputs: np.ndarray | None = None, *, audit: bool = True) -> Snapshot:
         """Advance n steps and return the Snapshot after the last.
 
-        inputs: (nu,) held for all steps, or (n, nu) one row a step; None samples maneuver and driver of the scene. audit:
-        evaluate forces after every step, keep the energy balance and look for branch switches if the scene asks for them. On
+        inputs: (nu,) held for all steps, or (n, nu) one row a step; None samples maneuver and driver of the scene, behind its actuators.
+        audit: evaluate forces after every step, keep the energy balance and look for branch switches if the scene asks for them. On
         failure the state is that of the last good step.
         """
-        if inputs is None and self.driver is not None:
+        if inputs is None and self.sources.step_by_step:
             rows = np.empty((n, len(self._inputs)))
             for i in range(n):
                 self._applied = rows[:i]
-                rows[i] = self.driver.sample(self.k, self._sight())
+                rows[i] = self.sources.sample(self.k, self._sight)
                 self._advance(1, rows[i : i + 1], audit)
             self._applied = rows
             return self.snapshot()
@@ -270,26 +265,26 @@ class Simulation:
     def _look_at_rescue(self, k: int) -> None:
         """Note whether the steps that replaced one that failed, up to step k of the grid, left on another branch than they came."""
         assert self.adaptation is not None
-        begin, end = self.adaptation.values.begin, self.state
-        turn = unexplained_turn(*(self._jacobian(s, t) for s, t in ((begin, -self.h), (begin, 0.0), (end, 0.0), (end, self.h))))
+        turn = turn_across(self.model, self.adaptation.values.begin, self.state, self._inputs, self.h, self._work.J_end)
         if turn > 0.0:
             self._rescued.append(BranchSwitch((k - 1) * self.h_ns * 1e-9, turn))
-
-    def _jacobian(self, s: State, later: float) -> np.ndarray:
-        """Scaled constraint Jacobian of a state moved by so many seconds."""
-        q = s.q.copy()
-        move(q, later * s.v + 0.5 * later**2 * s.a_stage)
-        phi, J = np.zeros(self.model.n_rows), np.zeros_like(self._work.J_end)
-        evaluate_constraints(self.model.tables, kinematics_of(q, s.v), s.angle, self._inputs, True, phi, J)
-        return scaled_jacobian(self.model, J)
 
     def _sight(self) -> Sight:
         """What a driver sees now."""
         chassis = self.channels.chassis or 0
-        q, v = self.state.q[chassis], self.state.v[chassis]
-        R, com = np.array(matrix_of_quaternion(tuple(q[3:]))).reshape(3, 3), np.array(self.model.spec.bodies[chassis].com)
-        p = q[:3] - product(R, com)
-        return Sight(float(p[0]), float(p[1]), math.atan2(R[1, 0], R[0, 0]), float(product(R[:, 0], v[:3]) - np.cross(v[3:], com)[0]))
+        return sight(self.state.q[chassis], self.state.v[chassis], self.model.spec.bodies[chassis].com)
+
+    def place(self, x: float, y: float, heading: float) -> None:
+        """Move everything so that the chassis stands at x, y [m] with a heading [rad]; its motion goes on as it was, in its own axes.
+
+        Raises SpecError on a road that is not the same everywhere.
+        """
+        require_uniform(self.scene.model.road)
+        displace(self.state, self._sight(), (x, y, heading))
+        self.displaced = True
+        self._refresh()
+        if self.adaptation is not None:
+            self.adaptation.start(self.state)
 
     def _count(self, counters: Counters) -> None:
         self._counters = self._counters.followed_by(counters)
@@ -308,9 +303,7 @@ class Simulation:
     def save(self) -> bytes:
         """Everything the future depends on."""
         memory = self.adaptation.memory() if self.adaptation is not None else {}
-        if self.driver is not None:
-            memory['driver'] = self.driver.state
-        return save_state(self.state, self.k, {'inputs': self._inputs, 'audit': self._work.energy, **memory})
+        return save_state(self.state, self.k, {'inputs': self._inputs, 'audit': self._work.energy, **memory, **self.sources.memory()})
 
     def restore(self, data: bytes) -> None:
         """Continue from save(); raises SpecError if it belongs to another model."""
@@ -326,10 +319,7 @@ class Simulation:
         if extra.get('audit', np.zeros(0)).shape != self._work.energy.shape:
             raise SpecError('restore: the state was saved by another version of the solver; save it anew')
         inputs = fitting('inputs', extra.get('inputs'), self._inputs)
-        if self.driver is not None:
-            if 'driver' not in extra:
-                raise SpecError('restore: the saved state has no driver: it is of another scene')
-            self.driver.state = fitting('driver', extra['driver'], self.driver.state)
+        self.sources.recall(extra)
         copy_state(state, self.state)
         self.k = k
         self._inputs = inputs

@@ -9,10 +9,13 @@ import re
 from pathlib import Path
 
 from mbd_sim_ros.messages.encode import Messages, Topic
-from mbd_sim_ros.node.commands import LIMITS, PLAIN
+from mbd_sim_ros.node.adapter import PARAMETERS as ADAPTER
+from mbd_sim_ros.node.commands import BY_WHEEL, PLAIN
+from mbd_sim_ros.node.demands import HEARD, TOLD
+from mbd_sim_ros.node.interfaces import OFFERED, PACKAGE, snake
 from mbd_sim_ros.node.parameters import CHOICES, PARAMETERS
 from mbd_sim_ros.node.services import SERVICES
-from solver.inputs.maneuver import COMMANDS
+from solver.inputs.hands import COMMANDS
 from solver.output.snapshot import Channels
 
 FILE = Path(__file__).parents[1] / 'ros.md'
@@ -34,7 +37,6 @@ FURTHER = (
     ('`/clock`', 'rosgraph_msgs/Clock', 'best effort, 1', 'simulation time, at most 100 Hz (in lockstep every step)'),
     ('`/diagnostics`', 'diagnostic_msgs/DiagnosticArray', 'reliable, 10', 'health, once a second'),
 )
-UNITS = {'steering': 'steering wheel angle [rad]', 'drive_torque': 'at the differential [N m]', 'brake_torque': 'all wheels together [N m]'}
 
 
 def main() -> None:
@@ -44,7 +46,15 @@ def main() -> None:
 
 def render(text: str) -> str:
     """The text with every generated part as the code has it now."""
-    parts = {'topics': topics, 'commands': commands, 'services': services, 'parameters': parameters}
+    parts = {
+        'topics': topics,
+        'commands': commands,
+        'services': services,
+        'parameters': parameters,
+        'adapter': adapter,
+        'adapter_parameters': adapter_parameters,
+        'interfaces': interfaces,
+    }
     return PART.sub(lambda m: f'<!-- begin {m["name"]} -->\n{table(*parts[m["name"]]())}<!-- end -->', text)
 
 
@@ -73,17 +83,35 @@ def quality(topic: Topic) -> str:
 
 def commands() -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """What is listened to."""
-    rows = [
-        (f'`~/{topic}`', 'std_msgs/Float64', 'reliable, 1', f'{UNITS[name]}, limit: `{limit}`')
-        for topic, name, limit in zip(PLAIN, COMMANDS, LIMITS, strict=True)
-    ]
-    stamped = 'any of ' + ', '.join(f'`{name}`' for name in COMMANDS) + ' by name; `header.stamp`: the state that is answered'
-    return ('topic', 'type', 'QoS', ''), [*rows, ('`~/lockstep_cmd`', 'sensor_msgs/JointState', 'reliable, 10', stamped)]
+    rows = [(f'`~/{c.topic}`', 'std_msgs/Float64', 'reliable, 1', f'{c.text}, limit: `{c.limit}`') for c in PLAIN.values()]
+    single = '; '.join(f'`{start}{WHEEL}`: {c.text}, limit: `{c.limit}`' for start, c in BY_WHEEL.items())
+    stamped = 'any commands by name (' + ', '.join(f'`{name}`' for name in PLAIN) + '); `header.stamp`: the state that is answered'
+    named = [('`~/wheel_cmd`', single), ('`~/lockstep_cmd`', stamped)]
+    return ('topic', 'type', 'QoS', ''), [*rows, *((topic, 'sensor_msgs/JointState', 'reliable, 10', text) for topic, text in named)]
 
 
 def services() -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """What may be called."""
     return ('service (std_srvs/Trigger)', ''), [(f'`~/{name}`', text) for name, text in SERVICES.items()]
+
+
+def adapter() -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """What the adapter hears and tells."""
+    rows: list[tuple[str, ...]] = [
+        (f'`{h.topic}`', h.type.replace('/msg/', '/'), 'reliable, 1' + (', latched' if h.latched else ''), f'in: {h.text}') for h in HEARD
+    ]
+    rows += [(f'`{t.topic}`', t.type.replace('/msg/', '/'), 'reliable, 1', f'out: {t.text}') for t in TOLD]
+    return ('topic', 'type', 'QoS', ''), rows
+
+
+def adapter_parameters() -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """What may be set of the adapter."""
+    return ('parameter', '', 'default'), [(f'`{n}`', text, 'empty' if d == '' else str(d)) for n, (d, text) in ADAPTER.items()]
+
+
+def interfaces() -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """What there is of simulation_interfaces."""
+    return ('interface', ''), [(f'`~/{snake(name)}` {PACKAGE}/{name}', text) for name, text in OFFERED.items()]
 
 
 def parameters() -> tuple[tuple[str, ...], list[tuple[str, ...]]]:

@@ -36,6 +36,7 @@ INPUT_UNITS = {
     'steering_acceleration': 'rad/s^2',
     'drive_torque': 'N m',
     'brake_torque': 'N m',
+    'steering_torque': 'N m',
 }
 
 
@@ -75,7 +76,8 @@ def _unit(column: str, kinds: Mapping[str, str], elements: Mapping[str, Mapping[
         of_joint = JOINT_UNITS.get(kinds.get(joint, ''), {})
         return of_joint.get(part, '')
     if topic == 'cmd_applied':
-        return INPUT_UNITS.get(rest, '1' if rest == 'step' else '')
+        torque = rest.startswith(('drive_torque_', 'brake_torque_'))  # of single wheels
+        return 'N m' if torque else INPUT_UNITS.get(rest, '1' if rest == 'step' else '')
     if topic == 'tire_states':
         return (TIRES.outputs[last] or '1') if last in TIRES.outputs else ''
     if topic == 'element_states':

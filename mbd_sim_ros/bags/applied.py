@@ -64,6 +64,6 @@ class Applied:
 def begin_of(simulation: Any) -> dict[str, str]:
     """What a recording that begins now says about its beginning: entries for its description."""
     begin = {'start_step': str(simulation.k)}
-    if simulation.k:
+    if simulation.k or getattr(simulation, 'displaced', False):
         begin['start_state'] = base64.b64encode(simulation.save()).decode()
     return begin

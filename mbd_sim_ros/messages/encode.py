@@ -18,6 +18,7 @@ from mbd_sim_ros.messages.cdr import ENCAPSULATION, Template, template
 from solver.elements.tire_pacejka import TIRE_COLUMNS
 from solver.errors import StepError
 from solver.files.urdf import link_of
+from solver.output.sensors import Sensors
 from solver.output.snapshot import NO_STEPS, Channels, Snapshot, layout_of, new_numbers
 
 JOINT_STATE = 'sensor_msgs/msg/JointState'
@@ -62,7 +63,8 @@ class Messages:
     """Turns snapshots into encoded messages, one per topic.
 
     `frame_prefix` is put before every frame name (several vehicles in one graph). `element_states` and `reactions` add the
-    outputs of every force element and the reaction of every constraint row as named scalars. poses_every: steps between messages that
+    outputs of every force element and the reaction of every constraint row as named scalars. elements_every: steps between messages of
+    `element_states`. sensors: covariances and noise of odom and imu. poses_every: steps between messages that
     place all bodies (0: none does); links: their names in `robot_description`, 'base_link' for one that has its place anyway (default: all
     bodies but the chassis under their own names); imu_at: where the chassis has its centre of mass [m]. All messages lie in one buffer, and
     a step is one indexed copy from the numbers of the snapshot to those of the messages: one instance serves one thread.
@@ -75,13 +77,16 @@ class Messages:
         frame_prefix: str = '',
         element_states: bool = False,
         reactions: bool = False,
+        elements_every: int = 1,
         poses_every: int = 0,
         links: Sequence[str] = (),
         imu_at: Sequence[float] = (0.0, 0.0, 0.0),
+        sensors: Sensors | None = None,
     ) -> None:
         self.channels = channels
+        self._sensors = sensors if sensors is not None and sensors.noise and channels.chassis is not None else None
         self._prefix = frame_prefix
-        self._poses_every = poses_every
+        self.poses_every = poses_every
         topics: list[Topic] = []
         templates: list[Template] = []
         filled: list[tuple[int, int, np.ndarray]] = []  # template, offset in it, which numbers of the snapshot go there
@@ -116,10 +121,15 @@ class Messages:
             chassis = channels.chassis
             frames.append(self.frame('base_link'))
             places.append(s.pose[chassis])
-            odom = add(Topic('odom', ODOMETRY), {'header': {'frame_id': self.frame('odom')}, 'child_frame_id': self.frame('base_link')})
+            said = (Sensors() if sensors is None else sensors).covariances
+            header = {'header': {'frame_id': self.frame('odom')}, 'child_frame_id': self.frame('base_link')}
+            odom = add(Topic('odom', ODOMETRY), header | said['odom'])
+            self._sensed = [(len(templates) - 1, odom.places[path].offset) for path in ('pose.pose.position.x', 'twist.twist.linear.x')]
             fill(odom, 'pose.pose.position.x', s.pose[chassis])
             fill(odom, 'twist.twist.linear.x', s.twist[chassis])
-            imu = add(Topic('imu', IMU), {'header': {'frame_id': self.frame('imu_link')}})
+            imu = add(Topic('imu', IMU), {'header': {'frame_id': self.frame('imu_link')}} | said['imu'])
+            paths = ('orientation.x', 'angular_velocity.x', 'linear_acceleration.x')
+            self._sensed += [(len(templates) - 1, imu.places[path].offset) for path in paths]
             fill(imu, 'orientation.x', s.pose[chassis, 3:])
             fill(imu, 'linear_acceleration.x', s.imu[:3])
             fill(imu, 'angular_velocity.x', s.imu[3:])
@@ -164,13 +174,16 @@ class Messages:
             templates.append(template(TF, placed(frames, places, [] if channels.chassis is None else [sensor])))
             place_all(templates[-1], places)
         self.topics = tuple(topics)
+        slow = {'element_states': elements_every}
+        self._every = [slow.get(topic.name, 1) for topic in topics]
         self._lay_out(templates, filled, applied)
 
     @classmethod
     def of(cls, scene: Any, simulation: Any, frame_prefix: str = '') -> Messages:
         """The encoder of what a simulation (solver.simulation.Simulation or alike) shows, as its scene has it recorded."""
         channels, record = simulation.channels, scene.record
-        every = record.poses_every(simulation.h_ns * 1e-9)
+        h = simulation.h_ns * 1e-9
+        every = record.poses_every(h)
         links, at = [], (0.0, 0.0, 0.0)
         if every:
             model = simulation.scene.model  # of a level of detail it is not that of the scene that was asked for
@@ -181,9 +194,11 @@ class Messages:
             frame_prefix=frame_prefix,
             element_states=record.elements,
             reactions=record.reactions,
+            elements_every=record.elements_every(h),
             poses_every=every,
             links=links,
             imu_at=at,
+            sensors=scene.sensors,
         )
 
     def _lay_out(self, templates: list[Template], filled: list[tuple[int, int, np.ndarray]], applied: Template) -> None:
@@ -203,6 +218,8 @@ class Messages:
         self._stamps = np.array(stamps)[:, None] + np.arange(2)
         target = [(begins[k] + offset) // 8 + np.arange(len(source)) for k, offset, source in filled]
         self._source, self._target = np.concatenate([source for *_, source in filled]), np.concatenate(target)
+        if self._sensors is not None:
+            self._sensed_at = [(begins[k] + offset) // 8 for k, offset in self._sensed]
         begin = begins[self._applied]
         self._step = (begin + applied.places['position'].offset) // 8 + applied.places['position'].size - 1
 
@@ -219,14 +236,29 @@ class Messages:
         self._words[self._stamps] = divmod(snapshot.t_ns, 1_000_000_000)
         self._numbers[self._target] = snapshot.numbers[self._source]
         self._numbers[self._step] = snapshot.k
-        messages: list[bytes | None] = [bytes(message) for message in self._messages[: self._seldom]]
+        if self._sensors is not None:
+            self._scatter(self._sensors, snapshot.k)
+        due = zip(self._messages[: self._seldom], self._every)
+        messages: list[bytes | None] = [
+            bytes(message) if every == 1 or whole or snapshot.k % every == 0 else None for message, every in due
+        ]
         if self._seldom is not None:
-            placed = bytes(self._messages[self._seldom]) if whole or snapshot.k % self._poses_every == 0 else None
+            placed = bytes(self._messages[self._seldom]) if whole or snapshot.k % self.poses_every == 0 else None
             if len(messages) < len(self.topics):
                 messages.append(placed)
             elif placed is not None:
                 messages[-1] = placed
         return messages
+
+    def _scatter(self, sensors: Sensors, k: int) -> None:
+        """Put the noise of step k onto the numbers of odom and imu."""
+        pose, twist, orientation, rate, acceleration = self._sensed_at
+        n = self._numbers
+        odom = np.concatenate([n[pose : pose + 7], n[twist : twist + 6]])
+        imu = np.concatenate([n[orientation : orientation + 4], n[rate : rate + 3], n[acceleration : acceleration + 3]])
+        sensors.scatter(k, odom, imu)
+        n[pose : pose + 7], n[twist : twist + 6] = odom[:7], odom[7:]
+        n[orientation : orientation + 4], n[rate : rate + 3], n[acceleration : acceleration + 3] = imu[:4], imu[4:7], imu[7:]
 
 
 def require_finite(snapshot: Snapshot, channels: Channels) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
@@ -15,11 +15,35 @@ from std_msgs.msg import Float64
 
 from mbd_sim_ros.node.loop import Loop
 from solver.errors import suggestion
-from solver.inputs.maneuver import COMMANDS
 
 WARN_SECONDS = 2.0  # a repeated warning about a command is said this often
-PLAIN = ('steering_cmd', 'torque_cmd', 'brake_cmd')  # topics of the COMMANDS
-LIMITS = ('max_steering', 'max_drive_torque', 'max_brake_torque')  # parameters that limit them
+
+
+class Commanded(NamedTuple):
+    """A command: its topic (std_msgs/Float64), what it is, the parameter that limits it, and whether it may be below zero."""
+
+    topic: str
+    text: str
+    limit: str
+    signed: bool = True
+
+
+PLAIN = {
+    'steering': Commanded('steering_cmd', 'steering wheel angle [rad], positive to the left', 'max_steering'),
+    'steering_torque': Commanded('steering_torque_cmd', 'torque at the steering wheel [N m], instead of its angle', 'max_steering_torque'),
+    'road_wheel': Commanded('road_wheel_cmd', 'mean angle of the front road wheels [rad], instead of that of the wheel', 'max_road_wheel'),
+    'drive_torque': Commanded('torque_cmd', 'at the differential [N m]', 'max_drive_torque'),
+    'brake_torque': Commanded('brake_cmd', 'all wheels together [N m]', 'max_brake_torque', signed=False),
+}
+BY_WHEEL = {
+    'drive_torque_': Commanded('wheel_cmd', 'at a wheel [N m]', 'max_drive_torque'),
+    'brake_torque_': Commanded('wheel_cmd', "added to the wheel's share of the brake torque [N m]", 'max_brake_torque'),
+}
+
+
+def commanded(name: str) -> Commanded:
+    """What a command is."""
+    return PLAIN.get(name) or next(one for start, one in BY_WHEEL.items() if name.startswith(start))
 
 
 class Commands:
@@ -27,17 +51,19 @@ class Commands:
 
     An executor takes about 1 ms per message for its wait set, with the interpreter lock held; looking into the three
     subscriptions takes 20 us, and the command is used in the very next step.
-    refused: commands that were no numbers, or named no input. deaf: nothing is subscribed to, something else drives.
+    names: the commands of the scene (solver.inputs.hands.commands_of); each of the first three has a topic of its own, and those of single
+    wheels come together. refused: commands that were no numbers, or named no input. deaf: nothing is subscribed to, something else drives.
     """
 
     loop: Loop  # that gets the commands
 
-    def __init__(self, node: Node, *, deaf: bool) -> None:
+    def __init__(self, node: Node, names: tuple[str, ...], *, deaf: bool) -> None:
+        self.names = names
         self.deaf = deaf
         self.refused = 0
         self._node = node
         self._warned: dict[str, float] = {}
-        self._stamps = False  # somebody publishes stamped commands
+        self._heard: dict[str, bool] = {}  # topic of named commands -> somebody publishes
         self._inbox: list[tuple[Subscription, type, Callable[[Any], None]]] = []
         self._ears: Node | None = None
         if deaf:
@@ -50,13 +76,17 @@ class Commands:
             enable_rosout=False,
         )
         newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
-        for index, name in enumerate(PLAIN):
-            receive = self._plain(index, name)
-            full = node.resolve_topic_name(f'~/{name}')
-            self._inbox.append((self._ears.create_subscription(Float64, full, receive, newest), Float64, receive))
+        for index, name in enumerate(names):
+            if name in PLAIN:
+                receive = self._plain(index, PLAIN[name].topic)
+                full = node.resolve_topic_name(f'~/{PLAIN[name].topic}')
+                self._inbox.append((self._ears.create_subscription(Float64, full, receive, newest), Float64, receive))
         several = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)  # an old answer must not push the right one out
-        full = node.resolve_topic_name('~/lockstep_cmd')
-        self._answers = self._ears.create_subscription(JointState, full, self._stamped, several)
+        self._named = {
+            topic: (self._ears.create_subscription(JointState, node.resolve_topic_name(f'~/{topic}'), receive, several), receive)
+            for topic, receive in (('lockstep_cmd', self._stamped), ('wheel_cmd', self._unstamped))
+            if topic == 'lockstep_cmd' or len(names) > len(self._inbox)
+        }
 
     def close(self) -> None:
         """Listen no more."""
@@ -65,7 +95,8 @@ class Commands:
 
     def look_around(self) -> None:
         """Note who publishes; once a second, from the main thread."""
-        self._stamps = self._node.count_publishers(self._node.resolve_topic_name('~/lockstep_cmd')) > 0
+        if not self.deaf:
+            self._heard = {topic: self._node.count_publishers(self._node.resolve_topic_name(f'~/{topic}')) > 0 for topic in self._named}
 
     def poll(self) -> None:
         """Hand what is new to the loop; on the simulation thread."""
@@ -73,12 +104,15 @@ class Commands:
             message = _take(subscription, kind)
             if message is not None:
                 receive(message)
-        if not self.deaf and (self._stamps or self.loop.mode == 'lockstep'):
-            for _ in range(10):
-                message = _take(self._answers, JointState)
-                if message is None:
-                    return
-                self._stamped(message)
+        if self.deaf:
+            return
+        for topic, (subscription, receive) in self._named.items():
+            if self._heard.get(topic) or self.loop.mode == 'lockstep':
+                for _ in range(10):
+                    message = _take(subscription, JointState)
+                    if message is None:
+                        break
+                    receive(message)
 
     def _plain(self, index: int, topic: str) -> Callable[[Float64], None]:
         def receive(message: Float64) -> None:
@@ -89,33 +123,45 @@ class Commands:
         return receive
 
     def _stamped(self, message: JointState) -> None:
-        """Commands by the names of the inputs, that answer the state of header.stamp."""
-        values: dict[int, float] = {}
-        if len(message.name) != len(message.position) or not message.name:
-            self._refuse('lockstep_cmd', f'lockstep_cmd: {len(message.name)} names, {len(message.position)} positions; give one for each')
+        """Commands by their names, that answer the state of header.stamp."""
+        values = self._by_name('lockstep_cmd', message)
+        if values is None:
             return
-        for name, number in zip(message.name, message.position):
-            if name not in COMMANDS:
-                self._refuse('lockstep_cmd', f'lockstep_cmd: {name!r} is no command{suggestion(name, COMMANDS)}')
-                return
-            index = COMMANDS.index(name)
-            value = self._accepted(index, f'lockstep_cmd: {name}', number)
-            if value is None:
-                return
-            values[index] = value
         t_ns = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
         if not self.loop.answer(t_ns, values):
             now = self.loop.simulation.t_ns
             self._warn('answer', f'lockstep_cmd answers t = {t_ns * 1e-9:.6f} s, the state that is waiting is that of {now * 1e-9:.6f} s')
+
+    def _unstamped(self, message: JointState) -> None:
+        """Commands by their names, the newest wins."""
+        for index, value in (self._by_name('wheel_cmd', message) or {}).items():
+            self.loop.command(index, value)
+
+    def _by_name(self, topic: str, message: JointState) -> dict[int, float] | None:
+        """The commands in a message by their places; None when one of them is refused."""
+        values: dict[int, float] = {}
+        if len(message.name) != len(message.position) or not message.name:
+            self._refuse(topic, f'{topic}: {len(message.name)} names, {len(message.position)} positions; give one for each')
+            return None
+        for name, number in zip(message.name, message.position):
+            if name not in self.names:
+                self._refuse(topic, f'{topic}: {name!r} is no command{suggestion(name, self.names)}')
+                return None
+            index = self.names.index(name)
+            value = self._accepted(index, f'{topic}: {name}', number)
+            if value is None:
+                return None
+            values[index] = value
+        return values
 
     def _accepted(self, index: int, what: str, number: float) -> float | None:
         """The command within its limits; None for one that is not a number."""
         if not math.isfinite(number):
             self._refuse(f'{what} not finite', f'{what}: {number} is not a number; the command before it stays')
             return None
-        limit = LIMITS[index]
+        _, _, limit, signed = commanded(self.names[index])
         high = self._node.get_parameter(limit).value
-        value = min(max(number, 0.0 if COMMANDS[index] == 'brake_torque' else -high), high)
+        value = min(max(number, -high if signed else 0.0), high)
         if value != number:
             self._warn(what, f'{what}: {number:g} is beyond the limit; {value:g} is applied (parameter {limit})')
         return value

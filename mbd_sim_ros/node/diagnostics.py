@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from mbd_sim_ros.bags.recorder import Recorder
 from mbd_sim_ros.node.loop import Loop
 from solver.analysis.envelope import Envelope
-from solver.analysis.verdict import Finding, findings
+from solver.analysis.verdict import OK, SUSPECT, Finding, findings
 from solver.errors import BagError
 from solver.simulation import Simulation
 
@@ -28,10 +30,12 @@ def diagnosis(
     refused: int = 0,
     namesakes: int = 0,
     envelope: Envelope | None = None,
+    unpublished: Mapping[str, int] | None = None,
 ) -> DiagnosticStatus:
     """Level, message and values since the last call; name and hardware_id are left to the caller.
 
     refused: commands that were no numbers or named no input. namesakes: other nodes of the same name. envelope: see judged.
+    unpublished: messages that the budget of publishing dropped, by topic.
     """
     health = loop.health()
     values = {
@@ -63,8 +67,15 @@ def diagnosis(
         problems.append('recording has lost steps')
     if loop.mode == 'realtime' and not loop.paused and health.rate < SLOW * loop.rate_factor and health.steps > 0:
         problems.append('slower than real time')
+    if unpublished:
+        values['publishing dropped'] = ', '.join(f'{topic} {count}' for topic, count in unpublished.items())
+        problems.append(f'publishing takes longer than publish_budget: dropped {values["publishing dropped"]}')
     suspect = judged(loop.simulation, envelope)
     values['findings'] = len(suspect)
+    values['verdict'] = SUSPECT if suspect else OK
+    if envelope is not None:
+        left = any(finding.quantity == 'envelope' for finding in suspect)
+        values['envelope'] = ('left' if left else 'kept') if envelope.watches else 'none'
     problems += [f'suspect: {finding}' for finding in suspect]
     level, text = DiagnosticStatus.OK, 'running' if not loop.paused else 'paused'
     if problems:

@@ -17,6 +17,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
+from solver.inputs.hands import COMMANDS
 from solver.output.snapshot import Snapshot
 
 Mode = Literal['realtime', 'fast', 'lockstep']
@@ -42,11 +43,16 @@ class Stepper(Protocol):
 
 
 class Latched(NamedTuple):
-    """The newest commands (steering, drive torque, brake torque): one tuple, swapped as a whole."""
+    """The newest commands, in the order of Loop.commands: one tuple, swapped as a whole."""
 
-    values: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    times: tuple[int, int, int] = (-1, -1, -1)  # simulation time of arrival [ns]; -1: none came yet
-    counts: tuple[int, int, int] = (0, 0, 0)
+    values: tuple[float, ...]
+    times: tuple[int, ...]  # simulation time of arrival [ns]; -1: none came yet
+    counts: tuple[int, ...]
+
+    @classmethod
+    def none(cls, n: int, steering: float = 0.0) -> Latched:
+        """n commands of which none came yet; steering: what counts as the first until then."""
+        return cls((steering, *(0.0,) * (n - 1)), (-1,) * n, (0,) * n)
 
 
 class Answers(NamedTuple):
@@ -78,7 +84,8 @@ class Loop:
     `poll()` fetches what came in since (it calls `command`), right before every step and while lockstep waits.
     `inputs(values)` turns latched commands into the input vector of the next step (None: the scene's own maneuver drives).
     `emit(snapshot)` is called on the simulation thread after every step, and once at the start; `repeat()` from time to time while
-    lockstep waits for a first or lost answer. The attributes mode, rate_factor, command_timeout [s, 0: never] and
+    lockstep waits for a first or lost answer. commands: names of those that are latched, steering first; drive torques among them count
+    as zero when they are older than command_timeout. The attributes mode, rate_factor, command_timeout [s, 0: never] and
     lockstep_commands may be changed at any time. After the thread has ended `outcome` is a sentence and `error` the
     exception that ended it, if any.
     """
@@ -87,7 +94,7 @@ class Loop:
         self,
         simulation: Stepper,
         *,
-        inputs: Callable[[tuple[float, float, float]], np.ndarray | None],
+        inputs: Callable[[tuple[float, ...]], np.ndarray | None],
         emit: Callable[[Snapshot], None],
         poll: Callable[[], None] = lambda: None,
         repeat: Callable[[], None] = lambda: None,
@@ -95,6 +102,7 @@ class Loop:
         rate_factor: float = 1.0,
         end_ns: int | None = None,
         command_timeout: float = 0.0,
+        commands: tuple[str, ...] = COMMANDS,
         lockstep_commands: tuple[int, ...] = (0, 1, 2),
     ) -> None:
         self.simulation = simulation
@@ -103,7 +111,9 @@ class Loop:
         self.end_ns = end_ns
         self.command_timeout = command_timeout
         self.lockstep_commands = lockstep_commands
-        self.latched = Latched()
+        self.commands = commands
+        self._drives = [i for i, name in enumerate(commands) if name.startswith('drive_torque')]
+        self.latched = Latched.none(len(commands))
         self.answers = Answers()
         self.stale = False  # the watchdog holds the drive torque at zero
         self.paused = False
@@ -116,7 +126,7 @@ class Loop:
         self._stop = threading.Event()
         self._wake = threading.Event()
         self._requests: SimpleQueue[tuple[Callable[[], Any], Future]] = SimpleQueue()
-        self._used = (0, 0, 0)  # counts of the commands that the last lockstep step used
+        self._used = self.latched.counts  # counts of the commands that the last lockstep step used
         self._answered = -1  # step index of the state that a stamped command has answered
         self._pending = 0  # steps asked for
         self._anchor: tuple[float, int, float] | None = None  # clock, step and rate of the schedule in force
@@ -156,15 +166,12 @@ class Loop:
 
     def stop(self, outcome: str) -> None:
         """End the thread after the step it is in, and wait for it."""
-        if not self.outcome:
-            self.outcome = outcome
-        self._stop.set()
-        self._wake.set()
+        self.finish(outcome)
         if self._thread.ident is not None:
             self._thread.join()
 
     def command(self, index: int, value: float) -> None:
-        """Latch a command (0 steering, 1 drive torque, 2 brake torque); from `poll`, on the simulation thread."""
+        """Latch a command by its place in `commands`; from `poll`, on the simulation thread."""
         old = self.latched
         put = lambda values, new: (*values[:index], new, *values[index + 1 :])  # noqa: E731
         self.latched = Latched(put(old.values, value), put(old.times, self.simulation.t_ns), put(old.counts, old.counts[index] + 1))
@@ -208,10 +215,21 @@ class Loop:
         """Do `count` steps now, whether paused or waiting for commands (to be asked for)."""
         self._pending += count
 
+    @property
+    def stepping(self) -> bool:
+        """Whether steps that were asked for are still to be made."""
+        return self._pending > 0
+
+    def finish(self, outcome: str) -> None:
+        """End the thread after the step it is in, without waiting for it."""
+        self.outcome = self.outcome or outcome
+        self._stop.set()
+        self._wake.set()
+
     def restart(self) -> None:
         """Forget commands, schedule and counters after the simulation was reset (to be asked for)."""
-        self.latched = Latched()
-        self._used, self._pending, self._anchor, self._answered = (0, 0, 0), 0, None, -1
+        self.latched = Latched.none(len(self.commands))
+        self._used, self._pending, self._anchor, self._answered = self.latched.counts, 0, None, -1
         self.steps = self.overruns = self.slips = 0
         self._times.clear()
         self._judged = (time.perf_counter(), self.simulation.t_ns)
@@ -309,6 +327,13 @@ class Loop:
         clock, k0, rate = self._anchor
         return clock + (k - k0) * self.simulation.h_ns * 1e-9 / rate
 
+    def _old(self, t_ns: int) -> list[int]:
+        """Drive torques that came and are older than the timeout."""
+        if self.command_timeout <= 0.0:
+            return []
+        times, youngest = self.latched.times, t_ns - self.command_timeout * 1e9
+        return [i for i in self._drives if 0 <= times[i] < youngest]
+
     def _sleep(self, longest: float) -> None:
         self._wake.wait(longest)
         self._wake.clear()
@@ -318,11 +343,12 @@ class Loop:
         if self.mode != 'lockstep':  # which has polled, and must not mix in what came since
             self._poll()
         start = time.perf_counter()
-        latched = self.latched
-        steering, drive, brake = latched.values
-        age = simulation.t_ns - latched.times[1]
-        self.stale = self.command_timeout > 0.0 and latched.times[1] >= 0 and age > self.command_timeout * 1e9
-        snapshot = simulation.advance(1, inputs=self._inputs((steering, 0.0 if self.stale else drive, brake)))
+        values = self.latched.values
+        old = self._old(simulation.t_ns)
+        self.stale = bool(old)
+        if old:
+            values = tuple(0.0 if i in old else value for i, value in enumerate(values))
+        snapshot = simulation.advance(1, inputs=self._inputs(values))
         self._times.append(time.perf_counter() - start)
         self._counters = snapshot.counters
         self.steps += 1

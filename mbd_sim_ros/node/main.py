@@ -15,7 +15,7 @@ def _say(text: str) -> None:
     interrupts.write(2, text)
 
 
-if __name__ == '__main__' or interrupts.is_program('simulator') or interrupts.is_program('maneuver'):
+if __name__ == '__main__' or interrupts.is_program('simulator') or interrupts.is_program('maneuver') or interrupts.is_program('adapter'):
     interrupts.install(_say, code=0)
 
 import gc
@@ -108,7 +108,7 @@ def _simulate() -> int:
     from solver.files.scene import known_names
 
     leave_sending_to_the_middleware()
-    node = Simulator()
+    node = Simulator(prepare)
     name = node.value('scene')
     if not name:
         raise SceneError('parameter scene is empty: give one with --ros-args -p scene:=NAME; known: ' + ', '.join(known_names()))

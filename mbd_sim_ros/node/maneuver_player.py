@@ -21,7 +21,7 @@ import struct
 import time
 
 from solver.errors import MbdError
-from solver.inputs.maneuver import COMMANDS
+from solver.inputs.hands import COMMANDS, STEERING
 
 FIND = 1.5  # s after the first state in which a simulator that takes stamped commands is found out
 LOST = 0.3  # s without a newer state after which the answer to a repeated one is sent again
@@ -85,7 +85,10 @@ def _play() -> int:
         repeated = float('inf')
         values = maneuver.commands(now_ns * 1e-9)
         if stamped.get_subscription_count():
-            message = JointState(name=list(COMMANDS), position=list(values))
+            named = dict(zip(COMMANDS, values)) | maneuver.further_commands(now_ns * 1e-9)
+            if STEERING['torque'] in named:
+                del named[COMMANDS[0]]  # the wheel is free
+            message = JointState(name=list(named), position=list(named.values()))
             message.header.stamp.sec, message.header.stamp.nanosec = divmod(now_ns, 1_000_000_000)
             stamped.publish(message)
             return

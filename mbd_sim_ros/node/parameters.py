@@ -10,7 +10,7 @@ from rclpy.parameter import Parameter
 
 from mbd_sim_ros.node.loop import MODES
 from solver.errors import SpecError, suggestion
-from solver.inputs.maneuver import COMMANDS
+from solver.inputs.hands import COMMANDS
 
 
 class Spec(NamedTuple):
@@ -23,15 +23,36 @@ class Spec(NamedTuple):
     live: bool = False
 
 
+RATES = {  # rates of topics, by their names in parameters: default [Hz], what is meant
+    'cmd_applied': (0.0, 'of cmd_applied'),
+    'odom': (0.0, 'of odom'),
+    'imu': (0.0, 'of imu'),
+    'joint_states': (0.0, 'of joint_states'),
+    'tire_force': (0.0, 'of tire/<wheel>/force'),
+    'tire_states': (0.0, 'of tire_states'),
+    'tf': (100.0, 'of /tf; all bodies at record.poses of the scene'),
+    'element_states': (100.0, 'of element_states, at most record.elements_rate of the scene'),
+    'reactions': (100.0, 'of reactions'),
+}
+RATE = 'largest rate in simulation time [Hz], 0: every published step,'
+
 PARAMETERS = {
-    'scene': Spec('', 'scene file, or the name of one in config/scenes'),
-    'overrides': Spec([''], "changes to the scene, e.g. ['integrator.h=0.001']"),
+    'scene': Spec('', 'scene file, or the name of one in config/scenes; another one is taken by ~/load', live=True),
+    'overrides': Spec([''], "changes to the scene, e.g. ['integrator.h=0.001']; others are taken by ~/load", live=True),
     'commands': Spec('topics', 'who drives: topics, or the maneuver of the scene'),
     'mode': Spec('realtime', 'realtime, fast (no waiting) or lockstep (a step only for newer commands or ~/step)', live=True),
     'rate_factor': Spec(1.0, 'simulated seconds per second in mode realtime [-]', 0.001, 1000.0, live=True),
     'realtime_priority': Spec(10, 'SCHED_FIFO priority in mode realtime, where the system permits it [-]; 0: none', 0, 99),
     'duration': Spec(0.0, 'simulated time after which the node ends with exit code 0 [s]; 0: none, -1: that of the scene', -1.0, 1e6),
     'publish_every': Spec(1, 'publish every n-th step [-]', 1, 100000, live=True),
+    'publish_budget': Spec(
+        0.0,
+        'time that publishing a step may take in mode realtime [ms]; topics that do not fit are dropped, and named; 0: no limit',
+        0.0,
+        1000.0,
+        live=True,
+    ),
+    **{f'rate_{name}': Spec(rate, f'{RATE} {text}', 0.0, 1e6, live=True) for name, (rate, text) in RATES.items()},
     'publish_clock': Spec(True, 'publish /clock'),
     'frame_prefix': Spec('', 'put before every frame name'),
     'publish_elements': Spec(False, 'publish element_states and reactions too, as far as the scene has them recorded'),
@@ -42,13 +63,19 @@ PARAMETERS = {
     'max_steering': Spec(12.0, 'limit of the steering wheel command, both ways [rad]', 0.0, 100.0, live=True),
     'max_drive_torque': Spec(2000.0, 'limit of the drive torque command, both ways [N m]', 0.0, 1e5, live=True),
     'max_brake_torque': Spec(10000.0, 'limit of the brake command [N m]', 0.0, 1e6, live=True),
+    'max_steering_torque': Spec(50.0, 'limit of the steering torque command, both ways [N m]', 0.0, 1e3, live=True),
+    'max_road_wheel': Spec(
+        0.7, 'limit of the road wheel command, both ways; that of the map of the steering holds too [rad]', 0.0, 1.5, live=True
+    ),
     'command_timeout': Spec(
         0.5, 'age in simulation time after which the drive torque command counts as zero [s]; 0: never', 0.0, 1e3, live=True
     ),
     'steering_bandwidth': Spec(5.0, 'bandwidth of the filter behind the steering command [Hz]', 0.1, 100.0),
     'steering_rate_limit': Spec(20.0, 'largest rate of the steering wheel [rad/s]', 0.1, 1000.0),
     'step_count': Spec(1, 'steps that one call of ~/step does [-]', 1, 1000000, live=True),
-    'lockstep_commands': Spec(list(COMMANDS), 'the plain commands that must all be newer before lockstep makes a step'),
+    'lockstep_commands': Spec(
+        list(COMMANDS), 'the plain commands that must all be newer before lockstep makes a step; steering: whichever steers'
+    ),
 }
 CHOICES = {'commands': ('topics', 'maneuver'), 'mode': MODES}
 

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Sequence
+import time
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
 
@@ -15,6 +19,7 @@ from rclpy.serialization import deserialize_message
 
 from mbd_sim_ros.messages.cdr import decode, schema_text
 from mbd_sim_ros.messages.encode import Topic
+from mbd_sim_ros.node.parameters import RATES
 
 
 def leave_sending_to_the_middleware() -> None:
@@ -58,18 +63,43 @@ def assign(message: Any, value: dict[str, Any]) -> Any:
     return message
 
 
+ORDER = tuple(RATES)  # what matters most comes first
+
+
+def rated(topic: str) -> str:
+    """The name that a topic has in parameters."""
+    return 'tire_force' if topic.startswith('tire/') else topic.strip('/')
+
+
+@dataclass
+class _Channel:
+    """A topic that is published, at steps that are multiples of `every`, or of `also` where that is not 0.
+
+    kind: class of its messages where they are not published as they are.
+    """
+
+    place: int  # among the encoded messages
+    topic: Topic
+    publisher: Publisher
+    kind: Any
+    every: int = 1
+    also: int = 0
+
+
 class Publication:
     """One publisher per topic for messages that come encoded.
 
     At the start every message is read back by the middleware's own decoder; a type for which that does not give the same
     numbers is published as an ordinary message instead (slower). Types that are not installed (tf2_msgs without ROS) are left out,
-    as are the topics named in `silent`.
+    as are the topics named in `silent`. Topics are published in the order of ORDER, so that what matters most is never dropped first:
+    dropped counts, by topic, the messages that found no time (see publish).
     """
 
     def __init__(self, node: Node, topics: Sequence[Topic], samples: Sequence[bytes | None], *, silent: Sequence[str] = ()) -> None:
-        self._publishers: list[tuple[int, Publisher]] = []
-        self._ordinary: list[tuple[int, Publisher, Topic, Any]] = []
-        for i, (topic, sample) in enumerate(zip(topics, samples)):
+        self._channels: list[_Channel] = []
+        self.dropped: Counter[str] = Counter()
+        for i in sorted(range(len(topics)), key=lambda i: ORDER.index(rated(topics[i].name))):
+            topic, sample = topics[i], samples[i]
             if topic.name in silent:
                 continue
             try:
@@ -80,18 +110,35 @@ class Publication:
             publisher = node.create_publisher(kind, topic.name, profile(topic))
             assert sample is not None
             value, _ = decode(topic.type, schema_text(topic.type), sample)
-            if deserialize_message(sample, kind) == assign(kind(), value):
-                self._publishers.append((i, publisher))
-            else:
+            plain = deserialize_message(sample, kind) == assign(kind(), value)
+            if not plain:
                 node.get_logger().warning(f'{topic.name}: ROS reads other numbers in the encoded message; publishing ordinary messages')
-                self._ordinary.append((i, publisher, topic, kind))
+            self._channels.append(_Channel(i, topic, publisher, None if plain else kind))
 
-    def publish(self, messages: Sequence[bytes | None]) -> None:
-        """Publish one message per topic, where there is one."""
-        for i, publisher in self._publishers:
-            if messages[i] is not None:
-                publisher.publish(messages[i])
-        for i, publisher, topic, kind in self._ordinary:
-            data = messages[i]
-            if data is not None:
-                publisher.publish(assign(kind(), decode(topic.type, schema_text(topic.type), data)[0]))
+    def close(self, node: Node) -> None:
+        """Publish no more."""
+        for channel in self._channels:
+            node.destroy_publisher(channel.publisher)
+
+    def every(self, steps: Mapping[str, int], poses_every: int) -> None:
+        """Publish a topic only at steps whose number is a multiple of steps[its name in RATES]; /tf also where it places all bodies."""
+        for channel in self._channels:
+            channel.every = steps.get(rated(channel.topic.name), 1)
+            channel.also = poses_every if rated(channel.topic.name) == 'tf' else 0
+
+    def publish(self, messages: Sequence[bytes | None], k: int = 0, budget: float = 0.0) -> None:
+        """Publish one message per topic, where there is one and it is due at step k; what is not begun after `budget` [s] is dropped."""
+        end, late = time.perf_counter() + budget if budget > 0.0 else math.inf, False
+        for channel in self._channels:
+            data = messages[channel.place]
+            if data is None or (channel.every > 1 and k % channel.every and not (channel.also and k % channel.also == 0)):
+                continue
+            if late:
+                self.dropped[rated(channel.topic.name)] += 1
+                continue
+            if channel.kind is None:
+                channel.publisher.publish(data)
+            else:
+                topic = channel.topic
+                channel.publisher.publish(assign(channel.kind(), decode(topic.type, schema_text(topic.type), data)[0]))
+            late = end < math.inf and time.perf_counter() > end

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
+import hashlib
 import math
 import time
 import traceback
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,16 +21,30 @@ from std_msgs.msg import String
 from mbd_sim_ros.bags.recorder import file_stem
 from mbd_sim_ros.messages.encode import Messages
 from mbd_sim_ros.node.commands import Commands
-from mbd_sim_ros.node.loop import Loop
+from mbd_sim_ros.node.loop import Latched, Loop
+from mbd_sim_ros.node.parameters import RATES
 from mbd_sim_ros.node.publish import Publication
 from mbd_sim_ros.node.recording import Recording
 from solver.analysis.envelope import Envelope
+from solver.elements.road import RoadSpec
 from solver.errors import BagError, MbdError, SpecError
-from solver.inputs.maneuver import COMMANDS, CommandSource
+from solver.inputs.actuation import Chain
+from solver.inputs.hands import COMMANDS, CommandSource, commands_of
+from solver.levels.road_wheel import steering_map, steering_wheel_at
+from solver.model.spec import ModelSpec
 from solver.model.state import fitting, load_arrays
 from solver.output.snapshot import Snapshot
 
 CLOCK_SECONDS = 0.01  # /clock is published at most at 100 Hz
+
+
+def heading_of(orientation: Sequence[float]) -> float:
+    """Heading [rad] of a quaternion xyzw. Raises SpecError for one that is none."""
+    x, y, z, w = orientation
+    length = math.sqrt(x * x + y * y + z * z + w * w)
+    if not 0.5 < length < 2.0:
+        raise SpecError(f'orientation ({x}, {y}, {z}, {w}): must be a quaternion of length 1')
+    return math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
 
 
 class Running:
@@ -36,11 +53,15 @@ class Running:
     Raises MbdError.
     """
 
-    def __init__(self, node: Node, scene: Any, simulation: Any) -> None:
+    def __init__(self, node: Node, scene: Any, simulation: Any, *, first: bool = True) -> None:
+        """first: of the node; others do not restore the state, nor record into the directory, that its parameters name."""
         self.node, self.scene, self.simulation = node, scene, simulation
         self._priority = 0
+        self._names = commands_of(simulation.channels.inputs, scene.actuation.steering)
+        self._actuators: Chain | None = simulation.sources.new_actuators() if scene.actuation.actuators else None
+        self._road_map = steering_map(scene.model) if scene.actuation.steering == 'road_wheel' else None
         self._source = self._new_source()
-        if self.value('restore'):
+        if first and self.value('restore'):
             self.restore(Path(self.value('restore')))
         self._messages = Messages.of(scene, simulation, self.value('frame_prefix'))
         self.envelope = Envelope(simulation)
@@ -49,12 +70,13 @@ class Running:
         self._publication = Publication(
             node, self._messages.topics, self._messages.encode(simulation.snapshot(), whole=True), silent=silent
         )
+        self.look_at_rates()
         best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._ticks = node.create_publisher(ClockMessage, '/clock', best_effort) if self.value('publish_clock') else None
         self._ticked = (-math.inf, -math.inf)
         self._describe()
         self.recording = Recording(node, scene, simulation, self._messages, self.envelope, self._urdf)
-        self.commands = Commands(node, deaf=self.value('commands') != 'topics')
+        self.commands = Commands(node, self._names, deaf=self.value('commands') != 'topics')
         duration = self.value('duration') if self.value('duration') >= 0.0 else scene.duration
         self.loop = self.commands.loop = self.recording.loop = Loop(
             simulation,
@@ -66,15 +88,30 @@ class Running:
             rate_factor=self.value('rate_factor'),
             end_ns=round(duration * 1e9) if duration > 0.0 else None,
             command_timeout=self.value('command_timeout'),
+            commands=self._names,
             lockstep_commands=tuple(COMMANDS.index(name) for name in self.value('lockstep_commands')),
         )
-        self.loop.latched = self.loop.latched._replace(values=(float(self._source.state[0]), 0.0, 0.0))
+        self._latch_start()
         if self.value('record'):
-            self.begin_recording(self.value('out'))
+            self.begin_recording(self.value('out') if first else '')
 
     def value(self, name: str) -> Any:
         """Return the value of a parameter."""
         return self.node.get_parameter(name).value
+
+    def look_at_rates(self, changed: Mapping[str, float] | None = None) -> None:
+        """Take rates and budget of publishing from the parameters, of which some are about to change."""
+        values = {name: self.value(name) for name in ('publish_budget', *(f'rate_{topic}' for topic in RATES))} | dict(changed or {})
+        self._budget = 1e-3 * values['publish_budget']
+        h = self.simulation.h_ns * 1e-9
+        rates = {topic: values[f'rate_{topic}'] for topic in RATES}
+        every = {topic: max(1, math.ceil(round(1.0 / (rate * h), 6))) for topic, rate in rates.items() if rate > 0.0}
+        self._publication.every(every, self._messages.poses_every)
+
+    @property
+    def dropped(self) -> Mapping[str, int]:
+        """Topic -> messages for which the budget of a step had no time."""
+        return dict(self._publication.dropped)
 
     def start(self) -> None:
         """Start the simulation thread."""
@@ -119,16 +156,36 @@ class Running:
         log.info(f'{reason}: t = {seconds:.3f} s, {self.loop.steps} steps, {self.loop.overruns} overruns')
         return code or (self.recording.failed.exit_code if self.recording.failed else 0)
 
+    def disconnect(self) -> None:
+        """Publish no more."""
+        self._publication.close(self.node)
+        for publisher in (self._ticks, self._description):
+            if publisher is not None:
+                self.node.destroy_publisher(publisher)
+
     def _new_source(self) -> CommandSource:
-        channels = self.simulation.channels
-        at_start = dict(zip(channels.inputs, self.simulation.snapshot().inputs))
+        channels, inputs = self.simulation.channels, self.simulation.snapshot().inputs
+        at_start = dict(zip(channels.inputs, inputs))
+        if self._actuators is not None:
+            self._actuators.start(inputs)
         return CommandSource(
             channels.inputs,
             self.simulation.h_ns,
             bandwidth=self.value('steering_bandwidth'),
             rate_limit=self.value('steering_rate_limit'),
             steering=float(at_start.get('steering', 0.0)),
+            commands=self._names,
+            mapped=None if self._road_map is None else self._steering_wheel,
         )
+
+    def _steering_wheel(self, road_wheel: float) -> float:
+        """Angle of the steering wheel [rad] for an angle of the road wheels [rad]; where it stands, until one is commanded."""
+        assert self._road_map is not None
+        return steering_wheel_at(self._road_map, road_wheel) if self.loop.latched.counts[0] else float(self._source.state[0])
+
+    def _latch_start(self) -> None:
+        """Until a command comes, the steering stays where it is."""
+        self.loop.latched = Latched.none(len(self._names), float(self._source.state[0]) if self._names[0] == 'steering' else 0.0)
 
     def _describe(self) -> None:
         self._urdf = self.value('robot_description') or self.simulation.urdf()
@@ -138,8 +195,11 @@ class Running:
 
     # -- on the simulation thread --------------------------------------------------------------------------------------
 
-    def _inputs(self, values: tuple[float, float, float]) -> np.ndarray | None:
-        return None if self.commands.deaf else self._source.advance(*values)
+    def _inputs(self, values: tuple[float, ...]) -> np.ndarray | None:
+        if self.commands.deaf:
+            return None
+        row = self._source.advance(*values)
+        return row if self._actuators is None else self._actuators.advance(row)
 
     def _emit(self, snapshot: Snapshot) -> None:
         self.envelope.look(snapshot)
@@ -148,7 +208,7 @@ class Running:
         if publish or record:
             messages = self._messages.encode(snapshot)
             if publish:
-                self._publication.publish(messages)
+                self._publication.publish(messages, snapshot.k, self._budget if self.loop.mode == 'realtime' else 0.0)
             if record:
                 self.recording.take(snapshot, messages)
         if self._ticks is not None:
@@ -171,33 +231,63 @@ class Running:
             self.loop.prefer(self._priority)  # its thread has the priority of the one that made it
         return directory
 
-    def reset(self) -> None:
-        """Back to the start, bit for bit; a recording goes on in a new directory."""
-        recording = self.recording.recorder is not None
+    def reset(self, *, time: bool = True, state: bool = True) -> str:
+        """Back to the start, bit for bit; a recording goes on in a new directory. time, state: only that of the two."""
+        recording, simulation = self.recording.recorder is not None, self.simulation
         self.recording.end('reset')  # time starts anew: one recording is one run
-        self.simulation.reset()
-        self._source = self._new_source()
+        k = simulation.k
+        if state:
+            simulation.reset()
+            self._source = self._new_source()
+        if not (time and state):
+            simulation.k, simulation.displaced = 0 if time else k, True
         if recording:
             self.begin_recording()
         self._ticked = (-math.inf, -math.inf)
         self.commands.poll()  # what was said before is of the past
         self.loop.restart()
-        self.loop.latched = self.loop.latched._replace(values=(float(self._source.state[0]), 0.0, 0.0))
+        self._latch_start()
+        return f'back at t = {simulation.t_ns * 1e-9:g}' + ('' if state else ', in motion as it was')
+
+    def place(self, x: float, y: float, orientation: Sequence[float]) -> str:
+        """Move the vehicle to x, y [m] and the heading of a quaternion xyzw; a recording goes on in a new directory. Raises SpecError."""
+        heading = heading_of(orientation)
+        if not (math.isfinite(x) and math.isfinite(y)):
+            raise SpecError(f'x = {x}, y = {y}: a place must be two numbers')
+        self.simulation.place(x, y, heading)
+        if self.recording.recorder is not None:
+            self.recording.end('placed elsewhere')
+            self.begin_recording()
+        return f'placed at x = {x:.3f} m, y = {y:.3f} m, heading {math.degrees(heading):.2f} deg'
 
     def save(self) -> Path:
         """Write the state into a file in the current directory, and return that."""
         path = Path(f'{file_stem(self.scene.name)}-step{self.simulation.k}-{time.strftime("%Y%m%d-%H%M%S")}.state.npz')
-        np.savez(path, simulation=np.frombuffer(self.simulation.save(), np.uint8), steering=self._source.state, scene=self.scene.hash)
+        actuators = {} if self._actuators is None else {'actuators': self._actuators.state}
+        simulation = np.frombuffer(self.simulation.save(), np.uint8)
+        about = {'scene': self.scene.hash, 'model': self._model_hash(), 'h_ns': self.simulation.h_ns}
+        np.savez(path, simulation=simulation, steering=self._source.state, **about, **actuators)  # type: ignore[arg-type]
         return path.resolve()
 
+    def _model_hash(self) -> str:
+        """Of the model without its road: states carry over between scenes of the same vehicle."""
+        model = self.scene.model
+        return hashlib.sha256(
+            repr(dataclasses.replace(model, road=RoadSpec()) if isinstance(model, ModelSpec) else model).encode()
+        ).hexdigest()
+
     def restore(self, path: Path) -> None:
-        """Go on from a state file. Raises SpecError for one that is none, or of another scene."""
+        """Go on from a state file. Raises SpecError for one that is none, or of a scene with another vehicle or step."""
         try:
             saved = load_arrays(path.read_bytes() if path.is_file() else b'')
             data, steering, scene = saved['simulation'].tobytes(), saved['steering'], str(saved['scene'])
+            model, h_ns = str(saved['model']), int(fitting('h_ns', saved['h_ns'], np.array(self.simulation.h_ns)))
         except (OSError, KeyError, SpecError) as error:
             raise SpecError(f'parameter restore: {path} is not a state file of ~/save_state ({error})') from error
-        if scene != self.scene.hash:
-            raise SpecError(f'parameter restore: {path} belongs to another scene (hash {scene}, this one has {self.scene.hash})')
+        if scene != self.scene.hash and (model != self._model_hash() or h_ns != self.simulation.h_ns):
+            why = f'h is {h_ns * 1e-9:g} s there' if model == self._model_hash() else 'its vehicle is another one'
+            raise SpecError(f'parameter restore: {path} belongs to another scene, and {why}')
         self.simulation.restore(data)
         self._source.state = fitting('steering', steering, self._source.state)
+        if self._actuators is not None:
+            self._actuators.state = fitting('actuators', saved.get('actuators'), self._actuators.state)

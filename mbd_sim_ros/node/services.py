@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Protocol
+from typing import Any, Protocol
 
 from rclpy.node import Node
 from std_srvs.srv import Trigger
@@ -18,6 +18,10 @@ class Host(Protocol):
     """The node that has the services."""
 
     running: Running
+    stopped: bool
+
+    def value(self, name: str) -> Any: ...
+    def load(self, name: str, overrides: list[str]) -> str: ...
 
 
 def pause(running: Running) -> str:
@@ -34,8 +38,7 @@ def resume(running: Running) -> str:
 
 def reset(running: Running) -> str:
     """back to the start, bit for bit; a recording goes on in a new directory"""
-    running.reset()
-    return 'back at t = 0'
+    return running.reset()
 
 
 def step(running: Running) -> str:
@@ -68,19 +71,37 @@ def stop_recording(running: Running) -> str:
 
 
 ACTIONS: tuple[Callable[[Running], str], ...] = (pause, resume, reset, step, save_state, start_recording, stop_recording)
-SERVICES = {action.__name__: action.__doc__ or '' for action in ACTIONS}
+LOAD = 'load the scene that the parameters `scene` and `overrides` name now; it stands at its start, paused'
+SERVICES = {**{action.__name__: action.__doc__ or '' for action in ACTIONS}, 'load': LOAD}
 
 
 def serve(node: Node, host: Host) -> None:
     """Offer ACTIONS as services of type std_srvs/Trigger."""
     for action in ACTIONS:
-        node.create_service(Trigger, f'~/{action.__name__}', _service(node, host, action))
+        node.create_service(Trigger, f'~/{action.__name__}', _service(node, action.__name__, _on(host, action)))
+    node.create_service(Trigger, '~/load', _service(node, 'load', lambda: _load(host)))
 
 
-def _service(node: Node, host: Host, action: Callable[[Running], str]) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:
+def _on(host: Host, action: Callable[[Running], str]) -> Callable[[], tuple[bool, str]]:
+    def done() -> tuple[bool, str]:
+        found = asked(host.running, action)
+        host.stopped &= not (found[0] and action in (resume, step))
+        return found
+
+    return done
+
+
+def _load(host: Host) -> tuple[bool, str]:
+    try:
+        return True, host.load(host.value('scene'), [text for text in host.value('overrides') if text])
+    except MbdError as error:
+        return False, str(error)
+
+
+def _service(node: Node, name: str, do: Callable[[], tuple[bool, str]]) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:
     def call(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success, response.message = asked(host.running, action)
-        log, name = node.get_logger(), action.__name__
+        response.success, response.message = do()
+        log = node.get_logger()
         if response.success:
             log.info(f'{name}: {response.message}')
         else:

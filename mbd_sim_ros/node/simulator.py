@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from mbd_sim_ros.node.diagnostics import diagnosis
+from mbd_sim_ros.node.interfaces import Interfaces
 from mbd_sim_ros.node.loop import Loop
-from mbd_sim_ros.node.parameters import declare, refusal, unknown
+from mbd_sim_ros.node.parameters import RATES, declare, refusal, unknown
 from mbd_sim_ros.node.running import Running
-from mbd_sim_ros.node.services import serve
+from mbd_sim_ros.node.services import asked, serve
 
 
 class Simulator(Node):
@@ -22,12 +25,15 @@ class Simulator(Node):
 
     running: Running
 
-    def __init__(self) -> None:
+    def __init__(self, prepare: Callable[[str, list[str]], tuple[Any, Any]]) -> None:
+        """prepare: makes (scene, simulation) of the name of a scene and overrides."""
         # The node makes time; it must not wait for it.
         super().__init__('simulator', parameter_overrides=[Parameter('use_sim_time', value=False)])
         declare(self)
         for sentence in unknown(self):
             self.get_logger().warning(sentence)
+        self._prepare = prepare
+        self.stopped = False
         self._stale_said = False
         self._namesakes = 0
 
@@ -50,6 +56,9 @@ class Simulator(Node):
                 self.running.prefer()
             elif parameter.name == 'publish_every':
                 self.running.publish_every = parameter.value
+        rates = {p.name: p.value for p in parameters if p.name.removeprefix('rate_') in RATES or p.name == 'publish_budget'}
+        if rates:
+            self.running.look_at_rates(rates)
         return SetParametersResult(successful=True)
 
     def open(self, scene: Any, simulation: Any) -> None:
@@ -57,9 +66,31 @@ class Simulator(Node):
         self.running = Running(self, scene, simulation)
         self.add_on_set_parameters_callback(self._on_set)
         serve(self, self)
+        Interfaces(self, self)
+        self.create_subscription(PoseWithCovarianceStamped, 'initialpose', self._place, 1)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self.create_timer(1.0, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.running.start()
+
+    def load(self, name: str, overrides: list[str]) -> str:
+        """Take another scene, which stands at its start, paused; the one that runs goes on until that is ready. Raises MbdError."""
+        self.get_logger().info(f'preparing {name}')
+        scene, simulation = self._prepare(name, overrides)
+        old, new = self.running, Running(self, scene, simulation, first=False)
+        new.loop.pause()
+        self.running, self.stopped = new, True
+        code = old.close(f'{scene.name} was loaded')
+        old.disconnect()  # nobody publishes any more
+        new.start()
+        return f'{scene.name} stands at its start' + (f'; the scene before ended with code {code}' if code else '')
+
+    def _place(self, message: PoseWithCovarianceStamped) -> None:
+        p, q = message.pose.pose.position, message.pose.pose.orientation
+        done, text = asked(self.running, lambda running: running.place(p.x, p.y, (q.x, q.y, q.z, q.w)))
+        if done:
+            self.get_logger().info(f'initialpose: {text}')
+        else:
+            self.get_logger().warning(f'initialpose refused: {text}')
 
     def close(self, outcome: str) -> int:
         """End the simulation thread, finish the recording and return the exit code. May be called when `open` failed or never ran."""
@@ -79,7 +110,7 @@ class Simulator(Node):
         recording = running.recording
         status = diagnosis(
             self.loop, recording.recorder, recording.failed,
-            refused=running.commands.refused, namesakes=self._namesakes, envelope=running.envelope,
+            refused=running.commands.refused, namesakes=self._namesakes, envelope=running.envelope, unpublished=running.dropped,
         )  # fmt: skip
         status.name = f'{full}: simulation'
         status.hardware_id = running.scene.name

@@ -127,6 +127,11 @@ class Envelope:
         self._rows: list[np.ndarray] = []
         self._times: list[int] = []
 
+    @property
+    def watches(self) -> bool:
+        """Whether there is anything to leave."""
+        return bool(self._watched)
+
     def look(self, snapshot: Snapshot) -> None:
         """Note a snapshot."""
         if not self._watched:

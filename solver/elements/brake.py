@@ -45,14 +45,16 @@ RELEASED = 1e-6  # stiffness of a released brake while equilibrium is sought, re
 
 @dataclass(frozen=True, kw_only=True)
 class BrakeSpec(Spec):
-    """Brake on a rotation coordinate, with capacity max(gain * u[input], 0) [N m].
+    """Brake on a rotation coordinate, with capacity max(gain * u[input] + u[own_input], 0) [N m].
 
     gain [N m per unit of the input] >= 0; stiffness [N m/rad] > 0 and damping [N m s/rad] >= 0 of the wind-up while sticking.
+    own_input: channel of this brake alone [N m], below zero where it takes from what the other gives (None: there is none).
     """
 
     coordinate: str
     input: str
     gain: float
+    own_input: str | None = None
     stiffness: float
     damping: float = 0.0
 
@@ -70,6 +72,7 @@ class BrakeTable(NamedTuple):
     slot: np.ndarray  # (n, 2, 2) block (row body, column body)
     state: np.ndarray  # (n,) internal state: wind-up [rad]
     input: np.ndarray  # (n,)
+    own: np.ndarray  # (n,) channel of the brake alone, -1: none
     gain: np.ndarray  # (n,)
     stiffness: np.ndarray  # (n,)
     damping: np.ndarray  # (n,)
@@ -84,6 +87,7 @@ def compile_brakes(specs: Sequence[BrakeSpec], context: Context) -> BrakeTable:
         slot=np.zeros((n, 2, 2), np.int64),
         state=np.zeros(n, np.int64),
         input=np.zeros(n, np.int64),
+        own=np.full(n, -1, np.int64),
         gain=np.array([s.gain for s in specs], float),
         stiffness=np.array([s.stiffness for s in specs], float),
         damping=np.array([s.damping for s in specs], float),
@@ -95,6 +99,8 @@ def compile_brakes(specs: Sequence[BrakeSpec], context: Context) -> BrakeTable:
         table.slot[e] = slots(bodies, context)
         table.state[e] = context.internal_states(spec.where, 1)
         table.input[e] = context.input(spec.where, spec.input)
+        if spec.own_input is not None:
+            table.own[e] = context.input(spec.where, spec.own_input)
     return table
 
 
@@ -134,7 +140,10 @@ def brake_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, K
         k = table.stiffness[e]
         _, g_i, g_j = evaluate_coordinate(coordinates, kin, c, angle)
         omega = coordinate_rate(coordinates, kin, c, g_i, g_j)
-        T = max(table.gain[e] * u[table.input[e]], 0.0)
+        T = table.gain[e] * u[table.input[e]]
+        if table.own[e] >= 0:
+            T += u[table.own[e]]
+        T = max(T, 0.0)
         wound, torque, slope, dissipation = friction(zp[n], cz, omega, T, k, table.damping[e])
         g = (g_i, g_j)
         for a in range(2):
@@ -170,7 +179,7 @@ def held_brakes(table: BrakeTable, u: np.ndarray) -> Held:
 
 def capacities(table: BrakeTable, u: np.ndarray) -> np.ndarray:
     """(n,) largest torques of the brakes [N m] under the inputs u (nu,)."""
-    return np.maximum(table.gain * u[table.input], 0.0)
+    return np.maximum(table.gain * u[table.input] + np.where(table.own >= 0, u[table.own], 0.0), 0.0)
 
 
 BRAKES = ForceKind(

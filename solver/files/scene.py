@@ -9,15 +9,17 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from solver.elements.road import RoadSpec
-from solver.errors import SceneError, suggestion
+from solver.errors import SceneError, SpecError, suggestion
 from solver.files import requirements
 from solver.files.mechanism import MechanismReader
 from solver.files.schema import Builder
 from solver.files.vehicle import build_vehicle
 from solver.files.yaml_tree import MappingNode, Node, ScalarNode, include, override, parse, read, text_of, where
+from solver.inputs.actuation import Actuation
 from solver.inputs.maneuver import Maneuver
 from solver.model.spec import ModelSpec
 from solver.scene import Bound, Require, Scene
+from solver.vehicle.actuation import actuated
 
 PACKAGE = 'mbd_sim_ros'
 
@@ -100,13 +102,19 @@ MODEL_KEYS = ('mechanism', 'vehicle', 'road')
 
 
 def _model(builder: Builder, fields: dict, root: Node) -> ModelSpec:
-    """The model from the keys mechanism or vehicle, on the road of the scene; takes them out of fields."""
+    """The model from the keys mechanism or vehicle, actuated as the scene says, on its road; takes them out of fields."""
     sources = [key for key in ('mechanism', 'vehicle') if key in fields]
     if len(sources) != 1:
         raise SceneError(f"{where(root)}: a scene needs exactly one of the keys 'mechanism' and 'vehicle', here are {len(sources)}")
     key = sources[0]
     node = fields.pop(key)[1]
     model = build_vehicle(builder, node, key) if key == 'vehicle' else builder.build(ModelSpec, node, key)
+    if 'actuation' in fields:
+        node = fields['actuation'][1]
+        try:
+            model = actuated(model, builder.build(Actuation, node, 'actuation'))
+        except SpecError as error:
+            raise SceneError(f'{where(node)}: {error}') from None
     if 'road' in fields:
         model = dataclasses.replace(model, road=builder.build(RoadSpec, fields.pop('road')[1], 'road'))
     return model

@@ -7,7 +7,6 @@ are taken inside the step, at the instant `(k + stage) h` where the integrator b
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated
@@ -16,11 +15,11 @@ import numpy as np
 
 from solver.errors import SpecError, suggestion
 from solver.inputs.driver import PreviewDriver, Sight, SpeedControl
+from solver.inputs.hands import COMMANDS, CommandSource
 from solver.inputs.recorded import ACCELERATION, RATE, BagChannel, RecordedSource, recorded
 from solver.inputs.signals import Constant, Signal, signal
 
 AHEAD = 100  # steps that are sampled at once: one costs about as much as a hundred
-COMMANDS = ('steering', 'drive_torque', 'brake_torque')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -28,10 +27,12 @@ class Maneuver:
     """Named inputs as functions of time.
 
     steering: angle at the steering wheel [rad], positive to the left. drive_torque: at the differential [N m].
-    brake_torque: total of all wheels [N m], >= 0. signals: any other input channel of the model by name. driver: steers instead of
-    the signal `steering`. speed: keeps a speed with the drive torque, and the brakes, instead of their signals. bag: a recording
-    (directory or .mcap file) whose inputs are applied again instead of all these; map: for recordings of others, which of their
-    channels is which input. evaluation: what `mbd evaluate` makes of its recordings (docs/evaluating.md); evaluate_with: parameters.
+    brake_torque: total of all wheels [N m], >= 0. road_wheel: mean angle of the front road wheels [rad] instead of `steering`; the map of
+    the steering, measured on the bench, makes it an angle of the steering wheel. signals: any other input channel of the model by name.
+    driver: steers instead of the signal `steering`. speed: keeps a speed with the drive torque, and the brakes, instead of their signals.
+    bag: a recording (directory or .mcap file) whose inputs are applied again instead of all these; map: for recordings of others, which
+    of their channels is which input. evaluation: what `mbd evaluate` makes of its recordings (docs/evaluating.md); evaluate_with:
+    parameters.
     """
 
     name: str = ''
@@ -39,6 +40,7 @@ class Maneuver:
     steering: Annotated[float | Signal, 'rad at the wheel'] = 0.0
     drive_torque: Annotated[float | Signal, 'N m'] = 0.0
     brake_torque: Annotated[float | Signal, 'N m'] = 0.0
+    road_wheel: Annotated[float | Signal, 'rad of the road wheels'] = 0.0
     signals: dict[str, float | Signal] = field(default_factory=dict)
     driver: PreviewDriver | None = None
     speed: SpeedControl | None = None
@@ -53,12 +55,19 @@ class Maneuver:
             raise SpecError(f'bag = {self.bag}: the inputs come from the recording, but {other!r} is given too; remove one of them')
         if self.map and not self.bag:
             raise SpecError('map: says what the channels of a recording are, but the key bag, which names the recording, is missing')
+        if self.by_road_wheel and (self.driver is not None or signal(self.steering) != Constant()):
+            raise SpecError(f'maneuver {self.name!r}: road_wheel is given, but something else steers too; remove one of them')
         if self.driver is not None and signal(self.steering) != Constant():
             raise SpecError(f'maneuver {self.name!r}: steering is given, but the driver steers; remove one of them')
         if self.speed is not None and signal(self.drive_torque) != Constant():
             raise SpecError(f'maneuver {self.name!r}: drive_torque is given, but the speed is kept by it; remove one of them')
         if self.speed is not None and self.speed.brakes and signal(self.brake_torque) != Constant():
             raise SpecError(f'maneuver {self.name!r}: brake_torque is given, but the speed is kept by the brakes too; remove one of them')
+
+    @property
+    def by_road_wheel(self) -> bool:
+        """Whether it steers by the angle of the road wheels."""
+        return signal(self.road_wheel) != Constant()
 
     @property
     def closed_loop(self) -> bool:
@@ -80,6 +89,8 @@ class Maneuver:
 
         Inputs the maneuver does not name are zero. Raises SpecError for a channel that is not among the names.
         """
+        if self.by_road_wheel:
+            raise SpecError(f'maneuver {self.name!r}: road_wheel needs the map of a vehicle: use simulation_of(scene)')
         u = np.zeros((len(t_force), len(names)))
         for name, s in self.channels.items():
             if name not in names:
@@ -109,9 +120,16 @@ class Maneuver:
             raise SpecError(f'maneuver {self.name!r}: its inputs are a recording; run it in the simulation (mbd run, commands:=maneuver)')
         if self.closed_loop:
             raise SpecError(f'maneuver {self.name!r}: its driver sees the motion; run it in the simulation (mbd run, commands:=maneuver)')
+        if self.by_road_wheel:
+            raise SpecError(f'maneuver {self.name!r}: road_wheel needs a map; run it in the simulation (mbd run, commands:=maneuver)')
         at = np.array([t])
         steering, drive, brake = (float(signal(getattr(self, name)).jet(at).value[0]) for name in COMMANDS)
         return steering, drive, brake
+
+    def further_commands(self, t: float) -> dict[str, float]:
+        """What else is commanded at time t [s]: the signals of other inputs, by name."""
+        at = np.array([t])
+        return {name: float(signal(s).jet(at).value[0]) for name, s in self.signals.items()}
 
 
 JUMP = 1e-200  # what a rate or acceleration may change in the shortest time there is without a jump
@@ -166,63 +184,6 @@ def source_of(maneuver: Maneuver, input_names: Sequence[str], h_ns: int, stage: 
     if maneuver.bag:
         return RecordedSource(recorded(maneuver.bag, maneuver.map), input_names, h_ns, stage)
     return ManeuverSource(maneuver, input_names, h_ns, stage)
-
-
-class CommandSource:
-    """Turns commands latched at step boundaries into inputs; the steering command passes a filter, torques hold over the step.
-
-    Steering: the reference r runs after the command at no more than `rate_limit`; the angle x follows it by
-    x'' = w^2 (r - x) - 2 w x' (critically damped, w = 2 pi bandwidth). The impulse response w^2 t exp(-w t) is positive with area
-    one, so |x'| <= rate_limit too; x'' is continuous, so angle, rate and acceleration belong together. The step is advanced by
-    the closed-form solution (r is linear, then constant), so it depends on nothing but the state and the command.
-
-    state: (3,) r, x [rad], x' [rad/s]; assign it to restore.
-    """
-
-    def __init__(
-        self,
-        input_names: Sequence[str],
-        h_ns: int,
-        *,
-        bandwidth: float = 5.0,
-        rate_limit: float = 20.0,
-        steering: float = 0.0,
-    ) -> None:
-        """bandwidth [Hz], rate_limit [rad/s], steering: initial angle [rad]."""
-        if not (bandwidth > 0.0 and rate_limit > 0.0):
-            raise SpecError(f'steering filter: bandwidth = {bandwidth!r} and rate_limit = {rate_limit!r}: both must be > 0')
-        self.names, self.h_ns = tuple(input_names), h_ns
-        self.omega, self.rate_limit = 2.0 * np.pi * bandwidth, rate_limit
-        self.state = np.array([steering, steering, 0.0])
-
-    def advance(self, steering: float, drive_torque: float, brake_torque: float) -> np.ndarray:
-        """(nu,) inputs of the next step for the commands [rad, N m, N m] that were in force at its beginning."""
-        h, (r, x, v) = self.h_ns * 1e-9, self.state
-        gap = steering - r
-        run = min(abs(gap) / self.rate_limit, h)
-        slope = self.rate_limit if gap > 0.0 else -self.rate_limit
-        x, v = self._follow(x, v, r, slope, run)
-        r = steering if run < h else r + slope * h
-        x, v = self._follow(x, v, r, 0.0, h - run)
-        self.state = np.array([r, x, v])
-        acceleration = self.omega * self.omega * (r - x) - 2.0 * self.omega * v
-        values = {
-            'steering': x,
-            'steering' + RATE: v,
-            'steering' + ACCELERATION: acceleration,
-            'drive_torque': drive_torque,
-            'brake_torque': brake_torque,
-        }
-        return np.array([values.get(name, 0.0) for name in self.names])
-
-    def _follow(self, x: float, v: float, r: float, slope: float, t: float) -> tuple[float, float]:
-        """Exact motion over t seconds behind a reference that starts at r and moves at `slope`."""
-        w = self.omega
-        lag = 2.0 * slope / w  # steady distance behind a moving reference
-        e = x - (r - lag)
-        b = v - slope + w * e
-        decay = math.exp(-w * t)
-        return r - lag + slope * t + (e + b * t) * decay, slope + (b - w * (e + b * t)) * decay
 
 
 class DriverSource:

@@ -7,6 +7,7 @@ docstring says otherwise: corners are replaced by the quintic step s(x) = x^3 (1
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Annotated, Literal, NamedTuple
 
@@ -288,7 +289,7 @@ class Sum:
     """The sum of other signals."""
 
     kind: Literal['sum'] = 'sum'
-    terms: tuple[float | Constant | Ramp | Step | Sine | SineWithDwell | Sweep | Table | Sum, ...]
+    terms: tuple[float | Constant | Ramp | Step | Sine | SineWithDwell | Sweep | Table | Sum | Mapped, ...]
 
     def jet(self, t: np.ndarray) -> Jet:
         """Value, rate and acceleration at the times t [s]."""
@@ -298,7 +299,55 @@ class Sum:
         return total
 
 
-Signal = Constant | Ramp | Step | Sine | SineWithDwell | Sweep | Table | Sum
+@dataclass(frozen=True, kw_only=True)
+class Mapped:
+    """Another signal behind a map: the polynomial through the points [[x, y], ...], x increasing; it is as smooth as that signal.
+
+    Points that lie closer together towards both ends (like the zeros of a Chebyshev polynomial) keep it from swinging between them.
+    """
+
+    kind: Literal['mapped'] = 'mapped'
+    of: float | Constant | Ramp | Step | Sine | SineWithDwell | Sweep | Table | Sum | Mapped
+    points: tuple[tuple[float, float], ...]
+
+    def __post_init__(self) -> None:
+        if not 2 <= len(self.points) <= 64:
+            raise SpecError(f'points: {len(self.points)} given, a map needs 2 to 64 [x, y] points')
+        for k in range(1, len(self.points)):
+            if not self.points[k][0] > self.points[k - 1][0]:
+                raise SpecError(f'points[{k}][0] = {self.points[k][0]:g}: must be greater than the x before it')
+
+    def jet(self, t: np.ndarray) -> Jet:
+        """Value, rate and acceleration at the times t [s]."""
+        return self.of_jet(signal(self.of).jet(t))
+
+    def of_jet(self, x: Jet) -> Jet:
+        """The polynomial in Newton's form (divided differences) at x, by Horner's scheme.
+
+        The points are taken in Leja's order, each as far as possible from those before it: without it the differences of many points
+        lose their digits (L. Reichel, Newton interpolation at Leja points, BIT 30 (1990) 332).
+        """
+        nodes, differences = (list(column) for column in zip(*_spread(self.points), strict=True))
+        for order in range(1, len(nodes)):
+            for k in range(len(nodes) - 1, order - 1, -1):
+                differences[k] = (differences[k] - differences[k - 1]) / (nodes[k] - nodes[k - order])
+        result = Jet(*(np.zeros_like(x.value) for _ in range(3))).shifted(differences[-1])
+        for node, difference in zip(reversed(nodes[:-1]), reversed(differences[:-1]), strict=True):
+            result = result.times(x.shifted(-node)).shifted(difference)
+        return result
+
+
+def _spread(points: tuple[tuple[float, float], ...]) -> list[tuple[float, float]]:
+    """Points in Leja's order of their x."""
+    left = sorted(points, key=lambda p: -abs(p[0]))
+    chosen = [left.pop(0)]
+    while left:
+        far = [math.prod(abs(p[0] - c[0]) for c in chosen) for p in left]
+        chosen.append(left.pop(far.index(max(far))))
+    return chosen
+
+
+Signal = Constant | Ramp | Step | Sine | SineWithDwell | Sweep | Table | Sum | Mapped
 
 
 def signal(value: float | Signal) -> Signal:

@@ -230,6 +230,8 @@ class _Reduction:
         own = [brakes.get(f'wheel_{c}') for c in corners]
         if None in own or own[0].input != own[1].input or own[0].stiffness != own[1].stiffness or own[0].damping != own[1].damping:  # type: ignore[union-attr]
             raise SpecError(f'both wheels of the {axle} axle need equal brakes on one input; use full')
+        if any(b.own_input is not None for b in own):  # type: ignore[union-attr]
+            raise SpecError('brakes of single wheels are beyond this level; remove actuation.wheels, or use condensed or full')
         C = np.array(data['compliance'])
         C += np.diag([1.0 / (x * (2.0 * math.pi * maps.STIFFEST) ** 2) for c in corners for x in self._inertias(wheels[c])])
         K = inverse(C)

@@ -22,6 +22,7 @@ from solver.output.energy import LENGTH, WORST
 from solver.output.snapshot import NO_STEPS, Channels, Counters, OutputArrays, Snapshot, layout_of, new_numbers, output_arrays
 from solver.scene import Scene
 from solver.simulation import Simulation
+from solver.start.displacement import require_uniform
 from solver.start.placement import Changes
 from solver.step.constraint_coefficients import ConstraintCoefficients
 from solver.step.single_track import advance, start
@@ -194,11 +195,9 @@ class SingleTrackSimulation(Simulation):
     def reset(self) -> None:
         """Back to the start, bit for bit."""
         self.y[:] = self._at_start
-        self.k = 0
+        self.k, self.displaced = 0, False
         self._totals = self._counters = NO_STEPS
-        self._inputs = np.array(self._inputs_at_start(), float)
-        if self.driver is not None:
-            self.driver.reset()
+        self._inputs = np.array(self.sources.reset(), float)
         start(self.tables, self.y, self._inputs, self._index, self._scratch, self._frame)
 
     def _advance(self, n: int, inputs: np.ndarray, audit: bool) -> None:
@@ -221,6 +220,20 @@ class SingleTrackSimulation(Simulation):
         pose = self._frame.pose[0]
         return Sight(float(pose[0]), float(pose[1]), float(self.y[YAW]), float(self.y[VX] - self.y[YAW_RATE] * self._side))
 
+    def place(self, x: float, y: float, heading: float) -> None:
+        """See Simulation.place()."""
+        require_uniform(self.scene.model.road)
+        now = self._sight()
+        turn = heading - now.heading
+        c, s = math.cos(turn), math.sin(turn)
+        dx, dy = self.y[X] - now.x, self.y[Y] - now.y
+        self.y[X], self.y[Y] = x + c * dx - s * dy, y + s * dx + c * dy
+        self.y[YAW] += turn
+        self.displaced = True
+        kept = self.y.copy()
+        start(self.tables, self.y, self._inputs, self._index, self._scratch, self._frame)
+        self.y[:] = kept
+
     @property
     def _side(self) -> float:
         return self.tables.mounting.axis * self.y[ROLL]
@@ -230,8 +243,7 @@ class SingleTrackSimulation(Simulation):
         file = io.BytesIO()
         w = self._scratch
         arrays = {'single_track': self.y, 'inputs': self._inputs, 'audit': w.energy, 'reached': w.reached, 'steered': w.steered}
-        if self.driver is not None:
-            arrays['driver'] = self.driver.state
+        arrays |= self.sources.memory()
         np.savez(file, k=np.int64(self.k), **arrays)  # type: ignore[arg-type]
         return file.getvalue()
 
@@ -244,10 +256,7 @@ class SingleTrackSimulation(Simulation):
         for name, array in own.items():
             fitting(name, found.get(name), array)
         k = step_of(found.get('k'))
-        if self.driver is not None:
-            if 'driver' not in found:
-                raise SpecError('restore: the saved state has no driver: it is of another scene')
-            self.driver.state = fitting('driver', found['driver'], self.driver.state)
+        self.sources.recall(found)
         self.y[:] = found['single_track']
         self.k = k
         self._inputs = found['inputs']

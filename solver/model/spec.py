@@ -78,9 +78,10 @@ def used_inputs(model: ModelSpec) -> tuple[str, ...]:
     motions = {kind.name for kind in CONSTRAINTS}
     for section, specs in model.sections().items():
         for spec in specs:
-            name = getattr(spec, 'input', None)
-            if isinstance(name, str):
-                names[name] = None
-                if section in motions:
-                    names[name + RATE] = names[name + ACCELERATION] = None
+            for field in ('input', 'own_input'):
+                name = getattr(spec, field, None)
+                if isinstance(name, str):
+                    names[name] = None
+                    if section in motions:
+                        names[name + RATE] = names[name + ACCELERATION] = None
     return tuple(names)

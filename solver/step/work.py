@@ -16,6 +16,7 @@ from solver.output.energy import LENGTH
 from solver.output.snapshot import Counters, OutputArrays
 from solver.step.augmentation import Augmentation, new_augmentation
 from solver.step.constraint_coefficients import Formulation, new_formulation
+from solver.step.settings import IntegratorSettings
 
 # status of a step, or of several; INACCURATE: error control gave up, PAUSED: the caller may look around and call again
 OK, NOT_CONVERGED, NON_FINITE, SINGULAR, INACCURATE, BAD_INPUT, PAUSED = range(7)
@@ -61,6 +62,25 @@ def scheme_parameters(h: float, rho_inf: float) -> dict[str, float]:
         'gamma1': 0.5 + (1.0 - am1) - (1.0 - af),
         'ahead': af,
     }
+
+
+def scheme_of(settings: IntegratorSettings, h: float, form: int, n_rows: int, factor: np.ndarray) -> Scheme:
+    """The scheme of a setting for steps of h [s]; form: of the step matrix; factor (n_rows,): see Scheme. The addresses are not in yet."""
+    return Scheme(
+        **scheme_parameters(h, settings.rho_inf),
+        penalty=np.full(n_rows, settings.penalty),
+        factor=factor,
+        m_alf=int(settings.kind == 'm_alf'),
+        weigh=0,
+        coupled=int(settings.effective_mass == 'coupled'),
+        full=int(settings.coefficients == 'full'),
+        form=form,
+        fixed=int(settings.mode == 'fixed'),
+        iterations=settings.iterations if settings.mode == 'fixed' else settings.max_iterations,
+        tolerance=settings.tolerance,
+        combined=int(settings.augmentation == 'combined'),
+        step=0,
+    )
 
 
 class Work(NamedTuple):

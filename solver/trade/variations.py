@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 
 from solver.elements.road import RandomRoad, RoadSpec
 from solver.inputs.driver import Circle, Course, Waypoints
-from solver.inputs.maneuver import COMMANDS, Maneuver
-from solver.inputs.signals import Constant, Signal, Sum, signal
+from solver.inputs.hands import COMMANDS
+from solver.inputs.maneuver import Maneuver
+from solver.inputs.signals import Constant, Mapped, Signal, Sum, signal
 from solver.scene import Scene
 
 RANGES = {'amplitude': (0.8, 1.05), 'speed': (0.9, 1.05), 'friction': (0.9, 1.0)}
@@ -77,7 +78,8 @@ def varied(scene: Scene, v: Variation) -> Scene:
 
 def is_steered(scene: Scene) -> bool:
     """Whether anything turns the steering wheel."""
-    return scene.maneuver.driver is not None or signal(scene.maneuver.steering) != Constant()
+    maneuver = scene.maneuver
+    return maneuver.driver is not None or maneuver.by_road_wheel or signal(maneuver.steering) != Constant()
 
 
 def _maneuver(maneuver: Maneuver, v: Variation) -> tuple[Maneuver, bool]:
@@ -93,6 +95,8 @@ def _maneuver(maneuver: Maneuver, v: Variation) -> tuple[Maneuver, bool]:
             circle = dataclasses.replace(driver.path, radius=-driver.path.radius)
             return dataclasses.replace(maneuver, driver=dataclasses.replace(driver, path=circle)), True
         return maneuver, False
+    if maneuver.by_road_wheel:
+        return dataclasses.replace(maneuver, road_wheel=scaled(signal(maneuver.road_wheel), v.amplitude * v.direction)), True
     steering = signal(maneuver.steering)
     if steering != Constant():
         return dataclasses.replace(maneuver, steering=scaled(steering, v.amplitude * v.direction)), True
@@ -102,6 +106,8 @@ def _maneuver(maneuver: Maneuver, v: Variation) -> tuple[Maneuver, bool]:
 
 def scaled(given: Signal, factor: float) -> Signal:
     """The signal times a factor."""
+    if isinstance(given, Mapped):
+        return dataclasses.replace(given, points=tuple((x, factor * y) for x, y in given.points))
     if isinstance(given, Sum):
         return Sum(terms=tuple(scaled(signal(term), factor) for term in given.terms))
     changes: dict[str, Any] = {}

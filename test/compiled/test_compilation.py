@@ -30,7 +30,7 @@ numba.njit(lambda x: x)(1)
 seen = len(compiled.buffer)  # of this one: the listener does listen
 from mbd_sim_ros.node.loop import Loop
 from mbd_sim_ros.node.main import prepare
-from solver.inputs.maneuver import CommandSource
+from solver.inputs.hands import CommandSource
 
 def state():
     specialisations = sum(len(value.overloads) for name, module in sorted(sys.modules.items()) if name.startswith('solver')

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from solver.errors import SpecError
-from solver.inputs.maneuver import CommandSource, Maneuver, ManeuverSource, ReplaySource
+from solver.inputs.hands import CommandSource
+from solver.inputs.maneuver import Maneuver, ManeuverSource, ReplaySource
 from solver.inputs.recorded import Recorded, RecordedSource, Track
 from solver.inputs.signals import Constant, Ramp, Signal, Sine, SineWithDwell, Step, Sum, Sweep, Table
 

@@ -16,7 +16,7 @@ from mbd_sim_ros.messages.cdr import decode, schema_text
 from mbd_sim_ros.messages.encode import Messages
 
 LAYOUTS = Path(__file__).resolve().parents[2] / 'config' / 'layouts'
-FURTHER = {'robot_description', 'diagnostics'}
+FURTHER = {'robot_description', 'initialpose', 'diagnostics'}
 
 
 @pytest.fixture(scope='module')
@@ -40,7 +40,7 @@ def field(message: object, path: list[str]) -> object:
 def test_rviz_shows_topics_that_there_are(published):
     layout = yaml.safe_load((LAYOUTS / 'car.rviz').read_text())['Visualization Manager']
     topics = re.findall(r"'(?:Description )?Topic': {'Value': '([^']+)'", str(layout))
-    assert len(topics) == 6 and set(topics) <= published.keys() | FURTHER
+    assert len(topics) == 7 and set(topics) <= published.keys() | FURTHER
     assert layout['Global Options']['Fixed Frame'] == published['odom']['header']['frame_id']
     assert layout['Views']['Current']['Target Frame'] == published['odom']['child_frame_id']
 

@@ -359,7 +359,7 @@ def test_every_parameter_is_in_the_parameter_file_and_in_the_readme():
     given = yaml.safe_load(text)['/**']['ros__parameters']
     for name, spec in parameters.PARAMETERS.items():
         assert f'`{name}`' in readme, name
-        assert f'    {name}: ' in text or f'    # {name}: ' in text, name
+        assert name in given or f'    # {name}: ' in text, name
         if name in given:
             assert given[name] == spec.default and type(given[name]) is type(spec.default), name
     assert given.keys() <= parameters.PARAMETERS.keys()

@@ -20,9 +20,12 @@ SCRIPT = """
 import json, sys, time
 import synthetic
 from mbd_sim_ros.node import main as node
+from solver.errors import SceneError
 def prepare(name, overrides):
     print('PREPARING', flush=True)
     time.sleep(float(sys.argv[2]))
+    if name == 'nothing':
+        raise SceneError("scene 'nothing': no such file")
     return synthetic.scene(name=name), synthetic.Synthetic(**json.loads(sys.argv[1]))
 node.prepare = prepare
 sys.exit(node.main(sys.argv[3:]))
@@ -30,12 +33,12 @@ sys.exit(node.main(sys.argv[3:]))
 
 
 class Process:
-    """A node process; its output is collected while it runs."""
+    """A node process; its output is collected while it runs. path: of further packages."""
 
-    def __init__(self, directory: Path, command: list[str], domain: str = DOMAIN) -> None:
+    def __init__(self, directory: Path, command: list[str], domain: str = DOMAIN, path: str = '') -> None:
         environment = {
             **os.environ,
-            'PYTHONPATH': f'{ROOT}:{Path(__file__).parent}',
+            'PYTHONPATH': f'{ROOT}:{Path(__file__).parent}' + (f':{path}' if path else ''),
             'ROS_DOMAIN_ID': domain,
             'ROS_LOG_DIR': str(directory / 'log'),
         }
@@ -74,11 +77,11 @@ def start(tmp_path):
     pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
     started = []
 
-    def start(parameters: dict | None = None, *, preparing: float = 0.0, domain: str = DOMAIN, **simulation) -> Process:
+    def start(parameters: dict | None = None, *, preparing: float = 0.0, domain: str = DOMAIN, path: str = '', **simulation) -> Process:
         values = {'scene': 'synthetic', **(parameters or {})}
         arguments = [text for name, value in values.items() for text in ('-p', f'{name}:={json.dumps(value)}')]
         command = [sys.executable, '-c', SCRIPT, json.dumps(simulation), str(preparing), '--ros-args', *arguments]
-        started.append(Process(tmp_path, command, domain))
+        started.append(Process(tmp_path, command, domain, path))
         return started[-1]
 
     yield start

@@ -7,6 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 
 from solver.errors import StepError
+from solver.inputs.actuation import Actuation
+from solver.output.sensors import Sensors
 from solver.output.snapshot import Channels, Counters, Snapshot, layout_of, new_numbers
 from solver.scene import Record
 
@@ -70,6 +72,9 @@ class Synthetic:
             self.inputs = np.array(inputs, float)
         return self.snapshot()
 
+    def place(self, x: float, y: float, heading: float) -> None:
+        self.placed = (x, y, heading)
+
     def urdf(self) -> str:
         return '<robot name="of the model"/>'
 
@@ -83,4 +88,13 @@ class Synthetic:
 def scene(**values: object) -> SimpleNamespace:
     """What the node needs of a solver.scene.Scene."""
     defaults = {'name': 'synthetic', 'resolved': 'name: synthetic\n', 'hash': 'f' * 16, 'seed': 7, 'duration': 1.0}
-    return SimpleNamespace(**{**defaults, 'record': Record(poses=0.0), **values})
+    return SimpleNamespace(
+        **{
+            **defaults,
+            'record': Record(poses=0.0, elements_rate=0.0),
+            'actuation': Actuation(),
+            'sensors': Sensors(),
+            'model': None,
+            **values,
+        }
+    )

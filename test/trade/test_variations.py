@@ -7,7 +7,7 @@ import pytest
 
 import solver
 from solver.elements.road import RandomRoad
-from solver.inputs.signals import Constant, Ramp, Sine, SineWithDwell, Step, Sum, Sweep, Table, signal
+from solver.inputs.signals import Constant, Mapped, Ramp, Sine, SineWithDwell, Step, Sum, Sweep, Table, signal
 from solver.trade.variations import AS_GIVEN, CORNERS, RANGES, Variation, inside, scaled, varied
 
 T = np.linspace(0.0, 10.0, 1001)
@@ -20,6 +20,7 @@ SIGNALS = (
     Sweep(amplitude=0.4, final_amplitude=1.2, frequency=0.2, final_frequency=1.0, duration=6.0),
     Table(points=((0.0, 0.1), (1.0, 0.5), (3.0, -0.2))),
     Sum(terms=(0.25, Step(value=1.0))),
+    Mapped(of=Step(value=0.3), points=((-0.5, -7.0), (0.0, 0.2), (0.5, 8.0))),
 )
 
 

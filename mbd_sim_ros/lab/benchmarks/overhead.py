@@ -99,7 +99,7 @@ class Overhead:
         first, rows = simulation.k, simulation.source.table(simulation.k, steps)
         begin = end = 0
 
-        def inputs(_: tuple[float, float, float]) -> np.ndarray:
+        def inputs(_: tuple[float, ...]) -> np.ndarray:
             nonlocal begin
             row = rows[simulation.k - first]
             begin = clock()

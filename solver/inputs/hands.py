@@ -1,0 +1,86 @@
+"""Commands that are latched at step boundaries become inputs: angles pass a filter that makes them motions, torques hold over the step."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from solver.errors import SpecError
+from solver.inputs.recorded import ACCELERATION, RATE
+
+COMMANDS = ('steering', 'drive_torque', 'brake_torque')
+STEERING = {'angle': 'steering', 'torque': 'steering_torque', 'road_wheel': 'road_wheel'}  # by Actuation.steering, what is commanded
+BY_WHEEL = ('drive_torque_', 'brake_torque_')
+
+
+def commands_of(input_names: Sequence[str], steering: str = 'angle') -> tuple[str, ...]:
+    """What may be commanded of a vehicle with these inputs: its steering, the two sums, and the torques of single wheels.
+
+    steering: see Actuation.
+    """
+    return (STEERING[steering], *COMMANDS[1:], *(name for name in input_names if name.startswith(BY_WHEEL)))
+
+
+def follow(omega: float, x: float, v: float, r: float, slope: float, t: float) -> tuple[float, float]:
+    """(x, x') after t seconds of x'' = omega^2 (r - x) - 2 omega x' behind a reference that starts at r and moves at `slope`: exact."""
+    lag = 2.0 * slope / omega  # steady distance behind a moving reference
+    e = x - (r - lag)
+    b = v - slope + omega * e
+    decay = math.exp(-omega * t)
+    return r - lag + slope * t + (e + b * t) * decay, slope + (b - omega * (e + b * t)) * decay
+
+
+class CommandSource:
+    """Turns commands latched at step boundaries into inputs; the steering command passes a filter, torques hold over the step.
+
+    Steering: the reference r runs after the command at no more than `rate_limit`; the angle x follows it by
+    x'' = w^2 (r - x) - 2 w x' (critically damped, w = 2 pi bandwidth). The impulse response w^2 t exp(-w t) is positive with area
+    one, so |x'| <= rate_limit too; x'' is continuous, so angle, rate and acceleration belong together. The step is advanced by
+    the closed-form solution (r is linear, then constant), so it depends on nothing but the state and the command.
+
+    state: (3,) r, x [rad], x' [rad/s]; assign it to restore.
+    """
+
+    def __init__(
+        self,
+        input_names: Sequence[str],
+        h_ns: int,
+        *,
+        bandwidth: float = 5.0,
+        rate_limit: float = 20.0,
+        steering: float = 0.0,
+        commands: Sequence[str] = COMMANDS,
+        mapped: Callable[[float], float] | None = None,
+    ) -> None:
+        """bandwidth [Hz], rate_limit [rad/s], steering: initial angle [rad]. commands: what advance() is given (commands_of). mapped: turns
+        the command road_wheel into an angle of the steering wheel."""
+        if not (bandwidth > 0.0 and rate_limit > 0.0):
+            raise SpecError(f'steering filter: bandwidth = {bandwidth!r} and rate_limit = {rate_limit!r}: both must be > 0')
+        self.names, self.h_ns = tuple(input_names), h_ns
+        self.omega, self.rate_limit = 2.0 * np.pi * bandwidth, rate_limit
+        self.state = np.array([steering, steering, 0.0])
+        self._commands, self._mapped = tuple(commands), mapped
+        self._angle = self._commands[0] != STEERING['torque']
+
+    def advance(self, *commands: float) -> np.ndarray:
+        """(nu,) inputs of the next step for the commands that were in force at its beginning: steering [rad or N m], torques [N m]."""
+        values = dict(zip(self._commands, commands, strict=True))
+        if self._angle:
+            steering = commands[0]
+            x, v, acceleration = self._motion(steering if self._mapped is None else self._mapped(steering))
+            values |= {'steering': x, 'steering' + RATE: v, 'steering' + ACCELERATION: acceleration}
+        return np.array([values.get(name, 0.0) for name in self.names])
+
+    def _motion(self, steering: float) -> tuple[float, float, float]:
+        """(angle, rate, acceleration) at the end of the step."""
+        h, (r, x, v) = self.h_ns * 1e-9, self.state
+        gap = steering - r
+        run = min(abs(gap) / self.rate_limit, h)
+        slope = self.rate_limit if gap > 0.0 else -self.rate_limit
+        x, v = follow(self.omega, x, v, r, slope, run)
+        r = steering if run < h else r + slope * h
+        x, v = follow(self.omega, x, v, r, 0.0, h - run)
+        self.state = np.array([r, x, v])
+        return x, v, self.omega * self.omega * (r - x) - 2.0 * self.omega * v

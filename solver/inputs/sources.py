@@ -1,0 +1,71 @@
+"""Where the inputs of a simulation come from: a maneuver or a recording, a driver who sees the motion, and the actuators behind them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from solver.errors import SpecError
+from solver.inputs.actuation import Actuation, Chain
+from solver.inputs.driver import Sight
+from solver.inputs.maneuver import DriverSource, Maneuver, source_of
+from solver.inputs.recorded import RecordedSource
+
+
+class Sources:
+    """The inputs of a simulation, step by step.
+
+    stage: where in a step the integrator balances forces. speed: at the start [m/s]. duration: of the simulation [s]. of_time: what depends
+    on time alone. driver, actuators: where there are any; what a recording says has acted, so nothing lies behind it.
+    Raises SpecError.
+    """
+
+    def __init__(
+        self, maneuver: Maneuver, actuation: Actuation, names: Sequence[str], h_ns: int, stage: float, *, speed: float, duration: float
+    ) -> None:
+        self._maneuver, self._actuation, self._names, self._h_ns, self._stage = maneuver, actuation, names, h_ns, stage
+        self.of_time = source_of(maneuver, names, h_ns, stage)
+        if isinstance(self.of_time, RecordedSource) and round(duration * 1e9 / h_ns) > self.of_time.steps:
+            last = self.of_time.steps * h_ns * 1e-9
+            raise SpecError(f'duration = {duration:g}: {self.of_time.given.where} ends at {last:g} s; set duration to that or less')
+        self.driver = DriverSource(maneuver, names, h_ns, stage, speed) if maneuver.closed_loop else None
+        self.actuators = self.new_actuators() if actuation.actuators and not maneuver.bag else None
+
+    def new_actuators(self) -> Chain:
+        """Actuators at rest."""
+        return Chain(self._actuation.actuators, self._names, self._h_ns, self._stage)
+
+    @property
+    def step_by_step(self) -> bool:
+        """Whether the inputs of a step depend on the steps before it."""
+        return self.driver is not None or self.actuators is not None
+
+    def reset(self) -> np.ndarray:
+        """Back to t = 0: (nu,) the inputs there."""
+        if self.driver is not None:
+            self.driver.reset()
+        if isinstance(self.of_time, RecordedSource):
+            return self.of_time.start
+        inputs = self._maneuver.inputs_at_start(self._names)
+        return inputs if self.actuators is None else self.actuators.start(inputs)
+
+    def sample(self, k: int, sight: Callable[[], Sight]) -> np.ndarray:
+        """(nu,) inputs of step k; advances driver and actuators, so it is called once per step. sight: what the driver sees."""
+        row = self.of_time.sample(k) if self.driver is None else self.driver.sample(k, sight())
+        return row if self.actuators is None else self.actuators.advance(row)
+
+    def memory(self) -> dict[str, np.ndarray]:
+        """What the inputs of the steps to come depend on."""
+        parts = {'driver': self.driver, 'actuators': self.actuators}
+        return {name: part.state for name, part in parts.items() if part is not None}
+
+    def recall(self, memory: Mapping[str, np.ndarray]) -> None:
+        """Go on from memory(). Raises SpecError where that is not of these."""
+        for name, part, be in (('driver', self.driver, 'has no driver'), ('actuators', self.actuators, 'has no actuators')):
+            if part is not None:
+                if name not in memory:
+                    raise SpecError(f'restore: the saved state {be}: it is of another scene')
+                if memory[name].dtype != float:
+                    raise SpecError(f'restore: {name} are not numbers: the saved state is of another model')
+                part.state = memory[name]

@@ -1,0 +1,73 @@
+"""The map of a steering: the mean angle of the front road wheels over the angle of the steering wheel, measured on the bench.
+
+The bench (solver.analysis.kinematics_and_compliance) holds the chassis in its design position and turns the steering wheel; every
+point is a static equilibrium without loads at the tires. So the map has what linkage and gear do to the ratio, and not the twist that
+forces at the wheels cause. NODES points lie like the zeros of a Chebyshev polynomial; the polynomial through them is the map
+(solver.inputs.signals.Mapped).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import numpy as np
+
+from solver.analysis.kinematics_and_compliance import CORNERS, Rig
+from solver.elements.road import RoadSpec
+from solver.errors import ConsistencyError, SceneError, SpecError
+from solver.inputs.signals import Constant, Jet, Mapped, signal
+from solver.levels.kept import kept
+from solver.model.spec import ModelSpec
+from solver.scene import Scene
+
+RANGES = (8.0, 6.0, 4.0, 2.0)  # of the steering wheel to either side [rad]: the first that is reached
+NODES = 33  # the universal joints of a column let the ratio swing twice a turn
+LOOKS = 2000  # at a maneuver, for what is beyond the map
+
+
+def steering_map(model: ModelSpec) -> Mapped:
+    """Angle of the steering wheel [rad] over the mean angle of the front road wheels [rad]; measured once, then kept.
+
+    Raises SpecError where the bench cannot steer the vehicle.
+    """
+    points = kept('road_wheel', repr(dataclasses.replace(model, road=RoadSpec())), lambda: _measured(model))
+    return Mapped(of=0.0, points=tuple((float(x), float(y)) for x, y in points))
+
+
+def steering_wheel_at(road_map: Mapped, road_wheel: float) -> float:
+    """Angle of the steering wheel [rad] at an angle of the road wheels [rad], which is kept within the map."""
+    low, high = road_map.points[0][0], road_map.points[-1][0]
+    zero = np.zeros(1)
+    return float(road_map.of_jet(Jet(np.clip(np.array([road_wheel]), low, high), zero, zero)).value[0])
+
+
+def by_steering_wheel(scene: Scene) -> Scene:
+    """A scene whose maneuver steers by road_wheel, as one that steers by the angle of the steering wheel. Raises SceneError."""
+    try:
+        found = steering_map(scene.model)
+    except SpecError as error:
+        raise SceneError(f'scene {scene.name!r}: maneuver.road_wheel: {error}') from None
+    wanted = signal(scene.maneuver.road_wheel)
+    angles = wanted.jet(np.linspace(0.0, scene.duration, LOOKS)).value
+    worst = float(angles[np.argmax(np.abs(angles))])
+    low, high = found.points[0][0], found.points[-1][0]
+    if not low <= worst <= high:
+        raise SceneError(f'scene {scene.name!r}: maneuver.road_wheel: {worst:g} rad is beyond the steering, {low:.3g} to {high:.3g} rad')
+    mapped = dataclasses.replace(found, of=wanted)
+    return dataclasses.replace(scene, maneuver=dataclasses.replace(scene.maneuver, road_wheel=Constant(), steering=mapped))
+
+
+def _measured(model: ModelSpec) -> list[tuple[float, float]]:
+    if {tire.name for tire in model.tires} != set(CORNERS) or 'steering' not in model.inputs:
+        raise SpecError(f'the bench needs a vehicle with the input steering and the wheels {", ".join(CORNERS)}')
+    for largest in RANGES:
+        angles = [-largest * math.cos(math.pi * (k + 0.5) / NODES) for k in range(NODES)]
+        try:
+            curves = Rig(model).steering(angles)
+        except ConsistencyError:
+            continue
+        road = 0.5 * (curves['front_left']['steer'] + curves['front_right']['steer'])
+        if np.all(np.diff(road) > 0.0):
+            return [(float(x), s) for x, s in zip(road, angles, strict=True)]
+    raise SpecError(f'the bench cannot turn the steering wheel by {RANGES[-1]:g} rad to either side')

@@ -1,0 +1,48 @@
+"""Moving a whole mechanism over the ground: to another place and heading, with its motion as it was in its own axes.
+
+On a road that is the same everywhere this is a symmetry of the equations: gravity and the road do not change under a turn about the
+vertical. Velocities and accelerations have their linear parts in the world (docs/conventions.md), so these turn along; internal states,
+joint coordinates and multipliers are measured in the parts themselves.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from solver.compiled.portable import product
+from solver.compiled.so3 import matrix_of_quaternion
+from solver.elements.road import RoadSpec
+from solver.errors import SpecError
+from solver.inputs.driver import Sight
+from solver.model.state import State
+
+
+def sight(q: np.ndarray, v: np.ndarray, com: Sequence[float]) -> Sight:
+    """What a driver sees: reference frame of a body with configuration q (7,), twist v (6,) and centre of mass com (3,) in it [m]."""
+    R = np.array(matrix_of_quaternion(tuple(q[3:]))).reshape(3, 3)
+    p = q[:3] - product(R, np.array(com))
+    speed = float(product(R[:, 0], v[:3]) - np.cross(v[3:], np.array(com))[0])
+    return Sight(float(p[0]), float(p[1]), math.atan2(R[1, 0], R[0, 0]), speed)
+
+
+def require_uniform(road: RoadSpec) -> None:
+    """Raise SpecError for a road on which a vehicle cannot be moved: slopes, patches and grids make every place another one."""
+    if road.grids or road.patches or tuple(road.normal) != (0.0, 0.0, 1.0):
+        raise SpecError('a vehicle can be placed on a flat road only, that is the same everywhere; this one has a slope, patches or grids')
+
+
+def displace(state: State, now: Sight, then: tuple[float, float, float]) -> None:
+    """Move a state so that what is at `now` comes to `then` (x, y [m], heading [rad])."""
+    x, y, heading = then
+    turn = heading - now.heading
+    R = np.array([[math.cos(turn), -math.sin(turn), 0.0], [math.sin(turn), math.cos(turn), 0.0], [0.0, 0.0, 1.0]])
+    z, w = math.sin(0.5 * turn), math.cos(0.5 * turn)
+    bodies = slice(0, len(state.q) - 1)  # the last one is the world
+    state.q[bodies, :3] = product(state.q[bodies, :3] - (now.x, now.y, 0.0), R.T) + (x, y, 0.0)
+    a, b, c, d = state.q[bodies, 3:].T.copy()
+    state.q[bodies, 3:] = np.column_stack([w * a - z * b, w * b + z * a, w * c + z * d, w * d - z * c])
+    for rates in (state.v, state.a, state.a_stage, state.a_stage_before):
+        rates[bodies, :3] = product(rates[bodies, :3], R.T)

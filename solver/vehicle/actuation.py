@@ -1,0 +1,66 @@
+"""What of a vehicle is actuated how: a model takes other inputs than its template gives it, by rules on the model.
+
+steering: torque   the coupler that imposes the angle of the steering wheel gives way to a torque on it (`driver`)
+wheels             every brake gets an input of its own, and a torque `drive_<wheel>` acts on every wheel: that of a driven one at its
+                   output of the differential, whose housing takes the reaction (torque vectoring); that of another one between the
+                   wheel and what carries it (a motor in the hub)
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+from solver.elements.coordinate_force import CoordinateForceSpec
+from solver.errors import SpecError
+from solver.inputs.actuation import Actuation
+from solver.inputs.recorded import ACCELERATION, RATE
+from solver.model.spec import ModelSpec
+
+TORQUE = 'steering_torque'
+MOTION = ('steering', 'steering' + RATE, 'steering' + ACCELERATION)
+
+
+def actuated(model: ModelSpec, actuation: Actuation) -> ModelSpec:
+    """The model with the inputs that an actuation wants. Raises SpecError for one that has not what it takes."""
+    if actuation.steering == 'torque':
+        model = _steered_by_torque(model)
+    return _with_wheels(model) if actuation.wheels else model
+
+
+def _steered_by_torque(model: ModelSpec) -> ModelSpec:
+    drivers = [c for c in model.couplers if c.input == 'steering']
+    if len(drivers) != 1 or len(drivers[0].terms) != 1:
+        raise SpecError('actuation: steering = torque: the model has no single coupler that imposes the angle of a steering wheel')
+    driver = drivers[0]
+    torque = CoordinateForceSpec(name=driver.name, terms=driver.terms, input=TORQUE)
+    inputs = tuple(TORQUE if name == MOTION[0] else name for name in model.inputs if name not in MOTION[1:])
+    return dataclasses.replace(
+        model,
+        couplers=tuple(c for c in model.couplers if c is not driver),
+        coordinate_forces=(*model.coordinate_forces, torque),
+        inputs=inputs,
+    )
+
+
+def _with_wheels(model: ModelSpec) -> ModelSpec:
+    brakes = {brake.coordinate: brake for brake in model.brakes}
+    outputs = [(name, factor) for force in model.coordinate_forces if force.input == 'drive_torque' for name, factor in force.terms]
+    drives, own, inputs = [], {}, []
+    for wheel in (tire.name for tire in model.tires):
+        bearing = f'wheel_{wheel}'
+        if bearing not in brakes:
+            raise SpecError(f'actuation: wheels: wheel {wheel!r} has no brake on a coordinate {bearing!r}')
+        own[bearing] = f'brake_torque_{wheel}'
+        name, factor = next(((name, factor) for name, factor in outputs if wheel in name), (bearing, 1.0))
+        drives.append(
+            CoordinateForceSpec(name=f'drive_{wheel}', terms=((name, 1.0 if factor > 0.0 else -1.0),), input=f'drive_torque_{wheel}')
+        )
+        inputs += [f'drive_torque_{wheel}', own[bearing]]
+    if not drives:
+        raise SpecError('actuation: wheels: the model has no tires')
+    return dataclasses.replace(
+        model,
+        brakes=tuple(dataclasses.replace(b, own_input=own[b.coordinate]) if b.coordinate in own else b for b in model.brakes),
+        coordinate_forces=(*model.coordinate_forces, *drives),
+        inputs=(*model.inputs, *inputs),
+    )

@@ -1,0 +1,185 @@
+"""simulation_interfaces over real services and an action, with stand-ins of the package; scenes loaded while the node runs; placing."""
+
+from __future__ import annotations
+
+import math
+import sys
+
+import numpy as np
+import pytest
+from client import client
+from foreign import packages
+from processes import start
+
+from mbd_sim_ros.bags import reader as bag
+
+pytestmark = pytest.mark.realtime
+
+__all__ = ['client', 'start']  # fixtures
+
+
+def caller(client):
+    """A function that calls a service of the simulator."""
+
+    def call(kind, name: str, **request):
+        service = client.node.create_client(kind, f'simulator/{name}')
+        client.until(service.service_is_ready)
+        future = service.call_async(kind.Request(**request))
+        client.until(future.done)
+        return future.result()
+
+    return call
+
+
+def put_scene(client, name: str) -> None:
+    from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+    from rcl_interfaces.srv import SetParameters
+
+    wanted = Parameter(name='scene', value=ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=name))
+    assert caller(client)(SetParameters, 'set_parameters', parameters=[wanted]).results[0].successful
+
+
+def test_another_scene_is_loaded_without_a_restart(start, client, tmp_path):
+    process = start({'record': True, 'out': 'first'})
+    client.until(lambda: client.applied and client.applied[-1]['step'] > 100)
+    put_scene(client, 'nothing')
+    refused = client.call('load')
+    assert not refused.success and refused.message == "scene 'nothing': no such file"
+    before = client.applied[-1]['step']
+    client.until(lambda: client.applied[-1]['step'] > before)  # it goes on
+    put_scene(client, 'second')
+    assert client.call('load').message == 'second stands at its start'
+    client.until(lambda: client.applied[-1]['step'] == 0)
+    assert client.call('step').success
+    client.until(lambda: client.applied[-1]['step'] == 1)
+    client.ready()
+    client.send(1, 40.0)
+    assert client.call('resume').success
+    client.until(lambda: client.applied[-1]['step'] > 100 and client.applied[-1]['drive_torque'] == 40.0)
+    process.process.terminate()
+    assert process.end() == 0, process.output
+    assert 'Traceback' not in process.output
+    assert bag.read(tmp_path / 'first').metadata['end'] == 'second was loaded'
+    (second,) = (tmp_path / 'bags').glob('second-*')
+    run = bag.read(second)
+    assert run.metadata['scene'] == 'second'
+    np.testing.assert_array_equal(run['cmd_applied/step'], np.arange(len(run.time_ns)))
+
+
+def test_initialpose_places_the_car(start, client, tmp_path):
+    from geometry_msgs.msg import PoseWithCovarianceStamped
+
+    process = start({'record': True, 'out': 'run'})
+    publisher = client.node.create_publisher(PoseWithCovarianceStamped, 'initialpose', 1)
+    client.until(lambda: publisher.get_subscription_count() and client.odom)
+    message = PoseWithCovarianceStamped()
+    message.pose.pose.position.x, message.pose.pose.position.y = 50.0, -20.0
+    message.pose.pose.orientation.z, message.pose.pose.orientation.w = math.sin(0.5), math.cos(0.5)
+    publisher.publish(message)
+    client.until(lambda: 'initialpose: placed at x = 50.000 m, y = -20.000 m, heading 57.30 deg' in process.output)
+    message.pose.pose.orientation.w = message.pose.pose.orientation.z = 0.0
+    publisher.publish(message)
+    client.until(lambda: 'initialpose refused: orientation' in process.output)
+    process.process.terminate()
+    assert process.end() == 0, process.output
+    assert bag.read(tmp_path / 'run').metadata['end'] == 'placed elsewhere'
+    assert len(list((tmp_path / 'bags').glob('synthetic-*'))) == 1
+
+
+@pytest.mark.long
+def test_the_simulation_is_controlled_by_simulation_interfaces(start, client):
+    where = packages()
+    sys.path.insert(0, str(where))
+    from rclpy.action import ActionClient
+    from simulation_interfaces.action import SimulateSteps
+    from simulation_interfaces.msg import EntityFilters, EntityState, Resource, Result, SimulationState, SimulatorFeatures
+    from simulation_interfaces.srv import (
+        GetEntities,
+        GetEntityState,
+        GetSimulationState,
+        GetSimulatorFeatures,
+        LoadWorld,
+        ResetSimulation,
+        SetEntityState,
+        SetSimulationState,
+        StepSimulation,
+    )
+
+    process = start(path=str(where))
+    call = caller(client)
+    found = set(call(GetSimulatorFeatures, 'get_simulator_features').features.features)
+    assert {SimulatorFeatures.SIMULATION_STATE_PAUSE, SimulatorFeatures.STEP_SIMULATION_ACTION, SimulatorFeatures.WORLD_LOADING} <= found
+    assert not found & {SimulatorFeatures.SPAWNING, SimulatorFeatures.ENTITY_TAGS}
+
+    def state() -> int:
+        return call(GetSimulationState, 'get_simulation_state').state.state
+
+    def put(wanted: int) -> int:
+        return call(SetSimulationState, 'set_simulation_state', state=SimulationState(state=wanted)).result.result
+
+    assert state() == SimulationState.STATE_PLAYING
+    assert put(SimulationState.STATE_PLAYING) == SetSimulationState.Response.ALREADY_IN_TARGET_STATE
+    assert call(StepSimulation, 'step_simulation', steps=3).result.result == Result.RESULT_OPERATION_FAILED  # it is not paused
+    assert put(SimulationState.STATE_STOPPED) == Result.RESULT_OK
+    assert state() == SimulationState.STATE_STOPPED
+    client.until(lambda: client.applied and client.applied[-1]['step'] == 0)
+    assert call(StepSimulation, 'step_simulation', steps=7).result.result == Result.RESULT_OK
+    client.until(lambda: client.applied[-1]['step'] == 7)
+    assert state() == SimulationState.STATE_PAUSED
+
+    action = ActionClient(client.node, SimulateSteps, 'simulator/simulate_steps')
+    client.until(action.server_is_ready)
+    told: list[int] = []
+    sent = action.send_goal_async(SimulateSteps.Goal(steps=20), feedback_callback=lambda m: told.append(m.feedback.completed_steps))
+    client.until(sent.done)
+    result = sent.result().get_result_async()
+    client.until(result.done)
+    assert result.result().result.result.result == Result.RESULT_OK
+    client.until(lambda: told and told[-1] == 20)
+    assert told == sorted(told) and len(told) > 5
+    client.until(lambda: client.applied[-1]['step'] == 27)
+    sent = action.send_goal_async(SimulateSteps.Goal(steps=10**9))
+    client.until(sent.done)
+    client.until(lambda: client.applied[-1]['step'] > 40)
+    assert state() == SimulationState.STATE_PAUSED  # others are answered meanwhile
+    cancelled = sent.result().cancel_goal_async()
+    client.until(cancelled.done)
+    assert len(cancelled.result().goals_canceling) == 1
+    result = sent.result().get_result_async()
+    client.until(result.done)
+    step = client.applied[-1]['step']
+
+    assert call(GetEntities, 'get_entities', filters=EntityFilters()).entities == ['subframe', 'chassis', 'wheel']
+    assert call(GetEntities, 'get_entities', filters=EntityFilters(filter='^wh')).entities == ['wheel']
+    assert call(GetEntities, 'get_entities', filters=EntityFilters(filter='(')).result.result == Result.RESULT_OPERATION_FAILED
+    got = call(GetEntityState, 'get_entity_state', entity='chassis').state
+    client.until(lambda: client.odom)
+    assert got.header.frame_id == 'odom' and np.isnan(got.acceleration.linear.x)
+    assert got.pose.position.x > 0.0
+    assert call(GetEntityState, 'get_entity_state', entity='nobody').result.result == Result.RESULT_NOT_FOUND
+    place = EntityState()
+    place.pose.position.x, place.pose.orientation.z, place.pose.orientation.w = 30.0, math.sqrt(0.5), math.sqrt(0.5)
+    assert call(SetEntityState, 'set_entity_state', entity='chassis', state=place, set_pose=True).result.result == Result.RESULT_OK
+    client.until(lambda: 'placed at x = 30.000 m, y = 0.000 m, heading 90.00 deg' in process.output)
+    place.pose.orientation.z = place.pose.orientation.w = 0.0
+    assert call(SetEntityState, 'set_entity_state', entity='chassis', state=place, set_pose=True).result.result == 101
+    assert call(SetEntityState, 'set_entity_state', entity='chassis', state=place, set_twist=True).result.result == 0
+
+    client.until(lambda: client.applied[-1]['step'] >= step)
+    last = client.applied[-1]['step']
+    client.applied.clear()
+    assert call(ResetSimulation, 'reset_simulation', scope=ResetSimulation.Request.SCOPE_STATE).result.result == Result.RESULT_OK
+    client.until(lambda: client.applied)
+    assert client.applied[-1]['step'] >= last  # time went on
+    assert call(ResetSimulation, 'reset_simulation').result.result == Result.RESULT_OK
+    client.until(lambda: client.applied[-1]['step'] == 0)
+    assert call(ResetSimulation, 'reset_simulation', scope=ResetSimulation.Request.SCOPE_SPAWNED).result.result == 0
+
+    loaded = call(LoadWorld, 'load_world', world_resource=Resource(uri='second'))
+    assert loaded.result.result == Result.RESULT_OK and loaded.world.name == 'second'
+    assert state() == SimulationState.STATE_STOPPED
+    assert call(LoadWorld, 'load_world').result.result == LoadWorld.Response.NO_RESOURCE
+    assert call(LoadWorld, 'load_world', world_resource=Resource(uri='nothing')).result.result == LoadWorld.Response.RESOURCE_PARSE_ERROR
+    put(SimulationState.STATE_QUITTING)
+    assert process.end() == 0, process.output
+    assert 'Traceback' not in process.output

@@ -1,0 +1,56 @@
+"""What is published how often, and what is dropped when there is no time."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from client import client
+from processes import start
+
+pytestmark = pytest.mark.realtime
+
+__all__ = ['client', 'start']  # fixtures
+
+
+def test_topics_have_rates_of_their_own(start, client):
+    start({'rate_odom': 50.0, 'rate_cmd_applied': 10.0})
+    client.until(lambda: len(client.odom) > 30)
+    stamps = [m.header.stamp.sec * 1_000_000_000 + m.header.stamp.nanosec for m in client.odom]
+    np.testing.assert_array_equal(np.diff(stamps), 20_000_000)
+    assert all(applied['step'] % 50 == 0 for applied in client.applied)
+    ask(client, 'rate_odom', 0.0)
+    seen = len(client.odom)
+    client.until(lambda: len(client.odom) > seen + 60)
+    stamps = [m.header.stamp.sec * 1_000_000_000 + m.header.stamp.nanosec for m in client.odom[-40:]]
+    assert np.min(np.diff(stamps)) == 2_000_000
+
+
+def ask(client, name: str, value: float) -> None:
+    """Set a parameter of the simulator."""
+    from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+    from rcl_interfaces.srv import SetParameters
+
+    service = client.node.create_client(SetParameters, 'simulator/set_parameters')
+    client.until(service.service_is_ready)
+    wanted = Parameter(name=name, value=ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value))
+    future = service.call_async(SetParameters.Request(parameters=[wanted]))
+    client.until(future.done)
+    assert future.result().results[0].successful
+
+
+def test_what_finds_no_time_is_dropped_last_things_first_and_named(start, client):
+    """With no time at all only the first topic of every step is published: that with the acknowledgement of commands."""
+    start({'publish_budget': 1e-6})
+    client.until(lambda: len(client.applied) > 100)
+    values: dict[str, str] = {}
+
+    def named() -> bool:
+        values.update({v.key: v.value for a in client.diagnostics for v in a.status[0].values})
+        return 'publishing dropped' in values
+
+    client.until(named)
+    dropped = dict(item.rsplit(' ', 1) for item in values['publishing dropped'].split(', '))
+    assert 'cmd_applied' not in dropped and int(dropped['odom']) > 100 and int(dropped['tire_force']) >= 4 * int(dropped['odom'])
+    assert len(client.odom) < 3
+    ask(client, 'publish_budget', 0.0)
+    client.until(lambda: len(client.odom) > 100)
