@@ -6,6 +6,9 @@ import dataclasses
 import io
 import json
 import os
+import subprocess
+import sys
+import time
 from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
@@ -14,7 +17,7 @@ import numpy as np
 import pytest
 
 from mbd_sim_ros.commands.main import main
-from mbd_sim_ros.lab.benchmarks import endurance, growth, rigs, single, start, threads, verdicts
+from mbd_sim_ros.lab.benchmarks import endurance, growth, idle, rigs, single, start, threads, verdicts
 from mbd_sim_ros.lab.peers.exudyn import PYTHON
 from mbd_sim_ros.lab.peers.rig import RUNOUT, SPIN, TIRE, car_on_rig, plain
 from solver.errors import SceneError, SpecError
@@ -204,11 +207,13 @@ def test_the_node_at_work_is_measured(tmp_path: Path, monkeypatch: pytest.Monkey
     pytest.importorskip('rclpy')
     monkeypatch.setattr(endurance, 'DOMAIN', str(60 + os.getpid() % 40))
     monkeypatch.setenv('ROS_LOG_DIR', str(tmp_path))
-    case = endurance.Endurance('light_car_step_steer', ['integrator.h=0.002'], 1.0, with_reader=True)
+    case = endurance.Endurance('light_car_step_steer', ['integrator.h=0.002'], 3.0, with_reader=True)
     case.round(1)
     found = case.figures()
     assert list(found['figures']) == list(endurance.FIGURES)
-    assert found['steps'] == 500
+    assert found['steps'] == 1500
+    assert 0.0 <= found['figures']['idle_before'] <= 100.0 and 0.0 <= found['figures']['idle_after'] <= 100.0
+    assert 50.0 < found['figures']['memory'] < 1000.0
     assert found['commands'] > 10
     assert 0.0 < found['figures']['latency_p50'] <= found['figures']['latency_p99'] <= found['figures']['latency_max']
     assert 0.0 < found['figures']['real_time_factor'] < 1.01
@@ -230,3 +235,15 @@ def test_the_node_runs_as_long_as_asked(tmp_path: Path, monkeypatch: pytest.Monk
     assert seen == [30.0, 7.0, 10.0, 3.0]
     assert main(['bench', '--suite', str(file), '--duration', '-1']) == 2
     assert 'duration = -1.0: must be > 0' in capsys.readouterr().err
+
+
+def test_an_idle_loop_and_memory_are_measured() -> None:
+    assert 0.0 <= idle.late_when_idle(0.002, 0.2) <= 100.0
+    assert idle.late_when_idle(1e-7, 1e-4) > 90.0  # nobody wakes within 0.1 us
+    process = subprocess.Popen([sys.executable, '-c', 'import time; x = bytearray(50_000_000); time.sleep(30)'])
+    memory = idle.Memory(process.pid)
+    time.sleep(2.7)
+    process.kill()
+    process.wait()
+    largest, growth = memory.figures()
+    assert largest > 50.0 and abs(growth) < 60.0

@@ -23,6 +23,7 @@ from mcap.reader import make_reader
 from mbd_sim_ros.bags.records import find_file
 from mbd_sim_ros.bags.writer import RESULT
 from mbd_sim_ros.batch import warm_up
+from mbd_sim_ros.lab.benchmarks.idle import Memory, late_when_idle
 from mbd_sim_ros.lab.benchmarks.machine import on_all_cores
 from mbd_sim_ros.lab.benchmarks.overhead import LISTEN, installed
 from mbd_sim_ros.lab.benchmarks.start import parameters
@@ -38,16 +39,21 @@ MARKS = 1000
 LOST = 0.1  # s after which a command is given up
 GONE = 1.0  # s without a message and without a subscription after which the simulator has ended
 START = 120.0  # s that it may take to start
+IDLE = 0.25, 60.0  # of the run, and at most so long [s]: the loops that do nothing
 COMMAND = 'import sys; from mbd_sim_ros.lab.benchmarks.endurance import command; command(sys.argv[1], sys.argv[2:])'
 FIGURES = {
     'real_time_factor': 'simulated over elapsed time, up to the last step',
     'late': 'steps that ended after their deadline [%]',
+    'idle_before': 'steps of a loop that does nothing that came late by themselves, before the run [%]',
+    'idle_after': 'the same behind it [%]',
     'slips': 'times the schedule was given up, 0.2 s behind',
     'latency_p50': 'from publishing a command to receiving the inputs of the step that used it [ms]: median',
     'latency_p99': '99th percentile of the same',
     'latency_max': 'largest of the same',
     'lost': f'commands not seen in a step within {LOST:g} s',
     'recorded': 'size of the recording [MB]',
+    'memory': 'of the simulator, at most [MB]',
+    'memory_growth': 'in its second half [MB per minute]',
 }
 
 
@@ -68,9 +74,19 @@ class Endurance:
         self._result: dict[str, str] = {}
         self._latencies: dict[str, Any] = {}
         self._bytes = 0
+        self._idle = [float('nan')] * 2
+        self._memory = float('nan'), float('nan')
 
     def round(self, _: int) -> None:
-        """One run of the node."""
+        """One run of the node, between two of a loop that does nothing."""
+        idle = min(IDLE[0] * self._seconds, IDLE[1])
+        with on_all_cores():
+            self._idle[0] = late_when_idle(self._h, idle)
+        self._run()
+        with on_all_cores():
+            self._idle[1] = late_when_idle(self._h, idle)
+
+    def _run(self) -> None:
         with on_all_cores(), tempfile.TemporaryDirectory(prefix='mbd-bench-') as scratch, ExitStack() as running:
             environment = {**os.environ, 'ROS_DOMAIN_ID': DOMAIN}
             directory = Path(scratch) / 'bag'
@@ -85,9 +101,13 @@ class Endurance:
                 start('-c', LISTEN, *self._read)
             commander = start('-c', COMMAND, self._scene, *self._overrides, stdout=subprocess.PIPE, text=True)
             values = {'duration': float(self._seconds), 'record': True, 'out': str(directory), 'publish_elements': True}
+            values |= {'rate_tf': 0.0, 'rate_element_states': 0.0, 'rate_reactions': 0.0}  # every step
             given = parameters(self._scene, self._overrides, **values)
             node = start('-m', 'mbd_sim_ros.node.main', '--ros-args', '--log-level', 'warn', *given)
-            if node.wait():
+            memory = Memory(node.pid)
+            failed = node.wait()
+            self._memory = memory.figures()
+            if failed:
                 raise MbdError(f'the simulator ended with exit code {node.returncode}')
             answer = commander.communicate(timeout=START)[0]
             if commander.returncode or not answer:
@@ -108,12 +128,16 @@ class Endurance:
         values = {
             'real_time_factor': steps * self._h / float(self._result['wall_time']),
             'late': 100.0 * int(self._result['overruns']) / steps,
+            'idle_before': self._idle[0],
+            'idle_after': self._idle[1],
             'slips': int(self._result['schedule_slips']),
             'latency_p50': float(np.median(ms)),
             'latency_p99': float(np.percentile(ms, 99.0)),
             'latency_max': float(ms.max()),
             'lost': self._latencies['lost'],
             'recorded': self._bytes * 1e-6,
+            'memory': self._memory[0],
+            'memory_growth': self._memory[1],
         }
         return {'h': self._h, 'steps': steps, 'commands': len(self._latencies['ms']), 'figures': {name: values[name] for name in FIGURES}}
 
