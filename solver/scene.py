@@ -10,6 +10,7 @@ from typing import Annotated, Literal, NamedTuple
 
 from solver.errors import SpecError, suggestion
 from solver.inputs.actuation import Actuation
+from solver.inputs.assistance import Assistance
 from solver.inputs.maneuver import Maneuver, base_names
 from solver.model.compile import joint_coordinates
 from solver.model.spec import ModelSpec
@@ -177,9 +178,10 @@ class Scene:
     """A complete simulation task.
 
     name, title: for people. model: the mechanism or vehicle on its road. actuation: which commands a vehicle takes, and the actuators
-    between them and its inputs. duration: simulated time [s]. seed: of everything random but the noise of sensors. sensors: accuracy and
-    noise of odom and imu. fidelity: how much of a vehicle is simulated (solver.levels); 'auto' is what the plan of this scene says.
-    switches: subsystems of a vehicle that are 'off', at every level (SUBSYSTEMS, docs/scene.md).
+    between them and its inputs. assistance: anti-lock and stability control at the brakes. duration: simulated time [s]. seed: of
+    everything random but the noise of sensors. sensors: accuracy and noise of odom and imu. fidelity: how much of a vehicle is simulated
+    (solver.levels); 'auto' is what the plan of this scene says. switches: subsystems of a vehicle that are 'off', at every level
+    (SUBSYSTEMS, docs/scene.md).
     resolved: the scene as YAML text with every include and override expanded; load_scene_text() of it gives the same scene ('' for a
     scene made in Python).
     """
@@ -190,6 +192,7 @@ class Scene:
     start: StartSettings = StartSettings()
     maneuver: Maneuver = field(default_factory=Maneuver)
     actuation: Actuation = field(default_factory=Actuation)
+    assistance: Assistance = field(default_factory=Assistance)
     integrator: IntegratorSettings = field(default_factory=IntegratorSettings)
     fidelity: Fidelity = 'full'
     switches: dict[str, Literal['on', 'off']] = field(default_factory=dict)
@@ -215,6 +218,8 @@ class Scene:
             require('steering' in names, where_, 'maneuver.road_wheel', '...', 'needs the input steering: an angle, of a vehicle')
         for name in (n for n in self.actuation.actuators if n not in names):
             require(False, where_, 'actuation.actuators', name, 'the model has no such input' + suggestion(name, names))
+        needs = 'works on the brakes of single wheels: set actuation: {wheels: true}'
+        require(self.actuation.wheels or not self.assistance, where_, 'assistance', 'given', needs)
         _check_accuracy(where_, self.require.accuracy, self.model)
         for name in (n for n in self.switches if n not in SUBSYSTEMS):
             require(False, where_, 'switches', name, 'no such subsystem' + suggestion(name, SUBSYSTEMS))

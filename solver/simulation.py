@@ -12,11 +12,13 @@ from solver.compiled.by_reference import Ref, nbytes
 from solver.compiled.kernel import address_of
 from solver.errors import SpecError, StepError
 from solver.files.urdf import robot_description
+from solver.inputs.assistance import Feel, feel_of
 from solver.inputs.driver import Sight
 from solver.inputs.maneuver import ManeuverSource
 from solver.inputs.recorded import RecordedSource
 from solver.inputs.sources import Sources
 from solver.model.evaluate import constraint_input_rates, evaluate_constraints, evaluate_forces, prepare
+from solver.model.frames import matrix
 from solver.model.saddle import CONDENSED, new_saddle
 from solver.model.state import State, copy_state, fill_kinematics, fitting, kinematics_of, load_state, new_state, save_state
 from solver.model.tables import Model
@@ -38,6 +40,7 @@ from solver.step.extrapolation import extrapolate
 from solver.step.failure import sentence
 from solver.step.scheme import scheme_of
 from solver.step.work import OK, LastStep, StepResult, new_work
+from solver.vehicle.actuation import assisted_wheels
 
 if TYPE_CHECKING:
     from solver.levels.derived import LevelReport
@@ -112,8 +115,10 @@ class Simulation:
 
     def _take_inputs(self, scene: Scene) -> None:
         """Prepare the sources of the inputs, sampled at the instant `stage` of a step. Raises SpecError."""
-        names, speed = scene.model.inputs, scene.start.speed
-        self.sources = Sources(scene.maneuver, scene.actuation, names, self.h_ns, self.stage, speed=speed, duration=scene.duration)
+        self.sources = Sources(
+            scene.maneuver, scene.actuation, scene.assistance, scene.model.inputs, assisted_wheels(scene.model), self.h_ns, self.stage,
+            speed=scene.start.speed, duration=scene.duration,
+        )  # fmt: skip
 
     @property
     def source(self) -> ManeuverSource | RecordedSource:
@@ -217,7 +222,7 @@ class Simulation:
             rows = np.empty((n, len(self._inputs)))
             for i in range(n):
                 self._applied = rows[:i]
-                rows[i] = self.sources.sample(self.k, self._sight)
+                rows[i] = self.sources.sample(self.k, self._sight, self.feel)
                 self._advance(1, rows[i : i + 1], audit)
             self._applied = rows
             return self.snapshot()
@@ -273,6 +278,17 @@ class Simulation:
         """What a driver sees now."""
         chassis = self.channels.chassis or 0
         return sight(self.state.q[chassis], self.state.v[chassis], self.model.spec.bodies[chassis].com)
+
+    def feel(self) -> Feel:
+        """What an assistance measures now."""
+        chassis, spec = self.channels.chassis or 0, self.model.spec
+        R = matrix(tuple(self.state.q[chassis, 3:]))
+        return feel_of(self.state.v, R, chassis, spec.bodies[chassis].com, self._spinning())
+
+    def _spinning(self) -> list[tuple[int, np.ndarray]]:
+        """Body and spin axis in it of every wheel."""
+        names = self.model.body_names
+        return [(names.index(tire.marker.body), matrix(tire.marker.orientation)[:, 1]) for tire in self.model.spec.tires]
 
     def place(self, x: float, y: float, heading: float) -> None:
         """Move everything so that the chassis stands at x, y [m] with a heading [rad]; its motion goes on as it was, in its own axes.

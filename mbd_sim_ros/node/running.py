@@ -29,6 +29,7 @@ from solver.analysis.envelope import Envelope
 from solver.elements.road import RoadSpec
 from solver.errors import BagError, MbdError, SpecError
 from solver.inputs.actuation import Chain
+from solver.inputs.assistance import Assistant
 from solver.inputs.hands import COMMANDS, CommandSource, commands_of
 from solver.levels.road_wheel import steering_map, steering_wheel_at
 from solver.model.spec import ModelSpec
@@ -59,6 +60,7 @@ class Running:
         self._priority = 0
         self._names = commands_of(simulation.channels.inputs, scene.actuation.steering)
         self._actuators: Chain | None = simulation.sources.new_actuators() if scene.actuation.actuators else None
+        self._assistant: Assistant | None = simulation.sources.new_assistant() if scene.assistance else None
         self._road_map = steering_map(scene.model) if scene.actuation.steering == 'road_wheel' else None
         self._source = self._new_source()
         if first and self.value('restore'):
@@ -168,6 +170,8 @@ class Running:
         at_start = dict(zip(channels.inputs, inputs))
         if self._actuators is not None:
             self._actuators.start(inputs)
+        if self._assistant is not None:
+            self._assistant.start()
         return CommandSource(
             channels.inputs,
             self.simulation.h_ns,
@@ -199,6 +203,8 @@ class Running:
         if self.commands.deaf:
             return None
         row = self._source.advance(*values)
+        if self._assistant is not None:
+            row = self._assistant.act(row, self.simulation.feel())
         return row if self._actuators is None else self._actuators.advance(row)
 
     def _emit(self, snapshot: Snapshot) -> None:
@@ -263,10 +269,11 @@ class Running:
     def save(self) -> Path:
         """Write the state into a file in the current directory, and return that."""
         path = Path(f'{file_stem(self.scene.name)}-step{self.simulation.k}-{time.strftime("%Y%m%d-%H%M%S")}.state.npz')
-        actuators = {} if self._actuators is None else {'actuators': self._actuators.state}
+        parts = {'actuators': self._actuators, 'assistance': self._assistant}
+        states = {name: part.state for name, part in parts.items() if part is not None}
         simulation = np.frombuffer(self.simulation.save(), np.uint8)
         about = {'scene': self.scene.hash, 'model': self._model_hash(), 'h_ns': self.simulation.h_ns}
-        np.savez(path, simulation=simulation, steering=self._source.state, **about, **actuators)  # type: ignore[arg-type]
+        np.savez(path, simulation=simulation, steering=self._source.state, **about, **states)  # type: ignore[arg-type]
         return path.resolve()
 
     def _model_hash(self) -> str:
@@ -291,3 +298,5 @@ class Running:
         self._source.state = fitting('steering', steering, self._source.state)
         if self._actuators is not None:
             self._actuators.state = fitting('actuators', saved.get('actuators'), self._actuators.state)
+        if self._assistant is not None:
+            self._assistant.state = fitting('assistance', saved.get('assistance'), self._assistant.state)

@@ -8,6 +8,7 @@ import numpy as np
 
 from solver.errors import SpecError
 from solver.inputs.actuation import Actuation, Chain
+from solver.inputs.assistance import Assistance, Assistant, AssistedWheel, Feel
 from solver.inputs.driver import Sight
 from solver.inputs.maneuver import DriverSource, Maneuver, source_of
 from solver.inputs.recorded import RecordedSource
@@ -17,52 +18,74 @@ class Sources:
     """The inputs of a simulation, step by step.
 
     stage: where in a step the integrator balances forces. speed: at the start [m/s]. duration: of the simulation [s]. of_time: what depends
-    on time alone. driver, actuators: where there are any; what a recording says has acted, so nothing lies behind it.
+    on time alone. driver, assistant, actuators: where there are any; what a recording says has acted, so nothing lies behind it.
     Raises SpecError.
     """
 
     def __init__(
-        self, maneuver: Maneuver, actuation: Actuation, names: Sequence[str], h_ns: int, stage: float, *, speed: float, duration: float
+        self,
+        maneuver: Maneuver,
+        actuation: Actuation,
+        assistance: Assistance,
+        names: Sequence[str],
+        wheels: Sequence[AssistedWheel],
+        h_ns: int,
+        stage: float,
+        *,
+        speed: float,
+        duration: float,
     ) -> None:
         self._maneuver, self._actuation, self._names, self._h_ns, self._stage = maneuver, actuation, names, h_ns, stage
+        self._assistance, self._wheels = assistance, wheels
         self.of_time = source_of(maneuver, names, h_ns, stage)
         if isinstance(self.of_time, RecordedSource) and round(duration * 1e9 / h_ns) > self.of_time.steps:
             last = self.of_time.steps * h_ns * 1e-9
             raise SpecError(f'duration = {duration:g}: {self.of_time.given.where} ends at {last:g} s; set duration to that or less')
         self.driver = DriverSource(maneuver, names, h_ns, stage, speed) if maneuver.closed_loop else None
         self.actuators = self.new_actuators() if actuation.actuators and not maneuver.bag else None
+        self.assistant = self.new_assistant() if assistance and not maneuver.bag else None
 
     def new_actuators(self) -> Chain:
         """Actuators at rest."""
         return Chain(self._actuation.actuators, self._names, self._h_ns, self._stage)
 
+    def new_assistant(self) -> Assistant:
+        """Assistance that has not acted yet."""
+        return Assistant(self._assistance, self._names, self._wheels, self._h_ns * 1e-9)
+
     @property
     def step_by_step(self) -> bool:
         """Whether the inputs of a step depend on the steps before it."""
-        return self.driver is not None or self.actuators is not None
+        return any(part is not None for part in (self.driver, self.actuators, self.assistant))
 
     def reset(self) -> np.ndarray:
         """Back to t = 0: (nu,) the inputs there."""
         if self.driver is not None:
             self.driver.reset()
+        if self.assistant is not None:
+            self.assistant.start()
         if isinstance(self.of_time, RecordedSource):
             return self.of_time.start
         inputs = self._maneuver.inputs_at_start(self._names)
         return inputs if self.actuators is None else self.actuators.start(inputs)
 
-    def sample(self, k: int, sight: Callable[[], Sight]) -> np.ndarray:
-        """(nu,) inputs of step k; advances driver and actuators, so it is called once per step. sight: what the driver sees."""
+    def sample(self, k: int, sight: Callable[[], Sight], feel: Callable[[], Feel]) -> np.ndarray:
+        """(nu,) inputs of step k; advances driver, assistance and actuators, so it is called once per step. sight: what the driver sees;
+        feel: what the assistance measures."""
         row = self.of_time.sample(k) if self.driver is None else self.driver.sample(k, sight())
+        if self.assistant is not None:
+            row = self.assistant.act(row, feel())
         return row if self.actuators is None else self.actuators.advance(row)
 
     def memory(self) -> dict[str, np.ndarray]:
         """What the inputs of the steps to come depend on."""
-        parts = {'driver': self.driver, 'actuators': self.actuators}
+        parts = {'driver': self.driver, 'actuators': self.actuators, 'assistance': self.assistant}
         return {name: part.state for name, part in parts.items() if part is not None}
 
     def recall(self, memory: Mapping[str, np.ndarray]) -> None:
         """Go on from memory(). Raises SpecError where that is not of these."""
-        for name, part, be in (('driver', self.driver, 'has no driver'), ('actuators', self.actuators, 'has no actuators')):
+        parts = (('driver', self.driver, 'has no driver'), ('actuators', self.actuators, 'has no actuators'))
+        for name, part, be in (*parts, ('assistance', self.assistant, 'has no assistance')):
             if part is not None:
                 if name not in memory:
                     raise SpecError(f'restore: the saved state {be}: it is of another scene')

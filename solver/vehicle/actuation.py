@@ -13,6 +13,7 @@ import dataclasses
 from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.errors import SpecError
 from solver.inputs.actuation import Actuation
+from solver.inputs.assistance import AssistedWheel
 from solver.inputs.recorded import ACCELERATION, RATE
 from solver.model.spec import ModelSpec
 
@@ -63,4 +64,14 @@ def _with_wheels(model: ModelSpec) -> ModelSpec:
         brakes=tuple(dataclasses.replace(b, own_input=own[b.coordinate]) if b.coordinate in own else b for b in model.brakes),
         coordinate_forces=(*model.coordinate_forces, *drives),
         inputs=(*model.inputs, *inputs),
+    )
+
+
+def assisted_wheels(model: ModelSpec) -> tuple[AssistedWheel, ...]:
+    """What an assistance has to know of the wheels of a vehicle, in the order of its tires."""
+    bodies = {b.name: b for b in model.bodies}
+    shares = {brake.coordinate: brake.gain for brake in model.brakes}
+    return tuple(
+        AssistedWheel(tire.name, shares.get(f'wheel_{tire.name}', 0.0), tire.data['UNLOADED_RADIUS'], bodies[tire.marker.body].position[1])
+        for tire in model.tires
     )

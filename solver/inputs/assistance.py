@@ -1,0 +1,187 @@
+"""Assistance at the brakes of single wheels: reference implementations of anti-lock and stability control, off unless a scene has them.
+
+They see what a car can measure or estimate well (Feel), act on the inputs brake_torque_<wheel> of `actuation: {wheels: true}`, and come
+before the actuators, whose lag is that of the hydraulics. What they did is part of the recorded inputs.
+
+Anti-lock: the share m of its torque that a wheel gets follows, between 0 and 1,
+
+    dm/dt = clip(gain (slip - lambda), -release, apply)        lambda = 1 - omega R / v
+
+with the speed v of the wheel's place along the car; both rear wheels get the smaller share of the two (select low), which keeps the rear
+axle's side force on split friction. A locked wheel is released within 1 / release seconds, and its slip settles about
+`slip`, near the peak of the tire, as far as the hydraulics let it.
+
+Stability: the yaw rate that the steering asks for is that of the steady single-track model ([Gillespie1992] 6.5), as much of it as friction
+allows,
+
+    r_wanted = v delta / (L + K v^2),    |r_wanted| <= 0.85 mu g / v
+
+and where the yaw rate is off by e beyond a threshold, one wheel is braked on the side that turns the car back: the front wheel where the
+car turns too much, the rear one where it turns too little, with gain (|e| - threshold), at most `torque`. The drive torque is taken back
+in the same measure.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated, NamedTuple
+
+import numpy as np
+
+from solver.errors import SpecError
+from solver.validate import finite
+
+GRAVITY = 9.81
+USED = 0.85  # of the friction
+
+
+@dataclass(frozen=True, kw_only=True)
+class AntiLock:
+    """Anti-lock control; see the module. slip: that is kept [-]; gain [1/s], release and apply [1/s]; slowest: speed below which it lets
+    wheels lock [m/s]."""
+
+    slip: float = 0.10
+    gain: float = 60.0
+    release: float = 20.0
+    apply: float = 4.0
+    slowest: Annotated[float, 'm/s'] = 2.0
+
+    def __post_init__(self) -> None:
+        finite('anti-lock', 'slip', self.slip, low=0.0, high=1.0, strict=True)
+        for name in ('gain', 'release', 'apply', 'slowest'):
+            finite('anti-lock', name, getattr(self, name), low=0.0, strict=True)
+
+
+@dataclass(frozen=True, kw_only=True)
+class StabilityControl:
+    """Stability control; see the module. wheelbase [m], ratio of the steering, understeer gradient [rad s^2/m], friction that it counts on
+    [-]; threshold of the yaw rate [rad/s]; gain [N m s/rad] and torque, the largest one [N m]; slowest: speed below which it is off."""
+
+    wheelbase: Annotated[float, 'm'] = 2.7
+    ratio: float = 15.0
+    understeer: Annotated[float, 'rad s^2/m'] = 0.003
+    friction: float = 0.9
+    threshold: Annotated[float, 'rad/s'] = 0.04
+    gain: float = 12000.0
+    torque: Annotated[float, 'N m'] = 2500.0
+    slowest: Annotated[float, 'm/s'] = 5.0
+
+    def __post_init__(self) -> None:
+        for name in ('wheelbase', 'friction', 'gain', 'torque', 'slowest'):
+            finite('stability', name, getattr(self, name), low=0.0, strict=True)
+        for name in ('understeer', 'threshold'):
+            finite('stability', name, getattr(self, name), low=0.0)
+        if self.ratio == 0.0 or not math.isfinite(self.ratio):
+            raise SpecError(f'stability: ratio = {self.ratio!r}: must be a finite number other than 0')
+
+
+@dataclass(frozen=True, kw_only=True)
+class Assistance:
+    """What helps the driver at the brakes; none is off."""
+
+    anti_lock: AntiLock | None = None
+    stability: StabilityControl | None = None
+
+    def __bool__(self) -> bool:
+        return self.anti_lock is not None or self.stability is not None
+
+
+class Feel(NamedTuple):
+    """What is measured at the beginning of a step: speed along the chassis at its reference frame [m/s], yaw rate [rad/s], and by wheel in
+    the order of the model's tires the rate of its spin [rad/s]."""
+
+    speed: float
+    yaw_rate: float
+    spins: tuple[float, ...]
+
+
+class AssistedWheel(NamedTuple):
+    """A wheel: its name, its share of the brake torque [-], its radius [m], how far to the left of the middle of the car it stands [m]."""
+
+    name: str
+    share: float
+    radius: float
+    left: float
+
+
+class Assistant:
+    """The assistance of a simulation with inputs of these names and with these wheels, in steps of h [s].
+
+    state: (wheels,) share of its brake torque that each wheel gets; assign it to restore. Raises SpecError for a model without the inputs
+    of single wheels.
+    """
+
+    def __init__(self, assistance: Assistance, input_names: Sequence[str], wheels: Sequence[AssistedWheel], h: float) -> None:
+        self.assistance, self.h = assistance, h
+        names = list(input_names)
+        for wheel in wheels:
+            if f'brake_torque_{wheel.name}' not in names:
+                raise SpecError(f'assistance: the model has no input brake_torque_{wheel.name}: set actuation: {{wheels: true}}')
+        self._wheels = [(wheel, names.index(f'brake_torque_{wheel.name}')) for wheel in wheels]
+        rear = [k for k, wheel in enumerate(wheels) if wheel.name.startswith('rear_')]
+        self._together = [rear if k in rear else [k] for k in range(len(wheels))]
+        self._brake = names.index('brake_torque') if 'brake_torque' in names else None
+        self._drive = names.index('drive_torque') if 'drive_torque' in names else None
+        self._steering = names.index('steering') if 'steering' in names else None
+        if assistance.stability is not None:
+            if self._steering is None:
+                raise SpecError('assistance: stability: the model has no input steering, the angle of the steering wheel')
+            if {wheel.name for wheel in wheels} != {f'{axle}_{side}' for axle in ('front', 'rear') for side in ('left', 'right')}:
+                raise SpecError('assistance: stability: the model has not the wheels front_left, front_right, rear_left and rear_right')
+        self.state = np.ones(len(self._wheels))
+
+    def start(self) -> None:
+        """Back to t = 0: every wheel has its torque."""
+        self.state = np.ones(len(self._wheels))
+
+    def act(self, commands: np.ndarray, feel: Feel) -> np.ndarray:
+        """(nu,) inputs of a step with commands (nu,); advances by that step."""
+        row = commands.copy()
+        if self.assistance.stability is not None:
+            self._stabilise(row, feel, self.assistance.stability)
+        if self.assistance.anti_lock is not None:
+            self._unlock(row, feel, self.assistance.anti_lock)
+        return row
+
+    def _stabilise(self, row: np.ndarray, feel: Feel, control: StabilityControl) -> None:
+        v = feel.speed
+        if v < control.slowest or self._steering is None:
+            return
+        wanted = v * float(row[self._steering]) / control.ratio / (control.wheelbase + control.understeer * v * v)
+        most = USED * control.friction * GRAVITY / v
+        wanted = min(max(wanted, -most), most)
+        error = feel.yaw_rate - wanted
+        torque = min(control.gain * (abs(error) - control.threshold), control.torque)
+        if torque <= 0.0:
+            return
+        side = 'right' if error > 0.0 else 'left'
+        axle = 'front' if error * wanted >= 0.0 else 'rear'
+        for wheel, place in self._wheels:
+            if wheel.name == f'{axle}_{side}':
+                row[place] += torque
+        if self._drive is not None and row[self._drive] > 0.0:
+            row[self._drive] *= 1.0 - torque / control.torque
+
+    def _unlock(self, row: np.ndarray, feel: Feel, control: AntiLock) -> None:
+        shares = self.state.tolist()
+        total = 0.0 if self._brake is None else float(row[self._brake])
+        for k, (wheel, _) in enumerate(self._wheels):
+            v = feel.speed - feel.yaw_rate * wheel.left
+            slip = 1.0 - feel.spins[k] * wheel.radius / v if v > control.slowest else 0.0
+            change = min(max(control.gain * (control.slip - slip), -control.release), control.apply)
+            shares[k] = min(max(shares[k] + self.h * change, 0.0), 1.0)
+        for k, (wheel, place) in enumerate(self._wheels):
+            share = min(shares[i] for i in self._together[k])
+            asked = max(wheel.share * total + float(row[place]), 0.0)
+            row[place] -= (1.0 - share) * asked
+        self.state = np.array(shares)
+
+
+def feel_of(v: np.ndarray, R: np.ndarray, chassis: int, com: Sequence[float], wheels: Sequence[tuple[int, np.ndarray]]) -> Feel:
+    """What is measured of twists v (nb + 1, 6), linear in the world, angular in the bodies: R (3, 3) orientation of the chassis, com (3,)
+    its centre of mass [m], wheels: index of the body and spin axis (3,) in it."""
+    along = float(np.add.reduce(R[:, 0] * v[chassis, :3])) - float(np.cross(v[chassis, 3:], np.array(com))[0])
+    spins = tuple(float(np.add.reduce(axis * v[b, 3:])) for b, axis in wheels)
+    return Feel(along, float(v[chassis, 5]), spins)

@@ -1,0 +1,130 @@
+"""Anti-lock and stability control: their laws, that they keep what they promise on a car, and that they are recorded and replayed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from solver import simulation_of
+from solver.errors import SceneError, SpecError
+from solver.files.scene import load_scene
+from solver.inputs.assistance import AntiLock, Assistance, Assistant, AssistedWheel, Feel, StabilityControl
+
+WHEELS = tuple(
+    AssistedWheel(f'{axle}_{side}', 0.25, 0.3, y) for axle in ('front', 'rear') for side, y in (('left', 0.75), ('right', -0.75))
+)
+NAMES = ('steering', 'drive_torque', 'brake_torque', *(f'brake_torque_{wheel.name}' for wheel in WHEELS))
+
+
+def commands(**values: float) -> np.ndarray:
+    return np.array([values.get(name, 0.0) for name in NAMES])
+
+
+def test_a_locked_wheel_is_released_at_the_rate_of_the_law_and_no_other() -> None:
+    """One wheel stands, three roll: its share falls by release h a step, and after 1 / release seconds it has no torque."""
+    assistant = Assistant(Assistance(anti_lock=AntiLock(release=20.0)), NAMES, WHEELS, 1e-3)
+    feel = Feel(20.0, 0.0, (0.0, 20.0 / 0.3, 20.0 / 0.3, 20.0 / 0.3))
+    for k in range(1, 51):
+        row = assistant.act(commands(brake_torque=4000.0), feel)
+        assert row[3] == pytest.approx(-1000.0 * 20.0 * k * 1e-3)
+        assert not row[4:].any()
+    assert assistant.state.tolist() == pytest.approx([0.0, 1.0, 1.0, 1.0])
+    row = assistant.act(commands(brake_torque=4000.0), Feel(1.0, 0.0, (0.0,) * 4))  # slower than it acts
+    assert row[3] == pytest.approx(-1000.0 * (1.0 - 4.0 * 1e-3))
+
+
+def test_wheels_of_a_turning_car_have_speeds_of_their_own() -> None:
+    """20 m/s, 1 rad/s to the left: the left wheels' places move at 19.25 m/s, the right ones' at 20.75; rolling so, none slips."""
+    assistant = Assistant(Assistance(anti_lock=AntiLock()), NAMES, WHEELS, 1e-3)
+    spins = tuple((20.0 - wheel.left) / 0.3 for wheel in WHEELS)
+    for _ in range(100):
+        row = assistant.act(commands(brake_torque=4000.0), Feel(20.0, 1.0, spins))
+    assert not row[3:].any()
+
+
+@pytest.mark.parametrize(
+    ('steering', 'yaw_rate', 'wheel'),
+    [
+        (0.9, 0.9, 'front_right'),  # turns too much to the left: the outer front wheel
+        (0.9, 0.0, 'rear_left'),  # too little: the inner rear one
+        (-0.9, -0.9, 'front_left'),
+        (-0.9, 0.0, 'rear_right'),
+        (0.0, 0.3, 'front_right'),  # spins although nobody steers
+    ],
+)
+def test_the_wheel_that_turns_the_car_back_is_braked(steering: float, yaw_rate: float, wheel: str) -> None:
+    control = StabilityControl(gain=12000.0, threshold=0.04)
+    assistant = Assistant(Assistance(stability=control), NAMES, WHEELS, 1e-3)
+    v = 20.0
+    wanted = v * steering / 15.0 / (2.7 + 0.003 * v * v)
+    row = assistant.act(commands(steering=steering, drive_torque=500.0), Feel(v, yaw_rate, (v / 0.3,) * 4))
+    torque = min(12000.0 * (abs(yaw_rate - wanted) - 0.04), 2500.0)
+    assert {name: x for name, x in zip(NAMES, row, strict=True) if name.startswith('brake_torque_') and x} == {
+        f'brake_torque_{wheel}': pytest.approx(torque)
+    }
+    assert row[1] == pytest.approx(500.0 * (1.0 - torque / 2500.0))
+    assert not assistant.act(commands(steering=steering), Feel(v, wanted, (v / 0.3,) * 4))[3:].any()
+
+
+def test_what_it_needs_is_said() -> None:
+    with pytest.raises(SceneError, match=r'actuation: \{wheels: true\}'):
+        load_scene('light_car_brake', ['assistance={anti_lock: {}}'])
+    with pytest.raises(SpecError, match='brake_torque_front_left'):
+        Assistant(Assistance(anti_lock=AntiLock()), ('brake_torque',), WHEELS, 1e-3)
+
+
+def test_rear_wheels_share_the_smaller_torque() -> None:
+    """One rear wheel stands: both lose their torque; one front wheel stands: it alone does."""
+    for standing, losing in ((0, {0}), (2, {2, 3}), (3, {2, 3})):
+        assistant = Assistant(Assistance(anti_lock=AntiLock()), NAMES, WHEELS, 1e-3)
+        spins = tuple(0.0 if k == standing else 20.0 / 0.3 for k in range(4))
+        row = assistant.act(commands(brake_torque=4000.0), Feel(20.0, 0.0, spins))
+        assert {k for k in range(4) if row[3 + k] < 0.0} == losing
+
+
+@pytest.mark.slow
+def test_the_light_car_stops_earlier_and_straight_on_split_friction() -> None:
+    """Full braking where the right wheels have 0.3 of the friction, with a driver who keeps the lane: without anti-lock control every wheel
+    stands and the car spins; with it wheels turn, the heading stays within 10 deg, and the way is at least 15 % shorter."""
+    brake = '{kind: step, value: 7000, start: 1.6, rise: 0.1}'
+    driver = '{path: {kind: waypoints, points: [[0, 0], [500, 0]]}, wheelbase: 2.65, ratio: 16.3, preview: 0.6}'
+    common = ['road=roads/mu_split.yaml', 'start.speed_kmh=80', f'maneuver={{brake_torque: {brake}, driver: {driver}}}']
+    found = {}
+    for name, changes in {'without': [], 'with': ['assistance={anti_lock: {}}']}.items():
+        simulation = simulation_of(load_scene('light_car_brake', [*common, 'actuation={wheels: true}', *changes]))
+        chassis, channels = simulation.channels.chassis or 0, simulation.channels
+        spins = [channels.joints.index(f'wheel_{wheel}') for wheel in channels.wheels]
+        begin = simulation.advance(1600).pose[chassis, 0]
+        heading, standing, n = 0.0, 0, 0
+        while n < 600:
+            shot, n = simulation.advance(10), n + 1
+            speed = float(np.hypot(*shot.twist[chassis, :2]))
+            heading = max(heading, abs(float(2.0 * np.arctan2(shot.pose[chassis, 5], shot.pose[chassis, 6]))))
+            standing += int((shot.joint_velocity[spins] * 0.3 < 0.1 * speed).sum())
+            if speed < 0.5:
+                break
+        found[name] = (float(shot.pose[chassis, 0] - begin), heading, standing / (4 * n))
+    assert found['without'][2] > 0.8
+    assert found['with'][2] < 0.1
+    assert found['without'][1] > 1.0
+    assert found['with'][1] < np.radians(10.0)
+    assert found['with'][0] < 0.85 * found['without'][0]
+
+
+def test_runs_with_assistance_go_on_from_a_saved_state_bit_for_bit() -> None:
+    """Also its own state is saved: a run that is restored in the middle of a braking ends with the same bits."""
+    changes = [
+        'road.friction=0.3',
+        'start.speed_kmh=60',
+        'maneuver={brake_torque: 5000}',
+        'actuation={wheels: true}',
+        'assistance={anti_lock: {}}',
+    ]
+    whole = simulation_of(load_scene('light_car_brake', changes))
+    whole.advance(200)
+    saved = whole.save()
+    end = whole.advance(200)
+    assert end.inputs[whole.channels.inputs.index('brake_torque_front_left')] < 0.0
+    other = simulation_of(load_scene('light_car_brake', changes))
+    other.restore(saved)
+    assert np.array_equal(other.advance(200).pose, end.pose)
