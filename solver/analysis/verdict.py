@@ -192,11 +192,16 @@ def _resolution(s: Simulation) -> list[Finding | None]:
     return found
 
 
+def _condensed(s: Simulation) -> bool:
+    """Whether the steps solve a condensed matrix with penalties; those of a single track have no matrix."""
+    return s.scene.integrator.kind == 'alf' and hasattr(s, 'scheme') and s.scheme.form == CONDENSED
+
+
 def _rounding(s: Simulation) -> Finding | None:
     """Penalties whose rounding spoils the condensed matrix so that its iteration does not settle: of a car 1e7 leave 3e-10 m after 2 s, and
     1e8 1e-3 m."""
     spoilt = s.last_step.energy[account.RESIDUAL] > SPOILT and s.model.n_rows > 0
-    if not spoilt or s.scene.integrator.kind != 'alf' or s.scheme.form != CONDENSED:
+    if not spoilt or not _condensed(s):
         return None
     row = int(np.argmax(s.scheme.penalty))
     place = f'constraint {s.model.row_names[row]!r}'
@@ -207,7 +212,7 @@ def _rounding(s: Simulation) -> Finding | None:
 
 def _light(s: Simulation) -> Finding | None:
     """Bodies so light beside the others that penalties on them, which have a floor, hide their inertia in the condensed matrix."""
-    if s.last_step.energy[account.STEPS] == 0.0 or s.scene.integrator.kind != 'alf' or s.scheme.form != CONDENSED or not s.model.n_rows:
+    if s.last_step.energy[account.STEPS] == 0.0 or not _condensed(s) or not s.model.n_rows:
         return None
     bodies = s.model.tables.bodies
     mass = np.where(bodies.mass > 0.0, bodies.mass, np.inf)  # without any mass nothing is hidden

@@ -28,6 +28,7 @@ HOLES = 'grid_nan_mode'  # a modifier about missing numbers, which are always th
 LARGEST_NUMBER = 1e9
 CLOSEST = 1e-3  # [m] between two long sections
 FINEST = 0.02  # [m]: a curved road is not sampled finer
+BLOCK = 256  # nodes that are looked for together
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -221,8 +222,6 @@ def _uniform(path: Path, v: np.ndarray, heights: np.ndarray) -> tuple[np.ndarray
 
 def _sampled(path: Path, line: tuple[np.ndarray, np.ndarray, np.ndarray], v: np.ndarray, heights: np.ndarray, du: float) -> dict[str, Any]:
     """A curved road on a grid along x and y: each node takes the height at the nearest place of the line."""
-    from scipy.spatial import cKDTree
-
     x, y, phi = line
     step = max(min(du, float(np.diff(v).min())), FINEST)
     reach = max(abs(v[0]), abs(v[-1]))
@@ -231,16 +230,12 @@ def _sampled(path: Path, line: tuple[np.ndarray, np.ndarray, np.ndarray], v: np.
     if shape[0] * shape[1] > LARGEST_RASTER:
         remedy = 'give a shorter part of the road, or a coarser one'
         raise SceneError(f'{path}: the curved road covers {shape[0]} x {shape[1]} nodes of {step:g} m (at most {LARGEST_RASTER}): {remedy}')
-    tree = cKDTree(np.column_stack((x, y)))
     along, left = cos(phi), sin(phi)
     out = np.empty(shape)
     ys = low[1] + step * np.arange(shape[1])
     for i in range(shape[0]):
         px = low[0] + step * i
-        places = np.column_stack((np.full(shape[1], px), ys))
-        _, near = tree.query(places, distance_upper_bound=reach + 4.0 * step)
-        far = near == len(x)  # off the road any place of the line that is about as near will do
-        near[far] = tree.query(places[far], eps=1.0)[1]
+        near = _nearest(px, ys, x, y, reach + 4.0 * step)
         ahead = np.minimum(near + 1, len(phi) - 1)
         dx, dy = px - x[near], ys - y[near]
         c, s = along[ahead], left[ahead]
@@ -254,6 +249,20 @@ def _sampled(path: Path, line: tuple[np.ndarray, np.ndarray, np.ndarray], v: np.
         after = heights[k + 1, j] * (1.0 - side) + heights[k + 1, j + 1] * side
         out[i] = before * (1.0 - part) + after * part
     return _grid(path, (float(low[0]), float(low[1])), (step, step), 0.0, out)
+
+
+def _nearest(px: float, ys: np.ndarray, x: np.ndarray, y: np.ndarray, reach: float) -> np.ndarray:
+    """Index of the place of a line x, y (n,) that is nearest to each of the points px, ys (m,) [m]; of one farther than `reach` from the
+    line, which is off the road, some place about as near."""
+    near = np.empty(len(ys), np.int64)
+    for first in range(0, len(ys), BLOCK):
+        part = ys[first : first + BLOCK]
+        k = np.flatnonzero((np.abs(x - px) <= reach) & (y >= part[0] - reach) & (y <= part[-1] + reach))
+        if not len(k):
+            k = np.arange(0, len(x), max(len(x) // BLOCK, 1))
+        dx, dy = x[k] - px, part[:, None] - y[k]
+        near[first : first + BLOCK] = k[np.argmin(dx * dx + dy * dy, axis=1)]
+    return near
 
 
 def _grid(path: Path, origin: tuple[float, float], step: tuple[float, float], yaw: float, heights: np.ndarray) -> dict[str, Any]:

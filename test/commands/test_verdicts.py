@@ -120,7 +120,7 @@ def test_a_scene_may_allow_it_or_set_its_own_limit(tmp_path, capsys) -> None:
     assert (code, data['status']) == (0, 'suspect')
     wide = 'require={energy_error_max: 1, residual_max: 0.1, allow_suspect: true}'
     code, data = run(tmp_path, capsys, STOP, bad, wide)
-    assert [f['quantity'] for f in data['findings']] == ['unsettled', 'resolution']
+    assert [f['quantity'] for f in data['findings']] == ['unsettled', 'resolution', 'phase']
     assert code == 0
     code, data = run(tmp_path, capsys, STOP, 'integrator.h=0.0005', 'require={residual_max: 1.0e-15, allow_suspect: true}')
     assert (code, data['status'], data['findings'][0]['required']) == (1, 'suspect', True)

@@ -86,8 +86,9 @@ def test_what_no_reference_resolves_is_undecided() -> None:
     assert judgements(found, spread=np.nan) == [UNDECIDED] * 5
 
 
+# one of each family; two more of each take three minutes
 @pytest.mark.slow
-@pytest.mark.parametrize('number', range(JUDGED))
+@pytest.mark.parametrize('number', [pytest.param(k, marks=pytest.mark.long if k >= len(FAMILIES) else ()) for k in range(JUDGED)])
 def test_the_default_neither_fails_nor_lies(number: int) -> None:
     mechanism = drawn(number, 2026)
     judged = judge(mechanism)
