@@ -51,12 +51,13 @@ class Simulation:
 
     Raises SpecError, SceneError or ConsistencyError on construction and StepError from advance(); each is one sentence.
     level: what the model leaves out of the vehicle it was derived from (None: it is the model of the scene as given). displaced: it was
-    placed somewhere since its start.
+    placed somewhere since its start. of_bodies: whether its states are those of bodies.
     """
 
     KINDS: tuple[str, ...] = ('alf', 'm_alf')  # of integrators
     level: LevelReport | None = None
     displaced = False
+    of_bodies = True
 
     def __init__(self, scene: Scene) -> None:
         if scene.reduced:

@@ -194,7 +194,7 @@ def _resolution(s: Simulation) -> list[Finding | None]:
 
 def _condensed(s: Simulation) -> bool:
     """Whether the steps solve a condensed matrix with penalties; those of a single track have no matrix."""
-    return s.scene.integrator.kind == 'alf' and hasattr(s, 'scheme') and s.scheme.form == CONDENSED
+    return s.of_bodies and s.scene.integrator.kind == 'alf' and s.scheme.form == CONDENSED
 
 
 def _rounding(s: Simulation) -> Finding | None:
@@ -226,8 +226,8 @@ def _light(s: Simulation) -> Finding | None:
 def _distance(s: Simulation) -> Finding | None:
     """Places so far from the origin that their rounding shows."""
     a = s.last_step.energy
-    if a[account.STEPS] == 0.0:
-        return None  # no steps of bodies
+    if a[account.STEPS] == 0.0 or not s.of_bodies:
+        return None
     far = np.abs(s.state.q[:-1, :3]).max(axis=1)
     body = int(np.argmax(far))
     kick = np.finfo(float).eps * float(far[body]) / s.h

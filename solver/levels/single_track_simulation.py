@@ -114,6 +114,8 @@ class SingleTrackSimulation(Simulation):
     advance(); each is one sentence.
     """
 
+    of_bodies = False
+
     def __init__(self, scene: Scene, parameters: Parameters) -> None:
         settings = scene.integrator
         if settings.kind not in self.KINDS:
