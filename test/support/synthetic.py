@@ -8,6 +8,7 @@ import numpy as np
 
 from solver.errors import StepError
 from solver.inputs.actuation import Actuation
+from solver.inputs.assistance import Assistance
 from solver.output.sensors import Sensors
 from solver.output.snapshot import Channels, Counters, Snapshot, layout_of, new_numbers
 from solver.scene import Record
@@ -93,6 +94,7 @@ def scene(**values: object) -> SimpleNamespace:
             **defaults,
             'record': Record(poses=0.0, elements_rate=0.0),
             'actuation': Actuation(),
+            'assistance': Assistance(),
             'sensors': Sensors(),
             'model': None,
             **values,
