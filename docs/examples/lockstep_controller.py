@@ -11,7 +11,6 @@ import sys
 import rclpy
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
-from rclpy.serialization import serialize_message
 from sensor_msgs.msg import JointState
 
 SPEED, LANE = 24.0, 1.0  # m/s, m to the left
@@ -34,7 +33,7 @@ class Controller(Node):
         if (stamp.sec, stamp.nanosec) in self.seen[-1:]:
             return  # the simulator says again what is waiting; the answer is under way
         self.seen.append((stamp.sec, stamp.nanosec))
-        self.digest.update(serialize_message(odom))
+        self.digest.update(repr(odom).encode())  # every digit of every field; bytes on the wire have gaps of any value
         pose, speed = odom.pose.pose, odom.twist.twist.linear.x
         heading = 2.0 * math.atan2(pose.orientation.z, pose.orientation.w)
         command = JointState(name=['steering', 'drive_torque', 'brake_torque'])

@@ -10,7 +10,7 @@ import rclpy
 from nav_msgs.msg import Odometry
 from std_msgs.msg import Float64
 
-SECONDS = 1.5  # of simulated time
+SECONDS = 1.5  # of simulated time, from where both cars hear the commands
 STEERING = {'car1': 0.4, 'car2': -0.4}  # rad
 
 
@@ -19,6 +19,11 @@ def simulator(name: str) -> subprocess.Popen:
     parameters = {'scene': 'light_car_straight', 'frame_prefix': f'{name}/', 'publish_clock': 'false'}  # each has a time of its own
     arguments = [text for key, value in parameters.items() for text in ('-p', f'{key}:={value}')]
     return subprocess.Popen([sys.executable, '-m', 'mbd_sim_ros.node.main', '--ros-args', '-r', f'__ns:=/{name}', *arguments])
+
+
+def seconds(odom: Odometry) -> float:
+    """Simulated time of a message."""
+    return odom.header.stamp.sec + 1e-9 * odom.header.stamp.nanosec
 
 
 def main() -> None:
@@ -31,10 +36,13 @@ def main() -> None:
         for name in cars:
             node.create_subscription(Odometry, f'/{name}/odom', lambda odom, name=name: newest.update({name: odom}), 1)
         publishers = {name: node.create_publisher(Float64, f'/{name}/simulator/steering_cmd', 1) for name in cars}
-        while len(newest) < len(cars) or any(o.header.stamp.sec + 1e-9 * o.header.stamp.nanosec < SECONDS for o in newest.values()):
+        end: dict[str, float] = {}
+        while len(end) < len(cars) or any(seconds(newest[name]) < end[name] for name in cars):
             rclpy.spin_once(node, timeout_sec=0.1)
             for name, publisher in publishers.items():
                 publisher.publish(Float64(data=STEERING[name]))
+                if name in newest and publisher.get_subscription_count() > 0:
+                    end.setdefault(name, seconds(newest[name]) + SECONDS)
             if any(car.poll() is not None for car in cars.values()):
                 sys.exit('a simulator has ended')
         for name, odom in newest.items():

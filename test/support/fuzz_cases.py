@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib.util
 import io
 import os
+import re
 import tempfile
 from collections.abc import Callable, Sequence
 from contextlib import redirect_stderr, redirect_stdout
@@ -306,10 +307,13 @@ def commands(rng: np.random.Generator, at: Path, material: Material) -> Made:
     return [first, *rest], None
 
 
+COMMENTED = re.compile(r'    # \w+: [^ ]')  # a parameter, not a sentence
+
+
 def parameters(rng: np.random.Generator, at: Path, material: Material) -> Made:
     """Parameter files of the node, up to where it would load its scene."""
     lines = (CONFIG / 'node.yaml').read_text().splitlines()
-    given = [line.replace('# ', '', 1) if line.startswith('    # ') and rng.random() < 0.5 else line for line in lines]
+    given = [line.replace('# ', '', 1) if COMMENTED.match(line) and rng.random() < 0.5 else line for line in lines]
     text = '\n'.join(given)
     (at / 'node.yaml').write_bytes(damage_yaml(rng, text))
 
