@@ -130,17 +130,17 @@ def test_the_simulation_is_controlled_by_simulation_interfaces(start, client):
     action = ActionClient(client.node, SimulateSteps, 'simulator/simulate_steps')
     client.until(action.server_is_ready)
     told: list[int] = []
-    sent = action.send_goal_async(SimulateSteps.Goal(steps=20), feedback_callback=lambda m: told.append(m.feedback.completed_steps))
+    sent = action.send_goal_async(SimulateSteps.Goal(steps=2000), feedback_callback=lambda m: told.append(m.feedback.completed_steps))
     client.until(sent.done)
     result = sent.result().get_result_async()
     client.until(result.done)
     assert result.result().result.result.result == Result.RESULT_OK
-    client.until(lambda: told and told[-1] == 20)
-    assert told == sorted(told) and len(told) > 5
-    client.until(lambda: client.applied[-1]['step'] == 27)
+    # a client forgets a goal with its result, so the last ones may be lost, and of a burst the newest are kept
+    assert told == sorted(told) and len(told) > 5 and told[-1] <= 2000
+    client.until(lambda: client.applied[-1]['step'] == 2007)
     sent = action.send_goal_async(SimulateSteps.Goal(steps=10**9))
     client.until(sent.done)
-    client.until(lambda: client.applied[-1]['step'] > 40)
+    client.until(lambda: client.applied[-1]['step'] > 2040)
     assert state() == SimulationState.STATE_PAUSED  # others are answered meanwhile
     cancelled = sent.result().cancel_goal_async()
     client.until(cancelled.done)

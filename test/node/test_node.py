@@ -261,7 +261,7 @@ def test_parameters_are_described_guarded_and_load_again(start, client, tmp_path
         return ask(SetParameters, 'set_parameters', parameters=[Parameter(name, value=value).to_parameter_msg()]).results[0]
 
     assert put('rate_factor', 2.0).successful
-    assert 'fixed while the node runs' in put('scene', 'other').reason
+    assert 'fixed while the node runs' in put('frame_prefix', 'other/').reason
     assert 'must be one of realtime' in put('mode', 'quick').reason
     assert not put('publish_every', 0).successful
     values = [parameter_value_to_python(v) for v in ask(GetParameters, 'get_parameters', names=names).values]
