@@ -54,7 +54,7 @@ def rescued(directory: Path, new: Path) -> Content:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('trial', trials(3))
+@pytest.mark.parametrize('trial', trials(3, 1))
 def test_a_killed_run_leaves_the_beginning_of_the_same_recording(trial: int, reference: Content, tmp_path: Path) -> None:
     whom = ('process', 'group', 'recorder')[trial % 3]
     random = times('kills', trial)
@@ -106,7 +106,7 @@ def _chunks(path: Path) -> bool:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('trial', trials(3))
+@pytest.mark.parametrize('trial', trials(3, 1))
 def test_a_killed_node_loses_at_most_a_quarter_of_a_second(trial: int, tmp_path: Path) -> None:
     """In real time, where the time of the simulation tells how much is missing."""
     pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')

@@ -11,9 +11,10 @@ import time
 from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+import pytest
 
 from mbd_sim_ros.bags import reader as bag
 
@@ -23,9 +24,11 @@ SEED = int(os.environ.get('MBD_FAULTS_SEED', '1'))
 UNWANTED = re.compile(r'Traceback|Exception ignored|Segmentation|core dumped|Fatal Python|terminate called')
 
 
-def trials(few: int) -> range:
-    """Numbers of the trials to make."""
-    return range(COUNT or few)
+def trials(few: int, usual: int) -> list[Any]:
+    """Numbers of the trials to make; of the few the usual ones, the others where long tests run."""
+    if COUNT:
+        return list(range(COUNT))
+    return [pytest.param(k, marks=pytest.mark.long if k >= usual else ()) for k in range(few)]
 
 
 def times(name: str, trial: int) -> np.random.Generator:
