@@ -24,11 +24,11 @@ SEED = int(os.environ.get('MBD_FAULTS_SEED', '1'))
 UNWANTED = re.compile(r'Traceback|Exception ignored|Segmentation|core dumped|Fatal Python|terminate called')
 
 
-def trials(few: int, usual: int) -> list[Any]:
-    """Numbers of the trials to make; of the few the usual ones, the others where long tests run."""
+def trials(few: int, usual: int | None = None) -> list[Any]:
+    """Numbers of the trials to make; of the few the usual ones (all), the others where long tests run."""
     if COUNT:
         return list(range(COUNT))
-    return [pytest.param(k, marks=pytest.mark.long if k >= usual else ()) for k in range(few)]
+    return [pytest.param(k, marks=pytest.mark.long if k >= (few if usual is None else usual) else ()) for k in range(few)]
 
 
 def times(name: str, trial: int) -> np.random.Generator:
