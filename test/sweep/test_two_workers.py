@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -21,9 +23,23 @@ figures:
 """
 
 
+def cores() -> float:
+    """How much faster two processes that only count are side by side than one after the other."""
+    command = [sys.executable, '-c', 'x = 0\nfor i in range(20_000_000): x += i * i']
+    begin = time.monotonic()
+    for _ in range(2):
+        subprocess.run(command, check=True)
+    alone = time.monotonic() - begin
+    begin = time.monotonic()
+    for process in [subprocess.Popen(command) for _ in range(2)]:
+        process.wait()
+    return alone / (time.monotonic() - begin)
+
+
 @pytest.mark.long
 def test_two_workers_are_nearly_twice_as_fast_as_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """On a machine with two cores and nothing else to do."""
+    """With nothing else to do: nine tenths of what two processes that only count gain on this machine (1.8 where its cores are two whole
+    ones; shared ones give less)."""
     (tmp_path / 'sweep.yaml').write_text(SWEEP)
     seconds, tables = {}, {}
     for workers in (2, 1):
@@ -35,4 +51,4 @@ def test_two_workers_are_nearly_twice_as_fast_as_one(tmp_path: Path, capsys: pyt
         assert '200 cases: 200 ok' in capsys.readouterr().out
     print(seconds)
     assert tables[1] == tables[2]
-    assert seconds[1] / seconds[2] >= 1.8
+    assert seconds[1] / seconds[2] >= 0.9 * cores()
