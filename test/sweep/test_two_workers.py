@@ -38,8 +38,7 @@ def cores() -> float:
 
 @pytest.mark.long
 def test_two_workers_are_nearly_twice_as_fast_as_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """With nothing else to do: nine tenths of what two processes that only count gain on this machine (1.8 where its cores are two whole
-    ones; shared ones give less)."""
+    """With nothing else to do, on two whole cores; where they are shared with others, what two processes that only count gain says so."""
     (tmp_path / 'sweep.yaml').write_text(SWEEP)
     seconds, tables = {}, {}
     for workers in (2, 1):
@@ -51,4 +50,5 @@ def test_two_workers_are_nearly_twice_as_fast_as_one(tmp_path: Path, capsys: pyt
         assert '200 cases: 200 ok' in capsys.readouterr().out
     print(seconds)
     assert tables[1] == tables[2]
-    assert seconds[1] / seconds[2] >= 0.9 * cores()
+    gain = seconds[1] / seconds[2]
+    assert gain >= 1.8, f'{gain:.2f} times as fast; two processes that only count gain {cores():.2f} on this machine'
