@@ -51,6 +51,7 @@ FEATURES = {
     'LoadWorld': (40,),
 }
 TURN = 2e-4  # s between looks at steps that are being made
+PORTION = 0.02  # s of steps between looks at whether they are still wanted
 
 
 class Host(Protocol):
@@ -153,7 +154,7 @@ class Interfaces:
         return self._said('reset_simulation', response, response.result, done, text)
 
     async def _step(self, request: Any, response: Any) -> Any:
-        done, text = await self._steps(request.steps, lambda k: None)
+        done, text = await self._steps(request.steps)
         return self._said('step_simulation', response, response.result, done, text)
 
     async def _simulate(self, goal: Any) -> Any:
@@ -164,7 +165,7 @@ class Interfaces:
             goal.publish_feedback(feedback)
             return goal.is_cancel_requested
 
-        done, text = await self._steps(wanted, tell, one_by_one=True)
+        done, text = await self._steps(wanted, tell)
         if goal.is_cancel_requested:
             goal.canceled()
         elif done:
@@ -173,16 +174,16 @@ class Interfaces:
             goal.abort()
         return self._said('simulate_steps', result, result.result, done, text)
 
-    async def _steps(self, count: int, tell: Callable[[int], bool | None], *, one_by_one: bool = False) -> tuple[bool, str]:
-        """Make steps while paused; tell(number so far) after each, or after all, and stop where it says so."""
+    async def _steps(self, count: int, tell: Callable[[int], bool] | None = None) -> tuple[bool, str]:
+        """Make steps while paused; tell(number so far) of each, and stop where it says so."""
         running = self._running
         if not running.loop.paused:
             return False, 'the simulation is not paused: pause it first'
         self.host.stopped = False
-        made = 0
+        made, portion = 0, count if tell is None else 1
         while made < count:
-            portion = 1 if one_by_one else count
-            target = running.simulation.k + portion
+            portion = min(portion, count - made)
+            target, begin = running.simulation.k + portion, time.monotonic()
             done, text = asked(running, partial(_make, portion))
             if not done:
                 return False, text
@@ -190,9 +191,11 @@ class Interfaces:
                 if running.loop.done.is_set() or running is not self._running or interrupts.event.is_set():
                     return False, str(running.loop.error or 'the simulation has ended')
                 await _Turn()
-            made += portion
-            if tell(made):
+            begun, made = made, made + portion
+            if tell is not None and [tell(k) for k in range(begun + 1, made + 1)][-1]:
                 break
+            # a turn of the executor takes longer than a step: as many steps at a time as nobody notices when it is cancelled
+            portion = 2 * portion if time.monotonic() - begin < PORTION else max(portion // 2, 1)
         return True, f'{made} steps, at t = {running.simulation.t_ns * 1e-9:.6f} s'
 
     def _entities(self, request: Any, response: Any) -> Any:
