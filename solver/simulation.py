@@ -18,7 +18,6 @@ from solver.inputs.maneuver import ManeuverSource
 from solver.inputs.recorded import RecordedSource
 from solver.inputs.sources import Sources
 from solver.model.evaluate import constraint_input_rates, evaluate_constraints, evaluate_forces, prepare
-from solver.model.frames import matrix
 from solver.model.saddle import CONDENSED, new_saddle
 from solver.model.state import State, copy_state, fill_kinematics, fitting, kinematics_of, load_state, new_state, save_state
 from solver.model.tables import Model
@@ -65,6 +64,7 @@ class Simulation:
         self.scene = scene
         self.model: Model = prepare(scene.model)
         self.channels = channels_of(self.model)
+        self._chassis = self.channels.chassis or 0
         settings = scene.integrator
         if settings.step_policy == 'auto':
             settings = dataclasses.replace(settings, step_policy='rescue')
@@ -109,15 +109,16 @@ class Simulation:
         self.k = 0
         self.start = InitialConditions(
             scene, self.model, self._states, values, self.sources.reset(),
-            chassis=self.channels.chassis or 0, work=self._work, explain=self._failure,
+            chassis=self._chassis, work=self._work, explain=self._failure,
         ).find()  # fmt: skip
         copy_state(self.state, self._initial)
         self.reset()
 
     def _take_inputs(self, scene: Scene) -> None:
         """Prepare the sources of the inputs, sampled at the instant `stage` of a step. Raises SpecError."""
+        wheels = assisted_wheels(scene.model) if scene.assistance else ()
         self.sources = Sources(
-            scene.maneuver, scene.actuation, scene.assistance, scene.model.inputs, assisted_wheels(scene.model), self.h_ns, self.stage,
+            scene.maneuver, scene.actuation, scene.assistance, scene.model.inputs, wheels, self.h_ns, self.stage,
             speed=scene.start.speed, duration=scene.duration,
         )  # fmt: skip
 
@@ -277,19 +278,11 @@ class Simulation:
 
     def _sight(self) -> Sight:
         """What a driver sees now."""
-        chassis = self.channels.chassis or 0
-        return sight(self.state.q[chassis], self.state.v[chassis], self.model.spec.bodies[chassis].com)
+        return sight(self.state.q[self._chassis], self.state.v[self._chassis], self.model.spec.bodies[self._chassis].com)
 
     def feel(self) -> Feel:
         """What an assistance measures now."""
-        chassis, spec = self.channels.chassis or 0, self.model.spec
-        R = matrix(tuple(self.state.q[chassis, 3:]))
-        return feel_of(self.state.v, R, chassis, spec.bodies[chassis].com, self._spinning())
-
-    def _spinning(self) -> list[tuple[int, np.ndarray]]:
-        """Body and spin axis in it of every wheel."""
-        names = self.model.body_names
-        return [(names.index(tire.marker.body), matrix(tire.marker.orientation)[:, 1]) for tire in self.model.spec.tires]
+        return feel_of(self._sight().speed, self.state.v, self._chassis, self.sources.wheels)
 
     def place(self, x: float, y: float, heading: float) -> None:
         """Move everything so that the chassis stands at x, y [m] with a heading [rad]; its motion goes on as it was, in its own axes.

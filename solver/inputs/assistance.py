@@ -98,12 +98,15 @@ class Feel(NamedTuple):
 
 
 class AssistedWheel(NamedTuple):
-    """A wheel: its name, its share of the brake torque [-], its radius [m], how far to the left of the middle of the car it stands [m]."""
+    """A wheel: its name, its share of the brake torque [-], its radius [m], how far to the left of the middle of the car it stands [m],
+    the index of its body and its spin axis in that (positive when rolling forward)."""
 
     name: str
     share: float
     radius: float
     left: float
+    body: int
+    axis: np.ndarray
 
 
 class Assistant:
@@ -179,9 +182,7 @@ class Assistant:
         self.state = np.array(shares)
 
 
-def feel_of(v: np.ndarray, R: np.ndarray, chassis: int, com: Sequence[float], wheels: Sequence[tuple[int, np.ndarray]]) -> Feel:
-    """What is measured of twists v (nb + 1, 6), linear in the world, angular in the bodies: R (3, 3) orientation of the chassis, com (3,)
-    its centre of mass [m], wheels: index of the body and spin axis (3,) in it."""
-    along = float(np.add.reduce(R[:, 0] * v[chassis, :3])) - float(np.cross(v[chassis, 3:], np.array(com))[0])
-    spins = tuple(float(np.add.reduce(axis * v[b, 3:])) for b, axis in wheels)
-    return Feel(along, float(v[chassis, 5]), spins)
+def feel_of(speed: float, v: np.ndarray, chassis: int, wheels: Sequence[AssistedWheel]) -> Feel:
+    """What is measured of a forward speed [m/s] and the twists v (nb + 1, 6), angular in the bodies [rad/s]."""
+    spins = tuple(float(np.add.reduce(wheel.axis * v[wheel.body, 3:])) for wheel in wheels)
+    return Feel(speed, float(v[chassis, 5]), spins)

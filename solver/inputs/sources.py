@@ -18,8 +18,8 @@ class Sources:
     """The inputs of a simulation, step by step.
 
     stage: where in a step the integrator balances forces. speed: at the start [m/s]. duration: of the simulation [s]. of_time: what depends
-    on time alone. driver, assistant, actuators: where there are any; what a recording says has acted, so nothing lies behind it.
-    Raises SpecError.
+    on time alone. wheels: for an assistance. driver, assistant, actuators: where there are any; what a recording says has acted, so
+    nothing lies behind it. Raises SpecError.
     """
 
     def __init__(
@@ -36,7 +36,7 @@ class Sources:
         duration: float,
     ) -> None:
         self._maneuver, self._actuation, self._names, self._h_ns, self._stage = maneuver, actuation, names, h_ns, stage
-        self._assistance, self._wheels = assistance, wheels
+        self._assistance, self.wheels = assistance, wheels
         self.of_time = source_of(maneuver, names, h_ns, stage)
         if isinstance(self.of_time, RecordedSource) and round(duration * 1e9 / h_ns) > self.of_time.steps:
             last = self.of_time.steps * h_ns * 1e-9
@@ -51,7 +51,7 @@ class Sources:
 
     def new_assistant(self) -> Assistant:
         """Assistance that has not acted yet."""
-        return Assistant(self._assistance, self._names, self._wheels, self._h_ns * 1e-9)
+        return Assistant(self._assistance, self._names, self.wheels, self._h_ns * 1e-9)
 
     @property
     def step_by_step(self) -> bool:

@@ -15,6 +15,7 @@ from solver.errors import SpecError
 from solver.inputs.actuation import Actuation
 from solver.inputs.assistance import AssistedWheel
 from solver.inputs.recorded import ACCELERATION, RATE
+from solver.model.frames import matrix
 from solver.model.spec import ModelSpec
 
 TORQUE = 'steering_torque'
@@ -69,9 +70,16 @@ def _with_wheels(model: ModelSpec) -> ModelSpec:
 
 def assisted_wheels(model: ModelSpec) -> tuple[AssistedWheel, ...]:
     """What an assistance has to know of the wheels of a vehicle, in the order of its tires."""
-    bodies = {b.name: b for b in model.bodies}
+    places = {b.name: k for k, b in enumerate(model.bodies)}
     shares = {brake.coordinate: brake.gain for brake in model.brakes}
     return tuple(
-        AssistedWheel(tire.name, shares.get(f'wheel_{tire.name}', 0.0), tire.data['UNLOADED_RADIUS'], bodies[tire.marker.body].position[1])
+        AssistedWheel(
+            name=tire.name,
+            share=shares.get(f'wheel_{tire.name}', 0.0),
+            radius=tire.data['UNLOADED_RADIUS'],
+            left=model.bodies[places[tire.marker.body]].position[1],
+            body=places[tire.marker.body],
+            axis=matrix(tire.marker.orientation)[:, 1],
+        )
         for tire in model.tires
     )

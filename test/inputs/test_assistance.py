@@ -9,9 +9,11 @@ from solver import simulation_of
 from solver.errors import SceneError, SpecError
 from solver.files.scene import load_scene
 from solver.inputs.assistance import AntiLock, Assistance, Assistant, AssistedWheel, Feel, StabilityControl
+from solver.model.frames import matrix
 
 WHEELS = tuple(
-    AssistedWheel(f'{axle}_{side}', 0.25, 0.3, y) for axle in ('front', 'rear') for side, y in (('left', 0.75), ('right', -0.75))
+    AssistedWheel(f'{axle}_{side}', 0.25, 0.3, y, 1 + k, np.array((0.0, 1.0, 0.0)))
+    for k, (axle, side, y) in enumerate((axle, side, y) for axle in ('front', 'rear') for side, y in (('left', 0.75), ('right', -0.75)))
 )
 NAMES = ('steering', 'drive_torque', 'brake_torque', *(f'brake_torque_{wheel.name}' for wheel in WHEELS))
 
@@ -128,3 +130,23 @@ def test_runs_with_assistance_go_on_from_a_saved_state_bit_for_bit() -> None:
     other = simulation_of(load_scene('light_car_brake', changes))
     other.restore(saved)
     assert np.array_equal(other.advance(200).pose, end.pose)
+
+
+@pytest.mark.slow
+def test_a_turning_car_feels_how_fast_each_wheel_goes() -> None:
+    """Speed less yaw rate times the distance to the left is the forward speed of each wheel's own body, within the motion of its
+    suspension; freely rolling wheels spin with it over their radius, within the slip and the deflection of a tire."""
+    changes = ['actuation={wheels: true}', 'assistance={anti_lock: {}}', 'start.speed_kmh=40', 'maneuver={steering: 1.5}']
+    simulation = simulation_of(load_scene('light_car_step_steer', changes))
+    shot = simulation.advance(1500)
+    feel, channels = simulation.feel(), simulation.channels
+    ahead = matrix(tuple(shot.pose[channels.chassis or 0, 3:]))[:, 0]
+    assert feel.yaw_rate == pytest.approx(shot.twist[channels.chassis or 0, 5], abs=1e-4) and feel.yaw_rate > 0.2
+    assert np.hypot(*shot.twist[channels.chassis or 0, :2]) == pytest.approx(feel.speed, abs=0.2)
+    seen = {}
+    for wheel, spin in zip(simulation.sources.wheels, feel.spins, strict=True):
+        own = float(ahead @ matrix(tuple(shot.pose[wheel.body, 3:])) @ shot.twist[wheel.body, :3])
+        assert feel.speed - feel.yaw_rate * wheel.left == pytest.approx(own, abs=0.05)
+        assert spin * wheel.radius == pytest.approx(own, rel=0.06)
+        seen[wheel.name] = own
+    assert seen['front_left'] + 0.2 < seen['front_right'] and seen['rear_left'] + 0.2 < seen['rear_right']
