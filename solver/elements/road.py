@@ -140,7 +140,7 @@ def compile_road(spec: RoadSpec, tire: Footprint | None = None) -> RoadTable:
         heights = g.expand().heights if isinstance(g, RandomRoad) else g.heights
         grids.append(effective(heights, tire, spec.where) if tire is not None and envelope else heights)
     splines = [_spline_coefficients(g.height) for g in grids]
-    factors = [m.factors for m in spec.maps]
+    factors = [m.heights for m in spec.maps]
     splines += [f.height for f in factors]  # not interpolated: these numbers bound the factor
     grids += factors
     sizes = [c.size for c in splines]

@@ -6,7 +6,7 @@ import base64
 import binascii
 import zlib
 from dataclasses import dataclass
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 
@@ -122,74 +122,65 @@ class Raster:
         return self.low + self.resolution * (np.cumsum(steps, axis=0) % (_LEVELS + 1))
 
 
-def _raster_fields(where: str, grid: RasterGrid | FrictionMap) -> None:
-    object.__setattr__(grid, 'origin', vector(where, 'origin', grid.origin, 2))
-    object.__setattr__(grid, 'step', vector(where, 'step', grid.step, 2))
-    for name in ('yaw', 'scale', 'offset'):
-        object.__setattr__(grid, name, finite(where, name, getattr(grid, name)))
-    require(min(grid.step) > 0.0, where, 'step', grid.step, 'both must be positive')
+@dataclass(frozen=True, kw_only=True)
+class _Map:
+    """A raster on the road: offset + scale * number at every node. origin, step, yaw: as in HeightGrid. raster: the numbers, or a .png or
+    .npz file with them."""
+
+    origin: tuple[float, float]
+    step: tuple[float, float]
+    raster: Raster
+    yaw: float = 0.0
+    scale: float = 1.0
+    offset: float = 0.0
+
+    WHERE: ClassVar[str]
+
+    def __post_init__(self) -> None:
+        for name in ('origin', 'step'):
+            object.__setattr__(self, name, vector(self.WHERE, name, getattr(self, name), 2))
+        for name in ('yaw', 'scale', 'offset'):
+            object.__setattr__(self, name, finite(self.WHERE, name, getattr(self, name)))
+        require(min(self.step) > 0.0, self.WHERE, 'step', self.step, 'both must be positive')
+
+    @property
+    def nodes(self) -> int:
+        """How many numbers it has."""
+        return self.raster.nodes
+
+    @property
+    def heights(self) -> Heights:
+        """What its nodes say."""
+        return Heights(self.origin, self.step, self.yaw, self.offset + self.scale * self.raster.values)
 
 
 @dataclass(frozen=True, kw_only=True)
-class RasterGrid:
+class RasterGrid(_Map):
     """Heights above the plane in a raster: offset + scale * number [m].
 
     origin, step, yaw: as in HeightGrid. raster: the numbers, or a .png or .npz file with them. A road from an OpenCRG file (.crg, in place
     of the grid) is one of these.
     """
 
-    origin: tuple[float, float]
-    step: tuple[float, float]
-    raster: Raster
-    yaw: float = 0.0
-    scale: float = 1.0
-    offset: float = 0.0
-
-    def __post_init__(self) -> None:
-        _raster_fields('raster grid', self)
-
-    @property
-    def nodes(self) -> int:
-        """How many heights it has."""
-        return self.raster.nodes
-
-    @property
-    def heights(self) -> Heights:
-        """The numbers."""
-        return Heights(self.origin, self.step, self.yaw, self.offset + self.scale * self.raster.values)
+    WHERE = 'raster grid'
 
 
 @dataclass(frozen=True, kw_only=True)
-class FrictionMap:
+class FrictionMap(_Map):
     """A factor on the tires' peak friction in a raster: offset + scale * number, between 0.001 and 10.
 
     origin, step, yaw, raster: as in RasterGrid. Between the nodes it is the cubic B-spline with these numbers (smooth, and never beyond
     them), outside the raster what it is at its border.
     """
 
-    origin: tuple[float, float]
-    step: tuple[float, float]
-    raster: Raster
-    yaw: float = 0.0
-    scale: float = 1.0
-    offset: float = 0.0
+    WHERE = 'friction map'
 
     def __post_init__(self) -> None:
-        where = 'friction map'
-        _raster_fields(where, self)
-        factor = self.factors.height
+        super().__post_init__()
+        factor = self.heights.height
         low, high = float(factor.min()), float(factor.max())
-        require(low >= 1e-3 and high <= 10.0, where, 'raster', (low, high), 'offset + scale * number must be in [0.001, 10] everywhere')
-
-    @property
-    def nodes(self) -> int:
-        """How many factors it has."""
-        return self.raster.nodes
-
-    @property
-    def factors(self) -> Heights:
-        """The numbers."""
-        return Heights(self.origin, self.step, self.yaw, self.offset + self.scale * self.raster.values)
+        must = 'offset + scale * number must be in [0.001, 10] everywhere'
+        require(low >= 1e-3 and high <= 10.0, self.WHERE, 'raster', (low, high), must)
 
 
 @dataclass(frozen=True, kw_only=True)
