@@ -14,6 +14,7 @@ Every part is compliant with its bushings and ideal without. docs/vehicle.md lis
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from solver.elements.coupler import CouplerSpec
@@ -166,7 +167,7 @@ def following_rack(axle: str, data: FollowingRack, base: RigidBodySpec) -> tuple
     """(parts, body) of a rack that follows the steering wheel. Coordinate rack_<axle>, positive along y [m]."""
     body, name = data.rack.body(f'rack_{axle}', data.rack.com), f'rack_{axle}'
     slide = JointSpec(name=name, kind='prismatic', i=marker_at(base, data.rack.com, LEFTWARDS), j=marker_at(body, data.rack.com, LEFTWARDS))
-    ratio = CouplerSpec(name=name + '_ratio', terms=((name, 1.0), ('steering_wheel', -data.per_turn / 6.283185307179586)), offset=0.0)
+    ratio = CouplerSpec(name=name + '_ratio', terms=((name, 1.0), ('steering_wheel', -data.per_turn / (2.0 * math.pi))), offset=0.0)
     return Parts(bodies=(body,), joints=(slide,), couplers=(ratio,)), body
 
 

@@ -9,13 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from solver.validate import Vector
-from solver.vehicle.parts import Arm, Corner, Damper, Link, Spring, Structure, control_arm, joined, link, sprung
+from solver.vehicle.parts import Arm, Corner, Link, Sprung, Structure, control_arm, joined, link, sprung
 from solver.vehicle.wheel_end import IndependentSuspension
 
 
 @dataclass(frozen=True, kw_only=True)
-class MultiLink(IndependentSuspension):
+class MultiLink(Sprung, IndependentSuspension):
     """Data of the left wheel suspension; see the module.
 
     links: by name; spring_chassis, spring_arm, damper_chassis, damper_arm: ends of spring and damper [m].
@@ -24,12 +23,6 @@ class MultiLink(IndependentSuspension):
     kind: Literal['multi_link'] = 'multi_link'
     lower_arm: Arm
     links: dict[str, Link]
-    spring: Spring
-    spring_chassis: Vector
-    spring_arm: Vector
-    damper: Damper
-    damper_chassis: Vector
-    damper_arm: Vector
 
     def corner(self, name: str, side: str, structure: Structure) -> Corner:
         """The suspension of corner `name` on a side."""

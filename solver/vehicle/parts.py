@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import chain
-from typing import Annotated, Any, Literal, NamedTuple, Protocol
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -273,21 +273,16 @@ def damper_of(name: str, data: Damper, i: Marker, j: Marker, length: float) -> S
     return SpringDamperSpec(name=name, i=i, j=j, free_length=length, spring=data.stops, damper=data.law)
 
 
-class Sprung(Protocol):
+@dataclass(frozen=True, kw_only=True)
+class Sprung:
     """Data of a suspension whose spring and damper stand between the chassis and one of its parts, each at two points [m]."""
 
-    @property
-    def spring(self) -> Spring: ...
-    @property
-    def spring_chassis(self) -> Vector: ...
-    @property
-    def spring_arm(self) -> Vector: ...
-    @property
-    def damper(self) -> Damper: ...
-    @property
-    def damper_chassis(self) -> Vector: ...
-    @property
-    def damper_arm(self) -> Vector: ...
+    spring: Spring
+    spring_chassis: Vector
+    spring_arm: Vector
+    damper: Damper
+    damper_chassis: Vector
+    damper_arm: Vector
 
 
 def sprung(name: str, side: str, chassis: RigidBodySpec, arm: RigidBodySpec, data: Sprung) -> Parts:

@@ -6,24 +6,18 @@ from dataclasses import dataclass
 from typing import Literal
 
 from solver.validate import Vector
-from solver.vehicle.parts import Bushing, Corner, Damper, Spring, Structure, joined, mounting, sprung
+from solver.vehicle.parts import Bushing, Corner, Sprung, Structure, joined, mounting, sprung
 from solver.vehicle.wheel_end import IndependentSuspension
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrailingArm(IndependentSuspension):
+class TrailingArm(Sprung, IndependentSuspension):
     """Data of the left wheel suspension. upright: the arm with the wheel carrier; pivots: two points of its axis [m]; spring_chassis,
     spring_arm, damper_chassis, damper_arm: ends of spring and damper [m]."""
 
     kind: Literal['trailing_arm'] = 'trailing_arm'
     pivots: tuple[Vector, Vector]
     bushing: Bushing | None = None
-    spring: Spring
-    spring_chassis: Vector
-    spring_arm: Vector
-    damper: Damper
-    damper_chassis: Vector
-    damper_arm: Vector
 
     def corner(self, name: str, side: str, structure: Structure) -> Corner:
         """The suspension of corner `name` on a side."""

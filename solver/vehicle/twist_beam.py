@@ -22,14 +22,14 @@ from solver.elements.laws import Law
 from solver.elements.rigid_body import RigidBodySpec
 from solver.validate import Vector, finite, require
 from solver.vehicle.hardpoints import SIDES, marker_at
-from solver.vehicle.parts import LEFTWARDS, Bushing, Corner, Damper, Part, Parts, Spring, Structure, joined, mounting, sprung
+from solver.vehicle.parts import LEFTWARDS, Bushing, Corner, Part, Parts, Sprung, Structure, joined, mounting, sprung
 from solver.vehicle.wheel_end import Suspension
 
 FORWARD: Vector = (1.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
-class TwistBeam(Suspension):
+class TwistBeam(Sprung, Suspension):
     """Data of the left half; both halves are alike.
 
     arm: trailing arm, wheel carrier and half of the cross-beam; pivot: centre of its bushing; shear_center: of the cross-beam in the
@@ -44,12 +44,6 @@ class TwistBeam(Suspension):
     shear_center: Vector
     torsion: float
     torsion_loss: float = 0.001
-    spring: Spring
-    spring_chassis: Vector
-    spring_arm: Vector
-    damper: Damper
-    damper_chassis: Vector
-    damper_arm: Vector
 
     def __post_init__(self) -> None:
         finite('twist beam', 'torsion', self.torsion, low=0.0)

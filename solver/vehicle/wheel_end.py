@@ -8,6 +8,7 @@ Coordinates of a corner:
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated
@@ -93,7 +94,7 @@ def wheel_end(
 
 
 @dataclass(frozen=True, kw_only=True)
-class Suspension:
+class Suspension(ABC):
     """Data that every suspension has of its left wheel. turn_slip: whether it acts at the tire."""
 
     kind: str
@@ -108,9 +109,9 @@ class Suspension:
         parts = wheel_end(name, side, wheel, upright, chassis, tire=self.tire, turn_slip=self.turn_slip, brake=self.brake)
         return parts.replace(bodies=(wheel,)), wheel
 
+    @abstractmethod
     def corners(self, axle: str, structures: Mapping[str, Structure], right: Suspension | None = None) -> dict[str, Corner]:
         """Both suspensions of an axle by side. right: data of the right one, as its mirror image; None: those of the left."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,9 +126,9 @@ class IndependentSuspension(Suspension):
         parts, wheel = self.hub(name, side, chassis, upright)
         return parts.replace(bodies=(upright, wheel)), upright, wheel
 
+    @abstractmethod
     def corner(self, name: str, side: str, structure: Structure) -> Corner:
         """The suspension of corner `name` on a side."""
-        raise NotImplementedError
 
     def corners(self, axle: str, structures: Mapping[str, Structure], right: Suspension | None = None) -> dict[str, Corner]:
         """Both suspensions of an axle by side; see Suspension."""
