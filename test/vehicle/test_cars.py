@@ -9,7 +9,7 @@ import pytest
 from saloon import without_bushings
 
 from solver.analysis.figures import figures, standing
-from solver.analysis.kinematics_and_compliance import Rig
+from solver.analysis.kinematics_and_compliance import Rig, kinematic_figures
 from solver.analysis.usual import usual
 from solver.errors import SpecError
 from solver.files.mechanism import MechanismReader
@@ -127,6 +127,11 @@ def test_a_twist_beam_turns_about_its_pivots_in_bump_and_about_the_shear_centre_
     camber = (high['camber'][0] - low['camber'][0]) / (2 * step)
     assert steer == pytest.approx(-turned[0], rel=0.02)
     assert abs(camber) == pytest.approx(abs(turned[2]), rel=0.02)
+    # In a bend to the left the car rolls to the right, so the left wheel drops, by half the track per radian: the axle steers to the left,
+    # into the bend, which the figure counts as positive.
+    to_the_left = -turned[0] * -wheel[1]
+    assert to_the_left > 0.0
+    assert kinematic_figures(rig, step)['roll_steer_rear'] == pytest.approx(to_the_left, rel=0.02)
     for key in ('steer', 'camber'):
         # about the line across through both pivots, toe and camber of a wheel that has none would not change
         assert abs(bump[1][key][0] - bump[0][key][0]) / (2 * step) < 0.1
