@@ -15,6 +15,7 @@ from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
+from rclpy.executors import Executor
 from rclpy.node import Node
 
 from mbd_sim_ros import interrupts
@@ -51,7 +52,6 @@ FEATURES = {
     'LoadWorld': (40,),
 }
 TURN = 2e-4  # s between looks at steps that are being made
-PORTION = 0.02  # s of steps between looks at whether they are still wanted
 
 
 class Host(Protocol):
@@ -66,8 +66,13 @@ class Host(Protocol):
 class _Turn:
     """To await it gives the executor a turn."""
 
+    def __init__(self, executor: Executor | None) -> None:
+        self.executor = executor
+
     def __await__(self) -> Generator[None, None, None]:
         time.sleep(TURN)
+        if self.executor is not None:
+            self.executor.wake()  # or it would wait for a message before it comes back here
         yield
 
 
@@ -154,7 +159,7 @@ class Interfaces:
         return self._said('reset_simulation', response, response.result, done, text)
 
     async def _step(self, request: Any, response: Any) -> Any:
-        done, text = await self._steps(request.steps)
+        done, text = await self._steps(request.steps, lambda k: None)
         return self._said('step_simulation', response, response.result, done, text)
 
     async def _simulate(self, goal: Any) -> Any:
@@ -165,7 +170,7 @@ class Interfaces:
             goal.publish_feedback(feedback)
             return goal.is_cancel_requested
 
-        done, text = await self._steps(wanted, tell)
+        done, text = await self._steps(wanted, tell, one_by_one=True)
         if goal.is_cancel_requested:
             goal.canceled()
         elif done:
@@ -174,28 +179,26 @@ class Interfaces:
             goal.abort()
         return self._said('simulate_steps', result, result.result, done, text)
 
-    async def _steps(self, count: int, tell: Callable[[int], bool] | None = None) -> tuple[bool, str]:
-        """Make steps while paused; tell(number so far) of each, and stop where it says so."""
+    async def _steps(self, count: int, tell: Callable[[int], bool | None], *, one_by_one: bool = False) -> tuple[bool, str]:
+        """Make steps while paused; tell(number so far) after each, or after all, and stop where it says so."""
         running = self._running
         if not running.loop.paused:
             return False, 'the simulation is not paused: pause it first'
         self.host.stopped = False
-        made, portion = 0, count if tell is None else 1
+        made = 0
         while made < count:
-            portion = min(portion, count - made)
-            target, begin = running.simulation.k + portion, time.monotonic()
+            portion = 1 if one_by_one else count
+            target = running.simulation.k + portion
             done, text = asked(running, partial(_make, portion))
             if not done:
                 return False, text
             while running.simulation.k < target or running.loop.stepping:
                 if running.loop.done.is_set() or running is not self._running or interrupts.event.is_set():
                     return False, str(running.loop.error or 'the simulation has ended')
-                await _Turn()
-            begun, made = made, made + portion
-            if tell is not None and [tell(k) for k in range(begun + 1, made + 1)][-1]:
+                await _Turn(self.node.executor)
+            made += portion
+            if tell(made):
                 break
-            # a turn of the executor takes longer than a step: as many steps at a time as nobody notices when it is cancelled
-            portion = 2 * portion if time.monotonic() - begin < PORTION else max(portion // 2, 1)
         return True, f'{made} steps, at t = {running.simulation.t_ns * 1e-9:.6f} s'
 
     def _entities(self, request: Any, response: Any) -> Any:

@@ -18,7 +18,6 @@ FUZZ = Path(__file__).with_name('fuzz.py')
 CASES = COUNT or 54  # three of each kind, and of some more
 
 
-@pytest.mark.realtime  # alone: seconds are counted
 @pytest.mark.slow
 def test_damaged_input_ends_in_success_or_one_sentence(tmp_path: Path) -> None:
     """In a process that has no threads of a middleware: its children are forks."""

@@ -61,7 +61,6 @@ def test_cmd_vel_drives_in_lockstep_and_silence_brakes(start, client, adapt):
     assert f'steering by the ratio {RATIO:g}' in adapter.output
 
 
-@pytest.mark.long
 def test_autoware_and_ackermann_commands_drive_and_reports_tell(start, client, adapt):
     where = packages()
     sys.path.insert(0, str(where))

@@ -86,7 +86,6 @@ def test_initialpose_places_the_car(start, client, tmp_path):
     assert len(list((tmp_path / 'bags').glob('synthetic-*'))) == 1
 
 
-@pytest.mark.long
 def test_the_simulation_is_controlled_by_simulation_interfaces(start, client):
     where = packages()
     sys.path.insert(0, str(where))
