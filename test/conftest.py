@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import zlib
+
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # as `mbd` has it; before numpy is imported
 
 import numpy as np
 import pytest

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 
 from mbd_sim_ros import interrupts
@@ -23,11 +24,13 @@ PROGRAM = __name__ == '__main__' or interrupts.is_program('mbd')  # the process 
 
 if PROGRAM:
     interrupts.install(_say_early)  # before anything that takes time
+    # What is computed at once is computed in processes. Threads of BLAS, two for a matrix of fifty rows, only wait for each other,
+    # and the longer the busier the machine is. numpy reads this when it is imported.
+    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 import argparse
 import json
 import math
-import os
 import re
 import signal
 import traceback

@@ -320,3 +320,20 @@ def test_the_name_of_a_scene_stays_inside_bags(
     assert code == 0
     assert Path(data['out']).parent == Path('bags')
     assert [p.name for p in tmp_path.iterdir()] == ['here'] and [p.name for p in (tmp_path / 'here').iterdir()] == ['bags']
+
+
+@pytest.mark.parametrize(('given', 'threads'), [({}, 1), ({'OPENBLAS_NUM_THREADS': '2'}, 2)])
+def test_blas_has_one_thread_unless_the_user_says_otherwise(given: dict[str, str], threads: int) -> None:
+    """As many as numpy's own library tells, in a process that began as the command line does."""
+    if (os.cpu_count() or 1) < threads:
+        pytest.skip('one core')
+    script = (
+        'import sys; sys.argv[0] = "mbd"\n'
+        'import mbd_sim_ros.commands.main, numpy, ctypes, glob, os\n'
+        'libraries = {line.split()[-1] for line in open("/proc/self/maps") if "scipy_openblas" in line and "numpy" in line}\n'
+        'library = ctypes.CDLL(min(libraries))\n'
+        'print(library.scipy_openblas_get_num_threads64_())\n'
+    )
+    environment = {k: v for k, v in os.environ.items() if k != 'OPENBLAS_NUM_THREADS'} | {'PYTHONPATH': str(ROOT)} | given
+    told = subprocess.run([sys.executable, '-c', script], env=environment, capture_output=True, text=True, check=True)
+    assert int(told.stdout) == threads
