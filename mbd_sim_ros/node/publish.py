@@ -63,6 +63,7 @@ def assign(message: Any, value: dict[str, Any]) -> Any:
     return message
 
 
+HEARD = 0.1  # s between looks for subscribers
 ORDER = tuple(RATES)  # what matters most comes first
 
 
@@ -75,7 +76,8 @@ def rated(topic: str) -> str:
 class _Channel:
     """A topic that is published, at steps that are multiples of `every`, or of `also` where that is not 0.
 
-    kind: class of its messages where they are not published as they are.
+    kind: class of its messages where they are not published as they are. heard: somebody subscribes to it, or may later and has to get
+    the last message all the same.
     """
 
     place: int  # among the encoded messages
@@ -84,6 +86,7 @@ class _Channel:
     kind: Any
     every: int = 1
     also: int = 0
+    heard: bool = True
 
 
 class Publication:
@@ -97,6 +100,7 @@ class Publication:
 
     def __init__(self, node: Node, topics: Sequence[Topic], samples: Sequence[bytes | None], *, silent: Sequence[str] = ()) -> None:
         self._channels: list[_Channel] = []
+        self._looked = -math.inf
         self.dropped: Counter[str] = Counter()
         for i in sorted(range(len(topics)), key=lambda i: ORDER.index(rated(topics[i].name))):
             topic, sample = topics[i], samples[i]
@@ -126,11 +130,22 @@ class Publication:
             channel.every = steps.get(rated(channel.topic.name), 1)
             channel.also = poses_every if rated(channel.topic.name) == 'tf' else 0
 
-    def publish(self, messages: Sequence[bytes | None], k: int = 0, budget: float = 0.0) -> None:
-        """Publish one message per topic, where there is one and it is due at step k; what is not begun after `budget` [s] is dropped."""
-        end, late = time.perf_counter() + budget if budget > 0.0 else math.inf, False
+    def publish(self, messages: Sequence[bytes | None], k: int = 0, budget: float = 0.0, *, to_nobody: bool = False) -> None:
+        """Publish one message per topic, where there is one and it is due at step k; what is not begun after `budget` [s] is dropped.
+
+        to_nobody: also where nobody subscribes, as far as is known; otherwise who comes later than the last look for subscribers, HEARD
+        ago at most, misses what was published since.
+        """
+        begin = time.perf_counter()
+        if begin - self._looked > HEARD:
+            self._looked = begin
+            for channel in self._channels:
+                channel.heard = channel.topic.latched or channel.publisher.get_subscription_count() > 0
+        end, late = begin + budget if budget > 0.0 else math.inf, False
         for channel in self._channels:
             data = messages[channel.place]
+            if not (channel.heard or to_nobody):
+                continue
             if data is None or (channel.every > 1 and k % channel.every and not (channel.also and k % channel.also == 0)):
                 continue
             if late:

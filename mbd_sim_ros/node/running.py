@@ -85,7 +85,7 @@ class Running:
             inputs=self._inputs,
             emit=self._emit,
             poll=self.commands.poll,
-            repeat=lambda: self._publication.publish(self._messages.encode(simulation.snapshot())),
+            repeat=lambda: self._publication.publish(self._messages.encode(simulation.snapshot()), to_nobody=True),
             mode=self.value('mode'),
             rate_factor=self.value('rate_factor'),
             end_ns=round(duration * 1e9) if duration > 0.0 else None,
@@ -214,7 +214,9 @@ class Running:
         if publish or record:
             messages = self._messages.encode(snapshot)
             if publish:
-                self._publication.publish(messages, snapshot.k, self._budget if self.loop.mode == 'realtime' else 0.0)
+                mode = self.loop.mode  # in lockstep somebody waits for this very state
+                budget = self._budget if mode == 'realtime' else 0.0
+                self._publication.publish(messages, snapshot.k, budget, to_nobody=mode == 'lockstep')
             if record:
                 self.recording.take(snapshot, messages)
         if self._ticks is not None:

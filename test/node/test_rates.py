@@ -6,10 +6,15 @@ import numpy as np
 import pytest
 from client import client
 from processes import start
+from synthetic import WHEELS, Synthetic, scene
+
+from mbd_sim_ros.messages.encode import Messages
 
 pytestmark = pytest.mark.realtime
 
 __all__ = ['client', 'start']  # fixtures
+
+SUBSCRIBED = ('odom', 'cmd_applied')  # by the client
 
 
 def test_topics_have_rates_of_their_own(start, client):
@@ -38,8 +43,45 @@ def ask(client, name: str, value: float) -> None:
     assert future.result().results[0].successful
 
 
+def test_what_nobody_hears_is_not_published_but_in_lockstep(client, monkeypatch):
+    """A topic is published from 0.1 s after somebody subscribed to it on."""
+    from geometry_msgs.msg import WrenchStamped
+    from rclpy.publisher import Publisher
+
+    from mbd_sim_ros.node import publish
+
+    simulation, sent = Synthetic(), []
+    plain = Publisher.publish
+    monkeypatch.setattr(Publisher, 'publish', lambda self, message: (sent.append(self.topic_name), plain(self, message)))
+    messages = Messages.of(scene(), simulation)
+    publication = publish.Publication(client.node, messages.topics, messages.encode(simulation.snapshot(), whole=True), silent=SUBSCRIBED)
+    try:
+        publication.publish(messages.encode(simulation.advance()))
+        assert not sent
+        publication.publish(messages.encode(simulation.advance()), to_nobody=True)
+        installed = {f'/{topic.name}' for topic in messages.topics if topic.name not in (*SUBSCRIBED, '/tf')}
+        assert installed <= set(sent)
+        sent.clear()
+        wheel = f'/tire/{WHEELS[1]}/force'
+        heard = []
+        client.node.create_subscription(WrenchStamped, wheel, heard.append, 10)
+
+        def arrives() -> bool:
+            publication.publish(messages.encode(simulation.advance()))
+            return bool(heard)
+
+        client.until(arrives)
+        assert set(sent) == {wheel}
+    finally:
+        publication.close(client.node)
+
+
 def test_what_finds_no_time_is_dropped_last_things_first_and_named(start, client):
     """With no time at all only the first topic of every step is published: that with the acknowledgement of commands."""
+    from geometry_msgs.msg import WrenchStamped
+
+    for wheel in WHEELS:
+        client.node.create_subscription(WrenchStamped, f'tire/{wheel}/force', lambda m: None, 1)
     start({'publish_budget': 1e-6})
     client.until(lambda: len(client.applied) > 100)
     values: dict[str, str] = {}

@@ -66,6 +66,7 @@ OURS: dict[str, dict[str, Any]] = {
     'ALF': crank.DAMPED,
     'ALF, conserving': crank.CONSERVING,
     'ALF, one iteration': {'iterations': 1},
+    'ALF, order four': {'order': 4, 'rho_inf': 1.0, 'iterations': 3},
 }
 MUJOCO_INTEGRATORS = {'RK4': 4, 'IMPLICIT': 1, 'IMPLICITFAST': 1}  # evaluations (and factorizations of its mass matrix) of a step
 MUJOCO_FIRST = (1, 2, 4)  # divisions before those of a problem
