@@ -12,7 +12,8 @@ velocity. So it must not change by more than (2 pi / 10)^2 of the largest veloci
 are off by 3 % of what they do. Translation and rotation are looked at apart. What vibrates fast but little passes, a stiff transient that
 sets the whole motion going does not.
 *Phase.* Of such a motion with the frequency w a step h costs (w h)^3 / 12 of phase. Added up over all steps, with (w h)^2 as above at the
-time, that must stay below one radian: where it is more, amplitudes may be right, but not where something is at an instant.
+time, that must stay below 0.1 rad; what is really lost is up to twice that, a fifth of the amplitude. Where it is more, amplitudes may be
+right, but not where something is at an instant. Damping, which makes a motion forget its phase, is not counted on.
 *Rounding.* A penalty multiplies the rounding of the condensed matrix; the block form does not care (docs/formulation.md, "Rounding"). It is
 told where iterations do not settle with one that is too large.
 *Light bodies.* Penalties take a body for no lighter than 1e-4 of the mean: of one with less mass m they add eps penalty 1e-4 mean / m of
@@ -48,7 +49,7 @@ WRITTEN = 1e-6  # relative, and m: what numbers written with finitely many digit
 SPOILT = 1e-4  # last increment of an iteration, relative to the velocity, which three iterations bring below 1e-6 where nothing spoils them
 HIDDEN = 3e-5  # of an acceleration
 ROUNDED = 1e-4  # of the largest velocity
-LARGEST_PHASE = 0.3  # rad; the estimate is about half of what is lost
+LARGEST_PHASE = 0.1  # rad
 FEWEST = 10  # steps a period
 UNSETTLED_SHARE = 0.01  # of the steps: an impact may leave a step a digit less exact, the motion between may not
 SUSPECT, OK = 'suspect', 'ok'

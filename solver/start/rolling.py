@@ -25,6 +25,7 @@ SETTLE_EVERY = 0.05  # s
 SETTLE_PENALTY = 1e6
 SETTLE_RHO = 0.8  # spectral radius at infinite frequency, whatever that of the scene
 SETTLE_STEP = 5e-3  # s, whatever the step of the scene, so that a start does not depend on it; where it settles does not depend on the step
+SETTLE_TURN = 2.0  # rad that a shaft may turn in such a step, or steps are divided: from 3 on they were seen to fail
 
 
 def lay_on_road(model: Model, state: State, chassis: int) -> None:
@@ -122,9 +123,10 @@ def settle_rolling(
         'full': 0,
         'combined': 1,
     }
-    scheme = scheme_parameters(SETTLE_STEP, SETTLE_RHO)
-    settling = Ref(method._replace(fixed=1, iterations=2, **own, **scheme))  # type: ignore[arg-type]
-    steps = round(SETTLE_EVERY / SETTLE_STEP)
+    fastest = max(norm(v) for v in cast(State, states[0].value).v[:-1, 3:])
+    h = SETTLE_STEP / max(1, int(np.ceil(SETTLE_STEP * fastest / SETTLE_TURN)))
+    settling = Ref(method._replace(fixed=1, iterations=2, **own, **scheme_parameters(h, SETTLE_RHO)))  # type: ignore[arg-type]
+    steps = round(SETTLE_EVERY / h)
     inputs = np.repeat(u[None, :], steps, axis=0)
     place = cast(State, states[0].value).q[chassis, :2].copy()
     wheels = [model.body_names.index(tire.marker.body) for tire in model.spec.tires]

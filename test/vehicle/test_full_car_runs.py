@@ -272,3 +272,17 @@ def test_a_shaft_too_fast_for_the_step_is_named() -> None:
         match=r"body '(drive_pinion|propshaft_\w+)' turns by 3\.\d rad per step of integrator\.h = 0\.005; no convergence.*rescue",
     ):
         simulation.advance(400)
+
+
+@pytest.mark.parametrize('kmh', [200, 300])
+def test_it_starts_settled_at_speeds_where_its_shafts_turn_by_radians_in_a_step_of_settling(kmh: float) -> None:
+    """At 200 km/h the propshaft turns by 2.9 rad in 5 ms. Loads of the wheels stay what they are at the start but for what the car loses of
+    its speed: lift and growth of the tires go with its square."""
+    s = Simulation(load_scene('car_step_steer', [f'start.speed_kmh={kmh}', 'maneuver={}', 'require={}']))
+    chassis = s.channels.chassis or 0
+    first, speed = s.snapshot().tire[:, FZ].copy(), s.snapshot().twist[chassis, 0]
+    assert speed == pytest.approx(kmh / 3.6, rel=1e-6)
+    last = s.advance(300)
+    lost = 1.0 - (last.twist[chassis, 0] / speed) ** 2
+    assert 0.0 < lost < 0.02
+    np.testing.assert_allclose(last.tire[:, FZ], first, rtol=lost)

@@ -203,7 +203,7 @@ def reference(simulation: Simulation, duration: float, tolerance: float, kind: s
     try:
         for k in range(1, round(duration / FINE) + 1):
             found.append(solver.advance(k * FINE).q)
-    except (np.linalg.LinAlgError, FloatingPointError, ValueError) as error:
+    except (np.linalg.LinAlgError, FloatingPointError, ValueError, RuntimeError) as error:  # the last one is SuperLU's of a singular factor
         raise StepError(f'{type(error).__name__}: {error}') from None
     return measured(np.array(found)), equations.evaluations
 

@@ -23,6 +23,7 @@ STEPS = (4e-3, 2e-3, 1e-3, 0.5e-3)  # s
 FINEST = 0.25e-3  # s
 SAMPLE = 0.02  # s
 TRUSTED = 0.3  # of an error: what two references may differ by, that of twice the step has itself a quarter of the error of four times
+KNOWN = 0.1  # m or rad: where two references differ by more, the motion is not known (a car that tumbles)
 STAYS = 1e-3  # m that a standing car may have moved
 NEGLIGIBLE = 1e-5  # m or rad
 
@@ -74,7 +75,11 @@ TASKS: dict[str, Task] = {
     'reverse': Task(
         'reverse at 30 km/h, steering', (at_speed(-30), 'maneuver={steering: {kind: step, value: 2, start: 0.3, rise: 0.5}}'), 3.0
     ),
-    'ice': Task('no friction, steering', (at_speed(60), 'road={friction: 0}', 'maneuver={steering: 1, brake_torque: 1000}'), 3.0),
+    'ice': Task(
+        'friction 0.001, the least there is, steering and braking',
+        (at_speed(60), 'road={friction: 0.001}', 'maneuver={steering: 1, brake_torque: 1000}'),
+        3.0,
+    ),
     'sticky': Task(
         'friction 2, hard braking in a curve',
         (at_speed(80), 'road={friction: 2}', 'maneuver={brake_torque: {kind: step, value: 9000, start: 0.5, rise: 0.2}, steering: 0.5}'),
@@ -152,7 +157,7 @@ def converging(car: str, task: Task, steps: tuple[float, ...] = STEPS) -> dict[s
         allowed = max(NEGLIGIBLE, WORSE * h * h * float(np.median(others))) if others else np.nan
         if status != 'ok':
             judgement = TOLD
-        elif finest[0] in ('error', 'refused') or not others:
+        elif finest[0] in ('error', 'refused') or not others or spread > KNOWN:
             judgement = UNDECIDED
         elif error <= allowed:
             judgement = RIGHT
