@@ -80,6 +80,14 @@ def test_what_departs_from_second_order_is_told_or_wrong() -> None:
     assert judgements(told) == [RIGHT, RIGHT, TOLD, RIGHT, RIGHT]
 
 
+def test_a_run_beside_none_that_is_ok_is_held_against_the_next_coarser_one() -> None:
+    """A vibration that loses its phase: errors of second order, a hundred times what a step does not see. Only the finest is ok."""
+    for off, judgement in ((100.0, RIGHT), (900.0, WRONG)):
+        found = second_order(100.0, off={STEPS[-1]: off * STEPS[-1] ** 2})
+        found[:-1] = [(h, 'suspect', 'because', error, d) for h, _, _, error, d in found[:-1]]
+        assert judgements(found) == [TOLD] * 4 + [judgement]
+
+
 def test_what_no_reference_resolves_is_undecided() -> None:
     found = second_order(0.3, off={2e-3: 1e-3})
     assert judgements(found, spread=1e-3)[2] == UNDECIDED

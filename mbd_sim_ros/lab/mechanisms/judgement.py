@@ -9,7 +9,8 @@ same at all steps; of a vibration that no step resolves it is the amplitude, and
 
     e(h) <= WORSE * d(h) * median of e / d of the other steps     or     e(h) <= floor
 
-(of other steps that are ok; 1 where there are none).
+(of other steps that are ok; where there are none, the error may be CLOSE what second order predicts from the next coarser run that came to
+its end, though that was told, or WORSE * d(h)).
 floor: RESOLVED of the size of the motion, or what the reference leaves open. It is *told* when it failed, was refused or is suspect.
 Otherwise it is *silently wrong*, unless a second reference, to a tolerance a thousand times coarser, differs from the first by a tenth of
 the error or more, or none was found: then nothing resolves the motion, and it is *undecided*.
@@ -41,6 +42,7 @@ SAMPLE = 0.01  # s, a multiple of every step
 FINE = 0.0005  # s, at which second differences are taken
 START = 1e-6  # s, step for which the start of the references is made: a start fits its velocities to its step, by its square
 WORSE = 10.0
+CLOSE = 2.0  # second order and a little more
 RESOLVED = 1e-9  # of the size of the motion, at least 1 m or rad: rounding of a step divided by its length squared
 TOLERANCES = (1e-10, 1e-7)  # of the two references
 MOST_EVALUATIONS, MOST_IMPLICIT = 12_000, 20_000  # of an explicit reference (what needs more is stiff), and of an implicit one
@@ -338,7 +340,11 @@ def classify(
     runs = []
     for h, status, text, error, d in found:
         others = known or [ratio for other, ratio in ratios.items() if other in ok - {h}]
-        allowed = max(floor, WORSE * d * (float(np.median(others)) if others else 1.0))
+        if others:
+            allowed = max(floor, WORSE * d * float(np.median(others)))
+        else:
+            coarser = min((other for other in ratios if other > h), default=None)
+            allowed = max(floor, d * max(WORSE, CLOSE * ratios[coarser] if coarser else 0.0))
         if status != 'ok':
             judgement = TOLD
         elif np.isnan(spread):
