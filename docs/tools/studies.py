@@ -1,5 +1,5 @@
-"""Fills the generated parts of docs/studies.md, docs/validation.md and docs/vehicle.md from finished studies:
-`python docs/tools/studies.py out`, after `mbd study NAME` into out/NAME.
+"""Fills the generated parts of docs/studies.md, docs/validation.md, docs/vehicle.md, docs/stability.md and docs/scene.md from
+finished studies: `python docs/tools/studies.py out`, after `mbd study NAME` into out/NAME.
 
 A part stands between `<!-- begin NAME: HEADING -->` and `<!-- end -->` and is that section of out/NAME/report.md without its pictures;
 without a heading it is the text above the first section. Pictures that the document shows as pictures/NAME_FILE.png are copied beside it,
@@ -15,7 +15,7 @@ from pathlib import Path
 
 from PIL import Image  # comes with matplotlib
 
-FILES = [Path(__file__).parents[1] / name for name in ('studies.md', 'validation.md', 'vehicle.md')]
+FILES = [Path(__file__).parents[1] / name for name in ('studies.md', 'validation.md', 'vehicle.md', 'stability.md', 'scene.md')]
 PART = re.compile(r'<!-- begin (?P<name>\w+)(: (?P<heading>[^\n]+))? -->\n.*?<!-- end -->', re.DOTALL)
 COLOURS = 64  # of a copied picture, to keep it small
 PICTURE = re.compile(r'\]\(pictures/(?P<file>[\w.]+)\)')
