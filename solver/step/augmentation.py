@@ -20,7 +20,7 @@ from solver.compiled.kernel import kernel
 from solver.model.saddle import CONDENSED, solve_saddle
 
 MOST_DIRECTIONS = 12
-ENOUGH = 1e-5  # part of the violation at the prediction that an iteration of mode fixed may leave; of the velocity, its projection
+ENOUGH = 1e-4  # part of the violation at the prediction that an iteration of mode fixed may leave; of the velocity, its projection
 CONTRACTION = 1e-2  # part of its own violation, and of the tolerance, that an iteration of mode tolerance may leave
 HELD = 1e-11  # relative velocity over the step; what violates less is rounding
 SMALLEST_IMAGE = 1e-4  # relative to the violation; less is a direction that the constraints cannot hold: it is left to its inertia
