@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
 ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
 ENGINEERING = 1e-5  # what ours are made for ends here; what is finer is shown, and not required
+FLOOR = 100.0
 COSTS = {'cpu': 'CPU time [s]', 'factorizations': 'factorizations', 'evaluations': 'evaluations'}
 OURS = ('ALF', 'M-ALF')
 WITHOUT_CONSTRAINTS = 'MuJoCo'  # on open chains: what it does not have to solve no method with constraints can make up for
@@ -47,8 +48,9 @@ def cheapest(points: Sequence[Point], cost: str, accuracy: float) -> dict[str, P
 
 
 def order(points: Sequence[Point], method: str) -> float:
-    """Power of the number of factorizations (or evaluations, where those are not counted) with which the error falls."""
+    """Power of the number of evaluations with which the error falls, down to a hundred times the smallest: rounding has none."""
     mine = [p for p in points if p.method == method and p.error > 0.0 and p.factorizations > 0]
+    mine = [p for p in mine if p.error > FLOOR * min(q.error for q in mine)] or mine
     if len(mine) < 2:
         return math.nan
     return -float(np.polyfit(np.log([p.evaluations for p in mine]), np.log([p.error for p in mine]), 1)[0])
@@ -134,6 +136,7 @@ def picture(report: Report, problem: str, unit: str, points: Sequence[Point]) ->
         ax.axhspan(ENGINEERING, ACCURACIES[0], color='#f3f3f3', zorder=0)
         ax.set_xlabel(title)
     axes[0, 0].set_ylabel(f'error [{unit}]')
-    axes[0, 0].legend(fontsize=6.5, frameon=False)
+    lines = {line.get_label(): line for ax in axes[0] for line in ax.get_lines() if not line.get_label().startswith('_')}
+    new.legend(lines.values(), lines.keys(), loc='outside lower center', ncols=7, fontsize=7, frameon=False)
     name = ''.join(c if c.isalnum() else '_' for c in problem.lower())
     report.figure(f'work_precision_{name}', new, f'{problem}: error against cost; grey: engineering accuracy')
