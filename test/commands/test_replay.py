@@ -182,7 +182,6 @@ def test_a_replay_does_not_need_the_recording_that_drove_it(tmp_path, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.realtime
 def test_a_minute_of_the_full_car_driven_over_topics_replays_to_the_same_bits(tmp_path, capsys):
     pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
     process = node(tmp_path, scene='car_swept_steer', mode='fast', duration=60.0, record=True, out='run', frame_prefix='car/')
@@ -203,7 +202,6 @@ def test_a_minute_of_the_full_car_driven_over_topics_replays_to_the_same_bits(tm
 
 
 @pytest.mark.slow
-@pytest.mark.realtime
 def test_recordings_begun_while_running_and_after_restore_replay_to_the_same_bits(tmp_path, capsys, client):
     process = node(tmp_path, scene='car_step_steer', commands='maneuver')
     again = None

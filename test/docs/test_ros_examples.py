@@ -9,7 +9,7 @@ import pytest
 from processes import ROOT, Process
 from real_node import simulator
 
-pytestmark = [pytest.mark.realtime, pytest.mark.slow]
+pytestmark = pytest.mark.slow
 
 __all__ = ['simulator']  # a fixture
 
