@@ -6,19 +6,17 @@ import base64
 import json
 import math
 import re
-import shutil
 import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
+from browser import CHROMIUM, QUIET
 
 from mbd_sim_ros.analysis.evaluation.figures import Chart, Curve, Figure, Result
 from mbd_sim_ros.analysis.evaluation.html import POINTS, write_page
 from solver.errors import BagError
 
-CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which('google-chrome')
-QUIET = ['--headless', '--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run', '--disable-background-networking']
 T = np.linspace(0.0, 5.0, 4001)
 FIGURES = (
     Figure('angle', 'an angle', math.pi / 6.0, 'rad'),

@@ -5,20 +5,17 @@ from __future__ import annotations
 import base64
 import json
 import re
-import shutil
 import subprocess
 from pathlib import Path
 
 import numpy as np
 import pytest
+from browser import CHROMIUM, QUIET
 from scalars import run, run_of
 
 from mbd_sim_ros.analysis.comparison import Comparison, compare
 from mbd_sim_ros.analysis.html import write_report
 from solver.errors import BagError
-
-CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which('google-chrome')
-QUIET = ['--headless', '--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run', '--disable-background-networking']
 
 
 def compared() -> Comparison:

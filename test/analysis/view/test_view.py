@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from browser import CHROMIUM, QUIET
 from mcap.reader import make_reader
 from scipy.spatial.transform import Rotation
 
@@ -24,9 +25,6 @@ from mbd_sim_ros.batch import simulate
 from mbd_sim_ros.commands.main import main
 from mbd_sim_ros.messages import cdr
 from solver import load_scene, simulation_of
-
-CHROMIUM = shutil.which('chromium') or shutil.which('chromium-browser') or shutil.which('google-chrome')
-QUIET = ['--headless', '--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run', '--disable-background-networking']
 
 
 def recorded(directory: Path, scene: str, *overrides: str) -> Path:
