@@ -70,6 +70,7 @@ def program(directory: Path, *, entries=(FORCE_ENTRY, CONSTRAINT_ENTRY)) -> Path
     return directory
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_kind_that_follows_the_recipe_is_known_everywhere(tmp_path):
     """Position: the closed form of a force with a lag; x to second order of the method, 1e-6 m at 1 ms; the reaction is the weight."""

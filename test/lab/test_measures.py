@@ -202,6 +202,7 @@ def test_a_start_is_timed_in_a_process_of_its_own() -> None:
         broken._first_step({**os.environ})
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_the_node_at_work_is_measured(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip('rclpy')

@@ -100,6 +100,7 @@ def test_slider_crank_phases_keep_all_limits_with_both_settings(capsys, tmp_path
         assert [float(row['h']) for row in rows(tmp_path / f'phases_{name}.csv')] == [0.02, 0.01, 0.005]
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_penalty_map_shows_what_grows_with_the_penalty_and_that_the_settings_lose_nothing(capsys, tmp_path):
     found = quick(capsys, 'penalty_map', tmp_path)
