@@ -74,7 +74,7 @@ def test_in_real_time_commands_follow_within_a_few_steps(start, tmp_path, maneuv
     expected = np.array([load_maneuver(maneuver).commands(t)[2] for t in run.time[heard]])
     behind = (expected - run['cmd_applied/brake_torque'][heard]) / MANEUVER['brake_torque']['slope']  # s, on its ramp
     assert np.median(behind) < 0.02
-    assert np.mean(behind < 0.1) > 0.9  # but where the whole machine stands still for a moment
+    assert np.all(behind[-50:] < 0.1)  # in the last 0.1 s
 
 
 class Simulator:

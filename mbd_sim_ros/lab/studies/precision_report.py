@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
 ENGINEERING = 1e-5  # what ours are made for ends here; what is finer is shown, and not required
-FLOOR = 100.0
+FLOOR = 100.0  # times the smallest error of a method, from where on rounding may show
 COSTS = {'cpu': 'CPU time [s]', 'factorizations': 'factorizations', 'evaluations': 'evaluations'}
 OURS = ('ALF', 'M-ALF')
 WITHOUT_CONSTRAINTS = 'MuJoCo'  # on open chains: what it does not have to solve no method with constraints can make up for

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 from solver.validate import Vector
-from solver.vehicle.parts import Bushing, Corner, Damper, Spring, Structure, joined, mounting, sprung
+from solver.vehicle.parts import Bushing, Corner, Sprung, Structure, joined, mounting, sprung
 from solver.vehicle.wheel_end import IndependentSuspension
 
 
 @dataclass(frozen=True, kw_only=True)
-class SlidingPillar(IndependentSuspension):
+class SlidingPillar(Sprung, IndependentSuspension):
     """Data of the left wheel suspension. pillar: a point of it; axis: its direction; bushing: its guide, soft along z; the others: ends of
     spring and damper [m]."""
 
@@ -19,12 +19,6 @@ class SlidingPillar(IndependentSuspension):
     pillar: Vector
     axis: Vector
     bushing: Bushing | None = None
-    spring: Spring
-    spring_chassis: Vector
-    spring_arm: Vector
-    damper: Damper
-    damper_chassis: Vector
-    damper_arm: Vector
 
     def corner(self, name: str, side: str, structure: Structure) -> Corner:
         """The suspension of corner `name` on a side."""
