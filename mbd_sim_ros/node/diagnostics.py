@@ -16,10 +16,13 @@ from solver.simulation import Simulation
 SLOW = 0.98  # of the wanted rate, below which real time is not kept
 
 
-def judged(simulation: object, envelope: Envelope | None = None) -> list[Finding]:
-    """What makes the run so far suspect; nothing of a stand-in, which keeps no account. envelope: of the plan that was taken, if any."""
+def judged(simulation: object, envelope: Envelope | None = None, *, ended: bool = False) -> list[Finding]:
+    """What makes the run so far suspect; nothing of a stand-in, which keeps no account. envelope: of the plan that was taken, if any.
+
+    ended: see Envelope.findings.
+    """
     found = findings(simulation) if isinstance(simulation, Simulation) else []
-    return found + (envelope.findings(all_of_it=False) if envelope is not None else [])
+    return found + (envelope.findings(ended=ended) if envelope is not None else [])
 
 
 def diagnosis(

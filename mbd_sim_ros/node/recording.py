@@ -84,7 +84,7 @@ class Recording:
         loop = self.loop
         figures = {'steps': loop.steps, 'overruns': loop.overruns, 'schedule_slips': loop.slips, 'wall_time': f'{loop.wall_time:.3f}'}
         events = json.dumps([event._asdict() for event in self._simulation.events])
-        found = judged(self._simulation, self._envelope)
+        found = judged(self._simulation, self._envelope, ended=True)
         status = 'error' if loop.error else SUSPECT if found else OK
         verdict = {'end': outcome, 'status': status, 'findings': json.dumps(report(found))}
         return recorder.close({**verdict, **{key: str(value) for key, value in figures.items()}, 'event_list': events})

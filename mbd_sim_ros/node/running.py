@@ -21,6 +21,7 @@ from std_msgs.msg import String
 from mbd_sim_ros.bags.recorder import file_stem
 from mbd_sim_ros.messages.encode import Messages
 from mbd_sim_ros.node.commands import Commands
+from mbd_sim_ros.node.diagnostics import judged
 from mbd_sim_ros.node.loop import Latched, Loop
 from mbd_sim_ros.node.parameters import RATES
 from mbd_sim_ros.node.publish import Publication
@@ -145,6 +146,8 @@ class Running:
             log.error('the simulation thread failed:\n' + ''.join(traceback.format_exception(error)))
             code = 1
         outcome = self.loop.outcome
+        for finding in judged(self.simulation, self.envelope, ended=True):
+            log.warning(f'suspect: {finding}')
         if error is None:
             self.recording.take_last()
         try:
@@ -252,6 +255,7 @@ class Running:
         if recording:
             self.begin_recording()
         self._ticked = (-math.inf, -math.inf)
+        self.envelope.restart()
         self.commands.poll()  # what was said before is of the past
         self.loop.restart()
         self._latch_start()

@@ -8,7 +8,9 @@ from the mean, over 2 pi. On waves of the road it is speed over wavelength.
 
 from __future__ import annotations
 
+import copy
 import math
+import threading
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -86,11 +88,10 @@ class _Frequency:
     def fold(self, rows: np.ndarray, times: np.ndarray) -> None:
         x = np.array([s.position.of(rows[:, s.position.places])[:, 0] for s in self._swings]).reshape(-1, len(rows))
         v = np.array([s.rate.of(rows[:, s.rate.places])[:, 0] for s in self._swings]).reshape(-1, len(rows))
-        if self._first is None or times[0] < self._time:  # after a reset time begins anew
-            self._sums[:] = 0.0
-            self._first, self._begin, self._n = x[:, 0], float(times[0]), 0
+        if self._first is None:
+            self._first, self._begin = x[:, 0], float(times[0])
         x = x - self._first[:, None]
-        self._sums += np.stack([x.sum(axis=1), (x * x).sum(axis=1), (v * v).sum(axis=1)], axis=1)
+        self._sums = self._sums + np.stack([x.sum(axis=1), (x * x).sum(axis=1), (v * v).sum(axis=1)], axis=1)
         self._n, self._time = self._n + len(rows), float(times[-1])
         if self._time - self._begin >= WINDOW:
             self._close()
@@ -109,23 +110,31 @@ class _Frequency:
             value = math.sqrt(vv) / (2.0 * math.pi * departure)
             if value / high - 1.0 > self.worst.beyond:
                 self.worst = _Worst(value / high - 1.0, f'frequency of {swing.name}', value, self._time)
-        self._sums[:] = 0.0
+        self._sums = np.zeros_like(self._sums)
         self._first, self._n = None, 0
 
 
 class Envelope:
-    """Follows the snapshots of a simulation: look() at each, findings(). Without a level or a certificate it does nothing."""
+    """Follows the snapshots of a simulation: look() at each; findings() from any thread. Without level and certificate it does nothing."""
 
     def __init__(self, simulation: Simulation) -> None:
+        self._simulation = simulation
+        self._lock = threading.Lock()
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget what was: the run begins anew."""
+        simulation = self._simulation
         level = getattr(simulation, 'level', None)
-        self._watched: list[_Range | _Frequency] = []
+        watched: list[_Range | _Frequency] = []
         for limit in level.validity if level is not None else ():
             if limit.low is not None and limit.high is not None:
-                self._watched.append(_Range(limit, simulation.channels))
+                watched.append(_Range(limit, simulation.channels))
             elif limit.quantity == FREQUENCY and limit.high is not None and FREQUENCY not in simulation.reached:
-                self._watched.append(_Frequency(limit, simulation.channels))
-        self._rows: list[np.ndarray] = []
-        self._times: list[int] = []
+                watched.append(_Frequency(limit, simulation.channels))
+        with self._lock:
+            self._watched = watched
+            self._noted: list[Snapshot] = []
 
     @property
     def watches(self) -> bool:
@@ -136,19 +145,25 @@ class Envelope:
         """Note a snapshot."""
         if not self._watched:
             return
-        self._rows.append(snapshot.numbers)
-        self._times.append(snapshot.t_ns)
-        if len(self._rows) >= ROWS:
-            self._fold()
+        with self._lock:
+            self._noted.append(snapshot)
+            if len(self._noted) >= ROWS:
+                _fold(self._watched, self._noted)
+                self._noted.clear()
 
-    def findings(self, *, all_of_it: bool = True) -> list[Finding]:
-        """What left its range so far, at its worst; without the last few snapshots unless all_of_it (for threads that do not look)."""
-        if all_of_it:
-            self._fold()
-            for watched in self._watched:
-                watched.end()
+    def findings(self, *, ended: bool = True) -> list[Finding]:
+        """What left its range so far, at its worst. It changes nothing: what a run is told does not depend on when somebody asked.
+
+        ended: nothing more is to come, so windows that are not full are judged as well.
+        """
+        with self._lock:
+            present, noted = [copy.copy(watched) for watched in self._watched], self._noted.copy()
+        if noted:
+            _fold(present, noted)
         found = []
-        for watched in self._watched:
+        for watched in present:
+            if ended:
+                watched.end()
             limit, (beyond, name, value, time) = watched.limit, watched.worst
             if beyond <= BEYOND:
                 continue
@@ -165,11 +180,8 @@ class Envelope:
             )
         return found
 
-    def _fold(self) -> None:
-        if not self._rows:
-            return
-        rows, times = np.array(self._rows), np.array(self._times) * 1e-9
-        for watched in self._watched:
-            watched.fold(rows, times)
-        self._rows.clear()
-        self._times.clear()
+
+def _fold(watched: list[_Range | _Frequency], snapshots: list[Snapshot]) -> None:
+    rows, times = np.array([one.numbers for one in snapshots]), np.array([one.t_ns for one in snapshots]) * 1e-9
+    for one in watched:
+        one.fold(rows, times)
