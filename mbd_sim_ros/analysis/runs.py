@@ -19,6 +19,7 @@ from solver.errors import BagError, suggestion
 
 TIME = 'time [s]'
 ROWS = 10_000  # written at once
+LATEST = 2.0**62 * 1e-9  # s: so many nanoseconds, and differences of them, are whole numbers of 64 bits
 NAME_MOST = 60  # characters of the name of a file
 JOINT_UNITS = {
     'rotation': {'position': 'rad', 'velocity': 'rad/s', 'effort': 'N m'},
@@ -182,6 +183,9 @@ def _read_csv(file: Path, prefix: str) -> Series:
         raise BagError(f'{file}: {error}') from None
     if not np.all(np.isfinite(table[:, 0])):
         raise BagError(f'{file}: every row needs a time in its first column')
+    latest = float(np.abs(table[:, 0]).max())
+    if latest >= LATEST:
+        raise BagError(f'{file}: a time of {latest:.6g} s is too large to be one in seconds; it must be below {LATEST:.6g} s')
     time_ns = _nanoseconds([row[0] for row in rows[1:]], table[:, 0])
     if not np.all(np.diff(time_ns) > 0):
         raise BagError(f'{file}: the times must increase from row to row')

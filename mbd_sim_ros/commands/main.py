@@ -44,7 +44,7 @@ from solver.errors import MbdError, suggestion
 COMMANDS = (info, run, plan, maneuver, sweep, export, compare, evaluate, view, replay, recover, study, bench, compile)
 USAGE_ERROR, INTERNAL_ERROR = 2, 70
 SHOW_TRACEBACK = 'MBD_TRACEBACK'
-SENTENCE_MOST = 1000  # characters
+SENTENCE_MOST, LEFT_OUT = 1000, ' ... '  # characters, and what stands for those in the middle
 
 
 class UsageError(MbdError):
@@ -89,7 +89,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 interrupts.now(f'starting mbd {first}' if first else '')
                 args, unknown = parser().parse_known_args(argv)
                 if unknown:
-                    known = re.findall(r'--[\w-]+', args.parser.format_help())
+                    known = dict.fromkeys(re.findall(r'--[\w-]+', args.parser.format_help()))
                     args.parser.error(f'unrecognized argument {unknown[0]}{suggestion(unknown[0], known)}')
                 result = args.run(args)
                 out.say(json.dumps(plain(result.data), allow_nan=False) if as_json else result.text)
@@ -189,7 +189,10 @@ def plain(value: Any) -> Any:
 def one_sentence(text: str) -> str:
     """A text as one line that fits a screen, whatever was quoted in it."""
     line = ''.join(c if c.isprintable() else c.encode('unicode_escape').decode() for c in text)
-    return line if len(line) <= SENTENCE_MOST else f'{line[: SENTENCE_MOST // 2]} ... {line[-SENTENCE_MOST // 2 :]}'
+    if len(line) <= SENTENCE_MOST:
+        return line
+    half = (SENTENCE_MOST - len(LEFT_OUT)) // 2
+    return line[:half] + LEFT_OUT + line[-half:]
 
 
 def _fail(out: _Output, sentence: str, code: int, as_json: bool) -> int:

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 
 from solver.elements.coupler import CouplerSpec
 from solver.elements.joint import JointSpec
@@ -93,7 +94,7 @@ class Car:
     def __post_init__(self) -> None:
         require(2 <= len(self.axles) <= 4, 'car', 'axles', len(self.axles), 'a car has two to four of them')
         along = [axle.suspension.wheel.center[0] for axle in self.axles]
-        require(along == sorted(along, reverse=True), 'car', 'axles', along, 'must stand from front to rear')
+        require(all(a > b for a, b in pairwise(along)), 'car', 'axles', along, 'must stand one behind the other, from front to rear')
         brakes = sum(s.brake.share for axle in self.axles for s in (axle.suspension, axle.right or axle.suspension))
         require(abs(brakes - 1.0) < 1e-9, 'car', 'brake', brakes, 'the shares of all wheels must add up to 1')
         driven = [axle.drive.share for axle in self.axles if axle.drive is not None]

@@ -80,6 +80,8 @@ class LightCar:
         for name, part in (('chassis', self.chassis), ('steering.rack', self.steering.rack), ('steering.wheel', self.steering.wheel)):
             centred = abs(part.com[1]) < 1e-9
             require(centred, 'light car', f'{name}.com', part.com, 'must lie in the plane y = 0: the two sides are mirrored')
+        front, rear = self.front.wheel.center[0], self.rear.wheel.center[0]
+        require(front > rear, 'light car', 'front.wheel.center', front, f'its x must lie ahead of the rear wheels, x = {rear:g} m')
         share = 2.0 * (self.brakes.front.share + self.brakes.rear.share)
         require(abs(share - 1.0) < 1e-9, 'light car', 'brakes', share, 'the shares of the four wheels must add up to 1')
 
@@ -87,6 +89,7 @@ class LightCar:
 def static_loads(bodies: Sequence[RigidBodySpec], x_front: float, x_rear: float, gravity: float) -> tuple[float, float]:
     """Static load [N] of one front and one rear tire of a symmetric car: balance of forces and moments in the design position."""
     mass = sum(b.mass for b in bodies)
+    require(mass > 0.0, 'light car', 'mass', mass, 'must be positive')
     x = sum(b.mass * (b.position[0] + b.com[0]) for b in bodies) / mass
     front = 0.5 * mass * gravity * (x - x_rear) / (x_front - x_rear)
     return front, 0.5 * mass * gravity - front

@@ -58,6 +58,7 @@ def test_header_names_quantity_and_unit(rng: np.random.Generator, tmp_path: Path
         ('time,y\n0,1\n,2\n', 'every row needs a time'),
         ('time,y\n0,1\n1\n', 'row 3 has 1 values for 2 columns'),
         ('time,y\n0,abc\n', "could not convert string to float: 'abc'"),
+        ('time,y\n0,1\n18446744073709551616,2\n', 'a time of 1.84467e+19 s is too large'),
         ('time,y,y\n0,1,2\n', "the column 'y' is given twice"),
     ],
 )

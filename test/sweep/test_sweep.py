@@ -207,6 +207,9 @@ def test_wrong_files_are_one_sentence(change: tuple[str, str], part: str, tmp_pa
 def test_designs_that_cannot_be_are_refused():
     with pytest.raises(SpecError, match='power of two'):
         Design(kind='sobol', samples=12)
+    for seed in (-1, 2**32):
+        with pytest.raises(SpecError, match=f'seed = {seed}: must be a whole number'):
+            Design(seed=seed)
     with pytest.raises(SpecError, match='low and high'):
         sweep_of('morris', 16, d=Parameter(values=(1.0, 2.0)))
     with pytest.raises(SceneError, match='more than'):

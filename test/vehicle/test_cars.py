@@ -207,6 +207,7 @@ def test_a_car_with_three_axles_drives() -> None:
     [
         (lambda c: {'axles': c.axles[:1]}, 'two to four'),
         (lambda c: {'axles': c.axles[::-1]}, 'front to rear'),
+        (lambda c: {'axles': (c.axles[0], c.axles[0])}, 'one behind the other'),
         (lambda c: {'axles': (dataclasses.replace(c.axles[0], drive=None), c.axles[1])}, 'no axle is driven'),
         (lambda c: {'engine': None}, 'has none: add it'),
     ],

@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 from solver.elements.tire_pacejka import TIRE_COLUMNS
+from solver.errors import SceneError
 from solver.files.scene import load_scene
 from solver.simulation import Simulation
 
 FX, FY, FZ = range(3)
 G = 9.81
+MASSES = ('chassis', 'front.wheel', 'front.knuckle', 'rear.wheel', 'rear.knuckle', 'steering.rack', 'steering.wheel')
 WHEELS = ('front_left', 'front_right', 'rear_left', 'rear_right')
 
 
@@ -34,6 +36,18 @@ def test_count_of_freedom_is_that_of_the_hand_count(at_rest):
     assert (found['bodies'], found['constraint_rows'], found['dof'], found['redundant_constraints']) == (11, 52, 14, 0)
     assert found['internal_states'] == 4 * 2 + 4  # contact deflections of the tires, wind-up of the brakes
     assert 1300.0 < found['mass'] < 1600.0
+
+
+@pytest.mark.parametrize(
+    ('given', 'says'),
+    [
+        (['vehicle.front.wheel.center=[-1.325, 0.765, 0.298]'], 'front.wheel.center = -1.325: its x must lie ahead of the rear wheels'),
+        ([f'vehicle.{part}.mass=0' for part in MASSES], 'light car: mass = 0.0: must be positive'),
+    ],
+)
+def test_a_car_without_wheelbase_or_mass_is_refused(given, says):
+    with pytest.raises(SceneError, match=says):
+        load_scene('light_car_straight', given)
 
 
 def test_wheel_loads_are_those_of_the_moment_balance(at_rest):
