@@ -6,13 +6,17 @@ A part stands between `<!-- begin NAME -->` and `<!-- end -->`. Needs rclpy (the
 from __future__ import annotations
 
 import re
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from mbd_sim_ros.messages.encode import Messages, Topic
 from mbd_sim_ros.node.adapter import PARAMETERS as ADAPTER
 from mbd_sim_ros.node.commands import BY_WHEEL, PLAIN
 from mbd_sim_ros.node.demands import HEARD, TOLD
 from mbd_sim_ros.node.interfaces import OFFERED, PACKAGE, snake
+from mbd_sim_ros.node.maneuver_player import PARAMETERS as MANEUVER
 from mbd_sim_ros.node.parameters import CHOICES, PARAMETERS
 from mbd_sim_ros.node.services import SERVICES
 from solver.inputs.hands import COMMANDS
@@ -46,13 +50,14 @@ def main() -> None:
 
 def render(text: str) -> str:
     """The text with every generated part as the code has it now."""
-    parts = {
+    parts: dict[str, Callable[[], tuple[tuple[str, ...], list[tuple[str, ...]]]]] = {
         'topics': topics,
         'commands': commands,
         'services': services,
         'parameters': parameters,
         'adapter': adapter,
-        'adapter_parameters': adapter_parameters,
+        'adapter_parameters': partial(described, ADAPTER),
+        'maneuver_parameters': partial(described, MANEUVER),
         'interfaces': interfaces,
     }
     return PART.sub(lambda m: f'<!-- begin {m["name"]} -->\n{table(*parts[m["name"]]())}<!-- end -->', text)
@@ -104,9 +109,9 @@ def adapter() -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     return ('topic', 'type', 'QoS', ''), rows
 
 
-def adapter_parameters() -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """What may be set of the adapter."""
-    return ('parameter', '', 'default'), [(f'`{n}`', text, 'empty' if d == '' else str(d)) for n, (d, text) in ADAPTER.items()]
+def described(parameters: Mapping[str, tuple[Any, str]]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """What may be set of a node beside the simulator."""
+    return ('parameter', '', 'default'), [(f'`{n}`', text, 'empty' if d == '' else str(d)) for n, (d, text) in parameters.items()]
 
 
 def interfaces() -> tuple[tuple[str, ...], list[tuple[str, ...]]]:

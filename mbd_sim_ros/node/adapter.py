@@ -15,11 +15,12 @@ from mbd_sim_ros.node.main import run
 if __name__ == '__main__':
     interrupts.install(lambda text: interrupts.write(2, text), code=0)
 
-import time
 from typing import Any
 
+from mbd_sim_ros.node.accompany import COMMON, accompany
+
 PARAMETERS: dict[str, tuple[Any, str]] = {
-    'simulator': ('simulator', 'name of the simulator node'),
+    **COMMON,
     'scene': ('', 'scene whose car is driven, for its steering, wheelbase and mass; empty: that of the simulator'),
     'steering_ratio': (0.0, 'steering wheel over road wheels [-]; 0: the map of the steering, measured on the bench'),
     'max_road_wheel': (0.55, 'largest angle of the road wheels [rad]'),
@@ -28,44 +29,14 @@ PARAMETERS: dict[str, tuple[Any, str]] = {
     'max_engine_braking': (300.0, 'torque with which the engine brakes before the brakes do [N m]'),
     'max_brake_torque': (6000.0, 'all wheels together [N m]'),
     'command_timeout': (0.5, 'simulation time after which a demand counts no more and the car is braked to rest [s]; 0: never'),
-    'rate': (100.0, 'answers per second of wall time, at most; 0: every odom (for lockstep)'),
-    'timeout': (20.0, 'time to wait for the simulator [s]'),
 }
 
 
 def _adapt() -> int:
     from mbd_sim_ros.node.adapting import Adapter
-    from solver.errors import MbdError
-
-    class NoSimulator(MbdError):
-        exit_code = 6
-
-    from rclpy.executors import SingleThreadedExecutor
 
     node = Adapter(PARAMETERS)
-    name, rate, timeout = (node.value(key) for key in ('simulator', 'rate', 'timeout'))
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    interrupts.now(f'adapting commands for {name}')
-    begin = time.monotonic()
-    node.get_logger().info(f'waiting for {name}')
-    while not interrupts.event.is_set() and not node.ready(executor):
-        if time.monotonic() - begin > timeout:
-            raise NoSimulator(
-                f'the simulator {name!r} is not there: nothing came within {timeout:g} s; see the parameters simulator and timeout'
-            )
-    while not interrupts.event.is_set():
-        answered = node.answered
-        executor.spin_once(timeout_sec=0.1)
-        if rate > 0.0 and node.answered != answered:
-            time.sleep(1.0 / rate)  # meanwhile the queue of depth one keeps the newest
-        if node.alone:
-            node.get_logger().info('the simulator has ended')
-            break
-    executor.shutdown()
-    node.destroy_node()
-    interrupts.check()
-    return 0
+    return accompany(node, f'adapting commands for {node.value("simulator")}')
 
 
 def main(args: list[str] | None = None) -> int:

@@ -6,16 +6,16 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from nav_msgs.msg import Odometry
-from rcl_interfaces.msg import ParameterDescriptor
 from rcl_interfaces.srv import GetParameters
 from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
+from mbd_sim_ros.node.accompany import LOOK
 from mbd_sim_ros.node.demand import DRIVE, Car, Demand, Loop
 from mbd_sim_ros.node.demands import GEAR_DRIVE, HEARD, TOLD, Heard, Measured, class_of, gear
-from mbd_sim_ros.node.parameters import unknown
+from mbd_sim_ros.node.parameters import declare_described
 from solver.errors import SpecError
 from solver.files.scene import load_scene
 from solver.inputs.driver import SpeedControl
@@ -27,10 +27,7 @@ class Adapter(Node):
 
     def __init__(self, parameters: Mapping[str, tuple[Any, str]]) -> None:
         super().__init__('adapter')
-        for name, (default, text) in parameters.items():
-            self.declare_parameter(name, default, ParameterDescriptor(description=text))
-        for sentence in unknown(self):
-            self.get_logger().warning(sentence)
+        declare_described(self, parameters)
         self.answered = -1
         self._demand: Demand | None = None
         self._at = -1  # simulation time of the newest demand [ns]; -1: it came since the last odom
@@ -67,24 +64,35 @@ class Adapter(Node):
         """Return the value of a parameter."""
         return self.get_parameter(name).value
 
-    @property
-    def alone(self) -> bool:
-        """Whether the simulator was there and has gone."""
-        return self.answered >= 0 and self._commands.get_subscription_count() == 0
+    def look(self, executor: Executor) -> bool:
+        """Take what comes; whether the simulator, and the car that it drives, has been found. Raises MbdError."""
+        if self._loop is None:
+            return self._find(executor)
+        executor.spin_once(timeout_sec=LOOK)
+        return True
 
-    def ready(self, executor: Executor) -> bool:
-        """Look for the simulator and learn what car it drives; whether that is known. Raises MbdError for a scene that cannot be loaded."""
+    def missing(self) -> str:
+        """What is wrong with the simulator while it has not been found."""
+        return 'does not say what it simulates' if self._commands.get_subscription_count() else 'is not there'
+
+    def ended(self) -> str:
+        """Why there is nothing more to do; '' while there is."""
+        gone = self.answered >= 0 and self._commands.get_subscription_count() == 0
+        return f'the simulator has ended at t = {self.answered * 1e-9:.3f} s' if gone else ''
+
+    def _find(self, executor: Executor) -> bool:
+        """Look for the simulator and learn what car it drives. Raises MbdError for a scene that cannot be loaded."""
         if self._commands.get_subscription_count() == 0:
-            executor.spin_once(timeout_sec=0.1)
+            executor.spin_once(timeout_sec=LOOK)
             return False
         scene, overrides = self.value('scene'), []
         if not scene:
             if self._asked is None:
                 self._client = self.create_client(GetParameters, f'{self._simulator}/get_parameters')
-                if not self._client.wait_for_service(timeout_sec=0.1):
+                if not self._client.wait_for_service(timeout_sec=LOOK):
                     return False
                 self._asked = self._client.call_async(GetParameters.Request(names=['scene', 'overrides']))
-            executor.spin_once(timeout_sec=0.1)
+            executor.spin_once(timeout_sec=LOOK)
             if not self._asked.done():
                 return False
             values = self._asked.result().values

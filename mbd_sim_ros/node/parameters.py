@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
@@ -97,6 +98,14 @@ def declare(node: Node) -> None:
     for name in node.get_parameter('lockstep_commands').value:
         if name not in COMMANDS:
             raise SpecError(f'parameter lockstep_commands: {name!r} is no command' + suggestion(name, COMMANDS))
+
+
+def declare_described(node: Node, parameters: Mapping[str, tuple[Any, str]]) -> None:
+    """Declare parameters, name -> (default, description), and warn of those that are given and unknown."""
+    for name, (default, text) in parameters.items():
+        node.declare_parameter(name, default, ParameterDescriptor(description=text))
+    for sentence in unknown(node):
+        node.get_logger().warning(sentence)
 
 
 def unknown(node: Node) -> list[str]:

@@ -11,7 +11,7 @@ import yaml
 from processes import DOMAIN, Process, start
 
 from mbd_sim_ros.bags import reader as bag
-from mbd_sim_ros.node.maneuver_player import LOST
+from mbd_sim_ros.node.playing import LOST
 from solver.files.scene import load_maneuver
 
 pytestmark = pytest.mark.realtime

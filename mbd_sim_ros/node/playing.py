@@ -1,0 +1,109 @@
+"""The node `maneuver`: answers the states of a simulator with the commands of a maneuver (see maneuver_player.py).
+
+To a simulator without `lockstep_cmd` it sends the three plain commands. A simulator in lockstep publishes its state again when no answer
+comes; that is answered only once it is clear that the first answer was lost: two plain answers to one state would become the commands of
+two steps.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+import time
+from collections.abc import Mapping
+from typing import Any
+
+from rclpy.executors import Executor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
+
+from mbd_sim_ros.node.accompany import LOOK
+from mbd_sim_ros.node.parameters import declare_described
+from solver.errors import SceneError
+from solver.files.scene import load_maneuver, load_scene
+from solver.inputs.hands import COMMANDS, STEERING
+
+FIND = 1.5  # s after the first state in which a simulator that takes stamped commands is found out
+LOST = 0.3  # s without a newer state after which the answer to a repeated one is sent again
+
+
+class Player(Node):
+    """Answers every `cmd_applied` with commands. answered: stamp of the newest [ns]; -1: none. what: is played. Raises MbdError."""
+
+    def __init__(self, parameters: Mapping[str, tuple[Any, str]]) -> None:
+        super().__init__('maneuver')
+        declare_described(self, parameters)
+        name, scene, simulator = self.value('maneuver'), self.value('scene'), self.value('simulator')
+        if bool(name) == bool(scene):
+            raise SceneError('give either a maneuver or a scene: --ros-args -p maneuver:=FILE_OR_NAME, or -p scene:=FILE_OR_NAME')
+        self._duration = self.value('duration')
+        if scene:
+            loaded = load_scene(scene)
+            self._maneuver, self._duration = loaded.maneuver, self._duration or loaded.duration
+        else:
+            self._maneuver = load_maneuver(name)
+        self.what = self._maneuver.name or name or scene
+        self.answered = -1
+        self._heard = math.inf  # clock reading of the first state
+        self._repeated = math.inf  # clock reading when the newest state came again
+        newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
+        self._plain = [
+            self.create_publisher(Float64, f'{simulator}/{topic}', newest) for topic in ('steering_cmd', 'torque_cmd', 'brake_cmd')
+        ]
+        self._stamped = self.create_publisher(
+            JointState, f'{simulator}/lockstep_cmd', QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+        )
+        self.create_subscription(JointState, 'cmd_applied', self._answer, newest, raw=True)
+
+    def value(self, name: str) -> Any:
+        """Return the value of a parameter."""
+        return self.get_parameter(name).value
+
+    def look(self, executor: Executor) -> bool:
+        """Take what comes; whether the simulator has been found."""
+        executor.spin_once(timeout_sec=LOOK)
+        if time.monotonic() - self._repeated > LOST:
+            self._send()
+        return self.answered >= 0
+
+    def missing(self) -> str:
+        """What is wrong with the simulator while it has not been found."""
+        return 'is there but sends no cmd_applied (is it paused?)' if self._plain[0].get_subscription_count() else 'is not there'
+
+    def ended(self) -> str:
+        """Why there is nothing more to do; '' while there is."""
+        if self.answered >= 0 and self._plain[0].get_subscription_count() == 0:
+            return f'the simulator has ended at t = {self.answered * 1e-9:.3f} s'
+        if self._duration > 0.0 and self.answered >= self._duration * 1e9:
+            return f'the maneuver has ended at t = {self.answered * 1e-9:.3f} s'
+        return ''
+
+    def _answer(self, encoded: bytes) -> None:
+        now = time.monotonic()
+        self._heard = min(self._heard, now)
+        if self.answered < 0 and self._stamped.get_subscription_count() == 0 and now - self._heard < FIND:
+            return  # it will come again, or a newer one
+        seconds, nanoseconds = struct.unpack_from('<iI', encoded, 4)  # header.stamp
+        t_ns = seconds * 1_000_000_000 + nanoseconds
+        if t_ns == self.answered:
+            self._repeated = min(self._repeated, now)
+            return
+        self.answered = t_ns
+        self._send()
+
+    def _send(self) -> None:
+        """Send the commands for the newest state."""
+        self._repeated, t = math.inf, self.answered * 1e-9
+        values = self._maneuver.commands(t)
+        if self._stamped.get_subscription_count():
+            named = dict(zip(COMMANDS, values)) | self._maneuver.further_commands(t)
+            if STEERING['torque'] in named:
+                del named[COMMANDS[0]]  # the wheel is free
+            message = JointState(name=list(named), position=list(named.values()))
+            message.header.stamp.sec, message.header.stamp.nanosec = divmod(self.answered, 1_000_000_000)
+            self._stamped.publish(message)
+            return
+        for publisher, value in zip(self._plain, values):
+            publisher.publish(Float64(data=value))
