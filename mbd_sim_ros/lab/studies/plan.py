@@ -16,6 +16,7 @@ from solver.files.scene import load_scene, load_scene_text
 from solver.levels import LEVELS
 from solver.scene import Scene
 from solver.trade.certificate import OK, plan
+from solver.trade.requirements import ORIGINS
 from solver.trade.search import LONGEST, UNSEEN, Search
 from solver.trade.setting import Setting
 from solver.trade.variations import inside
@@ -90,8 +91,11 @@ def study(out: Path, *, quick: bool, progress: Callable[[str, float], None]) -> 
     report.text(
         'Every plan is made from nothing but its scene and what is required of it, and then held against maneuvers that had no part in '
         f'it, at least {LEAST_UNSEEN} of them, and against the cheapest setting of the grid (level, step, iterations, damping) that keeps '
-        'the same limits on the same maneuvers; of all that are cheaper every one is tried. Costs are CPU seconds per simulated second by '
-        f'counters. Made on {cores} core{"s" * (cores > 1)}; time is given for {CORES}.'
+        'the same limits on the same maneuvers by the same rule: on those that served to choose its errors of model, step and iteration '
+        'do not add up to more than a limit, and on all its own error is within the limits. Of all that are cheaper every one is tried. '
+        'Settings that keep the limits only because these errors cancel no plan may take; the last columns say how much cheaper the '
+        'cheapest is where they count too. Costs are CPU seconds per simulated second by counters. '
+        f'Made on {cores} core{"s" * (cores > 1)}; time is given for {CORES}.'
     )
     report.table('plans', [shown(wish, row) for wish, row in rows.items()])
     for wish, row in rows.items():
@@ -108,6 +112,14 @@ def study(out: Path, *, quick: bool, progress: Callable[[str, float], None]) -> 
         tight = rows[TIGHT]
         full = tight['level'] == 'full' and number(tight['h']) <= SMALL
         report.check('1e-5 m takes the full vehicle and a small step', float(full), 1.0, least=True)
+    chance = [{'scene': wish.scene, **line} for wish, row in rows.items() for line in row['cancelling']]
+    if chance:
+        report.text(
+            '## Errors that cancel',
+            'Settings that are cheaper than the cheapest by the rule and keep the limits all the same, with the maneuver on which their '
+            'errors by origin add up to most, in shares of the limit. The error is that of the setting itself there.',
+        )
+        report.table('cancelling', chance)
     refused = [f'{wish}: {" ".join(row["give"])}' for wish, row in rows.items() if row['status'] != OK]
     if refused:
         report.text('## No plan', *refused)
@@ -121,7 +133,7 @@ def shown(wish: Wish, row: dict[str, Any]) -> dict[str, Any]:
         'scene': wish.scene, 'required': wish.require, 'plan': row['setting'] or row['status'],
         'unseen passed': row['passed'], 'failed': row['failed'], 'largest share of a limit': row['largest'],
         'cheapest of the grid': row['cheapest'] or '', 'dearer': row['dearer'], 'of the full vehicle': row['cost_ratio'],
-        'time [s]': row['took'],
+        'time [s]': row['took'], 'cheapest where errors may cancel': row['cheapest_by_chance'], 'dearer than that': row['dearer_by_chance'],
     }  # fmt: skip
 
 
@@ -135,14 +147,17 @@ def made(wish: Wish, cores: int, quick: bool, progress: Callable[[str, float], N
     found: dict[str, Any] = {
         'status': data['status'], 'level': None, 'h': None, 'setting': '', 'passed': 0, 'failed': 0, 'largest': None, 'cheapest': '',
         'dearer': None, 'cost_ratio': data['cost_ratio'], 'took': data['took'], 'give': data['give'], 'notes': data['notes'],
-        'levels': data['levels'],
+        'levels': data['levels'], 'cheapest_by_chance': '', 'dearer_by_chance': None, 'cancelling': [],
     }  # fmt: skip
     if search.result is None:
         return found
     best = search.result
     search.until = math.inf
     checks = unseen(search, best.setting, 2 if quick else LEAST_UNSEEN)
-    cheapest, cost = cheapest_of_grid(search, best.cost, checks, levels)
+    cheaper = cheaper_of_grid(search, best.cost, checks, levels)
+    itself = Cheaper(best.setting, best.cost, None)
+    by_rule = min((c for c in cheaper if c.cancelling is None), key=lambda c: c.cost, default=itself)
+    by_chance = min(cheaper, key=lambda c: c.cost, default=itself)
     return found | {
         'level': best.setting.level,
         'h': best.setting.h,
@@ -150,8 +165,11 @@ def made(wish: Wish, cores: int, quick: bool, progress: Callable[[str, float], N
         'passed': sum(c.passed for c in checks),
         'failed': sum(not c.passed for c in checks),
         'largest': max((c.used for c in checks), default=None),
-        'cheapest': str(cheapest or best.setting),
-        'dearer': best.cost / cost,
+        'cheapest': str(by_rule.setting),
+        'dearer': best.cost / by_rule.cost,
+        'cheapest_by_chance': str(by_chance.setting),
+        'dearer_by_chance': best.cost / by_chance.cost,
+        'cancelling': [c.cancelling for c in cheaper if c.cancelling is not None and c.cost < by_rule.cost],
     }
 
 
@@ -172,8 +190,17 @@ def unseen(search: Search, setting: Setting, least: int) -> list[Check]:
     return checks
 
 
-def cheapest_of_grid(search: Search, cost: float, checks: list[Check], levels: Sequence[str]) -> tuple[Setting | None, float]:
-    """(the cheapest setting of the grid below a cost that keeps the limits on all these maneuvers, None if there is none; its cost)."""
+class Cheaper(NamedTuple):
+    """A setting that keeps the limits. cancelling: where its errors by origin add up to more than a limit; None: nowhere."""
+
+    setting: Setting
+    cost: float  # CPU seconds per simulated second
+    cancelling: dict[str, Any] | None
+
+
+def cheaper_of_grid(search: Search, cost: float, checks: list[Check], levels: Sequence[str]) -> list[Cheaper]:
+    """The settings of the grid below a cost whose errors are within the limits on all these maneuvers, cheapest first, up to one that keeps
+    them by the rule of a plan."""
     models = [Setting()]
     for level in levels:
         setting = Setting(level=level)  # type: ignore[arg-type]
@@ -183,12 +210,33 @@ def cheapest_of_grid(search: Search, cost: float, checks: list[Check], levels: S
             continue
         models.append(setting)
     maneuvers = [*search.seen, *(c.variation for c in checks)]
-    best: tuple[Setting | None, float] = (None, cost)
+    found: list[Cheaper] = []
     for setting in search.candidates(models):
-        if search.expected(setting) >= best[1]:
+        if search.expected(setting) >= cost:
             break
         search.say(f'grid: {setting}')
-        if all(search.check(setting, v).passed for v in maneuvers):
-            exact = search.expected(setting, search.known(maneuvers[0], setting))
-            best = min(best, (setting, exact), key=lambda entry: entry[1])
-    return best
+        if not all(search.check(setting, v).passed for v in maneuvers):
+            continue
+        exact = search.expected(setting, search.known(maneuvers[0], setting))
+        if exact < cost:
+            found.append(Cheaper(setting, exact, cancelling(search, setting)))
+            if found[-1].cancelling is None:
+                cost = exact
+    return found
+
+
+def cancelling(search: Search, setting: Setting) -> dict[str, Any] | None:
+    """Where the errors of a setting by origin add up to most on the maneuvers that served to choose; None: nowhere above the limit."""
+    bounds = [(bound, v) for v in search.seen for bound in search.bounds(v, setting)]
+    worst, v = max(bounds, key=lambda entry: entry[0].used)
+    if worst.used <= 1.0:
+        return None
+    error = search.part(search.run(v, setting), search.truth(v))[worst.requirement]
+    return {
+        'setting': str(setting),
+        'maneuver': str(v),
+        'limit': str(worst.requirement),
+        **{origin: part / worst.limit for origin, part in zip(ORIGINS, worst.parts, strict=True)},
+        'sum': worst.used,
+        'error': error / worst.limit,
+    }
