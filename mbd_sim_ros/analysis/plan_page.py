@@ -19,7 +19,7 @@ from mbd_sim_ros.analysis.plots import FIRST, GREY, SECOND, STYLE
 from solver.errors import MbdError
 from solver.trade.requirements import ORIGINS
 from solver.trade.runs import Stopped
-from solver.trade.search import MARGIN, Search
+from solver.trade.search import Search
 from solver.trade.variations import AS_GIVEN
 from solver.trade.verdicts import Verdict
 from solver.units import shown
@@ -38,13 +38,18 @@ def write_page(search: Search, data: dict[str, Any], file: Path) -> None:
     chosen = search.result or search.closest()
     if data['errors']:
         parts += ['<h2>Errors by origin</h2>', picture(_origins(data)), rows(_error_rows(data))]
-        parts.append('<p>Each is bounded by the sum of its parts, so that errors which cancel on one maneuver are not counted on.</p>')
+        text = 'Each is bounded by the sum of its parts, so that errors which cancel on one maneuver are not counted on.'
+        if data['largest_error']:
+            error, free = 100.0 * data['largest_error'], 100.0 * (1.0 - data['margin'])
+            text += f' The errors themselves use up to {error:.0f} % of a limit; {free:.0f} % leave a margin for other maneuvers.'
+        parts.append(f'<p>{text}</p>')
     if chosen is not None:
         parts += ['<h2>Curves on the maneuver of the scene</h2>', _curves(search, chosen)]
     if search.tried:
         parts += ['<h2>What was tried</h2>', picture(_tried(search, chosen))]
         parts.append(
-            '<p>Share of the limit that the largest error uses, and expected cost. Dots below the line keep everything with margin.</p>'
+            '<p>Share of the limit that the largest bound uses, and expected cost. Dots keep everything; crosses below the line have errors'
+            ' that leave no margin.</p>'
         )
     parts += ['<h2>Levels of detail</h2>', rows([('level', ''), *data['levels'].items()])]
     if any(i.errors for i in search.influences):
@@ -122,10 +127,9 @@ def _origins(data: dict[str, Any]) -> Figure:
         ax.barh(range(len(errors)), width, left=left, color=colour, label=origin)
         left += width
     ax.axvline(100.0, color='black', lw=1.2)
-    ax.axvline(100.0 * (1.0 - data['margin']), color='black', lw=1.0, ls=':')
     ax.set_yticks(range(len(errors)), [name for name, _ in errors])
     ax.invert_yaxis()
-    ax.set_xlabel('% of the limit; dotted: with margin')
+    ax.set_xlabel('% of the limit')
     ax.legend(fontsize=8, ncols=4, loc='upper center', bbox_to_anchor=(0.5, 1.0 + 0.5 / (0.5 + 0.42 * len(errors))), frameon=False)
     return figure
 
@@ -166,7 +170,6 @@ def _tried(search: Search, chosen: Verdict | None) -> Figure:
     if chosen is not None and np.isfinite(chosen.used):
         ax.scatter([1e3 * chosen.cost], [chosen.used], s=190, facecolor='none', edgecolor='black', lw=1.5, label='chosen')
     ax.axhline(1.0, color='black', lw=1.2)
-    ax.axhline(1.0 - MARGIN, color='black', lw=1.0, ls=':')
     ax.set(xscale='log', yscale='log', xlabel='expected cost [ms of CPU per simulated second]', ylabel='largest share of a limit')
     ax.legend(fontsize=8)
     return figure

@@ -61,6 +61,7 @@ def plan(search: Search) -> dict[str, Any]:
         data['status'] = INCOMPLETE
     data['give'] = [] if data['status'] == OK else what_has_to_give(search, shown, slow, data)
     data['margin'] = MARGIN
+    data['largest_error'] = None if shown is None else shown.error
     data['reference'] = reference_of(search)
     data['envelope'] = envelope_of(search)
     data['levels'] = {level: search.levels.get(level, UNTRIED) or 'kept' for level in search.candidate_levels}
@@ -140,12 +141,12 @@ def what_has_to_give(search: Search, closest: Verdict | None, slow: bool, data: 
         return [f'{closest.setting} keeps the accuracy on the maneuvers it was chosen on; there was no time to check it on others']
     sentences = [f'{closest.setting} comes closest: {closest.worst} at {closest.used:.3g} of its limit']
     for bound in closest.bounds.values():
-        if bound.used > 1.0 - MARGIN:
+        if bound.used > 1.0:
             largest = max(zip(bound.parts, ORIGINS, strict=True))
-            needed = sum(bound.parts) / (1.0 - MARGIN) / bound.limit
             sentences.append(
-                f'{bound.requirement}: the limit would have to be {needed:.3g} times as large; most of it is error of the {largest[1]}'
+                f'{bound.requirement}: the limit would have to be {bound.used:.3g} times as large; most of it is error of the {largest[1]}'
             )
-    if len(sentences) == 1 and closest.used > 0.0:
-        sentences.append(f'{closest.worst}: the limit would have to be {closest.used / (1.0 - MARGIN):.3g} times as large')
+    needed = max(closest.used, closest.error / (1.0 - MARGIN))
+    if len(sentences) == 1 and needed > 0.0:
+        sentences.append(f'{closest.worst}: the limit would have to be {needed:.3g} times as large')
     return sentences

@@ -8,11 +8,11 @@ Errors of different origin cancel on one maneuver and not on the next. So an err
     reference  band of the converged full vehicle
 
 Settings are tried cheapest first, on growing parts of the scene's own maneuver (what an error has reached by then it does not lose again)
-and then on the corners of the variations (solver.trade.variations); the first that stays below the limits with MARGIN to spare is the
-cheapest. When it is the turn of a level its model error is looked at first: one that is too large by itself takes all its settings out. Of
-its level subsystems are then switched off, those first that save most for the error they make, singly and by exchanging pairs. What
-remains is checked by its error itself on variations that had no part in the choice. n passes without failure bound the rate of failures by
-3/n with 95 % confidence [Hanley1983].
+and then on the corners of the variations (solver.trade.variations); the first whose bounds keep the limits, and whose errors themselves
+leave MARGIN of them free, is the cheapest: it is the error that may be larger on maneuvers in between. When it is the turn of a level its
+model error is looked at first: one that is too large by itself takes all its settings out. Of its level subsystems are then switched off,
+those first that save most for the error they make, singly and by exchanging pairs. What remains is checked by its error itself on
+variations that had no part in the choice. n passes without failure bound the rate of failures by 3/n with 95 % confidence [Hanley1983].
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from solver.trade.setting import Setting, baseline
 from solver.trade.variations import AS_GIVEN, CORNERS, Variation, inside
 from solver.trade.verdicts import Check, Influence, Verdict
 
-MARGIN = 0.1  # of every limit that the bound leaves free
+MARGIN = 0.1  # of every limit that the error itself leaves free
 LONGEST = 170.0  # s that a plan may take
 CHECK_SHARE = 0.45  # of that which is kept for checking
 UNSEEN = 24
@@ -99,7 +99,7 @@ class Search(Measurements):
                     error *= {'max': 1.0, 'rms': math.sqrt(part), 'delay': 0.0}[r.measure]
                 shares[str(r)] = (model[r] + error) / limits[r] + self.uncertainty(r) * peaks[r.quantity] / limits[r]
             worst, used = max(shares.items(), key=lambda item: item[1])
-            if not used <= 1.0 - MARGIN:
+            if not used <= 1.0:
                 return self._lost.setdefault(setting, (f'{worst}: {used:.2g} of its limit after {part:.0%} of the maneuver', used))
         self.keep(v, setting, found)
         return '', used
@@ -113,21 +113,27 @@ class Search(Measurements):
                 return Verdict(setting, used, expected, dropped.partition(':')[0], dropped, {})
             expected = self.expected(setting, self.known(AS_GIVEN, setting))
             worst: dict[str, Bound] = {}
+            largest = 0.0
             for v in self.seen:
                 for bound in self.bounds(v, setting):
                     name = str(bound.requirement)
                     if name not in worst or bound.used > worst[name].used or math.isnan(bound.used):
                         worst[name] = bound
                 used = max(b.used for b in worst.values())
-                if not used <= 1.0 - MARGIN:
+                if not used <= 1.0:
                     name = max(worst, key=lambda n: worst[n].used)
                     return Verdict(setting, used, expected, name, f'{name}: {used:.2g} of its limit on {v}', worst)
+                itself = self.check(setting, v)
+                largest = max(largest, itself.used)
+                if not largest <= 1.0 - MARGIN:
+                    why = f'{itself.worst}: the error itself is {largest:.2g} of its limit on {v}, which leaves no margin'
+                    return Verdict(setting, used, expected, itself.worst, why, worst, largest)
         except Stopped:
             raise
         except MbdError as error:
             return Verdict(setting, math.inf, expected, '', str(error), {})
         name = max(worst, key=lambda n: worst[n].used)
-        return Verdict(setting, used, expected, name, '', worst)
+        return Verdict(setting, used, expected, name, '', worst, largest)
 
     # -- the phases ----------------------------------------------------------------------------------------------------
 
@@ -199,7 +205,7 @@ class Search(Measurements):
                 return str(error)
             shares = {r: errors[r] / limits[r] for r in self.requirements}
             worst = max(shares, key=lambda r: shares[r])
-            if not shares[worst] <= 1.0 - MARGIN:
+            if not shares[worst] <= 1.0:
                 if math.isinf(shares[worst]):
                     return f'{worst.quantity} is not modelled'
                 return f'{worst}: its model error alone is {shares[worst]:.2g} of the limit on {v}'

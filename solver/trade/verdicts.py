@@ -10,7 +10,7 @@ from solver.trade.variations import Variation
 
 
 class Verdict(NamedTuple):
-    """A setting that was tried: its largest share of a limit so far, its cost, and why it was dropped ('' : it passes)."""
+    """A setting that was tried: the largest share of a limit that its bounds use so far, its cost, why it was dropped ('': it passes)."""
 
     setting: Setting
     used: float
@@ -18,6 +18,7 @@ class Verdict(NamedTuple):
     worst: str
     dropped: str
     bounds: dict[str, Bound]  # the worst over maneuvers by requirement
+    error: float = 0.0  # largest share of a limit that its errors themselves use, as far as they were looked at
 
 
 class Check(NamedTuple):

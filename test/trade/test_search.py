@@ -49,8 +49,10 @@ def test_a_plan_keeps_its_limits_with_margin_and_is_checked_elsewhere() -> None:
     for measures in data['errors'].values():
         for error in measures.values():
             assert error['sum'] == pytest.approx(error['model'] + error['step'] + error['iteration'] + error['reference'])
-            assert error['sum'] <= (1.0 - MARGIN) * error['limit']
+            assert error['sum'] <= error['limit']
             assert error['model'] == 0.0
+    assert 0.0 < data['largest_error'] <= 1.0 - MARGIN
+    assert data['unseen']['largest'] <= 1.0
     assert json.loads(json.dumps(data, allow_nan=False)) == data
     # cheapest first: everything cheaper was tried and dropped, or is as cheap and less accurate
     assert search.result is not None
