@@ -13,7 +13,8 @@ are off by 3 % of what they do. Translation and rotation are looked at apart. Wh
 sets the whole motion going does not.
 *Phase.* Of such a motion with the frequency w a step h costs (w h)^3 / 12 of phase. Added up over all steps, with (w h)^2 as above at the
 time, that must stay below 0.1 rad; what is really lost is up to twice that, a fifth of the amplitude. Where it is more, amplitudes may be
-right, but not where something is at an instant. Damping, which makes a motion forget its phase, is not counted on.
+right, but not where something is at an instant. A motion forgets its phase with its energy: of the largest kinetic energy so much as is
+dissipated takes half as much of the phase with it.
 *Rounding.* A penalty multiplies the rounding of the condensed matrix; the block form does not care (docs/formulation.md, "Rounding"). It is
 told where iterations do not settle with one that is too large.
 *Light bodies.* Penalties take a body for no lighter than 1e-4 of the mean: of one with less mass m they add eps penalty 1e-4 mean / m of

@@ -22,7 +22,7 @@ RESIDUAL, POSITION, VELOCITY, TURN = (NOTED + 3 * k for k in range(4))  # index 
 STEPS, UNSETTLED = NOTED + 12, NOTED + 13  # steps noted, and those of them with a residual above SETTLED
 FASTEST = NOTED + 14  # largest velocity of a centre of mass [m/s], and largest angular velocity [rad/s]
 KICK = NOTED + 16  # two rows, of the same: (largest change of an acceleration in a step, times the step; time; body)
-PHASE = KICK + 6  # of the same: phase that steps have cost the motion so far [rad]
+PHASE = KICK + 6  # of the same: phase that steps have cost the motion, less what it has forgotten [rad]
 LENGTH = PHASE + 2
 
 SLOWEST = 1e-6  # m/s or rad/s
@@ -93,6 +93,11 @@ def update_energy(tables, kin, outputs, lam, phi_t, h, account):
         account[:] = 0.0
     account[TIME] += h
     energy, kinetic, loss, magnitude = mechanical_energy(tables, kin, outputs, h, account)
+    dissipated = 0.5 * h * (magnitude + loss)  # without what is supplied, whose share of both cancels
+    if dissipated > 0.0:
+        forgotten = 0.5 * dissipated / max(account[KINETIC_HIGH], kinetic, SLOWEST)  # amplitudes go with the root of the energy
+        account[PHASE] /= 1.0 + forgotten
+        account[PHASE + 1] /= 1.0 + forgotten
     for i in range(lam.shape[0]):
         loss += lam[i] * phi_t[i]
         magnitude += abs(lam[i] * phi_t[i])

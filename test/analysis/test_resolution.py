@@ -10,21 +10,28 @@ import pytest
 from mbd_sim_ros.lab.mechanisms.families import draw
 from solver.analysis.verdict import findings
 from solver.files.scene import load_scene, load_scene_text
+from solver.output.energy import PHASE
 from solver.simulation import Simulation
 
 H = 1e-3
 
 
-def oscillator(steps_a_period: float) -> Simulation:
-    """1 kg that slides about its rest with 1 m/s at most; rho_inf = 1 keeps its energy whatever the step."""
+def oscillator(steps_a_period: float, damping: float = 0.0) -> Simulation:
+    """1 kg that slides about its rest with 1 m/s at most; rho_inf = 1 keeps its energy whatever the step. With damping [N s/m] a force
+    that balances it keeps the motion going."""
     w = 2.0 * np.pi / (steps_a_period * H)
     mechanism = {
         'gravity': [0, 0, 0],
         'bodies': {'b': {'mass': 1, 'inertia': [1, 1, 1], 'velocity': [1, 0, 0]}},
         'joints': {'g': {'kind': 'prismatic', 'i': 'world', 'j': 'b', 'at': [0, 0, 0], 'axis': [1, 0, 0]}},
-        'coordinate_forces': {'s': {'terms': [['g', 1]], 'spring': w**2}},
+        'coordinate_forces': {
+            's': {'terms': [['g', 1]], 'spring': w**2, 'input': 'push'},
+            'd': {'terms': [['g', 1]], 'damper': damping},
+        },
     }
-    return Simulation(load_scene_text(json.dumps({'mechanism': mechanism, 'integrator': {'h': H, 'rho_inf': 1}, 'duration': 1})))
+    push = {'kind': 'sine', 'amplitude': damping, 'frequency': w / (2.0 * np.pi), 'phase': 0.5 * np.pi}
+    scene = {'mechanism': mechanism, 'integrator': {'h': H, 'rho_inf': 1}, 'duration': 1, 'maneuver': {'signals': {'push': push}}}
+    return Simulation(load_scene_text(json.dumps(scene)))
 
 
 @pytest.mark.parametrize(('steps_a_period', 'told'), [(8, True), (9, True), (12, False), (20, False)])
@@ -56,6 +63,20 @@ def test_a_phase_that_is_lost_is_told() -> None:
     x, v = s.snapshot().joint_position[0] * w, s.snapshot().joint_velocity[0]
     behind = (w * t - np.arctan2(x, v)) % (2.0 * np.pi)
     assert behind == pytest.approx(lost % (2.0 * np.pi), rel=0.1)
+
+
+def test_a_motion_that_is_damped_forgets_the_phase_it_lost() -> None:
+    """What is left of a free one after the time t is exp(-c t / 2 m): no more than 2 m / c of the present loss in a second adds up."""
+    free, driven = oscillator(40), oscillator(40, damping=20.0)
+    lost = []
+    for s in (free, driven):
+        for _ in range(2):
+            s.advance(400)
+            lost.append(s.last_step.energy[PHASE])
+    assert lost[1] == pytest.approx(2.0 * lost[0], rel=0.01)
+    rate = lost[0] / (400 * H)
+    assert lost[2:] == pytest.approx([rate * 2.0 / 20.0] * 2, rel=0.05)
+    assert [[finding.quantity == 'phase' for finding in findings(s)] for s in (free, driven)] == [[True], []]
 
 
 def test_a_transient_that_sets_a_delicate_motion_going_is_told() -> None:
