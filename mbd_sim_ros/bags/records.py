@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import os
 import struct
+import threading
 import zlib
 from collections.abc import Collection, Iterator
 from io import BytesIO
@@ -35,6 +36,7 @@ INFLATED = (1 << 28, 2000)  # bytes in a file: so many, and so many for every by
 MESSAGES = (1_000_000, 0.5)  # messages in a file, likewise
 TIME_MOST = (1 << 63) - 1  # ns
 _PIECE = 1 << 20
+_OWN = threading.local()
 _HEAD = struct.Struct('<BQ')  # opcode, length
 _CHUNK = struct.Struct('<QQQII')  # first and last log time, size, checksum, length of the name of the compression
 _MESSAGE = struct.Struct('<BQHIQQ')  # opcode, length, channel, sequence, log time, publish time
@@ -107,24 +109,25 @@ class Reading:
 
     def __iter__(self) -> Iterator[Record]:
         try:
-            stream = self.path.open('rb', buffering=_PIECE)
+            stream = self.path.open('rb')
         except OSError as error:
             raise BagError(f'cannot read {self.path}: {error.strerror}') from error
         with stream:
             size = os.fstat(stream.fileno()).st_size
             if size == 0:
                 raise BagError(f'{self.path} is empty: nothing was recorded')
-            if stream.read(len(MAGIC)) != MAGIC:
-                raise BagError(f'{self.path} is not a recording: it is not an MCAP file')
+            source = _Source(stream)
             try:
-                yield from self._records(stream, size)
+                if source.take(len(MAGIC)) != MAGIC:
+                    raise BagError(f'{self.path} is not a recording: it is not an MCAP file')
+                yield from self._records(source, size)
             except OSError as error:
                 raise BagError(f'cannot read {self.path}: {error.strerror}') from error
 
-    def _records(self, stream: BinaryIO, size: int) -> Iterator[Record]:
-        self._at, checksum = len(MAGIC), zlib.crc32(MAGIC)
+    def _records(self, source: _Source, size: int) -> Iterator[Record]:
+        self._at = len(MAGIC)
         while not self.damage or self._onwards:
-            head = stream.read(_HEAD.size)
+            head = source.take(_HEAD.size)
             if len(head) < _HEAD.size:
                 self.damage.append('its end is missing')
                 return
@@ -135,24 +138,24 @@ class Reading:
                 return
             if length != SIZES.get(opcode, length) or opcode == 0 or LAST_OPCODE < opcode < FIRST_PRIVATE:
                 self.damage.append(f'the record at byte {begin} is of no kind there is')
-                self._pass_over(stream, length, 0)
+                source.skip(length)
                 continue
             if opcode == FOOTER:
-                self._end(stream, size, checksum, head)
+                self._end(source, size, head)
                 return
             if opcode not in KINDS and opcode not in (CHUNK, MESSAGE, DATA_END):
                 self._private = begin if opcode >= FIRST_PRIVATE else self._private
-                checksum = self._pass_over(stream, length, zlib.crc32(head, checksum))
+                source.skip(length)
                 continue
-            body = stream.read(length)
             if opcode == DATA_END:
-                (told,) = struct.unpack('<I', body)
+                checksum = source.checksum(_HEAD.size)
+                (told,) = struct.unpack('<I', source.take(length))
                 self._checked = told != 0
                 if self._checked and told != checksum:
                     self.damage.append('the checksum of its data is wrong')
-                checksum = 0  # that of the summary begins
+                source.begin()  # what is summed from here on is the summary
                 continue
-            checksum = zlib.crc32(body, zlib.crc32(head, checksum))
+            body = source.take(length)
             try:
                 yield from self._record(opcode, head, body)
             except _BROKEN as error:
@@ -175,16 +178,6 @@ class Reading:
                 self._compare(record)
             else:
                 yield record
-
-    def _pass_over(self, stream: BinaryIO, length: int, checksum: int) -> int:
-        """Read what is of no interest, in pieces; the checksum with it."""
-        while length > 0:
-            piece = stream.read(min(length, _PIECE))
-            if not piece:
-                break
-            checksum = zlib.crc32(piece, checksum)
-            length -= len(piece)
-        return checksum
 
     def _chunk(self, body: bytes) -> bytes:
         """The records in a chunk. Raises what says that it is damaged."""
@@ -251,11 +244,12 @@ class Reading:
             says = f'it says that it holds {told.message_count} messages in {told.chunk_count} chunks'
             self.damage.insert(0, f'{says}, and {self._messages} in {self._chunks} were found')
 
-    def _end(self, stream: BinaryIO, size: int, checksum: int, head: bytes) -> None:
+    def _end(self, source: _Source, size: int, head: bytes) -> None:
         """The footer: the last record, before the magic."""
-        body = stream.read(_FOOTER.size)
+        checksum = source.checksum(_HEAD.size)
+        body = source.take(_FOOTER.size)
         begin, _, told = _FOOTER.unpack(body)
-        if stream.read(len(MAGIC)) != MAGIC or self._at + len(MAGIC) != size:
+        if source.take(len(MAGIC)) != MAGIC or self._at + len(MAGIC) != size:
             self.damage.append('it does not end with its footer')
         elif told and told != zlib.crc32(body[:16], zlib.crc32(head, checksum)):
             self.damage.append('the checksum of its summary is wrong')
@@ -263,6 +257,51 @@ class Reading:
             self.damage.append('the checksum of its summary is missing')
         elif self._private >= 0 and not (self._counted or self._checked):  # a chunk whose opcode is damaged looks like it
             self.damage.append(f'the record at byte {self._private} is of no kind that is known, and nothing tells that it may be left out')
+
+
+class _Source:
+    """A file from its beginning, and the checksum of what was taken of it or skipped: once per piece, for records are many and small."""
+
+    def __init__(self, stream: BinaryIO) -> None:
+        self._stream = stream
+        self._piece = b''
+        self._at = self._summed = self._checksum = 0  # _summed: up to where the checksum knows the piece
+
+    def take(self, n: int) -> bytes:
+        """The next n bytes, fewer at the end of the file."""
+        if len(self._piece) - self._at < n:
+            self._sum(self._at)
+            rest = self._piece[self._at :]
+            self._piece = rest + self._stream.read(max(n - len(rest), _PIECE))
+            self._at = self._summed = 0
+        begin = self._at
+        self._at = min(begin + n, len(self._piece))
+        return self._piece[begin : self._at]
+
+    def skip(self, n: int) -> None:
+        """Pass over the next n bytes."""
+        while n > (left := len(self._piece) - self._at):
+            self._at += left
+            self._sum(self._at)
+            self._piece = self._stream.read(_PIECE)
+            self._at = self._summed = 0
+            n -= left
+            if not self._piece:
+                return
+        self._at += n
+
+    def checksum(self, but: int) -> int:
+        """Of all from the last begin() on, but the last bytes taken."""
+        self._sum(self._at - but)
+        return self._checksum
+
+    def begin(self) -> None:
+        """Sum up from here on."""
+        self._summed, self._checksum = self._at, 0
+
+    def _sum(self, end: int) -> None:
+        self._checksum = zlib.crc32(memoryview(self._piece)[self._summed : end], self._checksum)
+        self._summed = end
 
 
 class _Crafted(ValueError):
@@ -278,7 +317,7 @@ def _inflate(compression: str, data: bytes, size: int) -> bytes:
             import zstandard
 
             if zstandard.frame_content_size(data) == size:
-                return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
+                return _decompressor().decompress(data, max_output_size=size)
             return zstandard.ZstdDecompressor().stream_reader(data, read_across_frames=True).read(size + 1)
         if compression == 'lz4':
             from lz4.frame import LZ4FrameDecompressor
@@ -287,6 +326,15 @@ def _inflate(compression: str, data: bytes, size: int) -> bytes:
     except Exception as error:  # those of zstandard and lz4 have no common base
         raise ValueError(f'not readable as {compression}') from error
     raise _Crafted(f'it is packed with {compression!r}, which is not read here')
+
+
+def _decompressor() -> Any:
+    """Of zstandard, one for each thread: a file has many chunks."""
+    if not hasattr(_OWN, 'zstd'):
+        import zstandard
+
+        _OWN.zstd = zstandard.ZstdDecompressor()
+    return _OWN.zstd
 
 
 def message_counts(path: Path) -> dict[int, int]:

@@ -1,4 +1,5 @@
-"""Two recordings of a minute at 1 kHz: what reading and comparing them takes, and a difference of 1e-9 in one value of one channel."""
+"""Recordings of the full car over a minute at 1 kHz, every element of it in every step: what reading and comparing two of them takes, and
+a difference of 1e-9 in one value of one channel. Times are those of a machine with nothing else to do; `-s` shows them."""
 
 from __future__ import annotations
 
@@ -16,7 +17,8 @@ from mbd_sim_ros.messages import cdr
 from mbd_sim_ros.messages.encode import Topic
 
 pytestmark = pytest.mark.long
-SCENE = ['light_car_step_steer', '--duration', '60', '--set', 'integrator.h=0.001', '--set', 'record.every=1']
+RECORD = {'every': 1, 'elements': 'true', 'elements_rate': 0}
+SCENE = ['car_step_steer', '--duration', '60', *(part for key, value in RECORD.items() for part in ('--set', f'record.{key}={value}'))]
 PLANTED_AT = 34_567  # message of /imu, which is the step too
 PROBE = """
 import json, resource, sys, time
@@ -24,14 +26,15 @@ from mbd_sim_ros.commands.main import main
 begin = time.monotonic()
 code = main(json.loads(sys.argv[1]))
 usage = resource.getrusage(resource.RUSAGE_SELF)
-print(json.dumps({'code': code, 'seconds': time.monotonic() - begin, 'bytes': 1024 * usage.ru_maxrss}), file=sys.stderr)
+cpu = usage.ru_utime + usage.ru_stime
+print(json.dumps({'code': code, 'seconds': time.monotonic() - begin, 'cpu': cpu, 'bytes': 1024 * usage.ru_maxrss}), file=sys.stderr)
 """
 
 
 def probed(*arguments: str) -> tuple[dict[str, Any], dict[str, Any]]:
-    """What a command says as JSON; its exit code, its seconds and its memory, in a process of its own."""
+    """What a command says as JSON; its exit code, seconds, CPU seconds and memory, in a process of its own."""
     process = subprocess.run(
-        [sys.executable, '-c', PROBE, json.dumps([*arguments, '--json'])], capture_output=True, text=True, timeout=300, check=False
+        [sys.executable, '-c', PROBE, json.dumps([*arguments, '--json'])], capture_output=True, text=True, timeout=600, check=False
     )
     lines = process.stderr.splitlines()
     assert lines and lines[-1].startswith('{'), process.stderr
@@ -39,11 +42,12 @@ def probed(*arguments: str) -> tuple[dict[str, Any], dict[str, Any]]:
 
 
 @pytest.fixture(scope='module')
-def bags(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
-    """A recording, and the same with 1e-9 m/s^2 more in one value."""
+def bags(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path, Path]:
+    """A recording, one of the same scene with other settings, and the first with 1e-9 m/s^2 more in one value."""
     home = tmp_path_factory.mktemp('long')
-    said, cost = probed('run', *SCENE, '--out', str(home / 'a'))
-    assert cost['code'] == 0, said
+    for name, iterations in (('a', 2), ('other', 1)):
+        said, cost = probed('run', *SCENE, '--set', f'integrator.iterations={iterations}', '--out', str(home / name))
+        assert cost['code'] == 0, said
     topics: dict[str, str] = {}
     with (home / 'a' / 'a_0.mcap').open('rb') as stream:
         reader = make_reader(stream)
@@ -65,29 +69,32 @@ def bags(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
                 seen += 1
             writer.write(message.log_time, [(number[channel.topic], data)])
         writer.finish()
-    return home / 'a', home / 'b'
+    return home / 'a', home / 'other', home / 'b'
 
 
-def test_both_are_read_and_compared_in_ten_seconds_and_a_gigabyte(bags: tuple[Path, Path]) -> None:
-    said, cost = probed('compare', *map(str, bags), '--no-rating')
-    assert cost['code'] == 0 and said['instants'] == 60_001
-    assert len(said['channels']) > 200
-    print(cost)
+@pytest.mark.parametrize('rating', [True, False])
+def test_both_are_read_and_compared_in_ten_seconds_and_a_gigabyte(rating: bool, bags: tuple[Path, Path, Path]) -> None:
+    said, cost = probed('compare', *map(str, bags[:2]), *([] if rating else ['--no-rating']))
+    print(f'compared, rating {rating}: {cost}')
+    assert cost['code'] == 1 and said['instants'] == 60_001  # by the settings
+    assert len(said['channels']) > 600
     assert cost['seconds'] < 10.0
     assert cost['bytes'] < 1_000_000_000
 
 
-def test_one_topic_takes_three_seconds(bags: tuple[Path, Path]) -> None:
-    said, cost = probed('compare', *map(str, bags), '--channel', 'odom/*', '--no-rating')
-    assert cost['code'] == 0 and 'odom/twist/wz' in said['channels']
-    print(cost)
+def test_one_topic_takes_three_seconds(bags: tuple[Path, Path, Path]) -> None:
+    said, cost = probed('compare', *map(str, bags[:2]), '--channel', 'odom/*')
+    print(f'odom alone: {cost}')
+    assert cost['code'] == 1 and 'odom/twist/wz' in said['channels']
     assert cost['seconds'] < 3.0
 
 
-def test_a_billionth_in_one_value_is_found_located_and_named(bags: tuple[Path, Path]) -> None:
-    said, cost = probed('compare', *map(str, bags), '--exact')
+def test_a_billionth_in_one_value_is_found_located_and_named(bags: tuple[Path, Path, Path]) -> None:
+    said, cost = probed('compare', str(bags[0]), str(bags[2]), '--exact')
+    print(f'exact: {cost}')
     assert cost['code'] == 1
     assert said['outside'] == ['imu/ay']
     assert said['channels']['imu/ay']['first'] == pytest.approx(PLANTED_AT * 1e-3, abs=1e-9)
     assert said['channels']['imu/ay']['max'] == pytest.approx(1e-9, rel=1e-3)
-    print(cost)
+    assert cost['seconds'] < 10.0
+    assert cost['bytes'] < 1_000_000_000
