@@ -41,6 +41,13 @@ def test_step_response_of_second_order(side: float) -> None:
     assert r['tb_factor'] == pytest.approx(0.02 * math.pi / (2.0 * np.pi * 1.2 * 0.8), rel=2e-3)
 
 
+def test_a_small_step_of_a_direct_steering_is_one() -> None:
+    """3.4 deg at the steering wheel: the same car with a steering ratio eight times as small."""
+    found = stepped()
+    direct = Signals(place='bag', t=found.t, values={**found.values, 'steering': 0.12 * found.values['steering']}, notes=[])
+    assert transient.judge_step(direct, transient.StepSteer())['yaw_rate_gain'] == pytest.approx(0.6 / 0.12, rel=1e-3)
+
+
 def test_what_is_no_step_is_refused() -> None:
     t = even(8.0)
     still = made(t, steering=0.01 * t, speed=20.0, yaw_rate=0.0, lateral_acceleration=0.0)
