@@ -49,7 +49,7 @@ def part(name: str) -> str:
         for kind, (data, _) in TEMPLATES.items():
             new = [cls for cls in nested(data) if cls not in seen]
             seen.update(new)
-            parts.append(f'### {kind}\n\n' + '\n'.join(f'#### {cls.__name__}\n\n{block(cls)}' for cls in new))
+            parts.append(f'### {kind}\n\n' + '\n'.join(f'#### {cls.__name__}\n\n{block(cls, named=True)}' for cls in new))
         return '\n'.join(parts)
     if name == 'quantities':
         rows = [(name, of) for name, of in NAMED.items()] + [(f'{name}.<wheel>', of) for name, of in BY_WHEEL.items()]
@@ -93,7 +93,14 @@ def block(cls: type, *, named: bool = False) -> str:
         unit = unit_of(hint)
         suffix = f' (or `{field.name}{SUFFIXES_OF[unit]}`)' if unit in SUFFIXES_OF else ''
         rows.append(f'| `{field.name}`{suffix} | {value(plain(hint))} | {unit} | {default(field)} |')
-    return f'{inspect.cleandoc(cls.__doc__ or "")}\n\n' + '\n'.join(rows) + '\n'
+    texts = [inspect.cleandoc(one.__doc__ or '') for one in (cls, *inherited(cls))]
+    return '\n\n'.join([*texts, '\n'.join(rows)]) + '\n'
+
+
+def inherited(cls: type) -> list[type]:
+    """Classes whose keys data of a vehicle have inherited, where their docstrings say what these are."""
+    bases = [base for base in cls.__mro__[1:] if base.__module__.startswith('solver.vehicle.') and dataclasses.is_dataclass(base)]
+    return [base for base in bases if any(f'{field.name}:' in (base.__doc__ or '') for field in dataclasses.fields(base))]
 
 
 def value(hint: Any) -> str:
@@ -120,10 +127,15 @@ def value(hint: Any) -> str:
         return f'list of {value(inner)}'
     if origin is tuple:
         kinds = {value(a) for a in args}
-        return f'list of {len(args)} {kinds.pop()}s' if len(kinds) == 1 else '[' + ', '.join(value(a) for a in args) + ']'
+        return f'list of {len(args)} {plural(kinds.pop())}' if len(kinds) == 1 else '[' + ', '.join(value(a) for a in args) + ']'
     if origin in (dict, Mapping):
         return f'mapping text: {value(args[1])}'
     return f'{hint.__name__.removesuffix("Spec")}'
+
+
+def plural(kind: str) -> str:
+    """Several of what may be written."""
+    return kind.replace('list of', 'lists of', 1) if kind.startswith('list of') else f'{kind}s'
 
 
 def default(field: dataclasses.Field) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,11 +17,13 @@ if TYPE_CHECKING:
     from solver.levels.derived import LevelReport
     from solver.scene import Scene
 
+STANDING = 'vehicle: {}\nstart: {{kind: equilibrium}}\nduration: 1\n'  # a vehicle on a flat road
+
 
 def add(parsers: Any) -> None:
     """Declare the command."""
     what = 'show what a scene, a vehicle or a tire file (.tir) consists of'
-    parser = declare(parsers, 'info', run, what, 'mbd info slider_crank\n  mbd info compact_fwd')
+    parser = declare(parsers, 'info', run, what, 'mbd info slider_crank\n  mbd info compact_fwd\n  mbd info my_car.yaml')
     add_scene(parser)
     parser.add_argument(
         '--brief', action='store_true', help='leave out the figures of a vehicle and the errors of its level, which take seconds'
@@ -151,12 +154,26 @@ def _level(level: LevelReport) -> str:
 
 
 def _scene(name: str, overrides: Sequence[str]) -> Scene:
-    """The scene of that name; of a vehicle that is no scene: the vehicle standing on a flat road."""
+    """The scene of that name or file; of a vehicle that is no scene: the vehicle standing on a flat road."""
     from solver.files.scene import known_names, load_scene, load_scene_text
 
-    if name not in known_names() and name in known_names('vehicles') and not Path(name).is_file():
-        return load_scene_text(f'vehicle: vehicles/{name}.yaml\nstart: {{kind: equilibrium}}\nduration: 1\n', name, overrides)
+    is_file = os.path.isfile(name)  # false of names that no file can have
+    if is_file and _is_vehicle(Path(name)):
+        return load_scene_text(STANDING.format(Path(name).resolve()), Path(name).stem, overrides)
+    if name not in known_names() and name in known_names('vehicles') and not is_file:
+        return load_scene_text(STANDING.format(f'vehicles/{name}.yaml'), name, overrides)
     return load_scene(name, overrides)
+
+
+def _is_vehicle(file: Path) -> bool:
+    """Whether a file says which kind of vehicle it is; scenes have no key `kind`."""
+    from yaml.nodes import MappingNode
+
+    from solver.files.scene import config_directories
+    from solver.files.yaml_tree import read
+
+    root = read(file, config_directories())
+    return isinstance(root, MappingNode) and any(key.value == 'kind' for key, _ in root.value)
 
 
 def _figures(scene: Scene) -> tuple[dict[str, Any], str]:
