@@ -15,6 +15,7 @@ Ended like this a process runs no more Python: a bag it was recording is finishe
 
 from __future__ import annotations
 
+import atexit
 import os
 import select
 import shutil
@@ -114,6 +115,21 @@ def leave() -> None:
     """The program has done its work: what is left is the end of the interpreter, which must not be taken for an interruption."""
     for number in SIGNALS:
         signal.signal(number, signal.SIG_IGN)  # the interpreter takes every other handler back, and then the signal kills
+
+
+def end(code: int) -> None:
+    """End the process without taking the interpreter apart, which takes up to a second once much has been compiled; what was registered
+    for the end is done. It comes back where somebody else has to be waited for, or something cannot be written."""
+    others = (thread for thread in threading.enumerate() if thread is not threading.main_thread())
+    if any(not thread.daemon for thread in others):
+        return
+    atexit._run_exitfuncs()
+    try:
+        sys.stdout.flush()
+        sys.stderr.flush()
+    except (OSError, ValueError, AttributeError):
+        return
+    os._exit(code)
 
 
 @contextmanager

@@ -76,7 +76,14 @@ def parser() -> Parser:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run one command and return its exit code; never raises, apart from --help's SystemExit."""
+    """Run one command and return its exit code; never raises, apart from --help's SystemExit. A program ends here."""
+    code = _command(argv)
+    if PROGRAM:
+        interrupts.end(code)
+    return code
+
+
+def _command(argv: Sequence[str] | None) -> int:
     argv = list(sys.argv[1:] if argv is None else argv)
     as_json = '--json' in argv
     with _output(as_json) as out, interrupts.watched(lambda text: _at_the_end(text, out, as_json)):

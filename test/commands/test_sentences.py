@@ -60,3 +60,21 @@ def test_what_a_library_prints_at_the_end_of_the_process_is_not_on_the_output() 
     assert done.returncode == 5
     assert json.loads(done.stdout)['error'].startswith('nowhere is not there')
     assert 'C says goodbye' in done.stderr and 'Python says goodbye' in done.stderr
+
+
+def test_a_program_ends_without_taking_the_interpreter_apart() -> None:
+    """Behind a second of compiled code that takes longer than the answer to Ctrl-C may. What was registered for the end is done."""
+    script = (
+        'import atexit, os, sys\n'
+        'class Last:\n'
+        '    def __del__(self, write=os.write):\n'
+        '        write(1, b"taken apart")\n'
+        'last = Last()\n'
+        'atexit.register(lambda: print("registered"))\n'
+        'sys.argv = ["mbd", "nothing"]\n'
+        'from mbd_sim_ros.commands.main import main\n'
+        'sys.exit(main())\n'
+    )
+    ended = subprocess.run([sys.executable, '-c', script], check=False, capture_output=True, text=True, cwd=ROOT)
+    assert (ended.returncode, ended.stdout) == (2, 'registered\n')
+    assert "no command 'nothing'" in ended.stderr

@@ -73,7 +73,7 @@ def command(name: str, recording: Path, study: str = 'slider_crank') -> list[obj
         'sweep': mbd('sweep', 'step_steer_mass', '--out', 'sweep', '--workers', '1'),
         'drive': mbd('maneuver', 'iso4138', 'light_car', '--out', 'drive'),
         'view': mbd('view', recording, '--out', 'film.gif'),
-        'evaluate': mbd('evaluate', recording, '--as', 'iso3888_2', '--html', 'page.html'),
+        'evaluate': mbd('evaluate', recording, '--as', 'iso2631', '--html', 'page.html'),
         'trade': mbd('study', 'trade', 'light_car_lane_change', '--quick', '--out', 'trade', '--workers', '1'),
     }[name]
 
