@@ -24,7 +24,7 @@ from solver.output.snapshot import Channels
 
 FILE = Path(__file__).parents[1] / 'ros.md'
 PART = re.compile(r'<!-- begin (?P<name>\w+) -->\n(?P<body>.*?)<!-- end -->', re.DOTALL)
-WHEEL = '<wheel>'
+WHEEL, KIND = '<wheel>', '<kind>'
 MEANING = {
     'joint_states': 'position, velocity, generalized force of every joint coordinate; of `steering_wheel` the hand torque',
     'odom': 'chassis in `odom`; twist in `base_link`',
@@ -32,7 +32,7 @@ MEANING = {
     f'tire/{WHEEL}/force': 'force and moment on the wheel, in its contact frame',
     'tire_states': 'named scalars per wheel: load, slip, slip angle, camber, spin, ...',
     'cmd_applied': 'inputs as applied in the step that led here, and `step`: the acknowledgement of a command',
-    'element_states': 'outputs of every force element (parameter `publish_elements`)',
+    f'element_states/{KIND}': 'outputs of the force elements of a kind: `bushings`, `brakes`, ... (parameter `publish_elements`)',
     'reactions': 'reaction of every constraint row (parameter `publish_elements`, scene `record.reactions`)',
     '/tf': '`base_link` and the contact frames in `odom`; at the rate `record.poses` all bodies, as links, and `imu_link`',
 }
@@ -73,10 +73,10 @@ def topics() -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """What is published."""
     nothing: tuple[str, ...] = ()
     given = {'joints': ('a',), 'joint_kinds': ('rotation',), 'bodies': ('chassis',), 'wheels': (WHEEL,), 'inputs': COMMANDS, 'chassis': 0}
-    names = Channels(**given, elements=nothing, reactions=nothing)  # type: ignore[arg-type]
+    names = Channels(**given, elements=('a/force',), reactions=nothing)  # type: ignore[arg-type]
     rows = [
         (f'`{t.name}`', t.type.replace('/msg/', '/'), quality(t), MEANING[t.name])
-        for t in Messages(names, element_states=True, reactions=True).topics
+        for t in Messages(names, element_states=True, reactions=True, kinds={'a': KIND}).topics
     ]
     return ('topic', 'type', 'QoS', ''), [*rows, *FURTHER]
 

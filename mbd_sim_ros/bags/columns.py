@@ -2,7 +2,8 @@
 
 Columns: `joint_states/<joint>/position|velocity|effort`, `odom/pose/x|y|z|qx|qy|qz|qw`, `odom/twist/vx|...|wz`,
 `tire/<wheel>/force/fx|fy|fz|mx|my|mz`, `imu/ax|...|wz|qx|...`, and `<topic>/<name>` for topics of named scalars (JointState with
-positions only: `tire_states/<wheel>/kappa`, `cmd_applied/<input>`). Other types give `<topic>/<field path>`.
+positions only: `tire_states/<wheel>/kappa`, `cmd_applied/<input>`); those of `element_states/<kind>` are columns of one series,
+`element_states/<element>/<output>`, as in recordings that have them in one topic. Other types give `<topic>/<field path>`.
 
 The messages of one topic of our recordings differ in their numbers only, so a block of them is one table of bytes and a column is a
 strided part of it. Topics whose strings or sizes change are decoded message by message.
@@ -45,6 +46,22 @@ class Series:
 
     time_ns: np.ndarray  # (n,) int64, ascending
     columns: dict[str, np.ndarray]  # (n,) each
+
+    def on(self, time_ns: np.ndarray) -> dict[str, np.ndarray]:
+        """The columns on instants that its own are among, NaN elsewhere."""
+        if self.time_ns is time_ns or np.array_equal(self.time_ns, time_ns):
+            return self.columns
+        rows = np.searchsorted(time_ns, self.time_ns)
+        result = {name: np.full(time_ns.size, np.nan) for name in self.columns}
+        for name, values in self.columns.items():
+            result[name][rows] = values
+        return result
+
+    def joined(self, other: Series) -> Series:
+        """The columns of both on the instants of both, NaN where one has no message."""
+        same = np.array_equal(self.time_ns, other.time_ns)
+        time_ns = self.time_ns if same else np.union1d(self.time_ns, other.time_ns)
+        return Series(time_ns, self.on(time_ns) | other.on(time_ns))
 
 
 class Room:

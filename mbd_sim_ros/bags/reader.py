@@ -19,7 +19,7 @@ from mcap.records import Channel, Schema
 from mbd_sim_ros.bags.columns import Collector, Room, Series
 from mbd_sim_ros.bags.records import Messages, Reading, find_file, message_counts
 from mbd_sim_ros.bags.writer import RECORD, RESULT
-from mbd_sim_ros.messages.encode import INPUTS
+from mbd_sim_ros.messages.encode import ELEMENTS, INPUTS, family
 from solver.errors import BagError, suggestion
 
 NOT_SIGNALS = ('tf', 'tf_static', 'robot_description', INPUTS.name)  # topics that are no columns
@@ -49,16 +49,7 @@ class Run:
     @cached_property
     def columns(self) -> dict[str, np.ndarray]:
         """All columns on the common grid."""
-        return {name: values for one in self.series.values() for name, values in self._spread(one).items()}
-
-    def _spread(self, one: Series) -> dict[str, np.ndarray]:
-        if one.time_ns is self.time_ns or np.array_equal(one.time_ns, self.time_ns):
-            return one.columns
-        rows = np.searchsorted(self.time_ns, one.time_ns)
-        result = {name: np.full(self.time_ns.size, np.nan) for name in one.columns}
-        for name, values in one.columns.items():
-            result[name][rows] = values
-        return result
+        return {name: values for one in self.series.values() for name, values in one.on(self.time_ns).items()}
 
     @property
     def time(self) -> np.ndarray:
@@ -151,7 +142,7 @@ def read(path: str | Path, channels: Sequence[str] = ()) -> Run:
                 if topic not in NOT_SIGNALS:
                     left_out[topic] = problem
                 continue
-            fresh = Collector(record.topic, topic, schema, wanted, room)
+            fresh = Collector(record.topic, family(topic), schema, wanted, room)
             one = of_channel[record.id] = collectors.setdefault((record.topic, record.schema_id), fresh)
             one.expected += expected.get(record.id, 0)
         else:
@@ -162,13 +153,15 @@ def read(path: str | Path, channels: Sequence[str] = ()) -> Run:
     known: dict[str, tuple[str, ...]] = {}
     for one in collectors.values():
         found = one.series()
-        problem = one.problem or ('another topic has the same name' if one.name in known and one.known else '')
+        others = known.get(one.name, ())
+        apart = one.name == ELEMENTS and not set(others) & set(one.known)
+        problem = one.problem or ('another topic has the same name' if others and one.known and not apart else '')
         if problem:
             left_out[one.name if one.name not in series else f'{one.name} ({one.type})'] = problem
         elif one.known:
-            known[one.name] = tuple(one.known)
+            known[one.name] = (*others, *one.known)
             if found is not None:
-                series[one.name] = found
+                series[one.name] = series[one.name].joined(found) if one.name in series else found
     if not series and left_out:
         topic, problem = next(iter(left_out.items()))
         raise BagError(f'{path} holds nothing that can be read: topic {topic}: {problem}')

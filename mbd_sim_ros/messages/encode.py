@@ -9,15 +9,17 @@ bodies too, under the names of their links in `robot_description`: what shows th
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from mbd_sim_ros.messages.cdr import ENCAPSULATION, Template, template
+from solver.elements.registry import FORCES
 from solver.elements.tire_pacejka import TIRE_COLUMNS
 from solver.errors import StepError
 from solver.files.urdf import link_of
+from solver.model.spec import ModelSpec
 from solver.output.sensors import Sensors
 from solver.output.snapshot import NO_STEPS, Channels, Snapshot, layout_of, new_numbers
 
@@ -57,17 +59,24 @@ class Topic(NamedTuple):
 
 
 INPUTS = Topic('inputs_applied', ARRAY)  # recorded only (mbd_sim_ros.bags.inputs)
+ELEMENTS = 'element_states'  # the topic of the outputs of elements, or what those of single kinds begin with
+
+
+def family(topic: str) -> str:
+    """What topics that show parts of one thing have in common: ELEMENTS for one of a kind of elements, other names as they are."""
+    return ELEMENTS if topic.startswith(f'{ELEMENTS}/') else topic
 
 
 class Messages:
     """Turns snapshots into encoded messages, one per topic.
 
-    `frame_prefix` is put before every frame name (several vehicles in one graph). `element_states` and `reactions` add the
-    outputs of every force element and the reaction of every constraint row as named scalars. elements_every: steps between messages of
-    `element_states`. sensors: covariances and noise of odom and imu. poses_every: steps between messages that
-    place all bodies (0: none does); links: their names in `robot_description`, 'base_link' for one that has its place anyway (default: all
-    bodies but the chassis under their own names); imu_at: where the chassis has its centre of mass [m]. All messages lie in one buffer, and
-    a step is one indexed copy from the numbers of the snapshot to those of the messages: one instance serves one thread.
+    `frame_prefix` is put before every frame name (several vehicles in one graph). `element_states` and `reactions` add the outputs of every
+    force element and the reaction of every constraint row as named scalars. kinds: element -> its kind, whose elements have a topic of
+    their own (others share one). elements_every: steps between messages of elements. sensors: covariances and noise of odom and imu.
+    poses_every: steps between messages that place all bodies (0: none does); links: their names in `robot_description`, 'base_link' for one
+    that has its place anyway (default: all bodies but the chassis under their own names); imu_at: where the chassis has its centre of mass
+    [m]. All messages lie in one buffer, and a step is one indexed copy from the numbers of the snapshot to those of the messages: one
+    instance serves one thread.
     """
 
     def __init__(
@@ -77,6 +86,7 @@ class Messages:
         frame_prefix: str = '',
         element_states: bool = False,
         reactions: bool = False,
+        kinds: Mapping[str, str] | None = None,
         elements_every: int = 1,
         poses_every: int = 0,
         links: Sequence[str] = (),
@@ -146,7 +156,12 @@ class Messages:
         self._applied = len(topics)
         applied = scalars('cmd_applied', (*channels.inputs, 'step'), s.inputs)
         if element_states:
-            scalars('element_states', channels.elements, s.elements)
+            of_kind: dict[str, list[int]] = {}
+            for i, name in enumerate(channels.elements):
+                of_kind.setdefault((kinds or {}).get(name.rpartition('/')[0], ''), []).append(i)
+            for kind, columns in of_kind.items():
+                topic = f'{ELEMENTS}/{kind}' if kind else ELEMENTS
+                scalars(topic, tuple(channels.elements[i] for i in columns), s.elements[columns])
         if reactions:
             scalars('reactions', channels.reactions, s.reactions)
 
@@ -174,8 +189,7 @@ class Messages:
             templates.append(template(TF, placed(frames, places, [] if channels.chassis is None else [sensor])))
             place_all(templates[-1], places)
         self.topics = tuple(topics)
-        slow = {'element_states': elements_every}
-        self._every = [slow.get(topic.name, 1) for topic in topics]
+        self._every = [elements_every if family(topic.name) == ELEMENTS else 1 for topic in topics]
         self._lay_out(templates, filled, applied)
 
     @classmethod
@@ -184,6 +198,7 @@ class Messages:
         channels, record = simulation.channels, scene.record
         h = simulation.h_ns * 1e-9
         every = record.poses_every(h)
+        kinds = kinds_of(simulation.scene.model) if record.elements and hasattr(simulation, 'scene') else {}
         links, at = [], (0.0, 0.0, 0.0)
         if every:
             model = simulation.scene.model  # of a level of detail it is not that of the scene that was asked for
@@ -194,6 +209,7 @@ class Messages:
             frame_prefix=frame_prefix,
             element_states=record.elements,
             reactions=record.reactions,
+            kinds=kinds,
             elements_every=record.elements_every(h),
             poses_every=every,
             links=links,
@@ -259,6 +275,11 @@ class Messages:
         sensors.scatter(k, odom, imu)
         n[pose : pose + 7], n[twist : twist + 6] = odom[:7], odom[7:]
         n[orientation : orientation + 4], n[rate : rate + 3], n[acceleration : acceleration + 3] = imu[:4], imu[4:7], imu[7:]
+
+
+def kinds_of(model: ModelSpec) -> dict[str, str]:
+    """The kind of every force element, by its name."""
+    return {element.name: kind.name for kind in FORCES if not kind.wheels for element in getattr(model, kind.name)}
 
 
 def require_finite(snapshot: Snapshot, channels: Channels) -> None:

@@ -32,7 +32,7 @@ RATES = {  # rates of topics, by their names in parameters: default [Hz], what i
     'tire_force': (0.0, 'of tire/<wheel>/force'),
     'tire_states': (0.0, 'of tire_states'),
     'tf': (100.0, 'of /tf; all bodies at record.poses of the scene'),
-    'element_states': (100.0, 'of element_states, at most record.elements_rate of the scene'),
+    'element_states': (100.0, 'of element_states/<kind>, at most record.elements_rate of the scene'),
     'reactions': (100.0, 'of reactions'),
 }
 RATE = 'largest rate in simulation time [Hz], 0: every published step,'
@@ -56,7 +56,7 @@ PARAMETERS = {
     **{f'rate_{name}': Spec(rate, f'{RATE} {text}', 0.0, 1e6, live=True) for name, (rate, text) in RATES.items()},
     'publish_clock': Spec(True, 'publish /clock'),
     'frame_prefix': Spec('', 'put before every frame name'),
-    'publish_elements': Spec(False, 'publish element_states and reactions too, as far as the scene has them recorded'),
+    'publish_elements': Spec(False, 'publish element_states/<kind> and reactions too, as far as the scene has them recorded'),
     'robot_description': Spec('', 'URDF, published latched on robot_description and recorded; empty: the spanning tree of the model'),
     'record': Spec(False, 'record from the start'),
     'out': Spec('', 'directory of the recording; empty: bags/<scene>-<date>-<time>'),

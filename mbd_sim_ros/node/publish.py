@@ -12,14 +12,16 @@ from importlib import import_module
 from typing import Any
 
 import numpy as np
+from rclpy.exceptions import InvalidTopicNameException
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
 from mbd_sim_ros.messages.cdr import decode, schema_text
-from mbd_sim_ros.messages.encode import Topic
+from mbd_sim_ros.messages.encode import Topic, family
 from mbd_sim_ros.node.parameters import RATES
+from solver.errors import SpecError
 
 
 def leave_sending_to_the_middleware() -> None:
@@ -69,7 +71,7 @@ ORDER = tuple(RATES)  # what matters most comes first
 
 def rated(topic: str) -> str:
     """The name that a topic has in parameters."""
-    return 'tire_force' if topic.startswith('tire/') else topic.strip('/')
+    return 'tire_force' if topic.startswith('tire/') else family(topic.strip('/'))
 
 
 @dataclass
@@ -95,7 +97,7 @@ class Publication:
     At the start every message is read back by the middleware's own decoder; a type for which that does not give the same
     numbers is published as an ordinary message instead (slower). Types that are not installed (tf2_msgs without ROS) are left out,
     as are the topics named in `silent`. Topics are published in the order of ORDER, so that what matters most is never dropped first:
-    dropped counts, by topic, the messages that found no time (see publish).
+    dropped counts, by topic, the messages that found no time (see publish). Raises SpecError for what ROS takes for no name of a topic.
     """
 
     def __init__(self, node: Node, topics: Sequence[Topic], samples: Sequence[bytes | None], *, silent: Sequence[str] = ()) -> None:
@@ -104,14 +106,20 @@ class Publication:
         self.dropped: Counter[str] = Counter()
         for i in sorted(range(len(topics)), key=lambda i: ORDER.index(rated(topics[i].name))):
             topic, sample = topics[i], samples[i]
-            if topic.name in silent:
+            if rated(topic.name) in silent:
                 continue
             try:
                 kind = message_class(topic.type)
             except ImportError:
                 node.get_logger().info(f'{topic.name} is not published: {topic.type} is not installed')
                 continue
-            publisher = node.create_publisher(kind, topic.name, profile(topic))
+            try:
+                publisher = node.create_publisher(kind, topic.name, profile(topic))
+            except InvalidTopicNameException as error:
+                self.close(node)
+                raise SpecError(
+                    f'topic {topic.name!r}: names of topics have letters, digits and _, no digit first; rename what is called so'
+                ) from error
             assert sample is not None
             value, _ = decode(topic.type, schema_text(topic.type), sample)
             plain = deserialize_message(sample, kind) == assign(kind(), value)

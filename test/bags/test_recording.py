@@ -68,6 +68,31 @@ def test_every_number_comes_back_bit_for_bit(recorded):
         np.testing.assert_array_equal(run[name], values, err_msg=name)
 
 
+@pytest.mark.parametrize('left_out', [None, 5])
+def test_elements_of_all_kinds_are_one_series_as_in_recordings_that_have_them_in_one_topic(left_out, tmp_path):
+    """left_out: an instant at which the topic of one kind has no message."""
+    names = channels()
+    shots = [snapshot(names, k) for k in range(8)]
+    for place, kinds in (('one', {}), ('kinds', {'spring': 'springs', 'damper': 'dampers'})):
+        messages = Messages(names, element_states=True, kinds=kinds)
+        writer = BagWriter(tmp_path / place, messages.topics, {})
+        seldom = messages.topics.index(next(t for t in messages.topics if t.name.startswith('element_states')))
+        for shot in shots:
+            encoded = list(enumerate(messages.encode(shot)))
+            if kinds and shot.k == left_out:
+                del encoded[seldom]
+            writer.write(shot.t_ns, encoded)
+        writer.finish()
+    one, kinds = (bag.read(tmp_path / place, ['element_states/*']) for place in ('one', 'kinds'))
+    assert list(kinds.series) == ['element_states'] and kinds.names == one.names
+    assert list(kinds.columns) == list(one.columns) == [f'element_states/{name}' for name in names.elements]
+    np.testing.assert_array_equal(kinds.time_ns, one.time_ns)
+    for i, (name, values) in enumerate(one.columns.items()):
+        expected = [np.nan if s.k == left_out and i < 2 else s.elements[i] for s in shots]
+        np.testing.assert_array_equal(kinds[name], expected)
+        np.testing.assert_array_equal(values, [s.elements[i] for s in shots])
+
+
 def test_a_recording_describes_itself(recorded):
     about = bag.read(recorded[0]).metadata
     assert about['resolved_scene'] == 'a: 1\n'

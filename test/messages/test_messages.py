@@ -10,9 +10,12 @@ import pytest
 from synthetic import INPUTS, WHEELS, channels, snapshot
 
 from mbd_sim_ros.messages import cdr
-from mbd_sim_ros.messages.encode import IMU, ODOMETRY, TF, TIRE_STATES, TYPE_HASHES, WRENCH, Messages
+from mbd_sim_ros.messages.encode import IMU, ODOMETRY, TF, TIRE_STATES, TYPE_HASHES, WRENCH, Messages, kinds_of
 from solver.elements.tire_pacejka import TIRE_COLUMNS
 from solver.errors import BagError, StepError
+from solver.files.scene import load_scene
+from solver.model.evaluate import prepare
+from solver.output.collect import channels_of
 
 COLUMN = {name: i for i, name in enumerate(TIRE_COLUMNS)}
 
@@ -110,6 +113,24 @@ def test_every_so_many_steps_all_bodies_are_placed_as_links_beside_the_sensor():
         assert sensor['header']['frame_id'] == 'car/base_link'
         np.testing.assert_array_equal(vector(sensor['transform']['translation'], 'x', 'y', 'z'), [0.1, 0.0, 0.6])
     assert messages.encode(snapshot(names, 1), whole=True)[-1] != plain.encode(snapshot(names, 1))[-1]
+
+
+def test_elements_of_a_kind_have_a_topic_of_their_own():
+    names = channels()
+    messages, shot = Messages(names, element_states=True, kinds={'spring': 'springs', 'damper': 'dampers'}), snapshot(names, 3)
+    found = {t.name: cdr.decode(t.type, cdr.schema_text(t.type), data)[0] for t, data in zip(messages.topics, messages.encode(shot))}
+    told = {name: dict(zip(one['name'], one['position'])) for name, one in found.items() if name.startswith('element_states')}
+    spring = {'spring/energy': shot.elements[0], 'spring/force': shot.elements[1]}
+    assert told == {'element_states/springs': spring, 'element_states/dampers': {'damper/force': shot.elements[2]}}
+
+
+def test_every_element_of_a_scene_has_its_kind():
+    """Springs and brakes of the car are apart, and nothing is left over."""
+    model = load_scene('light_car_straight').model
+    kinds = kinds_of(model)
+    assert {s.name for s in model.spring_dampers} == {name for name, kind in kinds.items() if kind == 'spring_dampers'}
+    assert {b.name for b in model.brakes} == {name for name, kind in kinds.items() if kind == 'brakes'}
+    assert kinds.keys() == {name.rpartition('/')[0] for name in channels_of(prepare(model)).elements}
 
 
 def test_joints_inputs_and_scalars_go_by_name(decoded):

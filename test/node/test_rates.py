@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from client import client
@@ -9,6 +11,7 @@ from processes import start
 from synthetic import WHEELS, Synthetic, scene
 
 from mbd_sim_ros.messages.encode import Messages
+from solver.errors import SpecError
 
 pytestmark = pytest.mark.realtime
 
@@ -74,6 +77,18 @@ def test_what_nobody_hears_is_not_published_but_in_lockstep(client, monkeypatch)
         assert set(sent) == {wheel}
     finally:
         publication.close(client.node)
+
+
+def test_a_wheel_whose_name_is_no_name_of_a_topic_is_refused(client):
+    from mbd_sim_ros.node.publish import Publication
+
+    simulation = Synthetic()
+    simulation.channels = dataclasses.replace(simulation.channels, wheels=('vorn links', *WHEELS[1:]))
+    messages = Messages.of(scene(), simulation)
+    before = len(list(client.node.publishers))
+    with pytest.raises(SpecError, match="topic 'tire/vorn links/force': names of topics have letters, digits and _"):
+        Publication(client.node, messages.topics, messages.encode(simulation.snapshot(), whole=True))
+    assert len(list(client.node.publishers)) == before
 
 
 def test_what_finds_no_time_is_dropped_last_things_first_and_named(start, client):
