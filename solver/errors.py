@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import errno
 from collections.abc import Iterable
 
 
@@ -40,6 +41,12 @@ class BagError(MbdError):
     """A recording cannot be written or read."""
 
     exit_code = 5
+
+
+def refused(error: OSError) -> str:
+    """What the system refuses, as a sentence. When the current directory has been removed it says that nothing is there, and not what."""
+    place = 'the current directory' if error.errno == errno.ENOENT else 'the system'
+    return f'{error.filename or place}: {error.strerror or error}'
 
 
 def suggestion(name: str, known: Iterable[str]) -> str:

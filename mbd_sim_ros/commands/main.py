@@ -39,7 +39,7 @@ from contextlib import contextmanager, redirect_stdout, suppress
 from typing import Any, NoReturn
 
 from mbd_sim_ros.commands import bench, compare, compile, evaluate, export, info, maneuver, plan, recover, replay, run, study, sweep, view
-from solver.errors import MbdError, suggestion
+from solver.errors import MbdError, refused, suggestion
 
 COMMANDS = (info, run, plan, maneuver, sweep, export, compare, evaluate, view, replay, recover, study, bench, compile)
 USAGE_ERROR, INTERNAL_ERROR = 2, 70
@@ -111,7 +111,7 @@ def _command(argv: Sequence[str] | None) -> int:
                 out.drop()
                 return 1
             except OSError as error:
-                return _fail(out, f'{error.filename or "the system"}: {error.strerror or error}', 1, as_json)
+                return _fail(out, refused(error), 1, as_json)
             except MemoryError:
                 what = f' while {interrupts.doing}' if interrupts.doing else ''
                 return _fail(out, f'there is not enough memory{what}; ask for less, or free some', 1, as_json)

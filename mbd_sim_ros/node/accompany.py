@@ -6,7 +6,7 @@ import time
 from typing import Any, Protocol
 
 from mbd_sim_ros import interrupts
-from solver.errors import MbdError
+from solver.errors import MbdError, SpecError
 
 LOOK = 0.1  # s of waiting for a message, between looks for signals and for the simulator
 
@@ -48,6 +48,8 @@ def accompany(node: Companion, doing: str) -> int:
     from rclpy.executors import SingleThreadedExecutor
 
     name, rate, timeout = (node.value(key) for key in ('simulator', 'rate', 'timeout'))
+    if not (rate >= 0.0 and timeout >= 0.0):
+        raise SpecError(f'parameters rate = {rate:g}, timeout = {timeout:g}: must not be negative')
     executor = SingleThreadedExecutor()
     executor.add_node(node)  # type: ignore[arg-type]  # a Node, which cannot be said without importing rclpy
     interrupts.now(doing)

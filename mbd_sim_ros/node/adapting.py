@@ -23,7 +23,7 @@ from solver.inputs.hands import COMMANDS
 
 
 class Adapter(Node):
-    """Keeps the newest demand and answers every odom with commands. answered: stamps that were [ns], the newest; -1: none."""
+    """Keeps the newest demand and answers every odom with commands. answered: the newest stamp that was [ns]; -1: none. Raises MbdError."""
 
     def __init__(self, parameters: Mapping[str, tuple[Any, str]]) -> None:
         super().__init__('adapter')
@@ -34,6 +34,7 @@ class Adapter(Node):
         self._gear, self._gear_number = DRIVE, GEAR_DRIVE
         self._loop: Loop | None = None
         self._simulator = self.value('simulator')
+        self._scene = load_scene(self.value('scene')) if self.value('scene') else None
         self._asked: Any = None
         newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
         latched = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -85,8 +86,8 @@ class Adapter(Node):
         if self._commands.get_subscription_count() == 0:
             executor.spin_once(timeout_sec=LOOK)
             return False
-        scene, overrides = self.value('scene'), []
-        if not scene:
+        scene = self._scene
+        if scene is None:
             if self._asked is None:
                 self._client = self.create_client(GetParameters, f'{self._simulator}/get_parameters')
                 if not self._client.wait_for_service(timeout_sec=LOOK):
@@ -96,8 +97,8 @@ class Adapter(Node):
             if not self._asked.done():
                 return False
             values = self._asked.result().values
-            scene, overrides = values[0].string_value, [text for text in values[1].string_array_value if text]
-        car = Car.of(load_scene(scene, overrides), ratio=self.value('steering_ratio') or None)
+            scene = load_scene(values[0].string_value, [text for text in values[1].string_array_value if text])
+        car = Car.of(scene, ratio=self.value('steering_ratio') or None)
         control = SpeedControl(
             bandwidth=self.value('bandwidth'),
             most=self.value('max_drive_torque'),
@@ -106,7 +107,7 @@ class Adapter(Node):
         )
         self._loop = Loop(car, control, self.value('max_road_wheel'))
         how = 'by its measured map' if self.value('steering_ratio') == 0.0 else f'by the ratio {self.value("steering_ratio"):g}'
-        self.get_logger().info(f'driving {scene}: wheelbase {car.wheelbase:.3f} m, steering {how}')
+        self.get_logger().info(f'driving {scene.name}: wheelbase {car.wheelbase:.3f} m, steering {how}')
         return True
 
     def _hearing(self, row: Heard) -> Callable[[Any], None]:

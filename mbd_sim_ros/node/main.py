@@ -20,6 +20,7 @@ if __name__ == '__main__' or interrupts.is_program('simulator') or interrupts.is
 
 import gc
 import signal
+import warnings
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -61,14 +62,16 @@ def run(body: Callable[[], int], args: list[str] | None, name: str) -> int:
     interrupts.now(f'starting {name}')
     try:
         import rclpy
-        from rclpy._rclpy_pybind11 import RCLError
-        from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+        from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
+        from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException, NameValidationException
         from rclpy.signals import SignalHandlerOptions
     except ImportError:
         print(MISSING, file=sys.stderr)
         return 1
-    from solver.errors import MbdError
+    from solver.errors import MbdError, refused
 
+    # It says what follows from an error that is told anyway.
+    warnings.filterwarnings('ignore', 'Failed to fini', RuntimeWarning)
     try:
         for file in _parameter_files(sys.argv if args is None else args):
             if not file.is_file():
@@ -76,14 +79,24 @@ def run(body: Callable[[], int], args: list[str] | None, name: str) -> int:
                 return 2
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         return body()
-    except (MbdError, InvalidParameterTypeException, InvalidParameterValueException) as error:
+    except (MbdError, InvalidParameterValueException) as error:
         print(error, file=sys.stderr)
         return getattr(error, 'exit_code', 2)
+    except InvalidParameterTypeException as error:
+        whole = "of type 'INTEGER', expecting type 'DOUBLE'" in str(error)
+        print(f'{error}{"; write it with a point, e.g. 5.0" if whole else ""}', file=sys.stderr)
+        return 2
+    except UnknownROSArgsError as error:
+        print(f'{name}: {error} is not understood: parameters are given as --ros-args -p NAME:=VALUE', file=sys.stderr)
+        return 2
+    except NameValidationException as error:  # three lines: what is wrong, the name, an arrow to the place in it
+        print(f'{name}: {" ".join(str(error).split()[:-1])}', file=sys.stderr)
+        return 2
     except RCLError as error:  # of rclpy.init: arguments and parameter files; the place in its source follows the reason
         print(f'{name}: {" ".join(str(error).split(", at ")[0].split())}', file=sys.stderr)
         return 2
     except OSError as error:
-        print(f'{name}: {error.filename or "the system"}: {error.strerror or error}', file=sys.stderr)
+        print(f'{name}: {refused(error)}', file=sys.stderr)
         return 1
     except KeyboardInterrupt:
         if interrupts.claim():

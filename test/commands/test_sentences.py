@@ -11,6 +11,7 @@ import pytest
 
 from mbd_sim_ros.commands.main import SENTENCE_MOST, main, one_sentence
 from mbd_sim_ros.commands.main import __file__ as program
+from solver.errors import refused
 
 ROOT = Path(program).parents[2]
 
@@ -78,3 +79,16 @@ def test_a_program_ends_without_taking_the_interpreter_apart() -> None:
     ended = subprocess.run([sys.executable, '-c', script], check=False, capture_output=True, text=True, cwd=ROOT)
     assert (ended.returncode, ended.stdout) == (2, 'registered\n')
     assert "no command 'nothing'" in ended.stderr
+
+
+def test_a_current_directory_that_was_removed_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    gone = tmp_path / 'gone'
+    gone.mkdir()
+    monkeypatch.chdir(gone)
+    gone.rmdir()
+    with pytest.raises(FileNotFoundError) as nameless:
+        Path.cwd()
+    with pytest.raises(FileNotFoundError) as named:
+        Path('nowhere').read_bytes()
+    assert refused(nameless.value) == 'the current directory: No such file or directory'
+    assert refused(named.value) == 'nowhere: No such file or directory'

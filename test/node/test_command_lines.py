@@ -1,0 +1,56 @@
+"""Command lines of the nodes that cannot be meant: one sentence, at once, exit code 2."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from processes import DOMAIN, ROOT
+
+pytestmark = pytest.mark.slow
+
+CASES = {
+    'no -p': (
+        'main',
+        ['scene:=light_car_straight'],
+        r"\['scene:=light_car_straight'\] is not understood: parameters are given as --ros-args -p",
+    ),
+    'whole number': ('main', ['-p', 'duration:=5'], "expecting type 'DOUBLE': duration; write it with a point, e.g. 5.0"),
+    'negative rate': ('maneuver_player', ['-p', 'maneuver:=brake', '-p', 'rate:=-1.0'], 'rate = -1, timeout = 20: must not be negative'),
+    'name with a blank': (
+        'maneuver_player',
+        ['-p', 'maneuver:=brake', '-p', 'simulator:=a b'],
+        "Invalid topic name: .*: 'a b/steering_cmd'",
+    ),
+    'no such scene': ('adapter', ['-p', 'scene:=light_car_strait'], "did you mean 'light_car_straight'"),
+    'no such enclave': (
+        'main',
+        ['--enclave', '/other', '-p', 'scene:=light_car_straight'],
+        "SECURITY ERROR: directory '.*other' does not exist",
+    ),
+}
+SECURED = {'ROS_SECURITY_ENABLE': 'true', 'ROS_SECURITY_STRATEGY': 'Enforce'}
+
+
+def run(arguments: list[str], directory: Path, **more: str) -> subprocess.CompletedProcess[str]:
+    """A node that is expected to end by itself."""
+    environment = {**os.environ, 'PYTHONPATH': str(ROOT), 'ROS_DOMAIN_ID': DOMAIN, 'ROS_LOG_DIR': str(directory / 'log'), **more}
+    return subprocess.run(
+        [sys.executable, *arguments], cwd=directory, env=environment, check=False, capture_output=True, text=True, timeout=30
+    )
+
+
+@pytest.mark.parametrize('case', CASES)
+def test_a_command_line_that_cannot_be_meant_is_one_sentence(case: str, tmp_path: Path) -> None:
+    pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
+    module, arguments, words = CASES[case]
+    more = {**SECURED, 'ROS_SECURITY_KEYSTORE': str(tmp_path)} if 'enclave' in case else {}
+    ended = run(['-m', f'mbd_sim_ros.node.{module}', '--ros-args', *arguments], tmp_path, **more)
+    said = [line for line in ended.stderr.splitlines() if not line.startswith('[')]  # rcl logs on its own
+    assert ended.returncode == 2, ended.stderr
+    assert len(said) == 1, ended.stderr
+    assert re.search(words, said[0]), said[0]
