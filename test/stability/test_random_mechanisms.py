@@ -88,6 +88,12 @@ def test_a_run_beside_none_that_is_ok_is_held_against_the_next_coarser_one() -> 
         assert judgements(found) == [TOLD] * 4 + [judgement]
 
 
+def test_a_run_whose_steps_were_divided_is_no_witness_of_its_step() -> None:
+    found = second_order(0.3, off=dict.fromkeys((1e-2, 5e-3, 2e-3), 0.3e-7))
+    assert judgements(found)[-2:] == [WRONG, WRONG]
+    assert [run.judgement for run in classify(found, 1e-12, 1.0, (), {1e-2, 5e-3, 2e-3})] == [RIGHT] * 5
+
+
 def test_what_no_reference_resolves_is_undecided() -> None:
     found = second_order(0.3, off={2e-3: 1e-3})
     assert judgements(found, spread=1e-3)[2] == UNDECIDED

@@ -1,7 +1,7 @@
 """Runs of a mechanism with the default settings at several steps, held against independent solutions of the same equations.
 
 Measure of a motion: places of the centres of mass [m] and twice the vector and scalar part of the quaternions [rad], of all bodies, every
-SAMPLE. The error e(h) of a run is its largest difference from the reference.
+SAMPLE. The error e(h) of a run is its largest difference from the reference; h is the mean of its steps, where some were divided.
 
 What second order predicts: an error in proportion to what a step does not see of the motion, d(h), the largest second difference of the
 reference at the distance h, halved. Where a step resolves the motion that is h^2 / 2 times its largest acceleration, so e(h) / d(h) is the
@@ -9,8 +9,8 @@ same at all steps; of a vibration that no step resolves it is the amplitude, and
 
     e(h) <= WORSE * d(h) * median of e / d of the other steps     or     e(h) <= floor
 
-(of other steps that are ok; where there are none, the error may be CLOSE what second order predicts from the next coarser run that came to
-its end, though that was told, or WORSE * d(h)).
+(of other steps that are ok and were not divided; where there are none, the error may be CLOSE what second order predicts from the next
+coarser run that came to its end, though that was told, or WORSE * d(h)).
 floor: RESOLVED of the size of the motion, or what the reference leaves open. It is *told* when it failed, was refused or is suspect.
 Otherwise it is *silently wrong*, unless a second reference, to a tolerance a thousand times coarser, differs from the first by a tenth of
 the error or more, or none was found: then nothing resolves the motion, and it is *undecided*.
@@ -18,7 +18,7 @@ the error or more, or none was found: then nothing resolves the motion, and it i
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Sequence, Set
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -42,6 +42,7 @@ SAMPLE = 0.01  # s, a multiple of every step
 FINE = 0.0005  # s, at which second differences are taken
 START = 1e-6  # s, step for which the start of the references is made: a start fits its velocities to its step, by its square
 WORSE = 10.0
+UNDIVIDED = 0.9  # of a step: a mean below it belongs to a run whose error is not that of its step
 CLOSE = 2.0  # second order and a little more
 RESOLVED = 1e-9  # of the size of the motion, at least 1 m or rad: rounding of a step divided by its length squared
 TOLERANCES = (1e-10, 1e-7)  # of the two references
@@ -276,19 +277,19 @@ def references(simulation: Simulation, mechanism: Mechanism, duration: float) ->
 
 
 def unseen(y: np.ndarray, h: float) -> float:
-    """d(h): the largest second difference at the distance h, halved, of a motion (n, nb, 7) every FINE; below it as h^2."""
-    if h < FINE:
-        return unseen(y, FINE) * (h / FINE) ** 2
-    k = round(h / FINE)
-    return float(0.5 * np.abs(y[2 * k :] - 2.0 * y[k:-k] + y[: -2 * k]).max(initial=0.0))
+    """d(h): the largest second difference at the distance h, halved, of a motion (n, nb, 7) every FINE; between multiples of it as h^2."""
+    k = max(1, round(h / FINE))
+    return float(0.5 * np.abs(y[2 * k :] - 2.0 * y[k:-k] + y[: -2 * k]).max(initial=0.0)) * (h / (k * FINE)) ** 2
 
 
-def run(scene: Scene, exact: np.ndarray | None, sample: float = SAMPLE) -> tuple[str, str, float]:
-    """(status, text, e(h)) of a scene; exact: the reference every FINE; sample: when they are compared, a multiple of the step [s]."""
+def run(scene: Scene, exact: np.ndarray | None, sample: float = SAMPLE) -> tuple[str, str, float, float]:
+    """(status, text, e(h), mean step [s]) of a scene; exact: the reference every FINE; sample: when they are compared, a multiple of the
+    step [s].
+    """
     try:
         simulation = Simulation(scene)
     except MbdError as error:
-        return 'refused', str(error), np.nan
+        return 'refused', str(error), np.nan, scene.integrator.h
     every = round(sample / simulation.h)
     motion = [simulation.state.q.copy()]
     try:
@@ -296,13 +297,14 @@ def run(scene: Scene, exact: np.ndarray | None, sample: float = SAMPLE) -> tuple
             simulation.advance(every)
             motion.append(simulation.state.q.copy())
     except StepError as error:
-        return 'error', str(error), np.nan
+        return 'error', str(error), np.nan, simulation.h
     found = findings(simulation)
     error_ = np.nan
     if exact is not None:
         sampled = exact[:: round(sample / FINE)]
         error_ = difference(measured(np.array(motion)), sampled)
-    return ('suspect' if found else 'ok'), '; '.join(map(str, found)), error_
+    taken = simulation.h * simulation.k / simulation.totals()['substeps']
+    return ('suspect' if found else 'ok'), '; '.join(map(str, found)), error_, taken
 
 
 def judge(mechanism: Mechanism, steps: Sequence[float] = STEPS, duration: float = DURATION, **settings: Any) -> Judged:
@@ -314,9 +316,8 @@ def judge(mechanism: Mechanism, steps: Sequence[float] = STEPS, duration: float 
     size = 1.0 if exact is None else max(1.0, float(np.abs(exact - exact[0]).max()))
     found = []
     for h in steps:
-        status, text, error = run(mechanism.at(duration, h=h, **settings), exact)
-        found.append((h, status, text, error, np.nan if exact is None else unseen(exact, h)))
-    runs = classify(found, spread, size)
+        found.append((h, *run(mechanism.at(duration, h=h, **settings), exact)))
+    runs = compare(found, exact, spread, size)
     model = simulation.model
     return Judged(
         name=mechanism.name, bodies=model.n_bodies, rows=model.n_rows, reference=kind if exact is not None else '',
@@ -330,12 +331,24 @@ def refused(mechanism: Mechanism, text: str) -> Judged:
     return Judged(name=mechanism.name, bodies=0, rows=0, reference='', spread=np.nan, evaluations=0, runs=runs)
 
 
+def compare(
+    runs: Sequence[tuple[float, str, str, float, float]], exact: np.ndarray | None, spread: float, size: float, known: Sequence[float] = ()
+) -> tuple[Run, ...]:
+    """classify() of runs (h, status, text, error, mean step)."""
+    found = [(h, status, text, error, np.nan if exact is None else unseen(exact, taken)) for h, status, text, error, taken in runs]
+    return classify(found, spread, size, known, {h for h, *_, taken in runs if taken < UNDIVIDED * h})
+
+
 def classify(
-    found: Sequence[tuple[float, str, str, float, float]], spread: float, size: float, known: Sequence[float] = ()
+    found: Sequence[tuple[float, str, str, float, float]],
+    spread: float,
+    size: float,
+    known: Sequence[float] = (),
+    divided: Set[float] = frozenset(),
 ) -> tuple[Run, ...]:
     """Judge runs (h, status, text, error, d(h)) of one mechanism by each other (module), or by known ratios e / d of others."""
-    ratios = {h: error / max(d, 1e-300) for h, status, _, error, d in found if np.isfinite(error)}
-    ok = {h for h, status, *_ in found if status == 'ok'}
+    ratios = {h: error / max(d, 1e-300) for h, _, _, error, d in found if np.isfinite(error)}
+    ok = {h for h, status, *_ in found if status == 'ok' and h not in divided}
     floor = RESOLVED * size + (0.0 if np.isnan(spread) else TOLERANCES[0] / TOLERANCES[1] * spread)
     runs = []
     for h, status, text, error, d in found:

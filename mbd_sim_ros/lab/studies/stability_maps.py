@@ -20,7 +20,7 @@ from mbd_sim_ros.lab.mechanisms.judgement import (
     FINE,
     RESOLVED,
     START,
-    classify,
+    compare,
     difference,
     measured,
     reference,
@@ -309,14 +309,13 @@ def run_line(line: Line, steps: Sequence[float]) -> dict[str, Any]:
         exact, spread = None, np.nan
     found = []
     for h in steps:
-        hidden = np.nan if exact is None else unseen(exact, h)
-        found.append((h, *run(problem.scene(h=h, **line.settings), exact, SAMPLE), hidden))
+        found.append((h, *run(problem.scene(h=h, **line.settings), exact, SAMPLE)))
     moving = 1.0 if exact is None else max(1.0, float(np.abs(exact - exact[0]).max()))
     runs = []
     for k, h in enumerate(steps):
         # A step rounds places, by which a velocity is off from then on: as many kicks as steps, which walk at random.
         walked = line.rounding * (DURATION / h) ** 1.5
-        runs.append(classify(found, spread, max(moving, walked / RESOLVED))[k])
+        runs.append(compare(found, exact, spread, max(moving, walked / RESOLVED))[k])
     return {'runs': [dataclasses.asdict(r) for r in runs]}
 
 
@@ -325,13 +324,13 @@ def run_grid(problem: Problem, h: float, iterations: Sequence[int], penalties: S
     exact = measured(problem.exact())
     known = []
     for step in (10e-3, 5e-3, 2e-3, 1e-3, 0.5e-3):
-        status, _, error = run(problem.scene(h=step), exact, SAMPLE)
+        status, _, error, taken = run(problem.scene(h=step), exact, SAMPLE)
         if status == 'ok':
-            known.append(error / unseen(exact, step))
+            known.append(error / unseen(exact, taken))
     rows = []
     for count in iterations:
         for penalty in penalties:
-            found = (h, *run(problem.scene(h=h, mode='fixed', iterations=count, penalty=penalty), exact, SAMPLE), unseen(exact, h))
-            (judged,) = classify([found], problem.spread(), 1.0, known)
+            found = (h, *run(problem.scene(h=h, mode='fixed', iterations=count, penalty=penalty), exact, SAMPLE))
+            (judged,) = compare([found], exact, problem.spread(), 1.0, known)
             rows.append({'iterations': count, 'penalty': penalty, **dataclasses.asdict(judged)})
     return {'runs': rows}
