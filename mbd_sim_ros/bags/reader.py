@@ -117,7 +117,7 @@ def read(path: str | Path, channels: Sequence[str] = ()) -> Run:
     def wanted(name: str) -> bool:
         return not channels or any(fnmatch.fnmatchcase(name, pattern) for pattern in channels)
 
-    reading = Reading(path, skip=skip)
+    reading = Reading(path, skip=skip, channels=expected)
     for record in reading:
         if isinstance(record, Messages):
             one = of_channel.get(record.channel)

@@ -27,7 +27,7 @@ from mbd_sim_ros.bags.writer import PART
 from solver.errors import BagError
 
 MAGIC = b'\x89MCAP0\r\n'
-FOOTER, MESSAGE, CHUNK, DATA_END = 2, 5, 6, 15
+FOOTER, MESSAGE, CHUNK, MESSAGE_INDEX, DATA_END = 2, 5, 6, 7, 15
 KINDS: dict[int, Any] = {3: Schema, 4: Channel, 11: Statistics, 12: Metadata}  # by opcode
 SIZES = {FOOTER: 20, DATA_END: 4, 14: 17}  # of records that are always of one size [bytes]
 LAST_OPCODE, FIRST_PRIVATE = 15, 128  # those between are none
@@ -40,6 +40,8 @@ _OWN = threading.local()
 _HEAD = struct.Struct('<BQ')  # opcode, length
 _CHUNK = struct.Struct('<QQQII')  # first and last log time, size, checksum, length of the name of the compression
 _MESSAGE = struct.Struct('<BQHIQQ')  # opcode, length, channel, sequence, log time, publish time
+_INDEX = struct.Struct('<HI')  # channel, length of its entries
+_ENTRY = 16  # bytes, one for each message
 _FOOTER = struct.Struct('<QQI')  # begin of the summary, of its offsets, checksum
 _TAIL = struct.Struct('<BQQQI8s')  # the footer (opcode, length, begin of the summary, of its offsets, checksum) and the magic
 _BROKEN = (McapError, ValueError, IndexError, KeyError, struct.error, EOFError, MemoryError, OverflowError)
@@ -86,19 +88,24 @@ def find_file(path: str | Path, *, unfinished: bool = False) -> Path:
 class Reading:
     """One pass over a file: iterated once, it gives the records that matter here and the messages of every complete chunk.
 
-    skip: channels whose messages are passed over; it may grow while the file is read. onwards: go on behind a damaged record, to save
-    what there is; otherwise the first damage ends the pass.
+    skip: channels whose messages are passed over; it may grow while the file is read. channels: those that the file is said to have
+    (message_counts); when all are declared, chunks are not unpacked that by their indexes hold nothing but what is passed over. onwards: go
+    on behind a damaged record, to save what there is; otherwise the first damage ends the pass.
     Afterwards `damage` says what is wrong with the file (empty: it is whole) and `lost` how many messages are known to be missing.
     Iterating raises BagError if the file is not MCAP or cannot be opened.
     """
 
-    def __init__(self, path: Path, *, skip: Collection[int] = (), onwards: bool = False) -> None:
+    def __init__(self, path: Path, *, skip: Collection[int] = (), channels: Collection[int] = (), onwards: bool = False) -> None:
         self.path = path
         self.damage: list[str] = []
         self.lost = 0
         self._skip, self._onwards = skip, onwards
+        self._undeclared = set(channels)
+        self._may_skip = bool(channels)
         self._chunks = self._messages = self._inflated = self._at = 0
         self._counted = self._checked = False
+        self._chunk_read: tuple[int, bytes] | None = None  # begin and body of a chunk that waits for what its indexes say
+        self._indexed: dict[int, int] = {}  # messages of every channel in it
         self._private = -1  # where a record of a kind of somebody's own begins
 
     def require_whole(self) -> None:
@@ -120,7 +127,10 @@ class Reading:
             try:
                 if source.take(len(MAGIC)) != MAGIC:
                     raise BagError(f'{self.path} is not a recording: it is not an MCAP file')
-                yield from self._records(source, size)
+                for record in self._records(source, size):
+                    if isinstance(record, Channel):
+                        self._undeclared.discard(record.id)
+                    yield record
             except OSError as error:
                 raise BagError(f'cannot read {self.path}: {error.strerror}') from error
 
@@ -129,10 +139,13 @@ class Reading:
         while not self.damage or self._onwards:
             head = source.take(_HEAD.size)
             if len(head) < _HEAD.size:
+                yield from self._waiting_chunk()
                 self.damage.append('its end is missing')
                 return
             opcode, length = _HEAD.unpack(head)
             begin, self._at = self._at, self._at + _HEAD.size + length
+            if opcode != MESSAGE_INDEX or self._at > size:
+                yield from self._waiting_chunk()
             if self._at > size:
                 self.damage.append(f'its end is missing behind byte {begin}')
                 return
@@ -143,7 +156,15 @@ class Reading:
             if opcode == FOOTER:
                 self._end(source, size, head)
                 return
-            if opcode not in KINDS and opcode not in (CHUNK, MESSAGE, DATA_END):
+            if opcode == MESSAGE_INDEX and self._chunk_read and _INDEX.size <= length:
+                channel, entries = _INDEX.unpack(source.take(_INDEX.size))
+                self._indexed[channel] = entries // _ENTRY
+                source.skip(length - _INDEX.size)
+                continue
+            if opcode == CHUNK:
+                self._chunk_read, self._indexed = (begin, source.take(length)), {}
+                continue
+            if opcode not in KINDS and opcode not in (MESSAGE, DATA_END):
                 self._private = begin if opcode >= FIRST_PRIVATE else self._private
                 source.skip(length)
                 continue
@@ -159,15 +180,31 @@ class Reading:
             try:
                 yield from self._record(opcode, head, body)
             except _BROKEN as error:
-                what = 'chunk' if opcode == CHUNK else 'record'
-                why = f': {error}' if type(error) is _Crafted else ''
-                self.damage.append(f'the {what} at byte {begin} cannot be read{why}')
+                self._cannot_read('record', begin, error)
 
-    def _record(self, opcode: int, head: bytes, body: bytes) -> Iterator[Record]:
-        if opcode == CHUNK:
+    def _cannot_read(self, what: str, begin: int, error: Exception) -> None:
+        why = f': {error}' if type(error) is _Crafted else ''
+        self.damage.append(f'the {what} at byte {begin} cannot be read{why}')
+
+    def _waiting_chunk(self) -> Iterator[Record]:
+        """The records in the chunk read last, now that its indexes are known. Of one that is not unpacked the checksum of the data tells
+        whether it is as it was written.
+        """
+        if self._chunk_read is None:
+            return
+        (begin, body), self._chunk_read = self._chunk_read, None
+        if self._may_skip and not self._undeclared and self._indexed and self._indexed.keys() <= set(self._skip):
+            self._messages += sum(self._indexed.values())
+            self._chunks += 1
+            return
+        try:
             yield from self._inside(self._chunk(body))
             self._chunks += 1
-        elif opcode == MESSAGE:  # of a file without chunks
+        except _BROKEN as error:
+            self._cannot_read('chunk', begin, error)
+
+    def _record(self, opcode: int, head: bytes, body: bytes) -> Iterator[Record]:
+        if opcode == MESSAGE:  # of a file without chunks
             yield from self._inside(head + body)
         else:
             stream = ReadDataStream(BytesIO(body))

@@ -16,17 +16,20 @@ from mcap.exceptions import UnsupportedCompressionError
 from mcap.writer import CompressionType, Writer
 
 from mbd_sim_ros.messages.cdr import schema_text
-from mbd_sim_ros.messages.encode import TYPE_HASHES, Topic
+from mbd_sim_ros.messages.encode import ELEMENTS, TYPE_HASHES, Topic
 from solver.errors import BagError
 
 CHUNK_BYTES = 128 * 1024
 PART = '.part'
 RECORD = 'mbd_sim_ros'  # name of the metadata record that describes the run
+_Message = tuple[int, int, bytes]  # index of its topic, time [ns], encoded
 RESULT = 'mbd_sim_ros_result'  # name of the metadata record written at the end
 
 
 class BagWriter:
     """Writes one bag directory, synchronously. Topics are given at once; relative names are put under `/`.
+
+    States of elements, most of a recording by far, have chunks of their own: who wants nothing of them need not unpack them.
 
     `directory` must not exist or must be empty. Raises BagError, one sentence, whenever the file system refuses.
     """
@@ -43,6 +46,9 @@ class BagWriter:
         self.topics = [topic._replace(name='/' + topic.name.lstrip('/')) for topic in topics]
         self.path = self.directory / f'{self.directory.name}_0.mcap'
         self.count = [0] * len(topics)
+        self._waiting: tuple[list[_Message], list[_Message]] = ([], [])  # for a chunk of states of elements, behind one of all else
+        self._size = 0  # of what waits [bytes]
+        self._chunk_of = [self._waiting[ELEMENTS in topic.name.split('/')] for topic in topics]
         self.first_ns: int | None = None
         self.last_ns = 0
         self._custom = {key: value for key, value in metadata.get(RECORD, {}).items() if key in ('scene', 'scene_hash', 'code_version')}
@@ -88,25 +94,30 @@ class BagWriter:
         if self.first_ns is None:
             self.first_ns = t_ns
         self.first_ns, self.last_ns = min(self.first_ns, t_ns), max(self.last_ns, t_ns)
-        try:
-            for index, data in messages:
-                self._writer.add_message(self._channels[index], t_ns, data, t_ns, self.count[index])
-                self.count[index] += 1
-        except OSError as error:
-            raise BagError(self._failure(error)) from error
+        for index, data in messages:
+            self._chunk_of[index].append((index, t_ns, data))
+            self._size += len(data)
+        if self._size >= CHUNK_BYTES:
+            self.flush()
 
     def flush(self) -> None:
-        """Finish the chunk in progress: everything written so far can be recovered if the process is killed."""
+        """Finish the chunks in progress: everything written so far can be recovered if the process is killed."""
         try:
-            self._writer.flush()
+            for waiting in self._waiting:
+                for index, t_ns, data in waiting:
+                    self._writer.add_message(self._channels[index], t_ns, data, t_ns, self.count[index])
+                    self.count[index] += 1
+                self._writer.flush()
+                waiting.clear()
         except OSError as error:
             raise BagError(self._failure(error)) from error
+        self._size = 0
 
     def finish(self, result: Mapping[str, str] | None = None) -> Path:
         """Complete the bag, give it its final name and return its directory. `result` becomes the last metadata record."""
         try:
+            self.flush()
             if result:
-                self._writer.flush()  # or the record would come before the messages of the last chunk
                 self._writer.add_metadata(RESULT, dict(result))
             self._writer.finish()
             self._file.flush()

@@ -269,3 +269,29 @@ def test_lz4_and_frames_without_their_size_are_read(tmp_path: Path) -> None:
     assert records._inflate('zstd', packed, len(data)) == data
     with pytest.raises(ValueError, match='packed with'):
         records._inflate('brotli', b'', 0)
+
+
+def test_chunks_of_elements_that_nobody_wants_are_not_unpacked_but_their_damage_is_noticed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    t = np.arange(4000) * MS
+    series = {'s': (t, {'v': np.sin(t * 1e-9)}), 'element_states/springs': (t, {'spring/force': np.cos(t * 1e-9)})}
+    file = write_scalars(tmp_path / 'good', series) / 'good_0.mcap'
+    whole, data, unpacked = bag.read(file), bytearray(file.read_bytes()), []
+    inflate = records._inflate
+
+    def counted(*args: object) -> bytes:
+        unpacked.append(args)
+        return inflate(*args)
+
+    monkeypatch.setattr(records, '_inflate', counted)
+    some = bag.read(file, ['s/*'])
+    chunks = [at for at, opcode in places(data) if opcode == OPCODE_CHUNK]
+    assert len(unpacked) <= len(chunks) // 2 + 1  # of the first pair both: there the channels are declared
+    np.testing.assert_array_equal(some['s/v'], whole['s/v'])
+    assert some.names == whole.names
+    data[chunks[-1] + 100] ^= 1
+    bad = tmp_path / 'bad.mcap'
+    bad.write_bytes(data)
+    with pytest.raises(BagError, match='checksum of its data is wrong'):
+        bag.read(bad, ['s/*'])
