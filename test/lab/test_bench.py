@@ -148,7 +148,7 @@ def test_a_loop_that_publishes_every_fifth_step_makes_all_steps_and_records_thei
 
     monkeypatch.setattr(StepRecorder, 'note', spy_on_inputs)
     monkeypatch.setattr(StepRecorder, 'record', spy)
-    case = overhead.Overhead('slider_crank', [], publish=False, publish_every=5)
+    case = overhead.Overhead('spring_mass', [], publish=False, publish_every=5)
     case.round(20)
     found = case.figures()
     assert (found['rate'], found['steps'], case.simulation.k) == (200.0, 20, 20)
