@@ -23,9 +23,9 @@ WANTED, TAKEN, LAST_ERROR, EASY, PATIENCE = range(5)  # entries of Control.memor
 OPEN, DONE, CAUSE, UNDETERMINED, TRIED, H_BEFORE, ERROR_BEFORE, H_LAST, ERROR_LAST, H_BEST, ERROR_BEST, ABANDON, FAILED = range(13)
 SUBSTEPS, REJECTED, PENDING = range(3)  # entries of Control.counts
 KINDS = ('step', 'penalty', 'error')
-CAUSES = ('failure', 'error', 'stagnation', 'no help', 'easy', 'undetermined', 'turn')
+CAUSES = ('failure', 'error', 'stagnation', 'no help', 'easy', 'undetermined')
 OF_STEP, OF_PENALTY, OF_ERROR = map(float, range(len(KINDS)))
-FAILURE, ERROR, STAGNATION, NO_HELP, EASY_GOING, NOT_DETERMINED, TURNING = map(float, range(len(CAUSES)))
+FAILURE, ERROR, STAGNATION, NO_HELP, EASY_GOING, NOT_DETERMINED = map(float, range(len(CAUSES)))
 ROOM = 256  # events beyond those that one attempt can make
 
 

@@ -8,11 +8,12 @@ from solver.compiled.by_reference import Ref
 from solver.compiled.portable import norms
 from solver.model.state import State
 from solver.model.tables import Model
-from solver.step.iteration import LARGEST_TURN_PER_STEP, MOST_ITERATIONS
+from solver.step.iteration import MOST_ITERATIONS
 from solver.step.settings import IntegratorSettings
 from solver.step.work import BAD_INPUT, INACCURATE, NON_FINITE, NOT_CONVERGED, SINGULAR, StepResult
 
 ROUNDING_PENALTY = 1e7  # with larger ones solutions of the condensed form of a car have errors that show (docs/formulation.md, "Rounding")
+LARGEST_TURN_PER_STEP = 1.0  # rad; the iteration contracts by about the turn of a body per step (docs/decisions/0002)
 
 
 def sentence(model: Model, settings: IntegratorSettings, scheme: Ref, state: State, phi: np.ndarray, result: StepResult, when: str) -> str:

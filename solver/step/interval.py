@@ -2,8 +2,7 @@
 
 The grid, k h, is fixed; inside an interval of it the step is chosen freely, so time stays an integer. `step_policy`:
 
-`rescue`: a step that fails is halved and taken again from its start, one in which a body would turn too far is divided; after easy steps it
-doubles. `error`: the rate of the local error
+`rescue`: a step that fails is halved and taken again from its start; after easy steps it doubles. `error`: the rate of the local error
 (solver.step.attempt) is held at the tolerance by a PI controller [Gustafsson1991], so that the error of a run is proportional to it.
 
 While nothing fails and penalties stay, a step does what that of solver.step.augmented_lagrangian.advance does, bit by bit.
@@ -45,7 +44,6 @@ from solver.step.control import (
     SUBSTEPS,
     TAKEN,
     TRIED,
-    TURNING,
     UNDETERMINED,
     WANTED,
     copy_history,
@@ -53,7 +51,6 @@ from solver.step.control import (
     copy_whole_state,
     note_event,
 )
-from solver.step.iteration import LARGEST_TURN_PER_STEP
 from solver.step.penalties import lose_patience, set_penalty
 from solver.step.work import BAD_INPUT, INACCURATE, OK, PAUSED, StepResult, added
 
@@ -193,18 +190,6 @@ def _accept(c, control, here, end, h, attempt):
 
 
 @kernel(inner=True)
-def _limit_turn(control, s):
-    """Want a smaller step where a body of the state s turns by more than the iteration follows."""
-    fastest = 0.0
-    for b in range(s.v.shape[0] - 1):
-        fastest = max(fastest, s.v[b, 3] ** 2 + s.v[b, 4] ** 2 + s.v[b, 5] ** 2)
-    wanted = control.memory[WANTED]
-    if fastest**0.5 * wanted > control.group * LARGEST_TURN_PER_STEP:
-        control.memory[WANTED] = control.group * max(0.5 * LARGEST_TURN_PER_STEP / fastest**0.5, control.h_min)
-        control.progress[CAUSE] = TURNING
-
-
-@kernel(inner=True)
 def _interval(tables, c, control, old, new, u, t, outputs, audit, left, work):
     """Advance over an interval of the grid from t [s] on, or over what is left of it, with at most `left` attempts.
 
@@ -224,8 +209,6 @@ def _interval(tables, c, control, old, new, u, t, outputs, audit, left, work):
             return PAUSED, 0, total, attempts, swapped
         attempts += 1
         done = progress[DONE]
-        if control.by_error == 0:
-            _limit_turn(control, old)
         count = max(1.0, np.ceil((1.0 - done) * grid / memory[WANTED] - 1e-9))
         part = (1.0 - done) / count
         end = 1.0 if count == 1.0 else done + part

@@ -20,11 +20,8 @@ from solver.step.work import NON_FINITE, NOT_CONVERGED, OK, SINGULAR, StepResult
 WARM_START = 0.9999
 LARGEST_STAGNATION = 1e-2  # relative velocity increment below which an iteration that stops converging is accepted
 SETTLED = 1e-3  # of the error that is left in mode fixed, from where on a step takes no more than its number of iterations
-KEPT = 1e-5  # 1/s, of the velocity: what a run may lose to iterations that stop too early, in every second
-ROUNDED = 1e3 * 2.220446049250313e-16  # of a place: what penalties of 1e6 just hold is magnified by their root
 NEGLIGIBLE = 1e-7  # relative velocity increment that need not be looked at
 STAGNATION = 0.5  # an iteration that gains less is stopped and its best iterate judged
-LARGEST_TURN_PER_STEP = 1.0  # rad; the iteration contracts by about the turn of a body per step (docs/decisions/0002)
 LARGEST_TURN = 0.1  # rad; an iteration that wants to turn a body by more follows tangents that no longer hold: it goes only so far
 DAMPED_FROM = 8  # iterations of a step in mode fixed, from where on only half of each is taken
 MOST_ITERATIONS = 20  # of a step in mode fixed
@@ -160,16 +157,6 @@ def speed_of(s):
 
 
 @kernel(inner=True)
-def _rounding(c, s):
-    """Velocity that the rounding of the places of a state makes in a step [m/s]: increments below it mean nothing."""
-    far = 0.0
-    for b in range(s.q.shape[0] - 1):
-        for i in range(3):
-            far = max(far, abs(s.q[b, i]))
-    return ROUNDED * far / c.h
-
-
-@kernel(inner=True)
 def iterate(tables, c, s0, s1, u, cz, speed, work):
     """Newton's iteration on s1.a and s1.lam. Returns a StepResult without drifts."""
     saddle = work.saddle
@@ -231,15 +218,11 @@ def iterate(tables, c, s0, s1, u, cz, speed, work):
         if c.fixed == 1:
             # A fixed number of iterations relies on their gain. Where they do not gain (a stop is hit, a wheel lands) the tangents of
             # the prediction are those of another place: go on with new ones until they do.
-            left = remaining if part == 1.0 else increment
-            last = it >= c.iterations - 1
-            settled = left < (SETTLED if last else LARGEST_STAGNATION)
-            # Of a single one no gain is known; and where one with new tangents gains nothing, another one is no better.
-            enough = left < KEPT * c.h or it == 0 or (it >= c.iterations and rate > STAGNATION)
-            if last and settled and (enough or left < _rounding(c, s0) / speed):
+            settled = (remaining if part == 1.0 else increment) < (SETTLED if it >= c.iterations - 1 else LARGEST_STAGNATION)
+            if it >= c.iterations - 1 and settled:
                 status = OK
                 break
-            refactor = (it > 0 or c.iterations == 1) and (last or not settled)
+            refactor = (it > 0 or c.iterations == 1) and not settled
         else:
             if min(increment, remaining) <= c.tolerance:
                 status = OK

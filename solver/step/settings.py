@@ -20,9 +20,8 @@ class IntegratorSettings:
     h: step [s], a whole number of nanoseconds. rho_inf: spectral radius at infinite frequency, 0 (strong damping) to 1 (none).
     order: 2, or 4 by extrapolation of steps of h and h / 2 (needs rho_inf 1): three times the work for accuracy where motions are smooth
     and nothing stiff is left unresolved. Motions are prescribed with that accuracy, force-like inputs are held over a step.
-    mode: 'fixed' spends `iterations` Newton iterations per step, and more, up to 20, only where they leave too much (a stop is hit, a
-    wheel lands, a position is nearly singular); 'tolerance' iterates until the relative residual and increment are below `tolerance` or
-    `max_iterations` is reached.
+    mode: 'fixed' spends `iterations` Newton iterations per step, and more, up to 20, only where they do not contract (a stop is hit, a
+    wheel lands); 'tolerance' iterates until the relative residual and increment are below `tolerance` or `max_iterations` is reached.
     penalty: xi, dimensionless. form: 'condensed' factorizes the n x n matrix with penalties added, 'block' keeps the
     multipliers.
     augmentation: 'combined' closes constraints that one augmentation of an iteration leaves open by a combination of further ones,
@@ -32,11 +31,10 @@ class IntegratorSettings:
     number or a mapping from constraints (a joint, a coupler or one row) to numbers; with kind 'm_alf' it multiplies m_R = 1.
     penalty_policy: 'adaptive' raises the penalties of the slowest constraints, up to `penalty_cap`, in a step that does not converge,
     and relaxes them after easy steps.
-    step_policy: 'constant' keeps h; 'rescue' halves a step that fails, divides one in which a body turns by more than a radian, both
-    down to `h_min`, and doubles it after easy steps; 'error' also keeps the estimated local error below `error_tolerance` per second:
-    positions in m or rad, velocities relative to the largest one. h is then the grid of inputs and outputs and the largest step. 'auto'
-    is 'rescue' where nothing waits for a step, and 'constant' in the node, whose steps have their time. Error control and adaptive
-    penalties need mode 'tolerance'.
+    step_policy: 'constant' keeps h; 'rescue' halves a step that fails, down to `h_min`, and doubles it after easy steps; 'error'
+    also keeps the estimated local error below `error_tolerance` per second: positions in m or rad, velocities relative to the
+    largest one. h is then the grid of inputs and outputs and the largest step. 'auto' is 'rescue' where nothing waits for a step,
+    and 'constant' in the node, whose steps have their time. Error control and adaptive penalties need mode 'tolerance'.
     h_min: the smallest step; where it is not given (0) h / 1024 with 'rescue', 1e-8 with 'error'.
     """
 

@@ -8,18 +8,15 @@ from closed_forms import driven_four_bar, falling_four_bar, heavy_body, pendulum
 from convergence import FIELDS, error, scene_of
 from ensemble import neighbours
 
-from solver.analysis.verdict import findings
 from solver.compiled import interruption
 from solver.errors import SceneError, SpecError, StepError
 from solver.files.scene import load_scene, load_scene_text
-from solver.output.energy import TURN
 from solver.simulation import Simulation
 from solver.step.adaptation import Adaptation
 from solver.step.augmented_lagrangian import advance, perform
 from solver.step.control import WANTED
 from solver.step.interpolation import inputs_inside
 from solver.step.interval import advance_adapting, is_undetermined
-from solver.step.iteration import LARGEST_TURN_PER_STEP
 
 RHYTHM = (1, 4, 2, 1, 1, 5, 3, 2)  # steps in the intervals of the grid: sizes change by factors up to five, up and down
 CONSTANT = 'step_policy=constant'
@@ -61,27 +58,15 @@ HASTY = ('h=0.01', 'max_iterations=3', 'tolerance=1e-4')  # too few iterations f
 
 
 def test_a_step_that_fails_is_halved_and_the_run_goes_on():
-    coarse = ('h=0.03', 'max_iterations=2')
-    with pytest.raises(StepError, match='no convergence in 2 iterations'):
-        simulation('slider_crank', *coarse, CONSTANT).advance(150)
-    sim = simulation('slider_crank', *coarse, 'step_policy=rescue')
+    with pytest.raises(StepError, match='no convergence in 3 iterations'):
+        simulation('spinning_top', *HASTY, CONSTANT).advance(150)
+    sim = simulation('spinning_top', *HASTY, 'step_policy=rescue')
     sim.advance(150)
     audit = sim.totals()
-    assert (sim.k, sim.t_ns) == (150, 150 * 30_000_000)  # the grid of time is untouched
+    assert (sim.k, sim.t_ns) == (150, 150 * 10_000_000)  # the grid of time is untouched
     assert audit['rejected'] == sum(e.cause == 'failure' for e in sim.events) > 0
     assert audit['substeps'] > 150
     assert any(e.cause == 'easy' and e.new > e.old for e in sim.events), 'the step never grew again'
-
-
-def test_a_step_in_which_a_body_turns_too_far_is_divided_before_it_fails():
-    """A top that turns by two radians in a step of 10 ms."""
-    sim = simulation('spinning_top', *HASTY, 'step_policy=rescue')
-    assert np.linalg.norm(sim.state.v[:-1, 3:], axis=1).max() * sim.h > 2.0
-    sim.advance(150)
-    assert sim.totals()['rejected'] == 0
-    assert sim.events[0].cause == 'turn'
-    assert sim.last_step.energy[TURN] < LARGEST_TURN_PER_STEP
-    assert not any(f.quantity == 'turn_per_step' for f in findings(sim))
 
 
 def test_a_failed_interval_leaves_the_state_of_its_start():
