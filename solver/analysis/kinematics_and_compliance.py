@@ -1,8 +1,9 @@
 """A test bench for kinematics and compliance: curves of toe, camber, load over wheel travel, steering and loads at the tires.
 
 The rig holds the chassis in its design position, takes the tires off, locks the wheels to their carriers, and prescribes the wheel travels
-and the steering wheel. Every point of a sweep is a static equilibrium. It works on any vehicle model whose corners are called
-front_left ... and that has the coordinates wheel_<corner> and travel_<corner> (docs/vehicle.md). Angles in rad, SI units; signs:
+and the steering wheel; power steering helps as on the road (ASSISTED_AT). Every point of a sweep is a static equilibrium. It works on any
+vehicle model whose corners are called front_left ... and that has the coordinates wheel_<corner> and travel_<corner> (docs/vehicle.md).
+Angles in rad, SI units; signs:
 
     toe      positive: toe-in            camber   negative: top inwards
     steer    road-wheel angle, positive to the left
@@ -37,6 +38,7 @@ AT_CENTER = {
     'my': ('torque', (0.0, 1.0, 0.0)),
 }
 STEPS = {'travel': 0.03, 'steering': 0.5}  # largest change of an input of the rig at once [m or rad]
+ASSISTED_AT = 22.0  # m/s: power steering helps as at this speed, that of the ramp for the understeer gradient
 HOLD = 1e6  # brake input that locks wheels [N m]
 
 
@@ -103,6 +105,7 @@ class Rig:
                 'joints': (*spec.joints, fixed),
                 'couplers': (*spec.couplers, *rows),
                 'applied_forces': (*spec.applied_forces, *loads),
+                'servos': tuple(servo.at_speed(ASSISTED_AT) for servo in spec.servos),
                 'tires': (),
                 'inputs': self.inputs,
             }

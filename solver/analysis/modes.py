@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numpy as np
 import scipy.linalg
 
+from solver.compiled.by_reference import Ref
+from solver.elements.servo import SERVOS
 from solver.errors import SpecError
 from solver.model.evaluate import add_constraint_stiffness, evaluate_forces
 from solver.model.state import State
@@ -56,7 +58,7 @@ def _dense(model: Model, K: np.ndarray) -> np.ndarray:
 
 
 def linearised(model: Model, state: State, u: np.ndarray) -> Linear:
-    """The model linearised about a state of rest; contact patches of standing tires are springs and dampers.
+    """The model linearised about a state of rest; contact patches of standing tires are springs and dampers, servos follow at once.
 
     Raises SpecError for a model with struts, whose mounts move besides the bodies.
     """
@@ -80,9 +82,20 @@ def linearised(model: Model, state: State, u: np.ndarray) -> Linear:
     C = -rates[1] - LONG * contact
     add_constraint_stiffness(model.tables, kin, lam, start.Kq, start.Kv)
     K = -_dense(model, start.Kq) + contact
+    if model.spec.servos:
+        K -= _servos(model, start, kin, state, u)
     bodies = model.tables.bodies
     M = scipy.linalg.block_diag(*(block for m, J in zip(bodies.mass, bodies.inertia, strict=True) for block in (m * np.eye(3), J)))
     return Linear(M, C, K, dense_jacobian(model, start.J))
+
+
+def _servos(model: Model, start: ConsistentState, kin: Ref, state: State, u: np.ndarray) -> np.ndarray:
+    """(6 nb, 6 nb) by which the forces of servos change with the places when they have settled, beyond what they change at once."""
+    tables, sides = model.only(SERVOS.name), []
+    for time in (LONG, 0.0):
+        evaluate_forces(tables, kin, state.angle, state.z, time, u, True, start.f, start.Kq, start.Kv, start.z, start.outputs)
+        sides.append(_dense(model, start.Kq))
+    return sides[0] - sides[1]
 
 
 def eigenvalues(linear: Linear) -> tuple[np.ndarray, np.ndarray]:

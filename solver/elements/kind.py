@@ -53,7 +53,8 @@ class ForceKind:
     coordinates and their values too. supplies: inputs are loads, which feed energy in, not capacities. effort: the column that is a
     generalized force on the joint coordinates in the table's columns `coordinate`, times `factor` where there is one; or one column for
     each of these coordinates. wheels: the
-    elements are the wheels of a vehicle, shown by topics of their own. held(table, u): how they act in the search for static equilibrium.
+    elements are the wheels of a vehicle, shown by topics of their own. held(table, u): how they act in the search for static equilibrium;
+    approach(table): with which table it begins, where a start far away needs another one.
     capacities(table, u): the largest torques of the brakes that they are or have, under the inputs u (nu,).
     """
 
@@ -67,6 +68,7 @@ class ForceKind:
     effort: str | tuple[str, ...] | None = None
     wheels: bool = False
     held: Callable[[Any, np.ndarray], Held] | None = None
+    approach: Callable[[Any], Any] | None = None
     capacities: Callable[[Any, np.ndarray], np.ndarray] | None = None
 
     def __post_init__(self) -> None:

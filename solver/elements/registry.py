@@ -13,6 +13,7 @@ from solver.elements.guide import GUIDES
 from solver.elements.joint import JOINTS
 from solver.elements.kind import ConstraintKind, ForceKind
 from solver.elements.rod import RODS
+from solver.elements.servo import SERVOS
 from solver.elements.spring_damper import SPRING_DAMPERS
 from solver.elements.strut import STRUTS
 from solver.elements.tire_pacejka import TIRES
@@ -31,6 +32,7 @@ FORCES: tuple[ForceKind, ...] = (
     STRUTS,
     TRANSMISSIONS,
     BRAKES,
+    SERVOS,
     GUIDES,
     APPLIED_FORCES,
     AERO_DRAGS,

@@ -86,7 +86,7 @@ def compile_transmissions(specs: Sequence[TransmissionSpec], context: Context) -
 
 
 @kernel(inline=True)
-def _path(table, e, x):
+def path_of(table, e, x):
     """(value, slope, curvature) of the path of transmission e at x."""
     a2, b2, a4, b4 = table.harmonics[e, 0], table.harmonics[e, 1], table.harmonics[e, 2], table.harmonics[e, 3]
     s2, c2 = np.sin(2.0 * x), np.cos(2.0 * x)
@@ -110,7 +110,7 @@ def transmission_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangent
         x1, g2, g3 = evaluate_coordinate(coordinates, kin, k1, angle)
         v0 = coordinate_rate(coordinates, kin, k0, g0, g1)
         v1 = coordinate_rate(coordinates, kin, k1, g2, g3)
-        path, slope, curvature = _path(table, e, x1)
+        path, slope, curvature = path_of(table, e, x1)
         first = table.factor[e, 0]
         second = table.factor[e, 1] * slope
         bent = table.factor[e, 1] * curvature

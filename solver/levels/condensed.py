@@ -2,7 +2,8 @@
 
     merging  what is joined rigidly, or by bushings so stiff that no scene feels them, is one body
     mounts   equal bushings between two bodies are one
-    shafts   half shafts, propeller shafts and steering columns are coordinates and inertias
+    shafts   half shafts and propeller shafts are coordinates and inertias
+    columns  so are steering columns
     struts   a coil-over is spring and damper in a row with its mount
     bars     an anti-roll bar is a spring over the difference of its drop links
     rods     links and arms are massless rods with the stiffness of their bushings in series
@@ -16,6 +17,7 @@ from __future__ import annotations
 import dataclasses
 
 from solver.levels.bars import reduced_bars
+from solver.levels.columns import reduced_columns
 from solver.levels.derived import Derived, LevelReport, Limit, with_one_iteration
 from solver.levels.draft import Draft
 from solver.levels.merging import merge_fixed, merge_stiff
@@ -36,6 +38,7 @@ def condensed(model: ModelSpec, *, stiff: float = STIFF) -> tuple[ModelSpec, tup
     merge_stiff(draft, stiff)
     joined_mounts(draft)
     reduced_shafts(draft)
+    reduced_columns(draft)
     reduced_struts(draft)
     reduced_bars(draft)
     massless_links(draft)

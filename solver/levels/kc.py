@@ -43,7 +43,7 @@ AXLES = ('front', 'rear')
 FASTEST = 10.0  # Hz, of the travel of a wheel (speed over wavelength of the road) and of the steering
 LAG = 0.002  # s; of the departures, a usual loss of rubber over its stiffness
 CROSSED = 0.25  # motion of the damper on the other side, of that of the own one, that is left out
-REPLACED = ('spring_dampers', 'bushings', 'brakes')  # kinds of forces that guides stand for
+REPLACED = ('spring_dampers', 'bushings', 'brakes', 'servos')  # kinds of forces that guides stand for
 MAPS = 'the range of the maps, which go on linearly'
 
 LOST = (
@@ -68,7 +68,14 @@ def derive(scene: Scene) -> Derived:
     turned = max(-guide.steering[0] for guide in model.guides)
     steering = Limit(quantity='steering_wheel_angle', unit='rad', low=-turned, high=turned, why=MAPS)
     validity = (travel, steering, *_lateral(scene.model, reduction.dependent), *VALIDITY)
-    return Derived(scene=derived, level='kc', report=LevelReport(lost=LOST, validity=validity))
+    return Derived(scene=derived, level='kc', report=LevelReport(lost=(*LOST, *_unassisted(scene.model)), validity=validity))
+
+
+def _unassisted(spec: ModelSpec) -> tuple[str, ...]:
+    """What becomes of power steering: the compliance has its stiffness, the hand not its help."""
+    return tuple(
+        f'the help of {servo.name} and friction in the steering: the torque at the steering wheel is the whole one' for servo in spec.servos
+    )
 
 
 def _lateral(spec: ModelSpec, dependent: bool) -> tuple[Limit, ...]:

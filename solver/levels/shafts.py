@@ -4,15 +4,12 @@
                     rotation of the wheel against what carries the bearing
     propeller shaft bearing -pinion- joint -shaft- joint -shaft- free to turn: the pinion has the inertia of all
                     and no play along its axis
-    steering column two bearings with universal joints and a telescope between them: the mesh at the far bearing is driven by the near one
-                    through the non-uniformity of the joints (solver.elements.transmission)
 
 Chains are found by what their joints are, not by names.
 """
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -21,21 +18,18 @@ from solver.compiled.portable import norm, product
 from solver.elements.coordinate import CoordinateSpec
 from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.elements.joint import JointSpec
-from solver.elements.transmission import TransmissionSpec
 from solver.levels.draft import Draft, Hold, spread, unit
 from solver.model.compile import joint_coordinates
 from solver.model.frames import Placement
 
 COUPLINGS = ('constant_velocity', 'universal')
 BEARINGS = ('revolute', 'cylindrical')
-SAMPLES = 360  # of a turn, for the harmonics of universal joints
 
 
 def reduced_shafts(draft: Draft) -> None:
-    """Take out all half shafts, propeller shafts and steering columns."""
+    """Take out all half shafts and propeller shafts."""
     _half_shafts(draft)
     _free_shafts(draft)
-    _columns(draft)
 
 
 class Bearing(NamedTuple):
@@ -47,13 +41,14 @@ class Bearing(NamedTuple):
     frame: Placement
 
 
-def _joints(draft: Draft, body: str, kinds: tuple[str, ...]) -> list[Hold]:
+def joints_of(draft: Draft, body: str, kinds: tuple[str, ...]) -> list[Hold]:
+    """Ends of joints of some kinds on a body."""
     return [h for h in draft.holds(body) if h.section == 'joints' and draft.spec(h).kind in kinds]
 
 
-def _bearing(draft: Draft, body: str, others: int) -> Bearing | None:
+def bearing_of(draft: Draft, body: str, others: int) -> Bearing | None:
     """The bearing of a body that has besides it so many other holds and nothing else."""
-    found = _joints(draft, body, BEARINGS)
+    found = joints_of(draft, body, BEARINGS)
     if len(found) != 1 or len(draft.holds(body)) != 1 + others:
         return None
     joint = draft.spec(found[0])
@@ -101,12 +96,12 @@ def _aligned(R: np.ndarray, z: np.ndarray) -> np.ndarray:
 
 def _half_shafts(draft: Draft) -> None:
     for shaft in list(draft.bodies):
-        ends = _joints(draft, shaft, ('constant_velocity',))
+        ends = joints_of(draft, shaft, ('constant_velocity',))
         if len(ends) != 2 or len(draft.holds(shaft)) != 2:
             continue
         for inner, outer in (ends, ends[::-1]):
             output, wheel = draft.other(inner).body, draft.other(outer).body
-            bearing = _bearing(draft, output, 1) if output in draft.bodies else None
+            bearing = bearing_of(draft, output, 1) if output in draft.bodies else None
             if bearing is not None and wheel in draft.bodies:
                 _take_half_shaft(draft, shaft, inner, outer, output, wheel, bearing)
                 break
@@ -139,8 +134,8 @@ def _free_shafts(draft: Draft) -> None:
     for pinion in list(draft.bodies):
         if pinion not in draft.bodies:
             continue
-        bearing = _bearing(draft, pinion, 1)
-        links = _joints(draft, pinion, COUPLINGS)
+        bearing = bearing_of(draft, pinion, 1)
+        links = joints_of(draft, pinion, COUPLINGS)
         if bearing is None or len(links) != 1:
             continue
         chain = _free_chain(draft, pinion, links[0])
@@ -181,7 +176,7 @@ def _take_free_shaft(draft: Draft, pinion: str, bearing: Bearing, chain: list[st
             for h in rest:
                 draft.drop('joints', h.name)
         (near, a), (far, b) = ends if len(ends) == 2 else (ends[0], (pinion, at))
-        _carried(draft, shaft, near, a, far, b, draft.chassis)
+        carried(draft, shaft, near, a, far, b, draft.chassis)
         before = shaft
     angle = draft.coordinates_of(bearing.joint.name)[0]
     draft.drop('joints', bearing.joint.name)
@@ -190,7 +185,7 @@ def _take_free_shaft(draft: Draft, pinion: str, bearing: Bearing, chain: list[st
     draft.lose(f'non-uniformity and whirl of {", ".join(chain)}')
 
 
-def _carried(draft: Draft, body: str, near: str, a: np.ndarray, far: str, b: np.ndarray, base: str) -> None:
+def carried(draft: Draft, body: str, near: str, a: np.ndarray, far: str, b: np.ndarray, base: str) -> None:
     """Share a body between two supports like its weight, and remove it; base: where what its inertia is less goes."""
     mass, com, inertia = draft.bodies[body].mass, draft.com(body), draft.inertia(body)
     line = b - a
@@ -202,44 +197,6 @@ def _carried(draft: Draft, body: str, near: str, a: np.ndarray, far: str, b: np.
     rest = inertia - spread(share * mass, b + aside - com) - spread((1.0 - share) * mass, a + aside - com)
     draft.add_mass(near, (1.0 - share) * mass, a + aside, np.zeros((3, 3)))
     draft.add_inertia(base, rest, body)
-
-
-# -- steering columns ----------------------------------------------------------------------------------------------------------
-
-
-class Column(NamedTuple):
-    """A chain of two bearings with two universal joints and a telescope between: bodies and joints from the driven end on."""
-
-    wheel: str
-    near: Bearing
-    upper: JointSpec
-    shafts: tuple[str, str]
-    slide: str
-    lower: JointSpec
-    pinion: str
-    far: Bearing
-
-
-def _columns(draft: Draft) -> None:
-    for column in _all_columns(draft):
-        _take_column(draft, column)
-
-
-def _all_columns(draft: Draft) -> list[Column]:
-    driven = {name for coupler in draft.sections['couplers'].values() if coupler.input is not None for name, _ in coupler.terms}
-    return [column for wheel in draft.bodies if (column := _column(draft, wheel, driven)) is not None]
-
-
-def straight_columns(draft: Draft, *, look: bool = False) -> bool:
-    """Whether there are steering columns. Unless only a look is wanted: the gears turn with the steering wheels, without joints between."""
-    columns = _all_columns(draft)
-    if not look:
-        for column in columns:
-            _take_column(draft, column)
-        for mesh in list(draft.sections['transmissions'].values()):
-            draft.drop('transmissions', mesh.name)
-            draft.put('coordinate_forces', CoordinateForceSpec(name=mesh.name, terms=mesh.terms, spring=mesh.spring, damper=mesh.damper))
-    return bool(columns)
 
 
 # -- torsion of the driveline --------------------------------------------------------------------------------------------------
@@ -285,106 +242,3 @@ def _take_pinion(draft: Draft, drive: CoordinateForceSpec, pinion: str) -> None:
         coordinate = coordinate or draft.sections['coordinates'][name]
         # half of the inertia of the mean: at equal speeds the same energy
         add_disc(draft, coordinate.j.body, draft.placed(coordinate.j).R[:, 2], turning * abs(factor) * total)
-
-
-def _column(draft: Draft, wheel: str, driven: set[str]) -> Column | None:
-    near, first = _bearing(draft, wheel, 1), _joints(draft, wheel, ('universal',))
-    if near is None or len(first) != 1 or near.joint.name not in driven:
-        return None
-    shaft = draft.other(first[0]).body
-    slides = _joints(draft, shaft, ('prismatic',)) if shaft in draft.bodies else []
-    if len(slides) != 1 or len(draft.holds(shaft)) != 2 or draft.uses(slides[0].name):
-        return None
-    other = draft.other(slides[0]).body
-    second = _joints(draft, other, ('universal',))
-    if len(second) != 1 or len(draft.holds(other)) != 2:
-        return None
-    pinion = draft.other(second[0]).body
-    far = _bearing(draft, pinion, 1) if pinion in draft.bodies else None
-    if far is None:
-        return None
-    return Column(wheel, near, draft.spec(first[0]), (shaft, other), slides[0].name, draft.spec(second[0]), pinion, far)
-
-
-def _take_column(draft: Draft, column: Column) -> None:
-    angle, driving = column.far.joint.name, column.near.joint.name
-    meshes = [f for f in draft.sections['coordinate_forces'].values() if angle in {name for name, _ in f.terms}]
-    if len(meshes) != 1 or len(meshes[0].terms) != 2 or meshes[0].input is not None or draft.uses(angle) != [meshes[0].name]:
-        return
-    mesh: CoordinateForceSpec = meshes[0]
-    harmonics, sense = _harmonics(draft, column)
-    (own,) = (f for name, f in mesh.terms if name == angle)
-    (other,) = (term for term in mesh.terms if term[0] != angle)
-    if mesh.reference != 0.0 or mesh.preload != 0.0:
-        return
-    draft.drop('coordinate_forces', mesh.name)
-    draft.put(
-        'transmissions',
-        TransmissionSpec(
-            name=mesh.name, terms=(other, (driving, own * sense)), harmonics=harmonics, spring=mesh.spring, damper=mesh.damper
-        ),
-    )
-    up, low = draft.placed(column.upper.i).p, draft.placed(column.lower.i).p
-    axis = column.near.frame.R[:, 2]
-    turning = without_disc(draft, column.pinion, column.far.frame.R[:, 2])
-    for name in (column.upper.name, column.slide, column.lower.name, angle):
-        draft.drop('joints', name)
-    upper, lower = column.shafts
-    turning += without_disc(draft, upper, unit(up - low)) + without_disc(draft, lower, unit(up - low))
-    draft.merge(lower, upper)
-    _carried(draft, upper, column.near.base, up, column.far.base, low, draft.chassis)
-    draft.merge(column.pinion, column.far.base)
-    add_disc(draft, column.wheel, axis, turning)
-    draft.lose(f'motion of {column.pinion}, {upper} and {lower} against each other')
-
-
-def _turned(axis: np.ndarray, angle: float, v: np.ndarray) -> np.ndarray:
-    """The vector turned about a unit axis."""
-    return math.cos(angle) * v + math.sin(angle) * np.cross(axis, v) + (1.0 - math.cos(angle)) * float(product(axis, v)) * axis
-
-
-def _harmonics(draft: Draft, column: Column) -> tuple[tuple[float, float, float, float], float]:
-    """(a_2, b_2, a_4, b_4 [rad] of the angle at the far bearing over that at the near one, its sense of rotation).
-
-    A universal joint keeps the pin on its body i perpendicular to the pin on j; the shaft turns about the line of the joint centres.
-    """
-    up, low = column.upper, column.lower
-    shaft = unit(draft.placed(up.i).p - draft.placed(low.i).p)
-    near, far = column.near.frame.R[:, 2], column.far.frame.R[:, 2]
-    # pins on: the wheel and the shaft (above), the pinion and the shaft (below)
-    wheel_pin, top_pin = _pins(draft, up, column.wheel)
-    pinion_pin, foot_pin = _pins(draft, low, column.pinion)
-    angles, before = [], (0.0, 0.0)
-    for k in range(SAMPLES):
-        x = 2.0 * math.pi * k / SAMPLES
-        pin = _turned(near, x, wheel_pin)
-        turn = _perpendicular(shaft, top_pin, pin, before[0])
-        after = _perpendicular(far, pinion_pin, _turned(shaft, turn, foot_pin), before[1])
-        before = (turn, after)
-        angles.append(after)
-    sense = 1.0 if angles[SAMPLES // 4] > 0.0 else -1.0
-    rest = [sense * angle - 2.0 * math.pi * k / SAMPLES for k, angle in enumerate(angles)]
-
-    def part(n: int) -> tuple[float, float]:
-        turns = [2.0 * math.pi * n * k / SAMPLES for k in range(SAMPLES)]
-        return (
-            2.0 / SAMPLES * sum(r * math.sin(t) for r, t in zip(rest, turns, strict=True)),
-            2.0 / SAMPLES * sum(r * math.cos(t) for r, t in zip(rest, turns, strict=True)),
-        )
-
-    return (*part(2), *part(4)), sense
-
-
-def _pins(draft: Draft, joint: JointSpec, body: str) -> tuple[np.ndarray, np.ndarray]:
-    """Directions of the pins of a universal joint in the design position: on the body, on the other one (x of i, y of j)."""
-    x, y = draft.placed(joint.i).R[:, 0], draft.placed(joint.j).R[:, 1]
-    return (x, y) if joint.i.body == body else (y, x)
-
-
-def _perpendicular(axis: np.ndarray, pin: np.ndarray, other: np.ndarray, near: float) -> float:
-    """The angle about the axis next to `near` at which the turned pin is perpendicular to the other."""
-    c, s = float(product(pin, other)), float(product(np.cross(axis, pin), other))
-    along = float(product(axis, pin)) * float(product(axis, other))
-    assert abs(along) < 1e-9, 'a pin of a universal joint is perpendicular to its shaft'
-    angle = math.atan2(-c, s)
-    return angle + math.pi * round((near - angle) / math.pi)

@@ -24,9 +24,10 @@ from itertools import pairwise
 
 from solver.elements.tire_pacejka import TireSpec
 from solver.levels.bars import drop_bars
+from solver.levels.columns import straight_columns
 from solver.levels.derived import Switched
 from solver.levels.draft import Draft
-from solver.levels.shafts import straight_columns, without_torsion
+from solver.levels.shafts import without_torsion
 from solver.model.spec import ModelSpec
 from solver.scene import SUBSYSTEMS
 

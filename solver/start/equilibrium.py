@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from solver.start.newton import ConsistentState, move
 
 EQUILIBRIUM_TOLERANCE = 1e-11  # N or N m, relative to the weight of the model
 SETTLING = 1.0  # s, long against every damping in a model
+APPROACH = 40  # iterations that come near
 GIVE = 1e-4  # m that what holds a body gives way under the weight of the whole model
 
 
@@ -31,18 +33,26 @@ class Equilibrium(ConsistentState):
         Changes state.q, state.lam, state.z, state.angle; state.v is set to zero. Returns the largest generalized force left [N
         or N m]. Internal states follow the motion towards the equilibrium as if an iteration took SETTLING seconds: tires at rest
         and brakes are springs between that motion and their force. Kinds of elements may act otherwise during the search
-        (ForceKind.held). hold: a body that is held along its x axis, at the place where it is. Other directions without stiffness stay
-        where they are. Raises ConsistencyError if it does not settle, and with `stable` if the model would leave what was found.
+        (ForceKind.held) or at its beginning (ForceKind.approach). hold: a body that is held along its x axis, at the place where it is.
+        Other directions without stiffness stay where they are. Raises ConsistencyError if it does not settle, and with `stable` if the
+        model would leave what was found.
         """
         changed: dict[str, Any] = {}
+        nearer: dict[str, Any] = {}
         limits: dict[int, float] = {}
         for kind in FORCES:
             if kind.held is not None and getattr(self.model.spec, kind.name):
                 held = kind.held(self.model.elements[kind.name].value, u)
                 changed[kind.name], u = held.table, held.inputs
                 limits |= held.limits
-        tables, kept = self.model.with_tables(changed)
+            if kind.approach is not None and getattr(self.model.spec, kind.name):
+                nearer[kind.name] = kind.approach(self.model.elements[kind.name].value)
         place = state.q[0 if hold is None else hold, :3].copy()
+        if nearer:
+            tables, kept = self.model.with_tables(changed | nearer)
+            with suppress(ConsistencyError):
+                self._settle(tables, state, u, APPROACH, hold)
+        tables, kept = self.model.with_tables(changed)
         left = self._settle(tables, state, u, limit, hold)
         if stable:
             kin = self._constraints(state.q, np.zeros_like(state.v), state.angle, u)

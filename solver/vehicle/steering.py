@@ -4,8 +4,9 @@
     subframe -prismatic- rack (to the tie rods)
 
 The angle of the steering wheel is imposed by the driver row `driver`. Pinion and rack act on each other through the elasticity of torsion
-bar and mesh: `rack_and_pinion` is the torque over pinion angle minus rack travel / pinion radius. With power assistance the
-torsion bar appears stiffer than it is, by the ratio of the whole torque to the driver's.
+bar and mesh: `rack_and_pinion` is the torque over pinion angle minus rack travel / pinion radius. With power assistance (`assist`) a motor
+pushes the rack beside it; without, a torsion bar stiffer than it is, by the ratio of the whole torque to the driver's, gives way like an
+assisted one, and the hand feels the whole torque.
 """
 
 from __future__ import annotations
@@ -24,7 +25,8 @@ from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.spring_damper import SpringDamperSpec
 from solver.validate import Vector, finite
 from solver.vehicle.hardpoints import marker_at
-from solver.vehicle.parts import LEFTWARDS, Part, Parts, rods, shaft_markers, vector_of
+from solver.vehicle.parts import LEFTWARDS, Part, Parts, joined, rods, shaft_markers, vector_of
+from solver.vehicle.power_steering import PowerSteering, friction, power_steering
 
 SHAFT_RADIUS = 0.012  # of the shafts' cylinders [m]
 DAMPER_LENGTH = 0.5  # of the steering damper, along the rack [m]
@@ -37,7 +39,8 @@ class SteeringGear:
     rack: with the inner tie-rod balls. rack_per_turn: travel per turn of the pinion [m]. rack_damping: of steering damper, assistance
     and guides [N s/m]. stiffness [N m/rad] and damping [N m s/rad] of torsion bar and mesh, at the pinion. pinion_foot: where
     the pinion shaft ends in the gear; pinion_joint, column_joint: centres of the universal joints; wheel_hub: hub of the steering
-    wheel [m]; wheel_inertia: of steering wheel and column about the axis [kg m^2].
+    wheel [m]; wheel_inertia: of steering wheel and column about the axis [kg m^2]. assist: electric power steering; friction: dry, of
+    gear and column together, at the rack [N] (solver.vehicle.power_steering).
     """
 
     rack: Part
@@ -53,10 +56,13 @@ class SteeringGear:
     shaft_mass: float
     wheel_mass: float
     wheel_inertia: float
+    assist: PowerSteering | None = None
+    friction: float = 0.0
 
     def __post_init__(self) -> None:
         for field in ('rack_per_turn', 'stiffness'):
             finite('steering', field, getattr(self, field), low=0.0, strict=True)
+        finite('steering', 'friction', self.friction, low=0.0)
 
 
 def steering_gear(data: SteeringGear, chassis: RigidBodySpec, subframe: RigidBodySpec, arm: float) -> tuple[Parts, RigidBodySpec]:
@@ -106,7 +112,8 @@ def steering_gear(data: SteeringGear, chassis: RigidBodySpec, subframe: RigidBod
         spring_dampers=(damper,),
         coordinate_forces=(mesh,),
     )
-    return parts, rack
+    assist = Parts() if data.assist is None else power_steering(data.assist, mesh, data.stiffness, data.damping, chassis)
+    return joined((parts, assist, friction(data.friction))), rack
 
 
 def steering_wheel(data: SteeringGear, axis: np.ndarray) -> RigidBodySpec:

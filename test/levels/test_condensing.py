@@ -15,12 +15,12 @@ from solver.elements.laws import Law
 from solver.elements.marker import Marker
 from solver.elements.rigid_body import RigidBodySpec
 from solver.files.scene import load_scene, load_scene_text
+from solver.levels.columns import _all_columns, _harmonics
 from solver.levels.compliance import in_series
 from solver.levels.condensed import condensed
 from solver.levels.derived import channels
 from solver.levels.draft import Draft
 from solver.levels.merging import merge_stiff, slowest
-from solver.levels.shafts import _all_columns, _harmonics
 from solver.model.compile import compile_model
 from solver.model.spec import ModelSpec
 
