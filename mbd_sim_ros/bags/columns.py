@@ -33,7 +33,7 @@ _BLOCKS = {
     IMU: (('orientation.x', _QUATERNION), ('angular_velocity.x', _TWIST[3:]), ('linear_acceleration.x', ('ax', 'ay', 'az'))),
     WRENCH: (('wrench.force.x', ('fx', 'fy', 'fz', 'mx', 'my', 'mz')),),
 }
-BLOCK_BYTES = 1 << 22  # messages of a topic that are decoded at once
+BLOCK_BYTES = 1 << 19  # messages of a topic that are decoded at once: they stay in the cache of the processor
 COLUMNS_MAX = 4096  # of one topic; a cloud of points is no set of channels
 TABLE_MOST = (1 << 26, 256)  # bytes that are reserved for a table before its messages are there: so many, and per byte of them
 STAMP = ('header.stamp.sec', 'header.stamp.nanosec')
@@ -206,7 +206,7 @@ class Collector:
 
     def _alike(self) -> dict[str, np.ndarray] | None:
         """The numbers of messages that are like the first one but for their numbers; None if they are not."""
-        if any(len(data) != self._length for data in self._data):
+        if set(map(len, self._data)) != {self._length}:
             return None
         table = np.frombuffer(b''.join(self._data), np.uint8).reshape(len(self._data), -1)
         if any(np.any(table[:, a:b] != self._model[a:b]) for a, b in self._fixed):

@@ -14,20 +14,22 @@ import os
 import struct
 import threading
 import zlib
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from io import BytesIO
 from pathlib import Path
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, NamedTuple
 
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.records import Channel, Metadata, Schema, Statistics
 
+from mbd_sim_ros.bags.layouts import Layouts
+from mbd_sim_ros.bags.source import ENTRY, MESSAGE_INDEX, Source
 from mbd_sim_ros.bags.writer import PART
 from solver.errors import BagError
 
 MAGIC = b'\x89MCAP0\r\n'
-FOOTER, MESSAGE, CHUNK, MESSAGE_INDEX, DATA_END = 2, 5, 6, 7, 15
+FOOTER, MESSAGE, CHUNK, DATA_END = 2, 5, 6, 15
 KINDS: dict[int, Any] = {3: Schema, 4: Channel, 11: Statistics, 12: Metadata}  # by opcode
 SIZES = {FOOTER: 20, DATA_END: 4, 14: 17}  # of records that are always of one size [bytes]
 LAST_OPCODE, FIRST_PRIVATE = 15, 128  # those between are none
@@ -35,13 +37,11 @@ CHUNK_MOST = 1 << 27  # bytes in a chunk
 INFLATED = (1 << 28, 2000)  # bytes in a file: so many, and so many for every byte on disk
 MESSAGES = (1_000_000, 0.5)  # messages in a file, likewise
 TIME_MOST = (1 << 63) - 1  # ns
-_PIECE = 1 << 20
 _OWN = threading.local()
 _HEAD = struct.Struct('<BQ')  # opcode, length
 _CHUNK = struct.Struct('<QQQII')  # first and last log time, size, checksum, length of the name of the compression
 _MESSAGE = struct.Struct('<BQHIQQ')  # opcode, length, channel, sequence, log time, publish time
 _INDEX = struct.Struct('<HI')  # channel, length of its entries
-_ENTRY = 16  # bytes, one for each message
 _FOOTER = struct.Struct('<QQI')  # begin of the summary, of its offsets, checksum
 _TAIL = struct.Struct('<BQQQI8s')  # the footer (opcode, length, begin of the summary, of its offsets, checksum) and the magic
 _BROKEN = (McapError, ValueError, IndexError, KeyError, struct.error, EOFError, MemoryError, OverflowError)
@@ -51,8 +51,8 @@ class Messages(NamedTuple):
     """The messages of one channel in one chunk, as they were recorded."""
 
     channel: int
-    log_times: list[int]  # [ns]
-    data: list[bytes]
+    log_times: Sequence[int]  # [ns]
+    data: Sequence[bytes]
 
 
 Record = Messages | Schema | Channel | Metadata
@@ -100,6 +100,7 @@ class Reading:
         self.damage: list[str] = []
         self.lost = 0
         self._skip, self._onwards = skip, onwards
+        self._layouts = Layouts()
         self._undeclared = set(channels)
         self._may_skip = bool(channels)
         self._chunks = self._messages = self._inflated = self._at = 0
@@ -123,7 +124,7 @@ class Reading:
             size = os.fstat(stream.fileno()).st_size
             if size == 0:
                 raise BagError(f'{self.path} is empty: nothing was recorded')
-            source = _Source(stream)
+            source = Source(stream)
             try:
                 if source.take(len(MAGIC)) != MAGIC:
                     raise BagError(f'{self.path} is not a recording: it is not an MCAP file')
@@ -134,7 +135,7 @@ class Reading:
             except OSError as error:
                 raise BagError(f'cannot read {self.path}: {error.strerror}') from error
 
-    def _records(self, source: _Source, size: int) -> Iterator[Record]:
+    def _records(self, source: Source, size: int) -> Iterator[Record]:
         self._at = len(MAGIC)
         while not self.damage or self._onwards:
             head = source.take(_HEAD.size)
@@ -158,11 +159,13 @@ class Reading:
                 return
             if opcode == MESSAGE_INDEX and self._chunk_read and _INDEX.size <= length:
                 channel, entries = _INDEX.unpack(source.take(_INDEX.size))
-                self._indexed[channel] = entries // _ENTRY
+                self._indexed[channel] = entries // ENTRY
                 source.skip(length - _INDEX.size)
                 continue
             if opcode == CHUNK:
-                self._chunk_read, self._indexed = (begin, source.take(length)), {}
+                self._chunk_read = (begin, source.take(length))
+                self._indexed, passed = source.indexes()
+                self._at += passed
                 continue
             if opcode not in KINDS and opcode not in (MESSAGE, DATA_END):
                 self._private = begin if opcode >= FIRST_PRIVATE else self._private
@@ -231,13 +234,31 @@ class Reading:
         return content
 
     def _inside(self, body: bytes) -> Iterator[Record]:
-        """Yield the records of a decompressed chunk, its messages gathered by channel: the loop runs once per message of a recording."""
+        """Yield the records of a decompressed chunk, its messages gathered by channel."""
+        most = int(MESSAGES[0] + MESSAGES[1] * self._at) - self._messages
+        layout = self._layouts.find(len(body), self._skip)
+        alike = layout.messages(body) if layout is not None and len(layout.heads) <= most else None
+        others: list[Record] = []
+        if layout is not None and alike is not None:
+            count, found = len(layout.heads), [Messages(*one) for one in alike]
+        else:
+            count, others, found = self._one_by_one(body, most)
+            if count and not others:
+                self._layouts.learn(body, self._skip)
+        for one in found:
+            if max(one.log_times) > TIME_MOST:
+                raise _Crafted(f'a message is dated {max(one.log_times)} ns, beyond what 63 bits hold')
+        self._messages += count
+        yield from others
+        yield from found
+
+    def _one_by_one(self, body: bytes, most: int) -> tuple[int, list[Record], list[Messages]]:
+        """How many messages a chunk holds, what else, and those not passed over: the loop runs once per message. Raises what is wrong."""
         at, end = 0, len(body) - _HEAD.size
         head, whole = _HEAD.size, _MESSAGE.size
         least = whole - head
-        most = int(MESSAGES[0] + MESSAGES[1] * self._at) - self._messages
         unpack, skip = _MESSAGE.unpack_from, self._skip
-        found: dict[int, Messages] = {}
+        found: dict[int, tuple[list[int], list[bytes]]] = {}
         others: list[Record] = []
         count = 0
         while at <= end:
@@ -253,9 +274,9 @@ class Reading:
                     at = behind
                     continue
                 else:
-                    one = found[channel] = Messages(channel, [], [])
-                one[1].append(log_time)
-                one[2].append(body[at + whole : behind])
+                    one = found[channel] = ([], [])
+                one[0].append(log_time)
+                one[1].append(body[at + whole : behind])
                 at = behind
                 continue
             opcode, length = _HEAD.unpack_from(body, at)
@@ -266,12 +287,7 @@ class Reading:
             at += length
         if at != len(body):
             raise ValueError
-        for one in found.values():
-            if max(one.log_times) > TIME_MOST:
-                raise _Crafted(f'a message is dated {max(one.log_times)} ns, beyond what 63 bits hold')
-        self._messages += count
-        yield from others
-        yield from found.values()
+        return count, others, [Messages(channel, *one) for channel, one in found.items()]
 
     def _compare(self, told: Statistics) -> None:
         """Hold what was found against the statistics."""
@@ -281,7 +297,7 @@ class Reading:
             says = f'it says that it holds {told.message_count} messages in {told.chunk_count} chunks'
             self.damage.insert(0, f'{says}, and {self._messages} in {self._chunks} were found')
 
-    def _end(self, source: _Source, size: int, head: bytes) -> None:
+    def _end(self, source: Source, size: int, head: bytes) -> None:
         """The footer: the last record, before the magic."""
         checksum = source.checksum(_HEAD.size)
         body = source.take(_FOOTER.size)
@@ -294,51 +310,6 @@ class Reading:
             self.damage.append('the checksum of its summary is missing')
         elif self._private >= 0 and not (self._counted or self._checked):  # a chunk whose opcode is damaged looks like it
             self.damage.append(f'the record at byte {self._private} is of no kind that is known, and nothing tells that it may be left out')
-
-
-class _Source:
-    """A file from its beginning, and the checksum of what was taken of it or skipped: once per piece, for records are many and small."""
-
-    def __init__(self, stream: BinaryIO) -> None:
-        self._stream = stream
-        self._piece = b''
-        self._at = self._summed = self._checksum = 0  # _summed: up to where the checksum knows the piece
-
-    def take(self, n: int) -> bytes:
-        """The next n bytes, fewer at the end of the file."""
-        if len(self._piece) - self._at < n:
-            self._sum(self._at)
-            rest = self._piece[self._at :]
-            self._piece = rest + self._stream.read(max(n - len(rest), _PIECE))
-            self._at = self._summed = 0
-        begin = self._at
-        self._at = min(begin + n, len(self._piece))
-        return self._piece[begin : self._at]
-
-    def skip(self, n: int) -> None:
-        """Pass over the next n bytes."""
-        while n > (left := len(self._piece) - self._at):
-            self._at += left
-            self._sum(self._at)
-            self._piece = self._stream.read(_PIECE)
-            self._at = self._summed = 0
-            n -= left
-            if not self._piece:
-                return
-        self._at += n
-
-    def checksum(self, but: int) -> int:
-        """Of all from the last begin() on, but the last bytes taken."""
-        self._sum(self._at - but)
-        return self._checksum
-
-    def begin(self) -> None:
-        """Sum up from here on."""
-        self._summed, self._checksum = self._at, 0
-
-    def _sum(self, end: int) -> None:
-        self._checksum = zlib.crc32(memoryview(self._piece)[self._summed : end], self._checksum)
-        self._summed = end
 
 
 class _Crafted(ValueError):
