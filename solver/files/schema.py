@@ -140,6 +140,9 @@ class Builder:
         kinds = {kind: a for a in rest if dataclasses.is_dataclass(a) for kind in kinds_of(typing.cast(type, a))}
         if isinstance(node, MappingNode) and kinds:
             fields = self.mapping(node, path)
+            implied = next((a for a in kinds.values() if getattr(a, 'implied', False)), None)
+            if 'kind' not in fields and implied is not None:
+                return self.build(implied, node, path, name)
             if 'kind' not in fields:
                 raise SceneError(f"{where(node)}: {path}: the key 'kind' is missing; one of: {', '.join(kinds)}")
             chosen = typing.cast(type, kinds[self.choice(fields['kind'][1], join(path, 'kind'), kinds, 'unknown kind')])

@@ -5,7 +5,7 @@
     axles:
       front: {suspension: {kind: macpherson, ...}, anti_roll_bar: {...}, drive: {kind: half_shafts, ...}}
       rear: {suspension: {kind: twist_beam, ...}}
-    steering: {...}         # the rack of the first axle
+    steering: {...}         # of the first axle: a rack, or a steering box
     engine: {...}           # optional
 
 Every part is compliant with its bushings and ideal without. docs/vehicle.md lists parts and names; the full car
@@ -33,6 +33,7 @@ from solver.vehicle.macpherson import MacPherson
 from solver.vehicle.multilink import MultiLink
 from solver.vehicle.parts import LEFTWARDS, UP, Bushing, Category, Corner, Part, Parts, Structure, joined, mounting
 from solver.vehicle.powertrain import Engine, Propshaft, engine
+from solver.vehicle.recirculating_ball import RecirculatingBall
 from solver.vehicle.steering import SteeringGear, steering_gear
 from solver.vehicle.trailing_arm import TrailingArm
 from solver.vehicle.twist_beam import TwistBeam
@@ -40,6 +41,7 @@ from solver.vehicle.twist_beam import TwistBeam
 # What a suspension may be; a further kind is one more file and one more name here. A steered one needs a tie rod and `steering_arm`.
 Steered = DoubleWishbone | MacPherson
 AnySuspension = DoubleWishbone | MacPherson | MultiLink | TrailingArm | TwistBeam | LiveAxle
+AnySteering = SteeringGear | RecirculatingBall
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,7 +87,7 @@ class Car:
     category: Category = 'saloon'
     chassis: Part
     axles: tuple[Axle, ...]
-    steering: SteeringGear
+    steering: AnySteering
     engine: Engine | None = None
     transfer: Transfer | None = None
     aero: Aero | None = None

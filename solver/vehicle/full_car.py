@@ -11,11 +11,10 @@ from solver.model.spec import ModelSpec
 from solver.validate import require
 from solver.vehicle.aero import Aero
 from solver.vehicle.antiroll import AntiRollBar
-from solver.vehicle.car import AnySuspension, Axle, Car, Steered, Subframe, car_model
+from solver.vehicle.car import AnySteering, AnySuspension, Axle, Car, Steered, Subframe, car_model
 from solver.vehicle.drives import PropshaftDrive
 from solver.vehicle.parts import Part
 from solver.vehicle.powertrain import Driveline, Engine
-from solver.vehicle.steering import SteeringGear
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,7 +28,7 @@ class FullCar:
     rear: AnySuspension
     anti_roll_front: AntiRollBar
     anti_roll_rear: AntiRollBar
-    steering: SteeringGear
+    steering: AnySteering
     engine: Engine
     driveline: Driveline
     aero: Aero | None = None

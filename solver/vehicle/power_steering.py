@@ -1,4 +1,4 @@
-"""Electric power steering: a motor on the rack that follows the torque at the torsion bar, and dry friction in the gear.
+"""Electric power steering: a motor on rack or pitman arm that follows the torque at the torsion bar, and dry friction in the gear.
 
 The motor is a servo (solver.elements.servo): it measures the torque of torsion bar and mesh, which is that of the hand, and pushes the
 rack by a map over that torque and the speed of the car. Where it sits (column, pinion, rack) makes no difference here, because between
@@ -26,9 +26,9 @@ SLOW = 2e-3  # m/s; of the rack, from which friction is dry
 
 @dataclass(frozen=True, kw_only=True)
 class PowerSteering:
-    """Electric power steering. speeds: of the car [m/s] and torques: at the torsion bar [N m], both rising; forces: on the rack [N], for
-    each speed those at the torques, to the other side the same. limit: largest force of the motor [N]; lag: its time constant [s], shorter
-    than damping over stiffness of the steering (solver.elements.servo has why)."""
+    """Electric power steering. speeds: of the car [m/s] and torques: at the torsion bar [N m], both rising; forces: on the rack [N], or
+    torques on the pitman arm [N m], for each speed those at the torques, to the other side the same. limit: the largest one of the motor;
+    lag: its time constant [s], shorter than damping over stiffness of the steering (solver.elements.servo has why)."""
 
     speeds: Annotated[tuple[float, ...], 'm/s']
     torques: tuple[float, ...]
@@ -42,14 +42,16 @@ class PowerSteering:
             finite('assist', field, getattr(self, field), low=0.0, strict=True)
 
 
-def power_steering(data: PowerSteering, mesh: CoordinateForceSpec, stiffness: float, damping: float, chassis: RigidBodySpec) -> Parts:
-    """The servo `power_steering` on the coordinate rack, which pushes the way the torque of the mesh does, with its stiffness [N m/rad] and
-    damping [N m s/rad]."""
-    (factor,) = (factor for name, factor in mesh.terms if name == 'rack')
-    sense = 1.0 if factor < 0.0 else -1.0  # a wind-up pulls its coordinates back: that of the rack along -factor
+def power_steering(
+    data: PowerSteering, coordinate: str, mesh: CoordinateForceSpec, stiffness: float, damping: float, chassis: RigidBodySpec
+) -> Parts:
+    """The servo `power_steering` on a coordinate, the output of the gear, which it moves the way the torque of the mesh does, with its
+    stiffness [N m/rad] and damping [N m s/rad]."""
+    (factor,) = (factor for name, factor in mesh.terms if name == coordinate)
+    sense = 1.0 if factor < 0.0 else -1.0  # a wind-up pulls its coordinates back: that of the output along -factor
     servo = ServoSpec(
         name='power_steering',
-        coordinate='rack',
+        coordinate=coordinate,
         terms=tuple((name, sense * f) for name, f in mesh.terms),
         stiffness=stiffness,
         damping=damping,
@@ -63,9 +65,9 @@ def power_steering(data: PowerSteering, mesh: CoordinateForceSpec, stiffness: fl
     return Parts(servos=(servo,))
 
 
-def friction(force: float) -> Parts:
-    """Dry friction `steering_friction` of this force [N] on the coordinate rack; nothing without one."""
+def friction(coordinate: str, force: float, slow: float) -> Parts:
+    """Dry friction `steering_friction` [N or N m] on a coordinate, at its full size from the rate `slow` on; nothing without one."""
     if force == 0.0:
         return Parts()
-    law = Law.table([(-2.0 * SLOW, -force), (-SLOW, -force), (0.0, 0.0), (SLOW, force), (2.0 * SLOW, force)])
-    return Parts(coordinate_forces=(CoordinateForceSpec(name='steering_friction', terms=(('rack', 1.0),), damper=law),))
+    law = Law.table([(-2.0 * slow, -force), (-slow, -force), (0.0, 0.0), (slow, force), (2.0 * slow, force)])
+    return Parts(coordinate_forces=(CoordinateForceSpec(name='steering_friction', terms=((coordinate, 1.0),), damper=law),))

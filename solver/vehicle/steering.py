@@ -1,4 +1,5 @@
-"""Steering: wheel, column, telescopic intermediate shaft with two universal joints, pinion and rack.
+"""Steering: wheel, column, telescopic intermediate shaft with two universal joints, pinion, and a gear: the rack, or a steering box with
+linkage (solver.vehicle.recirculating_ball).
 
     chassis -revolute- steering_wheel -universal- upper shaft -prismatic- lower shaft -universal- pinion -revolute- subframe
     subframe -prismatic- rack (to the tie rods)
@@ -12,6 +13,7 @@ assisted one, and the hand feels the whole torque.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 
@@ -26,26 +28,34 @@ from solver.elements.spring_damper import SpringDamperSpec
 from solver.validate import Vector, finite
 from solver.vehicle.hardpoints import marker_at
 from solver.vehicle.parts import LEFTWARDS, Part, Parts, joined, rods, shaft_markers, vector_of
-from solver.vehicle.power_steering import PowerSteering, friction, power_steering
+from solver.vehicle.power_steering import SLOW, PowerSteering, friction, power_steering
 
 SHAFT_RADIUS = 0.012  # of the shafts' cylinders [m]
 DAMPER_LENGTH = 0.5  # of the steering damper, along the rack [m]
 
 
-@dataclass(frozen=True, kw_only=True)
-class SteeringGear:
-    """Data of the steering; not mirrored.
+class Gear(NamedTuple):
+    """What stands between the pinion and the tie rods. parts: bodies and joints, and the elements of the gear; mesh: the elasticity between
+    pinion and output; output: the body that the tie rods go to; coordinate: what a motor and friction act on, and from which rate [1/s]
+    friction is dry."""
 
-    rack: with the inner tie-rod balls. rack_per_turn: travel per turn of the pinion [m]. rack_damping: of steering damper, assistance
-    and guides [N s/m]. stiffness [N m/rad] and damping [N m s/rad] of torsion bar and mesh, at the pinion. pinion_foot: where
-    the pinion shaft ends in the gear; pinion_joint, column_joint: centres of the universal joints; wheel_hub: hub of the steering
-    wheel [m]; wheel_inertia: of steering wheel and column about the axis [kg m^2]. assist: electric power steering; friction: dry, of
-    gear and column together, at the rack [N] (solver.vehicle.power_steering).
+    parts: Parts
+    mesh: CoordinateForceSpec
+    output: RigidBodySpec
+    coordinate: str
+    slow: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Column:
+    """Data of steering wheel and shafts; not mirrored.
+
+    stiffness [N m/rad] and damping [N m s/rad] of torsion bar and mesh, at the pinion. pinion_foot: where the pinion shaft ends in the
+    gear; pinion_joint, column_joint: centres of the universal joints; wheel_hub: hub of the steering wheel [m]; wheel_inertia: of steering
+    wheel and column about the axis [kg m^2]. assist: electric power steering; friction: dry, of gear and column together, at the rack [N]
+    or the pitman arm [N m] (solver.vehicle.power_steering).
     """
 
-    rack: Part
-    rack_per_turn: float
-    rack_damping: float
     stiffness: float
     damping: float
     pinion_foot: Vector
@@ -60,19 +70,52 @@ class SteeringGear:
     friction: float = 0.0
 
     def __post_init__(self) -> None:
-        for field in ('rack_per_turn', 'stiffness'):
-            finite('steering', field, getattr(self, field), low=0.0, strict=True)
+        finite('steering', 'stiffness', self.stiffness, low=0.0, strict=True)
         finite('steering', 'friction', self.friction, low=0.0)
 
+    def gear(self, subframe: RigidBodySpec, arm: float) -> Gear:
+        """The gear on its subframe. arm: of the tie rods, see DoubleWishbone.steering_arm; only its sign counts."""
+        raise NotImplementedError
 
-def steering_gear(data: SteeringGear, chassis: RigidBodySpec, subframe: RigidBodySpec, arm: float) -> tuple[Parts, RigidBodySpec]:
-    """(steering, rack). arm: of the tie rods, see DoubleWishbone.steering_arm; only its sign counts. Coordinates steering_wheel,
-    steering_pinion (positive to the left) and rack (positive along y)."""
+    def mesh(self, name: str, output: str, ratio: float) -> CoordinateForceSpec:
+        """The elasticity over pinion angle minus ratio times the coordinate `output`."""
+        terms = (('steering_pinion', 1.0), (output, -ratio))
+        return CoordinateForceSpec(name=name, terms=terms, spring=Law.linear(self.stiffness), damper=Law.linear(self.damping))
+
+
+@dataclass(frozen=True, kw_only=True)
+class SteeringGear(Column):
+    """Data of a steering with rack and pinion, what a file has that names no kind. rack: with the inner tie-rod balls. rack_per_turn:
+    travel per turn of the pinion [m]. rack_damping: of steering damper, assistance and guides [N s/m]."""
+
+    implied: ClassVar[bool] = True  # where a file names no kind
+    kind: Literal['rack_and_pinion'] = 'rack_and_pinion'
+    rack: Part
+    rack_per_turn: float
+    rack_damping: float
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        finite('steering', 'rack_per_turn', self.rack_per_turn, low=0.0, strict=True)
+
+    def gear(self, subframe: RigidBodySpec, arm: float) -> Gear:
+        """Pinion and rack; coordinate rack, positive along y."""
+        at = self.rack.com
+        rack = self.rack.body('rack', at)
+        slide = JointSpec(name='rack', kind='prismatic', i=marker_at(subframe, at, LEFTWARDS), j=marker_at(rack, at, LEFTWARDS))
+        damper = steering_damper(subframe, rack, at, self.rack_damping)
+        mesh = self.mesh('rack_and_pinion', 'rack', float(np.copysign(2.0 * np.pi / self.rack_per_turn, arm)))
+        return Gear(Parts(bodies=(rack,), joints=(slide,), spring_dampers=(damper,)), mesh, rack, 'rack', SLOW)
+
+
+def steering_gear(data: Column, chassis: RigidBodySpec, subframe: RigidBodySpec, arm: float) -> tuple[Parts, RigidBodySpec]:
+    """(steering, what the tie rods go to). arm: of the tie rods, see DoubleWishbone.steering_arm; only its sign counts. Coordinates
+    steering_wheel, steering_pinion (positive to the left) and those of the gear."""
     foot, low, high, hub = data.pinion_foot, data.pinion_joint, data.column_joint, data.wheel_hub
     middle = vector_of(0.5 * np.add(low, high))
     # each axis points towards the driver
     pinion_axis, shaft_axis, column_axis = (vector_of(np.subtract(b, a)) for a, b in ((foot, low), (low, high), (high, hub)))
-    rack = data.rack.body('rack', data.rack.com)
+    gear = data.gear(subframe, arm)
     pinion = rods('steering_pinion', ((data.pinion_mass, foot, low, SHAFT_RADIUS),))
     lower = rods('steering_shaft_lower', ((0.5 * data.shaft_mass, low, middle, SHAFT_RADIUS),))
     upper = rods('steering_shaft_upper', ((0.5 * data.shaft_mass, middle, high, SHAFT_RADIUS),))
@@ -82,7 +125,6 @@ def steering_gear(data: SteeringGear, chassis: RigidBodySpec, subframe: RigidBod
         return marker_at(i, at, axis), marker_at(j, at, axis)
 
     joints = (
-        ('rack', 'prismatic', *both(subframe, rack, data.rack.com, LEFTWARDS)),
         ('steering_pinion', 'revolute', *both(subframe, pinion, foot, pinion_axis)),
         # the pins of the intermediate shaft lie in the planes of the two joints, so that their fluctuations nearly cancel
         ('steering_joint_lower', 'universal', *shaft_markers(pinion, lower, low, pinion_axis, shaft_axis)),
@@ -90,33 +132,27 @@ def steering_gear(data: SteeringGear, chassis: RigidBodySpec, subframe: RigidBod
         ('steering_joint_upper', 'universal', *shaft_markers(wheel, upper, high, column_axis, shaft_axis)),
         ('steering_wheel', 'revolute', *both(chassis, wheel, hub, column_axis)),
     )
-    left = vector_of(np.array(data.rack.com) + (0.0, DAMPER_LENGTH, 0.0))
-    ratio = float(np.copysign(2.0 * np.pi / data.rack_per_turn, arm))
-    mesh = CoordinateForceSpec(
-        name='rack_and_pinion',
-        terms=(('steering_pinion', 1.0), ('rack', -ratio)),
-        spring=Law.linear(data.stiffness),
-        damper=Law.linear(data.damping),
-    )
-    damper = SpringDamperSpec(
-        name='steering_damper',
-        i=marker_at(subframe, left),
-        j=marker_at(rack, data.rack.com),
-        free_length=DAMPER_LENGTH,
-        damper=Law.linear(data.rack_damping),
-    )
-    parts = Parts(
-        bodies=(rack, pinion, lower, upper, wheel),
+    column = Parts(
+        bodies=(pinion, lower, upper, wheel),
         joints=tuple(JointSpec(name=name, kind=kind, i=i, j=j) for name, kind, i, j in joints),
         couplers=(CouplerSpec(name='driver', terms=(('steering_wheel', 1.0),), offset=0.0, input='steering'),),
-        spring_dampers=(damper,),
-        coordinate_forces=(mesh,),
+        coordinate_forces=(gear.mesh,),
     )
-    assist = Parts() if data.assist is None else power_steering(data.assist, mesh, data.stiffness, data.damping, chassis)
-    return joined((parts, assist, friction(data.friction))), rack
+    assist = (
+        Parts() if data.assist is None else power_steering(data.assist, gear.coordinate, gear.mesh, data.stiffness, data.damping, chassis)
+    )
+    return joined((gear.parts, column, assist, friction(gear.coordinate, data.friction, gear.slow))), gear.output
 
 
-def steering_wheel(data: SteeringGear, axis: np.ndarray) -> RigidBodySpec:
+def steering_damper(subframe: RigidBodySpec, body: RigidBodySpec, at: Vector, damping: float) -> SpringDamperSpec:
+    """The damper along y between a subframe and a body at a point [m]; damping [N s/m]."""
+    left = vector_of(np.array(at) + (0.0, DAMPER_LENGTH, 0.0))
+    return SpringDamperSpec(
+        name='steering_damper', i=marker_at(subframe, left), j=marker_at(body, at), free_length=DAMPER_LENGTH, damper=Law.linear(damping)
+    )
+
+
+def steering_wheel(data: Column, axis: np.ndarray) -> RigidBodySpec:
     """Steering wheel and column as one body at the hub: a flat ring, and the column as a rod of its length."""
     n = axis / norm(axis)
     across = 0.5 * data.wheel_inertia + data.wheel_mass * float(product(axis, axis)) / 12.0

@@ -1,0 +1,90 @@
+"""Steering box with linkage, as independent front axles of pickups and trucks had it before the rack, and many have it still.
+
+    subframe -revolute- pitman_arm -universal- relay_link -spherical- idler_arm -revolute- subframe
+    relay_link (to the tie rods)
+
+The worm is the pinion of solver.vehicle.steering; through balls and nut it turns the sector on the shaft of the pitman arm, `ratio` times
+slower, against the elasticity `steering_box`. Pitman arm, relay link and idler arm are a four-bar linkage with the frame: where the arms
+are parallel and equally long, the relay link moves on a circle without turning.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from solver.elements.joint import JointSpec
+from solver.elements.rigid_body import RigidBodySpec
+from solver.validate import Vector, finite, require
+from solver.vehicle.hardpoints import marker_at
+from solver.vehicle.parts import UP, Bushing, Link, Parts, joined, link, mounting, rods, vector_of
+from solver.vehicle.power_steering import SLOW
+from solver.vehicle.steering import Column, Gear, steering_damper
+
+
+@dataclass(frozen=True, kw_only=True)
+class Lever:
+    """An arm on a shaft: pivot, ball [m]; mass [kg] of the bar between, of the given radius [m]."""
+
+    pivot: Vector
+    ball: Vector
+    mass: float
+    radius: float = 0.02
+
+    def body(self, name: str) -> RigidBodySpec:
+        """The arm."""
+        return rods(name, ((self.mass, self.pivot, self.ball, self.radius),))
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecirculatingBall(Column):
+    """Data of a steering box with linkage. ratio: turns of the worm per turn of the pitman arm. pitman, idler: arms on shafts along `axis`;
+    idler_bushing: of the shaft of the idler arm, z along it (None: a bearing). link_mass [kg], link_radius [m]: of the relay link between
+    their balls, with the inner tie-rod balls. link_damping: of a steering damper between the middle of the link and the frame [N s/m]."""
+
+    kind: Literal['recirculating_ball'] = 'recirculating_ball'
+    ratio: float
+    pitman: Lever
+    idler: Lever
+    idler_bushing: Bushing | None = None
+    axis: Vector = UP
+    link_mass: float
+    link_radius: float = 0.015
+    link_damping: float = 0.0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        finite('steering', 'ratio', self.ratio, low=0.0, strict=True)
+        finite('steering', 'link_damping', self.link_damping, low=0.0)
+        for name in ('pitman', 'idler'):
+            lever = self.lever(getattr(self, name))
+            require(
+                abs(lever) > 1e-3,
+                'steering',
+                name,
+                lever,
+                'its ball must move sideways when it turns: place it in front of or behind the pivot',
+            )
+
+    def lever(self, arm: Lever) -> float:
+        """Travel of its ball along y per angle [m]."""
+        axis = np.array(self.axis) / np.sqrt(np.square(self.axis).sum())
+        return float(np.cross(axis, np.subtract(arm.ball, arm.pivot))[1])
+
+    def gear(self, subframe: RigidBodySpec, arm: float) -> Gear:
+        """Steering box and linkage; coordinates pitman_arm and, in a bearing, idler_arm, positive about the axis."""
+        pitman, idler = self.pitman.body('pitman_arm'), self.idler.body('idler_arm')
+        at = self.pitman.pivot
+        shaft = JointSpec(name='pitman_arm', kind='revolute', i=marker_at(subframe, at, self.axis), j=marker_at(pitman, at, self.axis))
+        other = mounting('idler_arm', subframe, idler, (self.idler.pivot,), self.idler_bushing, ideal='revolute', axis=self.axis)
+        bar = Link(inner=self.pitman.ball, outer=self.idler.ball, mass=self.link_mass, radius=self.link_radius)
+        linkage = link('relay_link', bar, pitman, idler, 'left', pin=self.axis)
+        relay = linkage.bodies[0]
+        middle = vector_of(0.5 * np.add(self.pitman.ball, self.idler.ball))
+        dampers = (steering_damper(subframe, relay, middle, self.link_damping),) if self.link_damping > 0.0 else ()
+        parts = joined((Parts(bodies=(pitman, idler), joints=(shaft,), spring_dampers=dampers), other, linkage))
+        lever = self.lever(self.pitman)
+        mesh = self.mesh('steering_box', 'pitman_arm', float(np.copysign(self.ratio, arm * lever)))
+        return Gear(parts, mesh, relay, 'pitman_arm', SLOW / abs(lever))
