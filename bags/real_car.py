@@ -26,7 +26,7 @@ from mbd_sim_ros.bags import reader
 from mbd_sim_ros.bags.writer import BagWriter
 from mbd_sim_ros.batch import simulate
 from mbd_sim_ros.messages import cdr
-from mbd_sim_ros.messages.encode import IMU, Topic
+from mbd_sim_ros.messages.topics import IMU, Topic
 from solver import load_scene, simulation_of
 from solver.errors import BagError
 

@@ -11,7 +11,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from mbd_sim_ros.messages.encode import Messages, Topic
+from mbd_sim_ros.messages.encode import Messages
+from mbd_sim_ros.messages.topics import Topic
 from mbd_sim_ros.node.adapter import PARAMETERS as ADAPTER
 from mbd_sim_ros.node.commands import BY_WHEEL, PLAIN
 from mbd_sim_ros.node.demands import HEARD, TOLD

@@ -7,14 +7,14 @@ Kinds of signal, by which they are brought to other instants: 'linear' interpola
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
-from scipy.fft import irfft, next_fast_len, rfft
-from scipy.interpolate import CubicSpline, PPoly
-from scipy.ndimage import gaussian_filter1d
 
 from solver.errors import BagError
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PPoly
 
 Kind = Literal['linear', 'hold', 'angle', 'orientation']
 TURN = 2.0 * np.pi
@@ -167,6 +167,8 @@ def find_offset(a: Signal, b: Signal) -> Offset:
     it is a cubic spline, whose maximum is sought: a signal sampled often enough has a smooth correlation.
     Raises BagError where no offset fits.
     """
+    from scipy.interpolate import CubicSpline
+
     if min(a.time_ns.size, b.time_ns.size) < 2:
         raise BagError('the signals are too short to find a time offset from; give it with --offset')
     spans = [int(s.time_ns[-1] - s.time_ns[0]) for s in (a, b)]
@@ -197,6 +199,8 @@ def find_offset(a: Signal, b: Signal) -> Offset:
 
 def _regular(signal: Signal, dt: float) -> np.ndarray:
     """Means over intervals dt [ns] around the points of a grid from the first instant on, smoothed, without their mean."""
+    from scipy.ndimage import gaussian_filter1d
+
     relative = (signal.time_ns - signal.time_ns[0]).astype(float)
     values = signal.values - np.mean(signal.values)
     integral = _integral(relative, values)
@@ -209,6 +213,8 @@ def _regular(signal: Signal, dt: float) -> np.ndarray:
 
 def _integral(time: np.ndarray, values: np.ndarray) -> PPoly:
     """The integral of the straight lines between the samples."""
+    from scipy.interpolate import PPoly
+
     step = np.diff(time)
     slope = np.diff(values) / step
     return PPoly(np.stack([slope, values[:-1]]), time).antiderivative()
@@ -216,6 +222,8 @@ def _integral(time: np.ndarray, values: np.ndarray) -> PPoly:
 
 def _correlations(x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Pearson correlation of x[i + lag] and y[i] for the lags from -(len(y) - 1) on; NaN where too little is shared."""
+    from scipy.fft import irfft, next_fast_len, rfft
+
     n = next_fast_len(x.size + y.size)
     products = irfft(rfft(x, n) * np.conj(rfft(y, n)), n)
     lags = np.arange(-(y.size - 1), x.size)

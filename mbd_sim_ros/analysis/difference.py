@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import stdtrit
 
 from mbd_sim_ros.analysis.alignment import Common, Kind, rotation_angle
 from mbd_sim_ros.analysis.pairing import Item
@@ -96,7 +95,7 @@ def curves_of(kind: Kind, at: Common) -> Curves:
     run, *references = at.values
     time = at.time_ns * 1e-9
     n = len(references)
-    factor = float(stdtrit(n - 1, 0.5 + 0.5 * CONFIDENCE)) / np.sqrt(n) if n > 1 else 0.0
+    factor = _student(n) / np.sqrt(n) if n > 1 else 0.0
     if kind == 'orientation':
         same = [r * np.where(np.sum(r * references[0], axis=1) < 0.0, -1.0, 1.0)[:, None] for r in references]
         mean = np.sum(same, axis=0)
@@ -189,6 +188,13 @@ def peak_of(values: np.ndarray) -> tuple[float, int]:
     size = np.where(np.isfinite(values), np.abs(values), -1.0)
     at = int(np.argmax(size))
     return (float(values[at]) if size[at] >= 0.0 else 0.0), at
+
+
+def _student(n: int) -> float:
+    """Student's t of the confidence band of n repeats."""
+    from scipy.special import stdtrit
+
+    return float(stdtrit(n - 1, 0.5 + 0.5 * CONFIDENCE))
 
 
 def _ratio(value: float, limit: float) -> float:

@@ -7,14 +7,13 @@ import fnmatch
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from decimal import Decimal
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 
 from mbd_sim_ros.bags import reader as bag
 from mbd_sim_ros.bags.reader import Run, Series
-from solver.elements.registry import FORCES
-from solver.elements.tire_pacejka import TIRES
 from solver.errors import BagError, suggestion
 
 TIME = 'time [s]'
@@ -54,13 +53,14 @@ def units(*runs: Run) -> Callable[[str], str]:
                 known = outputs.setdefault(element, [])
                 if output not in known:
                     known.append(output)
-    elements = {element: _element_units(tuple(found)) for element, found in outputs.items()}
-    unclear = _element_units(())
-    return lambda column: _unit(column, kinds, elements, unclear)
+    return lambda column: _unit(column, kinds, outputs)
 
 
+@cache
 def _element_units(found: tuple[str, ...]) -> dict[str, str]:
     """Output -> unit of the kinds of elements with these outputs, as far as they agree; of all kinds where none has them."""
+    from solver.elements.registry import FORCES  # with the kernels of all elements: half a second
+
     candidates = [kind for kind in FORCES if tuple(kind.outputs) == found] or FORCES
     agreed: dict[str, set[str]] = {}
     for kind in candidates:
@@ -69,7 +69,7 @@ def _element_units(found: tuple[str, ...]) -> dict[str, str]:
     return {output: next(iter(m)) for output, m in agreed.items() if len(m) == 1 and ' or ' not in next(iter(m))}
 
 
-def _unit(column: str, kinds: Mapping[str, str], elements: Mapping[str, Mapping[str, str]], unclear: Mapping[str, str]) -> str:
+def _unit(column: str, kinds: Mapping[str, str], outputs: Mapping[str, Sequence[str]]) -> str:
     topic, _, rest = column.partition('/')
     head, _, last = column.rpartition('/')
     if topic == 'joint_states':
@@ -80,9 +80,11 @@ def _unit(column: str, kinds: Mapping[str, str], elements: Mapping[str, Mapping[
         torque = rest.startswith(('drive_torque_', 'brake_torque_'))  # of single wheels
         return 'N m' if torque else INPUT_UNITS.get(rest, '1' if rest == 'step' else '')
     if topic == 'tire_states':
+        from solver.elements.tire_pacejka import TIRES
+
         return (TIRES.outputs[last] or '1') if last in TIRES.outputs else ''
     if topic == 'element_states':
-        return elements.get(rest.rpartition('/')[0], unclear).get(last, '')
+        return _element_units(tuple(outputs.get(rest.rpartition('/')[0], ()))).get(last, '')
     block = BLOCK_UNITS.get(head.rpartition('/')[2], {})
     return block.get(last, '1' if last in ('qx', 'qy', 'qz', 'qw') else '')
 

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from mbd_sim_ros.messages.cdr import template
-from mbd_sim_ros.messages.encode import ARRAY
+from mbd_sim_ros.messages.topics import ARRAY
 
 
 class Applied:

@@ -20,7 +20,7 @@ from mcap.records import Schema
 
 from mbd_sim_ros.bags.records import Messages
 from mbd_sim_ros.messages import cdr
-from mbd_sim_ros.messages.encode import IMU, JOINT_STATE, ODOMETRY, WRENCH
+from mbd_sim_ros.messages.topics import IMU, JOINT_STATE, ODOMETRY, WRENCH
 from solver.errors import BagError
 
 _XYZ, _QUATERNION, _TWIST = ('x', 'y', 'z'), ('qx', 'qy', 'qz', 'qw'), ('vx', 'vy', 'vz', 'wx', 'wy', 'wz')

@@ -12,7 +12,7 @@ from mcap.records import Channel, Schema
 
 from mbd_sim_ros.bags.records import Messages, Reading, find_file
 from mbd_sim_ros.messages import cdr
-from mbd_sim_ros.messages.encode import TF
+from mbd_sim_ros.messages.topics import TF
 from solver.errors import BagError
 
 NUMBERS = 7  # x y z, qx qy qz qw: they lie side by side in a transform

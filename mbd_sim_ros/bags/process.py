@@ -20,7 +20,7 @@ from typing import Any, BinaryIO
 
 from mbd_sim_ros.bags.recorder import LENGTH
 from mbd_sim_ros.bags.writer import BagWriter
-from mbd_sim_ros.messages.encode import Topic
+from mbd_sim_ros.messages.topics import Topic
 from solver.errors import BagError
 
 FLUSH_SECONDS = 0.25  # what a killed recording process may lose

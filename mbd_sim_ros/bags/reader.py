@@ -19,7 +19,7 @@ from mcap.records import Channel, Schema
 from mbd_sim_ros.bags.columns import Collector, Room, Series
 from mbd_sim_ros.bags.records import Messages, Reading, find_file, message_counts
 from mbd_sim_ros.bags.writer import RECORD, RESULT
-from mbd_sim_ros.messages.encode import ELEMENTS, INPUTS, family
+from mbd_sim_ros.messages.topics import ELEMENTS, INPUTS, family
 from solver.errors import BagError, suggestion
 
 NOT_SIGNALS = ('tf', 'tf_static', 'robot_description', INPUTS.name)  # topics that are no columns

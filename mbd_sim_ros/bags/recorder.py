@@ -30,7 +30,7 @@ import solver
 from mbd_sim_ros.bags.applied import Applied
 from mbd_sim_ros.bags.writer import RECORD
 from mbd_sim_ros.messages.cdr import template
-from mbd_sim_ros.messages.encode import INPUTS, STRING, Topic
+from mbd_sim_ros.messages.topics import INPUTS, STRING, Topic
 from solver.compiled.target import target
 from solver.errors import BagError
 

@@ -11,7 +11,7 @@ from mcap.records import Channel, Schema
 from mbd_sim_ros.bags.reader import unreadable
 from mbd_sim_ros.bags.records import Messages, Reading, find_file
 from mbd_sim_ros.bags.writer import RESULT, BagWriter
-from mbd_sim_ros.messages.encode import Topic
+from mbd_sim_ros.messages.topics import Topic
 from solver.errors import BagError
 
 

@@ -16,7 +16,7 @@ from mcap.exceptions import UnsupportedCompressionError
 from mcap.writer import CompressionType, Writer
 
 from mbd_sim_ros.messages.cdr import schema_text
-from mbd_sim_ros.messages.encode import ELEMENTS, TYPE_HASHES, Topic
+from mbd_sim_ros.messages.topics import ELEMENTS, TYPE_HASHES, Topic
 from solver.errors import BagError
 
 CHUNK_BYTES = 128 * 1024

@@ -164,14 +164,13 @@ def _read(args: argparse.Namespace, pairs: dict, file: ChannelMap | None) -> tup
     wanted = [*args.channel, *quaternions, *also] if args.channel else []
     places = [args.reference, *args.repeats]
     if file is None and not pairs:
-        ours, *references = _together([(place, wanted) for place in (args.run_, *places)])
+        ours, *references = [runs.read(place, wanted) for place in (args.run_, *places)]
         return ours, references, frozenset()
     axes = [name for turn in file.axes for name in turn.channels] if file is not None else []
     sources = {**(file.channels if file is not None else {}), **pairs}
     listed = [*(s.channel for s in sources.values()), *axes, *also] if file is not None else []
-    ours, *others = _together(
-        [(args.run_, [*sources, *axes, *also] if file is not None else wanted), *((place, listed) for place in places)]
-    )
+    ours = runs.read(args.run_, [*sources, *axes, *also] if file is not None else wanted)
+    others = [runs.read(place, listed) for place in places]
     unit_of = runs.units(ours)
     held: frozenset[str] = frozenset()
     references = []
@@ -183,16 +182,6 @@ def _read(args: argparse.Namespace, pairs: dict, file: ChannelMap | None) -> tup
         references.append(renamed)
         held |= holding
     return ours, references, held
-
-
-def _together(jobs: list[tuple[Path, list[str]]]) -> list[Run]:
-    """Read recordings, given as (place, channels), at once: decompression leaves the interpreter to others."""
-    from concurrent.futures import ThreadPoolExecutor
-
-    from mbd_sim_ros.analysis import runs
-
-    with ThreadPoolExecutor(min(len(jobs), 4)) as pool:
-        return list(pool.map(lambda job: runs.read(*job), jobs))
 
 
 def _labels(places: list[Path]) -> list[str]:

@@ -19,7 +19,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
 from mbd_sim_ros.messages.cdr import decode, schema_text
-from mbd_sim_ros.messages.encode import Topic, family
+from mbd_sim_ros.messages.topics import Topic, family
 from mbd_sim_ros.node.parameters import RATES
 from solver.errors import SpecError
 

@@ -14,7 +14,7 @@ from mcap.reader import make_reader
 
 from mbd_sim_ros.bags.writer import BagWriter
 from mbd_sim_ros.messages import cdr
-from mbd_sim_ros.messages.encode import Topic
+from mbd_sim_ros.messages.topics import Topic
 
 pytestmark = pytest.mark.long
 RECORD = {'every': 1, 'elements': 'true', 'elements_rate': 0}

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from mbd_sim_ros.analysis.rating import RATE, rate, rate_sampled, sampling, shift_of
+from solver.compiled.cache import KernelCache
+from solver.compiled.warping import warped
 
 T = np.linspace(0.0, 1.0, 401)
 
@@ -128,3 +130,8 @@ def test_a_reference_of_zeros_is_met_by_zeros_only() -> None:
     other = rate_sampled(np.sin(np.arange(50.0)), zero, 0.1)
     assert (other.magnitude, other.slope) == (0.0, 0.0)
     assert other.corridor < 0.1
+
+
+def test_the_compiled_warping_is_kept_on_disk() -> None:
+    """Compiling it takes longer than rating 500 channels."""
+    assert isinstance(warped._cache, KernelCache)

@@ -23,7 +23,7 @@ from mbd_sim_ros.bags.recovery import recover
 from mbd_sim_ros.bags.writer import RECORD
 from mbd_sim_ros.commands.main import main
 from mbd_sim_ros.messages import cdr
-from mbd_sim_ros.messages.encode import JOINT_STATE
+from mbd_sim_ros.messages.topics import JOINT_STATE
 from solver.errors import BagError
 
 MS = 1_000_000

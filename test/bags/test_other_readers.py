@@ -13,7 +13,7 @@ from mbd_sim_ros.analysis import load
 from mbd_sim_ros.bags import reader
 from mbd_sim_ros.bags.recovery import recover
 from mbd_sim_ros.batch import simulate
-from mbd_sim_ros.messages.encode import family
+from mbd_sim_ros.messages.topics import family
 from solver import load_scene, simulation_of
 
 BAGS = Path(__file__).parents[2] / 'bags'

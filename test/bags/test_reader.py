@@ -13,7 +13,7 @@ from scalars import write_mcap, write_scalars
 from mbd_sim_ros.bags import columns
 from mbd_sim_ros.bags import reader as bag
 from mbd_sim_ros.messages import cdr
-from mbd_sim_ros.messages.encode import JOINT_STATE
+from mbd_sim_ros.messages.topics import JOINT_STATE
 from solver.errors import BagError
 
 MS = 1_000_000

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -217,3 +219,16 @@ def test_export_of_chosen_channels_and_to_parquet(tmp_path: Path, capsys) -> Non
     assert 'give --csv DIR or --parquet DIR' in capsys.readouterr().err
     assert main(['export', str(ours), '--csv', str(tmp_path / 'c'), '--channel', 'x']) == 5
     assert "no channel matches 'x'" in capsys.readouterr().err
+
+
+def test_what_is_not_asked_for_is_not_loaded(tmp_path: Path) -> None:
+    """numba and scipy take longer to load than small recordings to compare; only the rating and elements ask for them."""
+    t = np.arange(20) * MS
+    for name in ('a', 'b'):
+        write_scalars(tmp_path / name, {'odom': (t, {'x': t * 1e-9})})
+    code = 'import sys; from mbd_sim_ros.commands.main import main; code = main(sys.argv[1:]); print(code, *sorted(sys.modules))'
+    for judged in ('--exact', '--no-rating'):
+        command = [sys.executable, '-c', code, 'compare', str(tmp_path / 'a'), str(tmp_path / 'b'), judged]
+        said = subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()[-1].split()
+        assert said[0] == '0' and 'numpy' in said
+        assert not {'numba', 'scipy', 'pandas', 'matplotlib'} & set(said)

@@ -10,7 +10,8 @@ import pytest
 from synthetic import INPUTS, WHEELS, channels, snapshot
 
 from mbd_sim_ros.messages import cdr
-from mbd_sim_ros.messages.encode import IMU, ODOMETRY, TF, TIRE_STATES, TYPE_HASHES, WRENCH, Messages, kinds_of
+from mbd_sim_ros.messages.encode import TIRE_STATES, Messages, kinds_of
+from mbd_sim_ros.messages.topics import IMU, ODOMETRY, TF, TYPE_HASHES, WRENCH
 from solver.elements.tire_pacejka import TIRE_COLUMNS
 from solver.errors import BagError, StepError
 from solver.files.scene import load_scene

@@ -9,7 +9,8 @@ import pytest
 from synthetic import channels, snapshot
 
 from mbd_sim_ros.messages import cdr
-from mbd_sim_ros.messages.encode import ODOMETRY, Messages
+from mbd_sim_ros.messages.encode import Messages
+from mbd_sim_ros.messages.topics import ODOMETRY
 from solver.errors import SpecError
 from solver.output.sensors import ImuSensor, OdomSensor, Sensors
 

@@ -12,7 +12,7 @@ from mcap.writer import CompressionType, Writer
 from mbd_sim_ros.bags.reader import Run, Series
 from mbd_sim_ros.bags.writer import RECORD, BagWriter
 from mbd_sim_ros.messages import cdr
-from mbd_sim_ros.messages.encode import JOINT_STATE, Topic
+from mbd_sim_ros.messages.topics import JOINT_STATE, Topic
 
 Scalars = Mapping[str, tuple[np.ndarray, Mapping[str, np.ndarray]]]
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from scipy import signal
 
 
 def crossing(t: np.ndarray, y: np.ndarray, level: float, *, after: float = -math.inf) -> float:
@@ -48,6 +47,8 @@ def low_passed(y: np.ndarray, rate: float, corner: float, *, poles: int = 12) ->
     """Butterworth filter run forward and backward: no phase, `poles` in both directions together. As it is where rate < 2.5 corner."""
     if rate < 2.5 * corner or y.size < 10:
         return y
+    from scipy import signal  # half a second, for those who need it
+
     sections = signal.butter(poles // 2, corner, fs=rate, output='sos')
     return signal.sosfiltfilt(sections, y, padlen=min(y.size - 1, round(3.0 * rate / corner)))
 

@@ -17,7 +17,6 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from scipy import signal
 
 from mbd_sim_ros.analysis.evaluation.figures import Chart, Curve, Figure, Result
 from mbd_sim_ros.analysis.evaluation.kinds import Drive, Evaluation
@@ -88,6 +87,8 @@ def weighted(y: np.ndarray, rate: float, weighting: Weighting) -> np.ndarray:
 
 def running_rms(y: np.ndarray, rate: float, constant: float) -> np.ndarray:
     """sqrt of the exponential mean of y^2: (1/T) integral of y^2(u) exp((u - t)/T) du, exact for y^2 that is linear between samples."""
+    from scipy import signal
+
     h = 1.0 / rate
     e = math.exp(-h / constant)
     first, second = 1.0 - constant / h * (1.0 - e), constant / h * (1.0 - e) - e

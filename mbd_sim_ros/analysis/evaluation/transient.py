@@ -15,7 +15,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import signal
 
 from mbd_sim_ros.analysis.evaluation.figures import Chart, Curve, Figure, Result
 from mbd_sim_ros.analysis.evaluation.kinds import Drive, Evaluation
@@ -137,6 +136,8 @@ TABLE = (0.2, 0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0)  # Hz
 
 def judge_frequencies(s: Signals, p: FrequencyResponse) -> Result:
     """Gain, phase and coherence of yaw rate and lateral acceleration. Raises BagError."""
+    from scipy import signal
+
     n = round(p.segment * s.rate)
     if s.t.size < 2 * n:
         raise s.refuse(

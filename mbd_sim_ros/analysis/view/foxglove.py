@@ -16,7 +16,7 @@ from mbd_sim_ros.analysis.view.drawing import WORLD_BODY
 from mbd_sim_ros.analysis.view.motion import Motion, curves_of
 from mbd_sim_ros.bags.records import find_file
 from mbd_sim_ros.messages import cdr
-from mbd_sim_ros.messages.encode import IMU, JOINT_STATE, ODOMETRY, WRENCH
+from mbd_sim_ros.messages.topics import IMU, JOINT_STATE, ODOMETRY, WRENCH
 
 AXES = 'xyz'
 # Per type of message: channel -> field. pose/qx ..., twist/vx ...; named as bags.reader names them.

@@ -19,7 +19,8 @@ import numpy as np
 from mbd_sim_ros.bags.recorder import StepRecorder
 from mbd_sim_ros.batch import record, warm_up
 from mbd_sim_ros.lab.benchmarks.machine import on_all_cores
-from mbd_sim_ros.messages.encode import Messages, Topic
+from mbd_sim_ros.messages.encode import Messages
+from mbd_sim_ros.messages.topics import Topic
 from mbd_sim_ros.node.loop import Loop
 from mbd_sim_ros.node.main import SWITCH
 from solver import simulation_of
