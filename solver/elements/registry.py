@@ -6,9 +6,11 @@ from solver.elements.aero_drag import AERO_DRAGS
 from solver.elements.applied_force import APPLIED_FORCES
 from solver.elements.brake import BRAKES
 from solver.elements.bushing import BUSHINGS
+from solver.elements.clutch import CLUTCHES
 from solver.elements.contact import CONTACTS
 from solver.elements.coordinate_force import COORDINATE_FORCES
 from solver.elements.coupler import COUPLERS
+from solver.elements.engine_map import ENGINES
 from solver.elements.guide import GUIDES
 from solver.elements.joint import JOINTS
 from solver.elements.kind import ConstraintKind, ForceKind
@@ -33,6 +35,8 @@ FORCES: tuple[ForceKind, ...] = (
     TRANSMISSIONS,
     BRAKES,
     SERVOS,
+    ENGINES,
+    CLUTCHES,
     GUIDES,
     APPLIED_FORCES,
     AERO_DRAGS,

@@ -18,7 +18,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -36,7 +35,8 @@ from solver.elements.coordinate import (
     scale6,
 )
 from solver.elements.kind import ForceKind
-from solver.elements.laws import Law, evaluate_law
+from solver.elements.law_map import evaluate_map, require_grid, require_rising
+from solver.elements.laws import Law
 from solver.elements.marker import Context, Marker, Spec, slots
 from solver.elements.point_pair import linear_velocity
 from solver.elements.smooth import held
@@ -49,16 +49,12 @@ BODIES = 7  # of the coordinate (2), of the two terms (4), and of the marker
 
 def require_map(where: str, speeds: Sequence[float], torques: Sequence[float], forces: Sequence[Sequence[float]]) -> None:
     """Check a map of forces over speeds (rows) and torques (columns). Raises SpecError."""
-    require(len(speeds) >= 1, where, 'speeds', speeds, 'needs at least one speed')
-    require(len(torques) >= 1, where, 'torques', torques, 'needs at least one torque')
+    require_rising(where, 'speeds', speeds)
+    require_rising(where, 'torques', torques)
     finite(where, 'speeds[0]', speeds[0], low=0.0)
     finite(where, 'torques[0]', torques[0], low=0.0, strict=True)
-    for field, values in (('speeds', speeds), ('torques', torques)):
-        for k, (a, b) in enumerate(pairwise(values), start=1):
-            require(b > a, where, f'{field}[{k}]', b, f'must be greater than the one before it ({a:g})')
-    require(len(forces) == len(speeds), where, 'forces', len(forces), f'must have one row for each of the {len(speeds)} speeds')
+    require_grid(where, 'forces', forces, ('speeds', len(speeds)), ('torques', len(torques)))
     for k, row in enumerate(forces):
-        require(len(row) == len(torques), where, f'forces[{k}]', len(row), f'must have one value for each of the {len(torques)} torques')
         for m, force in enumerate(row):
             finite(where, f'forces[{k}][{m}]', force, low=0.0)
 
@@ -157,22 +153,6 @@ def compile_servos(specs: Sequence[ServoSpec], context: Context) -> ServoTable:
 
 
 @kernel(inner=True)
-def _map(table, laws, e, T, v):
-    """(force, its slope over the torque T, its slope over the speed v >= 0) of the map of servo e."""
-    a = table.start[e]
-    last = table.start[e + 1] - 1
-    while a < last and v.real >= table.speed[a + 1]:
-        a += 1
-    low, low_slope, _ = evaluate_law(laws, table.law[a], T)
-    if a == last or v.real <= table.speed[a]:
-        return low, low_slope, 0.0 * v
-    high, high_slope, _ = evaluate_law(laws, table.law[a + 1], T)
-    width = table.speed[a + 1] - table.speed[a]
-    t = (v - table.speed[a]) / width
-    return low + t * (high - low), low_slope + t * (high_slope - low_slope), (high - low) / width
-
-
-@kernel(inner=True)
 def _held_slope(x, limit):
     """Slope of held(x, limit)."""
     beyond = np.abs(x) / limit
@@ -209,7 +189,7 @@ def servo_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, K
         speed = dot(mv(R, forward), velocity)
         if speed.real < 0.0:
             sense = -1.0
-        demand, by_torque, by_speed = _map(table, laws, e, torque, sense * speed)
+        demand, by_torque, by_speed = evaluate_map(laws, table.start, table.speed, table.law, e, torque, sense * speed)
         share = cz / table.lag[e]
         force = (zp[n] + share * held(demand, table.limit[e])) / (1.0 + share)
         add_gradient(force, g_i, table.body[e, 0], f)

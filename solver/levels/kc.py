@@ -101,6 +101,8 @@ def _reduction(spec: ModelSpec) -> _Reduction:
 def _require_car(spec: ModelSpec) -> None:
     if {tire.name for tire in spec.tires} != set(CORNERS):
         raise SpecError('a car with the wheels front_left, front_right, rear_left and rear_right is needed; use full')
+    if spec.engines or spec.clutches:
+        raise SpecError('the vehicle has an engine with a gearbox, which this level does not have; use condensed or full')
     names = {c.name for c in spec.coordinates} | {joint.name for joint in spec.joints}
     for corner in CORNERS:
         for name in (f'travel_{corner}', f'wheel_{corner}'):

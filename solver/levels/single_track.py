@@ -48,6 +48,8 @@ def derive(scene: Scene) -> Derived:
     missing = [name for name in COMMANDS if name not in model.inputs]
     if missing:
         raise SceneError(f'{where}: the vehicle has no input {missing[0]!r}; take another level')
+    if model.engines or model.clutches:
+        raise SceneError(f'{where}: the vehicle has an engine with a gearbox, which this level does not have; take full or condensed')
     if scene.actuation.wheels:
         raise SceneError(f'{where}: actuation.wheels: this level has no single wheels; remove it or take another level')
     other = [name for name in scene.maneuver.channels if name not in COMMANDS]

@@ -78,7 +78,7 @@ def used_inputs(model: ModelSpec) -> tuple[str, ...]:
     motions = {kind.name for kind in CONSTRAINTS}
     for section, specs in model.sections().items():
         for spec in specs:
-            for field in ('input', 'own_input'):
+            for field in ('input', 'own_input', 'gear'):
                 name = getattr(spec, field, None)
                 if isinstance(name, str):
                     names[name] = None

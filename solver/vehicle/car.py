@@ -26,12 +26,13 @@ from solver.validate import Vector, require
 from solver.vehicle.aero import Aero, aero_drag
 from solver.vehicle.antiroll import AntiRollBar, anti_roll_bar
 from solver.vehicle.double_wishbone import DoubleWishbone
-from solver.vehicle.drives import Base, Drive, Transfer
+from solver.vehicle.drives import Base, Drive, HalfShaftDrive, Transfer
 from solver.vehicle.hardpoints import marker_at
 from solver.vehicle.live_axle import LiveAxle
 from solver.vehicle.macpherson import MacPherson
 from solver.vehicle.multilink import MultiLink
 from solver.vehicle.parts import LEFTWARDS, UP, Bushing, Category, Corner, Part, Parts, Structure, joined, mounting
+from solver.vehicle.power import Power
 from solver.vehicle.powertrain import Engine, Propshaft, engine
 from solver.vehicle.recirculating_ball import RecirculatingBall
 from solver.vehicle.steering import SteeringGear, steering_gear
@@ -187,11 +188,39 @@ def drives(
     for name, drive in driven.items():
         own, outputs[name] = drive.parts(name, Base(chassis, bases[name], power, len(driven) == 1), corners[name])
         parts.append(own)
+    if car.engine is not None and car.engine.power is not None:
+        parts.append(powered(car.engine.power, driven, outputs, power, joined(parts)))
     if car.transfer is not None:
         behind = [drive for drive in driven.values() if isinstance(drive, Propshaft)]
         require(len(behind) == 1, 'transfer', 'axle', car.transfer.axle, 'needs one axle with a propeller shaft to be locked to')
         parts.append(car.transfer.parts(outputs, behind[0].ratio))
     return joined(parts)
+
+
+def powered(
+    data: Power, driven: dict[str, Drive], outputs: dict[str, tuple[str, str]], engine: RigidBodySpec | None, drive: Parts
+) -> Parts:
+    """Crankshaft, clutch and gearbox in front of the parts of the one drive."""
+    require(
+        len(driven) == 1, 'power', 'axles', ', '.join(driven), 'an engine with a gearbox drives one axle: leave out the drive of the others'
+    )
+    ((axle, one),) = driven.items()
+    behind = isinstance(one, Propshaft)
+    inside = isinstance(one, HalfShaftDrive) and one.differential is None
+    require(
+        behind or inside,
+        'power',
+        'drive',
+        one.kind,
+        'an engine with a gearbox drives a propeller shaft, or half shafts from its differential',
+    )
+    left = data.final == 1.0 or inside
+    require(
+        left, 'power', 'final', data.final, 'belongs to a differential in the gearbox: leave it out, the propeller shaft has its own ratio'
+    )
+    assert engine is not None
+    shaft = next((body for body in drive.bodies if body.name == 'propshaft_front'), None)
+    return data.parts(engine, shaft, outputs[axle])
 
 
 def arms(corners: dict[str, Corner]) -> dict[str, RigidBodySpec]:

@@ -27,9 +27,9 @@ from solver.elements.rigid_body import RigidBodySpec
 from solver.validate import Vector, finite
 from solver.vehicle.hardpoints import SIDES, marker_at, on_side
 from solver.vehicle.parts import LEFTWARDS, UP, Bushing, Part, Parts, joined, mounting, rods, shaft_markers, vector_of
+from solver.vehicle.power import FORWARD, Power
 from solver.vehicle.wheel_end import spin_axis
 
-FORWARD: Vector = (1.0, 0.0, 0.0)
 STUB = 0.08  # length of output shafts and pinion behind their flanges [m]
 
 
@@ -44,10 +44,12 @@ class Mount:
 @dataclass(frozen=True, kw_only=True)
 class Engine:
     """Engine and gearbox in one. mounts: by name; `_left` in a name stands for a pair, the right one is mirrored. Without a bushing on
-    the first mount the engine is fixed to its base and the others are ignored."""
+    the first mount the engine is fixed to its base and the others are ignored. power: what turns in it (None: the input is the torque at
+    the differential)."""
 
     part: Part
     mounts: dict[str, Mount]
+    power: Power | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

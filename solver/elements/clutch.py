@@ -1,0 +1,194 @@
+"""Clutch and gearbox: dry friction with true stick between a shaft and outputs that turn by the ratio of a gear slower.
+
+    slip  w = rate of the shaft - R (sum of share_k rate_k of the outputs)        R: ratio of the gear that the input `gear` chooses
+    torque tau of the friction of solver.elements.brake over w, |tau| <= T = capacity (1 - u), u: the clutch pedal, from 0 to 1
+    on the shaft -tau, on output k  R share_k tau
+
+In gear 0 the box is in neutral and T = 0. Below -0.5 the input chooses the reverse gear, if there is one; other values are rounded, and
+held within the gears there are. What shaft and outputs turn in takes the difference of the torques, as a gearbox does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from solver.compiled.kernel import kernel, sixes
+from solver.elements.brake import friction
+from solver.elements.coordinate import (
+    add_coordinate_hessian,
+    add_generalized,
+    add_gradient,
+    coordinate_rate,
+    coordinate_rate_gradient,
+    evaluate_coordinate,
+    scale6,
+)
+from solver.elements.kind import ForceKind
+from solver.elements.marker import Context, Spec, slots
+from solver.validate import finite, require
+
+OUTPUTS = {
+    **{'energy': 'J', 'dissipation': 'W', 'windup': 'rad', 'rate': 'rad/s', 'torque': 'N m', 'ratio': ''},
+    **dict.fromkeys(('on_shaft', 'on_first', 'on_second'), 'N m'),
+}
+TERMS = 3  # the shaft and two outputs
+
+
+@dataclass(frozen=True, kw_only=True)
+class ClutchSpec(Spec):
+    """A clutch with a gearbox between a shaft and one or two outputs; see the module. outputs: (coordinate, share). ratios: of the gears
+    from the first one on; reverse: of the reverse gear (None: there is none), both > 0. capacity [N m] >= 0 of the clutch; stiffness
+    [N m/rad] > 0 and damping [N m s/rad] >= 0 of what winds up while it sticks. input: the clutch pedal, gear: the channel that chooses."""
+
+    shaft: str
+    outputs: tuple[tuple[str, float], ...]
+    ratios: tuple[float, ...]
+    reverse: float | None = None
+    capacity: float
+    stiffness: float
+    damping: float = 0.0
+    input: str
+    gear: str
+
+    def __post_init__(self) -> None:
+        require(1 <= len(self.outputs) < TERMS, self.where, 'outputs', self.outputs, 'needs one or two [coordinate, share] pairs')
+        self.set('outputs', tuple((str(c), finite(self.where, f'share of {c}', f)) for c, f in self.outputs))
+        require(len(self.ratios) >= 1, self.where, 'ratios', self.ratios, 'needs at least one gear')
+        for k, ratio in enumerate(self.ratios):
+            finite(self.where, f'ratios[{k}]', ratio, low=0.0, strict=True)
+        if self.reverse is not None:
+            finite(self.where, 'reverse', self.reverse, low=0.0, strict=True)
+        finite(self.where, 'stiffness', self.stiffness, low=0.0, strict=True)
+        for field in ('capacity', 'damping'):
+            finite(self.where, field, getattr(self, field), low=0.0)
+
+
+class ClutchTable(NamedTuple):
+    """Columns of all clutches; bodies of shaft and outputs are at 2 t (body i) and 2 t + 1 (body j), absent ones the world's."""
+
+    terms: np.ndarray  # (n,)
+    coordinate: np.ndarray  # (n, 3) the shaft first
+    share: np.ndarray  # (n, 3) of the outputs, 0 for an absent one
+    body: np.ndarray  # (n, 6)
+    slot: np.ndarray  # (n, 6, 6)
+    state: np.ndarray  # (n,) internal state: wind-up [rad]
+    start: np.ndarray  # (n + 1,) gears of clutch e: start[e]:start[e + 1], reverse first (0: none), then the first
+    ratio: np.ndarray  # (m,)
+    capacity: np.ndarray  # (n,)
+    stiffness: np.ndarray  # (n,)
+    damping: np.ndarray  # (n,)
+    input: np.ndarray  # (n,) the pedal
+    gear: np.ndarray  # (n,)
+
+
+def compile_clutches(specs: Sequence[ClutchSpec], context: Context) -> ClutchTable:
+    """Resolve names into a table; one internal state per clutch."""
+    n = len(specs)
+    table = ClutchTable(
+        terms=np.array([1 + len(s.outputs) for s in specs], np.int64),
+        coordinate=np.zeros((n, TERMS), np.int64),
+        share=np.zeros((n, TERMS)),
+        body=np.full((n, 2 * TERMS), context.n_bodies, np.int64),
+        slot=np.zeros((n, 2 * TERMS, 2 * TERMS), np.int64),
+        state=np.array([context.internal_states(s.where, 1) for s in specs], np.int64),
+        start=np.cumsum([0, *(1 + len(s.ratios) for s in specs)]).astype(np.int64),
+        ratio=np.array([ratio for s in specs for ratio in (-(s.reverse or 0.0), *s.ratios)], float),
+        capacity=np.array([s.capacity for s in specs], float),
+        stiffness=np.array([s.stiffness for s in specs], float),
+        damping=np.array([s.damping for s in specs], float),
+        input=np.array([context.input(s.where, s.input) for s in specs], np.int64),
+        gear=np.array([context.input(s.where, s.gear) for s in specs], np.int64),
+    )
+    for e, spec in enumerate(specs):
+        bodies: list[int] = []
+        for t, (name, share) in enumerate(((spec.shaft, 0.0), *spec.outputs)):
+            table.coordinate[e, t] = context.coordinate(spec.where, name)
+            table.share[e, t] = share
+            bodies += context.coordinate_bodies(int(table.coordinate[e, t]))
+        table.body[e, : len(bodies)] = bodies
+        table.slot[e, : len(bodies), : len(bodies)] = slots(bodies, context)
+    return table
+
+
+@kernel(inline=True)
+def _ratio(table, e, chosen):
+    """Ratio of the gear that an input chooses, 0 in neutral."""
+    first = table.start[e]
+    if chosen < -0.5:
+        return table.ratio[first]
+    gear = min(int(chosen + 0.5), table.start[e + 1] - first - 1)
+    if gear == 0:
+        return 0.0
+    return table.ratio[first + gear]
+
+
+@kernel(inner=True)
+def _turning(table, coordinates, kin, angle, e, t, factor, tangents):
+    """(rate, g_i, g_j, h_i, h_j) of term t times a factor, zeros for an absent one."""
+    zero = 0.0 * kin.p[0, 0]
+    none = ((zero, zero, zero), (zero, zero, zero))
+    if t >= table.terms[e]:
+        return zero, none, none, none, none
+    k = table.coordinate[e, t]
+    _, g_i, g_j = evaluate_coordinate(coordinates, kin, k, angle)
+    rate = coordinate_rate(coordinates, kin, k, g_i, g_j)
+    h_i, h_j = none, none
+    if tangents:
+        h_i, h_j = coordinate_rate_gradient(coordinates, kin, k)
+    return factor * rate, scale6(factor, g_i), scale6(factor, g_j), scale6(factor, h_i), scale6(factor, h_j)
+
+
+@kernel(borrow=True)
+def clutch_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, out):
+    """Accumulate forces and tangents of all clutches, assign their wind-up (contract: solver/elements/__init__.py, on coordinates)."""
+    f = sixes(f)
+    Kq = sixes(Kq)
+    Kv = sixes(Kv)
+    for e in range(table.terms.shape[0]):
+        n = table.state[e]
+        ratio = _ratio(table, e, u[table.gear[e]])
+        first, second = -ratio * table.share[e, 1], -ratio * table.share[e, 2]
+        v0, g0, g1, h0, h1 = _turning(table, coordinates, kin, angle, e, 0, 1.0, tangents)
+        v1, g2, g3, h2, h3 = _turning(table, coordinates, kin, angle, e, 1, first, tangents)
+        v2, g4, g5, h4, h5 = _turning(table, coordinates, kin, angle, e, 2, second, tangents)
+        slip = v0 + v1 + v2
+        capacity = table.capacity[e] * min(max(1.0 - u[table.input[e]], 0.0), 1.0)
+        if ratio == 0.0:
+            capacity = 0.0
+        k = table.stiffness[e]
+        wound, torque, damping, dissipation = friction(zp[n], cz, slip, capacity, k, table.damping[e])
+        g = (g0, g1, g2, g3, g4, g5)
+        for a in range(2 * table.terms[e]):
+            add_gradient(-torque, g[a], table.body[e, a], f)
+        if tangents:
+            if damping > 0.0:
+                add_generalized(g, (h0, h1, h2, h3, h4, h5), 2 * table.terms[e], 0.0, damping, table.slot, e, Kq, Kv)
+            add_coordinate_hessian(coordinates, kin, table.coordinate[e, 0], -torque, Kq)
+            add_coordinate_hessian(coordinates, kin, table.coordinate[e, 1], -first * torque, Kq)
+            if table.terms[e] > 2:
+                add_coordinate_hessian(coordinates, kin, table.coordinate[e, 2], -second * torque, Kq)
+        z[n] = wound
+        out[e, 0] = 0.5 * k * wound * wound
+        out[e, 1] = dissipation
+        out[e, 2] = wound
+        out[e, 3] = slip
+        out[e, 4] = torque
+        out[e, 5] = ratio
+        out[e, 6] = -torque
+        out[e, 7] = -first * torque
+        out[e, 8] = -second * torque
+
+
+CLUTCHES = ForceKind(
+    name='clutches',
+    spec=ClutchSpec,
+    compile=compile_clutches,
+    kernel=clutch_forces,
+    outputs=OUTPUTS,
+    on_coordinates=True,
+    effort=('on_shaft', 'on_first', 'on_second'),
+)
