@@ -91,7 +91,7 @@ def declare(node: Node) -> None:
             descriptor.integer_range = [IntegerRange(from_value=int(spec.low), to_value=int(spec.high), step=1)]
         if name in CHOICES:
             descriptor.additional_constraints = 'one of: ' + ', '.join(CHOICES[name])
-        node.declare_parameter(name, spec.default, descriptor)
+        _declare(node, name, spec.default, descriptor)
     wrong = _wrong_choice([node.get_parameter(name) for name in CHOICES])
     if wrong:
         raise SpecError(wrong)
@@ -100,10 +100,21 @@ def declare(node: Node) -> None:
             raise SpecError(f'parameter lockstep_commands: {name!r} is no command' + suggestion(name, COMMANDS))
 
 
+def _declare(node: Node, name: str, default: Any, descriptor: ParameterDescriptor) -> None:
+    """Declare a parameter. A list without elements has no type in ROS, and comes as a parameter without value: nothing where the default
+    says nothing too, else a SpecError.
+    """
+    if node.declare_parameter(name, default, descriptor).type_ != Parameter.Type.NOT_SET:
+        return
+    if default != ['']:
+        raise SpecError(f'parameter {name} is an empty list, which has no type in ROS; leave it out, or give a value such as {default!r}')
+    node.set_parameters([Parameter(name, value=default)])
+
+
 def declare_described(node: Node, parameters: Mapping[str, tuple[Any, str]]) -> None:
     """Declare parameters, name -> (default, description), and warn of those that are given and unknown."""
     for name, (default, text) in parameters.items():
-        node.declare_parameter(name, default, ParameterDescriptor(description=text))
+        _declare(node, name, default, ParameterDescriptor(description=text))
     for sentence in unknown(node):
         node.get_logger().warning(sentence)
 

@@ -20,6 +20,12 @@ CASES = {
         r"\['scene:=light_car_straight'\] is not understood: parameters are given as --ros-args -p",
     ),
     'whole number': ('main', ['-p', 'duration:=5'], "expecting type 'DOUBLE': duration; write it with a point, e.g. 5.0"),
+    'empty list': (
+        'main',
+        ['-p', 'scene:=light_car_straight', '-p', 'lockstep_commands:=[]'],
+        'lockstep_commands is an empty list, which has',
+    ),
+    'empty list of nothing': ('main', ['-p', 'scene:=light_car_strait', '-p', 'overrides:=[]'], "did you mean 'light_car_straight'"),
     'negative rate': ('maneuver_player', ['-p', 'maneuver:=brake', '-p', 'rate:=-1.0'], 'rate = -1, timeout = 20: must not be negative'),
     'name with a blank': (
         'maneuver_player',
