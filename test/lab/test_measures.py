@@ -219,6 +219,7 @@ def test_the_node_at_work_is_measured(tmp_path: Path, monkeypatch: pytest.Monkey
     assert 0.0 < found['figures']['latency_p50'] <= found['figures']['latency_p99'] <= found['figures']['latency_max']
     assert 0.0 < found['figures']['real_time_factor'] < 1.01
     assert found['figures']['recorded'] > 0.1
+    assert found['figures']['missed'] == 0
 
 
 def test_the_node_runs_as_long_as_asked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

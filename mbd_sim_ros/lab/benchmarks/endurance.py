@@ -40,6 +40,8 @@ LOST = 0.1  # s after which a command is given up
 GONE = 1.0  # s without a message and without a subscription after which the simulator has ended
 START = 120.0  # s that it may take to start
 IDLE = 0.25, 60.0  # of the run, and at most so long [s]: the loops that do nothing
+ODOM = 'odom'
+COUNT = 'import sys; from mbd_sim_ros.lab.benchmarks.endurance import count; count(float(sys.argv[1]), float(sys.argv[2]))'
 COMMAND = 'import sys; from mbd_sim_ros.lab.benchmarks.endurance import command; command(sys.argv[1], sys.argv[2:])'
 FIGURES = {
     'real_time_factor': 'simulated over elapsed time, up to the last step',
@@ -51,6 +53,7 @@ FIGURES = {
     'latency_p99': '99th percentile of the same',
     'latency_max': 'largest of the same',
     'lost': f'commands not seen in a step within {LOST:g} s',
+    'missed': 'messages of odom, one of every step, that a plain subscriber with the defaults of rclpy did not get, from its first one on',
     'recorded': 'size of the recording [MB]',
     'memory': 'of the simulator, at most [MB]',
     'memory_growth': 'in its second half [MB per minute]',
@@ -70,9 +73,11 @@ class Endurance:
         warm_up(simulation)
         topics = Messages.of(simulation.scene, simulation).topics
         self._read = [f'{topic.name}:{topic.type}' for topic in topics if installed(topic.type)] if with_reader else []
+        self._counts = any(topic.name == ODOM for topic in topics)
         self._scene, self._overrides, self._seconds, self._h = scene, list(overrides), seconds, simulation.h
         self._result: dict[str, str] = {}
         self._latencies: dict[str, Any] = {}
+        self._missed: int | None = None
         self._bytes = 0
         self._idle = [float('nan')] * 2
         self._memory = float('nan'), float('nan')
@@ -99,6 +104,8 @@ class Endurance:
 
             if self._read:
                 start('-c', LISTEN, *self._read)
+            if self._counts:
+                counter = start('-c', COUNT, str(self._seconds), str(self._h), stdout=subprocess.PIPE, text=True)
             commander = start('-c', COMMAND, self._scene, *self._overrides, stdout=subprocess.PIPE, text=True)
             values = {'duration': float(self._seconds), 'record': True, 'out': str(directory), 'publish_elements': True}
             values |= {'rate_tf': 0.0, 'rate_element_states': 0.0, 'rate_reactions': 0.0}  # every step
@@ -113,6 +120,11 @@ class Endurance:
             if commander.returncode or not answer:
                 raise MbdError(f'the commander ended with exit code {commander.returncode}')
             self._latencies = json.loads(answer.splitlines()[-1])
+            if self._counts:
+                answer = counter.communicate(timeout=START)[0]
+                if counter.returncode or not answer:
+                    raise MbdError(f'the subscriber to {ODOM} ended with exit code {counter.returncode}')
+                self._missed = json.loads(answer.splitlines()[-1])
             file = find_file(directory)
             self._bytes = file.stat().st_size
             with file.open('rb') as stream:
@@ -135,11 +147,39 @@ class Endurance:
             'latency_p99': float(np.percentile(ms, 99.0)),
             'latency_max': float(ms.max()),
             'lost': self._latencies['lost'],
+            'missed': self._missed,
             'recorded': self._bytes * 1e-6,
             'memory': self._memory[0],
             'memory_growth': self._memory[1],
         }
         return {'h': self._h, 'steps': steps, 'commands': len(self._latencies['ms']), 'figures': {name: values[name] for name in FIGURES}}
+
+
+def count(duration: float, h: float) -> None:
+    """Subscribe to the odometry of a simulator as anybody would, until its last step, at `duration` [s]; print how many steps of h [s] were
+    missing from the first message on.
+    """
+    import rclpy
+    from nav_msgs.msg import Odometry
+
+    rclpy.init(args=[])
+    node = rclpy.create_node('mbd_bench_odom', enable_rosout=False, start_parameter_services=False)
+    steps: list[int] = []
+    last = round(duration / h)
+
+    def take(message: Odometry) -> None:
+        stamp = message.header.stamp
+        steps.append(round((stamp.sec + stamp.nanosec * 1e-9) / h))
+
+    node.create_subscription(Odometry, ODOM, take, 10)
+    end = time.monotonic() + START
+    while time.monotonic() < end and (not steps or steps[-1] < last):
+        seen = len(steps)
+        rclpy.spin_once(node, timeout_sec=GONE)
+        if len(steps) > seen:
+            end = time.monotonic() + GONE
+    print(json.dumps(last + 1 - steps[0] - len(set(steps)) if steps else last), flush=True)
+    rclpy.shutdown()
 
 
 def command(scene: str, overrides: Sequence[str]) -> None:
