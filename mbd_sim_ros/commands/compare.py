@@ -156,7 +156,10 @@ def run(args: argparse.Namespace) -> Result:
 
 
 def _read(args: argparse.Namespace, pairs: dict, file: ChannelMap | None) -> tuple[Run, list[Run], frozenset[str]]:
-    """The run, the references under the names of the run, and which channels hold their value; only what is needed is decoded."""
+    """The run, the references under the names of the run, and which channels hold their value; only what is needed is decoded.
+
+    One after the other: two threads pass the interpreter to and fro at every chunk, and took longer than one.
+    """
     from mbd_sim_ros.analysis import mapping, runs
 
     also = [args.align] if args.align is not None else []
