@@ -178,10 +178,10 @@ class Scene:
     """A complete simulation task.
 
     name, title: for people. model: the mechanism or vehicle on its road. actuation: which commands a vehicle takes, and the actuators
-    between them and its inputs. assistance: anti-lock and stability control at the brakes. duration: simulated time [s]. seed: of
-    everything random but the noise of sensors. sensors: accuracy and noise of odom and imu. fidelity: how much of a vehicle is simulated
-    (solver.levels); 'auto' is what the plan of this scene says. switches: subsystems of a vehicle that are 'off', at every level
-    (SUBSYSTEMS, docs/scene.md).
+    between them and its inputs. assistance: anti-lock and stability control at the brakes, an automatic gearbox. duration: simulated time
+    [s]. seed: of everything random but the noise of sensors. sensors: accuracy and noise of odom and imu. fidelity: how much of a vehicle
+    is simulated (solver.levels); 'auto' is what the plan of this scene says. switches: subsystems of a vehicle that are 'off', at every
+    level (SUBSYSTEMS, docs/scene.md).
     resolved: the scene as YAML text with every include and override expanded; load_scene_text() of it gives the same scene ('' for a
     scene made in Python).
     """
@@ -219,7 +219,7 @@ class Scene:
         for name in (n for n in self.actuation.actuators if n not in names):
             require(False, where_, 'actuation.actuators', name, 'the model has no such input' + suggestion(name, names))
         needs = 'works on the brakes of single wheels: set actuation: {wheels: true}'
-        require(self.actuation.wheels or not self.assistance, where_, 'assistance', 'given', needs)
+        require(self.actuation.wheels or not self.assistance.brakes, where_, 'assistance', 'given', needs)
         _check_accuracy(where_, self.require.accuracy, self.model)
         for name in (n for n in self.switches if n not in SUBSYSTEMS):
             require(False, where_, 'switches', name, 'no such subsystem' + suggestion(name, SUBSYSTEMS))

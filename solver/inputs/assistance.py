@@ -1,4 +1,5 @@
-"""Assistance at the brakes of single wheels: reference implementations of anti-lock and stability control, off unless a scene has them.
+"""Assistance at the brakes of single wheels: reference implementations of anti-lock and stability control, off unless a scene has them; and
+the automatic gearbox of solver.inputs.shifting.
 
 They see what a car can measure or estimate well (Feel), act on the inputs brake_torque_<wheel> of `actuation: {wheels: true}`, and come
 before the actuators, whose lag is that of the hydraulics. What they did is part of the recorded inputs.
@@ -31,6 +32,7 @@ from typing import Annotated, NamedTuple
 import numpy as np
 
 from solver.errors import SpecError
+from solver.inputs.shifting import Shifter, Shifting
 from solver.validate import finite
 
 GRAVITY = 9.81
@@ -79,13 +81,19 @@ class StabilityControl:
 
 @dataclass(frozen=True, kw_only=True)
 class Assistance:
-    """What helps the driver at the brakes; none is off."""
+    """What helps the driver; none is off. anti_lock, stability: at the brakes; shift: an automatic gearbox (solver.inputs.shifting)."""
 
     anti_lock: AntiLock | None = None
     stability: StabilityControl | None = None
+    shift: Shifting | None = None
+
+    @property
+    def brakes(self) -> bool:
+        """Whether it acts on the brakes of single wheels."""
+        return self.anti_lock is not None or self.stability is not None
 
     def __bool__(self) -> bool:
-        return self.anti_lock is not None or self.stability is not None
+        return self.brakes or self.shift is not None
 
 
 class Feel(NamedTuple):
@@ -112,13 +120,15 @@ class AssistedWheel(NamedTuple):
 class Assistant:
     """The assistance of a simulation with inputs of these names and with these wheels, in steps of h [s].
 
-    state: (wheels,) share of its brake torque that each wheel gets; assign it to restore. Raises SpecError for a model without the inputs
-    of single wheels.
+    state: share of its brake torque that each wheel gets, and that of an automatic gearbox; assign it to restore. Raises SpecError for a
+    model without the inputs that it acts on.
     """
 
     def __init__(self, assistance: Assistance, input_names: Sequence[str], wheels: Sequence[AssistedWheel], h: float) -> None:
         self.assistance, self.h = assistance, h
         names = list(input_names)
+        self._shifter = None if assistance.shift is None else Shifter(assistance.shift, names, h)
+        wheels = wheels if assistance.brakes else ()
         for wheel in wheels:
             if f'brake_torque_{wheel.name}' not in names:
                 raise SpecError(f'assistance: the model has no input brake_torque_{wheel.name}: set actuation: {{wheels: true}}')
@@ -133,15 +143,32 @@ class Assistant:
                 raise SpecError('assistance: stability: the model has no input steering, the angle of the steering wheel')
             if {wheel.name for wheel in wheels} != {f'{axle}_{side}' for axle in ('front', 'rear') for side in ('left', 'right')}:
                 raise SpecError('assistance: stability: the model has not the wheels front_left, front_right, rear_left and rear_right')
-        self.state = np.ones(len(self._wheels))
+        self._shares = np.ones(len(self._wheels))
 
     def start(self) -> None:
-        """Back to t = 0: every wheel has its torque."""
-        self.state = np.ones(len(self._wheels))
+        """Back to t = 0: every wheel has its torque, the gearbox its first gear."""
+        self._shares = np.ones(len(self._wheels))
+        if self._shifter is not None:
+            self._shifter.start()
+
+    @property
+    def state(self) -> np.ndarray:
+        """Shares of the wheels, then gear and time of the gearbox."""
+        return self._shares if self._shifter is None else np.concatenate([self._shares, self._shifter.state])
+
+    @state.setter
+    def state(self, value: np.ndarray) -> None:
+        if value.shape != self.state.shape:
+            raise SpecError(f'restore: the assistance has {self.state.size} states here, {value.size} are saved: other scene')
+        self._shares = value[: len(self._wheels)].copy()
+        if self._shifter is not None:
+            self._shifter.state = value[len(self._wheels) :].copy()
 
     def act(self, commands: np.ndarray, feel: Feel) -> np.ndarray:
         """(nu,) inputs of a step with commands (nu,); advances by that step."""
         row = commands.copy()
+        if self._shifter is not None:
+            self._shifter.act(row, feel.speed)
         if self.assistance.stability is not None:
             self._stabilise(row, feel, self.assistance.stability)
         if self.assistance.anti_lock is not None:
@@ -168,7 +195,7 @@ class Assistant:
             row[self._drive] *= 1.0 - torque / control.torque
 
     def _unlock(self, row: np.ndarray, feel: Feel, control: AntiLock) -> None:
-        shares = self.state.tolist()
+        shares = self._shares.tolist()
         total = 0.0 if self._brake is None else float(row[self._brake])
         for k, (wheel, _) in enumerate(self._wheels):
             v = feel.speed - feel.yaw_rate * wheel.left
@@ -179,7 +206,7 @@ class Assistant:
             share = min(shares[i] for i in self._together[k])
             asked = max(wheel.share * total + float(row[place]), 0.0)
             row[place] -= (1.0 - share) * asked
-        self.state = np.array(shares)
+        self._shares = np.array(shares)
 
 
 def feel_of(speed: float, v: np.ndarray, chassis: int, wheels: Sequence[AssistedWheel]) -> Feel:

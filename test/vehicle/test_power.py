@@ -183,3 +183,21 @@ def test_the_level_condensed_keeps_engine_and_gearbox() -> None:
         shot = simulation.advance(1500)
         found.append((shot.twist[simulation.channels.chassis or 0, 0], outputs(simulation, 'engines')['rate']))
     assert found[1] == pytest.approx(found[0], rel=1e-3)
+
+
+def test_an_automatic_gearbox_takes_the_car_from_rest_into_its_third_gear() -> None:
+    """Full accelerator: the gears one after the other, and no faster than the power of the engine allows."""
+    box = (
+        '{shift: {pedals: [0, 1], up_kmh: [[12, 45], [25, 85], [40, 125], [55, 165]], down_kmh: [[6, 28], [16, 60], [30, 95], [42, 135]]}}'
+    )
+    simulation = Simulation(scene(f'assistance={box}', maneuver='{signals: {gear: 1, accelerator: 1.0}}'))
+    gears, chassis = [], simulation.channels.chassis or 0
+    column = simulation.model.spec.inputs.index('gear')
+    for _ in range(240):
+        shot = simulation.advance(25)
+        gears.append(shot.inputs[column])
+    assert sorted(set(gears)) == [1.0, 2.0, 3.0]
+    assert (np.diff(gears) >= 0.0).all()
+    speed = shot.twist[chassis, 0]
+    assert speed > 85.0 / 3.6
+    assert 0.5 * 1354.0 * speed * speed < 87e3 * 12.0

@@ -1,0 +1,92 @@
+"""An automatic gearbox: it chooses the gear by speed and pedal, and works the clutch, as a driver or a robot on a manual gearbox does.
+
+The input gear is its lever: 0 neutral, below 0 the reverse gear, from 1 on it drives. Then it shifts up above the speed of `up` and down
+below that of `down`, both over the position of the accelerator, never twice within `duration`. During a shift the clutch is open for half
+of that time and closes over the other half, and the accelerator is taken back as far as the clutch is open. Below the speed `launch` in
+the first or the reverse gear the clutch is open without accelerator, and with it closed as far as
+
+    bite + (1 - bite) v / launch
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+
+from solver.errors import SpecError
+from solver.validate import finite, require
+
+INPUTS = ('accelerator', 'clutch', 'gear')
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shifting:
+    """An automatic gearbox; see the module. pedals: positions of the accelerator (0 to 1), rising; up: for each shift, from that out of the
+    first gear on, the speeds at these above which it is made; down: those below which it is taken back, smaller [m/s]. duration of a shift
+    [s]; launch: speed up to which the clutch slips [m/s]; bite: how far it closes at rest (0 to 1)."""
+
+    pedals: tuple[float, ...]
+    up: Annotated[tuple[tuple[float, ...], ...], 'm/s']
+    down: Annotated[tuple[tuple[float, ...], ...], 'm/s']
+    duration: Annotated[float, 's'] = 0.4
+    launch: Annotated[float, 'm/s'] = 3.0
+    bite: float = 0.3
+
+    def __post_init__(self) -> None:
+        for k in range(1, len(self.pedals)):
+            require(self.pedals[k] > self.pedals[k - 1], 'shift', f'pedals[{k}]', self.pedals[k], 'must be greater than the one before it')
+        require(len(self.pedals) >= 1 and len(self.up) >= 1, 'shift', 'up', self.up, 'needs at least one shift and one pedal')
+        require(len(self.down) == len(self.up), 'shift', 'down', len(self.down), f'must have one row for each of the {len(self.up)} shifts')
+        for field, rows in (('up', self.up), ('down', self.down)):
+            for k, row in enumerate(rows):
+                require(len(row) == len(self.pedals), 'shift', f'{field}[{k}]', len(row), f'must have {len(self.pedals)} speeds, as pedals')
+        for k, (high, low) in enumerate(zip(self.up, self.down, strict=True)):
+            for m, (a, b) in enumerate(zip(high, low, strict=True)):
+                require(0.0 <= b < a, 'shift', f'down[{k}][{m}]', b, f'must be at least 0 and below {a:g}, where it shifts up')
+        for field in ('duration', 'launch'):
+            finite('shift', field, getattr(self, field), low=0.0, strict=True)
+        finite('shift', 'bite', self.bite, low=0.0, high=1.0)
+
+
+class Shifter:
+    """The automatic gearbox of a simulation with inputs of these names, in steps of h [s].
+
+    state: (2,) gear, time since the last shift [s]; assign it to restore. Raises SpecError for a model without the inputs.
+    """
+
+    def __init__(self, shifting: Shifting, input_names: Sequence[str], h: float) -> None:
+        self.shifting, self.h = shifting, h
+        names = list(input_names)
+        for name in INPUTS:
+            if name not in names:
+                raise SpecError(f'assistance: shift: the model has no input {name}: give the engine of the vehicle a `power`')
+        self._accelerator, self._clutch, self._gear = (names.index(name) for name in INPUTS)
+        self.start()
+
+    def start(self) -> None:
+        """Back to t = 0: the first gear."""
+        self.state = np.array([1.0, self.shifting.duration])
+
+    def act(self, row: np.ndarray, speed: float) -> None:
+        """Change the inputs of a step, row (nu,), at a speed along the car [m/s]; advances by that step."""
+        box, lever, pedal = self.shifting, float(row[self._gear]), float(row[self._accelerator])
+        gear, since = int(self.state[0]), float(self.state[1])
+        v = abs(speed)
+        if lever < 0.5:
+            gear, since = 1, box.duration
+        elif since >= box.duration:
+            if gear <= len(box.up) and v > np.interp(pedal, box.pedals, box.up[gear - 1]):
+                gear, since = gear + 1, 0.0
+            elif gear > 1 and v < np.interp(pedal, box.pedals, box.down[gear - 2]):
+                gear, since = gear - 1, 0.0
+        opened = min(max(2.0 - 2.0 * since / box.duration, 0.0), 1.0)
+        row[self._accelerator] = pedal * (1.0 - opened)
+        if gear == 1 and v < box.launch:
+            opened = max(opened, (1.0 - box.bite) * (1.0 - v / box.launch) if pedal > 0.0 else 1.0)
+        if lever >= 0.5:
+            row[self._gear] = gear
+        row[self._clutch] = max(float(row[self._clutch]), opened)
+        self.state = np.array([gear, min(since + self.h, box.duration)])
