@@ -7,6 +7,13 @@ violation that is left, gives increments with balanced momentum that change the 
 these that leaves the smallest violation, each row weighed by its penalty, is found by generalized conjugate residuals, which are GMRES
 [Saad1986] with the directions kept: as many as there are slow modes. They hold for as long as the factorization does, so the iterations
 of a step and the projection of its velocity share them.
+
+*Directions that may be none.* Rows that depend on each other where constraints are closed do not quite where they are open: a linkage of
+which a body is turned by d off its path sees its redundant directions with s of about d^2. What they seem to leave open at the
+prediction is the curvature of the constraints; closing it takes multipliers that mean nothing and move the linkage along its path. Next
+to a singular position a direction is as weak, but must be held. Which of both it is shows in the iterate without the combination: the
+violation there is smaller than at the prediction, or larger. So directions with an image below xi d^2 are tried so, and taken back in
+(restore) where it has grown.
 """
 
 from __future__ import annotations
@@ -18,6 +25,7 @@ import numpy as np
 from solver.compiled.by_reference import matrix_at
 from solver.compiled.kernel import kernel
 from solver.model.saddle import CONDENSED, solve_saddle
+from solver.step.stage import largest_turn
 
 MOST_DIRECTIONS = 12
 ENOUGH = 1e-4  # part of the violation at the prediction that an iteration of mode fixed may leave; of the velocity, its projection
@@ -37,6 +45,9 @@ class Augmentation(NamedTuple):
     dw: np.ndarray  # (MOST_DIRECTIONS * (nb + 1) * 6,)
     dlam: np.ndarray  # (MOST_DIRECTIONS * nc,)
     known: np.ndarray  # (1,) directions so far
+    worth: np.ndarray  # (MOST_DIRECTIONS,) image of each, relative to the violation that it was made for
+    part: np.ndarray  # (MOST_DIRECTIONS,) of each in the last combination
+    withheld: np.ndarray  # (1,) directions of the last combination, if the iterate was left without it
     violation: np.ndarray  # (1,) sum W g^2 that was measured last
     left: np.ndarray  # (nc,) violation
     zero: np.ndarray  # (nb + 1, 6)
@@ -50,10 +61,20 @@ def new_augmentation(model) -> Augmentation:
         np.zeros(n * (nb + 1) * 6),
         np.zeros(n * nc),
         np.zeros(1, np.int64),
+        np.zeros(n),
+        np.zeros(n),
+        np.zeros(1, np.int64),
         np.zeros(1),
         np.zeros(nc),
         np.zeros((nb + 1, 6)),
     )
+
+
+@kernel(inner=True)
+def begin_augmentation(augmentation):
+    """Forget the directions: they were those of another factorization."""
+    augmentation.known[0] = 0
+    augmentation.withheld[0] = 0
 
 
 @kernel(inner=True)
@@ -108,6 +129,7 @@ def _new_direction(tables, form, saddle, augmentation, size):
     length = np.sqrt(weighed(W, image, image))
     if not length > SMALLEST_IMAGE * size:
         return False
+    augmentation.worth[k] = length / size
     for i in range(W.shape[0]):
         image[i] /= length
         dlam[i] /= length
@@ -119,11 +141,13 @@ def _new_direction(tables, form, saddle, augmentation, size):
 
 
 @kernel(inner=True)
-def combine(tables, form, saddle, augmentation, measure, share, smallest, g, dw, dlam):
+def combine(tables, form, saddle, augmentation, measure, share, smallest, doubt, g, dw, dlam):
     """Add to dw (nb + 1, 6) and dlam (nc,), the solution for the violation g (nc,) that solve_saddle just gave, combined augmentations
     if it leaves more than `share` of the violation that was measured last, and more than `smallest` in every row.
 
     measure: g is that violation. Violations are sums of W g^2, and so is share. augmentation.known belongs to the factorization.
+    doubt: smallest image of a direction that is surely one, over the square of the largest increment that turns a body [s^4/rad^2]; with
+    0 all are. Where one is not the combination is withheld (module).
     """
     W, t = saddle.W, saddle.t
     if form != CONDENSED:
@@ -133,12 +157,41 @@ def combine(tables, form, saddle, augmentation, measure, share, smallest, g, dw,
         augmentation.violation[0] = weighed(W, g, g)
     enough = share * augmentation.violation[0]
     if weighed(W, t, t) > enough:
-        _combine(tables, form, saddle, augmentation, enough, smallest, dw, dlam)
+        used = _combine(tables, form, saddle, augmentation, enough, smallest, dw, dlam)
+        if doubt > 0.0 and used > 0 and _doubtful(augmentation, used, doubt, dw):
+            _add_parts(augmentation, used, -1.0, dw, dlam)
+            augmentation.withheld[0] = used
+
+
+@kernel(inner=True)
+def _doubtful(augmentation, used, doubt, dw):
+    """Whether one of the first `used` directions may be none, where dw is what the step turns bodies by."""
+    turn = 0.0
+    for b in range(dw.shape[0] - 1):
+        turn = max(turn, largest_turn(dw, b))
+    least = augmentation.worth[0]
+    for k in range(used):
+        least = min(least, augmentation.worth[k])
+    return least < doubt * turn * turn
+
+
+@kernel(inner=True)
+def _add_parts(augmentation, used, sign, dw, dlam):
+    """dw (nb + 1, 6) and dlam (nc,) += sign times what the last combination had of its directions."""
+    for k in range(used):
+        _add(augmentation, k, sign * augmentation.part[k], dw, dlam)
+
+
+@kernel(inner=True)
+def restore(augmentation, share, a, lam):
+    """Add a share of the combination that was withheld to the iterate a (nb + 1, 6), lam (nc,) after all."""
+    _add_parts(augmentation, augmentation.withheld[0], share, a, lam)
+    augmentation.withheld[0] = 0
 
 
 @kernel(inner=True)
 def _combine(tables, form, saddle, augmentation, enough, smallest, dw, dlam):
-    """Add to dw and dlam what closes the violation saddle.t that they leave."""
+    """Add to dw and dlam what closes the violation saddle.t that they leave. Returns how many directions that took."""
     W = saddle.W
     left = augmentation.left
     floor = 0.0
@@ -147,6 +200,7 @@ def _combine(tables, form, saddle, augmentation, enough, smallest, dw, dlam):
         floor += W[i] * smallest * smallest
     enough = max(enough, floor)
     size = weighed(W, left, left)
+    used = 0
     for k in range(MOST_DIRECTIONS):
         if not size > enough:
             break
@@ -157,7 +211,10 @@ def _combine(tables, form, saddle, augmentation, enough, smallest, dw, dlam):
         for i in range(W.shape[0]):
             left[i] -= part * image[i]
         _add(augmentation, k, part, dw, dlam)
+        augmentation.part[k] = part
+        used = k + 1
         size = weighed(W, left, left)
+    return used
 
 
 @kernel(borrow=True)

@@ -26,7 +26,7 @@ from solver.compiled.vec import load33, mv, scale, store33
 from solver.model.evaluate import add_constraint_forces, constraint_input_rates, constraint_rates, evaluate_constraints
 from solver.model.saddle import CONDENSED, assemble_tangent, effective_masses, factorize_saddle, solve_saddle
 from solver.model.state import update_angles
-from solver.step.augmentation import combine
+from solver.step.augmentation import begin_augmentation, combine
 from solver.step.augmented_lagrangian import body_not_finite, outputs_at_end, position_drift
 from solver.step.stage import copy_rows, largest
 from solver.step.work import NON_FINITE, OK, SINGULAR
@@ -75,7 +75,7 @@ def _factorize_masses(tables, masses, work):
                 masses.J_force[e, r, i] = work.J_end[e, r, i]
                 masses.J_row[e, r, i] = work.J_end[e, r, i]
     assemble_tangent(tables, 1.0, 0.0, 0.0, work.Kq, work.Kv, work.T_end, masses.B)
-    work.augmentation.known[0] = 0
+    begin_augmentation(work.augmentation)
     return factorize_saddle(tables, CONDENSED, masses)
 
 
@@ -96,7 +96,7 @@ def _close_velocity(tables, masses, work):
             break
         before = worst
         solve_saddle(tables, CONDENSED, masses, work.r, work.rate, work.dw, work.dlam)
-        combine(tables, CONDENSED, masses, work.augmentation, YES, EXACT, 0.0, work.rate, work.dw, work.dlam)
+        combine(tables, CONDENSED, masses, work.augmentation, YES, EXACT, 0.0, 0.0, work.rate, work.dw, work.dlam)
         for b in range(tables.bodies.mass.shape[0]):
             for i in range(6):
                 work.v_out[b, i] += work.dw[b, i]
@@ -151,7 +151,7 @@ def _accelerate(tables, masses, work):
         for i in range(work.rate.shape[0]):
             work.rate[i] += work.g[i]
         solve_saddle(tables, CONDENSED, masses, work.r, work.rate, work.dw, work.dlam)
-        combine(tables, CONDENSED, masses, work.augmentation, k == 0, EXACT, 0.0, work.rate, work.dw, work.dlam)
+        combine(tables, CONDENSED, masses, work.augmentation, k == 0, EXACT, 0.0, 0.0, work.rate, work.dw, work.dlam)
         change, size = 0.0, 1.0
         for b in range(bodies.mass.shape[0]):
             for i in range(6):

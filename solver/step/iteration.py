@@ -11,7 +11,7 @@ from solver.compiled.kernel import YES, invoke, kernel
 from solver.model.evaluate import add_constraint_forces, add_constraint_stiffness, evaluate_constraints, evaluate_forces
 from solver.model.saddle import assemble_tangent, effective_masses, factorize_saddle, rotate_columns, solve_saddle
 from solver.output.snapshot import Counters
-from solver.step.augmentation import CONTRACTION, ENOUGH, HELD, combine, opposed, weighed
+from solver.step.augmentation import CONTRACTION, ENOUGH, HELD, begin_augmentation, combine, opposed, restore, weighed
 from solver.step.stage import BOTH, WITH_TANGENTS, copy_blocks, copy_rows, finite, largest, largest_turn, momentum_residual, place
 from solver.step.work import NON_FINITE, NOT_CONVERGED, OK, SINGULAR, StepResult
 
@@ -20,11 +20,15 @@ from solver.step.work import NON_FINITE, NOT_CONVERGED, OK, SINGULAR, StepResult
 WARM_START = 0.9999
 LARGEST_STAGNATION = 1e-2  # relative velocity increment below which an iteration that stops converging is accepted
 SETTLED = 1e-3  # of the error that is left in mode fixed, from where on a step takes no more than its number of iterations
+UNSEEN = 1.0 / 12.0  # of the second difference of an acceleration over a step: what a step of second order loses of a velocity
+ROUNDED = 1e3 * 2.220446049250313e-16  # of a place: what penalties of 1e6 just hold is magnified by their root
+NOTHING = 1e-5  # 1/s, of the velocity, that a run may always lose to its iterations
 NEGLIGIBLE = 1e-7  # relative velocity increment that need not be looked at
 STAGNATION = 0.5  # an iteration that gains less is stopped and its best iterate judged
 LARGEST_TURN = 0.1  # rad; an iteration that wants to turn a body by more follows tangents that no longer hold: it goes only so far
 DAMPED_FROM = 8  # iterations of a step in mode fixed, from where on only half of each is taken
 MOST_ITERATIONS = 20  # of a step in mode fixed
+GAIN = 0.1  # part of the violation that an iterate may have without the combination that would close it
 CONTRACTION_TO_REUSE = 0.1  # tolerance mode keeps the factorization while an iteration gains a digit
 
 
@@ -132,6 +136,15 @@ def add_increment(part, s1, work):
 
 
 @kernel(inner=True)
+def _doubt(c):
+    """xi d^2 over the square of an increment of an angular acceleration that turns a body by d (solver.step.augmentation)."""
+    most = 0.0
+    for i in range(c.penalty.shape[0]):
+        most = max(most, c.penalty[i])
+    return most * (c.beta * c.h * c.h) ** 2
+
+
+@kernel(inner=True)
 def keep_best(s1, work):
     """Remember the iterate."""
     copy_rows(s1.a, work.a_best)
@@ -157,6 +170,22 @@ def speed_of(s):
 
 
 @kernel(inner=True)
+def _lost(c, s0, s1, speed):
+    """What the step loses, whatever its iteration leaves: the largest part of a velocity [m/s or rad/s] that it does not see of a motion
+    that bends; at least what may always be lost, and what rounding of the places makes of a velocity.
+    """
+    change = 0.0
+    far = 0.0
+    for b in range(s0.v.shape[0] - 1):
+        for i in range(6):
+            a_stage = (1.0 - c.am) * s1.a[b, i] + c.am * s0.a[b, i]
+            change = max(change, abs(a_stage - 2.0 * s0.a_stage[b, i] + s0.a_stage_before[b, i]))
+        for i in range(3):
+            far = max(far, abs(s0.q[b, i]))
+    return max(UNSEEN * c.h * change, NOTHING * c.h * speed, ROUNDED * far / c.h)
+
+
+@kernel(inner=True)
 def iterate(tables, c, s0, s1, u, cz, speed, work):
     """Newton's iteration on s1.a and s1.lam. Returns a StepResult without drifts."""
     saddle = work.saddle
@@ -167,16 +196,25 @@ def iterate(tables, c, s0, s1, u, cz, speed, work):
     where = 0
     factorizations = 0
     iterations = 0
+    evaluations = 0
+    tried = 0  # iterations from which a combination was withheld: they are not counted
     increment = 0.0
     residual = 0.0
+    part = 1.0
     refactor: np.bool_ | bool = YES
     share = ENOUGH * ENOUGH if c.fixed == 1 else CONTRACTION * CONTRACTION
     smallest = (HELD if c.fixed == 1 else CONTRACTION * c.tolerance) * speed / (c.gamma * c.h)
     best = np.inf
     stagnated = 0
+    work.augmentation.withheld[0] = 0
     for it in range(max(c.iterations, MOST_ITERATIONS) if c.fixed == 1 else c.iterations):
         iterations += 1
+        evaluations += 1
         evaluate_iterate(tables, c, s0, s1, u, cz, refactor, J_end, work)
+        if work.augmentation.withheld[0] > 0 and weighed(saddle.W, work.g, work.g) > GAIN * GAIN * work.augmentation.violation[0]:
+            restore(work.augmentation, part, s1.a, s1.lam)
+            evaluate_iterate(tables, c, s0, s1, u, cz, refactor, J_end, work)
+            evaluations += 1
         if c.fixed == 0 and it > 0 and _balanced(tables, c, speed, work):
             status = OK
             break
@@ -184,14 +222,17 @@ def iterate(tables, c, s0, s1, u, cz, speed, work):
             assemble(tables, c, s1.lam, _to_g(c), work)
             where = factorize_saddle(tables, c.form, saddle)
             factorizations += 1
-            work.augmentation.known[0] = 0
+            begin_augmentation(work.augmentation)
             if where >= 0:
                 status = SINGULAR
                 break
         solve_saddle(tables, c.form, saddle, work.r, work.g, work.dw, work.dlam)
         if c.combined == 1 and (refactor or work.augmentation.known[0] > 0):
             measure = it == 0 or c.fixed == 0
-            combine(tables, c.form, saddle, work.augmentation, measure, share, smallest, work.g, work.dw, work.dlam)
+            work.augmentation.withheld[0] = 0
+            doubt = _doubt(c) if it == 0 else 0.0
+            combine(tables, c.form, saddle, work.augmentation, measure, share, smallest, doubt, work.g, work.dw, work.dlam)
+            tried += work.augmentation.withheld[0] > 0
         before = increment
         increment, turn, where = increment_of(work)
         if where >= 0:
@@ -218,13 +259,18 @@ def iterate(tables, c, s0, s1, u, cz, speed, work):
         if c.fixed == 1:
             # A fixed number of iterations relies on their gain. Where they do not gain (a stop is hit, a wheel lands) the tangents of
             # the prediction are those of another place: go on with new ones until they do.
-            settled = (remaining if part == 1.0 else increment) < (SETTLED if it >= c.iterations - 1 else LARGEST_STAGNATION)
-            if it >= c.iterations - 1 and settled:
+            left = remaining if part == 1.0 else increment
+            last = it >= c.iterations - 1 + tried
+            settled = left < (SETTLED if last else LARGEST_STAGNATION)
+            # What every step leaves in one direction adds up, so it must be less than what steps lose anyway. Of a single iteration no
+            # gain is known; and where one with new tangents gains nothing, another one is no better.
+            enough = it == 0 or (it >= c.iterations and rate > STAGNATION)
+            if last and settled and work.augmentation.withheld[0] == 0 and (enough or left * speed < _lost(c, s0, s1, speed)):
                 status = OK
                 break
-            refactor = (it > 0 or c.iterations == 1) and not settled
+            refactor = (it > 0 or c.iterations == 1) and (last or not settled)
         else:
-            if min(increment, remaining) <= c.tolerance:
+            if min(increment, remaining) <= c.tolerance and work.augmentation.withheld[0] == 0:
                 status = OK
                 break
             if increment < best:
@@ -246,4 +292,4 @@ def iterate(tables, c, s0, s1, u, cz, speed, work):
         residual = best
         status = OK
         stagnated = 1
-    return StepResult(status, where, Counters(iterations, factorizations, iterations, stagnated, residual, 0.0, 0.0))
+    return StepResult(status, where, Counters(iterations, factorizations, evaluations, stagnated, residual, 0.0, 0.0))
