@@ -13,12 +13,14 @@ import numpy as np
 from solver.compiled.portable import norm, product
 
 ROUNDING = 1e-14
+LARGEST = 1e6  # of a solution, relative to the right side
 
 
 def gmres(times: Callable[[np.ndarray], np.ndarray], right: np.ndarray, tolerance: float, limit: int) -> np.ndarray:
     """x (n,) for which |times(x) - right| is least among the combinations of right, times(right), ... , at most `limit` of them.
 
-    Ends when that norm is `tolerance` times the one of right.
+    Ends when that norm is `tolerance` times the one of right. Of a singular system the solution is no larger than LARGEST times right:
+    beyond that it would be one of the rounding of its products.
     """
     size = norm(right)
     if size == 0.0:
@@ -52,7 +54,15 @@ def gmres(times: Callable[[np.ndarray], np.ndarray], right: np.ndarray, toleranc
         if abs(g[k + 1]) <= tolerance * size or rest == 0.0:
             break
         basis[k + 1] = image / rest
+    y = _solved(R, g, count)
+    while count > 0 and norm(y) > LARGEST * size:
+        count -= 1
+        y = _solved(R, g, count)
+    return product(y, basis[:count])
+
+
+def _solved(R: np.ndarray, g: np.ndarray, count: int) -> np.ndarray:
     y = np.zeros(count)
     for k in range(count - 1, -1, -1):
         y[k] = (g[k] - product(R[k, k + 1 : count], y[k + 1 :])) / R[k, k]
-    return product(y, basis[:count])
+    return y

@@ -44,3 +44,13 @@ def test_what_no_combination_reaches_is_left():
     A = np.diag([1.0, 0.5, 0.0])
     left = A @ gmres(lambda y: A @ y, np.array([1.0, 1.0, 0.1]), 1e-12, 3) - [1.0, 1.0, 0.1]
     assert np.linalg.norm(left) == pytest.approx(0.1, rel=1e-6)
+
+
+def test_rounding_of_a_singular_system_makes_no_solution():
+    """Products with rounding of 1e-14 have an inverse where the exact ones have none; what it gives is a million times too large."""
+    Q, _ = np.linalg.qr(RANDOM.normal(size=(20, 20)))
+    A = (Q * np.array([0.0] * 5 + [1.0] * 5 + [0.7] * 5 + [0.4] * 5)) @ Q.T + 1e-14 * RANDOM.normal(size=(20, 20))
+    exact = Q[:, 5:] @ RANDOM.normal(size=15)
+    found = gmres(lambda y: A @ y, A @ exact + 1e-6 * Q[:, :5] @ RANDOM.normal(size=5), 1e-8, 20)
+    np.testing.assert_allclose(Q[:, 5:].T @ (found - exact), 0.0, atol=1e-4)
+    assert np.linalg.norm(found) < 1e6 * np.linalg.norm(exact)
