@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 
 import numpy as np
 
@@ -37,6 +38,24 @@ def vector(where: str, field: str, value: Sequence[float], length: int = 3) -> t
         isinstance(value, list | tuple | np.ndarray) and len(value) == length, where, field, value, f'must be a list of {length} numbers'
     )
     return tuple(finite(where, f'{field}[{i}]', x) for i, x in enumerate(value))
+
+
+def require_rising(where: str, field: str, values: Sequence[float], count: int = 1) -> None:
+    """Check that there are at least so many finite numbers, each greater than the one before it. Raises SpecError."""
+    require(len(values) >= count, where, field, values, f'needs at least {count} number{"s" if count > 1 else ""}')
+    for k, value in enumerate(values):
+        finite(where, f'{field}[{k}]', value)
+    for k, (a, b) in enumerate(pairwise(values), start=1):
+        require(b > a, where, f'{field}[{k}]', b, f'must be greater than the one before it ({a:g})')
+
+
+def require_grid(where: str, field: str, rows: Sequence[Sequence[float]], of: tuple[str, int], per: tuple[str, int]) -> None:
+    """Check that a table has a row for each of so many things and in it a finite number for each of others. Raises SpecError."""
+    require(len(rows) == of[1], where, field, len(rows), f'must have one row for each of the {of[1]} {of[0]}')
+    for k, row in enumerate(rows):
+        require(len(row) == per[1], where, f'{field}[{k}]', len(row), f'must have one value for each of the {per[1]} {per[0]}')
+        for m, value in enumerate(row):
+            finite(where, f'{field}[{k}][{m}]', value)
 
 
 def unit_quaternion(where: str, field: str, value: Sequence[float]) -> Quaternion:

@@ -38,6 +38,15 @@ OUTPUTS = {
 TERMS = 3  # the shaft and two outputs
 
 
+def require_gears(where: str, ratios: Sequence[float], reverse: float | None) -> None:
+    """Check the ratios of a gearbox. Raises SpecError."""
+    require(len(ratios) >= 1, where, 'ratios', ratios, 'needs at least one gear')
+    for k, ratio in enumerate(ratios):
+        finite(where, f'ratios[{k}]', ratio, low=0.0, strict=True)
+    if reverse is not None:
+        finite(where, 'reverse', reverse, low=0.0, strict=True)
+
+
 @dataclass(frozen=True, kw_only=True)
 class ClutchSpec(Spec):
     """A clutch with a gearbox between a shaft and one or two outputs; see the module. outputs: (coordinate, share). ratios: of the gears
@@ -57,11 +66,7 @@ class ClutchSpec(Spec):
     def __post_init__(self) -> None:
         require(1 <= len(self.outputs) < TERMS, self.where, 'outputs', self.outputs, 'needs one or two [coordinate, share] pairs')
         self.set('outputs', tuple((str(c), finite(self.where, f'share of {c}', f)) for c, f in self.outputs))
-        require(len(self.ratios) >= 1, self.where, 'ratios', self.ratios, 'needs at least one gear')
-        for k, ratio in enumerate(self.ratios):
-            finite(self.where, f'ratios[{k}]', ratio, low=0.0, strict=True)
-        if self.reverse is not None:
-            finite(self.where, 'reverse', self.reverse, low=0.0, strict=True)
+        require_gears(self.where, self.ratios, self.reverse)
         finite(self.where, 'stiffness', self.stiffness, low=0.0, strict=True)
         for field in ('capacity', 'damping'):
             finite(self.where, field, getattr(self, field), low=0.0)

@@ -25,10 +25,10 @@ from solver.elements.coordinate import (
     evaluate_coordinate,
 )
 from solver.elements.kind import ForceKind, Held
-from solver.elements.law_map import evaluate_map, require_grid, require_rising
+from solver.elements.law_map import evaluate_map
 from solver.elements.laws import Law
 from solver.elements.marker import Context, Spec, slots
-from solver.validate import require
+from solver.validate import require, require_grid, require_rising
 
 OUTPUTS = {'energy': 'J', 'dissipation': 'W', 'rate': 'rad/s', 'torque': 'N m', 'pedal': ''}
 

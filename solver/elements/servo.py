@@ -35,13 +35,13 @@ from solver.elements.coordinate import (
     scale6,
 )
 from solver.elements.kind import ForceKind
-from solver.elements.law_map import evaluate_map, require_grid, require_rising
+from solver.elements.law_map import evaluate_map
 from solver.elements.laws import Law
 from solver.elements.marker import Context, Marker, Spec, slots
 from solver.elements.point_pair import linear_velocity
-from solver.elements.smooth import held
+from solver.elements.smooth import held, held_slope
 from solver.elements.transmission import path_of
-from solver.validate import finite, require, vector
+from solver.validate import finite, require, require_grid, require_rising, vector
 
 OUTPUTS = {'energy': 'J', 'dissipation': 'W', 'torque': 'N m', 'speed': 'm/s', 'rate': 'm/s or rad/s', 'force': 'N or N m'}
 BODIES = 7  # of the coordinate (2), of the two terms (4), and of the marker
@@ -152,17 +152,6 @@ def compile_servos(specs: Sequence[ServoSpec], context: Context) -> ServoTable:
     return table
 
 
-@kernel(inner=True)
-def _held_slope(x, limit):
-    """Slope of held(x, limit)."""
-    beyond = np.abs(x) / limit
-    if beyond <= 0.9:
-        return 1.0
-    if beyond >= 1.1:
-        return 0.0
-    return (1.1 - beyond) / 0.2
-
-
 @kernel(borrow=True)
 def servo_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, out):
     """Accumulate forces and tangents of all servos, assign their states (contract: solver/elements/__init__.py, on coordinates)."""
@@ -195,7 +184,7 @@ def servo_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, K
         add_gradient(force, g_i, table.body[e, 0], f)
         add_gradient(force, g_j, table.body[e, 1], f)
         if tangents:
-            steepness = by_torque * _held_slope(demand, table.limit[e])
+            steepness = by_torque * held_slope(demand, table.limit[e])
             if table.chord[e] and torque.real != 0.0:
                 chord = held(demand, table.limit[e]) / torque
                 if chord.real > steepness.real:
@@ -203,7 +192,7 @@ def servo_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, K
             gain = share / (1.0 + share)
             k0, c0 = gain * steepness * table.stiffness[e], gain * steepness * table.damping[e]
             bent = table.share[e, 1] * curvature * v1
-            faster = gain * by_speed * _held_slope(demand, table.limit[e]) * sense
+            faster = gain * by_speed * held_slope(demand, table.limit[e]) * sense
             h0, h1 = coordinate_rate_gradient(coordinates, kin, table.term[e, 0])
             h2, h3 = coordinate_rate_gradient(coordinates, kin, table.term[e, 1])
             own = (g_i, g_j)

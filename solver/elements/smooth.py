@@ -5,6 +5,8 @@ On float64, complex128 and Dual; once continuously differentiable.
 
 from __future__ import annotations
 
+import numpy as np
+
 from solver.compiled.dual import arctan, sqrt
 from solver.compiled.kernel import kernel
 
@@ -43,6 +45,17 @@ def smooth_sign(x, width):
 def held(x, limit):
     """x, held smoothly between -limit and limit; unchanged up to 0.9 of it."""
     return x - ramp(x - limit, 0.1 * limit) + ramp(-x - limit, 0.1 * limit)
+
+
+@kernel(inner=True)
+def held_slope(x, limit):
+    """Slope of held(x, limit), piecewise linear."""
+    beyond = np.abs(x) / limit
+    if beyond <= 0.9:
+        return 1.0
+    if beyond >= 1.1:
+        return 0.0
+    return (1.1 - beyond) / 0.2
 
 
 @kernel(borrow=True)

@@ -17,7 +17,7 @@ from typing import Annotated
 import numpy as np
 
 from solver.errors import SpecError
-from solver.validate import finite, require
+from solver.validate import finite, require, require_rising
 
 INPUTS = ('accelerator', 'clutch', 'gear')
 
@@ -36,9 +36,8 @@ class Shifting:
     bite: float = 0.3
 
     def __post_init__(self) -> None:
-        for k in range(1, len(self.pedals)):
-            require(self.pedals[k] > self.pedals[k - 1], 'shift', f'pedals[{k}]', self.pedals[k], 'must be greater than the one before it')
-        require(len(self.pedals) >= 1 and len(self.up) >= 1, 'shift', 'up', self.up, 'needs at least one shift and one pedal')
+        require_rising('shift', 'pedals', self.pedals)
+        require(len(self.up) >= 1, 'shift', 'up', self.up, 'needs at least one shift')
         require(len(self.down) == len(self.up), 'shift', 'down', len(self.down), f'must have one row for each of the {len(self.up)} shifts')
         for field, rows in (('up', self.up), ('down', self.down)):
             for k, row in enumerate(rows):

@@ -141,13 +141,12 @@ def _new_direction(tables, form, saddle, augmentation, size):
 
 
 @kernel(inner=True)
-def combine(tables, form, saddle, augmentation, measure, share, smallest, doubt, g, dw, dlam):
+def combine(tables, form, saddle, augmentation, measure, share, smallest, g, dw, dlam):
     """Add to dw (nb + 1, 6) and dlam (nc,), the solution for the violation g (nc,) that solve_saddle just gave, combined augmentations
     if it leaves more than `share` of the violation that was measured last, and more than `smallest` in every row.
 
-    measure: g is that violation. Violations are sums of W g^2, and so is share. augmentation.known belongs to the factorization.
-    doubt: smallest image of a direction that is surely one, over the square of the largest increment that turns a body [s^4/rad^2]; with
-    0 all are. Where one is not the combination is withheld (module).
+    measure: g is that violation. Violations are sums of W g^2, and so is share. augmentation.known belongs to the factorization. Returns
+    how many directions that took.
     """
     W, t = saddle.W, saddle.t
     if form != CONDENSED:
@@ -157,22 +156,28 @@ def combine(tables, form, saddle, augmentation, measure, share, smallest, doubt,
         augmentation.violation[0] = weighed(W, g, g)
     enough = share * augmentation.violation[0]
     if weighed(W, t, t) > enough:
-        used = _combine(tables, form, saddle, augmentation, enough, smallest, dw, dlam)
-        if doubt > 0.0 and used > 0 and _doubtful(augmentation, used, doubt, dw):
-            _add_parts(augmentation, used, -1.0, dw, dlam)
-            augmentation.withheld[0] = used
+        return _combine(tables, form, saddle, augmentation, enough, smallest, dw, dlam)
+    return 0
 
 
 @kernel(inner=True)
-def _doubtful(augmentation, used, doubt, dw):
-    """Whether one of the first `used` directions may be none, where dw is what the step turns bodies by."""
-    turn = 0.0
+def withhold(augmentation, used, penalty, scale, dw, dlam):
+    """Take the last combination, of `used` directions, off dw and dlam again if one of them may be none (module); whether it was.
+
+    scale: turn of a body over the increment of its angular acceleration in dw [s^2], penalty: of every row.
+    """
+    turn, least, most = 0.0, augmentation.worth[0], 0.0
     for b in range(dw.shape[0] - 1):
         turn = max(turn, largest_turn(dw, b))
-    least = augmentation.worth[0]
     for k in range(used):
         least = min(least, augmentation.worth[k])
-    return least < doubt * turn * turn
+    for i in range(penalty.shape[0]):
+        most = max(most, penalty[i])
+    doubtful = least < most * scale * scale * turn * turn
+    if doubtful:
+        _add_parts(augmentation, used, -1.0, dw, dlam)
+        augmentation.withheld[0] = used
+    return doubtful
 
 
 @kernel(inner=True)

@@ -129,7 +129,7 @@ def project_velocity(tables, c, v, u, passes, work):
             break
         solve_saddle(tables, c.form, work.saddle, work.r, work.rate, work.dw, work.dlam)
         if work.augmentation.known[0] > 0:
-            combine(tables, c.form, work.saddle, work.augmentation, True, ENOUGH * ENOUGH, 0.0, 0.0, work.rate, work.dw, work.dlam)
+            combine(tables, c.form, work.saddle, work.augmentation, True, ENOUGH * ENOUGH, 0.0, work.rate, work.dw, work.dlam)
         for b in range(nb):
             T = work.T_end[b]
             for i in range(3):

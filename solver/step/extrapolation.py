@@ -96,7 +96,7 @@ def _close_velocity(tables, masses, work):
             break
         before = worst
         solve_saddle(tables, CONDENSED, masses, work.r, work.rate, work.dw, work.dlam)
-        combine(tables, CONDENSED, masses, work.augmentation, YES, EXACT, 0.0, 0.0, work.rate, work.dw, work.dlam)
+        combine(tables, CONDENSED, masses, work.augmentation, YES, EXACT, 0.0, work.rate, work.dw, work.dlam)
         for b in range(tables.bodies.mass.shape[0]):
             for i in range(6):
                 work.v_out[b, i] += work.dw[b, i]
@@ -151,7 +151,7 @@ def _accelerate(tables, masses, work):
         for i in range(work.rate.shape[0]):
             work.rate[i] += work.g[i]
         solve_saddle(tables, CONDENSED, masses, work.r, work.rate, work.dw, work.dlam)
-        combine(tables, CONDENSED, masses, work.augmentation, k == 0, EXACT, 0.0, 0.0, work.rate, work.dw, work.dlam)
+        combine(tables, CONDENSED, masses, work.augmentation, k == 0, EXACT, 0.0, work.rate, work.dw, work.dlam)
         change, size = 0.0, 1.0
         for b in range(bodies.mass.shape[0]):
             for i in range(6):

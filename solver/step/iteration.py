@@ -11,7 +11,7 @@ from solver.compiled.kernel import YES, invoke, kernel
 from solver.model.evaluate import add_constraint_forces, add_constraint_stiffness, evaluate_constraints, evaluate_forces
 from solver.model.saddle import assemble_tangent, effective_masses, factorize_saddle, rotate_columns, solve_saddle
 from solver.output.snapshot import Counters
-from solver.step.augmentation import CONTRACTION, ENOUGH, HELD, begin_augmentation, combine, opposed, restore, weighed
+from solver.step.augmentation import CONTRACTION, ENOUGH, HELD, begin_augmentation, combine, opposed, restore, weighed, withhold
 from solver.step.stage import BOTH, WITH_TANGENTS, copy_blocks, copy_rows, finite, largest, largest_turn, momentum_residual, place
 from solver.step.work import NON_FINITE, NOT_CONVERGED, OK, SINGULAR, StepResult
 
@@ -136,15 +136,6 @@ def add_increment(part, s1, work):
 
 
 @kernel(inner=True)
-def _doubt(c):
-    """xi d^2 over the square of an increment of an angular acceleration that turns a body by d (solver.step.augmentation)."""
-    most = 0.0
-    for i in range(c.penalty.shape[0]):
-        most = max(most, c.penalty[i])
-    return most * (c.beta * c.h * c.h) ** 2
-
-
-@kernel(inner=True)
 def keep_best(s1, work):
     """Remember the iterate."""
     copy_rows(s1.a, work.a_best)
@@ -170,19 +161,21 @@ def speed_of(s):
 
 
 @kernel(inner=True)
-def _lost(c, s0, s1, speed):
-    """What the step loses, whatever its iteration leaves: the largest part of a velocity [m/s or rad/s] that it does not see of a motion
-    that bends; at least what may always be lost, and what rounding of the places makes of a velocity.
+def _is_lost_anyway(c, s0, s1, left, speed):
+    """Whether a step loses as much as `left` of a velocity [m/s or rad/s] whatever its iteration leaves: by what it does not see of a
+    motion that bends, most often that of one of the first bodies; or whether that may always be lost, or is rounding of the places.
     """
-    change = 0.0
+    if left < NOTHING * c.h * speed:
+        return True
     far = 0.0
     for b in range(s0.v.shape[0] - 1):
         for i in range(6):
             a_stage = (1.0 - c.am) * s1.a[b, i] + c.am * s0.a[b, i]
-            change = max(change, abs(a_stage - 2.0 * s0.a_stage[b, i] + s0.a_stage_before[b, i]))
+            if left < UNSEEN * c.h * abs(a_stage - 2.0 * s0.a_stage[b, i] + s0.a_stage_before[b, i]):
+                return True
         for i in range(3):
             far = max(far, abs(s0.q[b, i]))
-    return max(UNSEEN * c.h * change, NOTHING * c.h * speed, ROUNDED * far / c.h)
+    return left < ROUNDED * far / c.h
 
 
 @kernel(inner=True)
@@ -197,7 +190,7 @@ def iterate(tables, c, s0, s1, u, cz, speed, work):
     factorizations = 0
     iterations = 0
     evaluations = 0
-    tried = 0  # iterations from which a combination was withheld: they are not counted
+    tried = 0  # 1 when the first iteration was one without its combination: it is not counted
     increment = 0.0
     residual = 0.0
     part = 1.0
@@ -230,9 +223,9 @@ def iterate(tables, c, s0, s1, u, cz, speed, work):
         if c.combined == 1 and (refactor or work.augmentation.known[0] > 0):
             measure = it == 0 or c.fixed == 0
             work.augmentation.withheld[0] = 0
-            doubt = _doubt(c) if it == 0 else 0.0
-            combine(tables, c.form, saddle, work.augmentation, measure, share, smallest, doubt, work.g, work.dw, work.dlam)
-            tried += work.augmentation.withheld[0] > 0
+            used = combine(tables, c.form, saddle, work.augmentation, measure, share, smallest, work.g, work.dw, work.dlam)
+            if it == 0 and used > 0 and withhold(work.augmentation, used, c.penalty, c.beta * c.h * c.h, work.dw, work.dlam):
+                tried = 1
         before = increment
         increment, turn, where = increment_of(work)
         if where >= 0:
@@ -265,7 +258,7 @@ def iterate(tables, c, s0, s1, u, cz, speed, work):
             # What every step leaves in one direction adds up, so it must be less than what steps lose anyway. Of a single iteration no
             # gain is known; and where one with new tangents gains nothing, another one is no better.
             enough = it == 0 or (it >= c.iterations and rate > STAGNATION)
-            if last and settled and work.augmentation.withheld[0] == 0 and (enough or left * speed < _lost(c, s0, s1, speed)):
+            if last and settled and work.augmentation.withheld[0] == 0 and (enough or _is_lost_anyway(c, s0, s1, left * speed, speed)):
                 status = OK
                 break
             refactor = (it > 0 or c.iterations == 1) and (last or not settled)

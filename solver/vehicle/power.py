@@ -13,12 +13,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated
 
-from solver.elements.clutch import ClutchSpec
+from solver.elements.clutch import ClutchSpec, require_gears
 from solver.elements.coordinate import CoordinateSpec
 from solver.elements.engine_map import EngineSpec, require_engine
 from solver.elements.joint import JointSpec
 from solver.elements.rigid_body import RigidBodySpec
-from solver.validate import Vector, finite, require
+from solver.validate import Vector, finite
 from solver.vehicle.hardpoints import marker_at
 from solver.vehicle.parts import LEFTWARDS, Parts
 
@@ -47,11 +47,7 @@ class Power:
 
     def __post_init__(self) -> None:
         require_engine('power', self.speeds, self.pedals, self.torques)
-        require(len(self.ratios) >= 1, 'power', 'ratios', self.ratios, 'needs at least one gear')
-        for k, ratio in enumerate(self.ratios):
-            finite('power', f'ratios[{k}]', ratio, low=0.0, strict=True)
-        if self.reverse is not None:
-            finite('power', 'reverse', self.reverse, low=0.0, strict=True)
+        require_gears('power', self.ratios, self.reverse)
         for field in ('mass', 'inertia', 'final', 'capacity', 'stiffness', 'damping'):
             finite('power', field, getattr(self, field), low=0.0, strict=True)
 

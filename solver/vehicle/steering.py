@@ -12,6 +12,7 @@ assisted one, and the hand feels the whole torque.
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import ClassVar, Literal, NamedTuple
 
@@ -47,7 +48,7 @@ class Gear(NamedTuple):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Column:
+class Column(ABC):
     """Data of steering wheel and shafts; not mirrored.
 
     stiffness [N m/rad] and damping [N m s/rad] of torsion bar and mesh, at the pinion. pinion_foot: where the pinion shaft ends in the
@@ -73,9 +74,9 @@ class Column:
         finite('steering', 'stiffness', self.stiffness, low=0.0, strict=True)
         finite('steering', 'friction', self.friction, low=0.0)
 
+    @abstractmethod
     def gear(self, subframe: RigidBodySpec, arm: float) -> Gear:
         """The gear on its subframe. arm: of the tie rods, see DoubleWishbone.steering_arm; only its sign counts."""
-        raise NotImplementedError
 
     def mesh(self, name: str, output: str, ratio: float) -> CoordinateForceSpec:
         """The elasticity over pinion angle minus ratio times the coordinate `output`."""
