@@ -187,15 +187,21 @@ def add_generalized(g, h, n, stiffness, damping, slot, e, Kq, Kv):
     """Add the tangents of a generalized force Q on n gradients g: dQ = -stiffness g - damping h over places, h being the gradient of the
     rate, and -damping g over velocities; slot[e, a, b]: block of row a and column b.
     """
+    add_generalized_on(g, g, h, n, stiffness, damping, slot, e, Kq, Kv)
+
+
+@kernel(inline=True)
+def add_generalized_on(rows, g, h, n, stiffness, damping, slot, e, Kq, Kv):
+    """The same of a force that acts on the gradients `rows` and changes with those of g and h."""
     for b in range(n):
         if stiffness != 0.0 or damping != 0.0:
             dQ = add6(scale6(-stiffness, g[b]), scale6(-damping, h[b]))
             for a in range(n):
-                add_dyad(g[a], dQ, slot[e, a, b], Kq)
+                add_dyad(rows[a], dQ, slot[e, a, b], Kq)
         if damping != 0.0:
             dQ_dv = scale6(-damping, g[b])
             for a in range(n):
-                add_dyad(g[a], dQ_dv, slot[e, a, b], Kv)
+                add_dyad(rows[a], dQ_dv, slot[e, a, b], Kv)
 
 
 @kernel(borrow=True)

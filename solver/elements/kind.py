@@ -51,10 +51,10 @@ class ForceKind:
     `body` where elements have internal states, `input` (indices of channels, -1 for none) where the specification has one. kernel: see
     solver.elements. outputs: column -> unit, energy and dissipation first. on_coordinates: the kernel takes the table of joint
     coordinates and their values too. supplies: inputs are loads, which feed energy in, not capacities. effort: the column that is a
-    generalized force on the joint coordinates in the table's columns `coordinate`, times `factor` where there is one; or one column for
-    each of these coordinates. wheels: the
-    elements are the wheels of a vehicle, shown by topics of their own. held(table, u): how they act in the search for static equilibrium;
-    approach(table): with which table it begins, where a start far away needs another one.
+    generalized force on the joint coordinates in the table's columns `coordinate` (-1 for none), times `factor` where there is one; or one
+    column for each of these coordinates. wheels: the elements are the wheels of a vehicle, shown by topics of their own. held(table, u):
+    how they act in the search for static equilibrium; approach(table): with which table it begins, where a start far away needs another
+    one.
     capacities(table, u): the largest torques of the brakes that they are or have, under the inputs u (nu,).
     """
 

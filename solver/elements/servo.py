@@ -1,15 +1,17 @@
-"""Servo: a motor that helps where a hand turns against an elastic member, as electric power steering does at its torsion bar.
+"""Servo: an elastic mesh with a motor that helps where a hand turns against it, as torsion bar and motor of electric power steering do.
 
-    s = factor_1 x_1 + factor_2 path(x_2)         wind-up of the member; path: that of solver.elements.transmission
-    T = stiffness s + damping ds/dt               torque that its sensor measures
-    lag dz/dt = held(map(T, |v|), limit) - z      v: forward speed of the body of the marker
-    Q = z                                         generalized force on the coordinate
+    s = factor_1 x_1 + factor_2 path(x_2)         wind-up of the mesh; path: that of solver.elements.transmission
+    T = stiffness s + damping ds/dt               its torque, which a sensor measures
+    lag dz/dt = held(map(T'), limit) - z          the motor; T' = -sgn(factor_1) T, with the sign with which the mesh pushes x_1
+    Q_1 = z - factor_1 T                          generalized force on x_1
+    Q_2 = -factor_2 path'(x_2) T                  and on x_2
 
-The map is odd in T and zero without it: at each of its speeds the monotone cubic through its points (solver.elements.laws), linear
-between the speeds, and beyond the last speed that of the last. The force is held smoothly at its limit (solver.elements.smooth). The
-power that the motor supplies is negative dissipation; it stores nothing.
+The map goes over T' and |v|, v being the forward speed of the body of the marker. It is odd in T' and zero without it: at each of its
+speeds the monotone cubic through its points (solver.elements.laws), linear between the speeds, and beyond the last speed that of the last.
+The force is held smoothly at its limit (solver.elements.smooth). The power that the motor supplies is negative dissipation; stored is
+stiffness s^2/2.
 
-An inertia J behind a member with stiffness k and damping c, helped with the gain g, swings by J s^2 + (k + c s) (1 + g / (1 + lag s)) = 0.
+An inertia J behind a mesh with stiffness k and damping c, helped with the gain g, swings by J s^2 + (k + c s) (1 + g / (1 + lag s)) = 0.
 By Routh's criterion that dies out at every gain if lag < c / k. Without the damping in what is measured, which is the phase lead of a
 controller, it would only up to a gain that good steering needs.
 """
@@ -24,27 +26,19 @@ import numpy as np
 
 from solver.compiled.kernel import kernel, sixes
 from solver.compiled.vec import col, cross, dot, load33, mv, scale, tmv
-from solver.elements.coordinate import (
-    add6,
-    add_coordinate_hessian,
-    add_dyad,
-    add_gradient,
-    coordinate_rate,
-    coordinate_rate_gradient,
-    evaluate_coordinate,
-    scale6,
-)
+from solver.elements.coordinate import add_dyad, add_gradient, scale6
+from solver.elements.coordinate_force import OUTPUTS as OF_MESH
 from solver.elements.kind import ForceKind
 from solver.elements.law_map import evaluate_map
 from solver.elements.laws import Law
 from solver.elements.marker import Context, Marker, Spec, slots
 from solver.elements.point_pair import linear_velocity
 from solver.elements.smooth import held, held_slope
-from solver.elements.transmission import path_of
-from solver.validate import finite, require, require_grid, require_rising, vector
+from solver.elements.transmission import add_wind_up, require_wind_up, wind_up
+from solver.validate import finite, require, require_grid, require_rising
 
-OUTPUTS = {'energy': 'J', 'dissipation': 'W', 'torque': 'N m', 'speed': 'm/s', 'rate': 'm/s or rad/s', 'force': 'N or N m'}
-BODIES = 7  # of the coordinate (2), of the two terms (4), and of the marker
+OUTPUTS = {**OF_MESH, 'speed': 'm/s', 'motor': 'N or N m'}
+BODIES = 5  # of the two terms (4), and of the marker
 
 
 def require_map(where: str, speeds: Sequence[float], torques: Sequence[float], forces: Sequence[Sequence[float]]) -> None:
@@ -61,15 +55,14 @@ def require_map(where: str, speeds: Sequence[float], torques: Sequence[float], f
 
 @dataclass(frozen=True, kw_only=True)
 class ServoSpec(Spec):
-    """A motor on a joint coordinate; see the module for the formula.
+    """An elastic mesh with a motor on its first coordinate; see the module for the formula.
 
-    coordinate: what it moves. terms: two (coordinate name, factor), whose sum is the wind-up; the second may be a rotation behind universal
-    joints with the harmonics a_2, b_2, a_4, b_4 [rad] of solver.elements.transmission. stiffness [N m/rad] > 0 and damping [N m s/rad] of
-    the member. marker: whose body's speed counts, along its x axis. speeds [m/s] and torques [N m], rising, torques above 0; forces: for
-    each speed those at the torques [N or N m]. limit: largest force [N or N m]; lag: time constant of the motor [s], both > 0.
+    terms: two (coordinate name, factor), whose sum is the wind-up; the second may be a rotation behind universal joints with the harmonics
+    a_2, b_2, a_4, b_4 [rad] of solver.elements.transmission. stiffness [N m/rad] > 0 and damping [N m s/rad] of the mesh. marker: whose
+    body's speed counts, along its x axis. speeds [m/s] and torques [N m], rising, torques above 0; forces: for each speed those at the
+    torques [N or N m]. limit: largest force of the motor [N or N m]; lag: its time constant [s], both > 0.
     """
 
-    coordinate: str
     terms: tuple[tuple[str, float], ...]
     harmonics: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     stiffness: float
@@ -82,9 +75,9 @@ class ServoSpec(Spec):
     lag: float
 
     def __post_init__(self) -> None:
-        require(len(self.terms) == 2, self.where, 'terms', self.terms, 'needs two [coordinate, factor] pairs')
-        self.set('terms', tuple((str(c), finite(self.where, f'factor of {c}', f)) for c, f in self.terms))
-        self.set('harmonics', vector(self.where, 'harmonics', self.harmonics, 4))
+        require_wind_up(self)
+        first, factor = self.terms[0]
+        require(factor != 0.0, self.where, f'factor of {first}', factor, 'must not be 0: the motor pushes this coordinate')
         for field in ('stiffness', 'limit', 'lag'):
             self.set(field, finite(self.where, field, getattr(self, field), low=0.0, strict=True))
         self.set('damping', finite(self.where, 'damping', self.damping, low=0.0))
@@ -102,11 +95,11 @@ class ServoSpec(Spec):
 
 
 class ServoTable(NamedTuple):
-    """Columns of all servos; body: i and j of the coordinate, of the first and of the second term, and of the marker."""
+    """Columns of all servos; body: i and j of the first and of the second term, and that of the marker."""
 
-    coordinate: np.ndarray  # (n,) what it moves
+    coordinate: np.ndarray  # (n, 3) that efforts are shown at: of the mesh at both, unless the second is behind joints, and of the motor
+    factor: np.ndarray  # (n, 3) of these efforts, the first two those of the wind-up
     term: np.ndarray  # (n, 2) coordinates of the wind-up
-    share: np.ndarray  # (n, 2) their factors
     harmonics: np.ndarray  # (n, 4)
     stiffness: np.ndarray  # (n,)
     damping: np.ndarray  # (n,)
@@ -118,17 +111,18 @@ class ServoTable(NamedTuple):
     lag: np.ndarray  # (n,)
     chord: np.ndarray  # (n,) whether tangents are at least those of the chord to the origin (approach)
     state: np.ndarray  # (n,) internal state: the force of the motor
-    body: np.ndarray  # (n, 7)
-    slot: np.ndarray  # (n, 7, 7) block (row body, column body)
+    body: np.ndarray  # (n, 5)
+    slot: np.ndarray  # (n, 5, 5) block (row body, column body)
 
 
 def compile_servos(specs: Sequence[ServoSpec], context: Context) -> ServoTable:
     """Resolve names, laws and bodies into a table; one internal state per servo."""
     n = len(specs)
+    term = np.array([[context.coordinate(s.where, name) for name, _ in s.terms] for s in specs], np.int64).reshape(n, 2)
     table = ServoTable(
-        coordinate=np.array([context.coordinate(s.where, s.coordinate) for s in specs], np.int64),
-        term=np.array([[context.coordinate(s.where, name) for name, _ in s.terms] for s in specs], np.int64).reshape(n, 2),
-        share=np.array([[f for _, f in s.terms] for s in specs], float).reshape(n, 2),
+        coordinate=np.array([[a, -1 if any(s.harmonics) else b, a] for s, (a, b) in zip(specs, term, strict=True)], np.int64).reshape(n, 3),
+        factor=np.array([[*(f for _, f in s.terms), 1.0] for s in specs], float).reshape(n, 3),
+        term=term,
         harmonics=np.array([s.harmonics for s in specs], float).reshape(n, 4),
         stiffness=np.array([s.stiffness for s in specs], float),
         damping=np.array([s.damping for s in specs], float),
@@ -146,8 +140,7 @@ def compile_servos(specs: Sequence[ServoSpec], context: Context) -> ServoTable:
     for e, spec in enumerate(specs):
         placed = context.marker(spec.where, spec.marker)
         table.forward[e] = placed.R
-        used = (table.coordinate[e], *table.term[e])
-        table.body[e] = [*(b for k in used for b in context.coordinate_bodies(int(k))), placed.body]
+        table.body[e] = [*(b for k in term[e] for b in context.coordinate_bodies(int(k))), placed.body]
         table.slot[e] = slots(table.body[e].tolist(), context)
     return table
 
@@ -158,69 +151,52 @@ def servo_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, K
     f = sixes(f)
     Kq = sixes(Kq)
     Kv = sixes(Kv)
-    for e in range(table.coordinate.shape[0]):
-        k = table.coordinate[e]
+    for e in range(table.term.shape[0]):
         n = table.state[e]
-        b = table.body[e, 6]
-        _, g_i, g_j = evaluate_coordinate(coordinates, kin, k, angle)
-        x0, g0, g1 = evaluate_coordinate(coordinates, kin, table.term[e, 0], angle)
-        x1, g2, g3 = evaluate_coordinate(coordinates, kin, table.term[e, 1], angle)
-        v0 = coordinate_rate(coordinates, kin, table.term[e, 0], g0, g1)
-        v1 = coordinate_rate(coordinates, kin, table.term[e, 1], g2, g3)
-        path, slope, curvature = path_of(table, e, x1)
-        first = table.share[e, 0]
-        second = table.share[e, 1] * slope
-        torque = table.stiffness[e] * (first * x0 + table.share[e, 1] * path) + table.damping[e] * (first * v0 + second * v1)
+        b = table.body[e, 4]
+        value, rate, g, change = wind_up(table, coordinates, kin, angle, e)
+        torque = table.stiffness[e] * value + table.damping[e] * rate
         R = load33(kin.R, b)
         forward = col(load33(table.forward, e), 0)
         velocity = linear_velocity(kin, b)
-        sense = 1.0
         speed = dot(mv(R, forward), velocity)
-        if speed.real < 0.0:
-            sense = -1.0
-        demand, by_torque, by_speed = evaluate_map(laws, table.start, table.speed, table.law, e, torque, sense * speed)
+        ahead = 1.0 if speed.real >= 0.0 else -1.0
+        first = table.factor[e, 0]
+        pushing = torque if first < 0.0 else -torque
+        demand, by_torque, by_speed = evaluate_map(laws, table.start, table.speed, table.law, e, pushing, ahead * speed)
         share = cz / table.lag[e]
         force = (zp[n] + share * held(demand, table.limit[e])) / (1.0 + share)
-        add_gradient(force, g_i, table.body[e, 0], f)
-        add_gradient(force, g_j, table.body[e, 1], f)
+        # both forces on the first coordinate as one over its factor
+        Q_1 = force / first - torque
+        for a in range(2):
+            add_gradient(Q_1, g[a], table.body[e, a], f)
+            add_gradient(-torque, g[2 + a], table.body[e, 2 + a], f)
         if tangents:
-            steepness = by_torque * held_slope(demand, table.limit[e])
-            if table.chord[e] and torque.real != 0.0:
-                chord = held(demand, table.limit[e]) / torque
+            followed = held_slope(demand, table.limit[e])
+            steepness = by_torque * followed
+            if table.chord[e] and pushing.real != 0.0:
+                chord = held(demand, table.limit[e]) / pushing
                 if chord.real > steepness.real:
                     steepness = chord
             gain = share / (1.0 + share)
-            k0, c0 = gain * steepness * table.stiffness[e], gain * steepness * table.damping[e]
-            bent = table.share[e, 1] * curvature * v1
-            faster = gain * by_speed * held_slope(demand, table.limit[e]) * sense
-            h0, h1 = coordinate_rate_gradient(coordinates, kin, table.term[e, 0])
-            h2, h3 = coordinate_rate_gradient(coordinates, kin, table.term[e, 1])
-            own = (g_i, g_j)
-            wound = (scale6(first, g0), scale6(first, g1), scale6(second, g2), scale6(second, g3))
-            turning = (
-                scale6(first, h0),
-                scale6(first, h1),
-                add6(scale6(second, h2), scale6(bent, g2)),
-                add6(scale6(second, h3), scale6(bent, g3)),
-            )
+            helped = 1.0 + gain * steepness / abs(first)
+            rows = (scale6(helped, g[0]), scale6(helped, g[1]), g[2], g[3])
+            add_wind_up(table, coordinates, kin, e, rows, g, change, Q_1, -torque, table.stiffness[e], table.damping[e], Kq, Kv)
+            faster = gain * by_speed * followed * ahead / first
             none = scale(0.0, forward)
             turned = (none, scale(faster, cross(forward, tmv(R, velocity))))
             moved = (scale(faster, mv(R, forward)), none)
             for a in range(2):
-                for c in range(4):
-                    add_dyad(own[a], add6(scale6(k0, wound[c]), scale6(c0, turning[c])), table.slot[e, a, 2 + c], Kq)
-                    add_dyad(own[a], scale6(c0, wound[c]), table.slot[e, a, 2 + c], Kv)
-                add_dyad(own[a], turned, table.slot[e, a, 6], Kq)
-                add_dyad(own[a], moved, table.slot[e, a, 6], Kv)
-            add_coordinate_hessian(coordinates, kin, k, force, Kq)
-        rate = coordinate_rate(coordinates, kin, k, g_i, g_j)
+                add_dyad(g[a], turned, table.slot[e, a, 4], Kq)
+                add_dyad(g[a], moved, table.slot[e, a, 4], Kv)
         z[n] = force
-        out[e, 0] = 0.0
-        out[e, 1] = -force * rate
-        out[e, 2] = torque
-        out[e, 3] = speed
-        out[e, 4] = rate
-        out[e, 5] = force
+        out[e, 0] = 0.5 * table.stiffness[e] * value * value
+        out[e, 1] = table.damping[e] * rate * rate - force * change[0]
+        out[e, 2] = value
+        out[e, 3] = rate
+        out[e, 4] = -torque
+        out[e, 5] = speed
+        out[e, 6] = force
 
 
 def approached(table: ServoTable) -> ServoTable:
@@ -236,6 +212,6 @@ SERVOS = ForceKind(
     kernel=servo_forces,
     outputs=OUTPUTS,
     on_coordinates=True,
-    effort='force',
+    effort=('force', 'force', 'motor'),
     approach=approached,
 )

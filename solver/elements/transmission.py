@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from solver.elements.coordinate import (
     add6,
     add_coordinate_hessian,
     add_dyad,
-    add_generalized,
+    add_generalized_on,
     add_gradient,
     coordinate_rate,
     coordinate_rate_gradient,
@@ -32,6 +32,13 @@ from solver.elements.kind import ForceKind
 from solver.elements.laws import Law, evaluate_law
 from solver.elements.marker import Context, Spec, slots
 from solver.validate import finite, require, vector
+
+
+def require_wind_up(spec: Any) -> None:
+    """Check and normalise terms and harmonics of a specification that has both. Raises SpecError."""
+    require(len(spec.terms) == 2, spec.where, 'terms', spec.terms, 'needs two [coordinate, factor] pairs')
+    spec.set('terms', tuple((str(c), finite(spec.where, f'factor of {c}', f)) for c, f in spec.terms))
+    spec.set('harmonics', vector(spec.where, 'harmonics', spec.harmonics, 4))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,16 +55,14 @@ class TransmissionSpec(Spec):
     damper: Law | None = None
 
     def __post_init__(self) -> None:
-        require(len(self.terms) == 2, self.where, 'terms', self.terms, 'needs two [coordinate, factor] pairs')
-        self.set('terms', tuple((str(c), finite(self.where, f'factor of {c}', f)) for c, f in self.terms))
-        self.set('harmonics', vector(self.where, 'harmonics', self.harmonics, 4))
+        require_wind_up(self)
 
 
 class TransmissionTable(NamedTuple):
     """Columns of all transmissions; bodies and blocks of term t are at 2 t (body i) and 2 t + 1 (body j)."""
 
-    terms: np.ndarray  # (n,) those whose effort is factor Q: the first
-    coordinate: np.ndarray  # (n, 2)
+    coordinate: np.ndarray  # (n,) the first, whose effort is factor Q
+    term: np.ndarray  # (n, 2) both
     factor: np.ndarray  # (n, 2)
     harmonics: np.ndarray  # (n, 4)
     body: np.ndarray  # (n, 4)
@@ -68,9 +73,10 @@ class TransmissionTable(NamedTuple):
 def compile_transmissions(specs: Sequence[TransmissionSpec], context: Context) -> TransmissionTable:
     """Resolve names and laws into a table."""
     n = len(specs)
+    term = np.array([[context.coordinate(s.where, name) for name, _ in s.terms] for s in specs], np.int64).reshape(n, 2)
     table = TransmissionTable(
-        terms=np.ones(n, np.int64),
-        coordinate=np.zeros((n, 2), np.int64),
+        coordinate=term[:, 0].copy(),
+        term=term,
         factor=np.array([[f for _, f in s.terms] for s in specs], float).reshape(n, 2),
         harmonics=np.array([s.harmonics for s in specs], float).reshape(n, 4),
         body=np.zeros((n, 4), np.int64),
@@ -78,8 +84,7 @@ def compile_transmissions(specs: Sequence[TransmissionSpec], context: Context) -
         law=np.zeros((n, 2), np.int64),
     )
     for e, spec in enumerate(specs):
-        table.coordinate[e] = [context.coordinate(spec.where, name) for name, _ in spec.terms]
-        table.body[e] = [b for k in table.coordinate[e] for b in context.coordinate_bodies(int(k))]
+        table.body[e] = [b for k in term[e] for b in context.coordinate_bodies(int(k))]
         table.slot[e] = slots(table.body[e].tolist(), context)
         table.law[e] = context.law(spec.spring), context.law(spec.damper)
     return table
@@ -97,6 +102,48 @@ def path_of(table, e, x):
     return value, slope, curvature
 
 
+@kernel(inline=True)
+def wind_up(table, coordinates, kin, angle, e):
+    """(s, ds/dt, its gradients on the four bodies, how they change) of element e, whose table has the columns term, factor and harmonics;
+    the last is (dx_1/dt, dx_2/dt, the gradients of x_2, factor_2 path', factor_2 path'')."""
+    k0 = table.term[e, 0]
+    k1 = table.term[e, 1]
+    x0, g0, g1 = evaluate_coordinate(coordinates, kin, k0, angle)
+    x1, g2, g3 = evaluate_coordinate(coordinates, kin, k1, angle)
+    v0 = coordinate_rate(coordinates, kin, k0, g0, g1)
+    v1 = coordinate_rate(coordinates, kin, k1, g2, g3)
+    path, slope, curvature = path_of(table, e, x1)
+    first = table.factor[e, 0]
+    second = table.factor[e, 1] * slope
+    g = (scale6(first, g0), scale6(first, g1), scale6(second, g2), scale6(second, g3))
+    change = (v0, v1, (g2, g3), second, table.factor[e, 1] * curvature)
+    return first * x0 + table.factor[e, 1] * path, first * v0 + second * v1, g, change
+
+
+@kernel(inline=True)
+def add_wind_up(table, coordinates, kin, e, rows, g, change, Q_1, Q_2, stiffness, damping, Kq, Kv):
+    """Add the tangents of forces factor_1 Q_1 and factor_2 path' Q_2 on the two coordinates, which act on the gradients `rows` and change
+    by -stiffness ds - damping d(ds/dt) there; g, change: of wind_up."""
+    k0 = table.term[e, 0]
+    k1 = table.term[e, 1]
+    _, v1, own, second, bent = change
+    first = table.factor[e, 0]
+    h0, h1 = coordinate_rate_gradient(coordinates, kin, k0)
+    h2, h3 = coordinate_rate_gradient(coordinates, kin, k1)
+    h = (
+        scale6(first, h0),
+        scale6(first, h1),
+        add6(scale6(second, h2), scale6(bent * v1, own[0])),
+        add6(scale6(second, h3), scale6(bent * v1, own[1])),
+    )
+    add_generalized_on(rows, g, h, 4, stiffness, damping, table.slot, e, Kq, Kv)
+    for b in range(2):
+        for a in range(2):
+            add_dyad(own[a], scale6(bent * Q_2, own[b]), table.slot[e, 2 + a, 2 + b], Kq)
+    add_coordinate_hessian(coordinates, kin, k0, first * Q_1, Kq)
+    add_coordinate_hessian(coordinates, kin, k1, second * Q_2, Kq)
+
+
 @kernel(borrow=True)
 def transmission_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, out):
     """Accumulate forces and tangents of all transmissions (contract: solver/elements/__init__.py, on coordinates)."""
@@ -104,40 +151,14 @@ def transmission_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangent
     Kq = sixes(Kq)
     Kv = sixes(Kv)
     for e in range(table.factor.shape[0]):
-        k0 = table.coordinate[e, 0]
-        k1 = table.coordinate[e, 1]
-        x0, g0, g1 = evaluate_coordinate(coordinates, kin, k0, angle)
-        x1, g2, g3 = evaluate_coordinate(coordinates, kin, k1, angle)
-        v0 = coordinate_rate(coordinates, kin, k0, g0, g1)
-        v1 = coordinate_rate(coordinates, kin, k1, g2, g3)
-        path, slope, curvature = path_of(table, e, x1)
-        first = table.factor[e, 0]
-        second = table.factor[e, 1] * slope
-        bent = table.factor[e, 1] * curvature
-        value = first * x0 + table.factor[e, 1] * path
-        rate = first * v0 + second * v1
+        value, rate, g, change = wind_up(table, coordinates, kin, angle, e)
         spring, stiffness, energy = evaluate_law(laws, table.law[e, 0], value)
         damper, damping, _ = evaluate_law(laws, table.law[e, 1], rate)
         Q = -spring - damper
-        g = (scale6(first, g0), scale6(first, g1), scale6(second, g2), scale6(second, g3))
         for a in range(4):
             add_gradient(Q, g[a], table.body[e, a], f)
         if tangents:
-            h0, h1 = coordinate_rate_gradient(coordinates, kin, k0)
-            h2, h3 = coordinate_rate_gradient(coordinates, kin, k1)
-            h = (
-                scale6(first, h0),
-                scale6(first, h1),
-                add6(scale6(second, h2), scale6(bent * v1, g2)),
-                add6(scale6(second, h3), scale6(bent * v1, g3)),
-            )
-            own = (g2, g3)
-            add_generalized(g, h, 4, stiffness, damping, table.slot, e, Kq, Kv)
-            for b in range(2):
-                for a in range(2):
-                    add_dyad(own[a], scale6(bent * Q, own[b]), table.slot[e, 2 + a, 2 + b], Kq)
-            add_coordinate_hessian(coordinates, kin, k0, first * Q, Kq)
-            add_coordinate_hessian(coordinates, kin, k1, second * Q, Kq)
+            add_wind_up(table, coordinates, kin, e, g, g, change, Q, Q, stiffness, damping, Kq, Kv)
         out[e, 0] = energy
         out[e, 1] = damper * rate
         out[e, 2] = value

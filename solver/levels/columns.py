@@ -1,5 +1,5 @@
-"""Steering columns without bodies: two bearings with universal joints and a telescope between them. The mesh at the far bearing, and a
-servo that measures its wind-up, are driven by the near one through the non-uniformity of the joints (solver.elements.transmission).
+"""Steering columns without bodies: two bearings with universal joints and a telescope between them. The mesh at the far bearing, with or
+without a servo, is driven by the near one through the non-uniformity of the joints (solver.elements.transmission).
 
 Columns are found by what their joints are, not by names.
 """
@@ -79,31 +79,32 @@ def _column(draft: Draft, wheel: str, driven: set[str]) -> Column | None:
     return Column(wheel, near, draft.spec(first[0]), (shaft, other), slides[0].name, draft.spec(second[0]), pinion, far)
 
 
+def _mesh(draft: Draft, angle: str) -> CoordinateForceSpec | ServoSpec | None:
+    """The elastic mesh of the rotation at a far bearing with another coordinate, if that is all that is written in it."""
+    found = [f for section in ('coordinate_forces', 'servos') for f in draft.sections[section].values() if angle in dict(f.terms)]
+    if len(found) != 1 or len(found[0].terms) != 2 or draft.uses(angle) != [found[0].name]:
+        return None
+    (mesh,) = found
+    if isinstance(mesh, ServoSpec):
+        return mesh if mesh.terms[1][0] == angle and not any(mesh.harmonics) else None
+    return mesh if mesh.input is None and mesh.reference == 0.0 and mesh.preload == 0.0 else None
+
+
 def _take_column(draft: Draft, column: Column) -> None:
     angle, driving = column.far.joint.name, column.near.joint.name
-    meshes = [f for f in draft.sections['coordinate_forces'].values() if angle in {name for name, _ in f.terms}]
-    servos: list[ServoSpec] = [s for s in draft.sections['servos'].values() if angle in {name for name, _ in s.terms}]
-    if len(meshes) != 1 or len(meshes[0].terms) != 2 or meshes[0].input is not None:
+    mesh = _mesh(draft, angle)
+    if mesh is None:
         return
-    if draft.uses(angle) != [meshes[0].name, *(servo.name for servo in servos)]:
-        return
-    mesh: CoordinateForceSpec = meshes[0]
     harmonics, sense = _harmonics(draft, column)
     (own,) = (f for name, f in mesh.terms if name == angle)
     (other,) = (term for term in mesh.terms if term[0] != angle)
-    if mesh.reference != 0.0 or mesh.preload != 0.0:
-        return
-    draft.drop('coordinate_forces', mesh.name)
-    draft.put(
-        'transmissions',
-        TransmissionSpec(
-            name=mesh.name, terms=(other, (driving, own * sense)), harmonics=harmonics, spring=mesh.spring, damper=mesh.damper
-        ),
-    )
-    for servo in servos:
-        ((moved, share),) = (term for term in servo.terms if term[0] != angle)
-        (turned,) = (f for name, f in servo.terms if name == angle)
-        draft.put('servos', servo.replace(terms=((moved, share), (driving, turned * sense)), harmonics=harmonics))
+    terms = (other, (driving, own * sense))
+    if isinstance(mesh, ServoSpec):
+        draft.put('servos', mesh.replace(terms=terms, harmonics=harmonics))
+    else:
+        draft.drop('coordinate_forces', mesh.name)
+        spec = TransmissionSpec(name=mesh.name, terms=terms, harmonics=harmonics, spring=mesh.spring, damper=mesh.damper)
+        draft.put('transmissions', spec)
     up, low = draft.placed(column.upper.i).p, draft.placed(column.lower.i).p
     axis = column.near.frame.R[:, 2]
     turning = without_disc(draft, column.pinion, column.far.frame.R[:, 2])

@@ -74,7 +74,8 @@ def derive(scene: Scene) -> Derived:
 def _unassisted(spec: ModelSpec) -> tuple[str, ...]:
     """What becomes of power steering: the compliance has its stiffness, the hand not its help."""
     return tuple(
-        f'the help of {servo.name} and friction in the steering: the torque at the steering wheel is the whole one' for servo in spec.servos
+        f'the motor of {servo.name} and friction in the steering: the torque at the steering wheel is the whole one'
+        for servo in spec.servos
     )
 
 

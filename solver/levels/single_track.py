@@ -63,7 +63,10 @@ def derive(scene: Scene) -> Derived:
             'travel of the wheels, bounce, pitch as a motion of its own, wheel hop, engine and subframes on their mounts',
             'unevenness and slope of the road; friction counts as the mean of both wheels of an axle',
             'torsion of steering and driveline',
-            *(f'the map of {servo.name}: the torque at the steering wheel is linear, fitted with its help' for servo in model.servos),
+            *(
+                f'the map of the motor of {servo.name}: the torque at the steering wheel is linear, fitted with its help'
+                for servo in model.servos
+            ),
         ),
         validity=tuple(Limit(**limit) for limit in found['validity']),
     )

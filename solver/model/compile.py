@@ -302,6 +302,7 @@ def _efforts(kind: ForceKind, table: Any, start: int) -> list[tuple[int, int, fl
         (start + e * len(kind.outputs) + columns[t % len(columns)], int(coordinates[e, t]), float(factors[e, t]))
         for e in range(len(coordinates))
         for t in range(terms[e])
+        if coordinates[e, t] >= 0
     ]
 
 

@@ -1,7 +1,7 @@
 """Electric power steering: a motor on rack or pitman arm that follows the torque at the torsion bar, and dry friction in the gear.
 
-The motor is a servo (solver.elements.servo): it measures the torque of torsion bar and mesh, which is that of the hand, and pushes the
-rack by a map over that torque and the speed of the car. Where it sits (column, pinion, rack) makes no difference here, because between
+Torsion bar, mesh and motor are one servo (solver.elements.servo): it pushes the rack by a map over the torque of torsion bar and mesh,
+which is that of the hand, and the speed of the car. Where it sits (column, pinion, rack) makes no difference here, because between
 torsion bar and rack nothing gives way; the inertia of its rotor is not modelled.
 
 Friction is a force against the motion, regularised: up to SLOW it rises with the speed of sliding by a cubic, without overshoot, so a rack
@@ -42,17 +42,14 @@ class PowerSteering:
             finite('assist', field, getattr(self, field), low=0.0, strict=True)
 
 
-def power_steering(
-    data: PowerSteering, coordinate: str, mesh: CoordinateForceSpec, stiffness: float, damping: float, chassis: RigidBodySpec
-) -> Parts:
-    """The servo `power_steering` on a coordinate, the output of the gear, which it moves the way the torque of the mesh does, with its
-    stiffness [N m/rad] and damping [N m s/rad]."""
-    (factor,) = (factor for name, factor in mesh.terms if name == coordinate)
-    sense = 1.0 if factor < 0.0 else -1.0  # a wind-up pulls its coordinates back: that of the output along -factor
-    servo = ServoSpec(
-        name='power_steering',
-        coordinate=coordinate,
-        terms=tuple((name, sense * f) for name, f in mesh.terms),
+def assisted_mesh(
+    data: PowerSteering, name: str, terms: tuple[tuple[str, float], ...], stiffness: float, damping: float, chassis: RigidBodySpec
+) -> ServoSpec:
+    """The mesh over two coordinates, of which the first is the output of the gear, with a motor there; stiffness [N m/rad], damping
+    [N m s/rad]."""
+    return ServoSpec(
+        name=name,
+        terms=terms,
         stiffness=stiffness,
         damping=damping,
         marker=marker_at(chassis, (0.0, 0.0, 0.0)),
@@ -62,7 +59,6 @@ def power_steering(
         limit=data.limit,
         lag=data.lag,
     )
-    return Parts(servos=(servo,))
 
 
 def friction(coordinate: str, force: float, slow: float) -> Parts:

@@ -86,5 +86,5 @@ class RecirculatingBall(Column):
         dampers = (steering_damper(subframe, relay, middle, self.link_damping),) if self.link_damping > 0.0 else ()
         parts = joined((Parts(bodies=(pitman, idler), joints=(shaft,), spring_dampers=dampers), other, linkage))
         lever = self.lever(self.pitman)
-        mesh = self.mesh('steering_box', 'pitman_arm', float(np.copysign(self.ratio, arm * lever)))
-        return Gear(parts, mesh, relay, 'pitman_arm', SLOW / abs(lever))
+        ratio = float(np.copysign(self.ratio, arm * lever))
+        return Gear(parts, 'steering_box', 'pitman_arm', ratio, SLOW / abs(lever), relay)

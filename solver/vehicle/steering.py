@@ -5,9 +5,9 @@ linkage (solver.vehicle.recirculating_ball).
     subframe -prismatic- rack (to the tie rods)
 
 The angle of the steering wheel is imposed by the driver row `driver`. Pinion and rack act on each other through the elasticity of torsion
-bar and mesh: `rack_and_pinion` is the torque over pinion angle minus rack travel / pinion radius. With power assistance (`assist`) a motor
-pushes the rack beside it; without, a torsion bar stiffer than it is, by the ratio of the whole torque to the driver's, gives way like an
-assisted one, and the hand feels the whole torque.
+bar and mesh: `rack_and_pinion` is the torque over pinion angle minus rack travel / pinion radius. With power assistance (`assist`) it has
+a motor that pushes the rack; without, a torsion bar stiffer than it is, by the ratio of the whole torque to the driver's, gives way like
+an assisted one, and the hand feels the whole torque.
 """
 
 from __future__ import annotations
@@ -29,22 +29,23 @@ from solver.elements.spring_damper import SpringDamperSpec
 from solver.validate import Vector, finite
 from solver.vehicle.hardpoints import marker_at
 from solver.vehicle.parts import LEFTWARDS, Part, Parts, joined, rods, shaft_markers, vector_of
-from solver.vehicle.power_steering import SLOW, PowerSteering, friction, power_steering
+from solver.vehicle.power_steering import SLOW, PowerSteering, assisted_mesh, friction
 
 SHAFT_RADIUS = 0.012  # of the shafts' cylinders [m]
 DAMPER_LENGTH = 0.5  # of the steering damper, along the rack [m]
 
 
 class Gear(NamedTuple):
-    """What stands between the pinion and the tie rods. parts: bodies and joints, and the elements of the gear; mesh: the elasticity between
-    pinion and output; output: the body that the tie rods go to; coordinate: what a motor and friction act on, and from which rate [1/s]
-    friction is dry."""
+    """What stands between the pinion and the tie rods. parts: bodies and joints, and the elements of the gear; mesh: name of the elasticity
+    between pinion and output; coordinate: that of the output, which friction acts on, dry from the rate slow [1/s] on; ratio: of the pinion
+    to it; output: the body that the tie rods go to."""
 
     parts: Parts
-    mesh: CoordinateForceSpec
-    output: RigidBodySpec
+    mesh: str
     coordinate: str
+    ratio: float
     slow: float
+    output: RigidBodySpec
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,10 +79,13 @@ class Column(ABC):
     def gear(self, subframe: RigidBodySpec, arm: float) -> Gear:
         """The gear on its subframe. arm: of the tie rods, see DoubleWishbone.steering_arm; only its sign counts."""
 
-    def mesh(self, name: str, output: str, ratio: float) -> CoordinateForceSpec:
-        """The elasticity over pinion angle minus ratio times the coordinate `output`."""
-        terms = (('steering_pinion', 1.0), (output, -ratio))
-        return CoordinateForceSpec(name=name, terms=terms, spring=Law.linear(self.stiffness), damper=Law.linear(self.damping))
+    def mesh(self, gear: Gear, chassis: RigidBodySpec) -> Parts:
+        """The elasticity over pinion angle minus ratio times the coordinate of the output, with a motor on that if there is one."""
+        pinion, output = ('steering_pinion', 1.0), (gear.coordinate, -gear.ratio)
+        if self.assist is not None:
+            return Parts(servos=(assisted_mesh(self.assist, gear.mesh, (output, pinion), self.stiffness, self.damping, chassis),))
+        spring, damper = Law.linear(self.stiffness), Law.linear(self.damping)
+        return Parts(coordinate_forces=(CoordinateForceSpec(name=gear.mesh, terms=(pinion, output), spring=spring, damper=damper),))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,8 +109,8 @@ class SteeringGear(Column):
         rack = self.rack.body('rack', at)
         slide = JointSpec(name='rack', kind='prismatic', i=marker_at(subframe, at, LEFTWARDS), j=marker_at(rack, at, LEFTWARDS))
         damper = steering_damper(subframe, rack, at, self.rack_damping)
-        mesh = self.mesh('rack_and_pinion', 'rack', float(np.copysign(2.0 * np.pi / self.rack_per_turn, arm)))
-        return Gear(Parts(bodies=(rack,), joints=(slide,), spring_dampers=(damper,)), mesh, rack, 'rack', SLOW)
+        ratio = float(np.copysign(2.0 * np.pi / self.rack_per_turn, arm))
+        return Gear(Parts(bodies=(rack,), joints=(slide,), spring_dampers=(damper,)), 'rack_and_pinion', 'rack', ratio, SLOW, rack)
 
 
 def steering_gear(data: Column, chassis: RigidBodySpec, subframe: RigidBodySpec, arm: float) -> tuple[Parts, RigidBodySpec]:
@@ -137,12 +141,8 @@ def steering_gear(data: Column, chassis: RigidBodySpec, subframe: RigidBodySpec,
         bodies=(pinion, lower, upper, wheel),
         joints=tuple(JointSpec(name=name, kind=kind, i=i, j=j) for name, kind, i, j in joints),
         couplers=(CouplerSpec(name='driver', terms=(('steering_wheel', 1.0),), offset=0.0, input='steering'),),
-        coordinate_forces=(gear.mesh,),
     )
-    assist = (
-        Parts() if data.assist is None else power_steering(data.assist, gear.coordinate, gear.mesh, data.stiffness, data.damping, chassis)
-    )
-    return joined((gear.parts, column, assist, friction(gear.coordinate, data.friction, gear.slow))), gear.output
+    return joined((gear.parts, column, data.mesh(gear, chassis), friction(gear.coordinate, data.friction, gear.slow))), gear.output
 
 
 def steering_damper(subframe: RigidBodySpec, body: RigidBodySpec, at: Vector, damping: float) -> SpringDamperSpec:

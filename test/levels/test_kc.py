@@ -217,7 +217,7 @@ def test_limits_follow_from_the_vehicle(car: str, limits: dict[str, float]) -> N
     level = derive(solver.load_scene('car_step_steer', [f'vehicle=vehicles/{car}.yaml', 'fidelity=kc'])).report
     found = {limit.quantity: limit.high for limit in level.validity}
     assert {name: found[name] for name in limits} == limits
-    assert any('help of power_steering' in text for text in level.lost) == (car == 'compact_fwd')
+    assert any('motor of rack_and_pinion' in text for text in level.lost) == (car == 'compact_fwd')
     assert ('lateral_acceleration' in found) == ('lateral_acceleration' in limits)
 
 

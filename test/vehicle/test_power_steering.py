@@ -8,15 +8,13 @@ import numpy as np
 import pytest
 import scipy.linalg
 
-from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.elements.coupler import CouplerSpec
 from solver.elements.joint import JointSpec
-from solver.elements.laws import Law
 from solver.elements.marker import WORLD, Marker
 from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.servo import ServoSpec
 from solver.errors import MbdError
-from solver.files.scene import load_scene_text
+from solver.files.scene import load_scene, load_scene_text
 from solver.levels.condensed import condensed
 from solver.model.spec import ModelSpec
 from solver.scene import Scene
@@ -27,6 +25,12 @@ ALONG_Y = (-np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))
 SPEED = 22.0
 WHOLE = {'compact_fwd': 220.0, 'electric_4wd': 300.0, 'pickup_awd': 330.0}  # stiffness that acts at that speed [N m/rad]
 TRAVEL = {'compact_fwd': 0.054, 'electric_4wd': 0.050, 'pickup_awd': 0.052}  # travel of the rack per turn of the pinion [m]
+
+ASSIST = (  # that of electric_4wd
+    '{speeds_kmh: [0, 30, 80, 150], torques: [2, 5, 6, 8], '
+    'forces: [[800, 5000, 7000, 10000], [600, 2000, 2900, 6000], [503, 1257, 1508, 2500], [360, 900, 1080, 1700]], '
+    'limit: 11000, lag: 0.003}'
+)
 
 
 def test_a_helped_mass_moves_as_the_linear_equations_have_it():
@@ -43,14 +47,12 @@ def test_a_helped_mass_moves_as_the_linear_equations_have_it():
         JointSpec(name='rack', kind='prismatic', i=Marker(body=WORLD, **along), j=Marker(body='rack', **along)),
         JointSpec(name='wheel', kind='revolute', i=Marker(body=WORLD), j=Marker(body='wheel')),
     )
-    terms = (('rack', -2.0), ('wheel', 1.0))
-    mesh = CoordinateForceSpec(name='mesh', terms=terms, spring=Law.linear(k), damper=Law.linear(c))
     servo = ServoSpec(
-        name='motor', coordinate='rack', terms=terms, stiffness=k, damping=c, marker=Marker(body='rack'), speeds=(0.0,), torques=(1.0,),
-        forces=((gain,),), limit=1e4, lag=lag,
+        name='motor', terms=(('rack', -2.0), ('wheel', 1.0)), stiffness=k, damping=c, marker=Marker(body='rack'), speeds=(0.0,),
+        torques=(1.0,), forces=((gain,),), limit=1e4, lag=lag,
     )  # fmt: skip
     hold = CouplerSpec(name='hold', terms=(('wheel', 1.0),), offset=0.0)
-    model = ModelSpec(bodies=bodies, joints=joints, couplers=(hold,), coordinate_forces=(mesh,), servos=(servo,), gravity=(0.0, 0.0, 0.0))
+    model = ModelSpec(bodies=bodies, joints=joints, couplers=(hold,), servos=(servo,), gravity=(0.0, 0.0, 0.0))
     errors = []
     for h in (2e-3, 1e-3):
         settings = IntegratorSettings(h=h, mode='tolerance', tolerance=1e-10, rho_inf=1.0)
@@ -102,10 +104,11 @@ def test_the_motor_supplies_and_the_account_of_energy_closes() -> None:
     for h in (1e-3, 5e-4):
         simulation = drive('electric_4wd', steering='{kind: sine, amplitude: 0.5, frequency: 0.5}', h=h)
         supplied, work, before, k = 0.0, 0.0, (0.0, 0.0), simulation.channels.joints.index('rack')
+        (servo,) = simulation.model.spec.servos
         for _ in range(round(0.5 / h)):
             rack = simulation.advance(1).joint_position[k]
-            _, dissipation, *_, force = simulation.model.outputs('servos', simulation.outputs)[0]
-            supplied -= h * dissipation
+            _, dissipation, _, rate, *_, force = simulation.model.outputs('servos', simulation.outputs)[0]
+            supplied += h * (servo.damping * rate * rate - dissipation)
             work += 0.5 * (force + before[0]) * (rack - before[1])
             before = force, rack
         assert work > 1.0
@@ -134,6 +137,31 @@ def test_friction_is_felt_against_the_motion_and_not_at_rest() -> None:
     assert more[19] == pytest.approx(-lever, rel=0.05)
     assert more[39] == pytest.approx(lever, rel=0.05)
     assert abs(more[9]) < 0.1 * lever
+
+
+@pytest.mark.parametrize('name', ['compact_fwd', 'pickup_awd'])
+def test_the_mesh_has_its_place_in_the_effort_of_its_coordinates(name: str) -> None:
+    """Joint states of the pinion show the torque of the mesh, those of the rack that over its radius and the motor beside friction (a
+    coordinate force, too)."""
+    simulation = drive(name, 'vehicle.steering.friction=0')
+    shot = simulation.advance(300)
+    _, _, value, rate, force, _, motor = simulation.model.outputs('servos', simulation.outputs)[0]
+    (servo,) = simulation.model.spec.servos
+    effort = dict(zip(simulation.channels.joints, shot.joint_effort, strict=True))
+    assert force == pytest.approx(-servo.stiffness * value - servo.damping * rate, rel=1e-12)
+    assert effort['steering_pinion'] == force
+    assert effort['rack'] == pytest.approx(servo.terms[0][1] * force + motor, rel=1e-12)
+
+
+def test_the_full_car_takes_it_in_the_place_of_its_mesh() -> None:
+    """One action-reaction element as before; the counts are those of the reference car."""
+    changes = ['vehicle.steering.stiffness=110', 'vehicle.steering.damping=0.5', f'vehicle.steering.assist={ASSIST}']
+    simulation = Simulation(load_scene('car_swept_steer', changes))
+    counts = simulation.describe()
+    expected = {'bodies': 53, 'joints': 49, 'bushings': 29, 'spring_dampers': 9, 'force_elements': 9, 'dof': 134, 'redundant_rows': []}
+    assert {name: counts[name] for name in expected} == expected
+    assert [s.name for s in simulation.model.spec.servos] == ['rack_and_pinion']
+    assert 'rack_and_pinion' not in {f.name for f in simulation.model.spec.coordinate_forces}
 
 
 def test_the_level_condensed_has_the_motor_behind_its_transmission() -> None:
@@ -167,7 +195,7 @@ def test_a_car_may_stand_with_its_wheels_turned() -> None:
     """From straight ahead the wind-up is far beyond the map: the equilibrium is found, the hand holds less than the help gives."""
     text = 'vehicle: vehicles/pickup_awd.yaml\nstart: {kind: equilibrium}\nmaneuver: {steering: 3.0}\n'
     simulation = Simulation(load_scene_text(text, 'parked'))
-    torque, speed, _, force = simulation.model.outputs('servos', simulation.outputs)[0, 2:]
+    force, speed, motor = simulation.model.outputs('servos', simulation.outputs)[0, 4:]
     assert abs(speed) < 1e-6
-    assert 0.0 < torque < 8.0
-    assert force * TRAVEL['pickup_awd'] / (2.0 * np.pi) > torque
+    assert 0.0 < -force < 8.0
+    assert motor * TRAVEL['pickup_awd'] / (2.0 * np.pi) > -force

@@ -4,7 +4,7 @@
 every program alike: a tire by a spring in three directions between the ground and its wheel, off centre by RUNOUT, so that the turning
 wheels shake the car; laws by their slope at rest (dampers: their mean rate up to 0.2 m/s); constant-velocity by universal joints;
 the driver by a fixed steering wheel; rack and pinion by a spring along the rack; the final drive by a torsion spring between the output
-shafts and one that holds the pinion. Brakes and drag are left out.
+shafts and one that holds the pinion. Brakes, drag and the motor of power steering are left out.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from solver.elements.joint import JointSpec
 from solver.elements.laws import Law
 from solver.elements.marker import WORLD, Marker
 from solver.elements.rigid_body import RigidBodySpec
+from solver.elements.servo import ServoSpec
 from solver.elements.spring_damper import SpringDamperSpec
 from solver.files.scene import load_scene
 from solver.model.frames import matrix
@@ -116,11 +117,15 @@ def _spring_damper(element: SpringDamperSpec, spec: ModelSpec) -> SpringDamperSp
         damper = Law.linear(float(high - low) / (2.0 * DAMPER_SPEED))
     if element.name == 'steering_damper':
         assert damper is not None
-        gear = next(f for f in spec.coordinate_forces if f.name == 'rack_and_pinion')
+        gear = next(f for f in (*spec.coordinate_forces, *spec.servos) if f.name == 'rack_and_pinion')
         ratio = dict(gear.terms)['rack'] ** 2
-        assert gear.spring is not None and gear.damper is not None
-        spring = Law.linear(ratio * gear.spring.slope[0])
-        damper = Law.linear(damper.slope[0] + ratio * gear.damper.slope[0])
+        if isinstance(gear, ServoSpec):
+            stiffness, loss = gear.stiffness, gear.damping
+        else:
+            assert gear.spring is not None and gear.damper is not None
+            stiffness, loss = gear.spring.slope[0], gear.damper.slope[0]
+        spring = Law.linear(ratio * stiffness)
+        damper = Law.linear(damper.slope[0] + ratio * loss)
     return dataclasses.replace(element, spring=spring, damper=damper)
 
 
