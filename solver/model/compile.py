@@ -178,7 +178,7 @@ def compile_model(spec: ModelSpec) -> Model:
     context = _Context(spec)
     elements: dict[str, Ref] = {}
     constraint_kinds, driven, drives = _compile_constraints(context, elements)
-    forces, effort, internal_bodies = _compile_forces(context, elements)
+    forces, effort, internal_bodies = _compile_forces(context, elements, drives)
     constraints = context.groups.table(driven)
     n_slots = len(context.slots)
     block_row = np.zeros(n_slots + 1, np.int64)
@@ -265,10 +265,11 @@ def _compile_constraints(context: _Context, elements: dict[str, Ref]) -> tuple[n
     return kinds, driven, _effort_table(drives)
 
 
-def _compile_forces(context: _Context, elements: dict[str, Ref]) -> tuple[np.ndarray, EffortTable, tuple[int, ...]]:
+def _compile_forces(context: _Context, elements: dict[str, Ref], drives: EffortTable) -> tuple[np.ndarray, EffortTable, tuple[int, ...]]:
     """(forces of Tables without addresses, efforts, bodies whose motion internal states depend on); adds the tables to elements."""
     forces = np.zeros((len(FORCES), 7), np.int64)
     efforts = []
+    driven = _driven_alone(drives)
     internal_bodies: set[int] = set()
     start = 0
     for kind, row in zip(FORCES, forces, strict=True):
@@ -282,7 +283,7 @@ def _compile_forces(context: _Context, elements: dict[str, Ref]) -> tuple[np.nda
         row[[TABLE, ON_COORDINATES, DRIVEN]] = elements[kind.name].pointer, kind.on_coordinates, kind.driven
         row[[OUTPUT, COUNT, WIDTH]] = start, len(specs), width
         if kind.effort is not None and specs:
-            efforts += _efforts(kind, table, start)
+            efforts += [row for row in _efforts(kind, table, start) if row[1] not in driven]
         start += len(specs) * width
     return forces, _effort_table(efforts), tuple(sorted(internal_bodies))
 
@@ -290,6 +291,11 @@ def _compile_forces(context: _Context, elements: dict[str, Ref]) -> tuple[np.nda
 def _effort_table(rows: list[tuple[int, int, float]]) -> EffortTable:
     columns = tuple(zip(*rows, strict=True)) or ((), (), ())
     return EffortTable(np.array(columns[0], np.int64), np.array(columns[1], np.int64), np.array(columns[2], float))
+
+
+def _driven_alone(drives: EffortTable) -> set[int]:
+    """Coordinates that a driver prescribes one by one: what forces do there is in its effort, with the other sign."""
+    return {int(k) for row, k in zip(drives.output, drives.coordinate, strict=True) if np.count_nonzero(drives.output == row) == 1}
 
 
 def _efforts(kind: ForceKind, table: Any, start: int) -> list[tuple[int, int, float]]:

@@ -39,7 +39,8 @@ class ConstraintTable(NamedTuple):
 
 
 class EffortTable(NamedTuple):
-    """Outputs that are generalized forces on joint coordinates, one after the other."""
+    """Outputs that are generalized forces on joint coordinates, one after the other; those of forces at coordinates that no driver
+    prescribes."""
 
     output: np.ndarray  # (m,) index in the outputs
     coordinate: np.ndarray  # (m,)

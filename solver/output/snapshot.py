@@ -53,7 +53,7 @@ class OutputArrays(NamedTuple):
 
     joint_position: np.ndarray  # (nx,) [rad or m], unwrapped
     joint_velocity: np.ndarray  # (nx,)
-    joint_effort: np.ndarray  # (nx,) generalized force of elements, brakes and drivers (prescribed motions) [N m or N]
+    joint_effort: np.ndarray  # (nx,) generalized force of elements, of a coordinate with a prescribed motion that of its driver [N m or N]
     pose: np.ndarray  # (nb, 7) reference frame of every body in the world: p [m], quaternion xyzw
     twist: np.ndarray  # (nb, 6) velocity of that frame's origin and angular velocity, both expressed in the body [m/s, rad/s]
     imu: np.ndarray  # (6,) chassis centre of mass: specific force in B [m/s^2], angular velocity in B [rad/s]

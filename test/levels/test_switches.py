@@ -119,6 +119,19 @@ def test_a_car_without_anything_drives_on(fidelity: str) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize('vehicle', ['full_car', 'compact_fwd'])
+def test_without_its_column_the_hand_holds_the_same_torque(vehicle: str) -> None:
+    """The gear acts on the steering wheel itself: but for the universal joints the hand feels it as before."""
+    held = []
+    for state in ('on', 'off'):
+        changes = [f'vehicle=vehicles/{vehicle}.yaml', f'switches.steering_column={state}']
+        simulation = solver.simulation_of(load_scene('car_step_steer', [*changes, 'maneuver.steering={kind: ramp, slope: 1.0}']))
+        held.append(simulation.advance(400).joint_effort[simulation.channels.joints.index('steering_wheel')])
+    assert held[0] > 3.0
+    assert held[1] == pytest.approx(held[0], rel=0.05)
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize('name', ['relaxation', 'camber'])
 def test_what_a_tire_leaves_out_changes_its_force(name: str) -> None:
     """Relaxation: the side force follows a step of the steering at once. Camber: a cambered wheel that rolls straight pushes less."""

@@ -37,6 +37,16 @@ def test_the_torque_of_a_driver_accelerates_what_it_drives():
     np.testing.assert_allclose(effort, 2.0 * 2.0 * acceleration, rtol=0.0, atol=within_a_step)
 
 
+def test_a_driver_that_works_against_a_spring_shows_what_it_takes():
+    """5 N m/rad times x more than for the inertia alone, to what x changes within a step: 5e-4 s * 4 pi / tan(0.4 pi) = 2.0e-3 of it. The
+    spring has no effort of its own beside that of the driver."""
+    spring = 'mechanism:\n  coordinate_forces:\n    spring: {terms: {axle: 1}, spring: 5}\n'
+    found = [simulation_of(load_scene_text(text)).advance(600) for text in (DISC, DISC.replace('mechanism:\n', spring))]
+    assert abs(found[0].joint_position[0]) > 0.05
+    more = found[1].joint_effort[0] - found[0].joint_effort[0]
+    assert more == pytest.approx(5.0 * found[0].joint_position[0], rel=2.1e-3)
+
+
 @pytest.mark.parametrize('scene', ['light_car_circle', 'car_circle'])
 def test_the_hand_torque_holds_the_wheel_against_the_tires(scene):
     """In a steady left turn the pneumatic trail and the caster pull the wheels straight: the hands push to the left."""
