@@ -90,23 +90,25 @@ def _tire_file(args: argparse.Namespace) -> Result:
     """The receipt of a tire file: every key used, ignored (why) or defaulted (value)."""
     from solver.errors import SceneError
     from solver.files.tir import read_tir
-    from solver.files.tire_receipt import receipt, warnings
+    from solver.files.tire_receipt import receipt, turn_slip_of, warnings
 
     for name, given in (('--set', args.overrides), ('--urdf', args.urdf), ('--resolved', args.resolved)):
         if given:
             raise SceneError(f'{args.scene}: {name} is for a scene, not for a tire file')
     data = read_tir(args.scene)
     found = receipt(data)
-    said = warnings(data)
+    said, turning = warnings(data), turn_slip_of(data, None)
     rows = [('key', '', 'value', ''), *((e.key, e.fate, _text(e.value), e.why) for e in found)]
     object_ = {
         'status': 'ok',
         'tire': data.name,
         'version': data.version,
         'side': data.side,
+        'turn_slip': turning,
         'receipt': [dataclasses.asdict(e) for e in found],
     }
-    head = table([('tire', data.name), ('equations', f'{data.version // 10}.{data.version % 10}'), ('side', data.side), *_counts(found)])
+    equations = f'{data.version // 10}.{data.version % 10}'
+    head = table([('tire', data.name), ('equations', equations), ('side', data.side), ('turn slip', turning), *_counts(found)])
     return Result(data=object_ | {'warnings': said}, text='\n'.join([head, *said, '', table(rows)]))
 
 
@@ -116,7 +118,7 @@ def _counts(found: list[Entry]) -> list[tuple[str, str]]:
 
 def _tires(scene: Scene) -> tuple[list[dict[str, Any]], str]:
     """What became of the keys of each tire that the scene has: (objects for JSON, text)."""
-    from solver.files.tire_receipt import receipt, warnings
+    from solver.files.tire_receipt import receipt, turn_slip_of, warnings
 
     objects, text = [], ''
     distinct = {(t.data.source or t.data.name, t.turn_slip): t for t in scene.model.tires}
@@ -125,8 +127,10 @@ def _tires(scene: Scene) -> tuple[list[dict[str, Any]], str]:
         wheels = [t.name for t in scene.model.tires if (t.data.source or t.data.name, t.turn_slip) == (name, tire.turn_slip)]
         counts = ', '.join(f'{number} keys {fate}' for fate, number in _counts(found))
         text += f'\n\ntire {name} ({", ".join(wheels)}): {counts} (every one: mbd info FILE.tir, or --json)'
-        text += ''.join(f'\n  {sentence}' for sentence in said)
-        objects.append({'tire': name, 'wheels': wheels, 'receipt': [dataclasses.asdict(e) for e in found], 'warnings': said})
+        turning = turn_slip_of(tire.data, tire.turn_slip)
+        text += ''.join(f'\n  {sentence}' for sentence in (*said, f'turn slip: {turning}'))
+        entry = {'tire': name, 'wheels': wheels, 'turn_slip': turning}
+        objects.append(entry | {'receipt': [dataclasses.asdict(e) for e in found], 'warnings': said})
     return objects, text
 
 

@@ -1,6 +1,6 @@
 """Functions of the tire laws: differentiable stand-ins for |x|, sign, max and clipping, and the arguments of the Magic Formula.
 
-On float64, complex128 and Dual; once continuously differentiable.
+On float64, complex128 and Dual; once continuously differentiable where nothing else is said.
 """
 
 from __future__ import annotations
@@ -66,6 +66,16 @@ def smooth_step(s):
     if s.real >= 1.0:
         return 0.0 * s + 1.0
     return s * s * (3.0 - 2.0 * s)
+
+
+@kernel(borrow=True)
+def smoother_step(s):
+    """0 for s <= 0, 1 for s >= 1, a polynomial of the fifth degree between: twice continuously differentiable."""
+    if s.real <= 0.0:
+        return 0.0 * s
+    if s.real >= 1.0:
+        return 0.0 * s + 1.0
+    return s * s * s * (10.0 - s * (15.0 - 6.0 * s))
 
 
 @kernel(inner=True)

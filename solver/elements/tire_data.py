@@ -13,7 +13,7 @@ from typing import Literal
 
 import numpy as np
 
-from solver.errors import suggestion
+from solver.errors import SpecError, suggestion
 from solver.validate import finite, require
 
 # What a coefficient is when the file does not have it; None: the file must have it.
@@ -48,28 +48,32 @@ DEFAULTS: dict[str, float | None] = {
     # enveloping of short obstacles ([Schmeitz2004]): the values of the sample file of MF-Tyre 6.1, lengths over UNLOADED_RADIUS
     **{'ELLIPS_SHIFT': 0.8, 'ELLIPS_LENGTH': 1.0, 'ELLIPS_HEIGHT': 1.0, 'ELLIPS_ORDER': 1.8},
     **{'Q_RA1': 0.60147, 'Q_RA2': 0.81974, 'Q_RB1': 1.2648, 'Q_RB2': -1.4057},
-    # turn slip, used when TireSpec.turn_slip asks for it: the values that files without measurements of it commonly have
+    # turn slip, all of it used when TireSpec.turn_slip asks for it: the values that files without measurements of it commonly have
     **{'LMP': 1.0, 'PDXP1': 0.4, 'PDXP2': 0.0, 'PDXP3': 0.0, 'PKYP1': 1.0, 'PDYP1': 0.4, 'PDYP2': 0.0, 'PDYP3': 0.0, 'PDYP4': 0.0},
     **{'PHYP1': 1.0, 'PHYP2': 0.15, 'PHYP3': 0.0, 'PHYP4': -4.0, 'PECP1': 0.5, 'PECP2': 0.0, 'QDTP1': 10.0},
     **{'QCRP1': 0.2, 'QCRP2': 0.1, 'QBRP1': 0.1, 'QDRP1': 1.0, 'QDRP2': 0.0},
 }
 # Derived numbers that stand in the same row: relative pressure change, 1 for 6.1 and 0 for 5.2, A_mu of (4.E8), camber limit, ...,
-# 1 with turn slip and 0 without
-DERIVED = ('DPI', 'IS_61', 'A_MU', 'GAMMA_MAX', 'PRESSURE_MY', 'HALF_WIDTH', 'TURN_SLIP')
+# 1 with turn slip and 0 without, 1 where only the moment against turning on the spot acts
+DERIVED = ('DPI', 'IS_61', 'A_MU', 'GAMMA_MAX', 'PRESSURE_MY', 'HALF_WIDTH', 'TURN_SLIP', 'PARKING')
 ROW = len(DEFAULTS) + len(DERIVED)
 I = ModuleType('I')  # noqa: E741  (a module, because compiled code turns its attributes into constants)
 vars(I).update({name: k for k, name in enumerate((*DEFAULTS, *DERIVED))})
 
 DEFAULT_GAMMA_MAX = np.deg2rad(15.0)  # camber range when the file gives none
+PARKING_FULL, PARKING_ENDS = 2.5, 5.0  # speeds over ground up to which the moment against turning on the spot acts fully, and at all [m/s]
+PARKING_LOAD = 3.0  # over FNOMIN: up to this load data must resist turning on the spot
 DEFAULT_WIDTH = 0.65  # width over radius when the file gives none: that of passenger car tires
 
 
-def pack(values: Mapping[str, float], version: int, pressure: float | None = None, *, turn_slip: bool = False) -> np.ndarray:
+def pack(
+    values: Mapping[str, float], version: int, pressure: float | None = None, *, turn_slip: bool = False, parking: bool = False
+) -> np.ndarray:
     """Return the row of coefficients of a tire.
 
     values: by MF name, SI units; missing ones take DEFAULTS. version: 52 or 61. pressure: inflation pressure [Pa], None for the
-    file's INFLPRES. Pressure acts only when the file has a NOMPRES. turn_slip: whether turn slip acts (6.1). Raises KeyError for a
-    missing required name.
+    file's INFLPRES. Pressure acts only when the file has a NOMPRES. turn_slip: whether turn slip acts (6.1); parking: whether only its
+    moment against turning on the spot does. Raises KeyError for a missing required name.
     """
     row = np.array([values[n] if d is None else values.get(n, d) for n, d in DEFAULTS.items()] + [0.0] * len(DERIVED))
     nominal = row[I.NOMPRES]
@@ -78,6 +82,7 @@ def pack(values: Mapping[str, float], version: int, pressure: float | None = Non
         row[I.DPI] = (p - nominal) / nominal  # (4.E2b)
     row[I.IS_61] = float(version == 61)
     row[I.TURN_SLIP] = float(turn_slip)
+    row[I.PARKING] = float(parking)
     row[I.A_MU] = 10.0 if version == 61 else 1.0
     limit = max(abs(row[I.CAMMIN]), abs(row[I.CAMMAX]))
     row[I.GAMMA_MAX] = limit if limit > 0.0 else DEFAULT_GAMMA_MAX
@@ -154,10 +159,25 @@ class TireData:
         return partial(TireData, **{field.name: getattr(self, field.name) for field in fields(self)} | plain), ()
 
     def require_turn_slip(self, where: str) -> None:
-        """Refuse coefficients with which turn slip would not resist the turning of the wheel. Raises SpecError."""
+        """Refuse data without turn slip, and coefficients with which it would not resist the turning of the wheel. Raises SpecError."""
+        require(self.version == 61, where, 'turn_slip', True, 'needs data of the Magic Formula 6.1: leave it out')
         for key in ('PHYP1', 'PHYP2', 'QCRP1', 'QDRP1'):
             require(self[key] > 0.0, where, key, self[key], 'must be positive for turn slip')
         require(self['QDRP1'] < 2.0, where, 'QDRP1', self['QDRP1'], 'must be below 2: the shape factor of a moment that keeps its sign')
         require(self['PECP1'] < 1.0, where, 'PECP1', self['PECP1'], 'must be below 1: camber is a part of the spin')
         for key in ('PKY6', 'QDZ8'):
             require(self[key] < 0.0, where, key, self[key], 'must be negative for turn slip: side force and moment against the spin')
+
+    def lacks_turn_slip(self) -> str:
+        """Why these data have no moment against turning on the spot that may act unasked, as a sentence; '' where they have."""
+        if self.version != 61:
+            return 'the data are not of the Magic Formula 6.1'
+        try:
+            self.require_turn_slip(f'TireData {self.name!r}')
+        except SpecError as error:
+            return str(error)
+        for dfz in (-1.0, PARKING_LOAD - 1.0):  # all three are linear in the load
+            slope, peak = self['QDZ8'] + self['QDZ9'] * dfz, self['PDY1'] + self['PDY2'] * dfz
+            if slope > 0.0 or peak < 0.0 or self['PECP1'] * (1.0 + self['PECP2'] * dfz) >= 1.0:
+                return f'QDZ9, PDY2 or PECP2 let the moment drive at a load of {1.0 + dfz:g} FNOMIN'
+        return ''

@@ -10,7 +10,8 @@ and all signs are those of docs/conventions.md; the model is described in docs/t
 and the same for v with Vsy. It is linear in u, so u = zp + cz du/dt has a closed form. At speed the steady state is the slip
 itself; at rest nothing decays and u is a spring (no creep). k_x bounds the slip, and at low speed it holds u near the deflection
 of the peak force, so that a wheel that slides to rest does not store more than the force it can carry. With turn slip the twist of
-the contact patch is a third such state, R0 times its angle, driven by R0 times the yaw rate.
+the contact patch is a third such state, R0 times its angle, driven by R0 times the yaw rate. Unless turn slip is off, such a twist
+resists a wheel that is turned on the spot, below PARKING_ENDS; above nothing of it is evaluated, and the state fades away.
 
 Source: [Pacejka2012] 2.2 (slip), 4.3.3 (turn slip), 7.2 (relaxation), 8.6 (standstill).
 """
@@ -29,7 +30,7 @@ from solver.compiled.kernel import kernel
 from solver.compiled.so3 import quaternion_of_matrix
 from solver.compiled.vec import add, cross, dot, load3, load33, scale, tmv
 from solver.elements.footprint import footprint
-from solver.elements.kind import ForceKind
+from solver.elements.kind import ForceKind, Held
 from solver.elements.magic_formula import (
     SLOWEST,
     camber_variable,
@@ -41,10 +42,10 @@ from solver.elements.magic_formula import (
 )
 from solver.elements.marker import Context, Marker, Spec
 from solver.elements.road import RoadTable, compile_road, friction_at
-from solver.elements.smooth import ramp, smooth_sign, smooth_step
+from solver.elements.smooth import ramp, smooth_sign, smooth_step, smoother_step
 from solver.elements.tire_contact import contact_of, motion_of, real_kinematics, seeded_motion_of
-from solver.elements.tire_data import ROW, I, TireData, pack
-from solver.elements.turn_slip import saturated_moment, spin_slope
+from solver.elements.tire_data import PARKING_ENDS, PARKING_FULL, ROW, I, TireData, pack
+from solver.elements.turn_slip import parking_moment, saturated_moment, spin_slope
 from solver.validate import finite, require
 
 TIRE_UNITS = {
@@ -57,8 +58,9 @@ TIRE_UNITS = {
 }
 TIRE_COLUMNS = tuple(TIRE_UNITS)
 OUTPUTS = {'energy': 'J', 'dissipation': 'W', **TIRE_UNITS}
-STATES = 2  # without turn slip, one more with it
+STATES = 2  # without a twist, one more with it
 
+LEAST_LOAD = 1e-9  # load, relative to FNOMIN, from which there are forces of friction
 FULL_CONTACT = 0.02  # load, relative to FNOMIN, from which the contact point follows the road fully
 AIR_DECAY = 20.0  # rate at which contact deflections vanish in the air [1/s]
 SHORTEST = 0.03  # lower bound of the relaxation lengths [m]
@@ -78,8 +80,9 @@ class TireSpec(Spec):
     damping: vertical damping at nominal load [N s/m], proportional to load otherwise; None takes VERTICAL_DAMPING.
     low_speed: speed [m/s] below which standstill damping and the low slip bound set in.
     standstill_damping: time constant tau [s] by which the contact velocity damps the contact spring at rest.
-    turn_slip: whether the turning of the contact patch about the road normal acts (6.1 data): side force of a curved path, moment
-    against turning on the spot.
+    turn_slip: whether the turning of the contact patch about the road normal acts (6.1 data): true, all of it, side forces and moments of
+    a curved path; false, nothing; None, the moment against turning on the spot alone, fading out between 2.5 and 5 m/s, where the data
+    have it.
     """
 
     counted_as = 'tires'
@@ -90,7 +93,7 @@ class TireSpec(Spec):
     damping: float | None = None
     low_speed: float = 2.0
     standstill_damping: float = 0.04
-    turn_slip: bool = False
+    turn_slip: bool | None = None
 
     def __post_init__(self) -> None:
         where = self.where
@@ -103,8 +106,17 @@ class TireSpec(Spec):
         self.set('low_speed', finite(where, 'low_speed', self.low_speed, low=0.1))
         self.set('standstill_damping', finite(where, 'standstill_damping', self.standstill_damping, low=0.0))
         if self.turn_slip:
-            require(self.data.version == 61, where, 'turn_slip', True, 'needs data of the Magic Formula 6.1: leave it out')
             self.data.require_turn_slip(where)
+
+    @property
+    def parks(self) -> bool:
+        """Whether only the moment against turning on the spot acts."""
+        return self.turn_slip is None and not self.data.lacks_turn_slip()
+
+    @property
+    def twists(self) -> bool:
+        """Whether the twist of the contact patch is an internal state."""
+        return bool(self.turn_slip) or self.parks
 
 
 class TireTable(NamedTuple):
@@ -114,7 +126,8 @@ class TireTable(NamedTuple):
     r: np.ndarray  # (n, 3) wheel centre from the centre of mass, in B [m]
     axis: np.ndarray  # (n, 3) spin axis in B
     slot: np.ndarray  # (n,) diagonal block
-    state: np.ndarray  # (n,) index of u; v follows, and the twist where turn slip acts
+    state: np.ndarray  # (n,) index of u; v follows, and the twist where there is one
+    states: np.ndarray  # (n,) how many they are
     side: np.ndarray  # (n,) +1, or -1 for a mirrored tire
     c: np.ndarray  # (n, ROW) coefficients, magic_formula.pack
     damping: np.ndarray  # (n,) vertical damping over nominal load [s/m]
@@ -131,6 +144,7 @@ def compile_tires(specs: Sequence[TireSpec], context: Context) -> TireTable:
         axis=np.zeros((n, 3)),
         slot=np.zeros(n, np.int64),
         state=np.zeros(n, np.int64),
+        states=np.array([STATES + s.twists for s in specs], np.int64),
         side=np.array([-1.0 if s.mirrored else 1.0 for s in specs]),
         c=np.zeros((n, ROW)),
         damping=np.zeros(n),
@@ -143,29 +157,49 @@ def compile_tires(specs: Sequence[TireSpec], context: Context) -> TireTable:
         table.r[e] = placed.r
         table.axis[e] = placed.R[:, 1]
         table.slot[e] = context.slot(placed.body, placed.body)
-        table.state[e] = context.internal_states(spec.where, STATES + spec.turn_slip)
-        c = pack(spec.data.values, spec.data.version, spec.pressure, turn_slip=spec.turn_slip)
+        table.state[e] = context.internal_states(spec.where, int(table.states[e]))
+        c = pack(spec.data.values, spec.data.version, spec.pressure, turn_slip=bool(spec.turn_slip), parking=spec.parks)
         table.c[e] = c
         table.damping[e] = (c[I.VERTICAL_DAMPING] if spec.damping is None else spec.damping) / c[I.FNOMIN]
         Kx, Ky = slip_stiffness(c, 0.0, c[I.FNOMIN], 0.0)
         k_x = LOW_SLIP * c[I.PDX1] * c[I.LMUX] * c[I.FNOMIN] / Kx
         k_y = LOW_SLIP * c[I.PDY1] * c[I.LMUY] * c[I.FNOMIN] / Ky
         table.low[e, :4] = spec.low_speed, spec.standstill_damping, 1.0 / (k_x * k_x), 1.0 / (k_y * k_y)
-        if spec.turn_slip:
+        if spec.twists:
             limit = saturated_moment(c, c[I.PDY1] * c[I.LMUY] * c[I.FNOMIN], c[I.FNOMIN])
             table.low[e, 4] = (spin_slope(c, 0.0, c[I.FNOMIN], 0.0) / (LOW_TWIST * limit)) ** 2
     return table
 
 
 @kernel(inline=True)
-def _contact_state(z, cz, Vx, Vs, sigma, bound, low, tau, fade, contact):
-    """(deflection at this instant, slip) of one direction; z: the part zp of z = zp + cz zdot."""
-    w = Vx * Vx + Vs * Vs * (1.0 / (SLIP_BOUND * SLIP_BOUND) + low * bound)
+def _contact_state(z, cz, rolling, Vs, sigma, bound, low, tau, fade, contact):
+    """(deflection at this instant, slip) of one direction; z: the part zp of z = zp + cz zdot; rolling: square of the speed of rolling."""
+    w = rolling + Vs * Vs * (1.0 / (SLIP_BOUND * SLIP_BOUND) + low * bound)
     # |V| as w/sqrt(w + q^2): w at rest, sqrt(w) at speed
     rate = w / (sqrt(w + QUIET_SPEED * QUIET_SPEED) * sigma) + AIR_DECAY * (1.0 - contact)
     drive = contact * Vs
     u = (z - cz * drive) / (1.0 + cz * rate)
     return u, (u - tau * fade * drive) / sigma
+
+
+@kernel(inner=True)
+def _parking(c, low, zp, cz, Vx, Vsy, turning, slow, tau, quiet, contact, Fz, mu):
+    """(twist at this instant [m], moment against it about the normal [N m]) below PARKING_ENDS; turning: R0 yaw rate [m/s].
+
+    The speed over ground takes the place of Vx in the relaxation, and what drives the twist fades with the moment: where that ends
+    nothing of the twist is left.
+    """
+    R0 = c[I.UNLOADED_RADIUS]
+    over_ground = Vx * Vx + Vsy * Vsy
+    top, full = PARKING_ENDS * PARKING_ENDS, PARKING_FULL * PARKING_FULL
+    fade = smoother_step((top - over_ground) / (top - full))
+    sigma = 0.0 * Fz + TWIST_LENGTH * R0
+    state, twist = _contact_state(zp, cz, over_ground, -(fade * turning), sigma, slow, low, tau, quiet, contact)
+    if Fz.real <= LEAST_LOAD * c[I.FNOMIN]:
+        return state, 0.0 * Fz
+    load = local(Fz, 1)
+    moment = parking_moment(c, local(twist, 0), load, load_increment(c, load), local(mu, 2))
+    return state, fade * compose(moment, twist, Fz, mu, mu)
 
 
 @kernel(inline=True)
@@ -206,18 +240,18 @@ def _evaluate(table, e, motion, zp, cz):
     quiet = ramp(1.0 - (Vx * Vx + Vsx * Vsx + Vsy * Vsy) / (low_speed * low_speed), 0.0)
     quiet = quiet * quiet
     tau = table.low[e, 1]
-    state_u, kappa = _contact_state(zp[0], cz, Vx, Vsx, sigma_x, slow, table.low[e, 2], tau, quiet, contact)
-    state_v, tan_alpha = _contact_state(zp[1], cz, Vx, Vsy, sigma_y, slow, table.low[e, 3], tau, quiet, contact)
+    state_u, kappa = _contact_state(zp[0], cz, Vx * Vx, Vsx, sigma_x, slow, table.low[e, 2], tau, quiet, contact)
+    state_v, tan_alpha = _contact_state(zp[1], cz, Vx * Vx, Vsy, sigma_y, slow, table.low[e, 3], tau, quiet, contact)
     state_w, twist = 0.0 * Fz, 0.0 * Fz
     if c[I.TURN_SLIP] > 0.0:
         turning = R0 * (dot(motion.turning, at.n) - motion.spin * at.sin_camber)  # of the heading, about the normal
         sigma = 0.0 * Fz + TWIST_LENGTH * R0
-        state_w, twist = _contact_state(zp[2], cz, Vx, -turning, sigma, slow, table.low[e, 4], tau, quiet, contact)
+        state_w, twist = _contact_state(zp[2], cz, Vx * Vx, -turning, sigma, slow, table.low[e, 4], tau, quiet, contact)
         twist = side * twist
 
     # forces on the wheel in the contact frame; the Magic Formula counts alpha the other way, a mirrored tire y the other way
     Fx, Fy, Mx, My, Mz = 0.0 * Fz, 0.0 * Fz, 0.0 * Fz, 0.0 * Fz, 0.0 * Fz
-    if Fz.real > 1e-9 * F0:
+    if Fz.real > LEAST_LOAD * F0:
         forward = smooth_sign(Vx, SLOWEST)
         slip = -side * tan_alpha
         Fx, Fy, Mx, A, B = patch_forces(
@@ -242,6 +276,15 @@ def _evaluate(table, e, motion, zp, cz):
         Fx = Fx * at.upright
         Fy = Fy * (side * at.upright)
         Mx = Mx * (side * at.upright)
+    if c[I.PARKING] > 0.0:
+        forwards, sideways = value(Vx), value(Vsy)
+        over_ground = forwards * forwards + sideways * sideways
+        if over_ground.real < PARKING_ENDS * PARKING_ENDS:
+            turning = R0 * (dot(motion.turning, at.n) - motion.spin * at.sin_camber)
+            state_w, moment = _parking(c, table.low[e, 4], zp[2], cz, Vx, Vsy, turning, slow, tau, quiet, contact, Fz, mu)
+            Mz = Mz + moment * at.upright
+        else:
+            state_w = 0.0 * Fz + zp[2] / (1.0 + cz * (PARKING_ENDS / (TWIST_LENGTH * R0)))
 
     # wrench on the body: force at the contact point and moment, about the centre of mass
     F = add(scale(Fx, at.e_x), add(scale(Fy, at.e_y), scale(Fz, at.n)))
@@ -279,7 +322,7 @@ def _store(table, e, R, twist, result, f, z, out):
         out[e, 17 + k] = q[k]
     z[j] = states[0]
     z[j + 1] = states[1]
-    if table.c[e, I.TURN_SLIP] > 0.0:
+    if table.states[e] > STATES:
         z[j + 2] = states[2]
     return T
 
@@ -292,7 +335,7 @@ def tire_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
         j = table.state[e]
         r = load3(table.r, e)
         a = load3(table.axis, e)
-        last = j + 2 if table.c[e, I.TURN_SLIP] > 0.0 else j
+        last = j + table.states[e] - 1
         if tangents:
             R, p, twist = real_kinematics(kin, i)
             result = _evaluate(table, e, seeded_motion_of(R, p, twist, r, a), (zp[j].real, zp[j + 1].real, zp[last].real), cz)
@@ -320,6 +363,14 @@ def tire_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
             _store(table, e, load33(kin.R, i), motion, result, f, z, out)
 
 
+def held_tires(table: TireTable, u: np.ndarray) -> Held:
+    """In the search for static equilibrium wheels turn on the spot without resistance, as those of a car that rolled there: it ends without
+    twist, and a car finds the same rest with the moment against turning and without. u: (nu,), left as it is."""
+    c = table.c.copy()
+    c[:, I.PARKING] = 0.0
+    return Held(table._replace(c=c), u, {})
+
+
 def rolling_radius(table: TireTable, e: int, load: float, speed: float) -> float:
     """Effective rolling radius [m] of tire e under a vertical load [N], freely rolling at speed [m/s] ([B] eq. 7)."""
     c = table.c[e]
@@ -330,4 +381,4 @@ def rolling_radius(table: TireTable, e: int, load: float, speed: float) -> float
     return float(R0 * c[I.Q_RE0] + growth - F0 / c_z * (c[I.DREFF] * math.atan(c[I.BREFF] * q) + c[I.FREFF] * q))
 
 
-TIRES = ForceKind(name='tires', spec=TireSpec, compile=compile_tires, kernel=tire_forces, outputs=OUTPUTS, wheels=True)
+TIRES = ForceKind(name='tires', spec=TireSpec, compile=compile_tires, kernel=tire_forces, outputs=OUTPUTS, wheels=True, held=held_tires)

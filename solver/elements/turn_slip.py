@@ -8,6 +8,8 @@ and the part of the camber that acts like it, the spin is
 (4.76) for a freely rolling wheel, with R0 for the effective radius: a tire that leans and does not turn has the camber stiffnesses that it
 has without turn slip. In reverse the tire is its mirror image turned half round, so forces take phi with the sign of the speed and the
 spin moment without it; `twist` is R0 phi_t for forward rolling, and `forward` the smooth sign of the speed.
+
+Without turn slip `parking_moment` is left of all this: what resists a wheel that is turned on the spot.
 """
 
 from __future__ import annotations
@@ -97,13 +99,27 @@ def spin_slope(c, gamma, Fz, dfz):
 
 
 @kernel(inner=True)
-def spin_moment(c, spin, twist, gamma, D, Gyk, Fz, dfz):
-    """(D_r phi = zeta_8 - 1 [N m], C_r = zeta_7): spin moment without side slip (4.92) to (4.99), its decay with it (4.103), (4.104)."""
+def _without_side_slip(c, spin, gamma, D, Fz, dfz):
+    """(D_r phi = zeta_8 - 1, M_z phi infinity) [N m]: spin moment without side slip (4.92) to (4.99)."""
     limit = saturated_moment(c, D, Fz)
     C = c[I.QDRP1]
     top = limit / np.sin(0.5 * np.pi * C)
     B = spin_slope(c, gamma, Fz, dfz) / (C * top)
-    moment = top * sin(curve(B * spin, C, at_most_one(0.0 * dfz + c[I.QDRP2])))
+    return top * sin(curve(B * spin, C, at_most_one(0.0 * dfz + c[I.QDRP2]))), limit
+
+
+@kernel(borrow=True)
+def parking_moment(c, twist, Fz, dfz, mu):
+    """D_r phi (4.92) to (4.99) [N m] of the twist R0 phi_t alone: no camber, no slip. mu: friction factor of the road [-]."""
+    dpi = c[I.DPI]
+    D = (c[I.PDY1] + c[I.PDY2] * dfz) * (1.0 + c[I.PPY3] * dpi + c[I.PPY4] * dpi * dpi) * (c[I.LMUY] * mu) * Fz  # (4.E23)
+    return _without_side_slip(c, twist, 0.0, D, Fz, dfz)[0]
+
+
+@kernel(inner=True)
+def spin_moment(c, spin, twist, gamma, D, Gyk, Fz, dfz):
+    """(D_r phi [N m], C_r = zeta_7): spin moment without side slip, its decay with it (4.103), (4.104)."""
+    moment, limit = _without_side_slip(c, spin, gamma, D, Fz, dfz)
     sliding = limit * TWO_OVER_PI * arctan(c[I.QCRP2] * smooth_abs(twist, SMALL_SPIN)) * Gyk  # at alpha = 90 degrees
     small = SMALL_MOMENT * limit
     ratio = held(sliding / sqrt(moment * moment + small * small), LARGEST_RATIO)

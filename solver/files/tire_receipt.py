@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from solver.elements.tire_data import DEFAULT_WIDTH, DEFAULTS, TireData
+from solver.elements.tire_data import DEFAULT_WIDTH, DEFAULTS, PARKING_ENDS, TireData
 
 Fate = Literal['used', 'ignored', 'defaulted']
 
@@ -24,6 +24,7 @@ class Entry:
 
 
 TURN_SLIP = ('LMP', 'PDXP', 'PKYP', 'PDYP', 'PHYP', 'PECP', 'QDTP', 'QCRP', 'QBRP', 'QDRP')
+OF_PARKING = ('LMP', 'PECP', 'QCRP1', 'QDRP')  # those of the moment against turning on the spot
 PRESSURE = ('PPX1', 'PPX2', 'PPX3', 'PPX4', 'PPY1', 'PPY2', 'PPY3', 'PPY4', 'PPY5', 'PPZ1', 'PPZ2', 'PPMX1', 'PFZ1', 'QSY8', 'INFLPRES')
 OF_61 = ('LKYC', 'LKZC', 'PKY6', 'PKY7', 'PPY5')
 OF_52 = ('LGAX', 'LGAY', 'LGAZ', 'PHY3')
@@ -54,8 +55,8 @@ REASONS = {  # by key, or by what keys begin with where there is a *
 CONSUMED = ('FITTYP', 'PROPERTY_FILE_FORMAT', 'TYRESIDE', 'LCZ', 'LIP', 'DEFLECTION_LOAD_CURVE/table', 'BOTTOMING_CURVE/table')
 
 
-def receipt(data: TireData, *, turn_slip: bool = False) -> list[Entry]:
-    """Every key that the file has or the model needs, in the order of the file. turn_slip: whether it acts at the tire."""
+def receipt(data: TireData, *, turn_slip: bool | None = None) -> list[Entry]:
+    """Every key that the file has or the model needs, in the order of the file. turn_slip: that of the tire (TireSpec)."""
     found: list[Entry] = []
     for key, value in data.values.items():
         why = _unread(data, key, turn_slip)
@@ -79,6 +80,14 @@ def receipt(data: TireData, *, turn_slip: bool = False) -> list[Entry]:
             taken, why = _in_place_of(data, key, default)
             found.append(Entry(key=key, fate='defaulted', value=taken, why=why or data.notes.get(key, '')))
     return found
+
+
+def turn_slip_of(data: TireData, turn_slip: bool | None) -> str:
+    """What of turn slip acts at a tire, in a word, and why nothing does. turn_slip: that of the tire (TireSpec)."""
+    if turn_slip is not None:
+        return 'acts' if turn_slip else 'off'
+    lacking = data.lacks_turn_slip()
+    return f'none: {lacking}' if lacking else f'against parking alone, below {PARKING_ENDS:g} m/s'
 
 
 def warnings(data: TireData) -> list[str]:
@@ -108,9 +117,11 @@ def _in_place_of(data: TireData, key: str, default: float) -> tuple[float, str]:
     return default, ''
 
 
-def _unread(data: TireData, key: str, turn_slip: bool) -> str:
+def _unread(data: TireData, key: str, turn_slip: bool | None) -> str:
     """Why the equations of this tire do not read a coefficient; '' where they do."""
     if key.startswith(TURN_SLIP):
+        if turn_slip is None and not data.lacks_turn_slip():
+            return '' if key.startswith(OF_PARKING) else 'of turn slip only the moment against turning on the spot acts'
         return '' if turn_slip and data.version == 61 else 'turn slip does not act'
     if key in (OF_52 if data.version == 61 else OF_61):
         return f'not in the equations of {"6.1" if data.version == 61 else "5.2"}'

@@ -63,6 +63,7 @@ def derive(scene: Scene) -> Derived:
             'travel of the wheels, bounce, pitch as a motion of its own, wheel hop, engine and subframes on their mounts',
             'unevenness and slope of the road; friction counts as the mean of both wheels of an axle',
             'torsion of steering and driveline',
+            'turn slip, and the moment against turning a wheel on the spot',
             *(
                 f'the map of the motor of {servo.name}: the torque at the steering wheel is linear, fitted with its help'
                 for servo in model.servos

@@ -7,7 +7,7 @@
     anti_roll_bars      no bars and drop links
     stops               no bump rubbers and rebound buffers
     relaxation          tires that build up their force over the shortest length there is; their states stay, a standing tire is a spring
-    turn_slip           no turn slip, and one state less per tire
+    turn_slip           no turn slip, none against parking either, and one state less per tire
     camber              no forces from camber
     drag                no forces of the air
     road_unevenness     no height grids
@@ -147,7 +147,7 @@ RULES: dict[str, tuple[Callable[[Draft], bool], Callable[[Draft], object]]] = {
     'stops': (lambda draft: bool(_with_stops(draft)), _without_stops),
     'relaxation': (_any_tire, _each_tire(_unrelaxed)),
     'turn_slip': (
-        lambda draft: any(tire.turn_slip for tire in draft.sections['tires'].values()),
+        lambda draft: any(tire.twists for tire in draft.sections['tires'].values()),
         _each_tire(lambda tire: tire.replace(turn_slip=False)),
     ),
     'camber': (_any_tire, _each_tire(lambda tire: _with_values(tire, CAMMIN=-NO_CAMBER, CAMMAX=NO_CAMBER))),

@@ -56,7 +56,7 @@ class Axle:
     """What both kinds of axle have. knuckle: everything that moves with the suspension and does not turn with the wheel.
 
     stops: force [N] over wheel travel [m], positive in bump, zero in the design position. anti_roll_bar: force at each wheel per
-    left-right difference of wheel travel [N/m]. turn_slip: whether it acts at the tires.
+    left-right difference of wheel travel [N/m]. turn_slip: whether it acts at the tires; null: against parking alone.
     """
 
     wheel: Wheel
@@ -64,7 +64,7 @@ class Axle:
     spring: Spring
     damper: Damper
     tire: TireData
-    turn_slip: bool = False
+    turn_slip: bool | None = None
     stops: Law | None = None
     anti_roll_bar: float = 0.0
 

@@ -68,7 +68,7 @@ def wheel_end(
     chassis: RigidBodySpec,
     *,
     tire: TireData,
-    turn_slip: bool,
+    turn_slip: bool | None,
     brake: Brake,
 ) -> Parts:
     """Bearing, tire and brake of a wheel, without the two bodies."""
@@ -95,12 +95,12 @@ def wheel_end(
 
 @dataclass(frozen=True, kw_only=True)
 class Suspension(ABC):
-    """Data that every suspension has of its left wheel. turn_slip: whether it acts at the tire."""
+    """Data that every suspension has of its left wheel. turn_slip: whether it acts at the tire; null: against parking alone."""
 
     kind: str
     wheel: Wheel
     tire: TireData
-    turn_slip: bool = False
+    turn_slip: bool | None = None
     brake: Brake
 
     def hub(self, name: str, side: str, chassis: RigidBodySpec, upright: RigidBodySpec) -> tuple[Parts, RigidBodySpec]:

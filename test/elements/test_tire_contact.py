@@ -114,7 +114,7 @@ def test_mirrored_tire_in_mirrored_motion_gives_the_mirrored_force() -> None:
     v, w = np.array([15.0, 0.8, -0.1]), np.array([0.2, 47.0, 0.3])
     mirror, axial = np.array([1.0, -1.0, 1.0]), np.array([-1.0, 1.0, -1.0])
     context = ContractContext(bodies=1, com=[com * mirror])
-    table = compile_tires([TireSpec(name='tire', marker=Marker(body='b0'), data=EXAMPLE, mirrored=True)], context)
+    table = compile_tires([TireSpec(name='tire', marker=Marker(body='b0'), data=EXAMPLE, mirrored=True, turn_slip=False)], context)
     right = Element(lambda kin, *a: tire_forces(table, context.laws(), kin, *a), context, n=1, outputs=OUTPUTS)
     p = np.array([0.0, 0.0, 0.3]) + R.as_matrix() @ com
     a = left.evaluate(kinematics([(p, R.as_matrix())], [(*v, *w)]), zp=(0.01, 0.02))

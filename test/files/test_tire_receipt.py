@@ -12,7 +12,7 @@ from mbd_sim_ros.commands.main import main
 from solver.elements.tire_data import DEFAULTS, I, pack
 from solver.files.scene import load_scene, load_scene_text
 from solver.files.tir import read_tir
-from solver.files.tire_receipt import Entry, receipt, warnings
+from solver.files.tire_receipt import Entry, receipt, turn_slip_of, warnings
 from test.files.test_tir import MINIMAL, write
 
 CAR = Path(__file__).resolve().parents[2] / 'config' / 'tires' / '205_55R16.tir'
@@ -187,6 +187,22 @@ def test_the_receipt_of_a_scene_is_kept_in_its_resolved_text(tmp_path: Path) -> 
     again = load_scene_text(scene.resolved)
     assert scene.model.tires[0].data.notes
     assert receipt(again.model.tires[0].data) == receipt(scene.model.tires[0].data) == receipt(read_tir(tire))
+
+
+def test_what_of_turn_slip_acts_is_said_in_a_word(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Of a tire that says nothing of it: the coefficients of the moment against turning on the spot are read, the others are not."""
+    car, old = read_tir(CAR), read_tir(write(tmp_path, MINIMAL))
+    read = {mode: {e.key for e in receipt(car, turn_slip=mode) if e.fate != 'ignored'} for mode in (None, True, False)}
+    assert read[None] - read[False] == {'LMP', 'PECP1', 'PECP2', 'QCRP1', 'QDRP1', 'QDRP2'}
+    assert read[None] < read[True]
+    assert [turn_slip_of(car, mode) for mode in (None, True, False)] == ['against parking alone, below 5 m/s', 'acts', 'off']
+    assert turn_slip_of(old, None).startswith('none: ')
+    assert '6.1' in turn_slip_of(old, None)
+    assert {e.key for e in receipt(old)} == {e.key for e in receipt(old, turn_slip=False)}
+    assert main(['info', 'light_car_straight', '--brief', '--set', 'vehicle.rear.turn_slip=false']) == 0
+    text = capsys.readouterr().out
+    assert 'turn slip: against parking alone' in text
+    assert 'turn slip: off' in text
 
 
 def test_info_prints_the_receipt(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -50,13 +50,15 @@ def test_what_is_off_costs_nothing(name: str) -> None:
 
 
 def test_turn_slip_costs_a_state_of_each_tire() -> None:
-    given = load_scene('light_car_step_steer').model
-    if not any(tire.turn_slip for tire in given.tires):
-        given = load_scene('light_car_step_steer', ['vehicle.front.turn_slip=true']).model
-    with_it, without = compile_model(given), compile_model(off(given, 'turn_slip'))
-    turning = sum(tire.turn_slip for tire in given.tires)
-    assert turning > 0
-    assert with_it.n_internal - without.n_internal == turning
+    """Of those that have all of it, and of those that nothing is said of: the moment against turning on the spot goes too."""
+    for overrides in ([], ['vehicle.front.turn_slip=true'], ['vehicle.front.turn_slip=true', 'vehicle.rear.turn_slip=false']):
+        given = load_scene('light_car_step_steer', overrides).model
+        without, report = switched(given, {'turn_slip': 'off'})
+        twisting = 2 if len(overrides) == 2 else 4
+        assert compile_model(given).n_internal - compile_model(without).n_internal == twisting
+        assert all(tire.turn_slip is False for tire in without.tires)
+        assert {s.subsystem: s.on for s in switched(given, {})[1]}['turn_slip']
+        assert not {s.subsystem: s.on for s in report}['turn_slip']
 
 
 def test_an_even_road_has_no_grids_and_keeps_its_friction() -> None:

@@ -32,10 +32,10 @@ HILLY = RoadSpec(
 )
 
 
-def tire(data: TireData = CAR, road: RoadSpec = FLAT, **spec) -> Element:
+def tire(data: TireData = CAR, road: RoadSpec = FLAT, *, turn_slip: bool | None = False, **spec) -> Element:
     """One tire on body b0, whose centre of mass lies off the wheel centre."""
     context = ContractContext(bodies=1, com=[(0.02, -0.01, 0.03)], road=road)
-    table = compile_tires([TireSpec(name='tire', marker=Marker(body='b0'), data=data, **spec)], context)
+    table = compile_tires([TireSpec(name='tire', marker=Marker(body='b0'), data=data, turn_slip=turn_slip, **spec)], context)
     return Element(lambda kin, *a: tire_forces(table, context.laws(), kin, *a), context, n=1, outputs=OUTPUTS)
 
 

@@ -34,7 +34,7 @@ def test_count_of_freedom_is_that_of_the_hand_count(at_rest):
     # car + 4 of the suspension + 4 of the wheels
     found = at_rest.describe()
     assert (found['bodies'], found['constraint_rows'], found['dof'], found['redundant_constraints']) == (11, 52, 14, 0)
-    assert found['internal_states'] == 4 * 2 + 4  # contact deflections of the tires, wind-up of the brakes
+    assert found['internal_states'] == 4 * 3 + 4  # contact deflections and twist of the tires, wind-up of the brakes
     assert 1300.0 < found['mass'] < 1600.0
 
 

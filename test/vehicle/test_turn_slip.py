@@ -12,7 +12,7 @@ from solver.elements.turn_slip import saturated_moment
 from solver.files.scene import load_scene
 from solver.simulation import Simulation
 
-ON = ('vehicle.front.turn_slip=true', 'vehicle.rear.turn_slip=true')
+ON, OFF = (tuple(f'vehicle.{axle}.turn_slip={value}' for axle in ('front', 'rear')) for value in ('true', 'false'))
 FY, FZ, MZ = (TIRE_COLUMNS.index(key) for key in ('fy', 'fz', 'mz'))
 
 
@@ -26,7 +26,7 @@ def test_parking_moment_of_a_standing_car() -> None:
     parked = dict(
         maneuver='{steering: {kind: step, value: 6.0, start: 0.2, rise: 2.0}, drive_torque: 0}', start='{kind: equilibrium, speed: 0}'
     )
-    on, off = car(*ON, **parked), car(**parked)
+    on, off = car(*ON, **parked), car(*OFF, **parked)
     on.advance(2300)
     moment = on.snapshot().tire[:2, MZ].copy()
     for e in range(2):
@@ -48,7 +48,7 @@ def test_tight_circle_needs_more_steering() -> None:
     for speed, steering in ((3.0, 4.0), (20.0, 0.3)):
         bend = dict(maneuver=f'{{steering: {{kind: step, value: {steering}, start: 0.2, rise: 1.0}}, drive_torque: 60}}')
         bend['start'] = f'{{kind: equilibrium, speed: {speed}}}'
-        for name, overrides in (('on', ON), ('off', ())):
+        for name, overrides in (('on', ON), ('off', OFF)):
             sim = car(*overrides, **bend)
             sim.advance(4000)
             shot = sim.snapshot()
