@@ -111,7 +111,8 @@ def settle_rolling(
 
     Rolling tires grow and stiffen, drag and drive torque act: a car that stands in equilibrium does not roll in it. It begins without
     accelerations, with the constraint forces of that equilibrium; what this disturbs dies away with the rest. Every SETTLE_EVERY
-    seconds it is put back to its place and its speed. Raises ConsistencyError with the sentence of `explain` when a step fails.
+    seconds it is put back to its speed and, along the base plane of the road, to its place: put back level, a car on a slope would stand in
+    the road or above it. Raises ConsistencyError with the sentence of `explain` when a step fails.
     """
     # with settings of its own: every method of a comparison starts from the same state
     own = {
@@ -129,6 +130,7 @@ def settle_rolling(
     steps = round(SETTLE_EVERY / h)
     inputs = np.repeat(u[None, :], steps, axis=0)
     place = cast(State, states[0].value).q[chassis, :2].copy()
+    nx, ny, nz = model.spec.road.normal
     wheels = [model.body_names.index(tire.marker.body) for tire in model.spec.tires]
     for _ in range(round(SETTLE_TIME / SETTLE_EVERY)):
         result, done = advance(model.tables, settling, *states, inputs, 0, steps, False, work)
@@ -139,7 +141,9 @@ def settle_rolling(
         q, v = cast(State, states[0].value).q, cast(State, states[0].value).v
         forward = matrix(tuple(q[chassis, 3:]))[:, 0]
         now = float(product(v[chassis, :3], forward))
-        q[:-1, :2] += place - q[chassis, :2]
+        back = place - q[chassis, :2]
+        q[:-1, :2] += back
+        q[:-1, 2] -= (nx * back[0] + ny * back[1]) / nz
         v[:-1, :3] += (speed - now) * forward
         for wheel in wheels:
             v[wheel, 3:] *= speed / now
