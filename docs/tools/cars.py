@@ -19,7 +19,7 @@ from solver.files.scene import load_scene
 DOCS = Path(__file__).parents[1]
 TEXTS = {
     'full_car': "The chapter's car: a rear-driven saloon, double wishbones with split lower links in front, a multi-link axle behind.",
-    'light_car': 'A simple front-driven car with ideal joints: knuckles on struts in front, on semi-trailing arms behind.',
+    'light_car': 'A simple front-driven car with ideal joints: MacPherson struts in front, semi-trailing arms behind.',
     'compact_fwd': 'A front-driven compact: MacPherson struts in front, a twist beam behind, a transverse engine.',
     'pickup_awd': 'A body-on-frame pickup: double wishbones in front, a live axle on leaf springs behind, all-wheel drive.',
     'electric_4wd': 'An electric saloon with a motor per wheel on the axles of the full car.',

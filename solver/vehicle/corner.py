@@ -1,4 +1,4 @@
-"""Corners of a car with one degree of freedom of suspension: a knuckle on a strut (front) or on a trailing arm (rear).
+"""Corners of a car with one degree of freedom of suspension: a knuckle on a MacPherson strut (front) or on a trailing arm (rear).
 
 Data are given for the left side, in the design frame of solver.vehicle.hardpoints; the right side is mirrored. Names end in the
 corner: `front_left`. Beside the coordinates of its joints a corner has those of solver.vehicle.wheel_end.
@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.compiled.portable import norm, product
+from solver.compiled.portable import inverse, norm, product
 from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.elements.joint import JointSpec
 from solver.elements.laws import Law
@@ -27,9 +27,10 @@ from solver.elements.marker import Marker
 from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.spring_damper import SpringDamperSpec
 from solver.elements.tire_pacejka import TireData
-from solver.validate import Vector
+from solver.model.frames import frame_of_axis
+from solver.validate import Vector, require
 from solver.vehicle.hardpoints import SIDES, distance, marker_at, on_side
-from solver.vehicle.parts import Part, Parts, joined
+from solver.vehicle.parts import Part, Parts, joined, vector_of
 from solver.vehicle.wheel_end import Brake, Wheel, wheel_end
 
 
@@ -71,15 +72,36 @@ class Axle:
 
 @dataclass(frozen=True, kw_only=True)
 class StrutAxle(Axle):
-    """Knuckles that slide along and turn about an axis fixed in the chassis, steered by tie rods from a rack.
+    """MacPherson struts, steered by tie rods from a rack. The knuckle carries the tube of the strut, whose axis passes through the top
+    mount; arm and tie rod have no mass.
 
-    axis_lower, axis_upper: two points of the axis [m]; tie_rod_rack, tie_rod_knuckle: ends of the tie rod [m].
+    top_mount: on the chassis [m]; strut: another point of the axis of the strut, on the knuckle [m]; ball_joint: of the lower arm, on the
+    knuckle [m]; arm_pivots: two points of the axis of the lower arm, on the chassis [m]; tie_rod_rack, tie_rod_knuckle: ends of the tie
+    rod [m]. The wheel turns about the line through ball joint and top mount.
     """
 
-    axis_lower: Vector
-    axis_upper: Vector
+    top_mount: Vector
+    strut: Vector
+    ball_joint: Vector
+    arm_pivots: tuple[Vector, Vector]
     tie_rod_rack: Vector
     tie_rod_knuckle: Vector
+
+    def __post_init__(self) -> None:
+        for name in ('strut', 'ball_joint'):
+            high = self.top_mount[2] > getattr(self, name)[2] + 0.05
+            require(high, 'strut axle', 'top_mount', self.top_mount, f'must lie above {name} by at least 0.05 m')
+
+    def rods(self) -> tuple[tuple[Vector, Vector], ...]:
+        """The massless rods that hold the knuckle, each from its inner to its outer end: both legs of the arm, the tie rod."""
+        front, rear = self.arm_pivots
+        return (front, self.ball_joint), (rear, self.ball_joint), (self.tie_rod_rack, self.tie_rod_knuckle)
+
+    def steering_arm(self) -> float:
+        """Distance of the tie rod from the steering axis along x [m], negative behind it; see DoubleWishbone.steering_arm."""
+        low, high, rod = (np.array(p) for p in (self.ball_joint, self.top_mount, self.tie_rod_knuckle))
+        on_axis = low + (high - low) * (rod[2] - low[2]) / (high[2] - low[2])
+        return float(rod[0] - on_axis[0])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,16 +132,29 @@ def corner_bodies(axle: Axle, corner: str, side: str) -> tuple[RigidBodySpec, Ri
 def suspension_motion(axle: Axle) -> Motion:
     """Motion of the left knuckle in the design position with the rack held, scaled to unit vertical velocity of the wheel centre."""
     if isinstance(axle, StrutAxle):
-        origin = np.array(axle.axis_lower)
-        axis = np.subtract(axle.axis_upper, axle.axis_lower) / distance(axle.axis_upper, axle.axis_lower)
-        rod = np.subtract(axle.tie_rod_knuckle, axle.tie_rod_rack)
-        turned = np.cross(axis, np.subtract(axle.tie_rod_knuckle, axle.axis_lower))
-        motion = Motion(origin, axis, -product(rod, axis) / product(rod, turned) * axis)
-    else:
-        assert isinstance(axle, ArmAxle)
-        motion = Motion(np.array(axle.pivot_inner), np.zeros(3), np.subtract(axle.pivot_outer, axle.pivot_inner))
+        return strut_motion(axle)
+    assert isinstance(axle, ArmAxle)
+    motion = Motion(np.array(axle.pivot_inner), np.zeros(3), np.subtract(axle.pivot_outer, axle.pivot_inner))
     scale = 1.0 / motion.at(axle.wheel.center)[2]
     return Motion(motion.point, scale * motion.velocity, scale * motion.rotation)
+
+
+def strut_motion(axle: StrutAxle) -> Motion:
+    """The same of a strut: no rod changes its length, and the material point of the axis in the top mount moves along the axis."""
+    center = np.array(axle.wheel.center)
+
+    def row(direction: np.ndarray, point: Vector) -> np.ndarray:
+        # direction . velocity of the point, of the velocity of the wheel centre and the rotation
+        return np.concatenate([direction, np.cross(np.subtract(point, center), direction)])
+
+    across = frame_of_axis(vector_of(np.subtract(axle.top_mount, axle.strut)))[:, :2].T
+    rows = [row(np.subtract(outer, inner), outer) for inner, outer in axle.rods()]
+    rows += [row(direction, axle.top_mount) for direction in across]
+    try:
+        twist = inverse(np.array([row(np.array([0.0, 0.0, 1.0]), axle.wheel.center), *rows]))[:, 0]
+    except ZeroDivisionError:
+        require(False, 'strut axle', 'arm_pivots', axle.arm_pivots, 'do not lead the wheel up and down, with strut and tie rod as they are')
+    return Motion(center, twist[:3], twist[3:])
 
 
 def length_rate(element: Spring | Damper, motion: Motion) -> float:
@@ -182,15 +217,21 @@ def corner(
 def strut_joints(
     axle: StrutAxle, name: str, side: str, chassis: RigidBodySpec, knuckle: RigidBodySpec, rack: RigidBodySpec
 ) -> tuple[JointSpec, ...]:
-    """The knuckle slides along and turns about the axis of the strut; the tie rod holds its angle."""
-    at, axis = on_side(side, axle.axis_lower), on_side(side, tuple(np.subtract(axle.axis_upper, axle.axis_lower)))
-    inner, outer = on_side(side, axle.tie_rod_rack), on_side(side, axle.tie_rod_knuckle)
-    return (
-        JointSpec(name=f'strut_{name}', kind='cylindrical', i=marker_at(chassis, at, axis), j=marker_at(knuckle, at, axis)),
+    """The strut slides and turns in the top mount, both legs of the arm lead the ball joint, the tie rod holds the angle of steering."""
+    axis = on_side(side, vector_of(np.subtract(axle.top_mount, axle.strut)))
+    top = on_side(side, axle.top_mount)
+    rods = [
         JointSpec(
-            name=f'tie_rod_{name}', kind='distance', i=marker_at(rack, inner), j=marker_at(knuckle, outer), length=distance(inner, outer)
-        ),
-    )
+            name=f'{rod}_{name}',
+            kind='distance',
+            i=marker_at(base, on_side(side, inner)),
+            j=marker_at(knuckle, on_side(side, outer)),
+            length=distance(inner, outer),
+        )
+        for (rod, base), (inner, outer) in zip((('arm_front', chassis), ('arm_rear', chassis), ('tie_rod', rack)), axle.rods(), strict=True)
+    ]
+    strut = JointSpec(name=f'strut_{name}', kind='point_on_line', i=marker_at(knuckle, top, axis), j=marker_at(chassis, top))
+    return (strut, *rods)
 
 
 def arm_joints(axle: ArmAxle, name: str, side: str, chassis: RigidBodySpec, knuckle: RigidBodySpec) -> tuple[JointSpec, ...]:

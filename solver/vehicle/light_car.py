@@ -1,6 +1,6 @@
 """The light car: eleven bodies, fourteen degrees of freedom.
 
-    chassis, two front knuckles on struts steered by a rack, two rear knuckles on arms, four wheels, rack, steering wheel
+    chassis, two front knuckles on MacPherson struts steered by a rack, two rear knuckles on arms, four wheels, rack, steering wheel
 
 Steering wheel angle, torque at the differential and total brake torque are the inputs. Both side shafts turn at the wheel
 relative to the chassis like shafts with ideal constant-velocity joints: the drive torque reacts on the chassis, where the
@@ -150,9 +150,7 @@ def steering(
         JointSpec(name='steering_wheel', kind='revolute', i=marker_at(chassis, at, axis), j=marker_at(column, at, axis)),
     )
     # with the tie rods behind the axis of steering, the rack moves to the right in a left turn
-    lower, upper, rod = (np.array(p) for p in (car.front.axis_lower, car.front.axis_upper, car.front.tie_rod_knuckle))
-    on_axis = lower + (upper - lower) * (rod[2] - lower[2]) / (upper[2] - lower[2])
-    ratio = np.copysign(car.steering.rack_per_turn / (2.0 * np.pi), rod[0] - on_axis[0])
+    ratio = np.copysign(car.steering.rack_per_turn / (2.0 * np.pi), car.front.steering_arm())
     return joints, (
         CouplerSpec(name='rack_and_pinion', terms=(('rack', 1.0), ('steering_wheel', -float(ratio))), offset=0.0),
         CouplerSpec(name='driver', terms=(('steering_wheel', 1.0),), offset=0.0, input='steering'),

@@ -89,7 +89,7 @@ def test_the_light_car_stops_earlier_and_straight_on_split_friction() -> None:
     """Full braking where the right wheels have 0.3 of the friction, with a driver who keeps the lane: without anti-lock control every wheel
     stands and the car spins; with it wheels turn, the heading stays within 10 deg, and the way is at least 15 % shorter."""
     brake = '{kind: step, value: 7000, start: 1.6, rise: 0.1}'
-    driver = '{path: {kind: waypoints, points: [[0, 0], [500, 0]]}, wheelbase: 2.65, ratio: 16.3, preview: 0.6}'
+    driver = '{path: {kind: waypoints, points: [[0, 0], [500, 0]]}, wheelbase: 2.65, ratio: 17.9, preview: 0.3}'
     common = ['road=roads/mu_split.yaml', 'start.speed_kmh=80', f'maneuver={{brake_torque: {brake}, driver: {driver}}}']
     found = {}
     for name, changes in {'without': [], 'with': ['assistance={anti_lock: {}}']}.items():

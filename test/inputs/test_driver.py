@@ -202,7 +202,7 @@ vehicle: vehicles/light_car.yaml
 start: {kind: equilibrium, speed: 10}
 maneuver:
   speed: {target: {kind: ramp, initial: 10, slope: 1, start: 0.2, final: 11}, first: 40}
-  driver: {path: {kind: circle, radius: 60}, wheelbase: 2.65, ratio: 16.3}
+  driver: {path: {kind: circle, radius: 60}, wheelbase: 2.65, ratio: 17.9}
 integrator: {h: 1.0e-3, iterations: 1}
 duration: 2
 """

@@ -43,7 +43,7 @@ def test_a_braked_car_stands_on_a_slope_as_it_does_when_its_brakes_are_applied_t
 
 
 def test_a_car_that_is_found_on_its_front_wheels_only_is_told() -> None:
-    """Placed level over a grid of heights that falls by 40 % ahead, with its brakes on; on a base plane it would be laid on the slope."""
-    road = 'road={grids: [{kind: height_grid, origin: [-10, -10], step: [20, 20], height: [[4, 4], [-4, -4]]}]}'
+    """Placed level over a grid of heights that falls by 50 % ahead, with its brakes on; on a base plane it would be laid on the slope."""
+    road = 'road={grids: [{kind: height_grid, origin: [-10, -10], step: [20, 20], height: [[5, 5], [-5, -5]]}]}'
     with pytest.raises(ConsistencyError, match="not stable: body 'chassis' would leave it"):
         simulation_of(load_scene('light_car_straight', [road, 'start={kind: equilibrium}', 'maneuver={brake_torque: 6000}']))

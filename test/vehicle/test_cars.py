@@ -27,6 +27,7 @@ from solver.vehicle.twist_beam import TwistBeam
 from solver.vehicle.wheel_end import spin_axis
 
 CARS = ('compact_fwd', 'pickup_awd', 'electric_4wd', 'formula_student')
+EVERY = (*CARS, 'light_car')
 SLOPE = float(np.arctan(0.4))
 
 
@@ -72,7 +73,7 @@ def test_ideal_joints_leave_the_degrees_of_freedom_counted_by_hand(name: str) ->
 
 
 def test_every_delivered_car_stands_at_its_design_height_with_its_weight_on_the_tires() -> None:
-    for name in CARS:
+    for name in EVERY:
         simulation = standing(scene(name))
         shot = simulation.advance(1)
         loads = dict(zip(simulation.channels.wheels, shot.tire[:, 2], strict=True))
@@ -83,7 +84,7 @@ def test_every_delivered_car_stands_at_its_design_height_with_its_weight_on_the_
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('name', CARS)
+@pytest.mark.parametrize('name', EVERY)
 def test_figures_lie_where_those_of_its_category_do(name: str) -> None:
     simulation = standing(scene(name))
     found = figures(simulation)
@@ -93,7 +94,7 @@ def test_figures_lie_where_those_of_its_category_do(name: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('name', CARS)
+@pytest.mark.parametrize('name', EVERY)
 @pytest.mark.parametrize('heading', [0, 90, 180, 270])
 def test_cars_stand_on_a_slope_of_forty_percent(name: str, heading: int) -> None:
     """Braked, in all four directions: every tire loaded, its forces carrying the weight along and across the slope."""

@@ -30,7 +30,7 @@ def column(sim: Simulation, name: str) -> float:
 
 
 def test_count_of_freedom_is_that_of_the_hand_count(at_rest):
-    # 6 x 11 bodies - (2 struts x 4 + 2 tie rods + 2 arms x 5 + 4 wheels x 5 + rack 5 + steering wheel 5 + pinion + driver) = 6 of the
+    # 6 x 11 bodies - (2 struts x 2 + 2 x 3 rods + 2 arms x 5 + 4 wheels x 5 + rack 5 + steering wheel 5 + pinion + driver) = 6 of the
     # car + 4 of the suspension + 4 of the wheels
     found = at_rest.describe()
     assert (found['bodies'], found['constraint_rows'], found['dof'], found['redundant_constraints']) == (11, 52, 14, 0)
@@ -43,9 +43,11 @@ def test_count_of_freedom_is_that_of_the_hand_count(at_rest):
     [
         (['vehicle.front.wheel.center=[-1.325, 0.765, 0.298]'], 'front.wheel.center = -1.325: its x must lie ahead of the rear wheels'),
         ([f'vehicle.{part}.mass=0' for part in MASSES], 'light car: mass = 0.0: must be positive'),
+        (['vehicle.front.top_mount=[1.279, 0.59, 0.2]'], 'top_mount = .*: must lie above strut by at least 0.05 m'),
+        (['vehicle.front.arm_pivots=[[1.3, 0.4, 0.2], [1.3, 0.4, 0.2]]'], 'arm_pivots = .*: do not lead the wheel up and down'),
     ],
 )
-def test_a_car_without_wheelbase_or_mass_is_refused(given, says):
+def test_a_car_without_wheelbase_mass_or_suspension_is_refused(given, says):
     with pytest.raises(SceneError, match=says):
         load_scene('light_car_straight', given)
 
@@ -58,25 +60,36 @@ def test_wheel_loads_are_those_of_the_moment_balance(at_rest):
     front = 0.5 * G * (moment - mass * x_rear) / (x_front - x_rear)
     rear = 0.5 * G * mass - front
     load = at_rest.snapshot().tire[:, FZ]
-    assert 3000.0 < rear < front < 4500.0
-    # neglected: the car settles by about 1 mm and pitches by 2e-4 rad, which moves the centre of mass by 0.1 mm of the wheelbase
-    assert load == pytest.approx([front, front, rear, rear], rel=2e-4)
+    assert 2500.0 < rear < front < 4500.0
+    # neglected: the car settles by about 1 mm and pitches by 1e-3 rad, which moves the centre of mass by 0.6 mm of the wheelbase
+    assert load == pytest.approx([front, front, rear, rear], rel=6e-4)
     assert load.sum() == pytest.approx(mass * G, rel=1e-7)  # equilibrium to 1e-8 of the weight
 
 
 def test_springs_carry_what_their_lever_arms_say(at_rest):
     fz = at_rest.snapshot().tire[:, FZ]
-    # front: balance of the unsprung 38 kg along the axis, on which the spring lies; neglected: the tie rod, which is not quite
-    # perpendicular to it (bump steer 0.05 rad/m x steering moment 50 N m), and 33 N of camber thrust along 0.04 of the travel
-    axis = np.array([1.2764, 0.7159, 0.85]) - np.array([1.3333, 0.7443, 0.20])
-    cosine = axis[2] / np.linalg.norm(axis)
-    force = (fz[0] - 38.0 * G) * cosine
+    # front: six forces hold the knuckle with the wheel, two of the top mount, three of rods, that of the spring. Neglected: the car has
+    # settled by less than a millimetre
+    tire = at_rest.snapshot().tire[0]
+    top, strut, ball, rack, knuckle = (
+        np.array(p)
+        for p in ([1.279, 0.59, 0.83], [1.3165, 0.653, 0.38], [1.331, 0.725, 0.195], [1.175, 0.352, 0.2373], [1.193, 0.7, 0.235])
+    )
+    axis = (top - strut) / np.linalg.norm(top - strut)
+    across = np.cross(axis, (1.0, 0.0, 0.0)), np.cross(axis, (0.0, 1.0, 0.0))
+    lines = [(d, top) for d in (-axis, *across)]
+    lines += [(d / np.linalg.norm(d), p) for d, p in ((ball - [1.34, 0.375, 0.205], ball), (ball - [1.06, 0.385, 0.213], ball))]
+    lines += [((knuckle - rack) / np.linalg.norm(knuckle - rack), knuckle)]
+    contact = (1.325, 0.765 + 0.298 * np.tan(np.deg2rad(0.4)), 0.0)
+    given = [((0.0, 0.0, -20.0 * G), (1.325, 0.765, 0.298)), ((0.0, 0.0, -18.0 * G), (1.315, 0.70, 0.32)), (tire[:3], contact)]
+    load = np.sum([np.concatenate([f, np.cross(p, f)]) for f, p in given], axis=0) + [0.0, 0.0, 0.0, *tire[3:6]]
+    columns = np.array([np.concatenate([d, np.cross(p, d)]) for d, p in lines]).T
+    force = np.linalg.solve(columns, -load)[0]
     assert column(at_rest, 'spring_front_left/force') == pytest.approx(-force, rel=3e-3)
-    length = np.linalg.norm(np.subtract([1.2808, 0.7181, 0.80], [1.3071, 0.7312, 0.50]))
     free = next(s.free_length for s in at_rest.scene.model.spring_dampers if s.name == 'spring_front_left')
-    assert free - length == pytest.approx(force / 21000.0, rel=3e-3)
-    # rear: moments about the axis of the arm; neglected: 46 N of camber thrust at 0.34 m
-    inner, outer = np.array([-0.96, 0.30, 0.345]), np.array([-0.90, 0.62, 0.340])
+    assert free - np.linalg.norm(top - strut) == pytest.approx(force / 22000.0, rel=3e-3)
+    # rear: moments about the axis of the arm; neglected: 48 N of camber thrust at 0.34 m
+    inner, outer = np.array([-0.96, 0.30, 0.345]), np.array([-0.90, 0.62, 0.339])
     e = (outer - inner) / np.linalg.norm(outer - inner)
 
     def arm(point, direction):
@@ -96,12 +109,23 @@ def test_design_position_is_near_equilibrium(at_rest):
     assert np.abs(snapshot.pose[channels.chassis, :3]).max() < 2e-3
 
 
-def test_standstill_stays_at_rest(at_rest):
-    before = at_rest.snapshot()
-    after = at_rest.advance(1000)
-    # the search for equilibrium holds released brakes by 1e-6 of their stiffness and the chassis by a spring; both are let go now
+def test_standstill_stays_at_rest():
+    sim = simulation('start.speed_kmh=0', 'maneuver={brake_torque: 1000}')
+    before = sim.snapshot()
+    after = sim.advance(1000)
     assert np.abs(after.pose - before.pose).max() < 2e-6
     assert np.abs(after.twist).max() < 1e-5
+
+
+def test_with_released_brakes_toe_and_camber_push_it(at_rest):
+    """The search for equilibrium holds the chassis by a spring. Let go, it is pushed by the camber thrust of the rear wheels along x, toe
+    0.15 deg. Neglected: rolling resistance, which grows with the tires' longitudinal deflection (0.03 N after 1 s), and that camber thrust
+    fades as the wheels roll sideways."""
+    before = at_rest.snapshot()
+    push = 2.0 * before.tire[3, FY] * np.sin(np.deg2rad(0.15))
+    after = at_rest.advance(500)
+    mass = sum(b.mass for b in at_rest.scene.model.bodies) + 4.0 * 0.9 / 0.30**2
+    assert after.twist[0, 0] == pytest.approx(-0.5 * push / mass, rel=0.15)
 
 
 def test_straight_running_stays_straight():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from solver.analysis.kinematics_and_compliance import Rig, kinematic_figures
 from solver.elements.magic_formula import load_increment, magic_formula, slip_stiffness
 from solver.elements.tire_pacejka import TIRE_COLUMNS
 from solver.files.scene import load_scene
@@ -48,14 +49,16 @@ def tire_stiffness(sim: Simulation, e: int, load: float, camber: float) -> tuple
     return abs(Ky), abs(mz / fy)
 
 
-@pytest.mark.parametrize('x', [-0.10, 0.154, 0.40])
+@pytest.mark.parametrize('x', [-0.10, 0.15, 0.37])
 def test_understeer_gradient_is_that_of_the_bicycle_model(x):
-    # Without roll (anti-roll bars 1000 times as stiff) the car is a bicycle at small lateral acceleration:
+    # Without roll (anti-roll bars 1000 times as stiff) and with upright wheels (else load transfer makes camber and toe push, in proportion
+    # to a_y) the car is a bicycle at small lateral acceleration:
     #   delta_f - delta_r - L r / v = F_f / C_f - F_r / C_r,   F_f = m a_y (b + t_r) / (L - t_f + t_r)
     # with the axle forces shifted by the pneumatic trails t, and C of both tires of an axle at the load they carry (1 % off the
     # static one: drive and drag). Neglected at 0.05 g: load transfer (quadratic in a_y), the side force of steered traction (0.2 %
     # of the front force), and camber from the roll on the tires, 0.04 deg: up to 1.7 % of the slip angle, nearly the same on both axles.
-    stiff = ('vehicle.front.anti_roll_bar=1.6e7', 'vehicle.rear.anti_roll_bar=6e6', f'vehicle.chassis.com[0]={x}')
+    stiff = ['vehicle.front.anti_roll_bar=1.6e7', 'vehicle.rear.anti_roll_bar=6e6', f'vehicle.chassis.com[0]={x}']
+    stiff += [f'vehicle.{axle}.wheel.{angle}_deg=0' for axle in ('front', 'rear') for angle in ('toe', 'camber')]
     sim = steady_bend(*stiff, steering=0.05)
     snapshot = sim.snapshot()
     v, r = snapshot.twist[0, 0], snapshot.twist[0, 5]
@@ -65,8 +68,8 @@ def test_understeer_gradient_is_that_of_the_bicycle_model(x):
     mass = sum(b.mass for b in bodies)
     b = 0.5 * WHEELBASE + sum(part.mass * (part.position[0] + part.com[0]) for part in bodies) / mass
     fz = snapshot.tire[:, FZ]
-    C_f, t_f = tire_stiffness(sim, 0, 0.5 * (fz[0] + fz[1]), np.deg2rad(0.5))
-    C_r, t_r = tire_stiffness(sim, 2, 0.5 * (fz[2] + fz[3]), np.deg2rad(1.0))
+    C_f, t_f = tire_stiffness(sim, 0, 0.5 * (fz[0] + fz[1]), 0.0)
+    C_r, t_r = tire_stiffness(sim, 2, 0.5 * (fz[2] + fz[3]), 0.0)
     front_force = mass * lateral * (b + t_r) / (WHEELBASE - t_f + t_r)
     slip_f, slip_r = 0.5 * front_force / C_f, 0.5 * (mass * lateral - front_force) / C_r
     alpha = snapshot.tire[:, ALPHA]
@@ -78,8 +81,8 @@ def test_understeer_gradient_is_that_of_the_bicycle_model(x):
 
 
 def test_the_car_understeers_mildly():
-    # all of it: load transfer, roll steer, camber. Passenger cars: 1 to 4 deg/g at the road wheels up to 0.4 g
-    ratio = (0.052 / (2 * np.pi)) / 0.135  # road wheels per steering wheel
+    # all of it: load transfer, roll steer, camber. Passenger cars: 2 to 4 deg/g at the road wheels up to 0.4 g
+    ratio = (0.0468 / (2 * np.pi)) / 0.135  # road wheels per steering wheel
     points = []
     for steering in (0.2, 0.5):
         snapshot = steady_bend(steering=steering).snapshot()
@@ -87,24 +90,20 @@ def test_the_car_understeers_mildly():
         points.append((v * r, ratio * steering - WHEELBASE * r / v))
     (a0, d0), (a1, d1) = points
     gradient = np.degrees((d1 - d0) / (a1 - a0)) * G
-    assert 0.3 < gradient < 4.0
+    assert 1.5 < gradient < 4.0
 
 
 def test_roll_angle_is_that_of_the_roll_stiffness():
-    # phi (K - m_s g h) = m_s a_y h, with h from the roll axis to the sprung mass; K: springs and bars at the wheels in series with
-    # the tires. Neglected: progressive tires, jacking, the stops (travel stays in the free range).
+    # phi (K - m_s g h) = m_s a_y h, with h from the roll axis to the sprung mass; K: springs and bars as the bench measures them, in
+    # series with the tires. Neglected: progressive tires, jacking, the stops (travel stays in the free range).
     sim = steady_bend(steering=0.3)
     snapshot = sim.snapshot()
     lateral = snapshot.twist[0, 0] * snapshot.twist[0, 5]
     roll = np.arcsin(matrix(snapshot.pose[0, 3:])[2, 1])
-    tire = 215e3
-    front_wheel, rear_wheel = 21000.0 / np.cos(np.deg2rad(5.6)) ** 2, 37000.0 * 0.755**2
-    stiffness = 0.0
-    for wheel, bar, half in ((front_wheel, 16000.0, 0.765), (rear_wheel, 6000.0, 0.760)):
-        rate = wheel + 2.0 * bar
-        stiffness += 2.0 * half**2 / (1.0 / rate + 1.0 / tire)
-    front_centre, rear_centre = -0.034, 0.119
-    share = (0.154 + 1.325) / WHEELBASE
-    h = 0.57 - (share * front_centre + (1.0 - share) * rear_centre)
+    bench = kinematic_figures(Rig(sim.model.spec))
+    tire, tracks = 215e3, {'front': 1.53, 'rear': 1.52}
+    stiffness = sum(1.0 / (1.0 / bench[f'roll_stiffness_{axle}'] + 2.0 / (tire * track**2)) for axle, track in tracks.items())
+    share = (0.37 + 1.325) / WHEELBASE
+    h = 0.59 - (share * bench['roll_center_front'] + (1.0 - share) * bench['roll_center_rear'])
     expected = 1250.0 * lateral * h / (stiffness - 1250.0 * G * h)
     assert abs(roll) == pytest.approx(expected, rel=0.10)

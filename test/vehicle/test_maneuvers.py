@@ -77,8 +77,8 @@ def test_acceleration_is_torque_over_radius_and_limited_by_friction() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('scene', ['car_circle', 'light_car_circle'])
-def test_steady_circle(scene: str) -> None:
+@pytest.mark.parametrize(('scene', 'height', 'track'), [('car_circle', 0.54, 1.554), ('light_car_circle', 0.558, 1.525)])
+def test_steady_circle(scene: str, height: float, track: float) -> None:
     """Constant radius and speed at the end: centripetal force from the tires, load to the outside by m a h / track."""
     shots = run(scene, every=100)
     s, before = shots[-1], shots[-20]
@@ -88,7 +88,7 @@ def test_steady_circle(scene: str) -> None:
     assert 30.0 < v / r < 60.0
     assert s.tire[:, FY].sum() == pytest.approx(mass * v * r, rel=0.03)
     transfer = s.tire[[1, 3], FZ].sum() - s.tire[[0, 2], FZ].sum()
-    assert transfer / 2.0 == pytest.approx(mass * v * r * 0.54 / (2.0 * 0.777), rel=0.12)  # h = 0.54 m and what the body leans
+    assert transfer / 2.0 == pytest.approx(mass * v * r * height / track, rel=0.12)  # and what the body leans
 
 
 @pytest.mark.slow
