@@ -38,6 +38,7 @@ AT_CENTER = {
     'my': ('torque', (0.0, 1.0, 0.0)),
 }
 STEPS = {'travel': 0.03, 'steering': 0.5}  # largest change of an input of the rig at once [m or rad]
+GUIDED = 4.0  # steps for one of STEPS, each with its equilibrium, where guides push wheels the harder the further these are moved without
 ASSISTED_AT = 22.0  # m/s: power steering helps as at this speed, that of the ramp for the understeer gradient
 HOLD = 1e6  # brake input that locks wheels [N m]
 
@@ -126,10 +127,13 @@ class Rig:
         load: vertical force at the wheel [N]."""
         before, u = self._u, np.array([inputs.get(name, self._locked.get(name, 0.0)) for name in self.inputs])
         limits = np.array([STEPS.get(name.partition('_')[0], np.inf) for name in self.inputs])
-        count = max(1, int(np.ceil(np.max(np.abs(u - before) / limits))))
+        finer = GUIDED if self.spec.guides else 1.0
+        count = max(1, int(np.ceil(finer * np.max(np.abs(u - before) / limits))))
         for k in range(1, count + 1):
-            self.start.assemble(self.state, before + (u - before) * (k / count))
-        self.start.equilibrium(self.state, u)
+            way = before + (u - before) * (k / count)
+            self.start.assemble(self.state, way)
+            if k == count or self.spec.guides:
+                self.start.equilibrium(self.state, way if k < count else u)
         self._u = u
         return {c: self._corner(c) for c in CORNERS}
 

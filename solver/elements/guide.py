@@ -10,9 +10,11 @@ The wheel turns about its axis freely. Unloaded it stands at (X, Y, Psi, Gamma)(
 rotation sigma that steers; delta (8,) are the departures of both wheels from there. With the energy
 
     U = 1/2 delta' K delta + spring_l(s_l) + spring_r(s_r) + s_l s_r (c_0 + c_1 (s_l + s_r) + c_2 (s_l^2 + s_r^2) + c_3 s_l s_r)
+        + sigma (P_l(s_l) + P_r(s_r))
 
 all forces are its gradient: the map carries a load at the wheel to the travel (its slope X_s is the anti-dive of the wheel centre) and to
-the steering (its slope over sigma is what the driver feels). K lags: it acts on delta + lag d(delta)/dt. A damper of the length L(s)
+the steering (its slope over sigma is what the driver feels). P, a cubic without a constant, is the torque of springs that steering
+winds up, and what it shifts of their load. K lags: it acts on delta + lag d(delta)/dt. A damper of the length L(s)
 pulls the travel with the force -F L'. It stands on a mount k, which takes the part w = F/k of its way, an internal state:
 
     F = law(L' ds/dt - dw/dt),     k = 0: F = law(L' ds/dt)
@@ -52,7 +54,7 @@ from solver.elements.guide_tangents import (
     turning_axes,
     with_travels,
 )
-from solver.elements.guide_travel import coupling, damper_on_travel
+from solver.elements.guide_travel import coupling, cubic, damper_on_travel
 from solver.elements.guide_wheel import dot8, eight, gradients, load8, over_travels, plus8, times8, wheel_of, wrench
 from solver.elements.kind import ForceKind, Held
 from solver.elements.laws import Law, evaluate_law
@@ -79,7 +81,8 @@ class GuideSpec(Spec):
     these in the chassis, in the design position [m]. axes: spin axes in the wheels. travel, steering: nodes (first, step, count) of the
     maps [m], [unit of the coordinate]. shape: coefficients of the maps, over side, travel, steering, quantity (x, y, psi, gamma, theta);
     opposite: b_0, b_1 over side, quantity. coordinate: the rotation that steers. stiffness: K (8, 8) over (x, y, psi, gamma) left, right.
-    lag [s]. windup: w over side, (8,). springs: force against travel of either side; coupling: c_0 ... c_3. dampers: laws of either side;
+    lag [s]. windup: w over side, (8,). springs: force against travel of either side; coupling: c_0 ... c_3;
+    jacking: coefficients of P over side. dampers: laws of either side;
     ratios: coefficients of the powers of s in L', over side. mounts: their k [N/m], 0 for none; yields: with a mount the inverse of the
     damper's law, rate over force. wheels: coordinates of the turning wheels, to show the brake torque at.
     input: of the brakes; shares of either wheel in it; brake_stiffness [N m/rad], brake_damping [N m s/rad] of a stuck wheel.
@@ -100,6 +103,7 @@ class GuideSpec(Spec):
     windup: tuple[float, ...] = (0.0,) * 16
     springs: tuple[Law, Law]
     coupling: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    jacking: tuple[float, ...] = (0.0,) * 6
     dampers: tuple[Law, Law]
     ratios: tuple[float, ...]
     mounts: tuple[float, float] = (0.0, 0.0)
@@ -117,7 +121,7 @@ class GuideSpec(Spec):
         require(self.travel[2] > 1, where, 'travel', self.travel, 'needs two nodes or more')
         require(self.coordinate is not None or self.steering[2] == 1, where, 'steering', self.steering, 'needs a coordinate')
         count = 2 * Nodes(*self.travel).coefficients * Nodes(*self.steering).coefficients * len(QUANTITIES)
-        for name, length in (('shape', count), ('opposite', 20), ('stiffness', 64), ('windup', 16), ('ratios', 10)):
+        for name, length in (('shape', count), ('opposite', 20), ('stiffness', 64), ('windup', 16), ('jacking', 6), ('ratios', 10)):
             values = getattr(self, name)
             require(len(values) == length, where, name, len(values), f'must be {length} numbers')
             self.set(name, tuple(finite(where, name, v) for v in values))
@@ -150,6 +154,7 @@ class GuideTable(NamedTuple):
     law: np.ndarray  # (2 n, 3) spring, damper, its inverse
     mount: np.ndarray  # (2 n,)
     coupling: np.ndarray  # (n, 4)
+    jacking: np.ndarray  # (2 n, 3)
     ratio: np.ndarray  # (2 n, 5)
     coordinate: np.ndarray  # (n, 2) of the turning wheels
     state: np.ndarray  # (n,) wind-up of the left brake; that of the right one and both mounts follow
@@ -185,6 +190,7 @@ def compile_guides(specs: Sequence[GuideSpec], context: Context) -> GuideTable:
         law=np.zeros((2 * n, 3), np.int64),
         mount=np.array([k for s in specs for k in s.mounts], float),
         coupling=np.array([s.coupling for s in specs], float).reshape(-1, 4),
+        jacking=np.array([s.jacking for s in specs], float).reshape(-1, 3),
         ratio=np.array([s.ratios for s in specs], float).reshape(-1, 5),
         coordinate=np.zeros((n, 2), np.int64),
         state=np.zeros(n, np.int64),
@@ -270,13 +276,14 @@ def guide_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, K
         spring_l, rise_l, stored_l = evaluate_law(laws, table.law[2 * e, 0], s_l)
         spring_r, rise_r, stored_r = evaluate_law(laws, table.law[2 * e + 1, 0], s_r)
         U, U_l, U_r, U_ll, U_lr, U_rr = coupling(table.coupling[e], s_l, s_r)
+        P_l, P_r = cubic(table.jacking[2 * e], s_l), cubic(table.jacking[2 * e + 1], s_r)
         d_l, d_ls, d_lv, heat_l, mount_l, y_l = damper_on_travel(table, laws, 2 * e, s_l, v_l, zp[n + 2], cz)
         d_r, d_rs, d_rv, heat_r, mount_r, y_r = damper_on_travel(table, laws, 2 * e + 1, s_r, v_r, zp[n + 3], cz)
 
         # generalized forces, wrenches, bodies
-        q_l = dot8(held, by_l) + (t_l * m_l[4][1] + t_r * m_r[4][2]) - spring_l - U_l + d_l
-        q_r = dot8(held, by_r) + (t_l * m_l[4][2] + t_r * m_r[4][1]) - spring_r - U_r + d_r
-        q_t = dot8(held, by_t) + (t_l * m_l[4][3] + t_r * m_r[4][3])
+        q_l = dot8(held, by_l) + (t_l * m_l[4][1] + t_r * m_r[4][2]) - spring_l - U_l + d_l - sigma * P_l[1]
+        q_r = dot8(held, by_r) + (t_l * m_l[4][2] + t_r * m_r[4][1]) - spring_r - U_r + d_r - sigma * P_r[1]
+        q_t = dot8(held, by_t) + (t_l * m_l[4][3] + t_r * m_r[4][3]) - (P_l[0] + P_r[0])
         on_l = wrench(lw, -held[0], -held[1], q_l, -held[2], -held[3], -t_l)
         on_r = wrench(rw, -held[4], -held[5], q_r, -held[6], -held[7], -t_r)
         g = gradients(R_c, lw, rw, on_l, on_r, q_t, g_i, g_j)
@@ -288,8 +295,8 @@ def guide_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, K
             k_t = times8(table.K, e, by_t)
             K, slots = table.K, table.slot
             ll, mix, rr = -dot8(by_l, k_l), -dot8(by_l, k_r), -dot8(by_r, k_r)
-            more_l = own_curvature(held, m_l, t_l, 0, 4) - rise_l - U_ll + d_ls
-            more_r = own_curvature(held, m_r, t_r, 4, 4) - rise_r - U_rr + d_rs
+            more_l = own_curvature(held, m_l, t_l, 0, 4) - rise_l - U_ll + d_ls - sigma * P_l[2]
+            more_r = own_curvature(held, m_r, t_r, 4, 4) - rise_r - U_rr + d_rs - sigma * P_r[2]
             more = own_curvature(held, m_l, t_l, 0, 5) + own_curvature(held, m_r, t_r, 4, 5) - U_lr
             on_ll = elastic_blocks(K, e, 0, 0, lw, lw, first4(k_l), first4(k_l), ll)
             on_lr = elastic_blocks(K, e, 0, 1, lw, rw, last4(k_l), first4(k_r), mix)
@@ -307,7 +314,7 @@ def guide_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, K
                 on_r = wrench(rw, k_t[4], k_t[5], rt, k_t[6], k_t[7], 0.0)
                 by_rate = gradients(R_c, lw, rw, on_l, on_r, zero, g_i, g_j)
                 add_steering((by_rate[0], by_rate[1], by_rate[2]), tt, g_i, g_j, slots, e, lag, Kv)
-                lt, rt = lt + own_curvature(held, m_l, t_l, 0, 6), rt + own_curvature(held, m_r, t_r, 4, 6)
+                lt, rt = lt + own_curvature(held, m_l, t_l, 0, 6) - P_l[1], rt + own_curvature(held, m_r, t_r, 4, 6) - P_r[1]
                 tt = tt + own_curvature(held, m_l, t_l, 0, 7) + own_curvature(held, m_r, t_r, 4, 7)
                 on_l = wrench(lw, k_t[0], k_t[1], lt, k_t[2], k_t[3], 0.0)
                 on_r = wrench(rw, k_t[4], k_t[5], rt, k_t[6], k_t[7], 0.0)
@@ -325,6 +332,7 @@ def guide_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, K
 
         z[n], z[n + 1], z[n + 2], z[n + 3] = z_l, z_r, y_l, y_r
         out[e, 0] = 0.5 * dot8(delta, elastic) + stored_l + stored_r + U + 0.5 * k_b * (z_l * z_l + z_r * z_r) + mount_l + mount_r
+        out[e, 0] += sigma * (P_l[0] + P_r[0])
         out[e, 1] = lag * dot8(rate, lagging) + heat_l + heat_r + lost_l + lost_r
         out[e, 2], out[e, 3], out[e, 4] = lw.x[3], lw.x[4], -spring_l - U_l
         out[e, 5], out[e, 6], out[e, 7] = rw.x[3], rw.x[4], -spring_r - U_r

@@ -21,6 +21,12 @@ def coupling(c, s, o):
     )  # fmt: skip
 
 
+@kernel(inline=True)
+def cubic(a, s):
+    """(value, slope, curvature) of a[0] s + a[1] s^2 + a[2] s^3."""
+    return s * (a[0] + s * (a[1] + s * a[2])), a[0] + s * (2.0 * a[1] + s * (3.0 * a[2])), 2.0 * a[1] + s * (6.0 * a[2])
+
+
 @kernel(inner=True)
 def _yielding(laws, k, rate, zp, cz, law):
     """(w, force, its slope over the rate, rate of the damper) on a mount k: w = zp + cz (rate - law(k w)), by Newton's iteration."""

@@ -2,7 +2,8 @@
 
     bodies    the chassis, which everything that does not move with a wheel is part of; four wheels; the steering wheel
     axles     one guide each (solver.elements.guide) instead of arms, links, rubbers, subframes, springs, dampers, bars and rack
-    kept      tires, road, drag, steering wheel and its driver, drive torque (between the driven wheels and the chassis)
+    kept      tires, road, drag, steering wheel and its driver, drive torque (between the driven wheels and the chassis), power steering
+              with a pinion to push (solver.levels.assisted)
 
 Conserved are the mass of the vehicle, its centre of mass and its inertia in the design position; the mass that moves with the travel of a
 wheel and the inertia that turns with it (twice the kinetic energy of the full model at unit rates, along the tangent of the map); static
@@ -29,8 +30,10 @@ from solver.elements.marker import Marker
 from solver.elements.registry import FORCES
 from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.road import RoadSpec
+from solver.elements.servo import ServoSpec
 from solver.errors import SpecError
 from solver.levels import maps
+from solver.levels.assisted import assisted, gear_held
 from solver.levels.derived import Derived, LevelReport, Limit, with_one_iteration
 from solver.levels.kept import kept
 from solver.model.frames import matrix, quaternion
@@ -67,12 +70,13 @@ def derive(scene: Scene) -> Derived:
     travel = Limit(quantity='suspension_travel', unit='m', low=-high, high=high, why=MAPS)
     turned = max(-guide.steering[0] for guide in model.guides)
     steering = Limit(quantity='steering_wheel_angle', unit='rad', low=-turned, high=turned, why=MAPS)
+    lost = _unassisted(scene.model) if reduction.assisted is None else ()
     validity = (travel, steering, *_lateral(scene.model, reduction.dependent), *VALIDITY)
-    return Derived(scene=derived, level='kc', report=LevelReport(lost=(*LOST, *_unassisted(scene.model)), validity=validity))
+    return Derived(scene=derived, level='kc', report=LevelReport(lost=(*LOST, *lost), validity=validity))
 
 
 def _unassisted(spec: ModelSpec) -> tuple[str, ...]:
-    """What becomes of power steering: the compliance has its stiffness, the hand not its help."""
+    """What becomes of a motor in the steering gear behind a column that no rule reduces."""
     return tuple(
         f'the motor of {servo.name} and friction in the steering: the torque at the steering wheel is the whole one'
         for servo in spec.servos
@@ -95,8 +99,8 @@ def kc_model(spec: ModelSpec) -> ModelSpec:
 
 def _reduction(spec: ModelSpec) -> _Reduction:
     _require_car(spec)
-    standing = dataclasses.replace(spec, road=RoadSpec())
-    return _Reduction(spec, kept('kc', repr(standing), lambda: maps.measured(standing)))
+    standing, servo = gear_held(dataclasses.replace(spec, road=RoadSpec()))
+    return _Reduction(spec, kept('kc', repr(standing), lambda: maps.measured(standing)), servo)
 
 
 def _require_car(spec: ModelSpec) -> None:
@@ -114,8 +118,9 @@ def _require_car(spec: ModelSpec) -> None:
 class _Reduction:
     """A vehicle and what was measured of it, becoming a model of six bodies."""
 
-    def __init__(self, spec: ModelSpec, data: dict[str, Any]) -> None:
+    def __init__(self, spec: ModelSpec, data: dict[str, Any], servo: ServoSpec | None) -> None:
         self.spec, self.data = spec, data
+        self.assisted = None if servo is None else assisted(spec, servo, data['gear'], data['steering'])
         self.dependent = False  # whether a wheel moves the damper of the other one, known with the model
         self.bodies = {b.name: b for b in spec.bodies}
         self.joints = {j.name: j for j in spec.joints}
@@ -129,6 +134,9 @@ class _Reduction:
     def model(self) -> ModelSpec:
         wheels = {corner: self._wheel(corner) for corner in CORNERS}
         hands, joints, couplers = self._steering()
+        gear = self.assisted
+        if gear is not None:
+            hands, joints = (*hands, gear.body), (*joints, gear.joint)
         chassis = self._rest((*wheels.values(), *hands))
         coordinates = [self._spin(c, wheels[c]) for c in CORNERS] + [self._travel(c, wheels[c]) for c in CORNERS]
         model = ModelSpec(
@@ -137,7 +145,8 @@ class _Reduction:
             couplers=couplers,
             coordinates=tuple(coordinates),
             guides=tuple(self._guide(axle, wheels, couplers) for axle in AXLES),
-            coordinate_forces=self._drives(),
+            coordinate_forces=(*self._drives(), *(() if gear is None else gear.forces)),
+            servos=() if gear is None else (gear.servo,),
             tires=self.spec.tires,
             road=self.spec.road,
             gravity=self.spec.gravity,
@@ -267,14 +276,19 @@ class _Reduction:
         return GuideSpec(
             name=axle, chassis=self.chassis.name, left=wheels[corners[0]].name, right=wheels[corners[1]].name,
             centers=(at[0], at[1]), axes=(axes[0], axes[1]), travel=travel, steering=steering,
-            shape=tuple(data['shape']), opposite=tuple(data['opposite']), coordinate=couplers[0].terms[0][0] if steered else None,
+            shape=tuple(data['shape']), opposite=tuple(data['opposite']), coordinate=self._turn(axle, couplers) if steered else None,
             stiffness=tuple(K.ravel().tolist()), lag=LAG, windup=tuple(windup.ravel().tolist()),
             springs=(springs[0], springs[1]), coupling=tuple(data['coupling']),
+            jacking=(0.0,) * 6 if self.assisted is None or axle != AXLES[0] else tuple(data['jacking']),
             dampers=laws, ratios=tuple(x for ratio in ratios for x in ratio), mounts=mounts, yields=yields,
             wheels=(f'wheel_{corners[0]}', f'wheel_{corners[1]}'), input=own[0].input,  # type: ignore[union-attr]
             shares=(own[0].gain, own[1].gain),  # type: ignore[union-attr]
             brake_stiffness=1.0 / (1.0 / stiffness + max(float(left.mean()), 0.0)), brake_damping=own[0].damping,  # type: ignore[union-attr]
         )  # fmt: skip
+
+    def _turn(self, axle: str, couplers: tuple[Any, ...]) -> str:
+        """The rotation that a guide follows: in front that of a pinion behind a torsion bar, else that of the steering wheel."""
+        return couplers[0].terms[0][0] if self.assisted is None or axle != AXLES[0] else self.assisted.joint.name
 
     @staticmethod
     def _inertias(wheel: RigidBodySpec) -> tuple[float, float, float, float]:

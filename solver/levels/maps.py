@@ -47,13 +47,14 @@ POWERS = 5  # of the polynomial that is the slope of a damper's length
 
 class Stand(NamedTuple):
     """A state of the bench. q (nb + 1, 7); x: by corner (5,) x, y, psi, gamma, theta; load: by corner, vertical [N]; lengths: of the
-    spring-dampers [m]; angles: of the joint coordinates."""
+    spring-dampers [m]; angles: of the joint coordinates; torque: that holds the steering wheel [N m]."""
 
     q: np.ndarray
     x: dict[str, np.ndarray]
     load: dict[str, float]
     lengths: np.ndarray
     angles: np.ndarray
+    torque: float
 
 
 class Bench:
@@ -63,6 +64,7 @@ class Bench:
         self.rig = Rig(spec, at_center=True)
         self.spec = spec
         self.wheels = {tire.name: self.rig.model.body_names.index(tire.marker.body) for tire in spec.tires}
+        self.drivers = [c for c in spec.couplers if c.input is not None]
 
     def stand(self, **inputs: float) -> Stand:
         """The equilibrium under inputs of the rig."""
@@ -73,7 +75,11 @@ class Bench:
         loads = {c: corner['load'] for c, corner in corners.items()}
         model, state = self.rig.model, self.rig.state
         lengths = model.outputs(SPRING_DAMPERS.name, self.rig.start.outputs)[:, SPRING_DAMPERS.column('length')].copy()
-        return Stand(state.q.copy(), {c: self._wheel(c, state.q) for c in CORNERS}, loads, lengths, state.angle.copy())
+        return Stand(state.q.copy(), {c: self._wheel(c, state.q) for c in CORNERS}, loads, lengths, state.angle.copy(), self._torque())
+
+    def _torque(self) -> float:
+        row_names = self.rig.model.row_names
+        return sum(float(self.rig.state.lam[row_names.index(c.name)]) * c.terms[0][1] for c in self.drivers)
 
     def _approached(self, inputs: dict[str, float]) -> dict[str, dict[str, float]]:
         """The same from the design position, by equilibria on the way."""
@@ -124,7 +130,9 @@ def spring_law(travel: np.ndarray, force: np.ndarray) -> Law:
 def measured(spec: ModelSpec, progress: Callable[[float], None] = lambda done: None) -> dict[str, Any]:
     """Everything that the level kc needs to know of a vehicle, as lists and numbers: by axle the fields of a GuideSpec that are measured,
     by corner the masses that move with 'travel' [kg] and 'spin' [kg m^2]; 'travel', 'steering': the range of the maps [m],
-    [rad]; 'coordinates': by name their slopes over the spins of the corners.
+    [rad]; 'coordinates': by name their slopes over the spins of the corners; 'gear': 'inertia' [kg m^2] that turns with the steering wheel
+    besides itself and the wheels with their carriers, 'lengths': by index of a damper without a spring its slope over that turn [m/rad],
+    'torque': that holds the steering wheel over the steering angles [N m].
     """
     for reach in RANGES[:-1]:
         with suppress(ConsistencyError):
@@ -140,12 +148,15 @@ def _measured(spec: ModelSpec, travel: float, turned: float, progress: Callable[
     z = np.linspace(-travel, travel, MAP_TRAVEL)
     steering = np.linspace(-turned, turned, MAP_STEERING)
     grid = np.zeros((2, 2, MAP_TRAVEL, MAP_STEERING, len(QUANTITIES)))  # over axle, side
+    torque = np.zeros(MAP_STEERING)
     for j, angle in enumerate(steering.tolist()):
         for i in range(MAP_TRAVEL)[:: 1 if j % 2 == 0 else -1]:
             s = bench.stand(steering=angle, **{f'travel_{c}': float(z[i]) for c in CORNERS})
             for a, corners in enumerate(axles.values()):
                 for k, corner in enumerate(corners):
                     grid[a, k, i, j] = s.x[corner]
+            if i == MAP_TRAVEL // 2:
+                torque[j] = s.torque
         progress(0.8 * (j + 1) / MAP_STEERING)
     fine = np.linspace(-travel, travel, FORCE_TRAVEL)
     bench.stand()
@@ -161,7 +172,12 @@ def _measured(spec: ModelSpec, travel: float, turned: float, progress: Callable[
     compliance = _compliance(bench)
     mounts = _mounts(spec, rest)
     masses = _masses(bench, rest)
-    result: dict[str, Any] = {'coordinates': _driven(bench), 'travel': travel, 'steering': turned}
+    result: dict[str, Any] = {
+        'coordinates': _driven(bench),
+        'gear': _gear(bench) | {'torque': torque.tolist()},
+        'travel': travel,
+        'steering': turned,
+    }
     for a, (axle, corners) in enumerate(axles.items()):
         steered = bool(np.abs(grid[a, :, :, :, 2] - grid[a, :, :, MAP_STEERING // 2 : MAP_STEERING // 2 + 1, 2]).max() > 1e-3)
         result[axle] = _axle(corners, z, grid[a], against[a], fine, alone, steered) | compliance[axle] | {'mounts': mounts}
@@ -204,14 +220,18 @@ def _axle(
     loads = [np.array([s.load[corner] for s in alone[corner]]) for corner in corners]
     crossed = [np.array([s.load[corners[1 - k]] for s in alone[corners[k]]]) for k in range(2)]
     n = len(fine) // 2
-    coupling = least_squares(np.concatenate([np.column_stack([fine, fine**2, fine**3])] * 2), np.concatenate([c - c[n] for c in crossed]))
+    cubic = np.column_stack([fine, fine**2, fine**3])
+    coupling = least_squares(np.concatenate([cubic] * 2), np.concatenate([c - c[n] for c in crossed]))
     dampers = [_damper(alone[corner], fine, n) for corner in corners]
+    torques = [np.array([s.torque for s in alone[corner]]) for corner in corners]
+    jacking = [least_squares(cubic, torque - torque[n]).tolist() for torque in torques]
     return {
         'shape': shape,
         'opposite': opposite,
         'steered': steered,
         'loads': [load.tolist() for load in loads],
         'coupling': [*coupling.tolist(), 0.0],
+        'jacking': jacking[0] + jacking[1],
         'dampers': dampers,
     }
 
@@ -307,6 +327,22 @@ def _masses(bench: Bench, rest: Stand) -> dict[str, dict[str, float]]:
         spin = 0.5 * float(np.add.reduce(bodies.mass * np.add.reduce(v * v, axis=1)) + _turning(bodies.inertia, w))
         found[corner] = {'travel': travel, 'spin': spin}
     return found
+
+
+def _gear(bench: Bench) -> dict[str, Any]:
+    """What moves with the steering gear, see measured()."""
+    spec, names = bench.spec, bench.rig.model.body_names
+    low, high = bench.stand(steering=-STEP), bench.stand(steering=STEP)
+    v, w = _moved(low.q, high.q, 2.0 * STEP)
+    bearings = {f'wheel_{c}' for c in CORNERS} | {c.terms[0][0] for c in spec.couplers if c.input is not None}
+    ends = {end.body for joint in spec.joints if joint.name in bearings for end in (joint.i, joint.j)}
+    apart = [k for k, name in enumerate(names) if name in ends]
+    v[apart], w[apart] = 0.0, 0.0
+    bodies = bench.rig.model.tables.bodies
+    inertia = float(np.add.reduce(bodies.mass * np.add.reduce(v * v, axis=1)) + _turning(bodies.inertia, w))
+    slopes = ((high.lengths - low.lengths) / (2.0 * STEP)).tolist()
+    moved = [k for k, e in enumerate(spec.spring_dampers) if e.spring is None and e.damper is not None and abs(slopes[k]) > 1e-6]
+    return {'inertia': inertia, 'lengths': {k: slopes[k] for k in moved}}
 
 
 def _turning(inertia: np.ndarray, w: np.ndarray) -> float:

@@ -44,6 +44,7 @@ def guide(rng, *, steered=True, mounted=True, **changes):
         'windup': tuple(0.2 * rng.normal(size=16)),
         'springs': (SPRING, Law.linear(2e4)),
         'coupling': (-300.0, 40.0, 500.0, -700.0),
+        'jacking': (20.0, -30.0, 40.0, -20.0, 30.0, 50.0),
         'dampers': (DAMPER, Law.linear(200.0)),
         **({'mounts': (3e4, 0.0), 'yields': (YIELD, YIELD)} if mounted else {}),
         'ratios': tuple(rng.normal(size=10) + [-0.7, 0, 0, 0, 0, -0.7, 0, 0, 0, 0]),

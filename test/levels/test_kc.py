@@ -26,6 +26,7 @@ from solver.step.settings import IntegratorSettings
 from solver.vehicle.full_car import full_car_model
 
 CARS = ('car_step_steer', 'light_car_step_steer', 'double wishbones')
+ASSISTED = 'electric_4wd'
 
 
 @functools.cache
@@ -33,19 +34,21 @@ def levels(name: str) -> tuple[Scene, Scene]:
     """(a scene, what is simulated of it at the level kc)."""
     if name == 'double wishbones':
         full = dataclasses.replace(solver.load_scene('car_step_steer'), model=full_car_model(double_wishbones()))
+    elif name == ASSISTED:
+        full = solver.load_scene('car_swept_steer', [f'vehicle=vehicles/{name}.yaml'])
     else:
         full = solver.load_scene(name)
     return full, derive(dataclasses.replace(full, fidelity='kc')).scene
 
 
-@pytest.mark.parametrize('name', CARS)
+@pytest.mark.parametrize('name', [*CARS, ASSISTED])
 def test_mass_and_inertia_are_those_of_the_vehicle(name):
     """In the design position, to rounding; the mass that moves with a wheel is what a wheel hop needs, so it may not be the wheel's."""
     full, kc = levels(name)
     was, now = mass_figures(full.model), mass_figures(kc.model)
     for figure in ('mass', 'com_x', 'com_y', 'com_z', 'roll_inertia', 'pitch_inertia', 'yaw_inertia', 'wheelbase', 'track_front'):
         assert now[figure] == pytest.approx(was[figure], rel=1e-9, abs=1e-9), figure
-    assert len(kc.model.bodies) == 6 and not kc.model.bushings and not kc.model.spring_dampers
+    assert len(kc.model.bodies) == 6 + len(full.model.servos) and not kc.model.bushings and not kc.model.spring_dampers
 
 
 @functools.cache
@@ -77,7 +80,7 @@ def test_curves_of_kinematics_are_those_of_the_vehicle(name):
         near(found[corner]['steer'], wanted[corner]['steer'], key=corner)
 
 
-@pytest.mark.parametrize('name', CARS)
+@pytest.mark.parametrize('name', [*CARS, ASSISTED])
 def test_figures_of_the_bench_are_those_of_the_vehicle(name):
     """Wheel rates, roll stiffness, roll centres, steering ratio and compliances within 1 %."""
     full, kc = rigs(name)
@@ -135,6 +138,33 @@ def test_motion_is_within_two_percent(name, maneuver):
     assert (rms[quantities] <= 0.02 * peak[quantities]).all(), rms / peak
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(('car', 'angle', 'share'), [('compact_fwd', 0.35, 0.05), ('electric_4wd', 0.35, 0.02)])
+def test_the_hand_holds_what_the_motor_leaves_it(car, angle, share):
+    """A step steer to 0.29 g: the torque at the steering wheel over time. The twist beam of the compact lets it corner 2 % harder at this
+    level, and one of its lateral compliances is 3 % off."""
+    torques = []
+    for fidelity in ('full', 'kc'):
+        steering = f'maneuver.steering={{kind: step, value: {angle}, start: 0.3, rise: 0.15}}'
+        s = solver.simulation_of(solver.load_scene('car_step_steer', [f'vehicle=vehicles/{car}.yaml', f'fidelity={fidelity}', steering]))
+        hand = s.channels.joints.index('steering_wheel')
+        torques.append([s.advance(20).joint_effort[hand] for _ in range(150)])
+        shot = s.snapshot()
+        assert 0.27 * 9.81 < shot.twist[s.channels.chassis, 0] * shot.twist[s.channels.chassis, 5] < 0.31 * 9.81
+    wanted, found = np.array(torques)
+    assert 3.0 < wanted[-1] < 4.0
+    assert np.abs(found - wanted).max() < share * np.abs(wanted).max()
+
+
+def test_help_behind_no_column_is_lost_and_said():
+    """A gear that turns with the steering wheel itself: the compliance has the help, the hand the whole torque."""
+    scene = solver.load_scene('car_step_steer', [f'vehicle=vehicles/{ASSISTED}.yaml', 'switches.steering_column=off', 'fidelity=kc'])
+    derived = derive(scene)
+    assert not derived.scene.model.servos
+    assert any('motor of rack_and_pinion' in text for text in derived.report.lost)
+    assert not any('motor' in text for text in derive(dataclasses.replace(levels(ASSISTED)[0], fidelity='kc')).report.lost)
+
+
 def moving(name: str, h: float, **changes) -> Simulation:
     """A scene at the level kc with the step h [s]."""
     kc = levels(name)[1]
@@ -142,7 +172,7 @@ def moving(name: str, h: float, **changes) -> Simulation:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('name', ['car_swept_steer', 'light_car_swept_steer'])
+@pytest.mark.parametrize('name', ['car_swept_steer', 'light_car_swept_steer', ASSISTED])
 def test_energy_and_momentum_close_with_second_order(name):
     """Torque rises and the car is steered: the error of the running account falls by four with half the step; so do the momenta."""
     errors, momenta, impulses = [], [], []
@@ -217,7 +247,6 @@ def test_limits_follow_from_the_vehicle(car: str, limits: dict[str, float]) -> N
     level = derive(solver.load_scene('car_step_steer', [f'vehicle=vehicles/{car}.yaml', 'fidelity=kc'])).report
     found = {limit.quantity: limit.high for limit in level.validity}
     assert {name: found[name] for name in limits} == limits
-    assert any('motor of rack_and_pinion' in text for text in level.lost) == (car == 'compact_fwd')
     assert ('lateral_acceleration' in found) == ('lateral_acceleration' in limits)
 
 

@@ -1,0 +1,76 @@
+"""Power steering at the level kc: torsion bar and motor stay (solver.elements.servo), between steering wheel and a pinion on the chassis
+that turns as the one of the vehicle and moves what that one moves. The guide of the axle follows the pinion; so the bench measures it with
+the gear held to a steering wheel without universal joints, and how far bar and motor give way is not in its compliance.
+
+Conserved are the law of the motor, the inertia of what moves with the gear (twice the kinetic energy at a unit rate of the pinion) and its
+dampers and dry friction, reduced to the pinion by their levers, the non-uniformity of the universal joints.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from solver.compiled.portable import product
+from solver.elements.coordinate_force import CoordinateForceSpec
+from solver.elements.coupler import CouplerSpec
+from solver.elements.joint import JointSpec
+from solver.elements.rigid_body import RigidBodySpec
+from solver.elements.servo import ServoSpec
+from solver.levels import maps
+from solver.levels.columns import reduced_columns
+from solver.levels.draft import Draft
+from solver.model.spec import ModelSpec
+
+
+class Assisted(NamedTuple):
+    """What there is of a steering besides the guides. servo: between pinion and steering wheel; body, joint: the pinion; forces: dampers
+    and friction at it, and the torque of the springs that it winds up."""
+
+    servo: ServoSpec
+    body: RigidBodySpec
+    joint: JointSpec
+    forces: tuple[CoordinateForceSpec, ...]
+
+
+def gear_held(spec: ModelSpec) -> tuple[ModelSpec, ServoSpec | None]:
+    """(the model for the bench, the servo over the gear and the steering wheel): there the gear turns with the steering wheel as it does
+    with the pinion. A model without a servo, or with a column that no rule reduces or that turns it round, comes back as it is."""
+    if len(spec.servos) != 1:
+        return spec, None
+    draft = Draft(spec)
+    reduced_columns(draft)
+    (servo,) = draft.sections['servos'].values()
+    (pinion, own), (driving, factor) = spec.servos[0].terms[1], servo.terms[1]
+    if driving == pinion or factor != own:
+        return spec, None
+    draft.drop('servos', servo.name)
+    draft.put('couplers', CouplerSpec(name=servo.name, terms=servo.terms, offset=0.0))
+    return draft.model(), servo
+
+
+def assisted(spec: ModelSpec, servo: ServoSpec, data: dict[str, Any], turned: float) -> Assisted:
+    """The steering of a vehicle whose servo is that of gear_held(); data, turned: `gear`, `steering` of solver.levels.maps.measured()."""
+    (moved, share), (driving, factor) = servo.terms
+    lever = -factor / share  # of the pinion, with which the coordinate that the motor moves goes by so much per turn
+    draft = Draft(spec)
+    angle = spec.servos[0].terms[1][0]
+    bearing: JointSpec = draft.sections['joints'][angle]
+    pinion = draft.bodies[bearing.j.body]
+    p, R = draft.placed(bearing.i)
+    joint = bearing.replace(i=draft.marker(draft.chassis, p, R))
+    n = product(draft.frame(pinion.name).R.T, R[:, 2])
+    J = pinion.inertia_matrix() + data['inertia'] * np.outer(n, n)
+    six = (J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2])
+    found = [(spec.spring_dampers[int(k)], slope) for k, slope in data['lengths'].items()]
+    forces = [CoordinateForceSpec(name=element.name, terms=((angle, slope),), damper=element.damper) for element, slope in found]
+    springs = maps.spring_law(np.linspace(-turned, turned, len(data['torque'])), np.array(data['torque']))
+    forces.append(CoordinateForceSpec(name='steering_springs', terms=((angle, 1.0),), spring=springs))
+    forces += [f.replace(terms=((angle, f.terms[0][1] * lever),)) for f in spec.coordinate_forces if [n for n, _ in f.terms] == [moved]]
+    helped = servo.replace(
+        terms=((angle, -factor), (driving, factor)),
+        forces=tuple(tuple(force * abs(lever) for force in row) for row in servo.forces),
+        limit=servo.limit * abs(lever),
+    )
+    return Assisted(helped, pinion.replace(inertia=tuple(float(x) for x in six)), joint, tuple(forces))
