@@ -1,8 +1,8 @@
 """Figures of a vehicle, computed from its own model.
 
 Masses from the specification, modes from the linearised model (solver.analysis.modes), kinematics and compliance from a bench
-(solver.analysis.kinematics_and_compliance), understeer and roll from a run. Angles in rad, SI units. Where they usually lie:
-solver.analysis.usual.
+(solver.analysis.kinematics_and_compliance), what comes out of driving from runs (solver.analysis.driven). Angles in rad, SI units. Where
+they usually lie: solver.analysis.usual.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ import dataclasses
 
 import numpy as np
 
+from solver.analysis.driven import parking_figures, steady_figures, step_figures
 from solver.analysis.kinematics_and_compliance import CORNERS, Rig, kinematic_figures, wheel_centers
 from solver.analysis.modes import AXLES, named_modes
 from solver.elements.road import RoadSpec
 from solver.inputs.maneuver import Maneuver
-from solver.inputs.signals import Ramp
 from solver.model.frames import matrix
 from solver.model.spec import ModelSpec
 from solver.scene import Scene, StartSettings
@@ -44,35 +44,6 @@ def mass_figures(spec: ModelSpec) -> dict[str, float]:
         'wheelbase': float(wheelbase), 'track_front': float(track['front']), 'track_rear': float(track['rear']),
         'front_share': float((com[0] - x['rear']) / wheelbase),
     }  # fmt: skip
-
-
-def understeer_gradient(spec: ModelSpec, ratio: float, *, speed: float = 22.0, h: float = 2e-3) -> dict[str, float]:
-    """Slow ramp of the steering wheel at nearly constant speed (ISO 4138, method 2): understeer gradient [rad s^2/m] and roll gradient
-    [rad s^2/m] by a straight line through lateral accelerations up to 3.5 m/s^2. ratio: of the steering."""
-    figures = mass_figures(spec)
-    maneuver = Maneuver(steering=Ramp(slope=0.2, start=0.5, blend=0.4), drive_torque=Ramp(slope=20.0, initial=150.0, start=0.5, blend=0.2))
-    scene = Scene(
-        name='understeer', model=spec, start=StartSettings(kind='equilibrium', speed=speed), maneuver=maneuver,
-        integrator=IntegratorSettings(h=h, penalty=1e6),
-    )  # fmt: skip
-    simulation = Simulation(scene)
-    chassis = simulation.channels.chassis or 0
-    rows = []
-    for _ in range(400):
-        s = simulation.advance(round(0.02 / h))
-        v, r = np.hypot(*s.twist[chassis, :2]), s.twist[chassis, 5]
-        x, y, z, w = s.pose[chassis, 3:]
-        rows.append(
-            (v * r, s.inputs[spec.inputs.index('steering')] / ratio - figures['wheelbase'] * r / v, np.arcsin(2.0 * (z * y + w * x)))
-        )
-        if v * r > 3.5:
-            break
-    a, understeer, roll = np.array(rows).T
-    used = a > 0.5
-    return {
-        'understeer_gradient': float(np.polyfit(a[used], understeer[used], 1)[0]),
-        'roll_gradient': float(np.polyfit(a[used], roll[used], 1)[0]),
-    }
 
 
 def sag(simulation: Simulation) -> dict[str, float]:
@@ -106,4 +77,6 @@ def figures(simulation: Simulation) -> dict[str, float]:
         key = name.replace(' ', '_')
         found |= {f'{key}_frequency': mode.frequency, f'{key}_damping': mode.damping}
     found |= kinematic_figures(Rig(spec)) | sag(simulation)
-    return found | understeer_gradient(spec, found['steering_ratio'])
+    ratio = found['steering_ratio']
+    found |= steady_figures(spec, ratio)
+    return found | step_figures(spec, ratio, found['understeer_gradient']) | parking_figures(spec, ratio)

@@ -40,6 +40,7 @@ AT_CENTER = {
 STEPS = {'travel': 0.03, 'steering': 0.5}  # largest change of an input of the rig at once [m or rad]
 GUIDED = 4.0  # steps for one of STEPS, each with its equilibrium, where guides push wheels the harder the further these are moved without
 ASSISTED_AT = 22.0  # m/s: power steering helps as at this speed, that of the ramp for the understeer gradient
+TURNED = 0.35  # rad of the road wheels, for Ackermann's share
 HOLD = 1e6  # brake input that locks wheels [N m]
 
 
@@ -180,9 +181,9 @@ class Rig:
 def kinematic_figures(rig: Rig, step: float = 0.01) -> dict[str, float]:
     """Slopes at the design position from central differences over +- step [m]: per axle wheel rate [N/m], roll stiffness [N m/rad],
     roll-centre height [m] (in roll, so that it holds for dependent suspensions too), toe and camber change [rad/m], roll steer (to the
-    left per roll to the right [-]), and the ratio of steering wheel to mean road wheel [-]; compliances: toe by
-    lateral force, both to the left (left wheel, [rad/N], positive: towards the force) and by aligning moment [rad/(N m)],
-    longitudinal displacement by braking force [m/N], for models with bushings."""
+    left per roll to the right [-]); the ratio of steering wheel to mean road wheel [-] and the share of Ackermann's condition [-];
+    compliances: toe by lateral force, both to the left (left wheel, [rad/N], positive: towards the force) and by aligning moment
+    [rad/(N m)], longitudinal displacement by braking force [m/N], for models with bushings."""
     both, roll = rig.travel([-step, step]), rig.travel([-step, step], opposite=True)
     side, brake, align = rig.loading('fy', [-1000.0, 1000.0]), rig.loading('fx', [-1000.0, 1000.0]), rig.loading('mz', [-50.0, 50.0])
     steer = rig.steering([-0.2, 0.2])
@@ -213,4 +214,16 @@ def kinematic_figures(rig: Rig, step: float = 0.01) -> dict[str, float]:
             }
     mean = 0.5 * (steer['front_left']['steer'] + steer['front_right']['steer'])
     figures['steering_ratio'] = float(0.4 / (mean[1] - mean[0]))
+    figures['ackermann'] = ackermann(rig, TURNED * figures['steering_ratio'])
     return figures
+
+
+def ackermann(rig: Rig, angle: float) -> float:
+    """Share of Ackermann's condition at an angle of the steering wheel [rad]: what the inner wheel turns more than the outer one, over what
+    it would turn more if the axes of all wheels met in one point."""
+    turned = rig.steering([angle])
+    inner, outer = (turned[f'front_{side}']['steer'][0] for side in SIDES)
+    track = rig.centers['front_left'][1] - rig.centers['front_right'][1]
+    wheelbase = rig.centers['front_left'][0] - rig.centers['rear_left'][0]
+    wanted = np.arctan(1.0 / (1.0 / np.tan(inner) + track / wheelbase))  # of the outer wheel
+    return float((inner - outer) / (inner - wanted))

@@ -30,6 +30,8 @@ R = 'Reimpell, Stoll, Betzler, The Automotive Chassis (2001)'
 G = 'Gillespie, Fundamentals of Vehicle Dynamics (1992)'
 H = 'Heydinger et al., SAE 1999-01-1336'
 M = 'Milliken, Milliken, Race Car Vehicle Dynamics (1995)'
+V = 'characteristic speeds of 65 to 100 km/h, euromotor.org, lectures on lateral dynamics'
+K = 'orders of magnitude that are told of such cars; no measurement at hand'
 OWN = 'what the rest asks for'
 DEG = float(np.rad2deg(1.0))
 TEXTS = {  # text, unit, factor from SI
@@ -66,10 +68,16 @@ TEXTS = {  # text, unit, factor from SI
     'lateral_steer_front': ('steer by lateral force, front (away: understeer)', 'deg/kN', 1e3 * DEG),
     'lateral_steer_rear': ('steer by lateral force, rear (towards: understeer)', 'deg/kN', 1e3 * DEG),
     'longitudinal_compliance_front': ('longitudinal compliance, front', 'mm/kN', 1e6),
+    'longitudinal_compliance_rear': ('longitudinal compliance, rear', 'mm/kN', 1e6),
     'aligning_steer_front': ('steer by aligning moment, front', 'deg/(100 N m)', 1e2 * DEG),
     'steering_ratio': ('steering wheel to road wheel', '', 1.0),
+    'ackermann': ("share of Ackermann's condition at 20 deg", '%', 1e2),
     'understeer_gradient': ('understeer gradient', 'deg/g', 9.81 * DEG),
     'roll_gradient': ('roll gradient', 'deg/g', 9.81 * DEG),
+    'steering_sensitivity': ('lateral acceleration by steering wheel, at 100 km/h', 'g/(100 deg)', 1e2 / (9.81 * DEG)),
+    'response_time': ('response of lateral acceleration to a step, to 90 %', 's', 1.0),
+    'hand_torque': ('torque at the steering wheel, at 0.33 g', 'N m', 1.0),
+    'parking_rack_force': ('force of the rack, turned while standing', 'kN', 1e-3),
 }
 SALOON = {
     'mass': (1400, 1700, H),
@@ -104,11 +112,17 @@ SALOON = {
     'bump_camber_rear': (-0.60, -0.15, R),
     'lateral_steer_front': (-4e-6, 0.0, R),
     'lateral_steer_rear': (0.0, 3e-6, R),
-    'longitudinal_compliance_front': (1e-6, 6e-6, R),
+    'longitudinal_compliance_front': (1.5e-6, 5e-6, R),
+    'longitudinal_compliance_rear': (1.5e-6, 4.5e-6, R),
     'aligning_steer_front': (5e-6, 8e-5, R),
     'steering_ratio': (13, 18, R),
-    'understeer_gradient': (0.001, 0.007, G),
+    'ackermann': (0.2, 0.8, K),
+    'understeer_gradient': (0.0035, 0.0082, V),
     'roll_gradient': (0.0055, 0.0115, G),
+    'steering_sensitivity': (4.5, 8.0, K),
+    'response_time': (0.20, 0.42, K),
+    'hand_torque': (3.0, 5.0, K),
+    'parking_rack_force': (3e3, 9e3, K),
 }
 # How other categories differ; None: says nothing about them
 COMPACT = {
@@ -122,6 +136,8 @@ COMPACT = {
     'bump_toe_rear': (-0.02, 0.10, R),  # in parallel travel both halves turn about one line across
     'bump_camber_rear': (-0.60, 0.05, R),
     'lateral_steer_rear': (-2e-6, 3e-6, R),  # a twist beam gives way backwards on the outer side unless its bushings correct it
+    'longitudinal_compliance_rear': (0.8e-6, 4.5e-6, R),  # the bushings of a twist beam that carry its lateral forces are stiff along, too
+    'steering_sensitivity': (4.5, 9.0, K),  # on a shorter wheelbase
 }
 PICKUP = {
     'mass': (1800, 2500, H),
@@ -144,7 +160,10 @@ PICKUP = {
     'bump_camber_rear': (-0.002, 0.002, R),
     'lateral_steer_rear': (-2e-6, 3e-6, R),
     'steering_ratio': (14, 20, R),
+    'understeer_gradient': (0.0040, 0.0098, V),
     'roll_gradient': (0.0065, 0.0130, G),
+    'response_time': (0.25, 0.50, K),
+    'parking_rack_force': (4e3, 14e3, K),
 }
 ELECTRIC = {
     'mass': (1650, 2300, H),
@@ -187,6 +206,11 @@ FORMULA = {
     'steering_ratio': (3.5, 7.0, M),
     'understeer_gradient': (-0.001, 0.003, M),
     'roll_gradient': (0.0010, 0.0030, M),
+    'ackermann': None,  # a matter of its tires and turns
+    'steering_sensitivity': None,  # as high as its direct gear makes it
+    'response_time': (0.10, 0.30, K),
+    'hand_torque': (2.0, 12.0, K),
+    'parking_rack_force': (0.3e3, 4e3, K),
 }
 Range = tuple[float, float, str] | None
 CATEGORIES: Mapping[str, Mapping[str, Range]] = {

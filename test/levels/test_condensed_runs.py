@@ -12,7 +12,7 @@ import pytest
 
 import solver
 from solver.analysis.balance import Balance
-from solver.analysis.figures import understeer_gradient
+from solver.analysis.driven import steady_figures
 from solver.analysis.kinematics_and_compliance import Rig, kinematic_figures
 from solver.analysis.modes import modes
 from solver.elements.road import HeightGrid, RoadSpec
@@ -135,7 +135,7 @@ def test_its_understeer_is_that_of_the_whole_car(car: str) -> None:
     """Within 1 %, by a slow ramp of the steering wheel; its modes are not asked for, and a linear model of bodies alone is refused."""
     model = load_scene_text(f'vehicle: {car}').model
     less = condensed(model)[0]
-    found = [understeer_gradient(spec, 14.7) for spec in (model, less)]
+    found = [steady_figures(spec, 14.7) for spec in (model, less)]
     for name, value in found[0].items():
         assert found[1][name] == pytest.approx(value, rel=0.01), name
     stand = solver.simulation_of(load_scene_text(f'vehicle: {car}\nstart: {{kind: equilibrium}}\nfidelity: condensed\n'))

@@ -12,7 +12,8 @@ from saloon import double_wishbones
 import solver
 from mbd_sim_ros.batch import simulate
 from solver.analysis.balance import Balance
-from solver.analysis.figures import mass_figures, standing, understeer_gradient
+from solver.analysis.driven import steady_figures
+from solver.analysis.figures import mass_figures, standing
 from solver.analysis.kinematics_and_compliance import CORNERS, Rig, kinematic_figures
 from solver.elements.road import RoadSpec
 from solver.errors import SceneError, SpecError
@@ -95,7 +96,7 @@ def test_figures_of_the_bench_are_those_of_the_vehicle(name):
 def test_gradients_of_understeer_and_roll_are_those_of_the_vehicle(name):
     """A slow ramp of the steering wheel (ISO 4138): within 1 %."""
     ratio = kinematic_figures(rigs(name)[0])['steering_ratio']
-    wanted, found = (understeer_gradient(scene.model, ratio) for scene in levels(name))
+    wanted, found = (steady_figures(scene.model, ratio) for scene in levels(name))
     for figure in ('understeer_gradient', 'roll_gradient'):
         assert found[figure] == pytest.approx(wanted[figure], rel=0.01), figure
 

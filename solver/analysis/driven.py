@@ -1,0 +1,110 @@
+"""Figures of a vehicle that come out of driving it: a slow ramp of the steering wheel, a step, and turning it while the vehicle stands.
+
+SI units, angles in rad. What else figures of vehicles are: solver.analysis.figures.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+from solver.analysis.kinematics_and_compliance import wheel_centers
+from solver.elements.road import RoadSpec
+from solver.inputs.driver import SpeedControl
+from solver.inputs.maneuver import Maneuver
+from solver.inputs.signals import Ramp, Step
+from solver.model.frames import matrix
+from solver.model.spec import ModelSpec
+from solver.output.snapshot import Snapshot
+from solver.scene import Scene, StartSettings
+from solver.simulation import Simulation
+from solver.step.settings import IntegratorSettings
+
+H = 2e-3  # s; step of these runs
+EVERY = 0.02  # s; between two looks
+GENTLE = 3.5  # m/s^2; up to which lateral acceleration gradients are taken
+MODERATE = 0.33 * 9.81  # m/s^2; at which the torque of the hand is told
+FAST = 100.0 / 3.6  # m/s; of the sensitivity
+STEP_SPEED, STEP_TO = 80.0 / 3.6, 4.0  # m/s and m/s^2: the step of ISO 7401
+RISE = 0.15  # s; of the step
+PARKED_TO, PARKING = 0.45, 2.5  # rad of the road wheels, and in which time [s]
+
+
+def wheelbase(spec: ModelSpec) -> float:
+    """From the rear to the front wheel centres of the left side [m]."""
+    at = wheel_centers(spec)
+    return float(at['front_left'][0] - at['rear_left'][0])
+
+
+class _Drive:
+    """A vehicle on a flat road."""
+
+    def __init__(self, spec: ModelSpec, maneuver: Maneuver, speed: float) -> None:
+        start = StartSettings(kind='equilibrium', speed=speed)
+        model = dataclasses.replace(spec, road=RoadSpec())
+        self.simulation = Simulation(
+            Scene(name='figures', model=model, start=start, maneuver=maneuver, integrator=IntegratorSettings(h=H, penalty=1e6))
+        )
+        self.chassis = self.simulation.channels.chassis or 0
+        self.steering = spec.inputs.index('steering')
+
+    def looks(self, duration: float) -> list[Snapshot]:
+        return [self.simulation.advance(round(EVERY / H)) for _ in range(round(duration / EVERY))]
+
+    def effort(self, s: Snapshot, joint: str) -> float:
+        """Generalized force of a joint coordinate, NaN for one that the vehicle does not have."""
+        names = self.simulation.channels.joints
+        return float(s.joint_effort[names.index(joint)]) if joint in names else np.nan
+
+    def lateral(self, s: Snapshot) -> tuple[float, float]:
+        """(speed, speed times yaw rate)."""
+        v = float(np.hypot(*s.twist[self.chassis, :2]))
+        return v, v * float(s.twist[self.chassis, 5])
+
+
+def steady_figures(spec: ModelSpec, ratio: float, *, speed: float = 22.0) -> dict[str, float]:
+    """Slow ramp of the steering wheel at nearly constant speed (ISO 4138, method 2): understeer gradient [rad s^2/m] and roll gradient
+    [rad s^2/m] by a straight line through lateral accelerations from 0.5 to 3.5 m/s^2, the sensitivity at 100 km/h that belongs to them,
+    1/(ratio (wheelbase/v^2 + gradient)) [m/s^2 per rad of the steering wheel], and the torque of the hand at 0.33 g [N m]. ratio: of the
+    steering."""
+    maneuver = Maneuver(steering=Ramp(slope=0.2, start=0.5, blend=0.4), drive_torque=Ramp(slope=20.0, initial=150.0, start=0.5, blend=0.2))
+    drive, length = _Drive(spec, maneuver, speed), wheelbase(spec)
+    rows = []
+    for _ in range(400):
+        s = drive.simulation.advance(round(EVERY / H))
+        v, a = drive.lateral(s)
+        x, y, z, w = s.pose[drive.chassis, 3:]
+        angle = s.inputs[drive.steering] / ratio - length * a / (v * v)
+        rows.append((a, angle, np.arcsin(2.0 * (z * y + w * x)), drive.effort(s, 'steering_wheel')))
+        if a > GENTLE:
+            break
+    a, angle, roll, hand = np.array(rows).T
+    used = a > 0.5
+    gradient, roll_gradient = (float(np.polyfit(a[used], y[used], 1)[0]) for y in (angle, roll))
+    return {
+        'understeer_gradient': gradient,
+        'roll_gradient': roll_gradient,
+        'steering_sensitivity': 1.0 / (ratio * (length / FAST**2 + gradient)),
+        'hand_torque': float(np.interp(MODERATE, a, hand)),
+    }
+
+
+def step_figures(spec: ModelSpec, ratio: float, gradient: float) -> dict[str, float]:
+    """A step of the steering wheel to 4 m/s^2 at 80 km/h (ISO 7401): response_time, from half of the steering to 90 % of the steady lateral
+    acceleration [s]."""
+    size = ratio * (wheelbase(spec) / STEP_SPEED**2 + gradient) * STEP_TO
+    drive = _Drive(spec, Maneuver(steering=Step(value=size, start=0.2, rise=RISE), speed=SpeedControl()), STEP_SPEED)
+    velocity = np.array([matrix(tuple(s.pose[drive.chassis, 3:])) @ s.twist[drive.chassis, :3] for s in drive.looks(3.0)])
+    course = np.unwrap(np.arctan2(velocity[:, 1], velocity[:, 0]))
+    a = np.hypot(velocity[:, 0], velocity[:, 1]) * np.gradient(course, EVERY)
+    steady = 0.9 * float(a[-50:].mean())
+    k = int(np.argmax(a > steady))
+    return {'response_time': EVERY * (k + 1 - (a[k] - steady) / (a[k] - a[k - 1])) - 0.2 - 0.5 * RISE}
+
+
+def parking_figures(spec: ModelSpec, ratio: float) -> dict[str, float]:
+    """Turning the road wheels by 26 degrees while the vehicle stands: the largest force of the rack [N]. ratio: of the steering."""
+    drive = _Drive(spec, Maneuver(steering=Ramp(slope=ratio * PARKED_TO / PARKING, start=0.1, blend=0.2)), 0.0)
+    forces = np.abs([drive.effort(s, 'rack') for s in drive.looks(PARKING)])
+    return {} if np.isnan(forces).any() else {'parking_rack_force': float(forces.max())}
