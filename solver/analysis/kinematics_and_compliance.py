@@ -130,11 +130,10 @@ class Rig:
         limits = np.array([STEPS.get(name.partition('_')[0], np.inf) for name in self.inputs])
         finer = GUIDED if self.spec.guides else 1.0
         count = max(1, int(np.ceil(finer * np.max(np.abs(u - before) / limits))))
-        for k in range(1, count + 1):
-            way = before + (u - before) * (k / count)
+        for k in range(1, count + 1):  # an equilibrium each: what stands on soft rubber would be led to another one from farther away
+            way = u if k == count else before + (u - before) * (k / count)
             self.start.assemble(self.state, way)
-            if k == count or self.spec.guides:
-                self.start.equilibrium(self.state, way if k < count else u)
+            self.start.equilibrium(self.state, way)
         self._u = u
         return {c: self._corner(c) for c in CORNERS}
 

@@ -40,6 +40,7 @@ LOADS = {'cx': 2000.0, 'cy': 2000.0, 'mz': 100.0, 'mx': 600.0, 'my': 600.0}  # [
 STEP = 1e-3  # of travels and spins, for masses [m], [rad]
 STIFFEST = 3000.0  # Hz; a guide gives at least as much as lets its wheel vibrate so: rigid links have no stiffness to measure
 PULL, RIGID = 500.0, 3e7  # of the dampers [N]; a mount that is stiffer is none [N/m]
+SAME = 1e-6  # m and rad, of an equilibrium found again
 REFINED = 4  # knots of an inverse law for one of the law
 APPROACH = 8  # equilibria on the way to a place that is not found at once
 POWERS = 5  # of the polynomial that is the slope of a damper's length
@@ -97,6 +98,14 @@ class Bench:
         level = math.sqrt(1.0 - gamma * gamma)
         theta = math.atan2(-R[2, 0] / level, R[2, 2] / level)
         return np.array([place[0], place[1], psi, gamma, theta])
+
+
+def require_return(bench: Bench, rest: Stand) -> None:
+    """Raises ConsistencyError unless the design position has the equilibrium that it had: what stands on soft rubber may have another one,
+    and from far away the bench may have come to that."""
+    back = bench.stand()
+    if max(np.abs(back.x[c] - rest.x[c]).max() for c in CORNERS) > SAME:
+        raise ConsistencyError('the bench came back from its travels to another equilibrium')
 
 
 def least_squares(A: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -159,7 +168,7 @@ def _measured(spec: ModelSpec, travel: float, turned: float, progress: Callable[
                 torque[j] = s.torque
         progress(0.8 * (j + 1) / MAP_STEERING)
     fine = np.linspace(-travel, travel, FORCE_TRAVEL)
-    bench.stand()
+    require_return(bench, rest)
     against = np.full((2, 2, MAP_TRAVEL, len(QUANTITIES)), np.nan)
     for i in np.flatnonzero(np.abs(z) < 1.001 * ROLL).tolist():
         v = float(z[i])
@@ -168,6 +177,7 @@ def _measured(spec: ModelSpec, travel: float, turned: float, progress: Callable[
             for a, corners in enumerate(axles.values()):
                 against[a, k, i] = s.x[corners[k]]
     alone = {corner: [bench.stand(**{f'travel_{corner}': float(v)}) for v in fine] for corner in CORNERS}
+    require_return(bench, rest)
     progress(0.9)
     compliance = _compliance(bench)
     mounts = _mounts(spec, rest)
