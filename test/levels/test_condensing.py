@@ -148,7 +148,7 @@ def test_laws_in_series_add_extensions_under_a_common_force() -> None:
 def test_two_universal_joints_lead_and_lag_as_their_closed_form() -> None:
     """With angles b, c of the shaft to wheel and pinion, pins normal to the planes of the joints: tan(pinion) = cos(b)/cos(c) tan(wheel),
     which is x + q sin 2x + q^2/2 sin 4x + ... with q = (r - 1)/(r + 1), r = cos(b)/cos(c)."""
-    draft = Draft(vehicle('car_step_steer'))
+    draft = Draft(vehicle('wishbone_car'))
     (column,) = _all_columns(draft)
     shaft = draft.placed(column.upper.i).p - draft.placed(column.lower.i).p
     r = abs(column.near.frame.R[:, 2] @ shaft) / abs(column.far.frame.R[:, 2] @ shaft)
@@ -161,7 +161,7 @@ def test_two_universal_joints_lead_and_lag_as_their_closed_form() -> None:
 
 def test_a_steering_column_that_no_rule_reduces_stays_whole() -> None:
     """A telescope between two universal joints is no strut: what it turns would be cut off."""
-    full = vehicle('car_step_steer')
+    full = vehicle('wishbone_car')
     forces = tuple(f.replace(preload=1.0) if f.name == 'rack_and_pinion' else f for f in full.coordinate_forces)
     less, _ = condensed(dataclasses.replace(full, coordinate_forces=forces))
     assert {'steering_joint_lower', 'steering_slide', 'steering_joint_upper', 'steering_pinion'} <= {joint.name for joint in less.joints}
