@@ -37,6 +37,11 @@ def wheelbase(spec: ModelSpec) -> float:
     return float(at['front_left'][0] - at['rear_left'][0])
 
 
+def rigid_gear(spec: ModelSpec) -> bool:
+    """Whether the rack follows the steering wheel by a constraint: nothing helps there, and what the hand holds is no figure of such a car."""
+    return any({'rack', 'steering_wheel'} <= {name for name, _ in coupler.terms} for coupler in spec.couplers)
+
+
 class _Drive:
     """A vehicle on a flat road."""
 
@@ -66,7 +71,7 @@ class _Drive:
 def steady_figures(spec: ModelSpec, ratio: float, *, speed: float = 22.0) -> dict[str, float]:
     """Slow ramp of the steering wheel at nearly constant speed (ISO 4138, method 2): understeer gradient [rad s^2/m] and roll gradient
     [rad s^2/m] by a straight line through lateral accelerations from 0.5 to 3.5 m/s^2, the sensitivity at 100 km/h that belongs to them,
-    1/(ratio (wheelbase/v^2 + gradient)) [m/s^2 per rad of the steering wheel], and the torque of the hand at 0.33 g [N m]. ratio: of the
+    1/(ratio (wheelbase/v^2 + gradient)) [m/s^2 per rad of the steering wheel], and, unless the gear is rigid, the torque of the hand at 0.33 g [N m]. ratio: of the
     steering."""
     maneuver = Maneuver(steering=Ramp(slope=0.2, start=0.5, blend=0.4), drive_torque=Ramp(slope=20.0, initial=150.0, start=0.5, blend=0.2))
     drive, length = _Drive(spec, maneuver, speed), wheelbase(spec)
@@ -82,12 +87,12 @@ def steady_figures(spec: ModelSpec, ratio: float, *, speed: float = 22.0) -> dic
     a, angle, roll, hand = np.array(rows).T
     used = a > 0.5
     gradient, roll_gradient = (float(np.polyfit(a[used], y[used], 1)[0]) for y in (angle, roll))
-    return {
+    found = {
         'understeer_gradient': gradient,
         'roll_gradient': roll_gradient,
         'steering_sensitivity': 1.0 / (ratio * (length / FAST**2 + gradient)),
-        'hand_torque': float(np.interp(MODERATE, a, hand)),
     }
+    return found if rigid_gear(spec) else found | {'hand_torque': float(np.interp(MODERATE, a, hand))}
 
 
 def step_figures(spec: ModelSpec, ratio: float, gradient: float) -> dict[str, float]:
@@ -105,6 +110,8 @@ def step_figures(spec: ModelSpec, ratio: float, gradient: float) -> dict[str, fl
 
 def parking_figures(spec: ModelSpec, ratio: float) -> dict[str, float]:
     """Turning the road wheels by 26 degrees while the vehicle stands: the largest force of the rack [N]. ratio: of the steering."""
+    if rigid_gear(spec):
+        return {}
     drive = _Drive(spec, Maneuver(steering=Ramp(slope=ratio * PARKED_TO / PARKING, start=0.1, blend=0.2)), 0.0)
     forces = np.abs([drive.effort(s, 'rack') for s in drive.looks(PARKING)])
     return {} if np.isnan(forces).any() else {'parking_rack_force': float(forces.max())}

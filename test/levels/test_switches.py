@@ -18,7 +18,7 @@ from solver.scene import SUBSYSTEMS
 GONE = {
     'engine_mounts': ((1, 0, {'bushings': 3}), (1, 0, {'bushings': 2})),
     'subframes': ((2, 0, {'bushings': 3}), (2, 0, {'bushings': 3})),
-    'steering_column': ((3, 18, {}), (0, 0, {'transmissions': 1, 'coordinate_forces': -1})),
+    'steering_column': ((3, 18, {}), (0, 0, {})),  # the servo of the saloon without harmonics
     'driveline_torsion': ((3, 17, {'coordinate_forces': 1}), (1, 5, {'coordinate_forces': 1})),
     'anti_roll_bars': ((8, 28, {'bushings': 4, 'coordinate_forces': 2}), (0, 0, {'coordinate_forces': 2})),
     'drag': ((0, 0, {'aero_drags': 1}), (0, 0, {'aero_drags': 1})),

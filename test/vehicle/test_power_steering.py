@@ -24,7 +24,12 @@ from solver.step.settings import IntegratorSettings
 ALONG_Y = (-np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))
 SPEED = 22.0
 WHOLE = {'full_car': 240.0, 'compact_fwd': 160.0, 'electric_4wd': 240.0, 'pickup_awd': 330.0}  # stiffness that acts at that speed [N m/rad]
-TRAVEL = {'full_car': 0.0455, 'compact_fwd': 0.048, 'electric_4wd': 0.0445, 'pickup_awd': 0.052}  # travel of the rack per turn of the pinion [m]
+TRAVEL = {
+    'full_car': 0.0455,
+    'compact_fwd': 0.048,
+    'electric_4wd': 0.0445,
+    'pickup_awd': 0.052,
+}  # travel of the rack per turn of the pinion [m]
 
 ASSIST = (  # that of electric_4wd
     '{speeds_kmh: [0, 30, 80, 150], torques: [2, 5, 6, 8], '

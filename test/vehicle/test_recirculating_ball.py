@@ -178,7 +178,7 @@ def test_an_idler_arm_on_rubber_gives_way() -> None:
     [
         ('ratio=0', r'vehicle\.steering\.ratio = 0\.0: must be > 0'),
         ('link_damping=-1', r'vehicle\.steering\.link_damping = -1\.0: must be >= 0'),
-        ('pitman.ball=[1.595, 0.2, 0.332]', r'vehicle\.steering\.pitman = 0\.0: its ball must move sideways when it turns'),
+        ('pitman.ball=[1.560, 0.2, 0.332]', r'vehicle\.steering\.pitman = 0\.0: its ball must move sideways when it turns'),
         ('kind=recirculating_bal', "vehicle\\.steering\\.kind = recirculating_bal: unknown kind; did you mean 'recirculating_ball'"),
         ('rack_per_turn=0.05', r'vehicle\.steering\.rack_per_turn: unknown key'),
     ],
