@@ -129,7 +129,7 @@ def test_without_its_column_the_hand_holds_the_same_torque(vehicle: str) -> None
         changes = [f'vehicle=vehicles/{vehicle}.yaml', f'switches.steering_column={state}']
         simulation = solver.simulation_of(load_scene('car_step_steer', [*changes, 'maneuver.steering={kind: ramp, slope: 1.0}']))
         held.append(simulation.advance(400).joint_effort[simulation.channels.joints.index('steering_wheel')])
-    assert held[0] > 3.0
+    assert held[0] > 2.0
     assert held[1] == pytest.approx(held[0], rel=0.05)
 
 
