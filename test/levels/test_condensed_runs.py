@@ -108,7 +108,7 @@ def test_energy_and_momentum_close() -> None:
     whole, less = reports
     errors = [np.abs(report['momentum_error']).max() for report in reports]
     assert errors[1] < 2.0 * errors[0] + 0.01
-    assert {'rods', 'transmissions'} <= set(less['energy_by_kind'])
+    assert {'rods', 'servos'} <= set(less['energy_by_kind'])
     most = max(abs(row['error']) for row in whole['energy_by_kind'].values())
     assert all(abs(row['error']) < 2.0 * most for row in less['energy_by_kind'].values())
 

@@ -23,7 +23,7 @@ from solver.step.settings import IntegratorSettings
 
 ALONG_Y = (-np.sqrt(0.5), 0.0, 0.0, np.sqrt(0.5))
 SPEED = 22.0
-WHOLE = {'full_car': 240.0, 'compact_fwd': 160.0, 'electric_4wd': 240.0, 'pickup_awd': 330.0}  # stiffness that acts at that speed [N m/rad]
+WHOLE = {'full_car': 288.0, 'compact_fwd': 160.0, 'electric_4wd': 288.0, 'pickup_awd': 330.0}  # stiffness that acts at that speed [N m/rad]
 TRAVEL = {
     'full_car': 0.0455,
     'compact_fwd': 0.048,
