@@ -38,7 +38,7 @@ def wheelbase(spec: ModelSpec) -> float:
 
 
 def rigid_gear(spec: ModelSpec) -> bool:
-    """Whether the rack follows the steering wheel by a constraint: nothing helps there, and what the hand holds is no figure of such a car."""
+    """Whether the rack follows the steering wheel by a constraint: nothing helps the hand there, which is no car to judge its torque by."""
     return any({'rack', 'steering_wheel'} <= {name for name, _ in coupler.terms} for coupler in spec.couplers)
 
 
@@ -71,8 +71,8 @@ class _Drive:
 def steady_figures(spec: ModelSpec, ratio: float, *, speed: float = 22.0) -> dict[str, float]:
     """Slow ramp of the steering wheel at nearly constant speed (ISO 4138, method 2): understeer gradient [rad s^2/m] and roll gradient
     [rad s^2/m] by a straight line through lateral accelerations from 0.5 to 3.5 m/s^2, the sensitivity at 100 km/h that belongs to them,
-    1/(ratio (wheelbase/v^2 + gradient)) [m/s^2 per rad of the steering wheel], and, unless the gear is rigid, the torque of the hand at 0.33 g [N m]. ratio: of the
-    steering."""
+    1/(ratio (wheelbase/v^2 + gradient)) [m/s^2 per rad of the steering wheel], and, unless the gear is rigid, the torque of the hand at
+    0.33 g [N m]. ratio: of the steering."""
     maneuver = Maneuver(steering=Ramp(slope=0.2, start=0.5, blend=0.4), drive_torque=Ramp(slope=20.0, initial=150.0, start=0.5, blend=0.2))
     drive, length = _Drive(spec, maneuver, speed), wheelbase(spec)
     rows = []
