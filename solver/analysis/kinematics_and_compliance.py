@@ -213,16 +213,20 @@ def kinematic_figures(rig: Rig, step: float = 0.01) -> dict[str, float]:
             }
     mean = 0.5 * (steer['front_left']['steer'] + steer['front_right']['steer'])
     figures['steering_ratio'] = float(0.4 / (mean[1] - mean[0]))
-    figures['ackermann'] = ackermann(rig, TURNED * figures['steering_ratio'])
+    turned = rig.steering([TURNED * figures['steering_ratio']])
+    inner, outer = (float(turned[f'front_{side}']['steer'][0]) for side in SIDES)
+    figures['ackermann'] = ackermann_share(rig, inner, outer)
     return figures
 
 
-def ackermann(rig: Rig, angle: float) -> float:
-    """Share of Ackermann's condition at an angle of the steering wheel [rad]: what the inner wheel turns more than the outer one, over what
-    it would turn more if the axes of all wheels met in one point."""
-    turned = rig.steering([angle])
-    inner, outer = (turned[f'front_{side}']['steer'][0] for side in SIDES)
-    track = rig.centers['front_left'][1] - rig.centers['front_right'][1]
-    wheelbase = rig.centers['front_left'][0] - rig.centers['rear_left'][0]
-    wanted = np.arctan(1.0 / (1.0 / np.tan(inner) + track / wheelbase))  # of the outer wheel
-    return float((inner - outer) / (inner - wanted))
+def ackermann(rig: Rig, inner: float) -> float:
+    """Angle [rad] of the outer wheel with which both front wheels roll about one point on the rear axle's line."""
+    at = rig.centers
+    base = at['front_left'][0] - at['rear_left'][0]
+    track = at['front_left'][1] - at['front_right'][1]
+    return float(np.arctan(1.0 / (1.0 / np.tan(inner) + track / base)))
+
+
+def ackermann_share(rig: Rig, inner: float, outer: float) -> float:
+    """What the inner wheel turns more than the outer one [rad both], over what it would if both rolled about one point."""
+    return (inner - outer) / (inner - ackermann(rig, inner))

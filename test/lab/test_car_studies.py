@@ -10,6 +10,7 @@ import pytest
 
 from mbd_sim_ros.lab.studies import car, car_cost, kandc
 from mbd_sim_ros.lab.studies.car_runs import GRID, Run, converged, departures, growth, orders, run
+from solver.analysis.kinematics_and_compliance import ackermann
 
 
 def made(h: float, heading_error: float = 0.0, n: int = 501) -> Run:
@@ -54,8 +55,8 @@ def test_quick_study_of_the_car_meets_its_limits(tmp_path) -> None:
     found = car.study(tmp_path, quick=True, progress=lambda text, done: None)
     assert {check['name']: check['met'] for check in found['checks']} == {check['name']: True for check in found['checks']}
     assert len(found['checks']) >= 9
-    # twice the step, four times the departure, as far as the finest level serves as the truth
-    assert found['methods']['ALF 2 ms']['tire_force'] == pytest.approx(4.0 * found['methods']['ALF 1 ms']['tire_force'], rel=0.3)
+    # twice the step, four times the departure, and a little more: the motor of the power steering has a lag of 3 ms
+    assert found['methods']['ALF 2 ms']['tire_force'] == pytest.approx(4.8 * found['methods']['ALF 1 ms']['tire_force'], rel=0.25)
     assert found['methods']['ALF 5 ms']['position'] > found['methods']['ALF 1 ms']['position']
     assert found['band']['tire_force'] < found['methods']['ALF 1 ms']['tire_force']
     assert {'maneuver.png', 'departures.png', 'dampers.png', 'methods.csv'} <= {path.name for path in tmp_path.iterdir()}
@@ -81,7 +82,7 @@ def test_ackermann_is_the_angle_about_a_common_point() -> None:
 
     places = {'front_left': (1.25, 0.75), 'front_right': (1.25, -0.75), 'rear_left': (-1.25, 0.75)}
     stand = SimpleNamespace(centers={name: np.array(place) for name, place in places.items()})
-    assert kandc.ackermann(stand, np.arctan(2.5 / 4.0)) == pytest.approx(np.arctan(2.5 / 5.5))  # type: ignore[arg-type]
+    assert ackermann(stand, np.arctan(2.5 / 4.0)) == pytest.approx(np.arctan(2.5 / 5.5))  # type: ignore[arg-type]
 
 
 def test_the_front_is_what_no_other_setting_beats() -> None:

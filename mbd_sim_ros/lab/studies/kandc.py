@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mbd_sim_ros.lab.studies.report import COLOURS, Report, figure
-from solver.analysis.kinematics_and_compliance import Rig, kinematic_figures
+from solver.analysis.kinematics_and_compliance import Rig, ackermann, ackermann_share, kinematic_figures
 from solver.analysis.modes import AXLES
 from solver.analysis.usual import DEG
 from solver.analysis.usual import usual as usual_ranges
@@ -88,8 +88,7 @@ def _sheet(report: Report, car: str, rig: Rig, sweeps: dict[str, tuple[np.ndarra
             }
         )
     inner, outer = sweeps['steering'][1]['front_left']['steer'][-1], sweeps['steering'][1]['front_right']['steer'][-1]
-    ideal = ackermann(rig, inner)
-    found |= {'inner_at_stop': float(inner), 'outer_at_stop': float(outer), 'ackermann_at_stop': float((inner - outer) / (inner - ideal))}
+    found |= {'inner_at_stop': float(inner), 'outer_at_stop': float(outer), 'ackermann_at_stop': float(ackermann_share(rig, inner, outer))}
     report.text(f'## {car.capitalize()}')
     report.table(f'{car.replace(" ", "_")}_figures', rows)
     report.text(
@@ -98,14 +97,6 @@ def _sheet(report: Report, car: str, rig: Rig, sweeps: dict[str, tuple[np.ndarra
         f'{100 * found["ackermann_at_stop"]:.0f} % of the difference that rolling without slip asks for (Ackermann).'
     )
     return found
-
-
-def ackermann(rig: Rig, inner: float) -> float:
-    """Angle [rad] of the outer wheel with which both front wheels roll about one point on the rear axle's line."""
-    c = rig.centers
-    base = c['front_left'][0] - c['rear_left'][0]
-    track = c['front_left'][1] - c['front_right'][1]
-    return float(np.arctan(1.0 / (1.0 / np.tan(inner) + track / base)))
 
 
 def roll_centers(sweep: tuple[np.ndarray, Curves], axle: str, track: float) -> np.ndarray:
