@@ -145,7 +145,7 @@ class _Reduction:
             couplers=couplers,
             coordinates=tuple(coordinates),
             guides=tuple(self._guide(axle, wheels, couplers) for axle in AXLES),
-            coordinate_forces=(*self._drives(), *(() if gear is None else gear.forces)),
+            coordinate_forces=(*self._drives(), *self._held({joint.name for joint in joints}), *(() if gear is None else gear.forces)),
             servos=() if gear is None else (gear.servo,),
             tires=self.spec.tires,
             road=self.spec.road,
@@ -330,6 +330,10 @@ class _Reduction:
             elif force.input is not None:
                 raise SpecError(f'{force.where}: its input moves nothing that this level has; use full')
         return tuple(found)
+
+    def _held(self, kept: set[str]) -> tuple[CoordinateForceSpec, ...]:
+        """Forces on coordinates that this level keeps as they are: dampers of the steering wheel."""
+        return tuple(force for force in self.spec.coordinate_forces if {name for name, _ in force.terms} <= kept)
 
 
 def _sums(bodies: tuple[RigidBodySpec, ...]) -> tuple[float, np.ndarray, np.ndarray]:

@@ -23,7 +23,7 @@ from solver.elements.joint import JointSpec
 from solver.elements.laws import Law
 from solver.elements.rigid_body import RigidBodySpec
 from solver.model.spec import ModelSpec
-from solver.validate import Vector, require
+from solver.validate import Vector, finite, require
 from solver.vehicle.aero import Aero, aero_drag
 from solver.vehicle.corner import ArmAxle, Axle, StrutAxle, corner, corner_bodies, free_length
 from solver.vehicle.drives import wheel_shaft
@@ -37,12 +37,17 @@ INPUTS = ('steering', 'steering_rate', 'steering_acceleration', 'drive_torque', 
 @dataclass(frozen=True, kw_only=True)
 class Steering:
     """Rack and steering wheel. column_axis: axis of rotation, from the rack to the driver. rack_per_turn: travel of the rack per
-    turn of the steering wheel [m]; turning the wheel to the left (positive) steers to the left wherever the tie rods are."""
+    turn of the steering wheel [m]; turning the wheel to the left (positive) steers to the left wherever the tie rods are. rack_damping: of
+    the gear [N s/m], which a steering wheel that nobody holds comes to rest by."""
 
     rack: Part
     wheel: Part
     column_axis: Vector
     rack_per_turn: float
+    rack_damping: float = 0.0
+
+    def __post_init__(self) -> None:
+        finite('steering', 'rack_damping', self.rack_damping, low=0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -120,7 +125,7 @@ def light_car_model(car: LightCar) -> ModelSpec:
         )
         for (end, side), (knuckle, wheel) in unsprung.items()
     ]
-    steering_joints, steering_couplers = steering(car, chassis, rack, column)
+    steering_joints, steering_couplers, damper = steering(car, chassis, rack, column)
     shafts, drive = driveline(car, chassis, [unsprung[car.driveline.driven, side][1] for side in ('left', 'right')])
     parts = joined(corners)
     return ModelSpec(
@@ -129,7 +134,7 @@ def light_car_model(car: LightCar) -> ModelSpec:
         coordinates=parts.coordinates + shafts,
         couplers=steering_couplers,
         spring_dampers=parts.spring_dampers,
-        coordinate_forces=parts.coordinate_forces + anti_roll_bars(axles) + drive,
+        coordinate_forces=parts.coordinate_forces + anti_roll_bars(axles) + damper + drive,
         brakes=parts.brakes,
         aero_drags=aero_drag(car.aero, chassis),
         tires=parts.tires,
@@ -142,8 +147,8 @@ def light_car_model(car: LightCar) -> ModelSpec:
 
 def steering(
     car: LightCar, chassis: RigidBodySpec, rack: RigidBodySpec, column: RigidBodySpec
-) -> tuple[tuple[JointSpec, ...], tuple[CouplerSpec, ...]]:
-    """Rack on the chassis (positive to the left), steering wheel on the chassis, their ratio, and the imposed angle."""
+) -> tuple[tuple[JointSpec, ...], tuple[CouplerSpec, ...], tuple[CoordinateForceSpec, ...]]:
+    """Rack on the chassis (positive to the left), steering wheel on the chassis, their ratio, the imposed angle, and the damper."""
     at, axis, y = car.steering.wheel.com, car.steering.column_axis, LEFTWARDS
     joints = (
         JointSpec(name='rack', kind='prismatic', i=marker_at(chassis, rack.position, y), j=marker_at(rack, rack.position, y)),
@@ -151,10 +156,13 @@ def steering(
     )
     # with the tie rods behind the axis of steering, the rack moves to the right in a left turn
     ratio = np.copysign(car.steering.rack_per_turn / (2.0 * np.pi), car.front.steering_arm())
-    return joints, (
+    couplers = (
         CouplerSpec(name='rack_and_pinion', terms=(('rack', 1.0), ('steering_wheel', -float(ratio))), offset=0.0),
         CouplerSpec(name='driver', terms=(('steering_wheel', 1.0),), offset=0.0, input='steering'),
     )
+    damping = car.steering.rack_damping * float(ratio) ** 2
+    damper = CoordinateForceSpec(name='steering_damper', terms=(('steering_wheel', 1.0),), damper=Law.linear(damping))
+    return joints, couplers, (damper,) if damping > 0.0 else ()
 
 
 def driveline(
