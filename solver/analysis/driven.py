@@ -62,6 +62,13 @@ class _Drive:
         names = self.simulation.channels.joints
         return float(s.joint_effort[names.index(joint)]) if joint in names else np.nan
 
+    def to_the_left(self, s: Snapshot) -> float:
+        """Horizontal acceleration of the chassis' centre of mass at right angles to its heading [m/s^2]."""
+        R = matrix(tuple(s.pose[self.chassis, 3:]))
+        ax, ay, _ = R @ s.imu[:3]  # a specific force: gravity has no part in the horizontal
+        heading = np.arctan2(R[1, 0], R[0, 0])
+        return float(np.cos(heading) * ay - np.sin(heading) * ax)
+
     def lateral(self, s: Snapshot) -> tuple[float, float]:
         """(speed, speed times yaw rate)."""
         v = float(np.hypot(*s.twist[self.chassis, :2]))
@@ -71,8 +78,8 @@ class _Drive:
 def steady_figures(spec: ModelSpec, ratio: float, *, speed: float = 22.0) -> dict[str, float]:
     """Slow ramp of the steering wheel at nearly constant speed (ISO 4138, method 2): understeer gradient [rad s^2/m] and roll gradient
     [rad s^2/m] by a straight line through lateral accelerations from 0.5 to 3.5 m/s^2, the sensitivity at 100 km/h that belongs to them,
-    1/(ratio (wheelbase/v^2 + gradient)) [m/s^2 per rad of the steering wheel], and, unless the gear is rigid, the torque of the hand at
-    0.33 g [N m]. ratio: of the steering."""
+    1/(ratio (wheelbase/v^2 + gradient)) [m/s^2 per rad of the steering wheel], and, where the ramp reaches it and the gear is not rigid,
+    the torque of the hand at 0.33 g [N m]. ratio: of the steering."""
     maneuver = Maneuver(steering=Ramp(slope=0.2, start=0.5, blend=0.4), drive_torque=Ramp(slope=20.0, initial=150.0, start=0.5, blend=0.2))
     drive, length = _Drive(spec, maneuver, speed), wheelbase(spec)
     rows = []
@@ -92,20 +99,22 @@ def steady_figures(spec: ModelSpec, ratio: float, *, speed: float = 22.0) -> dic
         'roll_gradient': roll_gradient,
         'steering_sensitivity': 1.0 / (ratio * (length / FAST**2 + gradient)),
     }
-    return found if rigid_gear(spec) else found | {'hand_torque': float(np.interp(MODERATE, a, hand))}
+    if rigid_gear(spec) or a.max() < MODERATE:
+        return found
+    return found | {'hand_torque': float(np.interp(MODERATE, a, hand))}
 
 
 def step_figures(spec: ModelSpec, ratio: float, gradient: float) -> dict[str, float]:
     """A step of the steering wheel to 4 m/s^2 at 80 km/h (ISO 7401): response_time, from half of the steering to 90 % of the steady lateral
-    acceleration [s]."""
+    acceleration of the chassis' centre of mass [s]; nothing where there is none by far."""
     size = ratio * (wheelbase(spec) / STEP_SPEED**2 + gradient) * STEP_TO
     drive = _Drive(spec, Maneuver(steering=Step(value=size, start=0.2, rise=RISE), speed=SpeedControl()), STEP_SPEED)
-    velocity = np.array([matrix(tuple(s.pose[drive.chassis, 3:])) @ s.twist[drive.chassis, :3] for s in drive.looks(3.0)])
-    course = np.unwrap(np.arctan2(velocity[:, 1], velocity[:, 0]))
-    a = np.hypot(velocity[:, 0], velocity[:, 1]) * np.gradient(course, EVERY)
-    steady = 0.9 * float(a[-50:].mean())
-    k = int(np.argmax(a > steady))
-    return {'response_time': EVERY * (k + 1 - (a[k] - steady) / (a[k] - a[k - 1])) - 0.2 - 0.5 * RISE}
+    a = np.array([drive.to_the_left(s) for s in drive.looks(3.0)])
+    wanted = 0.9 * float(a[-50:].mean())
+    if wanted < 0.5 * STEP_TO:
+        return {}
+    k = int(np.argmax(a > wanted))
+    return {'response_time': float(EVERY * (k + 1 - (a[k] - wanted) / (a[k] - a[k - 1]))) - 0.2 - 0.5 * RISE}
 
 
 def parking_figures(spec: ModelSpec, ratio: float) -> dict[str, float]:

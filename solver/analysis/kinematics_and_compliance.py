@@ -12,6 +12,7 @@ Angles in rad, SI units; signs:
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from solver.elements.applied_force import AppliedForceSpec
 from solver.elements.coupler import CouplerSpec
 from solver.elements.joint import JointSpec
 from solver.elements.marker import WORLD, Marker
+from solver.errors import ConsistencyError
 from solver.inputs.maneuver import ACCELERATION, RATE
 from solver.model.evaluate import prepare
 from solver.model.frames import matrix
@@ -213,9 +215,10 @@ def kinematic_figures(rig: Rig, step: float = 0.01) -> dict[str, float]:
             }
     mean = 0.5 * (steer['front_left']['steer'] + steer['front_right']['steer'])
     figures['steering_ratio'] = float(0.4 / (mean[1] - mean[0]))
-    turned = rig.steering([TURNED * figures['steering_ratio']])
-    inner, outer = (float(turned[f'front_{side}']['steer'][0]) for side in SIDES)
-    figures['ackermann'] = ackermann_share(rig, inner, outer)
+    with suppress(ConsistencyError):  # of a steering that does not turn so far there is none
+        turned = rig.steering([TURNED * figures['steering_ratio']])
+        inner, outer = (float(turned[f'front_{side}']['steer'][0]) for side in SIDES)
+        figures['ackermann'] = ackermann_share(rig, inner, outer)
     return figures
 
 

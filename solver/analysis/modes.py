@@ -125,22 +125,25 @@ def modes(simulation: Simulation) -> list[Mode]:
 
 
 def named_modes(simulation: Simulation) -> dict[str, Mode]:
-    """The modes a vehicle is known by: the lowest one with a good part of its kinetic energy in the motion that names it."""
+    """The modes a vehicle is known by. Bounce and pitch of the body are those with the largest part of their kinetic energy in this motion:
+    they are two also where each end of a car vibrates by itself. The others are the lowest ones with a good part in what names them."""
     chassis = simulation.model.spec.chassis or simulation.model.body_names[0]
     wheels = {axle: [f'{part}_{axle}_{side}' for part in ('wheel', 'upright', 'knuckle') for side in SIDES] for axle in AXLES}
-    wanted = {
-        'bounce': ([chassis], ['z'], GOOD_PART),
-        'pitch': ([chassis], ['ry'], GOOD_PART),
-        'roll': ([chassis], ['rx'], ROLL_PART),
-        **{f'wheel hop {axle}': (wheels[axle], ['z'], GOOD_PART) for axle in AXLES},
-        'engine bounce': (['engine'], ['z'], GOOD_PART),
-    }
     found = modes(simulation)
-    first = {
-        name: next((mode for mode in found if mode.share(bodies, directions) > part), None)
-        for name, (bodies, directions, part) in wanted.items()
-    }
-    return {name: mode for name, mode in first.items() if mode is not None}
+    named: dict[str, Mode] = {}
+
+    def name_it(name: str, bodies: list[str], directions: list[str], part: float, *, largest: bool = False) -> None:
+        good = [mode for mode in found if mode.share(bodies, directions) > part]
+        if good:
+            named[name] = max(good, key=lambda mode: mode.share(bodies, directions)) if largest else good[0]
+
+    name_it('bounce', [chassis], ['z'], GOOD_PART, largest=True)
+    name_it('pitch', [chassis], ['ry'], GOOD_PART, largest=True)
+    name_it('roll', [chassis], ['rx'], ROLL_PART)
+    for axle in AXLES:
+        name_it(f'wheel hop {axle}', wheels[axle], ['z'], GOOD_PART)
+    name_it('engine bounce', ['engine'], ['z'], GOOD_PART)
+    return named
 
 
 def smallest_eigenvalue(K: np.ndarray, M: np.ndarray) -> float:

@@ -105,7 +105,9 @@ def require_return(bench: Bench, rest: Stand) -> None:
     and from far away the bench may have come to that."""
     back = bench.stand()
     if max(np.abs(back.x[c] - rest.x[c]).max() for c in CORNERS) > SAME:
-        raise ConsistencyError('the bench came back from its travels to another equilibrium')
+        raise ConsistencyError(
+            'the bench of the level kc came back from its travels to another equilibrium of the vehicle; use condensed or full'
+        )
 
 
 def least_squares(A: np.ndarray, y: np.ndarray) -> np.ndarray:

@@ -82,3 +82,12 @@ def test_ring_down_has_frequency_and_damping_of_the_linear_mode(car: Simulation,
     found = least_squares(misfit, (1.15 * value.real, 0.85 * value.imag), x_scale=(abs(value.real), value.imag)).x
     assert np.hypot(*found) == pytest.approx(abs(value), rel=0.01)
     assert -found[0] / np.hypot(*found) == pytest.approx(mode.damping, abs=0.01)
+
+
+def test_bounce_and_pitch_are_two_modes_where_both_ends_vibrate_by_themselves() -> None:
+    """The light car's: each has a third of its energy in the other motion, so both have a good part in both."""
+    named = named_modes(standing(load_scene('light_car_straight')))
+    bounce, pitch = named['bounce'], named['pitch']
+    assert bounce.frequency < 0.9 * pitch.frequency
+    assert bounce.share(['chassis'], ['z']) > pitch.share(['chassis'], ['z'])
+    assert pitch.share(['chassis'], ['ry']) > bounce.share(['chassis'], ['ry'])

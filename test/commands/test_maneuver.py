@@ -95,19 +95,21 @@ def test_gains_of_a_small_step_are_those_of_the_linear_single_track(known: dict[
 
 
 @pytest.mark.slow
-def test_an_amplitude_is_found_that_gives_the_lateral_acceleration(tmp_path: Path, capsys) -> None:
-    """4 m/s^2, to the curvature of what a straight line takes for the lag of the ramp. Driven again it is all there."""
-    data = driven(capsys, 'iso7401_step', tmp_path / 'out')
+def test_an_amplitude_is_found_that_gives_the_lateral_acceleration(known: dict[str, float], tmp_path: Path, capsys) -> None:
+    """4 m/s^2, to the curvature of what a straight line takes for the lag of the ramp; the response time of the figures, but for the other
+    form and length of the rise. Driven again it is all there."""
+    data = driven(capsys, 'iso7401_step', tmp_path / 'out', '--set', 'start.speed_kmh=80')
     found = values(data, 'iso7401_step')
+    assert found['lateral_acceleration_response_time'] == pytest.approx(known['response_time'], abs=0.03)
     assert found['lateral_acceleration_steady'] == pytest.approx(4.0, rel=0.03)
     assert found['steering'] == pytest.approx(data['found']['iso7401_step']['amplitude'], rel=1e-6)
     assert (data['driven'], data['kept']) == (2, 0)
-    again = driven(capsys, 'iso7401_step', tmp_path / 'out')
+    again = driven(capsys, 'iso7401_step', tmp_path / 'out', '--set', 'start.speed_kmh=80')
     assert (again['driven'], again['kept']) == (0, 2)
     assert again['results'] == data['results']
     place = Path(data['results'][0]['source'])
     os.truncate(next(place.glob('*.mcap')), 10_000)  # an interrupted run is driven anew, the other one is not
-    third = driven(capsys, 'iso7401_step', tmp_path / 'out')
+    third = driven(capsys, 'iso7401_step', tmp_path / 'out', '--set', 'start.speed_kmh=80')
     assert (third['driven'], third['kept']) == (1, 1)
     assert third['results'] == data['results']
     assert main(['evaluate', str(place), '--json']) == 0  # the recording says what it is

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,11 +17,12 @@ from solver.analysis.driven import steady_figures
 from solver.analysis.figures import mass_figures, standing
 from solver.analysis.kinematics_and_compliance import CORNERS, Rig, kinematic_figures
 from solver.elements.road import RoadSpec
-from solver.errors import SceneError, SpecError
+from solver.errors import ConsistencyError, SceneError, SpecError
 from solver.inputs.maneuver import Maneuver
 from solver.inputs.signals import SineWithDwell, Step, Sweep
 from solver.levels import derive
 from solver.levels.kc import kc_model
+from solver.levels.maps import require_return
 from solver.scene import Scene, StartSettings
 from solver.simulation import Simulation
 from solver.step.settings import IntegratorSettings
@@ -256,3 +258,27 @@ def test_a_live_axle_is_refused_with_its_share() -> None:
     """Dampers stand at 0.46 m of the half track of 0.79 m: that of the other wheel moves by (1 - 0.58)/(1 + 0.58) = 27 % of the own one."""
     with pytest.raises(SceneError, match=r'the second by 2[0-9] % of the first; use full'):
         derive(solver.load_scene('car_step_steer', ['vehicle=vehicles/pickup_awd.yaml', 'fidelity=kc']))
+
+
+def test_the_bench_comes_back_from_far_travel_on_soft_rubber():
+    """Rear arms that give way by 3 mm per kN along: at once from bump to rest, a search from there ended 34 mm away, in an axle snapped
+    over. Bench to bench it is the same equilibrium, to its tolerance."""
+    soft = ['vehicle.rear.lower_arm.bushing.stiffness=[5e6, 5e6, 0.22e6, 150, 150, 60]']
+    soft.append('vehicle.rear.lower_arm.pivots=[[-1.22, 0.34, 0.208], [-1.46, 0.34, 0.208]]')
+    rig = Rig(solver.load_scene('car_step_steer', soft).model, at_center=True)
+    rest = rig.settle({})
+    for travel in (0.065, 0.1, -0.1):
+        rig.settle({f'travel_{corner}': travel for corner in CORNERS})
+        back = rig.settle({})
+        for corner in CORNERS:
+            for key, value in rest[corner].items():
+                assert back[corner][key] == pytest.approx(value, rel=1e-9, abs=1e-9), (travel, corner, key)
+
+
+def test_a_bench_that_does_not_come_back_is_refused():
+    """Maps of an axle that has snapped over would be those of another vehicle."""
+    places = [dict.fromkeys(CORNERS, np.zeros(5)), dict.fromkeys(CORNERS, np.full(5, 1e-3))]
+    rest, other = (SimpleNamespace(x=x) for x in places)
+    require_return(SimpleNamespace(stand=lambda: rest), rest)
+    with pytest.raises(ConsistencyError, match='another equilibrium of the vehicle; use condensed or full'):
+        require_return(SimpleNamespace(stand=lambda: other), rest)
