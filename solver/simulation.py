@@ -297,7 +297,7 @@ class Simulation:
             self.adaptation.start(self.state)
 
     def _count(self, counters: Counters) -> None:
-        self._counters = self._counters.followed_by(counters)
+        self._counters = counters if self._counters is NO_STEPS else self._counters.followed_by(counters)
         self._totals = self._totals.followed_by(counters)
 
     def _failure(self, result: StepResult) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from typing import Any, NamedTuple
 
 from rclpy.node import Node
@@ -66,6 +67,7 @@ class Commands:
         self._heard: dict[str, bool] = {}  # topic of named commands -> somebody publishes
         self._inbox: list[tuple[Subscription, type, Callable[[Any], None]]] = []
         self._ears: Node | None = None
+        self._held = ExitStack()  # subscriptions: held as long as they are listened to, not anew for every look
         if deaf:
             return
         self._ears = Node(
@@ -87,9 +89,12 @@ class Commands:
             for topic, receive in (('lockstep_cmd', self._stamped), ('wheel_cmd', self._unstamped))
             if topic == 'lockstep_cmd' or len(names) > len(self._inbox)
         }
+        for subscription in (*(one for one, *_ in self._inbox), *(one for one, _ in self._named.values())):
+            self._held.enter_context(subscription.handle)
 
     def close(self) -> None:
         """Listen no more."""
+        self._held.close()
         if self._ears is not None:
             self._ears.destroy_node()
 
@@ -179,6 +184,5 @@ class Commands:
 
 def _take(subscription: Subscription, kind: type) -> Any:
     """The next message of a subscription that no executor spins, or None."""
-    with subscription.handle:
-        taken = subscription.handle.take_message(kind, False)
+    taken = subscription.handle.take_message(kind, False)
     return None if taken is None else taken[0]

@@ -90,6 +90,10 @@ class _Channel:
     also: int = 0
     heard: bool = True
 
+    def due(self, k: int) -> bool:
+        """Whether step k has a message."""
+        return k % self.every == 0 or (self.also > 0 and k % self.also == 0)
+
 
 class Publication:
     """One publisher per topic for messages that come encoded.
@@ -138,23 +142,25 @@ class Publication:
             channel.every = steps.get(rated(channel.topic.name), 1)
             channel.also = poses_every if rated(channel.topic.name) == 'tf' else 0
 
+    def awaited(self, k: int, *, to_nobody: bool = False) -> bool:
+        """Whether any message of step k is to be published (see publish)."""
+        now = time.perf_counter()
+        if now - self._looked > HEARD:
+            self._looked = now
+            for channel in self._channels:
+                channel.heard = channel.topic.latched or channel.publisher.get_subscription_count() > 0
+        return any((channel.heard or to_nobody) and channel.due(k) for channel in self._channels)
+
     def publish(self, messages: Sequence[bytes | None], k: int = 0, budget: float = 0.0, *, to_nobody: bool = False) -> None:
         """Publish one message per topic, where there is one and it is due at step k; what is not begun after `budget` [s] is dropped.
 
-        to_nobody: also where nobody subscribes, as far as is known; otherwise who comes later than the last look for subscribers, HEARD
-        ago at most, misses what was published since.
+        to_nobody: also where nobody subscribes, as far as `awaited` has seen; otherwise who comes later than its last look for subscribers,
+        HEARD ago at most, misses what was published since.
         """
-        begin = time.perf_counter()
-        if begin - self._looked > HEARD:
-            self._looked = begin
-            for channel in self._channels:
-                channel.heard = channel.topic.latched or channel.publisher.get_subscription_count() > 0
-        end, late = begin + budget if budget > 0.0 else math.inf, False
+        end, late = time.perf_counter() + budget if budget > 0.0 else math.inf, False
         for channel in self._channels:
             data = messages[channel.place]
-            if not (channel.heard or to_nobody):
-                continue
-            if data is None or (channel.every > 1 and k % channel.every and not (channel.also and k % channel.also == 0)):
+            if data is None or not (channel.heard or to_nobody) or not channel.due(k):
                 continue
             if late:
                 self.dropped[rated(channel.topic.name)] += 1

@@ -19,7 +19,7 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import String
 
 from mbd_sim_ros.bags.recorder import file_stem
-from mbd_sim_ros.messages.encode import Messages
+from mbd_sim_ros.messages.encode import Messages, require_finite
 from mbd_sim_ros.node.commands import Commands
 from mbd_sim_ros.node.diagnostics import judged
 from mbd_sim_ros.node.loop import Latched, Loop
@@ -212,16 +212,18 @@ class Running:
 
     def _emit(self, snapshot: Snapshot) -> None:
         self.envelope.look(snapshot)
-        publish = snapshot.k % self.publish_every == 0
+        mode = self.loop.mode  # in lockstep somebody waits for this very state
+        all_of_it = mode == 'lockstep'
+        publish = snapshot.k % self.publish_every == 0 and self._publication.awaited(snapshot.k, to_nobody=all_of_it)
         record = self.recording.wants(snapshot)
         if publish or record:
             messages = self._messages.encode(snapshot)
             if publish:
-                mode = self.loop.mode  # in lockstep somebody waits for this very state
-                budget = self._budget if mode == 'realtime' else 0.0
-                self._publication.publish(messages, snapshot.k, budget, to_nobody=mode == 'lockstep')
+                self._publication.publish(messages, snapshot.k, self._budget if mode == 'realtime' else 0.0, to_nobody=all_of_it)
             if record:
                 self.recording.take(snapshot, messages)
+        else:
+            require_finite(snapshot, self._messages.channels)
         if self._ticks is not None:
             self._publish_clock(self._ticks, snapshot.t_ns)
 

@@ -39,8 +39,6 @@ class CommandSource:
     x'' = w^2 (r - x) - 2 w x' (critically damped, w = 2 pi bandwidth). The impulse response w^2 t exp(-w t) is positive with area
     one, so |x'| <= rate_limit too; x'' is continuous, so angle, rate and acceleration belong together. The step is advanced by
     the closed-form solution (r is linear, then constant), so it depends on nothing but the state and the command.
-
-    state: (3,) r, x [rad], x' [rad/s]; assign it to restore.
     """
 
     def __init__(
@@ -59,28 +57,46 @@ class CommandSource:
         if not (bandwidth > 0.0 and rate_limit > 0.0):
             raise SpecError(f'steering filter: bandwidth = {bandwidth!r} and rate_limit = {rate_limit!r}: both must be > 0')
         self.names, self.h_ns = tuple(input_names), h_ns
-        self.omega, self.rate_limit = 2.0 * np.pi * bandwidth, rate_limit
-        self.state = np.array([steering, steering, 0.0])
-        self._commands, self._mapped = tuple(commands), mapped
-        self._angle = self._commands[0] != STEERING['torque']
+        self.omega, self.rate_limit = 2.0 * math.pi * bandwidth, rate_limit
+        self._motion = float(steering), float(steering), 0.0
+        self._mapped = mapped
+        given = list(commands)
+        self._angle = given[0] != STEERING['torque']
+        if self._angle:
+            given += ['steering', 'steering' + RATE, 'steering' + ACCELERATION]
+        last = {name: i for i, name in enumerate(given)}
+        self._count, self._places = len(commands), [(i, last[name]) for i, name in enumerate(self.names) if name in last]
+
+    @property
+    def state(self) -> np.ndarray:
+        """(3,) r, x [rad], x' [rad/s]; assign it to restore."""
+        return np.array(self._motion)
+
+    @state.setter
+    def state(self, value: np.ndarray) -> None:
+        r, x, v = value.tolist()
+        self._motion = r, x, v
 
     def advance(self, *commands: float) -> np.ndarray:
         """(nu,) inputs of the next step for the commands that were in force at its beginning: steering [rad or N m], torques [N m]."""
-        values = dict(zip(self._commands, commands, strict=True))
+        if len(commands) != self._count:
+            raise SpecError(f'{len(commands)} commands, {self._count} are known')
         if self._angle:
             steering = commands[0]
-            x, v, acceleration = self._motion(steering if self._mapped is None else self._mapped(steering))
-            values |= {'steering': x, 'steering' + RATE: v, 'steering' + ACCELERATION: acceleration}
-        return np.array([values.get(name, 0.0) for name in self.names])
+            commands += self._follow(steering if self._mapped is None else self._mapped(steering))
+        row = [0.0] * len(self.names)
+        for place, source in self._places:
+            row[place] = commands[source]
+        return np.array(row)
 
-    def _motion(self, steering: float) -> tuple[float, float, float]:
+    def _follow(self, steering: float) -> tuple[float, float, float]:
         """(angle, rate, acceleration) at the end of the step."""
-        h, (r, x, v) = self.h_ns * 1e-9, self.state
+        h, (r, x, v) = self.h_ns * 1e-9, self._motion
         gap = steering - r
         run = min(abs(gap) / self.rate_limit, h)
         slope = self.rate_limit if gap > 0.0 else -self.rate_limit
         x, v = follow(self.omega, x, v, r, slope, run)
         r = steering if run < h else r + slope * h
         x, v = follow(self.omega, x, v, r, 0.0, h - run)
-        self.state = np.array([r, x, v])
+        self._motion = r, x, v
         return x, v, self.omega * self.omega * (r - x) - 2.0 * self.omega * v

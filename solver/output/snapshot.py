@@ -24,7 +24,9 @@ class Counters(NamedTuple):
 
     def followed_by(self, later: Counters) -> Counters:
         """Sums and maxima over these steps and later ones."""
-        return Counters(*(a + b for a, b in zip(self[:4], later[:4], strict=True)), *map(max, self[4:], later[4:]))
+        i, f, e, s, r, p, v = self
+        i1, f1, e1, s1, r1, p1, v1 = later
+        return Counters(i + i1, f + f1, e + e1, s + s1, max(r, r1), max(p, p1), max(v, v1))
 
     def report(self) -> dict[str, float]:
         """By the names of reports and recordings."""

@@ -58,10 +58,16 @@ def test_what_nobody_hears_is_not_published_but_in_lockstep(client, monkeypatch)
     monkeypatch.setattr(Publisher, 'publish', lambda self, message: (sent.append(self.topic_name), plain(self, message)))
     messages = Messages.of(scene(), simulation)
     publication = publish.Publication(client.node, messages.topics, messages.encode(simulation.snapshot(), whole=True), silent=SUBSCRIBED)
+
+    def step(**options: bool) -> None:
+        snapshot = simulation.advance()
+        if publication.awaited(snapshot.k, **options):
+            publication.publish(messages.encode(snapshot), snapshot.k, **options)
+
     try:
-        publication.publish(messages.encode(simulation.advance()))
+        step()
         assert not sent
-        publication.publish(messages.encode(simulation.advance()), to_nobody=True)
+        step(to_nobody=True)
         installed = {f'/{topic.name}' for topic in messages.topics if topic.name not in (*SUBSCRIBED, '/tf')}
         assert installed <= set(sent)
         sent.clear()
@@ -70,7 +76,7 @@ def test_what_nobody_hears_is_not_published_but_in_lockstep(client, monkeypatch)
         client.node.create_subscription(WrenchStamped, wheel, heard.append, 10)
 
         def arrives() -> bool:
-            publication.publish(messages.encode(simulation.advance()))
+            step()
             return bool(heard)
 
         client.until(arrives)
