@@ -12,7 +12,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64
+from std_msgs.msg import Float64, Int32
 
 from mbd_sim_ros.node.loop import Loop
 from solver.errors import suggestion
@@ -21,12 +21,15 @@ WARN_SECONDS = 2.0  # a repeated warning about a command is said this often
 
 
 class Commanded(NamedTuple):
-    """A command: its topic (std_msgs/Float64), what it is, the parameter that limits it, and whether it may be below zero."""
+    """A command: its topic, what it is, the parameter that limits it ('': 1 does), whether it may be below zero, the type of its message,
+    and what a sentence calls it."""
 
     topic: str
     text: str
-    limit: str
+    limit: str = ''
     signed: bool = True
+    type: type = Float64
+    called: str = 'drive torque'
 
 
 PLAIN = {
@@ -35,11 +38,22 @@ PLAIN = {
     'road_wheel': Commanded('road_wheel_cmd', 'mean angle of the front road wheels [rad], instead of that of the wheel', 'max_road_wheel'),
     'drive_torque': Commanded('torque_cmd', 'at the differential [N m]', 'max_drive_torque'),
     'brake_torque': Commanded('brake_cmd', 'all wheels together [N m]', 'max_brake_torque', signed=False),
+    'accelerator': Commanded('accelerator_cmd', 'pedal of an engine, 0 to 1', signed=False, called='accelerator'),
+    'clutch': Commanded('clutch_cmd', 'clutch pedal of an engine, 0 (closed) to 1 (open)', signed=False),
+    'gear': Commanded('gear_cmd', 'gear of an engine: 1, 2, ..., 0 neutral, -1 reverse; the lever of an automatic gearbox', type=Int32),
 }
 BY_WHEEL = {
     'drive_torque_': Commanded('wheel_cmd', 'at a wheel [N m]', 'max_drive_torque'),
     'brake_torque_': Commanded('wheel_cmd', "added to the wheel's share of the brake torque [N m]", 'max_brake_torque'),
 }
+
+
+def gears_of(model: Any) -> tuple[int, int] | None:
+    """(lowest, highest) gear of the gearboxes of a model that follow the input `gear`; None where there is none."""
+    boxes = [clutch for clutch in getattr(model, 'clutches', ()) if clutch.gear == 'gear']
+    if not boxes:
+        return None
+    return -1 if any(box.reverse is not None for box in boxes) else 0, max(len(box.ratios) for box in boxes)
 
 
 def commanded(name: str) -> Commanded:
@@ -52,14 +66,15 @@ class Commands:
 
     An executor takes about 1 ms per message for its wait set, with the interpreter lock held; looking into the three
     subscriptions takes 20 us, and the command is used in the very next step.
-    names: the commands of the scene (solver.inputs.hands.commands_of); each of the first three has a topic of its own, and those of single
-    wheels come together. refused: commands that were no numbers, or named no input. deaf: nothing is subscribed to, something else drives.
+    names: the commands of the scene (solver.inputs.hands.commands_of); those in PLAIN have a topic of their own, and those of single
+    wheels come together. gears: lowest and highest one, where there are any. refused: commands that were no numbers, named no input, or
+    asked for a gear that there is not. deaf: nothing is subscribed to, something else drives.
     """
 
     loop: Loop  # that gets the commands
 
-    def __init__(self, node: Node, names: tuple[str, ...], *, deaf: bool) -> None:
-        self.names = names
+    def __init__(self, node: Node, names: tuple[str, ...], *, gears: tuple[int, int] | None = None, deaf: bool) -> None:
+        self.names, self.gears = names, gears
         self.deaf = deaf
         self.refused = 0
         self._node = node
@@ -80,9 +95,9 @@ class Commands:
         newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
         for index, name in enumerate(names):
             if name in PLAIN:
-                receive = self._plain(index, PLAIN[name].topic)
+                kind, receive = PLAIN[name].type, self._plain(index, PLAIN[name].topic)
                 full = node.resolve_topic_name(f'~/{PLAIN[name].topic}')
-                self._inbox.append((self._ears.create_subscription(Float64, full, receive, newest), Float64, receive))
+                self._inbox.append((self._ears.create_subscription(kind, full, receive, newest), kind, receive))
         several = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)  # an old answer must not push the right one out
         self._named = {
             topic: (self._ears.create_subscription(JointState, node.resolve_topic_name(f'~/{topic}'), receive, several), receive)
@@ -119,8 +134,8 @@ class Commands:
                         break
                     receive(message)
 
-    def _plain(self, index: int, topic: str) -> Callable[[Float64], None]:
-        def receive(message: Float64) -> None:
+    def _plain(self, index: int, topic: str) -> Callable[[Any], None]:
+        def receive(message: Any) -> None:
             value = self._accepted(index, topic, message.data)
             if value is not None:
                 self.loop.command(index, value)
@@ -164,12 +179,26 @@ class Commands:
         if not math.isfinite(number):
             self._refuse(f'{what} not finite', f'{what}: {number} is not a number; the command before it stays')
             return None
-        _, _, limit, signed = commanded(self.names[index])
-        high = self._node.get_parameter(limit).value
-        value = min(max(number, -high if signed else 0.0), high)
+        if self.names[index] == 'gear':
+            return self._gear(what, number)
+        one = commanded(self.names[index])
+        high = self._node.get_parameter(one.limit).value if one.limit else 1.0
+        value = min(max(number, -high if one.signed else 0.0), high)
         if value != number:
-            self._warn(what, f'{what}: {number:g} is beyond the limit; {value:g} is applied (parameter {limit})')
+            whose = f' (parameter {one.limit})' if one.limit else ''
+            self._warn(what, f'{what}: {number:g} is beyond the limit; {value:g} is applied{whose}')
         return value
+
+    def _gear(self, what: str, number: float) -> float | None:
+        """The gear that is asked for, rounded as the gearbox does; None for one that there is not: another one would be worse than none."""
+        gear = math.floor(number + 0.5)
+        low, high = self.gears or (gear, gear)
+        if not low <= gear <= high:
+            reverse = ', -1 is the reverse gear' if low < 0 else '; there is no reverse gear'
+            text = f'{what}: {number:g} is no gear: there are 1 to {high}, 0 is neutral{reverse}; the gear stays'
+            self._refuse(f'{what} no gear', text)
+            return None
+        return float(gear)
 
     def _refuse(self, about: str, text: str) -> None:
         self.refused += 1

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from mbd_sim_ros.bags.recorder import Recorder
+from mbd_sim_ros.node.commands import commanded
 from mbd_sim_ros.node.loop import Loop
 from solver.analysis.envelope import Envelope
 from solver.analysis.verdict import OK, SUSPECT, Finding, findings
@@ -63,7 +64,8 @@ def diagnosis(
     }
     problems = []
     if loop.stale:
-        problems.append('drive torque command is too old and counts as zero')
+        driven = dict.fromkeys(commanded(name).called for name in loop.stale)
+        problems.append(f'{" and ".join(driven)} command is too old and counts as zero')
     if namesakes:
         problems.append('another node has the same name: both take the commands and publish the same topics')
     if recorder and recorder.dropped:

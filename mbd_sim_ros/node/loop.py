@@ -10,7 +10,7 @@ import os
 import threading
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Future
 from queue import Empty, SimpleQueue
 from typing import Any, Literal, NamedTuple, Protocol
@@ -27,6 +27,7 @@ SLIP = 0.2  # s behind schedule after which the schedule is given up and starts 
 GLANCE = 5e-4  # s between looks for commands while lockstep waits
 REPEAT = 1.0  # s of waiting in lockstep after which the state is published again, for those who came late
 ENDED = 'the simulation has ended'
+DRIVING = ('drive_torque', 'accelerator')  # beginnings of commands that drive: the watchdog ends them
 WINDOW = 4096  # steps over which step times are judged
 
 
@@ -50,9 +51,9 @@ class Latched(NamedTuple):
     counts: tuple[int, ...]
 
     @classmethod
-    def none(cls, n: int, steering: float = 0.0) -> Latched:
-        """n commands of which none came yet; steering: what counts as the first until then."""
-        return cls((steering, *(0.0,) * (n - 1)), (-1,) * n, (0,) * n)
+    def none(cls, values: Sequence[float]) -> Latched:
+        """Commands of which none came yet; values: what counts until then."""
+        return cls(tuple(values), (-1,) * len(values), (0,) * len(values))
 
 
 class Answers(NamedTuple):
@@ -84,8 +85,8 @@ class Loop:
     `poll()` fetches what came in since (it calls `command`), right before every step and while lockstep waits.
     `inputs(values)` turns latched commands into the input vector of the next step (None: the scene's own maneuver drives).
     `emit(snapshot)` is called on the simulation thread after every step, and once at the start; `repeat()` from time to time while
-    lockstep waits for a first or lost answer. commands: names of those that are latched, steering first; drive torques among them count
-    as zero when they are older than command_timeout. The attributes mode, rate_factor, command_timeout [s, 0: never] and
+    lockstep waits for a first or lost answer. commands: names of those that are latched, steering first; drive torques and the accelerator
+    among them count as zero when they are older than command_timeout. The attributes mode, rate_factor, command_timeout [s, 0: never] and
     lockstep_commands may be changed at any time. After the thread has ended `outcome` is a sentence and `error` the
     exception that ended it, if any.
     """
@@ -112,10 +113,10 @@ class Loop:
         self.command_timeout = command_timeout
         self.lockstep_commands = lockstep_commands
         self.commands = commands
-        self._drives = [i for i, name in enumerate(commands) if name.startswith('drive_torque')]
-        self.latched = Latched.none(len(commands))
+        self._drives = [i for i, name in enumerate(commands) if name.startswith(DRIVING)]
+        self.latched = Latched.none((0.0,) * len(commands))
         self.answers = Answers()
-        self.stale = False  # the watchdog holds the drive torque at zero
+        self.stale: tuple[str, ...] = ()  # commands that the watchdog holds at zero
         self.paused = False
         self.steps = self.overruns = self.slips = 0
         self.outcome = ''
@@ -228,7 +229,7 @@ class Loop:
 
     def restart(self) -> None:
         """Forget commands, schedule and counters after the simulation was reset (to be asked for)."""
-        self.latched = Latched.none(len(self.commands))
+        self.latched = Latched.none((0.0,) * len(self.commands))
         self._used, self._pending, self._anchor, self._answered = self.latched.counts, 0, None, -1
         self.steps = self.overruns = self.slips = 0
         self._times.clear()
@@ -328,7 +329,7 @@ class Loop:
         return clock + (k - k0) * self.simulation.h_ns * 1e-9 / rate
 
     def _old(self, t_ns: int) -> list[int]:
-        """Drive torques that came and are older than the timeout."""
+        """Commands that drive, came and are older than the timeout."""
         if self.command_timeout <= 0.0:
             return []
         times, youngest = self.latched.times, t_ns - self.command_timeout * 1e9
@@ -345,7 +346,7 @@ class Loop:
         start = time.perf_counter()
         values = self.latched.values
         old = self._old(simulation.t_ns)
-        self.stale = bool(old)
+        self.stale = tuple(self.commands[i] for i in old)
         if old:
             values = tuple(0.0 if i in old else value for i, value in enumerate(values))
         snapshot = simulation.advance(1, inputs=self._inputs(values))

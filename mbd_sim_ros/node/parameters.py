@@ -11,7 +11,7 @@ from rclpy.parameter import Parameter
 
 from mbd_sim_ros.node.loop import MODES
 from solver.errors import SpecError, suggestion
-from solver.inputs.hands import COMMANDS
+from solver.inputs.hands import COMMANDS, POWERTRAIN
 
 
 class Spec(NamedTuple):
@@ -69,13 +69,13 @@ PARAMETERS = {
         0.7, 'limit of the road wheel command, both ways; that of the map of the steering holds too [rad]', 0.0, 1.5, live=True
     ),
     'command_timeout': Spec(
-        0.5, 'age in simulation time after which the drive torque command counts as zero [s]; 0: never', 0.0, 1e3, live=True
+        0.5, 'age in simulation time after which drive torque and accelerator count as zero [s]; 0: never', 0.0, 1e3, live=True
     ),
     'steering_bandwidth': Spec(5.0, 'bandwidth of the filter behind the steering command [Hz]', 0.1, 100.0),
     'steering_rate_limit': Spec(20.0, 'largest rate of the steering wheel [rad/s]', 0.1, 1000.0),
     'step_count': Spec(1, 'steps that one call of ~/step does [-]', 1, 1000000, live=True),
     'lockstep_commands': Spec(
-        list(COMMANDS), 'the plain commands that must all be newer before lockstep makes a step; steering: whichever steers'
+        list(COMMANDS), 'the plain commands, pedals and gear too, that must all be newer for a lockstep step; steering: whichever steers'
     ),
 }
 CHOICES = {'commands': ('topics', 'maneuver'), 'mode': MODES}
@@ -96,8 +96,8 @@ def declare(node: Node) -> None:
     if wrong:
         raise SpecError(wrong)
     for name in node.get_parameter('lockstep_commands').value:
-        if name not in COMMANDS:
-            raise SpecError(f'parameter lockstep_commands: {name!r} is no command' + suggestion(name, COMMANDS))
+        if name not in (*COMMANDS, *POWERTRAIN):
+            raise SpecError(f'parameter lockstep_commands: {name!r} is no command' + suggestion(name, (*COMMANDS, *POWERTRAIN)))
 
 
 def _declare(node: Node, name: str, default: Any, descriptor: ParameterDescriptor) -> None:

@@ -1,8 +1,8 @@
 """The node `maneuver`: answers the states of a simulator with the commands of a maneuver (see maneuver_player.py).
 
-To a simulator without `lockstep_cmd` it sends the three plain commands. A simulator in lockstep publishes its state again when no answer
-comes; that is answered only once it is clear that the first answer was lost: two plain answers to one state would become the commands of
-two steps.
+To a simulator without `lockstep_cmd` it sends the plain commands: steering and torques, and those of pedals and gear that it has. A
+simulator in lockstep publishes its state again when no answer comes; that is answered only once it is clear that the first answer was
+lost: two plain answers to one state would become the commands of two steps.
 """
 
 from __future__ import annotations
@@ -17,13 +17,14 @@ from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64
+from std_msgs.msg import Int32
 
 from mbd_sim_ros.node.accompany import LOOK
+from mbd_sim_ros.node.commands import PLAIN
 from mbd_sim_ros.node.parameters import declare_described
 from solver.errors import SceneError
 from solver.files.scene import load_maneuver, load_scene
-from solver.inputs.hands import COMMANDS, STEERING
+from solver.inputs.hands import COMMANDS, POWERTRAIN, STEERING
 
 FIND = 1.5  # s after the first state in which a simulator that takes stamped commands is found out
 LOST = 0.3  # s without a newer state after which the answer to a repeated one is sent again
@@ -49,9 +50,10 @@ class Player(Node):
         self._heard = math.inf  # clock reading of the first state
         self._repeated = math.inf  # clock reading when the newest state came again
         newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
-        self._plain = [
-            self.create_publisher(Float64, f'{simulator}/{topic}', newest) for topic in ('steering_cmd', 'torque_cmd', 'brake_cmd')
-        ]
+        self._plain = {
+            name: (self.create_publisher(PLAIN[name].type, f'{simulator}/{PLAIN[name].topic}', newest), PLAIN[name].type)
+            for name in (*COMMANDS, *(name for name in POWERTRAIN if name in self._maneuver.signals))
+        }
         self._stamped = self.create_publisher(
             JointState, f'{simulator}/lockstep_cmd', QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
         )
@@ -70,15 +72,19 @@ class Player(Node):
 
     def missing(self) -> str:
         """What is wrong with the simulator while it has not been found."""
-        return 'is there but sends no cmd_applied (is it paused?)' if self._plain[0].get_subscription_count() else 'is not there'
+        return 'is there but sends no cmd_applied (is it paused?)' if self._found() else 'is not there'
 
     def ended(self) -> str:
         """Why there is nothing more to do; '' while there is."""
-        if self.answered >= 0 and self._plain[0].get_subscription_count() == 0:
+        if self.answered >= 0 and not self._found():
             return f'the simulator has ended at t = {self.answered * 1e-9:.3f} s'
         if self._duration > 0.0 and self.answered >= self._duration * 1e9:
             return f'the maneuver has ended at t = {self.answered * 1e-9:.3f} s'
         return ''
+
+    def _found(self) -> bool:
+        """Whether somebody listens to the steering."""
+        return self._plain[COMMANDS[0]][0].get_subscription_count() > 0
 
     def _answer(self, encoded: bytes) -> None:
         now = time.monotonic()
@@ -96,14 +102,14 @@ class Player(Node):
     def _send(self) -> None:
         """Send the commands for the newest state."""
         self._repeated, t = math.inf, self.answered * 1e-9
-        values = self._maneuver.commands(t)
+        named = dict(zip(COMMANDS, self._maneuver.commands(t))) | self._maneuver.further_commands(t)
         if self._stamped.get_subscription_count():
-            named = dict(zip(COMMANDS, values)) | self._maneuver.further_commands(t)
             if STEERING['torque'] in named:
                 del named[COMMANDS[0]]  # the wheel is free
             message = JointState(name=list(named), position=list(named.values()))
             message.header.stamp.sec, message.header.stamp.nanosec = divmod(self.answered, 1_000_000_000)
             self._stamped.publish(message)
             return
-        for publisher, value in zip(self._plain, values):
-            publisher.publish(Float64(data=value))
+        for name, (publisher, kind) in self._plain.items():
+            value = named[name]
+            publisher.publish(kind(data=math.floor(value + 0.5) if kind is Int32 else value))

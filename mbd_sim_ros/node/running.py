@@ -20,7 +20,7 @@ from std_msgs.msg import String
 
 from mbd_sim_ros.bags.recorder import file_stem
 from mbd_sim_ros.messages.encode import Messages, require_finite
-from mbd_sim_ros.node.commands import Commands
+from mbd_sim_ros.node.commands import Commands, gears_of
 from mbd_sim_ros.node.diagnostics import judged
 from mbd_sim_ros.node.loop import Latched, Loop
 from mbd_sim_ros.node.parameters import RATES
@@ -79,7 +79,8 @@ class Running:
         self._ticked = (-math.inf, -math.inf)
         self._describe()
         self.recording = Recording(node, scene, simulation, self._messages, self.envelope, self._urdf)
-        self.commands = Commands(node, self._names, deaf=self.value('commands') != 'topics')
+        self.commands = Commands(node, self._names, gears=gears_of(scene.model), deaf=self.value('commands') != 'topics')
+        lockstep = tuple(self._place_of(name) for name in self.value('lockstep_commands'))
         duration = self.value('duration') if self.value('duration') >= 0.0 else scene.duration
         self.loop = self.commands.loop = self.recording.loop = Loop(
             simulation,
@@ -92,7 +93,7 @@ class Running:
             end_ns=round(duration * 1e9) if duration > 0.0 else None,
             command_timeout=self.value('command_timeout'),
             commands=self._names,
-            lockstep_commands=tuple(COMMANDS.index(name) for name in self.value('lockstep_commands')),
+            lockstep_commands=lockstep,
         )
         self._latch_start()
         if self.value('record'):
@@ -190,9 +191,20 @@ class Running:
         assert self._road_map is not None
         return steering_wheel_at(self._road_map, road_wheel) if self.loop.latched.counts[0] else float(self._source.state[0])
 
+    def _place_of(self, name: str) -> int:
+        """Place of a command that lockstep waits for. Raises SpecError where the scene has not got it."""
+        if name != COMMANDS[0] and name not in self._names:
+            there = ', '.join(self._names)
+            raise SpecError(f'parameter lockstep_commands: {self.scene.name} has no input {name!r}; its commands are {there}')
+        return 0 if name == COMMANDS[0] else self._names.index(name)
+
     def _latch_start(self) -> None:
-        """Until a command comes, the steering stays where it is."""
-        self.loop.latched = Latched.none(len(self._names), float(self._source.state[0]) if self._names[0] == 'steering' else 0.0)
+        """Until a command comes, steering, clutch and gear stay where they are; an automatic gearbox works its clutch itself."""
+        inputs = dict(zip(self.simulation.channels.inputs, self.simulation.snapshot().inputs.tolist()))
+        held = {'steering': float(self._source.state[0]), 'gear': inputs.get('gear', 0.0)}
+        if self.scene.assistance.shift is None:
+            held['clutch'] = inputs.get('clutch', 0.0)
+        self.loop.latched = Latched.none([held.get(name, 0.0) for name in self._names])
 
     def _describe(self) -> None:
         self._urdf = self.value('robot_description') or self.simulation.urdf()

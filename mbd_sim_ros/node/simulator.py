@@ -12,6 +12,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from mbd_sim_ros.node.commands import Commanded, commanded
 from mbd_sim_ros.node.diagnostics import diagnosis
 from mbd_sim_ros.node.interfaces import Interfaces
 from mbd_sim_ros.node.loop import Loop
@@ -34,7 +35,7 @@ class Simulator(Node):
             self.get_logger().warning(sentence)
         self._prepare = prepare
         self.stopped = False
-        self._stale_said = False
+        self._stale_said: set[Commanded] = set()
         self._namesakes = 0
 
     @property
@@ -97,9 +98,10 @@ class Simulator(Node):
         return self.running.close(outcome) if hasattr(self, 'running') else 0
 
     def _diagnose(self) -> None:
-        if self.loop.stale and not self._stale_said:
-            self.get_logger().warning(f'no torque_cmd for {self.loop.command_timeout:g} s: the drive torque is zero until one comes')
-        self._stale_said = self.loop.stale
+        stale = {commanded(name) for name in self.loop.stale}
+        for one in stale - self._stale_said:
+            self.get_logger().warning(f'no {one.topic} for {self.loop.command_timeout:g} s: the {one.called} is zero until one comes')
+        self._stale_said = stale
         running = self.running
         running.commands.look_around()
         full = self.get_fully_qualified_name()

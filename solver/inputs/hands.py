@@ -12,15 +12,17 @@ from solver.inputs.recorded import ACCELERATION, RATE
 
 COMMANDS = ('steering', 'drive_torque', 'brake_torque')
 STEERING = {'angle': 'steering', 'torque': 'steering_torque', 'road_wheel': 'road_wheel'}  # by Actuation.steering, what is commanded
+POWERTRAIN = ('accelerator', 'clutch', 'gear')  # of an engine with a gearbox: pedals (0 to 1), the gear or the lever of an automatic one
 BY_WHEEL = ('drive_torque_', 'brake_torque_')
 
 
 def commands_of(input_names: Sequence[str], steering: str = 'angle') -> tuple[str, ...]:
-    """What may be commanded of a vehicle with these inputs: its steering, the two sums, and the torques of single wheels.
+    """What may be commanded of a vehicle with these inputs: its steering, the two sums, pedals and gear, and the torques of single wheels.
 
     steering: see Actuation.
     """
-    return (STEERING[steering], *COMMANDS[1:], *(name for name in input_names if name.startswith(BY_WHEEL)))
+    powertrain = (name for name in POWERTRAIN if name in input_names)
+    return (STEERING[steering], *COMMANDS[1:], *powertrain, *(name for name in input_names if name.startswith(BY_WHEEL)))
 
 
 def follow(omega: float, x: float, v: float, r: float, slope: float, t: float) -> tuple[float, float]:
