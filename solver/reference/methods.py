@@ -65,11 +65,16 @@ class _Layout:
 
 
 class Kkt:
-    """Index 1, explicit, with projection. advance(t) -> Motion at t [s]."""
+    """Index 1, explicit, with projection. advance(t) -> Motion at t [s].
+
+    Where constraints are singular the continuation need not be unique, and this method may leave the motion for another branch that begins
+    there, with the same energy and a jump of its velocities: its steps collapse at this instant (`steps`).
+    """
 
     def __init__(self, equations: Equations, t: float, motion: Motion, tolerance: float) -> None:
         self.equations, self.layout = equations, _Layout(equations.model)
         self.factorizations = 0
+        self.steps: list[float] = []  # that the method took [s]
         self.t = t
         start = self.layout.pack(motion)
         self.solver = DOP853(self._rate, t, start, np.inf, max_step=LONGEST_STEP, rtol=max(tolerance, 3e-14), atol=tolerance)
@@ -91,6 +96,7 @@ class Kkt:
                 message = s.step()
             if s.status == 'failed':
                 raise StepError(message or 'the step size fell to zero')
+            self.steps.append(s.t - self.t)
             self.interpolate = s.dense_output()
             motion = self.equations.project(s.t, self.layout.unpack(s.y))
             self.equations.accept(motion)

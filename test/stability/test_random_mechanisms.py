@@ -100,6 +100,15 @@ def test_what_no_reference_resolves_is_undecided() -> None:
     assert judgements(found, spread=np.nan) == [UNDECIDED] * 5
 
 
+@pytest.mark.slow
+def test_a_reference_that_leaves_its_branch_is_none() -> None:
+    """A constant-velocity joint folds over by 180 degrees. The default goes on as before; the reference turns the body by half a turn about
+    itself within a microsecond, at both tolerances alike and with the same energy."""
+    judged = judge(next(m for m in (drawn(k, 1) for k in range(1000)) if m.name == 'tree_1000010'), STEPS[-2:])
+    assert [run.judgement for run in judged.runs] == [TOLD, UNDECIDED]
+    assert judged.reference == ''
+
+
 # one of each family; two more of each take three minutes
 @pytest.mark.slow
 @pytest.mark.parametrize('number', [pytest.param(k, marks=pytest.mark.long if k >= len(FAMILIES) else ()) for k in range(JUDGED)])

@@ -45,6 +45,8 @@ WORSE = 10.0
 UNDIVIDED = 0.9  # of a step: a mean below it belongs to a run whose error is not that of its step
 CLOSE = 2.0  # second order and a little more
 RESOLVED = 1e-9  # of the size of the motion, at least 1 m or rad: rounding of a step divided by its length squared
+COLLAPSED = 1e-3  # of its median step: a reference with such a step changed its velocities at once, on the way to another branch
+START_STEPS = 6  # of a reference, which feels its way
 TOLERANCES = (1e-10, 1e-7)  # of the two references
 MOST_EVALUATIONS, MOST_IMPLICIT = 12_000, 20_000  # of an explicit reference (what needs more is stiff), and of an implicit one
 RIGHT, TOLD, WRONG, UNDECIDED = 'right', 'told', 'silently wrong', 'undecided'
@@ -188,7 +190,10 @@ def difference(y: np.ndarray, other: np.ndarray) -> float:
 
 
 def reference(simulation: Simulation, duration: float, tolerance: float, kind: str) -> tuple[np.ndarray, int]:
-    """(measured motion every FINE (n, nb, 7), evaluations) from the start of a simulation. Raises StepError when it does not arrive."""
+    """(measured motion every FINE (n, nb, 7), evaluations) from the start of a simulation.
+
+    Raises StepError when it does not arrive, or leaves its branch in a singular position.
+    """
     scene, s = simulation.scene, simulation.state
 
     def inputs(t: float) -> np.ndarray:
@@ -208,6 +213,9 @@ def reference(simulation: Simulation, duration: float, tolerance: float, kind: s
             found.append(solver.advance(k * FINE).q)
     except (np.linalg.LinAlgError, FloatingPointError, ValueError, RuntimeError) as error:  # the last one is SuperLU's of a singular factor
         raise StepError(f'{type(error).__name__}: {error}') from None
+    steps = np.array(solver.steps[START_STEPS:] if isinstance(solver, Kkt) else [])
+    if len(steps) and steps.min() < COLLAPSED * np.median(steps):
+        raise StepError('the steps of the reference collapse: it leaves its branch in a singular position')
     return measured(np.array(found)), equations.evaluations
 
 
