@@ -15,6 +15,7 @@ from sensor_msgs.msg import JointState
 from mbd_sim_ros.node.accompany import LOOK
 from mbd_sim_ros.node.demand import DRIVE, Car, Demand, Loop
 from mbd_sim_ros.node.demands import GEAR_DRIVE, HEARD, TOLD, Heard, Measured, class_of, gear
+from mbd_sim_ros.node.gearbox import Gearbox, Worked
 from mbd_sim_ros.node.parameters import declare_described
 from solver.errors import SpecError
 from solver.files.scene import load_scene
@@ -33,6 +34,7 @@ class Adapter(Node):
         self._at = -1  # simulation time of the newest demand [ns]; -1: it came since the last odom
         self._gear, self._gear_number = DRIVE, GEAR_DRIVE
         self._loop: Loop | None = None
+        self._gearbox: Worked | None = None
         self._simulator = self.value('simulator')
         self._scene = load_scene(self.value('scene')) if self.value('scene') else None
         self._asked: Any = None
@@ -106,6 +108,8 @@ class Adapter(Node):
             brakes=self.value('max_brake_torque'),
         )
         self._loop = Loop(car, control, self.value('max_road_wheel'))
+        box = Gearbox.of(scene)
+        self._gearbox = None if box is None else Worked(box)
         how = 'by its measured map' if self.value('steering_ratio') == 0.0 else f'by the ratio {self.value("steering_ratio"):g}'
         self.get_logger().info(f'driving {scene.name}: wheelbase {car.wheelbase:.3f} m, steering {how}')
         return True
@@ -129,6 +133,8 @@ class Adapter(Node):
             return
         if now < self.answered:  # the simulator was reset
             self._loop.reset()
+            if self._gearbox is not None:
+                self._gearbox.reset()
             self._at, self.answered = -1, -1
         if self._demand is not None and self._at < 0:
             self._at = now
@@ -141,7 +147,10 @@ class Adapter(Node):
         except SpecError as error:
             self.get_logger().error(str(error))
             return
-        command = JointState(name=list(COMMANDS), position=list(values))
+        named = dict(zip(COMMANDS, values))
+        if self._gearbox is not None:
+            named |= self._gearbox.commands(values[1], self._loop.direction, self._gear, twist.linear.x, h)
+        command = JointState(name=list(named), position=list(named.values()))
         command.header.stamp = stamp
         self._commands.publish(command)
         self.answered = now

@@ -1,0 +1,89 @@
+"""An engine with an automatic gearbox under the loop of the adapter: torques at the differential become accelerator and lever.
+
+    pedal u:  map(u, omega) = T / R        omega = R |v| / radius, at least where the engine idles; R: ratio between crankshaft and wheels
+
+The adapter follows the gear by the law of the gearbox itself (solver.inputs.shifting) with the speed that it hears, so what it sends
+depends on nothing but the states that it answers. What map and clutch do beside this is left to the loop, whose integral takes it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mbd_sim_ros.node.demand import NEUTRAL, PARK
+from solver.elements.engine_map import EngineSpec
+from solver.inputs.shifting import INPUTS, Shifter, Shifting
+from solver.scene import Scene
+
+FINAL_DRIVE = ('final_drive', 'drive_pinion/angle')  # the force element, and the coordinate whose factor is that of its ratio
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gearbox:
+    """Engine and gearbox of a car. ratios: between crankshaft and wheels, from the first gear on; reverse: of the reverse gear (0: none);
+    radius of the wheels [m]; shifting: None for a gearbox that nobody works, which stays in neutral."""
+
+    engine: EngineSpec
+    ratios: tuple[float, ...]
+    reverse: float
+    radius: float
+    shifting: Shifting | None
+
+    @classmethod
+    def of(cls, scene: Scene) -> Gearbox | None:
+        """Of the vehicle of a scene; None where its torque acts at the differential alone."""
+        model = scene.model
+        engines = [e for e in model.engines if e.input == 'accelerator']
+        boxes = [c for c in model.clutches if c.gear == 'gear']
+        if not (engines and boxes):
+            return None
+        behind = [1.0 / abs(f) for force in model.coordinate_forces for name, f in force.terms if (force.name, name) == FINAL_DRIVE]
+        final = behind[0] if behind and boxes[0].outputs[0][0] == 'gearbox_output' else 1.0
+        places = {b.name: b.position for b in model.bodies}
+        return cls(
+            engine=engines[0],
+            ratios=tuple(ratio * final for ratio in boxes[0].ratios),
+            reverse=(boxes[0].reverse or 0.0) * final,
+            radius=float(np.mean([places[t.marker.body][2] for t in model.tires])),
+            shifting=scene.assistance.shift,
+        )
+
+    def idle(self) -> float:
+        """Speed at which the torque of the first pedal ends [rad/s]."""
+        torques = np.array(self.engine.torques[0])
+        return float(self.engine.speeds[int(np.argmax(torques <= 0.0))]) if (torques <= 0.0).any() else float(self.engine.speeds[-1])
+
+    def pedal(self, torque: float, ratio: float, speed: float) -> float:
+        """Position of the accelerator (0 to 1) for a torque at the differential [N m] at a speed of the car [m/s]."""
+        if torque <= 0.0 or ratio == 0.0:
+            return 0.0
+        engine = self.engine
+        omega = max(ratio * abs(speed) / self.radius, self.idle())
+        there = [float(np.interp(omega, engine.speeds, row)) for row in engine.torques]
+        return float(np.interp(torque / ratio, np.maximum.accumulate(there), engine.pedals))
+
+
+class Worked:
+    """A gearbox at work: state by state. h: seconds since the last one."""
+
+    def __init__(self, box: Gearbox) -> None:
+        self.box = box
+        self._shifter = None if box.shifting is None else Shifter(box.shifting, INPUTS, 0.0)
+
+    def reset(self) -> None:
+        """As if it had just begun."""
+        if self._shifter is not None:
+            self._shifter.start()
+
+    def commands(self, drive: float, direction: float, gear: str, speed: float, h: float) -> dict[str, float]:
+        """Commands for a drive torque [N m], positive forwards, in a direction (1, -1), instead of that torque."""
+        if self._shifter is None:
+            return {'drive_torque': drive, 'gear': 0.0}
+        lever = 0.0 if gear in (NEUTRAL, PARK) else direction
+        ratio = self.box.reverse if lever < 0.0 else self.box.ratios[int(self._shifter.state[0]) - 1]
+        accelerator = self.box.pedal(direction * drive, ratio, speed) if lever else 0.0
+        self._shifter.h = h
+        self._shifter.act(np.array([accelerator, 0.0, lever]), speed)
+        return {'drive_torque': 0.0, 'accelerator': accelerator, 'gear': lever}
