@@ -41,6 +41,7 @@ PLAIN = {
     'accelerator': Commanded('accelerator_cmd', 'pedal of an engine, 0 to 1', signed=False, called='accelerator'),
     'clutch': Commanded('clutch_cmd', 'clutch pedal of an engine, 0 (closed) to 1 (open)', signed=False),
     'gear': Commanded('gear_cmd', 'gear of an engine: 1, 2, ..., 0 neutral, -1 reverse; the lever of an automatic gearbox', type=Int32),
+    'lock_up': Commanded('lock_up_cmd', 'lock-up clutch of a torque converter, closed from 0.5 on', signed=False),
 }
 BY_WHEEL = {
     'drive_torque_': Commanded('wheel_cmd', 'at a wheel [N m]', 'max_drive_torque'),

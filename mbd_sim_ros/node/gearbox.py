@@ -14,7 +14,7 @@ import numpy as np
 
 from mbd_sim_ros.node.demand import NEUTRAL, PARK
 from solver.elements.engine_map import EngineSpec
-from solver.inputs.shifting import INPUTS, Shifter, Shifting
+from solver.inputs.shifting import INPUTS, LOCK_UP, Shifter, Shifting
 from solver.scene import Scene
 
 FINAL_DRIVE = ('final_drive', 'drive_pinion/angle')  # the force element, and the coordinate whose factor is that of its ratio
@@ -70,7 +70,7 @@ class Worked:
 
     def __init__(self, box: Gearbox) -> None:
         self.box = box
-        self._shifter = None if box.shifting is None else Shifter(box.shifting, INPUTS, 0.0)
+        self._shifter = None if box.shifting is None else Shifter(box.shifting, (*INPUTS, LOCK_UP), 0.0)
 
     def reset(self) -> None:
         """As if it had just begun."""
@@ -85,5 +85,5 @@ class Worked:
         ratio = self.box.reverse if lever < 0.0 else self.box.ratios[int(self._shifter.state[0]) - 1]
         accelerator = self.box.pedal(direction * drive, ratio, speed) if lever else 0.0
         self._shifter.h = h
-        self._shifter.act(np.array([accelerator, 0.0, lever]), speed)
+        self._shifter.act(np.array([accelerator, 0.0, lever, 0.0]), speed)
         return {'drive_torque': 0.0, 'accelerator': accelerator, 'gear': lever}

@@ -8,6 +8,7 @@ from solver.elements.brake import BRAKES
 from solver.elements.bushing import BUSHINGS
 from solver.elements.clutch import CLUTCHES
 from solver.elements.contact import CONTACTS
+from solver.elements.converter import CONVERTERS
 from solver.elements.coordinate_force import COORDINATE_FORCES
 from solver.elements.coupler import COUPLERS
 from solver.elements.engine_map import ENGINES
@@ -36,6 +37,7 @@ FORCES: tuple[ForceKind, ...] = (
     BRAKES,
     SERVOS,
     ENGINES,
+    CONVERTERS,
     CLUTCHES,
     GUIDES,
     APPLIED_FORCES,

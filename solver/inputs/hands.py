@@ -12,7 +12,7 @@ from solver.inputs.recorded import ACCELERATION, RATE
 
 COMMANDS = ('steering', 'drive_torque', 'brake_torque')
 STEERING = {'angle': 'steering', 'torque': 'steering_torque', 'road_wheel': 'road_wheel'}  # by Actuation.steering, what is commanded
-POWERTRAIN = ('accelerator', 'clutch', 'gear')  # of an engine with a gearbox: pedals (0 to 1), the gear or the lever of an automatic one
+POWERTRAIN = ('accelerator', 'clutch', 'gear', 'lock_up')  # of an engine with a gearbox: pedals (0 to 1), gear or lever, of a converter
 BY_WHEEL = ('drive_torque_', 'brake_torque_')
 
 

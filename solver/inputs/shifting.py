@@ -6,6 +6,9 @@ of that time and closes over the other half, and the accelerator is taken back a
 the first or the reverse gear the clutch is open without accelerator, and with it closed as far as
 
     bite + (1 - bite) v / launch
+
+With launch = 0 a torque converter starts the car: the clutch stays closed. The lock-up clutch of that closes above the speed `lock_up`, and
+opens below 0.9 of it and in shifts.
 """
 
 from __future__ import annotations
@@ -20,13 +23,15 @@ from solver.errors import SpecError
 from solver.validate import finite, require, require_rising
 
 INPUTS = ('accelerator', 'clutch', 'gear')
+LOCK_UP = 'lock_up'
 
 
 @dataclass(frozen=True, kw_only=True)
 class Shifting:
     """An automatic gearbox; see the module. pedals: positions of the accelerator (0 to 1), rising; up: for each shift, from that out of the
     first gear on, the speeds at these above which it is made; down: those below which it is taken back, smaller [m/s]. duration of a shift
-    [s]; launch: speed up to which the clutch slips [m/s]; bite: how far it closes at rest (0 to 1)."""
+    [s]; launch: speed up to which the clutch slips, 0 with a torque converter [m/s]; bite: how far it closes at rest (0 to 1). lock_up:
+    speed above which the lock-up clutch of a torque converter closes [m/s]; None: never."""
 
     pedals: tuple[float, ...]
     up: Annotated[tuple[tuple[float, ...], ...], 'm/s']
@@ -34,6 +39,7 @@ class Shifting:
     duration: Annotated[float, 's'] = 0.4
     launch: Annotated[float, 'm/s'] = 3.0
     bite: float = 0.3
+    lock_up: Annotated[float, 'm/s'] | None = None
 
     def __post_init__(self) -> None:
         require_rising('shift', 'pedals', self.pedals)
@@ -45,15 +51,18 @@ class Shifting:
         for k, (high, low) in enumerate(zip(self.up, self.down, strict=True)):
             for m, (a, b) in enumerate(zip(high, low, strict=True)):
                 require(0.0 <= b < a, 'shift', f'down[{k}][{m}]', b, f'must be at least 0 and below {a:g}, where it shifts up')
-        for field in ('duration', 'launch'):
-            finite('shift', field, getattr(self, field), low=0.0, strict=True)
+        finite('shift', 'duration', self.duration, low=0.0, strict=True)
+        finite('shift', 'launch', self.launch, low=0.0)
+        if self.lock_up is not None:
+            finite('shift', 'lock_up', self.lock_up, low=0.0, strict=True)
         finite('shift', 'bite', self.bite, low=0.0, high=1.0)
 
 
 class Shifter:
     """The automatic gearbox of a simulation with inputs of these names, in steps of h [s].
 
-    state: (2,) gear, time since the last shift [s]; assign it to restore. Raises SpecError for a model without the inputs.
+    state: (2,) gear, time since the last shift [s]; with a lock-up clutch (3,), 1 where that is closed; assign it to restore. Raises
+    SpecError for a model without the inputs.
     """
 
     def __init__(self, shifting: Shifting, input_names: Sequence[str], h: float) -> None:
@@ -63,11 +72,14 @@ class Shifter:
             if name not in names:
                 raise SpecError(f'assistance: shift: the model has no input {name}: give the engine of the vehicle a `power`')
         self._accelerator, self._clutch, self._gear = (names.index(name) for name in INPUTS)
+        if shifting.lock_up is not None and LOCK_UP not in names:
+            raise SpecError(f'assistance: shift: lock_up = {shifting.lock_up:g}: the vehicle has no converter with a lock_up')
+        self._lock_up = None if shifting.lock_up is None else names.index(LOCK_UP)
         self.start()
 
     def start(self) -> None:
         """Back to t = 0: the first gear."""
-        self.state = np.array([1.0, self.shifting.duration])
+        self.state = np.array([1.0, self.shifting.duration, 0.0][: 2 if self._lock_up is None else 3])
 
     def act(self, row: np.ndarray, speed: float) -> None:
         """Change the inputs of a step, row (nu,), at a speed along the car [m/s]; advances by that step."""
@@ -88,4 +100,9 @@ class Shifter:
         if lever >= 0.5:
             row[self._gear] = gear
         row[self._clutch] = max(float(row[self._clutch]), opened)
-        self.state = np.array([gear, min(since + self.h, box.duration)])
+        if self._lock_up is not None and box.lock_up is not None:
+            locked = float(v > (0.9 * box.lock_up if self.state[2] else box.lock_up))
+            row[self._lock_up] = max(float(row[self._lock_up]), locked)
+            self.state = np.array([gear, min(since + self.h, box.duration), locked])
+        else:
+            self.state = np.array([gear, min(since + self.h, box.duration)])

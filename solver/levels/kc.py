@@ -24,7 +24,9 @@ from solver.analysis.kinematics_and_compliance import CORNERS, wheel_centers
 from solver.compiled.portable import inverse, product
 from solver.elements.coordinate import CoordinateSpec
 from solver.elements.coordinate_force import CoordinateForceSpec
+from solver.elements.coupler import CouplerSpec
 from solver.elements.guide import GuideSpec
+from solver.elements.joint import JointSpec
 from solver.elements.laws import Law
 from solver.elements.marker import Marker
 from solver.elements.registry import FORCES
@@ -40,7 +42,7 @@ from solver.model.frames import matrix, quaternion
 from solver.model.spec import ModelSpec, used_inputs
 from solver.scene import Scene
 from solver.vehicle.hardpoints import SIDES, marker_at
-from solver.vehicle.parts import UP, vector_of
+from solver.vehicle.parts import LEFTWARDS, UP, vector_of
 
 AXLES = ('front', 'rear')
 FASTEST = 10.0  # Hz, of the travel of a wheel (speed over wavelength of the road) and of the steering
@@ -137,12 +139,14 @@ class _Reduction:
         gear = self.assisted
         if gear is not None:
             hands, joints = (*hands, gear.body), (*joints, gear.joint)
-        chassis = self._rest((*wheels.values(), *hands))
         coordinates = [self._spin(c, wheels[c]) for c in CORNERS] + [self._travel(c, wheels[c]) for c in CORNERS]
+        turning = [part for part in (self._flywheel(corner, wheels[corner]) for corner in CORNERS) if part is not None]
+        bodies = (*wheels.values(), *hands, *(body for body, _, _ in turning))
+        chassis = self._rest(bodies)
         model = ModelSpec(
-            bodies=(chassis, *wheels.values(), *hands),
-            joints=joints,
-            couplers=couplers,
+            bodies=(chassis, *bodies),
+            joints=(*joints, *(bearing for _, bearing, _ in turning)),
+            couplers=(*couplers, *(gear for _, _, gear in turning)),
             coordinates=tuple(coordinates),
             guides=tuple(self._guide(axle, wheels, couplers) for axle in AXLES),
             coordinate_forces=(*self._drives(), *self._held({joint.name for joint in joints}), *(() if gear is None else gear.forces)),
@@ -187,8 +191,20 @@ class _Reduction:
         slope = self._slopes(corner)
         moved = self.data[corner]['travel'] - across * (slope[2] * slope[2] + slope[3] * slope[3])
         mass = moved / (1.0 + slope[0] * slope[0] + slope[1] * slope[1])
-        inertia = (across, float(self.data[corner]['spin']), across, 0.0, 0.0, 0.0)
+        spin = min(float(self.data[corner]['spin']), 2.0 * across)  # no body has more; see _flywheel
+        inertia = (across, spin, across, 0.0, 0.0, 0.0)
         return RigidBodySpec(name=wheel.name, mass=float(mass), inertia=inertia, position=wheel.position, orientation=wheel.orientation)
+
+    def _flywheel(self, corner: str, wheel: RigidBodySpec) -> tuple[RigidBodySpec, JointSpec, CouplerSpec] | None:
+        """What turns with a wheel and cannot be its inertia: rotors behind gears. On the chassis, where it turns as fast as the wheel."""
+        left = float(self.data[corner]['spin']) - wheel.inertia[1]
+        if left <= 0.0:
+            return None
+        name, at = f'flywheel_{corner}', vector_of(self.centers[corner])
+        inertia = (0.5 * left, left, 0.5 * left, 0.0, 0.0, 0.0)
+        body = RigidBodySpec(name=name, mass=0.0, inertia=inertia, position=at)
+        bearing = JointSpec(name=name, kind='revolute', i=marker_at(self.chassis, at, LEFTWARDS), j=marker_at(body, at, LEFTWARDS))
+        return body, bearing, CouplerSpec(name=name, terms=((name, 1.0), (f'wheel_{corner}', -1.0)), offset=0.0)
 
     def _slopes(self, corner: str) -> np.ndarray:
         """(5,) slopes of the maps over the own travel in the design position."""

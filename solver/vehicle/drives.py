@@ -30,6 +30,7 @@ from solver.vehicle.powertrain import (
     open_differential,
     propeller_shaft,
 )
+from solver.vehicle.rotor import Rotor, rotor
 from solver.vehicle.wheel_end import spin_axis
 
 
@@ -93,18 +94,20 @@ class HalfShaftDrive(HalfShafts):
             own = joined((Parts(bodies=(housing,)), feet))
         shafts, outputs = half_shafts(self, housing, {side: corner.wheel for side, corner in corners.items()}, axle)
         drive = Parts(coordinate_forces=(open_differential(name, outputs, share=self.share, top_speed=self.top_speed),))
-        return joined((own, shafts, drive, limited_slip(base.name('limited_slip', axle), outputs, self.limited_slip))), outputs
+        lock = limited_slip(base.name('limited_slip', axle), outputs, self.limited_slip)
+        return joined((own, shafts, drive, lock, rotor(self.rotor, base.name('rotor', axle), housing, outputs))), outputs
 
 
 @dataclass(frozen=True, kw_only=True)
 class LiveAxleDrive(Propshaft):
     """A propeller shaft to the differential in the housing of a live axle. share: of the drive torque that goes to the axle [-].
-    limited_slip, top_speed: as of HalfShafts."""
+    limited_slip, top_speed, rotor: as of HalfShafts."""
 
     kind: Literal['live_axle'] = 'live_axle'
     share: float = 1.0
     limited_slip: Law | None = None
     top_speed: float | None = None
+    rotor: Rotor | None = None
 
     def parts(self, axle: str, base: Base, corners: Mapping[str, Corner]) -> tuple[Parts, tuple[str, str]]:
         """(parts of the drive, coordinates of its outputs)."""
@@ -117,6 +120,7 @@ class LiveAxleDrive(Propshaft):
                 propeller_shaft(self, base.chassis, base.powered(self.kind), corners['left'].upright),
                 Parts(coordinate_forces=(forces, final_drive(self, outputs))),
                 limited_slip(base.name('limited_slip', axle), outputs, self.limited_slip),
+                rotor(self.rotor, base.name('rotor', axle), corners['left'].upright, outputs),
             )
         ), outputs
 
@@ -124,13 +128,14 @@ class LiveAxleDrive(Propshaft):
 @dataclass(frozen=True, kw_only=True)
 class Motors:
     """A motor per wheel: `chassis` on the chassis, with ideal shafts, `upright` in the wheel. share: of the drive torque that goes to
-    the axle [-], half to each wheel. top_speed: speed of the wheel at which it ends [rad/s]. The inertia of rotor and
-    gears is not modelled: no wheel could have it about its axis alone."""
+    the axle [-], half to each wheel. top_speed: speed of the wheel at which it ends [rad/s]. rotor: of each of them
+    (None: its inertia is not modelled)."""
 
     kind: Literal['motors'] = 'motors'
     share: float = 1.0
     on: Literal['chassis', 'upright'] = 'chassis'
     top_speed: float | None = None
+    rotor: Rotor | None = None
 
     def parts(self, axle: str, base: Base, corners: Mapping[str, Corner]) -> tuple[Parts, tuple[str, str]]:
         """(parts of the drive, coordinates of its outputs)."""
@@ -146,7 +151,14 @@ class Motors:
             )
             for side, output in zip(corners, outputs, strict=True)
         )  # fmt: skip
-        return Parts(coordinates=shafts, coordinate_forces=forces), outputs
+        turning = tuple(
+            rotor(
+                self.rotor, f'rotor_{axle}_{side}', base.chassis if self.on == 'chassis' else corner.upright, (output,),
+                at=corner.wheel.position, axis=LEFTWARDS if self.on == 'chassis' else spin_axis(corner.wheel),
+            )
+            for (side, corner), output in zip(corners.items(), outputs, strict=True)
+        )  # fmt: skip
+        return joined((Parts(coordinates=shafts, coordinate_forces=forces), *turning)), outputs
 
 
 Drive = PropshaftDrive | HalfShaftDrive | LiveAxleDrive | Motors

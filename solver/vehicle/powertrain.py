@@ -28,6 +28,7 @@ from solver.validate import Vector, finite
 from solver.vehicle.hardpoints import SIDES, marker_at, on_side
 from solver.vehicle.parts import LEFTWARDS, UP, Bushing, Part, Parts, joined, mounting, rods, shaft_markers, vector_of
 from solver.vehicle.power import FORWARD, Power
+from solver.vehicle.rotor import Rotor, rotor
 from solver.vehicle.wheel_end import spin_axis
 
 STUB = 0.08  # length of output shafts and pinion behind their flanges [m]
@@ -66,7 +67,7 @@ class HalfShafts:
 
     output: centre of the inner joint; the outer one is at the wheel, `inset` [m] inwards of its centre along the spin axis.
     top_speed: mean speed of the outputs at which the engine's limiter ends the drive torque [rad/s]; None: it never does.
-    limited_slip: locking torque over the difference of the output speeds [N m s/rad].
+    limited_slip: locking torque over the difference of the output speeds [N m s/rad]. rotor: of a motor on the differential.
     """
 
     output: Vector
@@ -75,6 +76,7 @@ class HalfShafts:
     inset: float
     limited_slip: Law | None = None
     top_speed: float | None = None
+    rotor: Rotor | None = None
 
     def __post_init__(self) -> None:
         finite('driveline', 'inset', self.inset, low=0.0)
@@ -155,6 +157,7 @@ def driveline(
         shafts,
         Parts(coordinate_forces=(drive, final_drive(data, outputs))),
         limited_slip(lock, outputs, data.limited_slip),
+        rotor(data.rotor, differential.replace('differential', 'rotor'), housing, outputs),
     )
     return joined(parts), outputs
 
