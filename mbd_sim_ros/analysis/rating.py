@@ -12,9 +12,9 @@ R = 0.4 Z + 0.2 E_P + 0.2 E_M + 0.2 E_S.
 
 Source of formulas and parameters: [ISORating2024] by its public implementations, whose tests hold the results of the annex of the standard.
 Beside the second of them all scores of 150 random pairs (scaled, shifted, disturbed, noisy, unrelated; 60 to 600 samples) are the same to
-the nine digits that it gives. The text of the standard itself was not at hand: not confirmed are its rules for the sampling of signals slower than those of a
-crash (it asks for 10 kHz) and its names for ranges of R. Here signals are sampled at 50 Hz, finer where less than 20 s are
-shared (1000 samples), never finer than they were recorded.
+the nine digits that it gives. The text of the standard itself was not at hand: not confirmed are its rules for the sampling of signals
+slower than those of a crash (it asks for 10 kHz) and its names for ranges of R. Here signals are sampled at 50 Hz, finer where less than
+20 s are shared (1000 samples), never finer than they were recorded.
 """
 
 from __future__ import annotations

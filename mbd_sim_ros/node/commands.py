@@ -80,6 +80,7 @@ class Commands:
         self.refused = 0
         self._node = node
         self._warned: dict[str, float] = {}
+        self.commanded = not deaf  # somebody publishes commands, or may
         self._heard: dict[str, bool] = {}  # topic of named commands -> somebody publishes
         self._inbox: list[tuple[Subscription, type, Callable[[Any], None]]] = []
         self._ears: Node | None = None
@@ -116,14 +117,18 @@ class Commands:
 
     def look_around(self) -> None:
         """Note who publishes; once a second, from the main thread."""
-        if not self.deaf:
-            self._heard = {topic: self._node.count_publishers(self._node.resolve_topic_name(f'~/{topic}')) > 0 for topic in self._named}
+        if self.deaf:
+            return
+        self._heard = {topic: self._node.count_publishers(self._node.resolve_topic_name(f'~/{topic}')) > 0 for topic in self._named}
+        plain = (subscription.topic_name for subscription, *_ in self._inbox)
+        self.commanded = any(self._heard.values()) or any(self._node.count_publishers(topic) > 0 for topic in plain)
 
     def poll(self) -> None:
         """Hand what is new to the loop; on the simulation thread."""
         for subscription, kind, receive in self._inbox:
             message = _take(subscription, kind)
             if message is not None:
+                self.commanded = True
                 receive(message)
         if self.deaf:
             return

@@ -29,6 +29,8 @@ REPEAT = 1.0  # s of waiting in lockstep after which the state is published agai
 ENDED = 'the simulation has ended'
 DRIVING = ('drive_torque', 'accelerator')  # beginnings of commands that drive: the watchdog ends them
 WINDOW = 4096  # steps over which step times are judged
+AT_ONCE = 0.01  # s of simulated time that may pass in one call while nobody looks
+SHARE = 0.5  # of the length of a step that steps which nobody looks at may take before the one that is due
 
 
 class Stepper(Protocol):
@@ -84,7 +86,9 @@ class Loop:
 
     `poll()` fetches what came in since (it calls `command`), right before every step and while lockstep waits.
     `inputs(values)` turns latched commands into the input vector of the next step (None: the scene's own maneuver drives).
-    `emit(snapshot)` is called on the simulation thread after every step, and once at the start; `repeat()` from time to time while
+    `emit(snapshot)` is called on the simulation thread after every step that may be seen, and once at the start. `hidden()` tells how many
+    of the next steps nobody sees while nobody commands: these are made at once when the one behind them is due, with the same bits and
+    without what waking costs, and `passed()` is called behind them. `repeat()` from time to time while
     lockstep waits for a first or lost answer. commands: names of those that are latched, steering first; drive torques and the accelerator
     among them count as zero when they are older than command_timeout. The attributes mode, rate_factor, command_timeout [s, 0: never] and
     lockstep_commands may be changed at any time. After the thread has ended `outcome` is a sentence and `error` the
@@ -99,6 +103,8 @@ class Loop:
         emit: Callable[[Snapshot], None],
         poll: Callable[[], None] = lambda: None,
         repeat: Callable[[], None] = lambda: None,
+        hidden: Callable[[], int] = lambda: 0,
+        passed: Callable[[], None] = lambda: None,
         mode: Mode = 'realtime',
         rate_factor: float = 1.0,
         end_ns: int | None = None,
@@ -123,6 +129,8 @@ class Loop:
         self.error: BaseException | None = None
         self.done = threading.Event()
         self._inputs, self._emit, self._poll, self._repeat = inputs, emit, poll, repeat
+        self._hidden, self._passed = hidden, passed
+        self._cost = simulation.h_ns * 1e-9  # s that a step takes, lately
         self._emitted = 0.0  # clock reading
         self._stop = threading.Event()
         self._wake = threading.Event()
@@ -260,7 +268,10 @@ class Loop:
                 if self.end_ns is not None and self.simulation.t_ns >= self.end_ns:
                     self.outcome = 'duration reached'
                     break
-                if self._due():
+                ahead = self._steps_ahead()
+                if self._due(ahead):
+                    if ahead:
+                        self._advance_unseen(ahead)
                     self._advance()
         except BaseException as error:  # whatever it is, the main thread has to learn of it
             self.error = error
@@ -282,8 +293,20 @@ class Loop:
             except Exception as error:  # the asker gets it
                 future.set_exception(error)
 
-    def _due(self) -> bool:
-        """Wait, at most LONGEST_WAIT, and return whether a step is to be done now."""
+    def _steps_ahead(self) -> int:
+        """Steps to be made at once before the next that may be seen."""
+        if self._pending or self.paused or self.mode == 'lockstep':
+            return 0
+        h = self.simulation.h_ns * 1e-9
+        most = AT_ONCE / h - 1.0
+        if self.mode == 'realtime':
+            most = min(most, SHARE * h / self.rate_factor / self._cost)
+        if self.end_ns is not None:
+            most = min(most, (self.end_ns - self.simulation.t_ns) // self.simulation.h_ns - 1)
+        return 0 if most < 1.0 else min(int(most), self._hidden())
+
+    def _due(self, ahead: int) -> bool:
+        """Wait, at most LONGEST_WAIT, and return whether a step, with so many ahead of it, is to be done now."""
         if self._pending:
             self._pending -= 1
             self._anchor = None
@@ -309,7 +332,7 @@ class Loop:
                 self._repeat()
             self._sleep(GLANCE)
             return False
-        deadline = self._deadline(self.simulation.k)
+        deadline = self._deadline(self.simulation.k + ahead)
         wait = deadline - time.perf_counter()
         if wait > LONGEST_WAIT:
             self._sleep(LONGEST_WAIT)
@@ -328,12 +351,14 @@ class Loop:
         clock, k0, rate = self._anchor
         return clock + (k - k0) * self.simulation.h_ns * 1e-9 / rate
 
-    def _old(self, t_ns: int) -> list[int]:
-        """Commands that drive, came and are older than the timeout."""
-        if self.command_timeout <= 0.0:
-            return []
-        times, youngest = self.latched.times, t_ns - self.command_timeout * 1e9
-        return [i for i in self._drives if 0 <= times[i] < youngest]
+    def _commands_at(self, t_ns: int) -> tuple[float, ...]:
+        """The latched commands, but those that drive, came and are older than the timeout are zero; notes which are."""
+        values, old = self.latched.values, []
+        if self.command_timeout > 0.0:
+            times, youngest = self.latched.times, t_ns - self.command_timeout * 1e9
+            old = [i for i in self._drives if 0 <= times[i] < youngest]
+        self.stale = tuple(self.commands[i] for i in old)
+        return tuple(0.0 if i in old else value for i, value in enumerate(values)) if old else values
 
     def _sleep(self, longest: float) -> None:
         self._wake.wait(longest)
@@ -344,16 +369,27 @@ class Loop:
         if self.mode != 'lockstep':  # which has polled, and must not mix in what came since
             self._poll()
         start = time.perf_counter()
-        values = self.latched.values
-        old = self._old(simulation.t_ns)
-        self.stale = tuple(self.commands[i] for i in old)
-        if old:
-            values = tuple(0.0 if i in old else value for i, value in enumerate(values))
-        snapshot = simulation.advance(1, inputs=self._inputs(values))
-        self._times.append(time.perf_counter() - start)
+        snapshot = simulation.advance(1, inputs=self._inputs(self._commands_at(simulation.t_ns)))
+        self._took(time.perf_counter() - start)
         self._counters = snapshot.counters
         self.steps += 1
         self._emit(snapshot)
         self._emitted = time.perf_counter()
         if self.mode == 'realtime' and self._anchor is not None and time.perf_counter() > self._deadline(simulation.k):
             self.overruns += 1
+
+    def _advance_unseen(self, n: int) -> None:
+        """Make n steps that nobody looks at, with the commands there are."""
+        simulation = self.simulation
+        start = time.perf_counter()
+        rows = [self._inputs(self._commands_at(simulation.t_ns + i * simulation.h_ns)) for i in range(n)]
+        try:
+            simulation.advance(n, inputs=None if rows[0] is None else np.array(rows))
+        finally:
+            self._passed()
+        self._took((time.perf_counter() - start) / n)
+        self.steps += n
+
+    def _took(self, seconds: float) -> None:
+        self._times.append(seconds)
+        self._cost += 0.1 * (seconds - self._cost)

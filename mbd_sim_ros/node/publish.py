@@ -144,12 +144,23 @@ class Publication:
 
     def awaited(self, k: int, *, to_nobody: bool = False) -> bool:
         """Whether any message of step k is to be published (see publish)."""
+        self._look()
+        return any((channel.heard or to_nobody) and channel.due(k) for channel in self._channels)
+
+    def next_awaited(self, k: int, most: int, *, of: int = 1) -> int:
+        """The first of the steps k + 1 .. k + most that is a multiple of `of` and has a message which is awaited, or k + most."""
+        self._look()
+        heard = [channel for channel in self._channels if channel.heard]
+        steps = range(k - k % of + of, k + most, of)
+        return next((step for step in steps if any(channel.due(step) for channel in heard)), k + most)
+
+    def _look(self) -> None:
+        """See who subscribes, every HEARD."""
         now = time.perf_counter()
         if now - self._looked > HEARD:
             self._looked = now
             for channel in self._channels:
                 channel.heard = channel.topic.latched or channel.publisher.get_subscription_count() > 0
-        return any((channel.heard or to_nobody) and channel.due(k) for channel in self._channels)
 
     def publish(self, messages: Sequence[bytes | None], k: int = 0, budget: float = 0.0, *, to_nobody: bool = False) -> None:
         """Publish one message per topic, where there is one and it is due at step k; what is not begun after `budget` [s] is dropped.

@@ -6,6 +6,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 from rclpy.node import Node
 
 from mbd_sim_ros.bags.applied import begin_of
@@ -58,8 +59,17 @@ class Recording:
         """Note the inputs of a step, of every one, or the run could not be replayed; returns whether its messages are recorded too."""
         if self.recorder is None:
             return False
-        self.recorder.note(snapshot.k, snapshot.inputs[None])
+        self.note(snapshot.k, snapshot.inputs[None])
         return snapshot.k % self._every == 0
+
+    def next_wanted(self, k: int, most: int) -> int:
+        """The first of the steps k + 1 .. k + most whose messages are recorded, or k + most."""
+        return k + most if self.recorder is None else min(k - k % self._every + self._every, k + most)
+
+    def note(self, last: int, inputs: np.ndarray) -> None:
+        """Note the inputs (n, nu) of the n steps that led to step `last`."""
+        if self.recorder is not None:
+            self.recorder.note(last, inputs)
 
     def take(self, snapshot: Snapshot, messages: Sequence[bytes | None] | None = None) -> None:
         """Record the messages of a step."""

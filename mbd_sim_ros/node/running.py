@@ -38,6 +38,7 @@ from solver.model.state import fitting, load_arrays
 from solver.output.snapshot import Snapshot
 
 CLOCK_SECONDS = 0.01  # /clock is published at most at 100 Hz
+HIDDEN = 100  # steps at most that are made at once while nobody looks
 
 
 def heading_of(orientation: Sequence[float]) -> float:
@@ -87,6 +88,8 @@ class Running:
             inputs=self._inputs,
             emit=self._emit,
             poll=self.commands.poll,
+            hidden=self._hidden,
+            passed=self._passed,
             repeat=lambda: self._publication.publish(self._messages.encode(simulation.snapshot()), to_nobody=True),
             mode=self.value('mode'),
             rate_factor=self.value('rate_factor'),
@@ -221,6 +224,17 @@ class Running:
         if self._assistant is not None:
             row = self._assistant.act(row, self.simulation.feel())
         return row if self._actuators is None else self._actuators.advance(row)
+
+    def _hidden(self) -> int:
+        """How many of the next steps, at most HIDDEN, nobody sees: not published, not recorded, while nobody commands or assists."""
+        if self.commands.commanded or self._assistant is not None:
+            return 0
+        k = self.simulation.k
+        seen = self._publication.next_awaited(k, HIDDEN + 1, of=self.publish_every)
+        return min(seen, self.recording.next_wanted(k, HIDDEN + 1)) - k - 1
+
+    def _passed(self) -> None:
+        self.recording.note(self.simulation.k, self.simulation.applied)
 
     def _emit(self, snapshot: Snapshot) -> None:
         self.envelope.look(snapshot)

@@ -79,8 +79,15 @@ def test_what_nobody_hears_is_not_published_but_in_lockstep(client, monkeypatch)
             step()
             return bool(heard)
 
+        assert publication.next_awaited(simulation.k, 20) == simulation.k + 20
         client.until(arrives)
         assert set(sent) == {wheel}
+        assert publication.next_awaited(7, 20) == 8
+        assert publication.next_awaited(7, 20, of=5) == 10
+        publication.every({'tire_force': 10}, 0)
+        assert publication.next_awaited(7, 20) == 10
+        assert publication.next_awaited(7, 2) == 9
+        assert publication.next_awaited(10, 20, of=4) == 20
     finally:
         publication.close(client.node)
 

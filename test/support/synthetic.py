@@ -58,6 +58,7 @@ class Synthetic:
     def reset(self) -> None:
         self.k = 0
         self.inputs = np.zeros(len(INPUTS))
+        self.applied = self.inputs[None]
 
     def snapshot(self) -> Snapshot:
         result = snapshot(self.channels, self.k, h_ns=self.h_ns, inputs=self.inputs)
@@ -70,7 +71,8 @@ class Synthetic:
             raise StepError(f't = {self.t_ns * 1e-9:.6f} s, step {self.k}: no convergence at constraint hinge; reduce integrator.h')
         self.k += n
         if inputs is not None:
-            self.inputs = np.array(inputs, float)
+            self.applied = np.broadcast_to(np.atleast_2d(np.array(inputs, float)), (n, len(INPUTS)))
+            self.inputs = self.applied[-1].copy()
         return self.snapshot()
 
     def place(self, x: float, y: float, heading: float) -> None:
