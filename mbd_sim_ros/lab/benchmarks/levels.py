@@ -15,6 +15,7 @@ import numpy as np
 
 from mbd_sim_ros.batch import warm_up
 from mbd_sim_ros.lab.benchmarks.machine import on_all_cores
+from mbd_sim_ros.lab.benchmarks.overhead import LISTEN
 from mbd_sim_ros.lab.benchmarks.start import parameters
 from solver import simulation_of
 from solver.errors import MbdError
@@ -34,6 +35,7 @@ NODE_FIGURES = {
     'node_share': 'kc over full',
 }
 DOMAIN = '104'  # ROS domain of its own
+HEARD = 'odom:nav_msgs/msg/Odometry'
 ENDING = 1.0  # s before the end of the node that are not looked at
 LOOK = 0.1  # s between two looks at its clock
 TICK = os.sysconf('SC_CLK_TCK')
@@ -79,7 +81,9 @@ class Levels:
 
 
 class NodeLevels:
-    """Measures one case: the real node paced in real time, publishing after every so many steps, at every level for `seconds`.
+    """Measures one case: the real node paced in real time at every level for `seconds`, and a subscriber to HEARD in another process.
+
+    publish_every: steps between messages.
 
     Raises what simulation_of does (ImportError without rclpy), MbdError from round().
     """
@@ -105,7 +109,11 @@ class NodeLevels:
         command = [sys.executable, '-m', 'mbd_sim_ros.node.main', '--ros-args', '--log-level', 'warn', *given]
         looks: list[tuple[float, float]] = []
         with on_all_cores(), ExitStack() as running:
-            node = subprocess.Popen(command, env={**os.environ, 'ROS_DOMAIN_ID': DOMAIN})
+            environment = {**os.environ, 'ROS_DOMAIN_ID': DOMAIN}
+            reader = subprocess.Popen([sys.executable, '-c', LISTEN, HEARD], env=environment)
+            running.callback(reader.wait)
+            running.callback(reader.terminate)
+            node = subprocess.Popen(command, env=environment)
             running.callback(node.wait)
             running.callback(node.terminate)
             while node.poll() is None:
