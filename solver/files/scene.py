@@ -98,16 +98,18 @@ def _scene(root: Node, name: str, overrides: Sequence[str]) -> Scene:
     return builder.construct(Scene, fields, root, '', given=given, extra=MODEL_KEYS)
 
 
-MODEL_KEYS = ('mechanism', 'vehicle', 'road')
+MODEL_KEYS = ('mechanism', 'vehicle', 'trailer', 'road')
 
 
 def _model(builder: Builder, fields: dict, root: Node) -> ModelSpec:
-    """The model from the keys mechanism or vehicle, actuated as the scene says, on its road; takes them out of fields."""
+    """The model from the keys mechanism or vehicle (with trailer), actuated as the scene says, on its road; takes them out of fields."""
     sources = [key for key in ('mechanism', 'vehicle') if key in fields]
     if len(sources) != 1:
         raise SceneError(f"{where(root)}: a scene needs exactly one of the keys 'mechanism' and 'vehicle', here are {len(sources)}")
     key = sources[0]
     node = fields.pop(key)[1]
+    if 'trailer' in fields:
+        node = _with_trailer(builder, node, key, *fields.pop('trailer'))
     model = build_vehicle(builder, node, key) if key == 'vehicle' else builder.build(ModelSpec, node, key)
     if 'actuation' in fields:
         node = fields['actuation'][1]
@@ -118,3 +120,12 @@ def _model(builder: Builder, fields: dict, root: Node) -> ModelSpec:
     if 'road' in fields:
         model = dataclasses.replace(model, road=builder.build(RoadSpec, fields.pop('road')[1], 'road'))
     return model
+
+
+def _with_trailer(builder: Builder, node: Node, key: str, name: Node, trailer: Node) -> Node:
+    """The node of a vehicle with the trailer that stands beside it in the scene as its key `trailer`."""
+    if key != 'vehicle':
+        raise SceneError(f"{where(name)}: trailer: only a vehicle pulls one; remove it, or take the key 'vehicle'")
+    if 'trailer' in builder.mapping(node, key):
+        raise SceneError(f'{where(name)}: trailer: the vehicle has one already; remove one of the two')
+    return MappingNode(node.tag, [*node.value, (name, trailer)], node.start_mark, node.end_mark)

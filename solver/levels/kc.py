@@ -43,6 +43,7 @@ from solver.model.spec import ModelSpec, used_inputs
 from solver.scene import Scene
 from solver.vehicle.hardpoints import SIDES, marker_at
 from solver.vehicle.parts import LEFTWARDS, UP, vector_of
+from solver.vehicle.trailer import refuse_trailer
 
 AXLES = ('front', 'rear')
 FASTEST = 10.0  # Hz, of the travel of a wheel (speed over wavelength of the road) and of the steering
@@ -106,6 +107,7 @@ def _reduction(spec: ModelSpec) -> _Reduction:
 
 
 def _require_car(spec: ModelSpec) -> None:
+    refuse_trailer(spec)
     if {tire.name for tire in spec.tires} != set(CORNERS):
         raise SpecError('a car with the wheels front_left, front_right, rear_left and rear_right is needed; use full')
     if spec.engines or spec.clutches:

@@ -20,6 +20,7 @@ from solver.inputs.signals import Constant, Jet, Mapped, signal
 from solver.levels.kept import kept
 from solver.model.spec import ModelSpec
 from solver.scene import Scene
+from solver.vehicle.trailer import without_trailer
 
 RANGES = (8.0, 6.0, 4.0, 2.0)  # of the steering wheel to either side [rad]: the first that is reached
 NODES = 33  # the universal joints of a column let the ratio swing twice a turn
@@ -31,7 +32,8 @@ def steering_map(model: ModelSpec) -> Mapped:
 
     Raises SpecError where the bench cannot steer the vehicle.
     """
-    points = kept('road_wheel', repr(dataclasses.replace(model, road=RoadSpec())), lambda: _measured(model))
+    car = dataclasses.replace(without_trailer(model), road=RoadSpec())
+    points = kept('road_wheel', repr(car), lambda: _measured(car))
     return Mapped(of=0.0, points=tuple((float(x), float(y)) for x, y in points))
 
 

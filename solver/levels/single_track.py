@@ -37,12 +37,14 @@ from solver.levels.track_straight import gear, straight
 from solver.model.spec import ModelSpec
 from solver.scene import Scene
 from solver.vehicle.hardpoints import marker_at
+from solver.vehicle.trailer import refuse_trailer
 
 
 def derive(scene: Scene) -> Derived:
     """The level `single_track` of a scene. Raises SceneError."""
     model = scene.model
     where = f"scene {scene.name!r}: fidelity = 'single_track'"
+    refuse_trailer(model)
     if {tire.name for tire in model.tires} != set(CORNERS):
         raise SceneError(f'{where}: needs the wheels {", ".join(CORNERS)}; name the tires of the vehicle so')
     missing = [name for name in COMMANDS if name not in model.inputs]

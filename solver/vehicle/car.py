@@ -14,76 +14,29 @@ Every part is compliant with its bushings and ideal without. docs/vehicle.md lis
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from itertools import pairwise
 
-from solver.elements.coupler import CouplerSpec
-from solver.elements.joint import JointSpec
 from solver.elements.rigid_body import RigidBodySpec
 from solver.model.spec import ModelSpec, used_inputs
 from solver.validate import Vector, require
 from solver.vehicle.aero import Aero, aero_drag
-from solver.vehicle.antiroll import AntiRollBar, anti_roll_bar
-from solver.vehicle.double_wishbone import DoubleWishbone
+from solver.vehicle.axle import Axle, Steered, axle_bar, following_rack, subframe, suspensions
 from solver.vehicle.drives import Base, Drive, HalfShaftDrive, Transfer
-from solver.vehicle.hardpoints import marker_at
-from solver.vehicle.live_axle import LiveAxle
-from solver.vehicle.macpherson import MacPherson
-from solver.vehicle.multilink import MultiLink
-from solver.vehicle.parts import LEFTWARDS, UP, Bushing, Category, Corner, Part, Parts, Structure, joined, mounting
+from solver.vehicle.parts import Category, Corner, Part, Parts, Structure, joined
 from solver.vehicle.power import Power
 from solver.vehicle.powertrain import Engine, Propshaft, engine
 from solver.vehicle.recirculating_ball import RecirculatingBall
 from solver.vehicle.steering import SteeringGear, steering_gear
-from solver.vehicle.trailing_arm import TrailingArm
-from solver.vehicle.twist_beam import TwistBeam
+from solver.vehicle.trailer import Trailer, require_behind, towed
 
-# What a suspension may be; a further kind is one more file and one more name here. A steered one needs a tie rod and `steering_arm`.
-Steered = DoubleWishbone | MacPherson
-AnySuspension = DoubleWishbone | MacPherson | MultiLink | TrailingArm | TwistBeam | LiveAxle
 AnySteering = SteeringGear | RecirculatingBall
-
-
-@dataclass(frozen=True, kw_only=True)
-class Subframe:
-    """A subframe on mounts. mounts: groups of points with the same bushing [m]; a group becomes one element at its centre. Without a
-    bushing the subframe is fixed to the chassis."""
-
-    part: Part
-    mounts: tuple[tuple[Vector, ...], ...]
-    bushing: Bushing | None = None
-
-    def __post_init__(self) -> None:
-        require(len(self.mounts) >= 1, 'subframe', 'mounts', self.mounts, 'needs at least one group of points')
-
-
-@dataclass(frozen=True, kw_only=True)
-class FollowingRack:
-    """A rack that the steering wheel moves by a fixed ratio: rear steering. per_turn: its travel to the left per turn of the steering
-    wheel [m]; negative steers the other way round."""
-
-    rack: Part
-    per_turn: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class Axle:
-    """An axle; suspension: of the left side, mirrored on the right, unless `right` gives that of the right side (as its mirror image)."""
-
-    name: str
-    suspension: AnySuspension
-    right: AnySuspension | None = None
-    subframe: Subframe | None = None
-    anti_roll_bar: AntiRollBar | None = None
-    drive: Drive | None = None
-    rack: FollowingRack | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
 class Car:
     """Data of a car; lengths in the design frame, left side. category: what its figures are compared with; steering: of the
-    first axle."""
+    first axle. hitch: centre of the ball that a trailer hangs on [m]."""
 
     category: Category = 'saloon'
     chassis: Part
@@ -92,6 +45,8 @@ class Car:
     engine: Engine | None = None
     transfer: Transfer | None = None
     aero: Aero | None = None
+    hitch: Vector | None = None
+    trailer: Trailer | None = None
     gravity: float = 9.81
 
     def __post_init__(self) -> None:
@@ -112,6 +67,7 @@ class Car:
         for axle in self.axles[1:]:
             follows = axle.rack is None or isinstance(axle.suspension, Steered)
             require(follows, f'axle {axle.name!r}', 'rack', 'given', 'only a double_wishbone or a macpherson has tie rods to it')
+        require_behind(self.trailer, self.hitch, along[-1])
 
 
 def car_model(car: Car) -> ModelSpec:
@@ -129,9 +85,7 @@ def car_model(car: Car) -> ModelSpec:
             parts, racks[axle.name] = following_rack(axle.name, axle.rack, bases[axle.name])
             following.append(parts)
     corners = {axle.name: suspensions(axle, Structure(chassis, bases[axle.name], racks.get(axle.name))) for axle in car.axles}
-    bars = [
-        anti_roll_bar(axle.name, axle.anti_roll_bar, bases[axle.name], arms(corners[axle.name])) for axle in car.axles if axle.anti_roll_bar
-    ]
+    bars = [axle_bar(axle, bases[axle.name], corners[axle.name]) for axle in car.axles]
     parts = joined(
         (
             Parts(bodies=(chassis,)),
@@ -143,36 +97,11 @@ def car_model(car: Car) -> ModelSpec:
             *following,
             drives(car, chassis, bases, power.bodies[0] if power.bodies else None, corners),
             Parts(aero_drags=aero_drag(car.aero, chassis)),
+            towed(car.trailer, car.hitch, chassis),
         )
     )
     model = ModelSpec(**parts.sections, gravity=(0.0, 0.0, -car.gravity), chassis='chassis', category=car.category)
     return ModelSpec(**{**model.__dict__, 'inputs': used_inputs(model)})
-
-
-def suspensions(axle: Axle, structure: Structure) -> dict[str, Corner]:
-    """The two corners of an axle by side."""
-    return axle.suspension.corners(axle.name, {'left': structure, 'right': structure}, axle.right)
-
-
-def subframe(axle: str, data: Subframe | None, chassis: RigidBodySpec) -> tuple[Parts, RigidBodySpec]:
-    """(parts, body) of the subframe of an axle on the chassis; without one nothing and the chassis."""
-    if data is None:
-        return Parts(), chassis
-    body = data.part.body(f'{axle}_subframe', data.part.com)
-    groups = data.mounts if data.bushing is not None else (sum(data.mounts, ()),)
-    mounts = [
-        mounting(f'{axle}_subframe_mount_{k + 1}', chassis, body, points, data.bushing, ideal='fixed', axis=UP)
-        for k, points in enumerate(groups)
-    ]
-    return joined((Parts(bodies=(body,)), *mounts)), body
-
-
-def following_rack(axle: str, data: FollowingRack, base: RigidBodySpec) -> tuple[Parts, RigidBodySpec]:
-    """(parts, body) of a rack that follows the steering wheel. Coordinate rack_<axle>, positive along y [m]."""
-    body, name = data.rack.body(f'rack_{axle}', data.rack.com), f'rack_{axle}'
-    slide = JointSpec(name=name, kind='prismatic', i=marker_at(base, data.rack.com, LEFTWARDS), j=marker_at(body, data.rack.com, LEFTWARDS))
-    ratio = CouplerSpec(name=name + '_ratio', terms=((name, 1.0), ('steering_wheel', -data.per_turn / (2.0 * math.pi))), offset=0.0)
-    return Parts(bodies=(body,), joints=(slide,), couplers=(ratio,)), body
 
 
 def drives(
@@ -221,8 +150,3 @@ def powered(
     assert engine is not None
     shaft = next((body for body in drive.bodies if body.name == 'propshaft_front'), None)
     return data.parts(engine, shaft, outputs[axle])
-
-
-def arms(corners: dict[str, Corner]) -> dict[str, RigidBodySpec]:
-    """What drop links go to, by side."""
-    return {side: corner.arm for side, corner in corners.items()}

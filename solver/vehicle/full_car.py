@@ -8,18 +8,20 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 
 from solver.model.spec import ModelSpec
-from solver.validate import require
+from solver.validate import Vector, require
 from solver.vehicle.aero import Aero
 from solver.vehicle.antiroll import AntiRollBar
-from solver.vehicle.car import AnySteering, AnySuspension, Axle, Car, Steered, Subframe, car_model
+from solver.vehicle.axle import AnySuspension, Axle, Steered, Subframe
+from solver.vehicle.car import AnySteering, Car, car_model
 from solver.vehicle.drives import PropshaftDrive
 from solver.vehicle.parts import Part
 from solver.vehicle.powertrain import Driveline, Engine
+from solver.vehicle.trailer import Trailer
 
 
 @dataclass(frozen=True, kw_only=True)
 class FullCar:
-    """Data of the full car; lengths in the design frame, left side."""
+    """Data of the full car; lengths in the design frame, left side. hitch: centre of the ball that a trailer hangs on [m]."""
 
     chassis: Part
     front_subframe: Subframe
@@ -32,6 +34,8 @@ class FullCar:
     engine: Engine
     driveline: Driveline
     aero: Aero | None = None
+    hitch: Vector | None = None
+    trailer: Trailer | None = None
     gravity: float = 9.81
 
     def __post_init__(self) -> None:
@@ -44,8 +48,9 @@ class FullCar:
         front = Axle(name='front', suspension=self.front, subframe=self.front_subframe, anti_roll_bar=self.anti_roll_front)
         rear = Axle(name='rear', suspension=self.rear, subframe=self.rear_subframe, anti_roll_bar=self.anti_roll_rear, drive=drive)
         return Car(
-            chassis=self.chassis, axles=(front, rear), steering=self.steering, engine=self.engine, aero=self.aero, gravity=self.gravity
-        )
+            chassis=self.chassis, axles=(front, rear), steering=self.steering, engine=self.engine, aero=self.aero, hitch=self.hitch,
+            trailer=self.trailer, gravity=self.gravity,
+        )  # fmt: skip
 
 
 def full_car_model(car: FullCar) -> ModelSpec:

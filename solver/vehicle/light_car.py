@@ -28,7 +28,8 @@ from solver.vehicle.aero import Aero, aero_drag
 from solver.vehicle.corner import ArmAxle, Axle, StrutAxle, corner, corner_bodies, free_length
 from solver.vehicle.drives import wheel_shaft
 from solver.vehicle.hardpoints import marker_at
-from solver.vehicle.parts import LEFTWARDS, Part, joined
+from solver.vehicle.parts import LEFTWARDS, Part, Parts, joined
+from solver.vehicle.trailer import Trailer, require_behind, towed
 from solver.vehicle.wheel_end import Brake
 
 INPUTS = ('steering', 'steering_rate', 'steering_acceleration', 'drive_torque', 'brake_torque')
@@ -70,7 +71,7 @@ class Brakes:
 
 @dataclass(frozen=True, kw_only=True)
 class LightCar:
-    """Data of the light car; lengths in the design frame, for the left side."""
+    """Data of the light car; lengths in the design frame, for the left side. hitch: centre of the ball that a trailer hangs on [m]."""
 
     chassis: Part
     front: StrutAxle
@@ -79,6 +80,8 @@ class LightCar:
     driveline: Driveline = Driveline()
     brakes: Brakes
     aero: Aero | None = None
+    hitch: Vector | None = None
+    trailer: Trailer | None = None
     gravity: float = 9.81
 
     def __post_init__(self) -> None:
@@ -89,6 +92,7 @@ class LightCar:
         require(front > rear, 'light car', 'front.wheel.center', front, f'its x must lie ahead of the rear wheels, x = {rear:g} m')
         share = 2.0 * (self.brakes.front.share + self.brakes.rear.share)
         require(abs(share - 1.0) < 1e-9, 'light car', 'brakes', share, 'the shares of the four wheels must add up to 1')
+        require_behind(self.trailer, self.hitch, rear)
 
 
 def static_loads(bodies: Sequence[RigidBodySpec], x_front: float, x_rear: float, gravity: float) -> tuple[float, float]:
@@ -128,7 +132,7 @@ def light_car_model(car: LightCar) -> ModelSpec:
     steering_joints, steering_couplers, damper = steering(car, chassis, rack, column)
     shafts, drive = driveline(car, chassis, [unsprung[car.driveline.driven, side][1] for side in ('left', 'right')])
     parts = joined(corners)
-    return ModelSpec(
+    own = Parts(
         bodies=bodies,
         joints=parts.joints + steering_joints,
         coordinates=parts.coordinates + shafts,
@@ -138,11 +142,9 @@ def light_car_model(car: LightCar) -> ModelSpec:
         brakes=parts.brakes,
         aero_drags=aero_drag(car.aero, chassis),
         tires=parts.tires,
-        gravity=(0.0, 0.0, -car.gravity),
-        inputs=INPUTS,
-        chassis='chassis',
-        category='compact',
     )
+    every = joined((own, towed(car.trailer, car.hitch, chassis)))
+    return ModelSpec(**every.sections, gravity=(0.0, 0.0, -car.gravity), inputs=INPUTS, chassis='chassis', category='compact')
 
 
 def steering(

@@ -19,7 +19,8 @@ from solver.model.evaluate import prepare
 from solver.scene import Scene, StartSettings
 from solver.simulation import Simulation
 from solver.start.newton import ConsistentState
-from solver.vehicle.car import Axle, Car, FollowingRack, car_model
+from solver.vehicle.axle import Axle, FollowingRack
+from solver.vehicle.car import Car, car_model
 from solver.vehicle.double_wishbone import DoubleWishbone
 from solver.vehicle.live_axle import LiveAxle
 from solver.vehicle.parts import Part

@@ -1,7 +1,8 @@
 """What is drawn of a model: lines fixed on its bodies, lines between bodies, wheels. Only specifications enter; nothing is in motion here.
 
 A body is a star from the middle of the places where others hold it to each of them: a slider is a point, a rod a line, an arm three lines.
-The body that all wheels hang on is drawn as the outline of a car instead, as long and wide as its axles say.
+The body that all wheels hang on is drawn as the outline of a car instead, as long and wide as its axles say, and a trailer behind it as the
+box with its inertia and a drawbar.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 from solver.elements.marker import WORLD, Marker
 from solver.model.frames import matrix
 from solver.model.spec import ModelSpec
+from solver.vehicle.trailer import HITCH, TRAILER, has_trailer
 
 WORLD_BODY = -1  # in place of the number of a body
 APART = 1e-6  # m: places that are nearer to each other are one
@@ -76,6 +78,7 @@ def drawing_of(spec: ModelSpec) -> Drawing:
         wheels.append(Wheel(tire.name, number[tire.marker.body], _point(tire.marker.position), _point(axis), radius, width))
     springs = tuple(Between(number[s.i.body], _point(s.i.position), number[s.j.body], _point(s.j.position)) for s in spec.spring_dampers)
     outlined = number[spec.chassis] if len(wheels) >= 3 and spec.chassis is not None else None
+    pulled = number[TRAILER] if has_trailer(spec) else None
     turning = {wheel.body for wheel in wheels}
     lines: list[Line] = []
     held: dict[int, list[np.ndarray]] = {i: [] for i in number.values()}
@@ -85,7 +88,10 @@ def drawing_of(spec: ModelSpec) -> Drawing:
         if body == WORLD_BODY or body in turning:
             continue
         if body == outlined:
-            lines += _outline(spec, body, wheels)
+            lines += _outline(spec, body, [wheel for wheel in wheels if pulled is None or not wheel.name.startswith(TRAILER)])
+            continue
+        if body == pulled:
+            lines += _box(spec, body)
             continue
         own = _distinct([*places, np.array(spec.bodies[body].com, float)] if len(_distinct(places)) < 2 else places)
         if 0 < len(own) < 3:
@@ -140,6 +146,18 @@ def _outline(spec: ModelSpec, chassis: int, wheels: list[Wheel]) -> list[Line]:
         sides.append([_point((rear + x * (front - rear), sign * w * half, z + up * radius)) for x, up, w in SIDE])
     lines = [Line(chassis, side[k], side[(k + 1) % len(side)], 'outline') for side in sides for k in range(len(side))]
     return lines + [Line(chassis, left, right, 'outline') for left, right in zip(*sides, strict=True)]
+
+
+def _box(spec: ModelSpec, body: int) -> list[Line]:
+    """The box with the mass and the moments of inertia of a trailer, and its drawbar: from the lower edge in front to the coupling."""
+    own = spec.bodies[body]
+    around = np.array(own.inertia[:3])
+    half = np.sqrt(np.maximum(1.5 * (around.sum() - 2.0 * around) / own.mass, 0.0))
+    corners = [[_point(own.com + half * (x, y, z)) for y, z in ((1, -1), (1, 1), (-1, 1), (-1, -1))] for x in (1.0, -1.0)]
+    lines = [Line(body, face[k], face[(k + 1) % 4], 'outline') for face in corners for k in range(4)]
+    lines += [Line(body, front, rear, 'outline') for front, rear in zip(*corners, strict=True)]
+    ball = next(_point(joint.j.position) for joint in spec.joints if joint.name == HITCH)
+    return lines + [Line(body, ball, corners[0][k], 'outline') for k in (0, 3)]
 
 
 def _point(values: Any) -> tuple[float, float, float]:

@@ -34,7 +34,8 @@ def size_of(motion: Motion) -> float:
     """Half the height of what the camera sees [m]: the vehicle, or all the places where a mechanism comes."""
     if motion.follows != WORLD_BODY:
         at = motion.pose[0, [wheel.body for wheel in motion.drawing.wheels], :3]
-        return float(0.9 * np.ptp(at, axis=0).max())
+        behind = np.linalg.norm(at - motion.pose[0, motion.follows, :3], axis=1).max()  # the car is in the middle, a trailer is not
+        return float(max(0.9 * np.ptp(at, axis=0).max(), 1.2 * behind))
     reach = [np.abs(motion.pose[:, :, :3]).max(initial=0.5)]
     for line in motion.drawing.lines:
         reach += [np.abs(motion.point(k, line.body, end)).max() for k in range(0, len(motion.time), 10) for end in (line.a, line.b)]
