@@ -77,7 +77,7 @@ class Running:
         self.look_at_rates()
         best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._ticks = node.create_publisher(ClockMessage, '/clock', best_effort) if self.value('publish_clock') else None
-        self._ticked = (-math.inf, -math.inf)
+        self._ticked = (-math.inf, -math.inf)  # clock reading and simulated time [s] of the last
         self._describe()
         self.recording = Recording(node, scene, simulation, self._messages, self.envelope, self._urdf)
         self.commands = Commands(node, self._names, gears=gears_of(scene.model), deaf=self.value('commands') != 'topics')
@@ -231,7 +231,11 @@ class Running:
             return 0
         k = self.simulation.k
         seen = self._publication.next_awaited(k, HIDDEN + 1, of=self.publish_every)
-        return min(seen, self.recording.next_wanted(k, HIDDEN + 1)) - k - 1
+        seen = min(seen, self.recording.next_wanted(k, HIDDEN + 1))
+        if self._ticks is not None and self._ticked[1] > -math.inf:
+            tick = math.ceil((self._ticked[1] + CLOCK_SECONDS * 0.999) * 1e9 / self.simulation.h_ns)
+            seen = min(seen, max(k + 1, tick))
+        return seen - k - 1
 
     def _passed(self) -> None:
         self.recording.note(self.simulation.k, self.simulation.applied)
@@ -256,7 +260,7 @@ class Running:
     def _publish_clock(self, publisher: Publisher, t_ns: int) -> None:
         now = time.monotonic()
         wall, simulated = self._ticked
-        due = now - wall >= CLOCK_SECONDS and abs(t_ns * 1e-9 - simulated) >= CLOCK_SECONDS * 0.999
+        due = now - wall >= CLOCK_SECONDS * 0.95 and abs(t_ns * 1e-9 - simulated) >= CLOCK_SECONDS * 0.999
         if due or self.loop.mode == 'lockstep':  # in lockstep the others wait for every tick
             self._ticked = (now, t_ns * 1e-9)
             message = ClockMessage()

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import threading
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+from processes import DOMAIN
 from real_node import simulator
 from synthetic import INPUTS, Synthetic
 
@@ -85,3 +87,30 @@ def test_a_run_that_nobody_watches_can_be_replayed(simulator, tmp_path: Path) ->
     run = bag.read(tmp_path / 'run')
     assert run['cmd_applied/step'][-1] == 2.5 / load_scene('light_car_straight').integrator.h
     assert main(['replay', str(tmp_path / 'run'), '--json']) == 0
+
+
+@pytest.mark.realtime
+def test_the_clock_ticks_a_hundred_times_a_second_although_nobody_hears_the_rest(simulator) -> None:
+    rclpy = pytest.importorskip('rclpy')
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.qos import QoSProfile, ReliabilityPolicy
+    from rosgraph_msgs.msg import Clock
+
+    ticks: list[float] = []
+    context = rclpy.Context()
+    rclpy.init(context=context, domain_id=int(DOMAIN))
+    node = rclpy.create_node('listener', context=context)
+    try:
+        executor = SingleThreadedExecutor(context=context)
+        executor.add_node(node)
+        best = QoSProfile(depth=100, reliability=ReliabilityPolicy.BEST_EFFORT)
+        node.create_subscription(Clock, '/clock', lambda m: ticks.append(m.clock.sec + 1e-9 * m.clock.nanosec), best)
+        process = simulator(scene='light_car_straight', duration=3.0, commands='maneuver')
+        end = time.monotonic() + 20.0
+        while len(ticks) < 150 and time.monotonic() < end:
+            executor.spin_once(timeout_sec=0.05)
+        assert process.end() == 0, process.output
+    finally:
+        node.destroy_node()
+        rclpy.shutdown(context=context)
+    assert np.median(np.diff(ticks)) == pytest.approx(0.01, abs=1e-6)
