@@ -141,7 +141,7 @@ class Assistant:
         if assistance.stability is not None:
             if self._steering is None:
                 raise SpecError('assistance: stability: the model has no input steering, the angle of the steering wheel')
-            if {wheel.name for wheel in wheels} != {f'{axle}_{side}' for axle in ('front', 'rear') for side in ('left', 'right')}:
+            if not {f'{axle}_{side}' for axle in ('front', 'rear') for side in ('left', 'right')} <= {wheel.name for wheel in wheels}:
                 raise SpecError('assistance: stability: the model has not the wheels front_left, front_right, rear_left and rear_right')
         self._shares = np.ones(len(self._wheels))
 

@@ -27,6 +27,7 @@ from solver.model.tables import Model
 
 PENALTY = 1e6  # above it rounding of small inertias beside large ones shows
 STIFFEST = 1e4  # 1/s^2; PENALTY times it is above the square of the highest natural frequency, also when the pseudo-mass has faded
+HEAVY, SOFTER = 100.0, 1e2  # kg of the effective mass of a row, from which on held velocities have smaller penalties; 1/s^2
 AUGMENTATIONS = 400  # at most; each gains a factor 1 + PENALTY s_min, little where a light body carries a heavy one
 PLAIN, COMBINED = 10, 2  # augmentations for accelerations: first one by one, then combined by GMRES
 STAGNATION = 0.5  # of the change before, above which an iteration has come to rounding
@@ -124,7 +125,8 @@ class ConsistentState:
         Augmentations go on, from the residual of M (v - given) = A^T lam too, until only rounding is left.
 
         hold [s]: what dampers dissipate in this time counts as much as kinetic energy. So parts that only elastic elements connect
-        start to move together: shafts turn with the wheels they drive, and do not turn what carries them. Not the tires.
+        start to move together: shafts turn with the wheels they drive, and do not turn what carries them. Not the tires. A row between two
+        heavy bodies (a trailer on its ball) has smaller penalties: beside the usual ones rounding took more than an augmentation gave.
         """
         self._constraints(state.q, state.v, state.angle, u)
         constraint_input_rates(self.t, u, self.phi_t, self.phi_tt)
@@ -137,7 +139,9 @@ class ConsistentState:
             in_the_air[:-1, 2] += CLEARANCE
             at_rest = kinematics_of(in_the_air, np.zeros_like(state.v))
             evaluate_forces(self.t, at_rest, state.angle, state.z, 0.0, u, True, self.f, self.Kq, self.Kv, self.z, self.outputs)
-        self._factorize(1.0, 0.0, hold, metric=True)
+        effective_masses(self.t, self.J, self.saddle.W)
+        heavy = self.saddle.W.max(initial=0.0) > HEAVY
+        self._factorize(1.0, 0.0, hold, metric=True, stiffest=SOFTER if heavy else STIFFEST)
         given = state.v.copy()
         rate, lam = np.zeros(self.model.n_rows), np.zeros(self.model.n_rows)
         last = np.inf

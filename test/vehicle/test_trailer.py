@@ -136,6 +136,26 @@ def test_car_and_trailer_stand_on_a_slope(slope: tuple[float, float]) -> None:
 
 
 @pytest.mark.slow
+def test_it_starts_rolling_whatever_the_friction() -> None:
+    """The ball joins two bodies of more than a ton: velocities of the start did not converge at some of these frictions."""
+    for friction in (0.96, 0.9, 0.8, 0.7, 0.6, 0.5):
+        simulation = Simulation(load_scene('saloon_with_trailer', [f'road={{friction: {friction}}}']))
+        assert simulation.advance(1).twist[simulation.channels.chassis or 0, 0] == pytest.approx(25.0, abs=0.01)
+
+
+def test_stability_control_and_anti_lock_work_with_a_trailer() -> None:
+    """Full braking from 90 km/h: without them the wheels of front axle and trailer lock within 0.4 s."""
+    slips = {}
+    for assistance in ('{}', '{anti_lock: {}, stability: {wheelbase: 2.75, ratio: 16.7}}'):
+        braked = 'maneuver={brake_torque: {kind: step, value: 5500, start: 0.2, rise: 0.2}}'
+        simulation = Simulation(towing('full_car', 'actuation={wheels: true}', f'assistance={assistance}', braked, speed=25.0))
+        shots = [simulation.advance(5) for _ in range(80)]
+        slips[assistance] = np.min([shot.tire[4:, TIRE_COLUMNS.index('kappa')] for shot in shots])
+    free, controlled = slips.values()
+    assert free < -0.95 and controlled > -0.5
+
+
+@pytest.mark.slow
 def test_at_walking_pace_the_trailer_follows_by_geometry() -> None:
     """Wheels without slip: with the middle of the turn on the line of the rear axle, R to its side, the ball runs on a circle of
     sqrt(R^2 + c^2) and the axle of the trailer on one of sqrt(R^2 + c^2 - l^2); the articulation is atan(c/R) + asin(l/sqrt(R^2 + c^2))."""

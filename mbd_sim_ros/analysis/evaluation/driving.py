@@ -27,6 +27,7 @@ from solver.errors import BagError, SpecError
 from solver.files.scene import find_file, load_scene_text
 from solver.files.yaml_tree import INCLUDE
 from solver.scene import Scene
+from solver.vehicle.trailer import has_trailer
 
 RAMP = math.radians(13.5)  # rad/s at the steering wheel
 RAMPED_TO = 0.5 * 9.80665  # m/s^2 that the ramp for A reaches
@@ -99,6 +100,10 @@ class Driving:
     def _driver(self, text: str) -> list[str]:
         """What the preview driver knows of the car, as settings."""
         scene = load_scene_text(text, 'scene of the maneuver', self._vehicle_overrides())
+        if has_trailer(scene.model):
+            raise SpecError(
+                f'{self.vehicle.stem} pulls a trailer, and the norm is for cars alone: remove vehicle.trailer, or drive a scene'
+            )
         vehicle = Vehicle.of(scene)
         if vehicle.ratio is None:
             raise SpecError(f'{self.vehicle.stem} is no vehicle with four wheels and a steering: it has no such maneuver')
