@@ -5,11 +5,20 @@ from __future__ import annotations
 import argparse
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from mbd_sim_ros.commands import SET_HELP, Result, declare, table
 from solver.errors import BagError, SpecError
+
+SAID: dict[str, Callable[[float], str]] = {  # what was found before a maneuver, in words
+    'reference': lambda value: f'reference {math.degrees(value):.4g} deg at the steering wheel',
+    'amplitude': lambda value: f'amplitude {math.degrees(value):.4g} deg at the steering wheel',
+    'brake_torque': lambda value: f'{value:.4g} N m on all wheels together',
+    'preview': lambda value: f'the driver looks {value:.3g} s ahead',
+    'understeer': lambda value: f'the driver counts on {value:.3g} rad s^2/m of understeer',
+}
 
 
 def add(parsers: Any) -> None:
@@ -62,11 +71,7 @@ def run(args: argparse.Namespace) -> Result:
             recording, held, scene = judging.read(place)
             results.append(judging.judge(evaluation, recording, str(place), given, held=held, scene=scene))
     about = [f'{driving.vehicle.stem}: runs driven now {driving.driven}, there already {driving.kept}']
-    about += [
-        f'{name}: {key} {math.degrees(value):.4g} deg at the steering wheel'
-        for name, before in found.items()
-        for key, value in before.items()
-    ]
+    about += [f'{name}: {SAID[key](value)}' for name, before in found.items() for key, value in before.items()]
     data = {'vehicle': str(driving.vehicle), 'out': str(directory), 'driven': driving.driven, 'kept': driving.kept, 'found': found}
     result = report(results, html=directory / 'report.html', strict=args.strict, about=about, data=data)
     try:

@@ -100,6 +100,9 @@ def judge_split(s: Signals, p: SplitFriction) -> Result:
     t0, end, way = stop(s, p.rest)
     standing = not math.isnan(end)
     end = end if standing else float(s.t[-1])
+    turned = np.abs(integral(s.t, s['yaw_rate']))
+    if turned[s.between(t0, end)].max() > 0.5 * math.pi:
+        raise s.refuse('the car turns round in it: its wheels lock; brake it with less torque')
     if end < t0 + p.after:
         raise s.refuse(f'it ends {end - t0:.3g} s after the brakes are applied; {p.after:g} s are needed')
     v0, inside, when = at(s.t, s['speed'], t0), s.between(t0, end), t0 + p.after
@@ -152,7 +155,7 @@ STOPPING = Evaluation(
     needs=('speed', 'brake'),
     parameters=Stopping,
     judge=judge_stopping,
-    drive=Drive(maneuver='iso21994', speed=100.0 / 3.6, duration=9.0, every=5),
+    drive=Drive(maneuver='iso21994', speed=100.0 / 3.6, duration=9.0, every=5, brakes=6.0, hardest=True),
 )
 SPLIT_FRICTION = Evaluation(
     name='iso14512',
@@ -162,5 +165,5 @@ SPLIT_FRICTION = Evaluation(
     also=('heading', 'x', 'y', 'sideslip_angle', 'steering'),
     parameters=SplitFriction,
     judge=judge_split,
-    drive=Drive(maneuver='iso14512', speed=80.0 / 3.6, duration=7.0, every=5, road='mu_split'),
+    drive=Drive(maneuver='iso14512', speed=80.0 / 3.6, duration=7.0, every=5, road='mu_split', brakes=2.85),
 )

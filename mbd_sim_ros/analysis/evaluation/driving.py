@@ -17,6 +17,7 @@ from tqdm import tqdm
 
 from mbd_sim_ros import interrupts
 from mbd_sim_ros.analysis import runs
+from mbd_sim_ros.analysis.evaluation import judging
 from mbd_sim_ros.analysis.evaluation.kinds import Drive, Evaluation
 from mbd_sim_ros.analysis.evaluation.measures import line, low_passed
 from mbd_sim_ros.analysis.evaluation.signals import NEEDED, Vehicle, signals
@@ -30,8 +31,14 @@ from solver.scene import Scene
 from solver.vehicle.trailer import has_trailer
 
 RAMP = math.radians(13.5)  # rad/s at the steering wheel
+SOONEST = 1.0  # s in which the ramp reaches RAMPED_TO by geometry alone: it is slower where the steering is more direct
 RAMPED_TO = 0.5 * 9.80665  # m/s^2 that the ramp for A reaches
 LINE = (0.1 * 9.80665, 0.375 * 9.80665)  # m/s^2 between which the straight line for A is
+BRAKES = 'maneuver.brake_torque.value'
+ROLLS, CREEPS = 0.3, 3.0  # slip below which a wheel rolls; speed below which that is not asked [m/s]
+GROWTH, HALVINGS, MOST = 1.25, 3, 12  # of the search for a braking torque
+PREVIEWS, MORE = (1.0, 0.87, 1.13), (1.0, 1.15, 1.3)  # of the preview of the file, and of the car's own understeer gradient
+WHEELBASE = 0.6  # of the length of a car without mirrors, which its data do not say
 LONGEST = 12.0  # s of a ramp: 162 deg, then nothing is found
 CALIBRATION = 'slowly_increasing_steer'
 OWN = ('maneuver', 'duration', 'record', 'road')  # keys of --set that are for the maneuver, not for the ramp before it
@@ -73,13 +80,20 @@ class Driving:
     def __init__(self, vehicle: str, directory: Path, overrides: Sequence[str] = (), *, say: bool = False) -> None:
         self.vehicle, self.directory, self.overrides, self.say = find_file(vehicle, 'vehicles').resolve(), directory, list(overrides), say
         self.driven = self.kept = 0
+        self._vehicle: Vehicle | None = None
         self._angles: dict[tuple[str, ...], tuple[np.ndarray, np.ndarray]] = {}
 
     def drive(self, evaluation: Evaluation) -> tuple[list[Path], dict[str, float]]:
         """(the recordings, in order; what was found before: the angle of the steering wheel `reference` or `amplitude` [rad])."""
         one = evaluation.drive
         text = scene_text(one, self.vehicle, evaluation.name, self.overrides)
-        settings = self._driver(text) if one.driver else []
+        settings = self._driver(text, one.cones) if one.driver else []
+        if one.brakes and not any(key_of(o).startswith(BRAKES.rpartition('.')[0]) for o in self.overrides):
+            torque = self._torque(evaluation.name, text, one)
+            return [self._run(evaluation.name, text, [f'{BRAKES}={torque!r}'])], {'brake_torque': torque}
+        if one.cones and not any(key_of(o).startswith('maneuver.driver') for o in self.overrides):
+            place, found = self._practised(evaluation, text, settings)
+            return [place], found
         if not one.amplitude:
             return [self._run(evaluation.name, text, settings)], {}
         if any(key_of(o).startswith(one.amplitude.rpartition('.')[0]) for o in self.overrides):
@@ -89,7 +103,10 @@ class Driving:
             return [self._run(evaluation.name, text, [*settings, f'{one.amplitude}={angle!r}'])], {'amplitude': angle}
         reference = math.radians(round(math.degrees(self._reference(text, one.reaches)), 1))
         settings.append(f'maneuver.evaluate_with.reference={reference!r}')
-        amplitudes = [side * a for side in (1.0, -1.0) for a in one.series(reference)]
+        try:
+            amplitudes = [side * a for side in (1.0, -1.0) for a in one.series(reference)]
+        except SpecError as error:
+            raise SpecError(f'{self.vehicle.stem}: {error}') from None
         places = []
         for a in tqdm(amplitudes, desc=evaluation.name, unit='run', disable=None if self.say else True, leave=False):
             places.append(
@@ -97,18 +114,66 @@ class Driving:
             )
         return places, {'reference': reference}
 
-    def _driver(self, text: str) -> list[str]:
-        """What the preview driver knows of the car, as settings."""
+    def _known(self, text: str) -> tuple[Scene, Vehicle]:
+        """The scene of a maneuver, and what is known of its vehicle."""
         scene = load_scene_text(text, 'scene of the maneuver', self._vehicle_overrides())
+        if self._vehicle is None or self._vehicle.scene is None or self._vehicle.scene.model != scene.model:
+            self._vehicle = Vehicle.of(scene)
+        return scene, self._vehicle
+
+    def _driver(self, text: str, cones: bool) -> list[str]:
+        """What the preview driver knows of the car, as settings."""
+        scene, vehicle = self._known(text)
         if has_trailer(scene.model):
             raise SpecError(
                 f'{self.vehicle.stem} pulls a trailer, and the norm is for cars alone: remove vehicle.trailer, or drive a scene'
             )
-        vehicle = Vehicle.of(scene)
         if vehicle.ratio is None:
             raise SpecError(f'{self.vehicle.stem} is no vehicle with four wheels and a steering: it has no such maneuver')
         known = {'wheelbase': vehicle.masses['wheelbase'], 'ratio': vehicle.ratio}
-        return [f'maneuver.driver.{name}={value!r}' for name, value in known.items()]
+        settings = [f'maneuver.driver.{name}={value!r}' for name, value in known.items()]
+        if cones:
+            settings.append(f'maneuver.driver.path.width={round(width_of(scene), 2)!r}')
+            settings.append(f'maneuver.evaluate_with.length={round(known["wheelbase"] / WHEELBASE, 2)!r}')
+        return settings
+
+    def _practised(self, evaluation: Evaluation, text: str, settings: list[str]) -> tuple[Path, dict[str, float]]:
+        """(the first run that leaves all cones standing, else the one nearest to it; what its driver does other than the file says).
+
+        He tries the preview and the understeer gradient of the file, then those around them that suit the car: its own gradient, and more
+        of it, as he is ahead of a car that answers late.
+        """
+        scene, vehicle = self._known(text)
+        driver = scene.maneuver.driver
+        assert driver is not None and vehicle.ratio is not None
+        best = self._run(evaluation.name, text, settings)
+        found: dict[str, float] = {}
+        most = self._clearance(evaluation, best)
+        if most >= 0.0:
+            return best, found
+        slope = self._slope(*self._ramp(text, 1.0, RAMPED_TO))[0]
+        own = max(slope / vehicle.ratio - vehicle.masses['wheelbase'] / scene.start.speed**2, 0.0)
+        for more in MORE:
+            for factor in PREVIEWS:
+                tried = {'preview': round(factor * driver.preview, 3), 'understeer': round(more * own, 5)}
+                by = [f'maneuver.driver.{name}={value!r}' for name, value in tried.items()]
+                place = self._run(evaluation.name, text, [*settings, *by])
+                clearance = self._clearance(evaluation, place)
+                if clearance > most:
+                    best, most, found = place, clearance, tried
+                if most >= 0.0:
+                    return best, found
+        return best, found
+
+    def _clearance(self, evaluation: Evaluation, place: Path) -> float:
+        """Least distance to the cones in a run [m]; minus infinity for one that does not pass them."""
+        recording, held, scene = judging.read(place)
+        try:
+            result = judging.judge(evaluation, recording, str(place), {}, held=held, scene=scene)
+        except BagError:
+            return -math.inf
+        values = [figure.value for figure in result.figures if figure.name.startswith('clearance')]
+        return -math.inf if any(math.isnan(value) for value in values) else min(values)
 
     def _vehicle_overrides(self) -> list[str]:
         return [o for o in self.overrides if key_of(o).partition('.')[0] not in OWN]
@@ -116,10 +181,13 @@ class Driving:
     def _ramp(self, text: str, side: float, enough: float) -> tuple[np.ndarray, np.ndarray]:
         """(lateral acceleration, angle of the steering wheel) of a slow ramp to one side at the speed of the scene, both positive, up to
         the acceleration `enough` if the car reaches it."""
-        speed = load_scene_text(text, 'scene of the maneuver', self._vehicle_overrides()).start.speed
+        scene, vehicle = self._known(text)
+        speed = scene.start.speed
         drive = Drive(maneuver=CALIBRATION, speed=speed, duration=LONGEST)
+        turned = math.inf if not vehicle.ratio else vehicle.ratio * vehicle.masses['wheelbase'] / max(speed, 1.0) ** 2 * RAMPED_TO
+        rate = min(RAMP, turned / SOONEST)
         ramp = scene_text(drive, self.vehicle, CALIBRATION, self.overrides)
-        settings = [f'maneuver.steering.slope={side * RAMP!r}']
+        settings = [f'maneuver.steering.slope={side * rate!r}']
         key = (f'{enough!r}', ramp, *settings, *self._vehicle_overrides())
         if key not in self._angles:
             for seconds in (5.0, 8.0, LONGEST):
@@ -155,12 +223,53 @@ class Driving:
         found = []
         for side in (1.0, -1.0):
             a, d = self._ramp(text, side, RAMPED_TO)
-            used = (a >= LINE[0]) & (a <= LINE[1])
-            if used.sum() < 5 or a.max() < LINE[1]:
-                raise SpecError(f'{self.vehicle.stem} does not reach {LINE[1]:.3g} m/s^2 in the slowly increasing steer at this speed')
-            slope, zero = line(a[used], d[used])
+            slope, zero = self._slope(a, d)
             found.append(zero + slope * wanted)
         return float(np.mean(found))
+
+    def _slope(self, a: np.ndarray, d: np.ndarray) -> tuple[float, float]:
+        """(slope, intercept) of the straight line through a ramp for A. Raises SpecError."""
+        used = (a >= LINE[0]) & (a <= LINE[1])
+        if used.sum() < 5 or a.max() < LINE[1]:
+            raise SpecError(f'{self.vehicle.stem} does not reach {LINE[1]:.3g} m/s^2 in the slowly increasing steer at this speed')
+        slope, zero = line(a[used], d[used])
+        return float(slope), float(zero)
+
+    def _torque(self, label: str, text: str, one: Drive) -> float:
+        """The braking torque [N m] for a deceleration; or, where asked for and wheels may lock, the largest with which none does."""
+        scene, vehicle = self._known(text)
+        heights = {body.name: body.position[2] for body in scene.model.bodies}
+        radii = [heights[tire.marker.body] for tire in scene.model.tires]
+        if not radii or 'mass' not in vehicle.masses:
+            raise SpecError(f'{self.vehicle.stem} is no vehicle with wheels: it has no such maneuver')
+        start = float(f'{vehicle.masses["mass"] * float(np.mean(radii)) * one.brakes:.4g}')
+        may_lock = scene.assistance.anti_lock is None and scene.fidelity != 'single_track'
+        return self._hardest(label, text, start) if one.hardest and may_lock else start
+
+    def _hardest(self, label: str, text: str, start: float) -> float:
+        """The largest braking torque [N m], to 3 %, with which no wheel locks; a search from `start` on."""
+
+        def rounded(torque: float) -> float:
+            return float(f'{torque:.4g}')
+
+        def rolls(torque: float) -> bool:
+            return rolling(self._run(label, text, [f'{BRAKES}={torque!r}'], quiet=True))
+
+        low = high = start
+        grows = rolls(start)
+        for _ in range(MOST):
+            if grows:
+                low, high = high, rounded(high * GROWTH)
+            else:
+                low, high = rounded(low / GROWTH), low
+            if rolls(high if grows else low) != grows:
+                break
+        else:
+            raise SpecError(f'{self.vehicle.stem}: no braking torque was found at which its wheels begin to lock; give {BRAKES} with --set')
+        for _ in range(HALVINGS):
+            middle = rounded(math.sqrt(low * high))
+            low, high = (middle, high) if rolls(middle) else (low, middle)
+        return low
 
     def _run(self, label: str, text: str, settings: Sequence[str], *, calibration: bool = False, quiet: bool = False) -> Path:
         """Drive one scene, unless that has been done; returns its recording."""
@@ -177,6 +286,20 @@ class Driving:
         simulate(simulation_of(scene), scene.steps, directory=place, progress=self.say and not quiet)
         self.driven += 1
         return place
+
+
+def rolling(place: Path) -> bool:
+    """Whether all wheels of a recording roll, down to walking pace."""
+    run = runs.read(place, ('odom/twist/vx', 'tire_states/*'))
+    moving = run['odom/twist/vx'] > CREEPS
+    slips = [values for name, values in run.columns.items() if name.startswith('tire_states/') and name.endswith('/kappa')]
+    return all(bool(np.all(np.abs(slip[moving]) < ROLLS)) for slip in slips)
+
+
+def width_of(scene: Scene) -> float:
+    """Of a car over the outer edges of its tires [m]."""
+    places = {body.name: body.position for body in scene.model.bodies}
+    return 2.0 * max(abs(places[tire.marker.body][1]) + 0.5 * tire.data['WIDTH'] for tire in scene.model.tires)
 
 
 def complete(place: Path, scene: Scene) -> bool:

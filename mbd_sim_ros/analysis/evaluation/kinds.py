@@ -17,8 +17,9 @@ class Drive:
     maneuver: file in config/maneuvers. speed [m/s]: at the start. duration [s]. every: steps between two instants that are recorded.
     road: file in config/roads. amplitude: the key of the scene that is set to the angle of the steering wheel with which the car
     reaches, in a slow ramp of it at this speed, the lateral acceleration `reaches` [m/s^2]. driver: tell the preview driver the
-    wheelbase and the ratio of the car. series: from the angle (mean of a ramp to the left and one to the right, by a straight line) to
-    the amplitudes of all runs.
+    wheelbase and the ratio of the car; cones: its width and length too, and have him practise. brakes: deceleration [m/s^2] whose torque
+    brakes the car; hardest: a search from there on for the largest one with which every wheel still rolls; 0: the torque of the file.
+    series: from the angle (mean of a ramp to the left and one to the right, by a straight line) to the amplitudes of all runs.
     """
 
     maneuver: str
@@ -29,6 +30,9 @@ class Drive:
     amplitude: str = ''
     reaches: float = 0.0
     driver: bool = False
+    cones: bool = False
+    brakes: float = 0.0
+    hardest: bool = False
     series: Callable[[float], list[float]] | None = None
 
 

@@ -144,7 +144,7 @@ def _evaluation(part: int, title: str, speed: float, duration: float) -> Evaluat
         also=('steering', 'sideslip_angle', 'roll'),
         parameters=LaneChange,
         judge=lambda s, p: judge(s, p, f'iso_3888_{part}'),
-        drive=Drive(maneuver=f'iso3888_{part}', speed=speed / 3.6, duration=duration, every=5, driver=True),
+        drive=Drive(maneuver=f'iso3888_{part}', speed=speed / 3.6, duration=duration, every=5, driver=True, cones=True),
     )
 
 

@@ -25,6 +25,7 @@ from mbd_sim_ros.analysis.evaluation.figures import Chart, Curve, Figure, Result
 from mbd_sim_ros.analysis.evaluation.kinds import Drive, Evaluation
 from mbd_sim_ros.analysis.evaluation.measures import at, crossing, integral, low_passed
 from mbd_sim_ros.analysis.evaluation.signals import Signals
+from solver.errors import SpecError
 
 NORM = 'FMVSS 126, 49 CFR 571.126 [ESC2007]; ISO 19365 [ISOValidation2016]'
 FAST, LASTS = math.radians(75.0), 0.2  # rate of the steering wheel [rad/s], for how long [s]
@@ -33,6 +34,7 @@ AFTER = ((1.0, 0.35), (1.75, 0.20))  # s after COS, ratio allowed
 WHEN, NEAR, NEAR_HEAVY, HEAVY = 1.07, 1.83, 1.52, 3500.0  # s after BOS, m, m above kg
 FROM = 5.0  # amplitudes over A for which responsiveness is asked for
 FIRST, STEP, LAST = 1.5, 0.5, 6.5  # of A
+FREQUENCY = 0.7  # Hz
 LEAST_LAST, MOST_LAST = math.radians(270.0), math.radians(300.0)
 
 
@@ -46,7 +48,14 @@ class SineWithDwell:
 
 
 def series(reference: float) -> list[float]:
-    """The amplitudes [rad] of one side for the angle A [rad]."""
+    """The amplitudes [rad] of one side for the angle A [rad]. Raises SpecError for a steering that is too direct for them."""
+    slowest = FAST / (math.tau * FREQUENCY * math.cos(math.tau * FREQUENCY * LASTS))  # that turns faster than FAST for so long
+    if FIRST * reference < slowest:
+        raise SpecError(
+            f'fmvss126 is no maneuver for so direct a steering: A, its angle at 0.3 g, is {math.degrees(reference):.3g} deg, and a sine of '
+            f'{FIRST:g} A does not turn the steering wheel at 75 deg/s, by which the norm finds its beginning; that takes A = '
+            f'{math.degrees(slowest / FIRST):.3g} deg'
+        )
     last = min(max(LAST * reference, LEAST_LAST), MOST_LAST)
     amplitudes, k = [], 0
     while (FIRST + STEP * k) * reference < last - 1e-9:

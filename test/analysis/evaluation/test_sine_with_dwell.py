@@ -10,7 +10,7 @@ from drives import dwelling, weaving
 
 from mbd_sim_ros.analysis.evaluation import sine_with_dwell
 from mbd_sim_ros.analysis.evaluation.signals import Signals
-from solver.errors import BagError
+from solver.errors import BagError, SpecError
 
 
 @pytest.mark.parametrize('side', [1.0, -1.0])
@@ -51,6 +51,15 @@ def test_the_series_of_amplitudes() -> None:
     last = np.degrees(sine_with_dwell.series(math.radians(50.0)))
     assert last[-1] == pytest.approx(300.0)
     assert np.diff(last).max() == pytest.approx(25.0)
+
+
+def test_a_steering_too_direct_for_the_series_is_told() -> None:
+    """0.7 Hz with 1.5 A: the rate 2 pi 0.7 1.5 A cos(2 pi 0.7 t) is above 75 deg/s for 0.2 s from A = 17.8 deg on."""
+    least = 75.0 / (2.0 * math.pi * 0.7 * math.cos(2.0 * math.pi * 0.7 * 0.2)) / 1.5
+    assert least == pytest.approx(17.84, abs=0.01)
+    assert len(sine_with_dwell.series(math.radians(least + 0.01))) > 20
+    with pytest.raises(SpecError, match=r'A, its angle at 0\.3 g, is 3\.5 deg, .* that takes A = 17\.8 deg'):
+        sine_with_dwell.series(math.radians(3.5))
 
 
 def test_a_series_is_as_good_as_its_worst_run() -> None:
