@@ -184,7 +184,7 @@ def test_car_lands_from_a_drop(depth: float, h: float, policy: str) -> None:
 
 @pytest.mark.slow
 def test_a_locked_wheel_regains_grip_as_physics_has_it() -> None:
-    """It comes off the slippery strip at 3.9 s, spins up from rest within 30 ms and overshoots; the chassis nods with -11.8 m/s^2 on the
+    """It comes off the slippery strip at 3.7 s, spins up from rest within 0.1 s and overshoots; the chassis nods with -12 m/s^2 on the
     fore-and-aft compliance. Half the step shows the same to 2 %, and all bodies together never slow down by more than the tires push."""
     peaks = []
     for h in (1e-3, 5e-4):
