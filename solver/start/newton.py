@@ -30,6 +30,7 @@ STIFFEST = 1e4  # 1/s^2; PENALTY times it is above the square of the highest nat
 HEAVY, SOFTER = 100.0, 1e2  # kg of the effective mass of a row, from which on held velocities have smaller penalties; 1/s^2
 AUGMENTATIONS = 400  # at most; each gains a factor 1 + PENALTY s_min, little where a light body carries a heavy one
 PLAIN, COMBINED = 10, 2  # augmentations for accelerations: first one by one, then combined by GMRES
+OPEN = 1e-8  # m/s or rad/s that velocities may violate constraints by
 STAGNATION = 0.5  # of the change before, above which an iteration has come to rounding
 KRYLOV = 40  # augmentations in a combination at most
 ASSEMBLY_TOLERANCE = 1e-12  # m or rad
@@ -162,7 +163,12 @@ class ConsistentState:
             state.v[:] += self.dw
             lam += self.dlam
             last = change
-        if np.abs(rate).max(initial=0.0) > 1e-8:
+        if np.abs(rate).max(initial=0.0) > OPEN and hold == 0.0:  # a light chain carries something heavy
+            constraint_rates(self.constraints, self.J, given, rate)
+            state.v[:] = given + self._constrained(0.0, rate + self.phi_t)[0]
+            constraint_rates(self.constraints, self.J, state.v, rate)
+            rate += self.phi_t
+        if np.abs(rate).max(initial=0.0) > OPEN:
             raise ConsistencyError(
                 f'start: no velocity satisfies the constraints: {self._worst_row(rate)!r} is violated by {np.abs(rate).max():.3g}; '
                 'remove contradicting initial rates'
@@ -184,13 +190,17 @@ class ConsistentState:
         evaluate_forces(self.t, kin, angle, z, 0.0, u, False, self.f, self.Kq, self.Kv, self.z, self.outputs)
         constraint_input_rates(self.t, u, self.phi_t, self.phi_tt)
         bias = self._acceleration_bias(q, v, angle, u) + self.phi_tt
+        return self._constrained(self.f, bias)
+
+    def _constrained(self, f: np.ndarray | float, bias: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(a (nb+1, 6), lam (nc,)) with M a = f + A^T lam and A a + bias = 0, for the constraints at self.J."""
         self.Kq[:] = 0.0
         self.Kv[:] = 0.0
         self._factorize(1.0, 0.0, 0.0, metric=True)
         a = np.zeros_like(self.f)
         lam = np.zeros(self.model.n_rows)
         for k in range(PLAIN + COMBINED):
-            self._augment(a, lam, self.f, bias)
+            self._augment(a, lam, f, bias)
             if k >= PLAIN:
                 self._combine()
             a += self.dw

@@ -43,8 +43,8 @@ def test_a_suspension_is_one_file_and_one_name(program):
     forgotten = mbd(program, *arguments)
     assert forgotten.returncode == 2
     assert 'vehicle.rear' in forgotten.stderr and 'sliding_pillar' in forgotten.stderr
-    template = program / 'solver' / 'vehicle' / 'car.py'
-    last = 'from solver.vehicle.steering import SteeringGear, steering_gear\n'
+    template = program / 'solver' / 'vehicle' / 'axle.py'
+    last = 'from solver.vehicle.parts import LEFTWARDS, UP, Bushing, Corner, Part, Parts, Structure, joined, mounting\n'
     changed(template, last, f'{last}from solver.vehicle.sliding_pillar import SlidingPillar\n')
     changed(template, 'TwistBeam | LiveAxle\n', 'TwistBeam | LiveAxle | SlidingPillar\n')
     done = run_there(program, '-c', STANDING)
