@@ -86,9 +86,9 @@ class Loop:
 
     `poll()` fetches what came in since (it calls `command`), right before every step and while lockstep waits.
     `inputs(values)` turns latched commands into the input vector of the next step (None: the scene's own maneuver drives).
-    `emit(snapshot)` is called on the simulation thread after every step that may be seen, and once at the start. `hidden()` tells how many
-    of the next steps nobody sees while nobody commands: these are made at once when the one behind them is due, with the same bits and
-    without what waking costs, and `passed()` is called behind them. `repeat()` from time to time while
+    `emit(snapshot)` is called on the simulation thread after every step that may be seen, and once at the start. `hidden(most)` tells how
+    many of the next steps, at most so many, nobody sees while nobody commands: these are made at once when the one behind them is due, with
+    the same bits and without what waking costs, and `passed()` is called behind them. `repeat()` from time to time while
     lockstep waits for a first or lost answer. commands: names of those that are latched, steering first; drive torques and the accelerator
     among them count as zero when they are older than command_timeout. The attributes mode, rate_factor, command_timeout [s, 0: never] and
     lockstep_commands may be changed at any time. After the thread has ended `outcome` is a sentence and `error` the
@@ -103,7 +103,7 @@ class Loop:
         emit: Callable[[Snapshot], None],
         poll: Callable[[], None] = lambda: None,
         repeat: Callable[[], None] = lambda: None,
-        hidden: Callable[[], int] = lambda: 0,
+        hidden: Callable[[int], int] = lambda most: 0,
         passed: Callable[[], None] = lambda: None,
         mode: Mode = 'realtime',
         rate_factor: float = 1.0,
@@ -303,7 +303,7 @@ class Loop:
             most = min(most, SHARE * h / self.rate_factor / self._cost)
         if self.end_ns is not None:
             most = min(most, (self.end_ns - self.simulation.t_ns) // self.simulation.h_ns - 1)
-        return 0 if most < 1.0 else min(int(most), self._hidden())
+        return 0 if most < 1.0 else self._hidden(int(most))
 
     def _due(self, ahead: int) -> bool:
         """Wait, at most LONGEST_WAIT, and return whether a step, with so many ahead of it, is to be done now."""

@@ -38,7 +38,6 @@ from solver.model.state import fitting, load_arrays
 from solver.output.snapshot import Snapshot
 
 CLOCK_SECONDS = 0.01  # /clock is published at most at 100 Hz
-HIDDEN = 100  # steps at most that are made at once while nobody looks
 
 
 def heading_of(orientation: Sequence[float]) -> float:
@@ -225,13 +224,13 @@ class Running:
             row = self._assistant.act(row, self.simulation.feel())
         return row if self._actuators is None else self._actuators.advance(row)
 
-    def _hidden(self) -> int:
-        """How many of the next steps, at most HIDDEN, nobody sees: not published, not recorded, while nobody commands or assists."""
+    def _hidden(self, most: int) -> int:
+        """How many of the next steps, at most so many, nobody sees: not published, not recorded, while nobody commands or assists."""
         if self.commands.commanded or self._assistant is not None:
             return 0
         k = self.simulation.k
-        seen = self._publication.next_awaited(k, HIDDEN + 1, of=self.publish_every)
-        seen = min(seen, self.recording.next_wanted(k, HIDDEN + 1))
+        seen = self._publication.next_awaited(k, most + 1, of=self.publish_every)
+        seen = min(seen, self.recording.next_wanted(k, most + 1))
         if self._ticks is not None and self._ticked[1] > -math.inf:
             tick = math.ceil((self._ticked[1] + CLOCK_SECONDS * 0.999) * 1e9 / self.simulation.h_ns)
             seen = min(seen, max(k + 1, tick))
