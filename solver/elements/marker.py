@@ -111,8 +111,9 @@ class Context(Protocol):
     def law(self, law: Law | None) -> int:
         """Index of a force law in the law table (-1 for None)."""
 
-    def internal_states(self, where: str, count: int) -> int:
-        """Reserve `count` internal states, return the index of the first."""
+    def internal_states(self, where: str, count: int, size: float = 1.0) -> int:
+        """Reserve `count` internal states, return the index of the first. size: what their errors count relative to where steps follow the
+        local error: 1 for deflections [m or rad], for a force what it may be at most."""
 
 
 class Between(Protocol):

@@ -133,7 +133,7 @@ def compile_servos(specs: Sequence[ServoSpec], context: Context) -> ServoTable:
         limit=np.array([s.limit for s in specs], float),
         lag=np.array([s.lag for s in specs], float),
         chord=np.zeros(n, np.int64),
-        state=np.array([context.internal_states(s.where, 1) for s in specs], np.int64),
+        state=np.array([context.internal_states(s.where, 1, s.limit) for s in specs], np.int64),
         body=np.zeros((n, BODIES), np.int64),
         slot=np.zeros((n, BODIES, BODIES), np.int64),
     )

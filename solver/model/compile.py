@@ -67,6 +67,7 @@ class _Context:
         self.laws: list[Law] = []
         self.slots: dict[tuple[int, int], int] = {}
         self.internal_owner: list[str] = []
+        self.internal_size: list[float] = []
         self.groups = _Groups(self)
         for b in range(self.n_bodies):
             self.slot(b, b)
@@ -122,8 +123,9 @@ class _Context:
         self.laws.append(law)
         return len(self.laws) - 1
 
-    def internal_states(self, where: str, count: int) -> int:
+    def internal_states(self, where: str, count: int, size: float = 1.0) -> int:
         self.internal_owner += [where] * count
+        self.internal_size += [size] * count
         return len(self.internal_owner) - count
 
 
@@ -238,6 +240,7 @@ def compile_model(spec: ModelSpec) -> Model:
         group_names=tuple(context.groups.names),
         body_names=tuple(b.name for b in spec.bodies),
         internal_owner=tuple(context.internal_owner),
+        internal_size=tuple(context.internal_size),
         internal_bodies=internal_bodies,
     )
 

@@ -85,6 +85,7 @@ class Model:
     group_names: tuple[str, ...]
     body_names: tuple[str, ...]
     internal_owner: tuple[str, ...]
+    internal_size: tuple[float, ...]  # what their errors count relative to
     internal_bodies: tuple[int, ...]  # bodies whose motion internal states depend on
     coordinate_index: dict[str, int]
 

@@ -182,7 +182,8 @@ def _carry_offset_on(begin, middle, end, h, new, work):
 def _difference(control, a, b, work):
     """Largest difference of positions [m], turns [rad], internal states, and velocities of the states a (kept.v_full) and b (work.v_out).
 
-    Velocities count relative to the largest now or, at this acceleration, an interval later, and at least 1 m/s or rad/s.
+    Velocities count relative to the largest now or, at this acceleration, an interval later, and at least 1 m/s or rad/s; internal states
+    relative to their size.
     """
     v_a, v_b = control.kept.v_full, work.v_out
     speed, fastest, place, turn = 1.0, 0.0, 0.0, 0.0
@@ -199,5 +200,5 @@ def _difference(control, a, b, work):
             fastest = max(fastest, abs(v_a[k, i] - v_b[k, i]))
     largest = max(place, turn)
     for i in range(a.z.shape[0]):
-        largest = max(largest, abs(a.z[i] - b.z[i]))
+        largest = max(largest, abs(a.z[i] - b.z[i]) / control.internal_size[i])
     return max(largest, fastest / speed)

@@ -78,6 +78,7 @@ class Control(NamedTuple):
     tolerance: float  # of the iteration
     penalty_cap: float
     base: np.ndarray  # (nc,) penalties to return to
+    internal_size: np.ndarray  # (nz,) what errors of internal states count relative to
     motion: np.ndarray  # (n, 3) inputs of prescribed motions: value, rate, acceleration
     memory: np.ndarray  # (5,) WANTED and TAKEN step [s], LAST_ERROR [1/s], EASY steps so far, PATIENCE
     history: History  # of the present state
@@ -120,7 +121,7 @@ def new_control(model, settings: IntegratorSettings, hold: float, fourth: int) -
         by_error=int(by_error), fourth=fourth, adaptive=int(adaptive), group=2 if by_error or fourth else 1,
         h_ns=settings.h_ns, grid=settings.h_ns * 1e-9, hold=hold, h_min=settings.smallest_step,
         error_tolerance=settings.error_tolerance, tolerance=settings.tolerance, penalty_cap=settings.penalty_cap,
-        base=np.full(nc, settings.penalty),
+        base=np.full(nc, settings.penalty), internal_size=np.array(model.internal_size, float),
         motion=np.array([[names.index(n + end) for end in ('', RATE, ACCELERATION)] for n in motions], np.int64).reshape(-1, 3),
         memory=np.zeros(5), history=new_history(model), counts=np.zeros(3, np.int64), events=np.zeros((reserve + ROOM, 6)),
         reserve=reserve, progress=np.zeros(13), middle=new_history(model), next=new_history(model),

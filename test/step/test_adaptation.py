@@ -32,6 +32,25 @@ integrator: {mode: tolerance, step_policy: error, error_tolerance: 1.0e-5}
 duration: 1
 """
 BY_ERROR = {'mode': 'tolerance', 'step_policy': 'error'}
+STEERED = """
+mechanism:
+  gravity: [0, 0, 0]
+  bodies:
+    r: {{mass: {m}, inertia: [1, 1, 1]}}
+    w: {{mass: {m}, inertia: [{J}, {J}, {J}]}}
+  joints:
+    rack: {{kind: prismatic, i: world, j: r, at: [0, 0, 0], axis: [0, 1, 0]}}
+    wheel: {{kind: revolute, i: world, j: w, at: [0, 0, 0], axis: [0, 0, 1]}}
+  coordinate_forces:
+    tires: {{terms: [[rack, 1]], spring: {k}, damper: {c}}}
+    hand: {{terms: [[wheel, 1]], input: hand}}
+  servos:
+    assist: {{terms: [[rack, -140], [wheel, 1]], stiffness: {km}, damping: {cm}, marker: {{body: world}}, speeds: [0],
+      torques: [{t1}, {t2}], forces: [[{f1}, {f2}]], limit: {f2}, lag: 0.003}}
+maneuver: {{signals: {{hand: {{kind: sine, amplitude: {t1}, frequency: 1}}}}}}
+integrator: {{h: 0.005, mode: tolerance, step_policy: error, error_tolerance: 1.0e-3}}
+duration: 2
+"""
 
 
 def simulation(name: str, *settings: str) -> Simulation:
@@ -160,6 +179,20 @@ def test_steps_follow_the_tolerance_with_its_square_root():
     """Second order: a hundredth of the tolerance takes ten times the steps, within the quantum of the grid."""
     counts = [run_by_error(spring_mass(), tolerance)[1].totals()['substeps'] for tolerance in (1e-4, 1e-6)]
     assert counts[1] / counts[0] == pytest.approx(10.0, rel=0.2)
+
+
+def test_steps_do_not_know_the_size_of_forces():
+    """A steering with a motor, whose force is an internal state, and the same with everything that has kg in it a hundred times as large:
+    the same motion by as many steps."""
+    of_one = {'m': 30, 'J': 0.05, 'k': 2e5, 'c': 3e3, 'km': 100, 'cm': 0.5, 't1': 3, 't2': 6, 'f1': 1500, 'f2': 6000}
+    made = []
+    for scale in (1.0, 100.0):
+        sim = Simulation(load_scene_text(STEERED.format(**{name: repr(scale * value) for name, value in of_one.items()}), 'steered'))
+        sim.advance(sim.scene.steps)
+        made.append(sim)
+    one, large = (sim.totals()['substeps'] for sim in made)
+    assert one == pytest.approx(large, rel=0.02)
+    assert np.abs(made[0].state.q - made[1].state.q).max() < 1e-4
 
 
 def test_work_is_counted_for_every_attempt():

@@ -93,7 +93,7 @@ class ContractContext:
         self._laws.append(law)
         return len(self._laws) - 1
 
-    def internal_states(self, where: str, count: int) -> int:
+    def internal_states(self, where: str, count: int, size: float = 1.0) -> int:
         first = self.n_states
         self.n_states += count
         return first
