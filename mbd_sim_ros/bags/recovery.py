@@ -11,7 +11,7 @@ from mcap.records import Channel, Schema
 from mbd_sim_ros.bags.reader import unreadable
 from mbd_sim_ros.bags.records import Messages, Reading, find_file
 from mbd_sim_ros.bags.writer import RESULT, BagWriter
-from mbd_sim_ros.messages.topics import Topic
+from mbd_sim_ros.messages.topics import DEPTH, Topic
 from solver.errors import BagError
 
 
@@ -74,7 +74,7 @@ def recover(source: str | Path, destination: str | Path) -> Recovered:
         about |= {'damage': '; '.join(first.damage), 'lost_messages': str(first.lost)}
     metadata[RESULT] = {**metadata.get(RESULT, {}), **about}
     place = {channel: i for i, channel in enumerate(channels)}
-    topics = [Topic(topic, schema.name, depth=1 if topic.endswith('robot_description') else 10) for topic, schema in channels.values()]
+    topics = [Topic(topic, schema.name, depth=1 if topic.endswith('robot_description') else DEPTH) for topic, schema in channels.values()]
     writer = BagWriter(destination, topics, metadata, schemas=texts)
     for record in Reading(path, onwards=True):
         if isinstance(record, Messages) and record.channel in place:

@@ -136,7 +136,7 @@ class Messages:
                 fill(message, f'transforms[{i}].transform.translation.x', place)
 
         if frames or poses_every:
-            topics.append(Topic('/tf', TF, depth=100))
+            topics.append(Topic('/tf', TF))
         if frames:
             templates.append(template(TF, placed(frames, places, [])))
             place_all(templates[-1], places)

@@ -22,6 +22,7 @@ TYPE_HASHES = {
     ARRAY: 'RIHS01_1025ddc6b9552d191f89ef1a8d2f60f3d373e28b283d8891ddcc974e8c55397f',
     STRING: 'RIHS01_df668c740482bbd48fb39d76a70dfd4bd59db1288021743503259e948f6b1a18',
 }
+DEPTH = 100  # messages kept for a subscriber that has no core just now: a tenth of a second at 1 kHz
 
 
 class Topic(NamedTuple):
@@ -29,7 +30,7 @@ class Topic(NamedTuple):
 
     name: str
     type: str
-    depth: int = 10
+    depth: int = DEPTH
     reliable: bool = True
     latched: bool = False
 

@@ -2,7 +2,7 @@
 them real, so that they go over real topics, services and actions. Needs a C++ compiler; made once and kept.
 
 Sources of the fields: github.com/ros-drivers/ackermann_msgs, github.com/autowarefoundation/autoware_msgs,
-github.com/ros-simulation/simulation_interfaces (2.1.0).
+github.com/ros-simulation/simulation_interfaces (2.1.0), github.com/ros2/geometry2.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def packages() -> Path:
     where.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(dir=where.parent) as scratch:
         made = Path(scratch) / 'packages'
-        for name in ('ackermann_msgs', 'autoware_control_msgs', 'autoware_vehicle_msgs', 'simulation_interfaces'):
+        for name in ('ackermann_msgs', 'autoware_control_msgs', 'autoware_vehicle_msgs', 'simulation_interfaces', 'tf2_msgs'):
             make(name, Path(scratch) / name, made)
         made.replace(where)
     return where
