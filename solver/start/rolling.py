@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import cast
 
@@ -9,9 +10,12 @@ import numpy as np
 
 from solver.compiled.by_reference import Ref
 from solver.compiled.portable import norm, product
+from solver.compiled.so3 import quaternion_product
 from solver.elements.registry import FORCES
+from solver.elements.road import surface_at
 from solver.elements.tire_pacejka import TIRES, rolling_radius
 from solver.errors import ConsistencyError
+from solver.inputs.hands import STEERING
 from solver.model.evaluate import evaluate_forces
 from solver.model.frames import matrix, quaternion
 from solver.model.state import State, kinematics_of
@@ -20,6 +24,7 @@ from solver.step.augmented_lagrangian import advance
 from solver.step.work import OK, Scheme, StepResult, scheme_parameters
 
 STEEP = 0.05  # rad, what the search for static equilibrium turns a body in one iteration
+REACH = 0.1  # m, the travel of a suspension: from further away than that the search ends with wheels that have turned or slipped
 SETTLE_TIME = 5.0  # s, some ten periods of a suspension mode
 SETTLE_EVERY = 0.05  # s
 SETTLE_PENALTY = 1e6
@@ -28,26 +33,55 @@ SETTLE_STEP = 5e-3  # s, whatever the step of the scene, so that a start does no
 SETTLE_TURN = 2.0  # rad that a shaft may turn in such a step, or steps are divided: from 3 on they were seen to fail
 
 
-def lay_on_road(model: Model, state: State, chassis: int) -> None:
-    """Turn a whole vehicle, joints and all, about the centre of mass of its chassis until its floor is parallel to the base plane of the
-    road, as far from it as it was placed above it.
+def _heights(model: Model, places: np.ndarray) -> np.ndarray:
+    """(n,) heights [m] of the road, grids included, at places (n, 2) [m]."""
+    road = Ref(model.elements[TIRES.name].value.road)
+    return np.array([surface_at(road, float(x), float(y))[0] for x, y in places])
 
-    Where the two differ by less than STEEP nothing is done: the search for equilibrium goes that far by itself. From a level placement on a
-    steeper slope the wheels of one side would stand so deep in the road that links turn over on the way out.
+
+def ground(model: Model, state: State) -> tuple[np.ndarray, np.ndarray]:
+    """(point (3,) [m], normal (3,)) of the plane that a vehicle stands on: the base plane of the road or, where it has grids, the one that
+    lies nearest to the road below its wheels."""
+    road = model.spec.road
+    if not road.grids:
+        return np.array(road.point), np.array(road.normal)
+    places = state.q[[model.body_names.index(tire.marker.body) for tire in model.spec.tires], :2]
+    z = _heights(model, places)
+    point = np.array([*np.mean(places, axis=0), np.mean(z)])
+    (x, y), z = (places - point[:2]).T, z - point[2]
+    xx, xy, yy = float(product(x, x)), float(product(x, y)), float(product(y, y))
+    determinant = xx * yy - xy * xy
+    if determinant < 1e-6 * (xx + yy) ** 2:  # wheels in one line
+        return point, np.array(road.normal)
+    xz, yz = float(product(x, z)), float(product(y, z))
+    slopes = np.array([(yy * xz - xy * yz) / determinant, (xx * yz - xy * xz) / determinant, -1.0])
+    return point, -slopes / norm(slopes)
+
+
+def lay_on_road(model: Model, state: State, chassis: int) -> None:
+    """Turn a whole vehicle, joints and all, about the centre of mass of its chassis until its floor is parallel to the road below it, as
+    far from it as it was placed above it; further from it than REACH it is put onto it.
+
+    Where the two differ by less than STEEP and REACH nothing is done: the search for equilibrium goes that far by itself. From a level
+    placement on a steeper slope the wheels of one side would stand so deep in the road that links turn over on the way out.
     """
     if not model.spec.tires:
         return
-    n, point = np.array(model.spec.road.normal), np.array(model.spec.road.point)
+    point, n = ground(model, state)
     body = model.spec.bodies[chassis]
     R = matrix(tuple(state.q[chassis, 3:]))
     axis, cosine = np.cross(R[:, 2], n), float(product(R[:, 2], n))
+    com = state.q[chassis, :3].copy()
+    floor = product(R, -np.array(body.com))  # from the centre of mass to the reference frame
+    above = float(product(n, com + floor - point)) / n[2]  # vertically
+    if abs(above) > REACH:
+        state.q[:-1, 2] -= above
+        com[2] -= above
+        above = 0.0
     if norm(axis) < STEEP or cosine < 0.0:
         return
     half = float(np.sqrt(0.5 * (1.0 + cosine)))  # cosine of half the angle
     turn = matrix((*(axis / (2.0 * half)).tolist(), half))
-    com = state.q[chassis, :3].copy()
-    floor = product(R, -np.array(body.com))  # from the centre of mass to the reference frame
-    above = float(product(n, com + floor - point)) / n[2]  # vertically
     lift = above - float(product(n, com + product(turn, floor) - point))
     for b in range(model.n_bodies):
         state.q[b, :3] = com + product(turn, state.q[b, :3] - com) + lift * n
@@ -70,6 +104,18 @@ def without_brakes(model: Model, u: np.ndarray) -> np.ndarray:
     for kind in FORCES:
         if kind.capacities:
             released[model.inputs_of(kind.name)] = 0.0
+    return released
+
+
+def without_hands(model: Model, u: np.ndarray) -> np.ndarray:
+    """The inputs u (nu,) without a torque at a free steering wheel: it acts from the first step on.
+
+    Tires that slide hold no torque, and a car that settled under it would have its steering wheel at the stop.
+    """
+    released = u.copy()
+    for k, name in enumerate(model.spec.inputs):
+        if name == STEERING['torque']:
+            released[k] = 0.0
     return released
 
 
@@ -111,8 +157,9 @@ def settle_rolling(
 
     Rolling tires grow and stiffen, drag and drive torque act: a car that stands in equilibrium does not roll in it. It begins without
     accelerations, with the constraint forces of that equilibrium; what this disturbs dies away with the rest. Every SETTLE_EVERY
-    seconds it is put back to its speed and, along the base plane of the road, to its place: put back level, a car on a slope would stand in
-    the road or above it. Raises ConsistencyError with the sentence of `explain` when a step fails.
+    seconds it is put back to its speed and, along the road, to its place and heading: put back level, a car on a slope would stand in the
+    road or above it, and one that steers or is on a bank would else begin on another course than it was placed on. Raises ConsistencyError
+    with the sentence of `explain` when a step fails.
     """
     # with settings of its own: every method of a comparison starts from the same state
     own = {
@@ -128,9 +175,11 @@ def settle_rolling(
     h = SETTLE_STEP / max(1, int(np.ceil(SETTLE_STEP * fastest / SETTLE_TURN)))
     settling = Ref(method._replace(fixed=1, iterations=2, **own, **scheme_parameters(h, SETTLE_RHO)))  # type: ignore[arg-type]
     steps = round(SETTLE_EVERY / h)
-    inputs = np.repeat(u[None, :], steps, axis=0)
-    place = cast(State, states[0].value).q[chassis, :2].copy()
+    inputs = np.repeat(without_hands(model, u)[None, :], steps, axis=0)
+    start = cast(State, states[0].value).q[chassis].copy()
+    place, ahead = start[:2], matrix(tuple(start[3:]))[:, 0]
     nx, ny, nz = model.spec.road.normal
+    n = ground(model, cast(State, states[0].value))[1]
     wheels = [model.body_names.index(tire.marker.body) for tire in model.spec.tires]
     for _ in range(round(SETTLE_TIME / SETTLE_EVERY)):
         result, done = advance(model.tables, settling, *states, inputs, 0, steps, False, work)
@@ -138,12 +187,36 @@ def settle_rolling(
             states.reverse()
         if result.status != OK:
             raise ConsistencyError(f'start: the vehicle does not settle at {speed:g} m/s: {explain(result)}')
-        q, v = cast(State, states[0].value).q, cast(State, states[0].value).v
+        state = cast(State, states[0].value)
+        turn_over_road(state, chassis, n, ahead)
+        q, v = state.q, state.v
         forward = matrix(tuple(q[chassis, 3:]))[:, 0]
         now = float(product(v[chassis, :3], forward))
         back = place - q[chassis, :2]
+        if model.spec.road.grids:  # as high above the road below its wheels as it was
+            q[:-1, 2] += np.mean(_heights(model, q[wheels, :2] + back) - _heights(model, q[wheels, :2]))
+        else:
+            q[:-1, 2] -= (nx * back[0] + ny * back[1]) / nz
         q[:-1, :2] += back
-        q[:-1, 2] -= (nx * back[0] + ny * back[1]) / nz
         v[:-1, :3] += (speed - now) * forward
         for wheel in wheels:
             v[wheel, 3:] *= speed / now
+
+
+def turn_over_road(state: State, chassis: int, n: np.ndarray, ahead: np.ndarray) -> None:
+    """Turn a whole vehicle with its motion about the centre of mass of its chassis and the normal n (3,) of the road, until the x axis of
+    its chassis, in the plane of the road, is in the direction `ahead` (3,).
+    """
+    forward = matrix(tuple(state.q[chassis, 3:]))[:, 0]
+    across = float(product(n, np.cross(forward, ahead)))
+    along = float(product(forward, ahead) - product(n, forward) * product(n, ahead))
+    half = 0.5 * math.atan2(across, along)
+    turn = (*(math.sin(half) * n).tolist(), math.cos(half))
+    R = matrix(turn)
+    com = state.q[chassis, :3].copy()
+    bodies = slice(0, len(state.q) - 1)  # the last one is the world
+    state.q[bodies, :3] = com + product(state.q[bodies, :3] - com, R.T)
+    for q in state.q[bodies]:
+        q[3:] = quaternion_product(turn, tuple(q[3:]))
+    for rates in (state.v, state.a, state.a_stage, state.a_stage_before):  # linear parts in the world (docs/conventions.md)
+        rates[bodies, :3] = product(rates[bodies, :3], R.T)

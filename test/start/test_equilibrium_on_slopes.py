@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from solver.elements.road import HeightGrid, RoadSpec
 from solver.files.scene import load_scene
 from solver.simulation import Simulation
 
@@ -55,3 +58,36 @@ def test_one_that_starts_at_speed_settles_along_the_slope(scene: str, uphill: fl
     assert sim.snapshot().tire[:, 2].sum() == pytest.approx(weight, rel=1e-3)
     for _ in range(5):
         assert sim.advance(50).tire[:, 2].sum() == pytest.approx(weight, rel=1e-3)
+
+
+def on_road(road: RoadSpec, speed: float) -> Simulation:
+    """The light car on a road."""
+    scene = load_scene('light_car_straight', [f'start={{kind: equilibrium, speed: {speed}}}', 'maneuver={}'])
+    return Simulation(dataclasses.replace(scene, model=dataclasses.replace(scene.model, road=road)))
+
+
+@pytest.mark.parametrize('slope', [0.1, -0.1])
+def test_a_slope_in_a_grid_is_the_slope_of_a_plane(slope: float) -> None:
+    """At 20 m/s, half way up a ramp of 200 m: loads and pitch of a car that settled on the plane, there and 0.1 s later."""
+    rise = np.repeat(slope * np.linspace(-100.0, 100.0, 21)[:, None], 2, axis=1)
+    grid = HeightGrid(origin=(-100.0, -20.0), step=(10.0, 40.0), height=tuple(map(tuple, rise.tolist())))
+    n = (-slope, 0.0, 1.0)
+    plane, ramp = on_road(RoadSpec(normal=n), 20.0), on_road(RoadSpec(grids=(grid,)), 20.0)
+    for _ in range(2):
+        one, other = plane.snapshot(), ramp.snapshot()
+        np.testing.assert_allclose(other.tire[:, 2], one.tire[:, 2], rtol=1e-3)
+        np.testing.assert_allclose(other.pose[plane.channels.chassis], one.pose[plane.channels.chassis], rtol=0, atol=1e-3)
+        for s in (plane, ramp):
+            s.advance(100)
+
+
+@pytest.mark.parametrize('lifted', ['point', 'grid'])
+@pytest.mark.parametrize('height', [3.0, -3.0])
+def test_a_car_is_put_onto_a_road_that_lies_elsewhere(lifted: str, height: float) -> None:
+    """As high above it, as straight, with the same loads as on one through the origin: gravity is the same there."""
+    grid = HeightGrid(origin=(-20.0, -20.0), step=(40.0, 40.0), height=((height, height), (height, height)))
+    other = on_road(RoadSpec(point=(0.0, 0.0, height)) if lifted == 'point' else RoadSpec(grids=(grid,)), 0.0)
+    usual = on_road(RoadSpec(), 0.0)
+    chassis = usual.channels.chassis
+    np.testing.assert_allclose(other.state.q[chassis, :3] - (0.0, 0.0, height), usual.state.q[chassis, :3], rtol=0, atol=1e-6)
+    np.testing.assert_allclose(other.snapshot().tire[:, 2], usual.snapshot().tire[:, 2], rtol=1e-5)

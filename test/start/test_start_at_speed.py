@@ -1,9 +1,10 @@
-"""A vehicle at speed: where it starts belongs to the vehicle, not to the settings of the integrator."""
+"""A vehicle at speed: where it starts and on which course belongs to its placement, not to the integrator, the road or who steers."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from solver.files.scene import load_scene
 from solver.simulation import Simulation
@@ -17,3 +18,29 @@ def test_settings_of_the_integrator_do_not_move_the_start(setting: str) -> None:
     np.testing.assert_array_equal(other.q, usual.q)
     np.testing.assert_array_equal(other.z, usual.z)
     np.testing.assert_allclose(other.v, usual.v, rtol=0, atol=1e-3)
+
+
+@pytest.mark.parametrize('change', ['road={normal: [0, 0.1, 1]}', 'maneuver={steering: 0.5}'])
+def test_it_starts_on_the_course_it_was_placed_on(change: str) -> None:
+    """On a bank of 10 % and with its wheels turned: along x within its sideslip while it settles, at its speed, already in its bend."""
+    car = Simulation(load_scene('light_car_straight', ['maneuver={}', change]))
+    chassis = car.state.q[car.channels.chassis]
+    assert abs(Rotation.from_quat(chassis[3:]).as_euler('zyx')[0]) < 1e-3
+    v = car.state.v[car.channels.chassis]
+    assert v[0] == pytest.approx(car.scene.start.speed, rel=1e-3)
+    turns = v[5]
+    assert turns > 0.01
+    car.advance(200)
+    assert car.state.v[car.channels.chassis, 5] == pytest.approx(turns, rel=0.02)
+
+
+def test_a_torque_at_the_steering_wheel_acts_from_the_start_on() -> None:
+    """Before, the wheel is free and stands straight; then it turns as the torque accelerates its inertia, within a step, or slower."""
+    given = ['actuation.steering=torque', 'maneuver={signals: {steering_torque: 5}}', 'start.speed_kmh=80']
+    car = Simulation(load_scene('light_car_straight', given))
+    wheel = car.channels.joints.index('steering_wheel')
+    assert abs(car.snapshot().joint_position[wheel]) < 1e-6
+    inertia = next(b for b in car.model.spec.bodies if b.name == 'steering_wheel').inertia[2]
+    t = 0.04
+    turned = car.advance(round(t / car.h)).joint_position[wheel]
+    assert 0.05 < turned < 0.5 * 5.0 / inertia * (t + car.h) ** 2
