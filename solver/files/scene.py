@@ -126,6 +126,14 @@ def _with_trailer(builder: Builder, node: Node, key: str, name: Node, trailer: N
     """The node of a vehicle with the trailer that stands beside it in the scene as its key `trailer`."""
     if key != 'vehicle':
         raise SceneError(f"{where(name)}: trailer: only a vehicle pulls one; remove it, or take the key 'vehicle'")
-    if 'trailer' in builder.mapping(node, key):
-        raise SceneError(f'{where(name)}: trailer: the vehicle has one already; remove one of the two')
-    return MappingNode(node.tag, [*node.value, (name, trailer)], node.start_mark, node.end_mark)
+    own = builder.mapping(node, key).get('trailer')
+    if own is None:
+        return MappingNode(node.tag, [*node.value, (name, trailer)], node.start_mark, node.end_mark)
+    if not isinstance(own[1], MappingNode) and not isinstance(trailer, MappingNode):
+        return node  # both say that there is none
+    if not isinstance(own[1], MappingNode):
+        clash = 'the vehicle is to have none (vehicle.trailer: null), and here is one'
+    else:
+        clash = f'the vehicle has one ({where(own[1])}), and here is {"another one" if isinstance(trailer, MappingNode) else "none"}'
+    remedy = 'remove one of the two keys, or give both as null for none'
+    raise SceneError(f'{where(name)}: trailer: {clash}; {remedy}')

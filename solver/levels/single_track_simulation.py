@@ -187,6 +187,7 @@ class SingleTrackSimulation(Simulation):
         angle, rate = w.steered.tolist()
         found['frequency'] = (math.sqrt(rate / angle) / (2.0 * math.pi) if angle > 0.0 else 0.0, None)
         found['road height'], found['road slope'] = (self._uneven, None), (self._slope, None)
+        found['friction below 1'] = (max(0.0, 1.0 - self.scene.model.road.friction), None)
         return found
 
     @property

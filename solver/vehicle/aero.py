@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from solver.elements.aero_drag import AeroDragSpec
 from solver.elements.rigid_body import RigidBodySpec
-from solver.validate import Vector
+from solver.validate import Vector, finite
 from solver.vehicle.hardpoints import marker_at
 
 
@@ -17,6 +17,9 @@ class Aero:
     point: Vector
     drag_area: float
     lift_area: float = 0.0
+
+    def __post_init__(self) -> None:
+        finite('aero', 'drag_area', self.drag_area, low=0.0)
 
 
 def aero_drag(aero: Aero | None, chassis: RigidBodySpec) -> tuple[AeroDragSpec, ...]:

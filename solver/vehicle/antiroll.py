@@ -10,7 +10,7 @@ from solver.elements.laws import Law
 from solver.elements.rigid_body import RigidBodySpec
 from solver.validate import Vector, finite
 from solver.vehicle.hardpoints import distance, marker_at, on_side
-from solver.vehicle.parts import LEFTWARDS, Bushing, Link, Parts, joined, link, mounting, rods
+from solver.vehicle.parts import LEFTWARDS, Bushing, Link, Parts, joined, link, mounting, require_positive, rods
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +34,7 @@ class AntiRollBar:
 
     def __post_init__(self) -> None:
         finite('anti-roll bar', 'stiffness', self.stiffness, low=0.0)
+        require_positive('anti-roll bar', self, 'mass', 'radius')
 
 
 def anti_roll_bar(axle: str, data: AntiRollBar, subframe: RigidBodySpec, arms: dict[str, RigidBodySpec]) -> Parts:

@@ -28,9 +28,9 @@ from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.spring_damper import SpringDamperSpec
 from solver.elements.tire_pacejka import TireData
 from solver.model.frames import frame_of_axis
-from solver.validate import Vector, require
+from solver.validate import Vector, finite, require
 from solver.vehicle.hardpoints import SIDES, distance, marker_at, on_side
-from solver.vehicle.parts import Part, Parts, joined, vector_of
+from solver.vehicle.parts import Part, Parts, joined, require_positive, require_resisting, vector_of
 from solver.vehicle.wheel_end import Brake, Wheel, wheel_end
 
 
@@ -42,6 +42,9 @@ class Spring:
     knuckle: Vector
     rate: float
 
+    def __post_init__(self) -> None:
+        require_positive('spring', self, 'rate')
+
 
 @dataclass(frozen=True, kw_only=True)
 class Damper:
@@ -50,6 +53,9 @@ class Damper:
     chassis: Vector
     knuckle: Vector
     law: Law
+
+    def __post_init__(self) -> None:
+        require_resisting('damper', 'law', self.law)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,6 +74,10 @@ class Axle:
     turn_slip: bool | None = None
     stops: Law | None = None
     anti_roll_bar: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_resisting('axle', 'stops', self.stops)
+        finite('axle', 'anti_roll_bar', self.anti_roll_bar, low=0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -88,6 +98,7 @@ class StrutAxle(Axle):
     tie_rod_knuckle: Vector
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         for name in ('strut', 'ball_joint'):
             high = self.top_mount[2] > getattr(self, name)[2] + 0.05
             require(high, 'strut axle', 'top_mount', self.top_mount, f'must lie above {name} by at least 0.05 m')

@@ -32,6 +32,8 @@ from solver.vehicle.parts import (
     joined,
     link,
     mounting,
+    require_near,
+    require_positive,
     rods,
     spring_of,
     vector_of,
@@ -58,6 +60,10 @@ class CoilOver:
     damper: Damper
     mount: Bushing | None = None
     eye: Bushing | None = None
+
+    def __post_init__(self) -> None:
+        require_positive('coil-over', self, 'tube_mass', 'rod_mass')
+        require_near('coil-over', self, 'lower', 'upper')
 
 
 @dataclass(frozen=True, kw_only=True)

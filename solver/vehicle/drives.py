@@ -18,7 +18,7 @@ from solver.elements.laws import Law
 from solver.elements.rigid_body import RigidBodySpec
 from solver.validate import Vector, finite, require
 from solver.vehicle.hardpoints import marker_at
-from solver.vehicle.parts import LEFTWARDS, UP, Bushing, Corner, Part, Parts, joined, mounting
+from solver.vehicle.parts import LEFTWARDS, UP, Bushing, Corner, Part, Parts, joined, mounting, require_positive, require_resisting
 from solver.vehicle.powertrain import (
     Driveline,
     HalfShafts,
@@ -109,6 +109,11 @@ class LiveAxleDrive(Propshaft):
     top_speed: float | None = None
     rotor: Rotor | None = None
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        require_positive('driveline', self, 'top_speed')
+        require_resisting('driveline', 'limited_slip', self.limited_slip)
+
     def parts(self, axle: str, base: Base, corners: Mapping[str, Corner]) -> tuple[Parts, tuple[str, str]]:
         """(parts of the drive, coordinates of its outputs)."""
         housings = {corner.upright.name for corner in corners.values()}
@@ -136,6 +141,9 @@ class Motors:
     on: Literal['chassis', 'upright'] = 'chassis'
     top_speed: float | None = None
     rotor: Rotor | None = None
+
+    def __post_init__(self) -> None:
+        require_positive('motors', self, 'top_speed')
 
     def parts(self, axle: str, base: Base, corners: Mapping[str, Corner]) -> tuple[Parts, tuple[str, str]]:
         """(parts of the drive, coordinates of its outputs)."""

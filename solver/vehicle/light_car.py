@@ -28,7 +28,7 @@ from solver.vehicle.aero import Aero, aero_drag
 from solver.vehicle.corner import ArmAxle, Axle, StrutAxle, corner, corner_bodies, free_length
 from solver.vehicle.drives import wheel_shaft
 from solver.vehicle.hardpoints import marker_at
-from solver.vehicle.parts import LEFTWARDS, Part, Parts, joined
+from solver.vehicle.parts import LEFTWARDS, Part, Parts, joined, require_positive
 from solver.vehicle.trailer import Trailer, require_behind, towed
 from solver.vehicle.wheel_end import Brake
 
@@ -48,6 +48,7 @@ class Steering:
     rack_damping: float = 0.0
 
     def __post_init__(self) -> None:
+        require_positive('steering', self, 'rack_per_turn')
         finite('steering', 'rack_damping', self.rack_damping, low=0.0)
 
 
@@ -59,6 +60,9 @@ class Driveline:
     driven: Literal['front', 'rear'] = 'front'
     ratio: float = 1.0
     top_speed: float | None = None
+
+    def __post_init__(self) -> None:
+        require_positive('driveline', self, 'ratio', 'top_speed')
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -30,6 +30,8 @@ from solver.vehicle.parts import (
     joined,
     link,
     mounting,
+    require_near,
+    require_positive,
     rods,
     spring_of,
     vector_of,
@@ -50,6 +52,10 @@ class Strut:
     spring: Spring
     damper: Damper
     mount: Bushing | None = None
+
+    def __post_init__(self) -> None:
+        require_positive('strut', self, 'rod_mass')
+        require_near('strut', self, 'lower', 'upper')
 
 
 @dataclass(frozen=True, kw_only=True)

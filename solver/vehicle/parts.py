@@ -29,6 +29,8 @@ from solver.vehicle.hardpoints import SIDES, distance, marker_at, on_side
 UP: Vector = (0.0, 0.0, 1.0)
 LEFTWARDS: Vector = (0.0, 1.0, 0.0)
 Category = Literal['saloon', 'compact', 'pickup', 'electric', 'formula']  # of car: what its figures are compared with
+FARTHEST = 30.0  # m from the origin between the axles: the longest road trains have 25 m
+SOFTEST = 1.0  # m that a spring is compressed by its load: of a body on such springs, which would bounce at 0.5 Hz
 SKEW = 0.02  # largest coupling of rotations, relative to the rotational rates, that a mounting may neglect
 
 
@@ -80,6 +82,32 @@ class Structure(NamedTuple):
     rack: RigidBodySpec | None = None
 
 
+def require_positive(where: str, data: object, *fields: str) -> None:
+    """Check that these fields of the data are finite and above zero; those that are None are not looked at. Raises SpecError."""
+    for field in fields:
+        value = getattr(data, field)
+        if value is not None:
+            finite(where, field, value, low=0.0, strict=True)
+
+
+def require_near(where: str, data: object, *fields: str) -> None:
+    """Check that these points of the data [m], or lists of points, belong to a vehicle. Raises SpecError."""
+    for field in fields:
+        value = getattr(data, field)
+        largest = float(np.abs(np.array(value, float)).max())
+        require(largest < FARTHEST, where, field, value, f'is further than {FARTHEST:g} m from the origin: lengths are in m')
+
+
+def require_resisting(where: str, field: str, law: Law | None) -> None:
+    """Check that a law resists: at every knot it is, from its value at zero, on the side to which it is pushed. Raises SpecError."""
+    if law is None:
+        return
+    at_zero = float(np.interp(0.0, law.x, law.y))
+    for k, (x, y) in enumerate(zip(law.x, law.y, strict=True)):
+        remedy = f'drives instead of resisting: at {x:g} it must not be {"below" if x > 0.0 else "above"} the {at_zero:g} at 0'
+        require((y - at_zero) * x >= 0.0, where, f'{field}[{k}][1]', y, remedy)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Part:
     """A rigid part. mass [kg]; com: centre of mass in the design frame [m]; inertia (Ixx, Iyy, Izz) and products (Ixy, Ixz, Iyz)
@@ -89,6 +117,11 @@ class Part:
     inertia: Vector
     com: Vector
     products: Vector = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        self.body('part', self.com)  # which checks mass and inertia
+        finite('part', 'com[2]', self.com[2], low=0.0, strict=True)  # above the ground
+        require_near('part', self, 'com')
 
     def body(self, name: str, origin: Vector, side: str = 'left') -> RigidBodySpec:
         """The body with its reference frame at `origin` of the design frame, parallel to it; both are given for the left side."""
@@ -118,6 +151,8 @@ class Bushing:
     def __post_init__(self) -> None:
         for k, rate in enumerate(self.stiffness):
             finite('bushing', f'stiffness[{k}]', rate, low=0.0)
+        for field in ('law_x', 'law_y', 'law_z'):
+            require_resisting('bushing', field, getattr(self, field))
         finite('bushing', 'loss', self.loss, low=0.0)
 
 
@@ -207,6 +242,10 @@ class Link:
     radius: float = 0.015
     bushing: Bushing | None = None
 
+    def __post_init__(self) -> None:
+        require_positive('link', self, 'mass', 'radius')
+        require_near('link', self, 'inner', 'outer')
+
 
 def link(name: str, data: Link, base: RigidBodySpec, carrier: RigidBodySpec, side: str, pin: Vector | None = None) -> Parts:
     """The link (its body first) between base (inner end) and carrier (outer end). pin: on the base, of an ideal universal joint, which is
@@ -232,6 +271,10 @@ class Arm:
     radius: float = 0.02
     bushing: Bushing | None = None
 
+    def __post_init__(self) -> None:
+        require_positive('arm', self, 'mass', 'radius')
+        require_near('arm', self, 'pivots', 'outer')
+
 
 def control_arm(name: str, data: Arm, base: RigidBodySpec, carrier: RigidBodySpec, side: str) -> Parts:
     """The arm (its body first) between base and carrier."""
@@ -253,6 +296,12 @@ class Spring:
     rate: float
     load: float
 
+    def __post_init__(self) -> None:
+        require_positive('spring', self, 'rate')
+        finite('spring', 'load', self.load, low=0.0)
+        soft = self.load / self.rate
+        require(soft < SOFTEST, 'spring', 'rate', self.rate, f'is compressed by {soft:.3g} m under its load: rates are in N/m')
+
 
 @dataclass(frozen=True, kw_only=True)
 class Damper:
@@ -261,6 +310,10 @@ class Damper:
 
     law: Law
     stops: Law | None = None
+
+    def __post_init__(self) -> None:
+        require_resisting('damper', 'law', self.law)
+        require_resisting('damper', 'stops', self.stops)
 
 
 def spring_of(name: str, data: Spring, i: Marker, j: Marker, length: float) -> SpringDamperSpec:

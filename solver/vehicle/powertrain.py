@@ -24,9 +24,22 @@ from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.elements.joint import JointSpec
 from solver.elements.laws import Law
 from solver.elements.rigid_body import RigidBodySpec
-from solver.validate import Vector, finite
+from solver.validate import Vector, finite, require
 from solver.vehicle.hardpoints import SIDES, marker_at, on_side
-from solver.vehicle.parts import LEFTWARDS, UP, Bushing, Part, Parts, joined, mounting, rods, shaft_markers, vector_of
+from solver.vehicle.parts import (
+    LEFTWARDS,
+    UP,
+    Bushing,
+    Part,
+    Parts,
+    joined,
+    mounting,
+    require_positive,
+    require_resisting,
+    rods,
+    shaft_markers,
+    vector_of,
+)
 from solver.vehicle.power import FORWARD, Power
 from solver.vehicle.rotor import Rotor, rotor
 from solver.vehicle.wheel_end import spin_axis
@@ -60,6 +73,9 @@ class Shaft:
     mass: float
     radius: float
 
+    def __post_init__(self) -> None:
+        require_positive('shaft', self, 'mass', 'radius')
+
 
 @dataclass(frozen=True, kw_only=True)
 class HalfShafts:
@@ -80,6 +96,8 @@ class HalfShafts:
 
     def __post_init__(self) -> None:
         finite('driveline', 'inset', self.inset, low=0.0)
+        require_positive('driveline', self, 'top_speed')
+        require_resisting('driveline', 'limited_slip', self.limited_slip)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -101,6 +119,11 @@ class Propshaft:
     propshaft_rear: Shaft
     pinion: Shaft
 
+    def __post_init__(self) -> None:
+        require_positive('driveline', self, 'stiffness')
+        require(self.ratio != 0.0, 'driveline', 'ratio', self.ratio, 'must not be 0')  # below it the crown wheel is on the other side
+        finite('driveline', 'damping', self.damping, low=0.0)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Driveline(HalfShafts, Propshaft):
@@ -111,8 +134,8 @@ class Driveline(HalfShafts, Propshaft):
     mount_bushing: Bushing | None = None
 
     def __post_init__(self) -> None:
-        super().__post_init__()
-        finite('driveline', 'stiffness', self.stiffness, low=0.0, strict=True)
+        HalfShafts.__post_init__(self)
+        Propshaft.__post_init__(self)
 
 
 def engine(data: Engine, chassis: RigidBodySpec, subframe: RigidBodySpec) -> Parts:

@@ -19,7 +19,7 @@ from solver.elements.joint import JointSpec
 from solver.elements.rigid_body import RigidBodySpec
 from solver.validate import Vector, finite, require
 from solver.vehicle.hardpoints import marker_at
-from solver.vehicle.parts import UP, Bushing, Link, Parts, joined, link, mounting, rods, vector_of
+from solver.vehicle.parts import UP, Bushing, Link, Parts, joined, link, mounting, require_positive, rods, vector_of
 from solver.vehicle.power_steering import SLOW
 from solver.vehicle.steering import Column, Gear, steering_damper
 
@@ -32,6 +32,9 @@ class Lever:
     ball: Vector
     mass: float
     radius: float = 0.02
+
+    def __post_init__(self) -> None:
+        require_positive('lever', self, 'mass', 'radius')
 
     def body(self, name: str) -> RigidBodySpec:
         """The arm."""
@@ -56,7 +59,7 @@ class RecirculatingBall(Column):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        finite('steering', 'ratio', self.ratio, low=0.0, strict=True)
+        require_positive('steering', self, 'ratio', 'link_mass', 'link_radius')
         finite('steering', 'link_damping', self.link_damping, low=0.0)
         for name in ('pitman', 'idler'):
             lever = self.lever(getattr(self, name))

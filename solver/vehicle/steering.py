@@ -28,7 +28,7 @@ from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.spring_damper import SpringDamperSpec
 from solver.validate import Vector, finite
 from solver.vehicle.hardpoints import marker_at
-from solver.vehicle.parts import LEFTWARDS, Part, Parts, joined, rods, shaft_markers, vector_of
+from solver.vehicle.parts import LEFTWARDS, Part, Parts, joined, require_positive, rods, shaft_markers, vector_of
 from solver.vehicle.power_steering import SLOW, PowerSteering, assisted_mesh, friction
 
 SHAFT_RADIUS = 0.012  # of the shafts' cylinders [m]
@@ -72,7 +72,8 @@ class Column(ABC):
     friction: float = 0.0
 
     def __post_init__(self) -> None:
-        finite('steering', 'stiffness', self.stiffness, low=0.0, strict=True)
+        require_positive('steering', self, 'stiffness', 'pinion_mass', 'shaft_mass', 'wheel_mass', 'wheel_inertia')
+        finite('steering', 'damping', self.damping, low=0.0)
         finite('steering', 'friction', self.friction, low=0.0)
 
     @abstractmethod
@@ -101,7 +102,8 @@ class SteeringGear(Column):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        finite('steering', 'rack_per_turn', self.rack_per_turn, low=0.0, strict=True)
+        require_positive('steering', self, 'rack_per_turn')
+        finite('steering', 'rack_damping', self.rack_damping, low=0.0)
 
     def gear(self, subframe: RigidBodySpec, arm: float) -> Gear:
         """Pinion and rack; coordinate rack, positive along y."""

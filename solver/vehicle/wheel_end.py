@@ -20,9 +20,9 @@ from solver.elements.marker import Marker
 from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.tire_pacejka import TireData, TireSpec
 from solver.model.frames import frame_of_rpy, matrix, quaternion
-from solver.validate import Vector
+from solver.validate import Vector, finite, require
 from solver.vehicle.hardpoints import SIDES, marker_at, on_side
-from solver.vehicle.parts import UP, Corner, Part, Parts, Structure
+from solver.vehicle.parts import UP, Corner, Part, Parts, Structure, require_near, require_positive
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,6 +36,13 @@ class Wheel:
     inertia: float
     toe: Annotated[float, 'rad'] = 0.0
     camber: Annotated[float, 'rad'] = 0.0
+
+    def __post_init__(self) -> None:
+        require_positive('wheel', self, 'spin_inertia', 'inertia')
+        self.body('wheel', 'left')  # which checks that such a body exists
+        require(self.center[1] > 0.0, 'wheel', 'center[1]', self.center[1], 'must be > 0: data are those of the left side')
+        require_near('wheel', self, 'center')
+        require(self.center[2] > 0.0, 'wheel', 'center[2]', self.center[2], 'must be > 0, above the ground')
 
     def body(self, name: str, side: str) -> RigidBodySpec:
         """The body, its y axis along the spin axis to the left."""
@@ -52,6 +59,11 @@ class Brake:
     share: float
     stiffness: float
     damping: float
+
+    def __post_init__(self) -> None:
+        require_positive('brake', self, 'stiffness')
+        finite('brake', 'share', self.share, low=0.0)
+        finite('brake', 'damping', self.damping, low=0.0)
 
 
 def spin_axis(wheel: RigidBodySpec) -> Vector:

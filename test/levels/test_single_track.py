@@ -115,6 +115,19 @@ def test_a_run_that_leaves_the_limits_is_suspect() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(('friction', 'angle', 'told'), [(0.6, 0.4, False), (0.6, 1.2, True), (0.3, 0.4, True)])
+def test_a_slippery_road_is_followed_or_told(friction: float, angle: float, told: bool) -> None:
+    """A steady turn beside the whole vehicle: within 5 %, or suspect. On friction 0.6 a limit of 7 m/s^2 is one of 4.2 m/s^2."""
+    turn = (f'road={{friction: {friction}}}', f'maneuver={{steering: {{kind: step, value: {angle}, start: 0.2, rise: 0.3}}}}')
+    whole, level = (
+        solver.simulation_of(load_scene('light_car_step_steer', [*turn, f'fidelity={fidelity}'])) for fidelity in ('full', 'single_track')
+    )
+    wanted, found = (s.advance(3000).twist[0, 5] for s in (whole, level))
+    assert (abs(found / wanted - 1.0) < 0.05) != told
+    assert bool(findings(level)) == told
+
+
+@pytest.mark.slow
 def test_a_driver_finds_his_way() -> None:
     """The lane change of the light car, steered by the preview driver at both levels: the same path within a tenth of a metre."""
     whole = load_scene('light_car_lane_change', ['integrator.h=0.002'])

@@ -363,8 +363,14 @@ def test_a_trailer_beside_the_vehicle_is_the_one_in_it() -> None:
     head = 'vehicle: vehicles/light_car.yaml\n'
     file = 'trailer: vehicles/trailers/caravan.yaml\n'
     assert load_scene_text(head + file, 'beside').model == load_scene_text(head, 'in it', [CARAVAN]).model
-    with pytest.raises(SceneError, match='has one already'):
-        load_scene_text(head + file, 'twice', [CARAVAN])
+    for own, beside, says in (
+        (CARAVAN, file, r'the vehicle has one \(.*caravan.yaml:\d+\), and here is another one'),
+        (CARAVAN, 'trailer: null\n', 'the vehicle has one .*, and here is none'),
+        ('vehicle.trailer=null', file, r'is to have none \(vehicle.trailer: null\), and here is one'),
+    ):
+        with pytest.raises(SceneError, match=says):
+            load_scene_text(head + beside, 'two keys', [own])
+    assert load_scene_text(head + 'trailer: null\n', 'none', ['vehicle.trailer=null']).model == load_scene_text(head).model
     with pytest.raises(SceneError, match='only a vehicle pulls one'):
         load_scene_text('mechanism: mechanisms/pendulum.yaml\n' + file, 'pendulum')
 
