@@ -23,7 +23,7 @@ from scipy.spatial.transform import Rotation
 from transformed import Transformation, in_units, mirrored, placed_at
 
 from mbd_sim_ros.lab.mechanisms.families import FAMILIES, draw
-from mbd_sim_ros.lab.mechanisms.judgement import difference, measured
+from mbd_sim_ros.lab.mechanisms.references import difference, measured
 from mbd_sim_ros.lab.studies import crank
 from solver.analysis.verdict import exchanged
 from solver.files.scene import load_scene

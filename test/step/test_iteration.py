@@ -7,7 +7,7 @@ import pytest
 
 from mbd_sim_ros.lab.mechanisms.draft import Mechanism
 from mbd_sim_ros.lab.mechanisms.families import draw
-from mbd_sim_ros.lab.mechanisms.judgement import difference, measured
+from mbd_sim_ros.lab.mechanisms.references import difference, measured
 from solver.files.scene import load_scene
 from solver.simulation import Simulation
 

@@ -16,17 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.integrate import solve_ivp
 
-from mbd_sim_ros.lab.mechanisms.judgement import (
-    FINE,
-    RESOLVED,
-    START,
-    compare,
-    difference,
-    measured,
-    reference,
-    run,
-    unseen,
-)
+from mbd_sim_ros.lab.mechanisms.judgement import RESOLVED, START, compare, run, unseen
+from mbd_sim_ros.lab.mechanisms.references import FINE, difference, measured, reference
 from mbd_sim_ros.lab.studies import crank
 from solver.elements.marker import WORLD, Marker
 from solver.errors import StepError
