@@ -32,6 +32,7 @@ def load(bag: str | Path, topics: Sequence[str] | None = None, *, to: str = 'pan
     makers = {'pandas': frames, 'xarray': datasets}
     if to not in makers:
         raise BagError(f'load(..., to={to!r}): must be pandas or xarray')
+    topics = [topics] if isinstance(topics, str) else topics
     run = runs.read(bag, [f'{topic.strip("/")}/*' for topic in topics] if topics is not None else ())
     found = makers[to](run)
     if topics is None:

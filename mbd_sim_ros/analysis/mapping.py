@@ -54,7 +54,9 @@ class Axes:
     rpy: Annotated[tuple[float, ...], 'rad']
 
     def __post_init__(self) -> None:
-        require(len(self.channels) == 3, 'mapping', 'axes.channels', self.channels, 'must be three channels: x, y, z')
+        require(
+            len(set(self.channels)) == len(self.channels) == 3, 'mapping', 'axes.channels', self.channels, 'must be three channels: x, y, z'
+        )
         require(len(self.rpy) == 3, 'mapping', 'axes.rpy', self.rpy, 'must be three angles: roll, pitch, yaw')
 
 
@@ -64,6 +66,9 @@ class ChannelMap:
 
     channels: dict[str, Source]
     axes: tuple[Axes, ...] = field(default_factory=tuple)
+
+    def __post_init__(self) -> None:
+        require(bool(self.channels), 'mapping', 'channels', {}, 'must name at least one channel')
 
 
 def load_mapping(file: str | Path) -> ChannelMap:

@@ -37,7 +37,7 @@ def shared_names(
         raise BagError(f'the two runs have no channel in common ({_some(ours)} here, {_some(theirs)} there)')
     for pattern in patterns:
         if not fnmatch.filter([*both, *_orientations(both)], pattern):
-            raise BagError(f'no common channel matches {pattern!r}{suggestion(pattern, known or both)}')
+            raise BagError(f'no common channel matches {pattern!r}{suggestion(pattern, {*known} or both)}')
 
     def chosen(names: Sequence[str]) -> list[str]:
         return [name for name in names if not patterns or any(fnmatch.fnmatchcase(name, p) for p in patterns)]

@@ -46,6 +46,6 @@ def plot_comparison(comparison: Comparison, file: Path, *, names: tuple[str, str
         axes[0][0].legend(loc='upper right', fontsize=8, ncols=2, frameon=False, bbox_to_anchor=(1.0, 1.25))
         try:
             file.parent.mkdir(parents=True, exist_ok=True)
-            figure.savefig(file, dpi=110)
+            figure.savefig(file, dpi=110, format=file.suffix[1:] or 'png')  # else a name without ending gets one
         except (OSError, ValueError) as error:
             raise BagError(f'cannot write the picture {file}: {getattr(error, "strerror", None) or error}') from None

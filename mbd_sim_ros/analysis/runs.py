@@ -170,6 +170,9 @@ def _read_csv(file: Path, prefix: str) -> Series:
         raise BagError(f'cannot read {file}: it is not a CSV text ({error})') from None
     if len(rows) < 2:
         raise BagError(f'{file} holds no data: a header line and at least one row of numbers are needed')
+    other = next((mark for mark in ';\t' if len(rows[0]) == 1 and mark in rows[0][0]), None)
+    if other:
+        raise BagError(f'{file}: its columns are separated by {other!r}; they must be by commas, and numbers have points')
     names = [cell.partition('[')[0].strip() for cell in rows[0]]
     if names[0] not in ('time', 't'):
         raise BagError(f"{file}: the first column is {names[0]!r}; it must be 'time [s]'")
@@ -181,8 +184,11 @@ def _read_csv(file: Path, prefix: str) -> Series:
             raise BagError(f'{file}: row {number} has {len(row)} values for {len(names)} columns')
     try:
         table = np.array([[float(cell) if cell.strip() else np.nan for cell in row] for row in rows[1:]])
-    except ValueError as error:
-        raise BagError(f'{file}: {error}') from None
+    except ValueError:
+        number, name, cell = next((n, *one) for n, row in enumerate(rows[1:], 2) for one in zip(names, row) if not _is_number(one[1]))
+        raise BagError(
+            f'{file}: row {number}, column {name!r}: {cell[:40]!r} is not a number; leave the cell empty where there is none'
+        ) from None
     if not np.all(np.isfinite(table[:, 0])):
         raise BagError(f'{file}: every row needs a time in its first column')
     latest = float(np.abs(table[:, 0]).max())
@@ -192,6 +198,14 @@ def _read_csv(file: Path, prefix: str) -> Series:
     if not np.all(np.diff(time_ns) > 0):
         raise BagError(f'{file}: the times must increase from row to row')
     return Series(time_ns, {prefix + name: table[:, k].copy() for k, name in enumerate(names) if k})
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell.strip() or 'nan')
+    except ValueError:
+        return False
+    return True
 
 
 def _nanoseconds(texts: Sequence[str], seconds: np.ndarray) -> np.ndarray:

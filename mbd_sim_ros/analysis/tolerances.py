@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import fnmatch
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated
@@ -62,6 +63,11 @@ class Tolerances:
     def of(self, channel: str) -> Tolerance:
         """Limits of a channel."""
         return next((t for pattern, t in self.tolerances.items() if fnmatch.fnmatchcase(channel, pattern)), self.default)
+
+    def unused(self, channels: Iterable[str]) -> list[str]:
+        """Patterns that none of these channels is judged by: no name fits, or an earlier pattern takes it."""
+        used = {next((p for p in self.tolerances if fnmatch.fnmatchcase(channel, p)), None) for channel in channels}
+        return [pattern for pattern in self.tolerances if pattern not in used]
 
     @property
     def rated(self) -> bool:

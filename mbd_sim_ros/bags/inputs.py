@@ -194,7 +194,7 @@ def recorded_inputs(path: str, channels: Mapping[str, BagChannel]) -> Recorded:
         found = inputs_of(content(path))
         if found.last == found.first:
             raise BagError(f'{where}: it holds no step')
-        return Recorded(where, found.h_ns, found.first, found.rows, found.start, {})
+        return Recorded(where, found.h_ns, found.first, found.rows, found.start, {}, found.last - found.first)
     run = bag.read(path)
     tracks = {}
     for name, channel in channels.items():

@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+import fcntl
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
+
+from solver.errors import BagError
 
 SCENE_HELP = 'path of a scene file, or a name in config/scenes'
 SET_HELP = 'change one value of the scene, checked like the file itself (repeatable), e.g. --set integrator.h=0.002'
@@ -39,6 +44,27 @@ def add_scene(parser: argparse.ArgumentParser) -> None:
     """The arguments SCENE and --set."""
     parser.add_argument('scene', metavar='SCENE', help=SCENE_HELP)
     parser.add_argument('--set', metavar='KEY=VALUE', action='append', default=[], dest='overrides', help=SET_HELP)
+
+
+@contextmanager
+def alone(directory: Path) -> Iterator[None]:
+    """A directory, made where it is not there, in which no other command goes on meanwhile; a process that dies lets go of it.
+
+    Raises BagError.
+    """
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+        file = (directory / '.lock').open('a')
+    except OSError as error:
+        raise BagError(f'--out {directory}: {error.strerror}; choose another place') from None
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            raise BagError(f'--out {directory}: another mbd is at work there; wait for its end, or choose another place') from None
+        except OSError:  # a file system without locks
+            pass
+        yield
 
 
 def table(rows: Sequence[tuple[str, ...]]) -> str:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import argparse
 import dataclasses
 import fnmatch
+import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -93,19 +95,26 @@ def add(parsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> Result:
     """Read all, compare, draw."""
-    from mbd_sim_ros.analysis import mapping
+    import numpy as np
+
+    from mbd_sim_ros import interrupts
+    from mbd_sim_ros.analysis import mapping, runs
     from mbd_sim_ros.analysis.comparison import compare
     from mbd_sim_ros.analysis.tolerances import Tolerances, load_tolerances
 
     given = {name: getattr(args, name) for name in ('rtol', 'atol') if getattr(args, name) is not None}
-    if any(not value >= 0.0 for value in given.values()):
-        raise BagError(f'{" ".join(f"--{name} {value:g}" for name, value in given.items())}: tolerances must not be negative')
+    for name, value in given.items():
+        if not 0.0 <= value < math.inf:
+            raise BagError(f'--{name} {value:g}: must be a number that is not negative')
+    if not abs(args.offset) < runs.LATEST:
+        raise BagError(f'--offset {args.offset:g}: must be a number of seconds below {runs.LATEST:.3g}')
     if args.overlap is not None and not 0.0 <= args.overlap <= 1.0:
         raise BagError(f'--overlap {args.overlap:g}: must be a part, 0 to 1')
     limits = Tolerances() if args.tolerances is None else load_tolerances(args.tolerances)
     limits = dataclasses.replace(limits, default=dataclasses.replace(limits.default, **given))
     pairs = mapping.pairs(args.map)
     file = None if args.mapping is None else mapping.load_mapping(args.mapping)
+    interrupts.now(f'comparing {args.run_} with {args.reference}')
     ours, references, held = _read(args, pairs, file)
     channels = args.channel
     if file is not None:
@@ -121,18 +130,19 @@ def run(args: argparse.Namespace) -> Result:
         channels = [name for name in channels if name in common]
         if not channels:
             raise BagError(f'{args.mapping}: none of its channels is in all recordings ({", ".join(lacking[:3])} are in some)')
-    found = compare(
-        ours,
-        *references,
-        tolerances=limits,
-        exact=args.exact,
-        channels=channels,
-        offset=args.offset,
-        align=args.align,
-        overlap=0.0 if args.allow_missing else args.overlap,
-        held=held,
-        rated=not args.no_rating,
-    )
+    with np.errstate(over='ignore', invalid='ignore'):  # whatever a recording holds
+        found = compare(
+            ours,
+            *references,
+            tolerances=limits,
+            exact=args.exact,
+            channels=channels,
+            offset=args.offset,
+            align=args.align,
+            overlap=0.0 if args.allow_missing else args.overlap,
+            held=held,
+            rated=not args.no_rating,
+        )
     if file is not None:
         in_run = {n for one in ours.series.values() for n in one.columns}
         found = dataclasses.replace(
@@ -142,7 +152,8 @@ def run(args: argparse.Namespace) -> Result:
         )
     names = _labels([args.run_, args.reference, *args.repeats])
     left_out = {f'{name}: {topic}': why for name, r in zip(names, (ours, *references)) for topic, why in r.left_out.items()}
-    result = report(found, allow_missing=args.allow_missing, names=names, left_out=left_out, plot=args.plot, html=args.html)
+    unused = limits.unused(d.channel for d in found.differences)
+    result = report(found, allow_missing=args.allow_missing, names=names, left_out=left_out, unused=unused, plot=args.plot, html=args.html)
     if args.plot is not None:
         from mbd_sim_ros.analysis.plots import plot_comparison
 
@@ -151,7 +162,7 @@ def run(args: argparse.Namespace) -> Result:
         from mbd_sim_ros.analysis.html import write_report
 
         verdict = result.text.splitlines()[-1]
-        write_report(found, args.html, names=names, about=about(found, names, left_out), verdict=(result.code == 0, verdict))
+        write_report(found, args.html, names=names, about=about(found, names, left_out, unused), verdict=(result.code == 0, verdict))
     return result
 
 
@@ -193,7 +204,7 @@ def _labels(places: list[Path]) -> list[str]:
     return short if len(set(short)) == len(short) else [str(place) for place in places]
 
 
-def about(found: Comparison, names: list[str], left_out: dict[str, str]) -> list[str]:
+def about(found: Comparison, names: list[str], left_out: dict[str, str], unused: Sequence[str] = ()) -> list[str]:
     """What was done before comparing, a line each."""
     lines = []
     if any(found.origins):
@@ -209,6 +220,7 @@ def about(found: Comparison, names: list[str], left_out: dict[str, str]) -> list
         if channels:
             more = f' and {len(channels) - 6} more' if len(channels) > 6 else ''
             lines.append(f'in {side} only: {", ".join(channels[:6])}{more}')
+    lines += [f'tolerances of {pattern}: no channel is judged by them' for pattern in unused]
     lines += [f'not read: {topic}: {why}' for topic, why in left_out.items()]
     return lines
 
@@ -219,6 +231,7 @@ def report(
     allow_missing: bool = False,
     names: list[str] | None = None,
     left_out: dict[str, str] | None = None,
+    unused: Sequence[str] = (),
     plot: Path | None = None,
     html: Path | None = None,
 ) -> Result:
@@ -240,6 +253,7 @@ def report(
         'only_in_run': list(found.only_in_run),
         'only_in_reference': list(found.only_in_reference),
         'not_read': left_out or {},
+        'unused_tolerances': list(unused),
         'problems': list(found.problems),
         'plot': None if plot is None else str(plot),
         'html': None if html is None else str(html),
@@ -253,7 +267,7 @@ def report(
         cells += ['' if d.rating is None else f'{d.rating.overall:.3f}'] if rated else []
         cells += ['' if d.band is None else f'{100.0 * d.band.inside:.1f} %'] if band else []
         rows.append((*cells, '' if d.ok else f'OUTSIDE: {"; ".join(d.reasons)}'))
-    lines = [*about(found, names or ['run', 'reference'], left_out or {}), table(rows)]
+    lines = [*about(found, names or ['run', 'reference'], left_out or {}, unused), table(rows)]
     if len(found.differences) > SHOWN:
         lines.append(f'... and {len(found.differences) - SHOWN} channels that differ less')
     verdict = f'{len(outside)} of {len(found.differences)} channels outside' if outside else f'{len(found.differences)} channels within'

@@ -48,6 +48,7 @@ def add(parsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> Result:
     """Read, judge, report."""
+    from mbd_sim_ros import interrupts
     from mbd_sim_ros.analysis import mapping
     from mbd_sim_ros.analysis.evaluation import judging
 
@@ -65,6 +66,7 @@ def run(args: argparse.Namespace) -> Result:
         judging.called(args.name)  # a wrong name is told before anything is read
     results = []
     for place in args.bags:
+        interrupts.now(f'judging {place}')
         recording, held, scene = judging.read(place, sources, axes)
         evaluation = judging.meant(scene, args.name, str(place))
         results.append(judging.judge(evaluation, recording, str(place), given, held=held, scene=scene))

@@ -27,11 +27,13 @@ def add(parsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> Result:
     """Read and write."""
+    from mbd_sim_ros import interrupts
     from mbd_sim_ros.analysis import dataframes, runs
     from mbd_sim_ros.bags import reader as bag
 
     if args.csv is None and args.parquet is None:
         raise BagError('nothing to write: give --csv DIR or --parquet DIR')
+    interrupts.now(f'exporting {args.bag}')
     run_ = bag.read(args.bag, args.channel)
     runs.must_match(run_, args.channel, args.bag)
     if not run_.series:

@@ -84,6 +84,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _command(argv: Sequence[str] | None) -> int:
+    if sys.stdout is None or sys.stderr is None:  # what is opened next would take their place
+        _say('the output is closed; give it a place, or /dev/null')
+        return 1
     argv = list(sys.argv[1:] if argv is None else argv)
     as_json = '--json' in argv
     with _output(as_json) as out, interrupts.watched(lambda text: _at_the_end(text, out, as_json)):
@@ -138,9 +141,11 @@ class _Output:
         """Write the result. Raises OSError."""
         if text:
             encoding = self.stream.encoding or 'utf-8'
-            print(
-                text.encode(encoding, 'backslashreplace').decode(encoding), file=self.stream, flush=True
-            )  # names of files may be any bytes
+            text = text.encode(encoding, 'backslashreplace').decode(encoding)  # names of files may be any bytes
+            try:
+                print(text, file=self.stream, flush=True)
+            except OSError as error:
+                raise OSError(error.errno, error.strerror, 'the output') from None
 
     def drop(self) -> None:
         """Have the interpreter not try again to write at its end."""

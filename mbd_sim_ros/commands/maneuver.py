@@ -5,12 +5,16 @@ from __future__ import annotations
 import argparse
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from mbd_sim_ros.commands import SET_HELP, Result, declare, table
+from mbd_sim_ros.commands import SET_HELP, Result, alone, declare, table
 from solver.errors import BagError, SpecError
+
+if TYPE_CHECKING:
+    from mbd_sim_ros.analysis.evaluation.driving import Driving
+    from mbd_sim_ros.analysis.evaluation.kinds import Evaluation
 
 SAID: dict[str, Callable[[float], str]] = {  # what was found before a maneuver, in words
     'reference': lambda value: f'reference {math.degrees(value):.4g} deg at the steering wheel',
@@ -52,18 +56,26 @@ def run(args: argparse.Namespace) -> Result:
         return _listed()
     from mbd_sim_ros.analysis.evaluation import judging
     from mbd_sim_ros.analysis.evaluation.driving import Driving
-    from mbd_sim_ros.commands.evaluate import report
-    from mbd_sim_ros.commands.main import plain
 
     evaluations = judging.called(args.name)
     if args.vehicle is None:
         raise SpecError(f'mbd maneuver {args.name}: which VEHICLE? e.g. mbd maneuver {args.name} light_car')
-    given = judging.assignments(args.given)
+    given = judging.assignments(args.given, '--with')
     for evaluation in evaluations:
         judging.parameters_of(evaluation, given)
     directory = args.out or Path('bags') / f'{args.name}-{Path(args.vehicle).stem}'
     driving = Driving(args.vehicle, directory, args.overrides, say=not args.json)
-    results, found = [], {}
+    with alone(directory):
+        return _driven(args, driving, evaluations, given)
+
+
+def _driven(args: argparse.Namespace, driving: Driving, evaluations: Sequence[Evaluation], given: dict[str, float]) -> Result:
+    """Drive what is not there yet, judge, write the report."""
+    from mbd_sim_ros.analysis.evaluation import judging
+    from mbd_sim_ros.commands.evaluate import report
+    from mbd_sim_ros.commands.main import plain
+
+    directory, results, found = driving.directory, [], {}
     for evaluation in evaluations:
         places, before = driving.drive(evaluation)
         found[evaluation.name] = before

@@ -151,6 +151,9 @@ def _changed(args: argparse.Namespace, before: Content, applied: Inputs, directo
         overrides.insert(0, f'vehicle={find_file(args.vehicle, "vehicles").resolve()}')
     if applied.last == applied.first:
         raise BagError(f'{args.bag} cannot be replayed: it holds no step')
+    for given in args.overrides:
+        if given.partition('=')[0].partition('.')[0].strip() in ('duration', 'maneuver'):
+            raise SpecError(f'--set {given}: a replay has the inputs and the time of its recording; mbd run takes others')
     text, name = before.metadata['resolved_scene'], f'scene in {args.bag}'
     first = load_scene_text(text, name, overrides)
     h_ns = first.integrator.h_ns

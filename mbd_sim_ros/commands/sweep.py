@@ -7,10 +7,14 @@ import dataclasses
 import json
 import os
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from mbd_sim_ros.commands import Result, declare, table
-from solver.errors import BagError
+from mbd_sim_ros.commands import Result, alone, declare, table
+from solver.errors import BagError, MbdError, SceneError
+
+if TYPE_CHECKING:
+    from mbd_sim_ros.sweep.design import Sweep
+    from solver.scene import Scene
 
 EXAMPLE = """mbd sweep sweep.yaml --out out/sweep
   mbd sweep sweep.yaml --workers 8 --out out/sweep           (Ctrl-C, and again: goes on where it was)
@@ -39,14 +43,8 @@ def add(parsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> Result:
     """Lay out, run, write."""
-    from tqdm import tqdm
-
-    from mbd_sim_ros import interrupts
-    from mbd_sim_ros.sweep.case import Case, Row, overrides_of
-    from mbd_sim_ros.sweep.cluster import run_there
+    from mbd_sim_ros.sweep.case import overrides_of
     from mbd_sim_ros.sweep.design import cases, load_sweep, units_of
-    from mbd_sim_ros.sweep.table import sensitivities, write_report, write_table
-    from mbd_sim_ros.sweep.workers import run_here
     from solver import load_scene
     from solver.files.scene import load_scene_text
     from solver.quantities import published
@@ -56,11 +54,28 @@ def run(args: argparse.Namespace) -> Result:
     sweep = load_sweep(args.file)
     values = cases(sweep)
     base = load_scene(sweep.scene, sweep.set)
-    first = load_scene_text(base.resolved, base.name, overrides_of(values[0]))  # wrong keys are told before anything runs
+    try:
+        first = load_scene_text(base.resolved, base.name, overrides_of(values[0]))  # wrong keys are told before anything runs
+    except MbdError as error:
+        raise SceneError(f'{args.file}: parameters: {str(error).removeprefix("--set ")}') from None
     units = units_of(sweep, published(first.model))
+    with alone(args.out):
+        return _swept(args, sweep, values, base, units)
+
+
+def _swept(args: argparse.Namespace, sweep: Sweep, values: list[dict[str, float | str]], base: Scene, units: dict[str, str]) -> Result:
+    """Run what is not there yet, write the table and the report."""
+    from tqdm import tqdm
+
+    from mbd_sim_ros import interrupts
+    from mbd_sim_ros.sweep.case import Case, Row
+    from mbd_sim_ros.sweep.cluster import run_there
+    from mbd_sim_ros.sweep.table import sensitivities, write_report, write_table
+    from mbd_sim_ros.sweep.workers import run_here
+
     rows_directory, bags = args.out / 'rows', args.out / 'bags'
     try:
-        rows_directory.mkdir(parents=True, exist_ok=True)
+        rows_directory.mkdir(exist_ok=True)
         if sweep.record:
             bags.mkdir(exist_ok=True)
     except OSError as error:
@@ -92,7 +107,7 @@ def run(args: argparse.Namespace) -> Result:
     (args.out / 'sweep.json').write_text(json.dumps(dataclasses.asdict(sweep), indent=1), encoding='utf-8')
     counts = {status: sum(row['status'] == status for row in rows) for status in ('ok', 'suspect', 'error')}
     data = {
-        'status': 'ok' if counts['error'] == 0 else 'error',
+        'status': 'error' if counts['error'] == len(rows) else 'ok' if counts['ok'] == len(rows) else 'suspect',
         'cases': len(rows),
         **{f'cases_{status}': n for status, n in counts.items()},
         'table': str(file),

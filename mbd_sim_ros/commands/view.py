@@ -36,6 +36,7 @@ def add(parsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> Result:
     """Read, draw, write."""
+    from mbd_sim_ros import interrupts
     from mbd_sim_ros.analysis.view import page, picture
     from mbd_sim_ros.analysis.view.motion import read_motion
 
@@ -63,6 +64,7 @@ def run(args: argparse.Namespace) -> Result:
         size = file.stat().st_size
         return Result(data={'status': 'ok', 'file': str(file), 'bytes': size}, text=f'{file} ({size / 1e6:.2f} MB)')
     width = args.width - args.width % 2  # films need even sizes
+    interrupts.now(f'making {file}')
     motions = [read_motion(path, channels) for path in (args.bag, *args.ghosts)]
     if file.suffix == '.html':
         page.write_page(motions, file, channels)

@@ -6,6 +6,7 @@ import dataclasses
 import hashlib
 import json
 import math
+import os
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -41,26 +42,32 @@ class Case:
 
 def row_of(case: Case) -> Row:
     """The row of a case: number, values, status, message, figures (NaN where there is none). It is run unless its row is kept already."""
-    head: Row = {'case': case.number, **case.values}
+    head: Row = {'case': case.number, **case.values} | ({'bag': ''} if case.bags else {})
     nothing = dict.fromkeys(case.figures, math.nan)
     try:
         scene = load_scene_text(case.text, case.name, overrides_of(case.values))
     except MbdError as error:
         return {**head, 'status': 'error', 'message': str(error), **nothing}
-    asked = json.dumps([dataclasses.asdict(figure) for figure in case.figures.values()])
+    asked = json.dumps({name: dataclasses.asdict(figure) for name, figure in case.figures.items()})
     key = hashlib.sha256('\0'.join((scene.resolved, asked, source_hash())).encode()).hexdigest()[:24]
     kept = Path(case.rows) / f'{key}.json' if case.rows else None
-    if kept is not None and kept.is_file():
+    if case.bags:  # a bag has the number of its case and what it is of in its name: another file of the sweep numbers its cases anew
+        head['bag'] = f'{case.number:06d}-{key[:8]}'
+    bag = Path(case.bags) / head['bag'] if case.bags else None
+    if kept is not None and kept.is_file() and (bag is None or bag.is_dir()):
         try:
             found = json.loads(kept.read_text(encoding='utf-8'))
             if set(found) == {'status', 'message', 'figures'} and set(found['figures']) == set(case.figures):
                 return _row(head, found)
         except (OSError, ValueError):  # half written, or damaged: it is run again
             pass
-    bag = Path(case.bags) / f'{case.number:06d}' if case.bags else None
-    found = _run(scene, case.figures, bag)
+    unfinished = f'.{case.number}-{os.getpid()}.part'  # what was killed leaves is in nobody's way
+    made = None if bag is None else bag.with_name(bag.name + unfinished)
+    found = _run(scene, case.figures, made)
+    if bag is not None and made is not None and made.is_dir() and not bag.is_dir():
+        made.replace(bag)
     if kept is not None:
-        part = kept.with_suffix(f'.{case.number}.part')
+        part = kept.with_suffix(unfinished)
         part.write_text(json.dumps(found), encoding='utf-8')
         part.replace(kept)
     return _row(head, found)

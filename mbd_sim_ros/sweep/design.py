@@ -14,6 +14,7 @@ figures:                                             # what is kept of a run
 from __future__ import annotations
 
 import itertools
+import math
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -45,7 +46,8 @@ class Parameter:
 
     def __post_init__(self) -> None:
         ranged = self.low is not None and self.high is not None
-        require(bool(self.values) != ranged, 'sweep', 'parameters', self.values or (self.low, self.high), 'give values, or low and high')
+        one_kind = ranged if not self.values else self.low is None and self.high is None
+        require(one_kind, 'sweep', 'parameters', self.values or (self.low, self.high), 'give values, or low and high')
         require(not ranged or self.low < self.high, 'sweep', 'low', self.low, f'must be below high = {self.high}')  # type: ignore[operator]
         finite('sweep', 'steps', self.steps, low=2)
 
@@ -106,8 +108,8 @@ class Sweep:
     def __post_init__(self) -> None:
         require(bool(self.parameters), 'sweep', 'parameters', {}, 'must name at least one key of the scene')
         require(bool(self.figures), 'sweep', 'figures', {}, 'must name at least one number to keep')
-        taken = {'case', 'status', 'message'} & (self.figures.keys() | self.parameters.keys())
-        require(not taken, 'sweep', 'figures', sorted(taken), 'is a name of the table; take another')
+        taken = {'case', 'bag', 'status', 'message', *self.parameters} & self.figures.keys()
+        require(not taken, 'sweep', 'figures', sorted(taken), 'is another column of the table; take another name')
         if self.design.kind in SENSITIVITY:
             for name, parameter in self.parameters.items():
                 require(parameter.ranged, 'sweep', name, parameter.values, f'a design of kind {self.design.kind} needs low and high')
@@ -126,10 +128,10 @@ def cases(sweep: Sweep) -> list[dict[str, float | str]]:
     names, parameters = list(sweep.parameters), list(sweep.parameters.values())
     design = sweep.design
     if design.kind == 'grid':
-        grids = [parameter.grid for parameter in parameters]
-        count = int(np.prod([len(grid) for grid in grids], dtype=float))
+        count = math.prod(parameter.steps if parameter.ranged else len(parameter.values) for parameter in parameters)
         if count > MOST_CASES:
             raise SceneError(f'sweep: the grid has {count} cases, more than {MOST_CASES}; take fewer values or design.kind: sobol')
+        grids = [parameter.grid for parameter in parameters]
         return [dict(zip(names, values, strict=True)) for values in itertools.product(*grids)]
     if design.kind in SENSITIVITY:
         table = np.asarray(_salib(sweep)(problem(sweep)))

@@ -88,7 +88,8 @@ def run_here(cases: Sequence[Case], count: int) -> Iterator[Row]:
 
 def lost(case: Case, message: str) -> Row:
     """The row of a case that no worker brought back."""
-    return {'case': case.number, **case.values, 'status': 'error', 'message': message, **dict.fromkeys(case.figures, math.nan)}
+    bag = {'bag': ''} if case.bags else {}
+    return {'case': case.number, **case.values, **bag, 'status': 'error', 'message': message, **dict.fromkeys(case.figures, math.nan)}
 
 
 def _next(worker: Worker, waiting: deque[tuple[Case, int]], left: dict[int, int]) -> None:

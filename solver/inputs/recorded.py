@@ -46,6 +46,7 @@ class Recorded(NamedTuple):
     rows: Mapping[str, np.ndarray]  # input -> (n,) as applied, motions at the end of the step
     start: Mapping[str, float]  # input -> value at the beginning of the first step, where it is known
     tracks: Mapping[str, Track]  # input -> samples, when h_ns is 0
+    steps: int = 0  # of the recorded run, which may have no input
 
 
 def recorded(path: str, channels: Mapping[str, BagChannel]) -> Recorded:
@@ -75,7 +76,7 @@ class RecordedSource:
         companions = {name + suffix for name in self._motions for suffix in (RATE, ACCELERATION)}
         self._forces = [name for name in self.names if name not in self._motions and name not in companions]
         if given.h_ns:
-            self._length_ns = given.h_ns * len(next(iter(given.rows.values()), ()))
+            self._length_ns = given.h_ns * given.steps
             used = {name: values for name, values in given.rows.items() if np.any(values != 0.0)}
         else:
             begin = min(int(track.t_ns[0]) for track in given.tracks.values())
@@ -110,9 +111,10 @@ class RecordedSource:
             seconds = self._length_ns * 1e-9
             raise SpecError(f'{self.given.where}: steps {k0} to {k0 + n - 1} are beyond its end at {seconds:g} s; set duration to that')
         if self._same:
-            rows = self.given.rows
-            none = np.zeros(n)
-            return np.column_stack([rows[name][k0 : k0 + n] if name in rows else none for name in self.names])
+            table = np.zeros((n, len(self.names)))
+            for i, name in enumerate(self.names):
+                table[:, i] = self.given.rows[name][k0 : k0 + n] if name in self.given.rows else 0.0
+            return table
         begin = np.arange(k0, k0 + n, dtype=np.int64) * self.h_ns
         return self._sampled(begin, begin + round(self.stage * self.h_ns), begin + self.h_ns)
 

@@ -190,6 +190,10 @@ def test_exact_names_channel_and_time(tmp_path: Path, capsys) -> None:
         (('--tolerances', 'none.yaml'), 'none.yaml'),
         (('--align', 'imu/wx'), "--align imu/wx: no such channel in both recordings; did you mean 'imu/w"),
         (('--offset', '1000'), 'do not overlap'),
+        (('--offset', 'nan'), '--offset nan: must be a number of seconds below 4.61e+09'),
+        (('--offset', '1e300'), '--offset 1e+300: must be a number of seconds'),
+        (('--rtol', 'inf'), '--rtol inf: must be a number that is not negative'),
+        (('--plot', '/dev/full'), 'cannot write the picture /dev/full: No space left'),
         (('--overlap', '2'), '--overlap 2: must be a part'),
         (('--exact', '--offset', '1'), 'without offset'),
         (('--map', 'imu/x=imu/y'), "the other recording has no column 'imu/x'"),
@@ -206,6 +210,15 @@ def test_what_cannot_be_compared_is_one_sentence(arguments: tuple[str, ...], say
     code, data = document(capsys, ours, ours, *arguments)
     assert code > 1
     assert data.keys() == {'status', 'error'}
+
+
+def test_tolerances_that_judge_no_channel_are_told(tmp_path: Path, capsys) -> None:
+    ours, file = scalars(tmp_path / 'ours'), tmp_path / 'limits.yaml'
+    file.write_text('tolerances:\n  imu/w*: {rtol: 0.1}\n  imu/wz: {rtol: 0.2}\n  imo/ay: {rtol: 0.1}\n')
+    code, data = document(capsys, ours, ours, '--tolerances', file)
+    assert (code, data['unused_tolerances']) == (0, ['imu/wz', 'imo/ay'])  # one behind another pattern, one with an error
+    assert main(['compare', str(ours), str(ours), '--tolerances', str(file)]) == 0
+    assert 'tolerances of imo/ay: no channel is judged by them' in capsys.readouterr().out
 
 
 def test_export_of_chosen_channels_and_to_parquet(tmp_path: Path, capsys) -> None:

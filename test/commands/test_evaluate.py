@@ -80,6 +80,11 @@ def test_a_recording_of_others_is_evaluated(foreign: tuple[Path, Path], tmp_path
         (['--as', 'iso7401_step', '--mapping', 'FILE', '--set', 'settle=1'], "did you mean 'settled'"),
         (['--as', 'iso7401_step', '--mapping', 'FILE', '--set', 'settled'], 'write it as KEY=NUMBER'),
         (['--as', 'iso7401_step', '--mapping', 'FILE', '--set', 'settled=-1'], 'settled = -1.0: must be > 0'),
+        (['--as', 'iso7401_frequency', '--mapping', 'FILE', '--set', 'segment=1e-9'], 'at least 3 are needed (--set segment='),
+        (['--as', 'iso7401_frequency', '--mapping', 'FILE', '--set', 'low=3'], 'low = 3.0: must be below high = 2.5'),
+        (['--as', 'iso3888_2', '--mapping', 'FILE', '--set', 'start=nan'], 'start = nan: must be a finite number'),
+        (['--as', 'iso2631', '--mapping', 'FILE', '--set', 'kx=1e300'], 'kx = 1e+300: must not be beyond 1e+09'),
+        (['--as', 'iso7401_step', '--map', 'car/wheel/angle=stering'], "no evaluation has a signal 'stering'; did you mean 'steering'?"),
         (
             ['--as', 'iso7401_step', '--mapping', 'FILE', '--sett', 'settled=1'],
             "unrecognized argument --sett; did you mean '--set'?; see mbd evaluate",
@@ -95,6 +100,45 @@ def test_refusals_are_one_sentence(
     assert captured.out == ''
     assert captured.err.count('\n') == 1
     assert sentence in captured.err
+
+
+@pytest.mark.parametrize(
+    ('right', 'wrong', 'factor'),
+    [('', '', None), ('unit: deg/s', 'unit: rad/s', math.pi / 180.0), ('unit: km/h', 'unit: m/s', 1.0 / 3.6), (', sign: -1', '', -1.0)],
+)
+def test_units_and_signs_that_cannot_be_are_told(
+    foreign: tuple[Path, Path], right: str, wrong: str, factor: float | None, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag, file = foreign
+    file.write_text(MAPPING.replace(right, wrong))
+    assert main(['evaluate', str(bag), '--as', 'iso7401_step', '--mapping', str(file), '--json']) == 0
+    notes = json.loads(capsys.readouterr().out)['results'][0]['notes']
+    told = [note for note in notes if 'check units, signs and axes' in note]
+    assert len(told) == (factor is not None)
+    if factor is not None:  # of 4 m/s^2 at 22 m/s and 0.3 rad/s
+        assert float(told[0].split()[4]) == pytest.approx(factor * 4.0 / 6.6, rel=0.05)
+
+
+@pytest.mark.parametrize('signal', ['steering', 'yaw_rate'])
+def test_what_is_no_number_is_told(signal: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    s = stepped(rate=100.0)
+    s.values[signal] = s[signal].copy()
+    s[signal][50:120] = np.nan
+    channels = {name: f'car/{name}' for name in THEIRS}
+    options = ['--as', 'iso7401_step', '--map', 'car/*=*', '--json']
+    assert main(['evaluate', str(recorded(tmp_path / 'part', s, channels)), *options]) == 0
+    assert json.loads(capsys.readouterr().out)['results'][0]['notes'] == ['0.71 s without samples behind t = 0.49 s']
+    s[signal][:] = np.nan
+    assert main(['evaluate', str(recorded(tmp_path / 'all', s, channels)), *options]) == 5
+    assert f'the channel {signal} holds no number' in json.loads(capsys.readouterr().out)['error']
+
+
+def test_a_car_that_stands_drives_no_maneuver(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    s = stepped(rate=100.0)
+    s.values['speed'] = np.zeros(s.t.size)
+    bag = recorded(tmp_path / 'car', s, {name: f'car/{name}' for name in THEIRS})
+    assert main(['evaluate', str(bag), '--as', 'iso7401_step', '--map', 'car/*=*']) == 5
+    assert 'the car does not move' in capsys.readouterr().err
 
 
 def test_strict_fails_where_the_norm_is_not_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

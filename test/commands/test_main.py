@@ -68,7 +68,7 @@ def test_every_command_has_help_with_an_example(command: str, capsys: pytest.Cap
         (('replay', 'nowhere'), 5, 'nowhere is not there'),
         (('compare', 'nowhere', 'elsewhere'), 5, 'nowhere is not there'),
         (('compare', 'a', 'b', '--map', 'x'), 5, 'write it as THEIRS=OURS'),
-        (('compare', 'a', 'b', '--rtol', '-1'), 5, 'must not be negative'),
+        (('compare', 'a', 'b', '--rtol', '-1'), 5, '--rtol -1: must be a number that is not negative'),
     ],
 )
 def test_an_error_is_one_sentence_and_a_code(argv: tuple[str, ...], code: int, says: str, capsys: pytest.CaptureFixture[str]) -> None:

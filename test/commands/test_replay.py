@@ -118,6 +118,17 @@ def test_portions_of_calls_change_no_bits(tmp_path, monkeypatch):
     assert content(whole).outputs == content(single).outputs
 
 
+def test_a_mechanism_without_inputs_is_replayed_with_other_settings(tmp_path, capsys):
+    recorded = run(tmp_path / 'r', 'pendulum', duration=0.1)
+    h = load_scene('pendulum').integrator.h
+    for setting, steps in ((f'integrator.h={h / 2}', 2), ('integrator.iterations=4', 1)):
+        code, data = document(capsys, 'replay', recorded, '--set', setting)
+        assert (code, data['status'], data['steps']) == (0, 'compared', steps * round(0.1 / h))
+    for setting in ('duration=1', 'maneuver={}', 'maneuver.steering.value=1'):
+        code, data = document(capsys, 'replay', recorded, '--set', setting)
+        assert code == 2 and data['error'].startswith(f'--set {setting}: a replay has the inputs and the time of its recording')
+
+
 @pytest.mark.slow
 def test_unchanged_settings_compare_without_difference_and_others_with_one(tmp_path, capsys):
     recorded = run(tmp_path / 'r', CAR, 'record.every=5', duration=0.5)
@@ -182,7 +193,7 @@ def test_a_replay_does_not_need_the_recording_that_drove_it(tmp_path, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('seconds', [15, pytest.param(60, marks=pytest.mark.long)])
+@pytest.mark.parametrize('seconds', [5, pytest.param(60, marks=pytest.mark.long)])
 def test_the_full_car_driven_over_topics_replays_to_the_same_bits(seconds: int, tmp_path, capsys):
     pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
     process = node(tmp_path, scene='car_swept_steer', mode='fast', duration=float(seconds), record=True, out='run', frame_prefix='car/')

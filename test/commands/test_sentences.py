@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -92,3 +93,17 @@ def test_a_current_directory_that_was_removed_is_named(tmp_path: Path, monkeypat
         Path('nowhere').read_bytes()
     assert refused(nameless.value) == 'the current directory: No such file or directory'
     assert refused(named.value) == 'nowhere: No such file or directory'
+
+
+@pytest.mark.parametrize('as_json', [[], ['--json']])
+def test_an_output_that_is_closed_or_full_is_named(
+    as_json: list[str], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with suppress(OSError), Path('/dev/full').open('w') as full, monkeypatch.context() as patch:  # closing it writes the rest
+        patch.setattr(sys, 'stdout', full)
+        assert main(['maneuver', *as_json]) == 1
+    assert capfd.readouterr().err == 'mbd: the output: No space left on device\n'
+    with monkeypatch.context() as patch:
+        patch.setattr(sys, 'stdout', None)
+        assert main(['maneuver', *as_json]) == 1
+    assert capfd.readouterr().err == 'mbd: the output is closed; give it a place, or /dev/null\n'

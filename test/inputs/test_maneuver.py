@@ -230,7 +230,7 @@ def recorded(h_ns: int = 2_000_000, steps: int = 50) -> Recorded:
         'x_acceleration': 2.0 + 20.0 * t**3,
         'force': np.arange(steps, dtype=float),
     }
-    return Recorded('bag b', h_ns, 7, rows, {'x': 1.0, 'x_rate': 0.0, 'x_acceleration': 2.0, 'force': 0.0}, {})
+    return Recorded('bag b', h_ns, 7, rows, {'x': 1.0, 'x_rate': 0.0, 'x_acceleration': 2.0, 'force': 0.0}, {}, len(rows['x']))
 
 
 NAMES = ('force', 'x', 'x_rate', 'x_acceleration')

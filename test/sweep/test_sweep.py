@@ -15,6 +15,8 @@ import numpy as np
 import pytest
 from pyarrow import parquet
 
+from mbd_sim_ros.bags import reader
+from mbd_sim_ros.commands import alone
 from mbd_sim_ros.commands.main import main
 from mbd_sim_ros.sweep import workers
 from mbd_sim_ros.sweep.case import Case, row_of
@@ -80,7 +82,7 @@ def test_failures_are_rows(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     file = tmp_path / 's.yaml'
     file.write_text(FILE.replace('[0.01, 0.005]', '[0.01, -1.0]'))
     found = swept(capsys, file, tmp_path / 'out', '--workers', '1')
-    assert (found['cases_ok'], found['cases_error']) == (2, 2)
+    assert (found['status'], found['cases_ok'], found['cases_error']) == ('suspect', 2, 2)
     for row in parquet.read_table(found['table']).to_pylist():
         bad = row['integrator.h'] == -1
         assert (row['status'] == 'error') == bad
@@ -95,6 +97,44 @@ def pendulums(n: int, rows: Path) -> list[Case]:
         Case(number=i, text=text, name='pendulum', values={'integrator.h': 1e-3 * (1 + i % 5)}, figures=figures, rows=str(rows))
         for i in range(n)
     ]
+
+
+def case_of(place: Path, number: int = 0, *, bags: bool = False, **figures: Figure) -> Case:
+    for name in ('rows', 'bags'):
+        (place / name).mkdir(parents=True, exist_ok=True)
+    text = load_scene('pendulum', ['duration=0.02']).resolved
+    where = str(place / 'bags') if bags else ''
+    return Case(number=number, text=text, name='pendulum', values={}, figures=figures, rows=str(place / 'rows'), bags=where)
+
+
+def test_figures_that_change_their_names_are_not_mixed_up(tmp_path: Path):
+    low, high = Figure(quantity='odom/pose/y', take='min'), Figure(quantity='odom/pose/y', take='max')
+    first = row_of(case_of(tmp_path, a=low, b=high))
+    again = row_of(case_of(tmp_path, b=low, a=high))
+    assert first['a'] < first['b']
+    assert (again['b'], again['a']) == (first['a'], first['b'])
+
+
+def test_a_case_that_is_to_be_recorded_later_gets_its_bag_and_a_new_number_one_of_its_own(tmp_path: Path):
+    figure = Figure(quantity='odom/pose/y')
+    bare = row_of(case_of(tmp_path, f=figure))
+    assert 'bag' not in bare
+    rows = [row_of(case_of(tmp_path, number, bags=True, f=figure)) for number in (0, 0, 1)]
+    assert rows[0] == rows[1] and [row['f'] for row in rows] == 3 * [bare['f']]
+    names = sorted(place.name for place in (tmp_path / 'bags').iterdir())
+    assert names == [rows[0]['bag'], rows[2]['bag']]
+    for row in rows:
+        assert abs(reader.read(tmp_path / 'bags' / row['bag'])['odom/pose/y']).max() == bare['f']
+
+
+def test_a_directory_is_gone_on_with_by_one_command_at_a_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    (tmp_path / 's.yaml').write_text(FILE)
+    with alone(tmp_path / 'out'):
+        assert main(['sweep', str(tmp_path / 's.yaml'), '--out', str(tmp_path / 'out')]) == 5
+        assert main(['maneuver', 'iso7401_step', 'light_car', '--out', str(tmp_path / 'out')]) == 5
+    assert capsys.readouterr().err.count('another mbd is at work there') == 2
+    with alone(tmp_path / 'out'):
+        pass
 
 
 @pytest.mark.slow
@@ -192,6 +232,9 @@ def test_indices_of_a_known_function():
         (('{values: [0.01, 0.005]}', '{low: 1}'), 'low and high'),
         (('{values: [0.01, 0.005]}', '{low: 2, high: 1}'), 'below'),
         (('take: min', 'take: least'), 'take'),
+        (('  lowest:', '  integrator.h:'), 'another column of the table'),
+        (('{values: [0.01, 0.005]}', '{values: [0.01], low: 0.001}'), 'give values, or low and high'),
+        (('[0.01, 0.005]', '[bad]'), 's.yaml: parameters: integrator.h'),
     ],
 )
 def test_wrong_files_are_one_sentence(change: tuple[str, str], part: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
@@ -214,6 +257,8 @@ def test_designs_that_cannot_be_are_refused():
         sweep_of('morris', 16, d=Parameter(values=(1.0, 2.0)))
     with pytest.raises(SceneError, match='more than'):
         cases(sweep_of('grid', **{name: Parameter(low=0.0, high=1.0, steps=100) for name in 'abcd'}))
+    with pytest.raises(SceneError, match='more than'):  # before the values are laid out, which would fill the memory
+        cases(sweep_of('grid', a=Parameter(low=0.0, high=1.0, steps=10**15)))
 
 
 def test_a_file_is_found_by_name_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

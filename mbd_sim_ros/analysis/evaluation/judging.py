@@ -8,23 +8,33 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from mbd_sim_ros.analysis import mapping, runs
 from mbd_sim_ros.analysis.evaluation.figures import Result
 from mbd_sim_ros.analysis.evaluation.kinds import Evaluation
 from mbd_sim_ros.analysis.evaluation.registry import EVALUATIONS, called, names
-from mbd_sim_ros.analysis.evaluation.signals import NEEDED, WAYS, Vehicle, scene_of, signals
+from mbd_sim_ros.analysis.evaluation.signals import NEEDED, WAYS, Signals, Vehicle, scene_of, signals
 from mbd_sim_ros.analysis.mapping import Axes, Source
 from mbd_sim_ros.bags.reader import Run
 from solver.errors import BagError, SpecError, suggestion
 from solver.scene import Scene
-from solver.validate import finite
+from solver.validate import finite, require
 
 SIGNED = ('middle', 'start')  # parameters that are places
 MAY_BE_ZERO = ('low', 'skip', 'begin', 'deviation', 'kx', 'ky', 'kz')
+RANGES = (('low', 'high'), ('slowest', 'fastest'))
+STANDING = 1.0  # m/s: a car that is never faster drives no maneuver
+FITS = (0.5, 2.0)  # lateral acceleration over speed times yaw rate, where units and signs are right
+MOVES = 1.0  # m/s^2, RMS of either, from which on that is looked at
+LARGEST = 1e9  # of a parameter, in SI units
 
 
 def read(place: Path, sources: Mapping[str, Source] | None = None, axes: Sequence[Axes] = ()) -> tuple[Run, frozenset[str], Scene | None]:
     """(the recording under our names, which channels hold their values, its scene). sources, axes: of a mapping. Raises BagError."""
+    for ours, source in (sources or {}).items():
+        if '/' not in ours and '*' not in ours and ours not in WAYS:
+            raise BagError(f'mapping {source.channel}={ours}: no evaluation has a signal {ours!r}{suggestion(ours, WAYS)}')
     wanted = [] if sources or axes else [*NEEDED, *WAYS]
     run = runs.read(place, wanted)
     held: frozenset[str] = frozenset()
@@ -64,10 +74,13 @@ def judge(
             f'{place}: none of the channels that evaluations use is in it (it has {known} ...); name them with --map or --mapping'
         )
     found = signals(run, place, evaluation.needs, evaluation.also, held=held, vehicle=Vehicle.of(scene))
-    result = evaluation.judge(found, parameters)
+    if 'speed' in found and not np.abs(found['speed']).max() > STANDING:
+        raise found.refuse(f'the car does not move (largest speed {np.abs(found["speed"]).max():.3g} m/s)')
+    with np.errstate(over='ignore', invalid='ignore'):  # whatever a recording holds
+        result = evaluation.judge(found, parameters)
     bad = next((f for f in result.figures if f.ok and not math.isfinite(f.value)), None)
     assert bad is None, f'{bad} passes without a value'
-    notes = (*suspicion(run), *result.notes)
+    notes = (*suspicion(run), *misfit(found), *result.notes)
     return dataclasses.replace(result, parameters=dataclasses.asdict(parameters), notes=notes)
 
 
@@ -80,19 +93,39 @@ def suspicion(run: Run) -> tuple[str, ...]:
     return (f'the run is {status}' + (f': {"; ".join(texts)}' if texts else ''),)
 
 
+def misfit(s: Signals) -> tuple[str, ...]:
+    """What units, signs and axes of a mapping that are wrong do: a car at a steady sideslip angle has a lateral acceleration of speed times
+    yaw rate, and for the rest of a maneuver about that, by least squares."""
+    if not all(name in s for name in ('speed', 'yaw_rate', 'lateral_acceleration')):
+        return ()
+    turning, pushed = s['speed'] * s['yaw_rate'], s['lateral_acceleration']
+    if not turning.any() or max(np.sqrt(np.mean(turning**2)), np.sqrt(np.mean(pushed**2))) < MOVES:
+        return ()
+    factor = float(turning @ pushed / (turning @ turning))
+    if FITS[0] <= factor <= FITS[1]:
+        return ()
+    return (f'the lateral acceleration is {factor:.3g} times speed times yaw rate, not about 1: check units, signs and axes of the three',)
+
+
 def parameters_of(evaluation: Evaluation, given: Mapping[str, float]) -> Any:
     """The parameters of an evaluation. Raises SpecError."""
     known = [f.name for f in dataclasses.fields(evaluation.parameters)]
     for name in given:
         if name not in known:
             raise SpecError(f'{evaluation.name} has no parameter {name!r}{suggestion(name, known)}; it has {", ".join(known)}')
-        if name not in SIGNED:
-            finite(evaluation.name, name, given[name], low=0.0, strict=name not in MAY_BE_ZERO)
-    return evaluation.parameters(**given)
+        least = -math.inf if name in SIGNED else 0.0
+        value = finite(evaluation.name, name, given[name], low=least, strict=name not in (*SIGNED, *MAY_BE_ZERO))
+        require(abs(value) <= LARGEST, evaluation.name, name, value, f'must not be beyond {LARGEST:g}')
+    parameters = evaluation.parameters(**given)
+    for low, high in RANGES:
+        if low in known and high in known:
+            begin, end = getattr(parameters, low), getattr(parameters, high)
+            require(begin < end, evaluation.name, low, begin, f'must be below {high} = {end:g}')
+    return parameters
 
 
-def assignments(texts: Sequence[str]) -> dict[str, float]:
-    """KEY=VALUE from the command line. Raises SpecError."""
+def assignments(texts: Sequence[str], option: str = '--set') -> dict[str, float]:
+    """KEY=VALUE from the command line, after this option. Raises SpecError."""
     result = {}
     for text in texts:
         key, equals, value = text.partition('=')
@@ -101,7 +134,7 @@ def assignments(texts: Sequence[str]) -> dict[str, float]:
                 raise ValueError
             result[key.strip()] = float(value)
         except ValueError:
-            raise SpecError(f'--set {text!r}: write it as KEY=NUMBER, in SI units') from None
+            raise SpecError(f'{option} {text!r}: write it as KEY=NUMBER, in SI units') from None
     return result
 
 

@@ -178,19 +178,31 @@ def signals(
             lacking = [channel for channel in fewest.channels if channel not in home]
             raise BagError(f'{place}: has no {text}: the channel {name} or {lacking[0]} is needed; map it with --map THEIRS={name}')
     channels = tuple(dict.fromkeys(channel for way in chosen.values() for channel in way.channels))
-    t_ns, origin, notes = _grid({id(home[c]): home[c].time_ns for c in channels}, place)
+    samples = {c: _numbers(home[c], c, place) for c in channels}
+    t_ns, origin, notes = _grid([t for t, _ in samples.values()], place)
     held = held | {c for c in channels if c in ('cmd_applied/brake_torque', 'cmd_applied/drive_torque')}
-    on_grid = {c: _resampled(t_ns, home[c].time_ns, home[c].columns[c], c, c in held) for c in channels}
+    on_grid = {c: _resampled(t_ns, *samples[c], c, c in held) for c in channels}
     _normalise(on_grid)
     values = {name: way.of([on_grid[c] for c in way.channels]) for name, way in chosen.items()}
     notes += [way.note for way in chosen.values() if way.note]
     return Signals(place=place, t=(t_ns - origin) * 1e-9, values=values, notes=notes, vehicle=vehicle or Vehicle())
 
 
-def _grid(times: Mapping[int, np.ndarray], place: str) -> tuple[np.ndarray, int, list[str]]:
-    """(n,) instants [ns] in the time that all topics share, as fine as the finest of them; what counts as zero; notes."""
-    begin, end = max(int(t[0]) for t in times.values()), min(int(t[-1]) for t in times.values())
-    step = min((int(np.median(np.diff(t))) for t in times.values() if t.size > 1), default=0)
+def _numbers(series: Series, channel: str, place: str) -> tuple[np.ndarray, np.ndarray]:
+    """(instants [ns], values) of a channel where it holds a number. Raises BagError where that is nowhere."""
+    values = series.columns[channel]
+    good = np.isfinite(values)
+    if good.all():
+        return series.time_ns, values
+    if not good.any():
+        raise BagError(f'{place}: the channel {channel} holds no number; map another with --map')
+    return series.time_ns[good], values[good]
+
+
+def _grid(times: Sequence[np.ndarray], place: str) -> tuple[np.ndarray, int, list[str]]:
+    """(n,) instants [ns] in the time that all channels share, as fine as the finest of them; what counts as zero; notes."""
+    begin, end = max(int(t[0]) for t in times), min(int(t[-1]) for t in times)
+    step = min((int(np.median(np.diff(t))) for t in times if t.size > 1), default=0)
     if step <= 0 or end - begin < 10 * step:
         raise BagError(f'{place}: its topics share less than ten samples; an evaluation needs a maneuver')
     step = max(step, round(1e9 / LARGEST_RATE))
@@ -200,7 +212,7 @@ def _grid(times: Mapping[int, np.ndarray], place: str) -> tuple[np.ndarray, int,
             f'{step * 1e-9:g} s; a clock was set meanwhile, or there is a long gap: cut the recording there'
         )
     notes = []
-    for t in times.values():
+    for t in times:
         if t.size < 2:
             continue
         widest = int(np.argmax(np.diff(t)))
@@ -211,9 +223,6 @@ def _grid(times: Mapping[int, np.ndarray], place: str) -> tuple[np.ndarray, int,
 
 
 def _resampled(grid: np.ndarray, time_ns: np.ndarray, values: np.ndarray, name: str, hold: bool) -> np.ndarray:
-    good = np.isfinite(values)
-    if not good.all():
-        time_ns, values = time_ns[good], values[good]
     if np.array_equal(grid, time_ns):
         return values
     if hold:

@@ -29,6 +29,7 @@ from mbd_sim_ros.analysis.evaluation.signals import Signals
 
 NORM = 'ISO 4138:2021 [ISO4138]'
 SMOOTH = 1.0  # Hz
+SUDDEN = 1.0 / 3.0  # part of the range that may be passed in a period of the low pass without a note; all of it is no steady state
 STEADY = {'constant_radius': 0.05, 'constant_steering': 0.02, 'constant_speed': 0.05}  # part of its mean that may vary (standard deviation)
 
 
@@ -66,6 +67,12 @@ def judge(s: Signals, p: SteadyState, method: str) -> Result:
         what = method.removeprefix('constant_')
         varies = f'it varies by {100.0 * spread:.3g} % (standard deviation), allowed {100.0 * STEADY[method]:g} %'
         raise s.refuse(f'not driven with constant {what}: {varies}')
+    quickest = float(np.abs(np.gradient(a, s.t))[used].max()) / SMOOTH  # change in the time that the low pass resolves [m/s^2]
+    if method == 'constant_speed' and quickest > SUDDEN * (p.high - p.low):
+        told = f'the lateral acceleration changes by {quickest:.3g} m/s^2 within {1.0 / SMOOTH:g} s'
+        if quickest > p.high - p.low:
+            raise s.refuse(f'no steady-state circular driving in it: {told}; turn the steering wheel slowly')
+        s.notes.append(f'hardly a steady state: {told}')
     wheelbase = s.parameter(p.wheelbase, 'wheelbase', 'the understeer gradient needs the wheelbase')
     ratio = s.parameter(p.ratio, 'ratio', 'the understeer gradient needs the ratio of the steering')
 

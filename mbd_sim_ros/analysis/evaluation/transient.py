@@ -6,7 +6,9 @@ the steady sideslip angle times the peak response time of the yaw rate. Steady v
 that instant.
 
 Frequency response of y to the steering wheel x: H = S_xy/S_xx, coherence |S_xy|^2/(S_xx S_yy), from spectra by Welch's method
-[Welch1967] with Hann windows that overlap by half.
+[Welch1967] with Hann windows that overlap by three quarters. In a sweep every frequency has its time, and a window that rises there
+bends the phase one way, one that falls the other; so many windows level that out, if those before and behind the sweep are there as
+well: where the steering wheel rests at the beginning or the end, the recording is continued as it is there by half a segment.
 """
 
 from __future__ import annotations
@@ -26,7 +28,9 @@ LEAST_STEP = math.radians(2.0)  # at the steering wheel; direct steering, of a r
 RESPONSES = (('yaw_rate', 'yaw rate', 'rad/s'), ('lateral_acceleration', 'lateral acceleration', 'm/s^2'))
 FOLLOWING = (('roll', 'roll angle', 'rad'), ('sideslip_angle', 'sideslip angle', 'rad'))
 COHERENT = 0.9
+LEAST_LINES = 3  # of a frequency response
 EXCITED = 1e-3  # part of the largest spectral density of the steering that counts as excitation
+AT_REST, RESTS = 0.5, 0.01  # s at an end of a recording, and the part of its range by which a steering wheel at rest may move there
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,12 +143,21 @@ def judge_frequencies(s: Signals, p: FrequencyResponse) -> Result:
     from scipy import signal
 
     n = round(p.segment * s.rate)
+    lines = int(min(p.high, 0.5 * s.rate) * p.segment + 1e-9) - math.ceil(p.low * p.segment - 1e-9) + 1
+    if lines < LEAST_LINES:
+        raise s.refuse(
+            f'spectra of segments of {p.segment:g} s at {s.rate:.4g} samples a second have {max(lines, 0)} frequencies from {p.low:g} to '
+            f'{p.high:g} Hz, at least {LEAST_LINES} are needed (--set segment=..., low=..., high=...)'
+        )
     if s.t.size < 2 * n:
         raise s.refuse(
             f'it lasts {s.t[-1] - s.t[0]:.3g} s; spectra of segments of {p.segment:g} s need {2.0 * p.segment:g} s (--set segment=...)'
         )
-    x = s['steering']
-    f, Sxx = signal.welch(x, s.rate, nperseg=n)
+    rest = round(AT_REST * s.rate) + 1
+    ends = [n // 2 if np.ptp(part) < RESTS * np.ptp(s['steering']) else 0 for part in (s['steering'][:rest], s['steering'][-rest:])]
+    spectra = {'fs': s.rate, 'nperseg': n, 'noverlap': n - n // 4}
+    x = np.pad(s['steering'], ends, 'mean', stat_length=rest)
+    f, Sxx = signal.welch(x, **spectra)
     band = (f >= p.low - 1e-9) & (f <= p.high + 1e-9)
     excited = band & (Sxx > EXCITED * Sxx.max())
     if excited.sum() < 0.7 * band.sum() or np.ptp(x) < LEAST_STEP:
@@ -153,8 +166,9 @@ def judge_frequencies(s: Signals, p: FrequencyResponse) -> Result:
     charts = []
     for name, text, _ in RESPONSES:
         gain_unit = '1/s' if name == 'yaw_rate' else 'm/s^2/rad'
-        _, Sxy = signal.csd(x, s[name], s.rate, nperseg=n)
-        _, Syy = signal.welch(s[name], s.rate, nperseg=n)
+        y = np.pad(s[name], ends, 'mean', stat_length=rest)
+        _, Sxy = signal.csd(x, y, **spectra)
+        _, Syy = signal.welch(y, **spectra)
         H, coherence = Sxy / Sxx, np.abs(Sxy) ** 2 / (Sxx * Syy)
         g, phase = np.abs(H[excited]), np.unwrap(np.angle(H[excited]))
         phase -= 2.0 * math.pi * round(phase[0] / (2.0 * math.pi))

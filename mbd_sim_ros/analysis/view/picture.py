@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import errno
+import math
+import os
 import shutil
 from collections.abc import Iterable, Iterator
 from pathlib import Path
@@ -23,6 +26,7 @@ NEWTONS_PER_METRE = 6000.0  # an arrow of 1 m
 WIDTH = 1120  # pixels of a picture
 CURVES = 4  # beside the motion
 MOST_PICTURES = 100_000  # of a film, which takes hours then
+MOST_BYTES = 2e9  # of a film as GIF
 RIM, SPOKES = 28, 5  # points of a rim
 SHADES = 12  # of a colour in a GIF
 
@@ -179,12 +183,27 @@ def write_film(
     if pictures > MOST_PICTURES:
         raise BagError(f'{file} would have {pictures:.3g} pictures, more than {MOST_PICTURES}; take a larger --speed or a smaller --rate')
     painter = Painter(motions, channels, width)
+    size = pictures * math.prod(painter.figure.canvas.get_width_height())  # a byte for a pixel: a GIF is put together in memory
+    if file.suffix == '.gif' and size > MOST_BYTES:
+        raise BagError(
+            f'{file} would need {size:.2g} bytes of memory; take a smaller --rate or --width, a larger --speed, or write an .mp4'
+        )
     instants = np.arange(time[0], time[-1] + 1e-9, speed / rate)
     shown = tqdm(instants, unit='picture', desc=file.name, disable=None if progress else True, leave=False)
     write = _write_mp4 if file.suffix == '.mp4' else _write_gif
+    if file.suffix == '.mp4':
+        _use_ffmpeg(file)
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        write(painter, shown, file, rate)
+        if file.is_dir():
+            raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+        part = file.with_name(f'.{file.stem}.part{file.suffix}')  # a film that is interrupted is none
+        try:
+            part.open('wb').close()  # what cannot be written is told before minutes of painting
+            write(painter, shown, part, rate)
+            part.replace(file)
+        finally:
+            part.unlink(missing_ok=True)
     except OSError as error:
         raise BagError(f'cannot write {file}: {error.strerror or error}; choose another place') from None
 
@@ -193,7 +212,6 @@ def _write_mp4(painter: Painter, instants: Iterable[float], file: Path, rate: fl
     from matplotlib.animation import FFMpegWriter
     from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-    _use_ffmpeg(file)
     FigureCanvasAgg(painter.figure)
     extra = ['-pix_fmt', 'yuv420p']
     writer = FFMpegWriter(fps=rate, codec='h264', extra_args=extra)  # type: ignore[arg-type]  # it takes any number of pictures a second

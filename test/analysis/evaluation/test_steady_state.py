@@ -47,6 +47,19 @@ def test_noise_does_not_bend_the_gradients(rng: np.random.Generator) -> None:
     assert r['roll_gradient'] == pytest.approx(ROLL, rel=0.04)
 
 
+@pytest.mark.parametrize(('times', 'outcome'), [(1.0, 'steady'), (10.0, 'note'), (40.0, 'refused')])  # of 0.12 m/s^2 in a second
+def test_a_steering_wheel_that_is_turned_fast_is_no_steady_state(times: float, outcome: str) -> None:
+    s = circling('constant_speed')
+    s.t = s.t / times
+    p = steady_state.SteadyState(wheelbase=L, ratio=RATIO)
+    if outcome == 'refused':
+        with pytest.raises(BagError, match='within 1 s; turn the steering wheel slowly'):
+            steady_state.judge(s, p, 'constant_speed')
+    else:
+        notes = steady_state.judge(s, p, 'constant_speed').notes
+        assert any('hardly a steady state' in note for note in notes) == (outcome == 'note')
+
+
 def test_circles_that_are_none_are_refused() -> None:
     with pytest.raises(BagError, match='not driven with constant speed: it varies by'):
         steady_state.judge(circling('constant_radius'), steady_state.SteadyState(), 'constant_speed')

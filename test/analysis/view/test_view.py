@@ -181,6 +181,24 @@ def test_pictures_and_films_are_written(crank: Path, tmp_path: Path, capsys: pyt
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize('name', ['a.gif', 'a.mp4'])
+def test_a_film_that_is_interrupted_leaves_what_was_there(name: str, crank: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    from mbd_sim_ros.analysis.view.picture import Painter
+
+    (tmp_path / name).write_bytes(b'an older film')
+    plain = Painter.paint
+
+    def paint(self: Painter, t: float) -> None:
+        if t > 0.2:
+            raise KeyboardInterrupt
+        plain(self, t)
+
+    monkeypatch.setattr(Painter, 'paint', paint)
+    assert main(['view', str(crank), '--out', str(tmp_path / name), '--rate', '10']) == 130
+    assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [(name, b'an older film')]
+
+
+@pytest.mark.slow
 def test_a_file_for_rerun_has_all_topics_and_moving_links(crank: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     chunks = pytest.importorskip('rerun.chunk', reason="pip install '.[rerun]'")
     assert main(['view', str(crank), '--out', str(tmp_path / 'deep' / 'x.rrd'), '--json']) == 0
@@ -216,6 +234,8 @@ def test_what_cannot_be_shown_is_one_sentence(
     crank: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
     bare = recorded(tmp_path / 'bare', 'four_bar', 'duration=0.01', 'record.poses=0')
+    (tmp_path / 'made.gif').mkdir()
+    monkeypatch.setattr('mbd_sim_ros.analysis.view.picture.Painter.paint', None)  # all of it is told before anything is painted
     monkeypatch.setattr(shutil, 'which', lambda _: None)
     for variable in ('DISPLAY', 'WAYLAND_DISPLAY'):
         monkeypatch.delenv(variable, raising=False)
@@ -225,6 +245,11 @@ def test_what_cannot_be_shown_is_one_sentence(
         ([bare, '--out', tmp_path / 'x.html'], 'record.poses'),
         ([crank, '--out', tmp_path / 'x.png', '--at', '9'], 'goes from 0 to 0.4 s'),
         ([crank, '--out', tmp_path / 'x.gif', '--rate', '0'], '--rate 0'),
+        ([crank, '--out', tmp_path / 'made.gif'], 'Is a directory'),
+        (
+            [crank, '--out', tmp_path / 'x.gif', '--rate', '50', '--speed', '0.01', '--width', '4000'],
+            'bytes of memory; take a smaller --rate',
+        ),
         ([crank, '--out', tmp_path / 'x.html', '--channel', 'nothing'], "no channel matches 'nothing'"),
         ([crank, '--out', tmp_path / 'x.mp4'], 'needs ffmpeg'),
         ([crank], 'nothing to show: give --out FILE'),
