@@ -17,6 +17,7 @@ from mbd_sim_ros.bags.recorder import source_hash
 from mbd_sim_ros.batch import record, warm_up
 from mbd_sim_ros.sweep.design import Figure
 from solver import simulation_of
+from solver.analysis.envelope import Envelope
 from solver.analysis.verdict import findings
 from solver.errors import BagError, MbdError
 from solver.files.scene import load_scene_text
@@ -104,8 +105,10 @@ def _run(scene: Any, figures: Mapping[str, Figure], bag: Path | None) -> dict[st
         n = every * max(1, math.ceil(round(SAMPLE / (simulation.h * every), 6)))
         if bag is not None:
             messages, recorder = record(simulation, bag)
+        envelope = Envelope(simulation)
         while True:
             snapshot = simulation.snapshot()
+            envelope.look(snapshot)
             instants.append(snapshot.t_ns * 1e-9)
             values.append(snapshot.numbers)
             if recorder and messages:
@@ -115,7 +118,7 @@ def _run(scene: Any, figures: Mapping[str, Figure], bag: Path | None) -> dict[st
             if simulation.k >= scene.steps:
                 break
             simulation.advance(min(n, scene.steps - simulation.k))
-        told = findings(simulation)
+        told = findings(simulation) + envelope.findings()
         status, message = ('suspect', '; '.join(map(str, told))) if told else ('ok', '')
     except BagError:
         raise

@@ -239,9 +239,12 @@ def test_the_node_runs_as_long_as_asked(tmp_path: Path, monkeypatch: pytest.Monk
     assert 'duration = -1.0: must be > 0' in capsys.readouterr().err
 
 
-def test_an_idle_loop_and_memory_are_measured() -> None:
+def test_an_idle_loop_a_busy_one_and_memory_are_measured(monkeypatch: pytest.MonkeyPatch) -> None:
     assert 0.0 <= idle.late_when_idle(0.002, 0.2) <= 100.0
     assert idle.late_when_idle(1e-7, 1e-4) > 90.0  # nobody wakes within 0.1 us
+    assert 0.0 <= idle.late_when_busy(0.002, 0.2) <= 100.0
+    monkeypatch.setattr(idle, 'COUNTED', 3.0)
+    assert idle.late_when_busy(0.002, 0.1) > 90.0  # more than there is time for
     process = subprocess.Popen([sys.executable, '-c', 'import time; x = bytearray(50_000_000); time.sleep(30)'])
     memory = idle.Memory(process.pid)
     time.sleep(2.7)

@@ -18,12 +18,13 @@ from pyarrow import parquet
 from mbd_sim_ros.bags import reader
 from mbd_sim_ros.commands import alone
 from mbd_sim_ros.commands.main import main
-from mbd_sim_ros.sweep import workers
+from mbd_sim_ros.sweep import case, workers
 from mbd_sim_ros.sweep.case import Case, row_of
 from mbd_sim_ros.sweep.design import Design, Figure, Parameter, Sweep, cases, load_sweep
 from mbd_sim_ros.sweep.table import sensitivities
 from solver import load_scene, simulation_of
 from solver.errors import SceneError, SpecError
+from solver.levels.derived import LevelReport, Limit
 
 FILE = """
 scene: pendulum
@@ -125,6 +126,25 @@ def test_a_case_that_is_to_be_recorded_later_gets_its_bag_and_a_new_number_one_o
     assert names == [rows[0]['bag'], rows[2]['bag']]
     for row in rows:
         assert abs(reader.read(tmp_path / 'bags' / row['bag'])['odom/pose/y']).max() == bare['f']
+
+
+def test_a_case_that_leaves_its_envelope_is_suspect(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """As a run of its own is: a bound of 2 m/s^2 where the light car reaches 6."""
+
+    def limited(scene):
+        simulation = simulation_of(scene)
+        limit = Limit(quantity='lateral_acceleration', unit='m/s^2', low=-2.0, high=2.0, why='certified')
+        simulation.level = LevelReport(validity=(limit,))
+        return simulation
+
+    monkeypatch.setattr(case, 'simulation_of', limited)
+    for angle, status in ((0.02, 'ok'), (0.9, 'suspect')):
+        text = load_scene(
+            'light_car_step_steer', ['duration=1', 'maneuver.steering.start=0.2', f'maneuver.steering.value={angle}']
+        ).resolved
+        row = row_of(Case(number=0, text=text, name='step', values={}, figures={'r': Figure(quantity='yaw_rate')}))
+        assert row['status'] == status, row
+        assert row['message'].startswith('the run leaves its envelope: lateral acceleration is') == (status == 'suspect')
 
 
 def test_a_directory_is_gone_on_with_by_one_command_at_a_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

@@ -23,7 +23,7 @@ from mcap.reader import make_reader
 from mbd_sim_ros.bags.records import find_file
 from mbd_sim_ros.bags.writer import RESULT
 from mbd_sim_ros.batch import warm_up
-from mbd_sim_ros.lab.benchmarks.idle import Memory, late_when_idle
+from mbd_sim_ros.lab.benchmarks.idle import Memory, late_when_busy, late_when_idle
 from mbd_sim_ros.lab.benchmarks.machine import on_all_cores
 from mbd_sim_ros.lab.benchmarks.overhead import LISTEN, installed
 from mbd_sim_ros.lab.benchmarks.start import parameters
@@ -40,6 +40,7 @@ LOST = 0.1  # s after which a command is given up
 GONE = 1.0  # s without a message and without a subscription after which the simulator has ended
 START = 120.0  # s that it may take to start
 IDLE = 0.25, 60.0  # of the run, and at most so long [s]: the loops that do nothing
+BUSY = 0.1, 30.0  # the same: those that count
 ODOM = 'odom'
 DEPTH = 100  # messages that wait for a subscriber: with 10, a hundredth of a second, two cores at work lose some in a thousand
 COUNT = 'import sys; from mbd_sim_ros.lab.benchmarks.endurance import count; count(float(sys.argv[1]), float(sys.argv[2]))'
@@ -50,6 +51,7 @@ FIGURES = {
     'idle_before': 'steps of a loop that does nothing that came late by themselves, before the run [%]',
     'idle_after': 'the same behind it [%]',
     'late_more': 'late beyond the mean of these two [%]',
+    'busy': 'late by itself, before and after: a loop that counts for 0.4 of each step, measured alone, while all other cores count [%]',
     'slips': 'times the schedule was given up, 0.2 s behind',
     'latency_p50': 'from publishing a command to receiving the inputs of the step that used it [ms]: median',
     'latency_p99': '99th percentile of the same',
@@ -81,17 +83,19 @@ class Endurance:
         self._latencies: dict[str, Any] = {}
         self._missed: int | None = None
         self._bytes = 0
-        self._idle = [float('nan')] * 2
+        self._idle, self._busy = [float('nan')] * 2, [float('nan')] * 2
         self._memory = float('nan'), float('nan')
 
     def round(self, _: int) -> None:
-        """One run of the node, between two of a loop that does nothing."""
-        idle = min(IDLE[0] * self._seconds, IDLE[1])
-        with on_all_cores():
-            self._idle[0] = late_when_idle(self._h, idle)
+        """One run of the node, between two of loops that do nothing, and that count."""
+        self._disturbed(0)
         self._run()
+        self._disturbed(1)
+
+    def _disturbed(self, i: int) -> None:
+        idle, busy = (min(share * self._seconds, most) for share, most in (IDLE, BUSY))
         with on_all_cores():
-            self._idle[1] = late_when_idle(self._h, idle)
+            self._idle[i], self._busy[i] = late_when_idle(self._h, idle), late_when_busy(self._h, busy)
 
     def _run(self) -> None:
         with on_all_cores(), tempfile.TemporaryDirectory(prefix='mbd-bench-') as scratch, ExitStack() as running:
@@ -145,6 +149,7 @@ class Endurance:
             'idle_before': self._idle[0],
             'idle_after': self._idle[1],
             'late_more': 100.0 * int(self._result['overruns']) / steps - sum(self._idle) / 2.0,
+            'busy': sum(self._busy) / 2.0,
             'slips': int(self._result['schedule_slips']),
             'latency_p50': float(np.median(ms)),
             'latency_p99': float(np.percentile(ms, 99.0)),

@@ -1,20 +1,57 @@
-"""What the machine does to a loop that does nothing: steps of a clock that come late by themselves; and how much memory a process takes."""
+"""What the machine does to a loop that does nothing, or only counts: steps of a clock that come late by themselves; and how much memory
+a process takes."""
 
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 import threading
 import time
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
 
 PRIORITY = 10  # SCHED_FIFO, like the node
 SAMPLE = 0.5  # s between looks at the memory
+COUNTED = 0.4  # of a step that a loop counts for: about what the full car, published and recorded, takes of 1 ms
+TRIALS = 100  # of how long counting takes
 
 
 def late_when_idle(h: float, seconds: float) -> float:
     """Share of steps of h [s] that end after their deadline [%] when nothing is done in them; paced as the node paces."""
+    return _late(h, seconds, 0)
+
+
+def late_when_busy(h: float, seconds: float) -> float:
+    """The same when the processor counts for COUNTED of h in every step, measured alone, while every other core counts all the time.
+
+    What the machine does to any loop of that size, among as much work: cores that share what they are made of, or that others take away.
+    """
+    times = []
+    for _ in range(TRIALS):
+        begin = time.perf_counter()
+        _count(1000)
+        times.append(time.perf_counter() - begin)
+    numbers = round(1000 * COUNTED * h / min(times))
+    with ExitStack() as running:
+        for _ in range(len(os.sched_getaffinity(0)) - 1):
+            other = subprocess.Popen([sys.executable, '-c', 'while True: sum(range(100_000))'])
+            running.callback(other.wait)
+            running.callback(other.kill)
+        return _late(h, seconds, numbers)
+
+
+def _count(numbers: int) -> int:
+    total = 0
+    for i in range(numbers):
+        total += i * i
+    return total
+
+
+def _late(h: float, seconds: float, numbers: int) -> float:
+    """Share of steps [%] that come late when so many numbers are counted in each."""
     before = None
     try:
         before = os.sched_getscheduler(0), os.sched_getparam(0)
@@ -28,6 +65,7 @@ def late_when_idle(h: float, seconds: float) -> float:
             wait = anchor + k * h - time.perf_counter()
             if wait > 0.0:
                 time.sleep(wait)
+            _count(numbers)
             late += time.perf_counter() > anchor + (k + 1) * h
     finally:
         if before is not None:
