@@ -23,6 +23,8 @@ rounding to its own acceleration. Beside 1 kg a pendulum of 1e-8 kg is right, on
 sqrt(n) times as much, of which 1e-4 of the largest velocity (at least 1 m/s) is left to be.
 *Account.* Of steps that were advanced without it nothing is known.
 *Turn.* The iteration contracts by about the turn of a body per step (docs/decisions/0002).
+*Rotation.* A bushing acts on its rotation vector, which is the short way round: where it turns by pi that jumps, and the torque with it,
+without a trace in the account of energy. It is told from 3 rad on, which no step of less than 0.28 rad leaps over.
 *Road.* A tire touches the road at one point. Of a hollow that is rounder than the wheel, an edge above all, a wheel makes a profile
 no rounder than itself (Pacejka 2012, 10.1.5); without that the point of contact jumps, and loads are many times too large.
 *Validity.* A level of detail says where it holds (solver.levels); a run that it follows says how far it went.
@@ -48,6 +50,7 @@ SHARE = 0.01  # of the exchanged energy
 TRUNCATION = 1.0 / 12.0  # of (turn in a step)^2
 WRITTEN = 1e-6  # relative, and m: what numbers written with finitely many digits leave open
 SPOILT = 1e-4  # last increment of an iteration, relative to the velocity, which three iterations bring below 1e-6 where nothing spoils them
+LARGEST_WOUND = 3.0  # rad
 HIDDEN = 3e-5  # of an acceleration
 ROUNDED = 1e-4  # of the largest velocity
 LARGEST_PHASE = 0.1  # rad
@@ -89,6 +92,7 @@ def findings(simulation: Simulation, real_time_factor: float | None = None) -> l
         _distance(s),
         _unseen(s),
         _turn(s),
+        _wound(s),
         _road(s),
         _branches(s),
     ]
@@ -253,6 +257,15 @@ def _turn(s: Simulation) -> Finding | None:
     place = f'body {s.model.body_names[int(body)]!r}'
     return _finding('turn_per_step', turn, LARGEST_TURN_PER_STEP, None, 'rad per step', time, place, 'a body turns by',
                     'reduce integrator.h')  # fmt: skip
+
+
+def _wound(s: Simulation) -> Finding | None:
+    if not s.of_bodies:
+        return None
+    angle, time, at = (float(x) for x in s.last_step.energy[account.WOUND : account.WOUND + 3])
+    place = s.channels.elements[int(at)].rpartition('/')[0] if angle > 0.0 else ''
+    return _finding('rotation', angle, LARGEST_WOUND, None, 'rad', time, place, 'a bushing, whose torque changes sides at pi, turns by',
+                    'take a joint for what turns so far, and a coordinate_force on its angle')  # fmt: skip
 
 
 def _road(s: Simulation) -> Finding | None:

@@ -313,4 +313,4 @@ def bushing_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
             _add_damping(table, n, at, Kv)
 
 
-BUSHINGS = ForceKind(name='bushings', spec=BushingSpec, compile=compile_bushings, kernel=bushing_forces, outputs=OUTPUTS)
+BUSHINGS = ForceKind(name='bushings', spec=BushingSpec, compile=compile_bushings, kernel=bushing_forces, outputs=OUTPUTS, rotation='rx')

@@ -55,7 +55,8 @@ class ForceKind:
     column for each of these coordinates. wheels: the elements are the wheels of a vehicle, shown by topics of their own. held(table, u):
     how they act in the search for static equilibrium; approach(table): with which table it begins, where a start far away needs another
     one.
-    capacities(table, u): the largest torques of the brakes that they are or have, under the inputs u (nu,).
+    capacities(table, u): the largest torques of the brakes that they are or have, under the inputs u (nu,). rotation: the first of three
+    columns that are a rotation vector [rad] on which the element acts, and which jumps where it turns by pi.
     """
 
     name: str
@@ -66,6 +67,7 @@ class ForceKind:
     on_coordinates: bool = False
     supplies: bool = False
     effort: str | tuple[str, ...] | None = None
+    rotation: str | None = None
     wheels: bool = False
     held: Callable[[Any, np.ndarray], Held] | None = None
     approach: Callable[[Any], Any] | None = None
@@ -81,6 +83,8 @@ class ForceKind:
         for name in self.efforts:
             if name not in self.outputs:
                 raise TypeError(f'{where}: effort = {name!r} is no output')
+        if self.rotation is not None and self.rotation not in tuple(self.outputs)[:-2]:
+            raise TypeError(f'{where}: rotation = {self.rotation!r} is not the first of three outputs')
         if self.supplies and not self.driven:
             raise TypeError(f'{where}: supplies, but {self.spec.__name__} has no input')
 

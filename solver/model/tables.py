@@ -17,7 +17,7 @@ from solver.model.spec import ModelSpec
 
 # Columns of Tables.forces: address of the kernel (0: the model has no such element) and of the table; whether the kernel works on joint
 # coordinates and whether its forces follow inputs; where the outputs are, number of elements and of columns
-ADDRESS, TABLE, ON_COORDINATES, DRIVEN, OUTPUT, COUNT, WIDTH = range(7)
+ADDRESS, TABLE, ON_COORDINATES, DRIVEN, OUTPUT, COUNT, WIDTH, ROTATION = range(8)
 # and of Tables.constraint_kinds: addresses of the kernels of residuals and of second derivatives, then as above
 RESIDUALS, HESSIANS, CONSTRAINT_TABLE, CONSTRAINT_ON_COORDINATES = range(4)
 FACTORIZE, SOLVE = range(2)  # of Tables.linear

@@ -8,7 +8,7 @@ kinetic and of potential energy. Kept in one flat array, so that it is saved, re
 from __future__ import annotations
 
 from solver.compiled.kernel import kernel
-from solver.model.tables import COUNT, OUTPUT, WIDTH
+from solver.model.tables import COUNT, OUTPUT, ROTATION, WIDTH
 
 REFERENCE, POWER, WORK, WORST, ENERGY = range(5)  # entries of the running account; all energies [J]
 WORST_AT = 5  # when the error was largest [s]
@@ -23,7 +23,8 @@ STEPS, UNSETTLED = NOTED + 12, NOTED + 13  # steps noted, and those of them with
 FASTEST = NOTED + 14  # largest velocity of a centre of mass [m/s], and largest angular velocity [rad/s]
 KICK = NOTED + 16  # two rows, of the same: (largest change of an acceleration in a step, times the step; time; body)
 PHASE = KICK + 6  # of the same: phase that steps have cost the motion, less what it has forgotten [rad]
-LENGTH = PHASE + 2
+WOUND = PHASE + 2  # such a row: what an element is turned by that acts on a rotation vector [rad]; the index is the place of its outputs
+LENGTH = WOUND + 3
 
 SLOWEST = 1e-6  # m/s or rad/s
 SETTLED = 1e-3  # relative velocity increment: a digit better than what is accepted where an iteration does not converge
@@ -32,7 +33,8 @@ SETTLED = 1e-3  # relative velocity increment: a digit better than what is accep
 @kernel(inner=True)
 def mechanical_energy(tables, kin, outputs, h, account):
     """Return (energy [J]: kinetic + gravity (zero at z = 0) + stored in elements, kinetic energy in it, dissipated power [W], sum of the
-    magnitudes of the elements' dissipated or supplied power [W]). Notes the fastest and the most turned body of a step h [s].
+    magnitudes of the elements' dissipated or supplied power [W]). Notes the fastest and the most turned body of a step h [s], and the most
+    wound element.
     """
     bodies = tables.bodies
     energy = 0.0
@@ -72,12 +74,22 @@ def mechanical_energy(tables, kin, outputs, h, account):
         account[TURN + 2] = most_turned
     dissipation = 0.0
     magnitude = 0.0
+    wound = account[WOUND] * account[WOUND]
     for k in range(tables.forces.shape[0]):
         at = tables.forces[k, OUTPUT]
+        rotation = tables.forces[k, ROTATION]
         for _ in range(tables.forces[k, COUNT]):
             energy += outputs[at]
             dissipation += outputs[at + 1]
             magnitude += abs(outputs[at + 1])
+            if rotation >= 0:
+                i = at + rotation
+                angle = outputs[i] ** 2 + outputs[i + 1] ** 2 + outputs[i + 2] ** 2
+                if angle > wound:
+                    wound = angle
+                    account[WOUND] = angle**0.5
+                    account[WOUND + 1] = account[TIME]
+                    account[WOUND + 2] = at
             at += tables.forces[k, WIDTH]
     return energy, kinetic, dissipation, magnitude
 

@@ -13,11 +13,20 @@ import numpy as np
 from solver.compiled.portable import norm, product
 from solver.elements.marker import Marker
 from solver.elements.rigid_body import RigidBodySpec
+from solver.errors import SpecError
 from solver.model.frames import frame_of_axis, matrix, quaternion
 from solver.validate import Vector
 
 SIDES = {'left': 1.0, 'right': -1.0}
 """Sign of y of the two sides of the vehicle."""
+
+
+def axes_along(what: str, axis: Sequence[float], x_axis: Sequence[float] | None = None) -> np.ndarray:
+    """solver.model.frames.frame_of_axis of what data lead to. Raises SpecError for zero or parallel axes."""
+    try:
+        return frame_of_axis(axis, x_axis)
+    except ValueError as error:
+        raise SpecError(f'{what}: {error}; do two of its points coincide?') from None
 
 
 def marker_at(
@@ -26,10 +35,10 @@ def marker_at(
     """The marker on a body at a point [m] of the design frame, in which body.position and body.orientation are given too.
 
     z_axis, x_axis: directions of its axes in the design frame, as in solver.files.mechanism.frame_of_axis. Without z_axis the marker
-    is parallel to the design frame. Raises ValueError for zero or parallel axes.
+    is parallel to the design frame. Raises SpecError for zero or parallel axes.
     """
     R_DB = matrix(body.orientation)
-    R_DM = np.eye(3) if z_axis is None else frame_of_axis(z_axis, x_axis)
+    R_DM = np.eye(3) if z_axis is None else axes_along(f'what is attached to {body.name!r}', z_axis, x_axis)
     x, y, z = (float(c) for c in product(R_DB.T, np.subtract(point, body.position)))
     return Marker(body=body.name, position=(x, y, z), orientation=quaternion(product(R_DB.T, R_DM)))
 

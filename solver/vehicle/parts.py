@@ -21,14 +21,14 @@ from solver.elements.laws import Law
 from solver.elements.marker import Marker, Spec
 from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.spring_damper import SpringDamperSpec
-from solver.model.frames import frame_of_axis
 from solver.model.spec import SECTIONS
 from solver.validate import Vector, finite, require
-from solver.vehicle.hardpoints import SIDES, distance, marker_at, on_side
+from solver.vehicle.hardpoints import SIDES, axes_along, distance, marker_at, on_side
 
 UP: Vector = (0.0, 0.0, 1.0)
 LEFTWARDS: Vector = (0.0, 1.0, 0.0)
 Category = Literal['saloon', 'compact', 'pickup', 'electric', 'formula']  # of car: what its figures are compared with
+CLOSEST = 1e-3  # m between points that a direction or a length follows from
 FARTHEST = 30.0  # m from the origin between the axles: the longest road trains have 25 m
 SOFTEST = 1.0  # m that a spring is compressed by its load: of a body on such springs, which would bounce at 0.5 Hz
 SKEW = 0.02  # largest coupling of rotations, relative to the rotational rates, that a mounting may neglect
@@ -98,6 +98,12 @@ def require_near(where: str, data: object, *fields: str) -> None:
         require(largest < FARTHEST, where, field, value, f'is further than {FARTHEST:g} m from the origin: lengths are in m')
 
 
+def require_apart(where: str, data: object, field: str, other: str) -> None:
+    """Check that two points of the data [m] differ. Raises SpecError."""
+    a, b = getattr(data, field), getattr(data, other)
+    require(distance(a, b) >= CLOSEST, where, field, a, f'is not {CLOSEST:g} m away from {other}, {b}')
+
+
 def require_resisting(where: str, field: str, law: Law | None) -> None:
     """Check that a law resists: at every knot it is, from its value at zero, on the side to which it is pushed. Raises SpecError."""
     if law is None:
@@ -151,6 +157,8 @@ class Bushing:
     def __post_init__(self) -> None:
         for k, rate in enumerate(self.stiffness):
             finite('bushing', f'stiffness[{k}]', rate, low=0.0)
+        if self.axis is not None:
+            require(norm(self.axis) > 1e-9, 'bushing', 'axis', self.axis, 'must not be zero')
         for field in ('law_x', 'law_y', 'law_z'):
             require_resisting('bushing', field, getattr(self, field))
         finite('bushing', 'loss', self.loss, low=0.0)
@@ -184,7 +192,7 @@ def mounting(
         i_marker, j_marker = (marker_at(body, centre, line, x_axis) for body in (i, j))
         return Parts(joints=(JointSpec(name=name, kind=ideal, i=i_marker, j=j_marker),))
     own = line if bushing.axis is None else on_side(side, bushing.axis)
-    arms = product(placed - mean, frame_of_axis(own))
+    arms = product(placed - mean, axes_along(f'mounting {name!r}', own))
     n, k = len(points), np.array(bushing.stiffness)
     squares = (arms * arms).sum(axis=0)
     turning = n * k[3:] + [
@@ -220,6 +228,7 @@ def rods(name: str, pieces: Sequence[tuple[float, Vector, Vector, float]]) -> Ri
     inertia = np.zeros((3, 3))
     for (m, a, b, radius), centre in zip(pieces, centres, strict=True):
         length = distance(a, b)
+        require(length >= CLOSEST, f'body {name!r}', 'ends', (a, b), f'are not {CLOSEST:g} m apart')
         n = np.subtract(b, a) / length
         across = m * (radius * radius / 4.0 + length * length / 12.0)
         d = centre - com
@@ -245,6 +254,7 @@ class Link:
     def __post_init__(self) -> None:
         require_positive('link', self, 'mass', 'radius')
         require_near('link', self, 'inner', 'outer')
+        require_apart('link', self, 'inner', 'outer')
 
 
 def link(name: str, data: Link, base: RigidBodySpec, carrier: RigidBodySpec, side: str, pin: Vector | None = None) -> Parts:
@@ -274,6 +284,8 @@ class Arm:
     def __post_init__(self) -> None:
         require_positive('arm', self, 'mass', 'radius')
         require_near('arm', self, 'pivots', 'outer')
+        front, rear = self.pivots
+        require(distance(front, rear) >= CLOSEST, 'arm', 'pivots', self.pivots, f'are not {CLOSEST:g} m apart')
 
 
 def control_arm(name: str, data: Arm, base: RigidBodySpec, carrier: RigidBodySpec, side: str) -> Parts:
@@ -362,6 +374,6 @@ def shaft_markers(
     """
     normal = np.cross(axis_i, axis_j)
     if norm(normal) < 1e-9 * norm(axis_i) * norm(axis_j):
-        normal = frame_of_axis(axis_i)[:, 0]
+        normal = axes_along(f'a shaft of {i.name!r}', axis_i)[:, 0]
     x_axis = vector_of(normal)
     return marker_at(i, point, axis_i, x_axis), marker_at(j, point, axis_j, x_axis)

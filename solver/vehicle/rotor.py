@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from solver.elements.coupler import CouplerSpec
 from solver.elements.joint import JointSpec
 from solver.elements.rigid_body import RigidBodySpec
-from solver.model.frames import frame_of_axis, quaternion
+from solver.model.frames import quaternion
 from solver.validate import Vector, finite
-from solver.vehicle.hardpoints import marker_at
+from solver.vehicle.hardpoints import axes_along, marker_at
 from solver.vehicle.parts import LEFTWARDS, Parts
 
 
@@ -41,7 +41,7 @@ def rotor(
     if data is None:
         return Parts()
     place, half = carrier.position if at is None else at, 0.5 * data.inertia
-    turned = quaternion(frame_of_axis(axis))
+    turned = quaternion(axes_along(f'rotor {name!r}', axis))
     body = RigidBodySpec(name=name, mass=0.0, inertia=(half, half, data.inertia, 0.0, 0.0, 0.0), position=place, orientation=turned)
     bearing = JointSpec(name=name, kind='revolute', i=marker_at(carrier, place, axis), j=marker_at(body, place, axis))
     share = -data.ratio / len(outputs)

@@ -26,7 +26,7 @@ from solver.elements.laws import Law
 from solver.elements.marker import Marker
 from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.spring_damper import SpringDamperSpec
-from solver.validate import Vector, finite
+from solver.validate import Vector, finite, require
 from solver.vehicle.hardpoints import marker_at
 from solver.vehicle.parts import LEFTWARDS, Part, Parts, joined, require_positive, rods, shaft_markers, vector_of
 from solver.vehicle.power_steering import SLOW, PowerSteering, assisted_mesh, friction
@@ -157,6 +157,7 @@ def steering_damper(subframe: RigidBodySpec, body: RigidBodySpec, at: Vector, da
 
 def steering_wheel(data: Column, axis: np.ndarray) -> RigidBodySpec:
     """Steering wheel and column as one body at the hub: a flat ring, and the column as a rod of its length."""
+    require(norm(axis) > 1e-9, 'column', 'wheel_hub', data.wheel_hub, 'must not be at the other end of the column')
     n = axis / norm(axis)
     across = 0.5 * data.wheel_inertia + data.wheel_mass * float(product(axis, axis)) / 12.0
     inertia = across * np.eye(3) + (data.wheel_inertia - across) * np.outer(n, n)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 
 import pytest
@@ -105,6 +106,22 @@ def test_a_body_that_turns_too_far_in_a_step_is_named(tmp_path, capsys) -> None:
     (found,) = data['findings']
     assert (code, found['quantity'], found['where']) == (1, 'turn_per_step', "body 'rotor'")
     assert found['value'] == pytest.approx(1.2)
+
+
+@pytest.mark.parametrize(('speed', 'turned'), [(28.0, 2.8), (31.0, 3.1), (60.0, math.pi)])
+def test_a_bushing_that_turns_by_pi_is_named(tmp_path, capsys, speed: float, turned: float) -> None:
+    """10 rad/s of a rotor on a torsional stiffness: it swings by a tenth of its first speed, or leaps over where the torque jumps."""
+    body = (
+        f'mechanism:\n  gravity: [0, 0, 0]\n  bodies: {{rotor: {{mass: 1, inertia: [1, 1, 1], angular_velocity: [0, 0, {speed}]}}}}\n'
+        '  bushings: {mount: {i: world, j: rotor, stiffness: [1e4, 1e4, 1e4, 100, 100, 100]}}\nduration: 0.4\n'
+    )
+    code, data = run(tmp_path, capsys, body)
+    if turned < 3.0:
+        assert (code, data['findings']) == (0, [])
+        return
+    found = {f['quantity']: f for f in data['findings']}['rotation']
+    assert (code, found['where']) == (1, 'mount')
+    assert found['value'] == pytest.approx(turned, abs=0.06)  # a step turns by 0.06 rad
 
 
 def test_steps_that_do_not_settle_are_named_with_the_body(tmp_path, capsys) -> None:

@@ -30,6 +30,9 @@ SALOON, CARAVAN = 'vehicle.front.', 'trailer.axles.axle.suspension.'
         (f'{SALOON}wheel.center=[1375, 775, 298]', r'wheel\.center = .*: is further than 30 m from the origin: lengths are in m'),
         (f'{SALOON}tie_rod.inner=[1460, 385, 240.5]', r'tie_rod\.inner = .*: lengths are in m'),
         (f'{SALOON}coil_over.spring.rate=46', r'spring\.rate = 46.0: is compressed by 115 m under its load: rates are in N/m'),
+        ('vehicle.driveline.mount_bushing.axis=[0, 0, 0]', r'mount_bushing\.axis = .*: must not be zero'),
+        (f'{SALOON}tie_rod.inner=[1.5, 0.745, 0.2227]', r'tie_rod\.inner = .*: is not 0.001 m away from outer, \(1.5, 0.745, 0.2227\)'),
+        (f'{SALOON}upper_arm.pivots[1]=[1.430, 0.450, 0.672]', r'upper_arm\.pivots = .*: are not 0.001 m apart'),
         ('vehicle.chassis.com[2]=-0.62', r'com\[2\] = -0.62: must be > 0'),
     ],
 )  # fmt: skip
