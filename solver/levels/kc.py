@@ -74,7 +74,7 @@ def derive(scene: Scene) -> Derived:
     turned = max(-guide.steering[0] for guide in model.guides)
     steering = Limit(quantity='steering_wheel_angle', unit='rad', low=-turned, high=turned, why=MAPS)
     lost = _unassisted(scene.model) if reduction.assisted is None else ()
-    validity = (travel, steering, *_lateral(scene.model, reduction.dependent), *VALIDITY)
+    validity = (travel, steering, *_lateral(scene.model), *VALIDITY)
     return Derived(scene=derived, level='kc', report=LevelReport(lost=(*LOST, *lost), validity=validity))
 
 
@@ -86,13 +86,11 @@ def _unassisted(spec: ModelSpec) -> tuple[str, ...]:
     )
 
 
-def _lateral(spec: ModelSpec, dependent: bool) -> tuple[Limit, ...]:
+def _lateral(spec: ModelSpec) -> tuple[Limit, ...]:
     """Up to which lateral acceleration: none for a car without rubber."""
     if not spec.bushings:
         return ()
-    high = 5.0 if dependent else 9.0
-    why = 'rolling moves the wheels of a dependent axle by each other' if dependent else 'compliance is that of moderate loads'
-    return (Limit(quantity='lateral_acceleration', unit='m/s^2', low=-high, high=high, why=why),)
+    return (Limit(quantity='lateral_acceleration', unit='m/s^2', low=-9.0, high=9.0, why='compliance is that of moderate loads'),)
 
 
 def kc_model(spec: ModelSpec) -> ModelSpec:
@@ -125,7 +123,6 @@ class _Reduction:
     def __init__(self, spec: ModelSpec, data: dict[str, Any], servo: ServoSpec | None) -> None:
         self.spec, self.data = spec, data
         self.assisted = None if servo is None else assisted(spec, servo, data['gear'], data['steering'])
-        self.dependent = False  # whether a wheel moves the damper of the other one, known with the model
         self.bodies = {b.name: b for b in spec.bodies}
         self.joints = {j.name: j for j in spec.joints}
         self.chassis = self.bodies[spec.chassis or spec.bodies[0].name]
@@ -322,7 +319,6 @@ class _Reduction:
             share = abs(powers[0] / found[0][1][0])
             if share > CROSSED:
                 raise SpecError(f'{len(found)} dampers move with one wheel, the second by {100 * share:.0f} % of the first; use full')
-            self.dependent = True
         nothing = Law.linear(0.0)
         if not found:
             return nothing, [0.0] * maps.POWERS, 0.0, nothing

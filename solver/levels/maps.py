@@ -43,6 +43,7 @@ PULL, RIGID = 500.0, 3e7  # of the dampers [N]; a mount that is stiffer is none 
 SAME = 1e-6  # m and rad, of an equilibrium found again
 REFINED = 4  # knots of an inverse law for one of the law
 APPROACH = 8  # equilibria on the way to a place that is not found at once
+USUAL = 0.25, 1.75  # of the load at rest: what bends do to wheels, without the stops; what a polynomial stands for is fitted there
 POWERS = 5  # of the polynomial that is the slope of a damper's length
 
 
@@ -212,6 +213,8 @@ def _axle(
     the other wheel at the opposite one."""
     middle = grid.shape[2] // 2
     every = (len(fine) - 1) // (len(z) - 1)
+    loads = [np.array([s.load[corner] for s in alone[corner]]) for corner in corners]
+    usual = np.all([(USUAL[0] * load[len(load) // 2] <= load) & (load <= USUAL[1] * load[len(load) // 2]) for load in loads], axis=0)
     own = [np.array([s.x[corners[k]] for s in alone[corners[k]]]) for k in range(2)]
     other = [np.array([s.x[corners[1 - k]] for s in alone[corners[k]]]) for k in range(2)]
     shape, opposite = [], []
@@ -219,7 +222,7 @@ def _axle(
         beside = other[1 - k][::every]  # this wheel held, the other one at z
         rows = [np.column_stack([z, 0.0 * z]), np.column_stack([z, z * z]), np.column_stack([-z, -z * z])]
         changes = [beside - beside[len(z) // 2], grid[k, :, middle] - own[k][::every], against[k] - own[k][::every]]
-        known = np.tile(np.isfinite(against[k, :, 0]), 3)  # all three where there is nothing but rubber
+        known = np.tile(np.isfinite(against[k, :, 0]) & (usual & usual[::-1])[::every], 3)  # as far to either side: squares cancel
         b = least_squares(np.concatenate(rows)[known], np.concatenate(changes)[known])  # (2, 5)
         alone_here = grid[k] - (z[:, None] * (b[0] + z[:, None] * b[1]))[:, None]
         surface = spline(alone_here)
@@ -229,14 +232,13 @@ def _axle(
             surface = surface[:, middle : middle + 1]
         shape += surface.ravel().tolist()
         opposite += b.T.ravel().tolist()
-    loads = [np.array([s.load[corner] for s in alone[corner]]) for corner in corners]
     crossed = [np.array([s.load[corners[1 - k]] for s in alone[corners[k]]]) for k in range(2)]
     n = len(fine) // 2
-    cubic = np.column_stack([fine, fine**2, fine**3])
-    coupling = least_squares(np.concatenate([cubic] * 2), np.concatenate([c - c[n] for c in crossed]))
+    cubic = np.column_stack([fine, fine**2, fine**3])[usual]
+    coupling = least_squares(np.concatenate([cubic] * 2), np.concatenate([(c - c[n])[usual] for c in crossed]))
     dampers = [_damper(alone[corner], fine, n) for corner in corners]
     torques = [np.array([s.torque for s in alone[corner]]) for corner in corners]
-    jacking = [least_squares(cubic, torque - torque[n]).tolist() for torque in torques]
+    jacking = [least_squares(cubic, (torque - torque[n])[usual]).tolist() for torque in torques]
     return {
         'shape': shape,
         'opposite': opposite,

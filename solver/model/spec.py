@@ -10,7 +10,7 @@ from solver.elements.marker import Spec
 from solver.elements.registry import CONSTRAINTS, KINDS
 from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.road import RoadSpec
-from solver.errors import SpecError
+from solver.errors import SpecError, suggestion
 from solver.inputs.maneuver import ACCELERATION, RATE
 from solver.validate import Vector, vector
 
@@ -57,6 +57,9 @@ class ModelSpec:
         object.__setattr__(self, 'gravity', vector('model', 'gravity', self.gravity))
         if not self.bodies:
             raise SpecError('model: bodies is empty: a model needs at least one body')
+        names = [body.name for body in self.bodies]
+        if self.chassis is not None and self.chassis not in names:
+            raise SpecError(f'model: chassis = {self.chassis!r}: no such body' + suggestion(self.chassis, names))
         for section, specs in self.sections().items():
             seen: set[str] = set()
             for spec in specs:

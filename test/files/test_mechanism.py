@@ -109,6 +109,7 @@ def test_inputs_are_those_that_elements_name_and_drivers_bring_their_derivatives
         ('spring_dampers:\n  s: {i: a, j: b, free_length: 1, spring: [[0, 0], [0, 1]]}', 'spring_dampers.s.spring'),
         ('spring_dampers:\n  s: {i: a, j: b, free_length: -1}', 'file.yaml:6: spring_dampers.s.free_length = -1.0: must be >= 0'),
         ('bushing: {}', "file.yaml:5: bushing: unknown key; did you mean 'bushings'?"),
+        ('chassis: c', "chassis = 'c': no such body; allowed: a, b"),
         ('gravity: [0, 0]', 'file.yaml:5: gravity = [0, 0]: must be a list of 3 values'),
     ],
 )
