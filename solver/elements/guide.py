@@ -14,10 +14,11 @@ rotation sigma that steers; delta (8,) are the departures of both wheels from th
 
 all forces are its gradient: the map carries a load at the wheel to the travel (its slope X_s is the anti-dive of the wheel centre) and to
 the steering (its slope over sigma is what the driver feels). P, a cubic without a constant, is the torque of springs that steering
-winds up, and what it shifts of their load. K lags: it acts on delta + lag d(delta)/dt. A damper of the length L(s)
-pulls the travel with the force -F L'. It stands on a mount k, which takes the part w = F/k of its way, an internal state:
+winds up, and what it shifts of their load. K lags: it acts on delta + lag d(delta)/dt. A damper of the length L(s) + c o
+pulls the travel with the force -F L', and the other wheel of a dependent axle with -F c. It stands on a mount k, which takes the part
+w = F/k of its way, an internal state:
 
-    F = law(L' ds/dt - dw/dt),     k = 0: F = law(L' ds/dt)
+    F = law(L' ds/dt + c do/dt - dw/dt),     k = 0: F = law(L' ds/dt + c do/dt)
 
 A brake acts between the wheel and its carrier (the law of solver.elements.brake), whose turn about the spin axis is
 
@@ -83,8 +84,8 @@ class GuideSpec(Spec):
     opposite: b_0, b_1 over side, quantity. coordinate: the rotation that steers. stiffness: K (8, 8) over (x, y, psi, gamma) left, right.
     lag [s]. windup: w over side, (8,). springs: force against travel of either side; coupling: c_0 ... c_3;
     jacking: coefficients of P over side. dampers: laws of either side;
-    ratios: coefficients of the powers of s in L', over side. mounts: their k [N/m], 0 for none; yields: with a mount the inverse of the
-    damper's law, rate over force. wheels: coordinates of the turning wheels, to show the brake torque at.
+    ratios: coefficients of the powers of s in L', over side; crossings: c of either side. mounts: their k [N/m], 0 for none; yields: with
+    a mount the inverse of the damper's law, rate over force. wheels: coordinates of the turning wheels, to show the brake torque at.
     input: of the brakes; shares of either wheel in it; brake_stiffness [N m/rad], brake_damping [N m s/rad] of a stuck wheel.
     """
 
@@ -106,6 +107,7 @@ class GuideSpec(Spec):
     jacking: tuple[float, ...] = (0.0,) * 6
     dampers: tuple[Law, Law]
     ratios: tuple[float, ...]
+    crossings: tuple[float, float] = (0.0, 0.0)
     mounts: tuple[float, float] = (0.0, 0.0)
     yields: tuple[Law, Law] | None = None
     wheels: tuple[str, str]
@@ -128,6 +130,7 @@ class GuideSpec(Spec):
         K = np.array(self.stiffness).reshape(8, 8)
         apart, largest = float(np.abs(K - K.T).max()), float(np.abs(K).max())
         require(apart <= SYMMETRIC * largest, where, 'stiffness', apart, 'is how far it is from its transpose; it must be symmetric')
+        self.set('crossings', tuple(finite(where, 'crossings', c) for c in self.crossings))
         self.set('mounts', tuple(finite(where, 'mounts', k, low=0.0) for k in self.mounts))
         require(self.yields is not None or not any(self.mounts), where, 'yields', self.yields, 'is needed with mounts')
         self.set('lag', finite(where, 'lag', self.lag, low=0.0))
@@ -156,6 +159,7 @@ class GuideTable(NamedTuple):
     coupling: np.ndarray  # (n, 4)
     jacking: np.ndarray  # (2 n, 3)
     ratio: np.ndarray  # (2 n, 5)
+    crossing: np.ndarray  # (2 n,)
     coordinate: np.ndarray  # (n, 2) of the turning wheels
     state: np.ndarray  # (n,) wind-up of the left brake; that of the right one and both mounts follow
     input: np.ndarray  # (n,)
@@ -192,6 +196,7 @@ def compile_guides(specs: Sequence[GuideSpec], context: Context) -> GuideTable:
         coupling=np.array([s.coupling for s in specs], float).reshape(-1, 4),
         jacking=np.array([s.jacking for s in specs], float).reshape(-1, 3),
         ratio=np.array([s.ratios for s in specs], float).reshape(-1, 5),
+        crossing=np.array([c for s in specs for c in s.crossings], float),
         coordinate=np.zeros((n, 2), np.int64),
         state=np.zeros(n, np.int64),
         input=np.zeros(n, np.int64),
@@ -277,8 +282,9 @@ def guide_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, K
         spring_r, rise_r, stored_r = evaluate_law(laws, table.law[2 * e + 1, 0], s_r)
         U, U_l, U_r, U_ll, U_lr, U_rr = coupling(table.coupling[e], s_l, s_r)
         P_l, P_r = cubic(table.jacking[2 * e], s_l), cubic(table.jacking[2 * e + 1], s_r)
-        d_l, d_ls, d_lv, heat_l, mount_l, y_l = damper_on_travel(table, laws, 2 * e, s_l, v_l, zp[n + 2], cz)
-        d_r, d_rs, d_rv, heat_r, mount_r, y_r = damper_on_travel(table, laws, 2 * e + 1, s_r, v_r, zp[n + 3], cz)
+        d_l, over_r, d_ls, rise_dl, ratio_l, heat_l, mount_l, y_l = damper_on_travel(table, laws, 2 * e, s_l, v_l, v_r, zp[n + 2], cz)
+        d_r, over_l, d_rs, rise_dr, ratio_r, heat_r, mount_r, y_r = damper_on_travel(table, laws, 2 * e + 1, s_r, v_r, v_l, zp[n + 3], cz)
+        d_l, d_r = d_l + over_l, d_r + over_r
 
         # generalized forces, wrenches, bodies
         q_l = dot8(held, by_l) + (t_l * m_l[4][1] + t_r * m_r[4][2]) - spring_l - U_l + d_l - sigma * P_l[1]
@@ -302,7 +308,10 @@ def guide_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, K
             on_lr = elastic_blocks(K, e, 0, 1, lw, rw, last4(k_l), first4(k_r), mix)
             on_rr = elastic_blocks(K, e, 1, 1, rw, rw, last4(k_r), last4(k_r), rr)
             blocks = with_travels(on_ll, more_l), with_travels(on_lr, more), with_travels(on_rr, more_r)
-            damping = (d_lv - lag * more_l, -lag * more, d_rv - lag * more_r)
+            c_l, c_r = table.crossing[2 * e], table.crossing[2 * e + 1]
+            d_ll, d_rr = -ratio_l * ratio_l * rise_dl - c_r * c_r * rise_dr, -ratio_r * ratio_r * rise_dr - c_l * c_l * rise_dl
+            d_lr = -ratio_l * c_l * rise_dl - ratio_r * c_r * rise_dr
+            damping = (d_ll - lag * more_l, d_lr - lag * more, d_rr - lag * more_r)
             add_motions(R_c, lw, rw, blocks[0], blocks[1], blocks[2], lag, damping, slots, e, Kq, Kv)
             turn_l = turning_axes(lw, on_l[0], on_l[1], -held[2], -held[3], -t_l)
             turn_r = turning_axes(rw, on_r[0], on_r[1], -held[6], -held[7], -t_r)

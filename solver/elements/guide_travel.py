@@ -43,17 +43,19 @@ def _yielding(laws, k, rate, zp, cz, law):
 
 
 @kernel(inner=True)
-def damper_on_travel(table, laws, side, s, rate, zp, cz):
-    """(force on the travel, by s, by the rate, dissipation, energy, internal state)."""
-    c = table.ratio[side]
+def damper_on_travel(table, laws, side, s, rate, other_rate, zp, cz):
+    """(force on the travel, on that of the other wheel, its own by s, rise of the force over the rate of length, slope of the length over
+    the travel, dissipation, energy, internal state)."""
+    c, crossing = table.ratio[side], table.crossing[side]
     ratio = c[0] + s * (c[1] + s * (c[2] + s * (c[3] + s * c[4])))
     slope = c[1] + s * (2.0 * c[2] + s * (3.0 * c[3] + s * 4.0 * c[4]))
+    way = ratio * rate + crossing * other_rate
     k = table.mount[side]
     if k > 0.0:
-        w, force, rise, own = _yielding(laws, k, ratio * rate, zp, cz, table.law[side, 2])
+        w, force, rise, own = _yielding(laws, k, way, zp, cz, table.law[side, 2])
         heat, stored = force * own, 0.5 * k * w * w
     else:
-        force, rise, _ = evaluate_law(laws, table.law[side, 1], ratio * rate)
-        w, heat = zp + 0.0 * rate, force * ratio * rate
+        force, rise, _ = evaluate_law(laws, table.law[side, 1], way)
+        w, heat = zp + 0.0 * rate, force * way
         stored = 0.0 * heat
-    return -ratio * force, -slope * (force + ratio * rate * rise), -ratio * ratio * rise, heat, stored, w
+    return -ratio * force, -crossing * force, -slope * (force + ratio * rate * rise), rise, ratio, heat, stored, w

@@ -48,14 +48,13 @@ from solver.vehicle.trailer import refuse_trailer
 AXLES = ('front', 'rear')
 FASTEST = 10.0  # Hz, of the travel of a wheel (speed over wavelength of the road) and of the steering
 LAG = 0.002  # s; of the departures, a usual loss of rubber over its stiffness
-CROSSED = 0.25  # motion of the damper on the other side, of that of the own one, that is left out
+CROSSED = 0.05  # motion of a second damper, of that of the first one, that is left out
 REPLACED = ('spring_dampers', 'bushings', 'brakes', 'servos')  # kinds of forces that guides stand for
 MAPS = 'the range of the maps, which go on linearly'
 
 LOST = (
     'vibration of engine, subframes, links, rack and driveline (above about 8 Hz)',
     'compliance is linear, that of the design position; so are its changes by the travel of the other wheel',
-    'what a damper of a dependent axle feels of the other wheel (up to a quarter of what it feels of its own)',
     'the inertia of propeller shaft and gears turns with both driven wheels in equal shares',
 )
 VALIDITY = (  # and the ranges of travel and steering
@@ -277,7 +276,7 @@ class _Reduction:
         fine = np.linspace(-reach, reach, maps.FORCE_TRAVEL)
         weight = -self.spec.gravity[2]
         springs = [maps.spring_law(fine, np.array(data['loads'][k]) - weight * wheels[c].mass) for k, c in enumerate(corners)]
-        laws, ratios, mounts, yields = zip(*(self._damper(data, k) for k in range(2)), strict=True)
+        laws, ratios, crossings, mounts, yields = zip(*(self._damper(data, k) for k in range(2)), strict=True)
         steered = data['steered']
         if steered and not couplers:
             raise SpecError(f'the {axle} axle is steered, but no coupler with an input turns a steering wheel; use full')
@@ -295,7 +294,7 @@ class _Reduction:
             stiffness=tuple(K.ravel().tolist()), lag=LAG, windup=tuple(windup.ravel().tolist()),
             springs=(springs[0], springs[1]), coupling=tuple(data['coupling']),
             jacking=(0.0,) * 6 if self.assisted is None or axle != AXLES[0] else tuple(data['jacking']),
-            dampers=laws, ratios=tuple(x for ratio in ratios for x in ratio), mounts=mounts, yields=yields,
+            dampers=laws, ratios=tuple(x for ratio in ratios for x in ratio), crossings=crossings, mounts=mounts, yields=yields,
             wheels=(f'wheel_{corners[0]}', f'wheel_{corners[1]}'), input=own[0].input,  # type: ignore[union-attr]
             shares=(own[0].gain, own[1].gain),  # type: ignore[union-attr]
             brake_stiffness=1.0 / (1.0 / stiffness + max(float(left.mean()), 0.0)), brake_damping=own[0].damping,  # type: ignore[union-attr]
@@ -310,22 +309,28 @@ class _Reduction:
         """What resists x, y, psi, gamma of a wheel."""
         return wheel.mass, wheel.mass, wheel.inertia[2], wheel.inertia[0]
 
-    def _damper(self, data: dict[str, Any], side: int) -> tuple[Law, list[float], float, Law]:
-        """(law, powers of the slope of its length, stiffness of its mount, inverse of the law) of the damper that moves with a wheel."""
-        elements = self.spec.spring_dampers
-        found = [(elements[int(k)].damper, powers, data['mounts'][int(k)]) for k, powers in data['dampers'][side].items()]
-        found = sorted((damper for damper in found if damper[0] is not None), key=lambda damper: -abs(damper[1][0]))
-        for _, powers, _ in found[1:]:  # of a dependent axle the damper of the other wheel moves too
-            share = abs(powers[0] / found[0][1][0])
-            if share > CROSSED:
-                raise SpecError(f'{len(found)} dampers move with one wheel, the second by {100 * share:.0f} % of the first; use full')
+    def _damper(self, data: dict[str, Any], side: int) -> tuple[Law, list[float], float, float, Law]:
+        """(law, powers of the slope of its length, slope over the travel of the other wheel, stiffness of its mount, inverse of the law) of
+        the damper that moves with a wheel."""
+        first, other = (self._dampers(data, k) for k in (side, 1 - side))
         nothing = Law.linear(0.0)
-        if not found:
-            return nothing, [0.0] * maps.POWERS, 0.0, nothing
-        law, powers, mount = found[0]
+        if not first:
+            return nothing, [0.0] * maps.POWERS, 0.0, 0.0, nothing
+        own, moves = first[0], data['dampers'][side]
+        for k in first[1:]:
+            share = abs(moves[k][0] / moves[own][0])
+            if share > CROSSED and k != other[0]:  # that of the other wheel of a dependent axle moves too
+                raise SpecError(f'{len(first)} dampers move with one wheel, another one by {100 * share:.0f} % of the first; use full')
+        law = self.spec.spring_dampers[int(own)].damper
         assert law is not None
         yields = maps.inverse_law(law)
-        return law, powers, mount if yields is not None else 0.0, yields or nothing
+        crossing = float(data['dampers'][1 - side].get(own, (0.0,))[0])
+        return law, moves[own], crossing, data['mounts'][int(own)] if yields is not None else 0.0, yields or nothing
+
+    def _dampers(self, data: dict[str, Any], side: int) -> list[Any]:
+        """The dampers that move with a wheel, the one that moves most first."""
+        moves = data['dampers'][side]
+        return sorted((k for k in moves if self.spec.spring_dampers[int(k)].damper is not None), key=lambda k: -abs(moves[k][0]))
 
     def _drives(self) -> tuple[CoordinateForceSpec, ...]:
         """Forces on coordinates that turn with the wheels: drive torque and limited slip, at the wheels and the chassis."""

@@ -48,6 +48,7 @@ def guide(rng, *, steered=True, mounted=True, **changes):
         'dampers': (DAMPER, Law.linear(200.0)),
         **({'mounts': (3e4, 0.0), 'yields': (YIELD, YIELD)} if mounted else {}),
         'ratios': tuple(rng.normal(size=10) + [-0.7, 0, 0, 0, 0, -0.7, 0, 0, 0, 0]),
+        'crossings': (-0.2, 0.15),
         **nodes,
         **changes,
     }

@@ -18,7 +18,7 @@ from solver.analysis.driven import steady_figures
 from solver.analysis.figures import mass_figures, standing
 from solver.analysis.kinematics_and_compliance import CORNERS, Rig, kinematic_figures
 from solver.elements.road import RoadSpec
-from solver.errors import ConsistencyError, SceneError, SpecError
+from solver.errors import ConsistencyError, SpecError
 from solver.inputs.maneuver import Maneuver
 from solver.inputs.signals import SineWithDwell, Step, Sweep
 from solver.levels import derive
@@ -30,7 +30,7 @@ from solver.step.settings import IntegratorSettings
 from solver.vehicle.full_car import full_car_model
 
 CARS = ('car_step_steer', 'light_car_step_steer', 'double wishbones')
-ASSISTED, TWISTED = 'electric_4wd', 'compact_fwd'
+ASSISTED, TWISTED, LIVE = 'electric_4wd', 'compact_fwd', 'pickup_awd'
 
 
 @functools.cache
@@ -38,7 +38,7 @@ def levels(name: str) -> tuple[Scene, Scene]:
     """(a scene, what is simulated of it at the level kc)."""
     if name == 'double wishbones':
         full = dataclasses.replace(solver.load_scene('car_step_steer'), model=full_car_model(double_wishbones()))
-    elif name in (ASSISTED, TWISTED):
+    elif name in (ASSISTED, TWISTED, LIVE):
         full = solver.load_scene('car_swept_steer', [f'vehicle=vehicles/{name}.yaml'])
     else:
         full = solver.load_scene(name)
@@ -84,7 +84,7 @@ def test_curves_of_kinematics_are_those_of_the_vehicle(name):
         near(found[corner]['steer'], wanted[corner]['steer'], key=corner)
 
 
-@pytest.mark.parametrize('name', [*CARS, ASSISTED, TWISTED])
+@pytest.mark.parametrize('name', [*CARS, ASSISTED, TWISTED, LIVE])
 def test_figures_of_the_bench_are_those_of_the_vehicle(name):
     """Wheel rates, roll stiffness, roll centres, roll steer, steering ratio and compliances within 1 %. The stops of the twist beam take
     80 kN at the ends of the maps, which must not show at the design position; one compliance of its car is 1.3 % off with other loads."""
@@ -93,7 +93,7 @@ def test_figures_of_the_bench_are_those_of_the_vehicle(name):
     for figure in wanted:
         if figure in found:
             share = 0.02 if (name, figure) == (TWISTED, 'lateral_steer_front') else 0.01
-            assert found[figure] == pytest.approx(wanted[figure], rel=share), figure
+            assert found[figure] == pytest.approx(wanted[figure], rel=share, abs=1e-12), figure
 
 
 @pytest.mark.slow
@@ -121,9 +121,10 @@ def simulated(scene: Scene, maneuver: Maneuver, speed: float, duration: float, r
     return np.array(rows)
 
 
+DWELL = 'sine with dwell, three times 0.3 g'
 MANEUVERS = {
     'step steer, 0.4 g': (Maneuver(steering=Step(value=0.484, start=1.0, rise=0.15), drive_torque=150.0), 80 / 3.6, 4.0),
-    'sine with dwell, three times 0.3 g': (Maneuver(steering=SineWithDwell(amplitude=1.09, start=1.0)), 80 / 3.6, 5.0),
+    DWELL: (Maneuver(steering=SineWithDwell(amplitude=1.09, start=1.0)), 80 / 3.6, 5.0),
     'swept sine, 0.3 g': (
         Maneuver(steering=Sweep(amplitude=0.363, frequency=0.2, final_frequency=2.0, duration=12.0, start=1.0), drive_torque=150.0),
         80 / 3.6,
@@ -134,7 +135,9 @@ MANEUVERS = {
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(('maneuver', 'name'), [*product(MANEUVERS, CARS), ('sine with dwell, three times 0.3 g', TWISTED)])
+@pytest.mark.parametrize(
+    ('maneuver', 'name'), [*product(MANEUVERS, CARS), *product(['sine with dwell, three times 0.3 g'], [TWISTED, LIVE])]
+)
 def test_motion_is_within_two_percent(maneuver, name):
     """Root mean square of yaw rate, sideslip velocity, roll and wheel loads, of their peaks; lateral motion only where there is some."""
     wanted, found = (simulated(scene, *MANEUVERS[maneuver]) for scene in levels(name))
@@ -242,12 +245,12 @@ def test_a_model_that_is_no_car_is_refused():
 @pytest.mark.parametrize(
     ('car', 'limits'),
     [
-        ('compact_fwd', {'lateral_acceleration': 5.0, 'suspension_travel': 0.1, 'steering_wheel_angle': 8.0}),
+        ('compact_fwd', {'lateral_acceleration': 9.0, 'suspension_travel': 0.1, 'steering_wheel_angle': 8.0}),
         ('formula_student', {'suspension_travel': 0.03, 'steering_wheel_angle': 2.0}),
     ],
 )
 def test_limits_follow_from_the_vehicle(car: str, limits: dict[str, float]) -> None:
-    """A twist beam's wheels move each other; a racing car without rubber has short travels and gives way to no load."""
+    """A racing car without rubber has short travels and gives way to no load."""
     level = derive(solver.load_scene('car_step_steer', [f'vehicle=vehicles/{car}.yaml', 'fidelity=kc'])).report
     found = {limit.quantity: limit.high for limit in level.validity}
     assert {name: found[name] for name in limits} == limits
@@ -255,10 +258,23 @@ def test_limits_follow_from_the_vehicle(car: str, limits: dict[str, float]) -> N
 
 
 @pytest.mark.slow
-def test_a_live_axle_is_refused_with_its_share() -> None:
-    """Dampers stand at 0.46 m of the half track of 0.79 m: that of the other wheel moves by (1 - 0.58)/(1 + 0.58) = 27 % of the own one."""
-    with pytest.raises(SceneError, match=r'the second by 2[0-9] % of the first; use full'):
-        derive(solver.load_scene('car_step_steer', ['vehicle=vehicles/pickup_awd.yaml', 'fidelity=kc']))
+def test_dampers_of_a_live_axle_move_with_both_wheels() -> None:
+    """They stand at 0.46 m of the half track of 0.79 m: that of the other wheel moves by (1 - 0.58)/(1 + 0.58) = 27 % of the own one."""
+    guide = next(g for g in levels(LIVE)[1].model.guides if g.name == 'rear')
+    for crossing, ratio in zip(guide.crossings, guide.ratios[::5]):
+        assert crossing / ratio == pytest.approx((1.0 - 0.46 / 0.79) / (1.0 + 0.46 / 0.79), rel=0.05)
+    assert all(abs(crossing) < 1e-2 for crossing in next(g for g in levels(LIVE)[1].model.guides if g.name == 'front').crossings)
+
+
+@pytest.mark.slow
+def test_a_second_damper_of_a_wheel_is_refused() -> None:
+    """Beside the first one, and half as fast."""
+    scene = solver.load_scene('light_car_step_steer')
+    own = next(e for e in scene.model.spring_dampers if e.damper is not None)
+    half = own.replace(name='second', spring=None, damper=own.damper)
+    model = dataclasses.replace(scene.model, spring_dampers=(*scene.model.spring_dampers, half))
+    with pytest.raises(SpecError, match=r'2 dampers move with one wheel, another one by 100 % of the first; use full'):
+        kc_model(model)
 
 
 def test_the_bench_comes_back_from_far_travel_on_soft_rubber():
