@@ -13,6 +13,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from mbd_sim_ros.analysis.pages import plain_page, write_text
 from mbd_sim_ros.analysis.plots import FIRST, GREY, SECOND, STYLE
@@ -171,6 +172,10 @@ def _tried(search: Search, chosen: Verdict | None) -> Figure:
         ax.scatter([1e3 * chosen.cost], [chosen.used], s=190, facecolor='none', edgecolor='black', lw=1.5, label='chosen')
     ax.axhline(1.0, color='black', lw=1.2)
     ax.set(xscale='log', yscale='log', xlabel='expected cost [ms of CPU per simulated second]', ylabel='largest share of a limit')
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter(StrMethodFormatter('{x:g}'))
+        axis.set_minor_formatter(NullFormatter())
     ax.legend(fontsize=8)
     return figure
 
