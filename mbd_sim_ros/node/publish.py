@@ -157,7 +157,7 @@ class Publication:
     def _look(self) -> None:
         """See who subscribes to the topics in turn, to each every HEARD: to all of them at once takes half of a step of 1 ms."""
         now, count = time.perf_counter(), len(self._channels)
-        due = min(count * (now - self._looked) / HEARD, count)
+        due = min(count * (now - self._looked) / HEARD, count) if count else 0.0
         if due < 1.0:
             return
         for _ in range(int(due)):

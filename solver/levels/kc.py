@@ -319,7 +319,7 @@ class _Reduction:
         own, moves = first[0], data['dampers'][side]
         for k in first[1:]:
             share = abs(moves[k][0] / moves[own][0])
-            if share > CROSSED and k != other[0]:  # that of the other wheel of a dependent axle moves too
+            if share > CROSSED and k not in other[:1]:  # that of the other wheel of a dependent axle moves too
                 raise SpecError(f'{len(first)} dampers move with one wheel, another one by {100 * share:.0f} % of the first; use full')
         law = self.spec.spring_dampers[int(own)].damper
         assert law is not None

@@ -215,6 +215,7 @@ def _axle(
     every = (len(fine) - 1) // (len(z) - 1)
     loads = [np.array([s.load[corner] for s in alone[corner]]) for corner in corners]
     usual = np.all([(USUAL[0] * load[len(load) // 2] <= load) & (load <= USUAL[1] * load[len(load) // 2]) for load in loads], axis=0)
+    usual[len(fine) // 2 - every : len(fine) // 2 + every + 1] = True  # of the stiffest car at least the nodes beside the middle
     own = [np.array([s.x[corners[k]] for s in alone[corners[k]]]) for k in range(2)]
     other = [np.array([s.x[corners[1 - k]] for s in alone[corners[k]]]) for k in range(2)]
     shape, opposite = [], []

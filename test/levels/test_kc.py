@@ -21,7 +21,7 @@ from solver.elements.road import RoadSpec
 from solver.errors import ConsistencyError, SpecError
 from solver.inputs.maneuver import Maneuver
 from solver.inputs.signals import SineWithDwell, Step, Sweep
-from solver.levels import derive
+from solver.levels import derive, maps
 from solver.levels.kc import kc_model
 from solver.levels.maps import require_return
 from solver.scene import Scene, StartSettings
@@ -264,6 +264,30 @@ def test_dampers_of_a_live_axle_move_with_both_wheels() -> None:
     for crossing, ratio in zip(guide.crossings, guide.ratios[::5]):
         assert crossing / ratio == pytest.approx((1.0 - 0.46 / 0.79) / (1.0 + 0.46 / 0.79), rel=0.05)
     assert all(abs(crossing) < 1e-2 for crossing in next(g for g in levels(LIVE)[1].model.guides if g.name == 'front').crossings)
+
+
+@pytest.mark.parametrize('rate', [2e4, 1e6])
+def test_what_a_wheel_does_to_the_other_is_found_on_stiff_springs_too(rate: float) -> None:
+    """5 N of the other wheel, and 0.01 rad of its toe, for a mm of travel; the stops multiply both tenfold from 60 mm on. At 1000 N/mm only
+    the middle has a usual load."""
+    z, fine = np.linspace(-0.1, 0.1, maps.MAP_TRAVEL), np.linspace(-0.1, 0.1, maps.FORCE_TRAVEL)
+
+    def beside(v: np.ndarray, slope: float) -> np.ndarray:
+        return slope * np.where(np.abs(v) < 0.06, v, 10.0 * v)
+
+    def stand(own: str, v: float) -> maps.Stand:
+        other = 'right' if own == 'left' else 'left'
+        x = {own: np.zeros(5), other: np.array([0.0, 0.0, beside(v, 10.0), 0.0, 0.0])}
+        return maps.Stand(np.zeros((1, 7)), x, {own: 4e3 + beside(v, rate), other: 4e3 + beside(v, 5e3)}, np.zeros(1), np.zeros(1), 0.0)
+
+    alone = {side: [stand(side, float(v)) for v in fine] for side in ('left', 'right')}
+    grid, against = np.zeros((2, len(z), 3, 5)), np.zeros((2, len(z), 5))
+    grid[..., 2], against[..., 2] = beside(z, 10.0)[None, :, None], -beside(z, 10.0)
+    found = maps._axle(('left', 'right'), z, grid, against, fine, alone, False)
+    assert found['coupling'][0] == pytest.approx(5e3, rel=1e-6)
+    b = np.array(found['opposite']).reshape(2, 5, 2)
+    np.testing.assert_allclose(b[:, 2], [[10.0, 0.0]] * 2, atol=1e-6)
+    assert not np.delete(b, 2, axis=1).any()
 
 
 @pytest.mark.slow
