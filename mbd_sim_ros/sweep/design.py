@@ -20,7 +20,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from scipy.stats import qmc
 
 from solver.errors import SceneError, SpecError
 from solver.files.scene import find_file
@@ -136,6 +135,8 @@ def cases(sweep: Sweep) -> list[dict[str, float | str]]:
     if design.kind in SENSITIVITY:
         table = np.asarray(_salib(sweep)(problem(sweep)))
         return [dict(zip(names, row, strict=True)) for row in table.tolist()]
+    from scipy.stats import qmc  # half a second, which no worker needs
+
     sampler = qmc.LatinHypercube if design.kind == 'latin_hypercube' else qmc.Sobol
     shares = sampler(len(names), seed=design.seed).random(design.samples)
     return [{n: p.at(share) for n, p, share in zip(names, parameters, row, strict=True)} for row in shares.tolist()]

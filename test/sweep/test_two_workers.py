@@ -38,17 +38,19 @@ def cores() -> float:
 
 @pytest.mark.long
 def test_two_workers_are_nearly_twice_as_fast_as_one(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """With nothing else to do, on two whole cores; where they are shared with others, what two processes that only count gain says so."""
+    """With nothing else to do, on two whole cores; where they are shared with others, what two processes that only count gain says so.
+    Of two sweeps each the less disturbed one counts, taken in turns."""
     (tmp_path / 'sweep.yaml').write_text(SWEEP)
-    seconds, tables = {}, {}
-    for workers in (2, 1):
-        out = tmp_path / str(workers)
+    seconds: dict[int, list[float]] = {1: [], 2: []}
+    tables = set()
+    for turn, workers in enumerate((2, 1, 2, 1)):
+        out = tmp_path / str(turn)
         begin = time.monotonic()
         assert main(['sweep', str(tmp_path / 'sweep.yaml'), '--workers', str(workers), '--out', str(out)]) == 0
-        seconds[workers] = time.monotonic() - begin
-        tables[workers] = (out / 'sweep.parquet').read_bytes()
+        seconds[workers].append(time.monotonic() - begin)
+        tables.add((out / 'sweep.parquet').read_bytes())
         assert '200 cases: 200 ok' in capsys.readouterr().out
     print(seconds)
-    assert tables[1] == tables[2]
-    gain = seconds[1] / seconds[2]
+    assert len(tables) == 1
+    gain = min(seconds[1]) / min(seconds[2])
     assert gain >= 1.8, f'{gain:.2f} times as fast; two processes that only count gain {cores():.2f} on this machine'
