@@ -10,7 +10,7 @@ import struct
 from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
-RECORDS_MOST = 1000  # in a chunk that is worth a layout
+RECORDS_MOST = 12_000  # in a chunk that is worth a layout
 LAYOUTS_MOST = 64  # that are made for one file
 _HEAD = struct.Struct('<BQH')  # opcode, length, channel
 _PLAIN = 9  # bytes of it that the length does not count

@@ -9,6 +9,7 @@ from typing import BinaryIO
 MESSAGE_INDEX = 7
 ENTRY = 16  # bytes in an index, one for each message
 _PIECE = 1 << 18
+_KEPT = 1 << 21  # bytes, of a block that is reserved but never touched
 _INDEX = struct.Struct('<BQHI')  # opcode, length, channel, length of its entries
 _HEAD = 9  # bytes of it that the length does not count
 
@@ -17,6 +18,7 @@ class Source:
     """A file from its beginning, and the checksum of what was taken of it or skipped: once per piece, for records are many and small."""
 
     def __init__(self, stream: BinaryIO) -> None:
+        keep_freed_memory()
         self._stream = stream
         self._piece = b''
         self._at = self._summed = self._checksum = 0  # _summed: up to where the checksum knows the piece
@@ -70,3 +72,10 @@ class Source:
     def _sum(self, end: int) -> None:
         self._checksum = zlib.crc32(memoryview(self._piece)[self._summed : end], self._checksum)
         self._summed = end
+
+
+def keep_freed_memory() -> None:
+    """Have the C library keep blocks as large as a chunk when they are freed. That of GNU gives them back to the system until a larger
+    one has been freed; before, the pages of every chunk are made anew, which takes as long as unpacking it.
+    """
+    bytes(_KEPT)

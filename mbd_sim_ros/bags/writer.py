@@ -19,7 +19,7 @@ from mbd_sim_ros.messages.cdr import schema_text
 from mbd_sim_ros.messages.topics import ELEMENTS, TYPE_HASHES, Topic
 from solver.errors import BagError
 
-CHUNK_BYTES = 128 * 1024
+CHUNK_BYTES = 512 * 1024  # what it takes to read a recording goes with the number of its chunks; a flush makes smaller ones
 PART = '.part'
 RECORD = 'mbd_sim_ros'  # name of the metadata record that describes the run
 _Message = tuple[int, int, bytes]  # index of its topic, time [ns], encoded
@@ -68,7 +68,8 @@ class BagWriter:
     def _start(self, metadata: Mapping[str, Mapping[str, str]], schemas: Mapping[str, str]) -> None:
         for compression in (CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE):
             try:
-                self._writer = Writer(self._file, chunk_size=CHUNK_BYTES, compression=compression, enable_data_crcs=True)
+                # Chunks end where flush() ends them, with the heads of all their messages.
+                self._writer = Writer(self._file, chunk_size=2 * CHUNK_BYTES, compression=compression, enable_data_crcs=True)
                 break
             except UnsupportedCompressionError:
                 continue

@@ -30,7 +30,7 @@ MS = 1_000_000
 OPCODE_CHUNK = 6
 
 
-def good(directory: Path, n: int = 4000) -> Path:
+def good(directory: Path, n: int = 16_000) -> Path:
     t = np.arange(n) * MS
     return write_scalars(directory, {'s': (t, {'v': np.sin(t * 1e-9), 'w': np.cos(t * 1e-9)})}) / f'{directory.name}_0.mcap'
 
@@ -86,7 +86,7 @@ def test_what_is_lost_is_said_by_the_command(tmp_path: Path, capfd: pytest.Captu
     told = json.loads(capfd.readouterr().out)
     assert told['complete'] is False and told['lost'] > 0 and 'were found' in told['damage'][0]
     assert main(['recover', str(file), str(tmp_path / 'again')]) == 0
-    assert 'cut off or damaged: it says that it holds 4000 messages' in capfd.readouterr().out
+    assert 'cut off or damaged: it says that it holds 16000 messages' in capfd.readouterr().out
 
 
 def test_every_byte_of_our_recordings_is_under_a_checksum(tmp_path: Path) -> None:
@@ -274,7 +274,7 @@ def test_lz4_and_frames_without_their_size_are_read(tmp_path: Path) -> None:
 def test_chunks_of_elements_that_nobody_wants_are_not_unpacked_but_their_damage_is_noticed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    t = np.arange(4000) * MS
+    t = np.arange(16_000) * MS
     series = {'s': (t, {'v': np.sin(t * 1e-9)}), 'element_states/springs': (t, {'spring/force': np.cos(t * 1e-9)})}
     file = write_scalars(tmp_path / 'good', series) / 'good_0.mcap'
     whole, data, unpacked = bag.read(file), bytearray(file.read_bytes()), []

@@ -5,9 +5,11 @@ from __future__ import annotations
 import struct
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scalars import write_scalars
 
-from mbd_sim_ros.bags import layouts, records
+from mbd_sim_ros.bags import layouts, reader, records
 from mbd_sim_ros.bags.records import Messages, Reading
 
 Chunk = list[tuple[int, int]]  # channel, bytes of its message
@@ -61,15 +63,31 @@ def test_chunks_give_what_their_records_give_one_by_one(name: str, skip: set[int
     assert found == read(tmp_path / 'b.mcap', CASES[name], set(skip))
 
 
-def test_chunks_that_are_like_the_first_are_not_walked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    walked, walk = [], Reading._one_by_one
+@pytest.fixture
+def walked(monkeypatch: pytest.MonkeyPatch) -> list[int]:
+    """The sizes of the chunks that are taken apart record by record."""
+    sizes: list[int] = []
+    walk = Reading._one_by_one
 
     def counted(self: Reading, body: bytes, most: int) -> object:
-        walked.append(len(body))
+        sizes.append(len(body))
         return walk(self, body, most)
 
     monkeypatch.setattr(Reading, '_one_by_one', counted)
+    return sizes
+
+
+def test_chunks_that_are_like_the_first_are_not_walked(tmp_path: Path, walked: list[int]) -> None:
     found, _ = read(tmp_path / 'a.mcap', CASES['steps that are all alike'], {2})
     assert len(walked) == 2  # the first, and one when channel 3 is no longer wanted
     assert [one.log_times for one in found[:2]] == [[0, 3, 6], [2, 5, 8]]
     assert [one.channel for one in found] == [1, 3] * 4 + [1]
+
+
+def test_of_our_recordings_of_small_messages_the_first_chunk_is_walked_and_the_last(tmp_path: Path, walked: list[int]) -> None:
+    """As many of them as there are in a chunk."""
+    t = np.arange(50_000) * 1_000_000
+    run = reader.read(write_scalars(tmp_path / 'bag', {'s': (t, {'v': np.sin(t * 1e-9)})}))
+    np.testing.assert_array_equal(run['s/v'], np.sin(t * 1e-9))
+    assert len(walked) <= 3  # the first holds the channels as well
+    assert sum(walked) < 0.6 * 50_000 * 100  # there are more

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import platform
+import subprocess
+import sys
 import tracemalloc
 from pathlib import Path
 
@@ -12,6 +15,7 @@ from scalars import write_mcap, write_scalars
 
 from mbd_sim_ros.bags import columns
 from mbd_sim_ros.bags import reader as bag
+from mbd_sim_ros.bags.writer import CHUNK_BYTES
 from mbd_sim_ros.messages import cdr
 from mbd_sim_ros.messages.topics import JOINT_STATE
 from solver.errors import BagError
@@ -71,6 +75,24 @@ def test_reading_takes_the_memory_of_the_columns_that_are_asked_for(tmp_path: Pa
     numbers = 8 * n * width
     assert peak() < numbers + 6 * columns.BLOCK_BYTES  # messages of a block, their bytes in one piece, their numbers
     assert peak('narrow/*') < 0.3 * numbers
+
+
+@pytest.mark.skipif(platform.libc_ver()[0] != 'glibc', reason='what the C library keeps')
+def test_reading_asks_the_system_for_memory_once(tmp_path: Path) -> None:
+    """Not for every chunk anew: in a process of its own, for what was freed once is kept."""
+    t = np.arange(3000) * MS
+    wide = {f'w{k}': np.sin(k + t * 1e-9) for k in range(400)}
+    directory = write_scalars(tmp_path / 'bag', {'wide': (t, wide)})
+    code = """
+import resource, sys
+from mbd_sim_ros.bags import reader
+import zstandard
+before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+reader.read(sys.argv[1])
+print((resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before) * resource.getpagesize())
+"""
+    said = subprocess.run([sys.executable, '-c', code, str(directory)], check=True, capture_output=True, text=True).stdout
+    assert int(said) < 8 * t.size * len(wide) + 8 * CHUNK_BYTES, f'{int(said) / 1e6:.1f} MB were mapped'
 
 
 def test_strings_that_change_are_no_obstacle(tmp_path: Path) -> None:
