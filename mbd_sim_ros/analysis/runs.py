@@ -41,11 +41,15 @@ INPUT_UNITS = {
 
 
 def units(*runs: Run) -> Callable[[str], str]:
-    """The unit of a column, '' where the recordings do not tell: joints by their kind, elements by the kind whose outputs they have."""
+    """The unit of a column, '' where the recordings do not tell: joints by their kind, elements by the kind whose outputs they have, those
+    on joint coordinates by the kind of these.
+    """
     kinds: dict[str, str] = {}
+    along: dict[str, str] = {}
     outputs: dict[str, list[str]] = {}  # element -> its outputs
     for run in runs:
         kinds = kinds or run.joint_kinds
+        along = along or run.element_kinds
         for column in run.names:
             topic, _, rest = column.partition('/')
             if topic == 'element_states':
@@ -53,23 +57,27 @@ def units(*runs: Run) -> Callable[[str], str]:
                 known = outputs.setdefault(element, [])
                 if output not in known:
                     known.append(output)
-    return lambda column: _unit(column, kinds, outputs)
+    return lambda column: _unit(column, kinds, along, outputs)
 
 
 @cache
-def _element_units(found: tuple[str, ...]) -> dict[str, str]:
-    """Output -> unit of the kinds of elements with these outputs, as far as they agree; of all kinds where none has them."""
+def _element_units(found: tuple[str, ...], along: str) -> dict[str, str]:
+    """Output -> unit of the kinds of elements with these outputs, as far as they agree; of all kinds where none has them. along: whether
+    the coordinate of the element is a 'rotation' or a 'translation', '' where it is not known.
+    """
     from solver.elements.registry import FORCES  # with the kernels of all elements: half a second
 
     candidates = [kind for kind in FORCES if tuple(kind.outputs) == found] or FORCES
     agreed: dict[str, set[str]] = {}
     for kind in candidates:
         for output, measure in kind.outputs.items():
-            agreed.setdefault(output, set()).add(measure or '1')
+            length, either, angle = measure.partition(' or ')
+            known = {'rotation': angle, 'translation': length}.get(along, measure) if either else measure
+            agreed.setdefault(output, set()).add(known or '1')
     return {output: next(iter(m)) for output, m in agreed.items() if len(m) == 1 and ' or ' not in next(iter(m))}
 
 
-def _unit(column: str, kinds: Mapping[str, str], outputs: Mapping[str, Sequence[str]]) -> str:
+def _unit(column: str, kinds: Mapping[str, str], along: Mapping[str, str], outputs: Mapping[str, Sequence[str]]) -> str:
     topic, _, rest = column.partition('/')
     head, _, last = column.rpartition('/')
     if topic == 'joint_states':
@@ -84,7 +92,8 @@ def _unit(column: str, kinds: Mapping[str, str], outputs: Mapping[str, Sequence[
 
         return (TIRES.outputs[last] or '1') if last in TIRES.outputs else ''
     if topic == 'element_states':
-        return _element_units(tuple(outputs.get(rest.rpartition('/')[0], ()))).get(last, '')
+        element = rest.rpartition('/')[0]
+        return _element_units(tuple(outputs.get(element, ())), along.get(element, '')).get(last, '')
     block = BLOCK_UNITS.get(head.rpartition('/')[2], {})
     return block.get(last, '1' if last in ('qx', 'qy', 'qz', 'qw') else '')
 

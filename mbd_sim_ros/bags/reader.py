@@ -77,6 +77,11 @@ class Run:
         """Joint coordinate -> 'rotation' or 'translation', where the recording tells. Raises BagError."""
         return self._said('joint_kinds', dict, str)
 
+    @property
+    def element_kinds(self) -> dict[str, str]:
+        """Element on joint coordinates -> 'rotation' or 'translation', where the recording tells. Raises BagError."""
+        return self._said('element_kinds', dict, str)
+
     def _said(self, key: str, kind: type, item: type) -> Any:
         """An entry of the metadata in JSON: a list or dict of items of one type."""
         text = self.metadata.get(key)

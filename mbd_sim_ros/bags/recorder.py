@@ -21,7 +21,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import yaml
@@ -33,6 +33,9 @@ from mbd_sim_ros.messages.cdr import template
 from mbd_sim_ros.messages.topics import INPUTS, STRING, Topic
 from solver.compiled.target import target
 from solver.errors import BagError
+
+if TYPE_CHECKING:
+    from solver.model.spec import ModelSpec
 
 POLL_SECONDS = 0.02  # between deliveries to the recording process
 DELIVERY_STEPS = 256  # at most in one delivery
@@ -70,11 +73,28 @@ def describe(*, scene: str, resolved_yaml: str, parameters: Mapping[str, Any] | 
 def about(simulation: Any, *, reactions: bool) -> dict[str, str]:
     """Further entries of a description: what a reader needs to understand the channels of a simulation."""
     channels = simulation.channels
+    joint_kinds = dict(zip(channels.joints, channels.joint_kinds, strict=True))
     not_unique = simulation.describe()['reactions_not_unique'] if reactions else []
     return {
-        'joint_kinds': json.dumps(dict(zip(channels.joints, channels.joint_kinds, strict=True))),
+        'joint_kinds': json.dumps(joint_kinds),
+        'element_kinds': json.dumps(_element_kinds(simulation.scene.model, joint_kinds)),
         'reactions_not_unique': json.dumps(not_unique),
     }
+
+
+def _element_kinds(model: ModelSpec, joint_kinds: Mapping[str, str]) -> dict[str, str]:
+    """Element on joint coordinates -> 'rotation' or 'translation': what all of these are, else those with a factor of 1."""
+    from solver.elements.registry import FORCES  # not where the recording process is started, which needs none of them
+
+    found = {}
+    for kind in FORCES:
+        for element in getattr(model, kind.name) if kind.on_coordinates else ():
+            terms = [(joint_kinds.get(name, ''), factor) for name, factor in getattr(element, 'terms', ())]
+            for kinds in ({one for one, _ in terms}, {one for one, factor in terms if abs(factor) == 1.0}):
+                if len(kinds) == 1 and (only := kinds.pop()):
+                    found[element.name] = only
+                    break
+    return found
 
 
 def code_version() -> str:

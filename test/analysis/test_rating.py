@@ -93,6 +93,34 @@ def test_warping_is_the_cheapest_path(n: int, rng) -> None:
         assert rate_sampled(values, reference, 1.0).magnitude == pytest.approx(max(0.0, 1.0 - by_recursion(a, b) / 0.5), abs=1e-12)
 
 
+# Corridor, phase, magnitude, slope, overall by objective_rating_metrics 1.3 of TU Graz, unrounded: (run, reference) at 201 instants.
+PUBLISHED = {
+    'smaller': (0.948551221, 1.000000000, 0.940218879, 0.950000000, 0.957464264),
+    'later': (0.499962743, 0.701492537, 1.000000000, 1.000000000, 0.740283605),
+    'rippled': (0.845079766, 1.000000000, 0.940657793, 0.643055695, 0.854774604),
+    'other': (0.284548408, 0.353233831, 0.000000000, 0.792835031, 0.343033136),
+    'drifting': (0.712897477, 1.000000000, 0.875557584, 0.898016803, 0.839873868),
+    'step': (0.822101670, 0.751243781, 0.991835262, 0.787715935, 0.834999663),
+}
+
+
+@pytest.mark.parametrize('name', PUBLISHED)
+def test_scores_are_those_of_the_published_implementation(name: str) -> None:
+    t = np.linspace(0.0, 1.0, 201)
+    wave = np.sin(2 * np.pi * t) * np.exp(-t)
+    values, reference = {
+        'smaller': (0.9 * wave, wave),
+        'later': (np.sin(2 * np.pi * (t - 0.06)) * np.exp(-(t - 0.06)), wave),
+        'rippled': (wave + 0.1 * np.sin(31.0 * t), wave),
+        'other': (0.5 * np.cos(5.0 * t) - 0.2, wave),
+        'drifting': (1.2 * wave + 0.15 * t, wave),
+        'step': (np.tanh(12.0 * (t - 0.45)), np.tanh(20.0 * (t - 0.4))),
+    }[name]
+    found = rate_sampled(values, reference, 0.005)
+    scores = (found.corridor, found.phase, found.magnitude, found.slope, found.overall)
+    np.testing.assert_allclose(scores, PUBLISHED[name], atol=1e-9)
+
+
 def test_shift_is_that_of_the_largest_correlation(rng) -> None:
     for _ in range(5):
         values, reference = np.cumsum(rng.standard_normal((2, 120)), axis=1)

@@ -10,7 +10,9 @@ import pytest
 
 from mbd_sim_ros.analysis import runs
 from mbd_sim_ros.analysis.comparison import compare
-from mbd_sim_ros.bags.reader import Run, Series
+from mbd_sim_ros.bags.reader import Run, Series, read
+from mbd_sim_ros.batch import simulate
+from solver import load_scene, simulation_of
 from solver.errors import BagError
 
 
@@ -79,6 +81,18 @@ def test_comments_and_blank_lines_in_a_table_are_skipped(tmp_path: Path) -> None
     assert read['angle'].tolist() == [1.0, 2.0]
 
 
+def test_every_element_and_joint_of_the_full_car_has_its_units(tmp_path: Path) -> None:
+    """The bars and the gears of the axles act on angles; a rack is a length, which its ratio brings to the angle of the pinion."""
+    simulation = simulation_of(load_scene('car_step_steer', ('record.elements=true',)))
+    simulate(simulation, 2, directory=tmp_path / 'car')
+    run = read(tmp_path / 'car')
+    unit = runs.units(run)
+    assert [name for name in run.names if not unit(name)] == []
+    assert {f'{e}/{o}': unit(f'element_states/{e}/{o}') for e, o in (('rack_and_pinion', 'value'), ('differential', 'force'))} == {
+        'rack_and_pinion/value': 'rad', 'differential/force': 'N m',
+    }  # fmt: skip
+
+
 def test_units_of_elements_are_those_of_their_kind() -> None:
     """A rate is m/s of a spring and rad/s of a brake; which of the two an element is, its outputs tell."""
     spring = ('energy', 'dissipation', 'length', 'rate', 'force')
@@ -98,5 +112,7 @@ def test_units_of_elements_are_those_of_their_kind() -> None:
     assert [unit(c) for c in ('imu/ay', 'odom/pose/qw', 'tire/f/force/mz', 'tire_states/f/kappa', 'cmd_applied/steering', 'what')] == [
         'm/s^2', '1', 'N m', '1', 'rad', '',
     ]  # fmt: skip
+    turned = Run({}, run.metadata | {'element_kinds': '{"c": "rotation"}'}, known=run.known)
+    assert [runs.units(turned)(f'element_states/c/{o}') for o in along] == ['J', 'W', 'rad', 'rad/s', 'N m']
     bare = runs.units(Run({}))
     assert (bare('element_states/x/rate'), bare('element_states/x/energy')) == ('', 'J')  # nothing tells which kind it is
