@@ -113,6 +113,21 @@ class Painter:
             axes.grid(color='#e5e5e5')
             self._cursors.append(axes.axvline(0.0, color='#d55e00', linewidth=1.2))
         axes.set_xlabel('t [s]', fontsize=9)
+        self._legend = self._keys()
+
+    def _keys(self) -> list[Any]:
+        """What the colours say, of what there is."""
+        from matplotlib.lines import Line2D
+
+        what = self.motions[0].drawing
+        inks = [
+            (COLOURS['body'], 'links', any(line.kind == 'body' for line in what.lines)),
+            (COLOURS['spring'], 'springs and dampers', what.springs),
+            (COLOURS['wheel'], 'wheels', what.wheels),
+            (COLOURS['force'], f'forces on the tires, 1 m for {1e-3 * NEWTONS_PER_METRE:g} kN', what.wheels),
+            (GHOST, 'ghost', self.motions[1:]),
+        ]
+        return [Line2D([], [], color=ink, linewidth=2.5, label=label) for ink, label, there in inks if there]
 
     def paint(self, t: float) -> None:
         """Show the instant t [s]."""
@@ -148,6 +163,7 @@ class Painter:
         axes.set_ylim(-self._size, self._size)
         names = self.motions[0].name + ''.join(f' (ghost: {motion.name})' for motion in self.motions[1:])
         axes.set_title(f'{names}, t = {t:.2f} s', fontsize=11)
+        axes.legend(handles=self._legend, loc='lower center', ncols=5, frameon=False, fontsize=8, handlelength=1.2, columnspacing=1.2)
         for cursor in self._cursors:
             cursor.set_xdata([t, t])
         if self.figure.get_layout_engine() is not None:

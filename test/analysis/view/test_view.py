@@ -115,6 +115,18 @@ def test_links_and_wheels_stand_where_the_kinematics_of_the_simulation_has_them(
             np.testing.assert_allclose(np.linalg.norm(np.cross(rim - middle, spin), axis=1), wheel.radius, atol=1e-9)
 
 
+def test_pictures_say_what_their_colours_are(car: Path, crank: Path):
+    from mbd_sim_ros.analysis.view.picture import Painter
+
+    def said(*bags: Path) -> list[str]:
+        painter = Painter([read_motion(bag) for bag in bags])
+        painter.paint(0.1)
+        return [text.get_text() for axes in painter.figure.axes for legend in [axes.get_legend()] if legend for text in legend.get_texts()]
+
+    assert said(car, car) == ['links', 'springs and dampers', 'wheels', 'forces on the tires, 1 m for 6 kN', 'ghost']
+    assert said(crank) == ['links']
+
+
 def test_the_arrows_are_the_tire_forces(car: Path):
     motion = read_motion(car)
     weight = 9.81 * sum(body.mass for body in load_scene('light_car_step_steer').model.bodies)
@@ -143,6 +155,8 @@ def test_the_page_draws_what_the_pictures_do(car: Path, tmp_path: Path):
     home = ['--user-data-dir=' + str(tmp_path / 'profile'), '--window-size=1280,760', '--virtual-time-budget=2000']
     command = [str(CHROMIUM), *QUIET, *home]
     dom = subprocess.run([*command, '--dump-dom', f'file://{tmp_path}/probe.html'], timeout=120, check=True, capture_output=True, text=True)
+    for words in ('links', 'springs and dampers', 'wheels', 'forces on the tires, 1 m for 6 kN', 'ghost'):
+        assert re.search(rf'<b style="color: [^"]+">━</b>{words}<', dom.stdout), words  # what the colours say
     found = re.search(r'data-drawn="([^"]*)"', dom.stdout)
     assert found is not None
     theirs = json.loads(html.unescape(found[1]))
