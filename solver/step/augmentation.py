@@ -14,6 +14,11 @@ prediction is the curvature of the constraints; closing it takes multipliers tha
 to a singular position a direction is as weak, but must be held. Which of both it is shows in the iterate without the combination: the
 violation there is smaller than at the prediction, or larger. So directions with an image below xi d^2 are tried so, and taken back in
 (restore) where it has grown.
+
+*A step that ends in a singular position.* Where the end of a step does not see a direction at all (its image is dropped), nothing holds it
+over the step but the multipliers from before, whose force along the rows of the stage is not what it was: they grow as the inverse of what
+the rows see. The stage does see the direction, half a step from the singular position, so such a step is made with its rows in the matrix
+in place of those of the end (solver.step.iteration): the acceleration goes on as predicted, and multipliers follow that make it so.
 """
 
 from __future__ import annotations
@@ -24,6 +29,7 @@ import numpy as np
 
 from solver.compiled.by_reference import matrix_at
 from solver.compiled.kernel import kernel
+from solver.model.evaluate import constraint_rates
 from solver.model.saddle import CONDENSED, solve_saddle
 from solver.step.stage import largest_turn
 
@@ -31,7 +37,10 @@ MOST_DIRECTIONS = 12
 ENOUGH = 1e-4  # part of the violation at the prediction that an iteration of mode fixed may leave; of the velocity, its projection
 CONTRACTION = 1e-2  # part of its own violation, and of the tolerance, that an iteration of mode tolerance may leave
 HELD = 1e-11  # relative velocity over the step; what violates less is rounding
+# Of the largest multiplier in the step before one that ends in a singular position: at least 5/3 (rho_inf 1: forces of the middle).
+GROWTH = 1.4
 SMALLEST_IMAGE = 1e-4  # relative to the violation; less is a direction that the constraints cannot hold: it is left to its inertia
+BETTER = 2.0  # times, that a stage must see what its rows would hold as the end does
 
 
 class Augmentation(NamedTuple):
@@ -47,7 +56,10 @@ class Augmentation(NamedTuple):
     known: np.ndarray  # (1,) directions so far
     worth: np.ndarray  # (MOST_DIRECTIONS,) image of each, relative to the violation that it was made for
     part: np.ndarray  # (MOST_DIRECTIONS,) of each in the last combination
+    tried: np.ndarray  # (MOST_DIRECTIONS,) the same, of one that was only looked at
     withheld: np.ndarray  # (1,) directions of the last combination, if the iterate was left without it
+    dropped: np.ndarray  # (1,) 1 when the last combination met a direction without an image
+    by_stage: np.ndarray  # (1,) 1 when the factorization has the rows of the stage
     violation: np.ndarray  # (1,) sum W g^2 that was measured last
     left: np.ndarray  # (nc,) violation
     zero: np.ndarray  # (nb + 1, 6)
@@ -63,6 +75,9 @@ def new_augmentation(model) -> Augmentation:
         np.zeros(1, np.int64),
         np.zeros(n),
         np.zeros(n),
+        np.zeros(n),
+        np.zeros(1, np.int64),
+        np.zeros(1, np.int64),
         np.zeros(1, np.int64),
         np.zeros(1),
         np.zeros(nc),
@@ -146,9 +161,10 @@ def combine(tables, form, saddle, augmentation, measure, share, smallest, g, dw,
     if it leaves more than `share` of the violation that was measured last, and more than `smallest` in every row.
 
     measure: g is that violation. Violations are sums of W g^2, and so is share. augmentation.known belongs to the factorization. Returns
-    how many directions that took.
+    how many directions that took; augmentation.dropped says whether one was left.
     """
     W, t = saddle.W, saddle.t
+    augmentation.dropped[0] = 0
     if form != CONDENSED:
         for i in range(dlam.shape[0]):
             t[i] = -dlam[i] / W[i]
@@ -156,8 +172,56 @@ def combine(tables, form, saddle, augmentation, measure, share, smallest, g, dw,
         augmentation.violation[0] = weighed(W, g, g)
     enough = share * augmentation.violation[0]
     if weighed(W, t, t) > enough:
-        return _combine(tables, form, saddle, augmentation, enough, smallest, dw, dlam)
+        return _combine(tables, form, saddle, augmentation, enough, smallest, dw, dlam, augmentation.part)
     return 0
+
+
+@kernel(inner=True)
+def _rates(constraints, J, T, dw, scratch, rate):
+    """rate (nc,) = J T dw, of increments dw (nb + 1, 6) whose turns T (nb, 3, 3) takes to where J is; scratch (nb + 1, 6) is lost."""
+    for b in range(dw.shape[0] - 1):
+        turned = T[b]
+        for i in range(3):
+            scratch[b, i] = dw[b, i]
+            scratch[b, 3 + i] = turned[i, 0] * dw[b, 3] + turned[i, 1] * dw[b, 4] + turned[i, 2] * dw[b, 5]
+    constraint_rates(constraints, J, scratch, rate)
+
+
+@kernel(borrow=True)
+def is_unseen(tables, form, saddle, augmentation, J_stage, T_stage, g, dw, scratch, lam_scratch):
+    """Whether the increment dw (nb + 1, 6), which closes the violation g (nc,) at the end of the step, goes along a direction that the rows
+    of the stage see and those of the factorization do not. scratch (nb + 1, 6) and lam_scratch (nc,) are lost.
+    """
+    t, known = saddle.t, augmentation.known[0]
+    _rates(tables.constraints, J_stage, T_stage, dw, scratch, t)
+    for i in range(g.shape[0]):
+        t[i] += g[i]
+    augmentation.dropped[0] = 0
+    _combine(tables, form, saddle, augmentation, ENOUGH * ENOUGH * weighed(saddle.W, t, t), 0.0, scratch, lam_scratch, augmentation.tried)
+    augmentation.known[0] = known  # the projection of velocities need not try them
+    return augmentation.dropped[0] == 1
+
+
+@kernel(borrow=True)
+def holds_more(tables, saddle, augmentation, work, dw, before):
+    """Whether the stage sees what its rows made of the increment `before` (nb + 1, 6), to dw, BETTER than the end does; before is lost."""
+    for b in range(dw.shape[0] - 1):
+        for i in range(6):
+            before[b, i] = dw[b, i] - before[b, i]
+    _rates(tables.constraints, work.J_stage, work.T_stage, before, work.f, saddle.t)
+    _rates(tables.constraints, work.J_end, work.T_end, before, work.f, augmentation.left)
+    at_end = weighed(saddle.W, augmentation.left, augmentation.left)
+    return weighed(saddle.W, saddle.t, saddle.t) > BETTER * BETTER * at_end
+
+
+@kernel(inner=True)
+def grew(lam, before):
+    """Whether the largest multiplier grew as before a singular position, as one over the distance to it, would have."""
+    most, k = 0.0, 0
+    for i in range(lam.shape[0]):
+        if abs(lam[i]) > most:
+            most, k = abs(lam[i]), i
+    return most > 0.0 and most > GROWTH * abs(before[k])
 
 
 @kernel(inner=True)
@@ -195,8 +259,9 @@ def restore(augmentation, share, a, lam):
 
 
 @kernel(inner=True)
-def _combine(tables, form, saddle, augmentation, enough, smallest, dw, dlam):
-    """Add to dw and dlam what closes the violation saddle.t that they leave. Returns how many directions that took."""
+def _combine(tables, form, saddle, augmentation, enough, smallest, dw, dlam, parts):
+    """Add to dw and dlam what closes the violation saddle.t that they leave, parts (MOST_DIRECTIONS,) of the directions. Returns how many
+    that took."""
     W = saddle.W
     left = augmentation.left
     floor = 0.0
@@ -210,13 +275,14 @@ def _combine(tables, form, saddle, augmentation, enough, smallest, dw, dlam):
         if not size > enough:
             break
         if k == augmentation.known[0] and not _new_direction(tables, form, saddle, augmentation, np.sqrt(size)):
+            augmentation.dropped[0] = 1
             break
         image, _, _ = _direction(augmentation, k)
         part = weighed(W, image, left)
         for i in range(W.shape[0]):
             left[i] -= part * image[i]
         _add(augmentation, k, part, dw, dlam)
-        augmentation.part[k] = part
+        parts[k] = part
         used = k + 1
         size = weighed(W, left, left)
     return used

@@ -97,7 +97,8 @@ def step(tables, c, s0, s1, u, want_outputs, work):
     finish(tables, c, s0, s1, work)
     evaluate_constraints(tables, work.kin_end, s1.angle, u, YES, work.phi_end, work.J_end)
     position = position_drift(tables, work)
-    velocity = project_velocity(tables, c, s1.v, u, 1 if c.fixed == 1 else 3, work)
+    passes = 1 if c.fixed == 1 and work.augmentation.by_stage[0] == 0 else 3  # a factorization with rows of the stage closes less at once
+    velocity = project_velocity(tables, c, s1.v, u, passes, work)
     evaluations = found.counters.evaluations
     if want_outputs:
         outputs_at_end(tables, s1, u, work)

@@ -11,7 +11,20 @@ from solver.compiled.kernel import YES, invoke, kernel
 from solver.model.evaluate import add_constraint_forces, add_constraint_stiffness, evaluate_constraints, evaluate_forces
 from solver.model.saddle import assemble_tangent, effective_masses, factorize_saddle, rotate_columns, solve_saddle
 from solver.output.snapshot import Counters
-from solver.step.augmentation import CONTRACTION, ENOUGH, HELD, begin_augmentation, combine, opposed, restore, weighed, withhold
+from solver.step.augmentation import (
+    CONTRACTION,
+    ENOUGH,
+    HELD,
+    begin_augmentation,
+    combine,
+    grew,
+    holds_more,
+    is_unseen,
+    opposed,
+    restore,
+    weighed,
+    withhold,
+)
 from solver.step.stage import BOTH, WITH_TANGENTS, copy_blocks, copy_rows, finite, largest, largest_turn, momentum_residual, place
 from solver.step.work import NON_FINITE, NOT_CONVERGED, OK, SINGULAR, StepResult
 
@@ -51,21 +64,26 @@ def _balanced(tables, c, speed, work):
 @kernel(borrow=True)
 def assemble(tables, c, lam, to_g, work):
     """Assign penalties, constraint rows and the force part of the step matrix in work.saddle from what was evaluated before, the
-    gradients of the end in work.saddle.J_force (work.J_end with c.weigh, and when iterating to a tolerance) among it.
+    gradients of the end in work.saddle.J_force (work.J_end with c.weigh, and when iterating to a tolerance) among it. With
+    augmentation.by_stage the gradients of the stage take their place (solver.step.augmentation).
     """
     saddle = work.saddle
+    T = work.T_end
     s = 1.0 - c.af
     effective_masses(tables, work.J_stage, saddle.W)
     if c.weigh != 0:
         invoke(c.weigh, (tables, c, work))
     if c.weigh != 0 or c.fixed == 0:
         copy_blocks(work.J_end, saddle.J_force)
+    if work.augmentation.by_stage[0] == 1:
+        copy_blocks(work.J_stage, saddle.J_force)
+        T = work.T_stage
     for i in range(lam.shape[0]):
         m = 1.0 / to_g[tables.constraints.holonomic[i]] if c.m_alf == 1 else saddle.W[i]
         saddle.W[i] = c.penalty[i] * (c.factor[i] * m)
     add_constraint_stiffness(tables, work.kin_stage, lam, work.Kq, work.Kv)
     # rows of the end of the step in both places: see the module docstring of solver.model.saddle
-    rotate_columns(tables.constraints, saddle.J_force, work.T_end, saddle.J_row)
+    rotate_columns(tables.constraints, saddle.J_force, T, saddle.J_row)
     assemble_tangent(tables, 1.0 - c.am, s * c.beta * c.h * c.h, s * c.gamma * c.h, work.Kq, work.Kv, work.T_stage, saddle.B)
 
 
@@ -178,6 +196,38 @@ def _is_lost_anyway(c, s0, s1, left, speed):
     return left < ROUNDED * far / c.h
 
 
+@kernel(borrow=True)
+def factorize(tables, c, lam, work):
+    """Factorize the matrix of what was evaluated before; returns the row that is singular, or -1."""
+    assemble(tables, c, lam, _to_g(c), work)
+    begin_augmentation(work.augmentation)
+    return factorize_saddle(tables, c.form, work.saddle)
+
+
+@kernel(borrow=True)
+def _solve_by_stage(tables, c, s0, s1, u, measure, share, smallest, work):
+    """Solve once more with the rows of the stage in the matrix, for a direction that those of the end do not see; with those of the end
+    after all where the stage sees it no better. Returns (directions combined, factorizations, row that is singular or -1).
+    """
+    saddle, augmentation = work.saddle, work.augmentation
+    copy_rows(work.dw, work.a_best)
+    evaluate_constraints(tables, work.kin_end, s0.angle, u, YES, work.phi_end, work.J_end)
+    used, where, tried = 0, -1, 0
+    for by_stage in (1, 0):
+        augmentation.by_stage[0] = by_stage
+        if by_stage == 0:
+            copy_blocks(work.J_end, saddle.J_force)
+        where = factorize(tables, c, s1.lam, work)
+        tried += 1
+        if where >= 0:
+            break
+        solve_saddle(tables, c.form, saddle, work.r, work.g, work.dw, work.dlam)
+        used = combine(tables, c.form, saddle, augmentation, measure, share, smallest, work.g, work.dw, work.dlam)
+        if by_stage == 1 and holds_more(tables, saddle, augmentation, work, work.dw, work.a_best):
+            break
+    return used, tried, where
+
+
 @kernel(inner=True)
 def iterate(tables, c, s0, s1, u, cz, speed, work):
     """Newton's iteration on s1.a and s1.lam. Returns a StepResult without drifts."""
@@ -200,6 +250,9 @@ def iterate(tables, c, s0, s1, u, cz, speed, work):
     best = np.inf
     stagnated = 0
     work.augmentation.withheld[0] = 0
+    work.augmentation.by_stage[0] = 0
+    growing = c.combined == 1 and grew(s0.lam, s0.lam_before)
+    unseen = False  # whether a direction was met that the end of the step does not see
     for it in range(max(c.iterations, MOST_ITERATIONS) if c.fixed == 1 else c.iterations):
         iterations += 1
         evaluations += 1
@@ -212,10 +265,8 @@ def iterate(tables, c, s0, s1, u, cz, speed, work):
             status = OK
             break
         if refactor:
-            assemble(tables, c, s1.lam, _to_g(c), work)
-            where = factorize_saddle(tables, c.form, saddle)
+            where = factorize(tables, c, s1.lam, work)
             factorizations += 1
-            begin_augmentation(work.augmentation)
             if where >= 0:
                 status = SINGULAR
                 break
@@ -224,6 +275,17 @@ def iterate(tables, c, s0, s1, u, cz, speed, work):
             measure = it == 0 or c.fixed == 0
             work.augmentation.withheld[0] = 0
             used = combine(tables, c.form, saddle, work.augmentation, measure, share, smallest, work.g, work.dw, work.dlam)
+            if it == 0 and growing and work.augmentation.dropped[0] == 0:
+                is_unseen(
+                    tables, c.form, saddle, work.augmentation, work.J_stage, work.T_stage, work.g, work.dw, work.a_best, work.lam_best
+                )
+            if work.augmentation.dropped[0] == 1 and c.fixed == 1 and refactor and not unseen:
+                unseen = True
+                used, more, where = _solve_by_stage(tables, c, s0, s1, u, measure, share, smallest, work)
+                factorizations += more
+                if where >= 0:
+                    status = SINGULAR
+                    break
             if it == 0 and used > 0 and withhold(work.augmentation, used, c.penalty, c.beta * c.h * c.h, work.dw, work.dlam):
                 tried = 1
         before = increment
