@@ -6,9 +6,11 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from solver.elements.rigid_body import RigidBodySpec
 from solver.errors import StepError
 from solver.inputs.actuation import Actuation
 from solver.inputs.assistance import Assistance
+from solver.model.spec import ModelSpec
 from solver.output.sensors import Sensors
 from solver.output.snapshot import Channels, Counters, Snapshot, layout_of, new_numbers
 from solver.scene import Record
@@ -49,6 +51,9 @@ class Synthetic:
         self.h_ns, self.fails_at, self.bad_at = h_ns, fails_at, bad_at
         self.events: list = []
         self.channels = channels(vehicle=vehicle)
+        self.scene = SimpleNamespace(
+            model=ModelSpec(bodies=(RigidBodySpec(name='chassis', mass=1.0, inertia=(1.0, 1.0, 1.0, 0.0, 0.0, 0.0)),))
+        )
         self.reset()
 
     @property
