@@ -20,8 +20,7 @@ from solver.vehicle.parts import LEFTWARDS, UP, Bushing, Corner, Part, Parts, St
 from solver.vehicle.trailing_arm import TrailingArm
 from solver.vehicle.twist_beam import TwistBeam
 
-# What a suspension may be; a further kind is one more file and one more name here. A steered one needs a tie rod and `steering_arm`.
-Steered = DoubleWishbone | MacPherson
+# What a suspension may be; a further kind is one more file and one more name here.
 AnySuspension = DoubleWishbone | MacPherson | MultiLink | TrailingArm | TwistBeam | LiveAxle
 
 

@@ -21,7 +21,7 @@ from solver.elements.rigid_body import RigidBodySpec
 from solver.model.spec import ModelSpec, used_inputs
 from solver.validate import Vector, require
 from solver.vehicle.aero import Aero, aero_drag
-from solver.vehicle.axle import Axle, Steered, axle_bar, following_rack, subframe, suspensions
+from solver.vehicle.axle import Axle, axle_bar, following_rack, subframe, suspensions
 from solver.vehicle.drives import Base, Drive, HalfShaftDrive, Transfer
 from solver.vehicle.parts import Category, Corner, Part, Parts, Structure, joined
 from solver.vehicle.power import Power
@@ -59,14 +59,12 @@ class Car:
         require(bool(driven), 'car', 'drive', None, 'no axle is driven: give one a drive')
         require(abs(sum(driven) - 1.0) < 1e-9, 'car', 'share', sum(driven), 'the shares of the driven axles must add up to 1')
         first = self.axles[0]
-        steered = isinstance(first.suspension, Steered)
-        require(
-            steered, 'car', 'suspension', first.suspension.kind, 'the first axle is steered: it needs a double_wishbone or a macpherson'
-        )
+        needs = 'it needs a double_wishbone, a macpherson, a multi_link with a tie_rod, or a live_axle with kingpins'
+        require(first.suspension.steers, 'car', 'suspension', first.suspension.kind, f'the first axle is steered: {needs}')
         require(first.rack is None, 'car', 'rack', 'given', 'the first axle has the rack of `steering`: remove it')
         for axle in self.axles[1:]:
-            follows = axle.rack is None or isinstance(axle.suspension, Steered)
-            require(follows, f'axle {axle.name!r}', 'rack', 'given', 'only a double_wishbone or a macpherson has tie rods to it')
+            follows = axle.rack is None or axle.suspension.steers
+            require(follows, f'axle {axle.name!r}', 'rack', 'given', f'a {axle.suspension.kind} like this one has no rod to it; {needs}')
         require_behind(self.trailer, self.hitch, along[-1])
 
 
@@ -76,7 +74,6 @@ def car_model(car: Car) -> ModelSpec:
     frames = {axle.name: subframe(axle.name, axle.subframe, chassis) for axle in car.axles}
     bases = {name: body for name, (_, body) in frames.items()}
     first = car.axles[0]
-    assert isinstance(first.suspension, Steered)
     steering, rack = steering_gear(car.steering, chassis, bases[first.name], first.suspension.steering_arm())
     power = Parts() if car.engine is None else engine(car.engine, chassis, bases[first.name])
     racks, following = {first.name: rack}, []

@@ -17,7 +17,7 @@ import numpy as np
 from solver.elements.joint import JointSpec
 from solver.elements.rigid_body import RigidBodySpec
 from solver.validate import Vector, require
-from solver.vehicle.hardpoints import distance, marker_at, on_side
+from solver.vehicle.hardpoints import ahead, distance, marker_at, on_side
 from solver.vehicle.parts import (
     Arm,
     Bushing,
@@ -88,16 +88,14 @@ class DoubleWishbone(IndependentSuspension):
         strut = coil_over(name, self.coil_over, structure, arm, side)
         return Corner(joined((hub, upper, lower, radius, tie_rod, strut)), upright, wheel, arm)
 
-    def steering_arm(self) -> float:
-        """Distance of the tie rod from the steering axis along x [m].
+    @property
+    def steers(self) -> bool:
+        """By its tie rod."""
+        return True
 
-        Positive in front of the axis, where the rack moves to the left in a left turn.
-        """
-        low = crossing(self.lower_link, self.radius_link)
-        high = np.array(self.upper_arm.outer)
-        rod = np.array(self.tie_rod.outer)
-        on_axis = low + (high - low) * (rod[2] - low[2]) / (high[2] - low[2])
-        return float(rod[0] - on_axis[0])
+    def steering_arm(self) -> float:
+        """Of the tie rod; see Suspension.steering_arm."""
+        return ahead(crossing(self.lower_link, self.radius_link), self.upper_arm.outer, self.tie_rod.outer)
 
 
 def crossing(a: Link, b: Link) -> np.ndarray:

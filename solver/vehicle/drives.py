@@ -116,16 +116,17 @@ class LiveAxleDrive(Propshaft):
 
     def parts(self, axle: str, base: Base, corners: Mapping[str, Corner]) -> tuple[Parts, tuple[str, str]]:
         """(parts of the drive, coordinates of its outputs)."""
-        housings = {corner.upright.name for corner in corners.values()}
-        require(len(housings) == 1, f'drive of axle {axle!r}', 'kind', self.kind, 'is for a suspension of this kind: choose half_shafts')
+        housing = corners['left'].housing
+        require(housing is not None, f'drive of axle {axle!r}', 'kind', self.kind, 'is for a suspension of this kind: choose half_shafts')
+        assert housing is not None
         outputs = (f'wheel_{axle}_left', f'wheel_{axle}_right')
         forces = open_differential(base.name('differential', axle), outputs, share=self.share, top_speed=self.top_speed)
         return joined(
             (
-                propeller_shaft(self, base.chassis, base.powered(self.kind), corners['left'].upright),
+                propeller_shaft(self, base.chassis, base.powered(self.kind), housing),
                 Parts(coordinate_forces=(forces, final_drive(self, outputs))),
                 limited_slip(base.name('limited_slip', axle), outputs, self.limited_slip),
-                rotor(self.rotor, base.name('rotor', axle), corners['left'].upright, outputs),
+                rotor(self.rotor, base.name('rotor', axle), housing, outputs),
             )
         ), outputs
 

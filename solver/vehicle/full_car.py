@@ -11,7 +11,7 @@ from solver.model.spec import ModelSpec
 from solver.validate import Vector, require
 from solver.vehicle.aero import Aero
 from solver.vehicle.antiroll import AntiRollBar
-from solver.vehicle.axle import AnySuspension, Axle, Steered, Subframe
+from solver.vehicle.axle import AnySuspension, Axle, Subframe
 from solver.vehicle.car import AnySteering, Car, car_model
 from solver.vehicle.drives import PropshaftDrive
 from solver.vehicle.parts import Part
@@ -26,7 +26,7 @@ class FullCar:
     chassis: Part
     front_subframe: Subframe
     rear_subframe: Subframe
-    front: Steered
+    front: AnySuspension
     rear: AnySuspension
     anti_roll_front: AntiRollBar
     anti_roll_rear: AntiRollBar

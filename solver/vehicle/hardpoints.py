@@ -55,6 +55,14 @@ def on_side(side: str, point: Sequence[float]) -> Vector:
     return (x, SIDES[side] * y, z)
 
 
+def ahead(low: Sequence[float] | np.ndarray, high: Sequence[float] | np.ndarray, point: Sequence[float]) -> float:
+    """Distance of a point from the line through `low` and `high` along x, at its height [m]. Raises SpecError for a level line."""
+    a, b, p = (np.array(one, float) for one in (low, high, point))
+    if abs(b[2] - a[2]) < 1e-3:
+        raise SpecError(f'steering axis: its points {low} and {high} are at the same height; one must lie above the other')
+    return float(p[0] - (a + (b - a) * (p[2] - a[2]) / (b[2] - a[2]))[0])
+
+
 def distance(a: Sequence[float], b: Sequence[float]) -> float:
     """Distance of two points [m]."""
     return norm(np.subtract(a, b))

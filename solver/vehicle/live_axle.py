@@ -2,6 +2,12 @@
 
 An ideal axle on links has two degrees of freedom with four of them, e.g. two pairs, or a pair, one upper link and a Panhard rod. A driven
 one holds the differential in its housing (solver.vehicle.powertrain).
+
+A steered one has knuckles on kingpins at its ends, a track rod between them, and a drag link from the steering to one of them:
+
+    housing -revolute- upright (left and right);  upright_left -track_rod- upright_right;  rack, pitman or relay link -drag_link- upright
+
+Shafts of a driven one turn evenly through the joints in its kingpins, which are not modelled: the torque of the drive acts on the wheels.
 """
 
 from __future__ import annotations
@@ -10,10 +16,28 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+import numpy as np
+
+from solver.elements.joint import JointSpec
+from solver.elements.rigid_body import RigidBodySpec
 from solver.validate import Vector, require
-from solver.vehicle.hardpoints import SIDES, distance, marker_at, on_side
+from solver.vehicle.hardpoints import SIDES, ahead, distance, marker_at, on_side
 from solver.vehicle.leaf_spring import LeafSpring, leaf_spring
-from solver.vehicle.parts import Corner, Damper, Link, Part, Parts, Spring, Structure, damper_of, joined, link, spring_of
+from solver.vehicle.parts import (
+    Corner,
+    Damper,
+    Link,
+    Part,
+    Parts,
+    Spring,
+    Structure,
+    damper_of,
+    joined,
+    link,
+    require_positive,
+    spring_of,
+    vector_of,
+)
 from solver.vehicle.wheel_end import Suspension
 
 
@@ -27,12 +51,56 @@ class CoilSpring:
 
 
 @dataclass(frozen=True, kw_only=True)
+class Kingpins:
+    """What steers an axle; of the left side. lower, upper: points of the kingpin [m]; knuckle: what turns about it, with the brake, without
+    the wheel. track_rod: the ball [m] on the left knuckle of the rod to the right one; track_rod_mass [kg], track_rod_radius [m].
+    drag_link: inner end on what the steering moves, outer end on the knuckle of the side drag_link_on, as given (not mirrored)."""
+
+    lower: Vector
+    upper: Vector
+    knuckle: Part
+    track_rod: Vector
+    track_rod_mass: float
+    track_rod_radius: float = 0.015
+    drag_link: Link
+    drag_link_on: Literal['left', 'right'] = 'left'
+
+    def __post_init__(self) -> None:
+        require_positive('kingpins', self, 'track_rod_mass', 'track_rod_radius')
+        high = self.upper[2] > self.lower[2] + 0.02
+        require(high, 'kingpins', 'upper', self.upper, f'must lie above lower, {self.lower}, at least 0.02 m')
+        apart = abs(self.track_rod[1]) > 0.05
+        require(apart, 'kingpins', 'track_rod', self.track_rod, 'must lie beside the middle of the car: it is the ball of the left side')
+
+    def body(self, corner: str, side: str, center: Vector) -> RigidBodySpec:
+        """The knuckle of a corner, its frame at the wheel centre [m]."""
+        return self.knuckle.body(f'upright_{corner}', center, side)
+
+    def joint(self, corner: str, side: str, housing: RigidBodySpec, knuckle: RigidBodySpec) -> Parts:
+        """The kingpin: coordinate kingpin_<corner>, positive to the left."""
+        at, axis = on_side(side, self.lower), on_side(side, vector_of(np.subtract(self.upper, self.lower)))
+        pin = JointSpec(name=f'kingpin_{corner}', kind='revolute', i=marker_at(housing, at, axis), j=marker_at(knuckle, at, axis))
+        return Parts(joints=(pin,))
+
+    def rods(self, axle: str, structure: Structure, knuckles: Mapping[str, RigidBodySpec]) -> Parts:
+        """Track rod and drag link."""
+        across = Link(inner=on_side('right', self.track_rod), outer=self.track_rod, mass=self.track_rod_mass, radius=self.track_rod_radius)
+        steering = structure.rack or structure.subframe
+        return joined(
+            (
+                link(f'track_rod_{axle}', across, knuckles['right'], knuckles['left'], 'left'),
+                link(f'drag_link_{axle}', self.drag_link, steering, knuckles[self.drag_link_on], 'left'),
+            )
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
 class LiveAxle(Suspension):
     """Data of the left side.
 
-    housing: tube, differential and wheel carriers of both sides. links: by name, in pairs, inner end on the chassis, outer end on the
-    axle; rods: the same, single and as given, e.g. a Panhard rod. coil, leaf: springs, one of the two. damper_chassis, damper_axle: ends
-    of the damper [m].
+    housing: tube, differential and wheel carriers of both sides (knuckles are those of the kingpins). links: by name, in pairs, inner end
+    on the chassis, outer end on the axle; rods: the same, single and as given, e.g. a Panhard rod. coil, leaf: springs, one of the two.
+    damper_chassis, damper_axle: ends of the damper [m]. kingpins: of a steered axle.
     """
 
     kind: Literal['live_axle'] = 'live_axle'
@@ -44,6 +112,7 @@ class LiveAxle(Suspension):
     damper: Damper
     damper_chassis: Vector
     damper_axle: Vector
+    kingpins: Kingpins | None = None
 
     def __post_init__(self) -> None:
         one = (self.coil is None) != (self.leaf is None)
@@ -66,14 +135,32 @@ class LiveAxle(Suspension):
             Parts(bodies=(housing,)),
             *(link(f'{key}_{axle}', data, base.subframe, housing, 'left') for key, data in self.rods.items()),
         ]
+        pins = self.kingpins
+        knuckles = {side: housing if pins is None else pins.body(f'{axle}_{side}', side, self.wheel.center) for side in SIDES}
+        if pins is not None:
+            shared += [
+                Parts(bodies=tuple(knuckles.values())),
+                *(pins.joint(f'{axle}_{side}', side, housing, knuckles[side]) for side in SIDES),
+                pins.rods(axle, base, knuckles),
+            ]
         found = {}
-        for side in SIDES:
+        for side, knuckle in knuckles.items():
             name = f'{axle}_{side}'
-            hub, wheel = self.hub(name, side, base.chassis, housing)
+            hub, wheel = self.hub(name, side, base.chassis, knuckle)
             links = [link(f'{key}_{name}', data, base.subframe, housing, side) for key, data in self.links.items()]
             parts = [*(shared if side == 'left' else ()), hub, *links, self._sprung(name, side, base, housing)]
-            found[side] = Corner(joined(parts), housing, wheel, housing)
+            found[side] = Corner(joined(parts), knuckle, wheel, housing, housing)
         return found
+
+    @property
+    def steers(self) -> bool:
+        """With kingpins."""
+        return self.kingpins is not None
+
+    def steering_arm(self) -> float:
+        """Of the drag link; see Suspension.steering_arm."""
+        assert self.kingpins is not None
+        return ahead(self.kingpins.lower, self.kingpins.upper, self.kingpins.drag_link.outer)
 
     def _sprung(self, name: str, side: str, base: Structure, housing) -> Parts:
         def ends(chassis: Vector, axle: Vector):

@@ -15,7 +15,7 @@ import numpy as np
 
 from solver.elements.joint import JointSpec
 from solver.validate import Vector, require
-from solver.vehicle.hardpoints import distance, marker_at, on_side
+from solver.vehicle.hardpoints import ahead, distance, marker_at, on_side
 from solver.vehicle.parts import (
     Arm,
     Bushing,
@@ -97,8 +97,11 @@ class MacPherson(IndependentSuspension):
         arm = upright if self.drop_link_on == 'strut' else lower.bodies[0]
         return Corner(joined((hub, lower, tie_rod, strut, top)), upright, wheel, arm)
 
+    @property
+    def steers(self) -> bool:
+        """By its tie rod."""
+        return True
+
     def steering_arm(self) -> float:
-        """Distance of the tie rod from the steering axis along x [m]; see DoubleWishbone.steering_arm."""
-        low, high, rod = (np.array(p) for p in (self.lower_arm.outer, self.strut.upper, self.tie_rod.outer))
-        on_axis = low + (high - low) * (rod[2] - low[2]) / (high[2] - low[2])
-        return float(rod[0] - on_axis[0])
+        """Of the tie rod; see Suspension.steering_arm."""
+        return ahead(self.lower_arm.outer, self.strut.upper, self.tie_rod.outer)

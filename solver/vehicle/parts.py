@@ -66,12 +66,14 @@ def joined(parts: Iterable[Parts]) -> Parts:
 
 
 class Corner(NamedTuple):
-    """One wheel suspension: its parts, and the bodies that others attach to (arm: where the drop link of an anti-roll bar goes)."""
+    """One wheel suspension: its parts, and the bodies that others attach to (arm: where the drop link of an anti-roll bar goes; housing: of
+    a differential between the wheels, where the axle has one)."""
 
     parts: Parts
     upright: RigidBodySpec
     wheel: RigidBodySpec
     arm: RigidBodySpec
+    housing: RigidBodySpec | None = None
 
 
 class Structure(NamedTuple):

@@ -3,6 +3,8 @@
     subframe -revolute- pitman_arm -universal- relay_link -spherical- idler_arm -revolute- subframe
     relay_link (to the tie rods)
 
+Without an idler arm there is no relay link either, and the rods go to the pitman arm: the drag link of a steered live axle.
+
 The worm is the pinion of solver.vehicle.steering; through balls and nut it turns the sector on the shaft of the pitman arm, `ratio` times
 slower, against the elasticity `steering_box`. Pitman arm, relay link and idler arm are a four-bar linkage with the frame: where the arms
 are parallel and equally long, the relay link moves on a circle without turning.
@@ -45,15 +47,16 @@ class Lever:
 class RecirculatingBall(Column):
     """Data of a steering box with linkage. ratio: turns of the worm per turn of the pitman arm. pitman, idler: arms on shafts along `axis`;
     idler_bushing: of the shaft of the idler arm, z along it (None: a bearing). link_mass [kg], link_radius [m]: of the relay link between
-    their balls, with the inner tie-rod balls. link_damping: of a steering damper between the middle of the link and the frame [N s/m]."""
+    their balls, with the inner tie-rod balls; both None: the rods go to the pitman arm. link_damping: of a steering damper between the
+    middle of the link, or the ball of the pitman arm, and the frame [N s/m]."""
 
     kind: Literal['recirculating_ball'] = 'recirculating_ball'
     ratio: float
     pitman: Lever
-    idler: Lever
+    idler: Lever | None = None
     idler_bushing: Bushing | None = None
     axis: Vector = UP
-    link_mass: float
+    link_mass: float | None = None
     link_radius: float = 0.015
     link_damping: float = 0.0
 
@@ -61,8 +64,14 @@ class RecirculatingBall(Column):
         super().__post_init__()
         require_positive('steering', self, 'ratio', 'link_mass', 'link_radius')
         finite('steering', 'link_damping', self.link_damping, low=0.0)
-        for name in ('pitman', 'idler'):
-            lever = self.lever(getattr(self, name))
+        both = (self.idler is None) == (self.link_mass is None)
+        require(both, 'steering', 'link_mass', self.link_mass, 'belongs to a relay link to an idler arm: give both or neither')
+        lone = self.idler is not None or self.idler_bushing is None
+        require(lone, 'steering', 'idler_bushing', 'given', 'belongs to an idler arm, which is not given')
+        for name, arm in (('pitman', self.pitman), ('idler', self.idler)):
+            if arm is None:
+                continue
+            lever = self.lever(arm)
             require(
                 abs(lever) > 1e-3,
                 'steering',
@@ -78,16 +87,21 @@ class RecirculatingBall(Column):
 
     def gear(self, subframe: RigidBodySpec, arm: float) -> Gear:
         """Steering box and linkage; coordinates pitman_arm and, in a bearing, idler_arm, positive about the axis."""
-        pitman, idler = self.pitman.body('pitman_arm'), self.idler.body('idler_arm')
-        at = self.pitman.pivot
+        pitman, at = self.pitman.body('pitman_arm'), self.pitman.pivot
         shaft = JointSpec(name='pitman_arm', kind='revolute', i=marker_at(subframe, at, self.axis), j=marker_at(pitman, at, self.axis))
+        lever = self.lever(self.pitman)
+        ratio, slow = float(np.copysign(self.ratio, arm * lever)), SLOW / abs(lever)
+        damped = self.link_damping > 0.0
+        if self.idler is None or self.link_mass is None:
+            dampers = (steering_damper(subframe, pitman, self.pitman.ball, self.link_damping),) if damped else ()
+            parts = Parts(bodies=(pitman,), joints=(shaft,), spring_dampers=dampers)
+            return Gear(parts, 'steering_box', 'pitman_arm', ratio, slow, pitman)
+        idler = self.idler.body('idler_arm')
         other = mounting('idler_arm', subframe, idler, (self.idler.pivot,), self.idler_bushing, ideal='revolute', axis=self.axis)
         bar = Link(inner=self.pitman.ball, outer=self.idler.ball, mass=self.link_mass, radius=self.link_radius)
         linkage = link('relay_link', bar, pitman, idler, 'left', pin=self.axis)
         relay = linkage.bodies[0]
         middle = vector_of(0.5 * np.add(self.pitman.ball, self.idler.ball))
-        dampers = (steering_damper(subframe, relay, middle, self.link_damping),) if self.link_damping > 0.0 else ()
+        dampers = (steering_damper(subframe, relay, middle, self.link_damping),) if damped else ()
         parts = joined((Parts(bodies=(pitman, idler), joints=(shaft,), spring_dampers=dampers), other, linkage))
-        lever = self.lever(self.pitman)
-        ratio = float(np.copysign(self.ratio, arm * lever))
-        return Gear(parts, 'steering_box', 'pitman_arm', ratio, SLOW / abs(lever), relay)
+        return Gear(parts, 'steering_box', 'pitman_arm', ratio, slow, relay)
