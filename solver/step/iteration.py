@@ -251,7 +251,7 @@ def iterate(tables, c, s0, s1, u, cz, speed, work):
     stagnated = 0
     work.augmentation.withheld[0] = 0
     work.augmentation.by_stage[0] = 0
-    growing = c.combined == 1 and grew(s0.lam, s0.lam_before)
+    growing = c.combined == 1 and c.fixed == 1 and grew(s0.lam, s0.lam_before)
     unseen = False  # whether a direction was met that the end of the step does not see
     for it in range(max(c.iterations, MOST_ITERATIONS) if c.fixed == 1 else c.iterations):
         iterations += 1

@@ -60,10 +60,11 @@ class Car:
         require(abs(sum(driven) - 1.0) < 1e-9, 'car', 'share', sum(driven), 'the shares of the driven axles must add up to 1')
         first = self.axles[0]
         needs = 'it needs a double_wishbone, a macpherson, a multi_link with a tie_rod, or a live_axle with kingpins'
-        require(first.suspension.steers, 'car', 'suspension', first.suspension.kind, f'the first axle is steered: {needs}')
+        steered = first.suspension.steering_arm() is not None
+        require(steered, 'car', 'suspension', first.suspension.kind, f'the first axle is steered: {needs}')
         require(first.rack is None, 'car', 'rack', 'given', 'the first axle has the rack of `steering`: remove it')
         for axle in self.axles[1:]:
-            follows = axle.rack is None or axle.suspension.steers
+            follows = axle.rack is None or axle.suspension.steering_arm() is not None
             require(follows, f'axle {axle.name!r}', 'rack', 'given', f'a {axle.suspension.kind} like this one has no rod to it; {needs}')
         require_behind(self.trailer, self.hitch, along[-1])
 
@@ -74,7 +75,9 @@ def car_model(car: Car) -> ModelSpec:
     frames = {axle.name: subframe(axle.name, axle.subframe, chassis) for axle in car.axles}
     bases = {name: body for name, (_, body) in frames.items()}
     first = car.axles[0]
-    steering, rack = steering_gear(car.steering, chassis, bases[first.name], first.suspension.steering_arm())
+    arm = first.suspension.steering_arm()
+    assert arm is not None
+    steering, rack = steering_gear(car.steering, chassis, bases[first.name], arm)
     power = Parts() if car.engine is None else engine(car.engine, chassis, bases[first.name])
     racks, following = {first.name: rack}, []
     for axle in car.axles[1:]:

@@ -109,7 +109,7 @@ class StrutAxle(Axle):
         return (front, self.ball_joint), (rear, self.ball_joint), (self.tie_rod_rack, self.tie_rod_knuckle)
 
     def steering_arm(self) -> float:
-        """Distance of the tie rod from the steering axis along x [m], negative behind it; see DoubleWishbone.steering_arm."""
+        """Distance of the tie rod from the steering axis along x [m], negative behind it; see Suspension.steering_arm."""
         low, high, rod = (np.array(p) for p in (self.ball_joint, self.top_mount, self.tie_rod_knuckle))
         on_axis = low + (high - low) * (rod[2] - low[2]) / (high[2] - low[2])
         return float(rod[0] - on_axis[0])

@@ -88,11 +88,6 @@ class DoubleWishbone(IndependentSuspension):
         strut = coil_over(name, self.coil_over, structure, arm, side)
         return Corner(joined((hub, upper, lower, radius, tie_rod, strut)), upright, wheel, arm)
 
-    @property
-    def steers(self) -> bool:
-        """By its tie rod."""
-        return True
-
     def steering_arm(self) -> float:
         """Of the tie rod; see Suspension.steering_arm."""
         return ahead(crossing(self.lower_link, self.radius_link), self.upper_arm.outer, self.tie_rod.outer)

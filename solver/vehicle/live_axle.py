@@ -152,14 +152,10 @@ class LiveAxle(Suspension):
             found[side] = Corner(joined(parts), knuckle, wheel, housing, housing)
         return found
 
-    @property
-    def steers(self) -> bool:
-        """With kingpins."""
-        return self.kingpins is not None
-
-    def steering_arm(self) -> float:
+    def steering_arm(self) -> float | None:
         """Of the drag link; see Suspension.steering_arm."""
-        assert self.kingpins is not None
+        if self.kingpins is None:
+            return None
         return ahead(self.kingpins.lower, self.kingpins.upper, self.kingpins.drag_link.outer)
 
     def _sprung(self, name: str, side: str, base: Structure, housing) -> Parts:

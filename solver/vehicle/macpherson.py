@@ -97,11 +97,6 @@ class MacPherson(IndependentSuspension):
         arm = upright if self.drop_link_on == 'strut' else lower.bodies[0]
         return Corner(joined((hub, lower, tie_rod, strut, top)), upright, wheel, arm)
 
-    @property
-    def steers(self) -> bool:
-        """By its tie rod."""
-        return True
-
     def steering_arm(self) -> float:
         """Of the tie rod; see Suspension.steering_arm."""
         return ahead(self.lower_arm.outer, self.strut.upper, self.tie_rod.outer)

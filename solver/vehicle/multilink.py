@@ -1,8 +1,8 @@
 """Multi-link suspension: a lower arm that carries spring, damper and drop link, and any number of further links.
 
 A rigid upright has one degree of freedom left when the arm (two constraints) is joined by three links, the tie rod of a steered one among
-them. Spring and damper act between
-the lower arm and the chassis without bodies of their own. The axle may be driven (solver.vehicle.powertrain).
+them. Spring and damper act between the lower arm and the chassis without bodies of their own. The axle may be driven
+(solver.vehicle.powertrain).
 """
 
 from __future__ import annotations
@@ -32,9 +32,8 @@ class MultiLink(Sprung, IndependentSuspension):
     tie_rod: Link | None = None
 
     def __post_init__(self) -> None:
-        require(
-            'tie_rod' not in self.links or self.tie_rod is None, 'multi link', 'links', 'tie_rod', 'is there twice: give it another name'
-        )
+        once = 'tie_rod' not in self.links or self.tie_rod is None
+        require(once, 'multi link', 'links', 'tie_rod', 'is there twice: give it another name')
 
     def corner(self, name: str, side: str, structure: Structure) -> Corner:
         """The suspension of corner `name` on a side."""
@@ -47,15 +46,11 @@ class MultiLink(Sprung, IndependentSuspension):
         elastic = sprung(name, side, structure.chassis, arm, self)
         return Corner(joined((hub, lower, *links, elastic)), upright, wheel, arm)
 
-    @property
-    def steers(self) -> bool:
-        """With a tie rod."""
-        return self.tie_rod is not None
-
-    def steering_arm(self) -> float:
+    def steering_arm(self) -> float | None:
         """Of the tie rod, from the line between the lower ball joint and the middle of the links that end above the wheel centre; see
         Suspension.steering_arm."""
-        assert self.tie_rod is not None
+        if self.tie_rod is None:
+            return None
         upper = [data.outer for data in self.links.values() if data.outer[2] > self.wheel.center[2]]
         require(bool(upper), 'multi link', 'links', sorted(self.links), 'a steered wheel needs one that ends above its centre')
         return ahead(self.lower_arm.outer, np.mean(upper, axis=0), self.tie_rod.outer)

@@ -78,7 +78,7 @@ class Column(ABC):
 
     @abstractmethod
     def gear(self, subframe: RigidBodySpec, arm: float) -> Gear:
-        """The gear on its subframe. arm: of the tie rods, see DoubleWishbone.steering_arm; only its sign counts."""
+        """The gear on its subframe. arm: of the tie rods, see Suspension.steering_arm; only its sign counts."""
 
     def mesh(self, gear: Gear, chassis: RigidBodySpec) -> Parts:
         """The elasticity over pinion angle minus ratio times the coordinate of the output, with a motor on that if there is one."""
@@ -116,7 +116,7 @@ class SteeringGear(Column):
 
 
 def steering_gear(data: Column, chassis: RigidBodySpec, subframe: RigidBodySpec, arm: float) -> tuple[Parts, RigidBodySpec]:
-    """(steering, what the tie rods go to). arm: of the tie rods, see DoubleWishbone.steering_arm; only its sign counts. Coordinates
+    """(steering, what the tie rods go to). arm: of the tie rods, see Suspension.steering_arm; only its sign counts. Coordinates
     steering_wheel, steering_pinion (positive to the left) and those of the gear."""
     foot, low, high, hub = data.pinion_foot, data.pinion_joint, data.column_joint, data.wheel_hub
     middle = vector_of(0.5 * np.add(low, high))

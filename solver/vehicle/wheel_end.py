@@ -121,15 +121,10 @@ class Suspension(ABC):
         parts = wheel_end(name, side, wheel, upright, chassis, tire=self.tire, turn_slip=self.turn_slip, brake=self.brake)
         return parts.replace(bodies=(wheel,)), wheel
 
-    @property
-    def steers(self) -> bool:
-        """Whether the suspension has a rod to a rack, or to what else stands in its place."""
-        return False
-
-    def steering_arm(self) -> float:
-        """Distance of the rod to the rack from the steering axis along x [m]: positive in front of the axis, where the rack moves to the
-        left in a left turn. Of a suspension that steers."""
-        raise NotImplementedError
+    def steering_arm(self) -> float | None:
+        """Distance of the rod to the rack, or to what else moves it, from the steering axis along x [m]: positive in front of the axis,
+        where a rack moves to the left in a left turn. None: the suspension has no such rod and cannot be steered."""
+        return None
 
     @abstractmethod
     def corners(self, axle: str, structures: Mapping[str, Structure], right: Suspension | None = None) -> dict[str, Corner]:
