@@ -9,6 +9,7 @@ import pytest
 
 from mbd_sim_ros.lab.mechanisms.judgement import RIGHT, TOLD, WRONG
 from mbd_sim_ros.lab.studies import stability, stability_cars, stability_maps, stability_passages
+from mbd_sim_ros.lab.studies.neighbours import silent, within
 from mbd_sim_ros.lab.studies.stability_maps import Line, Problem, moved, oscillator, pendulum, run_line, top
 
 STEPS = (1e-3, 2e-3, 5e-3)
@@ -78,3 +79,22 @@ def test_every_map_of_the_full_study_has_its_lines() -> None:
     assert (spans['step_stiffness'][0], spans['step_stiffness'][-1]) == (1e-3, 1e6)
     assert (spans['step_mass_ratio'][0], spans['step_mass_ratio'][-1]) == (1e-12, 1e12)
     assert spans['step_distance'][-1] == 1e7
+
+
+@pytest.mark.parametrize(
+    ('errors', 'allowed'),
+    [
+        ((4e-4, 1e-4, 2.5e-5), True),  # second order
+        ((4e-4, 1e-4, 1e-6), True),  # the finer step is better than predicted, the coarser one as predicted
+        ((1e-5, 1e-4, 2.5e-5), False),  # grows with a smaller step
+        ((1.05e-4, 1e-4, 1e-4), False),  # does not converge
+        ((1e-9, 5e-10, 1e-12), True),
+        ((None, 1e-3, 1e-6), False),  # 250 times what the finer step predicts, and the coarser one did not arrive
+        ((None, 1e-3, None), False),
+    ],
+)
+def test_neighbouring_steps_allow_ten_times_what_second_order_predicts(errors, allowed) -> None:
+    runs = [{'h': h, 'error': error, 'judgement': RIGHT} for h, error in zip((2e-3, 1e-3, 5e-4), errors, strict=True)]
+    assert within(runs, 1) == allowed
+    runs[1]['judgement'] = WRONG
+    assert silent([{'runs': runs}]) == (1, int(not allowed))

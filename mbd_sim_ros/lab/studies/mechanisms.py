@@ -23,6 +23,7 @@ from mbd_sim_ros.lab.mechanisms.judgement import (
 )
 from mbd_sim_ros.lab.studies import Progress
 from mbd_sim_ros.lab.studies.cells import Cells, number
+from mbd_sim_ros.lab.studies.neighbours import BEYOND, SILENT, silent
 from mbd_sim_ros.lab.studies.report import COLOURS, Report, figure
 from solver.errors import MbdError
 
@@ -92,7 +93,9 @@ def study(out: Path, *, quick: bool, progress: Progress, n: int | None = None, s
         report.text('\n'.join(f'- {_sentence(row, run)}' for row, run in unclear[:SHOWN]))
     report.figure('errors', _picture(rows), 'Error of every run over what its step does not see of the motion; lines: their ratio')
     failed = sum(run['status'] in ('error', 'refused') and number(row['spread']) < RESOLVING for row in rows for run in row['runs'])
-    report.check('silently wrong', sum(run['judgement'] == WRONG for run in runs), 0)
+    wrong, beyond = silent(rows)
+    report.check(SILENT, wrong, 0)
+    report.check(BEYOND, beyond, 0)
     report.check('failures where the reference resolves the motion', failed, 0)
     report.write()
     return {'n': count, 'seed': seed, 'families': table, 'checks': report.checks}

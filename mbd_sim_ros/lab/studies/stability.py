@@ -14,6 +14,7 @@ from matplotlib.patches import Patch
 from mbd_sim_ros.lab.mechanisms.judgement import RIGHT, TOLD, UNDECIDED, WORSE, WRONG
 from mbd_sim_ros.lab.studies import Progress, stability_cars, stability_maps, stability_passages
 from mbd_sim_ros.lab.studies.cells import Cells, number
+from mbd_sim_ros.lab.studies.neighbours import BEYOND, SILENT, silent
 from mbd_sim_ros.lab.studies.report import Report, figure
 from solver.step.settings import IntegratorSettings
 
@@ -51,7 +52,9 @@ def study(out: Path, *, quick: bool, progress: Progress) -> dict:
         counted = _counted(report, cells, quick, lambda t, x: progress(t, 0.45 + 0.2 * x))
         cars = _cars(report, cells, quick, lambda t, x: progress(t, 0.65 + 0.35 * x))
     runs = [run for row in (*lines, *grids, *cars) for run in row['runs']]
-    report.check('silently wrong', sum(run['judgement'] == WRONG for run in runs), 0)
+    wrong, beyond = silent((*lines, *grids, *cars))
+    report.check(SILENT, wrong, 0)
+    report.check(BEYOND, beyond, 0)
     report.write()
     shares = {name: sum(_class(run) == name for run in runs) for name in CLASSES}
     return {'cells': len(runs), 'classes': shares, **counted, 'checks': report.checks}

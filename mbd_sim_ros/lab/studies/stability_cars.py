@@ -149,11 +149,12 @@ def converging(car: str, task: Task, steps: tuple[float, ...] = STEPS) -> dict[s
     finest = motion(car, task, FINEST)
     spread = apart(finest[2], motion(car, task, 2 * FINEST)[2])
     found = [(h, *motion(car, task, h)) for h in steps]
-    errors = {h: apart(q, finest[2]) for h, status, _, q in found if status == 'ok'}
+    errors = {h: apart(q, finest[2]) for h, *_, q in found if len(q) == len(finest[2])}
+    ok = {h for h, status, *_ in found if status == 'ok'}
     runs = []
     for h, status, text, _ in found:
         error = errors.get(h, np.nan)
-        others = [e / other**2 for other, e in errors.items() if other != h]
+        others = [errors[other] / other**2 for other in ok - {h} if other in errors]
         allowed = max(NEGLIGIBLE, WORSE * h * h * float(np.median(others))) if others else np.nan
         if status != 'ok':
             judgement = TOLD
