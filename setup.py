@@ -57,7 +57,7 @@ setup(
         'cluster': ['distributed'],
         # ffmpeg, for films in MP4 (mbd view) where the system has none.
         'video': ['imageio-ffmpeg'],
-        # The viewer of `mbd view --rerun` and files for it: 170 MB to fetch, 500 MB installed, which is why it is in no other extra.
+        # The viewer of `mbd view --rerun` and files for it: 170 MB to fetch, 500 MB installed; of the other extras only `test` has it.
         'rerun': ['rerun-sdk'],
         # The peers of `mbd study work_precision` (exudyn) and `mbd bench`.
         'bench': ['exudyn', 'mujoco'],
@@ -66,6 +66,7 @@ setup(
             'pytest',
             'pytest-xdist',
             'rosbags',
+            'rerun-sdk',
             'imageio-ffmpeg',
             'SALib',
             'distributed',
