@@ -25,7 +25,7 @@ A brake acts between the wheel and its carrier (the law of solver.elements.brake
     theta = Theta(s, o, sigma) + w' delta
 
 so a braked wheel lifts or lowers the chassis and winds its suspension up. Maps are cubic B-splines (of Theta and of the slopes over o too:
-Q(s, o, sigma) = Q(s, 0, sigma) + o (b_0 + b_1 s)), continued linearly. All is measured on a bench: solver.levels.kc.
+Q(s, o, sigma) = Q(s, 0, sigma) + o (b_0 + b_1 s + b_2 o)), continued linearly. All is measured on a bench: solver.levels.kc.
 
 Tangents are exact at rest, and over velocities; left out is how rates change with the position, which is of the order of rate times lag.
 """
@@ -81,8 +81,8 @@ class GuideSpec(Spec):
     chassis, left, right: bodies; the reference frames of the wheels are at their centres of mass, which are the wheel centres. centers:
     these in the chassis, in the design position [m]. axes: spin axes in the wheels. travel, steering: nodes (first, step, count) of the
     maps [m], [unit of the coordinate]. shape: coefficients of the maps, over side, travel, steering, quantity (x, y, psi, gamma, theta);
-    opposite: b_0, b_1 over side, quantity. coordinate: the rotation that steers. stiffness: K (8, 8) over (x, y, psi, gamma) left, right.
-    lag [s]. windup: w over side, (8,). springs: force against travel of either side; coupling: c_0 ... c_3;
+    opposite: b_0, b_1, b_2 over side, quantity. coordinate: the rotation that steers. stiffness: K (8, 8) over (x, y, psi, gamma) of left
+    and right. lag [s]. windup: w over side, (8,). springs: force against travel of either side; coupling: c_0 ... c_3;
     jacking: coefficients of P over side. dampers: laws of either side;
     ratios: coefficients of the powers of s in L', over side; crossings: c of either side. mounts: their k [N/m], 0 for none; yields: with
     a mount the inverse of the damper's law, rate over force. wheels: coordinates of the turning wheels, to show the brake torque at.
@@ -97,7 +97,7 @@ class GuideSpec(Spec):
     travel: tuple[float, float, int]
     steering: tuple[float, float, int] = (0.0, 1.0, 1)
     shape: tuple[float, ...]
-    opposite: tuple[float, ...] = (0.0,) * 20
+    opposite: tuple[float, ...] = (0.0,) * 30
     coordinate: str | None = None
     stiffness: tuple[float, ...]
     lag: float = 0.0
@@ -123,7 +123,7 @@ class GuideSpec(Spec):
         require(self.travel[2] > 1, where, 'travel', self.travel, 'needs two nodes or more')
         require(self.coordinate is not None or self.steering[2] == 1, where, 'steering', self.steering, 'needs a coordinate')
         count = 2 * Nodes(*self.travel).coefficients * Nodes(*self.steering).coefficients * len(QUANTITIES)
-        for name, length in (('shape', count), ('opposite', 20), ('stiffness', 64), ('windup', 16), ('jacking', 6), ('ratios', 10)):
+        for name, length in (('shape', count), ('opposite', 30), ('stiffness', 64), ('windup', 16), ('jacking', 6), ('ratios', 10)):
             values = getattr(self, name)
             require(len(values) == length, where, name, len(values), f'must be {length} numbers')
             self.set(name, tuple(finite(where, name, v) for v in values))
@@ -149,7 +149,7 @@ class GuideTable(NamedTuple):
     number: np.ndarray  # (n, 2) of them
     start: np.ndarray  # (2 n,) first row in shape of either side
     shape: np.ndarray  # (rows, COLUMNS)
-    opposite: np.ndarray  # (2 n, 5, 2)
+    opposite: np.ndarray  # (2 n, 5, 3)
     steering: np.ndarray  # (n,) coordinate, -1 for none
     K: np.ndarray  # (n, 8, 9), its last column empty (solver.compiled.rows)
     lag: np.ndarray  # (n,)
@@ -186,7 +186,7 @@ def compile_guides(specs: Sequence[GuideSpec], context: Context) -> GuideTable:
         number=np.array([[s.travel[2], s.steering[2]] for s in specs], np.int64).reshape(-1, 2),
         start=np.array([0, *np.cumsum(rows)[:-1]] if rows else [], np.int64),
         shape=_padded([v for s in specs for v in s.shape], len(QUANTITIES), COLUMNS),
-        opposite=np.array([s.opposite for s in specs], float).reshape(2 * n, 5, 2),
+        opposite=np.array([s.opposite for s in specs], float).reshape(2 * n, 5, 3),
         steering=np.full(n, -1, np.int64),
         K=_padded([v for s in specs for v in s.stiffness], 8, 9).reshape(-1, 8, 9),
         lag=np.array([s.lag for s in specs], float),
@@ -301,8 +301,8 @@ def guide_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, K
             k_t = times8(table.K, e, by_t)
             K, slots = table.K, table.slot
             ll, mix, rr = -dot8(by_l, k_l), -dot8(by_l, k_r), -dot8(by_r, k_r)
-            more_l = own_curvature(held, m_l, t_l, 0, 4) - rise_l - U_ll + d_ls - sigma * P_l[2]
-            more_r = own_curvature(held, m_r, t_r, 4, 4) - rise_r - U_rr + d_rs - sigma * P_r[2]
+            more_l = own_curvature(held, m_l, t_l, 0, 4) + own_curvature(held, m_r, t_r, 4, 8) - rise_l - U_ll + d_ls - sigma * P_l[2]
+            more_r = own_curvature(held, m_r, t_r, 4, 4) + own_curvature(held, m_l, t_l, 0, 8) - rise_r - U_rr + d_rs - sigma * P_r[2]
             more = own_curvature(held, m_l, t_l, 0, 5) + own_curvature(held, m_r, t_r, 4, 5) - U_lr
             on_ll = elastic_blocks(K, e, 0, 0, lw, lw, first4(k_l), first4(k_l), ll)
             on_lr = elastic_blocks(K, e, 0, 1, lw, rw, last4(k_l), first4(k_r), mix)

@@ -1,4 +1,4 @@
-"""Maps of a guide: cubic B-splines over travel and steering, linear over the travel of the other wheel (solver.elements.guide)."""
+"""Maps of a guide: cubic B-splines over travel and steering, quadratic in the travel of the other wheel (solver.elements.guide)."""
 
 from __future__ import annotations
 
@@ -111,10 +111,10 @@ def _surface(shape, at, q, bent):
 
 @kernel(inline=True)
 def _quantity(table, side, q, s, o, v, v_s, v_t, v_ss, v_st, v_tt):
-    """(value, by s, by o, by sigma, by s s, by s o, by s sigma, by sigma sigma) of quantity q with the travel o of the other wheel."""
-    b0, b1 = table.opposite[side, q, 0], table.opposite[side, q, 1]
-    v_o = b0 + b1 * s
-    return v + o * v_o, v_s + o * b1, v_o, v_t, v_ss, b1, v_st, v_tt
+    """(value, by s, o, sigma, s s, s o, s sigma, sigma sigma, o o) of quantity q with the travel o of the other wheel."""
+    b0, b1, b2 = table.opposite[side, q, 0], table.opposite[side, q, 1], table.opposite[side, q, 2]
+    to_here = b0 + b1 * s + b2 * o
+    return v + o * to_here, v_s + o * b1, to_here + b2 * o, v_t, v_ss, b1, v_st, v_tt, 2.0 * b2
 
 
 @kernel(inline=True)

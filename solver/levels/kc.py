@@ -1,12 +1,14 @@
 """The level `kc`: a body on four wheels that follow maps of kinematics and compliance, measured on the bench from the full vehicle.
 
-    bodies    the chassis, which everything that does not move with a wheel is part of; four wheels; the steering wheel
+    bodies    the chassis, which everything that does not move with a wheel is part of; four wheels; the steering wheel; of an axle whose
+              wheels share mass (a live axle, a twist beam) one that moves with the mean of their travels
     axles     one guide each (solver.elements.guide) instead of arms, links, rubbers, subframes, springs, dampers, bars and rack
     kept      tires, road, drag, steering wheel and its driver, drive torque (between the driven wheels and the chassis), power steering
               with a pinion to push (solver.levels.assisted)
 
 Conserved are the mass of the vehicle, its centre of mass and its inertia in the design position; the mass that moves with the travel of a
-wheel and the inertia that turns with it (twice the kinetic energy of the full model at unit rates, along the tangent of the map); static
+wheel and with both wheels of an axle and the inertia that turns with it (twice the kinetic energy of the full model at unit rates, along
+the tangents of the maps); static
 loads, wheel rates and the curves of kinematics and compliance; brakes and dampers with their laws. Lost is what vibrates inside.
 
 With no loop of joints an iteration leaves next to nothing to a second one (solver.levels.derived.with_one_iteration).
@@ -16,7 +18,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -46,6 +48,7 @@ from solver.vehicle.parts import LEFTWARDS, UP, vector_of
 from solver.vehicle.trailer import refuse_trailer
 
 AXLES = ('front', 'rear')
+SHARED = 0.05  # of the mass that moves with a wheel: below it what moves with both wheels of an axle is no body of its own
 FASTEST = 10.0  # Hz, of the travel of a wheel (speed over wavelength of the road) and of the steering
 LAG = 0.002  # s; of the departures, a usual loss of rubber over its stiffness
 CROSSED = 0.05  # motion of a second damper, of that of the first one, that is left out
@@ -54,7 +57,7 @@ MAPS = 'the range of the maps, which go on linearly'
 
 LOST = (
     'vibration of engine, subframes, links, rack and driveline (above about 8 Hz)',
-    'compliance is linear, that of the design position; so are its changes by the travel of the other wheel',
+    'compliance is linear, that of the design position; what the travel of the other wheel changes is quadratic in it',
     'the inertia of propeller shaft and gears turns with both driven wheels in equal shares',
 )
 VALIDITY = (  # and the ranges of travel and steering
@@ -116,8 +119,15 @@ def _require_car(spec: ModelSpec) -> None:
                 raise SpecError(f'the vehicle has no coordinate {name!r}; use full')
 
 
+class _Masses(NamedTuple):
+    """Of an axle [kg]: by corner the mass of a wheel, and what moves with the mean of both travels."""
+
+    wheels: dict[str, float]
+    shared: float
+
+
 class _Reduction:
-    """A vehicle and what was measured of it, becoming a model of six bodies."""
+    """A vehicle and what was measured of it, becoming a model of six bodies or little more."""
 
     def __init__(self, spec: ModelSpec, data: dict[str, Any], servo: ServoSpec | None) -> None:
         self.spec, self.data = spec, data
@@ -132,21 +142,23 @@ class _Reduction:
                 raise SpecError(f'tire {corner!r}: the marker must be at the origin of its body')
 
     def model(self) -> ModelSpec:
-        wheels = {corner: self._wheel(corner) for corner in CORNERS}
+        masses = {axle: self._masses(axle) for axle in AXLES}
+        wheels = {corner: self._wheel(corner, masses[corner.partition('_')[0]].wheels[corner]) for corner in CORNERS}
         hands, joints, couplers = self._steering()
         gear = self.assisted
         if gear is not None:
             hands, joints = (*hands, gear.body), (*joints, gear.joint)
         coordinates = [self._spin(c, wheels[c]) for c in CORNERS] + [self._travel(c, wheels[c]) for c in CORNERS]
-        turning = [part for part in (self._flywheel(corner, wheels[corner]) for corner in CORNERS) if part is not None]
-        bodies = (*wheels.values(), *hands, *(body for body, _, _ in turning))
+        more = [self._flywheel(corner, wheels[corner]) for corner in CORNERS] + [self._bounce(axle, masses[axle].shared) for axle in AXLES]
+        added = [part for part in more if part is not None]
+        bodies = (*wheels.values(), *hands, *(body for body, _, _ in added))
         chassis = self._rest(bodies)
         model = ModelSpec(
             bodies=(chassis, *bodies),
-            joints=(*joints, *(bearing for _, bearing, _ in turning)),
-            couplers=(*couplers, *(gear for _, _, gear in turning)),
+            joints=(*joints, *(bearing for _, bearing, _ in added)),
+            couplers=(*couplers, *(gear for _, _, gear in added)),
             coordinates=tuple(coordinates),
-            guides=tuple(self._guide(axle, wheels, couplers) for axle in AXLES),
+            guides=tuple(self._guide(axle, wheels, masses[axle].shared, couplers) for axle in AXLES),
             coordinate_forces=(*self._drives(), *self._held({joint.name for joint in joints}), *(() if gear is None else gear.forces)),
             servos=() if gear is None else (gear.servo,),
             tires=self.spec.tires,
@@ -172,26 +184,64 @@ class _Reduction:
             found[kind.name] = getattr(self.spec, kind.name)
         return found
 
-    def _wheel(self, corner: str) -> RigidBodySpec:
-        """Wheel, carrier and what moves with them as one body at the wheel centre, which turns as the wheel does.
+    def _carrier(self, corner: str) -> RigidBodySpec:
+        """The body that a wheel turns on."""
+        wheel, bearing = self.tires[corner].marker.body, self.joints[f'wheel_{corner}']
+        return self.bodies[bearing.i.body if bearing.j.body == wheel else bearing.j.body]
 
-        Its mass moves with the travel as all parts do; its inertia about a diameter is the mean of wheel and carrier about x and z.
-        """
-        wheel = self.bodies[self.tires[corner].marker.body]
-        bearing = self.joints[f'wheel_{corner}']
-        carrier = self.bodies[bearing.i.body if bearing.j.body == wheel.name else bearing.j.body]
+    def _across(self, corner: str) -> float:
+        """Inertia about a diameter of a wheel [kg m^2], the mean of x and z: its own and that of a carrier that is not of both wheels."""
+        carrier = self._carrier(corner)
+        alone = all(self._carrier(other) is not carrier for other in CORNERS if other != corner)
         across = 0.0
-        for body in (wheel, carrier):
+        for body in (self.bodies[self.tires[corner].marker.body], *((carrier,) if alone else ())):
             R = matrix(body.orientation)
             d = np.array(body.position) + product(R, body.com) - self.centers[corner]
             J = product(product(R, body.inertia_matrix()), R.T)
             across += 0.5 * (J[0, 0] + J[2, 2]) + body.mass * (d[1] * d[1] + 0.5 * (d[0] * d[0] + d[2] * d[2]))
-        slope = self._slopes(corner)
-        moved = self.data[corner]['travel'] - across * (slope[2] * slope[2] + slope[3] * slope[3])
-        mass = moved / (1.0 + slope[0] * slope[0] + slope[1] * slope[1])
+        return across
+
+    def _masses(self, axle: str) -> _Masses:
+        """The masses of the wheels of an axle and the mass shared by both, which moves with the mean of their travels.
+
+        With the slopes of a wheel over its own travel, s, and over that of the other one, o, and its inertia J about a diameter, the mass
+        matrix over both travels has on its diagonal m (1 + X_s^2 + Y_s^2 + X_o^2 + Y_o^2) + J (Psi_s^2 + Gamma_s^2 + Psi_o^2 + Gamma_o^2)
+        + shared/4, slopes over o of the other wheel, and beside it shared/4 and the sum over both of m (X_s X_o + Y_s Y_o)
+        + J (Psi_s Psi_o + Gamma_s Gamma_o).
+        """
+        corners = [f'{axle}_{side}' for side in SIDES]
+        J = np.array([self._across(corner) for corner in corners])
+        own = np.array([self._slopes(corner)[:4] for corner in corners])
+        other = np.array(self.data[axle]['opposite']).reshape(2, 5, 3)[:, :4, 0]
+        moved = np.array([self.data[corner]['travel'] for corner in corners])
+        squares = [np.add.reduce(x * x, axis=1) for x in (own[:, :2], own[:, 2:], other[::-1, :2], other[::-1, 2:])]
+        along, turned = 1.0 + squares[0] + squares[2], J * squares[1] + J[::-1] * squares[3]
+        cross = np.add.reduce(own * other, axis=0)
+        across = float(np.add.reduce(J * np.add.reduce(own[:, 2:] * other[:, 2:], axis=1)))
+        beside, moving = self.data[corners[0]]['beside'], float(cross[0] + cross[1])
+        mass = (0.5 * float(moved[0] + moved[1] - turned[0] - turned[1]) - beside + across) / (0.5 * float(along[0] + along[1]) - moving)
+        shared = 4.0 * (beside - mass * moving - across)
+        if shared < SHARED * float(moved[0] + moved[1]):
+            shared = 0.0
+        masses = (moved - turned - 0.25 * shared) / along
+        return _Masses(dict(zip(corners, masses.tolist(), strict=True)), shared)
+
+    def _bounce(self, axle: str, mass: float) -> tuple[RigidBodySpec, JointSpec, CouplerSpec] | None:
+        """What moves with both wheels of an axle, by the mean of their travels."""
+        if mass <= 0.0:
+            return None
+        name, corners = f'bounce_{axle}', [f'{axle}_{side}' for side in SIDES]
+        at = vector_of(0.5 * (self.centers[corners[0]] + self.centers[corners[1]]))
+        body = RigidBodySpec(name=name, mass=mass, inertia=(0.0,) * 6, position=at)
+        guide = JointSpec(name=name, kind='prismatic', i=marker_at(self.chassis, at, UP), j=marker_at(body, at, UP))
+        return body, guide, CouplerSpec(name=name, terms=((name, 1.0), *((f'travel_{corner}', -0.5) for corner in corners)), offset=0.0)
+
+    def _wheel(self, corner: str, mass: float) -> RigidBodySpec:
+        """Wheel, carrier and what moves with them as one body at the wheel centre, which turns as the wheel does."""
+        wheel, across = self.bodies[self.tires[corner].marker.body], self._across(corner)
         spin = min(float(self.data[corner]['spin']), 2.0 * across)  # no body has more; see _flywheel
         inertia = (across, spin, across, 0.0, 0.0, 0.0)
-        return RigidBodySpec(name=wheel.name, mass=float(mass), inertia=inertia, position=wheel.position, orientation=wheel.orientation)
+        return RigidBodySpec(name=wheel.name, mass=mass, inertia=inertia, position=wheel.position, orientation=wheel.orientation)
 
     def _flywheel(self, corner: str, wheel: RigidBodySpec) -> tuple[RigidBodySpec, JointSpec, CouplerSpec] | None:
         """What turns with a wheel and cannot be its inertia: rotors behind gears. On the chassis, where it turns as fast as the wheel."""
@@ -256,7 +306,7 @@ class _Reduction:
         at = tuple(float(c) for c in self.centers[corner])
         return CoordinateSpec(name=f'travel_{corner}', kind='translation', i=marker_at(self.chassis, at, UP), j=marker_at(wheel, at, UP))
 
-    def _guide(self, axle: str, wheels: dict[str, RigidBodySpec], couplers: tuple[Any, ...]) -> GuideSpec:
+    def _guide(self, axle: str, wheels: dict[str, RigidBodySpec], shared: float, couplers: tuple[Any, ...]) -> GuideSpec:
         data = self.data[axle]
         corners = [f'{axle}_{side}' for side in SIDES]
         brakes = {b.coordinate: b for b in self.spec.brakes}
@@ -275,7 +325,9 @@ class _Reduction:
         reach = self.data['travel']
         fine = np.linspace(-reach, reach, maps.FORCE_TRAVEL)
         weight = -self.spec.gravity[2]
-        springs = [maps.spring_law(fine, np.array(data['loads'][k]) - weight * wheels[c].mass) for k, c in enumerate(corners)]
+        springs = [
+            maps.spring_law(fine, np.array(data['loads'][k]) - weight * (wheels[c].mass + 0.5 * shared)) for k, c in enumerate(corners)
+        ]
         laws, ratios, crossings, mounts, yields = zip(*(self._damper(data, k) for k in range(2)), strict=True)
         steered = data['steered']
         if steered and not couplers:

@@ -141,10 +141,11 @@ def spring_law(travel: np.ndarray, force: np.ndarray) -> Law:
 
 def measured(spec: ModelSpec, progress: Callable[[float], None] = lambda done: None) -> dict[str, Any]:
     """Everything that the level kc needs to know of a vehicle, as lists and numbers: by axle the fields of a GuideSpec that are measured,
-    by corner the masses that move with 'travel' [kg] and 'spin' [kg m^2]; 'travel', 'steering': the range of the maps [m],
-    [rad]; 'coordinates': by name their slopes over the spins of the corners; 'gear': 'inertia' [kg m^2] that turns with the steering wheel
-    besides itself and the wheels with their carriers, 'lengths': by index of a damper without a spring its slope over that turn [m/rad],
-    'torque': that holds the steering wheel over the steering angles [N m].
+    by corner the mass that moves with 'travel', that between it and the travel of the wheel 'beside' [kg], the inertia that turns with
+    'spin' [kg m^2]; 'travel', 'steering': the range of the maps [m], [rad]; 'coordinates': by name their slopes over the spins of the
+    corners; 'gear': 'inertia' [kg m^2] that turns with the steering wheel besides itself and the wheels with their carriers, 'lengths': by
+    index of a damper without a spring its slope over that turn [m/rad], 'torque': that holds the steering wheel over the steering angles
+    [N m].
     """
     for reach in RANGES[:-1]:
         with suppress(ConsistencyError):
@@ -221,11 +222,11 @@ def _axle(
     shape, opposite = [], []
     for k in range(2):
         beside = other[1 - k][::every]  # this wheel held, the other one at z
-        rows = [np.column_stack([z, 0.0 * z]), np.column_stack([z, z * z]), np.column_stack([-z, -z * z])]
+        rows = [np.column_stack([o, o * s, o * o]) for o, s in ((z, 0.0 * z), (z, z), (-z, z))]
         changes = [beside - beside[len(z) // 2], grid[k, :, middle] - own[k][::every], against[k] - own[k][::every]]
-        known = np.tile(np.isfinite(against[k, :, 0]) & (usual & usual[::-1])[::every], 3)  # as far to either side: squares cancel
-        b = least_squares(np.concatenate(rows)[known], np.concatenate(changes)[known])  # (2, 5)
-        alone_here = grid[k] - (z[:, None] * (b[0] + z[:, None] * b[1]))[:, None]
+        known = np.tile(np.isfinite(against[k, :, 0]) & (usual & usual[::-1])[::every], 3)  # as far to either side
+        b = least_squares(np.concatenate(rows)[known], np.concatenate(changes)[known])  # (3, 5)
+        alone_here = grid[k] - (z[:, None] * (b[0] + z[:, None] * (b[1] + b[2])))[:, None]
         surface = spline(alone_here)
         if steered:
             surface = spline(np.moveaxis(surface, 1, 0)).swapaxes(0, 1)
@@ -326,21 +327,30 @@ def _moved(low: np.ndarray, high: np.ndarray, width: float) -> tuple[np.ndarray,
 
 
 def _masses(bench: Bench, rest: Stand) -> dict[str, dict[str, float]]:
-    """By corner the mass that its travel moves and the inertia that its spin turns: twice the kinetic energies at unit rates, where the
-    wheels of an axle spin together and share what turns with both."""
+    """By corner the mass that its travel moves, that between it and the travel of the other wheel, and the inertia that its spin turns:
+    twice the kinetic energies at unit rates, where the wheels of an axle spin together and share what turns with both."""
     bodies = bench.rig.model.tables.bodies
     found = {}
-    for corner in CORNERS:
-        axle, own = corner.partition('_')[0], bench.wheels[corner]
-        low, high = bench.stand(**{f'travel_{corner}': -STEP}), bench.stand(**{f'travel_{corner}': STEP})
+
+    def moving(*corners: str) -> float:
+        low, high = (bench.stand(**{f'travel_{corner}': step for corner in corners}) for step in (-STEP, STEP))
         v, w = _moved(low.q, high.q, 2.0 * STEP)
-        w[own, 1] = 0.0  # the wheel does not turn with its carrier
-        travel = float(np.add.reduce(bodies.mass * np.add.reduce(v * v, axis=1)) + _turning(bodies.inertia, w))
+        w[list(bench.wheels.values()), 1] = 0.0  # wheels do not turn with their carriers
+        return float(np.add.reduce(bodies.mass * np.add.reduce(v * v, axis=1)) + _turning(bodies.inertia, w))
+
+    for corner in CORNERS:
+        axle = corner.partition('_')[0]
+        travel = moving(corner)
         spins = {f'spin_{axle}_{side}': STEP for side in SIDES}
         low, high = bench.stand(**{name: -angle for name, angle in spins.items()}), bench.stand(**spins)
         v, w = _moved(low.q, high.q, 2.0 * STEP)
         spin = 0.5 * float(np.add.reduce(bodies.mass * np.add.reduce(v * v, axis=1)) + _turning(bodies.inertia, w))
         found[corner] = {'travel': travel, 'spin': spin}
+    for axle in ('front', 'rear'):
+        corners = [f'{axle}_{side}' for side in SIDES]
+        beside = 0.5 * (moving(*corners) - sum(found[corner]['travel'] for corner in corners))
+        for corner in corners:
+            found[corner]['beside'] = beside
     return found
 
 

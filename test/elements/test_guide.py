@@ -38,7 +38,7 @@ def guide(rng, *, steered=True, mounted=True, **changes):
     half = rng.normal(size=(8, 8))
     values = {
         'shape': tuple((rng.normal(size=(rows, 5)) * (0.01, 0.01, 0.05, 0.05, 0.05)).ravel()),
-        'opposite': tuple(0.05 * rng.normal(size=20)),
+        'opposite': tuple(0.05 * rng.normal(size=30)),
         'stiffness': tuple((1e3 * (half @ half.T + np.eye(8))).ravel()),
         'lag': 0.003,
         'windup': tuple(0.2 * rng.normal(size=16)),
@@ -111,7 +111,7 @@ def test_signs_of_a_guided_wheel():
     shape = np.zeros((2, 7, 5))
     shape[:, :, 0] = 0.1 * nodes  # splines with coefficients on a straight line are that line
     element = guide(
-        np.random.default_rng(0), steered=False, shape=tuple(shape.ravel()), opposite=(0.0,) * 20, stiffness=tuple(K.ravel()),
+        np.random.default_rng(0), steered=False, shape=tuple(shape.ravel()), opposite=(0.0,) * 30, stiffness=tuple(K.ravel()),
         windup=(0.0,) * 16, springs=(Law.linear(2e4),) * 2, coupling=(0.0,) * 4, ratios=(0.0,) * 10,
     )  # fmt: skip
     kin = kinematics(
@@ -130,7 +130,7 @@ def test_brake_torque_acts_between_wheel_and_carrier():
     shape = np.zeros((2, 7, 5))
     shape[:, :, 4] = 0.5 * np.array([-0.15, -0.1, -0.05, 0.0, 0.05, 0.1, 0.15])
     element = guide(
-        np.random.default_rng(0), steered=False, shape=tuple(shape.ravel()), opposite=(0.0,) * 20, stiffness=(0.0,) * 64,
+        np.random.default_rng(0), steered=False, shape=tuple(shape.ravel()), opposite=(0.0,) * 30, stiffness=(0.0,) * 64,
         windup=(0.0,) * 16, springs=(Law.linear(0.0),) * 2, coupling=(0.0,) * 4, ratios=(0.0,) * 10,
     )  # fmt: skip
     twists = np.zeros((4, 6))

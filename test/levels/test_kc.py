@@ -17,6 +17,7 @@ from solver.analysis.balance import Balance
 from solver.analysis.driven import steady_figures
 from solver.analysis.figures import mass_figures, standing
 from solver.analysis.kinematics_and_compliance import CORNERS, Rig, kinematic_figures
+from solver.analysis.modes import named_modes
 from solver.elements.road import RoadSpec
 from solver.errors import ConsistencyError, SpecError
 from solver.inputs.maneuver import Maneuver
@@ -45,14 +46,14 @@ def levels(name: str) -> tuple[Scene, Scene]:
     return full, derive(dataclasses.replace(full, fidelity='kc')).scene
 
 
-@pytest.mark.parametrize('name', [*CARS, ASSISTED])
+@pytest.mark.parametrize('name', [*CARS, ASSISTED, LIVE])
 def test_mass_and_inertia_are_those_of_the_vehicle(name):
     """In the design position, to rounding; the mass that moves with a wheel is what a wheel hop needs, so it may not be the wheel's."""
     full, kc = levels(name)
     was, now = mass_figures(full.model), mass_figures(kc.model)
     for figure in ('mass', 'com_x', 'com_y', 'com_z', 'roll_inertia', 'pitch_inertia', 'yaw_inertia', 'wheelbase', 'track_front'):
         assert now[figure] == pytest.approx(was[figure], rel=1e-9, abs=1e-9), figure
-    assert len(kc.model.bodies) == 6 + len(full.model.servos) and not kc.model.bushings and not kc.model.spring_dampers
+    assert len(kc.model.bodies) == 6 + len(full.model.servos) + (name == LIVE) and not kc.model.bushings and not kc.model.spring_dampers
 
 
 @functools.cache
@@ -144,6 +145,36 @@ def test_motion_is_within_two_percent(maneuver, name):
     rms, peak = np.sqrt(np.mean((found - wanted) ** 2, axis=0)), np.abs(wanted).max(axis=0)
     quantities = slice(3, None) if 'braking' in maneuver else slice(None)
     assert (rms[quantities] <= 0.02 * peak[quantities]).all(), rms / peak
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('name', [TWISTED, LIVE])
+def test_wheels_that_share_mass_move_with_it(name):
+    """The mass that the travel of one wheel moves and that between both, and with them the modes of the car: roll within 1 % of its
+    frequency, bounce and pitch, in which the engine moves on its mounts, within 4 %."""
+    full, kc = levels(name)
+    assert any(body.name == 'bounce_rear' for body in kc.model.bodies)
+    benches = [maps.Bench(dataclasses.replace(scene.model, road=RoadSpec())) for scene in (full, kc)]
+    wanted, found = (maps._masses(bench, bench.stand())['rear_left'] for bench in benches)
+    assert found['travel'] == pytest.approx(wanted['travel'], rel=0.01)
+    assert found['beside'] == pytest.approx(wanted['beside'], abs=0.01 * wanted['travel'])
+    wanted, found = (named_modes(Simulation(dataclasses.replace(scene, start=StartSettings(kind='equilibrium')))) for scene in (full, kc))
+    for mode, share in (('bounce', 0.04), ('pitch', 0.04), ('roll', 0.01)):
+        assert found[mode].frequency == pytest.approx(wanted[mode].frequency, rel=share), mode
+
+
+def test_a_live_axle_off_its_design_height_steers_as_it_does_there():
+    """Raised and rolled, in bump and in rebound: places and angles of its wheels within 2 % of the largest, as motions have to be. Maps
+    linear in the travel of the other wheel were off by half of the steer."""
+    stood = [(0.06, 0.02), (0.02, 0.06), (-0.06, -0.02), (-0.02, -0.06), (0.06, 0.06), (-0.06, -0.06), (0.06, -0.06)]
+    wanted, found = (
+        np.array([
+            [bench.stand(travel_rear_left=left, travel_rear_right=right).x[corner][:4] for corner in ('rear_left', 'rear_right')]
+            for left, right in stood
+        ])
+        for bench in (maps.Bench(scene.model) for scene in levels(LIVE))
+    )  # fmt: skip
+    assert (np.abs(found - wanted) <= 0.02 * np.abs(wanted).max(axis=(0, 1))).all()
 
 
 @pytest.mark.slow
@@ -285,8 +316,8 @@ def test_what_a_wheel_does_to_the_other_is_found_on_stiff_springs_too(rate: floa
     grid[..., 2], against[..., 2] = beside(z, 10.0)[None, :, None], -beside(z, 10.0)
     found = maps._axle(('left', 'right'), z, grid, against, fine, alone, False)
     assert found['coupling'][0] == pytest.approx(5e3, rel=1e-6)
-    b = np.array(found['opposite']).reshape(2, 5, 2)
-    np.testing.assert_allclose(b[:, 2], [[10.0, 0.0]] * 2, atol=1e-6)
+    b = np.array(found['opposite']).reshape(2, 5, 3)
+    np.testing.assert_allclose(b[:, 2], [[10.0, 0.0, 0.0]] * 2, atol=1e-6)
     assert not np.delete(b, 2, axis=1).any()
 
 
