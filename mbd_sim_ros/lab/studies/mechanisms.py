@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import warnings
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.linalg import LinAlgWarning
 
 from mbd_sim_ros.lab.mechanisms.families import FAMILIES, drawn
 from mbd_sim_ros.lab.mechanisms.judgement import (
@@ -37,6 +39,7 @@ SHOWN = 20  # of the mechanisms that are not right
 def study(out: Path, *, quick: bool, progress: Progress, n: int | None = None, seed: int = 0) -> dict:
     """Judge n mechanisms of the series of a seed; what is not right is written as a scene file into `scenes`."""
     count = n if n is not None else QUICK_SAMPLES if quick else SAMPLES
+    warnings.filterwarnings('ignore', category=LinAlgWarning)  # of references at singular positions, whose steps then fail
     rows = []
     with Cells(out / 'cells.jsonl') as cells:
         for k in range(count):
