@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from mcap.records import Channel, Schema
 
-from mbd_sim_ros.bags.records import Messages, Reading, find_file
+from mbd_sim_ros.bags.records import Messages, Reading, find_file, message_counts
 from mbd_sim_ros.messages import cdr
 from mbd_sim_ros.messages.topics import TF
 from solver.errors import BagError
@@ -41,7 +41,7 @@ def read_poses(path: str | Path) -> Poses:
     channels: set[int] = set()
     skip: set[int] = set()
     found: dict[int, list[tuple[int, bytes]]] = defaultdict(list)  # by size: messages of one size place the same frames
-    reading = Reading(path, skip=skip)
+    reading = Reading(path, skip=skip, channels=message_counts(path))
     for record in reading:
         if isinstance(record, Schema):
             schemas[record.id] = record

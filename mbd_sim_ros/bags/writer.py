@@ -19,7 +19,8 @@ from mbd_sim_ros.messages.cdr import schema_text
 from mbd_sim_ros.messages.topics import ELEMENTS, TYPE_HASHES, Topic
 from solver.errors import BagError
 
-CHUNK_BYTES = 512 * 1024  # what it takes to read a recording goes with the number of its chunks; a flush makes smaller ones
+CHUNK_BYTES = 512 * 1024  # of chunks of the same steps: reading takes what their number takes; a flush makes smaller ones
+WIDE = ('joint_states', 'reactions', 'tire_states', 'tf')  # topics with a part for every joint, wheel or body
 PART = '.part'
 RECORD = 'mbd_sim_ros'  # name of the metadata record that describes the run
 _Message = tuple[int, int, bytes]  # index of its topic, time [ns], encoded
@@ -29,7 +30,9 @@ RESULT = 'mbd_sim_ros_result'  # name of the metadata record written at the end
 class BagWriter:
     """Writes one bag directory, synchronously. Topics are given at once; relative names are put under `/`.
 
-    States of elements, most of a recording by far, have chunks of their own: who wants nothing of them need not unpack them.
+    A chunk holds topics of like weight, so that who wants a light one need not unpack the heavy ones: one of those of one size, one of
+    those with a part for every joint, wheel or body, and one of the states of elements, most of a recording by far. All three are of the
+    same steps and follow each other in this order: what was applied in a step is never behind what came of it.
 
     `directory` must not exist or must be empty. Raises BagError, one sentence, whenever the file system refuses.
     """
@@ -46,9 +49,9 @@ class BagWriter:
         self.topics = [topic._replace(name='/' + topic.name.lstrip('/')) for topic in topics]
         self.path = self.directory / f'{self.directory.name}_0.mcap'
         self.count = [0] * len(topics)
-        self._waiting: tuple[list[_Message], list[_Message]] = ([], [])  # for a chunk of states of elements, behind one of all else
+        self._waiting: tuple[list[_Message], ...] = ([], [], [])  # for a chunk each, the lightest first
         self._size = 0  # of what waits [bytes]
-        self._chunk_of = [self._waiting[ELEMENTS in topic.name.split('/')] for topic in topics]
+        self._chunk_of = [self._waiting[_weight(topic.name)] for topic in topics]
         self.first_ns: int | None = None
         self.last_ns = 0
         self._custom = {key: value for key, value in metadata.get(RECORD, {}).items() if key in ('scene', 'scene_hash', 'code_version')}
@@ -172,6 +175,12 @@ class BagWriter:
             'custom_data': self._custom,
             'ros_distro': 'jazzy',
         }
+
+
+def _weight(topic: str) -> int:
+    """How the messages of a topic grow: 0 not at all, 1 with joints, wheels or bodies, 2 with elements."""
+    *_, last = words = topic.split('/')
+    return 2 if ELEMENTS in words else int(last in WIDE)
 
 
 def quality_of_service(topic: Topic) -> dict[str, Any]:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import yaml
 from client import client
+from mcap.reader import make_reader
 from processes import ROOT, Process
 
 from mbd_sim_ros import batch
@@ -107,6 +108,21 @@ def test_steps_that_a_slow_disk_did_not_take_are_bridged(tmp_path, capsys, monke
     monkeypatch.undo()
     assert len(bag.read(recorded).time_ns) == 201 - 9
     assert document(capsys, 'replay', recorded)[1]['status'] == 'identical'
+
+
+@pytest.mark.slow
+def test_what_is_recovered_of_a_recording_replays_though_its_topics_do_not_end_together(tmp_path, capsys):
+    recorded = next(run(tmp_path / 'r', 'four_bar', 'record.elements=true', 'record.elements_rate=0').glob('*.mcap'))
+    with recorded.open('rb') as stream:
+        summary = make_reader(stream).get_summary()
+    last = max(summary.chunk_indexes, key=lambda one: one.chunk_start_offset)
+    (tmp_path / 'cut.mcap').write_bytes(recorded.read_bytes()[: last.chunk_start_offset])
+    assert document(capsys, 'recover', tmp_path / 'cut.mcap', tmp_path / 'saved')[0] == 0
+    topics = content(tmp_path / 'saved').topics
+    lost = {summary.channels[channel].topic.strip('/') for channel in last.message_index_offsets}
+    assert len(topics['cmd_applied']) > max(len(topics.get(name, {})) for name in lost)
+    code, data = document(capsys, 'replay', tmp_path / 'saved')
+    assert (code, data['status']) == (0, 'identical')
 
 
 @pytest.mark.slow
