@@ -101,12 +101,14 @@ def curves_of(kind: Kind, at: Common) -> Curves:
         mean = np.sum(same, axis=0)
         with np.errstate(invalid='ignore'):  # of no orientation
             mean /= np.linalg.norm(mean, axis=1, keepdims=True)
-        spread = np.sqrt(np.sum([rotation_angle(r, mean) ** 2 for r in references], axis=0) / max(n - 1, 1))
         start = np.broadcast_to(mean[0], mean.shape)
-        known = [~np.isnan(rotation_angle(q, q)) for q in (run, mean)]
+        known = [np.any(q != 0.0, axis=1) & ~np.any(np.isnan(q), axis=1) for q in (run, mean)]
         gap = np.where(known[0] & known[1], rotation_angle(run, mean), np.where(known[0] == known[1], 0.0, np.inf))
-        curves = tuple(rotation_angle(r, start) for r in references)
-        half = factor * spread if n > 1 else None
+        half: np.ndarray | None = None
+        curves: tuple[np.ndarray, ...] = ()
+        if n > 1:
+            half = factor * np.sqrt(np.sum([rotation_angle(r, mean) ** 2 for r in references], axis=0) / (n - 1))
+            curves = tuple(rotation_angle(r, start) for r in references)
         return Curves(
             time=time, run=rotation_angle(run, start), reference=rotation_angle(mean, start), difference=gap, half=half, repeats=curves
         )

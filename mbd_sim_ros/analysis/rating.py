@@ -96,12 +96,10 @@ def corridor(values: np.ndarray, reference: np.ndarray) -> float:
 
 def shift_of(values: np.ndarray, reference: np.ndarray) -> int:
     """By how many samples the signal comes later than the reference: the shift of largest correlation, the smaller of equals."""
-    from scipy.fft import irfft, next_fast_len, rfft
-
     n = values.size
     x, y = values - values.mean(), reference - reference.mean()
-    size = next_fast_len(2 * n)
-    products = irfft(rfft(x, size) * np.conj(rfft(y, size)), size)
+    size = 1 << (2 * n - 1).bit_length()
+    products = np.fft.irfft(np.fft.rfft(x, size) * np.conj(np.fft.rfft(y, size)), size)
     lags = np.arange(-int(SHIFT_MAX * n), int(SHIFT_MAX * n) + 1)
     first, last = np.maximum(0, lags), np.minimum(n, n + lags)
     count = last - first
