@@ -81,7 +81,7 @@ def _again(args: argparse.Namespace, before: Content, applied: Inputs, directory
     )  # fmt: skip
     interrupts.now(f'comparing {args.bag} with its replay')
     after = content(directory)
-    lost = before.dropped_steps > 0 or 'recovered_from' in before.metadata
+    lost = before.dropped_steps > 0 or 'damage' in before.metadata  # it was recovered, not whole
     unequal = different_topics(before, after, lost=lost)
     same_code = before.metadata.get('source_hash', '') == source_hash()
     recorded_on = before.target
