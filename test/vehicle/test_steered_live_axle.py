@@ -99,6 +99,67 @@ def test_the_knuckles_turn_as_the_track_rod_has_them_and_the_inner_wheel_more() 
         assert abs(left) > abs(right) if steering > 0.0 else abs(right) > abs(left)  # the rod lies behind the axle and is shorter than it
 
 
+def mirrored(points: Any) -> Any:
+    """Parts that are given as they are, not for the left side, on the other side of the car."""
+    if isinstance(points, dict):
+        return {key: [one[0], -one[1], one[2]] if isinstance(one, list) else mirrored(one) for key, one in points.items()}
+    return points
+
+
+def other_handed() -> dict[str, Any]:
+    """The car with steering box, drag link, single rods and housings on the other side: the link pulls the left knuckle."""
+    vehicle = off_roader()
+    vehicle['steering'] = mirrored(vehicle['steering'])
+    for axle in vehicle['axles'].values():
+        suspension = axle['suspension']
+        suspension['rods'] = mirrored(suspension['rods'])
+        suspension['housing']['com'][1] *= -1.0
+    pins = vehicle['axles']['front']['suspension']['kingpins']
+    pins |= {'drag_link': mirrored(pins['drag_link']), 'drag_link_on': 'left'}
+    return vehicle
+
+
+def test_a_drag_link_on_the_left_knuckle_steers_as_its_mirror_image_does() -> None:
+    angles = np.array([-4.0, -1.0, 0.0, 1.0, 4.0])
+    there, here = (Rig(scene(vehicle).model).steering(angles) for vehicle in (off_roader(), other_handed()))
+    for side, image in (('left', 'right'), ('right', 'left')):
+        np.testing.assert_allclose(here[f'front_{side}']['steer'], -there[f'front_{image}']['steer'][::-1], rtol=0, atol=1e-9)
+        assert np.all(np.diff(here[f'front_{side}']['steer']) > 0.05)
+
+
+RACK = """
+rack: {mass: 2.5, com: [1.800, 0, 0.500], inertia: [0.09, 0.003, 0.09]}
+rack_per_turn: 0.050
+rack_damping: 1500
+stiffness: 85
+damping: 0.7
+pinion_foot: [1.800, 0.300, 0.507]
+pinion_joint: [1.500, 0.330, 0.620]
+column_joint: [0.960, 0.360, 0.900]
+wheel_hub: [0.520, 0.360, 1.180]
+pinion_mass: 0.6
+shaft_mass: 1.4
+wheel_mass: 3.6
+wheel_inertia: 0.038
+"""
+
+
+def test_a_rack_pulls_the_drag_link() -> None:
+    """The right knuckle turns by the way of the rack over the lever of the ball about the kingpin, but for what the link turns (3 %)."""
+    rig = Rig(scene(off_roader() | {'steering': yaml.safe_load(RACK)}).model)
+    pins = yaml.safe_load(FRONT)['kingpins']
+    low, high, ball = np.array(pins['lower']) * [1, -1, 1], np.array(pins['upper']) * [1, -1, 1], np.array(pins['drag_link']['outer'])
+    lever = np.cross((high - low) / np.linalg.norm(high - low), ball - low)
+    pull = np.array(pins['drag_link']['outer']) - pins['drag_link']['inner']
+    along = pull / np.linalg.norm(pull)
+    turns = []
+    for steering in (-0.5, 0.5):
+        rig.settle({'steering': steering})
+        turns.append(float(rig.state.angle[list(rig.model.coordinate_names).index('kingpin_front_right')]))
+    way = 0.050 / (2.0 * np.pi) * (along @ [0.0, 1.0, 0.0])
+    assert turns[1] - turns[0] == pytest.approx(way / (along @ lever), rel=0.03)
+
+
 def test_it_has_no_redundant_rows_and_the_degrees_of_freedom_counted_by_hand() -> None:
     """Chassis 6, wheels 4, bounce and roll of both axles, and the pitman arm against its elastic worm."""
     counts = Simulation(scene(off_roader())).describe()
