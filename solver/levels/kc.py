@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -38,6 +38,7 @@ from solver.elements.servo import ServoSpec
 from solver.errors import SpecError
 from solver.levels import maps
 from solver.levels.assisted import assisted, gear_held
+from solver.levels.axle_masses import AxleMasses, divided
 from solver.levels.derived import Derived, LevelReport, Limit, with_one_iteration
 from solver.levels.kept import kept
 from solver.model.frames import matrix, quaternion
@@ -48,7 +49,6 @@ from solver.vehicle.parts import LEFTWARDS, UP, vector_of
 from solver.vehicle.trailer import refuse_trailer
 
 AXLES = ('front', 'rear')
-SHARED = 0.05  # of the mass that moves with a wheel: below it what moves with both wheels of an axle is no body of its own
 FASTEST = 10.0  # Hz, of the travel of a wheel (speed over wavelength of the road) and of the steering
 LAG = 0.002  # s; of the departures, a usual loss of rubber over its stiffness
 CROSSED = 0.05  # motion of a second damper, of that of the first one, that is left out
@@ -119,13 +119,6 @@ def _require_car(spec: ModelSpec) -> None:
                 raise SpecError(f'the vehicle has no coordinate {name!r}; use full')
 
 
-class _Masses(NamedTuple):
-    """Of an axle [kg]: by corner the mass of a wheel, and what moves with the mean of both travels."""
-
-    wheels: dict[str, float]
-    shared: float
-
-
 class _Reduction:
     """A vehicle and what was measured of it, becoming a model of six bodies or little more."""
 
@@ -143,7 +136,8 @@ class _Reduction:
 
     def model(self) -> ModelSpec:
         masses = {axle: self._masses(axle) for axle in AXLES}
-        wheels = {corner: self._wheel(corner, masses[corner.partition('_')[0]].wheels[corner]) for corner in CORNERS}
+        each = [mass for axle in AXLES for mass in masses[axle].wheels]
+        wheels = {corner: self._wheel(corner, mass) for corner, mass in zip(CORNERS, each, strict=True)}
         hands, joints, couplers = self._steering()
         gear = self.assisted
         if gear is not None:
@@ -201,30 +195,14 @@ class _Reduction:
             across += 0.5 * (J[0, 0] + J[2, 2]) + body.mass * (d[1] * d[1] + 0.5 * (d[0] * d[0] + d[2] * d[2]))
         return across
 
-    def _masses(self, axle: str) -> _Masses:
-        """The masses of the wheels of an axle and the mass shared by both, which moves with the mean of their travels.
-
-        With the slopes of a wheel over its own travel, s, and over that of the other one, o, and its inertia J about a diameter, the mass
-        matrix over both travels has on its diagonal m (1 + X_s^2 + Y_s^2 + X_o^2 + Y_o^2) + J (Psi_s^2 + Gamma_s^2 + Psi_o^2 + Gamma_o^2)
-        + shared/4, slopes over o of the other wheel, and beside it shared/4 and the sum over both of m (X_s X_o + Y_s Y_o)
-        + J (Psi_s Psi_o + Gamma_s Gamma_o).
-        """
+    def _masses(self, axle: str) -> AxleMasses:
+        """The masses of the wheels of an axle and the mass shared by both, which moves with the mean of their travels."""
         corners = [f'{axle}_{side}' for side in SIDES]
         J = np.array([self._across(corner) for corner in corners])
         own = np.array([self._slopes(corner)[:4] for corner in corners])
         other = np.array(self.data[axle]['opposite']).reshape(2, 5, 3)[:, :4, 0]
         moved = np.array([self.data[corner]['travel'] for corner in corners])
-        squares = [np.add.reduce(x * x, axis=1) for x in (own[:, :2], own[:, 2:], other[::-1, :2], other[::-1, 2:])]
-        along, turned = 1.0 + squares[0] + squares[2], J * squares[1] + J[::-1] * squares[3]
-        cross = np.add.reduce(own * other, axis=0)
-        across = float(np.add.reduce(J * np.add.reduce(own[:, 2:] * other[:, 2:], axis=1)))
-        beside, moving = self.data[corners[0]]['beside'], float(cross[0] + cross[1])
-        mass = (0.5 * float(moved[0] + moved[1] - turned[0] - turned[1]) - beside + across) / (0.5 * float(along[0] + along[1]) - moving)
-        shared = 4.0 * (beside - mass * moving - across)
-        if shared < SHARED * float(moved[0] + moved[1]):
-            shared = 0.0
-        masses = (moved - turned - 0.25 * shared) / along
-        return _Masses(dict(zip(corners, masses.tolist(), strict=True)), shared)
+        return divided(J, own, other, moved, self.data[corners[0]]['beside'])
 
     def _bounce(self, axle: str, mass: float) -> tuple[RigidBodySpec, JointSpec, CouplerSpec] | None:
         """What moves with both wheels of an axle, by the mean of their travels."""

@@ -183,15 +183,14 @@ def test_all_but_the_chunk_that_is_damaged_is_recovered_and_what_is_lost_is_said
 
     with open(recorded[0] / 'run_0.mcap', 'rb') as stream:
         summary = make_reader(stream).get_summary()
-    chunks = summary.chunk_indexes
     (applied,) = [channel for channel, about in summary.channels.items() if about.topic == '/cmd_applied']
-    bad = [one for one in chunks if applied in one.message_index_offsets][2]
+    bad = [one for one in summary.chunk_indexes if applied in one.message_index_offsets][2]
     data = bytearray((recorded[0] / 'run_0.mcap').read_bytes())
     middle = bad.chunk_start_offset + bad.chunk_length // 2
     data[middle : middle + 8] = bytes(8 * [0x5A])
     (tmp_path / 'bad.mcap').write_bytes(data)
     saved = recover(tmp_path / 'bad.mcap', tmp_path / 'saved')
-    assert saved.end_ns == chunks[-1].message_end_time
+    assert saved.end_ns == summary.chunk_indexes[-1].message_end_time
     assert not saved.complete and 'the chunk at byte' in saved.damage[1]
     whole = recover(recorded[0], tmp_path / 'whole')
     assert whole.complete and saved.lost > 0 and saved.messages + saved.lost == whole.messages

@@ -23,6 +23,7 @@ from solver.errors import ConsistencyError, SpecError
 from solver.inputs.maneuver import Maneuver
 from solver.inputs.signals import SineWithDwell, Step, Sweep
 from solver.levels import derive, maps
+from solver.levels.axle_masses import divided
 from solver.levels.kc import kc_model
 from solver.levels.maps import require_return
 from solver.scene import Scene, StartSettings
@@ -145,6 +146,15 @@ def test_motion_is_within_two_percent(maneuver, name):
     rms, peak = np.sqrt(np.mean((found - wanted) ** 2, axis=0)), np.abs(wanted).max(axis=0)
     quantities = slice(3, None) if 'braking' in maneuver else slice(None)
     assert (rms[quantities] <= 0.02 * peak[quantities]).all(), rms / peak
+
+
+def test_a_live_axle_is_divided_into_wheels_and_what_they_share():
+    """By hand: 200 kg on a track of 1.6 m, wheels of 30 kg and 1.2 kg m^2 about a diameter at its ends, a beam of 140 kg and 8 kg m^2. It
+    turns by (s_l - s_r)/1.6, so the mass matrix has 200/4 +- I/1.6^2 with I = 2 (30 0.8^2 + 1.2) + 8 = 48.8; wheels have to make what of I
+    is not theirs by turning, 2 (48.8 - 2.4)/1.6^2 = 36.25 kg each, and the rest is shared."""
+    own, other = (np.array([[0.0, 0.0, 0.0, side / 1.6], [0.0, 0.0, 0.0, -side / 1.6]]) for side in (1.0, -1.0))
+    wheels, shared = divided(np.full(2, 1.2), own, other, np.full(2, 50.0 + 48.8 / 2.56), 50.0 - 48.8 / 2.56)
+    assert [*wheels, shared] == pytest.approx([36.25, 36.25, 127.5])
 
 
 @pytest.mark.slow
