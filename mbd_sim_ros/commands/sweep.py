@@ -6,6 +6,7 @@ import argparse
 import dataclasses
 import json
 import os
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,8 +14,11 @@ from mbd_sim_ros.commands import Result, alone, declare, table
 from solver.errors import BagError, MbdError, SceneError
 
 if TYPE_CHECKING:
+    from mbd_sim_ros.sweep.case import Case, Row
     from mbd_sim_ros.sweep.design import Sweep
     from solver.scene import Scene
+
+    Values = dict[str, float | str]
 
 EXAMPLE = """mbd sweep sweep.yaml --out out/sweep
   mbd sweep sweep.yaml --workers 8 --out out/sweep           (Ctrl-C, and again: goes on where it was)
@@ -43,35 +47,49 @@ def add(parsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> Result:
     """Lay out, run, write."""
-    from mbd_sim_ros.sweep.case import overrides_of
-    from mbd_sim_ros.sweep.design import cases, load_sweep, units_of
-    from solver import load_scene
-    from solver.files.scene import load_scene_text
-    from solver.quantities import published
+    from mbd_sim_ros.sweep.design import load_sweep
+    from mbd_sim_ros.sweep.workers import Workers
 
     if args.workers is not None and args.workers < 1:
         raise BagError(f'--workers {args.workers}: must be at least 1')
     sweep = load_sweep(args.file)
+    if args.scheduler:
+        from mbd_sim_ros.sweep.cluster import run_there
+
+        return _swept(args, sweep, lambda cases: run_there(cases, args.scheduler))
+    with Workers(min(args.workers or os.cpu_count() or 1, sweep.fewest)) as workers:
+        return _swept(args, sweep, workers.run)
+
+
+def _swept(args: argparse.Namespace, sweep: Sweep, run_cases: Callable[[Sequence[Case]], Iterator[Row]]) -> Result:
+    """Lay out, run what is not there yet, write the table and the report."""
+    from mbd_sim_ros.sweep.case import overrides_of
+    from mbd_sim_ros.sweep.design import cases, units_of
+    from solver import load_scene
+    from solver.files.scene import load_scene_and_units
+    from solver.quantities import published
+
     values = cases(sweep)
     base = load_scene(sweep.scene, sweep.set)
     try:
-        first = load_scene_text(base.resolved, base.name, overrides_of(values[0]))  # wrong keys are told before anything runs
+        first, keys = load_scene_and_units(base.resolved, base.name, overrides_of(values[0]))  # wrong keys are told before anything runs
     except MbdError as error:
         raise SceneError(f'{args.file}: parameters: {str(error).removeprefix("--set ")}') from None
-    units = units_of(sweep, published(first.model))
+    units = units_of(sweep, published(first.model), keys)
     with alone(args.out):
-        return _swept(args, sweep, values, base, units)
+        rows = _rows(args, sweep, values, base, run_cases)
+        return _written(args, sweep, rows, units)
 
 
-def _swept(args: argparse.Namespace, sweep: Sweep, values: list[dict[str, float | str]], base: Scene, units: dict[str, str]) -> Result:
-    """Run what is not there yet, write the table and the report."""
+def _rows(
+    args: argparse.Namespace, sweep: Sweep, values: list[Values], base: Scene, run_cases: Callable[[Sequence[Case]], Iterator[Row]]
+) -> list[Row]:
+    """The rows of all cases, in their order."""
     from tqdm import tqdm
 
     from mbd_sim_ros import interrupts
-    from mbd_sim_ros.sweep.case import Case, Row
-    from mbd_sim_ros.sweep.cluster import run_there
-    from mbd_sim_ros.sweep.table import sensitivities, write_report, write_table
-    from mbd_sim_ros.sweep.workers import run_here
+    from mbd_sim_ros.sweep.case import Case
+    from mbd_sim_ros.sweep.table import get_ready
 
     rows_directory, bags = args.out / 'rows', args.out / 'bags'
     try:
@@ -94,13 +112,20 @@ def _swept(args: argparse.Namespace, sweep: Sweep, values: list[dict[str, float 
         for i, one in enumerate(values)
     ]
     interrupts.now(f'sweeping {sweep.scene}; what is done is kept in {args.out}, the same command goes on')
-    count = args.workers or os.cpu_count() or 1
-    coming = run_there(todo, args.scheduler) if args.scheduler else run_here(todo, count)
     rows: list[Row] = []
+    coming = run_cases(todo)
     for row in tqdm(coming, total=len(todo), unit='case', desc=sweep.scene, disable=True if args.json else None, leave=False):
+        if not rows:
+            get_ready()  # all others are at work
         rows.append(row)
         interrupts.check()
-    rows.sort(key=lambda row: row['case'])
+    return sorted(rows, key=lambda row: row['case'])
+
+
+def _written(args: argparse.Namespace, sweep: Sweep, rows: list[Row], units: dict[str, str]) -> Result:
+    """The table, the report and what is said of them."""
+    from mbd_sim_ros.sweep.table import sensitivities, write_report, write_table
+
     indices = sensitivities(sweep, rows)
     file = write_table(rows, args.out)
     report = write_report(sweep, rows, indices, units, args.out, f'{sweep.scene}: {len(rows)} cases, {sweep.design.kind}')

@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
@@ -113,6 +114,13 @@ class Sweep:
             for name, parameter in self.parameters.items():
                 require(parameter.ranged, 'sweep', name, parameter.values, f'a design of kind {self.design.kind} needs low and high')
 
+    @property
+    def fewest(self) -> int:
+        """How many cases there are at least: of a grid all, of a design its samples."""
+        if self.design.kind != 'grid':
+            return self.design.samples
+        return math.prod(parameter.steps if parameter.ranged else len(parameter.values) for parameter in self.parameters.values())
+
 
 def load_sweep(file: str | Path) -> Sweep:
     """Read the file of a sweep. Raises SceneError (file, line, remedy)."""
@@ -127,9 +135,8 @@ def cases(sweep: Sweep) -> list[dict[str, float | str]]:
     names, parameters = list(sweep.parameters), list(sweep.parameters.values())
     design = sweep.design
     if design.kind == 'grid':
-        count = math.prod(parameter.steps if parameter.ranged else len(parameter.values) for parameter in parameters)
-        if count > MOST_CASES:
-            raise SceneError(f'sweep: the grid has {count} cases, more than {MOST_CASES}; take fewer values or design.kind: sobol')
+        if sweep.fewest > MOST_CASES:
+            raise SceneError(f'sweep: the grid has {sweep.fewest} cases, more than {MOST_CASES}; take fewer values or design.kind: sobol')
         grids = [parameter.grid for parameter in parameters]
         return [dict(zip(names, values, strict=True)) for values in itertools.product(*grids)]
     if design.kind in SENSITIVITY:
@@ -159,9 +166,11 @@ def _salib(sweep: Sweep) -> Any:
     return lambda asked: sobol.sample(asked, n, calc_second_order=False, seed=seed)
 
 
-def units_of(sweep: Sweep, channels: Channels) -> dict[str, str]:
-    """Units of the figures. Raises SceneError for a quantity that the scene does not have."""
-    units = {}
+def units_of(sweep: Sweep, channels: Channels, keys: Mapping[str, str]) -> dict[str, str]:
+    """Units of parameters and figures, where they have one. keys: units of the keys of the scene. Raises SceneError for a quantity that the
+    scene does not have."""
+    of = {name: keys.get(name) or keys.get(name.rpartition('[')[0]) for name in sweep.parameters}  # of a list it is said once
+    units = {name: unit for name, unit in of.items() if unit}
     for name, figure in sweep.figures.items():
         try:
             units[name] = 's' if figure.take == 'peak_time' else quantity(figure.quantity, channels).unit

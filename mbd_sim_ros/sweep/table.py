@@ -5,9 +5,11 @@ from __future__ import annotations
 import base64
 import csv
 import html
+import importlib
 import io
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -75,11 +77,10 @@ def sensitivities(sweep: Sweep, rows: Sequence[Row]) -> dict[str, dict[str, dict
 def write_report(sweep: Sweep, rows: Sequence[Row], indices: dict[str, Any], units: Mapping[str, str], directory: Path, title: str) -> Path:
     """Write report.html: counts, extremes of every figure and where they are, a picture per figure, failures. Raises BagError.
 
-    units: of the figures.
+    units: of parameters and figures, where they have one.
     """
     counts = {status: sum(row['status'] == status for row in rows) for status in COLOURS}
     parts = [f'<p>{len(rows)} cases: {", ".join(f"{n} {status}" for status, n in counts.items())}.</p>']
-    parts.append('<p class="soft">Parameters are in SI units, but for those whose names end in their unit (_kmh, _deg).</p>')
     for figure, meaning in sweep.figures.items():
         known = [row for row in rows if math.isfinite(row[figure])]
         parts.append(f'<h2>{html.escape(figure)}: {meaning.take} of {html.escape(meaning.quantity)}</h2>')
@@ -88,7 +89,7 @@ def write_report(sweep: Sweep, rows: Sequence[Row], indices: dict[str, Any], uni
             continue
         low, high = min(known, key=lambda row: row[figure]), max(known, key=lambda row: row[figure])
         parts.append(f'<p>from {low[figure]:.6g} (case {low["case"]}) to {high[figure]:.6g} {units[figure]} (case {high["case"]})</p>')
-        parts.append(f'<img alt="{html.escape(figure)}" src="data:image/png;base64,{_picture(sweep, known, figure, units[figure])}">')
+        parts.append(f'<img alt="{html.escape(figure)}" src="data:image/png;base64,{_picture(sweep, known, figure, units)}">')
         if figure in indices:
             keys = list(next(iter(indices[figure].values())))
             rows_ = ''.join(
@@ -106,7 +107,7 @@ def write_report(sweep: Sweep, rows: Sequence[Row], indices: dict[str, Any], uni
     return file
 
 
-def _picture(sweep: Sweep, rows: Sequence[Row], figure: str, unit: str) -> str:
+def _picture(sweep: Sweep, rows: Sequence[Row], figure: str, units: Mapping[str, str]) -> str:
     """The figure over every parameter, as PNG in base64."""
     from matplotlib.figure import Figure
 
@@ -120,8 +121,8 @@ def _picture(sweep: Sweep, rows: Sequence[Row], figure: str, unit: str) -> str:
             some = [row for row in rows if row['status'] == status]
             if some:
                 axes.plot([row[name] for row in some], [row[figure] for row in some], 'o', color=colour, markersize=4, label=status)
-        axes.set_xlabel(name, fontsize=9)
-        axes.set_ylabel(f'{figure} [{unit}]' if k % across == 0 else '', fontsize=9)
+        axes.set_xlabel(_with_unit(name, units), fontsize=9)
+        axes.set_ylabel(_with_unit(figure, units) if k % across == 0 else '', fontsize=9)
         axes.tick_params(labelsize=8)
         axes.grid(color='#e5e5e5')
         if k == 0:
@@ -129,3 +130,14 @@ def _picture(sweep: Sweep, rows: Sequence[Row], figure: str, unit: str) -> str:
     out = io.BytesIO()
     drawing.savefig(out, format='png')
     return base64.b64encode(out.getvalue()).decode()
+
+
+def _with_unit(name: str, units: Mapping[str, str]) -> str:
+    return f'{name} [{units[name]}]' if units.get(name) else name
+
+
+def get_ready() -> None:
+    """Import what a table and a report need: a second, which costs a sweep nothing while its cases run."""
+    for library in ('pyarrow.parquet', 'matplotlib.figure'):
+        with suppress(ImportError):
+            importlib.import_module(library)

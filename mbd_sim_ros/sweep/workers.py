@@ -47,43 +47,61 @@ class Worker:
         self.pipe.close()
 
 
-def run_here(cases: Sequence[Case], count: int) -> Iterator[Row]:
-    """The rows of the cases, as they are done, by `count` processes. Raises BagError when what is kept cannot be written."""
-    context = multiprocessing.get_context('spawn')  # a fork would share locks of threads, and signals
-    waiting = deque((case, TRIES) for case in cases)
-    workers: list[Worker] = []
-    left: dict[int, int] = {}
-    try:
-        workers += [Worker(context) for _ in range(min(count, len(cases)))]
-        for worker in workers:
+class Workers:
+    """Processes of this machine, started at once: they import what they need while the cases are laid out. To be used in a `with`."""
+
+    def __init__(self, count: int) -> None:
+        self._context = multiprocessing.get_context('spawn')  # a fork would share locks of threads, and signals
+        self.at_work: list[Worker] = []
+        try:
+            for _ in range(count):
+                self.at_work.append(Worker(self._context))
+        except BaseException:
+            self.end()
+            raise
+
+    def __enter__(self) -> Workers:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.end()
+
+    def end(self) -> None:
+        """End all of them now."""
+        for worker in self.at_work:
+            worker.end()
+
+    def run(self, cases: Sequence[Case]) -> Iterator[Row]:
+        """The rows of the cases, as they are done. Raises BagError when what is kept cannot be written."""
+        waiting = deque((case, TRIES) for case in cases)
+        left: dict[int, int] = {}
+        for worker in self.at_work:
             _next(worker, waiting, left)
-        while any(worker.case for worker in workers):
-            for pipe in wait([worker.pipe for worker in workers if worker.case]):
-                i = next(k for k, worker in enumerate(workers) if worker.pipe is pipe)
-                case = workers[i].case
+        while any(worker.case for worker in self.at_work):
+            for pipe in wait([worker.pipe for worker in self.at_work if worker.case]):
+                i = next(k for k, worker in enumerate(self.at_work) if worker.pipe is pipe)
+                case = self.at_work[i].case
                 assert case is not None
                 try:
-                    row = workers[i].pipe.recv()
-                    workers[i].case = None
+                    row = self.at_work[i].pipe.recv()
+                    self.at_work[i].case = None
                 except (EOFError, OSError):
                     row = None
                 if isinstance(row, MbdError):
                     raise row
                 if row is not None:
+                    _next(self.at_work[i], waiting, left)
                     yield row
-                else:
-                    workers[i].end()
-                    number = workers[i].process.exitcode
-                    workers[i] = Worker(context)
-                    tries = left[case.number] - 1
-                    if tries:
-                        waiting.appendleft((case, tries))
-                    else:
-                        yield lost(case, f'its worker died twice (exit code {number})')
-                _next(workers[i], waiting, left)
-    finally:
-        for worker in workers:
-            worker.end()
+                    continue
+                self.at_work[i].end()
+                number = self.at_work[i].process.exitcode
+                self.at_work[i] = Worker(self._context)
+                tries = left[case.number] - 1
+                if tries:
+                    waiting.appendleft((case, tries))
+                _next(self.at_work[i], waiting, left)
+                if not tries:
+                    yield lost(case, f'its worker died twice (exit code {number})')
 
 
 def lost(case: Case, message: str) -> Row:

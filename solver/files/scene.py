@@ -61,13 +61,18 @@ def known_names(folder: str = 'scenes') -> list[str]:
 def load_scene(name: str | Path, overrides: Sequence[str] = ()) -> Scene:
     """Load a scene by path or name. overrides: 'a.b.c=value' assignments. Raises SceneError (one sentence: place, value, remedy)."""
     file = find_file(name, 'scenes')
-    return _scene(read(file, config_directories()), file.stem, overrides)
+    return _scene(read(file, config_directories()), file.stem, overrides)[0]
 
 
 def load_scene_text(text: str, name: str = 'scene', overrides: Sequence[str] = ()) -> Scene:
     """Load a scene from YAML text, e.g. the resolved text in a recording; `name` is what error sentences call it."""
-    directories = config_directories()
-    return _scene(include(parse(text, name), directories), name, overrides)
+    return load_scene_and_units(text, name, overrides)[0]
+
+
+def load_scene_and_units(text: str, name: str = 'scene', overrides: Sequence[str] = ()) -> tuple[Scene, dict[str, str]]:
+    """load_scene_text(), and the units of the keys given, as they are written ('deg' of one that ends in _deg): path -> unit, where
+    there is one."""
+    return _scene(include(parse(text, name), config_directories()), name, overrides)
 
 
 def load_maneuver(name: str | Path, overrides: Sequence[str] = ()) -> Maneuver:
@@ -83,7 +88,8 @@ def _apply(root: Node, overrides: Sequence[str]) -> None:
         override(root, assignment, config_directories())
 
 
-def _scene(root: Node, name: str, overrides: Sequence[str]) -> Scene:
+def _scene(root: Node, name: str, overrides: Sequence[str]) -> tuple[Scene, dict[str, str]]:
+    """A scene, and the units of its keys."""
     _apply(root, overrides)
     builder = MechanismReader().builder()
     builder.hooks |= {Require: requirements.require, Bound: requirements.bound}
@@ -95,7 +101,7 @@ def _scene(root: Node, name: str, overrides: Sequence[str]) -> Scene:
         fields = builder.mapping(root, '')
     model = _model(builder, fields, root)
     given = {'model': model, 'resolved': text_of(root)}
-    return builder.construct(Scene, fields, root, '', given=given, extra=MODEL_KEYS)
+    return builder.construct(Scene, fields, root, '', given=given, extra=MODEL_KEYS), builder.units
 
 
 MODEL_KEYS = ('mechanism', 'vehicle', 'trailer', 'road')

@@ -35,6 +35,7 @@ from solver.files.yaml_tree import join, refuse, where
 NUMBER = re.compile(r'[-+]?(0|[1-9][0-9]*)?(\.[0-9]*)?([eE][-+]?[0-9]+)?')
 COMPLAINT = re.compile(r'(?:[^=]*?: )?(?P<field>\w+)(?P<rest>[\w.\[\]]*(?: = |: ).*)', re.DOTALL)  # of a specification about its field
 SUFFIXES = {'deg': ('rad', math.pi / 180.0), 'mm': ('m', 1e-3), 'kmh': ('m/s', 1.0 / 3.6), 'rpm': ('rad/s', math.pi / 30.0)}
+WRITTEN = {'deg': 'deg', 'mm': 'mm', 'kmh': 'km/h', 'rpm': '1/min'}
 _NULL = ('', '~', 'null')
 
 Fields = dict[str, tuple[Node, Node]]
@@ -45,10 +46,12 @@ class Builder:
     """Builds values of a type from nodes. hooks: functions for types that have a form of their own in files.
 
     A hook is called as hook(builder, type, node, path, name) and is found by the first class of the type's MRO that has one.
+    units: of the keys that were read, as they are written (path -> unit), where they have one.
     """
 
     def __init__(self, hooks: Mapping[type, Hook] | None = None) -> None:
         self.hooks = dict(hooks or {})
+        self.units: dict[str, str] = {}
 
     def build(self, hint: Any, node: Node, path: str = '', name: str | None = None) -> Any:
         """Value of type `hint` from a node; `name` is the key of a named part. Raises SceneError."""
@@ -118,6 +121,8 @@ class Builder:
                 raise SceneError(f'{where(key_node)}: {here}: {remedy}')
             built = self.build(hints[field], value, here)
             values[field] = built if factor == 1.0 else _scaled(built, factor)
+            if unit := unit_of(hints[field]) if factor == 1.0 else WRITTEN[key.rpartition('_')[2]]:
+                self.units[here] = unit
         missing = [k for k, f in wanted.items() if k not in values and f.default is f.default_factory is dataclasses.MISSING]
         if missing:
             raise SceneError(f'{where(node)}: {path}{": " if path else ""}the key {missing[0]!r} is missing')

@@ -10,7 +10,7 @@ import pytest
 from mbd_sim_ros.commands.main import INTERNAL_ERROR, main
 from mbd_sim_ros.sweep.case import Case
 from mbd_sim_ros.sweep.design import Figure
-from mbd_sim_ros.sweep.workers import run_here
+from mbd_sim_ros.sweep.workers import Workers
 from solver.errors import BagError
 from solver.files.scene import load_scene
 
@@ -105,5 +105,5 @@ def test_a_sweep_whose_rows_cannot_be_kept_stops_with_a_sentence(tmp_path: Path)
     scene = load_scene('pendulum', ['duration=0.01'])
     figures = {'a': Figure(quantity=f'joint_states/{scene.model.joints[0].name}/position')}
     case = Case(number=0, text=scene.resolved, name='pendulum', values={}, figures=figures, rows=str(tmp_path / 'gone'))
-    with pytest.raises(BagError, match=r'gone.*No such file.*the same command goes on'):
-        list(run_here([case], 1))
+    with Workers(1) as workers, pytest.raises(BagError, match=r'gone.*No such file.*the same command goes on'):
+        list(workers.run([case]))

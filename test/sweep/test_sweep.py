@@ -63,6 +63,20 @@ def test_a_grid_is_every_combination_and_its_figures_are_those_of_single_runs(tm
     assert 'lowest' in Path(found['report']).read_text()
 
 
+def test_axes_of_the_report_name_their_units_as_the_file_writes_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """From the hints of the specifications: of a number, of one that is written in km/h; a count has none."""
+    labels: list[str] = []
+    monkeypatch.setattr('matplotlib.axes.Axes.set_xlabel', lambda _, text, **__: labels.append(text))
+    monkeypatch.setattr('matplotlib.axes.Axes.set_ylabel', lambda _, text, **__: labels.append(text))
+    parameters = {'integrator.h': {'values': [0.001]}, 'start.speed_kmh': {'values': [80]}, 'integrator.iterations': {'values': [2]}}
+    figures = {'fastest': {'quantity': 'yaw_rate', 'take': 'peak'}}
+    file = {'scene': 'light_car_straight', 'set': ['duration=0.01'], 'parameters': parameters, 'figures': figures}
+    (tmp_path / 's.yaml').write_text(json.dumps(file))
+    assert main(['sweep', str(tmp_path / 's.yaml'), '--out', str(tmp_path / 'out'), '--workers', '1']) == 0
+    assert labels[::2] == ['integrator.h [s]', 'start.speed_kmh [km/h]', 'integrator.iterations']
+    assert labels[1] == 'fastest [rad/s]'
+
+
 def test_finished_cases_are_not_run_again_and_the_table_keeps_its_bits(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     file = tmp_path / 's.yaml'
     file.write_text(FILE)
@@ -162,11 +176,11 @@ def test_a_worker_that_dies_costs_nothing(tmp_path: Path):
     todo = pendulums(12, tmp_path)
     expected = [row_of(case) for case in pendulums(12, tmp_path / 'none' if (tmp_path / 'none').mkdir() is None else tmp_path)]
     found = []
-    for row in (rows := workers.run_here(todo, 2)):
-        found.append(row)
-        if len(found) == 3:
-            frame = rows.gi_frame  # type: ignore[attr-defined]
-            os.kill(frame.f_locals['workers'][0].process.pid, signal.SIGKILL)
+    with workers.Workers(2) as crew:
+        for row in crew.run(todo):
+            found.append(row)
+            if len(found) == 3:
+                os.kill(crew.at_work[0].process.pid, signal.SIGKILL)
     assert sorted(found, key=lambda row: row['case']) == expected
 
 
