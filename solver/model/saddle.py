@@ -21,6 +21,7 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.compiled.kernel import invoke, kernel
+from solver.compiled.memory import zeros
 from solver.compiled.vec import load33
 from solver.linear.blocks import WIDTH, add_row_products, add_weighted_product, combined_block, rotated_block, subtract_weighted_rows
 from solver.model.tables import FACTORIZE, SOLVE
@@ -43,14 +44,16 @@ class Saddle(NamedTuple):
 def new_saddle(model, form: int) -> Saddle:
     """Allocate for a model and a form."""
     plan = model.tables.block if form == BLOCK else model.tables.condensed
+    W = zeros(model.n_rows + 6)
+    W[:] = 1.0
     return Saddle(
-        B=np.zeros((int(plan.n_blocks[0]), 6, WIDTH)),
-        x=np.zeros((max(len(plan.node), model.n_bodies + 1), WIDTH)),
-        T=np.zeros((6, WIDTH)),
-        t=np.zeros(model.n_rows + WIDTH),
-        W=np.ones(model.n_rows + 6)[: model.n_rows],
-        J_force=np.zeros((model.n_entries + 1, 6, 6)),
-        J_row=np.zeros((model.n_entries + 1, 6, WIDTH)),
+        B=zeros((int(plan.n_blocks[0]), 6, WIDTH)),
+        x=zeros((max(len(plan.node), model.n_bodies + 1), WIDTH)),
+        T=zeros((6, WIDTH)),
+        t=zeros(model.n_rows + WIDTH),
+        W=W[: model.n_rows],
+        J_force=zeros((model.n_entries + 1, 6, 6)),
+        J_row=zeros((model.n_entries + 1, 6, WIDTH)),
     )
 
 

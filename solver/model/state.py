@@ -13,6 +13,7 @@ import numpy as np
 
 from solver.compiled.by_reference import Ref
 from solver.compiled.kernel import kernel
+from solver.compiled.memory import zeros
 from solver.compiled.portable import product
 from solver.compiled.so3 import matrix_of_quaternion
 from solver.elements.coordinate import coordinate_value
@@ -41,18 +42,20 @@ class State(NamedTuple):
 def new_state(model) -> State:
     """A state of zeros with the placed configuration."""
     nb, nz, nc, nx = model.n_bodies, model.n_internal, model.n_rows, len(model.coordinate_names)
-    six = lambda: np.zeros((nb + 1, 6))  # noqa: E731
+    six = lambda: zeros((nb + 1, 6))  # noqa: E731
+    q = zeros((nb + 1, 7))
+    q[:] = placed_configuration(model.spec.bodies)
     return State(
-        placed_configuration(model.spec.bodies),
+        q,
         six(),
         six(),
         six(),
         six(),
-        np.zeros(nz),
-        np.zeros(nz),
-        np.zeros(nc),
-        np.zeros(nc),
-        np.zeros(nx),
+        zeros(nz),
+        zeros(nz),
+        zeros(nc),
+        zeros(nc),
+        zeros(nx),
     )
 
 
@@ -89,7 +92,9 @@ def fill_kinematics(q, v, kin):
 
 def new_kinematics(nb: int) -> Kinematics:
     """Kinematics of nb bodies and the world, all in place."""
-    return Kinematics(np.tile(np.eye(3), (nb + 1, 1, 1)), np.zeros((nb + 1, 3)), np.zeros((nb + 1, 6)))
+    R = zeros((nb + 1, 3, 3))
+    R[:] = np.eye(3)
+    return Kinematics(R, zeros((nb + 1, 3)), zeros((nb + 1, 6)))
 
 
 def kinematics_of(q: np.ndarray, v: np.ndarray) -> Ref:

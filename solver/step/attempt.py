@@ -65,7 +65,8 @@ def _move_history(c, kept, s, history, h):
 
 @kernel(inner=True)
 def take(tables, c, control, source, before, target, after, h, u, t, outputs, audit, follow, work):
-    """One step of size h from source, with the history `before`, to target, with the history `after`; source is left as it was.
+    """One step of size h from source, with the history `before`, to target, with the history `after` (or the same) where it succeeds;
+    source is left as it was.
 
     follow: how far inputs are continued to the end of the step (keep_account). Returns the counters; the result is in work.
     """
@@ -81,22 +82,24 @@ def take(tables, c, control, source, before, target, after, h, u, t, outputs, au
     if moved:
         _move_history(c, control.kept, source, before, h)
     counters = converge(tables, c, control, source, target, h, tolerance, u, t, outputs, work)
-    for i in range(source.zd.shape[0]):
-        after.z_rate[i] = (target.zd[i] - source.zd[i]) / h
+    result = last_result(work)
+    if result.status == OK:
+        for i in range(source.zd.shape[0]):
+            after.z_rate[i] = (target.zd[i] - source.zd[i]) / h
     if moved:
         kept = control.kept
         copy_table(kept.v, source.v)
         copy_table(kept.a, source.a)
         copy_vector(kept.zd, source.zd)
+    if result.status != OK:
+        return counters
     after.size[0] = h
     after.size[1] = between
     for b in range(target.v.shape[0]):
         for i in range(6):
             after.offset[b, i] = target.v[b, i] - work.v_out[b, i]
     if audit:
-        result = last_result(work)
-        if result.status == OK:
-            keep_account(tables, h, follow, target, u, result.counters, work)
+        keep_account(tables, h, follow, target, u, result.counters, work)
     return counters
 
 
@@ -108,7 +111,8 @@ def single(tables, c, control, old, new, h, end, now, t, outputs, audit, work):
         inputs_inside(control.motion, control.grid, work.u_before, now, end, control.u_end)
         u = control.u_end
     follow = control.hold - (1.0 - end)
-    counters = take(tables, c, control, old, control.history, new, control.next, h, u, t, outputs, audit, follow, work)
+    history = control.history
+    counters = take(tables, c, control, old, history, new, history, h, u, t, outputs, audit, follow, work)
     return _judged(last_result(work), counters, 0.0)
 
 

@@ -29,6 +29,7 @@ import numpy as np
 
 from solver.compiled.by_reference import matrix_at
 from solver.compiled.kernel import kernel
+from solver.compiled.memory import zeros
 from solver.model.evaluate import constraint_rates
 from solver.model.saddle import CONDENSED, solve_saddle
 from solver.step.stage import largest_turn
@@ -69,19 +70,19 @@ def new_augmentation(model) -> Augmentation:
     """Allocate for a model."""
     n, nb, nc = MOST_DIRECTIONS, model.n_bodies, model.n_rows
     return Augmentation(
-        np.zeros(n * nc),
-        np.zeros(n * (nb + 1) * 6),
-        np.zeros(n * nc),
-        np.zeros(1, np.int64),
-        np.zeros(n),
-        np.zeros(n),
-        np.zeros(n),
-        np.zeros(1, np.int64),
-        np.zeros(1, np.int64),
-        np.zeros(1, np.int64),
-        np.zeros(1),
-        np.zeros(nc),
-        np.zeros((nb + 1, 6)),
+        zeros(n * nc),
+        zeros(n * (nb + 1) * 6),
+        zeros(n * nc),
+        zeros(1, int),
+        zeros(n),
+        zeros(n),
+        zeros(n),
+        zeros(1, int),
+        zeros(1, int),
+        zeros(1, int),
+        zeros(1),
+        zeros(nc),
+        zeros((nb + 1, 6)),
     )
 
 
@@ -105,6 +106,27 @@ def weighed(W, x, y):
     for i in range(n - n % 4, n):
         one += W[i] * x[i] * y[i]
     return (one + two) + (three + four)
+
+
+@kernel(inner=True)
+def _both_weighed(W, x, y):
+    """(sum of W x x, sum of W y y), added as weighed() adds: side by side neither waits."""
+    n = W.shape[0]
+    x_one, x_two, x_three, x_four = 0.0, 0.0, 0.0, 0.0
+    y_one, y_two, y_three, y_four = 0.0, 0.0, 0.0, 0.0
+    for i in range(0, n - 3, 4):
+        x_one += W[i] * x[i] * x[i]
+        x_two += W[i + 1] * x[i + 1] * x[i + 1]
+        x_three += W[i + 2] * x[i + 2] * x[i + 2]
+        x_four += W[i + 3] * x[i + 3] * x[i + 3]
+        y_one += W[i] * y[i] * y[i]
+        y_two += W[i + 1] * y[i + 1] * y[i + 1]
+        y_three += W[i + 2] * y[i + 2] * y[i + 2]
+        y_four += W[i + 3] * y[i + 3] * y[i + 3]
+    for i in range(n - n % 4, n):
+        x_one += W[i] * x[i] * x[i]
+        y_one += W[i] * y[i] * y[i]
+    return (x_one + x_two) + (x_three + x_four), (y_one + y_two) + (y_three + y_four)
 
 
 @kernel(inline=True)
@@ -169,9 +191,11 @@ def combine(tables, form, saddle, augmentation, measure, share, smallest, g, dw,
         for i in range(dlam.shape[0]):
             t[i] = -dlam[i] / W[i]
     if measure:
-        augmentation.violation[0] = weighed(W, g, g)
+        augmentation.violation[0], left = _both_weighed(W, g, t)
+    else:
+        left = weighed(W, t, t)
     enough = share * augmentation.violation[0]
-    if weighed(W, t, t) > enough:
+    if left > enough:
         return _combine(tables, form, saddle, augmentation, enough, smallest, dw, dlam, augmentation.part)
     return 0
 

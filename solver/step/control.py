@@ -21,6 +21,7 @@ LONGEST_PATIENCE = 640.0
 
 WANTED, TAKEN, LAST_ERROR, EASY, PATIENCE = range(5)  # entries of Control.memory
 OPEN, DONE, CAUSE, UNDETERMINED, TRIED, H_BEFORE, ERROR_BEFORE, H_LAST, ERROR_LAST, H_BEST, ERROR_BEST, ABANDON, FAILED = range(13)
+PROGRESS = 13  # of these
 SUBSTEPS, REJECTED, PENDING = range(3)  # entries of Control.counts
 KINDS = ('step', 'penalty', 'error')
 CAUSES = ('failure', 'error', 'stagnation', 'no help', 'easy', 'undetermined')
@@ -55,7 +56,7 @@ class Kept(NamedTuple):
     history: History
     penalty: np.ndarray  # (nc,)
     energy: np.ndarray  # (LENGTH,)
-    energy_before: np.ndarray  # before an attempt
+    energy_before: np.ndarray  # before an attempt, but the first of an interval
     penalty_before: np.ndarray  # before penalties were raised
     v: np.ndarray  # of a state whose history is moved
     a: np.ndarray
@@ -87,7 +88,7 @@ class Control(NamedTuple):
     reserve: int  # events that one attempt can make
     progress: np.ndarray  # (13,) of the interval that is OPEN; an interval that is not done yet is taken up by the next call
     middle: History  # after the first of two steps
-    next: History  # after an attempt
+    next: History  # after an attempt of two steps, which may not be accepted
     begin: State  # of the interval, once a part of it is done
     full: State  # after one step instead of two
     masses: Saddle  # of order four, else empty
@@ -124,7 +125,7 @@ def new_control(model, settings: IntegratorSettings, hold: float, fourth: int) -
         base=np.full(nc, settings.penalty), internal_size=np.array(model.internal_size, float),
         motion=np.array([[names.index(n + end) for end in ('', RATE, ACCELERATION)] for n in motions], np.int64).reshape(-1, 3),
         memory=np.zeros(5), history=new_history(model), counts=np.zeros(3, np.int64), events=np.zeros((reserve + ROOM, 6)),
-        reserve=reserve, progress=np.zeros(13), middle=new_history(model), next=new_history(model),
+        reserve=reserve, progress=np.zeros(PROGRESS), middle=new_history(model), next=new_history(model),
         begin=new_state(model), full=new_state(model), masses=masses, half=new_state(model), kept=kept,
         u_middle=np.zeros(len(names)), u_end=np.zeros(len(names)),
     )  # fmt: skip

@@ -39,6 +39,7 @@ from solver.step.control import (
     OPEN,
     PATIENCE,
     PENDING,
+    PROGRESS,
     RAISE,
     REJECTED,
     SUBSTEPS,
@@ -75,14 +76,13 @@ def is_undetermined(h_before, before, h, error, allowed):
 
 @kernel(inner=True)
 def _open(c, control, work):
-    """Begin an interval: remember what it may change."""
+    """Begin an interval: remember what its first attempt may change."""
     kept, progress = control.kept, control.progress
     copy_vector(control.memory, kept.memory)
-    copy_history(control.history, kept.history)
     copy_vector(work.energy, kept.energy)
     if control.adaptive == 1:
         copy_vector(c.penalty, kept.penalty)
-    for i in range(progress.shape[0]):
+    for i in range(PROGRESS):
         progress[i] = 0.0
     progress[OPEN] = 1.0
     progress[CAUSE] = ERROR if control.by_error == 1 else EASY_GOING
@@ -94,8 +94,8 @@ def _give_up(c, control, old, work):
     kept, progress = control.kept, control.progress
     if progress[DONE] > 0.0:
         copy_whole_state(control.begin, old)
+        copy_history(kept.history, control.history)
     copy_vector(kept.memory, control.memory)
-    copy_history(kept.history, control.history)
     copy_vector(kept.energy, work.energy)
     if control.adaptive == 1:
         copy_vector(kept.penalty, c.penalty)
@@ -178,7 +178,8 @@ def _go_smaller(control, h, attempt):
 def _accept(c, control, here, end, h, attempt):
     """The attempt stands: its history, its counters, and what comes next."""
     memory, progress = control.memory, control.progress
-    copy_history(control.next, control.history)
+    if control.group == 2:
+        copy_history(control.next, control.history)
     control.counts[SUBSTEPS] += control.group
     _relax(c, control, here, attempt)
     progress[CAUSE] = ERROR if control.by_error == 1 else EASY_GOING
@@ -214,9 +215,13 @@ def _interval(tables, c, control, old, new, u, t, outputs, audit, left, work):
         end = 1.0 if count == 1.0 else done + part
         here = t + done * grid
         h = _note_step(control, here, part * grid / control.group)
+        before = control.kept.energy  # of the attempt
         if done == 0.0 and count > 1.0:
             copy_whole_state(old, control.begin)
-        copy_vector(work.energy, control.kept.energy_before)
+            copy_history(control.history, control.kept.history)
+        elif done > 0.0:
+            before = control.kept.energy_before
+            copy_vector(work.energy, before)
         shown = np.bool_(audit or (outputs and count == 1.0))
         if control.group == 2:
             attempt = pair(tables, c, control, old, new, h, done, end, u, here, shown, audit, work)
@@ -230,7 +235,7 @@ def _interval(tables, c, control, old, new, u, t, outputs, audit, left, work):
             swapped = not swapped
             continue
         control.counts[REJECTED] += 1
-        copy_vector(control.kept.energy_before, work.energy)
+        copy_vector(before, work.energy)
         if not _go_smaller(control, h, attempt):
             _give_up(c, control, old, work)
             return INACCURATE if attempt.status == OK else attempt.status, attempt.where, total, attempts, swapped

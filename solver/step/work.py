@@ -8,6 +8,7 @@ import numpy as np
 
 from solver.compiled.by_reference import Ref
 from solver.compiled.kernel import kernel
+from solver.compiled.memory import zeros
 from solver.elements.point_pair import Kinematics
 from solver.elements.registry import FORCES
 from solver.model.saddle import Saddle
@@ -170,21 +171,21 @@ def last_result(work):
 def new_work(model, saddle: Saddle, outputs: np.ndarray, arrays: OutputArrays) -> Ref:
     """Allocate the scratch (Work, by reference) of a model; outputs and arrays are the arrays that it fills."""
     nb, nc, ns, ne, nz = model.n_bodies, model.n_rows, model.n_slots, model.n_entries, model.n_internal
-    six = lambda: np.zeros((nb + 1, 6))  # noqa: E731
-    row = lambda: np.zeros(nc)  # noqa: E731
-    unit = lambda: np.tile(np.eye(3), (nb + 1, 1, 1))  # noqa: E731
+    six = lambda: zeros((nb + 1, 6))  # noqa: E731
+    row = lambda: zeros(nc)  # noqa: E731
+    unit = lambda: new_kinematics(nb).R  # noqa: E731
     used = np.concatenate([model.inputs_of(kind.name) for kind in FORCES])
     forces = np.isin(np.arange(len(model.spec.inputs)), used).astype(float)
     work = Work(
         kin_stage=new_kinematics(nb), kin_end=new_kinematics(nb), T_stage=unit(), T_end=unit(),
-        f=six(), r=six(), dw=six(), a_best=six(), lam_best=row(), Kq=np.zeros((ns + 1, 6, 6)), Kv=np.zeros((ns + 1, 6, 6)),
+        f=six(), r=six(), dw=six(), a_best=six(), lam_best=row(), Kq=zeros((ns + 1, 6, 6)), Kv=zeros((ns + 1, 6, 6)),
         phi_end=row(), phi_stage=row(), g=row(), dlam=row(), phi_t=row(), phi_tt=row(), rate=row(),
-        J_end=np.zeros((ne + 1, 6, 6)), J_stage=np.zeros((ne + 1, 6, 6)), zp=np.zeros(nz), z_stage=np.zeros(nz),
-        saddle=saddle, outputs=outputs, v_out=six(), a_out=six(), lam_out=row(), energy=np.zeros(LENGTH),
-        u_force=forces, u_before=np.zeros_like(forces), u_end=np.zeros_like(forces), outputs_end=outputs.copy(),
+        J_end=zeros((ne + 1, 6, 6)), J_stage=zeros((ne + 1, 6, 6)), zp=zeros(nz), z_stage=zeros(nz),
+        saddle=saddle, outputs=outputs, v_out=six(), a_out=six(), lam_out=row(), energy=zeros(LENGTH),
+        u_force=forces, u_before=zeros(len(forces)), u_end=zeros(len(forces)), outputs_end=outputs.copy(),
         augmentation=new_augmentation(model),
         formulation=new_formulation(model),
         chassis=model.body_names.index(model.spec.chassis) if model.spec.chassis else 0, arrays=arrays,
-        result=np.zeros(2 + len(Counters._fields)),
+        result=zeros(2 + len(Counters._fields)),
     )  # fmt: skip
     return Ref(work)
