@@ -96,37 +96,17 @@ def begin_augmentation(augmentation):
 @kernel(inner=True)
 def weighed(W, x, y):
     """sum of W x y, in four partial sums, because a sum waits for the one before."""
-    n = W.shape[0]
+    n = W.shape[0] // 4
+    U, a, b = matrix_at(W, 0, n, 4), matrix_at(x, 0, n, 4), matrix_at(y, 0, n, 4)  # rows of four are loaded at once
     one, two, three, four = 0.0, 0.0, 0.0, 0.0
-    for i in range(0, n - 3, 4):
-        one += W[i] * x[i] * y[i]
-        two += W[i + 1] * x[i + 1] * y[i + 1]
-        three += W[i + 2] * x[i + 2] * y[i + 2]
-        four += W[i + 3] * x[i + 3] * y[i + 3]
-    for i in range(n - n % 4, n):
+    for k in range(n):
+        one += U[k, 0] * a[k, 0] * b[k, 0]
+        two += U[k, 1] * a[k, 1] * b[k, 1]
+        three += U[k, 2] * a[k, 2] * b[k, 2]
+        four += U[k, 3] * a[k, 3] * b[k, 3]
+    for i in range(4 * n, W.shape[0]):
         one += W[i] * x[i] * y[i]
     return (one + two) + (three + four)
-
-
-@kernel(inner=True)
-def _both_weighed(W, x, y):
-    """(sum of W x x, sum of W y y), added as weighed() adds: side by side neither waits."""
-    n = W.shape[0]
-    x_one, x_two, x_three, x_four = 0.0, 0.0, 0.0, 0.0
-    y_one, y_two, y_three, y_four = 0.0, 0.0, 0.0, 0.0
-    for i in range(0, n - 3, 4):
-        x_one += W[i] * x[i] * x[i]
-        x_two += W[i + 1] * x[i + 1] * x[i + 1]
-        x_three += W[i + 2] * x[i + 2] * x[i + 2]
-        x_four += W[i + 3] * x[i + 3] * x[i + 3]
-        y_one += W[i] * y[i] * y[i]
-        y_two += W[i + 1] * y[i + 1] * y[i + 1]
-        y_three += W[i + 2] * y[i + 2] * y[i + 2]
-        y_four += W[i + 3] * y[i + 3] * y[i + 3]
-    for i in range(n - n % 4, n):
-        x_one += W[i] * x[i] * x[i]
-        y_one += W[i] * y[i] * y[i]
-    return (x_one + x_two) + (x_three + x_four), (y_one + y_two) + (y_three + y_four)
 
 
 @kernel(inline=True)
@@ -191,11 +171,9 @@ def combine(tables, form, saddle, augmentation, measure, share, smallest, g, dw,
         for i in range(dlam.shape[0]):
             t[i] = -dlam[i] / W[i]
     if measure:
-        augmentation.violation[0], left = _both_weighed(W, g, t)
-    else:
-        left = weighed(W, t, t)
+        augmentation.violation[0] = weighed(W, g, g)
     enough = share * augmentation.violation[0]
-    if left > enough:
+    if weighed(W, t, t) > enough:
         return _combine(tables, form, saddle, augmentation, enough, smallest, dw, dlam, augmentation.part)
     return 0
 
