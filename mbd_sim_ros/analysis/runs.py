@@ -30,6 +30,7 @@ BLOCK_UNITS = {
     'imu': {'ax': 'm/s^2', 'ay': 'm/s^2', 'az': 'm/s^2', 'wx': 'rad/s', 'wy': 'rad/s', 'wz': 'rad/s'},
     'force': {'fx': 'N', 'fy': 'N', 'fz': 'N', 'mx': 'N m', 'my': 'N m', 'mz': 'N m'},
 }
+REACTION_UNITS = dict.fromkeys(('x', 'y', 'z', 'distance'), 'N') | dict.fromkeys(('xy', 'xz', 'yz', 'zz', 'twist'), 'N m')
 INPUT_UNITS = {
     'steering': 'rad',
     'steering_rate': 'rad/s',
@@ -42,7 +43,7 @@ INPUT_UNITS = {
 
 def units(*runs: Run) -> Callable[[str], str]:
     """The unit of a column, '' where the recordings do not tell: joints by their kind, elements by the kind whose outputs they have, those
-    on joint coordinates by the kind of these.
+    on joint coordinates by the kind of these, reactions by their row (docs/conventions.md).
     """
     kinds: dict[str, str] = {}
     along: dict[str, str] = {}
@@ -94,6 +95,8 @@ def _unit(column: str, kinds: Mapping[str, str], along: Mapping[str, str], outpu
     if topic == 'element_states':
         element = rest.rpartition('/')[0]
         return _element_units(tuple(outputs.get(element, ())), along.get(element, '')).get(last, '')
+    if topic == 'reactions':  # a row of a joint or contact, or the one of what ties joint coordinates
+        return REACTION_UNITS.get(last, '') if '/' in rest else JOINT_UNITS.get(along.get(rest, ''), {}).get('effort', '')
     block = BLOCK_UNITS.get(head.rpartition('/')[2], {})
     return block.get(last, '1' if last in ('qx', 'qy', 'qz', 'qw') else '')
 

@@ -81,9 +81,11 @@ def test_comments_and_blank_lines_in_a_table_are_skipped(tmp_path: Path) -> None
     assert read['angle'].tolist() == [1.0, 2.0]
 
 
-def test_every_element_and_joint_of_the_full_car_has_its_units(tmp_path: Path) -> None:
-    """The bars and the gears of the axles act on angles; a rack is a length, which its ratio brings to the angle of the pinion."""
-    simulation = simulation_of(load_scene('car_step_steer', ('record.elements=true',)))
+def test_every_element_joint_and_reaction_of_the_full_car_has_its_units(tmp_path: Path) -> None:
+    """The bars and the gears of the axles act on angles; a rack is a length, which its ratio brings to the angle of the pinion; the driver
+    of the steering wheel holds an angle by a torque, a row of axes gives a torque, one of points a force.
+    """
+    simulation = simulation_of(load_scene('car_step_steer', ('record.elements=true', 'record.reactions=true')))
     simulate(simulation, 2, directory=tmp_path / 'car')
     run = read(tmp_path / 'car')
     unit = runs.units(run)
@@ -91,6 +93,8 @@ def test_every_element_and_joint_of_the_full_car_has_its_units(tmp_path: Path) -
     assert {f'{e}/{o}': unit(f'element_states/{e}/{o}') for e, o in (('rack_and_pinion', 'value'), ('differential', 'force'))} == {
         'rack_and_pinion/value': 'rad', 'differential/force': 'N m',
     }  # fmt: skip
+    rows = ('wheel_front_left/x', 'wheel_front_left/xz', 'driver')
+    assert [unit(f'reactions/{row}') for row in rows] == ['N', 'N m', 'N m']
 
 
 def test_units_of_elements_are_those_of_their_kind() -> None:
