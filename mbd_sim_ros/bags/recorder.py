@@ -84,10 +84,10 @@ def about(simulation: Any, *, reactions: bool) -> dict[str, str]:
 
 def _element_kinds(model: ModelSpec, joint_kinds: Mapping[str, str]) -> dict[str, str]:
     """Element or constraint on joint coordinates -> 'rotation' or 'translation': what all of these are, else those with a factor of 1."""
-    from solver.elements.registry import CONSTRAINTS, FORCES  # not where the recording process is started, which needs none of them
+    from solver.elements.registry import KINDS  # not where the recording process is started, which needs none of them
 
     found = {}
-    for kind in (*FORCES, *CONSTRAINTS):
+    for kind in KINDS:
         for element in getattr(model, kind.name) if kind.on_coordinates else ():
             terms = [(joint_kinds.get(name, ''), factor) for name, factor in getattr(element, 'terms', ())]
             for kinds in ({one for one, _ in terms}, {one for one, factor in terms if abs(factor) == 1.0}):
