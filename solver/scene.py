@@ -8,6 +8,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Annotated, Literal, NamedTuple
 
+from solver.dimensions import Energy, Frequency, Speed, Time
 from solver.errors import SpecError, suggestion
 from solver.inputs.actuation import Actuation
 from solver.inputs.assistance import Assistance
@@ -58,7 +59,7 @@ class StartSettings:
 
     kind: Literal['as_placed', 'assemble', 'equilibrium'] = 'as_placed'
     stable: bool = True
-    speed: Annotated[float, 'm/s'] = 0.0
+    speed: Speed = 0.0
     coordinates: dict[str, CoordinateStart] = field(default_factory=dict)
 
 
@@ -75,10 +76,10 @@ class Record:
 
     every: int = 1
     elements: bool = True
-    elements_rate: Annotated[float, 'Hz'] = 100.0
+    elements_rate: Frequency = 100.0
     reactions: bool = False
     branches: bool = False
-    poses: Annotated[float, 'Hz'] = 50.0
+    poses: Frequency = 50.0
 
     def __post_init__(self) -> None:
         finite('record', 'every', self.every, low=1)
@@ -157,7 +158,7 @@ class Require:
     stand beside the other keys: `require: {yaw_rate: {rms: 2 %}}`.
     """
 
-    energy_error_max: Annotated[float | None, 'J'] = None
+    energy_error_max: Energy | None = None
     residual_max: float | None = None
     position_drift_max: Annotated[float | None, 'm or rad'] = None
     velocity_drift_max: Annotated[float | None, 'm/s or rad/s'] = None
@@ -197,7 +198,7 @@ class Scene:
     integrator: IntegratorSettings = field(default_factory=IntegratorSettings)
     fidelity: Fidelity = 'full'
     switches: dict[str, Literal['on', 'off']] = field(default_factory=dict)
-    duration: Annotated[float, 's'] = 10.0
+    duration: Time = 10.0
     record: Record = Record()
     sensors: Sensors = field(default_factory=Sensors)
     require: Require = Require()

@@ -15,11 +15,11 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
 
 import numpy as np
 
 from mbd_sim_ros.bags.reader import Run, Series
+from solver.dimensions import Angle
 from solver.errors import BagError, suggestion
 from solver.files.schema import Builder
 from solver.files.yaml_tree import read
@@ -51,7 +51,7 @@ class Axes:
     """Three channels, ours, that came along other axes: v_ours = Rz(yaw) Ry(pitch) Rx(roll) v_theirs (docs/conventions.md)."""
 
     channels: tuple[str, ...]
-    rpy: Annotated[tuple[float, ...], 'rad']
+    rpy: tuple[Angle, ...]
 
     def __post_init__(self) -> None:
         require(

@@ -13,8 +13,8 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
 
+from solver.dimensions import Time
 from solver.files.schema import Builder
 from solver.files.yaml_tree import read
 from solver.validate import finite
@@ -35,7 +35,7 @@ class Tolerance:
     atol: float = 1e-9
     rms: float | None = None
     peak: float | None = None
-    shift: Annotated[float | None, 's'] = None
+    shift: Time | None = None
     rating: float | None = None
 
     def __post_init__(self) -> None:

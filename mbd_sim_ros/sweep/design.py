@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -169,7 +170,7 @@ def _salib(sweep: Sweep) -> Any:
 def units_of(sweep: Sweep, channels: Channels, keys: Mapping[str, str]) -> dict[str, str]:
     """Units of parameters and figures, where they have one. keys: units of the keys of the scene. Raises SceneError for a quantity that the
     scene does not have."""
-    of = {name: keys.get(name) or keys.get(name.rpartition('[')[0]) for name in sweep.parameters}  # of a list it is said once
+    of = {name: keys.get(name) or keys.get(re.sub(r'(\[\d+\])+$', '', name)) for name in sweep.parameters}  # of a list it is said once
     units = {name: unit for name, unit in of.items() if unit}
     for name, figure in sweep.figures.items():
         try:

@@ -37,6 +37,7 @@ from solver.compiled.vec import (
     tmv,
     transpose,
 )
+from solver.dimensions import Area, Density
 from solver.elements.kind import ForceKind
 from solver.elements.marker import Context, Marker, Spec
 from solver.elements.point_pair import angular_velocity, linear_velocity
@@ -55,9 +56,9 @@ class AeroDragSpec(Spec):
 
     counted_as = 'external_forces'
     marker: Marker
-    drag_area: float
-    lift_area: float = 0.0
-    air_density: float = 1.2
+    drag_area: Area
+    lift_area: Area = 0.0
+    air_density: Density = 1.2
 
     def __post_init__(self) -> None:
         self.set('drag_area', finite(self.where, 'drag_area', self.drag_area, low=0.0))

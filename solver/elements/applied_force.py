@@ -30,10 +30,11 @@ from solver.compiled.vec import (
     tmm,
     tmv,
 )
+from solver.dimensions import Force, Torque
 from solver.elements.kind import ForceKind
 from solver.elements.marker import WORLD, Context, Marker, Spec, compile_pairs
 from solver.elements.point_pair import angular_velocity, linear_velocity
-from solver.validate import Vector, require, vector
+from solver.validate import require, vector
 
 OUTPUTS = {'energy': 'J', 'dissipation': 'W'} | dict.fromkeys(('fx', 'fy', 'fz'), 'N') | dict.fromkeys(('mx', 'my', 'mz'), 'N m')
 WORLD_AXES, BODY_AXES, REACTION_AXES = 0, 1, 2
@@ -52,8 +53,8 @@ class AppliedForceSpec(Spec):
 
     marker: Marker
     reaction: Marker | None = None
-    force: Vector = (0.0, 0.0, 0.0)
-    torque: Vector = (0.0, 0.0, 0.0)
+    force: tuple[Force, Force, Force] = (0.0, 0.0, 0.0)
+    torque: tuple[Torque, Torque, Torque] = (0.0, 0.0, 0.0)
     frame: Literal['world', 'body', 'reaction'] = 'world'
     input: str | None = None
 

@@ -26,6 +26,7 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.compiled.kernel import kernel, sixes
+from solver.dimensions import TurnDamping, TurnStiffness
 from solver.elements.coordinate import (
     add_coordinate_hessian,
     add_generalized,
@@ -55,8 +56,8 @@ class BrakeSpec(Spec):
     input: str
     gain: float
     own_input: str | None = None
-    stiffness: float
-    damping: float = 0.0
+    stiffness: TurnStiffness
+    damping: TurnDamping = 0.0
 
     def __post_init__(self) -> None:
         self.set('gain', finite(self.where, 'gain', self.gain, low=0.0))

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.compiled.kernel import kernel, sixes
+from solver.dimensions import Torque, TurnDamping, TurnStiffness
 from solver.elements.brake import friction
 from solver.elements.coordinate import (
     add_coordinate_hessian,
@@ -57,9 +58,9 @@ class ClutchSpec(Spec):
     outputs: tuple[tuple[str, float], ...]
     ratios: tuple[float, ...]
     reverse: float | None = None
-    capacity: float
-    stiffness: float
-    damping: float = 0.0
+    capacity: Torque
+    stiffness: TurnStiffness
+    damping: TurnDamping = 0.0
     input: str
     gear: str
 

@@ -11,12 +11,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from solver.compiled.kernel import kernel
 from solver.compiled.vec import col, cross, dot, load3, load33, madd, minus, mm, mscale, mv, outer, put33, scale, skew, sub, tmv, transpose
+from solver.dimensions import Length
 from solver.elements.kind import ConstraintKind
 from solver.elements.marker import ConstraintSpec, Context, Marker, compile_pairs, number_pairs
 from solver.elements.point_pair import angular_velocity, linear_velocity, point_position
@@ -45,7 +46,7 @@ class ContactSpec(ConstraintSpec):
     kind: Literal['rolling', 'knife_edge']
     i: Marker
     j: Marker
-    radius: Annotated[float | None, 'm'] = None
+    radius: Length | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:

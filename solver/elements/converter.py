@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.compiled.kernel import kernel, sixes
+from solver.dimensions import ConverterCapacity
 from solver.elements.coordinate import (
     add_coordinate_hessian,
     add_generalized_on,
@@ -63,7 +64,7 @@ class ConverterSpec(Spec):
     turbine: str
     speed_ratios: tuple[float, ...]
     torque_ratios: tuple[float, ...]
-    capacities: tuple[float, ...]
+    capacities: tuple[ConverterCapacity, ...]
 
     def __post_init__(self) -> None:
         require_converter(self.where, self.speed_ratios, self.torque_ratios, self.capacities)

@@ -11,11 +11,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from solver.compiled.kernel import kernel, sixes
+from solver.dimensions import Rate, Torque
 from solver.elements.coordinate import (
     add_coordinate_hessian,
     add_generalized,
@@ -49,9 +50,9 @@ class EngineSpec(Spec):
 
     coordinate: str
     input: str
-    speeds: Annotated[tuple[float, ...], 'rad/s']
+    speeds: tuple[Rate, ...]
     pedals: tuple[float, ...]
-    torques: tuple[tuple[float, ...], ...]
+    torques: tuple[tuple[Torque, ...], ...]
 
     def __post_init__(self) -> None:
         require_engine(self.where, self.speeds, self.pedals, self.torques)

@@ -40,6 +40,7 @@ import numpy as np
 
 from solver.compiled.kernel import kernel, sixes
 from solver.compiled.vec import dot, load33
+from solver.dimensions import Point, Stiffness, Time, TurnDamping, TurnStiffness
 from solver.elements.brake import HOLD, RELEASED, friction
 from solver.elements.coordinate import add_coordinate_hessian, add_gradient, coordinate_rate, evaluate_coordinate
 from solver.elements.guide_map import COLUMNS, QUANTITIES, Nodes, map_of
@@ -92,7 +93,7 @@ class GuideSpec(Spec):
     chassis: str
     left: str
     right: str
-    centers: tuple[Vector, Vector]
+    centers: tuple[Point, Point]
     axes: tuple[Vector, Vector] = ((0.0, 1.0, 0.0), (0.0, 1.0, 0.0))
     travel: tuple[float, float, int]
     steering: tuple[float, float, int] = (0.0, 1.0, 1)
@@ -100,7 +101,7 @@ class GuideSpec(Spec):
     opposite: tuple[float, ...] = (0.0,) * 30
     coordinate: str | None = None
     stiffness: tuple[float, ...]
-    lag: float = 0.0
+    lag: Time = 0.0
     windup: tuple[float, ...] = (0.0,) * 16
     springs: tuple[Law, Law]
     coupling: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
@@ -108,13 +109,13 @@ class GuideSpec(Spec):
     dampers: tuple[Law, Law]
     ratios: tuple[float, ...]
     crossings: tuple[float, float] = (0.0, 0.0)
-    mounts: tuple[float, float] = (0.0, 0.0)
+    mounts: tuple[Stiffness, Stiffness] = (0.0, 0.0)
     yields: tuple[Law, Law] | None = None
     wheels: tuple[str, str]
     input: str
     shares: tuple[float, float]
-    brake_stiffness: float
-    brake_damping: float = 0.0
+    brake_stiffness: TurnStiffness
+    brake_damping: TurnDamping = 0.0
 
     def __post_init__(self) -> None:
         where = self.where

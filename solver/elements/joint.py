@@ -35,6 +35,7 @@ from solver.compiled.vec import (
     tmv,
     transpose,
 )
+from solver.dimensions import Length
 from solver.elements.kind import ConstraintKind
 from solver.elements.marker import ConstraintSpec, Context, Marker, compile_pairs, number_pairs
 from solver.elements.point_pair import add_point_pair_tangent, point_position
@@ -94,7 +95,7 @@ class JointSpec(ConstraintSpec):
     kind: str
     i: Marker
     j: Marker
-    length: float | None = None
+    length: Length | None = None
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:

@@ -9,8 +9,9 @@ from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
+from solver.dimensions import Point
 from solver.elements.laws import Law
-from solver.validate import Quaternion, Vector, unit_quaternion, vector
+from solver.validate import Quaternion, unit_quaternion, vector
 
 WORLD = 'world'
 IDENTITY: Quaternion = (0.0, 0.0, 0.0, 1.0)
@@ -61,7 +62,7 @@ class Marker:
     """
 
     body: str
-    position: Vector = (0.0, 0.0, 0.0)
+    position: Point = (0.0, 0.0, 0.0)
     orientation: Quaternion = IDENTITY
 
     def __post_init__(self) -> None:

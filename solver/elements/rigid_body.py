@@ -11,6 +11,7 @@ import numpy as np
 from solver.compiled.kernel import kernel
 from solver.compiled.portable import principal_moments
 from solver.compiled.vec import add3, cross, cross_m, load33, msub, mv, put33, scale, skew
+from solver.dimensions import Inertia, Mass, Point, Rate, Speed
 from solver.elements.marker import IDENTITY, WORLD, Spec
 from solver.elements.point_pair import angular_velocity
 from solver.validate import Quaternion, Vector, finite, require, unit_quaternion, vector
@@ -25,13 +26,13 @@ class RigidBodySpec(Spec):
     orientation of the reference frame in W; velocity of its origin in W [m/s]; angular_velocity in B [rad/s].
     """
 
-    mass: float
-    inertia: tuple[float, float, float, float, float, float]
-    com: Vector = (0.0, 0.0, 0.0)
-    position: Vector = (0.0, 0.0, 0.0)
+    mass: Mass
+    inertia: tuple[Inertia, Inertia, Inertia, Inertia, Inertia, Inertia]
+    com: Point = (0.0, 0.0, 0.0)
+    position: Point = (0.0, 0.0, 0.0)
     orientation: Quaternion = IDENTITY
-    velocity: Vector = (0.0, 0.0, 0.0)
-    angular_velocity: Vector = (0.0, 0.0, 0.0)
+    velocity: tuple[Speed, Speed, Speed] = (0.0, 0.0, 0.0)
+    angular_velocity: tuple[Rate, Rate, Rate] = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         where = self.where

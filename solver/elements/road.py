@@ -19,6 +19,7 @@ import numpy as np
 from solver.compiled.dual import sqrt
 from solver.compiled.kernel import kernel
 from solver.compiled.portable import norm, solve_tridiagonal
+from solver.dimensions import Angle, Length, Place, Point
 from solver.elements.enveloping import Edge, Footprint, Heights, effective, sharpest
 from solver.elements.marker import Spec
 from solver.elements.road_grids import MOST_NODES, FrictionMap, HeightGrid, RandomRoad, RasterGrid
@@ -33,11 +34,11 @@ class FrictionPatch:
     blend: width of the strip, centred on the edge, over which the factor changes [m].
     """
 
-    center: tuple[float, float]
-    size: tuple[float, float]
+    center: Place
+    size: Place
     factor: float
-    yaw: float = 0.0
-    blend: float = 0.1
+    yaw: Angle = 0.0
+    blend: Length = 0.1
 
     def __post_init__(self) -> None:
         where = 'friction patch'
@@ -60,7 +61,7 @@ class RoadSpec(Spec):
     """
 
     name: str = 'road'
-    point: Vector = (0.0, 0.0, 0.0)
+    point: Point = (0.0, 0.0, 0.0)
     normal: Vector = (0.0, 0.0, 1.0)
     friction: float = 1.0
     patches: tuple[FrictionPatch, ...] = ()

@@ -11,6 +11,7 @@ from typing import ClassVar, Literal
 import numpy as np
 
 from solver.compiled.elementary import exp
+from solver.dimensions import Angle, Length, Place
 from solver.elements.enveloping import Heights
 from solver.validate import finite, require, vector
 
@@ -28,10 +29,10 @@ class HeightGrid:
     height: [m], height[i][j] at (i dx, j dy); at least 2 x 2.
     """
 
-    origin: tuple[float, float]
-    step: tuple[float, float]
-    height: tuple[tuple[float, ...], ...]
-    yaw: float = 0.0
+    origin: Place
+    step: Place
+    height: tuple[tuple[Length, ...], ...]
+    yaw: Angle = 0.0
 
     def __post_init__(self) -> None:
         where = 'height grid'
@@ -127,10 +128,10 @@ class _Map:
     """A raster on the road: offset + scale * number at every node. origin, step, yaw: as in HeightGrid. raster: the numbers, or a .png or
     .npz file with them."""
 
-    origin: tuple[float, float]
-    step: tuple[float, float]
+    origin: Place
+    step: Place
     raster: Raster
-    yaw: float = 0.0
+    yaw: Angle = 0.0
     scale: float = 1.0
     offset: float = 0.0
 
@@ -161,6 +162,9 @@ class RasterGrid(_Map):
     origin, step, yaw: as in HeightGrid. raster: the numbers, or a .png or .npz file with them. A road from an OpenCRG file (.crg, in place
     of the grid) is one of these.
     """
+
+    scale: Length = 1.0
+    offset: Length = 0.0
 
     WHERE = 'raster grid'
 
@@ -193,16 +197,16 @@ class RandomRoad:
     Heights fade to zero over `ramp` [m] at both ends.
     """
 
-    origin: tuple[float, float]
-    length: float
-    width: float
+    origin: Place
+    length: Length
+    width: Length
     quality: Literal['A', 'B', 'C', 'D', 'E', 'F', 'G', 'H']
     seed: int
-    step: tuple[float, float] = (0.1, 0.5)
-    yaw: float = 0.0
+    step: Place = (0.1, 0.5)
+    yaw: Angle = 0.0
     coherence: float = 0.7
-    shortest: float = 0.4
-    ramp: float = 5.0
+    shortest: Length = 0.4
+    ramp: Length = 5.0
 
     def __post_init__(self) -> None:
         where = 'random road'

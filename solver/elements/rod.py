@@ -41,6 +41,7 @@ from solver.compiled.vec import (
     tmv,
     transpose,
 )
+from solver.dimensions import Damping, Length, TurnStiffness
 from solver.elements.kind import ForceKind
 from solver.elements.laws import Law, evaluate_law
 from solver.elements.marker import Context, Marker, Spec, compile_pairs
@@ -61,11 +62,11 @@ class RodSpec(Spec):
 
     i: Marker
     j: Marker
-    length: float
+    length: Length
     law: Law
-    damping: float = 0.0
-    swing: tuple[float, float] = (0.0, 0.0)
-    across: float = 0.0
+    damping: Damping = 0.0
+    swing: tuple[TurnStiffness, TurnStiffness] = (0.0, 0.0)
+    across: Damping = 0.0
 
     def __post_init__(self) -> None:
         self.set('length', finite(self.where, 'length', self.length, low=0.0, strict=True))

@@ -20,12 +20,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from solver.compiled.kernel import kernel, sixes
 from solver.compiled.vec import col, cross, dot, load33, mv, scale, tmv
+from solver.dimensions import Angle, Speed, Time, Torque, TurnDamping, TurnStiffness
 from solver.elements.coordinate import add_dyad, add_gradient, scale6
 from solver.elements.coordinate_force import OUTPUTS as OF_MESH
 from solver.elements.kind import ForceKind
@@ -64,15 +65,15 @@ class ServoSpec(Spec):
     """
 
     terms: tuple[tuple[str, float], ...]
-    harmonics: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
-    stiffness: float
-    damping: float = 0.0
+    harmonics: tuple[Angle, Angle, Angle, Angle] = (0.0, 0.0, 0.0, 0.0)
+    stiffness: TurnStiffness
+    damping: TurnDamping = 0.0
     marker: Marker
-    speeds: Annotated[tuple[float, ...], 'm/s']
-    torques: tuple[float, ...]
+    speeds: tuple[Speed, ...]
+    torques: tuple[Torque, ...]
     forces: tuple[tuple[float, ...], ...]
     limit: float
-    lag: float
+    lag: Time
 
     def __post_init__(self) -> None:
         require_wind_up(self)

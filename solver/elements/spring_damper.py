@@ -15,6 +15,7 @@ import numpy as np
 
 from solver.compiled.kernel import kernel, sixes
 from solver.compiled.vec import dot, scale
+from solver.dimensions import Force, Length
 from solver.elements.kind import ForceKind
 from solver.elements.laws import Law, evaluate_law
 from solver.elements.marker import Context, Marker, Spec, compile_pairs
@@ -35,10 +36,10 @@ class SpringDamperSpec(Spec):
     counted_as = 'spring_dampers'
     i: Marker
     j: Marker
-    free_length: float
+    free_length: Length
     spring: Law | None = None
     damper: Law | None = None
-    preload: float = 0.0
+    preload: Force = 0.0
 
     def __post_init__(self) -> None:
         self.set('free_length', finite(self.where, 'free_length', self.free_length, low=0.0))

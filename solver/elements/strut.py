@@ -17,6 +17,7 @@ import numpy as np
 
 from solver.compiled.kernel import kernel, sixes
 from solver.compiled.vec import dot, scale
+from solver.dimensions import Damping, Length
 from solver.elements.kind import ForceKind
 from solver.elements.laws import Law, evaluate_law
 from solver.elements.marker import Context, Marker, Spec, compile_pairs
@@ -43,12 +44,12 @@ class StrutSpec(Spec):
 
     i: Marker
     j: Marker
-    free_length: float
+    free_length: Length
     spring: Law | None = None
     stops: Law | None = None
     damper: Law | None = None
     mount: Law
-    mount_damping: float
+    mount_damping: Damping
 
     def __post_init__(self) -> None:
         self.set('free_length', finite(self.where, 'free_length', self.free_length, low=0.0))

@@ -29,6 +29,7 @@ from solver.compiled.dual import arctan, compose, differentiates, local, partial
 from solver.compiled.kernel import kernel
 from solver.compiled.so3 import quaternion_of_matrix
 from solver.compiled.vec import add, cross, dot, load3, load33, scale, tmv
+from solver.dimensions import Damping, Pressure, Speed, Time
 from solver.elements.footprint import footprint
 from solver.elements.kind import ForceKind, Held
 from solver.elements.magic_formula import (
@@ -89,10 +90,10 @@ class TireSpec(Spec):
     marker: Marker
     data: TireData
     mirrored: bool = False
-    pressure: float | None = None
-    damping: float | None = None
-    low_speed: float = 2.0
-    standstill_damping: float = 0.04
+    pressure: Pressure | None = None
+    damping: Damping | None = None
+    low_speed: Speed = 2.0
+    standstill_damping: Time = 0.04
     turn_slip: bool | None = None
 
     def __post_init__(self) -> None:

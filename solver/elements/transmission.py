@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from solver.compiled.kernel import kernel, sixes
+from solver.dimensions import Angle
 from solver.elements.coordinate import (
     add6,
     add_coordinate_hessian,
@@ -50,7 +51,7 @@ class TransmissionSpec(Spec):
     """
 
     terms: tuple[tuple[str, float], ...]
-    harmonics: tuple[float, float, float, float]
+    harmonics: tuple[Angle, Angle, Angle, Angle]
     spring: Law | None = None
     damper: Law | None = None
 

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 
+from solver.dimensions import Length, Mass
 from solver.elements.joint import JointSpec
 from solver.elements.marker import WORLD, Marker
 from solver.elements.rigid_body import RigidBodySpec
@@ -26,8 +27,8 @@ SLENDER = 1e-4  # moment of inertia of a rod about its axis, over mass * length^
 class EqualRods:
     """Equal uniform rods along x of their frames, whose origins are at the one end and whose centres of mass are in the middle."""
 
-    length: Annotated[float, 'm'] = 1.0
-    mass: Annotated[float, 'kg'] = 1.0
+    length: Length = 1.0
+    mass: Mass = 1.0
 
     def __post_init__(self) -> None:
         finite(type(self).__name__, 'length', self.length, low=0.0, strict=True)

@@ -16,13 +16,14 @@ from typing import Any
 import numpy as np
 
 from solver.compiled.portable import norm, product
+from solver.dimensions import Angle, Moments, Point
 from solver.elements.joint import JointSpec
 from solver.elements.laws import Law
 from solver.elements.marker import WORLD, Marker, Spec
 from solver.elements.rigid_body import RigidBodySpec
 from solver.errors import SceneError, suggestion
 from solver.files.linkages import LINKAGES
-from solver.files.schema import Builder, Fields
+from solver.files.schema import Builder, Fields, unit_of
 from solver.files.yaml_tree import Node, ScalarNode, SequenceNode, join, refuse, where
 from solver.model.frames import Placement, frame_of_axis, frame_of_rpy, matrix, quaternion
 from solver.model.spec import ModelSpec, used_inputs
@@ -64,7 +65,7 @@ class MechanismReader:
             given['orientation'] = R
         inertia = fields.get('inertia')
         if inertia is not None and isinstance(inertia[1], SequenceNode) and len(inertia[1].value) == 3:
-            given['inertia'] = (*builder.build(Vector, fields.pop('inertia')[1], join(path, 'inertia')), 0.0, 0.0, 0.0)
+            given['inertia'] = (*_built(builder, Moments, fields.pop('inertia')[1], join(path, 'inertia')), 0.0, 0.0, 0.0)
         body = builder.construct(cls, fields, node, path, name=name, given=given, extra=('rpy', 'rpy_deg'))
         self.bodies[body.name] = Placement(np.array(body.position), matrix(body.orientation))
         return body
@@ -83,14 +84,15 @@ class MechanismReader:
                 )
             placement = self.placement(builder, fields, path)
         given: dict[str, object] = {m: self._marker(builder, fields.pop(m)[1], join(path, m), placement) for m in markers if m in fields}
-        if cls is JointSpec and 'length' not in fields and 'kind' in fields and fields['kind'][1].value == 'distance' and len(given) == 2:
+        distance = cls is JointSpec and 'kind' in fields and fields['kind'][1].value == 'distance'
+        if distance and not {'length', 'length_mm'} & set(fields) and len(given) == 2:
             given['length'] = norm(self.point(given['j']) - self.point(given['i']))
         extra = ('at', *(k for k in ROTATION_KEYS if k not in hints)) if markers else ()
         return builder.construct(cls, fields, node, path, name=name, given=given, extra=extra)
 
     def placement(self, builder: Builder, fields: Fields, path: str) -> Placement:
         """The frame given by at and axis, orientation or rpy, in the world; takes these keys out of fields."""
-        at = np.array(builder.build(Vector, fields.pop('at')[1], join(path, 'at')))
+        at = np.array(_built(builder, Point, fields.pop('at')[1], join(path, 'at')))
         R = rotation(builder, fields, path, ROTATION_KEYS)
         return Placement(at, np.eye(3) if R is None else matrix(R))
 
@@ -104,10 +106,9 @@ class MechanismReader:
             body = builder.build(str, fields['body'][1], join(path, 'body')) if 'body' in fields else None
             if 'at' in fields and body is not None:
                 self._known(body, fields['body'][1], join(path, 'body'))
-                if 'position' in fields:
-                    raise refuse(
-                        fields['position'][1], join(path, 'position'), "give either 'at' (in the world) or 'position' (in the body)"
-                    )
+                for key in ('position', 'position_mm'):
+                    if key in fields:
+                        raise refuse(fields[key][1], join(path, key), "give either 'at' (in the world) or 'position' (in the body)")
                 frame = self.placement(builder, fields, path)
                 fields.pop('body')
                 builder.construct(_Nothing, fields, node, path, extra=('body', 'at', *ROTATION_KEYS))
@@ -143,6 +144,12 @@ class MechanismReader:
         return Law.linear(value) if isinstance(value, float) else Law.table(value)
 
 
+def _built(builder: Builder, hint: Any, node: Node, path: str) -> Any:
+    """What a key holds that is no field, with its unit told as that of a field is."""
+    builder.units[path] = unit_of(hint)
+    return builder.build(hint, node, path)
+
+
 @dataclass(frozen=True)
 class _Nothing:
     """A dataclass without fields: refuses every key that is left."""
@@ -162,8 +169,11 @@ def rotation(builder: Builder, fields: Fields, path: str, allowed: Sequence[str]
     if key == 'orientation':
         return builder.build(Quaternion, node, join(path, key))
     if key != 'axis':
-        rpy = builder.build(Vector, node, join(path, key))
-        return quaternion(frame_of_rpy(np.deg2rad(rpy) if key == 'rpy_deg' else rpy))
+        rpy = _built(builder, tuple[Angle, Angle, Angle], node, join(path, key))
+        if key == 'rpy':
+            return quaternion(frame_of_rpy(rpy))
+        builder.units[join(path, key)] = 'deg'
+        return quaternion(frame_of_rpy(np.deg2rad(rpy)))
     axis = builder.build(Vector, node, join(path, key))
     x_axis = builder.build(Vector, fields.pop('x_axis')[1], join(path, 'x_axis')) if 'x_axis' in fields else None
     try:

@@ -101,7 +101,9 @@ def _scene(root: Node, name: str, overrides: Sequence[str]) -> tuple[Scene, dict
         fields = builder.mapping(root, '')
     model = _model(builder, fields, root)
     given = {'model': model, 'resolved': text_of(root)}
-    return builder.construct(Scene, fields, root, '', given=given, extra=MODEL_KEYS), builder.units
+    scene = builder.construct(Scene, fields, root, '', given=given, extra=MODEL_KEYS)
+    beside = {key.removeprefix('vehicle.'): unit for key, unit in builder.units.items() if key.startswith('vehicle.trailer.')}
+    return scene, builder.units | beside  # a trailer may stand beside the vehicle
 
 
 MODEL_KEYS = ('mechanism', 'vehicle', 'trailer', 'road')

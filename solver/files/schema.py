@@ -12,7 +12,8 @@ is a number where a number is wanted, and `no` is a word where text is wanted. W
     a dataclass                   a mapping of its fields
     a union of dataclasses        a mapping whose `kind` chooses one (its Literal, or the class name: random_road); a scalar
                                   where a plain number is in the union
-    Annotated[T, 'rad']           the unit of the field: `<key>_deg` is accepted too (SUFFIXES)
+    Annotated[T, 'rad']           the unit of the field, which may also stand inside (solver.dimensions: tuple[Angle, ...]): then
+                                  `<key>_deg` is accepted too (SUFFIXES)
 
 Every refusal is a SceneError of one sentence: file:line: dotted.path = value: what is allowed.
 """
@@ -120,7 +121,7 @@ class Builder:
                 remedy = 'the name is the key of the entry' if field == 'name' and name is not None else f'{field!r} is given twice'
                 raise SceneError(f'{where(key_node)}: {here}: {remedy}')
             built = self.build(hints[field], value, here)
-            values[field] = built if factor == 1.0 else _scaled(built, factor)
+            values[field] = built if factor == 1.0 else _scaled(built, factor, value, here)
             if unit := unit_of(hints[field]) if factor == 1.0 else WRITTEN[key.rpartition('_')[2]]:
                 self.units[here] = unit
         missing = [k for k, f in wanted.items() if k not in values and f.default is f.default_factory is dataclasses.MISSING]
@@ -130,7 +131,8 @@ class Builder:
             return cls(**values)
         except SpecError as error:
             at = COMPLAINT.fullmatch(str(error))
-            written = {key.value: value for key, value in node.value} if isinstance(node, MappingNode) else {}
+            keys = node.value if isinstance(node, MappingNode) else []
+            written = {_field(key.value, wanted, hints)[0] or key.value: value for key, value in keys}
             if at is not None and at['field'] in written:
                 raise SceneError(f'{where(written[at["field"]])}: {join(path, at["field"])}{at["rest"]}') from None
             raise SceneError(f'{where(node)}: {path}{": " if path else ""}{error}') from None
@@ -181,8 +183,13 @@ def plain(hint: Any) -> Any:
 
 
 def unit_of(hint: Any) -> str:
-    """The unit in an Annotated hint, '' when there is none."""
-    return next((a for a in get_args(hint)[1:] if isinstance(a, str)), '') if get_origin(hint) is Annotated else ''
+    """The unit of a hint: of Annotated[float, 'm'], and of what is in Length | None or tuple[Length, ...]; '' for none or several."""
+    if get_origin(hint) is Annotated:
+        return next((a for a in get_args(hint)[1:] if isinstance(a, str)), '')
+    if get_origin(hint) not in (tuple, Union, types.UnionType):
+        return ''
+    units = {unit_of(a) for a in get_args(hint) if a not in (Ellipsis, types.NoneType)}
+    return units.pop() if len(units) == 1 else ''
 
 
 def kinds_of(cls: type) -> tuple[str, ...]:
@@ -224,9 +231,12 @@ def _field(key: str, wanted: Mapping[str, object], hints: Mapping[str, Any]) -> 
     return None, 1.0
 
 
-def _scaled(value: Any, factor: float) -> Any:
+def _scaled(value: Any, factor: float, node: Node, path: str) -> Any:
+    """Numbers, None, and lists of them. Of anything else that the field may hold nobody knows which of its numbers have that unit."""
     if isinstance(value, tuple):
-        return tuple(_scaled(v, factor) for v in value)
+        return tuple(_scaled(v, factor, node, path) for v in value)
+    if value is not None and not isinstance(value, float):
+        raise refuse(node, path, 'must be a number, or a list of numbers, under a key that ends in its unit')
     return None if value is None else value * factor
 
 

@@ -18,10 +18,11 @@ import math
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
 
+from solver.dimensions import Time
 from solver.errors import SpecError
 from solver.inputs.hands import follow
 from solver.inputs.recorded import ACCELERATION, RATE
@@ -38,8 +39,8 @@ class Actuator:
     input, in its unit per second (none: without limit); of a motion it needs a lag, or the motion would have corners.
     """
 
-    dead_time: Annotated[float, 's'] = 0.0
-    lag: Annotated[float, 's'] = 0.0
+    dead_time: Time = 0.0
+    lag: Time = 0.0
     rate_limit: float | None = None
 
     def __post_init__(self) -> None:

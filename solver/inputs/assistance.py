@@ -27,10 +27,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from solver.dimensions import Length, PerSecond, Rate, Speed, Torque, TurnDamping, Understeer
 from solver.errors import SpecError
 from solver.inputs.shifting import Shifter, Shifting
 from solver.validate import finite
@@ -45,10 +46,10 @@ class AntiLock:
     wheels lock [m/s]."""
 
     slip: float = 0.10
-    gain: float = 60.0
-    release: float = 20.0
-    apply: float = 4.0
-    slowest: Annotated[float, 'm/s'] = 2.0
+    gain: PerSecond = 60.0
+    release: PerSecond = 20.0
+    apply: PerSecond = 4.0
+    slowest: Speed = 2.0
 
     def __post_init__(self) -> None:
         finite('anti-lock', 'slip', self.slip, low=0.0, high=1.0, strict=True)
@@ -61,14 +62,14 @@ class StabilityControl:
     """Stability control; see the module. wheelbase [m], ratio of the steering, understeer gradient [rad s^2/m], friction that it counts on
     [-]; threshold of the yaw rate [rad/s]; gain [N m s/rad] and torque, the largest one [N m]; slowest: speed below which it is off."""
 
-    wheelbase: Annotated[float, 'm'] = 2.7
+    wheelbase: Length = 2.7
     ratio: float = 15.0
-    understeer: Annotated[float, 'rad s^2/m'] = 0.003
+    understeer: Understeer = 0.003
     friction: float = 0.9
-    threshold: Annotated[float, 'rad/s'] = 0.04
-    gain: float = 12000.0
-    torque: Annotated[float, 'N m'] = 2500.0
-    slowest: Annotated[float, 'm/s'] = 5.0
+    threshold: Rate = 0.04
+    gain: TurnDamping = 12000.0
+    torque: Torque = 2500.0
+    slowest: Speed = 5.0
 
     def __post_init__(self) -> None:
         for name in ('wheelbase', 'friction', 'gain', 'torque', 'slowest'):

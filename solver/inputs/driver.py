@@ -28,6 +28,7 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 
 from solver.compiled.portable import clamped_spline_slopes, piecewise_cubic
+from solver.dimensions import Angle, Frequency, Length, Place, Rate, Speed, Time, Torque, Understeer
 from solver.errors import SpecError
 from solver.inputs.signals import Signal, smooth_step
 
@@ -60,8 +61,8 @@ class DoubleLaneChange:
 
     kind: Literal['double_lane_change'] = 'double_lane_change'
     standard: Literal['iso_3888_1', 'iso_3888_2'] = 'iso_3888_1'
-    width: Annotated[float, 'm'] = 1.8
-    start: Annotated[float, 'm'] = 50.0
+    width: Length = 1.8
+    start: Length = 50.0
 
     def __post_init__(self) -> None:
         if not 0.5 <= self.width <= 3.0:
@@ -105,7 +106,7 @@ class Waypoints:
     """A path y(x) through points [[x, y], ...] [m], x increasing: cubic spline with horizontal ends, straight on beyond them."""
 
     kind: Literal['waypoints'] = 'waypoints'
-    points: tuple[tuple[float, float], ...]
+    points: tuple[Place, ...]
 
     def __post_init__(self) -> None:
         if len(self.points) < 2:
@@ -129,8 +130,8 @@ class Circle:
     """Round and round a circle that touches the x axis at x = start: to the left where the radius is positive, else to the right."""
 
     kind: Literal['circle'] = 'circle'
-    radius: Annotated[float, 'm']
-    start: Annotated[float, 'm'] = 0.0
+    radius: Length
+    start: Length = 0.0
 
     def __post_init__(self) -> None:
         if not abs(self.radius) >= 5.0:
@@ -152,7 +153,7 @@ class Course:
     """
 
     kind: Literal['course'] = 'course'
-    points: tuple[tuple[float, float], ...]
+    points: tuple[Place, ...]
     closed: bool = False
 
     def __post_init__(self) -> None:
@@ -217,14 +218,14 @@ class PreviewDriver:
     """
 
     path: DoubleLaneChange | Waypoints | Circle | Course
-    preview: Annotated[float, 's'] = 0.8
-    wheelbase: Annotated[float, 'm'] = 2.7
+    preview: Time = 0.8
+    wheelbase: Length = 2.7
     ratio: float = 16.0
-    understeer: Annotated[float, 'rad s^2/m'] = 0.0
-    limit: Annotated[float, 'rad'] = 8.0
-    bandwidth: Annotated[float, 'Hz'] = 4.0
-    rate_limit: Annotated[float, 'rad/s'] = 15.0
-    slowest: Annotated[float, 'm/s'] = 3.0
+    understeer: Understeer = 0.0
+    limit: Angle = 8.0
+    bandwidth: Frequency = 4.0
+    rate_limit: Rate = 15.0
+    slowest: Speed = 3.0
 
     def __post_init__(self) -> None:
         for name in ('preview', 'wheelbase', 'limit', 'bandwidth', 'rate_limit', 'slowest'):
@@ -253,14 +254,14 @@ class SpeedControl:
     """
 
     target: Annotated[float | Signal | None, 'm/s'] = None
-    until: Annotated[float | None, 's'] = None
-    release: Annotated[float, 's'] = 0.2
+    until: Time | None = None
+    release: Time = 0.2
     inertia: Annotated[float, 'N m s^2/m'] = 450.0
-    bandwidth: Annotated[float, 'Hz'] = 0.3
-    first: Annotated[float, 'N m'] = 0.0
-    most: Annotated[float, 'N m'] = 3000.0
-    least: Annotated[float, 'N m'] = -300.0
-    brakes: Annotated[float, 'N m'] = 0.0
+    bandwidth: Frequency = 0.3
+    first: Torque = 0.0
+    most: Torque = 3000.0
+    least: Torque = -300.0
+    brakes: Torque = 0.0
 
     def __post_init__(self) -> None:
         for name in ('inertia', 'bandwidth', 'release'):

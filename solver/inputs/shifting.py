@@ -15,10 +15,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Annotated
 
 import numpy as np
 
+from solver.dimensions import Speed, Time
 from solver.errors import SpecError
 from solver.validate import finite, require, require_rising
 
@@ -34,12 +34,12 @@ class Shifting:
     speed above which the lock-up clutch of a torque converter closes [m/s]; None: never."""
 
     pedals: tuple[float, ...]
-    up: Annotated[tuple[tuple[float, ...], ...], 'm/s']
-    down: Annotated[tuple[tuple[float, ...], ...], 'm/s']
-    duration: Annotated[float, 's'] = 0.4
-    launch: Annotated[float, 'm/s'] = 3.0
+    up: tuple[tuple[Speed, ...], ...]
+    down: tuple[tuple[Speed, ...], ...]
+    duration: Time = 0.4
+    launch: Speed = 3.0
     bite: float = 0.3
-    lock_up: Annotated[float, 'm/s'] | None = None
+    lock_up: Speed | None = None
 
     def __post_init__(self) -> None:
         require_rising('shift', 'pedals', self.pedals)

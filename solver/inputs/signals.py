@@ -9,15 +9,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from solver.compiled.elementary import cos, sin
 from solver.compiled.portable import clamped_spline_slopes, piecewise_cubic
+from solver.dimensions import Angle, Frequency, Time
 from solver.errors import SpecError
-
-Seconds = Annotated[float, 's']
 
 
 class Jet(NamedTuple):
@@ -110,10 +109,10 @@ class Ramp:
 
     kind: Literal['ramp'] = 'ramp'
     slope: float
-    start: Seconds = 0.0
+    start: Time = 0.0
     initial: float = 0.0
     final: float | None = None
-    blend: Seconds = 0.1
+    blend: Time = 0.1
 
     def __post_init__(self) -> None:
         _not_negative(self, 'blend')
@@ -141,8 +140,8 @@ class Step:
     kind: Literal['step'] = 'step'
     value: float
     initial: float = 0.0
-    start: Seconds = 1.0
-    rise: Seconds = 0.2
+    start: Time = 1.0
+    rise: Time = 0.2
 
     def __post_init__(self) -> None:
         _positive(self, 'rise')
@@ -161,12 +160,12 @@ class Sine:
 
     kind: Literal['sine'] = 'sine'
     amplitude: float
-    frequency: Annotated[float, 'Hz']
-    phase: Annotated[float, 'rad'] = 0.0
+    frequency: Frequency
+    phase: Angle = 0.0
     offset: float = 0.0
-    start: Seconds = 0.0
+    start: Time = 0.0
     cycles: float | None = None
-    blend: Seconds = 0.1
+    blend: Time = 0.1
 
     def __post_init__(self) -> None:
         _positive(self, 'frequency', *(['cycles'] if self.cycles is not None else []))
@@ -193,10 +192,10 @@ class SineWithDwell:
 
     kind: Literal['sine_with_dwell'] = 'sine_with_dwell'
     amplitude: float
-    frequency: Annotated[float, 'Hz'] = 0.7
-    dwell: Seconds = 0.5
-    start: Seconds = 1.0
-    blend: Seconds = 0.1
+    frequency: Frequency = 0.7
+    dwell: Time = 0.5
+    start: Time = 1.0
+    blend: Time = 0.1
 
     def __post_init__(self) -> None:
         _positive(self, 'frequency')
@@ -223,12 +222,12 @@ class Sweep:
     kind: Literal['sweep'] = 'sweep'
     amplitude: float
     final_amplitude: float | None = None
-    frequency: Annotated[float, 'Hz']
-    final_frequency: Annotated[float | None, 'Hz'] = None
-    duration: Seconds
+    frequency: Frequency
+    final_frequency: Frequency | None = None
+    duration: Time
     repeats: int = 1
-    start: Seconds = 1.0
-    fade: Annotated[float | None, 's'] = None
+    start: Time = 1.0
+    fade: Time | None = None
 
     def __post_init__(self) -> None:
         _positive(self, 'frequency', 'duration', 'repeats', *(f for f in ('final_frequency', 'fade') if getattr(self, f) is not None))

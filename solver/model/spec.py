@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
+from solver.dimensions import Acceleration
 from solver.elements.coordinate import CoordinateSpec
 from solver.elements.marker import Spec
 from solver.elements.registry import CONSTRAINTS, KINDS
@@ -12,7 +13,7 @@ from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.road import RoadSpec
 from solver.errors import SpecError, suggestion
 from solver.inputs.maneuver import ACCELERATION, RATE
-from solver.validate import Vector, vector
+from solver.validate import vector
 
 FLAT = RoadSpec()
 T = TypeVar('T')
@@ -42,7 +43,7 @@ class ModelSpec:
     bodies: tuple[RigidBodySpec, ...]
     coordinates: tuple[CoordinateSpec, ...] = ()
     road: RoadSpec = FLAT
-    gravity: Vector = (0.0, 0.0, -9.81)
+    gravity: tuple[Acceleration, Acceleration, Acceleration] = (0.0, 0.0, -9.81)
     inputs: tuple[str, ...] = ()
     chassis: str | None = None
     category: str = ''

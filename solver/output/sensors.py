@@ -8,11 +8,12 @@ independent from step to step; an orientation is turned by a small rotation with
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
 
 from solver.compiled.portable import norm
+from solver.dimensions import Acceleration, Angle, Length, Rate, Speed
 from solver.validate import finite, require
 
 
@@ -20,10 +21,10 @@ from solver.validate import finite, require
 class OdomSensor:
     """Standard deviations of odom, of each component: position and orientation of the pose, velocity and angular velocity of the twist."""
 
-    position: Annotated[float, 'm'] = 0.0
-    orientation: Annotated[float, 'rad'] = 0.0
-    velocity: Annotated[float, 'm/s'] = 0.0
-    rate: Annotated[float, 'rad/s'] = 0.0
+    position: Length = 0.0
+    orientation: Angle = 0.0
+    velocity: Speed = 0.0
+    rate: Rate = 0.0
 
     def __post_init__(self) -> None:
         _not_negative('sensors.odom', self)
@@ -33,9 +34,9 @@ class OdomSensor:
 class ImuSensor:
     """Standard deviations of imu, of each component: orientation, angular velocity, specific force."""
 
-    orientation: Annotated[float, 'rad'] = 0.0
-    rate: Annotated[float, 'rad/s'] = 0.0
-    acceleration: Annotated[float, 'm/s^2'] = 0.0
+    orientation: Angle = 0.0
+    rate: Rate = 0.0
+    acceleration: Acceleration = 0.0
 
     def __post_init__(self) -> None:
         _not_negative('sensors.imu', self)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Literal
 
+from solver.dimensions import PerSecond, Time
 from solver.validate import finite, require
 
 WHERE = 'integrator'
@@ -40,7 +41,7 @@ class IntegratorSettings:
     """
 
     kind: Literal['alf', 'm_alf', 'reference_bdf', 'reference_radau', 'reference_ida', 'reference_kkt'] = 'alf'
-    h: Annotated[float, 's'] = 1e-3
+    h: Time = 1e-3
     rho_inf: float = 0.8
     order: int = 2
     mode: Literal['fixed', 'tolerance'] = 'fixed'
@@ -56,8 +57,8 @@ class IntegratorSettings:
     penalty_policy: Literal['constant', 'adaptive'] = 'constant'
     penalty_cap: float = 1e8
     step_policy: Literal['auto', 'constant', 'rescue', 'error'] = 'auto'
-    h_min: Annotated[float, 's'] = 0.0
-    error_tolerance: Annotated[float, '1/s'] = 1e-3
+    h_min: Time = 0.0
+    error_tolerance: PerSecond = 1e-3
 
     def __post_init__(self) -> None:
         finite(WHERE, 'h', self.h, low=1e-9, high=1.0)

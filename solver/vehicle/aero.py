@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from solver.dimensions import Area, Point
 from solver.elements.aero_drag import AeroDragSpec
 from solver.elements.rigid_body import RigidBodySpec
-from solver.validate import Vector, finite
+from solver.validate import finite
 from solver.vehicle.hardpoints import marker_at
 
 
@@ -14,9 +15,9 @@ from solver.vehicle.hardpoints import marker_at
 class Aero:
     """Drag and lift at one point [m]; drag_area and lift_area [m^2]."""
 
-    point: Vector
-    drag_area: float
-    lift_area: float = 0.0
+    point: Point
+    drag_area: Area
+    lift_area: Area = 0.0
 
     def __post_init__(self) -> None:
         finite('aero', 'drag_area', self.drag_area, low=0.0)

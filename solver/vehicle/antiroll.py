@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from solver.dimensions import Length, Mass, Point, TurnStiffness
 from solver.elements.coordinate import CoordinateSpec
 from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.elements.laws import Law
 from solver.elements.rigid_body import RigidBodySpec
-from solver.validate import Vector, finite
+from solver.validate import finite
 from solver.vehicle.hardpoints import distance, marker_at, on_side
 from solver.vehicle.parts import LEFTWARDS, Bushing, Link, Parts, joined, link, mounting, require_positive, rods
 
@@ -23,13 +24,13 @@ class AntiRollBar:
     includes the bending of the bar, which is cut in the middle.
     """
 
-    center: Vector
-    bend: Vector
-    mount: Vector
+    center: Point
+    bend: Point
+    mount: Point
     drop_link: Link
-    mass: float
-    radius: float
-    stiffness: float
+    mass: Mass
+    radius: Length
+    stiffness: TurnStiffness
     bushing: Bushing | None = None
 
     def __post_init__(self) -> None:

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from solver.dimensions import Length, Point
 from solver.elements.coupler import CouplerSpec
 from solver.elements.joint import JointSpec
 from solver.elements.rigid_body import RigidBodySpec
-from solver.validate import Vector, require
+from solver.validate import require
 from solver.vehicle.antiroll import AntiRollBar, anti_roll_bar
 from solver.vehicle.double_wishbone import DoubleWishbone
 from solver.vehicle.drives import Drive
@@ -30,7 +31,7 @@ class Subframe:
     bushing the subframe is fixed to the chassis."""
 
     part: Part
-    mounts: tuple[tuple[Vector, ...], ...]
+    mounts: tuple[tuple[Point, ...], ...]
     bushing: Bushing | None = None
 
     def __post_init__(self) -> None:
@@ -43,7 +44,7 @@ class FollowingRack:
     wheel [m]; negative steers the other way round."""
 
     rack: Part
-    per_turn: float
+    per_turn: Length
 
 
 @dataclass(frozen=True, kw_only=True)

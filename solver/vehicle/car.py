@@ -17,9 +17,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import pairwise
 
+from solver.dimensions import Acceleration, Point
 from solver.elements.rigid_body import RigidBodySpec
 from solver.model.spec import ModelSpec, used_inputs
-from solver.validate import Vector, require
+from solver.validate import require
 from solver.vehicle.aero import Aero, aero_drag
 from solver.vehicle.axle import Axle, axle_bar, following_rack, subframe, suspensions
 from solver.vehicle.drives import Base, Drive, HalfShaftDrive, Transfer
@@ -45,9 +46,9 @@ class Car:
     engine: Engine | None = None
     transfer: Transfer | None = None
     aero: Aero | None = None
-    hitch: Vector | None = None
+    hitch: Point | None = None
     trailer: Trailer | None = None
-    gravity: float = 9.81
+    gravity: Acceleration = 9.81
 
     def __post_init__(self) -> None:
         require(2 <= len(self.axles) <= 4, 'car', 'axles', len(self.axles), 'a car has two to four of them')

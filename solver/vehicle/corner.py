@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.compiled.portable import inverse, norm, product
+from solver.dimensions import Point, Stiffness
 from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.elements.joint import JointSpec
 from solver.elements.laws import Law
@@ -38,9 +39,9 @@ from solver.vehicle.wheel_end import Brake, Wheel, wheel_end
 class Spring:
     """Coil spring between a point of the chassis and one of the knuckle [m]; rate [N/m]."""
 
-    chassis: Vector
-    knuckle: Vector
-    rate: float
+    chassis: Point
+    knuckle: Point
+    rate: Stiffness
 
     def __post_init__(self) -> None:
         require_positive('spring', self, 'rate')
@@ -50,8 +51,8 @@ class Spring:
 class Damper:
     """Damper between a point of the chassis and one of the knuckle [m]; law: force [N] over rate of length [m/s], rebound positive."""
 
-    chassis: Vector
-    knuckle: Vector
+    chassis: Point
+    knuckle: Point
     law: Law
 
     def __post_init__(self) -> None:
@@ -73,7 +74,7 @@ class Axle:
     tire: TireData
     turn_slip: bool | None = None
     stops: Law | None = None
-    anti_roll_bar: float = 0.0
+    anti_roll_bar: Stiffness = 0.0
 
     def __post_init__(self) -> None:
         require_resisting('axle', 'stops', self.stops)
@@ -90,12 +91,12 @@ class StrutAxle(Axle):
     rod [m]. The wheel turns about the line through ball joint and top mount.
     """
 
-    top_mount: Vector
-    strut: Vector
-    ball_joint: Vector
-    arm_pivots: tuple[Vector, Vector]
-    tie_rod_rack: Vector
-    tie_rod_knuckle: Vector
+    top_mount: Point
+    strut: Point
+    ball_joint: Point
+    arm_pivots: tuple[Point, Point]
+    tie_rod_rack: Point
+    tie_rod_knuckle: Point
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -119,8 +120,8 @@ class StrutAxle(Axle):
 class ArmAxle(Axle):
     """Knuckles on trailing or semi-trailing arms. pivot_inner, pivot_outer: two points of the axis of the arm [m]."""
 
-    pivot_inner: Vector
-    pivot_outer: Vector
+    pivot_inner: Point
+    pivot_outer: Point
 
 
 class Motion(NamedTuple):

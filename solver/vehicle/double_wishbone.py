@@ -14,9 +14,10 @@ from typing import Literal
 
 import numpy as np
 
+from solver.dimensions import Mass, Point
 from solver.elements.joint import JointSpec
 from solver.elements.rigid_body import RigidBodySpec
-from solver.validate import Vector, require
+from solver.validate import require
 from solver.vehicle.hardpoints import ahead, distance, marker_at, on_side
 from solver.vehicle.parts import (
     Arm,
@@ -52,10 +53,10 @@ class CoilOver:
     in a spherical and the tube in a universal joint.
     """
 
-    lower: Vector
-    upper: Vector
-    tube_mass: float
-    rod_mass: float
+    lower: Point
+    upper: Point
+    tube_mass: Mass
+    rod_mass: Mass
     spring: Spring
     damper: Damper
     mount: Bushing | None = None

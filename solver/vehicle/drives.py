@@ -12,11 +12,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
+from solver.dimensions import Point, Rate, TurnDamping, TurnStiffness
 from solver.elements.coordinate import CoordinateSpec
 from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.elements.laws import Law
 from solver.elements.rigid_body import RigidBodySpec
-from solver.validate import Vector, finite, require
+from solver.validate import finite, require
 from solver.vehicle.hardpoints import marker_at
 from solver.vehicle.parts import LEFTWARDS, UP, Bushing, Corner, Part, Parts, joined, mounting, require_positive, require_resisting
 from solver.vehicle.powertrain import (
@@ -75,7 +76,7 @@ class HalfShaftDrive(HalfShafts):
     kind: Literal['half_shafts'] = 'half_shafts'
     share: float = 1.0
     differential: Part | None = None
-    mounts: tuple[Vector, ...] = ()
+    mounts: tuple[Point, ...] = ()
     mount_bushing: Bushing | None = None
 
     def __post_init__(self) -> None:
@@ -106,7 +107,7 @@ class LiveAxleDrive(Propshaft):
     kind: Literal['live_axle'] = 'live_axle'
     share: float = 1.0
     limited_slip: Law | None = None
-    top_speed: float | None = None
+    top_speed: Rate | None = None
     rotor: Rotor | None = None
 
     def __post_init__(self) -> None:
@@ -140,7 +141,7 @@ class Motors:
     kind: Literal['motors'] = 'motors'
     share: float = 1.0
     on: Literal['chassis', 'upright'] = 'chassis'
-    top_speed: float | None = None
+    top_speed: Rate | None = None
     rotor: Rotor | None = None
 
     def __post_init__(self) -> None:
@@ -187,8 +188,8 @@ class Transfer:
     one (damping [N m s/rad] alone), both at the wheels of the axle."""
 
     axle: str = 'front'
-    stiffness: float = 0.0
-    damping: float
+    stiffness: TurnStiffness = 0.0
+    damping: TurnDamping
 
     def __post_init__(self) -> None:
         finite('transfer', 'stiffness', self.stiffness, low=0.0)

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 
+from solver.dimensions import Acceleration, Point
 from solver.model.spec import ModelSpec
-from solver.validate import Vector, require
+from solver.validate import require
 from solver.vehicle.aero import Aero
 from solver.vehicle.antiroll import AntiRollBar
 from solver.vehicle.axle import AnySuspension, Axle, Subframe
@@ -34,9 +35,9 @@ class FullCar:
     engine: Engine
     driveline: Driveline
     aero: Aero | None = None
-    hitch: Vector | None = None
+    hitch: Point | None = None
     trailer: Trailer | None = None
-    gravity: float = 9.81
+    gravity: Acceleration = 9.81
 
     def __post_init__(self) -> None:
         share = 2.0 * (self.front.brake.share + self.rear.brake.share)

@@ -14,10 +14,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver.dimensions import Force, Mass, Point, Stiffness, Time, TurnStiffness
 from solver.elements.bushing import BushingSpec
 from solver.elements.joint import JointSpec
 from solver.elements.rigid_body import RigidBodySpec
-from solver.validate import Vector, finite, require
+from solver.validate import finite, require
 from solver.vehicle.hardpoints import distance, marker_at, on_side
 from solver.vehicle.parts import LEFTWARDS, Bushing, Parts, joined, mounting, rods, vector_of
 
@@ -35,19 +36,19 @@ class LeafSpring:
     without them these are revolute joints.
     """
 
-    front_eye: Vector
-    rear_eye: Vector
-    seat: Vector
-    shackle: Vector
-    rate: float
-    load: float
-    mass: float
-    shackle_mass: float = 1.0
-    radial: float = 1.0e7
-    lateral: float = 1.0e6
-    twist: float = 1000.0
-    bend: float = 40000.0
-    loss: float = 0.003
+    front_eye: Point
+    rear_eye: Point
+    seat: Point
+    shackle: Point
+    rate: Stiffness
+    load: Force
+    mass: Mass
+    shackle_mass: Mass = 1.0
+    radial: Stiffness = 1.0e7
+    lateral: Stiffness = 1.0e6
+    twist: TurnStiffness = 1000.0
+    bend: TurnStiffness = 40000.0
+    loss: Time = 0.003
     eye: Bushing | None = None
     pin: Bushing | None = None
 

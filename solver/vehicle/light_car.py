@@ -16,6 +16,7 @@ from typing import Literal
 
 import numpy as np
 
+from solver.dimensions import Acceleration, Damping, Length, Point, Rate
 from solver.elements.coordinate import CoordinateSpec
 from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.elements.coupler import CouplerSpec
@@ -44,8 +45,8 @@ class Steering:
     rack: Part
     wheel: Part
     column_axis: Vector
-    rack_per_turn: float
-    rack_damping: float = 0.0
+    rack_per_turn: Length
+    rack_damping: Damping = 0.0
 
     def __post_init__(self) -> None:
         require_positive('steering', self, 'rack_per_turn')
@@ -59,7 +60,7 @@ class Driveline:
 
     driven: Literal['front', 'rear'] = 'front'
     ratio: float = 1.0
-    top_speed: float | None = None
+    top_speed: Rate | None = None
 
     def __post_init__(self) -> None:
         require_positive('driveline', self, 'ratio', 'top_speed')
@@ -84,9 +85,9 @@ class LightCar:
     driveline: Driveline = Driveline()
     brakes: Brakes
     aero: Aero | None = None
-    hitch: Vector | None = None
+    hitch: Point | None = None
     trailer: Trailer | None = None
-    gravity: float = 9.81
+    gravity: Acceleration = 9.81
 
     def __post_init__(self) -> None:
         for name, part in (('chassis', self.chassis), ('steering.rack', self.steering.rack), ('steering.wheel', self.steering.wheel)):

@@ -18,6 +18,7 @@ from typing import Literal
 
 import numpy as np
 
+from solver.dimensions import Length, Mass, Point
 from solver.elements.joint import JointSpec
 from solver.elements.rigid_body import RigidBodySpec
 from solver.validate import Vector, require
@@ -46,8 +47,8 @@ class CoilSpring:
     """A coil spring between points of the chassis and of the axle [m]."""
 
     spring: Spring
-    chassis: Vector
-    axle: Vector
+    chassis: Point
+    axle: Point
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,12 +57,12 @@ class Kingpins:
     the wheel. track_rod: the ball [m] on the left knuckle of the rod to the right one; track_rod_mass [kg], track_rod_radius [m].
     drag_link: inner end on what the steering moves, outer end on the knuckle of the side drag_link_on, as given (not mirrored)."""
 
-    lower: Vector
-    upper: Vector
+    lower: Point
+    upper: Point
     knuckle: Part
-    track_rod: Vector
-    track_rod_mass: float
-    track_rod_radius: float = 0.015
+    track_rod: Point
+    track_rod_mass: Mass
+    track_rod_radius: Length = 0.015
     drag_link: Link
     drag_link_on: Literal['left', 'right'] = 'left'
 
@@ -110,8 +111,8 @@ class LiveAxle(Suspension):
     coil: CoilSpring | None = None
     leaf: LeafSpring | None = None
     damper: Damper
-    damper_chassis: Vector
-    damper_axle: Vector
+    damper_chassis: Point
+    damper_axle: Point
     kingpins: Kingpins | None = None
 
     def __post_init__(self) -> None:

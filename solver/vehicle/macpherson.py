@@ -13,8 +13,9 @@ from typing import Literal
 
 import numpy as np
 
+from solver.dimensions import Mass, Point
 from solver.elements.joint import JointSpec
-from solver.validate import Vector, require
+from solver.validate import require
 from solver.vehicle.hardpoints import ahead, distance, marker_at, on_side
 from solver.vehicle.parts import (
     Arm,
@@ -46,9 +47,9 @@ class Strut:
     """The strut from `lower`, on its axis in the upright, to `upper` in the top mount [m]. rod_mass: of rod and upper half of the spring
     [kg]. mount: the top mount; without it the rod hangs in a universal joint."""
 
-    lower: Vector
-    upper: Vector
-    rod_mass: float
+    lower: Point
+    upper: Point
+    rod_mass: Mass
     spring: Spring
     damper: Damper
     mount: Bushing | None = None

@@ -10,11 +10,12 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import chain
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
 from solver.compiled.portable import norm, product
+from solver.dimensions import Force, Length, Mass, Moments, Point, Stiffness, Time
 from solver.elements.bushing import BushingSpec, Six
 from solver.elements.joint import JointSpec
 from solver.elements.laws import Law
@@ -121,10 +122,10 @@ class Part:
     """A rigid part. mass [kg]; com: centre of mass in the design frame [m]; inertia (Ixx, Iyy, Izz) and products (Ixy, Ixz, Iyz)
     [kg m^2] about it, along the axes of the design frame."""
 
-    mass: float
-    inertia: Vector
-    com: Vector
-    products: Vector = (0.0, 0.0, 0.0)
+    mass: Mass
+    inertia: Moments
+    com: Point
+    products: Moments = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
         self.body('part', self.com)  # which checks mass and inertia
@@ -154,7 +155,7 @@ class Bushing:
     law_x: Law | None = None
     law_y: Law | None = None
     law_z: Law | None = None
-    loss: Annotated[float, 's'] = 0.0015
+    loss: Time = 0.0015
 
     def __post_init__(self) -> None:
         for k, rate in enumerate(self.stiffness):
@@ -247,10 +248,10 @@ class Link:
     mass [kg], radius [m] of the cylinder whose inertia it has.
     """
 
-    inner: Vector
-    outer: Vector
-    mass: float
-    radius: float = 0.015
+    inner: Point
+    outer: Point
+    mass: Mass
+    radius: Length = 0.015
     bushing: Bushing | None = None
 
     def __post_init__(self) -> None:
@@ -277,10 +278,10 @@ class Arm:
     mass [kg] in two bars from the pivots to the ball joint, of the given radius [m].
     """
 
-    pivots: tuple[Vector, Vector]
-    outer: Vector
-    mass: float
-    radius: float = 0.02
+    pivots: tuple[Point, Point]
+    outer: Point
+    mass: Mass
+    radius: Length = 0.02
     bushing: Bushing | None = None
 
     def __post_init__(self) -> None:
@@ -307,8 +308,8 @@ def control_arm(name: str, data: Arm, base: RigidBodySpec, carrier: RigidBodySpe
 class Spring:
     """Coil spring: rate [N/m], load: compression force in the design position [N]."""
 
-    rate: float
-    load: float
+    rate: Stiffness
+    load: Force
 
     def __post_init__(self) -> None:
         require_positive('spring', self, 'rate')
@@ -345,11 +346,11 @@ class Sprung:
     """Data of a suspension whose spring and damper stand between the chassis and one of its parts, each at two points [m]."""
 
     spring: Spring
-    spring_chassis: Vector
-    spring_arm: Vector
+    spring_chassis: Point
+    spring_arm: Point
     damper: Damper
-    damper_chassis: Vector
-    damper_arm: Vector
+    damper_chassis: Point
+    damper_arm: Point
 
 
 def sprung(name: str, side: str, chassis: RigidBodySpec, arm: RigidBodySpec, data: Sprung) -> Parts:

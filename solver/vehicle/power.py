@@ -17,8 +17,8 @@ idling. drive_torque acts besides, at the differential.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
 
+from solver.dimensions import ConverterCapacity, Inertia, Mass, Rate, Torque, TurnDamping, TurnStiffness
 from solver.elements.clutch import ClutchSpec, require_gears
 from solver.elements.converter import ConverterSpec, require_converter
 from solver.elements.coordinate import CoordinateSpec
@@ -36,9 +36,9 @@ FORWARD: Vector = (1.0, 0.0, 0.0)
 class LockUp:
     """The lock-up clutch of a torque converter. capacity [N m]; stiffness [N m/rad] and damping [N m s/rad] of its springs."""
 
-    capacity: float
-    stiffness: float
-    damping: float
+    capacity: Torque
+    stiffness: TurnStiffness
+    damping: TurnDamping
 
     def __post_init__(self) -> None:
         for field in ('capacity', 'stiffness', 'damping'):
@@ -53,9 +53,9 @@ class Converter:
 
     speed_ratios: tuple[float, ...]
     torque_ratios: tuple[float, ...]
-    capacities: tuple[float, ...]
-    mass: float
-    inertia: float
+    capacities: tuple[ConverterCapacity, ...]
+    mass: Mass
+    inertia: Inertia
     lock_up: LockUp | None = None
 
     def __post_init__(self) -> None:
@@ -72,17 +72,17 @@ class Power:
     none); final: of the final drive, where the differential is in the gearbox. capacity [N m] of the clutch; stiffness [N m/rad] and
     damping [N m s/rad] of its springs. converter: a torque converter in front of the gears (None: there is none)."""
 
-    speeds: Annotated[tuple[float, ...], 'rad/s']
+    speeds: tuple[Rate, ...]
     pedals: tuple[float, ...]
-    torques: tuple[tuple[float, ...], ...]
-    mass: float
-    inertia: float
+    torques: tuple[tuple[Torque, ...], ...]
+    mass: Mass
+    inertia: Inertia
     ratios: tuple[float, ...]
     reverse: float | None = None
     final: float = 1.0
-    capacity: float
-    stiffness: float
-    damping: float
+    capacity: Torque
+    stiffness: TurnStiffness
+    damping: TurnDamping
     converter: Converter | None = None
 
     def __post_init__(self) -> None:

@@ -11,8 +11,8 @@ at rest carries none of it and creeps to where the other forces balance.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
 
+from solver.dimensions import Speed, Time, Torque
 from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.elements.laws import Law
 from solver.elements.rigid_body import RigidBodySpec
@@ -30,11 +30,11 @@ class PowerSteering:
     torques on the pitman arm [N m], for each speed those at the torques, to the other side the same. limit: the largest one of the motor;
     lag: its time constant [s], shorter than damping over stiffness of the steering (solver.elements.servo has why)."""
 
-    speeds: Annotated[tuple[float, ...], 'm/s']
-    torques: tuple[float, ...]
+    speeds: tuple[Speed, ...]
+    torques: tuple[Torque, ...]
     forces: tuple[tuple[float, ...], ...]
     limit: float
-    lag: Annotated[float, 's'] = 0.003
+    lag: Time = 0.003
 
     def __post_init__(self) -> None:
         require_map('assist', self.speeds, self.torques, self.forces)

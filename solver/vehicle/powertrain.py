@@ -20,11 +20,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver.dimensions import Length, Mass, Point, Rate, TurnDamping, TurnStiffness
 from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.elements.joint import JointSpec
 from solver.elements.laws import Law
 from solver.elements.rigid_body import RigidBodySpec
-from solver.validate import Vector, finite, require
+from solver.validate import finite, require
 from solver.vehicle.hardpoints import SIDES, marker_at, on_side
 from solver.vehicle.parts import (
     LEFTWARDS,
@@ -51,7 +52,7 @@ STUB = 0.08  # length of output shafts and pinion behind their flanges [m]
 class Mount:
     """A bushing at a point [m]; None: the part is fixed there."""
 
-    point: Vector
+    point: Point
     bushing: Bushing | None = None
 
 
@@ -70,8 +71,8 @@ class Engine:
 class Shaft:
     """A straight shaft. mass [kg], radius of the cylinder that has its inertia [m]."""
 
-    mass: float
-    radius: float
+    mass: Mass
+    radius: Length
 
     def __post_init__(self) -> None:
         require_positive('shaft', self, 'mass', 'radius')
@@ -86,12 +87,12 @@ class HalfShafts:
     limited_slip: locking torque over the difference of the output speeds [N m s/rad]. rotor: of a motor on the differential.
     """
 
-    output: Vector
+    output: Point
     output_shaft: Shaft
     half_shaft: Shaft
-    inset: float
+    inset: Length
     limited_slip: Law | None = None
-    top_speed: float | None = None
+    top_speed: Rate | None = None
     rotor: Rotor | None = None
 
     def __post_init__(self) -> None:
@@ -109,12 +110,12 @@ class Propshaft:
     """
 
     ratio: float
-    stiffness: float
-    damping: float
-    engine_flange: Vector
-    center_bearing: Vector
-    center_joint: Vector
-    pinion_flange: Vector
+    stiffness: TurnStiffness
+    damping: TurnDamping
+    engine_flange: Point
+    center_bearing: Point
+    center_joint: Point
+    pinion_flange: Point
     propshaft_front: Shaft
     propshaft_rear: Shaft
     pinion: Shaft
@@ -130,7 +131,7 @@ class Driveline(HalfShafts, Propshaft):
     """Propeller shaft, differential and half shafts of a rear-driven car. differential: housing, on identical mounts at `mounts`."""
 
     differential: Part
-    mounts: tuple[Vector, ...]
+    mounts: tuple[Point, ...]
     mount_bushing: Bushing | None = None
 
     def __post_init__(self) -> None:

@@ -17,6 +17,7 @@ from typing import Literal
 
 import numpy as np
 
+from solver.dimensions import Damping, Length, Mass, Point, Torque
 from solver.elements.joint import JointSpec
 from solver.elements.rigid_body import RigidBodySpec
 from solver.validate import Vector, finite, require
@@ -30,10 +31,10 @@ from solver.vehicle.steering import Column, Gear, steering_damper
 class Lever:
     """An arm on a shaft: pivot, ball [m]; mass [kg] of the bar between, of the given radius [m]."""
 
-    pivot: Vector
-    ball: Vector
-    mass: float
-    radius: float = 0.02
+    pivot: Point
+    ball: Point
+    mass: Mass
+    radius: Length = 0.02
 
     def __post_init__(self) -> None:
         require_positive('lever', self, 'mass', 'radius')
@@ -56,9 +57,10 @@ class RecirculatingBall(Column):
     idler: Lever | None = None
     idler_bushing: Bushing | None = None
     axis: Vector = UP
-    link_mass: float | None = None
-    link_radius: float = 0.015
-    link_damping: float = 0.0
+    link_mass: Mass | None = None
+    link_radius: Length = 0.015
+    link_damping: Damping = 0.0
+    friction: Torque = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()

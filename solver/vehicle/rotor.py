@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from solver.dimensions import Inertia
 from solver.elements.coupler import CouplerSpec
 from solver.elements.joint import JointSpec
 from solver.elements.rigid_body import RigidBodySpec
@@ -25,7 +26,7 @@ class Rotor:
     """What turns with a motor. inertia: about its axis [kg m^2]; across it has half of that, as a ring has. ratio: its turns per turn of
     the wheels, below 0 where its gear turns it backwards [-]."""
 
-    inertia: float
+    inertia: Inertia
     ratio: float = 1.0
 
     def __post_init__(self) -> None:

@@ -19,6 +19,7 @@ from typing import ClassVar, Literal, NamedTuple
 import numpy as np
 
 from solver.compiled.portable import norm, product
+from solver.dimensions import Damping, Force, Inertia, Length, Mass, Point, TurnDamping, TurnStiffness
 from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.elements.coupler import CouplerSpec
 from solver.elements.joint import JointSpec
@@ -58,16 +59,16 @@ class Column(ABC):
     or the pitman arm [N m] (solver.vehicle.power_steering).
     """
 
-    stiffness: float
-    damping: float
-    pinion_foot: Vector
-    pinion_joint: Vector
-    column_joint: Vector
-    wheel_hub: Vector
-    pinion_mass: float
-    shaft_mass: float
-    wheel_mass: float
-    wheel_inertia: float
+    stiffness: TurnStiffness
+    damping: TurnDamping
+    pinion_foot: Point
+    pinion_joint: Point
+    column_joint: Point
+    wheel_hub: Point
+    pinion_mass: Mass
+    shaft_mass: Mass
+    wheel_mass: Mass
+    wheel_inertia: Inertia
     assist: PowerSteering | None = None
     friction: float = 0.0
 
@@ -97,8 +98,9 @@ class SteeringGear(Column):
     implied: ClassVar[bool] = True  # where a file names no kind
     kind: Literal['rack_and_pinion'] = 'rack_and_pinion'
     rack: Part
-    rack_per_turn: float
-    rack_damping: float
+    rack_per_turn: Length
+    rack_damping: Damping
+    friction: Force = 0.0
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -22,6 +22,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from solver.dimensions import Point, Torque, TurnDamping
 from solver.elements.aero_drag import AeroDragSpec
 from solver.elements.coordinate import CoordinateSpec
 from solver.elements.coordinate_force import CoordinateForceSpec
@@ -46,8 +47,8 @@ SLOW = 0.005  # rad/s, from which on dry friction of a coupling has its full siz
 class Stabilizer:
     """What resists yaw in the coupling. friction: dry, of its pads on the ball [N m]; damping: of a damper beside it [N m s/rad]."""
 
-    friction: float = 0.0
-    damping: float = 0.0
+    friction: Torque = 0.0
+    damping: TurnDamping = 0.0
 
     def __post_init__(self) -> None:
         finite('stabilizer', 'friction', self.friction, low=0.0)
@@ -70,7 +71,7 @@ class Trailer:
     """
 
     chassis: Part
-    coupling: Vector
+    coupling: Point
     axles: tuple[Axle, ...]
     stabilizer: Stabilizer | None = None
     aero: Aero | None = None

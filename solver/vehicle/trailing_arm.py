@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from solver.validate import Vector
+from solver.dimensions import Point
 from solver.vehicle.parts import Bushing, Corner, Sprung, Structure, joined, mounting, sprung
 from solver.vehicle.wheel_end import IndependentSuspension
 
@@ -16,7 +16,7 @@ class TrailingArm(Sprung, IndependentSuspension):
     spring_arm, damper_chassis, damper_arm: ends of spring and damper [m]."""
 
     kind: Literal['trailing_arm'] = 'trailing_arm'
-    pivots: tuple[Vector, Vector]
+    pivots: tuple[Point, Point]
     bushing: Bushing | None = None
 
     def corner(self, name: str, side: str, structure: Structure) -> Corner:

@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
+from solver.dimensions import Point, Time, TurnStiffness
 from solver.elements.coordinate import CoordinateSpec
 from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.elements.joint import JointSpec
@@ -39,11 +40,11 @@ class TwistBeam(Sprung, Suspension):
 
     kind: Literal['twist_beam'] = 'twist_beam'
     arm: Part
-    pivot: Vector
+    pivot: Point
     bushing: Bushing | None = None
-    shear_center: Vector
-    torsion: float
-    torsion_loss: float = 0.001
+    shear_center: Point
+    torsion: TurnStiffness
+    torsion_loss: Time = 0.001
 
     def __post_init__(self) -> None:
         finite('twist beam', 'torsion', self.torsion, low=0.0)

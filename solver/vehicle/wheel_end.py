@@ -11,8 +11,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated
 
+from solver.dimensions import Angle, Inertia, Mass, Point, TurnDamping, TurnStiffness
 from solver.elements.brake import BrakeSpec
 from solver.elements.coordinate import CoordinateSpec
 from solver.elements.joint import JointSpec
@@ -30,12 +30,12 @@ class Wheel:
     """A wheel with everything that turns with it. center: in the design position [m]; spin_inertia about its axis, inertia about a
     diameter [kg m^2]; toe (positive: toe-in) and camber (negative: top inwards) in the design position."""
 
-    center: Vector
-    mass: float
-    spin_inertia: float
-    inertia: float
-    toe: Annotated[float, 'rad'] = 0.0
-    camber: Annotated[float, 'rad'] = 0.0
+    center: Point
+    mass: Mass
+    spin_inertia: Inertia
+    inertia: Inertia
+    toe: Angle = 0.0
+    camber: Angle = 0.0
 
     def __post_init__(self) -> None:
         require_positive('wheel', self, 'spin_inertia', 'inertia')
@@ -57,8 +57,8 @@ class Brake:
     """Brakes of one axle. share of each wheel in the total brake torque [-]; stiffness [N m/rad] and damping [N m s/rad] when stuck."""
 
     share: float
-    stiffness: float
-    damping: float
+    stiffness: TurnStiffness
+    damping: TurnDamping
 
     def __post_init__(self) -> None:
         require_positive('brake', self, 'stiffness')

@@ -64,16 +64,25 @@ def test_a_grid_is_every_combination_and_its_figures_are_those_of_single_runs(tm
 
 
 def test_axes_of_the_report_name_their_units_as_the_file_writes_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """From the hints of the specifications: of a number, of one that is written in km/h; a count has none."""
+    """From the hints of the specifications: of a number, of one that is written in km/h, of one in a list; a count has none."""
     labels: list[str] = []
     monkeypatch.setattr('matplotlib.axes.Axes.set_xlabel', lambda _, text, **__: labels.append(text))
     monkeypatch.setattr('matplotlib.axes.Axes.set_ylabel', lambda _, text, **__: labels.append(text))
-    parameters = {'integrator.h': {'values': [0.001]}, 'start.speed_kmh': {'values': [80]}, 'integrator.iterations': {'values': [2]}}
+    values = {
+        'integrator.h': 0.001,
+        'start.speed_kmh': 80,
+        'integrator.iterations': 2,
+        'vehicle.chassis.mass': 1250,
+        'vehicle.chassis.inertia[2]': 2000,
+        'vehicle.front.arm_pivots[0][2]': 0.205,
+    }
+    parameters = {name: {'values': [value]} for name, value in values.items()}
     figures = {'fastest': {'quantity': 'yaw_rate', 'take': 'peak'}}
     file = {'scene': 'light_car_straight', 'set': ['duration=0.01'], 'parameters': parameters, 'figures': figures}
     (tmp_path / 's.yaml').write_text(json.dumps(file))
     assert main(['sweep', str(tmp_path / 's.yaml'), '--out', str(tmp_path / 'out'), '--workers', '1']) == 0
-    assert labels[::2] == ['integrator.h [s]', 'start.speed_kmh [km/h]', 'integrator.iterations']
+    units = ('s', 'km/h', '', 'kg', 'kg m^2', 'm')
+    assert labels[::2] == [f'{name} [{unit}]' if unit else name for name, unit in zip(values, units, strict=True)]
     assert labels[1] == 'fastest [rad/s]'
 
 

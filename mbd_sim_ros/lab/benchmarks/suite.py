@@ -6,10 +6,11 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 from mbd_sim_ros.lab.benchmarks import endurance, growth, levels, linkage, overhead, rigs, single, start, stepping, threads
 from mbd_sim_ros.lab.benchmarks.machine import Watch, fingerprint, on_one_core
+from solver.dimensions import Time
 from solver.errors import MbdError, SceneError, suggestion
 from solver.files.scene import config_directories, find_file
 from solver.files.schema import Builder
@@ -110,7 +111,7 @@ class Case:
         'node_levels',
     ] = 'steps'
     set: tuple[str, ...] = ()
-    duration: Annotated[float, 's'] = 600.0
+    duration: Time = 600.0
     publish_every: int = 1
     targets: dict[str, float] = field(default_factory=dict)
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from solver.compiled.kernel import kernel
 from solver.compiled.vec import cross, cross_cross, load3, load33, mscale, put33, tmv
+from solver.dimensions import Length
 from solver.elements.kind import ConstraintKind
 from solver.elements.marker import ConstraintSpec, Context, Marker, compile_pairs, number_pairs
 from solver.elements.point_pair import point_position
@@ -25,7 +26,7 @@ class LevelSpec(ConstraintSpec):
 
     i: Marker
     j: Marker
-    height: float = 0.0
+    height: Length = 0.0
 
     def __post_init__(self) -> None:
         self.set('height', finite(self.where, 'height', self.height))

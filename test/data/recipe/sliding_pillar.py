@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from solver.dimensions import Point
 from solver.validate import Vector
 from solver.vehicle.parts import Bushing, Corner, Sprung, Structure, joined, mounting, sprung
 from solver.vehicle.wheel_end import IndependentSuspension
@@ -16,7 +17,7 @@ class SlidingPillar(Sprung, IndependentSuspension):
     spring and damper [m]."""
 
     kind: Literal['sliding_pillar'] = 'sliding_pillar'
-    pillar: Vector
+    pillar: Point
     axis: Vector
     bushing: Bushing | None = None
 
