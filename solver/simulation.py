@@ -96,7 +96,7 @@ class Simulation:
             fourth = 0
             if settings.order == 4:
                 masses = Ref(new_saddle(self.model, CONDENSED))
-                fourth = address_of(extrapolate, self.model.tables, masses, *arguments[2:], True, self._work)
+                fourth = address_of(extrapolate, self.model.tables, masses, *arguments[2:], True, True, self._work)
             self.adaptation = Adaptation(self.model, settings, self.scheme, self._work, hold, fourth)
         self._states = [Ref(new_state(self.model)), Ref(new_state(self.model))]
         self._initial = new_state(self.model)

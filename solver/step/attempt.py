@@ -34,7 +34,7 @@ class Attempt(NamedTuple):
     where: int
     iterations: int  # of the step that took most
     stuck: bool  # an iteration ended before the tolerance
-    error: float  # rate of the local error of two steps [1/s]; of one none is known
+    error: float  # rate of the local error of two steps [1/s], 0 where nothing asks for it
     counters: Counters  # of all steps
 
 
@@ -117,8 +117,8 @@ def single(tables, c, control, old, new, h, end, now, t, outputs, audit, work):
 
 
 @kernel(inner=True)
-def pair(tables, c, control, old, new, h, begin, end, now, t, outputs, audit, work):
-    """Two steps of size h from the fraction `begin` of the interval to `end`, compared with one of 2 h."""
+def pair(tables, c, control, old, new, h, begin, end, now, t, outputs, last, audit, work):
+    """Two steps of size h from the fraction `begin` of the interval to `end`, compared with one of 2 h. last: a call ends there."""
     middle = 0.5 * (begin + end)
     fourth = control.fourth != 0
     u = now
@@ -126,9 +126,9 @@ def pair(tables, c, control, old, new, h, begin, end, now, t, outputs, audit, wo
         inputs_inside(control.motion, control.grid, work.u_before, now, end, control.u_end)
         u = control.u_end
     inputs_inside(control.motion, control.grid, work.u_before, now, middle, control.u_middle)
-    history, first, last = control.history, control.middle, control.next
+    history, first, second = control.history, control.middle, control.next
     hold = control.hold
-    total = take(tables, c, control, old, history, control.full, last, 2.0 * h, u, t, NO, NO, 0.0, work)
+    total = take(tables, c, control, old, history, control.full, second, 2.0 * h, u, t, NO, NO, 0.0, work)
     result = last_result(work)
     if result.status != OK:
         return _judged(result, total, 0.0)
@@ -141,32 +141,33 @@ def pair(tables, c, control, old, new, h, begin, end, now, t, outputs, audit, wo
     power = power_now(tables, work.outputs, work.lam_out, work.phi_t) if fourth and audit else 0.0
     follow = hold - (1.0 - end)
     shown = outputs and not fourth
-    total = added(total, take(tables, c, control, half, first, new, last, h, u, t + h, shown, kept, follow, work))
+    total = added(total, take(tables, c, control, half, first, new, second, h, u, t + h, shown, kept, follow, work))
     two = last_result(work)
     if two.status != OK:
         return _judged(two, total, 0.0)
-    error = _difference(control, control.full, new, work) / 3.0
-    if one.counters.stagnated > 0:
-        error = max(error, one.counters.residual)
-    if two.counters.stagnated > 0:
-        error = max(error, two.counters.residual)
+    error = 0.0
+    if control.by_error == 1:
+        error = _difference(control, control.full, new, work) / 3.0
+        if one.counters.stagnated > 0:
+            error = max(error, one.counters.residual)
+        if two.counters.stagnated > 0:
+            error = max(error, two.counters.residual)
     both = added(one.counters, two.counters)
     most = max(one.counters.iterations, two.counters.iterations)
     if fourth:
-        invoke(control.fourth, (tables, control.masses, control.full, new, u, outputs, work))
+        invoke(control.fourth, (tables, control.masses, control.full, new, u, outputs, last, work))
         end_state = last_result(work)
         total = added(total, end_state.counters)
         if end_state.status != OK:
             return _judged(end_state, total, 0.0)
-        _carry_offset_on(history, first, last, h, new, work)
+        _carry_offset_on(history, first, second, h, new, work)
         if audit:
             account = work.energy
             before, worst, at = account[POWER], account[WORST], account[WORST_AT]
             n = added(both, end_state.counters)
             keep_account(tables, 2.0 * h, follow, new, u, n, work)
             refine_work(account, 2.0 * h, before, power, worst, at)
-    rate = error / (2.0 * h) if control.by_error == 1 else 0.0
-    return Attempt(OK, 0, most, both.stagnated > 0, rate, total)
+    return Attempt(OK, 0, most, both.stagnated > 0, error / (2.0 * h), total)
 
 
 @kernel(inner=True)

@@ -80,16 +80,23 @@ def _factorize_masses(tables, masses, work):
 
 
 @kernel(inner=True)
+def _violated_rates(tables, work):
+    """work.rate = A v + phi_t of work.v_out; returns the largest."""
+    constraint_rates(tables.constraints, work.J_end, work.v_out, work.rate)
+    worst = 0.0
+    for i in range(work.rate.shape[0]):
+        work.rate[i] += work.phi_t[i]
+        worst = max(worst, abs(work.rate[i]))
+    return worst
+
+
+@kernel(inner=True)
 def _close_velocity(tables, masses, work):
     """Project work.v_out with the factorized masses; returns the largest violation left."""
     worst, before = 0.0, np.inf
     copy_rows(work.formulation.zero, work.r)
     for k in range(PASSES):
-        constraint_rates(tables.constraints, work.J_end, work.v_out, work.rate)
-        worst, fastest = 0.0, 1.0
-        for i in range(work.rate.shape[0]):
-            work.rate[i] += work.phi_t[i]
-            worst = max(worst, abs(work.rate[i]))
+        worst, fastest = _violated_rates(tables, work), 1.0
         for b in range(tables.bodies.mass.shape[0]):
             fastest = max(fastest, largest(work.v_out, b))
         if worst <= EXACT * fastest or not worst < 0.5 * before or k == PASSES - 1:
@@ -164,11 +171,22 @@ def _accelerate(tables, masses, work):
             break
 
 
+@kernel(inline=True)
+def largest_of(x):
+    """Largest magnitude in a vector."""
+    most = 0.0
+    for i in range(x.shape[0]):
+        most = max(most, abs(x[i]))
+    return most
+
+
 @kernel(inner=True)
-def extrapolate(tables, masses, full, s1, u, want_outputs, work):
-    """Make of s1, the state after two steps, and of `full`, that after one, the state of fourth order in s1 and work.v_out, with its
-    accelerations and multipliers when outputs are wanted. s1.v is left as it is. masses: a Saddle of the condensed form, whose rows
-    need no mass at every body.
+def extrapolate(tables, masses, full, s1, u, want_outputs, last, work):
+    """Make of s1, the state after two steps, and of `full`, that after one, the state of fourth order in s1 and work.v_out. s1.v is left as
+    it is. masses: a Saddle of the condensed form, whose rows need no mass at every body.
+
+    want_outputs: evaluate the forces there, for the account of energy. last: accelerations and multipliers too, because they are shown;
+    without, only where the account asks what power prescribed motions take.
 
     For callers by address; status and counters are in work.result, as those of a step.
     """
@@ -181,8 +199,10 @@ def extrapolate(tables, masses, full, s1, u, want_outputs, work):
     velocity = _close_velocity(tables, masses, work)
     if want_outputs:
         outputs_at_end(tables, s1, u, work)
-        _bias(tables, s1, u, work)
-        _accelerate(tables, masses, work)
+        if last or largest_of(work.phi_t) > 0.0:
+            _bias(tables, s1, u, work)
+            _accelerate(tables, masses, work)
+            _violated_rates(tables, work)  # of which the account notes the place
     r = work.result
     r[0], r[1] = OK, 0
     if bad >= 0:

@@ -222,9 +222,10 @@ def _interval(tables, c, control, old, new, u, t, outputs, audit, left, work):
         elif done > 0.0:
             before = control.kept.energy_before
             copy_vector(work.energy, before)
-        shown = np.bool_(audit or (outputs and count == 1.0))
+        last = np.bool_(outputs and count == 1.0)
+        shown = np.bool_(audit or last)
         if control.group == 2:
-            attempt = pair(tables, c, control, old, new, h, done, end, u, here, shown, audit, work)
+            attempt = pair(tables, c, control, old, new, h, done, end, u, here, shown, last, audit, work)
         else:
             attempt = single(tables, c, control, old, new, h, end, u, here, shown, audit, work)
         total = added(total, attempt.counters)
