@@ -19,17 +19,18 @@ from typing import Any, Literal, Union, get_args, get_origin
 from solver.elements.laws import Law
 from solver.elements.marker import Marker
 from solver.elements.tire_pacejka import TireData
-from solver.files.schema import kinds_of, plain, unit_of
+from solver.files.schema import SUFFIXES, kinds_of, plain, unit_of
 from solver.files.vehicle import TEMPLATES
 from solver.model.spec import ModelSpec
 from solver.quantities import BY_WHEEL, NAMED
 from solver.scene import Bound
+from solver.units import UNITS
 
 FILE = Path(__file__).parents[1] / 'scene.md'
 PART = re.compile(r'<!-- begin (?P<name>[\w.]+) -->\n(?P<body>.*?)<!-- end -->', re.DOTALL)
 WORDS = {float: 'number', int: 'whole number', str: 'text', bool: 'true or false', types.NoneType: 'null', Marker: 'marker', Law: 'law'}
 WORDS[Bound] = 'limit'
-SUFFIXES_OF = {'rad': '_deg', 'm': '_mm', 'm/s': '_kmh', 'rad/s': '_rpm'}
+SUFFIX_OF = {UNITS[written][0]: suffix for suffix, written in SUFFIXES.items()}
 
 
 def render(text: str) -> str:
@@ -91,7 +92,7 @@ def block(cls: type, *, named: bool = False) -> str:
         if (named and field.name == 'name') or not field.repr or hint is ModelSpec:
             continue
         unit = unit_of(hint)
-        suffix = f' (or `{field.name}{SUFFIXES_OF[unit]}`)' if unit in SUFFIXES_OF else ''
+        suffix = f' (or `{field.name}_{SUFFIX_OF[unit]}`)' if unit in SUFFIX_OF else ''
         rows.append(f'| `{field.name}`{suffix} | {value(plain(hint))} | {unit} | {default(field)} |')
     texts = [inspect.cleandoc(one.__doc__ or '') for one in (cls, *inherited(cls))]
     return '\n\n'.join([*texts, '\n'.join(rows)]) + '\n'

@@ -32,11 +32,11 @@ from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from solver.errors import SceneError, SpecError, suggestion
 from solver.files.yaml_tree import join, refuse, where
+from solver.units import UNITS
 
 NUMBER = re.compile(r'[-+]?(0|[1-9][0-9]*)?(\.[0-9]*)?([eE][-+]?[0-9]+)?')
 COMPLAINT = re.compile(r'(?:[^=]*?: )?(?P<field>\w+)(?P<rest>[\w.\[\]]*(?: = |: ).*)', re.DOTALL)  # of a specification about its field
-SUFFIXES = {'deg': ('rad', math.pi / 180.0), 'mm': ('m', 1e-3), 'kmh': ('m/s', 1.0 / 3.6), 'rpm': ('rad/s', math.pi / 30.0)}
-WRITTEN = {'deg': 'deg', 'mm': 'mm', 'kmh': 'km/h', 'rpm': '1/min'}
+SUFFIXES = {'deg': 'deg', 'mm': 'mm', 'kmh': 'km/h', 'rpm': 'rpm'}  # what a key may end in -> the unit of solver.units that its value has
 _NULL = ('', '~', 'null')
 
 Fields = dict[str, tuple[Node, Node]]
@@ -112,7 +112,7 @@ class Builder:
         if name is not None and 'name' in wanted:
             values['name'] = name
         for key, (key_node, value) in fields.items():
-            field, factor = _field(key, wanted, hints)
+            field, ending = _field(key, wanted, hints)
             here = join(path, key)
             if field is None:
                 allowed = [k for k in {*wanted, *extra} if k != 'name' or name is None]
@@ -121,8 +121,8 @@ class Builder:
                 remedy = 'the name is the key of the entry' if field == 'name' and name is not None else f'{field!r} is given twice'
                 raise SceneError(f'{where(key_node)}: {here}: {remedy}')
             built = self.build(hints[field], value, here)
-            values[field] = built if factor == 1.0 else _scaled(built, factor, value, here)
-            if unit := unit_of(hints[field]) if factor == 1.0 else WRITTEN[key.rpartition('_')[2]]:
+            values[field] = _scaled(built, UNITS[ending][1], value, here) if ending else built
+            if unit := ending or unit_of(hints[field]):
                 self.units[here] = unit
         missing = [k for k, f in wanted.items() if k not in values and f.default is f.default_factory is dataclasses.MISSING]
         if missing:
@@ -221,14 +221,14 @@ def is_number(text: str) -> bool:
     return bool(NUMBER.fullmatch(text)) and any(c.isdigit() for c in text.lower().partition('e')[0])
 
 
-def _field(key: str, wanted: Mapping[str, object], hints: Mapping[str, Any]) -> tuple[str | None, float]:
+def _field(key: str, wanted: Mapping[str, object], hints: Mapping[str, Any]) -> tuple[str | None, str]:
+    """The field that a key means, None for none, and the unit that the key ends in, '' where its value is in that of the field."""
     if key in wanted:
-        return key, 1.0
+        return key, ''
     stem, _, suffix = key.rpartition('_')
-    unit, factor = SUFFIXES.get(suffix, ('', 1.0))
-    if stem in wanted and unit and unit_of(hints[stem]) == unit:
-        return stem, factor
-    return None, 1.0
+    if stem in wanted and suffix in SUFFIXES and unit_of(hints[stem]) == UNITS[SUFFIXES[suffix]][0]:
+        return stem, SUFFIXES[suffix]
+    return None, ''
 
 
 def _scaled(value: Any, factor: float, node: Node, path: str) -> Any:

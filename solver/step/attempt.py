@@ -84,21 +84,19 @@ def take(tables, c, control, source, before, target, after, h, u, t, outputs, au
     counters = converge(tables, c, control, source, target, h, tolerance, u, t, outputs, work)
     result = last_result(work)
     if result.status == OK:
+        after.size[0] = h
+        after.size[1] = between
         for i in range(source.zd.shape[0]):
             after.z_rate[i] = (target.zd[i] - source.zd[i]) / h
+        for b in range(target.v.shape[0]):
+            for i in range(6):
+                after.offset[b, i] = target.v[b, i] - work.v_out[b, i]
     if moved:
         kept = control.kept
         copy_table(kept.v, source.v)
         copy_table(kept.a, source.a)
         copy_vector(kept.zd, source.zd)
-    if result.status != OK:
-        return counters
-    after.size[0] = h
-    after.size[1] = between
-    for b in range(target.v.shape[0]):
-        for i in range(6):
-            after.offset[b, i] = target.v[b, i] - work.v_out[b, i]
-    if audit:
+    if audit and result.status == OK:
         keep_account(tables, h, follow, target, u, result.counters, work)
     return counters
 

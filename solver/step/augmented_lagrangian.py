@@ -112,6 +112,17 @@ def step(tables, c, s0, s1, u, want_outputs, work):
     return StepResult(OK, 0, counters)
 
 
+@kernel(inner=True)
+def violated_rates(tables, work):
+    """Assign work.rate = A v + phi_t of the velocity work.v_out at the end of the step; returns the largest."""
+    constraint_rates(tables.constraints, work.J_end, work.v_out, work.rate)
+    worst = 0.0
+    for i in range(work.rate.shape[0]):
+        work.rate[i] += work.phi_t[i]
+        worst = max(worst, abs(work.rate[i]))
+    return worst
+
+
 @kernel(borrow=True)
 def project_velocity(tables, c, v, u, passes, work):
     """work.v_out = v projected onto A v + phi_t = 0 with the factorization of the step; returns the largest violation left."""
@@ -121,11 +132,7 @@ def project_velocity(tables, c, v, u, passes, work):
     work.r[:] = 0.0
     worst = 0.0
     for k in range(passes + 1):
-        constraint_rates(tables.constraints, work.J_end, work.v_out, work.rate)
-        worst = 0.0
-        for i in range(work.rate.shape[0]):
-            work.rate[i] += work.phi_t[i]
-            worst = max(worst, abs(work.rate[i]))
+        worst = violated_rates(tables, work)
         if k == passes or (k > 0 and worst < c.tolerance):
             break
         solve_saddle(tables, c.form, work.saddle, work.r, work.rate, work.dw, work.dlam)

@@ -21,7 +21,7 @@ LONGEST_PATIENCE = 640.0
 
 WANTED, TAKEN, LAST_ERROR, EASY, PATIENCE = range(5)  # entries of Control.memory
 OPEN, DONE, CAUSE, UNDETERMINED, TRIED, H_BEFORE, ERROR_BEFORE, H_LAST, ERROR_LAST, H_BEST, ERROR_BEST, ABANDON, FAILED = range(13)
-PROGRESS = 13  # of these
+PROGRESS = FAILED + 1  # entries of Control.progress, which OPEN is the first of
 SUBSTEPS, REJECTED, PENDING = range(3)  # entries of Control.counts
 KINDS = ('step', 'penalty', 'error')
 CAUSES = ('failure', 'error', 'stagnation', 'no help', 'easy', 'undetermined')
@@ -86,7 +86,7 @@ class Control(NamedTuple):
     counts: np.ndarray  # (3,) SUBSTEPS, REJECTED, PENDING events
     events: np.ndarray  # (room, 6) time, kind, row, old, new, cause
     reserve: int  # events that one attempt can make
-    progress: np.ndarray  # (13,) of the interval that is OPEN; an interval that is not done yet is taken up by the next call
+    progress: np.ndarray  # (PROGRESS,) of the interval that is OPEN; an interval that is not done yet is taken up by the next call
     middle: History  # after the first of two steps
     next: History  # after an attempt of two steps, which may not be accepted
     begin: State  # of the interval, once a part of it is done

@@ -27,7 +27,7 @@ from solver.model.evaluate import add_constraint_forces, constraint_input_rates,
 from solver.model.saddle import CONDENSED, assemble_tangent, effective_masses, factorize_saddle, solve_saddle
 from solver.model.state import update_angles
 from solver.step.augmentation import begin_augmentation, combine
-from solver.step.augmented_lagrangian import body_not_finite, outputs_at_end, position_drift
+from solver.step.augmented_lagrangian import body_not_finite, outputs_at_end, position_drift, violated_rates
 from solver.step.stage import copy_rows, largest
 from solver.step.work import NON_FINITE, OK, SINGULAR
 
@@ -80,23 +80,12 @@ def _factorize_masses(tables, masses, work):
 
 
 @kernel(inner=True)
-def _violated_rates(tables, work):
-    """work.rate = A v + phi_t of work.v_out; returns the largest."""
-    constraint_rates(tables.constraints, work.J_end, work.v_out, work.rate)
-    worst = 0.0
-    for i in range(work.rate.shape[0]):
-        work.rate[i] += work.phi_t[i]
-        worst = max(worst, abs(work.rate[i]))
-    return worst
-
-
-@kernel(inner=True)
 def _close_velocity(tables, masses, work):
     """Project work.v_out with the factorized masses; returns the largest violation left."""
     worst, before = 0.0, np.inf
     copy_rows(work.formulation.zero, work.r)
     for k in range(PASSES):
-        worst, fastest = _violated_rates(tables, work), 1.0
+        worst, fastest = violated_rates(tables, work), 1.0
         for b in range(tables.bodies.mass.shape[0]):
             fastest = max(fastest, largest(work.v_out, b))
         if worst <= EXACT * fastest or not worst < 0.5 * before or k == PASSES - 1:
@@ -172,7 +161,7 @@ def _accelerate(tables, masses, work):
 
 
 @kernel(inline=True)
-def largest_of(x):
+def _largest_of(x):
     """Largest magnitude in a vector."""
     most = 0.0
     for i in range(x.shape[0]):
@@ -199,10 +188,10 @@ def extrapolate(tables, masses, full, s1, u, want_outputs, last, work):
     velocity = _close_velocity(tables, masses, work)
     if want_outputs:
         outputs_at_end(tables, s1, u, work)
-        if last or largest_of(work.phi_t) > 0.0:
+        if last or _largest_of(work.phi_t) > 0.0:
             _bias(tables, s1, u, work)
             _accelerate(tables, masses, work)
-            _violated_rates(tables, work)  # of which the account notes the place
+            violated_rates(tables, work)  # of which the account notes the place
     r = work.result
     r[0], r[1] = OK, 0
     if bad >= 0:

@@ -23,28 +23,17 @@ from solver.files.schema import SUFFIXES, Builder, is_number, unit_of
 from solver.files.vehicle import TEMPLATES
 from solver.files.yaml_tree import MappingNode, Node, ScalarNode, SequenceNode, parse, read
 from solver.inputs.maneuver import Maneuver
+from solver.units import UNITS
 from solver.vehicle.powertrain import Shaft
 
 ROOT = Path(__file__).resolve().parents[2]
-CONVERTIBLE = {unit for unit, _ in SUFFIXES.values()}
+CONVERTIBLE = {UNITS[written][0] for written in SUFFIXES.values()}
 WITHOUT = {
     # directions, and a rotation as a quaternion
     *('axes', 'axis', 'column_axis', 'normal', 'RigidBodySpec.orientation'),
     # parts of something, factors and ratios
-    *(
-        'share',
-        'shares',
-        'outputs',
-        'ratio',
-        'reverse',
-        'Power.final',
-        'speed_ratios',
-        'torque_ratios',
-        'crossings',
-        'pedals',
-        'bite',
-        'slip',
-    ),
+    *('share', 'shares', 'outputs', 'ratio', 'reverse', 'Power.final', 'speed_ratios', 'torque_ratios', 'crossings', 'pedals'),
+    *('bite', 'slip'),
     *('RoadSpec.friction', 'StabilityControl.friction', 'factor', 'FrictionMap.scale', 'FrictionMap.offset', 'coherence', 'cycles'),
     *('ClutchSpec.ratios', 'Power.ratios', 'real_time_factor', 'real_time_factor_min'),
     # settings of the integrator, all relative
