@@ -49,6 +49,7 @@ _held = 0
 _said = threading.Lock()
 _watcher: _Watcher | None = None
 _scratch: set[Path] = set()
+dependents: set[int] = set()  # processes that are killed when this one is ended: they have nothing to finish, and may be deaf to a signal
 
 
 def received() -> int:
@@ -223,6 +224,9 @@ def _end(code: int) -> None:
     if claim() and _say is not None:
         with suppress(OSError, ValueError):  # nobody reads it
             _say(sentence())
+    for process in tuple(dependents):
+        with suppress(OSError):
+            os.kill(process, signal.SIGKILL)
     for directory in _scratch:
         shutil.rmtree(directory, ignore_errors=True)
     os._exit(code)

@@ -13,6 +13,7 @@ from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
+from mbd_sim_ros import interrupts
 from mbd_sim_ros.sweep.case import Case, Row, row_of
 from solver.errors import BagError, MbdError
 
@@ -32,6 +33,9 @@ class Worker:
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
         theirs.close()
+        assert self.process.pid is not None
+        self._pid: int = self.process.pid
+        interrupts.dependents.add(self._pid)  # while it imports it would not notice for a second that nobody is left to work for
         self.case: Case | None = None
 
     def give(self, case: Case) -> None:
@@ -44,6 +48,7 @@ class Worker:
         """End it now."""
         self.process.kill()
         self.process.join()
+        interrupts.dependents.discard(self._pid)
         self.pipe.close()
 
 

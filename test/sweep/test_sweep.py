@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -191,6 +192,37 @@ def test_a_worker_that_dies_costs_nothing(tmp_path: Path):
             if len(found) == 3:
                 os.kill(crew.at_work[0].process.pid, signal.SIGKILL)
     assert sorted(found, key=lambda row: row['case']) == expected
+
+
+@pytest.mark.slow
+def test_interrupted_as_soon_as_it_has_workers_a_sweep_leaves_none_behind(tmp_path: Path):
+    """They import for a second, deaf to the terminal, with the pipes of the one who asked: who reads these would wait for them. He who lays
+    out the cases imports as long, and is ended where he is."""
+    sampled = {'parameters': {'start.speed_kmh': {'low': 65, 'high': 95}}, 'design': {'kind': 'latin_hypercube', 'samples': 4}}
+    figures = {'figures': {'peak': {'quantity': 'yaw_rate'}}}
+    (tmp_path / 's.yaml').write_text(json.dumps({'scene': 'light_car_straight', **sampled, **figures}))
+    command = [sys.executable, '-m', 'mbd_sim_ros.commands.main', 'sweep', str(tmp_path / 's.yaml'), '--out', str(tmp_path / 'out')]
+    process = subprocess.Popen(
+        [*command, '--workers', '2'], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    children = Path(f'/proc/{process.pid}/task/{process.pid}/children')
+
+    def of(pid: str) -> str:  # nothing of one that has ended, waited for or not
+        with suppress(OSError):
+            return Path(f'/proc/{pid}/cmdline').read_text()
+        return ''
+
+    end = time.monotonic() + 60.0
+    while len(importing := [pid for pid in children.read_text().split() if 'spawn_main' in of(pid)]) < 2:
+        assert time.monotonic() < end
+        time.sleep(0.005)
+    time.sleep(0.1)  # both know what to import
+    os.killpg(process.pid, signal.SIGINT)
+    process.wait(timeout=30)
+    time.sleep(0.05)
+    assert [pid for pid in importing if of(pid)] == []
+    said = process.communicate()[1]
+    assert (process.returncode, said.strip()) == (130, 'mbd: interrupted while starting mbd sweep')
 
 
 @pytest.mark.slow
