@@ -89,7 +89,8 @@ class JointSpec(ConstraintSpec):
     coincide. universal: the points coincide, x of i (one pin) stays perpendicular to y of j (the other). constant_velocity: the points
     coincide, shafts along z of i and of j turn alike. distance: the points keep `length` [m] > 0 (for this kind only).
     point_on_line: the point of j lies on z of i. point_on_plane: it lies in the plane normal to z of i. perpendicular: z of j stays
-    perpendicular to z of i.
+    perpendicular to z of i. Where one of the bodies spins, i belongs on the other: rows turn with i, and the iteration of a step gains less
+    (docs/decisions/0002).
     """
 
     kind: str

@@ -31,14 +31,16 @@ class FrictionPatch:
     """A rectangle with another friction.
 
     center: (x, y) [m] in W. size: (length, width) [m] along the patch axes. yaw: [rad]. factor: on the tire's peak friction [-].
-    blend: width of the strip, centred on the edge, over which the factor changes [m].
+    blend: width of the strip, centred on the edge, over which the factor changes [m]. That of a tire which rolls over a sharp edge changes
+    along with its contact patch, by the part of it that is behind the edge: over 106 mm ([Pacejka2012] table 9.1, 205/60 R15) and with the
+    steepest slope of a strip of 0.2 m.
     """
 
     center: Place
     size: Place
     factor: float
     yaw: Angle = 0.0
-    blend: Length = 0.1
+    blend: Length = 0.2
 
     def __post_init__(self) -> None:
         where = 'friction patch'

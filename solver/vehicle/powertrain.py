@@ -1,7 +1,7 @@
 """Engine on its mounts, two-part propeller shaft, differential and half shafts of a rear-driven car.
 
     engine -spherical- propshaft_front -universal- propshaft_rear -constant velocity- drive_pinion -cylindrical- differential
-    chassis -point on line- propshaft_front                                           (centre bearing)
+    chassis -point on line- propshaft_front                                           (centre bearing, a point of the shaft)
     differential -cylindrical- output_shaft -constant velocity- half_shaft -constant velocity- wheel      (left and right)
 
 Length changes are taken up where shafts slide in splines: the drive pinion's flange and the output shafts in their side gears.
@@ -245,7 +245,8 @@ def propeller_shaft(data: Propshaft, chassis: RigidBodySpec, engine: RigidBodySp
     axis_front, axis_rear = vector_of(np.subtract(front, centre)), vector_of(np.subtract(centre, rear))
     joints = (
         ('propshaft_flange', 'spherical', marker_at(engine, front), marker_at(first, front)),
-        ('propshaft_bearing', 'point_on_line', marker_at(first, bearing, axis_front), marker_at(chassis, bearing)),
+        # along a line of the chassis: rows of one in the shaft would turn with it, and iterations gain less (docs/decisions/0002)
+        ('propshaft_bearing', 'point_on_line', marker_at(chassis, bearing, axis_front), marker_at(first, bearing)),
         ('propshaft_joint', 'universal', *shaft_markers(first, second, centre, axis_front, axis_rear)),
         ('propshaft_pinion', 'constant_velocity', *shaft_markers(second, pinion, rear, axis_rear, FORWARD)),
         ('drive_pinion', 'cylindrical', marker_at(housing, rear, FORWARD), marker_at(pinion, rear, FORWARD)),

@@ -95,6 +95,15 @@ def test_friction_patch_blends_from_outside_to_inside() -> None:
     assert road_at(road, 8.0, 1.0)[2] == pytest.approx(0.9 * (1 - 0.5 * 0.25))  # the corner
 
 
+def test_friction_over_an_edge_changes_as_steeply_as_for_a_contact_patch() -> None:
+    """A sharp edge under a contact patch of 106 mm ([Pacejka2012] table 9.1): the part behind the edge grows by 1/0.106 per metre."""
+    road = compile_road(RoadSpec(patches=(FrictionPatch(center=(10.0, 0.0), size=(4.0, 2.0), factor=0.5),)))
+    x = np.linspace(7.8, 8.2, 4001)
+    friction = np.array([road_at(road, float(place), 0.0)[2] for place in x])
+    steepest = np.abs(np.diff(friction)).max() / (x[1] - x[0]) / 0.5
+    assert steepest == pytest.approx(1.0 / 0.106, rel=0.01)
+
+
 def test_random_road_has_the_iso_8608_spectrum_and_repeats() -> None:
     """Mean of the periodogram over 3 octaves of a 2 km road: 64 e-6 m^3 (0.1 n)^-2 for class B, to 4 standard deviations of the mean."""
     spec = RandomRoad(origin=(0, 0), length=2000.0, width=1.0, quality='B', seed=11, step=(0.1, 1.0), ramp=0.1)

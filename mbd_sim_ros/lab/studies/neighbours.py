@@ -14,7 +14,7 @@ import numpy as np
 from mbd_sim_ros.lab.mechanisms.judgement import STAY, WORSE, WRONG
 from mbd_sim_ros.lab.studies.cells import number
 
-SILENT, BEYOND = 'silently wrong', 'silently wrong, by the neighbouring steps, too'
+SILENT, BEYOND = 'silently wrong, by all other steps', 'silently wrong, by the neighbouring steps'
 
 
 def within(runs: Sequence[Mapping[str, Any]], k: int) -> bool:
