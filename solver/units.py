@@ -18,6 +18,7 @@ UNITS = {
 }  # fmt: skip
 SI = ('1', 'rad', 'rad/s', 'rad/s^2', 'm', 'm/s', 'm/s^2', 'N', 'N m', 'J', 'W', 's')
 UNITS |= {name: (name, 1.0) for name in SI}
+SUFFIXES = {'deg': 'deg', 'mm': 'mm', 'kmh': 'km/h', 'rpm': 'rpm'}  # what a key in a file may end in -> the unit that its value has
 WITH_UNIT = re.compile(r'\s*([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)\s*(.*?)\s*')
 SPELLED = {'m/s2': 'm/s^2', 'rad/s2': 'rad/s^2', 'deg/s2': 'deg/s^2', 'Nm': 'N m', '°': 'deg'}
 

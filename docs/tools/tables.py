@@ -19,12 +19,12 @@ from typing import Any, Literal, Union, get_args, get_origin
 from solver.elements.laws import Law
 from solver.elements.marker import Marker
 from solver.elements.tire_pacejka import TireData
-from solver.files.schema import SUFFIXES, kinds_of, plain, unit_of
+from solver.files.schema import kinds_of, plain, unit_of
 from solver.files.vehicle import TEMPLATES
 from solver.model.spec import ModelSpec
 from solver.quantities import BY_WHEEL, NAMED
 from solver.scene import Bound
-from solver.units import UNITS
+from solver.units import SUFFIXES, UNITS
 
 FILE = Path(__file__).parents[1] / 'scene.md'
 PART = re.compile(r'<!-- begin (?P<name>[\w.]+) -->\n(?P<body>.*?)<!-- end -->', re.DOTALL)

@@ -55,7 +55,7 @@ class FrictionPatch:
 class RoadSpec(Spec):
     """The ground under the tires.
 
-    point, normal: of the base plane [m], in W; the normal is normalised and must point upwards.
+    point [m], normal: of the base plane, in W; the normal is normalised and must point upwards.
     friction: factor on the tires' peak friction away from patches [-].
     contact: how tires touch the grids. 'point': the tangent plane below the wheel centre. 'enveloping': the road that a tire makes of
     them (docs/tire.md); the wheels are taken to roll along the x axes of the grids. 'auto': enveloping for grids with edges, which are

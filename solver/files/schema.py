@@ -32,11 +32,10 @@ from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from solver.errors import SceneError, SpecError, suggestion
 from solver.files.yaml_tree import join, refuse, where
-from solver.units import UNITS
+from solver.units import SUFFIXES, UNITS
 
 NUMBER = re.compile(r'[-+]?(0|[1-9][0-9]*)?(\.[0-9]*)?([eE][-+]?[0-9]+)?')
 COMPLAINT = re.compile(r'(?:[^=]*?: )?(?P<field>\w+)(?P<rest>[\w.\[\]]*(?: = |: ).*)', re.DOTALL)  # of a specification about its field
-SUFFIXES = {'deg': 'deg', 'mm': 'mm', 'kmh': 'km/h', 'rpm': 'rpm'}  # what a key may end in -> the unit of solver.units that its value has
 _NULL = ('', '~', 'null')
 
 Fields = dict[str, tuple[Node, Node]]

@@ -19,6 +19,7 @@ from solver.errors import SceneError, suggestion
 from solver.files.crg import read_crg
 from solver.files.raster import read_npz, read_png
 from solver.files.tir import read_tir
+from solver.units import SUFFIXES
 
 INCLUDE = re.compile(r'[\w./-]+(\.[a-z]+)')
 TAGS = tuple(f'tag:yaml.org,2002:{kind}' for kind in ('map', 'seq', 'str', 'int', 'float', 'bool', 'null', 'timestamp', 'merge', 'value'))
@@ -251,7 +252,8 @@ def text_of(node: Node) -> str:
 
 
 def override(root: Node, assignment: str, directories: Sequence[Path]) -> None:
-    """Apply 'a.b.c=value' (value in YAML; list items as a.b.0 or a.b[0]) to a node tree in place; missing mappings are created."""
+    """Apply 'a.b.c=value' (value in YAML; list items as a.b.0 or a.b[0]) to a node tree in place; missing mappings are created. What stands
+    under the same key with another unit (a.b.c_mm) is replaced."""
     path, equals, text = assignment.partition('=')
     keys = [key for key in re.split(r'[.\[\]]+', path.strip()) if key]
     name = f'--set {path.strip()}'
@@ -272,13 +274,29 @@ def override(root: Node, assignment: str, directories: Sequence[Path]) -> None:
             continue
         if not isinstance(node, MappingNode):
             raise SceneError(f'{name}: {".".join(keys[:depth])} = {shown(node)} is a plain value and has no {key!r} in it')
-        at = next((k for k, (entry, _) in enumerate(node.value) if entry.value == key), None)
+        at = _place(node, key, last)
         child = value if last else (MappingNode(TAGS[0], [], value.start_mark, value.end_mark) if at is None else node.value[at][1])
         if at is None:
             node.value.append((ScalarNode(TAGS[2], key, value.start_mark, value.end_mark), child))
         else:
-            node.value[at] = (node.value[at][0], child)
+            entry = node.value[at][0]
+            node.value[at] = (entry if entry.value == key else ScalarNode(TAGS[2], key, value.start_mark, value.end_mark), child)
         node = child
+
+
+def _place(node: MappingNode, key: str, last: bool) -> int | None:
+    """Where a mapping has a key; the last of a path also where a number, or a list, has it with another unit."""
+    words = [entry.value for entry, _ in node.value]
+    if key in words or not last:
+        return words.index(key) if key in words else None
+    plain = (not isinstance(value, MappingNode) and _stem(word) == _stem(key) for word, (_, value) in zip(words, node.value, strict=True))
+    return next((k for k, same in enumerate(plain) if same), None)
+
+
+def _stem(key: str) -> str:
+    """A key without the unit it ends in."""
+    stem, _, suffix = key.rpartition('_')
+    return stem if stem and suffix in SUFFIXES else key
 
 
 def _set_line(node: Node, name: str) -> None:

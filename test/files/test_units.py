@@ -19,11 +19,11 @@ from solver.elements.marker import Marker
 from solver.errors import SceneError
 from solver.files.mechanism import MechanismReader
 from solver.files.scene import config_directories, find_file, load_scene, load_scene_and_units, load_scene_text
-from solver.files.schema import SUFFIXES, Builder, is_number, unit_of
+from solver.files.schema import Builder, is_number, unit_of
 from solver.files.vehicle import TEMPLATES
 from solver.files.yaml_tree import MappingNode, Node, ScalarNode, SequenceNode, parse, read
 from solver.inputs.maneuver import Maneuver
-from solver.units import UNITS
+from solver.units import SUFFIXES, UNITS
 from solver.vehicle.powertrain import Shaft
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -235,3 +235,21 @@ def test_a_mechanism_may_be_written_in_millimetres_too() -> None:
     assert placed.model.joints[0].length == pytest.approx(float(np.hypot(1.9, 0.25)))
     with pytest.raises(SceneError, match=r"position_mm = \[0, 250, 0\]: give either 'at'"):
         load_scene_text(MECHANISM.replace('LENGTH', 'length: 1').replace('body: a, ', 'body: a, at: [0, 0, 0], '))
+
+
+@pytest.mark.parametrize(
+    ('override', 'length'),
+    [('length=2.5', 2.5), ('length_mm=2500', 2.5), ('length_mm=1950', 1.95)],
+)
+@pytest.mark.parametrize('given', ['length: 1.9', 'length_mm: 1900'])
+def test_an_override_replaces_what_stands_there_with_another_unit(given: str, override: str, length: float) -> None:
+    scene = load_scene_text(MECHANISM.replace('LENGTH', given), overrides=[f'mechanism.joints.rod.{override}'])
+    assert scene.model.joints[0].length == pytest.approx(length, rel=1e-15)
+    assert load_scene_text(scene.resolved) == scene
+
+
+def test_a_part_whose_name_ends_like_a_unit_is_a_part_of_its_own() -> None:
+    """A body called b_mm beside one called b."""
+    new = 'mechanism.bodies.b_mm={mass: 3, inertia: [1, 1, 1], position: [3, 0, 0]}'
+    scene = load_scene_text(MECHANISM.replace('LENGTH', 'length: 1.9'), overrides=[new])
+    assert [(body.name, body.mass) for body in scene.model.bodies] == [('a', 1.0), ('b', 1.0), ('b_mm', 3.0)]

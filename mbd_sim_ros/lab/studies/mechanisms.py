@@ -39,9 +39,9 @@ SHOWN = 20  # of the mechanisms that are not right
 def study(out: Path, *, quick: bool, progress: Progress, n: int | None = None, seed: int = 0) -> dict:
     """Judge n mechanisms of the series of a seed; what is not right is written as a scene file into `scenes`."""
     count = n if n is not None else QUICK_SAMPLES if quick else SAMPLES
-    warnings.filterwarnings('ignore', category=LinAlgWarning)  # of references at singular positions, whose steps then fail
     rows = []
-    with Cells(out / 'cells.jsonl') as cells:
+    with Cells(out / 'cells.jsonl') as cells, warnings.catch_warnings():
+        warnings.filterwarnings('ignore', category=LinAlgWarning)  # of references at singular positions, whose steps then fail
         for k in range(count):
             mechanism = drawn(k, seed)
             progress(f'{k} of {count}: {mechanism.family}', k / count)
