@@ -15,9 +15,10 @@ import numpy as np
 from mbd_sim_ros.node.demand import NEUTRAL, PARK
 from solver.elements.engine_map import EngineSpec
 from solver.inputs.shifting import INPUTS, LOCK_UP, Shifter, Shifting
+from solver.model.spec import ModelSpec
 from solver.scene import Scene
 
-FINAL_DRIVE = ('final_drive', 'drive_pinion/angle')  # the force element, and the coordinate whose factor is that of its ratio
+SHAFT = 'gearbox_output'  # a propeller shaft at the gearbox, its axle behind this where there are several
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,8 +40,7 @@ class Gearbox:
         boxes = [c for c in model.clutches if c.gear == 'gear']
         if not (engines and boxes):
             return None
-        behind = [1.0 / abs(f) for force in model.coordinate_forces for name, f in force.terms if (force.name, name) == FINAL_DRIVE]
-        final = behind[0] if behind and boxes[0].outputs[0][0] == 'gearbox_output' else 1.0
+        final = sum(share * _turns(model, output) for output, share in boxes[0].outputs)
         places = {b.name: b.position for b in model.bodies}
         return cls(
             engine=engines[0],
@@ -63,6 +63,15 @@ class Gearbox:
         omega = max(ratio * abs(speed) / self.radius, self.idle())
         there = [float(np.interp(omega, engine.speeds, row)) for row in engine.torques]
         return float(np.interp(torque / ratio, np.maximum.accumulate(there), engine.pedals))
+
+
+def _turns(model: ModelSpec, output: str) -> float:
+    """Turns of an output of a gearbox per turn of the wheels: of a propeller shaft by its final drive, of half shafts 1."""
+    axle = output.removeprefix(SHAFT)
+    if axle == output:
+        return 1.0
+    final, pinion = f'final_drive{axle}', f'drive_pinion{axle}/angle'
+    return next(-1.0 / factor for force in model.coordinate_forces if force.name == final for name, factor in force.terms if name == pinion)
 
 
 class Worked:

@@ -47,6 +47,7 @@ from solver.scene import Scene
 from solver.vehicle.hardpoints import SIDES, marker_at
 from solver.vehicle.parts import LEFTWARDS, UP, vector_of
 from solver.vehicle.trailer import refuse_trailer
+from solver.vehicle.transfer import refuse_locked, without_connections
 
 AXLES = ('front', 'rear')
 FASTEST = 10.0  # Hz, of the travel of a wheel (speed over wavelength of the road) and of the steering
@@ -77,7 +78,7 @@ def derive(scene: Scene) -> Derived:
     steering = Limit(quantity='steering_wheel_angle', unit='rad', low=-turned, high=turned, why=MAPS)
     lost = _unassisted(scene.model) if reduction.assisted is None else ()
     validity = (travel, steering, *_lateral(scene.model), *VALIDITY)
-    return Derived(scene=derived, level='kc', report=LevelReport(lost=(*LOST, *lost), validity=validity))
+    return Derived(scene=derived, level='kc', report=LevelReport(lost=(*LOST, *lost, *without_connections(scene.model)), validity=validity))
 
 
 def _unassisted(spec: ModelSpec) -> tuple[str, ...]:
@@ -108,6 +109,7 @@ def _reduction(spec: ModelSpec) -> _Reduction:
 
 def _require_car(spec: ModelSpec) -> None:
     refuse_trailer(spec)
+    refuse_locked(spec)
     if {tire.name for tire in spec.tires} != set(CORNERS):
         raise SpecError('a car with the wheels front_left, front_right, rear_left and rear_right is needed; use full')
     if spec.engines or spec.clutches:

@@ -38,6 +38,7 @@ from solver.model.spec import ModelSpec
 from solver.scene import Scene
 from solver.vehicle.hardpoints import marker_at
 from solver.vehicle.trailer import refuse_trailer
+from solver.vehicle.transfer import refuse_locked, without_connections
 
 # on 0.5 three cars turn 4 to 5 % less at three quarters of their limit, on 0.3 one of them 12 %
 SLIPPERY = Limit(quantity='friction below 1', unit='', high=0.5, why='it is identified on a road of friction 1')
@@ -49,6 +50,7 @@ def derive(scene: Scene) -> Derived:
     model = scene.model
     where = f"scene {scene.name!r}: fidelity = 'single_track'"
     refuse_trailer(model)
+    refuse_locked(model)
     if {tire.name for tire in model.tires} != set(CORNERS):
         raise SceneError(f'{where}: needs the wheels {", ".join(CORNERS)}; name the tires of the vehicle so')
     missing = [name for name in COMMANDS if name not in model.inputs]
@@ -70,6 +72,7 @@ def derive(scene: Scene) -> Derived:
             'unevenness and slope of the road; friction counts as the mean of both wheels of an axle',
             'torsion of steering and driveline',
             'turn slip, and the moment against turning a wheel on the spot',
+            *without_connections(model),
             *(
                 f'the map of the motor of {servo.name}: the torque at the steering wheel is linear, fitted with its help'
                 for servo in model.servos

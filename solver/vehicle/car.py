@@ -20,16 +20,16 @@ from itertools import pairwise
 from solver.dimensions import Acceleration, Point
 from solver.elements.rigid_body import RigidBodySpec
 from solver.model.spec import ModelSpec, used_inputs
-from solver.validate import require
+from solver.validate import finite, require
 from solver.vehicle.aero import Aero, aero_drag
 from solver.vehicle.axle import Axle, axle_bar, following_rack, subframe, suspensions
-from solver.vehicle.drives import Base, Drive, HalfShaftDrive, Transfer
 from solver.vehicle.parts import Category, Corner, Part, Parts, Structure, joined
 from solver.vehicle.power import Power
-from solver.vehicle.powertrain import Engine, Propshaft, engine
+from solver.vehicle.powertrain import Base, Engine, Propshaft, engine
 from solver.vehicle.recirculating_ball import RecirculatingBall
 from solver.vehicle.steering import SteeringGear, steering_gear
 from solver.vehicle.trailer import Trailer, require_behind, towed
+from solver.vehicle.transfer import Driven, Transfer, divided, shafts_at_engine, transfers
 
 AnySteering = SteeringGear | RecirculatingBall
 
@@ -37,14 +37,14 @@ AnySteering = SteeringGear | RecirculatingBall
 @dataclass(frozen=True, kw_only=True)
 class Car:
     """Data of a car; lengths in the design frame, left side. category: what its figures are compared with; steering: of the
-    first axle. hitch: centre of the ball that a trailer hangs on [m]."""
+    first axle. transfer: what connects two driven axles, or a list of such. hitch: centre of the ball that a trailer hangs on [m]."""
 
     category: Category = 'saloon'
     chassis: Part
     axles: tuple[Axle, ...]
     steering: AnySteering
     engine: Engine | None = None
-    transfer: Transfer | None = None
+    transfer: Transfer | tuple[Transfer, ...] | None = None
     aero: Aero | None = None
     hitch: Point | None = None
     trailer: Trailer | None = None
@@ -58,6 +58,8 @@ class Car:
         require(abs(brakes - 1.0) < 1e-9, 'car', 'brake', brakes, 'the shares of all wheels must add up to 1')
         driven = [axle.drive.share for axle in self.axles if axle.drive is not None]
         require(bool(driven), 'car', 'drive', None, 'no axle is driven: give one a drive')
+        for share in driven:
+            finite('car', 'share', share, low=0.0)
         require(abs(sum(driven) - 1.0) < 1e-9, 'car', 'share', sum(driven), 'the shares of the driven axles must add up to 1')
         first = self.axles[0]
         needs = 'it needs a double_wishbone, a macpherson, a multi_link with a tie_rod, or a live_axle with kingpins'
@@ -109,45 +111,38 @@ def drives(
     car: Car,
     chassis: RigidBodySpec,
     bases: dict[str, RigidBodySpec],
-    power: RigidBodySpec | None,
+    engine: RigidBodySpec | None,
     corners: dict[str, dict[str, Corner]],
 ) -> Parts:
-    """The drives of all driven axles and the lock between them."""
-    driven = {axle.name: axle.drive for axle in car.axles if axle.drive is not None}
-    parts, outputs = [], {}
-    for name, drive in driven.items():
-        own, outputs[name] = drive.parts(name, Base(chassis, bases[name], power, len(driven) == 1), corners[name])
-        parts.append(own)
-    if car.engine is not None and car.engine.power is not None:
-        parts.append(powered(car.engine.power, driven, outputs, power, joined(parts)))
-    if car.transfer is not None:
-        behind = [drive for drive in driven.values() if isinstance(drive, Propshaft)]
-        require(len(behind) == 1, 'transfer', 'axle', car.transfer.axle, 'needs one axle with a propeller shaft to be locked to')
-        parts.append(car.transfer.parts(outputs, behind[0].ratio))
-    return joined(parts)
+    """The drives of all driven axles, the engine with its gearbox in front of them, and connections between them."""
+    given = {axle.name: axle.drive for axle in car.axles if axle.drive is not None}
+    shafts = [drive for drive in given.values() if isinstance(drive, Propshaft)]
+    based = {name: Base(chassis, bases[name], engine, len(given) == 1, len(shafts) == 1, {}) for name in given}
+    found = {name: drive.housing(name, based[name], corners[name]) for name, drive in given.items()}
+    housings = {name: housing for name, housing in found.items() if housing is not None}
+    driven = {name: drive.parts(name, based[name]._replace(housings=housings), corners[name]) for name, drive in given.items()}
+    power = None if car.engine is None else car.engine.power
+    between = () if car.transfer is None else (car.transfer,) if isinstance(car.transfer, Transfer) else car.transfer
+    return joined(
+        (
+            *(one.parts for one in driven.values()),
+            shafts_at_engine(engine, between, driven, powered=power is not None),
+            Parts() if power is None else powered(power, driven, engine),
+            transfers(between, driven),
+        )
+    )
 
 
-def powered(
-    data: Power, driven: dict[str, Drive], outputs: dict[str, tuple[str, str]], engine: RigidBodySpec | None, drive: Parts
-) -> Parts:
-    """Crankshaft, clutch and gearbox in front of the parts of the one drive."""
+def powered(data: Power, driven: dict[str, Driven], engine: RigidBodySpec | None) -> Parts:
+    """Crankshaft, clutch and gearbox in front of the drives of all driven axles."""
+    reached = 'a gearbox drives propeller shafts, and half shafts from its differential; choose one of these'
+    for axle, one in driven.items():
+        require(one.shaft is not None or one.inside, 'power', f'drive of axle {axle}', one.kind, reached)
+    inside = [axle for axle, one in driven.items() if one.inside]
+    require(len(inside) <= 1, 'power', 'axles', ', '.join(inside), 'a gearbox has one differential: give the others propeller shafts')
+    alone = data.final == 1.0 or bool(inside)
     require(
-        len(driven) == 1, 'power', 'axles', ', '.join(driven), 'an engine with a gearbox drives one axle: leave out the drive of the others'
-    )
-    ((axle, one),) = driven.items()
-    behind = isinstance(one, Propshaft)
-    inside = isinstance(one, HalfShaftDrive) and one.differential is None
-    require(
-        behind or inside,
-        'power',
-        'drive',
-        one.kind,
-        'an engine with a gearbox drives a propeller shaft, or half shafts from its differential',
-    )
-    left = data.final == 1.0 or inside
-    require(
-        left, 'power', 'final', data.final, 'belongs to a differential in the gearbox: leave it out, the propeller shaft has its own ratio'
+        alone, 'power', 'final', data.final, 'belongs to a differential in the gearbox: leave it out, a propeller shaft has its own ratio'
     )
     assert engine is not None
-    shaft = next((body for body in drive.bodies if body.name == 'propshaft_front'), None)
-    return data.parts(engine, shaft, outputs[axle])
+    return data.parts(engine, divided(driven.values(), data.final), across=bool(inside))

@@ -1,4 +1,4 @@
-"""What may drive an axle, and a lock between two driven axles. Each takes its share of the input drive_torque.
+"""What may drive an axle. Each takes its share of the input drive_torque.
 
 propshaft     differential on the subframe behind a propeller shaft, half shafts        (solver.vehicle.powertrain)
 half_shafts   differential on the subframe, or in the gearbox of the engine (transverse engine), half shafts
@@ -10,17 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal
 
-from solver.dimensions import Point, Rate, TurnDamping, TurnStiffness
+from solver.dimensions import Point, Rate
 from solver.elements.coordinate import CoordinateSpec
 from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.elements.laws import Law
 from solver.elements.rigid_body import RigidBodySpec
-from solver.validate import finite, require
+from solver.validate import require
 from solver.vehicle.hardpoints import marker_at
 from solver.vehicle.parts import LEFTWARDS, UP, Bushing, Corner, Part, Parts, joined, mounting, require_positive, require_resisting
 from solver.vehicle.powertrain import (
+    Base,
     Driveline,
     HalfShafts,
     Propshaft,
@@ -32,26 +33,8 @@ from solver.vehicle.powertrain import (
     propeller_shaft,
 )
 from solver.vehicle.rotor import Rotor, rotor
+from solver.vehicle.transfer import Driven
 from solver.vehicle.wheel_end import spin_axis
-
-
-class Base(NamedTuple):
-    """What a drive is attached to. single: no other axle is driven, so its parts need not be named after theirs."""
-
-    chassis: RigidBodySpec
-    subframe: RigidBodySpec
-    engine: RigidBodySpec | None
-    single: bool
-
-    def name(self, part: str, axle: str) -> str:
-        """Name of a part of the drive of an axle."""
-        return part if self.single else f'{part}_{axle}'
-
-    def powered(self, kind: str) -> RigidBodySpec:
-        """The engine, which a drive of this kind needs."""
-        require(self.engine is not None, f'drive {kind!r}', 'engine', None, 'the car has none: add it')
-        assert self.engine is not None
-        return self.engine
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,11 +44,15 @@ class PropshaftDrive(Driveline):
     kind: Literal['propshaft'] = 'propshaft'
     share: float = 1.0
 
-    def parts(self, axle: str, base: Base, corners: Mapping[str, Corner]) -> tuple[Parts, tuple[str, str]]:
-        """(parts of the drive, coordinates of its outputs)."""
+    def parts(self, axle: str, base: Base, corners: Mapping[str, Corner]) -> Driven:
+        """The drive of an axle."""
         wheels = {side: corner.wheel for side, corner in corners.items()}
-        names = base.name('differential', axle), base.name('limited_slip', axle)
-        return driveline(self, base.chassis, base.powered(self.kind), base.subframe, wheels, axle, self.share, names)
+        parts, outputs, shaft = driveline(self, base, wheels, axle, self.share)
+        return Driven(parts, self.kind, self.share, outputs, shaft)
+
+    def housing(self, axle: str, base: Base, corners: Mapping[str, Corner]) -> RigidBodySpec:
+        """Of the differential."""
+        return self.differential.body(base.name('differential', axle), self.differential.com)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,11 +71,11 @@ class HalfShaftDrive(HalfShafts):
         placed = bool(self.mounts) == (self.differential is not None)
         require(placed, 'drive', 'mounts', self.mounts, 'belong to a differential of its own: give both or neither')
 
-    def parts(self, axle: str, base: Base, corners: Mapping[str, Corner]) -> tuple[Parts, tuple[str, str]]:
-        """(parts of the drive, coordinates of its outputs)."""
+    def parts(self, axle: str, base: Base, corners: Mapping[str, Corner]) -> Driven:
+        """The drive of an axle."""
         name = base.name('differential', axle)
         if self.differential is None:
-            housing, own = base.powered(self.kind), Parts()
+            housing, own = base.powered(axle), Parts()
         else:
             housing = self.differential.body(name, self.differential.com)
             feet = mounting(f'{name}_mount', base.subframe, housing, self.mounts, self.mount_bushing, ideal='fixed', axis=UP)
@@ -96,7 +83,12 @@ class HalfShaftDrive(HalfShafts):
         shafts, outputs = half_shafts(self, housing, {side: corner.wheel for side, corner in corners.items()}, axle)
         drive = Parts(coordinate_forces=(open_differential(name, outputs, share=self.share, top_speed=self.top_speed),))
         lock = limited_slip(base.name('limited_slip', axle), outputs, self.limited_slip)
-        return joined((own, shafts, drive, lock, rotor(self.rotor, base.name('rotor', axle), housing, outputs))), outputs
+        parts = joined((own, shafts, drive, lock, rotor(self.rotor, base.name('rotor', axle), housing, outputs)))
+        return Driven(parts, self.kind, self.share, outputs, inside=self.differential is None)
+
+    def housing(self, axle: str, base: Base, corners: Mapping[str, Corner]) -> RigidBodySpec | None:
+        """Of the differential, None for one in the gearbox."""
+        return None if self.differential is None else self.differential.body(base.name('differential', axle), self.differential.com)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -115,21 +107,25 @@ class LiveAxleDrive(Propshaft):
         require_positive('driveline', self, 'top_speed')
         require_resisting('driveline', 'limited_slip', self.limited_slip)
 
-    def parts(self, axle: str, base: Base, corners: Mapping[str, Corner]) -> tuple[Parts, tuple[str, str]]:
-        """(parts of the drive, coordinates of its outputs)."""
-        housing = corners['left'].housing
+    def parts(self, axle: str, base: Base, corners: Mapping[str, Corner]) -> Driven:
+        """The drive of an axle."""
+        housing = self.housing(axle, base, corners)
         require(housing is not None, f'drive of axle {axle!r}', 'kind', self.kind, 'is for a suspension of this kind: choose half_shafts')
         assert housing is not None
+        turning, shaft = propeller_shaft(self, base, housing, axle)
         outputs = (f'wheel_{axle}_left', f'wheel_{axle}_right')
         forces = open_differential(base.name('differential', axle), outputs, share=self.share, top_speed=self.top_speed)
-        return joined(
-            (
-                propeller_shaft(self, base.chassis, base.powered(self.kind), housing),
-                Parts(coordinate_forces=(forces, final_drive(self, outputs))),
-                limited_slip(base.name('limited_slip', axle), outputs, self.limited_slip),
-                rotor(self.rotor, base.name('rotor', axle), housing, outputs),
-            )
-        ), outputs
+        parts = (
+            turning,
+            Parts(coordinate_forces=(forces, final_drive(self, base, axle, outputs))),
+            limited_slip(base.name('limited_slip', axle), outputs, self.limited_slip),
+            rotor(self.rotor, base.name('rotor', axle), housing, outputs),
+        )
+        return Driven(joined(parts), self.kind, self.share, outputs, shaft)
+
+    def housing(self, axle: str, base: Base, corners: Mapping[str, Corner]) -> RigidBodySpec | None:
+        """That of the axle, which holds the differential."""
+        return corners['left'].housing
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -147,8 +143,8 @@ class Motors:
     def __post_init__(self) -> None:
         require_positive('motors', self, 'top_speed')
 
-    def parts(self, axle: str, base: Base, corners: Mapping[str, Corner]) -> tuple[Parts, tuple[str, str]]:
-        """(parts of the drive, coordinates of its outputs)."""
+    def parts(self, axle: str, base: Base, corners: Mapping[str, Corner]) -> Driven:
+        """The drive of an axle."""
         shafts: tuple[CoordinateSpec, ...] = ()
         outputs = (f'wheel_{axle}_left', f'wheel_{axle}_right')
         if self.on == 'chassis':
@@ -168,7 +164,10 @@ class Motors:
             )
             for (side, corner), output in zip(corners.items(), outputs, strict=True)
         )  # fmt: skip
-        return joined((Parts(coordinates=shafts, coordinate_forces=forces), *turning)), outputs
+        return Driven(joined((Parts(coordinates=shafts, coordinate_forces=forces), *turning)), self.kind, self.share, outputs)
+
+    def housing(self, axle: str, base: Base, corners: Mapping[str, Corner]) -> None:
+        """Motors have none."""
 
 
 Drive = PropshaftDrive | HalfShaftDrive | LiveAxleDrive | Motors
@@ -180,24 +179,3 @@ def wheel_shaft(corner: str, chassis: RigidBodySpec, wheel: RigidBodySpec) -> Co
         name=f'shaft_{corner}', kind='rotation', i=marker_at(chassis, wheel.position, LEFTWARDS),
         j=marker_at(wheel, wheel.position, spin_axis(wheel)),
     )  # fmt: skip
-
-
-@dataclass(frozen=True, kw_only=True)
-class Transfer:
-    """The connection of a driven axle in front with the drive pinion behind: a locked transfer case (stiffness [N m/rad]), or a viscous
-    one (damping [N m s/rad] alone), both at the wheels of the axle."""
-
-    axle: str = 'front'
-    stiffness: TurnStiffness = 0.0
-    damping: TurnDamping
-
-    def __post_init__(self) -> None:
-        finite('transfer', 'stiffness', self.stiffness, low=0.0)
-        finite('transfer', 'damping', self.damping, low=0.0, strict=True)
-
-    def parts(self, outputs: Mapping[str, tuple[str, str]], ratio: float) -> Parts:
-        """The force element. outputs: coordinates by driven axle; ratio: of the final drive behind."""
-        require(self.axle in outputs, 'transfer', 'axle', self.axle, f'is not driven; driven are: {", ".join(outputs)}')
-        terms = (*((output, 0.5) for output in outputs[self.axle]), ('drive_pinion/angle', -1.0 / ratio))
-        spring = Law.linear(self.stiffness) if self.stiffness > 0.0 else None
-        return Parts(coordinate_forces=(CoordinateForceSpec(name='transfer', terms=terms, spring=spring, damper=Law.linear(self.damping)),))

@@ -8,8 +8,9 @@ With a torque converter the gears are behind its turbine, and the clutch is that
     engine -revolute- turbine                   crankshaft =oil= turbine (solver.elements.converter), and =lock-up= where there is one
     turbine =clutch, gear= gearbox output
 
-The output of the gearbox is the propeller shaft, or, where the differential is in the gearbox, both half shafts behind `final`. The engine
-with its mounts takes what crankshaft and output do not balance. Inputs: accelerator and clutch (pedals, 0 to 1), gear (0: neutral, below 0
+The output of the gearbox is the propeller shaft, or, where the differential is in the gearbox, both half shafts behind `final`; of several
+driven axles all of these, by their shares of its torque (solver.vehicle.transfer). The engine with its mounts takes what crankshaft and
+outputs do not balance. Inputs: accelerator and clutch (pedals, 0 to 1), gear (0: neutral, below 0
 the reverse gear), and lock_up (closed from 0.5 on while the clutch pedal is up); left out of a maneuver they are 0: neutral, clutch closed,
 idling. drive_torque acts besides, at the differential.
 """
@@ -21,7 +22,6 @@ from dataclasses import dataclass
 from solver.dimensions import ConverterCapacity, Inertia, Mass, Rate, Torque, TurnDamping, TurnStiffness
 from solver.elements.clutch import ClutchSpec, require_gears
 from solver.elements.converter import ConverterSpec, require_converter
-from solver.elements.coordinate import CoordinateSpec
 from solver.elements.engine_map import EngineSpec, require_engine
 from solver.elements.joint import JointSpec
 from solver.elements.rigid_body import RigidBodySpec
@@ -91,18 +91,12 @@ class Power:
         for field in ('mass', 'inertia', 'final', 'capacity', 'stiffness', 'damping'):
             finite('power', field, getattr(self, field), low=0.0, strict=True)
 
-    def parts(self, engine: RigidBodySpec, output: RigidBodySpec | None, wheels: tuple[str, str]) -> Parts:
-        """Crankshaft, map, clutch. output: the propeller shaft, at whose front end the gearbox is, or None: the half shafts, coordinates
-        `wheels`, are. Coordinates crankshaft and gearbox_output, positive when rolling forward."""
-        axis = LEFTWARDS if output is None else FORWARD
+    def parts(self, engine: RigidBodySpec, outputs: tuple[tuple[str, float], ...], *, across: bool) -> Parts:
+        """Crankshaft, map, clutch. outputs: coordinates that the gearbox turns behind its final drive, with their shares of its torque,
+        below 0 where they turn backwards; across: the crankshaft lies across the car. Coordinate crankshaft, positive when rolling
+        forward."""
+        axis = LEFTWARDS if across else FORWARD
         crank = shaft('crankshaft', engine, axis, self.mass, self.inertia)
-        coordinates: tuple[CoordinateSpec, ...] = ()
-        outputs = tuple((name, 0.5) for name in wheels)
-        if output is not None:
-            place = output.position
-            ends = marker_at(engine, place, FORWARD), marker_at(output, place, FORWARD)
-            coordinates = (CoordinateSpec(name='gearbox_output', kind='rotation', i=ends[0], j=ends[1]),)
-            outputs = (('gearbox_output', 1.0),)
         engines = EngineSpec(
             name='engine', coordinate='crankshaft', input='accelerator', speeds=self.speeds, pedals=self.pedals, torques=self.torques
         )
@@ -112,7 +106,7 @@ class Power:
             ratios=tuple(ratio * self.final for ratio in self.ratios),
             reverse=None if self.reverse is None else self.reverse * self.final, stiffness=self.stiffness, damping=self.damping,
         )  # fmt: skip
-        parts = (crank, Parts(coordinates=coordinates, engines=(engines,), clutches=(clutch,)))
+        parts = (crank, Parts(engines=(engines,), clutches=(clutch,)))
         return joined(parts if self.converter is None else (*parts, turbine(self.converter, engine, axis)))
 
 

@@ -1,10 +1,16 @@
-"""Engine on its mounts, two-part propeller shaft, differential and half shafts of a rear-driven car.
+"""Engine on its mounts, propeller shaft, differential and half shafts of a driven axle.
 
     engine -spherical- propshaft_front -universal- propshaft_rear -constant velocity- drive_pinion -cylindrical- differential
     chassis -point on line- propshaft_front                                           (centre bearing, a point of the shaft)
     differential -cylindrical- output_shaft -constant velocity- half_shaft -constant velocity- wheel      (left and right)
 
-Length changes are taken up where shafts slide in splines: the drive pinion's flange and the output shafts in their side gears.
+Length changes are taken up where shafts slide in splines: the drive pinion's flange and the output shafts in their side gears. A shaft of
+one part has no centre bearing and no universal joint:
+
+    engine -spherical- propshaft -constant velocity- drive_pinion -cylindrical- differential
+
+and begins at another axle instead of the engine where it comes `through` that, as between two driven axles of a truck. What turns and
+brakes it there acts against the engine (solver.vehicle.transfer), so of the torque of both axles each housing gets what belongs to it.
 
 The drive torque acts at the differential, as in the reference maneuver: `differential` puts the input drive_torque on the mean of the two
 output angles, so each side gets half of it and the housing the reaction. The gearbox is in neutral: propeller shaft and pinion turn
@@ -15,8 +21,10 @@ difference of the output speeds (one more force element).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,8 +32,9 @@ from solver.dimensions import Length, Mass, Point, Rate, TurnDamping, TurnStiffn
 from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.elements.joint import JointSpec
 from solver.elements.laws import Law
+from solver.elements.marker import Marker
 from solver.elements.rigid_body import RigidBodySpec
-from solver.validate import finite, require
+from solver.validate import Vector, finite, require
 from solver.vehicle.hardpoints import SIDES, marker_at, on_side
 from solver.vehicle.parts import (
     LEFTWARDS,
@@ -103,27 +112,34 @@ class HalfShafts:
 
 @dataclass(frozen=True, kw_only=True)
 class Propshaft:
-    """A propeller shaft of two parts and the final drive behind it.
+    """A propeller shaft and the final drive behind it.
 
-    engine_flange, center_joint, pinion_flange: its joints, center_bearing: its bearing on the chassis [m]. ratio: of the final drive;
-    stiffness [N m/rad] and damping [N m s/rad] of half shafts and mesh, at the outputs.
+    engine_flange, center_joint, pinion_flange: its joints, center_bearing: its bearing on the chassis [m]; one of a single part,
+    propshaft_front, has neither center_bearing, center_joint nor propshaft_rear. through: the driven axle on whose housing engine_flange is
+    (None: it is on the engine). ratio: of the final drive; stiffness [N m/rad] and damping [N m s/rad] of half shafts and mesh, at the
+    outputs.
     """
 
     ratio: float
     stiffness: TurnStiffness
     damping: TurnDamping
+    through: str | None = None
     engine_flange: Point
-    center_bearing: Point
-    center_joint: Point
+    center_bearing: Point | None = None
+    center_joint: Point | None = None
     pinion_flange: Point
     propshaft_front: Shaft
-    propshaft_rear: Shaft
+    propshaft_rear: Shaft | None = None
     pinion: Shaft
 
     def __post_init__(self) -> None:
         require_positive('driveline', self, 'stiffness')
         require(self.ratio != 0.0, 'driveline', 'ratio', self.ratio, 'must not be 0')  # below it the crown wheel is on the other side
         finite('driveline', 'damping', self.damping, low=0.0)
+        second = ('center_bearing', 'center_joint', 'propshaft_rear')
+        missing = [name for name in second if getattr(self, name) is None]
+        whole = f'is missing: a shaft of two parts has {", ".join(second)}, one of a single part none of them'
+        require(len(missing) in (0, len(second)), 'driveline', (*missing, '')[0], None, whole)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,6 +153,51 @@ class Driveline(HalfShafts, Propshaft):
     def __post_init__(self) -> None:
         HalfShafts.__post_init__(self)
         Propshaft.__post_init__(self)
+
+
+class Base(NamedTuple):
+    """What a drive is attached to. single, only_shaft: no other axle is driven, or has a propeller shaft, so that parts of the drive, or of
+    its shaft, need not be named after the axle. housings: of the differentials of all driven axles that have one of their own."""
+
+    chassis: RigidBodySpec
+    subframe: RigidBodySpec
+    engine: RigidBodySpec | None
+    single: bool
+    only_shaft: bool
+    housings: Mapping[str, RigidBodySpec]
+
+    def name(self, part: str, axle: str) -> str:
+        """Name of a part of the drive of an axle."""
+        return part if self.single else f'{part}_{axle}'
+
+    def of_shaft(self, part: str, axle: str) -> str:
+        """Name of a part of the propeller shaft to an axle."""
+        return part if self.only_shaft else f'{part}_{axle}'
+
+    def powered(self, axle: str) -> RigidBodySpec:
+        """The engine, which a drive needs."""
+        require(self.engine is not None, f'drive of axle {axle!r}', 'engine', None, 'the car has none: add it')
+        assert self.engine is not None
+        return self.engine
+
+    def flange(self, axle: str, through: str | None, engine: RigidBodySpec) -> RigidBodySpec:
+        """What the propeller shaft to an axle begins at."""
+        others = [name for name in self.housings if name != axle]
+        known = f'is no other driven axle whose differential has a housing; these are: {", ".join(others) or "none"}'
+        require(through is None or through in others, f'drive of axle {axle!r}', 'through', through, known)
+        return engine if through is None else self.housings[through]
+
+
+class PropellerShaft(NamedTuple):
+    """A propeller shaft where others take hold of it. body: its part at the engine, along `axis`; output: the coordinate of that against
+    the engine, pinion: that of the drive pinion, both about an axis that leads forwards; ratio: turns of these per turn of the wheels,
+    below 0 where they turn backwards."""
+
+    body: RigidBodySpec
+    axis: Vector
+    output: str
+    pinion: str
+    ratio: float
 
 
 def engine(data: Engine, chassis: RigidBodySpec, subframe: RigidBodySpec) -> Parts:
@@ -156,34 +217,27 @@ def engine(data: Engine, chassis: RigidBodySpec, subframe: RigidBodySpec) -> Par
 
 
 def driveline(
-    data: Driveline,
-    chassis: RigidBodySpec,
-    engine: RigidBodySpec,
-    subframe: RigidBodySpec,
-    wheels: Mapping[str, RigidBodySpec],
-    axle: str,
-    share: float,
-    names: tuple[str, str],
-) -> tuple[Parts, tuple[str, str]]:
-    """(propeller shaft, differential and half shafts to the wheels (by side) of an axle; coordinates of the outputs).
+    data: Driveline, base: Base, wheels: Mapping[str, RigidBodySpec], axle: str, share: float
+) -> tuple[Parts, tuple[str, str], PropellerShaft]:
+    """(propeller shaft, differential and half shafts to the wheels (by side) of an axle; coordinates of the outputs; the shaft).
 
-    share: of the input drive_torque [-]; names: of the differential and of its lock. Coordinates output_shaft_<corner>/angle and
-    drive_pinion/angle, positive when rolling forward.
+    share: of the input drive_torque [-]. Coordinates output_shaft_<corner>/angle and drive_pinion/angle, positive when rolling forward.
     """
-    differential, lock = names
+    differential, lock = base.name('differential', axle), base.name('limited_slip', axle)
     housing = data.differential.body(differential, data.differential.com)
     shafts, outputs = half_shafts(data, housing, wheels, axle)
     drive = open_differential(differential, outputs, share=share, top_speed=data.top_speed)
+    turning, shaft = propeller_shaft(data, base, housing, axle)
     parts = (
         Parts(bodies=(housing,)),
-        mounting(f'{differential}_mount', subframe, housing, data.mounts, data.mount_bushing, ideal='fixed', axis=UP),
-        propeller_shaft(data, chassis, engine, housing),
+        mounting(f'{differential}_mount', base.subframe, housing, data.mounts, data.mount_bushing, ideal='fixed', axis=UP),
+        turning,
         shafts,
-        Parts(coordinate_forces=(drive, final_drive(data, outputs))),
+        Parts(coordinate_forces=(drive, final_drive(data, base, axle, outputs))),
         limited_slip(lock, outputs, data.limited_slip),
         rotor(data.rotor, differential.replace('differential', 'rotor'), housing, outputs),
     )
-    return joined(parts), outputs
+    return joined(parts), outputs, shaft
 
 
 def half_shafts(data: HalfShafts, housing: RigidBodySpec, wheels: Mapping[str, RigidBodySpec], axle: str) -> tuple[Parts, tuple[str, str]]:
@@ -198,11 +252,11 @@ def open_differential(name: str, outputs: tuple[str, str], *, share: float = 1.0
     return CoordinateForceSpec(name=name, terms=terms, input='drive_torque', input_gain=share, top_rate=top_speed)
 
 
-def final_drive(data: Propshaft, outputs: tuple[str, str]) -> CoordinateForceSpec:
-    """The elasticity between the mean of the outputs and the drive pinion."""
+def final_drive(data: Propshaft, base: Base, axle: str, outputs: tuple[str, str]) -> CoordinateForceSpec:
+    """The elasticity between the mean of the outputs of an axle and the drive pinion."""
     halves = tuple((name, 0.5) for name in outputs)
     return CoordinateForceSpec(
-        name='final_drive', terms=(*halves, ('drive_pinion/angle', -1.0 / data.ratio)),
+        name=base.of_shaft('final_drive', axle), terms=(*halves, (f'{base.of_shaft("drive_pinion", axle)}/angle', -1.0 / data.ratio)),
         spring=Law.linear(data.stiffness), damper=Law.linear(data.damping),
     )  # fmt: skip
 
@@ -235,20 +289,44 @@ def half_shaft(data: HalfShafts, housing: RigidBodySpec, wheel: RigidBodySpec, c
     )
 
 
-def propeller_shaft(data: Propshaft, chassis: RigidBodySpec, engine: RigidBodySpec, housing: RigidBodySpec) -> Parts:
-    """Two-part propeller shaft with centre bearing, and the drive pinion."""
-    front, bearing, centre, rear = data.engine_flange, data.center_bearing, data.center_joint, data.pinion_flange
-    end = vector_of(np.array(rear) - (STUB, 0.0, 0.0))
-    first = rods('propshaft_front', ((data.propshaft_front.mass, front, centre, data.propshaft_front.radius),))
-    second = rods('propshaft_rear', ((data.propshaft_rear.mass, centre, rear, data.propshaft_rear.radius),))
-    pinion = rods('drive_pinion', ((data.pinion.mass, rear, end, data.pinion.radius),))
-    axis_front, axis_rear = vector_of(np.subtract(front, centre)), vector_of(np.subtract(centre, rear))
-    joints = (
+def forwards(a: Vector, b: Vector) -> Vector:
+    """The direction of the line through two points that leads forwards: of shafts to the front axle too, or their joints would be open by
+    half a turn."""
+    back, front = (a, b) if b[0] > a[0] else (b, a)
+    return vector_of(np.subtract(front, back))
+
+
+def propeller_shaft(data: Propshaft, base: Base, housing: RigidBodySpec, axle: str) -> tuple[Parts, PropellerShaft]:
+    """(propeller shaft to the housing of an axle, of two parts with a centre bearing or of one, and drive pinion; where to hold it)."""
+    engine = base.flange(axle, data.through, base.powered(axle))
+    front, rear = data.engine_flange, data.pinion_flange
+    centre = rear if data.center_joint is None else data.center_joint
+    end = vector_of(np.array(rear) + (math.copysign(STUB, rear[0] - front[0]), 0.0, 0.0))
+    whole = 'propshaft' if data.propshaft_rear is None else 'propshaft_front'
+    first = rods(base.of_shaft(whole, axle), ((data.propshaft_front.mass, front, centre, data.propshaft_front.radius),))
+    axis_front = axis = forwards(centre, front)
+    last = first
+    joints: tuple[tuple[str, str, Marker, Marker], ...] = (
         ('propshaft_flange', 'spherical', marker_at(engine, front), marker_at(first, front)),
+    )
+    bodies: tuple[RigidBodySpec, ...] = (first,)
+    if data.propshaft_rear is not None and data.center_bearing is not None:
+        last = rods(base.of_shaft('propshaft_rear', axle), ((data.propshaft_rear.mass, centre, rear, data.propshaft_rear.radius),))
+        axis = forwards(rear, centre)
         # along a line of the chassis: rows of one in the shaft would turn with it, and iterations gain less (docs/decisions/0002)
-        ('propshaft_bearing', 'point_on_line', marker_at(chassis, bearing, axis_front), marker_at(first, bearing)),
-        ('propshaft_joint', 'universal', *shaft_markers(first, second, centre, axis_front, axis_rear)),
-        ('propshaft_pinion', 'constant_velocity', *shaft_markers(second, pinion, rear, axis_rear, FORWARD)),
+        bearing = marker_at(base.chassis, data.center_bearing, axis_front), marker_at(first, data.center_bearing)
+        bodies = (first, last)
+        joints += (
+            ('propshaft_bearing', 'point_on_line', *bearing),
+            ('propshaft_joint', 'universal', *shaft_markers(first, last, centre, axis_front, axis)),
+        )
+    pinion = rods(base.of_shaft('drive_pinion', axle), ((data.pinion.mass, rear, end, data.pinion.radius),))
+    joints += (
+        ('propshaft_pinion', 'constant_velocity', *shaft_markers(last, pinion, rear, axis, FORWARD)),
         ('drive_pinion', 'cylindrical', marker_at(housing, rear, FORWARD), marker_at(pinion, rear, FORWARD)),
     )
-    return Parts(bodies=(first, second, pinion), joints=tuple(JointSpec(name=name, kind=kind, i=i, j=j) for name, kind, i, j in joints))
+    parts = Parts(
+        bodies=(*bodies, pinion),
+        joints=tuple(JointSpec(name=base.of_shaft(name, axle), kind=kind, i=i, j=j) for name, kind, i, j in joints),
+    )
+    return parts, PropellerShaft(first, axis_front, base.of_shaft('gearbox_output', axle), f'{pinion.name}/angle', data.ratio)

@@ -152,7 +152,7 @@ def test_it_starts_from_rest_and_shifts() -> None:
         ('compact_fwd', 'vehicle.engine.power.ratios=[3, -1]', r'power\.ratios\[1\] = -1\.0: must be > 0'),
         ('compact_fwd', 'vehicle.engine.power.inertia=0', r'power\.inertia = 0\.0: must be > 0'),
         ('compact_fwd', 'vehicle.engine.power.pedals=[0, 1]', r'power\.torques = 3: must have one row for each of the 2 pedals'),
-        ('pickup_awd', 'name=x', "power: axles = 'front, rear': an engine with a gearbox drives one axle"),
+        ('pickup_awd', 'name=x', "power: drive of axle front = 'half_shafts': a gearbox drives propeller shafts, and half shafts"),
         ('full_car', 'name=x', 'power: final = 4.06: belongs to a differential in the gearbox'),
         ('formula_student', 'name=x', "vehicle.engine.*'part' is missing"),
     ],
