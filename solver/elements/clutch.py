@@ -6,6 +6,9 @@
 
 In gear 0 the box is in neutral and T = 0. Below -0.5 the input chooses the reverse gear, if there is one; other values are rounded, and
 held within the gears there are. What shaft and outputs turn in takes the difference of the torques, as a gearbox does.
+
+Several outputs are those of ideal planetary gears behind the gear, whose shares add up to one (half each: a differential): from the rates
+the torques follow by their power, whatever the rates are. Between more than two they are such gears one behind the other.
 """
 
 from __future__ import annotations
@@ -34,9 +37,10 @@ from solver.validate import finite, require
 
 OUTPUTS = {
     **{'energy': 'J', 'dissipation': 'W', 'windup': 'rad', 'rate': 'rad/s', 'torque': 'N m', 'ratio': ''},
-    **dict.fromkeys(('on_shaft', 'on_first', 'on_second'), 'N m'),
+    **dict.fromkeys(('on_shaft', 'on_first', 'on_second', 'on_third', 'on_fourth', 'on_fifth'), 'N m'),
 }
-TERMS = 3  # the shaft and two outputs
+FIRST = tuple(OUTPUTS).index('on_shaft')
+TERMS = len(OUTPUTS) - FIRST  # the shaft and five outputs: half shafts of a differential in the gearbox, and shafts to three more axles
 
 
 def require_gears(where: str, ratios: Sequence[float], reverse: float | None) -> None:
@@ -50,7 +54,7 @@ def require_gears(where: str, ratios: Sequence[float], reverse: float | None) ->
 
 @dataclass(frozen=True, kw_only=True)
 class ClutchSpec(Spec):
-    """A clutch with a gearbox between a shaft and one or two outputs; see the module. outputs: (coordinate, share). ratios: of the gears
+    """A clutch with a gearbox between a shaft and one to five outputs; see the module. outputs: (coordinate, share). ratios: of the gears
     from the first one on; reverse: of the reverse gear (None: there is none), both > 0. capacity [N m] >= 0 of the clutch; stiffness
     [N m/rad] > 0 and damping [N m s/rad] >= 0 of what winds up while it sticks. input: the clutch pedal, gear: the channel that chooses."""
 
@@ -65,7 +69,8 @@ class ClutchSpec(Spec):
     gear: str
 
     def __post_init__(self) -> None:
-        require(1 <= len(self.outputs) < TERMS, self.where, 'outputs', self.outputs, 'needs one or two [coordinate, share] pairs')
+        pairs = f'needs 1 to {TERMS - 1} [coordinate, share] pairs'
+        require(1 <= len(self.outputs) < TERMS, self.where, 'outputs', self.outputs, pairs)
         self.set('outputs', tuple((str(c), finite(self.where, f'share of {c}', f)) for c, f in self.outputs))
         require_gears(self.where, self.ratios, self.reverse)
         finite(self.where, 'stiffness', self.stiffness, low=0.0, strict=True)
@@ -77,10 +82,10 @@ class ClutchTable(NamedTuple):
     """Columns of all clutches; bodies of shaft and outputs are at 2 t (body i) and 2 t + 1 (body j), absent ones the world's."""
 
     terms: np.ndarray  # (n,)
-    coordinate: np.ndarray  # (n, 3) the shaft first
-    share: np.ndarray  # (n, 3) of the outputs, 0 for an absent one
-    body: np.ndarray  # (n, 6)
-    slot: np.ndarray  # (n, 6, 6)
+    coordinate: np.ndarray  # (n, TERMS) the shaft first
+    share: np.ndarray  # (n, TERMS) of the outputs, 0 for an absent one
+    body: np.ndarray  # (n, 2 TERMS)
+    slot: np.ndarray  # (n, 2 TERMS, 2 TERMS)
     state: np.ndarray  # (n,) internal state: wind-up [rad]
     start: np.ndarray  # (n + 1,) gears of clutch e: start[e]:start[e + 1], reverse first (0: none), then the first
     ratio: np.ndarray  # (m,)
@@ -157,26 +162,28 @@ def clutch_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, 
     for e in range(table.terms.shape[0]):
         n = table.state[e]
         ratio = _ratio(table, e, u[table.gear[e]])
-        first, second = -ratio * table.share[e, 1], -ratio * table.share[e, 2]
         v0, g0, g1, h0, h1 = _turning(table, coordinates, kin, angle, e, 0, 1.0, tangents)
-        v1, g2, g3, h2, h3 = _turning(table, coordinates, kin, angle, e, 1, first, tangents)
-        v2, g4, g5, h4, h5 = _turning(table, coordinates, kin, angle, e, 2, second, tangents)
-        slip = v0 + v1 + v2
+        v1, g2, g3, h2, h3 = _turning(table, coordinates, kin, angle, e, 1, -ratio * table.share[e, 1], tangents)
+        v2, g4, g5, h4, h5 = _turning(table, coordinates, kin, angle, e, 2, -ratio * table.share[e, 2], tangents)
+        v3, g6, g7, h6, h7 = _turning(table, coordinates, kin, angle, e, 3, -ratio * table.share[e, 3], tangents)
+        v4, g8, g9, h8, h9 = _turning(table, coordinates, kin, angle, e, 4, -ratio * table.share[e, 4], tangents)
+        v5, g10, g11, h10, h11 = _turning(table, coordinates, kin, angle, e, 5, -ratio * table.share[e, 5], tangents)
+        slip = v0 + v1 + v2 + v3 + v4 + v5
         capacity = table.capacity[e] * min(max(1.0 - u[table.input[e]], 0.0), 1.0)
         if ratio == 0.0:
             capacity = 0.0
         k = table.stiffness[e]
         wound, torque, damping, dissipation = friction(zp[n], cz, slip, capacity, k, table.damping[e])
-        g = (g0, g1, g2, g3, g4, g5)
+        g = (g0, g1, g2, g3, g4, g5, g6, g7, g8, g9, g10, g11)
+        h = (h0, h1, h2, h3, h4, h5, h6, h7, h8, h9, h10, h11)
         for a in range(2 * table.terms[e]):
             add_gradient(-torque, g[a], table.body[e, a], f)
         if tangents:
             if damping > 0.0:
-                add_generalized(g, (h0, h1, h2, h3, h4, h5), 2 * table.terms[e], 0.0, damping, table.slot, e, Kq, Kv)
+                add_generalized(g, h, 2 * table.terms[e], 0.0, damping, table.slot, e, Kq, Kv)
             add_coordinate_hessian(coordinates, kin, table.coordinate[e, 0], -torque, Kq)
-            add_coordinate_hessian(coordinates, kin, table.coordinate[e, 1], -first * torque, Kq)
-            if table.terms[e] > 2:
-                add_coordinate_hessian(coordinates, kin, table.coordinate[e, 2], -second * torque, Kq)
+            for t in range(1, table.terms[e]):
+                add_coordinate_hessian(coordinates, kin, table.coordinate[e, t], ratio * table.share[e, t] * torque, Kq)
         z[n] = wound
         out[e, 0] = 0.5 * k * wound * wound
         out[e, 1] = dissipation
@@ -184,9 +191,9 @@ def clutch_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, 
         out[e, 3] = slip
         out[e, 4] = torque
         out[e, 5] = ratio
-        out[e, 6] = -torque
-        out[e, 7] = -first * torque
-        out[e, 8] = -second * torque
+        out[e, FIRST] = -torque
+        for t in range(1, TERMS):
+            out[e, FIRST + t] = ratio * table.share[e, t] * torque
 
 
 CLUTCHES = ForceKind(
@@ -196,5 +203,5 @@ CLUTCHES = ForceKind(
     kernel=clutch_forces,
     outputs=OUTPUTS,
     on_coordinates=True,
-    effort=('on_shaft', 'on_first', 'on_second'),
+    effort=tuple(OUTPUTS)[FIRST:],
 )

@@ -20,6 +20,8 @@ AXLE, BOX, POWER = (
 PLACES = ('center', 'com', 'inner', 'outer', 'chassis', 'axle', 'damper_chassis', 'damper_axle')
 RATIO, STIFFNESS, DAMPING = 3.7, 22000.0, 60.0  # of a final drive: [-], [N m/rad], [N m s/rad]
 GEARS = (3.73, 1.96, 1.32, 0.95, 0.76)  # of power.yaml
+SHAFT, PINION = {'mass': 6.0, 'radius': 0.04}, {'mass': 2.0, 'radius': 0.028}
+SPINNING = sum(0.5 * one['mass'] * one['radius'] ** 2 for one in (SHAFT, PINION))  # inertia of both about the shaft [kg m^2]
 FLANGE = 0.31  # of a drive pinion before its axle [m]
 LOADS = {2: (4040.0, 3410.0), 3: (4500.0, 3700.0, 3700.0)}  # of the springs of two and of three axles [N]
 
@@ -36,7 +38,7 @@ def shaft(begin: list[float], end: list[float], **more: Any) -> dict[str, Any]:
     """The drive of a live axle by a propeller shaft of one part."""
     return {
         'kind': 'live_axle', 'ratio': RATIO, 'stiffness': STIFFNESS, 'damping': DAMPING, 'engine_flange': begin, 'pinion_flange': end,
-        'propshaft_front': {'mass': 6, 'radius': 0.04}, 'pinion': {'mass': 2, 'radius': 0.028}, **more,
+        'propshaft_front': SHAFT, 'pinion': PINION, **more,
     }  # fmt: skip
 
 
