@@ -216,6 +216,7 @@ def compile_model(spec: ModelSpec) -> Model:
             penalty_inverse_inertia=inverse_inertia,
             block_row=block_row,
             block_col=block_col,
+            damped=n_slots + 1 if forces[:, COUNT].any() else nb + 1,
             coordinates=context.coordinate_table,
             constraints=constraints,
             laws=compile_laws(context.laws),

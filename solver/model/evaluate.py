@@ -84,14 +84,15 @@ def evaluate_driven_forces(tables, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z
 
 @kernel(borrow=True)
 def evaluate_forces(tables, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, outputs):
-    """Assign f (nb+1, 6) and, when `tangents`, Kq and Kv (ns+1, 6, 6): all forces but those of the constraints.
+    """Assign f (nb+1, 6) and, when `tangents`, Kq and the first tables.damped blocks of Kv (ns+1, 6, 6), which others leave at zero: all
+    forces but those of the constraints.
 
     Arguments are those of the element contract (docs/contributing.md); outputs are those of all elements (Model.new_outputs).
     """
     f[:] = 0.0
     if tangents:
         Kq[:] = 0.0
-        Kv[:] = 0.0
+        Kv[: tables.damped] = 0.0
     body_forces(tables.bodies, kin, tangents, f, Kv)
     for k in range(tables.forces.shape[0]):
         if tables.forces[k, ADDRESS] != 0:

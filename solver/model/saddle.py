@@ -94,8 +94,10 @@ def assemble_tangent(tables, cm, cq, cv, Kq, Kv, T, B):
         for i in range(6):
             for j in range(WIDTH):
                 B[s, i, j] = 0.0
-    for s in range(1, slots):
+    for s in range(1, tables.damped):
         combined_block(B, s, Kq, s, T, tables.block_col[s], -cq, Kv, -cv)
+    for s in range(tables.damped, slots):
+        rotated_block(B, s, Kq, s, T, tables.block_col[s], -cq, Kv, 0.0)
     add_mass(tables, cm, B)
 
 

@@ -58,6 +58,7 @@ class Tables(NamedTuple):
     penalty_inverse_inertia: np.ndarray  # (nb, 3, 3)
     block_row: np.ndarray  # (ns + 1,) body of the row of each slot; slot 0 is the trash slot of the world
     block_col: np.ndarray  # (ns + 1,)
+    damped: int  # slots, from the first one on, that forces may have a tangent over velocities in; in joints alone those of the bodies
     coordinates: CoordinateTable
     constraints: ConstraintTable
     laws: LawTable
