@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 
 from mbd_sim_ros.analysis.plots import STYLE
 
-COLOURS = ('#1b6ca8', '#d95f02', '#2a9d5c', '#8e44ad', '#c0392b', '#7f7f7f', '#b8860b', '#16a0a0', '#e377c2', '#333333')
+COLOURS = ('#1b6ca8', '#d95f02', '#2a9d5c', '#8e44ad', '#222222', '#8c8c8c', '#b8860b', '#16a0a0', '#e377c2', '#c0392b')
 DPI = 100
 
 
