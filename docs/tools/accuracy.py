@@ -16,7 +16,7 @@ from PIL import Image  # comes with matplotlib
 
 PAGE = Path(__file__).parents[1] / 'accuracy.md'
 PICTURES = PAGE.with_name('pictures')
-COLOURS = 64
+COLOURS = 256  # of a picture: see docs/tools/studies.py
 ORIGINS = ('model_share', 'step_share', 'iteration_share')
 LEVELS = ('full', 'condensed', 'kc', 'single_track')
 Row = dict[str, Any]

@@ -17,7 +17,7 @@ from PIL import Image  # comes with matplotlib
 
 FILES = [Path(__file__).parents[1] / name for name in ('studies.md', 'validation.md', 'vehicle.md', 'stability.md', 'scene.md')]
 PART = re.compile(r'<!-- begin (?P<name>\w+)(: (?P<heading>[^\n]+))? -->\n.*?<!-- end -->', re.DOTALL)
-COLOURS = 64  # of a copied picture, to keep it small
+COLOURS = 256  # of a copied picture, to keep it small; with 64 two lines of a picture became one colour
 PICTURE = re.compile(r'\]\(pictures/(?P<file>[\w.]+)\)')
 
 
