@@ -25,7 +25,7 @@ from solver.vehicle.aero import Aero, aero_drag
 from solver.vehicle.axle import Axle, axle_bar, following_rack, subframe, suspensions
 from solver.vehicle.parts import Category, Corner, Part, Parts, Structure, joined
 from solver.vehicle.power import Power
-from solver.vehicle.powertrain import Base, Engine, Propshaft, engine
+from solver.vehicle.powertrain import Base, Engine, Propshaft, engine, require_beginning
 from solver.vehicle.recirculating_ball import RecirculatingBall
 from solver.vehicle.steering import SteeringGear, steering_gear
 from solver.vehicle.trailer import Trailer, require_behind, towed
@@ -116,7 +116,8 @@ def drives(
 ) -> Parts:
     """The drives of all driven axles, the engine with its gearbox in front of them, and connections between them."""
     given = {axle.name: axle.drive for axle in car.axles if axle.drive is not None}
-    shafts = [drive for drive in given.values() if isinstance(drive, Propshaft)]
+    shafts = {name: drive for name, drive in given.items() if isinstance(drive, Propshaft)}
+    require_beginning(shafts)
     based = {name: Base(chassis, bases[name], engine, len(given) == 1, len(shafts) == 1, {}) for name in given}
     found = {name: drive.housing(name, based[name], corners[name]) for name, drive in given.items()}
     housings = {name: housing for name, housing in found.items() if housing is not None}

@@ -296,6 +296,18 @@ def forwards(a: Vector, b: Vector) -> Vector:
     return vector_of(np.subtract(front, back))
 
 
+def require_beginning(shafts: Mapping[str, Propshaft]) -> None:
+    """Refuse shafts (by axle) that come through each other: nothing would turn or hold them. Raises SpecError."""
+    for axle in shafts:
+        chain, at = [axle], shafts[axle].through
+        while at is not None and at in shafts and at not in chain:
+            chain.append(at)
+            at = shafts[at].through
+        round_ = len(chain) > 1 and at == axle
+        remedy = f'the shafts to {", ".join(chain)} come through each other: let one of them begin at the engine'
+        require(not round_, f'drive of axle {axle!r}', 'through', shafts[axle].through, remedy)
+
+
 def propeller_shaft(data: Propshaft, base: Base, housing: RigidBodySpec, axle: str) -> tuple[Parts, PropellerShaft]:
     """(propeller shaft to the housing of an axle, of two parts with a centre bearing or of one, and drive pinion; where to hold it)."""
     engine = base.flange(axle, data.through, base.powered(axle))

@@ -199,6 +199,12 @@ def _with(axle: str, **changed: Any) -> dict[str, Any]:
     return vehicle
 
 
+def _through_each_other() -> dict[str, Any]:
+    vehicle = _with('rear', through='front')
+    vehicle['axles']['front']['drive']['through'] = 'rear'
+    return vehicle
+
+
 MOTORS = {'kind': 'motors', 'share': 0.5}
 
 
@@ -213,6 +219,7 @@ MOTORS = {'kind': 'motors', 'share': 0.5}
         (off_roader(shares=(-0.5, 1.5)), 'share = -0.5: must be >= 0'),
         (off_roader() | {'engine': None}, "drive of axle 'front': engine = None: the car has none: add it"),
         (_with('rear', through='rear'), "through = 'rear': is no other driven axle .*these are: front"),
+        (_through_each_other(), "through = 'rear': the shafts to front, rear come through each other"),
         (_with('rear', center_joint=[0, 0, 0.4]), 'center_bearing = None: is missing: a shaft of two parts has'),
     ],
 )
