@@ -22,7 +22,7 @@ from solver.trade.requirements import ORIGINS
 from solver.trade.runs import Stopped
 from solver.trade.search import Search
 from solver.trade.variations import AS_GIVEN
-from solver.trade.verdicts import Verdict
+from solver.trade.verdicts import Verdict, nearest
 from solver.units import shown
 
 DPI = 110
@@ -36,7 +36,7 @@ def write_page(search: Search, data: dict[str, Any], file: Path) -> None:
     title = f'Plan of {data["scene"]}'
     parts = [f'<p class="verdict {"ok" if ok else "bad"}">{html.escape(verdict(data))}</p>']
     parts += [f'<p>{html.escape(text)}</p>' for text in (*data['give'], *data['notes'])]
-    chosen = search.result or search.closest()
+    chosen = search.result or nearest(search.tried)
     if data['errors']:
         parts += ['<h2>Errors by origin</h2>', picture(_origins(data)), rows(_error_rows(data))]
         text = 'Each is bounded by the sum of its parts, so that errors which cancel on one maneuver are not counted on.'

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import cast
 
 import numpy as np
@@ -76,11 +77,22 @@ class InitialConditions:
         refuse_undirected(self.model, state, u)
         given = self._start_moving(start.speed, rates, u)
         if start.kind == 'equilibrium' and start.speed:
-            settle_rolling(self.model, self.states, self.method, start.speed, u, self.chassis, self.work, self.explain)
+            self._settle(start.speed, u)
             calculation.project_velocity(self.state, u)
         changed = changes(self.model, start.kind, placed, given, self.state, wanted=bool(rates), speed=start.speed)
         calculation.start_integrator(self.state, u, method.h, method.am, method.af)
         return changed
+
+    def _settle(self, speed: float, u: np.ndarray) -> None:
+        """Settle at a speed [m/s]; a drive that leaves nothing steady acts from the first step on."""
+        coasting = self._without_loads(u)
+        before = new_state(self.model)
+        copy_state(self.state, before)
+        settle = partial(settle_rolling, self.model, self.states, self.method, speed)
+        driven = not np.array_equal(u, coasting)
+        if not settle(u, self.chassis, self.work, self.explain, driven=driven):
+            copy_state(before, self.state)
+            settle(coasting, self.chassis, self.work, self.explain, driven=False)
 
     def _start_moving(self, speed: float, rates: dict[str, float], u: np.ndarray) -> np.ndarray:
         """Give the current configuration its start velocity: wanted rates, speed of the chassis [m/s], wheels rolling.

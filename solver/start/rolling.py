@@ -9,7 +9,7 @@ from typing import cast
 import numpy as np
 
 from solver.compiled.by_reference import Ref
-from solver.compiled.portable import norm, product
+from solver.compiled.portable import norm, norms, product
 from solver.compiled.so3 import quaternion_product
 from solver.elements.registry import FORCES
 from solver.elements.road import surface_at
@@ -30,6 +30,8 @@ SETTLE_EVERY = 0.05  # s
 SETTLE_PENALTY = 1e6
 SETTLE_RHO = 0.8  # spectral radius at infinite frequency, whatever that of the scene
 SETTLE_STEP = 5e-3  # s, whatever the step of the scene, so that a start does not depend on it; where it settles does not depend on the step
+UNSTEADY = 0.1  # of its speed that a drive may give a vehicle in SETTLE_EVERY; put back further, shafts no longer fit the wheels
+SPINNING = 2.0  # times the rate of rolling: a wheel that turns as fast has lost its grip; the outer one of a narrow bend does not
 SETTLE_TURN = 2.0  # rad that a shaft may turn in such a step, or steps are divided: from 3 on they were seen to fail
 
 
@@ -152,14 +154,19 @@ def settle_rolling(
     chassis: int,
     work: Ref,
     explain: Callable[[StepResult], str],
-) -> None:
+    *,
+    driven: bool,
+) -> bool:
     """Let a vehicle that starts at `speed` [m/s] come to rest in its suspension, on the spot and at its speed; states[0] is its state.
 
     Rolling tires grow and stiffen, drag and drive torque act: a car that stands in equilibrium does not roll in it. It begins without
     accelerations, with the constraint forces of that equilibrium; what this disturbs dies away with the rest. Every SETTLE_EVERY
     seconds it is put back to its speed and, along the road, to its place and heading: put back level, a car on a slope would stand in the
-    road or above it, and one that steers or is on a bank would else begin on another course than it was placed on. Raises ConsistencyError
-    with the sentence of `explain` when a step fails.
+    road or above it, and one that steers or is on a bank would else begin on another course than it was placed on.
+
+    Returns False if it is `driven` by more than a steady state has: a wheel spins or the speed rises by more than UNSTEADY at once.
+    (Where wheels spin the steady state is one with the engine at its limiter.) Raises ConsistencyError with the sentence of `explain`
+    when a step fails.
     """
     # with settings of its own: every method of a comparison starts from the same state
     own = {
@@ -181,6 +188,7 @@ def settle_rolling(
     nx, ny, nz = model.spec.road.normal
     n = ground(model, cast(State, states[0].value))[1]
     wheels = [model.body_names.index(tire.marker.body) for tire in model.spec.tires]
+    rolling = norms(cast(State, states[0].value).v[wheels, 3:]) / speed
     for _ in range(round(SETTLE_TIME / SETTLE_EVERY)):
         result, done = advance(model.tables, settling, *states, inputs, 0, steps, False, work)
         if done % 2 == 1:
@@ -192,6 +200,8 @@ def settle_rolling(
         q, v = state.q, state.v
         forward = matrix(tuple(q[chassis, 3:]))[:, 0]
         now = float(product(v[chassis, :3], forward))
+        if driven and (abs(now - speed) > UNSTEADY * speed or np.any(norms(v[wheels, 3:]) > SPINNING * speed * rolling)):
+            return False
         back = place - q[chassis, :2]
         if model.spec.road.grids:  # as high above the road below its wheels as it was
             q[:-1, 2] += np.mean(_heights(model, q[wheels, :2] + back) - _heights(model, q[wheels, :2]))
@@ -201,6 +211,7 @@ def settle_rolling(
         v[:-1, :3] += (speed - now) * forward
         for wheel in wheels:
             v[wheel, 3:] *= speed / now
+    return True
 
 
 def turn_over_road(state: State, chassis: int, n: np.ndarray, ahead: np.ndarray) -> None:

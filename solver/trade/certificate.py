@@ -12,7 +12,7 @@ from solver.trade.requirements import ORIGINS
 from solver.trade.search import MARGIN, Search
 from solver.trade.setting import baseline
 from solver.trade.variations import RANGES
-from solver.trade.verdicts import Verdict
+from solver.trade.verdicts import Verdict, nearest
 
 NO, INCOMPLETE = 'no', 'incomplete'
 UNTRIED = 'not looked at: what is cheaper keeps everything'
@@ -27,7 +27,7 @@ def plan(search: Search) -> dict[str, Any]:
     """
     best = search.find()
     scene = search.scene
-    shown = best or search.closest()
+    shown = best or nearest(search.tried)
     data: dict[str, Any] = {'status': NO, 'scene': scene.name, 'fidelity': None, 'settings': None, 'cost_ratio': None}
     slow = False
     if shown is not None:
@@ -131,8 +131,8 @@ def what_has_to_give(search: Search, closest: Verdict | None, slow: bool, data: 
         return [*search.notes, 'no setting could be tried'] if not search.notes else search.notes
     if slow:
         factor, found = search.scene.budget.real_time_factor, data['cost']['real_time_factor']
-        cheaper = [t for t in search.tried if math.isfinite(t.used) and t.cost > 0.0 and 1.0 / t.cost >= (factor or 0.0)]
-        best = min(cheaper, key=lambda t: t.used, default=None)
+        cheaper = [t for t in search.tried if t.cost > 0.0 and 1.0 / t.cost >= (factor or 0.0)]
+        best = nearest(cheaper)
         sentences = [f'{closest.setting} keeps the accuracy at {found:.3g} times real time; the budget asks for {factor:g}']
         if best is not None:
             sentences.append(f'within the budget {best.setting} comes closest: {best.worst} at {best.used:.3g} of its limit')

@@ -21,8 +21,6 @@ import dataclasses
 import math
 from collections.abc import Callable, Sequence
 
-import numpy as np
-
 from solver.analysis.departures import Departure
 from solver.errors import MbdError
 from solver.levels import LEVELS, derive
@@ -41,7 +39,7 @@ LONGEST = 170.0  # s that a plan may take
 CHECK_SHARE = 0.45  # of that which is kept for checking
 UNSEEN = 24
 CLEAR_BAND = 0.1  # of the limit that the band of the reference may take before its steps are refined
-STEPS = (0.02, 0.01, 0.008, 0.005, 0.004, 0.003, 0.002, 0.001, 0.0005, 0.00025, 0.000125)
+STEPS = (0.02, 0.01, 0.008, 0.005, 0.004, 0.003, 0.002, 0.001, 0.0005, 0.00025, 0.000125, 0.0000625)
 RHOS = (0.8, 0.5)
 PARTS = (0.25, 0.5, 1.0)  # of the maneuver, in the race
 SAME = 1.05  # settings whose costs are nearer than this are equally cheap, and the more accurate one is taken
@@ -64,7 +62,7 @@ class Search(Measurements):
         super().__init__(scene, workers=workers, longest=longest, progress=progress)
         self.unseen = unseen
         self.candidate_levels = ('full', *levels)
-        self._lost: dict[Setting, tuple[str, float]] = {}
+        self._lost: dict[Setting, tuple[str, float, float]] = {}
         self.notes: list[str] = []
         self.tried: list[Verdict] = []
         self.levels: dict[str, str] = {}  # level that was looked at -> why it is out, '' where it is not
@@ -74,8 +72,8 @@ class Search(Measurements):
         self.result: Verdict | None = None
         self.ended = False  # before the search had come to an end, by time
 
-    def race(self, setting: Setting) -> tuple[str, float]:
-        """(why a setting is out on the scene's own maneuver, '' if it is not; largest share of a limit) on growing parts of it.
+    def race(self, setting: Setting) -> tuple[str, float, float]:
+        """(why a setting is out, '' if it is not; largest share of a limit; part) on growing parts of the scene's own maneuver.
 
         The largest error so far and the integral of its square only grow, so what is too large after a part stays so.
         """
@@ -90,7 +88,7 @@ class Search(Measurements):
         for part in PARTS if going else PARTS[-1:]:
             found = known or going.to(part * self.scene.duration)  # type: ignore[union-attr]
             if found.failure:
-                return self._lost.setdefault(setting, (found.failure, math.inf))
+                return self._lost.setdefault(setting, (found.failure, math.inf, part))
             errors = own.errors(found)
             shares = {}
             for r in self.requirements:
@@ -100,17 +98,17 @@ class Search(Measurements):
                 shares[str(r)] = (model[r] + error) / limits[r] + self.uncertainty(r) * peaks[r.quantity] / limits[r]
             worst, used = max(shares.items(), key=lambda item: item[1])
             if not used <= 1.0:
-                return self._lost.setdefault(setting, (f'{worst}: {used:.2g} of its limit after {part:.0%} of the maneuver', used))
+                return self._lost.setdefault(setting, (f'{worst}: {used:.2g} of its limit after {part:.0%} of the maneuver', used, part))
         self.keep(v, setting, found)
-        return '', used
+        return '', used, 1.0
 
     def judge(self, setting: Setting) -> Verdict:
         """Whether a setting keeps everything on the maneuvers that serve to choose."""
         expected = self.expected(setting)
         try:
-            dropped, used = self.race(setting)
+            dropped, used, part = self.race(setting)
             if dropped:
-                return Verdict(setting, used, expected, dropped.partition(':')[0], dropped, {})
+                return Verdict(setting, used, expected, dropped.partition(':')[0], dropped, {}, part=part)
             expected = self.expected(setting, self.known(AS_GIVEN, setting))
             worst: dict[str, Bound] = {}
             largest = 0.0
@@ -212,8 +210,12 @@ class Search(Measurements):
         return ''
 
     def candidates(self, models: Sequence[Setting]) -> list[Setting]:
-        """All settings of these models, cheapest first."""
-        steps = [h for h in STEPS if h >= 0.99 * self.steps[-1] and h <= 0.25 * self.scene.duration]
+        """All settings of these models, cheapest first.
+
+        Their steps go down to half the finest one of the reference: a run is judged by the limit of those, with its band, which lies far
+        below all limits also where the error of the finest does not.
+        """
+        steps = [h for h in STEPS if h >= 0.49 * self.steps[-1] and h <= 0.25 * self.scene.duration]
         found = [dataclasses.replace(m, h=h, iterations=n, rho_inf=rho) for m in models for h in steps for n in ITERATIONS for rho in RHOS]
         return sorted(found, key=lambda s: (self.expected(s), -s.h))
 
@@ -354,7 +356,7 @@ class Search(Measurements):
                 best = self.eliminate(best)
         except Stopped:
             self.ended = True
-            self.notes.append(f'the search was ended after {self.took:.0f} s; what it had found by then is what counts')
+            self.notes.append(f'the search was ended after {self.took:.0f} s; what it had found by then is what counts (mbd plan --time)')
         self.until = self.longest
         while best is not None:
             self.checks = self.check_unseen(best.setting)
@@ -374,11 +376,6 @@ class Search(Measurements):
                 self.notes.append('time was up before another setting was found')
                 return None
         return None
-
-    def closest(self) -> Verdict | None:
-        """Of all settings that were tried the one nearest to the limits."""
-        finite = [t for t in self.tried if np.isfinite(t.used)]
-        return min(finite, key=lambda t: (t.used, t.cost), default=None)
 
     def envelope(self) -> dict[str, tuple[float, float]]:
         """Quantity (of all wheels together) -> smallest and largest value in the maneuvers that were passed, full vehicle."""

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable
 from typing import NamedTuple
 
 from solver.trade.requirements import Bound
@@ -19,6 +21,13 @@ class Verdict(NamedTuple):
     dropped: str
     bounds: dict[str, Bound]  # the worst over maneuvers by requirement
     error: float = 0.0  # largest share of a limit that its errors themselves use, as far as they were looked at
+    part: float = 1.0  # of the scene's own maneuver that it was held against
+
+
+def nearest(tried: Iterable[Verdict]) -> Verdict | None:
+    """Of settings that were tried the one nearest to the limits: errors grow, so those count that kept them longest. None of none."""
+    finite = (t for t in tried if math.isfinite(t.used))
+    return min(finite, key=lambda t: (-t.part, t.used, t.cost), default=None)
 
 
 class Check(NamedTuple):

@@ -13,7 +13,7 @@ from solver.trade.certificate import finite, plan
 from solver.trade.cost import PerStep
 from solver.trade.search import MARGIN, Search
 from solver.trade.setting import Setting
-from solver.trade.verdicts import Verdict
+from solver.trade.verdicts import Verdict, nearest
 
 SHORT = ['duration=1', 'maneuver.steering.start=0.2']
 
@@ -104,3 +104,19 @@ def test_without_a_requirement_there_is_nothing_to_plan() -> None:
 def test_what_is_not_finite_is_null() -> None:
     verdict = Verdict(Setting(), math.inf, 1.0, '', 'failed', {})
     assert finite({'a': (verdict.used, float('nan'), 1)}) == {'a': [None, None, 1]}
+
+
+def test_of_settings_that_were_dropped_the_one_that_kept_the_limits_longest_is_nearest() -> None:
+    """Errors grow: 1.2 of the limit after half of the maneuver is further away than 2 at its end; what failed is not near at all."""
+    tried = [Verdict(Setting(h=h), used, 1.0, '', 'too large', {}, part=part) for h, used, part in (
+        (4e-3, 1.2, 0.5), (2e-3, 3.0, 1.0), (1e-3, 2.0, 1.0), (5e-4, math.inf, 1.0)
+    )]  # fmt: skip
+    found = nearest(tried)
+    assert found is not None and found.setting.h == 1e-3
+    assert nearest(tried[-1:]) is None
+
+
+def test_steps_of_candidates_go_down_to_half_the_finest_of_the_reference() -> None:
+    search = Search(solver.load_scene('light_car_step_steer', ['require={yaw_rate: {rms: 2 %}}']), longest=60.0)
+    search.steps = (1e-3, 5e-4, 2.5e-4)
+    assert min(s.h for s in search.candidates([Setting()])) == 1.25e-4

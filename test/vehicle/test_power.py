@@ -201,3 +201,18 @@ def test_an_automatic_gearbox_takes_the_car_from_rest_into_its_third_gear() -> N
     speed = shot.twist[chassis, 0]
     assert speed > 85.0 / 3.6
     assert 0.5 * 1354.0 * speed * speed < 87e3 * 12.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('speed', [2.0, 5.0, 8.0])
+def test_a_car_begins_in_first_gear_with_its_accelerator_down(speed: float) -> None:
+    """Its wheels roll and its crankshaft turns as its gears say; it was refused below 6 m/s, and above one wheel span at 58 rad/s."""
+    car = Simulation(scene(speed=speed, maneuver='{signals: {accelerator: 1, gear: 1}}'))
+    wheels = [car.model.body_names.index(tire.marker.body) for tire in car.model.spec.tires]
+    rates = np.linalg.norm(car.state.v[wheels, 3:], axis=1)
+    np.testing.assert_allclose(rates, np.mean(rates), rtol=0.05)
+    assert np.mean(rates) == pytest.approx(speed / 0.31, rel=0.05)
+    crankshaft = car.channels.joints.index('crankshaft')
+    assert abs(car.snapshot().joint_velocity[crankshaft]) == pytest.approx(3.73 * 4.06 * np.mean(rates), rel=0.05)
+    car.advance(200)
+    assert car.state.v[car.channels.chassis, 0] > speed
