@@ -4,7 +4,7 @@
               wheels share mass (a live axle, a twist beam) one that moves with the mean of their travels
     axles     one guide each (solver.elements.guide) instead of arms, links, rubbers, subframes, springs, dampers, bars and rack
     kept      tires, road, drag, steering wheel and its driver, drive torque (between the driven wheels and the chassis), power steering
-              with a pinion to push (solver.levels.assisted)
+              with a pinion to push (solver.levels.assisted), an engine that turns with clutch and gearbox (solver.levels.powered)
 
 Conserved are the mass of the vehicle, its centre of mass and its inertia in the design position; the mass that moves with the travel of a
 wheel and with both wheels of an axle and the inertia that turns with it (twice the kinetic energy of the full model at unit rates, along
@@ -41,6 +41,7 @@ from solver.levels.assisted import assisted, gear_held
 from solver.levels.axle_masses import AxleMasses, divided
 from solver.levels.derived import Derived, LevelReport, Limit, with_one_iteration
 from solver.levels.kept import kept
+from solver.levels.powered import KINDS, powered, without_engine
 from solver.model.frames import matrix, quaternion
 from solver.model.spec import ModelSpec, used_inputs
 from solver.scene import Scene
@@ -76,17 +77,15 @@ def derive(scene: Scene) -> Derived:
     travel = Limit(quantity='suspension_travel', unit='m', low=-high, high=high, why=MAPS)
     turned = max(-guide.steering[0] for guide in model.guides)
     steering = Limit(quantity='steering_wheel_angle', unit='rad', low=-turned, high=turned, why=MAPS)
-    lost = _unassisted(scene.model) if reduction.assisted is None else ()
-    validity = (travel, steering, *_lateral(scene.model), *VALIDITY)
-    return Derived(scene=derived, level='kc', report=LevelReport(lost=(*LOST, *lost, *without_connections(scene.model)), validity=validity))
+    lost = (*LOST, *(_unassisted(scene.model) if reduction.assisted is None else ()), *without_connections(scene.model))
+    report = LevelReport(lost=lost, validity=(travel, steering, *_lateral(scene.model), *VALIDITY))
+    return Derived(scene=derived, level='kc', report=report)
 
 
 def _unassisted(spec: ModelSpec) -> tuple[str, ...]:
     """What becomes of a motor in the steering gear behind a column that no rule reduces."""
-    return tuple(
-        f'the motor of {servo.name} and friction in the steering: the torque at the steering wheel is the whole one'
-        for servo in spec.servos
-    )
+    said = 'the motor of {} and friction in the steering: the torque at the steering wheel is the whole one'
+    return tuple(said.format(servo.name) for servo in spec.servos)
 
 
 def _lateral(spec: ModelSpec) -> tuple[Limit, ...]:
@@ -103,7 +102,7 @@ def kc_model(spec: ModelSpec) -> ModelSpec:
 
 def _reduction(spec: ModelSpec) -> _Reduction:
     _require_car(spec)
-    standing, servo = gear_held(dataclasses.replace(spec, road=RoadSpec()))
+    standing, servo = gear_held(dataclasses.replace(without_engine(spec), road=RoadSpec()))
     return _Reduction(spec, kept('kc', repr(standing), lambda: maps.measured(standing)), servo)
 
 
@@ -112,8 +111,6 @@ def _require_car(spec: ModelSpec) -> None:
     refuse_locked(spec)
     if {tire.name for tire in spec.tires} != set(CORNERS):
         raise SpecError('a car with the wheels front_left, front_right, rear_left and rear_right is needed; use full')
-    if spec.engines or spec.clutches:
-        raise SpecError('the vehicle has an engine with a gearbox, which this level does not have; use condensed or full')
     names = {c.name for c in spec.coordinates} | {joint.name for joint in spec.joints}
     for corner in CORNERS:
         for name in (f'travel_{corner}', f'wheel_{corner}'):
@@ -127,6 +124,7 @@ class _Reduction:
     def __init__(self, spec: ModelSpec, data: dict[str, Any], servo: ServoSpec | None) -> None:
         self.spec, self.data = spec, data
         self.assisted = None if servo is None else assisted(spec, servo, data['gear'], data['steering'])
+        self.powered = powered(spec, data['coordinates'])
         self.bodies = {b.name: b for b in spec.bodies}
         self.joints = {j.name: j for j in spec.joints}
         self.chassis = self.bodies[spec.chassis or spec.bodies[0].name]
@@ -141,7 +139,8 @@ class _Reduction:
         each = [mass for axle in AXLES for mass in masses[axle].wheels]
         wheels = {corner: self._wheel(corner, mass) for corner, mass in zip(CORNERS, each, strict=True)}
         hands, joints, couplers = self._steering()
-        gear = self.assisted
+        gear, engine = self.assisted, self.powered
+        hands, joints = (*hands, *engine.bodies), (*joints, *engine.joints)
         if gear is not None:
             hands, joints = (*hands, gear.body), (*joints, gear.joint)
         coordinates = [self._spin(c, wheels[c]) for c in CORNERS] + [self._travel(c, wheels[c]) for c in CORNERS]
@@ -157,6 +156,7 @@ class _Reduction:
             guides=tuple(self._guide(axle, wheels, masses[axle].shared, couplers) for axle in AXLES),
             coordinate_forces=(*self._drives(), *self._held({joint.name for joint in joints}), *(() if gear is None else gear.forces)),
             servos=() if gear is None else (gear.servo,),
+            **{kind: getattr(engine, kind) for kind in KINDS},
             tires=self.spec.tires,
             road=self.spec.road,
             gravity=self.spec.gravity,
@@ -171,7 +171,7 @@ class _Reduction:
         """Forces of all other kinds, which act on the chassis alone. Raises SpecError for one that does not."""
         found: dict[str, Any] = {}
         for kind in FORCES:
-            if kind.name in (*REPLACED, 'coordinate_forces', 'tires', 'guides'):
+            if kind.name in (*REPLACED, *KINDS, 'coordinate_forces', 'tires', 'guides'):
                 continue
             for element in getattr(self.spec, kind.name):
                 where = [getattr(element, name).body for name in ('marker', 'i', 'j') if getattr(element, name, None) is not None]

@@ -11,6 +11,7 @@ import numpy as np
 from solver.compiled.by_reference import Ref
 from solver.compiled.portable import norm, norms, product
 from solver.compiled.so3 import quaternion_product
+from solver.elements.clutch import CLUTCHES
 from solver.elements.registry import FORCES
 from solver.elements.road import surface_at
 from solver.elements.tire_pacejka import TIRES, rolling_radius
@@ -31,7 +32,9 @@ SETTLE_PENALTY = 1e6
 SETTLE_RHO = 0.8  # spectral radius at infinite frequency, whatever that of the scene
 SETTLE_STEP = 5e-3  # s, whatever the step of the scene, so that a start does not depend on it; where it settles does not depend on the step
 UNSTEADY = 0.1  # of its speed that a drive may give a vehicle in SETTLE_EVERY; put back further, shafts no longer fit the wheels
-SPINNING = 2.0  # times the rate of rolling: a wheel that turns as fast has lost its grip; the outer one of a narrow bend does not
+SPINNING = 1.3  # times the rate of rolling at which a wheel has lost its grip
+ALIGNED = 0.9  # cosine between the axis of a coordinate and that of a wheel which turns in it
+SLIPPING = 0.05  # of the rate of its shaft: slip of a clutch that does not hold it
 SETTLE_TURN = 2.0  # rad that a shaft may turn in such a step, or steps are divided: from 3 on they were seen to fail
 
 
@@ -121,26 +124,46 @@ def without_hands(model: Model, u: np.ndarray) -> np.ndarray:
     return released
 
 
-def roll_wheels(model: Model, state: State, speed: float, u: np.ndarray) -> dict[str, float]:
-    """Let the wheels roll at `speed` [m/s], in state.v; returns the rates [rad/s] of the revolute coordinates that carry them."""
+def _evaluated(model: Model, state: State, u: np.ndarray) -> np.ndarray:
+    """Outputs of the forces in a state under the inputs u (nu,)."""
     kin = kinematics_of(state.q, state.v)
     outputs = model.new_outputs()
     f, z = np.zeros((model.n_bodies + 1, 6)), np.zeros(model.n_internal)
     no_tangents = np.zeros((model.n_slots + 1, 6, 6))
     evaluate_forces(model.tables, kin, state.angle, state.z, 0.0, u, False, f, no_tangents, no_tangents, z, outputs)
-    loads = model.outputs(TIRES.name, outputs)[:, TIRES.column('fz')]
+    return outputs
+
+
+def held_shafts(model: Model, state: State, u: np.ndarray) -> list[int]:
+    """Bodies of the shafts that clutches without slip hold to what turns with the wheels, under the inputs u (nu,)."""
+    clutches = model.spec.clutches
+    if not clutches:
+        return []
+    bodies = {joint.name: model.body_names.index(joint.j.body) for joint in model.spec.joints}
+    shafts = [bodies.get(clutch.shaft, -1) for clutch in clutches]  # the world's for one without a bearing: it does not turn
+    found = model.outputs(CLUTCHES.name, _evaluated(model, state, u))
+    slip, ratio = (found[:, CLUTCHES.column(name)] for name in ('rate', 'ratio'))
+    return [shaft for shaft, w, R in zip(shafts, slip, ratio, strict=True) if R and abs(w) < SLIPPING * norm(state.v[shaft, 3:])]
+
+
+def roll_wheels(model: Model, state: State, speed: float, u: np.ndarray) -> dict[str, float]:
+    """Let the wheels roll at `speed` [m/s], in state.v; returns the rates [rad/s] of the coordinates in which they turn."""
+    loads = model.outputs(TIRES.name, _evaluated(model, state, u))[:, TIRES.column('fz')]
+    turns = [j for j in model.spec.joints if j.kind == 'revolute'] + [c for c in model.spec.coordinates if c.kind == 'rotation']
     rates = {}
     for e, tire in enumerate(model.spec.tires):
         rate = speed / rolling_radius(model.elements[TIRES.name].value, e, loads[e], speed)
         spin = matrix(tire.marker.orientation)[:, 1]
         # the wheel itself has to turn before velocities are projected, or the projection would turn what carries it
         state.v[model.body_names.index(tire.marker.body), 3:] += rate * spin
-        for joint in model.spec.joints:
-            if joint.kind == 'revolute' and tire.marker.body in (joint.i.body, joint.j.body):
-                side = 1.0 if joint.j.body == tire.marker.body else -1.0
-                own = joint.j if side > 0 else joint.i
-                axis = matrix(own.orientation)[:, 2]
-                rates[joint.name] = side * float(np.sign(product(axis, spin))) * rate
+        for turn in turns:
+            if tire.marker.body in (turn.i.body, turn.j.body):
+                side = 1.0 if turn.j.body == tire.marker.body else -1.0
+                own = turn.j if side > 0 else turn.i
+                along = float(product(matrix(own.orientation)[:, 2], spin))
+                if abs(along) < ALIGNED:
+                    continue
+                rates[turn.name] = side * (rate if along > 0.0 else -rate)
                 break
     return rates
 
@@ -200,7 +223,8 @@ def settle_rolling(
         q, v = state.q, state.v
         forward = matrix(tuple(q[chassis, 3:]))[:, 0]
         now = float(product(v[chassis, :3], forward))
-        if driven and (abs(now - speed) > UNSTEADY * speed or np.any(norms(v[wheels, 3:]) > SPINNING * speed * rolling)):
+        spins = np.any(norms(v[wheels, 3:]) > SPINNING * rolling * norms(v[wheels, :3]))
+        if driven and (spins or abs(now - speed) > UNSTEADY * speed):
             return False
         back = place - q[chassis, :2]
         if model.spec.road.grids:  # as high above the road below its wheels as it was
@@ -209,8 +233,8 @@ def settle_rolling(
             q[:-1, 2] -= (nx * back[0] + ny * back[1]) / nz
         q[:-1, :2] += back
         v[:-1, :3] += (speed - now) * forward
-        for wheel in wheels:
-            v[wheel, 3:] *= speed / now
+        for body in (*wheels, *held_shafts(model, state, u)):
+            v[body, 3:] *= speed / now
     return True
 
 

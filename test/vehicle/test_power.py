@@ -162,10 +162,9 @@ def test_what_cannot_be_is_one_sentence(vehicle: str, change: str, sentence: str
         scene(change, vehicle=f'vehicles/{vehicle}.yaml')
 
 
-@pytest.mark.parametrize('level', ['kc', 'single_track'])
-def test_levels_without_an_engine_say_so(level: str) -> None:
+def test_the_level_without_an_engine_says_so() -> None:
     with pytest.raises(MbdError, match='an engine with a gearbox, which this level does not have'):
-        derive(scene(f'fidelity={level}'))
+        derive(scene('fidelity=single_track'))
 
 
 def test_the_level_condensed_keeps_engine_and_gearbox() -> None:
@@ -216,3 +215,19 @@ def test_a_car_begins_in_first_gear_with_its_accelerator_down(speed: float) -> N
     assert abs(car.snapshot().joint_velocity[crankshaft]) == pytest.approx(3.73 * 4.06 * np.mean(rates), rel=0.05)
     car.advance(200)
     assert car.state.v[car.channels.chassis, 0] > speed
+
+
+def test_a_car_that_accelerates_begins_as_it_goes_on() -> None:
+    """Put back to its speed while it settles it takes crankshaft and wheels along: the clutch neither slips nor swings at the start."""
+    simulation = Simulation(scene(speed=10.0, maneuver='{signals: {gear: 2, accelerator: 0.6}}'))
+    crankshaft, wheels = (
+        simulation.channels.joints.index('crankshaft'),
+        [simulation.channels.joints.index(f'wheel_front_{s}') for s in ('left', 'right')],
+    )
+    rates = []
+    for _ in range(30):
+        turning = simulation.advance(10).joint_velocity
+        rates.append((abs(turning[crankshaft]), FINAL * GEARS[1] * np.mean(np.abs(turning[wheels]))))
+    engine, gearbox = np.array(rates).T
+    np.testing.assert_allclose(engine, gearbox, rtol=2e-3)
+    assert np.ptp(np.diff(engine)) < 0.1 * np.mean(np.diff(engine))
