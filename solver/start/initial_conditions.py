@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from typing import cast
 
@@ -30,6 +32,8 @@ from solver.start.placement import (
 )
 from solver.start.rolling import held_body, lay_on_road, roll_wheels, settle_rolling, without_brakes
 from solver.step.work import Scheme, StepResult
+
+GRIP = 0.1  # friction of a road on which equilibrium is found from the placement on
 
 
 class InitialConditions:
@@ -121,8 +125,29 @@ class InitialConditions:
                 calculation.equilibrium(state, without_brakes(self.model, u), hold=self.chassis)
             except ConsistencyError:  # far from rest only what is free to roll finds it
                 copy_state(before, state)
-        calculation.equilibrium(state, u, hold=held, stable=self.scene.start.stable)
+        placed = new_state(self.model)
+        copy_state(state, placed)
+        try:
+            calculation.equilibrium(state, u, hold=held, stable=self.scene.start.stable)
+        except ConsistencyError:
+            rougher = self._rougher()
+            if rougher is None:
+                raise
+            copy_state(placed, state)
+            with suppress(ConsistencyError):
+                rougher.equilibrium(state, u, hold=held)
+            calculation.equilibrium(state, u, hold=held, stable=self.scene.start.stable)
         refuse_unloaded_wheels(self.model, state, u)
+
+    def _rougher(self) -> Equilibrium | None:
+        """The model on a road of at least GRIP; None on a road that is. On ice tires slide from where they are placed to where they rest,
+        and the search seldom ends; from where they rest with friction it is not far.
+        """
+        spec = self.model.spec
+        road = spec.road
+        patches = tuple(dataclasses.replace(patch, factor=max(patch.factor, GRIP)) for patch in road.patches)
+        other = dataclasses.replace(road, friction=max(road.friction, GRIP), patches=patches)
+        return None if other == road or not spec.tires else Equilibrium(prepare(dataclasses.replace(spec, road=other)))
 
     def _without_loads(self, u: np.ndarray) -> np.ndarray:
         """Inputs with those that are loads zero: static equilibrium is sought under gravity, without drive torque."""

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from solver.elements.tire_pacejka import TIRES
 from solver.files.scene import load_scene
 from solver.simulation import Simulation
 
@@ -58,3 +59,15 @@ def test_a_drive_that_spins_the_wheels_acts_from_the_start_on(speed: float) -> N
     later = np.linalg.norm(car.state.v[wheels, 3:], axis=1)
     inertia = min(car.model.spec.bodies[wheel].inertia[1] for wheel in wheels)
     assert 1.5 * np.max(rates) < np.max(later) < np.max(rates) + 4000.0 / inertia * 0.1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('friction', [0.008, 0.005, 0.001])
+def test_a_car_stands_on_ice_with_its_wheels_turned(friction: float) -> None:
+    """Tires slide on the way to where it rests, and hold next to nothing there; the search did not end."""
+    car = Simulation(load_scene('car_step_steer', [f'road.friction={friction}', 'maneuver={steering: 0.5}', 'start={kind: equilibrium}']))
+    columns = car.model.outputs('tires', car.outputs)
+    loads, across = columns[:, TIRES.column('fz')], columns[:, TIRES.column('fy')]
+    weight = 9.81 * sum(body.mass for body in car.model.spec.bodies)
+    assert np.sum(loads) == pytest.approx(weight, rel=1e-3)
+    assert np.abs(across).max() < 1.2 * friction * loads.max()
