@@ -109,7 +109,8 @@ class InitialConditions:
         extended = self._with_rows(list(wanted), [0.0] * len(wanted))
         extra = np.zeros(extended.model.n_rows)
         extra[self.model.n_rows :] = [-rate for rate in wanted.values()]
-        extended.project_velocity(self.state, u, extra, hold=100.0 if speed else 0.0)
+        # brakes hold the wheels to their carriers, which do not turn with them
+        extended.project_velocity(self.state, without_brakes(self.model, u) if speed else u, extra, hold=100.0 if speed else 0.0)
         return given
 
     def _rest(self, calculation: Equilibrium, state: State, u: np.ndarray) -> None:

@@ -34,8 +34,10 @@ SETTLE_STEP = 5e-3  # s, whatever the step of the scene, so that a start does no
 UNSTEADY = 0.1  # of its speed that a drive may give a vehicle in SETTLE_EVERY; put back further, shafts no longer fit the wheels
 SPINNING = 1.3  # times the rate of rolling at which a wheel has lost its grip
 ALIGNED = 0.9  # cosine between the axis of a coordinate and that of a wheel which turns in it
+STOPPED = 0.5  # of its speed: brakes that leave a vehicle less of it at once hold its wheels, which are not made to turn as fast as before
 SLIPPING = 0.05  # of the rate of its shaft: slip of a clutch that does not hold it
 SETTLE_TURN = 2.0  # rad that a shaft may turn in such a step, or steps are divided: from 3 on they were seen to fail
+SETTLE_AGAIN = 2.3  # rad from which on steps are divided again, for an engine that is driven faster meanwhile
 
 
 def _heights(model: Model, places: np.ndarray) -> np.ndarray:
@@ -201,18 +203,20 @@ def settle_rolling(
         'full': 0,
         'combined': 1,
     }
-    fastest = max(norm(v) for v in cast(State, states[0].value).v[:-1, 3:])
-    h = SETTLE_STEP / max(1, int(np.ceil(SETTLE_STEP * fastest / SETTLE_TURN)))
-    settling = Ref(method._replace(fixed=1, iterations=2, **own, **scheme_parameters(h, SETTLE_RHO)))  # type: ignore[arg-type]
-    steps = round(SETTLE_EVERY / h)
-    inputs = np.repeat(without_hands(model, u)[None, :], steps, axis=0)
+    h = 0.0
     start = cast(State, states[0].value).q[chassis].copy()
     place, ahead = start[:2], matrix(tuple(start[3:]))[:, 0]
     nx, ny, nz = model.spec.road.normal
     n = ground(model, cast(State, states[0].value))[1]
     wheels = [model.body_names.index(tire.marker.body) for tire in model.spec.tires]
-    rolling = norms(cast(State, states[0].value).v[wheels, 3:]) / speed
+    rolling = norms(cast(State, states[0].value).v[wheels, 3:]) / abs(speed)
     for _ in range(round(SETTLE_TIME / SETTLE_EVERY)):
+        fastest = max(norm(v) for v in cast(State, states[0].value).v[:-1, 3:])
+        if not h or h * fastest > SETTLE_AGAIN:
+            h = SETTLE_STEP / max(1, int(np.ceil(SETTLE_STEP * fastest / SETTLE_TURN)))
+            settling = Ref(method._replace(fixed=1, iterations=2, **own, **scheme_parameters(h, SETTLE_RHO)))  # type: ignore[arg-type]
+            steps = round(SETTLE_EVERY / h)
+            inputs = np.repeat(without_hands(model, u)[None, :], steps, axis=0)
         result, done = advance(model.tables, settling, *states, inputs, 0, steps, False, work)
         if done % 2 == 1:
             states.reverse()
@@ -224,7 +228,7 @@ def settle_rolling(
         forward = matrix(tuple(q[chassis, 3:]))[:, 0]
         now = float(product(v[chassis, :3], forward))
         spins = np.any(norms(v[wheels, 3:]) > SPINNING * rolling * norms(v[wheels, :3]))
-        if driven and (spins or abs(now - speed) > UNSTEADY * speed):
+        if driven and (spins or abs(now - speed) > UNSTEADY * abs(speed)):
             return False
         back = place - q[chassis, :2]
         if model.spec.road.grids:  # as high above the road below its wheels as it was
@@ -233,7 +237,7 @@ def settle_rolling(
             q[:-1, 2] -= (nx * back[0] + ny * back[1]) / nz
         q[:-1, :2] += back
         v[:-1, :3] += (speed - now) * forward
-        for body in (*wheels, *held_shafts(model, state, u)):
+        for body in (*wheels, *held_shafts(model, state, u)) if now / speed > STOPPED else ():
             v[body, 3:] *= speed / now
     return True
 

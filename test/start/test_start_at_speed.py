@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from solver import simulation_of
 from solver.elements.tire_pacejka import TIRES
 from solver.files.scene import load_scene
 from solver.simulation import Simulation
@@ -71,3 +72,23 @@ def test_a_car_stands_on_ice_with_its_wheels_turned(friction: float) -> None:
     weight = 9.81 * sum(body.mass for body in car.model.spec.bodies)
     assert np.sum(loads) == pytest.approx(weight, rel=1e-3)
     assert np.abs(across).max() < 1.2 * friction * loads.max()
+
+
+@pytest.mark.parametrize('level', ['full', 'kc'])
+def test_with_the_brakes_on_the_wheels_roll_at_the_start(level: str) -> None:
+    """Brakes do not take along what carries the wheels while velocities are found; then they slow the car as they do later."""
+    given = [f'fidelity={level}', 'start.speed=15', 'maneuver={brake_torque: 1500}', 'integrator.h=0.001']
+    car = simulation_of(load_scene('light_car_straight', given))
+    chassis = car.channels.chassis or 0
+    speeds = [15.0, *(float(car.advance(100).twist[chassis, 0]) for _ in range(4))]
+    np.testing.assert_allclose(np.diff(speeds), np.mean(np.diff(speeds)[1:]), rtol=0.02)
+
+
+@pytest.mark.slow
+def test_brakes_that_stop_it_at_once_leave_a_start() -> None:
+    """At 0.3 m/s full brakes end the motion while it settles; it begins with its speed and stops."""
+    car = Simulation(load_scene('car_step_steer', ['start={kind: equilibrium, speed: 0.3}', 'maneuver={brake_torque: 5000}']))
+    chassis = car.channels.chassis
+    assert car.state.v[chassis, 0] == pytest.approx(0.3, rel=0.01)
+    car.advance(2000)
+    assert abs(car.state.v[chassis, 0]) < 0.02

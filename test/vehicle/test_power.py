@@ -231,3 +231,16 @@ def test_a_car_that_accelerates_begins_as_it_goes_on() -> None:
     engine, gearbox = np.array(rates).T
     np.testing.assert_allclose(engine, gearbox, rtol=2e-3)
     assert np.ptp(np.diff(engine)) < 0.1 * np.mean(np.diff(engine))
+
+
+@pytest.mark.parametrize(('speed', 'gear', 'clutch'), [(5.0, 2, 0.9), (-3.0, -1, 0.0)])
+def test_it_begins_with_its_clutch_half_open_and_backwards(speed: float, gear: int, clutch: float) -> None:
+    """With the clutch nearly open the engine runs up to its limiter while the car settles: its shaft then turns by too much for the steps
+    that did for the others."""
+    simulation = Simulation(scene(speed=speed, maneuver=f'{{signals: {{gear: {gear}, clutch: {clutch}, accelerator: 0.8}}}}'))
+    rate, chassis = outputs(simulation, 'engines')['rate'], simulation.channels.chassis or 0
+    assert simulation.snapshot().twist[chassis, 0] == pytest.approx(speed, rel=0.01)
+    if clutch:
+        assert 6200 * RPM < rate < 6600 * RPM
+    else:
+        assert np.sign(simulation.advance(500).twist[chassis, 0] - speed) == np.sign(speed)
