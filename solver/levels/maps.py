@@ -183,12 +183,14 @@ def _measured(spec: ModelSpec, travel: float, turned: float, progress: Callable[
     alone = {corner: [bench.stand(**{f'travel_{corner}': float(v)}) for v in fine] for corner in CORNERS}
     require_return(bench, rest)
     progress(0.9)
-    compliance = _compliance(bench)
-    mounts = _mounts(spec, rest)
-    masses = _masses(bench, rest)
+    try:
+        compliance, mounts, masses = _compliance(bench), _mounts(spec, rest), _masses(bench, rest)
+        turning, gear = _driven(bench), _gear(bench)
+    except ConsistencyError as error:  # that is the same within any range
+        raise SpecError(f'the bench finds no equilibrium of the vehicle under loads at its wheels ({error}); use full') from error
     result: dict[str, Any] = {
-        'coordinates': _driven(bench),
-        'gear': _gear(bench) | {'torque': torque.tolist()},
+        'coordinates': turning,
+        'gear': gear | {'torque': torque.tolist()},
         'travel': travel,
         'steering': turned,
     }

@@ -364,3 +364,16 @@ def test_a_bench_that_does_not_come_back_is_refused():
     require_return(SimpleNamespace(stand=lambda: rest), rest)
     with pytest.raises(ConsistencyError, match='another equilibrium of the vehicle; use condensed or full'):
         require_return(SimpleNamespace(stand=lambda: other), rest)
+
+
+@pytest.mark.slow
+def test_a_vehicle_that_no_load_finds_at_rest_is_measured_once(monkeypatch):
+    """Rubber of 138 N/m under a link: the range of the maps has nothing to do with it, so no smaller one is tried."""
+    benches = []
+    make = maps.Bench
+    monkeypatch.setattr(maps, 'Bench', lambda spec: benches.append(make(spec)) or benches[-1])
+    soft = 'vehicle.axles.front.suspension.lower_link.bushing.stiffness=[5.0e+6, 5.0e+6, 138, 200, 200, 60]'
+    scene = solver.load_scene('car_swept_steer', ['vehicle=vehicles/electric_4wd.yaml', soft])
+    with pytest.raises(SpecError, match='the bench finds no equilibrium of the vehicle under loads at its wheels'):
+        kc_model(scene.model)
+    assert len(benches) == 1
