@@ -74,14 +74,15 @@ def test_a_car_stands_on_ice_with_its_wheels_turned(friction: float) -> None:
     assert np.abs(across).max() < 1.2 * friction * loads.max()
 
 
-@pytest.mark.parametrize('level', ['full', 'kc'])
-def test_with_the_brakes_on_the_wheels_roll_at_the_start(level: str) -> None:
-    """Brakes do not take along what carries the wheels while velocities are found; then they slow the car as they do later."""
-    given = [f'fidelity={level}', 'start.speed=15', 'maneuver={brake_torque: 1500}', 'integrator.h=0.001']
-    car = simulation_of(load_scene('light_car_straight', given))
-    chassis = car.channels.chassis or 0
-    speeds = [15.0, *(float(car.advance(100).twist[chassis, 0]) for _ in range(4))]
-    np.testing.assert_allclose(np.diff(speeds), np.mean(np.diff(speeds)[1:]), rtol=0.02)
+def test_with_the_brakes_on_the_wheels_roll_at_the_start() -> None:
+    """Brakes do not take along what carries the wheels while velocities are found, nor slow the wheels: kc did not begin as the whole car
+    and was 0.11 m/s faster after 0.3 s."""
+    found = []
+    for level in ('full', 'kc'):
+        given = [f'fidelity={level}', 'start.speed=15', 'maneuver={brake_torque: 3000}', 'integrator.h=0.001']
+        car = simulation_of(load_scene('light_car_straight', given))
+        found.append(float(car.advance(300).twist[car.channels.chassis or 0, 0]))
+    assert found[1] == pytest.approx(found[0], abs=0.01)
 
 
 @pytest.mark.slow
