@@ -31,7 +31,7 @@ SETTLE_EVERY = 0.05  # s
 SETTLE_PENALTY = 1e6
 SETTLE_RHO = 0.8  # spectral radius at infinite frequency, whatever that of the scene
 SETTLE_STEP = 5e-3  # s, whatever the step of the scene, so that a start does not depend on it; where it settles does not depend on the step
-UNSTEADY = 0.1  # of its speed that a drive may give a vehicle in SETTLE_EVERY; put back further, shafts no longer fit the wheels
+UNSTEADY = 0.1  # of its speed, by which that of a driven vehicle may change in SETTLE_EVERY; put back by more, shafts misfit wheels
 SPINNING = 1.3  # times the rate of rolling at which a wheel has lost its grip
 ALIGNED = 0.9  # cosine between the axis of a coordinate and that of a wheel which turns in it
 STOPPED = 0.5  # of its speed: brakes that leave a vehicle less of it at once hold its wheels, which are not made to turn as fast as before
@@ -189,7 +189,7 @@ def settle_rolling(
     seconds it is put back to its speed and, along the road, to its place and heading: put back level, a car on a slope would stand in the
     road or above it, and one that steers or is on a bank would else begin on another course than it was placed on.
 
-    Returns False if it is `driven` by more than a steady state has: a wheel spins or the speed rises by more than UNSTEADY at once.
+    Returns False if it is `driven` by more than a steady state has: a wheel spins or the speed changes by more than UNSTEADY at once.
     (Where wheels spin the steady state is one with the engine at its limiter.) Raises ConsistencyError with the sentence of `explain`
     when a step fails.
     """
