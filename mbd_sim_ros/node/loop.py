@@ -76,8 +76,8 @@ class Health(NamedTuple):
     step_p50: float
     step_p99: float
     step_max: float
-    iterations: int  # of the last step
-    residual: float
+    iterations: int  # of the last step, or the mean of the steps made in one call with it
+    residual: float  # the largest of these
     command_age: float  # s of simulation time since the oldest of the newest commands; -1 if none came
 
 
@@ -87,8 +87,8 @@ class Loop:
     `poll()` fetches what came in since (it calls `command`), right before every step and while lockstep waits.
     `inputs(values)` turns latched commands into the input vector of the next step (None: the scene's own maneuver drives).
     `emit(snapshot)` is called on the simulation thread after every step that may be seen, and once at the start. `hidden(most)` tells how
-    many of the next steps, at most so many, nobody sees while nobody commands: these are made at once when the one behind them is due, with
-    the same bits and without what waking costs, and `passed()` is called behind them. `repeat()` from time to time while
+    many of the next steps, at most so many, nobody sees while nobody commands: these are made in one call with the one behind them, when
+    that is due, with the same bits and without what waking costs. `passed()` is called behind each call, `repeat()` from time to time while
     lockstep waits for a first or lost answer. commands: names of those that are latched, steering first; drive torques and the accelerator
     among them count as zero when they are older than command_timeout. The attributes mode, rate_factor, command_timeout [s, 0: never] and
     lockstep_commands may be changed at any time. After the thread has ended `outcome` is a sentence and `error` the
@@ -130,7 +130,7 @@ class Loop:
         self.done = threading.Event()
         self._inputs, self._emit, self._poll, self._repeat = inputs, emit, poll, repeat
         self._hidden, self._passed = hidden, passed
-        self._cost = simulation.h_ns * 1e-9  # s that a step takes, lately
+        self._cost = simulation.h_ns * 1e-9  # s that each of many steps takes, lately
         self._emitted = 0.0  # clock reading
         self._stop = threading.Event()
         self._wake = threading.Event()
@@ -140,7 +140,7 @@ class Loop:
         self._pending = 0  # steps asked for
         self._anchor: tuple[float, int, float] | None = None  # clock, step and rate of the schedule in force
         self._times: deque[float] = deque(maxlen=WINDOW)
-        self._counters = simulation.snapshot().counters
+        self._iterations, self._residual = 0, 0.0
         self._judged = (time.perf_counter(), simulation.t_ns)
         self._begin = time.perf_counter()
         self._thread = threading.Thread(target=self._run, name='simulation', daemon=True)
@@ -257,7 +257,7 @@ class Loop:
         age = (t_ns - min(came)) * 1e-9 if came else -1.0
         return Health(
             advanced / elapsed if elapsed > 0.0 else 0.0, self.steps, self.overruns, self.slips,
-            float(p50), float(p99), float(times.max()), self._counters.iterations, self._counters.residual, age,
+            float(p50), float(p99), float(times.max()), self._iterations, self._residual, age,
         )  # fmt: skip
 
     def _run(self) -> None:
@@ -270,9 +270,7 @@ class Loop:
                     break
                 ahead = self._steps_ahead()
                 if self._due(ahead):
-                    if ahead:
-                        self._advance_unseen(ahead)
-                    self._advance()
+                    self._advance(ahead + 1)
         except BaseException as error:  # whatever it is, the main thread has to learn of it
             self.error = error
             self.outcome = str(error)
@@ -364,32 +362,28 @@ class Loop:
         self._wake.wait(longest)
         self._wake.clear()
 
-    def _advance(self) -> None:
+    def _advance(self, n: int) -> None:
+        """Make n steps, of which the last may be seen, with the commands there are."""
         simulation = self.simulation
         if self.mode != 'lockstep':  # which has polled, and must not mix in what came since
             self._poll()
         start = time.perf_counter()
-        snapshot = simulation.advance(1, inputs=self._inputs(self._commands_at(simulation.t_ns)))
-        self._took(time.perf_counter() - start)
-        self._counters = snapshot.counters
-        self.steps += 1
+        rows = [self._inputs(self._commands_at(simulation.t_ns + i * simulation.h_ns)) for i in range(n)]
+        try:
+            snapshot = simulation.advance(n, inputs=None if rows[0] is None else np.array(rows))
+        finally:
+            self._passed()
+        self._took(time.perf_counter() - start, n)
+        self._iterations, self._residual = round(snapshot.counters.iterations / n), snapshot.counters.residual
+        self.steps += n
         self._emit(snapshot)
         self._emitted = time.perf_counter()
         if self.mode == 'realtime' and self._anchor is not None and time.perf_counter() > self._deadline(simulation.k):
             self.overruns += 1
 
-    def _advance_unseen(self, n: int) -> None:
-        """Make n steps that nobody looks at, with the commands there are."""
-        simulation = self.simulation
-        start = time.perf_counter()
-        rows = [self._inputs(self._commands_at(simulation.t_ns + i * simulation.h_ns)) for i in range(n)]
-        try:
-            simulation.advance(n, inputs=None if rows[0] is None else np.array(rows))
-        finally:
-            self._passed()
-        self._took((time.perf_counter() - start) / n)
-        self.steps += n
-
-    def _took(self, seconds: float) -> None:
-        self._times.append(seconds)
-        self._cost += 0.1 * (seconds - self._cost)
+    def _took(self, seconds: float, n: int) -> None:
+        """Note what n steps took. One alone takes longer than each of many, by what waking and a call cost: it is no more than a bound."""
+        each = seconds / n
+        self._times.append(each)
+        if n > 1 or each < self._cost:
+            self._cost += 0.1 * (each - self._cost)

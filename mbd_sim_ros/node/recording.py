@@ -56,18 +56,15 @@ class Recording:
         return self.recorder.directory
 
     def wants(self, snapshot: Snapshot) -> bool:
-        """Note the inputs of a step, of every one, or the run could not be replayed; returns whether its messages are recorded too."""
-        if self.recorder is None:
-            return False
-        self.note(snapshot.k, snapshot.inputs[None])
-        return snapshot.k % self._every == 0
+        """Whether the messages of a step are recorded."""
+        return self.recorder is not None and snapshot.k % self._every == 0
 
     def next_wanted(self, k: int, most: int) -> int:
         """The first of the steps k + 1 .. k + most whose messages are recorded, or k + most."""
         return k + most if self.recorder is None else min(k - k % self._every + self._every, k + most)
 
     def note(self, last: int, inputs: np.ndarray) -> None:
-        """Note the inputs (n, nu) of the n steps that led to step `last`."""
+        """Note the inputs (n, nu) of the n steps that led to step `last`: those of every step, or the run could not be replayed."""
         if self.recorder is not None:
             self.recorder.note(last, inputs)
 

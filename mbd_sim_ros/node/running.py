@@ -37,7 +37,7 @@ from solver.model.spec import ModelSpec
 from solver.model.state import fitting, load_arrays
 from solver.output.snapshot import Snapshot
 
-CLOCK_SECONDS = 0.01  # /clock is published at most at 100 Hz
+CLOCK_SECONDS = 0.01  # between two messages on /clock at least, of elapsed and of simulated time
 
 
 def heading_of(orientation: Sequence[float]) -> float:
@@ -76,7 +76,7 @@ class Running:
         self.look_at_rates()
         best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._ticks = node.create_publisher(ClockMessage, '/clock', best_effort) if self.value('publish_clock') else None
-        self._ticked = (-math.inf, -math.inf)  # clock reading and simulated time [s] of the last
+        self._ticked = -math.inf  # clock reading [s] of the last
         self._describe()
         self.recording = Recording(node, scene, simulation, self._messages, self.envelope, self._urdf)
         self.commands = Commands(node, self._names, gears=gears_of(scene.model), deaf=self.value('commands') != 'topics')
@@ -231,9 +231,9 @@ class Running:
         k = self.simulation.k
         seen = self._publication.next_awaited(k, most + 1, of=self.publish_every)
         seen = min(seen, self.recording.next_wanted(k, most + 1))
-        if self._ticks is not None and self._ticked[1] > -math.inf:
-            tick = math.ceil((self._ticked[1] + CLOCK_SECONDS * 0.999) * 1e9 / self.simulation.h_ns)
-            seen = min(seen, max(k + 1, tick))
+        if self._ticks is not None:
+            every = self._tick_every()
+            seen = min(seen, k - k % every + every)
         return seen - k - 1
 
     def _passed(self) -> None:
@@ -254,16 +254,21 @@ class Running:
         else:
             require_finite(snapshot, self._messages.channels)
         if self._ticks is not None:
-            self._publish_clock(self._ticks, snapshot.t_ns)
+            self._publish_clock(self._ticks, snapshot)
 
-    def _publish_clock(self, publisher: Publisher, t_ns: int) -> None:
-        now = time.monotonic()
-        wall, simulated = self._ticked
-        due = now - wall >= CLOCK_SECONDS * 0.95 and abs(t_ns * 1e-9 - simulated) >= CLOCK_SECONDS * 0.999
-        if due or self.loop.mode == 'lockstep':  # in lockstep the others wait for every tick
-            self._ticked = (now, t_ns * 1e-9)
+    def _tick_every(self) -> int:
+        """Steps between two messages on /clock, from step 0: they are due with other topics, for waking costs more than steps."""
+        factor = max(1.0, self.loop.rate_factor) if self.loop.mode == 'realtime' else 1.0
+        return max(1, math.ceil(round(CLOCK_SECONDS * factor * 1e9 / self.simulation.h_ns, 6)))
+
+    def _publish_clock(self, publisher: Publisher, snapshot: Snapshot) -> None:
+        now, mode = time.monotonic(), self.loop.mode
+        paced = mode == 'realtime' or now - self._ticked >= CLOCK_SECONDS
+        # at the start whatever its step; in lockstep the others wait for every tick
+        if mode == 'lockstep' or self._ticked == -math.inf or (paced and snapshot.k % self._tick_every() == 0):
+            self._ticked = now
             message = ClockMessage()
-            message.clock.sec, message.clock.nanosec = divmod(t_ns, 1_000_000_000)
+            message.clock.sec, message.clock.nanosec = divmod(snapshot.t_ns, 1_000_000_000)
             publisher.publish(message)
 
     def begin_recording(self, out: str = '') -> Path:
@@ -285,7 +290,7 @@ class Running:
             simulation.k, simulation.displaced = 0 if time else k, True
         if recording:
             self.begin_recording()
-        self._ticked = (-math.inf, -math.inf)
+        self._ticked = -math.inf
         self.envelope.restart()
         self.commands.poll()  # what was said before is of the past
         self.loop.restart()
