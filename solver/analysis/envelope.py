@@ -44,18 +44,26 @@ class _Range:
 
     def __init__(self, limit: Limit, channels: Channels) -> None:
         self.limit, self.worst = limit, _Worst()
-        self._curves = [quantity(name, channels) for name in names(channels) if name.partition('.')[0] == limit.quantity]
+        curves = [quantity(name, channels) for name in names(channels) if name.partition('.')[0] == limit.quantity]
+        plain = [one for one in curves if len(one.places) == 1]  # numbers as they are shown, of all wheels at once
+        self._plain = np.array([place for one in plain for place in one.places], int)
+        self._others = [one for one in curves if len(one.places) > 1]
 
     def fold(self, rows: np.ndarray, times: np.ndarray) -> None:
+        if len(self._plain):
+            self._look(rows[:, self._plain], times)
+        for one in self._others:
+            self._look(one.of(rows[:, one.places]), times)
+
+    def _look(self, values: np.ndarray, times: np.ndarray) -> None:
         low, high = self.limit.low, self.limit.high
         assert low is not None
         assert high is not None
-        for one in self._curves:
-            values = one.of(rows[:, one.places])[:, 0]
-            beyond = np.maximum(values - high, low - values) / (high - low)
-            k = int(np.argmax(beyond))
-            if beyond[k] > self.worst.beyond:
-                self.worst = _Worst(float(beyond[k]), self.limit.quantity.replace('_', ' '), float(values[k]), float(times[k]))
+        beyond = np.maximum(values - high, low - values) / (high - low)
+        for curve, k in enumerate(np.argmax(beyond, axis=0).tolist()):
+            if beyond[k, curve] > self.worst.beyond:
+                name = self.limit.quantity.replace('_', ' ')
+                self.worst = _Worst(float(beyond[k, curve]), name, float(values[k, curve]), float(times[k]))
 
     def end(self) -> None:
         pass
@@ -81,13 +89,14 @@ class _Frequency:
             for begin, still in STILL.items()
             if joint.startswith(begin)
         ]
+        self._positions = np.array([place for swing in self._swings for place in swing.position.places], int)
+        self._rates = np.array([place for swing in self._swings for place in swing.rate.places], int)
         self._sums = np.zeros((len(self._swings), 3))  # of departures from the first sample, their squares, the squares of the rates
         self._first: np.ndarray | None = None
         self._n, self._begin, self._time = 0, 0.0, 0.0
 
     def fold(self, rows: np.ndarray, times: np.ndarray) -> None:
-        x = np.array([s.position.of(rows[:, s.position.places])[:, 0] for s in self._swings]).reshape(-1, len(rows))
-        v = np.array([s.rate.of(rows[:, s.rate.places])[:, 0] for s in self._swings]).reshape(-1, len(rows))
+        x, v = np.ascontiguousarray(rows[:, self._positions].T), np.ascontiguousarray(rows[:, self._rates].T)
         if self._first is None:
             self._first, self._begin = x[:, 0], float(times[0])
         x = x - self._first[:, None]

@@ -23,11 +23,11 @@ from solver.compiled.dual_type import (
     NARROW,
     DualType,
     N,
+    dual_add_partials,
     dual_chain,
     dual_chain2,
     dual_compose,
     dual_local,
-    dual_partial,
     dual_seeded,
     dual_value,
     dual_variable,
@@ -146,14 +146,16 @@ def _differentiates_overload(x):
     return (lambda x: True) if is_wide(x) else (lambda x: False)
 
 
-def partial(x, k):
-    """Partial derivative of x with respect to variable k."""
-    return x.partials[k]
+def add_partials(x, Kq, Kv, s, r):
+    """Add the first half of the partials of a wide Dual, those of the variation, to row r of block s of Kq (n, 6, 6), the other half, those
+    of the twist, to that of Kv; both arrays contiguous."""
+    Kq[s, r] += x.partials[: N // 2]
+    Kv[s, r] += x.partials[N // 2 :]
 
 
-@overload(partial)
-def _partial_overload(x, k):
-    return lambda x, k: dual_partial(x, k)  # noqa: PLW0108
+@overload(add_partials)
+def _add_partials_overload(x, Kq, Kv, s, r):
+    return lambda x, Kq, Kv, s, r: dual_add_partials(x, Kq, Kv, s, r)  # noqa: PLW0108
 
 
 def value(x):

@@ -27,6 +27,7 @@ class _PartialsType(types.Type):
 WIDE, SLIM = DualType(N), DualType(NARROW)
 _PARTIALS = _PartialsType()
 _VECTOR = ir.VectorType(ir.DoubleType(), LANES)
+_SIX = ir.VectorType(ir.DoubleType(), N // 2)
 _INDEX = ir.IntType(32)
 
 
@@ -170,14 +171,18 @@ def dual_compose(typingctx, y, a, b, c, d):
 
 
 @intrinsic
-def dual_partial(typingctx, x, k):
-    def codegen(context, builder, signature, args):
-        chunks = _unpacked(context, builder, x, args[0])[1]
-        chunk = chunks[0]
-        for c in range(1, len(chunks)):
-            here = builder.icmp_signed('>=', args[1], ir.Constant(args[1].type, c * LANES))
-            chunk = builder.select(here, chunks[c], chunk)
-        lane = builder.and_(args[1], ir.Constant(args[1].type, LANES - 1))
-        return builder.extract_element(chunk, builder.trunc(lane, _INDEX))
+def dual_add_partials(typingctx, x, Kq, Kv, s, r):
+    """Add the first six partials of a wide Dual to row r of block s of Kq, the others to that of Kv, both (n, 6, 6)."""
 
-    return types.float64(x, types.int64), codegen
+    def codegen(context, builder, signature, args):
+        p = _unpacked(context, builder, x, args[0])[1]
+        word = ir.IntType(64)
+        offset = builder.add(builder.mul(args[3], ir.Constant(word, 36)), builder.mul(args[4], ir.Constant(word, 6)))
+        for blocks, pair, lanes in ((1, p[:2], range(6)), (2, p[1:], range(2, 8))):
+            data = context.make_array(signature.args[blocks])(context, builder, args[blocks]).data
+            place = builder.bitcast(builder.gep(data, [offset]), ir.PointerType(_SIX))
+            six = builder.shuffle_vector(*pair, ir.Constant(ir.VectorType(_INDEX, 6), list(lanes)))
+            builder.store(builder.fadd(builder.load(place, align=8), six), place, align=8)
+        return context.get_dummy_value()
+
+    return types.none(x, Kq, Kv, types.int64, types.int64), codegen

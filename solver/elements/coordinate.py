@@ -275,12 +275,12 @@ def add_coordinate_hessian(table, kin, k, Q, Kq):
     m = mv(R_j, M)
     q = 1.0 / (1.0 + dot(n, m))
     g = scale(q, add(n, m))
-    # dn = E_i dtheta_i, dm = E_j dtheta_j ; dg = q (dn + dm) - q g (m.dn + n.dm)
-    E_i = minus(m_cross(R_i, N))
-    E_j = minus(m_cross(R_j, M))
-    A_i = madd(mscale(q, E_i), mscale(-q, outer(g, mv(transpose(E_i), m))))
-    A_j = madd(mscale(q, E_j), mscale(-q, outer(g, mv(transpose(E_j), n))))
-    put33(Kq, s_jj, 3, 3, mscale(Q, madd(tmm(R_j, A_j), skew(tmv(R_j, g)))))
-    put33(Kq, s_ji, 3, 3, mscale(Q, tmm(R_j, A_i)))
-    put33(Kq, s_ij, 3, 3, mscale(-Q, tmm(R_i, A_j)))
-    put33(Kq, s_ii, 3, 3, mscale(-Q, madd(tmm(R_i, A_i), skew(tmv(R_i, g)))))
+    # dn = -R_i [N] dtheta_i, dm = -R_j [M] dtheta_j ; dg = q (dn + dm) - q g (m . dn + n . dm); along the axes of each body:
+    g_i, g_j = tmv(R_i, g), tmv(R_j, g)
+    by_i, by_j = cross(N, tmv(R_i, m)), cross(M, tmv(R_j, n))  # m . dn, n . dm
+    R_ij = tmm(R_i, R_j)
+    Qq = Q * q
+    put33(Kq, s_jj, 3, 3, madd(skew(sub(scale(Q, g_j), scale(Qq, M))), outer(scale(-Qq, g_j), by_j)))
+    put33(Kq, s_ji, 3, 3, mscale(-Qq, madd(m_cross(transpose(R_ij), N), outer(g_j, by_i))))
+    put33(Kq, s_ij, 3, 3, mscale(Qq, madd(m_cross(R_ij, M), outer(g_i, by_j))))
+    put33(Kq, s_ii, 3, 3, minus(madd(skew(sub(scale(Q, g_i), scale(Qq, N))), outer(scale(-Qq, g_i), by_i))))

@@ -114,23 +114,29 @@ def compile_coordinate_forces(specs: Sequence[CoordinateForceSpec], context: Con
 
 
 @kernel(inner=True)
-def _term(table, coordinates, kin, angle, e, t, tangents):
-    """Return (x, dx/dt, g_i, g_j, h_i, h_j) of term t times its factor, zeros for an absent one: value, rate and their gradients.
-
-    The gradient of the rate, h, is zero unless there is a damper or a limiter to need it and tangents are wanted.
-    """
+def _term(table, coordinates, kin, angle, e, t):
+    """Return (x, dx/dt, g_i, g_j) of term t times its factor, zeros for an absent one: value, rate and the gradients of the value."""
     zero = 0.0 * kin.p[0, 0]
-    none = ((zero, zero, zero), (zero, zero, zero))
     if t >= table.terms[e]:
-        return zero, zero, none, none, none, none
+        none = ((zero, zero, zero), (zero, zero, zero))
+        return zero, zero, none, none
     k = table.coordinate[e, t]
     factor = table.factor[e, t]
     x, g_i, g_j = evaluate_coordinate(coordinates, kin, k, angle)
     rate = coordinate_rate(coordinates, kin, k, g_i, g_j)
-    h_i, h_j = none, none
-    if tangents and (table.law[e, 1] >= 0 or table.top_rate[e] > 0.0):
-        h_i, h_j = coordinate_rate_gradient(coordinates, kin, k)
-    return factor * x, factor * rate, scale6(factor, g_i), scale6(factor, g_j), scale6(factor, h_i), scale6(factor, h_j)
+    return factor * x, factor * rate, scale6(factor, g_i), scale6(factor, g_j)
+
+
+@kernel(inner=True)
+def _rate_gradient(table, coordinates, kin, e, t, needed):
+    """Gradients of the rate of term t times its factor; zeros for an absent one, and unless they are needed."""
+    zero = 0.0 * kin.p[0, 0]
+    if not needed or t >= table.terms[e]:
+        none = ((zero, zero, zero), (zero, zero, zero))
+        return none, none
+    h_i, h_j = coordinate_rate_gradient(coordinates, kin, table.coordinate[e, t])
+    factor = table.factor[e, t]
+    return scale6(factor, h_i), scale6(factor, h_j)
 
 
 @kernel(inline=True)
@@ -160,11 +166,10 @@ def coordinate_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents,
     Kq = sixes(Kq)
     Kv = sixes(Kv)
     for e in range(table.terms.shape[0]):
-        x0, v0, g0, g1, h0, h1 = _term(table, coordinates, kin, angle, e, 0, tangents)
-        x1, v1, g2, g3, h2, h3 = _term(table, coordinates, kin, angle, e, 1, tangents)
-        x2, v2, g4, g5, h4, h5 = _term(table, coordinates, kin, angle, e, 2, tangents)
+        x0, v0, g0, g1 = _term(table, coordinates, kin, angle, e, 0)
+        x1, v1, g2, g3 = _term(table, coordinates, kin, angle, e, 1)
+        x2, v2, g4, g5 = _term(table, coordinates, kin, angle, e, 2)
         g = (g0, g1, g2, g3, g4, g5)
-        h = (h0, h1, h2, h3, h4, h5)
         value = x0 + x1 + x2
         rate = v0 + v1 + v2
         x = value - table.reference[e]
@@ -180,6 +185,11 @@ def coordinate_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents,
             add_gradient(Q, g[a], table.body[e, a], f)
         if tangents:
             # a torque that is only applied, below its limiter, has neither stiffness nor damping
+            damped = damping != 0.0
+            h0, h1 = _rate_gradient(table, coordinates, kin, e, 0, damped)
+            h2, h3 = _rate_gradient(table, coordinates, kin, e, 1, damped)
+            h4, h5 = _rate_gradient(table, coordinates, kin, e, 2, damped)
+            h = (h0, h1, h2, h3, h4, h5)
             add_generalized(g, h, 2 * table.terms[e], stiffness, damping, table.slot, e, Kq, Kv)
             for t in range(table.terms[e]):
                 add_coordinate_hessian(coordinates, kin, table.coordinate[e, t], table.factor[e, t] * Q, Kq)

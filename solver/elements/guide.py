@@ -10,13 +10,13 @@ The wheel turns about its axis freely. Unloaded it stands at (X, Y, Psi, Gamma)(
 rotation sigma that steers; delta (8,) are the departures of both wheels from there. With the energy
 
     U = 1/2 delta' K delta + spring_l(s_l) + spring_r(s_r) + s_l s_r (c_0 + c_1 (s_l + s_r) + c_2 (s_l^2 + s_r^2) + c_3 s_l s_r)
-        + sigma (P_l(s_l) + P_r(s_r))
+        + sigma (P_l(s_l) + P_r(s_r)) + gear(sigma)
 
 all forces are its gradient: the map carries a load at the wheel to the travel (its slope X_s is the anti-dive of the wheel centre) and to
 the steering (its slope over sigma is what the driver feels). P, a cubic without a constant, is the torque of springs that steering
-winds up, and what it shifts of their load. K lags: it acts on delta + lag d(delta)/dt. A damper of the length L(s) + c o
-pulls the travel with the force -F L', and the other wheel of a dependent axle with -F c. It stands on a mount k, which takes the part
-w = F/k of its way, an internal state:
+winds up, and what it shifts of their load; the steering gear has springs and dampers of its own. K lags: it acts on delta + lag
+d(delta)/dt. A damper of the length L(s) + c o pulls the travel with the force -F L', and the other wheel of a dependent axle with -F c. It
+stands on a mount k, which takes the part w = F/k of its way, an internal state:
 
     F = law(L' ds/dt + c do/dt - dw/dt),     k = 0: F = law(L' ds/dt + c do/dt)
 
@@ -70,6 +70,7 @@ OUTPUTS = {
     **{f'{name}_{side}': unit for side in SIDES for name, unit in (('steer', 'rad'), ('camber', ''), ('spring_force', 'N'))},
     **{f'{name}_{side}': unit for side in SIDES for name, unit in (('damper_force', 'N'), ('windup', 'rad'), ('brake_torque', 'N m'))},
     'steering_torque': 'N m',
+    'gear_torque': 'N m',
 }
 STATES = 4
 SYMMETRIC = 1e-9  # relative: what rounding may leave of the difference of a stiffness and its transpose
@@ -84,7 +85,8 @@ class GuideSpec(Spec):
     maps [m], [unit of the coordinate]. shape: coefficients of the maps, over side, travel, steering, quantity (x, y, psi, gamma, theta);
     opposite: b_0, b_1, b_2 over side, quantity. coordinate: the rotation that steers. stiffness: K (8, 8) over (x, y, psi, gamma) of left
     and right. lag [s]. windup: w over side, (8,). springs: force against travel of either side; coupling: c_0 ... c_3;
-    jacking: coefficients of P over side. dampers: laws of either side;
+    jacking: coefficients of P over side. gear: laws of the torque of springs over the coordinate, of dampers over its rate [N m]. dampers:
+    laws of either side;
     ratios: coefficients of the powers of s in L', over side; crossings: c of either side. mounts: their k [N/m], 0 for none; yields: with
     a mount the inverse of the damper's law, rate over force. wheels: coordinates of the turning wheels, to show the brake torque at.
     input: of the brakes; shares of either wheel in it; brake_stiffness [N m/rad], brake_damping [N m s/rad] of a stuck wheel.
@@ -106,6 +108,7 @@ class GuideSpec(Spec):
     springs: tuple[Law, Law]
     coupling: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
     jacking: tuple[float, ...] = (0.0,) * 6
+    gear: tuple[Law | None, Law | None] = (None, None)
     dampers: tuple[Law, Law]
     ratios: tuple[float, ...]
     crossings: tuple[float, float] = (0.0, 0.0)
@@ -123,6 +126,7 @@ class GuideSpec(Spec):
             require(nodes[1] > 0.0 and nodes[2] >= 1, where, name, nodes, 'must be (first, step > 0, count >= 1)')
         require(self.travel[2] > 1, where, 'travel', self.travel, 'needs two nodes or more')
         require(self.coordinate is not None or self.steering[2] == 1, where, 'steering', self.steering, 'needs a coordinate')
+        require(self.coordinate is not None or not any(self.gear), where, 'gear', self.gear, 'needs a coordinate')
         count = 2 * Nodes(*self.travel).coefficients * Nodes(*self.steering).coefficients * len(QUANTITIES)
         for name, length in (('shape', count), ('opposite', 30), ('stiffness', 64), ('windup', 16), ('jacking', 6), ('ratios', 10)):
             values = getattr(self, name)
@@ -156,12 +160,13 @@ class GuideTable(NamedTuple):
     lag: np.ndarray  # (n,)
     windup: np.ndarray  # (2 n, 8)
     law: np.ndarray  # (2 n, 3) spring, damper, its inverse
+    gear: np.ndarray  # (n, 2) laws of springs and dampers of the steering
     mount: np.ndarray  # (2 n,)
     coupling: np.ndarray  # (n, 4)
     jacking: np.ndarray  # (2 n, 3)
     ratio: np.ndarray  # (2 n, 5)
     crossing: np.ndarray  # (2 n,)
-    coordinate: np.ndarray  # (n, 2) of the turning wheels
+    coordinate: np.ndarray  # (n, 3) that efforts are shown at: the turning wheels, steering
     state: np.ndarray  # (n,) wind-up of the left brake; that of the right one and both mounts follow
     input: np.ndarray  # (n,)
     gain: np.ndarray  # (n, 2)
@@ -193,12 +198,13 @@ def compile_guides(specs: Sequence[GuideSpec], context: Context) -> GuideTable:
         lag=np.array([s.lag for s in specs], float),
         windup=np.array([s.windup for s in specs], float).reshape(-1, 8),
         law=np.zeros((2 * n, 3), np.int64),
+        gear=np.array([[context.law(law) for law in s.gear] for s in specs], np.int64).reshape(-1, 2),
         mount=np.array([k for s in specs for k in s.mounts], float),
         coupling=np.array([s.coupling for s in specs], float).reshape(-1, 4),
         jacking=np.array([s.jacking for s in specs], float).reshape(-1, 3),
         ratio=np.array([s.ratios for s in specs], float).reshape(-1, 5),
         crossing=np.array([c for s in specs for c in s.crossings], float),
-        coordinate=np.zeros((n, 2), np.int64),
+        coordinate=np.full((n, 3), -1, np.int64),
         state=np.zeros(n, np.int64),
         input=np.zeros(n, np.int64),
         gain=np.array([s.shares for s in specs], float).reshape(-1, 2),
@@ -218,6 +224,7 @@ def compile_guides(specs: Sequence[GuideSpec], context: Context) -> GuideTable:
             table.coordinate[e, k] = context.coordinate(spec.where, spec.wheels[k])
         if spec.coordinate is not None:
             table.steering[e] = context.coordinate(spec.where, spec.coordinate)
+            table.coordinate[e, 2] = table.steering[e]
             table.body[e, 3:] = context.coordinate_bodies(int(table.steering[e]))
         table.slot[e] = slots(table.body[e].tolist(), context)
         table.state[e] = context.internal_states(spec.where, STATES)
@@ -282,6 +289,8 @@ def guide_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, K
         spring_l, rise_l, stored_l = evaluate_law(laws, table.law[2 * e, 0], s_l)
         spring_r, rise_r, stored_r = evaluate_law(laws, table.law[2 * e + 1, 0], s_r)
         U, U_l, U_r, U_ll, U_lr, U_rr = coupling(table.coupling[e], s_l, s_r)
+        spring_t, rise_t, stored_t = evaluate_law(laws, table.gear[e, 0], sigma)
+        damper_t, rise_dt, _ = evaluate_law(laws, table.gear[e, 1], sigma_rate)
         P_l, P_r = cubic(table.jacking[2 * e], s_l), cubic(table.jacking[2 * e + 1], s_r)
         d_l, over_r, d_ls, rise_dl, ratio_l, heat_l, mount_l, y_l = damper_on_travel(table, laws, 2 * e, s_l, v_l, v_r, zp[n + 2], cz)
         d_r, over_l, d_rs, rise_dr, ratio_r, heat_r, mount_r, y_r = damper_on_travel(table, laws, 2 * e + 1, s_r, v_r, v_l, zp[n + 3], cz)
@@ -290,7 +299,7 @@ def guide_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, K
         # generalized forces, wrenches, bodies
         q_l = dot8(held, by_l) + (t_l * m_l[4][1] + t_r * m_r[4][2]) - spring_l - U_l + d_l - sigma * P_l[1]
         q_r = dot8(held, by_r) + (t_l * m_l[4][2] + t_r * m_r[4][1]) - spring_r - U_r + d_r - sigma * P_r[1]
-        q_t = dot8(held, by_t) + (t_l * m_l[4][3] + t_r * m_r[4][3]) - (P_l[0] + P_r[0])
+        q_t = dot8(held, by_t) + (t_l * m_l[4][3] + t_r * m_r[4][3]) - (P_l[0] + P_r[0]) - spring_t - damper_t
         on_l = wrench(lw, -held[0], -held[1], q_l, -held[2], -held[3], -t_l)
         on_r = wrench(rw, -held[4], -held[5], q_r, -held[6], -held[7], -t_r)
         g = gradients(R_c, lw, rw, on_l, on_r, q_t, g_i, g_j)
@@ -323,9 +332,9 @@ def guide_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, K
                 on_l = wrench(lw, k_t[0], k_t[1], lt, k_t[2], k_t[3], 0.0)
                 on_r = wrench(rw, k_t[4], k_t[5], rt, k_t[6], k_t[7], 0.0)
                 by_rate = gradients(R_c, lw, rw, on_l, on_r, zero, g_i, g_j)
-                add_steering((by_rate[0], by_rate[1], by_rate[2]), tt, g_i, g_j, slots, e, lag, Kv)
+                add_steering((by_rate[0], by_rate[1], by_rate[2]), lag * tt - rise_dt, g_i, g_j, slots, e, lag, Kv)
                 lt, rt = lt + own_curvature(held, m_l, t_l, 0, 6) - P_l[1], rt + own_curvature(held, m_r, t_r, 4, 6) - P_r[1]
-                tt = tt + own_curvature(held, m_l, t_l, 0, 7) + own_curvature(held, m_r, t_r, 4, 7)
+                tt = tt + own_curvature(held, m_l, t_l, 0, 7) + own_curvature(held, m_r, t_r, 4, 7) - rise_t
                 on_l = wrench(lw, k_t[0], k_t[1], lt, k_t[2], k_t[3], 0.0)
                 on_r = wrench(rw, k_t[4], k_t[5], rt, k_t[6], k_t[7], 0.0)
                 by_place = gradients(R_c, lw, rw, on_l, on_r, zero, g_i, g_j)
@@ -342,13 +351,14 @@ def guide_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, K
 
         z[n], z[n + 1], z[n + 2], z[n + 3] = z_l, z_r, y_l, y_r
         out[e, 0] = 0.5 * dot8(delta, elastic) + stored_l + stored_r + U + 0.5 * k_b * (z_l * z_l + z_r * z_r) + mount_l + mount_r
-        out[e, 0] += sigma * (P_l[0] + P_r[0])
-        out[e, 1] = lag * dot8(rate, lagging) + heat_l + heat_r + lost_l + lost_r
+        out[e, 0] += sigma * (P_l[0] + P_r[0]) + stored_t
+        out[e, 1] = lag * dot8(rate, lagging) + heat_l + heat_r + lost_l + lost_r + damper_t * sigma_rate
         out[e, 2], out[e, 3], out[e, 4] = lw.x[3], lw.x[4], -spring_l - U_l
         out[e, 5], out[e, 6], out[e, 7] = rw.x[3], rw.x[4], -spring_r - U_r
         out[e, 8], out[e, 9], out[e, 10] = d_l, z_l, -t_l
         out[e, 11], out[e, 12], out[e, 13] = d_r, z_r, -t_r
         out[e, 14] = q_t
+        out[e, 15] = -spring_t - damper_t
 
 
 def held_guides(table: GuideTable, u: np.ndarray) -> Held:
@@ -376,7 +386,7 @@ GUIDES = ForceKind(
     kernel=guide_forces,
     outputs=OUTPUTS,
     on_coordinates=True,
-    effort=('brake_torque_left', 'brake_torque_right'),
+    effort=('brake_torque_left', 'brake_torque_right', 'gear_torque'),
     held=held_guides,
     capacities=guide_capacities,
 )

@@ -192,7 +192,7 @@ def own_curvature(held, m, torque, first, k):
 @kernel(inner=True)
 def add_steering(g, tt, g_i, g_j, slot, e, factor, K):
     """Add factor times what wrenches change by the steering, g on chassis, left and right per unit of its rotation with gradients g_i, g_j,
-    and what it feels of the motions of the wheels; tt: what it feels of itself.
+    and what it feels of the motions of the wheels; tt, as it is: what it feels of itself.
     """
     turns = (scale(factor, g_i[1]), scale(factor, g_j[1]))
     for b in range(2):
@@ -202,10 +202,10 @@ def add_steering(g, tt, g_i, g_j, slot, e, factor, K):
             put33(K, slot[e, a, 3 + b], 3, 3, moment)
             put33(K, slot[e, 3 + b, a], 3, 0, transpose(force))
             put33(K, slot[e, 3 + b, a], 3, 3, transpose(moment))
-    put33(K, slot[e, 3, 3], 3, 3, outer(scale(tt, g_i[1]), turns[0]))
-    put33(K, slot[e, 3, 4], 3, 3, outer(scale(tt, g_i[1]), turns[1]))
-    put33(K, slot[e, 4, 3], 3, 3, outer(scale(tt, g_j[1]), turns[0]))
-    put33(K, slot[e, 4, 4], 3, 3, outer(scale(tt, g_j[1]), turns[1]))
+    for b, turn in ((0, g_i[1]), (1, g_j[1])):
+        felt = scale(tt, turn)
+        put33(K, slot[e, 3, 3 + b], 3, 3, outer(g_i[1], felt))
+        put33(K, slot[e, 4, 3 + b], 3, 3, outer(g_j[1], felt))
 
 
 @kernel(inline=True)

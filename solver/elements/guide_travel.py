@@ -31,14 +31,15 @@ def cubic(a, s):
 def _yielding(laws, k, rate, zp, cz, law):
     """(w, force, its slope over the rate, rate of the damper) on a mount k: w = zp + cz (rate - law(k w)), by Newton's iteration."""
     w = zp + 0.0 * rate
+    x, slope, _ = evaluate_law(laws, law, k * w)
     if cz > 0.0:
         for _ in range(8):
-            x, slope, _ = evaluate_law(laws, law, k * w)
             change = (w + cz * (x - rate) - zp) / (1.0 + cz * k * slope)
             w = w - change
             if k * abs(change.real) < YIELDING:
+                x = x - slope * (k * change)  # as good as the law itself over so small a change
                 break
-    x, slope, _ = evaluate_law(laws, law, k * w)
+            x, slope, _ = evaluate_law(laws, law, k * w)
     return w, k * w, k * cz / (1.0 + cz * k * slope), x
 
 

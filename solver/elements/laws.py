@@ -68,6 +68,24 @@ def _end_slope(h0: float, h1: float, m0: float, m1: float) -> float:
     return 3.0 * m0 if m0 * m1 <= 0.0 and abs(slope) > 3.0 * abs(m0) else slope
 
 
+def geared(law: Law, factor: float) -> Law:
+    """factor law(factor x): a law as the coordinate x feels it whose own goes by `factor` (not 0) per unit of x."""
+    knots = sorted(zip((x / factor for x in law.x), (factor * y for y in law.y), (factor * factor * s for s in law.slope), strict=True))
+    x, y, slope = zip(*knots, strict=True)
+    return Law(x, y, slope)
+
+
+def sum_of(laws: Sequence[Law]) -> Law:
+    """The sum of laws, exactly: on the knots of all of them, since between these it is a cubic."""
+    if len(laws) == 1:
+        return laws[0]
+    table = Ref(compile_laws(laws))
+    x = sorted({knot for law in laws for knot in law.x})
+    values = [[evaluate_law(table, k, knot) for k in range(len(laws))] for knot in x]
+    y, slope = ([sum(value[part] for value in row) for row in values] for part in range(2))
+    return Law(tuple(x), tuple(map(float, y)), tuple(map(float, slope)))
+
+
 class LawTable(NamedTuple):
     """All laws of a model: knots of law k are start[k]:start[k+1]. `area` is the integral of y from the first knot."""
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from solver.compiled.dual import arctan, cos, exp, log, sin, sqrt
 from solver.compiled.kernel import NO, kernel
-from solver.elements.smooth import SMOOTH_CAMBER, at_most_one, cos_arctan, curve, held, ramp, smooth_abs
+from solver.elements.smooth import SMOOTH_CAMBER, at_most_one, cos_arctan, curve, held, ramp, sin_twice_arctan, smooth_abs
 from solver.elements.tire_data import I
 from solver.elements.turn_slip import (
     peak_factor_x,
@@ -59,7 +59,8 @@ def slip_stiffness(c, gamma, Fz, dfz):
     g = gamma * c[I.LGAY]
     Kxk = Fz * (c[I.PKX1] + c[I.PKX2] * dfz) * exp(c[I.PKX3] * dfz) * (c[I.LKX] * (1.0 + c[I.PPX1] * dpi + c[I.PPX2] * dpi * dpi))
     peak = (c[I.PKY2] + c[I.PKY5] * g * g) * (F0 * (1.0 + c[I.PPY2] * dpi))
-    Kya = (1.0 - c[I.PKY3] * smooth_abs(g, SMOOTH_CAMBER)) * sin(c[I.PKY4] * arctan(Fz / peak))
+    crest = sin_twice_arctan(Fz / peak) if c[I.PKY4] == 2.0 else sin(c[I.PKY4] * arctan(Fz / peak))
+    Kya = (1.0 - c[I.PKY3] * smooth_abs(g, SMOOTH_CAMBER)) * crest
     return Kxk, Kya * (c[I.PKY1] * F0 * (1.0 + c[I.PPY1] * dpi) * c[I.LKY])
 
 
@@ -82,7 +83,7 @@ def relaxation_lengths(c, gamma, Fz, dfz, Kxk, Kya):
     if c[I.LATERAL_STIFFNESS] > 0.0 and c[I.IS_61] > 0.0:
         sigma_y = -Kya / ((1.0 + c[I.PCFY1] * dfz + c[I.PCFY2] * dfz * dfz) * (c[I.LATERAL_STIFFNESS] * (1.0 + c[I.PCFY3] * dpi)))
     else:
-        crest = sin(2.0 * arctan(Fz / (c[I.PTY2] * F0 * c[I.LFZO])))
+        crest = sin_twice_arctan(Fz / (c[I.PTY2] * F0 * c[I.LFZO]))
         sigma_y = crest * (1.0 - c[I.PKY3] * smooth_abs(gamma * c[I.LGAY], SMOOTH_CAMBER)) * (c[I.PTY1] * R0 * c[I.LFZO] * c[I.LSGAL])
     return sigma_x, sigma_y
 

@@ -270,6 +270,12 @@ def surface_at(road, x, y):
 
 
 @kernel(inner=True)
+def plane_at(road, x, y):
+    """surface_at of a road without grids: slopes and second derivatives are real numbers, whatever x and y are."""
+    return road.plane[0] + road.plane[1] * x + road.plane[2] * y, road.plane[1], road.plane[2], 0.0, 0.0, 0.0
+
+
+@kernel(inner=True)
 def friction_at(road, x, y):
     """Friction factor [-] at (x, y) [m] in W."""
     mu = 0.0 * x + road.friction[0]

@@ -91,6 +91,11 @@ def cos_arctan(x):
     return 1.0 / sqrt(1.0 + x * x)
 
 
+@kernel(inner=True)
+def sin_twice_arctan(x):
+    return 2.0 * x / (1.0 + x * x)
+
+
 @kernel(borrow=True)
 def curve(x, C, E):
     """C arctan(x - E (x - arctan x)): the argument of every sine and cosine of the Magic Formula."""

@@ -13,7 +13,7 @@ import numpy as np
 from solver.compiled.dual import arctan, seeded, sqrt, value, variable
 from solver.compiled.kernel import kernel
 from solver.compiled.vec import add, cross, dot, load3, load33, mv, scale
-from solver.elements.road import surface_at
+from solver.elements.road import plane_at, surface_at
 from solver.elements.smooth import ramp, smooth_abs, smooth_step
 from solver.elements.tire_data import I
 
@@ -139,12 +139,21 @@ def _spring_energy(c, rho):
 @kernel(inline=True)
 def contact_of(c, damping, road, motion):
     """The contact of a wheel. c: row of coefficients; damping: vertical damping over nominal load [s/m]."""
+    x, y = motion.centre[0], motion.centre[1]
+    if road.heights[0] > 0:
+        return _contact(c, damping, road, motion, surface_at(road, x, y))
+    return _contact(c, damping, road, motion, plane_at(road, x, y))
+
+
+@kernel(inline=True)
+def _contact(c, damping, road, motion, surface):
+    """The same on a surface, of surface_at or plane_at: the slopes of a plane have no derivatives, which halves the work on its normal."""
     R0 = c[I.UNLOADED_RADIUS]
     F0 = c[I.FNOMIN]
     centre, s, v_c = motion.centre, motion.axis, motion.velocity
 
     # contact frame: n road normal, e_x = s x n heading, e_y = n x e_x
-    h, h_x, h_y, h_xx, h_xy, h_yy = surface_at(road, centre[0], centre[1])
+    h, h_x, h_y, h_xx, h_xy, h_yy = surface
     slope = sqrt(1.0 + h_x * h_x + h_y * h_y)
     n = (-h_x / slope, -h_y / slope, 1.0 / slope)
     sin_g = dot(s, n)
@@ -199,7 +208,8 @@ def contact_of(c, damping, road, motion):
     c_z = (1.0 + c[I.PFZ1] * c[I.DPI]) * c[I.VERTICAL_STIFFNESS]
     radius = R0 * c[I.Q_RE0] + growth - F0 / c_z * (c[I.DREFF] * arctan(c[I.BREFF] * q) + c[I.FREFF] * q)
     at_rest = value(rho)
+    normal = (n[0] + 0.0 * height, n[1] + 0.0 * height, n[2] + 0.0 * height)  # of one type, whatever the surface
     return Contact(
-        point, e_x, e_y, n, sin_g, cos_g, upright, Vx, Vsy, loaded_rate, deflection, Fz, radius,
+        point, e_x, e_y, normal, sin_g, cos_g, upright, Vx, Vsy, loaded_rate, deflection, Fz, radius,
         _spring(c, at_rest), _spring_energy(c, at_rest),
     )  # fmt: skip

@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.compiled.dual import arctan, compose, differentiates, local, partial, sqrt, value
+from solver.compiled.dual import add_partials, arctan, compose, differentiates, local, sqrt, value
 from solver.compiled.kernel import kernel
 from solver.compiled.so3 import quaternion_of_matrix
 from solver.compiled.vec import add, cross, dot, load3, load33, scale, tmv
@@ -175,12 +175,13 @@ def compile_tires(specs: Sequence[TireSpec], context: Context) -> TireTable:
 @kernel(inline=True)
 def _contact_state(z, cz, rolling, Vs, sigma, bound, low, tau, fade, contact):
     """(deflection at this instant, slip) of one direction; z: the part zp of z = zp + cz zdot; rolling: square of the speed of rolling."""
-    w = rolling + Vs * Vs * (1.0 / (SLIP_BOUND * SLIP_BOUND) + low * bound)
+    at_speed = 1.0 / (SLIP_BOUND * SLIP_BOUND)
+    w = rolling + Vs * Vs * at_speed if bound.real == 0.0 else rolling + Vs * Vs * (at_speed + low * bound)
     # |V| as w/sqrt(w + q^2): w at rest, sqrt(w) at speed
     rate = w / (sqrt(w + QUIET_SPEED * QUIET_SPEED) * sigma) + AIR_DECAY * (1.0 - contact)
     drive = contact * Vs
     u = (z - cz * drive) / (1.0 + cz * rate)
-    return u, (u - tau * fade * drive) / sigma
+    return u, u / sigma if fade.real == 0.0 else (u - tau * fade * drive) / sigma
 
 
 @kernel(inner=True)
@@ -234,12 +235,17 @@ def _evaluate(table, e, motion, zp, cz):
     sigma_x, sigma_y = relaxation_lengths(c, camber, load, dfz, Kxk, Kya)
     sigma_x = compose(SHORTEST + ramp(sigma_x - SHORTEST, 0.5 * SHORTEST), gamma, gamma, gamma, Fz)
     sigma_y = compose(SHORTEST + ramp(sigma_y - SHORTEST, 0.5 * SHORTEST), gamma, gamma, gamma, Fz)
-    contact = smooth_step(Fz / (FULL_CONTACT * F0)) * at.upright
+    contact = smooth_step(Fz / (FULL_CONTACT * F0))
+    tilted = at.upright.real < 1.0  # what is not so costs a comparison, in place of products of derivatives
+    if tilted:
+        contact = contact * at.upright
     low_speed = table.low[e, 0]
-    slow = ramp(1.0 - Vx * Vx / (low_speed * low_speed), 0.0)
-    slow = slow * slow
-    quiet = ramp(1.0 - (Vx * Vx + Vsx * Vsx + Vsy * Vsy) / (low_speed * low_speed), 0.0)
-    quiet = quiet * quiet
+    slow, quiet = 0.0 * Vx, 0.0 * Vx
+    if Vx.real * Vx.real < low_speed * low_speed:
+        slow = ramp(1.0 - Vx * Vx / (low_speed * low_speed), 0.0)
+        slow = slow * slow
+        quiet = ramp(1.0 - (Vx * Vx + Vsx * Vsx + Vsy * Vsy) / (low_speed * low_speed), 0.0)
+        quiet = quiet * quiet
     tau = table.low[e, 1]
     state_u, kappa = _contact_state(zp[0], cz, Vx * Vx, Vsx, sigma_x, slow, table.low[e, 2], tau, quiet, contact)
     state_v, tan_alpha = _contact_state(zp[1], cz, Vx * Vx, Vsy, sigma_y, slow, table.low[e, 3], tau, quiet, contact)
@@ -272,11 +278,10 @@ def _evaluate(table, e, motion, zp, cz):
             Mx = Mx + compose(more[2] - value(more[2]), mu, twist, forward, mu)
             A = A + compose(more[3] - value(more[3]), mu, twist, forward, mu)
             B = B + compose(more[4] - value(more[4]), mu, twist, forward, mu)
-        My = rolling_resistance(c, Fx, Fz, gamma, Vx, smooth_sign(motion.spin * R0, SLOWEST)) * at.upright
-        Mz = (forward * A + B) * (side * at.upright)
-        Fx = Fx * at.upright
-        Fy = Fy * (side * at.upright)
-        Mx = Mx * (side * at.upright)
+        My = rolling_resistance(c, Fx, Fz, gamma, Vx, smooth_sign(motion.spin * R0, SLOWEST))
+        Fy, Mx, Mz = Fy * side, Mx * side, (forward * A + B) * side
+        if tilted:
+            Fx, Fy, Mx, My, Mz = Fx * at.upright, Fy * at.upright, Mx * at.upright, My * at.upright, Mz * at.upright
     if c[I.PARKING] > 0.0:
         forwards, sideways = value(Vx), value(Vsy)
         over_ground = forwards * forwards + sideways * sideways
@@ -343,11 +348,8 @@ def tire_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
             F, T = result[0], _store(table, e, R, twist, result, f, z, out)
             s = table.slot[e]
             for k in range(3):
-                for d in range(6):
-                    Kq[s, k, d] += partial(F[k], d)
-                    Kq[s, 3 + k, d] += partial(T[k], d)
-                    Kv[s, k, d] += partial(F[k], 6 + d)
-                    Kv[s, 3 + k, d] += partial(T[k], 6 + d)
+                add_partials(F[k], Kq, Kv, s, k)
+                add_partials(T[k], Kq, Kv, s, 3 + k)
             # the turning of the axes of T: dT = T x dtheta
             Kq[s, 3, 4] -= value(T[2])
             Kq[s, 3, 5] += value(T[1])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -14,6 +15,7 @@ COMMANDS = ('steering', 'drive_torque', 'brake_torque')
 STEERING = {'angle': 'steering', 'torque': 'steering_torque', 'road_wheel': 'road_wheel'}  # by Actuation.steering, what is commanded
 POWERTRAIN = ('accelerator', 'clutch', 'gear', 'lock_up')  # of an engine with a gearbox: pedals (0 to 1), gear or lever, of a converter
 BY_WHEEL = ('drive_torque_', 'brake_torque_')
+_BITS = struct.Struct('3d').pack  # of a motion: 0 and -0 are equal, but not the same
 
 
 def commands_of(input_names: Sequence[str], steering: str = 'angle') -> tuple[str, ...]:
@@ -61,6 +63,7 @@ class CommandSource:
         self.names, self.h_ns = tuple(input_names), h_ns
         self.omega, self.rate_limit = 2.0 * math.pi * bandwidth, rate_limit
         self._motion = float(steering), float(steering), 0.0
+        self._row: np.ndarray | None = None
         self._mapped = mapped
         given = list(commands)
         self._angle = given[0] != STEERING['torque']
@@ -77,19 +80,27 @@ class CommandSource:
     @state.setter
     def state(self, value: np.ndarray) -> None:
         r, x, v = value.tolist()
-        self._motion = r, x, v
+        self._motion, self._row = (r, x, v), None
+
+    @property
+    def settled(self) -> np.ndarray | None:
+        """(nu,) what advance() gave last, where the same commands give it again for ever, bit for bit; None while the steering moves."""
+        return self._row
 
     def advance(self, *commands: float) -> np.ndarray:
         """(nu,) inputs of the next step for the commands that were in force at its beginning: steering [rad or N m], torques [N m]."""
         if len(commands) != self._count:
             raise SpecError(f'{len(commands)} commands, {self._count} are known')
+        before = self._motion
         if self._angle:
             steering = commands[0]
             commands += self._follow(steering if self._mapped is None else self._mapped(steering))
-        row = [0.0] * len(self.names)
+        values = [0.0] * len(self.names)
         for place, source in self._places:
-            row[place] = commands[source]
-        return np.array(row)
+            values[place] = commands[source]
+        row = np.array(values)
+        self._row = row if _BITS(*self._motion) == _BITS(*before) else None
+        return row
 
     def _follow(self, steering: float) -> tuple[float, float, float]:
         """(angle, rate, acceleration) at the end of the step."""

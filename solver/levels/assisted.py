@@ -16,6 +16,7 @@ from solver.compiled.portable import product
 from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.elements.coupler import CouplerSpec
 from solver.elements.joint import JointSpec
+from solver.elements.laws import Law, geared, sum_of
 from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.servo import ServoSpec
 from solver.levels import maps
@@ -25,12 +26,13 @@ from solver.model.spec import ModelSpec
 
 
 class Assisted(NamedTuple):
-    """What there is of a steering besides the guides. servo: between pinion and steering wheel; body, joint: the pinion; forces: dampers
-    and friction at it, and the torque of the springs that it winds up."""
+    """What there is of a steering besides the maps of its guide. servo: between pinion and steering wheel; body, joint: the pinion; gear:
+    laws of the springs and of the dampers at it, for the guide; forces: what else acts on it."""
 
     servo: ServoSpec
     body: RigidBodySpec
     joint: JointSpec
+    gear: tuple[Law, Law | None]
     forces: tuple[CoordinateForceSpec, ...]
 
 
@@ -63,14 +65,17 @@ def assisted(spec: ModelSpec, servo: ServoSpec, data: dict[str, Any], turned: fl
     n = product(draft.frame(pinion.name).R.T, R[:, 2])
     J = pinion.inertia_matrix() + data['inertia'] * np.outer(n, n)
     six = (J[0, 0], J[1, 1], J[2, 2], J[0, 1], J[0, 2], J[1, 2])
-    found = [(spec.spring_dampers[int(k)], slope) for k, slope in data['lengths'].items()]
-    forces = [CoordinateForceSpec(name=element.name, terms=((angle, slope),), damper=element.damper) for element, slope in found]
+    dampers = [(spec.spring_dampers[int(k)].damper, slope) for k, slope in data['lengths'].items()]
+    at_gear = [f for f in spec.coordinate_forces if [name for name, _ in f.terms] == [moved]]
+    plain = [f for f in at_gear if f.spring is None and f.input is None and f.preload == 0.0]
+    dampers += [(f.damper, f.terms[0][1] * lever) for f in plain]
+    laws = [geared(law, slope) for law, slope in dampers if law is not None and slope != 0.0]
+    damper = sum_of(laws) if laws else None
     springs = maps.spring_law(np.linspace(-turned, turned, len(data['torque'])), np.array(data['torque']))
-    forces.append(CoordinateForceSpec(name='steering_springs', terms=((angle, 1.0),), spring=springs))
-    forces += [f.replace(terms=((angle, f.terms[0][1] * lever),)) for f in spec.coordinate_forces if [n for n, _ in f.terms] == [moved]]
+    forces = [f.replace(terms=((angle, f.terms[0][1] * lever),)) for f in at_gear if f not in plain]
     helped = servo.replace(
         terms=((angle, -factor), (driving, factor)),
         forces=tuple(tuple(force * abs(lever) for force in row) for row in servo.forces),
         limit=servo.limit * abs(lever),
     )
-    return Assisted(helped, pinion.replace(inertia=tuple(float(x) for x in six)), joint, tuple(forces))
+    return Assisted(helped, pinion.replace(inertia=tuple(float(x) for x in six)), joint, (springs, damper), tuple(forces))

@@ -315,17 +315,17 @@ class _Reduction:
         travel = (-reach, 2.0 * reach / (maps.MAP_TRAVEL - 1), maps.MAP_TRAVEL)
         turned = self.data['steering']
         steering = (-turned, 2.0 * turned / (maps.MAP_STEERING - 1), maps.MAP_STEERING) if steered else (0.0, 1.0, 1)
-        R_C = matrix(self.chassis.orientation)
-        at = [vector_of(product(R_C.T, self.centers[c] - self.chassis.position)) for c in corners]
+        at = [vector_of(product(matrix(self.chassis.orientation).T, self.centers[c] - self.chassis.position)) for c in corners]
         axes = [vector_of(matrix(self.tires[c].marker.orientation)[:, 1]) for c in corners]
         stiffness = own[0].stiffness  # type: ignore[union-attr]
+        gear = self.assisted.gear if self.assisted is not None and axle == AXLES[0] else None
         return GuideSpec(
             name=axle, chassis=self.chassis.name, left=wheels[corners[0]].name, right=wheels[corners[1]].name,
             centers=(at[0], at[1]), axes=(axes[0], axes[1]), travel=travel, steering=steering,
             shape=tuple(data['shape']), opposite=tuple(data['opposite']), coordinate=self._turn(axle, couplers) if steered else None,
             stiffness=tuple(K.ravel().tolist()), lag=LAG, windup=tuple(windup.ravel().tolist()),
             springs=(springs[0], springs[1]), coupling=tuple(data['coupling']),
-            jacking=(0.0,) * 6 if self.assisted is None or axle != AXLES[0] else tuple(data['jacking']),
+            jacking=tuple(data['jacking']) if gear else (0.0,) * 6, gear=gear or (None, None),
             dampers=laws, ratios=tuple(x for ratio in ratios for x in ratio), crossings=crossings, mounts=mounts, yields=yields,
             wheels=(f'wheel_{corners[0]}', f'wheel_{corners[1]}'), input=own[0].input,  # type: ignore[union-attr]
             shares=(own[0].gain, own[1].gain),  # type: ignore[union-attr]

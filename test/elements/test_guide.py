@@ -49,6 +49,7 @@ def guide(rng, *, steered=True, mounted=True, **changes):
         **({'mounts': (3e4, 0.0), 'yields': (YIELD, YIELD)} if mounted else {}),
         'ratios': tuple(rng.normal(size=10) + [-0.7, 0, 0, 0, 0, -0.7, 0, 0, 0, 0]),
         'crossings': (-0.2, 0.15),
+        'gear': (SPRING, DAMPER) if steered else (None, None),
         **nodes,
         **changes,
     }
@@ -152,6 +153,24 @@ def test_a_damper_on_a_stiff_mount_is_the_damper(rng):
     force = np.abs([rigid.output(a, f'damper_force_{side}')[0] for side in ('left', 'right')]).max()
     assert force > 10.0
     assert np.abs(a.f - b.f).max() < 10.0 * 500.0 * force / (1e9 * H)
+
+
+def test_springs_and_dampers_of_the_gear_hold_the_steering():
+    """By hand: turned by 0.2 rad and turning at 3 rad/s, springs of 40 N m/rad and dampers of 2 N m s/rad turn back with 14 N m."""
+    element = guide(
+        np.random.default_rng(0), shape=(0.0,) * 490, opposite=(0.0,) * 30, stiffness=(0.0,) * 64, windup=(0.0,) * 16,
+        springs=(Law.linear(0.0),) * 2, coupling=(0.0,) * 4, jacking=(0.0,) * 6, ratios=(0.0,) * 10,
+        gear=(Law.linear(40.0), Law.linear(2.0)),
+    )  # fmt: skip
+    twists = np.zeros((4, 6))
+    twists[3, 5] = 3.0
+    poses = [((0.2, 0.1, 0.4), (0, 0, 0)), ((1.4, 0.75, 0.3), (0, 0, 0)), ((1.4, -0.75, 0.31), (0, 0, 0)), ((0, 0, 0), (0, 0, 0.2))]
+    result = element.evaluate(kinematics(poses, twists), zp=(0.0,) * 4, cz=H, u=(0.0,))
+    np.testing.assert_allclose(result.f[3], [0, 0, 0, 0, 0, -14.0], atol=1e-12)
+    np.testing.assert_allclose(result.f[0], [0, 0, 0, 0, 0, 14.0], atol=1e-12)
+    assert element.output(result, 'gear_torque')[0] == pytest.approx(-14.0)
+    assert element.output(result, 'energy')[0] == pytest.approx(0.5 * 40.0 * 0.2**2)
+    assert element.output(result, 'dissipation')[0] == pytest.approx(2.0 * 3.0**2)
 
 
 def test_refuses_maps_of_another_size(rng):

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import PchipInterpolator
 
-from solver.elements.laws import Law, compile_laws, evaluate_law
+from solver.elements.laws import Law, compile_laws, evaluate_law, geared, sum_of
 from solver.errors import SpecError
 
 POINTS = [[-2.0, -9.0], [-0.5, -1.0], [0.4, 0.0], [1.0, 2.0], [3.0, 12.0]]
@@ -92,3 +92,19 @@ def test_table_continues_with_its_end_slopes():
 def test_refusals_name_the_point_and_the_remedy(points, message):
     with pytest.raises(SpecError, match=message):
         Law.table(points)
+
+
+@pytest.mark.parametrize('factor', [0.3, -2.0])
+def test_a_geared_law_is_felt_by_its_lever(factor):
+    """Of energy W(factor x): factor times the value, factor^2 times the slope, the same integral."""
+    law = Law.table(POINTS)
+    x = np.linspace(-4.0, 4.0, 41)
+    y, slope, area = evaluate(law, factor * x)
+    np.testing.assert_allclose(evaluate(geared(law, factor), x), [factor * y, factor * factor * slope, area], rtol=0, atol=1e-12)
+
+
+def test_a_sum_of_laws_is_exact():
+    """Tables on other knots, one of them a straight line: value, slope and integral are the sums, inside and beyond all knots."""
+    laws = [Law.table(POINTS), Law.linear(-0.7), Law.table([[-1.0, 2.0], [0.1, 2.5], [4.0, 3.0]])]
+    x = np.linspace(-4.0, 6.0, 101)
+    np.testing.assert_allclose(evaluate(sum_of(laws), x), sum(evaluate(law, x) for law in laws), rtol=0, atol=1e-12)
