@@ -9,8 +9,9 @@ bodies too, under the names of their links in `robot_description`: what shows th
 from __future__ import annotations
 
 import math
+import struct
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -24,10 +25,22 @@ from solver.model.spec import ModelSpec
 from solver.output.sensors import Sensors
 from solver.output.snapshot import NO_STEPS, Channels, Snapshot, layout_of, new_numbers
 
+PARTS = 64  # selections of topics that are remembered
+STAMP = struct.Struct('<iI')  # builtin_interfaces/Time: s, ns
 _LOAD = TIRE_COLUMNS.index('fz')
 _SLIP = TIRE_COLUMNS.index('kappa')
 _CONTACT = TIRE_COLUMNS.index('px')
 TIRE_STATES = ('fz', *TIRE_COLUMNS[_SLIP:])  # the scalars of topic tire_states, per wheel
+
+
+class _Part(NamedTuple):
+    """What the messages of some topics take: places of their times and numbers, and of the numbers of a snapshot that go there."""
+
+    stamps: list[int]  # bytes from the begin of the buffer
+    source: np.ndarray
+    target: np.ndarray
+    messages: list[tuple[int, memoryview]]  # places of the topics, and their parts of the buffer
+    sensed: bool  # whether any of them shows noise
 
 
 class Messages:
@@ -38,8 +51,8 @@ class Messages:
     their own (others share one). elements_every: steps between messages of elements. sensors: covariances and noise of odom and imu.
     poses_every: steps between messages that place all bodies (0: none does); links: their names in `robot_description`, 'base_link' for one
     that has its place anyway (default: all bodies but the chassis under their own names); imu_at: where the chassis has its centre of mass
-    [m]. All messages lie in one buffer, and a step is one indexed copy from the numbers of the snapshot to those of the messages: one
-    instance serves one thread.
+    [m]. All messages lie in one buffer, and a step is one indexed copy from the numbers of the snapshot to those of the messages that are
+    wanted: one instance serves one thread.
     """
 
     def __init__(
@@ -153,6 +166,8 @@ class Messages:
             place_all(templates[-1], places)
         self.topics = tuple(topics)
         self._every = [elements_every if family(topic.name) == ELEMENTS else 1 for topic in topics]
+        if self._seldom == len(topics) - 1:  # /tf has no other
+            self._every[-1] = poses_every
         self._lay_out(templates, filled, applied)
 
     @classmethod
@@ -187,18 +202,18 @@ class Messages:
             begins.append(end + 8 - len(ENCAPSULATION))
             end = begins[-1] + len(message.data) + -(begins[-1] + len(message.data)) % 8
         self._numbers = np.zeros(end // 8)
-        self._words = self._numbers.view(np.uint32)
-        memory = memoryview(self._numbers).cast('B')  # type: ignore[arg-type]  # numpy arrays are buffers
+        self._memory = memory = memoryview(self._numbers).cast('B')  # type: ignore[arg-type]  # numpy arrays are buffers
         self._messages = [memory[begin : begin + len(message.data)] for begin, message in zip(begins, templates, strict=True)]
-        stamps = []
+        self._stamps: list[list[int]] = []  # of every template, where its times are
         for begin, own, message in zip(begins, self._messages, templates, strict=True):
             own[:] = message.data
-            stamps += [(begin + place.offset) // 4 for path, place in message.places.items() if path.endswith('stamp.sec')]
-        self._stamps = np.array(stamps)[:, None] + np.arange(2)
-        target = [(begins[k] + offset) // 8 + np.arange(len(source)) for k, offset, source in filled]
-        self._source, self._target = np.concatenate([source for *_, source in filled]), np.concatenate(target)
+            self._stamps.append([begin + place.offset for path, place in message.places.items() if path.endswith('stamp.sec')])
+        # of every template, which numbers of the snapshot go where
+        self._filled = [(k, source, (begins[k] + offset) // 8 + np.arange(len(source))) for k, offset, source in filled]
+        self._parts: dict[tuple[tuple[int, ...], bool], _Part] = {}
         if self._sensors is not None:
             self._sensed_at = [(begins[k] + offset) // 8 for k, offset in self._sensed]
+            self._sensed_in = {k for k, _ in self._sensed}
         begin = begins[self._applied]
         self._step = (begin + applied.places['position'].offset) // 8 + applied.places['position'].size - 1
 
@@ -206,28 +221,49 @@ class Messages:
         """Return the name of a frame with the prefix of this vehicle."""
         return self._prefix + name
 
-    def encode(self, snapshot: Snapshot, *, whole: bool = False) -> list[bytes | None]:
+    def encode(self, snapshot: Snapshot, *, whole: bool = False, only: Sequence[int] | None = None) -> list[bytes | None]:
         """Return one encoded message per topic, in the order of `topics`; None where a topic has none at this step, unless `whole`.
 
-        Raises StepError, which names what and when, if a number in the snapshot is not finite: such a state never leaves.
+        only: places of topics; the others are None too. Raises StepError, which names what and when, if a number in the snapshot is not
+        finite, wanted or not: such a state never leaves.
         """
         require_finite(snapshot, self.channels)
-        self._words[self._stamps] = divmod(snapshot.t_ns, 1_000_000_000)
-        self._numbers[self._target] = snapshot.numbers[self._source]
-        self._numbers[self._step] = snapshot.k
-        if self._sensors is not None:
-            self._scatter(self._sensors, snapshot.k)
-        due = zip(self._messages[: self._seldom], self._every)
-        messages: list[bytes | None] = [
-            bytes(message) if every == 1 or whole or snapshot.k % every == 0 else None for message, every in due
-        ]
-        if self._seldom is not None:
-            placed = bytes(self._messages[self._seldom]) if whole or snapshot.k % self.poses_every == 0 else None
-            if len(messages) < len(self.topics):
-                messages.append(placed)
-            elif placed is not None:
-                messages[-1] = placed
+        k, every = snapshot.k, self._every
+        due = tuple([i for i in (range(len(every)) if only is None else only) if whole or k % every[i] == 0])
+        placed = self._seldom is not None and (whole or k % self.poses_every == 0)
+        part = self._parts.get((due, placed)) or self._part(due, placed)
+        seconds, rest = divmod(snapshot.t_ns, 1_000_000_000)
+        for place in part.stamps:
+            STAMP.pack_into(self._memory, place, seconds, rest)
+        self._numbers[part.target] = snapshot.numbers[part.source]
+        self._numbers[self._step] = k
+        if part.sensed and self._sensors is not None:
+            self._scatter(self._sensors, k)
+        messages: list[bytes | None] = [None] * len(every)
+        for i, message in part.messages:
+            messages[i] = bytes(message)
         return messages
+
+    def _part(self, due: tuple[int, ...], placed: bool) -> _Part:
+        """What of the buffer the topics at these places take, the last of them with all bodies if `placed`; kept for the next time."""
+        last = len(self.topics) - 1
+        chosen = [(i, self._seldom if placed and i == last and self._seldom is not None else i) for i in due]
+        templates = {k for _, k in chosen}
+        sensed = self._sensors is not None and not templates.isdisjoint(self._sensed_in)
+        if sensed:
+            templates |= self._sensed_in
+        filled = [(source, target) for k, source, target in self._filled if k in templates]
+        empty = np.zeros(0, int)
+        if len(self._parts) == PARTS:  # listeners come and go
+            self._parts.clear()
+        part = self._parts[due, placed] = _Part(
+            stamps=[place for k in sorted(templates) for place in self._stamps[k]],
+            source=np.concatenate([empty, *(source for source, _ in filled)]),
+            target=np.concatenate([empty, *(target for _, target in filled)]),
+            messages=[(i, self._messages[k]) for i, k in chosen],
+            sensed=sensed,
+        )
+        return part
 
     def _scatter(self, sensors: Sensors, k: int) -> None:
         """Put the noise of step k onto the numbers of odom and imu."""

@@ -83,6 +83,7 @@ class Commands:
         self.commanded = not deaf  # somebody publishes commands, or may
         self._heard: dict[str, bool] = {}  # topic of named commands -> somebody publishes
         self._inbox: list[tuple[Subscription, type, Callable[[Any], None]]] = []
+        self._boxes: list[tuple[Callable[[type, bool], Any], type, Callable[[Any], None]]] = []  # what poll() needs of them
         self._ears: Node | None = None
         self._held = ExitStack()  # subscriptions: held as long as they are listened to, not anew for every look
         if deaf:
@@ -108,6 +109,7 @@ class Commands:
         }
         for subscription in (*(one for one, *_ in self._inbox), *(one for one, _ in self._named.values())):
             self._held.enter_context(subscription.handle)
+        self._boxes = [(subscription.handle.take_message, kind, receive) for subscription, kind, receive in self._inbox]
 
     def close(self) -> None:
         """Listen no more."""
@@ -125,11 +127,11 @@ class Commands:
 
     def poll(self) -> None:
         """Hand what is new to the loop; on the simulation thread."""
-        for subscription, kind, receive in self._inbox:
-            message = _take(subscription, kind)
-            if message is not None:
+        for take, kind, receive in self._boxes:
+            taken = take(kind, False)
+            if taken is not None:
                 self.commanded = True
-                receive(message)
+                receive(taken[0])
         if self.deaf:
             return
         for topic, (subscription, receive) in self._named.items():

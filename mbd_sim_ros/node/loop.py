@@ -31,6 +31,7 @@ DRIVING = ('drive_torque', 'accelerator')  # beginnings of commands that drive: 
 WINDOW = 4096  # steps over which step times are judged
 AT_ONCE = 0.01  # s of simulated time that may pass in one call while nobody looks
 SHARE = 0.5  # of the length of a step that steps which nobody looks at may take before the one that is due
+APART = 8  # calls of several steps; in one of so many the first step is a call of its own, to show what the others take
 
 
 class Stepper(Protocol):
@@ -85,11 +86,13 @@ class Loop:
     """Runs a simulation on a thread of its own.
 
     `poll()` fetches what came in since (it calls `command`), right before every step and while lockstep waits.
-    `inputs(values)` turns latched commands into the input vector of the next step (None: the scene's own maneuver drives).
+    `inputs(values)` turns latched commands into the input vector of the next step (None: the scene's own maneuver drives); where it returns
+    the same array as for the step before, it does so while the commands stay.
     `emit(snapshot)` is called on the simulation thread after every step that may be seen, and once at the start. `hidden(most)` tells how
     many of the next steps, at most so many, nobody sees while nobody commands: these are made in one call with the one behind them, when
-    that is due, with the same bits and without what waking costs. `passed()` is called behind each call, `repeat()` from time to time while
-    lockstep waits for a first or lost answer. commands: names of those that are latched, steering first; drive torques and the accelerator
+    that is due, with the same bits and without what waking costs. In real time there are as many as take SHARE of a step by what steps took
+    lately: what is seen is not later by more. `passed()` is called behind each call, `repeat()` from time to time while lockstep
+    waits for a first or lost answer. commands: names of those that are latched, steering first; drive torques and the accelerator
     among them count as zero when they are older than command_timeout. The attributes mode, rate_factor, command_timeout [s, 0: never] and
     lockstep_commands may be changed at any time. After the thread has ended `outcome` is a sentence and `error` the
     exception that ended it, if any.
@@ -130,7 +133,9 @@ class Loop:
         self.done = threading.Event()
         self._inputs, self._emit, self._poll, self._repeat = inputs, emit, poll, repeat
         self._hidden, self._passed = hidden, passed
-        self._cost = simulation.h_ns * 1e-9  # s that each of many steps takes, lately
+        self._fit = 0.0  # steps that fit into SHARE of one, by what they took lately
+        self._stalled = False  # whether those that were measured last took far more
+        self._calls = 0  # of several steps; when it is a multiple of APART they are measured
         self._emitted = 0.0  # clock reading
         self._stop = threading.Event()
         self._wake = threading.Event()
@@ -279,10 +284,10 @@ class Loop:
             self._answer(RuntimeError(ENDED))
 
     def _answer(self, refusal: Exception | None = None) -> None:
-        while True:
+        while not self._requests.empty():
             try:
                 action, future = self._requests.get_nowait()
-            except Empty:
+            except Empty:  # another thread was faster
                 return
             try:
                 if refusal is not None:
@@ -298,7 +303,7 @@ class Loop:
         h = self.simulation.h_ns * 1e-9
         most = AT_ONCE / h - 1.0
         if self.mode == 'realtime':
-            most = min(most, SHARE * h / self.rate_factor / self._cost)
+            most = min(most, self._fit)
         if self.end_ns is not None:
             most = min(most, (self.end_ns - self.simulation.t_ns) // self.simulation.h_ns - 1)
         return 0 if most < 1.0 else self._hidden(int(most))
@@ -351,12 +356,12 @@ class Loop:
 
     def _commands_at(self, t_ns: int) -> tuple[float, ...]:
         """The latched commands, but those that drive, came and are older than the timeout are zero; notes which are."""
-        values, old = self.latched.values, []
+        latched, old = self.latched, []
         if self.command_timeout > 0.0:
-            times, youngest = self.latched.times, t_ns - self.command_timeout * 1e9
+            times, youngest = latched.times, t_ns - self.command_timeout * 1e9
             old = [i for i in self._drives if 0 <= times[i] < youngest]
-        self.stale = tuple(self.commands[i] for i in old)
-        return tuple(0.0 if i in old else value for i, value in enumerate(values)) if old else values
+        self.stale = tuple([self.commands[i] for i in old])
+        return tuple([0.0 if i in old else value for i, value in enumerate(latched.values)]) if old else latched.values
 
     def _sleep(self, longest: float) -> None:
         self._wake.wait(longest)
@@ -364,26 +369,59 @@ class Loop:
 
     def _advance(self, n: int) -> None:
         """Make n steps, of which the last may be seen, with the commands there are."""
-        simulation = self.simulation
         if self.mode != 'lockstep':  # which has polled, and must not mix in what came since
             self._poll()
-        start = time.perf_counter()
-        rows = [self._inputs(self._commands_at(simulation.t_ns + i * simulation.h_ns)) for i in range(n)]
-        try:
-            snapshot = simulation.advance(n, inputs=None if rows[0] is None else np.array(rows))
-        finally:
-            self._passed()
-        self._took(time.perf_counter() - start, n)
-        self._iterations, self._residual = round(snapshot.counters.iterations / n), snapshot.counters.residual
+        start = begin = time.perf_counter()
+        self._calls += n > 1
+        apart = int(n > 1 and self.mode == 'realtime' and self._calls % APART == 0)
+        if apart:
+            self._make(1)
+            begin = time.perf_counter()
+        snapshot = self._make(n - apart)
+        end = time.perf_counter()
+        self._times.append((end - start) / n)
+        if n == 1 or apart:
+            self._took(end - begin, n - 1)
+        self._iterations, self._residual = round(snapshot.counters.iterations / (n - apart)), snapshot.counters.residual
         self.steps += n
         self._emit(snapshot)
         self._emitted = time.perf_counter()
-        if self.mode == 'realtime' and self._anchor is not None and time.perf_counter() > self._deadline(simulation.k):
+        if self.mode == 'realtime' and self._anchor is not None and self._emitted > self._deadline(self.simulation.k):
             self.overruns += 1
 
-    def _took(self, seconds: float, n: int) -> None:
-        """Note what n steps took. One alone takes longer than each of many, by what waking and a call cost: it is no more than a bound."""
-        each = seconds / n
-        self._times.append(each)
-        if n > 1 or each < self._cost:
-            self._cost += 0.1 * (each - self._cost)
+    def _make(self, n: int) -> Snapshot:
+        """Make n steps in one call."""
+        try:
+            return self.simulation.advance(n, inputs=self._next_inputs(n))
+        finally:
+            self._passed()
+
+    def _next_inputs(self, n: int) -> np.ndarray | None:
+        """(n, nu) inputs of the next n steps, or (nu,) of one."""
+        t_ns, h_ns = self.simulation.t_ns, self.simulation.h_ns
+        values = self._commands_at(t_ns)
+        row = self._inputs(values)
+        if row is None or n == 1:
+            return row
+        rows: list[np.ndarray | None] = [row]
+        for i in range(1, n):
+            before, row = row, self._inputs(self._commands_at(t_ns + i * h_ns))
+            if row is before and self._commands_at(t_ns + (n - 1) * h_ns) is values:
+                rows += [row] * (n - i)  # it stays, as the commands do
+                break
+            rows.append(row)
+        return np.array(rows)
+
+    def _took(self, seconds: float, more: int) -> None:
+        """Note what so many steps took [s] behind the first of a call, which has paid for waking: memory is slow after a sleep.
+
+        Of one that was alone (0 more) it is known that another takes no longer. While they fit one more is tried, and measured at once;
+        what does not fit is made less, by half at most. A stall, which is as long as it likes, is nothing until another follows.
+        """
+        room = SHARE * self.simulation.h_ns * 1e-9 / self.rate_factor
+        if seconds <= room:
+            if self._fit < more + 1:
+                self._fit, self._calls = more + 1.0, -1
+        elif more and (seconds < 2.0 * room or self._stalled):
+            self._fit = more * max(room / seconds, 0.5)
+        self._stalled = more > 0 and seconds >= 2.0 * room

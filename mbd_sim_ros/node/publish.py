@@ -94,6 +94,11 @@ class _Channel:
         """Whether step k has a message."""
         return k % self.every == 0 or (self.also > 0 and k % self.also == 0)
 
+    @property
+    def periods(self) -> set[int]:
+        """A step is due whose number is a multiple of one of these."""
+        return {self.every, self.also} - {0}
+
 
 class Publication:
     """One publisher per topic for messages that come encoded.
@@ -106,7 +111,8 @@ class Publication:
 
     def __init__(self, node: Node, topics: Sequence[Topic], samples: Sequence[bytes | None], *, silent: Sequence[str] = ()) -> None:
         self._channels: list[_Channel] = []
-        self._looked, self._next = -math.inf, 0
+        self._looked, self._next = -math.inf, 0  # clock reading; place among the channels
+        self._look_again = -math.inf  # clock reading of the next look
         self.dropped: Counter[str] = Counter()
         for i in sorted(range(len(topics)), key=lambda i: ORDER.index(rated(topics[i].name))):
             topic, sample = topics[i], samples[i]
@@ -130,6 +136,7 @@ class Publication:
             if not plain:
                 node.get_logger().warning(f'{topic.name}: ROS reads other numbers in the encoded message; publishing ordinary messages')
             self._channels.append(_Channel(i, topic, publisher, None if plain else kind))
+        self._note_heard()
 
     def close(self, node: Node) -> None:
         """Publish no more."""
@@ -141,30 +148,44 @@ class Publication:
         for channel in self._channels:
             channel.every = steps.get(rated(channel.topic.name), 1)
             channel.also = poses_every if rated(channel.topic.name) == 'tf' else 0
+        self._note_heard()
 
-    def awaited(self, k: int, *, to_nobody: bool = False) -> bool:
-        """Whether any message of step k is to be published (see publish)."""
+    def awaited(self, k: int, *, to_nobody: bool = False) -> tuple[int, ...]:
+        """Places among the encoded messages of those of step k that are to be published (see publish)."""
         self._look()
-        return any((channel.heard or to_nobody) and channel.due(k) for channel in self._channels)
+        return tuple([channel.place for channel in (self._channels if to_nobody else self._heard) if channel.due(k)])
 
     def next_awaited(self, k: int, most: int, *, of: int = 1) -> int:
         """The first of the steps k + 1 .. k + most that is a multiple of `of` and has a message which is awaited, or k + most."""
         self._look()
-        heard = [channel for channel in self._channels if channel.heard]
-        steps = range(k - k % of + of, k + most, of)
-        return next((step for step in steps if any(channel.due(step) for channel in heard)), k + most)
+        first = k + most
+        for period in self._periods:
+            period = math.lcm(period, of)
+            first = min(first, k - k % period + period)
+        return first
 
     def _look(self) -> None:
         """See who subscribes to the topics in turn, to each every HEARD: to all of them at once takes half of a step of 1 ms."""
-        now, count = time.perf_counter(), len(self._channels)
-        due = min(count * (now - self._looked) / HEARD, count) if count else 0.0
-        if due < 1.0:
+        now = time.perf_counter()
+        if now < self._look_again or not self._channels:
             return
-        for _ in range(int(due)):
+        count = len(self._channels)
+        due = max(int(min(count * (now - self._looked) / HEARD, count)), 1)
+        changed = False
+        for _ in range(due):
             channel = self._channels[self._next]
-            channel.heard = channel.topic.latched or channel.publisher.get_subscription_count() > 0
+            heard = channel.topic.latched or channel.publisher.get_subscription_count() > 0
+            changed, channel.heard = changed or heard != channel.heard, heard
             self._next = (self._next + 1) % count
-        self._looked = now if due == count else self._looked + int(due) * HEARD / count
+        self._looked = now if due == count else self._looked + due * HEARD / count
+        self._look_again = self._looked + HEARD / count
+        if changed:
+            self._note_heard()
+
+    def _note_heard(self) -> None:
+        """Keep for every step what changes seldom: the channels that are heard, and the periods of their messages [steps]."""
+        self._heard = [channel for channel in self._channels if channel.heard]
+        self._periods = set().union(*(channel.periods for channel in self._heard))
 
     def publish(self, messages: Sequence[bytes | None], k: int = 0, budget: float = 0.0, *, to_nobody: bool = False) -> None:
         """Publish one message per topic, where there is one and it is due at step k; what is not begun after `budget` [s] is dropped.
@@ -173,9 +194,9 @@ class Publication:
         HEARD ago at most, misses what was published since.
         """
         end, late = time.perf_counter() + budget if budget > 0.0 else math.inf, False
-        for channel in self._channels:
+        for channel in self._channels if to_nobody else self._heard:
             data = messages[channel.place]
-            if data is None or not (channel.heard or to_nobody) or not channel.due(k):
+            if data is None or not channel.due(k):
                 continue
             if late:
                 self.dropped[rated(channel.topic.name)] += 1

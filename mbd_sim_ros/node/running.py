@@ -19,7 +19,8 @@ from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import String
 
 from mbd_sim_ros.bags.recorder import file_stem
-from mbd_sim_ros.messages.encode import Messages, require_finite
+from mbd_sim_ros.messages.cdr import ENCAPSULATION
+from mbd_sim_ros.messages.encode import STAMP, Messages, require_finite
 from mbd_sim_ros.node.commands import Commands, gears_of
 from mbd_sim_ros.node.diagnostics import judged
 from mbd_sim_ros.node.loop import Latched, Loop
@@ -64,6 +65,7 @@ class Running:
         self._assistant: Assistant | None = simulation.sources.new_assistant() if scene.assistance else None
         self._road_map = steering_map(scene.model) if scene.actuation.steering == 'road_wheel' else None
         self._source = self._new_source()
+        self._asked: tuple[float, ...] = ()  # commands of the last step
         if first and self.value('restore'):
             self.restore(Path(self.value('restore')))
         self._messages = Messages.of(scene, simulation, self.value('frame_prefix'))
@@ -77,6 +79,7 @@ class Running:
         best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._ticks = node.create_publisher(ClockMessage, '/clock', best_effort) if self.value('publish_clock') else None
         self._ticked = -math.inf  # clock reading [s] of the last
+        self._tick = 0.0, 1  # seconds of simulated time and steps between two
         self._describe()
         self.recording = Recording(node, scene, simulation, self._messages, self.envelope, self._urdf)
         self.commands = Commands(node, self._names, gears=gears_of(scene.model), deaf=self.value('commands') != 'topics')
@@ -219,7 +222,9 @@ class Running:
     def _inputs(self, values: tuple[float, ...]) -> np.ndarray | None:
         if self.commands.deaf:
             return None
-        row = self._source.advance(*values)
+        row = self._source.settled if values is self._asked else None
+        if row is None:
+            self._asked, row = values, self._source.advance(*values)
         if self._assistant is not None:
             row = self._assistant.act(row, self.simulation.feel())
         return row if self._actuators is None else self._actuators.advance(row)
@@ -243,10 +248,10 @@ class Running:
         self.envelope.look(snapshot)
         mode = self.loop.mode  # in lockstep somebody waits for this very state
         all_of_it = mode == 'lockstep'
-        publish = snapshot.k % self.publish_every == 0 and self._publication.awaited(snapshot.k, to_nobody=all_of_it)
+        publish = self._publication.awaited(snapshot.k, to_nobody=all_of_it) if snapshot.k % self.publish_every == 0 else ()
         record = self.recording.wants(snapshot)
         if publish or record:
-            messages = self._messages.encode(snapshot)
+            messages = self._messages.encode(snapshot, only=None if record else publish)
             if publish:
                 self._publication.publish(messages, snapshot.k, self._budget if mode == 'realtime' else 0.0, to_nobody=all_of_it)
             if record:
@@ -258,18 +263,20 @@ class Running:
 
     def _tick_every(self) -> int:
         """Steps between two messages on /clock, from step 0: they are due with other topics, for waking costs more than steps."""
-        factor = max(1.0, self.loop.rate_factor) if self.loop.mode == 'realtime' else 1.0
-        return max(1, math.ceil(round(CLOCK_SECONDS * factor * 1e9 / self.simulation.h_ns, 6)))
+        seconds = CLOCK_SECONDS * (max(1.0, self.loop.rate_factor) if self.loop.mode == 'realtime' else 1.0)
+        if self._tick[0] != seconds:
+            self._tick = seconds, max(1, math.ceil(round(seconds * 1e9 / self.simulation.h_ns, 6)))
+        return self._tick[1]
 
     def _publish_clock(self, publisher: Publisher, snapshot: Snapshot) -> None:
-        now, mode = time.monotonic(), self.loop.mode
-        paced = mode == 'realtime' or now - self._ticked >= CLOCK_SECONDS
+        mode = self.loop.mode
         # at the start whatever its step; in lockstep the others wait for every tick
-        if mode == 'lockstep' or self._ticked == -math.inf or (paced and snapshot.k % self._tick_every() == 0):
+        if mode != 'lockstep' and self._ticked > -math.inf and snapshot.k % self._tick_every():
+            return
+        now = time.monotonic()
+        if mode != 'fast' or now - self._ticked >= CLOCK_SECONDS:
             self._ticked = now
-            message = ClockMessage()
-            message.clock.sec, message.clock.nanosec = divmod(snapshot.t_ns, 1_000_000_000)
-            publisher.publish(message)
+            publisher.publish(ENCAPSULATION + STAMP.pack(*divmod(snapshot.t_ns, 1_000_000_000)))
 
     def begin_recording(self, out: str = '') -> Path:
         """Begin a recording; see Recording.begin."""

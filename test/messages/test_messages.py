@@ -10,13 +10,14 @@ import pytest
 from synthetic import INPUTS, WHEELS, channels, snapshot
 
 from mbd_sim_ros.messages import cdr
-from mbd_sim_ros.messages.encode import TIRE_STATES, Messages, kinds_of
+from mbd_sim_ros.messages.encode import PARTS, TIRE_STATES, Messages, kinds_of
 from mbd_sim_ros.messages.topics import IMU, ODOMETRY, TF, TYPE_HASHES, WRENCH
 from solver.elements.tire_pacejka import TIRE_COLUMNS
 from solver.errors import BagError, StepError
 from solver.files.scene import load_scene
 from solver.model.evaluate import prepare
 from solver.output.collect import channels_of
+from solver.output.sensors import ImuSensor, OdomSensor, Sensors
 
 COLUMN = {name: i for i, name in enumerate(TIRE_COLUMNS)}
 
@@ -40,6 +41,27 @@ def test_stamp_is_simulation_time(decoded):
     for name, message in messages.items():
         header = message['transforms'][0]['header'] if name == '/tf' else message['header']
         assert (header['stamp']['sec'], header['stamp']['nanosec']) == (1, 400_000_000)
+
+
+@pytest.mark.parametrize('sensors', [None, Sensors(odom=OdomSensor(position=0.5), imu=ImuSensor(rate=0.1), noise=True, seed=3)])
+@pytest.mark.parametrize('vehicle', [True, False])
+def test_topics_that_are_encoded_alone_have_the_same_bytes(vehicle: bool, sensors: Sensors | None) -> None:
+    """In any order of selections and steps: those with all bodies and with elements are not at every one."""
+    names = channels(vehicle=vehicle)
+    both = [
+        Messages(
+            names, element_states=True, reactions=True, elements_every=2, poses_every=3, links=['a', 'base_link', 'c'], sensors=sensors
+        )
+        for _ in range(2)
+    ]
+    topics, random = len(both[0].topics), np.random.default_rng(1)
+    for k in range(200):
+        only = tuple(np.flatnonzero(random.random(topics) < random.choice([0.1, 0.9])).tolist())
+        whole = bool(random.random() < 0.2)
+        expected = both[0].encode(snapshot(names, k), whole=whole)
+        found = both[1].encode(snapshot(names, k), whole=whole, only=only)
+        assert found == [data if i in only else None for i, data in enumerate(expected)]
+    assert len(both[1]._parts) <= PARTS
 
 
 def test_odometry_is_the_chassis_with_twist_in_base_link(decoded):

@@ -83,6 +83,9 @@ def test_what_nobody_hears_is_not_published_but_in_lockstep(client, monkeypatch)
         assert publication.next_awaited(simulation.k, 20) == simulation.k + 20
         client.until(arrives)
         assert set(sent) == {wheel}
+        place = [topic.name for topic in messages.topics].index(wheel.strip('/'))
+        assert publication.awaited(simulation.k) == (place,)  # nothing else is encoded
+        assert len(publication.awaited(simulation.k, to_nobody=True)) == len(installed)
         assert publication.next_awaited(7, 20) == 8
         assert publication.next_awaited(7, 20, of=5) == 10
         publication.every({'tire_force': 10}, 0)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,7 +15,8 @@ from synthetic import INPUTS, Synthetic
 
 from mbd_sim_ros.bags import reader as bag
 from mbd_sim_ros.commands.main import main
-from mbd_sim_ros.node.loop import AT_ONCE, Loop
+from mbd_sim_ros.node import loop as loop_module
+from mbd_sim_ros.node.loop import APART, AT_ONCE, Loop
 from solver.files.scene import load_scene
 from solver.inputs.hands import CommandSource
 from solver.simulation import Simulation
@@ -96,6 +98,143 @@ def test_what_a_call_costs_does_not_count_for_every_step() -> None:
         )
     )  # fmt: skip
     assert np.median(np.diff(seen[len(seen) // 2 :])) == AT_ONCE / 1e-3
+
+
+class Timed(Synthetic):
+    """Stands in for the clock of a loop too, so that nothing waits: a call takes `call` s, `cold` s more after a sleep, `step` s each step;
+    every twentieth call stalls."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, *, call: float, cold: float, step: float, stall: float = 0.0) -> None:
+        super().__init__(h_ns=1_000_000)
+        self.call, self.cold, self.step, self.stall = call, cold, step, stall
+        self.now, self.slept, self.calls = 0.0, False, 0
+        monkeypatch.setattr(loop_module, 'time', self)
+
+    def perf_counter(self) -> float:
+        return self.now
+
+    def sleep(self, seconds: float) -> None:
+        self.now, self.slept = self.now + seconds, True
+
+    def advance(self, n: int = 1, inputs: np.ndarray | None = None):
+        self.calls += 1
+        self.now += self.call + self.cold * self.slept + n * self.step + self.stall * (self.calls % 20 == 0)
+        self.slept = False
+        return super().advance(n, inputs)
+
+
+def seen_by(simulation: Timed, seconds: float, hidden=lambda most: most) -> np.ndarray:
+    """Steps between two that are seen."""
+    seen: list[int] = []
+    loop = Loop(
+        simulation, inputs=lambda values: np.zeros(len(INPUTS)), emit=lambda s: seen.append(s.k),
+        end_ns=simulation.t_ns + round(seconds * 1e9), hidden=hidden,
+    )  # fmt: skip
+    finished(loop)
+    assert loop.slips == 0
+    return np.diff(seen)
+
+
+@pytest.mark.parametrize(
+    ('call', 'cold', 'step', 'at_once'),
+    [
+        (5e-5, 1e-4, 3e-5, 10),
+        (5e-5, 8e-4, 3e-5, 10),  # what waking takes is taken once, however many steps follow
+        (2e-4, 1e-4, 2e-5, 10),  # and so is a call
+        (5e-5, 1e-4, 1.4e-4, 4),
+        (5e-5, 1e-4, 4e-4, 2),
+        (5e-5, 1e-4, 6e-4, 1),
+    ],
+)  # fmt: skip
+def test_as_many_steps_are_made_at_once_as_fit(
+    monkeypatch: pytest.MonkeyPatch, call: float, cold: float, step: float, at_once: int
+) -> None:
+    """Those behind the first of a call, and the call, take half of a step of 1 ms at most; one more is tried now and then."""
+    steps = seen_by(Timed(monkeypatch, call=call, cold=cold, step=step), 2.0)[-100:-1]
+    assert np.median(steps) == at_once
+    assert at_once <= steps.max() <= min(at_once + 1, AT_ONCE / 1e-3)
+
+
+def test_fewer_are_made_at_once_when_steps_become_dearer_and_more_again_when_they_do_not(monkeypatch: pytest.MonkeyPatch) -> None:
+    simulation = Timed(monkeypatch, call=5e-5, cold=1e-4, step=3e-5)
+    dear = 1000, 2000  # steps
+
+    def hidden(most: int) -> int:
+        simulation.step = 2e-4 if dear[0] <= simulation.k < dear[1] else 3e-5
+        return most
+
+    steps = seen_by(simulation, 3.0, hidden)
+    behind = np.cumsum(steps)
+    assert np.median(steps[behind < dear[0]][-20:]) == 10
+    settled = steps[(behind > dear[0] + 200) & (behind < dear[1])]
+    assert np.median(settled) == 3
+    assert settled.max() == 4
+    assert np.mean(settled == 4) <= 1.2 / APART
+    assert np.median(steps[behind > dear[1] + 500]) == 10
+
+
+def test_stalls_do_not_make_them_fewer(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert np.median(seen_by(Timed(monkeypatch, call=5e-5, cold=1e-4, step=3e-5, stall=5e-3), 2.0)[-100:]) == 10
+
+
+def test_what_others_take_is_measured_while_several_are_made_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One call in APART is made as two; a step that is seen alone is one call."""
+    simulation = Timed(monkeypatch, call=5e-5, cold=1e-4, step=3e-5)
+    several = np.count_nonzero(seen_by(simulation, 2.0) > 1)
+    assert 200 <= several < 210
+    assert several / APART <= simulation.calls - several <= several / APART + 12  # every one while there become more
+    simulation = Timed(monkeypatch, call=5e-5, cold=1e-4, step=3e-5)
+    assert seen_by(simulation, 1.0, lambda most: 0).max() == 1
+    assert simulation.calls == simulation.k
+
+
+def test_inputs_that_stay_are_not_made_anew_and_have_the_same_bits() -> None:
+    """Of a command on its way through the filter, one that has the same value but another sign of zero, and none for a long time."""
+    pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
+    from mbd_sim_ros.node.running import Running
+
+    made = 0
+
+    class Counted(CommandSource):
+        def advance(self, *commands: float) -> np.ndarray:
+            nonlocal made
+            made += 1
+            return super().advance(*commands)
+
+    sources = [kind(INPUTS, 1_000_000, bandwidth=50.0, steering=0.25) for kind in (Counted, CommandSource)]
+    node = SimpleNamespace(commands=SimpleNamespace(deaf=False), _source=sources[0], _asked=(), _assistant=None, _actuators=None)
+    commands = [((0.25, 0.0, 0.0), 100), ((0.0, 0.0, 0.0), 4000), ((-0.0, -0.0, 0.0), 100), ((-0.0, 0.0, -0.0), 100)]
+    for values, count in commands:
+        before = made
+        for _ in range(count):
+            assert Running._inputs(node, values).tobytes() == sources[1].advance(*values).tobytes()  # type: ignore[arg-type]
+        assert made - before < max(5, 0.7 * count)
+        assert sources[0].state.tobytes() == sources[1].state.tobytes()
+    assert made > 100  # while the angle comes to rest
+    sources[0].state = np.array([0.0, 1.0, 0.0])
+    assert sources[0].settled is None
+
+
+def test_inputs_that_stay_are_asked_for_twice_a_call_unless_a_command_becomes_too_old() -> None:
+    asked: list[tuple[float, ...]] = []
+    rows = {value: np.full(len(INPUTS), value) for value in (0.0, 7.0)}
+
+    class Kept(Synthetic):
+        def advance(self, n: int = 1, inputs: np.ndarray | None = None):
+            assert inputs is not None
+            applied.extend(inputs[:, 0].tolist())
+            return super().advance(n, inputs)
+
+    applied: list[float] = []
+    simulation = Kept(h_ns=1_000_000)
+    loop = Loop(
+        simulation, inputs=lambda values: asked.append(values) or rows[values[1]], emit=lambda s: None, mode='fast', end_ns=200_000_000,
+        command_timeout=0.1035, hidden=lambda most: most,
+    )  # fmt: skip
+    loop.command(1, 7.0)
+    finished(loop)
+    assert applied == [7.0] * 104 + [0.0] * 96
+    assert len(asked) == 10 * 2 + 10 + 9 * 10  # all of them while one is too old: it is looked at every time
 
 
 @pytest.mark.realtime
