@@ -28,6 +28,7 @@ from solver.compiled.dual_type import (
     dual_chain2,
     dual_compose,
     dual_local,
+    dual_partial,
     dual_seeded,
     dual_value,
     dual_variable,
@@ -144,6 +145,16 @@ def differentiates(x):
 @overload(differentiates)
 def _differentiates_overload(x):
     return (lambda x: True) if is_wide(x) else (lambda x: False)
+
+
+def partial(x, k):
+    """Partial derivative of x with respect to variable k."""
+    return x.partials[k]
+
+
+@overload(partial)
+def _partial_overload(x, k):
+    return lambda x, k: dual_partial(x, k)  # noqa: PLW0108
 
 
 def add_partials(x, Kq, Kv, s, r):

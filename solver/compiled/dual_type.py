@@ -186,3 +186,17 @@ def dual_add_partials(typingctx, x, Kq, Kv, s, r):
         return context.get_dummy_value()
 
     return types.none(x, Kq, Kv, types.int64, types.int64), codegen
+
+
+@intrinsic
+def dual_partial(typingctx, x, k):
+    def codegen(context, builder, signature, args):
+        chunks = _unpacked(context, builder, x, args[0])[1]
+        chunk = chunks[0]
+        for c in range(1, len(chunks)):
+            here = builder.icmp_signed('>=', args[1], ir.Constant(args[1].type, c * LANES))
+            chunk = builder.select(here, chunks[c], chunk)
+        lane = builder.and_(args[1], ir.Constant(args[1].type, LANES - 1))
+        return builder.extract_element(chunk, builder.trunc(lane, _INDEX))
+
+    return types.float64(x, types.int64), codegen

@@ -49,10 +49,10 @@ from solver.elements.guide_tangents import (
     add_motions,
     add_steering,
     add_turning,
-    elastic_blocks,
     first4,
     last4,
     own_curvature,
+    pair_of,
     turning_axes,
     with_travels,
 )
@@ -314,15 +314,15 @@ def guide_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, K
             more_l = own_curvature(held, m_l, t_l, 0, 4) + own_curvature(held, m_r, t_r, 4, 8) - rise_l - U_ll + d_ls - sigma * P_l[2]
             more_r = own_curvature(held, m_r, t_r, 4, 4) + own_curvature(held, m_l, t_l, 0, 8) - rise_r - U_rr + d_rs - sigma * P_r[2]
             more = own_curvature(held, m_l, t_l, 0, 5) + own_curvature(held, m_r, t_r, 4, 5) - U_lr
-            on_ll = elastic_blocks(K, e, 0, 0, lw, lw, first4(k_l), first4(k_l), ll)
-            on_lr = elastic_blocks(K, e, 0, 1, lw, rw, last4(k_l), first4(k_r), mix)
-            on_rr = elastic_blocks(K, e, 1, 1, rw, rw, last4(k_r), last4(k_r), rr)
-            blocks = with_travels(on_ll, more_l), with_travels(on_lr, more), with_travels(on_rr, more_r)
+            on_ll = pair_of(K, e, 0, 0, first4(k_l), first4(k_l), ll)
+            on_lr = pair_of(K, e, 0, 1, last4(k_l), first4(k_r), mix)
+            on_rr = pair_of(K, e, 1, 1, last4(k_r), last4(k_r), rr)
+            pairs = with_travels(on_ll, more_l), with_travels(on_lr, more), with_travels(on_rr, more_r)
             c_l, c_r = table.crossing[2 * e], table.crossing[2 * e + 1]
             d_ll, d_rr = -ratio_l * ratio_l * rise_dl - c_r * c_r * rise_dr, -ratio_r * ratio_r * rise_dr - c_l * c_l * rise_dl
             d_lr = -ratio_l * c_l * rise_dl - ratio_r * c_r * rise_dr
             damping = (d_ll - lag * more_l, d_lr - lag * more, d_rr - lag * more_r)
-            add_motions(R_c, lw, rw, blocks[0], blocks[1], blocks[2], lag, damping, slots, e, Kq, Kv)
+            add_motions(R_c, lw, rw, pairs[0], pairs[1], pairs[2], lag, damping, slots, e, Kq, Kv)
             turn_l = turning_axes(lw, on_l[0], on_l[1], -held[2], -held[3], -t_l)
             turn_r = turning_axes(rw, on_r[0], on_r[1], -held[6], -held[7], -t_r)
             add_turning(R_c, lw, turn_l, slots[e, 1, 1], slots[e, 1, 0], slots[e, 0, 1], slots[e, 0, 0], Kq)

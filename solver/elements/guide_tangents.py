@@ -2,40 +2,143 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from solver.compiled.kernel import kernel
-from solver.compiled.rows import add_block, mul_rows, rows, scale_rows, sub_rows, transpose_rows
-from solver.compiled.vec import add, cross_m, m_cross, madd, minus, outer, put33, scale, skew, transpose
+from solver.compiled.rows import add_block, add_rows, combine2, cross_rows, mul_rows, row, rows, scale_rows, sub_rows, transpose_rows
+from solver.compiled.vec import add, cross, m_cross, madd, minus, mv, outer, put33, scale, skew, sub, tmv, transpose
 from solver.elements.coordinate import add_dyad, scale6
+
+
+class Pair(NamedTuple):
+    """What the generalized forces of a wheel change by the motions of a wheel (itself or the other one) relative to the chassis, along the
+    axes of the chassis: the force by the place (A, 3x3) and by psi and gamma (vectors); those of psi and gamma by the place (vectors)
+    and by psi and gamma. Since the whole is symmetric, that of the same two the other way round is its transpose.
+    """
+
+    A: tuple
+    psi: tuple
+    gamma: tuple
+    of_psi: tuple
+    of_gamma: tuple
+    psi_psi: float
+    psi_gamma: float
+    gamma_psi: float
+    gamma_gamma: float
+
+
+@kernel(inner=True)
+def pair_of(K, e, i, j, k_own, k_other, ss):
+    """The Pair of wheel i by wheel j (0, 1): -K between both.
+
+    k_own: K times the slopes over the own travel, its rows of the other wheel j; k_other: over the other's travel, rows of the own wheel i;
+    ss: between both travels.
+    """
+    o, c = 4 * i, 4 * j
+    zero = 0.0 * ss
+    A = (
+        zero - K[e, o, c], zero - K[e, o, c + 1], k_other[0],
+        zero - K[e, o + 1, c], zero - K[e, o + 1, c + 1], k_other[1],
+        k_own[0], k_own[1], ss,
+    )  # fmt: skip
+    return Pair(
+        A,
+        (zero - K[e, o, c + 2], zero - K[e, o + 1, c + 2], k_own[2]),
+        (zero - K[e, o, c + 3], zero - K[e, o + 1, c + 3], k_own[3]),
+        (zero - K[e, o + 2, c], zero - K[e, o + 2, c + 1], k_other[2]),
+        (zero - K[e, o + 3, c], zero - K[e, o + 3, c + 1], k_other[3]),
+        zero - K[e, o + 2, c + 2], zero - K[e, o + 2, c + 3], zero - K[e, o + 3, c + 2], zero - K[e, o + 3, c + 3],
+    )  # fmt: skip
+
+
+@kernel(inline=True)
+def _other_way(x):
+    """The Pair of the other wheel by this one."""
+    return Pair(transpose(x.A), x.of_psi, x.of_gamma, x.psi, x.gamma, x.psi_psi, x.gamma_psi, x.psi_gamma, x.gamma_gamma)
 
 
 @kernel(inner=True)
 def add_motions(R_c, left, right, ll, lr, rr, lag, damping, slot, e, Kq, Kv):
     """Add to Kq what the wrenches at both wheels and their reaction change by the motions of wheels and chassis, to Kv lag times that and
-    the damping (left, between both, right) of the travels.
+    the damping (left, between both, right) of the travels. ll, lr, rr: Pairs.
 
-    ll, lr, rr: blocks (A, B, C, E) of the motions of the wheels relative to the chassis along its axes, force A dD + B dTheta, moment
-    C dD + E dTheta, symmetric as a whole. A variation of the chassis is dD = -dp + [D] dtheta, dTheta = -dtheta of both wheels.
+    A variation of the chassis is dD = -dp + [D] dtheta, dTheta = -dtheta of both wheels. The moment at a wheel is psi p + gamma g, so what
+    has to do with turning is a sum of two dyads; its columns are along the axes of the body that turns.
     """
-    back, L, R = rows(transpose(R_c)), rows(left.R), rows(right.R)
-    L_t, R_t = transpose(left.R), transpose(right.R)
-    A, B, C, E = lr
-    A_t, B_t, C_t, E_t = transpose(A), transpose(C), transpose(B), transpose(E)
-    _add_symmetric(_between(R_c, L_t, back, L, ll[0], ll[1], ll[2], ll[3]), slot[e, 1, 1], slot[e, 1, 1], lag, Kq, Kv)
-    _add_symmetric(_between(R_c, R_t, back, R, rr[0], rr[1], rr[2], rr[3]), slot[e, 2, 2], slot[e, 2, 2], lag, Kq, Kv)
-    _add_symmetric(_between(R_c, L_t, back, R, A, B, C, E), slot[e, 1, 2], slot[e, 2, 1], lag, Kq, Kv)
-    # columns of the chassis, along its axes
-    pp_l, mp_l = minus(madd(ll[0], A)), minus(madd(ll[2], C))
-    pp_r, mp_r = minus(madd(rr[0], A_t)), minus(madd(rr[2], C_t))
-    pt_l = madd(_turned(ll[0], left.D, ll[1]), _turned(A, right.D, B))
-    mt_l = madd(_turned(ll[2], left.D, ll[3]), _turned(C, right.D, E))
-    pt_r = madd(_turned(rr[0], right.D, rr[1]), _turned(A_t, left.D, B_t))
-    mt_r = madd(_turned(rr[2], right.D, rr[3]), _turned(C_t, left.D, E_t))
-    _add_symmetric(_by_chassis(R_c, L_t, back, pp_l, pt_l, mp_l, mt_l), slot[e, 1, 0], slot[e, 0, 1], lag, Kq, Kv)
-    _add_symmetric(_by_chassis(R_c, R_t, back, pp_r, pt_r, mp_r, mt_r), slot[e, 2, 0], slot[e, 0, 2], lag, Kq, Kv)
-    turned = madd(madd(cross_m(left.D, pt_l), cross_m(right.D, pt_r)), madd(mt_l, mt_r))
-    p, w = mul_rows(R_c, mul_rows(minus(madd(pp_l, pp_r)), back)), mul_rows(R_c, rows(minus(madd(pt_l, pt_r))))
-    _add_symmetric((p, w, transpose_rows(w), rows(minus(turned))), slot[e, 0, 0], slot[e, 0, 0], lag, Kq, Kv)
+    back = rows(transpose(R_c))
+    turn_l, turn_r = (tmv(left.R, left.p), tmv(left.R, left.g)), (tmv(right.R, right.p), tmv(right.R, right.g))
+    on_ll = _between(R_c, back, ll, turn_l, turn_l)
+    on_rr = _between(R_c, back, rr, turn_r, turn_r)
+    on_lr = _between(R_c, back, lr, turn_l, turn_r)
+    _add_symmetric(on_ll, slot[e, 1, 1], slot[e, 1, 1], lag, Kq, Kv)
+    _add_symmetric(on_rr, slot[e, 2, 2], slot[e, 2, 2], lag, Kq, Kv)
+    _add_symmetric(on_lr, slot[e, 1, 2], slot[e, 2, 1], lag, Kq, Kv)
+    # of the chassis: by its place, which moves both wheels back, and by its turning
+    A_rl, C_rl = transpose_rows(on_lr[0]), transpose_rows(on_lr[1])
+    A_l, A_r = add_rows(on_ll[0], on_lr[0]), add_rows(on_rr[0], A_rl)
+    C_l, C_r = add_rows(on_ll[2], on_lr[2]), add_rows(on_rr[2], C_rl)
+    force_l, psi_l, gamma_l = _by_turning(ll, lr, left, right)
+    force_r, psi_r, gamma_r = _by_turning(rr, _other_way(lr), right, left)
+    B_l, B_r = mul_rows(R_c, force_l), mul_rows(R_c, force_r)
+    by_l = scale_rows(-1.0, A_l), B_l, scale_rows(-1.0, C_l), _dyads(turn_l[0], psi_l, turn_l[1], gamma_l)
+    by_r = scale_rows(-1.0, A_r), B_r, scale_rows(-1.0, C_r), _dyads(turn_r[0], psi_r, turn_r[1], gamma_r)
+    _add_symmetric(by_l, slot[e, 1, 0], slot[e, 0, 1], lag, Kq, Kv)
+    _add_symmetric(by_r, slot[e, 2, 0], slot[e, 0, 2], lag, Kq, Kv)
+    w = scale_rows(-1.0, add_rows(B_l, B_r))
+    on_l = add_rows(cross_rows(left.D, force_l), _dyads(left.p, psi_l, left.g, gamma_l))
+    on_r = add_rows(cross_rows(right.D, force_r), _dyads(right.p, psi_r, right.g, gamma_r))
+    itself = add_rows(A_l, A_r), w, transpose_rows(w), scale_rows(-1.0, add_rows(on_l, on_r))
+    _add_symmetric(itself, slot[e, 0, 0], slot[e, 0, 0], lag, Kq, Kv)
     _add_travels(R_c, left, right, damping, slot, e, Kv)
+
+
+@kernel(inline=True)
+def _row(a):
+    return row(a[0], a[1], a[2])
+
+
+@kernel(inline=True)
+def _dyads(a, x, b, y):
+    """The rows of a x' + b y', of vectors."""
+    x, y = _row(x), _row(y)
+    return combine2(a[0], x, b[0], y), combine2(a[1], x, b[1], y), combine2(a[2], x, b[2], y)
+
+
+@kernel(inline=True)
+def _between(R_c, back, pair, own, other):
+    """The blocks (A, B, C, E) of a Pair: force in W, moment in the own wheel, by the place in W and the turning of the other wheel. own,
+    other: d psi and d gamma / d rotation along the axes of the wheels."""
+    psi = _plus(pair.psi_psi, other[0], pair.psi_gamma, other[1])
+    gamma = _plus(pair.gamma_psi, other[0], pair.gamma_gamma, other[1])
+    return (
+        mul_rows(R_c, mul_rows(pair.A, back)), _dyads(mv(R_c, pair.psi), other[0], mv(R_c, pair.gamma), other[1]),
+        _dyads(own[0], mv(R_c, pair.of_psi), own[1], mv(R_c, pair.of_gamma)), _dyads(own[0], psi, own[1], gamma),
+    )  # fmt: skip
+
+
+@kernel(inline=True)
+def _by_turning(same, across, own, other):
+    """What the turning of the chassis changes at a wheel, along the axes of the chassis: rows of the force, vectors of psi and gamma."""
+    moved = add_rows(mul_rows(same.A, rows(skew(own.D))), mul_rows(across.A, rows(skew(other.D))))
+    turned = add_rows(_dyads(same.psi, own.p, same.gamma, own.g), _dyads(across.psi, other.p, across.gamma, other.g))
+    psi = sub(
+        add(cross(same.of_psi, own.D), cross(across.of_psi, other.D)),
+        add(_plus(same.psi_psi, own.p, same.psi_gamma, own.g), _plus(across.psi_psi, other.p, across.psi_gamma, other.g)),
+    )
+    gamma = sub(
+        add(cross(same.of_gamma, own.D), cross(across.of_gamma, other.D)),
+        add(
+            _plus(same.gamma_psi, own.p, same.gamma_gamma, own.g),
+            _plus(across.gamma_psi, other.p, across.gamma_gamma, other.g),
+        ),
+    )
+    return sub_rows(moved, turned), psi, gamma
+
+
+@kernel(inline=True)
+def _plus(a, x, b, y):
+    """a x + b y."""
+    return add(scale(a, x), scale(b, y))
 
 
 @kernel(inline=True)
@@ -52,21 +155,6 @@ def _add_symmetric(blocks, s, mirrored, lag, Kq, Kv):
         add_block(Kq, mirrored, 3, transpose_rows(B), transpose_rows(E))
         add_block(Kv, mirrored, 0, transpose_rows(A_lag), transpose_rows(C_lag))
         add_block(Kv, mirrored, 3, transpose_rows(B_lag), transpose_rows(E_lag))
-
-
-@kernel(inline=True)
-def _between(R_c, own, back, other, A, B, C, E):
-    """The matrix of A, B, C, E between two wheels, which are given along the axes of the chassis."""
-    return (
-        mul_rows(R_c, mul_rows(A, back)), mul_rows(R_c, mul_rows(B, other)),
-        mul_rows(own, mul_rows(C, back)), mul_rows(own, mul_rows(E, other)),
-    )  # fmt: skip
-
-
-@kernel(inline=True)
-def _by_chassis(R_c, own, back, A, B, C, E):
-    """The same of a wheel and the chassis."""
-    return mul_rows(R_c, mul_rows(A, back)), mul_rows(R_c, rows(B)), mul_rows(own, mul_rows(C, back)), mul_rows(own, rows(E))
 
 
 @kernel(inline=True)
@@ -114,38 +202,6 @@ def add_turning(R_c, wheel, turning, s_w, s_wc, s_cw, s_c, K):
     add_block(K, s_c, 3, back, rows(madd(m_cross(F, wheel.D), G)))
 
 
-@kernel(inline=True)
-def _turned(A, D, B):
-    """A skew(D) - B."""
-    X = m_cross(A, D)
-    return (X[0] - B[0], X[1] - B[1], X[2] - B[2], X[3] - B[3], X[4] - B[4], X[5] - B[5], X[6] - B[6], X[7] - B[7], X[8] - B[8])
-
-
-@kernel(inner=True)
-def elastic_blocks(K, e, i, j, own, other, k_own, k_other, ss):
-    """The blocks (A, B, C, E) of add_motions: -K between wheel i and wheel j (0, 1).
-
-    k_own: K times the slopes over the own travel, its rows of the other wheel j; k_other: over the other's travel, rows of the own wheel i;
-    ss: between both travels.
-    """
-    o, c = 4 * i, 4 * j
-    zero = 0.0 * ss
-    A = (
-        zero - K[e, o, c], zero - K[e, o, c + 1], k_other[0],
-        zero - K[e, o + 1, c], zero - K[e, o + 1, c + 1], k_other[1],
-        k_own[0], k_own[1], ss,
-    )  # fmt: skip
-    on_psi = (zero - K[e, o, c + 2], zero - K[e, o + 1, c + 2], k_own[2])
-    on_gamma = (zero - K[e, o, c + 3], zero - K[e, o + 1, c + 3], k_own[3])
-    B = madd(outer(on_psi, other.p), outer(on_gamma, other.g))
-    psi_by = (zero - K[e, o + 2, c], zero - K[e, o + 2, c + 1], k_other[2])
-    gamma_by = (zero - K[e, o + 3, c], zero - K[e, o + 3, c + 1], k_other[3])
-    C = madd(outer(own.p, psi_by), outer(own.g, gamma_by))
-    psi = add(scale(-K[e, o + 2, c + 2], other.p), scale(-K[e, o + 2, c + 3], other.g))
-    gamma = add(scale(-K[e, o + 3, c + 2], other.p), scale(-K[e, o + 3, c + 3], other.g))
-    return A, B, C, madd(outer(own.p, psi), outer(own.g, gamma))
-
-
 @kernel(inner=True)
 def turning_axes(wheel, F, m, psi, gamma, about):
     """What a wrench (F, m) changes because the axes turn that it is given along, F with the chassis, m with the wheel: (skew(F),
@@ -166,10 +222,11 @@ def turning_axes(wheel, F, m, psi, gamma, about):
 
 
 @kernel(inline=True)
-def with_travels(blocks, more):
-    """The blocks of elastic_blocks with more between the travels."""
-    A, B, C, E = blocks
-    return (A[0], A[1], A[2], A[3], A[4], A[5], A[6], A[7], A[8] + more), B, C, E
+def with_travels(x, more):
+    """A Pair with more between the travels."""
+    A = x.A
+    A = (A[0], A[1], A[2], A[3], A[4], A[5], A[6], A[7], A[8] + more)
+    return Pair(A, x.psi, x.gamma, x.of_psi, x.of_gamma, x.psi_psi, x.psi_gamma, x.gamma_psi, x.gamma_gamma)
 
 
 @kernel(inline=True)

@@ -27,15 +27,15 @@ HASWELL = (
 )
 
 
-def with_baseline_of_numpy() -> str:
-    """Names of all instruction sets beyond its baseline that numpy chooses on this processor."""
-    try:
-        from numpy._core._multiarray_umath import __cpu_dispatch__ as dispatched
-        from numpy._core._multiarray_umath import __cpu_features__ as features
-    except ImportError:  # numpy 1
-        from numpy.core._multiarray_umath import __cpu_dispatch__ as dispatched
-        from numpy.core._multiarray_umath import __cpu_features__ as features
-    return ' '.join(name for name in dispatched if features.get(name))
+try:
+    from numpy._core._multiarray_umath import __cpu_dispatch__ as DISPATCHED
+    from numpy._core._multiarray_umath import __cpu_features__ as FEATURES
+except ImportError:  # numpy 1
+    from numpy.core._multiarray_umath import __cpu_dispatch__ as DISPATCHED
+    from numpy.core._multiarray_umath import __cpu_features__ as FEATURES
+
+BEYOND_BASELINE = ' '.join(name for name in DISPATCHED if FEATURES.get(name))  # instruction sets that numpy chooses on this processor
+NEWEST = 'SkylakeX' if FEATURES.get('AVX512F') else 'Zen'  # OpenBLAS ends at the first instruction that a processor lacks
 
 
 @functools.cache
@@ -53,8 +53,8 @@ def bits(scenes: tuple[str, ...], *arguments: str, **environment: str) -> dict[s
     'environment',
     [
         {'OPENBLAS_CORETYPE': 'Haswell'},
-        {'OPENBLAS_CORETYPE': 'SkylakeX'},
-        {'OPENBLAS_CORETYPE': 'Sandybridge', 'NPY_DISABLE_CPU_FEATURES': with_baseline_of_numpy()},
+        {'OPENBLAS_CORETYPE': NEWEST},
+        {'OPENBLAS_CORETYPE': 'Sandybridge', 'NPY_DISABLE_CPU_FEATURES': BEYOND_BASELINE},
         {'OPENBLAS_CORETYPE': 'Prescott'},
     ],
     ids=lambda environment: environment['OPENBLAS_CORETYPE'],
