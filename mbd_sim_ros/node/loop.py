@@ -17,6 +17,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
+from mbd_sim_ros.node.room import Room
 from solver.inputs.hands import COMMANDS
 from solver.output.snapshot import Snapshot
 
@@ -31,7 +32,6 @@ DRIVING = ('drive_torque', 'accelerator')  # beginnings of commands that drive: 
 WINDOW = 4096  # steps over which step times are judged
 AT_ONCE = 0.01  # s of simulated time that may pass in one call while nobody looks
 SHARE = 0.5  # of the length of a step that steps which nobody looks at may take before the one that is due
-APART = 8  # calls of several steps; in one of so many the first step is a call of its own, to show what the others take
 
 
 class Stepper(Protocol):
@@ -133,9 +133,7 @@ class Loop:
         self.done = threading.Event()
         self._inputs, self._emit, self._poll, self._repeat = inputs, emit, poll, repeat
         self._hidden, self._passed = hidden, passed
-        self._fit = 0.0  # steps that fit into SHARE of one, by what they took lately
-        self._stalled = False  # whether those that were measured last took far more
-        self._calls = 0  # of several steps; when it is a multiple of APART they are measured
+        self._room = Room()  # for steps that nobody looks at
         self._emitted = 0.0  # clock reading
         self._stop = threading.Event()
         self._wake = threading.Event()
@@ -303,7 +301,7 @@ class Loop:
         h = self.simulation.h_ns * 1e-9
         most = AT_ONCE / h - 1.0
         if self.mode == 'realtime':
-            most = min(most, self._fit)
+            most = min(most, self._room.steps)
         if self.end_ns is not None:
             most = min(most, (self.end_ns - self.simulation.t_ns) // self.simulation.h_ns - 1)
         return 0 if most < 1.0 else self._hidden(int(most))
@@ -372,8 +370,7 @@ class Loop:
         if self.mode != 'lockstep':  # which has polled, and must not mix in what came since
             self._poll()
         start = begin = time.perf_counter()
-        self._calls += n > 1
-        apart = int(n > 1 and self.mode == 'realtime' and self._calls % APART == 0)
+        apart = int(n > 1 and self._room.measured() and self.mode == 'realtime')
         if apart:
             self._make(1)
             begin = time.perf_counter()
@@ -381,7 +378,7 @@ class Loop:
         end = time.perf_counter()
         self._times.append((end - start) / n)
         if n == 1 or apart:
-            self._took(end - begin, n - 1)
+            self._room.took(end - begin, n - 1, SHARE * self.simulation.h_ns * 1e-9 / self.rate_factor)
         self._iterations, self._residual = round(snapshot.counters.iterations / (n - apart)), snapshot.counters.residual
         self.steps += n
         self._emit(snapshot)
@@ -411,17 +408,3 @@ class Loop:
                 break
             rows.append(row)
         return np.array(rows)
-
-    def _took(self, seconds: float, more: int) -> None:
-        """Note what so many steps took [s] behind the first of a call, which has paid for waking: memory is slow after a sleep.
-
-        Of one that was alone (0 more) it is known that another takes no longer. While they fit one more is tried, and measured at once;
-        what does not fit is made less, by half at most. A stall, which is as long as it likes, is nothing until another follows.
-        """
-        room = SHARE * self.simulation.h_ns * 1e-9 / self.rate_factor
-        if seconds <= room:
-            if self._fit < more + 1:
-                self._fit, self._calls = more + 1.0, -1
-        elif more and (seconds < 2.0 * room or self._stalled):
-            self._fit = more * max(room / seconds, 0.5)
-        self._stalled = more > 0 and seconds >= 2.0 * room

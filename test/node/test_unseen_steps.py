@@ -16,7 +16,8 @@ from synthetic import INPUTS, Synthetic
 from mbd_sim_ros.bags import reader as bag
 from mbd_sim_ros.commands.main import main
 from mbd_sim_ros.node import loop as loop_module
-from mbd_sim_ros.node.loop import APART, AT_ONCE, Loop
+from mbd_sim_ros.node.loop import AT_ONCE, Loop
+from mbd_sim_ros.node.room import APART
 from solver.files.scene import load_scene
 from solver.inputs.hands import CommandSource
 from solver.simulation import Simulation
