@@ -37,6 +37,7 @@ GRACE = 0.4  # s
 PATIENCE = 15.0  # s
 SAME_GESTURE = 0.25  # s
 LOOK = 0.02  # s between looks once a signal came
+BREATH = 0.005  # s between looks whether the sentence has been said
 # Where the main thread only waits for processes and files, an exception is safe and lets `finally` end the children.
 WAITS = ('subprocess', 'selectors', 'mbd_sim_ros.lab', 'mbd_sim_ros.commands')
 
@@ -47,6 +48,7 @@ _code: int | None = None
 _number = 0
 _held = 0
 _said = threading.Lock()
+_saying = threading.Event()  # while whoever claimed the sentence says it
 _watcher: _Watcher | None = None
 _scratch: set[Path] = set()
 dependents: set[int] = set()  # processes that are killed when this one is ended: they have nothing to finish, and may be deaf to a signal
@@ -77,6 +79,16 @@ def check() -> None:
 def claim() -> bool:
     """Whether the caller is the one who says the sentence: it is said once."""
     return _said.acquire(blocking=False)
+
+
+@contextmanager
+def saying() -> Iterator[bool]:
+    """Claim the sentence and say it inside, if that is so: until then the process is not ended, GRACE seconds at most."""
+    _saying.set()
+    try:
+        yield claim()
+    finally:
+        _saying.clear()
 
 
 @contextmanager
@@ -221,9 +233,14 @@ def _handle(number: int, frame: FrameType | None) -> None:
 
 def _end(code: int) -> None:
     """End the process from the watching thread."""
-    if claim() and _say is not None:
+    if claim():
         with suppress(OSError, ValueError):  # nobody reads it
-            _say(sentence())
+            if _say is not None:
+                _say(sentence())
+    else:
+        until = time.monotonic() + GRACE
+        while _saying.is_set() and time.monotonic() < until:
+            time.sleep(BREATH)
     for process in tuple(dependents):
         with suppress(OSError):
             os.kill(process, signal.SIGKILL)

@@ -140,8 +140,9 @@ def main() -> int:
         print(f'demo: {error}', file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
-        if interrupts.claim():
-            print(f'demo: {interrupts.sentence()}', file=sys.stderr)
+        with interrupts.saying() as mine:
+            if mine:
+                print(f'demo: {interrupts.sentence()}', file=sys.stderr, flush=True)
         return interrupts.EXIT + interrupts.received()
 
 

@@ -109,7 +109,8 @@ def _command(argv: Sequence[str] | None) -> int:
             except KeyboardInterrupt as interrupt:
                 sentence, number = interrupt.args if len(interrupt.args) == 2 else (interrupts.sentence(), signal.SIGINT)
                 code = interrupts.EXIT + number
-                return _fail(out, sentence, code, as_json) if interrupts.claim() else code
+                with interrupts.saying() as mine:
+                    return _fail(out, sentence, code, as_json) if mine else code
             except BrokenPipeError:  # the reader of our output went away, e.g. `mbd info ... | head`
                 out.drop()
                 return 1

@@ -99,8 +99,9 @@ def run(body: Callable[[], int], args: list[str] | None, name: str) -> int:
         print(f'{name}: {refused(error)}', file=sys.stderr)
         return 1
     except KeyboardInterrupt:
-        if interrupts.claim():
-            print(interrupts.sentence(), file=sys.stderr)
+        with interrupts.saying() as mine:
+            if mine:
+                print(interrupts.sentence(), file=sys.stderr, flush=True)
         return 0
     finally:
         with interrupts.held():

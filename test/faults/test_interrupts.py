@@ -17,6 +17,7 @@ from processes import DOMAIN, SCRIPT
 
 from mbd_sim_ros.bags import reader as bag
 from mbd_sim_ros.commands.main import main
+from mbd_sim_ros.interrupts import GRACE
 from mbd_sim_ros.lab.studies import STUDIES
 
 pytestmark = pytest.mark.realtime
@@ -180,6 +181,30 @@ def test_a_second_signal_ends_the_process_at_once_and_the_recording_is_complete(
     run = finished(tmp_path / 'out')
     assert run is not None and run['cmd_applied/step'][-1] == 500.0
     assert run.metadata['end'] == 'the simulating process died'
+
+
+def test_a_sentence_that_is_being_said_is_finished(tmp_path: Path) -> None:
+    """Whoever has begun to say why the work ends is not cut off by the thread that ends the process when its time is up."""
+    script = (
+        'import sys, time\n'
+        'from mbd_sim_ros import interrupts\n'
+        'interrupts.install(lambda text: interrupts.write(2, text))\n'
+        'interrupts.now("waiting")\n'
+        'print("READY", flush=True)\n'
+        'interrupts.event.wait()\n'
+        'with interrupts.saying() as mine:\n'
+        '    time.sleep(1.5 * interrupts.GRACE)\n'
+        '    interrupts.write(2, f"{mine}: {interrupts.sentence()}")\n'
+        'time.sleep(30.0)\n'
+    )
+    victim = Victim(tmp_path, ['-c', script])
+    try:
+        assert victim.ready('READY')
+        ended = victim.end(victim.strike(signal.SIGTERM))
+    finally:
+        victim.kill()
+    assert (ended.code, ended.lines) == (128 + signal.SIGTERM, ['True: interrupted while waiting'])
+    assert ended.seconds < 2.5 * GRACE + BUSY
 
 
 def test_a_call_of_many_long_steps_is_divided(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
