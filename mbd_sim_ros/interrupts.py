@@ -10,6 +10,8 @@ nothing there; the system writes the number of the signal into a pipe, and a thr
 - ends it at once when a second signal comes. Terminals, launch tools and wrappers deliver one Ctrl-C twice; what comes within
   SAME_GESTURE seconds is one.
 
+Whoever is saying the sentence just then (`saying`) may finish it, for GRACE seconds at most.
+
 Ended like this a process runs no more Python: a bag it was recording is finished by the recording process. Exit code: 128 + number.
 """
 
@@ -37,7 +39,6 @@ GRACE = 0.4  # s
 PATIENCE = 15.0  # s
 SAME_GESTURE = 0.25  # s
 LOOK = 0.02  # s between looks once a signal came
-BREATH = 0.005  # s between looks whether the sentence has been said
 # Where the main thread only waits for processes and files, an exception is safe and lets `finally` end the children.
 WAITS = ('subprocess', 'selectors', 'mbd_sim_ros.lab', 'mbd_sim_ros.commands')
 
@@ -48,7 +49,8 @@ _code: int | None = None
 _number = 0
 _held = 0
 _said = threading.Lock()
-_saying = threading.Event()  # while whoever claimed the sentence says it
+_quiet = threading.Event()  # but while somebody claims the sentence and says it
+_quiet.set()
 _watcher: _Watcher | None = None
 _scratch: set[Path] = set()
 dependents: set[int] = set()  # processes that are killed when this one is ended: they have nothing to finish, and may be deaf to a signal
@@ -84,11 +86,11 @@ def claim() -> bool:
 @contextmanager
 def saying() -> Iterator[bool]:
     """Claim the sentence and say it inside, if that is so: until then the process is not ended, GRACE seconds at most."""
-    _saying.set()
+    _quiet.clear()
     try:
         yield claim()
     finally:
-        _saying.clear()
+        _quiet.set()
 
 
 @contextmanager
@@ -238,9 +240,7 @@ def _end(code: int) -> None:
             if _say is not None:
                 _say(sentence())
     else:
-        until = time.monotonic() + GRACE
-        while _saying.is_set() and time.monotonic() < until:
-            time.sleep(BREATH)
+        _quiet.wait(GRACE)
     for process in tuple(dependents):
         with suppress(OSError):
             os.kill(process, signal.SIGKILL)

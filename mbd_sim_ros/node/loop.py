@@ -6,7 +6,6 @@ Deadlines are absolute (`anchor + k h / rate_factor`), so errors of single sleep
 
 from __future__ import annotations
 
-import os
 import threading
 import time
 from collections import deque
@@ -17,6 +16,7 @@ from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 
+from mbd_sim_ros.node.priority import prefer
 from mbd_sim_ros.node.room import Room
 from solver.inputs.hands import COMMANDS
 from solver.output.snapshot import Snapshot
@@ -155,21 +155,8 @@ class Loop:
         self._thread.start()
 
     def prefer(self, priority: int) -> bool:
-        """Give every thread of this process a real-time priority (SCHED_FIFO, 1 to 99), or ordinary scheduling for 0.
-
-        All of them, because whichever holds the interpreter lock is the one the simulation waits for; this thread one above the
-        others, or it waits for those of the middleware when they have all cores. Beside other busy processes this decides between
-        steps that begin 20 us and steps that begin 5 ms late. Returns whether the system permits it.
-        """
-        policy = os.SCHED_FIFO if priority else os.SCHED_OTHER
-        others = max(priority - 1, 1) if priority else 0
-        try:
-            for thread in map(int, os.listdir('/proc/self/task')):
-                at = priority if thread == self._thread.native_id else others
-                os.sched_setscheduler(thread, policy, os.sched_param(at))
-        except (AttributeError, OSError):  # not Linux, or no permission
-            return False
-        return True
+        """Give this process a real-time priority, its simulation before its other threads; see mbd_sim_ros.node.priority."""
+        return prefer(self._thread.native_id, priority)
 
     @property
     def wall_time(self) -> float:

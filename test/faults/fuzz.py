@@ -60,27 +60,31 @@ def main() -> int:
     material = make_material(out / 'material', loaded)
     shown = time.monotonic()
     faults = [one for one in done if one['fault']]
-    with log.open('a') as stream:
-        for n, (kind, case) in enumerate(missing):
-            if time.monotonic() - begin > args.seconds:
-                print(f'{len(missing) - n} cases are left', file=sys.stderr)
-                break
-            place = out / 'work' / f'{kind}-{args.seed}-{case}'
-            verdict: Verdict = run_case(kind, args.seed, case, place, material)
-            one = {'seed': args.seed, **dataclasses.asdict(verdict)}
-            if verdict.fault:
-                faults.append(one)
-                shutil.rmtree(out / 'faults' / place.name, ignore_errors=True)
-                shutil.copytree(place, out / 'faults' / place.name)
-                print(f'{place.name}: {verdict.fault}: {verdict.said.strip()[-300:]}', file=sys.stderr, flush=True)
-            else:
-                one['said'] = verdict.said[:120]
-            shutil.rmtree(place, ignore_errors=True)
-            stream.write(json.dumps(one) + '\n')
-            stream.flush()
-            if time.monotonic() - shown > 10.0:
-                shown = time.monotonic()
-                print(f'{n + 1} of {len(missing)}, {len(faults)} faults', file=sys.stderr, flush=True)
+    try:
+        with log.open('a') as stream:
+            for n, (kind, case) in enumerate(missing):
+                if time.monotonic() - begin > args.seconds:
+                    print(f'{len(missing) - n} cases are left', file=sys.stderr)
+                    break
+                place = out / 'work' / f'{kind}-{args.seed}-{case}'
+                verdict: Verdict = run_case(kind, args.seed, case, place, material)
+                one = {'seed': args.seed, **dataclasses.asdict(verdict)}
+                if verdict.fault:
+                    faults.append(one)
+                    shutil.rmtree(out / 'faults' / place.name, ignore_errors=True)
+                    shutil.copytree(place, out / 'faults' / place.name)
+                    print(f'{place.name}: {verdict.fault}: {verdict.said.strip()[-300:]}', file=sys.stderr, flush=True)
+                else:
+                    one['said'] = verdict.said[:120]
+                shutil.rmtree(place, ignore_errors=True)
+                stream.write(json.dumps(one) + '\n')
+                stream.flush()
+                if time.monotonic() - shown > 10.0:
+                    shown = time.monotonic()
+                    print(f'{n + 1} of {len(missing)}, {len(faults)} faults', file=sys.stderr, flush=True)
+    except KeyboardInterrupt:
+        print('interrupted; run it again to go on', file=sys.stderr)
+        return 130
     all_done = [json.loads(line) for line in log.read_text().splitlines()]
     codes = Counter('fault' if one['fault'] else 'success' if one['code'] in (0, 1) else 'sentence' for one in all_done)
     seconds, megabytes = (max(one[key] for one in all_done) for key in ('seconds', 'megabytes'))

@@ -112,7 +112,7 @@ def test_autoware_drives_it_forwards_and_backwards(client, simulator, tmp_path):
 
         drive(GearCommand.PARK, 5.0, lambda v, now: now['brake_torque'] == 6000.0 and now['gear'] == 0.0)
         parked = len(client.applied) - 1
-        drive(GearCommand.DRIVE, 7.0, lambda v, now: abs(v - 7.0) < 0.3 and now['gear'] == 3.0)  # 25 km/h with hardly any pedal
+        drive(GearCommand.DRIVE, 7.0, lambda v, now: abs(v - 7.0) < 0.1 and now['gear'] == 3.0)  # 25 km/h with hardly any pedal
         assert list(dict.fromkeys(row['gear'] for row in client.applied[parked:])) == [0.0, 1.0, 2.0, 3.0]
         assert {row['drive_torque'] for row in client.applied} <= {0.0, -300.0}  # silence before the first demand
         assert max(row['accelerator'] for row in client.applied) > 0.1

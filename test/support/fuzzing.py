@@ -43,12 +43,18 @@ def run_case(kind: str, seed: int, case: int, directory: Path, material: Materia
         _inside(kind, seed, case, directory, material)
     begin = time.monotonic()
     ended, status, used = 0, 0, None
-    while not ended:
-        ended, status, used = os.wait4(child, os.WNOHANG)
-        if not ended and time.monotonic() - begin > WALL:
-            os.kill(child, signal.SIGKILL)
+    try:
+        while not ended:
+            ended, status, used = os.wait4(child, os.WNOHANG)
+            if not ended and time.monotonic() - begin > WALL:
+                os.kill(child, signal.SIGKILL)
+            if not ended:
+                time.sleep(0.002)
+    except KeyboardInterrupt:
         if not ended:
-            time.sleep(0.002)
+            os.kill(child, signal.SIGKILL)
+            os.wait4(child, 0)
+        raise
     assert used is not None
     seconds, megabytes = used.ru_utime + used.ru_stime, used.ru_maxrss // 1024
     code = os.waitstatus_to_exitcode(status)
