@@ -17,7 +17,6 @@ from typing import Any, Literal, NamedTuple, Protocol
 import numpy as np
 
 from mbd_sim_ros.node.priority import prefer
-from mbd_sim_ros.node.room import Room
 from solver.inputs.hands import COMMANDS
 from solver.output.snapshot import Snapshot
 
@@ -30,8 +29,8 @@ REPEAT = 1.0  # s of waiting in lockstep after which the state is published agai
 ENDED = 'the simulation has ended'
 DRIVING = ('drive_torque', 'accelerator')  # beginnings of commands that drive: the watchdog ends them
 WINDOW = 4096  # steps over which step times are judged
-AT_ONCE = 0.01  # s of simulated time that may pass in one call while nobody looks
-SHARE = 0.5  # of the length of a step that steps which nobody looks at may take before the one that is due
+AT_ONCE = 0.01  # s, of simulated time and of the clock, that may pass in one call while nobody looks
+LATELY = 8  # calls by which it is judged what steps take; the quickest of them tells, for stalls are as long as they like
 
 
 class Stepper(Protocol):
@@ -89,13 +88,13 @@ class Loop:
     `inputs(values)` turns latched commands into the input vector of the next step (None: the scene's own maneuver drives); where it returns
     the same array as for the step before, it does so while the commands stay.
     `emit(snapshot)` is called on the simulation thread after every step that may be seen, and once at the start. `hidden(most)` tells how
-    many of the next steps, at most so many, nobody sees while nobody commands: these are made in one call with the one behind them, when
-    that is due, with the same bits and without what waking costs. In real time there are as many as take SHARE of a step by what steps took
-    lately: what is seen is not later by more. `passed()` is called behind each call, `repeat()` from time to time while lockstep
-    waits for a first or lost answer. commands: names of those that are latched, steering first; drive torques and the accelerator
-    among them count as zero when they are older than command_timeout. The attributes mode, rate_factor, command_timeout [s, 0: never] and
-    lockstep_commands may be changed at any time. After the thread has ended `outcome` is a sentence and `error` the
-    exception that ended it, if any.
+    many of the next steps, at most so many, nobody sees while nobody commands: these are made in one call with the one behind them, with
+    the same bits and without what waking costs. In real time the call begins earlier by what they take, as the calls made lately tell, so
+    that the step that is seen begins when it is due; none begins before it is, for steps take less than they last. `passed()` is called
+    behind each call, `repeat()` from time to time while lockstep waits for a first or lost answer. commands: names of those that are
+    latched, steering first; drive torques and the accelerator among them count as zero when they are older than command_timeout. The
+    attributes mode, rate_factor, command_timeout [s, 0: never] and lockstep_commands may be changed at any time. After the thread has
+    ended `outcome` is a sentence and `error` the exception that ended it, if any.
     """
 
     def __init__(
@@ -133,7 +132,7 @@ class Loop:
         self.done = threading.Event()
         self._inputs, self._emit, self._poll, self._repeat = inputs, emit, poll, repeat
         self._hidden, self._passed = hidden, passed
-        self._room = Room()  # for steps that nobody looks at
+        self._took: deque[float] = deque(maxlen=LATELY)  # s a step, by call
         self._emitted = 0.0  # clock reading
         self._stop = threading.Event()
         self._wake = threading.Event()
@@ -288,7 +287,7 @@ class Loop:
         h = self.simulation.h_ns * 1e-9
         most = AT_ONCE / h - 1.0
         if self.mode == 'realtime':
-            most = min(most, self._room.steps)
+            most = min(most, AT_ONCE / min(self._took) - 1.0) if self._took else 0.0
         if self.end_ns is not None:
             most = min(most, (self.end_ns - self.simulation.t_ns) // self.simulation.h_ns - 1)
         return 0 if most < 1.0 else self._hidden(int(most))
@@ -320,8 +319,8 @@ class Loop:
                 self._repeat()
             self._sleep(GLANCE)
             return False
-        deadline = self._deadline(self.simulation.k + ahead)
-        wait = deadline - time.perf_counter()
+        begin = self._deadline(self.simulation.k + ahead) - (ahead * min(self._took) if ahead else 0.0)
+        wait = begin - time.perf_counter()
         if wait > LONGEST_WAIT:
             self._sleep(LONGEST_WAIT)
             return False
@@ -356,18 +355,15 @@ class Loop:
         """Make n steps, of which the last may be seen, with the commands there are."""
         if self.mode != 'lockstep':  # which has polled, and must not mix in what came since
             self._poll()
-        start = begin = time.perf_counter()
-        apart = int(n > 1 and self._room.measured() and self.mode == 'realtime')
-        if apart:
-            self._make(1)
-            begin = time.perf_counter()
-        snapshot = self._make(n - apart)
+        begin = time.perf_counter()
+        snapshot = self._make(n)
         end = time.perf_counter()
-        self._times.append((end - start) / n)
-        if n == 1 or apart:
-            self._room.took(end - begin, n - 1, SHARE * self.simulation.h_ns * 1e-9 / self.rate_factor)
-        self._iterations, self._residual = round(snapshot.counters.iterations / (n - apart)), snapshot.counters.residual
+        self._times.append((end - begin) / n)
+        self._took.append((end - begin) / n)
+        self._iterations, self._residual = round(snapshot.counters.iterations / n), snapshot.counters.residual
         self.steps += n
+        if n > 1 and self.mode == 'realtime' and self._anchor is not None and (early := self._deadline(self.simulation.k - 1) - end) > 0.0:
+            time.sleep(early)  # they took less than ever lately: nothing is shown before it is due
         self._emit(snapshot)
         self._emitted = time.perf_counter()
         if self.mode == 'realtime' and self._anchor is not None and self._emitted > self._deadline(self.simulation.k):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,8 +16,7 @@ from synthetic import INPUTS, Synthetic
 from mbd_sim_ros.bags import reader as bag
 from mbd_sim_ros.commands.main import main
 from mbd_sim_ros.node import loop as loop_module
-from mbd_sim_ros.node.loop import AT_ONCE, Loop
-from mbd_sim_ros.node.room import APART
+from mbd_sim_ros.node.loop import AT_ONCE, LATELY, Loop
 from solver.files.scene import load_scene
 from solver.inputs.hands import CommandSource
 from solver.simulation import Simulation
@@ -88,55 +88,53 @@ class Timed(Synthetic):
         return super().advance(n, inputs)
 
 
-def seen_by(simulation: Timed, seconds: float, hidden=lambda most: most) -> np.ndarray:
-    """Steps between two that are seen."""
-    seen: list[int] = []
-    loop = Loop(
-        simulation, inputs=lambda values: np.zeros(len(INPUTS)), emit=lambda s: seen.append(s.k),
-        end_ns=simulation.t_ns + round(seconds * 1e9), hidden=hidden,
-    )  # fmt: skip
-    finished(loop)
-    assert loop.slips == 0
-    return np.diff(seen)
+class Watched:
+    """A run in real time. at_once: steps of each call; k: those that were seen; behind: how long after each was due it was shown [s]; late:
+    the same without what a step takes [s]."""
 
+    def __init__(self, simulation: Timed, seconds: float, hidden=lambda most: most) -> None:
+        seen, behind, late = [0], [], []
 
-def test_in_real_time_they_are_not_ahead_of_the_clock(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The step that is seen begins when it is due, behind those that are hidden; the schedule begins with the first wait."""
-    simulation = Timed(monkeypatch, call=5e-5, cold=1e-4, step=3e-5)
-    ahead: list[float] = []
+        def emit(snapshot) -> None:
+            if snapshot.k:
+                seen.append(snapshot.k)
+                clock, k0, _ = loop._anchor or (math.nan, 0, 1.0)
+                behind.append(simulation.now - clock - (snapshot.k - 1 - k0) * 1e-3)
+                late.append(behind[-1] - simulation.step)
 
-    def seen(snapshot) -> None:
-        if snapshot.k:
-            ahead.append((snapshot.k - 1) * 1e-3 - loop.wall_time)
-
-    loop = Loop(simulation, inputs=lambda values: np.zeros(len(INPUTS)), emit=seen, end_ns=300_000_000, hidden=lambda most: most)
-    finished(loop)
-    assert 30 <= len(ahead) < 40
-    assert max(ahead) < 0.0
-    assert min(ahead) >= -(5e-5 + 1e-4 + 10 * 3e-5 + 5e-5 + 1e-9)  # two calls at most
+        loop = Loop(
+            simulation, inputs=lambda values: np.zeros(len(INPUTS)), emit=emit,
+            end_ns=simulation.t_ns + round(seconds * 1e9), hidden=hidden,
+        )  # fmt: skip
+        finished(loop)
+        self.slips, self.at_once, self.k = loop.slips, np.diff(seen), np.array(seen[1:])
+        self.behind, self.late = np.array(behind), np.array(late)
 
 
 @pytest.mark.parametrize(
-    ('call', 'cold', 'step', 'at_once'),
-    [
-        (5e-5, 1e-4, 3e-5, 10),
-        (5e-5, 8e-4, 3e-5, 10),  # what waking takes is taken once, however many steps follow
-        (2e-4, 1e-4, 2e-5, 10),  # and so is a call
-        (5e-5, 1e-4, 1.4e-4, 4),
-        (5e-5, 1e-4, 4e-4, 2),
-        (5e-5, 1e-4, 6e-4, 1),
-    ],
-)  # fmt: skip
-def test_as_many_steps_are_made_at_once_as_fit(
-    monkeypatch: pytest.MonkeyPatch, call: float, cold: float, step: float, at_once: int
+    ('call', 'cold', 'step'),
+    [(5e-5, 1e-4, 3e-5), (5e-5, 8e-4, 3e-5), (2e-4, 1e-4, 2e-5), (5e-5, 1e-4, 1.4e-4), (5e-5, 1e-4, 6e-4)],
+)
+def test_in_real_time_a_call_begins_so_that_what_is_seen_begins_when_it_is_due(
+    monkeypatch: pytest.MonkeyPatch, call: float, cold: float, step: float
 ) -> None:
-    """Those behind the first of a call, and the call, take half of a step of 1 ms at most; one more is tried now and then."""
-    steps = seen_by(Timed(monkeypatch, call=call, cold=cold, step=step), 2.0)[-100:-1]
-    assert np.median(steps) == at_once
-    assert at_once <= steps.max() <= min(at_once + 1, AT_ONCE / 1e-3)
+    """What the call and waking take counts as if each step took a part: that of the last makes it late."""
+    run = Watched(Timed(monkeypatch, call=call, cold=cold, step=step), 1.0)
+    assert run.slips == 0
+    assert (run.at_once[1:-1] == 10).all()
+    np.testing.assert_allclose(run.late[LATELY + 1 : -1], (call + cold) / 10, atol=1e-9)
+    assert (run.behind > -1e-9).all()
 
 
-def test_fewer_are_made_at_once_when_steps_become_dearer_and_more_again_when_they_do_not(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_steps_that_take_longer_than_they_last_are_made_at_once_for_as_long_as_a_call_may_take(monkeypatch: pytest.MonkeyPatch) -> None:
+    """8 of 1.2 ms are 9.6 ms."""
+    run = Watched(Timed(monkeypatch, call=5e-5, cold=1e-4, step=1.2e-3), 2.0)
+    assert run.slips > 0
+    assert np.median(run.at_once) == 8
+    assert run.at_once.max() == 8
+
+
+def test_what_is_seen_is_late_while_steps_become_dearer_and_never_early(monkeypatch: pytest.MonkeyPatch) -> None:
     simulation = Timed(monkeypatch, call=5e-5, cold=1e-4, step=3e-5)
     dear = 1000, 2000  # steps
 
@@ -144,28 +142,30 @@ def test_fewer_are_made_at_once_when_steps_become_dearer_and_more_again_when_the
         simulation.step = 2e-4 if dear[0] <= simulation.k < dear[1] else 3e-5
         return most
 
-    steps = seen_by(simulation, 3.0, hidden)
-    behind = np.cumsum(steps)
-    assert np.median(steps[behind < dear[0]][-20:]) == 10
-    settled = steps[(behind > dear[0] + 200) & (behind < dear[1])]
-    assert np.median(settled) == 3
-    assert settled.max() == 4
-    assert np.mean(settled == 4) <= 1.2 / APART
-    assert np.median(steps[behind > dear[1] + 500]) == 10
+    run = Watched(simulation, 3.0, hidden)
+    assert (run.at_once[1:-1] == 10).all()
+    late = np.flatnonzero(run.late[1:-1] > 1e-4) + 1
+    assert len(late) == LATELY  # as many as remember the cheap ones
+    assert dear[0] < run.k[late[0]] <= dear[0] + 11
+    np.testing.assert_allclose(run.late[late], 9 * (2e-4 - 3e-5) + 1.5e-5, atol=1e-9)
+    assert (run.behind > -1e-9).all()
+    again = np.flatnonzero(run.k > dear[1] + 2)[0]
+    assert run.behind[again] == pytest.approx(0.0, abs=1e-9)  # it had to wait
+    np.testing.assert_allclose(run.late[again + 1 : -1], 1.5e-5, atol=1e-9)
 
 
-def test_stalls_do_not_make_them_fewer(monkeypatch: pytest.MonkeyPatch) -> None:
-    assert np.median(seen_by(Timed(monkeypatch, call=5e-5, cold=1e-4, step=3e-5, stall=5e-3), 2.0)[-100:]) == 10
+def test_stalls_do_not_make_others_early(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every twentieth call stalls for 5 ms; the call behind it begins at once."""
+    run = Watched(Timed(monkeypatch, call=5e-5, cold=1e-4, step=3e-5, stall=5e-3), 2.0)
+    assert (run.at_once[1:-1] == 10).all()
+    usual = np.isclose(run.late, 1.5e-5, atol=1e-9)
+    assert np.mean(usual) > 0.9
+    assert (run.behind > -1e-9).all()
 
 
-def test_what_others_take_is_measured_while_several_are_made_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One call in APART is made as two; a step that is seen alone is one call."""
+def test_a_step_that_is_seen_alone_is_one_call(monkeypatch: pytest.MonkeyPatch) -> None:
     simulation = Timed(monkeypatch, call=5e-5, cold=1e-4, step=3e-5)
-    several = np.count_nonzero(seen_by(simulation, 2.0) > 1)
-    assert 200 <= several < 210
-    assert several / APART <= simulation.calls - several <= several / APART + 12  # every one while there become more
-    simulation = Timed(monkeypatch, call=5e-5, cold=1e-4, step=3e-5)
-    assert seen_by(simulation, 1.0, lambda most: 0).max() == 1
+    assert Watched(simulation, 1.0, lambda most: 0).at_once.max() == 1
     assert simulation.calls == simulation.k
 
 
