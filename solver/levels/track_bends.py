@@ -20,7 +20,7 @@ from solver.levels.track_straight import characteristic
 from solver.model.spec import ModelSpec
 from solver.scene import Scene
 from solver.step.single_track import advance
-from solver.step.single_track_tables import FY, ROLL, SATURATION, SHIFT, SingleTrackTables
+from solver.step.single_track_tables import FY, ROLL, SATURATION, SHIFT
 
 FAST = 33.0  # m/s
 LATERAL = 4.0  # m/s^2 that the steps are meant for
@@ -66,7 +66,7 @@ class Lateral:
 
     def residual(self, x: np.ndarray) -> np.ndarray:
         """Errors of yaw rate, lateral velocity and roll, relative to their peaks, root mean square over each run; and the prior."""
-        tables = tables_of(self.parameters(x), self.scene)
+        tables = Ref(tables_of(self.parameters(x), self.scene))
         parts = [PRIOR * x]
         for (drive, run), weights in zip(self.runs, self.weights, strict=True):
             shown = replay(tables, drive, run)
@@ -74,19 +74,20 @@ class Lateral:
         return np.concatenate(parts)
 
 
-def replay(tables: SingleTrackTables, drive: Drive, run: Run) -> tuple[np.ndarray, ...]:
-    """(yaw rate, lateral velocity, roll; lateral force and saturation of the front axle, load moved to the rear) of the level under
-    the inputs of a run, at its samples.
+def replay(tables: Ref, drive: Drive, run: Run) -> tuple[np.ndarray, ...]:
+    """(yaw rate, lateral velocity, roll; lateral force and saturation of the front axle, load moved to the rear) of the level, its
+    tables by reference, under the inputs of a run, at its samples.
     """
-    t, y, w = Ref(tables), rolling(tables, drive.speed), new_scratch()
+    y, w = rolling(tables.value, drive.speed), new_scratch()
     frame = Ref(new_frame(len(run.names)))
     index = np.array([run.names.index(name) for name in COMMANDS])
-    u = run.inputs[0].copy()
-    rows = []
+    inputs, u = run.inputs, run.inputs[0].copy()
+    twist, told = frame.value.twist[0], w.value.told
+    rows = np.empty((6, len(run.time)))
     for k in range(len(run.time)):
-        advance(t, y, run.inputs, index, u, k * EVERY, EVERY, False, H, 1, w, frame)
-        rows.append((frame.twist[0, 5], frame.twist[0, 1], y[ROLL], w.told[FY], w.told[SATURATION], y[SHIFT]))
-    return tuple(np.array(rows).T)
+        advance(tables, y, inputs, index, u, k * EVERY, EVERY, False, H, 1, w, frame)
+        rows[:, k] = twist[5], twist[1], y[ROLL], told[FY], told[SATURATION], y[SHIFT]
+    return tuple(rows)
 
 
 def feel(found: dict[str, dict[str, float]], scene: Scene, runs: list[tuple[Drive, Run]]) -> None:
@@ -97,7 +98,7 @@ def feel(found: dict[str, dict[str, float]], scene: Scene, runs: list[tuple[Driv
     torque, rolled, pitched = [], [], []
     body, mounting = found['body'], found['mounting']
     for drive, run in runs:
-        _, _, roll, force, saturation, moved = replay(tables_of(found, scene), drive, run)
+        _, _, roll, force, saturation, moved = replay(Ref(tables_of(found, scene)), drive, run)
         rolled.append(roll * roll)
         pitched.append(pitch_of(run) - mounting['pitch'] - mounting['pitch_by_shift'] * moved)
         angle, rate, acceleration = (run.inputs[EVERY - 1 :: EVERY, run.names.index(name)] for name in COMMANDS[:3])
@@ -116,13 +117,13 @@ def limits(
 ) -> list[dict[str, Any]]:
     """Where the level holds, as fields of Limit: as far as it follows the ramp and the braking to ERROR, and what it leaves out."""
     drive, run = runs[0]
-    shown_ = replay(tables_of(found, scene), drive, run)
+    shown_ = replay(Ref(tables_of(found, scene)), drive, run)
     lateral = run.vx * run.yaw_rate
     wrong = (np.abs(shown_[0] - run.yaw_rate) > ERROR * np.abs(run.yaw_rate)) & (lateral > 1.0)
     last = int(np.argmax(wrong)) if wrong.any() else len(wrong) - 1
     last = max(0, min(last, int(np.argmax(lateral))) - 1)
     braked_drive, braked = runs[-1]
-    error = np.abs(replay(tables_of(found, scene), braked_drive, braked)[0] - braked.yaw_rate)
+    error = np.abs(replay(Ref(tables_of(found, scene)), braked_drive, braked)[0] - braked.yaw_rate)
     wrong = error > ERROR * np.abs(braked.yaw_rate).max()
     end = int(np.argmax(wrong)) if wrong.any() else len(wrong)
     both = np.sqrt(np.abs((np.gradient(braked.vx, braked.time) - braked.vy * braked.yaw_rate) * braked.vx * braked.yaw_rate))

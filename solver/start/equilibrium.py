@@ -14,11 +14,12 @@ from solver.elements.registry import FORCES
 from solver.errors import ConsistencyError
 from solver.model.evaluate import add_constraint_forces, add_constraint_stiffness, evaluate_forces
 from solver.model.saddle import CONDENSED, solve_saddle
-from solver.model.state import State, kinematics_of, update_angles
+from solver.model.state import State, update_angles
 from solver.start.minimum import refuse_unstable
 from solver.start.newton import ConsistentState, move
 
 EQUILIBRIUM_TOLERANCE = 1e-11  # N or N m, relative to the weight of the model
+ROUNDING, STALLED = 1e2, 8  # times that, which stiff elements may leave, when so many iterations in a row have not halved it
 SETTLING = 1.0  # s, long against every damping in a model
 APPROACH = 40  # iterations that come near
 GIVE = 1e-4  # m that what holds a body gives way under the weight of the whole model
@@ -86,7 +87,8 @@ class Equilibrium(ConsistentState):
         state.v[:] = 0.0
         tau = 0.01
         scale = self._weight()
-        last = np.inf
+        last = least = np.inf
+        stalled = 0
         at_rest = np.zeros_like(state.v)
         for _ in range(limit):
             kin = self._constraints(state.q, at_rest, state.angle, u)
@@ -98,7 +100,10 @@ class Equilibrium(ConsistentState):
             r[-1] = 0.0
             left = float(np.abs(r).max())
             open_ = float(np.abs(self.phi).max(initial=0.0))
-            if left < EQUILIBRIUM_TOLERANCE * scale and open_ < 1e-11:
+            stalled = 0 if left < 0.5 * least else stalled + 1
+            least = min(least, left)
+            enough = EQUILIBRIUM_TOLERANCE * (ROUNDING if stalled >= STALLED else 1.0)
+            if left < enough * scale and open_ < 1e-11:
                 return left
             # a slow rise is not divergence: while a car rolls to where its brakes hold it, the residual grows before it falls
             tau = min(tau * (2.0 if left < 2.0 * last else 0.5), 1e2)
@@ -108,13 +113,13 @@ class Equilibrium(ConsistentState):
             self._factorize(1.0 / tau**2, 1.0, 1.0 / SETTLING, metric=True)
             solve_saddle(self.t, CONDENSED, self.saddle, r, self.phi, self.dw, self.dlam)
             factor = min(1.0, 0.05 / max(np.abs(self.dw).max(), 1e-300))
-            kin = kinematics_of(state.q, factor / SETTLING * self.dw)
+            kin = self._at(state.q, factor / SETTLING * self.dw)
             evaluate_forces(tables, kin, state.angle, state.z, SETTLING, u, False, self.f, self.Kq, self.Kv, self.z, self.outputs)
             state.z[:] = self.z
             move(state.q, factor * self.dw)
             state.lam[:] += factor * self.dlam
-            update_angles(self.coordinates, kinematics_of(state.q, at_rest), state.angle)
-        if left < 1e2 * EQUILIBRIUM_TOLERANCE * scale:
+            update_angles(self.coordinates, self._at(state.q, at_rest), state.angle)
+        if left < ROUNDING * EQUILIBRIUM_TOLERANCE * scale:
             return left
         b, c = np.unravel_index(np.argmax(np.abs(r)), r.shape)
         raise ConsistencyError(

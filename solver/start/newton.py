@@ -22,7 +22,7 @@ from solver.model.evaluate import (
     evaluate_forces,
 )
 from solver.model.saddle import CONDENSED, assemble_tangent, effective_masses, factorize_saddle, new_saddle, solve_saddle
-from solver.model.state import State, kinematics_of, update_angles
+from solver.model.state import State, fill_kinematics, new_kinematics, update_angles
 from solver.model.tables import Model
 
 PENALTY = 1e6  # above it rounding of small inertias beside large ones shows
@@ -51,6 +51,7 @@ class ConsistentState:
         self.saddle = Ref(new_saddle(model, CONDENSED))
         self.coordinates = Ref(self.t.coordinates)
         self.constraints = Ref(self.t.constraints)
+        self._kin = Ref(new_kinematics(nb))
         self.identity = np.tile(np.eye(3), (nb + 1, 1, 1))
         self.Kq = np.zeros((ns + 1, 6, 6))
         self.Kv = np.zeros((ns + 1, 6, 6))
@@ -87,8 +88,13 @@ class ConsistentState:
                 f'start: the system is singular at body {self.model.body_names[bad]!r}; give it a mass and inertia or constrain it'
             )
 
+    def _at(self, q: np.ndarray, v: np.ndarray) -> Ref:
+        """Kinematics (by reference) of a configuration and twist, until the next call: a new Ref takes as long as an evaluation."""
+        fill_kinematics(q, v, self._kin)
+        return self._kin
+
     def _constraints(self, q: np.ndarray, v: np.ndarray, angle: np.ndarray, u: np.ndarray) -> Ref:
-        kin = kinematics_of(q, v)
+        kin = self._at(q, v)
         evaluate_constraints(self.t, kin, angle, u, True, self.phi, self.J)
         return kin
 
@@ -118,7 +124,7 @@ class ConsistentState:
                     f'start: the mechanism cannot be assembled from the given placement: constraint {self._worst_row(residual)!r} '
                     f'stays open by {worst:.3g}; place the bodies nearer to a closed configuration or check the joint data'
                 )
-        update_angles(self.coordinates, kinematics_of(state.q, state.v), state.angle)
+        update_angles(self.coordinates, self._at(state.q, state.v), state.angle)
 
     def project_velocity(self, state: State, u: np.ndarray, extra: np.ndarray | None = None, hold: float = 0.0) -> None:
         """Make state.v satisfy A v + phi_t = 0 with the smallest change of kinetic energy; extra (nc,) is added to phi_t.
@@ -138,7 +144,7 @@ class ConsistentState:
         if hold > 0.0:
             in_the_air = state.q.copy()
             in_the_air[:-1, 2] += CLEARANCE
-            at_rest = kinematics_of(in_the_air, np.zeros_like(state.v))
+            at_rest = self._at(in_the_air, np.zeros_like(state.v))
             evaluate_forces(self.t, at_rest, state.angle, state.z, 0.0, u, True, self.f, self.Kq, self.Kv, self.z, self.outputs)
         effective_masses(self.t, self.J, self.saddle.W)
         heavy = self.saddle.W.max(initial=0.0) > HEAVY
@@ -250,7 +256,7 @@ class ConsistentState:
         for s, weight in ((-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3), (2, -1 / 12)):
             moved = q.copy()
             move(moved, s * d * v)
-            evaluate_constraints(self.t, kinematics_of(moved, v), angle, u, True, phi, J)
+            evaluate_constraints(self.t, self._at(moved, v), angle, u, True, phi, J)
             constraint_rates(self.constraints, J, v, rate)
             bias += weight / d * rate
         return bias
@@ -270,7 +276,7 @@ class ConsistentState:
         it is in equilibrium as well).
         """
         a, lam = self.acceleration(state.q, state.v, state.z, state.angle, u)
-        kin = kinematics_of(state.q, state.v)
+        kin = self._at(state.q, state.v)
         cz = 1e-6
         evaluate_forces(self.t, kin, state.angle, state.z, cz, u, False, self.f, self.Kq, self.Kv, self.z, self.outputs)
         state.zd[:] = (self.z - state.z) / cz
