@@ -4,7 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from contract import ContractContext, Element, check_action_reaction, check_contract, kinematics, random_kinematics, random_marker
+from contract import (
+    ContractContext,
+    Element,
+    acting,
+    check_action_reaction,
+    check_contract,
+    kinematics,
+    random_kinematics,
+    random_marker,
+)
 
 from solver.elements.applied_force import OUTPUTS, AppliedForceSpec, applied_force_forces, compile_applied_forces
 from solver.elements.marker import Marker
@@ -15,7 +24,7 @@ def applied_forces(specs, *, com=None, inputs=()):
     context = ContractContext(com=com, inputs=inputs)
     table = compile_applied_forces(specs, context)
     laws = context.laws()
-    return Element(lambda *a: applied_force_forces(table, laws, *a), context, n=len(specs), outputs=OUTPUTS)
+    return Element(acting(applied_force_forces, table, laws), context, n=len(specs), outputs=OUTPUTS)
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import pytest
 from contract import (
     ContractContext,
     Element,
+    acting,
     check_action_reaction,
     check_power_balance,
     check_purity,
@@ -30,7 +31,7 @@ def brakes(specs, coordinates, *, bodies=2, com=None):
     table = compile_brakes(specs, context)
     laws = context.laws()
     angle = np.zeros(len(coordinates))
-    return Element(lambda kin, *a: brake_forces(table, x, laws, kin, angle, *a), context, n=len(specs), outputs=OUTPUTS)
+    return Element(acting(brake_forces, table, x, laws, angle=angle), context, n=len(specs), outputs=OUTPUTS)
 
 
 def random_brake(rng, *, j='b1', **changes):

@@ -3,11 +3,10 @@
     context = ContractContext(bodies=2, inputs=('throttle',))
     table = compile_spring_dampers([spec], context)
     laws = context.laws()
-    element = Element(lambda *a: spring_damper_forces(table, laws, *a), context, n=1, outputs=OUTPUTS)
+    element = Element(acting(spring_damper_forces, table, laws), context, n=1, outputs=OUTPUTS)
     check_contract(element, random_kinematics(rng, 2))
 
-Bodies are called b0, b1, ...; their reference frames sit at `com` from the centres of mass. Kernels with more arguments
-bind them in the lambda, which receives (kin, zp, cz, u, tangents, f, Kq, Kv, z, out).
+Bodies are called b0, b1, ...; their reference frames sit at `com` from the centres of mass.
 """
 
 from __future__ import annotations
@@ -20,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation
 
+from solver.compiled.by_reference import Ref
 from solver.elements.coordinate import CoordinateSpec, CoordinateTable, compile_coordinates
 from solver.elements.laws import Law, LawTable, compile_laws
 from solver.elements.marker import WORLD, ConstraintSpec, Marker, PlacedMarker
@@ -123,6 +123,23 @@ class Result(NamedTuple):
     out: np.ndarray
 
 
+def acting(kernel: Callable[..., None], *tables: Any, angle: np.ndarray | None = None) -> Callable[..., None]:
+    """A kernel bound to its tables, and to the reference values of rotations if it acts on coordinates, as Element.call.
+
+    Real numbers go by reference, so with the machine code of models; a Ref holds no complex ones.
+    """
+    references = [Ref(table) for table in tables]
+    more = () if angle is None else (angle,)
+
+    def call(kin: Kinematics, *rest: Any) -> None:
+        if np.iscomplexobj(kin.p):
+            kernel(*tables, kin, *more, *rest)
+        else:
+            kernel(*references, Ref(kin), *more, *rest)
+
+    return call
+
+
 @dataclass(frozen=True)
 class Element:
     """A kernel bound to its tables. call(kin, zp, cz, u, tangents, f, Kq, Kv, z, out); n: number of elements."""
@@ -135,7 +152,7 @@ class Element:
     def evaluate(self, kin: Kinematics, *, zp=(), cz: float = 0.0, u=(), tangents: bool = False, dtype=float, start: float = 0.0) -> Result:
         """Call the kernel on fresh arrays: z and out poisoned with NaN, f, Kq, Kv filled with `start`."""
         nb = self.context.n_bodies
-        zp = np.array(zp, complex if np.iscomplexobj(zp) else float)
+        zp = np.array(zp, dtype)  # complex beside complex places: one compilation
         assert zp.shape == (self.context.n_states,), f'zp must have {self.context.n_states} entries'
         u = np.array(u, float)
         f = np.full((nb + 1, 6), start, dtype)

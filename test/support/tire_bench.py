@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from contract import ContractContext, Element, Result, kinematics
+from contract import ContractContext, Element, Result, acting, kinematics
 from scipy.spatial.transform import Rotation
 
 from solver.compiled.kernel import kernel
@@ -36,7 +36,7 @@ def tire(data: TireData = CAR, road: RoadSpec = FLAT, *, turn_slip: bool | None 
     """One tire on body b0, whose centre of mass lies off the wheel centre."""
     context = ContractContext(bodies=1, com=[(0.02, -0.01, 0.03)], road=road)
     table = compile_tires([TireSpec(name='tire', marker=Marker(body='b0'), data=data, turn_slip=turn_slip, **spec)], context)
-    return Element(lambda kin, *a: tire_forces(table, context.laws(), kin, *a), context, n=1, outputs=OUTPUTS)
+    return Element(acting(tire_forces, table, context.laws()), context, n=1, outputs=OUTPUTS)
 
 
 def wheel(
