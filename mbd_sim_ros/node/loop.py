@@ -287,7 +287,7 @@ class Loop:
         h = self.simulation.h_ns * 1e-9
         most = AT_ONCE / h - 1.0
         if self.mode == 'realtime':
-            most = min(most, AT_ONCE / min(self._took) - 1.0) if self._took else 0.0
+            most = min(most, AT_ONCE * self.rate_factor / h - 1.0, AT_ONCE / min(self._took) - 1.0) if self._took else 0.0
         if self.end_ns is not None:
             most = min(most, (self.end_ns - self.simulation.t_ns) // self.simulation.h_ns - 1)
         return 0 if most < 1.0 else self._hidden(int(most))

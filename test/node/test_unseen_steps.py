@@ -154,6 +154,20 @@ def test_what_is_seen_is_late_while_steps_become_dearer_and_never_early(monkeypa
     np.testing.assert_allclose(run.late[again + 1 : -1], 1.5e-5, atol=1e-9)
 
 
+def test_in_slow_motion_no_more_of_the_clock_passes_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A step lasts 50 ms of the clock. Who begins to look after 1 s does not find them waiting, which the schedule would give up."""
+    simulation = Timed(monkeypatch, call=5e-5, cold=1e-4, step=3e-5)
+    seen: list[float] = []
+    loop = Loop(
+        simulation, inputs=lambda values: np.zeros(len(INPUTS)), emit=lambda snapshot: seen.append(simulation.now), rate_factor=0.02,
+        end_ns=40_000_000, hidden=lambda most: 0 if simulation.now > 1.02 else most,
+    )  # fmt: skip
+    monkeypatch.setattr(loop, '_wake', SimpleNamespace(wait=simulation.sleep, clear=lambda: None, set=lambda: None))
+    finished(loop)
+    assert loop.slips == 0
+    np.testing.assert_allclose(np.diff(seen)[1:], 0.05, atol=1e-3)
+
+
 def test_stalls_do_not_make_others_early(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every twentieth call stalls for 5 ms; the call behind it begins at once."""
     run = Watched(Timed(monkeypatch, call=5e-5, cold=1e-4, step=3e-5, stall=5e-3), 2.0)
