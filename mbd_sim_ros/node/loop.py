@@ -301,6 +301,8 @@ class Loop:
         if self.paused:
             self._sleep(LONGEST_WAIT)
             return False
+        if self.mode != 'realtime':
+            self._anchor = None  # who goes back to real time begins a schedule
         if self.mode == 'fast':
             return True
         if self.mode == 'lockstep':
@@ -358,8 +360,9 @@ class Loop:
         begin = time.perf_counter()
         snapshot = self._make(n)
         end = time.perf_counter()
-        self._times.append((end - begin) / n)
-        self._took.append((end - begin) / n)
+        each = (end - begin) / n
+        self._times.append(each)
+        self._took.append(each)
         self._iterations, self._residual = round(snapshot.counters.iterations / n), snapshot.counters.residual
         self.steps += n
         if n > 1 and self.mode == 'realtime' and self._anchor is not None and (early := self._deadline(self.simulation.k - 1) - end) > 0.0:

@@ -168,6 +168,22 @@ def test_in_slow_motion_no_more_of_the_clock_passes_at_once(monkeypatch: pytest.
     np.testing.assert_allclose(np.diff(seen)[1:], 0.05, atol=1e-3)
 
 
+def test_real_time_goes_on_at_once_after_steps_that_did_not_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The schedule from before would have it wait until the clock comes to where the simulation is."""
+    simulation = Timed(monkeypatch, call=5e-5, cold=1e-4, step=3e-5)
+
+    def emit(snapshot) -> None:
+        loop.mode = 'fast' if 100 <= snapshot.k < 10_000 else 'realtime'
+
+    loop = Loop(
+        simulation, inputs=lambda values: np.zeros(len(INPUTS)), emit=emit, end_ns=10_100_000_000, hidden=lambda most: most
+    )  # fmt: skip
+    monkeypatch.setattr(loop, '_wake', SimpleNamespace(wait=simulation.sleep, clear=lambda: None, set=lambda: None))
+    finished(loop)
+    assert loop.slips == 0
+    assert simulation.now < 0.1 + 9900 * (3e-5 + 5e-6) + 0.1 + 0.02
+
+
 def test_stalls_do_not_make_others_early(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every twentieth call stalls for 5 ms; the call behind it begins at once."""
     run = Watched(Timed(monkeypatch, call=5e-5, cold=1e-4, step=3e-5, stall=5e-3), 2.0)
