@@ -30,10 +30,10 @@ $(STAMP): setup.py setup.cfg pyproject.toml Makefile
 check: lint
 	$(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal -m 'not slow and not realtime'
 
-# Tests that wait for the clock beside a process run after the others, one at a time.
+# Tests that wait for the clock beside a process run after those that need all cores.
 test: setup
 	$(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal -m 'not realtime and not long'
-	$(BIN)/python -m pytest -q -m 'realtime and not long'
+	$(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal -m 'realtime and not long'
 
 lint: setup
 	$(BIN)/ruff check .

@@ -105,6 +105,7 @@ def test_the_simulation_is_controlled_by_simulation_interfaces(start, client):
     )
 
     process = start(path=str(where))
+    client.until(lambda: client.applied)  # services are found earlier than topics when the machine is busy
     call = caller(client)
     found = set(call(GetSimulatorFeatures, 'get_simulator_features').features.features)
     assert {SimulatorFeatures.SIMULATION_STATE_PAUSE, SimulatorFeatures.STEP_SIMULATION_ACTION, SimulatorFeatures.WORLD_LOADING} <= found

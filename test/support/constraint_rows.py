@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from contract import STEP, ContractContext, displaced
+from interpreted import interpreted
 
 from solver.elements.kind import ConstraintKind
 from solver.elements.point_pair import Kinematics
@@ -29,7 +30,8 @@ class Rows:
         """phi (rows,) and A (rows, 18): columns of b0, b1, world."""
         phi = np.full(self.n, np.nan, kin.p.dtype)
         blocks = np.full((4, 6, 6), np.nan, kin.p.dtype)
-        self.kind.residuals(self.table, kin, True, phi, blocks)
+        residuals = interpreted(self.kind.residuals) if np.iscomplexobj(kin.p) else self.kind.residuals
+        residuals(self.table, kin, True, phi, blocks)
         A = np.zeros((self.n, 3, 6), kin.p.dtype)
         for b in self.bodies:
             A[:, b] = blocks[b + 1, : self.n]

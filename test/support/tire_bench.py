@@ -44,9 +44,10 @@ def wheel(
 ) -> Kinematics:
     """A wheel by the position and velocity of its centre [m, m/s, in W], spin and other rates in the wheel's axes [rad/s]."""
     R = Rotation.from_euler('ZXY', [yaw, camber, pitch]).as_matrix()
-    w = np.array(rates) + [0.0, spin, 0.0]
+    x, y, z = w = np.array(rates) + [0.0, spin, 0.0]
     com = np.array([0.02, -0.01, 0.03])
-    return kinematics([(np.array(position) + R @ com, R)], [(*(np.array(velocity) + R @ np.cross(w, com)), *w)])
+    turning = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])  # np.cross takes five times as long
+    return kinematics([(np.array(position) + R @ com, R)], [(*(np.array(velocity) + R @ (turning @ com)), *w)])
 
 
 def value(element: Element, result: Result, name: str) -> float:
