@@ -22,7 +22,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import Annotated, Literal, NamedTuple
 
 import numpy as np
@@ -30,10 +30,11 @@ import numpy as np
 from solver.compiled.portable import clamped_spline_slopes, piecewise_cubic
 from solver.dimensions import Angle, Frequency, Length, Place, Rate, Speed, Time, Torque, Understeer
 from solver.errors import SpecError
-from solver.inputs.signals import Signal, smooth_step
+from solver.inputs.signals import Signal, quintic
 
 COARSE = 0.25  # distance of the points that a course is drawn with [m]
 FAR = 1e5  # m
+STRETCH = 64  # points of a course that are looked at together
 
 
 class Gate(NamedTuple):
@@ -68,7 +69,7 @@ class DoubleLaneChange:
         if not 0.5 <= self.width <= 3.0:
             raise SpecError(f'width = {self.width:g}: must be the width of a vehicle, 0.5 to 3 m')
 
-    @property
+    @cached_property
     def gates(self) -> tuple[Gate, ...]:
         """The lanes. Part 1: 15, 30, 25, 25, 30 m, right edges of the first two lanes 3.5 m apart. Part 2: 12, 13.5, 11, 12.5, 12 m,
         1 m between the left edge of the first lane and the right edge of the second. The third lane continues the first one's right edge.
@@ -78,7 +79,7 @@ class DoubleLaneChange:
             lengths, first, second, third = (15.0, 30.0, 25.0, 25.0, 30.0), 1.1 * w + 0.25, 1.2 * w + 0.25, 1.3 * w + 0.25
         else:
             lengths, first, second, third = (12.0, 13.5, 11.0, 12.5, 12.0), 1.1 * w + 0.25, w + 1.0, max(1.3 * w + 0.25, 3.0)
-        x = self.start + np.concatenate([[0.0], np.cumsum(lengths)])
+        x = [self.start + behind for behind in accumulate(lengths, initial=0.0)]
         right = -0.5 * first
         other = right + 3.5 if self.standard == 'iso_3888_1' else 0.5 * first + 1.0
         return (
@@ -92,8 +93,8 @@ class DoubleLaneChange:
         gates = self.gates
         y = gates[0].middle
         for before, after in pairwise(gates):
-            rise = smooth_step(np.array(x), before.end, after.begin - before.end)
-            y += (after.middle - before.middle) * float(rise.value)
+            done = (x - before.end) / (after.begin - before.end)
+            y += (after.middle - before.middle) * quintic(min(max(done, 0.0), 1.0))
         return y
 
     def left_of(self, x: float, y: float, heading: float) -> float:
@@ -115,10 +116,16 @@ class Waypoints:
             if not self.points[k][0] > self.points[k - 1][0]:
                 raise SpecError(f'points[{k}][0] = {self.points[k][0]:g}: must be greater than the x before it')
 
+    @cached_property
+    def spline(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """x [m], y [m] and slopes at the points, (n,) each."""
+        at, y = np.array(self.points).T
+        return at, y, clamped_spline_slopes(at, y)
+
     def lateral(self, x: float) -> float:
         """y of the path [m] at x [m]."""
-        at, y = np.array(self.points).T
-        return float(piecewise_cubic(at, y, clamped_spline_slopes(at, y), np.clip(x, at[0], at[-1]))[0])
+        at = self.spline[0]
+        return float(piecewise_cubic(*self.spline, np.clip(x, at[0], at[-1]))[0])
 
     def left_of(self, x: float, y: float, heading: float) -> float:
         """How far [m] the path lies to the left of a point, seen along the heading [rad]."""
@@ -185,18 +192,39 @@ class Course:
         first, last = (FAR * (u - v) / math.hypot(*(u - v).tolist()) for u, v in ((way[0], way[1]), (way[-1], way[-2])))
         return np.concatenate([[way[0] + first], way, [way[-1] + last]])
 
+    @cached_property
+    def stretches(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The course in pieces, so that a step need not look at all of it: their points (2, m, STRETCH + 1) [m], of which the last is
+        the first of the next piece, and circles around them: centres (2, m), radii (m,) [m]."""
+        m = math.ceil((len(self.line) - 1) / STRETCH)
+        at = np.minimum(STRETCH * np.arange(m)[:, None] + np.arange(STRETCH + 1), len(self.line) - 1)
+        points = np.ascontiguousarray(self.line.T[:, at])
+        centres = 0.5 * (points.min(axis=2) + points.max(axis=2))
+        away = points - centres[:, :, None]
+        return points, centres, 1.001 * np.sqrt((away[0] * away[0] + away[1] * away[1]).max(axis=1))
+
     def left_of(self, x: float, y: float, heading: float) -> float:
         """How far [m] the course lies to the left of a point, across the heading [rad]; where it does not cross that line, the distance of
         the nearest point of it, on the side where this is."""
         c, s = math.cos(heading), math.sin(heading)
-        dx, dy = self.line[:, 0] - x, self.line[:, 1] - y
-        ahead, left = c * dx + s * dy, c * dy - s * dx
-        k = np.flatnonzero((ahead[:-1] <= 0.0) & (ahead[1:] > 0.0))  # in the direction of the course
-        if not len(k):
+        points, (middle_x, middle_y), radii = self.stretches
+        near = points.take(np.flatnonzero(np.abs(c * (middle_x - x) + s * (middle_y - y)) <= radii), axis=1)
+        ahead = c * (near[0] - x) + s * (near[1] - y)
+        behind = ahead <= 0.0
+        where = np.flatnonzero(behind[:, :-1] > behind[:, 1:])  # in the direction of the course
+        if not len(where):
+            dx, dy = self.line[:, 0] - x, self.line[:, 1] - y
+            ahead, left = c * dx + s * dy, c * dy - s * dx
             nearest = int(np.argmin(ahead * ahead + left * left))
             return math.copysign(math.hypot(ahead[nearest], left[nearest]), left[nearest])
-        across = left[k] - ahead[k] * (left[k + 1] - left[k]) / (ahead[k + 1] - ahead[k])
-        return float(across[np.argmin(np.abs(across))])
+        across = []
+        for k in where.tolist():
+            i, j = divmod(k, STRETCH)
+            (xa, xb), (ya, yb) = near[:, i, j : j + 2].tolist()
+            a, b = c * (xa - x) + s * (ya - y), c * (xb - x) + s * (yb - y)
+            p, q = c * (ya - y) - s * (xa - x), c * (yb - y) - s * (xb - x)
+            across.append(p - a * (q - p) / (b - a))
+        return min(across, key=abs)
 
 
 class Sight(NamedTuple):
@@ -240,7 +268,7 @@ class PreviewDriver:
         x, y = sight.x + distance * c, sight.y + distance * s
         error = self.path.left_of(x, y, sight.heading)
         angle = self.ratio * (self.wheelbase + self.understeer * v * v) * 2.0 * error / (distance * distance)
-        return float(np.clip(angle, -self.limit, self.limit))
+        return min(max(angle, -self.limit), self.limit)
 
 
 @dataclass(frozen=True, kw_only=True)

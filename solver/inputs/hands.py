@@ -94,7 +94,7 @@ class CommandSource:
         before = self._motion
         if self._angle:
             steering = commands[0]
-            commands += self._follow(steering if self._mapped is None else self._mapped(steering))
+            commands += self.turn(steering if self._mapped is None else self._mapped(steering))
         values = [0.0] * len(self.names)
         for place, source in self._places:
             values[place] = commands[source]
@@ -102,8 +102,8 @@ class CommandSource:
         self._row = row if _BITS(*self._motion) == _BITS(*before) else None
         return row
 
-    def _follow(self, steering: float) -> tuple[float, float, float]:
-        """(angle, rate, acceleration) at the end of the step."""
+    def turn(self, steering: float) -> tuple[float, float, float]:
+        """Advance the steering alone: its angle, rate and acceleration at the end of the step."""
         h, (r, x, v) = self.h_ns * 1e-9, self._motion
         gap = steering - r
         run = min(abs(gap) / self.rate_limit, h)

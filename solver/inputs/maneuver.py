@@ -238,7 +238,7 @@ class DriverSource:
         """(nu,) inputs of step k; advances hands and speed control by a step, so it is called once per step."""
         row = self.open_loop.sample(k)
         if self.driver is not None:
-            row[self._steering] = self._hands.advance(self.driver.steering(sight), 0.0, 0.0)[self._steering]
+            row[self._steering] = self._hands.turn(self.driver.steering(sight))
         if self.speed is not None:
             wanted, slope = self._wanted_at(k)
             h = self.h_ns * 1e-9

@@ -51,11 +51,16 @@ class Jet(NamedTuple):
         return Jet(s, c * self.rate, c * self.acceleration - s * self.rate * self.rate)
 
 
+def quintic(x):
+    """The quintic step of x in [0, 1], a number or an array."""
+    return x * x * x * (10.0 + x * (6.0 * x - 15.0))
+
+
 def smooth_step(t: np.ndarray, start: float, rise: float) -> Jet:
     """0 before start, 1 after start + rise, quintic between: C2."""
     x = np.clip((t - start) / rise, 0.0, 1.0)
     return Jet(
-        x * x * x * (10.0 + x * (6.0 * x - 15.0)),
+        quintic(x),
         30.0 * x * x * (1.0 - x) * (1.0 - x) / rise,
         60.0 * x * (1.0 - x) * (1.0 - 2.0 * x) / (rise * rise),
     )

@@ -22,10 +22,12 @@ from solver.model.state import State
 
 def sight(q: np.ndarray, v: np.ndarray, com: Sequence[float]) -> Sight:
     """What a driver sees: reference frame of a body with configuration q (7,), twist v (6,) and centre of mass com (3,) in it [m]."""
-    R = np.array(matrix_of_quaternion(tuple(q[3:]))).reshape(3, 3)
-    p = q[:3] - product(R, np.array(com))
-    speed = float(product(R[:, 0], v[:3]) - np.cross(v[3:], np.array(com))[0])
-    return Sight(float(p[0]), float(p[1]), math.atan2(R[1, 0], R[0, 0]), speed)
+    x, y, _, *quaternion = q.tolist()
+    vx, vy, vz, _, wy, wz = v.tolist()
+    cx, cy, cz = com
+    a, b, c, d, e, f, g, _, _ = matrix_of_quaternion(tuple(quaternion))
+    speed = a * vx + d * vy + g * vz - (wy * cz - wz * cy)
+    return Sight(x - (a * cx + b * cy + c * cz), y - (d * cx + e * cy + f * cz), math.atan2(d, a), speed)
 
 
 def require_uniform(road: RoadSpec) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -265,6 +267,31 @@ def test_an_open_course_goes_straight_on_and_its_own_crossings_are_told_apart() 
     assert course.left_of(29.9, 0.5, 0.0) == pytest.approx(-0.5, abs=0.1)
     assert course.left_of(30.5, -5.0, -0.5 * np.pi) == pytest.approx(-0.5, abs=0.1)
     assert course.left_of(31.0, -200.0, -0.5 * np.pi) == pytest.approx(-1.0, abs=0.1)
+
+
+@pytest.mark.parametrize('closed', [False, True])
+def test_a_long_course_is_looked_at_in_pieces_and_the_same_is_found(rng, closed: bool) -> None:
+    """Beside a look at every piece of a random way that crosses itself: 40 points 10 m apart, seen from on it, beside it and far away."""
+    points = tuple((float(x), float(y)) for x, y in np.cumsum(10.0 * rng.normal(size=(40, 2)), axis=0))
+    course = Course(points=points, closed=closed)
+    (ax, ay), (bx, by) = course.line[:-1].T, course.line[1:].T
+    crossed = 0
+    for away in (0.0, 3.0, 300.0):
+        for x, y in np.array(points) + away * rng.normal(size=(40, 2)):
+            heading = float(rng.uniform(-np.pi, np.pi))
+            c, s = math.cos(heading), math.sin(heading)
+            a, b = c * (ax - x) + s * (ay - y), c * (bx - x) + s * (by - y)
+            left = c * (ay - y) - s * (ax - x)
+            k = np.flatnonzero((a <= 0.0) & (b > 0.0))
+            if len(k):
+                crossed += 1
+                across = left[k] - a[k] * (c * (by - ay) - s * (bx - ax))[k] / (b - a)[k]
+                expected = across[np.argmin(np.abs(across))]
+                assert course.left_of(x, y, heading) == pytest.approx(expected, rel=1e-9, abs=1e-9)
+            else:
+                nearest = np.hypot(course.line[:, 0] - x, course.line[:, 1] - y).min()
+                assert abs(course.left_of(x, y, heading)) == pytest.approx(nearest, rel=1e-12)
+    assert crossed > 30
 
 
 @pytest.mark.parametrize(
