@@ -59,7 +59,7 @@ def test_errors_against_the_whole_vehicle(car: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('car', CARS)
+@pytest.mark.parametrize('car', [*CARS[:2], pytest.param(CARS[2], marks=pytest.mark.long)])
 def test_understeer_and_mass_are_those_of_the_whole_vehicle(car: str) -> None:
     """Gradient of the slow ramp of ISO 4138, and what is conserved exactly."""
     simulation = solver.simulation_of(scene(car, Maneuver()))
@@ -156,6 +156,7 @@ def test_what_the_level_lacks_is_refused_with_a_sentence() -> None:
         derive(dataclasses.replace(scene('light car', Maneuver()), model=fewer))
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_other_processors_identify_the_same_numbers() -> None:
     """Neither BLAS nor the vector instructions of numpy enter; limits, which only judge, are shown with three digits."""

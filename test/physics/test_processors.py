@@ -77,6 +77,7 @@ def test_the_runs_are_not_all_the_same():
     assert len(set(ends)) == len(ends) == len(SCENES) + 1
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_kernels_compiled_for_an_older_processor_give_the_same_bits():
     cache = location() / 'haswell'  # so that it compiles once only

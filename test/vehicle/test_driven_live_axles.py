@@ -165,7 +165,13 @@ def test_the_mirror_image_turns_to_the_other_side() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ('level', 'transfer'),
-    [('condensed', None), ('kc', None), ('single_track', None), ('condensed', {'damping': 150.0}), ('kc', {'damping': 150.0})],
+    [
+        ('condensed', None),
+        ('kc', None),
+        pytest.param('single_track', None, marks=pytest.mark.long),
+        ('condensed', {'damping': 150.0}),
+        ('kc', {'damping': 150.0}),
+    ],
 )
 def test_levels_steer_as_the_whole_car_does(level: str, transfer: dict[str, Any] | None) -> None:
     """A step of the steering wheel at 15 m/s: yaw rate and speed at its end."""

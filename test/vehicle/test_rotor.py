@@ -49,7 +49,7 @@ def acceleration(simulation: Simulation) -> tuple[float, float]:
     [
         ('electric_4wd', OF_WHEELS, 4, 'full', 400.0),
         ('electric_4wd', OF_WHEELS, 4, 'kc', 400.0),
-        ('electric_4wd', OF_WHEELS, 4, 'single_track', 400.0),
+        pytest.param('electric_4wd', OF_WHEELS, 4, 'single_track', 400.0, marks=pytest.mark.long),
         ('formula_student', OF_WHEELS[1:], 1, 'full', 100.0),
         ('full_car', (f'vehicle.driveline.rotor={{inertia: {INERTIA}, ratio: {RATIO}}}',), 1, 'full', 400.0),
     ],

@@ -210,7 +210,7 @@ def test_a_driven_one_pulls_with_its_torque_and_straight_on() -> None:
     assert speeds[1] - speeds[0] == pytest.approx(torque / lever / (mass + (wheels + shafts) / (lever * rolling)), rel=0.02)
 
 
-@pytest.mark.parametrize('fidelity', ['condensed', 'kc', 'single_track'])
+@pytest.mark.parametrize('fidelity', ['condensed', 'kc', pytest.param('single_track', marks=pytest.mark.long)])
 def test_its_levels_steer_as_it_does(fidelity: str) -> None:
     maneuver = {'steering': {'kind': 'step', 'value': 1.0, 'start': 0.2, 'rise': 0.3}}
     more = {'start': {'kind': 'equilibrium', 'speed': 15.0}, 'maneuver': maneuver, 'duration': 2.5}
