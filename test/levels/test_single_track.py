@@ -31,7 +31,7 @@ from solver.vehicle.full_car import full_car_model
 
 SLOW_RAMP = Maneuver(steering=Ramp(slope=0.2, start=0.5), drive_torque=150.0)
 ROOT = Path(__file__).parents[2]
-CARS = ('full car', 'light car', 'double wishbones')
+CASES = ['full car', 'light car', pytest.param('double wishbones', marks=pytest.mark.long)]
 
 
 @functools.cache
@@ -47,7 +47,7 @@ def scene(car: str, maneuver: Maneuver, *, speed: float = 22.0, duration: float 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('car', [*CARS[:2], pytest.param(CARS[2], marks=pytest.mark.long)])
+@pytest.mark.parametrize('car', CASES)
 def test_errors_against_the_whole_vehicle(car: str) -> None:
     """Root mean squares over the peak: yaw rate below 5 % up to 0.5 g, and with three times the reference angle."""
     sheet = {(f.maneuver, f.quantity): f for f in error_sheet(model(car), 'single_track')}
@@ -59,7 +59,7 @@ def test_errors_against_the_whole_vehicle(car: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('car', [*CARS[:2], pytest.param(CARS[2], marks=pytest.mark.long)])
+@pytest.mark.parametrize('car', CASES)
 def test_understeer_and_mass_are_those_of_the_whole_vehicle(car: str) -> None:
     """Gradient of the slow ramp of ISO 4138, and what is conserved exactly."""
     simulation = solver.simulation_of(scene(car, Maneuver()))
@@ -90,7 +90,7 @@ def gradient(each: Scene, t: SingleTrackTables) -> float:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('car', CARS)
+@pytest.mark.parametrize('car', CASES)
 def test_braking_in_a_bend(car: str) -> None:
     """Another speed and other torques than the level was identified with: the load that moves forward turns the car in."""
     braking = Maneuver(steering=Step(value=0.45, start=0.5, rise=0.15), brake_torque=Step(value=1000.0, start=2.5, rise=0.2))

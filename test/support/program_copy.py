@@ -15,7 +15,7 @@ RECIPE = ROOT / 'test' / 'data' / 'recipe'  # the files of docs/contributing.md
 def copied_program(directory: Path) -> Path:
     """Both packages, the data and the settings of the tools, copied into a directory; returns it."""
     for package in ('solver', 'mbd_sim_ros', 'config'):
-        shutil.copytree(ROOT / package, directory / package, ignore=shutil.ignore_patterns('__pycache__'))
+        shutil.copytree(ROOT / package, directory / package)  # with times and byte code, which holds for what is not changed
     shutil.copy(ROOT / 'pyproject.toml', directory)
     return directory
 
