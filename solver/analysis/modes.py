@@ -24,6 +24,7 @@ AXLES = ('front', 'rear')
 GOOD_PART = 0.3  # of the kinetic energy of a mode
 ROLL_PART = 0.25  # rolling on standing tires is half a swaying
 LONG = 1e3  # s; internal states at rest move in proportion to it
+SLACK = 1e-6  # N/m or N m/rad, or of ones on the diagonal: below it nothing holds a part in some direction
 
 
 class Linear(NamedTuple):
@@ -147,7 +148,17 @@ def named_modes(simulation: Simulation) -> dict[str, Mode]:
 
 
 def smallest_eigenvalue(K: np.ndarray, M: np.ndarray) -> float:
-    """Of K x = lambda M x, K positive semidefinite, M positive definite; only to be compared with a threshold."""
+    """Of K x = lambda M x, both positive semidefinite; only to be compared with a threshold. Infinite without any mass that can vibrate."""
+    if not (np.diag(M) > 0.0).all():  # the reciprocals of lambda are finite then, unless something without mass is not held either
+        if not (np.diag(K) > SLACK).all():
+            return 0.0
+        held = np.sqrt(np.diag(K))
+        stiffness, share = np.linalg.eigh(K / held[:, None] / held[None, :])
+        if stiffness[0] < SLACK:
+            return 0.0
+        half = share / held[:, None] / np.sqrt(stiffness)
+        slowest = float(np.linalg.eigvalsh(half.T @ M @ half)[-1])
+        return 1.0 / slowest if slowest > 0.0 else np.inf
     scale = np.sqrt(np.diag(M))
     scaled = K / scale[:, None] / scale[None, :]
     weight = M / scale[:, None] / scale[None, :]

@@ -20,6 +20,7 @@ leaves the torques of the engine, I stands still; what is below them is left to 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import accumulate, pairwise
@@ -34,7 +35,19 @@ from solver.inputs.signals import Signal, quintic
 
 COARSE = 0.25  # distance of the points that a course is drawn with [m]
 FAR = 1e5  # m
+FURTHEST = 1e7  # m that a path may be away; grids of maps go as far
 STRETCH = 64  # points of a course that are looked at together
+
+
+def _near(**numbers: float) -> None:
+    """Refuse places that no car reaches, and where a metre is lost in rounding."""
+    for name, number in numbers.items():
+        if not abs(number) <= FURTHEST:
+            raise SpecError(f'{name} = {number:g}: must be within {FURTHEST:g} m')
+
+
+def _numbers(points: Sequence[Place]) -> dict[str, float]:
+    return {f'points[{k}][{axis}]': point[axis] for k, point in enumerate(points) for axis in (0, 1)}
 
 
 class Gate(NamedTuple):
@@ -68,6 +81,7 @@ class DoubleLaneChange:
     def __post_init__(self) -> None:
         if not 0.5 <= self.width <= 3.0:
             raise SpecError(f'width = {self.width:g}: must be the width of a vehicle, 0.5 to 3 m')
+        _near(start=self.start)
 
     @cached_property
     def gates(self) -> tuple[Gate, ...]:
@@ -112,6 +126,7 @@ class Waypoints:
     def __post_init__(self) -> None:
         if len(self.points) < 2:
             raise SpecError(f'points: {len(self.points)} given, a path needs at least two [x, y] points')
+        _near(**_numbers(self.points))
         for k in range(1, len(self.points)):
             if not self.points[k][0] > self.points[k - 1][0]:
                 raise SpecError(f'points[{k}][0] = {self.points[k][0]:g}: must be greater than the x before it')
@@ -143,6 +158,7 @@ class Circle:
     def __post_init__(self) -> None:
         if not abs(self.radius) >= 5.0:
             raise SpecError(f'radius = {self.radius:g}: must be a radius that a car can drive, 5 m or more')
+        _near(start=self.start, radius=self.radius)
 
     def left_of(self, x: float, y: float, heading: float) -> float:
         """How far [m] the path lies to the left of a point, seen along the circle."""
@@ -166,6 +182,7 @@ class Course:
     def __post_init__(self) -> None:
         if len(self.points) < 2 + self.closed:
             raise SpecError(f'points: {len(self.points)} given, a course needs at least {2 + self.closed} [x, y] points')
+        _near(**_numbers(self.points))
         for k, (p, q) in enumerate(pairwise((*self.points, *self.points[: self.closed]))):
             if math.hypot(q[0] - p[0], q[1] - p[1]) < COARSE:
                 raise SpecError(f'points[{(k + 1) % len(self.points)}]: must be at least {COARSE:g} m from the point before it')

@@ -8,6 +8,7 @@ force would not act where the link does, and the tenth of a millimetre that the 
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -86,7 +87,7 @@ def _take(draft: Draft, force: CoordinateForceSpec, twist: CoordinateSpec, right
     centre, R = draft.placed(twist.i)
     axis = R[:, 2]
     assert force.spring is not None
-    softness = 1.0 / force.spring.slope[0]
+    softness = 1.0 / force.spring.slope[0] if force.spring.slope[0] else math.inf  # a bar of no stiffness is there, and slack
     terms = []
     for half, sign in ((left, 1.0), (right, -1.0)):
         along = unit(half.end - half.pin)

@@ -42,7 +42,8 @@ def merge_stiff(draft: Draft, frequency: float) -> None:
             own = [name for name in sorted(holders) if other in {m.body for m in _ends(draft, name)}]
             limit = frequency * (1.0 if _carries_shafts(draft, body, own) else CARRYING)
             if body != draft.chassis and slowest(draft, body, own) >= limit:
-                draft.lose(f'motion of {body} on its mounts, {slowest(draft, body, own):.0f} Hz and more')
+                speed = slowest(draft, body, own)
+                draft.lose(f'motion of {body} on its mounts' + (f', {speed:.0f} Hz and more' if speed < math.inf else ''))
                 draft.merge(body, other)
                 break
 

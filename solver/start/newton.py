@@ -28,6 +28,7 @@ from solver.model.tables import Model
 PENALTY = 1e6  # above it rounding of small inertias beside large ones shows
 STIFFEST = 1e4  # 1/s^2; PENALTY times it is above the square of the highest natural frequency, also when the pseudo-mass has faded
 HEAVY, SOFTER = 100.0, 1e2  # kg of the effective mass of a row, from which on held velocities have smaller penalties; 1/s^2
+SOFTEST = 1.0  # 1/s^2, where rounding of larger ones moves a part that is light and not damped
 AUGMENTATIONS = 400  # at most; each gains a factor 1 + PENALTY s_min, little where a light body carries a heavy one
 PLAIN, COMBINED = 10, 2  # augmentations for accelerations: first one by one, then combined by GMRES
 OPEN = 1e-8  # m/s or rad/s that velocities may violate constraints by
@@ -133,7 +134,8 @@ class ConsistentState:
 
         hold [s]: what dampers dissipate in this time counts as much as kinetic energy. So parts that only elastic elements connect
         start to move together: shafts turn with the wheels they drive, and do not turn what carries them. Not the tires. A row between two
-        heavy bodies (a trailer on its ball) has smaller penalties: beside the usual ones rounding took more than an augmentation gave.
+        heavy bodies (a trailer on its ball) has smaller penalties: beside the usual ones rounding took more than an augmentation gave. So
+        have all where light parts are not damped, and the usual ones diverge.
         """
         self._constraints(state.q, state.v, state.angle, u)
         constraint_input_rates(self.t, u, self.phi_t, self.phi_tt)
@@ -148,16 +150,38 @@ class ConsistentState:
             evaluate_forces(self.t, at_rest, state.angle, state.z, 0.0, u, True, self.f, self.Kq, self.Kv, self.z, self.outputs)
         effective_masses(self.t, self.J, self.saddle.W)
         heavy = self.saddle.W.max(initial=0.0) > HEAVY
-        self._factorize(1.0, 0.0, hold, metric=True, stiffest=SOFTER if heavy else STIFFEST)
-        given = state.v.copy()
-        rate, lam = np.zeros(self.model.n_rows), np.zeros(self.model.n_rows)
-        last = np.inf
+        given, rate = state.v.copy(), np.zeros(self.model.n_rows)
+        for stiffest in (SOFTER, SOFTEST) if heavy else (STIFFEST, SOFTER, SOFTEST):
+            self._factorize(1.0, 0.0, hold, metric=True, stiffest=stiffest)
+            state.v[:] = given
+            if self._augment_velocity(state, hold, rate) or hold == 0.0:
+                break
+        else:
+            raise ConsistencyError('start: no velocity satisfies the constraints to rounding; give light parts more mass and inertia')
+        if not np.abs(rate).max(initial=0.0) <= OPEN and hold == 0.0:  # a light chain carries something heavy
+            constraint_rates(self.constraints, self.J, given, rate)
+            state.v[:] = given + self._constrained(0.0, rate + self.phi_t)[0]
+            constraint_rates(self.constraints, self.J, state.v, rate)
+            rate += self.phi_t
+        if not np.abs(rate).max(initial=0.0) <= OPEN:
+            raise ConsistencyError(
+                f'start: no velocity satisfies the constraints: {self._worst_row(rate)!r} is violated by {np.abs(rate).max():.3g}; '
+                'remove contradicting initial rates'
+            )
+
+    def _augment_velocity(self, state: State, hold: float, rate: np.ndarray) -> bool:
+        """Augment the velocities until only rounding is left, and assign what is left of the constraints' rates (nc,).
+
+        False where a correction is larger than all velocities before: the rounding of the penalties moves a part that is so light.
+        """
+        given, lam = state.v.copy(), np.zeros(self.model.n_rows)
+        last, largest = np.inf, max(1.0, np.abs(given).max())
         for k in range(AUGMENTATIONS):
             constraint_rates(self.constraints, self.J, state.v, rate)
             rate += self.phi_t
             closed = np.abs(rate).max(initial=0.0) < 1e-13 * max(1.0, np.abs(state.v).max())
             if closed and k == 0 and hold == 0.0:
-                return
+                return True
             r = -hold * self._block_product(self.Kv, state.v)
             r[:-1] += np.add.reduce(self.metric * (state.v - given)[:-1, None, :], axis=2)
             add_constraint_forces(self.constraints, self.J, lam, -1.0, r)
@@ -165,20 +189,13 @@ class ConsistentState:
             solve_saddle(self.t, CONDENSED, self.saddle, r, rate, self.dw, self.dlam)
             change = np.abs(self.dw).max()
             if closed and (change == 0.0 or change > STAGNATION * last):
-                return  # what is left is rounding, of the residuals now
+                return True  # what is left is rounding, of the residuals now
+            if not (k == 0 or change <= largest):
+                return False
             state.v[:] += self.dw
             lam += self.dlam
-            last = change
-        if np.abs(rate).max(initial=0.0) > OPEN and hold == 0.0:  # a light chain carries something heavy
-            constraint_rates(self.constraints, self.J, given, rate)
-            state.v[:] = given + self._constrained(0.0, rate + self.phi_t)[0]
-            constraint_rates(self.constraints, self.J, state.v, rate)
-            rate += self.phi_t
-        if np.abs(rate).max(initial=0.0) > OPEN:
-            raise ConsistencyError(
-                f'start: no velocity satisfies the constraints: {self._worst_row(rate)!r} is violated by {np.abs(rate).max():.3g}; '
-                'remove contradicting initial rates'
-            )
+            last, largest = change, max(largest, change)
+        return True
 
     def _block_product(self, K: np.ndarray, v: np.ndarray) -> np.ndarray:
         """(nb + 1, 6) product of blocks K (ns + 1, 6, 6) with v (nb + 1, 6)."""

@@ -241,6 +241,14 @@ def test_refusals_of_who_keeps_a_speed() -> None:
         SpeedControl(bandwidth=0.0)
     with pytest.raises(SpecError, match='radius'):
         Circle(radius=2.0)
+    for far, where in (
+        (lambda: DoubleLaneChange(start=1e40), r'start = 1e\+40: must be within 1e\+07 m'),
+        (lambda: Circle(radius=1e200), r'radius = 1e\+200'),
+        (lambda: Waypoints(points=((0.0, 0.0), (10.0, -1e9))), r'points\[1\]\[1\] = -1e\+09'),
+        (lambda: Course(points=((0.0, 0.0), (1e300, 0.0))), r'points\[1\]\[0\] = 1e\+300'),
+    ):
+        with pytest.raises(SpecError, match=where):
+            far()
     with pytest.raises(SpecError, match='sees the motion'):
         Maneuver(speed=SpeedControl()).commands(0.0)
     with pytest.raises(SpecError, match="'speed' is given too"):

@@ -87,6 +87,20 @@ def test_what_is_lost_is_named() -> None:
         assert any(part in text for text in lost), part
 
 
+def test_a_bar_without_stiffness_is_slack_and_one_with_little_nearly_so() -> None:
+    """A spring of no rate in series with the bending of the bar has no rate; one of 1e-3 N m/rad keeps it to the softness of the rest."""
+    rates = []
+    for stiffness in ('0', '1e-3'):
+        scene = load_scene(
+            'car_step_steer', ['vehicle=vehicles/compact_fwd.yaml', f'vehicle.axles.front.anti_roll_bar.stiffness={stiffness}']
+        )
+        (bar,) = (force for force in condensed(scene.model)[0].coordinate_forces if force.name == 'anti_roll_bar_front')
+        assert bar.spring is not None
+        rates.append(bar.spring.slope[0])
+    assert rates[0] == 0.0
+    assert rates[1] == pytest.approx(1e-3, rel=1e-5)
+
+
 def test_a_rigid_and_a_stiff_mounting_are_merged_and_a_soft_one_is_not() -> None:
     """10 kg on 4e6 N/m: sqrt(4e5)/2 pi = 100.7 Hz; in rotation 1 kg m^2 on 9e5 N m/rad: 151 Hz."""
     bodies = (
@@ -98,6 +112,16 @@ def test_a_rigid_and_a_stiff_mounting_are_merged_and_a_soft_one_is_not() -> None
     )
     model = ModelSpec(bodies=bodies, bushings=(mount,), chassis='base')
     assert slowest(Draft(model), 'part', ['mount']) == pytest.approx(math.sqrt(4e5) / (2.0 * math.pi), rel=1e-9)
+    for mass, inertia, free, wanted in (
+        (0.0, 1.0, {}, math.sqrt(9e5)),  # what has no mass does not vibrate in translation
+        (10.0, 0.0, {}, math.sqrt(4e5)),
+        (0.0, 0.0, {}, math.inf),
+        (0.0, 1.0, {'stiffness': (4e6, 5e6, 6e6, 9e5, 9e5, 0.0)}, 0.0),  # nor where next to nothing holds it
+        (10.0, 0.0, {'stiffness': (4e6, 5e6, 6e6, 9e5, 9e5, 0.0)}, 0.0),
+    ):
+        part = dataclasses.replace(bodies[1], mass=mass, inertia=(inertia, inertia, inertia, 0.0, 0.0, 0.0))
+        draft = Draft(ModelSpec(bodies=(bodies[0], part), bushings=(dataclasses.replace(mount, **free),), chassis='base'))
+        assert 2.0 * math.pi * slowest(draft, 'part', ['mount']) == pytest.approx(wanted, rel=1e-9, abs=1e-4)
     for threshold, left in ((100.0, 1), (101.0, 2)):
         draft = Draft(model)
         merge_stiff(draft, threshold)
