@@ -41,9 +41,9 @@ def merge_stiff(draft: Draft, frequency: float) -> None:
         for other in sorted({m.body for name in holders for m in _ends(draft, name) if m.body != body}):
             own = [name for name in sorted(holders) if other in {m.body for m in _ends(draft, name)}]
             limit = frequency * (1.0 if _carries_shafts(draft, body, own) else CARRYING)
-            if body != draft.chassis and slowest(draft, body, own) >= limit:
-                speed = slowest(draft, body, own)
-                draft.lose(f'motion of {body} on its mounts' + (f', {speed:.0f} Hz and more' if speed < math.inf else ''))
+            lowest = slowest(draft, body, own) if body != draft.chassis else 0.0
+            if lowest >= limit:
+                draft.lose(f'motion of {body} on its mounts' + (f', {lowest:.0f} Hz and more' if lowest < math.inf else ''))
                 draft.merge(body, other)
                 break
 

@@ -154,11 +154,12 @@ class ConsistentState:
         for stiffest in (SOFTER, SOFTEST) if heavy else (STIFFEST, SOFTER, SOFTEST):
             self._factorize(1.0, 0.0, hold, metric=True, stiffest=stiffest)
             state.v[:] = given
-            if self._augment_velocity(state, hold, rate) or hold == 0.0:
+            done = self._augment_velocity(state, hold, rate)
+            if done or hold == 0.0:  # without dampers the penalties do not depend on it
                 break
         else:
             raise ConsistencyError('start: no velocity satisfies the constraints to rounding; give light parts more mass and inertia')
-        if not np.abs(rate).max(initial=0.0) <= OPEN and hold == 0.0:  # a light chain carries something heavy
+        if hold == 0.0 and not (done and np.abs(rate).max(initial=0.0) <= OPEN):  # a light chain carries something heavy
             constraint_rates(self.constraints, self.J, given, rate)
             state.v[:] = given + self._constrained(0.0, rate + self.phi_t)[0]
             constraint_rates(self.constraints, self.J, state.v, rate)

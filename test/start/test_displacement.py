@@ -10,6 +10,7 @@ import pytest
 import solver
 from solver.errors import SpecError
 from solver.files.scene import load_scene
+from solver.start.displacement import sight
 
 THERE = (120.0, -40.0, 2.2)
 
@@ -18,6 +19,14 @@ def turned(numbers: np.ndarray, by: float) -> np.ndarray:
     """Vectors (n, 3) turned about the vertical."""
     c, s = math.cos(by), math.sin(by)
     return numbers @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]).T
+
+
+def test_a_driver_sees_the_reference_frame_and_not_the_centre_of_mass():
+    """Turned by 90 degrees to the left, centre of mass at (0.5, 0.2, 0.3) in the body: (-0.2, 0.5) from the frame in the world. Its x axis
+    is y of the world: 2 m/s, and 0.02 more because the frame turns about the centre of mass: -(0.2 0.3 - 0.4 0.2)."""
+    q = np.array([10.0, 20.0, 1.0, 0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)])
+    seen = sight(q, np.array([1.0, 2.0, 3.0, 0.1, 0.2, 0.4]), (0.5, 0.2, 0.3))
+    assert seen == pytest.approx((10.2, 19.5, 0.5 * math.pi, 2.02), rel=1e-14)
 
 
 @pytest.mark.parametrize('overrides', [[], ['fidelity=single_track']], ids=['whole', 'single_track'])

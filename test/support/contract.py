@@ -280,7 +280,8 @@ def check_power_balance(element: Element, kin: Kinematics, *, tolerance: float =
 
 
 def check_purity(element: Element, kin: Kinematics, **arguments) -> None:
-    """Same arguments, same bits; f, Kq, Kv accumulated; z and out assigned; tangents do not change f."""
+    """Same arguments, same bits; arguments unwritten; f, Kq, Kv accumulated; z and out assigned; tangents do not change f."""
+    before = [a.copy() for a in kin]  # where the call is not that of acting(), which looks itself
     first = element.evaluate(kin, tangents=True, **arguments)
     again = element.evaluate(kin, tangents=True, **arguments)
     bare = element.evaluate(kin, tangents=False, **arguments)
@@ -290,6 +291,8 @@ def check_purity(element: Element, kin: Kinematics, **arguments) -> None:
     np.testing.assert_array_equal(first.out, bare.out)
     np.testing.assert_array_equal(first.z, bare.z)
     assert not np.any(bare.Kq) and not np.any(bare.Kv)
+    for a, b in zip(before, kin, strict=True):
+        np.testing.assert_array_equal(a, b)
     assert np.all(np.isfinite(first.out)), 'an output was not assigned'
     assert np.all(np.isfinite(first.z)), 'an internal state was not assigned'
     shifted = element.evaluate(kin, tangents=True, start=0.5, **arguments)
