@@ -46,12 +46,14 @@ class Builder:
     """Builds values of a type from nodes. hooks: functions for types that have a form of their own in files.
 
     A hook is called as hook(builder, type, node, path, name) and is found by the first class of the type's MRO that has one.
-    units: of the keys that were read, as they are written (path -> unit), where they have one.
+    units: of the keys that were read, as they are written (path -> unit), where they have one. longest: lengths and coordinates of points
+    that are larger [m] are refused.
     """
 
     def __init__(self, hooks: Mapping[type, Hook] | None = None) -> None:
         self.hooks = dict(hooks or {})
         self.units: dict[str, str] = {}
+        self.longest = math.inf
 
     def build(self, hint: Any, node: Node, path: str = '', name: str | None = None) -> Any:
         """Value of type `hint` from a node; `name` is the key of a named part. Raises SceneError."""
@@ -121,6 +123,8 @@ class Builder:
                 raise SceneError(f'{where(key_node)}: {here}: {remedy}')
             built = self.build(hints[field], value, here)
             values[field] = _scaled(built, UNITS[ending][1], value, here) if ending else built
+            if unit_of(hints[field]) == 'm' and _largest(values[field]) > self.longest:
+                raise refuse(value, here, f'is further than {self.longest:g} m: lengths are in m')
             if unit := ending or unit_of(hints[field]):
                 self.units[here] = unit
         missing = [k for k, f in wanted.items() if k not in values and f.default is f.default_factory is dataclasses.MISSING]
@@ -237,6 +241,13 @@ def _scaled(value: Any, factor: float, node: Node, path: str) -> Any:
     if value is not None and not isinstance(value, float):
         raise refuse(node, path, 'must be a number, or a list of numbers, under a key that ends in its unit')
     return None if value is None else value * factor
+
+
+def _largest(value: Any) -> float:
+    """The largest magnitude of a number, or among those of nested lists of numbers; 0 for None."""
+    if isinstance(value, tuple):
+        return max(map(_largest, value), default=0.0)
+    return abs(value or 0.0)
 
 
 def _scalar(hint: Any, node: Node, path: str) -> Any:

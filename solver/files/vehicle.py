@@ -8,6 +8,7 @@ The other keys are the fields of the template's data class; a further template i
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -24,6 +25,8 @@ TEMPLATES: dict[str, tuple[type, Callable[[Any], ModelSpec]]] = {
     'light_car': (LightCar, light_car_model),
 }
 
+FARTHEST = 30.0  # m: the longest road trains have 25 m
+
 
 def build_vehicle(builder: Builder, node: Node, path: str) -> ModelSpec:
     """The model of a vehicle from its node. Raises SceneError."""
@@ -32,7 +35,10 @@ def build_vehicle(builder: Builder, node: Node, path: str) -> ModelSpec:
         raise SceneError(f"{where(node)}: {path}: the key 'kind' is missing; one of: {', '.join(TEMPLATES)}")
     kind = builder.choice(fields.pop('kind')[1], join(path, 'kind'), TEMPLATES, 'unknown kind of vehicle')
     data, model = TEMPLATES[kind]
+    builder.longest = FARTHEST
     try:
         return model(builder.construct(data, fields, node, path, extra=('kind',)))
     except SpecError as error:
         raise SceneError(f'{where(node)}: {path}: {error}') from None
+    finally:
+        builder.longest = math.inf

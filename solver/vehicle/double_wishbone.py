@@ -33,7 +33,6 @@ from solver.vehicle.parts import (
     joined,
     link,
     mounting,
-    require_near,
     require_positive,
     rods,
     spring_of,
@@ -64,7 +63,6 @@ class CoilOver:
 
     def __post_init__(self) -> None:
         require_positive('coil-over', self, 'tube_mass', 'rod_mass')
-        require_near('coil-over', self, 'lower', 'upper')
 
 
 @dataclass(frozen=True, kw_only=True)

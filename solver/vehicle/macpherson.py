@@ -31,7 +31,6 @@ from solver.vehicle.parts import (
     joined,
     link,
     mounting,
-    require_near,
     require_positive,
     rods,
     spring_of,
@@ -56,7 +55,6 @@ class Strut:
 
     def __post_init__(self) -> None:
         require_positive('strut', self, 'rod_mass')
-        require_near('strut', self, 'lower', 'upper')
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -30,7 +30,6 @@ UP: Vector = (0.0, 0.0, 1.0)
 LEFTWARDS: Vector = (0.0, 1.0, 0.0)
 Category = Literal['saloon', 'compact', 'pickup', 'electric', 'formula']  # of car: what its figures are compared with
 CLOSEST = 1e-3  # m between points that a direction or a length follows from
-FARTHEST = 30.0  # m from the origin between the axles: the longest road trains have 25 m
 SOFTEST = 1.0  # m that a spring is compressed by its load: of a body on such springs, which would bounce at 0.5 Hz
 SKEW = 0.02  # largest coupling of rotations, relative to the rotational rates, that a mounting may neglect
 
@@ -93,14 +92,6 @@ def require_positive(where: str, data: object, *fields: str) -> None:
             finite(where, field, value, low=0.0, strict=True)
 
 
-def require_near(where: str, data: object, *fields: str) -> None:
-    """Check that these points of the data [m], or lists of points, belong to a vehicle. Raises SpecError."""
-    for field in fields:
-        value = getattr(data, field)
-        largest = float(np.abs(np.array(value, float)).max())
-        require(largest < FARTHEST, where, field, value, f'is further than {FARTHEST:g} m from the origin: lengths are in m')
-
-
 def require_apart(where: str, data: object, field: str, other: str) -> None:
     """Check that two points of the data [m] differ. Raises SpecError."""
     a, b = getattr(data, field), getattr(data, other)
@@ -130,7 +121,6 @@ class Part:
     def __post_init__(self) -> None:
         self.body('part', self.com)  # which checks mass and inertia
         finite('part', 'com[2]', self.com[2], low=0.0, strict=True)  # above the ground
-        require_near('part', self, 'com')
 
     def body(self, name: str, origin: Vector, side: str = 'left') -> RigidBodySpec:
         """The body with its reference frame at `origin` of the design frame, parallel to it; both are given for the left side."""
@@ -256,7 +246,6 @@ class Link:
 
     def __post_init__(self) -> None:
         require_positive('link', self, 'mass', 'radius')
-        require_near('link', self, 'inner', 'outer')
         require_apart('link', self, 'inner', 'outer')
 
 
@@ -286,7 +275,6 @@ class Arm:
 
     def __post_init__(self) -> None:
         require_positive('arm', self, 'mass', 'radius')
-        require_near('arm', self, 'pivots', 'outer')
         front, rear = self.pivots
         require(distance(front, rear) >= CLOSEST, 'arm', 'pivots', self.pivots, f'are not {CLOSEST:g} m apart')
 

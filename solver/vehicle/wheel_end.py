@@ -22,7 +22,7 @@ from solver.elements.tire_pacejka import TireData, TireSpec
 from solver.model.frames import frame_of_rpy, matrix, quaternion
 from solver.validate import Vector, finite, require
 from solver.vehicle.hardpoints import SIDES, marker_at, on_side
-from solver.vehicle.parts import UP, Corner, Part, Parts, Structure, require_near, require_positive
+from solver.vehicle.parts import UP, Corner, Part, Parts, Structure, require_positive
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,7 +41,6 @@ class Wheel:
         require_positive('wheel', self, 'spin_inertia', 'inertia')
         self.body('wheel', 'left')  # which checks that such a body exists
         require(self.center[1] > 0.0, 'wheel', 'center[1]', self.center[1], 'must be > 0: data are those of the left side')
-        require_near('wheel', self, 'center')
         require(self.center[2] > 0.0, 'wheel', 'center[2]', self.center[2], 'must be > 0, above the ground')
 
     def body(self, name: str, side: str) -> RigidBodySpec:
