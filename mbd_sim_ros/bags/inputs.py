@@ -17,7 +17,8 @@ from mcap.records import Channel, Metadata
 from mbd_sim_ros.bags import reader as bag
 from mbd_sim_ros.bags.records import Messages, Reading, find_file
 from mbd_sim_ros.bags.writer import RECORD, RESULT
-from mbd_sim_ros.messages.cdr import decode, dtype, schema_text
+from mbd_sim_ros.messages.cdr import decode, dtype
+from mbd_sim_ros.messages.definitions import schema_text
 from mbd_sim_ros.messages.topics import ARRAY, INPUTS, JOINT_STATE
 from solver.errors import BagError, MbdError, suggestion
 from solver.files.yaml_tree import parse

@@ -12,6 +12,7 @@ from mcap.records import Channel, Schema
 
 from mbd_sim_ros.bags.records import Messages, Reading, find_file, message_counts
 from mbd_sim_ros.messages import cdr
+from mbd_sim_ros.messages.definitions import schema_text
 from mbd_sim_ros.messages.topics import TF
 from solver.errors import BagError
 
@@ -62,7 +63,7 @@ def read_poses(path: str | Path) -> Poses:
 
 def _poses(path: Path, messages: Sequence[tuple[int, bytes]]) -> Poses:
     """Those in messages (time, TFMessage) of one size. Every TFMessage has the fields of ours, whatever comments its definition has."""
-    kind, schema = TF, cdr.schema_text(TF)
+    kind, schema = TF, schema_text(TF)
     value, places = cdr.decode(kind, schema, messages[0][1])
     transforms = value['transforms']
     parents = [transform['header']['frame_id'] for transform in transforms]

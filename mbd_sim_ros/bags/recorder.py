@@ -8,10 +8,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-import marshal
 import os
 import re
-import struct
 import subprocess
 import sys
 import threading
@@ -28,6 +26,7 @@ import yaml
 
 import solver
 from mbd_sim_ros.bags.applied import Applied
+from mbd_sim_ros.bags.delivery import deliver, deliver_steps
 from mbd_sim_ros.bags.writer import RECORD
 from mbd_sim_ros.messages.cdr import template
 from mbd_sim_ros.messages.topics import INPUTS, STRING, Topic
@@ -42,9 +41,6 @@ DELIVERY_STEPS = 256  # at most in one delivery
 QUEUE_STEPS = 4096
 PIPE_BYTES = 1 << 20
 STEM_MOST = 60  # characters of the name of a scene in the names of files; one takes 4 bytes at most, a file name 255
-SIZES = struct.Struct('<QQ')  # before every delivery: bytes of its marshalled value, and of what follows that
-PIECE = 1 << 15  # bytes that one call of the system writes or reads, about: while it copies, nothing else runs on that processor
-BUFFERS = 1000  # that one call takes, at most
 
 
 def describe(*, scene: str, resolved_yaml: str, parameters: Mapping[str, Any] | None = None, seed: int = 0, **more: str) -> dict[str, str]:
@@ -242,41 +238,22 @@ class Recorder:
                     t_ns, messages = steps[0]
                     steps[0] = (t_ns, [*messages, self._description])
                     self._description = b''
-                sizes = [(t_ns, [-1 if data is None else len(data) for data in messages]) for t_ns, messages in steps]
-                # also an empty one: it makes the other side look at its clock
-                self._deliver(sizes, [data for _, messages in steps for data in messages if data is not None])
+                try:
+                    deliver_steps(self._pipe.fileno(), steps)  # also none: it makes the other side look at its clock
+                except OSError:
+                    self._reply()
                 if not self._queue or self.error is not None:
                     break
             if last:
                 return
             self._closing.wait(POLL_SECONDS)
 
-    def _deliver(self, content: Any, messages: Sequence[bytes] = ()) -> None:
-        """Send a start, steps or an end to the recording process; while its pipe is full this waits, without the interpreter lock.
-
-        Messages go from where they are, in pieces: half a megabyte at once, or copied into one block first, is 2 ms in the system now and
-        then in which the simulation cannot run.
-        """
-        data = marshal.dumps(content)
-        waiting = [SIZES.pack(len(data), sum(map(len, messages))), data]
-        size = len(data)
+    def _deliver(self, content: Any) -> None:
+        """Send a start or an end to the recording process."""
         try:
-            for message in messages:
-                if size >= PIECE or len(waiting) == BUFFERS:
-                    self._send(waiting)
-                    waiting, size = [], 0
-                waiting.append(message)
-                size += len(message)
-            self._send(waiting)
+            deliver(self._pipe.fileno(), content)
         except OSError:  # it has ended, and has said why
             self._reply()
-
-    def _send(self, buffers: Sequence[bytes]) -> None:
-        """Write at most BUFFERS buffers, whole."""
-        written = os.writev(self._pipe.fileno(), buffers)
-        rest = memoryview(b''.join(buffers) if written < sum(map(len, buffers)) else b'')[written:]
-        while rest:
-            rest = rest[os.write(self._pipe.fileno(), rest) :]
 
     def _reply(self) -> None:
         """Read the answer of the recording process; a failure becomes `error`."""

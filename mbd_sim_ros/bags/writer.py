@@ -15,7 +15,7 @@ import yaml
 from mcap.exceptions import UnsupportedCompressionError
 from mcap.writer import CompressionType, Writer
 
-from mbd_sim_ros.messages.cdr import schema_text
+from mbd_sim_ros.messages.definitions import schema_text
 from mbd_sim_ros.messages.topics import ELEMENTS, TYPE_HASHES, Topic
 from solver.errors import BagError
 

@@ -1,4 +1,4 @@
-"""ROS 2 messages as bytes without ROS: schema text, CDR encoding (XCDR1, little endian) and decoding.
+"""ROS 2 messages as bytes without ROS: CDR encoding (XCDR1, little endian) and decoding.
 
 A message is walked field by field in the order of its `.msg` definition. Encoding and decoding both report where every
 number landed, so a message whose strings never change is encoded once and from then on only its numbers are patched
@@ -11,29 +11,16 @@ from __future__ import annotations
 
 import struct
 from abc import ABC, abstractmethod
-from functools import cache
-from importlib.resources import files
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from mbd_sim_ros.messages.definitions import FORMATS, Definitions, Field, definitions, schema_text
 from solver.errors import BagError
 
 DEPTH_MOST = 32  # types inside each other; one that contains itself has no end
 FIELDS_MOST = 50_000  # in one message; an array of numbers is one
 ENCAPSULATION = b'\x00\x01\x00\x00'  # CDR, little endian
-_FORMATS = {
-    'bool': '?', 'byte': 'B', 'char': 'B', 'int8': 'b', 'uint8': 'B', 'int16': 'h', 'uint16': 'H', 'int32': 'i', 'uint32': 'I',
-    'int64': 'q', 'uint64': 'Q', 'float32': 'f', 'float64': 'd',
-}  # fmt: skip
-
-
-class Field(NamedTuple):
-    """One line of a message definition: `size` is None for a single value, 0 for a sequence, n for a fixed array."""
-
-    name: str
-    kind: str  # primitive, 'string' or 'package/Type'
-    size: int | None
 
 
 class Place(NamedTuple):
@@ -46,62 +33,7 @@ class Place(NamedTuple):
 
 def dtype(place: Place) -> np.dtype:
     """Return the little-endian numpy type of the numbers at a place."""
-    return np.dtype('<' + _FORMATS[place.kind])
-
-
-Definitions = dict[str, list[Field]]
-
-
-@cache
-def schema_text(message_type: str) -> str:
-    """Return the `ros2msg` schema of e.g. 'sensor_msgs/msg/JointState': its definition and those it refers to.
-
-    The format is that of rosbag2: dependencies follow, depth first, each behind a line of 80 '=' and 'MSG: package/Type'.
-    schemas/ holds types, names, order and default values of the fields as in ROS 2 Jazzy (rcl_interfaces 2.0.3, common_interfaces
-    5.3.6, geometry2), so that recordings describe themselves where ROS is not installed.
-    """
-    package, name = message_type.split('/msg/')
-    parts: list[str] = []
-    seen: set[str] = set()
-    todo = [f'{package}/{name}']
-    while todo:
-        current = todo.pop(0)
-        if current in seen:
-            continue
-        seen.add(current)
-        text = files('mbd_sim_ros.messages').joinpath('schemas', *current.split('/')).with_suffix('.msg').read_text(encoding='utf-8')  # type: ignore[attr-defined]
-        parts.append(text if not parts else '=' * 80 + f'\nMSG: {current}\n' + text)
-        todo += [field.kind for field in _fields(text, current.split('/')[0]) if field.kind not in _FORMATS and field.kind != 'string']
-    return '\n'.join(parts)
-
-
-def _fields(text: str, package: str) -> list[Field]:
-    fields = []
-    for line in text.splitlines():
-        words = line.split('#')[0].split()
-        if len(words) < 2 or '=' in line.split('#')[0]:  # empty, or a constant
-            continue
-        kind, _, brackets = words[0].partition('[')
-        kind = kind.split('<=')[0]  # bounds of strings do not change the encoding
-        if kind not in _FORMATS and kind not in ('string', 'wstring') and '/' not in kind:
-            kind = f'{package}/{kind}' if kind != 'Header' else 'std_msgs/Header'
-        size = brackets.rstrip(']')
-        count = int(size) if size.isdecimal() and len(size) < 10 else 0
-        fields.append(Field(words[1], kind.replace('/msg/', '/'), count if brackets else None))
-    return fields
-
-
-@cache
-def definitions(message_type: str, text: str) -> Definitions:
-    """Parse the `ros2msg` schema `text` of a message type into the fields of each type in it ('package/Type')."""
-    result: Definitions = {}
-    name = message_type.replace('/msg/', '/')
-    for part in text.replace('\r\n', '\n').split('=' * 80 + '\n'):
-        if result:
-            header, _, part = part.partition('\n')
-            name = header.removeprefix('MSG:').strip().replace('/msg/', '/')
-        result[name] = _fields(part, name.split('/')[0])
-    return result
+    return np.dtype('<' + FORMATS[place.kind])
 
 
 class _Walk(ABC):
@@ -129,9 +61,9 @@ class _Walk(ABC):
         self._fields += 1
         if self._fields > FIELDS_MOST:
             raise BagError(f'a message of it has more than {FIELDS_MOST} fields')
-        if field.size is None and field.kind not in _FORMATS:
+        if field.size is None and field.kind not in FORMATS:
             return self.string(value) if field.kind == 'string' else self.message(field.kind, value, path)
-        if field.kind in _FORMATS:
+        if field.kind in FORMATS:
             count = 1 if field.size is None else field.size or self.length(value)
             numbers = self.numbers(field.kind, count, value, path)
             return numbers[0] if field.size is None else numbers
@@ -176,7 +108,7 @@ class _Encode(_Walk):
         return value or ''
 
     def numbers(self, kind: str, count: int, value: Any, path: str) -> Any:
-        code = '<' + _FORMATS[kind]
+        code = '<' + FORMATS[kind]
         if count:  # an empty sequence is its length alone: no alignment follows
             self.align(struct.calcsize(code))
         self.places[path] = Place(kind, len(self.data), count)
@@ -213,7 +145,7 @@ class _Decode(_Walk):
             raise BagError('a text in a message of it is not UTF-8') from None
 
     def numbers(self, kind: str, count: int, value: Any, path: str) -> Any:
-        code = np.dtype('<' + _FORMATS[kind])
+        code = np.dtype('<' + FORMATS[kind])
         start = self.take(code.itemsize, count)
         self.places[path] = Place(kind, start, count)
         return np.frombuffer(self.data, code, count, start)

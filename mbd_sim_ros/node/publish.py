@@ -18,7 +18,8 @@ from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
-from mbd_sim_ros.messages.cdr import decode, schema_text
+from mbd_sim_ros.messages.cdr import decode
+from mbd_sim_ros.messages.definitions import schema_text
 from mbd_sim_ros.messages.topics import Topic, family
 from mbd_sim_ros.node.parameters import RATES
 from solver.errors import SpecError

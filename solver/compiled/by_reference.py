@@ -56,6 +56,24 @@ def _inner(value: Any) -> tuple:
     return value.shape[1:] if isinstance(value, np.ndarray) else ()
 
 
+_KNOWN: dict[tuple, RefType] = {}  # numba takes a third of a millisecond to see what a model's tables are, each time anew
+
+
+def _type_of(value: tuple) -> RefType:
+    """The type of a Ref to a value, of which it depends on classes, kinds of numbers and inner shapes."""
+    structure = _structure(value)
+    kind = _KNOWN.get(structure)
+    if kind is None:
+        kind = _KNOWN[structure] = RefType(typeof(value), _inner(value))
+    return kind
+
+
+def _structure(value: Any) -> Any:
+    if isinstance(value, tuple):
+        return (type(value), *map(_structure, value))
+    return (value.dtype, value.ndim, value.shape[1:]) if isinstance(value, np.ndarray) else type(value)
+
+
 def _words(kind: types.Type) -> int:
     if isinstance(kind, types.BaseNamedTuple):
         return sum(_words(t) for t in kind.types)
@@ -70,8 +88,8 @@ def _flatten(value: Any) -> list[int]:
     if isinstance(value, tuple):
         return [word for field in value for word in _flatten(field)]
     if isinstance(value, np.ndarray):
-        if not (value.flags.c_contiguous and value.flags.writeable):
-            raise ValueError('a Ref needs writable C-contiguous arrays')
+        if not value.flags.carray:
+            raise ValueError('a Ref needs writable C-contiguous arrays, aligned to their numbers')
         return [value.size, value.ctypes.data, len(value)]
     if isinstance(value, float):
         return [int(np.float64(value).view(np.int64))]
@@ -92,7 +110,7 @@ class Ref:
 
     def __init__(self, value: tuple) -> None:
         self.value: Any = value
-        self.type = RefType(typeof(value), _inner(value))
+        self.type = _type_of(value)
         self.words = np.array(_flatten(value), np.int64)
         self.pointer = self.words.ctypes.data
 

@@ -8,7 +8,6 @@ inertias, laws as a rate or a list of points (docs/scene.md).
 from __future__ import annotations
 
 import dataclasses
-import typing
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -23,7 +22,7 @@ from solver.elements.marker import WORLD, Marker, Spec
 from solver.elements.rigid_body import RigidBodySpec
 from solver.errors import SceneError, suggestion
 from solver.files.linkages import LINKAGES
-from solver.files.schema import Builder, Fields, unit_of
+from solver.files.schema import Builder, Fields, hints_of, unit_of
 from solver.files.yaml_tree import Node, ScalarNode, SequenceNode, join, refuse, where
 from solver.model.frames import Placement, frame_of_axis, frame_of_rpy, matrix, quaternion
 from solver.model.spec import ModelSpec, used_inputs
@@ -73,7 +72,7 @@ class MechanismReader:
     def element(self, builder: Builder, cls: type, node: Node, path: str, name: str | None) -> Any:
         """Any other element: `at`, `axis`, ... beside the markers place all markers that are given as bare body names."""
         fields = builder.mapping(node, path)
-        hints = typing.get_type_hints(cls)
+        hints = hints_of(cls)
         markers = [f.name for f in dataclasses.fields(cls) if hints[f.name] is Marker]
         placed = [k for k in ('at', *ROTATION_KEYS) if markers and k in fields and k not in hints]
         placement = None

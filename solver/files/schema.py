@@ -26,6 +26,7 @@ import re
 import types
 import typing
 from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import cache
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
@@ -107,7 +108,7 @@ class Builder:
         extra: Sequence[str] = (),
     ) -> Any:
         """A dataclass from the fields of a mapping. given: values already known; extra: keys the caller understands itself."""
-        hints = typing.get_type_hints(cls, include_extras=True)
+        hints = hints_of(cls)
         wanted = {f.name: f for f in dataclasses.fields(cls) if f.init}
         values: dict[str, object] = dict(given or {})
         if name is not None and 'name' in wanted:
@@ -180,6 +181,12 @@ class Builder:
         return tuple(self.build(hint, item, f'{path}[{k}]') for k, (hint, item) in enumerate(zip(kinds, node.value, strict=True)))
 
 
+@cache
+def hints_of(cls: type) -> dict[str, Any]:
+    """The type hints of a dataclass, with their units."""
+    return typing.get_type_hints(cls, include_extras=True)
+
+
 def plain(hint: Any) -> Any:
     """The type without its Annotated wrapping."""
     return get_args(hint)[0] if get_origin(hint) is Annotated else hint
@@ -197,7 +204,7 @@ def unit_of(hint: Any) -> str:
 
 def kinds_of(cls: type) -> tuple[str, ...]:
     """What `kind` chooses a member of a union by: the Literal of its field `kind`, or its class name in lower case."""
-    hint = plain(typing.get_type_hints(cls, include_extras=True).get('kind'))
+    hint = plain(hints_of(cls).get('kind'))
     if get_origin(hint) is Literal:
         return tuple(map(str, get_args(hint)))
     return (re.sub(r'(?<=[a-z0-9])(?=[A-Z])', '_', cls.__name__.removesuffix('Spec')).lower(),)

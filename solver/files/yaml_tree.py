@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from solver.units import SUFFIXES
 INCLUDE = re.compile(r'[\w./-]+(\.[a-z]+)')
 TAGS = tuple(f'tag:yaml.org,2002:{kind}' for kind in ('map', 'seq', 'str', 'int', 'float', 'bool', 'null', 'timestamp', 'merge', 'value'))
 MOST_CHARACTERS = 1 << 20  # of all files together: about five seconds of reading
+MOST_KEPT = 1 << 16  # characters of a text whose nodes are kept
 MOST_VALUES = 100_000  # with every alias and include expanded
 MOST_FILES = 1000
 MOST_DEPTH = 64  # of values in each other
@@ -106,6 +108,12 @@ def parse(text: str, name: str, extent: Extent | None = None) -> Node:
     name: what error sentences call the text (a file name). extent: of the file that includes it. Raises SceneError.
     """
     (extent or Extent()).text(text, name)
+    return _copy(_composed(text, name), {}) if len(text) <= MOST_KEPT else _composed.__wrapped__(text, name)
+
+
+@lru_cache(maxsize=32)
+def _composed(text: str, name: str) -> Node:
+    """The node of a text, checked; the same again for the same text: who drives or compares many scenes reads few files."""
     try:
         node = yaml.compose(text, Loader=_loader(name))
     except RecursionError:
@@ -119,6 +127,25 @@ def parse(text: str, name: str, extent: Extent | None = None) -> Node:
         raise SceneError(f'{name}: the file is empty')
     _check(node, '', (), Extent())
     return node
+
+
+def _copy(node: Node, known: dict[int, Node]) -> Node:
+    """A node to be changed, with all below it; what aliases share stays shared."""
+    found = known.get(id(node))
+    if found is not None:
+        return found
+    new: Node
+    if isinstance(node, ScalarNode):
+        new = ScalarNode(node.tag, node.value, node.start_mark, node.end_mark, style=node.style)
+    elif isinstance(node, SequenceNode):
+        items = [_copy(item, known) for item in node.value]
+        new = SequenceNode(node.tag, items, node.start_mark, node.end_mark, flow_style=node.flow_style)
+    else:
+        assert isinstance(node, MappingNode)
+        entries = [(_copy(key, known), _copy(value, known)) for key, value in node.value]
+        new = MappingNode(node.tag, entries, node.start_mark, node.end_mark, flow_style=node.flow_style)
+    known[id(node)] = new
+    return new
 
 
 def _loader(name: str):

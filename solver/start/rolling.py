@@ -10,7 +10,6 @@ import numpy as np
 
 from solver.compiled.by_reference import Ref
 from solver.compiled.portable import norm, norms, product
-from solver.compiled.so3 import quaternion_product
 from solver.elements.clutch import CLUTCHES
 from solver.elements.registry import FORCES
 from solver.elements.road import surface_at
@@ -211,7 +210,7 @@ def settle_rolling(
     wheels = [model.body_names.index(tire.marker.body) for tire in model.spec.tires]
     rolling = norms(cast(State, states[0].value).v[wheels, 3:]) / abs(speed)
     for _ in range(round(SETTLE_TIME / SETTLE_EVERY)):
-        fastest = max(norm(v) for v in cast(State, states[0].value).v[:-1, 3:])
+        fastest = float(norms(cast(State, states[0].value).v[:-1, 3:]).max())
         if not h or h * fastest > SETTLE_AGAIN:
             h = SETTLE_STEP / max(1, int(np.ceil(SETTLE_STEP * fastest / SETTLE_TURN)))
             settling = Ref(method._replace(fixed=1, iterations=2, **own, **scheme_parameters(h, SETTLE_RHO)))  # type: ignore[arg-type]
@@ -250,12 +249,13 @@ def turn_over_road(state: State, chassis: int, n: np.ndarray, ahead: np.ndarray)
     across = float(product(n, np.cross(forward, ahead)))
     along = float(product(forward, ahead) - product(n, forward) * product(n, ahead))
     half = 0.5 * math.atan2(across, along)
-    turn = (*(math.sin(half) * n).tolist(), math.cos(half))
-    R = matrix(turn)
+    u, c = math.sin(half) * n, math.cos(half)
+    R = matrix((*u.tolist(), c))
     com = state.q[chassis, :3].copy()
     bodies = slice(0, len(state.q) - 1)  # the last one is the world
     state.q[bodies, :3] = com + product(state.q[bodies, :3] - com, R.T)
-    for q in state.q[bodies]:
-        q[3:] = quaternion_product(turn, tuple(q[3:]))
+    w, d = state.q[bodies, 3:6].copy(), state.q[bodies, 6].copy()
+    state.q[bodies, 3:6] = c * w + d[:, None] * u + np.cross(u, w)  # the product of the quaternions, the turn first
+    state.q[bodies, 6] = c * d - product(w, u)
     for rates in (state.v, state.a, state.a_stage, state.a_stage_before):  # linear parts in the world (docs/conventions.md)
         rates[bodies, :3] = product(rates[bodies, :3], R.T)

@@ -9,6 +9,7 @@ import numba
 import numpy as np
 import pytest
 
+from solver.compiled import by_reference
 from solver.compiled.by_reference import Ref
 from solver.compiled.kernel import address_of, invoke, kernel, sixes
 from solver.files.scene import load_scene
@@ -68,6 +69,21 @@ def test_inner_lengths_are_part_of_the_type_and_the_first_is_not(rng):
 
 
 @compiled
+def test_the_type_is_what_numba_sees_however_often_it_is_asked(rng, monkeypatch):
+    """Types are kept by the structure of a value: they must be those of a value that is looked at for the first time."""
+    variants = [tables(rng, 3), tables(rng, 3, 5), tables(rng, 3, 6, 4), tables(rng, 3)._replace(scale=2), tables(rng, 0)]
+    variants.append(variants[0]._replace(blocks=np.zeros((3, 6, 6), np.int64)))
+    variants.append(variants[0]._replace(inside=Inside(np.zeros(3))))
+    kept = [(Ref(value).type, Ref(value).type) for value in variants for _ in range(2)]
+    monkeypatch.setattr(by_reference, '_KNOWN', {})
+    for (first, again), value in zip(kept, [value for value in variants for _ in range(2)], strict=True):
+        by_reference._KNOWN.clear()
+        anew = Ref(value).type
+        assert first is again and first == anew and first.name == anew.name and first.inner == anew.inner
+    assert len({first.name for first, _ in kept}) == len(variants) - 1  # the one without rows is as the one with three
+
+
+@compiled
 def test_a_function_of_one_ref_type_refuses_arrays_of_other_inner_lengths(rng):
     read = new_reader()
     read(Ref(tables(rng, 3)), 0, 0, 0)
@@ -97,7 +113,8 @@ def test_arrays_without_a_plain_layout_are_refused(rng):
     value = tables(rng, 4)
     fixed = value.blocks.copy()
     fixed.flags.writeable = False
-    for blocks in (value.blocks[::2], np.asfortranarray(value.blocks), fixed):
+    between = np.zeros(value.blocks.nbytes + 1, np.uint8)[1:].view(float).reshape(value.blocks.shape)  # no address of a number
+    for blocks in (value.blocks[::2], np.asfortranarray(value.blocks), fixed, between):
         with pytest.raises(ValueError, match='writable C-contiguous'):
             Ref(value._replace(blocks=blocks))
 

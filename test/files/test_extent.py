@@ -12,7 +12,7 @@ from solver.elements.road import MOST_NODES, HeightGrid, RandomRoad, RoadSpec
 from solver.errors import SceneError, SpecError
 from solver.files import yaml_tree
 from solver.files.scene import load_scene, load_scene_text
-from solver.files.yaml_tree import override, parse, read
+from solver.files.yaml_tree import override, parse, read, text_of
 
 CRANK = 'mechanism: {kind: slider_crank}\n'
 
@@ -144,3 +144,16 @@ def test_a_plan_is_written_below_its_folder(tmp_path: Path, monkeypatch: pytest.
 
 def test_scenes_that_are_there_are_within_the_bounds() -> None:
     assert load_scene('car_rough_road').model.road.grids[0].nodes < MOST_NODES
+
+
+def test_a_text_that_is_read_again_has_nodes_of_its_own() -> None:
+    """The nodes of short texts are kept; what is changed in one copy must not be in the next. What an alias shares is shared in each."""
+    text = 'a: &a {b: [1, 2], c: "x"}\nd: *a\n'
+    first, second = parse(text, 'f.yaml'), parse(text, 'f.yaml')
+    override(first, 'a.b.0=7', [])
+    assert text_of(parse(text, 'f.yaml')) == text_of(second) != text_of(first)
+    (_, a), (_, d) = second.value
+    assert a is d and a is not first.value[0][1]
+    assert second.value[1][0].start_mark.line == 1 and second.value[1][0].start_mark.name == 'f.yaml'
+    assert a.value[1][1].style == '"' and a.value[0][1].flow_style
+    assert parse(text, 'other.yaml').start_mark.name == 'other.yaml'

@@ -12,7 +12,8 @@ import pytest
 import yaml
 from synthetic import channels, snapshot
 
-from mbd_sim_ros.messages.cdr import decode, schema_text
+from mbd_sim_ros.messages.cdr import decode
+from mbd_sim_ros.messages.definitions import schema_text
 from mbd_sim_ros.messages.encode import Messages
 
 LAYOUTS = Path(__file__).resolve().parents[2] / 'config' / 'layouts'

@@ -52,7 +52,8 @@ def test_in_lockstep_every_command_is_that_of_its_instant_and_runs_repeat_bit_fo
         runs.append(bag.read(tmp_path / name))
     run = runs[0]
     np.testing.assert_array_equal(run['cmd_applied/step'], np.arange(251.0))
-    expected = np.array([load_maneuver(maneuver).commands(t) for t in run.time[:-1]])
+    played = load_maneuver(maneuver)
+    expected = np.array([played.commands(t) for t in run.time[:-1]])
     np.testing.assert_array_equal(run['cmd_applied/drive_torque'][1:], expected[:, 1])
     np.testing.assert_array_equal(run['cmd_applied/brake_torque'][1:], expected[:, 2])
     assert run['cmd_applied/steering'][-1] == pytest.approx(0.5, abs=0.01)  # behind the filter, 0.2 s after the step has ended
@@ -71,7 +72,8 @@ def test_in_real_time_commands_follow_within_a_few_steps(start, tmp_path, maneuv
     run = bag.read(tmp_path / 'run')
     heard = run['cmd_applied/brake_torque'] > 0.0  # from when on the player, a process too, is there
     assert heard.sum() > 500, 'the player was there for less than a second'
-    expected = np.array([load_maneuver(maneuver).commands(t)[2] for t in run.time[heard]])
+    played = load_maneuver(maneuver)
+    expected = np.array([played.commands(t)[2] for t in run.time[heard]])
     behind = (expected - run['cmd_applied/brake_torque'][heard]) / MANEUVER['brake_torque']['slope']  # s, on its ramp
     assert np.median(behind) < 0.02
     assert np.all(behind[-50:] < 0.1)  # in the last 0.1 s

@@ -23,7 +23,7 @@ FILES = (
 CHECK = """
 import os, sys
 import mbd_sim_ros, solver
-from mbd_sim_ros.messages.cdr import schema_text
+from mbd_sim_ros.messages.definitions import schema_text
 from solver import load_scene
 assert os.path.realpath(solver.__file__).startswith(os.path.realpath(sys.argv[1])), solver.__file__
 assert 'float64[] effort' in schema_text('sensor_msgs/msg/JointState')

@@ -11,7 +11,8 @@ from mcap.reader import make_reader
 from real_node import simulator
 
 from mbd_sim_ros.bags.records import find_file
-from mbd_sim_ros.messages.cdr import decode, schema_text
+from mbd_sim_ros.messages.cdr import decode
+from mbd_sim_ros.messages.definitions import schema_text
 from mbd_sim_ros.messages.topics import TF, TYPE_HASHES
 
 pytestmark = [pytest.mark.realtime, pytest.mark.slow]
