@@ -27,8 +27,8 @@ $(STAMP): setup.py setup.cfg pyproject.toml Makefile
 	@[ -n "$(PYTHON)" ] || { echo 'Python 3.11 or newer is needed (apt-get install python3 python3-venv)'; exit 1; }
 	@[ -x $(BIN)/python ] || $(PYTHON) -m venv $(if $(SYSTEM_ROS),--system-site-packages) $(VENV) || \
 		{ rm -rf $(VENV); echo 'no virtual environment could be made: apt-get install python3-venv'; exit 1; }
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[$(EXTRAS)]'
-	$(BIN)/python -m compileall -q mbd_sim_ros solver
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -e '.[$(EXTRAS)]'
+	@$(BIN)/python -m compileall -qq -j 0 $(VENV)/lib mbd_sim_ros solver || true  # files meant for other Pythons
 	@touch $@
 
 check: lint

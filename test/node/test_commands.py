@@ -70,12 +70,16 @@ def test_a_free_steering_wheel_is_turned_by_a_torque(client, simulator, tmp_path
     from std_msgs.msg import Float64
 
     overrides = ['actuation.steering=torque']
-    process = simulator(scene=SCENE, duration=1.0, overrides=overrides, record=True, out='run', max_steering_torque=5.0)
+    process = simulator(scene=SCENE, duration=0.0, overrides=overrides, record=True, out='run', max_steering_torque=5.0)
     publisher = client.node.create_publisher(Float64, 'simulator/steering_torque_cmd', 1)
-    client.until(publisher.get_subscription_count, 60.0)
-    while process.process.poll() is None:
+
+    def turned_for_half_a_second() -> bool:
         publisher.publish(Float64(data=9.0))
-        client.executor.spin_once(timeout_sec=0.02)
+        steps = [one['step'] for one in client.applied if one['steering_torque'] == 5.0]
+        return len(steps) > 1 and steps[-1] - steps[0] > 500.0
+
+    client.until(turned_for_half_a_second, 60.0)
+    process.process.terminate()
     assert process.end() == 0, process.output
     run = bag.read(tmp_path / 'run')
     torque, wheel = run['cmd_applied/steering_torque'], run['joint_states/steering_wheel/position']
