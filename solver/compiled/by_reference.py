@@ -56,7 +56,7 @@ def _inner(value: Any) -> tuple:
     return value.shape[1:] if isinstance(value, np.ndarray) else ()
 
 
-_KNOWN: dict[tuple, RefType] = {}  # numba takes a third of a millisecond to see what a model's tables are, each time anew
+_KNOWN: dict[tuple, RefType] = {}  # numba looks at every array of a model's tables anew each time
 
 
 def _type_of(value: tuple) -> RefType:
