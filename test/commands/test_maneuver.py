@@ -168,7 +168,7 @@ def test_the_other_maneuvers_are_driven_and_judged(name: str, tmp_path: Path, ca
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    'name', ['iso13674_weave', 'iso21994', *(pytest.param(n, marks=pytest.mark.long) for n in ('iso14512', 'iso3888_2'))]
+    'name', ['iso13674_weave', *(pytest.param(n, marks=pytest.mark.long) for n in ('iso21994', 'iso14512', 'iso3888_2'))]
 )
 def test_a_formula_car_is_driven_by_what_suits_it(name: str, tmp_path: Path, capsys) -> None:
     """A steering eight times as sensitive as that of a saloon: the ramp before is slow enough to find the angle for 2 m/s^2, the brakes are

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from interpreted import interpreted
 
 from solver.compiled.dual import partial, variable
 from solver.compiled.kernel import kernel
@@ -65,11 +66,11 @@ def test_slopes_curvature_and_duals_are_derivatives(x: float, y: float) -> None:
     value, along_x, along_y = dual_road(road, x, y)
     a = surface_at(road, x, y)
     for (dx, dy), dual, first, second in (((1, 0), along_x, a[1], (a[3], a[4])), ((0, 1), along_y, a[2], (a[4], a[5]))):
-        h, n, mu = road_at(road, x + 1j * step * dx, y + 1j * step * dy)
+        h, n, mu = interpreted(road_at)(road, x + 1j * step * dx, y + 1j * step * dy)
         exact = np.array([h.imag, n[2].imag, mu.imag]) / step
         np.testing.assert_allclose(dual, exact, atol=1e-12)
         assert first == pytest.approx(exact[0], abs=1e-12)
-        b = surface_at(road, x + 1j * step * dx, y + 1j * step * dy)
+        b = interpreted(surface_at)(road, x + 1j * step * dx, y + 1j * step * dy)
         np.testing.assert_allclose(second, [b[1].imag / step, b[2].imag / step], atol=1e-11)
     h, n, mu = road_at(road, x, y)
     np.testing.assert_array_equal(value, [h, n[2], mu])

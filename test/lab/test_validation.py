@@ -13,10 +13,12 @@ from mbd_sim_ros.lab.studies.validation import SECOND
 from solver.files.scene import load_scene
 
 CASES = {case.name: case for case in (*published_mechanisms.cases(), *published_joints.cases())}
-LONG = {'A02', 'A04', 'A05', 'heavy_top', 'squeezer'}
+SLOW = {'A04', 'A05', 'heavy_top', 'squeezer'}
+LONG = {'A02'}  # `mbd study validation` has it too
+MARKS = {**dict.fromkeys(SLOW, pytest.mark.slow), **dict.fromkeys(LONG, (pytest.mark.slow, pytest.mark.long))}
 
 
-@pytest.mark.parametrize('name', [pytest.param(name, marks=pytest.mark.slow) if name in LONG else name for name in CASES])
+@pytest.mark.parametrize('name', [pytest.param(name, marks=MARKS.get(name, ())) for name in CASES])
 def test_ours_converge_to_the_published_figures(name: str) -> None:
     case = CASES[name]
     rows, judgements = compare(case)

@@ -119,6 +119,7 @@ def test_what_no_reference_resolves_is_undecided() -> None:
     assert judgements(found, spread=np.nan) == [UNDECIDED] * 5
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_reference_that_leaves_its_branch_decides_nothing() -> None:
     """A constant-velocity joint folds over by 180 degrees. The default goes on as before; the reference turns the body by half a turn about

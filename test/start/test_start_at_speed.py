@@ -9,7 +9,9 @@ from scipy.spatial.transform import Rotation
 from solver import simulation_of
 from solver.elements.tire_pacejka import TIRES
 from solver.files.scene import load_scene
+from solver.model.state import State
 from solver.simulation import Simulation
+from solver.start.rolling import turn_over_road
 
 
 @pytest.mark.slow
@@ -93,3 +95,33 @@ def test_brakes_that_stop_it_at_once_leave_a_start() -> None:
     assert car.state.v[chassis, 0] == pytest.approx(0.3, rel=0.01)
     car.advance(2000)
     assert abs(car.state.v[chassis, 0]) < 0.02
+
+
+def test_a_vehicle_is_turned_back_to_its_course_with_its_motion() -> None:
+    """By hand, on the level: from north-west to north-east, which is 90 degrees to the right about the chassis at (1, 2); then about an
+    oblique normal, by what Rotation makes of the same turn."""
+    s = np.sqrt(0.5)
+    chassis, wheel = (1.0, 2.0, 0.5, *Rotation.from_euler('z', 135, degrees=True).as_quat()), (1.0, 5.0, 0.25, 0.0, 0.0, 0.0, 1.0)
+    state = State(
+        np.array([chassis, wheel, (9.0,) * 7]), *(np.tile([1.0, 2.0, 3.0, 4.0, 5.0, 6.0], (3, 1)) for _ in range(4)), *np.zeros((5, 0))
+    )
+    turn_over_road(state, 0, np.array([0.0, 0.0, 1.0]), np.array([s, s, 0.0]))
+    np.testing.assert_allclose(state.q[0], (1.0, 2.0, 0.5, *Rotation.from_euler('z', 45, degrees=True).as_quat()), rtol=0, atol=1e-14)
+    np.testing.assert_allclose(state.q[1], (4.0, 2.0, 0.25, 0.0, 0.0, -s, s), rtol=0, atol=1e-14)
+    for rates in (state.v, state.a, state.a_stage, state.a_stage_before):
+        np.testing.assert_allclose(rates[:2], [[2.0, -1.0, 3.0, 4.0, 5.0, 6.0]] * 2, rtol=0, atol=1e-14)  # turns in the axes of the bodies
+        np.testing.assert_array_equal(rates[2], [1.0, 2.0, 3.0, 4.0, 5.0, 6.0])
+    np.testing.assert_array_equal(state.q[2], 9.0)  # the world stays
+
+    n = np.array([0.1, -0.2, 1.0]) / np.sqrt(1.05)
+    before = state.q[:2].copy()
+    turn_over_road(state, 0, n, np.array([0.0, 1.0, 0.0]))
+    ahead = Rotation.from_quat(state.q[0, 3:]).apply([1.0, 0.0, 0.0])
+    assert np.cross(ahead, [0.0, 1.0, 0.0]) @ n == pytest.approx(0.0, abs=1e-14) and ahead[1] > 0.0
+    R = Rotation.from_quat(state.q[0, 3:]) * Rotation.from_quat(before[0, 3:]).inv()
+    np.testing.assert_allclose(R.apply(n), n, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(R.apply(before[1, :3] - before[0, :3]), state.q[1, :3] - state.q[0, :3], rtol=0, atol=1e-14)
+    np.testing.assert_allclose(
+        (R * Rotation.from_quat(before[1, 3:])).as_matrix(), Rotation.from_quat(state.q[1, 3:]).as_matrix(), atol=1e-14
+    )
+    np.testing.assert_allclose(state.v[1, :3], R.apply([2.0, -1.0, 3.0]), rtol=0, atol=1e-14)

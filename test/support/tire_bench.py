@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from contract import ContractContext, Element, Result, acting, kinematics
+from interpreted import interpreted
 from scipy.spatial.transform import Rotation
 
 from solver.compiled.kernel import kernel
@@ -73,5 +74,7 @@ def evaluate(c, kappa, tan_alpha, gamma, Fz, mu, V, forward, twist):
 
 
 def forces(c: np.ndarray, *, kappa=0.0, tan_alpha=0.0, gamma=0.0, Fz=4000.0, mu=1.0, V=16.7, forward=1.0, twist=0.0) -> dict[str, float]:
-    """Forces and moments by name, in the axes of the file; twist: R0 phi_t."""
-    return dict(zip(('fx', 'fy', 'mx', 'my', 'mz'), evaluate(c, kappa, tan_alpha, gamma, Fz, mu, V, forward, twist), strict=True))
+    """Forces and moments by name, in the axes of the file; twist: R0 phi_t. Of complex numbers by the source of the law."""
+    given = (kappa, tan_alpha, gamma, Fz, mu, V, forward, twist)
+    law = interpreted(evaluate) if any(map(np.iscomplexobj, given)) else evaluate
+    return dict(zip(('fx', 'fy', 'mx', 'my', 'mz'), law(c, *given), strict=True))

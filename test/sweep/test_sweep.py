@@ -229,7 +229,7 @@ def test_interrupted_as_soon_as_it_has_workers_a_sweep_leaves_none_behind(tmp_pa
 def test_a_sweep_that_is_interrupted_goes_on(tmp_path: Path):
     file = tmp_path / 's.yaml'
     steps = ', '.join(f'{1e-3 + 1e-5 * i:.6g}' for i in range(15))
-    file.write_text(FILE.replace('[0.01, 0.005]', f'[{steps}]').replace('duration=0.3', 'duration=3.0'))
+    file.write_text(FILE.replace('[0.01, 0.005]', f'[{steps}]').replace('duration=0.3', 'duration=1.5'))
     command = [sys.executable, '-m', 'mbd_sim_ros.commands.main', 'sweep', str(file), '--out', str(tmp_path / 'out'), '--workers', '1']
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
     end = time.monotonic() + 120.0
