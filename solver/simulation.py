@@ -35,7 +35,7 @@ from solver.step.adaptation import Adaptation, is_idle
 from solver.step.augmented_lagrangian import advance, perform
 from solver.step.constraint_coefficients import ConstraintCoefficients, coefficients_of, weigh
 from solver.step.control import Event
-from solver.step.extrapolation import extrapolate
+from solver.step.extrapolation import extrapolate, require_resolved_friction
 from solver.step.failure import sentence
 from solver.step.scheme import scheme_of
 from solver.step.work import OK, LastStep, StepResult, new_work
@@ -95,6 +95,7 @@ class Simulation:
         if settings.adapts and settings.kind in Simulation.KINDS:
             fourth = 0
             if settings.order == 4:
+                require_resolved_friction(self.model, settings.h)
                 masses = Ref(new_saddle(self.model, CONDENSED))
                 fourth = address_of(extrapolate, self.model.tables, masses, *arguments[2:], True, True, self._work)
             self.adaptation = Adaptation(self.model, settings, self.scheme, self._work, hold, fourth)

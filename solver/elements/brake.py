@@ -14,7 +14,12 @@ A stage solution is z = zp + cz zdot. Trial: tau = k zp + (k cz + d) omega; if i
   dissipation = d zdot^2 + tau (omega - zdot) is never negative.
 - tangents are those of the branch taken: dtau/domega = k cz + d in stick, 0 in slip.
 
-With cz = 0 the wind-up is given: z = zp (clipped to +-T/k when there is no damper, d = 0).
+With cz = 0 the wind-up is given: z = zp (clipped to +-T/k when there is no damper, d = 0; what has slid stands there but for rounding, and
+slides on).
+
+While it slips the wind-up follows the capacity within d/k. A step that is longer mirrors it about T/k (by R = -rho_inf): the motion is that
+of the capacity all the same, but torque and dissipation shown at the end of the steps are those of a wind-up that swings. So there is a
+damper unless one says otherwise.
 """
 
 from __future__ import annotations
@@ -41,14 +46,22 @@ from solver.validate import finite
 
 OUTPUTS = {'energy': 'J', 'dissipation': 'W', 'windup': 'rad', 'rate': 'rad/s', 'torque': 'N m', 'capacity': 'N m'}
 HOLD = 1e9  # input of brakes that hold [N m per unit of gain]
+RELAXATION = 2e-3  # s, of the wind-up where no damping is given: a few steps of the usual length
+SLIDING = 1.0 - 1e-9  # of the capacity, from which on a wind-up without step and damper slides: rounding of what a step has left there
 RELEASED = 1e-6  # stiffness of a released brake while equilibrium is sought, relative to its own
+
+
+def damping_of(where: str, stiffness: float, damping: float | None) -> float:
+    """Of a wind-up [N m s/rad], given or by RELAXATION. Raises SpecError."""
+    return RELAXATION * stiffness if damping is None else finite(where, 'damping', damping, low=0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class BrakeSpec(Spec):
     """Brake on a rotation coordinate, with capacity max(gain * u[input] + u[own_input], 0) [N m].
 
-    gain [N m per unit of the input] >= 0; stiffness [N m/rad] > 0 and damping [N m s/rad] >= 0 of the wind-up while sticking.
+    gain [N m per unit of the input] >= 0; stiffness [N m/rad] > 0 and damping [N m s/rad] >= 0 of the wind-up while sticking (None: that
+    with which it relaxes within RELAXATION).
     own_input: channel of this brake alone [N m], below zero where it takes from what the other gives (None: there is none).
     """
 
@@ -57,12 +70,12 @@ class BrakeSpec(Spec):
     gain: float
     own_input: str | None = None
     stiffness: TurnStiffness
-    damping: TurnDamping = 0.0
+    damping: TurnDamping | None = None
 
     def __post_init__(self) -> None:
         self.set('gain', finite(self.where, 'gain', self.gain, low=0.0))
         self.set('stiffness', finite(self.where, 'stiffness', self.stiffness, low=0.0, strict=True))
-        self.set('damping', finite(self.where, 'damping', self.damping, low=0.0))
+        self.set('damping', damping_of(self.where, self.stiffness, self.damping))
 
 
 class BrakeTable(NamedTuple):
@@ -111,7 +124,8 @@ def friction(zp, cz, omega, T, k, d):
     stiff = k * cz + d
     tau = k * zp + stiff * omega
     # strictly below the capacity, so that T = 0 is free of stick and of its tangent
-    if tau.real < T and tau.real > -T:
+    bound = T if stiff > 0.0 else SLIDING * T
+    if tau.real < bound and tau.real > -bound:
         return zp + cz * omega, tau, stiff, d * omega * omega
     limit = T if tau.real > 0.0 else -T
     if stiff > 0.0:

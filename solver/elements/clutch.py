@@ -21,7 +21,7 @@ import numpy as np
 
 from solver.compiled.kernel import kernel, sixes
 from solver.dimensions import Torque, TurnDamping, TurnStiffness
-from solver.elements.brake import friction
+from solver.elements.brake import damping_of, friction
 from solver.elements.coordinate import (
     add_coordinate_hessian,
     add_generalized,
@@ -56,7 +56,8 @@ def require_gears(where: str, ratios: Sequence[float], reverse: float | None) ->
 class ClutchSpec(Spec):
     """A clutch with a gearbox between a shaft and one to five outputs; see the module. outputs: (coordinate, share). ratios: of the gears
     from the first one on; reverse: of the reverse gear (None: there is none), both > 0. capacity [N m] >= 0 of the clutch; stiffness
-    [N m/rad] > 0 and damping [N m s/rad] >= 0 of what winds up while it sticks. input: the clutch pedal, gear: the channel that chooses."""
+    [N m/rad] > 0 and damping [N m s/rad] >= 0 of what winds up while it sticks (None: as a brake has it). input: the clutch pedal,
+    gear: the channel that chooses."""
 
     shaft: str
     outputs: tuple[tuple[str, float], ...]
@@ -64,7 +65,7 @@ class ClutchSpec(Spec):
     reverse: float | None = None
     capacity: Torque
     stiffness: TurnStiffness
-    damping: TurnDamping = 0.0
+    damping: TurnDamping | None = None
     input: str
     gear: str
 
@@ -74,8 +75,8 @@ class ClutchSpec(Spec):
         self.set('outputs', tuple((str(c), finite(self.where, f'share of {c}', f)) for c, f in self.outputs))
         require_gears(self.where, self.ratios, self.reverse)
         finite(self.where, 'stiffness', self.stiffness, low=0.0, strict=True)
-        for field in ('capacity', 'damping'):
-            finite(self.where, field, getattr(self, field), low=0.0)
+        finite(self.where, 'capacity', self.capacity, low=0.0)
+        self.set('damping', damping_of(self.where, self.stiffness, self.damping))
 
 
 class ClutchTable(NamedTuple):

@@ -13,7 +13,10 @@ own inverse with the sign of time reversed, so the error of the velocities and p
   step ends on the constraints. Its velocity is projected, and accelerations and multipliers are those that belong to both.
 
 Internal states follow the same rule. What is of fourth order are motions that a step resolves; unresolved undamped ones grow, because
-(4 R(h/2)^2 - R(h)) / 3 exceeds one on the imaginary axis: by y^6 / 1152 per step with y = h omega.
+(4 R(h/2)^2 - R(h)) / 3 exceeds one on the imaginary axis: by y^6 / 1152 per step with y = h omega. So does what decays
+within h / 26 or less, by up to 5/3 per step (R(h) goes to -1). The motion shows it, but for the wind-up of slipping friction, whose sign
+would choose that of the torque: that one is refused (require_resolved_friction). Rows that are not holonomic are of third order beside
+others: what a velocity violates is carried on for positions.
 """
 
 from __future__ import annotations
@@ -23,9 +26,11 @@ import numpy as np
 from solver.compiled.kernel import YES, kernel
 from solver.compiled.so3 import log_quaternion, matrix_of_quaternion, quaternion_corrected, quaternion_exp, quaternion_product
 from solver.compiled.vec import load33, mv, scale, store33
+from solver.errors import SpecError
 from solver.model.evaluate import add_constraint_forces, constraint_input_rates, constraint_rates, evaluate_constraints
 from solver.model.saddle import CONDENSED, assemble_tangent, effective_masses, factorize_saddle, solve_saddle
 from solver.model.state import update_angles
+from solver.model.tables import Model
 from solver.step.augmentation import begin_augmentation, combine
 from solver.step.augmented_lagrangian import body_not_finite, outputs_at_end, position_drift, violated_rates
 from solver.step.stage import copy_rows, largest
@@ -36,6 +41,23 @@ PENALTY = 1e6
 SPACING = 1e-3  # m or rad between the places at which the rows of the constraints are differenced
 PASSES = 10  # at most, of a projection or an acceleration
 EXACT = 1e-13  # relative
+RESOLVED = 0.5  # of a step, at least what a wind-up of friction takes to relax: from less on it swings from step to step
+# Kinds of elements with friction, and its stiffness and damping there.
+FRICTION = {'brakes': ('stiffness', 'damping'), 'clutches': ('stiffness', 'damping'), 'guides': ('brake_stiffness', 'brake_damping')}
+
+
+def require_resolved_friction(model: Model, h: float) -> None:
+    """Raise SpecError if the wind-up of a brake or clutch relaxes, while it slips, in less than RESOLVED of the step h [s]."""
+    for kind, names in FRICTION.items():
+        for spec in getattr(model.spec, kind):
+            stiffness, damping = (getattr(spec, name) for name in names)
+            least = RESOLVED * h * stiffness
+            if damping < least:
+                raise SpecError(
+                    f'integrator: order = 4: the wind-up of {spec.where} relaxes in {damping / stiffness:.3g} s (damping over '
+                    f'stiffness), which steps of {h:g} s do not resolve: it would grow; give a damping of {least:.3g} N m s/rad or '
+                    f'more, or take integrator.order: 2'
+                )
 
 
 @kernel(inner=True)

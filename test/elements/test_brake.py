@@ -184,6 +184,22 @@ def test_locked_wheel_breaks_loose_above_the_capacity_and_locks_again():
     np.testing.assert_allclose(omega[t > 2.2], 0.0, atol=1e-9)
 
 
+def test_a_brake_without_a_damping_relaxes_within_two_milliseconds():
+    assert BrakeSpec(name='b', coordinate='c', input='u', gain=1.0, stiffness=500.0).damping == 1.0
+    assert BrakeSpec(name='b', coordinate='c', input='u', gain=1.0, stiffness=500.0, damping=0.0).damping == 0.0
+
+
+@pytest.mark.parametrize('windup', [0.02, 0.02 * (1.0 - 1e-15), 0.02 * (1.0 + 1e-15)])
+def test_a_wind_up_without_step_and_damper_slides_at_its_capacity_whatever_rounding_left(windup: float):
+    """10 N m at 500 N m/rad and 30 rad/s: 300 W are lost, and none where it sticks."""
+    element = wheel_brake(stiffness=500.0, damping=0.0)
+    sliding = element.evaluate(turning(30.0), zp=[windup], u=[10.0])
+    assert element.output(sliding, 'torque')[0] == -10.0
+    assert element.output(sliding, 'dissipation')[0] == 300.0
+    assert element.output(element.evaluate(turning(30.0), zp=[0.99 * windup], u=[10.0]), 'dissipation')[0] == 0.0
+    assert element.output(element.evaluate(turning(-30.0), zp=[windup], u=[10.0]), 'dissipation')[0] == 0.0  # it unloads
+
+
 @pytest.mark.parametrize(
     ('changes', 'message'),
     [({'gain': -1.0}, 'gain = -1.0: must be >= 0'), ({'stiffness': 0.0}, 'stiffness = 0.0: must be > 0'), ({'damping': -1.0}, 'damping')],
