@@ -8,9 +8,9 @@ Anti-lock: the share m of its torque that a wheel gets follows, between 0 and 1,
 
     dm/dt = clip(gain (slip - lambda), -release, apply)        lambda = 1 - omega R / v
 
-with the speed v of the wheel's place along the car; both rear wheels get the smaller share of the two (select low), which keeps the rear
-axle's side force on split friction. A locked wheel is released within 1 / release seconds, and its slip settles about
-`slip`, near the peak of the tire, as far as the hydraulics let it.
+with the speed v of the wheel's place along the car, below 0 in reverse as omega is; both rear wheels get the smaller share of the two
+(select low), which keeps the rear axle's side force on split friction. A locked wheel is released within 1 / release seconds, and its slip
+settles about `slip`, near the peak of the tire, as far as the hydraulics let it.
 
 Stability: the yaw rate that the steering asks for is that of the steady single-track model ([Gillespie1992] 6.5), as much of it as friction
 allows,
@@ -19,7 +19,8 @@ allows,
 
 and where the yaw rate is off by e beyond a threshold, one wheel is braked on the side that turns the car back: the front wheel where the
 car turns too much, the rear one where it turns too little, with gain (|e| - threshold), at most `torque`. The drive torque is taken back
-in the same measure.
+in the same measure. It is off in reverse: the steady motion is v delta / (L - K v^2) there, a car that understeers forward oversteers, and
+the wheel that turns it back is another one.
 """
 
 from __future__ import annotations
@@ -42,8 +43,8 @@ USED = 0.85  # of the friction
 
 @dataclass(frozen=True, kw_only=True)
 class AntiLock:
-    """Anti-lock control; see the module. slip: that is kept [-]; gain [1/s], release and apply [1/s]; slowest: speed below which it lets
-    wheels lock [m/s]."""
+    """Anti-lock control; see the module. slip: that is kept [-]; gain [1/s], release and apply [1/s]; slowest: speed, forward or in
+    reverse, below which it lets wheels lock [m/s]."""
 
     slip: float = 0.10
     gain: PerSecond = 60.0
@@ -60,7 +61,8 @@ class AntiLock:
 @dataclass(frozen=True, kw_only=True)
 class StabilityControl:
     """Stability control; see the module. wheelbase [m], ratio of the steering, understeer gradient [rad s^2/m], friction that it counts on
-    [-]; threshold of the yaw rate [rad/s]; gain [N m s/rad] and torque, the largest one [N m]; slowest: speed below which it is off."""
+    [-]; threshold of the yaw rate [rad/s]; gain [N m s/rad] and torque, the largest one [N m]; slowest: speed forward below which
+    it is off, as it is in reverse [m/s]."""
 
     wheelbase: Length = 2.7
     ratio: float = 15.0
@@ -200,7 +202,7 @@ class Assistant:
         total = 0.0 if self._brake is None else float(row[self._brake])
         for k, (wheel, _) in enumerate(self._wheels):
             v = feel.speed - feel.yaw_rate * wheel.left
-            slip = 1.0 - feel.spins[k] * wheel.radius / v if v > control.slowest else 0.0
+            slip = 1.0 - feel.spins[k] * wheel.radius / v if abs(v) > control.slowest else 0.0
             change = min(max(control.gain * (control.slip - slip), -control.release), control.apply)
             shares[k] = min(max(shares[k] + self.h * change, 0.0), 1.0)
         for k, (wheel, place) in enumerate(self._wheels):

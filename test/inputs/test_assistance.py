@@ -35,6 +35,27 @@ def test_a_locked_wheel_is_released_at_the_rate_of_the_law_and_no_other() -> Non
     assert row[3] == pytest.approx(-1000.0 * (1.0 - 4.0 * 1e-3))
 
 
+def test_a_wheel_that_locks_in_reverse_is_released_as_one_that_locks_forward() -> None:
+    """20 m/s backwards, 1 rad/s to the left: the left wheels' places move at -20.75 m/s. One wheel stands and loses release h a step; three
+    roll with -v / R and lose nothing. At -1 m/s, slower than it acts, it gets its torque back with apply h."""
+    assistant = Assistant(Assistance(anti_lock=AntiLock(release=20.0)), NAMES, WHEELS, 1e-3)
+    feel = Feel(-20.0, 1.0, (0.0, *((-20.0 - wheel.left) / 0.3 for wheel in WHEELS[1:])))
+    for k in range(1, 51):
+        row = assistant.act(commands(brake_torque=4000.0), feel)
+        assert row[3] == pytest.approx(-1000.0 * 20.0 * k * 1e-3)
+        assert not row[4:].any()
+    row = assistant.act(commands(brake_torque=4000.0), Feel(-1.0, 0.0, (0.0,) * 4))
+    assert row[3] == pytest.approx(-1000.0 * (1.0 - 4.0 * 1e-3))
+
+
+def test_stability_control_is_off_in_reverse() -> None:
+    """The yaw rate is far off what it asks for, at any speed backwards: the inputs are those commanded."""
+    assistant = Assistant(Assistance(stability=StabilityControl()), NAMES, WHEELS, 1e-3)
+    given = commands(steering=0.9, drive_torque=-500.0, brake_torque=100.0)
+    for v in (-1.0, -20.0):
+        assert assistant.act(given, Feel(v, 0.9, (v / 0.3,) * 4)).tolist() == given.tolist()
+
+
 def test_wheels_of_a_turning_car_have_speeds_of_their_own() -> None:
     """20 m/s, 1 rad/s to the left: the left wheels' places move at 19.25 m/s, the right ones' at 20.75; rolling so, none slips."""
     assistant = Assistant(Assistance(anti_lock=AntiLock()), NAMES, WHEELS, 1e-3)
@@ -82,6 +103,30 @@ def test_rear_wheels_share_the_smaller_torque() -> None:
         spins = tuple(0.0 if k == standing else 20.0 / 0.3 for k in range(4))
         row = assistant.act(commands(brake_torque=4000.0), Feel(20.0, 0.0, spins))
         assert {k for k in range(4) if row[3 + k] < 0.0} == losing
+
+
+@pytest.mark.parametrize('speed', [15.0, -15.0])
+def test_the_compact_brakes_on_a_wet_road_without_locking_forward_and_in_reverse(speed: float) -> None:
+    """12 kN m where 2 kN m lock all wheels: half a second after the pedal they turn, with a slip about the 0.1 that is kept."""
+    scene = load_scene(
+        'car_step_steer',
+        [
+            'vehicle=vehicles/compact_fwd.yaml',
+            'road.friction=0.4',
+            f'start.speed={speed}',
+            'maneuver={brake_torque: {kind: step, value: 12000, start: 0.1}}',
+            'actuation.wheels=true',
+            'assistance={anti_lock: {}}',
+        ],
+    )
+    simulation = simulation_of(scene)
+    simulation.advance(600)
+    slips = []
+    for _ in range(30):
+        simulation.advance(20)
+        feel = simulation.feel()
+        slips.append([1.0 - spin * wheel.radius / feel.speed for spin, wheel in zip(feel.spins, simulation.sources.wheels, strict=True)])
+    assert np.mean(slips, axis=0) == pytest.approx(np.full(4, 0.1), abs=0.05)
 
 
 @pytest.mark.slow
