@@ -219,6 +219,11 @@ class Scene:
             require(False, where_, 'maneuver', name, 'the model has no such input' + suggestion(name, names))
         if self.maneuver.by_road_wheel:
             require('steering' in names, where_, 'maneuver.road_wheel', '...', 'needs the input steering: an angle, of a vehicle')
+        if self.maneuver.driver is not None:
+            ahead = 'a driver looks ahead, and steers a vehicle that goes backwards off his path; take 0 or more, or maneuver.steering'
+            require(self.start.speed >= 0.0, where_, 'start.speed', self.start.speed, ahead)
+            target = None if self.maneuver.speed is None else self.maneuver.speed.target
+            require(not isinstance(target, float | int) or target >= 0.0, where_, 'maneuver.speed.target', target, ahead)
         for name in (n for n in self.actuation.actuators if n not in names):
             require(False, where_, 'actuation.actuators', name, 'the model has no such input' + suggestion(name, names))
         needs = 'works on the brakes of single wheels: set actuation: {wheels: true}'

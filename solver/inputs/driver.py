@@ -260,6 +260,7 @@ class PreviewDriver:
     path: where to. preview: time T [s] to the preview point. wheelbase [m]. ratio: of the steering wheel to the road wheels [-].
     understeer: gradient of the road wheels' angle over lateral acceleration [rad s^2/m]. limit: largest angle of the steering wheel.
     bandwidth [Hz] and rate_limit [rad/s] of the hands. slowest: speed below which the preview distance shrinks no further [m/s].
+    He drives forward: a scene that starts backwards, or keeps a speed below 0, is refused.
     """
 
     path: DoubleLaneChange | Waypoints | Circle | Course

@@ -128,6 +128,23 @@ def test_refusals() -> None:
         simulation_of(load_scene('light_car_lane_change', ['integrator={kind: reference_kkt}']))
 
 
+@pytest.mark.parametrize(
+    ('speed', 'kept', 'says'),
+    [
+        ('-5', 'speed: {}', r'start\.speed = -5\.0: a driver looks ahead.*take 0 or more'),
+        ('0', 'speed: {target: -5}', r'maneuver\.speed\.target = -5.*: a driver looks ahead.*take 0 or more'),
+    ],
+)
+def test_a_driver_who_would_go_backwards_is_refused_where_the_scene_is_read(speed: str, kept: str, says: str) -> None:
+    """He looks ahead, which turns the car round in reverse; without him it may go backwards."""
+    driver = 'driver: {path: {kind: circle, radius: 30}}'
+    with pytest.raises(SceneError, match=says) as refused:
+        load_scene('car_step_steer', [f'start.speed={speed}', f'maneuver={{{kept}, {driver}}}'])
+    assert '\n' not in str(refused.value)
+    load_scene('car_step_steer', [f'start.speed={speed}', f'maneuver={{{kept}}}'])
+    load_scene('car_step_steer', ['start.speed=0', f'maneuver={{speed: {{}}, {driver}}}'])
+
+
 def test_circle_is_left_of_who_runs_inside_to_the_right() -> None:
     """On the circle nothing to correct, wherever; 1 m outside a left-hand circle it lies 1 m to the left, inside 1 m to the right."""
     for radius in (100.0, -100.0):
