@@ -11,7 +11,7 @@ import numpy as np
 
 from solver.compiled.by_reference import Ref, nbytes
 from solver.elements.road import HeightGrid, RandomRoad, RasterGrid, compile_road
-from solver.errors import SpecError, StepError
+from solver.errors import ConsistencyError, SpecError, StepError
 from solver.files.urdf import robot_description
 from solver.inputs.driver import Sight
 from solver.inputs.maneuver import ACCELERATION, RATE
@@ -24,6 +24,7 @@ from solver.scene import Scene
 from solver.simulation import Simulation
 from solver.start.displacement import require_uniform
 from solver.start.placement import Changes
+from solver.start.rolling import SETTLE_EVERY, SETTLE_TIME, SPINNING, STOPPED, UNSTEADY
 from solver.step.constraint_coefficients import ConstraintCoefficients
 from solver.step.single_track import advance, start
 from solver.step.single_track_tables import (
@@ -34,7 +35,10 @@ from solver.step.single_track_tables import (
     SIZE,
     SPIN,
     TOLD,
+    TURN_F,
+    TURN_R,
     VX,
+    VY,
     YAW,
     YAW_RATE,
     Axle,
@@ -106,11 +110,41 @@ def rolling(t: SingleTrackTables, speed: float, x: float = 0.0, y: float = 0.0, 
     return state
 
 
+def settled(tables: Ref, straight: np.ndarray, speed: float, u: np.ndarray, index: np.ndarray) -> np.ndarray | None:
+    """(SIZE,) state in which what rolled `straight` (SIZE,) at a speed [m/s] settles under the inputs u (nu,), its steering wheel held.
+
+    As solver.start.rolling does with a vehicle of bodies: every SETTLE_EVERY seconds it is put back to its speed and heading, and the
+    centre of mass of its chassis to its place. In steps of its own, so that a start does not depend on those of the scene. tables and
+    index: of the step. None where its drive leaves nothing steady. Raises ConsistencyError.
+    """
+    t, w, frame = tables.value, new_scratch(), Ref(new_frame(len(u)))
+    held = u.copy()
+    held[index[1:3]] = 0.0
+    rows, driven = held[None, :].copy(), held[index[3]] != 0.0
+    c, s, arm = math.cos(straight[YAW]), math.sin(straight[YAW]), t.mounting.com_z - t.mounting.axis
+    y, spins = straight.copy(), slice(SPIN, SPIN + 2)
+    for _ in range(round(SETTLE_TIME / SETTLE_EVERY)):
+        if advance(tables, y, rows, index, held, 0, round(SETTLE_EVERY / LONGEST), False, LONGEST, 1, w, frame)[0]:
+            wheel = f'with the steering wheel at {u[index[0]]:g} rad'
+            raise ConsistencyError(f'start: the vehicle does not settle at {speed:g} m/s {wheel}: take less of either at t = 0')
+        side = arm * y[ROLL]  # which the centre of mass of the chassis has moved to the right
+        now = y[VX] + y[YAW_RATE] * (side - t.mounting.com_y)
+        most = SPINNING * math.hypot(y[VX], y[VY]) / abs(speed)
+        if driven and (np.any(np.abs(y[spins]) > most * np.abs(straight[spins])) or abs(now - speed) > UNSTEADY * abs(speed)):
+            return None
+        y[VX] += speed - now
+        if now / speed > STOPPED:
+            y[spins] *= speed / now
+        y[X], y[Y], y[YAW] = straight[X] - s * side, straight[Y] + c * side, straight[YAW]
+    y[[TURN_F, TURN_R]] = 0.0
+    return y
+
+
 class SingleTrackSimulation(Simulation):
     """A scene whose model is what solver.levels.single_track shows of a vehicle; the parameters are those that level found.
 
     Of the integrator h alone means something here: the step is that of solver.step.single_track, in parts of LONGEST at most. Nothing
-    iterates, and there are no constraints. Raises SpecError on construction and StepError from
+    iterates, and there are no constraints. Raises SpecError or ConsistencyError on construction and StepError from
     advance(); each is one sentence.
     """
 
@@ -140,7 +174,8 @@ class SingleTrackSimulation(Simulation):
         self._rescued = []
         self.start = Changes(kind=scene.start.kind)
         behind = self.tables.mounting.x
-        self._at_start = rolling(self.tables.value, scene.start.speed, x - math.cos(yaw) * behind, y - math.sin(yaw) * behind, yaw)
+        straight = rolling(self.tables.value, scene.start.speed, x - math.cos(yaw) * behind, y - math.sin(yaw) * behind, yaw)
+        self._at_start = self._settled(straight)
         road = scene.model.road
         heights = [height for grid in road.grids for height in _heights(grid)]
         self._uneven = max(heights, default=0.0) - min(heights, default=0.0)
@@ -153,15 +188,30 @@ class SingleTrackSimulation(Simulation):
         self.reset()
 
     def _place(self) -> tuple[float, float, float]:
-        """x, y [m] and yaw [rad] of the chassis at the start. Raises SpecError where more is asked for than straight on."""
+        """x, y [m] and yaw [rad] of the chassis at the start. Raises SpecError where more is asked for than a place and a speed."""
         scene = self.scene
         for name in scene.start.coordinates:
-            raise SpecError(f'start.coordinates = {name!r}: the level single_track starts straight on; remove it')
+            raise SpecError(f'start.coordinates = {name!r}: the level single_track has no joints that could start there; remove it')
         chassis = next(b for b in scene.model.bodies if b.name == self.channels.bodies[0])
         if any(chassis.velocity) or any(chassis.angular_velocity):
             raise SpecError(f'{chassis.where}: velocity is given, but the level single_track starts with start.speed; take another level')
         R = matrix(chassis.orientation)
         return chassis.position[0], chassis.position[1], math.atan2(R[1, 0], R[0, 0])
+
+    def _settled(self, straight: np.ndarray) -> np.ndarray:
+        """(SIZE,) state at the start of what rolls `straight` (SIZE,): that, or where it is steered from t = 0 on, already in its bend.
+
+        As with bodies, a drive that leaves nothing steady acts from the first step on. Raises ConsistencyError.
+        """
+        start, u = self.scene.start, np.array(self.sources.reset(), float)
+        if start.kind != 'equilibrium' or not start.speed or not u[self._index[0]]:
+            return straight
+        found = settled(self.tables, straight, start.speed, u, self._index)
+        if found is None:
+            u[self._index[3]] = 0.0
+            found = settled(self.tables, straight, start.speed, u, self._index)
+            assert found is not None  # without a drive
+        return found
 
     @property
     def state(self) -> State:

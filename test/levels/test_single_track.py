@@ -142,6 +142,20 @@ def test_a_driver_finds_his_way() -> None:
 
 
 @pytest.mark.slow
+def test_steered_from_the_start_on_it_starts_in_the_bend_of_the_whole_vehicle() -> None:
+    """Straight on it would start without a yaw rate, and be 1 m beside the way after four seconds."""
+    steered = ['start.speed=20', 'maneuver={steering: 0.5, drive_torque: 150}', 'integrator.h=0.002']
+    starts, ends = [], []
+    for fidelity in ('full', 'single_track'):
+        simulation = solver.simulation_of(load_scene('light_car_step_steer', [*steered, f'fidelity={fidelity}']))
+        starts.append(simulation.snapshot())
+        ends.append(simulation.advance(2000))
+    assert starts[1].twist[0, 5] == pytest.approx(starts[0].twist[0, 5], rel=0.03)
+    assert starts[1].pose[0, :2] == pytest.approx(starts[0].pose[0, :2], abs=5e-3)
+    assert ends[1].pose[0, 1] == pytest.approx(ends[0].pose[0, 1], rel=0.03)
+
+
+@pytest.mark.slow
 def test_the_same_text_is_the_same_bits() -> None:
     """What is derived is kept; a scene from its resolved text drives the same way."""
     given = load_scene('light_car_step_steer', ['fidelity=single_track'])

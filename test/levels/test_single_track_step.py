@@ -13,15 +13,15 @@ from scipy.linalg import expm
 
 from solver.analysis.verdict import findings
 from solver.elements.road import FrictionPatch, RoadSpec
-from solver.errors import SpecError, StepError
+from solver.errors import ConsistencyError, SpecError, StepError
 from solver.files.scene import load_scene
 from solver.inputs.maneuver import Maneuver
 from solver.inputs.signals import Ramp, Sine, Step
 from solver.levels.single_track import shown
-from solver.levels.single_track_simulation import ELEMENTS, SingleTrackSimulation
+from solver.levels.single_track_simulation import ELEMENTS, SingleTrackSimulation, rolling
 from solver.scene import Scene, StartSettings
 from solver.step.settings import IntegratorSettings
-from solver.step.single_track_tables import LATERAL, ROLL, VX, VY, YAW_RATE
+from solver.step.single_track_tables import LATERAL, ROLL, SHIFT, SPIN, VX, VY, YAW_RATE
 
 MODEL = shown(load_scene('light_car_straight').model)
 STRAIGHT, FLAT = Maneuver(), RoadSpec()
@@ -310,6 +310,63 @@ def test_it_starts_where_the_chassis_is_placed() -> None:
     assert moved[1] == pytest.approx(6.0, rel=1e-2)
 
 
+TURNED = Maneuver(steering=0.5, drive_torque=150.0)
+
+
+@pytest.mark.parametrize('speed', [20.0, -8.0])
+def test_a_steered_vehicle_starts_in_its_bend(speed: float) -> None:
+    """Its roll at the start is what the stiffness leaves of S r v, its yaw rate goes on for half a second within 2 %, and in the first
+    20 ms it goes along x within its sideslip; it has its speed, and the centre of mass of its chassis, 0.5 m over the axis of roll, stands
+    at the origin: the chassis itself, 0.1 m under that axis, 0.6 m times its roll to the left."""
+    s = simulation(Maneuver(steering=0.5, drive_torque=math.copysign(150.0, speed)), speed=speed)
+    shot = s.snapshot()
+    roll, rate = s.y[ROLL], s.y[YAW_RATE]
+    assert rate == pytest.approx(speed * 0.5 / 16.0 / (2.65 + math.copysign(understeer(), speed) * speed * speed), rel=0.2)
+    assert roll == pytest.approx(800.0 * speed * rate / 9e4, rel=5e-3)
+    assert shot.twist[0, 5] == pytest.approx(rate, rel=1e-3)
+    assert shot.twist[0, 0] + rate * 0.6 * roll == pytest.approx(speed, rel=1e-4)
+    assert shot.pose[0, :2] == pytest.approx([0.0, 0.6 * roll], abs=1e-6)
+    assert shot.pose[0, 5] == pytest.approx(0.0, abs=1e-3)
+    assert shot.joint_position[1:] == pytest.approx(np.zeros(4))
+    moved = s.advance(20).pose[0, :2] - shot.pose[0, :2]
+    assert moved == pytest.approx([0.02 * speed, 0.02 * shot.twist[0, 1]], abs=2e-3)
+    assert s.advance(480).twist[0, 5] == pytest.approx(rate, rel=0.02)
+    s.reset()
+    assert s.snapshot().numbers.tobytes() == shot.numbers.tobytes()
+    assert s.totals()['energy_error_max'] == 0.0
+
+
+def test_a_steered_start_does_not_depend_on_the_step_of_the_scene() -> None:
+    assert simulation(TURNED, h=5e-3).y.tobytes() == simulation(TURNED, h=1e-3).y.tobytes()
+
+
+def test_a_start_straight_on_rolls_as_before_whatever_drives_and_brakes() -> None:
+    """To the bit, also steered from t = 0 on where it stands, or as it was placed."""
+    s = simulation(Maneuver(drive_torque=150.0, brake_torque=500.0))
+    assert s.y.tobytes() == rolling(s.tables.value, 20.0, 0.1).tobytes()
+    s = simulation(TURNED, speed=0.0)
+    assert s.y.tobytes() == rolling(s.tables.value, 0.0, 0.1).tobytes()
+    placed = dataclasses.replace(s.scene, start=StartSettings(kind='as_placed', speed=20.0))
+    assert SingleTrackSimulation(placed, PARAMETERS).y.tobytes() == rolling(s.tables.value, 20.0, 0.1).tobytes()
+
+
+def test_brakes_that_are_on_have_moved_load_forward_at_a_steered_start() -> None:
+    """800 N m at 0.298 m: 0.2 of that force and of the resistance of all axles is load that has moved, and the car turns in for it."""
+    braked, free = simulation(Maneuver(steering=0.5, brake_torque=800.0)), simulation(Maneuver(steering=0.5))
+    moved = free.y[SHIFT] - braked.y[SHIFT]
+    assert moved == pytest.approx(0.2 * 800.0 / 0.298, rel=0.03)
+    assert braked.y[YAW_RATE] > 1.01 * free.y[YAW_RATE]
+
+
+def test_a_drive_that_spins_the_wheels_acts_from_a_steered_start_on() -> None:
+    """12 kN m at an axle that holds some 2: at the start it is as without it; 0.1 s later its wheels spin."""
+    s = simulation(Maneuver(steering=0.5, drive_torque=12000.0), speed=3.0)
+    assert s.y.tobytes() == simulation(Maneuver(steering=0.5), speed=3.0).y.tobytes()
+    assert s.y[YAW_RATE] == pytest.approx(3.0 * 0.5 / 16.0 / 2.65, rel=0.05)
+    s.advance(100)
+    assert s.y[SPIN] > 20.0
+
+
 def test_errors_are_sentences() -> None:
     s = simulation()
     with pytest.raises(StepError, match="input 'drive_torque' is not finite; nothing was advanced"):
@@ -317,3 +374,5 @@ def test_errors_are_sentences() -> None:
     assert s.k == 0
     with pytest.raises(SpecError, match='take another level'):
         _ = s.state
+    with pytest.raises(ConsistencyError, match=r'does not settle at 1e\+200 m/s with the steering wheel at 0.5 rad: take less'):
+        simulation(TURNED, speed=1e200)
