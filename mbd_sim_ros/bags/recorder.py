@@ -150,16 +150,26 @@ class Recorder:
     in `dropped`. A failure is kept: the next `write` and `close` raise it as BagError and the caller decides what to do.
     When the simulating process dies, the recording process finishes the bag with what was delivered.
     `metadata` is the record of `describe`; a `robot_description` in it is also written as the latched topic.
+    namespace: put before topics that do not begin with `/`.
     Usable as a context manager. Raises BagError on construction when `directory` cannot be written or is not empty.
     """
 
-    def __init__(self, directory: str | Path, topics: Sequence[Topic], metadata: Mapping[str, str], *, wait: bool = True) -> None:
+    def __init__(
+        self,
+        directory: str | Path,
+        topics: Sequence[Topic],
+        metadata: Mapping[str, str],
+        *,
+        namespace: str = '',
+        wait: bool = True,
+    ) -> None:
         topics = list(topics)
         self._queue: deque[tuple[int, Sequence[bytes | None]]] = deque()
         description = metadata.get('robot_description', '')
         self._description = template(STRING, {'data': description}).data if description else b''
         if description:
             topics.append(Topic('robot_description', STRING, depth=1, latched=True))
+        topics = [t if t.name.startswith('/') else t._replace(name=f'{namespace.rstrip("/")}/{t.name}') for t in topics]
         self.directory = Path(directory)
         self.dropped = 0
         self.error: BagError | None = None
@@ -279,7 +289,7 @@ class Recorder:
 class StepRecorder(Recorder):
     """Records the steps of a simulation: messages at the instants it is given, and the inputs of every step between them.
 
-    inputs: their names. first: the step it begins behind. namespace: put before topics that do not begin with `/`.
+    inputs: their names. first: the step it begins behind.
     """
 
     def __init__(
@@ -293,9 +303,8 @@ class StepRecorder(Recorder):
         namespace: str = '',
         wait: bool = True,
     ) -> None:
-        named = [t if t.name.startswith('/') else t._replace(name=f'{namespace.rstrip("/")}/{t.name}') for t in (*topics, INPUTS)]
         self._applied = Applied(inputs, first)
-        super().__init__(directory, named, metadata, wait=wait)
+        super().__init__(directory, (*topics, INPUTS), metadata, namespace=namespace, wait=wait)
 
     def note(self, last: int, rows: np.ndarray) -> None:
         """The inputs (n, nu) of the n steps that led to step `last`, none of which has been recorded yet."""

@@ -38,14 +38,15 @@ FIELDS = {
 
 def write_layout(motion: Motion, bag: Path, file: Path, channels: tuple[str, ...] = ()) -> None:
     """Write the layout for a recording. channels: patterns of those that are drawn as curves. Raises BagError."""
-    paths = message_paths(bag, curves_of(motion, channels))
+    namespace = '/' + motion.run.metadata.get('namespace', '').strip('/')  # of the node; '/' without any
+    paths = message_paths(bag, curves_of(motion, channels), namespace)
     plots = {f'Plot!{k}': _plot(name, path) for k, (name, path) in enumerate(paths.items())}
     moving = 'base_link' if motion.follows != WORLD_BODY else 'odom'
     layout: dict[str, Any] | str = ''
     for k, plot in enumerate(reversed(plots)):
         layout = {'first': plot, 'second': layout, 'direction': 'column', 'splitPercentage': 100.0 / (k + 1)} if k else plot
     data = {
-        'configById': {'3D!motion': _scene(moving), **plots},
+        'configById': {'3D!motion': _scene(moving, namespace), **plots},
         'globalVariables': {},
         'userNodes': {},
         'playbackConfig': {'speed': 1},
@@ -54,16 +55,18 @@ def write_layout(motion: Motion, bag: Path, file: Path, channels: tuple[str, ...
     write_text(file, json.dumps(data, indent=1))
 
 
-def message_paths(bag: Path, channels: list[str]) -> dict[str, str]:
-    """Channel -> where its value is in the messages of its topic."""
+def message_paths(bag: Path, channels: list[str], namespace: str = '/') -> dict[str, str]:
+    """Channel -> where its value is in the messages of its topic. namespace: of the topics that have one; channels are without."""
     result = {}
+    before = namespace.rstrip('/')
     with find_file(bag).open('rb') as stream:
         reader = make_reader(stream)
         summary = reader.get_summary()
         topics = {c.topic for c in summary.channels.values()} if summary is not None else set()
+        own = {topic.removeprefix(before) if topic.startswith(before + '/') else topic: topic for topic in topics}
         for name in channels:
-            topic = max((t for t in topics if ('/' + name).startswith(t + '/')), key=len)
-            rest = ('/' + name)[len(topic) + 1 :]
+            short = max((t for t in own if ('/' + name).startswith(t + '/')), key=len)
+            topic, rest = own[short], ('/' + name)[len(short) + 1 :]
             schema, _, message = next(iter(reader.iter_messages(topics=[topic])))
             assert schema is not None
             if schema.name == JOINT_STATE:
@@ -87,14 +90,14 @@ def _plot(name: str, path: str) -> dict[str, Any]:
     }
 
 
-def _scene(follow: str) -> dict[str, Any]:
+def _scene(follow: str, namespace: str) -> dict[str, Any]:
     camera = {'perspective': True, 'distance': 7.0, 'phi': 70.0, 'thetaOffset': 60.0, 'targetOffset': [0.0, 0.0, 0.0], 'fovy': 45.0}
     layers = {
         'bodies': {
             'layerId': 'foxglove.Urdf',
             'instanceId': 'bodies',
             'sourceType': 'topic',
-            'topic': '/robot_description',
+            'topic': f'{namespace.rstrip("/")}/robot_description',
             'visible': True,
         },
         'ground': {'layerId': 'foxglove.Grid', 'instanceId': 'ground', 'size': 200, 'divisions': 200, 'visible': True},

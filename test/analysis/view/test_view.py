@@ -8,6 +8,7 @@ import json
 import re
 import shutil
 import subprocess
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from mbd_sim_ros.analysis.view.motion import Motion, read_motion
 from mbd_sim_ros.analysis.view.page import write_page
 from mbd_sim_ros.analysis.view.picture import strokes
 from mbd_sim_ros.bags import reader
+from mbd_sim_ros.bags.recorder import StepRecorder, describe
 from mbd_sim_ros.batch import simulate
 from mbd_sim_ros.commands.main import main
 from mbd_sim_ros.messages import cdr
@@ -242,6 +244,17 @@ def test_the_paths_of_a_layout_for_foxglove_lead_to_the_values(car: Path, tmp_pa
         assert value == run[panel['foxglovePanelTitle']][0]
     named = re.findall(r'"((?:3D|Plot)![^"]*)"', json.dumps(data['layout']))
     assert sorted(named) == sorted(data['configById'])  # every panel has its place
+
+
+def test_a_layout_for_foxglove_names_topics_with_the_namespace_of_the_node(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr('mbd_sim_ros.batch.StepRecorder', partial(StepRecorder, namespace='/fleet'))
+    monkeypatch.setattr('mbd_sim_ros.batch.describe', partial(describe, namespace='/fleet'))
+    bag = recorded(tmp_path / 'run', 'slider_crank', 'duration=0.1', 'record.poses=20')
+    assert main(['view', str(bag), '--out', str(tmp_path / 'x.json'), '--channel=joint_states/*/position']) == 0
+    panels = json.loads((tmp_path / 'x.json').read_text())['configById']
+    assert panels['3D!motion']['layers']['bodies']['topic'] == '/fleet/robot_description'
+    paths = [panel['paths'][0]['value'] for name, panel in panels.items() if name.startswith('Plot!')]
+    assert paths[0] == '/fleet/joint_states.position[0]' and all(path.startswith('/fleet/') for path in paths)
 
 
 def test_what_cannot_be_shown_is_one_sentence(
