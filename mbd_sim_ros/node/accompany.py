@@ -9,6 +9,7 @@ from mbd_sim_ros import interrupts
 from solver.errors import MbdError, SpecError
 
 LOOK = 0.1  # s of waiting for a message, between looks for signals and for the simulator
+LOST = 0.3  # s without a newer state after which the answer to a repeated one is sent again
 
 # of all of them: default, description with unit
 COMMON: dict[str, tuple[Any, str]] = {

@@ -2,25 +2,34 @@
 
 from __future__ import annotations
 
+import math
+import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
 from nav_msgs.msg import Odometry
-from rcl_interfaces.srv import GetParameters
 from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
-from mbd_sim_ros.node.accompany import LOOK
+from mbd_sim_ros.node.accompany import LOOK, LOST
 from mbd_sim_ros.node.demand import DRIVE, Car, Demand, Loop
 from mbd_sim_ros.node.demands import GEAR_DRIVE, HEARD, TOLD, Heard, Measured, class_of, gear
 from mbd_sim_ros.node.gearbox import Gearbox, Worked
 from mbd_sim_ros.node.parameters import declare_described
+from mbd_sim_ros.node.simulated import Simulated
 from solver.errors import SpecError
 from solver.files.scene import load_scene
 from solver.inputs.driver import SpeedControl
 from solver.inputs.hands import COMMANDS
+from solver.scene import Scene
+
+POSITIVE = ('bandwidth', 'max_drive_torque')
+LIMITS = {  # parameter -> what it must be below
+    **dict.fromkeys(('steering_ratio', 'command_timeout', 'max_engine_braking', 'max_brake_torque', *POSITIVE), math.inf),
+    'max_road_wheel': 0.5 * math.pi,
+}
 
 
 class Adapter(Node):
@@ -35,9 +44,14 @@ class Adapter(Node):
         self._gear, self._gear_number = DRIVE, GEAR_DRIVE
         self._loop: Loop | None = None
         self._gearbox: Worked | None = None
+        self._heard = False  # whether an odom came
+        self._command: JointState | None = None  # the newest
+        self._repeated = math.inf  # clock reading when the state that it answers came again
+        self._control = self._checked()
         self._simulator = self.value('simulator')
-        self._scene = load_scene(self.value('scene')) if self.value('scene') else None
-        self._asked: Any = None
+        self._driven: Scene | None = None  # whose car the loop is of
+        self._given = load_scene(self.value('scene')) if self.value('scene') else None
+        self._simulated = Simulated(self, self._simulator) if self._given is None else None
         newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
         latched = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         missing = set()
@@ -68,51 +82,72 @@ class Adapter(Node):
         return self.get_parameter(name).value
 
     def look(self, executor: Executor) -> bool:
-        """Take what comes; whether the simulator, and the car that it drives, has been found. Raises MbdError."""
-        if self._loop is None:
-            return self._find(executor)
+        """Take what comes; whether the simulator, its car and its states have been found. Raises MbdError."""
         executor.spin_once(timeout_sec=LOOK)
-        return True
+        if self._driven is None and self._commands.get_subscription_count() == 0:
+            return False
+        scene = self._scene()
+        if scene is not None and scene is not self._driven:
+            self._drive(scene)
+        if time.monotonic() - self._repeated > LOST:
+            self._send()
+        return self._driven is not None and self._heard
 
     def missing(self) -> str:
         """What is wrong with the simulator while it has not been found."""
-        return 'does not say what it simulates' if self._commands.get_subscription_count() else 'is not there'
+        if self._commands.get_subscription_count() == 0:
+            return 'is not there'
+        if self._driven is None:
+            return 'does not say what it simulates'
+        return 'is there but sends no odom (is it paused, or in another namespace?)'
 
     def ended(self) -> str:
         """Why there is nothing more to do; '' while there is."""
         gone = self.answered >= 0 and self._commands.get_subscription_count() == 0
         return f'the simulator has ended at t = {self.answered * 1e-9:.3f} s' if gone else ''
 
-    def _find(self, executor: Executor) -> bool:
-        """Look for the simulator and learn what car it drives. Raises MbdError for a scene that cannot be loaded."""
-        if self._commands.get_subscription_count() == 0:
-            executor.spin_once(timeout_sec=LOOK)
-            return False
-        scene = self._scene
-        if scene is None:
-            if self._asked is None:
-                self._client = self.create_client(GetParameters, f'{self._simulator}/get_parameters')
-                if not self._client.wait_for_service(timeout_sec=LOOK):
-                    return False
-                self._asked = self._client.call_async(GetParameters.Request(names=['scene', 'overrides']))
-            executor.spin_once(timeout_sec=LOOK)
-            if not self._asked.done():
-                return False
-            values = self._asked.result().values
-            scene = load_scene(values[0].string_value, [text for text in values[1].string_array_value if text])
-        car = Car.of(scene, ratio=self.value('steering_ratio') or None)
-        control = SpeedControl(
+    def _checked(self) -> SpeedControl:
+        """The law of the speed loop. Raises SpecError for a parameter that is out of its range."""
+        for name, most in LIMITS.items():
+            value = self.value(name)
+            if not (0.0 < value < most if name in POSITIVE else 0.0 <= value < most):
+                least = 'above 0' if name in POSITIVE else 'at least 0'
+                raise SpecError(
+                    f'parameter {name} = {value:g}: must be {least} and {"finite" if most == math.inf else f"below {most:.4f}"}'
+                )
+        return SpeedControl(
             bandwidth=self.value('bandwidth'),
             most=self.value('max_drive_torque'),
             least=-self.value('max_engine_braking'),
             brakes=self.value('max_brake_torque'),
         )
-        self._loop = Loop(car, control, self.value('max_road_wheel'))
+
+    def _scene(self) -> Scene | None:
+        """Whose car is to be driven; None while that is not known. Raises MbdError for a scene that cannot be loaded."""
+        return self._given if self._simulated is None else self._simulated.look()
+
+    def _drive(self, scene: Scene) -> None:
+        """Drive the car of a scene from now on; the one that is driven already goes on. Raises SpecError for a scene without car."""
+        before, self._driven = self._driven, scene
+        if before is not None and scene.hash == before.hash:
+            return
+        car = Car.of(scene, ratio=self.value('steering_ratio') or None)
         box = Gearbox.of(scene)
+        self._loop = Loop(car, self._control, self.value('max_road_wheel'))
         self._gearbox = None if box is None else Worked(box)
+        self._begin()
         how = 'by its measured map' if self.value('steering_ratio') == 0.0 else f'by the ratio {self.value("steering_ratio"):g}'
         self.get_logger().info(f'driving {scene.name}: wheelbase {car.wheelbase:.3f} m, steering {how}')
-        return True
+
+    def _begin(self) -> None:
+        """Time begins anew: what was wanted before counts no more, but what came since the last odom does."""
+        assert self._loop is not None
+        self._loop.reset()
+        if self._gearbox is not None:
+            self._gearbox.reset()
+        if self._at >= 0:
+            self._demand, self._at = None, -1
+        self.answered, self._repeated = -1, math.inf
 
     def _hearing(self, row: Heard) -> Callable[[Any], None]:
         def hear(message: Any) -> None:
@@ -129,13 +164,14 @@ class Adapter(Node):
     def _answer(self, odom: Odometry) -> None:
         stamp = odom.header.stamp
         now = stamp.sec * 1_000_000_000 + stamp.nanosec
-        if self._loop is None or now == self.answered:
+        self._heard = True
+        if self._loop is None or self._scene() is not self._driven:  # another car may have been loaded
+            return
+        if now == self.answered:  # in lockstep: no answer came, or it was lost when the simulator was reset at its start
+            self._repeated = min(self._repeated, time.monotonic())
             return
         if now < self.answered:  # the simulator was reset
-            self._loop.reset()
-            if self._gearbox is not None:
-                self._gearbox.reset()
-            self._at, self.answered = -1, -1
+            self._begin()
         if self._demand is not None and self._at < 0:
             self._at = now
         timeout = self.value('command_timeout')
@@ -152,10 +188,15 @@ class Adapter(Node):
             named |= self._gearbox.commands(values[1], self._loop.direction, self._gear, twist.linear.x, h)
         command = JointState(name=list(named), position=list(named.values()))
         command.header.stamp = stamp
-        self._commands.publish(command)
-        self.answered = now
+        self.answered, self._command = now, command
+        self._send()
         measured = Measured(stamp, twist.linear.x, twist.linear.y, twist.angular.z, self._loop.road_wheel, self._gear_number)
         for publisher, kind, fill in self._reports:
             message = kind()
             fill(message, measured)
             publisher.publish(message)
+
+    def _send(self) -> None:
+        """Send the newest command."""
+        self._repeated = math.inf
+        self._commands.publish(self._command)

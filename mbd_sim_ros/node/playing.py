@@ -19,7 +19,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Int32
 
-from mbd_sim_ros.node.accompany import LOOK
+from mbd_sim_ros.node.accompany import LOOK, LOST
 from mbd_sim_ros.node.commands import PLAIN
 from mbd_sim_ros.node.parameters import declare_described
 from solver.errors import SceneError
@@ -27,7 +27,6 @@ from solver.files.scene import load_maneuver, load_scene
 from solver.inputs.hands import COMMANDS, POWERTRAIN, STEERING
 
 FIND = 1.5  # s after the first state in which a simulator that takes stamped commands is found out
-LOST = 0.3  # s without a newer state after which the answer to a repeated one is sent again
 
 
 class Player(Node):
