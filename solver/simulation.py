@@ -312,9 +312,12 @@ class Simulation:
     # -- state and reports ---------------------------------------------------------------------------------------------
 
     def save(self) -> bytes:
-        """Everything the future depends on."""
-        memory = self.adaptation.memory() if self.adaptation is not None else {}
-        return save_state(self.state, self.k, {'inputs': self._inputs, 'audit': self._work.energy, **memory, **self.sources.memory()})
+        """Everything the future depends on, and what the run so far is judged by."""
+        adapted = {} if self.adaptation is None else {**self.adaptation.memory(), **self.adaptation.past()}
+        watched = {} if self.branches is None else self.branches.memory()
+        past = {'totals': np.array(self._totals), 'switches': np.array(self.switches).reshape(-1, 2)}
+        memory = {**past, **watched, **adapted, **self.sources.memory()}
+        return save_state(self.state, self.k, {'inputs': self._inputs, 'audit': self._work.energy, **memory})
 
     def restore(self, data: bytes) -> None:
         """Continue from save(); raises SpecError if it belongs to another model."""
@@ -330,6 +333,10 @@ class Simulation:
         if extra.get('audit', np.zeros(0)).shape != self._work.energy.shape:
             raise SpecError('restore: the state was saved by another version of the solver; save it anew')
         inputs = fitting('inputs', extra.get('inputs'), self._inputs)
+        past = self._past(extra, k)
+        watch = BranchWatch() if self.branches is not None else None
+        if watch is not None:
+            watch.recall(extra, past[1])
         self.sources.recall(extra)
         copy_state(state, self.state)
         self.k = k
@@ -340,8 +347,20 @@ class Simulation:
             if 'adaptation' in extra:
                 self.adaptation.recall(extra, self.t_ns * 1e-9)
             else:
-                self.adaptation.start(self.state)
-        self._rescued[:] = [switch for switch in self._rescued if switch.t < self.t_ns * 1e-9]
+                self.adaptation.start(self.state, k)
+        self._totals, self._rescued[:] = past
+        self.branches = watch
+
+    def _past(self, saved: dict[str, np.ndarray], k: int) -> tuple[Counters, list[BranchSwitch]]:
+        """Counters and branch switches of the run that saved a state, at step k. Raises SpecError.
+
+        States of older versions hold neither: of their past is known what this simulation itself has seen.
+        """
+        if 'totals' not in saved or 'switches' not in saved:
+            return self._totals, [switch for switch in self._rescued if switch.t < k * self.h_ns * 1e-9]
+        i, f, e, s, *largest = fitting('totals', saved['totals'], np.zeros(len(NO_STEPS))).tolist()
+        rows = fitting('switches', saved['switches'], np.zeros((saved['switches'].size // 2, 2))).tolist()
+        return Counters(int(i), int(f), int(e), int(s), *largest), [BranchSwitch(*row) for row in rows]
 
     def __reduce__(self) -> tuple:
         """As its scene and save(): another process compiles the model anew, finds the same start, and goes on with the same bits."""
@@ -353,7 +372,7 @@ class Simulation:
 
     @property
     def events(self) -> list[Event]:
-        """Every change of step and penalties so far."""
+        """Every change of step and penalties that this simulation made; totals() counts those of the run before a restored state too."""
         return self.adaptation.events if self.adaptation is not None else []
 
     @property
@@ -372,8 +391,8 @@ class Simulation:
             'energy_error_max': float(self._work.energy[WORST]),
             'substeps': self.k if self.adaptation is None else self.adaptation.substeps,
             'rejected': 0 if self.adaptation is None else self.adaptation.rejected,
-            'smallest_step': min((e.new for e in self.events if e.kind == 'step'), default=self.h),
-            'events': len(self.events),
+            'smallest_step': self.h if self.adaptation is None else min(self.h, self.adaptation.smallest),
+            'events': 0 if self.adaptation is None else self.adaptation.noted,
             **({} if self.branches is None else {'branch_switches': len(self.branches.events)}),
         }
 

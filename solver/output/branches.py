@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from solver.model.state import fitting
 from solver.output.dependence import RANK_TOLERANCE
 
 EXPLAINED = 3.0  # times the turn over as many steps beside the weakest position may be the turn across it
@@ -43,6 +44,26 @@ class BranchWatch:
         self.events: list[BranchSwitch] = []
         self._rank = 0
         self._looks: deque[_Look] = deque(maxlen=5)
+
+    def memory(self) -> dict[str, np.ndarray]:
+        """The last looks, as arrays: a passage that has begun is judged by those before it."""
+        looks = self._looks
+        return {
+            'looks': np.array([(look.t, look.weakest) for look in looks]).reshape(-1, 2),
+            'free': np.array([look.free.T for look in looks]) if looks else np.zeros((0, 0, 0)),  # (looks, dof, n)
+        }
+
+    def recall(self, memory: dict[str, np.ndarray], events: list[BranchSwitch]) -> None:
+        """Inverse of memory(), with what was found until then. Of a state that has no looks (its run was not watched, or is of an older
+        version) looking begins anew. Raises SpecError.
+        """
+        looks, free = memory.get('looks', np.zeros((0, 2))), memory.get('free', np.zeros((0, 0, 0)))
+        fitting('looks', looks, np.zeros((looks.size // 2, 2)))
+        fitting('free', free, np.zeros((len(looks), *free.shape[1:3])))
+        self.reset()
+        self.events += events
+        self._rank = free.shape[2] - free.shape[1]
+        self._looks.extend(_Look(t, weakest, rows.T) for (t, weakest), rows in zip(looks.tolist(), free, strict=True))
 
     def look(self, t: float, A: np.ndarray) -> None:
         """Take the scaled Jacobian A (nc, n) (solver.output.energy.scaled_jacobian) at time t [s] into account."""

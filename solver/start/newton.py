@@ -35,7 +35,8 @@ OPEN = 1e-8  # m/s or rad/s that velocities may violate constraints by
 STAGNATION = 0.5  # of the change before, above which an iteration has come to rounding
 KRYLOV = 40  # augmentations in a combination at most
 ASSEMBLY_TOLERANCE = 1e-12  # m or rad
-LARGEST_TURN = 0.3  # rad or m per iteration of the assembly
+LARGEST_TURN = 0.3  # rad or m per iteration of the assembly, so that no coordinate turns by pi at once
+FARTHEST = 10000  # such iterations that a start may be away: 3000 rad
 CLEARANCE = 10.0  # height at which no tire touches any road [m]
 UNRESOLVED = 0.5  # part of the change of an acceleration over a step that a Taylor polynomial may miss
 UNSEEN = 1e-9  # m or rad of a step
@@ -105,19 +106,27 @@ class ConsistentState:
     def assemble(self, state: State, u: np.ndarray, offsets: np.ndarray | None = None, limit: int = 200) -> None:
         """Move state.q onto phi = 0 by damped Gauss-Newton in the metric of the masses; updates state.angle.
 
-        offsets (nc,): added to phi. Raises ConsistencyError naming the constraint that stays open.
+        state.angle follows every move, so a start or a gear may wind a coordinate by any number of turns.
+        offsets (nc,): added to phi. limit: iterations, besides those that the first correction takes in parts of LARGEST_TURN. Raises
+        ConsistencyError naming the constraint that stays open.
         """
         self.Kq[:] = 0.0
         self.Kv[:] = 0.0
         zero = np.zeros_like(self.f)
-        for _ in range(limit):
-            self._constraints(state.q, state.v, state.angle, u)
+        made, most = 0, limit
+        while made < most:
+            kin = self._constraints(state.q, state.v, state.angle, u)
+            update_angles(self.coordinates, kin, state.angle)
             residual = self.t.constraints.holonomic * (self.phi + (offsets if offsets is not None else 0.0))
             if not len(residual) or np.abs(residual).max() < ASSEMBLY_TOLERANCE:
                 break
             self._factorize(1.0, 0.0, 0.0, metric=True, holonomic=True)
             solve_saddle(self.t, CONDENSED, self.saddle, zero, residual, self.dw, self.dlam)
-            move(state.q, self.dw * min(1.0, LARGEST_TURN / max(np.abs(self.dw).max(), 1e-300)))
+            far = np.abs(self.dw).max()
+            if made == 0 and far < np.inf:
+                most += int(min(far / LARGEST_TURN, FARTHEST))
+            move(state.q, self.dw * min(1.0, LARGEST_TURN / max(far, 1e-300)))
+            made += 1
         else:
             worst = np.abs(residual).max()
             if not worst < 1e-9:

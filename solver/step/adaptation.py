@@ -34,6 +34,8 @@ class Adaptation:
         self.model, self.scheme, self.work = model, scheme, work
         self.control = new_control(model, settings, hold, fourth)
         self.events: list[Event] = []
+        self.noted = 0  # events since start(), also those of the run that saved the state this one goes on from
+        self.smallest = np.inf  # step that was changed to since then [s]
         self.abandoned = False  # the last advance() left an interval again, because somebody asked for it
         self._progress, self._counts = self.values.progress, self.values.counts
 
@@ -53,8 +55,8 @@ class Adaptation:
         """Attempts that were not, since start()."""
         return int(self.values.counts[entry.REJECTED])
 
-    def start(self, state: State) -> None:
-        """Begin at a state made for a step of the grid; the projected velocity is in the work of the step."""
+    def start(self, state: State, taken: int = 0) -> None:
+        """Begin at a state made for a step of the grid; the projected velocity is in the work of the step. taken: such steps before."""
         c = self.values
         c.history.size[:] = c.grid
         c.history.offset[:] = state.v - self.work.v_out
@@ -62,10 +64,11 @@ class Adaptation:
         c.memory[entry.WANTED], c.memory[entry.TAKEN] = c.grid, c.grid / c.group
         c.memory[entry.LAST_ERROR] = c.error_tolerance
         c.memory[entry.EASY], c.memory[entry.PATIENCE] = 0.0, entry.EASY_STEPS
-        c.counts[:] = 0
+        c.counts[:] = taken, 0, 0
         c.progress[:] = 0.0
         self.scheme.penalty[:] = c.base
         self.events.clear()
+        self.noted, self.smallest = 0, np.inf
 
     def memory(self) -> dict[str, np.ndarray]:
         """Everything the future depends on, as arrays."""
@@ -77,14 +80,23 @@ class Adaptation:
             'penalty': self.scheme.penalty.copy(),
         }
 
+    def past(self) -> dict[str, np.ndarray]:
+        """What a run reports of its past, for recall() beside memory(). Of events the number alone: a long run has many."""
+        return {'counts': np.array([self.substeps, self.rejected, self.noted, self.smallest])}
+
     def recall(self, memory: dict[str, np.ndarray], t: float) -> None:
-        """Inverse of memory(), at time t [s]; events from then on are forgotten."""
+        """Inverse of memory() and past(), at time t [s]; events from then on are forgotten. A state of an older version has no past:
+        counts go on from what they are.
+        """
         c = self.values
         c.history.size[:], c.memory[:] = memory['adaptation'][:2], memory['adaptation'][2:]
         c.history.offset[:], c.history.z_rate[:] = memory['offset'], memory['z_rate']
         c.progress[:] = 0.0
         self.scheme.penalty[:] = memory['penalty']
         self.events[:] = [event for event in self.events if event.t < t]
+        if 'counts' in memory:
+            c.counts[entry.SUBSTEPS], c.counts[entry.REJECTED] = memory['counts'][:2]
+            self.noted, self.smallest = int(memory['counts'][2]), float(memory['counts'][3])
 
     def advance(
         self, states: list[Ref], inputs: np.ndarray, first: int, count: int, k: int, audit: bool, look: Callable[[int], None]
@@ -131,4 +143,7 @@ class Adaptation:
         for t, kind, row, old, new, cause in c.events[: c.counts[entry.PENDING]].tolist():
             name = self.model.row_names[int(row)] if row >= 0.0 else ''
             self.events.append(Event(t, KINDS[int(kind)], name, old, new, CAUSES[int(cause)]))
+            self.noted += 1
+            if kind == entry.OF_STEP:
+                self.smallest = min(self.smallest, new)
         c.counts[entry.PENDING] = 0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import pickle
 
 import numpy as np
 import pytest
@@ -11,9 +12,10 @@ from mbd_sim_ros.commands.main import main
 from solver import simulation_of
 from solver.analysis.verdict import findings
 from solver.compiled.so3 import quaternion_exp
+from solver.errors import SpecError
 from solver.files.scene import load_scene
 from solver.model.state import copy_state
-from solver.output.branches import BranchWatch
+from solver.output.branches import BranchSwitch, BranchWatch
 from solver.simulation import Simulation
 from solver.start.newton import ConsistentState
 
@@ -64,6 +66,55 @@ def test_divided_steps_that_come_out_on_the_other_branch_make_a_run_suspect(bran
     s._look_at_rescue(s.k)
     assert len(s.switches) == found
     assert [f.quantity for f in findings(s)].count('branch_switches') == found
+
+
+@pytest.mark.parametrize(('at', 'seen'), [(1, 0), (50, 1)])
+def test_a_watched_run_that_was_saved_finds_the_same_switches(at: int, seen: int) -> None:
+    """Saved between the singular position and the look that finds the switch, or behind both: elsewhere, and from its pickle, it is as
+    suspect as the run that went on, and as it was itself when it goes back.
+    """
+    s = folded('together')
+    s.advance(at)
+    assert len(s.switches) == seen
+    saved, pickled = s.save(), pickle.dumps(s)
+    s.advance(60 - at)
+    switches, found, totals = list(s.switches), [str(f) for f in findings(s)], s.totals()
+    assert len(switches) == 1
+    other = simulation_of(s.scene)
+    other.restore(saved)
+    s.restore(saved)
+    for again in (other, pickle.loads(pickled), s):
+        assert len(again.switches) == seen
+        again.advance(60 - at)
+        assert again.switches == switches
+        assert [str(f) for f in findings(again)] == found
+        assert again.totals() == totals
+
+
+def test_a_switch_across_divided_steps_is_saved_too() -> None:
+    """It is in the findings of whoever goes on, watched or not; what another run found is not."""
+    s, other = (simulation_of(load_scene('slider_crank')) for _ in range(2))
+    s.advance(5)
+    clean = s.save()
+    s._rescued.append(BranchSwitch(0.002, 0.5))
+    other.restore(s.save())
+    watched = simulation_of(load_scene('slider_crank', WATCHED))
+    watched.restore(s.save())
+    for again in (s, other, watched, pickle.loads(pickle.dumps(other))):
+        assert again.switches == [(0.002, 0.5)]
+        assert [f.quantity for f in findings(again)] == ['branch_switches']
+    watched.restore(clean)
+    other.restore(clean)
+    assert watched.switches == other.switches == []
+
+
+def test_looks_that_do_not_belong_together_are_refused() -> None:
+    watch = BranchWatch()
+    looks, free = np.zeros((2, 2)), np.zeros((2, 1, 3))
+    watch.recall({'looks': looks, 'free': free}, [])
+    for memory in ({'looks': looks}, {'looks': looks, 'free': free[:1]}, {'looks': looks.ravel(), 'free': free}):
+        with pytest.raises(SpecError, match=r'restore: (looks|free) has shape .* the saved state is of another model'):
+            watch.recall(memory, [])
 
 
 @pytest.mark.parametrize('h', [0.01, 0.005, 0.002])

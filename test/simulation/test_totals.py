@@ -1,0 +1,100 @@
+"""What a run reports of itself does not depend on whether it was saved and taken up on its way."""
+
+from __future__ import annotations
+
+import io
+import pickle
+
+import numpy as np
+import pytest
+
+from solver.analysis.verdict import findings
+from solver.errors import SpecError
+from solver.files.scene import load_scene
+from solver.simulation import Simulation
+
+TOLERANCE = 'integrator.mode=tolerance'
+ADAPTIVE = ('integrator.augmentation=plain', 'integrator.penalty=100', 'integrator.penalty_policy=adaptive')
+RUNS = {
+    'error': ('double_pendulum', TOLERANCE, 'integrator.step_policy=error', 'integrator.h=0.02', 'integrator.error_tolerance=1e-4'),
+    'penalties': ('slider_crank', TOLERANCE, *ADAPTIVE),
+    'constant': ('slider_crank', 'integrator.step_policy=constant'),
+    'rescue': ('slider_crank',),
+}
+ADDED = ('totals', 'switches', 'counts')  # to saved states, which were without them before
+
+
+def of(name: str) -> Simulation:
+    scene, *overrides = RUNS[name]
+    return Simulation(load_scene(scene, overrides))
+
+
+def without(saved: bytes, names: tuple[str, ...]) -> bytes:
+    """A saved state as an older version wrote it."""
+    file = io.BytesIO()
+    with np.load(io.BytesIO(saved)) as arrays:
+        np.savez(file, **{name: arrays[name] for name in arrays.files if name not in names})
+    return file.getvalue()
+
+
+@pytest.mark.parametrize('name', ['error', 'penalties', 'constant'])
+def test_a_run_that_was_resumed_reports_what_one_without_a_stop_does(name: str) -> None:
+    """From its state in a new simulation and in the one that went on, and from its pickle, from where it has adapted already."""
+    s = of(name)
+    s.advance(40)
+    saved, pickled, before = s.save(), pickle.dumps(s), s.totals()
+    assert name == 'constant' or before['events'] > 0, 'nothing adapted, nothing is shown'
+    s.advance(40)
+    totals, found = s.totals(), [str(f) for f in findings(s)]
+    assert totals['substeps'] >= 80
+    other = of(name)
+    other.advance(7)
+    other.restore(saved)
+    s.restore(saved)
+    for again in (other, pickle.loads(pickled), s):
+        assert again.totals() == before
+        again.advance(40)
+        assert again.totals() == totals
+        assert [str(f) for f in findings(again)] == found
+    s.reset()
+    s.advance(80)
+    assert s.totals() == totals
+
+
+def test_counts_are_whole_numbers_after_a_restart_too() -> None:
+    s, other = of('error'), of('error')
+    s.advance(10)
+    other.restore(s.save())
+    assert {name: type(value) for name, value in other.totals().items()} == {name: type(value) for name, value in s.totals().items()}
+
+
+def test_steps_of_a_run_with_constant_steps_are_counted_by_one_that_may_divide_them() -> None:
+    constant, rescuing = of('constant'), of('rescue')
+    constant.advance(30)
+    rescuing.restore(constant.save())
+    assert rescuing.totals() == constant.totals()
+    rescuing.advance(10)
+    assert rescuing.totals()['substeps'] == 40
+
+
+@pytest.mark.parametrize('name', RUNS)
+def test_a_state_of_an_older_version_goes_on_with_the_same_bits(name: str) -> None:
+    """It does not know what its run reported: counters begin where it is taken up."""
+    s, other = of(name), of(name)
+    s.advance(40)
+    other.restore(without(s.save(), ADDED))
+    assert other.advance(20).numbers.tobytes() == s.advance(20).numbers.tobytes()
+    assert 0 < other.totals()['iterations'] < s.totals()['iterations']
+
+
+@pytest.mark.parametrize('name', ['totals', 'switches'])
+def test_a_state_with_a_damaged_past_is_refused_and_changes_nothing(name: str) -> None:
+    s = of('constant')
+    s.advance(5)
+    file = io.BytesIO()
+    with np.load(io.BytesIO(s.save())) as arrays:
+        np.savez(file, **{**arrays, name: np.zeros(3)})
+    before = s.save()
+    with pytest.raises(SpecError, match=f'restore: {name} has shape'):
+        s.restore(file.getvalue())
+    assert s.save() == before
