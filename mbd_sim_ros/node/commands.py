@@ -151,7 +151,7 @@ class Commands:
         return receive
 
     def _stamped(self, message: JointState) -> None:
-        """Commands by their names, that answer the state of header.stamp."""
+        """Commands by their names, that answer the state of header.stamp; none of them: all hold."""
         values = self._by_name('lockstep_cmd', message)
         if values is None:
             return
@@ -162,13 +162,16 @@ class Commands:
 
     def _unstamped(self, message: JointState) -> None:
         """Commands by their names, the newest wins."""
+        if not message.name and not message.position:
+            self._refuse('wheel_cmd', 'wheel_cmd: names no command')
+            return
         for index, value in (self._by_name('wheel_cmd', message) or {}).items():
             self.loop.command(index, value)
 
     def _by_name(self, topic: str, message: JointState) -> dict[int, float] | None:
         """The commands in a message by their places; None when one of them is refused."""
         values: dict[int, float] = {}
-        if len(message.name) != len(message.position) or not message.name:
+        if len(message.name) != len(message.position):
             self._refuse(topic, f'{topic}: {len(message.name)} names, {len(message.position)} positions; give one for each')
             return None
         for name, number in zip(message.name, message.position):

@@ -138,7 +138,7 @@ class Interfaces:
 
     def _set_state(self, request: Any, response: Any) -> Any:
         wanted, result = request.state.state, response.result
-        if wanted == self._state():
+        if wanted == self._state() and not self._running.loop.stepping:  # steps that were asked for end with a pause
             return _answer(response, result, ALREADY, 'already in this state')
         if wanted == QUITTING:
             self._running.loop.finish('asked to quit')
@@ -188,15 +188,18 @@ class Interfaces:
         made = 0
         while made < count:
             portion = 1 if one_by_one else count
-            target = running.simulation.k + portion
+            dropped = running.loop.dropped
             done, text = asked(running, partial(_make, portion))
             if not done:
                 return False, text
-            while running.simulation.k < target or running.loop.stepping:
+            while running.loop.stepping:
                 if running.loop.done.is_set() or running is not self._running or interrupts.event.is_set():
                     return False, str(running.loop.error or 'the simulation has ended')
                 await _Turn(self.node.executor)
-            made += portion
+            lost = running.loop.dropped - dropped
+            made += portion - min(lost, portion)
+            if lost:
+                return False, f'{made} of {count} steps: the others were dropped by a pause or a reset'
             if tell(made):
                 break
         return True, f'{made} steps, at t = {running.simulation.t_ns * 1e-9:.6f} s'
@@ -241,7 +244,9 @@ class Interfaces:
         if request.entity != chassis or request.set_twist or request.set_acceleration or not request.set_pose:
             return _answer(response, result, UNSUPPORTED, f'only the pose of the chassis ({chassis}) can be set')
         q = pose.orientation
-        done, text = asked(self._running, lambda running: running.place(pose.position.x, pose.position.y, (q.x, q.y, q.z, q.w)))
+        frame = request.state.header.frame_id
+        frame = '' if frame == 'world' else frame  # their name of the one that is meant where none is given
+        done, text = asked(self._running, lambda running: running.place(pose.position.x, pose.position.y, (q.x, q.y, q.z, q.w), frame))
         return self._said('set_entity_state', response, result, done, text, refused=INVALID_POSE)
 
     def _load(self, request: Any, response: Any) -> Any:

@@ -93,8 +93,9 @@ class Loop:
     that the step that is seen begins when it is due; none begins before it is, for steps take less than they last. `passed()` is called
     behind each call, `repeat()` from time to time while lockstep waits for a first or lost answer. commands: names of those that are
     latched, steering first; drive torques and the accelerator among them count as zero when they are older than command_timeout. The
-    attributes mode, rate_factor, command_timeout [s, 0: never] and lockstep_commands may be changed at any time. After the thread has
-    ended `outcome` is a sentence and `error` the exception that ended it, if any.
+    attributes mode, rate_factor, command_timeout [s, 0: never] and lockstep_commands may be changed at any time. dropped: steps that were
+    asked for and not made, because of a pause or a reset. After the thread has ended `outcome` is a sentence and `error` the exception that
+    ended it, if any.
     """
 
     def __init__(
@@ -126,7 +127,7 @@ class Loop:
         self.answers = Answers()
         self.stale: tuple[str, ...] = ()  # commands that the watchdog holds at zero
         self.paused = False
-        self.steps = self.overruns = self.slips = 0
+        self.steps = self.overruns = self.slips = self.dropped = 0
         self.outcome = ''
         self.error: BaseException | None = None
         self.done = threading.Event()
@@ -200,9 +201,11 @@ class Loop:
             self._answer(RuntimeError(ENDED))
         return future
 
-    def pause(self) -> None:
-        """Hold the simulation (to be asked for)."""
-        self.paused = True
+    def pause(self) -> int:
+        """Hold the simulation; returns how many steps that were asked for are not made (to be asked for)."""
+        self.paused, count, self._pending = True, self._pending, 0
+        self.dropped += count
+        return count
 
     def resume(self) -> None:
         """Go on (to be asked for)."""
@@ -215,7 +218,7 @@ class Loop:
 
     @property
     def stepping(self) -> bool:
-        """Whether steps that were asked for are still to be made."""
+        """Whether steps that were asked for are being made, or are still to be."""
         return self._pending > 0
 
     def finish(self, outcome: str) -> None:
@@ -227,6 +230,7 @@ class Loop:
     def restart(self) -> None:
         """Forget commands, schedule and counters after the simulation was reset (to be asked for)."""
         self.latched = Latched.none((0.0,) * len(self.commands))
+        self.dropped += self._pending
         self._used, self._pending, self._anchor, self._answered = self.latched.counts, 0, None, -1
         self.steps = self.overruns = self.slips = 0
         self._times.clear()
@@ -295,7 +299,6 @@ class Loop:
     def _due(self, ahead: int) -> bool:
         """Wait, at most LONGEST_WAIT, and return whether a step, with so many ahead of it, is to be done now."""
         if self._pending:
-            self._pending -= 1
             self._anchor = None
             return True
         if self.paused:
@@ -369,6 +372,7 @@ class Loop:
             time.sleep(early)  # they took less than ever lately: nothing is shown before it is due
         self._emit(snapshot)
         self._emitted = time.perf_counter()
+        self._pending -= self._pending > 0  # made and shown
         if self.mode == 'realtime' and self._anchor is not None and self._emitted > self._deadline(self.simulation.k):
             self.overruns += 1
 

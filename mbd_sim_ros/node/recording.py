@@ -23,20 +23,35 @@ from solver.scene import Scene
 
 
 class Recording:
-    """Records the steps of a simulation while `recorder` is there. `failed`: what ended a recording that was wanted."""
+    """Records the steps of a simulation while `recorder` is there.
+
+    failed: why a recording that is wanted is not there now (None: nothing is wrong). first_failure: the first of these, which stays: what
+    it should hold is not recorded, whatever came afterwards.
+    """
 
     loop: Loop  # whose figures stand in the verdict
 
     def __init__(self, node: Node, scene: Scene, simulation, messages: Messages, envelope: Envelope, urdf: str) -> None:
         self.recorder: StepRecorder | None = None
         self.failed: BagError | None = None
+        self.first_failure: BagError | None = None
         self._node, self._scene, self._simulation = node, scene, simulation
         self._messages, self._envelope, self._urdf = messages, envelope, urdf
         self._every = scene.record.every
         self._written = -1  # step whose messages were recorded last
 
     def begin(self, out: str = '') -> Path:
-        """Begin with the state of now; for the simulation thread, or before there is one. Raises BagError."""
+        """Begin with the state of now; for the simulation thread, or before there is one. Raises BagError, which `failed` is then."""
+        try:
+            self.recorder = self._new_recorder(out)
+        except BagError as error:
+            self._fail(error)
+            raise
+        self.failed = None
+        self._node.get_logger().info(f'recording into {self.recorder.directory}')
+        return self.recorder.directory
+
+    def _new_recorder(self, out: str) -> StepRecorder:
         node, simulation = self._node, self._simulation
         directory = Path(out) if out else new_directory(self._scene.name)
         metadata = describe(
@@ -48,12 +63,15 @@ class Recording:
             robot_description=self._urdf,
         )
         metadata |= about(simulation, reactions=self._scene.record.reactions) | begin_of(simulation)
-        self.recorder = StepRecorder(
+        return StepRecorder(
             directory, self._messages.topics, simulation.channels.inputs, simulation.k, metadata,
             namespace=node.get_namespace(), wait=False,
         )  # fmt: skip
-        node.get_logger().info(f'recording into {directory}')
-        return self.recorder.directory
+
+    def _fail(self, error: BagError) -> None:
+        """The simulation goes on; log, diagnostics and exit code tell."""
+        self._node.get_logger().error(str(error))
+        self.failed, self.first_failure = error, self.first_failure or error
 
     def wants(self, snapshot: Snapshot) -> bool:
         """Whether the messages of a step are recorded."""
@@ -74,9 +92,9 @@ class Recording:
         self._written = snapshot.k
         try:
             self.recorder.record(snapshot.t_ns, messages or self._messages.encode(snapshot))
-        except BagError as error:  # the simulation goes on; the exit code tells
-            self._node.get_logger().error(str(error))
-            self.failed, self.recorder = error, None
+        except BagError as error:
+            self._fail(error)
+            self.recorder = None
 
     def take_last(self) -> None:
         """Record the present state, unless that is done."""
@@ -84,7 +102,7 @@ class Recording:
             self.take(self._simulation.snapshot())
 
     def end(self, outcome: str) -> Path | None:
-        """Finish the recording; returns its directory, or None where there is none. Raises BagError."""
+        """Finish the recording; returns its directory, or None where there is none. Raises BagError, which `failed` is then."""
         recorder, self.recorder = self.recorder, None
         if recorder is None:
             return None
@@ -94,4 +112,8 @@ class Recording:
         found = judged(self._simulation, self._envelope, ended=True)
         status = 'error' if loop.error else SUSPECT if found else OK
         verdict = {'end': outcome, 'status': status, 'findings': json.dumps(report(found))}
-        return recorder.close({**verdict, **{key: str(value) for key, value in figures.items()}, 'event_list': events})
+        try:
+            return recorder.close({**verdict, **{key: str(value) for key, value in figures.items()}, 'event_list': events})
+        except BagError as error:
+            self._fail(error)
+            raise

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import dataclasses
-import hashlib
 import math
 import time
 import traceback
 from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -18,24 +17,21 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import String
 
-from mbd_sim_ros.bags.recorder import file_stem
 from mbd_sim_ros.messages.cdr import ENCAPSULATION
 from mbd_sim_ros.messages.encode import STAMP, Messages, require_finite
+from mbd_sim_ros.node import state_files
 from mbd_sim_ros.node.commands import Commands, gears_of
 from mbd_sim_ros.node.diagnostics import judged
-from mbd_sim_ros.node.loop import Latched, Loop
+from mbd_sim_ros.node.loop import DRIVING, Latched, Loop
 from mbd_sim_ros.node.parameters import RATES
 from mbd_sim_ros.node.publish import Publication
 from mbd_sim_ros.node.recording import Recording
 from solver.analysis.envelope import Envelope
-from solver.elements.road import RoadSpec
 from solver.errors import BagError, MbdError, SpecError
 from solver.inputs.actuation import Chain
 from solver.inputs.assistance import Assistant
 from solver.inputs.hands import COMMANDS, CommandSource, commands_of
 from solver.levels.road_wheel import steering_map, steering_wheel_at
-from solver.model.spec import ModelSpec
-from solver.model.state import fitting, load_arrays
 from solver.output.snapshot import Snapshot
 
 CLOCK_SECONDS = 0.01  # between two messages on /clock at least, of elapsed and of simulated time
@@ -66,24 +62,36 @@ class Running:
         self._road_map = steering_map(scene.model) if scene.actuation.steering == 'road_wheel' else None
         self._source = self._new_source()
         self._asked: tuple[float, ...] = ()  # commands of the last step
+        self._restored: dict[str, float] = {}  # commands that held where the state was saved that this begins with
+        lockstep = tuple(self._place_of(name) for name in self.value('lockstep_commands'))
         if first and self.value('restore'):
-            self.restore(Path(self.value('restore')))
+            self._restored = state_files.restore(Path(self.value('restore')), scene, simulation, self._parts())
         self._messages = Messages.of(scene, simulation, self.value('frame_prefix'))
         self.envelope = Envelope(simulation)
         self.publish_every = self.value('publish_every')
+        self._urdf = self.value('robot_description') or simulation.urdf()
+        with ExitStack() as refused:  # whatever does not start leaves nothing in the graph
+            self._connect(lockstep, self.value('out') if first else '', refused)
+            refused.pop_all()
+
+    def _connect(self, lockstep: tuple[int, ...], out: str, refused: ExitStack) -> None:
+        """Make what publishes, listens and records, in this order; the description, which is kept for who comes later, is the last."""
+        node, scene, simulation = self.node, self.scene, self.simulation
         silent = () if self.value('publish_elements') else ('element_states', 'reactions')
         self._publication = Publication(
             node, self._messages.topics, self._messages.encode(simulation.snapshot(), whole=True), silent=silent
         )
+        refused.callback(self._publication.close, node)
         self.look_at_rates()
         best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._ticks = node.create_publisher(ClockMessage, '/clock', best_effort) if self.value('publish_clock') else None
+        if self._ticks is not None:
+            refused.callback(node.destroy_publisher, self._ticks)
         self._ticked = -math.inf  # clock reading [s] of the last
         self._tick = 0.0, 1  # seconds of simulated time and steps between two
-        self._describe()
         self.recording = Recording(node, scene, simulation, self._messages, self.envelope, self._urdf)
         self.commands = Commands(node, self._names, gears=gears_of(scene.model), deaf=self.value('commands') != 'topics')
-        lockstep = tuple(self._place_of(name) for name in self.value('lockstep_commands'))
+        refused.callback(self.commands.close)
         duration = self.value('duration') if self.value('duration') >= 0.0 else scene.duration
         self.loop = self.commands.loop = self.recording.loop = Loop(
             simulation,
@@ -92,7 +100,7 @@ class Running:
             poll=self.commands.poll,
             hidden=self._hidden,
             passed=self._passed,
-            repeat=lambda: self._publication.publish(self._messages.encode(simulation.snapshot()), to_nobody=True),
+            repeat=self._repeat,
             mode=self.value('mode'),
             rate_factor=self.value('rate_factor'),
             end_ns=round(duration * 1e9) if duration > 0.0 else None,
@@ -102,7 +110,8 @@ class Running:
         )
         self._latch_start()
         if self.value('record'):
-            self.begin_recording(self.value('out') if first else '')
+            self.begin_recording(out)
+        self._describe()
 
     def value(self, name: str) -> Any:
         """Return the value of a parameter."""
@@ -126,6 +135,15 @@ class Running:
         """Start the simulation thread."""
         self.loop.start()
         self.prefer()
+        self.warn_of_mode(self.loop.mode)
+
+    def warn_of_mode(self, mode: str) -> None:
+        """Say where nothing but ~/step will make a step."""
+        if mode == 'lockstep' and self.commands.deaf:
+            self.node.get_logger().warning(
+                "mode lockstep waits for commands, and the parameter commands = 'maneuver' has the node listen to none: only ~/step makes "
+                'steps; use commands:=topics and the node maneuver, or another mode'
+            )
 
     def prefer(self) -> None:
         """Real-time priority, but not for a loop that never waits: it would keep the processor for itself."""
@@ -160,12 +178,12 @@ class Running:
             directory = self.recording.end(outcome)
             if directory:
                 log.info(f'recorded {directory}')
-        except BagError as failure:
-            self.recording.failed = failure
-            log.error(str(failure))
+        except BagError:  # which has been said
+            pass
         seconds, reason = self.simulation.t_ns * 1e-9, 'failed' if error else outcome
         log.info(f'{reason}: t = {seconds:.3f} s, {self.loop.steps} steps, {self.loop.overruns} overruns')
-        return code or (self.recording.failed.exit_code if self.recording.failed else 0)
+        failure = self.recording.first_failure
+        return code or (failure.exit_code if failure else 0)
 
     def disconnect(self) -> None:
         """Publish no more."""
@@ -204,15 +222,18 @@ class Running:
         return 0 if name == COMMANDS[0] else self._names.index(name)
 
     def _latch_start(self) -> None:
-        """Until a command comes, steering, clutch and gear stay where they are; an automatic gearbox works its clutch itself."""
+        """Until a command comes, steering, brake, clutch and gear stay where they are; an automatic gearbox works its clutch itself.
+
+        What was commanded when a state was saved holds where it is restored, but for what drives: that is there while it is sent only.
+        """
         inputs = dict(zip(self.simulation.channels.inputs, self.simulation.snapshot().inputs.tolist()))
-        held = {'steering': float(self._source.state[0]), 'gear': inputs.get('gear', 0.0)}
+        held = {'steering': float(self._source.state[0])} | {name: inputs.get(name, 0.0) for name in ('brake_torque', 'gear')}
         if self.scene.assistance.shift is None:
             held['clutch'] = inputs.get('clutch', 0.0)
+        held |= {name: value for name, value in self._restored.items() if not name.startswith(DRIVING)}
         self.loop.latched = Latched.none([held.get(name, 0.0) for name in self._names])
 
     def _describe(self) -> None:
-        self._urdf = self.value('robot_description') or self.simulation.urdf()
         latched = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._description = self.node.create_publisher(String, 'robot_description', latched)
         self._description.publish(String(data=self._urdf))
@@ -246,18 +267,25 @@ class Running:
 
     def _emit(self, snapshot: Snapshot) -> None:
         self.envelope.look(snapshot)
-        mode = self.loop.mode  # in lockstep somebody waits for this very state
-        all_of_it = mode == 'lockstep'
-        publish = self._publication.awaited(snapshot.k, to_nobody=all_of_it) if snapshot.k % self.publish_every == 0 else ()
+        mode, of = self.loop.mode, self.publish_every
+        waits = mode == 'lockstep'  # somebody, for this very state
+        publish = self._publication.awaited(snapshot.k, of=of, to_nobody=waits) if waits or snapshot.k % of == 0 else ()
         record = self.recording.wants(snapshot)
         if publish or record:
             messages = self._messages.encode(snapshot, only=None if record else publish)
             if publish:
-                self._publication.publish(messages, snapshot.k, self._budget if mode == 'realtime' else 0.0, to_nobody=all_of_it)
+                self._publication.publish(messages, snapshot.k, self._budget if mode == 'realtime' else 0.0, of=of, to_nobody=waits)
             if record:
                 self.recording.take(snapshot, messages)
         else:
             require_finite(snapshot, self._messages.channels)
+        if self._ticks is not None:
+            self._publish_clock(self._ticks, snapshot)
+
+    def _repeat(self) -> None:
+        """Publish the present state, all of it, whoever hears it and whatever the rates."""
+        snapshot = self.simulation.snapshot()
+        self._publication.publish(self._messages.encode(snapshot), to_nobody=True)
         if self._ticks is not None:
             self._publish_clock(self._ticks, snapshot)
 
@@ -279,7 +307,7 @@ class Running:
             publisher.publish(ENCAPSULATION + STAMP.pack(*divmod(snapshot.t_ns, 1_000_000_000)))
 
     def begin_recording(self, out: str = '') -> Path:
-        """Begin a recording; see Recording.begin."""
+        """Begin a recording; see Recording.begin. Raises BagError."""
         directory = self.recording.begin(out)
         if self._priority:
             self.loop.prefer(self._priority)  # its thread has the priority of the one that made it
@@ -288,7 +316,7 @@ class Running:
     def reset(self, *, time: bool = True, state: bool = True) -> str:
         """Back to the start, bit for bit; a recording goes on in a new directory. time, state: only that of the two."""
         recording, simulation = self.recording.recorder is not None, self.simulation
-        self.recording.end('reset')  # time starts anew: one recording is one run
+        said = self._end_recording('reset')  # time starts anew: one recording is one run
         k = simulation.k
         if state:
             simulation.reset()
@@ -296,56 +324,57 @@ class Running:
         if not (time and state):
             simulation.k, simulation.displaced = 0 if time else k, True
         if recording:
-            self.begin_recording()
+            said += self._go_on_recording()
         self._ticked = -math.inf
+        self._restored.clear()
         self.envelope.restart()
         self.commands.poll()  # what was said before is of the past
         self.loop.restart()
         self._latch_start()
-        return f'back at t = {simulation.t_ns * 1e-9:g}' + ('' if state else ', in motion as it was')
+        return f'back at t = {simulation.t_ns * 1e-9:g}' + ('' if state else ', in motion as it was') + said
 
-    def place(self, x: float, y: float, orientation: Sequence[float]) -> str:
-        """Move the vehicle to x, y [m] and the heading of a quaternion xyzw; a recording goes on in a new directory. Raises SpecError."""
+    def _end_recording(self, outcome: str) -> str:
+        """End a recording for another; what an answer has to say of it."""
+        try:
+            self.recording.end(outcome)
+        except BagError as error:
+            return f'; what was recorded is not whole: {error}'
+        return ''
+
+    def _go_on_recording(self) -> str:
+        """Begin a recording behind another; what an answer has to say of it."""
+        try:
+            self.begin_recording()
+        except BagError as error:
+            return f'; nothing is recorded any more: {error}'
+        return ''
+
+    def place(self, x: float, y: float, orientation: Sequence[float], frame: str = '') -> str:
+        """Move the vehicle to x, y [m] and the heading of a quaternion xyzw, and show it; a recording goes on in a new directory.
+
+        frame: in which they are given: none, map, or odom with its prefix, which are all the world. Raises SpecError.
+        """
+        odom = self.value('frame_prefix') + 'odom'
+        if frame not in ('', 'map', odom):
+            raise SpecError(f'frame {frame!r}: a place is taken in map or {odom} only; set the fixed frame of who sends it')
         heading = heading_of(orientation)
         if not (math.isfinite(x) and math.isfinite(y)):
             raise SpecError(f'x = {x}, y = {y}: a place must be two numbers')
         self.simulation.place(x, y, heading)
+        said = ''
         if self.recording.recorder is not None:
-            self.recording.end('placed elsewhere')
-            self.begin_recording()
-        return f'placed at x = {x:.3f} m, y = {y:.3f} m, heading {math.degrees(heading):.2f} deg'
+            said = self._end_recording('placed elsewhere') + self._go_on_recording()
+        snapshot = self.simulation.snapshot()
+        if self.recording.wants(snapshot):
+            self.recording.take(snapshot)
+        self._repeat()  # paused, or with few messages, it would be seen late
+        return f'placed at x = {x:.3f} m, y = {y:.3f} m, heading {math.degrees(heading):.2f} deg{said}'
 
     def save(self) -> Path:
         """Write the state into a file in the current directory, and return that."""
-        path = Path(f'{file_stem(self.scene.name)}-step{self.simulation.k}-{time.strftime("%Y%m%d-%H%M%S")}.state.npz')
-        parts = {'actuators': self._actuators, 'assistance': self._assistant}
-        states = {name: part.state for name, part in parts.items() if part is not None}
-        simulation = np.frombuffer(self.simulation.save(), np.uint8)
-        about = {'scene': self.scene.hash, 'model': self._model_hash(), 'h_ns': self.simulation.h_ns}
-        np.savez(path, simulation=simulation, steering=self._source.state, **about, **states)  # type: ignore[arg-type]
-        return path.resolve()
+        return state_files.save(self.scene, self.simulation, self._parts(), dict(zip(self._names, self.loop.latched.values, strict=True)))
 
-    def _model_hash(self) -> str:
-        """Of the model without its road: states carry over between scenes of the same vehicle."""
-        model = self.scene.model
-        return hashlib.sha256(
-            repr(dataclasses.replace(model, road=RoadSpec()) if isinstance(model, ModelSpec) else model).encode()
-        ).hexdigest()
-
-    def restore(self, path: Path) -> None:
-        """Go on from a state file. Raises SpecError for one that is none, or of a scene with another vehicle or step."""
-        try:
-            saved = load_arrays(path.read_bytes() if path.is_file() else b'')
-            data, steering, scene = saved['simulation'].tobytes(), saved['steering'], str(saved['scene'])
-            model, h_ns = str(saved['model']), int(fitting('h_ns', saved['h_ns'], np.array(self.simulation.h_ns)))
-        except (OSError, KeyError, SpecError) as error:
-            raise SpecError(f'parameter restore: {path} is not a state file of ~/save_state ({error})') from error
-        if scene != self.scene.hash and (model != self._model_hash() or h_ns != self.simulation.h_ns):
-            why = f'h is {h_ns * 1e-9:g} s there' if model == self._model_hash() else 'its vehicle is another one'
-            raise SpecError(f'parameter restore: {path} belongs to another scene, and {why}')
-        self.simulation.restore(data)
-        self._source.state = fitting('steering', steering, self._source.state)
-        if self._actuators is not None:
-            self._actuators.state = fitting('actuators', saved.get('actuators'), self._actuators.state)
-        if self._assistant is not None:
-            self._assistant.state = fitting('assistance', saved.get('assistance'), self._assistant.state)
+    def _parts(self) -> dict[str, state_files.Part]:
+        """What makes the inputs of the simulation and has a memory, by the names in state files."""
+        parts = {'steering': self._source, 'actuators': self._actuators, 'assistance': self._assistant}
+        return {name: part for name, part in parts.items() if part is not None}

@@ -25,9 +25,10 @@ class Host(Protocol):
 
 
 def pause(running: Running) -> str:
-    """hold the simulation"""
-    running.loop.pause()
-    return f'paused at t = {running.simulation.t_ns * 1e-9:.6f} s, step {running.simulation.k}'
+    """hold the simulation; steps that ~/step asked for and that are not made yet are dropped"""
+    dropped = running.loop.pause()
+    rest = f'; {dropped} steps that were asked for are not made' if dropped else ''
+    return f'paused at t = {running.simulation.t_ns * 1e-9:.6f} s, step {running.simulation.k}{rest}'
 
 
 def resume(running: Running) -> str:

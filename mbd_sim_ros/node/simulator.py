@@ -37,6 +37,7 @@ class Simulator(Node):
         self.stopped = False
         self._stale_said: set[Commanded] = set()
         self._namesakes = 0
+        self._code = 0  # exit code of the scenes that ran before this one
 
     @property
     def loop(self) -> Loop:
@@ -55,6 +56,8 @@ class Simulator(Node):
             if parameter.name in ('mode', 'rate_factor', 'command_timeout'):
                 setattr(self.loop, parameter.name, parameter.value)
                 self.running.prefer()
+                if parameter.name == 'mode':
+                    self.running.warn_of_mode(parameter.value)
             elif parameter.name == 'publish_every':
                 self.running.publish_every = parameter.value
         rates = {p.name: p.value for p in parameters if p.name.removeprefix('rate_') in RATES or p.name == 'publish_budget'}
@@ -81,21 +84,26 @@ class Simulator(Node):
         new.loop.pause()
         self.running, self.stopped = new, True
         code = old.close(f'{scene.name} was loaded')
+        self._code = self._code or code
         old.disconnect()  # nobody publishes any more
         new.start()
         return f'{scene.name} stands at its start' + (f'; the scene before ended with code {code}' if code else '')
 
     def _place(self, message: PoseWithCovarianceStamped) -> None:
         p, q = message.pose.pose.position, message.pose.pose.orientation
-        done, text = asked(self.running, lambda running: running.place(p.x, p.y, (q.x, q.y, q.z, q.w)))
+        done, text = asked(self.running, lambda running: running.place(p.x, p.y, (q.x, q.y, q.z, q.w), message.header.frame_id))
         if done:
             self.get_logger().info(f'initialpose: {text}')
         else:
             self.get_logger().warning(f'initialpose refused: {text}')
 
     def close(self, outcome: str) -> int:
-        """End the simulation thread, finish the recording and return the exit code. May be called when `open` failed or never ran."""
-        return self.running.close(outcome) if hasattr(self, 'running') else 0
+        """End the simulation thread, finish the recording and return the exit code: that of the first thing that went wrong since `open`.
+
+        May be called when `open` failed or never ran.
+        """
+        code = self.running.close(outcome) if hasattr(self, 'running') else 0
+        return self._code or code
 
     def _diagnose(self) -> None:
         stale = {commanded(name) for name in self.loop.stale}

@@ -183,6 +183,8 @@ def test_commands_are_latched_clamped_refused_and_watched(start, client):
 
     slow, factor = 'slower than real time' in client.diagnostics[-1].status[0].message, float(values['real-time factor'])
     assert 0.0 < factor <= SLOW if slow else SLOW <= factor < 1.5
+    stamp = client.diagnostics[-1].header.stamp  # the time of day: a node that has fallen silent is told by it
+    assert abs(stamp.sec - time.time()) < 60.0
     assert client.description[0].data == '<robot name="r"/>'
     assert client.odom[-1].child_frame_id == 'base_link'
     assert 2 <= len(client.clock) <= 110 * (steps[-1] - steps[0]) * 0.002 + 10  # at most 100 Hz

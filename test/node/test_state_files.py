@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, cast
 
 import numpy as np
 import pytest
+from synthetic import Synthetic, scene
 
+from mbd_sim_ros.node.state_files import restore, save
 from solver.errors import SpecError
 from solver.model.state import fitting, load_arrays
 
@@ -21,15 +22,11 @@ CONTENT = {
 
 @pytest.mark.parametrize('name', CONTENT)
 def test_a_file_that_is_no_state_is_refused(name: str, tmp_path: Path) -> None:
-    pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
-    from mbd_sim_ros.node.running import Running
-
     file = tmp_path / 'state.npz'
     file.write_bytes(CONTENT[name])
-    node = cast(Any, SimpleNamespace(scene=SimpleNamespace(hash='x')))
     for path in (file, tmp_path / 'none', Path('/dev/zero')):
         with pytest.raises(SpecError, match='is not a state file') as caught:
-            Running.restore(node, path)
+            restore(path, SimpleNamespace(hash='x'), Synthetic(), {})
         assert '\n' not in str(caught.value)
 
 
@@ -42,3 +39,22 @@ def test_arrays_that_claim_more_than_a_state_has_are_not_unpacked(tmp_path: Path
     for saved in (None, np.zeros(3), np.zeros(2, np.float32)):
         with pytest.raises(SpecError, match='of another model'):
             fitting('inputs', saved, np.zeros(2))
+
+
+def test_a_file_holds_the_commands_and_one_of_an_older_version_has_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    simulation, parts = Synthetic(), {'steering': SimpleNamespace(state=np.array([0.1, 0.2, 0.3]))}
+    simulation.advance(5)
+    path = save(scene(), simulation, parts, {'steering': 0.4, 'brake_torque': 30.0})
+    began, found = Synthetic(), {'steering': SimpleNamespace(state=np.zeros(3))}
+    assert restore(path, scene(), began, found) == {'steering': 0.4, 'brake_torque': 30.0}
+    assert began.k == 5
+    np.testing.assert_array_equal(found['steering'].state, [0.1, 0.2, 0.3])
+    content = load_arrays(path.read_bytes())
+    older = tmp_path / 'older.npz'
+    np.savez(older, **{name: value for name, value in content.items() if name not in ('commands', 'latched')})
+    assert restore(older, scene(), Synthetic(), found) == {}
+    for wrong, says in ((np.zeros(3), 'latched has shape'), (np.array([0.4, np.nan]), 'holds commands that are no numbers')):
+        np.savez(older, **{**content, 'latched': wrong})
+        with pytest.raises(SpecError, match=says):
+            restore(older, scene(), Synthetic(), found)

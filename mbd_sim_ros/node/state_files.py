@@ -1,0 +1,73 @@
+"""State files: what ~/save_state writes and the parameter `restore` begins with."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from mbd_sim_ros.bags.recorder import file_stem
+from solver.elements.road import RoadSpec
+from solver.errors import SpecError
+from solver.model.spec import ModelSpec
+from solver.model.state import fitting, load_arrays
+
+
+class Part(Protocol):
+    """What makes inputs and has a memory."""
+
+    state: np.ndarray
+
+
+def save(scene: Any, simulation: Any, parts: Mapping[str, Part], commands: Mapping[str, float]) -> Path:
+    """Write the state of a simulation into a file in the current directory, and return that.
+
+    parts: by name, what makes its inputs, `steering` among them. commands: by name, those that are in force.
+    """
+    path = Path(f'{file_stem(scene.name)}-step{simulation.k}-{time.strftime("%Y%m%d-%H%M%S")}.state.npz')
+    content = {
+        'simulation': np.frombuffer(simulation.save(), np.uint8),
+        'scene': scene.hash,
+        'model': _model_hash(scene.model),
+        'h_ns': simulation.h_ns,
+        'commands': np.array(list(commands)),
+        'latched': np.array(list(commands.values())),
+        **{name: part.state for name, part in parts.items()},
+    }
+    np.savez(path, **content)  # type: ignore[arg-type]
+    return path.resolve()
+
+
+def restore(path: Path, scene: Any, simulation: Any, parts: Mapping[str, Part]) -> dict[str, float]:
+    """Go on from a state file; returns the commands that were in force, by name: none of files of older versions.
+
+    Raises SpecError for a file that is none, or of a scene with another vehicle or step.
+    """
+    try:
+        saved = load_arrays(path.read_bytes() if path.is_file() else b'')
+        data, steering, hash_of_scene = saved['simulation'].tobytes(), saved['steering'], str(saved['scene'])
+        model, h_ns = str(saved['model']), int(fitting('h_ns', saved['h_ns'], np.array(simulation.h_ns)))
+    except (OSError, KeyError, SpecError) as error:
+        raise SpecError(f'parameter restore: {path} is not a state file of ~/save_state ({error})') from error
+    own = _model_hash(scene.model)
+    if hash_of_scene != scene.hash and (model != own or h_ns != simulation.h_ns):
+        why = f'h is {h_ns * 1e-9:g} s there' if model == own else 'its vehicle is another one'
+        raise SpecError(f'parameter restore: {path} belongs to another scene, and {why}')
+    names = np.ravel(saved.get('commands', ())).tolist()
+    latched = fitting('latched', saved.get('latched', np.zeros(0)), np.zeros(len(names)))
+    if not np.isfinite(latched).all():
+        raise SpecError(f'parameter restore: {path} holds commands that are no numbers; save the state anew')
+    simulation.restore(data)
+    for name, part in parts.items():
+        part.state = fitting(name, steering if name == 'steering' else saved.get(name), part.state)
+    return dict(zip(map(str, names), latched.tolist(), strict=True))
+
+
+def _model_hash(model: Any) -> str:
+    """Of the model without its road: states carry over between scenes of the same vehicle."""
+    return hashlib.sha256(repr(dataclasses.replace(model, road=RoadSpec()) if isinstance(model, ModelSpec) else model).encode()).hexdigest()

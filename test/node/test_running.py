@@ -1,0 +1,285 @@
+"""A node with a stand-in simulation in this process: what its actions do when something is in the way, and what they publish."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import time
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from processes import DOMAIN
+from synthetic import Synthetic, scene
+
+from solver.errors import BagError, SpecError
+
+pytestmark = pytest.mark.realtime
+
+MANY = 1_000_000  # steps that no test waits for
+
+
+@pytest.fixture
+def opened(tmp_path, monkeypatch):
+    """Open a node in an empty directory: opened(parameter=value, ...); one that was opened before is closed."""
+    rclpy = pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
+    from mbd_sim_ros.node.simulator import Simulator
+
+    monkeypatch.chdir(tmp_path)
+    nodes: list[Simulator] = []
+
+    def close() -> None:
+        for node in nodes:
+            node.close('stopped')
+            node.destroy_node()
+        nodes.clear()
+        rclpy.try_shutdown()
+
+    def opened(**parameters: object) -> Simulator:
+        close()
+        given = [text for name, value in parameters.items() for text in ('-p', f'{name}:={json.dumps(value)}')]
+        rclpy.init(args=['--ros-args', *given], domain_id=int(DOMAIN))
+        nodes.append(Simulator(lambda name, overrides: (scene(name=name), Synthetic())))
+        nodes[0].open(scene(), Synthetic())
+        return nodes[0]
+
+    yield opened
+    close()
+
+
+@pytest.fixture
+def sent(monkeypatch):
+    """(topic, message) of everything that is published in this process."""
+    publisher = pytest.importorskip('rclpy.publisher', reason='needs ROS: source Jazzy, or pip install .[ros]').Publisher
+    found: list[tuple[str, object]] = []
+    plain = publisher.publish
+    monkeypatch.setattr(publisher, 'publish', lambda self, message: (found.append((self.topic_name, message)), plain(self, message))[1])
+    return found
+
+
+def do(node, action) -> tuple[bool, str]:
+    """Have an action done between two steps."""
+    from mbd_sim_ros.node.services import asked
+
+    return asked(node.running, action)
+
+
+def said(node) -> tuple[int, str]:
+    """Level and message of the diagnostics."""
+    from mbd_sim_ros.node.diagnostics import diagnosis
+
+    recording = node.running.recording
+    status = diagnosis(node.loop, recording.recorder, recording.failed)
+    return status.level, status.message
+
+
+def until(condition, seconds: float = 10.0) -> None:
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, 'timed out'
+        time.sleep(0.002)
+
+
+def test_a_reset_is_done_whole_where_no_recording_can_begin_and_the_next_one_makes_good(opened, tmp_path: Path) -> None:
+    from diagnostic_msgs.msg import DiagnosticStatus
+
+    from mbd_sim_ros.node import services
+
+    (tmp_path / 'bags').touch()
+    node = opened(record=True, out='first')
+    do(node, lambda running: running.loop.command(0, 0.7))
+    assert do(node, services.pause)[0]
+    done, text = do(node, services.reset)
+    assert done
+    assert text.startswith('back at t = 0; nothing is recorded any more: cannot record into bags/synthetic-')
+    assert node.loop.latched.values == (0.0, 0.0, 0.0)
+    assert node.loop.steps == node.running.simulation.k == 0
+    level, message = said(node)
+    assert level == DiagnosticStatus.ERROR and message.startswith('cannot record into bags/')
+    assert not do(node, services.start_recording)[0]
+    (tmp_path / 'bags').unlink()
+    assert do(node, services.start_recording)[0]
+    assert said(node)[0] == DiagnosticStatus.OK
+    node.load('second', [])
+    assert node.close('stopped') == BagError.exit_code  # it had no recording for a while, in whichever scene
+
+
+def test_a_vehicle_is_placed_whole_although_its_recording_has_died(opened) -> None:
+    from mbd_sim_ros.node import services
+
+    node = opened(record=True, out='first')
+    assert do(node, services.pause)[0]
+    recorder = node.running.recording.recorder
+    os.kill(recorder.pid, signal.SIGKILL)
+    until(lambda: recorder.error is not None)
+    done, text = do(node, lambda running: running.place(3.0, 4.0, (0.0, 0.0, 0.0, 1.0)))
+    assert done
+    assert text.startswith(
+        'placed at x = 3.000 m, y = 4.000 m, heading 0.00 deg; what was recorded is not whole: recording to first failed'
+    )
+    assert node.running.recording.recorder is not None  # a new one
+    assert node.running.recording.failed is None
+    assert node.close('stopped') == BagError.exit_code
+
+
+def test_a_recording_that_died_is_told_when_it_is_stopped(opened) -> None:
+    from mbd_sim_ros.node import services
+
+    node = opened(record=True, out='first')
+    assert do(node, services.pause)[0]
+    recorder = node.running.recording.recorder
+    os.kill(recorder.pid, signal.SIGKILL)
+    until(lambda: recorder.error is not None)
+    assert not do(node, services.stop_recording)[0]
+    assert do(node, services.stop_recording) == (False, 'nothing is being recorded')
+    assert node.close('stopped') == BagError.exit_code
+
+
+def test_a_scene_that_is_refused_leaves_nothing_in_the_graph(opened, sent, tmp_path: Path) -> None:
+    (tmp_path / 'bags').touch()
+    node = opened(record=True, out='first')
+    publishers, names = len(list(node.publishers)), sorted(node.get_node_names())
+    descriptions = [topic for topic, _ in sent].count('/robot_description')
+    with pytest.raises(BagError, match='cannot record into bags/second-'):
+        node.load('second', [])
+    assert len(list(node.publishers)) == publishers
+    assert [topic for topic, _ in sent].count('/robot_description') == descriptions == 1
+    until(lambda: sorted(node.get_node_names()) == names)  # that of the commands is gone, too
+    assert node.running.scene.name == 'synthetic'
+
+
+def test_lockstep_cannot_wait_for_what_there_is_not_and_nothing_has_been_published_by_then(opened, sent) -> None:
+    with pytest.raises(SpecError, match="parameter lockstep_commands: synthetic has no input 'accelerator'"):
+        opened(lockstep_commands=['accelerator'])
+    assert '/robot_description' not in {topic for topic, _ in sent}
+
+
+def test_in_lockstep_every_state_is_published_whatever_the_rates(opened, sent) -> None:
+    """Who answers cmd_applied or odom gets every one; imu comes with every third step, tire_states with every 50th."""
+    node = opened(mode='lockstep', publish_every=3, rate_cmd_applied=10.0, rate_odom=10.0, rate_tire_states=10.0)
+    loop = node.loop
+    until(lambda: any(topic == '/clock' for topic, _ in sent))  # the last of a state
+    sent.clear()
+    for k in range(6):
+        assert loop.ask(lambda k=k: loop.answer(k * 2_000_000, {})).result(10.0)
+        until(lambda k=k: [topic for topic, _ in sent].count('/clock') == k + 1)
+    topics = [topic for topic, _ in sent]
+    assert [topics.count(f'/{name}') for name in ('cmd_applied', 'odom', 'imu', 'tire_states', 'clock')] == [6, 6, 2, 0, 6]
+
+
+def test_a_state_that_is_repeated_in_lockstep_comes_with_the_clock(opened, sent) -> None:
+    node = opened(mode='lockstep')
+    until(lambda: any(topic == '/clock' for topic, _ in sent))
+    sent.clear()
+    until(lambda: any(topic == '/clock' for topic, _ in sent))  # a second later
+    assert {'/cmd_applied', '/odom'} <= {topic for topic, _ in sent}
+    assert node.running.simulation.k == 0
+
+
+def test_an_answer_that_names_no_command_holds_them_all(opened) -> None:
+    from sensor_msgs.msg import JointState
+
+    node = opened(mode='lockstep')
+    do(node, lambda running: running.loop.command(2, 30.0))
+    do(node, lambda running: running.commands._stamped(JointState()))
+    until(lambda: node.loop.steps == 1)
+    np.testing.assert_array_equal(node.running.simulation.inputs[-2:], [0.0, 30.0])
+    do(node, lambda running: running.commands._unstamped(JointState()))
+    do(node, lambda running: running.commands._stamped(JointState(name=['brake_torque'])))
+    assert (node.running.commands.refused, node.loop.steps) == (2, 1)
+
+
+def test_lockstep_that_listens_to_nobody_says_so(opened, capfd) -> None:
+    from rclpy.parameter import Parameter
+
+    opened(mode='lockstep', commands='maneuver')
+    assert 'only ~/step makes steps' in capfd.readouterr().err
+    node = opened(commands='maneuver')
+    assert 'only ~/step makes steps' not in capfd.readouterr().err
+    assert node.set_parameters([Parameter('mode', value='lockstep')])[0].successful
+    assert 'only ~/step makes steps' in capfd.readouterr().err
+
+
+def test_a_pause_ends_the_steps_that_were_asked_for(opened) -> None:
+    from mbd_sim_ros.node import services
+
+    node = opened(step_count=MANY)
+    assert do(node, services.pause)[0]
+    begin = node.running.simulation.k
+    assert do(node, services.step)[0]
+    until(lambda: node.running.simulation.k > begin)
+    done, text = do(node, services.pause)
+    made = node.running.simulation.k - begin
+    assert done and text.endswith(f'step {begin + made}; {MANY - made} steps that were asked for are not made')
+    time.sleep(0.1)
+    assert node.running.simulation.k == begin + made
+    assert 'not made' not in do(node, services.pause)[1]
+
+
+@pytest.mark.parametrize('action', ['pause', 'reset'])
+def test_steps_that_were_dropped_do_not_count_as_made(opened, action: str) -> None:
+    """That call of simulation_interfaces ends with what it has done."""
+    from mbd_sim_ros.node import services
+    from mbd_sim_ros.node.interfaces import Interfaces
+
+    node = opened()
+    assert do(node, services.pause)[0] and do(node, services.reset)[0]
+    interfaces = object.__new__(Interfaces)
+    interfaces.host, interfaces.node = node, SimpleNamespace(executor=None)
+    call = interfaces._steps(MANY, lambda made: None)
+    call.send(None)
+    until(lambda: node.running.simulation.k > 0)
+    counted = do(node, lambda running: (getattr(services, action)(running), running.loop.dropped)[1])[1]
+    with pytest.raises(StopIteration) as end:
+        while True:
+            call.send(None)
+    assert end.value.value == (False, f'{MANY - counted} of {MANY} steps: the others were dropped by a pause or a reset')
+
+
+def test_a_pose_is_taken_in_the_frames_of_the_world_only_and_shown_while_paused(opened, sent, capfd) -> None:
+    from geometry_msgs.msg import PoseWithCovarianceStamped
+
+    from mbd_sim_ros.node import services
+
+    node = opened(frame_prefix='red/', publish_every=1000)
+    until(lambda: node.running.simulation.k > 0)
+    assert do(node, services.pause)[0]
+    message = PoseWithCovarianceStamped()
+    message.pose.pose.position.x, message.pose.pose.orientation.w = 50.0, 1.0
+    message.header.frame_id = 'base_link'
+    sent.clear()
+    node._place(message)
+    assert "initialpose refused: frame 'base_link': a place is taken in map or red/odom only" in capfd.readouterr().err
+    assert not hasattr(node.running.simulation, 'placed') and not sent
+    for frame in ('', 'map', 'red/odom'):
+        message.header.frame_id = frame
+        message.pose.pose.position.x += 1.0
+        sent.clear()
+        node._place(message)
+        assert node.running.simulation.placed == (message.pose.pose.position.x, 0.0, 0.0)
+        assert {'/odom', '/joint_states'} <= {topic for topic, _ in sent}
+
+
+def test_a_car_that_was_saved_on_its_brakes_stands_on_them(opened, tmp_path: Path) -> None:
+    """What drives was there while somebody sent it. A file of an older version tells no commands, but what was applied last."""
+    from mbd_sim_ros.node import services
+
+    node = opened(mode='lockstep')
+    do(node, lambda running: [running.loop.command(index, value) for index, value in enumerate((0.3, 50.0, 30.0))])
+    until(lambda: node.loop.steps == 1)
+    done, file = do(node, services.save_state)
+    assert done
+    older = tmp_path / 'older.npz'
+    with np.load(file) as content:
+        np.savez(older, **{name: value for name, value in content.items() if name not in ('commands', 'latched')})
+    for path, steering in ((file, 0.3), (str(older), None)):
+        node = opened(mode='lockstep', restore=path)
+        assert node.loop.latched.values[1:] == (0.0, 30.0)
+        assert steering is None or node.loop.latched.values[0] == steering
+        assert do(node, services.step)[0]
+        until(lambda node=node: node.loop.steps == 1)
+        np.testing.assert_array_equal(node.running.simulation.inputs[-2:], [0.0, 30.0])
+        assert do(node, services.reset)[0]
+        assert node.loop.latched.values == (0.0, 0.0, 0.0)  # as the scene begins
