@@ -14,10 +14,23 @@ import numpy as np
 
 from solver.compiled.portable import product
 from solver.compiled.so3 import matrix_of_quaternion
+from solver.elements.applied_force import AppliedForceSpec
+from solver.elements.guide import GuideSpec
+from solver.elements.marker import WORLD, Marker, Spec
 from solver.elements.road import RoadSpec
 from solver.errors import SpecError
 from solver.inputs.driver import Sight
+from solver.model.frames import matrix
+from solver.model.spec import ModelSpec
 from solver.model.state import State
+
+LEVEL = 1e-9  # sine of the slope of a plane, up to which it is level
+ON_THE_GROUND = {  # kinds of joints and contacts -> the sides that may be the world, where z of that marker is vertical
+    'rolling': 'i',
+    'knife_edge': 'i',
+    'point_on_plane': 'i',
+    'perpendicular': 'ij',
+}
 
 
 def sight(q: np.ndarray, v: np.ndarray, com: Sequence[float]) -> Sight:
@@ -31,9 +44,41 @@ def sight(q: np.ndarray, v: np.ndarray, com: Sequence[float]) -> Sight:
 
 
 def require_uniform(road: RoadSpec) -> None:
-    """Raise SpecError for a road on which a vehicle cannot be moved: slopes, patches and grids make every place another one."""
-    if road.grids or road.patches or tuple(road.normal) != (0.0, 0.0, 1.0):
-        raise SpecError('a vehicle can be placed on a flat road only, that is the same everywhere; this one has a slope, patches or grids')
+    """Raise SpecError for a road on which a vehicle cannot be moved: slopes, patches, maps and grids make every place another one."""
+    if road.grids or road.patches or road.maps or tuple(road.normal) != (0.0, 0.0, 1.0):
+        raise SpecError(
+            'a vehicle can be placed on a flat road only, that is the same everywhere; this one has a slope, patches, maps or grids'
+        )
+
+
+def require_free(model: ModelSpec) -> None:
+    """Raise SpecError for a model that hangs on the world: moved, it would be torn off. Also for a road like require_uniform().
+
+    What a level ground gives in every place and heading stays: contacts with it, planes and uprights. A force in the axes of the world
+    (`applied_forces`) has no place either, whatever its reaction acts on.
+    """
+    require_uniform(model.road)
+    for section, specs in model.sections().items():
+        for spec in specs if section != 'bodies' else ():
+            if _hangs(spec):
+                raise SpecError(
+                    f'the model cannot be placed elsewhere: it is connected to the world by {spec.where}; start the scene where it shall be'
+                )
+
+
+def _hangs(spec: Spec) -> bool:
+    """Whether an element connects a body to a place of the world, or to a direction of it other than the vertical."""
+    if isinstance(spec, GuideSpec):
+        return WORLD in (spec.chassis, spec.left, spec.right)
+    if isinstance(spec, AppliedForceSpec):
+        return False
+    for side in 'ij':
+        marker = getattr(spec, side, None)
+        if isinstance(marker, Marker) and marker.body == WORLD:
+            x, y, _ = matrix(marker.orientation)[:, 2]
+            if side not in ON_THE_GROUND.get(getattr(spec, 'kind', ''), '') or math.hypot(x, y) > LEVEL:
+                return True
+    return False
 
 
 def displace(state: State, now: Sight, then: tuple[float, float, float]) -> None:

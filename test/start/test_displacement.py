@@ -8,9 +8,23 @@ import numpy as np
 import pytest
 
 import solver
+from solver.elements.aero_drag import AeroDragSpec
+from solver.elements.applied_force import AppliedForceSpec
+from solver.elements.bushing import BushingSpec
+from solver.elements.contact import ContactSpec
+from solver.elements.coordinate import CoordinateSpec
+from solver.elements.joint import JointSpec
+from solver.elements.laws import Law
+from solver.elements.marker import Marker
+from solver.elements.rigid_body import RigidBodySpec
+from solver.elements.road import RoadSpec
+from solver.elements.road_grids import FrictionMap, Raster
+from solver.elements.rod import RodSpec
+from solver.elements.spring_damper import SpringDamperSpec
 from solver.errors import SpecError
 from solver.files.scene import load_scene
-from solver.start.displacement import sight
+from solver.model.spec import ModelSpec
+from solver.start.displacement import require_free, require_uniform, sight
 
 THERE = (120.0, -40.0, 2.2)
 
@@ -56,6 +70,94 @@ def test_a_road_that_is_not_the_same_everywhere_is_refused():
     sim = solver.simulation_of(load_scene('light_car_straight', ['road={patches: [{center: [15, 0], size: [10, 4], factor: 0.5}]}']))
     with pytest.raises(SpecError, match='on a flat road only'):
         sim.place(0.0, 0.0, 0.0)
+
+
+def test_so_is_one_whose_friction_is_mapped():
+    ice = FrictionMap(origin=(0.0, 0.0), step=(10.0, 10.0), raster=Raster.of(np.array([[1.0, 0.2], [1.0, 0.2]])))
+    with pytest.raises(SpecError, match='this one has a slope, patches, maps or grids'):
+        require_uniform(RoadSpec(maps=(ice,)))
+
+
+@pytest.mark.parametrize(
+    ('scene', 'by'),
+    [
+        ('pendulum', "Joint 'pivot'"),
+        ('four_bar', "Joint 'crank'"),
+        ('slider_crank', "Joint 'base'"),
+        ('spring_mass', "Joint 'guide'"),
+        ('spinning_top', "Joint 'tip'"),
+    ],
+)
+def test_what_is_connected_to_the_world_is_refused_and_stays(scene, by):
+    sim, undisturbed = (solver.simulation_of(load_scene(scene)) for _ in range(2))
+    with pytest.raises(SpecError, match=f'it is connected to the world by {by}; start the scene where it shall be'):
+        sim.place(*THERE)
+    assert not sim.displaced
+    assert sim.advance(20).numbers.tobytes() == undisturbed.advance(20).numbers.tobytes()
+
+
+def tied(body: str = 'body', **elements: object) -> ModelSpec:
+    bodies = (RigidBodySpec(name=body, mass=1.0, inertia=(1.0, 1.0, 1.0, 0.0, 0.0, 0.0)),)
+    return ModelSpec(bodies=bodies, **elements)
+
+
+WORLD, BODY = Marker(body='world'), Marker(body='body')
+LEANING = Marker(body='world', orientation=(math.sin(0.05), 0.0, 0.0, math.cos(0.05)))  # 0.1 rad about x
+
+
+@pytest.mark.parametrize(
+    ('elements', 'by'),
+    [
+        ({'spring_dampers': (SpringDamperSpec(name='s', i=WORLD, j=BODY, free_length=1.0),)}, "SpringDamper 's'"),
+        ({'bushings': (BushingSpec(name='b', i=BODY, j=WORLD, stiffness=(1.0,) * 6),)}, "Bushing 'b'"),
+        ({'rods': (RodSpec(name='r', i=BODY, j=WORLD, length=1.0, law=Law.linear(1.0)),)}, "Rod 'r'"),
+        ({'coordinates': (CoordinateSpec(name='x', kind='translation', i=WORLD, j=BODY),)}, "Coordinate 'x'"),
+        ({'joints': (JointSpec(name='p', kind='point_on_plane', i=LEANING, j=BODY),)}, "Joint 'p'"),
+        ({'joints': (JointSpec(name='p', kind='point_on_plane', i=BODY, j=WORLD),)}, "Joint 'p'"),
+        ({'contacts': (ContactSpec(name='c', kind='rolling', i=LEANING, j=BODY, radius=0.5),)}, "Contact 'c'"),
+    ],
+)
+def test_every_element_with_a_side_in_the_world_is_named(elements, by):
+    with pytest.raises(SpecError, match=by):
+        require_free(tied(**elements))
+
+
+@pytest.mark.parametrize(
+    'elements',
+    [
+        {'contacts': (ContactSpec(name='c', kind='rolling', i=WORLD, j=BODY, radius=0.5),)},
+        {'joints': (JointSpec(name='p', kind='perpendicular', i=BODY, j=WORLD),)},
+        {'applied_forces': (AppliedForceSpec(name='wind', marker=BODY, reaction=WORLD, force=(0.0, 5.0, 0.0)),)},
+        {'aero_drags': (AeroDragSpec(name='air', marker=BODY, drag_area=0.7),)},
+    ],
+)
+def test_what_a_level_ground_and_the_air_do_is_the_same_everywhere(elements):
+    require_free(tied(**elements))
+
+
+@pytest.mark.parametrize('scene', ['rolling_disc', 'chaplygin_sleigh'])
+def test_what_rolls_or_slides_on_a_level_ground_goes_on_in_its_own_axes(scene):
+    """Under gravity along z alone; the disc nods, the sleigh stops turning."""
+    one, other = (solver.simulation_of(load_scene(scene)) for _ in range(2))
+    for sim in (one, other):
+        sim.advance(200)
+    before = one.snapshot().pose[0]
+    seen = sight(one.state.q[0], one.state.v[0], one.model.spec.bodies[0].com)
+    other.place(*THERE)
+    after = [sim.advance(200) for sim in (one, other)]
+    expected = turned(after[0].pose[:, :3] - (*before[:2], 0.0), THERE[2] - seen.heading) + (THERE[0], THERE[1], 0.0)
+    np.testing.assert_allclose(after[1].pose[:, :3], expected, atol=1e-7)
+    np.testing.assert_allclose(after[1].twist, after[0].twist, atol=1e-6)
+
+
+def test_on_an_inclined_plane_a_plate_on_a_blade_can_be_placed():
+    """The slope is in gravity: the plate stands on it wherever it is, and goes another way with another heading."""
+    sim = solver.simulation_of(load_scene('knife_edge'))
+    sim.advance(100)
+    sim.place(*THERE)
+    pose = sim.advance(100).pose[0]
+    assert np.hypot(*(pose[:2] - THERE[:2])) < 1.0
+    assert abs(pose[2]) < 1e-6
 
 
 def test_a_reset_leads_back_to_the_start():
