@@ -69,8 +69,7 @@ class Recording:
         )  # fmt: skip
 
     def _fail(self, error: BagError) -> None:
-        """The simulation goes on; log, diagnostics and exit code tell."""
-        self._node.get_logger().error(str(error))
+        """The simulation goes on; diagnostics and exit code tell."""
         self.failed, self.first_failure = error, self.first_failure or error
 
     def wants(self, snapshot: Snapshot) -> bool:
@@ -93,6 +92,7 @@ class Recording:
         try:
             self.recorder.record(snapshot.t_ns, messages or self._messages.encode(snapshot))
         except BagError as error:
+            self._node.get_logger().error(str(error))
             self._fail(error)
             self.recorder = None
 

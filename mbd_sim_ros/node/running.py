@@ -178,8 +178,8 @@ class Running:
             directory = self.recording.end(outcome)
             if directory:
                 log.info(f'recorded {directory}')
-        except BagError:  # which has been said
-            pass
+        except BagError as failed:
+            log.error(str(failed))
         seconds, reason = self.simulation.t_ns * 1e-9, 'failed' if error else outcome
         log.info(f'{reason}: t = {seconds:.3f} s, {self.loop.steps} steps, {self.loop.overruns} overruns')
         failure = self.recording.first_failure
@@ -338,6 +338,7 @@ class Running:
         try:
             self.recording.end(outcome)
         except BagError as error:
+            self.node.get_logger().error(str(error))
             return f'; what was recorded is not whole: {error}'
         return ''
 
@@ -346,6 +347,7 @@ class Running:
         try:
             self.begin_recording()
         except BagError as error:
+            self.node.get_logger().error(str(error))
             return f'; nothing is recorded any more: {error}'
         return ''
 

@@ -161,6 +161,9 @@ def test_the_simulation_is_controlled_by_simulation_interfaces(start, client):
     place.pose.position.x, place.pose.orientation.z, place.pose.orientation.w = 30.0, math.sqrt(0.5), math.sqrt(0.5)
     assert call(SetEntityState, 'set_entity_state', entity='chassis', state=place, set_pose=True).result.result == Result.RESULT_OK
     client.until(lambda: 'placed at x = 30.000 m, y = 0.000 m, heading 90.00 deg' in process.output)
+    for frame, code in (('base_link', 101), ('world', Result.RESULT_OK)):  # their name of the frame that is meant where none is given
+        place.header.frame_id = frame
+        assert call(SetEntityState, 'set_entity_state', entity='chassis', state=place, set_pose=True).result.result == code
     place.pose.orientation.z = place.pose.orientation.w = 0.0
     assert call(SetEntityState, 'set_entity_state', entity='chassis', state=place, set_pose=True).result.result == 101
     assert call(SetEntityState, 'set_entity_state', entity='chassis', state=place, set_twist=True).result.result == 0
