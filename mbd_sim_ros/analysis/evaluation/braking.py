@@ -16,14 +16,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from mbd_sim_ros.analysis.evaluation.figures import Chart, Curve, Figure, Result
-from mbd_sim_ros.analysis.evaluation.kinds import Drive, Evaluation
-from mbd_sim_ros.analysis.evaluation.measures import at, crossing, integral
-from mbd_sim_ros.analysis.evaluation.signals import Signals
+from mbd_sim_ros.analysis.evaluation.kinds import Drive, Evaluation, speed_of
+from mbd_sim_ros.analysis.evaluation.measures import applied, at, crossing, integral
+from mbd_sim_ros.analysis.evaluation.signals import UNDER, Signals
+from solver.scene import Scene
 
 NORM = 'ISO 21994:2007 [ISOStopping2007]'
 SPLIT = 'ISO 14512:1999 [ISOSplit1999]'
 APPLIED = 0.02  # part of the largest brake command that counts as applied
 BEGIN, END = 0.8, 0.1  # of the initial speed
+SPLIT_BY = 0.1  # least difference of the factors on friction under the wheels of a split road
+LEAST = 0.5 * 9.80665  # m/s^2 on a dry road for which the time of a stop suffices; on others in proportion to their friction
+STRIP = 1.35  # s from the start to the slippery strip
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -49,7 +53,7 @@ def stop(s: Signals, rest: float) -> tuple[float, float, np.ndarray]:
     brake = np.abs(s['brake'])
     if not brake.max() > 0.0:
         raise s.refuse('the brakes are not applied in it')
-    t0 = crossing(s.t, brake, APPLIED * brake.max())
+    t0 = applied(s.t, brake, APPLIED * brake.max())
     if at(s.t, s['speed'], t0) < 2.0:
         raise s.refuse('the car stands already when the brakes are applied')
     end = crossing(s.t, -s['speed'], -rest, after=t0)
@@ -57,11 +61,11 @@ def stop(s: Signals, rest: float) -> tuple[float, float, np.ndarray]:
     return t0, end, way - at(s.t, way, t0)
 
 
-def developed(s: Signals, t0: float, way: np.ndarray) -> float:
-    """Mean fully developed deceleration [m/s^2]; NaN where the speed does not come down so far."""
+def developed(s: Signals, t0: float, way: np.ndarray, end: float = math.inf) -> float:
+    """Mean fully developed deceleration [m/s^2]; NaN where the speed does not come down so far until `end` [s]."""
     v0 = at(s.t, s['speed'], t0)
     tb, te = (crossing(s.t, -s['speed'], -part * v0, after=t0) for part in (BEGIN, END))
-    if math.isnan(te):
+    if not te <= end:
         return math.nan
     return ((BEGIN * v0) ** 2 - (END * v0) ** 2) / (2.0 * (at(s.t, way, te) - at(s.t, way, tb)))
 
@@ -70,7 +74,10 @@ def judge_stopping(s: Signals, p: Stopping) -> Result:
     """Stopping distance, as driven and corrected. Raises BagError."""
     t0, end, way = stop(s, p.rest)
     if math.isnan(end):
-        raise s.refuse(f'the car does not come to rest in it: {s["speed"][-1]:.3g} m/s at its end')
+        raise s.refuse(
+            f'the car does not come to rest in it: {s["speed"][-1]:.3g} m/s at its end; it lasts {s.t[-1] - s.t[0]:.3g} s, record for '
+            f'longer (mbd maneuver --set duration=...)'
+        )
     v0, distance = at(s.t, s['speed'], t0), at(s.t, way, end)
     notes = list(s.notes)
     if abs(v0 - p.nominal) > p.deviation:
@@ -95,23 +102,54 @@ def judge_stopping(s: Signals, p: Stopping) -> Result:
     )
 
 
+def slippery(s: Signals, t0: float, end: float) -> float:
+    """Until when the braked car is on split friction: a wheel leaves the low friction, or `end` [s]. Notes say so, and where it is none."""
+    under = {name: s[name] for name in UNDER if name in s}
+    if len(under) < len(UNDER):
+        s.notes.append('whether the wheels stay on the split friction is not known: the recording has no friction under them')
+        return end
+    braked = s.between(t0, end)
+    low, high = (float(of([of(values[braked]) for values in under.values()])) for of in (np.min, np.max))
+    if high - low < SPLIT_BY:
+        s.notes.append(f'no split friction: all wheels are on a friction of {low:.3g} to {high:.3g} from the brakes on')
+        return end
+    slips = {name: values < 0.5 * (low + high) for name, values in under.items()}
+    then = int(np.argmax(braked))
+    for axle in ('front', 'rear'):
+        left, right = (bool(slips[f'friction_{axle}_{side}'][then]) for side in ('left', 'right'))
+        if left == right:
+            s.notes.append(f'both {axle} wheels are on {"low" if left else "high"} friction when the brakes are applied')
+    left_at = {name: float(s.t[k[0]]) for name, on in slips.items() if (k := 1 + np.flatnonzero(braked[1:] & on[:-1] & ~on[1:])).size}
+    if not left_at:
+        return end
+    first = min(left_at, key=lambda name: left_at[name])
+    s.notes.append(
+        f'judged until t = {left_at[first]:.4g} s, {left_at[first] - t0:.3g} s after the brakes are applied: the '
+        f'{first.removeprefix("friction_").replace("_", " ")} wheel leaves the low friction then'
+    )
+    return left_at[first]
+
+
 def judge_split(s: Signals, p: SplitFriction) -> Result:
-    """Deceleration and what the car does aside of it. Raises BagError."""
+    """Deceleration and what the car does aside of it, while it is on split friction. Raises BagError."""
     t0, end, way = stop(s, p.rest)
-    standing = not math.isnan(end)
-    end = end if standing else float(s.t[-1])
+    stops = not math.isnan(end)
+    stays = end if stops else float(s.t[-1])
+    end = slippery(s, t0, stays)
+    leaves, standing = end < stays, stops and end == stays
     turned = np.abs(integral(s.t, s['yaw_rate']))
     if turned[s.between(t0, end)].max() > 0.5 * math.pi:
         raise s.refuse('the car turns round in it: its wheels lock; brake it with less torque')
     if end < t0 + p.after:
-        raise s.refuse(f'it ends {end - t0:.3g} s after the brakes are applied; {p.after:g} s are needed')
+        what = 'a wheel leaves the low friction' if leaves else 'it ends'
+        raise s.refuse(f'{what} {end - t0:.3g} s after the brakes are applied; {p.after:g} s are needed')
     v0, inside, when = at(s.t, s['speed'], t0), s.between(t0, end), t0 + p.after
     distance = at(s.t, way, end)
     lost = v0 * v0 - at(s.t, s['speed'], end) ** 2
     figures = [
         Figure('initial_speed', 'speed when the brakes are applied', v0, 'm/s'),
         Figure('mean_deceleration', 'mean deceleration over the distance', lost / (2.0 * distance), 'm/s^2'),
-        Figure('mfdd', 'mean fully developed deceleration', developed(s, t0, way), 'm/s^2'),
+        Figure('mfdd', 'mean fully developed deceleration', developed(s, t0, way, end), 'm/s^2'),
         Figure('distance', 'distance travelled' if standing else 'distance travelled (not to rest)', distance, 'm'),
     ]
     heading = s['heading'] if 'heading' in s else integral(s.t, s['yaw_rate'])
@@ -148,6 +186,19 @@ def judge_split(s: Signals, p: SplitFriction) -> Result:
     )
 
 
+def time_of_stop(scene: Scene) -> dict[str, object]:
+    """As long as a stop takes at this speed and friction."""
+    return {'duration': round(max(9.0, 2.0 + speed_of(scene) / (LEAST * scene.model.road.friction)), 1)}
+
+
+def strip(scene: Scene) -> dict[str, object]:
+    """The slippery strip, from a place before that of braking to one that the car cannot reach."""
+    speed = speed_of(scene)
+    begin = STRIP * speed
+    length = speed * max(scene.duration - STRIP, 1.0)
+    return {'road.patches[0].center': [round(begin + 0.5 * length, 2), -2.5], 'road.patches[0].size': [round(length, 2), 5.0]}
+
+
 STOPPING = Evaluation(
     name='iso21994',
     title='stopping distance, corrected to the nominal speed, and mean fully developed deceleration',
@@ -155,15 +206,15 @@ STOPPING = Evaluation(
     needs=('speed', 'brake'),
     parameters=Stopping,
     judge=judge_stopping,
-    drive=Drive(maneuver='iso21994', speed=100.0 / 3.6, duration=9.0, every=5, brakes=6.0, hardest=True),
+    drive=Drive(maneuver='iso21994', speed=100.0 / 3.6, duration=9.0, every=5, brakes=6.0, hardest=True, fitted=time_of_stop),
 )
 SPLIT_FRICTION = Evaluation(
     name='iso14512',
     title='braking on split friction: deceleration, yaw and lateral deviation',
     norm=SPLIT,
     needs=('speed', 'brake', 'yaw_rate'),
-    also=('heading', 'x', 'y', 'sideslip_angle', 'steering'),
+    also=('heading', 'x', 'y', 'sideslip_angle', 'steering', *UNDER),
     parameters=SplitFriction,
     judge=judge_split,
-    drive=Drive(maneuver='iso14512', speed=80.0 / 3.6, duration=7.0, every=5, road='mu_split', brakes=2.85),
+    drive=Drive(maneuver='iso14512', speed=80.0 / 3.6, duration=7.0, every=5, road='mu_split', brakes=2.85, fitted=strip),
 )

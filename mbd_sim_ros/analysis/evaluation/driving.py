@@ -39,7 +39,9 @@ ROLLS, CREEPS = 0.3, 3.0  # slip below which a wheel rolls; speed below which th
 GROWTH, HALVINGS, MOST = 1.25, 3, 12  # of the search for a braking torque
 PREVIEWS, MORE = (1.0, 0.87, 1.13), (1.0, 1.15, 1.3)  # of the preview of the file, and of the car's own understeer gradient
 WHEELBASE = 0.6  # of the length of a car without mirrors, which its data do not say
-LONGEST = 12.0  # s of a ramp: 162 deg, then nothing is found
+SECONDS = (5.0, 8.0, 12.0, 20.0, 32.0)  # of a ramp, 418 deg at the end: the next where it has not found what it is for
+USUAL = 2  # of them are not made longer where the car has done its best
+RISES = 0.05  # m/s^2 in the last half second of a ramp: the car can do more
 CALIBRATION = 'slowly_increasing_steer'
 OWN = ('maneuver', 'duration', 'record', 'road')  # keys of --set that are for the maneuver, not for the ramp before it
 
@@ -87,10 +89,10 @@ class Driving:
         """(the recordings, in order; what was found before: the angle of the steering wheel `reference` or `amplitude` [rad])."""
         one = evaluation.drive
         text = scene_text(one, self.vehicle, evaluation.name, self.overrides)
-        settings = self._driver(text, one.cones) if one.driver else []
+        settings = [*self._fitted(evaluation, text), *(self._driver(text, one.cones) if one.driver else [])]
         if one.brakes and not any(key_of(o).startswith(BRAKES.rpartition('.')[0]) for o in self.overrides):
-            torque = self._torque(evaluation.name, text, one)
-            return [self._run(evaluation.name, text, [f'{BRAKES}={torque!r}'])], {'brake_torque': torque}
+            torque = self._torque(evaluation.name, text, one, settings)
+            return [self._run(evaluation.name, text, [*settings, f'{BRAKES}={torque!r}'])], {'brake_torque': torque}
         if one.cones and not any(key_of(o).startswith('maneuver.driver') for o in self.overrides):
             place, found = self._practised(evaluation, text, settings)
             return [place], found
@@ -121,13 +123,24 @@ class Driving:
             self._vehicle = Vehicle.of(scene)
         return scene, self._vehicle
 
-    def _driver(self, text: str, cones: bool) -> list[str]:
-        """What the preview driver knows of the car, as settings."""
-        scene, vehicle = self._known(text)
+    def _fitted(self, evaluation: Evaluation, text: str) -> list[str]:
+        """What follows from the speed of the start and the rest of the scene with all that the user sets, as settings."""
+        if evaluation.drive.fitted is None:
+            return []
+        scene = load_scene_text(text, evaluation.name, self.overrides)
+        return [f'{key}={value!r}' for key, value in evaluation.drive.fitted(scene).items()]
+
+    def _alone(self, scene: Scene) -> None:
+        """Raises SpecError for a car with a trailer."""
         if has_trailer(scene.model):
             raise SpecError(
                 f'{self.vehicle.stem} pulls a trailer, and the norm is for cars alone: remove vehicle.trailer, or drive a scene'
             )
+
+    def _driver(self, text: str, cones: bool) -> list[str]:
+        """What the preview driver knows of the car, as settings."""
+        scene, vehicle = self._known(text)
+        self._alone(scene)
         if vehicle.ratio is None:
             raise SpecError(f'{self.vehicle.stem} is no vehicle with four wheels and a steering: it has no such maneuver')
         known = {'wheelbase': vehicle.masses['wheelbase'], 'ratio': vehicle.ratio}
@@ -178,29 +191,33 @@ class Driving:
     def _vehicle_overrides(self) -> list[str]:
         return [o for o in self.overrides if key_of(o).partition('.')[0] not in OWN]
 
-    def _ramp(self, text: str, side: float, enough: float) -> tuple[np.ndarray, np.ndarray]:
+    def _ramp(self, text: str, side: float, enough: float, friction: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
         """(lateral acceleration, angle of the steering wheel) of a slow ramp to one side at the speed of the scene, both positive, up to
-        the acceleration `enough` if the car reaches it."""
+        the acceleration `enough` if the car reaches it, on a flat road of this friction."""
         scene, vehicle = self._known(text)
         speed = scene.start.speed
-        drive = Drive(maneuver=CALIBRATION, speed=speed, duration=LONGEST)
+        drive = Drive(maneuver=CALIBRATION, speed=speed, duration=SECONDS[-1])
         turned = math.inf if not vehicle.ratio else vehicle.ratio * vehicle.masses['wheelbase'] / max(speed, 1.0) ** 2 * RAMPED_TO
         rate = min(RAMP, turned / SOONEST)
         ramp = scene_text(drive, self.vehicle, CALIBRATION, self.overrides)
-        settings = [f'maneuver.steering.slope={side * rate!r}']
+        settings = [f'maneuver.steering.slope={side * rate!r}', f'road.friction={friction!r}'][: 1 if friction == 1.0 else 2]
         key = (f'{enough!r}', ramp, *settings, *self._vehicle_overrides())
         if key not in self._angles:
-            for seconds in (5.0, 8.0, LONGEST):
+            for k, seconds in enumerate(SECONDS):
                 place = self._run(
                     f'{CALIBRATION}_{"left" if side > 0.0 else "right"}', ramp, [*settings, f'duration={seconds}'], calibration=True
                 )
                 s = signals(runs.read(place, NEEDED), str(place), ('steering', 'lateral_acceleration'))
                 a, d = (side * low_passed(s[name], s.rate, 6.0) for name in ('lateral_acceleration', 'steering'))
-                if a.max() > enough:
+                if a.max() > enough or (k >= USUAL and not rising(a, s.rate)):
                     break
             top = int(np.argmax(a > enough)) if a.max() > enough else int(np.argmax(a))
             self._angles[key] = a[: top + 1], d[: top + 1]
         return self._angles[key]
+
+    def _friction(self, text: str) -> float:
+        """Of the road that the maneuver is driven on [-], away from patches."""
+        return load_scene_text(text, 'scene of the maneuver', self.overrides).model.road.friction
 
     def _reaching(self, text: str, wanted: float) -> float:
         """Angle [rad] with which the car reaches a lateral acceleration in the steady state, from a slow ramp to the left.
@@ -208,11 +225,13 @@ class Driving:
         The car answers late, so the ramp is ahead of the angle for the acceleration it shows, at any time by the same: what a straight
         line through small accelerations leaves at zero.
         """
-        a, d = self._ramp(text, 1.0, 1.05 * wanted)
+        friction = self._friction(text)
+        a, d = self._ramp(text, 1.0, 1.05 * wanted, friction)
         if a.max() < wanted:
             raise SpecError(
-                f'{self.vehicle.stem} does not reach a lateral acceleration of {wanted:.3g} m/s^2 at this speed: {a.max():.3g} m/s^2 at '
-                f'{math.degrees(d[-1]):.3g} deg; give the steering with --set maneuver.steering=...'
+                f'{self.vehicle.stem} does not reach a lateral acceleration of {wanted:.3g} m/s^2 at this speed{on(friction)}: '
+                f'{a.max():.3g} m/s^2 at {math.degrees(d[-1]):.3g} deg, in a ramp of up to {SECONDS[-1]:g} s; give the steering with '
+                f'--set maneuver.steering=...'
             )
         small = (a >= 0.2 * wanted) & (a <= 0.6 * wanted)
         ahead = line(a[small], d[small])[1] if small.sum() >= 5 else 0.0
@@ -221,39 +240,41 @@ class Driving:
     def _reference(self, text: str, wanted: float) -> float:
         """The angle at a lateral acceleration by a straight line, mean of both sides [rad]."""
         found = []
+        friction = self._friction(text)
         for side in (1.0, -1.0):
-            a, d = self._ramp(text, side, RAMPED_TO)
-            slope, zero = self._slope(a, d)
+            a, d = self._ramp(text, side, RAMPED_TO, friction)
+            slope, zero = self._slope(a, d, on(friction))
             found.append(zero + slope * wanted)
         return float(np.mean(found))
 
-    def _slope(self, a: np.ndarray, d: np.ndarray) -> tuple[float, float]:
-        """(slope, intercept) of the straight line through a ramp for A. Raises SpecError."""
+    def _slope(self, a: np.ndarray, d: np.ndarray, where: str = '') -> tuple[float, float]:
+        """(slope, intercept) of the straight line through a ramp for A. where: the road, for the sentence of a SpecError."""
         used = (a >= LINE[0]) & (a <= LINE[1])
         if used.sum() < 5 or a.max() < LINE[1]:
-            raise SpecError(f'{self.vehicle.stem} does not reach {LINE[1]:.3g} m/s^2 in the slowly increasing steer at this speed')
+            raise SpecError(f'{self.vehicle.stem} does not reach {LINE[1]:.3g} m/s^2 in the slowly increasing steer at this speed{where}')
         slope, zero = line(a[used], d[used])
         return float(slope), float(zero)
 
-    def _torque(self, label: str, text: str, one: Drive) -> float:
+    def _torque(self, label: str, text: str, one: Drive, settings: Sequence[str]) -> float:
         """The braking torque [N m] for a deceleration; or, where asked for and wheels may lock, the largest with which none does."""
         scene, vehicle = self._known(text)
+        self._alone(scene)
         heights = {body.name: body.position[2] for body in scene.model.bodies}
         radii = [heights[tire.marker.body] for tire in scene.model.tires]
         if not radii or 'mass' not in vehicle.masses:
             raise SpecError(f'{self.vehicle.stem} is no vehicle with wheels: it has no such maneuver')
         start = float(f'{vehicle.masses["mass"] * float(np.mean(radii)) * one.brakes:.4g}')
         may_lock = scene.assistance.anti_lock is None and scene.fidelity != 'single_track'
-        return self._hardest(label, text, start) if one.hardest and may_lock else start
+        return self._hardest(label, text, start, settings) if one.hardest and may_lock else start
 
-    def _hardest(self, label: str, text: str, start: float) -> float:
+    def _hardest(self, label: str, text: str, start: float, settings: Sequence[str]) -> float:
         """The largest braking torque [N m], to 3 %, with which no wheel locks; a search from `start` on."""
 
         def rounded(torque: float) -> float:
             return float(f'{torque:.4g}')
 
         def rolls(torque: float) -> bool:
-            return rolling(self._run(label, text, [f'{BRAKES}={torque!r}'], quiet=True))
+            return rolling(self._run(label, text, [*settings, f'{BRAKES}={torque!r}'], quiet=True))
 
         low = high = start
         grows = rolls(start)
@@ -294,6 +315,17 @@ def rolling(place: Path) -> bool:
     moving = run['odom/twist/vx'] > CREEPS
     slips = [values for name, values in run.columns.items() if name.startswith('tire_states/') and name.endswith('/kappa')]
     return all(bool(np.all(np.abs(slip[moving]) < ROLLS)) for slip in slips)
+
+
+def rising(a: np.ndarray, rate: float) -> bool:
+    """Whether a ramp ended while the car still answered to it."""
+    k = max(a.size - round(0.5 * rate), 0)
+    return bool(a[-1] > a[k] + RISES and a[-1] > a.max() - RISES)
+
+
+def on(friction: float) -> str:
+    """Where a ramp was driven, in words; nothing for a dry road."""
+    return '' if friction == 1.0 else f' on a road of friction {friction:g}'
 
 
 def width_of(scene: Scene) -> float:

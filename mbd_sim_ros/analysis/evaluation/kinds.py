@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from mbd_sim_ros.analysis.evaluation.figures import Figure, Result
 from mbd_sim_ros.analysis.evaluation.signals import Signals
+from solver.scene import Scene
+
+SLOWEST = 1.0  # m/s at the start, below which nothing is made longer
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,6 +22,8 @@ class Drive:
     reaches, in a slow ramp of it at this speed, the lateral acceleration `reaches` [m/s^2]. driver: tell the preview driver the
     wheelbase and the ratio of the car; cones: its width and length too, and have him practise. brakes: deceleration [m/s^2] whose torque
     brakes the car; hardest: a search from there on for the largest one with which every wheel still rolls; 0: the torque of the file.
+    fitted: from the scene with all that the user sets to what follows from it (a longer road at a higher speed): key -> value, before what
+    the user sets.
     series: from the angle (mean of a ramp to the left and one to the right, by a straight line) to the amplitudes of all runs.
     """
 
@@ -33,6 +38,7 @@ class Drive:
     cones: bool = False
     brakes: float = 0.0
     hardest: bool = False
+    fitted: Callable[[Scene], Mapping[str, object]] | None = None
     series: Callable[[float], list[float]] | None = None
 
 
@@ -55,3 +61,8 @@ class Evaluation:
     drive: Drive
     together: Callable[[list[Result]], tuple[Figure, ...]] | None = None
     aliases: tuple[str, ...] = ()
+
+
+def speed_of(scene: Scene) -> float:
+    """Speed at the start [m/s] by which a maneuver is fitted: SLOWEST at least."""
+    return max(scene.start.speed, SLOWEST)

@@ -13,12 +13,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from mbd_sim_ros.analysis.evaluation.figures import Chart, Curve, Figure, Result
-from mbd_sim_ros.analysis.evaluation.kinds import Drive, Evaluation
+from mbd_sim_ros.analysis.evaluation.kinds import Drive, Evaluation, speed_of
 from mbd_sim_ros.analysis.evaluation.measures import at, crossing
 from mbd_sim_ros.analysis.evaluation.signals import Signals
 from solver.inputs.driver import DoubleLaneChange, Gate
+from solver.scene import Scene
 
 NORM = 'ISO 3888 [ISO3888]'
+RELEASED = 2.0  # m behind the first cones the throttle is released, in part 2
+SPARE = {'iso_3888_1': 1.21, 'iso_3888_2': 1.29}  # times the time that the track takes at the speed of the start: the second car rolls out
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,7 +72,8 @@ def judge(s: Signals, p: LaneChange, standard: str) -> Result:
     x, y, heading, t = s['x'], s['y'], s['heading'], s.t
     if x.max() < gates[-1].end or x.min() > gates[0].begin:
         raise s.refuse(
-            f'does not pass the track: x from {x.min():.4g} to {x.max():.4g} m, the track from {gates[0].begin:g} to {gates[-1].end:g} m'
+            f'does not pass the track: x from {x.min():.4g} to {x.max():.4g} m, the track from {gates[0].begin:g} to {gates[-1].end:g} m; '
+            f'it lasts {t[-1] - t[0]:.3g} s, a slow car takes longer (mbd maneuver --set duration=...)'
         )
     entry, leave = crossing(t, x, gates[0].begin), crossing(t, x, gates[-1].end)
     figures = [
@@ -135,6 +139,18 @@ def judge(s: Signals, p: LaneChange, standard: str) -> Result:
     )  # fmt: skip
 
 
+def _fitted(scene: Scene, duration: float) -> dict[str, object]:
+    """As long as the track takes; in part 2 the throttle is released at its place."""
+    path = scene.maneuver.driver.path if scene.maneuver.driver is not None else None
+    if not isinstance(path, DoubleLaneChange):
+        return {}
+    speed = speed_of(scene)
+    settings: dict[str, object] = {'duration': round(max(duration, SPARE[path.standard] * path.gates[-1].end / speed), 1)}
+    if path.standard == 'iso_3888_2':
+        settings['maneuver.speed.until'] = round((path.start + RELEASED) / speed, 3)
+    return settings
+
+
 def _evaluation(part: int, title: str, speed: float, duration: float) -> Evaluation:
     return Evaluation(
         name=f'iso3888_{part}',
@@ -144,7 +160,15 @@ def _evaluation(part: int, title: str, speed: float, duration: float) -> Evaluat
         also=('steering', 'sideslip_angle', 'roll'),
         parameters=LaneChange,
         judge=lambda s, p: judge(s, p, f'iso_3888_{part}'),
-        drive=Drive(maneuver=f'iso3888_{part}', speed=speed / 3.6, duration=duration, every=5, driver=True, cones=True),
+        drive=Drive(
+            maneuver=f'iso3888_{part}',
+            speed=speed / 3.6,
+            duration=duration,
+            every=5,
+            driver=True,
+            cones=True,
+            fitted=lambda scene: _fitted(scene, duration),
+        ),
     )
 
 

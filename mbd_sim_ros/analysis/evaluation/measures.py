@@ -19,6 +19,18 @@ def crossing(t: np.ndarray, y: np.ndarray, level: float, *, after: float = -math
     return float(t[k - 1] + (level - y[k - 1]) / (y[k] - y[k - 1]) * (t[k] - t[k - 1]))
 
 
+def applied(t: np.ndarray, y: np.ndarray, level: float) -> float:
+    """When a command first reaches the level from below; NaN if it never does.
+
+    A command holds: where it jumps by more than half of its largest value from one sample to the next, nothing was applied until the
+    latter. A pedal that takes longer lies on a straight line between the two.
+    """
+    at = np.flatnonzero(y >= level)
+    if at.size and at[0] > 0 and y[at[0]] - y[at[0] - 1] > 0.5 * float(y.max()):
+        return float(t[at[0]])
+    return crossing(t, y, level)
+
+
 def peak(t: np.ndarray, y: np.ndarray) -> tuple[float, float]:
     """(time, value) of the largest value, on the parabola through the largest sample and its neighbours (evenly spaced t)."""
     k = int(np.argmax(y))

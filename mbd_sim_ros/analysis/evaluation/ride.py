@@ -19,9 +19,11 @@ from typing import NamedTuple
 import numpy as np
 
 from mbd_sim_ros.analysis.evaluation.figures import Chart, Curve, Figure, Result
-from mbd_sim_ros.analysis.evaluation.kinds import Drive, Evaluation
+from mbd_sim_ros.analysis.evaluation.kinds import Drive, Evaluation, speed_of
 from mbd_sim_ros.analysis.evaluation.measures import integral
 from mbd_sim_ros.analysis.evaluation.signals import Signals
+from solver.elements.road_grids import RandomRoad
+from solver.scene import Scene
 
 NORM = 'ISO 2631-1:1997 [ISO2631]'
 SILENCE = 10.0  # s after the signal; the slowest filter, 0.4 Hz, forgets within 2 s
@@ -30,6 +32,8 @@ COMFORT: tuple[tuple[float, str], ...] = (
     (2.5, 'very uncomfortable'), (math.inf, 'extremely uncomfortable'),
 )  # fmt: skip
 CREST = 9.0
+SHORTEST = 220.0  # m of rough road
+AHEAD = 6.0  # m behind where base_link ends, for the front wheels and the end of the road
 
 
 class Weighting(NamedTuple):
@@ -65,6 +69,7 @@ WEIGHTINGS = {
     'wd': Weighting(0.4, 100.0, 2.0, 2.0, 0.63),
     'wb': Weighting(0.4, 100.0, 16.0, 16.0, 0.55, 2.5, 0.9, 4.0, 0.95, 1.024),
 }
+PLACE = ('x', 'y', 'heading')
 AXES = (('x', 'ax', 'wd'), ('y', 'ay', 'wd'), ('z', 'az', 'wk'))
 
 
@@ -97,6 +102,29 @@ def running_rms(y: np.ndarray, rate: float, constant: float) -> np.ndarray:
     return np.sqrt(np.maximum(signal.lfilter([1.0], [1.0, -e], driven), 0.0))
 
 
+def rough(s: Signals, scene: Scene) -> np.ndarray:
+    """(n,) whether all wheels that come on the grids of the road at all are on one; none where no wheel does."""
+    c, d = np.cos(s['heading']), np.sin(s['heading'])
+    places = {body.name: body.position for body in scene.model.bodies}
+    wheels = []
+    for tire in scene.model.tires:
+        along, left, _ = places[tire.marker.body]
+        x, y = s['x'] + c * along - d * left, s['y'] + d * along + c * left
+        on = np.zeros(s.t.size, bool)
+        for grid in scene.model.road.grids:
+            if isinstance(grid, RandomRoad):
+                length, width = grid.length, grid.width
+            else:
+                length, width = ((n - 1) * step for n, step in zip(grid.heights.height.shape, grid.heights.step, strict=True))
+            forward, aside = math.cos(grid.yaw), math.sin(grid.yaw)
+            dx, dy = x - grid.origin[0], y - grid.origin[1]
+            u, v = forward * dx + aside * dy, forward * dy - aside * dx
+            on |= (u >= 0.0) & (u <= length) & (v >= 0.0) & (v <= width)
+        wheels.append(on)
+    wheels = [on for on in wheels if on.any()]
+    return np.logical_and.reduce(wheels) if wheels else np.zeros(s.t.size, bool)
+
+
 def judge(s: Signals, p: Ride) -> Result:
     """Weighted accelerations. Raises BagError."""
     used = s.t >= s.t[0] + p.begin
@@ -109,6 +137,15 @@ def judge(s: Signals, p: Ride) -> Result:
     notes.append('accelerations are those of the IMU in the body, not those of a seat')
     if s.rate < 250.0:
         notes.append(f'recorded at {s.rate:.4g} Hz: nothing above {0.5 * s.rate:.4g} Hz is in the figures, the weightings reach to 100 Hz')
+    scene = s.vehicle.scene
+    if scene is not None and scene.model.road.grids and all(name in s for name in PLACE):
+        on = rough(s, scene)
+        if not on[used].all():
+            where = f'only from t = {s.t[on][0]:.3g} to {s.t[on][-1]:.3g} s' if on.any() else 'at no time'
+            notes.append(
+                f'the wheels are on the rough part of the road {where}, and the figures are of t = {s.t[used][0]:.3g} to '
+                f'{s.t[used][-1]:.3g} s: make it longer, or the run shorter'
+            )
     figures, charts, total = [], [], 0.0
     t = s.t[used]
     for (axis, name, key), factor in zip((*AXES, ('z', 'az', 'wb')), (p.kx, p.ky, p.kz, 0.0)):
@@ -148,12 +185,18 @@ def judge(s: Signals, p: Ride) -> Result:
     )
 
 
+def road(scene: Scene) -> dict[str, object]:
+    """A road as long as the way of the car."""
+    return {'road.grids[0].length': max(SHORTEST, 10.0 * math.ceil(0.1 * (speed_of(scene) * scene.duration + AHEAD)))}
+
+
 RIDE = Evaluation(
     name='iso2631',
     title='ride comfort: weighted accelerations, running RMS, vibration dose values',
     norm=NORM,
     needs=('ax', 'ay', 'az'),
+    also=PLACE,
     parameters=Ride,
     judge=judge,
-    drive=Drive(maneuver='iso2631', speed=70.0 / 3.6, duration=11.0, every=2, road='class_c'),
+    drive=Drive(maneuver='iso2631', speed=70.0 / 3.6, duration=11.0, every=2, road='class_c', fitted=road),
 )

@@ -77,6 +77,9 @@ WAYS: dict[str, tuple[str, str, tuple[Way, ...]]] = {
     'ay': ('m/s^2', 'specific force to the left', (_one('imu/ay'),)),
     'az': ('m/s^2', 'specific force upwards', (_one('imu/az'),)),
 }
+WHEELS = ('front_left', 'front_right', 'rear_left', 'rear_right')
+UNDER = {f'friction_{wheel}': f'tire_states/{wheel}/friction' for wheel in WHEELS}
+WAYS |= {name: ('1', 'factor on the friction under a wheel', (_one(channel),)) for name, channel in UNDER.items()}
 ANGLES = ('heading',)
 NEEDED = tuple(dict.fromkeys(channel for _, _, ways in WAYS.values() for way in ways for channel in way.channels))
 

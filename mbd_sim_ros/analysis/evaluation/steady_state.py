@@ -26,11 +26,14 @@ from mbd_sim_ros.analysis.evaluation.figures import Chart, Curve, Figure, Result
 from mbd_sim_ros.analysis.evaluation.kinds import Drive, Evaluation
 from mbd_sim_ros.analysis.evaluation.measures import line, low_passed
 from mbd_sim_ros.analysis.evaluation.signals import Signals
+from solver.scene import Scene
 
 NORM = 'ISO 4138:2021 [ISO4138]'
 SMOOTH = 1.0  # Hz
 SUDDEN = 1.0 / 3.0  # part of the range that may be passed in a period of the low pass without a note; all of it is no steady state
 STEADY = {'constant_radius': 0.05, 'constant_steering': 0.02, 'constant_speed': 0.05}  # part of its mean that may vary (standard deviation)
+NEAR = 0.025  # part of its median by which the curvature may differ where it has settled on a circle
+FINAL = 21.5  # m/s of the two with a speed that rises
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,6 +47,16 @@ class SteadyState:
     ratio: float | None = None
 
 
+def settled(curvature: np.ndarray, on: float, rate: float) -> int:
+    """Index of the sample from which the curvature is near `on` for as long as the low pass remembers: the entry into a circle is over.
+    0 where it never is."""
+    near = np.abs(curvature - on) <= NEAR * abs(on)  # not where it is NaN
+    n = max(round(rate / SMOOTH), 1)
+    run = np.convolve(near, np.ones(n, int))[n - 1 : near.size]
+    begins = np.flatnonzero(run == n)
+    return int(begins[0]) if begins.size else 0
+
+
 def judge(s: Signals, p: SteadyState, method: str) -> Result:
     """The gradients. method: constant_radius, constant_steering or constant_speed. Raises BagError."""
     smooth = {name: low_passed(values, s.rate, SMOOTH, poles=4) for name, values in s.values.items()}
@@ -55,11 +68,14 @@ def judge(s: Signals, p: SteadyState, method: str) -> Result:
     a, curvature = side * both, side * smooth['yaw_rate'] / speed
     reached = int(np.argmax(a))
     used = (a >= p.low) & (a <= p.high) & np.isfinite(curvature) & (np.arange(a.size) <= reached)
+    if method == 'constant_radius' and used.any():
+        used &= np.arange(a.size) >= settled(curvature, float(np.median(curvature[used])), s.rate)
     span = float(np.ptp(a[used])) if used.any() else 0.0
     if span < 0.5 * (p.high - p.low) or used.sum() < 10:
+        passed = f'largest {float(np.max(a)):.3g} m/s^2' + (f', steady from {float(a[used].min()):.3g} m/s^2 on' if used.any() else '')
         raise s.refuse(
             f'no steady-state circular driving in it: lateral accelerations between {p.low:g} and {p.high:g} m/s^2 are not passed through '
-            f'(largest {float(np.max(a)):.3g} m/s^2); try --set low=... --set high=...'
+            f'({passed}); try --set low=... --set high=...'
         )
     constant = {'constant_radius': 1.0 / curvature, 'constant_steering': side * smooth['steering'], 'constant_speed': speed}[method][used]
     spread = float(np.std(constant) / abs(np.mean(constant)))
@@ -126,6 +142,12 @@ def judge(s: Signals, p: SteadyState, method: str) -> Result:
     )  # fmt: skip
 
 
+def from_the_start(scene: Scene) -> dict[str, object]:
+    """The speed rises from that of the start on."""
+    initial = scene.start.speed
+    return {'maneuver.speed.target.initial': initial, 'maneuver.speed.target.final': max(FINAL, initial + 1.0)}
+
+
 def _evaluation(method: str, drive: Drive) -> Evaluation:
     return Evaluation(
         name=f'iso4138_{method}',
@@ -139,9 +161,18 @@ def _evaluation(method: str, drive: Drive) -> Evaluation:
     )
 
 
-CONSTANT_RADIUS = _evaluation('constant_radius', Drive(maneuver='iso4138_constant_radius', speed=8.0, duration=32.0, driver=True))
+CONSTANT_RADIUS = _evaluation(
+    'constant_radius', Drive(maneuver='iso4138_constant_radius', speed=8.0, duration=32.0, driver=True, fitted=from_the_start)
+)
 CONSTANT_STEERING = _evaluation(
     'constant_steering',
-    Drive(maneuver='iso4138_constant_steering', speed=8.0, duration=32.0, amplitude='maneuver.steering.value', reaches=0.8),
+    Drive(
+        maneuver='iso4138_constant_steering',
+        speed=8.0,
+        duration=32.0,
+        amplitude='maneuver.steering.value',
+        reaches=0.8,
+        fitted=from_the_start,
+    ),
 )
 CONSTANT_SPEED = _evaluation('constant_speed', Drive(maneuver='iso4138_constant_speed', speed=80.0 / 3.6, duration=16.0))

@@ -84,10 +84,66 @@ def test_split_friction_with_counter_steering_and_sideslip() -> None:
     assert r['sideslip_largest'] == pytest.approx(0.03, abs=0.02 * sample)
 
 
+def on_strip(leaves: float = 2.5, comes: float = 0.0, rear: float = 0.1) -> Signals:
+    """The car of stopping() with its right wheels on friction 0.3 from `comes` to `leaves`, at the rear later; reactions grow from then on."""
+    s = stopping()
+    t, one = s.t, np.ones(s.t.size)
+    for axle, later in (('front', 0.0), ('rear', rear)):
+        s.values[f'friction_{axle}_left'] = one
+        s.values[f'friction_{axle}_right'] = np.where((t >= comes + later) & (t < leaves + later), 0.3, 1.0)
+    s.values['yaw_rate'] = np.where(t > 1.0, 0.05, 0.0) + 10.0 * np.clip(t - leaves, 0.0, 0.1)
+    return s
+
+
+def test_split_friction_is_judged_until_a_wheel_leaves_the_strip() -> None:
+    """At t = 2.5 s, 1.5 s after the brakes: 27 m/s * 1.5 s - 4 m/s^2 (1.5 s)^2 = 31.5 m, 27 to 15 m/s; no MFDD, which ends at 2.7 m/s."""
+    r = braking.judge_split(on_strip(), braking.SplitFriction())
+    assert r['yaw_rate_largest'] == pytest.approx(0.05)
+    assert r['distance'] == pytest.approx(31.5, abs=0.01)
+    assert r['mean_deceleration'] == pytest.approx(8.0, rel=1e-3)
+    assert r['yaw_angle_largest'] == pytest.approx(0.075, abs=1e-9)
+    assert r['deviation_largest'] == pytest.approx(0.45, abs=1e-9)
+    assert np.isnan(r['mfdd'])
+    assert r.notes == ('judged until t = 2.5 s, 1.5 s after the brakes are applied: the front right wheel leaves the low friction then',)
+    with pytest.raises(BagError, match='a wheel leaves the low friction 0.8 s after the brakes are applied; 1 s are needed'):
+        braking.judge_split(on_strip(leaves=1.8), braking.SplitFriction())
+
+
+def test_split_friction_that_holds_to_rest_is_judged_to_rest() -> None:
+    r = braking.judge_split(on_strip(leaves=7.0), braking.SplitFriction())
+    assert r.notes == ()
+    assert r['mfdd'] == pytest.approx(8.0, rel=1e-3)
+    assert r['distance'] == pytest.approx(27.0**2 / 16.0, abs=0.01)
+
+
+def test_brakes_applied_before_the_strip_are_told() -> None:
+    """Front wheels on it from 0.95 s, rear wheels from 1.05 s: the brakes come between them. With the strip at 5 s the car stands before."""
+    one_axle = braking.judge_split(on_strip(leaves=7.0, comes=0.95), braking.SplitFriction()).notes
+    assert one_axle == ('both rear wheels are on high friction when the brakes are applied',)
+    notes = braking.judge_split(on_strip(leaves=7.0, comes=5.0), braking.SplitFriction()).notes
+    assert notes == ('no split friction: all wheels are on a friction of 1 to 1 from the brakes on',)
+    unknown = braking.judge_split(stopping(), braking.SplitFriction()).notes
+    assert unknown == ('whether the wheels stay on the split friction is not known: the recording has no friction under them',)
+
+
+def test_a_command_that_jumps_is_applied_at_the_later_sample() -> None:
+    """10 Hz, 27.78 m/s, -7.5 m/s^2 from t = 1 s on: v^2/15 and not a sample of 2.8 m more. A pedal that takes 0.4 s, at 10 Hz, reaches 2 % of
+    its way 8 ms after it leaves zero."""
+    t = even(7.0, 10.0)
+    v0 = 100.0 / 3.6
+    s = made(t, speed=np.clip(v0 - 7.5 * np.clip(t - 1.0, 0.0, None), 0.0, None), brake=np.where(t > 0.95, 3000.0, 0.0))
+    r = braking.judge_stopping(s, braking.Stopping())
+    assert r['initial_speed'] == pytest.approx(v0)
+    assert r['distance'] == pytest.approx(v0 * v0 / 15.0, abs=0.01)
+    s.values['brake'] = np.interp(t, [0.9, 1.3], [0.0, 3000.0])
+    t0, _, _ = braking.stop(s, 0.05)
+    assert t0 == pytest.approx(0.908, abs=1e-9)
+
+
 def test_braking_that_is_none_is_refused() -> None:
     s = stopping()
     s.values['brake'][:] = 0.0
     with pytest.raises(BagError, match='not applied'):
         braking.judge_stopping(s, braking.Stopping())
-    with pytest.raises(BagError, match='does not come to rest'):
+    with pytest.raises(BagError, match='does not come to rest in it: 21 m/s at its end; it lasts 7 s, record for longer .*--set duration='):
         braking.judge_stopping(stopping(b=1.0), braking.Stopping())

@@ -9,7 +9,9 @@ import pytest
 from drives import even, made
 
 from mbd_sim_ros.analysis.evaluation import ride
+from mbd_sim_ros.analysis.evaluation.signals import Vehicle
 from solver.errors import BagError
+from solver.files.scene import load_scene_text
 
 # Weights x 1000 at one-third-octave frequencies as tables of the standard give them.
 TABLE = {
@@ -63,3 +65,20 @@ def test_a_weighting_is_causal() -> None:
     assert np.abs(found[:1950]).max() < 1e-2 * np.abs(found).max()
     with pytest.raises(BagError, match='nothing shakes'):
         ride.judge(made(even(8.0), ax=0.0, ay=0.0, az=9.81), ride.Ride())
+
+
+@pytest.mark.parametrize(
+    ('speed', 'told'), [(19.0, ''), (130.0 / 3.6, 'only from t = 0.18 to 6.19 s'), (3.0, 'only from t = 2.11 to 11 s')]
+)
+def test_a_road_that_ends_within_what_is_averaged_is_told(speed: float, told: str) -> None:
+    """x from 5 to 225 m, wheels 1.325 m ahead of base_link and behind it: front wheels at 225 m after 6.19 s, rear ones at 5 m after 0.18 s
+    at 130 km/h; at 3 m/s after 2.11 s."""
+    scene = load_scene_text('vehicle: vehicles/light_car.yaml\nroad: roads/class_c.yaml')
+    t = even(11.0, 100.0)
+    s = made(t, ax=0.0, ay=0.0, az=9.81 + np.sin(10.0 * t), x=speed * t, y=0.0, heading=0.0)
+    s.vehicle = Vehicle(scene=scene)
+    notes = [note for note in ride.judge(s, ride.Ride()).notes if 'rough part of the road' in note]
+    assert len(notes) == bool(told)
+    assert all(f'{told}, and the figures are of t = 2 to 11 s' in note for note in notes)
+    s.values['y'] = s['y'] + 100.0
+    assert any('the rough part of the road at no time' in note for note in ride.judge(s, ride.Ride()).notes)

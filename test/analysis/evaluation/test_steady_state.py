@@ -71,3 +71,27 @@ def test_circles_that_are_none_are_refused() -> None:
     assert math.isnan(r['understeer_gradient'])  # wheelbase and ratio are not known: a note, no number
     assert any('wheelbase' in note for note in r.notes)
     assert r['roll_gradient'] == pytest.approx(ROLL, rel=2e-3)
+
+
+@pytest.mark.parametrize('side', [1.0, -1.0])
+def test_the_entry_into_a_circle_is_no_part_of_it(side: float) -> None:
+    """40 m at 8 m/s: 1.6 m/s^2 in the circle, which the car enters within 2 s and with 15 % too much curvature on the way."""
+    s = circling('constant_radius', side)
+    v = np.clip(8.0 + 0.5 * (s.t - 6.0), 8.0, None)
+    k = np.interp(s.t, [1.0, 2.2, 3.0, 3.5], [0.0, 1.15, 1.15, 1.0]) / 40.0
+    a, moving = v * v * k, np.interp(s.t, [1.0, 2.0], [0.0, 1.0])
+    s.values |= {'speed': v, 'yaw_rate': side * v * k, 'steering': side * RATIO * (L * k + U * a), 'roll': side * ROLL * a * moving}
+    r = steady_state.judge(s, steady_state.SteadyState(wheelbase=L, ratio=RATIO), 'constant_radius')
+    assert r['mean'] == pytest.approx(40.0, rel=3e-3)
+    assert r['spread'] < 0.01
+    assert r['understeer_gradient'] == pytest.approx(U, rel=0.02)
+
+
+def test_a_circle_that_begins_too_fast_is_told() -> None:
+    s = circling('constant_radius')
+    v = 17.0 + 0.1 * s.t
+    s.values |= {'speed': v, 'yaw_rate': 0.01 * v}
+    with pytest.raises(
+        BagError, match=r'between 1 and 4 m/s\^2 are not passed through \(largest 4.41 m/s\^2, steady from 2.89 m/s\^2 on\)'
+    ):
+        steady_state.judge(s, steady_state.SteadyState(), 'constant_radius')
