@@ -26,6 +26,7 @@ from mbd_sim_ros.analysis.evaluation.figures import Chart, Curve, Figure, Result
 from mbd_sim_ros.analysis.evaluation.kinds import Drive, Evaluation
 from mbd_sim_ros.analysis.evaluation.measures import line, low_passed
 from mbd_sim_ros.analysis.evaluation.signals import Signals
+from solver.inputs.driver import Circle
 from solver.scene import Scene
 
 NORM = 'ISO 4138:2021 [ISO4138]'
@@ -33,7 +34,8 @@ SMOOTH = 1.0  # Hz
 SUDDEN = 1.0 / 3.0  # part of the range that may be passed in a period of the low pass without a note; all of it is no steady state
 STEADY = {'constant_radius': 0.05, 'constant_steering': 0.02, 'constant_speed': 0.05}  # part of its mean that may vary (standard deviation)
 NEAR = 0.025  # part of its median by which the curvature may differ where it has settled on a circle
-FINAL = 21.5  # m/s of the two with a speed that rises
+FINAL, ON = 21.5, 100.0  # m/s of the two with a speed that rises; on a circle of so many metres, others with the same acceleration
+GROWS, BEGINS, DURATION = 0.5, 4.0, 32.0  # m/s^2 of that, from when on [s], how long it is at least [s]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -143,9 +145,14 @@ def judge(s: Signals, p: SteadyState, method: str) -> Result:
 
 
 def from_the_start(scene: Scene) -> dict[str, object]:
-    """The speed rises from that of the start on."""
-    initial = scene.start.speed
-    return {'maneuver.speed.target.initial': initial, 'maneuver.speed.target.final': max(FINAL, initial + 1.0)}
+    """The speed rises from that of the start on, on a circle of another radius to the same lateral acceleration."""
+    initial, driver = scene.start.speed, scene.maneuver.driver
+    circle = driver.path if driver is not None and isinstance(driver.path, Circle) else None
+    final = max(FINAL * (math.sqrt(abs(circle.radius) / ON) if circle else 1.0), initial + 1.0)
+    duration = max(DURATION, BEGINS + (final - initial) / GROWS + 1.0)
+    return {
+        'maneuver.speed.target.initial': initial, 'maneuver.speed.target.final': round(final, 2), 'duration': round(duration, 1),
+    }  # fmt: skip
 
 
 def _evaluation(method: str, drive: Drive) -> Evaluation:
@@ -162,14 +169,14 @@ def _evaluation(method: str, drive: Drive) -> Evaluation:
 
 
 CONSTANT_RADIUS = _evaluation(
-    'constant_radius', Drive(maneuver='iso4138_constant_radius', speed=8.0, duration=32.0, driver=True, fitted=from_the_start)
+    'constant_radius', Drive(maneuver='iso4138_constant_radius', speed=8.0, duration=DURATION, driver=True, fitted=from_the_start)
 )
 CONSTANT_STEERING = _evaluation(
     'constant_steering',
     Drive(
         maneuver='iso4138_constant_steering',
         speed=8.0,
-        duration=32.0,
+        duration=DURATION,
         amplitude='maneuver.steering.value',
         reaches=0.8,
         fitted=from_the_start,

@@ -85,7 +85,7 @@ def test_split_friction_with_counter_steering_and_sideslip() -> None:
 
 
 def on_strip(leaves: float = 2.5, comes: float = 0.0, rear: float = 0.1) -> Signals:
-    """The car of stopping() with its right wheels on friction 0.3 from `comes` to `leaves`, at the rear later; reactions grow from then on."""
+    """The car of stopping() with its right wheels on friction 0.3 from `comes` to `leaves`, at the rear later; then it turns faster."""
     s = stopping()
     t, one = s.t, np.ones(s.t.size)
     for axle, later in (('front', 0.0), ('rear', rear)):
@@ -105,7 +105,7 @@ def test_split_friction_is_judged_until_a_wheel_leaves_the_strip() -> None:
     assert r['deviation_largest'] == pytest.approx(0.45, abs=1e-9)
     assert np.isnan(r['mfdd'])
     assert r.notes == ('judged until t = 2.5 s, 1.5 s after the brakes are applied: the front right wheel leaves the low friction then',)
-    with pytest.raises(BagError, match='a wheel leaves the low friction 0.8 s after the brakes are applied; 1 s are needed'):
+    with pytest.raises(BagError, match=r'a wheel leaves the low friction 0\.8 s after the brakes are applied; 1 s are needed'):
         braking.judge_split(on_strip(leaves=1.8), braking.SplitFriction())
 
 
@@ -117,7 +117,7 @@ def test_split_friction_that_holds_to_rest_is_judged_to_rest() -> None:
 
 
 def test_brakes_applied_before_the_strip_are_told() -> None:
-    """Front wheels on it from 0.95 s, rear wheels from 1.05 s: the brakes come between them. With the strip at 5 s the car stands before."""
+    """Front wheels on it from 0.95 s, rear wheels from 1.05 s: the brakes come between them. At 5 s the car stands already."""
     one_axle = braking.judge_split(on_strip(leaves=7.0, comes=0.95), braking.SplitFriction()).notes
     assert one_axle == ('both rear wheels are on high friction when the brakes are applied',)
     notes = braking.judge_split(on_strip(leaves=7.0, comes=5.0), braking.SplitFriction()).notes
@@ -127,8 +127,8 @@ def test_brakes_applied_before_the_strip_are_told() -> None:
 
 
 def test_a_command_that_jumps_is_applied_at_the_later_sample() -> None:
-    """10 Hz, 27.78 m/s, -7.5 m/s^2 from t = 1 s on: v^2/15 and not a sample of 2.8 m more. A pedal that takes 0.4 s, at 10 Hz, reaches 2 % of
-    its way 8 ms after it leaves zero."""
+    """10 Hz, 27.78 m/s, -7.5 m/s^2 from t = 1 s on: v^2/15 and not a sample of 2.8 m more. A pedal that takes 0.4 s, at 10 Hz, reaches 2 %
+    of its way 8 ms after it leaves zero."""
     t = even(7.0, 10.0)
     v0 = 100.0 / 3.6
     s = made(t, speed=np.clip(v0 - 7.5 * np.clip(t - 1.0, 0.0, None), 0.0, None), brake=np.where(t > 0.95, 3000.0, 0.0))
@@ -145,5 +145,7 @@ def test_braking_that_is_none_is_refused() -> None:
     s.values['brake'][:] = 0.0
     with pytest.raises(BagError, match='not applied'):
         braking.judge_stopping(s, braking.Stopping())
-    with pytest.raises(BagError, match='does not come to rest in it: 21 m/s at its end; it lasts 7 s, record for longer .*--set duration='):
+    with pytest.raises(
+        BagError, match=r'does not come to rest in it: 21 m/s at its end; it lasts 7 s, record for longer .*--set duration='
+    ):
         braking.judge_stopping(stopping(b=1.0), braking.Stopping())

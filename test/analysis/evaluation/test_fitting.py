@@ -69,6 +69,17 @@ def test_the_speed_of_a_circle_rises_from_that_of_the_start(name: str, speed: fl
     assert (control.target.initial, control.target.final) == (speed, final)
 
 
+@pytest.mark.parametrize(('radius', 'final', 'seconds'), [(-40.0, 13.6, 32.0), (200.0, 30.4, 49.8)])
+def test_the_speed_of_a_circle_suits_its_radius(radius: float, final: float, seconds: float, monkeypatch) -> None:
+    """4.62 m/s^2 as in 100 m at 21.5 m/s; from 8 m/s on at 0.5 m/s^2, 4 s after the start."""
+    scene = composed(monkeypatch, 'iso4138_constant_radius', f'maneuver.driver.path.radius={radius}')
+    control = scene.maneuver.speed
+    assert control is not None
+    assert isinstance(control.target, Ramp)
+    assert control.target.final == pytest.approx(final, abs=0.05)
+    assert scene.duration == pytest.approx(seconds, abs=0.1)
+
+
 @pytest.mark.parametrize(('speed', 'start'), [(50.0, 25.0), (65.0, 25.0), (40.0, 50.0)])
 def test_the_throttle_is_released_two_metres_behind_the_first_cones(speed: float, start: float, monkeypatch) -> None:
     scene = composed(monkeypatch, 'iso3888_2', f'start.speed_kmh={speed}', f'maneuver.driver.path.start={start}')
@@ -96,7 +107,7 @@ def test_a_maneuver_lasts_as_long_as_it_takes(name: str, overrides: tuple[str, .
 @pytest.mark.parametrize('name', ['iso21994', 'iso14512', 'iso3888_1'])
 def test_a_car_with_a_trailer_is_refused_for_its_trailer(name: str, tmp_path: Path) -> None:
     one = Driving('full_car', tmp_path, ['vehicle.trailer=vehicles/trailers/caravan.yaml'])
-    with pytest.raises(SpecError, match='full_car pulls a trailer, and the norm is for cars alone: remove vehicle.trailer'):
+    with pytest.raises(SpecError, match=r'full_car pulls a trailer, and the norm is for cars alone: remove vehicle\.trailer'):
         one.drive(called(name)[0])
     assert not list(tmp_path.iterdir())
 
@@ -151,6 +162,14 @@ def test_the_amplitude_is_sought_on_the_friction_of_the_road(monkeypatch) -> Non
     for override in ('road.friction=0.45', 'road={friction: 0.45}'):
         ramps = Ramps(monkeypatch, 3.0)
         ramps.driving.overrides = [override]
-        with pytest.raises(SpecError, match='at this speed on a road of friction 0.45: 3 m/s'):
+        with pytest.raises(SpecError, match=r'at this speed on a road of friction 0\.45: 3 m/s'):
             ramps.driving._reaching(ramps.text, 4.0)
         assert all('road.friction=0.45' in settings for settings in ramps.settings)
+
+
+def test_a_ramp_that_ends_while_the_car_answers_says_so(monkeypatch) -> None:
+    """31 s at 13.5 deg/s: 418.5 deg, 12.6 m/s^2."""
+    ramps = Ramps(monkeypatch, 20.0)
+    with pytest.raises(SpecError, match=r': 12\.[56] m/s\^2 at 41[89] deg, where the ramp of the steering wheel ended; give the steering'):
+        ramps.driving._reaching(ramps.text, 15.0)
+    assert ramps.seconds == [5.0, 8.0, 12.0, 20.0, 32.0]

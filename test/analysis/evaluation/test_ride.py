@@ -67,9 +67,7 @@ def test_a_weighting_is_causal() -> None:
         ride.judge(made(even(8.0), ax=0.0, ay=0.0, az=9.81), ride.Ride())
 
 
-@pytest.mark.parametrize(
-    ('speed', 'told'), [(19.0, ''), (130.0 / 3.6, 'only from t = 0.18 to 6.19 s'), (3.0, 'only from t = 2.11 to 11 s')]
-)
+@pytest.mark.parametrize(('speed', 'told'), [(19.0, ''), (130.0 / 3.6, 'only from t = 0.18 to 6.19'), (3.0, 'only from t = 2.11 to 11')])
 def test_a_road_that_ends_within_what_is_averaged_is_told(speed: float, told: str) -> None:
     """x from 5 to 225 m, wheels 1.325 m ahead of base_link and behind it: front wheels at 225 m after 6.19 s, rear ones at 5 m after 0.18 s
     at 130 km/h; at 3 m/s after 2.11 s."""
@@ -79,6 +77,6 @@ def test_a_road_that_ends_within_what_is_averaged_is_told(speed: float, told: st
     s.vehicle = Vehicle(scene=scene)
     notes = [note for note in ride.judge(s, ride.Ride()).notes if 'rough part of the road' in note]
     assert len(notes) == bool(told)
-    assert all(f'{told}, and the figures are of t = 2 to 11 s' in note for note in notes)
+    assert all(f'{told} s, and the figures are of t = 2 to 11 s' in note for note in notes)
     s.values['y'] = s['y'] + 100.0
     assert any('the rough part of the road at no time' in note for note in ride.judge(s, ride.Ride()).notes)
