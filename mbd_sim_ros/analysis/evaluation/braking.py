@@ -27,6 +27,7 @@ APPLIED = 0.02  # part of the largest brake command that counts as applied
 BEGIN, END = 0.8, 0.1  # of the initial speed
 SPLIT_BY = 0.1  # least difference of the factors on friction under the wheels of a split road
 LEAST = 0.5 * 9.80665  # m/s^2 on a dry road for which the time of a stop suffices; on others in proportion to their friction
+LONGEST = 120.0  # s that a stop is given, whatever the friction
 STRIP = 1.35  # s from the start to the slippery strip
 
 
@@ -188,7 +189,7 @@ def judge_split(s: Signals, p: SplitFriction) -> Result:
 
 def time_of_stop(scene: Scene) -> dict[str, object]:
     """As long as a stop takes at this speed and friction."""
-    return {'duration': round(max(9.0, 2.0 + speed_of(scene) / (LEAST * scene.model.road.friction)), 1)}
+    return {'duration': round(min(max(9.0, 2.0 + speed_of(scene) / (LEAST * scene.model.road.friction)), LONGEST), 1)}
 
 
 def strip(scene: Scene) -> dict[str, object]:

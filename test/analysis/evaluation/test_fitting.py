@@ -94,6 +94,7 @@ def test_the_throttle_is_released_two_metres_behind_the_first_cones(speed: float
         ('iso21994', (), 9.0),
         ('iso21994', ('road.friction=0.3',), 20.9),  # 2 s and 27.78 m/s at 0.3 * 0.5 g
         ('iso21994', ('road.friction=0.3', 'duration=16'), 16.0),
+        ('iso21994', ('road.friction=0.001',), 120.0),  # the longest
         ('iso3888_1', (), 8.5),
         ('iso3888_1', ('start.speed_kmh=60',), 11.3),  # 1.21 times 155 m at 16.67 m/s
         ('iso3888_2', (), 8.0),
