@@ -109,7 +109,7 @@ def simulate(
         interrupts.check()
         bar.set_description(simulation.scene.name)
         bar.unpause()
-        first, portion = simulation.k, Portion()
+        first, until, portion = simulation.k, simulation.totals(), Portion()
         messages, recorder = (None, None)
         if directory is not None:
             messages, recorder = record(simulation, directory, frame_prefix=frame_prefix, parameters=parameters)
@@ -147,13 +147,13 @@ def simulate(
                 if recorder and messages and written != simulation.k:  # interrupted right behind a step
                     recorder.record(simulation.t_ns, messages.encode(simulation.snapshot()))
                 number = interrupts.received() if simulation.k < steps else 0
-                figures = _figures(simulation, first, time.perf_counter() - begin, cpu)
+                figures = _figures(simulation, first, until, time.perf_counter() - begin, cpu)
                 found = findings(simulation, figures['real_time_factor']) + envelope.findings()
                 status = 'interrupted' if number else SUSPECT if found else OK
             except StepError as error:
                 failure = error
             finally:
-                figures = _figures(simulation, first, time.perf_counter() - begin, cpu)
+                figures = _figures(simulation, first, until, time.perf_counter() - begin, cpu)
                 if recorder:
                     events = json.dumps([event._asdict() for event in simulation.events])
                     verdict = {'status': status, 'findings': json.dumps(report(found))}
@@ -201,8 +201,10 @@ def _last_steps(
     return f'the steps before are in {directory}, with the state to start again from (mbd replay)'
 
 
-def _figures(simulation: Simulation, first: int, wall: float, cpu: float) -> dict[str, Any]:
-    """Speed and accuracy of the steps made since step `first`. wall, cpu: seconds spent in all and in the steps."""
+def _figures(simulation: Simulation, first: int, until: Mapping[str, float], wall: float, cpu: float) -> dict[str, Any]:
+    """Speed of the steps made since step `first`, when the totals were `until`, and accuracy of the whole run. wall, cpu: seconds spent in
+    all and in the steps.
+    """
     audit, n = simulation.totals(), max(simulation.k - first, 1)
     return {
         'steps': simulation.k,
@@ -210,9 +212,9 @@ def _figures(simulation: Simulation, first: int, wall: float, cpu: float) -> dic
         'wall_time': wall,
         'real_time_factor': (simulation.k - first) * simulation.h_ns * 1e-9 / wall,
         'cpu_per_step_us': cpu / n * 1e6,
-        'iterations_per_step': audit['iterations'] / n,
-        'factorizations_per_step': audit['factorizations'] / n,
-        'evaluations_per_step': audit['evaluations'] / n,
+        'iterations_per_step': (audit['iterations'] - until['iterations']) / n,
+        'factorizations_per_step': (audit['factorizations'] - until['factorizations']) / n,
+        'evaluations_per_step': (audit['evaluations'] - until['evaluations']) / n,
         'residual_max': audit['residual_max'],
         'energy_error_max': audit['energy_error_max'],
         'position_drift_max': audit['position_drift_max'],

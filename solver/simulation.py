@@ -21,7 +21,7 @@ from solver.model.evaluate import constraint_input_rates, evaluate_constraints, 
 from solver.model.saddle import CONDENSED, new_saddle
 from solver.model.state import State, copy_state, fill_kinematics, fitting, kinematics_of, load_state, new_state, save_state
 from solver.model.tables import Model
-from solver.output.branches import BranchSwitch, BranchWatch
+from solver.output.branches import BranchSwitch, BranchWatch, past_of
 from solver.output.collect import channels_of, collect
 from solver.output.dependence import describe, scaled_jacobian
 from solver.output.energy import WORST, update_energy
@@ -333,7 +333,7 @@ class Simulation:
         if extra.get('audit', np.zeros(0)).shape != self._work.energy.shape:
             raise SpecError('restore: the state was saved by another version of the solver; save it anew')
         inputs = fitting('inputs', extra.get('inputs'), self._inputs)
-        past = self._past(extra, k)
+        past = past_of(extra, self._totals, self._rescued, k * self.h_ns * 1e-9)
         watch = BranchWatch() if self.branches is not None else None
         if watch is not None:
             watch.recall(extra, past[1])
@@ -351,20 +351,9 @@ class Simulation:
         self._totals, self._rescued[:] = past
         self.branches = watch
 
-    def _past(self, saved: dict[str, np.ndarray], k: int) -> tuple[Counters, list[BranchSwitch]]:
-        """Counters and branch switches of the run that saved a state, at step k. Raises SpecError.
-
-        States of older versions hold neither: of their past is known what this simulation itself has seen.
-        """
-        if 'totals' not in saved or 'switches' not in saved:
-            return self._totals, [switch for switch in self._rescued if switch.t < k * self.h_ns * 1e-9]
-        i, f, e, s, *largest = fitting('totals', saved['totals'], np.zeros(len(NO_STEPS))).tolist()
-        rows = fitting('switches', saved['switches'], np.zeros((saved['switches'].size // 2, 2))).tolist()
-        return Counters(int(i), int(f), int(e), int(s), *largest), [BranchSwitch(*row) for row in rows]
-
     def __reduce__(self) -> tuple:
         """As its scene and save(): another process compiles the model anew, finds the same start, and goes on with the same bits."""
-        return _resumed, (self._made(), self.scene, self.save(), self._totals, self._counters, self.level)
+        return _resumed, (self._made(), self.scene, self.save(), self._counters, self.level)
 
     def _made(self) -> Callable[[Scene], Simulation]:
         """What makes a simulation like this of a scene."""
@@ -410,11 +399,9 @@ class Simulation:
         return describe(self.model, J)
 
 
-def _resumed(
-    make: Callable[[Scene], Simulation], scene: Scene, state: bytes, totals: Counters, counters: Counters, level: LevelReport | None
-) -> Simulation:
+def _resumed(make: Callable[[Scene], Simulation], scene: Scene, state: bytes, counters: Counters, level: LevelReport | None) -> Simulation:
     """Inverse of Simulation.__reduce__()."""
     simulation = make(scene)
     simulation.restore(state)
-    simulation._totals, simulation._counters, simulation.level = totals, counters, level
+    simulation._counters, simulation.level = counters, level
     return simulation

@@ -292,11 +292,11 @@ class SingleTrackSimulation(Simulation):
         return self.tables.mounting.axis * self.y[ROLL]
 
     def save(self) -> bytes:
-        """Everything the future depends on."""
+        """Everything the future depends on, and what the run so far is judged by."""
         file = io.BytesIO()
         w = self._scratch
         arrays = {'single_track': self.y, 'inputs': self._inputs, 'audit': w.energy, 'reached': w.reached, 'steered': w.steered}
-        arrays |= self.sources.memory()
+        arrays |= {'totals': np.array(self._totals), **self.sources.memory()}
         np.savez(file, k=np.int64(self.k), **arrays)  # type: ignore[arg-type]
         return file.getvalue()
 
@@ -309,6 +309,8 @@ class SingleTrackSimulation(Simulation):
         for name, array in own.items():
             fitting(name, found.get(name), array)
         k = step_of(found.get('k'))
+        if 'totals' in found:  # states of older versions have none
+            self._totals = Counters.of(fitting('totals', found['totals'], np.zeros(len(NO_STEPS))))
         self.sources.recall(found)
         self.y[:] = found['single_track']
         self.k = k

@@ -22,6 +22,12 @@ class Counters(NamedTuple):
     position_drift: float  # largest |phi| after a step [m or rad]
     velocity_drift: float  # largest |A v + phi_t| in the output [m/s or rad/s]
 
+    @classmethod
+    def of(cls, numbers: np.ndarray) -> Counters:
+        """Inverse of np.array()."""
+        i, f, e, s, *largest = numbers.tolist()
+        return cls(int(i), int(f), int(e), int(s), *largest)
+
     def followed_by(self, later: Counters) -> Counters:
         """Sums and maxima over these steps and later ones."""
         i, f, e, s, r, p, v = self

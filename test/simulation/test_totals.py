@@ -8,6 +8,8 @@ import pickle
 import numpy as np
 import pytest
 
+from mbd_sim_ros.batch import simulate
+from solver import simulation_of
 from solver.analysis.verdict import findings
 from solver.errors import SpecError
 from solver.files.scene import load_scene
@@ -98,3 +100,26 @@ def test_a_state_with_a_damaged_past_is_refused_and_changes_nothing(name: str) -
     with pytest.raises(SpecError, match=f'restore: {name} has shape'):
         s.restore(file.getvalue())
     assert s.save() == before
+
+
+def test_a_batch_that_goes_on_from_a_state_counts_its_own_steps() -> None:
+    """One iteration, factorization and evaluation more, of outputs, in each step of it, whatever was made before."""
+    s = Simulation(load_scene('slider_crank', ['integrator.step_policy=constant', 'integrator.iterations=1']))
+    whole = simulate(s, 100)
+    s.reset()
+    s.advance(60)
+    saved = s.save()
+    figures = simulate(s, 100, state=saved)
+    assert figures['steps'] == 100
+    for name in ('iterations_per_step', 'factorizations_per_step', 'evaluations_per_step'):
+        assert figures[name] == pytest.approx(whole[name], rel=0.1)
+
+
+def test_a_single_track_keeps_its_counters() -> None:
+    s = simulation_of(load_scene('car_step_steer', ['fidelity=single_track']))
+    s.advance(30)
+    saved, totals = s.save(), s.totals()
+    s.reset()
+    assert s.totals() != totals
+    s.restore(saved)
+    assert s.totals() == totals
