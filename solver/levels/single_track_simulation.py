@@ -309,9 +309,11 @@ class SingleTrackSimulation(Simulation):
         for name, array in own.items():
             fitting(name, found.get(name), array)
         k = step_of(found.get('k'))
+        totals = self._totals
         if 'totals' in found:  # states of older versions have none
-            self._totals = Counters.of(fitting('totals', found['totals'], np.zeros(len(NO_STEPS))))
+            totals = Counters.of(fitting('totals', found['totals'], np.zeros(len(NO_STEPS))))
         self.sources.recall(found)
+        self._totals = totals
         self.y[:] = found['single_track']
         self.k = k
         self._inputs = found['inputs']

@@ -15,8 +15,7 @@ import yaml
 from synthetic import WHEELS, channels, snapshot
 
 from mbd_sim_ros.bags import reader as bag
-from mbd_sim_ros.bags.inputs import content
-from mbd_sim_ros.bags.recorder import QUEUE_STEPS, Recorder, StepRecorder, describe, new_directory
+from mbd_sim_ros.bags.recorder import QUEUE_STEPS, Recorder, describe, new_directory
 from mbd_sim_ros.bags.recovery import recover
 from mbd_sim_ros.bags.writer import PART, RECORD, BagWriter
 from mbd_sim_ros.messages.encode import TIRE_STATES, Messages
@@ -102,21 +101,6 @@ def test_a_recording_describes_itself(recorded):
     assert about['robot_description'] == '<robot name="x"/>'
     assert about['dropped_steps'] == '0'
     assert {'scene_hash', 'code_version', 'source_hash', 'seed', 'created'} <= about.keys()
-
-
-def test_in_a_namespace_all_topics_but_the_global_ones_have_it_the_description_too(tmp_path):
-    names = channels()
-    messages = Messages(names)
-    about = describe(scene='x', resolved_yaml='', robot_description='<robot name="x"/>', namespace='/fleet')
-    with StepRecorder(tmp_path / 'run', messages.topics, names.inputs, 0, about, namespace='/fleet') as recorder:
-        shot = snapshot(names, 0)
-        recorder.record(shot.t_ns, messages.encode(shot))
-    written = yaml.safe_load((tmp_path / 'run' / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
-    topics = [one['topic_metadata']['name'] for one in written['topics_with_message_count']]
-    assert '/fleet/robot_description' in topics and '/fleet/odom' in topics
-    assert [name for name in topics if not name.startswith('/fleet/')] == ['/tf']
-    assert 'robot_description' not in bag.read(tmp_path / 'run').left_out
-    assert 'robot_description' not in content(tmp_path / 'run').outputs
 
 
 def test_an_unknown_column_is_refused_with_the_nearest_name(recorded):

@@ -84,6 +84,18 @@ def until(condition, seconds: float = 10.0) -> None:
         time.sleep(0.002)
 
 
+def with_a_dead_recording(opened):
+    """A paused node whose recording process was killed."""
+    from mbd_sim_ros.node import services
+
+    node = opened(record=True, out='first')
+    assert do(node, services.pause)[0]
+    recorder = node.running.recording.recorder
+    os.kill(recorder.pid, signal.SIGKILL)
+    until(lambda: recorder.error is not None)
+    return node
+
+
 def test_a_reset_is_done_whole_where_no_recording_can_begin_and_the_next_one_makes_good(opened, tmp_path: Path) -> None:
     from diagnostic_msgs.msg import DiagnosticStatus
 
@@ -109,13 +121,7 @@ def test_a_reset_is_done_whole_where_no_recording_can_begin_and_the_next_one_mak
 
 
 def test_a_vehicle_is_placed_whole_although_its_recording_has_died(opened) -> None:
-    from mbd_sim_ros.node import services
-
-    node = opened(record=True, out='first')
-    assert do(node, services.pause)[0]
-    recorder = node.running.recording.recorder
-    os.kill(recorder.pid, signal.SIGKILL)
-    until(lambda: recorder.error is not None)
+    node = with_a_dead_recording(opened)
     done, text = do(node, lambda running: running.place(3.0, 4.0, (0.0, 0.0, 0.0, 1.0)))
     assert done
     assert text.startswith(
@@ -129,11 +135,7 @@ def test_a_vehicle_is_placed_whole_although_its_recording_has_died(opened) -> No
 def test_a_recording_that_died_is_told_when_it_is_stopped(opened) -> None:
     from mbd_sim_ros.node import services
 
-    node = opened(record=True, out='first')
-    assert do(node, services.pause)[0]
-    recorder = node.running.recording.recorder
-    os.kill(recorder.pid, signal.SIGKILL)
-    until(lambda: recorder.error is not None)
+    node = with_a_dead_recording(opened)
     assert not do(node, services.stop_recording)[0]
     assert do(node, services.stop_recording) == (False, 'nothing is being recorded')
     assert node.close('stopped') == BagError.exit_code
