@@ -7,14 +7,15 @@ moves to and fro. So 1 % of what was exchanged may be missing (solver.output.ene
 bodies that turn, in which energy goes from axis to axis unseen by that account, and what numbers written with six digits leave open.
 *Iteration.* A step is accepted when what its iteration leaves is below LARGEST_STAGNATION of the velocity; over a step that is a
 distance. Residual, drift of velocities and drift of positions must not show more than that, and all but few steps a digit less.
-*Resolution.* Of a motion that takes a period in N steps an acceleration changes, over a step and times the step, by (2 pi / N)^2 of its
-velocity. So it must not change by more than (2 pi / 10)^2 of the largest velocity of the run: with fewer than ten steps a period, positions
-are off by 3 % of what they do. Translation and rotation are looked at apart. What vibrates fast but little passes, a stiff transient that
-sets the whole motion going does not.
+*Resolution.* Of a motion that takes a period in N steps an acceleration changes, over a step and times the step, by (2 pi / N)^2 of the
+amplitude of its velocity. So it must not change by more than (2 pi / 10)^2 of half the widest range that a velocity had in the run, which a
+steady motion in common does not widen: with fewer than ten steps a period, positions are off by 3 % of what they do. Translation and
+rotation are looked at apart. What vibrates fast but little passes, a stiff transient that sets the whole motion going does not. After
+fewer steps than half such a period nothing can be said.
 *Phase.* Of such a motion with the frequency w a step h costs (w h)^3 / 12 of phase. Added up over all steps, with (w h)^2 as above at the
 time, that must stay below 0.1 rad; what is really lost is up to twice that, a fifth of the amplitude. Where it is more, amplitudes may be
 right, but not where something is at an instant. A motion forgets its phase with its energy: of the largest kinetic energy so much as is
-dissipated takes half as much of the phase with it.
+dissipated takes half as much of the phase with it; and where it swings wider, what it was late by before is so much less of it.
 *Rounding.* A penalty multiplies the rounding of the condensed matrix; the block form does not care (docs/formulation.md, "Rounding"). It is
 told where iterations do not settle with one that is too large.
 *Light bodies.* Penalties take a body for no lighter than 1e-4 of the mean: of one with less mass m they add eps penalty 1e-4 mean / m of
@@ -182,14 +183,16 @@ def _iteration(s: Simulation) -> list[Finding | None]:
 def _resolution(s: Simulation) -> list[Finding | None]:
     """Motions that the step does not resolve."""
     a, falling = s.last_step.energy, s.h * norm(s.model.tables.bodies.gravity)
+    if a[account.STEPS] < FEWEST / 2:
+        return []
     remedy = 'reduce integrator.h'
     if s.scene.integrator.order == 4:
         remedy += ', or take integrator.order: 2 (extrapolation amplifies vibrations that steps do not resolve)'
     found = []
     for k, name in enumerate(('a velocity', 'an angular velocity')):
         change, time, body = (float(x) for x in a[account.KICK + 3 * k : account.KICK + 3 * k + 3])
-        part = change / max(float(a[account.FASTEST + k]), falling, account.SLOWEST)
-        text = f'the step does not resolve the motion: what it adds to {name} changes in a step, relative to the largest, by'
+        part = change / max(float(a[account.SWING + k]), falling, account.SLOWEST)
+        text = f'the step does not resolve the motion: what it adds to {name} changes in a step, relative to its swing, by'
         place = f'body {s.model.body_names[int(body)]!r}' if change > 0.0 else ''
         limit = (2.0 * math.pi / FEWEST) ** 2
         found.append(_finding('resolution', part, limit, None, '', time, place, text, remedy))
@@ -238,7 +241,7 @@ def _distance(s: Simulation) -> Finding | None:
     body = int(np.argmax(far))
     kick = np.finfo(float).eps * float(far[body]) / s.h
     text, place = 'places far from the origin are rounded; of the largest velocity that makes', f'body {s.model.body_names[body]!r}'
-    value = kick * max(float(a[account.STEPS]), 1.0) ** 0.5 / max(1.0, float(a[account.FASTEST]))
+    value = kick * max(float(a[account.STEPS]), 1.0) ** 0.5 / max(1.0, float(a[account.SWING]))
     remedy = 'move the model nearer to the origin, or take a larger integrator.h'
     return _finding('distance', value, ROUNDED, None, '', None, place, text, remedy)
 

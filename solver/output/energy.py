@@ -8,6 +8,7 @@ kinetic and of potential energy. Kept in one flat array, so that it is saved, re
 from __future__ import annotations
 
 from solver.compiled.kernel import kernel
+from solver.compiled.vec import dot, load3, load33, mv
 from solver.model.tables import COUNT, OUTPUT, ROTATION, WIDTH
 
 REFERENCE, POWER, WORK, WORST, ENERGY = range(5)  # entries of the running account; all energies [J]
@@ -20,11 +21,18 @@ SPEED = 14  # largest |component| of a twist [m/s or rad/s]
 NOTED = 15  # from here on rows of (value, time, index) of what was largest
 RESIDUAL, POSITION, VELOCITY, TURN = (NOTED + 3 * k for k in range(4))  # index of a body, rows of constraints, a body
 STEPS, UNSETTLED = NOTED + 12, NOTED + 13  # steps noted, and those of them with a residual above SETTLED
-FASTEST = NOTED + 14  # largest velocity of a centre of mass [m/s], and largest angular velocity [rad/s]
+SWING = NOTED + 14  # half the widest range of a component of a velocity of a centre of mass [m/s], and of an angular velocity [rad/s]
 KICK = NOTED + 16  # two rows, of the same: (largest change of an acceleration in a step, times the step; time; body)
 PHASE = KICK + 6  # of the same: phase that steps have cost the motion, less what it has forgotten [rad]
 WOUND = PHASE + 2  # such a row: what an element is turned by that acts on a rotation vector [rad]; the index is the place of its outputs
-LENGTH = WOUND + 3
+SWAYED = WOUND + 3  # kinetic energy of all those ranges, each as the amplitude of a vibration [J]
+LENGTH = WOUND + 4  # of what is there without bodies; behind it the twists of n bodies, (n, 2, 6): smallest and largest of every component
+
+
+def account_length(bodies: int) -> int:
+    """Numbers in the account of a model with so many bodies."""
+    return LENGTH + 12 * bodies
+
 
 SLOWEST = 1e-6  # m/s or rad/s
 SETTLED = 1e-3  # relative velocity increment: a digit better than what is accepted where an iteration does not converge
@@ -41,33 +49,22 @@ def mechanical_energy(tables, kin, outputs, h, account):
     kinetic = 0.0
     turning = 0.0
     fastest = 0.0
-    most_moving = 0.0
-    most_spin = 0.0
     most = 0.0
     most_turned = 0
     for b in range(bodies.mass.shape[0]):
-        own = 0.0
-        moving = kin.v[b, 0] ** 2 + kin.v[b, 1] ** 2 + kin.v[b, 2] ** 2
-        for i in range(3):
-            energy += bodies.mass[b] * (0.5 * kin.v[b, i] ** 2 - bodies.gravity[i] * kin.p[b, i])
-            own += bodies.mass[b] * kin.v[b, i] ** 2
-            for j in range(3):
-                rotational = 0.5 * kin.v[b, 3 + i] * bodies.inertia[b, i, j] * kin.v[b, 3 + j]
-                energy += rotational
-                own += 2.0 * rotational
-            fastest = max(fastest, abs(kin.v[b, i]), abs(kin.v[b, 3 + i]))
+        v, p, m, g = load3(kin.v, b), load3(kin.p, b), bodies.mass[b], bodies.gravity
+        w = (kin.v[b, 3], kin.v[b, 4], kin.v[b, 5])
+        fastest = max(fastest, abs(v[0]), abs(v[1]), abs(v[2]), abs(w[0]), abs(w[1]), abs(w[2]))
+        own = m * dot(v, v) + dot(w, mv(load33(bodies.inertia, b), w))
+        energy += 0.5 * own - m * (g[0] * p[0] + g[1] * p[1] + g[2] * p[2])
         kinetic += 0.5 * own
-        spin = kin.v[b, 3] ** 2 + kin.v[b, 4] ** 2 + kin.v[b, 5] ** 2
-        most_moving, most_spin = max(most_moving, moving), max(most_spin, spin)
-        turn = h * h * spin
+        turn = h * h * dot(w, w)
         turning += 0.5 * own * turn
         if turn > most:
             most = turn
             most_turned = b
     account[TURNING] = max(account[TURNING], turning)
     account[SPEED] = max(account[SPEED], fastest)
-    account[FASTEST] = max(account[FASTEST], most_moving**0.5)
-    account[FASTEST + 1] = max(account[FASTEST + 1], most_spin**0.5)
     if most > account[TURN] * account[TURN]:
         account[TURN] = most**0.5
         account[TURN + 1] = account[TIME]
@@ -94,6 +91,26 @@ def mechanical_energy(tables, kin, outputs, h, account):
     return energy, kinetic, dissipation, magnitude
 
 
+@kernel(inline=True)
+def _note_ranges(bodies, v, account):
+    """Widen the ranges of the twists (nb + 1, 6); of a motion that swings wider than ever the phase is so much less."""
+    at = LENGTH
+    for b in range(v.shape[0] - 1):
+        for i in range(6):
+            low, high, now = account[at + i], account[at + 6 + i], v[b, i]
+            if now < low or now > high:
+                narrower, k = 0.5 * (high - low), i // 3
+                low, high = min(low, now), max(high, now)
+                account[at + i], account[at + 6 + i] = low, high
+                swing, widest = 0.5 * (high - low), account[SWING + k]
+                weight = bodies.mass[b] if k == 0 else bodies.inertia[b, i - 3, i - 3]
+                account[SWAYED] += 0.5 * weight * (swing * swing - narrower * narrower)
+                if swing > widest:
+                    account[SWING + k] = swing
+                    account[PHASE + k] *= widest / swing
+        at += 12
+
+
 @kernel(borrow=True)
 def update_energy(tables, kin, outputs, lam, phi_t, h, account):
     """Advance the energy balance by a step h [s] (h = 0 starts it): error = E - E_0 + integral of (dissipation - driver power).
@@ -103,11 +120,15 @@ def update_energy(tables, kin, outputs, lam, phi_t, h, account):
     """
     if h == 0.0:
         account[:] = 0.0
+        for b in range(kin.v.shape[0] - 1):
+            for i in range(6):
+                account[LENGTH + 12 * b + i] = account[LENGTH + 12 * b + 6 + i] = kin.v[b, i]
     account[TIME] += h
+    _note_ranges(tables.bodies, kin.v, account)
     energy, kinetic, loss, magnitude = mechanical_energy(tables, kin, outputs, h, account)
     dissipated = 0.5 * h * (magnitude + loss)  # without what is supplied, whose share of both cancels
     if dissipated > 0.0:
-        forgotten = 0.5 * dissipated / max(account[KINETIC_HIGH], kinetic, SLOWEST)  # amplitudes go with the root of the energy
+        forgotten = 0.5 * dissipated / max(account[SWAYED], SLOWEST)  # amplitudes go with the root of the energy
         account[PHASE] /= 1.0 + forgotten
         account[PHASE + 1] /= 1.0 + forgotten
     for i in range(lam.shape[0]):
@@ -170,27 +191,31 @@ def _note_change(account, k, change, body, slowest):
         account[KICK + 3 * k] = change
         account[KICK + 3 * k + 1] = account[TIME]
         account[KICK + 3 * k + 2] = body
-    part = change / max(account[FASTEST + k], slowest)  # (w h)^2 of the vibration that carries the motion, or less
+    part = change / max(account[SWING + k], slowest)  # (w h)^2 of the vibration that carries the motion, or less
     account[PHASE + k] += part * part**0.5 / 12.0
 
 
 @kernel(borrow=True)
-def note_residuals(constraints, h, residual, position, velocity, phi, rate, a, a_before, slowest, account):
+def note_residuals(constraints, v, h, residual, position, velocity, phi, rate, a, a_before, slowest, account):
     """Note what is largest so far: the residual of the iteration, |phi|, |A v + phi_t|, changes of accelerations, with time and place.
 
-    h [s] is the step, phi and rate (nc,) are those after it. The place of a residual is the body whose acceleration (nb + 1, 6) changed
-    most in the step. slowest [m/s or rad/s]: below it motions do not count.
+    h [s] is the step; twists v (nb + 1, 6), phi and rate (nc,) are those after it. The place of a residual is the body whose acceleration
+    (nb + 1, 6) changed most in the step. slowest [m/s or rad/s]: below it motions do not count.
+
+    An angular acceleration changes in the axes of the world: those of the body turn with it, and that a wheel yaws is no vibration.
     """
     account[STEPS] += 1.0
     moved, turned, body_moved, body_turned = 0.0, 0.0, 0, 0
     for b in range(a.shape[0] - 1):
-        now, before = a[b], a_before[b]
+        now, before, twist = a[b], a_before[b], v[b]
         x, y, z = now[0] - before[0], now[1] - before[1], now[2] - before[2]
         change = x * x + y * y + z * z
         if change > moved:
             moved, body_moved = change, b
-        x, y, z = now[3] - before[3], now[4] - before[4], now[5] - before[5]
-        change = x * x + y * y + z * z
+        wx, wy, wz = 0.5 * h * twist[3], 0.5 * h * twist[4], 0.5 * h * twist[5]
+        x, y, z = now[3] + before[3], now[4] + before[4], now[5] + before[5]
+        dx, dy, dz = now[3] - before[3] + wy * z - wz * y, now[4] - before[4] + wz * x - wx * z, now[5] - before[5] + wx * y - wy * x
+        change = dx * dx + dy * dy + dz * dz
         if change > turned:
             turned, body_turned = change, b
     _note_change(account, 0, h * moved**0.5, body_moved, slowest)

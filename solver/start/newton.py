@@ -6,6 +6,8 @@ augmentation [Bayo1996], so redundant constraints are harmless here too.
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 import numpy as np
 
 from solver.compiled.by_reference import Ref
@@ -38,6 +40,7 @@ ASSEMBLY_TOLERANCE = 1e-12  # m or rad
 LARGEST_TURN = 0.3  # rad or m per iteration of the assembly, so that no coordinate turns by pi at once
 FARTHEST = 10000  # such iterations that a start may be away: 3000 rad
 CLEARANCE = 10.0  # height at which no tire touches any road [m]
+CLOSING = 10  # iterations that close constraints beside the start
 UNRESOLVED = 0.5  # part of the change of an acceleration over a step that a Taylor polynomial may miss
 UNSEEN = 1e-9  # m or rad of a step
 
@@ -309,9 +312,17 @@ class ConsistentState:
         state.zd[:] = (self.z - state.z) / cz
         d = min(1e-4, 0.1 * h)
         sides = []
+        constraint_input_rates(self.t, u, self.phi_t, self.phi_tt)
+        phi_t, phi_tt = self.phi_t.copy(), self.phi_tt.copy()
         for s in (d, -d):
             q = state.q.copy()
             move(q, s * state.v + 0.5 * s * s * a)
+            # Where they are open redundant constraints seem to hold what nothing needs to (solver.step.augmentation), with multipliers
+            # that mean nothing and are divided by d.
+            closed = state._replace(q=q.copy(), angle=state.angle.copy())
+            with suppress(ConsistencyError):  # next to a singular position that may take long, and nothing is redundant there
+                self.assemble(closed, u, s * phi_t + 0.5 * s * s * phi_tt, limit=CLOSING)
+                q = closed.q
             sides.append(self.acceleration(q, state.v + s * a, state.z + s * state.zd, state.angle, u))
         a_rate = (sides[0][0] - sides[1][0]) / (2 * d)
         lam_rate = (sides[0][1] - sides[1][1]) / (2 * d)

@@ -188,7 +188,8 @@ def keep_account(tables, h, follow, s1, u, counters, work):
     slowest = max(h * (g[0] * g[0] + g[1] * g[1] + g[2] * g[2]) ** 0.5, SLOWEST)
     phi, rate, a, a_before = work.phi_end, work.rate, s1.a_stage, s1.a_stage_before
     position, velocity = n.position_drift, n.velocity_drift
-    note_residuals(tables.constraints, h, n.residual, position, velocity, phi, rate, a, a_before, slowest, work.energy)
+    v, account = work.kin_end.v, work.energy
+    note_residuals(tables.constraints, v, h, n.residual, position, velocity, phi, rate, a, a_before, slowest, account)
 
 
 @kernel(borrow=True)

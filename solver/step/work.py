@@ -13,7 +13,7 @@ from solver.elements.point_pair import Kinematics
 from solver.elements.registry import FORCES
 from solver.model.saddle import Saddle
 from solver.model.state import new_kinematics
-from solver.output.energy import LENGTH
+from solver.output.energy import account_length
 from solver.output.snapshot import Counters, OutputArrays
 from solver.step.augmentation import Augmentation, new_augmentation
 from solver.step.constraint_coefficients import Formulation, new_formulation
@@ -114,7 +114,7 @@ class Work(NamedTuple):
     v_out: np.ndarray  # (nb + 1, 6) projected twist
     a_out: np.ndarray  # (nb + 1, 6) acceleration at the end of the step
     lam_out: np.ndarray  # (nc,) constraint forces at the end of the step
-    energy: np.ndarray  # (LENGTH,) running account (solver.output.energy)
+    energy: np.ndarray  # (account_length(nb),) running account (solver.output.energy)
     u_force: np.ndarray  # (nu,) 1 for inputs that forces follow, 0 for prescribed motions
     u_before: np.ndarray  # (nu,) inputs of the step before
     u_end: np.ndarray  # (nu,) inputs at the end of the step
@@ -181,7 +181,7 @@ def new_work(model, saddle: Saddle, outputs: np.ndarray, arrays: OutputArrays) -
         f=six(), r=six(), dw=six(), a_best=six(), lam_best=row(), Kq=zeros((ns + 1, 6, 6)), Kv=zeros((ns + 1, 6, 6)),
         phi_end=row(), phi_stage=row(), g=row(), dlam=row(), phi_t=row(), phi_tt=row(), rate=row(),
         J_end=zeros((ne + 1, 6, 6)), J_stage=zeros((ne + 1, 6, 6)), zp=zeros(nz), z_stage=zeros(nz),
-        saddle=saddle, outputs=outputs, v_out=six(), a_out=six(), lam_out=row(), energy=zeros(LENGTH),
+        saddle=saddle, outputs=outputs, v_out=six(), a_out=six(), lam_out=row(), energy=zeros(account_length(nb)),
         u_force=forces, u_before=zeros(len(forces)), u_end=zeros(len(forces)), outputs_end=outputs.copy(),
         augmentation=new_augmentation(model),
         formulation=new_formulation(model),
