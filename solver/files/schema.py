@@ -32,7 +32,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from solver.errors import SceneError, SpecError, suggestion
-from solver.files.yaml_tree import join, refuse, where
+from solver.files.yaml_tree import join, names_file, refuse, where
 from solver.units import SUFFIXES, UNITS
 
 NUMBER = re.compile(r'[-+]?(0|[1-9][0-9]*)?(\.[0-9]*)?([eE][-+]?[0-9]+)?')
@@ -93,7 +93,8 @@ class Builder:
         if isinstance(node, ScalarNode) and node.style is None and node.value in _NULL:
             raise refuse(node, path, 'is empty; a mapping of keys is wanted here (write {} for one without keys)')
         if not isinstance(node, MappingNode):
-            raise refuse(node, path, 'must be a mapping of keys')
+            remedy = '; without quotes it is that of the file' if names_file(node) else ''
+            raise refuse(node, path, f'must be a mapping of keys{remedy}')
         return {key.value: (key, value) for key, value in node.value}
 
     def construct(

@@ -234,9 +234,7 @@ def include(node: Node, directories: Sequence[Path], above: tuple[Path, ...] = (
         node.value = [include(item, directories, above, f'{path}[{k}]', extent) for k, item in enumerate(node.value)]
     elif isinstance(node, MappingNode):
         node.value = [(key, include(value, directories, above, join(path, key.value), extent)) for key, value in node.value]
-    elif (
-        isinstance(node, ScalarNode) and node.style is None and (match := INCLUDE.fullmatch(node.value)) and match[1] in ('.yaml', *READERS)
-    ):
+    elif isinstance(node, ScalarNode) and node.style is None and names_file(node):
         file = find(node.value, directories)
         if file is None:
             known = sorted({name for d in directories for name in listing(d, Path(node.value))})
@@ -245,6 +243,12 @@ def include(node: Node, directories: Sequence[Path], above: tuple[Path, ...] = (
             raise refuse(node, path, 'the file includes itself')
         return read(file, directories, above, extent)
     return node
+
+
+def names_file(node: Node) -> bool:
+    """Whether it is the name of a file that can be included where it stands without quotes."""
+    match = INCLUDE.fullmatch(node.value) if isinstance(node, ScalarNode) else None
+    return match is not None and match[1] in ('.yaml', *READERS)
 
 
 def find(name: str, directories: Sequence[Path]) -> Path | None:
