@@ -80,7 +80,7 @@ def test_a_recording_of_others_is_evaluated(foreign: tuple[Path, Path], tmp_path
         (['--as', 'iso7401_step', '--mapping', 'FILE', '--set', 'settle=1'], "did you mean 'settled'"),
         (['--as', 'iso7401_step', '--mapping', 'FILE', '--set', 'settled'], 'write it as KEY=NUMBER'),
         (['--as', 'iso7401_step', '--mapping', 'FILE', '--set', 'settled=-1'], 'settled = -1.0: must be > 0'),
-        (['--as', 'iso7401_frequency', '--mapping', 'FILE', '--set', 'segment=1e-9'], 'at least 3 are needed (--set segment='),
+        (['--as', 'iso7401_frequency', '--mapping', 'FILE', '--set', 'segment=1e-9'], 'at least 3 are needed; give segment='),
         (['--as', 'iso7401_frequency', '--mapping', 'FILE', '--set', 'low=3'], 'low = 3.0: must be below high = 2.5'),
         (['--as', 'iso3888_2', '--mapping', 'FILE', '--set', 'start=nan'], 'start = nan: must be a finite number'),
         (['--as', 'iso2631', '--mapping', 'FILE', '--set', 'kx=1e300'], 'kx = 1e+300: must not be beyond 1e+09'),

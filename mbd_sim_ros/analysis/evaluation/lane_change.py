@@ -15,7 +15,7 @@ import numpy as np
 from mbd_sim_ros.analysis.evaluation.figures import Chart, Curve, Figure, Result
 from mbd_sim_ros.analysis.evaluation.kinds import Drive, Evaluation, speed_of
 from mbd_sim_ros.analysis.evaluation.measures import at, crossing
-from mbd_sim_ros.analysis.evaluation.signals import Signals
+from mbd_sim_ros.analysis.evaluation.signals import GIVEN, Signals
 from solver.inputs.driver import DoubleLaneChange, Gate
 from solver.scene import Scene
 
@@ -65,9 +65,7 @@ def judge(s: Signals, p: LaneChange, standard: str) -> Result:
     start = p.start if p.start is not None else (path.start if path else None)
     if width is None or start is None:
         missing = 'width' if width is None else 'start'
-        raise s.refuse(
-            f'the track is not known: no driver of a scene in it follows it; give it with --set width=... --set start=... (no {missing})'
-        )
+        raise s.refuse(f'the track is not known: no driver of a scene in it follows it (no {missing}); give width=... start=... ({GIVEN})')
     gates = DoubleLaneChange(standard=standard, width=width, start=start).gates  # type: ignore[arg-type]
     x, y, heading, t = s['x'], s['y'], s['heading'], s.t
     if x.max() < gates[-1].end or x.min() > gates[0].begin:

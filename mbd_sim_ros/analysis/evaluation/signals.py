@@ -28,6 +28,7 @@ TWIST = tuple(f'odom/twist/{name}' for name in ('vx', 'vy', 'vz', 'wx', 'wy', 'w
 FORCE = tuple(f'imu/{name}' for name in ('ax', 'ay', 'az'))
 BODY = (*POSE, *TWIST, *FORCE)
 LARGEST_RATE = 1000.0  # Hz of the grid
+GIVEN = 'mbd evaluate --set, mbd maneuver --with'  # parameters of an evaluation
 GAP = 0.25  # s without a sample that is told
 MOST_SAMPLES = 5_000_000  # of the grid: an hour and more at its largest rate
 Columns = Sequence[np.ndarray]
@@ -152,7 +153,7 @@ class Signals:
         """A number of the vehicle: as given, or of the scene; NaN and a note that says what is missing without it."""
         value = given if given is not None else self.vehicle.known(name)
         if value is None:
-            self.notes.append(f'{missing}: give it with --set {name}=...')
+            self.notes.append(f'{missing}: give {name}=... ({GIVEN})')
         return math.nan if value is None else float(value)
 
 

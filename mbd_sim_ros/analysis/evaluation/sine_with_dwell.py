@@ -24,7 +24,7 @@ import numpy as np
 from mbd_sim_ros.analysis.evaluation.figures import Chart, Curve, Figure, Result
 from mbd_sim_ros.analysis.evaluation.kinds import Drive, Evaluation
 from mbd_sim_ros.analysis.evaluation.measures import at, crossing, integral, low_passed
-from mbd_sim_ros.analysis.evaluation.signals import Signals
+from mbd_sim_ros.analysis.evaluation.signals import GIVEN, Signals
 from solver.errors import SpecError
 
 NORM = 'FMVSS 126, 49 CFR 571.126 [ESC2007]; ISO 19365 [ISOValidation2016]'
@@ -134,7 +134,7 @@ def judge(s: Signals, p: SineWithDwell) -> Result:
     )
     notes = list(s.notes)
     if p.reference is None:
-        notes.append('responsiveness is not judged: the angle A is not known (--set reference=..., in rad)')
+        notes.append(f'responsiveness is not judged: the angle A is not known; give reference=... in rad ({GIVEN})')
     marks = np.array([peak_time, cos + 1.0, cos + 1.75])
     allowed_at = np.array([AFTER[0][1], AFTER[1][1]]) * peak_yaw
     seen = side * np.array([at(t, yaw, m) for m in marks])

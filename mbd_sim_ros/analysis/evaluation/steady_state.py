@@ -25,7 +25,7 @@ import numpy as np
 from mbd_sim_ros.analysis.evaluation.figures import Chart, Curve, Figure, Result
 from mbd_sim_ros.analysis.evaluation.kinds import Drive, Evaluation
 from mbd_sim_ros.analysis.evaluation.measures import line, low_passed
-from mbd_sim_ros.analysis.evaluation.signals import Signals
+from mbd_sim_ros.analysis.evaluation.signals import GIVEN, Signals
 from solver.inputs.driver import Circle
 from solver.scene import Scene
 
@@ -77,7 +77,7 @@ def judge(s: Signals, p: SteadyState, method: str) -> Result:
         passed = f'largest {float(np.max(a)):.3g} m/s^2' + (f', steady from {float(a[used].min()):.3g} m/s^2 on' if used.any() else '')
         raise s.refuse(
             f'no steady-state circular driving in it: lateral accelerations between {p.low:g} and {p.high:g} m/s^2 are not passed through '
-            f'({passed}); try --set low=... --set high=...'
+            f'({passed}); try others, low=... high=... ({GIVEN})'
         )
     constant = {'constant_radius': 1.0 / curvature, 'constant_steering': side * smooth['steering'], 'constant_speed': speed}[method][used]
     spread = float(np.std(constant) / abs(np.mean(constant)))

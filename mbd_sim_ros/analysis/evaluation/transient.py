@@ -21,7 +21,7 @@ import numpy as np
 from mbd_sim_ros.analysis.evaluation.figures import Chart, Curve, Figure, Result
 from mbd_sim_ros.analysis.evaluation.kinds import Drive, Evaluation
 from mbd_sim_ros.analysis.evaluation.measures import crossing, peak
-from mbd_sim_ros.analysis.evaluation.signals import Signals
+from mbd_sim_ros.analysis.evaluation.signals import GIVEN, Signals
 
 NORM = 'ISO 7401:2011 [ISO7401]'
 LEAST_STEP = math.radians(2.0)  # at the steering wheel; direct steering, of a racing car, needs 4 to 5 deg for 4 m/s^2
@@ -147,11 +147,12 @@ def judge_frequencies(s: Signals, p: FrequencyResponse) -> Result:
     if lines < LEAST_LINES:
         raise s.refuse(
             f'spectra of segments of {p.segment:g} s at {s.rate:.4g} samples a second have {max(lines, 0)} frequencies from {p.low:g} to '
-            f'{p.high:g} Hz, at least {LEAST_LINES} are needed (--set segment=..., low=..., high=...)'
+            f'{p.high:g} Hz, at least {LEAST_LINES} are needed; give segment=... low=... high=... ({GIVEN})'
         )
     if s.t.size < 2 * n:
         raise s.refuse(
-            f'it lasts {s.t[-1] - s.t[0]:.3g} s; spectra of segments of {p.segment:g} s need {2.0 * p.segment:g} s (--set segment=...)'
+            f'it lasts {s.t[-1] - s.t[0]:.3g} s; spectra of segments of {p.segment:g} s need {2.0 * p.segment:g} s; '
+            f'give segment=... ({GIVEN})'
         )
     rest = round(AT_REST * s.rate) + 1
     ends = [n // 2 if np.ptp(part) < RESTS * np.ptp(s['steering']) else 0 for part in (s['steering'][:rest], s['steering'][-rest:])]
