@@ -29,6 +29,7 @@ from solver.elements.road import RoadSpec
 from solver.errors import SpecError, suggestion
 from solver.validate import Vector
 
+IDENTITY = np.eye(3)
 STEP = 1e-40  # complex step: its square vanishes, so derivatives carry rounding errors only
 
 
@@ -144,7 +145,7 @@ def acting(kernel: Callable[..., None], *tables: Any, angle: np.ndarray | None =
         for memory, given in zip(held[n].value, kin, strict=True):
             memory[:] = given
         kernel(*references, held[n], *more, *rest)
-        assert all(map(np.array_equal, held[n].value, kin)), 'the kernel wrote into the kinematics'
+        assert all(a.tobytes() == b.tobytes() for a, b in zip(held[n].value, kin, strict=True)), 'the kernel wrote into the kinematics'
 
     return call
 
@@ -184,7 +185,8 @@ class Element:
 def kinematics(poses: Sequence[tuple[ArrayLike, ArrayLike]], twists: ArrayLike | None = None) -> Kinematics:
     """Kinematics of bodies given as (position of the centre of mass [m], rotation matrix or rotation vector [rad]); world appended."""
     n = len(poses)
-    R = np.tile(np.eye(3), (n + 1, 1, 1))
+    R = np.empty((n + 1, 3, 3))
+    R[:] = IDENTITY
     p = np.zeros((n + 1, 3))
     v = np.zeros((n + 1, 6))
     for b, (position, rotation) in enumerate(poses):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from pathlib import Path
 
 import numpy as np
@@ -40,11 +41,17 @@ def tire(data: TireData = CAR, road: RoadSpec = FLAT, *, turn_slip: bool | None 
     return Element(acting(tire_forces, table, context.laws()), context, n=1, outputs=OUTPUTS)
 
 
+@functools.cache
+def _turned(yaw: float, camber: float, pitch: float) -> np.ndarray:
+    """The rotation matrix; kept, for scipy takes longer than a tire."""
+    return Rotation.from_euler('ZXY', [yaw, camber, pitch]).as_matrix()
+
+
 def wheel(
     *, position=(0.0, 0.0, 0.3), velocity=(0.0, 0.0, 0.0), spin=0.0, yaw=0.0, camber=0.0, pitch=0.0, rates=(0.0, 0.0, 0.0)
 ) -> Kinematics:
     """A wheel by the position and velocity of its centre [m, m/s, in W], spin and other rates in the wheel's axes [rad/s]."""
-    R = Rotation.from_euler('ZXY', [yaw, camber, pitch]).as_matrix()
+    R = _turned(yaw, camber, pitch)
     x, y, z = w = np.array(rates) + [0.0, spin, 0.0]
     com = np.array([0.02, -0.01, 0.03])
     turning = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])  # np.cross takes five times as long
