@@ -63,8 +63,8 @@ class Balance:
         s = self._simulation
         last, kin, state, bodies = s.last_step, s.kinematics, s.state, s.model.tables.bodies
         inputs = s.inputs + self._ahead * (s.inputs - self._inputs)
-        rates = np.zeros((len(self.rows), 9))
-        stored = np.zeros(len(self.rows))
+        stored, dissipated, supplied = np.zeros((3, len(self.rows)))
+        acting = np.zeros((len(self.rows), *self._f.shape))
 
         def forces(tables: Ref) -> np.ndarray:
             none, out = self._no_tangents, self._outputs
@@ -73,19 +73,20 @@ class Balance:
 
         base = forces(self._no_elements)  # gravity and the gyroscopic torques, which are no forces
         for row, kind in enumerate(self.rows[:-2]):
-            f = forces(self._alone[kind]) - base
+            acting[row] = forces(self._alone[kind]) - base
             out = s.model.outputs(kind, self._outputs)
             stored[row] = out[:, 0].sum()
             fed = -out[self._fed[kind], 1].sum() if kind in self._fed else 0.0
-            rates[row] = self._power_and_load(f, out[:, 1].sum() + fed, fed)
-        weight = np.zeros_like(base)
+            dissipated[row], supplied[row] = out[:, 1].sum() + fed, fed
+        weight, reaction = acting[-2:]
         weight[:-1, :3] = bodies.mass[:, None] * bodies.gravity
         stored[-2] = -float((weight[:, :3] * kin.p).sum())
-        rates[-2] = self._power_and_load(weight, 0.0, 0.0)
-        reaction = np.zeros_like(base)
         add_constraint_forces(self._constraints, last.J, last.lam, 1.0, reaction)
         reaction[-1] = 0.0
-        rates[-1] = self._power_and_load(reaction, 0.0, -float(last.lam @ last.phi_t))
+        supplied[-1] = -float(last.lam @ last.phi_t)
+        moment = np.cross(kin.p, acting[..., :3]) + np.einsum('bij,kbj->kbi', kin.R, acting[..., 3:])
+        power = (acting * kin.v).sum(axis=(1, 2))
+        rates = np.column_stack([power, dissipated, supplied, acting[..., :3].sum(axis=1), moment.sum(axis=1)])
         v = kin.v[:-1]
         spin = np.einsum('bij,bj->bi', bodies.inertia, v[:, 3:])
         p = bodies.mass[:, None] * v[:, :3]
@@ -93,11 +94,6 @@ class Balance:
         angular = np.cross(kin.p[:-1], p) + np.einsum('bij,bj->bi', kin.R[:-1], spin)
         self._now = stored, kinetic, np.concatenate([p.sum(axis=0), angular.sum(axis=0)])
         return rates
-
-    def _power_and_load(self, f: np.ndarray, dissipation: float, supply: float) -> np.ndarray:
-        kin = self._simulation.kinematics
-        moment = np.cross(kin.p, f[:, :3]) + np.einsum('bij,bj->bi', kin.R, f[:, 3:])
-        return np.array([(f * kin.v).sum(), dissipation, supply, *f[:, :3].sum(axis=0), *moment.sum(axis=0)])
 
     @property
     def momentum_error(self) -> np.ndarray:
