@@ -32,14 +32,15 @@ def over(shots: list[Snapshot], take) -> tuple[np.ndarray, np.ndarray]:
 def test_sine_with_dwell_decays() -> None:
     """The criteria of FMVSS 126 (S5.2.1, S5.2.2): yaw rate below 35 % of its second peak 1.0 s, and below 20 % 1.75 s after the end of
     steer; 1.83 m to the side 1.07 s after the beginning. Steering begins at 2 s and ends 1/0.7 + 0.5 s later."""
-    t, rate = over(run('car_sine_with_dwell'), lambda s: s.twist[0, 5])
-    _, y = over(run('car_sine_with_dwell', seconds=3.08), lambda s: s.pose[0, 1])
+    shots = run('car_sine_with_dwell', seconds=5.7)
+    t, rate = over(shots, lambda s: s.twist[0, 5])
+    _, y = over(shots, lambda s: s.pose[0, 1])
     end = 2.0 + 1.0 / 0.7 + 0.5
     peak = np.abs(rate[t > 2.0 + 0.5 / 0.7]).max()
     assert peak > 0.4
     assert abs(np.interp(end + 1.0, t, rate)) < 0.35 * peak
     assert abs(np.interp(end + 1.75, t, rate)) < 0.20 * peak
-    assert abs(y[-1]) > 1.83
+    assert abs(np.interp(3.07, t, y)) > 1.83
 
 
 def test_split_friction_turns_the_car_towards_the_grip() -> None:
@@ -80,7 +81,7 @@ def test_acceleration_is_torque_over_radius_and_limited_by_friction() -> None:
 @pytest.mark.parametrize(('scene', 'height', 'track'), [('car_circle', 0.54, 1.554), ('light_car_circle', 0.558, 1.525)])
 def test_steady_circle(scene: str, height: float, track: float) -> None:
     """Constant radius and speed at the end: centripetal force from the tires, load to the outside by m a h / track."""
-    shots = run(scene, every=100)
+    shots = run(scene, 'integrator.h=2e-3', every=50)
     s, before = shots[-1], shots[-20]
     v, r = s.twist[0, 0], s.twist[0, 5]
     mass = s.tire[:, FZ].sum() / G
@@ -118,8 +119,9 @@ def test_rough_road_shakes_the_body_at_its_modes() -> None:
     Class D, a profile twice as high, doubles the response."""
     spectra = {}
     for quality in 'CD':
-        t, z = over(run('car_rough_road', f'road.grids.0.quality={quality}', seconds=9.0, every=5), lambda s: s.imu[2] - G)
-        spectra[quality] = scipy.signal.welch(z[t > 1.0], fs=200.0, nperseg=512)
+        changes = (f'road.grids.0.quality={quality}', 'integrator.h=2e-3')
+        t, z = over(run('car_rough_road', *changes, seconds=9.0, every=2), lambda s: s.imu[2] - G)
+        spectra[quality] = scipy.signal.welch(z[t > 1.0], fs=250.0, nperseg=640)
     f, power = spectra['C']
     df = f[1] - f[0]
     rms = {q: float(np.sqrt(p[(f > 0.5) & (f < 50.0)].sum() * df)) for q, (_, p) in spectra.items()}
@@ -131,16 +133,20 @@ def test_rough_road_shakes_the_body_at_its_modes() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('scene', ['car_step_steer', 'light_car_step_steer'])
-def test_parked_on_a_slope_for_a_minute(scene: str) -> None:
-    """10 %, braked: in 5 s brakes and tires take the load; in the next 60 s nothing moves (drift below 1 um), nothing chatters."""
+@pytest.mark.parametrize(
+    ('scene', 'seconds'),
+    [('car_step_steer', 10), pytest.param('car_step_steer', 60, marks=pytest.mark.long), ('light_car_step_steer', 60)],
+)
+def test_parked_on_a_slope_for_a_minute(scene: str, seconds: int) -> None:
+    """10 %, braked: in 5 s brakes and tires take the load; in the next 60 s nothing moves (drift below 1 um), nothing chatters. Of the full
+    car, whose rubber gives way and does not creep, ten seconds show it, with a sixth of the drift."""
     overrides = ['road={normal: [-0.0995, 0, 0.995]}', 'start={kind: equilibrium}', 'maneuver={brake_torque: 4000}', 'integrator.h=2e-3']
     simulation = Simulation(load_scene(scene, overrides))
     before = simulation.advance(2500)
     speed = 0.0
-    for _ in range(30):
-        after = simulation.advance(1000)
+    for _ in range(seconds):
+        after = simulation.advance(500)
         speed = max(speed, float(np.abs(after.twist[0]).max()))
-    assert np.abs(after.pose[0, :3] - before.pose[0, :3]).max() < 1e-6
+    assert np.abs(after.pose[0, :3] - before.pose[0, :3]).max() < 1e-6 * seconds / 60.0
     assert speed < 1e-6
     assert np.abs(after.tire[:, FX] - before.tire[:, FX]).max() < 0.1

@@ -20,7 +20,7 @@ IDENTIFIED = 20.0  # m/s
 def test_frequency_and_damping_are_those_of_the_linear_model() -> None:
     """Identified at one speed, from steady turns; compared from 72 to 144 km/h, with and without a damper in the coupling."""
     track = single_track('light_car', IDENTIFIED, *FLAT)
-    for u in (20.0, 30.0, 40.0):
+    for u in (20.0, 40.0):
         frequency, damping = track.snaking(u)
         found = snaking('light_car', u, *FLAT)
         assert found[0] == pytest.approx(frequency, rel=0.01)
@@ -46,8 +46,8 @@ def test_loaded_behind_it_snakes_by_itself_from_the_critical_speed_on() -> None:
 @pytest.mark.slow
 def test_damping_falls_with_speed_and_with_load_behind() -> None:
     """The saloon with the caravan as delivered, and with the same load further back [Darling2009]."""
-    found = {(x, u): snaking('full_car', u, f'vehicle.trailer.chassis.com[0]={x}')[1] for x in (0.243, 0.1, 0.0) for u in (20.0, 30.0)}
+    found = {(x, u): snaking('full_car', u, f'vehicle.trailer.chassis.com[0]={x}')[1] for x in (0.243, 0.0) for u in (20.0, 30.0)}
     for u in (20.0, 30.0):
-        assert found[0.243, u] > found[0.1, u] > found[0.0, u]
-    assert all(found[x, 20.0] > found[x, 30.0] for x in (0.243, 0.1, 0.0))
+        assert found[0.243, u] > found[0.0, u]
+    assert all(found[x, 20.0] > found[x, 30.0] for x in (0.243, 0.0))
     assert found[0.243, 30.0] > 0.1 and found[0.0, 30.0] < 0.03
