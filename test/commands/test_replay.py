@@ -209,7 +209,7 @@ def test_a_replay_does_not_need_the_recording_that_drove_it(tmp_path, capsys):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('seconds', [5, pytest.param(60, marks=pytest.mark.long)])
+@pytest.mark.parametrize('seconds', [3, pytest.param(60, marks=pytest.mark.long)])
 def test_the_full_car_driven_over_topics_replays_to_the_same_bits(seconds: int, tmp_path, capsys):
     pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
     # paced: as fast as it can a node may be at the end before the player has found it
@@ -250,7 +250,7 @@ def test_recordings_begun_while_running_and_after_restore_replay_to_the_same_bit
             scene='car_step_steer',
             commands='maneuver',
             mode='fast',
-            duration=6.0,
+            duration=3.0,
             restore=saved.message,
             record=True,
             out='again',

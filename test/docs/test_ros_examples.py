@@ -28,7 +28,7 @@ def example(directory, name: str, *arguments: str) -> str:
 
 
 def test_a_maneuver_from_a_script(simulator, tmp_path):
-    simulator(scene='light_car_straight')
+    simulator(scene='light_car_straight', rate_factor=3.0)  # it looks at the time of the simulation
     found = re.search(r'largest yaw rate ([\d.]+) rad/s, stopped within ([\d.]+) m', example(tmp_path, 'maneuver_script'))
     assert found
     assert 0.1 < float(found[1]) < 0.6
@@ -39,11 +39,11 @@ def test_a_lockstep_controller_gives_the_same_run_twice(simulator, tmp_path):
     said = []
     for _ in range(2):
         process = simulator(scene='light_car_straight', mode='lockstep')
-        said.append(example(tmp_path, 'lockstep_controller', '600'))
+        said.append(example(tmp_path, 'lockstep_controller', '200'))
         process.process.terminate()
         assert process.end() == 0
     assert said[0] == said[1]
-    assert '600 steps: y = ' in said[0]
+    assert '200 steps: y = ' in said[0]
 
 
 def test_two_cars_in_one_graph(simulator, tmp_path):

@@ -228,7 +228,7 @@ def test_interrupted_as_soon_as_it_has_workers_a_sweep_leaves_none_behind(tmp_pa
 @pytest.mark.slow
 def test_a_sweep_that_is_interrupted_goes_on(tmp_path: Path):
     file = tmp_path / 's.yaml'
-    steps = ', '.join(f'{1e-3 + 1e-5 * i:.6g}' for i in range(15))
+    steps = ', '.join(f'{1e-3 + 1e-5 * i:.6g}' for i in range(6))
     file.write_text(FILE.replace('[0.01, 0.005]', f'[{steps}]').replace('duration=0.3', 'duration=1.5'))
     command = [sys.executable, '-m', 'mbd_sim_ros.commands.main', 'sweep', str(file), '--out', str(tmp_path / 'out'), '--workers', '1']
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
@@ -241,11 +241,11 @@ def test_a_sweep_that_is_interrupted_goes_on(tmp_path: Path):
     assert 'Traceback' not in said
     assert 'goes on' in said
     done = len(list(tmp_path.glob('out/rows/*.json')))
-    assert 3 <= done < 30
+    assert 3 <= done < 12
     time.sleep(0.5)
     assert len(list(tmp_path.glob('out/rows/*.json'))) == done  # no worker was left behind
     assert subprocess.run([*command, '--json'], timeout=300, check=True, capture_output=True).returncode == 0
-    assert parquet.read_table(tmp_path / 'out' / 'sweep.parquet').num_rows == 30
+    assert parquet.read_table(tmp_path / 'out' / 'sweep.parquet').num_rows == 12
 
 
 @pytest.mark.slow
