@@ -168,6 +168,7 @@ def test_work_precision_goes_on_with_the_problem_it_was_in(tmp_path, monkeypatch
         return {'points': [run._asdict() for run in runs], 'notes': missing, 'estimate': 1e-12}
 
     monkeypatch.setattr(work_precision, '_solved', solved)
+    monkeypatch.setattr(work_precision.precision_report, 'picture', lambda *_: None)  # they take longer than all the rest
     first, second = work_precision.QUICK
 
     def study() -> dict:

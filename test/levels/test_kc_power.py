@@ -24,7 +24,7 @@ STEER = '{steering: {kind: step, value: 0.8, start: 0.2, rise: 0.15}, signals: {
 
 def scene(*changes: str, vehicle: str, speed: float, maneuver: str) -> Scene:
     text = (
-        f'vehicle: vehicles/{vehicle}.yaml\nstart: {{kind: equilibrium, speed: {speed}}}\nintegrator: {{h: 0.001}}\nmaneuver: {maneuver}\n'
+        f'vehicle: vehicles/{vehicle}.yaml\nstart: {{kind: equilibrium, speed: {speed}}}\nintegrator: {{h: 0.002}}\nmaneuver: {maneuver}\n'
     )
     return load_scene_text(text, 'power', (POWER, *changes))
 
@@ -35,7 +35,7 @@ def driven(given: Scene, seconds: float) -> np.ndarray:
     crankshaft, chassis = simulation.channels.joints.index('crankshaft'), simulation.channels.chassis or 0
     rows = []
     for _ in range(round(10 * seconds)):
-        shot = simulation.advance(100)
+        shot = simulation.advance(round(0.1 / simulation.h))
         rows.append((shot.twist[chassis, 0], abs(shot.joint_velocity[crankshaft]), shot.twist[chassis, 5]))
     return np.array(rows)
 
