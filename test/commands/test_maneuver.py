@@ -17,12 +17,12 @@ from mbd_sim_ros.commands.main import main
 from solver.analysis.figures import figures, standing
 from solver.files.scene import find_file, load_maneuver, load_scene
 
-FAST = ('--set', 'integrator.h=0.002')
+FAST, FASTER = (('--set', f'integrator.h={h}') for h in (0.002, 0.004))
 
 
 def driven(capsys: pytest.CaptureFixture[str], name: str, out: Path, *more: str) -> dict:
     capsys.readouterr()
-    code = main(['maneuver', name, 'light_car', '--out', str(out), '--json', *FAST, *more])
+    code = main(['maneuver', name, 'light_car', '--out', str(out), '--json', *FASTER, *more])
     captured = capsys.readouterr()
     assert code == 0, captured.out
     assert captured.err == ''
@@ -237,7 +237,7 @@ def test_every_maneuver_states_its_evaluation() -> None:
 def test_a_car_that_cannot_reach_the_acceleration_is_told(tmp_path: Path) -> None:
     from solver.errors import SpecError
 
-    driving = Driving('light_car', tmp_path, ['road.friction=0.3', 'integrator.h=0.002'])
+    driving = Driving('light_car', tmp_path, ['road.friction=0.3', 'integrator.h=0.004'])
     with pytest.raises(SpecError, match=r'does not reach a lateral acceleration of 4 m/s\^2 at this speed on a road of friction 0\.3'):
         driving.drive(called('iso7401_step')[0])
     runs = list(tmp_path.iterdir())

@@ -50,7 +50,7 @@ def test_a_plan_is_written_and_fidelity_auto_takes_it(capsys, tmp_path: Path) ->
 
 @pytest.mark.slow
 def test_what_cannot_be_had_ends_with_a_code_and_says_what_has_to_give(capsys, tmp_path: Path) -> None:
-    budget = ['--set', 'budget.real_time_factor=1e9']
+    budget = ['--set', 'budget.real_time_factor=1e9', '--set', 'duration=0.4']
     code = main(['plan', *SCENE, *LIMIT, *budget, '--out', str(tmp_path), '--unseen', '1', '--workers', '1'])
     out = capsys.readouterr().out
     assert code == 1

@@ -15,7 +15,7 @@ from solver.trade.search import MARGIN, Search
 from solver.trade.setting import Setting
 from solver.trade.verdicts import Verdict, nearest
 
-SHORT = ['duration=1', 'maneuver.steering.start=0.2']
+SHORT = ['duration=0.6', 'maneuver.steering.start=0.1']
 
 
 class Priced(dict[tuple[str, tuple[str, ...]], PerStep]):
