@@ -50,7 +50,7 @@ def flood(tmp_path: Path, seconds: float, rate: float, *values: float) -> Proces
 
 def seconds() -> float:
     """Length of a flood."""
-    return max(2.0, 0.05 * len(trials(1)))
+    return max(1.0, 0.05 * len(trials(1)))
 
 
 @pytest.mark.slow
@@ -121,7 +121,7 @@ def test_a_second_node_of_the_same_name_is_noticed_and_harms_no_recording(start,
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('trial', trials(2))
+@pytest.mark.parametrize('trial', trials(2, 1))
 def test_a_folder_removed_while_recording_stops_the_recording_not_the_simulation(start, tmp_path: Path, trial: int) -> None:
     process = start({'record': True, 'out': 'run'})
     process.wait_for('running synthetic')
@@ -137,7 +137,7 @@ def test_a_folder_removed_while_recording_stops_the_recording_not_the_simulation
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('trial', trials(2))
+@pytest.mark.parametrize('trial', trials(2, 1))
 def test_a_disk_that_fills_up_costs_what_did_not_fit(trial: int, tmp_path: Path) -> None:
     """A limit on the size of files, which write() reports as it does a full disk; the run says so and what was written is recovered."""
     import resource

@@ -46,7 +46,7 @@ time.time_ns = lambda: round(1e9 * time.time())
 
 def seconds() -> float:
     """Length of a fault."""
-    return max(2.0, 0.05 * len(trials(1)))
+    return max(1.0, 0.05 * len(trials(1)))
 
 
 def stopped(process: Process, directory: Path) -> bag.Run:

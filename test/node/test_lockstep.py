@@ -19,12 +19,14 @@ __all__ = ['client', 'start']  # fixtures
 
 STEPS = 150
 
-# Answers every state it gets, repeated ones too; its answers depend on the state. argv: steps before which it naps for 3 s.
+# Answers every state it gets, repeated ones too; its answers depend on the state. argv: steps before which it naps until
+# states have been repeated.
 CONTROLLER = """
 import math, sys, time
 import rclpy
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
+from mbd_sim_ros.node.loop import REPEAT
 rclpy.init()
 node = Node('controller')
 answers = node.create_publisher(JointState, 'simulator/lockstep_cmd', 10)
@@ -34,7 +36,7 @@ def answer(state):
     step = int(applied['step'])
     if step in naps:
         naps.discard(step)
-        time.sleep(3.0)
+        time.sleep(1.5 * REPEAT)
     message = JointState(name=['drive_torque', 'brake_torque', 'steering'])
     message.header.stamp = state.header.stamp
     message.position = [100.0 * math.sin(step), 2.0 * step + 0.5 * abs(applied['drive_torque']), 0.01 * step]

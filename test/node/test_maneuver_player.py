@@ -62,8 +62,8 @@ def test_in_lockstep_every_command_is_that_of_its_instant_and_runs_repeat_bit_fo
 
 
 def test_in_real_time_commands_follow_within_a_few_steps(start, tmp_path, maneuver):
-    process = start({'duration': 6.0, 'record': True, 'out': 'run'})
-    player = play(tmp_path, f'maneuver:={maneuver}')
+    player = play(tmp_path, f'maneuver:={maneuver}')  # waits for the simulator
+    process = start({'duration': 4.5, 'record': True, 'out': 'run'})
     try:
         assert process.end(60.0) == 0, process.output
         assert player.end(30.0) == 0, player.output
