@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from faults import UNWANTED, Ended, Victim, finished, mbd, simulator, times, trials
+from faults import COUNT, UNWANTED, Ended, Victim, finished, mbd, simulator, times, trials
 from processes import DOMAIN, SCRIPT
 
 from mbd_sim_ros.bags import reader as bag
@@ -24,7 +24,7 @@ pytestmark = pytest.mark.realtime
 
 ANSWER, WHILE_COMPILING = 1.0, 3.0  # s
 BUSY = 0.5  # s more that other processes on the machine may cost
-COMMANDS = {  # command -> seconds from its start within which the signal comes
+COMMANDS = {  # command -> seconds from its start within which the signal comes, half as many where each has one trial
     'run': 4.0,
     'run_long_steps': 4.0,
     'run_unrecorded': 3.0,
@@ -107,7 +107,7 @@ def test_an_interrupted_command_says_one_sentence_and_ends(trial: int, recording
     if node:
         pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
     random = times('interrupts', trial)
-    delay = COMMANDS[name] * random.random()
+    delay = (1.0 if COUNT else 0.5) * COMMANDS[name] * random.random()
     number = signal.SIGINT if random.random() < 0.8 else signal.SIGTERM
     as_json = not node and random.random() < 0.3
     environment = {'ROS_DOMAIN_ID': DOMAIN, 'ROS_LOG_DIR': str(tmp_path / 'log')} if node else {}
