@@ -12,15 +12,15 @@ from rclpy.executors import Executor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 
 from mbd_sim_ros.node.accompany import LOOK, LOST
 from mbd_sim_ros.node.demand import DRIVE, Car, Demand, Loop
 from mbd_sim_ros.node.demands import GEAR_DRIVE, HEARD, TOLD, Heard, Measured, class_of, gear
 from mbd_sim_ros.node.gearbox import Gearbox, Worked
 from mbd_sim_ros.node.parameters import declare_described
-from mbd_sim_ros.node.simulated import Simulated
 from solver.errors import SpecError
-from solver.files.scene import load_scene
+from solver.files.scene import load_scene, load_scene_text
 from solver.inputs.driver import SpeedControl
 from solver.inputs.hands import COMMANDS
 from solver.scene import Scene
@@ -50,8 +50,7 @@ class Adapter(Node):
         self._control = self._checked()
         self._simulator = self.value('simulator')
         self._driven: Scene | None = None  # whose car the loop is of
-        self._given = load_scene(self.value('scene')) if self.value('scene') else None
-        self._simulated = Simulated(self, self._simulator) if self._given is None else None
+        self._scene = load_scene(self.value('scene')) if self.value('scene') else None  # to be driven
         newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
         latched = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         missing = set()
@@ -76,6 +75,9 @@ class Adapter(Node):
             JointState, f'{self._simulator}/lockstep_cmd', QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
         )
         self.create_subscription(Odometry, 'odom', self._answer, newest)
+        self._told = ''  # the scene that runs, not loaded yet
+        if self._scene is None:
+            self.create_subscription(String, f'{self._simulator}/scene', self._tell, latched)
 
     def value(self, name: str) -> Any:
         """Return the value of a parameter."""
@@ -86,9 +88,10 @@ class Adapter(Node):
         executor.spin_once(timeout_sec=LOOK)
         if self._driven is None and self._commands.get_subscription_count() == 0:
             return False
-        scene = self._scene()
-        if scene is not None and scene is not self._driven:
-            self._drive(scene)
+        if self._told:
+            self._scene, self._told = load_scene_text(self._told, f'{self._simulator}/scene'), ''
+        if self._scene is not None and self._scene is not self._driven:
+            self._drive(self._scene)
         if time.monotonic() - self._repeated > LOST:
             self._send()
         return self._driven is not None and self._heard
@@ -122,9 +125,9 @@ class Adapter(Node):
             brakes=self.value('max_brake_torque'),
         )
 
-    def _scene(self) -> Scene | None:
-        """Whose car is to be driven; None while that is not known. Raises MbdError for a scene that cannot be loaded."""
-        return self._given if self._simulated is None else self._simulated.look()
+    def _tell(self, message: String) -> None:
+        """Note what the simulator runs from now on."""
+        self._told = message.data
 
     def _drive(self, scene: Scene) -> None:
         """Drive the car of a scene from now on; the one that is driven already goes on. Raises SpecError for a scene without car."""
@@ -165,7 +168,7 @@ class Adapter(Node):
         stamp = odom.header.stamp
         now = stamp.sec * 1_000_000_000 + stamp.nanosec
         self._heard = True
-        if self._loop is None or self._scene() is not self._driven:  # another car may have been loaded
+        if self._loop is None or self._told:  # another car has been loaded
             return
         if now == self.answered:  # in lockstep: no answer came, or it was lost when the simulator was reset at its start
             self._repeated = min(self._repeated, time.monotonic())

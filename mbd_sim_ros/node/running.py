@@ -188,7 +188,7 @@ class Running:
     def disconnect(self) -> None:
         """Publish no more."""
         self._publication.close(self.node)
-        for publisher in (self._ticks, self._description):
+        for publisher in (self._ticks, *self._descriptions):
             if publisher is not None:
                 self.node.destroy_publisher(publisher)
 
@@ -234,9 +234,12 @@ class Running:
         self.loop.latched = Latched.none([held.get(name, 0.0) for name in self._names])
 
     def _describe(self) -> None:
+        """Say once, also to who comes later, what runs: the spanning tree as URDF, and the whole scene as text."""
         latched = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._description = self.node.create_publisher(String, 'robot_description', latched)
-        self._description.publish(String(data=self._urdf))
+        told = {'robot_description': self._urdf, '~/scene': self.scene.resolved}
+        self._descriptions = [self.node.create_publisher(String, topic, latched) for topic in told]
+        for publisher, text in zip(self._descriptions, told.values(), strict=True):
+            publisher.publish(String(data=text))
 
     # -- on the simulation thread --------------------------------------------------------------------------------------
 

@@ -112,71 +112,54 @@ def test_a_simulator_without_odom_is_not_found(adapter):
     assert look(node)
 
 
-class Runs:
-    """A simulator that runs a scene while its parameters may name another; `tell` is its diagnosis."""
+def runs(node, scene: str, *overrides: str) -> None:
+    """Have the simulator tell that it runs a scene from now on."""
+    from std_msgs.msg import String
 
-    def __init__(self, node, name: str, **parameters) -> None:
-        self.node, self.name = node, name
-        self.parameters = {'scene': name, 'overrides': [], **parameters}
-        node._simulated._client = SimpleNamespace(service_is_ready=lambda: True, call_async=self.asked)
-        node._simulated.described(None)
+    from solver.files.scene import load_scene
 
-    def asked(self, request):
-        assert request.names == ['scene', 'overrides']
-        scene, overrides = (self.parameters[name] for name in request.names)
-        values = [SimpleNamespace(string_value=scene), SimpleNamespace(string_array_value=overrides)]
-        return SimpleNamespace(done=lambda: True, result=lambda: SimpleNamespace(values=values))
-
-    def tell(self) -> None:
-        status = SimpleNamespace(name='/simulator: simulation', hardware_id=self.name)
-        self.node._simulated.diagnosed(SimpleNamespace(status=[SimpleNamespace(name='/other', hardware_id='x'), status]))
+    node._tell(String(data=load_scene(scene, overrides).resolved))
 
 
-def test_the_car_is_that_of_the_scene_that_runs_not_of_the_one_that_the_parameters_name_next(adapter):
+def test_the_car_is_that_of_the_scene_that_the_simulator_tells(adapter):
     node = adapter(steering_ratio=16.0)
-    runs = Runs(node, 'light_car_straight', scene='car_acceleration')
     assert not look(node) and node.missing() == 'does not say what it simulates'
-    runs.tell()
+    runs(node, 'light_car_straight', 'vehicle.chassis.mass=2000')
     look(node)
     assert node._driven.name == 'light_car_straight' and node._gearbox is None
+    assert node._driven.model.bodies[0].mass == 2000.0
 
 
 def test_another_scene_that_is_loaded_changes_the_car_and_nothing_is_answered_until_it_is_known(adapter):
     node = adapter(steering_ratio=16.0)
-    runs = Runs(node, 'light_car_straight')
-    runs.tell()
+    runs(node, 'light_car_straight')
     look(node)
     wanted(node, 40.0)
     odom(node, 0.0)
     inertia = node._loop.car.inertia
-    runs.parameters['overrides'] = ['vehicle.chassis.mass=2000']
-    node._simulated.described(None)
-    assert look(node)
+    runs(node, 'light_car_straight', 'vehicle.chassis.mass=2000')
     odom(node, 0.0)
     assert len(node.sent) == 1
-    runs.tell()
-    look(node)
+    assert look(node)
     odom(node, 0.0)
     assert node._loop.car.inertia > 1.2 * inertia
     assert torques(node) == [0.0, 6000.0]  # the demand was of the run before
     driven = node._loop
-    node._simulated.described(None)
-    runs.tell()
+    runs(node, 'light_car_straight', 'vehicle.chassis.mass=2000')
     look(node)
     assert node._loop is driven  # the same scene again
 
 
-def test_a_scene_that_runs_and_is_nowhere_to_be_found_ends_in_one_sentence(adapter):
+def test_a_scene_that_cannot_be_read_here_ends_in_one_sentence(adapter):
+    from std_msgs.msg import String
+
     from solver.errors import SceneError
 
-    node = adapter()
-    Runs(node, 'my_car', scene='light_car_straight').tell()
+    node = adapter(steering_ratio=16.0)
+    node._tell(String(data='{mechanism: {bodies: {b: {mass: 1, inertia: [1, 1, 1]}}}, from_another_version: 1}'))
     with pytest.raises(SceneError) as error:
         look(node)
-    assert str(error.value) == (
-        "the simulator runs 'my_car', which cannot be loaded here: its parameter scene = 'light_car_straight' names another one by now, "
-        'and config/scenes has none of that name; give the parameter scene'
-    )
+    assert str(error.value).startswith('simulator/scene:1: from_another_version: unknown key')
 
 
 @pytest.mark.parametrize(

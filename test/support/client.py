@@ -28,6 +28,7 @@ class Client:
         self.odom: list[Odometry] = []
         self.diagnostics: list[DiagnosticArray] = []
         self.description: list[String] = []
+        self.scene: list[String] = []
         node.create_subscription(JointState, 'cmd_applied', lambda m: self.applied.append(dict(zip(m.name, m.position))), 1000)
         node.create_subscription(Odometry, 'odom', self.odom.append, 10)
         node.create_subscription(DiagnosticArray, '/diagnostics', self.diagnostics.append, 10)
@@ -37,6 +38,7 @@ class Client:
 
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         node.create_subscription(String, 'robot_description', self.description.append, latched)
+        node.create_subscription(String, 'simulator/scene', self.scene.append, latched)
         self.executor = SingleThreadedExecutor(context=context)
         self.executor.add_node(node)
 
