@@ -236,7 +236,7 @@ class Loop:
         self._times.clear()
         self._judged = (time.perf_counter(), self.simulation.t_ns)
         self._begin = self._judged[0]
-        self._emit(self.simulation.snapshot())
+        self._show(self.simulation.snapshot())
 
     def health(self) -> Health:
         """Return the figures since the last call; for one thread."""
@@ -255,7 +255,7 @@ class Loop:
 
     def _run(self) -> None:
         try:
-            self._emit(self.simulation.snapshot())
+            self._show(self.simulation.snapshot())
             while not self._stop.is_set():
                 self._answer()
                 if self.end_ns is not None and self.simulation.t_ns >= self.end_ns:
@@ -370,11 +370,14 @@ class Loop:
         self.steps += n
         if n > 1 and self.mode == 'realtime' and self._anchor is not None and (early := self._deadline(self.simulation.k - 1) - end) > 0.0:
             time.sleep(early)  # they took less than ever lately: nothing is shown before it is due
-        self._emit(snapshot)
-        self._emitted = time.perf_counter()
+        self._show(snapshot)
         self._pending -= self._pending > 0  # made and shown
         if self.mode == 'realtime' and self._anchor is not None and self._emitted > self._deadline(self.simulation.k):
             self.overruns += 1
+
+    def _show(self, snapshot: Snapshot) -> None:
+        self._emit(snapshot)
+        self._emitted = time.perf_counter()
 
     def _make(self, n: int) -> Snapshot:
         """Make n steps in one call."""

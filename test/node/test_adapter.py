@@ -19,11 +19,11 @@ RATIO = 16.0
 
 @pytest.fixture
 def adapt(tmp_path):
-    """Start an adapter that answers every state, of the car that the simulator tells: adapt(path of further packages)."""
+    """Start an adapter that answers every state: adapt(path of further packages)."""
     started = []
 
     def adapt(path: str = '') -> Process:
-        values = {'rate': 0.0, 'steering_ratio': RATIO}
+        values = {'rate': 0.0, 'scene': 'light_car_straight', 'steering_ratio': RATIO}
         arguments = [text for name, value in values.items() for text in ('-p', f'{name}:={value}')]
         started.append(Process(tmp_path, [sys.executable, '-m', 'mbd_sim_ros.node.adapter', '--ros-args', *arguments], path=path))
         return started[-1]

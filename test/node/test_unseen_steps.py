@@ -296,3 +296,25 @@ def test_the_clock_ticks_a_hundred_times_a_second_although_nobody_hears_the_rest
         node.destroy_node()
         rclpy.shutdown(context=context)
     assert np.median(np.diff(ticks)) == pytest.approx(0.01, abs=1e-6)
+
+
+def test_in_lockstep_a_state_is_not_repeated_as_soon_as_it_is_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever answers every state would answer the first one twice, and with plain commands be a step behind from then on."""
+    monkeypatch.setattr(loop_module, 'REPEAT', 0.2)
+    shown, repeated = [], []
+    loop = Loop(
+        Synthetic(), inputs=lambda values: np.zeros(len(INPUTS)), emit=lambda s: shown.append(time.perf_counter()), mode='lockstep',
+        repeat=lambda: repeated.append(time.perf_counter()),
+    )  # fmt: skip
+    loop.start()
+    for states in (1, 2):  # of the start, and of a reset after a pause in which nothing was shown
+        while len(repeated) < states:
+            time.sleep(0.01)
+        assert repeated[-1] - shown[-1] > 0.2
+        if states == 1:
+            loop.ask(loop.pause).result(1.0)
+            time.sleep(0.3)
+            loop.ask(loop.restart).result(1.0)
+            loop.ask(loop.resume).result(1.0)
+    loop.stop('done')
+    assert len(shown) == 2

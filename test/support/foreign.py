@@ -7,6 +7,7 @@ github.com/ros-simulation/simulation_interfaces (2.1.0), github.com/ros2/geometr
 
 from __future__ import annotations
 
+import fcntl
 import functools
 import hashlib
 import importlib
@@ -46,7 +47,11 @@ def packages() -> Path:
     if shutil.which('g++') is None or not (PREFIX / 'include' / 'rosidl_runtime_c').is_dir():
         pytest.skip('needs a C++ compiler and the headers of ROS')
     where.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=where.parent) as scratch, pytest.MonkeyPatch.context() as patch:
+    lock = (where.parent / 'foreign.lock').open('w')  # another process of tests may be at it
+    with lock, tempfile.TemporaryDirectory(dir=where.parent) as scratch, pytest.MonkeyPatch.context() as patch:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if where.is_dir():
+            return where
         made = Path(scratch) / 'packages'
         parser = importlib.import_module('rosidl_parser.parser')  # seven generators read the same definitions, for a third of all the time
         patch.setattr(parser, 'get_ast_from_idl_string', functools.cache(parser.get_ast_from_idl_string))
