@@ -202,7 +202,8 @@ def note_residuals(constraints, v, h, residual, position, velocity, phi, rate, a
     h [s] is the step; twists v (nb + 1, 6), phi and rate (nc,) are those after it. The place of a residual is the body whose acceleration
     (nb + 1, 6) changed most in the step. slowest [m/s or rad/s]: below it motions do not count.
 
-    An angular acceleration changes in the axes of the world: those of the body turn with it, and that a wheel yaws is no vibration.
+    An angular acceleration changes by what it does in the axes of the body or of the world, whichever is less: in the former the yaw of a
+    wheel turns with its spin, which is no vibration; in the latter a free disc nutates faster than the equations that a step solves.
     """
     account[STEPS] += 1.0
     moved, turned, body_moved, body_turned = 0.0, 0.0, 0, 0
@@ -212,10 +213,12 @@ def note_residuals(constraints, v, h, residual, position, velocity, phi, rate, a
         change = x * x + y * y + z * z
         if change > moved:
             moved, body_moved = change, b
+        dx, dy, dz = now[3] - before[3], now[4] - before[4], now[5] - before[5]
+        of_body = dx * dx + dy * dy + dz * dz
         wx, wy, wz = 0.5 * h * twist[3], 0.5 * h * twist[4], 0.5 * h * twist[5]
         x, y, z = now[3] + before[3], now[4] + before[4], now[5] + before[5]
-        dx, dy, dz = now[3] - before[3] + wy * z - wz * y, now[4] - before[4] + wz * x - wx * z, now[5] - before[5] + wx * y - wy * x
-        change = dx * dx + dy * dy + dz * dz
+        dx, dy, dz = dx + wy * z - wz * y, dy + wz * x - wx * z, dz + wx * y - wy * x
+        change = min(of_body, dx * dx + dy * dy + dz * dz)
         if change > turned:
             turned, body_turned = change, b
     _note_change(account, 0, h * moved**0.5, body_moved, slowest)
