@@ -21,7 +21,7 @@ told where iterations do not settle with one that is too large.
 *Light bodies.* Penalties take a body for no lighter than 1e-4 of the mean: of one with less mass m they add eps penalty 1e-4 mean / m of
 rounding to its own acceleration. Beside 1 kg a pendulum of 1e-8 kg is right, one of 1e-10 kg was off by 0.03 m and nothing else told it.
 *Distance.* A place at the distance D is rounded by eps D in every step, and a velocity of the step by eps D / h: over n steps these walk to
-sqrt(n) times as much, of which 1e-4 of the largest velocity (at least 1 m/s) is left to be.
+sqrt(n) times as much, of which 1e-4 of half that widest range (at least 1 m/s) is left to be.
 *Account.* Of steps that were advanced without it nothing is known.
 *Turn.* The iteration contracts by about the turn of a body per step (docs/decisions/0002).
 *Rotation.* A bushing acts on its rotation vector, which is the short way round: where it turns by pi that jumps, and the torque with it,
@@ -53,7 +53,7 @@ WRITTEN = 1e-6  # relative, and m: what numbers written with finitely many digit
 SPOILT = 1e-4  # last increment of an iteration, relative to the velocity, which three iterations bring below 1e-6 where nothing spoils them
 LARGEST_WOUND = 3.0  # rad
 HIDDEN = 3e-5  # of an acceleration
-ROUNDED = 1e-4  # of the largest velocity
+ROUNDED = 1e-4  # of half the widest range of a velocity
 LARGEST_PHASE = 0.1  # rad
 FEWEST = 10  # steps a period
 UNSETTLED_SHARE = 0.01  # of the steps: an impact may leave a step a digit less exact, the motion between may not
