@@ -147,6 +147,24 @@ def test_a_disc_that_nutates_is_told_by_what_its_steps_solve(spin: float, h: flo
     assert s.last_step.energy[PHASE + 1] == pytest.approx((0.8 * spin * h) ** 3 / 12.0 * 0.5 / h, rel=0.15)
 
 
+def test_a_spinning_wheel_that_yaws_steadily_does_not_vibrate() -> None:
+    """100 rad/s about its axle, which turns with 0.5 rad/s about the vertical: in the axes of the wheel that turns with its spin, which
+    would be 3000 (100 h)^3 / 12 = 0.25 rad in 3 s; in those of the world hardly anything changes."""
+    bodies = {
+        'fork': {'mass': 1, 'inertia': [1, 1, 1], 'angular_velocity': [0, 0, 0.5]},
+        'wheel': {'mass': 1, 'inertia': [0.5, 1, 0.5], 'angular_velocity': [0, 100, 0.5]},
+    }
+    joints = {
+        'steering': {'kind': 'revolute', 'i': 'world', 'j': 'fork', 'at': [0, 0, 0], 'axis': [0, 0, 1]},
+        'axle': {'kind': 'revolute', 'i': 'fork', 'j': 'wheel', 'at': [0, 0, 0], 'axis': [0, 1, 0]},
+    }
+    scene = {'mechanism': {'gravity': [0, 0, 0], 'bodies': bodies, 'joints': joints}, 'integrator': {'h': H}, 'duration': 3}
+    s = Simulation(load_scene_text(json.dumps(scene)))
+    s.advance(3000)
+    assert not findings(s)
+    assert s.last_step.energy[PHASE + 1] < 1e-3
+
+
 @pytest.mark.parametrize('h', [1e-2, 1e-3])
 def test_a_smooth_start_from_rest_is_no_vibration(h: float) -> None:
     """Along a constant jerk the acceleration changes in the n-th step by 4 / n^2 of the swing so far, whatever the step: what that adds to
