@@ -296,7 +296,7 @@ def test_a_full_disk_while_running_stops_the_recording_not_the_simulation(start,
         resource.setrlimit(resource.RLIMIT_FSIZE, (150_000, old[1]))
         # Shared memory of the middleware is a file too: loopback only for this process.
         os.environ['FASTDDS_BUILTIN_TRANSPORTS'] = 'UDPv4'
-        process = start({'record': True, 'out': 'run', 'mode': 'fast', 'duration': 40.0})
+        process = start({'record': True, 'out': 'run', 'mode': 'fast', 'duration': 40.0}, forked=False)
     finally:
         os.environ.pop('FASTDDS_BUILTIN_TRANSPORTS', None)
         resource.setrlimit(resource.RLIMIT_FSIZE, old)

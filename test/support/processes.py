@@ -11,6 +11,7 @@ import time
 from pathlib import Path
 
 import pytest
+from forks import Fork
 
 ROOT = Path(__file__).parents[2]
 DOMAIN = str(60 + os.getpid() % 40)  # one per test run, so that two runs on a machine do not hear each other
@@ -33,26 +34,32 @@ sys.exit(node.main(sys.argv[3:]))
 
 
 class Process:
-    """A node process; its output is collected while it runs. path: of further packages."""
+    """A node process; its output is collected while it runs. command: python and its arguments; path: of further packages; forked: not one
+    that starts from nothing, and has the limits of this process."""
 
-    def __init__(self, directory: Path, command: list[str], domain: str = DOMAIN, path: str = '') -> None:
+    def __init__(self, directory: Path, command: list[str], domain: str = DOMAIN, path: str = '', *, forked: bool = True) -> None:
         environment = {
             **os.environ,
             'PYTHONPATH': f'{ROOT}:{Path(__file__).parent}' + (f':{path}' if path else ''),
             'ROS_DOMAIN_ID': domain,
             'ROS_LOG_DIR': str(directory / 'log'),
         }
-        self.process = subprocess.Popen(
-            command, cwd=directory, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True
-        )
+        said, output = os.pipe()
+        self._said = os.fdopen(said)
+        self.process: Fork | subprocess.Popen[bytes]
+        if forked:
+            self.process = Fork(command[1:], cwd=directory, env=environment, output=output)
+        else:
+            self.process = subprocess.Popen(command, cwd=directory, env=environment, stdout=output, stderr=output, start_new_session=True)
+        os.close(output)
         self.output = ''
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()
 
     def _read(self) -> None:
-        assert self.process.stdout is not None
-        for line in self.process.stdout:
-            self.output += line
+        with self._said as lines:
+            for line in lines:
+                self.output += line
 
     def wait_for(self, text: str, seconds: float = 30.0) -> None:
         end = time.monotonic() + seconds
@@ -77,11 +84,13 @@ def start(tmp_path):
     pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
     started = []
 
-    def start(parameters: dict | None = None, *, preparing: float = 0.0, domain: str = DOMAIN, path: str = '', **simulation) -> Process:
+    def start(
+        parameters: dict | None = None, *, preparing: float = 0.0, domain: str = DOMAIN, path: str = '', forked: bool = True, **simulation
+    ) -> Process:
         values = {'scene': 'synthetic', **(parameters or {})}
         arguments = [text for name, value in values.items() for text in ('-p', f'{name}:={json.dumps(value)}')]
         command = [sys.executable, '-c', SCRIPT, json.dumps(simulation), str(preparing), '--ros-args', *arguments]
-        started.append(Process(tmp_path, command, domain, path))
+        started.append(Process(tmp_path, command, domain, path, forked=forked))
         return started[-1]
 
     yield start
