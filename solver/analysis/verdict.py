@@ -18,6 +18,8 @@ right, but not where something is at an instant. A motion forgets its phase with
 dissipated takes half as much of the phase with it; and where it swings wider, what it was late by before is so much less of it.
 *Damping.* Both are the midpoint rule's, rho_inf = 1. Numerical damping makes more of the same step: late_by() times the phase, so that as
 much accuracy takes more steps a period, by the root of it.
+*Inputs.* A step takes one value of every signal: of one that swings with the steps, or nearly, it makes a constant or a slow beat, which
+no motion shows (solver.inputs.unresolved).
 *Rounding.* A penalty multiplies the rounding of the condensed matrix; the block form does not care (docs/formulation.md, "Rounding"). It is
 told where iterations do not settle with one that is too large.
 *Light bodies.* Penalties take a body for no lighter than 1e-4 of the mean: of one with less mass m they add eps penalty 1e-4 mean / m of
@@ -43,6 +45,8 @@ import numpy as np
 
 from solver.compiled.portable import norm
 from solver.elements.road import RandomRoad, edge, envelops
+from solver.inputs.maneuver import ManeuverSource
+from solver.inputs.unresolved import LARGEST
 from solver.model.saddle import CONDENSED
 from solver.output import energy as account
 from solver.simulation import Simulation
@@ -90,6 +94,7 @@ def findings(simulation: Simulation, real_time_factor: float | None = None) -> l
         _energy(s),
         *_iteration(s),
         *_resolution(s),
+        *_inputs(s),
         _rounding(s),
         _light(s),
         _distance(s),
@@ -212,6 +217,16 @@ def _resolution(s: Simulation) -> list[Finding | None]:
         text = f'{name} of what vibrates is out of step with the motion: small errors of every period have grown to a phase of'
         found.append(_finding('phase', late * float(a[account.PHASE + k]), LARGEST_PHASE, None, 'rad', None, '', text, remedy))
     return found
+
+
+def _inputs(s: Simulation) -> list[Finding | None]:
+    """Signals of the maneuver that change faster than the steps."""
+    found = s.source.unresolved(s.k, s.scene.duration) if isinstance(s.source, ManeuverSource) else {}
+    text, remedy = (
+        'a signal of the maneuver swings between the steps that sample it; of its range it departs from their values by',
+        'reduce integrator.h',
+    )
+    return [_finding('input', largest, LARGEST, None, '', first, name, text, remedy) for name, (largest, first) in found.items()]
 
 
 def _condensed(s: Simulation) -> bool:

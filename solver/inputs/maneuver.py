@@ -18,6 +18,7 @@ from solver.inputs.driver import PreviewDriver, Sight, SpeedControl
 from solver.inputs.hands import COMMANDS, CommandSource
 from solver.inputs.recorded import ACCELERATION, RATE, BagChannel, RecordedSource, recorded
 from solver.inputs.signals import Constant, Signal, signal
+from solver.inputs.unresolved import Departure, Unresolved
 
 AHEAD = 100  # steps that are sampled at once: one costs about as much as a hundred
 
@@ -159,16 +160,27 @@ class ManeuverSource:
 
     def __init__(self, maneuver: Maneuver, input_names: Sequence[str], h_ns: int, stage: float = 1.0) -> None:
         self.maneuver, self.names, self.h_ns, self.stage = maneuver, tuple(input_names), h_ns, stage
+        self._asked = 0  # up to which step
+        self._unresolved = Unresolved(maneuver.channels, h_ns)
         self._first, self._ahead = 0, self._sampled(0, AHEAD)  # refuses channels the model does not have, before anything runs
 
     def table(self, k0: int, n: int) -> np.ndarray:
         """(n, nu) inputs of steps k0 ... k0 + n - 1."""
+        self._asked = k0 + n
         if n > AHEAD:
             return self._sampled(k0, n)
         at = k0 - self._first
         if not 0 <= at <= AHEAD - n:
             at, self._first, self._ahead = 0, k0, self._sampled(k0, AHEAD)
         return self._ahead[at : at + n].copy()
+
+    def restart(self) -> None:
+        """Nobody has asked yet."""
+        self._asked = 0
+
+    def unresolved(self, k: int, duration: float) -> dict[str, Departure]:
+        """Signals that swing between steps up to k, of those that it was asked for; see solver.inputs.unresolved."""
+        return self._unresolved.look(min(k, self._asked), duration)
 
     def _sampled(self, k0: int, n: int) -> np.ndarray:
         begin_ns = np.arange(k0, k0 + n, dtype=np.int64) * self.h_ns

@@ -66,6 +66,7 @@ class Sources:
             self.assistant.start()
         if isinstance(self.of_time, RecordedSource):
             return self.of_time.start
+        self.of_time.restart()
         inputs = self._maneuver.inputs_at_start(self._names)
         return inputs if self.actuators is None else self.actuators.start(inputs)
 
