@@ -18,6 +18,7 @@ from mbd_sim_ros.node.loop import Loop
 from solver.errors import suggestion
 
 WARN_SECONDS = 2.0  # a repeated warning about a command is said this often
+SELDOM = 0.01  # s between looks for named commands of somebody who is not known yet: he may be gone before he is
 
 
 class Commanded(NamedTuple):
@@ -82,6 +83,7 @@ class Commands:
         self._warned: dict[str, float] = {}
         self.commanded = not deaf  # somebody publishes commands, or may
         self._heard: dict[str, bool] = {}  # topic of named commands -> somebody publishes
+        self._next_look = -math.inf  # clock reading at which topics of named commands are looked into whoever publishes
         self._inbox: list[tuple[Subscription, type, Callable[[Any], None]]] = []
         self._boxes: list[tuple[Callable[[type, bool], Any], type, Callable[[Any], None]]] = []  # what poll() needs of them
         self._ears: Node | None = None
@@ -134,12 +136,17 @@ class Commands:
                 receive(taken[0])
         if self.deaf:
             return
+        now = time.monotonic()
+        every = now >= self._next_look or self.loop.mode == 'lockstep'
+        if every:
+            self._next_look = now + SELDOM
         for topic, (subscription, receive) in self._named.items():
-            if self._heard.get(topic) or self.loop.mode == 'lockstep':
+            if every or self._heard.get(topic):
                 for _ in range(10):
                     message = _take(subscription, JointState)
                     if message is None:
                         break
+                    self.commanded = self._heard[topic] = True
                     receive(message)
 
     def _plain(self, index: int, topic: str) -> Callable[[Any], None]:

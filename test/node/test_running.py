@@ -195,6 +195,18 @@ def test_an_answer_that_names_no_command_holds_them_all(opened) -> None:
     assert (node.running.commands.refused, node.loop.steps) == (2, 1)
 
 
+def test_a_command_by_name_counts_at_once_although_nobody_knows_yet_who_sends_it(opened) -> None:
+    """Who publishes is looked for once a second, which this node never does: somebody who commands once may be gone by then. What he said
+    would wait in the queue for the next one who commands, and count then."""
+    from sensor_msgs.msg import JointState
+
+    node = opened()
+    publisher = node.create_publisher(JointState, 'simulator/lockstep_cmd', 10)
+    until(lambda: publisher.get_subscription_count() > 0)
+    publisher.publish(JointState(name=['brake_torque'], position=[30.0]))
+    until(lambda: node.running.simulation.inputs[-1] == 30.0, 2.0)
+
+
 def test_lockstep_that_listens_to_nobody_says_so(opened, capfd) -> None:
     from rclpy.parameter import Parameter
 
