@@ -9,18 +9,15 @@ from __future__ import annotations
 import importlib
 import math
 import re
-import time
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
-from rclpy.executors import Executor
 from rclpy.node import Node
 
-from mbd_sim_ros import interrupts
 from mbd_sim_ros.node.running import Running
-from mbd_sim_ros.node.services import REPLY_SECONDS, asked, pause, resume
+from mbd_sim_ros.node.services import REPLY_SECONDS, Host, asked, beside, made, pause, resume
 from solver.errors import MbdError
 from solver.model.frames import matrix
 
@@ -51,29 +48,6 @@ FEATURES = {
     'SimulateSteps': (33,),
     'LoadWorld': (40,),
 }
-TURN = 2e-4  # s between looks at steps that are being made
-
-
-class Host(Protocol):
-    """The node that is controlled. stopped: it was told to stop, or has loaded another scene, and has not been started since."""
-
-    running: Running
-    stopped: bool
-
-    def load(self, name: str, overrides: list[str]) -> str: ...
-
-
-class _Turn:
-    """To await it gives the executor a turn."""
-
-    def __init__(self, executor: Executor | None) -> None:
-        self.executor = executor
-
-    def __await__(self) -> Generator[None, None, None]:
-        time.sleep(TURN)
-        if self.executor is not None:
-            self.executor.wake()  # or it would wait for a message before it comes back here
-        yield
 
 
 class Interfaces:
@@ -103,7 +77,7 @@ class Interfaces:
             if kind is None:
                 missing.append(name)
                 continue
-            node.create_service(kind, f'~/{snake(name)}', call)
+            node.create_service(kind, f'~/{snake(name)}', call, callback_group=beside() if name == 'StepSimulation' else None)
             self.offered.append(name)
         try:
             from rclpy.action import ActionServer
@@ -185,24 +159,23 @@ class Interfaces:
         if not running.loop.paused:
             return False, 'the simulation is not paused: pause it first'
         self.host.stopped = False
-        made = 0
-        while made < count:
+        completed = 0
+        while completed < count:
             portion = 1 if one_by_one else count
             dropped = running.loop.dropped
             done, text = asked(running, partial(_make, portion))
             if not done:
                 return False, text
-            while running.loop.stepping:
-                if running.loop.done.is_set() or running is not self._running or interrupts.event.is_set():
-                    return False, str(running.loop.error or 'the simulation has ended')
-                await _Turn(self.node.executor)
+            ended = await made(self.node, self.host, running)
+            if ended:
+                return False, ended
             lost = running.loop.dropped - dropped
-            made += portion - min(lost, portion)
+            completed += portion - min(lost, portion)
             if lost:
-                return False, f'{made} of {count} steps: the others were dropped by a pause or a reset'
-            if tell(made):
+                return False, f'{completed} of {count} steps: the others were dropped by a pause or a reset'
+            if tell(completed):
                 break
-        return True, f'{made} steps, at t = {running.simulation.t_ns * 1e-9:.6f} s'
+        return True, f'{completed} steps, at t = {running.simulation.t_ns * 1e-9:.6f} s'
 
     def _entities(self, request: Any, response: Any) -> Any:
         filters = request.filters

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import time
+from collections.abc import Awaitable, Callable, Generator
 from typing import Any, Protocol
 
+from rclpy.callback_groups import CallbackGroup, ReentrantCallbackGroup
+from rclpy.executors import Executor
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
+from mbd_sim_ros import interrupts
+from mbd_sim_ros.node.loop import ENDED
 from mbd_sim_ros.node.running import Running
 from solver.errors import BagError, MbdError, SpecError
 
 REPLY_SECONDS = 30.0
+TURN, LONGEST_TURN = 2e-4, 5e-3  # s between looks at steps that are being made: at first, and once it takes long
 
 
 class Host(Protocol):
-    """The node that has the services."""
+    """The node that has the services. stopped: it was told to stop, or has loaded another scene, and has not been started since."""
 
     running: Running
     stopped: bool
@@ -43,7 +49,7 @@ def reset(running: Running) -> str:
 
 
 def step(running: Running) -> str:
-    """do `step_count` steps while paused or in lockstep"""
+    """do `step_count` steps while paused or in lockstep; answered when they are made"""
     if not running.loop.paused and running.loop.mode != 'lockstep':
         raise SpecError(f'the simulation is running (mode {running.loop.mode}): call ~/pause before ~/step, or use mode lockstep')
     count = running.value('step_count')
@@ -76,10 +82,41 @@ LOAD = 'load the scene that the parameters `scene` and `overrides` name now; it 
 SERVICES = {**{action.__name__: action.__doc__ or '' for action in ACTIONS}, 'load': LOAD}
 
 
+class _Turn:
+    """To await it gives the executor a turn."""
+
+    def __init__(self, executor: Executor | None, seconds: float) -> None:
+        self.executor, self.seconds = executor, seconds
+
+    def __await__(self) -> Generator[None, None, None]:
+        time.sleep(self.seconds)
+        if self.executor is not None:
+            self.executor.wake()  # or it would wait for a message before it comes back here
+        yield
+
+
+async def made(node: Node, host: Host, running: Running) -> str:
+    """Give the executor turns until the steps that were asked for are made, or dropped; why they never will be, or ''."""
+    seconds = TURN
+    while running.loop.stepping:
+        if running.loop.done.is_set() or running is not host.running or interrupts.event.is_set():
+            return str(running.loop.error or ENDED)
+        await _Turn(node.executor, seconds)
+        seconds = min(1.5 * seconds, LONGEST_TURN)  # a look costs the steps some of the interpreter lock
+    return ''
+
+
+def beside() -> CallbackGroup:
+    """The group of a service that waits: those of the group of a node would wait with it."""
+    return ReentrantCallbackGroup()
+
+
 def serve(node: Node, host: Host) -> None:
     """Offer ACTIONS as services of type std_srvs/Trigger."""
     for action in ACTIONS:
-        node.create_service(Trigger, f'~/{action.__name__}', _service(node, action.__name__, _on(host, action)))
+        waits = action is step
+        call = _service(node, action.__name__, _stepped(node, host) if waits else _on(host, action))
+        node.create_service(Trigger, f'~/{action.__name__}', call, callback_group=beside() if waits else None)
     node.create_service(Trigger, '~/load', _service(node, 'load', lambda: _load(host)))
 
 
@@ -92,6 +129,21 @@ def _on(host: Host, action: Callable[[Running], str]) -> Callable[[], tuple[bool
     return done
 
 
+def _stepped(node: Node, host: Host) -> Callable[[], Awaitable[tuple[bool, str]]]:
+    async def done() -> tuple[bool, str]:
+        running = host.running
+        dropped = running.loop.dropped
+        found = _on(host, step)()
+        if not found[0]:
+            return found
+        lost = await made(node, host, running)
+        if not lost and running.loop.dropped > dropped:
+            lost = f'{running.loop.dropped - dropped} of them were dropped by a pause or a reset'
+        return not lost, found[1] + (f': {lost}' if lost else '')
+
+    return done
+
+
 def _load(host: Host) -> tuple[bool, str]:
     try:
         return True, host.load(host.value('scene'), [text for text in host.value('overrides') if text])
@@ -99,9 +151,10 @@ def _load(host: Host) -> tuple[bool, str]:
         return False, str(error)
 
 
-def _service(node: Node, name: str, do: Callable[[], tuple[bool, str]]) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:
-    def call(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success, response.message = do()
+def _service(node: Node, name: str, do: Callable[[], tuple[bool, str] | Awaitable[tuple[bool, str]]]) -> Callable[[Any, Any], Any]:
+    async def call(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        done = do()
+        response.success, response.message = done if isinstance(done, tuple) else await done
         log = node.get_logger()
         if response.success:
             log.info(f'{name}: {response.message}')

@@ -18,36 +18,42 @@ pytestmark = pytest.mark.realtime
 __all__ = ['client', 'start']  # fixtures
 
 
+def calling(client, kind, name: str, **request):
+    """Call a service of the simulator: a future."""
+    service = client.node.create_client(kind, f'simulator/{name}')
+    client.until(service.service_is_ready)
+    return service.call_async(kind.Request(**request))
+
+
 def caller(client):
-    """A function that calls a service of the simulator."""
+    """A function that calls a service of the simulator and waits for its answer."""
 
     def call(kind, name: str, **request):
-        service = client.node.create_client(kind, f'simulator/{name}')
-        client.until(service.service_is_ready)
-        future = service.call_async(kind.Request(**request))
+        future = calling(client, kind, name, **request)
         client.until(future.done)
         return future.result()
 
     return call
 
 
-def put_scene(client, name: str) -> None:
-    from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+def put(client, **parameters: object) -> None:
+    """Set parameters of the simulator."""
     from rcl_interfaces.srv import SetParameters
+    from rclpy.parameter import Parameter
 
-    wanted = Parameter(name='scene', value=ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=name))
-    assert caller(client)(SetParameters, 'set_parameters', parameters=[wanted]).results[0].successful
+    wanted = [Parameter(name, value=value).to_parameter_msg() for name, value in parameters.items()]
+    assert all(result.successful for result in caller(client)(SetParameters, 'set_parameters', parameters=wanted).results)
 
 
 def test_another_scene_is_loaded_without_a_restart(start, client, tmp_path):
     process = start({'record': True, 'out': 'first'})
     client.until(lambda: client.applied and client.applied[-1]['step'] > 100)
-    put_scene(client, 'nothing')
+    put(client, scene='nothing')
     refused = client.call('load')
     assert not refused.success and refused.message == "scene 'nothing': no such file"
     before = client.applied[-1]['step']
     client.until(lambda: client.applied[-1]['step'] > before)  # it goes on
-    put_scene(client, 'second')
+    put(client, scene='second')
     assert client.call('load').message == 'second stands at its start'
     client.until(lambda: client.applied[-1]['step'] == 0)
     assert client.call('step').success
@@ -86,6 +92,23 @@ def test_initialpose_places_the_car(start, client, tmp_path):
     assert len(list((tmp_path / 'bags').glob('synthetic-*'))) == 1
 
 
+def test_steps_are_made_when_their_call_is_answered_and_a_pause_is_answered_meanwhile(start, client):
+    """What is asked for next finds them: here a state is saved."""
+    start({'step_count': 1500})
+    client.until(lambda: client.applied)
+    k = int(client.call('pause').message.split('step ')[1])
+    stepped = client.call('step')
+    assert stepped.success and stepped.message == f'1500 steps from step {k}'
+    assert f'-step{k + 1500}-' in client.call('save_state').message
+    put(client, step_count=1_000_000)
+    future = calling(client, client._trigger, 'step')
+    client.until(lambda: client.applied[-1]['step'] > k + 1500)
+    dropped = int(client.call('pause').message.split('; ')[1].split(' steps')[0])
+    client.until(future.done)
+    cut = f'1000000 steps from step {k + 1500}: {dropped} of them were dropped by a pause or a reset'
+    assert not future.result().success and future.result().message == cut
+
+
 def test_the_simulation_is_controlled_by_simulation_interfaces(start, client):
     where = packages()
     sys.path.insert(0, str(where))
@@ -114,13 +137,13 @@ def test_the_simulation_is_controlled_by_simulation_interfaces(start, client):
     def state() -> int:
         return call(GetSimulationState, 'get_simulation_state').state.state
 
-    def put(wanted: int) -> int:
+    def set_state(wanted: int) -> int:
         return call(SetSimulationState, 'set_simulation_state', state=SimulationState(state=wanted)).result.result
 
     assert state() == SimulationState.STATE_PLAYING
-    assert put(SimulationState.STATE_PLAYING) == SetSimulationState.Response.ALREADY_IN_TARGET_STATE
+    assert set_state(SimulationState.STATE_PLAYING) == SetSimulationState.Response.ALREADY_IN_TARGET_STATE
     assert call(StepSimulation, 'step_simulation', steps=3).result.result == Result.RESULT_OPERATION_FAILED  # it is not paused
-    assert put(SimulationState.STATE_STOPPED) == Result.RESULT_OK
+    assert set_state(SimulationState.STATE_STOPPED) == Result.RESULT_OK
     assert state() == SimulationState.STATE_STOPPED
     client.until(lambda: client.applied and client.applied[-1]['step'] == 0)
     assert call(StepSimulation, 'step_simulation', steps=7).result.result == Result.RESULT_OK
@@ -147,6 +170,12 @@ def test_the_simulation_is_controlled_by_simulation_interfaces(start, client):
     assert len(cancelled.result().goals_canceling) == 1
     result = sent.result().get_result_async()
     client.until(result.done)
+    step = client.applied[-1]['step']
+    future = calling(client, StepSimulation, 'step_simulation', steps=10**9)
+    client.until(lambda: client.applied[-1]['step'] > step)
+    assert set_state(SimulationState.STATE_PAUSED) == Result.RESULT_OK  # it is answered while the steps are made
+    client.until(future.done)
+    assert 'the others were dropped by a pause' in future.result().result.error_message
     step = client.applied[-1]['step']
 
     assert call(GetEntities, 'get_entities', filters=EntityFilters()).entities == ['subframe', 'chassis', 'wheel']
@@ -183,6 +212,6 @@ def test_the_simulation_is_controlled_by_simulation_interfaces(start, client):
     assert state() == SimulationState.STATE_STOPPED
     assert call(LoadWorld, 'load_world').result.result == LoadWorld.Response.NO_RESOURCE
     assert call(LoadWorld, 'load_world', world_resource=Resource(uri='nothing')).result.result == LoadWorld.Response.RESOURCE_PARSE_ERROR
-    put(SimulationState.STATE_QUITTING)
+    set_state(SimulationState.STATE_QUITTING)
     assert process.end() == 0, process.output
     assert 'Traceback' not in process.output
