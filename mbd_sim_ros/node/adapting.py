@@ -22,7 +22,7 @@ from mbd_sim_ros.node.parameters import declare_described
 from solver.errors import SpecError
 from solver.files.scene import load_scene, load_scene_text
 from solver.inputs.driver import SpeedControl
-from solver.inputs.hands import COMMANDS
+from solver.inputs.hands import COMMANDS, STEERING
 from solver.scene import Scene
 
 POSITIVE = ('bandwidth', 'max_drive_torque')
@@ -44,6 +44,7 @@ class Adapter(Node):
         self._gear, self._gear_number = DRIVE, GEAR_DRIVE
         self._loop: Loop | None = None
         self._gearbox: Worked | None = None
+        self._named = COMMANDS  # what it commands, steering first
         self._heard = False  # whether an odom came
         self._command: JointState | None = None  # the newest
         self._repeated = math.inf  # clock reading when the state that it answers came again
@@ -130,16 +131,25 @@ class Adapter(Node):
         self._told = message.data
 
     def _drive(self, scene: Scene) -> None:
-        """Drive the car of a scene from now on; the one that is driven already goes on. Raises SpecError for a scene without car."""
+        """Drive the car of a scene from now on; the one that is driven already goes on. Raises SpecError for one that it cannot drive."""
         before, self._driven = self._driven, scene
         if before is not None and scene.hash == before.hash:
             return
-        car = Car.of(scene, ratio=self.value('steering_ratio') or None)
+        steered = scene.actuation.steering
+        if steered == 'torque':
+            raise SpecError(
+                f'scene {scene.name!r} is steered by a torque (actuation.steering = torque), and an adapter commands angles; '
+                'take actuation.steering: angle or road_wheel'
+            )
+        by_road_wheel = steered == 'road_wheel'
+        car = Car.of(scene, ratio=1.0 if by_road_wheel else self.value('steering_ratio') or None)
         box = Gearbox.of(scene)
         self._loop = Loop(car, self._control, self.value('max_road_wheel'))
         self._gearbox = None if box is None else Worked(box)
+        self._named = (STEERING[steered], *COMMANDS[1:])
         self._begin()
         how = 'by its measured map' if self.value('steering_ratio') == 0.0 else f'by the ratio {self.value("steering_ratio"):g}'
+        how = 'by its road wheels' if by_road_wheel else how
         self.get_logger().info(f'driving {scene.name}: wheelbase {car.wheelbase:.3f} m, steering {how}')
 
     def _begin(self) -> None:
@@ -186,7 +196,7 @@ class Adapter(Node):
         except SpecError as error:
             self.get_logger().error(str(error))
             return
-        named = dict(zip(COMMANDS, values))
+        named = dict(zip(self._named, values))
         if self._gearbox is not None:
             named |= self._gearbox.commands(values[1], self._loop.direction, self._gear, twist.linear.x, h)
         command = JointState(name=list(named), position=list(named.values()))

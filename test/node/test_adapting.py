@@ -150,6 +150,31 @@ def test_another_scene_that_is_loaded_changes_the_car_and_nothing_is_answered_un
     assert node._loop is driven  # the same scene again
 
 
+def test_a_car_that_is_commanded_by_its_road_wheels_gets_their_angle(adapter):
+    """It has no command `steering`, and a message that names one is refused whole."""
+    from nav_msgs.msg import Odometry
+
+    from mbd_sim_ros.node.demand import Demand
+    from solver.inputs.hands import commands_of
+
+    node = adapter(steering_ratio=16.0)
+    runs(node, 'light_car_straight', 'actuation.steering=road_wheel')
+    look(node)
+    node._demand = Demand(speed=5.0, steering=0.1)
+    node._answer(Odometry())
+    assert set(node.sent[-1].name) <= set(commands_of(node._driven.model.inputs, 'road_wheel'))
+    assert node.sent[-1].position[node.sent[-1].name.index('road_wheel')] == pytest.approx(0.1)
+
+
+def test_a_car_whose_wheel_is_turned_by_a_torque_ends_in_one_sentence(adapter):
+    from solver.errors import SpecError
+
+    node = adapter(steering_ratio=16.0)
+    runs(node, 'light_car_straight', 'actuation.steering=torque')
+    with pytest.raises(SpecError, match=r'is steered by a torque \(actuation.steering = torque\), and an adapter commands angles'):
+        look(node)
+
+
 def test_a_scene_that_cannot_be_read_here_ends_in_one_sentence(adapter):
     from std_msgs.msg import String
 
