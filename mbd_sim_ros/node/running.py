@@ -19,6 +19,7 @@ from std_msgs.msg import String
 
 from mbd_sim_ros.messages.cdr import ENCAPSULATION
 from mbd_sim_ros.messages.encode import STAMP, Messages, require_finite
+from mbd_sim_ros.messages.topics import ELEMENTS
 from mbd_sim_ros.node import state_files
 from mbd_sim_ros.node.commands import Commands, gears_of
 from mbd_sim_ros.node.diagnostics import judged
@@ -46,6 +47,11 @@ def heading_of(orientation: Sequence[float]) -> float:
     return math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)
 
 
+def thinned(rate: float, h: float, of: int) -> int:
+    """Steps of h [s] between messages at a rate of at most `rate` [Hz] (0: all of them), of which there is one every `of` steps."""
+    return of * max(1, math.ceil(round(1.0 / (rate * of * h), 6))) if rate > 0.0 else 1
+
+
 class Running:
     """Connects a simulation (solver.simulation.Simulation or alike) with the topics of a node; `start` starts it, `close` ends it.
 
@@ -68,7 +74,6 @@ class Running:
             self._restored = state_files.restore(Path(self.value('restore')), scene, simulation, self._parts())
         self._messages = Messages.of(scene, simulation, self.value('frame_prefix'))
         self.envelope = Envelope(simulation)
-        self.publish_every = self.value('publish_every')
         self._urdf = self.value('robot_description') or simulation.urdf()
         with ExitStack() as refused:  # whatever does not start leaves nothing in the graph
             self._connect(lockstep, self.value('out') if first else '', refused)
@@ -117,13 +122,18 @@ class Running:
         """Return the value of a parameter."""
         return self.node.get_parameter(name).value
 
-    def look_at_rates(self, changed: Mapping[str, float] | None = None) -> None:
-        """Take rates and budget of publishing from the parameters, of which some are about to change."""
-        values = {name: self.value(name) for name in ('publish_budget', *(f'rate_{topic}' for topic in RATES))} | dict(changed or {})
+    def look_at_rates(self, changed: Mapping[str, Any] | None = None) -> None:
+        """Take steps, rates and budget of publishing from the parameters, of which some are about to change.
+
+        Of the steps that are published, and that have such a message, every so many are taken: the rate next to the one that is wanted.
+        """
+        names = ('publish_every', 'publish_budget', *(f'rate_{topic}' for topic in RATES))
+        values = {name: self.value(name) for name in names} | dict(changed or {})
+        self.publish_every = of = values['publish_every']
         self._budget = 1e-3 * values['publish_budget']
         h = self.simulation.h_ns * 1e-9
-        rates = {topic: values[f'rate_{topic}'] for topic in RATES}
-        every = {topic: max(1, math.ceil(round(1.0 / (rate * h), 6))) for topic, rate in rates.items() if rate > 0.0}
+        there = {ELEMENTS: math.lcm(of, self.scene.record.elements_every(h))}  # steps between messages
+        every = {topic: thinned(values[f'rate_{topic}'], h, there.get(topic, of)) for topic in RATES}
         self._publication.every(every, self._messages.poses_every)
 
     @property

@@ -58,9 +58,8 @@ class Simulator(Node):
                 self.running.prefer()
                 if parameter.name == 'mode':
                     self.running.warn_of_mode(parameter.value)
-            elif parameter.name == 'publish_every':
-                self.running.publish_every = parameter.value
-        rates = {p.name: p.value for p in parameters if p.name.removeprefix('rate_') in RATES or p.name == 'publish_budget'}
+        publishing = ('publish_every', 'publish_budget')
+        rates = {p.name: p.value for p in parameters if p.name.removeprefix('rate_') in RATES or p.name in publishing}
         if rates:
             self.running.look_at_rates(rates)
         return SetParametersResult(successful=True)

@@ -34,15 +34,37 @@ def test_topics_have_rates_of_their_own(start, client):
     assert np.min(np.diff(stamps)) == 2_000_000
 
 
+def test_a_rate_is_the_next_one_that_the_published_steps_have(start, client):
+    """Steps of 2 ms. Of every fifth one, 100 a second, 60 are wanted: every other one is 50. Of every sixth: every other one, each 24 ms.
+    Counted apart, every ninth step and every fifth are both there but 11 times a second."""
+    start({'publish_every': 5, 'rate_odom': 60.0})
+    for every, apart in ((5, 20_000_000), (6, 24_000_000)):
+        ask(client, 'publish_every', every)
+        client.odom.clear()
+        client.until(lambda: len(client.odom) > 12)
+        stamps = [m.header.stamp.sec * 1_000_000_000 + m.header.stamp.nanosec for m in client.odom[2:]]
+        np.testing.assert_array_equal(np.diff(stamps), apart)
+
+
+@pytest.mark.parametrize(
+    ('rate', 'of', 'steps'), [(0.0, 5, 1), (1e6, 5, 5), (100.0, 1, 5), (100.0, 5, 5), (60.0, 1, 9), (60.0, 5, 10), (30.0, 5, 20)]
+)
+def test_messages_that_are_so_many_steps_apart_are_thinned_in_whole_numbers(rate: float, of: int, steps: int) -> None:
+    """Steps of 2 ms; of: steps between the messages there are."""
+    pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
+    from mbd_sim_ros.node.running import thinned
+
+    assert thinned(rate, 0.002, of) == steps
+
+
 def ask(client, name: str, value: float) -> None:
     """Set a parameter of the simulator."""
-    from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
     from rcl_interfaces.srv import SetParameters
+    from rclpy.parameter import Parameter
 
     service = client.node.create_client(SetParameters, 'simulator/set_parameters')
     client.until(service.service_is_ready)
-    wanted = Parameter(name=name, value=ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value))
-    future = service.call_async(SetParameters.Request(parameters=[wanted]))
+    future = service.call_async(SetParameters.Request(parameters=[Parameter(name, value=value).to_parameter_msg()]))
     client.until(future.done)
     assert future.result().results[0].successful
 
