@@ -9,6 +9,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -19,6 +20,9 @@ from mbd_sim_ros.node.loop import Loop
 from mbd_sim_ros.node.parameters import RATES, declare, refusal, unknown
 from mbd_sim_ros.node.running import Running
 from mbd_sim_ros.node.services import asked, serve
+
+
+TOLD = Duration(seconds=0.2)  # what subscribers may take for the last message
 
 
 class Simulator(Node):
@@ -99,8 +103,11 @@ class Simulator(Node):
     def close(self, outcome: str) -> int:
         """End the simulation thread, finish the recording and return the exit code: that of the first thing that went wrong since `open`.
 
-        May be called when `open` failed or never ran.
+        May be called when `open` failed or never ran. A simulation that failed is told in the diagnostics before they fall silent.
         """
+        if hasattr(self, '_diagnostics') and self.loop.error is not None:
+            self._diagnose()
+            self._diagnostics.wait_for_all_acked(TOLD)
         code = self.running.close(outcome) if hasattr(self, 'running') else 0
         return self._code or code
 

@@ -98,6 +98,16 @@ def test_a_failing_step_ends_the_run_with_its_sentence(start, tmp_path):
     assert 'no convergence' in run.metadata['end']
 
 
+def test_a_failing_step_is_told_in_the_diagnostics(start, client):
+    """Long after the report of the second before it and long before the next."""
+    from diagnostic_msgs.msg import DiagnosticStatus
+
+    process = start({}, fails_at=1250)
+    client.until(lambda: client.diagnostics and client.diagnostics[-1].status[0].level == DiagnosticStatus.ERROR)
+    assert 'no convergence at constraint hinge' in client.diagnostics[-1].status[0].message
+    assert process.end() == 4
+
+
 def test_a_state_that_is_not_finite_is_never_let_out(start, tmp_path):
     process = start({'record': True, 'out': 'run', 'mode': 'fast'}, bad_at=250)
     assert process.end() == 4
