@@ -138,7 +138,7 @@ class Loop:
         self._stop = threading.Event()
         self._wake = threading.Event()
         self._requests: SimpleQueue[tuple[Callable[[], Any], Future]] = SimpleQueue()
-        self._used = self.latched.counts  # counts of the commands that the last lockstep step used
+        self._used = self.latched.counts  # counts of the commands that the last step used
         self._answered = -1  # step index of the state that a stamped command has answered
         self._pending = 0  # steps asked for
         self._anchor: tuple[float, int, float] | None = None  # clock, step and rate of the schedule in force
@@ -150,7 +150,7 @@ class Loop:
 
     def start(self) -> None:
         """Start the thread."""
-        self._judged = (time.perf_counter(), self.simulation.t_ns)
+        self.judge_anew()
         self._begin = self._judged[0]
         self._thread.start()
 
@@ -211,6 +211,7 @@ class Loop:
         """Go on (to be asked for)."""
         self.paused = False
         self._anchor = None
+        self.judge_anew()
 
     def step(self, count: int) -> None:
         """Do `count` steps now, whether paused or waiting for commands (to be asked for)."""
@@ -234,15 +235,20 @@ class Loop:
         self._used, self._pending, self._anchor, self._answered = self.latched.counts, 0, None, -1
         self.steps = self.overruns = self.slips = 0
         self._times.clear()
-        self._judged = (time.perf_counter(), self.simulation.t_ns)
+        self.judge_anew()
         self._begin = self._judged[0]
         self._show(self.simulation.snapshot())
 
+    def judge_anew(self) -> None:
+        """The rate of what was before says nothing of what comes."""
+        self._judged = (time.perf_counter(), self.simulation.t_ns)
+
     def health(self) -> Health:
         """Return the figures since the last call; for one thread."""
-        now, t_ns = time.perf_counter(), self.simulation.t_ns
-        elapsed, advanced = now - self._judged[0], (t_ns - self._judged[1]) * 1e-9
-        self._judged = (now, t_ns)
+        before, begun = self._judged
+        self.judge_anew()
+        now, t_ns = self._judged
+        elapsed, advanced = now - before, (t_ns - begun) * 1e-9
         times = np.array(self._times) if self._times else np.zeros(1)
         self._times.clear()
         p50, p99 = np.percentile(times, (50, 99))
@@ -360,6 +366,7 @@ class Loop:
         """Make n steps, of which the last may be seen, with the commands there are."""
         if self.mode != 'lockstep':  # which has polled, and must not mix in what came since
             self._poll()
+            self._used = self.latched.counts  # where lockstep begins, these are no newer than the last step
         begin = time.perf_counter()
         snapshot = self._make(n)
         end = time.perf_counter()

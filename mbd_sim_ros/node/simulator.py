@@ -21,7 +21,6 @@ from mbd_sim_ros.node.parameters import RATES, declare, refusal, unknown
 from mbd_sim_ros.node.running import Running
 from mbd_sim_ros.node.services import asked, serve
 
-
 TOLD = Duration(seconds=0.2)  # what subscribers may take for the last message
 
 
@@ -59,6 +58,7 @@ class Simulator(Node):
         for parameter in parameters:
             if parameter.name in ('mode', 'rate_factor', 'command_timeout'):
                 setattr(self.loop, parameter.name, parameter.value)
+                self.loop.judge_anew()
                 self.running.prefer()
                 if parameter.name == 'mode':
                     self.running.warn_of_mode(parameter.value)

@@ -207,6 +207,41 @@ def test_a_command_by_name_counts_at_once_although_nobody_knows_yet_who_sends_it
     until(lambda: node.running.simulation.inputs[-1] == 30.0, 2.0)
 
 
+def test_lockstep_that_begins_while_running_waits_for_commands_of_its_own(opened) -> None:
+    """Those that real time has used are no newer than its last step, however many they were."""
+    from rclpy.parameter import Parameter
+
+    from mbd_sim_ros.node import services
+
+    node = opened()
+    for value in (10.0, 20.0):
+        do(node, lambda running, value=value: [running.loop.command(index, value) for index in range(3)])
+        until(lambda value=value: node.running.simulation.inputs[-1] == value)
+    assert do(node, services.pause)[0]
+    assert node.set_parameters([Parameter('mode', value='lockstep')])[0].successful
+    k = node.running.simulation.k
+    assert do(node, services.resume)[0]
+    time.sleep(0.1)
+    assert node.running.simulation.k == k
+    do(node, lambda running: [running.loop.command(index, 30.0) for index in range(3)])
+    until(lambda: node.running.simulation.k > k)
+    time.sleep(0.05)
+    assert node.running.simulation.k == k + 1 and node.running.simulation.inputs[-1] == 30.0
+    assert node.loop.answers.surplus == 0
+
+
+def test_a_pause_is_not_taken_for_a_slow_machine(opened) -> None:
+    from mbd_sim_ros.node import services
+
+    node = opened()
+    assert do(node, services.pause)[0]
+    node.loop.health()
+    time.sleep(0.3)
+    assert do(node, services.resume)[0]
+    time.sleep(0.3)
+    assert node.loop.health().rate > 0.7  # half of the time it was paused
+
+
 def test_lockstep_that_listens_to_nobody_says_so(opened, capfd) -> None:
     from rclpy.parameter import Parameter
 
