@@ -63,7 +63,9 @@ def viewers(context):
             continue
         namespace = context.launch_configurations['namespace']
         arguments = {'arguments': ['-d', LAYOUT]} if name == 'rviz' else {}
-        entities.append(Node(package=package, executable=executable, namespace=namespace, output='screen', **arguments))
+        # By the clock of the day a reset is data of the past: transforms are kept as they were until it has been caught up.
+        time = {'parameters': [{'use_sim_time': True}]}
+        entities.append(Node(package=package, executable=executable, namespace=namespace, output='screen', **time, **arguments))
     return entities
 
 

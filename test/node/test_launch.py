@@ -114,6 +114,7 @@ def test_viewers_are_started_when_they_are_wanted_and_installed(description: Sim
     rviz, bridge = of_function(description, 'viewers', rviz='true', foxglove='True', namespace='car1')
     assert (rviz.executable, bridge.executable) == ('rviz2', 'foxglove_bridge')
     assert rviz.namespace == bridge.namespace == 'car1'
+    assert rviz.parameters == bridge.parameters == [{'use_sim_time': True}]  # or a reset would be shown once it has been caught up
     assert ROOT.joinpath(*rviz.arguments[1].args[0][1:]).is_file()
 
 
