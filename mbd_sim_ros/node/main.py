@@ -20,12 +20,14 @@ if __name__ == '__main__' or interrupts.is_program('simulator') or interrupts.is
 
 import gc
 import signal
+import threading
 import warnings
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+PREPARING = 'preparing'  # the thread that ~/load has for it
 SWITCH = 2e-5  # s; with 2e-4 a step in a second came late, the one beside the diagnostics
 LOOK = 0.25  # s between looks for the end and for signals; every one costs the simulation some of the interpreter lock
 MISSING = (
@@ -159,7 +161,10 @@ def _simulate() -> int:
 
 def main(args: list[str] | None = None) -> int:
     """Run the simulator node; returns the exit code."""
-    return run(_simulate, args, 'simulator')
+    code = run(_simulate, args, 'simulator')
+    if any(thread.name == PREPARING for thread in threading.enumerate()):
+        interrupts.end(code)  # under a compiler no interpreter can be taken apart
+    return code
 
 
 if __name__ == '__main__':

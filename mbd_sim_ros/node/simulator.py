@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from concurrent.futures import Future, wait
+from threading import Thread
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -13,14 +15,19 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from mbd_sim_ros import interrupts
 from mbd_sim_ros.node.commands import Commanded, commanded
 from mbd_sim_ros.node.diagnostics import diagnosis
 from mbd_sim_ros.node.interfaces import Interfaces
 from mbd_sim_ros.node.loop import Loop
+from mbd_sim_ros.node.main import PREPARING
 from mbd_sim_ros.node.parameters import RATES, declare, refusal, unknown
 from mbd_sim_ros.node.running import Running
 from mbd_sim_ros.node.services import asked, serve
+from solver.compiled import interruption
+from solver.errors import SpecError
 
+LOOK = 0.05  # s between looks for signals while a scene is prepared
 TOLD = Duration(seconds=0.2)  # what subscribers may take for the last message
 
 
@@ -82,7 +89,7 @@ class Simulator(Node):
     def load(self, name: str, overrides: list[str]) -> str:
         """Take another scene, which stands at its start, paused; the one that runs goes on until that is ready. Raises MbdError."""
         self.get_logger().info(f'preparing {name}')
-        scene, simulation = self._prepare(name, overrides)
+        scene, simulation = self._prepared(name, overrides)
         old, new = self.running, Running(self, scene, simulation, first=False)
         new.loop.pause()
         self.running, self.stopped = new, True
@@ -91,6 +98,23 @@ class Simulator(Node):
         old.disconnect()  # nobody publishes any more
         new.start()
         return f'{scene.name} stands at its start' + (f'; the scene before ended with code {code}' if code else '')
+
+    def _prepared(self, name: str, overrides: list[str]) -> tuple[Any, Any]:
+        """Have a scene prepared by a thread of its own, for that may take minutes, and look for signals meanwhile. Raises MbdError."""
+        found: Future = Future()
+
+        def prepare() -> None:
+            try:
+                found.set_result(self._prepare(name, overrides))
+            except BaseException as error:  # the one who waits gets it
+                found.set_exception(error)
+
+        Thread(target=prepare, name=PREPARING, daemon=True).start()
+        while not wait((found,), LOOK).done:
+            if interrupts.event.is_set():
+                interruption.note(KeyboardInterrupt(f'preparing {name}'))  # the compiler is left between two passes
+                raise SpecError(f'interrupted while preparing {name}')
+        return found.result()
 
     def _place(self, message: PoseWithCovarianceStamped) -> None:
         p, q = message.pose.pose.position, message.pose.pose.orientation

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import signal
 import sys
+import time
 
 import numpy as np
 import pytest
@@ -70,6 +72,24 @@ def test_another_scene_is_loaded_without_a_restart(start, client, tmp_path):
     run = bag.read(second)
     assert run.metadata['scene'] == 'second'
     np.testing.assert_array_equal(run['cmd_applied/step'], np.arange(len(run.time_ns)))
+
+
+def test_a_signal_while_another_scene_is_prepared_ends_in_order_at_once(start, client, tmp_path):
+    process = start({'record': True, 'out': 'run'})
+    client.until(lambda: client.applied)
+    put(client, scene='slow')
+    loaded = calling(client, client._trigger, 'load')
+    client.until(lambda: process.output.count('PREPARING') == 2)
+    step = client.applied[-1]['step']
+    client.until(lambda: client.applied[-1]['step'] > step + 50)  # it goes on
+    begin = time.monotonic()
+    process.process.send_signal(signal.SIGINT)
+    client.until(loaded.done)
+    assert not loaded.result().success and loaded.result().message == 'interrupted while preparing slow'
+    assert process.end() == 0, process.output
+    assert time.monotonic() - begin < 1.5
+    assert 'stopped by SIGINT: t = ' in process.output and 'Traceback' not in process.output
+    assert bag.read(tmp_path / 'run').metadata['end'] == 'stopped by SIGINT'
 
 
 def test_initialpose_places_the_car(start, client, tmp_path):

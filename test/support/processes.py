@@ -16,7 +16,8 @@ from forks import Fork
 ROOT = Path(__file__).parents[2]
 DOMAIN = str(60 + os.getpid() % 40)  # one per test run, so that two runs on a machine do not hear each other
 
-# The real node with a stand-in for scene and simulation; argv[1]: keyword arguments of the stand-in, argv[2]: seconds of preparation.
+# The real node with a stand-in for scene and simulation; argv[1]: keyword arguments of the stand-in, argv[2]: seconds of preparation, which
+# of the scene `slow` is a minute.
 SCRIPT = """
 import json, sys, time
 import synthetic
@@ -24,7 +25,7 @@ from mbd_sim_ros.node import main as node
 from solver.errors import SceneError
 def prepare(name, overrides):
     print('PREPARING', flush=True)
-    time.sleep(float(sys.argv[2]))
+    time.sleep(60.0 if name == 'slow' else float(sys.argv[2]))
     if name == 'nothing':
         raise SceneError("scene 'nothing': no such file")
     return synthetic.scene(name=name), synthetic.Synthetic(**json.loads(sys.argv[1]))
