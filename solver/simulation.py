@@ -24,7 +24,7 @@ from solver.model.tables import Model
 from solver.output.branches import BranchSwitch, BranchWatch, past_of
 from solver.output.collect import channels_of, collect
 from solver.output.dependence import describe, scaled_jacobian
-from solver.output.energy import WORST, update_energy
+from solver.output.energy import TIME, WORST, update_energy
 from solver.output.snapshot import NO_STEPS, Counters, Snapshot, layout_of, new_numbers, output_arrays
 from solver.scene import Scene
 from solver.start.displacement import displace, require_free, sight
@@ -50,7 +50,7 @@ class Simulation:
 
     Raises SpecError, SceneError or ConsistencyError on construction and StepError from advance(); each is one sentence.
     level: what the model leaves out of the vehicle it was derived from (None: it is the model of the scene as given). displaced: it was
-    placed somewhere since its start. of_bodies: whether its states are those of bodies.
+    placed somewhere, or renumbered, since its start. of_bodies: whether its states are those of bodies.
     """
 
     KINDS: tuple[str, ...] = ('alf', 'm_alf')  # of integrators
@@ -293,9 +293,16 @@ class Simulation:
         require_free(self.scene.model)
         displace(self.state, self._sight(), (x, y, heading))
         self.displaced = True
+        seen = float(self.last_step.energy[TIME])
         self._refresh()
+        self.last_step.energy[TIME] = seen  # the account begins anew, and of what was before was one
         if self.adaptation is not None:
             self.adaptation.start(self.state)
+
+    def renumber(self, k: int) -> None:
+        """Go on as step k: at another time, in motion as it is."""
+        self.k, self.displaced = k, True
+        self.last_step.energy[TIME] = k * self.h  # of steps that are not made nothing is to be known
 
     def _count(self, counters: Counters) -> None:
         self._counters = counters if self._counters is NO_STEPS else self._counters.followed_by(counters)

@@ -16,7 +16,7 @@ from mbd_sim_ros.node.diagnostics import judged
 from mbd_sim_ros.node.loop import Loop
 from mbd_sim_ros.node.parameters import PARAMETERS
 from solver.analysis.envelope import Envelope
-from solver.analysis.verdict import OK, SUSPECT, report
+from solver.analysis.verdict import OK, SUSPECT, Finding, report
 from solver.errors import BagError
 from solver.output.snapshot import Snapshot
 from solver.scene import Scene
@@ -101,15 +101,22 @@ class Recording:
         if self.recorder is not None and self._written != self._simulation.k:
             self.take(self._simulation.snapshot())
 
-    def end(self, outcome: str) -> Path | None:
-        """Finish the recording; returns its directory, or None where there is none. Raises BagError, which `failed` is then."""
+    def found(self) -> list[Finding]:
+        """What makes the run suspect if it ends here."""
+        return judged(self._simulation, self._envelope, ended=True)
+
+    def end(self, outcome: str, found: list[Finding] | None = None) -> Path | None:
+        """Finish the recording; returns its directory, or None where there is none. Raises BagError, which `failed` is then.
+
+        found: what made it suspect, where the simulation is elsewhere by now.
+        """
         recorder, self.recorder = self.recorder, None
         if recorder is None:
             return None
         loop = self.loop
         figures = {'steps': loop.steps, 'overruns': loop.overruns, 'schedule_slips': loop.slips, 'wall_time': f'{loop.wall_time:.3f}'}
         events = json.dumps([event._asdict() for event in self._simulation.events])
-        found = judged(self._simulation, self._envelope, ended=True)
+        found = self.found() if found is None else found
         status = 'error' if loop.error else SUSPECT if found else OK
         verdict = {'end': outcome, 'status': status, 'findings': json.dumps(report(found))}
         try:

@@ -28,6 +28,7 @@ from mbd_sim_ros.node.parameters import RATES
 from mbd_sim_ros.node.publish import Publication
 from mbd_sim_ros.node.recording import Recording
 from solver.analysis.envelope import Envelope
+from solver.analysis.verdict import Finding
 from solver.errors import BagError, MbdError, SpecError
 from solver.inputs.actuation import Chain
 from solver.inputs.assistance import Assistant
@@ -335,7 +336,7 @@ class Running:
             simulation.reset()
             self._source = self._new_source()
         if not (time and state):
-            simulation.k, simulation.displaced = 0 if time else k, True
+            simulation.renumber(0 if time else k)
         if recording:
             said += self._go_on_recording()
         self._ticked = -math.inf
@@ -346,10 +347,10 @@ class Running:
         self._latch_start()
         return f'back at t = {simulation.t_ns * 1e-9:g}' + ('' if state else ', in motion as it was') + said
 
-    def _end_recording(self, outcome: str) -> str:
-        """End a recording for another; what an answer has to say of it."""
+    def _end_recording(self, outcome: str, found: list[Finding] | None = None) -> str:
+        """End a recording for another; what an answer has to say of it. found: see Recording.end."""
         try:
-            self.recording.end(outcome)
+            self.recording.end(outcome, found)
         except BagError as error:
             self.node.get_logger().error(str(error))
             return f'; what was recorded is not whole: {error}'
@@ -375,10 +376,11 @@ class Running:
         heading = heading_of(orientation)
         if not (math.isfinite(x) and math.isfinite(y)):
             raise SpecError(f'x = {x}, y = {y}: a place must be two numbers')
+        found = self.recording.found()  # of what comes behind the placing there is another account
         self.simulation.place(x, y, heading)
         said = ''
         if self.recording.recorder is not None:
-            said = self._end_recording('placed elsewhere') + self._go_on_recording()
+            said = self._end_recording('placed elsewhere', found) + self._go_on_recording()
         snapshot = self.simulation.snapshot()
         if self.recording.wants(snapshot):
             self.recording.take(snapshot)

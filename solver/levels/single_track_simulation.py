@@ -18,7 +18,7 @@ from solver.inputs.maneuver import ACCELERATION, RATE
 from solver.model.evaluate import prepare
 from solver.model.frames import matrix
 from solver.model.state import State, fitting, load_arrays, step_of
-from solver.output.energy import LENGTH, WORST
+from solver.output.energy import LENGTH, TIME, WORST
 from solver.output.snapshot import NO_STEPS, Channels, Counters, OutputArrays, Snapshot, layout_of, new_numbers, output_arrays
 from solver.scene import Scene
 from solver.simulation import Simulation
@@ -283,9 +283,9 @@ class SingleTrackSimulation(Simulation):
         self.y[X], self.y[Y] = x + c * dx - s * dy, y + s * dx + c * dy
         self.y[YAW] += turn
         self.displaced = True
-        kept = self.y.copy()
+        seen = float(self._scratch.energy[TIME])
         start(self.tables, self.y, self._inputs, self._index, self._scratch, self._frame)
-        self.y[:] = kept
+        self._scratch.energy[TIME] = seen
 
     @property
     def _side(self) -> float:

@@ -313,6 +313,17 @@ def test_a_pose_is_taken_in_the_frames_of_the_world_only_and_shown_while_paused(
         assert {'/odom', '/joint_states'} <= {topic for topic, _ in sent}
 
 
+def test_a_recording_that_ends_with_a_placing_is_judged_by_what_was_before(opened, monkeypatch) -> None:
+    """Behind it the account of the simulation is another one, which has nothing in it."""
+    placed: list[bool] = []
+    node = opened(record=True, out='first')
+    monkeypatch.setattr(
+        'mbd_sim_ros.node.recording.judged', lambda simulation, *_, **__: placed.append(hasattr(simulation, 'placed')) or []
+    )
+    assert do(node, lambda running: running.place(1.0, 2.0, (0.0, 0.0, 0.0, 1.0)))[0]
+    assert placed == [False]
+
+
 def test_a_car_that_was_saved_on_its_brakes_stands_on_them(opened, tmp_path: Path) -> None:
     """What drives was there while somebody sent it. A file of an older version tells no commands, but what was applied last."""
     from mbd_sim_ros.node import services

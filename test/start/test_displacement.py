@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import solver
+from solver.analysis.verdict import findings
 from solver.elements.aero_drag import AeroDragSpec
 from solver.elements.applied_force import AppliedForceSpec
 from solver.elements.bushing import BushingSpec
@@ -64,6 +65,24 @@ def test_the_motion_goes_on_in_its_own_axes(overrides):
     np.testing.assert_allclose(other.twist, one.twist, atol=1e-8)
     np.testing.assert_allclose(other.tire[:, :6], one.tire[:, :6], atol=1e-3)
     np.testing.assert_allclose(other.imu, one.imu, atol=1e-6)
+
+
+@pytest.mark.parametrize('overrides', [[], ['fidelity=single_track']], ids=['whole', 'single_track'])
+def test_what_is_placed_or_renumbered_is_not_suspect_for_it(overrides):
+    """Of every step there was an account: that of before, which ended, and that of now. A saved state tells of both."""
+    sim, again = (solver.simulation_of(load_scene('light_car_step_steer', overrides)) for _ in range(2))
+    sim.advance(1300)
+    sim.place(*THERE)
+    sim.advance(100)
+    again.restore(sim.save())
+    assert findings(sim) == findings(again) == []
+    sim.advance(100, audit=False)
+    assert [finding.quantity for finding in findings(sim)] == ['unseen']
+    again.reset()
+    again.renumber(1400)
+    assert again.t_ns == 1400 * again.h_ns and again.displaced
+    again.advance(100)
+    assert findings(again) == []
 
 
 def test_a_road_that_is_not_the_same_everywhere_is_refused():

@@ -83,6 +83,9 @@ class Synthetic:
     def place(self, x: float, y: float, heading: float) -> None:
         self.placed = (x, y, heading)
 
+    def renumber(self, k: int) -> None:
+        self.k = k
+
     def urdf(self) -> str:
         return '<robot name="of the model"/>'
 
