@@ -89,10 +89,12 @@ class Loop:
     def commands(self, demand: Demand | None, gear: str, speed: float, h: float) -> tuple[float, float, float]:
         """(steering wheel [rad], drive torque [N m], brake torque [N m]) for a car at `speed` [m/s]; h [s] since the last call.
 
-        demand: None where nothing is wanted any more: the car is braked to rest with the wheels as they are.
+        demand: None where nothing is wanted any more: the car is braked to rest with the wheels as they are, in neutral too.
         """
         if demand is not None:
             self._steer(demand, speed, h)
+        elif gear == NEUTRAL:
+            gear = DRIVE
         drive, brake = self._torques(demand or Demand(), gear, speed, h)
         return self.car.steering_wheel(self.road_wheel), drive, brake
 

@@ -122,8 +122,8 @@ def declare_described(node: Node, parameters: Mapping[str, tuple[Any, str]]) -> 
 def unknown(node: Node) -> list[str]:
     """One sentence for every parameter that was given to the node and that it does not have."""
     declared = [name for name in node._parameters if not name.startswith('qos_overrides')]
-    given = [name for name in node._parameter_overrides if not name.startswith(('qos_overrides', 'start_type_description'))]
-    return [f'parameter {name!r} is unknown and ignored{suggestion(name, declared)}' for name in given if name not in declared]
+    given = [name for name in node._parameter_overrides if not name.startswith('start_type_description')]
+    return [f'parameter {name!r} is unknown and ignored{suggestion(name, declared)}' for name in given if name not in node._parameters]
 
 
 def refusal(parameters: list[Parameter]) -> str:

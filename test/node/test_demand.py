@@ -66,11 +66,12 @@ def test_a_gear_has_the_last_word_on_the_direction(gear, speed):
     assert car.speed == pytest.approx(speed, abs=0.05)
 
 
-def test_neutral_rolls_and_silence_brakes_with_the_wheels_where_they_are():
+@pytest.mark.parametrize('gear', [DRIVE, REVERSE, NEUTRAL])
+def test_neutral_rolls_and_silence_brakes_with_the_wheels_where_they_are(gear):
     car = Mass(10.0)
     car.run(Demand(speed=20.0, steering=0.1), 2.0, gear=NEUTRAL)
     assert car.speed == pytest.approx(10.0 - 0.2)
-    car.run(None, 6.0)
+    car.run(None, 6.0, gear=gear)
     assert (car.speed, car.wheel) == (0.0, pytest.approx(1.6))
 
 

@@ -319,8 +319,9 @@ def test_a_full_disk_while_running_stops_the_recording_not_the_simulation(start,
 
 
 def test_a_parameter_that_is_not_known_is_named(start):
-    process = start({'scnee': 'x', 'duration': 0.1, 'mode': 'fast'})
+    process = start({'scnee': 'x', 'qos_overrides./odom.publisher.depth': 5, 'duration': 0.1, 'mode': 'fast'})
     assert process.end() == 0, process.output
+    assert "parameter 'qos_overrides./odom.publisher.depth' is unknown and ignored" in process.output
     assert "parameter 'scnee' is unknown and ignored; did you mean 'scene'?" in process.output
 
 
