@@ -45,6 +45,7 @@ class Adapter(Node):
         self._loop: Loop | None = None
         self._gearbox: Worked | None = None
         self._named = COMMANDS  # what it commands, steering first
+        self._wheel: float | None = None  # where the steering wheel stands [rad], once that is known
         self._heard = False  # whether an odom came
         self._command: JointState | None = None  # the newest
         self._repeated = math.inf  # clock reading when the state that it answers came again
@@ -76,6 +77,8 @@ class Adapter(Node):
             JointState, f'{self._simulator}/lockstep_cmd', QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
         )
         self.create_subscription(Odometry, 'odom', self._answer, newest)
+        if self._reports:
+            self.create_subscription(JointState, 'cmd_applied', self._applied, newest)
         self._told = ''  # the scene that runs, not loaded yet
         if self._scene is None:
             self.create_subscription(String, f'{self._simulator}/scene', self._tell, latched)
@@ -141,15 +144,14 @@ class Adapter(Node):
                 f'scene {scene.name!r} is steered by a torque (actuation.steering = torque), and an adapter commands angles; '
                 'take actuation.steering: angle or road_wheel'
             )
-        by_road_wheel = steered == 'road_wheel'
-        car = Car.of(scene, ratio=1.0 if by_road_wheel else self.value('steering_ratio') or None)
+        car = Car.of(scene, ratio=self.value('steering_ratio') or None)
         box = Gearbox.of(scene)
         self._loop = Loop(car, self._control, self.value('max_road_wheel'))
         self._gearbox = None if box is None else Worked(box)
-        self._named = (STEERING[steered], *COMMANDS[1:])
+        self._named, self._wheel = (STEERING[steered], *COMMANDS[1:]), None
         self._begin()
         how = 'by its measured map' if self.value('steering_ratio') == 0.0 else f'by the ratio {self.value("steering_ratio"):g}'
-        how = 'by its road wheels' if by_road_wheel else how
+        how = 'by its road wheels' if steered == 'road_wheel' else how
         self.get_logger().info(f'driving {scene.name}: wheelbase {car.wheelbase:.3f} m, steering {how}')
 
     def _begin(self) -> None:
@@ -197,17 +199,25 @@ class Adapter(Node):
             self.get_logger().error(str(error))
             return
         named = dict(zip(self._named, values))
+        if STEERING['road_wheel'] in named:
+            named[STEERING['road_wheel']] = self._loop.road_wheel
         if self._gearbox is not None:
             named |= self._gearbox.commands(values[1], self._loop.direction, self._gear, twist.linear.x, h)
         command = JointState(name=list(named), position=list(named.values()))
         command.header.stamp = stamp
         self.answered, self._command = now, command
         self._send()
-        measured = Measured(stamp, twist.linear.x, twist.linear.y, twist.angular.z, self._loop.road_wheel, self._gear_number)
+        road_wheel = self._loop.road_wheel if self._wheel is None else self._loop.car.road_wheel(self._wheel)
+        measured = Measured(stamp, twist.linear.x, twist.linear.y, twist.angular.z, road_wheel, self._gear_number)
         for publisher, kind, fill in self._reports:
             message = kind()
             fill(message, measured)
             publisher.publish(message)
+
+    def _applied(self, inputs: JointState) -> None:
+        """Note where the steering wheel is, which follows its command."""
+        if COMMANDS[0] in inputs.name:
+            self._wheel = inputs.position[inputs.name.index(COMMANDS[0])]
 
     def _send(self) -> None:
         """Send the newest command."""

@@ -8,17 +8,19 @@ from __future__ import annotations
 import dataclasses
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
 from solver.errors import SpecError
 from solver.inputs.driver import SpeedControl
-from solver.inputs.signals import Mapped
+from solver.inputs.signals import Jet, Mapped
 from solver.levels.road_wheel import steering_map, steering_wheel_at
 from solver.scene import Scene
 
 REST = 0.3  # m/s; slower than this a car may change its direction
 HOLD = 0.05  # m/s wanted; below it a car that has come to rest is held by its brakes
+DRAWN = 301  # points of the map of a steering, read the other way round: to 1e-6 rad
 DRIVE, NEUTRAL, REVERSE, PARK = 'drive', 'neutral', 'reverse', 'park'
 
 
@@ -69,6 +71,19 @@ class Car:
     def steering_wheel(self, road_wheel: float) -> float:
         """Angle of the steering wheel [rad] for an angle of the road wheels [rad]."""
         return self.steering * road_wheel if isinstance(self.steering, float) else steering_wheel_at(self.steering, road_wheel)
+
+    def road_wheel(self, steering_wheel: float) -> float:
+        """Angle of the road wheels [rad] at an angle of the steering wheel [rad], without what forces twist."""
+        if isinstance(self.steering, float):
+            return steering_wheel / self.steering
+        return float(np.interp(steering_wheel, *self._drawn))
+
+    @cached_property
+    def _drawn(self) -> tuple[np.ndarray, np.ndarray]:
+        """Angles of the steering wheel and of the road wheels, so close that a line is drawn between them."""
+        assert not isinstance(self.steering, float)
+        road_wheels, zero = np.linspace(self.steering.points[0][0], self.steering.points[-1][0], DRAWN), np.zeros(DRAWN)
+        return self.steering.of_jet(Jet(road_wheels, zero, zero)).value, road_wheels
 
 
 class Loop:

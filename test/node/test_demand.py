@@ -105,4 +105,8 @@ def test_a_car_is_known_by_its_scene():
     scene = load_scene('light_car_straight')
     car = Car.of(scene, ratio=15.0)
     assert car.wheelbase == pytest.approx(2.6, abs=0.2) and car.steering_wheel(0.1) == pytest.approx(1.5)
+    assert car.road_wheel(1.5) == pytest.approx(0.1)
+    by_map = Car.of(scene)
+    assert [by_map.road_wheel(by_map.steering_wheel(angle)) for angle in (-0.3, 0.0, 0.2)] == pytest.approx([-0.3, 0.0, 0.2], abs=1e-5)
+    assert by_map.road_wheel(100.0) == pytest.approx(by_map.steering.points[-1][0])  # no further than the map goes
     assert car.inertia == pytest.approx(sum(b.mass for b in scene.model.bodies) * 0.3, rel=0.05)
