@@ -131,6 +131,8 @@ def refusal(parameters: list[Parameter]) -> str:
     for parameter in parameters:
         if parameter.name in PARAMETERS and not PARAMETERS[parameter.name].live:
             return f'{parameter.name} is fixed while the node runs: start it anew'
+        if parameter.name == 'use_sim_time' and parameter.value:
+            return 'use_sim_time: this node makes the time that others use, and stamps its diagnostics with that of the day'
     return _wrong_choice(parameters)
 
 

@@ -230,6 +230,16 @@ def test_lockstep_that_begins_while_running_waits_for_commands_of_its_own(opened
     assert node.loop.answers.surplus == 0
 
 
+def test_the_node_that_makes_time_takes_it_from_nobody(opened) -> None:
+    from rclpy.parameter import Parameter
+
+    node = opened()
+    for wanted in (True, False):
+        result = node.set_parameters([Parameter('use_sim_time', value=wanted)])[0]
+        assert result.successful is not wanted
+        assert abs(node.get_clock().now().nanoseconds * 1e-9 - time.time()) < 60.0
+
+
 def test_a_pause_is_not_taken_for_a_slow_machine(opened) -> None:
     from mbd_sim_ros.node import services
 
