@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from concurrent.futures import Future, wait
+from contextlib import suppress
 from threading import Thread
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from rcl_interfaces.msg import SetParametersResult
+from rclpy._rclpy_pybind11 import RCLError
 from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
@@ -131,7 +133,8 @@ class Simulator(Node):
         """
         if hasattr(self, '_diagnostics') and self.loop.error is not None:
             self._diagnose()
-            self._diagnostics.wait_for_all_acked(TOLD)
+            with suppress(RCLError):  # not every middleware can wait
+                self._diagnostics.wait_for_all_acked(TOLD)
         code = self.running.close(outcome) if hasattr(self, 'running') else 0
         return self._code or code
 
