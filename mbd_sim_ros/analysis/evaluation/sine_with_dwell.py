@@ -5,7 +5,8 @@ the second before the steering wheel turns faster than 75 deg/s for 200 ms (its 
 
     beginning of steer (BOS)    the steering wheel reaches 5 deg
     completion of steer (COS)   it is back at zero after the dwell
-    second peak of yaw rate     the first one after the steering wheel has changed its sign
+    second peak of yaw rate     the first one after the steering wheel has changed its sign; a car that goes on turning to its first
+                                side has none, and is not stable
     stability                   yaw rate 1.00 s and 1.75 s after COS at most 35 % and 20 % of that peak
     responsiveness              lateral displacement 1.07 s after BOS at least 1.83 m (1.52 m above 3500 kg), for amplitudes from 5 A on,
                                 by integrating the lateral acceleration twice, from zero at BOS
@@ -35,6 +36,7 @@ WHEN, NEAR, NEAR_HEAVY, HEAVY = 1.07, 1.83, 1.52, 3500.0  # s after BOS, m, m ab
 FROM = 5.0  # amplitudes over A for which responsiveness is asked for
 FIRST, STEP, LAST = 1.5, 0.5, 6.5  # of A
 FREQUENCY = 0.7  # Hz
+SPEED, SPEED_TO = 80.0 / 3.6, 2.0 / 3.6  # m/s
 LEAST_LAST, MOST_LAST = math.radians(270.0), math.radians(300.0)
 
 
@@ -96,6 +98,7 @@ def judge(s: Signals, p: SineWithDwell) -> Result:
         raise s.refuse(f'no sine with dwell in it: the steering wheel stays at its second peak for {held:.2g} s instead of 0.5 s')
     amplitude = float(np.max(np.abs(wheel[s.between(bos, cos)])))
     peak_time, peak_yaw = _second_peak(t, -yaw, s.between(reversal, cos + 0.5))
+    answers = peak_yaw > 0.0  # to the second side
     begin = s.between(bos, bos + WHEN + 0.1)
     start = max(int(np.argmax(begin)) - 1, 0)
     tt, aa = (
@@ -106,17 +109,18 @@ def judge(s: Signals, p: SineWithDwell) -> Result:
     mass = p.mass if p.mass is not None else s.vehicle.known('mass')
     needed = NEAR_HEAVY if mass is not None and mass > HEAVY else NEAR
     asked = p.reference is not None and amplitude >= FROM * p.reference - math.radians(0.5)
+    speed = at(t, s['speed'], bos)
     figures = [
         Figure(
             'amplitude', 'amplitude of the steering wheel, first to the ' + ('left' if side > 0.0 else 'right'), side * amplitude, 'rad'
         ),
-        Figure('speed', 'speed at the beginning of steer', at(t, s['speed'], bos), 'm/s'),
-        Figure('peak_yaw_rate', 'second peak of the yaw rate', peak_yaw, 'rad/s'),
+        Figure('speed', 'speed at the beginning of steer', speed, 'm/s'),
+        Figure('peak_yaw_rate', 'second peak of the yaw rate', peak_yaw if answers else math.nan, 'rad/s'),
     ]
     if p.reference is not None:
         figures.insert(1, Figure('over_reference', 'amplitude over A', amplitude / p.reference, '1'))
     for seconds, allowed in AFTER:
-        ratio = abs(at(t, yaw, cos + seconds)) / peak_yaw
+        ratio = abs(at(t, yaw, cos + seconds)) / peak_yaw if answers else math.inf
         name = f'yaw_rate_ratio_{seconds * 100:.0f}'
         figures.append(
             Figure(name, f'yaw rate {seconds:.2f} s after completion of steer over that', ratio, '1', f'<= {allowed:.2f}', ratio <= allowed)
@@ -133,10 +137,16 @@ def judge(s: Signals, p: SineWithDwell) -> Result:
         )
     )
     notes = list(s.notes)
+    if abs(speed - SPEED) > SPEED_TO:
+        notes.append(f'steered at {3.6 * speed:.4g} km/h; the norm wants {3.6 * SPEED:g} km/h, to {3.6 * SPEED_TO:g} km/h')
+    if not answers:
+        notes.append(
+            'the yaw rate does not follow the steering wheel to its other side, so it has no second peak: the car spins, or a sign is wrong'
+        )
     if p.reference is None:
         notes.append(f'responsiveness is not judged: the angle A is not known; give reference=... in rad ({GIVEN})')
     marks = np.array([peak_time, cos + 1.0, cos + 1.75])
-    allowed_at = np.array([AFTER[0][1], AFTER[1][1]]) * peak_yaw
+    allowed_at = np.array([AFTER[0][1], AFTER[1][1]]) * max(peak_yaw, 0.0)
     seen = side * np.array([at(t, yaw, m) for m in marks])
     shown = s.between(bos - 0.5, cos + 2.2)
     charts = (

@@ -43,6 +43,34 @@ def test_limits_of_a_sine_with_dwell() -> None:
     assert verdicts(dwelling(ratios=(0.33, 0.22))) == {'yaw_rate_ratio_100': True, 'yaw_rate_ratio_175': False, 'displacement': None}
 
 
+def test_a_car_that_spins_to_its_first_side_has_no_second_peak_and_fails() -> None:
+    """It goes on turning to the left, at 1.2 rad/s in the end, whatever the steering wheel does."""
+    spun = dwelling()
+    spun.values['yaw_rate'] = np.interp(spun.t, [2.0, 2.4, 4.0, 9.0], [0.0, 0.6, 1.2, 1.2])
+    r = sine_with_dwell.judge(spun, sine_with_dwell.SineWithDwell())
+    assert math.isnan(r['peak_yaw_rate'])
+    assert [f.ok for f in r.figures if f.name.startswith('yaw_rate_ratio')] == [False, False]
+    assert r.passed is False
+    assert any('does not follow the steering wheel to its other side' in note for note in r.notes)
+    stable = sine_with_dwell.judge(dwelling(), sine_with_dwell.SineWithDwell())
+    for runs in ([r, stable], [stable, r]):
+        found = {f.name: f for f in sine_with_dwell.together(runs)}
+        assert found['worst_ratio_100'].ok is False
+        assert found['worst_ratio_175'].ok is False
+        assert found['stable_up_to'].value == 0.0
+
+
+def test_another_speed_than_that_of_the_norm_is_told() -> None:
+    def told(kmh: float) -> list[str]:
+        s = dwelling()
+        s.values['speed'][:] = kmh / 3.6
+        return [note for note in sine_with_dwell.judge(s, sine_with_dwell.SineWithDwell(reference=0.25)).notes if 'km/h' in note]
+
+    assert told(78.1) == told(81.9) == []
+    assert told(60.0) == ['steered at 60 km/h; the norm wants 80 km/h, to 2 km/h']
+    assert len(told(82.5)) == 1
+
+
 def test_the_series_of_amplitudes() -> None:
     """From 1.5 A by 0.5 A to the greater of 6.5 A and 270 deg, at most 300 deg."""
     found = np.degrees(sine_with_dwell.series(math.radians(30.0)))
