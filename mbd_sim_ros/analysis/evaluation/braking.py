@@ -1,7 +1,9 @@
 """Braking: stopping distance on a straight road [ISOStopping2007] and on split friction [ISOSplit1999].
 
-Distances are integrals of the speed from the instant at which the brakes are first applied. Mean fully developed deceleration
-[BrakingUN2014]:
+Distances are integrals of the speed from the instant at which the brakes are applied; where that happens several times, those by which the
+speed falls most. The car stands when its speed along itself is zero, so one that turns across its way is refused.
+
+Mean fully developed deceleration [BrakingUN2014]:
 
     (v_b^2 - v_e^2) / (2 (s_e - s_b))   with v_b = 0.8 v_0, v_e = 0.1 v_0, s_b and s_e travelled at these speeds
 
@@ -24,6 +26,9 @@ from solver.scene import Scene
 NORM = 'ISO 21994:2007 [ISOStopping2007]'
 SPLIT = 'ISO 14512:1999 [ISOSplit1999]'
 APPLIED = 0.02  # part of the largest brake command that counts as applied
+RELEASED = 0.5  # s without it after which the brakes are applied again; less is pumping
+MOVING = 2.0  # m/s from which on there is something to brake
+ACROSS = math.radians(60.0)  # from its direction when the brakes are applied, by which a car has turned round
 BEGIN, END = 0.8, 0.1  # of the initial speed
 SPLIT_BY = 0.1  # least difference of the factors on friction under the wheels of a split road
 LEAST = 0.5 * 9.80665  # m/s^2 on a dry road for which the time of a stop suffices; on others in proportion to their friction
@@ -54,12 +59,34 @@ def stop(s: Signals, rest: float) -> tuple[float, float, np.ndarray]:
     brake = np.abs(s['brake'])
     if not brake.max() > 0.0:
         raise s.refuse('the brakes are not applied in it')
-    t0 = applied(s.t, brake, APPLIED * brake.max())
-    if at(s.t, s['speed'], t0) < 2.0:
+    t0 = application(s, brake)
+    if at(s.t, s['speed'], t0) < MOVING:
         raise s.refuse('the car stands already when the brakes are applied')
     end = crossing(s.t, -s['speed'], -rest, after=t0)
     way = integral(s.t, np.maximum(s['speed'], 0.0))
     return t0, end, way - at(s.t, way, t0)
+
+
+def keep_ahead(s: Signals, t0: float, end: float) -> None:
+    """Raises BagError for a car that turns across its way from t0 to end [s]: its speed along itself is not that of its way then."""
+    turned = integral(s.t, s['yaw_rate'])
+    if np.abs(turned - at(s.t, turned, t0))[s.between(t0, end)].max() > ACROSS:
+        raise s.refuse('the car turns round in it: its wheels lock; brake it with less torque')
+
+
+def application(s: Signals, brake: np.ndarray) -> float:
+    """The instant [s] at which the brakes are applied by which the speed falls most; a note tells of others while the car moves."""
+    level = APPLIED * brake.max()
+    on = np.flatnonzero(brake >= level)
+    first = on[np.diff(s.t[on], prepend=-math.inf) > RELEASED]
+    last = on[np.diff(s.t[on], append=math.inf) > RELEASED]
+    k = int(np.argmax([s['speed'][a] - s['speed'][a : b + 1].min() for a, b in zip(first, last, strict=True)]))
+    begin = int(last[k - 1]) + 1 if k else 0
+    t0 = applied(s.t[begin:], brake[begin:], level)
+    times = int(np.sum(s['speed'][first] >= MOVING))
+    if times > 1:
+        s.notes.append(f'the brakes are applied {times} times in it; judged from t = {t0:.4g} s on, by which the speed falls most')
+    return t0
 
 
 def developed(s: Signals, t0: float, way: np.ndarray, end: float = math.inf) -> float:
@@ -79,6 +106,8 @@ def judge_stopping(s: Signals, p: Stopping) -> Result:
             f'the car does not come to rest in it: {s["speed"][-1]:.3g} m/s at its end; it lasts {s.t[-1] - s.t[0]:.3g} s, record for '
             f'longer (mbd maneuver --set duration=...)'
         )
+    if 'yaw_rate' in s:
+        keep_ahead(s, t0, end)
     v0, distance = at(s.t, s['speed'], t0), at(s.t, way, end)
     notes = list(s.notes)
     if abs(v0 - p.nominal) > p.deviation:
@@ -138,9 +167,7 @@ def judge_split(s: Signals, p: SplitFriction) -> Result:
     stays = end if stops else float(s.t[-1])
     end = slippery(s, t0, stays)
     leaves, standing = end < stays, stops and end == stays
-    turned = np.abs(integral(s.t, s['yaw_rate']))
-    if turned[s.between(t0, end)].max() > 0.5 * math.pi:
-        raise s.refuse('the car turns round in it: its wheels lock; brake it with less torque')
+    keep_ahead(s, t0, end)
     if end < t0 + p.after:
         what = 'a wheel leaves the low friction' if leaves else 'it ends'
         raise s.refuse(f'{what} {end - t0:.3g} s after the brakes are applied; {p.after:g} s are needed')
@@ -205,6 +232,7 @@ STOPPING = Evaluation(
     title='stopping distance, corrected to the nominal speed, and mean fully developed deceleration',
     norm=NORM,
     needs=('speed', 'brake'),
+    also=('yaw_rate',),
     parameters=Stopping,
     judge=judge_stopping,
     drive=Drive(maneuver='iso21994', speed=100.0 / 3.6, duration=9.0, every=5, brakes=6.0, hardest=True, fitted=time_of_stop),

@@ -227,12 +227,12 @@ def _grid(times: Sequence[np.ndarray], place: str) -> tuple[np.ndarray, int, lis
 
 
 def _resampled(grid: np.ndarray, time_ns: np.ndarray, values: np.ndarray, name: str, hold: bool) -> np.ndarray:
+    if name in ANGLES:
+        values = np.unwrap(values)
     if np.array_equal(grid, time_ns):
         return values
     if hold:
         return values[np.clip(np.searchsorted(time_ns, grid, 'right') - 1, 0, None)]
-    if name in ANGLES:
-        values = np.unwrap(values)
     return np.interp((grid - grid[0]).astype(float), (time_ns - grid[0]).astype(float), values)
 
 

@@ -140,6 +140,58 @@ def test_a_command_that_jumps_is_applied_at_the_later_sample() -> None:
     assert t0 == pytest.approx(0.908, abs=1e-9)
 
 
+def spinning() -> Signals:
+    """Slides 64 m straight on at 6 m/s^2, and turns by 1 rad/s from the brakes on: after 1.57 s it is across its way, and its speed along
+    itself is zero."""
+    t = even(8.0)
+    since = np.clip(t - 1.0, 0.0, 27.78 / 6.0)
+    return made(t, speed=(27.78 - 6.0 * since) * np.cos(since), brake=np.where(t >= 1.0, 3000.0, 0.0), yaw_rate=np.where(t > 1.0, 1.0, 0.0))
+
+
+def test_a_car_that_slides_across_its_way_does_not_stand() -> None:
+    for judge, parameters in ((braking.judge_stopping, braking.Stopping()), (braking.judge_split, braking.SplitFriction())):
+        with pytest.raises(BagError, match='the car turns round in it: its wheels lock'):
+            judge(spinning(), parameters)
+
+
+def test_turning_before_the_brakes_are_applied_is_none_of_braking() -> None:
+    """A bend of 1.8 rad on the way to the track."""
+    s = stopping()
+    early = even(10.0)[:-1]
+    bend = made(early, speed=27.0, brake=0.0, yaw_rate=np.where((early > 2.0) & (early <= 6.0), 0.45, 0.0))
+    t = np.concatenate([early, 10.0 + s.t])
+    both = made(t, **{name: np.concatenate([bend[name], s[name]]) for name in ('speed', 'brake', 'yaw_rate')})
+    r = braking.judge_split(both, braking.SplitFriction())
+    assert r['yaw_angle_largest'] == pytest.approx(0.05 * 27.0 / 8.0, abs=2e-3)
+    assert braking.judge_stopping(both, braking.Stopping())['distance'] == pytest.approx(27.0**2 / 16.0, abs=27.0 / 200.0)
+
+
+@pytest.mark.parametrize('before', [100.0, 3000.0])
+def test_the_brakes_that_stop_the_car_count_and_not_those_before(before: float) -> None:
+    """Touched from 1.0 to 1.3 s, at 27.4 m/s; 5 s later the stop: v^2/16, not 130 m more. Pumped brakes are applied once."""
+    t = even(14.0)
+    v = np.clip(27.4 - 8.0 * np.clip(t - 6.0, 0.0, None), 0.0, None)
+    s = made(t, speed=v, brake=np.where(t >= 6.0, 3000.0, 0.0) + np.where((t >= 1.0) & (t < 1.3), before, 0.0))
+    r = braking.judge_stopping(s, braking.Stopping())
+    assert r['distance'] == pytest.approx(27.4**2 / 16.0, abs=27.4 / 200.0)
+    assert r['initial_speed'] == pytest.approx(27.4)
+    assert r.notes == ('the brakes are applied 2 times in it; judged from t = 6 s on, by which the speed falls most',)
+    s.values['brake'] = np.where((t >= 6.0) & (t % 0.5 < 0.3), 3000.0, 0.0)
+    s.notes.clear()
+    pumped = braking.judge_stopping(s, braking.Stopping())
+    assert pumped['distance'] == pytest.approx(r['distance'])
+    assert pumped.notes == ()
+
+
+def test_a_car_that_is_held_by_its_brakes_before_it_drives_off_is_judged_when_it_stops() -> None:
+    s = stopping()
+    wait = even(10.0)[:-1]
+    off = made(wait, speed=np.clip(5.0 * (wait - 4.0), 0.0, 27.0), brake=np.where(wait < 3.0, 3000.0, 0.0), yaw_rate=0.0)
+    t = np.concatenate([wait, 10.0 + s.t])
+    both = made(t, **{name: np.concatenate([off[name], s[name]]) for name in ('speed', 'brake', 'yaw_rate')})
+    assert braking.judge_stopping(both, braking.Stopping())['distance'] == pytest.approx(27.0**2 / 16.0, abs=27.0 / 200.0)
+
+
 def test_braking_that_is_none_is_refused() -> None:
     s = stopping()
     s.values['brake'][:] = 0.0

@@ -62,6 +62,16 @@ def test_signals_come_from_topics_of_different_rates_on_uneven_stamps(rng: np.ra
     assert 'no orientation' in again.notes[0]
 
 
+def test_a_heading_that_jumps_by_a_turn_does_not_where_nothing_is_interpolated_either() -> None:
+    """From 3.0 to 3.4 rad, of which a sensor gives 3.4 - 2 pi."""
+    t = even(10.0, 100.0)
+    heading = 3.0 + 0.04 * t
+    wrapped = np.where(heading > np.pi, heading - 2.0 * np.pi, heading)
+    stamps = np.round(t * 1e9).astype(np.int64)
+    alone = signals(Run({'car': Series(stamps, {'heading': wrapped})}), 'bag', ('heading',))
+    assert alone['heading'] == pytest.approx(heading, abs=1e-9)
+
+
 def test_gaps_are_told() -> None:
     t = even(10.0, 100.0)
     keep = (t < 4.0) | (t > 4.5)
