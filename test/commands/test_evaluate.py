@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from drives import EPOCH, dwelling, stepped
+from drives import EPOCH, circling, dwelling, stepped, weaving
 from scalars import write_scalars
 
 from mbd_sim_ros.analysis.evaluation import judging, sine_with_dwell
@@ -117,6 +117,26 @@ def test_units_and_signs_that_cannot_be_are_told(
     assert len(told) == (factor is not None)
     if factor is not None:  # of 4 m/s^2 at 22 m/s and 0.3 rad/s
         assert float(told[0].split()[4]) == pytest.approx(factor * 4.0 / 6.6, rel=0.05)
+
+
+def test_a_steering_wheel_whose_sign_is_wrong_is_told(
+    foreign: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Else a car that understeers has an understeer gradient below zero, and nobody knows why."""
+    bag, file = foreign
+    file.write_text(MAPPING.replace('angle, unit: deg', 'angle, unit: deg, sign: -1'))
+    assert main(['evaluate', str(bag), '--as', 'iso7401_step', '--mapping', str(file), '--json']) == 0
+    notes = json.loads(capsys.readouterr().out)['results'][0]['notes']
+    assert notes == ['the car turns to the other side than its steering wheel: check the signs of steering and yaw rate']
+    for s in (circling('constant_radius'), circling('constant_speed', -1.0), weaving(), dwelling(), stepped(-1.0)):
+        del s.values['lateral_acceleration']  # of its own
+        assert judging.misfit(s) == ()
+        s.values['steering'] = -s['steering']
+        assert len(judging.misfit(s)) == 1
+    braked = stepped()  # on split friction he steers against what turns the car
+    braked.values |= {'steering': -braked['steering'], 'brake': np.ones(braked.t.size)}
+    del braked.values['lateral_acceleration']
+    assert judging.misfit(braked) == ()
 
 
 @pytest.mark.parametrize('signal', ['steering', 'yaw_rate'])

@@ -27,6 +27,7 @@ RANGES = (('low', 'high'), ('slowest', 'fastest'))
 STANDING = 1.0  # m/s: a car that is never faster drives no maneuver
 FITS = (0.5, 2.0)  # lateral acceleration over speed times yaw rate, where units and signs are right
 MOVES = 1.0  # m/s^2, RMS of either, from which on that is looked at
+OPPOSED = -0.5  # correlation of steering and yaw rate about zero, below which they are to different sides
 LARGEST = 1e9  # of a parameter, in SI units
 
 
@@ -95,7 +96,20 @@ def suspicion(run: Run) -> tuple[str, ...]:
 
 def misfit(s: Signals) -> tuple[str, ...]:
     """What units, signs and axes of a mapping that are wrong do: a car at a steady sideslip angle has a lateral acceleration of speed times
-    yaw rate, and for the rest of a maneuver about that, by least squares."""
+    yaw rate, and for the rest of a maneuver about that, by least squares; and it turns to the side to which it is steered."""
+    return _side(s) + _acceleration(s)
+
+
+def _side(s: Signals) -> tuple[str, ...]:
+    if 'steering' not in s or 'yaw_rate' not in s or 'brake' in s:  # on split friction he steers against what turns the car
+        return ()
+    steered, turned = s['steering'], s['yaw_rate']
+    if not steered @ turned < OPPOSED * np.sqrt((steered @ steered) * (turned @ turned)):
+        return ()
+    return ('the car turns to the other side than its steering wheel: check the signs of steering and yaw rate',)
+
+
+def _acceleration(s: Signals) -> tuple[str, ...]:
     if not all(name in s for name in ('speed', 'yaw_rate', 'lateral_acceleration')):
         return ()
     turning, pushed = s['speed'] * s['yaw_rate'], s['lateral_acceleration']

@@ -95,13 +95,14 @@ def judge(s: Signals, p: Weave) -> Result:
     _, deadband = loop(t, a, d)
     near = np.abs(a) <= p.level
     sensitivity = np.abs(np.gradient(a, t)[near] / np.where(np.abs(np.gradient(d, t)[near]) > 0.0, np.gradient(d, t)[near], np.nan))
+    least = float(np.nanmin(sensitivity)) if np.isfinite(sensitivity).any() else math.nan
     figures = [
         Figure('speed', 'speed, mean', float(values['speed'].mean()), 'm/s'),
         Figure('frequency', 'frequency of the steering wheel', frequency, 'Hz'),
         Figure('periods', 'whole periods used', float(up.size - 1 - int(p.skip)), '1'),
         Figure('lateral_acceleration', 'lateral acceleration, amplitude', abs(phase['lateral_acceleration']), 'm/s^2'),
         Figure('steering_sensitivity', 'steering sensitivity at 0 deg (lateral acceleration per angle)', gain, 'm/s^2/rad'),
-        Figure('least_sensitivity', f'least steering sensitivity within {p.level:g} m/s^2', float(np.nanmin(sensitivity)), 'm/s^2/rad'),
+        Figure('least_sensitivity', f'least steering sensitivity within {p.level:g} m/s^2', least, 'm/s^2/rad'),
         Figure('acceleration_hysteresis', 'lateral acceleration at 0 deg, way left less way right', hysteresis, 'm/s^2'),
         Figure('angle_deadband', 'steering-wheel angle at 0 m/s^2, way left less way right', deadband, 'rad'),
         Figure('yaw_rate_gain', 'yaw rate per steering-wheel angle at 0 deg', yaw_gain, '1/s'),
@@ -114,7 +115,8 @@ def judge(s: Signals, p: Weave) -> Result:
         m = values['steering_torque']
         stiffness, torque_hysteresis = loop(t, d, m)
         at_zero, torque_at_zero = loop(t, a, m)
-        at_level = float(np.nanmean([loop(t, a, m, p.level)[0], loop(t, a, m, -p.level)[0]]))
+        both_sides = [k for k in (loop(t, a, m, side * p.level)[0] for side in (1.0, -1.0)) if math.isfinite(k)]
+        at_level = float(np.mean(both_sides)) if both_sides else math.nan
         _, acceleration_at_zero = loop(t, m, a)
         _, angle_at_zero = loop(t, m, d)
         figures += [

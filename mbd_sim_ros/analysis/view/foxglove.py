@@ -50,7 +50,7 @@ def write_layout(motion: Motion, bag: Path, file: Path, channels: tuple[str, ...
         'globalVariables': {},
         'userNodes': {},
         'playbackConfig': {'speed': 1},
-        'layout': {'first': '3D!motion', 'second': layout, 'direction': 'row', 'splitPercentage': 60},
+        'layout': {'first': '3D!motion', 'second': layout, 'direction': 'row', 'splitPercentage': 60} if plots else '3D!motion',
     }
     write_text(file, json.dumps(data, indent=1))
 

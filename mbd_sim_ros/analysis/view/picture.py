@@ -96,7 +96,7 @@ class Painter:
         first = motions[0]
         names = curves_of(first, channels)[: max(CURVES, len(channels))]
         self.figure = Figure(figsize=(0.01 * WIDTH, 6.0), dpi=100 * width / WIDTH, layout='constrained')
-        grid = self.figure.add_gridspec(len(names), 2, width_ratios=(3, 2))
+        grid = self.figure.add_gridspec(len(names), 2, width_ratios=(3, 2)) if names else self.figure.add_gridspec(1, 1)
         self._scene = self.figure.add_subplot(grid[:, 0])
         self._size = size_of(first) * (1.0 if first.follows == WORLD_BODY else 0.78)  # a car is low
         unit = units(*(motion.run for motion in motions))
@@ -112,7 +112,8 @@ class Painter:
             axes.tick_params(labelsize=8, labelbottom=i == len(names) - 1)
             axes.grid(color='#e5e5e5')
             self._cursors.append(axes.axvline(0.0, color='#d55e00', linewidth=1.2))
-        axes.set_xlabel('t [s]', fontsize=9)
+        if axes is not None:
+            axes.set_xlabel('t [s]', fontsize=9)
         self._legend = self._keys()
 
     def _keys(self) -> list[Any]:

@@ -40,6 +40,22 @@ def test_loops_of_weaving() -> None:
     assert r['torque_gradient_level'] == pytest.approx(np.mean(ways), **near)
 
 
+@pytest.mark.filterwarnings('error')
+def test_what_is_not_passed_through_has_no_figures() -> None:
+    """A lateral acceleration from 2 to 6 m/s^2, of a sensor with an offset, or one that never comes to the level; the rest is judged."""
+    shifted = weaving()
+    shifted.values['lateral_acceleration'] += 4.0
+    r = on_centre.judge(shifted, on_centre.Weave())
+    assert all(math.isnan(r[name]) for name in ('least_sensitivity', 'angle_deadband', 'torque_gradient_zero', 'torque_gradient_level'))
+    assert r['yaw_rate_gain'] == pytest.approx(0.07 / 0.3 * math.cos(0.12), rel=2e-3)
+    small = weaving()
+    small.values['lateral_acceleration'] *= 0.4
+    r = on_centre.judge(small, on_centre.Weave())
+    assert math.isnan(r['torque_gradient_level'])
+    assert r['torque_gradient_zero'] == pytest.approx(3.0 / 0.8 * math.cos(0.6), rel=2e-3)
+    assert math.isnan(on_centre.judge(weaving(), on_centre.Weave(level=5e-4))['least_sensitivity'])  # between two samples
+
+
 def test_what_does_not_weave_is_refused() -> None:
     with pytest.raises(BagError, match=r'weaving is 0\.1 to 0\.5 Hz'):
         on_centre.judge(weaving(1.0), on_centre.Weave())

@@ -129,6 +129,15 @@ def test_pictures_say_what_their_colours_are(car: Path, crank: Path):
     assert said(crank) == ['links']
 
 
+def test_what_has_no_curves_is_drawn_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """A free body has no joint whose angle could be drawn beside it."""
+    bag = recorded(tmp_path / 'top', 'torque_free_top', 'duration=0.1')
+    for name in ('one.png', 'film.gif', 'page.html', 'layout.json'):
+        assert main(['view', str(bag), '--out', str(tmp_path / name), '--width', '320']) == 0, capsys.readouterr().err
+        assert (tmp_path / name).stat().st_size > 0
+    assert json.loads((tmp_path / 'layout.json').read_text())['layout'] == '3D!motion'
+
+
 def test_the_arrows_are_the_tire_forces(car: Path):
     motion = read_motion(car)
     weight = 9.81 * sum(body.mass for body in load_scene('light_car_step_steer').model.bodies)
