@@ -88,12 +88,13 @@ def pairs(texts: Sequence[str]) -> dict[str, Source]:
 
 
 def resolve(channels: Mapping[str, Source], known: Sequence[str]) -> dict[str, tuple[str, Source]]:
-    """Theirs -> (ours, source) for every channel of `known` that is mapped.
+    """Ours -> (theirs, source) for every channel of `known` that is mapped, to one of ours or to several. One that is mapped by its own
+    name is not mapped by patterns.
 
     Raises BagError for names that are not there and for two sources of one channel.
     """
     found: dict[str, tuple[str, Source]] = {}
-    made: dict[str, str] = {}
+    named = {source.channel for source in channels.values()}
     for ours, source in channels.items():
         theirs = source.channel
         if ours.count('*') != theirs.count('*'):
@@ -103,11 +104,13 @@ def resolve(channels: Mapping[str, Source], known: Sequence[str]) -> dict[str, t
         if not matches:
             raise BagError(f'mapping {theirs}={ours}: the other recording has no column {theirs!r}{suggestion(theirs, known)}')
         for name, match in matches:
+            if name != theirs and name in named:
+                continue
             parts = ours.split('*')
             new = parts[0] + ''.join(text + part for text, part in zip(match.groups(), parts[1:]))
-            if made.setdefault(new, name) != name:
-                raise BagError(f'mapping {theirs}={ours}: {new} is made from both {made[new]} and {name}')
-            found[name] = (new, source)
+            if new in found and found[new][0] != name:
+                raise BagError(f'mapping {theirs}={ours}: {new} is made from both {found[new][0]} and {name}')
+            found[new] = (name, source)
     return found
 
 
@@ -117,26 +120,26 @@ def apply(run: Run, channels: Mapping[str, Source], axes: Sequence[Axes], unit: 
     Channels that are not mapped keep their names, unless a mapped one takes it. Raises BagError.
     """
     found = resolve(channels, run.names)
-    taken = {new for new, _ in found.values()}
+    made: dict[str, list[tuple[str, Source]]] = {}  # theirs -> what of ours
+    for new, (name, source) in found.items():
+        made.setdefault(name, []).append((new, source))
     series = {}
     for topic, one in run.series.items():
         columns = {}
         for name, values in one.columns.items():
-            new, source = found.get(name, (name, None))
-            if source is None:
-                if new not in taken:
-                    columns[new] = values
-                continue
-            columns[new] = _converted(new, values, source, unit(new))
+            if name not in made and name not in found:
+                columns[name] = values
+            for new, source in made.get(name, ()):
+                columns[new] = _converted(new, values, source, unit(new))
         if columns:
             series[topic] = Series(one.time_ns, columns)
     for turn in axes:
         _rotate(series, turn)
     known = {
-        topic: tuple(found[name][0] if name in found else name for name in names if name in found or name not in taken)
+        topic: tuple(new for name in names for new in ([n for n, _ in made[name]] if name in made else [] if name in found else [name]))
         for topic, names in run.known.items()
     }
-    held = frozenset(new for new, source in found.values() if source.hold)
+    held = frozenset(new for new, (_, source) in found.items() if source.hold)
     return Run(series, run.metadata, run.left_out, known), held
 
 

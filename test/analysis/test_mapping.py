@@ -46,12 +46,31 @@ def test_a_channel_is_sign_times_value_in_si_plus_offset() -> None:
 def test_patterns_stand_for_the_same_text_on_both_sides() -> None:
     known = ['vehicle/imu/wz', 'vehicle/imu/ax', 'vehicle/speed', 'wheels/fl/load', 'wheels/rr/load']
     found = resolve(pairs(['vehicle/imu/*=imu/*', 'wheels/*/load=tire/*/force/fz']), known)
-    assert {theirs: ours for theirs, (ours, _) in found.items()} == {
-        'vehicle/imu/wz': 'imu/wz',
-        'vehicle/imu/ax': 'imu/ax',
-        'wheels/fl/load': 'tire/fl/force/fz',
-        'wheels/rr/load': 'tire/rr/force/fz',
+    assert {ours: theirs for ours, (theirs, _) in found.items()} == {
+        'imu/wz': 'vehicle/imu/wz',
+        'imu/ax': 'vehicle/imu/ax',
+        'tire/fl/force/fz': 'wheels/fl/load',
+        'tire/rr/force/fz': 'wheels/rr/load',
     }
+
+
+@pytest.mark.parametrize('texts', [['car/*=*', 'car/yr=yaw_rate'], ['car/yr=yaw_rate', 'car/*=*']])
+def test_a_name_goes_before_patterns(texts: list[str]) -> None:
+    found = resolve(pairs(texts), ['car/yr', 'car/speed'])
+    assert {ours: theirs for ours, (theirs, _) in found.items()} == {'yaw_rate': 'car/yr', 'speed': 'car/speed'}
+
+
+def test_several_of_ours_may_be_made_from_one_of_theirs() -> None:
+    """One accelerometer is both the lateral acceleration of a step steer and the specific force of a ride."""
+    theirs = run_of({'car/lateral': [1.0, 2.0, 3.0, 4.0], 'car/speed': np.ones(4)}, T)
+    theirs.known[''] = ('car/lateral', 'car/speed')
+    sources = {'lateral_acceleration': Source(channel='car/lateral', unit='g'), 'ay': Source(channel='car/lateral', sign=-1.0, hold=True)}
+    found, held = apply(theirs, sources, (), no_unit)
+    assert sorted(found.columns) == ['ay', 'car/speed', 'lateral_acceleration']
+    assert found['lateral_acceleration'] == pytest.approx(9.80665 * np.arange(1.0, 5.0))
+    assert found['ay'].tolist() == [-1.0, -2.0, -3.0, -4.0]
+    assert held == {'ay'}
+    assert found.names == ('lateral_acceleration', 'ay', 'car/speed')
 
 
 def test_what_is_not_mapped_keeps_its_name_unless_a_mapped_one_takes_it() -> None:
