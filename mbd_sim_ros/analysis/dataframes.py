@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, overload
 
-from mbd_sim_ros.analysis import runs
+from mbd_sim_ros.analysis import mapping, runs
 from mbd_sim_ros.bags.reader import Run
 from solver.errors import BagError, suggestion
 
@@ -34,6 +34,7 @@ def load(bag: str | Path, topics: Sequence[str] | None = None, *, to: str = 'pan
         raise BagError(f'load(..., to={to!r}): must be pandas or xarray')
     topics = [topics] if isinstance(topics, str) else topics
     run = runs.read(bag, [f'{topic.strip("/")}/*' for topic in topics] if topics is not None else ())
+    run = mapping.in_si(run, runs.units(run))
     found = makers[to](run)
     if topics is None:
         return found

@@ -11,6 +11,7 @@ A `*` in a name stands for the same text on both sides.
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -31,7 +32,8 @@ from solver.validate import require
 class Source:
     """What a channel is made from: sign * value * (unit in SI) + offset.
 
-    channel: its name in the other recording. unit: of the values there ('': as ours). offset: in SI units, added last.
+    channel: its name in the other recording. unit: of the values there ('': the one in the header of a table, else as ours). offset: in SI
+    units, added last.
     hold: the last value holds until the next comes, as of commands.
     """
 
@@ -117,7 +119,8 @@ def resolve(channels: Mapping[str, Source], known: Sequence[str]) -> dict[str, t
 def apply(run: Run, channels: Mapping[str, Source], axes: Sequence[Axes], unit: Callable[[str], str]) -> tuple[Run, frozenset[str]]:
     """The run under our names and in SI units, and which of its channels are held. unit: of our channels, '' where it is not known.
 
-    Channels that are not mapped keep their names, unless a mapped one takes it. Raises BagError.
+    Channels that are not mapped keep their names, unless a mapped one takes it. What a table has in other units is brought to SI where our
+    unit is known. Raises BagError.
     """
     found = resolve(channels, run.names)
     made: dict[str, list[tuple[str, Source]]] = {}  # theirs -> what of ours
@@ -127,10 +130,11 @@ def apply(run: Run, channels: Mapping[str, Source], axes: Sequence[Axes], unit: 
     for topic, one in run.series.items():
         columns = {}
         for name, values in one.columns.items():
-            if name not in made and name not in found:
-                columns[name] = values
-            for new, source in made.get(name, ()):
-                columns[new] = _converted(new, values, source, unit(new))
+            kept = [] if name in found else [(name, Source(channel=name))]
+            for new, source in made.get(name, kept):
+                wanted = unit(new)
+                told = source.unit or (run.stated.get(name, '') if wanted else '')
+                columns[new] = _converted(new, values, dataclasses.replace(source, unit=told), wanted)
         if columns:
             series[topic] = Series(one.time_ns, columns)
     for turn in axes:
@@ -141,6 +145,11 @@ def apply(run: Run, channels: Mapping[str, Source], axes: Sequence[Axes], unit: 
     }
     held = frozenset(new for new, (_, source) in found.items() if source.hold)
     return Run(series, run.metadata, run.left_out, known), held
+
+
+def in_si(run: Run, unit: Callable[[str], str]) -> Run:
+    """A run with the columns of its tables in SI, where our unit is known. Raises BagError."""
+    return apply(run, {}, (), unit)[0] if run.stated else run
 
 
 def _converted(name: str, values: np.ndarray, source: Source, wanted: str) -> np.ndarray:

@@ -15,8 +15,10 @@ import numpy as np
 from mbd_sim_ros.bags import reader as bag
 from mbd_sim_ros.bags.reader import Run, Series
 from solver.errors import BagError, suggestion
+from solver.units import SPELLED, UNITS
 
 TIME = 'time [s]'
+SECONDS = ('', 's', 'sec', 'seconds')  # what the unit of time may be called
 ROWS = 10_000  # written at once
 LATEST = 2.0**62 * 1e-9  # s: so many nanoseconds, and differences of them, are whole numbers of 64 bits
 NAME_MOST = 60  # characters of the name of a file
@@ -153,26 +155,29 @@ def read(path: str | Path, channels: Sequence[str] = ()) -> Run:
     """A bag, an .mcap file, a .csv file, or a directory of .csv files as export() writes them.
 
     channels: shell patterns of the columns to read; all without any. Columns of a CSV file in a directory get the name of its topic
-    in front; those of a single file are as in its header. Units in square brackets are dropped. Raises BagError (file, line, remedy).
+    in front; those of a single file are as in its header. The numbers are those of the file: `stated` of the run tells the units in square
+    brackets that are none of SI. Raises BagError (file, line, remedy).
     """
     path = Path(path)
     files = [path] if path.suffix.lower() == '.csv' else sorted(path.glob('*.csv')) if path.is_dir() else []
     if not files or (path.is_dir() and list(path.glob('*.mcap*'))):
         return bag.read(path, channels)
     series = {}
+    stated: dict[str, str] = {}
     for file in files:
         topic = file.stem.replace('.', '/') if path.is_dir() else ''
-        one = _read_csv(file, topic and topic + '/')
-        series[topic] = one
+        series[topic], units_of_it = _read_csv(file, topic and topic + '/')
+        stated |= units_of_it
     known = {topic: tuple(one.columns) for topic, one in series.items()}
     if channels:
         for topic, one in list(series.items()):
             kept = {n: v for n, v in one.columns.items() if any(fnmatch.fnmatchcase(n, p) for p in channels)}
             series[topic] = Series(one.time_ns, kept)
-    return Run({topic: one for topic, one in series.items() if one.columns}, known=known)
+    return Run({topic: one for topic, one in series.items() if one.columns}, known=known, stated=stated)
 
 
-def _read_csv(file: Path, prefix: str) -> Series:
+def _read_csv(file: Path, prefix: str) -> tuple[Series, dict[str, str]]:
+    """The columns of a table, and the units of those that are in none of SI."""
     try:
         with file.open(newline='', encoding='utf-8-sig') as stream:
             rows = [row for row in csv.reader(stream) if row and not row[0].lstrip().startswith('#')]
@@ -186,8 +191,11 @@ def _read_csv(file: Path, prefix: str) -> Series:
     if other:
         raise BagError(f'{file}: its columns are separated by {other!r}; they must be by commas, and numbers have points')
     names = [cell.partition('[')[0].strip() for cell in rows[0]]
+    told = [cell.partition('[')[2].partition(']')[0].strip().replace('°', 'deg') for cell in rows[0]]
     if names[0] not in ('time', 't'):
         raise BagError(f"{file}: the first column is {names[0]!r}; it must be 'time [s]'")
+    if told[0] not in SECONDS:
+        raise BagError(f'{file}: the first column is in {told[0]!r}; it must be in s')
     if len(set(names)) != len(names):
         twice = next(n for n in names if names.count(n) > 1)
         raise BagError(f'{file}: the column {twice!r} is given twice')
@@ -209,7 +217,9 @@ def _read_csv(file: Path, prefix: str) -> Series:
     time_ns = _nanoseconds([row[0] for row in rows[1:]], table[:, 0])
     if not np.all(np.diff(time_ns) > 0):
         raise BagError(f'{file}: the times must increase from row to row')
-    return Series(time_ns, {prefix + name: table[:, k].copy() for k, name in enumerate(names) if k})
+    units_of_it = {prefix + name: SPELLED.get(unit, unit) for name, unit in zip(names, told)}
+    stated = {name: unit for name, unit in units_of_it.items() if UNITS.get(unit, ('', 1.0))[1] != 1.0}
+    return Series(time_ns, {prefix + name: table[:, k].copy() for k, name in enumerate(names) if k}), stated
 
 
 def _is_number(cell: str) -> bool:

@@ -30,13 +30,15 @@ class Run:
     """One run: a series per topic, each at its own instants.
 
     `time_ns` and `columns` are all of them on one common grid, NaN where a topic has no message.
-    left_out: topic -> why its messages could not be read. known: topic -> its channels, also those that were not asked for.
+    left_out: topic -> why its messages could not be read. known: topic -> its channels, also those that were not asked for. stated: column
+    -> the unit that a table gives its numbers in, where that is none of SI; mapping.py brings them to SI.
     """
 
     series: dict[str, Series]
     metadata: dict[str, str] = field(default_factory=dict)  # see recorder.describe
     left_out: dict[str, str] = field(default_factory=dict)
     known: dict[str, tuple[str, ...]] = field(default_factory=dict)
+    stated: dict[str, str] = field(default_factory=dict)
 
     @cached_property
     def time_ns(self) -> np.ndarray:

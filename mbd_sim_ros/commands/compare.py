@@ -173,17 +173,24 @@ def _read(args: argparse.Namespace, pairs: dict, file: ChannelMap | None) -> tup
     """
     from mbd_sim_ros.analysis import mapping, runs
 
+    def read(place: Path, patterns: Sequence[str]) -> Run:
+        one = runs.read(place, patterns)
+        try:
+            return mapping.in_si(one, runs.units(one))
+        except BagError as error:
+            raise BagError(f'{place}: {error}') from None
+
     also = [args.align] if args.align is not None else []
     quaternions = [p.removesuffix('orientation') + 'q[xyzw]' for p in args.channel if p.endswith('orientation')]
     wanted = [*args.channel, *quaternions, *also] if args.channel else []
     places = [args.reference, *args.repeats]
     if file is None and not pairs:
-        ours, *references = [runs.read(place, wanted) for place in (args.run_, *places)]
+        ours, *references = [read(place, wanted) for place in (args.run_, *places)]
         return ours, references, frozenset()
     axes = [name for turn in file.axes for name in turn.channels] if file is not None else []
     sources = {**(file.channels if file is not None else {}), **pairs}
     listed = [*(s.channel for s in sources.values()), *axes, *also] if file is not None else []
-    ours = runs.read(args.run_, [*sources, *axes, *also] if file is not None else wanted)
+    ours = read(args.run_, [*sources, *axes, *also] if file is not None else wanted)
     others = [runs.read(place, listed) for place in places]
     unit_of = runs.units(ours)
     held: frozenset[str] = frozenset()

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mbd_sim_ros.analysis import runs
+from mbd_sim_ros.analysis import load, runs
 from mbd_sim_ros.analysis.comparison import compare
 from mbd_sim_ros.bags.reader import Run, Series, read
 from mbd_sim_ros.batch import simulate
@@ -63,6 +63,7 @@ def test_header_names_quantity_and_unit(rng: np.random.Generator, tmp_path: Path
         ('time,y\n0,abc\n', "row 2, column 'y': 'abc' is not a number"),
         ('time,y\n0,1\n18446744073709551616,2\n', 'a time of 1.84467e+19 s is too large'),
         ('time,y,y\n0,1,2\n', "the column 'y' is given twice"),
+        ('time [ms],y\n0,1\n10,2\n', "the first column is in 'ms'; it must be in s"),
     ],
 )
 def test_a_broken_table_is_refused_with_its_place(text: str, says: str, tmp_path: Path) -> None:
@@ -79,6 +80,21 @@ def test_comments_and_blank_lines_in_a_table_are_skipped(tmp_path: Path) -> None
     read = runs.read(file)
     assert read.time_ns.tolist() == [0, 500_000_000]
     assert read['angle'].tolist() == [1.0, 2.0]
+
+
+def test_a_table_that_says_its_units_is_brought_to_si_under_our_names(tmp_path: Path) -> None:
+    """180 deg/s are pi rad/s. What has no name of ours stays as it is; what cannot be measured so is refused."""
+    text = 'time [s],imu/wz [deg/s],odom/twist/vx [km/h],imu/ay [m/s2],tank [kN]\n0,180,36,1,5\n0.1,90,72,2,5\n'
+    (tmp_path / 'imu.csv').write_text(text)
+    read = runs.read(tmp_path / 'imu.csv')
+    assert read.stated == {'imu/wz': 'deg/s', 'odom/twist/vx': 'km/h', 'tank': 'kN'}
+    found = load(tmp_path / 'imu.csv')['']
+    assert found['imu/wz'].to_numpy() == pytest.approx([np.pi, np.pi / 2])
+    assert found['odom/twist/vx'].to_numpy() == pytest.approx([10.0, 20.0])
+    assert (found['imu/ay'].tolist(), found['tank'].tolist()) == ([1.0, 2.0], [5.0, 5.0])
+    (tmp_path / 'imu.csv').write_text('time [s],imu/wz [km/h]\n0,180\n0.1,90\n')
+    with pytest.raises(BagError, match=r"imu/wz: it is in rad/s, which 'km/h' does not measure"):
+        load(tmp_path / 'imu.csv')
 
 
 def test_every_element_joint_and_reaction_of_the_full_car_has_its_units(tmp_path: Path) -> None:

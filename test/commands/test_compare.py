@@ -245,3 +245,16 @@ def test_what_is_not_asked_for_is_not_loaded(tmp_path: Path) -> None:
         said = subprocess.run(command, check=True, capture_output=True, text=True).stdout.splitlines()[-1].split()
         assert said[0] == '0' and 'numpy' in said
         assert not {'numba', 'scipy', 'pandas', 'matplotlib'} & set(said)
+
+
+def test_tables_in_different_units_are_compared_in_si(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    t = np.arange(200) * 0.01
+    for name, unit, factor in (('run', 'rad/s', 1.0), ('reference', 'deg/s', 180.0 / np.pi)):
+        table = np.column_stack([t, factor * np.sin(t)])
+        np.savetxt(tmp_path / f'{name}.csv', table, delimiter=',', header=f'time [s],imu/wz [{unit}]', comments='', fmt='%.15g')
+    run, reference = (tmp_path / f'{name}.csv' for name in ('run', 'reference'))
+    for pair in ((run, reference), (reference, run)):
+        code, data = document(capsys, *pair)
+        assert (code, data['channels']['imu/wz']['peak_run']) == (0, pytest.approx(1.0, abs=1e-4))
+    code, data = document(capsys, run, reference, '--map', 'imu/wz=imu/wz')
+    assert code == 0

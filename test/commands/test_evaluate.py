@@ -68,6 +68,31 @@ def test_a_recording_of_others_is_evaluated(foreign: tuple[Path, Path], tmp_path
     assert 'not judged' in capsys.readouterr().out
 
 
+@pytest.mark.parametrize('options', [[], ['--map', 'wheel=steering'], ['--mapping', 'car.yaml']])
+def test_a_table_in_the_units_of_its_header_is_evaluated_in_si(
+    options: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The units of the header count, but where a mapping says another one."""
+    monkeypatch.chdir(tmp_path)
+    s = stepped(rate=100.0)
+    wheel = 'wheel' if options else 'steering'
+    columns = {
+        f'{wheel} [deg]': 180.0 / math.pi,
+        'speed [km/h]': 3.6,
+        'yaw_rate [°/s]': 180.0 / math.pi,
+        'lateral_acceleration [g]': 1.0 / G,
+    }
+    values = [s.t, *(factor * s[n] for n, factor in zip(('steering', 'speed', 'yaw_rate', 'lateral_acceleration'), columns.values()))]
+    np.savetxt('car.csv', np.column_stack(values), delimiter=',', header=','.join(['time [s]', *columns]), comments='', encoding='utf-8')
+    Path('car.yaml').write_text('channels:\n  steering: {channel: wheel, unit: rad}\n')
+    assert main(['evaluate', 'car.csv', '--as', 'iso7401_step', '--json', *options]) == 0
+    figures = {n: f['value'] for n, f in json.loads(capsys.readouterr().out)['results'][0]['figures'].items()}
+    assert figures['speed'] == pytest.approx(22.0)
+    assert figures['yaw_rate_steady'] == pytest.approx(0.3, rel=1e-3)
+    assert figures['lateral_acceleration_steady'] == pytest.approx(4.0, rel=1e-3)
+    assert figures['steering'] == pytest.approx(0.5 * (180.0 / math.pi if '--mapping' in options else 1.0))
+
+
 @pytest.mark.parametrize(
     ('arguments', 'sentence'),
     [

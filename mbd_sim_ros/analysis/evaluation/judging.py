@@ -39,7 +39,7 @@ def read(place: Path, sources: Mapping[str, Source] | None = None, axes: Sequenc
     wanted = [] if sources or axes else [*NEEDED, *WAYS]
     run = runs.read(place, wanted)
     held: frozenset[str] = frozenset()
-    if sources or axes:
+    if sources or axes or run.stated:
         own = runs.units(run)
         run, held = mapping.apply(run, sources or {}, axes, lambda name: WAYS[name][0] if name in WAYS and name != 'brake' else own(name))
     return run, held, scene_of(run, str(place))
