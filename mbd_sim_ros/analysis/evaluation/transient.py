@@ -1,9 +1,9 @@
 """Lateral transient response [ISO7401]: step of the steering wheel, and the frequency response to a random or swept input.
 
 Step: times count from the instant at which the steering wheel has made half its change. The response time of a signal is the time to
-90 % of its new steady value, the peak response time that to its largest value, the overshoot (largest - steady)/steady. The TB factor is
-the steady sideslip angle times the peak response time of the yaw rate. Steady values are means from `settled` to `settled + length` after
-that instant.
+90 % of its new steady value, the peak response time that to its largest value before the steady values, the overshoot
+(largest - steady)/steady; a signal that only grows until then has no peak. The TB factor is the steady sideslip angle times the peak
+response time of the yaw rate. Steady values are means from `settled` to `settled + length` after that instant.
 
 Frequency response of y to the steering wheel x: H = S_xy/S_xx, coherence |S_xy|^2/(S_xx S_yy), from spectra by Welch's method
 [Welch1967] with Hann windows that overlap by three quarters. In a sweep every frequency has its time, and a window that rises there
@@ -84,9 +84,11 @@ def judge_step(s: Signals, p: StepSteer) -> Result:
         initial, last = float(y[before].mean()), float(y[steady].mean())
         way = math.copysign(1.0, last - initial)
         response, value = way * (y - initial), abs(last - initial)
-        inside = s.between(t0 - 0.5 * p.rise, t0 + p.settled + p.length)
+        inside = s.between(t0 - 0.5 * p.rise, t0 + p.settled)
         when, largest = peak(t[inside], response[inside])
         overshoot = max(0.0, (largest - value) / value) if value > 0.0 else math.nan
+        if np.argmax(response[inside]) == inside.sum() - 1:
+            when, overshoot = math.nan, 0.0
         figures += [
             Figure(f'{name}_steady', f'{text}, steady', last - initial, unit),
             Figure(

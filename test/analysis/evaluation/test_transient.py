@@ -41,6 +41,29 @@ def test_step_response_of_second_order(side: float) -> None:
     assert r['tb_factor'] == pytest.approx(0.02 * math.pi / (2.0 * np.pi * 1.2 * 0.8), rel=2e-3)
 
 
+def test_a_response_that_only_grows_has_no_peak() -> None:
+    """Two real poles: 0.3 (1 - (b e^-at - a e^-bt)/(b - a)) has no overshoot; where it happens to be largest is no peak response time."""
+    s = stepped()
+    since = np.maximum(s.t - 2.0, 0.0)
+    a, b = 4.0, 20.0
+    s.values['yaw_rate'] = 0.3 * (1.0 - (b * np.exp(-a * since) - a * np.exp(-b * since)) / (b - a))
+    r = transient.judge_step(s, transient.StepSteer())
+    assert math.isnan(r['yaw_rate_peak_time'])
+    assert math.isnan(r['tb_factor'])
+    assert r['yaw_rate_overshoot'] == 0.0
+    assert r['yaw_rate_response_time'] == pytest.approx((math.log(10.0) + math.log(b / (b - a))) / a, abs=2e-3)
+    assert r['lateral_acceleration_peak_time'] == pytest.approx(math.pi / (2.0 * np.pi * 0.9 * 0.6), abs=1e-3)
+
+
+def test_a_peak_is_that_before_the_steady_values() -> None:
+    """A car that goes on turning more, by 5 % a second: its yaw rate is largest in the end, and its peak is where it was."""
+    s = stepped()
+    s.values['yaw_rate'] *= 1.0 + 0.05 * np.clip(s.t - 2.0, 0.0, None)
+    r = transient.judge_step(s, transient.StepSteer())
+    assert r['yaw_rate_peak_time'] == pytest.approx(math.pi / (2.0 * np.pi * 1.2 * 0.8), abs=0.02)
+    assert r['tb_factor'] == pytest.approx(0.02 * r['yaw_rate_peak_time'], rel=2e-3)
+
+
 def test_a_small_step_of_a_direct_steering_is_one() -> None:
     """3.4 deg at the steering wheel: the same car with a steering ratio eight times as small."""
     found = stepped()
