@@ -169,6 +169,7 @@ def find_offset(a: Signal, b: Signal) -> Offset:
     """
     from scipy.interpolate import CubicSpline
 
+    a, b = _of_numbers(a), _of_numbers(b)
     if min(a.time_ns.size, b.time_ns.size) < 2:
         raise BagError('the signals are too short to find a time offset from; give it with --offset')
     spans = [int(s.time_ns[-1] - s.time_ns[0]) for s in (a, b)]
@@ -195,6 +196,12 @@ def find_offset(a: Signal, b: Signal) -> Offset:
         )
     again = _again(correlation, best)
     return Offset(moved, height, None if again is None else (moved + (again - lag) * dt) * 1e-9)
+
+
+def _of_numbers(signal: Signal) -> Signal:
+    """A signal without the samples that hold no number, between which it goes on straight."""
+    good = np.isfinite(signal.values)
+    return signal if good.all() else Signal(signal.time_ns[good], signal.values[good])
 
 
 def _regular(signal: Signal, dt: float) -> np.ndarray:

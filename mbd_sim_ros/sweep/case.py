@@ -7,6 +7,7 @@ import hashlib
 import json
 import math
 import os
+import shutil
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -64,9 +65,14 @@ def row_of(case: Case) -> Row:
             pass
     unfinished = f'.{case.number}-{os.getpid()}.part'  # what was killed leaves is in nobody's way
     made = None if bag is None else bag.with_name(bag.name + unfinished)
+    if made is not None:
+        shutil.rmtree(made, ignore_errors=True)  # in a container that is started anew processes get the same numbers again
     found = _run(scene, case.figures, made)
-    if bag is not None and made is not None and made.is_dir() and not bag.is_dir():
-        made.replace(bag)
+    if bag is not None and made is not None and made.is_dir():
+        if bag.is_dir():  # it was killed before it kept the row
+            shutil.rmtree(made, ignore_errors=True)
+        else:
+            made.replace(bag)
     if kept is not None:
         part = kept.with_suffix(unfinished)
         part.write_text(json.dumps(found), encoding='utf-8')

@@ -123,6 +123,16 @@ def test_stamps_with_the_time_of_day_do_not_disturb_the_search() -> None:
     assert found.nanoseconds + 1_700_000_000_000_000_000 == pytest.approx(137 * MS, abs=10_000)
 
 
+def test_samples_without_a_number_do_not_hide_an_offset() -> None:
+    """Empty cells of a table: one here, and every second one where it was recorded half as often as its neighbour."""
+    a, b = signal(1200, 10.0, wave), signal(1200, 10.0, lambda t: wave(t - 0.137))
+    a.values[500], b.values[1::2] = np.nan, np.nan
+    assert find_offset(a, b).seconds == pytest.approx(-0.137, abs=1e-3)
+    a.values[1:] = np.nan
+    with pytest.raises(BagError, match='too short to find a time offset from'):
+        find_offset(a, b)
+
+
 def test_a_periodic_signal_fits_again_a_period_later() -> None:
     a, b = (signal(n, 10.0, lambda t: np.sin(2.0 * np.pi * t / 1.6)) for n in (1000, 800))
     found = find_offset(a, b)

@@ -152,6 +152,21 @@ def test_a_case_that_is_to_be_recorded_later_gets_its_bag_and_a_new_number_one_o
         assert abs(reader.read(tmp_path / 'bags' / row['bag'])['odom/pose/y']).max() == bare['f']
 
 
+def test_what_a_killed_worker_left_of_a_bag_is_in_nobodys_way(tmp_path: Path):
+    """Killed while it recorded, by another of the same number, as in a container that is started anew; or between bag and row."""
+    case_ = case_of(tmp_path, bags=True, f=Figure(quantity='odom/pose/y'))
+    first = row_of(case_)
+    bag = tmp_path / 'bags' / first['bag']
+    (kept,) = (tmp_path / 'rows').iterdir()
+    kept.unlink()
+    assert row_of(case_) == first
+    assert list(bag.parent.iterdir()) == [bag]
+    kept.unlink()
+    bag.rename(bag.with_name(f'{bag.name}.0-{os.getpid()}.part'))
+    assert row_of(case_) == first
+    assert list(bag.parent.iterdir()) == [bag]
+
+
 def test_a_case_that_leaves_its_envelope_is_suspect(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """As a run of its own is: a bound of 2 m/s^2 where the light car reaches 6."""
 
