@@ -172,9 +172,11 @@ def signals(
     """
     home = {name: one for one in _without_jumps(run).values() for name in one.columns}
     chosen: dict[str, Way] = {}
+    empty = {c for c in (*NEEDED, *WAYS) if c in home and not np.isfinite(home[c].columns[c]).any()}
     for name in (*needs, *also):
         _, text, ways = WAYS[name]
-        way = next((w for w in (_one(name), *ways) if all(channel in home for channel in w.channels)), None)
+        there = [w for w in (_one(name), *ways) if all(channel in home for channel in w.channels)]
+        way = next((w for w in there if empty.isdisjoint(w.channels)), there[0] if there and name in needs else None)
         if way is not None:
             chosen[name] = way
         elif name in needs:

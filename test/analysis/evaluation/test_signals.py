@@ -72,6 +72,19 @@ def test_a_heading_that_jumps_by_a_turn_does_not_where_nothing_is_interpolated_e
     assert alone['heading'] == pytest.approx(heading, abs=1e-9)
 
 
+def test_a_channel_without_any_number_is_as_one_that_is_not_there() -> None:
+    """The angle of the steering wheel comes from the joint then, and roll, which is not needed, from nowhere."""
+    t = even(10.0, 100.0)
+    stamps, none = np.round(t * 1e9).astype(np.int64), np.full(t.size, np.nan)
+    columns = {'cmd_applied/steering': none, 'joint_states/steering_wheel/position': t, 'roll': none}
+    run = Run({'car': Series(stamps, columns)})
+    found = signals(run, 'bag', ('steering',), ('roll',))
+    assert found['steering'] == pytest.approx(t)
+    assert 'roll' not in found
+    with pytest.raises(BagError, match='the channel roll holds no number; map another with --map'):
+        signals(run, 'bag', ('steering', 'roll'))
+
+
 def test_gaps_are_told() -> None:
     t = even(10.0, 100.0)
     keep = (t < 4.0) | (t > 4.5)
