@@ -106,7 +106,10 @@ def compare(
             exact=True,
             curves=lambda name: exact_curves(name, homes[0][name], homes[1][name]),
         )
+    counted = [name for name in names if name in COUNTERS]
     names = [name for name in names if name not in COUNTERS]
+    if counted and not names:
+        raise BagError(f'{counted[0]} counts steps, which another step size does differently; it is compared by --exact alone')
     origins, shifts, found = _clocks(homes, offset, align)
     unit_of = units(run, *references)
     items = items_of(names, homes, unit_of, held)

@@ -347,6 +347,14 @@ def test_recordings_with_the_time_of_day_count_from_their_first_stamp() -> None:
         compare(a, run(start_ns=60 * 10**9, x=np.sin))
 
 
+def test_a_count_of_steps_alone_is_compared_exactly_or_not_at_all() -> None:
+    a = run(**{'cmd_applied/step': np.round, 'cmd_applied/steering': np.sin})
+    assert [d.channel for d in compare(a, a).differences] == ['cmd_applied/steering']
+    assert compare(a, a, exact=True, channels=['cmd_applied/step']).ok
+    with pytest.raises(BagError, match=r'cmd_applied/step counts steps, .*; it is compared by --exact alone'):
+        compare(a, a, channels=['cmd_applied/step'])
+
+
 def test_offset_is_found_for_every_reference() -> None:
     def swept(shift: float, start_ns: int = 0) -> Run:
         return run(

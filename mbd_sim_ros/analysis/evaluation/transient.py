@@ -177,13 +177,14 @@ def judge_frequencies(s: Signals, p: FrequencyResponse) -> Result:
         phase -= 2.0 * math.pi * round(phase[0] / (2.0 * math.pi))
         at = f[excited]
         top = int(np.argmax(g))
-        static = float(np.interp(p.low, at, g))
+        lowest = max(p.low, float(at[0]))
+        static = float(np.interp(lowest, at, g))
         down = crossing(at[top:], -g[top:], -static / math.sqrt(2.0))
         one = float(np.interp(1.0, at, phase)) if at[0] <= 1.0 <= at[-1] else math.nan
         figures += [
-            Figure(f'{name}_static_gain', f'{text} per steering-wheel angle at {p.low:g} Hz', static, gain_unit),
+            Figure(f'{name}_static_gain', f'{text} per steering-wheel angle at {lowest:g} Hz', static, gain_unit),
             Figure(f'{name}_peak_frequency', f'{text}, frequency of the largest gain', float(at[top]), 'Hz'),
-            Figure(f'{name}_peak_ratio', f'{text}, largest gain over that at {p.low:g} Hz', float(g[top]) / static, '1'),
+            Figure(f'{name}_peak_ratio', f'{text}, largest gain over that at {lowest:g} Hz', float(g[top]) / static, '1'),
             Figure(f'{name}_bandwidth', f'{text}, gain 3 dB down', down, 'Hz'),
             Figure(f'{name}_phase_1hz', f'{text}, phase at 1 Hz', one, 'rad'),
             Figure(f'{name}_delay_1hz', f'{text}, equivalent delay at 1 Hz', -one / (2.0 * math.pi), 's'),
@@ -192,7 +193,7 @@ def judge_frequencies(s: Signals, p: FrequencyResponse) -> Result:
         figures += [
             Figure(f'{name}_gain_{k:g}hz', f'{text} per steering-wheel angle at {k:g} Hz', float(np.interp(k, at, g)), gain_unit)
             for k in TABLE
-            if at[0] <= k <= at[-1] and k != p.low
+            if at[0] <= k <= at[-1] and abs(k - lowest) > 1e-9
         ]
         if coherence[excited].min() < COHERENT:
             s.notes.append(

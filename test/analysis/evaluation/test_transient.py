@@ -133,6 +133,19 @@ def test_frequency_response_of_second_order(kind: str, rng: np.random.Generator)
     )
 
 
+def test_the_lowest_frequency_is_named_as_it_is(rng: np.random.Generator) -> None:
+    """Segments of 2 s have lines from 0.5 Hz on: what is there is no gain at 0.2 Hz."""
+    t = even(60.0, 100.0)
+    x = 0.3 * rng.standard_normal(t.size)
+    s = made(t, steering=x, speed=22.0, yaw_rate=answered(x, 100.0, 0.3, 1.2, 0.6), lateral_acceleration=x)
+    texts = {f.name: f.text for f in transient.judge_frequencies(s, transient.FrequencyResponse(segment=2.0)).figures}
+    assert texts['yaw_rate_static_gain'] == 'yaw rate per steering-wheel angle at 0.5 Hz'
+    assert texts['yaw_rate_peak_ratio'] == 'yaw rate, largest gain over that at 0.5 Hz'
+    assert 'yaw_rate_gain_0.5hz' not in texts  # it is that one
+    texts = {f.name: f.text for f in transient.judge_frequencies(s, transient.FrequencyResponse()).figures}
+    assert texts['yaw_rate_static_gain'] == 'yaw rate per steering-wheel angle at 0.2 Hz'
+
+
 def test_noise_lowers_the_coherence_as_it_must(rng: np.random.Generator) -> None:
     """Independent noise of the power of the response: coherence 1/2 at every frequency where both are white."""
     t = even(400.0, 50.0)
