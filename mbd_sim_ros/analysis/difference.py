@@ -125,7 +125,8 @@ def difference_of(
     """Judge one channel. least_scale: of its values. overlap: part of the time that must be shared. rated: also after ISO/TS 18571."""
     c = curves_of(item.kind, at)
     gap = gaps(c.run, c.reference, c.difference)
-    beyond = gap if c.half is None else np.maximum(gap - c.half, 0.0)
+    half = None if c.half is None else np.where(np.isnan(c.half), 0.0, c.half)  # no band beside no number
+    beyond = gap if half is None else np.maximum(gap - half, 0.0)
     worst, rms = int(np.argmax(gap)), float(np.sqrt(np.mean(gap * gap)))
     peaks = [peak_of(values) for values in (c.run, c.reference)]
     scale = max(abs(peaks[1][0]), least_scale)
@@ -152,10 +153,10 @@ def difference_of(
     if at.overlap < overlap:
         reasons.append(f'only {100.0 * at.overlap:.4g} % of the time is in both')
     band = None
-    if c.half is not None:
+    if half is not None:
         low, high = np.min(c.repeats, axis=0), np.max(c.repeats, axis=0)
         within = float(np.mean((c.run >= low) & (c.run <= high)))
-        band = Band(repeats=len(c.repeats), width=float(np.max(c.half)), inside=float(np.mean(beyond == 0.0)), within=within)
+        band = Band(repeats=len(c.repeats), width=float(np.max(half)), inside=float(np.mean(beyond == 0.0)), within=within)
     return Difference(
         channel=item.name,
         unit='rad' if item.kind == 'orientation' else unit_of(item.name),

@@ -322,6 +322,19 @@ def test_repeats_of_orientations() -> None:
     assert found.differences[0].band.width == pytest.approx(0.1 * T_975_2 / np.sqrt(3.0), rel=1e-9)
 
 
+def test_where_no_repeat_has_a_number_the_run_needs_none_either() -> None:
+    """A sensor without orientation, and one that begins late; there is no band, and a run with a number there is outside."""
+    zeros = run_of({f'imu/q{c}': np.zeros(20) for c in 'xyzw'}, np.arange(20) * MS)
+    found = compare(zeros, zeros, zeros, tolerances=within(1e-9))
+    assert found.ok
+    late = [run_of({'x': np.where(np.arange(20) < 5, np.nan, by)}, np.arange(20) * MS) for by in (-0.1, 0.0, 0.1)]
+    found = compare(late[1], *late, tolerances=within(1e-9))
+    assert found.ok
+    assert found.differences[0].band.width == pytest.approx(0.1 * T_975_2 / np.sqrt(3.0), rel=1e-12)
+    assert found.differences[0].band.inside == 1.0
+    assert compare(run_of({'x': np.zeros(20)}, np.arange(20) * MS), *late, tolerances=within(1e-9)).differences[0].max == np.inf
+
+
 def test_an_offset_is_added_to_the_stamps_of_the_reference() -> None:
     a = run(n=501, x=lambda t: np.sin(3.0 * t))
     b = run(n=501, x=lambda t: np.sin(3.0 * (t + 0.25)))  # ahead by 0.25 s
