@@ -85,7 +85,7 @@ def compare(
     stamps of the references [s]. align: channel by which a further offset is found, of each reference. overlap: part of the longer
     recording's time that must be shared; None: all of it, OVERLAP_MOVED where the stamps are moved. held: channels besides
     cmd_applied that hold their value. rated: also after ISO/TS 18571.
-    Recordings that share no time and are stamped with the time of day count from their first stamp.
+    Recordings that share no time, with or without the offset, and are stamped with the time of day count from their first stamp.
     Raises BagError when nothing is common.
     """
     limits = tolerances or Tolerances()
@@ -149,9 +149,14 @@ def _clocks(homes: Sequence[Mapping[str, Series]], offset: float, align: str | N
     for home in homes:
         grids = [one.time_ns for one in home.values()]
         spans.append((min(int(t[0]) for t in grids), max(int(t[-1]) for t in grids)))
-    share = all(max(spans[0][0], first) <= min(spans[0][1], last) for first, last in spans[1:])
+    ours, moved = spans[0], round(offset * 1e9)
+
+    def meets(by: int) -> bool:
+        return all(max(ours[0], first + by) <= min(ours[1], last + by) for first, last in spans[1:])
+
+    share = meets(0) or meets(moved)
     origins = [0 if share or first < EPOCH_NS else -first for first, _ in spans]
-    shifts = [origins[0], *(origin + round(offset * 1e9) for origin in origins[1:])]
+    shifts = [origins[0], *(origin + moved for origin in origins[1:])]
     found: list[Offset] = []
     if align is not None:
         for k, home in enumerate(homes[1:], 1):

@@ -360,6 +360,19 @@ def test_recordings_with_the_time_of_day_count_from_their_first_stamp() -> None:
         compare(a, run(start_ns=60 * 10**9, x=np.sin))
 
 
+def test_an_offset_that_brings_the_stamps_together_is_added_to_them_as_they_are() -> None:
+    """The reference begins 0.25 s into the run, by a clock with the time of day; and a lap that was driven 90 s later."""
+    epoch = 1_700_000_000 * 10**9
+    a = run(n=501, x=lambda t: np.sin(3.0 * t))
+    b = run(n=401, start_ns=epoch + 250 * MS, x=lambda t: np.sin(3.0 * (t + 0.25)))
+    found = compare(a, b, offset=-1.7e9, tolerances=within(atol=1e-12), overlap=0.5)
+    assert found.ok
+    assert (found.offsets, found.origins) == ((-1.7e9,), (0.0, 0.0))
+    first, later = (run(n=501, start_ns=epoch + start * 10**9, x=np.sin) for start in (0, 90))
+    assert compare(first, later, offset=-90.0, tolerances=within(atol=1e-12)).ok
+    assert compare(first, later, tolerances=within(atol=1e-12)).origins == (1.7e9, 1.70000009e9)
+
+
 def test_a_count_of_steps_alone_is_compared_exactly_or_not_at_all() -> None:
     a = run(**{'cmd_applied/step': np.round, 'cmd_applied/steering': np.sin})
     assert [d.channel for d in compare(a, a).differences] == ['cmd_applied/steering']
