@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from scipy.interpolate import PPoly
 
 Kind = Literal['linear', 'hold', 'angle', 'orientation']
+GAP_NS = 250_000_000  # a longer time without samples is none that a recording has
 TURN = 2.0 * np.pi
 EPOCH_NS = 100_000_000 * 1_000_000_000  # a recording that begins later is stamped with the time of day (seconds since 1970)
 COARSE_POINTS = 200_000  # of the grid on which an offset is sought first
@@ -40,7 +41,7 @@ class Common(NamedTuple):
     time_ns: np.ndarray
     values: tuple[np.ndarray, ...]
     interpolated: bool  # whether any had to be
-    overlap: float  # shared time relative to the longest of the recordings, after what sampling alone may take away
+    overlap: float  # shared time relative to the longest of the recordings, after what sampling alone may take away, less what one lost
 
 
 class Offset(NamedTuple):
@@ -82,8 +83,20 @@ def common(signals: Sequence[Signal], kind: Kind = 'linear') -> Common:
     values = tuple(_at(one, coarse, r if e else None, kind) for one, r, e in zip(signals, rows, exact))
     longest = max(int(t[-1]) - int(t[0]) for t in grids)
     step = max(_step_ns(t) for t in grids)
-    missing = max(0, longest - (last - first) - step)
+    missing = max(0, longest - (last - first) - step) + (0 if kind == 'hold' else _lost_ns(inside, max(GAP_NS, 2 * step)))
     return Common(coarse, values, not all(exact), 1.0 - missing / longest if longest else 1.0)
+
+
+def _lost_ns(grids: Sequence[np.ndarray], least: int) -> int:
+    """How long [ns] one of them has no instant, longer than `least`, while another has."""
+    lost = 0
+    for k, t in enumerate(grids):
+        wide = np.flatnonzero(np.diff(t) > least)
+        for i in wide:
+            begin, end = t[i], t[i + 1]
+            if any(np.searchsorted(o, end) > np.searchsorted(o, begin, 'right') for j, o in enumerate(grids) if j != k):
+                lost += int(end - begin)
+    return lost
 
 
 def _step_ns(time_ns: np.ndarray) -> int:

@@ -360,6 +360,32 @@ def test_recordings_with_the_time_of_day_count_from_their_first_stamp() -> None:
         compare(a, run(start_ns=60 * 10**9, x=np.sin))
 
 
+def test_what_one_recording_lost_meanwhile_is_not_compared_and_that_is_told() -> None:
+    """From 4 to 6 s the run has no samples, and there the reference is somewhere else: nothing of that is among the differences."""
+    t = np.arange(1001) * 10 * MS
+    inside = (t > 4000 * MS) & (t < 6000 * MS)
+    whole = run_of({'x': np.sin(t * 1e-9) + np.where(inside, 5.0, 0.0)}, t)
+    lossy = run_of({'x': np.sin(t * 1e-9)[~inside]}, t[~inside])
+    for pair in ((lossy, whole), (whole, lossy), (whole, lossy, whole)):
+        found = compare(*pair, tolerances=within(1e-9))
+        assert found.differences[0].overlap == pytest.approx(0.8, abs=1e-9)
+        assert not found.ok
+        assert 'only 80 % of the time is in both' in found.differences[0].reasons
+        assert compare(*pair, tolerances=within(1e-9), overlap=0.79).ok
+    later = run_of({'x': np.sin(t * 1e-9)[~inside][1:]}, t[~inside][1:])
+    assert compare(lossy, later, tolerances=within(1e-9)).ok  # neither has anything there
+    few = np.delete(np.arange(1001), [300, 301, 600])
+    assert compare(run_of({'x': np.sin(t * 1e-9)[few]}, t[few]), run_of({'x': np.sin(t * 1e-9)}, t), tolerances=within(1e-9)).ok
+
+
+def test_a_command_lasts_as_long_as_no_other_comes() -> None:
+    """Sent when it changes, and every 10 ms: no time is lost."""
+    t = np.arange(1001) * 10 * MS
+    steps = run_of({'cmd_applied/steering': [0.0, 1.0, 1.0]}, np.array([0, 400, 1000]) * 10 * MS)
+    steady = run_of({'cmd_applied/steering': np.where(t >= 4000 * MS, 1.0, 0.0)}, t)
+    assert compare(steps, steady, tolerances=within()).ok
+
+
 def test_an_offset_that_brings_the_stamps_together_is_added_to_them_as_they_are() -> None:
     """The reference begins 0.25 s into the run, by a clock with the time of day; and a lap that was driven 90 s later."""
     epoch = 1_700_000_000 * 10**9
