@@ -83,6 +83,8 @@ class Design:
     def __post_init__(self) -> None:
         finite('sweep', 'samples', self.samples, low=1, high=MOST_CASES)
         require(0 <= self.seed < 2**32, 'sweep', 'seed', self.seed, 'must be a whole number from 0 to 4294967295')  # that all samplers take
+        one = self.kind == 'morris' and self.samples == 1
+        require(not one, 'sweep', 'samples', self.samples, 'must be 2 at least: sigma is the spread of trajectories')
         power = self.samples & (self.samples - 1) == 0
         require(self.kind not in ('sobol', 'saltelli') or power, 'sweep', 'samples', self.samples, 'must be a power of two')
 

@@ -340,6 +340,8 @@ def test_wrong_files_are_one_sentence(change: tuple[str, str], part: str, tmp_pa
 def test_designs_that_cannot_be_are_refused():
     with pytest.raises(SpecError, match='power of two'):
         Design(kind='sobol', samples=12)
+    with pytest.raises(SpecError, match=r'samples = 1: must be 2 at least: sigma is the spread of trajectories'):
+        Design(kind='morris', samples=1)
     for seed in (-1, 2**32):
         with pytest.raises(SpecError, match=f'seed = {seed}: must be a whole number'):
             Design(seed=seed)
