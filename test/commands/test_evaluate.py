@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from drives import EPOCH, circling, dwelling, stepped, weaving
-from scalars import write_scalars
+from scalars import run_of, write_scalars
 
 from mbd_sim_ros.analysis.evaluation import judging, sine_with_dwell
 from mbd_sim_ros.analysis.evaluation.figures import Result
 from mbd_sim_ros.analysis.evaluation.registry import EVALUATIONS, called, names
 from mbd_sim_ros.analysis.evaluation.signals import WAYS, Signals
 from mbd_sim_ros.commands.main import main
+from solver import load_scene
 from solver.errors import SpecError
 
 G = 9.80665
@@ -216,6 +217,21 @@ def test_every_evaluation_is_listed_and_can_be_called(capsys: pytest.CaptureFixt
     assert 'iso19365' in names()
     with pytest.raises(SpecError, match='iso4138'):
         called('iso4183')
+
+
+@pytest.mark.parametrize(
+    ('stated', 'judged'), [('fmvss126', True), ('iso19365', True), ('ISO-19365', True), ('iso7401_step', False), ('of mine', False)]
+)
+def test_what_a_maneuver_states_counts_by_every_name_of_its_evaluation(stated: str, judged: bool) -> None:
+    """With A = 0.25 rad the 1.5 rad of the steering wheel are 6 A, and responsiveness is judged."""
+    scene = load_scene('light_car_straight', [f'maneuver.evaluation={stated}', 'maneuver.evaluate_with.reference=0.25'])
+    s = dwelling()
+    run = run_of(s.values, np.round(s.t * 1e9))
+    found = judging.judge(called('fmvss126')[0], run, 'bag', {}, scene=scene)
+    assert ('over_reference' in [f.name for f in found.figures]) == judged
+    assert judging.judge(called('fmvss126')[0], run, 'bag', {'reference': 0.3}, scene=scene)['over_reference'] == pytest.approx(
+        5.0, rel=2e-3
+    )
 
 
 def test_a_figure_without_value_never_passes() -> None:

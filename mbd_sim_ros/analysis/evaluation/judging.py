@@ -67,7 +67,7 @@ def judge(
     scene: Scene | None = None,
 ) -> Result:
     """The figures of a recording. given: parameters, before those that its maneuver states. Raises BagError and SpecError."""
-    stated = scene.maneuver.evaluate_with if scene is not None and scene.maneuver.evaluation == evaluation.name else {}
+    stated = scene.maneuver.evaluate_with if scene is not None and _states(scene, evaluation) else {}
     parameters = parameters_of(evaluation, {**stated, **given})
     if not run.series:
         known = ', '.join(run.names[:4])
@@ -83,6 +83,14 @@ def judge(
     assert bad is None, f'{bad} passes without a value'
     notes = (*suspicion(run), *misfit(found), *result.notes)
     return dataclasses.replace(result, parameters=dataclasses.asdict(parameters), notes=notes)
+
+
+def _states(scene: Scene, evaluation: Evaluation) -> bool:
+    """Whether the maneuver of a scene is for an evaluation, by any of its names."""
+    try:
+        return evaluation in called(scene.maneuver.evaluation)
+    except SpecError:  # none, or one that is not known here
+        return False
 
 
 def suspicion(run: Run) -> tuple[str, ...]:
