@@ -88,14 +88,17 @@ def common(signals: Sequence[Signal], kind: Kind = 'linear') -> Common:
 
 
 def _lost_ns(grids: Sequence[np.ndarray], least: int) -> int:
-    """How long [ns] one of them has no instant, longer than `least`, while another has."""
-    lost = 0
+    """How long [ns] any of them has no instant, longer than `least`, while another has."""
+    spans = []
     for k, t in enumerate(grids):
-        wide = np.flatnonzero(np.diff(t) > least)
-        for i in wide:
-            begin, end = t[i], t[i + 1]
+        for i in np.flatnonzero(np.diff(t) > least):
+            begin, end = int(t[i]), int(t[i + 1])
             if any(np.searchsorted(o, end) > np.searchsorted(o, begin, 'right') for j, o in enumerate(grids) if j != k):
-                lost += int(end - begin)
+                spans.append((begin, end))
+    lost, until = 0, min((begin for begin, _ in spans), default=0)
+    for begin, end in sorted(spans):
+        lost += max(0, end - max(begin, until))
+        until = max(until, end)
     return lost
 
 

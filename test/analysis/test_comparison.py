@@ -366,7 +366,7 @@ def test_what_one_recording_lost_meanwhile_is_not_compared_and_that_is_told() ->
     inside = (t > 4000 * MS) & (t < 6000 * MS)
     whole = run_of({'x': np.sin(t * 1e-9) + np.where(inside, 5.0, 0.0)}, t)
     lossy = run_of({'x': np.sin(t * 1e-9)[~inside]}, t[~inside])
-    for pair in ((lossy, whole), (whole, lossy), (whole, lossy, whole)):
+    for pair in ((lossy, whole), (whole, lossy), (whole, lossy, whole), (whole, lossy, lossy)):
         found = compare(*pair, tolerances=within(1e-9))
         assert found.differences[0].overlap == pytest.approx(0.8, abs=1e-9)
         assert not found.ok
