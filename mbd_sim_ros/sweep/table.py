@@ -17,7 +17,7 @@ import numpy as np
 
 from mbd_sim_ros.analysis.pages import plain_page, write_text
 from mbd_sim_ros.sweep.case import Row
-from mbd_sim_ros.sweep.design import Sweep, problem
+from mbd_sim_ros.sweep.design import SENSITIVITY, Sweep, problem
 from solver.errors import BagError
 
 COLOURS = {'ok': '#0072b2', 'suspect': '#e69f00', 'error': '#d55e00'}
@@ -51,15 +51,15 @@ def write_table(rows: Sequence[Row], directory: Path) -> Path:
 def sensitivities(sweep: Sweep, rows: Sequence[Row]) -> dict[str, dict[str, dict[str, float]]]:
     """figure -> parameter -> indices: of a design of kind morris mu_star and sigma (elementary effects [Morris1991]), of saltelli S1 and ST
     (first-order and total [Saltelli2010], by SALib); nothing of the other kinds, and where a case failed."""
-    if sweep.design.kind not in ('morris', 'saltelli'):
+    if sweep.design.kind not in SENSITIVITY:
         return {}
     result: dict[str, dict[str, dict[str, float]]] = {}
     asked, names = problem(sweep), list(sweep.parameters)
     at = np.array([[float(row[name]) for name in names] for row in rows])
     for figure in sweep.figures:
-        values = np.array([float(row[figure]) for row in rows])
-        if not np.isfinite(values).all() or np.ptp(values) == 0.0:
+        if no_indices(sweep, rows, figure):
             continue
+        values = np.array([float(row[figure]) for row in rows])
         if sweep.design.kind == 'morris':
             from SALib.analyze import morris
 
@@ -72,6 +72,17 @@ def sensitivities(sweep: Sweep, rows: Sequence[Row]) -> dict[str, dict[str, dict
             keys = ('S1', 'ST')
         result[figure] = {name: {key: float(found[key][i]) for key in keys} for i, name in enumerate(names)}
     return result
+
+
+def no_indices(sweep: Sweep, rows: Sequence[Row], figure: str) -> str:
+    """Why sensitivities() has nothing of a figure; '' where it has, or where nobody asked."""
+    if sweep.design.kind not in SENSITIVITY:
+        return ''
+    values = np.array([float(row[figure]) for row in rows])
+    missing = int(np.sum(~np.isfinite(values)))
+    if missing:
+        return f'no indices of {figure}: {missing} of {len(rows)} cases have no value'
+    return f'no indices of {figure}: it is the same in all cases' if np.ptp(values) == 0.0 else ''
 
 
 def write_report(sweep: Sweep, rows: Sequence[Row], indices: dict[str, Any], units: Mapping[str, str], directory: Path, title: str) -> Path:
@@ -90,6 +101,7 @@ def write_report(sweep: Sweep, rows: Sequence[Row], indices: dict[str, Any], uni
         low, high = min(known, key=lambda row: row[figure]), max(known, key=lambda row: row[figure])
         parts.append(f'<p>from {low[figure]:.6g} (case {low["case"]}) to {high[figure]:.6g} {units[figure]} (case {high["case"]})</p>')
         parts.append(f'<img alt="{html.escape(figure)}" src="data:image/png;base64,{_picture(sweep, known, figure, units)}">')
+        parts += [f'<p>{html.escape(reason)}</p>'] if (reason := no_indices(sweep, rows, figure)) else []
         if figure in indices:
             keys = list(next(iter(indices[figure].values())))
             rows_ = ''.join(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -22,7 +23,7 @@ from mbd_sim_ros.commands.main import main
 from mbd_sim_ros.sweep import case, workers
 from mbd_sim_ros.sweep.case import Case, row_of
 from mbd_sim_ros.sweep.design import Design, Figure, Parameter, Sweep, cases, load_sweep
-from mbd_sim_ros.sweep.table import sensitivities
+from mbd_sim_ros.sweep.table import no_indices, sensitivities
 from solver import load_scene, simulation_of
 from solver.errors import SceneError, SpecError
 from solver.levels.derived import LevelReport, Limit
@@ -294,6 +295,23 @@ def test_designs_stay_inside_repeat_and_fill_the_space(kind: str, count: int):
         assert (np.sort(np.floor(16 * table).astype(int), axis=0) == np.arange(16)[:, None]).all()
     if kind == 'sobol':  # balanced: as many in either half
         assert ((table < 0.5).sum(axis=0) == 8).all()
+
+
+def test_why_there_are_no_indices_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    """One failed case of twelve takes the indices of all figures, and one that is always the same has none."""
+    (tmp_path / 's.yaml').write_text(
+        'scene: pendulum\nset: [duration=0.02]\ndesign: {kind: morris, samples: 2}\n'
+        'parameters: {integrator.rho_inf: {low: 0.5, high: 1.3}}\n'
+        'figures: {y: {quantity: odom/pose/y, take: min}}\n'
+    )
+    assert main(['sweep', str(tmp_path / 's.yaml'), '--out', str(tmp_path / 'out'), '--workers', '1']) == 0
+    reason = r'no indices of y: [1-3] of 4 cases have no value'
+    assert re.search(reason, capsys.readouterr().out)
+    assert re.search(reason, (tmp_path / 'out' / 'report.html').read_text())
+    sweep = sweep_of('morris', 2)
+    assert no_indices(sweep, [{'f': 1.0}, {'f': 1.0}], 'f') == 'no indices of f: it is the same in all cases'
+    assert no_indices(sweep_of('grid'), [{'f': 1.0}], 'f') == ''
+    assert no_indices(sweep, [{'f': 1.0}, {'f': 2.0}], 'f') == ''
 
 
 def test_indices_of_a_known_function():
