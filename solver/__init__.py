@@ -42,16 +42,16 @@ def simulation_of(scene: Scene) -> Simulation:
     """
     from solver.simulation import Simulation
 
-    if scene.maneuver.by_road_wheel:
-        from solver.levels.road_wheel import by_steering_wheel
-
-        scene = by_steering_wheel(scene)
     level, simulate = None, None
     if scene.reduced:
         from solver.levels import derive
 
         derived = derive(scene)
         scene, level, simulate = derived.scene, derived.report, derived.simulate
+    elif scene.maneuver.by_road_wheel:
+        from solver.levels.road_wheel import by_steering_wheel
+
+        scene = by_steering_wheel(scene)
     if simulate is not None:
         simulation = simulate(scene)
     elif scene.integrator.kind in Simulation.KINDS:

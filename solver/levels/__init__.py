@@ -28,6 +28,10 @@ def derive(scene: Scene) -> Derived:
         from solver.levels.auto import resolved
 
         scene, envelope = resolved(scene)
+    if scene.maneuver.by_road_wheel:  # the map is that of the whole vehicle, and a plan is one of the scene as it is written
+        from solver.levels.road_wheel import by_steering_wheel
+
+        scene = by_steering_wheel(scene)
     model, switches = switched(scene.model, scene.switches)
     try:
         given = dataclasses.replace(scene, model=model, fidelity='full', switches={})

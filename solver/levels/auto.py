@@ -1,7 +1,8 @@
 """`fidelity: auto`: level, switches and integrator that the plan of a scene has chosen (`mbd plan`), and the envelope of its certificate.
 
-A plan is kept beside the compiled kernels under what it depends on: the model, the start, the maneuver, the duration, what is required, and
-the sources of the solver. So it cannot be out of date: whatever changes, there is none any more.
+A plan is kept beside the compiled kernels under what it depends on: the model, the start, the maneuver (of a recording its inputs), the
+actuators and the assistance behind it, the duration, what is required, and the sources of the solver. So it cannot be out of date: whatever
+changes, there is none any more.
 """
 
 from __future__ import annotations
@@ -18,20 +19,33 @@ from typing import Any
 from solver.compiled.cache import digest, location
 from solver.errors import SceneError
 from solver.files.scene import load_scene_text
+from solver.inputs.maneuver import Maneuver
+from solver.inputs.recorded import recorded
 from solver.levels.derived import Limit
 from solver.levels.kept import sources
 from solver.scene import Scene
 
-FIXED: dict[str, Any] = {'step_policy': 'constant', 'penalty_policy': 'constant', 'order': 2}
+FIXED: dict[str, Any] = {'kind': 'alf', 'step_policy': 'constant', 'penalty_policy': 'constant', 'order': 2}
 OK = 'ok'  # status of a plan that is certified
 
 
 def key(scene: Scene) -> str:
-    """Of everything a plan of this scene depends on."""
+    """Of everything a plan of this scene depends on. Raises what the reader of a recording raises that its maneuver takes."""
     chosen: dict[str, Any] = {'h': 1e-3, 'rho_inf': 0.8, 'mode': 'fixed', 'iterations': 1, 'tolerance': 1e-8}
     integrator = dataclasses.replace(scene.integrator, **chosen, **FIXED)
-    parts = (scene.model, scene.start, scene.maneuver, scene.duration, scene.require.accuracy, scene.budget, integrator)
-    return digest(sources(), *(repr(part).encode() for part in parts)).hex()
+    driven = (scene.start, scene.maneuver, scene.actuation, scene.assistance, scene.duration)
+    parts = (scene.model, *driven, scene.require.accuracy, scene.budget, integrator)
+    return digest(sources(), *(repr(part).encode() for part in parts), *_recorded(scene.maneuver)).hex()
+
+
+def _recorded(maneuver: Maneuver) -> list[bytes]:
+    """The inputs in the recording that a maneuver takes, whose name stays where it is made anew; nothing of one that takes none."""
+    if not maneuver.bag:
+        return []
+    found = recorded(maneuver.bag, maneuver.map)
+    rows = [(name, values.tobytes()) for name, values in sorted(found.rows.items())]
+    tracks = [(name, track.t_ns.tobytes(), track.values.tobytes()) for name, track in sorted(found.tracks.items())]
+    return [repr((found.h_ns, found.first, found.steps, sorted(found.start.items()), rows, tracks)).encode()]
 
 
 def plan_of(scene: Scene) -> dict[str, Any] | None:
