@@ -11,7 +11,7 @@ from solver.levels.auto import OK, key
 from solver.trade.requirements import ORIGINS
 from solver.trade.search import MARGIN, Search
 from solver.trade.setting import baseline
-from solver.trade.variations import RANGES
+from solver.trade.variations import ranges_of
 from solver.trade.verdicts import Verdict, nearest
 
 NO, INCOMPLETE = 'no', 'incomplete'
@@ -22,8 +22,9 @@ CONFIDENCE = 3.0  # over n: the bound of the rate of failures after n passes, 95
 def plan(search: Search) -> dict[str, Any]:
     """Run the search and describe its result.
 
-    `status` is 'ok', 'no' (nothing fits) or 'incomplete' (time was up before anything was found and checked). Errors are in SI units;
-    `share` is of the limit. Raises MbdError where the full vehicle itself cannot be simulated.
+    `status` is 'ok', 'no' (nothing fits) or 'incomplete' (time was up before anything was found and checked, or there is no maneuver to
+    check it on). Errors are in SI units; `share` is of the limit. `unseen`: different maneuvers that had no part in the choice,
+    and the ranges of what is varied. Raises MbdError where the full vehicle itself cannot be simulated.
     """
     best = search.find()
     scene = search.scene
@@ -52,7 +53,7 @@ def plan(search: Search) -> dict[str, Any]:
         'passed': passed,
         'failed': failed,
         'bound': CONFIDENCE / passed if passed and not failed else None,
-        'ranges': RANGES,
+        'ranges': ranges_of(scene),
         'largest': max((c.used for c in search.checks), default=None),
     }
     if best is not None and not slow:
@@ -138,7 +139,8 @@ def what_has_to_give(search: Search, closest: Verdict | None, slow: bool, data: 
             sentences.append(f'within the budget {best.setting} comes closest: {best.worst} at {best.used:.3g} of its limit')
         return sentences
     if data['status'] == INCOMPLETE and search.result is not None:
-        return [f'{closest.setting} keeps the accuracy on the maneuvers it was chosen on; there was no time to check it on others']
+        why = 'there was no time to check it on others' if search.points(1) else 'nothing in the scene can be varied to check it on others'
+        return [f'{closest.setting} keeps the accuracy on the maneuvers it was chosen on; {why}']
     sentences = [f'{closest.setting} comes closest: {closest.worst} at {closest.used:.3g} of its limit']
     for bound in closest.bounds.values():
         if bound.used > 1.0:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 from solver.errors import SpecError
 from solver.quantities import names as names_of
@@ -15,7 +15,7 @@ from solver.trade.reference import Reference
 from solver.trade.requirements import Bound, Requirement, requirements
 from solver.trade.runs import Run, clock, departures, run
 from solver.trade.setting import Setting
-from solver.trade.variations import AS_GIVEN, CORNERS, Variation, varied
+from solver.trade.variations import AS_GIVEN, CORNERS, Variation, effective, inside, varied
 
 STEP_SETS = tuple(tuple(h / 2**k for h in reference.STEPS) for k in range(4))
 ITERATIONS = (1, 2, 3)
@@ -43,7 +43,7 @@ class Measurements:
         self.shown = [*dict.fromkeys([*self.names, *standard, *(n for n in wheels if n.startswith('wheel_load'))])]
         self.everything = [*dict.fromkeys([*self.shown, *self.watched])]
         self.steps = STEP_SETS[0]
-        self.seen: list[Variation] = [AS_GIVEN, *CORNERS]  # maneuvers that serve to choose
+        self.seen = self.different((AS_GIVEN, *CORNERS))  # maneuvers that serve to choose
         self._lock = threading.Lock()
         self._scenes: dict[Variation, Scene] = {}
         self._runs: dict[tuple[Variation, Setting], Run] = {}
@@ -68,6 +68,14 @@ class Measurements:
             if v not in self._scenes:
                 self._scenes[v] = self.scene if v == AS_GIVEN else varied(self.scene, v)
             return self._scenes[v]
+
+    def different(self, variations: Iterable[Variation]) -> list[Variation]:
+        """Those that lead to different maneuvers."""
+        return list(dict.fromkeys(effective(self.scene, v) for v in variations))
+
+    def points(self, count: int) -> list[Variation]:
+        """Up to so many maneuvers inside the ranges that had no part in the choice; none of a scene in which nothing can be varied."""
+        return [v for v in self.different(inside(k) for k in range(count + len(self.seen))) if v not in self.seen][:count]
 
     def run(self, v: Variation, setting: Setting) -> Run:
         """A whole run, made once."""

@@ -31,7 +31,7 @@ from solver.trade.measurements import ITERATIONS, STEP_SETS, Measurements
 from solver.trade.requirements import Bound
 from solver.trade.runs import Going, Stopped, all_of, clock, departures
 from solver.trade.setting import Setting, baseline
-from solver.trade.variations import AS_GIVEN, CORNERS, Variation, inside
+from solver.trade.variations import AS_GIVEN, Variation
 from solver.trade.verdicts import Check, Influence, Verdict
 
 MARGIN = 0.1  # of every limit that the error itself leaves free
@@ -154,9 +154,9 @@ class Search(Measurements):
         self.say('second formulation of the reference')
         self.second = reference.second_formulation(self.scene, self.truth(AS_GIVEN), self.late)
         self.say('references of the corners')
-        corners = [(v, reference.with_step(Setting(), h)) for v in CORNERS for h in self.steps]
-        all_of(lambda job: self.run(*job), corners, self.workers)
-        for v in CORNERS:
+        corners = [v for v in self.seen if v != AS_GIVEN]
+        all_of(lambda job: self.run(*job), [(v, reference.with_step(Setting(), h)) for v in corners for h in self.steps], self.workers)
+        for v in corners:
             try:
                 self.truth(v)
             except MbdError as error:
@@ -324,7 +324,7 @@ class Search(Measurements):
         """Checks on variations inside the ranges, as many as there is time for; stops at the first failure of the setting."""
         found: list[Check] = []
         size = max(2, self.workers or 2)
-        points = [v for v in (inside(k) for k in range(self.unseen + len(self.seen))) if v not in self.seen][: self.unseen]
+        points = self.points(self.unseen)
         for k in range(0, len(points), size):
             begin = clock()
             self.say(f'checking {setting} on unseen maneuvers: {len(found)} of {self.unseen}')

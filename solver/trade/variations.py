@@ -1,6 +1,8 @@
 """Maneuvers beside the one that a scene has: another amplitude, speed, friction, direction, and another road of the same class.
 
-The ranges are part of a certificate: what was found holds within them. Their corners serve to choose, points inside to check.
+The ranges are part of a certificate: what was found holds within them. Their corners serve to choose, points inside to check. What a scene
+does not have is not varied (the path of a driver has no amplitude, a lane change no other side), and a maneuver that is driven twice counts
+once: `effective` says what of a variation changes anything.
 """
 
 from __future__ import annotations
@@ -74,6 +76,29 @@ def varied(scene: Scene, v: Variation) -> Scene:
         model = dataclasses.replace(model, road=_road(model.road, v.friction, mirrored, v.road))
     start = dataclasses.replace(scene.start, speed=scene.start.speed * v.speed)
     return dataclasses.replace(scene, model=model, start=start, maneuver=maneuver, resolved='')
+
+
+def effective(scene: Scene, v: Variation) -> Variation:
+    """The variation without what changes nothing in the scene, so that two that lead to the same maneuver are equal."""
+    for name, given in AS_GIVEN._asdict().items():
+        without = v._replace(**{name: given})
+        if without != v and _driven(varied(scene, without)) == _driven(varied(scene, v)):
+            v = without
+    return v
+
+
+def ranges_of(scene: Scene) -> dict[str, tuple[float, float]]:
+    """Those of RANGES that change something in the scene."""
+    corners = [effective(scene, v) for v in CORNERS]
+    return {name: ends for name, ends in RANGES.items() if any(getattr(v, name) != getattr(AS_GIVEN, name) for v in corners)}
+
+
+def _driven(scene: Scene) -> tuple[Any, ...]:
+    """What a variation changes, in one form."""
+    maneuver = scene.maneuver
+    kept = maneuver.speed
+    target = None if kept is None or kept.target is None else signal(kept.target)
+    return scene.start, scene.model.road, maneuver.channels, signal(maneuver.road_wheel), maneuver.driver, target
 
 
 def is_steered(scene: Scene) -> bool:

@@ -120,3 +120,24 @@ def test_steps_of_candidates_go_down_to_half_the_finest_of_the_reference() -> No
     search = Search(solver.load_scene('light_car_step_steer', ['require={yaw_rate: {rms: 2 %}}']), longest=60.0)
     search.steps = (1e-3, 5e-4, 2.5e-4)
     assert min(s.h for s in search.candidates([Setting()])) == 1.25e-4
+
+
+@pytest.mark.slow
+def test_a_maneuver_is_not_counted_as_unseen_again_and_again() -> None:
+    """Nothing in a slider-crank can be varied: 24 runs of one and the same motion prove nothing, not even once."""
+    scene = solver.load_scene('slider_crank', ['duration=0.2', 'require={joint_states/slide/position: {max: 1 mm}}'])
+    search = Search(scene, workers=1, longest=60.0, levels=())
+    data = plan(search)
+    assert search.points(24) == []
+    assert search.result is not None
+    assert data['status'] == 'incomplete'
+    assert (data['unseen']['passed'], data['unseen']['bound'], data['unseen']['ranges']) == (0, None, {})
+    assert 'nothing in the scene can be varied' in data['give'][0]
+
+
+def test_unseen_maneuvers_of_a_driver_who_keeps_his_path_differ_in_what_there_is_to_vary() -> None:
+    search = Search(solver.load_scene('light_car_lane_change', ['require={yaw_rate: {rms: 2 %}}']), longest=60.0)
+    points = search.points(24)
+    assert len(set(points)) == 24
+    assert {(v.amplitude, v.direction) for v in (*points, *search.seen)} == {(1.0, 1)}
+    assert not set(points) & set(search.seen)

@@ -8,7 +8,7 @@ import pytest
 import solver
 from solver.elements.road import RandomRoad
 from solver.inputs.signals import Constant, Mapped, Ramp, Sine, SineWithDwell, Step, Sum, Sweep, Table, signal
-from solver.trade.variations import AS_GIVEN, CORNERS, RANGES, Variation, inside, scaled, varied
+from solver.trade.variations import AS_GIVEN, CORNERS, RANGES, Variation, effective, inside, ranges_of, scaled, varied
 
 T = np.linspace(0.0, 10.0, 1001)
 SIGNALS = (
@@ -85,3 +85,26 @@ def test_a_circle_is_driven_the_other_way_round_and_a_kept_speed_is_another_one(
     assert found.driver.path.radius == -80.0
     assert found.speed.target.initial == pytest.approx(8.4)
     assert found.speed.target.slope == pytest.approx(0.525)
+
+
+@pytest.mark.parametrize(
+    ('scene', 'kept', 'ranges'),
+    [
+        ('light_car_step_steer', {'road': 0}, {'amplitude', 'speed', 'friction'}),  # on a plane
+        ('car_split_mu_brake', {'road': 0}, {'amplitude', 'speed', 'friction'}),
+        ('light_car_lane_change', {'amplitude': 1.0, 'direction': 1, 'road': 0}, {'speed', 'friction'}),  # a driver keeps his path
+        ('slider_crank', AS_GIVEN._asdict(), set()),
+    ],
+)
+def test_what_changes_nothing_in_a_scene_is_not_counted_as_varied(scene: str, kept: dict, ranges: set[str]) -> None:
+    loaded = solver.load_scene(scene)
+    v = Variation(amplitude=0.9, speed=0.95, friction=0.96, direction=-1, road=7)
+    assert effective(loaded, v) == v._replace(**kept)
+    assert set(ranges_of(loaded)) == ranges
+
+
+def test_the_seed_of_a_random_road_is_varied_and_nothing_else_of_a_standing_car_but_the_friction() -> None:
+    rough = solver.load_scene('car_rough_road')
+    assert effective(rough, inside(0)).road == 3
+    standing = solver.load_scene('light_car_straight', ['start.speed=0', 'maneuver={}'])
+    assert set(ranges_of(standing)) == {'friction'}

@@ -19,7 +19,7 @@ from solver.trade.certificate import OK, plan
 from solver.trade.requirements import ORIGINS
 from solver.trade.search import LONGEST, UNSEEN, Search
 from solver.trade.setting import Setting
-from solver.trade.variations import inside
+from solver.trade.variations import effective, inside
 from solver.trade.verdicts import Check
 
 SUMMARY = 'plans of six scenes with three requirements each: maneuvers they have not seen, cost against the cheapest of the grid, time'
@@ -179,7 +179,7 @@ def unseen(search: Search, setting: Setting, least: int) -> list[Check]:
     known = {c.variation for c in checks}
     k = 0
     while len(checks) < least and k < 10 * least:
-        v = inside(k)
+        v = effective(search.scene, inside(k))
         k += 1
         if v in known or v in search.seen:
             continue
