@@ -32,6 +32,7 @@ from solver.levels.kept import kept
 from solver.levels.single_track_simulation import AXLES, COMMANDS, SingleTrackSimulation
 from solver.levels.track_bends import Lateral, bends, feel, limits
 from solver.levels.track_bulk import axis_of, brakes, drag, masses, top_spin, wheelbase_of
+from solver.levels.track_friction import varies
 from solver.levels.track_runs import CORNERS, driven
 from solver.levels.track_straight import gear, straight
 from solver.model.spec import ModelSpec
@@ -78,12 +79,20 @@ def derive(scene: Scene) -> Derived:
                 for servo in model.servos
             ),
         ),
-        validity=(*(on_friction(Limit(**limit), model.road.friction) for limit in found['validity']), SLIPPERY),
+        validity=(*(on_road(Limit(**limit), model.road) for limit in found['validity']), SLIPPERY),
     )
     given = dataclasses.replace(scene, model=shown(model), require=dataclasses.replace(scene.require, accuracy={}))
     return Derived(
         scene=given, level='single_track', report=report, simulate=functools.partial(SingleTrackSimulation, parameters=parameters)
     )
+
+
+def on_road(limit: Limit, road: RoadSpec) -> Limit:
+    """A limit that was found on a road of friction 1, on one of another friction, which may not be the same everywhere."""
+    scaled = on_friction(limit, road.friction)
+    if limit.quantity not in WITH_FRICTION or not varies(road):
+        return scaled
+    return dataclasses.replace(scaled, why=f'{scaled.why}; reached on a more slippery part of the road it counts for more, in proportion')
 
 
 def on_friction(limit: Limit, friction: float) -> Limit:

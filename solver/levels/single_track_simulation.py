@@ -15,6 +15,7 @@ from solver.errors import ConsistencyError, SpecError, StepError
 from solver.files.urdf import robot_description
 from solver.inputs.driver import Sight
 from solver.inputs.maneuver import ACCELERATION, RATE
+from solver.levels.track_friction import LOOK, note, varies, with_maps
 from solver.model.evaluate import prepare
 from solver.model.frames import matrix
 from solver.model.state import State, fitting, load_arrays, step_of
@@ -65,7 +66,7 @@ def tables_of(parameters: Parameters, scene: Scene, yaw: float = 0.0) -> SingleT
     p = parameters
     return SingleTrackTables(
         mounting=Mounting(**{**p['mounting'], 'yaw': yaw}), body=Body(**p['body']), front=Axle(**p['front']), rear=Axle(**p['rear']),
-        road=compile_road(scene.model.road),
+        road=compile_road(with_maps(scene.model.road)),
     )  # fmt: skip
 
 
@@ -180,6 +181,7 @@ class SingleTrackSimulation(Simulation):
         heights = [height for grid in road.grids for height in _heights(grid)]
         self._uneven = max(heights, default=0.0) - min(heights, default=0.0)
         self._slope = math.hypot(*road.normal[:2]) / road.normal[2]
+        self._slippery, self._varies = np.zeros(2), varies(road)
         self.y = self._at_start.copy()
         self._inputs = np.zeros(len(names))
         self._applied = None
@@ -237,7 +239,9 @@ class SingleTrackSimulation(Simulation):
         angle, rate = w.steered.tolist()
         found['frequency'] = (math.sqrt(rate / angle) / (2.0 * math.pi) if angle > 0.0 else 0.0, None)
         found['road height'], found['road slope'] = (self._uneven, None), (self._slope, None)
-        found['friction below 1'] = (max(0.0, 1.0 - self.scene.model.road.friction), None)
+        below, time = self._slippery.tolist()
+        everywhere = max(0.0, 1.0 - self.scene.model.road.friction)
+        found['friction below 1'] = (below, time) if below > everywhere else (everywhere, None)
         return found
 
     @property
@@ -249,17 +253,28 @@ class SingleTrackSimulation(Simulation):
         """Back to the start, bit for bit."""
         self.y[:] = self._at_start
         self.k, self.displaced = 0, False
+        self._slippery[:] = 0.0
         self._totals = self._counters = NO_STEPS
         self._inputs = np.array(self.sources.reset(), float)
         start(self.tables, self.y, self._inputs, self._index, self._scratch, self._frame)
 
     def _advance(self, n: int, inputs: np.ndarray, audit: bool) -> None:
         self._inputs = self._inputs.copy()  # those shown before stay as they were
-        status, done = advance(
-            self.tables, self.y, inputs, self._index, self._inputs, 0, n, audit, self.h, self.parts, self._scratch, self._frame
-        )
-        if status == 1:
-            raise StepError(f'{self._when()}input {self.channels.inputs[done]!r} is not finite; nothing was advanced')
+        looks = audit and self._varies and bool(np.isfinite(inputs).all())  # what is not finite is refused before anything is advanced
+        piece = max(1, LOOK // self.h_ns) if looks else n
+        status = done = 0
+        for first in range(0, n, piece):
+            status, last = advance(
+                self.tables, self.y, inputs, self._index, self._inputs, first, min(piece, n - first), audit, self.h, self.parts,
+                self._scratch, self._frame,
+            )  # fmt: skip
+            if status == 1:
+                raise StepError(f'{self._when()}input {self.channels.inputs[last]!r} is not finite; nothing was advanced')
+            done += last
+            if status:
+                break
+            if looks:
+                note(self.tables.value, self._scratch.value, self.y, (self.k + done) * self.h, self._slippery)
         self.k += done
         self._count(Counters(done * self.parts, 0, done * (2 * self.parts + 1), 0, 0.0, 0.0, 0.0))
         if status == 2:
@@ -296,7 +311,7 @@ class SingleTrackSimulation(Simulation):
         file = io.BytesIO()
         w = self._scratch
         arrays = {'single_track': self.y, 'inputs': self._inputs, 'audit': w.energy, 'reached': w.reached, 'steered': w.steered}
-        arrays |= {'totals': np.array(self._totals), **self.sources.memory()}
+        arrays |= {'totals': np.array(self._totals), 'slippery': self._slippery, **self.sources.memory()}
         np.savez(file, k=np.int64(self.k), **arrays)  # type: ignore[arg-type]
         return file.getvalue()
 
@@ -309,6 +324,7 @@ class SingleTrackSimulation(Simulation):
         for name, array in own.items():
             fitting(name, found.get(name), array)
         k = step_of(found.get('k'))
+        slippery = fitting('slippery', found.get('slippery', np.zeros(2)), self._slippery)  # states of older versions have none
         totals = self._totals
         if 'totals' in found:  # states of older versions have none
             totals = Counters.of(fitting('totals', found['totals'], np.zeros(len(NO_STEPS))))
@@ -323,6 +339,7 @@ class SingleTrackSimulation(Simulation):
         self._scratch.energy[:] = found['audit']
         self._scratch.reached[:] = found['reached']
         self._scratch.steered[:] = found['steered']
+        self._slippery[:] = slippery
 
     def _made(self) -> Callable[[Scene], Simulation]:
         return functools.partial(type(self), parameters=self._parameters)

@@ -16,6 +16,7 @@ from saloon import double_wishbones
 import solver
 from solver.analysis.verdict import findings
 from solver.elements.rigid_body import RigidBodySpec
+from solver.elements.road_grids import Raster
 from solver.errors import SceneError
 from solver.files.scene import load_scene, load_scene_text
 from solver.inputs.maneuver import Maneuver
@@ -125,6 +126,44 @@ def test_a_slippery_road_is_followed_or_told(friction: float, angle: float, told
     wanted, found = (s.advance(3000).twist[0, 5] for s in (whole, level))
     assert (abs(found / wanted - 1.0) < 0.05) != told
     assert bool(findings(level)) == told
+
+
+def covered(kind: str, friction: float) -> str:
+    """A road whose friction is 1, all of whose way lies in a patch or a map of another one."""
+    if kind == 'patch':
+        return f'{{patches: [{{center: [0, 0], size: [2000, 2000], factor: {friction}}}]}}'
+    ones = ', '.join(f'{key}: {value}' for key, value in dataclasses.asdict(Raster.of(np.ones((4, 4)))).items())
+    return f'{{maps: [{{origin: [-1000, -1000], step: [1000, 1000], raster: {{{ones}}}, scale: {friction}}}]}}'
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('friction', 'angle', 'told'), [(0.6, 0.4, False), (0.6, 1.2, True), (0.3, 0.4, True)])
+@pytest.mark.parametrize('kind', ['patch', 'map'])
+def test_what_is_slippery_in_part_is_driven_and_told_like_what_is_so_everywhere(
+    friction: float, angle: float, told: bool, kind: str
+) -> None:
+    turn = f'maneuver={{steering: {{kind: step, value: {angle}, start: 0.2, rise: 0.3}}}}'
+    everywhere, part = (
+        solver.simulation_of(load_scene('light_car_step_steer', [turn, f'road={road}', 'fidelity=single_track']))
+        for road in (f'{{friction: {friction}}}', covered(kind, friction))
+    )
+    wanted, found = (s.advance(3000).twist[0, 5] for s in (everywhere, part))
+    assert found == pytest.approx(wanted, rel=1e-6)
+    assert bool(findings(everywhere)) == bool(findings(part)) == told
+    saved, before = part.save(), findings(part)
+    part.reset()
+    assert not findings(part)
+    part.restore(saved)
+    assert findings(part) == before
+
+
+@pytest.mark.slow
+def test_a_slippery_part_that_is_not_driven_on_is_not_told() -> None:
+    turn = 'maneuver={steering: {kind: step, value: 0.4, start: 0.2, rise: 0.3}}'
+    road = 'road={patches: [{center: [0, -500], size: [2000, 100], factor: 0.1}]}'
+    simulation = solver.simulation_of(load_scene('light_car_step_steer', [turn, road, 'fidelity=single_track']))
+    simulation.advance(3000)
+    assert not findings(simulation)
 
 
 @pytest.mark.slow
