@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from solver.levels.derived import Limit
 
 ROWS = 64  # snapshots that are looked at together
-BEYOND = 0.02  # of the range: what a run may leave it by, since maneuvers between those that were tried may
+BEYOND = 0.02  # of the range: what a run may leave it by, since maneuvers between those that were tried may; of a narrow one, of `least`
 WINDOW = 1.0  # s
 STILL = {'travel_': 5e-4, 'steering_wheel': 0.005}  # m, rad: root mean square of a departure that is too small to have a frequency
 FREQUENCY = 'frequency'
@@ -48,6 +48,7 @@ class _Range:
         plain = [one for one in curves if len(one.places) == 1]  # numbers as they are shown, of all wheels at once
         self._plain = np.array([place for one in plain for place in one.places], int)
         self._others = [one for one in curves if len(one.places) > 1]
+        self._least = max((one.least for one in curves), default=0.0)
 
     def fold(self, rows: np.ndarray, times: np.ndarray) -> None:
         if len(self._plain):
@@ -59,7 +60,7 @@ class _Range:
         low, high = self.limit.low, self.limit.high
         assert low is not None
         assert high is not None
-        beyond = np.maximum(values - high, low - values) / (high - low)
+        beyond = np.maximum(values - high, low - values) / max(high - low, self._least)
         for curve, k in enumerate(np.argmax(beyond, axis=0).tolist()):
             if beyond[k, curve] > self.worst.beyond:
                 name = self.limit.quantity.replace('_', ' ')

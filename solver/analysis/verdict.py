@@ -337,7 +337,7 @@ def _validity(s: Simulation) -> list[Finding | None]:
     """What left the limits of the level."""
     found: list[Finding | None] = []
     for limit in s.level.validity if s.level is not None else ():
-        if limit.quantity not in s.reached:
+        if limit.quantity not in s.reached or limit.low is not None:  # ranges are followed by solver.analysis.envelope
             continue
         value, time = s.reached[limit.quantity]
         high = limit.high if limit.high is not None else np.inf

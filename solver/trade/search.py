@@ -378,17 +378,20 @@ class Search(Measurements):
         return None
 
     def envelope(self) -> dict[str, tuple[float, float]]:
-        """Quantity (of all wheels together) -> smallest and largest value in the maneuvers that were passed, full vehicle."""
+        """Quantity (of all wheels together) -> smallest and largest value in the maneuvers that were passed, of the full vehicle and of the
+        setting that was found: a run of what is certified does not leave its own certificate."""
         found: dict[str, tuple[float, float]] = {}
         for v in [*self.seen, *(c.variation for c in self.checks if c.passed)]:
             try:
-                truth = self.truth(v)
+                curves = [self.truth(v).curves]
             except (MbdError, Stopped):
                 continue
-            for name in self.watched:
+            own = self.known(v, self.result.setting) if self.result is not None else None
+            curves += [own.curves] if own is not None else []
+            for name, values in ((name, each[name]) for each in curves for name in self.watched if name in each):
                 head = name.partition('.')[0]
                 low, high = found.get(head, (math.inf, -math.inf))
-                found[head] = (min(low, float(truth.curves[name].min())), max(high, float(truth.curves[name].max())))
+                found[head] = (min(low, float(values.min())), max(high, float(values.max())))
         return found
 
     def costs(self, setting: Setting) -> tuple[cost.Cost, cost.Cost]:

@@ -9,6 +9,7 @@ import pytest
 import solver
 from mbd_sim_ros.batch import simulate
 from solver.analysis.envelope import Envelope
+from solver.analysis.verdict import findings
 from solver.levels.derived import LevelReport, Limit
 
 LIMITS = (
@@ -42,6 +43,32 @@ def test_a_run_within_its_envelope_is_not(validity: tuple[Limit, ...]) -> None:
     for _ in range(3):
         watch.look(simulation.advance(100))
     assert watch.findings() == []
+
+
+def test_what_is_left_of_nothing_is_not_left() -> None:
+    """A car that drives straight ahead is certified for lateral accelerations of its rounding, 1e-9 m/s^2, or for none at all; of another
+    rounding it is not suspect, of a bend it is."""
+    for width in (1e-9, 0.0):
+        straight = Limit(quantity='lateral_acceleration', unit='m/s^2', low=-width, high=width, why='certified')
+        for steering, suspect in ((1e-6, False), (0.01, True)):
+            scene = solver.load_scene('light_car_step_steer', ['duration=0.3', f'maneuver.steering={steering}'])
+            simulation = solver.simulation_of(scene)
+            simulation.level = LevelReport(validity=(straight,))
+            watch = Envelope(simulation)
+            for _ in range(3):
+                watch.look(simulation.advance(100))
+            assert bool(watch.findings()) == suspect
+
+
+@pytest.mark.slow
+def test_the_range_of_a_certificate_is_no_limit_of_a_level_of_the_same_name() -> None:
+    """Slips of the wheels, which this level does not show, between two negative numbers; it follows the largest magnitude of an axle."""
+    simulation = solver.simulation_of(solver.load_scene('light_car_straight', ['fidelity=single_track']))
+    certified = Limit(quantity='slip', unit='1', low=-0.0005, high=-0.0004, why='the plan is certified for this range')
+    simulation.level = dataclasses.replace(simulation.level, validity=(*simulation.level.validity, certified))
+    simulation.advance(500)
+    assert simulation.reached['slip'][0] > 0.0
+    assert findings(simulation) == []
 
 
 FREQUENCY = Limit(quantity='frequency', unit='Hz', high=5.0, why='certified')

@@ -54,6 +54,11 @@ def test_a_plan_keeps_its_limits_with_margin_and_is_checked_elsewhere() -> None:
     assert 0.0 < data['largest_error'] <= 1.0 - MARGIN
     assert data['unseen']['largest'] <= 1.0
     assert json.loads(json.dumps(data, allow_nan=False)) == data
+    # what is certified does not leave its certificate
+    own = search.run(search.seen[0], search.result.setting).curves if search.result else {}
+    for limit in data['envelope']:
+        values = [values for name, values in own.items() if name.partition('.')[0] == limit['quantity']]
+        assert limit['low'] <= min(v.min() for v in values) <= max(v.max() for v in values) <= limit['high']
     # cheapest first: everything cheaper was tried and dropped, or is as cheap and less accurate
     assert search.result is not None
     assert all(t.dropped for t in search.tried if t.cost * 1.05 < search.result.cost)
