@@ -7,10 +7,15 @@ import json
 import math
 from typing import Any
 
+from solver import simulation_of
+from solver.analysis.envelope import Envelope
+from solver.analysis.verdict import findings
+from solver.errors import MbdError
 from solver.levels.auto import OK, key
+from solver.scene import Scene
 from solver.trade.requirements import ORIGINS
 from solver.trade.search import MARGIN, Search
-from solver.trade.setting import baseline
+from solver.trade.setting import Setting, baseline
 from solver.trade.variations import ranges_of
 from solver.trade.verdicts import Verdict, nearest
 
@@ -47,6 +52,8 @@ def plan(search: Search) -> dict[str, Any]:
                 'real_time_factor': 1.0 / of.median,
             },
         }
+    if best is not None:
+        search.notes += [f'a run of {best.setting} is suspect all the same (mbd run): {text}' for text in told(scene, best.setting)]
     data['errors'] = {} if shown is None else errors(shown)
     passed, failed = sum(c.passed for c in search.checks), sum(not c.passed for c in search.checks)
     data['unseen'] = {
@@ -78,6 +85,19 @@ def plan(search: Search) -> dict[str, Any]:
     data = finite(data)
     data['hash'] = hashlib.sha256(json.dumps(data, sort_keys=True, default=str).encode()).hexdigest()[:16]
     return data
+
+
+def told(scene: Scene, setting: Setting) -> list[str]:
+    """What makes the run of a setting suspect (solver.analysis.verdict), which a plan does not ask: it measures errors. A run that
+    fails says so."""
+    try:
+        simulation = simulation_of(setting.of(scene))
+        envelope = Envelope(simulation)
+        while simulation.k < simulation.scene.steps:
+            envelope.look(simulation.advance(min(10, simulation.scene.steps - simulation.k)))
+    except MbdError as error:
+        return [str(error)]
+    return [finding.text for finding in findings(simulation) + envelope.findings()]
 
 
 def finite(value: Any) -> Any:

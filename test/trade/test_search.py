@@ -9,7 +9,7 @@ import pytest
 
 import solver
 from solver.errors import SpecError
-from solver.trade.certificate import finite, plan
+from solver.trade.certificate import finite, plan, told
 from solver.trade.cost import PerStep
 from solver.trade.search import MARGIN, Search
 from solver.trade.setting import Setting
@@ -54,8 +54,11 @@ def test_a_plan_keeps_its_limits_with_margin_and_is_checked_elsewhere() -> None:
     assert 0.0 < data['largest_error'] <= 1.0 - MARGIN
     assert data['unseen']['largest'] <= 1.0
     assert json.loads(json.dumps(data, allow_nan=False)) == data
+    # a coarse step that keeps what is required may be suspect all the same, and the plan says so
+    assert search.result is not None
+    assert sum('is suspect' in note for note in data['notes']) == len(told(search.scene, search.result.setting))
     # what is certified does not leave its certificate
-    own = search.run(search.seen[0], search.result.setting).curves if search.result else {}
+    own = search.run(search.seen[0], search.result.setting).curves
     for limit in data['envelope']:
         values = [values for name, values in own.items() if name.partition('.')[0] == limit['quantity']]
         assert limit['low'] <= min(v.min() for v in values) <= max(v.max() for v in values) <= limit['high']
@@ -146,3 +149,11 @@ def test_unseen_maneuvers_of_a_driver_who_keeps_his_path_differ_in_what_there_is
     assert len(set(points)) == 24
     assert {(v.amplitude, v.direction) for v in (*points, *search.seen)} == {(1.0, 1)}
     assert not set(points) & set(search.seen)
+
+
+@pytest.mark.slow
+def test_what_makes_a_coarse_run_suspect_is_told() -> None:
+    """At 80 km/h a wheel of 0.3 m turns by 1.5 rad in 20 ms, and by 0.07 rad in 1 ms."""
+    scene = solver.load_scene('light_car_straight', ['duration=0.5'])
+    assert any('a body turns by 1.' in text for text in told(scene, Setting(h=0.02, iterations=1)))
+    assert told(scene, Setting(h=1e-3, iterations=2)) == []
