@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from solver.scene import Fidelity, Scene
+from solver.step.settings import IntegratorSettings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +39,8 @@ class Setting:
         """The scene simulated this way, with constant step and penalties and the method of second order."""
         mode: dict[str, Any] = {'mode': 'fixed', 'iterations': self.iterations}
         if self.iterations is None:
-            mode = {'mode': 'tolerance', 'tolerance': self.tolerance}
+            most = max(scene.integrator.max_iterations, IntegratorSettings().max_iterations)  # fewer would be no reference
+            mode = {'mode': 'tolerance', 'tolerance': self.tolerance, 'max_iterations': most}
         mode |= {'kind': 'alf', 'h': self.h, 'rho_inf': self.rho_inf, 'step_policy': 'constant', 'penalty_policy': 'constant', 'order': 2}
         integrator = dataclasses.replace(scene.integrator, **(mode | dict(self.other)))
         return dataclasses.replace(scene, fidelity=self.level, switches=dict.fromkeys(self.off, 'off'), integrator=integrator)

@@ -73,6 +73,17 @@ def test_a_setting_is_what_it_says_in_a_scene() -> None:
     assert str(baseline(scene)) == 'full, 1 ms, 2 iterations, rho 0.8'
 
 
+@pytest.mark.slow
+def test_a_reference_iterates_as_often_as_it_takes() -> None:
+    """A scene that allows one iteration would be its own reference, and the error of its iteration nothing."""
+    few, many = (
+        run(solver.load_scene('light_car_step_steer', ['duration=0.4', 'maneuver.steering.start=0.1', *more]), Setting(h=4e-3), ['yaw_rate'])
+        for more in (['integrator.max_iterations=1'], [])
+    )
+    assert few.counters == many.counters
+    np.testing.assert_array_equal(few.curves['yaw_rate'], many.curves['yaw_rate'])
+
+
 def test_values_between_samples_are_those_of_a_spline() -> None:
     """Of a cubic on 21 points nothing is lost anywhere; instants that are there give back the same bits."""
     t = np.linspace(0.0, 1.0, 21)
