@@ -14,6 +14,7 @@ from solver.errors import MbdError
 from solver.levels.auto import OK, key
 from solver.scene import Scene
 from solver.trade.requirements import ORIGINS
+from solver.trade.runs import Stopped
 from solver.trade.search import MARGIN, Search
 from solver.trade.setting import Setting, baseline
 from solver.trade.variations import ranges_of
@@ -142,8 +143,21 @@ UNITS = {
 
 
 def envelope_of(search: Search) -> list[dict[str, Any]]:
-    """The ranges of the maneuvers that were passed."""
-    return [{'quantity': name, 'unit': UNITS[name], 'low': low, 'high': high} for name, (low, high) in search.envelope().items()]
+    """The ranges of the maneuvers that were passed: by quantity, of all wheels together, the smallest and the largest value of the full
+    vehicle and of the setting that was found. So a run of what is certified does not leave its own certificate."""
+    found: dict[str, tuple[float, float]] = {}
+    for v in [*search.seen, *(c.variation for c in search.checks if c.passed)]:
+        try:
+            curves = [search.truth(v).curves]
+        except (MbdError, Stopped):
+            continue
+        own = search.known(v, search.result.setting) if search.result is not None else None
+        curves += [own.curves] if own is not None else []
+        for name, values in ((name, each[name]) for each in curves for name in search.watched if name in each):
+            head = name.partition('.')[0]
+            low, high = found.get(head, (math.inf, -math.inf))
+            found[head] = (min(low, float(values.min())), max(high, float(values.max())))
+    return [{'quantity': name, 'unit': UNITS[name], 'low': low, 'high': high} for name, (low, high) in found.items()]
 
 
 def what_has_to_give(search: Search, closest: Verdict | None, slow: bool, data: dict[str, Any]) -> list[str]:

@@ -77,7 +77,9 @@ def test_a_setting_is_what_it_says_in_a_scene() -> None:
 def test_a_reference_iterates_as_often_as_it_takes() -> None:
     """A scene that allows one iteration would be its own reference, and the error of its iteration nothing."""
     few, many = (
-        run(solver.load_scene('light_car_step_steer', ['duration=0.4', 'maneuver.steering.start=0.1', *more]), Setting(h=4e-3), ['yaw_rate'])
+        run(
+            solver.load_scene('light_car_step_steer', ['duration=0.4', 'maneuver.steering.start=0.1', *more]), Setting(h=4e-3), ['yaw_rate']
+        )
         for more in (['integrator.max_iterations=1'], [])
     )
     assert few.counters == many.counters

@@ -8,7 +8,9 @@ import math
 import pytest
 
 import solver
+from solver.analysis.departures import Departure
 from solver.errors import SpecError
+from solver.trade import reference
 from solver.trade.certificate import finite, plan, told
 from solver.trade.cost import PerStep
 from solver.trade.search import MARGIN, Search
@@ -157,3 +159,16 @@ def test_what_makes_a_coarse_run_suspect_is_told() -> None:
     scene = solver.load_scene('light_car_straight', ['duration=0.5'])
     assert any('a body turns by 1.' in text for text in told(scene, Setting(h=0.02, iterations=1)))
     assert told(scene, Setting(h=1e-3, iterations=2)) == []
+
+
+@pytest.mark.slow
+def test_a_reference_that_a_second_formulation_does_not_confirm_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """2 % are required where the two are 5 % apart."""
+
+    def apart(scene, truth, stop=None):
+        return {name: Departure(0.05 * peak, 0.05 * peak, peak, 0.0) for name, peak in truth.peaks.items()}
+
+    monkeypatch.setattr(reference, 'second_formulation', apart)
+    data, _ = searched('require={yaw_rate: {rms: 2 %}}', unseen=1)
+    assert (data['status'], data['settings']) == ('no', None)
+    assert data['give'] == ['yaw_rate rms: the reference is not confirmed, a second formulation departs from it by 2.5 of the limit']
