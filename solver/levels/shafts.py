@@ -202,29 +202,30 @@ def carried(draft: Draft, body: str, near: str, a: np.ndarray, far: str, b: np.n
 # -- torsion of the driveline --------------------------------------------------------------------------------------------------
 
 
-def without_torsion(draft: Draft, *, look: bool = False) -> bool:
-    """Whether a propeller shaft turns with outputs through an elastic final drive. Unless only a look is wanted: it turns with their mean.
+def elastic_drives(draft: Draft) -> list[CoordinateForceSpec]:
+    """Final drives through which a propeller shaft turns with outputs elastically."""
+    drives = draft.sections['coordinate_forces'].values()
+    return [
+        drive for drive in drives if len(drive.terms) == 3 and drive.spring is not None and drive.input is None and _joint(draft, drive)
+    ]
 
-    Its inertia over the square of the ratio turns by equal parts with the outputs: exact for equal speeds.
+
+def without_torsion(draft: Draft) -> None:
+    """Let propeller shafts turn with the mean of their outputs, those on which nothing acts besides: not those of a gearbox in front of
+    them, or of a connection with another axle.
+
+    Their inertia over the square of the ratio turns by equal parts with the outputs: exact for equal speeds.
     """
-    found = False
-    for drive in list(draft.sections['coordinate_forces'].values()):
-        pinion = _pinion(draft, drive)
-        if pinion is None:
-            continue
-        found = True
-        if not look:
-            _take_pinion(draft, drive, pinion)
-    return found
+    for drive in elastic_drives(draft):
+        joint, angle = _joint(draft, drive), drive.terms[-1][0]
+        if joint is not None and draft.uses(angle) == [drive.name]:
+            _take_pinion(draft, drive, joint.j.body)
 
 
-def _pinion(draft: Draft, drive: CoordinateForceSpec) -> str | None:
-    """The body of the last term of a final drive, which turns with nothing but free shafts."""
-    if len(drive.terms) != 3 or drive.spring is None or drive.input is not None:
-        return None
-    *_, (angle, _) = drive.terms
-    joint = next((j for j in draft.sections['joints'].values() if angle in draft.coordinates_of(j.name)), None)
-    return joint.j.body if joint is not None and draft.uses(angle) == [drive.name] else None
+def _joint(draft: Draft, drive: CoordinateForceSpec) -> JointSpec | None:
+    """The bearing of what the last term of a final drive turns, of a pinion."""
+    angle = drive.terms[-1][0]
+    return next((j for j in draft.sections['joints'].values() if angle in draft.coordinates_of(j.name)), None)
 
 
 def _take_pinion(draft: Draft, drive: CoordinateForceSpec, pinion: str) -> None:

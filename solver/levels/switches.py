@@ -27,7 +27,7 @@ from solver.levels.bars import drop_bars
 from solver.levels.columns import straight_columns
 from solver.levels.derived import Switched
 from solver.levels.draft import Draft
-from solver.levels.shafts import without_torsion
+from solver.levels.shafts import elastic_drives, without_torsion
 from solver.model.spec import ModelSpec
 from solver.scene import SUBSYSTEMS
 
@@ -45,8 +45,11 @@ def switched(model: ModelSpec, switches: Mapping[str, str]) -> tuple[ModelSpec, 
         if not there(draft):
             report.append(Switched(subsystem=name, on=False, why='the vehicle or its road has none'))
         elif switches.get(name) == 'off':
+            before = draft.model()
             leave_out(draft)
-            report.append(Switched(subsystem=name, on=False, why='switched off in the scene'))
+            gone = draft.model() != before
+            why = 'switched off in the scene' if gone else 'switched off in the scene, but no rule takes it out of this vehicle'
+            report.append(Switched(subsystem=name, on=not gone, why=why))
         else:
             report.append(Switched(subsystem=name, on=True, why='switched on in the scene' if name in switches else 'part of the vehicle'))
     changed = any(switches.get(s.subsystem) == 'off' for s in report if not s.on)
@@ -138,11 +141,11 @@ def _bars(draft: Draft) -> bool:
     return any(name.startswith('anti_roll_bar') for name in draft.sections['coordinate_forces'])
 
 
-RULES: dict[str, tuple[Callable[[Draft], bool], Callable[[Draft], object]]] = {
+RULES: dict[str, tuple[Callable[[Draft], object], Callable[[Draft], object]]] = {
     'engine_mounts': (_mounted('engine'), _merged('engine')),
     'subframes': (_mounted('subframe'), _merged('subframe')),
     'steering_column': (lambda draft: straight_columns(draft, look=True), straight_columns),
-    'driveline_torsion': (lambda draft: without_torsion(draft, look=True), without_torsion),
+    'driveline_torsion': (elastic_drives, without_torsion),
     'anti_roll_bars': (_bars, drop_bars),
     'stops': (lambda draft: bool(_with_stops(draft)), _without_stops),
     'relaxation': (_any_tire, _each_tire(_unrelaxed)),

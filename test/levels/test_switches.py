@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import pytest
 
 import solver
 from solver.analysis.figures import mass_figures
-from solver.files.scene import load_scene
+from solver.files.scene import load_scene, load_scene_text
 from solver.levels import derive
 from solver.levels.condensed import condensed
 from solver.levels.switches import RULES, switched
@@ -98,6 +100,21 @@ def test_the_report_names_every_subsystem_and_why() -> None:
     assert (report['road_unevenness'].on, report['road_unevenness'].why) == (False, 'the vehicle or its road has none')
     assert report['anti_roll_bars'].on
     assert 'element aero' in derive(scene).report.absent
+
+
+def test_what_no_rule_takes_out_is_on_whatever_the_scene_says() -> None:
+    """A pickup winds up its final drive, whose pinion turns with the transfer case too; a preloaded mesh keeps its steering column."""
+    pickup = load_scene_text('vehicle: vehicles/pickup_awd.yaml').model
+    assert 'final_drive' in {force.name for force in pickup.coordinate_forces}
+    saloon = load_scene_text('vehicle: vehicles/wishbone_car.yaml').model
+    forces = tuple(f.replace(preload=1.0) if f.name == 'rack_and_pinion' else f for f in saloon.coordinate_forces)
+    for given, name in ((pickup, 'driveline_torsion'), (dataclasses.replace(saloon, coordinate_forces=forces), 'steering_column')):
+        left, report = switched(given, {name: 'off'})
+        assert left == given
+        (told,) = (one for one in report if one.subsystem == name)
+        assert (told.on, told.why) == (True, 'switched off in the scene, but no rule takes it out of this vehicle')
+        (told,) = (one for one in switched(given, {})[1] if one.subsystem == name)
+        assert (told.on, told.why) == (True, 'part of the vehicle')
 
 
 def test_switches_that_are_on_leave_the_model_alone() -> None:
