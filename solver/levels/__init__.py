@@ -11,7 +11,7 @@ import dataclasses
 import importlib
 
 from solver.errors import SceneError, SpecError
-from solver.levels.derived import Derived, LevelReport, Limit, channels
+from solver.levels.derived import Derived, LevelReport, Limit, channels, moved_imu
 from solver.levels.switches import switched
 from solver.scene import Scene
 
@@ -44,4 +44,6 @@ def derive(scene: Scene) -> Derived:
     left = set(channels(derived.scene.model))
     absent = tuple(name for name in channels(scene.model) if name not in left)
     validity = (*derived.report.validity, *envelope)
-    return dataclasses.replace(derived, report=dataclasses.replace(derived.report, absent=absent, switched=switches, validity=validity))
+    lost = (*derived.report.lost, *moved_imu(scene.model, derived.scene.model))
+    report = dataclasses.replace(derived.report, lost=lost, absent=absent, switched=switches, validity=validity)
+    return dataclasses.replace(derived, report=report)

@@ -13,6 +13,7 @@ from solver.scene import Fidelity, Scene
 from solver.simulation import Simulation
 from solver.step.settings import IntegratorSettings
 
+SEEN = 1e-3  # m: by which an imu may be moved unsaid, 0.02 m/s^2 at 20 rad/s^2
 FINE = 2e-3  # s; of longer steps the iterations that are set are made
 
 
@@ -86,6 +87,19 @@ def with_one_iteration(settings: IntegratorSettings) -> IntegratorSettings:
     """
     one = settings.mode == 'fixed' and settings.h <= FINE
     return dataclasses.replace(settings, iterations=1) if one else settings
+
+
+def moved_imu(whole: ModelSpec, less: ModelSpec) -> tuple[str, ...]:
+    """In words, where less of a model shows its accelerations: at the centre of mass of its chassis, which other bodies may be part of."""
+    one, other = (next(b for b in m.bodies if b.name == m.chassis) if m.chassis else m.bodies[0] for m in (whole, less))
+    shift = [b - a for a, b in zip(one.com, other.com, strict=True)]
+    if max(map(abs, shift)) < SEEN:
+        return ()
+    x, y, z = (f'{1e3 * part:.0f}' for part in shift)
+    return (
+        f'imu and accelerations at the centre of mass of {one.name} alone: they are those of the centre of mass of all that is part of it '
+        f'here, ({x}, {y}, {z}) mm from there',
+    )
 
 
 def channels(model: ModelSpec) -> list[str]:

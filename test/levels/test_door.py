@@ -90,5 +90,27 @@ def test_channels_name_what_a_model_publishes() -> None:
     assert set(found) - set(channels(less)) == {f'element {spec.name}' for spec in model.aero_drags}
 
 
+@pytest.mark.parametrize(
+    ('setting', 'said'),
+    [
+        ('switches.drag=off', False),
+        ('switches.engine_mounts=off', True),
+        ('fidelity=condensed', True),
+        pytest.param('fidelity=kc', True, marks=pytest.mark.slow),
+        pytest.param('fidelity=single_track', False, marks=pytest.mark.slow),  # at the centre of mass of the chassis alone
+    ],
+)
+def test_an_imu_that_stands_elsewhere_is_told(setting: str, said: bool) -> None:
+    """Accelerations are those of the centre of mass of the chassis, which moves by what becomes a part of it, the engine above all: its
+    215 kg stand 1.3 m ahead of it."""
+    scene = load_scene('car_step_steer', [setting])
+    derived = derive(scene)
+    one, other = (next(b for b in model.bodies if b.name == 'chassis') for model in (scene.model, derived.scene.model))
+    (found,) = [text for text in derived.report.lost if text.startswith('imu')] or ['']
+    assert bool(found) == said == (other.com[0] > one.com[0] + 5e-3)
+    if said:
+        assert f'({1e3 * (other.com[0] - one.com[0]):.0f}, ' in found
+
+
 def test_a_limit_reads_as_a_sentence() -> None:
     assert str(Limit(quantity='frequency', unit='Hz', high=15.0, why='links have no mass')) == 'frequency <= 15 Hz: links have no mass'
