@@ -11,11 +11,12 @@ import numpy as np
 from solver.analysis.figures import standing
 from solver.analysis.modes import named_modes
 from solver.compiled.by_reference import Ref
+from solver.errors import ConsistencyError, SpecError
 from solver.inputs.maneuver import Maneuver
 from solver.inputs.signals import Ramp, Step
 from solver.levels.fitting import PRIOR, fitted
 from solver.levels.single_track_simulation import AXLES, COMMANDS, new_frame, new_scratch, rolling, tables_of
-from solver.levels.track_runs import EVERY, SPEED, Drive, H, Run, pitch_of, roll_of
+from solver.levels.track_runs import EVERY, SPEED, Drive, H, Run, driven, pitch_of, roll_of
 from solver.levels.track_straight import characteristic
 from solver.model.spec import ModelSpec
 from solver.scene import Scene
@@ -23,6 +24,8 @@ from solver.step.single_track import advance
 from solver.step.single_track_tables import FY, ROLL, SATURATION, SHIFT
 
 FAST = 33.0  # m/s
+FASTER = (45.0, 60.0)  # m/s, where what was found is looked at beside the vehicle
+GENTLE = 2.0  # m/s^2, there
 LATERAL = 4.0  # m/s^2 that the steps are meant for
 RAMP = 12.0  # m/s^2 that the ramp would end at if nothing saturated
 COMBINED = 3.0  # m/s^2, along and across
@@ -136,6 +139,7 @@ def limits(
         error = np.abs(-lock.axle('fx')[:, i] / share - wanted)
         wrong = error > ERROR * a['peak_x']
         slips.append(float(kappa[: int(np.argmax(wrong))].max(initial=0.0)) if wrong.any() else float(kappa.max()))
+    fastest = followed(found, scene, runs, model)
     hop = min(mode.frequency for name, mode in named_modes(standing(dataclasses.replace(scene, model=model))).items() if 'hop' in name)
     identified_ = f'the runs it was identified from are followed to {100 * ERROR:g} % up to there'
     rows = (
@@ -148,7 +152,43 @@ def limits(
         ('road height', 'm', 0.005, 'it drives on a plane'),
         ('road slope', '', 0.005, 'it drives on the level'),
     )
-    return [{'quantity': quantity, 'unit': unit, 'high': float(f'{high:.3g}'), 'why': why} for quantity, unit, high, why in rows]
+    why = f'gentle bends of the vehicle are followed to {100 * ERROR:g} % up to there'
+    speed = {'quantity': 'longitudinal_velocity', 'unit': 'm/s', 'low': -fastest, 'high': fastest, 'why': why}
+    return [speed, *({'quantity': quantity, 'unit': unit, 'high': float(f'{high:.3g}'), 'why': why} for quantity, unit, high, why in rows)]
+
+
+def followed(found: dict[str, dict[str, float]], scene: Scene, runs: list[tuple[Drive, Run]], model: ModelSpec) -> float:
+    """The speed [m/s] up to which the level follows a gentle step to ERROR (root mean square of the yaw rate over its peak): FAST, where it
+    is identified, or one of FASTER. A car next to neutral, or with wings, is soon another one.
+    """
+    ratio, wheelbase = found['body']['ratio'], found['front']['x'] - found['rear']['x']
+    _, run = runs[2]
+    turned = run.inputs[-1, run.names.index(COMMANDS[0])]
+    understeer = (ratio * turned / float(run.yaw_rate[-1]) - wheelbase / float(run.vx[-1])) / float(run.vx[-1])
+    fastest = FAST
+    for speed in FASTER:
+        value = GENTLE * (wheelbase / speed**2 + understeer) / ratio
+        if not value > 0.0:  # above the critical speed of a car that oversteers
+            return fastest
+        maneuver = Maneuver(steering=Step(value=value, start=0.5, rise=0.15), drive_torque=holding(found, speed))
+        drive = Drive(speed=speed, maneuver=maneuver, duration=3.0)
+        try:
+            theirs = driven(model, drive)
+        except (SpecError, ConsistencyError):
+            return fastest
+        error = replay(Ref(tables_of(found, scene)), drive, theirs)[0] - theirs.yaw_rate
+        peak = float(np.abs(theirs.yaw_rate).max())
+        if theirs.time[-1] < 2.5 or not math.sqrt(float(np.mean(error * error))) <= ERROR * peak:
+            return fastest
+        fastest = speed
+    return fastest
+
+
+def holding(parameters: dict[str, dict[str, float]], speed: float) -> float:
+    """The drive torque [N m] that keeps a speed [m/s] straight on."""
+    shares = sum(parameters[axle]['drive'] / parameters[axle]['radius'] for axle in AXLES)
+    rolling_ = sum(parameters[axle]['resistance'] * parameters[axle]['load'] for axle in AXLES)
+    return (parameters['body']['drag'] * speed**2 + rolling_) / shares if shares > 0.0 else 0.0
 
 
 def bends(start: dict[str, dict[str, float]], wheelbase: float) -> list[Drive]:
@@ -158,17 +198,12 @@ def bends(start: dict[str, dict[str, float]], wheelbase: float) -> list[Drive]:
     def wheel(lateral: float, speed: float) -> float:
         return lateral * (wheelbase / speed**2 + UNDERSTEER) / body['ratio']
 
-    def torque(speed: float) -> float:
-        shares = sum(start[axle]['drive'] / start[axle]['radius'] for axle in AXLES)
-        resistance = body['drag'] * speed**2 + sum(start[axle]['resistance'] * start[axle]['load'] for axle in AXLES)
-        return resistance / shares if shares > 0.0 else 0.0
-
     end = wheel(RAMP, SPEED)
     ramp = Ramp(slope=end / 6.0, start=0.5, final=end)
-    drives = [Drive(speed=SPEED, maneuver=Maneuver(steering=ramp, drive_torque=torque(SPEED)), duration=7.0)]
+    drives = [Drive(speed=SPEED, maneuver=Maneuver(steering=ramp, drive_torque=holding(start, SPEED)), duration=7.0)]
     for speed in (SPEED, FAST):
         step = Step(value=wheel(LATERAL, speed), start=0.5, rise=0.15)
-        drives.append(Drive(speed=speed, maneuver=Maneuver(steering=step, drive_torque=torque(speed)), duration=3.0))
+        drives.append(Drive(speed=speed, maneuver=Maneuver(steering=step, drive_torque=holding(start, speed)), duration=3.0))
     brake = Step(value=COMBINED * body['mass'] * start['front']['radius'], start=2.0, rise=0.2)
     step = Step(value=wheel(COMBINED, SPEED), start=0.5, rise=0.15)
     return [*drives, Drive(speed=SPEED, maneuver=Maneuver(steering=step, brake_torque=brake), duration=4.0)]

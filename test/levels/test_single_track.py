@@ -14,6 +14,7 @@ import pytest
 from saloon import double_wishbones
 
 import solver
+from solver.analysis.envelope import Envelope
 from solver.analysis.verdict import findings
 from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.road_grids import Raster
@@ -155,6 +156,31 @@ def test_what_is_slippery_in_part_is_driven_and_told_like_what_is_so_everywhere(
     assert not findings(part)
     part.restore(saved)
     assert findings(part) == before
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('vehicle', 'speed', 'angle', 'told'), [
+    ('light_car', 58.0, 0.14, False),
+    pytest.param('formula_student', 45.0, 0.02, True, marks=pytest.mark.long),
+])  # fmt: skip
+def test_a_gentle_bend_faster_than_it_was_identified_is_followed_or_told(vehicle: str, speed: float, angle: float, told: bool) -> None:
+    """With wings, and next to neutral, a car turns a quarter less at 45 m/s than what was identified up to 33 m/s."""
+    text = (
+        f'vehicle: vehicles/{vehicle}.yaml\nstart: {{kind: equilibrium, speed: {speed}}}\nduration: 2.5\n'
+        f'maneuver: {{steering: {{kind: step, value: {angle}, start: 0.2, rise: 0.3}}, speed: {{}}}}\n'
+        'integrator: {h: 0.002, iterations: 2}\n'
+    )
+    rates = []
+    for fidelity in ('full', 'single_track'):
+        simulation = solver.simulation_of(load_scene_text(f'{text}fidelity: {fidelity}'))
+        watch = Envelope(simulation)
+        for _ in range(125):
+            shot = simulation.advance(10)
+            watch.look(shot)
+        rates.append(float(shot.twist[0, 5]))
+    assert (abs(rates[1] / rates[0] - 1.0) < 0.05) != told
+    assert [f.where for f in watch.findings()] == ['longitudinal_velocity'] * told
+    assert not findings(simulation)
 
 
 @pytest.mark.slow
