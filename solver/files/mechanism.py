@@ -81,6 +81,11 @@ class MechanismReader:
                 raise SceneError(
                     f"{where(fields[placed[0]][0])}: {join(path, placed[0])}: needs the key 'at' beside it (a point in the world)"
                 )
+            if not any(isinstance(fields[m][1], ScalarNode) for m in markers if m in fields):
+                raise SceneError(
+                    f'{where(fields["at"][0])}: {join(path, "at")}: places nothing, for each marker says itself where it is; '
+                    'give a marker as the bare name of its body to have it there, or remove this key'
+                )
             placement = self.placement(builder, fields, path)
         given: dict[str, object] = {m: self._marker(builder, fields.pop(m)[1], join(path, m), placement) for m in markers if m in fields}
         distance = cls is JointSpec and 'kind' in fields and fields['kind'][1].value == 'distance'

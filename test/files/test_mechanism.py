@@ -104,6 +104,11 @@ def test_inputs_are_those_that_elements_name_and_drivers_bring_their_derivatives
         ('joints:\n  j: {kind: fixed, i: a, j: b, at: [0, 0, 0], x_axis: [2, 0, 0]}', "needs the key 'axis'"),
         ('joints:\n  j: {kind: fixed, i: a, j: b, at: [0, 0, 0], axis: [1, 0, 0], rpy: [0, 0, 0]}', 'keep one of them'),
         ('joints:\n  j: {kind: fixed, i: {body: a, at: [0, 0, 0], position: [0, 0, 0]}, j: b}', "either 'at'"),
+        (
+            'joints:\n  j: {kind: revolute, i: {body: a}, j: {body: b}, at: [0, 0, 0], axis: [1, 0, 0]}',
+            'file.yaml:6: joints.j.at: places nothing, for each marker says itself where it is; give a marker as the bare name of its body',
+        ),
+        ('applied_forces:\n  f: {marker: {body: a}, input: u, at: [0, 0, 0]}', 'applied_forces.f.at: places nothing'),
         ('joints:\n  j: {kind: fixed, i: {body: a, at: [0, 0, 0], foo: 1}, j: b}', 'joints.j.i.foo: unknown key'),
         ('joints:\n  j: {kind: fixed, i: {body: a, positon: [0, 0, 0]}, j: b}', "did you mean 'position'"),
         ('spring_dampers:\n  s: {i: a, j: b, free_length: 1, spring: [[0, 0], [0, 1]]}', 'spring_dampers.s.spring'),
