@@ -160,10 +160,11 @@ def _level(level: LevelReport) -> str:
 def _scene(name: str, overrides: Sequence[str]) -> Scene:
     """The scene of that name or file; of a vehicle that is no scene: the vehicle standing on a flat road."""
     from solver.files.scene import known_names, load_scene, load_scene_text
+    from solver.files.yaml_tree import included
 
     is_file = os.path.isfile(name)  # false of names that no file can have
     if is_file and _is_vehicle(Path(name)):
-        return load_scene_text(STANDING.format(Path(name).resolve()), Path(name).stem, overrides)
+        return load_scene_text(STANDING.format(included(Path(name))), Path(name).stem, overrides)
     if name not in known_names() and name in known_names('vehicles') and not is_file:
         return load_scene_text(STANDING.format(f'vehicles/{name}.yaml'), name, overrides)
     return load_scene(name, overrides)

@@ -124,7 +124,8 @@ def _own_start(where: Path, before: Content, applied: Inputs) -> list[str]:
 def _maneuver(where: Path, applied: Inputs) -> list[str]:
     """Overrides that let the inputs in a recording drive, for as long as it lasts."""
     seconds = (applied.last - applied.first) * applied.h_ns * 1e-9
-    return [f'maneuver={{bag: "{where.resolve()}"}}', f'duration={seconds!r}']
+    place = str(where.resolve()).replace("'", "''")  # as YAML quotes it
+    return [f"maneuver={{bag: '{place}'}}", f'duration={seconds!r}']
 
 
 def different_topics(before: Content, after: Content, *, lost: bool = False) -> list[str]:
@@ -145,10 +146,11 @@ def _changed(args: argparse.Namespace, before: Content, applied: Inputs, directo
     from mbd_sim_ros.batch import simulate
     from solver import simulation_of
     from solver.files.scene import find_file, load_scene_text
+    from solver.files.yaml_tree import included
 
     overrides = list(args.overrides)
     if args.vehicle is not None:
-        overrides.insert(0, f'vehicle={find_file(args.vehicle, "vehicles").resolve()}')
+        overrides.insert(0, f'vehicle={included(find_file(args.vehicle, "vehicles"))}')
     if applied.last == applied.first:
         raise BagError(f'{args.bag} cannot be replayed: it holds no step')
     for given in args.overrides:

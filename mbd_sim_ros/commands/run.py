@@ -43,10 +43,11 @@ def run(args: argparse.Namespace) -> Result:
     from mbd_sim_ros.batch import simulate
     from solver import simulation_of
     from solver.files.scene import find_file, load_scene
+    from solver.files.yaml_tree import included
 
     overrides = list(args.overrides)
     if args.maneuver is not None:
-        overrides.append(f'maneuver={find_file(args.maneuver, "maneuvers").resolve()}')
+        overrides.append(f'maneuver={included(find_file(args.maneuver, "maneuvers"))}')
     if args.duration is not None:
         overrides.append(f'duration={args.duration!r}')
     scene = load_scene(args.scene, overrides)

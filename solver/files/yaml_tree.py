@@ -22,7 +22,7 @@ from solver.files.raster import read_npz, read_png
 from solver.files.tir import read_tir
 from solver.units import SUFFIXES
 
-INCLUDE = re.compile(r'[\w./-]+(\.[a-z]+)')
+INCLUDE = re.compile(r'(?:[\w./-]+|/.*)(\.[a-z]+)')  # what begins with / is a path, whatever is in it
 TAGS = tuple(f'tag:yaml.org,2002:{kind}' for kind in ('map', 'seq', 'str', 'int', 'float', 'bool', 'null', 'timestamp', 'merge', 'value'))
 MOST_CHARACTERS = 1 << 20  # of all files together: about five seconds of reading
 MOST_KEPT = 1 << 16  # characters of a text whose nodes are kept
@@ -251,6 +251,14 @@ def names_file(node: Node) -> bool:
     return match is not None and match[1] in ('.yaml', *READERS)
 
 
+def included(file: Path) -> str:
+    """A file as scenes and overrides include it. Raises SceneError."""
+    name = str(file.resolve())
+    if INCLUDE.fullmatch(name) is None or re.search(r':\s|\s#', name) or file.suffix not in ('.yaml', *READERS):
+        raise SceneError(f'{name!r}: a scene cannot include it; move it to a path without ": " and " #" that ends in .yaml')
+    return name
+
+
 def find(name: str, directories: Sequence[Path]) -> Path | None:
     """First existing directory/name."""
     return next((d / name for d in directories if (d / name).is_file()), None)
@@ -260,7 +268,7 @@ def listing(directory: Path, like: Path) -> Iterator[str]:
     """Names of the files in directory/<parent of like> with the same ending, as they would be written in an include."""
     folder = directory / like.parent
     if folder.is_dir():
-        yield from (file.relative_to(directory).as_posix() for file in folder.glob(f'*{like.suffix}'))
+        yield from ((like.parent / file.name).as_posix() for file in folder.glob(f'*{like.suffix}'))
 
 
 def node_of(value: Any, mark: Any) -> Node:
@@ -284,7 +292,7 @@ def text_of(node: Node) -> str:
 
 def override(root: Node, assignment: str, directories: Sequence[Path]) -> None:
     """Apply 'a.b.c=value' (value in YAML; list items as a.b.0 or a.b[0]) to a node tree in place; missing mappings are created. What stands
-    under the same key with another unit (a.b.c_mm) is replaced."""
+    under the same key with another unit (a.b.c_mm) is replaced. Other places that stand for the same part by an alias stay as they are."""
     path, equals, text = assignment.partition('=')
     keys = [key for key in re.split(r'[.\[\]]+', path.strip()) if key]
     name = f'--set {path.strip()}'
@@ -299,20 +307,26 @@ def override(root: Node, assignment: str, directories: Sequence[Path]) -> None:
         if isinstance(node, SequenceNode):
             if not (key.isdigit() and int(key) < len(node.value)):
                 raise SceneError(f'{name}: {".".join(keys[:depth])} is a list of {len(node.value)}; {key!r} is not one of its indices')
-            if last:
-                node.value[int(key)] = value
+            node.value[int(key)] = value if last else _alone(node.value[int(key)])
             node = node.value[int(key)]
             continue
         if not isinstance(node, MappingNode):
             raise SceneError(f'{name}: {".".join(keys[:depth])} = {shown(node)} is a plain value and has no {key!r} in it')
         at = _place(node, key, last)
-        child = value if last else (MappingNode(TAGS[0], [], value.start_mark, value.end_mark) if at is None else node.value[at][1])
+        child = value if last else (MappingNode(TAGS[0], [], value.start_mark, value.end_mark) if at is None else _alone(node.value[at][1]))
         if at is None:
             node.value.append((ScalarNode(TAGS[2], key, value.start_mark, value.end_mark), child))
         else:
             entry = node.value[at][0]
             node.value[at] = (entry if entry.value == key else ScalarNode(TAGS[2], key, value.start_mark, value.end_mark), child)
         node = child
+
+
+def _alone(node: Node) -> Node:
+    """A node with entries of its own, as what is changed must have: an alias stands for it in other places too."""
+    if not isinstance(node, MappingNode | SequenceNode):
+        return node
+    return type(node)(node.tag, list(node.value), node.start_mark, node.end_mark, flow_style=node.flow_style)
 
 
 def _place(node: MappingNode, key: str, last: bool) -> int | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -308,6 +309,20 @@ def test_places_that_take_nothing_are_one_sentence(argv: tuple[str, ...], capsys
     code, out, err = output(capsys, *argv)
     assert code in (1, 5) and out == ''
     assert err.count('\n') == 1 and argv[-1].rpartition('/')[0] in err
+
+
+def test_folders_may_have_any_name(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    folder = tmp_path / 'it\'s "new" \\s (50 % é)'
+    folder.mkdir()
+    shutil.copy(ROOT / 'config' / 'vehicles' / 'light_car.yaml', folder / 'my car.yaml')
+    shutil.copy(ROOT / 'config' / 'maneuvers' / 'straight_ahead.yaml', folder / 'go on.yaml')
+    code, data = document(capsys, 'info', str(folder / 'my car.yaml'), '--brief')
+    assert (code, data['scene']) == (0, 'my car')
+    settings = ['--maneuver', str(folder / 'go on.yaml'), '--duration', '0.01', '--out', str(folder / 'a run')]
+    assert document(capsys, 'run', 'light_car_straight', *settings)[0] == 0
+    for changed in (['--set', 'integrator.iterations=3'], ['--vehicle', str(folder / 'my car.yaml')]):
+        code, data = document(capsys, 'replay', str(folder / 'a run'), *changed)
+        assert (code, data['status']) == (0, 'compared')
 
 
 @pytest.mark.parametrize('name', ['../../outside', '/tmp/outside', '..', 'a b/c'])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,8 @@ import pytest
 from solver.elements.joint import JointSpec
 from solver.errors import SceneError
 from solver.files.scene import known_names, load_maneuver, load_scene, load_scene_text
+from solver.files.yaml_tree import included
+from solver.model.frames import matrix
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -68,6 +71,41 @@ def test_overrides_are_checked_like_the_file_and_are_in_the_resolved_text() -> N
 def test_a_wrong_override_is_refused(override: str, says: str) -> None:
     with pytest.raises(SceneError, match=re.escape(says)):
         load_scene('slider_crank', [override])
+
+
+TWINS = """
+mechanism:
+  bodies:
+    left: &arm {mass: 1, inertia: [0.01, 0.01, 0.01], com: [0, 0, -1]}
+    right: *arm
+  joints:
+    a: &hinge {kind: revolute, i: world, j: left, at: [0, 0, 0], axis: [0, 1, 0]}
+    b: {kind: revolute, i: world, j: right, at: &place [0, 1, 0], axis: *place}
+"""
+
+
+def test_an_override_changes_one_place_and_no_alias_of_it() -> None:
+    overrides = ['mechanism.bodies.left.mass=5', 'mechanism.bodies.right.com[2]=-2', 'mechanism.joints.b.at.0=0.5']
+    scene = load_scene_text(TWINS, 'twins', overrides)
+    left, right = scene.model.bodies
+    assert (left.mass, left.com[2], right.mass, right.com[2]) == (5.0, -1.0, 1.0, -2.0)
+    hinge = scene.model.joints[1].i
+    assert hinge.position == (0.5, 1.0, 0.0)
+    np.testing.assert_allclose(matrix(hinge.orientation)[:, 2], [0.0, 1.0, 0.0], atol=1e-15)  # the axis is the alias of the place
+    assert load_scene_text(scene.resolved) == scene
+
+
+def test_a_path_that_begins_at_the_root_may_hold_anything(tmp_path: Path) -> None:
+    folder = tmp_path / 'my data (new), 50 % é'
+    folder.mkdir()
+    shutil.copy(ROOT / 'config' / 'maneuvers' / 'step_steer.yaml', folder / 'steer it.yaml')
+    scene = load_scene('light_car_straight', [f'maneuver={included(folder / "steer it.yaml")}'])
+    assert scene.maneuver == load_maneuver('step_steer')
+    for name in ('steer.yml', 'a #b.yaml', 'a: b.yaml'):
+        with pytest.raises(SceneError, match='a scene cannot include it; move it to a path without'):
+            included(folder / name)
+    with pytest.raises(SceneError, match=r"no such file; did you mean '.*/steer it\.yaml'"):
+        load_scene('light_car_straight', [f'maneuver={folder / "steer at.yaml"}'])
 
 
 def test_a_wrong_scene_name_suggests_the_nearest() -> None:

@@ -26,7 +26,7 @@ from mbd_sim_ros.batch import simulate
 from solver import simulation_of
 from solver.errors import BagError, SpecError
 from solver.files.scene import find_file, load_scene_text
-from solver.files.yaml_tree import INCLUDE
+from solver.files.yaml_tree import included
 from solver.scene import Scene
 from solver.vehicle.trailer import has_trailer
 
@@ -51,29 +51,21 @@ def scene_text(drive: Drive, vehicle: Path, name: str, overrides: Sequence[str] 
     speed = '' if {'start.speed', 'start.speed_kmh'} & {key_of(o) for o in overrides} else f', speed: {drive.speed!r}'
     lines = [
         f'name: {name}',
-        f'vehicle: {_included(vehicle)}',
+        f'vehicle: {included(vehicle)}',
         f'start: {{kind: equilibrium{speed}}}',
-        f'maneuver: {_included(find_file(drive.maneuver, "maneuvers"))}',
+        f'maneuver: {included(find_file(drive.maneuver, "maneuvers"))}',
         'integrator: {h: 1.0e-3, iterations: 2}',
         f'duration: {drive.duration!r}',
         f'record: {{every: {drive.every}, elements: false}}',
     ]
     if drive.road:
-        lines.append(f'road: {_included(find_file(drive.road, "roads"))}')
+        lines.append(f'road: {included(find_file(drive.road, "roads"))}')
     return '\n'.join(lines) + '\n'
 
 
 def key_of(override: str) -> str:
     """The key of a KEY=VALUE."""
     return override.partition('=')[0].strip()
-
-
-def _included(file: Path) -> str:
-    """A file as scenes include it. Raises SpecError."""
-    name = str(file.resolve())
-    if not INCLUDE.fullmatch(name):
-        raise SpecError(f'{name}: a scene cannot include it; move it to a path of letters, digits and . _ - that ends in .yaml')
-    return name
 
 
 class Driving:
