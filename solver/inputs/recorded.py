@@ -59,14 +59,30 @@ def recorded(path: str, channels: Mapping[str, BagChannel]) -> Recorded:
     return read(path, channels)
 
 
+def _span(given: Recorded) -> tuple[int, int]:
+    """First and last instant of all samples [ns], but single ones, which hold for ever. Raises SpecError where two inputs share no time."""
+    spans = {name: (int(t[0]), int(t[-1])) for name, (t, _) in given.tracks.items() if len(t) > 1}
+    if not spans:
+        return 0, 0
+    late, early = max(spans, key=lambda name: spans[name][0]), min(spans, key=lambda name: spans[name][1])
+    begin, end = spans[late][0], spans[early][1]
+    if begin > end:
+        raise SpecError(
+            f'{given.where}: map: {late} begins at {begin * 1e-9:.6g} s, behind the end of {early} at {end * 1e-9:.6g} s: '
+            'their topics have different clocks; take channels that have stamps of the same one'
+        )
+    return min(first for first, _ in spans.values()), max(last for _, last in spans.values())
+
+
 class RecordedSource:
     """Input source of a simulation: the inputs in a recording, which begins at t = 0 here.
 
     A run with the same step gets the same rows, bit for bit. With another step a motion goes through every recorded value, rate and
     acceleration (quintic between two instants), and a force-like input is the mean of what was held in the recorded steps, so its
     impulse is kept. Samples of others: motions by a cubic spline through them, force-like inputs linearly between them at the instant
-    where the integrator balances forces.
-    Raises SpecError when the model lacks an input that is not zero in the recording, and outside of the recording.
+    where the integrator balances forces; before the first and behind the last the value of that holds, of a single one all the time.
+    Raises SpecError when the model lacks an input that is not zero in the recording, for samples without a common time, for those of a
+    rate or an acceleration, which follow from the motion, and outside of the recording.
     """
 
     def __init__(self, given: Recorded, input_names: Sequence[str], h_ns: int, stage: float = 1.0) -> None:
@@ -79,10 +95,13 @@ class RecordedSource:
             self._length_ns = given.h_ns * given.steps
             used = {name: values for name, values in given.rows.items() if np.any(values != 0.0)}
         else:
-            begin = min(int(track.t_ns[0]) for track in given.tracks.values())
+            begin, end = _span(given)
             self._tracks = {name: Track(track.t_ns - begin, track.values) for name, track in given.tracks.items()}
-            self._length_ns = max(int(track.t_ns[-1]) for track in self._tracks.values())
+            self._length_ns = end - begin
             used = {name: track.values for name, track in self._tracks.items()}
+            for name in (name for name in used if name in companions):
+                motion = name.removesuffix(RATE).removesuffix(ACCELERATION)
+                raise SpecError(f'{given.where}: map: {name}: follows from the motion {motion!r}, which can be mapped; remove this one')
             self._splines: dict[str, np.ndarray] = {}  # slopes
         for name in used:
             if name not in self.names:

@@ -288,3 +288,23 @@ def test_samples_of_others_become_motions_and_forces():
     x, v, a = table[:-1, 1:].T  # at the end it is held, without acceleration
     h = 1e-3  # the rule below is exact for the cubic between two samples: rates and accelerations belong to the values
     np.testing.assert_allclose(np.diff(x), h / 2.0 * (v[1:] + v[:-1]) - h * h / 12.0 * (a[1:] - a[:-1]), rtol=0.0, atol=1e-14)
+
+
+def test_samples_of_others_that_would_be_misread_are_refused():
+    seconds = 1_000_000_000 * np.arange(4)
+    track, late = Track(seconds, np.arange(4.0)), Track(1_700_000_000_000_000_000 + seconds, np.arange(4.0))
+    with pytest.raises(SpecError, match=r'map: force begins at 1\.7e\+09 s, behind the end of x at 3 s: .* different clocks'):
+        RecordedSource(Recorded('bag b', 0, 0, {}, {}, {'x': track, 'force': late}), NAMES, 1_000_000)
+    for name in ('x_rate', 'x_acceleration'):
+        with pytest.raises(SpecError, match=f"bag b: map: {name}: follows from the motion 'x', which can be mapped; remove this one"):
+            RecordedSource(Recorded('bag b', 0, 0, {}, {}, {'x': track, name: track}), NAMES, 1_000_000)
+
+
+@pytest.mark.parametrize('at', [-10, 1, 100])
+def test_a_single_sample_holds_all_the_time_and_its_instant_counts_for_nothing(at):
+    seconds = 5_000_000_000 + 1_000_000_000 * np.arange(3)
+    tracks = {'x': Track(seconds, np.array([0.0, 1.0, 2.0])), 'force': Track(seconds[:1] + at * 1_000_000_000, np.array([7.0]))}
+    source = RecordedSource(Recorded('bag b', 0, 0, {}, {}, tracks), NAMES, 500_000_000)
+    assert source.steps == 4
+    np.testing.assert_array_equal(source.table(0, 4)[:, 0], 7.0)
+    np.testing.assert_allclose(source.table(0, 4)[1::2, 1], [1.0, 2.0], rtol=1e-12)
