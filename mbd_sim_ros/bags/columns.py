@@ -38,6 +38,7 @@ COLUMNS_MAX = 4096  # of one topic; a cloud of points is no set of channels
 TABLE_MOST = (1 << 26, 256)  # bytes that are reserved for a table before its messages are there: so many, and per byte of them
 STAMP = ('header.stamp.sec', 'header.stamp.nanosec')
 STAMP_KINDS = ('int32', 'uint32')
+SET_BACK = 1_000_000_000  # ns by which messages on their way overtake each other at most: more is a clock that was set back
 
 
 @dataclass(frozen=True)
@@ -105,6 +106,7 @@ class Collector:
         self._bytes = 0
         self._count = 0
         self._begun = False
+        self._channels: set[int] = set()  # those of several publishers lie in a chunk one after the other
         self._first: dict[str, Any] = {}
         self._length = 0
         self._places: dict[str, cdr.Place] = {}
@@ -125,6 +127,7 @@ class Collector:
             self._begin(messages.data[0])
         if self.idle:
             return
+        self._channels.add(messages.channel)
         self._times += messages.log_times
         self._data += messages.data
         self._bytes += len(messages.data) * len(messages.data[0])
@@ -132,13 +135,21 @@ class Collector:
             self._decode()
 
     def series(self) -> Series | None:
-        """All that came, with header stamps as times where the type has them and they tell the messages apart."""
+        """All that came, with header stamps as times where the type has them and they tell the messages apart; None where nothing did, or
+        where time goes back: what came before and after would be mixed."""
         self._decode()
         if self.problem or not self._count:
             return None
         log_times, stamps = self._stamps[:, : self._count]
         times = log_times if stamps[0] < 0 or (self._count > 1 and np.all(stamps == stamps[0])) else stamps
         table = self._table[:, : self._count]
+        came = times if len(self._channels) == 1 else times[np.argsort(log_times, kind='stable')]
+        back = int(np.max(np.maximum.accumulate(came) - came))
+        if back > SET_BACK:
+            self.problem = (
+                f'its times go back by {back * 1e-9:.6g} s, as of a clock that was set back or began anew; cut the recording there'
+            )
+            return None
         order = np.argsort(times, kind='stable')
         keep = order[np.flatnonzero(np.diff(times[order], append=np.iinfo(np.int64).max))]  # of equal times the last
         if keep.size == times.size and np.all(keep == np.arange(times.size)):

@@ -132,6 +132,26 @@ def test_stamps_that_are_not_set_give_way_to_the_times_of_recording(tmp_path: Pa
     assert given.time_ns.tolist() == [17, 27, 37]
 
 
+@pytest.mark.parametrize('log', [1_700_000_000, None])  # of the time of day, or of the clock that is simulated
+def test_runs_behind_each_other_are_not_mixed_where_the_clock_begins_anew(log: int | None, tmp_path: Path) -> None:
+    seconds = [*range(20), *range(15)]
+    stamps = [k * 1000 * MS + 500 * MS * (i >= 20) for i, k in enumerate(seconds)]
+    logs = stamps if log is None else [log * 1000 * MS + i * 1000 * MS for i in range(len(seconds))]
+    again = scalars('/again', *(scalar(t, float(i), stamp) for i, (t, stamp) in enumerate(zip(logs, stamps))))
+    steady = scalars('/steady', *(scalar(k * MS, float(k)) for k in range(3)))
+    run = bag.read(write_mcap(tmp_path / 'a.mcap', [again, steady]))
+    assert set(run.columns) == {'steady/v'}
+    assert run.left_out == {'again': 'its times go back by 18.5 s, as of a clock that was set back or began anew; cut the recording there'}
+
+
+def test_messages_that_overtook_each_other_are_put_in_order(tmp_path: Path) -> None:
+    stamps = [k * 100 * MS for k in range(1, 100)]
+    stamps[49] = stamps[40] + 50 * MS  # of message 50, which came 0.85 s late
+    run = bag.read(write_mcap(tmp_path / 'a.mcap', [scalars('/s', *(scalar(k * 100 * MS, float(k), s) for k, s in enumerate(stamps, 1)))]))
+    assert not run.left_out and np.all(np.diff(run.time_ns) > 0)
+    assert run['s/v'].tolist() == [*range(1, 42), 50, *range(42, 50), *range(51, 100)]
+
+
 def test_stamps_with_the_time_of_day_keep_their_nanoseconds(tmp_path: Path) -> None:
     t = 1_700_000_000_123_456_789 + np.arange(5) * 10 * MS
     run = bag.read(write_scalars(tmp_path / 'bag', {'s': (t, {'v': np.arange(5.0)})}))
