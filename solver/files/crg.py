@@ -22,7 +22,7 @@ from solver.errors import SceneError
 from solver.files.raster import content_of, packed
 
 _FORMS = {'LRFI': (10, 8, ''), 'LDFI': (20, 4, ''), 'KRBI': (0, 0, '>f4'), 'KDBI': (0, 0, '>f8')}
-_HEADER = re.compile(r'([A-Za-z_][\w]*)[ .]*=\s*(\S+)')
+_HEADER = re.compile(r'([A-Za-z_][\w]*)[\s.]*=\s*(\S+)')
 STRAIGHT = 1e-6  # [rad]: headings of a straight road differ by less
 HOLES = 'grid_nan_mode'  # a modifier about missing numbers, which are always those of their neighbours here
 LARGEST_NUMBER = 1e9
@@ -115,10 +115,9 @@ def _float(path: Path, key: str, text: str) -> float:
 def _table(path: Path, head: _Definition) -> np.ndarray:
     """The data, one row per place along the line and one column per channel; missing numbers are NaN."""
     width, per_line, kind = _FORMS[head.form]
-    columns = len(head.channels)
+    columns, expected = len(head.channels), _expected_rows(head)
     if kind:
         rows = len(head.data) // (columns * np.dtype(kind).itemsize)
-        expected = _expected_rows(head)
         rows = min(rows, expected) if expected else rows
         with np.errstate(invalid='ignore'):  # NaN of any kind stands for a missing number
             found = np.frombuffer(head.data, kind, rows * columns).astype(float).reshape(rows, columns)
@@ -131,6 +130,8 @@ def _table(path: Path, head: _Definition) -> np.ndarray:
             text = ''.join(line.ljust(width * per_line) for line in lines[k * lines_of_row : (k + 1) * lines_of_row])
             for j in range(columns):
                 found[k, j] = _cell(path, text[j * width : (j + 1) * width])
+    if rows < expected - 1:  # the end may lie between two rows
+        raise SceneError(f'{path}: has {rows} rows instead of {expected}, up to reference_line_end_u: it was cut off')
     if rows < 2:
         raise SceneError(f'{path}: has {rows} rows of {columns} numbers: must have two or more')
     if found.size > LARGEST_RASTER:

@@ -121,6 +121,17 @@ def test_a_straight_opencrg_road_keeps_its_grid(tmp_path: Path, form: str) -> No
         assert road_at(road, 5.0 + u * c - v * s, u * s + v * c)[0] == pytest.approx(table[i, j], abs=2e-6)
 
 
+@pytest.mark.parametrize('form', ['LRFI', 'KRBI'])
+def test_a_head_with_tabs_is_read_and_a_road_that_was_cut_off_is_refused(tmp_path: Path, form: str) -> None:
+    table = np.zeros((21, 9))
+    file = crg(tmp_path / 'road.crg', form, table, 'reference_line_end_u\t= 10.0\nreference_line_start_x\t=\t5', SECTIONS)
+    assert read_crg(file)['origin'] == (5.0, -2.0)
+    data = file.read_bytes()
+    file.write_bytes(data[: len(data) - (len(data) - data.index(b'$$$$')) // 4])
+    with pytest.raises(SceneError, match=r'has 1\d rows instead of 21, up to reference_line_end_u: it was cut off'):
+        read_crg(file)
+
+
 def test_slope_banking_and_missing_numbers(tmp_path: Path) -> None:
     table = np.zeros((21, 11))
     table[:, 0], table[:, 1] = 0.1, 0.02  # slope, banking
