@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
@@ -44,7 +45,7 @@ def recover(source: str | Path, destination: str | Path) -> Recovered:
     """
     path = find_file(source, unfinished=True)
     schemas: dict[int, Schema] = {}
-    channels: dict[int, tuple[str, Schema]] = {}
+    channels: dict[int, Topic] = {}
     texts: dict[str, str] = {}  # type -> its definition
     left_out: dict[str, str] = {}
     metadata: dict[str, Mapping[str, str]] = {}
@@ -59,7 +60,7 @@ def recover(source: str | Path, destination: str | Path) -> Recovered:
             schema = schemas.get(record.schema_id)
             problem = unreadable(record, schema) or _other(schema, texts)
             if not problem and schema is not None:
-                channels.setdefault(record.id, (record.topic, schema))
+                channels.setdefault(record.id, _topic(record, schema))
                 left_out.pop(record.topic, None)
             elif record.id not in channels:
                 left_out[record.topic] = problem
@@ -74,14 +75,26 @@ def recover(source: str | Path, destination: str | Path) -> Recovered:
         about |= {'damage': '; '.join(first.damage), 'lost_messages': str(first.lost)}
     metadata[RESULT] = {**metadata.get(RESULT, {}), **about}
     place = {channel: i for i, channel in enumerate(channels)}
-    topics = [Topic(topic, schema.name, depth=1 if topic.endswith('robot_description') else DEPTH) for topic, schema in channels.values()]
-    writer = BagWriter(destination, topics, metadata, schemas=texts)
+    writer = BagWriter(destination, list(channels.values()), metadata, schemas=texts)
     for record in Reading(path, onwards=True):
         if isinstance(record, Messages) and record.channel in place:
             for log_time, data in zip(record.log_times, record.data):
                 writer.write(log_time, [(place[record.channel], data)])
     directory = writer.finish()
     return Recovered(directory, sum(writer.count), writer.first_ns or 0, writer.last_ns, tuple(first.damage), first.lost, left_out)
+
+
+def _topic(channel: Channel, schema: Schema) -> Topic:
+    """A topic with the quality of service that it was recorded with, in the words of rosbag2 or in its older numbers."""
+    profile = channel.metadata.get('offered_qos_profiles', '')
+    depth = re.search(r'\bdepth: *([1-9][0-9]{0,5})\b', profile)
+    return Topic(
+        channel.topic,
+        schema.name,
+        depth=int(depth[1]) if depth else DEPTH,
+        reliable=not re.search(r'\breliability: *(best_effort|2)\b', profile),
+        latched=bool(re.search(r'\bdurability: *(transient_local|1)\b', profile)),
+    )
 
 
 def _other(schema: Schema | None, texts: dict[str, str]) -> str:
