@@ -8,11 +8,14 @@ import math
 from dataclasses import dataclass, field
 from typing import Annotated, Literal, NamedTuple
 
+import numpy as np
+
 from solver.dimensions import Energy, Frequency, Speed, Time
 from solver.errors import SpecError, suggestion
 from solver.inputs.actuation import Actuation
 from solver.inputs.assistance import Assistance
 from solver.inputs.maneuver import Maneuver, base_names
+from solver.inputs.signals import signal
 from solver.model.compile import joint_coordinates
 from solver.model.spec import ModelSpec
 from solver.output.sensors import Sensors
@@ -20,6 +23,7 @@ from solver.quantities import published, quantity
 from solver.step.settings import IntegratorSettings
 from solver.validate import finite, require
 
+SAMPLES = 1001  # of an input, where a look at the whole of it is enough
 LONGEST = 9e9  # s: time is counted in nanoseconds, with 63 bits
 Fidelity = Literal['full', 'condensed', 'kc', 'single_track', 'auto']
 SUBSYSTEMS = (
@@ -217,6 +221,10 @@ class Scene:
         names = base_names(self.model.inputs)
         for name in (n for n in self.maneuver.channels if n not in names):
             require(False, where_, 'maneuver', name, 'the model has no such input' + suggestion(name, names))
+        torque = signal(self.maneuver.brake_torque).jet(np.linspace(0.0, self.duration, SAMPLES)).value
+        brakes = self.actuation.wheels or not np.max(torque) <= 0.0 or np.min(torque) >= 0.0
+        positive = 'nothing is braked, for it is nowhere above 0: a brake torque is positive whichever way the wheels turn'
+        require(bool(brakes), where_, 'maneuver.brake_torque', float(np.min(torque)), positive)
         if self.maneuver.by_road_wheel:
             require('steering' in names, where_, 'maneuver.road_wheel', '...', 'needs the input steering: an angle, of a vehicle')
         if self.maneuver.driver is not None:

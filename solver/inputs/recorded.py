@@ -16,6 +16,7 @@ from solver.compiled.portable import clamped_spline_slopes, piecewise_cubic
 from solver.errors import SpecError, suggestion
 
 RATE, ACCELERATION = '_rate', '_acceleration'
+BRAKES = 'brake_torque'
 READER = 'mbd_sim_ros.bags.inputs:recorded_inputs'  # (path, map of inputs to BagChannels) -> Recorded
 
 
@@ -82,7 +83,7 @@ class RecordedSource:
     impulse is kept. Samples of others: motions by a cubic spline through them, force-like inputs linearly between them at the instant
     where the integrator balances forces; before the first and behind the last the value of that holds, of a single one all the time.
     Raises SpecError when the model lacks an input that is not zero in the recording, for samples without a common time, for those of a
-    rate or an acceleration, which follow from the motion, and outside of the recording.
+    rate or an acceleration, which follow from the motion, for a torque of the brakes with the wrong sign, and outside of the recording.
     """
 
     def __init__(self, given: Recorded, input_names: Sequence[str], h_ns: int, stage: float = 1.0) -> None:
@@ -99,6 +100,9 @@ class RecordedSource:
             self._tracks = {name: Track(track.t_ns - begin, track.values) for name, track in given.tracks.items()}
             self._length_ns = end - begin
             used = {name: track.values for name, track in self._tracks.items()}
+            if (torque := used.get(BRAKES)) is not None and np.max(torque) <= 0.0 and np.min(torque) < 0.0:
+                remedy = 'nothing is braked, for it is nowhere above 0: a brake torque is positive; give it a scale below 0'
+                raise SpecError(f'{given.where}: map: {BRAKES}: {remedy}')
             for name in (name for name in used if name in companions):
                 motion = name.removesuffix(RATE).removesuffix(ACCELERATION)
                 raise SpecError(f'{given.where}: map: {name}: follows from the motion {motion!r}, which can be mapped; remove this one')

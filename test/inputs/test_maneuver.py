@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solver.errors import SpecError
+from solver.errors import SceneError, SpecError
+from solver.files.scene import load_scene
 from solver.inputs.hands import CommandSource
 from solver.inputs.maneuver import Maneuver, ManeuverSource, ReplaySource
 from solver.inputs.recorded import Recorded, RecordedSource, Track
@@ -298,6 +299,23 @@ def test_samples_of_others_that_would_be_misread_are_refused():
     for name in ('x_rate', 'x_acceleration'):
         with pytest.raises(SpecError, match=f"bag b: map: {name}: follows from the motion 'x', which can be mapped; remove this one"):
             RecordedSource(Recorded('bag b', 0, 0, {}, {}, {'x': track, name: track}), NAMES, 1_000_000)
+
+
+def test_brakes_with_the_wrong_sign_are_refused_and_those_that_release_are_not():
+    t_ns = 1_000_000_000 * np.arange(3)
+    for values, good in (((0.0, -5.0, 0.0), False), ((-1.0, 5.0, 0.0), True), ((0.0, 0.0, 0.0), True)):
+        given = Recorded('bag b', 0, 0, {}, {}, {'brake_torque': Track(t_ns, np.array(values))})
+        points = [[t, value] for t, value in enumerate(values)]
+        scene = [f'maneuver={{brake_torque: {{kind: table, points: {points}}}}}']
+        if good:
+            RecordedSource(given, MOTION, 1_000_000)
+            load_scene('light_car_straight', scene)
+            continue
+        with pytest.raises(SpecError, match=r'bag b: map: brake_torque: nothing is braked, .* give it a scale below 0'):
+            RecordedSource(given, MOTION, 1_000_000)
+        with pytest.raises(SceneError, match=r'maneuver.brake_torque = -5\.0: nothing is braked, for it is nowhere above 0'):
+            load_scene('light_car_straight', scene)
+        load_scene('light_car_straight', [*scene, 'actuation={wheels: true}'])  # it may take from the torques of single wheels
 
 
 @pytest.mark.parametrize('at', [-10, 1, 100])
