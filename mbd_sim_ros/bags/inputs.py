@@ -121,6 +121,8 @@ def content(path: str | Path) -> Content:
         elif isinstance(record, Metadata):
             metadata[record.name] = record.metadata
     reading.require_whole()
+    if missing := found.keys() - names.keys():
+        raise BagError(f'{path} is damaged: it holds messages of channel {min(missing)}, which it does not declare')
     about = {**metadata.get(RECORD, {}), **metadata.get(RESULT, {})}
     namespace = about.get('namespace', '').strip('/')
     own = {channel: name.strip('/').removeprefix(namespace + '/' if namespace else '') for channel, name in names.items()}

@@ -50,6 +50,7 @@ def recover(source: str | Path, destination: str | Path) -> Recovered:
     left_out: dict[str, str] = {}
     metadata: dict[str, Mapping[str, str]] = {}
     used: set[int] = set()
+    declared: set[int] = set()
     first = Reading(path, onwards=True)
     for record in first:
         if isinstance(record, Messages):
@@ -57,6 +58,7 @@ def recover(source: str | Path, destination: str | Path) -> Recovered:
         elif isinstance(record, Schema):
             schemas[record.id] = record
         elif isinstance(record, Channel):
+            declared.add(record.id)
             schema = schemas.get(record.schema_id)
             problem = unreadable(record, schema) or _other(schema, texts)
             if not problem and schema is not None:
@@ -69,7 +71,7 @@ def recover(source: str | Path, destination: str | Path) -> Recovered:
     if not used & channels.keys():
         why = next((f': topic {topic}: {problem}' for topic, problem in left_out.items()), '') if used else ''
         raise BagError(f'{path} holds no complete chunk{" that can be copied" if why else ""}: nothing can be recovered{why}')
-    left_out |= dict.fromkeys((f'channel {channel}' for channel in used - channels.keys() if not left_out), 'it is not declared')
+    left_out |= dict.fromkeys((f'channel {channel}' for channel in used - declared), 'it is not declared')
     about = {'recovered_from': path.name}
     if first.damage:
         about |= {'damage': '; '.join(first.damage), 'lost_messages': str(first.lost)}

@@ -167,6 +167,23 @@ def test_topics_that_others_encode_are_named(tmp_path: Path) -> None:
         recover(file, tmp_path / 'saved')
 
 
+def test_messages_of_a_channel_that_is_not_declared_are_named(tmp_path: Path) -> None:
+    from mcap.writer import Writer
+
+    file = tmp_path / 'a.mcap'
+    with file.open('wb') as stream:
+        writer = Writer(stream, use_chunking=False)
+        writer.start(profile='ros2', library='test')
+        schema = writer.register_schema(JOINT_STATE, 'ros2msg', cdr.schema_text(JOINT_STATE).encode())
+        good, other = writer.register_channel('/s', 'cdr', schema), writer.register_channel('/json', 'json', schema)
+        for channel in (good, other, 9):
+            writer.add_message(channel, MS, joint_state(0, ['v'], [1.0]), MS)
+        writer.finish()
+    with pytest.raises(BagError, match=r'a\.mcap is damaged: it holds messages of channel 9, which it does not declare'):
+        content(file)
+    assert recover(file, tmp_path / 'saved').left_out.keys() == {'/json', 'channel 9'}
+
+
 def test_a_message_dated_beyond_63_bits_is_refused(tmp_path: Path) -> None:
     text = cdr.schema_text(JOINT_STATE)
     file = write_mcap(tmp_path / 'a.mcap', [('/s', JOINT_STATE, text, [(2**64 - 1, joint_state(0, ['v'], [1.0]))])])
