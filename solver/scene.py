@@ -90,6 +90,9 @@ class Record:
         finite('record', 'every', self.every, low=1)
         finite('record', 'elements_rate', self.elements_rate, low=0.0)
         finite('record', 'poses', self.poses, low=0.0, high=100.0)
+        for name in ('elements_rate', 'poses'):
+            rate = getattr(self, name)
+            require(rate == 0.0 or rate >= 1.0 / LONGEST, 'record', name, rate, f'must be 0, or once in {LONGEST:g} s at least')
 
     def poses_every(self, h: float) -> int:
         """Steps of h [s] between two instants at which all bodies are placed, a multiple of `every`; 0: there are none."""

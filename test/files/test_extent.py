@@ -97,6 +97,8 @@ def test_an_override_is_bounded_too() -> None:
         ('car_step_steer', 'require={yaw_rate: {rms: {a: 1}}}', 'yaw_rate.rms'),
         ('slider_crank', 'duration=1e300', 'duration = 1e'),
         ('slider_crank', 'duration=1e10', 'duration = 1'),
+        ('slider_crank', 'record.poses=1e-320', 'record.poses = 1e-320: must be 0, or once in 9e'),
+        ('slider_crank', 'record.elements_rate=1e-320', 'record.elements_rate = 1e-320: must be 0, or once in 9e'),
         ('car_rough_road', 'road.grids.0.length=1e7', 'heights, more than'),
     ],
 )
