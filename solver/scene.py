@@ -25,6 +25,8 @@ from solver.validate import finite, require
 
 SAMPLES = 1001  # of an input, where a look at the whole of it is enough
 LONGEST = 9e9  # s: time is counted in nanoseconds, with 63 bits
+CHASSIS_FRAME = 'base_link'
+OF_FRAMES = {CHASSIS_FRAME: 'the chassis (the first body, unless the model names one)', 'imu_link': 'the IMU', 'odom': 'the world'}
 Fidelity = Literal['full', 'condensed', 'kc', 'single_track', 'auto']
 SUBSYSTEMS = (
     'engine_mounts',
@@ -218,6 +220,7 @@ class Scene:
         where_ = f'scene {self.name!r}'
         finite(where_, 'duration', self.duration, low=0.0, strict=True)
         finite(where_, 'duration', self.duration, high=LONGEST)
+        _check_frames(where_, self.model)
         known = [c.name for joint in self.model.joints for c in joint_coordinates(joint)] + [c.name for c in self.model.coordinates]
         for name in (n for n in self.start.coordinates if n not in known):
             require(False, where_, 'start.coordinates', name, 'no such coordinate' + suggestion(name, known))
@@ -260,6 +263,15 @@ class Scene:
     def hash(self) -> str:
         """Short hash of the resolved text."""
         return hashlib.sha256(self.resolved.encode()).hexdigest()[:16]
+
+
+def _check_frames(where_: str, model: ModelSpec) -> None:
+    """Refuse bodies whose names cannot be those of frames in /tf, or are those of others there."""
+    chassis = model.chassis or model.bodies[0].name
+    for name in (body.name for body in model.bodies if body.name != chassis or chassis != CHASSIS_FRAME):
+        remedy = f'is the frame of {OF_FRAMES.get(name)} in /tf and robot_description; rename the body'
+        require(name not in OF_FRAMES, where_, 'body', name, remedy)
+        require(bool(name) and not name.startswith('/'), where_, 'body', name, 'a frame needs a name that does not begin with /')
 
 
 def _check_accuracy(where_: str, accuracy: dict[str, Accuracy], model: ModelSpec) -> None:

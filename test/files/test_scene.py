@@ -108,6 +108,30 @@ def test_a_path_that_begins_at_the_root_may_hold_anything(tmp_path: Path) -> Non
         load_scene('light_car_straight', [f'maneuver={folder / "steer at.yaml"}'])
 
 
+@pytest.mark.parametrize(
+    ('bodies', 'chassis', 'says'),
+    [
+        (('arm', 'base_link'), '', "body = 'base_link': is the frame of the chassis (the first body, unless the model names one) in /tf"),
+        (('base_link', 'arm'), 'arm', "body = 'base_link': is the frame of the chassis"),
+        (('arm', 'odom'), '', "body = 'odom': is the frame of the world in /tf and robot_description; rename the body"),
+        (('arm', 'imu_link'), 'arm', "body = 'imu_link': is the frame of the IMU"),
+        (('odom',), '', "body = 'odom': is the frame of the world"),
+        (("''",), '', "body = '': a frame needs a name"),
+        (('/arm',), '', "body = '/arm': a frame needs a name that does not begin with /"),
+        (('base_link', 'arm'), '', ''),
+        (('arm', 'base_link'), 'base_link', ''),
+    ],
+)
+def test_bodies_do_not_take_the_frames_of_others(bodies: tuple[str, ...], chassis: str, says: str) -> None:
+    lines = ''.join(f'    {name}: {{mass: 1, inertia: [1, 1, 1]}}\n' for name in bodies)
+    text = f'mechanism:\n  bodies:\n{lines}' + f'  chassis: {chassis}\n' * bool(chassis)
+    if not says:
+        load_scene_text(text)
+        return
+    with pytest.raises(SceneError, match=re.escape(says)):
+        load_scene_text(text)
+
+
 def test_a_wrong_scene_name_suggests_the_nearest() -> None:
     with pytest.raises(SceneError, match=r"no such file.*did you mean 'slider_crank'\?"):
         load_scene('slidercrank')
