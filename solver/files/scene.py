@@ -14,7 +14,7 @@ from solver.files import requirements
 from solver.files.mechanism import MechanismReader
 from solver.files.schema import Builder
 from solver.files.vehicle import build_vehicle
-from solver.files.yaml_tree import MappingNode, Node, ScalarNode, include, override, parse, read, text_of, where
+from solver.files.yaml_tree import MappingNode, Node, ScalarNode, include, names_file, override, parse, read, text_of, where
 from solver.inputs.actuation import Actuation
 from solver.inputs.maneuver import Maneuver
 from solver.model.spec import ModelSpec
@@ -97,6 +97,7 @@ def _scene(root: Node, name: str, overrides: Sequence[str]) -> tuple[Scene, dict
     if 'name' not in fields:
         assert isinstance(root, MappingNode)
         node = ScalarNode('tag:yaml.org,2002:str', name, root.start_mark, root.end_mark)
+        node.style = "'" if names_file(node) else None  # without quotes the resolved text would include that file
         root.value.insert(0, (ScalarNode(node.tag, 'name', root.start_mark, root.end_mark), node))
         fields = builder.mapping(root, '')
     model = _model(builder, fields, root)

@@ -108,6 +108,13 @@ def test_a_path_that_begins_at_the_root_may_hold_anything(tmp_path: Path) -> Non
         load_scene('light_car_straight', [f'maneuver={folder / "steer at.yaml"}'])
 
 
+def test_a_scene_that_is_called_like_a_file_loads_again(tmp_path: Path) -> None:
+    shutil.copy(ROOT / 'config' / 'scenes' / 'pendulum.yaml', tmp_path / 'first.yaml.yaml')
+    scene = load_scene(tmp_path / 'first.yaml.yaml')
+    assert scene.name == 'first.yaml'
+    assert load_scene_text(scene.resolved) == scene
+
+
 @pytest.mark.parametrize(
     ('bodies', 'chassis', 'says'),
     [
