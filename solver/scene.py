@@ -11,6 +11,8 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 
 from solver.dimensions import Energy, Frequency, Speed, Time
+from solver.elements.marker import Spec
+from solver.elements.registry import CONSTRAINTS, FORCES
 from solver.errors import SpecError, suggestion
 from solver.inputs.actuation import Actuation
 from solver.inputs.assistance import Assistance
@@ -221,6 +223,7 @@ class Scene:
         finite(where_, 'duration', self.duration, low=0.0, strict=True)
         finite(where_, 'duration', self.duration, high=LONGEST)
         _check_frames(where_, self.model)
+        _check_channels(where_, self.model)
         known = [c.name for joint in self.model.joints for c in joint_coordinates(joint)] + [c.name for c in self.model.coordinates]
         for name in (n for n in self.start.coordinates if n not in known):
             require(False, where_, 'start.coordinates', name, 'no such coordinate' + suggestion(name, known))
@@ -272,6 +275,18 @@ def _check_frames(where_: str, model: ModelSpec) -> None:
         remedy = f'is the frame of {OF_FRAMES.get(name)} in /tf and robot_description; rename the body'
         require(name not in OF_FRAMES, where_, 'body', name, remedy)
         require(bool(name) and not name.startswith('/'), where_, 'body', name, 'a frame needs a name that does not begin with /')
+
+
+def _check_channels(where_: str, model: ModelSpec) -> None:
+    """Refuse elements of different kinds whose outputs, and constraints whose rows, would have the same names."""
+    columns = [(element.name, element) for kind in FORCES if not kind.wheels for element in getattr(model, kind.name)]
+    rows = [(row, element) for kind in CONSTRAINTS for element in getattr(model, kind.name) for row in element.row_names()]
+    for what, named in (('outputs', columns), ('reactions', rows)):
+        first: dict[str, Spec] = {}
+        for name, element in named:
+            other = first.setdefault(name, element)
+            if other is not element:
+                raise SpecError(f'{where_}: {other.where} and {element.where} have {what} of the same name; rename one of them')
 
 
 def _check_accuracy(where_: str, accuracy: dict[str, Accuracy], model: ModelSpec) -> None:

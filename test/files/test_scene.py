@@ -139,6 +139,30 @@ def test_bodies_do_not_take_the_frames_of_others(bodies: tuple[str, ...], chassi
         load_scene_text(text)
 
 
+@pytest.mark.parametrize(
+    ('sections', 'says'),
+    [
+        (
+            '  spring_dampers: {s: {i: a, j: b, spring: 1, free_length: 1}}\n  applied_forces: {s: {marker: a}}\n',
+            "SpringDamper 's' and AppliedForce 's' have outputs of the same name; rename one of them",
+        ),
+        (
+            '  joints: {s: {kind: spherical, i: a, j: b}}\n  contacts: {s: {kind: knife_edge, i: world, j: b}}\n',
+            "Joint 's' and Contact 's' have reactions of the same name; rename one of them",
+        ),
+        ('  joints: {s: {kind: spherical, i: a, j: b}}\n  spring_dampers: {s: {i: a, j: b, spring: 1, free_length: 1}}\n', ''),
+    ],
+)
+def test_no_two_columns_of_a_recording_have_the_same_name(sections: str, says: str) -> None:
+    bodies = '  bodies: {a: {mass: 1, inertia: [1, 1, 1]}, b: {mass: 1, inertia: [1, 1, 1]}}\n'
+    text = f'mechanism:\n{bodies}{sections}'
+    if not says:
+        load_scene_text(text)
+        return
+    with pytest.raises(SceneError, match=re.escape(says)):
+        load_scene_text(text)
+
+
 def test_a_wrong_scene_name_suggests_the_nearest() -> None:
     with pytest.raises(SceneError, match=r"no such file.*did you mean 'slider_crank'\?"):
         load_scene('slidercrank')
