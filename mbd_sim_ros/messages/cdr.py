@@ -20,6 +20,7 @@ from solver.errors import BagError
 
 DEPTH_MOST = 32  # types inside each other; one that contains itself has no end
 FIELDS_MOST = 50_000  # in one message; an array of numbers is one
+PADDING = 8  # bytes that may follow a message
 ENCAPSULATION = b'\x00\x01\x00\x00'  # CDR, little endian
 
 
@@ -161,10 +162,13 @@ def encode(message_type: str, text: str, value: dict[str, Any]) -> tuple[bytes, 
 def decode(message_type: str, text: str, data: bytes) -> tuple[dict[str, Any], dict[str, Place]]:
     """Decode a message by the schema `text` into nested dicts (numbers as numpy values); the inverse of `encode`.
 
-    Raises BagError if the message is too short or not little-endian CDR.
+    Raises BagError if the message is too short or too long or not little-endian CDR.
     """
     walk = _Decode(definitions(message_type, text), data)
-    return walk.message(message_type.replace('/msg/', '/'), None, ''), walk.places
+    value = walk.message(message_type.replace('/msg/', '/'), None, '')
+    if len(data) - walk.at > PADDING:
+        raise BagError(f'a message of {len(data)} bytes is longer than its schema asks for')
+    return value, walk.places
 
 
 class Template(NamedTuple):

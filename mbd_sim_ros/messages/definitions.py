@@ -6,6 +6,7 @@ is there at once.
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from importlib.resources import files
 from typing import NamedTuple
@@ -14,6 +15,8 @@ FORMATS = {  # primitive -> what it is to struct
     'bool': '?', 'byte': 'B', 'char': 'B', 'int8': 'b', 'uint8': 'B', 'int16': 'h', 'uint16': 'H', 'int32': 'i', 'uint32': 'I',
     'int64': 'q', 'uint64': 'Q', 'float32': 'f', 'float64': 'd',
 }  # fmt: skip
+
+CONSTANT = re.compile(r'\s*\S+\s+\w+\s*=')  # bounds (string<=10, float64[<=3]) and default values may hold a = too
 
 
 class Field(NamedTuple):
@@ -53,8 +56,9 @@ def schema_text(message_type: str) -> str:
 def _fields(text: str, package: str) -> list[Field]:
     fields = []
     for line in text.splitlines():
-        words = line.split('#')[0].split()
-        if len(words) < 2 or '=' in line.split('#')[0]:  # empty, or a constant
+        bare = line.split('#')[0]
+        words = bare.split()
+        if len(words) < 2 or CONSTANT.match(bare):
             continue
         kind, _, brackets = words[0].partition('[')
         kind = kind.split('<=')[0]  # bounds of strings do not change the encoding

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from importlib import import_module
 from pathlib import Path
 
@@ -215,11 +216,23 @@ def test_decoding_inverts_encoding_for_strings_of_any_length():
         assert (places['transforms[1].transform.rotation.w'].offset - 4) % 8 == 0
 
 
+def test_bounds_and_default_values_are_no_constants():
+    schema = 'string<=10 name\nint32 MOST = 3  # x=1\nstring KEY="a=b"\nfloat64[<=3] x\nstring unit "k=v"\nfloat64 y 0.5 # in m, y=0\n'
+    # a text of 3 bytes with its end, up to 8; 2 numbers from 16 to 32; a text of 2 up to 38; a number from 40 on
+    text = struct.pack('<I3sxI4xddI2s2xd', 3, b'ab', 2, 1.0, 2.0, 2, b'm', 3.0)
+    value, places = cdr.decode('a/msg/B', schema, cdr.ENCAPSULATION + text)
+    assert list(value) == ['name', 'x', 'unit', 'y']
+    assert (value['name'], value['x'].tolist(), value['unit'], value['y']) == ('ab', [1.0, 2.0], 'm', 3.0)
+    assert places['y'].offset == 4 + 40
+
+
 def test_short_or_foreign_messages_are_refused():
     text = cdr.schema_text(IMU)
     data, _ = cdr.encode(IMU, text, {})
     with pytest.raises(BagError, match='shorter than its schema'):
         cdr.decode(IMU, text, data[:-8])
+    with pytest.raises(BagError, match='longer than its schema'):
+        cdr.decode(IMU, text, data + bytes(9))
     with pytest.raises(BagError, match='not plain little-endian CDR'):
         cdr.decode(IMU, text, b'\x00\x00' + data[2:])
 
