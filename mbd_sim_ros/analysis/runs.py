@@ -18,6 +18,7 @@ from solver.errors import BagError, suggestion
 from solver.units import SPELLED, UNITS
 
 TIME = 'time [s]'
+UNIT = re.compile(r'\[([^\[\]]*)\]\s*$')  # at the end of a name; names of the fields of messages may hold brackets too
 SECONDS = ('', 's', 'sec', 'seconds')  # what the unit of time may be called
 ROWS = 10_000  # written at once
 LATEST = 2.0**62 * 1e-9  # s: so many nanoseconds, and differences of them, are whole numbers of 64 bits
@@ -190,8 +191,8 @@ def _read_csv(file: Path, prefix: str) -> tuple[Series, dict[str, str]]:
     other = next((mark for mark in ';\t' if len(rows[0]) == 1 and mark in rows[0][0]), None)
     if other:
         raise BagError(f'{file}: its columns are separated by {other!r}; they must be by commas, and numbers have points')
-    names = [cell.partition('[')[0].strip() for cell in rows[0]]
-    told = [cell.partition('[')[2].partition(']')[0].strip().replace('°', 'deg') for cell in rows[0]]
+    names = [UNIT.sub('', cell).strip() for cell in rows[0]]
+    told = [found[1].strip().replace('°', 'deg') if (found := UNIT.search(cell)) else '' for cell in rows[0]]
     if names[0] not in ('time', 't'):
         raise BagError(f"{file}: the first column is {names[0]!r}; it must be 'time [s]'")
     if told[0] not in SECONDS:

@@ -51,6 +51,13 @@ def test_header_names_quantity_and_unit(rng: np.random.Generator, tmp_path: Path
     assert (tmp_path / 'tire.front_left.force.csv').read_text().splitlines()[0] == 'time [s],fx [N]'
 
 
+def test_brackets_inside_of_names_are_part_of_them(tmp_path: Path) -> None:
+    columns = {f'o/items[{k}]/v': np.array([1.0, 2.0]) + k for k in range(2)}
+    before = Run({'o': Series(np.array([0, 10**9]), columns)})
+    runs.export(before, tmp_path)
+    assert compare(runs.read(tmp_path), before, exact=True).ok
+
+
 @pytest.mark.parametrize(
     ('text', 'says'),
     [
