@@ -17,7 +17,7 @@ from solver.errors import SpecError, suggestion
 from solver.inputs.actuation import Actuation
 from solver.inputs.assistance import Assistance
 from solver.inputs.maneuver import Maneuver, base_names
-from solver.inputs.signals import signal
+from solver.inputs.signals import maps_in, signal
 from solver.model.compile import joint_coordinates
 from solver.model.spec import ModelSpec
 from solver.output.sensors import Sensors
@@ -26,6 +26,7 @@ from solver.step.settings import IntegratorSettings
 from solver.validate import finite, require
 
 SAMPLES = 1001  # of an input, where a look at the whole of it is enough
+BEYOND = 0.05  # of the width of a map: so far its polynomial may be followed, and so far beyond the zeros of Chebyshev's the ends are
 LONGEST = 9e9  # s: time is counted in nanoseconds, with 63 bits
 CHASSIS_FRAME = 'base_link'
 OF_FRAMES = {CHASSIS_FRAME: 'the chassis (the first body, unless the model names one)', 'imu_link': 'the IMU', 'odom': 'the world'}
@@ -230,10 +231,7 @@ class Scene:
         names = base_names(self.model.inputs)
         for name in (n for n in self.maneuver.channels if n not in names):
             require(False, where_, 'maneuver', name, 'the model has no such input' + suggestion(name, names))
-        torque = signal(self.maneuver.brake_torque).jet(np.linspace(0.0, self.duration, SAMPLES)).value
-        brakes = self.actuation.wheels or not np.max(torque) <= 0.0 or np.min(torque) >= 0.0
-        positive = 'nothing is braked, for it is nowhere above 0: a brake torque is positive whichever way the wheels turn'
-        require(bool(brakes), where_, 'maneuver.brake_torque', float(np.min(torque)), positive)
+        _check_inputs(where_, self.maneuver, np.linspace(0.0, self.duration, SAMPLES), self.actuation.wheels)
         if self.maneuver.by_road_wheel:
             require('steering' in names, where_, 'maneuver.road_wheel', '...', 'needs the input steering: an angle, of a vehicle')
         if self.maneuver.driver is not None:
@@ -266,6 +264,24 @@ class Scene:
     def hash(self) -> str:
         """Short hash of the resolved text."""
         return hashlib.sha256(self.resolved.encode()).hexdigest()[:16]
+
+
+def _check_inputs(where_: str, maneuver: Maneuver, t: np.ndarray, wheels: bool) -> None:
+    """Refuse brakes with the wrong sign, and maps that are asked far beyond their points.
+
+    t: instants [s]. wheels: whether there are brakes of single wheels, which may be taken from.
+    """
+    torque = signal(maneuver.brake_torque).jet(t).value
+    brakes = wheels or not np.max(torque) <= 0.0 or np.min(torque) >= 0.0
+    positive = 'nothing is braked, for it is nowhere above 0: a brake torque is positive whichever way the wheels turn'
+    require(bool(brakes), where_, 'maneuver.brake_torque', float(np.min(torque)), positive)
+    for name, one in maneuver.channels.items():
+        for mapped in maps_in(one):
+            low, high = mapped.points[0][0], mapped.points[-1][0]
+            x = signal(mapped.of).jet(t).value
+            beyond = float(np.max(np.maximum(low - x, x - high)))
+            far = f'a map is asked {beyond:g} beyond its points, {low:g} to {high:g}, where the polynomial means nothing; give more points'
+            require(not beyond > BEYOND * (high - low), where_, 'maneuver', name, far)
 
 
 def _check_frames(where_: str, model: ModelSpec) -> None:

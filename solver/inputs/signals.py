@@ -8,6 +8,7 @@ docstring says otherwise: corners are replaced by the quintic step s(x) = x^3 (1
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -307,7 +308,8 @@ class Sum:
 class Mapped:
     """Another signal behind a map: the polynomial through the points [[x, y], ...], x increasing; it is as smooth as that signal.
 
-    Points that lie closer together towards both ends (like the zeros of a Chebyshev polynomial) keep it from swinging between them.
+    Points that lie closer together towards both ends (like the zeros of a Chebyshev polynomial) keep it from swinging between them. A scene
+    that asks it for more than 5 % of their width beyond them is refused.
     """
 
     kind: Literal['mapped'] = 'mapped'
@@ -357,3 +359,12 @@ Signal = Constant | Ramp | Step | Sine | SineWithDwell | Sweep | Table | Sum | M
 def signal(value: float | Signal) -> Signal:
     """The signal a number or signal stands for."""
     return Constant(value=float(value)) if isinstance(value, int | float) else value
+
+
+def maps_in(one: Signal) -> Iterator[Mapped]:
+    """The maps that a signal is made of."""
+    if isinstance(one, Mapped):
+        yield one
+    parts = one.terms if isinstance(one, Sum) else (one.of,) if isinstance(one, Mapped) else ()
+    for part in parts:
+        yield from maps_in(signal(part))

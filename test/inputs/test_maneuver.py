@@ -318,6 +318,21 @@ def test_brakes_with_the_wrong_sign_are_refused_and_those_that_release_are_not()
         load_scene('light_car_straight', [*scene, 'actuation={wheels: true}'])  # it may take from the torques of single wheels
 
 
+@pytest.mark.parametrize(('largest', 'good'), [(1.0, True), (1.09, True), (1.2, False)])
+def test_a_map_is_not_followed_far_beyond_its_points(largest, good):
+    """From -1 to 1, which is 2 wide: 0.1 beyond is as far as it may be followed."""
+    step = f'{{kind: step, value: {largest}, start: 0.1}}'
+    mapped = f'{{kind: mapped, of: {step}, points: [[-1, 2], [0, 0], [1, -2]]}}'
+    for one in (mapped, f'{{kind: sum, terms: [0.1, {mapped}]}}', f'{{kind: mapped, of: {mapped}, points: [[-3, 0], [3, 1]]}}'):
+        if good:
+            load_scene('light_car_straight', [f'maneuver={{steering: {one}}}'])
+            continue
+        with pytest.raises(
+            SceneError, match=r"'steering': a map is asked 0\.2 beyond its points, -1 to 1, where the polynomial means nothing"
+        ):
+            load_scene('light_car_straight', [f'maneuver={{steering: {one}}}'])
+
+
 @pytest.mark.parametrize('at', [-10, 1, 100])
 def test_a_single_sample_holds_all_the_time_and_its_instant_counts_for_nothing(at):
     seconds = 5_000_000_000 + 1_000_000_000 * np.arange(3)
