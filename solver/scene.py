@@ -81,7 +81,7 @@ class Record:
     most of a recording. reactions: constraint forces of all rows.
     branches: look at every step whether the mechanism leaves a singular position on another branch than it came in on (slow: a dense
     decomposition of all constraints); the run reports `branch_switches`. poses: how often /tf places all bodies, at most 100 times a
-    second; 0: never.
+    second; motions: how often velocities and accelerations of all bodies are shown; 0: never.
     """
 
     every: int = 1
@@ -90,18 +90,24 @@ class Record:
     reactions: bool = False
     branches: bool = False
     poses: Frequency = 50.0
+    motions: Frequency = 0.0
 
     def __post_init__(self) -> None:
         finite('record', 'every', self.every, low=1)
         finite('record', 'elements_rate', self.elements_rate, low=0.0)
         finite('record', 'poses', self.poses, low=0.0, high=100.0)
-        for name in ('elements_rate', 'poses'):
+        finite('record', 'motions', self.motions, low=0.0)
+        for name in ('elements_rate', 'poses', 'motions'):
             rate = getattr(self, name)
             require(rate == 0.0 or rate >= 1.0 / LONGEST, 'record', name, rate, f'must be 0, or once in {LONGEST:g} s at least')
 
     def poses_every(self, h: float) -> int:
         """Steps of h [s] between two instants at which all bodies are placed, a multiple of `every`; 0: there are none."""
         return self._apart(self.poses, h) if self.poses > 0.0 else 0
+
+    def motions_every(self, h: float) -> int:
+        """Steps of h [s] between two instants at which the motions of all bodies are shown, a multiple of `every`; 0: there are none."""
+        return self._apart(self.motions, h) if self.motions > 0.0 else 0
 
     def elements_every(self, h: float) -> int:
         """Steps of h [s] between two instants at which force elements are recorded, a multiple of `every`."""

@@ -63,7 +63,7 @@ class Simulation:
             raise SpecError(f'fidelity = {scene.fidelity!r}: {type(self).__name__} simulates models as given; use simulation_of(scene)')
         self.scene = scene
         self.model: Model = prepare(scene.model)
-        self.channels = channels_of(self.model)
+        self.channels = channels_of(self.model, motions=scene.record.motions > 0.0)
         self._chassis = self.channels.chassis or 0
         settings = scene.integrator
         if settings.step_policy == 'auto':

@@ -35,6 +35,7 @@ MEANING = {
     'cmd_applied': 'inputs as applied in the step that led here, and `step`: the acknowledgement of a command',
     f'element_states/{KIND}': 'outputs of the force elements of a kind: `bushings`, `brakes`, ... (parameter `publish_elements`)',
     'reactions': 'reaction of every constraint row (parameter `publish_elements`, scene `record.reactions`)',
+    'body_motions': 'velocity and acceleration of every body, along its axes and of its reference frame (scene `record.motions`)',
     '/tf': '`base_link` and the contact frames in `odom`; at the rate `record.poses` all bodies, as links, and `imu_link`',
 }
 FURTHER = (
@@ -75,10 +76,10 @@ def topics() -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """What is published."""
     nothing: tuple[str, ...] = ()
     given = {'joints': ('a',), 'joint_kinds': ('rotation',), 'bodies': ('chassis',), 'wheels': (WHEEL,), 'inputs': COMMANDS, 'chassis': 0}
-    names = Channels(**given, elements=('a/force',), reactions=nothing)  # type: ignore[arg-type]
+    names = Channels(**given, elements=('a/force',), reactions=nothing, moving=('chassis',))  # type: ignore[arg-type]
     rows = [
         (f'`{t.name}`', t.type.replace('/msg/', '/'), quality(t), MEANING[t.name])
-        for t in Messages(names, element_states=True, reactions=True, kinds={'a': KIND}).topics
+        for t in Messages(names, element_states=True, reactions=True, kinds={'a': KIND}, motions_every=1).topics
     ]
     return ('topic', 'type', 'QoS', ''), [*rows, *FURTHER]
 

@@ -33,6 +33,7 @@ BLOCK_UNITS = {
     'imu': {'ax': 'm/s^2', 'ay': 'm/s^2', 'az': 'm/s^2', 'wx': 'rad/s', 'wy': 'rad/s', 'wz': 'rad/s'},
     'force': {'fx': 'N', 'fy': 'N', 'fz': 'N', 'mx': 'N m', 'my': 'N m', 'mz': 'N m'},
 }
+MOTION_UNITS = BLOCK_UNITS['twist'] | BLOCK_UNITS['imu'] | dict.fromkeys(('dwx', 'dwy', 'dwz'), 'rad/s^2')
 REACTION_UNITS = dict.fromkeys(('x', 'y', 'z', 'distance'), 'N') | dict.fromkeys(('xy', 'xz', 'yz', 'zz', 'twist'), 'N m')
 INPUT_UNITS = {
     'steering': 'rad',
@@ -98,6 +99,8 @@ def _unit(column: str, kinds: Mapping[str, str], along: Mapping[str, str], outpu
     if topic == 'element_states':
         element = rest.rpartition('/')[0]
         return _element_units(tuple(outputs.get(element, ())), along.get(element, '')).get(last, '')
+    if topic == 'body_motions':
+        return MOTION_UNITS.get(last, '')
     if topic == 'reactions':  # a row of a joint or contact, or the one of what ties joint coordinates
         return REACTION_UNITS.get(last, '') if '/' in rest else JOINT_UNITS.get(along.get(rest, ''), {}).get('effort', '')
     block = BLOCK_UNITS.get(head.rpartition('/')[2], {})

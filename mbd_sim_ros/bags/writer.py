@@ -20,7 +20,7 @@ from mbd_sim_ros.messages.topics import ELEMENTS, TYPE_HASHES, Topic
 from solver.errors import BagError
 
 CHUNK_BYTES = 512 * 1024  # of chunks of the same steps: reading takes what their number takes; a flush makes smaller ones
-WIDE = ('joint_states', 'reactions', 'tire_states', 'tf')  # topics with a part for every joint, wheel or body
+WIDE = ('joint_states', 'reactions', 'tire_states', 'body_motions', 'tf')  # topics with a part for every joint, wheel or body
 PART = '.part'
 RECORD = 'mbd_sim_ros'  # name of the metadata record that describes the run
 _Message = tuple[int, int, bytes]  # index of its topic, time [ns], encoded

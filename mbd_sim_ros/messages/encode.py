@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mbd_sim_ros.messages.cdr import ENCAPSULATION, Template, template
-from mbd_sim_ros.messages.topics import ELEMENTS, IMU, JOINT_STATE, ODOMETRY, TF, WRENCH, Topic, family
+from mbd_sim_ros.messages.topics import ELEMENTS, IMU, JOINT_STATE, MOTIONS, ODOMETRY, TF, WRENCH, Topic, family
 from solver.elements.registry import FORCES
 from solver.elements.tire_pacejka import TIRE_COLUMNS
 from solver.errors import StepError
@@ -30,6 +30,7 @@ STAMP = struct.Struct('<iI')  # builtin_interfaces/Time: s, ns
 _LOAD = TIRE_COLUMNS.index('fz')
 _SLIP = TIRE_COLUMNS.index('kappa')
 _CONTACT = TIRE_COLUMNS.index('px')
+MOTION = ('vx', 'vy', 'vz', 'wx', 'wy', 'wz', 'ax', 'ay', 'az', 'dwx', 'dwy', 'dwz')  # of a body
 TIRE_STATES = ('fz', *TIRE_COLUMNS[_SLIP:])  # the scalars of topic tire_states, per wheel
 
 
@@ -49,6 +50,7 @@ class Messages:
     `frame_prefix` is put before every frame name (several vehicles in one graph). `element_states` and `reactions` add the outputs of every
     force element and the reaction of every constraint row as named scalars. kinds: element -> its kind, whose elements have a topic of
     their own (others share one). elements_every: steps between messages of elements. sensors: covariances and noise of odom and imu.
+    motions_every: steps between messages of velocities and accelerations of all bodies (0: there are none).
     poses_every: steps between messages that place all bodies (0: none does); links: their names in `robot_description`, 'base_link' for one
     that has its place anyway (default: all bodies but the chassis under their own names); imu_at: where the chassis has its centre of mass
     [m]. All messages lie in one buffer, and a step is one indexed copy from the numbers of the snapshot to those of the messages that are
@@ -64,6 +66,7 @@ class Messages:
         reactions: bool = False,
         kinds: Mapping[str, str] | None = None,
         elements_every: int = 1,
+        motions_every: int = 0,
         poses_every: int = 0,
         links: Sequence[str] = (),
         imu_at: Sequence[float] = (0.0, 0.0, 0.0),
@@ -140,6 +143,9 @@ class Messages:
                 scalars(topic, tuple(channels.elements[i] for i in columns), s.elements[columns])
         if reactions:
             scalars('reactions', channels.reactions, s.reactions)
+        if motions_every and channels.moving:
+            names = tuple(f'{body}/{name}' for body in channels.moving for name in MOTION)
+            scalars(MOTIONS, names, np.column_stack([s.twist, s.acceleration]))
 
         def placed(frames: list[str], places: list[np.ndarray], more: list[dict]) -> dict:
             return {'transforms': [{'header': {'frame_id': self.frame('odom')}, 'child_frame_id': frame} for frame in frames] + more}
@@ -165,7 +171,8 @@ class Messages:
             templates.append(template(TF, placed(frames, places, [] if channels.chassis is None else [sensor])))
             place_all(templates[-1], places)
         self.topics = tuple(topics)
-        self._every = [elements_every if family(topic.name) == ELEMENTS else 1 for topic in topics]
+        apart = {ELEMENTS: elements_every, MOTIONS: motions_every}
+        self._every = [apart.get(family(topic.name), 1) for topic in topics]
         if self._seldom == len(topics) - 1:  # /tf has no other
             self._every[-1] = poses_every
         self._lay_out(templates, filled, applied)
@@ -189,6 +196,7 @@ class Messages:
             reactions=record.reactions,
             kinds=kinds,
             elements_every=record.elements_every(h),
+            motions_every=record.motions_every(h),
             poses_every=every,
             links=links,
             imu_at=at,
@@ -296,6 +304,7 @@ def require_finite(snapshot: Snapshot, channels: Channels) -> None:
         ('input', snapshot.inputs, channels.inputs),
         ('output', snapshot.elements, channels.elements),
         ('reaction', snapshot.reactions, channels.reactions),
+        ('acceleration of body', snapshot.acceleration, channels.moving),
     )
     for what, values, names in named:
         for name, value in zip(names, values):

@@ -34,6 +34,7 @@ RATES = {  # rates of topics, by their names in parameters: default [Hz], what i
     'tf': (100.0, 'of /tf; all bodies at record.poses of the scene'),
     'element_states': (100.0, 'of element_states/<kind>, at most record.elements_rate of the scene'),
     'reactions': (100.0, 'of reactions'),
+    'body_motions': (100.0, 'of body_motions, at most record.motions of the scene'),
 }
 RATE = 'largest rate in simulation time [Hz], 0: every published step,'
 

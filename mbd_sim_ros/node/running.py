@@ -19,7 +19,7 @@ from std_msgs.msg import String
 
 from mbd_sim_ros.messages.cdr import ENCAPSULATION
 from mbd_sim_ros.messages.encode import STAMP, Messages, require_finite
-from mbd_sim_ros.messages.topics import ELEMENTS
+from mbd_sim_ros.messages.topics import ELEMENTS, MOTIONS
 from mbd_sim_ros.node import state_files
 from mbd_sim_ros.node.commands import Commands, gears_of
 from mbd_sim_ros.node.diagnostics import judged
@@ -133,7 +133,9 @@ class Running:
         self.publish_every = of = values['publish_every']
         self._budget = 1e-3 * values['publish_budget']
         h = self.simulation.h_ns * 1e-9
-        there = {ELEMENTS: math.lcm(of, self.scene.record.elements_every(h))}  # steps between messages
+        record = self.scene.record
+        apart = {ELEMENTS: record.elements_every(h), MOTIONS: record.motions_every(h) or 1}
+        there = {topic: math.lcm(of, steps) for topic, steps in apart.items()}  # steps between messages
         every = {topic: thinned(values[f'rate_{topic}'], h, there.get(topic, of)) for topic in RATES}
         self._publication.every(every, self._messages.poses_every)
 

@@ -14,8 +14,8 @@ from solver.output.snapshot import Channels
 FIRST_COLUMN = len(FIRST_OUTPUTS)  # of the outputs of a wheel that its topics show
 
 
-def channels_of(model: Model) -> Channels:
-    """Names of everything a Snapshot of this model holds."""
+def channels_of(model: Model, *, motions: bool = False) -> Channels:
+    """Names of everything a Snapshot of this model holds. motions: the accelerations of all bodies too."""
     spec = model.spec
     return Channels(
         joints=model.coordinate_names,
@@ -28,6 +28,7 @@ def channels_of(model: Model) -> Channels:
         ),
         reactions=model.row_names,
         chassis=model.body_names.index(spec.chassis) if spec.chassis else 0,
+        moving=model.body_names if motions else (),
     )
 
 
@@ -58,6 +59,13 @@ def collect(tables, chassis, kin, a, lam, u, state, outputs, frame):
             frame.twist[b, 3 + i] = w[i]
         for i in range(4):
             frame.pose[b, 3 + i] = state.q[b, 3 + i]
+    for b in range(frame.acceleration.shape[0]):
+        R, com, w = load33(kin.R, b), load3(tables.bodies.com, b), angular_velocity(kin, b)
+        turning = (a[b, 3], a[b, 4], a[b, 5])
+        v = sub(tmv(R, load3(a, b)), add(cross(turning, com), cross(w, cross(w, com))))
+        for i in range(3):
+            frame.acceleration[b, i] = v[i]
+            frame.acceleration[b, 3 + i] = turning[i]
     R = load33(kin.R, chassis)
     gravity = (tables.bodies.gravity[0], tables.bodies.gravity[1], tables.bodies.gravity[2])
     force = tmv(R, add(load3(a, chassis), scale(-1.0, gravity)))

@@ -54,6 +54,7 @@ class Channels:
     elements: tuple[str, ...]  # '<element>/<column>' of every force element
     reactions: tuple[str, ...]  # '<joint>/<row>' of every constraint row
     chassis: int | None  # index into bodies of the body that odom and imu describe
+    moving: tuple[str, ...] = ()  # bodies whose accelerations are shown: all or none
 
 
 class OutputArrays(NamedTuple):
@@ -69,6 +70,7 @@ class OutputArrays(NamedTuple):
     inputs: np.ndarray  # (nu,) as applied in the step
     elements: np.ndarray  # (ne,)
     reactions: np.ndarray  # (nc,)
+    acceleration: np.ndarray  # (nb or 0, 6) of that frame's origin, and angular, both expressed in the body [m/s^2, rad/s^2]
 
 
 Layout = dict[str, tuple[slice, tuple[int, ...]]]  # of every field of OutputArrays: where in the numbers, and its shape
@@ -79,6 +81,7 @@ def layout_of(channels: Channels) -> Layout:
     nx, nb = (len(channels.joints),), len(channels.bodies)
     rest = ((len(names),) for names in (channels.inputs, channels.elements, channels.reactions))
     shapes: list[tuple[int, ...]] = [nx, nx, nx, (nb, 7), (nb, 6), (6,), (len(channels.wheels), len(TIRE_COLUMNS)), *rest]
+    shapes.append((len(channels.moving), 6))
     ends = np.cumsum([math.prod(shape) for shape in shapes]).tolist()
     return {name: (slice(end - math.prod(shape), end), shape) for name, shape, end in zip(OutputArrays._fields, shapes, ends, strict=True)}
 
@@ -145,3 +148,7 @@ class Snapshot(NamedTuple):
     @property
     def reactions(self) -> np.ndarray:
         return self._field('reactions')
+
+    @property
+    def acceleration(self) -> np.ndarray:
+        return self._field('acceleration')
