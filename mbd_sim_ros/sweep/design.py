@@ -17,16 +17,16 @@ import itertools
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
 from solver.errors import SceneError, SpecError
-from solver.files.scene import find_file
+from solver.files.scene import config_directories, find_file
 from solver.files.schema import Builder
-from solver.files.yaml_tree import read
+from solver.files.yaml_tree import MappingNode, Node, SequenceNode, displayed, find, include, names_file, parse, read_text
 from solver.output.snapshot import Channels
 from solver.quantities import quantity
 from solver.validate import finite, require
@@ -126,11 +126,30 @@ class Sweep:
 
 
 def load_sweep(file: str | Path) -> Sweep:
-    """Read the file of a sweep. Raises SceneError (file, line, remedy)."""
+    """Read the file of a sweep; a file as `scene` is looked up beside it first. Raises SceneError (file, line, remedy)."""
     path = Path(file)
     if not path.is_file():
         path = find_file(file, 'sweeps')
-    return Builder().build(Sweep, read(path, ()))
+    root = parse(read_text(path), displayed(path))
+    _keep_names(root)
+    beside = [path.parent, path.parent.parent]
+    sweep = Builder().build(Sweep, include(root, [*beside, *config_directories()]))
+    scene = find(sweep.scene, beside)
+    return sweep if scene is None else replace(sweep, scene=displayed(scene))
+
+
+def _keep_names(root: Node) -> None:
+    """Names of files that are values of a sweep (its scene, what parameters take) stay text: what reads the scene includes them."""
+    if not isinstance(root, MappingNode):
+        return
+    entries = {key.value: value for key, value in root.value}
+    parameters = entries.get('parameters')
+    described = [value for _, value in parameters.value] if isinstance(parameters, MappingNode) else []
+    taken = [value for one in described if isinstance(one, MappingNode) for key, value in one.value if key.value == 'values']
+    texts = [item for value in taken if isinstance(value, SequenceNode) for item in value.value]
+    for node in (entries.get('scene'), *texts):
+        if node is not None and names_file(node):
+            node.style = "'"
 
 
 def cases(sweep: Sweep) -> list[dict[str, float | str]]:

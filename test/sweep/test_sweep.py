@@ -371,6 +371,25 @@ def test_designs_that_cannot_be_are_refused():
         cases(sweep_of('grid', a=Parameter(low=0.0, high=1.0, steps=10**15)))
 
 
+def test_files_may_be_values_and_the_scene_and_are_found_beside_the_sweep(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    """The example of docs/sweeps.md has `values: [maneuvers/step_steer.yaml, ...]`; these, and a scene, are names here, not contents."""
+    work = tmp_path / 'work'
+    work.mkdir()
+    (work / 'mine.yaml').write_text('mechanism: mechanisms/pendulum.yaml\nduration: 0.2\n')
+    (work / 'moon.yaml').write_text('[0, -1.62, 0]')
+    text = FILE.replace('scene: pendulum', 'scene: mine.yaml').replace("'[0, -9.81, 0]', '[0, -1.62, 0]'", 'work/moon.yaml')
+    (work / 's.yaml').write_text(text)
+    monkeypatch.chdir(tmp_path)
+    found = swept(capsys, Path('work/s.yaml'), tmp_path / 'out', '--workers', '1')
+    assert (found['cases'], found['cases_ok']) == (2, 2)
+    assert load_sweep('work/s.yaml').scene == 'work/mine.yaml'
+    (work / 'figures.yaml').write_text('lowest: {quantity: odom/pose/y, take: min}')
+    (work / 't.yaml').write_text(text[: text.index('figures:')] + 'figures: figures.yaml\n')  # anything else is included as everywhere
+    assert load_sweep('work/t.yaml').figures == {'lowest': Figure(quantity='odom/pose/y', take='min')}
+
+
 def test_a_file_is_found_by_name_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     (tmp_path / 'config' / 'sweeps').mkdir(parents=True)
     (tmp_path / 'config' / 'sweeps' / 'mine.yaml').write_text(FILE)
