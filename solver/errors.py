@@ -49,10 +49,13 @@ def refused(error: OSError) -> str:
     return f'{error.filename or place}: {error.strerror or error}'
 
 
-def suggestion(name: str, known: Iterable[str]) -> str:
-    """Return ' (did you mean X?)' or the list of what is allowed, to be appended to an error sentence."""
+def suggestion(name: str, known: Iterable[str], unlisted: Iterable[str] = ()) -> str:
+    """Return '; did you mean X?' or the list of what is allowed, to be appended to an error sentence.
+
+    unlisted: what is allowed too, and is suggested, but not listed.
+    """
     known = sorted(known)
-    close = difflib.get_close_matches(name, known, n=1)
+    close = difflib.get_close_matches(name, [*known, *unlisted], n=1)
     if close:
         return f'; did you mean {close[0]!r}?'
     if not known:

@@ -50,7 +50,9 @@ def find_file(name: str | Path, folder: str) -> Path:
     what = 'directory' if path.is_dir() else 'file'
     known = known_names(folder)
     problem = 'is a directory, not a file' if what == 'directory' else 'no such file'
-    raise SceneError(f'{folder.removesuffix("s")} {str(name)!r}: {problem}, and no name in config/{folder}{suggestion(stem, known)}')
+    beside = path.with_suffix('.yaml') if path.suffix else None
+    remedy = f'; did you mean {str(beside)!r}?' if beside is not None and beside.is_file() else suggestion(stem, known)
+    raise SceneError(f'{folder.removesuffix("s")} {str(name)!r}: {problem}, and no name in config/{folder}{remedy}')
 
 
 def known_names(folder: str = 'scenes') -> list[str]:

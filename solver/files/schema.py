@@ -32,7 +32,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from solver.errors import SceneError, SpecError, suggestion
-from solver.files.yaml_tree import join, names_file, refuse, where
+from solver.files.yaml_tree import AddedMapping, join, names_file, refuse, where
 from solver.units import SUFFIXES, UNITS
 
 NUMBER = re.compile(r'[-+]?(0|[1-9][0-9]*)?(\.[0-9]*)?([eE][-+]?[0-9]+)?')
@@ -119,9 +119,12 @@ class Builder:
             here = join(path, key)
             if field is None:
                 allowed = [k for k in {*wanted, *extra} if k != 'name' or name is None]
-                raise SceneError(f'{where(key_node)}: {here}: unknown key{suggestion(key, allowed)}')
+                raise SceneError(f'{where(key_node)}: {here}: unknown key{suggestion(key, allowed, with_units(wanted, hints))}')
             if field in values:
-                remedy = 'the name is the key of the entry' if field == 'name' and name is not None else f'{field!r} is given twice'
+                first = next((k for k in fields if k != key and _field(k, wanted, hints)[0] == field), '')
+                remedy = f'{field!r} is given twice' + (f', as {first!r} and as {key!r}; keep one of them' if first else '')
+                if field == 'name' and name is not None:
+                    remedy = 'the name is the key of the entry'
                 raise SceneError(f'{where(key_node)}: {here}: {remedy}')
             built = self.build(hints[field], value, here)
             values[field] = _scaled(built, UNITS[ending][1], value, here) if ending else built
@@ -131,7 +134,7 @@ class Builder:
                 self.units[here] = unit
         missing = [k for k, f in wanted.items() if k not in values and f.default is f.default_factory is dataclasses.MISSING]
         if missing:
-            raise SceneError(f'{where(node)}: {path}{": " if path else ""}the key {missing[0]!r} is missing')
+            raise SceneError(f'{where(node)}: {path}{": " if path else ""}the key {missing[0]!r} is missing{_meant(node)}')
         try:
             return cls(**values)
         except SpecError as error:
@@ -156,7 +159,7 @@ class Builder:
             if 'kind' not in fields and implied is not None:
                 return self.build(implied, node, path, name)
             if 'kind' not in fields:
-                raise SceneError(f"{where(node)}: {path}: the key 'kind' is missing; one of: {', '.join(kinds)}")
+                raise SceneError(f"{where(node)}: {path}: the key 'kind' is missing{_meant(node)}; one of: {', '.join(kinds)}")
             chosen = typing.cast(type, kinds[self.choice(fields['kind'][1], join(path, 'kind'), kinds, 'unknown kind')])
             if any(f.name == 'kind' for f in dataclasses.fields(chosen)):
                 return self.build(chosen, node, path, name)
@@ -240,6 +243,17 @@ def _field(key: str, wanted: Mapping[str, object], hints: Mapping[str, Any]) -> 
     if stem in wanted and suffix in SUFFIXES and unit_of(hints[stem]) == UNITS[SUFFIXES[suffix]][0]:
         return stem, SUFFIXES[suffix]
     return None, ''
+
+
+def with_units(wanted: Collection[str], hints: Mapping[str, Any]) -> list[str]:
+    """The keys that the fields have with another unit: speed_kmh."""
+    return [f'{key}_{suffix}' for key in wanted for suffix, unit in SUFFIXES.items() if unit_of(hints[key]) == UNITS[unit][0]]
+
+
+def _meant(node: Node) -> str:
+    """What may have been meant where an override has added a mapping."""
+    near = node.near if isinstance(node, AddedMapping) else ''
+    return f' in what is new there; did you mean {near!r}?' if near else ''
 
 
 def _scaled(value: Any, factor: float, node: Node, path: str) -> Any:

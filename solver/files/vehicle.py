@@ -32,7 +32,8 @@ def build_vehicle(builder: Builder, node: Node, path: str) -> ModelSpec:
     """The model of a vehicle from its node. Raises SceneError."""
     fields = builder.mapping(node, path)
     if 'kind' not in fields:
-        raise SceneError(f"{where(node)}: {path}: the key 'kind' is missing; one of: {', '.join(TEMPLATES)}")
+        scene = '; this is a scene: give what stands under its key vehicle' if fields.keys() & {'vehicle', 'mechanism'} else ''
+        raise SceneError(f"{where(node)}: {path}: the key 'kind' is missing; one of: {', '.join(TEMPLATES)}{scene}")
     kind = builder.choice(fields.pop('kind')[1], join(path, 'kind'), TEMPLATES, 'unknown kind of vehicle')
     data, model = TEMPLATES[kind]
     builder.longest = FARTHEST

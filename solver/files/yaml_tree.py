@@ -7,6 +7,7 @@ What a file asks for is bounded (see Extent): a short text with aliases or inclu
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
@@ -24,6 +25,7 @@ from solver.units import SUFFIXES
 
 INCLUDE = re.compile(r'(?:[\w./-]+|/.*)(\.[a-z]+)')  # what begins with / is a path, whatever is in it
 TAGS = tuple(f'tag:yaml.org,2002:{kind}' for kind in ('map', 'seq', 'str', 'int', 'float', 'bool', 'null', 'timestamp', 'merge', 'value'))
+MERGE = 'tag:yaml.org,2002:merge'  # the key <<
 MOST_CHARACTERS = 1 << 20  # of all files together: about five seconds of reading
 MOST_KEPT = 1 << 16  # characters of a text whose nodes are kept
 MOST_VALUES = 100_000  # with every alias and include expanded
@@ -33,6 +35,12 @@ MOST_INCLUDED = 16  # files in each other
 SHOWN = 60  # characters of a value in an error sentence
 # file ending -> what reads it into a dataclass or mapping; .yaml is built in
 READERS: dict[str, Callable[[Path], object]] = {'.tir': read_tir, '.crg': read_crg, '.png': read_png, '.npz': read_npz}
+
+
+class AddedMapping(MappingNode):
+    """A mapping that an override has added. near: a name beside it that may have been meant, or ''."""
+
+    near = ''
 
 
 def where(node: Node) -> str:
@@ -174,6 +182,8 @@ def _check(node: Node, path: str, above: tuple[int, ...], extent: Extent) -> Non
         for key, value in node.value:
             if not isinstance(key, ScalarNode):
                 raise refuse(key, path, 'a key must be a word')
+            if key.tag == MERGE:
+                raise refuse(key, path, 'nothing is merged into a mapping; write its keys out, or include a whole file and change it by --set')
             here = join(path, key.value)
             if key.value in first:
                 raise SceneError(f'{where(key)}: {here}: the key is given twice (first in line {first[key.value].start_mark.line + 1})')
@@ -313,7 +323,7 @@ def override(root: Node, assignment: str, directories: Sequence[Path]) -> None:
         if not isinstance(node, MappingNode):
             raise SceneError(f'{name}: {".".join(keys[:depth])} = {shown(node)} is a plain value and has no {key!r} in it')
         at = _place(node, key, last)
-        child = value if last else (MappingNode(TAGS[0], [], value.start_mark, value.end_mark) if at is None else _alone(node.value[at][1]))
+        child = value if last else (_added(node, key, value) if at is None else _alone(node.value[at][1]))
         if at is None:
             node.value.append((ScalarNode(TAGS[2], key, value.start_mark, value.end_mark), child))
         else:
@@ -327,6 +337,12 @@ def _alone(node: Node) -> Node:
     if not isinstance(node, MappingNode | SequenceNode):
         return node
     return type(node)(node.tag, list(node.value), node.start_mark, node.end_mark, flow_style=node.flow_style)
+
+
+def _added(parent: MappingNode, key: str, value: Node) -> AddedMapping:
+    node = AddedMapping(TAGS[0], [], value.start_mark, value.end_mark)
+    node.near = next(iter(difflib.get_close_matches(key, [entry.value for entry, _ in parent.value], n=1)), '')
+    return node
 
 
 def _place(node: MappingNode, key: str, last: bool) -> int | None:

@@ -66,6 +66,9 @@ def test_overrides_are_checked_like_the_file_and_are_in_the_resolved_text() -> N
         ('maneuver=maneuvers/step_steer.yaml', "step_steer.yaml:2: maneuver = 'steering': the model has no such input"),
         ('maneuver.signals.moter=1', 'the model has no such input'),
         ('vehicle={}', 'exactly one of the keys'),
+        ('mechanism.bodies.crnk.mass=1', "mechanism.bodies.crnk: the key 'inertia' is missing in what is new there; did you mean 'crank'?"),
+        ('start.speed_kph=50', "start.speed_kph: unknown key; did you mean 'speed_kmh'?"),
+        ('mechanism.bodies.crank.com_mm[0]=1', "'com' is given twice, as 'com' and as 'com_mm'; keep one of them"),
     ],
 )
 def test_a_wrong_override_is_refused(override: str, says: str) -> None:
@@ -163,11 +166,26 @@ def test_no_two_columns_of_a_recording_have_the_same_name(sections: str, says: s
         load_scene_text(text)
 
 
-def test_a_wrong_scene_name_suggests_the_nearest() -> None:
+def test_a_wrong_scene_name_suggests_the_nearest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(SceneError, match=r"no such file.*did you mean 'slider_crank'\?"):
         load_scene('slidercrank')
     with pytest.raises(SceneError, match=r'allowed: .*pendulum'):
         load_scene('zzz')
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / 'pendulum.yaml').write_text('')
+    with pytest.raises(SceneError, match=r"scene 'pendulum.yml': no such file.*did you mean 'pendulum.yaml'\?"):
+        load_scene('pendulum.yml')
+
+
+def test_what_looks_like_a_derived_file_but_is_none_is_refused_for_what_it_is(tmp_path: Path) -> None:
+    file = tmp_path / 's.yaml'
+    file.write_text('vehicle:\n  <<: vehicles/compact_fwd.yaml\n  category: saloon\n')
+    with pytest.raises(SceneError, match=r's.yaml:2: vehicle = <<: nothing is merged into a mapping; write its keys out, or include'):
+        load_scene(file)
+    file.write_text('vehicle: mine.yaml\n')
+    (tmp_path / 'mine.yaml').write_text('title: a whole scene\nvehicle: vehicles/compact_fwd.yaml\n')
+    with pytest.raises(SceneError, match=r"'kind' is missing; one of: .*; this is a scene: give what stands under its key vehicle"):
+        load_scene(file)
 
 
 def test_scenes_are_found_by_path_by_name_and_in_the_current_directory(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
