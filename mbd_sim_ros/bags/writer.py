@@ -58,7 +58,9 @@ class BagWriter:
         try:
             self.directory.mkdir(parents=True, exist_ok=True)
             if any(self.directory.iterdir()):
-                raise BagError(f'cannot record into {self.directory}: it is not empty; recordings are never overwritten')
+                raise BagError(
+                    f'cannot record into {self.directory}: it is not empty; recordings are never overwritten; choose another place'
+                )
             self._file = open(str(self.path) + PART, 'xb')  # noqa: SIM115  (closed in finish)
         except OSError as error:
             raise BagError(f'cannot record into {self.directory}: {error.strerror}; choose another place') from error

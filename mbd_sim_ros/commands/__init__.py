@@ -40,9 +40,9 @@ def declare(parsers: Any, name: str, run: Any, help_: str, example: str) -> argp
     return parser
 
 
-def add_scene(parser: argparse.ArgumentParser) -> None:
+def add_scene(parser: argparse.ArgumentParser, help_: str = SCENE_HELP) -> None:
     """The arguments SCENE and --set."""
-    parser.add_argument('scene', metavar='SCENE', help=SCENE_HELP)
+    parser.add_argument('scene', metavar='SCENE', help=help_)
     parser.add_argument('--set', metavar='KEY=VALUE', action='append', default=[], dest='overrides', help=SET_HELP)
 
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from solver.levels.derived import LevelReport
     from solver.scene import Scene
 
+UNITS = {'mass': 'kg', 'h': 's', 'duration': 's'}
 STANDING = 'vehicle: {}\nstart: {{kind: equilibrium}}\nduration: 1\n'  # a vehicle on a flat road
 
 
@@ -24,7 +25,7 @@ def add(parsers: Any) -> None:
     """Declare the command."""
     what = 'show what a scene, a vehicle or a tire file (.tir) consists of'
     parser = declare(parsers, 'info', run, what, 'mbd info slider_crank\n  mbd info compact_fwd\n  mbd info my_car.yaml')
-    add_scene(parser)
+    add_scene(parser, 'path of a scene, vehicle or tire file, or a name in config/scenes, config/vehicles or (with .tir) config/tires')
     parser.add_argument(
         '--brief', action='store_true', help='leave out the figures of a vehicle and the errors of its level, which take seconds'
     )
@@ -78,7 +79,7 @@ def run(args: argparse.Namespace) -> Result:
         data['tire_data'], receipts = _tires(scene)
         text += receipts
     rows = [
-        (key.replace('_', ' '), _text(value))
+        (key.replace('_', ' '), f'{_text(value)} {UNITS.get(key, "")}'.rstrip())
         for key, value in data.items()
         if key not in ('status', 'figures', 'level', 'start', 'tire_data') and value not in ('', [], {})
     ]
@@ -88,14 +89,21 @@ def run(args: argparse.Namespace) -> Result:
 
 def _tire_file(args: argparse.Namespace) -> Result:
     """The receipt of a tire file: every key used, ignored (why) or defaulted (value)."""
-    from solver.errors import SceneError
+    from solver.errors import SceneError, suggestion
+    from solver.files.scene import config_directories
     from solver.files.tir import read_tir
     from solver.files.tire_receipt import receipt, turn_slip_of, warnings
+    from solver.files.yaml_tree import find
 
     for name, given in (('--set', args.overrides), ('--urdf', args.urdf), ('--resolved', args.resolved)):
         if given:
             raise SceneError(f'{args.scene}: {name} is for a scene, not for a tire file')
-    data = read_tir(args.scene)
+    roots = [Path(), *config_directories()]
+    path = find(args.scene, [*roots, *(root / 'tires' for root in roots)])
+    if path is None:
+        known = {file.name for root in roots for file in (root / 'tires').glob('*.tir')}
+        raise SceneError(f'tire {args.scene!r}: no such file, and no name in config/tires{suggestion(Path(args.scene).name, known)}')
+    data = read_tir(path)
     found = receipt(data)
     said, turning = warnings(data), turn_slip_of(data, None)
     rows = [('key', '', 'value', ''), *((e.key, e.fate, _text(e.value), e.why) for e in found)]
@@ -125,7 +133,7 @@ def _tires(scene: Scene) -> tuple[list[dict[str, Any]], str]:
     for (name, _), tire in distinct.items():
         found, said = receipt(tire.data, turn_slip=tire.turn_slip), warnings(tire.data)
         wheels = [t.name for t in scene.model.tires if (t.data.source or t.data.name, t.turn_slip) == (name, tire.turn_slip)]
-        counts = ', '.join(f'{number} keys {fate}' for fate, number in _counts(found))
+        counts = ', '.join(f'{number} {"key" if number == "1" else "keys"} {fate}' for fate, number in _counts(found))
         text += f'\n\ntire {name} ({", ".join(wheels)}): {counts} (every one: mbd info FILE.tir, or --json)'
         turning = turn_slip_of(tire.data, tire.turn_slip)
         text += ''.join(f'\n  {sentence}' for sentence in (*said, f'turn slip: {turning}'))

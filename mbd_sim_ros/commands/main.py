@@ -57,7 +57,12 @@ class Parser(argparse.ArgumentParser):
     """Reports errors as one sentence instead of printing the usage."""
 
     def error(self, message: str) -> NoReturn:
+        message = re.sub(r"invalid (int|float) value: ('.*')", _not_a_number, message)
         raise UsageError(f'{self.prog}: {message}; see {self.prog} --help')
+
+
+def _not_a_number(found: re.Match[str]) -> str:
+    return f'{found[2]} is not a {"whole " if found[1] == "int" else ""}number; write it in digits and without a unit'
 
 
 def parser() -> Parser:

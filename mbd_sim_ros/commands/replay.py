@@ -187,8 +187,8 @@ def _changed(args: argparse.Namespace, before: Content, applied: Inputs, directo
         'left_out': list(found.left_out),
         'out': None if args.out is None else str(args.out),
     }
-    rows = [('channel', 'max', 'at [s]', 'rms', 'scale')]
-    rows += [(d.channel, f'{d.max:.3g}', f'{d.time:.6g}', f'{d.rms:.3g}', f'{d.scale:.3g}') for d in found.differences[:SHOWN]]
+    rows = [('channel', 'unit', 'max', 'at [s]', 'rms', 'scale')]
+    rows += [(d.channel, d.unit, f'{d.max:.3g}', f'{d.time:.6g}', f'{d.rms:.3g}', f'{d.scale:.3g}') for d in found.differences[:SHOWN]]
     more = len(found.differences) - SHOWN
     lines = [table(rows)] + ([f'... and {more} channels that differ less'] if more > 0 else [])
     lines.append(f'differences from {args.bag} at {found.instants} instants' + (' (interpolated)' if found.interpolated else ''))

@@ -85,8 +85,12 @@ def run(body: Callable[[], int], args: list[str] | None, name: str) -> int:
         print(error, file=sys.stderr)
         return getattr(error, 'exit_code', 2)
     except InvalidParameterTypeException as error:
-        whole = "of type 'INTEGER', expecting type 'DOUBLE'" in str(error)
-        print(f'{error}{"; write it with a point, e.g. 5.0" if whole else ""}', file=sys.stderr)
+        remedies = (
+            ("of type 'INTEGER', expecting type 'DOUBLE'", 'with a point, e.g. 5.0'),
+            ("type 'STRING_ARRAY'", "as a list, e.g. ['a', 'b']"),
+        )
+        remedy = next((f'; write it {how}' for what, how in remedies if what in str(error)), '')
+        print(f'{error}{remedy}', file=sys.stderr)
         return 2
     except UnknownROSArgsError as error:
         print(f'{name}: {error} is not understood: parameters are given as --ros-args -p NAME:=VALUE', file=sys.stderr)

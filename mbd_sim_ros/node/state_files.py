@@ -48,8 +48,10 @@ def restore(path: Path, scene: Any, simulation: Any, parts: Mapping[str, Part]) 
 
     Raises SpecError for a file that is none, or of a scene with another vehicle or step.
     """
+    if not path.is_file():
+        raise SpecError(f'parameter restore: {path} is not a state file of ~/save_state (no file is there)')
     try:
-        saved = load_arrays(path.read_bytes() if path.is_file() else b'')
+        saved = load_arrays(path.read_bytes())
         data, steering, hash_of_scene = saved['simulation'].tobytes(), saved['steering'], str(saved['scene'])
         model, h_ns = str(saved['model']), int(fitting('h_ns', saved['h_ns'], np.array(simulation.h_ns)))
     except (OSError, KeyError, SpecError) as error:

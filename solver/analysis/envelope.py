@@ -179,9 +179,10 @@ class Envelope:
                 continue
             assert limit.high is not None
             side = limit.high if limit.low is None or value > limit.high else limit.low
-            valid = f'up to {limit.high:.3g} {limit.unit}' if limit.low is None else f'{limit.low:.3g} to {limit.high:.3g} {limit.unit}'
+            unit = '' if limit.unit == '1' else f' {limit.unit}'
+            valid = f'up to {limit.high:.3g}{unit}' if limit.low is None else f'{limit.low:.3g} to {limit.high:.3g}{unit}'
             text = (
-                f'the run leaves its envelope: {name} is {value:.3g} {limit.unit} at t = {time:.6g} s, valid is {valid} ({limit.why}); '
+                f'the run leaves its envelope: {name} is {value:.3g}{unit} at t = {time:.6g} s, valid is {valid} ({limit.why}); '
                 f'plan a scene that goes so far, or take fidelity: full'
             )
             where = limit.quantity

@@ -183,7 +183,7 @@ def _check(node: Node, path: str, above: tuple[int, ...], extent: Extent) -> Non
             if not isinstance(key, ScalarNode):
                 raise refuse(key, path, 'a key must be a word')
             if key.tag == MERGE:
-                raise refuse(key, path, 'nothing is merged into a mapping; write its keys out, or include a whole file and change it by --set')
+                raise refuse(key, path, 'nothing is merged into a mapping; write its keys out, or include a file and change it by --set')
             here = join(path, key.value)
             if key.value in first:
                 raise SceneError(f'{where(key)}: {here}: the key is given twice (first in line {first[key.value].start_mark.line + 1})')

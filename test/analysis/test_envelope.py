@@ -71,6 +71,16 @@ def test_the_range_of_a_certificate_is_no_limit_of_a_level_of_the_same_name() ->
     assert findings(simulation) == []
 
 
+def test_a_quantity_without_a_unit_is_shown_without_one() -> None:
+    slip = Limit(quantity='slip', unit='1', low=-1e-6, high=1e-6, why='certified')
+    simulation = solver.simulation_of(solver.load_scene('light_car_step_steer', ['duration=0.3']))
+    simulation.level = LevelReport(validity=(slip,))
+    watch = Envelope(simulation)
+    watch.look(simulation.advance(100))
+    (found,) = watch.findings()
+    assert ' 1 at t = ' not in found.text and 'valid is -1e-06 to 1e-06 (certified)' in found.text
+
+
 FREQUENCY = Limit(quantity='frequency', unit='Hz', high=5.0, why='certified')
 
 

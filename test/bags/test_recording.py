@@ -224,7 +224,7 @@ def test_what_is_no_recording_is_refused_in_one_sentence(tmp_path):
 def test_recordings_are_never_overwritten(tmp_path):
     record(tmp_path / 'run', steps=3)
     before = (tmp_path / 'run' / 'run_0.mcap').read_bytes()
-    with pytest.raises(BagError, match='never overwritten'):
+    with pytest.raises(BagError, match='never overwritten; choose another place'):
         record(tmp_path / 'run', steps=3)
     assert (tmp_path / 'run' / 'run_0.mcap').read_bytes() == before
     assert len({new_directory('x', tmp_path / 'bags') for _ in range(3)}) == 3

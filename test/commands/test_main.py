@@ -58,7 +58,11 @@ def test_every_command_has_help_with_an_example(command: str, capsys: pytest.Cap
         (('run',), 2, 'required: SCENE'),
         (('run', 'four_bar', '--fast'), 2, 'mbd run: unrecognized argument --fast; '),
         (('run', 'fourbar'), 2, "did you mean 'four_bar'?"),
-        (('run', 'four_bar', '--duration', 'long'), 2, "invalid float value: 'long'"),
+        (
+            ('run', 'four_bar', '--duration', 'long'),
+            2,
+            "--duration: 'long' is not a number; write it in digits and without a unit",
+        ),
         (('run', 'four_bar', '--duration', '-1'), 2, 'duration = -1.0: must be > 0'),
         (('run', 'four_bar', '--duration', 'nan'), 2, 'duration = nan: must be finite'),
         (('run', 'four_bar', '--set', 'integrator.h=abc'), 2, '--set integrator.h: integrator.h = abc: must be a number'),
@@ -108,6 +112,26 @@ def test_info_counts_the_slider_crank_of_the_chapter(capsys: pytest.CaptureFixtu
 
 
 @pytest.mark.slow
+def test_info_finds_a_tire_by_its_name_and_suggests_the_nearest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in ('tires/205_55R16.tir', '205_55R16.tir'):
+        assert main(['info', name]) == 0
+        assert 'keys' not in capsys.readouterr().err
+    assert main(['info', '205_55R15.tir']) == 2
+    said = capsys.readouterr().err
+    assert "tire '205_55R15.tir': no such file, and no name in config/tires; did you mean '205_55R16.tir'?" in said
+
+
+def test_info_gives_units_and_counts_one_key_as_one(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(['info', 'light_car_step_steer', '--brief']) == 0
+    rows = capsys.readouterr().out
+    for name, value in (('mass', '1413 kg'), ('h', '0.001 s'), ('duration', '8 s')):
+        assert re.search(rf'^{name} +{value}$', rows, re.MULTILINE), name
+    assert ' 1 key ignored' in rows
+
+
 def test_resolved_scene_runs_like_the_scene(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     file = tmp_path / 'four_bar.yaml'
     file.write_text(document(capsys, 'info', 'four_bar', '--resolved')[1]['resolved'])

@@ -156,6 +156,9 @@ def test_unchanged_settings_compare_without_difference_and_others_with_one(tmp_p
     channels = data['channels']
     assert code == 0 and 0.0 < channels['odom/pose/x']['max'] < 1e-3
     assert channels['odom/pose/x']['rms'] <= channels['odom/pose/x']['max']
+    assert main(['replay', str(recorded), '--set', f'integrator.h={h / 2}']) == 0
+    table = capsys.readouterr().out.splitlines()
+    assert table[0].split()[:3] == ['channel', 'unit', 'max']
     assert channels['cmd_applied/steering']['max'] < 1e-12  # at the recorded instants it is what was recorded
 
 

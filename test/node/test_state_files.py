@@ -24,6 +24,8 @@ CONTENT = {
 def test_a_file_that_is_no_state_is_refused(name: str, tmp_path: Path) -> None:
     file = tmp_path / 'state.npz'
     file.write_bytes(CONTENT[name])
+    with pytest.raises(SpecError, match='no file is there'):
+        restore(tmp_path / 'none', SimpleNamespace(hash='x'), Synthetic(), {})
     for path in (file, tmp_path / 'none', Path('/dev/zero')):
         with pytest.raises(SpecError, match='is not a state file') as caught:
             restore(path, SimpleNamespace(hash='x'), Synthetic(), {})
