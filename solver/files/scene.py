@@ -13,7 +13,7 @@ from solver.errors import SceneError, SpecError, suggestion
 from solver.files import requirements
 from solver.files.mechanism import MechanismReader
 from solver.files.schema import Builder
-from solver.files.vehicle import build_vehicle
+from solver.files.vehicle import TEMPLATES, build_vehicle
 from solver.files.yaml_tree import MappingNode, Node, ScalarNode, include, names_file, override, parse, read, text_of, where
 from solver.inputs.actuation import Actuation
 from solver.inputs.maneuver import Maneuver
@@ -51,6 +51,8 @@ def find_file(name: str | Path, folder: str) -> Path:
     known = known_names(folder)
     problem = 'is a directory, not a file' if what == 'directory' else 'no such file'
     beside = path.with_suffix('.yaml') if path.suffix else None
+    if folder == 'scenes' and stem in known_names('vehicles'):
+        raise SceneError(f'scene {str(name)!r}: is a vehicle; put it into a scene by --set vehicle=vehicles/{stem}.yaml')
     remedy = f'; did you mean {str(beside)!r}?' if beside is not None and beside.is_file() else suggestion(stem, known)
     raise SceneError(f'{folder.removesuffix("s")} {str(name)!r}: {problem}, and no name in config/{folder}{remedy}')
 
@@ -116,7 +118,9 @@ def _model(builder: Builder, fields: dict, root: Node) -> ModelSpec:
     """The model from the keys mechanism or vehicle (with trailer), actuated as the scene says, on its road; takes them out of fields."""
     sources = [key for key in ('mechanism', 'vehicle') if key in fields]
     if len(sources) != 1:
-        raise SceneError(f"{where(root)}: a scene needs exactly one of the keys 'mechanism' and 'vehicle', here are {len(sources)}")
+        kind = fields['kind'][1].value if 'kind' in fields else ''
+        remedy = '; this is a vehicle: put it into a scene by --set vehicle=FILE' if kind in list(TEMPLATES) else ''
+        raise SceneError(f"{where(root)}: a scene needs exactly one of the keys 'mechanism' and 'vehicle', here are {len(sources)}{remedy}")
     key = sources[0]
     node = fields.pop(key)[1]
     if 'trailer' in fields:

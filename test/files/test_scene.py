@@ -171,6 +171,8 @@ def test_a_wrong_scene_name_suggests_the_nearest(tmp_path: Path, monkeypatch: py
         load_scene('slidercrank')
     with pytest.raises(SceneError, match=r'allowed: .*pendulum'):
         load_scene('zzz')
+    with pytest.raises(SceneError, match=r"'full_car': is a vehicle; put it into a scene by --set vehicle=vehicles/full_car.yaml"):
+        load_scene('full_car')
     monkeypatch.chdir(tmp_path)
     (tmp_path / 'pendulum.yaml').write_text('')
     with pytest.raises(SceneError, match=r"scene 'pendulum.yml': no such file.*did you mean 'pendulum.yaml'\?"):
@@ -182,6 +184,8 @@ def test_what_looks_like_a_derived_file_but_is_none_is_refused_for_what_it_is(tm
     file.write_text('vehicle:\n  <<: vehicles/compact_fwd.yaml\n  category: saloon\n')
     with pytest.raises(SceneError, match=r's.yaml:2: vehicle = <<: nothing is merged into a mapping; write its keys out, or include'):
         load_scene(file)
+    with pytest.raises(SceneError, match=r'here are 0; this is a vehicle: put it into a scene by --set vehicle=FILE'):
+        load_scene('vehicles/compact_fwd.yaml')
     file.write_text('vehicle: mine.yaml\n')
     (tmp_path / 'mine.yaml').write_text('title: a whole scene\nvehicle: vehicles/compact_fwd.yaml\n')
     with pytest.raises(SceneError, match=r"'kind' is missing; one of: .*; this is a scene: give what stands under its key vehicle"):
