@@ -2,6 +2,8 @@
 
 simulator --ros-args -p scene:=light_car_straight -p mode:=lockstep -p duration:=2.0
 python lockstep_controller.py
+
+It ends after 1500 steps; the simulator then waits for the next answer, until Ctrl-C.
 """
 
 import hashlib
