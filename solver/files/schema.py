@@ -32,7 +32,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from solver.errors import SceneError, SpecError, suggestion
-from solver.files.yaml_tree import AddedMapping, join, names_file, refuse, where
+from solver.files.yaml_tree import INCLUDE, READERS, AddedMapping, join, names_file, refuse, where
 from solver.units import SUFFIXES, UNITS
 
 NUMBER = re.compile(r'[-+]?(0|[1-9][0-9]*)?(\.[0-9]*)?([eE][-+]?[0-9]+)?')
@@ -93,7 +93,7 @@ class Builder:
         if isinstance(node, ScalarNode) and node.style is None and node.value in _NULL:
             raise refuse(node, path, 'is empty; a mapping of keys is wanted here (write {} for one without keys)')
         if not isinstance(node, MappingNode):
-            remedy = '; without quotes it is that of the file' if names_file(node) else ''
+            remedy = '; without quotes it is that of the file' if names_file(node) else _endings(node)
             raise refuse(node, path, f'must be a mapping of keys{remedy}')
         return {key.value: (key, value) for key, value in node.value}
 
@@ -166,7 +166,7 @@ class Builder:
             return self.build(chosen, MappingNode(node.tag, [e for e in node.value if e[0].value != 'kind'], node.start_mark), path, name)
         fitting = [a for a in rest if self._hook(a) or fits(a, node)]
         if not fitting:
-            raise refuse(node, path, 'must be ' + ' or '.join(dict.fromkeys(described(a) for a in rest)))
+            raise refuse(node, path, 'must be ' + ' or '.join(dict.fromkeys(described(a) for a in rest)) + _endings(node))
         return self.build(fitting[0], node, path, name)
 
     def _tuple(self, args: tuple, node: Node, path: str) -> tuple:
@@ -248,6 +248,12 @@ def _field(key: str, wanted: Mapping[str, object], hints: Mapping[str, Any]) -> 
 def with_units(wanted: Collection[str], hints: Mapping[str, Any]) -> list[str]:
     """The keys that the fields have with another unit: speed_kmh."""
     return [f'{key}_{suffix}' for key in wanted for suffix, unit in SUFFIXES.items() if unit_of(hints[key]) == UNITS[unit][0]]
+
+
+def _endings(node: Node) -> str:
+    """Which files can be included, where another one is named."""
+    named = isinstance(node, ScalarNode) and node.style is None and INCLUDE.fullmatch(node.value) and not names_file(node)
+    return f'; files that can stand for their content end in .yaml, {", ".join(READERS)}' if named and not is_number(node.value) else ''
 
 
 def _meant(node: Node) -> str:

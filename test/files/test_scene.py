@@ -67,6 +67,10 @@ def test_overrides_are_checked_like_the_file_and_are_in_the_resolved_text() -> N
         ('maneuver.signals.moter=1', 'the model has no such input'),
         ('vehicle={}', 'exactly one of the keys'),
         ('mechanism.bodies.crnk.mass=1', "mechanism.bodies.crnk: the key 'inertia' is missing in what is new there; did you mean 'crank'?"),
+        (
+            'maneuver.signals={motor: drive.csv}',
+            'motor = drive.csv: must be a number or a mapping; files that can stand for their content end',
+        ),
         ('start.speed_kph=50', "start.speed_kph: unknown key; did you mean 'speed_kmh'?"),
         ('mechanism.bodies.crank.com_mm[0]=1', "'com' is given twice, as 'com' and as 'com_mm'; keep one of them"),
     ],
