@@ -277,12 +277,12 @@ def patch_forces(c, kappa, tan_alpha, gamma, Fz, dfz, mu, Kxk, Kya, twist, forwa
 
 @kernel(inline=True)
 def rolling_resistance(c, Fx, Fz, gamma, Vx, rolling):
-    """My [N m] ([B] A48); rolling: smooth sign of the wheel spin."""
+    """My [N m] ([B] A48); rolling: smooth sign of the wheel spin, which also turns Fx to the direction of rolling."""
     F0 = c[I.FNOMIN]
     q = Fz / F0
     v = Vx / c[I.LONGVL]
     v2 = v * v
-    resistance = c[I.QSY1] + c[I.QSY2] * Fx / F0 + c[I.QSY3] * smooth_abs(v, 1e-3) + c[I.QSY4] * v2 * v2
+    resistance = c[I.QSY1] + c[I.QSY2] * (rolling * Fx) / F0 + c[I.QSY3] * smooth_abs(v, 1e-3) + c[I.QSY4] * v2 * v2
     resistance = resistance + (c[I.QSY5] + c[I.QSY6] * q) * gamma * gamma
     load = 1.0 * q if c[I.QSY7] == 1.0 else exp(c[I.QSY7] * log(q))
     return -rolling * resistance * load * (c[I.UNLOADED_RADIUS] * F0 * c[I.LMY] * c[I.PRESSURE_MY])

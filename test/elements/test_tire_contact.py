@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from contract import ContractContext, Element, acting, check_power_balance, check_purity, check_tangents, kinematics
@@ -148,6 +150,22 @@ def test_reverse_rolling_is_forward_rolling_turned_half_round() -> None:
             reference = F, T
     np.testing.assert_allclose(F, reference[0], rtol=1e-10)
     np.testing.assert_allclose(T, reference[1], rtol=1e-9, atol=1e-8)
+
+
+def test_rolling_resistance_due_to_the_longitudinal_force_turns_round_with_the_wheel() -> None:
+    """QSY2 counts the force in the direction of rolling: braked in reverse = braked forward and seen from behind, (Fx, My) -> -(Fx, My)."""
+    shifts = {k: 0.0 for k in CAR.values if k.startswith(('PHX', 'PVX', 'PEX4'))}
+    plain, more = (tire(dataclasses.replace(CAR, values={**CAR.values, **shifts, 'QSY2': q})) for q in (0.0, 0.04))
+    changes = {}
+    for sign in (1.0, -1.0):
+        kin = wheel(velocity=(12.0 * sign, 0.0, 0.0), spin=11.4 * sign / 0.3075)
+        without, with_it = settled(plain, kin), settled(more, kin)
+        fx = value(more, with_it, 'fx')
+        assert sign * fx < -1000.0
+        changes[sign] = value(more, with_it, 'my') - value(plain, without, 'my')
+        load = value(more, with_it, 'fz') / 4200.0
+        assert changes[sign] == pytest.approx(-0.04 * fx * 0.316 * load**0.9, rel=1e-6)  # positive: it drives
+    assert changes[1.0] == pytest.approx(-changes[-1.0], rel=1e-6)
 
 
 @pytest.mark.parametrize('camber', [np.pi / 2, 1.5, -1.5, np.pi, 3.0, -np.pi / 2])
