@@ -5,13 +5,14 @@ and all signs are those of docs/conventions.md; the model is described in docs/t
 
     deflection -> load Fz -> relaxation lengths -> contact deflections (u, v) -> slips -> magic_formula -> wrench at C
 
-    du/dt = -c Vsx - r_x u,     r_x = |(Vx, Vsx/k_x)| / sigma_kappa,     kappa = (u - tau Vsx)/sigma_kappa
+    du/dt = -c Vsx - |V|/sigma_kappa u,     |V| = |(Vx, Vsx/(mu k_x), Vsy/(mu k_y))|,     kappa = (u - tau Vsx)/sigma_kappa
 
-and the same for v with Vsy. It is linear in u, so u = zp + cz du/dt has a closed form. At speed the steady state is the slip
-itself; at rest nothing decays and u is a spring (no creep). k_x bounds the slip, and at low speed it holds u near the deflection
-of the peak force, so that a wheel that slides to rest does not store more than the force it can carry. With turn slip the twist of
-the contact patch is a third such state, R0 times its angle, driven by R0 times the yaw rate. Unless turn slip is off, such a twist
-resists a wheel that is turned on the spot, below PARKING_ENDS; above nothing of it is evaluated, and the state fades away.
+and the same for v with Vsy and sigma_alpha. It is linear in u, so u = zp + cz du/dt has a closed form. At speed the steady state is
+the slip itself; at rest nothing decays and u is a spring (no creep). One |V| for both: the slip of a sliding wheel points against its
+sliding, whichever way that goes. k bounds the slip, and at low speed it holds (u, v) near the deflection of the peak force on this road,
+so that a wheel that slides to rest does not store more than the force it can carry. With turn slip the twist of the contact patch is a
+third such state, R0 times its angle, driven by R0 times the yaw rate. Unless turn slip is off, such a twist resists a wheel that is
+turned on the spot, below PARKING_ENDS; above nothing of it is evaluated, and the state fades away.
 
 Source: [Pacejka2012] 2.2 (slip), 4.3.3 (turn slip), 7.2 (relaxation), 8.6 (standstill).
 """
@@ -66,9 +67,10 @@ FULL_CONTACT = 0.02  # load, relative to FNOMIN, from which the contact point fo
 AIR_DECAY = 20.0  # rate at which contact deflections vanish in the air [1/s]
 SHORTEST = 0.03  # lower bound of the relaxation lengths [m]
 TWIST_LENGTH = 0.17  # relaxation length of turn slip over R0: half the contact length, 53 mm of 313 mm ([P] table 9.1)
-SLIP_BOUND = 5.0  # |kappa|, |tan alpha| and R0 |phi_t| saturate smoothly towards this value at speed [-]
+SLIP_BOUND = 5.0  # |(kappa, tan alpha)| and R0 |phi_t| saturate smoothly towards this value at speed [-]
 LOW_SLIP = 2.0  # and towards this multiple of (peak force / slip stiffness) at standstill [-]
 LOW_TWIST = 3.0  # turn slip: of (saturated moment / its slope)
+AT_SPEED = 1.0 / (SLIP_BOUND * SLIP_BOUND)
 QUIET_SPEED = 0.01  # speed below which |V| becomes V^2: at rest the contact is a spring without creep [m/s]
 
 
@@ -132,7 +134,7 @@ class TireTable(NamedTuple):
     side: np.ndarray  # (n,) +1, or -1 for a mirrored tire
     c: np.ndarray  # (n, ROW) coefficients, magic_formula.pack
     damping: np.ndarray  # (n,) vertical damping over nominal load [s/m]
-    low: np.ndarray  # (n, 5): low speed [m/s], tau [s]; 1/k^2 at standstill along x, along y, of the twist
+    low: np.ndarray  # (n, 5): low speed [m/s], tau [s]; 1/k^2 at standstill on friction 1 along x, along y, of the twist
     road: RoadTable
 
 
@@ -173,15 +175,22 @@ def compile_tires(specs: Sequence[TireSpec], context: Context) -> TireTable:
 
 
 @kernel(inline=True)
-def _contact_state(z, cz, rolling, Vs, sigma, bound, low, tau, fade, contact):
-    """(deflection at this instant, slip) of one direction; z: the part zp of z = zp + cz zdot; rolling: square of the speed of rolling."""
-    at_speed = 1.0 / (SLIP_BOUND * SLIP_BOUND)
-    w = rolling + Vs * Vs * at_speed if bound.real == 0.0 else rolling + Vs * Vs * (at_speed + low * bound)
+def _contact_state(z, cz, Vs, w, sigma, tau, fade, contact):
+    """(deflection at this instant, slip) of one direction; z: the part zp of z = zp + cz zdot; w: square of the speed of fading."""
     # |V| as w/sqrt(w + q^2): w at rest, sqrt(w) at speed
     rate = w / (sqrt(w + QUIET_SPEED * QUIET_SPEED) * sigma) + AIR_DECAY * (1.0 - contact)
     drive = contact * Vs
     u = (z - cz * drive) / (1.0 + cz * rate)
     return u, u / sigma if fade.real == 0.0 else (u - tau * fade * drive) / sigma
+
+
+@kernel(inline=True)
+def _twist_state(z, cz, rolling, turning, sigma, slow, low, mu, tau, fade, contact):
+    """(twist at this instant, R0 phi_t); rolling: square of the speed; turning: R0 yaw rate [m/s]; low: 1/k^2 on friction 1."""
+    w = rolling + turning * turning * AT_SPEED
+    if slow.real != 0.0:
+        w = w + slow * turning * turning * low / (mu * mu)
+    return _contact_state(z, cz, -turning, w, sigma, tau, fade, contact)
 
 
 @kernel(inner=True)
@@ -196,7 +205,7 @@ def _parking(c, low, zp, cz, Vx, Vsy, turning, slow, tau, quiet, contact, Fz, mu
     top, full = PARKING_ENDS * PARKING_ENDS, PARKING_FULL * PARKING_FULL
     fade = smoother_step((top - over_ground) / (top - full))
     sigma = 0.0 * Fz + TWIST_LENGTH * R0
-    state, twist = _contact_state(zp, cz, over_ground, -(fade * turning), sigma, slow, low, tau, quiet, contact)
+    state, twist = _twist_state(zp, cz, over_ground, fade * turning, sigma, slow, low, mu, tau, quiet, contact)
     if Fz.real <= LEAST_LOAD * c[I.FNOMIN]:
         return state, 0.0 * Fz
     load = local(Fz, 1)
@@ -241,19 +250,21 @@ def _evaluate(table, e, motion, zp, cz):
         contact = contact * at.upright
     low_speed = table.low[e, 0]
     slow, quiet = 0.0 * Vx, 0.0 * Vx
+    w = Vx * Vx + (Vsx * Vsx + Vsy * Vsy) * AT_SPEED
     if Vx.real * Vx.real < low_speed * low_speed:
         slow = ramp(1.0 - Vx * Vx / (low_speed * low_speed), 0.0)
         slow = slow * slow
+        w = w + slow * (Vsx * Vsx * table.low[e, 2] + Vsy * Vsy * table.low[e, 3]) / (mu * mu)
         quiet = ramp(1.0 - (Vx * Vx + Vsx * Vsx + Vsy * Vsy) / (low_speed * low_speed), 0.0)
         quiet = quiet * quiet
     tau = table.low[e, 1]
-    state_u, kappa = _contact_state(zp[0], cz, Vx * Vx, Vsx, sigma_x, slow, table.low[e, 2], tau, quiet, contact)
-    state_v, tan_alpha = _contact_state(zp[1], cz, Vx * Vx, Vsy, sigma_y, slow, table.low[e, 3], tau, quiet, contact)
+    state_u, kappa = _contact_state(zp[0], cz, Vsx, w, sigma_x, tau, quiet, contact)
+    state_v, tan_alpha = _contact_state(zp[1], cz, Vsy, w, sigma_y, tau, quiet, contact)
     state_w, twist = 0.0 * Fz, 0.0 * Fz
     if c[I.TURN_SLIP] > 0.0:
         turning = R0 * (dot(motion.turning, at.n) - motion.spin * at.sin_camber)  # of the heading, about the normal
         sigma = 0.0 * Fz + TWIST_LENGTH * R0
-        state_w, twist = _contact_state(zp[2], cz, Vx * Vx, -turning, sigma, slow, table.low[e, 4], tau, quiet, contact)
+        state_w, twist = _twist_state(zp[2], cz, Vx * Vx, turning, sigma, slow, table.low[e, 4], mu, tau, quiet, contact)
         twist = side * twist
 
     # forces on the wheel in the contact frame; the Magic Formula counts alpha the other way, a mirrored tire y the other way

@@ -85,13 +85,12 @@ def axle_forces(b, axle, road, i, y, steering, drive, brake, c, s, rates, stiff,
     slow *= slow
     quiet = max(1.0 - (Vx * Vx + Vsx * Vsx + Vsy * Vsy) / low, 0.0)
     quiet *= b.contact_time * quiet
-    kx = axle.stiffness_x / (LOW_SLIP * axle.peak_x)
-    ky = axle.stiffness_y / (LOW_SLIP * axle.peak_y)
-    bound = 1.0 / (SLIP_BOUND * SLIP_BOUND)
-    wx = Vx * Vx + Vsx * Vsx * (bound + slow * kx * kx)
-    wy = Vx * Vx + Vsy * Vsy * (bound + slow * ky * ky)
-    rate_x = wx / (np.sqrt(wx + QUIET_SPEED * QUIET_SPEED) * axle.length_x)
-    rate_y = wy / (np.sqrt(wy + QUIET_SPEED * QUIET_SPEED) * axle.length_y)
+    kx = axle.stiffness_x / (LOW_SLIP * axle.peak_x * mu) * Vsx
+    ky = axle.stiffness_y / (LOW_SLIP * axle.peak_y * mu) * Vsy
+    w = Vx * Vx + (Vsx * Vsx + Vsy * Vsy) / (SLIP_BOUND * SLIP_BOUND) + slow * (kx * kx + ky * ky)
+    fading = w / np.sqrt(w + QUIET_SPEED * QUIET_SPEED)
+    rate_x = fading / axle.length_x
+    rate_y = fading / axle.length_y
     kappa = (u - quiet * Vsx) / axle.length_x
     tan = (v - quiet * Vsy) / axle.length_y
 

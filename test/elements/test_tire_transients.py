@@ -4,26 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from contract import ContractContext, Element, Result
-from tire_bench import CAR, settled, tire, value, wheel
+from contract import ContractContext
+from tire_bench import CAR, H, drop, march, settled, tire, value, wheel
 
 from solver.elements.magic_formula import slip_stiffness
 from solver.elements.marker import Marker
-from solver.elements.point_pair import Kinematics
 from solver.elements.road import RoadSpec
 from solver.elements.tire_data import I
 from solver.elements.tire_pacejka import TireSpec, compile_tires
-
-H = 1e-3
-
-
-def march(element: Element, kin: Kinematics, steps: int, z=(0.0, 0.0), h: float = H) -> list[Result]:
-    """Internal states by implicit Euler along a frozen motion."""
-    results = []
-    for _ in range(steps):
-        results.append(element.evaluate(kin, zp=z, cz=h))
-        z = tuple(results[-1].z)
-    return results
 
 
 @pytest.mark.parametrize('direction', ['lateral', 'longitudinal'])
@@ -44,21 +32,6 @@ def test_63_percent_after_one_relaxation_length(direction: str) -> None:
     history = np.array([value(element, r, name) for r in trace]) / final
     assert np.interp(sigma, travel, history) == pytest.approx(1.0 - np.exp(-1.0), abs=0.01)
     assert c[I.IS_61] == 1.0
-
-
-def drop(element: Element, *, mass: float, gravity, seconds: float, velocity=(0.0, 0.0, 0.0), height: float = 0.297, h: float = H):
-    """A wheel that cannot rotate, free to translate, by linearly implicit Euler; returns positions, velocities, outputs over time."""
-    x, v, z = np.array([0.0, 0.0, height]), np.array(velocity, float), (0.0, 0.0)
-    trace = []
-    for _ in range(int(seconds / h)):
-        r = element.evaluate(wheel(position=x, velocity=v), zp=z, cz=h, tangents=True)
-        K, D = r.Kq[:3, :3], r.Kv[:3, :3]
-        v = v + np.linalg.solve(mass * np.eye(3) - h * D - h * h * K, h * (r.f[0, :3] + mass * np.array(gravity) + h * K @ v))
-        x = x + h * v
-        end = element.evaluate(wheel(position=x, velocity=v), zp=z, cz=h)
-        z = tuple(end.z)
-        trace.append((x.copy(), v.copy(), end))
-    return trace
 
 
 def slope_gravity(grade: float, heading: float = 0.0) -> tuple[float, float, float]:

@@ -21,7 +21,7 @@ from solver.levels.single_track import shown
 from solver.levels.single_track_simulation import ELEMENTS, SingleTrackSimulation, rolling
 from solver.scene import Scene, StartSettings
 from solver.step.settings import IntegratorSettings
-from solver.step.single_track_tables import LATERAL, ROLL, SHIFT, SPIN, VX, VY, YAW_RATE
+from solver.step.single_track_tables import LATERAL, ROLL, SHIFT, SPIN, VX, VY, YAW, YAW_RATE
 
 MODEL = shown(load_scene('light_car_straight').model)
 STRAIGHT, FLAT = Maneuver(), RoadSpec()
@@ -182,6 +182,23 @@ def test_a_brake_that_lets_go_holds_no_more() -> None:
     s.advance(2000)
     assert s.y[VX] > 0.8
     assert s.snapshot().joint_effort[1:].max() == pytest.approx(0.0, abs=1e-9)
+
+
+def skidding(friction: float, vx: float, steps: int) -> SingleTrackSimulation:
+    """Thrown sideways at 10 m/s with locked wheels, without roll and load transfer."""
+    p = linear()
+    p['body']['height'] = 0.0
+    s = simulation(Maneuver(brake_torque=20e3), speed=0.0, parameters=p, road=RoadSpec(friction=friction))
+    s.y[VX], s.y[VY] = vx, 10.0
+    s.advance(steps)
+    return s
+
+
+def test_a_skid_goes_straight_on_and_stores_no_more_than_the_road_can_carry() -> None:
+    s = skidding(1.0, 1.5, 300)
+    assert np.arctan2(s.y[VY], s.y[VX]) + s.y[YAW] == pytest.approx(np.arctan2(10.0, 1.5), abs=np.radians(3.0))
+    dry, wet = (skidding(friction, 0.0, 100).y[LATERAL] for friction in (1.0, 0.1))
+    assert wet == pytest.approx(0.1 * dry, rel=0.02)
 
 
 def bend(h: float, braking: float = 400.0) -> SingleTrackSimulation:

@@ -19,6 +19,7 @@ from solver.elements.tire_data import TireData
 from solver.elements.tire_pacejka import OUTPUTS, TireSpec, compile_tires, tire_forces
 from solver.files.tir import read_tir
 
+H = 1e-3  # s, step of what takes its time
 ROOT = Path(__file__).resolve().parents[2]
 CAR = read_tir(ROOT / 'config' / 'tires' / '205_55R16.tir')
 EXAMPLE = read_tir(ROOT / 'test' / 'data' / 'externdata_225_50R17.tir')
@@ -65,6 +66,30 @@ def value(element: Element, result: Result, name: str) -> float:
 def settled(element: Element, kin: Kinematics) -> Result:
     """The steady state: an implicit step so long that the contact deflections have relaxed."""
     return element.evaluate(kin, zp=(0.0, 0.0), cz=1e6)
+
+
+def march(element: Element, kin: Kinematics, steps: int, z=(0.0, 0.0), h: float = H) -> list[Result]:
+    """Internal states by implicit Euler along a frozen motion."""
+    results = []
+    for _ in range(steps):
+        results.append(element.evaluate(kin, zp=z, cz=h))
+        z = tuple(results[-1].z)
+    return results
+
+
+def drop(element: Element, *, mass: float, gravity, seconds: float, velocity=(0.0, 0.0, 0.0), height: float = 0.297, h: float = H):
+    """A wheel that cannot rotate, free to translate, by linearly implicit Euler; returns positions, velocities, outputs over time."""
+    x, v, z = np.array([0.0, 0.0, height]), np.array(velocity, float), (0.0, 0.0)
+    trace = []
+    for _ in range(int(seconds / h)):
+        r = element.evaluate(wheel(position=x, velocity=v), zp=z, cz=h, tangents=True)
+        K, D = r.Kq[:3, :3], r.Kv[:3, :3]
+        v = v + np.linalg.solve(mass * np.eye(3) - h * D - h * h * K, h * (r.f[0, :3] + mass * np.array(gravity) + h * K @ v))
+        x = x + h * v
+        end = element.evaluate(wheel(position=x, velocity=v), zp=z, cz=h)
+        z = tuple(end.z)
+        trace.append((x.copy(), v.copy(), end))
+    return trace
 
 
 def load_at(element: Element, z: float, rise: float = 0.0) -> float:
