@@ -3,8 +3,9 @@
     Q = map(u, omega)        omega: rate of the coordinate, u: the input, from 0 to 1
 
 At each position of the pedal the torque is the monotone cubic through its points over the speed (solver.elements.laws), linear between the
-positions; below the first and above the last speed it goes on along its slope there, which may not rise at the top: so the droop of a
-limiter or the drag of an engine that pulls no more ends it. What it delivers is negative dissipation; it stores nothing.
+positions; above the last speed it goes on along its slope there, which may not rise: so the droop of a limiter or the drag of an engine
+that pulls no more ends it. Below the first speed it goes on along its slope there too, but never so that it drives an engine backwards that
+is turned backwards, ever faster: see `continued_below`. What it delivers is negative dissipation; it stores nothing.
 """
 
 from __future__ import annotations
@@ -31,6 +32,7 @@ from solver.elements.laws import Law
 from solver.elements.marker import Context, Spec, slots
 from solver.validate import require, require_grid, require_rising
 
+NARROWEST = 1.0  # rad/s below the first speed over which a torque passes into what it is when the engine is turned backwards
 OUTPUTS = {'energy': 'J', 'dissipation': 'W', 'rate': 'rad/s', 'torque': 'N m', 'pedal': ''}
 
 
@@ -41,6 +43,27 @@ def require_engine(where: str, speeds: Sequence[float], pedals: Sequence[float],
     require_grid(where, 'torques', torques, ('pedals', len(pedals)), ('speeds', len(speeds)))
     for k, row in enumerate(torques):
         require(row[-1] <= row[-2], where, f'torques[{k}]', row[-1], 'must not rise towards the last speed, where it goes on')
+
+
+def continued_below(law: Law) -> Law:
+    """The torque [N m] over the speed [rad/s] of one position of the pedal, as it goes on below its first speed: at negative speeds it
+    must not be negative, or an engine that is turned backwards runs away.
+
+    A torque that falls over the speed there, and is not below zero at rest, goes on along its slope. One that rises follows its slope down
+    to rest, at most to zero, and is constant backwards. A drag is zero at rest and as large backwards, the other way. Where the first
+    speed leaves no room for that, it happens within NARROWEST below it; between its points the law stays what it was.
+    """
+    first, torque, slope = law.x[0], law.y[0], law.slope[0]
+    at_rest = torque - slope * max(first, 0.0)
+    if slope <= 0.0 and at_rest >= 0.0:
+        return law
+    if torque >= 0.0:
+        low = min(0.0, first - NARROWEST)
+        return Law((low, *law.x), (max(torque - slope * (first - low), 0.0), *law.y), (0.0, *law.slope))
+    backwards = (min(-first, first - NARROWEST), -torque, min(slope, 0.0))
+    knots = [backwards] if first < NARROWEST else [backwards, (0.0, 0.0, torque / first)]
+    x, y, slopes = zip(*knots, strict=True)
+    return Law((*x, *law.x), (*y, *law.y), (*slopes, *law.slope))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,7 +96,7 @@ class EngineTable(NamedTuple):
 def compile_engines(specs: Sequence[EngineSpec], context: Context) -> EngineTable:
     """Resolve names and laws into a table."""
     n = len(specs)
-    laws = [Law.table(list(zip(s.speeds, row, strict=True)), s.where, 'torques') for s in specs for row in s.torques]
+    laws = [continued_below(Law.table(list(zip(s.speeds, row, strict=True)), s.where, 'torques')) for s in specs for row in s.torques]
     table = EngineTable(
         coordinate=np.array([context.coordinate(s.where, s.coordinate) for s in specs], np.int64),
         body=np.zeros((n, 2), np.int64),

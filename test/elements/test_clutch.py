@@ -76,6 +76,36 @@ def test_a_slipping_clutch_gives_its_capacity_times_the_ratio(gear, ratio):
     np.testing.assert_allclose(result.f[:4, 5], (torque - ratio * torque, -torque, 0.5 * ratio * torque, 0.5 * ratio * torque), atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ('speeds', 'row', 'backwards'),
+    [
+        ((0.0, 100.0, 300.0), (0.0, 80.0, 60.0), 0.0),  # rises from nothing
+        ((0.0, 100.0, 300.0), (50.0, 80.0, 60.0), 49.0),  # rises from something: less by its slope over 1 rad/s
+        ((80.0, 200.0, 300.0), (100.0, 150.0, 140.0), 44.0),  # rises from the idle speed: 0.699 N m s there
+        ((0.0, 100.0, 300.0), (-10.0, -20.0, -40.0), 10.0),  # drag from rest on: as large the other way
+        ((80.0, 200.0, 300.0), (-10.0, -20.0, -40.0), 10.0),  # drag from the idle speed on
+        ((80.0, 200.0, 300.0), (-30.0, -20.0, -40.0), 30.0),  # drag that becomes smaller first
+        ((0.0, 100.0, 300.0), (50.0, 30.0, -40.0), 50.0),  # falls: along its slope
+        ((80.0, 200.0, 300.0), (-1.0, -20.0, -40.0), 0.0),  # idles just below its first speed
+    ],
+)
+def test_an_engine_that_is_turned_backwards_resists(speeds, row, backwards):
+    """No torque below zero at any speed below zero (but within 1 rad/s of a first speed of zero), so it cannot run away backwards."""
+    unit = an_engine(rotations(), speeds=speeds, pedals=(0.0,), torques=(row,))
+
+    def torque(rate):
+        return float(unit.output(unit.evaluate(turning(rate, 0.0, 0.0), u=(0.0, 0.0, 0.0)), 'torque')[0])
+
+    found = [torque(rate) for rate in (-1.0, -10.0, -50.0, -100.0, -1000.0, -10000.0)]
+    assert found[0] >= 0.0 and found[3] >= backwards
+    assert np.all(np.diff(found) >= 0.0)
+    for rate, here in zip(speeds, row, strict=True):
+        assert torque(rate) == pytest.approx(here, abs=1e-12)
+    at = np.linspace(min(-speeds[0], speeds[0] - 1.0) - 5.0, speeds[0] + 5.0, 4001)
+    values = np.array([torque(rate) for rate in at.tolist()])
+    assert np.max(np.abs(np.diff(values, 2))) < 0.01 * (1.0 + np.max(np.abs(values)))  # no jump and no kink
+
+
 def test_an_engine_gives_what_its_map_says_and_nothing_in_statics():
     unit = an_engine(rotations())
     for rate, pedal, torque in ((100.0, 0.0, -10.0), (100.0, 0.25, 30.0), (300.0, 1.0, 120.0), (0.0, 2.0, 100.0)):
