@@ -14,7 +14,8 @@ and reaches it through the hands: rate limit and critically damped lag of solver
 
 Law of the one who keeps a speed: torque T = P e + I + inertia * dv_wanted/dt with e = v_wanted - v and dI/dt = P (omega/2) e. On a car that
 answers with inertia * dv/dt = T - resistance, P = 2 omega inertia makes this a critically damped loop of frequency omega. Where T
-leaves the torques of the engine, I stands still; what is below them is left to the brakes, if they are allowed.
+leaves the torques of the engine, I stands still; what is below them is left to the brakes, if they are allowed. Where the wanted speed is
+below 0, or is 0 and the car rolls backwards, all of this is mirrored: the engine drives backwards, the brakes slow the car down as ever.
 """
 
 from __future__ import annotations
@@ -295,8 +296,8 @@ class SpeedControl:
 
     target: speed along the x axis of the chassis over time (none: that of the start of the scene). until: from then on no torque at
     all (throttle released, clutch open; it fades over `release`). inertia: torque at the differential per acceleration of the car,
-    about mass times radius of the wheels. bandwidth: of the loop. first: torque at t = 0. most, least: torques of the engine.
-    brakes: most brake torque of all wheels together.
+    about mass times radius of the wheels. bandwidth: of the loop. first: torque at t = 0, below 0 backwards. most, least: torques of the
+    engine, in the direction of the target: backwards where this is below 0. brakes: most brake torque of all wheels together.
     """
 
     target: Annotated[float | Signal | None, 'm/s'] = None
@@ -323,6 +324,13 @@ class SpeedControl:
         on = 1.0 if self.until is None else min(max(1.0 - (t - self.until) / self.release, 0.0), 1.0)
         if on == 0.0:
             return 0.0, 0.0, kept
+        if wanted < 0.0 or (wanted == 0.0 and speed < 0.0):
+            drive, brake, kept = self._forwards(-wanted, -slope, -speed, -kept, h)
+            return 0.0 - on * drive, on * brake, -kept
+        drive, brake, kept = self._forwards(wanted, slope, speed, kept, h)
+        return on * drive, on * brake, kept
+
+    def _forwards(self, wanted: float, slope: float, speed: float, kept: float, h: float) -> tuple[float, float, float]:
         omega = 2.0 * math.pi * self.bandwidth
         gain = 2.0 * omega * self.inertia
         error = wanted - speed
@@ -331,4 +339,4 @@ class SpeedControl:
         if low < torque < self.most or (torque >= self.most and error < 0.0) or (torque <= low and error > 0.0):
             kept += h * gain * 0.5 * omega * error
         torque = min(max(torque, low), self.most)
-        return on * max(torque, self.least), on * max(self.least - torque, 0.0), kept
+        return max(torque, self.least), max(self.least - torque, 0.0), kept

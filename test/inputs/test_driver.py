@@ -157,14 +157,16 @@ def test_circle_is_left_of_who_runs_inside_to_the_right() -> None:
 
 
 def point_mass(control: SpeedControl, *, mass: float, resistance: float, speed: float, seconds: float, h: float = 1e-3) -> np.ndarray:
-    """(n, 4) time, speed, drive and brake torque of mass * dv/dt = T - resistance under the control, as DriverSource calls it."""
+    """(n, 4) time, speed, drive and brake torque of mass * dv/dt = T - resistance under the control, as DriverSource calls it; brakes
+    and resistance act against the speed that it begins with."""
+    ahead = np.sign(speed)
     names = ('drive_torque', 'brake_torque')
     source = DriverSource(Maneuver(speed=control), names, round(h * 1e9), start=speed)
     v, rows = speed, []
     for k in range(round(seconds / h)):
         drive, brake = source.sample(k, Sight(0.0, 0.0, 0.0, v))
         rows.append((k * h, v, drive, brake))
-        v += h * (drive - brake - resistance) / mass
+        v += h * (drive - ahead * (brake + resistance)) / mass
     return np.array(rows)
 
 
@@ -205,6 +207,28 @@ def test_engine_and_brakes_have_their_limits_and_the_integral_does_not_run_away(
     assert t10[1] < 0.5 * t10[0]
     away = point_mass(SpeedControl(target=10.0, most=100.0), mass=450.0, resistance=200.0, speed=10.0, seconds=5.0)
     assert away[:, 2].max() == 100.0
+
+
+@pytest.mark.parametrize(('begin', 'end'), [(2.0, 6.0), (20.0, 10.0), (5.0, 0.0)])
+def test_a_car_in_reverse_is_kept_as_the_mirror_image_of_one_that_drives_forwards(begin: float, end: float) -> None:
+    slope = np.copysign(1.0, end - begin)
+    there, back = (
+        point_mass(
+            SpeedControl(target=Ramp(initial=s * begin, slope=s * slope, start=0.2, final=s * end), first=s * 50.0, brakes=3000.0),
+            mass=450.0, resistance=100.0, speed=s * begin, seconds=15.0,
+        )
+        for s in (1.0, -1.0)
+    )  # fmt: skip
+    assert there[-1, 1] == pytest.approx(end, abs=0.05)
+    np.testing.assert_array_equal(back[:, 1:3], -there[:, 1:3])
+    np.testing.assert_array_equal(back[:, 3], there[:, 3])
+
+
+def test_a_car_that_rolls_backwards_and_shall_stand_is_braked_as_one_that_rolls_forwards() -> None:
+    control = SpeedControl(brakes=3000.0)
+    drive, brake, kept = control.torques(0.0, 0.0, 0.0, 2.0, 30.0, 1e-3)
+    assert drive == -300.0 and brake > 0.0
+    assert control.torques(0.0, 0.0, 0.0, -2.0, -30.0, 1e-3) == (-drive, brake, -kept)
 
 
 def test_released_throttle_gives_no_torque() -> None:
