@@ -137,7 +137,8 @@ class Bushing:
 
     axis: its z axis [design frame] (None: along the pivots it stands on, else vertical); x is forward, or to the left where the
     axis is longitudinal. stiffness: along x y z [N/m] and about x y z [N m/rad]; law_x .. law_z: force [N] over displacement [m]
-    instead of the linear rate. loss: damping over stiffness [s], i.e. loss angle / (2 pi f) at the frequency f that matters.
+    instead of the linear rate, on the left side; the right one is its mirror image. loss: damping over
+    stiffness [s], i.e. loss angle / (2 pi f) at the frequency f that matters.
     """
 
     stiffness: Six
@@ -155,6 +156,20 @@ class Bushing:
         for field in ('law_x', 'law_y', 'law_z'):
             require_resisting('bushing', field, getattr(self, field))
         finite('bushing', 'loss', self.loss, low=0.0)
+
+
+def own_laws(bushing: Bushing, axis: Vector, side: str) -> tuple[Law | None, ...]:
+    """The laws along x y z of a bushing whose axis on this side is `axis`. Both sides have right-handed frames, so one axis at the right
+    is the negative mirror image of that at the left: along it the law is turned about, -f(-x)."""
+    laws = (bushing.law_x, bushing.law_y, bushing.law_z)
+    here, there = axes_along('bushing', axis), axes_along('bushing', on_side(side, axis))
+    turned = [np.dot(on_side(side, vector_of(there[:, k])), here[:, k]) < 0.0 for k in range(3)]
+    return tuple(turned_about(law) if law is not None and flip else law for law, flip in zip(laws, turned, strict=True))
+
+
+def turned_about(law: Law) -> Law:
+    """-f(-x)."""
+    return Law(tuple(0.0 - x for x in reversed(law.x)), tuple(0.0 - y for y in reversed(law.y)), tuple(reversed(law.slope)))
 
 
 def mounting(
@@ -201,7 +216,7 @@ def mounting(
         )  # fmt: skip
     stiffness = tuple(float(x) for x in (*(n * k[:3]), *turning))
     laws = tuple(None if law is None else Law(law.x, tuple(n * y for y in law.y), tuple(n * s for s in law.slope))
-                 for law in (bushing.law_x, bushing.law_y, bushing.law_z))  # fmt: skip
+                 for law in own_laws(bushing, own, side))  # fmt: skip
     return Parts(
         bushings=(
             BushingSpec(

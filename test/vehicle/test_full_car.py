@@ -13,6 +13,8 @@ from solver.analysis.figures import figures
 from solver.analysis.kinematics_and_compliance import Rig
 from solver.analysis.modes import eigenvalues, linearised, modes
 from solver.analysis.usual import SALOON, usual
+from solver.compiled.by_reference import Ref
+from solver.elements.laws import Law, compile_laws, evaluate_law
 from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.tire_pacejka import TIRE_COLUMNS
 from solver.errors import SpecError
@@ -165,6 +167,37 @@ def test_combined_mounts_act_like_the_single_ones() -> None:
         return total
 
     assert wrench([combined]) == pytest.approx(wrench(single), rel=1e-12)
+
+
+@pytest.mark.parametrize('axis', [(0.0, 0.0, 1.0), (0.0, 1.0, 0.0), (0.6, 0.8, 0.0), (1.0, 0.0, 0.0)])
+@pytest.mark.parametrize('field', ['law_x', 'law_y', 'law_z'])
+def test_a_bushing_at_the_right_is_the_mirror_image_of_that_at_the_left(axis, field) -> None:
+    """A law that is five times as hard one way as the other, along every axis of the car: mirrored displacements, mirrored forces."""
+    i = RigidBodySpec(name='i', mass=1.0, inertia=(1, 1, 1, 0, 0, 0))
+    j, law = i.replace(name='j'), Law.table([[-0.01, -20000.0], [0.0, 0.0], [0.006, 1500.0], [0.01, 4000.0]])
+    data = Bushing(stiffness=(1e6, 1e6, 1e6, 1.0, 1.0, 1.0), axis=axis, **{field: law})
+    mirrored = np.array([1.0, -1.0, 1.0])
+
+    def force(side: str, move: np.ndarray) -> np.ndarray:
+        spec = mounting(side, i, j, ((0.0, 0.5, 0.3),), data, ideal='spherical', side=side).bushings[0]
+        F = matrix(spec.i.orientation)
+        laws = [Law.linear(k) if law is None else law for k, law in zip(spec.stiffness, spec.laws[:3], strict=False)]
+        table = Ref(compile_laws(laws))
+        return F @ [evaluate_law(table, k, x)[0] for k, x in enumerate((F.T @ move).tolist())]
+
+    for move in 0.005 * np.concatenate([np.eye(3), -np.eye(3), [[0.7, -1.1, 1.6]]]):
+        np.testing.assert_allclose(force('right', mirrored * move), mirrored * force('left', move), rtol=1e-12, atol=1e-9)
+
+
+def test_a_symmetric_law_is_the_same_at_both_sides_to_the_bit() -> None:
+    i = RigidBodySpec(name='i', mass=1.0, inertia=(1, 1, 1, 0, 0, 0))
+    points = [[-0.012, -30000.0], [-0.008, -12800.0], [-0.004, -4800.0], [0.0, 0.0], [0.004, 4800.0], [0.008, 12800.0], [0.012, 30000.0]]
+    law = Law.table(points)
+    data = Bushing(stiffness=(1e6, 1e6, 1e6, 1.0, 1.0, 1.0), law_x=law, law_y=law, law_z=law)
+    for axis in ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0)):
+        there = dataclasses.replace(data, axis=axis)
+        (spec,) = mounting('m', i, i.replace(name='j'), ((0.0, 0.5, 0.3),), there, ideal='spherical', side='right').bushings
+        assert repr(spec.laws[:3]) == repr((law, law, law))
 
 
 def test_mounts_that_couple_rotations_are_refused() -> None:
