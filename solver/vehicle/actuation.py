@@ -2,8 +2,8 @@
 
 steering: torque   the coupler that imposes the angle of the steering wheel gives way to a torque on it (`driver`)
 wheels             every brake gets an input of its own, and a torque `drive_<wheel>` acts on every wheel: that of a driven one at its
-                   output of the differential, whose housing takes the reaction (torque vectoring); that of another one between the
-                   wheel and what carries it (a motor in the hub)
+                   output of the differential, whose housing takes the reaction (torque vectoring), up to the top speed of the drive;
+                   that of another one between the wheel and what carries it (a motor in the hub), at any speed
 """
 
 from __future__ import annotations
@@ -46,16 +46,21 @@ def _steered_by_torque(model: ModelSpec) -> ModelSpec:
 
 def _with_wheels(model: ModelSpec) -> ModelSpec:
     brakes = {brake.coordinate: brake for brake in model.brakes}
-    outputs = [(name, factor) for force in model.coordinate_forces if force.input == 'drive_torque' for name, factor in force.terms]
+    outputs = {
+        name: (factor, force)
+        for force in model.coordinate_forces if force.input == 'drive_torque'
+        for name, factor in force.terms
+    }  # fmt: skip
     drives, own, inputs = [], {}, []
     for wheel in (tire.name for tire in model.tires):
         bearing = f'wheel_{wheel}'
         if bearing not in brakes:
             raise SpecError(f'actuation: wheels: wheel {wheel!r} has no brake on a coordinate {bearing!r}')
         own[bearing] = f'brake_torque_{wheel}'
-        name, factor = next(((name, factor) for name, factor in outputs if wheel in name), (bearing, 1.0))
+        name = next((name for name in (f'output_shaft_{wheel}/angle', f'shaft_{wheel}', bearing) if name in outputs), None)
+        sign, top_rate = (1.0, None) if name is None else _as_driven(*outputs[name])
         drives.append(
-            CoordinateForceSpec(name=f'drive_{wheel}', terms=((name, 1.0 if factor > 0.0 else -1.0),), input=f'drive_torque_{wheel}')
+            CoordinateForceSpec(name=f'drive_{wheel}', terms=((name or bearing, sign),), input=f'drive_torque_{wheel}', top_rate=top_rate)
         )
         inputs += [f'drive_torque_{wheel}', own[bearing]]
     if not drives:
@@ -66,6 +71,12 @@ def _with_wheels(model: ModelSpec) -> ModelSpec:
         coordinate_forces=(*model.coordinate_forces, *drives),
         inputs=(*model.inputs, *inputs),
     )
+
+
+def _as_driven(factor: float, force: CoordinateForceSpec) -> tuple[float, float | None]:
+    """(sign, top speed [rad/s]) of one output of a drive, which has that speed when all of them turn as fast."""
+    sign = 1.0 if factor > 0.0 else -1.0
+    return sign, None if force.top_rate is None else force.top_rate / sum(abs(each) for _, each in force.terms)
 
 
 def assisted_wheels(model: ModelSpec) -> tuple[AssistedWheel, ...]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -12,8 +14,10 @@ from mbd_sim_ros.commands.main import main
 from solver.analysis.kinematics_and_compliance import Rig
 from solver.errors import SceneError
 from solver.files.scene import load_scene
+from solver.inputs.actuation import Actuation
 from solver.inputs.signals import Constant
 from solver.levels.road_wheel import steering_map, steering_wheel_at
+from solver.vehicle.actuation import actuated
 
 LIGHT = 'light_car_straight'
 
@@ -75,6 +79,42 @@ def test_torques_of_a_differential_yaw_the_car():
     snapshot = sim.advance(300, held(sim, drive_torque_rear_left=-300.0, drive_torque_rear_right=300.0))
     assert snapshot.twist[sim.channels.chassis, 5] > 0.01
     assert abs(snapshot.twist[sim.channels.chassis, 0] - 25.0) < 0.2
+
+
+def test_a_wheel_is_driven_at_its_own_shaft_whatever_else_is_called_alike():
+    """Axles mid_rear, which is driven, and rear, which is not: rear has motors in its hubs."""
+    named = {'front': 'mid_rear', 'rear': 'rear'}
+    model = load_scene(LIGHT).model
+
+    def other(name):
+        return name.replace('front_', 'mid_rear_')
+
+    forces = [f for f in model.coordinate_forces if f.input == 'drive_torque']
+    assert forces and all('front_' in name for f in forces for name, _ in f.terms)
+    model = dataclasses.replace(
+        model,
+        tires=tuple(dataclasses.replace(t, name=other(t.name)) for t in model.tires),
+        brakes=tuple(dataclasses.replace(b, coordinate=other(b.coordinate)) for b in model.brakes),
+        coordinate_forces=tuple(dataclasses.replace(f, terms=tuple((other(n), x) for n, x in f.terms)) for f in forces),
+    )
+    drives = {f.name: f.terms[0][0] for f in actuated(model, Actuation(wheels=True)).coordinate_forces if f.name.startswith('drive_')}
+    assert drives == {
+        f'drive_{axle}_{side}': f'{"shaft" if axle == "mid_rear" else "wheel"}_{axle}_{side}'
+        for axle in named.values()
+        for side in ('left', 'right')
+    }
+
+
+def test_the_torque_of_a_driven_wheel_ends_at_the_top_speed_of_its_drive():
+    """On ice, with 1000 N m at either wheel in front: they spin up to the limiter of the car, not beyond. Hub motors behind have none."""
+    overrides = ('actuation.wheels=true', 'road={friction: 0.1}', 'start.speed=5', 'maneuver={}')
+    sim = simulation(*overrides)
+    top = {f.name: f.top_rate for f in sim.model.spec.coordinate_forces if f.name.startswith('drive_')}
+    limit = next(f.top_rate for f in sim.model.spec.coordinate_forces if f.input == 'drive_torque')
+    assert top == {'drive_front_left': limit, 'drive_front_right': limit, 'drive_rear_left': None, 'drive_rear_right': None}
+    snapshot = sim.advance(round(1.5 / sim.h), held(sim, drive_torque_front_left=1000.0, drive_torque_front_right=1000.0))
+    spins = snapshot.joint_velocity[[sim.channels.joints.index(f'wheel_front_{side}') for side in ('left', 'right')]]
+    assert np.all(np.abs(spins) > 0.9 * limit) and np.all(np.abs(spins) < 1.01 * limit)
 
 
 def test_the_hand_torque_steers_like_the_hand():
