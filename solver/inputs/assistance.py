@@ -18,9 +18,9 @@ allows,
     r_wanted = v delta / (L + K v^2),    |r_wanted| <= 0.85 mu g / v
 
 and where the yaw rate is off by e beyond a threshold, one wheel is braked on the side that turns the car back: the front wheel where the
-car turns too much, the rear one where it turns too little, with gain (|e| - threshold), at most `torque`. The drive torque is taken back
-in the same measure. It is off in reverse: the steady motion is v delta / (L - K v^2) there, a car that understeers forward oversteers, and
-the wheel that turns it back is another one.
+car turns too much, the rear one where it turns too little, with gain (|e| - threshold), at most `torque`. What drives is taken back
+in the same measure: the drive torque, those of single wheels and the accelerator, where they are above 0. It is off in reverse: the steady
+motion is v delta / (L - K v^2) there, a car that understeers forward oversteers, and the wheel that turns it back is another one.
 """
 
 from __future__ import annotations
@@ -139,7 +139,8 @@ class Assistant:
         rear = [k for k, wheel in enumerate(wheels) if wheel.name.startswith('rear_')]
         self._together = [rear if k in rear else [k] for k in range(len(wheels))]
         self._brake = names.index('brake_torque') if 'brake_torque' in names else None
-        self._drive = names.index('drive_torque') if 'drive_torque' in names else None
+        driving = {'drive_torque', 'accelerator', *(f'drive_torque_{wheel.name}' for wheel in wheels)}
+        self._drives = [place for place, name in enumerate(names) if name in driving]
         self._steering = names.index('steering') if 'steering' in names else None
         if assistance.stability is not None:
             if self._steering is None:
@@ -194,8 +195,9 @@ class Assistant:
         for wheel, place in self._wheels:
             if wheel.name == f'{axle}_{side}':
                 row[place] += torque
-        if self._drive is not None and row[self._drive] > 0.0:
-            row[self._drive] *= 1.0 - torque / control.torque
+        for place in self._drives:
+            if row[place] > 0.0:
+                row[place] *= 1.0 - torque / control.torque
 
     def _unlock(self, row: np.ndarray, feel: Feel, control: AntiLock) -> None:
         shares = self._shares.tolist()

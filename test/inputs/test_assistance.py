@@ -89,6 +89,17 @@ def test_the_wheel_that_turns_the_car_back_is_braked(steering: float, yaw_rate: 
     assert not assistant.act(commands(steering=steering), Feel(v, wanted, (v / 0.3,) * 4))[3:].any()
 
 
+def test_stability_control_takes_back_whatever_drives() -> None:
+    """Half of the largest torque is wanted at a wheel: half of what drives is left. What brakes, and the clutch, stay."""
+    control = StabilityControl(gain=12500.0, threshold=0.1, torque=2500.0)
+    names = (*NAMES, 'accelerator', 'clutch', 'drive_torque_front_left', 'drive_torque_front_right')
+    given = np.array([0.0, 500.0, *[0.0] * 5, 0.8, 0.4, 300.0, -100.0])
+    row = Assistant(Assistance(stability=control), names, WHEELS, 1e-3).act(given, Feel(20.0, 0.2, (20.0 / 0.3,) * 4))
+    assert row[names.index('brake_torque_front_right')] == pytest.approx(1250.0)
+    assert row[1] == pytest.approx(250.0)
+    assert row[7:].tolist() == pytest.approx([0.4, 0.4, 150.0, -100.0])
+
+
 def test_what_it_needs_is_said() -> None:
     with pytest.raises(SceneError, match=r'actuation: \{wheels: true\}'):
         load_scene('light_car_brake', ['assistance={anti_lock: {}}'])
