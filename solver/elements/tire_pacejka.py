@@ -69,6 +69,7 @@ SHORTEST = 0.03  # lower bound of the relaxation lengths [m]
 TWIST_LENGTH = 0.17  # relaxation length of turn slip over R0: half the contact length, 53 mm of 313 mm ([P] table 9.1)
 SLIP_BOUND = 5.0  # |(kappa, tan alpha)| and R0 |phi_t| saturate smoothly towards this value at speed [-]
 LOW_SLIP = 2.0  # and towards this multiple of (peak force / slip stiffness) at standstill [-]
+LEAST_GRIP = 0.1  # friction that bounds go with at least: on less a car that stands with its wheels turned finds no equilibrium
 LOW_TWIST = 3.0  # turn slip: of (saturated moment / its slope)
 AT_SPEED = 1.0 / (SLIP_BOUND * SLIP_BOUND)
 QUIET_SPEED = 0.01  # speed below which |V| becomes V^2: at rest the contact is a spring without creep [m/s]
@@ -185,16 +186,16 @@ def _contact_state(z, cz, Vs, w, sigma, tau, fade, contact):
 
 
 @kernel(inline=True)
-def _twist_state(z, cz, rolling, turning, sigma, slow, low, mu, tau, fade, contact):
+def _twist_state(z, cz, rolling, turning, sigma, slow, low, grip, tau, fade, contact):
     """(twist at this instant, R0 phi_t); rolling: square of the speed; turning: R0 yaw rate [m/s]; low: 1/k^2 on friction 1."""
     w = rolling + turning * turning * AT_SPEED
     if slow.real != 0.0:
-        w = w + slow * turning * turning * low / (mu * mu)
+        w = w + slow * turning * turning * low / (grip * grip)
     return _contact_state(z, cz, -turning, w, sigma, tau, fade, contact)
 
 
 @kernel(inner=True)
-def _parking(c, low, zp, cz, Vx, Vsy, turning, slow, tau, quiet, contact, Fz, mu):
+def _parking(c, low, zp, cz, Vx, Vsy, turning, slow, tau, quiet, contact, Fz, mu, grip):
     """(twist at this instant [m], moment against it about the normal [N m]) below PARKING_ENDS; turning: R0 yaw rate [m/s].
 
     The speed over ground takes the place of Vx in the relaxation, and what drives the twist fades with the moment: where that ends
@@ -205,7 +206,7 @@ def _parking(c, low, zp, cz, Vx, Vsy, turning, slow, tau, quiet, contact, Fz, mu
     top, full = PARKING_ENDS * PARKING_ENDS, PARKING_FULL * PARKING_FULL
     fade = smoother_step((top - over_ground) / (top - full))
     sigma = 0.0 * Fz + TWIST_LENGTH * R0
-    state, twist = _twist_state(zp, cz, over_ground, fade * turning, sigma, slow, low, mu, tau, quiet, contact)
+    state, twist = _twist_state(zp, cz, over_ground, fade * turning, sigma, slow, low, grip, tau, quiet, contact)
     if Fz.real <= LEAST_LOAD * c[I.FNOMIN]:
         return state, 0.0 * Fz
     load = local(Fz, 1)
@@ -250,11 +251,12 @@ def _evaluate(table, e, motion, zp, cz):
         contact = contact * at.upright
     low_speed = table.low[e, 0]
     slow, quiet = 0.0 * Vx, 0.0 * Vx
+    grip = mu if mu.real > LEAST_GRIP else 0.0 * mu + LEAST_GRIP
     w = Vx * Vx + (Vsx * Vsx + Vsy * Vsy) * AT_SPEED
     if Vx.real * Vx.real < low_speed * low_speed:
         slow = ramp(1.0 - Vx * Vx / (low_speed * low_speed), 0.0)
         slow = slow * slow
-        w = w + slow * (Vsx * Vsx * table.low[e, 2] + Vsy * Vsy * table.low[e, 3]) / (mu * mu)
+        w = w + slow * (Vsx * Vsx * table.low[e, 2] + Vsy * Vsy * table.low[e, 3]) / (grip * grip)
         quiet = ramp(1.0 - (Vx * Vx + Vsx * Vsx + Vsy * Vsy) / (low_speed * low_speed), 0.0)
         quiet = quiet * quiet
     tau = table.low[e, 1]
@@ -264,7 +266,7 @@ def _evaluate(table, e, motion, zp, cz):
     if c[I.TURN_SLIP] > 0.0:
         turning = R0 * (dot(motion.turning, at.n) - motion.spin * at.sin_camber)  # of the heading, about the normal
         sigma = 0.0 * Fz + TWIST_LENGTH * R0
-        state_w, twist = _twist_state(zp[2], cz, Vx * Vx, turning, sigma, slow, table.low[e, 4], mu, tau, quiet, contact)
+        state_w, twist = _twist_state(zp[2], cz, Vx * Vx, turning, sigma, slow, table.low[e, 4], grip, tau, quiet, contact)
         twist = side * twist
 
     # forces on the wheel in the contact frame; the Magic Formula counts alpha the other way, a mirrored tire y the other way
@@ -298,7 +300,7 @@ def _evaluate(table, e, motion, zp, cz):
         over_ground = forwards * forwards + sideways * sideways
         if over_ground.real < PARKING_ENDS * PARKING_ENDS:
             turning = R0 * (dot(motion.turning, at.n) - motion.spin * at.sin_camber)
-            state_w, moment = _parking(c, table.low[e, 4], zp[2], cz, Vx, Vsy, turning, slow, tau, quiet, contact, Fz, mu)
+            state_w, moment = _parking(c, table.low[e, 4], zp[2], cz, Vx, Vsy, turning, slow, tau, quiet, contact, Fz, mu, grip)
             Mz = Mz + moment * at.upright
         else:
             state_w = 0.0 * Fz + zp[2] / (1.0 + cz * (PARKING_ENDS / (TWIST_LENGTH * R0)))

@@ -30,7 +30,7 @@ from solver.step.single_track_tables import (
     Y,
 )
 
-QUIET_SPEED, SLIP_BOUND, LOW_SLIP = 0.01, 5.0, 2.0  # as of a tire (solver.elements.tire_pacejka)
+QUIET_SPEED, SLIP_BOUND, LOW_SLIP, LEAST_GRIP = 0.01, 5.0, 2.0, 0.1  # as of a tire (solver.elements.tire_pacejka)
 LEAST_LOAD = 0.05  # of its load at rest is carried by an axle at least
 LEAST_TORQUE = 1.0  # N m: a brake below slides like one of this capacity
 SLOWEST = 0.1  # m/s below which rolling resistance fades
@@ -85,8 +85,9 @@ def axle_forces(b, axle, road, i, y, steering, drive, brake, c, s, rates, stiff,
     slow *= slow
     quiet = max(1.0 - (Vx * Vx + Vsx * Vsx + Vsy * Vsy) / low, 0.0)
     quiet *= b.contact_time * quiet
-    kx = axle.stiffness_x / (LOW_SLIP * axle.peak_x * mu) * Vsx
-    ky = axle.stiffness_y / (LOW_SLIP * axle.peak_y * mu) * Vsy
+    grip = LOW_SLIP * max(mu, LEAST_GRIP)
+    kx = axle.stiffness_x / (axle.peak_x * grip) * Vsx
+    ky = axle.stiffness_y / (axle.peak_y * grip) * Vsy
     w = Vx * Vx + (Vsx * Vsx + Vsy * Vsy) / (SLIP_BOUND * SLIP_BOUND) + slow * (kx * kx + ky * ky)
     fading = w / np.sqrt(w + QUIET_SPEED * QUIET_SPEED)
     rate_x = fading / axle.length_x

@@ -163,7 +163,8 @@ def own_laws(bushing: Bushing, axis: Vector, side: str) -> tuple[Law | None, ...
     is the negative mirror image of that at the left: along it the law is turned about, -f(-x)."""
     laws = (bushing.law_x, bushing.law_y, bushing.law_z)
     here, there = axes_along('bushing', axis), axes_along('bushing', on_side(side, axis))
-    turned = [np.dot(on_side(side, vector_of(there[:, k])), here[:, k]) < 0.0 for k in range(3)]
+    columns = zip(there.T.tolist(), here.T.tolist(), strict=True)
+    turned = [sum(a * b for a, b in zip(on_side(side, vector_of(left)), own, strict=True)) < 0.0 for left, own in columns]
     return tuple(turned_about(law) if law is not None and flip else law for law, flip in zip(laws, turned, strict=True))
 
 

@@ -20,7 +20,7 @@ FENCE = re.compile(r'^```.*?^```$', re.MULTILINE | re.DOTALL)
 CALLED = re.compile(r'(?:[A-Za-z_]\w*\.)*[A-Za-z_]\w*\(\)')
 FILE = re.compile(r'[\w./-]+\.(?:py|yaml|toml|tir|md|msg)')
 DOTTED = re.compile(r'(?:solver|mbd_sim_ros)(?:\.\w+)+')
-GENERATED = {'report.md', 'metadata.yaml'}  # written by runs
+GENERATED = {'report.md', 'metadata.yaml', 'mine.yaml'}  # written by runs, and by readers
 
 
 def ids(pages: list[Path]) -> list[str]:

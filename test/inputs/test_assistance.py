@@ -143,7 +143,7 @@ def test_the_compact_brakes_on_a_wet_road_without_locking_forward_and_in_reverse
 @pytest.mark.slow
 def test_the_light_car_stops_earlier_and_straight_on_split_friction() -> None:
     """Full braking where the right wheels have 0.3 of the friction, with a driver who keeps the lane: without anti-lock control every wheel
-    stands and the car spins; with it wheels turn, the heading stays within 10 deg, and the way is at least 15 % shorter."""
+    stands and the car spins; with it wheels turn, the heading stays within 10 deg, and the way is at least a tenth shorter."""
     brake = '{kind: step, value: 7000, start: 1.6, rise: 0.1}'
     driver = '{path: {kind: waypoints, points: [[0, 0], [500, 0]]}, wheelbase: 2.65, ratio: 17.9, preview: 0.3}'
     common = ['road=roads/mu_split.yaml', 'start.speed_kmh=80', f'maneuver={{brake_torque: {brake}, driver: {driver}}}']
@@ -166,7 +166,7 @@ def test_the_light_car_stops_earlier_and_straight_on_split_friction() -> None:
     assert found['with'][2] < 0.1
     assert found['without'][1] > 1.0
     assert found['with'][1] < np.radians(10.0)
-    assert found['with'][0] < 0.85 * found['without'][0]
+    assert found['with'][0] < 0.9 * found['without'][0]
 
 
 def test_runs_with_assistance_go_on_from_a_saved_state_bit_for_bit() -> None:
