@@ -18,7 +18,7 @@ from mbd_sim_ros.node.loop import Loop
 from solver.errors import suggestion
 
 WARN_SECONDS = 2.0  # a repeated warning about a command is said this often
-SELDOM = 0.01  # s between looks for named commands of somebody who is not known yet: he may be gone before he is
+SELDOM = 0.01  # s between looks for commands of somebody who is not known yet: he may be gone before he is
 
 
 class Commanded(NamedTuple):
@@ -129,17 +129,18 @@ class Commands:
 
     def poll(self) -> None:
         """Hand what is new to the loop; on the simulation thread."""
-        for take, kind, receive in self._boxes:
-            taken = take(kind, False)
-            if taken is not None:
-                self.commanded = True
-                receive(taken[0])
         if self.deaf:
             return
         now = time.monotonic()
         every = now >= self._next_look or self.loop.mode == 'lockstep'
         if every:
             self._next_look = now + SELDOM
+        if every or self.commanded:
+            for take, kind, receive in self._boxes:
+                taken = take(kind, False)
+                if taken is not None:
+                    self.commanded = True
+                    receive(taken[0])
         for topic, (subscription, receive) in self._named.items():
             if every or self._heard.get(topic):
                 for _ in range(10):
