@@ -222,10 +222,8 @@ def _resolution(s: Simulation) -> list[Finding | None]:
 def _inputs(s: Simulation) -> list[Finding | None]:
     """Signals of the maneuver that change faster than the steps."""
     found = s.source.unresolved(s.k, s.scene.duration) if isinstance(s.source, ManeuverSource) else {}
-    text, remedy = (
-        'a signal of the maneuver swings between the steps that sample it; of its range it departs from their values by',
-        'reduce integrator.h',
-    )
+    text = 'a signal of the maneuver swings between the steps that sample it; of its range it departs from their values by'
+    remedy = 'reduce integrator.h'
     return [_finding('input', largest, LARGEST, None, '', first, name, text, remedy) for name, (largest, first) in found.items()]
 
 

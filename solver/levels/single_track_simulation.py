@@ -15,7 +15,7 @@ from solver.errors import ConsistencyError, SpecError, StepError
 from solver.files.urdf import robot_description
 from solver.inputs.driver import Sight
 from solver.inputs.maneuver import ACCELERATION, RATE
-from solver.levels.track_friction import LOOK, note, varies, with_maps
+from solver.levels.track_friction import LOOK, note, varies
 from solver.model.evaluate import prepare
 from solver.model.frames import matrix
 from solver.model.state import State, fitting, load_arrays, step_of
@@ -66,7 +66,7 @@ def tables_of(parameters: Parameters, scene: Scene, yaw: float = 0.0) -> SingleT
     p = parameters
     return SingleTrackTables(
         mounting=Mounting(**{**p['mounting'], 'yaw': yaw}), body=Body(**p['body']), front=Axle(**p['front']), rear=Axle(**p['rear']),
-        road=compile_road(with_maps(scene.model.road)),
+        road=compile_road(scene.model.road),
     )  # fmt: skip
 
 

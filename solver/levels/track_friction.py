@@ -7,12 +7,11 @@ is, the slips and accelerations reached there count for so many times as much. I
 
 from __future__ import annotations
 
-import dataclasses
 import math
 
 import numpy as np
 
-from solver.elements.road import FrictionPatch, RoadSpec, RoadTable, road_at
+from solver.elements.road import RoadSpec, RoadTable, road_at
 from solver.step.single_track_tables import (
     ALPHA,
     AXLE_COLUMNS,
@@ -29,17 +28,11 @@ from solver.step.single_track_tables import (
 )
 
 LOOK = 10_000_000  # ns
-NEUTRAL = FrictionPatch(center=(0.0, 0.0), size=(1.0, 1.0), factor=1.0)
 
 
 def varies(road: RoadSpec) -> bool:
     """Whether its friction is not the same everywhere."""
     return bool(road.patches or road.maps)
-
-
-def with_maps(road: RoadSpec) -> RoadSpec:
-    """The road as the step of the level takes it, which looks for no map where there is no patch."""
-    return dataclasses.replace(road, patches=(NEUTRAL,)) if road.maps and not road.patches else road
 
 
 def note(t: SingleTrackTables, w: SingleTrackWork, y: np.ndarray, time: float, slippery: np.ndarray) -> None:

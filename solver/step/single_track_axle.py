@@ -39,7 +39,7 @@ SLOWEST = 0.1  # m/s below which rolling resistance fades
 @kernel(inline=True)
 def _friction(road, axle, x, y, c, s):
     """(mean, difference) of the friction under both wheels of an axle whose middle is at (x, y); (c, s): heading."""
-    if road.patch.shape[0] == 0:
+    if road.patch.shape[0] == 0 and road.heights[0] == road.start.shape[0]:  # neither patches nor maps
         return road.friction[0], 0.0
     left = friction_at(road, x - axle.half_track * s, y + axle.half_track * c)
     right = friction_at(road, x + axle.half_track * s, y - axle.half_track * c)
