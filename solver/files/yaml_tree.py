@@ -182,9 +182,9 @@ def _check(node: Node, path: str, above: tuple[int, ...], extent: Extent) -> Non
         for key, value in node.value:
             if not isinstance(key, ScalarNode):
                 raise refuse(key, path, 'a key must be a word')
-            if key.tag == MERGE:
-                raise refuse(key, path, 'nothing is merged into a mapping; write its keys out, or include a file and change it by --set')
             here = join(path, key.value)
+            if key.tag == MERGE and not (names_file(value) and value.style is None):
+                raise refuse(value, here, 'must be the name of a file, without quotes: the mapping is what that has, changed by the keys beside it')
             if key.value in first:
                 raise SceneError(f'{where(key)}: {here}: the key is given twice (first in line {first[key.value].start_mark.line + 1})')
             first[key.value] = key
@@ -243,7 +243,12 @@ def include(node: Node, directories: Sequence[Path], above: tuple[Path, ...] = (
     if isinstance(node, SequenceNode):
         node.value = [include(item, directories, above, f'{path}[{k}]', extent) for k, item in enumerate(node.value)]
     elif isinstance(node, MappingNode):
-        node.value = [(key, include(value, directories, above, join(path, key.value), extent)) for key, value in node.value]
+        entries = [(key, include(value, directories, above, join(path, key.value), extent)) for key, value in node.value]
+        node.value = [entry for entry in entries if entry[0].tag != MERGE]
+        for base in [value for key, value in entries if key.tag == MERGE]:
+            if not isinstance(base, MappingNode):
+                raise refuse(base, join(path, '<<'), 'must be a file of keys and values')
+            node.value = _changed(base, node).value
     elif isinstance(node, ScalarNode) and node.style is None and names_file(node):
         file = find(node.value, directories)
         if file is None:
@@ -253,6 +258,27 @@ def include(node: Node, directories: Sequence[Path], above: tuple[Path, ...] = (
             raise refuse(node, path, 'the file includes itself')
         return read(file, directories, above, extent)
     return node
+
+
+def _changed(base: MappingNode, changes: MappingNode) -> MappingNode:
+    """A mapping with the values of another: mappings in it are changed likewise, unless they become another `kind`; all else is replaced,
+    also where it has another unit there (see override)."""
+    result = MappingNode(base.tag, list(base.value), base.start_mark, base.end_mark, flow_style=base.flow_style)
+    for key, value in changes.value:
+        at = _place(result, key.value, not isinstance(value, MappingNode))
+        if at is None:
+            result.value.append((key, value))
+            continue
+        old = result.value[at][1]
+        if isinstance(old, MappingNode) and isinstance(value, MappingNode) and _kind(value) in ('', _kind(old)):
+            value = _changed(old, value)
+        result.value[at] = (key, value)
+    return result
+
+
+def _kind(node: MappingNode) -> str:
+    """What stands under the key `kind`, or ''."""
+    return next((str(value.value) for key, value in node.value if key.value == 'kind'), '')
 
 
 def names_file(node: Node) -> bool:
