@@ -22,7 +22,6 @@ from solver.vehicle.hardpoints import SIDES
 
 AXLES = ('front', 'rear')
 GOOD_PART = 0.3  # of the kinetic energy of a mode
-ROLL_PART = 0.25  # rolling on standing tires is half a swaying
 LONG = 1e3  # s; internal states at rest move in proportion to it
 SLACK = 1e-6  # N/m or N m/rad, or of ones on the diagonal: below it nothing holds a part in some direction
 
@@ -126,24 +125,34 @@ def modes(simulation: Simulation) -> list[Mode]:
 
 
 def named_modes(simulation: Simulation) -> dict[str, Mode]:
-    """The modes a vehicle is known by. Bounce and pitch of the body are those with the largest part of their kinetic energy in this motion:
-    they are two also where each end of a car vibrates by itself. The others are the lowest ones with a good part in what names them."""
+    """The modes a vehicle is known by. Bounce and pitch of the body are the two with the largest parts of their kinetic energy in these
+    motions, together: they are two also where each has much of both. Roll is a swaying and turning about an axis below the body, on
+    standing tires often more of the former: the second mode of these two motions, with the axis above, is far higher. It and the others
+    are the lowest ones with a good part in what names them."""
     chassis = simulation.model.spec.chassis or simulation.model.body_names[0]
-    wheels = {axle: [f'{part}_{axle}_{side}' for part in ('wheel', 'upright', 'knuckle') for side in SIDES] for axle in AXLES}
+    sides = {axle: [f'{part}_{axle}_{side}' for part in ('wheel', 'upright', 'knuckle', 'beam') for side in SIDES] for axle in AXLES}
     found = modes(simulation)
     named: dict[str, Mode] = {}
 
-    def name_it(name: str, bodies: list[str], directions: list[str], part: float, *, largest: bool = False) -> None:
-        good = [mode for mode in found if mode.share(bodies, directions) > part]
-        if good:
-            named[name] = max(good, key=lambda mode: mode.share(bodies, directions)) if largest else good[0]
+    def good(bodies: list[str], directions: list[str]) -> list[Mode]:
+        return [mode for mode in found if mode.share(bodies, directions) > GOOD_PART]
 
-    name_it('bounce', [chassis], ['z'], GOOD_PART, largest=True)
-    name_it('pitch', [chassis], ['ry'], GOOD_PART, largest=True)
-    name_it('roll', [chassis], ['rx'], ROLL_PART)
+    def name_it(name: str, bodies: list[str], directions: list[str]) -> None:
+        if candidates := good(bodies, directions):
+            named[name] = candidates[0]
+
+    heaving, pitching = ([(mode, mode.share([chassis], [way])) for mode in good([chassis], [way])] for way in ('z', 'ry'))
+    pairs = [(z + ry, bounce, pitch) for bounce, z in heaving for pitch, ry in pitching if bounce is not pitch]
+    if pairs:
+        _, named['bounce'], named['pitch'] = max(pairs, key=lambda pair: pair[0])
+    elif heaving:
+        named['bounce'], _ = max(heaving, key=lambda candidate: candidate[1])
+    elif pitching:
+        named['pitch'], _ = max(pitching, key=lambda candidate: candidate[1])
+    name_it('roll', [chassis], ['y', 'rx'])
     for axle in AXLES:
-        name_it(f'wheel hop {axle}', wheels[axle], ['z'], GOOD_PART)
-    name_it('engine bounce', ['engine'], ['z'], GOOD_PART)
+        name_it(f'wheel hop {axle}', [f'axle_{axle}', *sides[axle]], ['z'])
+    name_it('engine bounce', ['engine'], ['z'])
     return named
 
 

@@ -151,6 +151,7 @@ PICKUP = {
     'yaw_inertia': (3800, 6800, H),
     'bounce_frequency': (1.2, 2.0, G),
     'pitch_frequency': (1.2, 2.2, G),
+    'wheel_hop_rear_frequency': (8, 15, G),  # a live axle carries its differential, too
     'wheel_rate_front': (28e3, 60e3, R),
     'wheel_rate_rear': (25e3, 60e3, R),
     'roll_stiffness_front': (5e4, 12e4, R),

@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from solver.analysis.figures import standing
-from solver.analysis.modes import LONG, eigenvalues, linearised, named_modes
+from solver.analysis.modes import LONG, Mode, eigenvalues, linearised, named_modes
 from solver.files.scene import load_scene
 from solver.model.evaluate import evaluate_forces
 from solver.model.state import kinematics_of
@@ -91,3 +91,40 @@ def test_bounce_and_pitch_are_two_modes_where_both_ends_vibrate_by_themselves() 
     assert bounce.frequency < 0.9 * pitch.frequency
     assert bounce.share(['chassis'], ['z']) > pitch.share(['chassis'], ['z'])
     assert pitch.share(['chassis'], ['ry']) > bounce.share(['chassis'], ['ry'])
+
+
+def named_modes_of(vehicle: str, *overrides: str) -> dict[str, Mode]:
+    return named_modes(standing(load_scene('car_step_steer', [f'vehicle={vehicle}', *overrides])))
+
+
+def test_no_mode_is_both_bounce_and_pitch() -> None:
+    """The van has two modes with more than four tenths in bounce each, of which one is the pitch."""
+    named = named_modes_of('docs/examples/van.yaml')
+    assert named['bounce'].frequency < 0.9 * named['pitch'].frequency
+    assert named['pitch'].share(['chassis'], ['ry']) > named['bounce'].share(['chassis'], ['ry'])
+
+
+def test_a_load_on_the_roof_lowers_the_frequency_of_roll() -> None:
+    """The pickup with the centre of mass of its body 0.44 m higher, which has the same springs and more to turn: the moment of inertia
+    about an axis at the ground, 2194 kg (0.67 m)^2 + 821 kg m^2, grows by 1425 kg (1.2^2 - 0.76^2) m^2 to 1.68 times what it was, and
+    gravity takes from the stiffness."""
+    low = named_modes_of('vehicles/pickup_awd.yaml')['roll']
+    high = named_modes_of('vehicles/pickup_awd.yaml', 'vehicle.chassis.com=[0.12, 0, 1.2]')['roll']
+    assert high.frequency < low.frequency / np.sqrt(1.68)
+
+
+def test_roll_on_standing_tires_is_the_lower_one_of_two_modes_that_sway_and_turn() -> None:
+    """The formula student car's is more of a swaying than others."""
+    roll = named_modes_of('vehicles/formula_student.yaml')['roll']
+    assert roll.frequency < 4.5
+    assert roll.share(['chassis'], ['y', 'rx']) > 0.8
+
+
+def test_the_wheel_hop_of_a_live_axle_is_that_of_its_mass_on_tires_and_springs() -> None:
+    """The pickup's: housing 92 kg, two wheels, and of the leaves what a bar carries whose ends stand still. At 4.6 kN the tire has
+    254 kN/m (270 at 7.5 kN, [Besselink2010] (4)), the spring 35.6. What the frame gives way by, a sixth of the energy, is left out."""
+    hop = named_modes_of('vehicles/pickup_awd.yaml')['wheel hop rear']
+    mass = 92 + 2 * 32 + 3 + 2 * 27 * 0.4
+    assert hop.frequency == pytest.approx(np.sqrt(2 * (254e3 + 35.6e3) / mass) / (2 * np.pi), rel=1 / 6)
+    assert hop.share(['axle_rear', 'wheel_rear_left', 'wheel_rear_right'], ['z']) > 0.6
+    assert hop.share(['axle_rear'], ['rx']) < 0.01
