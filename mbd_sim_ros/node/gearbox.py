@@ -80,17 +80,20 @@ class Worked:
     def __init__(self, box: Gearbox) -> None:
         self.box = box
         self._shifter = None if box.shifting is None else Shifter(box.shifting, (*INPUTS, LOCK_UP), 0.0)
+        self._begun = False
 
     def reset(self) -> None:
         """As if it had just begun."""
-        if self._shifter is not None:
-            self._shifter.start()
+        self._begun = False
 
     def commands(self, drive: float, direction: float, gear: str, speed: float, h: float) -> dict[str, float]:
         """Commands for a drive torque [N m], positive forwards, in a direction (1, -1), instead of that torque."""
         if self._shifter is None:
             return {'drive_torque': drive, 'gear': 0.0}
         lever = 0.0 if gear in (NEUTRAL, PARK) else direction
+        if not self._begun:
+            self._shifter.start(np.array([0.0, 0.0, lever, 0.0]), speed)
+            self._begun = True
         ratio = self.box.reverse if lever < 0.0 else self.box.ratios[int(self._shifter.state[0]) - 1]
         accelerator = self.box.pedal(direction * drive, ratio, speed) if lever else 0.0
         self._shifter.h = h

@@ -211,7 +211,7 @@ class Running:
         if self._actuators is not None:
             self._actuators.start(inputs)
         if self._assistant is not None:
-            self._assistant.start()
+            self._assistant.start(inputs, self.simulation.feel().speed)
         return CommandSource(
             channels.inputs,
             self.simulation.h_ns,

@@ -149,11 +149,14 @@ class Assistant:
                 raise SpecError('assistance: stability: the model has not the wheels front_left, front_right, rear_left and rear_right')
         self._shares = np.ones(len(self._wheels))
 
-    def start(self) -> None:
-        """Back to t = 0: every wheel has its torque, the gearbox its first gear."""
+    def start(self, commands: np.ndarray, speed: float) -> np.ndarray:
+        """Back to t = 0 at a speed along the car [m/s], with commands (nu,): (nu,) inputs there. Every wheel has its torque, the gearbox
+        the gear of that speed."""
+        row = commands.copy()
         self._shares = np.ones(len(self._wheels))
         if self._shifter is not None:
-            self._shifter.start()
+            self._shifter.start(row, speed)
+        return row
 
     @property
     def state(self) -> np.ndarray:

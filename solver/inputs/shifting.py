@@ -1,9 +1,10 @@
 """An automatic gearbox: it chooses the gear by speed and pedal, and works the clutch, as a driver or a robot on a manual gearbox does.
 
 The input gear is its lever: 0 neutral, below 0 the reverse gear, from 1 on it drives. Then it shifts up above the speed of `up` and down
-below that of `down`, both over the position of the accelerator, never twice within `duration`. During a shift the clutch is open for half
-of that time and closes over the other half, and the accelerator is taken back as far as the clutch is open. Below the speed `launch` in
-the first or the reverse gear the clutch is open without accelerator, and with it closed as far as
+below that of `down`, both over the position of the accelerator, never twice within `duration`. It begins in the gear that it would have
+shifted up to at its speed and accelerator. During a shift the clutch is open for half of that time and closes over the other half, and the
+accelerator is taken back as far as the clutch is open. Below the speed `launch` in the first or the reverse gear the clutch is open without
+accelerator, and with it closed as far as
 
     bite + (1 - bite) v / launch
 
@@ -24,6 +25,7 @@ from solver.validate import finite, require, require_rising
 
 INPUTS = ('accelerator', 'clutch', 'gear')
 LOCK_UP = 'lock_up'
+DRIVES = 0.5  # from there on the lever lets it choose a forward gear
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,18 +77,27 @@ class Shifter:
         if shifting.lock_up is not None and LOCK_UP not in names:
             raise SpecError(f'assistance: shift: lock_up = {shifting.lock_up:g}: the vehicle has no converter with a lock_up')
         self._lock_up = None if shifting.lock_up is None else names.index(LOCK_UP)
-        self.start()
+        self._in_gear(1)
 
-    def start(self) -> None:
-        """Back to t = 0: the first gear."""
-        self.state = np.array([1.0, self.shifting.duration, 0.0][: 2 if self._lock_up is None else 3])
+    def _in_gear(self, gear: int) -> None:
+        self.state = np.array([gear, self.shifting.duration, 0.0][: 2 if self._lock_up is None else 3])
+
+    def start(self, row: np.ndarray, speed: float) -> None:
+        """Back to t = 0, in the gear of a speed along the car [m/s]; changes the inputs there, row (nu,), as act() does."""
+        gear, pedal = 1, float(row[self._accelerator])
+        for up in self.shifting.up if float(row[self._gear]) >= DRIVES else ():
+            if abs(speed) <= np.interp(pedal, self.shifting.pedals, up):
+                break
+            gear += 1
+        self._in_gear(gear)
+        self.act(row, speed)
 
     def act(self, row: np.ndarray, speed: float) -> None:
         """Change the inputs of a step, row (nu,), at a speed along the car [m/s]; advances by that step."""
         box, lever, pedal = self.shifting, float(row[self._gear]), float(row[self._accelerator])
         gear, since = int(self.state[0]), float(self.state[1])
         v = abs(speed)
-        if lever < 0.5:
+        if lever < DRIVES:
             gear, since = 1, box.duration
         elif since >= box.duration:
             if gear <= len(box.up) and v > np.interp(pedal, box.pedals, box.up[gear - 1]):
@@ -97,7 +108,7 @@ class Shifter:
         row[self._accelerator] = pedal * (1.0 - opened)
         if gear == 1 and v < box.launch:
             opened = max(opened, (1.0 - box.bite) * (1.0 - v / box.launch) if pedal > 0.0 else 1.0)
-        if lever >= 0.5:
+        if lever >= DRIVES:
             row[self._gear] = gear
         row[self._clutch] = max(float(row[self._clutch]), opened)
         if self._lock_up is not None and box.lock_up is not None:

@@ -36,7 +36,7 @@ class Sources:
         duration: float,
     ) -> None:
         self._maneuver, self._actuation, self._names, self._h_ns, self._stage = maneuver, actuation, names, h_ns, stage
-        self._assistance, self.wheels = assistance, wheels
+        self._assistance, self.wheels, self._speed = assistance, wheels, speed
         self.of_time = source_of(maneuver, names, h_ns, stage)
         if isinstance(self.of_time, RecordedSource) and round(duration * 1e9 / h_ns) > self.of_time.steps:
             last = self.of_time.steps * h_ns * 1e-9
@@ -62,12 +62,12 @@ class Sources:
         """Back to t = 0: (nu,) the inputs there."""
         if self.driver is not None:
             self.driver.reset()
-        if self.assistant is not None:
-            self.assistant.start()
         if isinstance(self.of_time, RecordedSource):
             return self.of_time.start
         self.of_time.restart()
         inputs = self._maneuver.inputs_at_start(self._names)
+        if self.assistant is not None:
+            inputs = self.assistant.start(inputs, self._speed)
         return inputs if self.actuators is None else self.actuators.start(inputs)
 
     def sample(self, k: int, sight: Callable[[], Sight], feel: Callable[[], Feel]) -> np.ndarray:

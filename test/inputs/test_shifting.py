@@ -64,6 +64,25 @@ def test_at_launch_it_slips_and_waits_without_accelerator() -> None:
     assert drive(assistant(), [-1.0], lever=-1.0)[0, 1:] == pytest.approx([0.375, -1.0])
 
 
+@pytest.mark.parametrize(
+    ('speed', 'lever', 'gear'),
+    [(0.0, 1.0, 1.0), (9.9, 1.0, 1.0), (10.1, 1.0, 2.0), (25.0, 1.0, 3.0), (-25.0, -1.0, -1.0), (25.0, 0.0, 0.0)],
+)
+def test_it_begins_in_the_gear_of_its_speed_and_does_not_shift_there(speed: float, lever: float, gear: float) -> None:
+    """At half pedal it shifts up at 10 and 20 m/s."""
+    box = assistant()
+    commands = np.array([0.5, 0.0, lever])
+    begins = box.start(commands, speed)
+    assert begins[2] == gear
+    assert np.array_equal(drive(box, [speed] * 3, lever=lever), [begins] * 3)
+    assert np.array_equal(commands, [0.5, 0.0, lever])
+
+
+def test_at_rest_it_begins_with_the_clutch_as_it_is_held_there() -> None:
+    assert assistant().start(np.array([0.0, 0.0, 1.0]), 0.0)[1] == 1.0
+    assert assistant().start(np.array([0.5, 0.0, 1.0]), 0.0)[1] == 0.75
+
+
 def test_it_goes_on_from_where_it_was() -> None:
     box, other = assistant(), assistant()
     drive(box, [11.0] * 20)

@@ -69,8 +69,8 @@ def test_it_shifts_where_the_gearbox_does():
     box = Gearbox.of(given())
     assert box is not None
     worked = Worked(box)
-    first = worked.commands(500.0, 1.0, DRIVE, 5.0, 0.01)
-    assert first['accelerator'] == pytest.approx(box.pedal(500.0, box.ratios[0], 5.0)) and first['gear'] == 1.0
+    first = worked.commands(500.0, 1.0, DRIVE, 2.0, 0.01)
+    assert first['accelerator'] == pytest.approx(box.pedal(500.0, box.ratios[0], 2.0)) and first['gear'] == 1.0
     for _ in range(100):
         worked.commands(500.0, 1.0, DRIVE, 12.0, 0.01)  # 43 km/h with little pedal: third gear
     third = worked.commands(500.0, 1.0, DRIVE, 10.0, 0.01)
@@ -78,6 +78,9 @@ def test_it_shifts_where_the_gearbox_does():
     assert worked.commands(500.0, 1.0, NEUTRAL, 10.0, 0.01) == {'drive_torque': 0.0, 'accelerator': 0.0, 'gear': 0.0}
     back = worked.commands(-500.0, -1.0, DRIVE, -1.0, 0.01)
     assert back == {'drive_torque': 0.0, 'accelerator': box.pedal(500.0, box.reverse, 1.0), 'gear': -1.0}
+    worked.reset()  # 72 km/h: the gearbox of a car that begins there is in its last gear
+    fast = worked.commands(500.0, 1.0, DRIVE, 20.0, 0.01)
+    assert fast['accelerator'] == pytest.approx(box.pedal(500.0, box.ratios[4], 20.0))
 
 
 @pytest.mark.slow

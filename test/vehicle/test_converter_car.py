@@ -116,6 +116,20 @@ def test_an_automatic_gearbox_starts_it_by_the_converter_and_the_account_closes(
     assert simulation.totals()['energy_error_max'] < 0.01 * kinetic
 
 
+def test_an_automatic_gearbox_begins_at_speed_in_the_gear_of_that_speed():
+    """At 25 m/s with little accelerator the last gear, 0.76, and locked up: the crankshaft turns 0.76 times 4.06 as fast as the wheels,
+    whose radius is between that under load and that without. In the first gear, 3.73, it would turn at 1240 rad/s, and found no start."""
+    shifts = 'pedals: [0, 1], up: [[3, 12], [7, 24], [11, 35], [15, 46]], down: [[2, 8], [4, 17], [8, 26], [12, 37]]'
+    box = f'{{shift: {{{shifts}, launch: 0, lock_up: 17}}}}'
+    simulation = Simulation(scene('{signals: {gear: 1, accelerator: 0.2}}', f'assistance={box}', speed=25.0))
+    for steps in (0, 1, 250):
+        shot = simulation.advance(steps)
+        inputs = dict(zip(simulation.channels.inputs, shot.inputs.tolist(), strict=True))
+        assert (inputs['gear'], inputs['clutch'], inputs['lock_up'], inputs['accelerator']) == (5.0, 0.0, 1.0, 0.2)
+        assert 0.76 * FINAL * 25.0 / 0.316 < outputs(simulation, 'engines')['rate'] < 0.76 * FINAL * 25.0 / 0.295
+        assert speed_of(simulation) == pytest.approx(25.0, abs=0.1)
+
+
 @pytest.mark.parametrize(
     ('change', 'sentence'),
     [
