@@ -107,23 +107,25 @@ def _run(scene: Any, figures: Mapping[str, Figure], bag: Path | None) -> dict[st
         simulation = simulation_of(scene)
         found = {name: quantity(figure.quantity, simulation.channels) for name, figure in figures.items()}
         warm_up(simulation)
-        every = scene.record.every if bag is not None else 1
-        n = every * max(1, math.ceil(round(SAMPLE / (simulation.h * every), 6)))
+        sample = max(1, math.ceil(round(SAMPLE / simulation.h, 6)))
+        every = scene.record.every if bag is not None else scene.steps + 1
         if bag is not None:
             messages, recorder = record(simulation, bag)
         envelope = Envelope(simulation)
-        while True:
-            snapshot = simulation.snapshot()
-            envelope.look(snapshot)
-            instants.append(snapshot.t_ns * 1e-9)
-            values.append(snapshot.numbers)
+        while True:  # figures and verdict are of the same instants whether the case is recorded or not
+            k, last, snapshot = simulation.k, simulation.k >= scene.steps, simulation.snapshot()
+            if k % sample == 0 or last:
+                envelope.look(snapshot)
+                instants.append(snapshot.t_ns * 1e-9)
+                values.append(snapshot.numbers)
             if recorder and messages:
-                if simulation.k and simulation.applied is not None:
-                    recorder.note(simulation.k, simulation.applied)
-                recorder.record(snapshot.t_ns, messages.encode(snapshot))
-            if simulation.k >= scene.steps:
+                if k and simulation.applied is not None:
+                    recorder.note(k, simulation.applied)
+                if k % every == 0 or last:
+                    recorder.record(snapshot.t_ns, messages.encode(snapshot))
+            if last:
                 break
-            simulation.advance(min(n, scene.steps - simulation.k))
+            simulation.advance(min(sample - k % sample, every - k % every, scene.steps - k))
         told = findings(simulation) + envelope.findings()
         status, message = ('suspect', '; '.join(map(str, told))) if told else ('ok', '')
     except BagError:

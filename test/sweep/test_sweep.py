@@ -153,6 +153,22 @@ def test_a_case_that_is_to_be_recorded_later_gets_its_bag_and_a_new_number_one_o
         assert abs(reader.read(tmp_path / 'bags' / row['bag'])['odom/pose/y']).max() == bare['f']
 
 
+def test_a_case_has_the_same_figures_whether_it_is_recorded_or_not_and_how_often(tmp_path: Path):
+    """A swing of 1 s is seen at every step of 5 ms, though its bag has one of twenty; and a bag has all instants that were asked for,
+    though figures of steps of 0.5 ms are of every second one."""
+    taken = {'deepest': Figure(quantity='odom/pose/y', take='min'), 'when': Figure(quantity='odom/twist/wz', take='peak_time')}
+    rows = {}
+    for h, every, steps in ((0.005, 20, 200), (0.0005, 1, 40)):
+        text = load_scene('pendulum', [f'integrator.h={h}', f'duration={h * steps}', f'record.every={every}']).resolved
+        for bags in ('', str(tmp_path / 'bags')):
+            row = row_of(Case(number=steps, text=text, name='pendulum', values={}, figures=taken, bags=bags))
+            rows[steps, bool(bags)] = row
+        assert {name: rows[steps, True][name] for name in taken} == {name: rows[steps, False][name] for name in taken}
+        recorded = reader.read(tmp_path / 'bags' / rows[steps, True]['bag'])
+        assert np.array_equal(recorded.series['odom'].time_ns, np.arange(0, steps + 1, every) * round(h * 1e9))
+    assert rows[200, True]['when'] % 0.1 > 1e-6  # between two instants of the bag
+
+
 def test_what_a_killed_worker_left_of_a_bag_is_in_nobodys_way(tmp_path: Path):
     """Killed while it recorded, by another of the same number, as in a container that is started anew; or between bag and row."""
     case_ = case_of(tmp_path, bags=True, f=Figure(quantity='odom/pose/y'))
