@@ -10,6 +10,7 @@ import numpy as np
 
 from mbd_sim_ros.analysis.runs import must_match
 from mbd_sim_ros.analysis.view.drawing import WORLD_BODY, Drawing, drawing_of
+from mbd_sim_ros.analysis.view.ground import Ground
 from mbd_sim_ros.bags import reader
 from mbd_sim_ros.bags.poses import Poses, read_poses
 from solver.errors import BagError
@@ -27,11 +28,12 @@ class Motion:
 
     follows: the body in the middle of the picture, or WORLD_BODY. time: (n,) instants [s]. pose: (n, nb, 7) of the bodies of the drawing in
     the world: positions [m], quaternions xyzw. contact: (n, nw, 3) where the tires touch the road [m]; force: (n, nw, 3) on the wheels
-    there, in the axes of the world [N]; both are NaN where there is none. run: the columns that are shown beside.
+    there, in the axes of the world [N]; both are NaN where there is none. run: the columns that are shown beside. ground: the road.
     """
 
     name: str
     drawing: Drawing
+    ground: Ground
     follows: int
     time: np.ndarray
     pose: np.ndarray
@@ -78,6 +80,7 @@ def read_motion(path: Path, channels: tuple[str, ...] = ()) -> Motion:
     return Motion(
         name=Path(path).name,
         drawing=drawing,
+        ground=Ground(spec.road),
         follows=follows,
         time=poses.time_ns * 1e-9,
         pose=poses.pose[:, order],

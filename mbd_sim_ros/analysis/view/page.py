@@ -13,6 +13,7 @@ from mbd_sim_ros.analysis.view.drawing import WORLD_BODY, Drawing
 from mbd_sim_ros.analysis.view.motion import Motion, curves_of
 
 POINTS = 1500  # of a curve, about
+METRES = 10  # of ground to every side of a car
 
 
 def write_page(motions: list[Motion], file: Path, channels: tuple[str, ...] = ()) -> None:
@@ -26,8 +27,20 @@ def write_page(motions: list[Motion], file: Path, channels: tuple[str, ...] = ()
         'origin': _numbers(origins[0] if first.follows != WORLD_BODY else np.zeros(3)),
         'curves': [_curve(name, unit(name), motions) for name in curves_of(first, channels)],
         'size': size_of(first),
+        'ground': _ground(first, origins[0]),
     }
     fill(file, 'mbd_sim_ros.analysis.view:view.html', data)
+
+
+def _ground(motion: Motion, origin: np.ndarray) -> dict[str, Any] | None:
+    """The road under what drives: its base plane, in the world, and the points at whole metres along the way, from `origin`, where it is
+    not that plane."""
+    if motion.follows == WORLD_BODY:
+        return None
+    x, y = motion.pose[:, motion.follows, :2].T
+    nodes = np.zeros((0, 3)) if motion.ground.flat else motion.ground.along(x, y, METRES + 2)
+    height = nodes[:, 2] - origin[2]
+    return {'plane': [float(part) for part in motion.ground.plane], 'x': floats(nodes[:, 0]), 'y': floats(nodes[:, 1]), 'z': floats(height)}
 
 
 def size_of(motion: Motion) -> float:

@@ -25,6 +25,7 @@ WIDTHS = {'outline': 0.9, 'body': 2.0, 'wheel': 1.4, 'spring': 2.6, 'force': 2.2
 NEWTONS_PER_METRE = 6000.0  # an arrow of 1 m
 WIDTH = 1120  # pixels of a picture
 CURVES = 4  # beside the motion
+METRES = 8  # of ground to every side of a car
 MOST_PICTURES = 100_000  # of a film, which takes hours then
 MOST_BYTES = 2e9  # of a film as GIF
 RIM, SPOKES = 28, 5  # points of a rim
@@ -141,11 +142,10 @@ class Painter:
         nearest = [int(np.argmin(np.abs(motion.time - t))) for motion in self.motions]
         camera = camera_of(first, nearest[0])
         if first.follows != WORLD_BODY:
-            x, y = np.round(camera.target[:2])
-            lines = [[[x + i, y - 8, 0], [x + i, y + 8, 0]] for i in range(-8, 9)] + [
-                [[x - 8, y + i, 0], [x + 8, y + i, 0]] for i in range(-8, 9)
-            ]
-            axes.add_collection(LineCollection([camera.see(np.array(line)) for line in lines], colors='#dddddd', linewidths=0.6))
+            lines = first.ground.around(*camera.target[:2], METRES)
+            axes.add_collection(
+                LineCollection([camera.see(line) for line in lines.reshape(-1, *lines.shape[2:])], colors='#dddddd', linewidths=0.6)
+            )
         for r, motion in reversed(list(enumerate(self.motions))):
             for kind, points in strokes(motion, nearest[r]):
                 flat = camera.see(points)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import base64
 import html
 import itertools
 import json
+import math
 import re
 import shutil
 import subprocess
@@ -148,6 +150,34 @@ def test_the_arrows_are_the_tire_forces(car: Path):
     side = 6000.0 * arrows[:, :2].sum(axis=0)
     velocity = motion.pose[-1, motion.follows, :2] - motion.pose[-2, motion.follows, :2]
     assert velocity[0] * side[1] - velocity[1] * side[0] > 0.0 if motion.run['imu/wz'][-1] > 0.0 else True  # towards the inside of the bend
+
+
+def test_the_grid_of_metres_lies_on_the_road_where_the_tires_touch_it(tmp_path: Path):
+    """A plane that rises by 10 %, a bank of 5 %, and a hill on it, 0.5 m high and 40 m long: the picture and the page have the road there,
+    and not the level plane z = 0. Between nodes a metre apart a line is off by 1/8 of the curvature, 0.25 m (2 pi / 40 m)^2."""
+    height = [[0.25 - 0.25 * math.cos(math.tau * k / 40.0)] * 2 for k in range(41)]
+    road = (
+        f'{{point: [0, 0, 3], normal: [-0.1, 0.05, 1], grids: [{{kind: height_grid, origin: [2, -50], step: [1, 100], height: {height}}}]}}'
+    )
+    scene = ['duration=1.0', 'start={kind: equilibrium, speed: 10}', f'road={road}', 'record.poses=10']
+    motion = read_motion(recorded(tmp_path / 'hill', 'light_car_straight', *scene))
+    x, y, z = motion.contact.reshape(-1, 3).T
+    assert z.max() - 3.0 - 0.1 * x.max() > 0.15  # up the hill
+    off = 0.25 * (math.tau / 40.0) ** 2 / 8.0 * 2.0  # and as much for the spline of the tires, which is level at its border
+    np.testing.assert_allclose(motion.ground.at(x, y), z, atol=off)
+    lines = motion.ground.around(-5.8, -1.4, 2)  # before the hill
+    assert lines.shape == (2, 5, 5, 3)
+    assert lines[0, 0].tolist() == [[k, -3.0, pytest.approx(3.0 + 0.1 * k + 0.15)] for k in (-8.0, -7.0, -6.0, -5.0, -4.0)]
+    write_page([motion], tmp_path / 'p.html')
+    text = re.search(r'id="data">(.*?)</script>', (tmp_path / 'p.html').read_text(), re.DOTALL)
+    assert text is not None
+    ground = json.loads(text[1])['ground']
+    assert ground['plane'] == pytest.approx([3.0, 0.1, -0.05])
+    nodes = np.column_stack([np.frombuffer(base64.b64decode(ground[axis]), '<f4') for axis in 'xyz']).astype(float)
+    begin, end = motion.pose[0, motion.follows], motion.pose[-1, motion.follows]
+    wanted = {(i, j) for i in range(round(begin[0]) - 10, round(end[0]) + 11) for j in range(-10, 11)}
+    assert wanted <= {(int(i), int(j)) for i, j in nodes[:, :2]}
+    np.testing.assert_allclose(nodes[:, 2] + begin[2], motion.ground.at(nodes[:, 0], nodes[:, 1]), atol=1e-5)  # single precision
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason='no browser')
