@@ -124,12 +124,13 @@ def _rows(
 
 def _written(args: argparse.Namespace, sweep: Sweep, rows: list[Row], units: dict[str, str]) -> Result:
     """The table, the report and what is said of them."""
+    from mbd_sim_ros.analysis.pages import write_text
     from mbd_sim_ros.sweep.table import no_indices, sensitivities, write_report, write_table
 
     indices = sensitivities(sweep, rows)
     file = write_table(rows, args.out)
     report = write_report(sweep, rows, indices, units, args.out, f'{sweep.scene}: {len(rows)} cases, {sweep.design.kind}')
-    (args.out / 'sweep.json').write_text(json.dumps(dataclasses.asdict(sweep), indent=1), encoding='utf-8')
+    write_text(args.out / 'sweep.json', json.dumps(dataclasses.asdict(sweep), indent=1))
     counts = {status: sum(row['status'] == status for row in rows) for status in ('ok', 'suspect', 'error')}
     data = {
         'status': 'error' if counts['error'] == len(rows) else 'ok' if counts['ok'] == len(rows) else 'suspect',

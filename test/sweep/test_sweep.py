@@ -104,6 +104,17 @@ def test_finished_cases_are_not_run_again_and_the_table_keeps_its_bits(tmp_path:
     assert json.loads(rows[0].read_text())['status'] == 'ok'
 
 
+def test_what_cannot_be_written_at_the_end_is_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    file, out = tmp_path / 's.yaml', tmp_path / 'out'
+    file.write_text(FILE)
+    for name in ('sweep.parquet', 'report.html', 'sweep.json'):
+        (out / name).mkdir(parents=True)
+        assert main(['sweep', str(file), '--out', str(out), '--workers', '1', '--json']) == 5
+        told = json.loads(capsys.readouterr().out)
+        assert told['status'] == 'error' and f'cannot write {out / name}: ' in told['error']
+        (out / name).rmdir()
+
+
 def test_failures_are_rows(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     file = tmp_path / 's.yaml'
     file.write_text(FILE.replace('[0.01, 0.005]', '[0.01, -1.0]'))

@@ -13,6 +13,7 @@ from mbd_sim_ros.analysis.view.drawing import WORLD_BODY, Drawing
 from mbd_sim_ros.analysis.view.motion import Motion, curves_of
 
 POINTS = 1500  # of a curve, about
+SMALLEST = 1e-3  # m: half of what is seen of a mechanism at least
 METRES = 10  # of ground to every side of a car
 
 
@@ -49,9 +50,10 @@ def size_of(motion: Motion) -> float:
         at = motion.pose[0, [wheel.body for wheel in motion.drawing.wheels], :3]
         behind = np.linalg.norm(at - motion.pose[0, motion.follows, :3], axis=1).max()  # the car is in the middle, a trailer is not
         return float(max(0.9 * np.ptp(at, axis=0).max(), 1.2 * behind))
-    reach = [np.abs(motion.pose[:, :, :3]).max(initial=0.5)]
-    for line in motion.drawing.lines:
-        reach += [np.abs(motion.point(k, line.body, end)).max() for k in range(0, len(motion.time), 10) for end in (line.a, line.b)]
+    reach = [np.abs(motion.pose[:, :, :3]).max(initial=SMALLEST)]
+    ends = [(line.body, end) for line in motion.drawing.lines for end in (line.a, line.b)]
+    ends += [end for spring in motion.drawing.springs for end in ((spring.i, spring.a), (spring.j, spring.b))]
+    reach += [np.abs(motion.point(k, *end)).max() for k in range(0, len(motion.time), 10) for end in ends]
     return 1.15 * float(max(reach))
 
 

@@ -21,7 +21,7 @@ from mcap.reader import make_reader
 from scipy.spatial.transform import Rotation
 
 from mbd_sim_ros.analysis.view.motion import Motion, read_motion
-from mbd_sim_ros.analysis.view.page import write_page
+from mbd_sim_ros.analysis.view.page import size_of, write_page
 from mbd_sim_ros.analysis.view.picture import strokes
 from mbd_sim_ros.bags import reader
 from mbd_sim_ros.bags.recorder import StepRecorder, describe
@@ -178,6 +178,13 @@ def test_the_grid_of_metres_lies_on_the_road_where_the_tires_touch_it(tmp_path: 
     wanted = {(i, j) for i in range(round(begin[0]) - 10, round(end[0]) + 11) for j in range(-10, 11)}
     assert wanted <= {(int(i), int(j)) for i, j in nodes[:, :2]}
     np.testing.assert_allclose(nodes[:, 2] + begin[2], motion.ground.at(nodes[:, 0], nodes[:, 1]), atol=1e-5)  # single precision
+
+
+def test_a_mechanism_of_any_size_fills_the_picture(tmp_path: Path):
+    """Andrews' squeezer, 0.1 m in size: the end of its spring in the world is farthest from the origin, C at y = 0.07 m."""
+    motion = read_motion(recorded(tmp_path / 'squeezer', 'andrews', 'duration=0.02', 'record.poses=50'))
+    points = np.concatenate([points for k in range(len(motion.time)) for _, points in strokes(motion, k)])
+    assert np.abs(points).max() / size_of(motion) == pytest.approx(1.0 / 1.15)
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason='no browser')
