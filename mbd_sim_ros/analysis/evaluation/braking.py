@@ -32,6 +32,7 @@ ACROSS = math.radians(60.0)  # from its direction when the brakes are applied, b
 BEGIN, END = 0.8, 0.1  # of the initial speed
 SPLIT_BY = 0.1  # least difference of the factors on friction under the wheels of a split road
 LEAST = 0.5 * 9.80665  # m/s^2 on a dry road for which the time of a stop suffices; on others in proportion to their friction
+COARSE = 0.02  # part of the stopping distance that is travelled between two samples when the brakes are applied, without a note
 LONGEST = 120.0  # s that a stop is given, whatever the friction
 STRIP = 1.35  # s from the start to the slippery strip
 
@@ -112,6 +113,12 @@ def judge_stopping(s: Signals, p: Stopping) -> Result:
     notes = list(s.notes)
     if abs(v0 - p.nominal) > p.deviation:
         notes.append(f'braked from {3.6 * v0:.4g} km/h; the correction to {3.6 * p.nominal:g} km/h is meant for small differences')
+    between = v0 * s.every('speed')
+    if between > COARSE * distance:
+        notes.append(
+            f'the speed is recorded every {s.every("speed"):.3g} s: it falls from an instant between two samples on, and the distance is '
+            f'not known better than to {between:.2g} m'
+        )
     figures = (
         Figure('initial_speed', 'speed when the brakes are applied', v0, 'm/s'),
         Figure('distance', 'stopping distance as driven', distance, 'm'),

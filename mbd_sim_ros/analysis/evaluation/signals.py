@@ -122,18 +122,24 @@ def scene_of(run: Run, place: str) -> Scene | None:
 
 @dataclass(kw_only=True)
 class Signals:
-    """The signals of a recording. t: (n,) evenly spaced [s], counted from the first stamp where stamps tell the time of day."""
+    """The signals of a recording. t: (n,) evenly spaced [s], counted from the first stamp where stamps tell the time of day. spacing: time
+    between two samples of what a signal is made from, where that is longer [s]."""
 
     place: str
     t: np.ndarray
     values: dict[str, np.ndarray]
     notes: list[str]
     vehicle: Vehicle = field(default_factory=Vehicle)
+    spacing: dict[str, float] = field(default_factory=dict)
 
     @property
     def rate(self) -> float:
         """Samples per second."""
         return 1.0 / (self.t[1] - self.t[0])
+
+    def every(self, *names: str) -> float:
+        """The longest time between two samples of these signals as they were recorded [s]."""
+        return max(self.spacing.get(name, 1.0 / self.rate) for name in names)
 
     def __getitem__(self, name: str) -> np.ndarray:
         return self.values[name]
@@ -191,7 +197,16 @@ def signals(
     _normalise(on_grid)
     values = {name: way.of([on_grid[c] for c in way.channels]) for name, way in chosen.items()}
     notes += [way.note for way in chosen.values() if way.note]
-    return Signals(place=place, t=(t_ns - origin) * 1e-9, values=values, notes=notes, vehicle=vehicle or Vehicle())
+    apart = {c: float(np.median(np.diff(t))) * 1e-9 for c, (t, _) in samples.items() if t.size > 1}
+    spacing = {name: max(apart.get(c, 0.0) for c in way.channels) for name, way in chosen.items()}
+    return Signals(
+        place=place,
+        t=(t_ns - origin) * 1e-9,
+        values=values,
+        notes=notes,
+        vehicle=vehicle or Vehicle(),
+        spacing={name: seconds for name, seconds in spacing.items() if seconds > 1e-9 * (t_ns[1] - t_ns[0])},
+    )
 
 
 def _numbers(series: Series, channel: str, place: str) -> tuple[np.ndarray, np.ndarray]:

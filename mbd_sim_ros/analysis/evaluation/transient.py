@@ -24,6 +24,7 @@ from mbd_sim_ros.analysis.evaluation.measures import crossing, peak
 from mbd_sim_ros.analysis.evaluation.signals import GIVEN, Signals
 
 NORM = 'ISO 7401:2011 [ISO7401]'
+FINE = 3.0  # samples of all channels at least while the steering wheel turns from 10 to 90 % of its step
 LEAST_STEP = math.radians(2.0)  # at the steering wheel; direct steering, of a racing car, needs 4 to 5 deg for 4 m/s^2
 RESPONSES = (('yaw_rate', 'yaw rate', 'rad/s'), ('lateral_acceleration', 'lateral acceleration', 'm/s^2'))
 FOLLOWING = (('roll', 'roll angle', 'rad'), ('sideslip_angle', 'sideslip angle', 'rad'))
@@ -68,14 +69,18 @@ def judge_step(s: Signals, p: StepSteer) -> Result:
         raise s.refuse('the steering wheel is not held behind the step; ISO 7401 wants it held')
     t0 = crossing(t, change, 0.5 * size, after=float(t[first]))
     speed = float(s['speed'][before].mean())
+    rise = crossing(t, change, 0.9 * size, after=float(t[first])) - crossing(t, change, 0.1 * size, after=float(t[first]))
+    apart = s.every('steering', *(name for name, _, _ in RESPONSES))
+    if rise < FINE * apart:
+        s.notes.append(
+            f'recorded every {apart:.3g} s, and the steering wheel turns within {rise:.2g} s: response times are not known better than to '
+            f'{0.5 * apart:.2g} s'
+        )
     figures = [
         Figure('speed', 'speed before the step', speed, 'm/s'),
         Figure('steering', 'angle of the step at the steering wheel', side * size, 'rad'),
-        Figure(
-            'steering_rise', 'steering from 10 to 90 %',
-            crossing(t, change, 0.9 * size, after=float(t[first])) - crossing(t, change, 0.1 * size, after=float(t[first])), 's',
-        ),
-    ]  # fmt: skip
+        Figure('steering_rise', 'steering from 10 to 90 %', rise, 's'),
+    ]
     charts = [Chart(title='steering', x=('time', 's'), y=('steering-wheel angle', 'rad'), curves=(Curve('steering wheel', t - t0, d),))]
     steady = s.between(t0 + p.settled, t0 + p.settled + p.length)
     peak_of_yaw_rate = math.nan

@@ -40,6 +40,15 @@ def test_stopping_distance() -> None:
     assert any('small differences' in n for n in braking.judge_stopping(stopping(20.0), braking.Stopping()).notes)
 
 
+@pytest.mark.parametrize('rate', [50.0, 20.0])
+def test_samples_too_far_apart_for_a_stopping_distance_are_told(rate: float) -> None:
+    """27.5 m/s over 47.3 m: what is travelled between two samples is 1.2 % of it at 50 Hz, 2.9 %, 1.4 m, at 20 Hz."""
+    result = braking.judge_stopping(stopping(27.5, rate=rate), braking.Stopping())
+    assert abs(result['distance'] - 27.5**2 / 16.0) <= 27.5 / rate
+    assert [note for note in result.notes if 'not known better than to 1.4 m' in note] == list(result.notes)
+    assert len(result.notes) == (rate == 20.0)
+
+
 def test_mfdd_is_of_the_developed_part() -> None:
     """8 m/s^2 above 80 % of the speed, 4 m/s^2 below: the part from 0.8 to 0.1 v_0 is what counts."""
     s = stopping(25.0)

@@ -54,6 +54,7 @@ def test_signals_come_from_topics_of_different_rates_on_uneven_stamps(rng: np.ra
     assert s['steering'] == pytest.approx(0.1 * s.t, abs=1e-9)
     assert set(np.unique(s['brake'])) == {0.0, 100.0}  # held, nothing between
     assert np.ptp(np.diff(s.t)) < 1e-9
+    assert s.every('heading') == pytest.approx(s.t[1]) and s.every('heading', 'steering') == pytest.approx(0.01, abs=1e-4)
     with pytest.raises(BagError, match='has no hand torque: the channel steering_torque or joint_states/steering_wheel/effort is needed'):
         signals(run, 'bag', ('steering_torque',))
     del run.series['odom']

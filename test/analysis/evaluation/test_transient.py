@@ -41,6 +41,17 @@ def test_step_response_of_second_order(side: float) -> None:
     assert r['tb_factor'] == pytest.approx(0.02 * math.pi / (2.0 * np.pi * 1.2 * 0.8), rel=2e-3)
 
 
+@pytest.mark.parametrize('rate, told', [(50.0, False), (20.0, True)])
+def test_samples_too_far_apart_for_response_times_are_told(rate: float, told: bool) -> None:
+    """Of 0.08 s in which the steering wheel turns, one of 20 Hz has less than three; also where another topic is as fine as ever."""
+    coarse = transient.judge_step(stepped(rate=rate), transient.StepSteer())
+    fine = stepped()
+    fine.spacing['yaw_rate'] = 1.0 / rate
+    for result in (coarse, transient.judge_step(fine, transient.StepSteer())):
+        assert any('response times are not known better than to 0.025 s' in note for note in result.notes) == told
+        assert told or not result.notes
+
+
 def test_a_response_that_only_grows_has_no_peak() -> None:
     """Two real poles: 0.3 (1 - (b e^-at - a e^-bt)/(b - a)) has no overshoot; where it happens to be largest is no peak response time."""
     s = stepped()
