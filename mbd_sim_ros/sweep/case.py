@@ -19,7 +19,7 @@ from mbd_sim_ros.batch import record, warm_up
 from mbd_sim_ros.sweep.design import Figure
 from solver import simulation_of
 from solver.analysis.envelope import Envelope
-from solver.analysis.verdict import findings
+from solver.analysis.verdict import Finding, findings, report
 from solver.errors import BagError, MbdError
 from solver.files.scene import load_scene_text
 from solver.quantities import Quantity, lengths, quantity
@@ -102,7 +102,7 @@ def _run(scene: Any, figures: Mapping[str, Figure], bag: Path | None) -> dict[st
     instants: list[float] = []
     values: list[np.ndarray] = []
     recorder = messages = None
-    status, message = 'error', ''
+    status, message, told = 'error', '', list[Finding]()
     try:
         simulation = simulation_of(scene)
         found = {name: quantity(figure.quantity, simulation.channels) for name, figure in figures.items()}
@@ -134,7 +134,7 @@ def _run(scene: Any, figures: Mapping[str, Figure], bag: Path | None) -> dict[st
         message = str(error)
     finally:
         if recorder is not None:
-            recorder.close({'status': status})
+            recorder.close({'status': status, 'findings': json.dumps(report(told))})
     numbers = dict.fromkeys(figures) if status == 'error' else _figures(figures, found, np.array(instants), np.array(values))
     return {'status': status, 'message': message, 'figures': numbers}
 

@@ -15,6 +15,7 @@ from mbd_sim_ros.analysis.evaluation import judging, sine_with_dwell
 from mbd_sim_ros.analysis.evaluation.figures import Result
 from mbd_sim_ros.analysis.evaluation.registry import EVALUATIONS, called, names
 from mbd_sim_ros.analysis.evaluation.signals import WAYS, Signals
+from mbd_sim_ros.bags.reader import Run
 from mbd_sim_ros.commands.main import main
 from solver import load_scene
 from solver.errors import SpecError
@@ -185,6 +186,20 @@ def test_a_car_that_stands_drives_no_maneuver(tmp_path: Path, capsys: pytest.Cap
     bag = recorded(tmp_path / 'car', s, {name: f'car/{name}' for name in THEIRS})
     assert main(['evaluate', str(bag), '--as', 'iso7401_step', '--map', 'car/*=*']) == 5
     assert 'the car does not move' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    'metadata, told',
+    [
+        ({}, ''),  # of others
+        ({'resolved_scene': 'name: x', 'status': 'ok'}, ''),
+        ({'resolved_scene': 'name: x', 'status': 'suspect', 'findings': '[{"text": "it drifts"}]'}, 'the run is suspect: it drifts'),
+        ({'resolved_scene': 'name: x', 'end': 'the simulating process died'}, 'the run has no verdict: the simulating process died'),
+        ({'resolved_scene': 'name: x'}, 'the run has no verdict: its recording was cut off'),
+    ],
+)
+def test_a_run_that_is_not_ok_or_was_killed_before_its_verdict_is_told(metadata: dict[str, str], told: str) -> None:
+    assert judging.suspicion(Run({}, metadata)) == ((told,) if told else ())
 
 
 def test_strict_fails_where_the_norm_is_not_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -209,8 +209,12 @@ def test_a_case_that_leaves_its_envelope_is_suspect(tmp_path: Path, monkeypatch:
         text = load_scene(
             'light_car_step_steer', ['duration=1', 'maneuver.steering.start=0.2', f'maneuver.steering.value={angle}']
         ).resolved
-        row = row_of(Case(number=0, text=text, name='step', values={}, figures={'r': Figure(quantity='yaw_rate')}))
+        bags = str(tmp_path / status)
+        row = row_of(Case(number=0, text=text, name='step', values={}, figures={'r': Figure(quantity='yaw_rate')}, bags=bags))
         assert row['status'] == status, row
+        recorded = reader.read(Path(bags) / row['bag'], ['odom/*'])  # says the same as its row
+        assert recorded.metadata['status'] == status and '; '.join(found['text'] for found in recorded.findings) in row['message']
+        assert bool(recorded.findings) == (status == 'suspect')
         assert row['message'].startswith('the run leaves its envelope: lateral acceleration is') == (status == 'suspect')
 
 

@@ -95,9 +95,12 @@ def _states(scene: Scene, evaluation: Evaluation) -> bool:
 
 def suspicion(run: Run) -> tuple[str, ...]:
     """What the recorded run says against itself."""
-    status = run.metadata.get('status', 'ok')
+    ours = 'resolved_scene' in run.metadata
+    status = run.metadata.get('status', '' if ours else 'ok')
     if status == 'ok':
         return ()
+    if not status:  # a run ends with a verdict
+        return (f'the run has no verdict: {run.metadata.get("end", "its recording was cut off")}',)
     texts = [str(finding.get('text', '')) for finding in run.findings]
     return (f'the run is {status}' + (f': {"; ".join(texts)}' if texts else ''),)
 
