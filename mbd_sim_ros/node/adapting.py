@@ -15,8 +15,8 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
 from mbd_sim_ros.node.accompany import LOOK, LOST
-from mbd_sim_ros.node.demand import DRIVE, Car, Demand, Loop
-from mbd_sim_ros.node.demands import GEAR_DRIVE, HEARD, TOLD, Heard, Measured, class_of, gear
+from mbd_sim_ros.node.demand import Car, Demand, Loop
+from mbd_sim_ros.node.demands import GEAR_DRIVE, GEAR_REVERSE, HEARD, TOLD, Heard, Measured, class_of, gear
 from mbd_sim_ros.node.gearbox import Gearbox, Worked
 from mbd_sim_ros.node.parameters import declare_described
 from solver.errors import SpecError
@@ -41,7 +41,8 @@ class Adapter(Node):
         self.answered = -1
         self._demand: Demand | None = None
         self._at = -1  # simulation time of the newest demand [ns]; -1: it came since the last odom
-        self._gear, self._gear_number = DRIVE, GEAR_DRIVE
+        self._gear: str | None = None  # as commanded, with its number; None: nobody did
+        self._gear_number = GEAR_DRIVE
         self._loop: Loop | None = None
         self._gearbox: Worked | None = None
         self._named = COMMANDS  # what it commands, steering first
@@ -208,7 +209,8 @@ class Adapter(Node):
         self.answered, self._command = now, command
         self._send()
         road_wheel = self._loop.road_wheel if self._wheel is None else self._loop.car.road_wheel(self._wheel)
-        measured = Measured(stamp, twist.linear.x, twist.linear.y, twist.angular.z, road_wheel, self._gear_number)
+        number = GEAR_REVERSE if self._gear is None and self._loop.direction < 0.0 else self._gear_number
+        measured = Measured(stamp, twist.linear.x, twist.linear.y, twist.angular.z, road_wheel, number)
         for publisher, kind, fill in self._reports:
             message = kind()
             fill(message, measured)

@@ -86,6 +86,13 @@ class Car:
         return self.steering.of_jet(Jet(road_wheels, zero, zero)).value, road_wheels
 
 
+def _target(demand: Demand, gear: str | None) -> float:
+    """Speed [m/s] that is wanted in a gear: forwards in drive, backwards in reverse, and either way where none is said."""
+    if gear == REVERSE:
+        return -abs(demand.speed)
+    return max(demand.speed, 0.0) if gear == DRIVE else demand.speed
+
+
 class Loop:
     """Turns demands into commands, step by step of simulation time. largest: angle of the road wheels [rad]."""
 
@@ -101,22 +108,33 @@ class Loop:
         self._wanted: float | None = None
         self._kept = 0.0
 
-    def commands(self, demand: Demand | None, gear: str, speed: float, h: float) -> tuple[float, float, float]:
+    def commands(self, demand: Demand | None, gear: str | None, speed: float, h: float) -> tuple[float, float, float]:
         """(steering wheel [rad], drive torque [N m], brake torque [N m]) for a car at `speed` [m/s]; h [s] since the last call.
 
-        demand: None where nothing is wanted any more: the car is braked to rest with the wheels as they are, in neutral too.
+        demand: None where nothing is wanted any more: the car is braked to rest with the wheels as they are, in neutral too. gear: None
+        where nobody says one: the sign of the wanted speed does.
         """
         if demand is not None:
-            self._steer(demand, speed, h)
+            self._steer(demand, gear, speed, h)
         elif gear == NEUTRAL:
             gear = DRIVE
         drive, brake = self._torques(demand or Demand(), gear, speed, h)
         return self.car.steering_wheel(self.road_wheel), drive, brake
 
-    def _steer(self, demand: Demand, speed: float, h: float) -> None:
+    def _turning(self, target: float, speed: float) -> float:
+        """Speed [m/s], with its sign, at which a yaw rate is wanted.
+
+        That is the one which the car is to reach, or has as long as it is to stop or to turn back. At rest the sign of its speed is that
+        of what swings in its springs: there the way that it shall go counts, or went.
+        """
+        if abs(speed) > REST and (abs(target) <= REST or target * speed < 0.0):
+            return speed
+        return math.copysign(max(abs(target), HOLD), target or self.direction)
+
+    def _steer(self, demand: Demand, gear: str | None, speed: float, h: float) -> None:
         wanted = demand.steering
         if wanted is None:
-            moving = demand.speed if abs(demand.speed) > REST else speed
+            moving = self._turning(_target(demand, gear), speed)
             wanted = math.atan2(self.car.wheelbase * demand.yaw_rate * math.copysign(1.0, moving), abs(moving))
         wanted = min(max(wanted, -self.largest), self.largest)
         if demand.steering_rate:
@@ -124,15 +142,13 @@ class Loop:
             wanted = min(max(wanted, self.road_wheel - most), self.road_wheel + most)
         self.road_wheel = wanted
 
-    def _torques(self, demand: Demand, gear: str, speed: float, h: float) -> tuple[float, float]:
+    def _torques(self, demand: Demand, gear: str | None, speed: float, h: float) -> tuple[float, float]:
+        if self._wanted is None and abs(speed) > REST:
+            self.direction = math.copysign(1.0, speed)  # it begins with a car that moves
         if gear == PARK:
             self._wanted, self._kept = 0.0, 0.0
             return 0.0, self.control.brakes
-        target = demand.speed
-        if gear == DRIVE:
-            target = max(target, 0.0)
-        elif gear == REVERSE:
-            target = -abs(target)
+        target = _target(demand, gear)
         if gear == NEUTRAL:
             self._wanted, self._kept = speed, 0.0
             return 0.0, 0.0

@@ -111,7 +111,7 @@ HEARD = (
 TOLD = (
     Told('/vehicle/status/velocity_status', 'autoware_vehicle_msgs/msg/VelocityReport', 'velocity and yaw rate in base_link', _velocity),
     Told('/vehicle/status/steering_status', 'autoware_vehicle_msgs/msg/SteeringReport', 'road wheels, by the steering wheel', _steering),
-    Told('/vehicle/status/gear_status', 'autoware_vehicle_msgs/msg/GearReport', 'the gear as commanded', _gear),
+    Told('/vehicle/status/gear_status', 'autoware_vehicle_msgs/msg/GearReport', 'the gear as commanded, or as it goes', _gear),
     Told('/vehicle/status/control_mode', 'autoware_vehicle_msgs/msg/ControlModeReport', 'always autonomous', _mode),
 )
 

@@ -86,7 +86,7 @@ class Worked:
         """As if it had just begun."""
         self._begun = False
 
-    def commands(self, drive: float, direction: float, gear: str, speed: float, h: float) -> dict[str, float]:
+    def commands(self, drive: float, direction: float, gear: str | None, speed: float, h: float) -> dict[str, float]:
         """Commands for a drive torque [N m], positive forwards, in a direction (1, -1), instead of that torque."""
         if self._shifter is None:
             return {'drive_torque': drive, 'gear': 0.0}

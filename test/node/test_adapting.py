@@ -104,6 +104,18 @@ def test_a_demand_of_before_a_reset_counts_no_more_but_one_since_the_last_state_
     assert torques(node) == [2000.0, 0.0]
 
 
+def test_a_speed_below_zero_goes_backwards_until_a_gear_is_commanded(adapter):
+    node = adapter(**CAR)
+    look(node)
+    wanted(node, -5.0)
+    odom(node, 0.0)
+    assert torques(node) == [-2000.0, 0.0]
+    node._gear = 'drive'
+    wanted(node, -5.0)
+    odom(node, 0.01)
+    assert torques(node) == [0.0, 6000.0]
+
+
 def test_a_simulator_without_odom_is_not_found(adapter):
     node = adapter(**CAR)
     assert not look(node)

@@ -25,7 +25,7 @@ class Mass:
         self.speed, self.loop, self.h = speed, Loop(CAR, CONTROL, 0.5), 0.01
         self.brake = 0.0
 
-    def run(self, demand: Demand | None, seconds: float, gear: str = DRIVE) -> list[float]:
+    def run(self, demand: Demand | None, seconds: float, gear: str | None = DRIVE) -> list[float]:
         speeds = []
         for _ in range(round(seconds / self.h)):
             self.wheel, drive, self.brake = self.loop.commands(demand, gear, self.speed, self.h)
@@ -59,7 +59,7 @@ def test_a_car_that_shall_go_back_comes_to_rest_first_and_stands_when_it_shall_s
     assert (car.speed, car.brake) == (0.0, CONTROL.brakes)
 
 
-@pytest.mark.parametrize(('gear', 'speed'), [(DRIVE, 0.0), (PARK, 0.0), (REVERSE, -2.0)])
+@pytest.mark.parametrize(('gear', 'speed'), [(DRIVE, 0.0), (PARK, 0.0), (REVERSE, -2.0), (None, -2.0)])
 def test_a_gear_has_the_last_word_on_the_direction(gear, speed):
     car = Mass()
     car.run(Demand(speed=-2.0), 15.0, gear=gear)
@@ -87,6 +87,33 @@ def test_yaw_rates_become_angles_of_the_road_wheels():
     for _ in range(10):
         loop.commands(Demand(speed=5.0, steering=0.4, steering_rate=0.5), DRIVE, 5.0, 0.01)
     assert loop.road_wheel == pytest.approx(0.05)
+
+
+def test_a_car_that_goes_backwards_when_the_loop_begins_goes_on():
+    car = Mass(-2.0)
+    assert max(car.run(Demand(speed=-2.0), 2.0, gear=None)) < -1.9
+    assert car.brake == 0.0
+
+
+@pytest.mark.parametrize('way', [1.0, -1.0])
+def test_at_rest_a_yaw_rate_turns_the_wheels_to_one_side_however_the_car_swings_in_its_springs(way):
+    """A swing of 0.1 m/s changes the sign of the speed; the angle fits the way that it went, or the one that it shall go."""
+    loop = Loop(CAR, CONTROL, 0.5)
+    stand, creep = Demand(speed=0.0, steering=None, yaw_rate=0.3), Demand(speed=0.2 * way, steering=None, yaw_rate=0.02)
+    loop.commands(Demand(speed=3.0 * way, steering=None, yaw_rate=0.3), None, 3.0 * way, 0.01)
+    for wanted, angle in ((stand, 0.5), (creep, math.atan2(2.6 * 0.02, 0.2))):
+        for speed in (0.29 * way, 0.1, -0.1, 1e-6, -1e-6, 0.0):
+            loop.commands(wanted, None, speed, 0.01)
+            assert loop.road_wheel == pytest.approx(way * angle)
+
+
+def test_a_car_that_shall_turn_back_yaws_to_the_side_that_is_wanted_until_it_stands():
+    loop = Loop(CAR, CONTROL, 0.5)
+    for speed in (5.0, 1.0):
+        loop.commands(Demand(speed=-2.0, steering=None, yaw_rate=0.1), None, speed, 0.01)
+        assert math.tan(loop.road_wheel) == pytest.approx(2.6 * 0.1 / speed)
+    loop.commands(Demand(speed=-2.0, steering=None, yaw_rate=0.1), None, 0.1, 0.01)
+    assert math.tan(loop.road_wheel) == pytest.approx(2.6 * 0.1 / -2.0)
 
 
 def test_messages_of_others_are_demands():
