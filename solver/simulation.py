@@ -27,7 +27,7 @@ from solver.output.dependence import describe, scaled_jacobian
 from solver.output.energy import TIME, WORST, update_energy
 from solver.output.snapshot import NO_STEPS, Counters, Snapshot, layout_of, new_numbers, output_arrays
 from solver.scene import Scene
-from solver.start.displacement import displace, require_free, sight
+from solver.start.displacement import displace, require_free, require_near, sight
 from solver.start.initial_conditions import InitialConditions
 from solver.start.newton import ConsistentState
 from solver.start.rescue import turn_across
@@ -288,9 +288,10 @@ class Simulation:
     def place(self, x: float, y: float, heading: float) -> None:
         """Move everything so that the chassis stands at x, y [m] with a heading [rad]; its motion goes on as it was, in its own axes.
 
-        Raises SpecError for a model that is connected to the world, and on a road that is not the same everywhere.
+        Raises SpecError for a model that is connected to the world, on a road that is not the same everywhere, and for a place too far off.
         """
         require_free(self.scene.model)
+        require_near(x, y)
         displace(self.state, self._sight(), (x, y, heading))
         self.displaced = True
         seen = float(self.last_step.energy[TIME])

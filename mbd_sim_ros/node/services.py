@@ -145,6 +145,8 @@ def _stepped(node: Node, host: Host) -> Callable[[], Awaitable[tuple[bool, str]]
 
 
 def _load(host: Host) -> tuple[bool, str]:
+    if not host.value('scene'):
+        return False, 'parameter scene is empty: set it to the name or file of a scene'
     try:
         return True, host.load(host.value('scene'), [text for text in host.value('overrides') if text])
     except MbdError as error:

@@ -50,6 +50,8 @@ def find_file(name: str | Path, folder: str) -> Path:
     what = 'directory' if path.is_dir() else 'file'
     known = known_names(folder)
     problem = 'is a directory, not a file' if what == 'directory' else 'no such file'
+    if not str(name):  # as a path that is the directory one stands in
+        raise SceneError(f'{folder.removesuffix("s")}: its name is empty{suggestion("", known)}')
     beside = path.with_suffix('.yaml') if path.suffix else None
     if folder == 'scenes' and stem in known_names('vehicles'):
         raise SceneError(f'scene {str(name)!r}: is a vehicle; put it into a scene by --set vehicle=vehicles/{stem}.yaml')

@@ -23,7 +23,7 @@ from solver.output.energy import LENGTH, TIME, WORST
 from solver.output.snapshot import NO_STEPS, Channels, Counters, OutputArrays, Snapshot, layout_of, new_numbers, output_arrays
 from solver.scene import Scene
 from solver.simulation import Simulation
-from solver.start.displacement import require_uniform
+from solver.start.displacement import require_near, require_uniform
 from solver.start.placement import Changes
 from solver.start.rolling import SETTLE_EVERY, SETTLE_TIME, SPINNING, STOPPED, UNSTEADY
 from solver.step.constraint_coefficients import ConstraintCoefficients
@@ -291,6 +291,7 @@ class SingleTrackSimulation(Simulation):
     def place(self, x: float, y: float, heading: float) -> None:
         """See Simulation.place()."""
         require_uniform(self.scene.model.road)
+        require_near(x, y)
         now = self._sight()
         turn = heading - now.heading
         c, s = math.cos(turn), math.sin(turn)

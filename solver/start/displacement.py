@@ -19,7 +19,7 @@ from solver.elements.guide import GuideSpec
 from solver.elements.marker import WORLD, Marker, Spec
 from solver.elements.road import RoadSpec
 from solver.errors import SpecError
-from solver.inputs.driver import Sight
+from solver.inputs.driver import FURTHEST, Sight
 from solver.model.frames import matrix
 from solver.model.spec import ModelSpec
 from solver.model.state import State
@@ -48,6 +48,14 @@ def require_uniform(road: RoadSpec) -> None:
     if road.grids or road.patches or road.maps or tuple(road.normal) != (0.0, 0.0, 1.0):
         raise SpecError(
             'a vehicle can be placed on a flat road only, that is the same everywhere; this one has a slope, patches, maps or grids'
+        )
+
+
+def require_near(x: float, y: float) -> None:
+    """Raise SpecError for a place [m] so far away that the lengths of the parts themselves are rounded there: no way leads back."""
+    if not (abs(x) <= FURTHEST and abs(y) <= FURTHEST):
+        raise SpecError(
+            f'x = {x:g} m, y = {y:g} m: a vehicle can be placed within {FURTHEST:g} m of the origin, where its parts keep their lengths'
         )
 
 

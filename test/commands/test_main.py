@@ -68,6 +68,7 @@ def test_every_command_has_help_with_an_example(command: str, capsys: pytest.Cap
         (('run', 'four_bar', '--set', 'integrator.h=abc'), 2, '--set integrator.h: integrator.h = abc: must be a number'),
         (('run', 'four_bar', '--maneuver', 'step_stear'), 2, "did you mean 'step_steer'?"),
         (('info', 'nothing_like_it'), 2, 'no such file'),
+        (('info', ''), 2, 'scene: its name is empty; allowed: '),
         (('export', 'nowhere', '--csv', 'out'), 5, 'nowhere is not there'),
         (('recover', 'nowhere', 'out'), 5, 'nowhere is not there'),
         (('replay', 'nowhere'), 5, 'nowhere is not there'),

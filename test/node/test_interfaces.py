@@ -53,6 +53,8 @@ def test_another_scene_is_loaded_without_a_restart(start, client, tmp_path):
     put(client, scene='nothing')
     refused = client.call('load')
     assert not refused.success and refused.message == "scene 'nothing': no such file"
+    put(client, scene='')
+    assert client.call('load').message == 'parameter scene is empty: set it to the name or file of a scene'
     before = client.applied[-1]['step']
     client.until(lambda: client.applied[-1]['step'] > before)  # it goes on
     put(client, scene='second')

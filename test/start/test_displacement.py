@@ -45,6 +45,19 @@ def test_a_driver_sees_the_reference_frame_and_not_the_centre_of_mass():
 
 
 @pytest.mark.parametrize('overrides', [[], ['fidelity=single_track']], ids=['whole', 'single_track'])
+def test_a_place_at_which_the_parts_would_lose_their_lengths_is_refused_and_changes_nothing(overrides):
+    """At 1e300 m all parts would be in one point, and stay so when the vehicle is placed back. At 1e7 m lengths are rounded to 2e-9 m."""
+    sim = solver.simulation_of(load_scene('light_car_step_steer', overrides))
+    saved = sim.save()
+    for x, y in ((1e300, 0.0), (0.0, -1.1e7), (math.inf, 0.0), (math.nan, 0.0)):
+        with pytest.raises(SpecError, match=r'a vehicle can be placed within 1e\+07 m of the origin'):
+            sim.place(x, y, 0.0)
+    assert sim.save() == saved
+    sim.place(1e7, -1e7, 0.0)
+    assert sim.snapshot().pose[sim.channels.chassis, :2].tolist() == pytest.approx([1e7, -1e7], abs=1e-8)
+
+
+@pytest.mark.parametrize('overrides', [[], ['fidelity=single_track']], ids=['whole', 'single_track'])
 def test_the_motion_goes_on_in_its_own_axes(overrides):
     sims = [solver.simulation_of(load_scene('light_car_step_steer', overrides)) for _ in range(2)]
     for sim in sims:
