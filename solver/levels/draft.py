@@ -95,10 +95,10 @@ class Draft:
     def holds(self, body: str) -> list[Hold]:
         """All markers on a body."""
         return [
-            Hold(section, spec.name, field.name)
+            Hold(section, spec.name, field)
             for section, spec in self.every()
-            for field in dataclasses.fields(spec)
-            if isinstance(marker := getattr(spec, field.name), Marker) and marker.body == body
+            for field, marker in vars(spec).items()  # a dataclass has its fields there, in their order
+            if isinstance(marker, Marker) and marker.body == body
         ]
 
     def spec(self, hold: Hold) -> Any:

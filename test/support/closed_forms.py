@@ -1,11 +1,13 @@
 """Motions known in closed form, or from ordinary differential equations in minimal coordinates at tolerance 1e-13.
 
 Nothing here uses the solver: each function t -> Motion stands on its own derivation, the scene text beside it is the same problem.
+Differential equations are solved when a motion is first asked for: every process of tests collects them all, and runs a part of them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -146,6 +148,7 @@ mechanism:
     return Problem(scene, exact)
 
 
+@cache
 def heavy_body(duration: float) -> Problem:
     """Any heavy body about a fixed point: J_tip dw/dt + w x J_tip w = m c x R^T g with a quaternion, integrated tightly."""
     inertia, c, w0 = np.array([0.02, 0.05, 0.04]), np.array([0.1, -0.05, 0.3]), np.array([1.0, -2.0, 6.0])
@@ -159,10 +162,10 @@ def heavy_body(duration: float) -> Problem:
         R = Rotation.from_quat(q).as_matrix()
         return np.concatenate([0.5 * np.append(q[3] * w + np.cross(q[:3], w), -q[:3] @ w), acceleration(w, R)])
 
-    solution = solve_ivp(rate, (0, duration), [0, 0, 0, 1, *w0], **TIGHT).sol
+    solution = cache(lambda: solve_ivp(rate, (0, duration), [0, 0, 0, 1, *w0], **TIGHT).sol)
 
     def exact(t):
-        y = solution(t)
+        y = solution()(t)
         R, w = Rotation.from_quat(y[:4]).as_matrix(), y[4:]
         a = R @ (np.cross(acceleration(w, R), c) + np.cross(w, np.cross(w, c)))
         zero = np.zeros((1, 3))
@@ -249,6 +252,7 @@ class FourBar:
         return Motion(p, np.array([turned('y', -x) for x in a]), v, np.outer(w, [0, -1, 0]), rows)
 
 
+@cache
 def falling_four_bar(duration: float) -> Problem:
     """The four-bar without motor, released with the crank upright: one equation for the crank angle."""
     bar = FourBar()
@@ -258,10 +262,10 @@ def falling_four_bar(duration: float) -> Problem:
         return np.linalg.solve(np.delete(M, 1, axis=1), rhs)
 
     start = [np.pi / 2, 0.0]
-    solution = solve_ivp(lambda t, y: [y[1], accelerate(*y)[0]], (0, duration), start, **TIGHT).sol
+    solution = cache(lambda: solve_ivp(lambda t, y: [y[1], accelerate(*y)[0]], (0, duration), start, **TIGHT).sol)
 
     def motion(t: float) -> Motion:
-        crank, rate = solution(t)
+        crank, rate = solution()(t)
         return bar.motion(crank, rate, accelerate(crank, rate)[1:], None)
 
     return Problem('mechanism: mechanisms/four_bar.yaml\noverride: {mechanism.couplers: {}}', motion)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import deepcopy
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from solver.simulation import Simulation
 
 EXAMPLES = Path(__file__).parents[2] / 'docs' / 'examples'
 AXLE, BOX, POWER = (
-    (EXAMPLES / f'{name}.yaml').read_text(encoding='utf-8') for name in ('steered_live_axle', 'drag_link_steering', 'power')
+    yaml.safe_load((EXAMPLES / f'{name}.yaml').read_text(encoding='utf-8')) for name in ('steered_live_axle', 'drag_link_steering', 'power')
 )
 PLACES = ('center', 'com', 'inner', 'outer', 'chassis', 'axle', 'damper_chassis', 'damper_axle')
 RATIO, STIFFNESS, DAMPING = 3.7, 22000.0, 60.0  # of a final drive: [-], [N m/rad], [N m s/rad]
@@ -46,7 +47,7 @@ def car(at: dict[str, float], drives: dict[str, Any], mass: float, *, power: boo
     """A car on live axles `at` their x [m], the first one steered. power: engine map, clutch and gearbox in front of the drives."""
     axles = {}
     for k, (name, x) in enumerate(at.items()):
-        suspension = moved(yaml.safe_load(AXLE), 1.6 - x)
+        suspension = moved(deepcopy(AXLE), 1.6 - x)
         suspension['coil']['spring']['load'] = LOADS[len(at)][k]
         suspension['brake']['share'] = 0.5 / len(at)
         if k > 0:
@@ -56,10 +57,10 @@ def car(at: dict[str, float], drives: dict[str, Any], mass: float, *, power: boo
         'part': {'mass': 200, 'com': [0.7, 0.0, 0.6], 'inertia': [10, 15, 14]}, 'mounts': {'middle': {'point': [0.7, 0.0, 0.5]}},
     }  # fmt: skip
     if power:
-        engine['power'] = yaml.safe_load(POWER) | {'final': 1.0}
+        engine['power'] = deepcopy(POWER) | {'final': 1.0}
     middle = 0.5 * (max(at.values()) + min(at.values()))
     chassis = {'mass': mass, 'com': [middle + 0.12, 0, 0.76], 'inertia': [620, 3500, 3700]}
-    return {'kind': 'car', 'chassis': chassis, 'steering': yaml.safe_load(BOX), 'axles': axles, 'engine': engine, **more}
+    return {'kind': 'car', 'chassis': chassis, 'steering': deepcopy(BOX), 'axles': axles, 'engine': engine, **more}
 
 
 def off_roader(*, power: bool = False, shares: tuple[float, float] = (0.5, 0.5), **more: Any) -> dict[str, Any]:

@@ -11,6 +11,8 @@ The last two are linear in (p, w3) with T as the variable: their solution is a f
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from closed_forms import TIGHT, G, Motion, Problem, turned
 from scipy.integrate import solve_ivp
@@ -39,10 +41,10 @@ def disc_rates(_t: float, y: np.ndarray) -> list[float]:
 def rolling_disc(duration: float, nod: float = NOD) -> Problem:
     """The disc of config/mechanisms/rolling_disc.yaml; nod = 0: steady rolling in a circle."""
     start = [TILT, nod, 0.0, PRECESSION * np.sin(TILT), STEADY_SPIN, 0.0, 0.0, RADIUS * np.cos(TILT)]
-    solution = solve_ivp(disc_rates, (0, duration), start, **TIGHT).sol
+    solution = cache(lambda: solve_ivp(disc_rates, (0, duration), start, **TIGHT).sol)
 
     def exact(t):
-        y = solution(t)
+        y = solution()(t)
         T, nodding, azimuth, p, w3, own, px, py = y
         rates = disc_rates(t, y)
         frame, spun = turned('z', azimuth) @ turned('x', T), turned('z', own)
@@ -99,14 +101,14 @@ def chaplygin_sleigh(duration: float) -> Problem:
     def rates(t, _):
         return V * np.tanh(k * t + c) * np.array([np.cos(heading(t)), np.sin(heading(t))])
 
-    path = solve_ivp(rates, (0, duration), [0.0, 0.0], **TIGHT).sol
+    path = cache(lambda: solve_ivp(rates, (0, duration), [0.0, 0.0], **TIGHT).sol)
 
     def exact(t):
         v, w = V * np.tanh(k * t + c), turn / np.cosh(k * t + c)
         blade = m * (v * w + a * (-m * a * v * w / K))
         R = turned('z', heading(t))
         return Motion(
-            np.array([[*path(t), 0.0]]), R[None], (R @ [v, 0, 0])[None], np.array([[0, 0, w]]), np.array([m * G, a * m * G, 0.0, blade])
+            np.array([[*path()(t), 0.0]]), R[None], (R @ [v, 0, 0])[None], np.array([[0, 0, w]]), np.array([m * G, a * m * G, 0.0, blade])
         )
 
     return Problem('mechanism: mechanisms/chaplygin_sleigh.yaml', exact)
