@@ -18,8 +18,9 @@ from mbd_sim_ros.bags.applied import begin_of
 from mbd_sim_ros.bags.recorder import StepRecorder, about, describe
 from mbd_sim_ros.messages.encode import Messages
 from solver.analysis.balance import Balance
+from solver.analysis.covered import weighed
 from solver.analysis.envelope import Envelope
-from solver.analysis.verdict import OK, SUSPECT, Finding, findings, passes, report
+from solver.analysis.verdict import OK, SUSPECT, Finding, passes, report
 from solver.errors import MbdError, StepError
 from solver.files.scene import load_scene_text
 from solver.simulation import Simulation
@@ -95,9 +96,9 @@ def simulate(
     if stderr is a terminal. balance: follow energy and momentum by element kind, which takes its time. state: of Simulation.save().
     from_start: record the state at the beginning too. looking_back: a run that fails leaves in its recording another one, `last_steps`:
     the last LAST steps at least, every one, from a saved state on, so that `mbd replay` can start again from just before.
-    `status` is 'ok' or 'suspect', `findings` say why; `passed` is false where the scene does not allow what was found. A recording is
-    always closed, with the verdict or what ended the run. Raises StepError, BagError, and KeyboardInterrupt(sentence to show, signal
-    number) between two steps.
+    `status` is 'ok' or 'suspect', `findings` say why, `covered` what the certificate of a plan covers (solver.analysis.covered);
+    `passed` is false where the scene does not allow what was found. A recording is always closed, with the verdict or what ended the run.
+    Raises StepError, BagError, and KeyboardInterrupt(sentence to show, signal number) between two steps.
     """
     every = simulation.scene.record.every if directory is not None else UNRECORDED_CHUNK
     looking_back &= directory is not None
@@ -116,6 +117,7 @@ def simulate(
         with interrupts.held():
             status, cpu, begin, written = 'error', 0.0, time.perf_counter(), -1
             found: list[Finding] = []
+            covered: list[Finding] = []
             failure: StepError | None = None
             number = 0
             balances = Balance(simulation) if balance else None
@@ -148,7 +150,7 @@ def simulate(
                     recorder.record(simulation.t_ns, messages.encode(simulation.snapshot()))
                 number = interrupts.received() if simulation.k < steps else 0
                 figures = _figures(simulation, first, until, time.perf_counter() - begin, cpu)
-                found = findings(simulation, figures['real_time_factor']) + envelope.findings()
+                found, covered = weighed(simulation, envelope, figures['real_time_factor'])
                 status = 'interrupted' if number else SUSPECT if found else OK
             except StepError as error:
                 failure = error
@@ -157,6 +159,8 @@ def simulate(
                 if recorder:
                     events = json.dumps([event._asdict() for event in simulation.events])
                     verdict = {'status': status, 'findings': json.dumps(report(found))}
+                    if covered:
+                        verdict['covered'] = json.dumps(report(covered))
                     recorder.close({**verdict, **{key: f'{value!r}' for key, value in figures.items()}, 'event_list': events})
     if failure is not None:
         if looking_back and directory is not None:
@@ -170,6 +174,7 @@ def simulate(
     return {
         'status': status,
         'findings': report(found),
+        'covered': report(covered),
         'passed': passes(simulation, found),
         **figures,
         **followed,

@@ -48,10 +48,17 @@ def simulation_of(scene: Scene) -> Simulation:
 
         derived = derive(scene)
         scene, level, simulate = derived.scene, derived.report, derived.simulate
-    elif scene.maneuver.by_road_wheel:
-        from solver.levels.road_wheel import by_steering_wheel
+    else:
+        if scene.require.accuracy:
+            from solver.levels.auto import certificate_of, with_certificate
+            from solver.levels.derived import LevelReport
 
-        scene = by_steering_wheel(scene)
+            certificate = certificate_of(scene)
+            level = None if certificate is None else with_certificate(LevelReport(), certificate)
+        if scene.maneuver.by_road_wheel:
+            from solver.levels.road_wheel import by_steering_wheel
+
+            scene = by_steering_wheel(scene)
     if simulate is not None:
         simulation = simulate(scene)
     elif scene.integrator.kind in Simulation.KINDS:

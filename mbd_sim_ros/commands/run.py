@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -54,20 +55,22 @@ def run(args: argparse.Namespace) -> Result:
     simulation = simulation_of(scene)
     directory = None if args.no_record else args.out or new_directory(scene.name)
     data = simulate(simulation, simulation.scene.steps, directory=directory, progress=not args.json, balance=args.balance)
+    covered = data.pop('covered')
     data = {'scene': scene.name, **data, 'start': simulation.start.report()}
     data['require'] = scene.require.limits
     if scene.require.accuracy:
         from solver.levels.auto import certificate_of
 
-        data['accuracy'] = {'required': [*scene.require.accuracy], 'certificate': certificate_of(scene)}
+        certificate = certificate_of(scene)
+        data['accuracy'] = {'required': [*scene.require.accuracy], 'certificate': None if certificate is None else certificate.hash}
     violations = [f'{f["quantity"]}: {f["text"]}' for f in data['findings'] if f['required']]
     if violations:
         data['violations'] = violations
-    return Result(data=data, text=describe(data, str(simulation.start)), code=0 if data['passed'] else 1)
+    return Result(data=data, text=describe(data, str(simulation.start), covered), code=0 if data['passed'] else 1)
 
 
-def describe(data: dict[str, Any], start: str) -> str:
-    """The figures of a run for people. start: what it changed of what is given."""
+def describe(data: dict[str, Any], start: str, covered: Sequence[Mapping[str, Any]] = ()) -> str:
+    """The figures of a run for people. start: what it changed of what is given. covered: findings that the certificate of a plan covers."""
     rows = [('verdict', data['status']), ('start', start)]
     rows += [(key.replace('_', ' '), _shown(data[key], form)) for key, form in FIGURES.items() if key in data]
     if data['rejected']:
@@ -83,6 +86,7 @@ def describe(data: dict[str, Any], start: str) -> str:
             f'certified by plan {certificate}' if certificate else 'a run cannot check it, and no plan certifies these settings (mbd plan)'
         )
         rows.append(('accuracy', f'required of {required}: {proof}'))
+        rows += [('note', f'measured, and covered by the certificate for {required}: {found["text"]}') for found in covered]
     rows += [('REQUIREMENT' if found['required'] else 'SUSPECT', found['text']) for found in data['findings']]
     return table(rows)
 

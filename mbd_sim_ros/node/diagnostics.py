@@ -9,8 +9,9 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from mbd_sim_ros.bags.recorder import Recorder
 from mbd_sim_ros.node.commands import commanded
 from mbd_sim_ros.node.loop import Loop
+from solver.analysis.covered import Weighed, weighed
 from solver.analysis.envelope import Envelope
-from solver.analysis.verdict import OK, SUSPECT, Finding, findings
+from solver.analysis.verdict import OK, SUSPECT, Finding
 from solver.errors import BagError
 from solver.simulation import Simulation
 
@@ -22,8 +23,13 @@ def judged(simulation: object, envelope: Envelope | None = None, *, ended: bool 
 
     ended: see Envelope.findings.
     """
-    found = findings(simulation) if isinstance(simulation, Simulation) else []
-    return found + (envelope.findings(ended=ended) if envelope is not None else [])
+    return _weighed(simulation, envelope, ended=ended).suspect
+
+
+def _weighed(simulation: object, envelope: Envelope | None, *, ended: bool = False) -> Weighed:
+    if isinstance(simulation, Simulation):
+        return weighed(simulation, envelope, ended=ended)
+    return Weighed([] if envelope is None else envelope.findings(ended=ended), [])
 
 
 def diagnosis(
@@ -75,9 +81,11 @@ def diagnosis(
     if unpublished:
         values['publishing dropped'] = ', '.join(f'{topic} {count}' for topic, count in unpublished.items())
         problems.append(f'publishing takes longer than publish_budget: dropped {values["publishing dropped"]}')
-    suspect = judged(loop.simulation, envelope)
+    suspect, covered = _weighed(loop.simulation, envelope)
     values['findings'] = len(suspect)
     values['verdict'] = SUSPECT if suspect else OK
+    if covered:
+        values['covered by the certificate'] = '; '.join(map(str, covered))
     if envelope is not None:
         left = any(finding.quantity == 'envelope' for finding in suspect)
         values['envelope'] = ('left' if left else 'kept') if envelope.watches else 'none'

@@ -18,8 +18,9 @@ from mbd_sim_ros.bags.recorder import source_hash
 from mbd_sim_ros.batch import record, warm_up
 from mbd_sim_ros.sweep.design import Figure
 from solver import simulation_of
+from solver.analysis.covered import weighed
 from solver.analysis.envelope import Envelope
-from solver.analysis.verdict import Finding, findings, report
+from solver.analysis.verdict import Finding, report
 from solver.errors import BagError, MbdError
 from solver.files.scene import load_scene_text
 from solver.quantities import Quantity, lengths, quantity
@@ -126,7 +127,7 @@ def _run(scene: Any, figures: Mapping[str, Figure], bag: Path | None) -> dict[st
             if last:
                 break
             simulation.advance(min(sample - k % sample, every - k % every, scene.steps - k))
-        told = findings(simulation) + envelope.findings()
+        told = weighed(simulation, envelope).suspect
         status, message = ('suspect', '; '.join(map(str, told))) if told else ('ok', '')
     except BagError:
         raise

@@ -86,6 +86,11 @@ class Finding:
     def __str__(self) -> str:
         return self.text
 
+    @property
+    def what(self) -> str:
+        """What it says, without numbers: with quantity and where the kind of the finding."""
+        return self.text.partition(f' {self.value:.3g}')[0]
+
 
 def findings(simulation: Simulation, real_time_factor: float | None = None) -> list[Finding]:
     """Everything that makes the run so far suspect, from the running account of steps advanced with audit."""

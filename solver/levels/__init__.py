@@ -11,7 +11,7 @@ import dataclasses
 import importlib
 
 from solver.errors import SceneError, SpecError
-from solver.levels.derived import Derived, LevelReport, Limit, channels, moved_imu
+from solver.levels.derived import Derived, LevelReport, channels, moved_imu
 from solver.levels.switches import switched
 from solver.scene import Scene
 
@@ -23,11 +23,13 @@ LEVELS = {'condensed': 'solver.levels.condensed', 'kc': 'solver.levels.kc', 'sin
 
 def derive(scene: Scene) -> Derived:
     """What of a scene is simulated. Raises SceneError where its vehicle has no such level, or the scene asks for what the level lacks."""
-    envelope: tuple[Limit, ...] = ()
-    if scene.fidelity == 'auto':
-        from solver.levels.auto import resolved
+    from solver.levels.auto import Certificate, certificate_of, resolved, with_certificate
 
-        scene, envelope = resolved(scene)
+    certificate: Certificate | None
+    if scene.fidelity == 'auto':
+        scene, certificate = resolved(scene)
+    else:
+        certificate = certificate_of(scene)
     if scene.maneuver.by_road_wheel:  # the map is that of the whole vehicle, and a plan is one of the scene as it is written
         from solver.levels.road_wheel import by_steering_wheel
 
@@ -43,7 +45,8 @@ def derive(scene: Scene) -> Derived:
         raise SceneError(f'fidelity = {scene.fidelity!r}: {error}') from None
     left = set(channels(derived.scene.model))
     absent = tuple(name for name in channels(scene.model) if name not in left)
-    validity = (*derived.report.validity, *envelope)
     lost = (*derived.report.lost, *moved_imu(scene.model, derived.scene.model))
-    report = dataclasses.replace(derived.report, lost=lost, absent=absent, switched=switches, validity=validity)
+    report = dataclasses.replace(derived.report, lost=lost, absent=absent, switched=switches)
+    if certificate is not None:
+        report = with_certificate(report, certificate)
     return dataclasses.replace(derived, report=report)

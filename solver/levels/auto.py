@@ -1,4 +1,5 @@
-"""`fidelity: auto`: level, switches and integrator that the plan of a scene has chosen (`mbd plan`), and the envelope of its certificate.
+"""`fidelity: auto`: level, switches and integrator that the plan of a scene has chosen (`mbd plan`), and its certificate: the envelope, and
+what would make a run suspect but was there too where errors were measured.
 
 A plan is kept beside the compiled kernels under what it depends on: the model, the start, the maneuver (of a recording its inputs), the
 actuators and the assistance behind it, the duration, what is required, and the sources of the solver. So it cannot be out of date: whatever
@@ -14,14 +15,15 @@ import uuid
 from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+from solver.analysis.covered import Certified
 from solver.compiled.cache import digest, location
-from solver.errors import SceneError
+from solver.errors import MbdError, SceneError
 from solver.files.scene import load_scene_text
 from solver.inputs.maneuver import Maneuver
 from solver.inputs.recorded import recorded
-from solver.levels.derived import Limit
+from solver.levels.derived import LevelReport, Limit
 from solver.levels.kept import sources
 from solver.scene import Scene
 
@@ -29,12 +31,20 @@ FIXED: dict[str, Any] = {'kind': 'alf', 'step_policy': 'constant', 'penalty_poli
 OK = 'ok'  # status of a plan that is certified
 
 
+class Certificate(NamedTuple):
+    """What a plan says of runs of its scene. hash: of the plan."""
+
+    hash: str
+    envelope: tuple[Limit, ...]
+    certified: tuple[Certified, ...]
+
+
 def key(scene: Scene) -> str:
     """Of everything a plan of this scene depends on. Raises what the reader of a recording raises that its maneuver takes."""
     chosen: dict[str, Any] = {'h': 1e-3, 'rho_inf': 0.8, 'mode': 'fixed', 'iterations': 1, 'tolerance': 1e-8}
     integrator = dataclasses.replace(scene.integrator, **chosen, **FIXED)
     driven = (scene.start, scene.maneuver, scene.actuation, scene.assistance, scene.duration)
-    parts = (scene.model, *driven, scene.require.accuracy, scene.budget, integrator)
+    parts = (scene.model, *driven, scene.require.accuracy, scene.require.limits, scene.budget, integrator)
     return digest(sources(), *(repr(part).encode() for part in parts), *_recorded(scene.maneuver)).hex()
 
 
@@ -74,8 +84,8 @@ def _file(scene: Scene) -> Path:
     return location() / 'plans' / f'{key(scene)}.json'
 
 
-def resolved(scene: Scene) -> tuple[Scene, tuple[Limit, ...]]:
-    """(the scene as its plan resolves it, the envelope of its certificate). Raises SceneError where there is no plan."""
+def resolved(scene: Scene) -> tuple[Scene, Certificate]:
+    """(the scene as its plan resolves it, its certificate). Raises SceneError where there is no plan."""
     plan = plan_of(scene)
     begin = f"scene {scene.name!r}: fidelity = 'auto'"
     if plan is None:
@@ -84,11 +94,15 @@ def resolved(scene: Scene) -> tuple[Scene, tuple[Limit, ...]]:
         raise SceneError(
             f"{begin}: its plan found nothing that keeps what is required; relax require or budget, or name a level, e.g. 'full'"
         )
+    return chosen(scene, plan), _certificate(plan)
+
+
+def _certificate(plan: Mapping[str, Any]) -> Certificate:
     envelope = tuple(
         Limit(quantity=e['quantity'], unit=e['unit'], low=e['low'], high=e['high'], why='the plan is certified for this range')
         for e in plan['envelope']
     )
-    return chosen(scene, plan), envelope
+    return Certificate(plan['hash'], envelope, tuple(Certified(**one) for one in plan['findings']))
 
 
 def chosen(scene: Scene, plan: Mapping[str, Any]) -> Scene:
@@ -103,12 +117,21 @@ def chosen(scene: Scene, plan: Mapping[str, Any]) -> Scene:
     return dataclasses.replace(scene, fidelity=plan['fidelity'], switches=settings['switches'], integrator=integrator)
 
 
-def certificate_of(scene: Scene) -> str | None:
-    """The hash of the plan by which a scene is certified as it is integrated, None where there is none."""
-    plan = plan_of(scene)
+def certificate_of(scene: Scene) -> Certificate | None:
+    """The certificate of the kept plan that certifies a scene as it is integrated, None where there is none."""
+    plan = None
+    if scene.require.accuracy:
+        with suppress(MbdError):  # a recording that cannot be read any more
+            plan = plan_of(scene)
     if plan is None or plan['status'] != OK:
         return None
     asked = scene if scene.fidelity == 'auto' else chosen(scene, plan)
     off = {name for name, state in scene.switches.items() if state == 'off'}
     same = asked.fidelity == scene.fidelity and {*plan['settings']['switches']} == off and asked.integrator == scene.integrator
-    return plan['hash'] if scene.fidelity == 'auto' or same else None
+    return _certificate(plan) if scene.fidelity == 'auto' or same else None
+
+
+def with_certificate(report: LevelReport, certificate: Certificate) -> LevelReport:
+    """The report on a level, with where a certificate holds and what it covers."""
+    validity = (*report.validity, *certificate.envelope)
+    return dataclasses.replace(report, validity=validity, certified=certificate.certified)

@@ -6,6 +6,7 @@ import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from solver.analysis.covered import Certified
 from solver.elements.registry import FORCES
 from solver.model.compile import joint_coordinates
 from solver.model.spec import ModelSpec
@@ -59,7 +60,8 @@ class LevelReport:
     """What a level leaves out of the vehicle it is derived from.
 
     lost: modes and effects that it does not model, in words. absent: channels of the full vehicle that it does not publish. validity:
-    where it holds. switched: every subsystem of the vehicle. errors: the error sheet, where it has been measured.
+    where it holds. switched: every subsystem of the vehicle. errors: the error sheet, where it has been measured. certified: what would
+    make a run suspect, but was there too where the plan that certifies it has measured its errors (solver.analysis.covered).
     """
 
     lost: tuple[str, ...] = ()
@@ -67,6 +69,7 @@ class LevelReport:
     validity: tuple[Limit, ...] = ()
     switched: tuple[Switched, ...] = ()
     errors: tuple[ErrorFigure, ...] | None = None
+    certified: tuple[Certified, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,19 +5,17 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+from dataclasses import asdict
 from typing import Any
 
-from solver import simulation_of
-from solver.analysis.envelope import Envelope
-from solver.analysis.verdict import findings
+from solver.analysis.covered import OF_SCENE, certified_of
 from solver.errors import MbdError
 from solver.levels.auto import OK, key
-from solver.scene import Scene
 from solver.trade.requirements import ORIGINS
 from solver.trade.runs import Stopped
 from solver.trade.search import MARGIN, Search
 from solver.trade.setting import Setting, baseline
-from solver.trade.variations import ranges_of
+from solver.trade.variations import AS_GIVEN, ranges_of
 from solver.trade.verdicts import Verdict, nearest
 
 NO, INCOMPLETE = 'no', 'incomplete'
@@ -53,8 +51,7 @@ def plan(search: Search) -> dict[str, Any]:
                 'real_time_factor': 1.0 / of.median,
             },
         }
-    if best is not None:
-        search.notes += [f'a run of {best.setting} is suspect all the same (mbd run): {text}' for text in told(scene, best.setting)]
+    data['findings'] = [] if best is None else findings_of(search, best.setting)
     data['errors'] = {} if shown is None else errors(shown)
     passed, failed = sum(c.passed for c in search.checks), sum(not c.passed for c in search.checks)
     data['unseen'] = {
@@ -88,17 +85,18 @@ def plan(search: Search) -> dict[str, Any]:
     return data
 
 
-def told(scene: Scene, setting: Setting) -> list[str]:
-    """What makes the run of a setting suspect (solver.analysis.verdict), which a plan does not ask: it measures errors. A run that
-    fails says so."""
-    try:
-        simulation = simulation_of(setting.of(scene))
-        envelope = Envelope(simulation)
-        while simulation.k < simulation.scene.steps:
-            envelope.look(simulation.advance(min(10, simulation.scene.steps - simulation.k)))
-    except MbdError as error:
-        return [str(error)]
-    return [finding.text for finding in findings(simulation) + envelope.findings()]
+def findings_of(search: Search, setting: Setting) -> list[dict[str, Any]]:
+    """What the certificate covers (solver.analysis.covered): of the maneuvers that served to choose and of those that were passed. The note
+    on each says what that means for a run; another one says what makes a run suspect all the same."""
+    maneuvers = [*search.seen, *(c.variation for c in search.checks if c.passed)]
+    found = [finding for v in maneuvers for finding in search.findings(v, setting)]
+    names = ', '.join(search.names)
+    for finding in search.findings(AS_GIVEN, setting):
+        if finding.quantity in OF_SCENE:
+            search.notes.append(f'a run of {setting} is suspect all the same (mbd run): {finding.text}')
+        else:
+            search.notes.append(f'measured, and covered by the certificate for {names}: {finding.text}')
+    return [asdict(one) for one in certified_of(found)]
 
 
 def finite(value: Any) -> Any:
@@ -175,6 +173,12 @@ def what_has_to_give(search: Search, closest: Verdict | None, slow: bool, data: 
     if data['status'] == INCOMPLETE and search.result is not None:
         why = 'there was no time to check it on others' if search.points(1) else 'nothing in the scene can be varied to check it on others'
         return [f'{closest.setting} keeps the accuracy on the maneuvers it was chosen on; {why}']
+    if closest.broken:
+        sentences = [f'{closest.setting} keeps the accuracy, but its run is not sound: {closest.broken}']
+        other = nearest(t for t in search.tried if not t.broken)
+        if other is not None:
+            sentences.append(f'of the others {other.setting} comes closest: {other.worst} at {other.used:.3g} of its limit')
+        return sentences
     sentences = [f'{closest.setting} comes closest: {closest.worst} at {closest.used:.3g} of its limit']
     for bound in closest.bounds.values():
         if bound.used > 1.0:

@@ -6,6 +6,8 @@ import dataclasses
 import threading
 from collections.abc import Callable, Iterable, Sequence
 
+from solver.analysis.covered import is_broken
+from solver.analysis.verdict import Finding
 from solver.errors import SpecError
 from solver.quantities import names as names_of
 from solver.quantities import published
@@ -13,7 +15,7 @@ from solver.scene import Scene
 from solver.trade import cost, reference
 from solver.trade.reference import Reference
 from solver.trade.requirements import Bound, Requirement, requirements
-from solver.trade.runs import Run, clock, departures, run
+from solver.trade.runs import Going, Run, clock, departures, run
 from solver.trade.setting import Setting
 from solver.trade.variations import AS_GIVEN, CORNERS, Variation, effective, inside, varied
 
@@ -47,6 +49,7 @@ class Measurements:
         self._lock = threading.Lock()
         self._scenes: dict[Variation, Scene] = {}
         self._runs: dict[tuple[Variation, Setting], Run] = {}
+        self._findings: dict[tuple[Variation, Setting], tuple[Finding, ...]] = {}
         self._references: dict[tuple[Variation, tuple[str, tuple[str, ...]], tuple[float, ...]], Reference] = {}
         self.prices: dict[tuple[str, tuple[str, ...]], cost.PerStep] = {}
 
@@ -83,6 +86,19 @@ class Measurements:
         if key not in self._runs:
             self._runs[key] = run(self.maneuver(v), setting, self.everything, stop=self.late)
         return self._runs[key]
+
+    def findings(self, v: Variation, setting: Setting) -> tuple[Finding, ...]:
+        """What would make this run suspect (solver.analysis.verdict), made once; none of a run that fails."""
+        key = (v, setting)
+        if key not in self._findings:
+            going = Going(self.maneuver(v), setting, self.everything, stop=self.late, audit=True)
+            self._runs.setdefault(key, going.to(self.scene.duration))
+            self._findings[key] = going.findings()
+        return self._findings[key]
+
+    def broken(self, v: Variation, setting: Setting) -> str:
+        """What forbids to choose the setting whatever its errors are, or ''."""
+        return next((finding.text for finding in self.findings(v, setting) if is_broken(finding)), '')
 
     def limit_of(self, v: Variation, setting: Setting, steps: Sequence[float]) -> Reference:
         """The converged solution of a model on a maneuver, made once. Raises StepError."""

@@ -13,6 +13,8 @@ from scipy.interpolate import CubicSpline
 
 from solver import simulation_of
 from solver.analysis.departures import FAILED, Departure, departure
+from solver.analysis.envelope import Envelope
+from solver.analysis.verdict import Finding, findings
 from solver.errors import MbdError, SpecError
 from solver.quantities import Quantity, quantity
 from solver.scene import Scene
@@ -49,7 +51,7 @@ def run(
 
 
 class Going:
-    """A run that can be looked at in between. Nothing is raised but Stopped."""
+    """A run that can be looked at in between. Nothing is raised but Stopped. audit: keep the account that findings() needs."""
 
     def __init__(
         self,
@@ -59,8 +61,10 @@ class Going:
         *,
         stop: Callable[[], bool] | None = None,
         start: bytes | None = None,
+        audit: bool = False,
     ) -> None:
-        self.setting, self._stop = setting, stop
+        self.setting, self._stop, self._audit = setting, stop, audit
+        self._envelope: Envelope | None = None
         self._found: dict[str, Quantity] = {}
         self._rows: list[np.ndarray] = []
         self._t: list[int] = []
@@ -78,11 +82,14 @@ class Going:
                 self._found[name] = quantity(name, s.channels)
             except SpecError:
                 continue
+        self._envelope = Envelope(s) if audit else None
         self._places = np.unique(np.concatenate([q.places for q in self._found.values()])) if self._found else np.zeros(0, int)
         self._every = max(1, -(-SAMPLE_NS // s.h_ns))
         self._keep(s.snapshot())
 
     def _keep(self, snapshot: Any) -> None:
+        if self._envelope is not None:
+            self._envelope.look(snapshot)
         self._t.append(snapshot.t_ns)
         self._rows.append(snapshot.numbers[self._places])
 
@@ -95,13 +102,19 @@ class Going:
                 while (s.k + self._every) * s.h_ns <= last:
                     if self._stop is not None and self._stop():
                         raise Stopped
-                    self._keep(s.advance(self._every, audit=False))
+                    self._keep(s.advance(self._every, audit=self._audit))
                     if not np.all(np.isfinite(self._rows[-1])):
                         self._failure = f't = {s.t_ns * 1e-9:g} s: the motion is no longer finite'
                         break
             except MbdError as error:
                 self._failure = str(error)
         return self._run()
+
+    def findings(self) -> tuple[Finding, ...]:
+        """What makes the run so far suspect; nothing of one that failed, or was made without audit."""
+        if self._failure or self._envelope is None:
+            return ()
+        return (*findings(self._simulation), *self._envelope.findings())
 
     def _run(self) -> Run:
         if self._simulation is None:

@@ -9,7 +9,8 @@ Errors of different origin cancel on one maneuver and not on the next. So an err
 
 Settings are tried cheapest first, on growing parts of the scene's own maneuver (what an error has reached by then it does not lose again)
 and then on the corners of the variations (solver.trade.variations); the first whose bounds keep the limits, and whose errors themselves
-leave MARGIN of them free, is the cheapest: it is the error that may be larger on maneuvers in between. When it is the turn of a level its
+leave MARGIN of them free, is the cheapest: it is the error that may be larger on maneuvers in between. A run of it must not be broken
+(solver.analysis.covered); what is merely coarse is measured, and goes with the certificate. When it is the turn of a level its
 model error is looked at first: one that is too large by itself takes all its settings out. Of its level subsystems are then switched off,
 those first that save most for the error they make, singly and by exchanging pairs. What remains is checked by its error itself on
 variations that had no part in the choice. n passes without failure bound the rate of failures by 3/n with 95 % confidence [Hanley1983].
@@ -126,6 +127,9 @@ class Search(Measurements):
                 if not largest <= 1.0 - MARGIN:
                     why = f'{itself.worst}: the error itself is {largest:.2g} of its limit on {v}, which leaves no margin'
                     return Verdict(setting, used, expected, itself.worst, why, worst, largest)
+                broken = self.broken(v, setting)
+                if broken:
+                    return Verdict(setting, used, expected, itself.worst, f'{broken} ({v})', worst, largest, broken=broken)
         except Stopped:
             raise
         except MbdError as error:
@@ -328,6 +332,12 @@ class Search(Measurements):
         worst = max(shares, key=lambda n: shares[n])
         return Check(v, shares[worst], worst, '')
 
+    def check_whole(self, setting: Setting, v: Variation) -> Check:
+        """As check(), and whether the run is sound."""
+        broken = self.broken(v, setting)  # its run serves for both
+        found = self.check(setting, v)
+        return found._replace(failure=broken) if broken and found.passed else found
+
     def check_unseen(self, setting: Setting) -> list[Check]:
         """Checks on variations inside the ranges, as many as there is time for; stops at the first failure of the setting."""
         found: list[Check] = []
@@ -337,7 +347,7 @@ class Search(Measurements):
             begin = clock()
             self.say(f'checking {setting} on unseen maneuvers: {len(found)} of {self.unseen}')
             try:
-                found += all_of(lambda v: self.check(setting, v), points[k : k + size], self.workers)
+                found += all_of(lambda v: self.check_whole(setting, v), points[k : k + size], self.workers)
             except Stopped:
                 break
             if any(not c.passed and not c.failure.startswith('the reference') for c in found):

@@ -22,6 +22,7 @@ class Verdict(NamedTuple):
     bounds: dict[str, Bound]  # the worst over maneuvers by requirement
     error: float = 0.0  # largest share of a limit that its errors themselves use, as far as they were looked at
     part: float = 1.0  # of the scene's own maneuver that it was held against
+    broken: str = ''  # the finding on its run for which it was dropped although it keeps the limits
 
 
 def nearest(tried: Iterable[Verdict]) -> Verdict | None:

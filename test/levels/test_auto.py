@@ -20,6 +20,7 @@ LIMIT = 'require={yaw_rate: {rms: 2 %}}'
 INTEGRATOR = {'h': 4e-3, 'rho_inf': 0.8, 'mode': 'fixed', 'iterations': 2}
 PLAN: dict[str, Any] = {
     'status': 'ok', 'hash': 'abc', 'fidelity': 'full', 'settings': {'switches': {}, 'integrator': INTEGRATOR}, 'envelope': [],
+    'findings': [],
 }  # fmt: skip
 
 

@@ -8,13 +8,15 @@ import math
 import pytest
 
 import solver
+from solver.analysis.covered import COARSE, is_broken
 from solver.analysis.departures import Departure
 from solver.errors import SpecError
 from solver.trade import reference
-from solver.trade.certificate import finite, plan, told
+from solver.trade.certificate import finite, plan
 from solver.trade.cost import PerStep
 from solver.trade.search import MARGIN, Search
 from solver.trade.setting import Setting
+from solver.trade.variations import AS_GIVEN
 from solver.trade.verdicts import Verdict, nearest
 
 SHORT = ['duration=0.6', 'maneuver.steering.start=0.1']
@@ -56,9 +58,12 @@ def test_a_plan_keeps_its_limits_with_margin_and_is_checked_elsewhere() -> None:
     assert 0.0 < data['largest_error'] <= 1.0 - MARGIN
     assert data['unseen']['largest'] <= 1.0
     assert json.loads(json.dumps(data, allow_nan=False)) == data
-    # a coarse step that keeps what is required may be suspect all the same, and the plan says so
+    # what is coarse about it goes with the certificate, and nothing is broken
     assert search.result is not None
-    assert sum('is suspect' in note for note in data['notes']) == len(told(search.scene, search.result.setting))
+    found = search.findings(AS_GIVEN, search.result.setting)
+    assert {f.quantity for f in found} <= {f['quantity'] for f in data['findings']} <= set(COARSE)
+    assert sum('covered by the certificate' in note for note in data['notes']) == len(found)
+    assert not any('is suspect' in note for note in data['notes'])
     # what is certified does not leave its certificate
     own = search.run(search.seen[0], search.result.setting).curves
     for limit in data['envelope']:
@@ -154,11 +159,32 @@ def test_unseen_maneuvers_of_a_driver_who_keeps_his_path_differ_in_what_there_is
 
 
 @pytest.mark.slow
-def test_what_makes_a_coarse_run_suspect_is_told() -> None:
+def test_what_makes_a_coarse_run_suspect_is_measured() -> None:
     """At 80 km/h a wheel of 0.3 m turns by 1.5 rad in 20 ms, and by 0.07 rad in 1 ms."""
-    scene = solver.load_scene('light_car_straight', ['duration=0.5'])
-    assert any('a body turns by 1.' in text for text in told(scene, Setting(h=0.02, iterations=1)))
-    assert told(scene, Setting(h=1e-3, iterations=2)) == []
+    scene = solver.load_scene('light_car_straight', ['duration=0.5', 'require={position: {max: 1 m}}'])
+    search = Search(scene, workers=1, levels=())
+    assert any('a body turns by 1.' in f.text for f in search.findings(AS_GIVEN, Setting(h=0.02, iterations=2)))
+    assert search.findings(AS_GIVEN, Setting(h=1e-3, iterations=2)) == ()
+
+
+@pytest.mark.slow
+def test_a_setting_whose_run_is_not_sound_is_not_chosen_however_small_its_errors_are() -> None:
+    """No run of a car has constraints that are closed to 1e-30 m: with that required nothing is left, and the plan says what forbids it.
+
+    With 1e-7 m something is left, and the run of what the plan has chosen keeps it.
+    """
+    wide = 'yaw_rate: {rms: 50 %}'
+    data, search = searched(f'require={{{wide}, position_drift_max: 1.0e-30}}', unseen=1, longest=30.0)
+    assert data['status'] != 'ok'
+    assert search.tried
+    assert all(t.dropped for t in search.tried)
+    assert any(t.broken for t in search.tried)
+    if data['status'] == 'no':
+        assert 'its run is not sound: a constraint is open by' in data['give'][0]
+    data, search = searched(f'require={{{wide}, position_drift_max: 1.0e-7}}', unseen=1)
+    assert data['status'] == 'ok'
+    assert search.result is not None
+    assert not any(is_broken(f) for f in search.findings(AS_GIVEN, search.result.setting))
 
 
 @pytest.mark.slow

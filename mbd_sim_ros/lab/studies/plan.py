@@ -217,6 +217,8 @@ def cheaper_of_grid(search: Search, cost: float, checks: list[Check], levels: Se
         search.say(f'grid: {setting}')
         if not all(search.check(setting, v).passed for v in maneuvers):
             continue
+        if any(search.broken(v, setting) for v in search.seen):
+            continue
         exact = search.expected(setting, search.known(maneuvers[0], setting))
         if exact < cost:
             found.append(Cheaper(setting, exact, cancelling(search, setting)))

@@ -1,0 +1,85 @@
+"""What of the findings on a run the certificate of its plan covers: what was there too where the plan measured errors.
+
+A setting that a plan has chosen may turn a wheel by more than a radian in a step, or leave vibrations out of step. In general that is
+suspect; of the quantities that a plan certifies it has measured what comes of it, against the converged full vehicle, on the maneuver of
+the scene and on others. So the certificate keeps the findings of those runs, and one of the same kind at the same place and no
+considerably worse is no reason to suspect a run of this plan. Kinds that can be covered say that something is coarse or far from where a
+level is usually good; what says that something is broken (energy out of nothing, iterations that do not settle, open constraints, another
+branch, signals that steps do not see) is never covered, and a plan chooses no setting with it. What belongs to the scene and not to its
+setting (a hollow rounder than the wheels, a bushing that turns by pi) is neither covered nor a reason to choose another setting.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from solver.analysis.envelope import Envelope
+from solver.analysis.verdict import Finding, findings
+from solver.simulation import Simulation
+
+COARSE = ('turn_per_step', 'resolution', 'phase', 'validity', 'envelope')
+OF_SCENE = ('road_curvature', 'rotation')
+ANYWHERE = ('turn_per_step',)  # iterations contract by the largest turn, whichever body makes it; of four wheels now one, now another
+WORSE = 0.1  # of the value: as much as a plan leaves free of a limit for maneuvers beside those it chose on (solver.trade.search)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Certified:
+    """A finding of the runs that a plan was measured on: its kind (quantity, what it says, where) and how far it went beyond a limit."""
+
+    quantity: str
+    what: str
+    where: str
+    value: float
+    limit: float
+    unit: str
+
+    def covers(self, finding: Finding) -> bool:
+        """Whether a finding is the same and not considerably worse."""
+        if finding.quantity not in COARSE or finding.required or _kind(finding) != (self.quantity, self.what, self.where):
+            return False
+        side = 1.0 if self.value > self.limit else -1.0
+        return side * (finding.value - self.value) <= WORSE * abs(self.value)
+
+
+class Weighed(NamedTuple):
+    """suspect: what makes a run suspect. covered: what would, but for the certificate of its plan."""
+
+    suspect: list[Finding]
+    covered: list[Finding]
+
+
+def weighed(
+    simulation: Simulation, envelope: Envelope | None = None, real_time_factor: float | None = None, *, ended: bool = True
+) -> Weighed:
+    """All findings of the run so far, by whether the certificate of its plan covers them. ended: see Envelope.findings."""
+    found = findings(simulation, real_time_factor) + ([] if envelope is None else envelope.findings(ended=ended))
+    certified = () if simulation.level is None else simulation.level.certified
+    covered = [finding for finding in found if any(one.covers(finding) for one in certified)]
+    return Weighed([finding for finding in found if finding not in covered], covered)
+
+
+def is_broken(finding: Finding) -> bool:
+    """Whether a plan must not choose a setting with this finding."""
+    return finding.required or finding.quantity not in (*COARSE, *OF_SCENE)
+
+
+def certified_of(found: Iterable[Finding]) -> tuple[Certified, ...]:
+    """What of the findings of several runs a certificate covers, of each kind the worst."""
+    worst: dict[tuple[str, str, str], Certified] = {}
+    for finding in found:
+        kind = _kind(finding)
+        if finding.quantity not in COARSE or finding.required:
+            continue
+        quantity, what, where = kind
+        one = Certified(quantity=quantity, what=what, where=where, value=finding.value, limit=finding.limit, unit=finding.unit)
+        known = worst.get(kind)
+        if known is None or abs(one.value - one.limit) > abs(known.value - known.limit):
+            worst[kind] = one
+    return tuple(worst.values())
+
+
+def _kind(finding: Finding) -> tuple[str, str, str]:
+    return finding.quantity, finding.what, '' if finding.quantity in ANYWHERE else finding.where

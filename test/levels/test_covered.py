@@ -1,0 +1,109 @@
+"""What a plan has measured is no reason to suspect its run; what is worse, new or broken is."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import solver
+import solver.files.scene
+from solver.analysis.covered import COARSE, OF_SCENE, certified_of, is_broken, weighed
+from solver.analysis.envelope import Envelope
+from solver.analysis.verdict import Finding, findings
+from solver.levels import auto
+from solver.levels.auto import certificate_of, chosen
+from solver.scene import Scene
+from solver.simulation import Simulation
+
+H = 0.02  # s: at 20 m/s a wheel of 0.3 m turns by 1.3 rad in a step, more than 1 rad
+PLAN: dict[str, Any] = {
+    'status': 'ok', 'hash': 'abc', 'fidelity': 'full', 'envelope': [],
+    'settings': {'switches': {}, 'integrator': {'h': H, 'rho_inf': 0.8, 'mode': 'fixed', 'iterations': 2}},
+}  # fmt: skip
+SCENE = ['duration=0.4', 'maneuver.steering.start=0.1', 'require={yaw_rate: {rms: 5 %}}']
+
+
+def finding(quantity: str = 'turn_per_step', value: float = 1.3, where: str = '', *, limit: float = 1.0, required: bool = False) -> Finding:
+    text = f'a body turns by {value:.3g} rad per step; the limit {limit:g}'
+    return Finding(quantity=quantity, value=value, limit=limit, unit='rad', time=0.0, where=where, required=required, text=text)
+
+
+def run(scene: Scene) -> Simulation:
+    simulation = solver.simulation_of(scene)
+    simulation.advance(simulation.scene.steps)
+    return simulation
+
+
+@pytest.fixture
+def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Scene]:
+    """Loads the scene with fidelity auto, a plan with these findings being kept for it."""
+    monkeypatch.setattr(auto, 'location', lambda: tmp_path)
+
+    def load(found: list[Finding]) -> Scene:
+        scene = solver.load_scene('light_car_step_steer', [*SCENE, 'fidelity=auto'])
+        auto.keep(scene, {**PLAN, 'findings': [asdict(one) for one in certified_of(found)]})
+        return scene
+
+    return load
+
+
+@pytest.mark.slow
+def test_what_the_certified_runs_had_is_noted_and_what_they_had_not_is_suspect(kept: Callable[..., Scene]) -> None:
+    alone = findings(run(chosen(kept([]), PLAN)))
+    assert {'turn_per_step'} <= {one.quantity for one in alone} <= set(COARSE)
+    for scene in (kept(alone), solver.files.scene.load_scene_text(chosen(kept(alone), PLAN).resolved, 'scene.yaml')):
+        simulation = run(scene)
+        suspect, covered = weighed(simulation, Envelope(simulation))
+        assert suspect == []
+        assert covered == alone
+    others = [one for one in alone if one.quantity != 'turn_per_step']
+    assert [one.quantity for one in weighed(run(kept(others))).suspect] == ['turn_per_step']
+
+
+@pytest.mark.slow
+def test_an_older_plan_covers_nothing_of_what_is_measured_anew(kept: Callable[..., Scene]) -> None:
+    from solver.trade.setting import Setting
+
+    scene = kept([finding(value=9.0)])
+    assert certificate_of(scene) is not None
+    simulation = run(Setting(h=H, iterations=2).of(dataclasses.replace(scene, fidelity='full')))
+    assert 'turn_per_step' in {one.quantity for one in weighed(simulation).suspect}
+
+
+@pytest.mark.parametrize(
+    ('later', 'covered'),
+    [
+        (finding(value=1.2), True),
+        (finding(value=1.42), True),  # less than a tenth more
+        (finding(value=1.44), False),
+        (finding(value=1.3, where="body 'other'"), True),  # of four wheels it is now one, now another that turns most
+        (finding('resolution', 1.3), False),
+        (finding(value=1.3, required=True), False),
+    ],
+)
+def test_a_finding_is_covered_up_to_a_tenth_more_than_it_was(later: Finding, covered: bool) -> None:
+    (certified,) = certified_of([finding(value=1.1), finding(value=1.3)])
+    assert certified.covers(later) == covered
+
+
+def test_places_and_sides_count() -> None:
+    (certified,) = certified_of([finding('resolution', 0.6, "body 'a'", limit=0.4)])
+    assert certified.covers(finding('resolution', 0.6, "body 'a'", limit=0.4))
+    assert not certified.covers(finding('resolution', 0.5, "body 'b'", limit=0.4))
+    (low,) = certified_of([finding('envelope', -3.0, 'slip', limit=-2.0)])  # beyond the lower end: worse is less
+    assert low.covers(finding('envelope', -2.5, 'slip', limit=-2.0))
+    assert low.covers(finding('envelope', -3.2, 'slip', limit=-2.0))
+    assert not low.covers(finding('envelope', -3.4, 'slip', limit=-2.0))
+
+
+@pytest.mark.parametrize('quantity', ['energy_error_max', 'residual_max', 'unsettled', 'position_drift_max', 'branch_switches', 'input'])
+def test_what_is_broken_is_never_covered_and_forbids_a_setting(quantity: str) -> None:
+    assert certified_of([finding(quantity)]) == ()
+    assert is_broken(finding(quantity))
+    assert not any(is_broken(finding(name)) for name in (*COARSE, *OF_SCENE))
+    assert all(is_broken(finding(name, required=True)) for name in COARSE)
