@@ -65,6 +65,8 @@ def run(args: argparse.Namespace) -> Result:
         data['out'] = str(out)
         if data['settings'] is not None and scene.resolved:
             (out / 'scene.yaml').write_text(chosen(scene, data).resolved, encoding='utf-8')
+        else:
+            (out / 'scene.yaml').unlink(missing_ok=True)  # of an earlier plan
         (out / 'certificate.json').write_text(json.dumps(data, indent=1, allow_nan=False) + '\n', encoding='utf-8')
         write_page(search, data, out / 'plan.html')
     except OSError as error:

@@ -86,7 +86,9 @@ def describe(data: dict[str, Any], start: str, covered: Sequence[Mapping[str, An
             f'certified by plan {certificate}' if certificate else 'a run cannot check it, and no plan certifies these settings (mbd plan)'
         )
         rows.append(('accuracy', f'required of {required}: {proof}'))
-        rows += [('note', f'measured, and covered by the certificate for {required}: {found["text"]}') for found in covered]
+        rows += [
+            ('note', f'measured, and covered by the certificate for {required}: {found["text"].rpartition("; ")[0]}') for found in covered
+        ]
     rows += [('REQUIREMENT' if found['required'] else 'SUSPECT', found['text']) for found in data['findings']]
     return table(rows)
 

@@ -29,6 +29,7 @@ from solver.scene import Scene
 
 FIXED: dict[str, Any] = {'kind': 'alf', 'step_policy': 'constant', 'penalty_policy': 'constant', 'order': 2}
 OK = 'ok'  # status of a plan that is certified
+INCOMPLETE = 'incomplete'  # of one that had no time for all, or no other maneuvers to check on
 
 
 class Certificate(NamedTuple):
@@ -90,6 +91,9 @@ def resolved(scene: Scene) -> tuple[Scene, Certificate]:
     begin = f"scene {scene.name!r}: fidelity = 'auto'"
     if plan is None:
         raise SceneError(f"{begin}: there is no plan of this scene as it stands; make one with mbd plan, or name a level, e.g. 'full'")
+    if plan['status'] == INCOMPLETE:
+        why = '; '.join(plan['give'])
+        raise SceneError(f'{begin}: its plan is incomplete: {why}; make it anew with more time (mbd plan --time), or name a level')
     if plan['status'] != OK:
         raise SceneError(
             f"{begin}: its plan found nothing that keeps what is required; relax require or budget, or name a level, e.g. 'full'"

@@ -10,7 +10,7 @@ from typing import Any
 
 from solver.analysis.covered import OF_SCENE, certified_of
 from solver.errors import MbdError
-from solver.levels.auto import OK, key
+from solver.levels.auto import INCOMPLETE, OK, key
 from solver.trade.requirements import ORIGINS
 from solver.trade.runs import Stopped
 from solver.trade.search import MARGIN, Search
@@ -18,7 +18,7 @@ from solver.trade.setting import Setting, baseline
 from solver.trade.variations import AS_GIVEN, ranges_of
 from solver.trade.verdicts import Verdict, nearest
 
-NO, INCOMPLETE = 'no', 'incomplete'
+NO = 'no'
 UNTRIED = 'not looked at: what is cheaper keeps everything'
 CONFIDENCE = 3.0  # over n: the bound of the rate of failures after n passes, 95 %
 
@@ -51,7 +51,10 @@ def plan(search: Search) -> dict[str, Any]:
                 'real_time_factor': 1.0 / of.median,
             },
         }
-    data['findings'] = [] if best is None else findings_of(search, best.setting)
+    data['findings'] = []
+    if best is not None:
+        search.notes += still(search)
+        data['findings'] = findings_of(search, best.setting)
     data['errors'] = {} if shown is None else errors(shown)
     passed, failed = sum(c.passed for c in search.checks), sum(not c.passed for c in search.checks)
     data['unseen'] = {
@@ -95,8 +98,18 @@ def findings_of(search: Search, setting: Setting) -> list[dict[str, Any]]:
         if finding.quantity in OF_SCENE:
             search.notes.append(f'a run of {setting} is suspect all the same (mbd run): {finding.text}')
         else:
-            search.notes.append(f'measured, and covered by the certificate for {names}: {finding.text}')
+            search.notes.append(f'measured, and covered by the certificate for {names}: {finding.text.rpartition("; ")[0]}')
     return [asdict(one) for one in certified_of(found)]
+
+
+def still(search: Search) -> list[str]:
+    """Of required shares of a peak those that the maneuver of the scene leaves without one, in words."""
+    truth = search.truth(AS_GIVEN)
+    shares = dict.fromkeys(r.quantity for r in search.requirements if r.share)
+    found = [(name, truth.quantities[name]) for name in shares if truth.peaks[name] <= truth.quantities[name].least]
+    return [
+        f'{name} does not get beyond {q.least:g} {q.unit} in the maneuver of the scene; its percentages are of that' for name, q in found
+    ]
 
 
 def finite(value: Any) -> Any:

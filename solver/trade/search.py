@@ -333,9 +333,8 @@ class Search(Measurements):
         return Check(v, shares[worst], worst, '')
 
     def check_whole(self, setting: Setting, v: Variation) -> Check:
-        """As check(), and whether the run is sound."""
-        broken = self.broken(v, setting)  # its run serves for both
-        found = self.check(setting, v)
+        """As check(), and whether the run, which serves for both, is sound."""
+        broken, found = self.broken(v, setting), self.check(setting, v)
         return found._replace(failure=broken) if broken and found.passed else found
 
     def check_unseen(self, setting: Setting) -> list[Check]:

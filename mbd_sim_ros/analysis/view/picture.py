@@ -142,7 +142,7 @@ class Painter:
         nearest = [int(np.argmin(np.abs(motion.time - t))) for motion in self.motions]
         camera = camera_of(first, nearest[0])
         if first.follows != WORLD_BODY:
-            lines = first.ground.around(*camera.target[:2], METRES)
+            lines = first.ground.around(float(camera.target[0]), float(camera.target[1]), METRES)
             axes.add_collection(
                 LineCollection([camera.see(line) for line in lines.reshape(-1, *lines.shape[2:])], colors='#dddddd', linewidths=0.6)
             )
