@@ -327,8 +327,8 @@ class Simulation:
         memory = {**past, **watched, **adapted, **self.sources.memory()}
         return save_state(self.state, self.k, {'inputs': self._inputs, 'audit': self._work.energy, **memory})
 
-    def restore(self, data: bytes) -> None:
-        """Continue from save(); raises SpecError if it belongs to another model."""
+    def restore(self, data: bytes, *, elsewhere: bool = False) -> None:
+        """Continue from save(); raises SpecError if it belongs to another model. elsewhere: it is that of another scene of the vehicle."""
         state, k, extra = load_state(data)
         for name, a, b in zip(State._fields, state, self.state, strict=True):
             fitting(name, a, b)
@@ -345,7 +345,7 @@ class Simulation:
         watch = BranchWatch() if self.branches is not None else None
         if watch is not None:
             watch.recall(extra, past[1])
-        self.sources.recall(extra)
+        self.sources.recall(extra, inputs, elsewhere=elsewhere)
         copy_state(state, self.state)
         self.k = k
         self._inputs = inputs

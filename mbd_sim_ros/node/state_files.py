@@ -14,6 +14,8 @@ import numpy as np
 from mbd_sim_ros.bags.recorder import file_stem
 from solver.elements.road import RoadSpec
 from solver.errors import SpecError
+from solver.inputs.actuation import Chain
+from solver.inputs.assistance import Assistant
 from solver.model.spec import ModelSpec
 from solver.model.state import fitting, load_arrays
 
@@ -46,6 +48,9 @@ def save(scene: Any, simulation: Any, parts: Mapping[str, Part], commands: Mappi
 def restore(path: Path, scene: Any, simulation: Any, parts: Mapping[str, Part]) -> dict[str, float]:
     """Go on from a state file; returns the commands that were in force, by name: none of files of older versions.
 
+    Of another scene of the same vehicle come its motion and what was commanded; actuators begin at the inputs in force, and where only
+    one of the two has an assistance, whose gear may be a lever, the gear that is in stays in.
+
     Raises SpecError for a file that is none, or of a scene with another vehicle or step.
     """
     if not path.is_file():
@@ -57,17 +62,26 @@ def restore(path: Path, scene: Any, simulation: Any, parts: Mapping[str, Part]) 
     except (OSError, KeyError, SpecError) as error:
         raise SpecError(f'parameter restore: {path} is not a state file of ~/save_state ({error})') from error
     own = _model_hash(scene.model)
-    if hash_of_scene != scene.hash and (model != own or h_ns != simulation.h_ns):
+    elsewhere = hash_of_scene != scene.hash
+    if elsewhere and (model != own or h_ns != simulation.h_ns):
         why = f'h is {h_ns * 1e-9:g} s there' if model == own else 'its vehicle is another one'
         raise SpecError(f'parameter restore: {path} belongs to another scene, and {why}')
     names = np.ravel(saved.get('commands', ())).tolist()
     latched = fitting('latched', saved.get('latched', np.zeros(0)), np.zeros(len(names)))
     if not np.isfinite(latched).all():
         raise SpecError(f'parameter restore: {path} holds commands that are no numbers; save the state anew')
-    simulation.restore(data)
+    simulation.restore(data, elsewhere=elsewhere)
+    commands = dict(zip(map(str, names), latched.tolist(), strict=True))
     for name, part in parts.items():
-        part.state = fitting(name, steering if name == 'steering' else saved.get(name), part.state)
-    return dict(zip(map(str, names), latched.tolist(), strict=True))
+        if isinstance(part, Chain) and elsewhere:
+            part.start(simulation.snapshot().inputs)
+        elif isinstance(part, Assistant) and elsewhere:
+            part.begin(simulation.snapshot().inputs, saved.get(name))
+        else:
+            part.state = fitting(name, steering if name == 'steering' else saved.get(name), part.state)
+    if elsewhere and ('assistance' in parts) != ('assistance' in saved):
+        commands = {name: value for name, value in commands.items() if name not in ('gear', 'clutch')}
+    return commands
 
 
 def _model_hash(model: Any) -> str:

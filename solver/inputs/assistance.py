@@ -158,6 +158,15 @@ class Assistant:
             self._shifter.start(row, speed)
         return row
 
+    def begin(self, inputs: np.ndarray, memory: np.ndarray | None) -> None:
+        """Begin in the middle of a motion: from the memory of another scene where that is like the state of this one, else with inputs
+        (nu,), whose gear stays in."""
+        self._shares = np.ones(len(self._wheels))
+        if memory is not None and memory.shape == self.state.shape and memory.dtype == float:
+            self.state = memory
+        elif self._shifter is not None:
+            self._shifter.begin(inputs)
+
     @property
     def state(self) -> np.ndarray:
         """Shares of the wheels, then gear and time of the gearbox."""

@@ -229,6 +229,13 @@ class DriverSource:
             self._hands.state = np.zeros(3)
         self._kept = 0.0 if self.speed is None else self.speed.first
 
+    def start(self, inputs: np.ndarray) -> None:
+        """Begin in the middle of a motion, with the hands where inputs (nu,) have the steering wheel."""
+        self.reset()
+        if self.driver is not None:
+            angle, rate, _ = inputs[self._steering].tolist()
+            self._hands.state = np.array([angle, angle, rate])
+
     @property
     def state(self) -> np.ndarray:
         """State of the hands and of the speed control; assign it to restore."""

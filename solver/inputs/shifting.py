@@ -92,6 +92,10 @@ class Shifter:
         self._in_gear(gear)
         self.act(row, speed)
 
+    def begin(self, inputs: np.ndarray) -> None:
+        """Begin in the middle of a motion, in the gear that is in by inputs (nu,), as far as the gearbox shifts."""
+        self._in_gear(min(max(round(float(inputs[self._gear])), 1), len(self.shifting.up) + 1))
+
     def act(self, row: np.ndarray, speed: float) -> None:
         """Change the inputs of a step, row (nu,), at a speed along the car [m/s]; advances by that step."""
         box, lever, pedal = self.shifting, float(row[self._gear]), float(row[self._accelerator])

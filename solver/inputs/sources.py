@@ -83,8 +83,20 @@ class Sources:
         parts = {'driver': self.driver, 'actuators': self.actuators, 'assistance': self.assistant}
         return {name: part.state for name, part in parts.items() if part is not None}
 
-    def recall(self, memory: Mapping[str, np.ndarray]) -> None:
-        """Go on from memory(). Raises SpecError where that is not of these."""
+    def recall(self, memory: Mapping[str, np.ndarray], inputs: np.ndarray, *, elsewhere: bool = False) -> None:
+        """Go on from memory(). Raises SpecError where that is not of these.
+
+        inputs: (nu,) in force. elsewhere: the memory is that of another scene of the same vehicle, whose driver had another way and whose
+        actuators may be others: these begin at the inputs, and so does an assistance that was not there.
+        """
+        if elsewhere:
+            if self.driver is not None:
+                self.driver.start(inputs)
+            if self.actuators is not None:
+                self.actuators.start(inputs)
+            if self.assistant is not None:
+                self.assistant.begin(inputs, memory.get('assistance'))
+            return
         parts = (('driver', self.driver, 'has no driver'), ('actuators', self.actuators, 'has no actuators'))
         for name, part, be in (*parts, ('assistance', self.assistant, 'has no assistance')):
             if part is not None:

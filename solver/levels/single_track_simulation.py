@@ -316,8 +316,8 @@ class SingleTrackSimulation(Simulation):
         np.savez(file, k=np.int64(self.k), **arrays)  # type: ignore[arg-type]
         return file.getvalue()
 
-    def restore(self, data: bytes) -> None:
-        """Continue from save(); raises SpecError if it belongs to another model."""
+    def restore(self, data: bytes, *, elsewhere: bool = False) -> None:
+        """Continue from save(); raises SpecError if it belongs to another model. elsewhere: it is that of another scene of the vehicle."""
         found = load_arrays(data)
         if 'single_track' not in found or found['single_track'].shape != self.y.shape:
             raise SpecError('restore: the saved state is of another model than this one of level single_track')
@@ -329,7 +329,7 @@ class SingleTrackSimulation(Simulation):
         totals = self._totals
         if 'totals' in found:  # states of older versions have none
             totals = Counters.of(fitting('totals', found['totals'], np.zeros(len(NO_STEPS))))
-        self.sources.recall(found)
+        self.sources.recall(found, found['inputs'], elsewhere=elsewhere)
         self._totals = totals
         self.y[:] = found['single_track']
         self.k = k

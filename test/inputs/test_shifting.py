@@ -111,3 +111,17 @@ def test_refusals(changed, sentence) -> None:
 def test_a_car_without_an_engine_is_refused() -> None:
     with pytest.raises(SpecError, match='assistance: shift: the model has no input accelerator: give the engine of the vehicle a `power`'):
         Assistant(Assistance(shift=Shifting(**BOX)), ('steering', 'drive_torque'), (), H)
+
+
+def test_a_gearbox_that_was_shifted_by_hand_in_another_scene_begins_in_the_gear_that_is_in() -> None:
+    """At 30 m/s the first gear would turn the engine far too fast. What an automatic gearbox of another scene was in is kept."""
+    box, at = assistant(), {name: place for place, name in enumerate(NAMES)}
+    row = np.zeros(len(NAMES))
+    for gear, expected in ((2.0, 2.0), (0.0, 1.0), (-1.0, 1.0), (9.0, len(BOX['up']) + 1.0)):
+        row[at['gear']] = gear
+        box.begin(row, None)
+        np.testing.assert_array_equal(box.state, [expected, BOX['duration']])
+        box.begin(row, np.zeros(7))
+        assert box.state[0] == expected
+    box.begin(row, np.array([2.0, 0.1]))
+    np.testing.assert_array_equal(box.state, [2.0, 0.1])

@@ -1,4 +1,4 @@
-"""State files that are none, or were damaged, are refused in one sentence."""
+"""State files carry over between scenes of a vehicle; those that are none, or were damaged, are refused in one sentence."""
 
 from __future__ import annotations
 
@@ -9,9 +9,13 @@ import numpy as np
 import pytest
 from synthetic import Synthetic, scene
 
+from mbd_sim_ros.node import state_files
 from mbd_sim_ros.node.state_files import restore, save
 from solver.errors import SpecError
+from solver.files.scene import load_scene
+from solver.inputs.hands import CommandSource
 from solver.model.state import fitting, load_arrays
+from solver.simulation import Simulation
 
 CONTENT = {
     'no zip': b'hello',
@@ -60,3 +64,55 @@ def test_a_file_holds_the_commands_and_one_of_an_older_version_has_none(tmp_path
         np.savez(older, **{**content, 'latched': wrong})
         with pytest.raises(SpecError, match=says):
             restore(older, scene(), Synthetic(), found)
+
+
+def parts_of(scene, simulation: Simulation) -> dict[str, state_files.Part]:
+    """What makes the inputs of a node and has a memory."""
+    found: dict[str, state_files.Part] = {'steering': CommandSource(simulation.channels.inputs, simulation.h_ns)}
+    if scene.actuation.actuators:
+        found['actuators'] = simulation.sources.new_actuators()
+    return found
+
+
+def test_a_state_carries_over_to_every_scene_of_the_same_vehicle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Saved in a curve by a node whose topics drive; whoever drives afterwards, a driver who looks ahead too, has the wheel where it is."""
+    monkeypatch.chdir(tmp_path)
+    before = load_scene('light_car_step_steer')
+    curve = Simulation(before)
+    at = {name: place for place, name in enumerate(curve.channels.inputs)}
+    source = CommandSource(curve.channels.inputs, curve.h_ns)
+    for _ in range(400):
+        curve.advance(1, source.advance(0.5, 200.0, 0.0))
+    there = curve.snapshot()
+    assert there.inputs[at['steering']] == pytest.approx(0.5, abs=1e-3)
+    path = save(before, curve, {'steering': source}, {'steering': 0.5, 'drive_torque': 200.0, 'brake_torque': 0.0})
+    for name in ('brake', 'circle', 'lane_change', 'straight', 'swept_steer'):
+        after = load_scene(f'light_car_{name}')
+        simulation = Simulation(after)
+        parts = parts_of(after, simulation)
+        assert restore(path, after, simulation, parts)['steering'] == 0.5
+        for one in ('q', 'v', 'a', 'lam', 'angle'):
+            np.testing.assert_array_equal(getattr(simulation.state, one), getattr(curve.state, one), err_msg=name)
+        np.testing.assert_array_equal(simulation.snapshot().inputs, there.inputs)
+        np.testing.assert_array_equal(parts['steering'].state, source.state)
+        if after.maneuver.driver is not None:
+            most = after.maneuver.driver.rate_limit * 1e-9 * simulation.h_ns
+            moved = abs(simulation.advance(1).inputs[at['steering']] - there.inputs[at['steering']])
+            assert moved <= most
+
+
+def test_actuators_of_another_scene_begin_at_the_inputs_in_force(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Their memory has one number in both scenes: there the torque of the drive, here that of the brakes."""
+    monkeypatch.chdir(tmp_path)
+    driven, braked = (load_scene('light_car_straight', [f'actuation.actuators.{n}_torque.lag=0.1']) for n in ('drive', 'brake'))
+    simulation = Simulation(driven)
+    parts = parts_of(driven, simulation)
+    parts['actuators'].state = np.array([300.0])
+    simulation.advance(2, np.array([{'drive_torque': 300.0, 'brake_torque': 40.0}.get(name, 0.0) for name in simulation.channels.inputs]))
+    path = save(driven, simulation, parts, {})
+    for after, expected in ((braked, [40.0]), (driven, [300.0]), (load_scene('light_car_straight'), None)):
+        other = Simulation(after)
+        found = parts_of(after, other)
+        restore(path, after, other, found)
+        if expected is not None:
+            np.testing.assert_array_equal(found['actuators'].state, expected)

@@ -92,7 +92,7 @@ class Synthetic:
     def save(self) -> bytes:
         return self.k.to_bytes(8, 'little') + self.inputs.tobytes()
 
-    def restore(self, data: bytes) -> None:
+    def restore(self, data: bytes, *, elsewhere: bool = False) -> None:
         self.k, self.inputs = int.from_bytes(data[:8], 'little'), np.frombuffer(data[8:]).copy()
 
 
