@@ -27,6 +27,7 @@ from solver.start.placement import (
     changes,
     refuse_open_joints,
     refuse_points_without_distance,
+    refuse_turned_over,
     refuse_undirected,
     refuse_unloaded_wheels,
 )
@@ -78,6 +79,7 @@ class InitialConditions:
             self._with_rows(list(values), list(values.values())).assemble(state, u)
         if start.kind == 'equilibrium':
             self._rest(calculation, state, self._without_loads(u))
+        refuse_turned_over(self.model, state)
         refuse_undirected(self.model, state, u)
         given = self._start_moving(start.speed, rates, u)
         if start.kind == 'equilibrium' and start.speed:

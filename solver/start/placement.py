@@ -24,6 +24,7 @@ from solver.model.tables import Model
 
 OPEN = 1e-6  # m or rad, and relative of velocities: what numbers written with finitely many digits leave open
 COINCIDING = 1e-12  # m
+PARALLEL = ('fixed', 'prismatic')  # kinds of joints whose markers are parallel
 OPPOSED = 1e-9  # of 1 + the cosine between two axes: 3e-5 rad from opposite
 UNLOADED = 1e-3  # of the mean load of a wheel
 
@@ -143,6 +144,28 @@ def refuse_points_without_distance(model: Model, state: State) -> None:
             raise ConsistencyError(
                 f'start: the points of joint {joint.name!r} (distance) coincide, so it has no direction; place one of its bodies elsewhere'
             )
+
+
+def refuse_turned_over(model: Model, state: State) -> None:
+    """Raise ConsistencyError for a joint that keeps two frames parallel and holds them half a turn apart: its rows are zero there too."""
+    for joint in model.spec.joints:
+        if joint.kind not in PARALLEL:
+            continue
+        F, G = _axes(model, state, joint.i), _axes(model, state, joint.j)
+        if float(product(F[:, 0], G[:, 0]) + product(F[:, 1], G[:, 1]) + product(F[:, 2], G[:, 2])) < 0.0:  # 3 where parallel, -1 else
+            raise ConsistencyError(
+                f'start: the markers of joint {joint.name!r} ({joint.kind}) are turned by 180 deg against each other; turn one of the two '
+                'markers by 180 deg, or, where start.kind: assemble turned them over, place its bodies nearer to how they belong'
+            )
+
+
+def _axes(model: Model, state: State, marker: Marker) -> np.ndarray:
+    """(3, 3) axes of a marker in the world, as columns."""
+    own = np.array(matrix_of_quaternion(tuple(marker.orientation))).reshape(3, 3)
+    if marker.body not in model.body_names:
+        return own
+    body = np.array(matrix_of_quaternion(tuple(state.q[model.body_names.index(marker.body), 3:]))).reshape(3, 3)
+    return product(body, own)
 
 
 def _point(model: Model, state: State, marker: Marker) -> np.ndarray:

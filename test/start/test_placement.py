@@ -62,6 +62,19 @@ def test_opposed_axes_are_refused() -> None:
         start(hinge('axis: [0, 1, 0]', 'axis: [0, -1, 0]'))
 
 
+@pytest.mark.parametrize('kind', ['fixed', 'prismatic'])
+@pytest.mark.parametrize(
+    ('turned', 'start_kind'),
+    [('[180, 0, 0]', 'as_placed'), ('[0, 180, 0]', 'as_placed'), ('[0, 0, 180]', 'as_placed'), ('[120, 0, 0]', 'assemble')],
+)  # fmt: skip
+def test_frames_that_a_joint_holds_half_a_turn_apart_are_refused(kind: str, turned: str, start_kind: str) -> None:
+    """Axes of the two are perpendicular as where they are parallel, and assembling from beyond 90 deg ends there; before, it was ok."""
+    joint = f'  joints:\n    seat: {{kind: {kind}, i: world, j: {{body: bob, rpy_deg: {turned}}}}}\nstart: {{kind: {start_kind}}}\n'
+    with pytest.raises(ConsistencyError, match=rf"joint 'seat' \({kind}\) are turned by 180 deg.*turn one of the two markers"):
+        start(BOB + joint)
+    assert str(start(BOB + joint.replace(turned, '[60, 0, 0]').replace('as_placed', 'assemble')).start) != 'as given'
+
+
 def test_a_distance_joint_without_distance_is_refused() -> None:
     both = '{body: world}, j: {body: bob}, length: 0.5'
     with pytest.raises(ConsistencyError, match=r"joint 'rod' \(distance\) coincide.*place one of its bodies elsewhere"):
