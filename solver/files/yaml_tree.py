@@ -184,7 +184,7 @@ def _check(node: Node, path: str, above: tuple[int, ...], extent: Extent) -> Non
                 raise refuse(key, path, 'a key must be a word')
             here = join(path, key.value)
             if key.tag == MERGE and not (names_file(value) and value.style is None):
-                raise refuse(value, here, 'must be the name of a file, without quotes: the mapping is what that has, changed by the keys beside it')
+                raise refuse(value, here, 'must be the name of a file, without quotes: the mapping is that, changed by the keys beside it')
             if key.value in first:
                 raise SceneError(f'{where(key)}: {here}: the key is given twice (first in line {first[key.value].start_mark.line + 1})')
             first[key.value] = key
