@@ -64,7 +64,8 @@ class StartSettings:
     stable: refuse an equilibrium that the model would leave by itself. speed: along the x axis of the chassis [m/s], rolling wheels
     included; a vehicle that starts so from its equilibrium has settled at this speed with drag, drive, brakes and its angle of steering, on
     the course it was placed on (a torque at the steering wheel acts from t = 0 on, and so does a drive under which wheels spin or the speed
-    changes by a tenth in 50 ms). coordinates: joint coordinates that are wanted.
+    changes by a tenth in 50 ms). coordinates: joint coordinates that are wanted; the rate of a wheel's goes before rolling, and what has
+    settled keeps none.
     """
 
     kind: Literal['as_placed', 'assemble', 'equilibrium'] = 'as_placed'

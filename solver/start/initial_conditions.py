@@ -72,6 +72,11 @@ class InitialConditions:
         update_angles(Ref(self.model.tables.coordinates), kinematics_of(state.q, state.v), state.angle)
         values = {n: c.value for n, c in start.coordinates.items() if c.value is not None}
         rates = {n: c.rate for n, c in start.coordinates.items() if c.rate is not None}
+        if start.kind == 'equilibrium' and start.speed and rates:
+            raise ConsistencyError(
+                f'start.coordinates.{next(iter(rates))}.rate: a vehicle that starts at start.speed from its equilibrium has settled there, '
+                'and keeps no rate that is wanted; remove it, or start with kind: assemble'
+            )
         refuse_points_without_distance(self.model, state)
         if start.kind == 'as_placed' and not values:
             refuse_open_joints(self.model, state, u)
@@ -107,7 +112,7 @@ class InitialConditions:
         """
         self._place_velocities(speed)
         given = self.state.v.copy()
-        wanted = rates | (roll_wheels(self.model, self.state, speed, u) if speed else {})
+        wanted = rates | (roll_wheels(self.model, self.state, speed, u, rates) if speed else {})
         extended = self._with_rows(list(wanted), [0.0] * len(wanted))
         extra = np.zeros(extended.model.n_rows)
         extra[self.model.n_rows :] = [-rate for rate in wanted.values()]

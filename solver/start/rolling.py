@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import cast
 
 import numpy as np
@@ -147,16 +147,15 @@ def held_shafts(model: Model, state: State, u: np.ndarray) -> list[int]:
     return [shaft for shaft, w, R in zip(shafts, slip, ratio, strict=True) if R and abs(w) < SLIPPING * norm(state.v[shaft, 3:])]
 
 
-def roll_wheels(model: Model, state: State, speed: float, u: np.ndarray) -> dict[str, float]:
-    """Let the wheels roll at `speed` [m/s], in state.v; returns the rates [rad/s] of the coordinates in which they turn."""
+def roll_wheels(model: Model, state: State, speed: float, u: np.ndarray, wanted: Mapping[str, float]) -> dict[str, float]:
+    """Let the wheels roll at `speed` [m/s], in state.v, or turn by the rate that is wanted of their coordinate; returns the rates [rad/s]
+    of the coordinates in which they turn."""
     loads = model.outputs(TIRES.name, _evaluated(model, state, u))[:, TIRES.column('fz')]
     turns = [j for j in model.spec.joints if j.kind == 'revolute'] + [c for c in model.spec.coordinates if c.kind == 'rotation']
     rates = {}
     for e, tire in enumerate(model.spec.tires):
         rate = speed / rolling_radius(model.elements[TIRES.name].value, e, loads[e], speed)
         spin = matrix(tire.marker.orientation)[:, 1]
-        # the wheel itself has to turn before velocities are projected, or the projection would turn what carries it
-        state.v[model.body_names.index(tire.marker.body), 3:] += rate * spin
         for turn in turns:
             if tire.marker.body in (turn.i.body, turn.j.body):
                 side = 1.0 if turn.j.body == tire.marker.body else -1.0
@@ -164,8 +163,12 @@ def roll_wheels(model: Model, state: State, speed: float, u: np.ndarray) -> dict
                 along = float(product(matrix(own.orientation)[:, 2], spin))
                 if abs(along) < ALIGNED:
                     continue
-                rates[turn.name] = side * (rate if along > 0.0 else -rate)
+                sign = side if along > 0.0 else -side
+                rates[turn.name] = wanted.get(turn.name, sign * rate)
+                rate = sign * rates[turn.name]
                 break
+        # the wheel itself has to turn before velocities are projected, or the projection would turn what carries it
+        state.v[model.body_names.index(tire.marker.body), 3:] += rate * spin
     return rates
 
 

@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from solver import simulation_of
 from solver.elements.tire_pacejka import TIRES
+from solver.errors import ConsistencyError
 from solver.files.scene import load_scene
 from solver.model.state import State
 from solver.simulation import Simulation
@@ -36,6 +37,25 @@ def test_it_starts_on_the_course_it_was_placed_on(change: str) -> None:
     assert turns > 0.01
     car.advance(200)
     assert car.state.v[car.channels.chassis, 5] == pytest.approx(turns, rel=0.02)
+
+
+@pytest.mark.parametrize('rate', [0.0, 20.0])
+def test_a_wheel_whose_rate_is_wanted_does_not_roll(rate: float) -> None:
+    """A locked one and one that slips; its knuckle does not turn with it, and the other wheels roll at 10 m/s over about 0.31 m."""
+    start = f'start={{kind: assemble, speed: 10, coordinates: {{wheel_front_right: {{rate: {rate}}}}}}}'
+    car = Simulation(load_scene('light_car_straight', ['maneuver={}', start]))
+    rates = dict(zip(car.channels.joints, car.snapshot().joint_velocity.tolist(), strict=True))
+    assert rates['wheel_front_right'] == pytest.approx(rate, abs=1e-9)
+    others = [rates[f'wheel_{corner}'] for corner in ('front_left', 'rear_left', 'rear_right')]
+    assert others == pytest.approx([10.0 / 0.31] * 3, rel=0.02)
+    knuckle = car.model.body_names.index('knuckle_front_right')
+    assert np.abs(car.state.v[knuckle, 3:]).max() < 1e-3
+
+
+def test_a_rate_that_would_be_lost_in_settling_is_refused() -> None:
+    start = 'start={kind: equilibrium, speed: 10, coordinates: {wheel_front_right: {rate: 20}}}'
+    with pytest.raises(ConsistencyError, match=r'start\.coordinates\.wheel_front_right\.rate: .* start with kind: assemble'):
+        Simulation(load_scene('light_car_straight', ['maneuver={}', start]))
 
 
 def test_a_torque_at_the_steering_wheel_acts_from_the_start_on() -> None:
