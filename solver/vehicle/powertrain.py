@@ -93,7 +93,8 @@ class HalfShafts:
 
     output: centre of the inner joint; the outer one is at the wheel, `inset` [m] inwards of its centre along the spin axis.
     top_speed: mean speed of the outputs at which the engine's limiter ends the drive torque [rad/s]; None: it never does.
-    limited_slip: locking torque over the difference of the output speeds [N m s/rad]. rotor: of a motor on the differential.
+    limited_slip: torque that the faster output hands to the slower one, half of what their torques differ by, over the difference of
+    their speeds [N m s/rad]. rotor: of a motor on the differential.
     """
 
     output: Point

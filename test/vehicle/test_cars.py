@@ -218,3 +218,22 @@ def test_cars_that_cannot_be(change, says: str) -> None:
     data = car('compact_fwd')
     with pytest.raises(SpecError, match=says):
         car_model(dataclasses.replace(data, **change(data)))
+
+
+def test_a_limited_slip_takes_from_the_faster_output_what_it_gives_to_the_slower_one() -> None:
+    """Compact on ice at its right wheels, 12 N m s/rad: each output has half of the drive torque and that times the difference of their
+    speeds, one more and one less, so their torques differ by twice of it."""
+    changes = (
+        'start.speed=5',
+        'maneuver={drive_torque: 800}',
+        'road={patches: [{center: [40, -3], size: [200, 6], factor: 0.05}]}',
+        'vehicle.axles.front.drive.limited_slip=[[-50, -600], [0, 0], [50, 600]]',
+    )
+    driven = Simulation(scene('compact_fwd', *changes))
+    shot = driven.advance(500)
+    outputs = [driven.channels.joints.index(f'output_shaft_front_{side}/angle') for side in ('left', 'right')]
+    left, right = shot.joint_effort[outputs]
+    slower, faster = shot.joint_velocity[outputs]
+    assert faster - slower > 5.0
+    assert left - 400.0 == pytest.approx(12.0 * (faster - slower), rel=1e-6)
+    assert right - 400.0 == pytest.approx(-12.0 * (faster - slower), rel=1e-6)
