@@ -187,6 +187,9 @@ class Commands:
                 self._refuse(topic, f'{topic}: {name!r} is no command{suggestion(name, self.names)}')
                 return None
             index = self.names.index(name)
+            if index in values:
+                self._refuse(topic, f'{topic}: {name!r} is named twice; name every command once')
+                return None
             value = self._accepted(index, f'{topic}: {name}', number)
             if value is None:
                 return None

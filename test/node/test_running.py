@@ -193,6 +193,9 @@ def test_an_answer_that_names_no_command_holds_them_all(opened) -> None:
     do(node, lambda running: running.commands._unstamped(JointState()))
     do(node, lambda running: running.commands._stamped(JointState(name=['brake_torque'])))
     assert (node.running.commands.refused, node.loop.steps) == (2, 1)
+    twice = JointState(name=['brake_torque', 'steering', 'brake_torque'], position=[40.0, 0.1, 50.0])  # which of them?
+    do(node, lambda running: running.commands._stamped(twice))
+    assert (node.running.commands.refused, node.loop.steps) == (3, 1)
 
 
 def test_a_command_by_name_counts_at_once_although_nobody_knows_yet_who_sends_it(opened) -> None:
