@@ -6,6 +6,7 @@ import dataclasses
 import hashlib
 import time
 from collections.abc import Mapping
+from itertools import count
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -29,9 +30,11 @@ class Part(Protocol):
 def save(scene: Any, simulation: Any, parts: Mapping[str, Part], commands: Mapping[str, float]) -> Path:
     """Write the state of a simulation into a file in the current directory, and return that.
 
-    parts: by name, what makes its inputs, `steering` among them. commands: by name, those that are in force.
+    parts: by name, what makes its inputs, `steering` among them. commands: by name, those that are in force. Raises SpecError where the
+    file cannot be written; what there is of it is removed.
     """
-    path = Path(f'{file_stem(scene.name)}-step{simulation.k}-{time.strftime("%Y%m%d-%H%M%S")}.state.npz')
+    stem = f'{file_stem(scene.name)}-step{simulation.k}-{time.strftime("%Y%m%d-%H%M%S")}'
+    path = next(one for n in count(1) if not (one := Path(f'{stem}{f"-{n}" if n > 1 else ""}.state.npz')).exists())
     content = {
         'simulation': np.frombuffer(simulation.save(), np.uint8),
         'scene': scene.hash,
@@ -41,7 +44,13 @@ def save(scene: Any, simulation: Any, parts: Mapping[str, Part], commands: Mappi
         'latched': np.array(list(commands.values())),
         **{name: part.state for name, part in parts.items()},
     }
-    np.savez(path, **content)  # type: ignore[arg-type]
+    try:
+        np.savez(path, **content)  # type: ignore[arg-type]
+    except OSError as error:
+        path.unlink(missing_ok=True)
+        raise SpecError(
+            f'the state cannot be saved in {path.absolute()}: {error.strerror or error}; make room, or start the node in another directory'
+        ) from error
     return path.resolve()
 
 

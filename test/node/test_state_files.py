@@ -66,6 +66,22 @@ def test_a_file_holds_the_commands_and_one_of_an_older_version_has_none(tmp_path
             restore(older, scene(), Synthetic(), found)
 
 
+def test_a_state_that_cannot_be_written_leaves_no_file_and_two_of_a_second_are_two(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    parts = {'steering': SimpleNamespace(state=np.zeros(3))}
+    saved = {save(scene(), Synthetic(), parts, {}) for _ in range(5)}
+    assert len(saved) == 5 and saved == set(tmp_path.iterdir())
+
+    def full(path: Path, **content: np.ndarray) -> None:
+        path.write_bytes(b'PK')
+        raise OSError(28, 'No space left on device')
+
+    monkeypatch.setattr(np, 'savez', full)
+    with pytest.raises(SpecError, match=r'the state cannot be saved in /.*-step0-.*: No space left on device; make room, or'):
+        save(scene(), SimpleNamespace(k=0, h_ns=1, save=lambda: b'x'), parts, {})
+    assert saved == set(tmp_path.iterdir())
+
+
 def parts_of(scene, simulation: Simulation) -> dict[str, state_files.Part]:
     """What makes the inputs of a node and has a memory."""
     found: dict[str, state_files.Part] = {'steering': CommandSource(simulation.channels.inputs, simulation.h_ns)}
