@@ -25,6 +25,7 @@ from solver.start.newton import ConsistentState
 from solver.start.placement import (
     Changes,
     changes,
+    refuse_links_without_length,
     refuse_open_joints,
     refuse_points_without_distance,
     refuse_turned_over,
@@ -82,9 +83,10 @@ class InitialConditions:
             refuse_open_joints(self.model, state, u)
         else:
             self._with_rows(list(values), list(values.values())).assemble(state, u)
+        refuse_turned_over(self.model, state)
+        refuse_links_without_length(self.model, state)
         if start.kind == 'equilibrium':
             self._rest(calculation, state, self._without_loads(u))
-        refuse_turned_over(self.model, state)
         refuse_undirected(self.model, state, u)
         given = self._start_moving(start.speed, rates, u)
         if start.kind == 'equilibrium' and start.speed:

@@ -146,6 +146,16 @@ def refuse_points_without_distance(model: Model, state: State) -> None:
             )
 
 
+def refuse_links_without_length(model: Model, state: State) -> None:
+    """Raise ConsistencyError for a rod or strut whose points coincide: its force has no direction there."""
+    for element, links in (('rod', model.spec.rods), ('strut', model.spec.struts)):
+        for link in links:
+            if norm(_point(model, state, link.j) - _point(model, state, link.i)) < COINCIDING:
+                raise ConsistencyError(
+                    f'start: {element} {link.name!r} has length zero, so its force has no direction; place its bodies apart'
+                )
+
+
 def refuse_turned_over(model: Model, state: State) -> None:
     """Raise ConsistencyError for a joint that keeps two frames parallel and holds them half a turn apart: its rows are zero there too."""
     for joint in model.spec.joints:

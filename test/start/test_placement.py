@@ -105,6 +105,18 @@ def test_an_axis_may_have_any_magnitude(magnitude: str) -> None:
         assert a == b
 
 
+@pytest.mark.parametrize('kind', ['as_placed', 'equilibrium'])
+@pytest.mark.parametrize(
+    ('element', 'data'),
+    [('rod', 'length: 0.1, law: 100'), ('strut', 'free_length: 0.1, spring: 100, mount: 1.0e+4, mount_damping: 10')],
+)  # fmt: skip
+def test_a_rod_or_strut_without_length_is_refused(element: str, data: str, kind: str) -> None:
+    """Before, a body with mass and inertia was said to need mass and inertia."""
+    text = BOB + PIVOT + f'  {element}s:\n    link: {{i: world, j: bob, at: [0, 0, -1], {data}}}\nstart: {{kind: {kind}}}\n'
+    with pytest.raises(ConsistencyError, match=rf"{element} 'link' has length zero.*place its bodies apart"):
+        start(text)
+
+
 class TestSprings:
     """Of no length, where their force has no direction."""
 
