@@ -19,7 +19,7 @@ from solver.trade.variations import AS_GIVEN, ranges_of
 from solver.trade.verdicts import Verdict, nearest
 
 NO = 'no'
-UNTRIED = 'not looked at: what is cheaper keeps everything'
+UNTRIED, UNREACHED = 'not looked at: what is cheaper keeps everything', 'not looked at'
 CONFIDENCE = 3.0  # over n: the bound of the rate of failures after n passes, 95 %
 
 
@@ -73,7 +73,8 @@ def plan(search: Search) -> dict[str, Any]:
     data['largest_error'] = None if shown is None else shown.error
     data['reference'] = reference_of(search)
     data['envelope'] = envelope_of(search)
-    data['levels'] = {level: search.levels.get(level, UNTRIED) or 'kept' for level in search.candidate_levels}
+    untried = UNREACHED if best is None else UNTRIED
+    data['levels'] = {level: search.levels.get(level, untried) or 'kept' for level in search.candidate_levels}
     data['subsystems'] = [influence._asdict() for influence in search.influences]
     data['tried'] = [
         {'setting': str(t.setting), 'used': t.used, 'cost': t.cost, 'dropped': t.dropped, 'worst': t.worst} for t in search.tried

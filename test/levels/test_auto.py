@@ -103,7 +103,7 @@ def test_without_the_plan_it_is_refused(planned: Callable[..., Scene]) -> None:
 def test_an_incomplete_plan_is_told_from_one_that_found_nothing(planned: Callable[..., Scene]) -> None:
     scene = planned()
     auto.keep(scene, {**PLAN, 'status': 'incomplete', 'give': ['the search was ended after 9 s']})
-    with pytest.raises(SceneError, match=r'incomplete: the search was ended after 9 s; make it anew with more time'):
+    with pytest.raises(SceneError, match=r'incomplete: the search was ended after 9 s; make it anew, or name a level'):
         solver.simulation_of(scene)
     auto.keep(scene, {**PLAN, 'status': 'no', 'give': ['kc comes closest']})
     with pytest.raises(SceneError, match='found nothing that keeps what is required'):

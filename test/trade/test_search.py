@@ -109,6 +109,7 @@ def test_a_plan_that_has_no_time_says_so() -> None:
     data, _ = searched('require={yaw_rate: {rms: 2 %}}', longest=1e-3)
     assert data['status'] == 'incomplete'
     assert any('ended after' in text for text in data['notes'])
+    assert set(data['levels'].values()) == {'not looked at'}
 
 
 def test_without_a_requirement_there_is_nothing_to_plan() -> None:
