@@ -93,7 +93,7 @@ def resolved(scene: Scene) -> tuple[Scene, Certificate]:
         raise SceneError(f"{begin}: there is no plan of this scene as it stands; make one with mbd plan, or name a level, e.g. 'full'")
     if plan['status'] == INCOMPLETE:
         why = '; '.join(plan['give'])
-        raise SceneError(f'{begin}: its plan is incomplete: {why}; make it anew with more time (mbd plan --time), or name a level')
+        raise SceneError(f"{begin}: its plan is incomplete: {why}; make it anew, or name a level, e.g. 'full'")
     if plan['status'] != OK:
         raise SceneError(
             f"{begin}: its plan found nothing that keeps what is required; relax require or budget, or name a level, e.g. 'full'"
