@@ -72,20 +72,24 @@ def test_the_three_methods_of_iso_4138_agree(tmp_path: Path, capsys) -> None:
     assert data['driven'] == 4  # and the ramp before one of them
 
 
-def at_small_acceleration(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> float:
+@pytest.fixture(scope='module')
+def slow_understeer(tmp_path_factory: pytest.TempPathFactory) -> float:
     """The understeer gradient [rad s^2/m] about 1 m/s^2, a tenth less than up to 3.5 m/s^2."""
-    slow = driven(capsys, 'iso4138_constant_speed', tmp_path / 'slow', '--with', 'low=0.3', '--with', 'high=1.5')
-    return values(slow, 'iso4138_constant_speed')['understeer_gradient']
+    out = tmp_path_factory.mktemp('slow') / 'out'
+    more = ('--with', 'low=0.3', '--with', 'high=1.5')
+    assert main(['maneuver', 'iso4138_constant_speed', 'light_car', '--out', str(out), '--json', *FASTER, *more]) == 0
+    return values(json.loads((out / 'report.json').read_text()), 'iso4138_constant_speed')['understeer_gradient']
 
 
 @pytest.mark.slow
-def test_gains_of_a_small_step_are_those_of_the_linear_single_track(known: dict[str, float], tmp_path: Path, capsys) -> None:
+def test_gains_of_a_small_step_are_those_of_the_linear_single_track(
+    known: dict[str, float], slow_understeer: float, tmp_path: Path, capsys
+) -> None:
     """Yaw rate per steering wheel v/(i (L + U v^2)), lateral acceleration v times that, at about 1 m/s^2 with the understeer there."""
-    understeer = at_small_acceleration(tmp_path, capsys)
     data = driven(capsys, 'iso7401_step', tmp_path / 'out', '--set', 'maneuver.steering.value=0.12')
     found = values(data, 'iso7401_step')
     v = found['speed']
-    gain = v / (known['steering_ratio'] * (known['wheelbase'] + understeer * v * v))
+    gain = v / (known['steering_ratio'] * (known['wheelbase'] + slow_understeer * v * v))
     assert found['yaw_rate_gain'] == pytest.approx(gain, rel=0.03)
     assert found['lateral_acceleration_gain'] == pytest.approx(v * gain, rel=0.03)
     assert 0.0 < found['yaw_rate_response_time'] < found['yaw_rate_peak_time'] < 1.0
@@ -192,10 +196,12 @@ def test_a_sine_with_dwell_too_fast_for_a_steering_is_refused_before_it_is_drive
 
 
 @pytest.mark.slow
-def test_frequency_response_is_that_of_the_linear_single_track_when_slow(known: dict[str, float], tmp_path: Path, capsys) -> None:
+def test_frequency_response_is_that_of_the_linear_single_track_when_slow(
+    known: dict[str, float], slow_understeer: float, tmp_path: Path, capsys
+) -> None:
     found = values(driven(capsys, 'iso7401_frequency', tmp_path / 'out'), 'iso7401_frequency')
     v = found['speed']
-    gain = v / (known['steering_ratio'] * (known['wheelbase'] + at_small_acceleration(tmp_path, capsys) * v * v))
+    gain = v / (known['steering_ratio'] * (known['wheelbase'] + slow_understeer * v * v))
     assert found['yaw_rate_static_gain'] == pytest.approx(gain, rel=0.05)
     assert found['lateral_acceleration_static_gain'] == pytest.approx(v * gain, rel=0.05)
     assert found['yaw_rate_least_coherence'] > 0.95

@@ -95,8 +95,9 @@ def test_a_wheel_on_the_spot_turns_as_with_turn_slip() -> None:
 @pytest.mark.parametrize('speed', [0.0, 3.0, 4.9])
 def test_turning_back_and_forth_takes_energy_out(speed: float) -> None:
     """Over every cycle of a steady swing the moment does negative work on the wheel, beyond that of the slip; from rest it never gives
-    back more than it took."""
-    for amplitude, cycle, cycles in ((0.02, 1.0, 3), (0.5, 1.0, 3), (1.0, 4.0, 2)):
+    back more than it took. Two cycles: the second one is steady, for the twist forgets within a fraction of one."""
+    cycles = 2
+    for amplitude, cycle in ((0.02, 1.0), (0.5, 1.0), (1.0, 2.0)):
         n = round(cycle / H)
         swing = lambda t, a=amplitude, w=2.0 * np.pi / cycle: a * w * np.sin(w * t)  # noqa: E731
         rate, moment, _ = swung(None, swing, cycles * n, speed)

@@ -45,6 +45,7 @@ COMMANDS = {  # command -> seconds from its start within which the signal comes,
     'evaluate': 3.0,
     'trade': 6.0,
 }
+ALIKE = ('run_unrecorded', 'compare', 'recover', 'info', 'evaluate', 'trade')  # that are interrupted in what others are interrupted in
 
 
 @pytest.fixture(scope='module')
@@ -100,7 +101,12 @@ def judge(ended: Ended, number: int, limit: float, *, as_json: bool, node: bool)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('trial', trials(len(COMMANDS)))
+@pytest.mark.parametrize(
+    'trial',
+    trials(len(COMMANDS))
+    if COUNT
+    else [pytest.param(k, marks=pytest.mark.long if name in ALIKE else ()) for k, name in enumerate(COMMANDS)],
+)
 def test_an_interrupted_command_says_one_sentence_and_ends(trial: int, recording: Path, tmp_path: Path) -> None:
     name = list(COMMANDS)[trial % len(COMMANDS)]
     node = name in ('simulator', 'maneuver')

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 
 import numpy as np
@@ -72,9 +73,14 @@ def course(given: Scene) -> tuple[Simulation, dict[str, np.ndarray]]:
     }
 
 
+USUAL = {(CARS[0], maneuver) for maneuver in MANEUVERS} | {(SECOND_CAR, 'sine with dwell'), (SECOND_CAR, 'road of 2 m')}
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize('maneuver', MANEUVERS)
-@pytest.mark.parametrize('car', CARS)
+@pytest.mark.parametrize(
+    ('car', 'maneuver'),
+    [pytest.param(*case, marks=() if case in USUAL else pytest.mark.long) for case in itertools.product(CARS, MANEUVERS)],
+)
 def test_it_moves_like_the_whole_car(car: str, maneuver: str) -> None:
     """Within half a percent of the peak, root mean square; what hardly moves in a maneuver is not compared."""
     given = scene(car, maneuver)

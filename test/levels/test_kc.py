@@ -136,9 +136,16 @@ MANEUVERS = {
 }
 
 
+USUAL = {*product(MANEUVERS, CARS[:1]), *product([DWELL], [*CARS, TWISTED, LIVE])}  # every maneuver, and every car in the hardest of them
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ('maneuver', 'name'), [*product(MANEUVERS, CARS), *product(['sine with dwell, three times 0.3 g'], [TWISTED, LIVE])]
+    ('maneuver', 'name'),
+    [
+        pytest.param(*case, marks=() if case in USUAL else pytest.mark.long)
+        for case in (*product(MANEUVERS, CARS), *product([DWELL], [TWISTED, LIVE]))
+    ],
 )
 def test_motion_is_within_two_percent(maneuver, name):
     """Root mean square of yaw rate, sideslip velocity, roll and wheel loads, of their peaks; lateral motion only where there is some."""
@@ -220,7 +227,7 @@ def moving(name: str, h: float, **changes) -> Simulation:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('name', ['car_swept_steer', 'light_car_swept_steer', ASSISTED])
+@pytest.mark.parametrize('name', [pytest.param('car_swept_steer', marks=pytest.mark.long), 'light_car_swept_steer', ASSISTED])
 def test_energy_and_momentum_close_with_second_order(name):
     """Torque rises and the car is steered: the error of the running account falls by four with half the step; so do the momenta."""
     errors, momenta, impulses = [], [], []

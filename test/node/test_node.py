@@ -131,8 +131,8 @@ def test_a_recording_that_cannot_be_made_is_one_sentence(start, tmp_path):
     [
         ({'mode': 'quick'}, "parameter mode = 'quick': must be one of realtime, fast, lockstep"),
         ({'duration': 'long'}, 'duration'),
-        ({'rate_factor': -1.0}, 'rate_factor'),
-        ({'scene': ''}, 'parameter scene is empty'),
+        pytest.param({'rate_factor': -1.0}, 'rate_factor', marks=pytest.mark.long),
+        pytest.param({'scene': ''}, 'parameter scene is empty', marks=pytest.mark.long),
         ({'restore': 'nowhere.npz'}, 'nowhere.npz is not a state file'),
     ],
 )
@@ -336,7 +336,7 @@ def test_a_parameter_file_that_is_missing_or_broken_is_one_sentence(tmp_path):
         assert 'Traceback' not in process.output
 
 
-@pytest.mark.parametrize('out', ['/dev/full', '/proc/nothing/here'])
+@pytest.mark.parametrize('out', [pytest.param('/dev/full', marks=pytest.mark.long), '/proc/nothing/here'])
 def test_a_place_where_nothing_can_be_recorded_is_one_sentence(start, out):
     process = start({'record': True, 'out': out})
     assert process.end() == 5, process.output

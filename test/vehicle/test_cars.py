@@ -96,7 +96,7 @@ def test_figures_lie_where_those_of_its_category_do(name: str) -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize('name', EVERY)
-@pytest.mark.parametrize('heading', [0, 90, 180, 270])
+@pytest.mark.parametrize('heading', [0, 90, 180, pytest.param(270, marks=pytest.mark.long)])  # 270 is the mirror image of 90
 def test_cars_stand_on_a_slope_of_forty_percent(name: str, heading: int) -> None:
     """Braked, in all four directions: every tire loaded, its forces carrying the weight along and across the slope."""
     uphill = np.deg2rad(heading)

@@ -211,8 +211,8 @@ def test_a_locked_wheel_regains_grip_as_physics_has_it() -> None:
     [
         (1e-3, 'fixed', 'constant'),
         (1e-3, 'tolerance', 'constant'),
-        (5e-4, 'tolerance', 'constant'),
-        (2e-3, 'fixed', 'constant'),
+        pytest.param(5e-4, 'tolerance', 'constant', marks=pytest.mark.long),
+        pytest.param(2e-3, 'fixed', 'constant', marks=pytest.mark.long),
         (2e-3, 'tolerance', 'rescue'),
         (5e-3, 'fixed', 'rescue'),
     ],

@@ -86,7 +86,14 @@ def ramp(simulation: Simulation) -> np.ndarray:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('name', WHOLE)
+@pytest.mark.parametrize(
+    'name',
+    [
+        'full_car',
+        'compact_fwd',
+        *(pytest.param(name, marks=pytest.mark.long) for name in ('electric_4wd', 'pickup_awd')),
+    ],
+)
 def test_the_hand_feels_what_the_map_leaves_and_the_car_goes_where_it_went(name: str) -> None:
     """At 0.33 g the hand has 3 to 5 N m, and with the motor on the rack the whole torque of a car without help whose torsion bar is as
     much stiffer as help makes it; the steering wheel turns as far."""
