@@ -30,7 +30,8 @@ WEIGHTS = {'scenes': 3, 'vehicles': 2, 'bags': 3}  # others count once
 
 def plan(count: int, kinds: list[str]) -> list[tuple[str, int]]:
     """(kind, number of the case) in turns, so that a part of them has all kinds."""
-    turn = [kind for kind in kinds for _ in range(WEIGHTS.get(kind, 1))]
+    more = [kind for kind in kinds for _ in range(WEIGHTS.get(kind, 1) - 1)]
+    turn = [*kinds, *more]  # so that as many cases as there are kinds have all of them
     numbers: Counter[str] = Counter()
     cases = []
     for k in range(count):

@@ -16,7 +16,7 @@ from mbd_sim_ros.commands.main import main
 from solver.files.scene import config_directories
 
 FUZZ = Path(__file__).with_name('fuzz.py')
-CASES = 18 * (COUNT or 1)  # as many of each kind, and of some more
+CASES = len(KINDS) * (COUNT or 1)
 
 
 @pytest.mark.slow

@@ -33,7 +33,8 @@ from solver.vehicle.full_car import full_car_model
 
 SLOW_RAMP = Maneuver(steering=Ramp(slope=0.2, start=0.5), drive_torque=150.0)
 ROOT = Path(__file__).parents[2]
-CASES = ['full car', 'light car', pytest.param('double wishbones', marks=pytest.mark.long)]
+CARS = ('full car', 'light car', 'double wishbones')
+CASES = [pytest.param(car, marks=pytest.mark.long if car == 'double wishbones' else ()) for car in CARS]
 
 
 @functools.cache
@@ -49,7 +50,7 @@ def scene(car: str, maneuver: Maneuver, *, speed: float = 22.0, duration: float 
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('car', CASES)
+@pytest.mark.parametrize('car', [pytest.param(car, marks=() if car == 'light car' else pytest.mark.long) for car in CARS])
 def test_errors_against_the_whole_vehicle(car: str) -> None:
     """Root mean squares over the peak: yaw rate below 5 % up to 0.5 g, and with three times the reference angle."""
     sheet = {(f.maneuver, f.quantity): f for f in error_sheet(model(car), 'single_track')}

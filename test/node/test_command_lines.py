@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from forks import Fork
 from processes import DOMAIN, ROOT
 
 pytestmark = pytest.mark.slow
@@ -43,12 +42,13 @@ CASES = {
 SECURED = {'ROS_SECURITY_ENABLE': 'true', 'ROS_SECURITY_STRATEGY': 'Enforce'}
 
 
-def run(arguments: list[str], directory: Path, **more: str) -> subprocess.CompletedProcess[str]:
-    """A node that is expected to end by itself."""
+def run(arguments: list[str], directory: Path, **more: str) -> tuple[int, str]:
+    """(exit code, all it said) of a node that is expected to end by itself."""
     environment = {**os.environ, 'PYTHONPATH': str(ROOT), 'ROS_DOMAIN_ID': DOMAIN, 'ROS_LOG_DIR': str(directory / 'log'), **more}
-    return subprocess.run(
-        [sys.executable, *arguments], cwd=directory, env=environment, check=False, capture_output=True, text=True, timeout=30
-    )
+    with (directory / 'said').open('w+') as said:
+        code = Fork(arguments, cwd=directory, env=environment, output=said.fileno()).wait(30.0)
+        said.seek(0)
+        return code, said.read()
 
 
 @pytest.mark.parametrize('case', CASES)
@@ -56,8 +56,8 @@ def test_a_command_line_that_cannot_be_meant_is_one_sentence(case: str, tmp_path
     pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
     module, arguments, words = CASES[case]
     more = {**SECURED, 'ROS_SECURITY_KEYSTORE': str(tmp_path)} if 'enclave' in case else {}
-    ended = run(['-m', f'mbd_sim_ros.node.{module}', '--ros-args', *arguments], tmp_path, **more)
-    said = [line for line in ended.stderr.splitlines() if not line.startswith('[')]  # rcl logs on its own
-    assert ended.returncode == 2, ended.stderr
-    assert len(said) == 1, ended.stderr
+    code, text = run(['-m', f'mbd_sim_ros.node.{module}', '--ros-args', *arguments], tmp_path, **more)
+    said = [line for line in text.splitlines() if not line.startswith('[')]  # rcl logs on its own
+    assert code == 2, text
+    assert len(said) == 1, text
     assert re.search(words, said[0]), said[0]
