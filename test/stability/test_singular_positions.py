@@ -30,13 +30,19 @@ PHASES = int(os.environ.get('MBD_PHASES', '12'))
 TOLERANCE = {'rho_inf': 0.9, 'mode': 'tolerance'}
 
 
+SETTINGS = {'conserving': (crank.CONSERVING, 'conserving'), 'damped': (crank.DAMPED, 'damped'), 'tolerance': (TOLERANCE, 'damped')}
+BETWEEN = (0.005, 0.002)  # s; with fixed iterations these steps lie between others that are judged by the same limits
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(('settings', 'limits'), [
-    pytest.param(crank.CONSERVING, 'conserving', id='conserving'),
-    pytest.param(crank.DAMPED, 'damped', id='damped'),
-    pytest.param(TOLERANCE, 'damped', id='tolerance'),
-])  # fmt: skip
-@pytest.mark.parametrize('h', crank.STEPS)
+@pytest.mark.parametrize(
+    ('h', 'settings', 'limits'),
+    [
+        pytest.param(h, *given, id=f'{h}-{name}', marks=pytest.mark.long if h in BETWEEN and name != 'tolerance' else ())
+        for h in crank.STEPS
+        for name, given in SETTINGS.items()
+    ],
+)
 def test_every_phase_passes_every_singular_position_on_its_branch(h: float, settings: dict[str, Any], limits: str) -> None:
     theta = crank.phases(PHASES) * (1.0 + EPS * np.resize(offsets(), PHASES))
     angles = crank.exact_angles(theta, crank.slider_mass(), np.array([crank.DURATION]))[:, 0]
