@@ -253,7 +253,7 @@ def test_recordings_begun_while_running_and_after_restore_replay_to_the_same_bit
             scene='car_step_steer',
             commands='maneuver',
             mode='fast',
-            duration=3.0,
+            duration=1e-3 * k + 1.0,
             restore=saved.message,
             record=True,
             out='again',
