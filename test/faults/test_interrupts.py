@@ -216,10 +216,11 @@ def test_a_sentence_that_is_being_said_is_finished(tmp_path: Path) -> None:
 def test_a_call_of_many_long_steps_is_divided(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """No call lasts longer than twice what is allowed, whatever record.every says, once the first steps have been measured."""
     from mbd_sim_ros import batch
+    from solver.analysis.covered import Weighed
 
     spent = []
 
-    monkeypatch.setattr('mbd_sim_ros.batch.findings', lambda *_: [])  # a stand-in keeps no account
+    monkeypatch.setattr('mbd_sim_ros.batch.weighed', lambda *_: Weighed([], []))  # a stand-in keeps no account
 
     class Slow:
         """Steps of 20 ms."""
