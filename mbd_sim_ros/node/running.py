@@ -272,8 +272,6 @@ class Running:
             return 0
         k = self.simulation.k
         seen = self._publication.next_awaited(k, most + 1, of=self.publish_every)
-        if seen == k + 1:
-            return 0
         seen = min(seen, self.recording.next_wanted(k, most + 1))
         if self._ticks is not None:
             every = self._tick_every()
