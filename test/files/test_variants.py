@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -82,6 +83,12 @@ def test_a_car_that_takes_another_and_a_scene_that_takes_a_scene(tmp_path: Path,
     assert yaml.safe_load(one.resolved)['vehicle'] == yaml.safe_load(other.resolved)['vehicle']
     assert main(['info', str(tmp_path / 'mine.yaml'), '--json']) == 0
     assert json.loads(capsys.readouterr().out)['status'] == 'ok'
+    page = (Path(__file__).parents[2] / 'docs' / 'vehicle.md').read_text(encoding='utf-8')
+    shown = re.search(r'```yaml\n(<<: .*?)```', page, re.DOTALL)
+    assert shown
+    (tmp_path / 'mine.yaml').write_text(shown[1])
+    front = yaml.safe_load(load_scene(scene).resolved)['vehicle']['axles']['front']['suspension']
+    assert (front['kind'], front['strut']['spring']) == ('macpherson', {'rate': 28000, 'load': 3750})
     (tmp_path / 'mine.yaml').write_text('<<: vehicles/compact_fwd.yaml\nchassis: {\n  mas: 1010}\n')
     with pytest.raises(SceneError, match=r"mine.yaml:3: vehicle.chassis.mas: unknown key; did you mean 'mass'"):
         load_scene(scene)
