@@ -138,6 +138,16 @@ def test_the_rate_that_is_reported_is_time_simulated_per_time_passed(monkeypatch
     assert loop.health().rate == 0.0  # nothing since
 
 
+def test_the_step_times_that_are_reported_are_those_of_their_ranks(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 1, 2, ..., 101 ms in any order half are below 51 ms and 99 of 100 below 100 ms."""
+    simulation = Timed(monkeypatch, call=0.0, cold=0.0, step=1e-4)
+    loop = Loop(simulation, inputs=lambda values: np.zeros(len(INPUTS)), emit=lambda snapshot: None)
+    loop._times.extend(1e-3 * (37 * k % 101 + 1) for k in range(101))
+    health = loop.health()
+    assert (health.step_p50, health.step_p99, health.step_max) == pytest.approx((0.051, 0.1, 0.101))
+    assert loop.health().step_max == 0.0  # nothing since
+
+
 def test_steps_that_take_longer_than_they_last_are_made_at_once_for_as_long_as_a_call_may_take(monkeypatch: pytest.MonkeyPatch) -> None:
     """8 of 1.2 ms are 9.6 ms."""
     run = Watched(Timed(monkeypatch, call=5e-5, cold=1e-4, step=1.2e-3), 2.0)
