@@ -55,13 +55,14 @@ class Edge(NamedTuple):
 
 
 def sharpest(grid: Heights) -> Edge:
-    """The roundest hollow of a grid, by second differences; curvature 0 where there is none."""
+    """The roundest hollow of a grid that is level beyond its border, by second differences; curvature 0 where there is none."""
     worst, node = 0.0, (0, 0)
     for axis, step in enumerate(grid.step):
-        hollow = np.diff(grid.height, 2, axis=axis) / step**2
-        if hollow.size and hollow.max() > worst:
+        beside = [(1, 1) if k == axis else (0, 0) for k in range(2)]
+        hollow = np.diff(np.pad(grid.height, beside, mode='edge'), 2, axis=axis) / step**2  # at every node
+        if hollow.max() > worst:
             i, j = (int(k) for k in np.unravel_index(int(np.argmax(hollow)), hollow.shape))
-            worst, node = float(hollow.max()), (i + (axis == 0), j + (axis == 1))
+            worst, node = float(hollow.max()), (i, j)
     a, b = node[0] * grid.step[0], node[1] * grid.step[1]
     c, s = math.cos(grid.yaw), math.sin(grid.yaw)
     return Edge(worst, node, (grid.origin[0] + a * c - b * s, grid.origin[1] + a * s + b * c))

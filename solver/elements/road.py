@@ -91,7 +91,7 @@ class RoadSpec(Spec):
 class RoadTable(NamedTuple):
     """The compiled road. Grids are concatenated: node (i, j) of grid g is spline[start[g] + i * shape[g, 1] + j].
 
-    The first `heights` grids are heights, the others factors of friction.
+    The first `heights` grids are heights, with a node more on each side than those of the road; the others factors of friction.
     """
 
     plane: np.ndarray  # (3,) height = plane[0] + plane[1] x + plane[2] y
@@ -105,16 +105,19 @@ class RoadTable(NamedTuple):
     enveloping: np.ndarray  # (1,): 1 where some grid is an effective road, 0 where all are touched at a point
 
 
-def _spline_coefficients(height: np.ndarray) -> np.ndarray:
-    """Scheme of the interpolating uniform cubic B-spline, continued by its border coefficients, along both axes."""
-    c = height
+def interpolating(grid: Heights) -> Heights:
+    """Coefficients of the uniform cubic B-spline through all nodes, continued by the heights of the border: a node more on each side."""
+    c = grid.height
     for axis in (0, 1):
         c = np.moveaxis(c, axis, 0)
         n = c.shape[0]
+        known = c.copy()
+        known[[0, -1]] -= c[[0, -1]] / 6.0  # of the coefficients beside the border, which are its heights; a grid has two nodes or more
         beside, diagonal = np.full(n, 1.0 / 6.0), np.full(n, 4.0 / 6.0)
-        diagonal[[0, -1]] += 1.0 / 6.0  # c[-1] = c[0], c[n] = c[n-1]
-        c = np.moveaxis(solve_tridiagonal(beside, diagonal, beside, c), 0, axis)
-    return c
+        inside = solve_tridiagonal(beside, diagonal, beside, known)
+        c = np.moveaxis(np.concatenate([c[:1], inside, c[-1:]]), 0, axis)
+    (dx, dy), s, k = grid.step, math.sin(grid.yaw), math.cos(grid.yaw)
+    return grid._replace(origin=(grid.origin[0] - k * dx + s * dy, grid.origin[1] - s * dx - k * dy), height=c)
 
 
 @functools.lru_cache(maxsize=16)  # asked for whenever a run is judged
@@ -142,21 +145,19 @@ def compile_road(spec: RoadSpec, tire: Footprint | None = None) -> RoadTable:
     for g, envelope in zip(spec.grids, enveloped, strict=True):
         heights = g.expand().heights if isinstance(g, RandomRoad) else g.heights
         grids.append(effective(heights, tire, spec.where) if tire is not None and envelope else heights)
-    splines = [_spline_coefficients(g.height) for g in grids]
-    factors = [m.heights for m in spec.maps]
-    splines += [f.height for f in factors]  # not interpolated: these numbers bound the factor
-    grids += factors
-    sizes = [c.size for c in splines]
+    splines = [interpolating(g) for g in grids]
+    splines += [m.heights for m in spec.maps]  # not interpolated: these numbers bound the factor
+    sizes = [c.height.size for c in splines]
     return RoadTable(
         plane=np.array([p[2] + (n[0] * p[0] + n[1] * p[1]) / n[2], -n[0] / n[2], -n[1] / n[2]]),
         friction=np.array([spec.friction]),
         patch=np.array(
             [[*f.center, math.cos(f.yaw), math.sin(f.yaw), f.size[0] / 2, f.size[1] / 2, f.factor, f.blend] for f in spec.patches], float
         ).reshape(-1, 8),
-        grid=np.array([[*g.origin, math.cos(g.yaw), math.sin(g.yaw), *g.step] for g in grids], float).reshape(-1, 6),
-        shape=np.array([g.height.shape for g in grids], np.int64).reshape(-1, 2),
+        grid=np.array([[*g.origin, math.cos(g.yaw), math.sin(g.yaw), *g.step] for g in splines], float).reshape(-1, 6),
+        shape=np.array([g.height.shape for g in splines], np.int64).reshape(-1, 2),
         start=np.array([0, *np.cumsum(sizes)[:-1]], np.int64) if sizes else np.zeros(0, np.int64),
-        spline=np.concatenate([c.ravel() for c in splines]) if sizes else np.zeros(0),
+        spline=np.concatenate([c.height.ravel() for c in splines]) if sizes else np.zeros(0),
         heights=np.array([len(spec.grids)], np.int64),
         enveloping=np.array([float(any(enveloped))]),
     )

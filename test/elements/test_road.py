@@ -54,8 +54,11 @@ def test_grid_is_interpolated_at_every_node_and_constant_beyond() -> None:
     for i in range(6):
         for j in range(5):
             assert at(0.3 * i, 0.2 * j) == pytest.approx(height[i, j], abs=1e-13)
-    assert at(-50.0, 0.3) == pytest.approx(at(-1.2, 0.3), abs=1e-11)
-    assert at(1e9, 1e9) == pytest.approx(at(3.0, 2.0), abs=1e-11)
+    for j in range(5):  # as high as at the border
+        assert at(-50.0, 0.2 * j) == pytest.approx(at(-0.6, 0.2 * j), abs=1e-13) == pytest.approx(height[0, j], abs=1e-13)
+    for i in range(6):
+        assert at(0.3 * i, 50.0) == pytest.approx(at(0.3 * i, 1.2), abs=1e-13) == pytest.approx(height[i, 4], abs=1e-13)
+    assert at(1e9, 1e9) == pytest.approx(height[5, 4], abs=1e-13)
     assert np.isfinite(at(-1e300, 1e300))
 
 

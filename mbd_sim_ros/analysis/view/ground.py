@@ -6,8 +6,11 @@ import math
 
 import numpy as np
 
-from solver.elements.road import Heights, RoadSpec
+from solver.elements.enveloping import Heights
+from solver.elements.road import RoadSpec, interpolating
 from solver.elements.road_grids import RandomRoad
+
+BESIDE = 2  # nodes beyond the border to which a cubic spline feels what is inside
 
 
 class Ground:
@@ -17,13 +20,14 @@ class Ground:
         p, n = spec.point, spec.normal
         self.plane = (p[2] + (n[0] * p[0] + n[1] * p[1]) / n[2], -n[0] / n[2], -n[1] / n[2])
         self.flat = not spec.grids
-        self._grids = [(g.expand() if isinstance(g, RandomRoad) else g).heights for g in spec.grids]
+        splines = [interpolating((g.expand() if isinstance(g, RandomRoad) else g).heights) for g in spec.grids]
+        self._splines = [(grid, np.pad(grid.height, BESIDE + 1, mode='edge')) for grid in splines]
 
     def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        """Heights [m] at places x, y [m] in the world: between the nodes of a grid on straight lines, beyond it as at its border."""
+        """Heights [m] at places x, y [m] in the world: those of the solver (road_at), as wheels that touch them at a point feel them."""
         z = self.plane[0] + self.plane[1] * np.asarray(x, float) + self.plane[2] * np.asarray(y, float)
-        for grid in self._grids:
-            z = z + _height(grid, x, y)
+        for grid, coefficients in self._splines:
+            z = z + _height(grid, coefficients, x, y)
         return z
 
     def around(self, x: float, y: float, reach: int) -> np.ndarray:
@@ -43,14 +47,12 @@ class Ground:
         return np.column_stack([nodes, self.at(*nodes.T)])
 
 
-def _height(grid: Heights, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+def _height(grid: Heights, coefficients: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """The spline whose coefficients stand at the nodes of a grid, continued by those of its border."""
+    from scipy.ndimage import map_coordinates
+
     c, s = math.cos(grid.yaw), math.sin(grid.yaw)
     dx, dy = np.asarray(x, float) - grid.origin[0], np.asarray(y, float) - grid.origin[1]
-    parts = []
-    for along, step, n in ((c * dx + s * dy, grid.step[0], grid.height.shape[0]), (c * dy - s * dx, grid.step[1], grid.height.shape[1])):
-        u = np.clip(along / step, 0.0, n - 1.0)
-        k = np.minimum(u.astype(int), n - 2)
-        parts.append((k, u - k))
-    (i, u), (j, w) = parts
-    h = grid.height
-    return (1.0 - u) * ((1.0 - w) * h[i, j] + w * h[i, j + 1]) + u * ((1.0 - w) * h[i + 1, j] + w * h[i + 1, j + 1])
+    at = (c * dx + s * dy) / grid.step[0], (c * dy - s * dx) / grid.step[1]
+    inside = [np.clip(u, -BESIDE, n - 1 + BESIDE) + BESIDE + 1 for u, n in zip(at, grid.height.shape, strict=True)]
+    return map_coordinates(coefficients, inside, order=3, prefilter=False)

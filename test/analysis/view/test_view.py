@@ -154,7 +154,8 @@ def test_the_arrows_are_the_tire_forces(car: Path):
 
 def test_the_grid_of_metres_lies_on_the_road_where_the_tires_touch_it(tmp_path: Path):
     """A plane that rises by 10 %, a bank of 5 %, and a hill on it, 0.5 m high and 40 m long: the picture and the page have the road there,
-    and not the level plane z = 0. Between nodes a metre apart a line is off by 1/8 of the curvature, 0.25 m (2 pi / 40 m)^2."""
+    and not the level plane z = 0. Tires touch the plane that is tangent below the middle of the wheel, aside of that by radius times slope,
+    where the hill with its curvature, 0.25 m (2 pi / 40 m)^2, has left it."""
     height = [[0.25 - 0.25 * math.cos(math.tau * k / 40.0)] * 2 for k in range(41)]
     road = (
         f'{{point: [0, 0, 3], normal: [-0.1, 0.05, 1], grids: [{{kind: height_grid, origin: [2, -50], step: [1, 100], height: {height}}}]}}'
@@ -163,7 +164,7 @@ def test_the_grid_of_metres_lies_on_the_road_where_the_tires_touch_it(tmp_path: 
     motion = read_motion(recorded(tmp_path / 'hill', 'light_car_straight', *scene))
     x, y, z = motion.contact.reshape(-1, 3).T
     assert z.max() - 3.0 - 0.1 * x.max() > 0.15  # up the hill
-    off = 0.25 * (math.tau / 40.0) ** 2 / 8.0 * 2.0  # and as much for the spline of the tires, which is level at its border
+    off = 0.25 * (math.tau / 40.0) ** 2 / 2.0 * (0.35 * math.hypot(0.1 + 0.25 * math.tau / 40.0, 0.05)) ** 2
     np.testing.assert_allclose(motion.ground.at(x, y), z, atol=off)
     lines = motion.ground.around(-5.8, -1.4, 2)  # before the hill
     assert lines.shape == (2, 5, 5, 3)
