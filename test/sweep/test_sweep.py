@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -22,10 +21,8 @@ from mbd_sim_ros.commands import alone
 from mbd_sim_ros.commands.main import main
 from mbd_sim_ros.sweep import case, workers
 from mbd_sim_ros.sweep.case import Case, row_of
-from mbd_sim_ros.sweep.design import Design, Figure, Parameter, Sweep, cases, load_sweep
-from mbd_sim_ros.sweep.table import no_indices, sensitivities
+from mbd_sim_ros.sweep.design import Figure, load_sweep
 from solver import load_scene, simulation_of
-from solver.errors import SceneError, SpecError
 from solver.levels.derived import LevelReport, Limit
 
 FILE = """
@@ -307,61 +304,6 @@ def test_a_cluster_gives_the_same_rows(tmp_path: Path):
     assert there == [row_of(case) for case in pendulums(4, tmp_path / 'here')]
 
 
-def sweep_of(kind: str, samples: int = 16, **more: Parameter) -> Sweep:
-    ranges = {name: Parameter(low=0.0, high=1.0) for name in ('a', 'b', 'c')} | more
-    return Sweep(scene='x', parameters=ranges, figures={'f': Figure(quantity='q')}, design=Design(kind=kind, samples=samples, seed=3))  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(
-    ('kind', 'count'), [('latin_hypercube', 16), ('sobol', 16), ('morris', 16 * 4), ('saltelli', 16 * 5), ('grid', 125)]
-)
-def test_designs_stay_inside_repeat_and_fill_the_space(kind: str, count: int):
-    sweep = sweep_of(kind)
-    found = cases(sweep)
-    assert found == cases(sweep)
-    table = np.array([[case[name] for name in 'abc'] for case in found], float)
-    assert table.shape == (count, 3)
-    assert (table >= 0.0).all() and (table <= 1.0).all()
-    if kind == 'latin_hypercube':  # one in every sixteenth of each axis
-        assert (np.sort(np.floor(16 * table).astype(int), axis=0) == np.arange(16)[:, None]).all()
-    if kind == 'sobol':  # balanced: as many in either half
-        assert ((table < 0.5).sum(axis=0) == 8).all()
-
-
-def test_why_there_are_no_indices_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
-    """One failed case of twelve takes the indices of all figures, and one that is always the same has none."""
-    (tmp_path / 's.yaml').write_text(
-        'scene: pendulum\nset: [duration=0.02]\ndesign: {kind: morris, samples: 2}\n'
-        'parameters: {integrator.rho_inf: {low: 0.5, high: 1.3}}\n'
-        'figures: {y: {quantity: odom/pose/y, take: min}}\n'
-    )
-    assert main(['sweep', str(tmp_path / 's.yaml'), '--out', str(tmp_path / 'out'), '--workers', '1']) == 0
-    reason = r'no indices of y: [1-3] of 4 cases have no value'
-    assert re.search(reason, capsys.readouterr().out)
-    assert re.search(reason, (tmp_path / 'out' / 'report.html').read_text())
-    sweep = sweep_of('morris', 2)
-    assert no_indices(sweep, [{'f': 1.0}, {'f': 1.0}], 'f') == 'no indices of f: it is the same in all cases'
-    assert no_indices(sweep_of('grid'), [{'f': 1.0}], 'f') == ''
-    assert no_indices(sweep, [{'f': 1.0}, {'f': 2.0}], 'f') == ''
-
-
-def test_indices_of_a_known_function():
-    """f = a + 2 b: S1 = ST = 1/5, 4/5, 0; elementary effects 1, 2, 0 everywhere."""
-    for kind in ('saltelli', 'morris'):
-        sweep = sweep_of(kind, 1024 if kind == 'saltelli' else 8)
-        rows = [{**case, 'f': float(case['a']) + 2.0 * float(case['b'])} for case in cases(sweep)]
-        found = sensitivities(sweep, rows)['f']
-        if kind == 'saltelli':
-            for name, share in zip('abc', (0.2, 0.8, 0.0), strict=True):
-                # the estimator's error falls like 1/sqrt(1024)
-                assert found[name]['S1'] == pytest.approx(share, abs=0.1)
-                assert found[name]['ST'] == pytest.approx(share, abs=0.1)
-        else:
-            for name, effect in zip('abc', (1.0, 2.0, 0.0), strict=True):
-                assert found[name]['mu_star'] == pytest.approx(effect, abs=1e-9)
-                assert found[name]['sigma'] == pytest.approx(0.0, abs=1e-9)
-
-
 @pytest.mark.parametrize(
     ('change', 'part'),
     [
@@ -384,22 +326,6 @@ def test_wrong_files_are_one_sentence(change: tuple[str, str], part: str, tmp_pa
     said = capsys.readouterr().err
     assert part in said and said.count('\n') == 1, said
     assert not (tmp_path / 'out').exists()
-
-
-def test_designs_that_cannot_be_are_refused():
-    with pytest.raises(SpecError, match='power of two'):
-        Design(kind='sobol', samples=12)
-    with pytest.raises(SpecError, match=r'samples = 1: must be 2 at least: sigma is the spread of trajectories'):
-        Design(kind='morris', samples=1)
-    for seed in (-1, 2**32):
-        with pytest.raises(SpecError, match=f'seed = {seed}: must be a whole number'):
-            Design(seed=seed)
-    with pytest.raises(SpecError, match='low and high'):
-        sweep_of('morris', 16, d=Parameter(values=(1.0, 2.0)))
-    with pytest.raises(SceneError, match='more than'):
-        cases(sweep_of('grid', **{name: Parameter(low=0.0, high=1.0, steps=100) for name in 'abcd'}))
-    with pytest.raises(SceneError, match='more than'):  # before the values are laid out, which would fill the memory
-        cases(sweep_of('grid', a=Parameter(low=0.0, high=1.0, steps=10**15)))
 
 
 def test_files_may_be_values_and_the_scene_and_are_found_beside_the_sweep(
