@@ -187,7 +187,11 @@ THUMB = """The cheapest settings that keep each wish on the scenes of this page.
 the errors of model, step and iteration, so that nothing rests on errors which happen to cancel:"""
 CHEAPEST = 'Each with its cost, as a share of that of the full vehicle at 1 ms with the iterations of the scene.'
 PLAN = """A scene of your own, with what it requires, gets its own answer, with a certificate: `mbd plan SCENE`
-([scene.md](scene.md#accuracy)). The rules above hold for the scenes they were measured on."""
+([scene.md](scene.md#accuracy)). The rules above hold for the scenes they were measured on.
+
+`mbd run` knows no reference. It calls a run with coarse steps `suspect` by what it sees itself (a wheel that turns by a radian in a step, a
+vibration of few steps), unless a plan has measured what that is worth; and it holds the run to all that the scene requires besides, as that
+constraints stay closed to 1e-5 m."""
 
 if __name__ == '__main__':
     PAGE.write_text(write(Path(sys.argv[1] if len(sys.argv) > 1 else 'out/trade')), encoding='utf-8')

@@ -137,6 +137,12 @@ class Measurements:
     def limits(self, v: Variation) -> dict[Requirement, float]:
         return {r: r.limit(self.truth(v).peaks[r.quantity]) for r in self.requirements}
 
+    def shares(self, v: Variation, errors: dict[Requirement, float]) -> dict[str, float]:
+        """Errors on a maneuver, with the band of the reference, as shares of their limits."""
+        truth = self.truth(v)
+        band = {r: self.uncertainty(r) * truth.peaks[r.quantity] for r in self.requirements}
+        return {str(r): (errors[r] + band[r]) / r.limit(truth.peaks[r.quantity]) for r in self.requirements}
+
     def part(self, found: Run, than: Reference) -> dict[Requirement, float]:
         errors = than.errors(found)
         return {r: r.error(errors[r.quantity]) for r in self.requirements}

@@ -99,8 +99,11 @@ def of_runs(scene: Scene, runs: Sequence[Run]) -> Reference:
     return Reference(time, best, quantities, peaks, band, tuple(r.setting.h for r in runs), tuple(runs))
 
 
-def second_formulation(scene: Scene, reference: Reference, stop: Callable[[], bool] | None = None) -> dict[str, Departure]:
-    """How far the limit of another formulation of the same model, from the same start, is from the reference.
+def second_formulation(
+    scene: Scene, reference: Reference, stop: Callable[[], bool] | None = None, *, finest: bool = True
+) -> dict[str, Departure]:
+    """How far the limit of another formulation of the same model, from the same start, is from the reference: that of its two finest steps,
+    or of the two before, which is as far from it as its band says.
 
     (Where a vehicle settles before t = 0 depends a little on rho_inf. A setting with another one is charged with that, the equations are
     not.)
@@ -108,5 +111,6 @@ def second_formulation(scene: Scene, reference: Reference, stop: Callable[[], bo
     names, first = list(reference.curves), reference.runs[-1].setting
     base = dataclasses.replace(first, other=SECOND, rho_inf=SECOND_RHO)
     start = simulation_of(first.of(scene)).save()
-    other = of_runs(scene, [run(scene, with_step(base, h), names, stop=stop, start=start) for h in reference.steps[-2:]])
+    steps = reference.steps[-2:] if finest else reference.steps[-3:-1]
+    other = of_runs(scene, [run(scene, with_step(base, h), names, stop=stop, start=start) for h in steps])
     return reference.errors(Run(base, other.time, other.curves, {}, ''))

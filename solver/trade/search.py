@@ -28,26 +28,25 @@ from solver.levels import LEVELS, derive
 from solver.scene import SUBSYSTEMS, Scene
 from solver.trade import cost, reference
 from solver.trade.activity import of_subsystems
-from solver.trade.measurements import ITERATIONS, STEP_SETS, Measurements
-from solver.trade.requirements import Bound
+from solver.trade.judging import MARGIN, Judge
+from solver.trade.measurements import ITERATIONS, STEP_SETS
 from solver.trade.runs import Going, Stopped, all_of, clock, departures
 from solver.trade.setting import Setting, baseline
-from solver.trade.variations import AS_GIVEN, Variation
+from solver.trade.variations import AS_GIVEN
 from solver.trade.verdicts import Check, Influence, Verdict
 
-MARGIN = 0.1  # of every limit that the error itself leaves free
 LONGEST = 170.0  # s that a plan may take
 CHECK_SHARE = 0.45  # of that which is kept for checking
+LEAST_CHECK_SHARE = 0.15  # the same as long as no setting has been found
 UNSEEN = 24
 CLEAR_BAND = 0.1  # of the limit that the band of the reference may take before its steps are refined
 STEPS = (0.02, 0.01, 0.008, 0.005, 0.004, 0.003, 0.002, 0.001, 0.0005, 0.00025, 0.000125, 0.0000625)
 RHOS = (0.8, 0.5)
-PARTS = (0.25, 0.5, 1.0)  # of the maneuver, in the race
 SAME = 1.05  # settings whose costs are nearer than this are equally cheap, and the more accurate one is taken
 SAVES = 0.97  # of the cost: what a subsystem must bring it below to be worth its error
 
 
-class Search(Measurements):
+class Search(Judge):
     """The search for one scene, in at most `longest` seconds."""
 
     def __init__(
@@ -63,7 +62,6 @@ class Search(Measurements):
         super().__init__(scene, workers=workers, longest=longest, progress=progress)
         self.unseen = unseen
         self.candidate_levels = ('full', *levels)
-        self._lost: dict[Setting, tuple[str, float, float]] = {}
         self.notes: list[str] = []
         self.tried: list[Verdict] = []
         self.levels: dict[str, str] = {}  # level that was looked at -> why it is out, '' where it is not
@@ -72,70 +70,6 @@ class Search(Measurements):
         self.checks: list[Check] = []
         self.result: Verdict | None = None
         self.ended = False  # before the search had come to an end, by time
-
-    def race(self, setting: Setting) -> tuple[str, float, float]:
-        """(why a setting is out, '' if it is not; largest share of a limit; part) on growing parts of the scene's own maneuver.
-
-        The largest error so far and the integral of its square only grow, so what is too large after a part stays so.
-        """
-        v = AS_GIVEN
-        if setting in self._lost:
-            return self._lost[setting]
-        own, limits, peaks = self.own_limit(v, setting), self.limits(v), self.truth(v).peaks
-        model = self.model_error(v, setting)
-        known = self.known(v, setting)
-        going = None if known else Going(self.maneuver(v), setting, self.everything, stop=self.late)
-        used, worst = math.inf, ''
-        for part in PARTS if going else PARTS[-1:]:
-            found = known or going.to(part * self.scene.duration)  # type: ignore[union-attr]
-            if found.failure:
-                return self._lost.setdefault(setting, (found.failure, math.inf, part))
-            errors = own.errors(found)
-            shares = {}
-            for r in self.requirements:
-                error = r.error(errors[r.quantity])
-                if part < 1.0:
-                    error *= {'max': 1.0, 'rms': math.sqrt(part), 'delay': 0.0}[r.measure]
-                shares[str(r)] = (model[r] + error) / limits[r] + self.uncertainty(r) * peaks[r.quantity] / limits[r]
-            worst, used = max(shares.items(), key=lambda item: item[1])
-            if not used <= 1.0:
-                return self._lost.setdefault(setting, (f'{worst}: {used:.2g} of its limit after {part:.0%} of the maneuver', used, part))
-        self.keep(v, setting, found)
-        return '', used, 1.0
-
-    def judge(self, setting: Setting) -> Verdict:
-        """Whether a setting keeps everything on the maneuvers that serve to choose."""
-        expected = self.expected(setting)
-        try:
-            dropped, used, part = self.race(setting)
-            if dropped:
-                return Verdict(setting, used, expected, dropped.partition(':')[0], dropped, {}, part=part)
-            expected = self.expected(setting, self.known(AS_GIVEN, setting))
-            worst: dict[str, Bound] = {}
-            largest = 0.0
-            for v in self.seen:
-                for bound in self.bounds(v, setting):
-                    name = str(bound.requirement)
-                    if name not in worst or bound.used > worst[name].used or math.isnan(bound.used):
-                        worst[name] = bound
-                used = max(b.used for b in worst.values())
-                if not used <= 1.0:
-                    name = max(worst, key=lambda n: worst[n].used)
-                    return Verdict(setting, used, expected, name, f'{name}: {used:.2g} of its limit on {v}', worst)
-                itself = self.check(setting, v)
-                largest = max(largest, itself.used)
-                if not largest <= 1.0 - MARGIN:
-                    why = f'{itself.worst}: the error itself is {largest:.2g} of its limit on {v}, which leaves no margin'
-                    return Verdict(setting, used, expected, itself.worst, why, worst, largest)
-                broken = self.broken(v, setting)
-                if broken:
-                    return Verdict(setting, used, expected, itself.worst, f'{broken} ({v})', worst, largest, broken=broken)
-        except Stopped:
-            raise
-        except MbdError as error:
-            return Verdict(setting, math.inf, expected, '', str(error), {})
-        name = max(worst, key=lambda n: worst[n].used)
-        return Verdict(setting, used, expected, name, '', worst, largest)
 
     # -- the phases ----------------------------------------------------------------------------------------------------
 
@@ -156,8 +90,15 @@ class Search(Measurements):
                 f'{worst}: the reference itself is uncertain by {shares[worst]:.2g} of the limit, with {1e3 * self.steps[-1]:g} ms'
             )
             return False
-        self.say('second formulation of the reference')
-        self.second = reference.second_formulation(self.scene, self.truth(AS_GIVEN), self.late)
+        self.say('second formulation of the reference, and references of the corners')
+        corners = [v for v in self.seen if v != AS_GIVEN]
+        clear = shares[worst] <= CLEAR_BAND  # then its coarser pair confirms as much
+
+        def confirm() -> None:
+            self.second = reference.second_formulation(self.scene, self.truth(AS_GIVEN), self.late, finest=not clear)
+
+        runs = [(v, reference.with_step(Setting(), h)) for h in self.steps[::-1] for v in corners]
+        all_of(lambda job: self.run(*job) if job else confirm(), [None, *runs], self.workers)
         apart = {r: r.error(self.second[r.quantity]) / limits[r] for r in self.requirements}
         worst = max(apart, key=lambda r: apart[r])
         if not apart[worst] <= 1.0 - MARGIN:
@@ -165,9 +106,6 @@ class Search(Measurements):
                 f'{worst}: the reference is not confirmed, a second formulation departs from it by {apart[worst]:.2g} of the limit'
             )
             return False
-        self.say('references of the corners')
-        corners = [v for v in self.seen if v != AS_GIVEN]
-        all_of(lambda job: self.run(*job), [(v, reference.with_step(Setting(), h)) for v in corners for h in self.steps], self.workers)
         for v in corners:
             try:
                 self.truth(v)
@@ -250,6 +188,7 @@ class Search(Measurements):
             self.tried.append(verdict)
             if verdict.dropped or verdict.cost > below:
                 continue
+            self.until = min(self.until, (1.0 - CHECK_SHARE) * self.longest)
             if best is None or verdict.cost * SAME < best.cost or (verdict.cost <= SAME * best.cost and verdict.used < best.used):
                 best = verdict
         return best
@@ -317,26 +256,6 @@ class Search(Measurements):
         self.tried.append(verdict)
         return best if verdict.dropped else verdict
 
-    def check(self, setting: Setting, v: Variation) -> Check:
-        """The error itself, with the band of the reference, on a maneuver."""
-        try:
-            truth, found = self.truth(v), self.run(v, setting)
-        except Stopped:
-            raise
-        except MbdError as error:
-            return Check(v, math.inf, '', f'the reference: {error}')
-        if found.failure:
-            return Check(v, math.inf, '', found.failure)
-        errors, limits = self.part(found, truth), self.limits(v)
-        shares = {str(r): errors[r] / limits[r] + self.uncertainty(r) * truth.peaks[r.quantity] / limits[r] for r in self.requirements}
-        worst = max(shares, key=lambda n: shares[n])
-        return Check(v, shares[worst], worst, '')
-
-    def check_whole(self, setting: Setting, v: Variation) -> Check:
-        """As check(), and whether the run, which serves for both, is sound."""
-        broken, found = self.broken(v, setting), self.check(setting, v)
-        return found._replace(failure=broken) if broken and found.passed else found
-
     def check_unseen(self, setting: Setting) -> list[Check]:
         """Checks on variations inside the ranges, as many as there is time for; stops at the first failure of the setting."""
         found: list[Check] = []
@@ -353,6 +272,8 @@ class Search(Measurements):
                 break
             if self.took + 1.2 * (clock() - begin) > self.until:
                 break
+        if len(found) < len(points) and all(c.passed for c in found):
+            self.notes.append(f'{len(found)} of {len(points)} unseen maneuvers were checked in the time there was (mbd plan --time)')
         without = [c for c in found if c.failure.startswith('the reference')]
         self.notes += [f'no check on {c.variation}: {c.failure}' for c in without]
         return [c for c in found if c not in without]
@@ -361,7 +282,7 @@ class Search(Measurements):
         """The whole search. self.checks are those of the result; None where nothing keeps what is required, or time is up."""
         self.say('compiling')
         Going(self.scene, baseline(self.scene), []).to(min(0.01, self.scene.duration))
-        self.begin, self.until = clock(), (1.0 - CHECK_SHARE) * self.longest  # what is compiled once is not time of the plan
+        self.begin, self.until = clock(), (1.0 - LEAST_CHECK_SHARE) * self.longest  # what is compiled once is not time of the plan
         best: Verdict | None = None
         models: list[Setting] = []
         try:
