@@ -31,9 +31,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
 
+from mbd_sim_ros.beginning import SIGNALS, let_go
 from solver.compiled import interruption
 
-SIGNALS = (signal.SIGINT, signal.SIGTERM)
 EXIT = 128  # + number of the signal, as shells do
 GRACE = 0.4  # s
 PATIENCE = 15.0  # s
@@ -124,6 +124,7 @@ def install(say: Callable[[str], None], code: int | None = None) -> None:
     _say, _code = say, code
     if _watcher is None:
         _watcher = _Watcher()
+    let_go()
 
 
 def leave() -> None:
@@ -227,9 +228,9 @@ def _note(number: int) -> None:
 
 
 def _handle(number: int, frame: FrameType | None) -> None:
-    """The Python side of a signal: raises only where the main thread waits and nobody holds it."""
+    """The Python side of a signal: raises only in work that has begun, where the main thread waits and nobody holds it."""
     module = frame.f_globals.get('__name__', '') if frame is not None else ''
-    if not _held and module.startswith(WAITS):
+    if doing and not _held and module.startswith(WAITS):
         raise KeyboardInterrupt(sentence(), number)
 
 
@@ -253,8 +254,3 @@ def write(descriptor: int, text: str) -> None:
     """Write a line, past whatever buffers hold; a progress bar on the line is wiped."""
     bar = '\r\033[K' if os.isatty(descriptor) else ''
     os.write(descriptor, f'{bar}{text}\n'.encode())
-
-
-def is_program(name: str) -> bool:
-    """Whether this process was started as the console script `name`."""
-    return Path(sys.argv[0] if sys.argv else '').name == name

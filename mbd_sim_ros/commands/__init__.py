@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from mbd_sim_ros import beginning
+
+beginning.hold('mbd', 'mbd_sim_ros.commands.main', 'mbd_sim_ros.commands.demo')  # before anything that takes time
+
 import argparse
 import fcntl
 from collections.abc import Iterator, Sequence

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 
-from mbd_sim_ros import interrupts
+from mbd_sim_ros import beginning, interrupts
 
 
 def _say(text: str) -> None:
@@ -20,10 +20,10 @@ def _say_early(text: str) -> None:
         _say(text)
 
 
-PROGRAM = __name__ == '__main__' or interrupts.is_program('mbd')  # the process ends with the command
+PROGRAM = __name__ == '__main__' or beginning.is_program('mbd')  # the process ends with the command
 
 if PROGRAM:
-    interrupts.install(_say_early)  # before anything that takes time
+    interrupts.install(_say_early)
     # What is computed at once is computed in processes. Threads of BLAS, two for a matrix of fifty rows, only wait for each other,
     # and the longer the busier the machine is. numpy reads this when it is imported.
     os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')

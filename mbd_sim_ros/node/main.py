@@ -8,6 +8,10 @@ from __future__ import annotations
 
 import sys
 
+from mbd_sim_ros import beginning
+
+beginning.hold('simulator', 'mbd_sim_ros.node.main')
+
 from mbd_sim_ros import interrupts
 
 
@@ -15,7 +19,7 @@ def _say(text: str) -> None:
     interrupts.write(2, text)
 
 
-if __name__ == '__main__' or interrupts.is_program('simulator') or interrupts.is_program('maneuver') or interrupts.is_program('adapter'):
+if __name__ == '__main__' or any(map(beginning.is_program, ('simulator', 'maneuver', 'adapter'))):
     interrupts.install(_say, code=0)
 
 import gc

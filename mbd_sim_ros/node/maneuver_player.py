@@ -9,6 +9,10 @@ from __future__ import annotations
 
 import sys
 
+from mbd_sim_ros import beginning
+
+beginning.hold('maneuver', 'mbd_sim_ros.node.maneuver_player')
+
 from mbd_sim_ros import interrupts
 from mbd_sim_ros.node.main import run
 

@@ -248,3 +248,43 @@ def test_a_call_of_many_long_steps_is_divided(tmp_path: Path, monkeypatch: pytes
     batch.simulate(Slow(), 60)  # type: ignore[arg-type]
     assert sum(spent) == 60
     assert max(spent) in (4, 5)
+
+
+STRUCK = (  # as `main` of console scripts is called, but that a signal comes in the middle of the first imports
+    'import os, signal, sys\n'
+    'class Strike:\n'
+    '    def find_spec(self, name, path=None, target=None):\n'
+    '        if name == "{imported}":\n'
+    '            os.kill(os.getpid(), signal.SIGINT)\n'
+    'sys.meta_path.insert(0, Strike())\n'
+    'sys.argv[0] = "/somewhere/bin/{name}"\n'
+    'from {module} import main\n'
+    'sys.exit(main())\n'
+)
+
+
+@pytest.mark.parametrize(('imported', 'as_json'), [('argparse', False), ('tempfile', True), ('mbd_sim_ros.commands.bench', False)])
+def test_a_signal_while_a_command_imports_its_first_modules_is_answered_by_one_sentence(
+    imported: str, as_json: bool, tmp_path: Path
+) -> None:
+    script = STRUCK.format(imported=imported, name='mbd', module='mbd_sim_ros.commands.main')
+    victim = Victim(tmp_path, ['-c', script, 'info', 'slider_crank', *(['--json'] if as_json else [])])
+    try:
+        ended = victim.end(time.monotonic())
+    finally:
+        victim.kill()
+    judge(ended, signal.SIGINT, GRACE + 5.0, as_json=as_json, node=False)
+    assert ended.code == 130
+
+
+@pytest.mark.parametrize(('name', 'module'), [('simulator', 'main'), ('maneuver', 'maneuver_player'), ('adapter', 'adapter')])
+def test_a_signal_while_a_node_imports_its_first_modules_is_answered_by_one_sentence(name: str, module: str, tmp_path: Path) -> None:
+    pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
+    script = STRUCK.format(imported='tempfile', name=name, module=f'mbd_sim_ros.node.{module}')
+    victim = Victim(tmp_path, ['-c', script], ROS_DOMAIN_ID=DOMAIN, ROS_LOG_DIR=str(tmp_path / 'log'))
+    try:
+        ended = victim.end(time.monotonic())
+    finally:
+        victim.kill()
+    judge(ended, signal.SIGINT, GRACE + 5.0, as_json=False, node=True)
+    assert ended.code == 0 and ended.lines
