@@ -11,6 +11,7 @@ and in all no more bytes and messages than its size can hold even when the messa
 from __future__ import annotations
 
 import os
+import re
 import struct
 import threading
 import zlib
@@ -58,18 +59,28 @@ class Messages(NamedTuple):
 Record = Messages | Schema | Channel | Metadata
 
 
-def find_file(path: str | Path, *, unfinished: bool = False) -> Path:
-    """Return the MCAP file of a bag directory (or `path` itself, if it is a file); `unfinished` admits `.part` files.
+def find_file(path: str | Path) -> Path:
+    """Return the MCAP file of a bag directory (or `path` itself, if it is a file). Raises BagError if there is none, or several."""
+    found = find_files(path)
+    if len(found) > 1:
+        joined = f'if they are the parts of one recording, `mbd recover {path} NEW` makes one file of them'
+        raise BagError(f'{path} holds {len(found)} .mcap files; name one of them, or, {joined}')
+    return found[0]
+
+
+def find_files(path: str | Path, *, unfinished: bool = False) -> list[Path]:
+    """Return the MCAP files of a bag directory (or `path` itself, if it is a file), those of a recording that was split in their order;
+    `unfinished` admits `.part` files where there are no others.
 
     Raises BagError if there is none.
     """
     path = Path(path)
     try:
         if path.is_file():
-            return path
+            return [path]
         if not path.is_dir():
             raise BagError(f'{path} is not there: neither a bag directory nor an .mcap file')
-        found = sorted(path.glob('*.mcap'))
+        found = sorted(path.glob('*.mcap'), key=_numbered)
         parts = sorted(path.glob('*.mcap' + PART))
     except (OSError, ValueError) as error:  # a name that no file can have
         raise BagError(f'cannot read {str(path)!r}: {getattr(error, "strerror", None) or error}') from None
@@ -80,9 +91,12 @@ def find_file(path: str | Path, *, unfinished: bool = False) -> Path:
             raise BagError(f'{path} was not finished: the recording process died; `mbd recover {path} NEW` saves every complete chunk')
         other = ' (storage sqlite3 is not read; convert it with `ros2 bag convert`)' if list(path.glob('*.db3')) else ''
         raise BagError(f'{path} is not a recording: it holds no .mcap file{other}')
-    if len(found) > 1:
-        raise BagError(f'{path} holds {len(found)} .mcap files; name one of them')
-    return found[0]
+    return found
+
+
+def _numbered(path: Path) -> list[tuple[int, str]]:
+    """Sorts by the numbers in a name: 2 before 10."""
+    return [(int(word), '') if word.isdecimal() else (0, word) for word in re.split('([0-9]+)', path.name)]
 
 
 class Reading:

@@ -1,16 +1,21 @@
-"""Saving what a damaged recording, or one that was cut off, holds."""
+"""Saving what a damaged recording, or one that was cut off, holds, and joining the files of one that was split."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
+import yaml
 from mcap.records import Channel, Schema
 
+from mbd_sim_ros.bags.columns import SET_BACK
 from mbd_sim_ros.bags.reader import unreadable
-from mbd_sim_ros.bags.records import Messages, Reading, find_file
+from mbd_sim_ros.bags.records import TIME_MOST, Messages, Reading, find_files
 from mbd_sim_ros.bags.writer import RESULT, BagWriter
 from mbd_sim_ros.messages.topics import DEPTH, Topic
 from solver.errors import BagError
@@ -37,24 +42,65 @@ class Recovered(NamedTuple):
         return not self.damage
 
 
+@dataclass
+class _Part:
+    """A file of a recording, seen through once. left_out: topics that cannot be copied, and why. span: first and last log time [ns]."""
+
+    reading: Reading
+    channels: dict[int, Topic] = field(default_factory=dict)
+    left_out: dict[str, str] = field(default_factory=dict)
+    metadata: dict[str, Mapping[str, str]] = field(default_factory=dict)
+    used: set[int] = field(default_factory=set)
+    span: tuple[int, int] = (TIME_MOST, -1)
+
+    @property
+    def name(self) -> str:
+        return self.reading.path.name
+
+
 def recover(source: str | Path, destination: str | Path) -> Recovered:
     """Copy every complete chunk of a damaged recording, one that was cut off (or a whole one) into a new bag directory.
 
-    Chunks behind a damaged one are copied too; the metadata of the new bag say what is missing in it.
-    Raises BagError if the source is not MCAP, nothing complete is in it, or the destination cannot be written.
+    Chunks behind a damaged one are copied too; the metadata of the new bag say what is missing in it. The files of a recording that was
+    split become one. Raises BagError if the source is not MCAP, nothing complete is in it, its files are not of one recording, or the
+    destination cannot be written.
     """
-    path = find_file(source, unfinished=True)
-    schemas: dict[int, Schema] = {}
-    channels: dict[int, Topic] = {}
     texts: dict[str, str] = {}  # type -> its definition
-    left_out: dict[str, str] = {}
-    metadata: dict[str, Mapping[str, str]] = {}
-    used: set[int] = set()
+    parts = [_look(path, texts) for path in find_files(source, unfinished=True)]
+    _require_order(Path(source), parts)
+    left_out = {topic: why for part in parts for topic, why in part.left_out.items()}
+    if not any(part.used & part.channels.keys() for part in parts):
+        why = next((f': topic {topic}: {why}' for topic, why in left_out.items()), '') if any(part.used for part in parts) else ''
+        what = parts[0].reading.path if len(parts) == 1 else source
+        raise BagError(f'{what} holds no complete chunk{" that can be copied" if why else ""}: nothing can be recovered{why}')
+    damage = [f'{part.name}: {what}' if len(parts) > 1 else what for part in parts for what in part.reading.damage]
+    damage += [f'{name} is missing' for name in _missing(Path(source))]
+    lost = sum(part.reading.lost for part in parts)
+    metadata = {name: record for part in parts for name, record in part.metadata.items()}
+    about = {'recovered_from': ', '.join(part.name for part in parts)}
+    if damage:
+        about |= {'damage': '; '.join(damage), 'lost_messages': str(lost)}
+    metadata[RESULT] = {**metadata.get(RESULT, {}), **about}
+    topics, places = _together(parts)
+    writer = BagWriter(destination, topics, metadata, schemas=texts)
+    for part, place in zip(parts, places, strict=True):
+        for record in Reading(part.reading.path, onwards=True):
+            if isinstance(record, Messages) and record.channel in place:
+                for log_time, data in zip(record.log_times, record.data):
+                    writer.write(log_time, [(place[record.channel], data)])
+    directory = writer.finish()
+    return Recovered(directory, sum(writer.count), writer.first_ns or 0, writer.last_ns, tuple(damage), lost, left_out)
+
+
+def _look(path: Path, texts: dict[str, str]) -> _Part:
+    """See through a file, and note the definitions of types."""
+    part = _Part(Reading(path, onwards=True))
+    schemas: dict[int, Schema] = {}
     declared: set[int] = set()
-    first = Reading(path, onwards=True)
-    for record in first:
+    for record in part.reading:
         if isinstance(record, Messages):
-            used.add(record.channel)
+            part.used.add(record.channel)
+            part.span = min(part.span[0], *record.log_times), max(part.span[1], *record.log_times)
         elif isinstance(record, Schema):
             schemas[record.id] = record
         elif isinstance(record, Channel):
@@ -62,28 +108,50 @@ def recover(source: str | Path, destination: str | Path) -> Recovered:
             schema = schemas.get(record.schema_id)
             problem = unreadable(record, schema) or _other(schema, texts)
             if not problem and schema is not None:
-                channels.setdefault(record.id, _topic(record, schema))
-                left_out.pop(record.topic, None)
-            elif record.id not in channels:
-                left_out[record.topic] = problem
+                part.channels.setdefault(record.id, _topic(record, schema))
+                part.left_out.pop(record.topic, None)
+            elif record.id not in part.channels:
+                part.left_out[record.topic] = problem
         else:
-            metadata[record.name] = record.metadata
-    if not used & channels.keys():
-        why = next((f': topic {topic}: {problem}' for topic, problem in left_out.items()), '') if used else ''
-        raise BagError(f'{path} holds no complete chunk{" that can be copied" if why else ""}: nothing can be recovered{why}')
-    left_out |= dict.fromkeys((f'channel {channel}' for channel in used - declared), 'it is not declared')
-    about = {'recovered_from': path.name}
-    if first.damage:
-        about |= {'damage': '; '.join(first.damage), 'lost_messages': str(first.lost)}
-    metadata[RESULT] = {**metadata.get(RESULT, {}), **about}
-    place = {channel: i for i, channel in enumerate(channels)}
-    writer = BagWriter(destination, list(channels.values()), metadata, schemas=texts)
-    for record in Reading(path, onwards=True):
-        if isinstance(record, Messages) and record.channel in place:
-            for log_time, data in zip(record.log_times, record.data):
-                writer.write(log_time, [(place[record.channel], data)])
-    directory = writer.finish()
-    return Recovered(directory, sum(writer.count), writer.first_ns or 0, writer.last_ns, tuple(first.damage), first.lost, left_out)
+            part.metadata[record.name] = record.metadata
+    part.left_out |= dict.fromkeys((f'channel {channel}' for channel in part.used - declared), 'it is not declared')
+    return part
+
+
+def _require_order(source: Path, parts: Sequence[_Part]) -> None:
+    """Raise BagError where files do not follow each other as the parts of a recording do, which overlap by what is on its way at most."""
+    spans = [(part.name, *part.span) for part in parts if part.used]
+    for (before, _, end), (after, begin, _) in pairwise(spans):
+        if begin < end - SET_BACK:
+            raise BagError(
+                f'{source}: {after} begins {(end - begin) * 1e-9:.6g} s before {before} ends: '
+                'these are not the parts of one recording; name one of them'
+            )
+
+
+def _together(parts: Sequence[_Part]) -> tuple[list[Topic], list[dict[int, int]]]:
+    """The topics of all files, and for every file: channel -> place of its topic. Channels of one name in a file stay apart."""
+    topics: dict[tuple[str, str, int], Topic] = {}
+    places = []
+    for part in parts:
+        count: Counter[tuple[str, str]] = Counter()
+        place = {}
+        for channel, topic in part.channels.items():
+            key = topic.name, topic.type, count[topic.name, topic.type]
+            count[topic.name, topic.type] += 1
+            topics.setdefault(key, topic)
+            place[channel] = list(topics).index(key)
+        places.append(place)
+    return list(topics.values()), places
+
+
+def _missing(source: Path) -> list[str]:
+    """Files of which the metadata.yaml of a directory speaks and that are not there."""
+    try:
+        named = yaml.safe_load((source / 'metadata.yaml').read_text(encoding='utf-8'))['rosbag2_bagfile_information']['relative_file_paths']
+        return [name for name in named if not (source / name).is_file()]
+    except (OSError, ValueError, LookupError, TypeError, yaml.YAMLError):  # it is no directory, or has none, or a broken one
+        return []
 
 
 def _topic(channel: Channel, schema: Schema) -> Topic:

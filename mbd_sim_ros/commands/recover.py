@@ -15,10 +15,10 @@ def add(parsers: Any) -> None:
         parsers,
         'recover',
         run,
-        'copy every complete chunk of a recording that was cut off or damaged into a new bag',
+        'copy every complete chunk of a recording that was cut off, damaged or split into several files into a new bag',
         'mbd recover bags/killed bags/saved',
     )
-    parser.add_argument('bag', metavar='BAG', type=Path, help='bag directory or .mcap(.part) file')
+    parser.add_argument('bag', metavar='BAG', type=Path, help='bag directory, also with several files, or .mcap(.part) file')
     parser.add_argument('new', metavar='NEW', type=Path, help='new bag directory')
 
 
