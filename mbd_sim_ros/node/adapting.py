@@ -19,6 +19,7 @@ from mbd_sim_ros.node.demand import Car, Demand, Loop
 from mbd_sim_ros.node.demands import GEAR_DRIVE, GEAR_REVERSE, HEARD, TOLD, Heard, Measured, class_of, gear
 from mbd_sim_ros.node.gearbox import Gearbox, Worked
 from mbd_sim_ros.node.parameters import declare_described
+from mbd_sim_ros.node.turns import turn
 from solver.errors import SpecError
 from solver.files.scene import load_scene, load_scene_text
 from solver.inputs.driver import SpeedControl
@@ -90,7 +91,7 @@ class Adapter(Node):
 
     def look(self, executor: Executor) -> bool:
         """Take what comes; whether the simulator, its car and its states have been found. Raises MbdError."""
-        executor.spin_once(timeout_sec=LOOK)
+        turn(executor, self, LOOK)
         if self._driven is None and self._commands.get_subscription_count() == 0:
             return False
         if self._told:
@@ -107,7 +108,7 @@ class Adapter(Node):
             return 'is not there'
         if self._driven is None:
             return 'does not say what it simulates'
-        return 'is there but sends no odom (is it paused, or in another namespace?)'
+        return 'is there but sends no odom (is it in another namespace?)'
 
     def ended(self) -> str:
         """Why there is nothing more to do; '' while there is."""

@@ -25,7 +25,7 @@ MODES = ('realtime', 'fast', 'lockstep')
 LONGEST_WAIT = 0.05  # s between looks at stop flag and requests
 SLIP = 0.2  # s behind schedule after which the schedule is given up and starts anew
 GLANCE = 5e-4  # s between looks for commands while lockstep waits
-REPEAT = 1.0  # s of waiting in lockstep after which the state is published again, for those who came late
+REPEAT = 1.0  # s of waiting, in lockstep or paused, after which the state is published again, for those who came late
 ENDED = 'the simulation has ended'
 DRIVING = ('drive_torque', 'accelerator')  # beginnings of commands that drive: the watchdog ends them
 WINDOW = 4096  # steps over which step times are judged
@@ -91,11 +91,11 @@ class Loop:
     many of the next steps, at most so many, nobody sees while nobody commands: these are made in one call with the one behind them, with
     the same bits and without what waking costs. In real time the call begins earlier by what they take, as the calls made lately tell, so
     that the step that is seen begins when it is due; none begins before it is, for steps take less than they last. `passed()` is called
-    behind each call, `repeat()` from time to time while lockstep waits for a first or lost answer. commands: names of those that are
-    latched, steering first; drive torques and the accelerator among them count as zero when they are older than command_timeout. The
-    attributes mode, rate_factor, command_timeout [s, 0: never] and lockstep_commands may be changed at any time. dropped: steps that were
-    asked for and not made, because of a pause or a reset. After the thread has ended `outcome` is a sentence and `error` the exception that
-    ended it, if any.
+    behind each call, `repeat()` from time to time while lockstep waits for a first or lost answer, and while paused. commands: names of
+    those that are latched, steering first; drive torques and the accelerator among them count as zero when they are older than
+    command_timeout. The attributes mode, rate_factor, command_timeout [s, 0: never] and lockstep_commands may be changed at any time.
+    dropped: steps that were asked for and not made, because of a pause or a reset. After the thread has ended `outcome` is a sentence and
+    `error` the exception that ended it, if any.
     """
 
     def __init__(
@@ -308,6 +308,7 @@ class Loop:
             self._anchor = None
             return True
         if self.paused:
+            self._show_again()
             self._sleep(LONGEST_WAIT)
             return False
         if self.mode != 'realtime':
@@ -325,9 +326,7 @@ class Loop:
                 self.answers = self.answers._replace(surplus=self.answers.surplus + surplus)
                 self._used = counts
                 return True
-            if time.perf_counter() - self._emitted > REPEAT:
-                self._emitted = time.perf_counter()
-                self._repeat()
+            self._show_again()
             self._sleep(GLANCE)
             return False
         begin = self._deadline(self.simulation.k + ahead) - (ahead * min(self._took) if ahead else 0.0)
@@ -385,6 +384,12 @@ class Loop:
     def _show(self, snapshot: Snapshot) -> None:
         self._emit(snapshot)
         self._emitted = time.perf_counter()
+
+    def _show_again(self) -> None:
+        """Show who came meanwhile what was shown long ago."""
+        if time.perf_counter() - self._emitted > REPEAT:
+            self._emitted = time.perf_counter()
+            self._repeat()
 
     def _make(self, n: int) -> Snapshot:
         """Make n steps in one call."""

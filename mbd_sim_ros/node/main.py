@@ -128,6 +128,7 @@ def _simulate() -> int:
 
     from mbd_sim_ros.node.publish import leave_sending_to_the_middleware
     from mbd_sim_ros.node.simulator import Simulator
+    from mbd_sim_ros.node.turns import turn
     from solver.errors import SceneError
     from solver.files.scene import known_names
 
@@ -156,7 +157,7 @@ def _simulate() -> int:
             node.get_logger().info(f'running {scene.name}: step {simulation.h_ns * 1e-6:g} ms, mode {node.value("mode")}')
             executor.add_node(node)
             while not interrupts.event.is_set() and not node.loop.done.is_set():
-                executor.spin_once(timeout_sec=LOOK)
+                turn(executor, node, LOOK)
         finally:
             number = interrupts.received()
             if number:

@@ -22,6 +22,7 @@ from std_msgs.msg import Int32
 from mbd_sim_ros.node.accompany import LOOK, LOST
 from mbd_sim_ros.node.commands import PLAIN
 from mbd_sim_ros.node.parameters import declare_described
+from mbd_sim_ros.node.turns import turn
 from solver.errors import SceneError
 from solver.files.scene import load_maneuver, load_scene
 from solver.inputs.hands import COMMANDS, POWERTRAIN, STEERING
@@ -64,14 +65,14 @@ class Player(Node):
 
     def look(self, executor: Executor) -> bool:
         """Take what comes; whether the simulator has been found."""
-        executor.spin_once(timeout_sec=LOOK)
+        turn(executor, self, LOOK)
         if time.monotonic() - self._repeated > LOST:
             self._send()
         return self.answered >= 0
 
     def missing(self) -> str:
         """What is wrong with the simulator while it has not been found."""
-        return 'is there but sends no cmd_applied (is it paused?)' if self._found() else 'is not there'
+        return 'is there but sends no cmd_applied (is it in another namespace?)' if self._found() else 'is not there'
 
     def ended(self) -> str:
         """Why there is nothing more to do; '' while there is."""

@@ -303,7 +303,7 @@ class Running:
         snapshot = self.simulation.snapshot()
         self._publication.publish(self._messages.encode(snapshot), to_nobody=True)
         if self._ticks is not None:
-            self._publish_clock(self._ticks, snapshot)
+            self._publish_clock(self._ticks, snapshot, anyway=True)
 
     def _tick_every(self) -> int:
         """Steps between two messages on /clock, from step 0: they are due with other topics, for waking costs more than steps."""
@@ -312,13 +312,14 @@ class Running:
             self._tick = seconds, max(1, math.ceil(round(seconds * 1e9 / self.simulation.h_ns, 6)))
         return self._tick[1]
 
-    def _publish_clock(self, publisher: Publisher, snapshot: Snapshot) -> None:
+    def _publish_clock(self, publisher: Publisher, snapshot: Snapshot, *, anyway: bool = False) -> None:
         mode = self.loop.mode
         # at the start whatever its step; in lockstep the others wait for every tick
-        if mode != 'lockstep' and self._ticked > -math.inf and snapshot.k % self._tick_every():
+        anyway = anyway or mode == 'lockstep' or self._ticked == -math.inf
+        if not anyway and snapshot.k % self._tick_every():
             return
         now = time.monotonic()
-        if mode != 'fast' or now - self._ticked >= CLOCK_SECONDS:
+        if anyway or mode != 'fast' or now - self._ticked >= CLOCK_SECONDS:
             self._ticked = now
             publisher.publish(ENCAPSULATION + STAMP.pack(*divmod(snapshot.t_ns, 1_000_000_000)))
 

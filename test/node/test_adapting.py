@@ -119,7 +119,7 @@ def test_a_speed_below_zero_goes_backwards_until_a_gear_is_commanded(adapter):
 def test_a_simulator_without_odom_is_not_found(adapter):
     node = adapter(**CAR)
     assert not look(node)
-    assert node.missing() == 'is there but sends no odom (is it paused, or in another namespace?)'
+    assert node.missing() == 'is there but sends no odom (is it in another namespace?)'
     odom(node, 0.0)
     assert look(node)
 

@@ -281,6 +281,13 @@ def test_parameters_are_described_guarded_and_load_again(start, client, tmp_path
     assert 'fixed while the node runs' in put('frame_prefix', 'other/').reason
     assert 'must be one of realtime' in put('mode', 'quick').reason
     assert not put('publish_every', 0).successful
+    nobody_knows = Parameter('rate_factor', value=1.0).to_parameter_msg()
+    nobody_knows.value.type = 77
+    service = client.node.create_client(SetParameters, 'simulator/set_parameters')
+    client.until(service.service_is_ready)
+    service.call_async(SetParameters.Request(parameters=[nobody_knows]))
+    client.until(lambda: 'a request cannot be handled and is left unanswered: 77 is not a valid Parameter.Type' in process.output)
+    assert put('rate_factor', 1.5).successful  # the simulation goes on
     values = [parameter_value_to_python(v) for v in ask(GetParameters, 'get_parameters', names=names).values]
     dump = {n: list(v) if isinstance(v, (list, tuple)) else v for n, v in zip(names, values, strict=True)}
     process.process.send_signal(signal.SIGTERM)

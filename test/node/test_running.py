@@ -182,6 +182,24 @@ def test_a_state_that_is_repeated_in_lockstep_comes_with_the_clock(opened, sent)
     assert node.running.simulation.k == 0
 
 
+@pytest.mark.parametrize('mode', ['realtime', 'fast', 'lockstep'])
+def test_who_comes_while_paused_is_shown_the_state_whatever_its_step_and_the_rates(opened, sent, mode: str) -> None:
+    """Once a second; paused behind a step that has no tick of the clock, and no message of a thinned topic."""
+    from mbd_sim_ros.node import services
+
+    node = opened(mode=mode, rate_imu=1.0)
+    assert do(node, services.pause)[0]
+    until(lambda: do(node, services.step)[0] and node.running.simulation.k % 5 == 3)
+    k = node.running.simulation.k
+    time.sleep(0.1)
+    sent.clear()
+    until(lambda: any(topic == '/clock' for topic, _ in sent))
+    time.sleep(0.2)
+    assert node.running.simulation.k == k
+    topics = [topic for topic, _ in sent]
+    assert all(topics.count(f'/{name}') == 1 for name in ('cmd_applied', 'odom', 'imu', 'joint_states', 'clock'))
+
+
 def test_an_answer_that_names_no_command_holds_them_all(opened) -> None:
     from sensor_msgs.msg import JointState
 
