@@ -230,6 +230,8 @@ class Scene:
         where_ = f'scene {self.name!r}'
         finite(where_, 'duration', self.duration, low=0.0, strict=True)
         finite(where_, 'duration', self.duration, high=LONGEST)
+        none = f'makes no step of {self.integrator.h_ns * 1e-9:g} s; take longer, or a smaller integrator.h'
+        require(self.steps > 0, where_, 'duration', self.duration, none)
         _check_frames(where_, self.model)
         _check_channels(where_, self.model)
         known = [c.name for joint in self.model.joints for c in joint_coordinates(joint)] + [c.name for c in self.model.coordinates]

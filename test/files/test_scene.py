@@ -60,6 +60,7 @@ def test_overrides_are_checked_like_the_file_and_are_in_the_resolved_text() -> N
         ('integrator.rho_inf=1.2', '--set integrator.rho_inf: integrator.rho_inf = 1.2: must be in [0, 1]'),
         ('duration', 'write it as path.to.key=value'),
         ('duration.x=1', 'is a plain value'),
+        ('duration=0.0004', '--set duration: duration = 0.0004: makes no step of 0.001 s; take longer, or a smaller integrator.h'),
         ('mechanism.bodies.crank.com[3]=1', 'is a list of 3'),
         ('start.coordinates.slid.rate=1', "did you mean 'slide'?"),
         ('maneuver=maneuvers/step_stear.yaml', "did you mean 'maneuvers/step_steer.yaml'?"),
