@@ -142,6 +142,18 @@ def file_names(topics: Iterable[str]) -> dict[str, str]:
     return names
 
 
+def suspicion(run: Run) -> tuple[str, ...]:
+    """What the recorded run says against itself."""
+    ours = 'resolved_scene' in run.metadata
+    status = run.metadata.get('status', '' if ours else 'ok')
+    if status == 'ok':
+        return ()
+    if not status:  # a run ends with a verdict
+        return (f'the run has no verdict: {run.metadata.get("end", "its recording was cut off")}',)
+    texts = [str(finding.get('text', '')) for finding in run.findings]
+    return (f'the run is {status}' + (f': {"; ".join(texts)}' if texts else ''),)
+
+
 def must_match(run: Run, patterns: Sequence[str], place: str | Path) -> None:
     """Raise BagError for a pattern that no channel of the recording matches."""
     for pattern in patterns:

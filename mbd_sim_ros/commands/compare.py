@@ -6,7 +6,7 @@ import argparse
 import dataclasses
 import fnmatch
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -153,7 +153,17 @@ def run(args: argparse.Namespace) -> Result:
     names = _labels([args.run_, args.reference, *args.repeats])
     left_out = {f'{name}: {topic}': why for name, r in zip(names, (ours, *references)) for topic, why in r.left_out.items()}
     unused = limits.unused(d.channel for d in found.differences)
-    result = report(found, allow_missing=args.allow_missing, names=names, left_out=left_out, unused=unused, plot=args.plot, html=args.html)
+    doubts = {name: list(told) for name, r in zip(names, (ours, *references)) if (told := runs.suspicion(r))}
+    result = report(
+        found,
+        allow_missing=args.allow_missing,
+        names=names,
+        left_out=left_out,
+        unused=unused,
+        doubts=doubts,
+        plot=args.plot,
+        html=args.html,
+    )
     if args.plot is not None:
         from mbd_sim_ros.analysis.plots import plot_comparison
 
@@ -162,7 +172,9 @@ def run(args: argparse.Namespace) -> Result:
         from mbd_sim_ros.analysis.html import write_report
 
         verdict = result.text.splitlines()[-1]
-        write_report(found, args.html, names=names, about=about(found, names, left_out, unused), verdict=(result.code == 0, verdict))
+        write_report(
+            found, args.html, names=names, about=about(found, names, left_out, unused, doubts), verdict=(result.code == 0, verdict)
+        )
     return result
 
 
@@ -211,9 +223,15 @@ def _labels(places: list[Path]) -> list[str]:
     return short if len(set(short)) == len(short) else [str(place) for place in places]
 
 
-def about(found: Comparison, names: list[str], left_out: dict[str, str], unused: Sequence[str] = ()) -> list[str]:
-    """What was done before comparing, a line each."""
-    lines = []
+def about(
+    found: Comparison,
+    names: list[str],
+    left_out: dict[str, str],
+    unused: Sequence[str] = (),
+    doubts: Mapping[str, Sequence[str]] | None = None,
+) -> list[str]:
+    """What the recordings say against themselves, and what was done before comparing, a line each."""
+    lines = [f'{name}: {text}' for name, texts in (doubts or {}).items() for text in texts]
     if any(found.origins):
         lines += [f'times of {name} count from {origin:.9f} s' for name, origin in zip(names, found.origins) if origin]
     for k, name in enumerate(names[1:]):
@@ -239,6 +257,7 @@ def report(
     names: list[str] | None = None,
     left_out: dict[str, str] | None = None,
     unused: Sequence[str] = (),
+    doubts: Mapping[str, Sequence[str]] | None = None,
     plot: Path | None = None,
     html: Path | None = None,
 ) -> Result:
@@ -261,6 +280,7 @@ def report(
         'only_in_reference': list(found.only_in_reference),
         'not_read': left_out or {},
         'unused_tolerances': list(unused),
+        'doubts': dict(doubts or {}),
         'problems': list(found.problems),
         'plot': None if plot is None else str(plot),
         'html': None if html is None else str(html),
@@ -274,7 +294,7 @@ def report(
         cells += ['' if d.rating is None else f'{d.rating.overall:.3f}'] if rated else []
         cells += ['' if d.band is None else f'{100.0 * d.band.inside:.1f} %'] if band else []
         rows.append((*cells, '' if d.ok else f'OUTSIDE: {"; ".join(d.reasons)}'))
-    lines = [*about(found, names or ['run', 'reference'], left_out or {}, unused), table(rows)]
+    lines = [*about(found, names or ['run', 'reference'], left_out or {}, unused, doubts), table(rows)]
     if len(found.differences) > SHOWN:
         lines.append(f'... and {len(found.differences) - SHOWN} channels that differ less')
     verdict = f'{len(outside)} of {len(found.differences)} channels outside' if outside else f'{len(found.differences)} channels within'

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +41,8 @@ def run(args: argparse.Namespace) -> Result:
         raise BagError(f'{args.bag}: nothing in it can be written as a table')
     files = runs.export(run_, args.csv) if args.csv is not None else []
     files += dataframes.export_parquet(run_, args.parquet) if args.parquet is not None else []
+    others = _others(args.csv, '.csv', files) + _others(args.parquet, '.parquet', files)
+    doubts = runs.suspicion(run_)
     rows = max(one.time_ns.size for one in run_.series.values())
     data = {
         'status': 'ok',
@@ -47,5 +50,18 @@ def run(args: argparse.Namespace) -> Result:
         'columns': sum(len(one.columns) for one in run_.series.values()),
         'files': [str(f) for f in files],
         'not_read': run_.left_out,
+        'others': [str(f) for f in others],
+        'doubts': list(doubts),
     }
-    return Result(data=data, text='\n'.join([*map(str, files), *(f'not read: {t}: {why}' for t, why in run_.left_out.items())]))
+    lines = [*map(str, files), *doubts, *(f'not read: {t}: {why}' for t, why in run_.left_out.items())]
+    if others:
+        shown = ', '.join(f.name for f in others[:3]) + (f' and {len(others) - 3} more' if len(others) > 3 else '')
+        lines.append(
+            f'there before, and not of this export: {shown} in {others[0].parent}; give a new folder where they are of another run'
+        )
+    return Result(data=data, text='\n'.join(lines))
+
+
+def _others(directory: Path | None, ending: str, files: Sequence[Path]) -> list[Path]:
+    """Tables in a directory that were not written now: whoever reads all of them would mix two recordings."""
+    return [] if directory is None else sorted(set(directory.glob(f'*{ending}')) - set(files))

@@ -11,6 +11,7 @@ import pytest
 from drives import EPOCH, circling, dwelling, stepped, weaving
 from scalars import run_of, write_scalars
 
+from mbd_sim_ros.analysis import runs
 from mbd_sim_ros.analysis.evaluation import judging, sine_with_dwell
 from mbd_sim_ros.analysis.evaluation.figures import Result
 from mbd_sim_ros.analysis.evaluation.registry import EVALUATIONS, called, names
@@ -199,7 +200,7 @@ def test_a_car_that_stands_drives_no_maneuver(tmp_path: Path, capsys: pytest.Cap
     ],
 )
 def test_a_run_that_is_not_ok_or_was_killed_before_its_verdict_is_told(metadata: dict[str, str], told: str) -> None:
-    assert judging.suspicion(Run({}, metadata)) == ((told,) if told else ())
+    assert runs.suspicion(Run({}, metadata)) == ((told,) if told else ())
 
 
 def test_strict_fails_where_the_norm_is_not_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -249,6 +249,16 @@ def test_export_agrees_with_the_recording(recording: Path, capsys: pytest.Captur
     assert header.startswith('time [s],crank/position [rad],')
 
 
+def test_export_tells_of_tables_that_an_older_one_left(recording: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    directory = tmp_path / 'csv'
+    assert document(capsys, 'export', str(recording), '--csv', str(directory))[1]['others'] == []
+    (directory / 'tire_states.csv').write_text('time [s],front_left/kappa\n')
+    code, data = document(capsys, 'export', str(recording), '--csv', str(directory))
+    assert (code, data['others']) == (0, [str(directory / 'tire_states.csv')])
+    text = output(capsys, 'export', str(recording), '--csv', str(directory))[1]
+    assert 'there before, and not of this export: tire_states.csv in ' in text
+
+
 def test_recover_saves_a_cut_recording(recording: Path, capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
     whole = next(recording.glob('*.mcap')).read_bytes()
     cut = tmp_path / 'cut.mcap'

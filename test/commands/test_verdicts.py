@@ -234,3 +234,21 @@ def test_a_run_that_fails_leaves_its_last_steps_and_a_state_to_start_again_from(
     assert set(step[1:] - step[:-1]) == {1.0}
     code, data = document(capsys, 'replay', str(tmp_path / 'r' / 'last_steps'))
     assert (code, data['status']) == (0, 'identical')
+
+
+def test_what_is_made_of_a_suspect_recording_says_so(tmp_path, capsys) -> None:
+    """The stop is too stiff for the step; the other one is long over before it is reached."""
+    path = tmp_path / 'scene.yaml'
+    path.write_text(STOP)
+    document(capsys, 'run', str(path), '--out', str(tmp_path / 'coarse'), '--set', 'integrator.h=0.005')
+    document(capsys, 'run', str(path), '--out', str(tmp_path / 'good'), '--set', 'integrator.h=0.0005', '--duration', '0.05')
+    _, text, _ = output(
+        capsys, 'compare', str(tmp_path / 'coarse'), str(tmp_path / 'good'), '--allow-missing', '--html', str(tmp_path / 'p')
+    )
+    assert text.startswith('coarse: the run is suspect: ') and 'energy account misses' in text.splitlines()[0]
+    assert 'good: the run' not in text
+    assert 'coarse: the run is suspect' in (tmp_path / 'p').read_text()
+    _, data = document(capsys, 'compare', str(tmp_path / 'coarse'), str(tmp_path / 'good'), '--allow-missing')
+    assert list(data['doubts']) == ['coarse']
+    _, text, _ = output(capsys, 'export', str(tmp_path / 'coarse'), '--csv', str(tmp_path / 'csv'))
+    assert 'the run is suspect: ' in text

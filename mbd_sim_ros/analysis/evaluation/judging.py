@@ -81,7 +81,7 @@ def judge(
         result = evaluation.judge(found, parameters)
     bad = next((f for f in result.figures if f.ok and not math.isfinite(f.value)), None)
     assert bad is None, f'{bad} passes without a value'
-    notes = (*suspicion(run), *misfit(found), *result.notes)
+    notes = (*runs.suspicion(run), *misfit(found), *result.notes)
     return dataclasses.replace(result, parameters=dataclasses.asdict(parameters), notes=notes)
 
 
@@ -91,18 +91,6 @@ def _states(scene: Scene, evaluation: Evaluation) -> bool:
         return evaluation in called(scene.maneuver.evaluation)
     except SpecError:  # none, or one that is not known here
         return False
-
-
-def suspicion(run: Run) -> tuple[str, ...]:
-    """What the recorded run says against itself."""
-    ours = 'resolved_scene' in run.metadata
-    status = run.metadata.get('status', '' if ours else 'ok')
-    if status == 'ok':
-        return ()
-    if not status:  # a run ends with a verdict
-        return (f'the run has no verdict: {run.metadata.get("end", "its recording was cut off")}',)
-    texts = [str(finding.get('text', '')) for finding in run.findings]
-    return (f'the run is {status}' + (f': {"; ".join(texts)}' if texts else ''),)
 
 
 def misfit(s: Signals) -> tuple[str, ...]:
