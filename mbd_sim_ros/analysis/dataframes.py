@@ -82,18 +82,21 @@ def export_parquet(run: Run, directory: Path) -> list[Path]:
     Raises BagError when a file cannot be written and where pandas or pyarrow is missing.
     """
     try:
+        import pandas as pd
         import pyarrow as pa
         import pyarrow.parquet as pq
     except ImportError:
-        raise BagError("pyarrow is missing: pip install 'mbd_sim_ros[analysis]'") from None
+        raise BagError("pandas or pyarrow is missing: pip install 'mbd_sim_ros[analysis]'") from None
     files = []
     try:
         directory.mkdir(parents=True, exist_ok=True)
         names = runs.file_names(run.series)
         for topic, frame in frames(run).items():
             units = {**frame.attrs['units'], 'time_ns': 'ns', TIME: 's'}
-            frame.insert(0, 'time_ns', run.series[topic].time_ns)
-            table = pa.Table.from_pandas(frame)
+            series = run.series[topic]
+            whole = pd.DataFrame({'time_ns': series.time_ns, **series.columns}, index=frame.index, copy=False)
+            whole.attrs = frame.attrs
+            table = pa.Table.from_pandas(whole)
             fields = [part.with_metadata({'unit': units.get(part.name, '')}) for part in table.schema]
             file = directory / f'{names[topic]}.parquet'
             pq.write_table(table.cast(pa.schema(fields, table.schema.metadata)), file, compression='zstd')

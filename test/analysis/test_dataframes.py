@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -75,6 +76,17 @@ def test_parquet_and_back_is_the_same_bits(recorded: Path, tmp_path: Path) -> No
     schema = pq.read_schema(tmp_path / 'deep' / 'tire_states.parquet')
     units = {field.name: field.metadata[b'unit'].decode() for field in schema}
     assert units == {'time_ns': 'ns', 'time': 's', 'tire_states/front_left/fz': 'N', 'tire_states/front_left/alpha': 'rad'}
+
+
+def test_topics_with_hundreds_of_channels_are_written_without_a_warning(tmp_path: Path) -> None:
+    """As the outputs of all elements of a car are: what a library says to programmers is not for who exports."""
+    values = {f'element_states/e{k}/force': np.full(3, float(k)) for k in range(200)}
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        (file,) = export_parquet(bag.Run({'element_states': bag.Series(np.arange(3), values)}), tmp_path)
+    back = pd.read_parquet(file)
+    np.testing.assert_array_equal(back['element_states/e199/force'], 199.0)
+    np.testing.assert_array_equal(back['time_ns'], np.arange(3))
 
 
 def test_a_place_that_cannot_be_written_is_named(recorded: Path, tmp_path: Path) -> None:
