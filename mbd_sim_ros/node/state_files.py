@@ -19,6 +19,7 @@ from solver.inputs.actuation import Chain
 from solver.inputs.assistance import Assistant
 from solver.model.spec import ModelSpec
 from solver.model.state import fitting, load_arrays
+from solver.output.snapshot import TIRE_COLUMNS
 
 
 class Part(Protocol):
@@ -60,7 +61,7 @@ def restore(path: Path, scene: Any, simulation: Any, parts: Mapping[str, Part]) 
     Of another scene of the same vehicle come its motion and what was commanded; actuators begin at the inputs in force, and where only
     one of the two has an assistance, whose gear may be a lever, the gear that is in stays in.
 
-    Raises SpecError for a file that is none, or of a scene with another vehicle or step.
+    Raises SpecError for a file that is none, or of a scene with another vehicle or step, and where wheels would begin in the ground.
     """
     if not path.is_file():
         raise SpecError(f'parameter restore: {path} is not a state file of ~/save_state (no file is there)')
@@ -80,6 +81,8 @@ def restore(path: Path, scene: Any, simulation: Any, parts: Mapping[str, Part]) 
     if not np.isfinite(latched).all():
         raise SpecError(f'parameter restore: {path} holds commands that are no numbers; save the state anew')
     simulation.restore(data, elsewhere=elsewhere)
+    if elsewhere:
+        _require_above_the_road(path, scene, simulation)
     commands = dict(zip(map(str, names), latched.tolist(), strict=True))
     for name, part in parts.items():
         if isinstance(part, Chain) and elsewhere:
@@ -91,6 +94,19 @@ def restore(path: Path, scene: Any, simulation: Any, parts: Mapping[str, Part]) 
     if elsewhere and ('assistance' in parts) != ('assistance' in saved):
         commands = {name: value for name, value in commands.items() if name not in ('gear', 'clutch')}
     return commands
+
+
+def _require_above_the_road(path: Path, scene: Any, simulation: Any) -> None:
+    """Raise SpecError where the road lies so much higher than that of the file that the rim of a wheel is in it: it would be hurled up."""
+    deflection = TIRE_COLUMNS.index('deflection')
+    tires = {tire.name: tire.data.values for tire in getattr(scene.model, 'tires', ())}
+    for name, row in zip(simulation.channels.wheels, simulation.snapshot().tire.tolist(), strict=True):
+        most = tires[name]['UNLOADED_RADIUS'] - tires[name].get('RIM_RADIUS', 0.0)
+        if row[deflection] > most:
+            raise SpecError(
+                f'parameter restore: {path}: the tire {name} would begin {row[deflection]:.3g} m deep in the road of this scene, whose rim '
+                f'is reached at {most:.3g} m; save the state where the road is as high as here'
+            )
 
 
 def _model_hash(model: Any) -> str:

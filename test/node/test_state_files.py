@@ -132,3 +132,21 @@ def test_actuators_of_another_scene_begin_at_the_inputs_in_force(tmp_path: Path,
         restore(path, after, other, found)
         if expected is not None:
             np.testing.assert_array_equal(found['actuators'].state, expected)
+
+
+def test_a_state_whose_wheels_would_begin_in_a_higher_road_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """From the tread to the rim there are 112.8 mm, of which standing takes some 20. With the road 0.3 m higher the car rose by a metre."""
+    monkeypatch.chdir(tmp_path)
+    before = load_scene('light_car_straight')
+    standing = Simulation(before)
+    path = save(before, standing, parts_of(before, standing), {})
+    for height, fits in ((-0.5, True), (0.05, True), (0.13, False), (0.3, False)):
+        after = load_scene('light_car_straight', [f'road.point=[0, 0, {height}]'])
+        simulation = Simulation(after)
+        if fits:
+            restore(path, after, simulation, parts_of(after, simulation))
+            continue
+        with pytest.raises(
+            SpecError, match=r'restore: .*: the tire \w+ would begin \S+ m deep in the road of this scene, whose rim .* 0.113 m'
+        ):
+            restore(path, after, simulation, parts_of(after, simulation))
