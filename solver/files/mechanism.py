@@ -92,7 +92,9 @@ class MechanismReader:
         if distance and not {'length', 'length_mm'} & set(fields) and len(given) == 2:
             given['length'] = norm(self.point(given['j']) - self.point(given['i']))
         extra = ('at', *(k for k in ROTATION_KEYS if k not in hints)) if markers else ()
-        return builder.construct(cls, fields, node, path, name=name, given=given, extra=extra)
+        element = builder.construct(cls, fields, node, path, name=name, given=given, extra=extra)
+        _require_two_ends(element, builder.mapping(node, path), path)
+        return element
 
     def placement(self, builder: Builder, fields: Fields, path: str) -> Placement:
         """The frame given by at and axis, orientation or rpy, in the world; takes these keys out of fields."""
@@ -145,7 +147,27 @@ class MechanismReader:
     def law(self, builder: Builder, cls: type, node: Node, path: str, name: str | None) -> Law:
         """A number is the rate of a straight line, a list of [x, y] points a monotone cubic."""
         value = builder.build(float | tuple[tuple[float, float], ...], node, path)  # type: ignore[arg-type]
+        if isinstance(value, float) and value < 0.0:
+            # a sign by mistake: what no step resolves of the motion that grows from it is damped away, and nothing shows
+            raise refuse(node, path, f'a rate below 0 drives apart what it should hold; give {-value:g}, or points where it is meant so: '
+                         f'[[-1, {-value:g}], [1, {value:g}]]')  # fmt: skip
         return Law.linear(value) if isinstance(value, float) else Law.table(value)
+
+
+def _require_two_ends(element: Any, fields: Fields, path: str) -> None:
+    """Refuse what acts between two bodies or coordinates and has the same one twice: it would do nothing, without a word."""
+    for first, second in (('i', 'j'), ('marker', 'reaction')):
+        if second in fields and first in fields and getattr(element, first).body == getattr(element, second).body:
+            one = getattr(element, first)
+            raise refuse(fields[second][1], join(path, second), f'is on the body {one.body!r} as {first} is, and must be on another one')
+    for key, others in (('terms', ()), ('outputs', ('shaft',)), ('turbine', ('pump',))):
+        if key not in fields or not hasattr(element, key):
+            continue
+        given = getattr(element, key)
+        names = [getattr(element, other) for other in others] + ([given] if isinstance(given, str) else [name for name, _ in given])
+        for k, name in enumerate(names):
+            if name in names[:k]:
+                raise refuse(fields[key][1], join(path, key), f'the coordinate {name!r} is named twice; give different ones')
 
 
 def _built(builder: Builder, hint: Any, node: Node, path: str) -> Any:

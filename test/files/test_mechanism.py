@@ -28,6 +28,11 @@ bodies:
 """
 
 
+TURNING = 'coordinates:\n  x: {kind: rotation, i: a, j: b}\n'
+CONVERTER = 'speed_ratios: [0, 1], torque_ratios: [2, 1], capacities: [0.01, 0]'
+CLUTCH = 'ratios: [3], capacity: 100, stiffness: 100, input: pedal, gear: gear'
+
+
 def placed(spec: ModelSpec, marker: Marker) -> tuple[np.ndarray, np.ndarray]:
     body = next(b for b in spec.bodies if b.name == marker.body)
     R = matrix(body.orientation)
@@ -98,6 +103,26 @@ def test_inputs_are_those_that_elements_name_and_drivers_bring_their_derivatives
         ('joints:\n  j: {kind: fixed, i: a, j: c}', 'file.yaml:6: joints.j.j = c: no such body; allowed: a, b, world'),
         ('joints:\n  j: {kind: hinge, i: a, j: b}', "file.yaml:6: joints.j.kind = 'hinge': unknown kind of joint"),
         ('joints:\n  j: {kind: fixed, i: a, j: a}', 'must differ from i.body'),
+        ('spring_dampers:\n  s: {i: a, j: {body: a, position: [1, 0, 0]}, free_length: 1, spring: 1}', "is on the body 'a' as i is"),
+        ('coordinates:\n  x: {kind: rotation, i: world, j: world}', "file.yaml:6: coordinates.x.j = world: is on the body 'world' as i is"),
+        (
+            'applied_forces:\n  f: {marker: a, reaction: a, force: [1, 0, 0]}',
+            "file.yaml:6: applied_forces.f.reaction = a: is on the body 'a'",
+        ),
+        (TURNING + 'couplers:\n  c: {terms: [[x, 1], [x, -1]]}', "couplers.c.terms = [[x, 1], [x, -1]]: the coordinate 'x' is named twice"),
+        (
+            TURNING + f'converters:\n  c: {{pump: x, turbine: x, {CONVERTER}}}',
+            "converters.c.turbine = x: the coordinate 'x' is named twice",
+        ),
+        (
+            TURNING + f'clutches:\n  c: {{shaft: x, outputs: {{x: 1}}, {CLUTCH}}}',
+            "clutches.c.outputs = {x: 1}: the coordinate 'x' is named twice",
+        ),
+        (
+            'rods:\n  r: {i: a, j: b, length: 1, law: -1e9}',
+            'file.yaml:6: rods.r.law = -1e9: a rate below 0 drives apart what it should hold',
+        ),
+        ('spring_dampers:\n  s: {i: a, j: b, free_length: 1, damper: -5}', 'give 5, or points where it is meant so: [[-1, 5], [1, -5]]'),
         ('joints:\n  j: {kind: fixed, i: a, j: b, axis: [1, 0, 0]}', "file.yaml:6: joints.j.axis: needs the key 'at' beside it"),
         ('joints:\n  j: {kind: fixed, i: a, j: b, at: [0, 0, 0], axis: [0, 0, 0]}', 'joints.j.axis = [0, 0, 0]: the axis must not be zero'),
         ('joints:\n  j: {kind: fixed, i: a, j: b, at: [0, 0, 0], axis: [1, 0, 0], x_axis: [2, 0, 0]}', 'must not be parallel'),
