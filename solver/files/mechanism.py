@@ -16,6 +16,8 @@ import numpy as np
 
 from solver.compiled.portable import norm, product
 from solver.dimensions import Angle, Moments, Point
+from solver.elements.aero_drag import AeroDragSpec
+from solver.elements.applied_force import AppliedForceSpec
 from solver.elements.joint import JointSpec
 from solver.elements.laws import Law
 from solver.elements.marker import WORLD, Marker, Spec
@@ -94,6 +96,12 @@ class MechanismReader:
         extra = ('at', *(k for k in ROTATION_KEYS if k not in hints)) if markers else ()
         element = builder.construct(cls, fields, node, path, name=name, given=given, extra=extra)
         _require_two_ends(element, builder.mapping(node, path), path)
+        if (
+            isinstance(element, AppliedForceSpec | AeroDragSpec)
+            and element.marker.body == WORLD
+            and getattr(element, 'reaction', None) is None
+        ):
+            raise refuse(builder.mapping(node, path)['marker'][1], join(path, 'marker'), 'nothing moves the world; name a body')
         return element
 
     def placement(self, builder: Builder, fields: Fields, path: str) -> Placement:

@@ -104,6 +104,10 @@ def test_inputs_are_those_that_elements_name_and_drivers_bring_their_derivatives
         ('joints:\n  j: {kind: hinge, i: a, j: b}', "file.yaml:6: joints.j.kind = 'hinge': unknown kind of joint"),
         ('joints:\n  j: {kind: fixed, i: a, j: a}', 'must differ from i.body'),
         ('spring_dampers:\n  s: {i: a, j: {body: a, position: [1, 0, 0]}, free_length: 1, spring: 1}', "is on the body 'a' as i is"),
+        (
+            'applied_forces:\n  f: {marker: world, force: [1, 0, 0]}',
+            'file.yaml:6: applied_forces.f.marker = world: nothing moves the world',
+        ),
         ('coordinates:\n  x: {kind: rotation, i: world, j: world}', "file.yaml:6: coordinates.x.j = world: is on the body 'world' as i is"),
         (
             'applied_forces:\n  f: {marker: a, reaction: a, force: [1, 0, 0]}',
