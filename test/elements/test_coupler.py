@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from contract import STEP, ContractContext, displaced, random_kinematics
+from contract import STEP, ContractContext, acting, displaced, random_kinematics
 from scipy.spatial.transform import Rotation
 
 from solver.compiled.so3 import exp
@@ -35,13 +35,14 @@ class Row:
 
     def __init__(self, specs, terms, offset=0.0, channel=None) -> None:
         context = ContractContext(bodies=BODIES, coordinates=specs, inputs=('other', 'u', 'u_rate', 'u_acceleration'))
-        self.x = context.coordinate_table()
-        self.table = compile_couplers([CouplerSpec(name='row', terms=tuple(terms), offset=offset, input=channel)], context)
+        tables = compile_couplers([CouplerSpec(name='row', terms=tuple(terms), offset=offset, input=channel)], context), context.coordinate_table()
+        self.table = tables[0]
+        self.residuals, self.hessians = acting(evaluate_couplers, *tables), acting(add_coupler_hessians, *tables)
 
     def evaluate(self, kin, u=()):
         phi = np.full(1, np.nan, kin.p.dtype)
         J = np.full((BODIES + 2, 6, 6), np.nan, kin.p.dtype)
-        evaluate_couplers(self.table, self.x, kin, ANGLE, np.array(u, float), True, phi, J)
+        self.residuals(kin, ANGLE, np.array(u, float), True, phi, J)
         used = np.unique(self.table.entry[0, : self.table.terms[0]])
         gradient = np.zeros((BODIES + 2, 6), kin.p.dtype)
         gradient[used] = J[used, 0]
@@ -49,7 +50,7 @@ class Row:
 
     def stiffness(self, kin, lam):
         blocks, trash = (np.zeros((BODIES * BODIES + 1, 6, 6)) for _ in range(2))
-        add_coupler_hessians(self.table, self.x, kin, np.array([lam]), blocks, trash)
+        self.hessians(kin, np.array([lam]), blocks, trash)
         return blocks[1:].reshape(BODIES, BODIES, 6, 6).transpose(0, 2, 1, 3).reshape(6 * BODIES, 6 * BODIES)
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from contract import STEP, ContractContext, displaced
-from interpreted import interpreted
+from contract import STEP, ContractContext, acting, displaced
 
 from solver.elements.kind import ConstraintKind
 from solver.elements.point_pair import Kinematics
@@ -20,18 +19,17 @@ class Rows:
 
     def __init__(self, kind: ConstraintKind, spec: Any, com=None) -> None:
         context = ContractContext(com=com)
-        self.kind = kind
         self.n = len(spec.row_names())
         self.holonomic = np.array(spec.holonomic()) == 1
         self.bodies = [context.body('test', m.body) for m in (spec.i, spec.j)]
-        self.table = kind.compile([spec], context)
+        table = kind.compile([spec], context)
+        self.residuals, self.hessians = acting(kind.residuals, table), acting(kind.hessians, table)
 
     def evaluate(self, kin: Kinematics) -> tuple[np.ndarray, np.ndarray]:
         """phi (rows,) and A (rows, 18): columns of b0, b1, world."""
         phi = np.full(self.n, np.nan, kin.p.dtype)
         blocks = np.full((4, 6, 6), np.nan, kin.p.dtype)
-        residuals = interpreted(self.kind.residuals) if np.iscomplexobj(kin.p) else self.kind.residuals
-        residuals(self.table, kin, True, phi, blocks)
+        self.residuals(kin, True, phi, blocks)
         A = np.zeros((self.n, 3, 6), kin.p.dtype)
         for b in self.bodies:
             A[:, b] = blocks[b + 1, : self.n]
@@ -40,7 +38,7 @@ class Rows:
     def gradient(self, kin: Kinematics, lam: np.ndarray) -> np.ndarray:
         """d(A^T lam)/dq, (12, 12)."""
         blocks, trash = np.zeros((5, 6, 6)), np.zeros((5, 6, 6))
-        self.kind.hessians(self.table, kin, lam, blocks, trash)
+        self.hessians(kin, lam, blocks, trash)
         return blocks[1:].reshape(2, 2, 6, 6).transpose(0, 2, 1, 3).reshape(12, 12)
 
 

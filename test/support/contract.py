@@ -125,7 +125,7 @@ class Result(NamedTuple):
     out: np.ndarray
 
 
-def acting(kernel: Callable[..., None], *tables: Any, angle: np.ndarray | None = None) -> Callable[..., None]:
+def acting(kernel: Callable[..., Any], *tables: Any, angle: np.ndarray | None = None) -> Callable[..., Any]:
     """A kernel bound to its tables, and to the reference values of rotations if it acts on coordinates, as Element.call.
 
     Real numbers go by reference, so with the machine code of models; complex ones through the source of the kernel.
@@ -135,17 +135,17 @@ def acting(kernel: Callable[..., None], *tables: Any, angle: np.ndarray | None =
     more = () if angle is None else (angle,)
     held: dict[int, Ref] = {}  # by the number of bodies: making a Ref takes longer than the kernel
 
-    def call(kin: Kinematics, *rest: Any) -> None:
+    def call(kin: Kinematics, *rest: Any) -> Any:
         if np.iscomplexobj(kin.p):
-            plain(*tables, kin, *more, *rest)
-            return
+            return plain(*tables, kin, *more, *rest)
         n = len(kin.p)
         if n not in held:
             held[n] = Ref(Kinematics(*map(np.empty_like, kin)))
         for memory, given in zip(held[n].value, kin, strict=True):
             memory[:] = given
-        kernel(*references, held[n], *more, *rest)
+        found = kernel(*references, held[n], *more, *rest)
         assert all(a.tobytes() == b.tobytes() for a, b in zip(held[n].value, kin, strict=True)), 'the kernel wrote into the kinematics'
+        return found
 
     return call
 
