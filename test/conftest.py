@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import zlib
 from pathlib import Path
@@ -10,6 +11,8 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # as `mbd` has it; before nu
 
 import numpy as np
 import pytest
+
+gc.disable()  # until all tests are known: what is imported stays, and looking through it again and again takes a quarter of that time
 
 collect_ignore = ['data']  # files of recipes, tested in a copy of the program
 
@@ -29,6 +32,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for path in {item.path for item in items if item.get_closest_marker('realtime')}:
         if BOUND_TO_THE_CLOCK not in path.read_text(encoding='utf-8'):
             raise pytest.UsageError(f'{path}: has tests bound to the clock without saying {BOUND_TO_THE_CLOCK!r}')
+
+
+def pytest_collection_finish() -> None:
+    """What is there before the first test is not looked through by the collections of garbage during tests."""
+    gc.freeze()
+    gc.enable()
 
 
 @pytest.fixture
