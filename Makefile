@@ -19,18 +19,26 @@ EXTRAS := $(if $(SYSTEM_ROS),test$(,)dev,ros$(,)test$(,)dev)
 
 STAMP := $(VENV)/.installed
 
-.PHONY: setup check test lint bench demo clean
+.PHONY: setup runtime check test lint bench demo clean
 
 setup: $(STAMP)
 
-$(STAMP): setup.py setup.cfg pyproject.toml Makefile
+define environment
 	@[ -n "$(PYTHON)" ] || { echo 'Python 3.11 or newer is needed (apt-get install python3 python3-venv)'; exit 1; }
 	@[ -x $(BIN)/python ] || $(PYTHON) -m venv $(if $(SYSTEM_ROS),--system-site-packages) $(VENV) || \
 		{ rm -rf $(VENV); echo 'no virtual environment could be made: apt-get install python3-venv'; exit 1; }
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -e '.[$(EXTRAS)]'
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -e '.$(1)'
 	@$(BIN)/python -m compileall -qq -j 0 mbd_sim_ros solver \
 		$$(ls -d $(VENV)/lib/python3*/site-packages/{llvmlite,mcap,numba,numpy,scipy,yaml} 2>/dev/null) || true  # those that the system has not; it works without
+endef
+
+$(STAMP): setup.py setup.cfg pyproject.toml Makefile
+	$(call environment,[$(EXTRAS)])
 	@touch $@
+
+# What `mbd` itself needs, which is a quarter of it: kernels can be compiled while `make setup` brings the rest.
+runtime:
+	$(call environment)
 
 check: lint
 	$(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal -m 'not slow and not realtime'

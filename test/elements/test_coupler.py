@@ -35,9 +35,9 @@ class Row:
 
     def __init__(self, specs, terms, offset=0.0, channel=None) -> None:
         context = ContractContext(bodies=BODIES, coordinates=specs, inputs=('other', 'u', 'u_rate', 'u_acceleration'))
-        tables = compile_couplers([CouplerSpec(name='row', terms=tuple(terms), offset=offset, input=channel)], context), context.coordinate_table()
-        self.table = tables[0]
-        self.residuals, self.hessians = acting(evaluate_couplers, *tables), acting(add_coupler_hessians, *tables)
+        x = context.coordinate_table()
+        self.table = compile_couplers([CouplerSpec(name='row', terms=tuple(terms), offset=offset, input=channel)], context)
+        self.residuals, self.hessians = acting(evaluate_couplers, self.table, x), acting(add_coupler_hessians, self.table, x)
 
     def evaluate(self, kin, u=()):
         phi = np.full(1, np.nan, kin.p.dtype)
