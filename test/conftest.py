@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import os
 import zlib
+from collections.abc import Generator
 from pathlib import Path
 
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # as `mbd` has it; before numpy is imported
@@ -12,12 +13,21 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')  # as `mbd` has it; before nu
 import numpy as np
 import pytest
 
-gc.disable()  # until all tests are known: what is imported stays, and looking through it again and again takes a quarter of that time
-
 collect_ignore = ['data']  # files of recipes, tested in a copy of the program
 
 
 BOUND_TO_THE_CLOCK = 'mark.realtime'  # what a file says that has such tests
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Garbage is not looked for while tests are imported, which took a quarter of that time, nor later among what stays of it."""
+    gc.disable()
+    try:
+        return (yield)
+    finally:
+        gc.freeze()
+        gc.enable()
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
@@ -32,12 +42,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for path in {item.path for item in items if item.get_closest_marker('realtime')}:
         if BOUND_TO_THE_CLOCK not in path.read_text(encoding='utf-8'):
             raise pytest.UsageError(f'{path}: has tests bound to the clock without saying {BOUND_TO_THE_CLOCK!r}')
-
-
-def pytest_collection_finish() -> None:
-    """What is there before the first test is not looked through by the collections of garbage during tests."""
-    gc.freeze()
-    gc.enable()
 
 
 @pytest.fixture
