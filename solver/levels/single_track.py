@@ -37,10 +37,14 @@ from solver.levels.track_runs import CORNERS, driven
 from solver.levels.track_straight import gear, straight
 from solver.model.spec import ModelSpec
 from solver.scene import Scene
+from solver.start.rolling import REACH
 from solver.vehicle.hardpoints import marker_at
 from solver.vehicle.trailer import refuse_trailer
 from solver.vehicle.transfer import refuse_locked, without_connections
 
+STANDING = Limit(
+    quantity='height over the road at the start', unit='m', high=REACH, why='it stands on the road, and neither falls nor springs up'
+)
 # on 0.5 three cars turn 4 to 5 % less at three quarters of their limit, on 0.3 one of them 12 %
 SLIPPERY = Limit(quantity='friction below 1', unit='', high=0.5, why='it is identified on a road of friction 1')
 WITH_FRICTION = ('lateral acceleration', 'slip angle', 'slip', 'combined acceleration')  # limits in proportion to it
@@ -79,7 +83,7 @@ def derive(scene: Scene) -> Derived:
                 for servo in model.servos
             ),
         ),
-        validity=(*(on_road(Limit(**limit), model.road) for limit in found['validity']), SLIPPERY),
+        validity=(*(on_road(Limit(**limit), model.road) for limit in found['validity']), STANDING, SLIPPERY),
     )
     given = dataclasses.replace(scene, model=shown(model), require=dataclasses.replace(scene.require, accuracy={}))
     return Derived(

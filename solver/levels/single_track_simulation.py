@@ -10,7 +10,8 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from solver.compiled.by_reference import Ref, nbytes
-from solver.elements.road import HeightGrid, RandomRoad, RasterGrid, compile_road
+from solver.elements.rigid_body import RigidBodySpec
+from solver.elements.road import HeightGrid, RandomRoad, RasterGrid, compile_road, surface_at
 from solver.errors import ConsistencyError, SpecError, StepError
 from solver.files.urdf import robot_description
 from solver.inputs.driver import Sight
@@ -61,12 +62,13 @@ ELEMENTS = (*(f'axle_{axle}/{column}' for axle in AXLES for column in AXLE_COLUM
 Parameters = Mapping[str, Mapping[str, float]]  # of the NamedTuples mounting, body, front and rear
 
 
-def tables_of(parameters: Parameters, scene: Scene, yaw: float = 0.0) -> SingleTrackTables:
-    """The parameters as the step takes them, on the road of a scene; yaw: at the start [rad]."""
-    p = parameters
+def tables_of(parameters: Parameters, scene: Scene, yaw: float = 0.0, x: float = 0.0, y: float = 0.0) -> SingleTrackTables:
+    """The parameters as the step takes them, on the road of a scene, as high as that is at the start; yaw [rad], x, y [m]: there."""
+    p, road = parameters, compile_road(scene.model.road)
+    height = p['mounting']['height'] + float(surface_at(Ref(road), x, y)[0])
     return SingleTrackTables(
-        mounting=Mounting(**{**p['mounting'], 'yaw': yaw}), body=Body(**p['body']), front=Axle(**p['front']), rear=Axle(**p['rear']),
-        road=compile_road(scene.model.road),
+        mounting=Mounting(**{**p['mounting'], 'yaw': yaw, 'height': height}), body=Body(**p['body']), front=Axle(**p['front']),
+        rear=Axle(**p['rear']), road=road,
     )  # fmt: skip
 
 
@@ -168,7 +170,7 @@ class SingleTrackSimulation(Simulation):
         self._scratch = new_scratch()
         self._parameters = parameters
         x, y, yaw = self._place()
-        self.tables = Ref(tables_of(parameters, scene, yaw))
+        self.tables = Ref(tables_of(parameters, scene, yaw, x, y))
         self.parts = max(1, math.ceil(self.h / LONGEST - 1e-9))
         self.adaptation = None
         self.branches = None
@@ -181,6 +183,7 @@ class SingleTrackSimulation(Simulation):
         heights = [height for grid in road.grids for height in _heights(grid)]
         self._uneven = max(heights, default=0.0) - min(heights, default=0.0)
         self._slope = math.hypot(*road.normal[:2]) / road.normal[2]
+        self._dropped = 0.0 if scene.start.kind == 'equilibrium' else abs(self._chassis_spec.position[2] - self.tables.mounting.height)
         self._slippery, self._varies = np.zeros(2), varies(road)
         self.y = self._at_start.copy()
         self._inputs = np.zeros(len(names))
@@ -189,12 +192,16 @@ class SingleTrackSimulation(Simulation):
         self.k = 0
         self.reset()
 
+    @property
+    def _chassis_spec(self) -> RigidBodySpec:
+        return next(b for b in self.scene.model.bodies if b.name == self.channels.bodies[0])
+
     def _place(self) -> tuple[float, float, float]:
         """x, y [m] and yaw [rad] of the chassis at the start. Raises SpecError where more is asked for than a place and a speed."""
         scene = self.scene
         for name in scene.start.coordinates:
             raise SpecError(f'start.coordinates = {name!r}: the level single_track has no joints that could start there; remove it')
-        chassis = next(b for b in scene.model.bodies if b.name == self.channels.bodies[0])
+        chassis = self._chassis_spec
         if any(chassis.velocity) or any(chassis.angular_velocity):
             raise SpecError(f'{chassis.where}: velocity is given, but the level single_track starts with start.speed; take another level')
         R = matrix(chassis.orientation)
@@ -239,6 +246,7 @@ class SingleTrackSimulation(Simulation):
         angle, rate = w.steered.tolist()
         found['frequency'] = (math.sqrt(rate / angle) / (2.0 * math.pi) if angle > 0.0 else 0.0, None)
         found['road height'], found['road slope'] = (self._uneven, None), (self._slope, None)
+        found['height over the road at the start'] = (self._dropped, None)
         below, time = self._slippery.tolist()
         everywhere = max(0.0, 1.0 - self.scene.model.road.friction)
         found['friction below 1'] = (below, time) if below > everywhere else (everywhere, None)
