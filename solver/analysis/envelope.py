@@ -4,6 +4,9 @@ their ranges, and frequencies below their limit.
 What is looked at are the snapshots that are handed out, so a run that shows every tenth step is watched at every tenth. The frequency is
 that of the travel of every wheel and of the steering wheel, in windows of WINDOW: root mean square of the rate over that of the departure
 from the mean, over 2 pi. On waves of the road it is speed over wavelength.
+
+Whatever the level, a vehicle touches the road with nothing but its tires. One that leans over by LEANING lies on its side or its roof
+soon, on parts that fall through the road.
 """
 
 from __future__ import annotations
@@ -16,9 +19,10 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from solver.analysis.verdict import Finding
-from solver.output.snapshot import Channels, Snapshot
+from solver.output.snapshot import Channels, Snapshot, layout_of
 from solver.quantities import Quantity, names, quantity
 from solver.simulation import Simulation
+from solver.vehicle.trailer import TRAILER
 
 if TYPE_CHECKING:
     from solver.levels.derived import Limit
@@ -28,6 +32,8 @@ BEYOND = 0.02  # of the range: what a run may leave it by, since maneuvers betwe
 WINDOW = 1.0  # s
 STILL = {'travel_': 5e-4, 'steering_wheel': 0.005}  # m, rad: root mean square of a departure that is too small to have a frequency
 FREQUENCY = 'frequency'
+ROLLOVER = 'rollover'
+LEANING = math.radians(60.0)  # rad: from there on tires lose their friction (docs/tire.md), and no car comes back onto its wheels
 
 
 class _Worst(NamedTuple):
@@ -124,8 +130,40 @@ class _Frequency:
         self._first, self._n = None, 0
 
 
+class _Lean:
+    """Follows by how much a body leans over, from every snapshot: the cosine of the angle between its z axis and the road's normal."""
+
+    def __init__(self, simulation: Simulation, body: str) -> None:
+        self._name, self._normal = body, simulation.model.spec.road.normal
+        begin = layout_of(simulation.channels)['pose'][0].start + 7 * simulation.channels.bodies.index(body) + 3
+        self._place = slice(begin, begin + 4)
+        self.least, self.time = 1.0, 0.0
+
+    def look(self, snapshot: Snapshot) -> None:
+        x, y, z, w = snapshot.numbers[self._place].tolist()
+        a, b, c = self._normal
+        cosine = 2.0 * (a * (x * z + w * y) + b * (y * z - w * x)) + c * (1.0 - 2.0 * (x * x + y * y))
+        if cosine < self.least:
+            self.least, self.time = cosine, snapshot.t_ns * 1e-9
+
+    def finding(self) -> Finding | None:
+        angle = math.acos(max(-1.0, self.least))
+        if angle <= LEANING:
+            return None
+        text = (
+            f'the vehicle rolls over, and nothing but its tires touches the road, through which the rest falls: {self._name!r} leans by '
+            f'{angle:.3g} rad at t = {self.time:.6g} s; the limit {LEANING:.3g} rad; only what was before that is to be believed'
+        )
+        return Finding(
+            quantity=ROLLOVER, value=angle, limit=LEANING, unit='rad', time=self.time, where=self._name, required=False, text=text
+        )
+
+
 class Envelope:
-    """Follows the snapshots of a simulation: look() at each; findings() from any thread. Without level and certificate it does nothing."""
+    """Follows the snapshots of a simulation: look() at each; findings() from any thread.
+
+    Without level and certificate it follows whether a vehicle rolls over, and of a mechanism nothing.
+    """
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
@@ -145,14 +183,17 @@ class Envelope:
         with self._lock:
             self._watched = watched
             self._noted: list[Snapshot] = []
+            self._leans = [_Lean(simulation, body) for body in _upright(simulation)]
 
     @property
     def watches(self) -> bool:
-        """Whether there is anything to leave."""
+        """Whether a level or a certificate has ranges that can be left."""
         return bool(self._watched)
 
     def look(self, snapshot: Snapshot) -> None:
         """Note a snapshot."""
+        for lean in self._leans:
+            lean.look(snapshot)
         if not self._watched:
             return
         with self._lock:
@@ -170,7 +211,7 @@ class Envelope:
             present, noted = [copy.copy(watched) for watched in self._watched], self._noted.copy()
         if noted:
             _fold(present, noted)
-        found = []
+        found = [rolled for lean in self._leans if (rolled := lean.finding())]
         for watched in present:
             if ended:
                 watched.end()
@@ -190,6 +231,14 @@ class Envelope:
                 Finding(quantity='envelope', value=value, limit=side, unit=limit.unit, time=time, where=where, required=False, text=text)
             )
         return found
+
+
+def _upright(simulation: Simulation) -> list[str]:
+    """Bodies of a vehicle that ought to stay above its wheels: its chassis, and that of its trailer."""
+    model, channels = getattr(simulation, 'model', None), simulation.channels
+    if model is None or not model.spec.tires or model.spec.chassis is None:
+        return []
+    return [body for body in (model.spec.chassis, TRAILER) if body in channels.bodies]
 
 
 def _fold(watched: list[_Range | _Frequency], snapshots: list[Snapshot]) -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
+import numpy as np
 import pytest
 
 import solver
@@ -100,3 +102,61 @@ def test_how_fast_a_run_swings_is_watched(frequency: float, suspect: bool) -> No
         assert found[0].value == pytest.approx(frequency, rel=0.05)
         assert 'frequency of steering wheel is 6.9' in found[0].text
         assert 'valid is up to 5 Hz (certified)' in found[0].text
+
+
+def leaning(simulation: solver.simulation.Simulation, body: int, degrees: float, axis: tuple[float, float, float]) -> solver.Snapshot:
+    """What a simulation shows, with a body turned by an angle about an axis from where it stands upright in the world."""
+    snapshot = simulation.snapshot()
+    half = np.radians(degrees) / 2.0
+    snapshot.pose[body, 3:] = [*(np.sin(half) * np.array(axis)), np.cos(half)]
+    return snapshot
+
+
+BANK = (0.0, -math.tan(math.radians(20.0)), 1.0)
+
+
+@pytest.mark.parametrize(
+    ('degrees', 'axis', 'normal', 'told'),
+    [
+        (59.0, (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), False),
+        (61.0, (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), True),
+        (-180.0, (1.0, 0.0, 0.0), (0.0, 0.0, 1.0), True),
+        (61.0, (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), True),
+        (170.0, (0.0, 0.0, 1.0), (0.0, 0.0, 1.0), False),  # it turns round on its wheels
+        (75.0, (1.0, 0.0, 0.0), BANK, False),
+        (-45.0, (1.0, 0.0, 0.0), BANK, True),
+    ],
+)
+def test_a_vehicle_that_leans_over_from_the_road_is_told_from_60_degrees_on(
+    degrees: float, axis: tuple[float, float, float], normal: tuple[float, float, float], told: bool
+) -> None:
+    """Whatever its level: from there on it lies on its side or its roof soon, which do not touch the road."""
+    brakes = ['maneuver={brake_torque: 4000}', f'road={{normal: {list(normal)}}}', 'start={kind: equilibrium}']
+    watch = Envelope(simulation := solver.simulation_of(solver.load_scene('light_car_straight', brakes)))
+    assert watch.findings() == []
+    watch.look(leaning(simulation, 0, degrees, axis))
+    found = watch.findings()
+    assert [(f.quantity, f.where) for f in found] == [('rollover', 'chassis')] * told
+    if told:
+        away = np.degrees(np.arccos(np.dot(normal, (0.0, 0.0, 1.0)) / np.linalg.norm(normal)))
+        assert found[0].value == pytest.approx(np.radians(abs(degrees) + away), abs=1e-9)  # of those that are told both add up
+    watch.restart()
+    assert watch.findings() == []
+
+
+def test_a_car_on_its_roof_is_suspect_in_its_report() -> None:
+    """With 2.5 times the friction a step steer at 110 km/h turns the car over; it was ok, the chassis half a metre in the road."""
+    steering = 'maneuver={steering: {kind: step, value: 5, start: 0.2, rise: 0.3}}'
+    speed = 'start={kind: equilibrium, speed_kmh: 110}'
+    scene = solver.load_scene('light_car_step_steer', ['road={friction: 2.5}', speed, steering, 'duration=2', 'record={every: 20}'])
+    data = simulate(solver.simulation_of(scene), scene.steps)
+    assert data['status'] == 'suspect'
+    assert 'rollover' in [f['quantity'] for f in data['findings']]
+
+
+@pytest.mark.slow
+def test_a_trailer_that_rolls_over_is_told_by_its_name() -> None:
+    simulation = solver.simulation_of(solver.load_scene('saloon_with_trailer'))
+    watch = Envelope(simulation)
+    watch.look(leaning(simulation, simulation.channels.bodies.index('trailer'), 90.0, (1.0, 0.0, 0.0)))
+    assert [f.where for f in watch.findings()] == ['trailer']
