@@ -35,6 +35,8 @@ SPINNING = 1.3  # times the rate of rolling at which a wheel has lost its grip
 ALIGNED = 0.9  # cosine between the axis of a coordinate and that of a wheel which turns in it
 STOPPED = 0.5  # of its speed: brakes that leave a vehicle less of it at once hold its wheels, which are not made to turn as fast as before
 SLIPPING = 0.05  # of the rate of its shaft: slip of a clutch that does not hold it
+GUIDED_TIME = 0.02  # s, ten times the lag of what guides hold wheels by (solver.levels.kc)
+GUIDED_STEP = 1e-4  # s
 SETTLE_TURN = 2.0  # rad that a shaft may turn in such a step, or steps are divided: from 3 on they were seen to fail
 SETTLE_AGAIN = 2.3  # rad from which on steps are divided again, for an engine that is driven faster meanwhile
 
@@ -190,6 +192,8 @@ def settle_rolling(
     accelerations, with the constraint forces of that equilibrium; what this disturbs dies away with the rest. Every SETTLE_EVERY
     seconds it is put back to its speed and, along the road, to its place and heading: put back level, a car on a slope would stand in the
     road or above it, and one that steers or is on a bank would else begin on another course than it was placed on.
+    Wheels that joints hold turn as joints allow; those that guides hold stand where springs have them, whose forces feel what so long a
+    step leaves of a wheel's path in a bend (4e-5 rad made 18 000 rad/s^2). They settle in short steps at the end.
 
     Returns False if it is `driven` by more than a steady state has: a wheel spins or the speed changes by more than UNSTEADY at once.
     (Where wheels spin the steady state is one with the engine at its limiter.) Raises ConsistencyError with the sentence of `explain`
@@ -211,13 +215,16 @@ def settle_rolling(
     nx, ny, nz = model.spec.road.normal
     n = ground(model, cast(State, states[0].value))[1]
     wheels = [model.body_names.index(tire.marker.body) for tire in model.spec.tires]
+    # a guided wheel is put back to its speed about its axis alone: it turns with the body as it has settled, and no joint sees to that
+    guided = {wheel: matrix(t.marker.orientation)[:, 1] for wheel, t in zip(wheels, model.spec.tires, strict=True) if model.spec.guides}
     rolling = norms(cast(State, states[0].value).v[wheels, 3:]) / abs(speed)
-    for _ in range(round(SETTLE_TIME / SETTLE_EVERY)):
+    for last in (False,) * round(SETTLE_TIME / SETTLE_EVERY) + (True,) * bool(model.spec.guides):
         fastest = float(norms(cast(State, states[0].value).v[:-1, 3:]).max())
-        if not h or h * fastest > SETTLE_AGAIN:
-            h = SETTLE_STEP / max(1, int(np.ceil(SETTLE_STEP * fastest / SETTLE_TURN)))
+        if last or not h or h * fastest > SETTLE_AGAIN:
+            longest, time = (GUIDED_STEP, GUIDED_TIME) if last else (SETTLE_STEP, SETTLE_EVERY)
+            h = longest / max(1, int(np.ceil(longest * fastest / SETTLE_TURN)))
             settling = Ref(method._replace(fixed=1, iterations=2, **own, **scheme_parameters(h, SETTLE_RHO)))  # type: ignore[arg-type]
-            steps = round(SETTLE_EVERY / h)
+            steps = round(time / h)
             inputs = np.repeat(without_hands(model, u)[None, :], steps, axis=0)
         result, done = advance(model.tables, settling, *states, inputs, 0, steps, False, work)
         if done % 2 == 1:
@@ -240,7 +247,11 @@ def settle_rolling(
         q[:-1, :2] += back
         v[:-1, :3] += (speed - now) * forward
         for body in (*wheels, *held_shafts(model, state, u)) if now / speed > STOPPED else ():
-            v[body, 3:] *= speed / now
+            axis = guided.get(body)
+            if axis is None:
+                v[body, 3:] *= speed / now
+            else:
+                v[body, 3:] += (speed / now - 1.0) * float(product(axis, v[body, 3:])) * axis
     return True
 
 

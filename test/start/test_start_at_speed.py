@@ -7,6 +7,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from solver import simulation_of
+from solver.analysis.verdict import findings
 from solver.elements.tire_pacejka import TIRES
 from solver.errors import ConsistencyError
 from solver.files.scene import load_scene
@@ -37,6 +38,24 @@ def test_it_starts_on_the_course_it_was_placed_on(change: str) -> None:
     assert turns > 0.01
     car.advance(200)
     assert car.state.v[car.channels.chassis, 5] == pytest.approx(turns, rel=0.02)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('change', ['maneuver={steering: 1}', 'road={normal: [0, 0.2, 1]}'])
+def test_in_a_bend_guided_wheels_start_without_a_blow(change: str) -> None:
+    """Guides hold a wheel by springs of up to 3 kHz: 1e-5 rad from where it settles are 3500 rad/s^2, and steps of 5 ms left 4e-5 rad.
+
+    The body turns steadily there, and the wheels with it: in their axes, which spin, by no more than spin times yaw rate.
+    """
+    for vehicle in ('light_car', 'compact_fwd'):
+        chosen = [f'vehicle=vehicles/{vehicle}.yaml', 'start={kind: equilibrium, speed: 20}', 'maneuver={}', change, 'fidelity=kc']
+        car = simulation_of(load_scene('light_car_straight', chosen))
+        car.advance(1)
+        spins = np.abs(car.state.v[:-1, 4]).max()
+        yaws = np.abs(car.state.v[car.channels.chassis, 3:]).max()
+        assert np.abs(car.state.a[:-1, 3:]).max() < 2.0 * spins * yaws + 10.0
+        car.advance(200)
+        assert findings(car) == []
 
 
 @pytest.mark.parametrize('rate', [0.0, 20.0])
