@@ -143,10 +143,12 @@ def _tires(scene: Scene) -> tuple[list[dict[str, Any]], str]:
 
 
 def _with_errors(level: LevelReport, scene: Scene) -> LevelReport:
-    """The report with the error sheet, which is measured once for a vehicle and takes some seconds then."""
+    """The report with the error sheet of a level, or of the full vehicle with switches off. It is measured once for a vehicle and takes
+    some seconds then."""
     from solver.levels.error_sheet import error_sheet
 
-    if scene.fidelity in ('full', 'auto') or level.errors is not None:
+    whole = scene.fidelity == 'full' and 'off' not in scene.switches.values()
+    if whole or scene.fidelity == 'auto' or level.errors is not None:
         return level
     return dataclasses.replace(level, errors=error_sheet(scene.model, scene.fidelity, scene.switches))
 

@@ -49,6 +49,18 @@ def test_info_shows_limits_and_errors(capsys: pytest.CaptureFixture[str]) -> Non
 
 
 @pytest.mark.slow
+def test_info_shows_errors_of_the_full_vehicle_without_its_bars(capsys: pytest.CaptureFixture[str]) -> None:
+    """It rolls by more than a tenth more; straight on bars do nothing. Where all switches are on there is nothing to measure."""
+    code, found = document(capsys, 'info', SCENE, '--set', 'switches.anti_roll_bars=off')
+    assert code == 0
+    figures = {(e['maneuver'], e['quantity']): e['rms'] for e in found['level']['errors']}
+    assert figures['step steer 0.4 g', 'roll'] > 0.1
+    assert figures['braking 0.5 g', 'wheel_load'] < 1e-6
+    _, found = document(capsys, 'info', SCENE, '--set', 'switches.anti_roll_bars=on')
+    assert 'level' not in found
+
+
+@pytest.mark.slow
 def test_what_a_level_cannot_tell_is_refused_with_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:
     code = main(['run', SCENE, *LEVEL, '--duration', '0.1', '--no-record', '--balance'])
     assert code != 0
