@@ -40,13 +40,14 @@ from solver.levels import maps
 from solver.levels.assisted import assisted, gear_held
 from solver.levels.axle_masses import AxleMasses, divided
 from solver.levels.derived import Derived, LevelReport, Limit, with_one_iteration
+from solver.levels.flywheels import flywheels, spin_of
 from solver.levels.kept import kept
 from solver.levels.powered import KINDS, powered, without_engine
 from solver.model.frames import matrix, quaternion
 from solver.model.spec import ModelSpec, used_inputs
 from solver.scene import Scene
 from solver.vehicle.hardpoints import SIDES, marker_at
-from solver.vehicle.parts import LEFTWARDS, UP, vector_of
+from solver.vehicle.parts import UP, vector_of
 from solver.vehicle.trailer import refuse_trailer
 from solver.vehicle.transfer import refuse_locked, without_connections
 
@@ -59,7 +60,7 @@ MAPS = 'the range of the maps, which go on linearly'
 
 LOST = (
     'vibration of engine, subframes, links, rack and driveline (above about 8 Hz)',
-    'compliance is linear, that of the design position; what the travel of the other wheel changes is quadratic in it',
+    'compliance is linear, that of the vehicle as it stands; what the travel of the other wheel changes is quadratic in it',
     'the inertia of propeller shaft and gears turns with both driven wheels in equal shares',
 )
 VALIDITY = (  # and the ranges of travel and steering
@@ -144,8 +145,9 @@ class _Reduction:
         if gear is not None:
             hands, joints = (*hands, gear.body), (*joints, gear.joint)
         coordinates = [self._spin(c, wheels[c]) for c in CORNERS] + [self._travel(c, wheels[c]) for c in CORNERS]
-        more = [self._flywheel(corner, wheels[corner]) for corner in CORNERS] + [self._bounce(axle, masses[axle].shared) for axle in AXLES]
-        added = [part for part in more if part is not None]
+        turned = [flywheels(self.chassis, c, self.centers[c], wheels[c], self.data[c]) for c in CORNERS]
+        shared = [self._bounce(axle, masses[axle].shared) for axle in AXLES]
+        added = [part for parts in turned for part in parts] + [part for part in shared if part is not None]
         bodies = (*wheels.values(), *hands, *(body for body, _, _ in added))
         chassis = self._rest(bodies)
         model = ModelSpec(
@@ -219,20 +221,9 @@ class _Reduction:
     def _wheel(self, corner: str, mass: float) -> RigidBodySpec:
         """Wheel, carrier and what moves with them as one body at the wheel centre, which turns as the wheel does."""
         wheel, across = self.bodies[self.tires[corner].marker.body], self._across(corner)
-        spin = min(float(self.data[corner]['spin']), 2.0 * across)  # no body has more; see _flywheel
+        spin = spin_of(wheel, across, self.data[corner])
         inertia = (across, spin, across, 0.0, 0.0, 0.0)
         return RigidBodySpec(name=wheel.name, mass=mass, inertia=inertia, position=wheel.position, orientation=wheel.orientation)
-
-    def _flywheel(self, corner: str, wheel: RigidBodySpec) -> tuple[RigidBodySpec, JointSpec, CouplerSpec] | None:
-        """What turns with a wheel and cannot be its inertia: rotors behind gears. On the chassis, where it turns as fast as the wheel."""
-        left = float(self.data[corner]['spin']) - wheel.inertia[1]
-        if left <= 0.0:
-            return None
-        name, at = f'flywheel_{corner}', vector_of(self.centers[corner])
-        inertia = (0.5 * left, left, 0.5 * left, 0.0, 0.0, 0.0)
-        body = RigidBodySpec(name=name, mass=0.0, inertia=inertia, position=at)
-        bearing = JointSpec(name=name, kind='revolute', i=marker_at(self.chassis, at, LEFTWARDS), j=marker_at(body, at, LEFTWARDS))
-        return body, bearing, CouplerSpec(name=name, terms=((name, 1.0), (f'wheel_{corner}', -1.0)), offset=0.0)
 
     def _slopes(self, corner: str) -> np.ndarray:
         """(5,) slopes of the maps over the own travel in the design position."""

@@ -6,8 +6,9 @@ The bench (solver.analysis.kinematics_and_compliance) holds the chassis of the f
 - one wheel alone, the other one held: the force of springs, stops and anti-roll bar over either travel, the change of the maps by the
   travel of the other wheel, and the lengths of the dampers;
 - a pull of the dampers with travels and steering held: the stiffness of their mounts;
-- loads at the wheel centres with travels and steering held: the compliance, steering gear and subframe included, and by the difference of
-  all bodies' places the masses that move with a wheel and the inertia that turns with it.
+- loads at the wheel centres with travels and steering held, the travels where the vehicle stands (a loaded one deep in its springs): the
+  compliance, steering gear and subframe included;
+- by the difference of all bodies' places the masses that move with a wheel and the inertia that turns with it.
 
 All fits are sums in a fixed order, so they have the same bits everywhere.
 """
@@ -16,7 +17,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import Any, NamedTuple
 
@@ -28,6 +29,7 @@ from solver.elements.guide_map import QUANTITIES
 from solver.elements.laws import Law
 from solver.elements.spring_damper import SPRING_DAMPERS
 from solver.errors import ConsistencyError, SpecError
+from solver.levels.stood import stood
 from solver.model.frames import matrix
 from solver.model.spec import ModelSpec
 from solver.vehicle.hardpoints import SIDES
@@ -142,10 +144,10 @@ def spring_law(travel: np.ndarray, force: np.ndarray) -> Law:
 def measured(spec: ModelSpec, progress: Callable[[float], None] = lambda done: None) -> dict[str, Any]:
     """Everything that the level kc needs to know of a vehicle, as lists and numbers: by axle the fields of a GuideSpec that are measured,
     by corner the mass that moves with 'travel', that between it and the travel of the wheel 'beside' [kg], the inertia that turns with
-    'spin' [kg m^2]; 'travel', 'steering': the range of the maps [m], [rad]; 'coordinates': by name their slopes over the spins of the
-    corners; 'gear': 'inertia' [kg m^2] that turns with the steering wheel besides itself and the wheels with their carriers, 'lengths': by
-    index of a damper without a spring its slope over that turn [m/rad], 'torque': that holds the steering wheel over the steering angles
-    [N m].
+    'spin' and its angular 'momentum' at a unit spin [kg m^2]; 'travel', 'steering': the range of the maps [m], [rad]; 'coordinates': by
+    name their slopes over the spins of the corners; 'gear': 'inertia' [kg m^2] that turns with the steering wheel besides itself and the
+    wheels with their carriers, 'lengths': by index of a damper without a spring its slope over that turn [m/rad], 'torque': that holds the
+    steering wheel over the steering angles [N m].
     """
     for reach in RANGES[:-1]:
         with suppress(ConsistencyError):
@@ -184,7 +186,7 @@ def _measured(spec: ModelSpec, travel: float, turned: float, progress: Callable[
     require_return(bench, rest)
     progress(0.9)
     try:
-        compliance, mounts, masses = _compliance(bench), _mounts(spec, rest), _masses(bench, rest)
+        compliance, mounts, masses = _compliance(bench, stood(spec)), _mounts(spec, rest), _masses(bench, rest)
         turning, gear = _driven(bench), _gear(bench)
     except ConsistencyError as error:  # that is the same within any range
         raise SpecError(f'the bench finds no equilibrium of the vehicle under loads at its wheels ({error}); use full') from error
@@ -287,10 +289,10 @@ def inverse_law(law: Law) -> Law | None:
     return Law(tuple(force.tolist()), tuple(at.tolist()), tuple((1.0 / slope).tolist()))
 
 
-def _compliance(bench: Bench) -> dict[str, dict[str, Any]]:
+def _compliance(bench: Bench, at: Mapping[str, float]) -> dict[str, dict[str, Any]]:
     """By axle 'compliance' (8, 8) of x, y, psi, gamma left and right, 'by_brake' (2, 8) of them by a moment about the spin axis, 'winding'
-    (2,) of the carriers about it by that moment [rad/(N m)]."""
-    rest = bench.stand()
+    (2,) of the carriers about it by that moment [rad/(N m)]; at: travels, by input of the bench."""
+    rest = bench.stand(**at)
     found = {}
     for axle in ('front', 'rear'):
         corners = [f'{axle}_{side}' for side in SIDES]
@@ -306,7 +308,7 @@ def _compliance(bench: Bench) -> dict[str, dict[str, Any]]:
             to_loads[2:, 2:] = inverse(moments)
             columns = np.zeros((10, 5))
             for m, (load, size) in enumerate(LOADS.items()):
-                high, low = bench.stand(**{f'{load}_{corner}': size}), bench.stand(**{f'{load}_{corner}': -size})
+                high, low = bench.stand(**at, **{f'{load}_{corner}': size}), bench.stand(**at, **{f'{load}_{corner}': -size})
                 columns[:, m] = np.concatenate([high.x[c] - low.x[c] for c in corners]) / (2.0 * size)
             response[:, 5 * k : 5 * k + 5] = product(columns, to_loads)
         response = 0.5 * (response + response.T)  # reciprocity
@@ -330,7 +332,8 @@ def _moved(low: np.ndarray, high: np.ndarray, width: float) -> tuple[np.ndarray,
 
 def _masses(bench: Bench, rest: Stand) -> dict[str, dict[str, float]]:
     """By corner the mass that its travel moves, that between it and the travel of the other wheel, and the inertia that its spin turns:
-    twice the kinetic energies at unit rates, where the wheels of an axle spin together and share what turns with both."""
+    twice the kinetic energies at unit rates, where the wheels of an axle spin together and share what turns with both; and its angular
+    momentum at a unit spin."""
     bodies = bench.rig.model.tables.bodies
     found = {}
 
@@ -347,13 +350,21 @@ def _masses(bench: Bench, rest: Stand) -> dict[str, dict[str, float]]:
         low, high = bench.stand(**{name: -angle for name, angle in spins.items()}), bench.stand(**spins)
         v, w = _moved(low.q, high.q, 2.0 * STEP)
         spin = 0.5 * float(np.add.reduce(bodies.mass * np.add.reduce(v * v, axis=1)) + _turning(bodies.inertia, w))
-        found[corner] = {'travel': travel, 'spin': spin}
+        axis = matrix(tuple(rest.q[bench.wheels[corner], 3:]))[:, 1]
+        momentum = 0.5 * float(product(axis, np.add.reduce(_momenta(bench, rest.q, w))))
+        found[corner] = {'travel': travel, 'spin': spin, 'momentum': momentum}
     for axle in ('front', 'rear'):
         corners = [f'{axle}_{side}' for side in SIDES]
         beside = 0.5 * (moving(*corners) - sum(found[corner]['travel'] for corner in corners))
         for corner in corners:
             found[corner]['beside'] = beside
     return found
+
+
+def _momenta(bench: Bench, q: np.ndarray, w: np.ndarray) -> np.ndarray:
+    """(nb, 3) angular momenta [kg m^2] of all bodies about their centres of mass by rotations w (nb, 3) in B, in the design frame."""
+    inertia = bench.rig.model.tables.bodies.inertia
+    return np.array([product(matrix(tuple(at[3:])), product(J, turn)) for at, J, turn in zip(q[:-1], inertia, w, strict=True)])
 
 
 def _gear(bench: Bench) -> dict[str, Any]:
