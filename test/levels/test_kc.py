@@ -90,8 +90,9 @@ def test_curves_of_kinematics_are_those_of_the_vehicle(name):
 @pytest.mark.parametrize('name', [*CARS, ASSISTED, TWISTED, LIVE])
 def test_figures_of_the_bench_are_those_of_the_vehicle(name):
     """Wheel rates, roll stiffness, roll centres, roll steer, steering ratio and compliances within 1 %. The stops of the twist beam take
-    80 kN at the ends of the maps, which must not show at the design position; one compliance of its car is 1.3 % off with other loads. The double wishbones stand 14 mm
-    out of their springs behind, where the level has its compliance from, 1.6 % off that of the design position."""
+    80 kN at the ends of the maps, which must not show at the design position; one compliance of its car is 1.3 % off with other
+    loads. The double wishbones stand 14 mm out of their springs behind, where the level has its compliance from, 1.6 % off that of
+    the design position."""
     full, kc = rigs(name)
     wanted, found = kinematic_figures(full), kinematic_figures(kc)
     for figure in wanted:
