@@ -60,7 +60,8 @@ MAPS = 'the range of the maps, which go on linearly'
 
 LOST = (
     'vibration of engine, subframes, links, rack and driveline (above about 8 Hz)',
-    'compliance is linear, that of the vehicle as it stands; what the travel of the other wheel changes is quadratic in it',
+    'compliance is linear, that of the design position (of a vehicle more than 30 mm off that: where it stands); what the travel of the '
+    'other wheel changes is quadratic in it',
     'the inertia of propeller shaft and gears turns with both driven wheels in equal shares',
 )
 VALIDITY = (  # and the ranges of travel and steering

@@ -8,10 +8,12 @@ from solver.model.spec import ModelSpec
 from solver.scene import Scene
 from solver.vehicle.hardpoints import SIDES
 
+LOADED = 0.03  # m off the design position, of which the figures of a bench are: beyond, they are not those of the vehicle on the road
+
 
 def stood(spec: ModelSpec) -> dict[str, float]:
     """By input of the bench the travels [m] at which the vehicle stands on its tires, each the mean of an axle; nothing for one that
-    finds no equilibrium, whose compliance is that of the design position."""
+    stands nearer than LOADED to its design position, or finds no equilibrium: its compliance is that of the design position."""
     try:
         simulation = standing(Scene(name='standing', model=spec))
     except ConsistencyError:
@@ -21,4 +23,4 @@ def stood(spec: ModelSpec) -> dict[str, float]:
     for axle in ('front', 'rear'):
         inputs = [f'travel_{axle}_{side}' for side in SIDES]
         found |= dict.fromkeys(inputs, 0.5 * sum(float(place[names.index(name)]) for name in inputs))
-    return found
+    return found if max(map(abs, found.values())) > LOADED else {}

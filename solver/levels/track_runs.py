@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from solver.compiled.portable import norms
 from solver.elements.road import RoadSpec
 from solver.elements.tire_pacejka import TIRE_COLUMNS
 from solver.errors import SpecError, StepError
@@ -17,9 +18,11 @@ from solver.levels.fitting import each
 from solver.model.spec import ModelSpec
 from solver.scene import Scene, StartSettings
 from solver.simulation import Simulation
+from solver.step.failure import LARGEST_TURN_PER_STEP
 from solver.step.settings import IntegratorSettings
 
 H = 2e-3  # s
+PARTS = (1, 2, 4, 5, 8, 10)  # of H, in whole nanoseconds
 SPEED = 22.0  # m/s
 EVERY = 5  # steps between samples
 LEAST_SAMPLES = 20
@@ -39,7 +42,7 @@ class Run(NamedTuple):
     """What a run showed, one row per sample; axles: front, rear."""
 
     time: np.ndarray  # (n,) [s]
-    inputs: np.ndarray  # (n EVERY, nu) of every step
+    inputs: np.ndarray  # (n EVERY, nu) of every H
     names: tuple[str, ...]  # of the inputs
     vx: np.ndarray  # (n,) of the origin of the chassis, along it [m/s]
     vy: np.ndarray
@@ -57,31 +60,34 @@ class Run(NamedTuple):
 
 
 def whole(model: ModelSpec, drive: Drive) -> Simulation:
-    """The simulation of a run of the vehicle on a flat road."""
-    return Simulation(
-        Scene(
-            name='identification', model=dataclasses.replace(model, road=RoadSpec()), maneuver=drive.maneuver, duration=drive.duration,
-            start=StartSettings(kind='equilibrium', speed=drive.speed), integrator=IntegratorSettings(h=H, iterations=2),
-        )
+    """The simulation of a run of the vehicle on a flat road. Its step is H, or a part of that in which no rotor behind a gear turns further
+    than a verdict wants of bodies."""
+    scene = Scene(
+        name='identification', model=dataclasses.replace(model, road=RoadSpec()), maneuver=drive.maneuver, duration=drive.duration,
+        start=StartSettings(kind='equilibrium', speed=drive.speed), integrator=IntegratorSettings(h=H, iterations=2),
     )  # fmt: skip
+    simulation = Simulation(scene)
+    turn = H * float(norms(simulation.state.v[:-1, 3:]).max())
+    parts = next((n for n in PARTS if turn <= n * LARGEST_TURN_PER_STEP), PARTS[-1])
+    return simulation if parts == 1 else Simulation(dataclasses.replace(scene, integrator=IntegratorSettings(h=H / parts, iterations=2)))
 
 
 def driven(model: ModelSpec, drive: Drive) -> Run:
     """Run the vehicle; a run that fails ends where it failed. Raises SpecError where that is at once."""
     simulation = whole(model, drive)
-    channels = simulation.channels
+    channels, parts = simulation.channels, round(H / simulation.h)
     wheels = [channels.wheels.index(corner) for corner in CORNERS]
     joint = channels.joints.index('steering_wheel') if 'steering_wheel' in channels.joints else -1
     chassis = channels.chassis or 0
     shots, inputs = [], []
     for _ in range(round(drive.duration / (H * EVERY))):
         try:
-            shot = simulation.advance(EVERY)
+            shot = simulation.advance(EVERY * parts)
         except StepError:
             break
         assert simulation.applied is not None
         shots.append(shot)
-        inputs.append(simulation.applied)
+        inputs.append(simulation.applied[parts - 1 :: parts])
     if len(shots) < LEAST_SAMPLES:
         after = simulation.t_ns * 1e-9
         raise SpecError(f'the vehicle as a whole fails after {after:.3g} s of a run at {drive.speed:g} m/s; see why with fidelity: full')
