@@ -235,10 +235,10 @@ class Envelope:
 
 def _upright(simulation: Simulation) -> list[str]:
     """Bodies of a vehicle that ought to stay above its wheels: its chassis, and that of its trailer."""
-    model, channels = getattr(simulation, 'model', None), simulation.channels
+    model = getattr(simulation, 'model', None)
     if model is None or not model.spec.tires or model.spec.chassis is None:
         return []
-    return [body for body in (model.spec.chassis, TRAILER) if body in channels.bodies]
+    return [body for body in (model.spec.chassis, TRAILER) if body in simulation.channels.bodies]
 
 
 def _fold(watched: list[_Range | _Frequency], snapshots: list[Snapshot]) -> None:
