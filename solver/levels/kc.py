@@ -79,7 +79,8 @@ def derive(scene: Scene) -> Derived:
     travel = Limit(quantity='suspension_travel', unit='m', low=-high, high=high, why=MAPS)
     turned = max(-guide.steering[0] for guide in model.guides)
     steering = Limit(quantity='steering_wheel_angle', unit='rad', low=-turned, high=turned, why=MAPS)
-    lost = (*LOST, *(_unassisted(scene.model) if reduction.assisted is None else ()), *without_connections(scene.model))
+    unassisted = _unassisted(scene.model) if reduction.assisted is None else ()
+    lost = (*LOST, *reduction.hung(), *unassisted, *without_connections(scene.model))
     report = LevelReport(lost=lost, validity=(travel, steering, *_lateral(scene.model), *VALIDITY))
     return Derived(scene=derived, level='kc', report=report)
 
@@ -135,6 +136,11 @@ class _Reduction:
         for corner, tire in self.tires.items():
             if any(tire.marker.position):
                 raise SpecError(f'tire {corner!r}: the marker must be at the origin of its body')
+
+    def hung(self) -> tuple[str, ...]:
+        """What becomes of masses that both wheels of an axle share, as the housing of a live axle."""
+        said = '{:.3g} kg that move with both wheels of the {} axle hang on the chassis sideways: their inertia loads its compliance'
+        return tuple(said.format(mass, axle) for axle in AXLES if (mass := self._masses(axle).shared))
 
     def model(self) -> ModelSpec:
         masses = {axle: self._masses(axle) for axle in AXLES}

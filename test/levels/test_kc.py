@@ -211,6 +211,16 @@ def test_the_hand_holds_what_the_motor_leaves_it(car, angle, share):
     assert np.abs(found - wanted).max() < share * np.abs(wanted).max()
 
 
+def test_what_a_live_axle_lacks_sideways_is_said():
+    """Beside its wheels the housing and half of its leaves: 92 kg and 27 kg and what turns with the rolling axle is on the wheels."""
+    (said,) = [text for text in derive(dataclasses.replace(levels(LIVE)[0], fidelity='kc')).report.lost if 'hang on the chassis' in text]
+    (shared,) = [body.mass for body in levels(LIVE)[1].model.bodies if body.name == 'bounce_rear']
+    assert said.startswith(f'{shared:.3g} kg that move with both wheels of the rear axle')
+    assert 0.0 < shared < 92.0 + 2.0 * 27.0
+    independent = derive(dataclasses.replace(levels(ASSISTED)[0], fidelity='kc')).report.lost
+    assert not any('hang on the chassis' in text for text in independent)
+
+
 def test_help_behind_no_column_is_lost_and_said():
     """A gear that turns with the steering wheel itself: the compliance has the help, the hand the whole torque."""
     scene = solver.load_scene('car_step_steer', [f'vehicle=vehicles/{ASSISTED}.yaml', 'switches.steering_column=off', 'fidelity=kc'])
