@@ -248,12 +248,13 @@ def test_recordings_begun_while_running_and_after_restore_replay_to_the_same_bit
         assert stopped.success, stopped.message
         process.process.terminate()
         assert process.end() == 0, process.output
+        last = bag.read(tmp_path / stopped.message).time_ns[-1] * 1e-9  # after the state was saved, however far behind the client is
         again = node(
             tmp_path,
             scene='car_step_steer',
             commands='maneuver',
             mode='fast',
-            duration=1e-3 * k + 1.0,
+            duration=round(last + 0.5, 3),
             restore=saved.message,
             record=True,
             out='again',
