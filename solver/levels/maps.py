@@ -6,9 +6,8 @@ The bench (solver.analysis.kinematics_and_compliance) holds the chassis of the f
 - one wheel alone, the other one held: the force of springs, stops and anti-roll bar over either travel, the change of the maps by the
   travel of the other wheel, and the lengths of the dampers;
 - a pull of the dampers with travels and steering held: the stiffness of their mounts;
-- loads at the wheel centres with travels and steering held, the travels where the vehicle stands (a loaded one deep in its springs): the
-  compliance, steering gear and subframe included;
-- by the difference of all bodies' places the masses that move with a wheel and the inertia that turns with it.
+- loads at the wheel centres with travels (those of a loaded vehicle that stands) and steering held: the compliance, gear and subframe
+  included; and by the difference of all bodies' places the masses that move with a wheel and the inertia that turns with it.
 
 All fits are sums in a fixed order, so they have the same bits everywhere.
 """

@@ -295,8 +295,8 @@ class Search(Judge):
         except Stopped:
             self.ended = True
             self.notes.append(f'the search was ended after {self.took:.0f} s; what it had found by then is what counts (mbd plan --time)')
-        self.until = self.longest
         while best is not None:
+            self.until = self.longest  # cheapest() leaves it shorter whenever it finds something
             self.checks = self.check_unseen(best.setting)
             failed = [c.variation for c in self.checks if not c.passed]
             if not failed:

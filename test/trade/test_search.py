@@ -16,8 +16,8 @@ from solver.trade.certificate import finite, plan, still, what_has_to_give
 from solver.trade.cost import PerStep
 from solver.trade.search import MARGIN, Search
 from solver.trade.setting import Setting
-from solver.trade.variations import AS_GIVEN
-from solver.trade.verdicts import Verdict, nearest
+from solver.trade.variations import AS_GIVEN, inside
+from solver.trade.verdicts import Check, Verdict, nearest
 
 SHORT = ['duration=0.6', 'maneuver.steering.start=0.1']
 
@@ -191,6 +191,22 @@ def test_a_setting_whose_run_is_not_sound_is_not_taken_however_small_its_errors_
     assert not search.check_whole(verdict.setting, AS_GIVEN).passed
     assert search.check(verdict.setting, AS_GIVEN).passed
     assert still(search) == ['yaw_rate does not get beyond 0.01 rad/s in the maneuver of the scene; its percentages are of that']
+
+
+@pytest.mark.slow
+def test_what_is_found_behind_a_failed_check_has_all_the_time_for_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first setting fails on a maneuver that it had not seen; the next one is checked until the plan has to end."""
+    untils: list[float] = []
+    failed = Check(inside(1), 2.0, 'yaw_rate rms', '')
+
+    def once(search: Search, setting: Setting) -> list[Check]:
+        untils.append(search.until)
+        return [failed] if len(untils) == 1 else [failed._replace(used=0.5)]
+
+    monkeypatch.setattr(Search, 'check_unseen', once)
+    data, _ = searched('require={yaw_rate: {rms: 2 %}}', unseen=1)
+    assert untils == [600.0, 600.0]
+    assert data['status'] == 'ok'
 
 
 def test_a_step_whose_own_error_is_too_large_is_not_raced_with_other_iterations(monkeypatch: pytest.MonkeyPatch) -> None:
