@@ -18,11 +18,12 @@ const floats = text => {
 const short = (v, n = 4) => v === null || v === undefined ? '' : typeof v === 'string' ? v :
   v === 0 ? '0' : Math.abs(v) >= 1e5 || Math.abs(v) < 1e-3 ? v.toExponential(Math.max(n - 2, 1)) : String(+v.toPrecision(n));
 
-// about so many round values from low to high, and what to write at them
+// about so many round values from low to high, two at least, for one alone is no scale; and what to write at them
 function ticks(low, high, count) {
   const raw = (high - low) / Math.max(count, 1), power = Math.pow(10, Math.floor(Math.log10(raw)));
   const step = [1, 2, 5, 10].map(m => m * power).find(s => s >= raw) || 10 * power, values = [];
   for (let k = Math.ceil(low / step - 1e-9); k * step <= high + 1e-9 * step; k++) values.push(k * step);
+  if (values.length < 2 && count < 20 && high > low) return ticks(low, high, 2 * Math.max(count, 1));
   const most = Math.max(...values.map(Math.abs), 0), fine = Math.floor(Math.log10(step) + 1e-9);
   if (most >= 1e5 || (most > 0 && most < 1e-3)) {
     const order = Math.floor(Math.log10(most)), digits = Math.max(0, Math.min(8, order - fine));

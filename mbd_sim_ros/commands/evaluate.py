@@ -110,12 +110,7 @@ def report(
             *((f.text, *f.shown(), f.limit, f.verdict if f.ok is not None else '') for f in fs),
         ]
         lines += ['', f'{name}, {sum(r.evaluation == name for r in results)} runs', table(rows)]
-    lines += [
-        '',
-        {True: 'all limits of the norm are kept', False: 'limits of the norm are not kept', None: 'not judged: the norm has no limits'}[
-            passed
-        ],
-    ]
+    lines += ['', figures.sentence(results)]
     if html is not None:
         title = ', '.join(dict.fromkeys(r.title for r in results))
         write_page(

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from browser import CHROMIUM, QUIET
 
-from mbd_sim_ros.analysis.evaluation.figures import Chart, Curve, Figure, Result
+from mbd_sim_ros.analysis.evaluation.figures import Chart, Curve, Figure, Result, sentence
 from mbd_sim_ros.analysis.evaluation.html import POINTS, write_page
 from solver.errors import BagError
 
@@ -55,6 +55,20 @@ def test_the_page_holds_figures_and_curves_in_units_for_people(tmp_path: Path) -
     assert y.max() == pytest.approx(180.0 / math.pi, rel=1e-6)
     assert y == pytest.approx(np.degrees(np.sin(x)), abs=1e-4)
     assert x.size <= POINTS + 2
+
+
+def test_what_was_not_judged_is_not_counted_as_kept() -> None:
+    kept, missed, left, plain = (Figure(n, n, 1.0, 'm', limit, ok) for n, limit, ok in (
+        ('kept', '<= 2', True), ('missed', '<= 0', False), ('left', '>= 1 from 5 A on', None), ('plain', '', None)))  # fmt: skip
+
+    def said(*of: Figure) -> str:
+        return sentence([Result(evaluation='x', title='x', norm='x', figures=of)])
+
+    assert said(kept, plain) == 'all limits of the norm are kept'
+    assert said(kept, left, plain) == 'all limits of the norm that were judged are kept, 1 was not judged'
+    assert said(kept, missed, left) == 'limits of the norm are not kept'
+    assert said(left, left) == 'not judged: see the notes (2 limits)'
+    assert said(plain) == 'not judged: the norm has no limits'
 
 
 def test_a_page_that_cannot_be_written_is_refused(tmp_path: Path) -> None:

@@ -107,6 +107,21 @@ def verdict(oks: Any) -> bool | None:
     return all(judged) if judged else None
 
 
+def sentence(results: Sequence[Result]) -> str:
+    """Whether all limits of the norms are kept, in words. A limit that was not judged is not counted among those that are kept."""
+    left = sum(bool(figure.limit) and figure.ok is None for result in results for figure in result.figures)
+    passed = verdict(result.passed for result in results)
+    if passed is None:
+        return f'not judged: see the notes ({left} limit{"s" * (left > 1)})' if left else 'not judged: the norm has no limits'
+    if not passed:
+        return 'limits of the norm are not kept'
+    return (
+        f'all limits of the norm that were judged are kept, {left} {"was" if left == 1 else "were"} not judged'
+        if left
+        else 'all limits of the norm are kept'
+    )
+
+
 def rows(results: Sequence[Result]) -> list[tuple[str, ...]]:
     """A table of figures for people; one result gives its figures below each other."""
     lines: list[tuple[str, ...]] = [('figure', 'value', 'unit', 'limit', '')]

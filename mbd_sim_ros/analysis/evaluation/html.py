@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from mbd_sim_ros.analysis.evaluation.figures import SHOWN, Chart, Figure, Result, rows
+from mbd_sim_ros.analysis.evaluation.figures import SHOWN, Chart, Figure, Result, rows, sentence
 from mbd_sim_ros.analysis.pages import fill, floats, thinned
 
 POINTS = 1500  # about so many of a curve
@@ -23,14 +23,9 @@ def write_page(
     together: Mapping[str, Sequence[Figure]],
 ) -> None:
     """Write the page. about: lines for its head. together: title -> figures of a whole series. Raises BagError where it cannot be."""
-    verdicts = {
-        True: 'all limits of the norm are kept',
-        False: 'limits of the norm are not kept',
-        None: 'not judged: the norm has no limits',
-    }
     data = {
         'title': title,
-        'verdict': {'ok': passed, 'text': verdicts[passed]},
+        'verdict': {'ok': passed, 'text': sentence(results)},
         'about': list(about),
         'together': [{'title': name, 'rows': [_row(f) for f in found]} for name, found in together.items()],
         'results': [
