@@ -331,6 +331,7 @@ def test_a_place_that_cannot_be_written_is_told_once_and_leaves_nothing(root: Pa
     assert warm or list(Path(answers[0]['cache']).iterdir()) == []
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_processes_compile_at_once_while_the_directory_is_removed(root: Path, tmp_path: Path) -> None:
     cache = tmp_path / 'cache'

@@ -34,6 +34,7 @@ def test_every_file_of_the_recipes_is_linked_from_the_page():
     assert linked == {path.name for path in RECIPE.iterdir() if path.is_file()}
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_suspension_is_one_file_and_one_name(program):
     """Arm and links of the multi-link axle are gone, and the car stands: the tires carry its weight, left and right alike."""
@@ -113,6 +114,7 @@ def test_an_evaluation_is_one_file_and_one_line(program):
     assert 'does not roll out from 20 to 15 m/s' in refused.stderr
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_a_study_is_one_file_and_one_entry(program):
     shutil.copy(RECIPE / 'swing.py', program / 'mbd_sim_ros' / 'lab' / 'studies')

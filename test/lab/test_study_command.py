@@ -123,6 +123,7 @@ def test_validation_finds_ours_at_the_published_figures(capsys, tmp_path):
     assert '| reaction torque [N m] | 5 | 1754.50 -129.869 129.869 |' in (tmp_path / 'report.md').read_text()
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_work_precision_measures_ours_and_says_what_is_left_out(capsys, tmp_path, monkeypatch):
     monkeypatch.setenv('MBD_EXUDYN_PYTHON', str(tmp_path / 'no_such_python'))

@@ -128,11 +128,16 @@ def test_a_reference_that_leaves_its_branch_decides_nothing() -> None:
     assert [run.judgement for run in judged.runs] == [TOLD, UNDECIDED]
 
 
-QUICK = (*range(1, 11), 12, 13, 14, 25)  # one of each family, whose references take least; two more of each take three minutes
+QUICK = (*range(1, 7), 8, 9, 12, 13, 14)  # one of a family, whose references take least; two more of each take three minutes
+SLOW = {
+    'parallelogram',
+    'springs',
+    'bushings',
+}  # families whose references take longer than those of all others together: by `pytest -m long`
 
 
-def test_one_of_each_family_is_judged_always() -> None:
-    assert sorted(drawn(k, 2026).family for k in QUICK) == sorted(FAMILIES)
+def test_one_of_a_family_is_judged_always() -> None:
+    assert sorted(drawn(k, 2026).family for k in QUICK) == sorted(set(FAMILIES) - SLOW)
 
 
 @pytest.mark.slow

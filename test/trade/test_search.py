@@ -193,18 +193,18 @@ def test_a_setting_whose_run_is_not_sound_is_not_taken_however_small_its_errors_
     assert still(search) == ['yaw_rate does not get beyond 0.01 rad/s in the maneuver of the scene; its percentages are of that']
 
 
-@pytest.mark.slow
 def test_what_is_found_behind_a_failed_check_has_all_the_time_for_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     """The first setting fails on a maneuver that it had not seen; the next one is checked until the plan has to end."""
     untils: list[float] = []
-    failed = Check(inside(1), 2.0, 'yaw_rate rms', '')
+    failed = Check(inside(1), 2.0, 'joint_states/guide/position rms', '')
 
     def once(search: Search, setting: Setting) -> list[Check]:
         untils.append(search.until)
         return [failed] if len(untils) == 1 else [failed._replace(used=0.5)]
 
     monkeypatch.setattr(Search, 'check_unseen', once)
-    data, _ = searched('require={yaw_rate: {rms: 2 %}}', unseen=1)
+    scene = solver.load_scene('spring_mass', ['duration=0.3', 'require={joint_states/guide/position: {rms: 5 %}}'])
+    data = plan(Search(scene, unseen=1, workers=1, longest=600.0, levels=()))
     assert untils == [600.0, 600.0]
     assert data['status'] == 'ok'
 

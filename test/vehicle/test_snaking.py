@@ -43,6 +43,7 @@ def test_loaded_behind_it_snakes_by_itself_from_the_critical_speed_on() -> None:
     assert 0.95 + 0.1 * below / (below - above) == pytest.approx(1.0, abs=0.01)
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_damping_falls_with_speed_and_with_load_behind() -> None:
     """The saloon with the caravan as delivered, and with the same load further back [Darling2009]."""

@@ -135,6 +135,7 @@ def test_car_and_trailer_stand_on_a_slope(slope: tuple[float, float]) -> None:
     assert loads(Simulation(towing('full_car', normal, speed=20.0)))['trailer_left'] > 4000.0
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_it_starts_rolling_whatever_the_friction() -> None:
     """The ball joins two bodies of more than a ton: velocities of the start did not converge at some of these frictions."""
@@ -155,6 +156,7 @@ def test_stability_control_and_anti_lock_work_with_a_trailer() -> None:
     assert free < -0.95 and controlled > -0.5
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_at_walking_pace_the_trailer_follows_by_geometry() -> None:
     """Wheels without slip: with the middle of the turn on the line of the rear axle, R to its side, the ball runs on a circle of
@@ -330,6 +332,7 @@ def test_wheels_are_named_in_topics_and_in_the_tree_of_links() -> None:
     assert not is_vehicle(simulation.model.spec)  # its figures are those of cars
 
 
+@pytest.mark.long
 @pytest.mark.slow
 def test_condensed_has_it_and_the_levels_without_bodies_say_no() -> None:
     sine = '{kind: sine, amplitude: 0.6, frequency: 1.0, start: 0.2, cycles: 0.5}'
