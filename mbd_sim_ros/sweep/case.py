@@ -23,6 +23,7 @@ from solver.analysis.envelope import Envelope
 from solver.analysis.verdict import Finding, report
 from solver.errors import BagError, MbdError
 from solver.files.scene import load_scene_text
+from solver.levels.auto import beside_text
 from solver.quantities import Quantity, lengths, quantity
 
 SAMPLE = 1e-3  # s: figures are of instants at least so far apart
@@ -49,10 +50,12 @@ def row_of(case: Case) -> Row:
     nothing = dict.fromkeys(case.figures, math.nan)
     try:
         scene = load_scene_text(case.text, case.name, overrides_of(case.values))
+        beside = beside_text(scene)
     except MbdError as error:
         return {**head, 'status': 'error', 'message': str(error), **nothing}
     asked = json.dumps({name: dataclasses.asdict(figure) for name, figure in case.figures.items()})
-    key = hashlib.sha256('\0'.join((scene.resolved, asked, source_hash())).encode()).hexdigest()[:24]
+    parts = (*(text.encode() for text in (scene.resolved, asked, source_hash())), *beside)
+    key = hashlib.sha256(b'\0'.join(parts)).hexdigest()[:24]
     kept = Path(case.rows) / f'{key}.json' if case.rows else None
     if case.bags:  # a bag has the number of its case and what it is of in its name: another file of the sweep numbers its cases anew
         head['bag'] = f'{case.number:06d}-{key[:8]}'

@@ -59,6 +59,14 @@ def _recorded(maneuver: Maneuver) -> list[bytes]:
     return [repr((found.h_ns, found.first, found.steps, sorted(found.start.items()), rows, tracks)).encode()]
 
 
+def beside_text(scene: Scene) -> list[bytes]:
+    """What runs of a scene depend on that its resolved text does not hold: the inputs in the recording that its maneuver takes, and what
+    its plan says. Raises what the reader of a recording raises."""
+    plan = plan_of(scene) if scene.require.accuracy or scene.fidelity == 'auto' else None
+    said = {} if plan is None else {name: plan[name] for name in ('status', 'fidelity', 'settings', 'envelope', 'findings')}
+    return [*_recorded(scene.maneuver), json.dumps(said, sort_keys=True).encode()]
+
+
 def plan_of(scene: Scene) -> dict[str, Any] | None:
     """The kept plan of a scene, None without one."""
     with suppress(OSError, ValueError):
