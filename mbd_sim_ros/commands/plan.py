@@ -6,9 +6,12 @@ import argparse
 import json
 import sys
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from mbd_sim_ros.commands import Result, add_scene, declare, table
+from mbd_sim_ros.commands import Result, add_scene, alone, declare, table
+
+if TYPE_CHECKING:
+    from solver.scene import Scene
 
 BAR = '{percentage:3.0f}% |{bar:30}| {desc}'
 
@@ -31,22 +34,32 @@ def add(parsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> Result:
     """Search, write what was found, keep it for `fidelity: auto`."""
-    from tqdm import tqdm
-
-    from mbd_sim_ros import interrupts
-    from mbd_sim_ros.analysis.plan_page import write_page
     from mbd_sim_ros.bags.recorder import file_stem
-    from solver.errors import BagError, SpecError
+    from solver.errors import SpecError
     from solver.files.scene import load_scene
-    from solver.levels.auto import chosen, keep
-    from solver.trade.certificate import plan
-    from solver.trade.search import LONGEST, UNSEEN, Search
 
     for name, value in (('workers', args.workers), ('time', args.time), ('unseen', args.unseen)):
         if value is not None and not value > 0:
             raise SpecError(f'--{name} = {value:g}: must be > 0')
     scene = load_scene(args.scene, args.overrides)
     out = args.out or Path('out') / 'plan' / file_stem(scene.name)
+    with alone(out):  # what cannot be written is told before minutes of searching
+        data = _planned(args, scene, out)
+    return Result(data=data, text=describe(data), code=0 if data['status'] == 'ok' else 1)
+
+
+def _planned(args: argparse.Namespace, scene: Scene, out: Path) -> dict[str, Any]:
+    """The plan, kept and written."""
+    from tqdm import tqdm
+
+    from mbd_sim_ros import interrupts
+    from mbd_sim_ros.analysis.plan_page import write_page
+    from solver.compiled.cache import location
+    from solver.errors import BagError
+    from solver.levels.auto import chosen, keep
+    from solver.trade.certificate import plan
+    from solver.trade.search import LONGEST, UNSEEN, Search
+
     with tqdm(total=1.0, bar_format=BAR, disable=args.json or not sys.stderr.isatty(), leave=False) as bar:
 
         def progress(text: str, done: float) -> None:
@@ -59,10 +72,13 @@ def run(args: argparse.Namespace) -> Result:
             scene, workers=args.workers, longest=args.time or LONGEST, unseen=args.unseen or UNSEEN, progress=progress,
         )  # fmt: skip
         data = plan(search)
-    keep(scene, data)
+    data['out'] = str(out)
+    if not keep(scene, data):
+        data['notes'].append(
+            f'the plan cannot be kept in {location()}, so fidelity: auto does not find it; simulate the scene.yaml that is written, or '
+            'plan anew with MBD_CACHE_DIR set to a place that can be written'
+        )
     try:
-        out.mkdir(parents=True, exist_ok=True)
-        data['out'] = str(out)
         if data['settings'] is not None and scene.resolved:
             (out / 'scene.yaml').write_text(chosen(scene, data).resolved, encoding='utf-8')
         else:
@@ -71,7 +87,7 @@ def run(args: argparse.Namespace) -> Result:
         write_page(search, data, out / 'plan.html')
     except OSError as error:
         raise BagError(f'{error.filename or out}: cannot be written: {error.strerror}; choose another directory with --out') from None
-    return Result(data=data, text=describe(data), code=0 if data['status'] == 'ok' else 1)
+    return data
 
 
 def describe(data: dict[str, Any]) -> str:

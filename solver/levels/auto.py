@@ -76,17 +76,20 @@ def plan_of(scene: Scene) -> dict[str, Any] | None:
     return None
 
 
-def keep(scene: Scene, plan: Mapping[str, Any]) -> None:
-    """Keep the plan of a scene; where nothing can be written there is none at the next start."""
+def keep(scene: Scene, plan: Mapping[str, Any]) -> bool:
+    """Keep the plan of a scene; False where nothing can be written, and there is none at the next start."""
     text, file = json.dumps(plan, allow_nan=False), _file(scene)
     fresh = file.with_name(f'.{uuid.uuid4().hex}.tmp')
-    with suppress(OSError):
+    try:
         file.parent.mkdir(parents=True, exist_ok=True)
         try:
             fresh.write_text(f'{digest(text.encode()).hex()}\n{text}', encoding='utf-8')
             os.replace(fresh, file)
         finally:
             fresh.unlink(missing_ok=True)
+    except OSError:
+        return False
+    return True
 
 
 def _file(scene: Scene) -> Path:

@@ -182,18 +182,19 @@ def what_has_to_give(search: Search, closest: Verdict | None, slow: bool, data: 
         best = nearest(cheaper)
         sentences = [f'{closest.setting} keeps the accuracy at {found:.3g} times real time; the budget asks for {factor:g}']
         if best is not None:
-            sentences.append(f'within the budget {best.setting} comes closest: {best.worst} at {best.used:.3g} of its limit')
+            sentences.append(f'within the budget {best.setting} comes closest: {how_near(best)}')
         return sentences
     if data['status'] == INCOMPLETE and search.result is not None:
         why = 'there was no time to check it on others' if search.points(1) else 'nothing in the scene can be varied to check it on others'
         return [f'{closest.setting} keeps the accuracy on the maneuvers it was chosen on; {why}']
+    early = ['time was up before everything was tried (mbd plan --time)'] if data['status'] == INCOMPLETE else []
     if closest.broken:
-        sentences = [f'{closest.setting} keeps the accuracy, but its run is not sound: {closest.broken}']
+        sentences = [*early, f'{closest.setting} keeps the accuracy, but its run is not sound: {closest.broken}']
         other = nearest(t for t in search.tried if not t.broken)
         if other is not None:
-            sentences.append(f'of the others {other.setting} comes closest: {other.worst} at {other.used:.3g} of its limit')
+            sentences.append(f'of the others {other.setting} comes closest: {how_near(other)}')
         return sentences
-    sentences = [f'{closest.setting} comes closest: {closest.worst} at {closest.used:.3g} of its limit']
+    sentences = [f'{closest.setting} comes closest: {how_near(closest)}']
     for bound in closest.bounds.values():
         if bound.used > 1.0:
             largest = max(zip(bound.parts, ORIGINS, strict=True))
@@ -201,6 +202,13 @@ def what_has_to_give(search: Search, closest: Verdict | None, slow: bool, data: 
                 f'{bound.requirement}: the limit would have to be {bound.used:.3g} times as large; most of it is error of the {largest[1]}'
             )
     needed = max(closest.used, closest.error / (1.0 - MARGIN))
-    if len(sentences) == 1 and needed > 0.0:
+    if len(sentences) == 1 and math.isfinite(needed) and needed > 1.0:
         sentences.append(f'{closest.worst}: the limit would have to be {needed:.3g} times as large')
-    return sentences
+    return early + sentences
+
+
+def how_near(verdict: Verdict) -> str:
+    """The share of a limit that a setting uses, in words; where its bounds keep all limits, what it was dropped for."""
+    if verdict.used <= 1.0 and verdict.dropped:
+        return verdict.dropped
+    return f'{verdict.worst} at {verdict.used:.3g} of its limit'

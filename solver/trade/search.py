@@ -298,12 +298,14 @@ class Search(Judge):
         while best is not None:
             self.until = self.longest  # cheapest() leaves it shorter whenever it finds something
             self.checks = self.check_unseen(best.setting)
-            failed = [c.variation for c in self.checks if not c.passed]
-            if not failed:
+            bad = [c for c in self.checks if not c.passed]
+            failed = [c.variation for c in bad]
+            if not bad:
                 self.result = best
                 return best
+            why = f'{bad[0].failure or f"{bad[0].worst}: {bad[0].used:.2g} of its limit"} on a maneuver that was unseen ({failed[0]})'
             self.notes.append(f'{best.setting} failed on {failed[0]}, which has served to choose from then on')
-            self.tried = [t if t is not best else t._replace(dropped=f'{self.checks[-1].worst}: unseen {failed[0]}') for t in self.tried]
+            self.tried = [t if t is not best else t._replace(dropped=why, error=max(t.error, *(c.used for c in bad))) for t in self.tried]
             self.seen += failed
             try:
                 self.levels = {level: why for level, why in self.levels.items() if why}  # the others are looked at again

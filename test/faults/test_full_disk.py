@@ -81,11 +81,13 @@ def test_a_file_on_a_full_disk(
         ('sweep', 'step_steer_mass', '--out', 'file/sweep'),
         ('maneuver', 'iso7401_step', 'light_car', '--out', 'file/drive'),
         ('study', 'slider_crank', '--quick', '--out', 'file/study'),
+        ('plan', 'light_car_straight', '--set', 'require={yaw_rate: {rms: 2 %}}', '--out', 'file/plan'),
     ],
 )
 def test_a_folder_that_cannot_be_made(
     words: tuple[str, ...], recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
+    monkeypatch.setattr('solver.trade.certificate.plan', None)  # minutes of searching come after it is told
     monkeypatch.chdir(tmp_path)
     (tmp_path / 'file').touch()
     refused(capfd, 'file', *(str(recording) if word == 'BAG' else word for word in words))
@@ -94,7 +96,7 @@ def test_a_folder_that_cannot_be_made(
 @pytest.mark.parametrize('name', ['scene.yaml', 'certificate.json', 'plan.html'])
 def test_a_plan_on_a_full_disk(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr('solver.trade.certificate.plan', lambda _: {'status': 'ok', 'settings': {}})
-    monkeypatch.setattr('solver.levels.auto.keep', lambda *_: None)
+    monkeypatch.setattr('solver.levels.auto.keep', lambda *_: True)
     monkeypatch.setattr('solver.levels.auto.chosen', lambda scene, _: scene)
     monkeypatch.setattr('mbd_sim_ros.analysis.plan_page.write_page', lambda _search, _data, file: file.write_text('page'))
     full(tmp_path / name)

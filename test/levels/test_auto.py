@@ -108,3 +108,12 @@ def test_an_incomplete_plan_is_told_from_one_that_found_nothing(planned: Callabl
     auto.keep(scene, {**PLAN, 'status': 'no', 'give': ['kc comes closest']})
     with pytest.raises(SceneError, match='found nothing that keeps what is required'):
         solver.simulation_of(scene)
+
+
+def test_a_plan_that_cannot_be_kept_is_told_from_one_that_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = solver.load_scene('light_car_step_steer', [LIMIT])
+    monkeypatch.setattr(auto, 'location', lambda: tmp_path)
+    assert auto.keep(scene, PLAN)
+    (tmp_path / 'file').touch()
+    monkeypatch.setattr(auto, 'location', lambda: tmp_path / 'file')
+    assert not auto.keep(scene, PLAN)

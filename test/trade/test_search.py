@@ -14,6 +14,7 @@ from solver.errors import SpecError
 from solver.trade import judging, reference
 from solver.trade.certificate import finite, plan, still, what_has_to_give
 from solver.trade.cost import PerStep
+from solver.trade.runs import Stopped
 from solver.trade.search import MARGIN, Search
 from solver.trade.setting import Setting
 from solver.trade.variations import AS_GIVEN, inside
@@ -137,6 +138,33 @@ def test_of_settings_that_were_dropped_the_one_that_kept_the_limits_longest_is_n
     found = nearest(tried)
     assert found is not None and found.setting.h == 1e-3
     assert nearest(tried[-1:]) is None
+
+
+def test_what_has_to_give_says_why_a_setting_that_keeps_its_bounds_was_dropped(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its bounds take 0.6 of the limit, its error on an unseen maneuver 1.8 of it: where a tenth stays free, the limit has to be twice as
+    large, and not 0.67 times. The maneuver that it passed behind that one has nothing to do with it."""
+    search = Search(solver.load_scene('light_car_step_steer', ['require={yaw_rate: {rms: 2 %}, roll: {rms: 9 %}}']), longest=60.0)
+    best = Verdict(Setting(h=8e-3, iterations=1), 0.6, 1.0, 'yaw_rate rms', '', {}, 0.5)
+    found = [Check(inside(0), 1.8, 'yaw_rate rms', ''), Check(inside(1), 0.1, 'roll rms', '')]
+
+    def late(models: object) -> Verdict:
+        if search.tried:
+            raise Stopped
+        search.tried.append(best)
+        return best
+
+    monkeypatch.setattr(search, 'find_reference', lambda: True)
+    monkeypatch.setattr(search, 'find_levels', list)
+    monkeypatch.setattr(search, 'eliminate', lambda verdict: verdict)
+    monkeypatch.setattr(search, 'cheapest', late)
+    monkeypatch.setattr(search, 'check_unseen', lambda setting: found)
+    assert search.find() is None and search.ended
+    why = f'yaw_rate rms: 1.8 of its limit on a maneuver that was unseen ({inside(0)})'
+    assert what_has_to_give(search, nearest(search.tried), False, {'status': 'incomplete'}) == [
+        'time was up before everything was tried (mbd plan --time)',
+        f'full, 8 ms, 1 iteration, rho 0.8 comes closest: {why}',
+        'yaw_rate rms: the limit would have to be 2 times as large',
+    ]
 
 
 def test_steps_of_candidates_go_down_to_half_the_finest_of_the_reference() -> None:
