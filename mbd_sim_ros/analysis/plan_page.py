@@ -13,7 +13,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 
 from mbd_sim_ros.analysis.pages import plain_page, write_text
 from mbd_sim_ros.analysis.plots import FIRST, GREY, SECOND, STYLE
@@ -38,7 +38,7 @@ def write_page(search: Search, data: dict[str, Any], file: Path) -> None:
     parts += [f'<p>{html.escape(text)}</p>' for text in (*data['give'], *data['notes'])]
     chosen = search.result or nearest(search.tried)
     if data['errors']:
-        parts += ['<h2>Errors by origin</h2>', picture(_origins(data)), rows(_error_rows(data))]
+        parts += ['<h2>Errors by origin</h2>', picture(_origins(data)), rows(error_rows(data))]
         text = 'Each is bounded by the sum of its parts, so that errors which cancel on one maneuver are not counted on.'
         if data['largest_error']:
             error, free = 100.0 * data['largest_error'], 100.0 * (1.0 - data['margin'])
@@ -61,6 +61,8 @@ def write_page(search: Search, data: dict[str, Any], file: Path) -> None:
         )
     if data['checks']:
         parts += ['<h2>Maneuvers that had no part in the choice</h2>', picture(_checks(data))]
+        ranges = ', '.join(f'{name} from {low:g} to {high:g}' for name, (low, high) in data['unseen']['ranges'].items())
+        parts += [f'<p>Within these ranges, as factors on what the scene has: {ranges}.</p>' if ranges else '', rows(_check_rows(data))]
     reference = data['reference']
     if reference:
         steps = ', '.join(f'{1e3 * h:g}' for h in reference['steps'])
@@ -109,11 +111,22 @@ def new_figure(width: float, height: float, rows_: int = 1, columns: int = 1) ->
         return figure, figure.subplots(rows_, columns, squeeze=False)
 
 
-def _error_rows(data: dict[str, Any]) -> list[tuple[str, ...]]:
-    found: list[tuple[str, ...]] = [('error', *ORIGINS, 'sum', 'limit')]
+def error_rows(data: dict[str, Any]) -> list[tuple[str, ...]]:
+    """The errors of a plan by origin, with their units, as a table whose first row is its head."""
+    names = (*ORIGINS, 'sum', 'limit')
+    found: list[tuple[str, ...]] = [('error', *names)]
     for quantity, measures in data['errors'].items():
         for measure, e in measures.items():
-            found.append((f'{quantity} {measure}', *(f'{e[k]:.3g}' for k in (*ORIGINS, 'sum', 'limit'))))
+            unit = 's' if measure == 'delay' else data['units'][quantity]
+            found.append((f'{quantity} {measure}', *('-' if e[name] is None else shown(e[name], unit) for name in names)))
+    return found
+
+
+def _check_rows(data: dict[str, Any]) -> list[tuple[str, ...]]:
+    found: list[tuple[str, ...]] = [('', 'maneuver', 'largest error', '')]
+    for k, c in enumerate(data['checks'], 1):
+        used = '-' if c['used'] is None else f'{100.0 * c["used"]:.3g} % of its limit'
+        found.append((str(k), c['variation'], used, c['failure'] or c['worst']))
     return found
 
 
@@ -127,6 +140,7 @@ def _origins(data: dict[str, Any]) -> Figure:
         width = np.array([100.0 * (e[origin] or 0.0) / e['limit'] for _, e in errors])
         ax.barh(range(len(errors)), width, left=left, color=colour, label=origin)
         left += width
+    ax.set_axisbelow(True)
     ax.axvline(100.0, color='black', lw=1.2)
     ax.set_yticks(range(len(errors)), [name for name, _ in errors])
     ax.invert_yaxis()
@@ -205,6 +219,9 @@ def _checks(data: dict[str, Any]) -> Figure:
     ax = axes[0, 0]
     used = [100.0 * c['used'] if c['used'] is not None else 200.0 for c in checks]
     ax.bar(range(1, len(used) + 1), used, color=[SECOND if u <= 100.0 else FIRST for u in used])
+    ax.set_axisbelow(True)
+    ax.xaxis.set_major_locator(MaxNLocator(integer=True))
+    ax.set_xlim(0.4, len(used) + 0.6)
     ax.axhline(100.0, color=GREY, lw=1.2)
     ax.set(xlabel='maneuver', ylabel='largest error, % of its limit')
     return figure

@@ -92,7 +92,7 @@ def _planned(args: argparse.Namespace, scene: Scene, out: Path) -> dict[str, Any
 
 def describe(data: dict[str, Any]) -> str:
     """A plan for people."""
-    from solver.units import shown
+    from mbd_sim_ros.analysis.plan_page import error_rows
 
     rows = [('plan', data['status'])]
     if data['settings'] is not None:
@@ -112,19 +112,5 @@ def describe(data: dict[str, Any]) -> str:
     rows += [('note', text) for text in data['notes']]
     rows += [(f'level {level}', why) for level, why in data['levels'].items()]
     rows += [('results', data['out']), ('took', f'{data["took"]:.0f} s')]
-    parts: list[tuple[str, ...]] = [('error', 'model', 'step', 'iteration', 'reference', 'sum', 'limit')]
-    for quantity, measures in data['errors'].items():
-        for measure, e in measures.items():
-            unit = 's' if measure == 'delay' else _unit(quantity)
-            parts.append(
-                (f'{quantity} {measure}', *(shown(e[k], unit) for k in ('model', 'step', 'iteration', 'reference', 'sum', 'limit')))
-            )
+    parts = error_rows(data)
     return table(rows) + ('\n\n' + table(parts) if len(parts) > 1 else '')
-
-
-def _unit(quantity: str) -> str:
-    from solver.quantities import BY_WHEEL, NAMED
-
-    head = quantity.partition('.')[0]
-    known = NAMED.get(head) or BY_WHEEL.get(head)
-    return known.unit if known else '1'

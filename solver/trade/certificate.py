@@ -56,6 +56,9 @@ def plan(search: Search) -> dict[str, Any]:
         search.notes += still(search)
         data['findings'] = findings_of(search, best.setting)
     data['errors'] = {} if shown is None else errors(shown)
+    data['units'] = (
+        {} if shown is None or not shown.bounds else {name: search.truth(AS_GIVEN).quantities[name].unit for name in search.names}
+    )
     passed, failed = sum(c.passed for c in search.checks), sum(not c.passed for c in search.checks)
     data['unseen'] = {
         'passed': passed,
