@@ -19,6 +19,7 @@ variations that had no part in the choice. n passes without failure bound the ra
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Callable, Sequence
 
@@ -163,10 +164,15 @@ class Search(Judge):
         """All settings of these models, cheapest first.
 
         Their steps go down to half the finest one of the reference: a run is judged by the limit of those, with its band, which lies far
-        below all limits also where the error of the finest does not.
+        below all limits also where the error of the finest does not. A level with a step of its own makes no iterations and knows no
+        damping: it has one setting a step.
         """
         steps = [h for h in STEPS if h >= 0.49 * self.steps[-1] and h <= 0.25 * self.scene.duration]
-        found = [dataclasses.replace(m, h=h, iterations=n, rho_inf=rho) for m in models for h in steps for n in ITERATIONS for rho in RHOS]
+        found = []
+        for m in models:
+            own = derive(m.of(self.scene)).simulate is not None
+            ways = [(ITERATIONS[0], RHOS[0])] if own else itertools.product(ITERATIONS, RHOS)
+            found += [dataclasses.replace(m, h=h, iterations=n, rho_inf=rho) for n, rho in ways for h in steps]
         return sorted(found, key=lambda s: (self.expected(s), -s.h))
 
     def cheapest(self, models: Sequence[Setting], below: float = math.inf) -> Verdict | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from types import SimpleNamespace
 
 import pytest
 
@@ -171,6 +172,20 @@ def test_steps_of_candidates_go_down_to_half_the_finest_of_the_reference() -> No
     search = Search(solver.load_scene('light_car_step_steer', ['require={yaw_rate: {rms: 2 %}}']), longest=60.0)
     search.steps = (1e-3, 5e-4, 2.5e-4)
     assert min(s.h for s in search.candidates([Setting()])) == 1.25e-4
+
+
+def test_a_level_with_a_step_of_its_own_is_tried_once_a_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    """It makes no iterations: six settings of one step are one and the same run. Others have three iterations and two dampings."""
+    scene = solver.load_scene('light_car_step_steer', ['require={yaw_rate: {rms: 2 %}}'])
+    search = Search(scene, longest=60.0)
+    search.prices = Priced()
+    monkeypatch.setattr(
+        'solver.trade.search.derive', lambda s: SimpleNamespace(simulate=object() if s.fidelity == 'single_track' else None)
+    )
+    found = search.candidates([Setting(), Setting(level='single_track')])
+    steps = {s.h for s in found}
+    assert sorted(s.h for s in found if s.level == 'single_track') == sorted(steps)
+    assert len(found) == 7 * len(steps)
 
 
 @pytest.mark.slow
