@@ -142,7 +142,10 @@ def _steps(report: Report, grid: Grid, rows: list[Row]) -> None:
             if points:
                 ax.plot(*np.array(points).T, style, marker='.', color=colour, label=f'{level}, {iterations}')
     ax.set(xscale='log', yscale='log', xlabel='step [ms]', ylabel=f'RMS error of {name} [% of the peak]')
-    ax.legend(fontsize=7, title='level, iterations', title_fontsize=7)
+    steps = sorted({1e3 * row['h'] for row in rows})
+    ax.set_xticks(steps, [f'{h:g}' for h in steps])
+    ax.minorticks_off()
+    ax.legend(fontsize=7, title='level, iterations', title_fontsize=7, handlelength=3.5)
     report.figure('steps', picture, 'Error over the step with one, two and three iterations; it levels off at the error of the model')
 
 
@@ -161,6 +164,7 @@ def _origins(report: Report, grid: Grid, front: list[Row]) -> None:
         ax.barh(heights + 0.26 * (k - 1), values, height=0.26, color=colour, label=origin)
     ax.set_yticks(heights, [row['setting'] for row in some], fontsize=7)
     ax.invert_yaxis()
+    ax.set_axisbelow(True)
     ax.set(xscale='log', xlabel=f'RMS error of {name} by origin [% of the peak]')
     ax.legend(fontsize=8)
     report.figure('origins', picture, 'Where the errors of the settings on the front come from')
