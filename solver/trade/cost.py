@@ -10,7 +10,9 @@ with a and b measured once for a model (level and switches) and kept, so that a 
 from __future__ import annotations
 
 import dataclasses
+import math
 import time
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -56,19 +58,35 @@ def measured(scene: Scene, setting: Setting, *, seconds: float = 2.0, rounds: in
 
     Raises MbdError when the run fails.
     """
-    simulation = simulation_of(setting.of(scene))
-    each = max(1, round(PIECE / simulation.h))
-    pieces = max(1, round(min(seconds, scene.duration) / (each * simulation.h)))
-    found = np.empty((rounds, pieces))
-    simulation.advance(1, audit=False)
-    for row in found:
-        simulation.reset()
-        for k in range(pieces):
-            begin = time.thread_time()
-            simulation.advance(each, audit=False)
-            row[k] = (time.thread_time() - begin) / (each * simulation.h)
-    best = found.min(axis=0)
-    return Cost(float(np.median(best)), float(np.percentile(found, 99)))
+    return compared(scene, (setting,), seconds=seconds, rounds=rounds)[0]
+
+
+def compared(scene: Scene, settings: Sequence[Setting], *, seconds: float = 2.0, rounds: int = ROUNDS) -> list[Cost]:
+    """The costs of settings as of measured(), their rounds in turn: a time in which the machine is slow is one of all of them.
+
+    Raises MbdError when a run fails.
+    """
+    simulations = [simulation_of(setting.of(scene)) for setting in settings]
+    pieces, found = [], []
+    for s in simulations:
+        there = _steps(scene, s.h)  # a recording whose inputs are applied ends there
+        each = min(max(1, round(PIECE / s.h)), there)
+        pieces.append(each)
+        found.append(np.empty((rounds, max(1, min(round(seconds / (each * s.h)), there // each)))))
+        s.advance(1, audit=False)
+    for i in range(rounds):
+        for s, each, table in zip(simulations, pieces, found, strict=True):
+            s.reset()
+            for k in range(table.shape[1]):
+                begin = time.thread_time()
+                s.advance(each, audit=False)
+                table[i, k] = (time.thread_time() - begin) / (each * s.h)
+    return [Cost(float(np.median(table.min(axis=0))), float(np.percentile(table, 99))) for table in found]
+
+
+def _steps(scene: Scene, h: float) -> int:
+    """Steps of this size that a scene has room for, one at least."""
+    return max(1, math.floor(scene.duration / h + 1e-6))
 
 
 def size(scene: Scene, setting: Setting) -> tuple[int, ...]:
@@ -83,17 +101,20 @@ def size(scene: Scene, setting: Setting) -> tuple[int, ...]:
 def per_step(scene: Scene, setting: Setting) -> PerStep:
     """Time of a step and of an evaluation of a model, by timing it with one and with three iterations. Raises MbdError."""
     times, evaluations = [], []
+    there = _steps(scene, PROBED)
+    before_it = min(PROBE // 3, there // 4)
+    probe = max(1, min(PROBE, there - before_it))
     for iterations in PROBES:
         simulation = simulation_of(dataclasses.replace(setting, h=PROBED, iterations=iterations).of(scene))
-        simulation.advance(PROBE // 3, audit=False)
+        simulation.advance(before_it, audit=False)
         saved, best = simulation.save(), np.inf
-        for _ in range(ROUNDS):
+        for _ in range(ROUNDS * -(-PROBE // probe)):
             simulation.restore(saved)
             before = simulation.totals()['evaluations']
             begin = time.thread_time()
-            simulation.advance(PROBE, audit=False)
-            best = min(best, (time.thread_time() - begin) / PROBE)
-            count = (simulation.totals()['evaluations'] - before) / PROBE
+            simulation.advance(probe, audit=False)
+            best = min(best, (time.thread_time() - begin) / probe)
+            count = (simulation.totals()['evaluations'] - before) / probe
         times.append(best)
         evaluations.append(count)
     counted = evaluations[1] - evaluations[0]

@@ -324,6 +324,7 @@ class Search(Judge):
         return None
 
     def costs(self, setting: Setting) -> tuple[cost.Cost, cost.Cost]:
-        """(of the setting, of the full vehicle at 1 ms), measured one after the other."""
+        """(of the setting, of the full vehicle at 1 ms), measured in turn."""
         self.say('measuring costs')
-        return cost.measured(self.scene, setting), cost.measured(self.scene, baseline(self.scene))
+        of, full = cost.compared(self.scene, (setting, baseline(self.scene)))
+        return of, full
