@@ -1,7 +1,7 @@
 """The level `kc`: a body on four wheels that follow maps of kinematics and compliance, measured on the bench from the full vehicle.
 
     bodies    the chassis, which everything that does not move with a wheel is part of; four wheels; the steering wheel; of an axle whose
-              wheels share mass (a live axle, a twist beam) one that moves with the mean of their travels
+              wheels share mass (a live axle, a twist beam) a beam between them
     axles     one guide each (solver.elements.guide) instead of arms, links, rubbers, subframes, springs, dampers, bars and rack
     kept      tires, road, drag, steering wheel and its driver, drive torque (between the driven wheels and the chassis), power steering
               with a pinion to push (solver.levels.assisted), an engine that turns with clutch and gearbox (solver.levels.powered)
@@ -26,9 +26,7 @@ from solver.analysis.kinematics_and_compliance import CORNERS, wheel_centers
 from solver.compiled.portable import inverse, product
 from solver.elements.coordinate import CoordinateSpec
 from solver.elements.coordinate_force import CoordinateForceSpec
-from solver.elements.coupler import CouplerSpec
 from solver.elements.guide import GuideSpec
-from solver.elements.joint import JointSpec
 from solver.elements.laws import Law
 from solver.elements.marker import Marker
 from solver.elements.registry import FORCES
@@ -38,7 +36,7 @@ from solver.elements.servo import ServoSpec
 from solver.errors import SpecError
 from solver.levels import maps
 from solver.levels.assisted import assisted, gear_held
-from solver.levels.axle_masses import AxleMasses, divided
+from solver.levels.axle_masses import AxleMasses, beam, divided
 from solver.levels.derived import Derived, LevelReport, Limit, with_one_iteration
 from solver.levels.flywheels import flywheels, spin_of
 from solver.levels.kept import kept
@@ -62,6 +60,7 @@ LOST = (
     'vibration of engine, subframes, links, rack and driveline (above about 8 Hz)',
     'compliance is linear, that of the design position (of a vehicle more than 30 mm off that: where it stands); what the travel of the '
     'other wheel changes is quadratic in it',
+    'of links and leaf springs what moves with the travel loads that compliance by its inertia, the rest the chassis',
     'the inertia of propeller shaft and gears turns with both driven wheels in equal shares',
 )
 VALIDITY = (  # and the ranges of travel and steering
@@ -80,7 +79,7 @@ def derive(scene: Scene) -> Derived:
     turned = max(-guide.steering[0] for guide in model.guides)
     steering = Limit(quantity='steering_wheel_angle', unit='rad', low=-turned, high=turned, why=MAPS)
     unassisted = _unassisted(scene.model) if reduction.assisted is None else ()
-    lost = (*LOST, *reduction.hung(), *unassisted, *without_connections(scene.model))
+    lost = (*LOST, *unassisted, *without_connections(scene.model))
     report = LevelReport(lost=lost, validity=(travel, steering, *_lateral(scene.model), *VALIDITY))
     return Derived(scene=derived, level='kc', report=report)
 
@@ -137,11 +136,6 @@ class _Reduction:
             if any(tire.marker.position):
                 raise SpecError(f'tire {corner!r}: the marker must be at the origin of its body')
 
-    def hung(self) -> tuple[str, ...]:
-        """What becomes of masses that both wheels of an axle share, as the housing of a live axle."""
-        said = '{:.3g} kg that move with both wheels of the {} axle hang on the chassis sideways: their inertia loads its compliance'
-        return tuple(said.format(mass, axle) for axle in AXLES if (mass := self._masses(axle).shared))
-
     def model(self) -> ModelSpec:
         masses = {axle: self._masses(axle) for axle in AXLES}
         each = [mass for axle in AXLES for mass in masses[axle].wheels]
@@ -153,15 +147,19 @@ class _Reduction:
             hands, joints = (*hands, gear.body), (*joints, gear.joint)
         coordinates = [self._spin(c, wheels[c]) for c in CORNERS] + [self._travel(c, wheels[c]) for c in CORNERS]
         turned = [flywheels(self.chassis, c, self.centers[c], wheels[c], self.data[c]) for c in CORNERS]
-        shared = [self._bounce(axle, masses[axle].shared) for axle in AXLES]
-        added = [part for parts in turned for part in parts] + [part for part in shared if part is not None]
-        bodies = (*wheels.values(), *hands, *(body for body, _, _ in added))
+        added = [part for parts in turned for part in parts]
+        beams = [
+            beam(f'bounce_{axle}', masses[axle].shared, self.chassis, [(wheels[c], self.centers[c]) for c in CORNERS if c.startswith(axle)])
+            for axle in AXLES
+            if masses[axle].shared
+        ]
+        bodies = (*wheels.values(), *hands, *(body for body, _, _ in added), *(one.body for one in beams))
         chassis = self._rest(bodies)
         model = ModelSpec(
             bodies=(chassis, *bodies),
-            joints=(*joints, *(bearing for _, bearing, _ in added)),
-            couplers=(*couplers, *(gear for _, _, gear in added)),
-            coordinates=tuple(coordinates),
+            joints=(*joints, *(bearing for _, bearing, _ in added), *(joint for one in beams for joint in one.joints)),
+            couplers=(*couplers, *(gear for _, _, gear in added), *(one.coupler for one in beams)),
+            coordinates=(*coordinates, *(coordinate for one in beams for coordinate in one.coordinates)),
             guides=tuple(self._guide(axle, wheels, masses[axle].shared, couplers) for axle in AXLES),
             coordinate_forces=(*self._drives(), *self._held({joint.name for joint in joints}), *(() if gear is None else gear.forces)),
             servos=() if gear is None else (gear.servo,),
@@ -207,23 +205,13 @@ class _Reduction:
         return across
 
     def _masses(self, axle: str) -> AxleMasses:
-        """The masses of the wheels of an axle and the mass shared by both, which moves with the mean of their travels."""
+        """The masses of the wheels of an axle and the mass shared by both, which is in the middle between them."""
         corners = [f'{axle}_{side}' for side in SIDES]
         J = np.array([self._across(corner) for corner in corners])
         own = np.array([self._slopes(corner)[:4] for corner in corners])
         other = np.array(self.data[axle]['opposite']).reshape(2, 5, 3)[:, :4, 0]
         moved = np.array([self.data[corner]['travel'] for corner in corners])
         return divided(J, own, other, moved, self.data[corners[0]]['beside'])
-
-    def _bounce(self, axle: str, mass: float) -> tuple[RigidBodySpec, JointSpec, CouplerSpec] | None:
-        """What moves with both wheels of an axle, by the mean of their travels."""
-        if mass <= 0.0:
-            return None
-        name, corners = f'bounce_{axle}', [f'{axle}_{side}' for side in SIDES]
-        at = vector_of(0.5 * (self.centers[corners[0]] + self.centers[corners[1]]))
-        body = RigidBodySpec(name=name, mass=mass, inertia=(0.0,) * 6, position=at)
-        guide = JointSpec(name=name, kind='prismatic', i=marker_at(self.chassis, at, UP), j=marker_at(body, at, UP))
-        return body, guide, CouplerSpec(name=name, terms=((name, 1.0), *((f'travel_{corner}', -0.5) for corner in corners)), offset=0.0)
 
     def _wheel(self, corner: str, mass: float) -> RigidBodySpec:
         """Wheel, carrier and what moves with them as one body at the wheel centre, which turns as the wheel does."""

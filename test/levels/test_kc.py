@@ -17,13 +17,11 @@ from solver.analysis.balance import Balance
 from solver.analysis.driven import steady_figures
 from solver.analysis.figures import mass_figures, standing
 from solver.analysis.kinematics_and_compliance import CORNERS, Rig, kinematic_figures
-from solver.analysis.modes import named_modes
 from solver.elements.road import RoadSpec
 from solver.errors import ConsistencyError, SpecError
 from solver.inputs.maneuver import Maneuver
 from solver.inputs.signals import SineWithDwell, Step, Sweep
 from solver.levels import derive, maps
-from solver.levels.axle_masses import divided
 from solver.levels.kc import kc_model
 from solver.levels.maps import require_return
 from solver.scene import Scene, StartSettings
@@ -155,45 +153,6 @@ def test_motion_is_within_two_percent(maneuver, name):
     assert (rms[quantities] <= 0.02 * peak[quantities]).all(), rms / peak
 
 
-def test_a_live_axle_is_divided_into_wheels_and_what_they_share():
-    """By hand: 200 kg on a track of 1.6 m, wheels of 30 kg and 1.2 kg m^2 about a diameter at its ends, a beam of 140 kg and 8 kg m^2. It
-    turns by (s_l - s_r)/1.6, so the mass matrix has 200/4 +- I/1.6^2 with I = 2 (30 0.8^2 + 1.2) + 8 = 48.8; wheels have to make what of I
-    is not theirs by turning, 2 (48.8 - 2.4)/1.6^2 = 36.25 kg each, and the rest is shared."""
-    own, other = (np.array([[0.0, 0.0, 0.0, side / 1.6], [0.0, 0.0, 0.0, -side / 1.6]]) for side in (1.0, -1.0))
-    wheels, shared = divided(np.full(2, 1.2), own, other, np.full(2, 50.0 + 48.8 / 2.56), 50.0 - 48.8 / 2.56)
-    assert [*wheels, shared] == pytest.approx([36.25, 36.25, 127.5])
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize('name', [TWISTED, LIVE])
-def test_wheels_that_share_mass_move_with_it(name):
-    """The mass that the travel of one wheel moves and that between both, and with them the modes of the car: roll within 1 % of its
-    frequency, bounce and pitch, in which the engine moves on its mounts, within 4 %."""
-    full, kc = levels(name)
-    assert any(body.name == 'bounce_rear' for body in kc.model.bodies)
-    benches = [maps.Bench(dataclasses.replace(scene.model, road=RoadSpec())) for scene in (full, kc)]
-    wanted, found = (maps._masses(bench, bench.stand())['rear_left'] for bench in benches)
-    assert found['travel'] == pytest.approx(wanted['travel'], rel=0.01)
-    assert found['beside'] == pytest.approx(wanted['beside'], abs=0.01 * wanted['travel'])
-    wanted, found = (named_modes(Simulation(dataclasses.replace(scene, start=StartSettings(kind='equilibrium')))) for scene in (full, kc))
-    for mode, share in (('bounce', 0.04), ('pitch', 0.04), ('roll', 0.01)):
-        assert found[mode].frequency == pytest.approx(wanted[mode].frequency, rel=share), mode
-
-
-def test_a_live_axle_off_its_design_height_steers_as_it_does_there():
-    """Raised and rolled, in bump and in rebound: places and angles of its wheels within 2 % of the largest, as motions have to be. Maps
-    linear in the travel of the other wheel were off by half of the steer."""
-    stood = [(0.06, 0.02), (0.02, 0.06), (-0.06, -0.02), (-0.02, -0.06), (0.06, 0.06), (-0.06, -0.06), (0.06, -0.06)]
-    wanted, found = (
-        np.array([
-            [bench.stand(travel_rear_left=left, travel_rear_right=right).x[corner][:4] for corner in ('rear_left', 'rear_right')]
-            for left, right in stood
-        ])
-        for bench in (maps.Bench(scene.model) for scene in levels(LIVE))
-    )  # fmt: skip
-    assert (np.abs(found - wanted) <= 0.02 * np.abs(wanted).max(axis=(0, 1))).all()
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize(('car', 'angle', 'share'), [('compact_fwd', 0.4, 0.05), ('electric_4wd', 0.47, 0.02), ('full_car', 0.47, 0.02)])
 def test_the_hand_holds_what_the_motor_leaves_it(car, angle, share):
@@ -209,16 +168,6 @@ def test_the_hand_holds_what_the_motor_leaves_it(car, angle, share):
     wanted, found = np.array(torques)
     assert 3.0 < wanted[-1] < 4.0
     assert np.abs(found - wanted).max() < share * np.abs(wanted).max()
-
-
-def test_what_a_live_axle_lacks_sideways_is_said():
-    """Beside its wheels the housing and half of its leaves: 92 kg and 27 kg and what turns with the rolling axle is on the wheels."""
-    (said,) = [text for text in derive(dataclasses.replace(levels(LIVE)[0], fidelity='kc')).report.lost if 'hang on the chassis' in text]
-    (shared,) = [body.mass for body in levels(LIVE)[1].model.bodies if body.name == 'bounce_rear']
-    assert said.startswith(f'{shared:.3g} kg that move with both wheels of the rear axle')
-    assert 0.0 < shared < 92.0 + 2.0 * 27.0
-    independent = derive(dataclasses.replace(levels(ASSISTED)[0], fidelity='kc')).report.lost
-    assert not any('hang on the chassis' in text for text in independent)
 
 
 def test_help_behind_no_column_is_lost_and_said():
@@ -237,7 +186,7 @@ def moving(name: str, h: float, **changes) -> Simulation:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('name', [pytest.param('car_swept_steer', marks=pytest.mark.long), 'light_car_swept_steer', ASSISTED])
+@pytest.mark.parametrize('name', [pytest.param('car_swept_steer', marks=pytest.mark.long), 'light_car_swept_steer', ASSISTED, LIVE])
 def test_energy_and_momentum_close_with_second_order(name):
     """Torque rises and the car is steered: the error of the running account falls by four with half the step; so do the momenta."""
     errors, momenta, impulses = [], [], []
@@ -313,15 +262,6 @@ def test_limits_follow_from_the_vehicle(car: str, limits: dict[str, float]) -> N
     found = {limit.quantity: limit.high for limit in level.validity}
     assert {name: found[name] for name in limits} == limits
     assert ('lateral_acceleration' in found) == ('lateral_acceleration' in limits)
-
-
-@pytest.mark.slow
-def test_dampers_of_a_live_axle_move_with_both_wheels() -> None:
-    """They stand at 0.46 m of the half track of 0.79 m: that of the other wheel moves by (1 - 0.58)/(1 + 0.58) = 27 % of the own one."""
-    guide = next(g for g in levels(LIVE)[1].model.guides if g.name == 'rear')
-    for crossing, ratio in zip(guide.crossings, guide.ratios[::5]):
-        assert crossing / ratio == pytest.approx((1.0 - 0.46 / 0.79) / (1.0 + 0.46 / 0.79), rel=0.05)
-    assert all(abs(crossing) < 1e-2 for crossing in next(g for g in levels(LIVE)[1].model.guides if g.name == 'front').crossings)
 
 
 @pytest.mark.parametrize('rate', [2e4, 1e6])
