@@ -25,7 +25,7 @@ A brake acts between the wheel and its carrier (the law of solver.elements.brake
     theta = Theta(s, o, sigma) + w' delta
 
 so a braked wheel lifts or lowers the chassis and winds its suspension up. Maps are cubic B-splines (of Theta and of the slopes over o too:
-Q(s, o, sigma) = Q(s, 0, sigma) + o (b_0 + b_1 s + b_2 o)), continued linearly. All is measured on a bench: solver.levels.kc.
+Q(s, o, sigma) = Q(s, 0, sigma) + o (b_0 + b_1 s + b_2 o + b_3 sigma)), continued linearly. All is measured on a bench: solver.levels.kc.
 
 Tangents are exact at rest, and over velocities; left out is how rates change with the position, which is of the order of rate times lag.
 """
@@ -83,7 +83,7 @@ class GuideSpec(Spec):
     chassis, left, right: bodies; the reference frames of the wheels are at their centres of mass, which are the wheel centres. centers:
     these in the chassis, in the design position [m]. axes: spin axes in the wheels. travel, steering: nodes (first, step, count) of the
     maps [m], [unit of the coordinate]. shape: coefficients of the maps, over side, travel, steering, quantity (x, y, psi, gamma, theta);
-    opposite: b_0, b_1, b_2 over side, quantity. coordinate: the rotation that steers. stiffness: K (8, 8) over (x, y, psi, gamma) of left
+    opposite: b_0 ... b_3 over side, quantity. coordinate: the rotation that steers. stiffness: K (8, 8) over (x, y, psi, gamma) of left
     and right. lag [s]. windup: w over side, (8,). springs: force against travel of either side; coupling: c_0 ... c_3;
     jacking: coefficients of P over side. gear: laws of the torque of springs over the coordinate, of dampers over its rate [N m]. dampers:
     laws of either side;
@@ -100,7 +100,7 @@ class GuideSpec(Spec):
     travel: tuple[float, float, int]
     steering: tuple[float, float, int] = (0.0, 1.0, 1)
     shape: tuple[float, ...]
-    opposite: tuple[float, ...] = (0.0,) * 30
+    opposite: tuple[float, ...] = (0.0,) * 40
     coordinate: str | None = None
     stiffness: tuple[float, ...]
     lag: Time = 0.0
@@ -128,7 +128,7 @@ class GuideSpec(Spec):
         require(self.coordinate is not None or self.steering[2] == 1, where, 'steering', self.steering, 'needs a coordinate')
         require(self.coordinate is not None or not any(self.gear), where, 'gear', self.gear, 'needs a coordinate')
         count = 2 * Nodes(*self.travel).coefficients * Nodes(*self.steering).coefficients * len(QUANTITIES)
-        for name, length in (('shape', count), ('opposite', 30), ('stiffness', 64), ('windup', 16), ('jacking', 6), ('ratios', 10)):
+        for name, length in (('shape', count), ('opposite', 40), ('stiffness', 64), ('windup', 16), ('jacking', 6), ('ratios', 10)):
             values = getattr(self, name)
             require(len(values) == length, where, name, len(values), f'must be {length} numbers')
             self.set(name, tuple(finite(where, name, v) for v in values))
@@ -154,7 +154,7 @@ class GuideTable(NamedTuple):
     number: np.ndarray  # (n, 2) of them
     start: np.ndarray  # (2 n,) first row in shape of either side
     shape: np.ndarray  # (rows, COLUMNS)
-    opposite: np.ndarray  # (2 n, 5, 3)
+    opposite: np.ndarray  # (2 n, 5, 4)
     steering: np.ndarray  # (n,) coordinate, -1 for none
     K: np.ndarray  # (n, 8, 9), its last column empty (solver.compiled.rows)
     lag: np.ndarray  # (n,)
@@ -192,7 +192,7 @@ def compile_guides(specs: Sequence[GuideSpec], context: Context) -> GuideTable:
         number=np.array([[s.travel[2], s.steering[2]] for s in specs], np.int64).reshape(-1, 2),
         start=np.array([0, *np.cumsum(rows)[:-1]] if rows else [], np.int64),
         shape=_padded([v for s in specs for v in s.shape], len(QUANTITIES), COLUMNS),
-        opposite=np.array([s.opposite for s in specs], float).reshape(2 * n, 5, 3),
+        opposite=np.array([s.opposite for s in specs], float).reshape(2 * n, 5, 4),
         steering=np.full(n, -1, np.int64),
         K=_padded([v for s in specs for v in s.stiffness], 8, 9).reshape(-1, 8, 9),
         lag=np.array([s.lag for s in specs], float),
@@ -333,7 +333,8 @@ def guide_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, K
                 on_r = wrench(rw, k_t[4], k_t[5], rt, k_t[6], k_t[7], 0.0)
                 by_rate = gradients(R_c, lw, rw, on_l, on_r, zero, g_i, g_j)
                 add_steering((by_rate[0], by_rate[1], by_rate[2]), lag * tt - rise_dt, g_i, g_j, slots, e, lag, Kv)
-                lt, rt = lt + own_curvature(held, m_l, t_l, 0, 6) - P_l[1], rt + own_curvature(held, m_r, t_r, 4, 6) - P_r[1]
+                lt = lt + own_curvature(held, m_l, t_l, 0, 6) + own_curvature(held, m_r, t_r, 4, 9) - P_l[1]
+                rt = rt + own_curvature(held, m_r, t_r, 4, 6) + own_curvature(held, m_l, t_l, 0, 9) - P_r[1]
                 tt = tt + own_curvature(held, m_l, t_l, 0, 7) + own_curvature(held, m_r, t_r, 4, 7) - rise_t
                 on_l = wrench(lw, k_t[0], k_t[1], lt, k_t[2], k_t[3], 0.0)
                 on_r = wrench(rw, k_t[4], k_t[5], rt, k_t[6], k_t[7], 0.0)

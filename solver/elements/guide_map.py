@@ -110,23 +110,23 @@ def _surface(shape, at, q, bent):
 
 
 @kernel(inline=True)
-def _quantity(table, side, q, s, o, v, v_s, v_t, v_ss, v_st, v_tt):
-    """(value, by s, o, sigma, s s, s o, s sigma, sigma sigma, o o) of quantity q with the travel o of the other wheel."""
-    b0, b1, b2 = table.opposite[side, q, 0], table.opposite[side, q, 1], table.opposite[side, q, 2]
-    to_here = b0 + b1 * s + b2 * o
-    return v + o * to_here, v_s + o * b1, to_here + b2 * o, v_t, v_ss, b1, v_st, v_tt, 2.0 * b2
+def _quantity(table, side, q, s, o, sigma, v, v_s, v_t, v_ss, v_st, v_tt):
+    """(value, by s, o, sigma, s s, s o, s sigma, sigma sigma, o o, o sigma) of quantity q with the travel o of the other wheel."""
+    b0, b1, b2, b3 = table.opposite[side, q, 0], table.opposite[side, q, 1], table.opposite[side, q, 2], table.opposite[side, q, 3]
+    to_here = b0 + b1 * s + b2 * o + b3 * sigma
+    return v + o * to_here, v_s + o * b1, to_here + b2 * o, v_t + o * b3, v_ss, b1, v_st, v_tt, 2.0 * b2, b3
 
 
 @kernel(inline=True)
-def _three(table, side, at, q, s, o, bent):
+def _three(table, side, at, q, s, o, sigma, bent):
     """Quantities q, q + 1, q + 2; the last one of none is not looked at."""
     x = _surface(table.shape, at, q, bent)
     v, v_s, v_t, v_ss, v_st, v_tt = numbers(x.v), numbers(x.s), numbers(x.t), numbers(x.ss), numbers(x.st), numbers(x.tt)
     last = min(q + 2, len(QUANTITIES) - 1)
     return (
-        _quantity(table, side, q, s, o, v[0], v_s[0], v_t[0], v_ss[0], v_st[0], v_tt[0]),
-        _quantity(table, side, q + 1, s, o, v[1], v_s[1], v_t[1], v_ss[1], v_st[1], v_tt[1]),
-        _quantity(table, side, last, s, o, v[2], v_s[2], v_t[2], v_ss[2], v_st[2], v_tt[2]),
+        _quantity(table, side, q, s, o, sigma, v[0], v_s[0], v_t[0], v_ss[0], v_st[0], v_tt[0]),
+        _quantity(table, side, q + 1, s, o, sigma, v[1], v_s[1], v_t[1], v_ss[1], v_st[1], v_tt[1]),
+        _quantity(table, side, last, s, o, sigma, v[2], v_s[2], v_t[2], v_ss[2], v_st[2], v_tt[2]),
     )
 
 
@@ -142,6 +142,6 @@ def map_of(table, e, k, s, o, sigma, bent):
         j, u, du, ddu = _place(sigma + zero, table.nodes[e, 2], table.nodes[e, 3], table.number[e, 1])
         columns = table.number[e, 1] + 2
     at = Place(table.start[side] + i * columns + j, columns, w, d, dd, u, du, ddu)
-    x, y, psi = _three(table, side, at, 0, s, o, bent)
-    gamma, theta, _ = _three(table, side, at, 3, s, o, bent)
+    x, y, psi = _three(table, side, at, 0, s, o, sigma, bent)
+    gamma, theta, _ = _three(table, side, at, 3, s, o, sigma, bent)
     return x, y, psi, gamma, theta

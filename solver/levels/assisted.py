@@ -19,9 +19,9 @@ from solver.elements.joint import JointSpec
 from solver.elements.laws import Law, geared, sum_of
 from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.servo import ServoSpec
-from solver.levels import maps
 from solver.levels.columns import reduced_columns
 from solver.levels.draft import Draft
+from solver.levels.map_fits import spring_law
 from solver.model.spec import ModelSpec
 
 
@@ -71,7 +71,7 @@ def assisted(spec: ModelSpec, servo: ServoSpec, data: dict[str, Any], turned: fl
     dampers += [(f.damper, f.terms[0][1] * lever) for f in plain]
     laws = [geared(law, slope) for law, slope in dampers if law is not None and slope != 0.0]
     damper = sum_of(laws) if laws else None
-    springs = maps.spring_law(np.linspace(-turned, turned, len(data['torque'])), np.array(data['torque']))
+    springs = spring_law(np.linspace(-turned, turned, len(data['torque'])), np.array(data['torque']))
     forces = [f.replace(terms=((angle, f.terms[0][1] * lever),)) for f in at_gear if f not in plain]
     helped = servo.replace(
         terms=((angle, -factor), (driving, factor)),

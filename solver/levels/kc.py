@@ -40,6 +40,7 @@ from solver.levels.axle_masses import AxleMasses, beam, divided
 from solver.levels.derived import Derived, LevelReport, Limit, with_one_iteration
 from solver.levels.flywheels import flywheels, spin_of
 from solver.levels.kept import kept
+from solver.levels.map_fits import inverse_law, spring_law
 from solver.levels.powered import KINDS, powered, without_engine
 from solver.model.frames import matrix, quaternion
 from solver.model.spec import ModelSpec, used_inputs
@@ -209,7 +210,7 @@ class _Reduction:
         corners = [f'{axle}_{side}' for side in SIDES]
         J = np.array([self._across(corner) for corner in corners])
         own = np.array([self._slopes(corner)[:4] for corner in corners])
-        other = np.array(self.data[axle]['opposite']).reshape(2, 5, 3)[:, :4, 0]
+        other = np.array(self.data[axle]['opposite']).reshape(2, 5, 4)[:, :4, 0]
         moved = np.array([self.data[corner]['travel'] for corner in corners])
         return divided(J, own, other, moved, self.data[corners[0]]['beside'])
 
@@ -291,9 +292,7 @@ class _Reduction:
         reach = self.data['travel']
         fine = np.linspace(-reach, reach, maps.FORCE_TRAVEL)
         weight = -self.spec.gravity[2]
-        springs = [
-            maps.spring_law(fine, np.array(data['loads'][k]) - weight * (wheels[c].mass + 0.5 * shared)) for k, c in enumerate(corners)
-        ]
+        springs = [spring_law(fine, np.array(data['loads'][k]) - weight * (wheels[c].mass + 0.5 * shared)) for k, c in enumerate(corners)]
         laws, ratios, crossings, mounts, yields = zip(*(self._damper(data, k) for k in range(2)), strict=True)
         steered = data['steered']
         if steered and not couplers:
@@ -341,7 +340,7 @@ class _Reduction:
                 raise SpecError(f'{len(first)} dampers move with one wheel, another one by {100 * share:.0f} % of the first; use full')
         law = self.spec.spring_dampers[int(own)].damper
         assert law is not None
-        yields = maps.inverse_law(law)
+        yields = inverse_law(law)
         crossing = float(data['dampers'][1 - side].get(own, (0.0,))[0])
         return law, moves[own], crossing, data['mounts'][int(own)] if yields is not None else 0.0, yields or nothing
 

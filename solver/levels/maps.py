@@ -4,7 +4,7 @@ The bench (solver.analysis.kinematics_and_compliance) holds the chassis of the f
 
 - both wheels of an axle at travels and angles of the steering wheel up to RANGES to either side: the maps over travel and steering;
 - one wheel alone, the other one held: the force of springs, stops and anti-roll bar over either travel, the change of the maps by the
-  travel of the other wheel, and the lengths of the dampers;
+  travel of the other wheel, and the lengths of the dampers; by both, in opposite directions and steered, how steering changes that;
 - a pull of the dampers with travels and steering held: the stiffness of their mounts;
 - loads at the wheel centres with travels (those of a loaded vehicle that stands) and steering held: the compliance, gear and subframe
   included; and by the difference of all bodies' places the masses that move with a wheel and the inertia that turns with it.
@@ -25,9 +25,9 @@ import numpy as np
 from solver.analysis.kinematics_and_compliance import CORNERS, Rig
 from solver.compiled.portable import inverse, product
 from solver.elements.guide_map import QUANTITIES
-from solver.elements.laws import Law
 from solver.elements.spring_damper import SPRING_DAMPERS
 from solver.errors import ConsistencyError, SpecError
+from solver.levels.map_fits import least_squares, spline
 from solver.levels.stood import stood
 from solver.model.frames import matrix
 from solver.model.spec import ModelSpec
@@ -36,13 +36,13 @@ from solver.vehicle.hardpoints import SIDES
 # ranges of the maps to either side, the first that is reached: travel [m], steering wheel [rad]; the last one is that of a racing car
 RANGES = ((0.10, 8.0), (0.09, 8.0), (0.08, 8.0), (0.07, 8.0), (0.03, 2.0))
 ROLL = 0.06  # of both wheels in opposite directions [m]
+ROLLED, STEERED = 1, 4  # nodes from the middle, of travels in opposite directions where the axle is steered too
 MAP_TRAVEL, MAP_STEERING, FORCE_TRAVEL = 11, 33, 41  # nodes
 LOADS = {'cx': 2000.0, 'cy': 2000.0, 'mz': 100.0, 'mx': 600.0, 'my': 600.0}  # [N], [N m]: of a tire under 2 kN along or across
 STEP = 1e-3  # of travels and spins, for masses [m], [rad]
 STIFFEST = 3000.0  # Hz; a guide gives at least as much as lets its wheel vibrate so: rigid links have no stiffness to measure
 PULL, RIGID = 500.0, 3e7  # of the dampers [N]; a mount that is stiffer is none [N/m]
 SAME = 1e-6  # m and rad, of an equilibrium found again
-REFINED = 4  # knots of an inverse law for one of the law
 APPROACH = 8  # equilibria on the way to a place that is not found at once
 USUAL = 0.25, 1.75  # of the load at rest: what bends do to wheels, without the stops; what a polynomial stands for is fitted there
 POWERS = 5  # of the polynomial that is the slope of a damper's length
@@ -112,34 +112,6 @@ def require_return(bench: Bench, rest: Stand) -> None:
         )
 
 
-def least_squares(A: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """x with the smallest |A x - y|, by the normal equations of scaled columns."""
-    scale = np.sqrt(np.add.reduce(A * A, axis=0))
-    scale[scale == 0.0] = 1.0
-    B = A / scale
-    return (product(inverse(product(B.T, B)), product(B.T, y)).T / scale).T
-
-
-def spline(values: np.ndarray) -> np.ndarray:
-    """(n + 2, ...) coefficients of the cubic B-spline through values (n, ...) at equidistant nodes; at both ends the third derivative is
-    continuous at the second node."""
-    n = len(values)
-    A = np.zeros((n + 2, n + 2))
-    for i in range(n):
-        A[i + 1, i : i + 3] = 1.0 / 6.0, 4.0 / 6.0, 1.0 / 6.0
-    A[0, :5], A[-1, -5:] = (1, -4, 6, -4, 1), (1, -4, 6, -4, 1)
-    right = np.zeros((n + 2, *values.shape[1:]))
-    right[1:-1] = values
-    return product(inverse(A), right.reshape(n + 2, -1)).reshape(right.shape)
-
-
-def spring_law(travel: np.ndarray, force: np.ndarray) -> Law:
-    """The law through force (n,) [N] over equidistant travel (n,) [m] with the slopes of a spline."""
-    c = spline(force)
-    slope = (c[2:] - c[:-2]) / (2.0 * (travel[1] - travel[0]))
-    return Law(tuple(travel.tolist()), tuple(force.tolist()), tuple(slope.tolist()))
-
-
 def measured(spec: ModelSpec, progress: Callable[[float], None] = lambda done: None) -> dict[str, Any]:
     """Everything that the level kc needs to know of a vehicle, as lists and numbers: by axle the fields of a GuideSpec that are measured,
     by corner the mass that moves with 'travel', that between it and the travel of the wheel 'beside' [kg], the inertia that turns with
@@ -181,6 +153,7 @@ def _measured(spec: ModelSpec, travel: float, turned: float, progress: Callable[
             s = bench.stand(**{f'travel_{c}': sign * SIDES[c.partition('_')[2]] * v for c in CORNERS})
             for a, corners in enumerate(axles.values()):
                 against[a, k, i] = s.x[corners[k]]
+    apart = _steered_apart(bench, z, steering, grid, against)
     alone = {corner: [bench.stand(**{f'travel_{corner}': float(v)}) for v in fine] for corner in CORNERS}
     require_return(bench, rest)
     progress(0.9)
@@ -197,24 +170,45 @@ def _measured(spec: ModelSpec, travel: float, turned: float, progress: Callable[
     }
     for a, (axle, corners) in enumerate(axles.items()):
         steered = bool(np.abs(grid[a, :, :, :, 2] - grid[a, :, :, MAP_STEERING // 2 : MAP_STEERING // 2 + 1, 2]).max() > 1e-3)
-        result[axle] = _axle(corners, z, grid[a], against[a], fine, alone, steered) | compliance[axle] | {'mounts': mounts}
+        result[axle] = (
+            _axle(corners, z, steering, grid[a], against[a], apart[a], fine, alone, steered) | compliance[axle] | {'mounts': mounts}
+        )
     for corner in CORNERS:
         result[corner] = masses[corner]
     progress(1.0)
     return result
 
 
+def _steered_apart(bench: Bench, z: np.ndarray, steering: np.ndarray, grid: np.ndarray, against: np.ndarray) -> np.ndarray:
+    """(2, 2, 5) over axle, side: b_3, what the travel of the other wheel adds to the slopes over the steering. With both at the same travel
+    it is part of the slopes of the grid, so at the opposite one they differ from those by twice as much."""
+    found = np.zeros((2, 2, len(QUANTITIES)))
+    n, middle = len(z) // 2, len(steering) // 2
+    for up in (-ROLLED, ROLLED):
+        for turn in (-STEERED, STEERED):
+            angle = float(steering[middle + turn])
+            s = bench.stand(steering=angle, **{f'travel_{c}': SIDES[c.partition('_')[2]] * float(z[n + up]) for c in CORNERS})
+            for a, axle in enumerate(('front', 'rear')):
+                for k, (side, sign) in enumerate(SIDES.items()):
+                    i = n + round(sign) * up
+                    alike = grid[a, k, i, middle + turn] - grid[a, k, i, middle]
+                    found[a, k] -= (s.x[f'{axle}_{side}'] - against[a, k, i] - alike) / (8.0 * float(z[i]) * angle)
+    return found
+
+
 def _axle(
     corners: Sequence[str],
     z: np.ndarray,
+    steering: np.ndarray,
     grid: np.ndarray,
     against: np.ndarray,
+    apart: np.ndarray,
     fine: np.ndarray,
     alone: dict[str, list[Stand]],
     steered: bool,
 ) -> dict[str, Any]:
     """Maps, springs and dampers of an axle; grid (2, travel, steering, 5) with both wheels at the same travel, against (2, travel, 5) with
-    the other wheel at the opposite one."""
+    the other wheel at the opposite one, apart (2, 5) of _steered_apart()."""
     middle = grid.shape[2] // 2
     every = (len(fine) - 1) // (len(z) - 1)
     loads = [np.array([s.load[corner] for s in alone[corner]]) for corner in corners]
@@ -229,7 +223,9 @@ def _axle(
         changes = [beside - beside[len(z) // 2], grid[k, :, middle] - own[k][::every], against[k] - own[k][::every]]
         known = np.tile(np.isfinite(against[k, :, 0]) & (usual & usual[::-1])[::every], 3)  # as far to either side
         b = least_squares(np.concatenate(rows)[known], np.concatenate(changes)[known])  # (3, 5)
+        b = np.vstack([b, apart[k] if steered else 0.0 * apart[k]])
         alone_here = grid[k] - (z[:, None] * (b[0] + z[:, None] * (b[1] + b[2])))[:, None]
+        alone_here = alone_here - (z[:, None] * steering)[:, :, None] * b[3]
         surface = spline(alone_here)
         if steered:
             surface = spline(np.moveaxis(surface, 1, 0)).swapaxes(0, 1)
@@ -270,22 +266,6 @@ def _mounts(spec: ModelSpec, rest: Stand) -> list[float]:
     pulled = tuple(e.replace(preload=e.preload + PULL) if e.damper is not None else e for e in spec.spring_dampers)
     lengths = Bench(dataclasses.replace(spec, spring_dampers=pulled)).stand().lengths
     return [PULL / x if x > PULL / RIGID else 0.0 for x in (rest.lengths - lengths).tolist()]
-
-
-def inverse_law(law: Law) -> Law | None:
-    """Rate over force of a damper whose force over rate is `law`; None where it does not rise."""
-    if len(law.x) == 1:
-        return Law(law.y, law.x, (1.0 / law.slope[0],)) if law.slope[0] > 0.0 else None
-    x, y, slopes = (np.array(v) for v in (law.x, law.y, law.slope))
-    h, t = np.diff(x)[:, None], np.arange(REFINED) / REFINED
-    c1, e, g = slopes[:-1, None] * h, np.diff(y)[:, None], slopes[1:, None] * h
-    c2, c3 = 3.0 * e - 2.0 * c1 - g, c1 + g - 2.0 * e
-    at = np.append((x[:-1, None] + h * t).ravel(), x[-1])
-    force = np.append((y[:-1, None] + t * (c1 + t * (c2 + t * c3))).ravel(), y[-1])
-    slope = np.append(((c1 + t * (2.0 * c2 + 3.0 * t * c3)) / h).ravel(), slopes[-1])
-    if not (slope > 1e-3 * slope.max()).all() or not (np.diff(force) > 0.0).all():
-        return None
-    return Law(tuple(force.tolist()), tuple(at.tolist()), tuple((1.0 / slope).tolist()))
 
 
 def _compliance(bench: Bench, at: Mapping[str, float]) -> dict[str, dict[str, Any]]:
