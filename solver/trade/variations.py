@@ -12,19 +12,20 @@ from typing import Any, NamedTuple
 
 from solver.elements.road import RandomRoad, RoadSpec
 from solver.inputs.driver import Circle, Course, Waypoints
-from solver.inputs.hands import COMMANDS
+from solver.inputs.hands import BY_WHEEL, COMMANDS, STEERING
 from solver.inputs.maneuver import Maneuver
 from solver.inputs.signals import Constant, Mapped, Signal, Sum, signal
 from solver.scene import Scene
 
 RANGES = {'amplitude': (0.8, 1.05), 'speed': (0.9, 1.05), 'friction': (0.9, 1.0)}
 BASES = {'amplitude': 2, 'speed': 3, 'friction': 5, 'direction': 7}  # of the Halton sequence
+TORQUE = STEERING['torque']
 SIZES = ('value', 'initial', 'final', 'slope', 'amplitude', 'final_amplitude', 'offset')  # fields of signals that scale with them
 
 
 class Variation(NamedTuple):
-    """Factors on the amplitude of the steering (of the torques where nothing is steered), on the speed and the friction; direction -1:
-    to the other side; road: added to the seed of random roads."""
+    """Factors on the amplitude of the steering, angle or torque (of drive and brakes where nothing is steered), on the speed and the
+    friction; direction -1: to the other side; road: added to the seed of random roads."""
 
     amplitude: float = 1.0
     speed: float = 1.0
@@ -101,12 +102,6 @@ def _driven(scene: Scene) -> tuple[Any, ...]:
     return scene.start, scene.model.road, maneuver.channels, signal(maneuver.road_wheel), maneuver.driver, target
 
 
-def is_steered(scene: Scene) -> bool:
-    """Whether anything turns the steering wheel."""
-    maneuver = scene.maneuver
-    return maneuver.driver is not None or maneuver.by_road_wheel or signal(maneuver.steering) != Constant()
-
-
 def _maneuver(maneuver: Maneuver, v: Variation) -> tuple[Maneuver, bool]:
     """(the maneuver, whether it can be mirrored)."""
     if maneuver.bag:
@@ -125,8 +120,13 @@ def _maneuver(maneuver: Maneuver, v: Variation) -> tuple[Maneuver, bool]:
     steering = signal(maneuver.steering)
     if steering != Constant():
         return dataclasses.replace(maneuver, steering=scaled(steering, v.amplitude * v.direction)), True
+    given = {name: signal(one) for name, one in maneuver.signals.items()}
+    if TORQUE in maneuver.channels:
+        given[TORQUE] = scaled(given[TORQUE], v.amplitude * v.direction)
+        return dataclasses.replace(maneuver, signals=given), True
+    given = {name: scaled(one, v.amplitude) if name.startswith(BY_WHEEL) else one for name, one in given.items()}
     torques: dict[str, Any] = {name: scaled(signal(getattr(maneuver, name)), v.amplitude) for name in COMMANDS[1:]}
-    return dataclasses.replace(maneuver, **torques), True
+    return dataclasses.replace(maneuver, signals=given, **torques), True
 
 
 def scaled(given: Signal, factor: float) -> Signal:

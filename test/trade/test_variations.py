@@ -56,6 +56,21 @@ def test_brakes_are_scaled_where_nobody_steers_and_the_slippery_strip_changes_si
     assert [p.center[1] for p in found.model.road.patches] == [-p.center[1] for p in scene.model.road.patches]
 
 
+def test_a_torque_at_the_steering_wheel_is_scaled_and_mirrored_and_the_drive_stays() -> None:
+    """Its amplitude is what the ranges of a certificate speak of, not that of the drive."""
+    more = ['actuation={steering: torque}', 'maneuver={drive_torque: 100, signals: {steering_torque: {kind: step, value: 3}}}']
+    scene = solver.load_scene('light_car_step_steer', more)
+    found = varied(scene, Variation(amplitude=0.9, direction=-1))
+    assert signal(found.maneuver.signals['steering_torque']).jet(T).value[-1] == pytest.approx(-0.9 * 3.0)
+    assert found.maneuver.drive_torque == 100
+
+
+def test_torques_of_single_wheels_are_scaled_where_nobody_steers() -> None:
+    more = ['actuation={wheels: true}', 'maneuver={signals: {brake_torque_front_left: {kind: step, value: 300}}}']
+    found = varied(solver.load_scene('light_car_straight', more), Variation(amplitude=0.8))
+    assert signal(found.maneuver.signals['brake_torque_front_left']).jet(T).value[-1] == pytest.approx(0.8 * 300.0)
+
+
 def test_a_random_road_is_another_one_of_its_class_and_a_driver_keeps_his_path() -> None:
     rough, lane = solver.load_scene('car_rough_road'), solver.load_scene('light_car_lane_change')
     grid, new = rough.model.road.grids[0], varied(rough, inside(0)).model.road.grids[0]
