@@ -45,6 +45,7 @@ from solver.levels.powered import KINDS, powered, without_engine
 from solver.model.frames import matrix, quaternion
 from solver.model.spec import ModelSpec, used_inputs
 from solver.scene import Scene
+from solver.vehicle.actuation import TORQUE
 from solver.vehicle.hardpoints import SIDES, marker_at
 from solver.vehicle.parts import UP, vector_of
 from solver.vehicle.trailer import refuse_trailer
@@ -112,6 +113,8 @@ def _reduction(spec: ModelSpec) -> _Reduction:
 def _require_car(spec: ModelSpec) -> None:
     refuse_trailer(spec)
     refuse_locked(spec)
+    if TORQUE in spec.inputs:
+        raise SpecError('a torque turns the steering wheel, which is held where this level is measured; use condensed or full')
     if {tire.name for tire in spec.tires} != set(CORNERS):
         raise SpecError('a car with the wheels front_left, front_right, rear_left and rear_right is needed; use full')
     names = {c.name for c in spec.coordinates} | {joint.name for joint in spec.joints}

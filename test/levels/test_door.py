@@ -66,6 +66,13 @@ def test_a_simulation_refuses_to_be_made_past_the_door() -> None:
         Simulation(load_scene('light_car_straight', ['fidelity=condensed']))
 
 
+def test_a_steering_wheel_that_turns_freely_is_beyond_the_level_kc() -> None:
+    """Its bench would let go of the wheels, and blame springs and tires that it finds no equilibrium."""
+    scene = load_scene('light_car_step_steer', ['fidelity=kc', 'actuation={steering: torque}', 'maneuver={}'])
+    with pytest.raises(SceneError, match=r"fidelity = 'kc': a torque turns the steering wheel, .* use condensed or full"):
+        derive(scene)
+
+
 def test_auto_needs_a_plan() -> None:
     with pytest.raises(SceneError, match='no plan of this scene'):
         derive(load_scene('light_car_straight', ['fidelity=auto']))
