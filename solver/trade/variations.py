@@ -120,7 +120,7 @@ def _maneuver(maneuver: Maneuver, v: Variation) -> tuple[Maneuver, bool]:
     steering = signal(maneuver.steering)
     if steering != Constant():
         return dataclasses.replace(maneuver, steering=scaled(steering, v.amplitude * v.direction)), True
-    given = {name: signal(one) for name, one in maneuver.signals.items()}
+    given: dict[str, Any] = {name: signal(one) for name, one in maneuver.signals.items()}
     if TORQUE in maneuver.channels:
         given[TORQUE] = scaled(given[TORQUE], v.amplitude * v.direction)
         return dataclasses.replace(maneuver, signals=given), True
