@@ -25,6 +25,7 @@ from solver.start.newton import ConsistentState
 from solver.start.placement import (
     Changes,
     changes,
+    refuse_flat_discs,
     refuse_links_without_length,
     refuse_open_joints,
     refuse_points_without_distance,
@@ -79,6 +80,7 @@ class InitialConditions:
                 'and keeps no rate that is wanted; remove it, or start with kind: assemble'
             )
         refuse_points_without_distance(self.model, state)
+        refuse_flat_discs(self.model, state)
         if start.kind == 'as_placed' and not values:
             refuse_open_joints(self.model, state, u)
         else:

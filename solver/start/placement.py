@@ -137,6 +137,17 @@ def _described(model: Model, phi: np.ndarray, row: int) -> str:
     return f'constraint {model.row_names[row]!r} is open by {abs(phi[row]):.6g} (m or rad)'
 
 
+def refuse_flat_discs(model: Model, state: State) -> None:
+    """Raise ConsistencyError for a rolling disc that lies flat: it touches its plane all round, and nowhere it rolls on."""
+    for contact in model.spec.contacts:
+        axis, normal = (_axes(model, state, marker)[:, 2] for marker in (contact.j, contact.i))
+        if contact.kind == 'rolling' and norm(np.cross(axis, normal)) < COINCIDING:
+            raise ConsistencyError(
+                f'start: the disc of contact {contact.name!r} lies flat on its plane, where it has no lowest point to roll on; tilt the '
+                f'body {contact.j.body!r}, or give the axis of the disc in its marker j'
+            )
+
+
 def refuse_points_without_distance(model: Model, state: State) -> None:
     """Raise ConsistencyError for a distance joint whose points coincide: it has no direction there."""
     for joint in model.spec.joints:

@@ -62,6 +62,13 @@ def test_opposed_axes_are_refused() -> None:
         start(hinge('axis: [0, 1, 0]', 'axis: [0, -1, 0]'))
 
 
+@pytest.mark.parametrize('kind', ['as_placed', 'assemble', 'equilibrium'])
+def test_a_rolling_disc_that_lies_flat_is_refused(kind: str) -> None:
+    """It has no lowest point; its rows were open by nan."""
+    with pytest.raises(ConsistencyError, match=r"disc of contact 'road' lies flat on its plane.*tilt the body 'disc'"):
+        simulation_of(load_scene('rolling_disc', ['mechanism.bodies.disc.rpy_deg=[0, 0, 0]', f'start.kind={kind}']))
+
+
 @pytest.mark.parametrize('kind', ['fixed', 'prismatic'])
 @pytest.mark.parametrize(
     ('turned', 'start_kind'),
