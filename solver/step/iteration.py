@@ -317,6 +317,8 @@ def iterate(tables, c, s0, s1, u, cz, speed, work):
             left = remaining if part == 1.0 else increment
             last = it >= c.iterations - 1 + tried
             settled = left < (SETTLED if last else LARGEST_STAGNATION)
+            # A run is judged by its last increments, of which nobody knows what the next would be: of one that is large it is made.
+            settled &= increment < LARGEST_STAGNATION or not last
             # What every step leaves in one direction adds up, so it must be less than what steps lose anyway. Of a single iteration no
             # gain is known; and where one with new tangents gains nothing, another one is no better.
             enough = it == 0 or (it >= c.iterations and rate > STAGNATION)

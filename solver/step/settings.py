@@ -22,8 +22,8 @@ class IntegratorSettings:
     order: 2, or 4 by extrapolation of steps of h and h / 2 (needs rho_inf 1): three times the work for accuracy where motions are smooth
     and nothing stiff is left unresolved. Motions are prescribed with that accuracy, force-like inputs are held over a step.
     mode: 'fixed' spends `iterations` Newton iterations per step, and more, up to 20, only where they do not contract (a stop is hit, a
-    wheel lands) or leave more than the step itself loses; 'tolerance' iterates until the relative residual and increment are below
-    `tolerance` or `max_iterations` is reached.
+    wheel lands), leave more than the step itself loses, or where the last one was above 0.01 of the largest velocity (a torque that is
+    there at once); 'tolerance' iterates until the relative residual and increment are below `tolerance` or `max_iterations` is reached.
     penalty: xi, dimensionless. form: 'condensed' factorizes the n x n matrix with penalties added, 'block' keeps the
     multipliers.
     augmentation: 'combined' closes constraints that one augmentation of an iteration leaves open by a combination of further ones,
