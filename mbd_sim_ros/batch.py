@@ -16,7 +16,7 @@ from tqdm import tqdm
 from mbd_sim_ros import interrupts
 from mbd_sim_ros.bags.applied import begin_of
 from mbd_sim_ros.bags.recorder import StepRecorder, about, describe
-from mbd_sim_ros.messages.encode import Messages
+from mbd_sim_ros.messages.encode import Messages, require_finite
 from solver.analysis.balance import Balance
 from solver.analysis.covered import weighed
 from solver.analysis.envelope import Envelope
@@ -145,6 +145,8 @@ def simulate(
                         if simulation.k % every == 0 or simulation.k == steps or interrupts.received():
                             recorder.record(snapshot.t_ns, messages.encode(snapshot))
                             written = simulation.k
+                    else:
+                        require_finite(snapshot, simulation.channels)
                     bar.update(n)
                 if recorder and messages and written != simulation.k:  # interrupted right behind a step
                     recorder.record(simulation.t_ns, messages.encode(simulation.snapshot()))

@@ -16,6 +16,7 @@ import numpy as np
 
 from mbd_sim_ros.bags.recorder import source_hash
 from mbd_sim_ros.batch import record, warm_up
+from mbd_sim_ros.messages.encode import require_finite
 from mbd_sim_ros.sweep.design import Figure
 from solver import simulation_of
 from solver.analysis.covered import weighed
@@ -119,6 +120,7 @@ def _run(scene: Any, figures: Mapping[str, Figure], bag: Path | None) -> dict[st
         while True:  # figures and verdict are of the same instants whether the case is recorded or not
             k, last, snapshot = simulation.k, simulation.k >= scene.steps, simulation.snapshot()
             if k % sample == 0 or last:
+                require_finite(snapshot, simulation.channels)
                 envelope.look(snapshot)
                 instants.append(snapshot.t_ns * 1e-9)
                 values.append(snapshot.numbers)

@@ -6,8 +6,8 @@ the scene and on others. So the certificate keeps the findings of those runs, an
 considerably worse is no reason to suspect a run of this plan. Kinds that can be covered say that something is coarse or far from where a
 level is usually good; what says that something is broken (energy out of nothing, iterations that do not settle, open constraints, another
 branch, signals that steps do not see) is never covered, and a plan chooses no setting with it. What belongs to the scene and not to its
-setting (a hollow rounder than the wheels, a bushing that turns by pi, a car that rolls over) is neither covered nor a reason to choose
-another setting.
+setting (a hollow rounder than the wheels, a bushing that turns by pi, a car that rolls over, an overloaded tire) is neither covered nor a
+reason to choose another setting.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from solver.analysis.verdict import Finding, findings
 from solver.simulation import Simulation
 
 COARSE = ('turn_per_step', 'resolution', 'phase', 'validity', 'envelope')
-OF_SCENE = ('road_curvature', 'rotation', 'rollover')
+OF_SCENE = ('road_curvature', 'rotation', 'rollover', 'tire_deflection', 'tire_load')
 ANYWHERE = ('turn_per_step',)  # iterations contract by the largest turn, whichever body makes it; of four wheels now one, now another
 WORSE = 0.1  # of the value: as much as a plan leaves free of a limit for maneuvers beside those it chose on (solver.trade.search)
 

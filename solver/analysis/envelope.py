@@ -6,7 +6,8 @@ that of the travel of every wheel and of the steering wheel, in windows of WINDO
 from the mean, over 2 pi. On waves of the road it is speed over wavelength.
 
 Whatever the level, a vehicle touches the road with nothing but its tires. One that leans over by LEANING lies on its side or its roof
-soon, on parts that fall through the road.
+soon, on parts that fall through the road. And the data of a tire end with the load FZMAX, where its friction, stiffness and moments are
+held: what is more for an instant (an edge, a landing) is passed over, what a tire carries in the mean of a WINDOW is not.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from solver.analysis.verdict import Finding
+from solver.elements.tire_pacejka import TIRE_COLUMNS
 from solver.output.snapshot import Channels, Snapshot, layout_of
 from solver.quantities import Quantity, names, quantity
 from solver.simulation import Simulation
@@ -33,6 +35,7 @@ WINDOW = 1.0  # s
 STILL = {'travel_': 5e-4, 'steering_wheel': 0.005}  # m, rad: root mean square of a departure that is too small to have a frequency
 FREQUENCY = 'frequency'
 ROLLOVER = 'rollover'
+OVERLOAD = 'tire_load'
 LEANING = math.radians(60.0)  # rad: from there on tires lose their friction (docs/tire.md), and no car comes back onto its wheels
 
 
@@ -159,10 +162,53 @@ class _Lean:
         )
 
 
+class _Carried:
+    """Follows what tires carry whose data have an end, from every snapshot."""
+
+    def __init__(self, simulation: Simulation, ends: dict[str, float]) -> None:
+        wheels = simulation.channels.wheels
+        place, shape = layout_of(simulation.channels)['tire']
+        self._names, self._ends = list(ends), np.array(list(ends.values()))
+        self._places = place.start + shape[1] * np.array([wheels.index(name) for name in ends]) + TIRE_COLUMNS.index('fz')
+        self._sum, self._n, self._begin, self._time = np.zeros(len(ends)), 0, 0.0, 0.0
+        self.worst = (0.0, 0, 0.0, 0.0)  # of the end of the data; which tire, its load [N], until when [s]
+
+    def look(self, snapshot: Snapshot) -> None:
+        self._time = snapshot.t_ns * 1e-9
+        if self._n == 0:
+            self._begin = self._time
+        self._sum = self._sum + snapshot.numbers[self._places]
+        self._n += 1
+        if self._time - self._begin >= WINDOW:
+            self._close()
+
+    def end(self) -> None:
+        if self._n and self._time - self._begin >= 0.5 * WINDOW:
+            self._close()
+
+    def _close(self) -> None:
+        loads = self._sum / self._n
+        k = int(np.argmax(loads / self._ends))
+        if loads[k] / self._ends[k] > self.worst[0]:
+            self.worst = (float(loads[k] / self._ends[k]), k, float(loads[k]), self._time)
+        self._sum, self._n = np.zeros(len(self._names)), 0
+
+    def finding(self) -> Finding | None:
+        part, k, load, time = self.worst
+        if part <= 1.0:
+            return None
+        name, limit = self._names[k], float(self._ends[k])
+        text = (
+            f'a tire carries more than its data cover, in the mean of a second {load:.4g} N at t = {time:.6g} s, {name!r}; the limit FZMAX '
+            f'{limit:.4g} N, at which its friction and stiffness are held; load the vehicle less, or take a tire for such loads'
+        )
+        return Finding(quantity=OVERLOAD, value=load, limit=limit, unit='N', time=time, where=name, required=False, text=text)
+
+
 class Envelope:
     """Follows the snapshots of a simulation: look() at each; findings() from any thread.
 
-    Without level and certificate it follows whether a vehicle rolls over, and of a mechanism nothing.
+    Without level and certificate it follows whether a vehicle rolls over and what its tires carry, and of a mechanism nothing.
     """
 
     def __init__(self, simulation: Simulation) -> None:
@@ -184,6 +230,7 @@ class Envelope:
             self._watched = watched
             self._noted: list[Snapshot] = []
             self._leans = [_Lean(simulation, body) for body in _upright(simulation)]
+            self._carried = [_Carried(simulation, ends)] if (ends := _ends_of_data(simulation)) else []
 
     @property
     def watches(self) -> bool:
@@ -194,6 +241,10 @@ class Envelope:
         """Note a snapshot."""
         for lean in self._leans:
             lean.look(snapshot)
+        if self._carried:
+            with self._lock:
+                for carried in self._carried:
+                    carried.look(snapshot)
         if not self._watched:
             return
         with self._lock:
@@ -209,9 +260,14 @@ class Envelope:
         """
         with self._lock:
             present, noted = [copy.copy(watched) for watched in self._watched], self._noted.copy()
+            loads = [copy.copy(carried) for carried in self._carried]
         if noted:
             _fold(present, noted)
         found = [rolled for lean in self._leans if (rolled := lean.finding())]
+        for carried in loads:
+            if ended:
+                carried.end()
+            found += [more for more in [carried.finding()] if more]
         for watched in present:
             if ended:
                 watched.end()
@@ -239,6 +295,14 @@ def _upright(simulation: Simulation) -> list[str]:
     if model is None or not model.spec.tires or model.spec.chassis is None:
         return []
     return [body for body in (model.spec.chassis, TRAILER) if body in simulation.channels.bodies]
+
+
+def _ends_of_data(simulation: Simulation) -> dict[str, float]:
+    """Largest load [N] that the data of tires cover, of those whose data say so."""
+    model = getattr(simulation, 'model', None)
+    tires = () if model is None or not simulation.of_bodies else model.spec.tires
+    ends = {tire.name: float(tire.data.values.get('FZMAX', 0.0)) for tire in tires}
+    return {name: end for name, end in ends.items() if end > 0.0 and name in simulation.channels.wheels}
 
 
 def _fold(watched: list[_Range | _Frequency], snapshots: list[Snapshot]) -> None:

@@ -26,12 +26,15 @@ told where iterations do not settle with one that is too large.
 rounding to its own acceleration. Beside 1 kg a pendulum of 1e-8 kg is right, one of 1e-10 kg was off by 0.03 m and nothing else told it.
 *Distance.* A place at the distance D is rounded by eps D in every step, and a velocity of the step by eps D / h: over n steps these walk to
 sqrt(n) times as much, of which 1e-4 of half that widest range (at least 1 m/s) is left to be.
-*Account.* Of steps that were advanced without it nothing is known.
+*Account.* Of steps that were advanced without it nothing is known, nor of a run whose forces or energies are too large for numbers: it
+compares with nothing then.
 *Turn.* The iteration contracts by about the turn of a body per step (docs/decisions/0002).
 *Rotation.* A bushing acts on its rotation vector, which is the short way round: where it turns by pi that jumps, and the torque with it,
 without a trace in the account of energy. It is told from 3 rad on, which no step of less than 0.28 rad leaps over.
 *Road.* A tire touches the road at one point. Of a hollow that is rounder than the wheel, an edge above all, a wheel makes a profile
 no rounder than itself (Pacejka 2012, 10.1.5); without that the point of contact jumps, and loads are many times too large.
+*Tires.* A tire cannot be pressed in by more than what is between its tread and the rim, without rim data than its radius. Its spring and
+the rim go on beyond that, along straight lines that nobody has measured.
 *Validity.* A level of detail says where it holds (solver.levels); a run that it follows says how far it went.
 """
 
@@ -63,6 +66,7 @@ ROUNDED = 1e-4  # of half the widest range of a velocity
 LARGEST_PHASE = 0.1  # rad
 FEWEST = 10  # steps a period
 UNSETTLED_SHARE = 0.01  # of the steps: an impact may leave a step a digit less exact, the motion between may not
+ENERGIES = (account.ENERGY, account.WORK, account.GROSS, account.WORST, account.KINETIC_HIGH, account.POTENTIAL_LOW, account.POTENTIAL_HIGH)
 SUSPECT, OK = 'suspect', 'ok'
 
 
@@ -96,6 +100,7 @@ def findings(simulation: Simulation, real_time_factor: float | None = None) -> l
     """Everything that makes the run so far suspect, from the running account of steps advanced with audit."""
     s = simulation
     looked = [
+        _endless(s),
         _energy(s),
         *_iteration(s),
         *_resolution(s),
@@ -107,6 +112,7 @@ def findings(simulation: Simulation, real_time_factor: float | None = None) -> l
         _turn(s),
         _wound(s),
         _road(s),
+        _pressed(s),
         _branches(s),
     ]
     found = [*looked, _speed(s, real_time_factor), *_validity(s)]
@@ -154,8 +160,18 @@ def _finding(
     )  # fmt: skip
 
 
+def _endless(s: Simulation) -> Finding | None:
+    """Energies that numbers do not hold. Sums over the steps do not come back from there."""
+    a = s.last_step.energy
+    lost = [entry for entry in ENERGIES if not math.isfinite(a[entry])]
+    text, remedy = 'the energy account overflows: energies in it that are too large for numbers:', 'look for a value of a wrong size'
+    return _finding('not_finite', len(lost), 0.0, None, '', None, '', text, remedy)
+
+
 def _energy(s: Simulation) -> Finding | None:
     a, moved = s.last_step.energy, exchanged(s)
+    if not math.isfinite(moved):
+        return None  # of which _endless tells
     worst = float(a[account.WORST])
     remedy = f'{moved:.3g} J were exchanged in all; reduce integrator.h, or find what is stiffer or faster than the step resolves'
     return _finding(
@@ -316,6 +332,21 @@ def _road(s: Simulation) -> Finding | None:
             place = f'road.grids[{k}].height[{i}][{j}] at x = {x:.4g} m, y = {y:.4g} m'
     return _finding('road_curvature', worst, 1.0 / radius, None, '1/m', None, place, 'a hollow of the road is rounder than the wheels:',
                     'take road.contact: enveloping, or give the profile that the wheel makes of the obstacle')  # fmt: skip
+
+
+def _pressed(s: Simulation) -> Finding | None:
+    tires = s.model.spec.tires
+    if not s.of_bodies or not tires:
+        return None
+    peaks = s.last_step.energy[account.LENGTH + 12 * s.model.n_bodies :].reshape(-1, 2)  # of tires alone
+    walls = [tire.data.values['UNLOADED_RADIUS'] - tire.data.values.get('RIM_RADIUS', 0.0) for tire in tires]
+    worst = int(np.argmax(peaks[:, 0] - np.array(walls)))
+    value, time = (float(x) for x in peaks[worst])
+    text, remedy = (
+        'a tire is pressed in beyond its rim, by',
+        'its load means nothing there: reduce what loads it, or take a tire for such loads',
+    )
+    return _finding('tire_deflection', value, walls[worst], None, 'm', time, tires[worst].name, text, remedy)
 
 
 def _branches(s: Simulation) -> Finding | None:

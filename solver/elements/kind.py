@@ -56,7 +56,8 @@ class ForceKind:
     how they act in the search for static equilibrium; approach(table): with which table it begins, where a start far away needs another
     one.
     capacities(table, u): the largest torques of the brakes that they are or have, under the inputs u (nu,). rotation: the first of three
-    columns that are a rotation vector [rad] on which the element acts, and which jumps where it turns by pi.
+    columns that are a rotation vector [rad] on which the element acts, and which jumps where it turns by pi. peak: the column whose largest
+    value the account of a run notes of every element.
     """
 
     name: str
@@ -68,6 +69,7 @@ class ForceKind:
     supplies: bool = False
     effort: str | tuple[str, ...] | None = None
     rotation: str | None = None
+    peak: str | None = None
     wheels: bool = False
     held: Callable[[Any, np.ndarray], Held] | None = None
     approach: Callable[[Any], Any] | None = None
@@ -85,6 +87,8 @@ class ForceKind:
                 raise TypeError(f'{where}: effort = {name!r} is no output')
         if self.rotation is not None and self.rotation not in tuple(self.outputs)[:-2]:
             raise TypeError(f'{where}: rotation = {self.rotation!r} is not the first of three outputs')
+        if self.peak is not None and self.peak not in self.outputs:
+            raise TypeError(f'{where}: peak = {self.peak!r} is no output')
         if self.supplies and not self.driven:
             raise TypeError(f'{where}: supplies, but {self.spec.__name__} has no input')
 

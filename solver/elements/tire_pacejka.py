@@ -397,4 +397,6 @@ def rolling_radius(table: TireTable, e: int, load: float, speed: float) -> float
     return float(R0 * c[I.Q_RE0] + growth - F0 / c_z * (c[I.DREFF] * math.atan(c[I.BREFF] * q) + c[I.FREFF] * q))
 
 
-TIRES = ForceKind(name='tires', spec=TireSpec, compile=compile_tires, kernel=tire_forces, outputs=OUTPUTS, wheels=True, held=held_tires)
+TIRES = ForceKind(
+    name='tires', spec=TireSpec, compile=compile_tires, kernel=tire_forces, outputs=OUTPUTS, wheels=True, held=held_tires, peak='deflection'
+)

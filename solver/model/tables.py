@@ -17,7 +17,7 @@ from solver.model.spec import ModelSpec
 
 # Columns of Tables.forces: address of the kernel (0: the model has no such element) and of the table; whether the kernel works on joint
 # coordinates and whether its forces follow inputs; where the outputs are, number of elements and of columns
-ADDRESS, TABLE, ON_COORDINATES, DRIVEN, OUTPUT, COUNT, WIDTH, ROTATION = range(8)
+ADDRESS, TABLE, ON_COORDINATES, DRIVEN, OUTPUT, COUNT, WIDTH, ROTATION, PEAK = range(9)
 # and of Tables.constraint_kinds: addresses of the kernels of residuals and of second derivatives, then as above
 RESIDUALS, HESSIANS, CONSTRAINT_TABLE, CONSTRAINT_ON_COORDINATES = range(4)
 FACTORIZE, SOLVE = range(2)  # of Tables.linear
@@ -50,7 +50,7 @@ class EffortTable(NamedTuple):
 class Tables(NamedTuple):
     """Everything the kernels need of a model. The tables of element kinds are known to their own kernels only."""
 
-    forces: np.ndarray  # (kinds of forces, 7) see ADDRESS ... WIDTH
+    forces: np.ndarray  # (kinds of forces, 9) see ADDRESS ... PEAK
     constraint_kinds: np.ndarray  # (kinds of constraints, 4)
     linear: np.ndarray  # (2,) addresses of factorize and solve
     bodies: BodyTable
@@ -94,6 +94,12 @@ class Model:
         """(n, columns) outputs of a kind of force within those of all elements (new_outputs); a view."""
         row = self.tables.forces[FORCES.index(FORCE_BY_NAME[kind])]
         return numbers[row[OUTPUT] : row[OUTPUT] + row[COUNT] * row[WIDTH]].reshape(row[COUNT], row[WIDTH])
+
+    @property
+    def n_peaks(self) -> int:
+        """Elements of which the account notes a largest value."""
+        forces = self.tables.forces
+        return int(forces[forces[:, PEAK] >= 0, COUNT].sum())
 
     def new_outputs(self) -> np.ndarray:
         """Room for the outputs of all force elements, kind by kind, filled with NaN until an evaluation assigns them."""

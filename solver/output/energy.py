@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from solver.compiled.kernel import kernel
 from solver.compiled.vec import dot, load3, load33, mv
-from solver.model.tables import COUNT, OUTPUT, ROTATION, WIDTH
+from solver.model.tables import COUNT, OUTPUT, PEAK, ROTATION, WIDTH
 
 REFERENCE, POWER, WORK, WORST, ENERGY = range(5)  # entries of the running account; all energies [J]
 WORST_AT = 5  # when the error was largest [s]
@@ -26,12 +26,13 @@ KICK = NOTED + 16  # two rows, of the same: (largest change of an acceleration i
 PHASE = KICK + 6  # of the same: phase that steps have cost the motion, less what it has forgotten [rad]
 WOUND = PHASE + 2  # such a row: what an element is turned by that acts on a rotation vector [rad]; the index is the place of its outputs
 SWAYED = WOUND + 3  # kinetic energy of all those ranges, each as the amplitude of a vibration [J]
-LENGTH = WOUND + 4  # of what is there without bodies; behind it the twists of n bodies, (n, 2, 6): smallest and largest of every component
+LENGTH = WOUND + 4  # of what is there without bodies; behind it the twists of n bodies, (n, 2, 6): smallest and largest of every component,
+# and of elements that have a peak (largest value; time [s])
 
 
-def account_length(bodies: int) -> int:
-    """Numbers in the account of a model with so many bodies."""
-    return LENGTH + 12 * bodies
+def account_length(bodies: int, peaks: int) -> int:
+    """Numbers in the account of a model with so many bodies, and elements that have a peak."""
+    return LENGTH + 12 * bodies + 2 * peaks
 
 
 SLOWEST = 1e-6  # m/s or rad/s
@@ -41,8 +42,8 @@ SETTLED = 1e-3  # relative velocity increment: a digit better than what is accep
 @kernel(inner=True)
 def mechanical_energy(tables, kin, outputs, h, account):
     """Return (energy [J]: kinetic + gravity (zero at z = 0) + stored in elements, kinetic energy in it, dissipated power [W], sum of the
-    magnitudes of the elements' dissipated or supplied power [W]). Notes the fastest and the most turned body of a step h [s], and the most
-    wound element.
+    magnitudes of the elements' dissipated or supplied power [W]). Notes the fastest and the most turned body of a step h [s], the most
+    wound element, and peaks.
     """
     bodies = tables.bodies
     energy = 0.0
@@ -72,9 +73,11 @@ def mechanical_energy(tables, kin, outputs, h, account):
     dissipation = 0.0
     magnitude = 0.0
     wound = account[WOUND] * account[WOUND]
+    noted = LENGTH + 12 * bodies.mass.shape[0]
     for k in range(tables.forces.shape[0]):
         at = tables.forces[k, OUTPUT]
         rotation = tables.forces[k, ROTATION]
+        peak = tables.forces[k, PEAK]
         for _ in range(tables.forces[k, COUNT]):
             energy += outputs[at]
             dissipation += outputs[at + 1]
@@ -87,6 +90,11 @@ def mechanical_energy(tables, kin, outputs, h, account):
                     account[WOUND] = angle**0.5
                     account[WOUND + 1] = account[TIME]
                     account[WOUND + 2] = at
+            if peak >= 0:
+                if outputs[at + peak] > account[noted]:
+                    account[noted] = outputs[at + peak]
+                    account[noted + 1] = account[TIME]
+                noted += 2
             at += tables.forces[k, WIDTH]
     return energy, kinetic, dissipation, magnitude
 

@@ -55,7 +55,7 @@ class Kept(NamedTuple):
     memory: np.ndarray  # that of Control at the start of the interval, and so on
     history: History
     penalty: np.ndarray  # (nc,)
-    energy: np.ndarray  # (account_length(nb),)
+    energy: np.ndarray  # running account (solver.output.energy)
     energy_before: np.ndarray  # before an attempt, but the first of an interval
     penalty_before: np.ndarray  # before penalties were raised
     v: np.ndarray  # of a state whose history is moved
@@ -114,7 +114,7 @@ def new_control(model, settings: IntegratorSettings, hold: float, fourth: int) -
     if not fourth:
         masses = Saddle(*(np.zeros((1, *array.shape[1:])) for array in masses))
     six = lambda: np.zeros((nb + 1, 6))  # noqa: E731
-    account = lambda: np.zeros(account_length(nb))  # noqa: E731
+    account = lambda: np.zeros(account_length(nb, model.n_peaks))  # noqa: E731
     kept = Kept(
         memory=np.zeros(5), history=new_history(model), penalty=np.zeros(nc), energy=account(), energy_before=account(),
         penalty_before=np.zeros(nc), v=six(), a=six(), zd=np.zeros(nz), v_full=six(),

@@ -114,7 +114,7 @@ class Work(NamedTuple):
     v_out: np.ndarray  # (nb + 1, 6) projected twist
     a_out: np.ndarray  # (nb + 1, 6) acceleration at the end of the step
     lam_out: np.ndarray  # (nc,) constraint forces at the end of the step
-    energy: np.ndarray  # (account_length(nb),) running account (solver.output.energy)
+    energy: np.ndarray  # running account (solver.output.energy)
     u_force: np.ndarray  # (nu,) 1 for inputs that forces follow, 0 for prescribed motions
     u_before: np.ndarray  # (nu,) inputs of the step before
     u_end: np.ndarray  # (nu,) inputs at the end of the step
@@ -181,7 +181,7 @@ def new_work(model, saddle: Saddle, outputs: np.ndarray, arrays: OutputArrays) -
         f=six(), r=six(), dw=six(), a_best=six(), lam_best=row(), Kq=zeros((ns + 1, 6, 6)), Kv=zeros((ns + 1, 6, 6)),
         phi_end=row(), phi_stage=row(), g=row(), dlam=row(), phi_t=row(), phi_tt=row(), rate=row(),
         J_end=zeros((ne + 1, 6, 6)), J_stage=zeros((ne + 1, 6, 6)), zp=zeros(nz), z_stage=zeros(nz),
-        saddle=saddle, outputs=outputs, v_out=six(), a_out=six(), lam_out=row(), energy=zeros(account_length(nb)),
+        saddle=saddle, outputs=outputs, v_out=six(), a_out=six(), lam_out=row(), energy=zeros(account_length(nb, model.n_peaks)),
         u_force=forces, u_before=zeros(len(forces)), u_end=zeros(len(forces)), outputs_end=outputs.copy(),
         augmentation=new_augmentation(model),
         formulation=new_formulation(model),

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,8 +14,10 @@ import solver
 from mbd_sim_ros.batch import simulate
 from solver.analysis.envelope import Envelope
 from solver.analysis.verdict import findings
+from solver.files.scene import load_scene_text
 from solver.levels.derived import LevelReport, Limit
 
+TIRE = Path(__file__).parents[2] / 'config' / 'tires' / '205_55R16.tir'
 LIMITS = (
     Limit(quantity='lateral_acceleration', unit='m/s^2', low=-1.0, high=2.0, why='certified'),
     Limit(quantity='wheel_load', unit='N', low=0.0, high=20e3, why='certified'),
@@ -152,6 +156,44 @@ def test_a_car_on_its_roof_is_suspect_in_its_report() -> None:
     data = simulate(solver.simulation_of(scene), scene.steps)
     assert data['status'] == 'suspect'
     assert 'rollover' in [f['quantity'] for f in data['findings']]
+
+
+def test_a_tire_that_carries_more_than_its_data_cover_is_told() -> None:
+    """FZMAX is 11 kN. Six tonnes of body press the tires with 15 kN in the mean, those in front with more; in the delivered car it is
+    3.5 kN. An instant says nothing."""
+    for mass, told in ((6000, True), (1250, False)):
+        scene = solver.load_scene('light_car_straight', [f'vehicle.chassis.mass={mass}', 'start={kind: equilibrium}', 'maneuver={}'])
+        watch = Envelope(simulation := solver.simulation_of(scene))
+        for _ in range(6):
+            watch.look(simulation.advance(100))
+            found = watch.findings(ended=False)
+            assert found == []
+        found = watch.findings()
+        assert [(f.quantity, f.limit) for f in found] == [('tire_load', 11e3)] * told
+        if told:
+            assert found[0].where.startswith('front')
+            assert found[0].value > 0.25 * (mass + 100.0) * 9.81
+        watch.restart()
+        assert watch.findings() == []
+
+
+@pytest.mark.parametrize(('speed', 'beyond'), [(1.0, False), (10.0, True)])
+def test_a_tire_that_is_pressed_in_beyond_its_rim_is_told_with_the_instant(speed: float, beyond: bool) -> None:
+    """1000 kg that come down on a 205/55 R16 have 500 J at 1 m/s and 50 kJ at 10 m/s. Its spring of 215 kN/m takes 1.4 kJ until 113 mm are
+    pressed in, when the tread lies on the rim, and the folded sidewall 0.2 kJ; what is beyond may have been 509 kN, and was ok."""
+    wheel = {'mass': 1000, 'inertia': [10, 10, 10], 'position': [0, 0, 0.316]}
+    slide = {'kind': 'prismatic', 'i': 'world', 'j': 'wheel', 'at': [0, 0, 0.316], 'axis': [0, 0, 1]}
+    tire = {'marker': 'wheel', 'data': str(TIRE)}
+    mechanism = {'bodies': {'wheel': wheel}, 'joints': {'slide': slide}, 'tires': {'tire': tire}}
+    start = {'coordinates': {'slide': {'rate': -speed}}}
+    text = json.dumps({'mechanism': mechanism, 'start': start, 'integrator': {'h': 1e-4}, 'duration': 0.1})
+    scene = load_scene_text(text.replace(f'"{TIRE}"', str(TIRE)))
+    simulation = solver.simulation_of(scene)
+    simulation.advance(1000)
+    found = [f for f in findings(simulation) if f.quantity == 'tire_deflection']
+    assert [(f.where, f.limit) for f in found] == [('tire', pytest.approx(0.316 - 0.2032))] * beyond
+    if beyond:  # from touching on it takes longer than at its first speed, and less than a quarter of a swing on the spring alone
+        assert found[0].limit / speed < found[0].time < 0.5 * math.pi * math.sqrt(1000.0 / 215e3)
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import os
@@ -122,6 +123,15 @@ def test_failures_are_rows(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
         assert (row['status'] == 'error') == bad
         assert ('integrator.h' in row['message']) == bad
         assert math.isnan(row['fast']) == bad
+
+
+def test_numbers_that_are_not_finite_are_a_failure(tmp_path: Path):
+    """1e200 N on 1 kg have a power beyond 1.8e308 W after the first step; the case was ok."""
+    force = 'mechanism={bodies: {b: {mass: 1, inertia: [1, 1, 1]}}, applied_forces: {f: {marker: b, force: [0, 0, 1.0e+200]}}}'
+    text = load_scene('pendulum', ['duration=0.02', force]).resolved
+    row = row_of(dataclasses.replace(case_of(tmp_path, fast=Figure(quantity='odom/twist/vz')), text=text))
+    assert row['status'] == 'error' and math.isnan(row['fast'])
+    assert "output 'f/dissipation' is not finite" in row['message']
 
 
 def pendulums(n: int, rows: Path) -> list[Case]:
