@@ -112,6 +112,7 @@ def test_format_name_decides_without_fittyp(tmp_path: Path) -> None:
         ('PDX1 = 1.1', 'PDX1 = 1.1.2', 24, 'PDX1 = 1.1.2: is not a number'),
         ('PDX1 = 1.1', 'PDX1 = nan', 24, 'must be finite'),
         ('PDX1 = 1.1', 'PDX1 = -1.1', 24, 'must be positive'),
+        ('FNOMIN = 4000', 'FNOMIN = 4000\nNOMPRES = 2e5\nINFLPRES = 0', 19, 'INFLPRES = 0.0: must be positive: a tire without pressure'),
         ('PDX1 = 1.1\n', '', None, 'PDX1 = None: is missing'),
         ('PKY1 = -16', 'PKY1 = 16', 30, 'ISO-W'),
         ("LENGTH = 'meter'", "LENGTH = 'league'", 3, 'unknown unit'),
@@ -136,6 +137,10 @@ def test_refusals_name_file_and_line(tmp_path: Path, old: str, new: str, line: i
     assert sentence.startswith(f'{path}:{line}: ' if line else f'{path}: ')
     if line is not None:  # the line numbers above are those of the file written here
         assert new.splitlines()[-1] in path.read_text().splitlines()[line - 1]
+
+
+def test_without_a_nominal_pressure_none_acts_and_none_is_asked_for(tmp_path: Path) -> None:
+    assert read_tir(write(tmp_path, MINIMAL.replace('FNOMIN = 4000', 'FNOMIN = 4000\nINFLPRES = 0')))['INFLPRES'] == 0.0
 
 
 def test_a_missing_file_is_one_sentence(tmp_path: Path) -> None:
