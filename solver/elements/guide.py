@@ -24,8 +24,12 @@ A brake acts between the wheel and its carrier (the law of solver.elements.brake
 
     theta = Theta(s, o, sigma) + w' delta
 
-so a braked wheel lifts or lowers the chassis and winds its suspension up. Maps are cubic B-splines (of Theta and of the slopes over o too:
-Q(s, o, sigma) = Q(s, 0, sigma) + o (b_0 + b_1 s + b_2 o + b_3 sigma)), continued linearly. All is measured on a bench: solver.levels.kc.
+so a braked wheel lifts or lowers the chassis and winds its suspension up. Maps are cubic B-splines, continued linearly, and cubic in o,
+that of Theta too:
+
+    Q(s, o, sigma) = Q(s, 0, sigma) + o (b_0 + b_1 s + b_2 o + b_3 s^2 + b_4 s o + b_5 o^2 + b_6 sigma)
+
+All is measured on a bench: solver.levels.kc.
 
 Tangents are exact at rest, and over velocities; left out is how rates change with the position, which is of the order of rate times lag.
 """
@@ -43,7 +47,7 @@ from solver.compiled.vec import dot, load33
 from solver.dimensions import Point, Stiffness, Time, TurnDamping, TurnStiffness
 from solver.elements.brake import HOLD, RELEASED, friction
 from solver.elements.coordinate import add_coordinate_hessian, add_gradient, coordinate_rate, evaluate_coordinate
-from solver.elements.guide_map import COLUMNS, QUANTITIES, Nodes, map_of
+from solver.elements.guide_map import BESIDE, COLUMNS, QUANTITIES, Nodes, map_of
 from solver.elements.guide_tangents import (
     add_dyads,
     add_motions,
@@ -83,7 +87,7 @@ class GuideSpec(Spec):
     chassis, left, right: bodies; the reference frames of the wheels are at their centres of mass, which are the wheel centres. centers:
     these in the chassis, in the design position [m]. axes: spin axes in the wheels. travel, steering: nodes (first, step, count) of the
     maps [m], [unit of the coordinate]. shape: coefficients of the maps, over side, travel, steering, quantity (x, y, psi, gamma, theta);
-    opposite: b_0 ... b_3 over side, quantity. coordinate: the rotation that steers. stiffness: K (8, 8) over (x, y, psi, gamma) of left
+    opposite: b_0 ... b_6 over side, quantity. coordinate: the rotation that steers. stiffness: K (8, 8) over (x, y, psi, gamma) of left
     and right. lag [s]. windup: w over side, (8,). springs: force against travel of either side; coupling: c_0 ... c_3;
     jacking: coefficients of P over side. gear: laws of the torque of springs over the coordinate, of dampers over its rate [N m]. dampers:
     laws of either side;
@@ -100,7 +104,7 @@ class GuideSpec(Spec):
     travel: tuple[float, float, int]
     steering: tuple[float, float, int] = (0.0, 1.0, 1)
     shape: tuple[float, ...]
-    opposite: tuple[float, ...] = (0.0,) * 40
+    opposite: tuple[float, ...] = (0.0,) * 10 * BESIDE
     coordinate: str | None = None
     stiffness: tuple[float, ...]
     lag: Time = 0.0
@@ -128,7 +132,14 @@ class GuideSpec(Spec):
         require(self.coordinate is not None or self.steering[2] == 1, where, 'steering', self.steering, 'needs a coordinate')
         require(self.coordinate is not None or not any(self.gear), where, 'gear', self.gear, 'needs a coordinate')
         count = 2 * Nodes(*self.travel).coefficients * Nodes(*self.steering).coefficients * len(QUANTITIES)
-        for name, length in (('shape', count), ('opposite', 40), ('stiffness', 64), ('windup', 16), ('jacking', 6), ('ratios', 10)):
+        for name, length in (
+            ('shape', count),
+            ('opposite', 10 * BESIDE),
+            ('stiffness', 64),
+            ('windup', 16),
+            ('jacking', 6),
+            ('ratios', 10),
+        ):
             values = getattr(self, name)
             require(len(values) == length, where, name, len(values), f'must be {length} numbers')
             self.set(name, tuple(finite(where, name, v) for v in values))
@@ -154,7 +165,7 @@ class GuideTable(NamedTuple):
     number: np.ndarray  # (n, 2) of them
     start: np.ndarray  # (2 n,) first row in shape of either side
     shape: np.ndarray  # (rows, COLUMNS)
-    opposite: np.ndarray  # (2 n, 5, 4)
+    opposite: np.ndarray  # (2 n, 5, 7)
     steering: np.ndarray  # (n,) coordinate, -1 for none
     K: np.ndarray  # (n, 8, 9), its last column empty (solver.compiled.rows)
     lag: np.ndarray  # (n,)
@@ -192,7 +203,7 @@ def compile_guides(specs: Sequence[GuideSpec], context: Context) -> GuideTable:
         number=np.array([[s.travel[2], s.steering[2]] for s in specs], np.int64).reshape(-1, 2),
         start=np.array([0, *np.cumsum(rows)[:-1]] if rows else [], np.int64),
         shape=_padded([v for s in specs for v in s.shape], len(QUANTITIES), COLUMNS),
-        opposite=np.array([s.opposite for s in specs], float).reshape(2 * n, 5, 4),
+        opposite=np.array([s.opposite for s in specs], float).reshape(2 * n, 5, BESIDE),
         steering=np.full(n, -1, np.int64),
         K=_padded([v for s in specs for v in s.stiffness], 8, 9).reshape(-1, 8, 9),
         lag=np.array([s.lag for s in specs], float),

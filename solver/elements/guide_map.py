@@ -1,4 +1,4 @@
-"""Maps of a guide: cubic B-splines over travel and steering, quadratic in the travel of the other wheel (solver.elements.guide)."""
+"""Maps of a guide: cubic B-splines over travel and steering, cubic in the travel of the other wheel (solver.elements.guide)."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from solver.compiled.kernel import kernel
 from solver.compiled.rows import combine3, numbers, plus_times, row_like
 
 QUANTITIES = ('x', 'y', 'psi', 'gamma', 'theta')
+BESIDE = 7  # coefficients of what the travel of the other wheel changes
 COLUMNS = 6  # of the coefficients: two rows of three (solver.compiled.rows), the last column empty
 
 
@@ -112,9 +113,14 @@ def _surface(shape, at, q, bent):
 @kernel(inline=True)
 def _quantity(table, side, q, s, o, sigma, v, v_s, v_t, v_ss, v_st, v_tt):
     """(value, by s, o, sigma, s s, s o, s sigma, sigma sigma, o o, o sigma) of quantity q with the travel o of the other wheel."""
-    b0, b1, b2, b3 = table.opposite[side, q, 0], table.opposite[side, q, 1], table.opposite[side, q, 2], table.opposite[side, q, 3]
-    to_here = b0 + b1 * s + b2 * o + b3 * sigma
-    return v + o * to_here, v_s + o * b1, to_here + b2 * o, v_t + o * b3, v_ss, b1, v_st, v_tt, 2.0 * b2, b3
+    b = table.opposite
+    b1, b2, b3, b4, b5, b6 = b[side, q, 1], b[side, q, 2], b[side, q, 3], b[side, q, 4], b[side, q, 5], b[side, q, 6]
+    to_here = b[side, q, 0] + s * (b1 + b3 * s) + o * (b2 + b4 * s + b5 * o) + b6 * sigma
+    by_s, by_o = b1 + 2.0 * b3 * s + b4 * o, b2 + b4 * s + 2.0 * b5 * o
+    return (
+        v + o * to_here, v_s + o * by_s, to_here + o * by_o, v_t + o * b6,
+        v_ss + 2.0 * b3 * o, by_s + b4 * o, v_st, v_tt, 2.0 * (by_o + b5 * o), b6,
+    )  # fmt: skip
 
 
 @kernel(inline=True)

@@ -27,6 +27,7 @@ from solver.compiled.portable import inverse, product
 from solver.elements.coordinate import CoordinateSpec
 from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.elements.guide import GuideSpec
+from solver.elements.guide_map import BESIDE
 from solver.elements.laws import Law
 from solver.elements.marker import Marker
 from solver.elements.registry import FORCES
@@ -61,7 +62,7 @@ MAPS = 'the range of the maps, which go on linearly'
 LOST = (
     'vibration of engine, subframes, links, rack and driveline (above about 8 Hz)',
     'compliance is linear, that of the design position (of a vehicle more than 30 mm off that: where it stands); what the travel of the '
-    'other wheel changes is quadratic in it',
+    'other wheel changes is a polynomial of its third power',
     'of links and leaf springs what moves with the travel loads that compliance by its inertia, the rest the chassis',
     'the inertia of propeller shaft and gears turns with both driven wheels in equal shares',
 )
@@ -213,7 +214,7 @@ class _Reduction:
         corners = [f'{axle}_{side}' for side in SIDES]
         J = np.array([self._across(corner) for corner in corners])
         own = np.array([self._slopes(corner)[:4] for corner in corners])
-        other = np.array(self.data[axle]['opposite']).reshape(2, 5, 4)[:, :4, 0]
+        other = np.array(self.data[axle]['opposite']).reshape(2, 5, BESIDE)[:, :4, 0]
         moved = np.array([self.data[corner]['travel'] for corner in corners])
         return divided(J, own, other, moved, self.data[corners[0]]['beside'])
 

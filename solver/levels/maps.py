@@ -24,7 +24,7 @@ import numpy as np
 
 from solver.analysis.kinematics_and_compliance import CORNERS, Rig
 from solver.compiled.portable import inverse, product
-from solver.elements.guide_map import QUANTITIES
+from solver.elements.guide_map import BESIDE, QUANTITIES
 from solver.elements.spring_damper import SPRING_DAMPERS
 from solver.errors import ConsistencyError, SpecError
 from solver.levels.map_fits import least_squares, spline
@@ -44,6 +44,7 @@ STIFFEST = 3000.0  # Hz; a guide gives at least as much as lets its wheel vibrat
 PULL, RIGID = 500.0, 3e7  # of the dampers [N]; a mount that is stiffer is none [N/m]
 SAME = 1e-6  # m and rad, of an equilibrium found again
 APPROACH = 8  # equilibria on the way to a place that is not found at once
+ENOUGH = 3 * 5  # measured changes by the other wheel for a cubic: below five travels, which stiff springs leave, there is a quadratic
 USUAL = 0.25, 1.75  # of the load at rest: what bends do to wheels, without the stops; what a polynomial stands for is fitted there
 POWERS = 5  # of the polynomial that is the slope of a damper's length
 
@@ -180,7 +181,7 @@ def _measured(spec: ModelSpec, travel: float, turned: float, progress: Callable[
 
 
 def _steered_apart(bench: Bench, z: np.ndarray, steering: np.ndarray, grid: np.ndarray, against: np.ndarray) -> np.ndarray:
-    """(2, 2, 5) over axle, side: b_3, what the travel of the other wheel adds to the slopes over the steering. With both at the same travel
+    """(2, 2, 5) over axle, side: b_6, what the travel of the other wheel adds to the slopes over the steering. With both at the same travel
     it is part of the slopes of the grid, so at the opposite one they differ from those by twice as much."""
     found = np.zeros((2, 2, len(QUANTITIES)))
     n, middle = len(z) // 2, len(steering) // 2
@@ -219,13 +220,13 @@ def _axle(
     shape, opposite = [], []
     for k in range(2):
         beside = other[1 - k][::every]  # this wheel held, the other one at z
-        rows = [np.column_stack([o, o * s, o * o]) for o, s in ((z, 0.0 * z), (z, z), (-z, z))]
+        rows = [_beside(s, o) for s, o in ((0.0 * z, z), (z, z), (z, -z))]
         changes = [beside - beside[len(z) // 2], grid[k, :, middle] - own[k][::every], against[k] - own[k][::every]]
         known = np.tile(np.isfinite(against[k, :, 0]) & (usual & usual[::-1])[::every], 3)  # as far to either side
-        b = least_squares(np.concatenate(rows)[known], np.concatenate(changes)[known])  # (3, 5)
-        b = np.vstack([b, apart[k] if steered else 0.0 * apart[k]])
-        alone_here = grid[k] - (z[:, None] * (b[0] + z[:, None] * (b[1] + b[2])))[:, None]
-        alone_here = alone_here - (z[:, None] * steering)[:, :, None] * b[3]
+        b, terms = np.zeros((BESIDE, 5)), 6 if np.add.reduce(known) >= ENOUGH else 3
+        b[:terms] = least_squares(np.concatenate(rows)[known, :terms], np.concatenate(changes)[known])
+        b[6] = apart[k] if steered else 0.0
+        alone_here = grid[k] - product(_beside(z, z), b[:6])[:, None] - (z[:, None] * steering)[:, :, None] * b[6]
         surface = spline(alone_here)
         if steered:
             surface = spline(np.moveaxis(surface, 1, 0)).swapaxes(0, 1)
@@ -249,6 +250,11 @@ def _axle(
         'jacking': jacking[0] + jacking[1],
         'dampers': dampers,
     }
+
+
+def _beside(s: np.ndarray, o: np.ndarray) -> np.ndarray:
+    """(n, 6) of a map what b_0 ... b_5 are the factors of (solver.elements.guide), at travels s and those of the other wheel o."""
+    return np.column_stack([o, o * s, o * o, o * s * s, o * s * o, o * o * o])
 
 
 def _damper(stands: Sequence[Stand], travel: np.ndarray, n: int) -> dict[int, list[float]]:

@@ -39,7 +39,7 @@ def guide(rng, *, steered=True, mounted=True, **changes):
     half = rng.normal(size=(8, 8))
     values = {
         'shape': tuple((rng.normal(size=(rows, 5)) * (0.01, 0.01, 0.05, 0.05, 0.05)).ravel()),
-        'opposite': tuple(0.05 * rng.normal(size=40)),
+        'opposite': tuple(0.05 * rng.normal(size=70)),
         'stiffness': tuple((1e3 * (half @ half.T + np.eye(8))).ravel()),
         'lag': 0.003,
         'windup': tuple(0.2 * rng.normal(size=16)),
@@ -113,7 +113,7 @@ def test_signs_of_a_guided_wheel():
     shape = np.zeros((2, 7, 5))
     shape[:, :, 0] = 0.1 * nodes  # splines with coefficients on a straight line are that line
     element = guide(
-        np.random.default_rng(0), steered=False, shape=tuple(shape.ravel()), opposite=(0.0,) * 40, stiffness=tuple(K.ravel()),
+        np.random.default_rng(0), steered=False, shape=tuple(shape.ravel()), opposite=(0.0,) * 70, stiffness=tuple(K.ravel()),
         windup=(0.0,) * 16, springs=(Law.linear(2e4),) * 2, coupling=(0.0,) * 4, ratios=(0.0,) * 10,
     )  # fmt: skip
     kin = kinematics(
@@ -132,7 +132,7 @@ def test_brake_torque_acts_between_wheel_and_carrier():
     shape = np.zeros((2, 7, 5))
     shape[:, :, 4] = 0.5 * np.array([-0.15, -0.1, -0.05, 0.0, 0.05, 0.1, 0.15])
     element = guide(
-        np.random.default_rng(0), steered=False, shape=tuple(shape.ravel()), opposite=(0.0,) * 40, stiffness=(0.0,) * 64,
+        np.random.default_rng(0), steered=False, shape=tuple(shape.ravel()), opposite=(0.0,) * 70, stiffness=(0.0,) * 64,
         windup=(0.0,) * 16, springs=(Law.linear(0.0),) * 2, coupling=(0.0,) * 4, ratios=(0.0,) * 10,
     )  # fmt: skip
     twists = np.zeros((4, 6))
@@ -159,7 +159,7 @@ def test_a_damper_on_a_stiff_mount_is_the_damper(rng):
 def test_springs_and_dampers_of_the_gear_hold_the_steering():
     """By hand: turned by 0.2 rad and turning at 3 rad/s, springs of 40 N m/rad and dampers of 2 N m s/rad turn back with 14 N m."""
     element = guide(
-        np.random.default_rng(0), shape=(0.0,) * 490, opposite=(0.0,) * 40, stiffness=(0.0,) * 64, windup=(0.0,) * 16,
+        np.random.default_rng(0), shape=(0.0,) * 490, opposite=(0.0,) * 70, stiffness=(0.0,) * 64, windup=(0.0,) * 16,
         springs=(Law.linear(0.0),) * 2, coupling=(0.0,) * 4, jacking=(0.0,) * 6, ratios=(0.0,) * 10,
         gear=(Law.linear(40.0), Law.linear(2.0)),
     )  # fmt: skip

@@ -283,8 +283,8 @@ def test_what_a_wheel_does_to_the_other_is_found_on_stiff_springs_too(rate: floa
     grid[..., 2], against[..., 2] = beside(z, 10.0)[None, :, None], -beside(z, 10.0)
     found = maps._axle(('left', 'right'), z, np.zeros(3), grid, against, np.zeros((2, 5)), fine, alone, False)
     assert found['coupling'][0] == pytest.approx(5e3, rel=1e-6)
-    b = np.array(found['opposite']).reshape(2, 5, 4)
-    np.testing.assert_allclose(b[:, 2], [[10.0, 0.0, 0.0, 0.0]] * 2, atol=1e-6)
+    b = np.array(found['opposite']).reshape(2, 5, 7)
+    np.testing.assert_allclose(b[:, 2], [[10.0, *(0.0,) * 6]] * 2, atol=1e-6)
     assert not np.delete(b, 2, axis=1).any()
 
 
