@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from solver import simulation_of
+from solver.errors import StepError
 from solver.levels.derived import FINE
 from solver.scene import Scene
 from solver.trade.setting import Setting
@@ -27,6 +28,7 @@ ROUNDS = 3
 PROBE = 150  # steps of one timing of a model
 PROBES = (1, 3)  # iterations
 PROBED = 1.25 * FINE  # s, the step of such a timing: every level makes the iterations that it is told
+SHORTER = 5  # times that it is halved: as far as steps of a reference go
 
 
 class Cost(NamedTuple):
@@ -98,14 +100,24 @@ def size(scene: Scene, setting: Setting) -> tuple[int, ...]:
     return s.model.n_bodies, s.model.n_rows, int(s.state.z.size), len(s.channels.elements), len(s.model.spec.road.grids)
 
 
-def per_step(scene: Scene, setting: Setting) -> PerStep:
-    """Time of a step and of an evaluation of a model, by timing it with one and with three iterations. Raises MbdError."""
+def per_step(scene: Scene, setting: Setting, h: float = PROBED) -> PerStep:
+    """Time of a step and of an evaluation of a model, by timing steps of h [s] with one and with three iterations. Where such a run
+    fails they are shorter, up to SHORTER times. Raises MbdError."""
+    for k in range(SHORTER):
+        try:
+            return _timed(scene, setting, h / 2**k)
+        except StepError:
+            continue
+    return _timed(scene, setting, h / 2**SHORTER)
+
+
+def _timed(scene: Scene, setting: Setting, h: float) -> PerStep:
     times, evaluations = [], []
-    there = _steps(scene, PROBED)
+    there = _steps(scene, h)
     before_it = min(PROBE // 3, there // 4)
     probe = max(1, min(PROBE, there - before_it))
     for iterations in PROBES:
-        simulation = simulation_of(dataclasses.replace(setting, h=PROBED, iterations=iterations).of(scene))
+        simulation = simulation_of(dataclasses.replace(setting, h=h, iterations=iterations).of(scene))
         simulation.advance(before_it, audit=False)
         saved, best = simulation.save(), np.inf
         for _ in range(ROUNDS * -(-PROBE // probe)):

@@ -3,12 +3,17 @@
 The ranges are part of a certificate: what was found holds within them. Their corners serve to choose, points inside to check. What a scene
 does not have is not varied (the path of a driver has no amplitude, a lane change no other side), and a maneuver that is driven twice counts
 once: `effective` says what of a variation changes anything.
+
+A mechanism has no steering and no road. The amplitude is that of its inputs, as far as they begin at zero (others would place it anew), the
+speed that of its start; one that begins at rest and has no inputs falls as much faster, under gravity times the square of that.
 """
 
 from __future__ import annotations
 
 import dataclasses
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from solver.elements.road import RandomRoad, RoadSpec
 from solver.inputs.driver import Circle, Course, Waypoints
@@ -24,8 +29,8 @@ SIZES = ('value', 'initial', 'final', 'slope', 'amplitude', 'final_amplitude', '
 
 
 class Variation(NamedTuple):
-    """Factors on the amplitude of the steering, angle or torque (of drive and brakes where nothing is steered), on the speed and the
-    friction; direction -1: to the other side; road: added to the seed of random roads."""
+    """Factors on the amplitude of the steering, angle or torque (of drive and brakes where nothing is steered, of the inputs of a
+    mechanism), on the speed and the friction; direction -1: to the other side; road: added to the seed of random roads."""
 
     amplitude: float = 1.0
     speed: float = 1.0
@@ -67,14 +72,14 @@ def inside(k: int) -> Variation:
 
 def varied(scene: Scene, v: Variation) -> Scene:
     """The scene with another maneuver. A path that cannot be mirrored stays; so does a road of given heights."""
+    if not scene.model.tires:
+        return _of_mechanism(scene, v)
     maneuver, mirrorable = _maneuver(scene.maneuver, v)
     kept = maneuver.speed
     if kept is not None and kept.target is not None:
         maneuver = dataclasses.replace(maneuver, speed=dataclasses.replace(kept, target=scaled(signal(kept.target), v.speed)))
-    model = scene.model
-    if model.tires:
-        mirrored = v.direction < 0 and mirrorable
-        model = dataclasses.replace(model, road=_road(model.road, v.friction, mirrored, v.road))
+    mirrored = v.direction < 0 and mirrorable
+    model = dataclasses.replace(scene.model, road=_road(scene.model.road, v.friction, mirrored, v.road))
     start = dataclasses.replace(scene.start, speed=scene.start.speed * v.speed)
     return dataclasses.replace(scene, model=model, start=start, maneuver=maneuver, resolved='')
 
@@ -99,7 +104,32 @@ def _driven(scene: Scene) -> tuple[Any, ...]:
     maneuver = scene.maneuver
     kept = maneuver.speed
     target = None if kept is None or kept.target is None else signal(kept.target)
-    return scene.start, scene.model.road, maneuver.channels, signal(maneuver.road_wheel), maneuver.driver, target
+    model = scene.model
+    moving = [(body.velocity, body.angular_velocity) for body in model.bodies]
+    return scene.start, model.road, model.gravity, moving, maneuver.channels, signal(maneuver.road_wheel), maneuver.driver, target
+
+
+def _of_mechanism(scene: Scene, v: Variation) -> Scene:
+    inputs = {name: signal(one) for name, one in scene.maneuver.signals.items()}
+    changed = {name: scaled(one, v.amplitude) for name, one in inputs.items() if not one.jet(np.zeros(1)).value.any()}
+    wanted = scene.start.coordinates
+    faster = {name: dataclasses.replace(c, rate=c.rate * v.speed) for name, c in wanted.items() if c.rate}
+    model = scene.model
+    if faster or any(any((*body.velocity, *body.angular_velocity)) for body in model.bodies):
+        bodies = tuple(
+            dataclasses.replace(
+                body,
+                velocity=tuple(v.speed * x for x in body.velocity),
+                angular_velocity=tuple(v.speed * x for x in body.angular_velocity),
+            )
+            for body in model.bodies
+        )
+        model = dataclasses.replace(model, bodies=bodies)
+    elif not inputs:
+        model = dataclasses.replace(model, gravity=tuple(v.speed**2 * g for g in model.gravity))
+    start = dataclasses.replace(scene.start, coordinates={**wanted, **faster})
+    maneuver = scene.maneuver if scene.maneuver.bag else dataclasses.replace(scene.maneuver, signals={**inputs, **changed})
+    return dataclasses.replace(scene, model=model, start=start, maneuver=maneuver, resolved='')
 
 
 def _maneuver(maneuver: Maneuver, v: Variation) -> tuple[Maneuver, bool]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
@@ -108,7 +110,8 @@ def test_a_circle_is_driven_the_other_way_round_and_a_kept_speed_is_another_one(
         ('light_car_step_steer', {'road': 0}, {'amplitude', 'speed', 'friction'}),  # on a plane
         ('car_split_mu_brake', {'road': 0}, {'amplitude', 'speed', 'friction'}),
         ('light_car_lane_change', {'amplitude': 1.0, 'direction': 1, 'road': 0}, {'speed', 'friction'}),  # a driver keeps his path
-        ('slider_crank', AS_GIVEN._asdict(), set()),
+        ('slider_crank', AS_GIVEN._replace(speed=0.95)._asdict(), {'speed'}),
+        ('andrews', AS_GIVEN._asdict(), set()),  # a torque of its mechanism turns it
     ],
 )
 def test_what_changes_nothing_in_a_scene_is_not_counted_as_varied(scene: str, kept: dict, ranges: set[str]) -> None:
@@ -123,3 +126,27 @@ def test_the_seed_of_a_random_road_is_varied_and_nothing_else_of_a_standing_car_
     assert effective(rough, inside(0)).road == 3
     standing = solver.load_scene('light_car_straight', ['start.speed=0', 'maneuver={}'])
     assert set(ranges_of(standing)) == {'friction'}
+
+
+def test_a_mechanism_begins_faster_or_is_driven_further_and_one_at_rest_falls_faster() -> None:
+    crank = solver.load_scene('slider_crank')
+    found = varied(crank, Variation(amplitude=0.8, speed=0.9, friction=0.9, direction=-1))
+    assert found.start.coordinates['slide'].rate == pytest.approx(0.9 * -4.0)
+    assert found.model == crank.model
+    top = solver.load_scene('torque_free_top')
+    turning = [b.angular_velocity for b in varied(top, Variation(speed=0.9)).model.bodies]
+    assert turning == [pytest.approx(0.9 * np.array(b.angular_velocity)) for b in top.model.bodies]
+    four_bar = solver.load_scene('four_bar')
+    assert varied(four_bar, Variation(amplitude=0.8, speed=0.9)).maneuver.channels['motor'].slope == pytest.approx(0.8 * math.tau)
+    assert ranges_of(four_bar) == {'amplitude': RANGES['amplitude']}
+    pendulum = solver.load_scene('pendulum')  # its motion is the same in 1 / 0.9 of the time
+    assert varied(pendulum, Variation(speed=0.9)).model.gravity == (0.0, pytest.approx(-9.81 * 0.81), 0.0)
+    assert ranges_of(pendulum) == {'speed': RANGES['speed']}
+
+
+def test_an_input_that_places_a_mechanism_at_the_start_is_not_varied() -> None:
+    """A crank that a motor holds at 0.3 rad would be placed at 0.24 rad, where its links do not fit."""
+    given = ['maneuver.signals.motor={kind: ramp, slope: 6.0, initial: 0.3, start: 0.25}']
+    scene = solver.load_scene('four_bar', given)
+    assert varied(scene, Variation(amplitude=0.8)).maneuver.channels == scene.maneuver.channels
+    assert ranges_of(scene) == {}
