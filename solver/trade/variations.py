@@ -119,14 +119,14 @@ def _of_mechanism(scene: Scene, v: Variation) -> Scene:
         bodies = tuple(
             dataclasses.replace(
                 body,
-                velocity=tuple(v.speed * x for x in body.velocity),
-                angular_velocity=tuple(v.speed * x for x in body.angular_velocity),
+                velocity=_times(v.speed, body.velocity),
+                angular_velocity=_times(v.speed, body.angular_velocity),
             )
             for body in model.bodies
         )
         model = dataclasses.replace(model, bodies=bodies)
     elif not inputs:
-        model = dataclasses.replace(model, gravity=tuple(v.speed**2 * g for g in model.gravity))
+        model = dataclasses.replace(model, gravity=_times(v.speed**2, model.gravity))
     start = dataclasses.replace(scene.start, coordinates={**wanted, **faster})
     maneuver = scene.maneuver if scene.maneuver.bag else dataclasses.replace(scene.maneuver, signals={**inputs, **changed})
     return dataclasses.replace(scene, model=model, start=start, maneuver=maneuver, resolved='')
@@ -157,6 +157,11 @@ def _maneuver(maneuver: Maneuver, v: Variation) -> tuple[Maneuver, bool]:
     given = {name: scaled(one, v.amplitude) if name.startswith(BY_WHEEL) else one for name, one in given.items()}
     torques: dict[str, Any] = {name: scaled(signal(getattr(maneuver, name)), v.amplitude) for name in COMMANDS[1:]}
     return dataclasses.replace(maneuver, signals=given, **torques), True
+
+
+def _times(factor: float, vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    x, y, z = vector
+    return factor * x, factor * y, factor * z
 
 
 def scaled(given: Signal, factor: float) -> Signal:
