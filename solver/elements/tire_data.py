@@ -133,7 +133,8 @@ class TireData:
         for key in ('VERTICAL_DAMPING', 'NOMPRES', 'INFLPRES', 'FZMAX', 'BOTTOM_STIFF', 'LONGITUDINAL_STIFFNESS', 'LATERAL_STIFFNESS'):
             require(values.get(key, 0.0) >= 0.0, where, key, values.get(key), 'must not be negative')
         flat = 'must be positive: a tire without pressure is none that the Magic Formula describes; leave it out for NOMPRES'
-        require(values.get('INFLPRES') != 0.0 or values.get('NOMPRES', 0.0) == 0.0, where, 'INFLPRES', 0.0, flat)
+        without = self.version == 61 and values.get('INFLPRES') == 0.0 and values.get('NOMPRES', 0.0) > 0.0  # 5.2 knows no pressure
+        require(not without, where, 'INFLPRES', 0.0, flat)
         for key in ('ELLIPS_SHIFT', 'ELLIPS_LENGTH', 'ELLIPS_HEIGHT'):
             if key in values:
                 finite(where, key, values[key], low=0.1, high=3.0)

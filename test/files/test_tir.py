@@ -112,7 +112,7 @@ def test_format_name_decides_without_fittyp(tmp_path: Path) -> None:
         ('PDX1 = 1.1', 'PDX1 = 1.1.2', 24, 'PDX1 = 1.1.2: is not a number'),
         ('PDX1 = 1.1', 'PDX1 = nan', 24, 'must be finite'),
         ('PDX1 = 1.1', 'PDX1 = -1.1', 24, 'must be positive'),
-        ('FNOMIN = 4000', 'FNOMIN = 4000\nNOMPRES = 2e5\nINFLPRES = 0', 19, 'INFLPRES = 0.0: must be positive: a tire without pressure'),
+        ('FITTYP = 6', 'FITTYP = 61\nNOMPRES = 2e5\nINFLPRES = 0', 10, 'INFLPRES = 0.0: must be positive: a tire without pressure'),
         ('PDX1 = 1.1\n', '', None, 'PDX1 = None: is missing'),
         ('PKY1 = -16', 'PKY1 = 16', 30, 'ISO-W'),
         ("LENGTH = 'meter'", "LENGTH = 'league'", 3, 'unknown unit'),
