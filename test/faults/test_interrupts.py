@@ -230,7 +230,7 @@ def test_a_call_of_many_long_steps_is_divided(tmp_path: Path, monkeypatch: pytes
             name = 'slow'
             record = type('record', (), {'every': 100})
 
-        k, h_ns, branches, events, switches = 0, 1_000_000, None, (), None
+        k, h_ns, branches, events, switches, channels = 0, 1_000_000, None, (), None, None
         t_ns = property(lambda self: self.k * self.h_ns)
 
         def advance(self, n: int, inputs: object = None) -> None:
