@@ -132,14 +132,8 @@ class GuideSpec(Spec):
         require(self.coordinate is not None or self.steering[2] == 1, where, 'steering', self.steering, 'needs a coordinate')
         require(self.coordinate is not None or not any(self.gear), where, 'gear', self.gear, 'needs a coordinate')
         count = 2 * Nodes(*self.travel).coefficients * Nodes(*self.steering).coefficients * len(QUANTITIES)
-        for name, length in (
-            ('shape', count),
-            ('opposite', 10 * BESIDE),
-            ('stiffness', 64),
-            ('windup', 16),
-            ('jacking', 6),
-            ('ratios', 10),
-        ):
+        lengths = {'shape': count, 'opposite': 10 * BESIDE, 'stiffness': 64, 'windup': 16, 'jacking': 6, 'ratios': 10}
+        for name, length in lengths.items():
             values = getattr(self, name)
             require(len(values) == length, where, name, len(values), f'must be {length} numbers')
             self.set(name, tuple(finite(where, name, v) for v in values))

@@ -7,12 +7,12 @@ and all signs are those of docs/conventions.md; the model is described in docs/t
 
     du/dt = -c Vsx - |V|/sigma_kappa u,     |V| = |(Vx, Vsx/(mu k_x), Vsy/(mu k_y))|,     kappa = (u - tau Vsx)/sigma_kappa
 
-and the same for v with Vsy and sigma_alpha. It is linear in u, so u = zp + cz du/dt has a closed form. At speed the steady state is
-the slip itself; at rest nothing decays and u is a spring (no creep). One |V| for both: the slip of a sliding wheel points against its
-sliding, whichever way that goes. k bounds the slip, and at low speed it holds (u, v) near the deflection of the peak force on this road,
-so that a wheel that slides to rest does not store more than the force it can carry. With turn slip the twist of the contact patch is a
-third such state, R0 times its angle, driven by R0 times the yaw rate. Unless turn slip is off, such a twist resists a wheel that is
-turned on the spot, below PARKING_ENDS; above nothing of it is evaluated, and the state fades away.
+and the same for v with Vsy and sigma_alpha. It is linear in u, so u = zp + cz du/dt has a closed form. At speed the steady state is the
+slip itself; at rest nothing decays and u is a spring (no creep). One |V| for both: the slip of a sliding wheel points against its sliding,
+whichever way that goes. k bounds the slip, and at low speed it holds (u, v) near the deflection of the peak force on this road, so that a
+wheel that slides to rest does not store more than the force it can carry. With turn slip the twist of the contact patch is a third such
+state, R0 times its angle, driven by R0 times the yaw rate. Unless turn slip is off, such a twist resists a wheel that is turned on the
+spot, below PARKING_ENDS; above nothing of it is evaluated, and the state fades away.
 
 Source: [Pacejka2012] 2.2 (slip), 4.3.3 (turn slip), 7.2 (relaxation), 8.6 (standstill).
 """
@@ -390,10 +390,9 @@ def held_tires(table: TireTable, u: np.ndarray) -> Held:
 def rolling_radius(table: TireTable, e: int, load: float, speed: float) -> float:
     """Effective rolling radius [m] of tire e under a vertical load [N], freely rolling at speed [m/s] ([B] eq. 7)."""
     c = table.c[e]
-    R0, F0 = c[I.UNLOADED_RADIUS], c[I.FNOMIN]
+    R0, F0, q = c[I.UNLOADED_RADIUS], c[I.FNOMIN], load / c[I.FNOMIN]
     growth = R0 * c[I.Q_V1] * (speed / c[I.LONGVL]) ** 2
     c_z = (1.0 + c[I.PFZ1] * c[I.DPI]) * c[I.VERTICAL_STIFFNESS]
-    q = load / F0
     return float(R0 * c[I.Q_RE0] + growth - F0 / c_z * (c[I.DREFF] * math.atan(c[I.BREFF] * q) + c[I.FREFF] * q))
 
 

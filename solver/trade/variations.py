@@ -115,7 +115,7 @@ def _of_mechanism(scene: Scene, v: Variation) -> Scene:
     wanted = scene.start.coordinates
     faster = {name: dataclasses.replace(c, rate=c.rate * v.speed) for name, c in wanted.items() if c.rate}
     model = scene.model
-    if faster or any(any((*body.velocity, *body.angular_velocity)) for body in model.bodies):
+    if faster or scene.start.speed or any(any((*body.velocity, *body.angular_velocity)) for body in model.bodies):
         bodies = tuple(
             dataclasses.replace(
                 body,
@@ -125,9 +125,9 @@ def _of_mechanism(scene: Scene, v: Variation) -> Scene:
             for body in model.bodies
         )
         model = dataclasses.replace(model, bodies=bodies)
-    elif not inputs:
+    elif not inputs and not scene.maneuver.bag:
         model = dataclasses.replace(model, gravity=_times(v.speed**2, model.gravity))
-    start = dataclasses.replace(scene.start, coordinates={**wanted, **faster})
+    start = dataclasses.replace(scene.start, speed=scene.start.speed * v.speed, coordinates={**wanted, **faster})
     maneuver = scene.maneuver if scene.maneuver.bag else dataclasses.replace(scene.maneuver, signals={**inputs, **changed})
     return dataclasses.replace(scene, model=model, start=start, maneuver=maneuver, resolved='')
 
