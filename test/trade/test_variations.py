@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 import solver
 from solver.elements.road import RandomRoad
+from solver.inputs.maneuver import Maneuver
 from solver.inputs.signals import Constant, Mapped, Ramp, Sine, SineWithDwell, Step, Sum, Sweep, Table, signal
 from solver.trade.variations import AS_GIVEN, CORNERS, RANGES, Variation, effective, inside, ranges_of, scaled, varied
 
@@ -150,3 +152,17 @@ def test_an_input_that_places_a_mechanism_at_the_start_is_not_varied() -> None:
     scene = solver.load_scene('four_bar', given)
     assert varied(scene, Variation(amplitude=0.8)).maneuver.channels == scene.maneuver.channels
     assert ranges_of(scene) == {}
+
+
+def test_the_speed_that_a_mechanism_starts_with_is_varied() -> None:
+    scene = solver.load_scene('torque_free_top', ['start.speed=2.0'])
+    assert varied(scene, Variation(speed=0.9)).start.speed == pytest.approx(1.8)
+    assert ranges_of(scene) == {'speed': RANGES['speed']}
+
+
+def test_a_mechanism_under_a_recorded_maneuver_keeps_its_gravity() -> None:
+    """What was recorded was so under the gravity there was: nothing else of a pendulum at rest could be varied."""
+    scene = solver.load_scene('pendulum')
+    recorded = dataclasses.replace(scene, maneuver=Maneuver(bag='recorded.mcap'))
+    assert varied(recorded, Variation(speed=0.9)).model.gravity == scene.model.gravity
+    assert ranges_of(recorded) == {}
