@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import shutil
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +14,7 @@ from mbd_sim_ros.commands import Result, add_scene, alone, declare, table
 if TYPE_CHECKING:
     from solver.scene import Scene
 
+RUNS = 'runs'  # directory of the runs of a plan that is not finished, in that of its results
 BAR = '{percentage:3.0f}% |{bar:30}| {desc}'
 
 
@@ -56,22 +58,29 @@ def _planned(args: argparse.Namespace, scene: Scene, out: Path) -> dict[str, Any
     from mbd_sim_ros.analysis.plan_page import write_page
     from solver.compiled.cache import location
     from solver.errors import BagError
-    from solver.levels.auto import chosen, keep
+    from solver.levels.auto import INCOMPLETE, chosen, keep
     from solver.trade.certificate import plan
     from solver.trade.search import LONGEST, UNSEEN, Search
 
     with tqdm(total=1.0, bar_format=BAR, disable=args.json or not sys.stderr.isatty(), leave=False) as bar:
 
         def progress(text: str, done: float) -> None:
-            interrupts.now(f'planning {scene.name}: {text}')
+            interrupts.now(f'planning {scene.name}: {text}; finished runs are kept in {out / RUNS}, and the same command goes on from them')
             interrupts.check()
             bar.set_description_str(text, refresh=False)
             bar.update(min(1.0, done) - bar.n)
 
         search = Search(
             scene, workers=args.workers, longest=args.time or LONGEST, unseen=args.unseen or UNSEEN, progress=progress,
+            keep_in=out / RUNS,
         )  # fmt: skip
         data = plan(search)
+    if search.kept.found:
+        data['notes'].append(f'{search.kept.found} runs of an earlier, unfinished plan were taken from {out / RUNS}')
+    if data['status'] == INCOMPLETE:
+        data['notes'].append(f'the same command goes on where this plan ended: its runs are kept in {out / RUNS}')
+    else:
+        shutil.rmtree(out / RUNS, ignore_errors=True)
     data['out'] = str(out)
     if not keep(scene, data):
         data['notes'].append(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
+from pathlib import Path
 
 from solver.errors import MbdError
 from solver.scene import Scene
@@ -27,8 +28,10 @@ def largest_of(shares: dict[str, float]) -> tuple[str, float]:
 class Judge(Measurements):
     """Measures, and judges by it."""
 
-    def __init__(self, scene: Scene, *, workers: int | None, longest: float, progress: Callable[[str, float], None]) -> None:
-        super().__init__(scene, workers=workers, longest=longest, progress=progress)
+    def __init__(
+        self, scene: Scene, *, workers: int | None, longest: float, progress: Callable[[str, float], None], keep_in: Path | None = None
+    ) -> None:
+        super().__init__(scene, workers=workers, longest=longest, progress=progress, keep_in=keep_in)
         self._lost: dict[Setting, tuple[str, float, float]] = {}  # settings that lost a race, and how
 
     def race(self, setting: Setting) -> tuple[str, float, float]:

@@ -5,14 +5,17 @@ from __future__ import annotations
 import dataclasses
 import threading
 from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 
 from solver.analysis.covered import is_broken
 from solver.analysis.verdict import Finding
 from solver.errors import SpecError
+from solver.levels.auto import key
 from solver.quantities import names as names_of
 from solver.quantities import published
 from solver.scene import Scene
 from solver.trade import cost, reference
+from solver.trade.kept_runs import KeptRuns
 from solver.trade.reference import Reference
 from solver.trade.requirements import Bound, Requirement, requirements
 from solver.trade.runs import Going, Run, clock, departures, run
@@ -27,9 +30,12 @@ WATCHED_WHEELS = ('slip_angle', 'slip', 'wheel_load')
 
 
 class Measurements:
-    """All that is known of a scene's settings. progress(text, done) is told what is going on; runs stop when longest seconds are over."""
+    """All that is known of a scene's settings. progress(text, done) is told what is going on; runs stop when longest seconds are over.
+    keep_in: a directory in which whole runs are kept, and found again; none keeps nothing."""
 
-    def __init__(self, scene: Scene, *, workers: int | None, longest: float, progress: Callable[[str, float], None]) -> None:
+    def __init__(
+        self, scene: Scene, *, workers: int | None, longest: float, progress: Callable[[str, float], None], keep_in: Path | None = None
+    ) -> None:
         self.scene = dataclasses.replace(scene, fidelity='full', switches={}, resolved='')
         self.requirements = requirements(scene)
         if not self.requirements:
@@ -46,6 +52,7 @@ class Measurements:
         self.everything = [*dict.fromkeys([*self.shown, *self.watched])]
         self.steps = STEP_SETS[0]
         self.seen = self.different((AS_GIVEN, *CORNERS))  # maneuvers that serve to choose
+        self.kept = KeptRuns(keep_in, key(scene) if keep_in else '', self.everything)
         self._lock = threading.Lock()
         self._scenes: dict[Variation, Scene] = {}
         self._runs: dict[tuple[Variation, Setting], Run] = {}
@@ -82,19 +89,23 @@ class Measurements:
 
     def run(self, v: Variation, setting: Setting) -> Run:
         """A whole run, made once."""
-        key = (v, setting)
-        if key not in self._runs:
-            self._runs[key] = run(self.maneuver(v), setting, self.everything, stop=self.late)
-        return self._runs[key]
+        which = (v, setting)
+        if which not in self._runs:
+            self._runs[which] = self.kept.made(v, setting, lambda: run(self.maneuver(v), setting, self.everything, stop=self.late))
+        return self._runs[which]
 
     def findings(self, v: Variation, setting: Setting) -> tuple[Finding, ...]:
         """What would make this run suspect (solver.analysis.verdict), made once; none of a run that fails."""
-        key = (v, setting)
-        if key not in self._findings:
-            going = Going(self.maneuver(v), setting, self.everything, stop=self.late, audit=True)
-            self._runs.setdefault(key, going.to(self.scene.duration))
-            self._findings[key] = going.findings()
-        return self._findings[key]
+        which = (v, setting)
+        if which not in self._findings:
+            kept = self.kept.get(v, setting, judged=True)
+            if not kept:
+                going = Going(self.maneuver(v), setting, self.everything, stop=self.late, audit=True)
+                kept = going.to(self.scene.duration), going.findings()
+                self.kept.put(v, setting, *kept)
+            self._runs.setdefault(which, kept[0])
+            self._findings[which] = kept[1]
+        return self._findings[which]
 
     def broken(self, v: Variation, setting: Setting) -> str:
         """What forbids to choose the setting whatever its errors are, or ''."""
@@ -102,12 +113,12 @@ class Measurements:
 
     def limit_of(self, v: Variation, setting: Setting, steps: Sequence[float]) -> Reference:
         """The converged solution of a model on a maneuver, made once. Raises StepError."""
-        key = (v, setting.model, tuple(steps))
-        if key not in self._references:
+        which = (v, setting.model, tuple(steps))
+        if which not in self._references:
             base = Setting(level=setting.level, off=setting.off)
             runs = [self.run(v, reference.with_step(base, h)) for h in steps]
-            self._references[key] = reference.of_runs(self.maneuver(v), runs)
-        return self._references[key]
+            self._references[which] = reference.of_runs(self.maneuver(v), runs)
+        return self._references[which]
 
     def truth(self, v: Variation) -> Reference:
         """The converged full vehicle: three steps where it serves to choose, two elsewhere."""
@@ -179,9 +190,12 @@ class Measurements:
 
     def known(self, v: Variation, setting: Setting) -> Run | None:
         """A whole run that has been made."""
+        if (v, setting) not in self._runs and (kept := self.kept.get(v, setting)):
+            self._runs[v, setting] = kept[0]
         return self._runs.get((v, setting))
 
     def keep(self, v: Variation, setting: Setting, found: Run) -> None:
         """Keep a whole run that was made elsewhere."""
         with self._lock:
             self._runs[v, setting] = found
+        self.kept.put(v, setting, found)

@@ -19,8 +19,10 @@ from solver.analysis.departures import Departure, departure
 from solver.errors import StepError
 from solver.quantities import Quantity, published, quantity
 from solver.scene import Scene
+from solver.trade.kept_runs import KeptRuns
 from solver.trade.runs import Curves, Run, at, departures, run
 from solver.trade.setting import Setting
+from solver.trade.variations import AS_GIVEN
 
 STEPS = (4e-3, 2e-3, 1e-3)  # s, of three runs
 FINEST = 0.125e-3  # s
@@ -100,7 +102,12 @@ def of_runs(scene: Scene, runs: Sequence[Run]) -> Reference:
 
 
 def second_formulation(
-    scene: Scene, reference: Reference, stop: Callable[[], bool] | None = None, *, finest: bool = True
+    scene: Scene,
+    reference: Reference,
+    stop: Callable[[], bool] | None = None,
+    *,
+    finest: bool = True,
+    kept: KeptRuns | None = None,
 ) -> dict[str, Departure]:
     """How far the limit of another formulation of the same model, from the same start, is from the reference: that of its two finest steps,
     or of the two before, which is as far from it as its band says.
@@ -111,6 +118,11 @@ def second_formulation(
     names, first = list(reference.curves), reference.runs[-1].setting
     base = dataclasses.replace(first, other=SECOND, rho_inf=SECOND_RHO)
     start = simulation_of(first.of(scene)).save()
+    kept = kept or KeptRuns(None, '', names)
+
+    def made(setting: Setting) -> Run:
+        return kept.made(AS_GIVEN, setting, lambda: run(scene, setting, names, stop=stop, start=start))
+
     steps = reference.steps[-2:] if finest else reference.steps[-3:-1]
-    other = of_runs(scene, [run(scene, with_step(base, h), names, stop=stop, start=start) for h in steps])
+    other = of_runs(scene, [made(with_step(base, h)) for h in steps])
     return reference.errors(Run(base, other.time, other.curves, {}, ''))

@@ -22,6 +22,7 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
 from solver.analysis.departures import Departure
 from solver.errors import MbdError, StepError
@@ -48,7 +49,7 @@ SAVES = 0.97  # of the cost: what a subsystem must bring it below to be worth it
 
 
 class Search(Judge):
-    """The search for one scene, in at most `longest` seconds."""
+    """The search for one scene, in at most `longest` seconds. keep_in: see Measurements."""
 
     def __init__(
         self,
@@ -59,8 +60,9 @@ class Search(Judge):
         unseen: int = UNSEEN,
         levels: Sequence[str] = tuple(LEVELS),
         progress: Callable[[str, float], None] = lambda text, done: None,
+        keep_in: Path | None = None,
     ) -> None:
-        super().__init__(scene, workers=workers, longest=longest, progress=progress)
+        super().__init__(scene, workers=workers, longest=longest, progress=progress, keep_in=keep_in)
         self.unseen = unseen
         self.candidate_levels = ('full', *levels)
         self.notes: list[str] = []
@@ -101,7 +103,7 @@ class Search(Judge):
         clear = shares[worst] <= CLEAR_BAND  # then its coarser pair confirms as much
 
         def confirm() -> None:
-            self.second = reference.second_formulation(self.scene, self.truth(AS_GIVEN), self.late, finest=not clear)
+            self.second = reference.second_formulation(self.scene, self.truth(AS_GIVEN), self.late, finest=not clear, kept=self.kept)
 
         runs = [(v, reference.with_step(Setting(), h)) for h in self.steps[::-1] for v in corners]
         all_of(lambda job: self.run(*job) if job else confirm(), [None, *runs], self.workers)
