@@ -1,7 +1,7 @@
 """ros2 launch mbd_sim_ros sim.launch.py scene:=NAME [play:=true] [record:=true] [rviz:=true] [foxglove:=true] [namespace:=car1] ...
 
-Nodes of this launch talk to this machine only, unless open:=true or ROS_AUTOMATIC_DISCOVERY_RANGE is set. The launch ends when the
-simulator ends, with exit code 1 if that failed.
+What is not given is as the parameter file has it (params:=FILE). Nodes of this launch talk to this machine only, unless open:=true or
+ROS_AUTOMATIC_DISCOVERY_RANGE is set. The launch ends when the simulator ends, with exit code 1 if that failed.
 """
 
 import os
@@ -16,19 +16,21 @@ from launch_ros.substitutions import FindPackageShare
 
 from launch import LaunchDescription
 
+FILE = 'empty: as in the parameter file'
 ARGUMENTS = {
     'scene': (None, 'scene file, or the name of one in config/scenes'),
-    'mode': ('realtime', 'realtime, fast or lockstep'),
-    'rate_factor': ('1.0', 'simulated seconds per second in mode realtime'),
-    'duration': ('0.0', 'simulated seconds after which it ends; 0: none, -1: that of the scene'),
-    'record': ('false', 'record from the start'),
+    'mode': ('', f'realtime, fast or lockstep; {FILE}'),
+    'rate_factor': ('', f'simulated seconds per second in mode realtime; {FILE}'),
+    'duration': ('', f'simulated seconds after which it ends; 0: none, -1: that of the scene; {FILE}'),
+    'record': ('', f'true: record from the start; {FILE}'),
     'play': ('false', "also play the scene's maneuver over the command topics"),
     'rviz': ('false', 'show the car in RViz, when that is installed'),
     'foxglove': ('false', 'open a bridge for Foxglove on port 8765, when that is installed'),
     'open': ('false', 'talk to other machines too (docs/ros.md, Security)'),
     'namespace': ('', 'namespace of both nodes'),
-    'params': (PathJoinSubstitution([FindPackageShare('mbd_sim_ros'), 'config', 'node.yaml']), 'parameter file'),
+    'params': (PathJoinSubstitution([FindPackageShare('mbd_sim_ros'), 'config', 'node.yaml']), 'parameter file of the simulator'),
 }
+TYPES = {'scene': str, 'mode': str, 'rate_factor': float, 'duration': float, 'record': bool}  # of those that are parameters too
 
 
 def ended(event, _context):
@@ -39,6 +41,31 @@ def ended(event, _context):
     if event.returncode:
         raise RuntimeError(f'the simulator ended with exit code {event.returncode}')
     return [Shutdown(reason='the simulator has ended')]
+
+
+def nodes(context):
+    """The simulator, and the maneuver if wanted, with what is given as arguments; the default of one would hide what the file says."""
+    given = {name: kind for name, kind in TYPES.items() if name == 'scene' or context.launch_configurations[name]}
+    parameters = {name: ParameterValue(LaunchConfiguration(name), value_type=kind) for name, kind in given.items()}
+    namespace = LaunchConfiguration('namespace')
+    simulator = Node(
+        package='mbd_sim_ros',
+        executable='simulator',
+        name='simulator',
+        namespace=namespace,
+        parameters=[LaunchConfiguration('params'), parameters],
+        output='screen',
+    )
+    maneuver = Node(
+        package='mbd_sim_ros',
+        executable='maneuver',
+        name='maneuver',
+        namespace=namespace,
+        parameters=[{'scene': parameters['scene'], 'timeout': 600.0}],  # the first start compiles
+        condition=IfCondition(LaunchConfiguration('play')),
+        output='screen',
+    )
+    return [simulator, maneuver, RegisterEventHandler(OnProcessExit(target_action=simulator, on_exit=ended))]
 
 
 VIEWERS = {  # argument -> package, executable, what to say when it is missing
@@ -78,33 +105,11 @@ def discovery(context):
 
 def generate_launch_description() -> LaunchDescription:
     """The simulator and, if wanted, the maneuver that drives it."""
-    value = {name: LaunchConfiguration(name) for name in ARGUMENTS}
-    types = {'scene': str, 'mode': str, 'rate_factor': float, 'duration': float, 'record': bool}
-    parameters = {name: ParameterValue(value[name], value_type=kind) for name, kind in types.items()}
-    simulator = Node(
-        package='mbd_sim_ros',
-        executable='simulator',
-        name='simulator',
-        namespace=value['namespace'],
-        parameters=[value['params'], parameters],
-        output='screen',
-    )
-    maneuver = Node(
-        package='mbd_sim_ros',
-        executable='maneuver',
-        name='maneuver',
-        namespace=value['namespace'],
-        parameters=[{'scene': parameters['scene'], 'timeout': 600.0}],  # the first start compiles
-        condition=IfCondition(value['play']),
-        output='screen',
-    )
     return LaunchDescription(
         [
             *(DeclareLaunchArgument(name, default_value=default, description=text) for name, (default, text) in ARGUMENTS.items()),
             OpaqueFunction(function=discovery),  # before anything is started
-            simulator,
-            maneuver,
+            OpaqueFunction(function=nodes),
             OpaqueFunction(function=viewers),
-            RegisterEventHandler(OnProcessExit(target_action=simulator, on_exit=ended)),
         ]
     )

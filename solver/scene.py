@@ -201,9 +201,9 @@ class Scene:
 
     name, title: for people. model: the mechanism or vehicle on its road. actuation: which commands a vehicle takes, and the actuators
     between them and its inputs. assistance: anti-lock and stability control at the brakes, an automatic gearbox. duration: simulated time
-    [s]. seed: of everything random but the noise of sensors. sensors: accuracy and noise of odom and imu. fidelity: how much of a vehicle
-    is simulated (solver.levels); 'auto' is what the plan of this scene says. switches: subsystems of a vehicle that are 'off', at every
-    level (SUBSYSTEMS, docs/scene.md).
+    [s]. seed: added to those of random roads; 0 leaves them as they are. sensors: accuracy and noise of odom and imu. fidelity: how much
+    of a vehicle is simulated (solver.levels); 'auto' is what the plan of this scene says. switches: subsystems of a vehicle that are
+    'off', at every level (SUBSYSTEMS, docs/scene.md).
     resolved: the scene as YAML text with every include and override expanded; load_scene_text() of it gives the same scene ('' for a
     scene made in Python).
     """
@@ -230,6 +230,7 @@ class Scene:
         where_ = f'scene {self.name!r}'
         finite(where_, 'duration', self.duration, low=0.0, strict=True)
         finite(where_, 'duration', self.duration, high=LONGEST)
+        require(self.seed >= 0, where_, 'seed', self.seed, 'must be 0 or more')
         none = f'makes no step of {self.integrator.h_ns * 1e-9:g} s; take longer, or a smaller integrator.h'
         require(self.steps > 0, where_, 'duration', self.duration, none)
         _check_frames(where_, self.model)

@@ -79,6 +79,8 @@ def find_files(path: str | Path, *, unfinished: bool = False) -> list[Path]:
         if path.is_file():
             return [path]
         if not path.is_dir():
+            if path.exists():
+                raise BagError(f'{path} is a pipe or a device; copy what comes from it into a file')
             raise BagError(f'{path} is not there: neither a bag directory nor an .mcap file')
         found = sorted(path.glob('*.mcap'), key=_numbered)
         parts = sorted(path.glob('*.mcap' + PART))

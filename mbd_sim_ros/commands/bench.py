@@ -41,6 +41,8 @@ def run(args: argparse.Namespace) -> Result:
     if args.out is not None and args.out.is_dir():
         raise IsADirectoryError(21, 'is a directory; --out needs the name of a file', str(args.out))
     cases = suite.load_suite(args.suite, [name.strip() for name in args.cases.split(',') if name.strip()])
+    if args.out is not None:
+        verdicts.require_place(args.out)
     if args.duration is not None:
         cases = tuple(dataclasses.replace(case, duration=args.duration) for case in cases)
     with tqdm(total=0, bar_format='{desc}', disable=True if args.json else None, leave=False) as line:

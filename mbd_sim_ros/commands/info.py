@@ -29,15 +29,16 @@ def add(parsers: Any) -> None:
     parser.add_argument(
         '--brief', action='store_true', help='leave out the figures of a vehicle and the errors of its level, which take seconds'
     )
-    parser.add_argument('--urdf', metavar='FILE', type=Path, help='write the spanning tree as URDF, as the node publishes it')
-    parser.add_argument('--resolved', action='store_true', help='print the scene as one YAML text, with every include and --set in place')
+    instead = parser.add_mutually_exclusive_group()
+    instead.add_argument('--urdf', metavar='FILE', type=Path, help='write the spanning tree as URDF, as the node publishes it')
+    instead.add_argument('--resolved', action='store_true', help='print the scene as one YAML text, with every include and --set in place')
 
 
 def run(args: argparse.Namespace) -> Result:
     """Load, compile and count."""
+    from mbd_sim_ros.analysis.pages import write_text
     from solver import simulation_of
     from solver.analysis.figures import is_vehicle
-    from solver.errors import BagError
 
     if args.scene.lower().endswith('.tir'):
         return _tire_file(args)
@@ -46,10 +47,7 @@ def run(args: argparse.Namespace) -> Result:
         return Result(data={'status': 'ok', 'scene': scene.name, 'resolved': scene.resolved}, text=scene.resolved.rstrip())
     simulation = simulation_of(scene)
     if args.urdf is not None:
-        try:
-            args.urdf.write_text(simulation.urdf(), encoding='utf-8')
-        except OSError as error:
-            raise BagError(f'{args.urdf}: cannot be written: {error.strerror}') from None
+        write_text(args.urdf, simulation.urdf())
         return Result(data={'status': 'ok', 'scene': scene.name, 'urdf': str(args.urdf)}, text=f'wrote {args.urdf}')
     counts = simulation.describe()
     data = {

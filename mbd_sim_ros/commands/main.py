@@ -43,6 +43,8 @@ from solver.errors import MbdError, refused, suggestion
 
 COMMANDS = (info, run, plan, maneuver, sweep, export, compare, evaluate, view, replay, recover, study, bench, compile)
 USAGE_ERROR, INTERNAL_ERROR = 2, 70
+HELP = ('-h', '--help')
+OUTPUT = 'the output'  # what sentences call it
 SHOW_TRACEBACK = 'MBD_TRACEBACK'
 SENTENCE_MOST, LEFT_OUT = 1000, ' ... '  # characters, and what stands for those in the middle
 
@@ -59,6 +61,13 @@ class Parser(argparse.ArgumentParser):
     def error(self, message: str) -> NoReturn:
         message = re.sub(r"invalid (int|float) value: ('.*')", _not_a_number, message)
         raise UsageError(f'{self.prog}: {message}; see {self.prog} --help')
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        """Print the help. That of the library passes over what cannot be written. Raises OSError."""
+        try:
+            print(message, end='', file=file, flush=True)
+        except OSError as error:
+            raise OSError(error.errno, error.strerror, OUTPUT) from None
 
 
 def _not_a_number(found: re.Match[str]) -> str:
@@ -99,6 +108,8 @@ def _command(argv: Sequence[str] | None) -> int:
             try:
                 first = next((a for a in argv if not a.startswith('-')), None)
                 names = [c.__name__.rpartition('.')[2] for c in COMMANDS]
+                if first is not None and argv[0] != first and argv[0] not in HELP:
+                    raise UsageError(f'mbd: {argv[0]} stands before the command; write mbd COMMAND ... {argv[0]}')
                 if first is not None and first not in names:
                     raise UsageError(f'mbd: no command {first!r}{suggestion(first, names)}')
                 interrupts.now(f'starting mbd {first}' if first else '')
@@ -120,7 +131,10 @@ def _command(argv: Sequence[str] | None) -> int:
                 out.drop()
                 return 1
             except OSError as error:
-                return _fail(out, refused(error), 1, as_json)
+                code = _fail(out, refused(error), 1, as_json)
+                if error.filename == OUTPUT:
+                    out.drop()
+                return code
             except MemoryError:
                 what = f' while {interrupts.doing}' if interrupts.doing else ''
                 return _fail(out, f'there is not enough memory{what}; ask for less, or free some', 1, as_json)
@@ -133,7 +147,7 @@ def _command(argv: Sequence[str] | None) -> int:
             out.drop()
             if as_json:
                 with suppress(OSError):
-                    _say(f'the output: {error.strerror or error}')
+                    _say(f'{OUTPUT}: {error.strerror or error}')
             return 1
 
 
@@ -151,7 +165,7 @@ class _Output:
             try:
                 print(text, file=self.stream, flush=True)
             except OSError as error:
-                raise OSError(error.errno, error.strerror, 'the output') from None
+                raise OSError(error.errno, error.strerror, OUTPUT) from None
 
     def drop(self) -> None:
         """Have the interpreter not try again to write at its end."""

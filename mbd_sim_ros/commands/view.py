@@ -10,6 +10,14 @@ from mbd_sim_ros.commands import Result, declare
 from solver.errors import BagError
 
 KINDS = ('.html', '.png', '.gif', '.mp4', '.rrd', '.json')
+FILMS = ('.gif', '.mp4')
+TAKEN_BY = {  # option -> what it changes
+    'at': ('.png',),
+    'rate': FILMS,
+    'speed': FILMS,
+    'channel': tuple(kind for kind in KINDS if kind != '.rrd'),
+    'ghosts': tuple(kind for kind in KINDS if kind != '.json'),
+}
 EXAMPLE = """mbd view bags/first --out out/first.html
   mbd view bags/coarse bags/fine --out out/both.html   (the second as a ghost)
   mbd view bags/first --out out/first.png --at 1.5
@@ -31,7 +39,7 @@ def add(parsers: Any) -> None:
     parser.add_argument('--at', metavar='SECONDS', type=float, help='instant of a picture (default: the middle of the recording)')
     parser.add_argument('--rate', metavar='HZ', type=float, help='pictures a second of a film (default 25, of a GIF 12.5)')
     parser.add_argument('--width', metavar='PIXELS', type=int, default=1120, help='of a picture or film (default 1120)')
-    parser.add_argument('--speed', metavar='FACTOR', type=float, default=1.0, help='speed of the motion in a film (default 1)')
+    parser.add_argument('--speed', metavar='FACTOR', type=float, help='speed of the motion in a film (default 1)')
 
 
 def run(args: argparse.Namespace) -> Result:
@@ -51,6 +59,10 @@ def run(args: argparse.Namespace) -> Result:
             return Result(data={'status': 'ok', 'file': None}, text='opened in Rerun')
     if file.suffix not in KINDS:
         raise BagError(f'--out {file}: its ending must be one of {", ".join(KINDS)}')
+    for name, kinds in TAKEN_BY.items():
+        if getattr(args, name) not in (None, []) and file.suffix not in kinds:
+            what = 'a further recording' if name == 'ghosts' else f'--{name}'
+            raise BagError(f'--out {file}: {what} has no effect there; leave it out, or write one of {", ".join(kinds)}')
     for name in ('rate', 'speed'):
         value = getattr(args, name)
         if value is not None and not 0.01 <= value <= 1000.0:
@@ -76,7 +88,8 @@ def run(args: argparse.Namespace) -> Result:
         picture.write_picture(motions, file, at=args.at, width=width, channels=channels)
     else:
         rate = args.rate or (25.0 if file.suffix == '.mp4' else 12.5)
-        picture.write_film(motions, file, rate=rate, speed=args.speed, progress=not args.json, width=width, channels=channels)
+        speed = args.speed or 1.0
+        picture.write_film(motions, file, rate=rate, speed=speed, progress=not args.json, width=width, channels=channels)
     first = motions[0]
     data = {
         'status': 'ok',

@@ -79,7 +79,14 @@ def run(body: Callable[[], int], args: list[str] | None, name: str) -> int:
     # It says what follows from an error that is told anyway.
     warnings.filterwarnings('ignore', 'Failed to fini', RuntimeWarning)
     try:
-        for file in _parameter_files(sys.argv if args is None else args):
+        given = sys.argv[1:] if args is None else args
+        for word in _beside(given):
+            if word in ('-h', '--help'):
+                print(f'{name}: parameters are given as --ros-args -p NAME:=VALUE; docs/ros.md lists them')
+                return 0
+            print(f'{name}: {word!r} is not understood: parameters are given as --ros-args -p NAME:=VALUE', file=sys.stderr)
+            return 2
+        for file in _parameter_files(given):
             if not file.is_file():
                 print(f'{name}: the parameter file {file} is not there; see --params-file', file=sys.stderr)
                 return 2
@@ -117,6 +124,17 @@ def run(body: Callable[[], int], args: list[str] | None, name: str) -> int:
         with interrupts.held():
             rclpy.try_shutdown()
         interrupts.leave()
+
+
+def _beside(arguments: list[str]) -> list[str]:
+    """The words that are not behind --ros-args, which ROS passes over, or takes for names to be changed."""
+    found, inside = [], False
+    for word in arguments:
+        if word == ('--' if inside else '--ros-args'):
+            inside = not inside
+        elif not inside:
+            found.append(word)
+    return found
 
 
 def _parameter_files(arguments: list[str]) -> list[Path]:

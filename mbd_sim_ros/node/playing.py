@@ -40,9 +40,11 @@ class Player(Node):
         if bool(name) == bool(scene):
             raise SceneError('give either a maneuver or a scene: --ros-args -p maneuver:=FILE_OR_NAME, or -p scene:=FILE_OR_NAME')
         self._duration = self.value('duration')
+        self._steers = True
         if scene:
             loaded = load_scene(scene)
             self._maneuver, self._duration = loaded.maneuver, self._duration or loaded.duration
+            self._steers = loaded.actuation.steering == 'angle' or COMMANDS[0] in loaded.maneuver.channels
         else:
             self._maneuver = load_maneuver(name)
         self.what = self._maneuver.name or name or scene
@@ -104,8 +106,8 @@ class Player(Node):
         self._repeated, t = math.inf, self.answered * 1e-9
         named = dict(zip(COMMANDS, self._maneuver.commands(t))) | self._maneuver.further_commands(t)
         if self._stamped.get_subscription_count():
-            if STEERING['torque'] in named:
-                del named[COMMANDS[0]]  # the wheel is free
+            if STEERING['torque'] in named or not self._steers:
+                del named[COMMANDS[0]]  # no angle of the wheel is a command there, and with one all would be refused
             message = JointState(name=list(named), position=list(named.values()))
             message.header.stamp.sec, message.header.stamp.nanosec = divmod(self.answered, 1_000_000_000)
             self._stamped.publish(message)

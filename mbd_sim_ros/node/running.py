@@ -33,6 +33,7 @@ from solver.errors import BagError, MbdError, SpecError
 from solver.inputs.actuation import Chain
 from solver.inputs.assistance import Assistant
 from solver.inputs.hands import COMMANDS, CommandSource, commands_of
+from solver.inputs.maneuver import base_names
 from solver.levels.road_wheel import steering_map, steering_wheel_at
 from solver.output.snapshot import Snapshot
 
@@ -149,6 +150,12 @@ class Running:
         self.loop.start()
         self.prefer()
         self.warn_of_mode(self.loop.mode)
+        names = self._uncommanded()
+        if names and not self.commands.deaf:
+            self.node.get_logger().warning(
+                f'no command is for {", ".join(names)}: held as at the start; with the parameter commands = maneuver the maneuver of the '
+                'scene drives'
+            )
 
     def warn_of_mode(self, mode: str) -> None:
         """Say where nothing but ~/step will make a step."""
@@ -220,7 +227,13 @@ class Running:
             steering=float(at_start.get('steering', 0.0)),
             commands=self._names,
             mapped=None if self._road_map is None else self._steering_wheel,
+            others={name: float(at_start[name]) for name in self._uncommanded()},
         )
+
+    def _uncommanded(self) -> list[str]:
+        """Inputs of the scene that no command is for, such as the drivers of a mechanism."""
+        commanded = {*self._names, COMMANDS[0]}
+        return [name for name in base_names(self.simulation.channels.inputs) if name not in commanded]
 
     def _steering_wheel(self, road_wheel: float) -> float:
         """Angle of the steering wheel [rad] for an angle of the road wheels [rad]; where it stands, until one is commanded."""

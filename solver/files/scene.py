@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from solver.elements.road import RoadSpec
+from solver.elements.road_grids import RandomRoad
 from solver.errors import SceneError, SpecError, suggestion
 from solver.files import requirements
 from solver.files.mechanism import MechanismReader
@@ -47,14 +48,16 @@ def find_file(name: str | Path, folder: str) -> Path:
         for candidate in (root / path, root / folder / f'{path.as_posix().removesuffix(".yaml")}.yaml'):
             if candidate.is_file():
                 return candidate
-    what = 'directory' if path.is_dir() else 'file'
     known = known_names(folder)
-    problem = 'is a directory, not a file' if what == 'directory' else 'no such file'
+    other = 'a directory' if path.is_dir() else 'a pipe or a device' if path.exists() else ''
+    problem = f'is {other}, not a file' if other else 'no such file'
     if not str(name):  # as a path that is the directory one stands in
         raise SceneError(f'{folder.removesuffix("s")}: its name is empty{suggestion("", known)}')
     beside = path.with_suffix('.yaml') if path.suffix else None
     if folder == 'scenes' and stem in known_names('vehicles'):
-        raise SceneError(f'scene {str(name)!r}: is a vehicle; put it into a scene by --set vehicle=vehicles/{stem}.yaml')
+        raise SceneError(
+            f'scene {str(name)!r}: is a vehicle; put it into a scene by --set vehicle=vehicles/{stem}.yaml (overrides of a node)'
+        )
     remedy = f'; did you mean {str(beside)!r}?' if beside is not None and beside.is_file() else suggestion(stem, known)
     raise SceneError(f'{folder.removesuffix("s")} {str(name)!r}: {problem}, and no name in config/{folder}{remedy}')
 
@@ -109,8 +112,16 @@ def _scene(root: Node, name: str, overrides: Sequence[str]) -> tuple[Scene, dict
     model = _model(builder, fields, root)
     given = {'model': model, 'resolved': text_of(root)}
     scene = builder.construct(Scene, fields, root, '', given=given, extra=MODEL_KEYS)
+    if scene.seed:
+        scene = dataclasses.replace(scene, model=_seeded(scene.model, scene.seed))
     beside = {key.removeprefix('vehicle.'): unit for key, unit in builder.units.items() if key.startswith('vehicle.trailer.')}
     return scene, builder.units | beside  # a trailer may stand beside the vehicle
+
+
+def _seeded(model: ModelSpec, seed: int) -> ModelSpec:
+    """The model on other random roads: their seeds are so much larger."""
+    grids = tuple(dataclasses.replace(grid, seed=grid.seed + seed) if isinstance(grid, RandomRoad) else grid for grid in model.road.grids)
+    return dataclasses.replace(model, road=dataclasses.replace(model.road, grids=grids))
 
 
 MODEL_KEYS = ('mechanism', 'vehicle', 'trailer', 'road')

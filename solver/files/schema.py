@@ -32,7 +32,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from solver.errors import SceneError, SpecError, suggestion
-from solver.files.yaml_tree import INCLUDE, READERS, AddedMapping, join, names_file, refuse, where
+from solver.files.yaml_tree import INCLUDE, READERS, AddedMapping, join, names_file, refuse, unfit, where
 from solver.units import SUFFIXES, UNITS
 
 NUMBER = re.compile(r'[-+]?(0|[1-9][0-9]*)?(\.[0-9]*)?([eE][-+]?[0-9]+)?')
@@ -93,7 +93,7 @@ class Builder:
         if isinstance(node, ScalarNode) and node.style is None and node.value in _NULL:
             raise refuse(node, path, 'is empty; a mapping of keys is wanted here (write {} for one without keys)')
         if not isinstance(node, MappingNode):
-            remedy = '; without quotes it is that of the file' if names_file(node) else _endings(node)
+            remedy = '; without quotes it is that of the file' if names_file(node) else _endings(node) or _whole_name(node)
             raise refuse(node, path, f'must be a mapping of keys{remedy}')
         return {key.value: (key, value) for key, value in node.value}
 
@@ -251,9 +251,17 @@ def with_units(wanted: Collection[str], hints: Mapping[str, Any]) -> list[str]:
 
 
 def _endings(node: Node) -> str:
-    """Which files can be included, where another one is named."""
+    """Which files can be included, and how, where another one is named."""
+    if how := unfit(node):
+        return how
     named = isinstance(node, ScalarNode) and node.style is None and INCLUDE.fullmatch(node.value) and not names_file(node)
     return f'; files that can stand for their content end in .yaml, {", ".join(READERS)}' if named and not is_number(node.value) else ''
+
+
+def _whole_name(node: Node) -> str:
+    """How a file is named, where a word stands in its place."""
+    word = isinstance(node, ScalarNode) and node.style is None and re.fullmatch(r'[\w/-]+', node.value) and not is_number(node.value)
+    return f'; a file is named with its ending, as {node.value}.yaml' if word else ''
 
 
 def _meant(node: Node) -> str:

@@ -184,7 +184,8 @@ def _check(node: Node, path: str, above: tuple[int, ...], extent: Extent) -> Non
                 raise refuse(key, path, 'a key must be a word')
             here = join(path, key.value)
             if key.tag == MERGE and not (names_file(value) and value.style is None):
-                raise refuse(value, here, 'must be the name of a file, without quotes: the mapping is that, changed by the keys beside it')
+                what = 'must be the name of a file, without quotes: the mapping is that, changed by the keys beside it'
+                raise refuse(value, here, what + unfit(value))
             if key.value in first:
                 raise SceneError(f'{where(key)}: {here}: the key is given twice (first in line {first[key.value].start_mark.line + 1})')
             first[key.value] = key
@@ -285,6 +286,18 @@ def names_file(node: Node) -> bool:
     """Whether it is the name of a file that can be included where it stands without quotes."""
     match = INCLUDE.fullmatch(node.value) if isinstance(node, ScalarNode) else None
     return match is not None and match[1] in ('.yaml', *READERS)
+
+
+def unfit(node: Node) -> str:
+    """How a value that looks like the name of a file has to be written to stand for its content; '' of any other."""
+    if not isinstance(node, ScalarNode) or node.style is not None or names_file(node):
+        return ''
+    ending = Path(node.value).suffix
+    if ending.lower() not in ('.yaml', *READERS):
+        return ''
+    if ending != ending.lower():
+        return f'; the ending of a file that stands here is in small letters: {ending.lower()}'
+    return '; a name with anything but letters, digits and . _ - / in it is written as a whole path, from the first / on'
 
 
 def included(file: Path) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
@@ -55,9 +55,10 @@ class CommandSource:
         steering: float = 0.0,
         commands: Sequence[str] = COMMANDS,
         mapped: Callable[[float], float] | None = None,
+        others: Mapping[str, float] | None = None,
     ) -> None:
         """bandwidth [Hz], rate_limit [rad/s], steering: initial angle [rad]. commands: what advance() is given (commands_of). mapped: turns
-        the command road_wheel into an angle of the steering wheel."""
+        the command road_wheel into an angle of the steering wheel. others: what inputs are held at that nobody commands (default: 0)."""
         if not (bandwidth > 0.0 and rate_limit > 0.0):
             raise SpecError(f'steering filter: bandwidth = {bandwidth!r} and rate_limit = {rate_limit!r}: both must be > 0')
         self.names, self.h_ns = tuple(input_names), h_ns
@@ -71,6 +72,7 @@ class CommandSource:
             given += ['steering', 'steering' + RATE, 'steering' + ACCELERATION]
         last = {name: i for i, name in enumerate(given)}
         self._count, self._places = len(commands), [(i, last[name]) for i, name in enumerate(self.names) if name in last]
+        self._held = [(others or {}).get(name, 0.0) for name in self.names]
 
     @property
     def state(self) -> np.ndarray:
@@ -95,7 +97,7 @@ class CommandSource:
         if self._angle:
             steering = commands[0]
             commands += self.turn(steering if self._mapped is None else self._mapped(steering))
-        values = [0.0] * len(self.names)
+        values = self._held.copy()
         for place, source in self._places:
             values[place] = commands[source]
         row = np.array(values)

@@ -20,6 +20,7 @@ from mbd_sim_ros.commands.main import COMMANDS, main
 
 ROOT = Path(__file__).resolve().parents[2]
 SHORT = ['--duration', '0.2']
+BUFFERED = {name: value for name, value in os.environ.items() if name != 'PYTHONUNBUFFERED'}  # as it is at everybody's
 
 
 def output(capsys: pytest.CaptureFixture[str], *argv: str) -> tuple[int, str, str]:
@@ -56,6 +57,16 @@ def test_every_command_has_help_with_an_example(command: str, capsys: pytest.Cap
         ((), 2, 'required: COMMAND'),
         (('rnu',), 2, "no command 'rnu'; did you mean 'run'?"),
         (('run',), 2, 'required: SCENE'),
+        (('--quiet', 'run', 'four_bar'), 2, 'mbd: --quiet stands before the command; write mbd COMMAND ... --quiet'),
+        (('--set', 'integrator.h=1e-3', 'run', 'four_bar'), 2, 'mbd: --set stands before the command; write mbd COMMAND ... --set'),
+        (('info', 'four_bar', '--resolved', '--urdf', 'x.urdf'), 2, 'argument --urdf: not allowed with argument --resolved'),
+        (('info', '/dev/null'), 2, "scene '/dev/null': is a pipe or a device, not a file"),
+        (('run', 'four_bar', '--set', 'mechanism=my bar.yaml'), 2, 'in it is written as a whole path, from the first / on'),
+        (('run', 'four_bar', '--set', 'mechanism={<<: my bar.yaml}'), 2, 'in it is written as a whole path, from the first / on'),
+        (('run', 'four_bar', '--set', 'mechanism=chain'), 2, 'must be a mapping of keys; a file is named with its ending, as chain.yaml'),
+        (('run', 'four_bar', '--set', 'mechanism=bar.YAML'), 2, 'the ending of a file that stands here is in small letters: .yaml'),
+        (('replay', '/dev/null'), 5, '/dev/null is a pipe or a device; copy what comes from it into a file'),
+        (('bench', '--suite', 'scalling'), 2, "--suite 'scalling': no such file, here or in config; did you mean 'scaling.yaml'?"),
         (('run', 'four_bar', '--fast'), 2, 'mbd run: unrecognized argument --fast; '),
         (('run', 'fourbar'), 2, "did you mean 'four_bar'?"),
         (
@@ -99,6 +110,32 @@ def test_an_unforeseen_error_has_no_traceback(capsys: pytest.CaptureFixture[str]
     assert (code, out) == (70, '')
     assert 'internal error: RuntimeError: two lines' in err
     assert err.count('\n') == 1
+
+
+def test_json_before_the_command_is_told_where_it_stands(capsys: pytest.CaptureFixture[str]) -> None:
+    code, out, err = output(capsys, '--json', 'info', 'pendulum')
+    assert (code, err) == (2, '')
+    assert json.loads(out)['error'] == 'mbd: --json stands before the command; write mbd COMMAND ... --json'
+
+
+def test_a_urdf_is_written_into_folders_that_are_made(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    file = tmp_path / 'out' / 'deep' / 'bar.urdf'
+    assert document(capsys, 'info', 'four_bar', '--urdf', str(file))[0] == 0
+    assert file.read_text(encoding='utf-8').lstrip().startswith('<')
+
+
+@pytest.mark.parametrize('content', [b'\x89PNG\r\n\x1a\n', None])
+def test_a_benchmark_that_could_not_be_written_is_told_before_it_is_measured(
+    content: bytes | None, capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A picture, or a place below a file."""
+    file = tmp_path / 'x.png'
+    file.write_bytes(content or b'')
+    monkeypatch.setattr('mbd_sim_ros.lab.benchmarks.suite.run', None)
+    code, out, err = output(capsys, 'bench', '--cases', 'slider_crank', '--out', str(file if content else file / 'x.md'))
+    assert (code, out) == (1, '')
+    assert err.count('\n') == 1 and 'x.png' in err
+    assert file.read_bytes() == (content or b'')
 
 
 def test_info_counts_the_slider_crank_of_the_chapter(capsys: pytest.CaptureFixture[str]) -> None:
@@ -326,10 +363,21 @@ def test_an_output_that_takes_nothing_is_one_sentence(extra: tuple[str, ...]) ->
     with open('/dev/full', 'w') as full:
         done = subprocess.run(
             [sys.executable, '-m', 'mbd_sim_ros.commands.main', 'info', 'pendulum', *extra],
-            cwd=ROOT, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60, check=False,
+            cwd=ROOT, env=BUFFERED, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60, check=False,
         )  # fmt: skip
     assert done.returncode == 1
     assert done.stderr.count('\n') == 1 and 'No space left on device' in done.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('words', [('--help',), ('run', '--help')])
+def test_help_that_cannot_be_written_is_one_sentence(words: tuple[str, ...]) -> None:
+    with open('/dev/full', 'w') as full:
+        done = subprocess.run(
+            [sys.executable, '-m', 'mbd_sim_ros.commands.main', *words],
+            cwd=ROOT, env=BUFFERED, stdout=full, stderr=subprocess.PIPE, text=True, timeout=60, check=False,
+        )  # fmt: skip
+    assert (done.returncode, done.stderr) == (1, 'mbd: the output: No space left on device\n')
 
 
 @pytest.mark.parametrize(

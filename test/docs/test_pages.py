@@ -10,6 +10,10 @@ from pathlib import Path
 import pytest
 from program_copy import ROOT, run_there
 
+from mbd_sim_ros import interrupts
+from mbd_sim_ros.commands import main
+from mbd_sim_ros.node.accompany import NoSimulator
+from solver.errors import MbdError
 from solver.model.state import State
 
 DOCS = ROOT / 'docs'
@@ -165,3 +169,17 @@ def test_the_example_of_the_public_door_runs(tmp_path):
     assert done.returncode == 0, done.stderr
     assert len(done.stdout.splitlines()) == 3
     assert len(list((tmp_path / 'run').glob('*.mcap'))) == 1
+
+
+def test_the_readme_lists_every_exit_code():
+    """Those of all errors, of the command line, and of what a signal ends (128 and its number)."""
+    of_errors, kinds = {0}, [MbdError]
+    while kinds:
+        kind = kinds.pop()
+        of_errors.add(kind.exit_code)
+        kinds += [one for one in kind.__subclasses__() if one.__module__.startswith(('solver.', 'mbd_sim_ros.'))]  # none of a test
+    assert {NoSimulator.exit_code, main.USAGE_ERROR} < of_errors
+    table = re.search(r'\| exit code .*?\n\n', (ROOT / 'README.md').read_text(encoding='utf-8') + '\n\n', re.DOTALL)
+    listed = re.findall(r'^\| ([\d, ]+) \|', table[0], re.MULTILINE)
+    of_signals = {interrupts.EXIT + number for number in interrupts.SIGNALS}
+    assert {int(code) for codes in listed for code in codes.split(',')} == of_errors | {main.INTERNAL_ERROR} | of_signals

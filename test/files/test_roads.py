@@ -222,3 +222,14 @@ def test_rasters_and_maps_that_are_refused() -> None:
         Raster.of(RNG.normal(size=(1000, 1000)))
     with pytest.raises(SpecError, match=r'must be in \[0.001, 10\]'):
         FrictionMap(origin=(0.0, 0.0), step=(1.0, 1.0), raster=raster, scale=-1.0)
+
+
+def test_the_seed_of_a_scene_makes_other_random_roads() -> None:
+    """7 of the road and 3 of the scene are 10; again from the resolved text, as a recording holds it."""
+    (before,), (after,) = (load_scene('car_rough_road', settings).model.road.grids for settings in ((), ('seed=3',)))
+    assert (before.seed, after.seed) == (7, 10)
+    assert before.expand().height != after.expand().height
+    scene = load_scene('car_rough_road', ('seed=3',))
+    assert load_scene_text(scene.resolved).model == scene.model
+    with pytest.raises(SceneError, match='seed = -1: must be 0 or more'):
+        load_scene('car_rough_road', ('seed=-1',))

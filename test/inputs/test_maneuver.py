@@ -168,6 +168,11 @@ def test_steering_filter_is_the_critically_damped_step_response() -> None:
     np.testing.assert_allclose(u[:, 3], 10.0)
 
 
+def test_inputs_that_nobody_commands_are_held() -> None:
+    source = CommandSource((*MOTION, 'motor', 'pump'), 1_000_000, others={'motor': 0.7})
+    np.testing.assert_array_equal(advance(source, 0.0, 3), [[0.0, 0.0, 0.0, 10.0, 0.0, 0.7, 0.0]] * 3)
+
+
 def test_steering_filter_does_not_depend_on_the_step() -> None:
     fine = advance(CommandSource(MOTION, 500_000, rate_limit=3.0), 0.7, 1000)
     coarse = advance(CommandSource(MOTION, 2_000_000, rate_limit=3.0), 0.7, 250)

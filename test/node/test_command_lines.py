@@ -18,6 +18,11 @@ CASES = {
         ['scene:=light_car_straight'],
         r"\['scene:=light_car_straight'\] is not understood: parameters are given as --ros-args -p",
     ),
+    'no --ros-args': (
+        'main',
+        ['-p', 'scene:=light_car_straight', '--', 'record:=true'],
+        "simulator: 'record:=true' is not understood: parameters are given as --ros-args -p",
+    ),
     'whole number': ('main', ['-p', 'duration:=5'], "expecting type 'DOUBLE': duration; write it with a point, e.g. 5.0"),
     'text for a list': ('main', ['-p', 'overrides:=duration=2'], "expecting type 'STRING_ARRAY': overrides; write it as a list, e.g. "),
     'empty list': (

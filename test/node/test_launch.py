@@ -58,9 +58,16 @@ def description(monkeypatch: pytest.MonkeyPatch) -> SimpleNamespace:
     return runpy.run_path(str(ROOT / 'launch' / 'sim.launch.py'))['generate_launch_description']()
 
 
+def of_function(description: SimpleNamespace, name: str, **arguments: str) -> list:
+    """What a function of the launch adds for these arguments."""
+    functions = {e.function.__name__: e.function for e in description.args[0] if e.kind == 'OpaqueFunction'}
+    defaults = {e.args[0]: e.default_value for e in description.args[0] if e.kind == 'DeclareLaunchArgument'}
+    return functions[name](SimpleNamespace(launch_configurations={**defaults, **arguments}))
+
+
 def test_launch_file_starts_what_is_installed(description: SimpleNamespace) -> None:
     setup = (ROOT / 'setup.py').read_text()
-    nodes = [entity for entity in description.args[0] if entity.kind == 'Node']
+    nodes = [entity for entity in of_function(description, 'nodes') if entity.kind == 'Node']
     assert [node.executable for node in nodes] == ['simulator', 'maneuver']
     for node in nodes:
         assert node.package == 'mbd_sim_ros'
@@ -70,23 +77,30 @@ def test_launch_file_starts_what_is_installed(description: SimpleNamespace) -> N
 def test_arguments_are_declared_with_defaults_and_reach_parameters_that_exist(description: SimpleNamespace) -> None:
     parameters = pytest.importorskip('mbd_sim_ros.node.parameters', reason='needs ROS: source Jazzy, or pip install .[ros]')
     declared = {entity.args[0]: entity for entity in description.args[0] if entity.kind == 'DeclareLaunchArgument'}
-    simulator = next(entity for entity in description.args[0] if entity.kind == 'Node' and entity.executable == 'simulator')
+    everything = {'scene': 'x', 'mode': 'fast', 'rate_factor': '2.0', 'duration': '1.0', 'record': 'true'}
+    simulator, player, _ = of_function(description, 'nodes', **everything)
     file, values = simulator.parameters
     assert file.kind == 'LaunchConfiguration' and file.args == ('params',)
+    assert values.keys() == everything.keys()
     for name, value in values.items():
         assert name in parameters.PARAMETERS
         assert value.args[0].args == (name,) and name in declared
     share = declared['params'].default_value.args[0]
     assert share[0].args == ('mbd_sim_ros',)
     assert ROOT.joinpath(*share[1:]).is_file()
-    player = next(entity for entity in description.args[0] if entity.kind == 'Node' and entity.executable == 'maneuver')
     assert player.parameters[0].keys() <= MANEUVER.keys()
     assert player.condition.args[0].args == ('play',)
 
 
+def test_what_no_argument_says_is_as_in_the_parameter_file(description: SimpleNamespace) -> None:
+    """Parameters behind a file go before it: a default among them would undo `record: true` of the user's own file unsaid."""
+    assert of_function(description, 'nodes', scene='x', params='mine.yaml')[0].parameters[1].keys() == {'scene'}
+    assert of_function(description, 'nodes', scene='x', record='false')[0].parameters[1].keys() == {'scene', 'record'}
+
+
 def test_the_launch_ends_when_the_simulator_has_ended(description: SimpleNamespace) -> None:
-    handler = next(entity for entity in description.args[0] if entity.kind == 'RegisterEventHandler').args[0]
-    simulator = next(entity for entity in description.args[0] if entity.kind == 'Node' and entity.executable == 'simulator')
+    simulator, _, registered = of_function(description, 'nodes')
+    handler = registered.args[0]
     assert handler.kind == 'OnProcessExit' and handler.target_action is simulator
     assert [action.kind for action in handler.on_exit(SimpleNamespace(returncode=0), None)] == ['Shutdown']
 
@@ -94,16 +108,9 @@ def test_the_launch_ends_when_the_simulator_has_ended(description: SimpleNamespa
 @pytest.mark.parametrize('code', [1, 4, -9])
 def test_the_launch_fails_when_the_simulator_has_failed(description: SimpleNamespace, code: int) -> None:
     """An exception in a handler is what launch turns into a shutdown with exit code 1."""
-    handler = next(entity for entity in description.args[0] if entity.kind == 'RegisterEventHandler').args[0]
+    handler = of_function(description, 'nodes')[-1].args[0]
     with pytest.raises(RuntimeError, match=f'ended with exit code {code}'):
         handler.on_exit(SimpleNamespace(returncode=code), None)
-
-
-def of_function(description: SimpleNamespace, name: str, **arguments: str) -> list:
-    """What a function of the launch adds for these arguments."""
-    functions = {e.function.__name__: e.function for e in description.args[0] if e.kind == 'OpaqueFunction'}
-    defaults = {e.args[0]: e.default_value for e in description.args[0] if e.kind == 'DeclareLaunchArgument'}
-    return functions[name](SimpleNamespace(launch_configurations={**defaults, **arguments}))
 
 
 def test_viewers_are_started_when_they_are_wanted_and_installed(description: SimpleNamespace, installed: dict[str, str]) -> None:
@@ -122,8 +129,8 @@ def test_nodes_keep_to_this_machine_unless_it_is_decided_otherwise(description: 
     monkeypatch.delenv('ROS_AUTOMATIC_DISCOVERY_RANGE', raising=False)
     (setting,) = of_function(description, 'discovery')
     assert setting.args == ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    kinds = [entity.kind for entity in description.args[0]]
-    assert kinds.index('OpaqueFunction') < kinds.index('Node')
+    functions = [entity.function.__name__ for entity in description.args[0] if entity.kind == 'OpaqueFunction']
+    assert functions.index('discovery') < functions.index('nodes')
     assert of_function(description, 'discovery', open='true') == []
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'SUBNET')
     assert of_function(description, 'discovery') == []

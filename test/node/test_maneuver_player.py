@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -77,6 +78,27 @@ def test_in_real_time_commands_follow_within_a_few_steps(start, tmp_path, maneuv
     behind = (expected - run['cmd_applied/brake_torque'][heard]) / MANEUVER['brake_torque']['slope']  # s, on its ramp
     assert np.median(behind) < 0.02
     assert np.all(behind[-50:] < 0.1)  # in the last 0.1 s
+
+
+@pytest.mark.parametrize('steering', ['angle', 'torque', 'road_wheel'])
+def test_no_angle_is_sent_to_a_car_that_takes_none(steering: str, tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A maneuver that does not steer has an angle of 0; where that is no command the whole message would be refused, brakes and all."""
+    rclpy = pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
+    from mbd_sim_ros.node.maneuver_player import PARAMETERS
+    from mbd_sim_ros.node.playing import Player
+
+    scene = tmp_path / 'scene.yaml'
+    scene.write_text(f'<<: scenes/light_car_straight.yaml\nactuation: {{steering: {steering}}}\n')
+    rclpy.init(args=['--ros-args', '-p', f'scene:={scene}'], domain_id=int(DOMAIN))
+    try:
+        player, sent = Player(PARAMETERS), []
+        monkeypatch.setattr(player, '_stamped', SimpleNamespace(get_subscription_count=lambda: 1, publish=sent.append))
+        player.answered = 0
+        player._send()
+        player.destroy_node()
+    finally:
+        rclpy.try_shutdown()
+    assert list(sent[0].name) == ['steering'] * (steering == 'angle') + ['drive_torque', 'brake_torque']
 
 
 class Simulator:

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from processes import DOMAIN
-from synthetic import Synthetic, scene
+from synthetic import INPUTS, Synthetic, scene
 
 from solver.errors import BagError, SpecError
 
@@ -271,6 +271,15 @@ def test_a_pause_is_not_taken_for_a_slow_machine(opened) -> None:
     assert do(node, services.resume)[0]
     time.sleep(0.3)
     assert node.loop.health().rate > 0.7  # half of the time it was paused
+
+
+def test_inputs_that_no_command_is_for_are_named(opened, capfd, monkeypatch) -> None:
+    monkeypatch.setattr('synthetic.INPUTS', (*INPUTS, 'motor'))
+    sentence = 'no command is for motor: held as at the start; with the parameter commands = maneuver the maneuver'
+    opened()
+    assert sentence in capfd.readouterr().err
+    opened(commands='maneuver')
+    assert sentence not in capfd.readouterr().err
 
 
 def test_lockstep_that_listens_to_nobody_says_so(opened, capfd) -> None:

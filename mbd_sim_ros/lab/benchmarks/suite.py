@@ -12,9 +12,9 @@ from mbd_sim_ros.lab.benchmarks import endurance, growth, levels, linkage, overh
 from mbd_sim_ros.lab.benchmarks.machine import Watch, fingerprint, on_one_core
 from solver.dimensions import Time
 from solver.errors import MbdError, SceneError, suggestion
-from solver.files.scene import config_directories, find_file
+from solver.files.scene import config_directories
 from solver.files.schema import Builder
-from solver.files.yaml_tree import read
+from solver.files.yaml_tree import find, read
 from solver.validate import finite, require
 
 ROUNDS, QUICK_ROUNDS = 5, 2
@@ -134,12 +134,23 @@ class Suite:
 
 def load_suite(file: str | Path = 'benchmarks.yaml', names: Sequence[str] = ()) -> tuple[Case, ...]:
     """The cases of a file (a path, or a name in config/), or those called `names`. Raises SceneError."""
-    root = read(find_file(file, 'benchmarks'), config_directories())
+    root = read(_suite_file(file), config_directories())
     cases = {case.name: case for case in Builder().build(Suite, root).cases}
     for name in names:
         if name not in cases:
             raise SceneError(f'--cases {name}: no such case{suggestion(name, cases)}')
     return tuple(case for name, case in cases.items() if not names or name in names)
+
+
+def _suite_file(file: str | Path) -> Path:
+    """The file of a suite. Raises SceneError with the nearest name."""
+    roots = config_directories()
+    found = find(str(file), [Path(), *roots]) or find(f'{file}.yaml', roots)
+    if found is None:
+        known = {path.name for root in roots if root.name == 'config' for path in root.glob('*.yaml')} - {'node.yaml'}
+        problem = 'is a directory, not a file' if Path(file).is_dir() else 'no such file, here or in config'
+        raise SceneError(f'--suite {str(file)!r}: {problem}{suggestion(str(file), known)}')
+    return found
 
 
 def run(cases: Sequence[Case], *, quick: bool = False, say: Callable[[str], None] = lambda _: None) -> dict[str, Any]:

@@ -14,6 +14,7 @@ from mbd_sim_ros.lab.benchmarks.overhead import FIGURES as OVERHEAD_FIGURES
 from mbd_sim_ros.lab.benchmarks.phases import PHASES
 from mbd_sim_ros.lab.benchmarks.stepping import FIGURES as STEPPING_FIGURES
 from mbd_sim_ros.lab.benchmarks.suite import MEASURES
+from solver.errors import MbdError
 
 
 class Table(NamedTuple):
@@ -203,6 +204,22 @@ def markdown(report: dict[str, Any], level: int = 2) -> str:
         lines += [*([''] if meaning else []), *(f'- {name}: {text}' for name, text in meaning.items())]
         blocks.append('\n'.join(lines))
     return '\n\n'.join(blocks) + '\n'
+
+
+def require_place(file: Path) -> None:
+    """Raise MbdError or OSError where write() could not write a file: what is measured takes minutes."""
+    there = file.exists()
+    try:
+        if there and not file.is_file():
+            raise MbdError(f'--out {file}: is a pipe or a device; name a file .md')
+        if there:
+            file.read_text(encoding='utf-8')
+    except UnicodeDecodeError:
+        raise MbdError(f'--out {file}: is no text, so no tables can be put into it; name a file .md') from None
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.open('a').close()
+    if not there:
+        file.unlink()
 
 
 def write(report: dict[str, Any], file: Path, command: str, suite: str = '') -> None:

@@ -329,6 +329,10 @@ def test_what_cannot_be_shown_is_one_sentence(
         ([crank], 'nothing to show: give --out FILE'),
         ([crank, '--rerun'], 'there is no display' if find_spec('rerun') else "Rerun is not installed: pip install 'mbd_sim_ros[rerun]'"),
         ([tmp_path / 'none', '--out', tmp_path / 'x.html'], 'is not there'),
+        ([crank, '--out', tmp_path / 'x.gif', '--at', '0.2'], 'x.gif: --at has no effect there; leave it out, or write one of .png'),
+        ([crank, crank, '--out', tmp_path / 'x.json'], 'x.json: a further recording has no effect there'),
+        ([crank, '--out', tmp_path / 'x.rrd', '--channel', 'imu/*'], 'x.rrd: --channel has no effect there'),
+        ([crank, '--out', tmp_path / 'x.html', '--speed', '0.5'], 'x.html: --speed has no effect there'),
     ):
         assert main(['view', *map(str, arguments)]) != 0
         said = capsys.readouterr()
