@@ -122,13 +122,15 @@ def simulate(
             number = 0
             balances = Balance(simulation) if balance else None
             envelope = Envelope(simulation)
+            look = envelope.every(simulation.h) or UNRECORDED_CHUNK
             before = recent = (simulation.k, b'')  # states from LAST steps ago at least, and later
             try:
                 if recorder and messages and from_start:
                     recorder.record(simulation.t_ns, messages.encode(simulation.snapshot()))
                     written = simulation.k
                 while simulation.k < steps and not interrupts.received():
-                    n = min(1 if balances else every - simulation.k % every, steps - simulation.k, portion.most)
+                    n = min(every - simulation.k % every, look - simulation.k % look, steps - simulation.k, portion.most)
+                    n = 1 if balances else n
                     if looking_back and simulation.k >= recent[0] + LAST:
                         before, recent = recent, (simulation.k, simulation.save())
                     inputs = None if source is None else source.table(simulation.k, n)
@@ -136,7 +138,8 @@ def simulate(
                     snapshot = simulation.advance(n, inputs)
                     cpu += time.thread_time() - started
                     portion.took(n, time.perf_counter() - clock)
-                    envelope.look(snapshot)
+                    if simulation.k % look == 0 or simulation.k == steps:  # whatever is recorded, and however fast the machine is
+                        envelope.look(snapshot)
                     if balances:
                         balances.update()
                     if recorder and messages:

@@ -6,7 +6,7 @@ import dataclasses
 import hashlib
 import math
 from dataclasses import dataclass, field
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, Literal
 
 import numpy as np
 
@@ -118,11 +118,16 @@ class Record:
         return self.every * max(1, math.ceil(round(1.0 / (rate * h * self.every), 6)))
 
 
-class Bound(NamedTuple):
-    """A limit of an error: absolute in SI units, or as part of the peak of the reference. In files '0.1 m' and '2 %'."""
+@dataclass(frozen=True)
+class Bound:
+    """A limit of an error: absolute in SI units, or as part of the peak of the reference. In files '0.1 m' and '2 %'.
+
+    unit: in SI, that the limit was given with, '' without one. What it limits has to have the same.
+    """
 
     value: float
     share: bool = False
+    unit: str = field(default='', repr=False, compare=False)  # 0.1 m and 100 mm are one limit, and one plan
 
     def of(self, peak: float) -> float:
         """The limit in SI units."""
@@ -317,9 +322,14 @@ def _check_channels(where_: str, model: ModelSpec) -> None:
 
 def _check_accuracy(where_: str, accuracy: dict[str, Accuracy], model: ModelSpec) -> None:
     channels = published(model) if accuracy else None
-    for name in accuracy:
+    for name, asked in accuracy.items():
         assert channels is not None
         try:
-            quantity(name, channels)
+            unit = quantity(name, channels).unit
         except SpecError as error:
             raise SpecError(f'{where_}: require.{error}') from None
+        if unit == '1' and name.startswith('element_states/'):
+            continue  # one of which nothing is known
+        for measure, bound in asked.bounds.items():
+            must = f'is in {bound.unit}; the unit of this quantity is {"none" if unit == "1" else unit} (or %)'
+            require(measure == 'delay' or bound.unit in ('', unit), where_, f'require.{name}.{measure}', bound.value, must)

@@ -117,13 +117,15 @@ def _run(scene: Any, figures: Mapping[str, Figure], bag: Path | None) -> dict[st
         if bag is not None:
             messages, recorder = record(simulation, bag)
         envelope = Envelope(simulation)
+        look = envelope.every(simulation.h) or sample  # as in a run (mbd_sim_ros.batch)
         while True:  # figures and verdict are of the same instants whether the case is recorded or not
             k, last, snapshot = simulation.k, simulation.k >= scene.steps, simulation.snapshot()
             if k % sample == 0 or last:
                 require_finite(snapshot, simulation.channels)
-                envelope.look(snapshot)
                 instants.append(snapshot.t_ns * 1e-9)
                 values.append(snapshot.numbers)
+            if k and (k % look == 0 or last):
+                envelope.look(snapshot)
             if recorder and messages:
                 if k and simulation.applied is not None:
                     recorder.note(k, simulation.applied)
@@ -131,7 +133,7 @@ def _run(scene: Any, figures: Mapping[str, Figure], bag: Path | None) -> dict[st
                     recorder.record(snapshot.t_ns, messages.encode(snapshot))
             if last:
                 break
-            simulation.advance(min(sample - k % sample, every - k % every, scene.steps - k))
+            simulation.advance(min(sample - k % sample, look - k % look, every - k % every, scene.steps - k))
         told = weighed(simulation, envelope).suspect
         status, message = ('suspect', '; '.join(map(str, told))) if told else ('ok', '')
     except BagError:

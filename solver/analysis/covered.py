@@ -5,7 +5,8 @@ suspect; of the quantities that a plan certifies it has measured what comes of i
 the scene and on others. So the certificate keeps the findings of those runs, and one of the same kind at the same place and no
 considerably worse is no reason to suspect a run of this plan. Kinds that can be covered say that something is coarse or far from where a
 level is usually good; what says that something is broken (energy out of nothing, iterations that do not settle, open constraints, another
-branch, signals that steps do not see) is never covered, and a plan chooses no setting with it. What belongs to the scene and not to its
+branch, signals that steps do not see) is never covered, and a plan chooses no setting with it. Nor is what the reference does not resolve
+itself, against which nothing of it was measured. What belongs to the scene and not to its
 setting (a hollow rounder than the wheels, a bushing that turns by pi, a car that rolls over, an overloaded tire) is neither covered nor a
 reason to choose another setting.
 """

@@ -1,7 +1,8 @@
 """Whether a run stays where its level of detail holds, and the certificate of its plan (solver.levels.auto): quantities of interest within
 their ranges, and frequencies below their limit.
 
-What is looked at are the snapshots that are handed out, so a run that shows every tenth step is watched at every tenth. The frequency is
+What is looked at are the snapshots that are handed out, so a node that shows every tenth step is watched at every tenth; who advances a run
+by himself asks every() how often that has to be, and no verdict depends on what else he shows or records. The frequency is
 that of the travel of every wheel and of the steering wheel, in windows of WINDOW: root mean square of the rate over that of the departure
 from the mean, over 2 pi. On waves of the road it is speed over wavelength.
 
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 ROWS = 64  # snapshots that are looked at together
 BEYOND = 0.02  # of the range: what a run may leave it by, since maneuvers between those that were tried may; of a narrow one, of `least`
 WINDOW = 1.0  # s
+APART, SLOWLY = 5e-3, 0.02  # s: between two looks at what has a range, and at no more than how a vehicle leans and what its tires carry
 STILL = {'travel_': 5e-4, 'steering_wheel': 0.005}  # m, rad: root mean square of a departure that is too small to have a frequency
 FREQUENCY = 'frequency'
 ROLLOVER = 'rollover'
@@ -236,6 +238,12 @@ class Envelope:
     def watches(self) -> bool:
         """Whether a level or a certificate has ranges that can be left."""
         return bool(self._watched)
+
+    def every(self, h: float) -> int:
+        """Steps of h [s] between two snapshots to look at; 0: there is nothing to see."""
+        if not (self._watched or self._leans or self._carried):
+            return 0
+        return max(1, round((APART if self._watched else SLOWLY) / h))
 
     def look(self, snapshot: Snapshot) -> None:
         """Note a snapshot."""

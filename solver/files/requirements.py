@@ -55,11 +55,11 @@ def bound(builder: Builder, cls: type, node: Node, path: str, name: str | None) 
         value, unit = measured(text)
     except ValueError as error:
         raise refuse(node, path, str(error)) from None
-    return Bound(value, unit == '%')
+    return Bound(value, unit == '%', '' if unit == '%' else unit)
 
 
 def _unit(name: str) -> str:
-    """The unit of a named quantity, '' of a recorded number: which it is follows from the model."""
+    """The unit of a named quantity, '' of a recorded number: which it is follows from the model, and so the scene looks at it."""
     head = name.partition('.')[0]
     known = NAMED.get(head) or BY_WHEEL.get(head)
     return known.unit if known else ''

@@ -11,6 +11,7 @@ from typing import Any
 from solver.analysis.covered import OF_SCENE, certified_of
 from solver.errors import MbdError
 from solver.levels.auto import INCOMPLETE, OK, key
+from solver.scene import Scene
 from solver.trade.requirements import ORIGINS
 from solver.trade.runs import Stopped
 from solver.trade.search import MARGIN, Search
@@ -37,8 +38,7 @@ def plan(search: Search) -> dict[str, Any]:
     slow = False
     if shown is not None:
         of, full = search.costs(shown.setting)
-        factor = scene.budget.real_time_factor
-        slow = factor is not None and 1.0 / of.median < factor
+        slow = best is not None and 1.0 / of.median < least_speed(scene)[0]
         data |= {
             'fidelity': shown.setting.level,
             'settings': {key_: value for key_, value in shown.setting.keys().items() if key_ != 'fidelity'},
@@ -92,17 +92,28 @@ def plan(search: Search) -> dict[str, Any]:
     return data
 
 
+def least_speed(scene: Scene) -> tuple[float, str]:
+    """(simulated seconds per second that are asked for at least, by what): by the budget, or of every run, which is no faster than its
+    steps are. 0 where nothing asks."""
+    asked = {'the budget': scene.budget.real_time_factor, 'require.real_time_factor_min': scene.require.real_time_factor_min}
+    return max(((factor or 0.0, who) for who, factor in asked.items()), key=lambda each: each[0])
+
+
 def findings_of(search: Search, setting: Setting) -> list[dict[str, Any]]:
     """What the certificate covers (solver.analysis.covered): of the maneuvers that served to choose and of those that were passed. The note
     on each says what that means for a run; another one says what makes a run suspect all the same."""
     maneuvers = [*search.seen, *(c.variation for c in search.checks if c.passed)]
-    found = [finding for v in maneuvers for finding in search.findings(v, setting)]
+    found = [finding for v in maneuvers for finding in search.findings(v, setting) if finding.quantity not in search.coarse]
     names = ', '.join(search.names)
     for finding in search.findings(AS_GIVEN, setting):
-        if finding.quantity in OF_SCENE:
+        if finding.quantity in OF_SCENE or finding.quantity in search.coarse:
             search.notes.append(f'a run of {setting} is suspect all the same (mbd run): {finding.text}')
         else:
             search.notes.append(f'measured, and covered by the certificate for {names}: {finding.text.rpartition("; ")[0]}')
+    for finding in search.coarse.values():
+        search.notes.append(
+            f'not covered by the certificate, for the reference itself ({1e3 * search.steps[-1]:g} ms) has it: {finding.text}'
+        )
     return [asdict(one) for one in certified_of(found)]
 
 
@@ -180,15 +191,16 @@ def what_has_to_give(search: Search, closest: Verdict | None, slow: bool, data: 
     if closest is None:
         return [*search.notes, 'no setting could be tried'] if not search.notes else search.notes
     if slow:
-        factor, found = search.scene.budget.real_time_factor, data['cost']['real_time_factor']
-        cheaper = [t for t in search.tried if t.cost > 0.0 and 1.0 / t.cost >= (factor or 0.0)]
-        best = nearest(cheaper)
-        sentences = [f'{closest.setting} keeps the accuracy at {found:.3g} times real time; the budget asks for {factor:g}']
+        (factor, who), found = least_speed(search.scene), data['cost']['real_time_factor']
+        best = nearest(t for t in search.tried if t.cost > 0.0 and 1.0 / t.cost >= factor)
+        sentences = [f'{closest.setting} keeps the accuracy at {found:.3g} times real time; {who} asks for {factor:g}']
         if best is not None:
-            sentences.append(f'within the budget {best.setting} comes closest: {how_near(best)}')
+            sentences.append(f'of what is as fast {best.setting} comes closest: {how_near(best)}')
         return sentences
     if data['status'] == INCOMPLETE and search.result is not None:
         why = 'there was no time to check it on others' if search.points(1) else 'nothing in the scene can be varied to check it on others'
+        if search.unchecked:
+            why = 'on the others that were tried the full vehicle itself cannot be simulated'
         return [f'{closest.setting} keeps the accuracy on the maneuvers it was chosen on; {why}']
     early = ['time was up before everything was tried (mbd plan --time)'] if data['status'] == INCOMPLETE else []
     if closest.broken:

@@ -57,7 +57,10 @@ class Judge(Measurements):
             if found.failure:
                 return self._lost.setdefault(setting, (found.failure, math.inf, part))
             errors = self.part(found, own)
-            grown = {'max': 1.0, 'rms': math.sqrt(part), 'delay': float(part == 1.0)}  # what it has reached of the whole by then
+            grown = {'max': 1.0, 'rms': math.sqrt(part), 'delay': 1.0}  # what it has reached of the whole by then
+            for r in self.requirements:
+                if r.measure == 'delay' and part < 1.0:
+                    errors[r] = 0.0  # it may shrink again, and may not be there yet: an infinite one is no reason either
             worst, used = largest_of(self.shares(v, {r: model[r] + grown[r.measure] * errors[r] for r in self.requirements}))
             if not used <= 1.0:
                 return self._lost.setdefault(setting, (f'{worst}: {used:.2g} of its limit after {part:.0%} of the maneuver', used, part))

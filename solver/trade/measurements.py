@@ -124,12 +124,14 @@ class Measurements:
         """The converged full vehicle: three steps where it serves to choose, two elsewhere."""
         return self.limit_of(v, Setting(), self.steps if v in self.seen else self.steps[1:])
 
-    def uncertainty(self, r: Requirement) -> float:
-        """Band of the converged full vehicle as a share of the peak: the worst of the maneuvers with three steps."""
+    def uncertainty(self, r: Requirement, peak: float) -> float:
+        """Band of the converged full vehicle on a maneuver with this peak, in the unit of the error: the largest share of the peak that it
+        has in maneuvers with three steps. A delay has nothing to do with how large the peak is."""
         found = [
             self._references[v, Setting().model, self.steps] for v in self.seen if (v, Setting().model, self.steps) in self._references
         ]
-        return max((r.error(t.band[r.quantity]) / t.peaks[r.quantity] for t in found), default=0.0)
+        scaled = (r.error(t.band[r.quantity]) * (1.0 if r.measure == 'delay' else peak / t.peaks[r.quantity]) for t in found)
+        return max(scaled, default=0.0)
 
     def per_step(self, setting: Setting) -> cost.PerStep:
         """Cost of a step of a model, measured once."""
@@ -151,7 +153,7 @@ class Measurements:
     def shares(self, v: Variation, errors: dict[Requirement, float]) -> dict[str, float]:
         """Errors on a maneuver, with the band of the reference, as shares of their limits."""
         truth = self.truth(v)
-        band = {r: self.uncertainty(r) * truth.peaks[r.quantity] for r in self.requirements}
+        band = {r: self.uncertainty(r, truth.peaks[r.quantity]) for r in self.requirements}
         return {str(r): (errors[r] + band[r]) / r.limit(truth.peaks[r.quantity]) for r in self.requirements}
 
     def part(self, found: Run, than: Reference) -> dict[Requirement, float]:
@@ -181,7 +183,7 @@ class Measurements:
         else:
             settled = self.run(v, dataclasses.replace(setting, iterations=None))
             step, iteration = self.part(settled, own), self._between(found, settled, truth)
-        band = {r: self.uncertainty(r) * truth.peaks[r.quantity] for r in self.requirements}
+        band = {r: self.uncertainty(r, truth.peaks[r.quantity]) for r in self.requirements}
         return [Bound(r, (model[r], step[r], iteration[r], band[r]), limits[r]) for r in self.requirements]
 
     def references(self) -> list[Reference]:

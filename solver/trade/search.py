@@ -25,6 +25,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from solver.analysis.departures import Departure
+from solver.analysis.verdict import Finding
 from solver.errors import MbdError, StepError
 from solver.levels import LEVELS, derive
 from solver.scene import SUBSYSTEMS, Scene
@@ -34,7 +35,7 @@ from solver.trade.judging import MARGIN, Judge
 from solver.trade.measurements import ITERATIONS, STEP_SETS
 from solver.trade.runs import Going, Stopped, all_of, clock, departures
 from solver.trade.setting import Setting, baseline
-from solver.trade.variations import AS_GIVEN
+from solver.trade.variations import AS_GIVEN, Variation
 from solver.trade.verdicts import Check, Influence, Verdict
 
 LONGEST = 170.0  # s that a plan may take
@@ -45,6 +46,7 @@ CLEAR_BAND = 0.1  # of the limit that the band of the reference may take before 
 STEPS = (0.02, 0.01, 0.008, 0.005, 0.004, 0.003, 0.002, 0.001, 0.0005, 0.00025, 0.000125, 0.0000625)
 RHOS = (0.8, 0.5)
 SAME = 1.05  # settings whose costs are nearer than this are equally cheap, and the more accurate one is taken
+UNRESOLVED = ('resolution', 'phase', 'energy_error_max', 'input')  # findings that say that steps are too long for the motion
 SAVES = 0.97  # of the cost: what a subsystem must bring it below to be worth its error
 
 
@@ -73,6 +75,8 @@ class Search(Judge):
         self.checks: list[Check] = []
         self.result: Verdict | None = None
         self.ended = False  # before the search had come to an end, by time
+        self.coarse: dict[str, Finding] = {}  # what the reference does not resolve itself, by the quantity of the finding
+        self.unchecked: list[Check] = []  # unseen maneuvers on which the full vehicle itself cannot be simulated
 
     # -- the phases ----------------------------------------------------------------------------------------------------
 
@@ -82,15 +86,16 @@ class Search(Judge):
         for steps in STEP_SETS:
             self.steps = steps
             self.say(f'reference with {", ".join(f"{1e3 * h:g}" for h in steps)} ms')
-            all_of(lambda h: self.run(AS_GIVEN, Setting(h=h)), steps, self.workers)
+            all_of(lambda h: self.look_at(AS_GIVEN, Setting(h=h)), steps, self.workers)
             try:
                 limits = self.limits(AS_GIVEN)
             except StepError:  # a step that a run does not survive: there may be shorter ones
                 if steps == STEP_SETS[-1]:
                     raise
                 continue
-            shares = {r: self.uncertainty(r) * self.truth(AS_GIVEN).peaks[r.quantity] / limits[r] for r in self.requirements}
-            if max(shares.values()) <= CLEAR_BAND:
+            peaks = self.truth(AS_GIVEN).peaks
+            shares = {r: self.uncertainty(r, peaks[r.quantity]) / limits[r] for r in self.requirements}
+            if max(shares.values()) <= CLEAR_BAND and not self.unresolved(AS_GIVEN):
                 break
         worst = max(shares, key=lambda r: shares[r])
         if not shares[worst] <= 1.0 - MARGIN:
@@ -106,7 +111,7 @@ class Search(Judge):
             self.second = reference.second_formulation(self.scene, self.truth(AS_GIVEN), self.late, finest=not clear, kept=self.kept)
 
         runs = [(v, reference.with_step(Setting(), h)) for h in self.steps[::-1] for v in corners]
-        all_of(lambda job: self.run(*job) if job else confirm(), [None, *runs], self.workers)
+        all_of(lambda job: self.look_at(*job) if job else confirm(), [None, *runs], self.workers)
         apart = {r: r.error(self.second[r.quantity]) / limits[r] for r in self.requirements}
         worst = max(apart, key=lambda r: apart[r])
         if not apart[worst] <= 1.0 - MARGIN:
@@ -120,7 +125,20 @@ class Search(Judge):
             except MbdError as error:
                 self.seen.remove(v)
                 self.notes.append(f'the corner {v} of the variations is left out: {error}')
+        for v in self.seen:
+            self.coarse |= {finding.quantity: finding for finding in self.unresolved(v) if finding.quantity not in self.coarse}
         return True
+
+    def look_at(self, v: Variation, setting: Setting) -> None:
+        """Make a run of the reference, the finest one with what would make it suspect."""
+        if setting.h == self.steps[-1]:
+            self.findings(v, setting)
+        else:
+            self.run(v, setting)
+
+    def unresolved(self, v: Variation) -> list[Finding]:
+        """What the finest run of the reference does not resolve: steps that all damp a vibration away agree on a motion without it."""
+        return [f for f in self.findings(v, Setting(h=self.steps[-1])) if f.quantity in UNRESOLVED and not f.required]
 
     def find_levels(self) -> list[Setting]:
         """The levels that the vehicle has; self.levels says why it has not the others."""
@@ -289,6 +307,7 @@ class Search(Judge):
             self.notes.append(f'{len(found)} of {len(points)} unseen maneuvers were checked in the time there was (mbd plan --time)')
         without = [c for c in found if c.failure.startswith('the reference')]
         self.notes += [f'no check on {c.variation}: {c.failure}' for c in without]
+        self.unchecked = without
         return [c for c in found if c not in without]
 
     def find(self) -> Verdict | None:

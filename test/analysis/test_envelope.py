@@ -202,3 +202,29 @@ def test_a_trailer_that_rolls_over_is_told_by_its_name() -> None:
     watch = Envelope(simulation)
     watch.look(leaning(simulation, simulation.channels.bodies.index('trailer'), 90.0, (1.0, 0.0, 0.0)))
     assert [f.where for f in watch.findings()] == ['trailer']
+
+
+@pytest.mark.parametrize(('slow', 'recorded'), [(False, False), (True, False), (False, True)])
+def test_what_a_run_is_told_depends_neither_on_what_is_recorded_nor_on_the_machine(slow, recorded, tmp_path: Path, monkeypatch) -> None:
+    """The steering wheel swings at 10 Hz where 5 Hz is certified. Who looks every 0.1 s, as calls of a hundred steps do, sees it stand
+    still; on a slow machine a call makes one step."""
+    if slow:
+        monkeypatch.setattr('mbd_sim_ros.batch.DEAF', 0.0)
+    steering = 'maneuver.steering={kind: sine, amplitude: 0.1, frequency: 10}'
+    scene = solver.load_scene('light_car_step_steer', ['duration=1.5', steering, 'record.every=100'])
+    simulation = solver.simulation_of(scene)
+    simulation.level = LevelReport(validity=(FREQUENCY,))
+    seen: list[int] = []
+    monkeypatch.setattr(Envelope, 'look', lambda self, snapshot, look=Envelope.look: (seen.append(snapshot.k), look(self, snapshot)))
+    data = simulate(simulation, scene.steps, directory=tmp_path / 'bag' if recorded else None)
+    assert seen == [*range(5, 1501, 5)]
+    (found,) = data['findings']
+    assert found['where'] == 'frequency'
+    assert found['value'] == pytest.approx(10.0, rel=0.02)
+
+
+def test_what_has_no_range_is_looked_at_fifty_times_a_second() -> None:
+    """How a car leans, and what its tires carry; of a mechanism there is nothing to see."""
+    watch = Envelope(solver.simulation_of(solver.load_scene('light_car_step_steer')))
+    assert [watch.every(h) for h in (1e-3, 4e-3, 0.02)] == [20, 5, 1]
+    assert Envelope(solver.simulation_of(solver.load_scene('pendulum'))).every(1e-3) == 0

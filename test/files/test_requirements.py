@@ -47,6 +47,11 @@ def test_limits_are_converted_to_si_units(text: str, value: float) -> None:
     assert accuracy(f'require.yaw_rate.max={text}')['yaw_rate'].max == Bound(pytest.approx(value, rel=1e-15), share=False)
 
 
+def test_one_limit_in_two_units_is_one_limit() -> None:
+    metres, millimetres = (accuracy(f'require.joint_states/rack/position.max={text}') for text in ('0.125 m', '125 mm'))
+    assert metres == millimetres and repr(metres) == repr(millimetres)
+
+
 def test_dots_of_a_name_may_be_levels_and_columns_of_recordings_have_their_names() -> None:
     assert accuracy('require.tire_force.front_left.y.max=5 %') == accuracy('require={tire_force.front_left.y: {max: 5 %}}')
     assert accuracy('require.joint_states/rack/position.max=1 mm') == {'joint_states/rack/position': Accuracy(max=Bound(1e-3))}
@@ -60,6 +65,10 @@ def test_dots_of_a_name_may_be_levels_and_columns_of_recordings_have_their_names
         ('require.residual_mux=1', "require.residual_mux: unknown key; did you mean 'residual_max'"),
         ('require.yaw_rate=2 %', 'require.yaw_rate = 2 %: say which error'),
         ('require.yaw_rate.rms=2 m', 'require.yaw_rate.rms = 2 m: is in m; the unit of this quantity is rad/s'),
+        ('require.joint_states/rack/position.max=1 deg', 'is in rad; the unit of this quantity is m (or %)'),
+        ('require.imu/az.rms=5 mm', 'is in m; the unit of this quantity is m/s^2 (or %)'),
+        ('require.tire_states/front_left/fz.max=3 rpm', 'is in rad/s; the unit of this quantity is N (or %)'),
+        ('require.odom/pose/qw.max=1 mm', 'is in m; the unit of this quantity is none (or %)'),
         ('require.yaw_rate.rms=2 parsec', "no such unit 'parsec'"),
         ('require.yaw_rate.rms=small', 'must be a number with its unit'),
         ('require.yaw_rate.rms=-2 %', 'must be > 0'),

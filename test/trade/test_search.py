@@ -12,9 +12,12 @@ import solver
 from solver.analysis.covered import COARSE
 from solver.analysis.departures import Departure
 from solver.errors import SpecError
+from solver.files.scene import load_scene_text
 from solver.trade import judging, reference
 from solver.trade.certificate import finite, plan, still, what_has_to_give
-from solver.trade.cost import PerStep
+from solver.trade.cost import Cost, PerStep
+from solver.trade.measurements import STEP_SETS
+from solver.trade.requirements import Requirement
 from solver.trade.runs import Stopped
 from solver.trade.search import MARGIN, Search
 from solver.trade.setting import Setting
@@ -239,6 +242,54 @@ def test_a_setting_whose_run_is_not_sound_is_not_taken_however_small_its_errors_
     assert still(search) == ['yaw_rate does not get beyond 0.01 rad/s in the maneuver of the scene; its percentages are of that']
 
 
+GUIDE = 'joint_states/guide/position'
+
+
+def guided(*requirements: str) -> Search:
+    """The search of a mass on a spring."""
+    return Search(solver.load_scene('spring_mass', ['duration=0.3', *requirements]), unseen=1, workers=1, longest=600.0, levels=())
+
+
+def test_what_is_required_of_the_speed_of_every_run_is_required_of_a_plan() -> None:
+    data = plan(guided(f'require={{{GUIDE}: {{rms: 5 %}}, real_time_factor_min: 1.0e9}}', 'budget.real_time_factor=2'))
+    assert data['status'] == 'no' and data['unseen']['passed'] == 1
+    assert 'times real time; require.real_time_factor_min asks for 1e+09' in data['give'][0]
+
+
+def test_of_what_keeps_nothing_it_is_not_said_that_it_is_only_too_slow(monkeypatch: pytest.MonkeyPatch) -> None:
+    search = guided(f'require={{{GUIDE}: {{rms: 5 %}}}}', 'budget.real_time_factor=1e9')
+    search.tried = [Verdict(Setting(h=8e-3, iterations=1), 3.0, 1.0, f'{GUIDE} rms', f'{GUIDE} rms: 3 of its limit', {})]
+    monkeypatch.setattr(search, 'find', lambda: None)
+    monkeypatch.setattr(search, 'costs', lambda setting: (Cost(1.0, 1.0), Cost(1.0, 1.0)))
+    data = plan(search)
+    assert data['status'] == 'no'
+    assert data['give'][0] == f'full, 8 ms, 1 iteration, rho 0.8 comes closest: {GUIDE} rms at 3 of its limit'
+
+
+def test_a_delay_counts_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    """After a quarter of the maneuver the curves may not be alike enough for one; no number is that then, and no reason."""
+    search = guided(f'require={{{GUIDE}: {{delay: 1 ms}}}}')
+    monkeypatch.setattr(search, 'part', lambda found, _: dict.fromkeys(search.requirements, math.inf if found.time[-1] < 0.1 else 0.0))
+    assert search.race(Setting(h=8e-3, iterations=1))[0] == ''
+
+
+def test_the_band_of_a_delay_does_not_grow_with_the_peak() -> None:
+    """0.1 m of a peak of 2 m are 0.2 m of one of 4 m; 10 ms are 10 ms."""
+    search = guided(f'require={{{GUIDE}: {{max: 1 m, delay: 1 s}}}}')
+    found = SimpleNamespace(band={GUIDE: Departure(0.1, 0.1, 2.0, 0.01)}, peaks={GUIDE: 2.0})
+    search._references[AS_GIVEN, Setting().model, search.steps] = found  # type: ignore[assignment]
+    bands = {measure: search.uncertainty(Requirement(GUIDE, measure, 1.0, False), 4.0) for measure in ('max', 'delay')}
+    assert bands == {'max': pytest.approx(0.2), 'delay': 0.01}
+
+
+def test_where_the_full_vehicle_fails_on_all_others_no_time_is_blamed() -> None:
+    search = guided(f'require={{{GUIDE}: {{rms: 5 %}}}}')
+    best = search.result = Verdict(Setting(h=8e-3, iterations=1), 0.6, 1.0, f'{GUIDE} rms', '', {}, 0.5)
+    search.unchecked = [Check(inside(0), math.inf, '', 'the reference: it falls over')]
+    why = 'on the others that were tried the full vehicle itself cannot be simulated'
+    assert what_has_to_give(search, best, False, {'status': 'incomplete'})[0].endswith(f'it was chosen on; {why}')
+
+
 def test_what_is_found_behind_a_failed_check_has_all_the_time_for_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
     """The first setting fails on a maneuver that it had not seen; the next one is checked until the plan has to end."""
     untils: list[float] = []
@@ -278,3 +329,34 @@ def test_a_reference_that_a_second_formulation_does_not_confirm_is_none(monkeypa
     data, _ = searched('require={yaw_rate: {rms: 2 %}}', unseen=1)
     assert (data['status'], data['settings']) == ('no', None)
     assert data['give'] == ['yaw_rate rms: the reference is not confirmed, a second formulation departs from it by 2.5 of the limit']
+
+
+HIDDEN = """
+mechanism:
+  gravity: [0, 0, 0]
+  bodies:
+    slow: {mass: 100, inertia: [1, 1, 1]}
+    fast: {mass: 1, inertia: [1, 1, 1]}
+  joints:
+    outer: {kind: prismatic, i: world, j: slow, at: [0, 0, 0], axis: [1, 0, 0]}
+    inner: {kind: prismatic, i: slow, j: fast, at: [0, 0, 0], axis: [1, 0, 0]}
+  coordinate_forces:
+    soft: {terms: {outer: 1}, spring: 3948}
+    stiff: {terms: {inner: 1}, spring: 3.55e8}
+start: {kind: assemble, coordinates: {outer: {value: 1, rate: 1}, inner: {value: 1.0e-4}}}
+duration: 1.5
+require: {joint_states/inner/position: {rms: 50 %}}
+"""
+
+
+@pytest.mark.slow
+def test_what_the_reference_damps_away_is_not_covered() -> None:
+    """3 kHz, 2.4 rad in the shortest step of a reference (0.125 ms): all steps agree that nothing is left of it after some ten of them. It
+    never ends, so a run that has lost it is wrong by 0.7 of the amplitude, more than is allowed."""
+    search = Search(load_scene_text(HIDDEN), workers=1, unseen=1, longest=600.0, levels=())
+    data = plan(search)
+    assert search.steps == STEP_SETS[-1]
+    assert 'resolution' in search.coarse
+    assert not {'resolution', 'phase'} & {finding['quantity'] for finding in data['findings']}
+    assert any('the reference itself (0.125 ms) has it: the step does not resolve the motion' in note for note in data['notes'])
+    assert any('is suspect all the same' in note and 'does not resolve' in note for note in data['notes'])
