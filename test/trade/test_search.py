@@ -322,7 +322,7 @@ def test_a_step_whose_own_error_is_too_large_is_not_raced_with_other_iterations(
 def test_a_reference_that_a_second_formulation_does_not_confirm_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
     """2 % are required where the two are 5 % apart."""
 
-    def apart(scene, truth, stop=None, *, finest):
+    def apart(scene, truth, stop=None, *, finest, kept):
         return {name: Departure(0.05 * peak, 0.05 * peak, peak, 0.0) for name, peak in truth.peaks.items()}
 
     monkeypatch.setattr(reference, 'second_formulation', apart)
