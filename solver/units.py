@@ -11,7 +11,7 @@ _DEG = math.pi / 180.0
 UNITS = {
     'deg': ('rad', _DEG), 'deg/s': ('rad/s', _DEG), 'deg/s^2': ('rad/s^2', _DEG), 'rpm': ('rad/s', math.pi / 30.0),
     'turn': ('rad', 2.0 * math.pi),
-    'km/h': ('m/s', 1.0 / 3.6), 'mph': ('m/s', 0.44704), 'kn': ('m/s', 1852.0 / 3600.0), 'g': ('m/s^2', G),
+    'km/h': ('m/s', 1.0 / 3.6), 'mph': ('m/s', 0.44704), 'kn': ('m/s', 1852.0 / 3600.0), 'mm/s': ('m/s', 1e-3), 'g': ('m/s^2', G),
     'mm': ('m', 1e-3), 'cm': ('m', 1e-2), 'km': ('m', 1e3), 'in': ('m', 0.0254), 'ft': ('m', 0.3048),
     'kN': ('N', 1e3), 'daN': ('N', 10.0), 'kgf': ('N', G), 'lbf': ('N', 4.4482216152605), 'kN m': ('N m', 1e3), 'N mm': ('N m', 1e-3),
     'kJ': ('J', 1e3), 'kW': ('W', 1e3), 'ms': ('s', 1e-3), '%': ('1', 1e-2),
@@ -20,7 +20,10 @@ SI = ('1', 'rad', 'rad/s', 'rad/s^2', 'm', 'm/s', 'm/s^2', 'N', 'N m', 'J', 'W',
 UNITS |= {name: (name, 1.0) for name in SI}
 SUFFIXES = {'deg': 'deg', 'mm': 'mm', 'kmh': 'km/h', 'rpm': 'rpm'}  # what a key in a file may end in -> the unit that its value has
 WITH_UNIT = re.compile(r'\s*([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)\s*(.*?)\s*')
-SPELLED = {'m/s2': 'm/s^2', 'rad/s2': 'rad/s^2', 'deg/s2': 'deg/s^2', 'Nm': 'N m', '°': 'deg'}
+SPELLED = {
+    'm/s2': 'm/s^2', 'rad/s2': 'rad/s^2', 'deg/s2': 'deg/s^2', 'm/s²': 'm/s^2', 'rad/s²': 'rad/s^2', 'deg/s²': 'deg/s^2',
+    'Nm': 'N m', 'kNm': 'kN m', 'Nmm': 'N mm', 'kph': 'km/h', 'kmh': 'km/h', '°': 'deg', '-': '1',
+}  # fmt: skip
 
 
 def measured(text: str) -> tuple[float, str]:

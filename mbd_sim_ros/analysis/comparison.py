@@ -14,7 +14,9 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from mbd_sim_ros.analysis.alignment import EPOCH_NS, Common, Offset, common, find_offset, is_wrapped, same_turn
+import numpy as np
+
+from mbd_sim_ros.analysis.alignment import EPOCH_NS, Common, Offset, Signal, common, find_offset, is_wrapped, same_turn
 from mbd_sim_ros.analysis.difference import Curves, Difference, curves_of, difference_of
 from mbd_sim_ros.analysis.exact import exact_curves, exact_difference
 from mbd_sim_ros.analysis.pairing import HEADINGS, Item, items_of, least_scales, shared_names, signal_of
@@ -24,6 +26,7 @@ from mbd_sim_ros.bags.reader import Run, Series
 from solver.errors import BagError, suggestion
 
 COUNTERS = ('cmd_applied/step',)  # compared bit by bit only: another step size counts differently
+HALF_A_TURN_DEG = 180.0
 OVERLAP_MOVED = 0.95  # of recordings that were not started together, least part of the time that both have
 
 
@@ -33,7 +36,7 @@ class Comparison:
 
     only_in_run, only_in_reference: channels that the other side lacks. offsets: per reference what was added to its stamps [s]. found:
     the offsets that were sought. origins: what the stamps of each recording count from [s], run first. problems: what else is not as it
-    should be, a sentence each.
+    should be, a sentence each. notes: what was assumed, likewise.
     """
 
     differences: tuple[Difference, ...]
@@ -43,6 +46,7 @@ class Comparison:
     found: tuple[Offset, ...] = ()
     origins: tuple[float, ...] = ()
     problems: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
     exact: bool = False
     curves: Callable[[str], Curves] = field(repr=False, compare=False)
 
@@ -121,11 +125,19 @@ def compare(
             result = common(signals, item.kind)
         except BagError as error:
             raise BagError(f'{item.name}: {error}') from None
-        if item.kind == 'angle' and (item.name.rpartition('/')[2] in HEADINGS or any(is_wrapped(s.values) for s in signals)):
+        wrapped = item.kind == 'angle' and any(is_wrapped(s.values) for s in signals)
+        if wrapped or (item.kind == 'angle' and item.name.rpartition('/')[2] in HEADINGS):
             first, *others = result.values
-            result = result._replace(values=(first, *(same_turn(other, first) for other in others)))
+            moved = tuple(same_turn(other, first) for other in others)
+            if not unit_of(item.name) and (wrapped or _turned(signals, others, moved)):
+                assumed[item.name] = (
+                    f'{item.name} has no unit and is taken as an angle in rad, of which full turns mean nothing; where it is in another '
+                    'unit, the header of a table or a mapping file must say so'
+                )
+            result = result._replace(values=(first, *moved))
         return result
 
+    assumed: dict[str, str] = {}
     scales = least_scales(items, homes[1:], unit_of, limits.floor)
     differences = []
     for item in items:
@@ -139,8 +151,15 @@ def compare(
         offsets=tuple((shift - origin) * 1e-9 for shift, origin in zip(shifts[1:], origins[1:])),
         found=tuple(found),
         origins=tuple(-origin * 1e-9 for origin in origins),
+        notes=tuple(assumed.values()),
         curves=lambda name: curves_of(by_name[name].kind, brought(by_name[name])),
     )
+
+
+def _turned(signals: Sequence[Signal], before: Sequence[np.ndarray], after: Sequence[np.ndarray]) -> bool:
+    """Whether full turns were taken from an angle, or it jumps like one in degrees."""
+    jumps = any(bool(np.any(np.abs(np.diff(s.values)) > HALF_A_TURN_DEG)) for s in signals)
+    return jumps or not all(np.array_equal(a, b, equal_nan=True) for a, b in zip(before, after, strict=True))
 
 
 def _clocks(homes: Sequence[Mapping[str, Series]], offset: float, align: str | None) -> tuple[list[int], list[int], list[Offset]]:

@@ -11,7 +11,6 @@ A `*` in a name stands for the same text on both sides.
 
 from __future__ import annotations
 
-import dataclasses
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -89,6 +88,11 @@ def pairs(texts: Sequence[str]) -> dict[str, Source]:
     return result
 
 
+def literal(name: str) -> str:
+    """A shell pattern for a name of a mapping, in which * alone stands for something: names of fields of messages hold brackets."""
+    return name.replace('[', '[[]').replace('?', '[?]')
+
+
 def resolve(channels: Mapping[str, Source], known: Sequence[str]) -> dict[str, tuple[str, Source]]:
     """Ours -> (theirs, source) for every channel of `known` that is mapped, to one of ours or to several. One that is mapped by its own
     name is not mapped by patterns.
@@ -119,22 +123,28 @@ def resolve(channels: Mapping[str, Source], known: Sequence[str]) -> dict[str, t
 def apply(run: Run, channels: Mapping[str, Source], axes: Sequence[Axes], unit: Callable[[str], str]) -> tuple[Run, frozenset[str]]:
     """The run under our names and in SI units, and which of its channels are held. unit: of our channels, '' where it is not known.
 
-    Channels that are not mapped keep their names, unless a mapped one takes it. What a table has in other units is brought to SI where our
-    unit is known. Raises BagError.
+    Channels that are not mapped keep their names, unless a mapped one takes it. What a table has in other units is brought to SI. Raises
+    BagError.
     """
+    for ours, source in channels.items():
+        for topic, why in run.left_out.items():
+            if source.channel.startswith(f'{topic}/'):
+                raise BagError(f'mapping {source.channel}={ours}: {topic} is not read: {why}')
     found = resolve(channels, run.names)
     made: dict[str, list[tuple[str, Source]]] = {}  # theirs -> what of ours
     for new, (name, source) in found.items():
         made.setdefault(name, []).append((new, source))
     series = {}
+    stated: dict[str, str] = {}
     for topic, one in run.series.items():
         columns = {}
         for name, values in one.columns.items():
             kept = [] if name in found else [(name, Source(channel=name))]
             for new, source in made.get(name, kept):
-                wanted = unit(new)
-                told = source.unit or (run.stated.get(name, '') if wanted else '')
-                columns[new] = _converted(new, values, dataclasses.replace(source, unit=told), wanted)
+                told = source.unit or run.stated.get(name, '')
+                columns[new] = _converted(new, values, source, told, unit(new))
+                if told:
+                    stated[new] = UNITS.get(told, (told,))[0]
         if columns:
             series[topic] = Series(one.time_ns, columns)
     for turn in axes:
@@ -144,18 +154,25 @@ def apply(run: Run, channels: Mapping[str, Source], axes: Sequence[Axes], unit: 
         for topic, names in run.known.items()
     }
     held = frozenset(new for new, (_, source) in found.items() if source.hold)
-    return Run(series, run.metadata, run.left_out, known), held
+    return Run(series, run.metadata, run.left_out, known, stated), held
 
 
 def in_si(run: Run, unit: Callable[[str], str]) -> Run:
-    """A run with the columns of its tables in SI, where our unit is known. Raises BagError."""
+    """A run with the columns of its tables in SI. Raises BagError."""
     return apply(run, {}, (), unit)[0] if run.stated else run
 
 
-def _converted(name: str, values: np.ndarray, source: Source, wanted: str) -> np.ndarray:
-    base, factor = UNITS.get(source.unit, ('', 1.0))
+def _converted(name: str, values: np.ndarray, source: Source, told: str, wanted: str) -> np.ndarray:
+    """Values in the unit `told` as ours. wanted: our unit, '' where it is not known. A unit that is not known is as it is where ours is the
+    same, or not known."""
+    if told not in UNITS and told and wanted and told != wanted:
+        raise BagError(
+            f'mapping of {name}: it is in {wanted}, and {told!r} is no unit that is known here{suggestion(told, UNITS)}; correct the '
+            'header of the table, or give `unit` in a mapping file'
+        )
+    base, factor = UNITS.get(told, ('', 1.0))
     if base and wanted and base != wanted:
-        raise BagError(f'mapping of {name}: it is in {wanted}, which {source.unit!r} does not measure')
+        raise BagError(f'mapping of {name}: it is in {wanted}, which {told!r} does not measure')
     if source.sign == 1.0 and factor == 1.0 and source.offset == 0.0:
         return values
     return source.sign * factor * values + source.offset

@@ -47,14 +47,17 @@ INPUT_UNITS = {
 
 def units(*runs: Run) -> Callable[[str], str]:
     """The unit of a column, '' where the recordings do not tell: joints by their kind, elements by the kind whose outputs they have, those
-    on joint coordinates by the kind of these, reactions by their row (docs/conventions.md).
+    on joint coordinates by the kind of these, reactions by their row (docs/conventions.md); of what is none of these that in SI of the
+    unit in the header of a table.
     """
+    stated: dict[str, str] = {}
     kinds: dict[str, str] = {}
     along: dict[str, str] = {}
     outputs: dict[str, list[str]] = {}  # element -> its outputs
     for run in runs:
         kinds = kinds or run.joint_kinds
         along = along or run.element_kinds
+        stated = {name: UNITS.get(unit, (unit,))[0] for name, unit in run.stated.items()} | stated
         for column in run.names:
             topic, _, rest = column.partition('/')
             if topic == 'element_states':
@@ -62,7 +65,7 @@ def units(*runs: Run) -> Callable[[str], str]:
                 known = outputs.setdefault(element, [])
                 if output not in known:
                     known.append(output)
-    return lambda column: _unit(column, kinds, along, outputs)
+    return lambda column: _unit(column, kinds, along, outputs) or stated.get(column, '')
 
 
 @cache
@@ -172,7 +175,7 @@ def read(path: str | Path, channels: Sequence[str] = ()) -> Run:
 
     channels: shell patterns of the columns to read; all without any. Columns of a CSV file in a directory get the name of its topic
     in front; those of a single file are as in its header. The numbers are those of the file: `stated` of the run tells the units in square
-    brackets that are none of SI. Raises BagError (file, line, remedy).
+    brackets. Raises BagError (file, line, remedy).
     """
     path = Path(path)
     files = [path] if path.suffix.lower() == '.csv' else sorted(path.glob('*.csv')) if path.is_dir() else []
@@ -193,7 +196,7 @@ def read(path: str | Path, channels: Sequence[str] = ()) -> Run:
 
 
 def _read_csv(file: Path, prefix: str) -> tuple[Series, dict[str, str]]:
-    """The columns of a table, and the units of those that are in none of SI."""
+    """The columns of a table, and the units of those whose header has them."""
     try:
         with file.open(newline='', encoding='utf-8-sig') as stream:
             rows = [row for row in csv.reader(stream) if row and not row[0].lstrip().startswith('#')]
@@ -233,8 +236,7 @@ def _read_csv(file: Path, prefix: str) -> tuple[Series, dict[str, str]]:
     time_ns = _nanoseconds([row[0] for row in rows[1:]], table[:, 0])
     if not np.all(np.diff(time_ns) > 0):
         raise BagError(f'{file}: the times must increase from row to row')
-    units_of_it = {prefix + name: SPELLED.get(unit, unit) for name, unit in zip(names, told)}
-    stated = {name: unit for name, unit in units_of_it.items() if UNITS.get(unit, ('', 1.0))[1] != 1.0}
+    stated = {prefix + name: SPELLED.get(unit, unit) for name, unit in zip(names[1:], told[1:]) if unit}
     return Series(time_ns, {prefix + name: table[:, k].copy() for k, name in enumerate(names) if k}), stated
 
 

@@ -31,7 +31,7 @@ class Run:
 
     `time_ns` and `columns` are all of them on one common grid, NaN where a topic has no message.
     left_out: topic -> why its messages could not be read. known: topic -> its channels, also those that were not asked for. stated: column
-    -> the unit that a table gives its numbers in, where that is none of SI; mapping.py brings them to SI.
+    -> the unit that the header of a table gives its numbers in; mapping.py brings them to SI.
     """
 
     series: dict[str, Series]

@@ -118,7 +118,7 @@ def run(args: argparse.Namespace) -> Result:
     ours, references, held = _read(args, pairs, file)
     channels = args.channel
     if file is not None:
-        listed = [*file.channels, *pairs, *(axis for turn in file.axes for axis in turn.channels)]
+        listed = [mapping.literal(name) for name in (*file.channels, *pairs, *(axis for turn in file.axes for axis in turn.channels))]
         keep = {name for r in (ours, *references) for one in r.series.values() for name in one.columns}
         channels = sorted(
             name
@@ -127,7 +127,7 @@ def run(args: argparse.Namespace) -> Result:
         )
         common = keep.intersection(*({n for one in r.series.values() for n in one.columns} for r in (ours, *references)))
         lacking = sorted(set(channels) - common)
-        channels = [name for name in channels if name in common]
+        channels = [mapping.literal(name) for name in channels if name in common]
         if not channels:
             raise BagError(f'{args.mapping}: none of its channels is in all recordings ({", ".join(lacking[:3])} are in some)')
     with np.errstate(over='ignore', invalid='ignore'):  # whatever a recording holds
@@ -185,24 +185,24 @@ def _read(args: argparse.Namespace, pairs: dict, file: ChannelMap | None) -> tup
     """
     from mbd_sim_ros.analysis import mapping, runs
 
-    def read(place: Path, patterns: Sequence[str]) -> Run:
+    def read(place: Path, patterns: Sequence[str], *before: Run) -> Run:
         one = runs.read(place, patterns)
         try:
-            return mapping.in_si(one, runs.units(one))
+            return mapping.in_si(one, runs.units(*before, one))
         except BagError as error:
             raise BagError(f'{place}: {error}') from None
 
-    also = [args.align] if args.align is not None else []
+    also = [mapping.literal(args.align)] if args.align is not None else []
     quaternions = [p.removesuffix('orientation') + 'q[xyzw]' for p in args.channel if p.endswith('orientation')]
     wanted = [*args.channel, *quaternions, *also] if args.channel else []
     places = [args.reference, *args.repeats]
     if file is None and not pairs:
-        ours, *references = [read(place, wanted) for place in (args.run_, *places)]
-        return ours, references, frozenset()
-    axes = [name for turn in file.axes for name in turn.channels] if file is not None else []
+        ours = read(args.run_, wanted)
+        return ours, [read(place, wanted, ours) for place in places], frozenset()
+    axes = [mapping.literal(name) for turn in file.axes for name in turn.channels] if file is not None else []
     sources = {**(file.channels if file is not None else {}), **pairs}
-    listed = [*(s.channel for s in sources.values()), *axes, *also] if file is not None else []
-    ours = read(args.run_, [*sources, *axes, *also] if file is not None else wanted)
+    listed = [*(mapping.literal(s.channel) for s in sources.values()), *axes, *also] if file is not None else []
+    ours = read(args.run_, [*map(mapping.literal, sources), *axes, *also] if file is not None else wanted)
     others = [runs.read(place, listed) for place in places]
     unit_of = runs.units(ours)
     held: frozenset[str] = frozenset()
@@ -245,6 +245,7 @@ def about(
         if channels:
             more = f' and {len(channels) - 6} more' if len(channels) > 6 else ''
             lines.append(f'in {side} only: {", ".join(channels[:6])}{more}')
+    lines += found.notes
     lines += [f'tolerances of {pattern}: no channel is judged by them' for pattern in unused]
     lines += [f'not read: {topic}: {why}' for topic, why in left_out.items()]
     return lines
@@ -282,6 +283,7 @@ def report(
         'unused_tolerances': list(unused),
         'doubts': dict(doubts or {}),
         'problems': list(found.problems),
+        'notes': list(found.notes),
         'plot': None if plot is None else str(plot),
         'html': None if html is None else str(html),
     }

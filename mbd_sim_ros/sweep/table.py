@@ -20,6 +20,7 @@ from mbd_sim_ros.sweep.case import Row
 from mbd_sim_ros.sweep.design import SENSITIVITY, Sweep, problem
 from solver.errors import BagError
 
+ROUNDING = 1e-12  # of a figure, or of 1 in SI units: by so much it changes where no parameter changes it
 COLOURS = {'ok': '#0072b2', 'suspect': '#e69f00', 'error': '#d55e00'}
 
 
@@ -82,7 +83,8 @@ def no_indices(sweep: Sweep, rows: Sequence[Row], figure: str) -> str:
     missing = int(np.sum(~np.isfinite(values)))
     if missing:
         return f'no indices of {figure}: {missing} of {len(rows)} cases have no value'
-    return f'no indices of {figure}: it is the same in all cases' if np.ptp(values) == 0.0 else ''
+    same = np.ptp(values) <= ROUNDING * max(1.0, float(np.abs(values).max()))
+    return f'no indices of {figure}: it is the same in all cases' if same else ''
 
 
 def write_report(sweep: Sweep, rows: Sequence[Row], indices: dict[str, Any], units: Mapping[str, str], directory: Path, title: str) -> Path:

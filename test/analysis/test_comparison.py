@@ -167,6 +167,18 @@ def test_wrapped_headings_are_compared_across_the_jump_and_over_full_turns() -> 
     assert found.differences[0].max == pytest.approx(0.01, abs=1e-9)
 
 
+def test_a_heading_without_a_unit_from_which_turns_are_taken_is_told() -> None:
+    """20 deg beside 10 deg: 10 less 4 pi are left of it, if it is taken for rad."""
+    a, b = (run(**{'gps/heading': lambda t, at=at: at + 0.0 * t}) for at in (20.0, 10.0))
+    found = compare(a, b)
+    assert found.differences[0].max == pytest.approx(4.0 * np.pi - 10.0)
+    assert found.notes[0].startswith('gps/heading has no unit and is taken as an angle in rad')
+    passing = run(**{'gps/heading': lambda t: (350.0 + 40.0 * t) % 360.0})
+    assert len(compare(passing, passing).notes) == 1
+    assert compare(b, b).notes == ()
+    assert compare(run(**{'gps/heading': lambda t: 1.0 + t}), run(**{'gps/heading': np.sin})).notes == ()
+
+
 def test_commands_hold_between_their_instants() -> None:
     """Steps given at 10 Hz, recorded at 100 Hz on the other side: between two a ramp would be half a step off."""
     given = run(n=11, h_ns=100 * MS, **{'cmd_applied/steering': lambda t: np.round(10.0 * t)})

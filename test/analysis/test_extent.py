@@ -16,13 +16,13 @@ from solver.errors import BagError
 
 def test_a_clock_that_was_set_makes_no_grid_of_years() -> None:
     t = np.arange(2000, dtype=np.int64) * 10_000_000
-    grid, _, notes = signals._grid([t], 'bag')
+    grid, _, notes = signals._grid({'x': t}, 'bag', frozenset())
     assert grid.size == t.size and not notes
     t[1000:] += 30 * 365 * 86_400 * 1_000_000_000
     with pytest.raises(
         BagError, match=r'bag: from 0 to 9\.46\d+e\+08 s there are more than 5000000 samples at steps of 0\.01 s; a clock was set'
     ) as caught:
-        signals._grid([t], 'bag')
+        signals._grid({'x': t}, 'bag', frozenset())
     assert '\n' not in str(caught.value)
 
 

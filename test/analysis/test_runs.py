@@ -89,18 +89,30 @@ def test_comments_and_blank_lines_in_a_table_are_skipped(tmp_path: Path) -> None
     assert read['angle'].tolist() == [1.0, 2.0]
 
 
-def test_a_table_that_says_its_units_is_brought_to_si_under_our_names(tmp_path: Path) -> None:
-    """180 deg/s are pi rad/s. What has no name of ours stays as it is; what cannot be measured so is refused."""
-    text = 'time [s],imu/wz [deg/s],odom/twist/vx [km/h],imu/ay [m/s2],tank [kN]\n0,180,36,1,5\n0.1,90,72,2,5\n'
-    (tmp_path / 'imu.csv').write_text(text)
-    read = runs.read(tmp_path / 'imu.csv')
-    assert read.stated == {'imu/wz': 'deg/s', 'odom/twist/vx': 'km/h', 'tank': 'kN'}
+def test_a_table_that_says_its_units_is_brought_to_si(tmp_path: Path) -> None:
+    """180 deg/s are pi rad/s, under names of ours and of others; a unit that is not known is left to what has no name of ours."""
+    header = 'time [s],imu/wz [deg/s],odom/twist/vx [km/h],imu/ay [m/s2],tank [kN],oil [degC],yaw [°]'
+    (tmp_path / 'imu.csv').write_text(f'{header}\n0,180,36,1,5,80,180\n0.1,90,72,2,5,81,90\n')
     found = load(tmp_path / 'imu.csv')['']
     assert found['imu/wz'].to_numpy() == pytest.approx([np.pi, np.pi / 2])
     assert found['odom/twist/vx'].to_numpy() == pytest.approx([10.0, 20.0])
-    assert (found['imu/ay'].tolist(), found['tank'].tolist()) == ([1.0, 2.0], [5.0, 5.0])
-    (tmp_path / 'imu.csv').write_text('time [s],imu/wz [km/h]\n0,180\n0.1,90\n')
-    with pytest.raises(BagError, match=r"imu/wz: it is in rad/s, which 'km/h' does not measure"):
+    assert (found['imu/ay'].tolist(), found['tank'].tolist(), found['oil'].tolist()) == ([1.0, 2.0], [5000.0, 5000.0], [80.0, 81.0])
+    assert found['yaw'].to_numpy() == pytest.approx([np.pi, np.pi / 2])
+    units = found.attrs['units']
+    assert [units[name] for name in ('imu/wz', 'imu/ay', 'tank', 'oil', 'yaw')] == ['rad/s', 'm/s^2', 'N', 'degC', 'rad']
+
+
+@pytest.mark.parametrize(
+    ('unit', 'says'),
+    [
+        ('km/h', "imu/wz: it is in rad/s, which 'km/h' does not measure"),
+        ('m/s', "imu/wz: it is in rad/s, which 'm/s' does not measure"),
+        ('deg/sec', "imu/wz: it is in rad/s, and 'deg/sec' is no unit that is known here; did you mean 'deg/s'?; correct the header"),
+    ],
+)
+def test_a_table_in_a_unit_that_cannot_be_is_refused(unit: str, says: str, tmp_path: Path) -> None:
+    (tmp_path / 'imu.csv').write_text(f'time [s],imu/wz [{unit}]\n0,180\n0.1,90\n')
+    with pytest.raises(BagError, match=re.escape(says)):
         load(tmp_path / 'imu.csv')
 
 

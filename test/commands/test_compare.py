@@ -258,3 +258,33 @@ def test_tables_in_different_units_are_compared_in_si(tmp_path: Path, capsys: py
         assert (code, data['channels']['imu/wz']['peak_run']) == (0, pytest.approx(1.0, abs=1e-4))
     code, data = document(capsys, run, reference, '--map', 'imu/wz=imu/wz')
     assert code == 0
+
+
+def test_tables_of_others_are_compared_in_si_too(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A heading that passes 180 deg, wrapped and at 50 Hz, beside one in rad that counts on, at 70 Hz: the same but for the chords."""
+    for name, unit, factor, rate in (('run', 'deg', 180.0 / np.pi, 50.0), ('reference', 'rad', 1.0, 70.0)):
+        t = np.arange(round(2.0 * rate) + 1) / rate
+        yaw = 3.0 + 0.2 * t
+        wrapped = np.where((yaw > np.pi) & (unit == 'deg'), yaw - 2.0 * np.pi, yaw)
+        table = np.column_stack([t, factor * wrapped])
+        np.savetxt(tmp_path / f'{name}.csv', table, delimiter=',', header=f'time [s],ins/yaw [{unit}]', comments='', fmt='%.15g')
+    for pair in (('run', 'reference'), ('reference', 'run')):
+        code, data = document(capsys, *(tmp_path / f'{name}.csv' for name in pair))
+        assert (code, data['channels']['ins/yaw']['unit'], data['notes']) == (0, 'rad', [])
+    (tmp_path / 'other.csv').write_text('time [s],ins/yaw [m]\n0,3\n2,3.4\n')
+    assert main(['compare', str(tmp_path / 'run.csv'), str(tmp_path / 'other.csv')]) != 0
+    assert "ins/yaw: it is in rad, which 'm' does not measure" in capsys.readouterr().err
+
+
+def test_a_mapping_names_fields_with_brackets(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    t = np.arange(200) * 0.01
+    ours = write_scalars(tmp_path / 'ours', {'odom': (np.round(t * 1e9).astype(np.int64), {'vx': t})})
+    columns = {f'can.wheels[{k}].speed': (1.0 + k) * t for k in range(2)}
+    table = np.column_stack([t, *columns.values()])
+    np.savetxt(tmp_path / 'theirs.csv', table, delimiter=',', header=','.join(['time [s]', *columns]), comments='', fmt='%.15g')
+    file = tmp_path / 'map.yaml'
+    file.write_text("channels:\n  odom/vx: {channel: 'can.wheels[0].speed'}\n")
+    code, data = document(capsys, ours, tmp_path / 'theirs.csv', '--mapping', file)
+    assert (code, list(data['channels'])) == (0, ['odom/vx'])
+    file.write_text("channels:\n  odom/vx: {channel: 'can.wheels[1].speed'}\n")
+    assert document(capsys, ours, tmp_path / 'theirs.csv', '--mapping', file)[0] == 1

@@ -48,6 +48,9 @@ def test_why_there_are_no_indices_is_said(tmp_path: Path, capsys: pytest.Capture
     assert re.search(reason, (tmp_path / 'out' / 'report.html').read_text())
     sweep = sweep_of('morris', 2)
     assert no_indices(sweep, [{'f': 1.0}, {'f': 1.0}], 'f') == 'no indices of f: it is the same in all cases'
+    still = [{'f': 3e-17 * k} for k in range(4)]  # the yaw rate of a car that drives straight on: nothing but rounding
+    assert no_indices(sweep, still, 'f') == 'no indices of f: it is the same in all cases'
+    assert no_indices(sweep, [{'f': 1e-9}, {'f': 2e-9}], 'f') == ''
     assert no_indices(sweep_of('grid'), [{'f': 1.0}], 'f') == ''
     assert no_indices(sweep, [{'f': 1.0}, {'f': 2.0}], 'f') == ''
 

@@ -76,7 +76,8 @@ def keep_ahead(s: Signals, t0: float, end: float) -> None:
 
 
 def application(s: Signals, brake: np.ndarray) -> float:
-    """The instant [s] at which the brakes are applied by which the speed falls most; a note tells of others while the car moves."""
+    """The instant [s] at which the brakes are applied by which the speed falls most; a note tells of others while the car moves, and of
+    brakes that are on from the first sample."""
     level = APPLIED * brake.max()
     on = np.flatnonzero(brake >= level)
     first = on[np.diff(s.t[on], prepend=-math.inf) > RELEASED]
@@ -84,6 +85,11 @@ def application(s: Signals, brake: np.ndarray) -> float:
     k = int(np.argmax([s['speed'][a] - s['speed'][a : b + 1].min() for a, b in zip(first, last, strict=True)]))
     begin = int(last[k - 1]) + 1 if k else 0
     t0 = applied(s.t[begin:], brake[begin:], level)
+    if t0 == s.t[0]:
+        s.notes.append(
+            f'the brakes are on in the first sample, at {100.0 * brake[0] / brake.max():.2g} % of their largest: what was travelled before '
+            'is not in the distance, or, where a sensor shows that at rest, all the way to the brakes is; a mapping file gives its `offset`'
+        )
     times = int(np.sum(s['speed'][first] >= MOVING))
     if times > 1:
         s.notes.append(f'the brakes are applied {times} times in it; judged from t = {t0:.4g} s on, by which the speed falls most')

@@ -135,8 +135,9 @@ def judge(s: Signals, p: Ride) -> Result:
     length = float(s.t[used][-1] - s.t[used][0])
     notes = list(s.notes)
     notes.append('accelerations are those of the IMU in the body, not those of a seat')
-    if s.rate < 250.0:
-        notes.append(f'recorded at {s.rate:.4g} Hz: nothing above {0.5 * s.rate:.4g} Hz is in the figures, the weightings reach to 100 Hz')
+    rate = 1.0 / s.every(*(name for _, name, _ in AXES))  # that of another topic may be larger
+    if rate < 250.0:
+        notes.append(f'recorded at {rate:.4g} Hz: nothing above {0.5 * rate:.4g} Hz is in the figures, the weightings reach to 100 Hz')
     scene = s.vehicle.scene
     if scene is not None and scene.model.road.grids and all(name in s for name in PLACE):
         on = rough(s, scene)

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from mbd_sim_ros.analysis.evaluation.measures import low_passed
 from mbd_sim_ros.bags.reader import Run, Series
 from solver.analysis.figures import is_vehicle, mass_figures
 from solver.analysis.kinematics_and_compliance import Rig, kinematic_figures
@@ -28,6 +29,7 @@ TWIST = tuple(f'odom/twist/{name}' for name in ('vx', 'vy', 'vz', 'wx', 'wy', 'w
 FORCE = tuple(f'imu/{name}' for name in ('ax', 'ay', 'az'))
 BODY = (*POSE, *TWIST, *FORCE)
 LARGEST_RATE = 1000.0  # Hz of the grid
+BAND = 0.4  # of the rate of the grid: what is recorded finer is low-passed there, or it would come back below half the rate
 GIVEN = 'mbd evaluate --set, mbd maneuver --with'  # parameters of an evaluation
 GAP = 0.25  # s without a sample that is told
 MOST_SAMPLES = 5_000_000  # of the grid: an hour and more at its largest rate
@@ -178,6 +180,7 @@ def signals(
     """
     home = {name: one for one in _without_jumps(run).values() for name in one.columns}
     chosen: dict[str, Way] = {}
+    without: dict[str, None] = {}
     empty = {c for c in (*NEEDED, *WAYS) if c in home and not np.isfinite(home[c].columns[c]).any()}
     for name in (*needs, *also):
         _, text, ways = WAYS[name]
@@ -185,18 +188,26 @@ def signals(
         way = next((w for w in there if empty.isdisjoint(w.channels)), there[0] if there and name in needs else None)
         if way is not None:
             chosen[name] = way
-        elif name in needs:
+            continue
+        unread = next(
+            (f'{t} is not read: {why}' for t, why in run.left_out.items() for w in ways if w.channels[-1].startswith(f'{t}/')), ''
+        )
+        if name in needs:
             fewest = min(ways, key=lambda w: len(w.channels))
             lacking = [channel for channel in fewest.channels if channel not in home]
+            if unread:
+                raise BagError(f'{place}: has no {text}: {unread}')
             raise BagError(f'{place}: has no {text}: the channel {name} or {lacking[0]} is needed; map it with --map THEIRS={name}')
+        if unread:
+            without[unread] = None
     channels = tuple(dict.fromkeys(channel for way in chosen.values() for channel in way.channels))
     samples = {c: _numbers(home[c], c, place) for c in channels}
-    t_ns, origin, notes = _grid([t for t, _ in samples.values()], place)
     held = held | {c for c in channels if c in ('cmd_applied/brake_torque', 'cmd_applied/drive_torque')}
+    t_ns, origin, notes = _grid({c: t for c, (t, _) in samples.items()}, place, held)
     on_grid = {c: _resampled(t_ns, *samples[c], c, c in held) for c in channels}
     _normalise(on_grid)
     values = {name: way.of([on_grid[c] for c in way.channels]) for name, way in chosen.items()}
-    notes += [way.note for way in chosen.values() if way.note]
+    notes += [*without, *(way.note for way in chosen.values() if way.note)]
     apart = {c: float(np.median(np.diff(t))) * 1e-9 for c, (t, _) in samples.items() if t.size > 1}
     spacing = {name: max(apart.get(c, 0.0) for c in way.channels) for name, way in chosen.items()}
     return Signals(
@@ -220,10 +231,14 @@ def _numbers(series: Series, channel: str, place: str) -> tuple[np.ndarray, np.n
     return series.time_ns[good], values[good]
 
 
-def _grid(times: Sequence[np.ndarray], place: str) -> tuple[np.ndarray, int, list[str]]:
-    """(n,) instants [ns] in the time that all channels share, as fine as the finest of them; what counts as zero; notes."""
-    begin, end = max(int(t[0]) for t in times), min(int(t[-1]) for t in times)
-    step = min((int(np.median(np.diff(t))) for t in times if t.size > 1), default=0)
+def _grid(times: Mapping[str, np.ndarray], place: str, held: frozenset[str]) -> tuple[np.ndarray, int, list[str]]:
+    """(n,) instants [ns] in the time that all channels share, as fine as the finest of them; what counts as zero; notes.
+
+    held: channels whose last value holds, so that they neither end before the others nor have gaps.
+    """
+    others = [t for c, t in times.items() if c not in held] or [*times.values()]
+    begin, end = max(int(t[0]) for t in times.values()), min(int(t[-1]) for t in others)
+    step = min((int(np.median(np.diff(t))) for t in times.values() if t.size > 1), default=0)
     if step <= 0 or end - begin < 10 * step:
         raise BagError(f'{place}: its topics share less than ten samples; an evaluation needs a maneuver')
     step = max(step, round(1e9 / LARGEST_RATE))
@@ -232,15 +247,15 @@ def _grid(times: Sequence[np.ndarray], place: str) -> tuple[np.ndarray, int, lis
             f'{place}: from {begin * 1e-9:.6g} to {end * 1e-9:.6g} s there are more than {MOST_SAMPLES} samples at steps of '
             f'{step * 1e-9:g} s; a clock was set meanwhile, or there is a long gap: cut the recording there'
         )
-    notes = []
-    for t in times:
+    notes, origin = [], 0 if begin < 10_000_000_000_000 else begin
+    for t in others:
         if t.size < 2:
             continue
         widest = int(np.argmax(np.diff(t)))
         if t[widest + 1] - t[widest] > max(GAP * 1e9, 3 * step):
-            notes.append(f'{(t[widest + 1] - t[widest]) * 1e-9:.3g} s without samples behind t = {(t[widest] - begin) * 1e-9:.3g} s')
+            notes.append(f'{(t[widest + 1] - t[widest]) * 1e-9:.3g} s without samples behind t = {(t[widest] - origin) * 1e-9:.3g} s')
     grid = np.arange(begin, end + 1, step, dtype=np.int64)
-    return grid, (0 if begin < 10_000_000_000_000 else begin), list(dict.fromkeys(notes))
+    return grid, origin, list(dict.fromkeys(notes))
 
 
 def _resampled(grid: np.ndarray, time_ns: np.ndarray, values: np.ndarray, name: str, hold: bool) -> np.ndarray:
@@ -250,7 +265,13 @@ def _resampled(grid: np.ndarray, time_ns: np.ndarray, values: np.ndarray, name: 
         return values
     if hold:
         return values[np.clip(np.searchsorted(time_ns, grid, 'right') - 1, 0, None)]
-    return np.interp((grid - grid[0]).astype(float), (time_ns - grid[0]).astype(float), values)
+    at, own = (grid - grid[0]).astype(float), (time_ns - grid[0]).astype(float)
+    step = float(at[1])
+    finer = min(math.ceil(step / max(float(np.median(np.diff(own))), 1.0) - 0.01), 2 * values.size // at.size) if own.size > 1 else 1
+    if finer < 2:
+        return np.interp(at, own, values)
+    fine = np.interp(np.arange((at.size - 1) * finer + 1) * (step / finer), own, values)
+    return low_passed(fine, 1e9 * finer / step, 1e9 * BAND / step)[::finer]
 
 
 def _normalise(columns: dict[str, np.ndarray]) -> None:
@@ -262,12 +283,16 @@ def _normalise(columns: dict[str, np.ndarray]) -> None:
 
 
 def _without_jumps(run: Run) -> dict[str, Series]:
-    """The series of a run, its quaternions without changes of sign, so that they may be interpolated."""
+    """The series of a run, its quaternions without changes of sign, so that they may be interpolated; zeros, which who knows no orientation
+    sends, are none."""
     series = dict(run.series)
     for topic, one in run.series.items():
         if all(name in one.columns for name in POSE[3:]):
             q = np.column_stack([one.columns[name] for name in POSE[3:]])
-            flips = np.where((q[1:] * q[:-1]).sum(axis=1) < 0.0, -1.0, 1.0)
-            q[1:] *= np.cumprod(flips)[:, None]
+            q[~(np.isfinite(q).all(axis=1) & q.any(axis=1))] = np.nan
+            given = q[np.isfinite(q[:, 0])]
+            flips = np.where((given[1:] * given[:-1]).sum(axis=1) < 0.0, -1.0, 1.0)
+            given[1:] *= np.cumprod(flips)[:, None]
+            q[np.isfinite(q[:, 0])] = given
             series[topic] = Series(one.time_ns, one.columns | dict(zip(POSE[3:], q.T)))
     return series

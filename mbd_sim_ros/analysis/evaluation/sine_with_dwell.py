@@ -4,7 +4,7 @@ Steering wheel, yaw rate and lateral acceleration pass 12-pole Butterworth filte
 the second before the steering wheel turns faster than 75 deg/s for 200 ms (its rate is a running mean over 0.1 s). Then
 
     beginning of steer (BOS)    the steering wheel reaches 5 deg
-    completion of steer (COS)   it is back at zero after the dwell
+    completion of steer (COS)   it is back at zero after the dwell, or where it rests beside, at 0.5 deg
     second peak of yaw rate     the first one after the steering wheel has changed its sign; a car that goes on turning to its first
                                 side has none, and is not stable
     stability                   yaw rate 1.00 s and 1.75 s after COS at most 35 % and 20 % of that peak
@@ -31,11 +31,13 @@ from solver.errors import SpecError
 NORM = 'FMVSS 126, 49 CFR 571.126 [ESC2007]; ISO 19365 [ISOValidation2016]'
 FAST, LASTS = math.radians(75.0), 0.2  # rate of the steering wheel [rad/s], for how long [s]
 BEGIN = math.radians(5.0)
+RETURNED, SOON = math.radians(0.5), 0.05  # rad from zero, and s later: a steering wheel that is not at zero by then rests beside it
 AFTER = ((1.0, 0.35), (1.75, 0.20))  # s after COS, ratio allowed
 WHEN, NEAR, NEAR_HEAVY, HEAVY = 1.07, 1.83, 1.52, 3500.0  # s after BOS, m, m above kg
 FROM = 5.0  # amplitudes over A for which responsiveness is asked for
 FIRST, STEP, LAST = 1.5, 0.5, 6.5  # of A
 FREQUENCY = 0.7  # Hz
+LEAST_RATE = 25.0  # Hz: what is recorded more seldom has nothing that a filter of 10 Hz could take
 SPEED, SPEED_TO = 80.0 / 3.6, 2.0 / 3.6  # m/s
 LEAST_LAST, MOST_LAST = math.radians(270.0), math.radians(300.0)
 
@@ -69,6 +71,11 @@ def series(reference: float) -> list[float]:
 def judge(s: Signals, p: SineWithDwell) -> Result:
     """The ratios and the displacement of one run. Raises BagError."""
     t = s.t
+    apart = s.every('steering', 'yaw_rate', 'lateral_acceleration')
+    if apart > 1.0 / LEAST_RATE:
+        s.notes.append(
+            f'recorded every {apart:.3g} s: the filters of the norm and its instants between samples need {LEAST_RATE:g} a second at least'
+        )
     wheel = low_passed(s['steering'], s.rate, 10.0)
     width = max(1, round(0.1 * s.rate))
     rate = np.convolve(np.gradient(wheel, t), np.full(width, 1.0 / width), mode='same')
@@ -90,7 +97,10 @@ def judge(s: Signals, p: SineWithDwell) -> Result:
         raise s.refuse('no sine with dwell in it: the steering wheel turns to one side only')
     largest = float(np.max(-wheel[s.between(reversal, reversal + 2.5)]))
     dwells = crossing(t, -wheel, 0.7 * largest, after=reversal)
-    cos = crossing(t, wheel, 0.0, after=dwells)
+    back = crossing(t, wheel, -RETURNED, after=dwells)
+    cos = crossing(t, wheel, 0.0, after=back)
+    if not cos <= back + SOON:
+        cos = back  # it rests beside zero
     if math.isnan(cos) or t[-1] < cos + AFTER[-1][0]:
         raise s.refuse(f'it ends before {AFTER[-1][0]:g} s after the completion of steer; no sine with dwell that can be judged')
     held = float(np.mean(-wheel[s.between(reversal, cos)] > 0.95 * largest) * (cos - reversal))

@@ -30,6 +30,8 @@ RESPONSES = (('yaw_rate', 'yaw rate', 'rad/s'), ('lateral_acceleration', 'latera
 FOLLOWING = (('roll', 'roll angle', 'rad'), ('sideslip_angle', 'sideslip angle', 'rad'))
 COHERENT = 0.9
 LEAST_LINES = 3  # of a frequency response
+NONE = 1e-6  # rad, rad/s, m/s^2: what changes by less does not answer, but for rounding
+DAMPED = 0.02  # part of the amplitude that straight lines between samples take, without a note
 EXCITED = 1e-3  # part of the largest spectral density of the steering that counts as excitation
 AT_REST, RESTS = 0.5, 0.01  # s at an end of a recording, and the part of its range by which a steering wheel at rest may move there
 
@@ -70,7 +72,7 @@ def judge_step(s: Signals, p: StepSteer) -> Result:
     t0 = crossing(t, change, 0.5 * size, after=float(t[first]))
     speed = float(s['speed'][before].mean())
     rise = crossing(t, change, 0.9 * size, after=float(t[first])) - crossing(t, change, 0.1 * size, after=float(t[first]))
-    apart = s.every('steering', *(name for name, _, _ in RESPONSES))
+    apart = s.every('steering', *(name for name, _, _ in (*RESPONSES, *FOLLOWING) if name in s))
     if rise < FINE * apart:
         s.notes.append(
             f'recorded every {apart:.3g} s, and the steering wheel turns within {rise:.2g} s: response times are not known better than to '
@@ -94,11 +96,12 @@ def judge_step(s: Signals, p: StepSteer) -> Result:
         overshoot = max(0.0, (largest - value) / value) if value > 0.0 else math.nan
         if np.argmax(response[inside]) == inside.sum() - 1:
             when, overshoot = math.nan, 0.0
+        ninety = crossing(t, response, 0.9 * value, after=t0 - p.rise)
+        if value < NONE:  # no answer comes at no time
+            when = overshoot = ninety = math.nan
         figures += [
             Figure(f'{name}_steady', f'{text}, steady', last - initial, unit),
-            Figure(
-                f'{name}_response_time', f'{text}, response time (90 %)', crossing(t, response, 0.9 * value, after=t0 - p.rise) - t0, 's'
-            ),
+            Figure(f'{name}_response_time', f'{text}, response time (90 %)', ninety - t0, 's'),
             Figure(f'{name}_peak_time', f'{text}, peak response time', when - t0, 's'),
             Figure(f'{name}_overshoot', f'{text}, overshoot', overshoot, '1'),
         ]
@@ -172,6 +175,13 @@ def judge_frequencies(s: Signals, p: FrequencyResponse) -> Result:
         raise s.refuse(f'the steering wheel does not excite frequencies from {p.low:g} to {p.high:g} Hz; no random or swept input in it')
     figures = [Figure('speed', 'speed, mean', float(s['speed'].mean()), 'm/s')]
     charts = []
+    for name, text in (('steering', 'steering-wheel angle'), *(x[:2] for x in RESPONSES)):
+        damped = 1.0 - float(np.sinc(p.high * s.spacing.get(name, 0.0))) ** 2
+        if damped > DAMPED:
+            s.notes.append(
+                f'the {text} is recorded every {s.spacing[name]:.3g} s, the others more often: straight lines between its samples take '
+                f'{100.0 * damped:.2g} % of its amplitude at {p.high:g} Hz; record it more often, or take a lower high=... ({GIVEN})'
+            )
     for name, text, _ in RESPONSES:
         gain_unit = '1/s' if name == 'yaw_rate' else 'm/s^2/rad'
         y = np.pad(s[name], ends, 'mean', stat_length=rest)

@@ -192,6 +192,20 @@ def test_the_brakes_that_stop_the_car_count_and_not_those_before(before: float) 
     assert pumped.notes == ()
 
 
+def test_a_sensor_that_shows_brakes_where_there_are_none_is_told() -> None:
+    """3 % of the pressure from the first sample on: the distance holds the second before, 27 m more than v^2/16."""
+    s = stopping()
+    s.values['brake'] = np.maximum(s['brake'], 90.0)
+    r = braking.judge_stopping(s, braking.Stopping())
+    assert r['distance'] == pytest.approx(27.0 + 27.0**2 / 16.0, abs=27.0 / 200.0)
+    assert any('the brakes are on in the first sample, at 3 % of their largest' in note for note in r.notes)
+    s.values['brake'] = np.maximum(s['brake'] - 90.0, 0.0)
+    s.notes.clear()
+    r = braking.judge_stopping(s, braking.Stopping())
+    assert r['distance'] == pytest.approx(27.0**2 / 16.0, abs=27.0 / 200.0)
+    assert not [note for note in r.notes if 'first sample' in note]
+
+
 def test_a_car_that_is_held_by_its_brakes_before_it_drives_off_is_judged_when_it_stops() -> None:
     s = stopping()
     wait = even(10.0)[:-1]

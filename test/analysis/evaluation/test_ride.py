@@ -80,3 +80,12 @@ def test_a_road_that_ends_within_what_is_averaged_is_told(speed: float, told: st
     assert all(f'{told} s, and the figures are of t = 2 to 11 s' in note for note in notes)
     s.values['y'] = s['y'] + 100.0
     assert any('the rough part of the road at no time' in note for note in ride.judge(s, ride.Ride()).notes)
+
+
+def test_the_band_is_that_of_the_accelerometer_and_not_of_a_topic_beside_it() -> None:
+    t = even(8.0, 1000.0)
+    s = made(t, ax=0.0, ay=0.0, az=9.81 + np.sin(10.0 * t), x=20.0 * t, y=0.0, heading=0.0)
+    assert not [note for note in ride.judge(s, ride.Ride()).notes if 'recorded at' in note]
+    s.notes.clear()
+    s.spacing['az'] = 0.01
+    assert any('recorded at 100 Hz: nothing above 50 Hz is in the figures' in note for note in ride.judge(s, ride.Ride()).notes)

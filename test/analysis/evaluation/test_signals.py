@@ -94,3 +94,65 @@ def test_gaps_are_told() -> None:
     assert '0.51 s without samples' in s.notes[0] or '0.52 s without samples' in s.notes[0]
     with pytest.raises(BagError, match='ten samples'):
         signals(Run({'imu': Series(np.arange(5), {'imu/wz': np.zeros(5)})}), 'bag', ('yaw_rate',))
+
+
+def test_commands_that_are_sent_when_they_change_hold_to_the_end() -> None:
+    """A brake that is told twice, at 0 and 4 s, is no gap and does not end the recording, and one that is told first at 4 s begins it."""
+    t = even(10.0, 100.0)
+    stamps = np.round(t * 1e9).astype(np.int64)
+    for first, values in ((0, [0.0, 3000.0]), (1, [3000.0])):
+        told = Series(np.array([0, 4 * 10**9])[first:], {'cmd_applied/brake_torque': np.array(values)})
+        s = signals(Run({'odom': Series(stamps, {'odom/twist/vx': 20.0 - t}), 'cmd_applied': told}), 'bag', ('speed', 'brake'))
+        assert (s.t[0], s.t[-1], s.notes) == (4.0 * first, 10.0, [])
+        assert s['brake'] == pytest.approx(np.where(s.t >= 4.0, 3000.0, 0.0))
+
+
+def test_what_is_recorded_finer_than_the_grid_does_not_come_back_as_a_slow_motion() -> None:
+    """1003 Hz at 5 kHz, of which samples at 1 kHz would make 3 Hz; 20 Hz stay as they are, also on stamps that scatter."""
+    t = even(4.0, 5000.0)
+    jitter = 2e-5 * np.sin(np.arange(t.size))
+    for stamps in (t, np.concatenate([t[:1], t[1:-1] + jitter[1:-1], t[-1:]])):
+        slow = np.sin(2.0 * np.pi * 20.0 * stamps)
+        series = Series(np.round(stamps * 1e9).astype(np.int64), {'az': slow + np.sin(2.0 * np.pi * 1003.0 * stamps)})
+        s = signals(Run({'': series}), 'bag', ('az',))
+        assert s.rate == pytest.approx(1000.0)
+        inside = s.between(0.1, 3.9)
+        assert s['az'][inside] == pytest.approx(np.sin(2.0 * np.pi * 20.0 * s.t[inside]), abs=1e-3 if stamps is t else 0.08)
+
+
+def test_an_orientation_of_zeros_is_none() -> None:
+    """Who knows no orientation sends zeros, not that the car heads along x; the lateral acceleration is that of its sensor, and told."""
+    t = even(10.0, 100.0)
+    stamps = np.round(t * 1e9).astype(np.int64)
+    body = pose(t, 0.1 * t, 0.0, 20.0)
+    body |= {f'odom/twist/{n}': 0.0 * t for n in ('vx', 'vy', 'vz', 'wx', 'wy', 'wz')}
+    nothing = body | {f'odom/pose/q{n}': 0.0 * t for n in 'xyzw'}
+    force = Series(stamps, {f'imu/{n}': 0.0 * t + 1.0 for n in ('ax', 'ay', 'az')})
+    s = signals(Run({'odom': Series(stamps, nothing), 'imu': force}), 'bag', ('lateral_acceleration',), ('roll',))
+    assert 'no orientation' in s.notes[0] and 'roll' not in s
+    with pytest.raises(BagError, match='the channel odom/pose/qx holds no number'):
+        signals(Run({'odom': Series(stamps, nothing)}), 'bag', ('heading',))
+    late = {n: np.where(t < 1.0, nothing[n], body[n]) for n in body}  # the sensor finds its orientation after a second
+    again = signals(Run({'odom': Series(stamps, late)}), 'bag', ('heading',))
+    assert again.t[0] == 1.0
+    assert again['heading'] == pytest.approx(0.1 * again.t, abs=1e-9)
+
+
+def test_a_quaternion_that_changes_its_sign_in_a_gap_is_the_same_orientation() -> None:
+    t = even(10.0, 100.0)
+    body = pose(t, 0.1 * t, 0.0, 20.0)
+    for n in 'xyzw':
+        q = body[f'odom/pose/q{n}']
+        body[f'odom/pose/q{n}'] = np.where((t > 4.0) & (t < 4.1), np.nan, np.where(t > 4.05, -q, q))
+    s = signals(Run({'odom': Series(np.round(t * 1e9).astype(np.int64), body)}), 'bag', ('heading',))
+    assert s['heading'] == pytest.approx(0.1 * s.t, abs=1e-6)
+
+
+def test_why_a_topic_is_not_read_is_told() -> None:
+    t = even(10.0, 100.0)
+    stamps = np.round(t * 1e9).astype(np.int64)
+    run = Run({'imu': Series(stamps, {'imu/wz': 0.0 * t})}, left_out={'odom': 'its times go back by 7 s'})
+    with pytest.raises(BagError, match='has no speed along the vehicle: odom is not read: its times go back by 7 s'):
+        signals(run, 'bag', ('speed',))
+    assert signals(run, 'bag', ('yaw_rate',), ('roll', 'sideslip_angle')).notes == ['odom is not read: its times go back by 7 s']
+    assert signals(run, 'bag', ('yaw_rate',)).notes == []

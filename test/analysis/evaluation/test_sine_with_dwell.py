@@ -71,6 +71,28 @@ def test_another_speed_than_that_of_the_norm_is_told() -> None:
     assert len(told(82.5)) == 1
 
 
+@pytest.mark.parametrize(('rate', 'told'), [(50.0, False), (20.0, True)])
+def test_samples_too_far_apart_for_the_filters_are_told(rate: float, told: bool) -> None:
+    for s in (dwelling(rate=rate), dwelling()):
+        s.spacing['yaw_rate'] = 1.0 / rate
+        notes = sine_with_dwell.judge(s, sine_with_dwell.SineWithDwell(reference=0.3)).notes
+        assert any('need 25 a second at least' in note for note in notes) == told
+
+
+@pytest.mark.parametrize('side', [1.0, -1.0])
+def test_a_steering_wheel_that_comes_to_rest_beside_zero_is_back_when_it_comes(side: float) -> None:
+    """0.4 deg short of zero, through which it creeps 0.8 s later: half of the peak a second after it came is too much, although 1.8 s after
+    it, at 0.1, all is well. Where it never comes through, the figures are the same."""
+    came = 2.0 + 1.0 / 0.7 + 0.5
+    for end in (0.1, -0.4):
+        s = dwelling(0.6, side=side, ratios=(0.5, 0.1))
+        s.values['steering'] += side * np.radians(np.interp(s.t, [came - 0.02, came, came + 1.0], [0.0, -0.4, end]))
+        r = sine_with_dwell.judge(s, sine_with_dwell.SineWithDwell(reference=0.3))
+        assert r['yaw_rate_ratio_100'] == pytest.approx(0.5, abs=0.01)
+        assert r['yaw_rate_ratio_175'] == pytest.approx(0.1, abs=0.01)
+        assert r.passed is False
+
+
 def test_the_series_of_amplitudes() -> None:
     """From 1.5 A by 0.5 A to the greater of 6.5 A and 270 deg, at most 300 deg."""
     found = np.degrees(sine_with_dwell.series(math.radians(30.0)))

@@ -45,9 +45,12 @@ def test_step_response_of_second_order(side: float) -> None:
 def test_samples_too_far_apart_for_response_times_are_told(rate: float, told: bool) -> None:
     """Of 0.08 s in which the steering wheel turns, one of 20 Hz has less than three; also where another topic is as fine as ever."""
     coarse = transient.judge_step(stepped(rate=rate), transient.StepSteer())
-    fine = stepped()
-    fine.spacing['yaw_rate'] = 1.0 / rate
-    for result in (coarse, transient.judge_step(fine, transient.StepSteer())):
+    results = [coarse]
+    for name in ('yaw_rate', 'roll'):
+        fine = stepped()
+        fine.spacing[name] = 1.0 / rate
+        results.append(transient.judge_step(fine, transient.StepSteer()))
+    for result in results:
         assert any('response times are not known better than to 0.025 s' in note for note in result.notes) == told
         assert told or not result.notes
 
@@ -64,6 +67,17 @@ def test_a_response_that_only_grows_has_no_peak() -> None:
     assert r['yaw_rate_overshoot'] == 0.0
     assert r['yaw_rate_response_time'] == pytest.approx((math.log(10.0) + math.log(b / (b - a))) / a, abs=2e-3)
     assert r['lateral_acceleration_peak_time'] == pytest.approx(math.pi / (2.0 * np.pi * 0.9 * 0.6), abs=1e-3)
+
+
+@pytest.mark.parametrize('roll', [0.0, 0.02])
+def test_what_does_not_answer_has_no_response_time(roll: float) -> None:
+    """The roll angle of a level without roll, with rounding in it, and that of a sensor that is stuck."""
+    s = stepped()
+    s.values['roll'] = roll + 1e-17 * np.sin(np.arange(s.t.size))
+    r = transient.judge_step(s, transient.StepSteer())
+    assert abs(r['roll_steady']) < 1e-16
+    assert all(math.isnan(r[f'roll_{what}']) for what in ('response_time', 'peak_time', 'overshoot'))
+    assert r['yaw_rate_response_time'] > 0.0
 
 
 def test_a_peak_is_that_before_the_steady_values() -> None:
@@ -141,6 +155,25 @@ def test_frequency_response_of_second_order(kind: str, rng: np.random.Generator)
     assert r['yaw_rate_peak_frequency'] == pytest.approx(top, abs=0.11)
     assert r['yaw_rate_peak_ratio'] == pytest.approx(
         1.0 / (2.0 * 0.6 * 0.8) / abs(1.0 / (1.0 - (0.2 / 1.2) ** 2 + 2j * 0.6 * 0.2 / 1.2)), rel=0.01
+    )
+
+
+def test_what_straight_lines_between_samples_take_of_a_gain_is_told(rng: np.random.Generator) -> None:
+    """A yaw rate of 10 Hz beside a steering wheel of 100 Hz: sinc(f/10 Hz)^2, 19 % at 2.5 Hz; of 50 Hz 0.8 %, which is not told."""
+    rate = 100.0
+    t = even(240.0, rate)
+    x = 0.3 * signal.sosfilt(signal.butter(4, 3.0, fs=rate, output='sos'), rng.standard_normal(t.size))
+    y = answered(x, rate, 0.3, 1.2, 0.6)
+    found = {}
+    for every in (1, 2, 10):
+        s = made(t, steering=x, speed=22.0, yaw_rate=np.interp(t, t[::every], y[::every]), lateral_acceleration=y)
+        if every > 1:
+            s.spacing['yaw_rate'] = every / rate
+        found[every] = transient.judge_frequencies(s, transient.FrequencyResponse())
+    assert found[10]['yaw_rate_gain_2.5hz'] / found[1]['yaw_rate_gain_2.5hz'] == pytest.approx(np.sinc(0.25) ** 2, rel=0.02)
+    assert found[1].notes == found[2].notes == ()
+    assert any(
+        'the yaw rate is recorded every 0.1 s' in note and 'take 19 % of its amplitude at 2.5 Hz' in note for note in found[10].notes
     )
 
 
