@@ -28,6 +28,7 @@ def finite(where: str, field: str, value: object, *, low: float = -math.inf, hig
     number = float(value)  # type: ignore[arg-type]
     inside = (number > low if strict else number >= low) and number <= high
     limit = f'{">" if strict else ">="} {low:g}' if math.isinf(high) else f'in {"(" if strict else "["}{low:g}, {high:g}]'
+    limit = f'at most {high:g}' if math.isinf(low) else limit
     require(inside, where, field, value, f'must be {limit}')
     return number
 

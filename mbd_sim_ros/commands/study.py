@@ -48,9 +48,14 @@ def run(args: argparse.Namespace) -> Result:
 
     from mbd_sim_ros.bags.recorder import file_stem
     from mbd_sim_ros.lab import studies as study
+    from solver.errors import BagError
 
     options = _options(args)  # a wrong name makes no directory
     out = args.out or Path('out') / args.name / (file_stem(options['scene'].name) if 'scene' in options else '')
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BagError(f'--out {out}: {error.strerror}; choose another place') from None
     with tqdm(total=1.0, bar_format=BAR, disable=args.json or not sys.stderr.isatty(), leave=False) as bar:
 
         def progress(text: str, done: float) -> None:
