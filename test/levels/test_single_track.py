@@ -26,6 +26,7 @@ from solver.levels import derive
 from solver.levels.error_sheet import course_scene, courses, error_sheet
 from solver.levels.single_track_simulation import SingleTrackSimulation
 from solver.levels.track_bends import Lateral
+from solver.levels.track_straight import straight
 from solver.model.spec import ModelSpec
 from solver.scene import Scene, StartSettings
 from solver.step.single_track_tables import SingleTrackTables
@@ -76,6 +77,17 @@ def test_understeer_and_mass_are_those_of_the_whole_vehicle(car: str) -> None:
     level, whole = (gradient(dataclasses.replace(scene(car, SLOW_RAMP), fidelity=each), t) for each in ('single_track', 'full'))
     assert level == pytest.approx(whole, abs=2e-4)
     assert whole > 1e-3
+
+
+@pytest.mark.slow
+def test_brakes_slow_down_what_turns_with_the_wheels_too() -> None:
+    """Four rotors of 0.02 kg m^2 that turn 9 times as fast have 6.5 kg m^2, and took 3.5 % of what the brakes of the level did."""
+    rotors = [f'vehicle.axles.{axle}.drive.rotor={{inertia: 0.02, ratio: 9}}' for axle in ('front', 'rear')]
+    electric = load_scene('car_step_steer', ['vehicle=vehicles/electric_4wd.yaml', *rotors]).model
+    axles, _, _ = straight(electric, sum(b.mass for b in electric.bodies))
+    assert axles['front']['inertia'] + axles['rear']['inertia'] == pytest.approx(2.0 * (1.0 + 0.95) + 4 * 0.02 * 81, rel=0.03)
+    assert axles['front']['brake'] + axles['rear']['brake'] == pytest.approx(1.0, abs=0.01)
+    assert axles['front']['drive'] + axles['rear']['drive'] == pytest.approx(1.0, abs=0.01)
 
 
 def gradient(each: Scene, t: SingleTrackTables) -> float:
