@@ -59,10 +59,10 @@ def require_converter(where: str, speed_ratios: Sequence[float], torque_ratios: 
         require(nu * ratio <= 1.0, where, f'torque_ratios[{k}]', ratio, f'times the speed ratio {nu:g} must be at most 1: its efficiency')
     law = Law.table(list(zip(speed_ratios, torque_ratios, strict=True)), where, 'torque_ratios')
     for k, (low, high) in enumerate(pairwise(speed_ratios), start=1):
-        nu = low + (high - low) * np.arange(1, BETWEEN) / BETWEEN
-        efficiency = nu * piecewise_cubic(np.array(law.x), np.array(law.y), np.array(law.slope), nu)[0]
+        at = low + (high - low) * np.arange(1, BETWEEN) / BETWEEN
+        efficiency = at * piecewise_cubic(np.array(law.x), np.array(law.y), np.array(law.slope), at)[0]
         m = int(np.argmax(efficiency))
-        passes = f'with the point before it gives an efficiency of {efficiency[m]:.3f} at the speed ratio {nu[m]:.3g}: give more points'
+        passes = f'with the point before it gives an efficiency of {efficiency[m]:.3f} at the speed ratio {at[m]:.3g}: give more points'
         require(bool(efficiency[m] <= 1.0 + ROUNDING), where, f'torque_ratios[{k}]', torque_ratios[k], passes)
 
 

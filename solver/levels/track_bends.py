@@ -154,15 +154,13 @@ def limits(
     )
     why = f'gentle bends of the vehicle are followed to {100 * ERROR:g} % up to there'
     slowest = slowest_pressed(sum(found[axle]['load'] for axle in AXLES), -found['body']['mass'] * model.gravity[2])
+    low = -fastest
     if slowest is not None:
-        why += f'; wings load the axles as at {SPEED:g} m/s, slower by {100 * ERROR:g} % less and more'
-    speed = {
-        'quantity': 'longitudinal_velocity',
-        'unit': 'm/s',
-        'low': -fastest if slowest is None else slowest,
-        'high': fastest,
-        'why': why,
-    }
+        low, why = (
+            slowest,
+            f'{why}; slower, wings press down less by more than {100 * ERROR:g} % of the loads, which are those of {SPEED:g} m/s',
+        )
+    speed = {'quantity': 'longitudinal_velocity', 'unit': 'm/s', 'low': low, 'high': fastest, 'why': why}
     return [speed, *({'quantity': quantity, 'unit': unit, 'high': float(f'{high:.3g}'), 'why': why} for quantity, unit, high, why in rows)]
 
 
