@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import hashlib
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
@@ -17,6 +18,7 @@ from solver.errors import SpecError, suggestion
 from solver.inputs.actuation import Actuation
 from solver.inputs.assistance import Assistance
 from solver.inputs.maneuver import Maneuver, base_names
+from solver.inputs.recorded import Reach
 from solver.inputs.signals import maps_in, signal
 from solver.model.compile import joint_coordinates
 from solver.model.spec import ModelSpec
@@ -24,6 +26,7 @@ from solver.output.sensors import Sensors
 from solver.quantities import published, quantity
 from solver.step.settings import IntegratorSettings
 from solver.validate import finite, require
+from solver.vehicle.actuation import forward_gears, reaches
 
 SAMPLES = 1001  # of an input, where a look at the whole of it is enough
 BEYOND = 0.05  # of the width of a map: so far its polynomial may be followed, and so far beyond the zeros of Chebyshev's the ends are
@@ -247,6 +250,11 @@ class Scene:
         for name in (n for n in self.maneuver.channels if n not in names):
             require(False, where_, 'maneuver', name, 'the model has no such input' + suggestion(name, names))
         _check_inputs(where_, self.maneuver, np.linspace(0.0, self.duration, SAMPLES), self.actuation.wheels)
+        _check_reaches(where_, self.maneuver, np.linspace(0.0, self.duration, SAMPLES), reaches(self.model))
+        shifts = 0 if self.assistance.shift is None else len(self.assistance.shift.up)
+        gears = forward_gears(self.model) or shifts + 1
+        more = f'the last shift is into gear {shifts + 1}, and the gearbox has {gears}: give a row less for each that there is not'
+        require(shifts < gears, where_, 'assistance.shift.up', shifts, more)
         if self.maneuver.by_road_wheel:
             require('steering' in names, where_, 'maneuver.road_wheel', '...', 'needs the input steering: an angle, of a vehicle')
         if self.maneuver.driver is not None:
@@ -297,6 +305,15 @@ def _check_inputs(where_: str, maneuver: Maneuver, t: np.ndarray, wheels: bool) 
             beyond = float(np.max(np.maximum(low - x, x - high)))
             far = f'a map is asked {beyond:g} beyond its points, {low:g} to {high:g}, where the polynomial means nothing; give more points'
             require(not beyond > BEYOND * (high - low), where_, 'maneuver', name, far)
+
+
+def _check_reaches(where_: str, maneuver: Maneuver, t: np.ndarray, reaches: Mapping[str, Reach]) -> None:
+    """Refuse pedals and gears beyond those that there are, at instants t [s]."""
+    for name, one in maneuver.channels.items():
+        reach = reaches.get(name)
+        worst = None if reach is None else reach.beyond(one.jet(t).value)
+        if reach is not None and worst is not None:
+            require(False, where_, f'maneuver.signals.{name}', worst, reach.remedy)
 
 
 def _check_frames(where_: str, model: ModelSpec) -> None:

@@ -50,6 +50,12 @@ def require_rising(where: str, field: str, values: Sequence[float], count: int =
         require(b > a, where, f'{field}[{k}]', b, f'must be greater than the one before it ({a:g})')
 
 
+def require_positions(where: str, pedals: Sequence[float]) -> None:
+    """Check that positions of a pedal are between 0 and 1, as its input is. Raises SpecError."""
+    for k, pedal in enumerate(pedals):
+        require(0.0 <= pedal <= 1.0, where, f'pedals[{k}]', pedal, 'must be in [0, 1]: a position of the pedal, not per cent')
+
+
 def require_grid(where: str, field: str, rows: Sequence[Sequence[float]], of: tuple[str, int], per: tuple[str, int]) -> None:
     """Check that a table has a row for each of so many things and in it a finite number for each of others. Raises SpecError."""
     require(len(rows) == of[1], where, field, len(rows), f'must have one row for each of the {of[1]} {of[0]}')

@@ -132,7 +132,7 @@ def _ratio(table, e, chosen):
     first = table.start[e]
     if chosen < -0.5:
         return table.ratio[first]
-    gear = min(int(chosen + 0.5), table.start[e + 1] - first - 1)
+    gear = int(min(chosen + 0.5, table.start[e + 1] - first - 1.0))  # held before it is rounded: a number may be beyond all integers
     if gear == 0:
         return 0.0
     return table.ratio[first + gear]

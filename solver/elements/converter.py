@@ -15,11 +15,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
 
 from solver.compiled.kernel import kernel, sixes
+from solver.compiled.portable import piecewise_cubic
 from solver.dimensions import ConverterCapacity
 from solver.elements.coordinate import (
     add_coordinate_hessian,
@@ -35,6 +37,8 @@ from solver.elements.laws import Law, evaluate_law
 from solver.elements.marker import Context, Spec, slots
 from solver.validate import finite, require, require_rising
 
+BETWEEN = 64  # places between two points of the tables at which the efficiency is looked at
+ROUNDING = 1e-9  # of an efficiency
 OUTPUTS = {'energy': 'J', 'dissipation': 'W', 'pump': 'rad/s', 'turbine': 'rad/s', 'on_pump': 'N m', 'on_turbine': 'N m'}
 
 
@@ -53,6 +57,13 @@ def require_converter(where: str, speed_ratios: Sequence[float], torque_ratios: 
     )
     for k, (nu, ratio) in enumerate(zip(speed_ratios, torque_ratios, strict=True)):
         require(nu * ratio <= 1.0, where, f'torque_ratios[{k}]', ratio, f'times the speed ratio {nu:g} must be at most 1: its efficiency')
+    law = Law.table(list(zip(speed_ratios, torque_ratios, strict=True)), where, 'torque_ratios')
+    for k, (low, high) in enumerate(pairwise(speed_ratios), start=1):
+        at = low + (high - low) * np.arange(1, BETWEEN) / BETWEEN
+        efficiency = at * piecewise_cubic(np.array(law.x), np.array(law.y), np.array(law.slope), at)[0]
+        m = int(np.argmax(efficiency))
+        passes = f'with the point before it gives an efficiency of {efficiency[m]:.3f} at the speed ratio {at[m]:.3g}: give more points'
+        require(bool(efficiency[m] <= 1.0 + ROUNDING), where, f'torque_ratios[{k}]', torque_ratios[k], passes)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -50,15 +50,17 @@ def continued_below(law: Law) -> Law:
     must not be negative, or an engine that is turned backwards runs away.
 
     A torque that falls over the speed there, and is not below zero at rest, goes on along its slope. One that rises follows its slope down
-    to rest, at most to zero, and is constant backwards. A drag is zero at rest and as large backwards, the other way. Where the first
-    speed leaves no room for that, it happens within NARROWEST below it; between its points the law stays what it was.
+    to rest, at most to zero, which it meets as a parabola does, and is constant further down. A drag is zero at rest and as large
+    backwards, the other way. Where the first speed leaves no room for that, it happens within NARROWEST below it; between its points the
+    law stays what it was.
     """
     first, torque, slope = law.x[0], law.y[0], law.slope[0]
     at_rest = torque - slope * max(first, 0.0)
     if slope <= 0.0 and at_rest >= 0.0:
         return law
     if torque >= 0.0:
-        low = min(0.0, first - NARROWEST)
+        # from further down a cubic with that slope at its end would swing below zero
+        low = max(min(0.0, first - NARROWEST), first - max(NARROWEST, 2.0 * torque / slope))
         return Law((low, *law.x), (max(torque - slope * (first - low), 0.0), *law.y), (0.0, *law.slope))
     backwards = (min(-first, first - NARROWEST), -torque, min(slope, 0.0))
     knots = [backwards] if first < NARROWEST else [backwards, (0.0, 0.0, torque / first)]

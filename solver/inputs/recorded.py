@@ -31,6 +31,20 @@ class BagChannel:
     offset: float = 0.0
 
 
+class Reach(NamedTuple):
+    """What an input may be, and what is said of one that is below `low` or above `high`."""
+
+    low: float
+    high: float
+    remedy: str
+
+    def beyond(self, values: np.ndarray) -> float | None:
+        """The value of an input (n,) that is furthest beyond; None where none is."""
+        off = np.maximum(self.low - values, values - self.high)
+        worst = int(np.argmax(off))
+        return float(values[worst]) if off[worst] > 0.0 else None
+
+
 class Track(NamedTuple):
     """Samples of one input."""
 
@@ -114,6 +128,15 @@ class RecordedSource:
             if name in given.rows and not {name + RATE, name + ACCELERATION} <= given.rows.keys():
                 raise SpecError(f'{given.where}: {name!r} is a motion in this model, but the recording has no rates of it')
         self._same = given.h_ns == h_ns
+
+    def require_within(self, reaches: Mapping[str, Reach]) -> None:
+        """Refuse samples of others (not inputs that were applied, which were held within it then) that are beyond what inputs may be.
+        Raises SpecError."""
+        for name, track in ({} if self.given.h_ns else self._tracks).items():
+            reach = reaches.get(name)
+            worst = None if reach is None else reach.beyond(track.values)
+            if reach is not None and worst is not None:
+                raise SpecError(f'{self.given.where}: map: {name} = {worst:g}: {reach.remedy}; give it another scale')
 
     @property
     def steps(self) -> int:

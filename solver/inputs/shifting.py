@@ -2,9 +2,9 @@
 
 The input gear is its lever: 0 neutral, below 0 the reverse gear, from 1 on it drives. Then it shifts up above the speed of `up` and down
 below that of `down`, both over the position of the accelerator, never twice within `duration`. It begins in the gear that it would have
-shifted up to at its speed and accelerator. During a shift the clutch is open for half of that time and closes over the other half, and the
-accelerator is taken back as far as the clutch is open. Below the speed `launch` in the first or the reverse gear the clutch is open without
-accelerator, and with it closed as far as
+shifted up to at its speed and accelerator, and so it does where the lever comes out of neutral. During a shift the clutch is open for half
+of that time and closes over the other half, and the accelerator is taken back as far as the clutch is open. Below the speed `launch` in
+the first or the reverse gear the clutch is open without accelerator, and with it closed as far as
 
     bite + (1 - bite) v / launch
 
@@ -21,7 +21,7 @@ import numpy as np
 
 from solver.dimensions import Speed, Time
 from solver.errors import SpecError
-from solver.validate import finite, require, require_rising
+from solver.validate import finite, require, require_positions, require_rising
 
 INPUTS = ('accelerator', 'clutch', 'gear')
 LOCK_UP = 'lock_up'
@@ -45,6 +45,7 @@ class Shifting:
 
     def __post_init__(self) -> None:
         require_rising('shift', 'pedals', self.pedals)
+        require_positions('shift', self.pedals)
         require(len(self.up) >= 1, 'shift', 'up', self.up, 'needs at least one shift')
         require(len(self.down) == len(self.up), 'shift', 'down', len(self.down), f'must have one row for each of the {len(self.up)} shifts')
         for field, rows in (('up', self.up), ('down', self.down)):
@@ -84,13 +85,17 @@ class Shifter:
 
     def start(self, row: np.ndarray, speed: float) -> None:
         """Back to t = 0, in the gear of a speed along the car [m/s]; changes the inputs there, row (nu,), as act() does."""
-        gear, pedal = 1, float(row[self._accelerator])
-        for up in self.shifting.up if float(row[self._gear]) >= DRIVES else ():
-            if abs(speed) <= np.interp(pedal, self.shifting.pedals, up):
+        self._in_gear(self._fitting(abs(speed), float(row[self._accelerator])) if float(row[self._gear]) >= DRIVES else 1)
+        self.act(row, speed)
+
+    def _fitting(self, speed: float, pedal: float) -> int:
+        """The gear that it would have shifted up to at a speed [m/s] and an accelerator."""
+        gear = 1
+        for up in self.shifting.up:
+            if speed <= np.interp(pedal, self.shifting.pedals, up):
                 break
             gear += 1
-        self._in_gear(gear)
-        self.act(row, speed)
+        return gear
 
     def begin(self, inputs: np.ndarray) -> None:
         """Begin in the middle of a motion, in the gear that is in by inputs (nu,), as far as the gearbox shifts."""
@@ -101,8 +106,8 @@ class Shifter:
         box, lever, pedal = self.shifting, float(row[self._gear]), float(row[self._accelerator])
         gear, since = int(self.state[0]), float(self.state[1])
         v = abs(speed)
-        if lever < DRIVES:
-            gear, since = 1, box.duration
+        if lever < DRIVES:  # reverse has one gear; what neutral is left to is that of the speed
+            gear, since = 1 if lever < -DRIVES else self._fitting(v, pedal), box.duration
         elif since >= box.duration:
             if gear <= len(box.up) and v > np.interp(pedal, box.pedals, box.up[gear - 1]):
                 gear, since = gear + 1, 0.0

@@ -11,15 +11,15 @@ from solver.inputs.actuation import Actuation, Chain
 from solver.inputs.assistance import Assistance, Assistant, AssistedWheel, Feel
 from solver.inputs.driver import Sight
 from solver.inputs.maneuver import DriverSource, Maneuver, source_of
-from solver.inputs.recorded import RecordedSource
+from solver.inputs.recorded import Reach, RecordedSource
 
 
 class Sources:
     """The inputs of a simulation, step by step.
 
-    stage: where in a step the integrator balances forces. speed: at the start [m/s]. duration: of the simulation [s]. of_time: what depends
-    on time alone. wheels: for an assistance. driver, assistant, actuators: where there are any; what a recording says has acted, so
-    nothing lies behind it. Raises SpecError.
+    stage: where in a step the integrator balances forces. speed: at the start [m/s]. duration: of the simulation [s]. reaches: what inputs
+    may be. of_time: what depends on time alone. wheels: for an assistance. driver, assistant, actuators: where there are any; what a
+    recording says has acted, so nothing lies behind it. Raises SpecError.
     """
 
     def __init__(
@@ -34,10 +34,13 @@ class Sources:
         *,
         speed: float,
         duration: float,
+        reaches: Mapping[str, Reach] | None = None,
     ) -> None:
         self._maneuver, self._actuation, self._names, self._h_ns, self._stage = maneuver, actuation, names, h_ns, stage
         self._assistance, self.wheels, self._speed = assistance, wheels, speed
         self.of_time = source_of(maneuver, names, h_ns, stage)
+        if isinstance(self.of_time, RecordedSource):
+            self.of_time.require_within(reaches or {})
         if isinstance(self.of_time, RecordedSource) and round(duration * 1e9 / h_ns) > self.of_time.steps:
             last = self.of_time.steps * h_ns * 1e-9
             raise SpecError(f'duration = {duration:g}: {self.of_time.given.where} ends at {last:g} s; set duration to that or less')

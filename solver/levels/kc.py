@@ -3,8 +3,9 @@
     bodies    the chassis, which everything that does not move with a wheel is part of; four wheels; the steering wheel; of an axle whose
               wheels share mass (a live axle, a twist beam) a beam between them
     axles     one guide each (solver.elements.guide) instead of arms, links, rubbers, subframes, springs, dampers, bars and rack
-    kept      tires, road, drag, steering wheel and its driver, drive torque (between the driven wheels and the chassis), power steering
-              with a pinion to push (solver.levels.assisted), an engine that turns with clutch and gearbox (solver.levels.powered)
+    kept      tires, road, drag, steering wheel and its driver, drive torque (between the driven wheels and the chassis, or, of a motor in a
+              hub, the carrier), power steering with a pinion to push (solver.levels.assisted), an engine that turns
+              with clutch and gearbox (solver.levels.powered)
 
 Conserved are the mass of the vehicle, its centre of mass and its inertia in the design position; the mass that moves with the travel of a
 wheel and with both wheels of an axle and the inertia that turns with it (twice the kinetic energy of the full model at unit rates, along
@@ -18,6 +19,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
@@ -42,13 +44,15 @@ from solver.levels.derived import Derived, LevelReport, Limit, with_one_iteratio
 from solver.levels.flywheels import flywheels, spin_of
 from solver.levels.kept import kept
 from solver.levels.map_fits import inverse_law, spring_law
-from solver.levels.powered import KINDS, powered, without_engine
+from solver.levels.powered import KINDS, UNMOVED, powered, without_engine
+from solver.levels.reactions import reaction, unshown
 from solver.model.frames import matrix, quaternion
 from solver.model.spec import ModelSpec, used_inputs
 from solver.scene import Scene
 from solver.vehicle.actuation import TORQUE
 from solver.vehicle.hardpoints import SIDES, marker_at
 from solver.vehicle.parts import UP, vector_of
+from solver.vehicle.power_steering import FRICTION
 from solver.vehicle.trailer import refuse_trailer
 from solver.vehicle.transfer import refuse_locked, without_connections
 
@@ -81,16 +85,19 @@ def derive(scene: Scene) -> Derived:
     travel = Limit(quantity='suspension_travel', unit='m', low=-high, high=high, why=MAPS)
     turned = max(-guide.steering[0] for guide in model.guides)
     steering = Limit(quantity='steering_wheel_angle', unit='rad', low=-turned, high=turned, why=MAPS)
-    unassisted = _unassisted(scene.model) if reduction.assisted is None else ()
-    lost = (*LOST, *unassisted, *without_connections(scene.model))
+    unassisted = _unassisted(scene.model, reduction.data['gear']['lengths']) if reduction.assisted is None else ()
+    lost = (*LOST, *unassisted, *unshown(scene.model), *without_connections(scene.model))
     report = LevelReport(lost=lost, validity=(travel, steering, *_lateral(scene.model), *VALIDITY))
     return Derived(scene=derived, level='kc', report=report)
 
 
-def _unassisted(spec: ModelSpec) -> tuple[str, ...]:
-    """What becomes of a motor in the steering gear behind a column that no rule reduces."""
+def _unassisted(spec: ModelSpec, dampers: Collection[str | int]) -> tuple[str, ...]:
+    """What becomes of a motor in the steering gear behind a column that no rule reduces, and of what brakes a gear without a motor.
+    dampers: indices of those that the steering moves."""
     said = 'the motor of {} and friction in the steering: the torque at the steering wheel is the whole one'
-    return tuple(said.format(servo.name) for servo in spec.servos)
+    braking = [spec.spring_dampers[int(k)].name for k in dampers] + [f.name for f in spec.coordinate_forces if f.name == FRICTION]
+    felt = f'{", ".join(braking)}: the torque at the steering wheel is without'
+    return (*(said.format(servo.name) for servo in spec.servos), *((felt,) if braking else ()))
 
 
 def _lateral(spec: ModelSpec) -> tuple[Limit, ...]:
@@ -166,7 +173,7 @@ class _Reduction:
             couplers=(*couplers, *(gear for _, _, gear in added), *(one.coupler for one in beams)),
             coordinates=(*coordinates, *(coordinate for one in beams for coordinate in one.coordinates)),
             guides=tuple(self._guide(axle, wheels, masses[axle].shared, couplers) for axle in AXLES),
-            coordinate_forces=(*self._drives(), *self._held({joint.name for joint in joints}), *(() if gear is None else gear.forces)),
+            coordinate_forces=(*self._drives(), *self._held({joint.name for joint in joints}), *(gear.forces if gear else ())),
             servos=() if gear is None else (gear.servo,),
             **{kind: getattr(engine, kind) for kind in KINDS},
             tires=self.spec.tires,
@@ -238,6 +245,16 @@ class _Reduction:
         )
         i, step = (maps.MAP_TRAVEL + 2) // 2, 2.0 * self.data['travel'] / (maps.MAP_TRAVEL - 1)
         return (along[i + 1] - along[i - 1]) / (2.0 * step)
+
+    @property
+    def _turns(self) -> dict[str, tuple[float, float]]:
+        """By corner the slopes of Theta over its own travel and over that of the other wheel [rad/m], in the design position."""
+        turns = {}
+        for corner in CORNERS:
+            axle, _, side = corner.partition('_')
+            beside = np.array(self.data[axle]['opposite']).reshape(2, 5, BESIDE)[list(SIDES).index(side), 4, 0]
+            turns[corner] = (float(self._slopes(corner)[4]), float(beside))
+        return turns
 
     def _steering(self) -> tuple[tuple[RigidBodySpec, ...], tuple[Any, ...], tuple[Any, ...]]:
         """(steering wheel, its bearing, its driver), nothing for a car that is not steered."""
@@ -354,7 +371,7 @@ class _Reduction:
         return sorted((k for k in moves if self.spec.spring_dampers[int(k)].damper is not None), key=lambda k: -abs(moves[k][0]))
 
     def _drives(self) -> tuple[CoordinateForceSpec, ...]:
-        """Forces on coordinates that turn with the wheels: drive torque and limited slip, at the wheels and the chassis."""
+        """Forces on coordinates that turn with the wheels: drive torque and limited slip, at the wheels and the chassis or the carriers."""
         slopes = self.data['coordinates']
         found = []
         for force in self.spec.coordinate_forces:
@@ -362,7 +379,9 @@ class _Reduction:
             for name, factor in force.terms:
                 for corner, slope in slopes.get(name, {}).items():
                     terms[f'wheel_{corner}'] = terms.get(f'wheel_{corner}', 0.0) + factor * slope
-            terms = {name: round(factor, 9) for name, factor in terms.items() if abs(factor) > 1e-4}
+            if force.input is not None:
+                terms |= reaction(force, self._turns)
+            terms = {name: round(factor, 9) for name, factor in terms.items() if abs(factor) > UNMOVED}
             if terms and (force.input is not None or force.damper is not None) and len(terms) <= 3:
                 if force.spring is not None:
                     raise SpecError(f'{force.where}: a spring at the turning wheels; use full')

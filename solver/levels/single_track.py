@@ -33,7 +33,7 @@ from solver.levels.single_track_simulation import AXLES, COMMANDS, SingleTrackSi
 from solver.levels.track_bends import Lateral, bends, feel, limits
 from solver.levels.track_bulk import axis_of, brakes, drag, masses, top_spin, wheelbase_of
 from solver.levels.track_friction import varies
-from solver.levels.track_runs import CORNERS, driven
+from solver.levels.track_runs import CORNERS, SPEED, driven
 from solver.levels.track_straight import gear, straight
 from solver.model.spec import ModelSpec
 from solver.scene import Scene
@@ -77,7 +77,9 @@ def derive(scene: Scene) -> Derived:
             'unevenness and slope of the road; friction counts as the mean of both wheels of an axle',
             'torsion of steering and driveline',
             'turn slip, and the moment against turning a wheel on the spot',
+            'pitch under drive: it is as much as under brakes with the same force',
             *without_connections(model),
+            *unlifted(model),
             *(
                 f'the map of the motor of {servo.name}: the torque at the steering wheel is linear, fitted with its help'
                 for servo in model.servos
@@ -89,6 +91,12 @@ def derive(scene: Scene) -> Derived:
     return Derived(
         scene=given, level='single_track', report=report, simulate=functools.partial(SingleTrackSimulation, parameters=parameters)
     )
+
+
+def unlifted(model: ModelSpec) -> tuple[str, ...]:
+    """What becomes of the lift of a vehicle that has some."""
+    wings = [aero.name for aero in model.aero_drags if aero.lift_area]
+    return (f'lift of {", ".join(wings)}: the axles are loaded as at {SPEED:g} m/s at every speed',) if wings else ()
 
 
 def on_road(limit: Limit, road: RoadSpec) -> Limit:

@@ -153,8 +153,22 @@ def limits(
         ('road slope', '', 0.005, 'it drives on the level'),
     )
     why = f'gentle bends of the vehicle are followed to {100 * ERROR:g} % up to there'
-    speed = {'quantity': 'longitudinal_velocity', 'unit': 'm/s', 'low': -fastest, 'high': fastest, 'why': why}
+    slowest = slowest_pressed(sum(found[axle]['load'] for axle in AXLES), -found['body']['mass'] * model.gravity[2])
+    low = -fastest
+    if slowest is not None:
+        low, why = (
+            slowest,
+            f'{why}; slower, wings press down less by more than {100 * ERROR:g} % of the loads, which are those of {SPEED:g} m/s',
+        )
+    speed = {'quantity': 'longitudinal_velocity', 'unit': 'm/s', 'low': low, 'high': fastest, 'why': why}
     return [speed, *({'quantity': quantity, 'unit': unit, 'high': float(f'{high:.3g}'), 'why': why} for quantity, unit, high, why in rows)]
+
+
+def slowest_pressed(loaded: float, weight: float) -> float | None:
+    """The speed [m/s] below which a car that wings press down, with the square of the speed, carries less by ERROR than what its axles are
+    loaded with at SPEED [N]; None for one that they hardly press."""
+    pressed = loaded - weight
+    return SPEED * math.sqrt(1.0 - ERROR * loaded / pressed) if pressed > ERROR * loaded else None
 
 
 def followed(found: dict[str, dict[str, float]], scene: Scene, runs: list[tuple[Drive, Run]], model: ModelSpec) -> float:

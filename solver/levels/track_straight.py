@@ -71,7 +71,9 @@ def straight(model: ModelSpec, mass: float) -> tuple[dict[str, dict[str, float]]
             axles[axle]['drive'] = 0.0
             continue
         axles[axle]['inertia'] += part * rest
-        axles[axle]['drive'] = share(push, 'drive_torque', i, axles[axle]['radius'], axles[axle]['inertia'])
+        lever, inertia = axles[axle]['radius'], axles[axle]['inertia']
+        axles[axle]['drive'] = share(push, 'drive_torque', i, lever, inertia)
+        axles[axle]['brake'] = share(stop, 'brake_torque', i, lever, -inertia)  # which slow down rotors and shafts too
     moved = stop.axle('fz')[:, 1] - axles['rear']['load']
     force = stop.axle('fx').sum(axis=1)
     steady = (stop.time > 1.0) & (stop.vx > SLOW)

@@ -14,11 +14,13 @@ from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.errors import SpecError
 from solver.inputs.actuation import Actuation
 from solver.inputs.assistance import AssistedWheel
-from solver.inputs.recorded import ACCELERATION, RATE
+from solver.inputs.recorded import ACCELERATION, RATE, Reach
 from solver.model.frames import matrix
 from solver.model.spec import ModelSpec
 
 TORQUE = 'steering_torque'
+GEAR = 'gear'
+SWING = 1.0  # by which a pedal may be beyond its stops, where it is held: a spline may swing that far, per cent are further off
 MOTION = ('steering', 'steering' + RATE, 'steering' + ACCELERATION)
 
 
@@ -77,6 +79,28 @@ def _as_driven(factor: float, force: CoordinateForceSpec) -> tuple[float, float 
     """(sign, top speed [rad/s]) of one output of a drive, which has that speed when all of them turn as fast."""
     sign = 1.0 if factor > 0.0 else -1.0
     return sign, None if force.top_rate is None else force.top_rate / sum(abs(each) for _, each in force.terms)
+
+
+def forward_gears(model: ModelSpec) -> int | None:
+    """How many gears the gearboxes that follow the input `gear` have; None where there is none."""
+    return max((len(clutch.ratios) for clutch in model.clutches if clutch.gear == GEAR), default=None)
+
+
+def reaches(model: ModelSpec) -> dict[str, Reach]:
+    """What pedals and gears of a model make something of, by input. What an input is beyond that would be held within it unsaid."""
+    found: dict[str, Reach] = {}
+    for engine in model.engines:
+        low, high = min(0.0, engine.pedals[0]), max(1.0, engine.pedals[-1])
+        found[engine.input] = Reach(low - SWING, high + SWING, f'must be a position of the pedal, {low:g} to {high:g}, not per cent')
+    for clutch in model.clutches:
+        found[clutch.input] = Reach(-SWING, 1.0 + SWING, 'must be a position of the pedal, 0 to 1, not per cent')
+    for channel in {clutch.gear for clutch in model.clutches}:
+        boxes = [clutch for clutch in model.clutches if clutch.gear == channel]
+        back, count = any(box.reverse is not None for box in boxes), max(len(box.ratios) for box in boxes)
+        gears = f'is no gear: there are 1 to {count}, 0 is neutral' + (', -1 is the reverse gear' if back else '; there is no reverse gear')
+        remedy = gears if channel == GEAR else f'must be 0 to {count}'
+        found[channel] = Reach(-1.5 if back else -0.5, count + 0.5, remedy)
+    return found
 
 
 def assisted_wheels(model: ModelSpec) -> tuple[AssistedWheel, ...]:

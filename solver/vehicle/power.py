@@ -25,7 +25,7 @@ from solver.elements.converter import ConverterSpec, require_converter
 from solver.elements.engine_map import EngineSpec, require_engine
 from solver.elements.joint import JointSpec
 from solver.elements.rigid_body import RigidBodySpec
-from solver.validate import Vector, finite
+from solver.validate import Vector, finite, require_positions
 from solver.vehicle.hardpoints import marker_at
 from solver.vehicle.parts import LEFTWARDS, Parts, joined
 
@@ -87,6 +87,7 @@ class Power:
 
     def __post_init__(self) -> None:
         require_engine('power', self.speeds, self.pedals, self.torques)
+        require_positions('power', self.pedals)
         require_gears('power', self.ratios, self.reverse)
         for field in ('mass', 'inertia', 'final', 'capacity', 'stiffness', 'damping'):
             finite('power', field, getattr(self, field), low=0.0, strict=True)

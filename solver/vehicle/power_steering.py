@@ -21,6 +21,7 @@ from solver.validate import finite
 from solver.vehicle.hardpoints import marker_at
 from solver.vehicle.parts import Parts
 
+FRICTION = 'steering_friction'  # the name of what acts in the gear
 SLOW = 2e-3  # m/s; of the rack, from which friction is dry
 
 
@@ -66,4 +67,4 @@ def friction(coordinate: str, force: float, slow: float) -> Parts:
     if force == 0.0:
         return Parts()
     law = Law.table([(-2.0 * slow, -force), (-slow, -force), (0.0, 0.0), (slow, force), (2.0 * slow, force)])
-    return Parts(coordinate_forces=(CoordinateForceSpec(name='steering_friction', terms=((coordinate, 1.0),), damper=law),))
+    return Parts(coordinate_forces=(CoordinateForceSpec(name=FRICTION, terms=((coordinate, 1.0),), damper=law),))

@@ -66,7 +66,7 @@ def turning(*rates):
     return kinematics([still] * 4, [[0.0] * 6, *([0.0] * 5 + [rate] for rate in rates)])
 
 
-@pytest.mark.parametrize(('gear', 'ratio'), [(1.0, 4.0), (2.0, 2.0), (7.0, 2.0), (0.4, 0.0), (-1.0, -3.0)])
+@pytest.mark.parametrize(('gear', 'ratio'), [(1.0, 4.0), (2.0, 2.0), (7.0, 2.0), (1e300, 2.0), (0.4, 0.0), (-1.0, -3.0)])
 def test_a_slipping_clutch_gives_its_capacity_times_the_ratio(gear, ratio):
     """Shaft at 500 rad/s, outputs at 10 and 20: half pressed the clutch carries 100 N m, the carrier takes what is over."""
     unit = a_clutch(rotations(), reverse=3.0)
@@ -104,6 +104,15 @@ def test_an_engine_that_is_turned_backwards_resists(speeds, row, backwards):
     at = np.linspace(min(-speeds[0], speeds[0] - 1.0) - 5.0, speeds[0] + 5.0, 4001)
     values = np.array([torque(rate) for rate in at.tolist()])
     assert np.max(np.abs(np.diff(values, 2))) < 0.01 * (1.0 + np.max(np.abs(values)))  # no jump and no kink
+
+
+def test_an_engine_that_pulls_does_not_drag_below_its_first_speed():
+    """Its torque rises so steeply that its slope meets zero above rest: below its first speed it ends as a parabola. The slope there is
+    (250 5 + 50 0.4)/200 = 6.35 N m s, so that begins at 100 - 20/6.35 rad/s and is 6.35^2/40 times the square of the way from there."""
+    unit = an_engine(rotations(), speeds=(100.0, 150.0, 300.0), pedals=(0.0,), torques=((10.0, 260.0, 200.0),))
+    at = np.linspace(-5.0, 100.0, 421)
+    found = np.array([float(unit.output(unit.evaluate(turning(rate, 0.0, 0.0), u=(0.0, 0.0, 0.0)), 'torque')[0]) for rate in at.tolist()])
+    np.testing.assert_allclose(found, 6.35**2 / 40.0 * np.maximum(at - (100.0 - 20.0 / 6.35), 0.0) ** 2, atol=1e-9)
 
 
 def test_an_engine_gives_what_its_map_says_and_nothing_in_statics():

@@ -9,7 +9,7 @@ from solver.errors import SceneError, SpecError
 from solver.files.scene import load_scene
 from solver.inputs.hands import CommandSource
 from solver.inputs.maneuver import Maneuver, ManeuverSource, ReplaySource
-from solver.inputs.recorded import Recorded, RecordedSource, Track
+from solver.inputs.recorded import Reach, Recorded, RecordedSource, Track
 from solver.inputs.signals import Constant, Ramp, Signal, Sine, SineWithDwell, Step, Sum, Sweep, Table
 
 SMOOTH: list[Signal] = [
@@ -304,6 +304,17 @@ def test_samples_of_others_that_would_be_misread_are_refused():
     for name in ('x_rate', 'x_acceleration'):
         with pytest.raises(SpecError, match=f"bag b: map: {name}: follows from the motion 'x', which can be mapped; remove this one"):
             RecordedSource(Recorded('bag b', 0, 0, {}, {}, {'x': track, name: track}), NAMES, 1_000_000)
+
+
+def test_a_recorded_pedal_in_per_cent_is_refused_and_one_that_was_applied_is_not():
+    reaches = {'force': Reach(-0.1, 1.1, 'must be a position of the pedal, 0 to 1, not per cent')}
+    t_ns, values = 1_000_000_000 * np.arange(3), np.array([0.0, 35.0, 20.0])
+    theirs = RecordedSource(Recorded('bag b', 0, 0, {}, {}, {'force': Track(t_ns, values)}), NAMES, 1_000_000)
+    with pytest.raises(SpecError, match=r'bag b: map: force = 35: must be a position of the pedal, .* give it another scale'):
+        theirs.require_within(reaches)
+    RecordedSource(Recorded('bag b', 0, 0, {}, {}, {'force': Track(t_ns, values / 100.0)}), NAMES, 1_000_000).require_within(reaches)
+    ours = Recorded('bag b', 1_000_000, 0, {'force': values}, {}, {}, steps=3)
+    RecordedSource(ours, NAMES, 1_000_000).require_within(reaches)
 
 
 def test_brakes_with_the_wrong_sign_are_refused_and_those_that_release_are_not():

@@ -78,6 +78,17 @@ def test_it_begins_in_the_gear_of_its_speed_and_does_not_shift_there(speed: floa
     assert np.array_equal(commands, [0.5, 0.0, lever])
 
 
+@pytest.mark.parametrize(('speed', 'gear'), [(5.0, 1.0), (12.0, 2.0), (25.0, 3.0)])
+def test_out_of_neutral_it_goes_into_the_gear_of_its_speed(speed: float, gear: float) -> None:
+    """At half pedal, where it shifts up at 10 and 20 m/s: through the lower gears its clutch would turn the engine far too fast. Out of
+    reverse it is in the first one."""
+    box = assistant()
+    drive(box, [speed] * 5, pedal=0.5, lever=0.0)
+    assert drive(box, [speed] * 3, pedal=0.5)[:, 1:] == pytest.approx(np.array([[0.0, gear]] * 3))
+    drive(box, [-1.0], lever=-1.0)
+    assert drive(box, [speed])[0, 2] <= 2.0
+
+
 def test_at_rest_it_begins_with_the_clutch_as_it_is_held_there() -> None:
     assert assistant().start(np.array([0.0, 0.0, 1.0]), 0.0)[1] == 1.0
     assert assistant().start(np.array([0.5, 0.0, 1.0]), 0.0)[1] == 0.75
@@ -99,6 +110,7 @@ def test_it_goes_on_from_where_it_was() -> None:
         ({'up': ((5.0,), (10.0, 30.0))}, r'shift: up\[0\] = 1: must have 2 speeds, as pedals'),
         ({'down': ((3.0, 16.0), (7.0, 20.0))}, r'shift: down\[0\]\[1\] = 16.0: must be at least 0 and below 15'),
         ({'pedals': (1.0, 0.0)}, r'shift: pedals\[1\] = 0.0: must be greater'),
+        ({'pedals': (0.0, 100.0)}, r'shift: pedals\[1\] = 100.0: must be in \[0, 1\]: a position of the pedal, not per cent'),
         ({'duration': 0.0}, 'shift: duration = 0.0'),
         ({'bite': 1.5}, 'shift: bite = 1.5'),
     ],

@@ -179,6 +179,14 @@ def test_help_behind_no_column_is_lost_and_said():
     assert not any('motor' in text for text in derive(dataclasses.replace(levels(ASSISTED)[0], fidelity='kc')).report.lost)
 
 
+def test_what_brakes_a_steering_gear_without_a_motor_is_lost_and_said():
+    """The formula student car has 250 N s/m at its rack: 0.5 N m at a steering wheel that turns by 10 rad/s, of some four."""
+    text = 'steering_damper, steering_friction: the torque at the steering wheel is without'
+    changes = ['vehicle=vehicles/formula_student.yaml', 'vehicle.steering.friction=50', 'fidelity=kc']
+    assert text in derive(solver.load_scene('car_step_steer', changes)).report.lost
+    assert not any('steering_damper' in said for said in derive(dataclasses.replace(levels(ASSISTED)[0], fidelity='kc')).report.lost)
+
+
 def moving(name: str, h: float, **changes) -> Simulation:
     """A scene at the level kc with the step h [s]."""
     kc = levels(name)[1]

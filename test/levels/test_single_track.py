@@ -24,8 +24,10 @@ from solver.inputs.maneuver import Maneuver
 from solver.inputs.signals import Ramp, Sine, Step
 from solver.levels import derive
 from solver.levels.error_sheet import course_scene, courses, error_sheet
+from solver.levels.single_track import unlifted
 from solver.levels.single_track_simulation import SingleTrackSimulation
-from solver.levels.track_bends import Lateral
+from solver.levels.track_bends import Lateral, slowest_pressed
+from solver.levels.track_straight import straight
 from solver.model.spec import ModelSpec
 from solver.scene import Scene, StartSettings
 from solver.step.single_track_tables import SingleTrackTables
@@ -76,6 +78,31 @@ def test_understeer_and_mass_are_those_of_the_whole_vehicle(car: str) -> None:
     level, whole = (gradient(dataclasses.replace(scene(car, SLOW_RAMP), fidelity=each), t) for each in ('single_track', 'full'))
     assert level == pytest.approx(whole, abs=2e-4)
     assert whole > 1e-3
+
+
+@pytest.mark.slow
+def test_brakes_slow_down_what_turns_with_the_wheels_too() -> None:
+    """Four rotors of 0.02 kg m^2 that turn 9 times as fast have 6.5 kg m^2, and took 3.5 % of what the brakes of the level did."""
+    rotors = [f'vehicle.axles.{axle}.drive.rotor={{inertia: 0.02, ratio: 9}}' for axle in ('front', 'rear')]
+    electric = load_scene('car_step_steer', ['vehicle=vehicles/electric_4wd.yaml', *rotors]).model
+    axles, _, _ = straight(electric, sum(b.mass for b in electric.bodies))
+    assert axles['front']['inertia'] + axles['rear']['inertia'] == pytest.approx(2.0 * (1.0 + 0.95) + 4 * 0.02 * 81, rel=0.03)
+    assert axles['front']['brake'] + axles['rear']['brake'] == pytest.approx(1.0, abs=0.01)
+    assert axles['front']['drive'] + axles['rear']['drive'] == pytest.approx(1.0, abs=0.01)
+
+
+def test_a_car_that_wings_press_down_has_a_lowest_speed() -> None:
+    """Of 4000 N at 22 m/s 1000 are of its wings: at v it carries less by 1000 (1 - (v/22)^2), and that is 5 % of 4000 at v^2 = 0.8 22^2. A
+    twentieth of its load a car may lose altogether."""
+    assert slowest_pressed(4000.0, 3000.0) == pytest.approx(22.0 * 0.8**0.5)
+    assert slowest_pressed(4000.0, 3800.0) is None
+    assert slowest_pressed(4000.0, 4010.0) is None
+
+
+def test_lift_is_named_where_there_is_some() -> None:
+    assert unlifted(load_scene('light_car_straight').model) == ()
+    (said,) = unlifted(load_scene('car_step_steer', ['vehicle=vehicles/formula_student.yaml']).model)
+    assert said == 'lift of aero: the axles are loaded as at 22 m/s at every speed'
 
 
 def gradient(each: Scene, t: SingleTrackTables) -> float:

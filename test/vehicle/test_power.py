@@ -21,6 +21,7 @@ from solver.step.settings import IntegratorSettings
 
 POWER = 'vehicle.engine.power=docs/examples/power.yaml'
 RPM = 2.0 * np.pi / 60.0
+SIX = '{shift: {pedals: [0], up: [[5], [9], [14], [20], [30]], down: [[3], [6], [9], [14], [20]]}}'
 FINAL, GEARS = 4.06, (3.73, 1.96, 1.32, 0.95, 0.76)
 
 
@@ -152,6 +153,11 @@ def test_it_starts_from_rest_and_shifts() -> None:
         ('compact_fwd', 'vehicle.engine.power.ratios=[3, -1]', r'power\.ratios\[1\] = -1\.0: must be > 0'),
         ('compact_fwd', 'vehicle.engine.power.inertia=0', r'power\.inertia = 0\.0: must be > 0'),
         ('compact_fwd', 'vehicle.engine.power.pedals=[0, 1]', r'power\.torques = 3: must have one row for each of the 2 pedals'),
+        ('compact_fwd', 'vehicle.engine.power.pedals=[0, 30, 100]', r'power\.pedals\[1\] = 30\.0: must be in \[0, 1\]: .* not per cent'),
+        ('compact_fwd', 'maneuver.signals={accelerator: 30}', r'maneuver\.signals\.accelerator = 30\.0: must be a position .* 0 to 1'),
+        ('compact_fwd', 'maneuver.signals={clutch: -2}', r'maneuver\.signals\.clutch = -2\.0: must be a position of the pedal, 0 to 1'),
+        ('compact_fwd', 'maneuver.signals={gear: 6}', r'maneuver\.signals\.gear = 6\.0: is no gear: there are 1 to 5, 0 is neutral, -1'),
+        ('compact_fwd', f'assistance={SIX}', r'assistance\.shift\.up = 5: the last shift is into gear 6, and the gearbox has 5'),
         ('pickup_awd', 'name=x', "power: drive of axle front = 'half_shafts': a gearbox drives propeller shafts, and half shafts"),
         ('full_car', 'name=x', 'power: final = 4.06: belongs to a differential in the gearbox'),
         ('formula_student', 'name=x', "vehicle.engine.*'part' is missing"),
@@ -160,6 +166,16 @@ def test_it_starts_from_rest_and_shifts() -> None:
 def test_what_cannot_be_is_one_sentence(vehicle: str, change: str, sentence: str) -> None:
     with pytest.raises(MbdError, match=sentence):
         scene(change, vehicle=f'vehicles/{vehicle}.yaml')
+
+
+def test_a_car_without_a_reverse_gear_is_not_put_into_it() -> None:
+    with pytest.raises(MbdError, match=r'signals\.gear = -1\.0: is no gear: there are 1 to 5, 0 is neutral; there is no reverse gear'):
+        scene('vehicle.engine.power.reverse=null', maneuver='{signals: {gear: -1}}')
+
+
+def test_a_spline_through_positions_of_a_pedal_may_swing_a_little_beyond_them() -> None:
+    """From 0 to 1 within 0.3 s it swings to -0.39 and 1.79, and the pedal is held at its stops."""
+    scene(maneuver='{signals: {gear: 2, accelerator: {kind: table, points: [[0, 0], [1, 0], [1.3, 1], [3, 1]]}}}')
 
 
 def test_the_level_without_an_engine_says_so() -> None:
