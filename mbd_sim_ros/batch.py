@@ -122,7 +122,7 @@ def simulate(
             number = 0
             balances = Balance(simulation) if balance else None
             envelope = Envelope(simulation)
-            look = envelope.every(simulation.h) or UNRECORDED_CHUNK
+            look = envelope.every(simulation.h_ns) or UNRECORDED_CHUNK
             before = recent = (simulation.k, b'')  # states from LAST steps ago at least, and later
             try:
                 if recorder and messages and from_start:

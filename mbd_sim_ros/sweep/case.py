@@ -117,7 +117,7 @@ def _run(scene: Any, figures: Mapping[str, Figure], bag: Path | None) -> dict[st
         if bag is not None:
             messages, recorder = record(simulation, bag)
         envelope = Envelope(simulation)
-        look = envelope.every(simulation.h) or sample  # as in a run (mbd_sim_ros.batch)
+        look = envelope.every(simulation.h_ns) or sample  # as in a run (mbd_sim_ros.batch)
         while True:  # figures and verdict are of the same instants whether the case is recorded or not
             k, last, snapshot = simulation.k, simulation.k >= scene.steps, simulation.snapshot()
             if k % sample == 0 or last:

@@ -239,11 +239,11 @@ class Envelope:
         """Whether a level or a certificate has ranges that can be left."""
         return bool(self._watched)
 
-    def every(self, h: float) -> int:
-        """Steps of h [s] between two snapshots to look at; 0: there is nothing to see."""
+    def every(self, h_ns: int) -> int:
+        """Steps of h_ns [ns] between two snapshots to look at; 0: there is nothing to see."""
         if not (self._watched or self._leans or self._carried):
             return 0
-        return max(1, round((APART if self._watched else SLOWLY) / h))
+        return max(1, round(1e9 * (APART if self._watched else SLOWLY) / h_ns))
 
     def look(self, snapshot: Snapshot) -> None:
         """Note a snapshot."""
