@@ -48,6 +48,7 @@ def nodes(context):
     given = {name: kind for name, kind in TYPES.items() if name == 'scene' or context.launch_configurations[name]}
     parameters = {name: ParameterValue(LaunchConfiguration(name), value_type=kind) for name, kind in given.items()}
     namespace = LaunchConfiguration('namespace')
+    rate = {'rate': 0.0} if context.launch_configurations['mode'] == 'lockstep' else {}  # every state is answered, or each waits for it
     simulator = Node(
         package='mbd_sim_ros',
         executable='simulator',
@@ -61,7 +62,7 @@ def nodes(context):
         executable='maneuver',
         name='maneuver',
         namespace=namespace,
-        parameters=[{'scene': parameters['scene'], 'timeout': 600.0}],  # the first start compiles
+        parameters=[{'scene': parameters['scene'], 'timeout': 600.0, **rate}],  # the first start compiles
         condition=IfCondition(LaunchConfiguration('play')),
         output='screen',
     )

@@ -58,7 +58,7 @@ def _planned(args: argparse.Namespace, scene: Scene, out: Path) -> dict[str, Any
     from mbd_sim_ros.analysis.plan_page import write_page
     from solver.compiled.cache import location
     from solver.errors import BagError
-    from solver.levels.auto import INCOMPLETE, chosen, keep
+    from solver.levels.auto import INCOMPLETE, OK, chosen, keep, plan_of
     from solver.trade.certificate import plan
     from solver.trade.search import LONGEST, UNSEEN, Search
 
@@ -82,7 +82,10 @@ def _planned(args: argparse.Namespace, scene: Scene, out: Path) -> dict[str, Any
     else:
         shutil.rmtree(out / RUNS, ignore_errors=True)
     data['out'] = str(out)
-    if not keep(scene, data):
+    before = plan_of(scene) if data['status'] == INCOMPLETE else None
+    if before is not None and before['status'] == OK:
+        data['notes'].append('the certified plan of this scene that is kept stays: fidelity: auto takes that')
+    elif not keep(scene, data):
         data['notes'].append(
             f'the plan cannot be kept in {location()}, so fidelity: auto does not find it; simulate the scene.yaml that is written, or '
             'plan anew with MBD_CACHE_DIR set to a place that can be written'

@@ -7,7 +7,11 @@ from pathlib import Path
 
 import pytest
 
+from mbd_sim_ros.analysis import plan_page
 from mbd_sim_ros.commands.main import main
+from solver import load_scene
+from solver.levels.auto import keep, plan_of
+from solver.trade import certificate
 
 SCENE = ['light_car_step_steer', '--set', 'duration=1', '--set', 'maneuver.steering.start=0.2']
 LIMIT = ['--set', 'require={yaw_rate: {rms: 2 %}}']
@@ -68,3 +72,18 @@ def test_refusals_are_one_sentence(capsys) -> None:
         err = capsys.readouterr().err
         assert sentence in err
         assert err.count('\n') == 1
+
+
+def test_a_plan_that_had_no_time_leaves_a_certified_one_in_its_place(capsys, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv('MBD_CACHE_DIR', str(tmp_path / 'cache'))
+    scene = load_scene('pendulum', ['require={joint_states/pivot/position: {rms: 2 %}}'])
+    certified = {'status': 'ok', 'hash': 'of the certified one'}
+    assert keep(scene, certified)
+    unseen = {'passed': 0, 'failed': 0, 'bound': None}
+    found = {'status': 'incomplete', 'settings': None, 'unseen': unseen, 'give': [], 'levels': {}, 'errors': {}, 'units': {}, 'took': 1.0}
+    monkeypatch.setattr(certificate, 'plan', lambda search: {**found, 'notes': []})
+    monkeypatch.setattr(plan_page, 'write_page', lambda search, data, file: None)
+    code, data = document(capsys, 'plan', 'pendulum', '--set', 'require={joint_states/pivot/position: {rms: 2 %}}', '--out', str(tmp_path))
+    assert code == 1
+    assert any('certified plan of this scene' in note for note in data['notes'])
+    assert plan_of(scene) == certified

@@ -98,6 +98,12 @@ def test_what_no_argument_says_is_as_in_the_parameter_file(description: SimpleNa
     assert of_function(description, 'nodes', scene='x', record='false')[0].parameters[1].keys() == {'scene', 'record'}
 
 
+def test_in_lockstep_the_maneuver_answers_every_state(description: SimpleNamespace) -> None:
+    """At most 100 answers a second, which are enough in real time, would be the pace of the simulation."""
+    assert of_function(description, 'nodes', scene='x', mode='lockstep')[1].parameters[0]['rate'] == 0.0
+    assert 'rate' not in of_function(description, 'nodes', scene='x')[1].parameters[0]
+
+
 def test_the_launch_ends_when_the_simulator_has_ended(description: SimpleNamespace) -> None:
     simulator, _, registered = of_function(description, 'nodes')
     handler = registered.args[0]
