@@ -43,9 +43,9 @@ runtime:
 check: lint
 	$(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal -m 'not slow and not realtime'
 
-# Tests that wait for the clock beside a process run after those that need all cores; of these many wait for other processes, so there is one more.
+# Tests that wait for the clock beside a process run after those that need all cores.
 test: setup
-	$(BIN)/python -m pytest -q -n $$(($(WORKERS) + 1)) --dist worksteal -m 'not realtime and not long'
+	$(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal -m 'not realtime and not long'
 	$(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal -m 'realtime and not long'
 
 lint: setup

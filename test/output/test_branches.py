@@ -117,7 +117,7 @@ def test_looks_that_do_not_belong_together_are_refused() -> None:
             watch.recall(memory, [])
 
 
-@pytest.mark.parametrize('h', [0.01, 0.005, 0.002])
+@pytest.mark.parametrize('h', [0.01, 0.005, pytest.param(0.002, marks=pytest.mark.long)])
 @pytest.mark.parametrize('name', ['slider_crank', 'four_bar_n', 'bricard', 'flyball_governor'])
 def test_runs_that_keep_their_branch_have_no_switches(name, h):
     """5 s through up to ten singular positions (parallelograms and slider-crank), and mechanisms without any."""

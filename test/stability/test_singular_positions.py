@@ -31,14 +31,14 @@ TOLERANCE = {'rho_inf': 0.9, 'mode': 'tolerance'}
 
 
 SETTINGS = {'conserving': (crank.CONSERVING, 'conserving'), 'damped': (crank.DAMPED, 'damped'), 'tolerance': (TOLERANCE, 'damped')}
-BETWEEN = (0.005, 0.002)  # s; with fixed iterations these steps lie between others that are judged by the same limits
+BETWEEN = (0.005, 0.002)  # s; these steps lie between others that are judged by the same limits
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ('h', 'settings', 'limits'),
     [
-        pytest.param(h, *given, id=f'{h}-{name}', marks=pytest.mark.long if h in BETWEEN and name != 'tolerance' else ())
+        pytest.param(h, *given, id=f'{h}-{name}', marks=pytest.mark.long if h in BETWEEN else ())
         for h in crank.STEPS
         for name, given in SETTINGS.items()
     ],
