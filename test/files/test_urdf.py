@@ -141,4 +141,4 @@ def test_info_writes_the_urdf(tmp_path, capsys: pytest.CaptureFixture[str]) -> N
     assert ElementTree.parse(file).getroot().attrib['name'] == 'slider_crank'
     capsys.readouterr()
     assert main(['info', 'slider_crank', '--urdf', str(tmp_path)]) != 0
-    assert 'cannot be written' in capsys.readouterr().err
+    assert 'cannot write' in capsys.readouterr().err
