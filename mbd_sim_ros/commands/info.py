@@ -168,8 +168,8 @@ def _level(level: LevelReport) -> str:
 
 def _scene(name: str, overrides: Sequence[str]) -> Scene:
     """The scene of that name or file; of a vehicle that is no scene: the vehicle standing on a flat road."""
+    from solver.files.naming import included
     from solver.files.scene import known_names, load_scene, load_scene_text
-    from solver.files.yaml_tree import included
 
     is_file = os.path.isfile(name)  # false of names that no file can have
     if is_file and _is_vehicle(Path(name)):

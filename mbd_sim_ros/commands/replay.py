@@ -145,8 +145,8 @@ def _changed(args: argparse.Namespace, before: Content, applied: Inputs, directo
     from mbd_sim_ros.bags import reader as bag
     from mbd_sim_ros.batch import simulate
     from solver import simulation_of
+    from solver.files.naming import included
     from solver.files.scene import find_file, load_scene_text
-    from solver.files.yaml_tree import included
 
     overrides = list(args.overrides)
     if args.vehicle is not None:

@@ -43,8 +43,8 @@ def run(args: argparse.Namespace) -> Result:
     from mbd_sim_ros.bags.recorder import new_directory
     from mbd_sim_ros.batch import simulate
     from solver import simulation_of
+    from solver.files.naming import included
     from solver.files.scene import find_file, load_scene
-    from solver.files.yaml_tree import included
 
     overrides = list(args.overrides)
     if args.maneuver is not None:

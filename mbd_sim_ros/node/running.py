@@ -32,7 +32,7 @@ from solver.analysis.verdict import Finding
 from solver.errors import BagError, MbdError, SpecError
 from solver.inputs.actuation import Chain
 from solver.inputs.assistance import Assistant
-from solver.inputs.hands import COMMANDS, CommandSource, commands_of
+from solver.inputs.hands import CommandSource, commands_of, place_of, uncommanded
 from solver.inputs.maneuver import base_names
 from solver.levels.road_wheel import steering_map, steering_wheel_at
 from solver.output.snapshot import Snapshot
@@ -65,13 +65,14 @@ class Running:
         self.node, self.scene, self.simulation = node, scene, simulation
         self._priority = 0
         self._names = commands_of(simulation.channels.inputs, scene.actuation.steering)
+        self._uncommanded = uncommanded(base_names(simulation.channels.inputs), self._names)
         self._actuators: Chain | None = simulation.sources.new_actuators() if scene.actuation.actuators else None
         self._assistant: Assistant | None = simulation.sources.new_assistant() if scene.assistance else None
         self._road_map = steering_map(scene.model) if scene.actuation.steering == 'road_wheel' else None
         self._source = self._new_source()
         self._asked: tuple[float, ...] = ()  # commands of the last step
         self._restored: dict[str, float] = {}  # commands that held where the state was saved that this begins with
-        lockstep = tuple(self._place_of(name) for name in self.value('lockstep_commands'))
+        lockstep = tuple(place_of(name, self._names, scene.name) for name in self.value('lockstep_commands'))
         if first and self.value('restore'):
             self._restored = state_files.restore(Path(self.value('restore')), scene, simulation, self._parts())
         self._messages = Messages.of(scene, simulation, self.value('frame_prefix'))
@@ -150,12 +151,9 @@ class Running:
         self.loop.start()
         self.prefer()
         self.warn_of_mode(self.loop.mode)
-        names = self._uncommanded()
-        if names and not self.commands.deaf:
-            self.node.get_logger().warning(
-                f'no command is for {", ".join(names)}: held as at the start; with the parameter commands = maneuver the maneuver of the '
-                'scene drives'
-            )
+        if self._uncommanded and not self.commands.deaf:
+            held = f'no command is for {", ".join(self._uncommanded)}: held as at the start'
+            self.node.get_logger().warning(f'{held}; with the parameter commands = maneuver the maneuver of the scene drives')
 
     def warn_of_mode(self, mode: str) -> None:
         """Say where nothing but ~/step will make a step."""
@@ -227,25 +225,13 @@ class Running:
             steering=float(at_start.get('steering', 0.0)),
             commands=self._names,
             mapped=None if self._road_map is None else self._steering_wheel,
-            others={name: float(at_start[name]) for name in self._uncommanded()},
+            others={name: float(at_start[name]) for name in self._uncommanded},
         )
-
-    def _uncommanded(self) -> list[str]:
-        """Inputs of the scene that no command is for, such as the drivers of a mechanism."""
-        commanded = {*self._names, COMMANDS[0]}
-        return [name for name in base_names(self.simulation.channels.inputs) if name not in commanded]
 
     def _steering_wheel(self, road_wheel: float) -> float:
         """Angle of the steering wheel [rad] for an angle of the road wheels [rad]; where it stands, until one is commanded."""
         assert self._road_map is not None
         return steering_wheel_at(self._road_map, road_wheel) if self.loop.latched.counts[0] else float(self._source.state[0])
-
-    def _place_of(self, name: str) -> int:
-        """Place of a command that lockstep waits for. Raises SpecError where the scene has not got it."""
-        if name != COMMANDS[0] and name not in self._names:
-            there = ', '.join(self._names)
-            raise SpecError(f'parameter lockstep_commands: {self.scene.name} has no input {name!r}; its commands are {there}')
-        return 0 if name == COMMANDS[0] else self._names.index(name)
 
     def _latch_start(self) -> None:
         """Until a command comes, steering, brake, clutch and gear stay where they are; an automatic gearbox works its clutch itself.

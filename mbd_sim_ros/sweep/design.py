@@ -24,9 +24,10 @@ from typing import Any, Literal
 import numpy as np
 
 from solver.errors import SceneError, SpecError
+from solver.files.naming import find, names_file
 from solver.files.scene import config_directories, find_file
 from solver.files.schema import Builder
-from solver.files.yaml_tree import MappingNode, Node, SequenceNode, displayed, find, include, names_file, parse, read_text
+from solver.files.yaml_tree import MappingNode, Node, SequenceNode, displayed, include, parse, read_text
 from solver.output.snapshot import Channels
 from solver.quantities import quantity
 from solver.validate import finite, require

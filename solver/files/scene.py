@@ -13,9 +13,10 @@ from solver.elements.road_grids import RandomRoad
 from solver.errors import SceneError, SpecError, suggestion
 from solver.files import requirements
 from solver.files.mechanism import MechanismReader
+from solver.files.naming import names_file
 from solver.files.schema import Builder
 from solver.files.vehicle import TEMPLATES, build_vehicle
-from solver.files.yaml_tree import MappingNode, Node, ScalarNode, include, names_file, override, parse, read, text_of, where
+from solver.files.yaml_tree import MappingNode, Node, ScalarNode, include, override, parse, read, text_of, where
 from solver.inputs.actuation import Actuation
 from solver.inputs.maneuver import Maneuver
 from solver.model.spec import ModelSpec

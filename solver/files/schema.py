@@ -32,7 +32,8 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from solver.errors import SceneError, SpecError, suggestion
-from solver.files.yaml_tree import INCLUDE, READERS, AddedMapping, join, names_file, refuse, unfit, where
+from solver.files.naming import INCLUDE, READERS, names_file, unfit
+from solver.files.yaml_tree import AddedMapping, join, refuse, where
 from solver.units import SUFFIXES, UNITS
 
 NUMBER = re.compile(r'[-+]?(0|[1-9][0-9]*)?(\.[0-9]*)?([eE][-+]?[0-9]+)?')

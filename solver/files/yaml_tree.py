@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import difflib
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -18,12 +18,10 @@ import yaml
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from solver.errors import SceneError, suggestion
-from solver.files.crg import read_crg
-from solver.files.raster import read_npz, read_png
+from solver.files.naming import READERS, find, listing, names_file, unfit
 from solver.files.tir import read_tir
 from solver.units import SUFFIXES
 
-INCLUDE = re.compile(r'(?:[\w./-]+|/.*)(\.[a-z]+)')  # what begins with / is a path, whatever is in it
 TAGS = tuple(f'tag:yaml.org,2002:{kind}' for kind in ('map', 'seq', 'str', 'int', 'float', 'bool', 'null', 'timestamp', 'merge', 'value'))
 MERGE = 'tag:yaml.org,2002:merge'  # the key <<
 MOST_CHARACTERS = 1 << 20  # of all files together: about five seconds of reading
@@ -33,8 +31,6 @@ MOST_FILES = 1000
 MOST_DEPTH = 64  # of values in each other
 MOST_INCLUDED = 16  # files in each other
 SHOWN = 60  # characters of a value in an error sentence
-# file ending -> what reads it into a dataclass or mapping; .yaml is built in
-READERS: dict[str, Callable[[Path], object]] = {'.tir': read_tir, '.crg': read_crg, '.png': read_png, '.npz': read_npz}
 
 
 class AddedMapping(MappingNode):
@@ -280,44 +276,6 @@ def _changed(base: MappingNode, changes: MappingNode) -> MappingNode:
 def _kind(node: MappingNode) -> str:
     """What stands under the key `kind`, or ''."""
     return next((str(value.value) for key, value in node.value if key.value == 'kind'), '')
-
-
-def names_file(node: Node) -> bool:
-    """Whether it is the name of a file that can be included where it stands without quotes."""
-    match = INCLUDE.fullmatch(node.value) if isinstance(node, ScalarNode) else None
-    return match is not None and match[1] in ('.yaml', *READERS)
-
-
-def unfit(node: Node) -> str:
-    """How a value that looks like the name of a file has to be written to stand for its content; '' of any other."""
-    if not isinstance(node, ScalarNode) or node.style is not None or names_file(node):
-        return ''
-    ending = Path(node.value).suffix
-    if ending.lower() not in ('.yaml', *READERS):
-        return ''
-    if ending != ending.lower():
-        return f'; the ending of a file that stands here is in small letters: {ending.lower()}'
-    return '; a name with anything but letters, digits and . _ - / in it is written as a whole path, from the first / on'
-
-
-def included(file: Path) -> str:
-    """A file as scenes and overrides include it. Raises SceneError."""
-    name = str(file.resolve())
-    if INCLUDE.fullmatch(name) is None or re.search(r':\s|\s#', name) or file.suffix not in ('.yaml', *READERS):
-        raise SceneError(f'{name!r}: a scene cannot include it; move it to a path without ": " and " #" that ends in .yaml')
-    return name
-
-
-def find(name: str, directories: Sequence[Path]) -> Path | None:
-    """First existing directory/name."""
-    return next((d / name for d in directories if (d / name).is_file()), None)
-
-
-def listing(directory: Path, like: Path) -> Iterator[str]:
-    """Names of the files in directory/<parent of like> with the same ending, as they would be written in an include."""
-    folder = directory / like.parent
-    if folder.is_dir():
-        yield from ((like.parent / file.name).as_posix() for file in folder.glob(f'*{like.suffix}'))
 
 
 def node_of(value: Any, mark: Any) -> Node:

@@ -27,6 +27,19 @@ def commands_of(input_names: Sequence[str], steering: str = 'angle') -> tuple[st
     return (STEERING[steering], *COMMANDS[1:], *powertrain, *(name for name in input_names if name.startswith(BY_WHEEL)))
 
 
+def uncommanded(input_names: Sequence[str], commands: Sequence[str]) -> list[str]:
+    """Inputs that no command is for, such as the drivers of a mechanism: whatever steers turns the steering wheel."""
+    return [name for name in input_names if name not in (*commands, COMMANDS[0])]
+
+
+def place_of(name: str, commands: Sequence[str], scene: str) -> int:
+    """Place of a command that lockstep waits for; steering is whichever steers. Raises SpecError where the scene has not got it."""
+    if name != COMMANDS[0] and name not in commands:
+        there = ', '.join(commands)
+        raise SpecError(f'parameter lockstep_commands: {scene} has no input {name!r}; its commands are {there}')
+    return 0 if name == COMMANDS[0] else commands.index(name)
+
+
 def follow(omega: float, x: float, v: float, r: float, slope: float, t: float) -> tuple[float, float]:
     """(x, x') after t seconds of x'' = omega^2 (r - x) - 2 omega x' behind a reference that starts at r and moves at `slope`: exact."""
     lag = 2.0 * slope / omega  # steady distance behind a moving reference

@@ -8,6 +8,7 @@ dampers and dry friction, reduced to the pinion by their levers, the non-uniform
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,6 +24,7 @@ from solver.levels.columns import reduced_columns
 from solver.levels.draft import Draft
 from solver.levels.map_fits import spring_law
 from solver.model.spec import ModelSpec
+from solver.vehicle.power_steering import FRICTION
 
 
 class Assisted(NamedTuple):
@@ -79,3 +81,12 @@ def assisted(spec: ModelSpec, servo: ServoSpec, data: dict[str, Any], turned: fl
         limit=servo.limit * abs(lever),
     )
     return Assisted(helped, pinion.replace(inertia=tuple(float(x) for x in six)), joint, (springs, damper), tuple(forces))
+
+
+def unassisted(spec: ModelSpec, dampers: Collection[str | int]) -> tuple[str, ...]:
+    """What becomes of a motor in the steering gear behind a column that no rule reduces, and of what brakes a gear without a motor.
+    dampers: indices of those that the steering moves."""
+    said = 'the motor of {} and friction in the steering: the torque at the steering wheel is the whole one'
+    braking = [spec.spring_dampers[int(k)].name for k in dampers] + [f.name for f in spec.coordinate_forces if f.name == FRICTION]
+    felt = f'{", ".join(braking)}: the torque at the steering wheel is without'
+    return (*(said.format(servo.name) for servo in spec.servos), *((felt,) if braking else ()))

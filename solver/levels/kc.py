@@ -19,7 +19,6 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Collection
 from typing import Any
 
 import numpy as np
@@ -38,7 +37,7 @@ from solver.elements.road import RoadSpec
 from solver.elements.servo import ServoSpec
 from solver.errors import SpecError
 from solver.levels import maps
-from solver.levels.assisted import assisted, gear_held
+from solver.levels.assisted import assisted, gear_held, unassisted
 from solver.levels.axle_masses import AxleMasses, beam, divided
 from solver.levels.derived import Derived, LevelReport, Limit, with_one_iteration
 from solver.levels.flywheels import flywheels, spin_of
@@ -52,7 +51,6 @@ from solver.scene import Scene
 from solver.vehicle.actuation import TORQUE
 from solver.vehicle.hardpoints import SIDES, marker_at
 from solver.vehicle.parts import UP, vector_of
-from solver.vehicle.power_steering import FRICTION
 from solver.vehicle.trailer import refuse_trailer
 from solver.vehicle.transfer import refuse_locked, without_connections
 
@@ -85,19 +83,10 @@ def derive(scene: Scene) -> Derived:
     travel = Limit(quantity='suspension_travel', unit='m', low=-high, high=high, why=MAPS)
     turned = max(-guide.steering[0] for guide in model.guides)
     steering = Limit(quantity='steering_wheel_angle', unit='rad', low=-turned, high=turned, why=MAPS)
-    unassisted = _unassisted(scene.model, reduction.data['gear']['lengths']) if reduction.assisted is None else ()
-    lost = (*LOST, *unassisted, *unshown(scene.model), *without_connections(scene.model))
+    without = unassisted(scene.model, reduction.data['gear']['lengths']) if reduction.assisted is None else ()
+    lost = (*LOST, *without, *unshown(scene.model), *without_connections(scene.model))
     report = LevelReport(lost=lost, validity=(travel, steering, *_lateral(scene.model), *VALIDITY))
     return Derived(scene=derived, level='kc', report=report)
-
-
-def _unassisted(spec: ModelSpec, dampers: Collection[str | int]) -> tuple[str, ...]:
-    """What becomes of a motor in the steering gear behind a column that no rule reduces, and of what brakes a gear without a motor.
-    dampers: indices of those that the steering moves."""
-    said = 'the motor of {} and friction in the steering: the torque at the steering wheel is the whole one'
-    braking = [spec.spring_dampers[int(k)].name for k in dampers] + [f.name for f in spec.coordinate_forces if f.name == FRICTION]
-    felt = f'{", ".join(braking)}: the torque at the steering wheel is without'
-    return (*(said.format(servo.name) for servo in spec.servos), *((felt,) if braking else ()))
 
 
 def _lateral(spec: ModelSpec) -> tuple[Limit, ...]:

@@ -11,8 +11,8 @@ import pytest
 
 from solver.elements.joint import JointSpec
 from solver.errors import SceneError
+from solver.files.naming import included
 from solver.files.scene import known_names, load_maneuver, load_scene, load_scene_text
-from solver.files.yaml_tree import included
 from solver.model.frames import matrix
 
 ROOT = Path(__file__).resolve().parents[2]

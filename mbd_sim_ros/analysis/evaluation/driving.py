@@ -25,8 +25,8 @@ from mbd_sim_ros.bags.recorder import source_hash
 from mbd_sim_ros.batch import simulate
 from solver import simulation_of
 from solver.errors import BagError, SpecError
+from solver.files.naming import included
 from solver.files.scene import find_file, load_scene_text
-from solver.files.yaml_tree import included
 from solver.scene import Scene
 from solver.vehicle.trailer import has_trailer
 
