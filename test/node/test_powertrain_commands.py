@@ -14,9 +14,8 @@ from real_node import simulator
 from mbd_sim_ros.bags import reader as bag
 from mbd_sim_ros.commands.main import main
 from mbd_sim_ros.node.commands import gears_of
-from mbd_sim_ros.node.running import COMMANDS
 from solver.files.scene import load_scene
-from solver.inputs.hands import commands_of
+from solver.inputs.hands import COMMANDS, commands_of
 
 pytestmark = pytest.mark.realtime
 
