@@ -399,17 +399,20 @@ class Loop:
             self._passed()
 
     def _next_inputs(self, n: int) -> np.ndarray | None:
-        """(n, nu) inputs of the next n steps, or (nu,) of one."""
+        """(n, nu) inputs of the next n steps, or (nu,) that are held."""
         t_ns, h_ns = self.simulation.t_ns, self.simulation.h_ns
         values = self._commands_at(t_ns)
         row = self._inputs(values)
         if row is None or n == 1:
             return row
+        stay = self._commands_at(t_ns + (n - 1) * h_ns) is values
         rows: list[np.ndarray | None] = [row]
         for i in range(1, n):
-            before, row = row, self._inputs(self._commands_at(t_ns + i * h_ns))
-            if row is before and self._commands_at(t_ns + (n - 1) * h_ns) is values:
-                rows += [row] * (n - i)  # it stays, as the commands do
+            before, row = row, self._inputs(values if stay else self._commands_at(t_ns + i * h_ns))
+            if stay and row is before:  # as it does while the commands stay
+                if i == 1:
+                    return row
+                rows += [row] * (n - i)
                 break
             rows.append(row)
         return np.array(rows)

@@ -272,7 +272,7 @@ class Running:
         k = self.simulation.k
         seen = self._publication.next_awaited(k, most + 1, of=self.publish_every)
         seen = min(seen, self.recording.next_wanted(k, most + 1))
-        if self._ticks is not None:
+        if self._ticks is not None and self._ticks.get_subscription_count():
             every = self._tick_every()
             seen = min(seen, k - k % every + every)
         return seen - k - 1
@@ -315,7 +315,7 @@ class Running:
         mode = self.loop.mode
         # at the start whatever its step; in lockstep the others wait for every tick
         anyway = anyway or mode == 'lockstep' or self._ticked == -math.inf
-        if not anyway and snapshot.k % self._tick_every():
+        if not anyway and (snapshot.k % self._tick_every() or not publisher.get_subscription_count()):
             return
         now = time.monotonic()
         if anyway or mode != 'fast' or now - self._ticked >= CLOCK_SECONDS:

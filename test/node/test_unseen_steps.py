@@ -255,7 +255,7 @@ def test_inputs_that_stay_are_asked_for_twice_a_call_unless_a_command_becomes_to
     class Kept(Synthetic):
         def advance(self, n: int = 1, inputs: np.ndarray | None = None):
             assert inputs is not None
-            applied.extend(inputs[:, 0].tolist())
+            applied.extend(np.broadcast_to(inputs, (n, len(INPUTS)))[:, 0].tolist())  # one row is held
             return super().advance(n, inputs)
 
     applied: list[float] = []
