@@ -309,9 +309,11 @@ def _ends_of_data(simulation: Simulation) -> dict[str, float]:
 
 def _fold(watched: list[_Range | _Frequency], leans: list[_Lean], carried: list[_Carried], snapshots: list[Snapshot]) -> None:
     """Follow what was noted: together, for that takes less of a step than each when it comes."""
-    for each in (*leans, *carried):
-        for snapshot in snapshots:
-            each.look(snapshot)
+    for snapshot in snapshots:
+        for lean in leans:
+            lean.look(snapshot)
+        for tires in carried:
+            tires.look(snapshot)
     if watched and snapshots:
         rows, times = np.array([one.numbers for one in snapshots]), np.array([one.t_ns for one in snapshots]) * 1e-9
         for one in watched:
