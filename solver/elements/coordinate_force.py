@@ -140,7 +140,7 @@ def _rate_gradient(table, coordinates, kin, e, t, needed):
 
 
 @kernel(inline=True)
-def _limited(applied, rate, top):
+def limited(applied, rate, top):
     """Return (force, d force/d rate) of an input `applied` at the rate ds/dt of s under a limiter at the rate `top` (0: none)."""
     full = applied + 0.0 * rate
     if top == 0.0:
@@ -178,7 +178,7 @@ def coordinate_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents,
         given = 0.0
         if table.input[e] >= 0:
             given = table.input_gain[e] * u[table.input[e]]
-        applied, fading = _limited(given, rate, table.top_rate[e])
+        applied, fading = limited(given, rate, table.top_rate[e])
         damping = damping - fading
         Q = applied - spring - damper - table.preload[e]
         for a in range(2 * table.terms[e]):

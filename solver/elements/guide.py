@@ -24,14 +24,17 @@ A brake acts between the wheel and its carrier (the law of solver.elements.brake
 
     theta = Theta(s, o, sigma) + w' delta
 
-so a braked wheel lifts or lowers the chassis and winds its suspension up. Maps are cubic B-splines, continued linearly, and cubic in o,
-that of Theta too:
+so a braked wheel lifts or lowers the chassis and winds its suspension up. A drive between wheels and what carries them (a motor in the hub,
+the differential of a live axle) turns that back alike: of its torque Q on the sum of factors times the turns of the wheels (the input under
+the limiter of solver.elements.coordinate_force, which acts on the wheels themselves) the part -factor Q is on theta. Maps are cubic
+B-splines, continued linearly, and cubic in o, that of Theta too:
 
     Q(s, o, sigma) = Q(s, 0, sigma) + o (b_0 + b_1 s + b_2 o + b_3 s^2 + b_4 s o + b_5 o^2 + b_6 sigma)
 
 All is measured on a bench: solver.levels.kc.
 
-Tangents are exact at rest, and over velocities; left out is how rates change with the position, which is of the order of rate times lag.
+Tangents are exact at rest, and over velocities; left out is how rates change with the position, which is of the order of rate times lag,
+and what a limiter that fades takes from theta.
 """
 
 from __future__ import annotations
@@ -47,6 +50,7 @@ from solver.compiled.vec import dot, load33
 from solver.dimensions import Point, Stiffness, Time, TurnDamping, TurnStiffness
 from solver.elements.brake import HOLD, RELEASED, friction
 from solver.elements.coordinate import add_coordinate_hessian, add_gradient, coordinate_rate, evaluate_coordinate
+from solver.elements.coordinate_force import limited
 from solver.elements.guide_map import BESIDE, COLUMNS, QUANTITIES, Nodes, map_of
 from solver.elements.guide_tangents import (
     add_dyads,
@@ -77,6 +81,7 @@ OUTPUTS = {
     'gear_torque': 'N m',
 }
 STATES = 4
+DRIVES = 2
 SYMMETRIC = 1e-9  # relative: what rounding may leave of the difference of a stiffness and its transpose
 
 
@@ -94,6 +99,8 @@ class GuideSpec(Spec):
     ratios: coefficients of the powers of s in L', over side; crossings: c of either side. mounts: their k [N/m], 0 for none; yields: with
     a mount the inverse of the damper's law, rate over force. wheels: coordinates of the turning wheels, to show the brake torque at.
     input: of the brakes; shares of either wheel in it; brake_stiffness [N m/rad], brake_damping [N m s/rad] of a stuck wheel.
+    drive: input of what drives the wheels from their carriers; drives: up to two, (factor of the left wheel, of the right one, gain of the
+    input [N m], rate at which it ends [rad/s] or 0).
     """
 
     chassis: str
@@ -123,6 +130,8 @@ class GuideSpec(Spec):
     shares: tuple[float, float]
     brake_stiffness: TurnStiffness
     brake_damping: TurnDamping = 0.0
+    drive: str | None = None
+    drives: tuple[tuple[float, float, float, float], ...] = ()
 
     def __post_init__(self) -> None:
         where = self.where
@@ -146,6 +155,9 @@ class GuideSpec(Spec):
         self.set('lag', finite(where, 'lag', self.lag, low=0.0))
         self.set('brake_stiffness', finite(where, 'brake_stiffness', self.brake_stiffness, low=0.0, strict=True))
         self.set('brake_damping', finite(where, 'brake_damping', self.brake_damping, low=0.0))
+        require(len(self.drives) <= DRIVES, where, 'drives', len(self.drives), f'must be {DRIVES} at most')
+        require(self.drive is not None or not self.drives, where, 'drive', self.drive, 'is needed with drives')
+        self.set('drives', tuple(tuple(finite(where, 'drives', x) for x in one) for one in self.drives))
 
 
 class GuideTable(NamedTuple):
@@ -177,6 +189,8 @@ class GuideTable(NamedTuple):
     gain: np.ndarray  # (n, 2)
     stiffness: np.ndarray  # (n,) of a stuck brake
     damping: np.ndarray  # (n,)
+    drive: np.ndarray  # (n,) input
+    drives: np.ndarray  # (DRIVES n, 4), zeros for those that there are not
 
 
 def _padded(values: Sequence[float], columns: int, wanted: int) -> np.ndarray:
@@ -215,6 +229,8 @@ def compile_guides(specs: Sequence[GuideSpec], context: Context) -> GuideTable:
         gain=np.array([s.shares for s in specs], float).reshape(-1, 2),
         stiffness=np.array([s.brake_stiffness for s in specs], float),
         damping=np.array([s.brake_damping for s in specs], float),
+        drive=np.zeros(n, np.int64),
+        drives=np.array([s.drives[k] if k < len(s.drives) else (0.0,) * 4 for s in specs for k in range(DRIVES)], float).reshape(-1, 4),
     )
     for e, spec in enumerate(specs):
         chassis = context.marker(spec.where, Marker(body=spec.chassis))
@@ -234,6 +250,7 @@ def compile_guides(specs: Sequence[GuideSpec], context: Context) -> GuideTable:
         table.slot[e] = slots(table.body[e].tolist(), context)
         table.state[e] = context.internal_states(spec.where, STATES)
         table.input[e] = context.input(spec.where, spec.input)
+        table.drive[e] = table.input[e] if spec.drive is None else context.input(spec.where, spec.drive)
     return table
 
 
@@ -246,11 +263,19 @@ def _theta_rate(table, side, m, s_rate, o_rate, sigma_rate, delta_rate):
     return m[1] * s_rate + m[2] * o_rate + m[3] * sigma_rate + own
 
 
+@kernel(inner=True)
+def _driven(table, row, applied, spin_l, spin_r):
+    """Return the torques of a drive on the left and the right wheel at their turns against the chassis."""
+    factor_l, factor_r = table.drives[row, 0], table.drives[row, 1]
+    Q, _ = limited(table.drives[row, 2] * applied, factor_l * spin_l + factor_r * spin_r, table.drives[row, 3])
+    return factor_l * Q, factor_r * Q
+
+
 @kernel(borrow=True)
 def guide_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, out):
     """Accumulate forces and tangents of all guides, assign the wind-up of their brakes (contract: solver/elements/__init__.py).
 
-    One element is long because both wheels share everything: departures, brakes, steering.
+    One element is long because both wheels share everything: departures, brakes, drives, steering.
     """
     f = sixes(f)
     Kq = sixes(Kq)
@@ -279,16 +304,22 @@ def guide_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, K
         lag = table.lag[e]
         force = plus8(elastic, lag, lagging)
 
-        # brakes
+        # brakes, and drives on carriers
         n = table.state[e]
         k_b = table.stiffness[e]
         applied = max(u[table.input[e]], 0.0)
-        turn_l = dot(lw.a, lw.turn) - _theta_rate(table, 2 * e, m_l[4], v_l, v_r, sigma_rate, rate)
-        turn_r = dot(rw.a, rw.turn) - _theta_rate(table, 2 * e + 1, m_r[4], v_r, v_l, sigma_rate, rate)
+        spin_l, spin_r = dot(lw.a, lw.turn), dot(rw.a, rw.turn)
+        carrier_l = _theta_rate(table, 2 * e, m_l[4], v_l, v_r, sigma_rate, rate)
+        carrier_r = _theta_rate(table, 2 * e + 1, m_r[4], v_r, v_l, sigma_rate, rate)
+        turn_l, turn_r = spin_l - carrier_l, spin_r - carrier_r
+        first_l, first_r = _driven(table, DRIVES * e, u[table.drive[e]], spin_l, spin_r)
+        second_l, second_r = _driven(table, DRIVES * e + 1, u[table.drive[e]], spin_l, spin_r)
+        drive_l, drive_r = first_l + second_l, first_r + second_r
         z_l, t_l, slope_l, lost_l = friction(zp[n], cz, turn_l, table.gain[e, 0] * applied, k_b, table.damping[e])
         z_r, t_r, slope_r, lost_r = friction(zp[n + 1], cz, turn_r, table.gain[e, 1] * applied, k_b, table.damping[e])
         w_l, w_r = load8(table.windup, 2 * e), load8(table.windup, 2 * e + 1)
-        held = plus8(plus8(force, -t_l, w_l), -t_r, w_r)  # what the map carries over to travels and steering
+        p_l, p_r = t_l - drive_l, t_r - drive_r  # on the carriers
+        held = plus8(plus8(force, -p_l, w_l), -p_r, w_r)  # what the map carries over to travels and steering
 
         # springs and dampers
         spring_l, rise_l, stored_l = evaluate_law(laws, table.law[2 * e, 0], s_l)
@@ -302,9 +333,9 @@ def guide_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, K
         d_l, d_r = d_l + over_l, d_r + over_r
 
         # generalized forces, wrenches, bodies
-        q_l = dot8(held, by_l) + (t_l * m_l[4][1] + t_r * m_r[4][2]) - spring_l - U_l + d_l - sigma * P_l[1]
-        q_r = dot8(held, by_r) + (t_l * m_l[4][2] + t_r * m_r[4][1]) - spring_r - U_r + d_r - sigma * P_r[1]
-        q_t = dot8(held, by_t) + (t_l * m_l[4][3] + t_r * m_r[4][3]) - (P_l[0] + P_r[0]) - spring_t - damper_t
+        q_l = dot8(held, by_l) + (p_l * m_l[4][1] + p_r * m_r[4][2]) - spring_l - U_l + d_l - sigma * P_l[1]
+        q_r = dot8(held, by_r) + (p_l * m_l[4][2] + p_r * m_r[4][1]) - spring_r - U_r + d_r - sigma * P_r[1]
+        q_t = dot8(held, by_t) + (p_l * m_l[4][3] + p_r * m_r[4][3]) - (P_l[0] + P_r[0]) - spring_t - damper_t
         on_l = wrench(lw, -held[0], -held[1], q_l, -held[2], -held[3], -t_l)
         on_r = wrench(rw, -held[4], -held[5], q_r, -held[6], -held[7], -t_r)
         g = gradients(R_c, lw, rw, on_l, on_r, q_t, g_i, g_j)
@@ -316,9 +347,9 @@ def guide_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, K
             k_t = times8(table.K, e, by_t)
             K, slots = table.K, table.slot
             ll, mix, rr = -dot8(by_l, k_l), -dot8(by_l, k_r), -dot8(by_r, k_r)
-            more_l = own_curvature(held, m_l, t_l, 0, 4) + own_curvature(held, m_r, t_r, 4, 8) - rise_l - U_ll + d_ls - sigma * P_l[2]
-            more_r = own_curvature(held, m_r, t_r, 4, 4) + own_curvature(held, m_l, t_l, 0, 8) - rise_r - U_rr + d_rs - sigma * P_r[2]
-            more = own_curvature(held, m_l, t_l, 0, 5) + own_curvature(held, m_r, t_r, 4, 5) - U_lr
+            more_l = own_curvature(held, m_l, p_l, 0, 4) + own_curvature(held, m_r, p_r, 4, 8) - rise_l - U_ll + d_ls - sigma * P_l[2]
+            more_r = own_curvature(held, m_r, p_r, 4, 4) + own_curvature(held, m_l, p_l, 0, 8) - rise_r - U_rr + d_rs - sigma * P_r[2]
+            more = own_curvature(held, m_l, p_l, 0, 5) + own_curvature(held, m_r, p_r, 4, 5) - U_lr
             on_ll = pair_of(K, e, 0, 0, first4(k_l), first4(k_l), ll)
             on_lr = pair_of(K, e, 0, 1, last4(k_l), first4(k_r), mix)
             on_rr = pair_of(K, e, 1, 1, last4(k_r), last4(k_r), rr)
@@ -338,9 +369,9 @@ def guide_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, K
                 on_r = wrench(rw, k_t[4], k_t[5], rt, k_t[6], k_t[7], 0.0)
                 by_rate = gradients(R_c, lw, rw, on_l, on_r, zero, g_i, g_j)
                 add_steering((by_rate[0], by_rate[1], by_rate[2]), lag * tt - rise_dt, g_i, g_j, slots, e, lag, Kv)
-                lt = lt + own_curvature(held, m_l, t_l, 0, 6) + own_curvature(held, m_r, t_r, 4, 9) - P_l[1]
-                rt = rt + own_curvature(held, m_r, t_r, 4, 6) + own_curvature(held, m_l, t_l, 0, 9) - P_r[1]
-                tt = tt + own_curvature(held, m_l, t_l, 0, 7) + own_curvature(held, m_r, t_r, 4, 7) - rise_t
+                lt = lt + own_curvature(held, m_l, p_l, 0, 6) + own_curvature(held, m_r, p_r, 4, 9) - P_l[1]
+                rt = rt + own_curvature(held, m_r, p_r, 4, 6) + own_curvature(held, m_l, p_l, 0, 9) - P_r[1]
+                tt = tt + own_curvature(held, m_l, p_l, 0, 7) + own_curvature(held, m_r, p_r, 4, 7) - rise_t
                 on_l = wrench(lw, k_t[0], k_t[1], lt, k_t[2], k_t[3], 0.0)
                 on_r = wrench(rw, k_t[4], k_t[5], rt, k_t[6], k_t[7], 0.0)
                 by_place = gradients(R_c, lw, rw, on_l, on_r, zero, g_i, g_j)
@@ -359,6 +390,7 @@ def guide_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, K
         out[e, 0] = 0.5 * dot8(delta, elastic) + stored_l + stored_r + U + 0.5 * k_b * (z_l * z_l + z_r * z_r) + mount_l + mount_r
         out[e, 0] += sigma * (P_l[0] + P_r[0]) + stored_t
         out[e, 1] = lag * dot8(rate, lagging) + heat_l + heat_r + lost_l + lost_r + damper_t * sigma_rate
+        out[e, 1] += drive_l * carrier_l + drive_r * carrier_r
         out[e, 2], out[e, 3], out[e, 4] = lw.x[3], lw.x[4], -spring_l - U_l
         out[e, 5], out[e, 6], out[e, 7] = rw.x[3], rw.x[4], -spring_r - U_r
         out[e, 8], out[e, 9], out[e, 10] = d_l, z_l, -t_l

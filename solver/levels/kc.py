@@ -44,7 +44,7 @@ from solver.levels.flywheels import flywheels, spin_of
 from solver.levels.kept import kept
 from solver.levels.map_fits import inverse_law, spring_law
 from solver.levels.powered import KINDS, UNMOVED, powered, without_engine
-from solver.levels.reactions import reaction, unshown
+from solver.levels.reactions import on_carriers, unshown
 from solver.model.frames import matrix, quaternion
 from solver.model.spec import ModelSpec, used_inputs
 from solver.scene import Scene
@@ -235,16 +235,6 @@ class _Reduction:
         i, step = (maps.MAP_TRAVEL + 2) // 2, 2.0 * self.data['travel'] / (maps.MAP_TRAVEL - 1)
         return (along[i + 1] - along[i - 1]) / (2.0 * step)
 
-    @property
-    def _turns(self) -> dict[str, tuple[float, float]]:
-        """By corner the slopes of Theta over its own travel and over that of the other wheel [rad/m], in the design position."""
-        turns = {}
-        for corner in CORNERS:
-            axle, _, side = corner.partition('_')
-            beside = np.array(self.data[axle]['opposite']).reshape(2, 5, BESIDE)[list(SIDES).index(side), 4, 0]
-            turns[corner] = (float(self._slopes(corner)[4]), float(beside))
-        return turns
-
     def _steering(self) -> tuple[tuple[RigidBodySpec, ...], tuple[Any, ...], tuple[Any, ...]]:
         """(steering wheel, its bearing, its driver), nothing for a car that is not steered."""
         for coupler in self.spec.couplers:
@@ -313,6 +303,7 @@ class _Reduction:
         at = [vector_of(product(matrix(self.chassis.orientation).T, self.centers[c] - self.chassis.position)) for c in corners]
         axes = [vector_of(matrix(self.tires[c].marker.orientation)[:, 1]) for c in corners]
         stiffness = own[0].stiffness  # type: ignore[union-attr]
+        drives = on_carriers(self.spec, axle)
         gear = self.assisted.gear if self.assisted is not None and axle == AXLES[0] else None
         return GuideSpec(
             name=axle, chassis=self.chassis.name, left=wheels[corners[0]].name, right=wheels[corners[1]].name,
@@ -325,6 +316,8 @@ class _Reduction:
             wheels=(f'wheel_{corners[0]}', f'wheel_{corners[1]}'), input=own[0].input,  # type: ignore[union-attr]
             shares=(own[0].gain, own[1].gain),  # type: ignore[union-attr]
             brake_stiffness=1.0 / (1.0 / stiffness + max(float(left.mean()), 0.0)), brake_damping=own[0].damping,  # type: ignore[union-attr]
+            drive=drives[0].input if drives else None,
+            drives=tuple((*_factors(d, corners), d.input_gain, d.top_rate or 0.0) for d in drives),
         )  # fmt: skip
 
     def _turn(self, axle: str, couplers: tuple[Any, ...]) -> str:
@@ -368,8 +361,6 @@ class _Reduction:
             for name, factor in force.terms:
                 for corner, slope in slopes.get(name, {}).items():
                     terms[f'wheel_{corner}'] = terms.get(f'wheel_{corner}', 0.0) + factor * slope
-            if force.input is not None:
-                terms |= reaction(force, self._turns)
             terms = {name: round(factor, 9) for name, factor in terms.items() if abs(factor) > UNMOVED}
             if terms and (force.input is not None or force.damper is not None) and len(terms) <= 3:
                 if force.spring is not None:
@@ -382,6 +373,11 @@ class _Reduction:
     def _held(self, kept: set[str]) -> tuple[CoordinateForceSpec, ...]:
         """Forces on coordinates that this level keeps as they are: dampers of the steering wheel."""
         return tuple(force for force in self.spec.coordinate_forces if {name for name, _ in force.terms} <= kept)
+
+
+def _factors(force: CoordinateForceSpec, corners: list[str]) -> tuple[float, float]:
+    left, right = (dict(force.terms).get(f'wheel_{corner}', 0.0) for corner in corners)
+    return left, right
 
 
 def _sums(bodies: tuple[RigidBodySpec, ...]) -> tuple[float, np.ndarray, np.ndarray]:

@@ -50,6 +50,8 @@ def guide(rng, *, steered=True, mounted=True, **changes):
         **({'mounts': (3e4, 0.0), 'yields': (YIELD, YIELD)} if mounted else {}),
         'ratios': tuple(rng.normal(size=10) + [-0.7, 0, 0, 0, 0, -0.7, 0, 0, 0, 0]),
         'crossings': (-0.2, 0.15),
+        'drive': 'drive',
+        'drives': ((0.5, 0.5, 0.6, 0.0), (1.0, 0.0, -0.2, 40.0)),
         'gear': (SPRING, DAMPER) if steered else (None, None),
         **nodes,
         **changes,
@@ -61,7 +63,7 @@ def guide(rng, *, steered=True, mounted=True, **changes):
     )  # fmt: skip
     turning = [CoordinateSpec(name=n, kind='rotation', i=Marker(body='b0'), j=Marker(body=b)) for n, b in (('left', 'b1'), ('right', 'b2'))]
     hands = CoordinateSpec(name='steer', kind='rotation', i=Marker(body='b0'), j=Marker(body='b3'))
-    context = ContractContext(bodies=4, com=[[0.2, 0.1, 0.4], *[[0, 0, 0]] * 3], inputs=('brake',), coordinates=[*turning, hands])
+    context = ContractContext(bodies=4, com=[[0.2, 0.1, 0.4], *[[0, 0, 0]] * 3], inputs=('brake', 'drive'), coordinates=[*turning, hands])
     x, table, angle = context.coordinate_table(), compile_guides([spec], context), np.zeros(3)
     laws = context.laws()
     return Element(acting(guide_forces, table, x, laws, angle=angle), context, n=1, outputs=OUTPUTS)
@@ -85,7 +87,7 @@ def placed(rng, speed=0.0, travel=0.0):
 def test_at_rest_the_contract_is_met_exactly(rng, steered, brake, travel):
     """Released, slipping and stuck brakes; inside the maps and beyond their ends."""
     element, kin = guide(rng, steered=steered), placed(rng, travel=travel)
-    arguments = {'zp': (0.3, -0.2, 0.004, 0.0), 'cz': H, 'u': (brake,)}
+    arguments = {'zp': (0.3, -0.2, 0.004, 0.0), 'cz': H, 'u': (brake, 7.0)}
     check_purity(element, kin, **arguments)
     check_tangents(element, kin, **arguments)
     check_action_reaction(element, kin, **arguments)
@@ -95,7 +97,7 @@ def test_at_rest_the_contract_is_met_exactly(rng, steered, brake, travel):
 def test_moving_it_balances_power_and_forces(rng, brake):
     """f . v = -dE/dt - dissipation with everything in motion; tangents over velocities stay exact."""
     element, kin = guide(rng), placed(rng, speed=1.0)
-    arguments = {'zp': (0.3, -0.2, 0.004, 0.0), 'cz': H, 'u': (brake,)}
+    arguments = {'zp': (0.3, -0.2, 0.004, 0.0), 'cz': H, 'u': (brake, 7.0)}
     check_power_balance(element, kin, **arguments)
     check_action_reaction(element, kin, **arguments)
     exact, found = complex_step_tangents(element, kin, **arguments)[1], element.evaluate(kin, tangents=True, **arguments).Kv
@@ -119,7 +121,7 @@ def test_signs_of_a_guided_wheel():
     kin = kinematics(
         [((0.2, 0.1, 0.4), (0, 0, 0)), ((1.403, 0.75, 0.31), (0, 0, 0)), ((1.4, -0.75, 0.31), (0, 0, 0)), ((0, 0, 0), (0, 0, 0))]
     )
-    result = element.evaluate(kin, zp=(0.0,) * 4, u=(0.0,))
+    result = element.evaluate(kin, zp=(0.0,) * 4, u=(0.0, 0.0))
     left, right = result.f[1], result.f[2]
     np.testing.assert_allclose(left, [-2.0, 0, 0.2 - 200.0, 0, 0, 0], atol=1e-9)
     np.testing.assert_allclose(right, 0.0, atol=1e-9)
@@ -138,10 +140,35 @@ def test_brake_torque_acts_between_wheel_and_carrier():
     twists = np.zeros((4, 6))
     twists[1, 4] = 30.0  # the left wheel rolls forwards
     poses = [((0.2, 0.1, 0.4), (0, 0, 0)), ((1.4, 0.75, 0.3), (0, 0, 0)), ((1.4, -0.75, 0.31), (0, 0, 0)), ((0, 0, 0), (0, 0, 0))]
-    result = element.evaluate(kinematics(poses, twists), zp=(0.0,) * 4, cz=H, u=(20.0,))
+    result = element.evaluate(kinematics(poses, twists), zp=(0.0,) * 4, cz=H, u=(20.0, 0.0))
     np.testing.assert_allclose(result.f[1], [0, 0, 4.0, 0, -8.0, 0], atol=1e-12)
     assert element.output(result, 'brake_torque_left')[0] == pytest.approx(-8.0)
     np.testing.assert_allclose(result.f[0][3:], np.array([0, 8.0, 0]) - np.cross([1.2, 0.65, -0.1], [0, 0, 4.0]), atol=1e-12)
+
+
+def test_a_drive_turns_the_carrier_back():
+    """Half of 40 N m on the left wheel, whose carrier turns by 0.5 rad/m: it is pushed down by 10 N. On the wheel acts another element, and
+    above the speed of the limiter nothing."""
+    shape = np.zeros((2, 7, 5))
+    shape[:, :, 4] = 0.5 * np.array([-0.15, -0.1, -0.05, 0.0, 0.05, 0.1, 0.15])
+    element = guide(
+        np.random.default_rng(0), steered=False, shape=tuple(shape.ravel()), opposite=(0.0,) * 70, stiffness=(0.0,) * 64,
+        windup=(0.0,) * 16, springs=(Law.linear(0.0),) * 2, coupling=(0.0,) * 4, ratios=(0.0,) * 10, drives=((0.5, 0.0, 1.0, 50.0),),
+    )  # fmt: skip
+    poses = [((0.2, 0.1, 0.4), (0, 0, 0)), ((1.4, 0.75, 0.3), (0, 0, 0)), ((1.4, -0.75, 0.31), (0, 0, 0)), ((0, 0, 0), (0, 0, 0))]
+    for spin, force in ((30.0, -10.0), (101.0, 0.0)):
+        twists = np.zeros((4, 6))
+        twists[1, 4] = spin
+        result = element.evaluate(kinematics(poses, twists), zp=(0.0,) * 4, cz=H, u=(0.0, 40.0))
+        np.testing.assert_allclose(result.f[1], [0, 0, force, 0, 0, 0], atol=1e-12)
+        np.testing.assert_allclose(result.f[0], [0, 0, -force, *np.cross([1.2, 0.65, -0.1], [0, 0, -force])], atol=1e-12)
+
+
+def test_refuses_drives_without_an_input_and_more_than_two(rng):
+    with pytest.raises(SpecError, match=r"Guide 'g': drives = 3: must be 2 at most"):
+        guide(rng, drives=((1.0, 0.0, 1.0, 0.0),) * 3)
+    with pytest.raises(SpecError, match=r"Guide 'g': drive = None: is needed with drives"):
+        guide(rng, drive=None)
 
 
 def test_a_damper_on_a_stiff_mount_is_the_damper(rng):
@@ -150,7 +177,7 @@ def test_a_damper_on_a_stiff_mount_is_the_damper(rng):
     same = {'dampers': (law, law), 'yields': (Law.linear(1.0 / 500.0),) * 2}
     rigid, stiff = (guide(np.random.default_rng(3), mounts=k, **same) for k in ((0.0, 0.0), (1e9, 1e9)))
     kin = placed(rng, speed=1.0)
-    a, b = (element.evaluate(kin, zp=(0.0,) * 4, cz=H, u=(0.0,)) for element in (rigid, stiff))
+    a, b = (element.evaluate(kin, zp=(0.0,) * 4, cz=H, u=(0.0, 0.0)) for element in (rigid, stiff))
     force = np.abs([rigid.output(a, f'damper_force_{side}')[0] for side in ('left', 'right')]).max()
     assert force > 10.0
     assert np.abs(a.f - b.f).max() < 10.0 * 500.0 * force / (1e9 * H)
@@ -166,7 +193,7 @@ def test_springs_and_dampers_of_the_gear_hold_the_steering():
     twists = np.zeros((4, 6))
     twists[3, 5] = 3.0
     poses = [((0.2, 0.1, 0.4), (0, 0, 0)), ((1.4, 0.75, 0.3), (0, 0, 0)), ((1.4, -0.75, 0.31), (0, 0, 0)), ((0, 0, 0), (0, 0, 0.2))]
-    result = element.evaluate(kinematics(poses, twists), zp=(0.0,) * 4, cz=H, u=(0.0,))
+    result = element.evaluate(kinematics(poses, twists), zp=(0.0,) * 4, cz=H, u=(0.0, 0.0))
     np.testing.assert_allclose(result.f[3], [0, 0, 0, 0, 0, -14.0], atol=1e-12)
     np.testing.assert_allclose(result.f[0], [0, 0, 0, 0, 0, 14.0], atol=1e-12)
     assert element.output(result, 'gear_torque')[0] == pytest.approx(-14.0)
