@@ -1,7 +1,8 @@
-"""The error sheet of a level: five maneuvers of a vehicle at the level and as a whole, side by side.
+"""The error sheet of a level: six maneuvers of a vehicle at the level and as a whole, side by side.
 
     step steer at 0.4 g, sine with dwell at three times the reference angle [ISO19365], swept sine 0.2 to 2 Hz at 0.3 g, all at 80 km/h;
-    braking with 0.5 g from 100 km/h; a road of 2 m wavelength, 5 mm high, left and right alike, at 20 m/s
+    braking with 0.5 g from 100 km/h; pulling with 0.2 g from 50 km/h, unless pedal and gear drive the vehicle; a road of 2 m wavelength,
+    5 mm high, left and right alike, at 20 m/s
 
 Angles of the steering wheel follow from a slow ramp of the whole vehicle (13.5 deg/s at 80 km/h, as ISO 19365 asks for): the reference
 angle is that at 0.3 g. Errors are root mean squares and largest differences over the run, in parts of the peak of the whole vehicle; of
@@ -95,6 +96,7 @@ def courses(model: ModelSpec) -> tuple[Course, ...]:
         AMPLITUDE * r * r * (3.0 - 2.0 * r) * math.sin(2.0 * math.pi * at / WAVE) for r, at in zip(rise.tolist(), x.tolist(), strict=True)
     ]
     road = RoadSpec(grids=(HeightGrid(origin=(-10.0, -10.0), step=(0.05, 20.0), height=tuple((z, z) for z in wave)),))
+    pull = Course('pulling 0.2 g', 50.0 / 3.6, Maneuver(drive_torque=Step(value=0.2 * G * mass * radius, start=REST, rise=0.3)), 5.0)
     return (
         Course('step steer 0.4 g', SPEED, Maneuver(steering=Step(value=step, start=REST, rise=0.15), drive_torque=0.0), 5.0),
         Course('sine with dwell 3 A', SPEED, Maneuver(steering=SineWithDwell(amplitude=3.0 * reference, start=REST)), 5.0),
@@ -105,6 +107,7 @@ def courses(model: ModelSpec) -> tuple[Course, ...]:
         Course(
             'braking 0.5 g', 100.0 / 3.6, Maneuver(brake_torque=Step(value=0.5 * G * mass * 0.95 * radius, start=REST, rise=0.3)), 5.0
         ),
+        *((pull,) if 'drive_torque' in model.inputs else ()),
         Course('road of 2 m', ROAD_SPEED, Maneuver(), 4.0, road),
     )  # fmt: skip
 

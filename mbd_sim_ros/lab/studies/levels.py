@@ -1,4 +1,4 @@
-"""Study of the levels of detail: how far each is from the whole vehicle in five maneuvers."""
+"""Study of the levels of detail: how far each is from the whole vehicle in six maneuvers."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from solver.levels import LEVELS
 from solver.levels.error_sheet import error_sheet
 from solver.scene import Fidelity
 
-SUMMARY = 'levels of detail of three cars: errors against the whole vehicle in five maneuvers'
+SUMMARY = 'levels of detail of three cars: errors against the whole vehicle in six maneuvers'
 VEHICLES = {'full car': 'full_car', 'wishbone car': 'wishbone_car', 'light car': 'light_car'}
 HANDLING = ('yaw_rate', 'sideslip_velocity', 'roll', 'wheel_load')
 JUDGED: dict[Fidelity, tuple[float, tuple[str, ...]]] = {  # level: error allowed, quantities
@@ -22,15 +22,15 @@ JUDGED: dict[Fidelity, tuple[float, tuple[str, ...]]] = {  # level: error allowe
     'kc': (0.02, HANDLING),
     'single_track': (0.05, ('yaw_rate',)),
 }
-JUDGED_COURSES = 'step steer 0.4 g', 'sine with dwell 3 A', 'swept sine 0.3 g', 'braking 0.5 g', 'road of 2 m'
-BELOW_HALF_G = 'step steer 0.4 g', 'swept sine 0.3 g', 'braking 0.5 g'  # where single_track is judged
+JUDGED_COURSES = 'step steer 0.4 g', 'sine with dwell 3 A', 'swept sine 0.3 g', 'braking 0.5 g', 'pulling 0.2 g', 'road of 2 m'
+BELOW_HALF_G = 'step steer 0.4 g', 'swept sine 0.3 g', 'braking 0.5 g', 'pulling 0.2 g'  # where single_track is judged
 
 
 def study(out: Path, *, quick: bool, progress: Callable[[str, float], None]) -> dict:
     """See mbd_sim_ros.lab.studies."""
     report = Report(out, 'Levels of detail')
     report.text(
-        'Every level of a vehicle drives the five maneuvers of `solver.levels.error_sheet` beside the whole vehicle, both with steps of '
+        'Every level of a vehicle drives the six maneuvers of `solver.levels.error_sheet` beside the whole vehicle, both with steps of '
         '1 ms. Errors are root mean squares over the run in parts of the peak of the whole vehicle, of the wheels that with the largest. '
         'What a level does not publish has no figure. What a step costs is measured by `mbd bench --cases car_levels`.'
     )
