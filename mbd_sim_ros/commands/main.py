@@ -43,7 +43,7 @@ from solver.errors import MbdError, refused, suggestion
 
 COMMANDS = (info, run, plan, maneuver, sweep, export, compare, evaluate, view, replay, recover, study, bench, compile)
 USAGE_ERROR, INTERNAL_ERROR = 2, 70
-HELP = ('-h', '--help')
+HELP = ('-h', '--help', '--version')
 OUTPUT = 'the output'  # what sentences call it
 SHOW_TRACEBACK = 'MBD_TRACEBACK'
 SENTENCE_MOST, LEFT_OUT = 1000, ' ... '  # characters, and what stands for those in the middle
@@ -70,6 +70,16 @@ class Parser(argparse.ArgumentParser):
             raise OSError(error.errno, error.strerror, OUTPUT) from None
 
 
+class _Version(argparse.Action):
+    """Looks when it is asked for, for that takes a while."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: Any) -> NoReturn:
+        from mbd_sim_ros.bags.recorder import code_version
+
+        parser._print_message(f'mbd_sim_ros {code_version()}\n', sys.stdout)
+        parser.exit()
+
+
 def _not_a_number(found: re.Match[str]) -> str:
     return f'{found[2]} is not a {"whole " if found[1] == "int" else ""}number; write it in digits and without a unit'
 
@@ -83,6 +93,7 @@ def parser() -> Parser:
         formatter_class=argparse.RawDescriptionHelpFormatter,
         allow_abbrev=False,
     )
+    top.add_argument('--version', action=_Version, nargs=0, help='show which version this is, as recordings name it, and exit')
     parsers = top.add_subparsers(metavar='COMMAND', required=True, parser_class=Parser)
     for command in COMMANDS:
         command.add(parsers)

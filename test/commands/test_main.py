@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from mbd_sim_ros.bags import reader as bag
+from mbd_sim_ros.bags.recorder import code_version
 from mbd_sim_ros.commands import main as cli
 from mbd_sim_ros.commands.main import COMMANDS, main
 
@@ -374,3 +375,9 @@ def test_the_name_of_a_scene_stays_inside_bags(
     assert code == 0
     assert Path(data['out']).parent == Path('bags')
     assert [p.name for p in tmp_path.iterdir()] == ['here'] and [p.name for p in (tmp_path / 'here').iterdir()] == ['bags']
+
+
+def test_it_says_which_version_it_is(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(['--version'])
+    assert (ended.value.code, capsys.readouterr().out) == (0, f'mbd_sim_ros {code_version()}\n')

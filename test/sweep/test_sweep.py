@@ -24,6 +24,7 @@ from mbd_sim_ros.sweep import case, workers
 from mbd_sim_ros.sweep.case import Case, row_of
 from mbd_sim_ros.sweep.design import Figure, load_sweep
 from solver import load_scene, simulation_of
+from solver.errors import SceneError
 from solver.levels.derived import LevelReport, Limit
 
 FILE = """
@@ -200,6 +201,13 @@ def test_what_a_killed_worker_left_of_a_bag_is_in_nobodys_way(tmp_path: Path):
     bag.rename(bag.with_name(f'{bag.name}.0-{os.getpid()}.part'))
     assert row_of(case_) == first
     assert list(bag.parent.iterdir()) == [bag]
+
+
+def test_a_real_time_factor_is_not_judged_in_a_sweep_and_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    file = tmp_path / 's.yaml'
+    file.write_text(FILE.replace('[duration=0.3]', '[duration=0.3, require.real_time_factor_min=2]'))
+    assert main(['sweep', str(file), '--out', str(tmp_path / 'out')]) == SceneError.exit_code
+    assert 'require.real_time_factor_min: rows do not depend on the machine, so it is not judged in a sweep; add' in capsys.readouterr().err
 
 
 def test_a_case_that_leaves_its_envelope_is_suspect(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
