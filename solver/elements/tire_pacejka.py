@@ -387,9 +387,8 @@ def held_tires(table: TireTable, u: np.ndarray) -> Held:
     return Held(table._replace(c=c), u, {})
 
 
-def rolling_radius(table: TireTable, e: int, load: float, speed: float) -> float:
-    """Effective rolling radius [m] of tire e under a vertical load [N], freely rolling at speed [m/s] ([B] eq. 7)."""
-    c = table.c[e]
+def rolling_radius(c: np.ndarray, load: float, speed: float) -> float:
+    """Effective rolling radius [m] of a tire of coefficients c under a vertical load [N], freely rolling at speed [m/s] ([B] eq. 7)."""
     R0, F0, q = c[I.UNLOADED_RADIUS], c[I.FNOMIN], load / c[I.FNOMIN]
     growth = R0 * c[I.Q_V1] * (speed / c[I.LONGVL]) ** 2
     c_z = (1.0 + c[I.PFZ1] * c[I.DPI]) * c[I.VERTICAL_STIFFNESS]

@@ -109,8 +109,8 @@ class Feel(NamedTuple):
 
 
 class AssistedWheel(NamedTuple):
-    """A wheel: its name, its share of the brake torque [-], its radius [m], how far to the left of the middle of the car it stands [m],
-    the index of its body and its spin axis in that (positive when rolling forward)."""
+    """A wheel: its name, its share of the brake torque [-], its rolling radius [m], how far to the left of the middle of the car it stands
+    [m], the index of its body and its spin axis in that (positive when rolling forward)."""
 
     name: str
     share: float

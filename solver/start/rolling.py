@@ -156,7 +156,7 @@ def roll_wheels(model: Model, state: State, speed: float, u: np.ndarray, wanted:
     turns = [j for j in model.spec.joints if j.kind == 'revolute'] + [c for c in model.spec.coordinates if c.kind == 'rotation']
     rates = {}
     for e, tire in enumerate(model.spec.tires):
-        rate = speed / rolling_radius(model.elements[TIRES.name].value, e, loads[e], speed)
+        rate = speed / rolling_radius(model.elements[TIRES.name].value.c[e], loads[e], speed)
         spin = matrix(tire.marker.orientation)[:, 1]
         for turn in turns:
             if tire.marker.body in (turn.i.body, turn.j.body):

@@ -11,6 +11,8 @@ from __future__ import annotations
 import dataclasses
 
 from solver.elements.coordinate_force import CoordinateForceSpec
+from solver.elements.tire_data import pack
+from solver.elements.tire_pacejka import rolling_radius
 from solver.errors import SpecError
 from solver.inputs.actuation import Actuation
 from solver.inputs.assistance import AssistedWheel
@@ -104,14 +106,14 @@ def reaches(model: ModelSpec) -> dict[str, Reach]:
 
 
 def assisted_wheels(model: ModelSpec) -> tuple[AssistedWheel, ...]:
-    """What an assistance has to know of the wheels of a vehicle, in the order of its tires."""
+    """What an assistance has to know of the wheels of a vehicle, in the order of its tires; their radii are those under nominal load."""
     places = {b.name: k for k, b in enumerate(model.bodies)}
     shares = {brake.coordinate: brake.gain for brake in model.brakes}
     return tuple(
         AssistedWheel(
             name=tire.name,
             share=shares.get(f'wheel_{tire.name}', 0.0),
-            radius=tire.data['UNLOADED_RADIUS'],
+            radius=rolling_radius(pack(tire.data.values, tire.data.version, tire.pressure), tire.data['FNOMIN'], 0.0),
             left=model.bodies[places[tire.marker.body]].position[1],
             body=places[tire.marker.body],
             axis=matrix(tire.marker.orientation)[:, 1],
