@@ -77,7 +77,6 @@ def derive(scene: Scene) -> Derived:
             'unevenness and slope of the road; friction counts as the mean of both wheels of an axle',
             'torsion of steering and driveline',
             'turn slip, and the moment against turning a wheel on the spot',
-            'pitch under drive: it is as much as under brakes with the same force',
             *without_connections(model),
             *unlifted(model),
             *(
@@ -192,7 +191,7 @@ def identified(model: ModelSpec) -> dict[str, Any]:
     }
     mounting = {
         'x': -float(com[0]), 'axis': 0.1, 'height': lengthwise['z'], 'pitch': lengthwise['pitch'],
-        'pitch_by_shift': lengthwise['pitch_by_shift'],
+        'pitch_by_shift': lengthwise['pitch_by_shift'], 'pitch_by_drive': lengthwise['pitch_by_drive'],
         'pitch_by_roll': 0.0,
         'com_x': float(chassis.com[0]), 'com_y': float(chassis.com[1]), 'com_z': float(chassis.com[2]), 'yaw': 0.0, 'gravity': g,
     }  # fmt: skip

@@ -34,6 +34,7 @@ from solver.step.single_track_tables import (
     LONG,
     REACHED,
     ROLL,
+    SHIFT,
     SIZE,
     SPIN,
     TOLD,
@@ -110,6 +111,7 @@ def rolling(t: SingleTrackTables, speed: float, x: float = 0.0, y: float = 0.0, 
         slip = -math.copysign(axle.resistance * axle.load / axle.stiffness_x, speed) if speed else 0.0
         state[LONG + i] = slip * axle.length_x
         state[SPIN + i] = speed * (1.0 - abs(slip)) / axle.rolling_radius
+        state[SHIFT] += t.body.height * axle.stiffness_x * slip  # which slows it down
     return state
 
 

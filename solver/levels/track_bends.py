@@ -21,7 +21,7 @@ from solver.levels.track_straight import characteristic
 from solver.model.spec import ModelSpec
 from solver.scene import Scene
 from solver.step.single_track import advance
-from solver.step.single_track_tables import FY, ROLL, SATURATION, SHIFT
+from solver.step.single_track_tables import DRIVE, FY, ROLL, SATURATION, SHIFT
 
 FAST = 33.0  # m/s
 FASTER = (45.0, 60.0)  # m/s, where what was found is looked at beside the vehicle
@@ -78,18 +78,18 @@ class Lateral:
 
 
 def replay(tables: Ref, drive: Drive, run: Run) -> tuple[np.ndarray, ...]:
-    """(yaw rate, lateral velocity, roll; lateral force and saturation of the front axle, load moved to the rear) of the level, its
-    tables by reference, under the inputs of a run, at its samples.
+    """(yaw rate, lateral velocity, roll; lateral force and saturation of the front axle; pitch by load that moved and by the drive) of
+    the level, its tables by reference, under the inputs of a run, at its samples.
     """
     y, w = rolling(tables.value, drive.speed), new_scratch()
     frame = Ref(new_frame(len(run.names)))
     index = np.array([run.names.index(name) for name in COMMANDS])
     inputs, u = run.inputs, run.inputs[0].copy()
     twist, told = frame.value.twist[0], w.value.told
-    rows = np.empty((6, len(run.time)))
+    rows, m = np.empty((6, len(run.time))), tables.value.mounting
     for k in range(len(run.time)):
         advance(tables, y, inputs, index, u, k * EVERY, EVERY, False, H, 1, w, frame)
-        rows[:, k] = twist[5], twist[1], y[ROLL], told[FY], told[SATURATION], y[SHIFT]
+        rows[:, k] = twist[5], twist[1], y[ROLL], told[FY], told[SATURATION], m.pitch_by_shift * y[SHIFT] + m.pitch_by_drive * y[DRIVE]
     return tuple(rows)
 
 
@@ -101,9 +101,9 @@ def feel(found: dict[str, dict[str, float]], scene: Scene, runs: list[tuple[Driv
     torque, rolled, pitched = [], [], []
     body, mounting = found['body'], found['mounting']
     for drive, run in runs:
-        _, _, roll, force, saturation, moved = replay(Ref(tables_of(found, scene)), drive, run)
+        _, _, roll, force, saturation, lengthwise = replay(Ref(tables_of(found, scene)), drive, run)
         rolled.append(roll * roll)
-        pitched.append(pitch_of(run) - mounting['pitch'] - mounting['pitch_by_shift'] * moved)
+        pitched.append(pitch_of(run) - mounting['pitch'] - lengthwise)
         angle, rate, acceleration = (run.inputs[EVERY - 1 :: EVERY, run.names.index(name)] for name in COMMANDS[:3])
         lever = (body['ratio'] + 3.0 * body['ratio_3'] * angle * angle) * force
         for column, values in zip(columns, (acceleration, rate, lever, -lever * saturation), strict=True):

@@ -45,16 +45,22 @@ def straight(model: ModelSpec, mass: float) -> tuple[dict[str, dict[str, float]]
     }
     free = driven(model, Drive(speed=SPEED, maneuver=Maneuver(), duration=0.6))
     push, stop, lock = (driven(model, drive) for drive in steps.values())
+    # Coasting it is slowed down, so its loads and its pitch are not those that no force leaves.
+    coasting, rolling = float(np.mean(free.axle('fx').sum(axis=1))), [float(np.mean(free.axle('fz')[:, i])) for i in range(2)]
+    steady = (stop.time > 1.0) & (stop.vx > SLOW)
+    moved, force = stop.axle('fz')[:, 1] - rolling[1], stop.axle('fx').sum(axis=1) - coasting
+    height = float(fitted([force[steady]], moved[steady])[0])
+    loads = rolling[0] + height * coasting, rolling[1] - height * coasting
     axles = {}
     for i, axle in enumerate(AXLES):
-        load = float(np.mean(free.axle('fz')[:, i]))
+        load = loads[i]
         lever = R0[axle] - 0.5 * float(np.mean(free.axle('deflection')[:, i]))
         stiffness, peak, shape = along(lock, i, load)
         axles[axle] = {
             'load': load,
             'radius': lever,
             'rolling_radius': float(np.mean((1.0 + 0.5 * free.axle('kappa')[:, i]) * free.vx / free.spin[:, i])),
-            'resistance': -float(np.mean(free.axle('my')[:, i])) / (load * lever),
+            'resistance': -float(np.mean(free.axle('my')[:, i])) / (rolling[i] * lever),
             'half_track': 0.5 * float(np.mean(free.tire['py'][:, 2 * i] - free.tire['py'][:, 2 * i + 1])),
             'inertia': wheels[axle],
             'stiffness_x': stiffness,
@@ -74,23 +80,28 @@ def straight(model: ModelSpec, mass: float) -> tuple[dict[str, dict[str, float]]
         lever, inertia = axles[axle]['radius'], axles[axle]['inertia']
         axles[axle]['drive'] = share(push, 'drive_torque', i, lever, inertia)
         axles[axle]['brake'] = share(stop, 'brake_torque', i, lever, -inertia)  # which slow down rotors and shafts too
-    moved = stop.axle('fz')[:, 1] - axles['rear']['load']
-    force = stop.axle('fx').sum(axis=1)
-    steady = (stop.time > 1.0) & (stop.vx > SLOW)
-    height = float(fitted([force[steady]], moved[steady])[0])
-    pitch = pitch_of(stop)
     level = float(np.mean(pitch_of(free)))
+    by_shift = float(fitted([moved[steady]], (pitch_of(stop) - level)[steady])[0])
     return (
         axles,
         {
             'height': height,
             'lag': lag(height * force, moved, H * EVERY),
-            'pitch': level,
-            'pitch_by_shift': float(fitted([moved[steady]], (pitch - level)[steady])[0]),
+            'pitch': level - by_shift * height * coasting,
+            'pitch_by_shift': by_shift,
+            'pitch_by_drive': by_drive(push, rolling[1], level, by_shift),
             'z': float(np.mean(free.height)),
         },
         lock,
     )
+
+
+def by_drive(push: Run, load: float, level: float, by_shift: float) -> float:
+    """What a drive torque pitches a vehicle besides what the load that moves to the rear axle does [rad/(N m)]."""
+    u = push.inputs[EVERY - 1 :: EVERY, push.names.index('drive_torque')]
+    late = push.time > 1.0
+    more = pitch_of(push) - level - by_shift * (push.axle('fz')[:, 1] - load)
+    return float(np.mean(more[late] / u[late]))
 
 
 def along(run: Run, i: int, load: float) -> tuple[float, float, float]:

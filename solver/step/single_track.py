@@ -24,8 +24,9 @@ and a characteristic of combined slip in the manner of the similarity method ([P
 with f'(0) = 1; C and E go from their values along to those across with the square of the direction of slip. D is proportional to the
 load of the axle and the friction of the road, Ky grows with the load. Steering turns the front axle; roll turns both (roll steer). The
 point of contact stands the trail n behind the axis of steering, so the steering wheel feels n Fy. The load that goes to the rear under
-acceleration follows it with a lag; the body pitches with it and with the square of its roll. The brake is a slider in series with a spring
-whose wind-up b follows Dahl's law db/dt = w - |w| k b / T, which has no singularity at rest.
+acceleration follows it with a lag; the body pitches with it, with what lifts it where torque acts through the suspension otherwise than
+under brakes, with the same lag, and with the square of its roll. The brake is a slider in series with a spring whose wind-up b follows
+Dahl's law db/dt = w - |w| k b / T, which has no singularity at rest.
 
 Method: ROS2 [Verwer1999], two stages, second order with any matrix A, L-stable where A is the derivative: A has the stiff parts alone, the
 spin, longitudinal deflection and wind-up of each axle, its lateral deflection and the lag of the load.
@@ -41,6 +42,7 @@ from solver.step.single_track_axle import axle_forces
 from solver.step.single_track_shown import keep_account, keep_reached, show
 from solver.step.single_track_tables import (
     DRAG,
+    DRIVE,
     ENERGY,
     FRICTION_GAP,
     GROSS,
@@ -110,6 +112,7 @@ def evaluate(t, y, steering, drive, brake, rates, stiff, told):
     Fy = fy + gy - drag * vy
     Mz = mz + nz
     rates[SHIFT] = (b.height * Fx - y[SHIFT]) / b.lag
+    rates[DRIVE] = (drive - y[DRIVE]) / b.lag
     Fx -= drag * vx
 
     # M dv/dt = F - what the products of velocities take; unknown in the order vx, vy, r, p
@@ -175,6 +178,7 @@ def _solved(stiff, lag, gh, k):
         k[WIND + i] = b * (k[WIND + i] + gh * a[5] * spin)
         k[LATERAL + i] /= 1.0 - gh * a[7]
     k[SHIFT] /= 1.0 + gh / lag
+    k[DRIVE] /= 1.0 + gh / lag
 
 
 @kernel(inline=True)

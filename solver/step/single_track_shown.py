@@ -11,6 +11,7 @@ from solver.step.single_track_tables import (
     AXLE_COLUMNS,
     BRAKE,
     DRAG,
+    DRIVE,
     ENERGY,
     FRICTION_GAP,
     GROSS,
@@ -97,7 +98,7 @@ def show(t, y, rates, told, steering, u, frame):
     c = np.cos(y[YAW])
     s = np.sin(y[YAW])
     phi = y[ROLL]
-    theta = m.pitch + m.pitch_by_shift * y[SHIFT] + m.pitch_by_roll * phi * phi
+    theta = m.pitch + m.pitch_by_shift * y[SHIFT] + m.pitch_by_drive * y[DRIVE] + m.pitch_by_roll * phi * phi
     cr = np.cos(phi)
     sr = np.sin(phi)
     ct = np.cos(theta)
@@ -118,7 +119,7 @@ def show(t, y, rates, told, steering, u, frame):
     frame.pose[0, 5] = hs * pc * rc - hc * ps * rs
     frame.pose[0, 6] = hc * pc * rc + hs * ps * rs
     v = unrolled((y[VX] - r * side, y[VY] + r * m.x + m.axis * y[ROLL_RATE], 0.0), ct, st, cr, sr)
-    pitching = m.pitch_by_shift * rates[SHIFT] + 2.0 * m.pitch_by_roll * phi * y[ROLL_RATE]
+    pitching = m.pitch_by_shift * rates[SHIFT] + m.pitch_by_drive * rates[DRIVE] + 2.0 * m.pitch_by_roll * phi * y[ROLL_RATE]
     w = unrolled((0.0, pitching, r), ct, st, cr, sr)
     w = (w[0] + y[ROLL_RATE], w[1], w[2])
     # centre of mass of the chassis

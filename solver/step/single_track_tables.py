@@ -12,8 +12,9 @@ from solver.elements.road import RoadTable
 X, Y, YAW, ROLL, TURN_F, TURN_R = range(6)
 VX, VY, YAW_RATE, ROLL_RATE = range(6, 10)
 SPIN, LONG, LATERAL, WIND = 10, 12, 14, 16  # of the front axle, the rear axle follows
-SHIFT, LOSS, GROSS = 18, 19, 20  # load moved to the rear [N]; integrals of dissipated less supplied power and of all magnitudes [J]
-SIZE = 21
+SHIFT, DRIVE, LOSS, GROSS = 18, 19, 20, 21  # load moved to the rear [N] and drive torque [N m] by which it pitches;
+# integrals of dissipated less supplied power and of all magnitudes [J]
+SIZE = 22
 
 # What evaluate() tells beside the rates: of each axle AXLE_COLUMNS, then these
 AXLE_COLUMNS = ('fx', 'fy', 'fz', 'slip', 'slip_angle', 'brake_torque')
@@ -86,7 +87,8 @@ class Mounting(NamedTuple):
     axis: float  # height of the axis of roll over that origin [m]
     height: float  # of the origin at rest [m]
     pitch: float  # at rest [rad]
-    pitch_by_shift: float  # [rad/N]
+    pitch_by_shift: float  # under brakes [rad/N]
+    pitch_by_drive: float  # what the drive torque does besides [rad/(N m)]
     pitch_by_roll: float  # over the square of the roll [1/rad]
     com_x: float  # centre of mass of the chassis in its frame [m]
     com_y: float

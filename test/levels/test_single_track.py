@@ -29,6 +29,7 @@ from solver.levels.single_track_simulation import SingleTrackSimulation
 from solver.levels.track_bends import Lateral, slowest_pressed
 from solver.levels.track_straight import straight
 from solver.model.spec import ModelSpec
+from solver.quantities import quantity
 from solver.scene import Scene, StartSettings
 from solver.step.single_track_tables import SingleTrackTables
 from solver.vehicle.full_car import full_car_model
@@ -61,6 +62,21 @@ def test_errors_against_the_whole_vehicle(car: str) -> None:
         assert sheet[maneuver, 'sideslip_velocity'].rms < 0.06, maneuver
     assert sheet['braking 0.5 g', 'longitudinal_velocity'].rms < 0.005
     assert not any(quantity == 'wheel_load' for _, quantity in sheet)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('name', 'torque'), [('drive_torque', 600.0), ('brake_torque', 1200.0)])
+def test_it_pitches_under_drive_and_under_brakes_by_what_the_whole_vehicle_does(name: str, torque: float) -> None:
+    """When it has settled, within 5 % of the change: suspensions lift the body by other forces where they drive than where they brake."""
+    maneuver = Maneuver(**{name: Step(value=torque, start=0.2, rise=0.3)})
+    changes = []
+    for level in ('single_track', 'full'):
+        simulation = solver.simulation_of(dataclasses.replace(scene('light car', maneuver), fidelity=level))
+        pitch = quantity('pitch', simulation.channels)
+        rows = np.array([simulation.snapshot().numbers, simulation.advance(round(2.5 / simulation.h)).numbers])
+        before, after = pitch.of(rows[:, pitch.places])[:, 0]
+        changes.append(after - before)
+    assert changes[0] == pytest.approx(changes[1], rel=0.05)
 
 
 @pytest.mark.slow

@@ -22,7 +22,7 @@ AXLE = {
 }  # fmt: skip
 PARAMETERS = {
     'mounting': {
-        'x': -0.1, 'axis': 0.1, 'height': 0.0, 'pitch': 0.0, 'pitch_by_shift': -1.5e-5, 'pitch_by_roll': 0.5,
+        'x': -0.1, 'axis': 0.1, 'height': 0.0, 'pitch': 0.0, 'pitch_by_shift': -1.5e-5, 'pitch_by_drive': -2e-6, 'pitch_by_roll': 0.5,
         'com_x': 0.1, 'com_y': 0.0, 'com_z': 0.6,
         'yaw': 0.0, 'gravity': 9.81,
     },
