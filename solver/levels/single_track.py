@@ -75,7 +75,7 @@ def derive(scene: Scene) -> Derived:
             'left and right of an axle: wheel loads and forces of single wheels, wheel lift',
             'travel of the wheels, bounce, pitch as a motion of its own, wheel hop, engine and subframes on their mounts',
             'unevenness and slope of the road; friction counts as the mean of both wheels of an axle',
-            'torsion of steering and driveline',
+            'torsion of steering and driveline; efforts of wheels are those of their brakes, whatever drives them',
             'turn slip, and the moment against turning a wheel on the spot',
             *without_connections(model),
             *unlifted(model),
