@@ -57,7 +57,8 @@ def derive(scene: Scene) -> Derived:
     refuse_trailer(model)
     refuse_locked(model)
     if {tire.name for tire in model.tires} != set(CORNERS):
-        raise SceneError(f'{where}: needs the wheels {", ".join(CORNERS)}; name the tires of the vehicle so')
+        wheels = f'needs the wheels {", ".join(CORNERS)} and no others'
+        raise SceneError(f'{where}: {wheels}; name the tires of a car on two axles so, or take condensed or full')
     missing = [name for name in COMMANDS if name not in model.inputs]
     if missing:
         raise SceneError(f'{where}: the vehicle has no input {missing[0]!r}; take another level')
