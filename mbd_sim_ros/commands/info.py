@@ -70,6 +70,8 @@ def run(args: argparse.Namespace) -> Result:
         data['fidelity'] = scene.fidelity
         level = simulation.level if args.brief else _with_errors(simulation.level, scene)
         data['level'], text = dataclasses.asdict(level), _level(level)
+        if not (args.brief or _steered(scene)):
+            text += '\n\nno error sheet: its maneuvers impose the angle of the steering wheel, which the vehicle has no input for'
     if not args.brief and is_vehicle(simulation.scene.model):
         data['figures'], figures = _figures(simulation.scene)
         text += figures
@@ -142,13 +144,18 @@ def _tires(scene: Scene) -> tuple[list[dict[str, Any]], str]:
 
 def _with_errors(level: LevelReport, scene: Scene) -> LevelReport:
     """The report with the error sheet of a level, or of the full vehicle with switches off. It is measured once for a vehicle and takes
-    some seconds then."""
+    some seconds then. None of a vehicle whose steering wheel has no angle to impose."""
     from solver.levels.error_sheet import error_sheet
 
     whole = scene.fidelity == 'full' and 'off' not in scene.switches.values()
-    if whole or scene.fidelity == 'auto' or level.errors is not None:
+    if whole or scene.fidelity == 'auto' or level.errors is not None or not _steered(scene):
         return level
     return dataclasses.replace(level, errors=error_sheet(scene.model, scene.fidelity, scene.switches))
+
+
+def _steered(scene: Scene) -> bool:
+    """Whether a vehicle is steered by an angle, as the maneuvers of an error sheet do it."""
+    return 'steering' in scene.model.inputs
 
 
 def _level(level: LevelReport) -> str:

@@ -9,6 +9,7 @@ from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.model.spec import ModelSpec
 from solver.vehicle.hardpoints import SIDES
 
+EFFORT = 'efforts of shafts: those of the driven wheels have the drive torque, which the whole vehicle shows at its shafts'
 LOST = 'what the drive torque of the {} axle does to its housing: it acts against the chassis, and loads both wheels alike'
 
 
@@ -16,6 +17,15 @@ def on_carriers(spec: ModelSpec, axle: str) -> list[CoordinateForceSpec]:
     """Forces by which an input drives the wheels of an axle from their carriers."""
     wheels = {f'wheel_{axle}_{side}' for side in SIDES}
     return [force for force in spec.coordinate_forces if force.input is not None and {name for name, _ in force.terms} <= wheels]
+
+
+def at_wheels(spec: ModelSpec) -> tuple[str, ...]:
+    """What efforts of wheels have here that they have not in the whole vehicle, whose drive torque acts on shafts."""
+    wheels = {f'wheel_{axle}_{side}' for axle in ('front', 'rear') for side in SIDES}
+    shafts = [
+        force for force in spec.coordinate_forces if force.input == 'drive_torque' and not {name for name, _ in force.terms} <= wheels
+    ]
+    return (EFFORT,) if shafts or spec.engines else ()
 
 
 def unshown(spec: ModelSpec) -> tuple[str, ...]:

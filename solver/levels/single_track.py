@@ -4,7 +4,7 @@ Conserved are mass, centre of mass, inertia of yaw and roll and their product, l
 that turns with the wheels, the drag, the shares of drive and brakes, the gear from the steering wheel to the road wheels. Measured on the
 whole vehicle, on a flat road of friction 1:
 
-    creeping with the steering turned      gear of the steering
+    creeping with the steering turned      gear of the steering, of a rear axle that follows too
     driving and braking straight on        rolling radii and resistance, stiffness against slip, load moved and its lag, pitch
     braking more and more                  longitudinal peaks
     ramp steer, step steer at two speeds,
@@ -57,7 +57,8 @@ def derive(scene: Scene) -> Derived:
     refuse_trailer(model)
     refuse_locked(model)
     if {tire.name for tire in model.tires} != set(CORNERS):
-        raise SceneError(f'{where}: needs the wheels {", ".join(CORNERS)}; name the tires of the vehicle so')
+        wheels = f'needs the wheels {", ".join(CORNERS)} and no others'
+        raise SceneError(f'{where}: {wheels}; name the tires of a car on two axles so, or take condensed or full')
     missing = [name for name in COMMANDS if name not in model.inputs]
     if missing:
         raise SceneError(f'{where}: the vehicle has no input {missing[0]!r}; take another level')
@@ -75,7 +76,7 @@ def derive(scene: Scene) -> Derived:
             'left and right of an axle: wheel loads and forces of single wheels, wheel lift',
             'travel of the wheels, bounce, pitch as a motion of its own, wheel hop, engine and subframes on their mounts',
             'unevenness and slope of the road; friction counts as the mean of both wheels of an axle',
-            'torsion of steering and driveline',
+            'torsion of steering and driveline; efforts of wheels are those of their brakes, whatever drives them',
             'turn slip, and the moment against turning a wheel on the spot',
             *without_connections(model),
             *unlifted(model),
@@ -143,7 +144,7 @@ def identified(model: ModelSpec) -> dict[str, Any]:
     scene = Scene(name='identification', model=dataclasses.replace(model, road=RoadSpec()))
     bulk = masses(model)
     mass, com, inertia = bulk['mass'], bulk['com'], bulk['inertia']
-    ratio, ratio_3 = gear(model)
+    ratio, ratio_3, behind = gear(model)
     axles, lengthwise, lock = straight(model, mass)
     wheelbase = wheelbase_of(model)
     chassis = next(b for b in model.bodies if b.name == (model.chassis or model.bodies[0].name))
@@ -155,7 +156,7 @@ def identified(model: ModelSpec) -> dict[str, Any]:
         parameters[axle] = found | {
             'x': wheelbase[i] - float(com[0]),
             'shifted': -1.0 if i == 0 else 1.0,
-            'steered': 1.0 if i == 0 else 0.0,
+            'steered': 1.0 if i == 0 else behind,
             'stiffness_y': 15.0 * found['load'],
             'stiffness_load': 0.8,
             'peak_y': 1.0 * found['load'],
@@ -167,6 +168,7 @@ def identified(model: ModelSpec) -> dict[str, Any]:
             'roll_steer': 0.0,
             'trail': 0.0,
             'trail_lost': 0.0,
+            'top_spin': top_spin(model, axle),
             'brake_stiffness': stiffness,
             'brake_damping': damping,
         }
@@ -185,7 +187,6 @@ def identified(model: ModelSpec) -> dict[str, Any]:
         'ratio_3': ratio_3,
         'steering_inertia': 0.0,
         'steering_damping': 0.0,
-        'top_spin': top_spin(model),
         'low_speed': float(model.tires[0].low_speed),
         'contact_time': float(model.tires[0].standstill_damping),
     }

@@ -25,7 +25,8 @@ from solver.step.single_track_tables import DRIVE, FY, ROLL, SATURATION, SHIFT
 
 FAST = 33.0  # m/s
 FASTER = (45.0, 60.0)  # m/s, where what was found is looked at beside the vehicle
-GENTLE = 2.0  # m/s^2, there
+BACKWARDS = (5.0, 10.0)  # m/s in reverse, where it is looked at too: trails are others there, and so is what they turn elastically
+GENTLE, GENTLEST = 2.0, 0.2  # m/s^2 there, at most [1/s] times the speed
 LATERAL = 4.0  # m/s^2 that the steps are meant for
 RAMP = 12.0  # m/s^2 that the ramp would end at if nothing saturated
 COMBINED = 3.0  # m/s^2, along and across
@@ -139,7 +140,7 @@ def limits(
         error = np.abs(-lock.axle('fx')[:, i] / share - wanted)
         wrong = error > ERROR * a['peak_x']
         slips.append(float(kappa[: int(np.argmax(wrong))].max(initial=0.0)) if wrong.any() else float(kappa.max()))
-    fastest = followed(found, scene, runs, model)
+    fastest, backwards = followed(found, scene, runs, model)
     hop = min(mode.frequency for name, mode in named_modes(standing(dataclasses.replace(scene, model=model))).items() if 'hop' in name)
     identified_ = f'the runs it was identified from are followed to {100 * ERROR:g} % up to there'
     rows = (
@@ -154,7 +155,7 @@ def limits(
     )
     why = f'gentle bends of the vehicle are followed to {100 * ERROR:g} % up to there'
     slowest = slowest_pressed(sum(found[axle]['load'] for axle in AXLES), -found['body']['mass'] * model.gravity[2])
-    low = -fastest
+    low = 0.0 - backwards
     if slowest is not None:
         low, why = (
             slowest,
@@ -171,31 +172,43 @@ def slowest_pressed(loaded: float, weight: float) -> float | None:
     return SPEED * math.sqrt(1.0 - ERROR * loaded / pressed) if pressed > ERROR * loaded else None
 
 
-def followed(found: dict[str, dict[str, float]], scene: Scene, runs: list[tuple[Drive, Run]], model: ModelSpec) -> float:
-    """The speed [m/s] up to which the level follows a gentle step to ERROR (root mean square of the yaw rate over its peak): FAST, where it
-    is identified, or one of FASTER. A car next to neutral, or with wings, is soon another one.
+def followed(found: dict[str, dict[str, float]], scene: Scene, runs: list[tuple[Drive, Run]], model: ModelSpec) -> tuple[float, float]:
+    """The speeds [m/s], forward and in reverse, up to which the level follows a gentle step: FAST, where it is identified, or one of
+    FASTER, since a car next to neutral, or with wings, is soon another one; one of BACKWARDS, or none.
     """
-    ratio, wheelbase = found['body']['ratio'], found['front']['x'] - found['rear']['x']
+    ratio, wheelbase = steered(found), found['front']['x'] - found['rear']['x']
     _, run = runs[2]
     turned = run.inputs[-1, run.names.index(COMMANDS[0])]
     understeer = (ratio * turned / float(run.yaw_rate[-1]) - wheelbase / float(run.vx[-1])) / float(run.vx[-1])
-    fastest = FAST
-    for speed in FASTER:
-        value = GENTLE * (wheelbase / speed**2 + understeer) / ratio
-        if not value > 0.0:  # above the critical speed of a car that oversteers
-            return fastest
-        maneuver = Maneuver(steering=Step(value=value, start=0.5, rise=0.15), drive_torque=holding(found, speed))
-        drive = Drive(speed=speed, maneuver=maneuver, duration=3.0)
-        try:
-            theirs = driven(model, drive)
-        except (SpecError, ConsistencyError):
-            return fastest
-        error = replay(Ref(tables_of(found, scene)), drive, theirs)[0] - theirs.yaw_rate
-        peak = float(np.abs(theirs.yaw_rate).max())
-        if theirs.time[-1] < 2.5 or not math.sqrt(float(np.mean(error * error))) <= ERROR * peak:
-            return fastest
-        fastest = speed
-    return fastest
+    reached = []
+    for sign, least, speeds in ((1.0, FAST, FASTER), (-1.0, 0.0, BACKWARDS)):
+        for speed in speeds:
+            value = min(GENTLE, GENTLEST * speed) * (wheelbase / speed**2 + sign * understeer) / ratio
+            # none above the critical speed of a car that oversteers
+            if not value > 0.0 or not follows(found, scene, model, sign * speed, value):
+                break
+            least = speed
+        reached.append(least)
+    return reached[0], reached[1]
+
+
+def follows(found: dict[str, dict[str, float]], scene: Scene, model: ModelSpec, speed: float, value: float) -> bool:
+    """Whether the level follows a step of the steering wheel to `value` [rad] at a speed [m/s] to ERROR: root mean square of the yaw rate
+    over its peak."""
+    maneuver = Maneuver(steering=Step(value=value, start=0.5, rise=0.15), drive_torque=math.copysign(1.0, speed) * holding(found, speed))
+    drive = Drive(speed=speed, maneuver=maneuver, duration=3.0)
+    try:
+        theirs = driven(model, drive)
+    except (SpecError, ConsistencyError):
+        return False
+    error = replay(Ref(tables_of(found, scene)), drive, theirs)[0] - theirs.yaw_rate
+    peak = float(np.abs(theirs.yaw_rate).max())
+    return bool(theirs.time[-1] >= 2.5 and math.sqrt(float(np.mean(error * error))) <= ERROR * peak)
+
+
+def steered(parameters: dict[str, dict[str, float]]) -> float:
+    """What a turn of the steering wheel turns both axles against each other [rad/rad]."""
+    return parameters['body']['ratio'] * (parameters['front']['steered'] - parameters['rear']['steered'])
 
 
 def holding(parameters: dict[str, dict[str, float]], speed: float) -> float:
@@ -207,10 +220,10 @@ def holding(parameters: dict[str, dict[str, float]], speed: float) -> float:
 
 def bends(start: dict[str, dict[str, float]], wheelbase: float) -> list[Drive]:
     """A ramp and a step at SPEED and a step at FAST, with the torque that keeps the speed straight on, and a step that is braked then."""
-    body = start['body']
+    body, ratio = start['body'], steered(start)
 
     def wheel(lateral: float, speed: float) -> float:
-        return lateral * (wheelbase / speed**2 + UNDERSTEER) / body['ratio']
+        return lateral * (wheelbase / speed**2 + UNDERSTEER) / ratio
 
     end = wheel(RAMP, SPEED)
     ramp = Ramp(slope=end / 6.0, start=0.5, final=end)

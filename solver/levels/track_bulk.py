@@ -14,6 +14,7 @@ from solver.levels.single_track_simulation import AXLES
 from solver.levels.track_runs import Drive, whole
 from solver.model.frames import matrix
 from solver.model.spec import ModelSpec
+from solver.vehicle.hardpoints import SIDES
 
 
 def masses(model: ModelSpec) -> dict[str, Any]:
@@ -49,12 +50,11 @@ def drag(model: ModelSpec) -> float:
     return float(sum(0.5 * a.air_density * a.drag_area for a in model.aero_drags))
 
 
-def top_spin(model: ModelSpec) -> float:
-    """Spin at which the drive torque ends [rad/s], 0: never."""
-    for force in model.coordinate_forces:
-        if force.input == 'drive_torque' and force.top_rate:
-            return float(force.top_rate / abs(sum(factor for _, factor in force.terms)))
-    return 0.0
+def top_spin(model: ModelSpec, axle: str) -> float:
+    """Spin at which the drive torque of an axle ends [rad/s], 0: never."""
+    drives = [force for force in model.coordinate_forces if force.input == 'drive_torque']
+    own = [force for force in drives if any(f'{axle}_{side}' in name for name, _ in force.terms for side in SIDES)]
+    return min((float(force.top_rate / abs(sum(factor for _, factor in force.terms))) for force in own if force.top_rate), default=0.0)
 
 
 def brakes(model: ModelSpec, axle: str) -> tuple[float, float]:

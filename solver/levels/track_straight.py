@@ -10,27 +10,37 @@ from solver.inputs.maneuver import Maneuver
 from solver.inputs.signals import Ramp, Step
 from solver.levels.fitting import PRIOR, each, fitted, least_squares
 from solver.levels.single_track_simulation import AXLES
-from solver.levels.track_bulk import turning
+from solver.levels.track_bulk import top_spin, turning
 from solver.levels.track_runs import EVERY, SPEED, Drive, H, Run, driven, heading, pitch_of
 from solver.model.spec import ModelSpec
+from solver.step.single_track import LIMITER_FROM
 
 BRAKING = 5.0  # m/s^2
 DRIVING = 1.5  # m/s^2
 SLOW = 3.0  # m/s: runs straight on are looked at above
 SLIP = 0.15  # of the brakes: up to there the characteristic along is fitted
 LEAST_SHARE = 0.02  # of the drive torque: less is none
+TURNED = 0.45  # rad of the front wheels up to which the gear of the steering is fitted: next to its stops a linkage gains on it
+LEAST_STEERED = 0.02  # of the angle of the front wheels: creeping, forces turn the rear ones by less than a hundredth of that
+PULL = 2.5  # s of the run that is driven, up to ROOM of the speed where a limiter begins
+ROOM = 0.95
 LAGS = tuple(0.02 * 1.05**k for k in range(60))  # s
 
 
-def gear(model: ModelSpec) -> tuple[float, float]:
-    """(ratio, ratio_3): mean angle of the front wheels = ratio s + ratio_3 s^3 of the steering wheel, creeping."""
+def gear(model: ModelSpec) -> tuple[float, float, float]:
+    """(ratio, ratio_3, behind): mean angle of the front wheels = ratio s + ratio_3 s^3 of the steering wheel, creeping; that of the rear
+    wheels over it, straight ahead, 0 where nothing but forces turns these."""
     run = driven(model, Drive(speed=2.0, maneuver=Maneuver(steering=Ramp(slope=1.0, start=0.5)), duration=6.0))
     q = [run.tire[name] for name in ('qx', 'qy', 'qz', 'qw')]
-    wheels = 0.5 * (heading(*(c[:, 0] for c in q)) + heading(*(c[:, 1] for c in q)))
-    angle = wheels - heading(*run.pose.T)
+    chassis, whole_turn = heading(*run.pose.T), np.full(len(run.time), 2.0 * math.pi)  # headings jump where a car looks back
+    turned = [each(math.remainder, heading(*(c[:, k] for c in q)) - chassis, whole_turn) for k in range(4)]
+    ahead, behind = (0.5 * (turned[k] + turned[k + 1]) for k in (0, 2))
     s = run.inputs[EVERY - 1 :: EVERY, run.names.index('steering')]
-    ratio, ratio_3 = fitted([s, s * s * s], angle)
-    return float(ratio), float(ratio_3)
+    used = np.logical_and.accumulate(np.abs(ahead) < TURNED)
+    s, ahead, behind = s[used], ahead[used], behind[used]
+    ratio, ratio_3 = fitted([s, s * s * s], ahead)
+    follows = float(fitted([s, s * s * s], behind)[0] / ratio)
+    return float(ratio), float(ratio_3), follows if abs(follows) > LEAST_STEERED else 0.0
 
 
 def straight(model: ModelSpec, mass: float) -> tuple[dict[str, dict[str, float]], dict[str, float], Run]:
@@ -38,12 +48,14 @@ def straight(model: ModelSpec, mass: float) -> tuple[dict[str, dict[str, float]]
     wheels, rest = turning(model, SPEED)
     R0 = {t.name.partition('_')[0]: t.data.values['UNLOADED_RADIUS'] for t in model.tires}
     torque = 0.5 * mass * (R0['front'] + R0['rear'])  # N m per m/s^2
+    pull, begin = below(fastest(model, R0))
     steps = {
-        'push': Drive(speed=SPEED, maneuver=Maneuver(drive_torque=Step(value=DRIVING * torque, start=0.5, rise=0.1)), duration=3.0),
+        'push': Drive(speed=begin, maneuver=Maneuver(drive_torque=Step(value=pull * torque, start=0.5, rise=0.1)), duration=0.5 + PULL),
         'stop': Drive(speed=SPEED, maneuver=Maneuver(brake_torque=Step(value=BRAKING * torque, start=0.5, rise=0.1)), duration=4.0),
         'lock': Drive(speed=35.0, maneuver=Maneuver(brake_torque=Ramp(slope=4.0 * torque, start=0.2)), duration=5.0),
     }
     free = driven(model, Drive(speed=SPEED, maneuver=Maneuver(), duration=0.6))
+    slower = free if begin == SPEED else driven(model, Drive(speed=begin, maneuver=Maneuver(), duration=0.6))
     push, stop, lock = (driven(model, drive) for drive in steps.values())
     # Coasting it is slowed down, so its loads and its pitch are not those that no force leaves.
     coasting, rolling = float(np.mean(free.axle('fx').sum(axis=1))), [float(np.mean(free.axle('fz')[:, i])) for i in range(2)]
@@ -89,15 +101,29 @@ def straight(model: ModelSpec, mass: float) -> tuple[dict[str, dict[str, float]]
             'lag': lag(height * force, moved, H * EVERY),
             'pitch': level - by_shift * height * coasting,
             'pitch_by_shift': by_shift,
-            'pitch_by_drive': by_drive(push, rolling[1], level, by_shift),
+            'pitch_by_drive': by_drive(push, slower, by_shift),
             'z': float(np.mean(free.height)),
         },
         lock,
     )
 
 
-def by_drive(push: Run, load: float, level: float, by_shift: float) -> float:
-    """What a drive torque pitches a vehicle besides what the load that moves to the rear axle does [rad/(N m)]."""
+def fastest(model: ModelSpec, R0: dict[str, float]) -> float:
+    """The speed [m/s] up to which no limiter takes anything of the drive torque; R0: unloaded radii of the axles [m]."""
+    return min((LIMITER_FROM * top * R0[axle] for axle in AXLES if (top := top_spin(model, axle))), default=math.inf)
+
+
+def below(limit: float) -> tuple[float, float]:
+    """(acceleration [m/s^2], speed [m/s] at its start) of a run for PULL that stays below ROOM of a speed `limit` [m/s]: DRIVING and SPEED,
+    or less where a limiter is in the way."""
+    pull = min(DRIVING, 0.5 * ROOM * limit / PULL)
+    return pull, min(SPEED, ROOM * limit - PULL * pull)
+
+
+def by_drive(push: Run, free: Run, by_shift: float) -> float:
+    """What a drive torque pitches a vehicle besides what the load that moves to the rear axle does [rad/(N m)]; free: a run without it, at
+    the speed where it begins."""
+    load, level = float(np.mean(free.axle('fz')[:, 1])), float(np.mean(pitch_of(free)))
     u = push.inputs[EVERY - 1 :: EVERY, push.names.index('drive_torque')]
     late = push.time > 1.0
     more = pitch_of(push) - level - by_shift * (push.axle('fz')[:, 1] - load)
@@ -131,7 +157,7 @@ def characteristic(s: np.ndarray, C: float, E: float) -> np.ndarray:
 def share(run: Run, given: str, i: int, lever: float, inertia: float) -> float:
     """Share of the torque `given` that the balance of an axle's spin shows; the inertia counts with the sign of the torque."""
     u = run.inputs[EVERY - 1 :: EVERY, run.names.index(given)]
-    late = (run.time > 1.0) & (run.vx > SLOW) & (u > 0.0)
+    late = (run.time > 1.0) & (run.vx > min(SLOW, float(run.vx[0]))) & (u > 0.0)
     spinning = np.gradient(run.spin[:, i], run.time)
     balance = lever * run.axle('fx')[:, i] - run.axle('my')[:, i]
     sign = 1.0 if inertia > 0.0 else -1.0

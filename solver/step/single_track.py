@@ -22,8 +22,9 @@ and a characteristic of combined slip in the manner of the similarity method ([P
     s = |(Kx kappa / Dx, Ky tan(alpha) / Dy)|     F = D f(s) s_i / s     f(s) = sin(C atan(X - E (X - atan(X)))),  X = s / C
 
 with f'(0) = 1; C and E go from their values along to those across with the square of the direction of slip. D is proportional to the
-load of the axle and the friction of the road, Ky grows with the load. Steering turns the front axle; roll turns both (roll steer). The
-point of contact stands the trail n behind the axis of steering, so the steering wheel feels n Fy. The load that goes to the rear under
+load of the axle and the friction of the road, Ky grows with the load. Steering turns the front axle, and in proportion to it a rear one
+that follows; roll turns both (roll steer). The point of contact stands the trail n behind the axis of steering, so the steering wheel
+feels n Fy; in reverse that of the tires, the part of n that large slip takes, is in front of it. The load that goes to the rear under
 acceleration follows it with a lag; the body pitches with it, with what lifts it where torque acts through the suspension otherwise than
 under brakes, with the same lag, and with the square of its roll. The brake is a slider in series with a spring whose wind-up b follows
 Dahl's law db/dt = w - |w| k b / T, which has no singularity at rest.
@@ -99,12 +100,11 @@ def evaluate(t, y, steering, drive, brake, rates, stiff, told):
     p = y[ROLL_RATE]
     phi = y[ROLL]
     told[FRICTION_GAP] = 0.0
-    driven = t.front.drive * y[SPIN] + t.rear.drive * y[SPIN + 1]
-    total = t.front.drive + t.rear.drive
-    drive = _limited(drive, driven / total if total > 0.0 else 0.0, b.top_spin)
-    fx, fy, mz, contact, braked, stored, back = axle_forces(b, t.front, t.road, 0, y, steering, drive, brake, c, s, rates, stiff, told)
+    ahead = _limited(drive, y[SPIN], t.front.top_spin)
+    behind = _limited(drive, y[SPIN + 1], t.rear.top_spin)
+    fx, fy, mz, contact, braked, stored, back = axle_forces(b, t.front, t.road, 0, y, steering, ahead, brake, c, s, rates, stiff, told)
     gx, gy, nz, contact_2, braked_2, stored_2, back_2 = axle_forces(
-        b, t.rear, t.road, 1, y, steering, drive, brake, c, s, rates, stiff, told
+        b, t.rear, t.road, 1, y, steering, behind, brake, c, s, rates, stiff, told
     )
     speed = np.sqrt(vx * vx + vy * vy)
     drag = b.drag * speed
@@ -112,6 +112,9 @@ def evaluate(t, y, steering, drive, brake, rates, stiff, told):
     Fy = fy + gy - drag * vy
     Mz = mz + nz
     rates[SHIFT] = (b.height * Fx - y[SHIFT]) / b.lag
+    total = t.front.drive + t.rear.drive
+    if total > 0.0:
+        drive = (t.front.drive * ahead + t.rear.drive * behind) / total
     rates[DRIVE] = (drive - y[DRIVE]) / b.lag
     Fx -= drag * vx
 
@@ -146,8 +149,8 @@ def evaluate(t, y, steering, drive, brake, rates, stiff, told):
     turned = b.steering_damping * steering.rate
     told[WHEEL_TORQUE] = b.steering_inertia * steering.acceleration + turned + back + back_2
     driving = (told[WHEEL_TORQUE] - b.steering_inertia * steering.acceleration) * steering.rate
-    front_drive = t.front.drive * drive * y[SPIN]
-    rear_drive = t.rear.drive * drive * y[SPIN + 1]
+    front_drive = t.front.drive * ahead * y[SPIN]
+    rear_drive = t.rear.drive * behind * y[SPIN + 1]
     turned *= steering.rate
     rolled = b.roll_damping * p * p
     dragged = drag * speed * speed

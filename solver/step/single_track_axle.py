@@ -33,7 +33,7 @@ from solver.step.single_track_tables import (
 QUIET_SPEED, SLIP_BOUND, LOW_SLIP, LEAST_GRIP = 0.01, 5.0, 2.0, 0.1  # as of a tire (solver.elements.tire_pacejka)
 LEAST_LOAD = 0.05  # of its load at rest is carried by an axle at least
 LEAST_TORQUE = 1.0  # N m: a brake below slides like one of this capacity
-SLOWEST = 0.1  # m/s below which rolling resistance fades
+SLOWEST = 0.1  # m/s below which rolling resistance fades, and in reverse what turns the trail round
 
 
 @kernel(inline=True)
@@ -44,6 +44,12 @@ def _friction(road, axle, x, y, c, s):
     left = friction_at(road, x - axle.half_track * s, y + axle.half_track * c)
     right = friction_at(road, x + axle.half_track * s, y - axle.half_track * c)
     return 0.5 * (left + right), abs(left - right)
+
+
+@kernel(inline=True)
+def _sign(x):
+    """Sign of x, smooth between -1 and 1."""
+    return 1.0 if x >= 1.0 else (-1.0 if x <= -1.0 else x * (1.5 - 0.5 * x * x))
 
 
 @kernel(inner=True)
@@ -57,8 +63,8 @@ def axle_forces(b, axle, road, i, y, steering, drive, brake, c, s, rates, stiff,
     gear = 0.0
     if axle.steered != 0.0:
         angle = steering.angle
-        gear = b.ratio + 3.0 * b.ratio_3 * angle * angle
-        turn += angle * (b.ratio + b.ratio_3 * angle * angle)
+        gear = axle.steered * (b.ratio + 3.0 * b.ratio_3 * angle * angle)
+        turn += axle.steered * (angle * (b.ratio + b.ratio_3 * angle * angle))
         turning = gear * steering.rate
     ct = np.cos(turn)
     st = np.sin(turn)
@@ -77,6 +83,8 @@ def axle_forces(b, axle, road, i, y, steering, drive, brake, c, s, rates, stiff,
     tan = v / axle.length_y
     sy = Ky * tan / Dy
     trail = axle.trail - axle.trail_lost * (sy * sy / (1.0 + sy * sy))
+    if Vx < 0.0:  # backwards the trail of the tire, what large slip takes, is in front of the axis of steering
+        trail -= 2.0 * _sign(-Vx / SLOWEST) * axle.trail_lost / (1.0 + sy * sy)
     Vsy = across * ct - y[VX] * st - trail * turning
 
     # slips
@@ -126,8 +134,7 @@ def axle_forces(b, axle, road, i, y, steering, drive, brake, c, s, rates, stiff,
         release = axle.brake_stiffness / axle.brake_damping
         winding -= release * (excess if wind > 0.0 else -excess)
     x = spin * axle.radius / SLOWEST
-    sign = 1.0 if x >= 1.0 else (-1.0 if x <= -1.0 else x * (1.5 - 0.5 * x * x))
-    resisting = axle.resistance * Fz * axle.radius * sign
+    resisting = axle.resistance * Fz * axle.radius * _sign(x)
     torque = axle.drive * drive - stopping - resisting - Fx * axle.radius
 
     rates[TURN_F + i] = spin
@@ -153,7 +160,7 @@ def axle_forces(b, axle, road, i, y, steering, drive, brake, c, s, rates, stiff,
     told[at + KAPPA] = kappa
     told[at + ALPHA] = np.arctan(tan)
     told[at + BRAKE] = stopping
-    if axle.steered != 0.0:
+    if i == 0:
         told[SATURATION] = sy * sy / (1.0 + sy * sy)
     told[FRICTION_GAP] = max(told[FRICTION_GAP], gap)
     along = Fx * ct - Fy * st

@@ -44,7 +44,7 @@ class Axle(NamedTuple):
     curvature_y: float
     length_x: float  # of relaxation [m]
     length_y: float
-    steered: float  # 1 or 0
+    steered: float  # its angle over that of the front wheels, 1 of these
     roll_steer: float  # [rad/rad]
     trail: float  # behind the axis of steering at small slip [m]
     trail_lost: float  # of it at large slip [m]
@@ -53,6 +53,7 @@ class Axle(NamedTuple):
     inertia: float  # of all that turns with it [kg m^2]
     resistance: float  # rolling resistance over load [-]
     drive: float  # share of the drive torque
+    top_spin: float  # where that ends [rad/s]; 0: never
     brake: float  # share of the brake torque
     brake_stiffness: float  # [N m/rad]
     brake_damping: float  # [N m s/rad]
@@ -75,7 +76,6 @@ class Body(NamedTuple):
     ratio_3: float  # and its growth: angle = ratio s + ratio_3 s^3
     steering_inertia: float  # [kg m^2]
     steering_damping: float  # [N m s/rad]
-    top_spin: float  # of the driven axle, where the drive torque ends [rad/s]; 0: never
     low_speed: float  # of the contact at rest [m/s]
     contact_time: float  # damping of the contact at rest [s]
 

@@ -61,6 +61,16 @@ def test_info_shows_errors_of_the_full_vehicle_without_its_bars(capsys: pytest.C
 
 
 @pytest.mark.slow
+def test_info_shows_a_level_of_a_vehicle_that_a_torque_steers(capsys: pytest.CaptureFixture[str]) -> None:
+    """Its error sheet imposes angles: there is none, and that is said. The whole receipt was refused, for a scene 'slow ramp'."""
+    free = ('--set', 'fidelity=condensed', '--set', 'actuation.steering=torque')
+    code, found = document(capsys, 'info', 'light_car_straight', *free)
+    assert (code, found['level']['errors']) == (0, None)
+    assert main(['info', 'light_car_straight', *free]) == 0
+    assert 'no error sheet: its maneuvers impose the angle of the steering wheel' in capsys.readouterr().out
+
+
+@pytest.mark.slow
 def test_what_a_level_cannot_tell_is_refused_with_a_sentence(capsys: pytest.CaptureFixture[str]) -> None:
     code = main(['run', SCENE, *LEVEL, '--duration', '0.1', '--no-record', '--balance'])
     assert code != 0

@@ -43,6 +43,23 @@ def test_what_a_pinion_does_to_the_housing_of_a_live_axle_behind_a_gearbox_is_sa
     ]
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(('vehicle', 'changes', 'wheel'), [('light_car', (), 'wheel_front_left'), ('electric_4wd', HUBS, None)])
+def test_efforts_of_driven_wheels_are_those_of_the_whole_vehicle_or_told(vehicle: str, changes: tuple[str, ...], wheel: str | None) -> None:
+    """Half of 600 N m at a front wheel that shafts drive, 0 in the whole vehicle; as there where motors in the hubs do."""
+    given = [scene(*changes, f'fidelity={level}', vehicle=vehicle, drive=600.0) for level in ('full', 'kc')]
+    shown = []
+    for one in given:
+        simulation = simulation_of(one)
+        shot = simulation.advance(round(0.6 / simulation.h))
+        shown.append({name: float(shot.joint_effort[simulation.channels.joints.index(name)]) for name in map('wheel_{}'.format, CORNERS)})
+    apart = {name for name, effort in shown[0].items() if abs(effort - shown[1][name]) > 1.0}
+    assert (wheel in apart) == (wheel is not None)
+    assert bool(apart) == any(text.startswith('efforts of shafts') for text in derive(given[1]).report.lost)
+    if wheel is not None:
+        assert (shown[0][wheel], shown[1][wheel]) == pytest.approx((0.0, 300.0), abs=1e-6)
+
+
 def moved(given: Scene) -> np.ndarray:
     """(4,) what the travels of the wheels change within 1.4 s [m]."""
     simulation = simulation_of(given)

@@ -15,6 +15,7 @@ from saloon import double_wishbones
 
 import solver
 from solver.analysis.envelope import Envelope
+from solver.analysis.kinematics_and_compliance import Rig
 from solver.analysis.verdict import findings
 from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.road_grids import Raster
@@ -27,7 +28,8 @@ from solver.levels.error_sheet import course_scene, courses, error_sheet
 from solver.levels.single_track import unlifted
 from solver.levels.single_track_simulation import SingleTrackSimulation
 from solver.levels.track_bends import Lateral, slowest_pressed
-from solver.levels.track_straight import straight
+from solver.levels.track_bulk import top_spin
+from solver.levels.track_straight import gear, straight
 from solver.model.spec import ModelSpec
 from solver.quantities import quantity
 from solver.scene import Scene, StartSettings
@@ -105,6 +107,52 @@ def test_brakes_slow_down_what_turns_with_the_wheels_too() -> None:
     assert axles['front']['inertia'] + axles['rear']['inertia'] == pytest.approx(2.0 * (1.0 + 0.95) + 4 * 0.02 * 81, rel=0.03)
     assert axles['front']['brake'] + axles['rear']['brake'] == pytest.approx(1.0, abs=0.01)
     assert axles['front']['drive'] + axles['rear']['drive'] == pytest.approx(1.0, abs=0.01)
+
+
+@pytest.mark.slow
+def test_a_limiter_does_not_hide_who_drives() -> None:
+    """That of a shuttle ends at 12 m/s, far below the speed the level is identified at: it seemed to have no drive, and one at 25 m/s half
+    of it. Driven are the front wheels, by all of the torque."""
+    slow = load_scene('light_car_straight', ['vehicle.driveline.top_speed=40']).model
+    axles, lengthwise, _ = straight(slow, sum(b.mass for b in slow.bodies))
+    usual, others, _ = straight(model('light car'), sum(b.mass for b in slow.bodies))
+    assert axles['front']['drive'] == pytest.approx(1.0, abs=0.02)
+    assert axles['rear']['drive'] == 0.0
+    assert axles['front']['inertia'] == usual['front']['inertia']
+    assert lengthwise['pitch_by_drive'] == pytest.approx(others['pitch_by_drive'], rel=0.1)
+
+
+def test_limiters_are_those_of_each_axle() -> None:
+    """Motors of the front axle end at 90 rad/s, those of the rear one never; the outputs of a differential have its rate in the mean."""
+    changes = ['vehicle.axles.front.drive.top_speed=90', 'vehicle.axles.rear.drive.top_speed=null']
+    electric = load_scene('car_step_steer', ['vehicle=vehicles/electric_4wd.yaml', *changes]).model
+    assert (top_spin(electric, 'front'), top_spin(electric, 'rear')) == (90.0, 0.0)
+    assert (top_spin(model('light car'), 'front'), top_spin(model('light car'), 'rear')) == (230.0, 0.0)  # driven in front
+
+
+@pytest.mark.slow
+def test_a_rear_rack_that_follows_the_steering_wheel_is_found() -> None:
+    """Its wheels turn as on the bench, within what forces do to both; without one they do not. The gear of the front is that of the bench
+    too: with what a steering of a quarter turn does at its stops it was a fifth off."""
+    text = {'rack': {'mass': 0.8, 'com': [-0.85, 0.0, 0.1305], 'inertia': [0.01, 0.0004, 0.01]}, 'per_turn': 0.02}
+    scenes = [
+        load_scene('car_step_steer', ['vehicle=vehicles/formula_student.yaml', *more])
+        for more in ((), (f'vehicle.axles.rear.rack={text}',))
+    ]
+    fixed, follows = (gear(scene.model) for scene in scenes)
+    assert fixed[2] == 0.0
+    curves = Rig(scenes[1].model).steering([-0.5, 0.5])
+    front, rear = (np.diff(sum(curves[f'{axle}_{side}']['steer'] for side in ('left', 'right')))[0] for axle in ('front', 'rear'))
+    assert follows[2] == pytest.approx(rear / front, rel=0.02)
+    assert follows[0] == pytest.approx(front / 2.0, rel=0.02)
+    assert fixed[0] == pytest.approx(follows[0], rel=0.01)
+
+
+@pytest.mark.slow
+def test_backwards_it_is_followed_or_told() -> None:
+    """Understeer is oversteer there, and trails are others: up to a speed at which it is looked at."""
+    limit = next(one for one in derive(scene('light car', Maneuver())).report.validity if one.quantity == 'longitudinal_velocity')
+    assert limit.low in {-5.0, -10.0}
 
 
 def test_a_car_that_wings_press_down_has_a_lowest_speed() -> None:

@@ -19,7 +19,7 @@ from solver.inputs.maneuver import Maneuver
 from solver.inputs.signals import Ramp, Sine, Step
 from solver.levels.single_track_simulation import ELEMENTS, SingleTrackSimulation, rolling
 from solver.scene import Scene, StartSettings
-from solver.step.single_track_tables import LATERAL, ROLL, SHIFT, SPIN, VX, VY, YAW, YAW_RATE
+from solver.step.single_track_tables import DRIVE, LATERAL, ROLL, SHIFT, SPIN, VX, VY, YAW, YAW_RATE
 
 
 def linear(**more: float) -> dict:
@@ -46,6 +46,29 @@ def test_steady_yaw_gain_is_that_of_the_linear_single_track_model(speed: float) 
     v = s.y[VX]
     gain = s.y[YAW_RATE] / (wheel / 16.0)
     assert gain == pytest.approx(v / (2.65 + understeer() * v * v), rel=1e-4)
+
+
+@pytest.mark.parametrize('behind', [-0.5, 0.2])
+def test_a_rear_axle_that_is_steered_too_turns_it_by_the_difference(behind: float) -> None:
+    """Yaw gain of the linear model with both axles steered: v (1 - behind) / (L + K v^2)."""
+    wheel, p = 1e-3, linear()
+    p['rear']['steered'] = behind
+    s = simulation(Maneuver(steering=Step(value=wheel, start=0.1, rise=0.2)), speed=8.0, parameters=p)
+    s.advance(6000)
+    v = s.y[VX]
+    assert s.y[YAW_RATE] / (wheel / 16.0) == pytest.approx(v * (1.0 - behind) / (2.65 + understeer() * v * v), rel=1e-4)
+
+
+@pytest.mark.parametrize(('speed', 'trail'), [(8.0, 0.04), (-8.0, -0.02)])
+def test_backwards_the_trail_of_the_tires_is_in_front_of_the_axis_of_steering(speed: float, trail: float) -> None:
+    """Of 40 mm 30 are of the tires: 10 - 30 backwards."""
+    p = linear()
+    p['front'] |= {'trail': 0.04, 'trail_lost': 0.03}
+    s = simulation(Maneuver(steering=Step(value=1e-3, start=0.1, rise=0.2)), speed=speed, parameters=p)
+    shot = s.advance(3000)
+    force = shot.elements[ELEMENTS.index('axle_front/fy')]
+    assert abs(force) > 1.0
+    assert shot.joint_effort[0] == pytest.approx(trail / 16.0 * force, rel=1e-3)
 
 
 def matrix(p: dict, v: float) -> np.ndarray:
@@ -114,6 +137,21 @@ def test_braking_slows_mass_and_wheels() -> None:
     s.advance(500)
     turning = sum(1.8 / (0.298 * 0.308) for _ in range(2))
     assert (before - s.y[VX]) / 0.5 == pytest.approx(1500.0 / 0.298 / (1400.0 + turning), rel=2e-3)
+
+
+def test_each_axle_has_a_limiter_of_its_own() -> None:
+    """At 20 m/s wheels turn at 65 rad/s: motors in front that end at 50 rad/s have nothing left, those behind drive with their 60 %."""
+    p = linear()
+    p['front'] |= {'drive': 0.4, 'top_spin': 50.0}
+    p['rear'] |= {'drive': 0.6}
+    s = simulation(Maneuver(drive_torque=1000.0), speed=20.0, parameters=p)
+    s.advance(500)
+    before = s.y[VX]
+    s.advance(500)
+    turning = sum(1.8 / (0.298 * 0.308) for _ in range(2))
+    assert (s.y[VX] - before) / 0.5 == pytest.approx(600.0 / 0.298 / (1400.0 + turning), rel=2e-3)
+    assert s.y[DRIVE] == pytest.approx(600.0, rel=1e-6)
+    assert s.totals()['energy_error_max'] < 5e-5 * 0.5 * 1400.0 * 20.0**2
 
 
 def test_coasting_against_the_drag_follows_its_closed_form() -> None:

@@ -18,7 +18,7 @@ AXLE = {
     'x': 1.2, 'half_track': 0.76, 'load': 7000.0, 'shifted': -1.0, 'stiffness_x': 150e3, 'stiffness_y': 90e3, 'stiffness_load': 0.8,
     'peak_x': 7500.0, 'peak_y': 7000.0, 'shape_x': 1.5, 'shape_y': 1.3, 'curvature_x': 0.0, 'curvature_y': 0.0, 'length_x': 0.15,
     'length_y': 0.4, 'steered': 1.0, 'roll_steer': -0.03, 'trail': 0.04, 'trail_lost': 0.04, 'radius': 0.298, 'rolling_radius': 0.308,
-    'inertia': 1.8, 'resistance': 0.01, 'drive': 1.0, 'brake': 0.7, 'brake_stiffness': 8e4, 'brake_damping': 600.0,
+    'inertia': 1.8, 'resistance': 0.01, 'drive': 1.0, 'top_spin': 230.0, 'brake': 0.7, 'brake_stiffness': 8e4, 'brake_damping': 600.0,
 }  # fmt: skip
 PARAMETERS = {
     'mounting': {
@@ -29,12 +29,12 @@ PARAMETERS = {
     'body': {
         'mass': 1400.0, 'yaw_inertia': 2300.0, 'roll_inertia': 1000.0, 'coupling': 800.0, 'product': -20.0, 'roll_stiffness': 9e4,
         'roll_damping': 2700.0, 'drag': 0.4, 'height': 0.2, 'lag': 0.05, 'ratio': 1.0 / 16.0, 'ratio_3': 5e-5, 'steering_inertia': 0.05,
-        'steering_damping': 0.5, 'top_spin': 230.0, 'low_speed': 2.0, 'contact_time': 0.04,
+        'steering_damping': 0.5, 'low_speed': 2.0, 'contact_time': 0.04,
     },
     'front': AXLE,
     'rear': AXLE | {
         'x': -1.45, 'load': 6500.0, 'shifted': 1.0, 'stiffness_y': 110e3, 'steered': 0.0, 'roll_steer': 0.0, 'trail': 0.0,
-        'trail_lost': 0.0, 'drive': 0.0, 'brake': 0.3,
+        'trail_lost': 0.0, 'drive': 0.0, 'top_spin': 0.0, 'brake': 0.3,
     },
 }  # fmt: skip
 
