@@ -20,7 +20,7 @@ import numpy as np
 
 from mbd_sim_ros.analysis.evaluation.figures import Chart, Curve, Figure, Result
 from mbd_sim_ros.analysis.evaluation.kinds import Drive, Evaluation
-from mbd_sim_ros.analysis.evaluation.measures import crossing, peak
+from mbd_sim_ros.analysis.evaluation.measures import crossing, line, peak
 from mbd_sim_ros.analysis.evaluation.signals import GIVEN, Signals
 
 NORM = 'ISO 7401:2011 [ISO7401]'
@@ -31,6 +31,7 @@ FOLLOWING = (('roll', 'roll angle', 'rad'), ('sideslip_angle', 'sideslip angle',
 COHERENT = 0.9
 LEAST_LINES = 3  # of a frequency response
 NONE = 1e-6  # rad, rad/s, m/s^2: what changes by less does not answer, but for rounding
+SCATTERS = 4.0  # standard deviations within which the largest of some hundred samples of noise lies
 DAMPED = 0.02  # part of the amplitude that straight lines between samples take, without a note
 EXCITED = 1e-3  # part of the largest spectral density of the steering that counts as excitation
 AT_REST, RESTS = 0.5, 0.01  # s at an end of a recording, and the part of its range by which a steering wheel at rest may move there
@@ -96,6 +97,12 @@ def judge_step(s: Signals, p: StepSteer) -> Result:
         overshoot = max(0.0, (largest - value) / value) if value > 0.0 else math.nan
         if np.argmax(response[inside]) == inside.sum() - 1:
             when, overshoot = math.nan, 0.0
+        varies = SCATTERS * _scatter(t[steady], y[steady])
+        if value >= NONE and not math.isnan(when) and 0.0 <= largest - value < varies:
+            s.notes.append(
+                f'the largest {text} is {largest - value:.2g} {unit} above its steady value, which varies by {varies:.2g} {unit}: it '
+                'has no peak that is told from noise, and peak response time and overshoot mean nothing'
+            )
         ninety = crossing(t, response, 0.9 * value, after=t0 - p.rise)
         if value < NONE:  # no answer comes at no time
             when = overshoot = ninety = math.nan
@@ -134,6 +141,12 @@ def judge_step(s: Signals, p: StepSteer) -> Result:
         notes=tuple(s.notes),
         source=s.place,
     )
+
+
+def _scatter(t: np.ndarray, y: np.ndarray) -> float:
+    """Standard deviation from a straight line through the samples."""
+    slope, zero = line(t, y)
+    return float(np.std(y - zero - slope * t))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -80,6 +80,19 @@ def test_what_does_not_answer_has_no_response_time(roll: float) -> None:
     assert r['yaw_rate_response_time'] > 0.0
 
 
+def test_a_peak_that_is_noise_is_told(rng: np.random.Generator) -> None:
+    """A yaw rate that grows to 0.3 rad/s without a peak, by a sensor with noise of 0.003 rad/s: its largest sample is anywhere. One that
+    overshoots by 9 % has its peak beside the same noise."""
+    for overshoots in (False, True):
+        noisy = stepped()
+        t = noisy.t
+        if not overshoots:
+            noisy.values['yaw_rate'] = 0.3 * (1.0 - np.exp(-np.maximum(t - 2.0, 0.0) / 0.15))
+        noisy.values['yaw_rate'] += 0.003 * rng.standard_normal(t.size)
+        told = [note for note in transient.judge_step(noisy, transient.StepSteer()).notes if 'told from noise' in note]
+        assert [note.partition(' is ')[0] for note in told] == [] if overshoots else ['the largest yaw rate']
+
+
 def test_a_peak_is_that_before_the_steady_values() -> None:
     """A car that goes on turning more, by 5 % a second: its yaw rate is largest in the end, and its peak is where it was."""
     s = stepped()
