@@ -203,6 +203,19 @@ def test_the_lowest_frequency_is_named_as_it_is(rng: np.random.Generator) -> Non
     assert texts['yaw_rate_static_gain'] == 'yaw rate per steering-wheel angle at 0.2 Hz'
 
 
+@pytest.mark.parametrize('rate', [99.96, 100.04])
+def test_a_rate_that_is_no_whole_number_keeps_the_ends_of_the_band(rate: float, rng: np.random.Generator) -> None:
+    """Lines of segments of 1000 samples are at 0.19992 and 2.499 Hz, or at 0.20008 and 2.501 Hz: the former had no gain at 0.2 Hz, to which
+    the bandwidth refers, the latter none at 2.5 Hz."""
+    t = even(120.0, rate)
+    x = 0.3 * rng.standard_normal(t.size)
+    s = made(t, steering=x, speed=22.0, yaw_rate=answered(x, rate, 0.3, 1.2, 0.6), lateral_acceleration=x)
+    result = transient.judge_frequencies(s, transient.FrequencyResponse())
+    texts = {f.name: f.text for f in result.figures}
+    assert texts['yaw_rate_static_gain'] == 'yaw rate per steering-wheel angle at 0.2 Hz'
+    assert result['lateral_acceleration_gain_2.5hz'] == pytest.approx(1.0)
+
+
 def test_noise_lowers_the_coherence_as_it_must(rng: np.random.Generator) -> None:
     """Independent noise of the power of the response: coherence 1/2 at every frequency where both are white."""
     t = even(400.0, 50.0)
