@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
 
 SHOWN = 3  # results whose figures are printed
 NOTES = 8  # different ones of a series that are printed
+NUMBER = re.compile(r'\d[\d.]*(?:e[-+]?\d+)?')
 EXAMPLE = """mbd evaluate bags/run --html out/evaluation.html
   mbd evaluate measured.mcap --as iso7401_step --mapping car.yaml --json
 mapping file (THEIRS in deg/s becomes OURS in rad/s; any signal of docs/evaluating.md by its name, or channels of our recordings):
@@ -124,13 +126,16 @@ def report(
 
 
 def _notes(results: Sequence[figures.Result]) -> list[str]:
-    """The notes of a series, each once, with the runs that it is of: their number, or the one by its place."""
-    of: dict[str, list[str]] = {}
+    """The notes of a series, each once, whatever numbers are in it, with the runs that it is of: how many, or the one by its name."""
+    of: dict[str, dict[str, str]] = {}  # text without numbers -> run -> note
     for r in results:
         for note in r.notes:
-            of.setdefault(note, []).append(r.source)
-    whose = {note: Path(at[0]).name if len(at) == 1 else f'{len(at)} of {len(results)} runs' for note, at in of.items()}
-    lines = [f'note ({whose[note]}): {note}' for note in of]
+            of.setdefault(NUMBER.sub('#', note), {}).setdefault(r.source, note)
+    lines = []
+    for at in of.values():
+        name = Path(next(iter(at))).name
+        one = name if len(at) == 1 else f'{len(at)} of {len(results)} runs' + (f', this of {name}' if len({*at.values()}) > 1 else '')
+        lines.append(f'note ({one}): {next(iter(at.values()))}')
     return lines if len(lines) <= NOTES else [*lines[:NOTES], f'... and {len(lines) - NOTES} more notes; --json or --html has all']
 
 

@@ -272,7 +272,9 @@ def test_the_notes_of_a_series_are_told_and_the_figures_of_what_is_in_no_series(
     assert 'note (2 of 2 runs): responsiveness is not judged' in text
     assert 'note (second): steered at 60 km/h; the norm wants 80 km/h, to 2 km/h' in text
     assert 'yaw rate, response time (90 %)' in text
-    many = [dataclasses.replace(runs_[0], notes=(f'note {k}',)) for k in range(11)]
+    close = [dataclasses.replace(r, notes=(f'steered at {speed} km/h',)) for r, speed in zip(runs_, (74.7, 7.5e1), strict=True)]
+    assert 'note (2 of 2 runs, this of first): steered at 74.7 km/h' in report(close, html=None, strict=False).text
+    many = [dataclasses.replace(runs_[0], notes=('note ' + 'x' * k,)) for k in range(11)]
     text = report(many, html=None, strict=False).text
     assert text.count('note (') == 8
     assert '... and 3 more notes; --json or --html has all' in text
