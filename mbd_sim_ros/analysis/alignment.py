@@ -7,6 +7,7 @@ Kinds of signal, by which they are brought to other instants: 'linear' interpola
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
 
 Kind = Literal['linear', 'hold', 'angle', 'orientation']
 GAP_NS = 250_000_000  # a longer time without samples is none that a recording has
+EVEN = 3, 1.1  # intervals at least, none more than so many times the usual one: a signal that is sampled
 TURN = 2.0 * np.pi
 EPOCH_NS = 100_000_000 * 1_000_000_000  # a recording that begins later is stamped with the time of day (seconds since 1970)
 COARSE_POINTS = 200_000  # of the grid on which an offset is sought first
@@ -63,11 +65,14 @@ class Offset(NamedTuple):
 def common(signals: Sequence[Signal], kind: Kind = 'linear') -> Common:
     """Bring signals to the instants of the coarsest of them in the time they share.
 
-    Where these exist in a finer one nothing is interpolated.
+    Where these exist in a finer one nothing is interpolated. Commands that were sent on change hold to the end, and between their messages
+    the instants of the others count too: what these did meanwhile would not be seen.
     Raises BagError when the signals share no time.
     """
     grids = [one.time_ns for one in signals]
-    first, last = max(int(t[0]) for t in grids), min(int(t[-1]) for t in grids)
+    sampled = [kind != 'hold' or _is_even(t) for t in grids]
+    ends = [int(t[-1]) for t, s in zip(grids, sampled) if s]
+    first, last = max(int(t[0]) for t in grids), min(ends, default=max(int(t[-1]) for t in grids))
     spans = ' and '.join(f'{t[0] * 1e-9:g} to {t[-1] * 1e-9:g} s' for t in grids)
     if first > last:
         raise BagError(f'the runs do not overlap in time ({spans}); give --offset, or --align CHANNEL to find it')
@@ -76,15 +81,26 @@ def common(signals: Sequence[Signal], kind: Kind = 'linear') -> Common:
         return Common(grids[0], values, False, 1.0)
     inside = [t[np.searchsorted(t, first) : np.searchsorted(t, last, 'right')] for t in grids]
     coarse = min(inside, key=len)
+    if not all(sampled):
+        edges = np.unique(np.concatenate([[first], coarse, [last]]))
+        held = [t[(t >= begin) & (t <= end)] for t in inside for begin, end in pairwise(edges) if end - begin > GAP_NS]
+        coarse = np.unique(np.concatenate([coarse, *held]))
     if len(coarse) == 0:
         raise BagError(f'the runs have no instant in common in the time they share ({spans})')
     rows = [np.searchsorted(t, coarse) for t in grids]
     exact = [np.array_equal(t[np.minimum(r, t.size - 1)], coarse) for t, r in zip(grids, rows)]
     values = tuple(_at(one, coarse, r if e else None, kind) for one, r, e in zip(signals, rows, exact))
     longest = max(int(t[-1]) - int(t[0]) for t in grids)
-    step = max(_step_ns(t) for t in grids)
-    missing = max(0, longest - (last - first) - step) + (0 if kind == 'hold' else _lost_ns(inside, max(GAP_NS, 2 * step)))
+    step = max(_step_ns(t) if s else min(_step_ns(t), GAP_NS) for t, s in zip(grids, sampled))
+    usual = max((_step_ns(t) for t in grids if t.size > EVEN[0]), default=0)  # of fewer samples nothing is usual
+    missing = max(0, longest - (last - first) - step) + (0 if kind == 'hold' else _lost_ns(inside, max(GAP_NS, 2 * usual)))
     return Common(coarse, values, not all(exact), 1.0 - missing / longest if longest else 1.0)
+
+
+def _is_even(time_ns: np.ndarray) -> bool:
+    """Whether a signal is sampled, however seldom: a command that is sent on change has uneven intervals, or hardly any."""
+    apart = np.diff(time_ns)
+    return apart.size >= EVEN[0] and bool(np.max(apart) <= EVEN[1] * np.median(apart))
 
 
 def _lost_ns(grids: Sequence[np.ndarray], least: int) -> int:

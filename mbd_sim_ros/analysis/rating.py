@@ -5,7 +5,8 @@ R = 0.4 Z + 0.2 E_P + 0.2 E_M + 0.2 E_S.
 - Corridor Z: mean over the samples of 1 inside the inner corridor (5 % of the peak of the reference), 0 outside the outer one (50 %)
   and ((outer - d) / (outer - inner))^2 in between.
 - Phase E_P: the signals are moved against each other by up to 20 % of their length; the shift of m of n samples with the largest
-  correlation gives 1 - m / (0.2 n). Magnitude and slope are judged after this shift.
+  correlation gives 1 - m / (0.2 n). Magnitude and slope are judged after this shift. The time shift that is given besides is known better
+  than to a sample: what is left of it is that of least squares.
 - Magnitude E_M: dynamic time warping (squared distance, steps of weight one, a band of 10 % of the length) pairs the samples;
   e = sum |a - b| / sum |b| over the pairs gives 1 - e / 0.5, at least 0.
 - Slope E_S: central differences, averaged over nine samples (fewer at the ends); e = sum |a' - b'| / sum |b'| gives 1 - e / 2.
@@ -32,6 +33,8 @@ SMOOTHED = 9
 LEAST = 11  # samples: after the largest shift there are nine
 RATE = 50.0  # [Hz]
 POINTS_LEAST, POINTS_MOST = 1000, 10_000
+RANK = 1e-9  # slopes that are those of a straight line, or like the signal itself, tell no shift
+SAME_SHIFT = 1e-6  # parts of a sample that are rounding
 SAME_CORRELATION = 1e-9  # correlations nearer than this are the same but for rounding; then the smaller shift counts
 
 
@@ -81,7 +84,7 @@ def rate_sampled(values: np.ndarray, reference: np.ndarray, dt: float) -> Rating
         phase=max(0.0, 1.0 - abs(later) / (SHIFT_MAX * n)),
         magnitude=max(0.0, 1.0 - magnitude / MAGNITUDE_ERROR_MAX),
         slope=max(0.0, 1.0 - slope / SLOPE_ERROR_MAX),
-        shift=later * dt,
+        shift=(later + rest_of_shift(moved, fixed)) * dt,
     )
 
 
@@ -119,6 +122,23 @@ def shift_of(values: np.ndarray, reference: np.ndarray) -> int:
         correlation = np.where(usable, (products[lags % size] - sx * sy / count) / np.sqrt(vx * vy), -2.0)
     good = lags[correlation >= np.max(correlation) - SAME_CORRELATION]
     return int(min(good, key=abs))
+
+
+def rest_of_shift(values: np.ndarray, reference: np.ndarray) -> float:
+    """By what part of a sample, half of one at most, the signal still comes later: the d with which a reference(t - d) + c fits it best.
+
+    By least squares of first order in d, that is with a reference - a d slope + c.
+    """
+    gradient = np.gradient(reference)
+    v, r, g = values - values.mean(), reference - reference.mean(), gradient - gradient.mean()
+    rr, gg, rg = float(r @ r), float(g @ g), float(r @ g)
+    least = rr * gg - rg * rg
+    if not (gg > RANK * float(gradient @ gradient) and least > RANK * rr * gg):
+        return 0.0
+    factor, slope = (float(v @ r) * gg - float(v @ g) * rg) / least, (float(v @ g) * rr - float(v @ r) * rg) / least
+    if not factor > 0.0 or abs(slope) < SAME_SHIFT * factor:
+        return 0.0
+    return min(max(-slope / factor, -0.5), 0.5)
 
 
 def smooth_slope(values: np.ndarray) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +15,8 @@ if TYPE_CHECKING:
     from mbd_sim_ros.analysis.evaluation import figures
 
 SHOWN = 3  # results whose figures are printed
+NOTES = 8  # different ones of a series that are printed
+NUMBER = re.compile(r'\d[\d.]*(?:e[-+]?\d+)?')
 EXAMPLE = """mbd evaluate bags/run --html out/evaluation.html
   mbd evaluate measured.mcap --as iso7401_step --mapping car.yaml --json
 mapping file (THEIRS in deg/s becomes OURS in rad/s; any signal of docs/evaluating.md by its name, or channels of our recordings):
@@ -100,16 +103,18 @@ def report(
         **(data or {}),
     }
     lines = [*about]
-    for r in results[:SHOWN] if not together else ():
+    single = [r for r in results if r.evaluation not in together]
+    for r in single[:SHOWN]:
         lines += ['', f'{r.title} ({r.norm}): {r.source}', table(figures.rows([r])), *(f'note: {note}' for note in r.notes)]
-    if len(results) > SHOWN and not together:
-        lines.append(f'... and {len(results) - SHOWN} more; --json or --html has all')
+    if len(single) > SHOWN:
+        lines.append(f'... and {len(single) - SHOWN} more; --json or --html has all')
     for name, fs in together.items():
         rows = [
             ('figure', 'value', 'unit', 'limit', ''),
             *((f.text, *f.shown(), f.limit, f.verdict if f.ok is not None else '') for f in fs),
         ]
-        lines += ['', f'{name}, {sum(r.evaluation == name for r in results)} runs', table(rows)]
+        of_it = [r for r in results if r.evaluation == name]
+        lines += ['', f'{name}, {len(of_it)} runs', table(rows), *_notes(of_it)]
     lines += ['', figures.sentence(results)]
     if html is not None:
         title = ', '.join(dict.fromkeys(r.title for r in results))
@@ -118,6 +123,20 @@ def report(
         )
         lines.append(f'page: {html}')
     return Result(data=found, text='\n'.join(lines).lstrip('\n'), code=1 if strict and passed is False else 0)
+
+
+def _notes(results: Sequence[figures.Result]) -> list[str]:
+    """The notes of a series, each once, whatever numbers are in it, with the runs that it is of: how many, or the one by its name."""
+    of: dict[str, dict[str, str]] = {}  # text without numbers -> run -> note
+    for r in results:
+        for note in r.notes:
+            of.setdefault(NUMBER.sub('#', note), {}).setdefault(r.source, note)
+    lines = []
+    for at in of.values():
+        name = Path(next(iter(at))).name
+        one = name if len(at) == 1 else f'{len(at)} of {len(results)} runs' + (f', this of {name}' if len({*at.values()}) > 1 else '')
+        lines.append(f'note ({one}): {next(iter(at.values()))}')
+    return lines if len(lines) <= NOTES else [*lines[:NOTES], f'... and {len(lines) - NOTES} more notes; --json or --html has all']
 
 
 def listed() -> Result:

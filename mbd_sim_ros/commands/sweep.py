@@ -130,7 +130,7 @@ def _rows(
 def _written(args: argparse.Namespace, sweep: Sweep, rows: list[Row], units: dict[str, str]) -> Result:
     """The table, the report and what is said of them."""
     from mbd_sim_ros.analysis.pages import write_text
-    from mbd_sim_ros.sweep.table import no_indices, sensitivities, write_report, write_table
+    from mbd_sim_ros.sweep.table import known_to, no_indices, sensitivities, write_report, write_table
 
     indices = sensitivities(sweep, rows)
     file = write_table(rows, args.out)
@@ -149,5 +149,6 @@ def _written(args: argparse.Namespace, sweep: Sweep, rows: list[Row], units: dic
     for figure, found in indices.items():
         keys = list(next(iter(found.values())))
         lines.append(table([(figure, *keys), *((name, *(f'{one[key]:.4g}' for key in keys)) for name, one in found.items())]))
+        lines += [f'{figure}: {doubt}'] if (doubt := known_to(sweep, found)) else []
     lines += [reason for figure in sweep.figures if (reason := no_indices(sweep, rows, figure))]
     return Result(data=data, text='\n'.join(lines), code=0 if counts['error'] < len(rows) else 1)

@@ -15,6 +15,7 @@ TAKEN_BY = {  # option -> what it changes
     'at': ('.png',),
     'rate': FILMS,
     'speed': FILMS,
+    'width': ('.png', *FILMS),
     'channel': tuple(kind for kind in KINDS if kind != '.rrd'),
     'ghosts': tuple(kind for kind in KINDS if kind != '.json'),
 }
@@ -38,7 +39,7 @@ def add(parsers: Any) -> None:
     parser.add_argument('--channel', metavar='PATTERN', action='append', default=[], help="curves to draw, e.g. 'imu/*' (repeatable)")
     parser.add_argument('--at', metavar='SECONDS', type=float, help='instant of a picture (default: the middle of the recording)')
     parser.add_argument('--rate', metavar='HZ', type=float, help='pictures a second of a film (default 25, of a GIF 12.5)')
-    parser.add_argument('--width', metavar='PIXELS', type=int, default=1120, help='of a picture or film (default 1120)')
+    parser.add_argument('--width', metavar='PIXELS', type=int, help='of a picture or film (default 1120)')
     parser.add_argument('--speed', metavar='FACTOR', type=float, help='speed of the motion in a film (default 1)')
 
 
@@ -51,31 +52,34 @@ def run(args: argparse.Namespace) -> Result:
     file, channels = args.out, tuple(args.channel)
     if file is None and not args.rerun:
         raise BagError(f'nothing to show: give --out FILE, which may end in {", ".join(KINDS)}, or --rerun')
+    if file is not None and file.suffix not in KINDS:
+        raise BagError(f'--out {file}: its ending must be one of {", ".join(KINDS)}')
+    for name, kinds in TAKEN_BY.items():
+        if getattr(args, name) in (None, []) or (name == 'ghosts' if file is None else file.suffix in kinds):
+            continue
+        what = 'a further recording' if name == 'ghosts' else f'--{name}'
+        where = '--rerun' if file is None else f'--out {file}'
+        raise BagError(f'{where}: {what} has no effect there; leave it out, or write one of {", ".join(kinds)}')
     if args.rerun:
         from mbd_sim_ros.analysis.view.rerun import open_viewer
 
         open_viewer((args.bag, *args.ghosts))
         if file is None:
             return Result(data={'status': 'ok', 'file': None}, text='opened in Rerun')
-    if file.suffix not in KINDS:
-        raise BagError(f'--out {file}: its ending must be one of {", ".join(KINDS)}')
-    for name, kinds in TAKEN_BY.items():
-        if getattr(args, name) not in (None, []) and file.suffix not in kinds:
-            what = 'a further recording' if name == 'ghosts' else f'--{name}'
-            raise BagError(f'--out {file}: {what} has no effect there; leave it out, or write one of {", ".join(kinds)}')
     for name in ('rate', 'speed'):
         value = getattr(args, name)
         if value is not None and not 0.01 <= value <= 1000.0:
             raise BagError(f'--{name} {value:g}: must be between 0.01 and 1000')
-    if not 160 <= args.width <= 8000:
-        raise BagError(f'--width {args.width}: must be between 160 and 8000')
+    width = picture.WIDTH if args.width is None else args.width
+    if not 160 <= width <= 8000:
+        raise BagError(f'--width {width}: must be between 160 and 8000')
     if file.suffix == '.rrd':
         from mbd_sim_ros.analysis.view.rerun import write_rrd
 
         write_rrd((args.bag, *args.ghosts), file)
         size = file.stat().st_size
         return Result(data={'status': 'ok', 'file': str(file), 'bytes': size}, text=f'{file} ({size / 1e6:.2f} MB)')
-    width = args.width - args.width % 2  # films need even sizes
+    width -= width % 2  # films need even sizes
     interrupts.now(f'making {file}')
     motions = [read_motion(path, channels) for path in (args.bag, *args.ghosts)]
     if file.suffix == '.html':

@@ -21,6 +21,7 @@ from mbd_sim_ros.sweep.design import SENSITIVITY, Sweep, problem
 from solver.errors import BagError
 
 ROUNDING = 1e-12  # of a figure, or of 1 in SI units: by so much it changes where no parameter changes it
+CLEAR = 0.1  # half width of a confidence interval of Sobol indices, which are shares, without a remark
 COLOURS = {'ok': '#0072b2', 'suspect': '#e69f00', 'error': '#d55e00'}
 
 
@@ -50,8 +51,9 @@ def write_table(rows: Sequence[Row], directory: Path) -> Path:
 
 
 def sensitivities(sweep: Sweep, rows: Sequence[Row]) -> dict[str, dict[str, dict[str, float]]]:
-    """figure -> parameter -> indices: of a design of kind morris mu_star and sigma (elementary effects [Morris1991]), of saltelli S1 and ST
-    (first-order and total [Saltelli2010], by SALib); nothing of the other kinds, and where a case failed."""
+    """figure -> parameter -> indices: of a design of kind morris mu_star and sigma (elementary effects of the whole range [Morris1991]), of
+    saltelli S1 and ST (first-order and total [Saltelli2010]), by SALib; nothing of the other kinds, and where a case failed. What ends in
+    _conf is the half width of the 95 % confidence interval of what is before, by bootstrap: of few samples an index may be anything."""
     if sweep.design.kind not in SENSITIVITY:
         return {}
     result: dict[str, dict[str, dict[str, float]]] = {}
@@ -65,12 +67,12 @@ def sensitivities(sweep: Sweep, rows: Sequence[Row]) -> dict[str, dict[str, dict
             from SALib.analyze import morris
 
             found = morris.analyze(asked, at, values, seed=sweep.design.seed)
-            keys = ('mu_star', 'sigma')
+            keys: tuple[str, ...] = ('mu_star', 'mu_star_conf', 'sigma')
         else:
             from SALib.analyze import sobol
 
             found = sobol.analyze(asked, values, calc_second_order=False, seed=sweep.design.seed)
-            keys = ('S1', 'ST')
+            keys = ('S1', 'S1_conf', 'ST', 'ST_conf')
         result[figure] = {name: {key: float(found[key][i]) for key in keys} for i, name in enumerate(names)}
     return result
 
@@ -85,6 +87,20 @@ def no_indices(sweep: Sweep, rows: Sequence[Row], figure: str) -> str:
         return f'no indices of {figure}: {missing} of {len(rows)} cases have no value'
     same = np.ptp(values) <= ROUNDING * max(1.0, float(np.abs(values).max()))
     return f'no indices of {figure}: it is the same in all cases' if same else ''
+
+
+def known_to(sweep: Sweep, indices: Mapping[str, Mapping[str, float]]) -> str:
+    """How badly the Sobol indices of a figure are known; '' where it is well enough, and of Morris's, which rank and are no shares.
+
+    By their confidence intervals, and at best to 1/sqrt(samples): bootstrap of few samples knows nothing of those that were not taken.
+    """
+    widths = [value for one in indices.values() for key, value in one.items() if key in ('S1_conf', 'ST_conf')]
+    width = max([1.0 / math.sqrt(sweep.design.samples), *widths]) if widths else 0.0
+    if not width > CLEAR:
+        return ''
+    needed = sweep.design.samples * 2 ** math.ceil(2.0 * math.log2(width / CLEAR))
+    few = f'samples = {sweep.design.samples} are few, about {needed} would give {CLEAR:g}'
+    return f'its indices are known to about {width:.2g} (95 % confidence): {few}'
 
 
 def write_report(sweep: Sweep, rows: Sequence[Row], indices: dict[str, Any], units: Mapping[str, str], directory: Path, title: str) -> Path:
@@ -106,10 +122,12 @@ def write_report(sweep: Sweep, rows: Sequence[Row], indices: dict[str, Any], uni
         parts += [f'<p>{html.escape(reason)}</p>'] if (reason := no_indices(sweep, rows, figure)) else []
         if figure in indices:
             keys = list(next(iter(indices[figure].values())))
+            ranked = 'ST' if 'ST' in keys else 'mu_star'
             rows_ = ''.join(
                 f'<tr><td>{html.escape(name)}</td>{"".join(f"<td>{found[key]:.4g}</td>" for key in keys)}</tr>'
-                for name, found in sorted(indices[figure].items(), key=lambda item: -abs(item[1][keys[-1]]))
+                for name, found in sorted(indices[figure].items(), key=lambda item: -abs(item[1][ranked]))
             )
+            parts += [f'<p>{html.escape(doubt)}</p>'] if (doubt := known_to(sweep, indices[figure])) else []
             parts.append(f'<table><tr><th>parameter</th>{"".join(f"<th>{key}</th>" for key in keys)}</tr>{rows_}</table>')
     failed = [row for row in rows if row['status'] != 'ok']
     if failed:

@@ -39,11 +39,10 @@ class Certified:
     unit: str
 
     def covers(self, finding: Finding) -> bool:
-        """Whether a finding is the same and not considerably worse."""
-        if finding.quantity not in COARSE or finding.required or _kind(finding) != (self.quantity, self.what, self.where):
+        """Whether a finding is the same, beyond the same end of a range, and not considerably worse."""
+        if finding.quantity not in COARSE or finding.required or _kind(finding) != _kind(self):
             return False
-        side = 1.0 if self.value > self.limit else -1.0
-        return side * (finding.value - self.value) <= WORSE * abs(self.value)
+        return _side(self) * (finding.value - self.value) <= WORSE * abs(self.value)
 
 
 class Weighed(NamedTuple):
@@ -70,12 +69,12 @@ def is_broken(finding: Finding) -> bool:
 
 def certified_of(found: Iterable[Finding]) -> tuple[Certified, ...]:
     """What of the findings of several runs a certificate covers, of each kind the worst."""
-    worst: dict[tuple[str, str, str], Certified] = {}
+    worst: dict[tuple[str, str, str, float], Certified] = {}
     for finding in found:
         kind = _kind(finding)
         if finding.quantity not in COARSE or finding.required:
             continue
-        quantity, what, where = kind
+        quantity, what, where, _ = kind
         one = Certified(quantity=quantity, what=what, where=where, value=finding.value, limit=finding.limit, unit=finding.unit)
         known = worst.get(kind)
         if known is None or abs(one.value - one.limit) > abs(known.value - known.limit):
@@ -83,5 +82,10 @@ def certified_of(found: Iterable[Finding]) -> tuple[Certified, ...]:
     return tuple(worst.values())
 
 
-def _kind(finding: Finding) -> tuple[str, str, str]:
-    return finding.quantity, finding.what, '' if finding.quantity in ANYWHERE else finding.where
+def _kind(one: Finding | Certified) -> tuple[str, str, str, float]:
+    return one.quantity, one.what, '' if one.quantity in ANYWHERE else one.where, _side(one)
+
+
+def _side(one: Finding | Certified) -> float:
+    """Beyond which end of its range: 1 above the upper, -1 below the lower one. What was measured to the left says nothing of the right."""
+    return 1.0 if one.value > one.limit else -1.0

@@ -54,7 +54,7 @@ class _Range:
     """Follows the quantities of one name, of all wheels."""
 
     def __init__(self, limit: Limit, channels: Channels) -> None:
-        self.limit, self.worst = limit, _Worst()
+        self.limit, self._worst = limit, {1.0: _Worst(), -1.0: _Worst()}  # beyond the upper end, and the lower one
         curves = [quantity(name, channels) for name in names(channels) if name.partition('.')[0] == limit.quantity]
         plain = [one for one in curves if len(one.places) == 1]  # numbers as they are shown, of all wheels at once
         self._plain = np.array([place for one in plain for place in one.places], int)
@@ -71,11 +71,18 @@ class _Range:
         low, high = self.limit.low, self.limit.high
         assert low is not None
         assert high is not None
-        beyond = np.maximum(values - high, low - values) / max(high - low, self._least)
-        for curve, k in enumerate(np.argmax(beyond, axis=0).tolist()):
-            if beyond[k, curve] > self.worst.beyond:
-                name = self.limit.quantity.replace('_', ' ')
-                self.worst = _Worst(float(beyond[k, curve]), name, float(values[k, curve]), float(times[k]))
+        name = self.limit.quantity.replace('_', ' ')
+        for side, beyond in ((1.0, values - high), (-1.0, low - values)):
+            beyond = beyond / max(high - low, self._least)
+            for curve, k in enumerate(np.argmax(beyond, axis=0).tolist()):
+                if beyond[k, curve] > self._worst[side].beyond:
+                    found = _Worst(float(beyond[k, curve]), name, float(values[k, curve]), float(times[k]))
+                    self._worst = self._worst | {side: found}  # a copy of this keeps its own
+
+    @property
+    def worst(self) -> tuple[_Worst, ...]:
+        """The worst beyond either end: what a certificate covers of one says nothing of the other (solver.analysis.covered)."""
+        return tuple(self._worst.values())
 
     def end(self) -> None:
         pass
@@ -94,7 +101,7 @@ class _Frequency:
     """Follows how fast wheels and steering wheel swing."""
 
     def __init__(self, limit: Limit, channels: Channels) -> None:
-        self.limit, self.worst = limit, _Worst()
+        self.limit, self._worst = limit, _Worst()
         self._swings = [
             _Swing(joint.replace('_', ' '), still, *(quantity(f'joint_states/{joint}/{of}', channels) for of in ('position', 'velocity')))
             for joint in channels.joints
@@ -129,10 +136,14 @@ class _Frequency:
             if departure < swing.still:
                 continue
             value = math.sqrt(vv) / (2.0 * math.pi * departure)
-            if value / high - 1.0 > self.worst.beyond:
-                self.worst = _Worst(value / high - 1.0, f'frequency of {swing.name}', value, self._time)
+            if value / high - 1.0 > self._worst.beyond:
+                self._worst = _Worst(value / high - 1.0, f'frequency of {swing.name}', value, self._time)
         self._sums = np.zeros_like(self._sums)
         self._first, self._n = None, 0
+
+    @property
+    def worst(self) -> tuple[_Worst, ...]:
+        return (self._worst,)
 
 
 class _Lean:
@@ -273,22 +284,23 @@ class Envelope:
         for watched in present:
             if ended:
                 watched.end()
-            limit, (beyond, name, value, time) = watched.limit, watched.worst
-            if beyond <= BEYOND:
-                continue
-            assert limit.high is not None
-            side = limit.high if limit.low is None or value > limit.high else limit.low
-            unit = '' if limit.unit == '1' else f' {limit.unit}'
-            valid = f'up to {limit.high:.3g}{unit}' if limit.low is None else f'{limit.low:.3g} to {limit.high:.3g}{unit}'
-            text = (
-                f'the run leaves its envelope: {name} is {value:.3g}{unit} at t = {time:.6g} s, valid is {valid} ({limit.why}); '
-                f'plan a scene that goes so far, or take fidelity: full'
-            )
-            where = limit.quantity
-            found.append(
-                Finding(quantity='envelope', value=value, limit=side, unit=limit.unit, time=time, where=where, required=False, text=text)
-            )
+            found += [_left(watched.limit, worst) for worst in watched.worst if worst.beyond > BEYOND]
         return found
+
+
+def _left(limit: Limit, worst: _Worst) -> Finding:
+    """What left its range."""
+    assert limit.high is not None
+    _, name, value, time = worst
+    side = limit.high if limit.low is None or value > limit.high else limit.low
+    unit = '' if limit.unit == '1' else f' {limit.unit}'
+    valid = f'up to {limit.high:.3g}{unit}' if limit.low is None else f'{limit.low:.3g} to {limit.high:.3g}{unit}'
+    text = (
+        f'the run leaves its envelope: {name} is {value:.3g}{unit} at t = {time:.6g} s, valid is {valid} ({limit.why}); '
+        f'plan a scene that goes so far, or take fidelity: full'
+    )
+    where = limit.quantity
+    return Finding(quantity='envelope', value=value, limit=side, unit=limit.unit, time=time, where=where, required=False, text=text)
 
 
 def _upright(simulation: Simulation) -> list[str]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from mbd_sim_ros.analysis.alignment import Signal, common, find_offset, rotation_angle, same_turn, slerp, unwrapped
+from mbd_sim_ros.analysis.alignment import Common, Signal, common, find_offset, rotation_angle, same_turn, slerp, unwrapped
 from solver.errors import BagError
 
 MS = 1_000_000
@@ -32,15 +32,44 @@ def test_straight_lines_stay_straight_lines() -> None:
         np.testing.assert_allclose(found.values[0], found.values[1], rtol=0.0, atol=1e-12)
 
 
+def held(found: Common, k: int) -> dict[int, float]:
+    """Instants [ms] and values of one of the signals."""
+    return {int(t // MS): v for t, v in zip(found.time_ns, found.values[k].tolist(), strict=True)}
+
+
 def test_a_command_holds_until_the_next_one() -> None:
-    steps = Signal(np.array([0, 1000, 2000]) * MS, np.array([1.0, 5.0, 9.0]))
-    fine = Signal(np.array([0, 999, 1001, 1999]) * MS, np.zeros(4))
-    found = common((fine, steps), 'hold')
-    coarse_only = {int(t // MS): v for t, v in zip(found.time_ns, found.values[1])}
-    assert coarse_only == {0: 1.0, 1000: 5.0}  # the coarse one has its own instants
-    dense = Signal(np.arange(0, 2001, 3) * MS, np.where(np.arange(0, 2001, 3) < 1000, 1.0, 5.0))
-    found = common((Signal(np.array([500, 998, 1001, 1700]) * MS, np.zeros(4)), dense), 'hold')
-    assert found.values[1].tolist() == [1.0, 1.0, 1.0, 5.0]  # the last one before 1001 ms is of 999 ms
+    steps = Signal(np.array([0, 200, 400, 600]) * MS, np.array([1.0, 5.0, 9.0, 2.0]))
+    fine = Signal(np.array([0, 1, 199, 201, 399, 600]) * MS, np.zeros(6))
+    assert held(common((fine, steps), 'hold'), 1) == {0: 1.0, 200: 5.0, 400: 9.0, 600: 2.0}  # the coarse one has its own instants
+    dense = Signal(np.arange(0, 601, 3) * MS, np.where(np.arange(0, 601, 3) < 300, 1.0, 5.0))
+    found = common((Signal(np.array([100, 298, 301, 500]) * MS, np.zeros(4)), dense), 'hold')
+    assert [held(found, 1)[t] for t in (100, 298, 301, 500)] == [1.0, 1.0, 5.0, 5.0]  # the last one before 301 ms is of 300 ms
+
+
+@pytest.mark.parametrize(('begin', 'end'), [(300, 700), (2100, 2500), (3200, 3600)])
+def test_what_another_did_while_a_command_held_is_seen(begin: int, end: int) -> None:
+    """Messages on change at 0, 2 and 3 s, of a command that stays zero; the other one, at 100 Hz for 4 s, was one meanwhile. Both were
+    compared at the three instants alone, and the same."""
+    t = np.arange(0, 4001, 10)
+    dense = Signal(t * MS, ((t >= begin) & (t < end)).astype(float))
+    sparse = Signal(np.array([0, 2000, 3000]) * MS, np.zeros(3))
+    for pair in ((dense, sparse), (sparse, dense)):
+        found = common(pair, 'hold')
+        assert found.overlap == 1.0
+        assert np.abs(found.values[0] - found.values[1]).sum() == (end - begin) / 10
+
+
+def test_a_command_that_is_sampled_seldom_is_compared_where_it_is_sampled() -> None:
+    """A ramp of 1/s at 100 Hz and every 0.5 s: between two of the latter it does not hold."""
+    dense, seldom = signal(401, 10.0, lambda t: t), signal(9, 500.0, lambda t: t)
+    found = common((dense, seldom), 'hold')
+    assert found.time_ns.tolist() == seldom.time_ns.tolist()
+    np.testing.assert_array_equal(found.values[0], found.values[1])
+
+
+def test_what_a_command_was_before_its_first_message_is_not_known() -> None:
+    dense, late = signal(1001, 10.0, lambda t: 0.0 * t), Signal(np.array([2500, 9000]) * MS, np.zeros(2))
+    assert common((dense, late), 'hold').overlap == pytest.approx(0.75 + 0.025)  # but for 0.25 s
 
 
 def test_wrapped_angles_are_interpolated_across_the_jump() -> None:

@@ -77,14 +77,29 @@ def test_the_range_of_a_certificate_is_no_limit_of_a_level_of_the_same_name() ->
     assert findings(simulation) == []
 
 
+def test_both_ends_of_a_range_are_told() -> None:
+    """5 m/s^2 to the left, then 4 to the right, where -1 to 2 are certified: what a plan has measured to one side covers that alone."""
+    simulation = solver.simulation_of(solver.load_scene('light_car_straight', ['start={kind: equilibrium}']))
+    simulation.level = LevelReport(validity=LIMITS[:1])
+    watch = Envelope(simulation)
+    for sideways in (0.0, 5.0, -4.0, 3.0):
+        snapshot = simulation.snapshot()
+        snapshot.imu[1] = sideways
+        watch.look(snapshot)
+    left, right = watch.findings()
+    assert (left.value, left.limit) == (pytest.approx(5.0, abs=0.05), 2.0)
+    assert (right.value, right.limit) == (pytest.approx(-4.0, abs=0.05), -1.0)
+
+
 def test_a_quantity_without_a_unit_is_shown_without_one() -> None:
     slip = Limit(quantity='slip', unit='1', low=-1e-6, high=1e-6, why='certified')
     simulation = solver.simulation_of(solver.load_scene('light_car_step_steer', ['duration=0.3']))
     simulation.level = LevelReport(validity=(slip,))
     watch = Envelope(simulation)
     watch.look(simulation.advance(100))
-    (found,) = watch.findings()
-    assert ' 1 at t = ' not in found.text and 'valid is -1e-06 to 1e-06 (certified)' in found.text
+    driven, braked = watch.findings()  # wheels that drive and wheels that are drawn
+    for found in (driven, braked):
+        assert ' 1 at t = ' not in found.text and 'valid is -1e-06 to 1e-06 (certified)' in found.text
 
 
 FREQUENCY = Limit(quantity='frequency', unit='Hz', high=5.0, why='certified')

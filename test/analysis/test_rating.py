@@ -41,6 +41,20 @@ def test_phase_and_shift(samples: int, score: float) -> None:
     assert found.slope == pytest.approx(1.0, abs=1e-12)
 
 
+@pytest.mark.parametrize('late', [0.0, 0.3, 1.45, -2.6])
+def test_a_shift_is_known_better_than_to_a_sample(late: float) -> None:
+    """Sines of periods of 50 and 17 samples, 20 % larger and moved by parts of a sample. Slopes are central differences, which of the
+    shorter one are (2 pi / 17)^2 / 6 = 2 % too small, so that of up to half a sample 0.01 are not known."""
+
+    def waves(k: np.ndarray) -> np.ndarray:
+        return np.sin(k * 2.0 * np.pi / 50.0) + 0.5 * np.sin(k * 2.0 * np.pi / 17.0 + 1.0)
+
+    k = np.arange(300.0)
+    found = rate_sampled(1.2 * waves(k - late) + 3.0, waves(k), 0.02)
+    assert found.shift == pytest.approx(0.02 * late, abs=0.02 * 0.01)
+    assert found.phase == pytest.approx(1.0 - abs(round(late)) / 60.0)  # the score counts samples
+
+
 @pytest.mark.parametrize(('factor', 'score'), [(1.1, 0.8), (0.8, 0.6), (1.5, 0.0), (2.0, 0.0)])
 def test_magnitude(factor: float, score: float) -> None:
     """Of constant signals warping changes nothing: e = |factor - 1|, of which 0.5 is the most."""

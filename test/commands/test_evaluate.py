@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 from pathlib import Path
@@ -17,6 +18,7 @@ from mbd_sim_ros.analysis.evaluation.figures import Result
 from mbd_sim_ros.analysis.evaluation.registry import EVALUATIONS, called, names
 from mbd_sim_ros.analysis.evaluation.signals import WAYS, Signals
 from mbd_sim_ros.bags.reader import Run
+from mbd_sim_ros.commands.evaluate import report
 from mbd_sim_ros.commands.main import main
 from solver import load_scene
 from solver.errors import SpecError
@@ -254,3 +256,25 @@ def test_a_figure_without_value_never_passes() -> None:
     assert Result(evaluation='x', title='x', norm='x', figures=()).passed is None
     r = sine_with_dwell.judge(dwelling(), sine_with_dwell.SineWithDwell())
     assert all(math.isfinite(f.value) for f in r.figures if f.ok)
+
+
+def test_the_notes_of_a_series_are_told_and_the_figures_of_what_is_in_no_series() -> None:
+    """Two sines with dwell, one of them too slow, and a step of the steering wheel; the text had the table of the series alone."""
+    slow = dwelling(side=-1.0)
+    slow.values['speed'][:] = 60.0 / 3.6
+    known = sine_with_dwell.SineWithDwell
+    runs_ = [sine_with_dwell.judge(s, known()) for s in (dwelling(), slow)]
+    runs_ = [dataclasses.replace(r, source=f'bags/{name}') for r, name in zip(runs_, ('first', 'second'), strict=True)]
+    step = called('iso7401_step')[0].judge(stepped(), called('iso7401_step')[0].parameters())
+    text = report([*runs_, step], html=None, strict=False).text
+    assert 'fmvss126, 2 runs' in text
+    assert text.count('responsiveness is not judged') == 1
+    assert 'note (2 of 2 runs): responsiveness is not judged' in text
+    assert 'note (second): steered at 60 km/h; the norm wants 80 km/h, to 2 km/h' in text
+    assert 'yaw rate, response time (90 %)' in text
+    close = [dataclasses.replace(r, notes=(f'steered at {speed} km/h',)) for r, speed in zip(runs_, (74.7, 7.5e1), strict=True)]
+    assert 'note (2 of 2 runs, this of first): steered at 74.7 km/h' in report(close, html=None, strict=False).text
+    many = [dataclasses.replace(runs_[0], notes=('note ' + 'x' * k,)) for k in range(11)]
+    text = report(many, html=None, strict=False).text
+    assert text.count('note (') == 8
+    assert '... and 3 more notes; --json or --html has all' in text

@@ -99,6 +99,15 @@ def test_places_and_sides_count() -> None:
     assert low.covers(finding('envelope', -2.5, 'slip', limit=-2.0))
     assert low.covers(finding('envelope', -3.2, 'slip', limit=-2.0))
     assert not low.covers(finding('envelope', -3.4, 'slip', limit=-2.0))
+    assert not low.covers(finding('envelope', 2.1, 'slip', limit=2.0))  # beyond the upper end nothing was measured
+
+
+def test_both_ends_of_a_range_are_certified_each_by_itself() -> None:
+    left, right = finding('envelope', 10.0, 'slip', limit=9.0), finding('envelope', -9.5, 'slip', limit=-9.0)
+    assert [one.value for one in certified_of([left, right, finding('envelope', 9.5, 'slip', limit=9.0)])] == [10.0, -9.5]
+    (certified,) = certified_of([left])
+    assert certified.covers(left)
+    assert not certified.covers(right)
 
 
 @pytest.mark.parametrize('quantity', ['energy_error_max', 'residual_max', 'unsettled', 'position_drift_max', 'branch_switches', 'input'])

@@ -10,7 +10,7 @@ import pytest
 
 from mbd_sim_ros.commands.main import main
 from mbd_sim_ros.sweep.design import Design, Figure, Parameter, Sweep, cases
-from mbd_sim_ros.sweep.table import no_indices, sensitivities
+from mbd_sim_ros.sweep.table import known_to, no_indices, sensitivities
 from solver.errors import SceneError, SpecError
 
 
@@ -70,6 +70,37 @@ def test_indices_of_a_known_function():
             for name, effect in zip('abc', (1.0, 2.0, 0.0), strict=True):
                 assert found[name]['mu_star'] == pytest.approx(effect, abs=1e-9)
                 assert found[name]['sigma'] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_indices_say_how_well_they_are_known():
+    """Of f = a + 2 b the width of a confidence interval falls like the root of the samples, here to an eleventh; eight tell it badly."""
+    found = {}
+    for samples in (8, 1024):
+        sweep = sweep_of('saltelli', samples)
+        rows = [{**case, 'f': float(case['a']) + 2.0 * float(case['b'])} for case in cases(sweep)]
+        found[samples] = sensitivities(sweep, rows)['f']
+    for name in 'ab':
+        for index in ('S1', 'ST'):
+            few, many = (found[samples][name][f'{index}_conf'] for samples in (8, 1024))
+            assert few > 2.0 * many > 0.0
+            assert abs(found[1024][name][index] - {'a': 0.2, 'b': 0.8}[name]) < 2.0 * many
+    assert known_to(sweep_of('saltelli', 1024), found[1024]) == ''
+    assert known_to(sweep_of('saltelli', 8), found[8]) == (
+        'its indices are known to about 0.59 (95 % confidence): samples = 8 are few, about 512 would give 0.1'
+    )
+    exact = {name: dict.fromkeys(('S1', 'S1_conf', 'ST', 'ST_conf'), 0.0) for name in 'abc'}  # two samples that happen to agree
+    assert known_to(sweep_of('saltelli', 2), exact).startswith('its indices are known to about 0.71')
+    assert known_to(sweep_of('morris', 2), {'a': {'mu_star': 1.0, 'mu_star_conf': 1.0, 'sigma': 1.0}}) == ''
+
+
+def test_elementary_effects_are_those_of_the_whole_range():
+    """f = d/100 + a, d from 1000 to 1500."""
+    sweep = sweep_of('morris', 4, d=Parameter(low=1000.0, high=1500.0))
+    rows = [{**case, 'f': 0.01 * float(case['d']) + float(case['a'])} for case in cases(sweep)]
+    found = sensitivities(sweep, rows)['f']
+    assert found['d']['mu_star'] == pytest.approx(5.0, rel=1e-9)
+    assert found['a']['mu_star'] == pytest.approx(1.0, rel=1e-9)
+    assert found['d']['mu_star_conf'] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_designs_that_cannot_be_are_refused():

@@ -1,7 +1,7 @@
 """Drives the maneuver of a norm with a vehicle: finds the amplitude, runs what is to be run, keeps what has been run already.
 
-A run lies in a directory named by its content: hash of the scene with everything in place, and of the source of the solver. What is
-there and complete is not driven again.
+A run lies in a directory named by its content: hash of the scene with everything in place, of what is beside its text (its plan, a
+recording that it takes), and of the source of the solver. What is there and complete is not driven again.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from solver import simulation_of
 from solver.errors import BagError, SpecError
 from solver.files.naming import included
 from solver.files.scene import find_file, load_scene_text
+from solver.levels.auto import beside_text
 from solver.scene import Scene
 from solver.vehicle.trailer import has_trailer
 
@@ -292,7 +293,8 @@ class Driving:
         """Drive one scene, unless that has been done; returns its recording."""
         overrides = [*settings, *(self._vehicle_overrides() if calibration else self.overrides)]
         scene = load_scene_text(text, label, overrides)
-        content = hashlib.sha256(f'{scene.hash} {source_hash()}'.encode()).hexdigest()[:12]
+        parts = (scene.hash.encode(), source_hash().encode(), *beside_text(scene))
+        content = hashlib.sha256(b'\0'.join(parts)).hexdigest()[:12]
         place = self.directory / f'{label}-{content}'
         if complete(place, scene):
             self.kept += 1

@@ -19,7 +19,7 @@ import numpy as np
 from mbd_sim_ros.analysis.evaluation.figures import Chart, Curve, Figure, Result
 from mbd_sim_ros.analysis.evaluation.kinds import Drive, Evaluation
 from mbd_sim_ros.analysis.evaluation.measures import fundamental, low_passed
-from mbd_sim_ros.analysis.evaluation.signals import Signals
+from mbd_sim_ros.analysis.evaluation.signals import GIVEN, Signals
 
 NORM = 'ISO 13674-1:2010 [ISOWeave2010]'
 
@@ -96,6 +96,12 @@ def judge(s: Signals, p: Weave) -> Result:
     near = np.abs(a) <= p.level
     sensitivity = np.abs(np.gradient(a, t)[near] / np.where(np.abs(np.gradient(d, t)[near]) > 0.0, np.gradient(d, t)[near], np.nan))
     least = float(np.nanmin(sensitivity)) if np.isfinite(sensitivity).any() else math.nan
+    if not (a.min() < -p.level and a.max() > p.level):
+        least = math.nan  # where it turns back its slope is zero, and says nothing
+        s.notes.append(
+            f'the lateral acceleration swings from {a.min():.3g} to {a.max():.3g} m/s^2, not beyond {p.level:g} m/s^2 to both sides: the '
+            f'least sensitivity within that has no value; give level=... ({GIVEN})'
+        )
     figures = [
         Figure('speed', 'speed, mean', float(values['speed'].mean()), 'm/s'),
         Figure('frequency', 'frequency of the steering wheel', frequency, 'Hz'),

@@ -32,6 +32,8 @@ LARGEST_RATE = 1000.0  # Hz of the grid
 BAND = 0.4  # of the rate of the grid: what is recorded finer is low-passed there, or it would come back below half the rate
 GIVEN = 'mbd evaluate --set, mbd maneuver --with'  # parameters of an evaluation
 GAP = 0.25  # s without a sample that is told
+SHARED = 0.95  # part of the time of all topics that an evaluation covers without a note
+COMMANDS = tuple(f'cmd_applied/{name}' for name in ('brake_torque', 'drive_torque', 'steering_torque'))  # torques, which hold
 MOST_SAMPLES = 5_000_000  # of the grid: an hour and more at its largest rate
 Columns = Sequence[np.ndarray]
 
@@ -62,7 +64,8 @@ def _one(channel: str, note: str = '') -> Way:
 TILT = 'lateral acceleration is the channel imu/ay as it is, with what the roll of the body adds to it: the recording has no orientation'
 WAYS: dict[str, tuple[str, str, tuple[Way, ...]]] = {
     'steering': ('rad', 'angle of the steering wheel', (_one('cmd_applied/steering'), _one('joint_states/steering_wheel/position'))),
-    'steering_torque': ('N m', 'hand torque', (_one('joint_states/steering_wheel/effort'),)),
+    # of a wheel that a torque turns the effort is what all elements act on it with: the hand, and a damper of the steering
+    'steering_torque': ('N m', 'hand torque', (_one('cmd_applied/steering_torque'), _one('joint_states/steering_wheel/effort'))),
     'brake': ('N m', 'brake command', (_one('cmd_applied/brake_torque'),)),
     'speed': ('m/s', 'speed along the vehicle', (_of_body('longitudinal_velocity'), _one('odom/twist/vx'))),
     'sideslip_angle': (
@@ -202,7 +205,7 @@ def signals(
             without[unread] = None
     channels = tuple(dict.fromkeys(channel for way in chosen.values() for channel in way.channels))
     samples = {c: _numbers(home[c], c, place) for c in channels}
-    held = held | {c for c in channels if c in ('cmd_applied/brake_torque', 'cmd_applied/drive_torque')}
+    held = held | {c for c in channels if c in COMMANDS}
     t_ns, origin, notes = _grid({c: t for c, (t, _) in samples.items()}, place, held)
     on_grid = {c: _resampled(t_ns, *samples[c], c, c in held) for c in channels}
     _normalise(on_grid)
@@ -251,11 +254,28 @@ def _grid(times: Mapping[str, np.ndarray], place: str, held: frozenset[str]) -> 
     for t in others:
         if t.size < 2:
             continue
-        widest = int(np.argmax(np.diff(t)))
-        if t[widest + 1] - t[widest] > max(GAP * 1e9, 3 * step):
-            notes.append(f'{(t[widest + 1] - t[widest]) * 1e-9:.3g} s without samples behind t = {(t[widest] - origin) * 1e-9:.3g} s')
+        apart = np.diff(t)
+        widest = int(np.argmax(apart))
+        if apart[widest] > max(GAP * 1e9, 3 * step):
+            count = int(np.sum(apart > max(GAP * 1e9, 3 * step)))
+            more = f', the longest of {count} such times' if count > 1 else ''
+            notes.append(f'{apart[widest] * 1e-9:.3g} s without samples behind t = {(t[widest] - origin) * 1e-9:.3g} s{more}')
+    notes += _outside({c: t for c, t in times.items() if c not in held} or times, origin)
     grid = np.arange(begin, end + 1, step, dtype=np.int64)
     return grid, origin, list(dict.fromkeys(notes))
+
+
+def _outside(times: Mapping[str, np.ndarray], origin: int) -> list[str]:
+    """A note where the time that all channels share is not nearly all there is: what begins last, or ends first. times: of those that are
+    sampled, not of commands."""
+    begins, ends = ({c: int(t[k]) for c, t in times.items()} for k in (0, -1))
+    first, begin, end, last = min(begins.values()), max(begins.values()), min(ends.values()), max(ends.values())
+    if end - begin >= SHARED * (last - first):
+        return []
+    late = begin - first > last - end
+    who = f'{max(begins, key=begins.__getitem__)} begins then' if late else f'{min(ends, key=ends.__getitem__)} ends then'
+    t = [(one - origin) * 1e-9 for one in (begin, end, first, last)]
+    return [f'judged from t = {t[0]:.4g} to {t[1]:.4g} s alone, of {t[2]:.4g} to {t[3]:.4g} s: {who}']
 
 
 def _resampled(grid: np.ndarray, time_ns: np.ndarray, values: np.ndarray, name: str, hold: bool) -> np.ndarray:

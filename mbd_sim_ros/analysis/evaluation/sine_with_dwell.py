@@ -36,6 +36,7 @@ AFTER = ((1.0, 0.35), (1.75, 0.20))  # s after COS, ratio allowed
 WHEN, NEAR, NEAR_HEAVY, HEAVY = 1.07, 1.83, 1.52, 3500.0  # s after BOS, m, m above kg
 FROM = 5.0  # amplitudes over A for which responsiveness is asked for
 FIRST, STEP, LAST = 1.5, 0.5, 6.5  # of A
+LEAST = 0.9  # of the first amplitude, below which no run of a series lies
 FREQUENCY = 0.7  # Hz
 LEAST_RATE = 25.0  # Hz: what is recorded more seldom has nothing that a filter of 10 Hz could take
 SPEED, SPEED_TO = 80.0 / 3.6, 2.0 / 3.6  # m/s
@@ -152,6 +153,11 @@ def judge(s: Signals, p: SineWithDwell) -> Result:
     if not answers:
         notes.append(
             'the yaw rate does not follow the steering wheel to its other side, so it has no second peak: the car spins, or a sign is wrong'
+        )
+    if p.reference is not None and amplitude < LEAST * FIRST * p.reference:
+        notes.append(
+            f'the amplitude is {amplitude / p.reference:.3g} A, and the series of the norm begins with {FIRST:g} A: check reference, the '
+            f'angle A in rad, which is {math.degrees(p.reference):.4g} deg here; responsiveness is judged from {FROM:g} A on'
         )
     if p.reference is None:
         notes.append(f'responsiveness is not judged: the angle A is not known; give reference=... in rad ({GIVEN})')

@@ -20,7 +20,7 @@ import numpy as np
 
 from mbd_sim_ros.analysis.evaluation.figures import Chart, Curve, Figure, Result
 from mbd_sim_ros.analysis.evaluation.kinds import Drive, Evaluation
-from mbd_sim_ros.analysis.evaluation.measures import crossing, peak
+from mbd_sim_ros.analysis.evaluation.measures import crossing, line, peak
 from mbd_sim_ros.analysis.evaluation.signals import GIVEN, Signals
 
 NORM = 'ISO 7401:2011 [ISO7401]'
@@ -31,7 +31,9 @@ FOLLOWING = (('roll', 'roll angle', 'rad'), ('sideslip_angle', 'sideslip angle',
 COHERENT = 0.9
 LEAST_LINES = 3  # of a frequency response
 NONE = 1e-6  # rad, rad/s, m/s^2: what changes by less does not answer, but for rounding
+SCATTERS = 4.0  # standard deviations within which the largest of some hundred samples of noise lies
 DAMPED = 0.02  # part of the amplitude that straight lines between samples take, without a note
+NEAR = 0.25  # of the distance of two lines, within which one is at a frequency
 EXCITED = 1e-3  # part of the largest spectral density of the steering that counts as excitation
 AT_REST, RESTS = 0.5, 0.01  # s at an end of a recording, and the part of its range by which a steering wheel at rest may move there
 
@@ -96,6 +98,12 @@ def judge_step(s: Signals, p: StepSteer) -> Result:
         overshoot = max(0.0, (largest - value) / value) if value > 0.0 else math.nan
         if np.argmax(response[inside]) == inside.sum() - 1:
             when, overshoot = math.nan, 0.0
+        varies = SCATTERS * _scatter(t[steady], y[steady])
+        if value >= NONE and not math.isnan(when) and 0.0 <= largest - value < varies:
+            s.notes.append(
+                f'the largest {text} is {largest - value:.2g} {unit} above its steady value, which varies by {varies:.2g} {unit}: it '
+                'has no peak that is told from noise, and peak response time and overshoot mean nothing'
+            )
         ninety = crossing(t, response, 0.9 * value, after=t0 - p.rise)
         if value < NONE:  # no answer comes at no time
             when = overshoot = ninety = math.nan
@@ -136,6 +144,12 @@ def judge_step(s: Signals, p: StepSteer) -> Result:
     )
 
 
+def _scatter(t: np.ndarray, y: np.ndarray) -> float:
+    """Standard deviation from a straight line through the samples."""
+    slope, zero = line(t, y)
+    return float(np.std(y - zero - slope * t))
+
+
 @dataclass(frozen=True, kw_only=True)
 class FrequencyResponse:
     """low, high: frequencies between which it is given [Hz]. segment: length of the segments of the spectra [s]."""
@@ -169,7 +183,8 @@ def judge_frequencies(s: Signals, p: FrequencyResponse) -> Result:
     spectra = {'fs': s.rate, 'nperseg': n, 'noverlap': n - n // 4}
     x = np.pad(s['steering'], ends, 'mean', stat_length=rest)
     f, Sxx = signal.welch(x, **spectra)
-    band = (f >= p.low - 1e-9) & (f <= p.high + 1e-9)
+    near = NEAR / p.segment  # a rate that is no whole number moves the lines a little
+    band = (f >= p.low - near) & (f <= p.high + near)
     excited = band & (Sxx > EXCITED * Sxx.max())
     if excited.sum() < 0.7 * band.sum() or np.ptp(x) < LEAST_STEP:
         raise s.refuse(f'the steering wheel does not excite frequencies from {p.low:g} to {p.high:g} Hz; no random or swept input in it')
@@ -192,7 +207,7 @@ def judge_frequencies(s: Signals, p: FrequencyResponse) -> Result:
         phase -= 2.0 * math.pi * round(phase[0] / (2.0 * math.pi))
         at = f[excited]
         top = int(np.argmax(g))
-        lowest = max(p.low, float(at[0]))
+        lowest = p.low if at[0] <= p.low + near else float(at[0])
         static = float(np.interp(lowest, at, g))
         down = crossing(at[top:], -g[top:], -static / math.sqrt(2.0))
         one = float(np.interp(1.0, at, phase)) if at[0] <= 1.0 <= at[-1] else math.nan
@@ -208,7 +223,7 @@ def judge_frequencies(s: Signals, p: FrequencyResponse) -> Result:
         figures += [
             Figure(f'{name}_gain_{k:g}hz', f'{text} per steering-wheel angle at {k:g} Hz', float(np.interp(k, at, g)), gain_unit)
             for k in TABLE
-            if at[0] <= k <= at[-1] and abs(k - lowest) > 1e-9
+            if at[0] - near <= k <= at[-1] + near and abs(k - lowest) > 1e-9
         ]
         if coherence[excited].min() < COHERENT:
             s.notes.append(

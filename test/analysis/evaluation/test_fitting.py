@@ -9,13 +9,14 @@ import pytest
 from drives import even, made
 
 from mbd_sim_ros.analysis.evaluation import driving
-from mbd_sim_ros.analysis.evaluation.driving import Driving
+from mbd_sim_ros.analysis.evaluation.driving import Driving, scene_text
 from mbd_sim_ros.analysis.evaluation.registry import called
 from mbd_sim_ros.analysis.evaluation.signals import Signals
 from solver.elements.road_grids import RandomRoad
 from solver.errors import SpecError
 from solver.files.scene import load_scene_text
 from solver.inputs.signals import Ramp
+from solver.levels import auto
 from solver.scene import Scene
 
 
@@ -33,6 +34,23 @@ def composed(monkeypatch: pytest.MonkeyPatch, name: str, *overrides: str) -> Sce
     monkeypatch.setattr(Driving, '_hardest', lambda self, label, text, start, settings: start)
     Driving('light_car', Path('out'), overrides).drive(called(name)[0])
     return scenes[-1]
+
+
+def test_a_run_by_another_plan_is_another_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A plan that is made anew is not in the text of a scene with fidelity auto; the run of the older one was taken for its own."""
+    monkeypatch.setattr(auto, 'location', lambda: tmp_path)
+    monkeypatch.setattr(driving, 'simulation_of', lambda scene: None)
+    monkeypatch.setattr(driving, 'simulate', lambda simulation, steps, *, directory, progress: directory.mkdir(parents=True))
+    settings = ['fidelity=auto', 'require={yaw_rate: {rms: 2 %}}']
+    one = Driving('light_car', tmp_path / 'out', settings)
+    text = scene_text(called('iso21994')[0].drive, one.vehicle, 'x', settings)
+    plan = {'status': 'ok', 'fidelity': 'full', 'settings': {'switches': {}, 'integrator': {'h': 4e-3}}, 'envelope': [], 'findings': []}
+    places = []
+    for h in (4e-3, 2e-3, 2e-3):
+        auto.keep(load_scene_text(text, 'x', settings), plan | {'settings': {'switches': {}, 'integrator': {'h': h}}})
+        places.append(one._run('x', text, []))
+    assert places[0] != places[1]
+    assert places[1] == places[2]
 
 
 @pytest.mark.parametrize(

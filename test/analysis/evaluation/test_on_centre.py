@@ -52,6 +52,11 @@ def test_what_is_not_passed_through_has_no_figures() -> None:
     small.values['lateral_acceleration'] *= 0.4
     r = on_centre.judge(small, on_centre.Weave())
     assert math.isnan(r['torque_gradient_level'])
+    assert math.isnan(r['least_sensitivity'])  # it was next to zero, where the lateral acceleration turns back
+    assert [note.partition(':')[0] for note in r.notes] == [
+        'the lateral acceleration swings from -0.8 to 0.8 m/s^2, not beyond 1 m/s^2 to both sides'
+    ]
+    assert on_centre.judge(weaving(), on_centre.Weave()).notes == ()
     assert r['torque_gradient_zero'] == pytest.approx(3.0 / 0.8 * math.cos(0.6), rel=2e-3)
     assert math.isnan(on_centre.judge(weaving(), on_centre.Weave(level=5e-4))['least_sensitivity'])  # between two samples
 

@@ -55,7 +55,7 @@ def test_signals_come_from_topics_of_different_rates_on_uneven_stamps(rng: np.ra
     assert set(np.unique(s['brake'])) == {0.0, 100.0}  # held, nothing between
     assert np.ptp(np.diff(s.t)) < 1e-9
     assert s.every('heading') == pytest.approx(s.t[1]) and s.every('heading', 'steering') == pytest.approx(0.01, abs=1e-4)
-    with pytest.raises(BagError, match='has no hand torque: the channel steering_torque or joint_states/steering_wheel/effort is needed'):
+    with pytest.raises(BagError, match='has no hand torque: the channel steering_torque or cmd_applied/steering_torque is needed'):
         signals(run, 'bag', ('steering_torque',))
     del run.series['odom']
     again = signals(run, 'bag', ('lateral_acceleration',))
@@ -94,6 +94,42 @@ def test_gaps_are_told() -> None:
     assert '0.51 s without samples' in s.notes[0] or '0.52 s without samples' in s.notes[0]
     with pytest.raises(BagError, match='ten samples'):
         signals(Run({'imu': Series(np.arange(5), {'imu/wz': np.zeros(5)})}), 'bag', ('yaw_rate',))
+
+
+def test_how_many_gaps_there_are_is_told() -> None:
+    t = even(10.0, 100.0)
+    keep = ((t < 2.0) | (t > 2.3)) & ((t < 4.0) | (t > 4.5)) & ((t < 7.0) | (t > 7.1))
+    run = Run({'imu': Series(np.round(t[keep] * 1e9).astype(np.int64), {'imu/wz': t[keep]})})
+    (note,) = signals(run, 'bag', ('yaw_rate',)).notes
+    assert note == '0.52 s without samples behind t = 3.99 s, the longest of 2 such times'
+
+
+@pytest.mark.parametrize(
+    ('begin', 'end', 'told'),
+    [
+        (0.0, 10.0, ''),
+        (0.2, 9.8, ''),  # sensors start one after the other
+        (0.0, 4.0, 'judged from t = 0 to 4 s alone, of 0 to 10 s: imu/wz ends then'),
+        (3.0, 9.5, 'judged from t = 3 to 9.5 s alone, of 0 to 10 s: imu/wz begins then'),
+    ],
+)
+def test_a_topic_that_is_not_there_for_the_whole_time_is_told(begin: float, end: float, told: str) -> None:
+    """A sensor that ended after 4 of 10 s left an evaluation of 4 s without a word."""
+    t = even(10.0, 100.0)
+    part = (t >= begin) & (t <= end)
+    stamps = np.round(t * 1e9).astype(np.int64)
+    run = Run({'odom': Series(stamps, {'odom/twist/vx': 20.0 - t}), 'imu': Series(stamps[part], {'imu/wz': t[part]})})
+    assert signals(run, 'bag', ('speed', 'yaw_rate')).notes == [told] * bool(told)
+
+
+def test_the_hand_torque_is_that_which_turns_the_steering_wheel() -> None:
+    """Of a steering wheel that a torque turns the effort is what all together do: the hand, and the damper of the steering."""
+    stamps = np.arange(1001, dtype=np.int64) * 10**7
+    effort = Series(stamps, {'joint_states/steering_wheel/effort': np.full(1001, 9.0)})
+    assert set(signals(Run({'joint_states': effort}), 'bag', ('steering_torque',))['steering_torque']) == {9.0}
+    hand = Series(stamps, {'cmd_applied/steering_torque': np.full(1001, 2.0)})
+    run = Run({'joint_states': effort, 'cmd_applied': hand})
+    assert set(signals(run, 'bag', ('steering_torque',))['steering_torque']) == {2.0}
 
 
 def test_commands_that_are_sent_when_they_change_hold_to_the_end() -> None:

@@ -71,6 +71,17 @@ def test_another_speed_than_that_of_the_norm_is_told() -> None:
     assert len(told(82.5)) == 1
 
 
+def test_an_angle_a_in_degrees_is_told() -> None:
+    """14.3 deg given as rad: the sine of 86 deg would be one of 0.1 A, of which no displacement is asked, and the run passed."""
+
+    def told(reference: float) -> list[str]:
+        notes = sine_with_dwell.judge(dwelling(push=1.0), sine_with_dwell.SineWithDwell(reference=reference)).notes
+        return [note.partition(',')[0] for note in notes if 'check reference' in note]
+
+    assert told(14.3) == ['the amplitude is 0.105 A']
+    assert told(0.25) == told(1.0) == []
+
+
 @pytest.mark.parametrize(('rate', 'told'), [(50.0, False), (20.0, True)])
 def test_samples_too_far_apart_for_the_filters_are_told(rate: float, told: bool) -> None:
     for s in (dwelling(rate=rate), dwelling()):

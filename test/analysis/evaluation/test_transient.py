@@ -80,6 +80,19 @@ def test_what_does_not_answer_has_no_response_time(roll: float) -> None:
     assert r['yaw_rate_response_time'] > 0.0
 
 
+def test_a_peak_that_is_noise_is_told(rng: np.random.Generator) -> None:
+    """A yaw rate that grows to 0.3 rad/s without a peak, by a sensor with noise of 0.003 rad/s: its largest sample is anywhere. One that
+    overshoots by 9 % has its peak beside the same noise."""
+    for overshoots in (False, True):
+        noisy = stepped()
+        t = noisy.t
+        if not overshoots:
+            noisy.values['yaw_rate'] = 0.3 * (1.0 - np.exp(-np.maximum(t - 2.0, 0.0) / 0.15))
+        noisy.values['yaw_rate'] += 0.003 * rng.standard_normal(t.size)
+        told = [note for note in transient.judge_step(noisy, transient.StepSteer()).notes if 'told from noise' in note]
+        assert [note.partition(' is ')[0] for note in told] == [] if overshoots else ['the largest yaw rate']
+
+
 def test_a_peak_is_that_before_the_steady_values() -> None:
     """A car that goes on turning more, by 5 % a second: its yaw rate is largest in the end, and its peak is where it was."""
     s = stepped()
@@ -188,6 +201,19 @@ def test_the_lowest_frequency_is_named_as_it_is(rng: np.random.Generator) -> Non
     assert 'yaw_rate_gain_0.5hz' not in texts  # it is that one
     texts = {f.name: f.text for f in transient.judge_frequencies(s, transient.FrequencyResponse()).figures}
     assert texts['yaw_rate_static_gain'] == 'yaw rate per steering-wheel angle at 0.2 Hz'
+
+
+@pytest.mark.parametrize('rate', [99.96, 100.04])
+def test_a_rate_that_is_no_whole_number_keeps_the_ends_of_the_band(rate: float, rng: np.random.Generator) -> None:
+    """Lines of segments of 1000 samples are at 0.19992 and 2.499 Hz, or at 0.20008 and 2.501 Hz: the former had no gain at 0.2 Hz, to which
+    the bandwidth refers, the latter none at 2.5 Hz."""
+    t = even(120.0, rate)
+    x = 0.3 * rng.standard_normal(t.size)
+    s = made(t, steering=x, speed=22.0, yaw_rate=answered(x, rate, 0.3, 1.2, 0.6), lateral_acceleration=x)
+    result = transient.judge_frequencies(s, transient.FrequencyResponse())
+    texts = {f.name: f.text for f in result.figures}
+    assert texts['yaw_rate_static_gain'] == 'yaw rate per steering-wheel angle at 0.2 Hz'
+    assert result['lateral_acceleration_gain_2.5hz'] == pytest.approx(1.0)
 
 
 def test_noise_lowers_the_coherence_as_it_must(rng: np.random.Generator) -> None:

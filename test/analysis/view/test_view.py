@@ -134,8 +134,8 @@ def test_pictures_say_what_their_colours_are(car: Path, crank: Path):
 def test_what_has_no_curves_is_drawn_alone(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     """A free body has no joint whose angle could be drawn beside it."""
     bag = recorded(tmp_path / 'top', 'torque_free_top', 'duration=0.1')
-    for name in ('one.png', 'film.gif', 'page.html', 'layout.json'):
-        assert main(['view', str(bag), '--out', str(tmp_path / name), '--width', '320']) == 0, capsys.readouterr().err
+    for name, *options in (('one.png', '--width', '320'), ('film.gif', '--width', '320'), ('page.html',), ('layout.json',)):
+        assert main(['view', str(bag), '--out', str(tmp_path / name), *options]) == 0, capsys.readouterr().err
         assert (tmp_path / name).stat().st_size > 0
     assert json.loads((tmp_path / 'layout.json').read_text())['layout'] == '3D!motion'
 
@@ -332,6 +332,8 @@ def test_what_cannot_be_shown_is_one_sentence(
         ([crank, '--out', tmp_path / 'x.gif', '--at', '0.2'], 'x.gif: --at has no effect there; leave it out, or write one of .png'),
         ([crank, crank, '--out', tmp_path / 'x.json'], 'x.json: a further recording has no effect there'),
         ([crank, '--out', tmp_path / 'x.rrd', '--channel', 'imu/*'], 'x.rrd: --channel has no effect there'),
+        ([crank, '--rerun', '--channel', 'imu/*'], '--rerun: --channel has no effect there'),
+        ([crank, '--out', tmp_path / 'x.html', '--width', '800'], 'x.html: --width has no effect there'),
         ([crank, '--out', tmp_path / 'x.html', '--speed', '0.5'], 'x.html: --speed has no effect there'),
     ):
         assert main(['view', *map(str, arguments)]) != 0
