@@ -17,6 +17,7 @@ from solver.elements.road import RoadSpec
 from solver.errors import SpecError
 from solver.inputs.actuation import Chain
 from solver.inputs.assistance import Assistant
+from solver.inputs.hands import CommandSource, hands_at
 from solver.model.spec import ModelSpec
 from solver.model.state import fitting, load_arrays
 from solver.output.snapshot import TIRE_COLUMNS
@@ -26,6 +27,27 @@ class Part(Protocol):
     """What makes inputs and has a memory."""
 
     state: np.ndarray
+
+
+def hand_over(simulation: Any, parts: Mapping[str, Part], *, commanded: bool) -> None:
+    """Have what does not act now stand where things are, for whoever drives where the state is restored goes on from there.
+
+    commanded: topics drive, and the driver of the scene does not act; else its maneuver does, and the filter behind the commands does not;
+    nor do actuators and assistance where that is a recording, which has been through them.
+    """
+    sources, inputs = simulation.sources, simulation.snapshot().inputs
+    if commanded:
+        if sources.driver is not None:
+            sources.driver.start(inputs)
+        return
+    acting = (sources.actuators, sources.assistant)
+    for part in parts.values():
+        if isinstance(part, CommandSource):
+            part.state = hands_at(simulation.channels.inputs, inputs)
+        elif isinstance(part, Chain) and part not in acting:
+            part.start(inputs)
+        elif isinstance(part, Assistant) and part not in acting:
+            part.begin(inputs, None)
 
 
 def save(scene: Any, simulation: Any, parts: Mapping[str, Part], commands: Mapping[str, float]) -> Path:
