@@ -191,8 +191,6 @@ class Running:
         outcome = self.loop.outcome
         for finding in judged(self.simulation, self.envelope, ended=True):
             log.warning(f'suspect: {finding}')
-        if error is None:
-            self.recording.take_last()
         try:
             directory = self.recording.end(outcome)
             if directory:
@@ -366,10 +364,10 @@ class Running:
         self._latch_start()
         return f'back at t = {simulation.t_ns * 1e-9:g}' + ('' if state else ', in motion as it was') + said
 
-    def _end_recording(self, outcome: str, found: list[Finding] | None = None) -> str:
-        """End a recording for another; what an answer has to say of it. found: see Recording.end."""
+    def _end_recording(self, outcome: str, found: list[Finding] | None = None, last: Snapshot | None = None) -> str:
+        """End a recording for another; what an answer has to say of it. found, last: see Recording.end."""
         try:
-            self.recording.end(outcome, found)
+            self.recording.end(outcome, found, last)
         except BagError as error:
             self.node.get_logger().error(str(error))
             return f'; what was recorded is not whole: {error}'
@@ -395,11 +393,11 @@ class Running:
         heading = heading_of(orientation)
         if not (math.isfinite(x) and math.isfinite(y)):
             raise SpecError(f'x = {x}, y = {y}: a place must be two numbers')
-        found = self.recording.found()  # of what comes behind the placing there is another account
+        found, last = self.recording.found(), self.simulation.snapshot()  # behind the placing both are others
         self.simulation.place(x, y, heading)
         said = ''
         if self.recording.recorder is not None:
-            said = self._end_recording('placed elsewhere', found) + self._go_on_recording()
+            said = self._end_recording('placed elsewhere', found, last) + self._go_on_recording()
         snapshot = self.simulation.snapshot()
         if self.recording.wants(snapshot):
             self.recording.take(snapshot)

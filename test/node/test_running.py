@@ -14,6 +14,7 @@ import pytest
 from processes import DOMAIN
 from synthetic import INPUTS, Synthetic, scene
 
+from mbd_sim_ros.bags.inputs import content, inputs_of
 from mbd_sim_ros.messages.cdr import decode
 from mbd_sim_ros.messages.definitions import schema_text
 from mbd_sim_ros.messages.encode import Messages
@@ -21,6 +22,7 @@ from mbd_sim_ros.messages.topics import TF
 from solver.errors import BagError, SpecError
 from solver.inputs.actuation import Actuation
 from solver.inputs.signals import Mapped
+from solver.scene import Record
 
 pytestmark = pytest.mark.realtime
 
@@ -478,3 +480,19 @@ def test_all_bodies_are_shown_while_paused_whatever_the_step(opened, monkeypatch
     do(node, lambda running: running._repeat() or '')
     transforms = decode(TF, schema_text(TF), shown[-1][-1])[0]['transforms']
     assert {'base_link', 'subframe', 'wheel', 'imu_link'} <= {one['child_frame_id'] for one in transforms}
+
+
+@pytest.mark.parametrize('action', ['stop_recording', 'reset', 'place'])
+def test_a_recording_that_is_ended_holds_its_last_steps_too(opened, tmp_path: Path, monkeypatch, action: str) -> None:
+    """Seven of them behind the last instant of record.every."""
+    from mbd_sim_ros.node import services
+
+    plain = scene
+    monkeypatch.setitem(globals(), 'scene', lambda **values: plain(**{'record': Record(every=10, poses=0.0, elements_rate=0.0), **values}))
+    node = opened(mode='lockstep', record=True, out='first', step_count=27)
+    assert do(node, services.step)[0]
+    until(lambda: node.loop.steps == 27)
+    act = getattr(services, action, lambda running: running.place(1.0, 2.0, (0.0, 0.0, 0.0, 1.0)))
+    assert do(node, act)[0]
+    found = inputs_of(content(tmp_path / 'first'))
+    assert (found.first, found.last) == (0, 27)
