@@ -76,6 +76,8 @@ class Running:
         lockstep = tuple(place_of(name, self._names, scene.name) for name in self.value('lockstep_commands'))
         if first and self.value('restore'):
             self._restored = state_files.restore(Path(self.value('restore')), scene, simulation, self._parts())
+            if self.value('commands') != 'topics' and (text := state_files.jump(simulation, self.value('steering_rate_limit'))):
+                node.get_logger().warning(text)
         self._messages = Messages.of(scene, simulation, self.value('frame_prefix'))
         self.envelope = Envelope(simulation)
         self._urdf = self.value('robot_description') or simulation.urdf()

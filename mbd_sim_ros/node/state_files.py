@@ -118,6 +118,23 @@ def restore(path: Path, scene: Any, simulation: Any, parts: Mapping[str, Part]) 
     return commands
 
 
+def jump(simulation: Any, rate: float) -> str:
+    """What a maneuver does to the steering wheel in the next step, if that is faster than `rate` [rad/s]: it does not ask where the wheel
+    stands. '' where it does not, or where a driver or an actuator turns the wheel."""
+    sources, names, inputs = simulation.sources, simulation.channels.inputs, simulation.snapshot().inputs
+    turned = sources.driver is not None and sources.driver.driver is not None
+    if turned or 'steering' not in names or (sources.actuators is not None and 'steering' in simulation.scene.actuation.actuators):
+        return ''
+    place, t = names.index('steering'), simulation.t_ns * 1e-9
+    stands, wanted = float(inputs[place]), float(sources.of_time.table(simulation.k, 1)[0, place])
+    if abs(wanted - stands) <= rate * simulation.h_ns * 1e-9:
+        return ''
+    return (
+        f'the steering wheel stands at {stands:.3g} rad, and the maneuver has it at {wanted:.3g} rad behind t = {t:g} s, where it jumps; '
+        'restore a state of that maneuver, or drive by topics'
+    )
+
+
 def _require_above_the_road(path: Path, scene: Any, simulation: Any) -> None:
     """Raise SpecError where the road lies so much higher than that of the file that the rim of a wheel is in it: it would be hurled up."""
     deflection = TIRE_COLUMNS.index('deflection')

@@ -96,6 +96,7 @@ def test_a_state_carries_over_to_every_scene_of_the_same_vehicle(tmp_path: Path,
     monkeypatch.chdir(tmp_path)
     before = load_scene('light_car_step_steer')
     curve = Simulation(before)
+    assert not state_files.jump(curve, 20.0)
     at = {name: place for place, name in enumerate(curve.channels.inputs)}
     source = CommandSource(curve.channels.inputs, curve.h_ns)
     for _ in range(400):
@@ -112,7 +113,11 @@ def test_a_state_carries_over_to_every_scene_of_the_same_vehicle(tmp_path: Path,
             np.testing.assert_array_equal(getattr(simulation.state, one), getattr(curve.state, one), err_msg=name)
         np.testing.assert_array_equal(simulation.snapshot().inputs, there.inputs)
         np.testing.assert_array_equal(parts['steering'].state, source.state)
-        if after.maneuver.driver is not None:
+        jumps = state_files.jump(simulation, 20.0)
+        if after.maneuver.driver is None:
+            assert jumps.startswith('the steering wheel stands at 0.5 rad, and the maneuver has it at 0 rad behind t = 0.4 s')
+        else:
+            assert not jumps
             most = after.maneuver.driver.rate_limit * 1e-9 * simulation.h_ns
             moved = abs(simulation.advance(1).inputs[at['steering']] - there.inputs[at['steering']])
             assert moved <= most
