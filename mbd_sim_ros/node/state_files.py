@@ -119,15 +119,16 @@ def restore(path: Path, scene: Any, simulation: Any, parts: Mapping[str, Part]) 
 
 
 def jump(simulation: Any, rate: float) -> str:
-    """What a maneuver does to the steering wheel in the next step, if that is faster than `rate` [rad/s]: it does not ask where the wheel
-    stands. '' where it does not, or where a driver or an actuator turns the wheel."""
+    """What a maneuver does to the steering wheel in the next step, if that is faster than `rate` [rad/s] and the wheel is not where it had
+    it: it does not ask where that stands. '' where it does not, or where a driver or an actuator turns the wheel."""
     sources, names, inputs = simulation.sources, simulation.channels.inputs, simulation.snapshot().inputs
     turned = sources.driver is not None and sources.driver.driver is not None
     if turned or 'steering' not in names or (sources.actuators is not None and 'steering' in simulation.scene.actuation.actuators):
         return ''
-    place, t = names.index('steering'), simulation.t_ns * 1e-9
-    stands, wanted = float(inputs[place]), float(sources.of_time.table(simulation.k, 1)[0, place])
-    if abs(wanted - stands) <= rate * simulation.h_ns * 1e-9:
+    place, t, k = names.index('steering'), simulation.t_ns * 1e-9, simulation.k
+    stands = float(inputs[place])
+    wanted, before = (float(sources.of_time.table(step, 1)[0, place]) for step in (k, max(k - 1, 0)))
+    if min(abs(wanted - stands), abs(before - stands)) <= rate * simulation.h_ns * 1e-9:  # a maneuver of its own may be faster
         return ''
     return (
         f'the steering wheel stands at {stands:.3g} rad, and the maneuver has it at {wanted:.3g} rad behind t = {t:g} s, where it jumps; '
