@@ -50,7 +50,8 @@ class Simulation:
 
     Raises SpecError, SceneError or ConsistencyError on construction and StepError from advance(); each is one sentence.
     level: what the model leaves out of the vehicle it was derived from (None: it is the model of the scene as given). displaced: it was
-    placed somewhere, or renumbered, since its start. of_bodies: whether its states are those of bodies.
+    placed somewhere, renumbered or restored since its start, so not even step 0 need be that of the scene. of_bodies: whether its states
+    are those of bodies.
     """
 
     KINDS: tuple[str, ...] = ('alf', 'm_alf')  # of integrators
@@ -301,8 +302,12 @@ class Simulation:
             self.adaptation.start(self.state)
 
     def renumber(self, k: int) -> None:
-        """Go on as step k: at another time, in motion as it is."""
+        """Go on as step k: at another time, in motion as it is. What it shows is that of its state, not of the step that led to it."""
         self.k, self.displaced = k, True
+        if self.of_bodies:
+            energy = self.last_step.energy.copy()
+            self._show_present()
+            self.last_step.energy[:] = energy
         self.last_step.energy[TIME] = k * self.h  # of steps that are not made nothing is to be known
 
     def _count(self, counters: Counters) -> None:
@@ -347,7 +352,7 @@ class Simulation:
             watch.recall(extra, past[1])
         self.sources.recall(extra, inputs, elsewhere=elsewhere)
         copy_state(state, self.state)
-        self.k = k
+        self.k, self.displaced = k, True
         self._inputs = inputs
         self._refresh()
         self._work.energy[:] = extra['audit']
@@ -361,7 +366,7 @@ class Simulation:
 
     def __reduce__(self) -> tuple:
         """As its scene and save(): another process compiles the model anew, finds the same start, and goes on with the same bits."""
-        return _resumed, (self._made(), self.scene, self.save(), self._counters, self.level)
+        return _resumed, (self._made(), self.scene, self.save(), self._counters, self.level, self.displaced)
 
     def _made(self) -> Callable[[Scene], Simulation]:
         """What makes a simulation like this of a scene."""
@@ -407,9 +412,11 @@ class Simulation:
         return describe(self.model, J)
 
 
-def _resumed(make: Callable[[Scene], Simulation], scene: Scene, state: bytes, counters: Counters, level: LevelReport | None) -> Simulation:
+def _resumed(
+    make: Callable[[Scene], Simulation], scene: Scene, state: bytes, counters: Counters, level: LevelReport | None, displaced: bool
+) -> Simulation:
     """Inverse of Simulation.__reduce__()."""
     simulation = make(scene)
     simulation.restore(state)
-    simulation._counters, simulation.level = counters, level
+    simulation._counters, simulation.level, simulation.displaced = counters, level, displaced
     return simulation

@@ -44,6 +44,8 @@ def run(args: argparse.Namespace) -> Result:
     if not before.metadata.get('resolved_scene', ''):
         raise BagError(f'{args.bag} cannot be replayed: it does not hold its scene')
     applied = inputs_of(before)
+    if applied.first and before.state is None:
+        raise BagError(f'{args.bag} cannot be replayed: it begins with step {applied.first + 1} and does not hold the state there')
     changed = bool(args.overrides or args.vehicle)
     with ExitStack() as stack:
         directory = args.out or stack.enter_context(interrupts.scratch('mbd-replay-')) / 'replay'
@@ -69,8 +71,6 @@ def _again(args: argparse.Namespace, before: Content, applied: Inputs, directory
     scene = load_scene_text(before.metadata['resolved_scene'], f'scene in {args.bag}', _own_start(args.bag, before, applied))
     simulation = simulation_of(scene)
     own = scene.integrator.kind in Simulation.KINDS  # the others follow the maneuver of the scene at any time they like
-    if applied.first and before.state is None:
-        raise BagError(f'{args.bag} cannot be replayed: it begins with step {applied.first + 1} and does not hold the state there')
     if applied.first and not own:
         raise BagError(f'{args.bag} cannot be replayed bit by bit: integrator {scene.integrator.kind} does not go on from a saved state so')
     prefix = str(before.parameters.get('frame_prefix', ''))
@@ -154,8 +154,11 @@ def _changed(args: argparse.Namespace, before: Content, applied: Inputs, directo
     if applied.last == applied.first:
         raise BagError(f'{args.bag} cannot be replayed: it holds no step')
     for given in args.overrides:
-        if given.partition('=')[0].partition('.')[0].strip() in ('duration', 'maneuver'):
+        section = given.partition('=')[0].partition('.')[0].strip()
+        if section in ('duration', 'maneuver'):
             raise SpecError(f'--set {given}: a replay has the inputs and the time of its recording; mbd run takes others')
+        if section == 'start' and before.state is not None:
+            raise SpecError(f'--set {given}: {args.bag} begins with a state of its own; replay a recording that begins at the start')
     text, name = before.metadata['resolved_scene'], f'scene in {args.bag}'
     first = load_scene_text(text, name, overrides)
     h_ns = first.integrator.h_ns
@@ -163,13 +166,13 @@ def _changed(args: argparse.Namespace, before: Content, applied: Inputs, directo
     drive = _maneuver(args.bag, applied)[:1]
     scene = load_scene_text(text, name, [*overrides, *drive, f'duration={steps * h_ns * 1e-9!r}'])
     simulation = simulation_of(scene)
-    if applied.first == 0:
+    if before.state is None:
         figures = simulate(simulation, steps, directory=directory, progress=not args.json)
     else:
-        if h_ns != applied.h_ns or args.vehicle is not None or before.state is None:
+        if h_ns != applied.h_ns or args.vehicle is not None:
             raise SpecError(
-                f'{args.bag} begins with step {applied.first + 1}: its state there is of a step of {applied.h_ns * 1e-9:g} s and of its '
-                'vehicle; keep both, or replay a recording that begins at the start'
+                f'{args.bag} begins with step {applied.first + 1} elsewhere than its scene: its state there is of a step of '
+                f'{applied.h_ns * 1e-9:g} s and of its vehicle; keep both, or replay a recording that begins at the start'
             )
         figures = simulate(
             simulation, applied.last, directory=directory, progress=not args.json, state=before.state,

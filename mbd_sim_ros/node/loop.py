@@ -214,7 +214,9 @@ class Loop:
         self.judge_anew()
 
     def step(self, count: int) -> None:
-        """Do `count` steps now, whether paused or waiting for commands (to be asked for)."""
+        """Do `count` steps now, whether paused or waiting for commands (to be asked for); what was commanded before counts in them."""
+        if self.mode == 'lockstep':  # which does not look while it is paused
+            self._poll()
         self._pending += count
 
     @property
@@ -365,7 +367,7 @@ class Loop:
         """Make n steps, of which the last may be seen, with the commands there are."""
         if self.mode != 'lockstep':  # which has polled, and must not mix in what came since
             self._poll()
-            self._used = self.latched.counts  # where lockstep begins, these are no newer than the last step
+        self._used = self.latched.counts  # in lockstep, these are no newer than the last step, whatever made it
         begin = time.perf_counter()
         snapshot = self._make(n)
         end = time.perf_counter()

@@ -96,24 +96,28 @@ class Recording:
             self._fail(error)
             self.recorder = None
 
-    def take_last(self) -> None:
-        """Record the present state, unless that is done."""
-        if self.recorder is not None and self._written != self._simulation.k:
-            self.take(self._simulation.snapshot())
+    def take_last(self, last: Snapshot | None = None) -> None:
+        """Record the last state, unless that is done; None: it is the present one."""
+        last = last or self._simulation.snapshot()
+        if self.recorder is not None and self._written != last.k:
+            self.take(last)
 
     def found(self) -> list[Finding]:
         """What makes the run suspect if it ends here."""
         return judged(self._simulation, self._envelope, ended=True)
 
-    def end(self, outcome: str, found: list[Finding] | None = None) -> Path | None:
+    def end(self, outcome: str, found: list[Finding] | None = None, last: Snapshot | None = None) -> Path | None:
         """Finish the recording; returns its directory, or None where there is none. Raises BagError, which `failed` is then.
 
-        found: what made it suspect, where the simulation is elsewhere by now.
+        found, last: what made it suspect, and its last state, where the simulation is elsewhere by now. That state is recorded whatever
+        its step, or the inputs of the steps behind the last instant of record.every would be lost.
         """
-        recorder, self.recorder = self.recorder, None
+        recorder, loop = self.recorder, self.loop
         if recorder is None:
             return None
-        loop = self.loop
+        if loop.error is None:
+            self.take_last(last)
+        self.recorder = None
         figures = {'steps': loop.steps, 'overruns': loop.overruns, 'schedule_slips': loop.slips, 'wall_time': f'{loop.wall_time:.3f}'}
         events = json.dumps([event._asdict() for event in self._simulation.events])
         found = self.found() if found is None else found

@@ -66,15 +66,18 @@ class Running:
         self._priority = 0
         self._names = commands_of(simulation.channels.inputs, scene.actuation.steering)
         self._uncommanded = uncommanded(base_names(simulation.channels.inputs), self._names)
-        self._actuators: Chain | None = simulation.sources.new_actuators() if scene.actuation.actuators else None
-        self._assistant: Assistant | None = simulation.sources.new_assistant() if scene.assistance else None
+        own = simulation.sources  # whose actuators and assistance act, whoever drives; a recording has been through them, and has none
+        self._actuators: Chain | None = own.actuators or (own.new_actuators() if scene.actuation.actuators else None)
+        self._assistant: Assistant | None = own.assistant or (own.new_assistant() if scene.assistance else None)
         self._road_map = steering_map(scene.model) if scene.actuation.steering == 'road_wheel' else None
         self._source = self._new_source()
         self._asked: tuple[float, ...] = ()  # commands of the last step
-        self._restored: dict[str, float] = {}  # commands that held where the state was saved that this begins with
+        self._restored: dict[str, float] = {}  # commands that held before that which this goes on with
         lockstep = tuple(place_of(name, self._names, scene.name) for name in self.value('lockstep_commands'))
         if first and self.value('restore'):
             self._restored = state_files.restore(Path(self.value('restore')), scene, simulation, self._parts())
+            if self.value('commands') != 'topics' and (text := state_files.jump(simulation, self.value('steering_rate_limit'))):
+                node.get_logger().warning(text)
         self._messages = Messages.of(scene, simulation, self.value('frame_prefix'))
         self.envelope = Envelope(simulation)
         self._urdf = self.value('robot_description') or simulation.urdf()
@@ -190,8 +193,6 @@ class Running:
         outcome = self.loop.outcome
         for finding in judged(self.simulation, self.envelope, ended=True):
             log.warning(f'suspect: {finding}')
-        if error is None:
-            self.recording.take_last()
         try:
             directory = self.recording.end(outcome)
             if directory:
@@ -213,10 +214,11 @@ class Running:
     def _new_source(self) -> CommandSource:
         channels, inputs = self.simulation.channels, self.simulation.snapshot().inputs
         at_start = dict(zip(channels.inputs, inputs))
-        if self._actuators is not None:
-            self._actuators.start(inputs)
-        if self._assistant is not None:
-            self._assistant.start(inputs, self.simulation.feel().speed)
+        if self.value('commands') == 'topics':  # else the maneuver has begun them
+            if self._actuators is not None:
+                self._actuators.start(inputs)
+            if self._assistant is not None:
+                self._assistant.start(inputs, self.simulation.feel().speed)
         return CommandSource(
             channels.inputs,
             self.simulation.h_ns,
@@ -231,17 +233,32 @@ class Running:
     def _steering_wheel(self, road_wheel: float) -> float:
         """Angle of the steering wheel [rad] for an angle of the road wheels [rad]; where it stands, until one is commanded."""
         assert self._road_map is not None
-        return steering_wheel_at(self._road_map, road_wheel) if self.loop.latched.counts[0] else float(self._source.state[0])
+        return steering_wheel_at(self._road_map, road_wheel) if self._steered else float(self._source.state[0])
+
+    @property
+    def _steered(self) -> bool:
+        """Whether the steering has been commanded, here or before that which this goes on with."""
+        return self.loop.latched.counts[0] > 0 or self._names[0] in self._restored
+
+    def _in_force(self) -> dict[str, float]:
+        """Commands by name; without an angle of the road wheels as long as none was commanded, for the steering wheel stands still then.
+        None where the maneuver drives: what acts then are its inputs."""
+        known = self._names if self._steered or self._road_map is None else self._names[1:]
+        known = () if self.commands.deaf else known
+        return {name: value for name, value in zip(self._names, self.loop.latched.values, strict=True) if name in known}
 
     def _latch_start(self) -> None:
-        """Until a command comes, steering, brake, clutch and gear stay where they are; an automatic gearbox works its clutch itself.
+        """Until a command comes, steering, brakes, clutches and gear stay where they are; what helps the driver works what it has itself.
 
         What was commanded when a state was saved holds where it is restored, but for what drives: that is there while it is sent only.
         """
         inputs = dict(zip(self.simulation.channels.inputs, self.simulation.snapshot().inputs.tolist()))
-        held = {'steering': float(self._source.state[0])} | {name: inputs.get(name, 0.0) for name in ('brake_torque', 'gear')}
+        still = ['steering_torque', 'brake_torque', 'gear']
         if self.scene.assistance.shift is None:
-            held['clutch'] = inputs.get('clutch', 0.0)
+            still += ['clutch', 'lock_up']
+        if not self.scene.assistance.brakes:
+            still += [name for name in self._names if name.startswith('brake_torque_')]
+        held = {'steering': float(self._source.state[0])} | {name: inputs.get(name, 0.0) for name in still}
         held |= {name: value for name, value in self._restored.items() if not name.startswith(DRIVING)}
         self.loop.latched = Latched.none([held.get(name, 0.0) for name in self._names])
 
@@ -300,7 +317,7 @@ class Running:
     def _repeat(self) -> None:
         """Publish the present state, all of it, whoever hears it and whatever the rates."""
         snapshot = self.simulation.snapshot()
-        self._publication.publish(self._messages.encode(snapshot), to_nobody=True)
+        self._publication.publish(self._messages.encode(snapshot, whole=True), to_nobody=True)
         if self._ticks is not None:
             self._publish_clock(self._ticks, snapshot, anyway=True)
 
@@ -342,17 +359,17 @@ class Running:
         if recording:
             said += self._go_on_recording()
         self._ticked = -math.inf
-        self._restored.clear()
         self.envelope.restart()
         self.commands.poll()  # what was said before is of the past
+        self._restored = {} if state else self._in_force()  # a motion that goes on keeps its commands
         self.loop.restart()
         self._latch_start()
         return f'back at t = {simulation.t_ns * 1e-9:g}' + ('' if state else ', in motion as it was') + said
 
-    def _end_recording(self, outcome: str, found: list[Finding] | None = None) -> str:
-        """End a recording for another; what an answer has to say of it. found: see Recording.end."""
+    def _end_recording(self, outcome: str, found: list[Finding] | None = None, last: Snapshot | None = None) -> str:
+        """End a recording for another; what an answer has to say of it. found, last: see Recording.end."""
         try:
-            self.recording.end(outcome, found)
+            self.recording.end(outcome, found, last)
         except BagError as error:
             self.node.get_logger().error(str(error))
             return f'; what was recorded is not whole: {error}'
@@ -378,11 +395,11 @@ class Running:
         heading = heading_of(orientation)
         if not (math.isfinite(x) and math.isfinite(y)):
             raise SpecError(f'x = {x}, y = {y}: a place must be two numbers')
-        found = self.recording.found()  # of what comes behind the placing there is another account
+        found, last = self.recording.found(), self.simulation.snapshot()  # behind the placing both are others
         self.simulation.place(x, y, heading)
         said = ''
         if self.recording.recorder is not None:
-            said = self._end_recording('placed elsewhere', found) + self._go_on_recording()
+            said = self._end_recording('placed elsewhere', found, last) + self._go_on_recording()
         snapshot = self.simulation.snapshot()
         if self.recording.wants(snapshot):
             self.recording.take(snapshot)
@@ -391,7 +408,8 @@ class Running:
 
     def save(self) -> Path:
         """Write the state into a file in the current directory, and return that."""
-        return state_files.save(self.scene, self.simulation, self._parts(), dict(zip(self._names, self.loop.latched.values, strict=True)))
+        state_files.hand_over(self.simulation, self._parts(), commanded=not self.commands.deaf)
+        return state_files.save(self.scene, self.simulation, self._parts(), self._in_force())
 
     def _parts(self) -> dict[str, state_files.Part]:
         """What makes the inputs of the simulation and has a memory, by the names in state files."""

@@ -17,6 +17,7 @@ from solver.elements.road import RoadSpec
 from solver.errors import SpecError
 from solver.inputs.actuation import Chain
 from solver.inputs.assistance import Assistant
+from solver.inputs.hands import CommandSource, hands_at
 from solver.model.spec import ModelSpec
 from solver.model.state import fitting, load_arrays
 from solver.output.snapshot import TIRE_COLUMNS
@@ -26,6 +27,27 @@ class Part(Protocol):
     """What makes inputs and has a memory."""
 
     state: np.ndarray
+
+
+def hand_over(simulation: Any, parts: Mapping[str, Part], *, commanded: bool) -> None:
+    """Have what does not act now stand where things are, for whoever drives where the state is restored goes on from there.
+
+    commanded: topics drive, and the driver of the scene does not act; else its maneuver does, and the filter behind the commands does not;
+    nor do actuators and assistance where that is a recording, which has been through them.
+    """
+    sources, inputs = simulation.sources, simulation.snapshot().inputs
+    if commanded:
+        if sources.driver is not None:
+            sources.driver.start(inputs)
+        return
+    acting = (sources.actuators, sources.assistant)
+    for part in parts.values():
+        if isinstance(part, CommandSource):
+            part.state = hands_at(simulation.channels.inputs, inputs)
+        elif isinstance(part, Chain) and part not in acting:
+            part.start(inputs)
+        elif isinstance(part, Assistant) and part not in acting:
+            part.begin(inputs, None)
 
 
 def save(scene: Any, simulation: Any, parts: Mapping[str, Part], commands: Mapping[str, float]) -> Path:
@@ -94,6 +116,24 @@ def restore(path: Path, scene: Any, simulation: Any, parts: Mapping[str, Part]) 
     if elsewhere and ('assistance' in parts) != ('assistance' in saved):
         commands = {name: value for name, value in commands.items() if name not in ('gear', 'clutch')}
     return commands
+
+
+def jump(simulation: Any, rate: float) -> str:
+    """What a maneuver does to the steering wheel in the next step, if that is faster than `rate` [rad/s] and the wheel is not where it had
+    it: it does not ask where that stands. '' where it does not, or where a driver or an actuator turns the wheel."""
+    sources, names, inputs = simulation.sources, simulation.channels.inputs, simulation.snapshot().inputs
+    turned = sources.driver is not None and sources.driver.driver is not None
+    if turned or 'steering' not in names or (sources.actuators is not None and 'steering' in simulation.scene.actuation.actuators):
+        return ''
+    place, t, k = names.index('steering'), simulation.t_ns * 1e-9, simulation.k
+    stands = float(inputs[place])
+    wanted, before = (float(sources.of_time.table(step, 1)[0, place]) for step in (k, max(k - 1, 0)))
+    if min(abs(wanted - stands), abs(before - stands)) <= rate * simulation.h_ns * 1e-9:  # a maneuver of its own may be faster
+        return ''
+    return (
+        f'the steering wheel stands at {stands:.3g} rad, and the maneuver has it at {wanted:.3g} rad behind t = {t:g} s, where it jumps; '
+        'restore a state of that maneuver, or drive by topics'
+    )
 
 
 def _require_above_the_road(path: Path, scene: Any, simulation: Any) -> None:

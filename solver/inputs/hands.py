@@ -49,6 +49,13 @@ def follow(omega: float, x: float, v: float, r: float, slope: float, t: float) -
     return r - lag + slope * t + (e + b * t) * decay, slope + (b - omega * (e + b * t)) * decay
 
 
+def hands_at(input_names: Sequence[str], inputs: np.ndarray) -> np.ndarray:
+    """(3,) state of a CommandSource whose hands are where inputs (nu,) have the steering wheel, and move as it does."""
+    there = dict(zip(input_names, inputs.tolist(), strict=True))
+    angle = there.get('steering', 0.0)
+    return np.array([angle, angle, there.get('steering' + RATE, 0.0)])
+
+
 class CommandSource:
     """Turns commands latched at step boundaries into inputs; the steering command passes a filter, torques hold over the step.
 

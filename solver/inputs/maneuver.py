@@ -15,7 +15,7 @@ import numpy as np
 
 from solver.errors import SpecError, suggestion
 from solver.inputs.driver import PreviewDriver, Sight, SpeedControl
-from solver.inputs.hands import COMMANDS, CommandSource
+from solver.inputs.hands import COMMANDS, CommandSource, hands_at
 from solver.inputs.recorded import ACCELERATION, RATE, BagChannel, RecordedSource, recorded
 from solver.inputs.signals import Constant, Signal, signal
 from solver.inputs.unresolved import Departure, Unresolved
@@ -233,8 +233,7 @@ class DriverSource:
         """Begin in the middle of a motion, with the hands where inputs (nu,) have the steering wheel."""
         self.reset()
         if self.driver is not None:
-            angle, rate, _ = inputs[self._steering].tolist()
-            self._hands.state = np.array([angle, angle, rate])
+            self._hands.state = hands_at(self._hands.names, inputs)
 
     @property
     def state(self) -> np.ndarray:

@@ -342,7 +342,7 @@ class SingleTrackSimulation(Simulation):
         self.sources.recall(found, found['inputs'], elsewhere=elsewhere)
         self._totals = totals
         self.y[:] = found['single_track']
-        self.k = k
+        self.k, self.displaced = k, True
         self._inputs = found['inputs']
         loss = self.y.copy()
         start(self.tables, self.y, self._inputs, self._index, self._scratch, self._frame)

@@ -277,6 +277,22 @@ def test_recordings_begun_while_running_and_after_restore_replay_to_the_same_bit
     assert code == 2 and 'its state there is of a step of 0.001 s' in data['error']
 
 
+def test_a_recording_that_begins_at_step_0_elsewhere_than_its_scene_is_replayed_from_there(tmp_path, capsys):
+    """Placed at x = 50 m, y = -20 m before its first step. Elsewhere the same settings would be said to differ by all of that."""
+    scene = load_scene('light_car_straight', ['record.every=10'])
+    placed = Simulation(scene)
+    placed.place(50.0, -20.0, 0.5)
+    batch.simulate(Simulation(scene), 50, directory=tmp_path / 'r', state=placed.save())
+    assert content(tmp_path / 'r').first_step == 0
+    code, data = document(capsys, 'replay', tmp_path / 'r')
+    assert (code, data['status'], data['steps']) == (0, 'identical', 50)
+    code, data = document(capsys, 'replay', tmp_path / 'r', '--set', f'integrator.iterations={scene.integrator.iterations}')
+    assert code == 0 and max(one['max'] for one in data['channels'].values()) < 1e-15
+    for setting, says in (('integrator.h=0.002', 'its state there is of a step of 0.001 s'), ('start.speed=3', 'with a state of its own')):
+        code, data = document(capsys, 'replay', tmp_path / 'r', '--set', setting)
+        assert code == 2 and says in data['error']
+
+
 @pytest.mark.slow
 def test_on_another_target_it_says_that_the_same_bits_cannot_be_expected(tmp_path, capsys):
     """The recording is made by a process whose C library takes its functions for processors without FMA (glibc's tunable)."""

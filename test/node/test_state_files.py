@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from synthetic import Synthetic, scene
 
+from mbd_sim_ros.commands.main import main
 from mbd_sim_ros.node import state_files
 from mbd_sim_ros.node.state_files import restore, save
 from solver.errors import SpecError
@@ -95,6 +96,7 @@ def test_a_state_carries_over_to_every_scene_of_the_same_vehicle(tmp_path: Path,
     monkeypatch.chdir(tmp_path)
     before = load_scene('light_car_step_steer')
     curve = Simulation(before)
+    assert not state_files.jump(curve, 20.0)
     at = {name: place for place, name in enumerate(curve.channels.inputs)}
     source = CommandSource(curve.channels.inputs, curve.h_ns)
     for _ in range(400):
@@ -111,10 +113,52 @@ def test_a_state_carries_over_to_every_scene_of_the_same_vehicle(tmp_path: Path,
             np.testing.assert_array_equal(getattr(simulation.state, one), getattr(curve.state, one), err_msg=name)
         np.testing.assert_array_equal(simulation.snapshot().inputs, there.inputs)
         np.testing.assert_array_equal(parts['steering'].state, source.state)
-        if after.maneuver.driver is not None:
+        jumps = state_files.jump(simulation, 20.0)
+        if after.maneuver.driver is None:
+            assert jumps.startswith('the steering wheel stands at 0.5 rad, and the maneuver has it at 0 rad behind t = 0.4 s')
+        else:
+            assert not jumps
             most = after.maneuver.driver.rate_limit * 1e-9 * simulation.h_ns
             moved = abs(simulation.advance(1).inputs[at['steering']] - there.inputs[at['steering']])
             assert moved <= most
+
+
+@pytest.mark.parametrize('recorded', [False, True], ids=['driver', 'recording'])
+def test_topics_go_on_where_a_maneuver_is_and_a_maneuver_where_topics_are(
+    recorded: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In one scene. What did not act before was where the scene begins: the wheel would turn by a tenth of a radian in a step, and the
+    brakes be off. Hands and actuators are where they were, and the steering wheel goes on."""
+    monkeypatch.chdir(tmp_path)
+    name, overrides = 'light_car_lane_change', ['actuation.actuators.brake_torque.lag=0.1']
+    braking = [*overrides, 'maneuver.brake_torque=100']
+    if recorded:
+        assert main(['run', name, '--duration', '2', '--out', 'drive', '--json', *(w for text in braking for w in ('--set', text))]) == 0
+    driven = load_scene(name, [*overrides, "maneuver={bag: 'drive'}", 'duration=2'] if recorded else braking)
+    simulation = Simulation(driven)
+    names = simulation.channels.inputs
+    simulation.advance(1900)
+    there = dict(zip(names, simulation.inputs.tolist()))
+    assert abs(there['steering']) > 0.1 and there['brake_torque'] == pytest.approx(100.0)
+    own = simulation.sources.actuators
+    parts = {'steering': CommandSource(names, simulation.h_ns), 'actuators': own or simulation.sources.new_actuators()}
+    state_files.hand_over(simulation, parts, commanded=False)
+    path = save(driven, simulation, parts, {})
+    other = Simulation(driven)
+    commanded = {'steering': CommandSource(names, other.h_ns), 'actuators': other.sources.actuators or other.sources.new_actuators()}
+    assert restore(path, driven, other, commanded) == {}
+    row = commanded['actuators'].advance(commanded['steering'].advance(there['steering'], 0.0, there['brake_torque']))
+    at = dict(zip(names, row.tolist()))
+    h = 1e-9 * other.h_ns
+    assert abs(at['steering'] - there['steering']) <= abs(there['steering_rate']) * h
+    assert at['brake_torque'] == there['brake_torque']
+    if recorded:
+        return
+    other.advance(1, row)
+    state_files.hand_over(other, commanded, commanded=True)
+    back = Simulation(driven)
+    restore(save(driven, other, commanded, {}), driven, back, parts_of(driven, back))
+    assert abs(back.advance(1).inputs[names.index('steering')] - at['steering']) <= driven.maneuver.driver.rate_limit * h
 
 
 def test_actuators_of_another_scene_begin_at_the_inputs_in_force(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

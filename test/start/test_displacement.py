@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+import pickle
 
 import numpy as np
 import pytest
 
 import solver
+from mbd_sim_ros.bags.applied import begin_of
 from solver.analysis.verdict import findings
 from solver.elements.aero_drag import AeroDragSpec
 from solver.elements.applied_force import AppliedForceSpec
@@ -96,6 +98,32 @@ def test_what_is_placed_or_renumbered_is_not_suspect_for_it(overrides):
     assert again.t_ns == 1400 * again.h_ns and again.displaced
     again.advance(100)
     assert findings(again) == []
+
+
+@pytest.mark.parametrize('overrides', [[], ['fidelity=single_track']], ids=['whole', 'single_track'])
+def test_a_restored_state_is_none_of_the_start_although_its_step_is_0(overrides):
+    """A recording that begins with it has to hold it. What comes out of another process is as it was."""
+    sims = [solver.simulation_of(load_scene('light_car_step_steer', overrides)) for _ in range(2)]
+    sims[0].place(*THERE)
+    sims[1].restore(sims[0].save())
+    assert sims[1].k == 0 and 'start_state' in begin_of(sims[1])
+    for sim in sims:
+        again = pickle.loads(pickle.dumps(sim))
+        assert again.displaced
+        again.reset()
+        assert not again.displaced and 'start_state' not in begin_of(pickle.loads(pickle.dumps(again)))
+
+
+@pytest.mark.parametrize('overrides', [[], ['fidelity=single_track']], ids=['whole', 'single_track'])
+def test_a_motion_at_another_time_shows_what_its_saved_state_shows(overrides):
+    """What a recording begins with is shown by a step in the one, and by nothing but the state in the other."""
+    sim, again = (solver.simulation_of(load_scene('light_car_step_steer', overrides)) for _ in range(2))
+    sim.advance(1300)
+    sim.renumber(0)
+    again.restore(sim.save())
+    assert again.snapshot().numbers.tobytes() == sim.snapshot().numbers.tobytes()
+    assert again.advance(20).numbers.tobytes() == sim.advance(20).numbers.tobytes()
+    assert findings(sim) == findings(again) == []
 
 
 def test_a_road_that_is_not_the_same_everywhere_is_refused():

@@ -50,6 +50,9 @@ class Synthetic:
     def __init__(self, *, h_ns: int = 2_000_000, vehicle: bool = True, fails_at: int = -1, bad_at: int = -1) -> None:
         self.h_ns, self.fails_at, self.bad_at = h_ns, fails_at, bad_at
         self.events: list = []
+        self.sources = SimpleNamespace(
+            actuators=None, assistant=None, driver=None, of_time=SimpleNamespace(table=lambda k0, n: np.zeros((n, len(INPUTS))))
+        )  # fmt: skip
         self.channels = channels(vehicle=vehicle)
         self.scene = SimpleNamespace(
             model=ModelSpec(bodies=(RigidBodySpec(name='chassis', mass=1.0, inertia=(1.0, 1.0, 1.0, 0.0, 0.0, 0.0)),))
