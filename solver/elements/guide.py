@@ -99,8 +99,8 @@ class GuideSpec(Spec):
     ratios: coefficients of the powers of s in L', over side; crossings: c of either side. mounts: their k [N/m], 0 for none; yields: with
     a mount the inverse of the damper's law, rate over force. wheels: coordinates of the turning wheels, to show the brake torque at.
     input: of the brakes; shares of either wheel in it; brake_stiffness [N m/rad], brake_damping [N m s/rad] of a stuck wheel.
-    drive: input of what drives the wheels from their carriers; drives: up to two, (factor of the left wheel, of the right one, gain of the
-    input [N m], rate at which it ends [rad/s] or 0).
+    drive: input of what drives the wheels from their carriers [N m]; drives: up to two, (factor of the left wheel, of the right one, gain
+    of the input, rate at which it ends [rad/s] or 0).
     """
 
     chassis: str

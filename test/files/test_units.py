@@ -41,7 +41,7 @@ WITHOUT = {
     # several units in one list, or those of the names that its numbers go by
     *('BushingSpec.stiffness', 'BushingSpec.damping', 'BushingSpec.preload', 'Bushing.stiffness', 'values', 'extra', 'evaluate_with'),
     *('Table.points', 'Mapped.points', 'GuideSpec.travel', 'GuideSpec.steering', 'shape', 'opposite', 'GuideSpec.stiffness', 'windup'),
-    *('GuideSpec.coupling', 'jacking', 'GuideSpec.ratios'),
+    *('GuideSpec.coupling', 'jacking', 'GuideSpec.ratios', 'drives'),
     # those of coordinates, inputs, channels, signals or rasters
     *('terms', 'reference', 'CoordinateForceSpec.preload', 'input_gain', 'top_rate', 'CouplerSpec.offset', 'BrakeSpec.gain'),
     *('CoordinateStart.rate', 'value', 'slope', 'initial', 'Ramp.final', 'amplitude', 'final_amplitude', 'Sine.offset', 'of', 'signals'),
