@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import time
@@ -11,85 +10,14 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from processes import DOMAIN
-from synthetic import INPUTS, Synthetic, scene
+from open_node import MANY, do, opened, said, sent, until
+from synthetic import INPUTS
 
-from mbd_sim_ros.bags.inputs import content, inputs_of
-from mbd_sim_ros.messages.cdr import decode
-from mbd_sim_ros.messages.definitions import schema_text
-from mbd_sim_ros.messages.encode import Messages
-from mbd_sim_ros.messages.topics import TF
 from solver.errors import BagError, SpecError
-from solver.inputs.actuation import Actuation
-from solver.inputs.signals import Mapped
-from solver.scene import Record
 
 pytestmark = pytest.mark.realtime
 
-MANY = 1_000_000  # steps that no test waits for
-
-
-@pytest.fixture
-def opened(tmp_path, monkeypatch):
-    """Open a node in an empty directory: opened(parameter=value, ...); one that was opened before is closed."""
-    rclpy = pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
-    from mbd_sim_ros.node.simulator import Simulator
-
-    monkeypatch.chdir(tmp_path)
-    nodes: list[Simulator] = []
-
-    def close() -> None:
-        for node in nodes:
-            node.close('stopped')
-            node.destroy_node()
-        nodes.clear()
-        rclpy.try_shutdown()
-
-    def opened(**parameters: object) -> Simulator:
-        close()
-        parameters = {'realtime_priority': 0, **parameters}  # or this process, and those that its tests start, had it ever after
-        given = [text for name, value in parameters.items() for text in ('-p', f'{name}:={json.dumps(value)}')]
-        rclpy.init(args=['--ros-args', *given], domain_id=int(DOMAIN))
-        nodes.append(Simulator(lambda name, overrides: (scene(name=name), Synthetic())))
-        nodes[0].open(scene(), Synthetic())
-        return nodes[0]
-
-    yield opened
-    close()
-    assert os.sched_getscheduler(0) == os.SCHED_OTHER
-
-
-@pytest.fixture
-def sent(monkeypatch):
-    """(topic, message) of everything that is published in this process."""
-    publisher = pytest.importorskip('rclpy.publisher', reason='needs ROS: source Jazzy, or pip install .[ros]').Publisher
-    found: list[tuple[str, object]] = []
-    plain = publisher.publish
-    monkeypatch.setattr(publisher, 'publish', lambda self, message: (found.append((self.topic_name, message)), plain(self, message))[1])
-    return found
-
-
-def do(node, action) -> tuple[bool, str]:
-    """Have an action done between two steps."""
-    from mbd_sim_ros.node.services import asked
-
-    return asked(node.running, action)
-
-
-def said(node) -> tuple[int, str]:
-    """Level and message of the diagnostics."""
-    from mbd_sim_ros.node.diagnostics import diagnosis
-
-    recording = node.running.recording
-    status = diagnosis(node.loop, recording.recorder, recording.failed)
-    return status.level, status.message
-
-
-def until(condition, seconds: float = 10.0) -> None:
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, 'timed out'
-        time.sleep(0.002)
+__all__ = ['opened', 'sent']  # fixtures
 
 
 def with_a_dead_recording(opened):
@@ -370,129 +298,3 @@ def test_a_recording_that_ends_with_a_placing_is_judged_by_what_was_before(opene
     )
     assert do(node, lambda running: running.place(1.0, 2.0, (0.0, 0.0, 0.0, 1.0)))[0]
     assert placed == [False]
-
-
-def test_a_car_that_was_saved_on_its_brakes_stands_on_them(opened, tmp_path: Path) -> None:
-    """What drives was there while somebody sent it. A file of an older version tells no commands, but what was applied last."""
-    from mbd_sim_ros.node import services
-
-    node = opened(mode='lockstep')
-    do(node, lambda running: [running.loop.command(index, value) for index, value in enumerate((0.3, 50.0, 30.0))])
-    until(lambda: node.loop.steps == 1)
-    done, file = do(node, services.save_state)
-    assert done
-    older = tmp_path / 'older.npz'
-    with np.load(file) as content:
-        np.savez(older, **{name: value for name, value in content.items() if name not in ('commands', 'latched')})
-    for path, steering in ((file, 0.3), (str(older), None)):
-        node = opened(mode='lockstep', restore=path)
-        assert node.loop.latched.values[1:] == (0.0, 30.0)
-        assert steering is None or node.loop.latched.values[0] == steering
-        assert do(node, services.step)[0]
-        until(lambda node=node: node.loop.steps == 1)
-        np.testing.assert_array_equal(node.running.simulation.inputs[-2:], [0.0, 30.0])
-        assert do(node, services.reset)[0]
-        assert node.loop.latched.values == (0.0, 0.0, 0.0)  # as the scene begins
-
-
-def test_what_a_maneuver_holds_holds_for_the_topics_that_go_on_from_its_state(opened, monkeypatch) -> None:
-    """The wheel is where it was, and turns as it did; nobody has commanded anything, so that no command stands in the file."""
-    from mbd_sim_ros.node import services
-
-    monkeypatch.setattr('synthetic.INPUTS', (*INPUTS, 'lock_up', 'brake_torque_rear_left'))
-    node = opened(commands='maneuver', mode='lockstep')
-    do(node, lambda running: running.simulation.advance(1, np.array([0.4, 0.1, 0.0, 50.0, 30.0, 1.0, 12.0])) and '')
-    done, file = do(node, services.save_state)
-    assert done
-    node = opened(mode='lockstep', restore=file)
-    assert dict(zip(node.loop.commands, node.loop.latched.values)) == {
-        'steering': 0.4, 'drive_torque': 0.0, 'brake_torque': 30.0, 'lock_up': 1.0, 'brake_torque_rear_left': 12.0,
-    }  # fmt: skip
-    assert node.running._source.state.tolist() == [0.4, 0.4, 0.1]
-
-
-def test_an_angle_of_road_wheels_that_was_commanded_is_reached_behind_a_restore_too(opened, monkeypatch) -> None:
-    """The map: 1 rad of the steering wheel is straight on, and 16 times the angle of the road wheels more. At 20 rad/s the reference of the
-    filter takes 80 ms, 40 steps, for the 1.6 rad to it. Where nothing was commanded the wheel stays where it is."""
-    from mbd_sim_ros.node import services
-
-    plain, mapped = scene, Mapped(of=0.0, points=((-1.0, -15.0), (1.0, 17.0)))
-    monkeypatch.setitem(globals(), 'scene', lambda **values: plain(**{'actuation': Actuation(steering='road_wheel'), **values}))
-    monkeypatch.setattr('mbd_sim_ros.node.running.steering_map', lambda model: mapped)
-    for commands, stands in (((0.1,), 2.6), ((), 0.0)):
-        node = opened(mode='lockstep', step_count=1)
-        do(node, lambda running, commands=commands: [running.loop.command(0, value) for value in commands])
-        assert do(node, services.step)[0]
-        until(lambda node=node: node.loop.steps == 1)
-        done, file = do(node, services.save_state)
-        assert done
-        node = opened(mode='lockstep', step_count=200, restore=file)
-        assert do(node, services.step)[0]
-        until(lambda node=node: node.loop.steps == 200)
-        assert node.running._source.state[0] == pytest.approx(stands, abs=1e-12)
-
-
-def test_a_motion_that_goes_on_at_another_time_keeps_its_commands(opened) -> None:
-    """The steering wheel has not reached its angle yet: at 20 rad/s it takes 15 ms."""
-    node = opened(mode='lockstep')
-    do(node, lambda running: [running.loop.command(index, value) for index, value in enumerate((0.3, 50.0, 30.0))])
-    until(lambda: node.loop.steps == 1)
-    assert do(node, lambda running: running.reset(state=False))[0]
-    assert node.running.simulation.k == 0
-    assert node.loop.latched.values == (0.3, 0.0, 30.0)  # what drives is there while it is sent only
-
-
-def test_commands_given_while_lockstep_is_paused_count_in_the_steps_that_are_asked_for_and_in_no_other(opened) -> None:
-    from rclpy.duration import Duration
-    from std_msgs.msg import Float64
-
-    from mbd_sim_ros.node import services
-
-    node = opened(mode='lockstep', step_count=2)
-    assert do(node, services.pause)[0]
-    topics = {'steering_cmd': 0.1, 'torque_cmd': 20.0, 'brake_cmd': 30.0}
-    publishers = {topic: node.create_publisher(Float64, f'simulator/{topic}', 1) for topic in topics}
-    until(lambda: all(publisher.get_subscription_count() for publisher in publishers.values()))
-    for topic, value in topics.items():
-        publishers[topic].publish(Float64(data=value))
-        assert publishers[topic].wait_for_all_acked(Duration(seconds=10))
-    time.sleep(0.1)
-    assert do(node, services.step)[0]
-    until(lambda: node.loop.steps == 2)
-    np.testing.assert_array_equal(node.running.simulation.inputs[-2:], [20.0, 30.0])
-    assert do(node, services.resume)[0]
-    time.sleep(0.1)
-    assert node.loop.steps == 2  # no newer than at the last step
-
-
-def test_all_bodies_are_shown_while_paused_whatever_the_step(opened, monkeypatch) -> None:
-    """At another rate than the messages of a run: who opens RViz then would see the chassis without its wheels."""
-    from mbd_sim_ros.node import services
-
-    node = opened()
-    running = node.running
-    assert do(node, services.pause)[0]
-    until(lambda: do(node, services.step)[0] and running.simulation.k % 10 == 3)
-    time.sleep(0.1)
-    shown: list[list] = []
-    monkeypatch.setattr(running, '_messages', Messages(running.simulation.channels, poses_every=10))
-    monkeypatch.setattr(running._publication, 'publish', lambda messages, **_: shown.append(messages))
-    do(node, lambda running: running._repeat() or '')
-    transforms = decode(TF, schema_text(TF), shown[-1][-1])[0]['transforms']
-    assert {'base_link', 'subframe', 'wheel', 'imu_link'} <= {one['child_frame_id'] for one in transforms}
-
-
-@pytest.mark.parametrize('action', ['stop_recording', 'reset', 'place'])
-def test_a_recording_that_is_ended_holds_its_last_steps_too(opened, tmp_path: Path, monkeypatch, action: str) -> None:
-    """Seven of them behind the last instant of record.every."""
-    from mbd_sim_ros.node import services
-
-    plain = scene
-    monkeypatch.setitem(globals(), 'scene', lambda **values: plain(**{'record': Record(every=10, poses=0.0, elements_rate=0.0), **values}))
-    node = opened(mode='lockstep', record=True, out='first', step_count=27)
-    assert do(node, services.step)[0]
-    until(lambda: node.loop.steps == 27)
-    act = getattr(services, action, lambda running: running.place(1.0, 2.0, (0.0, 0.0, 0.0, 1.0)))
-    assert do(node, act)[0]
-    found = inputs_of(content(tmp_path / 'first'))
-    assert (found.first, found.last) == (0, 27)
