@@ -304,6 +304,8 @@ class _Reduction:
         axes = [vector_of(matrix(self.tires[c].marker.orientation)[:, 1]) for c in corners]
         stiffness = own[0].stiffness  # type: ignore[union-attr]
         drives = on_carriers(self.spec, axle)
+        if len({drive.input for drive in drives}) > 1:
+            raise SpecError(f'wheels of the {axle} axle are driven from their carriers by several inputs; use full')
         gear = self.assisted.gear if self.assisted is not None and axle == AXLES[0] else None
         return GuideSpec(
             name=axle, chassis=self.chassis.name, left=wheels[corners[0]].name, right=wheels[corners[1]].name,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from live_axle_cars import off_roader
@@ -9,6 +11,7 @@ from live_axle_cars import scene as of_vehicle
 
 from solver import simulation_of
 from solver.analysis.kinematics_and_compliance import CORNERS
+from solver.errors import SpecError
 from solver.files.scene import load_scene_text
 from solver.levels import derive
 from solver.levels.kc import kc_model
@@ -32,6 +35,16 @@ def test_guides_carry_what_acts_on_carriers() -> None:
     assert [guide.drives for guide in kc_model(scene(vehicle='electric_4wd', drive=0.0).model).guides] == [(), ()]
     front, rear = kc_model(scene(vehicle='pickup_awd', drive=0.0).model).guides
     assert (front.drives, rear.drives) == ((), ((0.5, 0.5, 0.6, 120.0),))
+
+
+def test_carriers_that_two_inputs_drive_are_refused() -> None:
+    """A guide has one input of its drives: the second would act by the first."""
+    model = scene(*HUBS, vehicle='electric_4wd', drive=0.0).model
+    forces = tuple(force.replace(input='boost') if force.name == 'motor_rear_left' else force for force in model.coordinate_forces)
+    assert forces != model.coordinate_forces
+    boosted = dataclasses.replace(model, coordinate_forces=forces, inputs=(*model.inputs, 'boost'))
+    with pytest.raises(SpecError, match='wheels of the rear axle are driven from their carriers by several inputs; use full'):
+        kc_model(boosted)
 
 
 def test_what_a_pinion_does_to_the_housing_of_a_live_axle_behind_a_gearbox_is_said() -> None:
