@@ -112,7 +112,7 @@ class Interfaces:
 
     def _set_state(self, request: Any, response: Any) -> Any:
         wanted, result = request.state.state, response.result
-        if wanted == self._state() and not self._running.loop.stepping:  # steps that were asked for end with a pause
+        if wanted == self._state() and not self._running.loop.stepping:  # either ends steps that were asked for
             return _answer(response, result, ALREADY, 'already in this state')
         if wanted == QUITTING:
             self._running.loop.finish('asked to quit')
@@ -161,6 +161,8 @@ class Interfaces:
         self.host.stopped = False
         completed = 0
         while completed < count:
+            if not running.loop.paused:
+                return False, f'{completed} of {count} steps: the simulation is running again'
             portion = 1 if one_by_one else count
             dropped = running.loop.dropped
             done, text = asked(running, partial(_make, portion))
@@ -172,7 +174,7 @@ class Interfaces:
             lost = running.loop.dropped - dropped
             completed += portion - min(lost, portion)
             if lost:
-                return False, f'{completed} of {count} steps: the others were dropped by a pause or a reset'
+                return False, f'{completed} of {count} steps: the others were dropped by a pause, a resumption or a reset'
             if tell(completed):
                 break
         return True, f'{completed} steps, at t = {running.simulation.t_ns * 1e-9:.6f} s'

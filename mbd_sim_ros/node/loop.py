@@ -94,8 +94,8 @@ class Loop:
     behind each call, `repeat()` from time to time while lockstep waits for a first or lost answer, and while paused. commands: names of
     those that are latched, steering first; drive torques and the accelerator among them count as zero when they are older than
     command_timeout. The attributes mode, rate_factor, command_timeout [s, 0: never] and lockstep_commands may be changed at any time.
-    dropped: steps that were asked for and not made, because of a pause or a reset. After the thread has ended `outcome` is a sentence and
-    `error` the exception that ended it, if any.
+    dropped: steps that were asked for and not made, because of a pause, a resumption or a reset. After the thread has ended `outcome` is a
+    sentence and `error` the exception that ended it, if any.
     """
 
     def __init__(
@@ -203,15 +203,20 @@ class Loop:
 
     def pause(self) -> int:
         """Hold the simulation; returns how many steps that were asked for are not made (to be asked for)."""
-        self.paused, count, self._pending = True, self._pending, 0
-        self.dropped += count
-        return count
+        self.paused = True
+        return self._drop()
 
-    def resume(self) -> None:
-        """Go on (to be asked for)."""
+    def resume(self) -> int:
+        """Go on as the mode has it; returns how many steps that were asked for are not made for the asking (to be asked for)."""
         self.paused = False
         self._anchor = None
         self.judge_anew()
+        return self._drop()
+
+    def _drop(self) -> int:
+        count, self._pending = self._pending, 0
+        self.dropped += count
+        return count
 
     def step(self, count: int) -> None:
         """Do `count` steps now, whether paused or waiting for commands (to be asked for); what was commanded before counts in them."""
@@ -233,8 +238,8 @@ class Loop:
     def restart(self) -> None:
         """Forget commands, schedule and counters after the simulation was reset (to be asked for)."""
         self.latched = Latched.none((0.0,) * len(self.commands))
-        self.dropped += self._pending
-        self._used, self._pending, self._anchor, self._answered = self.latched.counts, 0, None, -1
+        self._drop()
+        self._used, self._anchor, self._answered = self.latched.counts, None, -1
         self.steps = self.overruns = self.slips = 0
         self._times.clear()
         self.judge_anew()

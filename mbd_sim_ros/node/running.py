@@ -10,7 +10,6 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
@@ -20,21 +19,17 @@ from std_msgs.msg import String
 from mbd_sim_ros.messages.cdr import ENCAPSULATION
 from mbd_sim_ros.messages.encode import STAMP, Messages, require_finite
 from mbd_sim_ros.messages.topics import ELEMENTS, MOTIONS
-from mbd_sim_ros.node import state_files
 from mbd_sim_ros.node.commands import Commands, gears_of
 from mbd_sim_ros.node.diagnostics import judged
-from mbd_sim_ros.node.loop import DRIVING, Latched, Loop
+from mbd_sim_ros.node.driving import Driving
+from mbd_sim_ros.node.loop import Loop
 from mbd_sim_ros.node.parameters import RATES
 from mbd_sim_ros.node.publish import Publication
 from mbd_sim_ros.node.recording import Recording
 from solver.analysis.envelope import Envelope
 from solver.analysis.verdict import Finding
 from solver.errors import BagError, MbdError, SpecError
-from solver.inputs.actuation import Chain
-from solver.inputs.assistance import Assistant
-from solver.inputs.hands import CommandSource, commands_of, place_of, uncommanded
-from solver.inputs.maneuver import base_names
-from solver.levels.road_wheel import steering_map, steering_wheel_at
+from solver.inputs.hands import place_of
 from solver.output.snapshot import Snapshot
 
 CLOCK_SECONDS = 0.01  # between two messages on /clock at least, of elapsed and of simulated time
@@ -64,20 +59,10 @@ class Running:
         """first: of the node; others do not restore the state, nor record into the directory, that its parameters name."""
         self.node, self.scene, self.simulation = node, scene, simulation
         self._priority = 0
-        self._names = commands_of(simulation.channels.inputs, scene.actuation.steering)
-        self._uncommanded = uncommanded(base_names(simulation.channels.inputs), self._names)
-        own = simulation.sources  # whose actuators and assistance act, whoever drives; a recording has been through them, and has none
-        self._actuators: Chain | None = own.actuators or (own.new_actuators() if scene.actuation.actuators else None)
-        self._assistant: Assistant | None = own.assistant or (own.new_assistant() if scene.assistance else None)
-        self._road_map = steering_map(scene.model) if scene.actuation.steering == 'road_wheel' else None
-        self._source = self._new_source()
-        self._asked: tuple[float, ...] = ()  # commands of the last step
-        self._restored: dict[str, float] = {}  # commands that held before that which this goes on with
-        lockstep = tuple(place_of(name, self._names, scene.name) for name in self.value('lockstep_commands'))
-        if first and self.value('restore'):
-            self._restored = state_files.restore(Path(self.value('restore')), scene, simulation, self._parts())
-            if self.value('commands') != 'topics' and (text := state_files.jump(simulation, self.value('steering_rate_limit'))):
-                node.get_logger().warning(text)
+        self.driving = Driving(scene, simulation, self.value)
+        lockstep = tuple(place_of(name, self.driving.names, scene.name) for name in self.value('lockstep_commands'))
+        if first and self.value('restore') and (text := self.driving.restore(Path(self.value('restore')))):
+            node.get_logger().warning(text)
         self._messages = Messages.of(scene, simulation, self.value('frame_prefix'))
         self.envelope = Envelope(simulation)
         self._urdf = self.value('robot_description') or simulation.urdf()
@@ -101,12 +86,12 @@ class Running:
         self._ticked = -math.inf  # clock reading [s] of the last
         self._tick = 0.0, 1  # seconds of simulated time and steps between two
         self.recording = Recording(node, scene, simulation, self._messages, self.envelope, self._urdf)
-        self.commands = Commands(node, self._names, gears=gears_of(scene.model), deaf=self.value('commands') != 'topics')
+        self.commands = Commands(node, self.driving.names, gears=gears_of(scene.model), deaf=self.driving.deaf)
         refused.callback(self.commands.close)
         duration = self.value('duration') if self.value('duration') >= 0.0 else scene.duration
-        self.loop = self.commands.loop = self.recording.loop = Loop(
+        self.loop = self.commands.loop = self.recording.loop = self.driving.loop = Loop(
             simulation,
-            inputs=self._inputs,
+            inputs=self.driving.inputs,
             emit=self._emit,
             poll=self.commands.poll,
             hidden=self._hidden,
@@ -116,10 +101,10 @@ class Running:
             rate_factor=self.value('rate_factor'),
             end_ns=round(duration * 1e9) if duration > 0.0 else None,
             command_timeout=self.value('command_timeout'),
-            commands=self._names,
+            commands=self.driving.names,
             lockstep_commands=lockstep,
         )
-        self._latch_start()
+        self.driving.latch()
         if self.value('record'):
             self.begin_recording(out)
         self._describe()
@@ -154,13 +139,13 @@ class Running:
         self.loop.start()
         self.prefer()
         self.warn_of_mode(self.loop.mode)
-        if self._uncommanded and not self.commands.deaf:
-            held = f'no command is for {", ".join(self._uncommanded)}: held as at the start'
+        if self.driving.uncommanded and not self.driving.deaf:
+            held = f'no command is for {", ".join(self.driving.uncommanded)}: held as at the start'
             self.node.get_logger().warning(f'{held}; with the parameter commands = maneuver the maneuver of the scene drives')
 
     def warn_of_mode(self, mode: str) -> None:
         """Say where nothing but ~/step will make a step."""
-        if mode == 'lockstep' and self.commands.deaf:
+        if mode == 'lockstep' and self.driving.deaf:
             self.node.get_logger().warning(
                 "mode lockstep waits for commands, and the parameter commands = 'maneuver' has the node listen to none: only ~/step makes "
                 'steps; use commands:=topics and the node maneuver, or another mode'
@@ -211,57 +196,6 @@ class Running:
             if publisher is not None:
                 self.node.destroy_publisher(publisher)
 
-    def _new_source(self) -> CommandSource:
-        channels, inputs = self.simulation.channels, self.simulation.snapshot().inputs
-        at_start = dict(zip(channels.inputs, inputs))
-        if self.value('commands') == 'topics':  # else the maneuver has begun them
-            if self._actuators is not None:
-                self._actuators.start(inputs)
-            if self._assistant is not None:
-                self._assistant.start(inputs, self.simulation.feel().speed)
-        return CommandSource(
-            channels.inputs,
-            self.simulation.h_ns,
-            bandwidth=self.value('steering_bandwidth'),
-            rate_limit=self.value('steering_rate_limit'),
-            steering=float(at_start.get('steering', 0.0)),
-            commands=self._names,
-            mapped=None if self._road_map is None else self._steering_wheel,
-            others={name: float(at_start[name]) for name in self._uncommanded},
-        )
-
-    def _steering_wheel(self, road_wheel: float) -> float:
-        """Angle of the steering wheel [rad] for an angle of the road wheels [rad]; where it stands, until one is commanded."""
-        assert self._road_map is not None
-        return steering_wheel_at(self._road_map, road_wheel) if self._steered else float(self._source.state[0])
-
-    @property
-    def _steered(self) -> bool:
-        """Whether the steering has been commanded, here or before that which this goes on with."""
-        return self.loop.latched.counts[0] > 0 or self._names[0] in self._restored
-
-    def _in_force(self) -> dict[str, float]:
-        """Commands by name; without an angle of the road wheels as long as none was commanded, for the steering wheel stands still then.
-        None where the maneuver drives: what acts then are its inputs."""
-        known = self._names if self._steered or self._road_map is None else self._names[1:]
-        known = () if self.commands.deaf else known
-        return {name: value for name, value in zip(self._names, self.loop.latched.values, strict=True) if name in known}
-
-    def _latch_start(self) -> None:
-        """Until a command comes, steering, brakes, clutches and gear stay where they are; what helps the driver works what it has itself.
-
-        What was commanded when a state was saved holds where it is restored, but for what drives: that is there while it is sent only.
-        """
-        inputs = dict(zip(self.simulation.channels.inputs, self.simulation.snapshot().inputs.tolist()))
-        still = ['steering_torque', 'brake_torque', 'gear']
-        if self.scene.assistance.shift is None:
-            still += ['clutch', 'lock_up']
-        if not self.scene.assistance.brakes:
-            still += [name for name in self._names if name.startswith('brake_torque_')]
-        held = {'steering': float(self._source.state[0])} | {name: inputs.get(name, 0.0) for name in still}
-        held |= {name: value for name, value in self._restored.items() if not name.startswith(DRIVING)}
-        self.loop.latched = Latched.none([held.get(name, 0.0) for name in self._names])
-
     def _describe(self) -> None:
         """Say once, also to who comes later, what runs: the spanning tree as URDF, and the whole scene as text."""
         latched = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -272,19 +206,9 @@ class Running:
 
     # -- on the simulation thread --------------------------------------------------------------------------------------
 
-    def _inputs(self, values: tuple[float, ...]) -> np.ndarray | None:
-        if self.commands.deaf:
-            return None
-        row = self._source.settled if values is self._asked else None
-        if row is None:
-            self._asked, row = values, self._source.advance(*values)
-        if self._assistant is not None:
-            row = self._assistant.act(row, self.simulation.feel())
-        return row if self._actuators is None else self._actuators.advance(row)
-
     def _hidden(self, most: int) -> int:
         """How many of the next steps, at most so many, nobody sees: not published, not recorded, while nobody commands or assists."""
-        if self.commands.commanded or self._assistant is not None:
+        if self.commands.commanded or self.driving.assistant is not None:
             return 0
         k = self.simulation.k
         seen = self._publication.next_awaited(k, most + 1, of=self.publish_every)
@@ -353,7 +277,7 @@ class Running:
         k = simulation.k
         if state:
             simulation.reset()
-            self._source = self._new_source()
+            self.driving.begin_anew()
         if not (time and state):
             simulation.renumber(0 if time else k)
         if recording:
@@ -361,9 +285,9 @@ class Running:
         self._ticked = -math.inf
         self.envelope.restart()
         self.commands.poll()  # what was said before is of the past
-        self._restored = {} if state else self._in_force()  # a motion that goes on keeps its commands
+        self.driving.go_on(moving=not state)
         self.loop.restart()
-        self._latch_start()
+        self.driving.latch()
         return f'back at t = {simulation.t_ns * 1e-9:g}' + ('' if state else ', in motion as it was') + said
 
     def _end_recording(self, outcome: str, found: list[Finding] | None = None, last: Snapshot | None = None) -> str:
@@ -405,13 +329,3 @@ class Running:
             self.recording.take(snapshot)
         self._repeat()  # paused, or with few messages, it would be seen late
         return f'placed at x = {x:.3f} m, y = {y:.3f} m, heading {math.degrees(heading):.2f} deg{said}'
-
-    def save(self) -> Path:
-        """Write the state into a file in the current directory, and return that."""
-        state_files.hand_over(self.simulation, self._parts(), commanded=not self.commands.deaf)
-        return state_files.save(self.scene, self.simulation, self._parts(), self._in_force())
-
-    def _parts(self) -> dict[str, state_files.Part]:
-        """What makes the inputs of the simulation and has a memory, by the names in state files."""
-        parts = {'steering': self._source, 'actuators': self._actuators, 'assistance': self._assistant}
-        return {name: part for name, part in parts.items() if part is not None}

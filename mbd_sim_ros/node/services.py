@@ -32,15 +32,17 @@ class Host(Protocol):
 
 def pause(running: Running) -> str:
     """hold the simulation; steps that ~/step asked for and that are not made yet are dropped"""
-    dropped = running.loop.pause()
-    rest = f'; {dropped} steps that were asked for are not made' if dropped else ''
+    rest = _unmade(running.loop.pause())
     return f'paused at t = {running.simulation.t_ns * 1e-9:.6f} s, step {running.simulation.k}{rest}'
 
 
 def resume(running: Running) -> str:
-    """go on"""
-    running.loop.resume()
-    return 'running'
+    """go on, at the pace of the mode; steps that ~/step asked for and that are not made yet are dropped"""
+    return 'running' + _unmade(running.loop.resume())
+
+
+def _unmade(steps: int) -> str:
+    return f'; {steps} steps that were asked for are not made' if steps else ''
 
 
 def reset(running: Running) -> str:
@@ -59,7 +61,7 @@ def step(running: Running) -> str:
 
 def save_state(running: Running) -> str:
     """write the state into a file in the current directory, for the parameter `restore`"""
-    return str(running.save())
+    return str(running.driving.save())
 
 
 def start_recording(running: Running) -> str:
@@ -138,7 +140,7 @@ def _stepped(node: Node, host: Host) -> Callable[[], Awaitable[tuple[bool, str]]
             return found
         lost = await made(node, host, running)
         if not lost and running.loop.dropped > dropped:
-            lost = f'{running.loop.dropped - dropped} of them were dropped by a pause or a reset'
+            lost = f'{running.loop.dropped - dropped} of them were dropped by a pause, a resumption or a reset'
         return not lost, found[1] + (f': {lost}' if lost else '')
 
     return done

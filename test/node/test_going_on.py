@@ -60,7 +60,7 @@ def test_what_a_maneuver_holds_holds_for_the_topics_that_go_on_from_its_state(op
     assert dict(zip(node.loop.commands, node.loop.latched.values)) == {
         'steering': 0.4, 'drive_torque': 0.0, 'brake_torque': 30.0, 'lock_up': 1.0, 'brake_torque_rear_left': 12.0,
     }  # fmt: skip
-    assert node.running._source.state.tolist() == [0.4, 0.4, 0.1]
+    assert node.running.driving._source.state.tolist() == [0.4, 0.4, 0.1]
 
 
 def test_an_angle_of_road_wheels_that_was_commanded_is_reached_behind_a_restore_too(opened, monkeypatch) -> None:
@@ -70,7 +70,7 @@ def test_an_angle_of_road_wheels_that_was_commanded_is_reached_behind_a_restore_
 
     plain, mapped = scene, Mapped(of=0.0, points=((-1.0, -15.0), (1.0, 17.0)))
     monkeypatch.setattr('open_node.scene', lambda **values: plain(**{'actuation': Actuation(steering='road_wheel'), **values}))
-    monkeypatch.setattr('mbd_sim_ros.node.running.steering_map', lambda model: mapped)
+    monkeypatch.setattr('mbd_sim_ros.node.driving.steering_map', lambda model: mapped)
     for commands, stands in (((0.1,), 2.6), ((), 0.0)):
         node = opened(mode='lockstep', step_count=1)
         do(node, lambda running, commands=commands: [running.loop.command(0, value) for value in commands])
@@ -81,7 +81,7 @@ def test_an_angle_of_road_wheels_that_was_commanded_is_reached_behind_a_restore_
         node = opened(mode='lockstep', step_count=200, restore=file)
         assert do(node, services.step)[0]
         until(lambda node=node: node.loop.steps == 200)
-        assert node.running._source.state[0] == pytest.approx(stands, abs=1e-12)
+        assert node.running.driving._source.state[0] == pytest.approx(stands, abs=1e-12)
 
 
 def test_a_motion_that_goes_on_at_another_time_keeps_its_commands(opened) -> None:

@@ -127,7 +127,7 @@ def test_steps_are_made_when_their_call_is_answered_and_a_pause_is_answered_mean
     client.until(lambda: client.applied[-1]['step'] > k + 1500)
     dropped = int(client.call('pause').message.split('; ')[1].split(' steps')[0])
     client.until(future.done)
-    cut = f'1000000 steps from step {k + 1500}: {dropped} of them were dropped by a pause or a reset'
+    cut = f'1000000 steps from step {k + 1500}: {dropped} of them were dropped by a pause, a resumption or a reset'
     assert not future.result().success and future.result().message == cut
 
 

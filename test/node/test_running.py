@@ -245,7 +245,7 @@ def test_a_pause_ends_the_steps_that_were_asked_for(opened) -> None:
     assert 'not made' not in do(node, services.pause)[1]
 
 
-@pytest.mark.parametrize('action', ['pause', 'reset'])
+@pytest.mark.parametrize('action', ['pause', 'resume', 'reset'])
 def test_steps_that_were_dropped_do_not_count_as_made(opened, action: str) -> None:
     """That call of simulation_interfaces ends with what it has done."""
     from mbd_sim_ros.node import services
@@ -262,7 +262,22 @@ def test_steps_that_were_dropped_do_not_count_as_made(opened, action: str) -> No
     with pytest.raises(StopIteration) as end:
         while True:
             call.send(None)
-    assert end.value.value == (False, f'{MANY - counted} of {MANY} steps: the others were dropped by a pause or a reset')
+    assert end.value.value == (False, f'{MANY - counted} of {MANY} steps: the others were dropped by a pause, a resumption or a reset')
+
+
+def test_steps_one_by_one_end_where_the_simulation_goes_on_by_itself(opened) -> None:
+    from mbd_sim_ros.node import services
+    from mbd_sim_ros.node.interfaces import Interfaces
+
+    node = opened()
+    assert do(node, services.pause)[0]
+    interfaces = object.__new__(Interfaces)
+    interfaces.host, interfaces.node = node, SimpleNamespace(executor=None)
+    call = interfaces._steps(MANY, lambda made: do(node, services.resume)[0] and None, one_by_one=True)
+    with pytest.raises(StopIteration) as end:
+        while True:
+            call.send(None)
+    assert end.value.value == (False, f'1 of {MANY} steps: the simulation is running again')
 
 
 def test_a_pose_is_taken_in_the_frames_of_the_world_only_and_shown_while_paused(opened, sent, capfd) -> None:

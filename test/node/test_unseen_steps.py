@@ -224,7 +224,7 @@ def test_a_step_that_is_seen_alone_is_one_call(monkeypatch: pytest.MonkeyPatch) 
 def test_inputs_that_stay_are_not_made_anew_and_have_the_same_bits() -> None:
     """Of a command on its way through the filter, one that has the same value but another sign of zero, and none for a long time."""
     pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
-    from mbd_sim_ros.node.running import Running
+    from mbd_sim_ros.node.driving import Driving
 
     made = 0
 
@@ -235,12 +235,12 @@ def test_inputs_that_stay_are_not_made_anew_and_have_the_same_bits() -> None:
             return super().advance(*commands)
 
     sources = [kind(INPUTS, 1_000_000, bandwidth=50.0, steering=0.25) for kind in (Counted, CommandSource)]
-    node = SimpleNamespace(commands=SimpleNamespace(deaf=False), _source=sources[0], _asked=(), _assistant=None, _actuators=None)
+    driving = SimpleNamespace(deaf=False, _source=sources[0], _asked=(), assistant=None, _actuators=None)
     commands = [((0.25, 0.0, 0.0), 100), ((0.0, 0.0, 0.0), 4000), ((-0.0, -0.0, 0.0), 100), ((-0.0, 0.0, -0.0), 100)]
     for values, count in commands:
         before = made
         for _ in range(count):
-            assert Running._inputs(node, values).tobytes() == sources[1].advance(*values).tobytes()  # type: ignore[arg-type]
+            assert Driving.inputs(driving, values).tobytes() == sources[1].advance(*values).tobytes()  # type: ignore[arg-type]
         assert made - before < max(5, 0.7 * count)
         assert sources[0].state.tobytes() == sources[1].state.tobytes()
     assert made > 100  # while the angle comes to rest

@@ -1,0 +1,125 @@
+"""Commands become the inputs of a step: through the hands on the steering wheel, assistance and actuators, which all have a memory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from mbd_sim_ros.node import state_files
+from mbd_sim_ros.node.loop import DRIVING, Latched, Loop
+from solver.inputs.actuation import Chain
+from solver.inputs.assistance import Assistant
+from solver.inputs.hands import CommandSource, commands_of, uncommanded
+from solver.inputs.maneuver import base_names
+from solver.levels.road_wheel import steering_map, steering_wheel_at
+
+
+class Driving:
+    """Whoever drives a simulation over topics. names: of the commands, as the loop latches them; uncommanded: inputs that none is for.
+
+    value: gives the parameters of the node. deaf: the maneuver of the scene drives instead, whose parts these then are. `loop` is to be
+    assigned before `inputs` is called. Raises SpecError.
+    """
+
+    loop: Loop
+
+    def __init__(self, scene: Any, simulation: Any, value: Callable[[str], Any]) -> None:
+        self.simulation, self._scene, self._value = simulation, scene, value
+        self.deaf = value('commands') != 'topics'
+        self.names = commands_of(simulation.channels.inputs, scene.actuation.steering)
+        self.uncommanded = uncommanded(base_names(simulation.channels.inputs), self.names)
+        own = simulation.sources  # whose actuators and assistance act, whoever drives; a recording has been through them, and has none
+        self._actuators: Chain | None = own.actuators or (own.new_actuators() if scene.actuation.actuators else None)
+        self.assistant: Assistant | None = own.assistant or (own.new_assistant() if scene.assistance else None)
+        self._road_map = steering_map(scene.model) if scene.actuation.steering == 'road_wheel' else None
+        self._source = self._new_source()
+        self._asked: tuple[float, ...] = ()  # commands of the last step
+        self._restored: Mapping[str, float] = {}  # commands that held before that which this goes on with
+
+    def restore(self, path: Path) -> str:
+        """Go on from a state file; a warning where the steering will jump, or ''. Raises SpecError."""
+        self._restored = state_files.restore(path, self._scene, self.simulation, self._parts())
+        return state_files.jump(self.simulation, self._value('steering_rate_limit')) if self.deaf else ''
+
+    def save(self) -> Path:
+        """Write the state into a file in the current directory, and return that. Raises SpecError."""
+        state_files.hand_over(self.simulation, self._parts(), commanded=not self.deaf)
+        return state_files.save(self._scene, self.simulation, self._parts(), self._in_force())
+
+    def begin_anew(self) -> None:
+        """The simulation is back at its start: hands, actuators and assistance are too."""
+        self._source = self._new_source()
+
+    def go_on(self, *, moving: bool) -> None:
+        """Forget what was commanded, before the loop does; moving: a motion that goes on keeps its commands."""
+        self._restored = self._in_force() if moving else {}
+
+    def latch(self) -> None:
+        """Until a command comes, steering, brakes, clutches and gear stay where they are; what helps the driver works what it has itself.
+
+        What was commanded when a state was saved holds where it is restored, but for what drives: that is there while it is sent only.
+        """
+        inputs = dict(zip(self.simulation.channels.inputs, self.simulation.snapshot().inputs.tolist()))
+        still = ['steering_torque', 'brake_torque', 'gear']
+        if self._scene.assistance.shift is None:
+            still += ['clutch', 'lock_up']
+        if not self._scene.assistance.brakes:
+            still += [name for name in self.names if name.startswith('brake_torque_')]
+        held = {'steering': float(self._source.state[0])} | {name: inputs.get(name, 0.0) for name in still}
+        held |= {name: value for name, value in self._restored.items() if not name.startswith(DRIVING)}
+        self.loop.latched = Latched.none([held.get(name, 0.0) for name in self.names])
+
+    def inputs(self, values: tuple[float, ...]) -> np.ndarray | None:
+        """(nu,) inputs of the next step for the commands in force; None: the maneuver has them."""
+        if self.deaf:
+            return None
+        row = self._source.settled if values is self._asked else None
+        if row is None:
+            self._asked, row = values, self._source.advance(*values)
+        if self.assistant is not None:
+            row = self.assistant.act(row, self.simulation.feel())
+        return row if self._actuators is None else self._actuators.advance(row)
+
+    def _new_source(self) -> CommandSource:
+        channels, inputs = self.simulation.channels, self.simulation.snapshot().inputs
+        at_start = dict(zip(channels.inputs, inputs))
+        if not self.deaf:  # else the maneuver has begun them
+            if self._actuators is not None:
+                self._actuators.start(inputs)
+            if self.assistant is not None:
+                self.assistant.start(inputs, self.simulation.feel().speed)
+        return CommandSource(
+            channels.inputs,
+            self.simulation.h_ns,
+            bandwidth=self._value('steering_bandwidth'),
+            rate_limit=self._value('steering_rate_limit'),
+            steering=float(at_start.get('steering', 0.0)),
+            commands=self.names,
+            mapped=None if self._road_map is None else self._steering_wheel,
+            others={name: float(at_start[name]) for name in self.uncommanded},
+        )
+
+    def _steering_wheel(self, road_wheel: float) -> float:
+        """Angle of the steering wheel [rad] for an angle of the road wheels [rad]; where it stands, until one is commanded."""
+        assert self._road_map is not None
+        return steering_wheel_at(self._road_map, road_wheel) if self._steered else float(self._source.state[0])
+
+    @property
+    def _steered(self) -> bool:
+        """Whether the steering has been commanded, here or before that which this goes on with."""
+        return self.loop.latched.counts[0] > 0 or self.names[0] in self._restored
+
+    def _in_force(self) -> Mapping[str, float]:
+        """Commands by name; without an angle of the road wheels as long as none was commanded, for the steering wheel stands still then.
+        None where the maneuver drives: what acts then are its inputs."""
+        known = self.names if self._steered or self._road_map is None else self.names[1:]
+        known = () if self.deaf else known
+        return {name: value for name, value in zip(self.names, self.loop.latched.values, strict=True) if name in known}
+
+    def _parts(self) -> dict[str, state_files.Part]:
+        """What has a memory, by the names in state files."""
+        parts = {'steering': self._source, 'actuators': self._actuators, 'assistance': self.assistant}
+        return {name: part for name, part in parts.items() if part is not None}
