@@ -70,7 +70,7 @@ NAMED: dict[str, Named] = {
     'roll': Named('rad', 0.001, 'vehicle roll angle'),
     'pitch': Named('rad', 0.001, 'vehicle pitch angle'),
     'steering_wheel_angle': Named('rad', 0.01, 'angle of the steering wheel, positive to the left'),
-    'steering_torque': Named('N m', 0.1, 'torque at the steering wheel that its imposed angle takes'),
+    'steering_torque': Named('N m', 0.1, 'hand torque: what the imposed angle of the steering wheel takes, or what turns it'),
 }
 BY_WHEEL: dict[str, Named] = {
     'wheel_load': Named('N', 100.0, 'force of the road on the tire along its normal'),
@@ -133,6 +133,8 @@ def _named(name: str, channels: Channels, s: Snapshot) -> Quantity:
     places: np.ndarray
     if head in NAMED:
         meaning = NAMED[head]
+        if head in channels.inputs:  # of a wheel that a torque turns the effort has the damper of the steering in it too
+            return Quantity(name, meaning.unit, meaning.least, s.inputs[[channels.inputs.index(head)]].astype(int), _same, False)
         if head in OF_STEERING:
             places = (s.joint_position, s.joint_effort)[OF_STEERING.index(head)][[channels.joints.index('steering_wheel')]]
             return Quantity(name, meaning.unit, meaning.least, places.astype(int), _same, False)

@@ -19,14 +19,14 @@ CAR = Channels(
 )  # fmt: skip
 
 
-def value(name: str, **fields: np.ndarray) -> float:
+def value(name: str, car: Channels = CAR, **fields: np.ndarray) -> float:
     """The quantity of one snapshot of the car that has these fields, everything else not a number."""
-    numbers = new_numbers(layout_of(CAR))
+    numbers = new_numbers(layout_of(car))
     numbers[:] = np.nan
-    arrays = output_arrays(numbers, layout_of(CAR))
+    arrays = output_arrays(numbers, layout_of(car))
     for field, given in fields.items():
         getattr(arrays, field)[...] = given
-    found = quantity(name, CAR)
+    found = quantity(name, car)
     return float(found.of(numbers[found.places][None, :])[0, 0])
 
 
@@ -74,6 +74,8 @@ def test_numbers_of_wheels_joints_and_elements_are_found_by_name() -> None:
     assert value('wheel_load.front_left', tire=tire) == value('tire_states/front_left/fz', tire=tire) == 102.0
     assert value('suspension_travel.front_left', joint_position=np.array([0.1, 0.2])) == 0.2
     assert value('steering_torque', joint_effort=np.array([4.0, 5.0])) == 4.0
+    by_torque = dataclasses.replace(CAR, inputs=('drive_torque', 'steering_torque'))  # whose effort has the damper of the steering in it
+    assert value('steering_torque', by_torque, joint_effort=np.array([4.0, 5.0]), inputs=np.array([7.0, 6.0])) == 6.0
     assert value('element_states/spring/force', elements=np.arange(3.0, 8.0)) == 7.0
     assert quantity('element_states/spring/force', CAR).unit == 'N'
     assert quantity('joint_states/travel_front_left/velocity', CAR).unit == 'm/s'
