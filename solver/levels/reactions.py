@@ -13,10 +13,19 @@ EFFORT = 'efforts of shafts: those of the driven wheels have the drive torque, w
 LOST = 'what the drive torque of the {} axle does to its housing: it acts against the chassis, and loads both wheels alike'
 
 
+def turned_from_carriers(spec: ModelSpec, axle: str) -> dict[str, str]:
+    """Coordinates in which the wheels of an axle turn against what carries them, the housing of a steered live axle too: by name the
+    coordinate of the wheel."""
+    wheels = {f'wheel_{axle}_{side}': f'wheel_{axle}_{side}' for side in SIDES}
+    shafts = {f'shaft_{axle}_{side}': f'wheel_{axle}_{side}' for side in SIDES}
+    return wheels | {c.name: shafts[c.name] for c in spec.coordinates if c.name in shafts and c.i.body != spec.chassis}
+
+
 def on_carriers(spec: ModelSpec, axle: str) -> list[CoordinateForceSpec]:
-    """Forces by which an input drives the wheels of an axle from their carriers."""
-    wheels = {f'wheel_{axle}_{side}' for side in SIDES}
-    return [force for force in spec.coordinate_forces if force.input is not None and {name for name, _ in force.terms} <= wheels]
+    """Forces by which an input drives the wheels of an axle from their carriers, over the coordinates of the wheels."""
+    turned = turned_from_carriers(spec, axle)
+    driving = [force for force in spec.coordinate_forces if force.input is not None and {name for name, _ in force.terms} <= turned.keys()]
+    return [force.replace(terms=tuple((turned[name], factor) for name, factor in force.terms)) for force in driving]
 
 
 def at_wheels(spec: ModelSpec) -> tuple[str, ...]:
@@ -35,4 +44,5 @@ def unshown(spec: ModelSpec) -> tuple[str, ...]:
     final_drives = [
         {name for name, _ in force.terms} for force in spec.coordinate_forces if force.damper is not None and len(force.terms) == 3
     ]
-    return tuple(LOST.format(axle) for axle in ('front', 'rear') if any({f'wheel_{axle}_{s}' for s in SIDES} <= at for at in final_drives))
+    turned = {axle: turned_from_carriers(spec, axle) for axle in ('front', 'rear')}
+    return tuple(LOST.format(axle) for axle, names in turned.items() if any(len(names.keys() & at) == len(SIDES) for at in final_drives))

@@ -114,10 +114,14 @@ class LiveAxleDrive(Propshaft):
         assert housing is not None
         turning, shaft = propeller_shaft(self, base, housing, axle)
         outputs = (f'wheel_{axle}_left', f'wheel_{axle}_right')
+        shafts: tuple[CoordinateSpec, ...] = ()
+        if corners['left'].upright.name != housing.name:  # through joints in the kingpins: the torque turns the knuckles about these
+            outputs = (f'shaft_{axle}_left', f'shaft_{axle}_right')
+            shafts = tuple(wheel_shaft(f'{axle}_{side}', housing, corner.wheel) for side, corner in corners.items())
         forces = open_differential(base.name('differential', axle), outputs, share=self.share, top_speed=self.top_speed)
         parts = (
             turning,
-            Parts(coordinate_forces=(forces, final_drive(self, base, axle, outputs))),
+            Parts(coordinates=shafts, coordinate_forces=(forces, final_drive(self, base, axle, outputs))),
             limited_slip(base.name('limited_slip', axle), outputs, self.limited_slip),
             rotor(self.rotor, base.name('rotor', axle), housing, outputs),
         )
@@ -173,9 +177,10 @@ class Motors:
 Drive = PropshaftDrive | HalfShaftDrive | LiveAxleDrive | Motors
 
 
-def wheel_shaft(corner: str, chassis: RigidBodySpec, wheel: RigidBodySpec) -> CoordinateSpec:
-    """Coordinate shaft_<corner>: rotation of a wheel against the chassis, as an ideal shaft with constant-velocity joints has it."""
+def wheel_shaft(corner: str, base: RigidBodySpec, wheel: RigidBodySpec) -> CoordinateSpec:
+    """Coordinate shaft_<corner>: rotation of a wheel against the chassis, or the housing of a live axle, as an ideal shaft with
+    constant-velocity joints has it."""
     return CoordinateSpec(
-        name=f'shaft_{corner}', kind='rotation', i=marker_at(chassis, wheel.position, LEFTWARDS),
+        name=f'shaft_{corner}', kind='rotation', i=marker_at(base, wheel.position, LEFTWARDS),
         j=marker_at(wheel, wheel.position, spin_axis(wheel)),
     )  # fmt: skip

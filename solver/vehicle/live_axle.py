@@ -7,7 +7,8 @@ A steered one has knuckles on kingpins at its ends, a track rod between them, an
 
     housing -revolute- upright (left and right);  upright_left -track_rod- upright_right;  rack, pitman or relay link -drag_link- upright
 
-Shafts of a driven one turn evenly through the joints in its kingpins, which are not modelled: the torque of the drive acts on the wheels.
+Shafts of a driven one turn evenly through joints in its kingpins, as a constant-velocity joint does: the torque of the drive acts between
+housing and wheels, and where a kingpin leans towards the shaft it turns the knuckle about it.
 """
 
 from __future__ import annotations

@@ -32,6 +32,12 @@ def mean(turning: dict[str, float], axle: str) -> float:
     return float(np.mean([turning[f'wheel_{axle}_{side}'] for side in SIDES]))
 
 
+def outputs(turning: dict[str, float], axle: str) -> float:
+    """Of a differential: of a steered axle these are the shafts before the joints in the kingpins."""
+    name = 'shaft' if f'shaft_{axle}_left' in turning else 'wheel'
+    return float(np.mean([turning[f'{name}_{axle}_{side}'] for side in SIDES]))
+
+
 def six_by_six() -> dict[str, Any]:
     vehicle = truck()
     vehicle['axles']['front']['drive'] = shaft([0.55, 0.25, 0.47], [1.29, 0.25, 0.42], share=0.2)
@@ -91,7 +97,7 @@ def test_power_into_the_gearbox_is_that_at_the_wheels_and_what_is_stored_and_los
         """Power in, power out and lost, and energy stored [W], [J]."""
         turning, drives, box = rates(run), forces(run), forces(run, 'clutches')['clutch']
         inner = [drives['final_drive_front'], drives['final_drive_rear'], box, *([drives['transfer']] if transfer else [])]
-        out = sum(drives[f'final_drive_{axle}']['force'] * mean(turning, axle) for axle in ('front', 'rear'))
+        out = sum(drives[f'final_drive_{axle}']['force'] * outputs(turning, axle) for axle in ('front', 'rear'))
         lock = drives['transfer']['force'] / RATIO if transfer else 0.0
         for axle, torque in (('front', box['on_first'] + lock), ('rear', box['on_second'] - lock)):
             out += torque * (turning[f'gearbox_output_{axle}'] - turning[f'drive_pinion_{axle}/angle'])
