@@ -73,14 +73,20 @@ def assisted(spec: ModelSpec, servo: ServoSpec, data: dict[str, Any], turned: fl
     dampers += [(f.damper, f.terms[0][1] * lever) for f in plain]
     laws = [geared(law, slope) for law, slope in dampers if law is not None and slope != 0.0]
     damper = sum_of(laws) if laws else None
-    springs = spring_law(np.linspace(-turned, turned, len(data['torque'])), np.array(data['torque']))
     forces = [f.replace(terms=((angle, f.terms[0][1] * lever),)) for f in at_gear if f not in plain]
     helped = servo.replace(
         terms=((angle, -factor), (driving, factor)),
         forces=tuple(tuple(force * abs(lever) for force in row) for row in servo.forces),
         limit=servo.limit * abs(lever),
     )
-    return Assisted(helped, pinion.replace(inertia=tuple(float(x) for x in six)), joint, (springs, damper), tuple(forces))
+    own = pinion.replace(inertia=tuple(float(x) for x in six))
+    return Assisted(helped, own, joint, (steering_springs(data, turned), damper), tuple(forces))
+
+
+def steering_springs(data: dict[str, Any], turned: float) -> Law:
+    """The torque [N m] by which what steering winds up turns it back, the springs of a car that it lifts among it; data, turned: `gear`,
+    `steering` of solver.levels.maps.measured()."""
+    return spring_law(np.linspace(-turned, turned, len(data['torque'])), np.array(data['torque']))
 
 
 def unassisted(spec: ModelSpec, dampers: Collection[str | int]) -> tuple[str, ...]:

@@ -37,7 +37,7 @@ from solver.elements.road import RoadSpec
 from solver.elements.servo import ServoSpec
 from solver.errors import SpecError
 from solver.levels import maps
-from solver.levels.assisted import assisted, gear_held, unassisted
+from solver.levels.assisted import assisted, gear_held, steering_springs, unassisted
 from solver.levels.axle_masses import AxleMasses, beam, divided
 from solver.levels.derived import Derived, LevelReport, Limit, with_one_iteration
 from solver.levels.flywheels import flywheels, spin_of
@@ -306,7 +306,7 @@ class _Reduction:
         drives = on_carriers(self.spec, axle)
         if len({drive.input for drive in drives}) > 1:
             raise SpecError(f'wheels of the {axle} axle are driven from their carriers by several inputs; use full')
-        gear = self.assisted.gear if self.assisted is not None and axle == AXLES[0] else None
+        gear = self._gear() if steered and axle == AXLES[0] else None
         return GuideSpec(
             name=axle, chassis=self.chassis.name, left=wheels[corners[0]].name, right=wheels[corners[1]].name,
             centers=(at[0], at[1]), axes=(axes[0], axes[1]), travel=travel, steering=steering,
@@ -325,6 +325,10 @@ class _Reduction:
     def _turn(self, axle: str, couplers: tuple[Any, ...]) -> str:
         """The rotation that a guide follows: in front that of a pinion behind a torsion bar, else that of the steering wheel."""
         return couplers[0].terms[0][0] if self.assisted is None or axle != AXLES[0] else self.assisted.joint.name
+
+    def _gear(self) -> tuple[Law, Law | None]:
+        """What springs and dampers of the steering do at the rotation that the front guide follows."""
+        return (steering_springs(self.data['gear'], self.data['steering']), None) if self.assisted is None else self.assisted.gear
 
     @staticmethod
     def _inertias(wheel: RigidBodySpec) -> tuple[float, float, float, float]:
