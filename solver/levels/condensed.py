@@ -22,6 +22,7 @@ from solver.levels.derived import Derived, LevelReport, Limit, with_one_iteratio
 from solver.levels.draft import Draft
 from solver.levels.merging import merge_fixed, merge_stiff
 from solver.levels.mounts import joined_mounts
+from solver.levels.reactions import without_angles
 from solver.levels.rods import massless_links
 from solver.levels.shafts import reduced_shafts
 from solver.levels.struts import reduced_struts
@@ -49,6 +50,6 @@ def derive(scene: Scene) -> Derived:
     """The level `condensed` of a scene."""
     model, lost = condensed(scene.model)
     validity = (Limit(quantity='frequency', unit='Hz', high=30.0, why='links, arms and shafts have no modes of their own'),)
-    report = LevelReport(lost=lost, validity=validity)
+    report = LevelReport(lost=(*lost, *without_angles(scene.model)), validity=validity)
     derived = dataclasses.replace(scene, model=model, integrator=with_one_iteration(scene.integrator))
     return Derived(scene=derived, level='condensed', report=report)

@@ -11,6 +11,7 @@ from solver.vehicle.hardpoints import SIDES
 
 EFFORT = 'efforts of shafts: those of the driven wheels have the drive torque, which the whole vehicle shows at its shafts'
 LOST = 'what the drive torque of the {} axle does to its housing: it acts against the chassis, and loads both wheels alike'
+ANGLED = 'what the drive torque turns steered wheels by through half shafts at an angle: the torque at the steering wheel is without'
 
 
 def turned_from_carriers(spec: ModelSpec, axle: str) -> dict[str, str]:
@@ -46,3 +47,10 @@ def unshown(spec: ModelSpec) -> tuple[str, ...]:
     ]
     turned = {axle: turned_from_carriers(spec, axle) for axle in ('front', 'rear')}
     return tuple(LOST.format(axle) for axle, names in turned.items() if any(len(names.keys() & at) == len(SIDES) for at in final_drives))
+
+
+def without_angles(spec: ModelSpec) -> tuple[str, ...]:
+    """What half shafts do to the steering, where wheels turn as ideal shafts do that pass on no more than the angle of their ends."""
+    steered = {tire.marker.body for tire in spec.tires if tire.name.startswith('front_')}
+    shafts = [joint for joint in spec.joints if joint.kind == 'constant_velocity' and {joint.i.body, joint.j.body} & steered]
+    return (ANGLED,) if shafts else ()
