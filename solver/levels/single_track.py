@@ -47,6 +47,7 @@ STANDING = Limit(
 )
 # on 0.5 three cars turn 4 to 5 % less at three quarters of their limit, on 0.3 one of them 12 %
 SLIPPERY = Limit(quantity='friction below 1', unit='', high=0.5, why='it is identified on a road of friction 1')
+LIFTED = 'the weight that steering lifts: the torque at the steering wheel is that of the tires alone, too small in slow, tight bends'
 WITH_FRICTION = ('lateral acceleration', 'slip angle', 'slip', 'combined acceleration')  # limits in proportion to it
 
 
@@ -78,6 +79,7 @@ def derive(scene: Scene) -> Derived:
             'unevenness and slope of the road; friction counts as the mean of both wheels of an axle',
             'torsion of steering and driveline; efforts of wheels are those of their brakes, whatever drives them',
             'turn slip, and the moment against turning a wheel on the spot',
+            LIFTED,
             *without_connections(model),
             *unlifted(model),
             *(

@@ -25,7 +25,7 @@ from solver.inputs.maneuver import Maneuver
 from solver.inputs.signals import Ramp, Sine, Step
 from solver.levels import derive
 from solver.levels.error_sheet import course_scene, courses, error_sheet
-from solver.levels.single_track import unlifted
+from solver.levels.single_track import LIFTED, unlifted
 from solver.levels.single_track_simulation import SingleTrackSimulation
 from solver.levels.track_bends import Lateral, slowest_pressed
 from solver.levels.track_bulk import top_spin
@@ -153,6 +153,19 @@ def test_backwards_it_is_followed_or_told() -> None:
     """Understeer is oversteer there, and trails are others: up to a speed at which it is looked at."""
     limit = next(one for one in derive(scene('light car', Maneuver())).report.validity if one.quantity == 'longitudinal_velocity')
     assert limit.low in {-5.0, -10.0}
+
+
+@pytest.mark.slow
+def test_the_hand_feels_more_than_the_level_in_a_slow_bend_and_that_is_said() -> None:
+    """Turned by 2 rad at 4 m/s the vehicle lifts its weight by a fifth of the torque."""
+    given = scene('light car', Maneuver(steering=Step(value=2.0, start=0.1, rise=0.5)), speed=4.0)
+    torques = []
+    for level in ('full', 'single_track'):
+        simulation = solver.simulation_of(dataclasses.replace(given, fidelity=level))
+        hand = simulation.channels.joints.index('steering_wheel')
+        torques.append(float(simulation.advance(round(2.0 / simulation.h)).joint_effort[hand]))
+    assert torques[1] / torques[0] == pytest.approx(0.79, abs=0.05)
+    assert LIFTED in derive(given).report.lost
 
 
 def test_a_car_that_wings_press_down_has_a_lowest_speed() -> None:
