@@ -122,7 +122,7 @@ def export(run: Run, directory: Path) -> list[Path]:
             with file.open('w', newline='', encoding='utf-8') as stream:
                 writer = csv.writer(stream, lineterminator='\n')
                 names = {c: c.removeprefix(topic + '/') for c in series.columns}
-                writer.writerow([TIME, *(f'{n} [{unit(c)}]' if unit(c) else n for c, n in names.items())])
+                writer.writerow([TIME, *(f'{n} [{unit(c)}]' if unit(c) or UNIT.search(n) else n for c, n in names.items())])
                 for begin in range(0, series.time_ns.size, ROWS):
                     seconds = (seconds_of(int(t)) for t in series.time_ns[begin : begin + ROWS])
                     values = np.column_stack([v[begin : begin + ROWS] for v in series.columns.values()])
@@ -147,14 +147,18 @@ def file_names(topics: Iterable[str]) -> dict[str, str]:
 
 def suspicion(run: Run) -> tuple[str, ...]:
     """What the recorded run says against itself."""
-    ours = 'resolved_scene' in run.metadata
-    status = run.metadata.get('status', '' if ours else 'ok')
+    said = run.metadata
+    damage, dropped = said.get('damage', ''), said.get('dropped_steps', '0')
+    lacking = [f'the recording is not whole: {damage}'] if damage else []
+    if dropped.strip('0'):
+        lacking.append(f'{dropped} steps are missing in the recording: the disk was too slow for them')
+    status = said.get('status', '' if 'resolved_scene' in said else 'ok')
     if status == 'ok':
-        return ()
+        return tuple(lacking)
     if not status:  # a run ends with a verdict
-        return (f'the run has no verdict: {run.metadata.get("end", "its recording was cut off")}',)
+        return (f'the run has no verdict: {said.get("end", "its recording was cut off")}', *lacking)
     texts = [str(finding.get('text', '')) for finding in run.findings]
-    return (f'the run is {status}' + (f': {"; ".join(texts)}' if texts else ''),)
+    return (f'the run is {status}' + (f': {"; ".join(texts)}' if texts else ''), *lacking)
 
 
 def must_match(run: Run, patterns: Sequence[str], place: str | Path) -> None:

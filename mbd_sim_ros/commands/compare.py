@@ -245,7 +245,7 @@ def about(
         if channels:
             more = f' and {len(channels) - 6} more' if len(channels) > 6 else ''
             lines.append(f'in {side} only: {", ".join(channels[:6])}{more}')
-    lines += found.notes
+    lines += (*(() if found.exact else found.problems), *found.notes)
     lines += [f'tolerances of {pattern}: no channel is judged by them' for pattern in unused]
     lines += [f'not read: {topic}: {why}' for topic, why in left_out.items()]
     return lines

@@ -155,3 +155,10 @@ def test_units_of_elements_are_those_of_their_kind() -> None:
     assert [runs.units(turned)(f'element_states/c/{o}') for o in along] == ['J', 'W', 'rad', 'rad/s', 'N m']
     bare = runs.units(Run({}))
     assert (bare('element_states/x/rate'), bare('element_states/x/energy')) == ('', 'J')  # nothing tells which kind it is
+
+
+def test_a_name_that_ends_in_brackets_is_no_unit(tmp_path: Path) -> None:
+    columns = {f'car/slip[{k}]': np.full(3, float(k)) for k in (0, 1)}
+    runs.export(Run({'car': Series(np.arange(3), columns)}), tmp_path)
+    again = runs.read(tmp_path)
+    assert {name: values[0] for name, values in again.columns.items()} == {'car/slip[0]': 0.0, 'car/slip[1]': 1.0}
