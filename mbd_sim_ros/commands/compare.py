@@ -193,7 +193,8 @@ def _read(args: argparse.Namespace, pairs: dict, file: ChannelMap | None) -> tup
             raise BagError(f'{place}: {error}') from None
 
     also = [mapping.literal(args.align)] if args.align is not None else []
-    quaternions = [p.removesuffix('orientation') + 'q[xyzw]' for p in args.channel if p.endswith('orientation')]
+    oriented = [p for p in args.channel if p.endswith('orientation')]
+    quaternions = [q for p in oriented for q in (p.removesuffix('orientation') + 'q[xyzw]', p + '/[xyzw]')]
     wanted = [*args.channel, *quaternions, *also] if args.channel else []
     places = [args.reference, *args.repeats]
     if file is None and not pairs:
