@@ -161,7 +161,10 @@ def is_wrapped(values: np.ndarray) -> bool:
 
 def same_turn(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """a moved by the number of full turns that brings it nearest to b: where a count starts is arbitrary once angles were wrapped."""
-    return a - TURN * np.round(np.nanmedian(a - b) / TURN)
+    with np.errstate(invalid='ignore'):
+        apart = a - b
+    known = apart[np.isfinite(apart)]
+    return a - TURN * np.round(np.median(known) / TURN) if known.size else a
 
 
 def slerp(a: np.ndarray, b: np.ndarray, part: np.ndarray) -> np.ndarray:

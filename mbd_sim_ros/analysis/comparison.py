@@ -99,14 +99,14 @@ def compare(
         if len(references) != 1 or offset != 0.0 or align is not None:
             raise BagError('an exact comparison is of two recordings, without offset')
         unit_of = units(run, *references)
-        exactly = [exact_difference(name, homes[0][name], homes[1][name], unit_of(name)) for name in names]
         alone = len(only_in_run) + len(only_in_reference)
+        exactly = [exact_difference(name, homes[0][name], homes[1][name], unit_of(name)) for name in names]
         return Comparison(
             differences=tuple(sorted(exactly, key=lambda d: (d.ok, -d.normalised))),
             only_in_run=only_in_run,
             only_in_reference=only_in_reference,
             offsets=(0.0,),
-            problems=(f'{alone} channels are in one recording only',) if alone else (),
+            problems=(f'{alone} channels are in one recording only',) if alone and overlap != 0.0 else (),
             exact=True,
             curves=lambda name: exact_curves(name, homes[0][name], homes[1][name]),
         )
@@ -139,10 +139,16 @@ def compare(
 
     assumed: dict[str, str] = {}
     scales = least_scales(items, homes[1:], unit_of, limits.floor)
-    differences = []
+    differences, apart = [], []
     for item in items:
-        at = brought(item)
+        try:
+            at = brought(item)
+        except BagError as error:
+            apart.append(str(error))
+            continue
         differences.append(difference_of(item, at, limits.of(item.name), scales[item.name], least, rated or limits.rated, unit_of))
+    if not differences:
+        raise BagError(apart[0])
     by_name = {item.name: item for item in items}
     return Comparison(
         differences=tuple(sorted(differences, key=lambda d: (-d.badness, -d.normalised))),
@@ -151,7 +157,8 @@ def compare(
         offsets=tuple((shift - origin) * 1e-9 for shift, origin in zip(shifts[1:], origins[1:])),
         found=tuple(found),
         origins=tuple(-origin * 1e-9 for origin in origins),
-        notes=tuple(assumed.values()),
+        problems=tuple(apart) if least > 0.0 else (),
+        notes=(*assumed.values(), *(apart if least == 0.0 else ())),
         curves=lambda name: curves_of(by_name[name].kind, brought(by_name[name])),
     )
 

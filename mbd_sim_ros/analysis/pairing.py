@@ -14,6 +14,7 @@ from solver.errors import BagError, suggestion
 
 QUATERNION = ('qx', 'qy', 'qz', 'qw')
 ORIENTATION = 'orientation'
+FIELDS = tuple(f'{ORIENTATION}/{part}' for part in 'xyzw')
 HEADINGS = ('yaw', 'heading', 'psi', 'course')  # angles of which full turns mean nothing
 
 
@@ -43,16 +44,24 @@ def shared_names(
         return [name for name in names if not patterns or any(fnmatch.fnmatchcase(name, p) for p in patterns)]
 
     common_names = set(both)
-    quaternions = [head + q for group in chosen(_orientations(both)) if (head := group.removesuffix(ORIENTATION)) for q in QUATERNION]
+    groups = _orientations(both)
+    quaternions = [part for group in chosen([*groups]) for part in groups[group]]
     wanted = {*chosen(both), *(quaternions if patterns else ())}
     only = [tuple(sorted(name for name in chosen(side) if name not in common_names)) for side in (ours, theirs)]
     return [name for name in both if name in wanted], only[0], only[1]
 
 
-def _orientations(names: Sequence[str]) -> list[str]:
-    known = set(names)
-    heads = [name.removesuffix(QUATERNION[0]) for name in names if name.endswith('/' + QUATERNION[0])]
-    return [head + ORIENTATION for head in heads if all(head + q in known for q in QUATERNION)]
+def _orientations(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Channel -> the four columns it is made of: `<head>/qx` ... of our types, `<head>/orientation/x` ... of others."""
+    known, found = set(names), {}
+    for name in names:
+        for last, parts in ((QUATERNION[0], QUATERNION), (FIELDS[0], FIELDS)):
+            if name.endswith('/' + last):
+                head = name.removesuffix(last)
+                columns = tuple(head + part for part in parts)
+                if known.issuperset(columns):
+                    found[head + ORIENTATION] = columns
+    return found
 
 
 def items_of(
@@ -61,8 +70,7 @@ def items_of(
     """The channels to compare: quaternions become orientations where all have the four parts at the same instants."""
     result = []
     inside: set[str] = set()
-    for group in _orientations(names):
-        parts = tuple(group.removesuffix(ORIENTATION) + q for q in QUATERNION)
+    for group, parts in _orientations(names).items():
         if all(home[p] is home[parts[0]] for home in homes for p in parts):
             result.append(Item(group, parts, 'orientation'))
             inside |= set(parts)

@@ -111,7 +111,8 @@ def _unit(column: str, kinds: Mapping[str, str], along: Mapping[str, str], outpu
 
 
 def export(run: Run, directory: Path) -> list[Path]:
-    """Write one CSV file per topic (slashes of its name as dots) and return them. Raises BagError when a file cannot be written."""
+    """Write one CSV file per topic (slashes of its name as dots), each whole or not at all, and return them. Raises BagError when a file
+    cannot be written."""
     unit = units(run)
     files = []
     try:
@@ -119,14 +120,19 @@ def export(run: Run, directory: Path) -> list[Path]:
         names_of_files = file_names(run.series)
         for topic, series in run.series.items():
             file = directory / f'{names_of_files[topic]}.csv'
-            with file.open('w', newline='', encoding='utf-8') as stream:
-                writer = csv.writer(stream, lineterminator='\n')
-                names = {c: c.removeprefix(topic + '/') for c in series.columns}
-                writer.writerow([TIME, *(f'{n} [{unit(c)}]' if unit(c) else n for c, n in names.items())])
-                for begin in range(0, series.time_ns.size, ROWS):
-                    seconds = (seconds_of(int(t)) for t in series.time_ns[begin : begin + ROWS])
-                    values = np.column_stack([v[begin : begin + ROWS] for v in series.columns.values()])
-                    writer.writerows([t, *row] for t, row in zip(seconds, values.tolist(), strict=True))
+            part = file.with_name(f'.{file.name}.part')  # a table that is interrupted is none
+            try:
+                with part.open('w', newline='', encoding='utf-8') as stream:
+                    writer = csv.writer(stream, lineterminator='\n')
+                    names = {c: c.removeprefix(topic + '/') for c in series.columns}
+                    writer.writerow([TIME, *(f'{n} [{unit(c)}]' if unit(c) or UNIT.search(n) else n for c, n in names.items())])
+                    for begin in range(0, series.time_ns.size, ROWS):
+                        seconds = (seconds_of(int(t)) for t in series.time_ns[begin : begin + ROWS])
+                        values = np.column_stack([v[begin : begin + ROWS] for v in series.columns.values()])
+                        writer.writerows([t, *row] for t, row in zip(seconds, values.tolist(), strict=True))
+                part.replace(file)
+            finally:
+                part.unlink(missing_ok=True)
             files.append(file)
     except OSError as error:
         raise BagError(f'cannot write to {directory}: {error.strerror}; choose another place') from None
@@ -147,14 +153,18 @@ def file_names(topics: Iterable[str]) -> dict[str, str]:
 
 def suspicion(run: Run) -> tuple[str, ...]:
     """What the recorded run says against itself."""
-    ours = 'resolved_scene' in run.metadata
-    status = run.metadata.get('status', '' if ours else 'ok')
+    said = run.metadata
+    damage, dropped = said.get('damage', ''), said.get('dropped_steps', '0')
+    lacking = [f'the recording is not whole: {damage}'] if damage else []
+    if dropped.strip('0'):
+        lacking.append(f'{dropped} steps are missing in the recording: the disk was too slow for them')
+    status = said.get('status', '' if 'resolved_scene' in said else 'ok')
     if status == 'ok':
-        return ()
+        return tuple(lacking)
     if not status:  # a run ends with a verdict
-        return (f'the run has no verdict: {run.metadata.get("end", "its recording was cut off")}',)
+        return (f'the run has no verdict: {said.get("end", "its recording was cut off")}', *lacking)
     texts = [str(finding.get('text', '')) for finding in run.findings]
-    return (f'the run is {status}' + (f': {"; ".join(texts)}' if texts else ''),)
+    return (f'the run is {status}' + (f': {"; ".join(texts)}' if texts else ''), *lacking)
 
 
 def must_match(run: Run, patterns: Sequence[str], place: str | Path) -> None:

@@ -34,6 +34,7 @@ FOOTER, MESSAGE, CHUNK, DATA_END = 2, 5, 6, 15
 KINDS: dict[int, Any] = {3: Schema, 4: Channel, 11: Statistics, 12: Metadata}  # by opcode
 SIZES = {FOOTER: 20, DATA_END: 4, 14: 17}  # of records that are always of one size [bytes]
 LAST_OPCODE, FIRST_PRIVATE = 15, 128  # those between are none
+PACKED = '.zstd'  # what names of files end in that ros2 bag has packed as a whole
 CHUNK_MOST = 1 << 27  # bytes in a chunk
 INFLATED = (1 << 28, 2000)  # bytes in a file: so many, and so many for every byte on disk
 MESSAGES = (1_000_000, 0.5)  # messages in a file, likewise
@@ -76,9 +77,11 @@ def find_files(path: str | Path, *, unfinished: bool = False) -> list[Path]:
     """
     path = Path(path)
     try:
-        if path.is_file():
+        if path.is_file() and path.suffix != PACKED:
             return [path]
         if not path.is_dir():
+            if path.is_file():
+                raise _packed(path)
             if path.exists():
                 raise BagError(f'{path} is a pipe or a device; copy what comes from it into a file')
             raise BagError(f'{path} is not there: neither a bag directory nor an .mcap file')
@@ -91,9 +94,15 @@ def find_files(path: str | Path, *, unfinished: bool = False) -> list[Path]:
     if not found:
         if parts:
             raise BagError(f'{path} was not finished: the recording process died; `mbd recover {path} NEW` saves every complete chunk')
+        if packed := sorted(path.glob('*.mcap' + PACKED)):
+            raise _packed(packed[0])
         other = ' (storage sqlite3 is not read; convert it with `ros2 bag convert`)' if list(path.glob('*.db3')) else ''
         raise BagError(f'{path} is not a recording: it holds no .mcap file{other}')
     return found
+
+
+def _packed(path: Path) -> BagError:
+    return BagError(f'{path} is packed as a whole (compression mode FILE of ros2 bag); unpack it: zstd -d {path} -o {path.with_suffix("")}')
 
 
 def _numbered(path: Path) -> list[tuple[int, str]]:

@@ -44,10 +44,29 @@ def declare(parsers: Any, name: str, run: Any, help_: str, example: str) -> argp
     return parser
 
 
+class Settings(argparse.Action):
+    """--set KEY=VALUE, repeatable. One that another one behind it replaces with all around it is refused: it would be lost."""
+
+    def __call__(self, parser: Any, namespace: argparse.Namespace, value: Any, option_string: str | None = None) -> None:
+        from solver.files.yaml_tree import overtaken
+
+        given = [*getattr(namespace, self.dest), value]
+        lost = overtaken(given)
+        if lost is not None:
+            part, whole = (one.partition('=')[0] for one in lost)
+            parser.error(f'--set {part}: is replaced with all of {whole} by --set {whole} behind it; give them the other way round')
+        setattr(namespace, self.dest, given)
+
+
+def add_settings(parser: argparse.ArgumentParser, help_: str = SET_HELP) -> None:
+    """The argument --set."""
+    parser.add_argument('--set', metavar='KEY=VALUE', action=Settings, default=[], dest='overrides', help=help_)
+
+
 def add_scene(parser: argparse.ArgumentParser, help_: str = SCENE_HELP) -> None:
     """The arguments SCENE and --set."""
     parser.add_argument('scene', metavar='SCENE', help=help_)
-    parser.add_argument('--set', metavar='KEY=VALUE', action='append', default=[], dest='overrides', help=SET_HELP)
+    add_settings(parser)
 
 
 @contextmanager

@@ -193,7 +193,8 @@ def _read(args: argparse.Namespace, pairs: dict, file: ChannelMap | None) -> tup
             raise BagError(f'{place}: {error}') from None
 
     also = [mapping.literal(args.align)] if args.align is not None else []
-    quaternions = [p.removesuffix('orientation') + 'q[xyzw]' for p in args.channel if p.endswith('orientation')]
+    oriented = [p for p in args.channel if p.endswith('orientation')]
+    quaternions = [q for p in oriented for q in (p.removesuffix('orientation') + 'q[xyzw]', p + '/[xyzw]')]
     wanted = [*args.channel, *quaternions, *also] if args.channel else []
     places = [args.reference, *args.repeats]
     if file is None and not pairs:
@@ -245,7 +246,7 @@ def about(
         if channels:
             more = f' and {len(channels) - 6} more' if len(channels) > 6 else ''
             lines.append(f'in {side} only: {", ".join(channels[:6])}{more}')
-    lines += found.notes
+    lines += (*(() if found.exact else found.problems), *found.notes)
     lines += [f'tolerances of {pattern}: no channel is judged by them' for pattern in unused]
     lines += [f'not read: {topic}: {why}' for topic, why in left_out.items()]
     return lines

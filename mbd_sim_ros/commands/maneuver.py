@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mbd_sim_ros.commands import SET_HELP, Result, alone, declare, table
+from mbd_sim_ros.commands import Result, add_settings, alone, declare, table
 from solver.errors import BagError, SpecError
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def add(parsers: Any) -> None:
         type=Path,
         help='for recordings and report.html (default: bags/NAME-VEHICLE); what is complete there is kept',
     )
-    parser.add_argument('--set', metavar='KEY=VALUE', action='append', default=[], dest='overrides', help=SET_HELP)
+    add_settings(parser)
     parser.add_argument(
         '--with',
         metavar='KEY=NUMBER',

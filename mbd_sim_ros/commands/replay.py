@@ -10,7 +10,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mbd_sim_ros.commands import SET_HELP, Result, declare, table
+from mbd_sim_ros.commands import SET_HELP, Result, add_settings, declare, table
 from solver.errors import BagError, SpecError
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def add(parsers: Any) -> None:
         'mbd replay bags/first\n  mbd replay bags/first --set integrator.iterations=4 --out bags/closer',
     )
     parser.add_argument('bag', metavar='BAG', type=Path, help='bag directory or .mcap file')
-    parser.add_argument('--set', metavar='KEY=VALUE', action='append', default=[], dest='overrides', help=SET_HELP + '; compares channels')
+    add_settings(parser, SET_HELP + '; compares channels')
     parser.add_argument('--vehicle', metavar='FILE', help='another vehicle: a path, or a name in config/vehicles; compares channels')
     parser.add_argument('--out', metavar='DIR', type=Path, help='keep the new recording here')
 
@@ -141,9 +141,11 @@ def different_topics(before: Content, after: Content, *, lost: bool = False) -> 
 
 def _changed(args: argparse.Namespace, before: Content, applied: Inputs, directory: Path) -> Result:
     """With other settings or another vehicle, driven by the same inputs: the channels side by side."""
+    from mbd_sim_ros.analysis import runs
     from mbd_sim_ros.analysis.comparison import compare
     from mbd_sim_ros.bags import reader as bag
     from mbd_sim_ros.batch import simulate
+    from mbd_sim_ros.commands.compare import about
     from solver import simulation_of
     from solver.files.naming import included
     from solver.files.scene import find_file, load_scene_text
@@ -178,7 +180,9 @@ def _changed(args: argparse.Namespace, before: Content, applied: Inputs, directo
             simulation, applied.last, directory=directory, progress=not args.json, state=before.state,
             from_start=applied.from_start, source=applied.source(simulation.channels.inputs),
         )  # fmt: skip
-    found = compare(bag.read(directory), bag.read(args.bag), rated=False)
+    again, recorded = bag.read(directory), bag.read(args.bag)
+    found = compare(again, recorded, rated=False)
+    doubts = {name: list(told) for name, one in (('replay', again), (str(args.bag), recorded)) if (told := runs.suspicion(one))}
     data = {
         'status': 'compared',
         'steps': steps,
@@ -188,11 +192,13 @@ def _changed(args: argparse.Namespace, before: Content, applied: Inputs, directo
         'instants': found.instants,
         'channels': {d.channel: {'max': d.max, 'rms': d.rms, 'time_of_max': d.time, 'scale': d.scale} for d in found.differences},
         'left_out': list(found.left_out),
+        'doubts': doubts,
         'out': None if args.out is None else str(args.out),
     }
     rows = [('channel', 'unit', 'max', 'at [s]', 'rms', 'scale')]
     rows += [(d.channel, d.unit, f'{d.max:.3g}', f'{d.time:.6g}', f'{d.rms:.3g}', f'{d.scale:.3g}') for d in found.differences[:SHOWN]]
     more = len(found.differences) - SHOWN
-    lines = [table(rows)] + ([f'... and {more} channels that differ less'] if more > 0 else [])
+    lines = about(found, ['replay', str(args.bag)], {}, doubts=doubts)
+    lines += [table(rows)] + ([f'... and {more} channels that differ less'] if more > 0 else [])
     lines.append(f'differences from {args.bag} at {found.instants} instants' + (' (interpolated)' if found.interpolated else ''))
     return Result(data=data, text='\n'.join(lines))

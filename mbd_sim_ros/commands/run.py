@@ -43,12 +43,18 @@ def run(args: argparse.Namespace) -> Result:
     from mbd_sim_ros.bags.recorder import new_directory
     from mbd_sim_ros.batch import simulate
     from solver import simulation_of
+    from solver.errors import SpecError
     from solver.files.naming import included
     from solver.files.scene import find_file, load_scene
+    from solver.files.yaml_tree import keys_of
 
     overrides = list(args.overrides)
+    for name in ('maneuver', 'duration'):
+        twice = next((o for o in overrides if keys_of(o.partition('=')[0]) == (name,)), None)
+        if twice is not None and getattr(args, name) is not None:
+            raise SpecError(f'--set {twice}: --{name} is given too; keep one of them')
     if args.maneuver is not None:
-        overrides.append(f'maneuver={included(find_file(args.maneuver, "maneuvers"))}')
+        overrides.insert(0, f'maneuver={included(find_file(args.maneuver, "maneuvers"))}')  # of which --set may change a part
     if args.duration is not None:
         overrides.append(f'duration={args.duration!r}')
     scene = load_scene(args.scene, overrides)

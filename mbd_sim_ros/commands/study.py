@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from mbd_sim_ros.commands import SCENE_HELP, SET_HELP, Result, declare, table
+from mbd_sim_ros.commands import SCENE_HELP, Result, add_settings, declare, table
 
 BAR = '{percentage:3.0f}% |{bar:30}| {desc}'
 
@@ -33,7 +33,7 @@ def add(parsers: Any) -> None:
     parser.formatter_class = _Listing
     parser.add_argument('name', metavar='NAME', help='one of the studies below')
     parser.add_argument('scene', metavar='SCENE', nargs='?', help=f'of the study trade: {SCENE_HELP}')
-    parser.add_argument('--set', metavar='KEY=VALUE', action='append', default=[], dest='overrides', help=SET_HELP)
+    add_settings(parser)
     parser.add_argument('--workers', metavar='N', type=int, help='of the study trade: runs at a time (default: as many as there are cores)')
     parser.add_argument('--out', metavar='DIR', type=Path, help='directory of the report (default: out/NAME, or out/NAME/SCENE)')
     parser.add_argument('--quick', action='store_true', help='a few runs only: for a first look, not for conclusions')

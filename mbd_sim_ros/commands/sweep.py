@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     Values = dict[str, float | str]
 
 EXAMPLE = """mbd sweep sweep.yaml --out out/sweep
-  mbd sweep sweep.yaml --workers 8 --out out/sweep           (Ctrl-C, and again: goes on where it was)
+  mbd sweep sweep.yaml --workers 8 --out out/sweep           # Ctrl-C, and again: goes on where it was
   mbd sweep sweep.yaml --scheduler tcp://10.0.0.1:8786 --out out/sweep
 the file (docs/sweeps.md):
   scene: light_car_step_steer

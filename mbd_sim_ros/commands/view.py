@@ -20,11 +20,11 @@ TAKEN_BY = {  # option -> what it changes
     'ghosts': tuple(kind for kind in KINDS if kind != '.json'),
 }
 EXAMPLE = """mbd view bags/first --out out/first.html
-  mbd view bags/coarse bags/fine --out out/both.html   (the second as a ghost)
+  mbd view bags/coarse bags/fine --out out/both.html   # the second as a ghost
   mbd view bags/first --out out/first.png --at 1.5
   mbd view bags/first --out out/first.mp4 --speed 0.5
-  mbd view bags/first --out out/first.json             (a layout for Foxglove)
-  mbd view bags/first --rerun                          (in the viewer of Rerun; --out out/first.rrd for another machine)"""
+  mbd view bags/first --out out/first.json             # a layout for Foxglove
+  mbd view bags/first --rerun                          # in the viewer of Rerun; --out out/first.rrd for another machine"""
 
 
 def add(parsers: Any) -> None:

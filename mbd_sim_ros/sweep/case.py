@@ -24,6 +24,7 @@ from solver.analysis.envelope import Envelope
 from solver.analysis.verdict import Finding, report
 from solver.errors import BagError, MbdError
 from solver.files.scene import load_scene_text
+from solver.files.yaml_tree import keys_of
 from solver.levels.auto import beside_text
 from solver.quantities import Quantity, lengths, quantity
 
@@ -91,8 +92,8 @@ def _row(head: Row, found: Mapping[str, Any]) -> Row:
 
 
 def overrides_of(values: Mapping[str, float | str]) -> list[str]:
-    """The parameters as KEY=VALUE; numbers keep all their digits, whole ones are integers."""
-    return [f'{key}={_text(value)}' for key, value in values.items()]
+    """The parameters as KEY=VALUE, one before those that change a part of it; numbers keep all their digits, whole ones are integers."""
+    return [f'{key}={_text(values[key])}' for key in sorted(values, key=lambda key: len(keys_of(key)))]
 
 
 def _text(value: float | str) -> str:

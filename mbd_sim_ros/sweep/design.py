@@ -27,7 +27,7 @@ from solver.errors import SceneError, SpecError
 from solver.files.naming import find, names_file
 from solver.files.scene import config_directories, find_file
 from solver.files.schema import Builder
-from solver.files.yaml_tree import MappingNode, Node, SequenceNode, displayed, include, parse, read_text
+from solver.files.yaml_tree import MappingNode, Node, SequenceNode, bare, displayed, include, keys_of, overtaken, parse, read_text
 from solver.output.snapshot import Channels
 from solver.quantities import quantity
 from solver.validate import finite, require
@@ -114,6 +114,13 @@ class Sweep:
         require(bool(self.figures), 'sweep', 'figures', {}, 'must name at least one number to keep')
         taken = {'case', 'bag', 'status', 'message', *self.parameters} & self.figures.keys()
         require(not taken, 'sweep', 'figures', sorted(taken), 'is another column of the table; take another name')
+        places: dict[tuple[str, ...], str] = {}
+        for name in self.parameters:
+            *above, last = keys_of(name) or ('',)
+            other = places.setdefault((*above, bare(last)), name)
+            require(other is name, 'sweep', 'parameters', name, f'is the same key as {other}; keep one of them')
+            if (lost := overtaken([*self.set, name])) is not None:
+                require(False, 'sweep', 'set', lost[0], f'{lost[1]} behind it replaces it as a whole; make it a parameter too')
         if self.design.kind in SENSITIVITY:
             for name, parameter in self.parameters.items():
                 require(parameter.ranged, 'sweep', name, parameter.values, f'a design of kind {self.design.kind} needs low and high')

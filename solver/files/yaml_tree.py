@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 import difflib
+import itertools
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
@@ -297,11 +298,23 @@ def text_of(node: Node) -> str:
     return yaml.serialize(node, width=140, allow_unicode=True)
 
 
+def keys_of(path: str) -> tuple[str, ...]:
+    """The keys of the path of an override: a.b[0] and a.b.0 are the same."""
+    return tuple(key for key in re.split(r'[.\[\]]+', path.strip()) if key)
+
+
+def overtaken(assignments: Sequence[str]) -> tuple[str, str] | None:
+    """An override without effect and the one behind it that replaces all around it; None where there is none."""
+    paths = [keys_of(assignment.partition('=')[0]) for assignment in assignments]
+    pairs = itertools.combinations(zip(paths, assignments, strict=True), 2)
+    return next(((a, b) for (part, a), (whole, b) in pairs if whole and len(whole) < len(part) and part[: len(whole)] == whole), None)
+
+
 def override(root: Node, assignment: str, directories: Sequence[Path]) -> None:
     """Apply 'a.b.c=value' (value in YAML; list items as a.b.0 or a.b[0]) to a node tree in place; missing mappings are created. What stands
     under the same key with another unit (a.b.c_mm) is replaced. Other places that stand for the same part by an alias stay as they are."""
     path, equals, text = assignment.partition('=')
-    keys = [key for key in re.split(r'[.\[\]]+', path.strip()) if key]
+    keys = keys_of(path)
     name = f'--set {path.strip()}'
     if not equals or not keys:
         raise SceneError(f'--set {assignment!r}: write it as path.to.key=value')
@@ -347,11 +360,11 @@ def _place(node: MappingNode, key: str, last: bool) -> int | None:
     words = [entry.value for entry, _ in node.value]
     if key in words or not last:
         return words.index(key) if key in words else None
-    plain = (not isinstance(value, MappingNode) and _stem(word) == _stem(key) for word, (_, value) in zip(words, node.value, strict=True))
+    plain = (not isinstance(value, MappingNode) and bare(word) == bare(key) for word, (_, value) in zip(words, node.value, strict=True))
     return next((k for k, same in enumerate(plain) if same), None)
 
 
-def _stem(key: str) -> str:
+def bare(key: str) -> str:
     """A key without the unit it ends in."""
     stem, _, suffix = key.rpartition('_')
     return stem if stem and suffix in SUFFIXES else key

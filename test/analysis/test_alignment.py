@@ -178,3 +178,12 @@ def test_signals_that_have_nothing_in_common_have_no_offset(rng) -> None:
         find_offset(a, flat)
     with pytest.raises(BagError, match='too short'):
         find_offset(a, Signal(a.time_ns[:1], a.values[:1]))
+
+
+@pytest.mark.parametrize('nothing', [np.nan, np.inf])
+def test_an_angle_without_numbers_takes_none_from_the_other(nothing: float) -> None:
+    """It was moved by a number of turns that is none, and then both had none and were the same."""
+    angle, none = np.linspace(0.0, 1.0, 5), np.full(5, nothing)
+    np.testing.assert_array_equal(same_turn(angle, none), angle)
+    some = np.where(np.arange(5) < 2, nothing, angle)
+    np.testing.assert_allclose(same_turn(angle + 4.0 * np.pi, some), angle, rtol=0.0, atol=1e-14)

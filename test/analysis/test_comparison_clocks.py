@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scalars import run, run_of
+from scalars import joined, run, run_of
 
 from mbd_sim_ros.analysis.comparison import compare
 from mbd_sim_ros.analysis.tolerances import Tolerance, Tolerances
@@ -94,3 +94,15 @@ def test_offset_is_found_for_every_reference() -> None:
     assert next(d for d in found.differences if d.channel == 'imu/ay').max < 0.01
     with pytest.raises(BagError, match='--align imu/wy: no such channel in both'):
         compare(swept(0.0), swept(0.1), align='imu/wy')
+
+
+def test_a_topic_that_shares_no_time_is_told_and_the_others_are_compared() -> None:
+    """One message each, at 0.2 and at 0.5 s: nothing at all was compared."""
+    a, b = (joined(run(x=np.sin), run_of({'gear': [3.0]}, np.array([at * MS]))) for at in (200, 500))
+    found = compare(a, b)
+    assert [d.channel for d in found.differences] == ['x'] and found.differences[0].ok
+    assert not found.ok and found.problems[0].startswith('gear: the runs do not overlap in time (0.2 to 0.2 s and 0.5 to 0.5 s)')
+    minded = compare(a, b, overlap=0.0)
+    assert minded.ok and minded.notes == found.problems
+    with pytest.raises(BagError, match='gear: the runs do not overlap in time'):
+        compare(a, b, channels=['gear'])

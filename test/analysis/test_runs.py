@@ -155,3 +155,28 @@ def test_units_of_elements_are_those_of_their_kind() -> None:
     assert [runs.units(turned)(f'element_states/c/{o}') for o in along] == ['J', 'W', 'rad', 'rad/s', 'N m']
     bare = runs.units(Run({}))
     assert (bare('element_states/x/rate'), bare('element_states/x/energy')) == ('', 'J')  # nothing tells which kind it is
+
+
+def test_a_name_that_ends_in_brackets_is_no_unit(tmp_path: Path) -> None:
+    columns = {f'car/slip[{k}]': np.full(3, float(k)) for k in (0, 1)}
+    runs.export(Run({'car': Series(np.arange(3), columns)}), tmp_path)
+    again = runs.read(tmp_path)
+    assert {name: values[0] for name, values in again.columns.items()} == {'car/slip[0]': 0.0, 'car/slip[1]': 1.0}
+
+
+def test_a_table_is_written_whole_or_not_at_all(rng: np.random.Generator, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What was interrupted left the first rows under the name of the table, in place of what was there."""
+    before = runs.export(wild(rng), tmp_path)
+    texts = [file.read_text() for file in before]
+    instants = iter(range(70))  # ends in the second table
+
+    def interrupted(_: int) -> str:
+        if next(instants, None) is None:
+            raise KeyboardInterrupt
+        return '0.0'
+
+    monkeypatch.setattr(runs, 'seconds_of', interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        runs.export(wild(rng), tmp_path)
+    assert sorted(tmp_path.iterdir()) == sorted(before)
+    assert [file.read_text() == text for file, text in zip(before, texts, strict=True)] == [False, True, True]

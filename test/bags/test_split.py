@@ -91,3 +91,10 @@ def test_files_of_two_recordings_are_not_made_one(tmp_path: Path) -> None:
     with pytest.raises(BagError, match=r'other.mcap begins \S+ s before one.mcap ends: these are not the parts of one recording'):
         recover(tmp_path / 'two', tmp_path / 'saved')
     assert not (tmp_path / 'saved').exists()
+
+
+def test_a_file_that_is_packed_as_a_whole_is_told_how_to_unpack(tmp_path: Path) -> None:
+    (tmp_path / 'car_0.mcap.zstd').write_bytes(b'(\xb5/\xfd')
+    for place in (tmp_path, tmp_path / 'car_0.mcap.zstd'):
+        with pytest.raises(BagError, match=r'car_0\.mcap\.zstd is packed as a whole .*: zstd -d \S+\.zstd -o \S+car_0\.mcap$'):
+            reader.read(place)

@@ -168,6 +168,15 @@ def test_only_the_channels_of_a_mapping_file_are_compared_and_missed(tmp_path: P
     assert (code, data['only_in_reference'], data['only_in_run']) == (1, ['imu/q'], [])
 
 
+def test_exact_minds_channels_of_one_recording_unless_told(tmp_path: Path, capsys) -> None:
+    t = np.arange(20) * MS
+    both, one = {'s': (t, {'v': t * 1e-9})}, {'z': (t, {'v': t * 1e-9})}
+    more, less = write_scalars(tmp_path / 'more', both | one), write_scalars(tmp_path / 'less', both)
+    assert document(capsys, more, less, '--exact')[0] == 1
+    code, data = document(capsys, more, less, '--exact', '--allow-missing')
+    assert (code, data['status'], data['only_in_run']) == (0, 'same', ['z/v'])
+
+
 def test_exact_names_channel_and_time(tmp_path: Path, capsys) -> None:
     t = np.arange(2001) * MS
     values = {f'c{k}': np.sin(k + t * 1e-9) for k in range(5)}

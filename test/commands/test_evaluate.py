@@ -199,9 +199,15 @@ def test_a_car_that_stands_drives_no_maneuver(tmp_path: Path, capsys: pytest.Cap
         ({'resolved_scene': 'name: x', 'status': 'suspect', 'findings': '[{"text": "it drifts"}]'}, 'the run is suspect: it drifts'),
         ({'resolved_scene': 'name: x', 'end': 'the simulating process died'}, 'the run has no verdict: the simulating process died'),
         ({'resolved_scene': 'name: x'}, 'the run has no verdict: its recording was cut off'),
+        ({'resolved_scene': 'name: x', 'status': 'ok', 'damage': 'its end is missing'}, 'the recording is not whole: its end is missing'),
+        ({'resolved_scene': 'name: x', 'status': 'ok', 'dropped_steps': '0'}, ''),
+        (
+            {'resolved_scene': 'name: x', 'status': 'ok', 'dropped_steps': '20'},
+            '20 steps are missing in the recording: the disk was too slow for them',
+        ),
     ],
 )
-def test_a_run_that_is_not_ok_or_was_killed_before_its_verdict_is_told(metadata: dict[str, str], told: str) -> None:
+def test_a_run_that_is_not_ok_or_not_whole_is_told(metadata: dict[str, str], told: str) -> None:
     assert runs.suspicion(Run({}, metadata)) == ((told,) if told else ())
 
 

@@ -145,6 +145,14 @@ def test_a_mechanism_without_inputs_is_replayed_with_other_settings(tmp_path, ca
         assert code == 2 and data['error'].startswith(f'--set {setting}: a replay has the inputs and the time of its recording')
 
 
+def test_a_replay_that_is_suspect_is_told(tmp_path, capsys):
+    recorded = run(tmp_path / 'r', 'pendulum', duration=1.0)
+    code, data = document(capsys, 'replay', recorded, '--set', 'integrator.h=0.1')
+    assert code == 0 and [*data['doubts']] == ['replay'] and data['doubts']['replay'][0].startswith('the run is suspect: ')
+    assert main(['replay', str(recorded), '--set', 'integrator.h=0.1']) == 0
+    assert capsys.readouterr().out.startswith('replay: the run is suspect: ')
+
+
 @pytest.mark.slow
 def test_unchanged_settings_compare_without_difference_and_others_with_one(tmp_path, capsys):
     recorded = run(tmp_path / 'r', CAR, 'record.every=5', duration=0.5)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from mbd_sim_ros.commands.main import main
+from mbd_sim_ros.sweep.case import overrides_of
 from mbd_sim_ros.sweep.design import Design, Figure, Parameter, Sweep, cases
 from mbd_sim_ros.sweep.table import known_to, no_indices, sensitivities
 from solver.errors import SceneError, SpecError
@@ -117,3 +118,24 @@ def test_designs_that_cannot_be_are_refused():
         cases(sweep_of('grid', **{name: Parameter(low=0.0, high=1.0, steps=100) for name in 'abcd'}))
     with pytest.raises(SceneError, match='more than'):  # before the values are laid out, which would fill the memory
         cases(sweep_of('grid', a=Parameter(low=0.0, high=1.0, steps=10**15)))
+
+
+@pytest.mark.parametrize('names', [('vehicle', 'vehicle.chassis.mass'), ('vehicle.chassis.mass', 'vehicle')])
+def test_a_part_of_a_parameter_is_set_behind_it(names: tuple[str, ...]) -> None:
+    """In the order of the file the mass was replaced with the vehicle, and the table said that it had varied."""
+    assert overrides_of(dict.fromkeys(names, 'x')) == ['vehicle=x', 'vehicle.chassis.mass=x']
+
+
+@pytest.mark.parametrize(
+    ('given', 'parameters', 'told'),
+    [
+        ([], ('start.speed', 'start.speed_kmh'), 'parameters = .start.speed_kmh.: is the same key as start.speed; keep one of them'),
+        ([], ('road.a[0]', 'road.a.0'), 'is the same key as'),
+        (['start.speed=20'], ('integrator.h', 'start'), 'set = .start.speed=20.: start behind it replaces it as a whole'),
+        (['start.speed=20', 'start={}'], ('integrator.h',), 'set = .start.speed=20.: start={} behind it replaces it as a whole'),
+    ],
+)
+def test_what_would_have_no_effect_is_refused(given: list[str], parameters: tuple[str, ...], told: str) -> None:
+    one = {name: Parameter(values=(1.0,)) for name in parameters}
+    with pytest.raises(SpecError, match=told):
+        Sweep(scene='x', set=tuple(given), parameters=one, figures={'f': Figure(quantity='yaw_rate')})

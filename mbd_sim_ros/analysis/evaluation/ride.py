@@ -20,7 +20,7 @@ import numpy as np
 
 from mbd_sim_ros.analysis.evaluation.figures import Chart, Curve, Figure, Result
 from mbd_sim_ros.analysis.evaluation.kinds import Drive, Evaluation, speed_of
-from mbd_sim_ros.analysis.evaluation.measures import integral
+from mbd_sim_ros.analysis.evaluation.measures import integral, low_passed
 from mbd_sim_ros.analysis.evaluation.signals import Signals
 from solver.elements.road_grids import RandomRoad
 from solver.scene import Scene
@@ -32,6 +32,7 @@ COMFORT: tuple[tuple[float, str], ...] = (
     (2.5, 'very uncomfortable'), (math.inf, 'extremely uncomfortable'),
 )  # fmt: skip
 CREST = 9.0
+SLOW, DRIVEN = 0.5, 1.0  # Hz below which horizontal accelerations are of driving; m/s^2 about their middle, from which on that is told
 SHORTEST = 220.0  # m of rough road
 AHEAD = 6.0  # m behind where base_link ends, for the front wheels and the end of the road
 
@@ -138,6 +139,12 @@ def judge(s: Signals, p: Ride) -> Result:
     rate = 1.0 / s.every(*(name for _, name, _ in AXES))  # that of another topic may be larger
     if rate < 250.0:
         notes.append(f'recorded at {rate:.4g} Hz: nothing above {0.5 * rate:.4g} Hz is in the figures, the weightings reach to 100 Hz')
+    slow = max(0.5 * float(np.ptp(low_passed(s[name], s.rate, SLOW, poles=4)[used])) for name in ('ax', 'ay'))
+    if slow > DRIVEN:
+        notes.append(
+            f'the car accelerates, brakes or turns: below {SLOW:g} Hz its horizontal acceleration changes by {slow:.2g} m/s^2 to both '
+            'sides; the figures are of that too, and the norm means vibration'
+        )
     scene = s.vehicle.scene
     if scene is not None and scene.model.road.grids and all(name in s for name in PLACE):
         on = rough(s, scene)

@@ -32,6 +32,7 @@ LARGEST_RATE = 1000.0  # Hz of the grid
 BAND = 0.4  # of the rate of the grid: what is recorded finer is low-passed there, or it would come back below half the rate
 GIVEN = 'mbd evaluate --set, mbd maneuver --with'  # parameters of an evaluation
 GAP = 0.25  # s without a sample that is told
+SLOWER = 3.0  # times the usual interval: what is so much longer in a second is another rate
 SHARED = 0.95  # part of the time of all topics that an evaluation covers without a note
 COMMANDS = tuple(f'cmd_applied/{name}' for name in ('brake_torque', 'drive_torque', 'steering_torque'))  # torques, which hold
 MOST_SAMPLES = 5_000_000  # of the grid: an hour and more at its largest rate
@@ -211,7 +212,7 @@ def signals(
     _normalise(on_grid)
     values = {name: way.of([on_grid[c] for c in way.channels]) for name, way in chosen.items()}
     notes += [*without, *(way.note for way in chosen.values() if way.note)]
-    apart = {c: float(np.median(np.diff(t))) * 1e-9 for c, (t, _) in samples.items() if t.size > 1}
+    apart = {c: _apart(t) * 1e-9 for c, (t, _) in samples.items() if t.size > 1}
     spacing = {name: max(apart.get(c, 0.0) for c in way.channels) for name, way in chosen.items()}
     return Signals(
         place=place,
@@ -263,6 +264,15 @@ def _grid(times: Mapping[str, np.ndarray], place: str, held: frozenset[str]) -> 
     notes += _outside({c: t for c, t in times.items() if c not in held} or times, origin)
     grid = np.arange(begin, end + 1, step, dtype=np.int64)
     return grid, origin, list(dict.fromkeys(notes))
+
+
+def _apart(time_ns: np.ndarray) -> float:
+    """Time between two samples [ns]: the usual one or, where the rate is lower for a tenth of the time, that in its seconds. Stamps may be
+    uneven, and seconds without any sample are gaps."""
+    usual = float(np.median(np.diff(time_ns)))
+    _, counts = np.unique((time_ns - time_ns[0]) // 1_000_000_000, return_counts=True)
+    slow = float(np.quantile(1e9 / counts[:-1], 0.9)) if counts.size > 1 else usual  # the last second is not whole
+    return slow if slow > SLOWER * usual else usual
 
 
 def _outside(times: Mapping[str, np.ndarray], origin: int) -> list[str]:

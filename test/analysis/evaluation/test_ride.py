@@ -89,3 +89,13 @@ def test_the_band_is_that_of_the_accelerometer_and_not_of_a_topic_beside_it() ->
     s.notes.clear()
     s.spacing['az'] = 0.01
     assert any('recorded at 100 Hz: nothing above 50 Hz is in the figures' in note for note in ride.judge(s, ride.Ride()).notes)
+
+
+@pytest.mark.parametrize(('name', 'push', 'told'), [('ax', -6.0, True), ('ay', 3.0, True), ('ay', 1.5, False), ('az', 6.0, False)])
+def test_horizontal_accelerations_of_driving_are_told(name: str, push: float, told: bool) -> None:
+    """A lane change was extremely uncomfortable, and a stop fairly, without a word."""
+    t = even(12.0, 250.0)
+    s = made(t, ax=0.3 * np.sin(9.0 * t), ay=0.0, az=9.81 + np.sin(9.0 * t))
+    s.values[name] = s.values[name] + np.where(t > 6.0, push, 0.0)
+    notes = ' '.join(ride.judge(s, ride.Ride()).notes)
+    assert ('the car accelerates, brakes or turns: below 0.5 Hz' in notes) is told

@@ -192,3 +192,14 @@ def test_why_a_topic_is_not_read_is_told() -> None:
         signals(run, 'bag', ('speed',))
     assert signals(run, 'bag', ('yaw_rate',), ('roll', 'sideslip_angle')).notes == ['odom is not read: its times go back by 7 s']
     assert signals(run, 'bag', ('yaw_rate',)).notes == []
+
+
+@pytest.mark.parametrize(('slow', 'spacing'), [((1.5, 4.2), 0.2), ((1.5, 1.9), None), ((1.5, 1.5), None)])
+def test_a_rate_that_changes_counts_as_the_slower_one(slow: tuple[float, float], spacing: float | None) -> None:
+    """100 Hz, and 5 Hz for a third of the time: by the usual interval response times were known to 5 ms."""
+    fine = even(7.0, 100.0)
+    keep = (fine < slow[0]) | (fine > slow[1] - 1e-9)
+    t = np.sort(np.concatenate([fine[keep], np.arange(slow[0], slow[1] - 1e-9, 0.2)]))
+    grids = {'yaw_rate': t, 'speed': fine}
+    run = Run({name: Series(np.round(g * 1e9).astype(np.int64), {name: np.ones(g.size)}) for name, g in grids.items()})
+    assert signals(run, 'bag', ('yaw_rate', 'speed')).spacing.get('yaw_rate') == (spacing and pytest.approx(spacing))
