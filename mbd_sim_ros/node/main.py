@@ -48,8 +48,11 @@ def prepare(scene: str, overrides: list[str]) -> tuple[Any, Any]:
     from solver import simulation_of
     from solver.errors import SpecError
     from solver.files.scene import load_scene
+    from solver.files.yaml_tree import overtaken
     from solver.simulation import Simulation
 
+    if (lost := overtaken(overrides)) is not None:
+        raise SpecError(f'parameter overrides: {lost[0]} is replaced as a whole by {lost[1]} behind it; give them the other way round')
     loaded = load_scene(scene, overrides)
     if loaded.integrator.step_policy == 'auto':
         loaded = load_scene(scene, [*overrides, 'integrator.step_policy=constant'])

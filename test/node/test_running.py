@@ -280,6 +280,13 @@ def test_steps_one_by_one_end_where_the_simulation_goes_on_by_itself(opened) -> 
     assert end.value.value == (False, f'1 of {MANY} steps: the simulation is running again')
 
 
+def test_an_override_that_another_one_replaces_is_refused() -> None:
+    from mbd_sim_ros.node.main import prepare
+
+    with pytest.raises(SpecError, match=r'parameter overrides: start\.speed=1 is replaced as a whole by start=\{\} behind it'):
+        prepare('slider_crank', ['start.speed=1', 'start={}'])
+
+
 def test_a_pose_is_taken_in_the_frames_of_the_world_only_and_shown_while_paused(opened, sent, capfd) -> None:
     from geometry_msgs.msg import PoseWithCovarianceStamped
 
