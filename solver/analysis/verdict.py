@@ -4,7 +4,7 @@ Where the scene requires a limit itself (`require`), it replaces the default of 
 
 *Energy.* A second-order method that takes a period in twenty steps (omega h = 0.31) misses (omega h)^2/12 = 0.8 % of the energy that
 moves to and fro. So 1 % of what was exchanged may be missing (solver.output.energy), besides (turn in a step)^2/12 of the kinetic energy of
-bodies that turn, in which energy goes from axis to axis unseen by that account, and what numbers written with six digits leave open.
+bodies that turn, in which energy goes from axis to axis unseen by that account, and what numbers leave open.
 *Iteration.* A step is accepted when what its iteration leaves is below LARGEST_STAGNATION of the velocity; over a step that is a
 distance. Residual, drift of velocities and drift of positions must not show more than that, and all but few steps a digit less.
 *Resolution.* Of a motion that takes a period in N steps an acceleration changes, over a step and times the step, by (2 pi / N)^2 of the
@@ -16,6 +16,9 @@ fewer steps than half such a period nothing can be said.
 time, that must stay below 0.1 rad; what is really lost is up to twice that, a fifth of the amplitude. Where it is more, amplitudes may be
 right, but not where something is at an instant. A motion forgets its phase with its energy: of the largest kinetic energy so much as is
 dissipated takes half as much of the phase with it; and where it swings wider, what it was late by before is so much less of it.
+*Spin.* A step gives a body that spins with s, its moment of inertia across the spin A, A s^3 h^2 / 12 of a rate of its axis too much.
+A disc hardly feels that. It can be many times what a thin rod has of gyroscopic torque, and in the axes of the world nothing shows.
+What that turns of the motion counts as phase of angular velocities, too.
 *Damping.* Both are the midpoint rule's, rho_inf = 1. Numerical damping makes more of the same step: late_by() times the phase, so that as
 much accuracy takes more steps a period, by the root of it.
 *Inputs.* A step takes one value of every signal: of one that swings with the steps, or nearly, it makes a constant or a slow beat, which
@@ -28,9 +31,13 @@ rounding to its own acceleration. Beside 1 kg a pendulum of 1e-8 kg is right, on
 sqrt(n) times as much, of which 1e-4 of half that widest range (at least 1 m/s) is left to be.
 *Account.* Of steps that were advanced without it nothing is known, nor of a run whose forces or energies are too large for numbers: it
 compares with nothing then.
+*Contradiction.* Redundant rows that cannot all be closed, as axes that are parallel to seven digits, hold each other with multipliers that
+grow from step to step: those of a four-bar linkage out by 1e-7 came to 5e5 N and turned it 2 rad too far, with its energy kept. What
+multipliers that balance each other have in rows that stay open is below 1e-10 of what is exchanged in sound runs.
 *Turn.* The iteration contracts by about the turn of a body per step (docs/decisions/0002).
 *Rotation.* A bushing acts on its rotation vector, which is the short way round: where it turns by pi that jumps, and the torque with it,
-without a trace in the account of energy. It is told from 3 rad on, which no step of less than 0.28 rad leaps over.
+without a trace in the account of energy. It is told from 3 rad on, which no step of less than 0.28 rad leaps over, where
+bushings resist turning.
 *Road.* A tire touches the road at one point. Of a hollow that is rounder than the wheel, an edge above all, a wheel makes a profile
 no rounder than itself (Pacejka 2012, 10.1.5); without that the point of contact jumps, and loads are many times too large.
 *Tires.* A tire cannot be pressed in by more than what is between its tread and the rim, without rim data than its radius. Its spring and
@@ -46,19 +53,19 @@ from typing import Any
 
 import numpy as np
 
+from solver.analysis.exchange import WRITTEN, allowed_energy_error, exchanged, left_open
 from solver.compiled.portable import norm
+from solver.elements.bushing import BushingSpec
 from solver.elements.road import RandomRoad, edge, envelops
 from solver.inputs.maneuver import ManeuverSource
 from solver.inputs.unresolved import LARGEST
 from solver.model.saddle import CONDENSED
 from solver.output import energy as account
+from solver.output.dependence import contradiction
 from solver.simulation import Simulation
 from solver.step.failure import LARGEST_TURN_PER_STEP, ROUNDING_PENALTY
 from solver.step.iteration import LARGEST_STAGNATION
 
-SHARE = 0.01  # of the exchanged energy
-TRUNCATION = 1.0 / 12.0  # of (turn in a step)^2
-WRITTEN = 1e-6  # relative, and m: what numbers written with finitely many digits leave open
 SPOILT = 1e-4  # last increment of an iteration, relative to the velocity, which three iterations bring below 1e-6 where nothing spoils them
 LARGEST_WOUND = 3.0  # rad
 HIDDEN = 3e-5  # of an acceleration
@@ -103,6 +110,7 @@ def findings(simulation: Simulation, real_time_factor: float | None = None) -> l
         _endless(s),
         _energy(s),
         *_iteration(s),
+        _contradiction(s),
         *_resolution(s),
         *_inputs(s),
         _rounding(s),
@@ -127,21 +135,6 @@ def passes(simulation: Simulation, found: list[Finding]) -> bool:
 def report(found: list[Finding]) -> list[dict[str, Any]]:
     """Findings as objects for JSON."""
     return [asdict(finding) for finding in found]
-
-
-def exchanged(simulation: Simulation) -> float:
-    """Energy [J] that was exchanged so far: supplied and dissipated, and the ranges of kinetic and potential energy."""
-    a = simulation.last_step.energy
-    kinetic, potential = a[account.KINETIC_HIGH] - a[account.KINETIC_LOW], a[account.POTENTIAL_HIGH] - a[account.POTENTIAL_LOW]
-    return float(a[account.GROSS] + kinetic + potential)
-
-
-def allowed_energy_error(simulation: Simulation) -> float:
-    """The default limit of the energy error [J]."""
-    a, bodies = simulation.last_step.energy, simulation.model.tables.bodies
-    weight = float(np.add.reduce(bodies.mass)) * norm(bodies.gravity)
-    open_ = WRITTEN * (weight + a[account.KINETIC_HIGH])
-    return SHARE * exchanged(simulation) + TRUNCATION * float(a[account.TURNING]) + float(open_)
 
 
 def _finding(
@@ -248,6 +241,17 @@ def _inputs(s: Simulation) -> list[Finding | None]:
     return [_finding('input', largest, LARGEST, None, '', first, name, text, remedy) for name, (largest, first) in found.items()]
 
 
+def _contradiction(s: Simulation) -> Finding | None:
+    """Redundant joints that cannot all be closed, by so little that neither their drift nor the account of energy says anything."""
+    last = s.last_step
+    if not s.of_bodies or not s.model.n_rows or last.energy[account.STEPS] == 0.0:
+        return None
+    energy, row = contradiction(s.model, last.J, last.lam, last.phi)
+    text = 'redundant joints contradict each other, and the forces in which they do hold, beside what moves,'
+    place, remedy = f'constraint {s.model.row_names[row]!r}', 'give their markers and axes with more digits, or a joint with fewer rows'
+    return _finding('contradiction', energy, WRITTEN * exchanged(s) + left_open(s), None, 'J', None, place, text, remedy)
+
+
 def _condensed(s: Simulation) -> bool:
     """Whether the steps solve a condensed matrix with penalties; those of a single track have no matrix."""
     return s.of_bodies and s.scene.integrator.kind == 'alf' and s.scheme.form == CONDENSED
@@ -310,12 +314,17 @@ def _turn(s: Simulation) -> Finding | None:
 
 
 def _wound(s: Simulation) -> Finding | None:
-    if not s.of_bodies:
+    if not s.of_bodies or not any(_resists_turning(bushing) for bushing in s.model.spec.bushings):
         return None
     angle, time, at = (float(x) for x in s.last_step.energy[account.WOUND : account.WOUND + 3])
     place = s.channels.elements[int(at)].rpartition('/')[0] if angle > 0.0 else ''
     return _finding('rotation', angle, LARGEST_WOUND, None, 'rad', time, place, 'a bushing, whose torque changes sides at pi, turns by',
                     'take a joint for what turns so far, and a coordinate_force on its angle')  # fmt: skip
+
+
+def _resists_turning(bushing: BushingSpec) -> bool:
+    """Whether a bushing has a torque that depends on how far it is turned."""
+    return any((*bushing.stiffness[3:], *bushing.preload[3:])) or any(law is not None for law in bushing.laws[3:])
 
 
 def _road(s: Simulation) -> Finding | None:
@@ -342,10 +351,8 @@ def _pressed(s: Simulation) -> Finding | None:
     walls = [tire.data.values['UNLOADED_RADIUS'] - tire.data.values.get('RIM_RADIUS', 0.0) for tire in tires]
     worst = int(np.argmax(peaks[:, 0] - np.array(walls)))
     value, time = (float(x) for x in peaks[worst])
-    text, remedy = (
-        'a tire is pressed in beyond its rim, by',
-        'its load means nothing there: reduce what loads it, or take a tire for such loads',
-    )
+    text = 'a tire is pressed in beyond its rim, by'
+    remedy = 'its load means nothing there: reduce what loads it, or take a tire for such loads'
     return _finding('tire_deflection', value, walls[worst], None, 'm', time, tires[worst].name, text, remedy)
 
 

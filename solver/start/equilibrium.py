@@ -19,7 +19,10 @@ from solver.start.minimum import refuse_unstable
 from solver.start.newton import ConsistentState, move
 
 EQUILIBRIUM_TOLERANCE = 1e-11  # N or N m, relative to the weight of the model
-ROUNDING, STALLED = 1e2, 8  # times that, which stiff elements may leave, when so many iterations in a row have not halved it
+ROUNDING, STALLED = (
+    1e2,
+    8,
+)  # times that, at least of 1 N, which stiff elements may leave when so many iterations in a row did not halve it
 SETTLING = 1.0  # s, long against every damping in a model
 APPROACH = 40  # iterations that come near
 GIVE = 1e-4  # m that what holds a body gives way under the weight of the whole model
@@ -86,7 +89,7 @@ class Equilibrium(ConsistentState):
         place = state.q[0 if hold is None else hold, :3].copy()
         state.v[:] = 0.0
         tau = 0.01
-        scale = self._weight()
+        scale, weight = self._weight(), float((self.t.bodies.mass * norm(self.t.bodies.gravity)).sum())
         last = least = np.inf
         stalled = 0
         at_rest = np.zeros_like(state.v)
@@ -102,8 +105,8 @@ class Equilibrium(ConsistentState):
             open_ = float(np.abs(self.phi).max(initial=0.0))
             stalled = 0 if left < 0.5 * least else stalled + 1
             least = min(least, left)
-            enough = EQUILIBRIUM_TOLERANCE * (ROUNDING if stalled >= STALLED else 1.0)
-            if left < enough * scale and open_ < 1e-11:
+            enough = EQUILIBRIUM_TOLERANCE * (ROUNDING * scale if stalled >= STALLED else weight or scale)
+            if left < enough and open_ < 1e-11:
                 return left
             # a slow rise is not divergence: while a car rolls to where its brakes hold it, the residual grows before it falls
             tau = min(tau * (2.0 if left < 2.0 * last else 0.5), 1e2)

@@ -83,8 +83,8 @@ class InitialConditions:
         refuse_flat_discs(self.model, state)
         if start.kind == 'as_placed' and not values:
             refuse_open_joints(self.model, state, u)
-        else:
-            self._with_rows(list(values), list(values.values())).assemble(state, u)
+        # what digits leave open the first step would close at once: by a force that grows as the step falls
+        self._with_rows(list(values), list(values.values())).assemble(state, u)
         refuse_turned_over(self.model, state)
         refuse_links_without_length(self.model, state)
         if start.kind == 'equilibrium':

@@ -189,7 +189,9 @@ def keep_account(tables, h, follow, s1, u, counters, work):
     phi, rate, a, a_before = work.phi_end, work.rate, s1.a_stage, s1.a_stage_before
     position, velocity = n.position_drift, n.velocity_drift
     v, account = work.kin_end.v, work.energy
-    note_residuals(tables.constraints, v, h, n.residual, position, velocity, phi, rate, a, a_before, slowest, account)
+    note_residuals(
+        tables.constraints, tables.bodies.inertia, v, h, n.residual, position, velocity, phi, rate, a, a_before, slowest, account
+    )
 
 
 @kernel(borrow=True)
