@@ -54,3 +54,9 @@ def listing(directory: Path, like: Path) -> Iterator[str]:
     folder = directory / like.parent
     if folder.is_dir():
         yield from ((like.parent / file.name).as_posix() for file in folder.glob(f'*{like.suffix}'))
+
+
+def one_folder_down(name: str, directories: Sequence[Path]) -> str | None:
+    """The include that names a file of a folder in one of the directories, where its name alone was written."""
+    folders = (folder for directory in directories for folder in sorted(directory.glob('*/')))
+    return next((f'{folder.name}/{name}' for folder in folders if (folder / name).is_file()), None)

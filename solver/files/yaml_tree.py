@@ -19,7 +19,7 @@ import yaml
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from solver.errors import SceneError, suggestion
-from solver.files.naming import READERS, find, listing, names_file, unfit
+from solver.files.naming import READERS, find, listing, names_file, one_folder_down, unfit
 from solver.files.tir import read_tir
 from solver.units import SUFFIXES
 
@@ -250,6 +250,8 @@ def include(node: Node, directories: Sequence[Path], above: tuple[Path, ...] = (
     elif isinstance(node, ScalarNode) and node.style is None and names_file(node):
         file = find(node.value, directories)
         if file is None:
+            if (deeper := one_folder_down(node.value, directories)) is not None:
+                raise refuse(node, path, f'no such file; did you mean {deeper!r}?')
             known = sorted({name for d in directories for name in listing(d, Path(node.value))})
             raise refuse(node, path, 'no such file' + suggestion(node.value, known))
         if file.resolve() in above:

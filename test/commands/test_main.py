@@ -64,6 +64,7 @@ def test_every_command_has_help_with_an_example(command: str, capsys: pytest.Cap
         (('run', 'four_bar', '--set', 'mechanism=my bar.yaml'), 2, 'in it is written as a whole path, from the first / on'),
         (('run', 'four_bar', '--set', 'mechanism={<<: my bar.yaml}'), 2, 'in it is written as a whole path, from the first / on'),
         (('run', 'four_bar', '--set', 'mechanism=chain'), 2, 'must be a mapping of keys; a file is named with its ending, as chain.yaml'),
+        (('run', 'car_step_steer', '--set', 'vehicle=compact_fwd.yaml'), 2, "no such file; did you mean 'vehicles/compact_fwd.yaml'?"),
         (('run', 'four_bar', '--set', 'mechanism=bar.YAML'), 2, 'the ending of a file that stands here is in small letters: .yaml'),
         (('study', 'kandc', '--out', '/dev/null'), 5, '--out /dev/null: File exists; choose another place'),
         (('run', 'four_bar', '--duration', '1e12'), 2, 'duration = 1000000000000.0: must be at most 9e+09'),
