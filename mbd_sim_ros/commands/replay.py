@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mbd_sim_ros.commands import SET_HELP, Result, add_settings, declare, table
+from mbd_sim_ros.commands.scene_keys import add_keys, overrides_of
 from solver.errors import BagError, SpecError
 
 if TYPE_CHECKING:
@@ -30,7 +31,7 @@ def add(parsers: Any) -> None:
     )
     parser.add_argument('bag', metavar='BAG', type=Path, help='bag directory or .mcap file')
     add_settings(parser, SET_HELP + '; compares channels')
-    parser.add_argument('--vehicle', metavar='FILE', help='another vehicle: a path, or a name in config/vehicles; compares channels')
+    add_keys(parser, 'vehicle', 'fidelity', does='; compares channels')
     parser.add_argument('--out', metavar='DIR', type=Path, help='keep the new recording here')
 
 
@@ -46,7 +47,7 @@ def run(args: argparse.Namespace) -> Result:
     applied = inputs_of(before)
     if applied.first and before.state is None:
         raise BagError(f'{args.bag} cannot be replayed: it begins with step {applied.first + 1} and does not hold the state there')
-    changed = bool(args.overrides or args.vehicle)
+    changed = bool(args.overrides or args.vehicle or args.fidelity)
     with ExitStack() as stack:
         directory = args.out or stack.enter_context(interrupts.scratch('mbd-replay-')) / 'replay'
         if changed:
@@ -147,12 +148,9 @@ def _changed(args: argparse.Namespace, before: Content, applied: Inputs, directo
     from mbd_sim_ros.batch import simulate
     from mbd_sim_ros.commands.compare import about
     from solver import simulation_of
-    from solver.files.naming import included
-    from solver.files.scene import find_file, load_scene_text
+    from solver.files.scene import load_scene_text
 
-    overrides = list(args.overrides)
-    if args.vehicle is not None:
-        overrides.insert(0, f'vehicle={included(find_file(args.vehicle, "vehicles"))}')
+    overrides = overrides_of(args)
     if applied.last == applied.first:
         raise BagError(f'{args.bag} cannot be replayed: it holds no step')
     for given in args.overrides:
@@ -171,10 +169,10 @@ def _changed(args: argparse.Namespace, before: Content, applied: Inputs, directo
     if before.state is None:
         figures = simulate(simulation, steps, directory=directory, progress=not args.json)
     else:
-        if h_ns != applied.h_ns or args.vehicle is not None:
+        if h_ns != applied.h_ns or args.vehicle or args.fidelity:
             raise SpecError(
                 f'{args.bag} begins with step {applied.first + 1} elsewhere than its scene: its state there is of a step of '
-                f'{applied.h_ns * 1e-9:g} s and of its vehicle; keep both, or replay a recording that begins at the start'
+                f'{applied.h_ns * 1e-9:g} s and of its vehicle and level; keep all, or replay a recording that begins at the start'
             )
         figures = simulate(
             simulation, applied.last, directory=directory, progress=not args.json, state=before.state,

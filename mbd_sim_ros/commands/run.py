@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from mbd_sim_ros.commands import Result, add_scene, declare, table
+from mbd_sim_ros.commands.scene_keys import KEYS, add_keys, overrides_of
 
 FIGURES = {
     'steps': 'd',
@@ -30,8 +31,7 @@ def add(parsers: Any) -> None:
         parsers, 'run', run, 'simulate a scene and record it', 'mbd run slider_crank --set integrator.h=0.002 --out bags/coarse'
     )
     add_scene(parser)
-    parser.add_argument('--maneuver', metavar='FILE', help='another maneuver: a path, or a name in config/maneuvers')
-    parser.add_argument('--duration', metavar='SECONDS', type=float, help='simulated time instead of the duration in the scene')
+    add_keys(parser, *KEYS)
     parser.add_argument('--balance', action='store_true', help='also give the energy balance of every kind of element, and of momentum')
     where = parser.add_mutually_exclusive_group()
     where.add_argument('--out', metavar='DIR', type=Path, help='new directory for the recording (default: bags/<scene>-<date>)')
@@ -43,21 +43,9 @@ def run(args: argparse.Namespace) -> Result:
     from mbd_sim_ros.bags.recorder import new_directory
     from mbd_sim_ros.batch import simulate
     from solver import simulation_of
-    from solver.errors import SpecError
-    from solver.files.naming import included
-    from solver.files.scene import find_file, load_scene
-    from solver.files.yaml_tree import keys_of
+    from solver.files.scene import load_scene
 
-    overrides = list(args.overrides)
-    for name in ('maneuver', 'duration'):
-        twice = next((o for o in overrides if keys_of(o.partition('=')[0]) == (name,)), None)
-        if twice is not None and getattr(args, name) is not None:
-            raise SpecError(f'--set {twice}: --{name} is given too; keep one of them')
-    if args.maneuver is not None:
-        overrides.insert(0, f'maneuver={included(find_file(args.maneuver, "maneuvers"))}')  # of which --set may change a part
-    if args.duration is not None:
-        overrides.append(f'duration={args.duration!r}')
-    scene = load_scene(args.scene, overrides)
+    scene = load_scene(args.scene, overrides_of(args))
     simulation = simulation_of(scene)
     directory = None if args.no_record else args.out or new_directory(scene.name)
     data = simulate(simulation, simulation.scene.steps, directory=directory, progress=not args.json, balance=args.balance)

@@ -16,7 +16,7 @@ from mbd_sim_ros.analysis import runs
 from mbd_sim_ros.analysis.evaluation import judging, sine_with_dwell
 from mbd_sim_ros.analysis.evaluation.figures import Result
 from mbd_sim_ros.analysis.evaluation.registry import EVALUATIONS, called, names
-from mbd_sim_ros.analysis.evaluation.signals import WAYS, Signals
+from mbd_sim_ros.analysis.evaluation.signals import WAYS, Signals, scene_of
 from mbd_sim_ros.bags.reader import Run
 from mbd_sim_ros.commands.evaluate import report
 from mbd_sim_ros.commands.main import main
@@ -256,6 +256,16 @@ def test_what_a_maneuver_states_counts_by_every_name_of_its_evaluation(stated: s
     assert judging.judge(called('fmvss126')[0], run, 'bag', {'reference': 0.3}, scene=scene)['over_reference'] == pytest.approx(
         5.0, rel=2e-3
     )
+
+
+def test_a_scene_that_cannot_be_read_any_more_is_told_and_its_recording_judged() -> None:
+    s = dwelling()
+    run = run_of(s.values, np.round(s.t * 1e9), {'resolved_scene': 'engine: of another version', 'status': 'ok'})
+    assert scene_of(run, 'bag')[0] is None
+    found = judging.judge(called('fmvss126')[0], run, 'bag', {'reference': 0.3})
+    assert found['over_reference'] == pytest.approx(5.0, rel=2e-3)
+    (told,) = [note for note in found.notes if 'scene in bag' in note]
+    assert 'a scene needs exactly one of the keys' in told and 'masses and the steering ratio are not known' in told
 
 
 def test_a_figure_without_value_never_passes() -> None:

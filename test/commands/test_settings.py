@@ -11,6 +11,7 @@ import pytest
 
 from mbd_sim_ros.bags import reader as bag
 from mbd_sim_ros.commands.main import COMMANDS, main, parser
+from mbd_sim_ros.commands.scene_keys import overrides_of
 from solver.files.scene import load_scene_text
 
 
@@ -40,7 +41,15 @@ def test_what_another_setting_would_replace_is_refused(command: list[str], capsy
     assert '--set maneuver.steering: is replaced with all of maneuver by --set maneuver behind it; give them the other way round' in told
 
 
-@pytest.mark.parametrize(('option', 'value'), [('maneuver', 'step_steer'), ('duration', '3')])
+def test_options_for_keys_of_a_scene_are_overrides_before_those_of_set() -> None:
+    given = ['run', 'light_car_straight', '--set', 'vehicle.drag=0', '--fidelity', 'kc', '--vehicle', 'compact_fwd']
+    vehicle, fidelity, drag = overrides_of(parser().parse_args(given))
+    assert vehicle.startswith('vehicle=/') and vehicle.endswith('config/vehicles/compact_fwd.yaml')
+    assert (fidelity, drag) == ('fidelity=kc', 'vehicle.drag=0')
+    assert overrides_of(parser().parse_args(['replay', 'bag', '--fidelity', 'kc'])) == ['fidelity=kc']
+
+
+@pytest.mark.parametrize(('option', 'value'), [('maneuver', 'step_steer'), ('duration', '3'), ('vehicle', 'light_car'), ('fidelity', 'kc')])
 def test_what_is_given_twice_is_refused(option: str, value: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(['run', 'light_car_straight', f'--{option}', value, '--set', f'{option}=x']) == 2
     assert f'--set {option}=x: --{option} is given too; keep one of them' in capsys.readouterr().err

@@ -14,7 +14,7 @@ from mbd_sim_ros.analysis import mapping, runs
 from mbd_sim_ros.analysis.evaluation.figures import Result
 from mbd_sim_ros.analysis.evaluation.kinds import Evaluation
 from mbd_sim_ros.analysis.evaluation.registry import EVALUATIONS, called, names
-from mbd_sim_ros.analysis.evaluation.signals import NEEDED, WAYS, Signals, Vehicle, scene_of, signals
+from mbd_sim_ros.analysis.evaluation.signals import GIVEN, NEEDED, WAYS, Signals, Vehicle, scene_of, signals
 from mbd_sim_ros.analysis.mapping import Axes, Source
 from mbd_sim_ros.bags.reader import Run
 from solver.errors import BagError, SpecError, suggestion
@@ -42,7 +42,7 @@ def read(place: Path, sources: Mapping[str, Source] | None = None, axes: Sequenc
     if sources or axes or run.stated:
         own = runs.units(run)
         run, held = mapping.apply(run, sources or {}, axes, lambda name: WAYS[name][0] if name in WAYS and name != 'brake' else own(name))
-    return run, held, scene_of(run, str(place))
+    return run, held, scene_of(run, str(place))[0]
 
 
 def meant(scene: Scene | None, wanted: str, place: str) -> Evaluation:
@@ -81,8 +81,18 @@ def judge(
         result = evaluation.judge(found, parameters)
     bad = next((f for f in result.figures if f.ok and not math.isfinite(f.value)), None)
     assert bad is None, f'{bad} passes without a value'
-    notes = (*runs.suspicion(run), *misfit(found), *result.notes)
+    notes = (*runs.suspicion(run), *_unread(run, place, scene), *misfit(found), *result.notes)
     return dataclasses.replace(result, parameters=dataclasses.asdict(parameters), notes=notes)
+
+
+def _unread(run: Run, place: str, scene: Scene | None) -> tuple[str, ...]:
+    """That nothing is known of the vehicle, and of what its maneuver states, where there is a scene that cannot be read."""
+    why = '' if scene is not None else scene_of(run, place)[1]
+    return (
+        (f'{why}; the parameters of its maneuver, masses and the steering ratio are not known: give what is wanted ({GIVEN})',)
+        if why
+        else ()
+    )
 
 
 def _states(scene: Scene, evaluation: Evaluation) -> bool:

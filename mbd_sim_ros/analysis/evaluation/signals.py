@@ -120,10 +120,13 @@ class Vehicle:
         return self.ratio if name == 'ratio' else self.masses.get(name)
 
 
-def scene_of(run: Run, place: str) -> Scene | None:
-    """The scene that a recording holds."""
+def scene_of(run: Run, place: str) -> tuple[Scene | None, str]:
+    """The scene that a recording holds, or why one that it holds cannot be read, as that of another version; (None, '') without one."""
     text = run.metadata.get('resolved_scene', '')
-    return load_scene_text(text, f'scene in {place}') if text else None
+    try:
+        return (load_scene_text(text, f'scene in {place}') if text else None), ''
+    except MbdError as error:
+        return None, str(error)
 
 
 @dataclass(kw_only=True)
