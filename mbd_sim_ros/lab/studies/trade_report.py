@@ -133,7 +133,7 @@ def _costs(report: Report, grid: Grid, rows: list[Row]) -> None:
 def _steps(report: Report, grid: Grid, rows: list[Row]) -> None:
     """Error over the step, of the quantity that is worst at the smallest."""
     name = next((n for n in ('sideslip_velocity', *grid.names) if n in grid.names), grid.names[0])
-    picture, axes = figure(6.4, 4.2)
+    picture, axes = figure(8.0, 4.2)
     ax = axes[0, 0]
     for level, colour in LEVEL_COLOURS.items():
         for iterations, style in ((1, ':'), (2, '--'), (3, '-')):
@@ -145,7 +145,8 @@ def _steps(report: Report, grid: Grid, rows: list[Row]) -> None:
     steps = sorted({1e3 * row['h'] for row in rows})
     ax.set_xticks(steps, [f'{h:g}' for h in steps])
     ax.minorticks_off()
-    ax.legend(fontsize=7, title='level, iterations', title_fontsize=7, handlelength=3.5)
+    beside = {'loc': 'upper left', 'bbox_to_anchor': (1.01, 1.0), 'frameon': False}  # on the curves it hides their ends
+    ax.legend(fontsize=7, title='level, iterations', title_fontsize=7, handlelength=3.5, **beside)
     report.figure('steps', picture, 'Error over the step with one, two and three iterations; it levels off at the error of the model')
 
 
@@ -163,6 +164,7 @@ def _origins(report: Report, grid: Grid, front: list[Row]) -> None:
         values = [max(100 * (row['errors'][name][f'{origin}_share'] or 0.0), 1e-6) for row in some]
         ax.barh(heights + 0.26 * (k - 1), values, height=0.26, color=colour, label=origin)
     ax.set_yticks(heights, [row['setting'] for row in some], fontsize=7)
+    ax.margins(y=0.01)
     ax.invert_yaxis()
     ax.set_axisbelow(True)
     ax.set(xscale='log', xlabel=f'RMS error of {name} by origin [% of the peak]')
