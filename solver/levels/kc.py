@@ -44,7 +44,7 @@ from solver.levels.flywheels import flywheels, spin_of
 from solver.levels.kept import kept
 from solver.levels.map_fits import inverse_law, spring_law
 from solver.levels.powered import KINDS, UNMOVED, powered, without_engine
-from solver.levels.reactions import at_wheels, on_carriers, unshown, without_angles
+from solver.levels.reactions import at_wheels, on_carriers, unshown, without_angles, without_kingpins
 from solver.model.frames import matrix, quaternion
 from solver.model.spec import ModelSpec, used_inputs
 from solver.scene import Scene
@@ -84,8 +84,8 @@ def derive(scene: Scene) -> Derived:
     turned = max(-guide.steering[0] for guide in model.guides)
     steering = Limit(quantity='steering_wheel_angle', unit='rad', low=-turned, high=turned, why=MAPS)
     without = unassisted(scene.model, reduction.data['gear']['lengths']) if reduction.assisted is None else ()
-    shafts = (*unshown(scene.model), *at_wheels(scene.model), *without_angles(scene.model), *without_connections(scene.model))
-    lost = (*LOST, *without, *shafts)
+    drives = (part for said in (unshown, at_wheels, without_angles, without_kingpins) for part in said(scene.model))
+    lost = (*LOST, *without, *drives, *without_connections(scene.model))
     report = LevelReport(lost=lost, validity=(travel, steering, *_lateral(scene.model), *VALIDITY))
     return Derived(scene=derived, level='kc', report=report)
 

@@ -12,6 +12,7 @@ from solver.vehicle.hardpoints import SIDES
 EFFORT = 'efforts of shafts: those of the driven wheels have the drive torque, which the whole vehicle shows at its shafts'
 LOST = 'what the drive torque of the {} axle does to its housing: it acts against the chassis, and loads both wheels alike'
 ANGLED = 'what the drive torque turns steered wheels by through half shafts at an angle: the torque at the steering wheel is without'
+KINGPINS = 'what the drive torque of the {} axle turns its knuckles by about their kingpins: the torque at the steering wheel is without'
 
 
 def turned_from_carriers(spec: ModelSpec, axle: str) -> dict[str, str]:
@@ -54,3 +55,9 @@ def without_angles(spec: ModelSpec) -> tuple[str, ...]:
     steered = {tire.marker.body for tire in spec.tires if tire.name.startswith('front_')}
     shafts = [joint for joint in spec.joints if joint.kind == 'constant_velocity' and {joint.i.body, joint.j.body} & steered]
     return (ANGLED,) if shafts else ()
+
+
+def without_kingpins(spec: ModelSpec) -> tuple[str, ...]:
+    """What the shafts of steered live axles do to the steering, where the torque of a drive acts on knuckles instead of the housing."""
+    turned = {axle: turned_from_carriers(spec, axle) for axle in ('front', 'rear')}
+    return tuple(KINGPINS.format(axle) for axle, names in turned.items() if any(name.startswith('shaft_') for name in names))

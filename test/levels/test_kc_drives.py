@@ -48,12 +48,18 @@ def test_carriers_that_two_inputs_drive_are_refused() -> None:
 
 
 def test_what_a_pinion_does_to_the_housing_of_a_live_axle_behind_a_gearbox_is_said() -> None:
-    assert not [text for text in derive(scene('fidelity=kc', vehicle='pickup_awd', drive=0.0)).report.lost if 'housing' in text]
+    lost = derive(scene('fidelity=kc', vehicle='pickup_awd', drive=0.0)).report.lost
+    assert not [text for text in lost if 'housing' in text or 'kingpins' in text]
     given = {'maneuver': {'signals': {'gear': 2}}, 'start': {'kind': 'equilibrium', 'speed': 8.0}, 'duration': 5.0}
     lost = derive(of_vehicle(off_roader(power=True), fidelity='kc', **given)).report.lost
     assert [text.partition(':')[0] for text in lost if 'housing' in text] == [
         f'what the drive torque of the {axle} axle does to its housing' for axle in ('front', 'rear')
     ]
+    assert (
+        sum('front axle turns its knuckles by about their kingpins' in text for text in lost)
+        == sum('kingpins' in text for text in lost)
+        == 1
+    )
 
 
 @pytest.mark.parametrize('level', ['condensed', 'kc'])
