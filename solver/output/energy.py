@@ -212,12 +212,11 @@ def _note_gyration(J, a, w, step, h, account):
     disc hardly anything beside its angular momentum, of a thin rod many times as much as it has. That turns the angular momentum of
     the body, and no more than in proportion the motion of all, whose kinetic energy has to follow.
     """
-    square = dot(a, a)
-    if square > 0.0:
-        along = dot(a, step)
+    square, torque = dot(a, a), mv(J, a)
+    b = dot(torque, torque) ** 0.5
+    if b > 0.0 and square > 0.0:  # of a point mass there is none
+        along, momentum = dot(a, step), mv(J, w)
         change = max(dot(step, step) - along * along / square, 0.0)
-        momentum, torque = mv(J, w), mv(J, a)
-        b = dot(torque, torque) ** 0.5
         own = b * change / square / max(dot(momentum, momentum) ** 0.5, SLOWEST * b)
         of_all = h * b * change**0.5 / max(2.0 * account[SWAYED], SLOWEST)
         account[PHASE + 1] += h * min(own, of_all) / 12.0

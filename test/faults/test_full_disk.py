@@ -54,7 +54,7 @@ def refused(capfd: pytest.CaptureFixture[str], place: str, *words: object, file:
 @pytest.mark.parametrize(
     ('file', 'words'),
     [
-        ('csv/odom.csv', ('export', 'BAG', '--csv', 'csv', '--channel', 'odom/*')),
+        ('csv/.odom.csv.part', ('export', 'BAG', '--csv', 'csv', '--channel', 'odom/*')),
         ('table/odom.parquet', ('export', 'BAG', '--parquet', 'table', '--channel', 'odom/*')),
         ('page.html', ('compare', 'BAG', 'BAG', '--html', 'page.html')),
         ('plot.png', ('compare', 'BAG', 'BAG', '--plot', 'plot.png')),
