@@ -19,10 +19,8 @@ from solver.start.minimum import refuse_unstable
 from solver.start.newton import ConsistentState, move
 
 EQUILIBRIUM_TOLERANCE = 1e-11  # N or N m, relative to the weight of the model
-ROUNDING, STALLED = (
-    1e2,
-    8,
-)  # times that, at least of 1 N, which stiff elements may leave when so many iterations in a row did not halve it
+ROUNDING = 1e2  # times that, of 1 N at least, may be left by stiff elements that have not halved it
+STALLED = 8  # iterations in a row
 SETTLING = 1.0  # s, long against every damping in a model
 APPROACH = 40  # iterations that come near
 GIVE = 1e-4  # m that what holds a body gives way under the weight of the whole model
