@@ -28,8 +28,8 @@ def changed(file: Path, was: str, becomes: str) -> None:
 
 
 def run_there(directory: Path, *arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    """Run Python with the packages of a directory, in it."""
-    own = {**os.environ, 'PYTHONPATH': str(directory), **environment}
+    """Run Python with the packages of a directory, in it. Options of the tests that are running, as colcon has them, are not its own."""
+    own = {**os.environ, 'PYTHONPATH': str(directory), 'PYTEST_ADDOPTS': '', **environment}
     return subprocess.run([sys.executable, *arguments], cwd=directory, env=own, capture_output=True, text=True, timeout=300, check=False)
 
 
