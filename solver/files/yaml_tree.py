@@ -232,6 +232,8 @@ def read_text(file: Path, errors: str = 'strict') -> str:
         return file.read_text(encoding='utf-8', errors=errors)
     except (OSError, UnicodeDecodeError) as error:
         raise SceneError(f'{file}: cannot be read: {getattr(error, "strerror", None) or "is not UTF-8 text"}') from None
+    except ValueError as error:  # a NUL, which no name of a file has
+        raise SceneError(f'{str(file)!r}: cannot be read: {error}') from None
 
 
 def include(node: Node, directories: Sequence[Path], above: tuple[Path, ...] = (), path: str = '', extent: Extent | None = None) -> Node:

@@ -13,6 +13,7 @@ from solver.elements.joint import JointSpec
 from solver.errors import SceneError
 from solver.files.naming import included
 from solver.files.scene import known_names, load_maneuver, load_scene, load_scene_text
+from solver.files.yaml_tree import read_text
 from solver.model.frames import matrix
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -230,3 +231,8 @@ def test_an_error_inside_an_included_file_names_that_file_and_the_whole_path(tmp
 def test_road_files_load(name: str) -> None:
     scene = load_scene('pendulum', [f'road=roads/{name}.yaml'])
     assert load_scene_text(scene.resolved) == scene
+
+
+def test_a_name_that_no_file_can_have_is_refused() -> None:
+    with pytest.raises(SceneError, match=r"'a\\x00b': cannot be read: .*embedded null"):
+        read_text(Path('a\0b'))
