@@ -202,6 +202,8 @@ def read(file: Path, roots: Sequence[Path], above: tuple[Path, ...] = (), extent
     include themselves, and for too much of all. extent: of the file that includes this one.
     """
     extent = extent or Extent()
+    if '\0' in str(file):
+        raise SceneError(f'{str(file)!r}: no file has a NUL in its name')
     name = displayed(file)
     if len(above) >= MOST_INCLUDED:
         raise SceneError(f'{name}: more than {MOST_INCLUDED} files include each other')
@@ -232,8 +234,6 @@ def read_text(file: Path, errors: str = 'strict') -> str:
         return file.read_text(encoding='utf-8', errors=errors)
     except (OSError, UnicodeDecodeError) as error:
         raise SceneError(f'{file}: cannot be read: {getattr(error, "strerror", None) or "is not UTF-8 text"}') from None
-    except ValueError as error:  # a NUL, which no name of a file has
-        raise SceneError(f'{str(file)!r}: cannot be read: {error}') from None
 
 
 def include(node: Node, directories: Sequence[Path], above: tuple[Path, ...] = (), path: str = '', extent: Extent | None = None) -> Node:
