@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any, Literal, NamedTuple, Protocol
 
-from mbd_sim_ros.lab.benchmarks import endurance, growth, levels, linkage, overhead, rigs, single, start, stepping, threads
+from mbd_sim_ros.lab.benchmarks import endurance, growth, levels, linkage, node_levels, overhead, rigs, single, start, stepping, threads
 from mbd_sim_ros.lab.benchmarks.machine import Watch, fingerprint, on_one_core
 from solver.dimensions import Time
 from solver.errors import MbdError, SceneError, suggestion
@@ -60,7 +60,7 @@ def _endurance(case: Case, quick: bool) -> Measurement:
 
 def _node_levels(case: Case, quick: bool) -> Measurement:
     seconds = min(case.duration, QUICK_SECONDS) if quick else case.duration
-    return levels.NodeLevels(case.scene, case.set, seconds, publish_every=case.publish_every)
+    return node_levels.NodeLevels(case.scene, case.set, seconds, publish_every=case.publish_every)
 
 
 MEASURES: dict[str, Measure] = {
@@ -74,7 +74,7 @@ MEASURES: dict[str, Measure] = {
     'publish': Measure(overhead.FIGURES, 2000, 500, lambda case, _: _overhead(case)),
     'start': Measure(start.FIGURES, 1, 1, lambda case, _: start.StartUp(case.scene, case.set), once=True),
     'levels': Measure(levels.FIGURES, 4000, 400, lambda case, _: levels.Levels(case.scene, case.set)),
-    'node_levels': Measure(levels.NODE_FIGURES, 1, 1, _node_levels, once=True),
+    'node_levels': Measure(node_levels.FIGURES, 1, 1, _node_levels, once=True),
     'node': Measure(endurance.FIGURES, 1, 1, _endurance, once=True),
     'node_and_reader': Measure(endurance.FIGURES, 1, 1, _endurance, once=True),
 }
