@@ -28,7 +28,8 @@ told where iterations do not settle with one that is too large.
 *Light bodies.* Penalties take a body for no lighter than 1e-4 of the mean: of one with less mass m they add eps penalty 1e-4 mean / m of
 rounding to its own acceleration. Beside 1 kg a pendulum of 1e-8 kg is right, one of 1e-10 kg was off by 0.03 m and nothing else told it.
 *Distance.* A place at the distance D is rounded by eps D in every step, and a velocity of the step by eps D / h: over n steps these walk to
-sqrt(n) times as much, of which 1e-4 of half that widest range (at least 1 m/s) is left to be.
+sqrt(n) times as much, of which 3e-5 of half that widest range (at least 1 m/s) is left to be. Regular motions hardly feel it; at a
+singular position it chooses how a mechanism passes: of twelve slider-cranks with 4e-5 the worst was off by 1.7e-4 m after a second.
 *Account.* Of steps that were advanced without it nothing is known, nor of a run whose forces or energies are too large for numbers: it
 compares with nothing then.
 *Contradiction.* Redundant rows that cannot all be closed, as axes that are parallel to seven digits, hold each other with multipliers that
@@ -69,7 +70,7 @@ from solver.step.iteration import LARGEST_STAGNATION
 SPOILT = 1e-4  # last increment of an iteration, relative to the velocity, which three iterations bring below 1e-6 where nothing spoils them
 LARGEST_WOUND = 3.0  # rad
 HIDDEN = 3e-5  # of an acceleration
-ROUNDED = 1e-4  # of half the widest range of a velocity
+ROUNDED = 3e-5  # of half the widest range of a velocity
 LARGEST_PHASE = 0.1  # rad
 FEWEST = 10  # steps a period
 UNSETTLED_SHARE = 0.01  # of the steps: an impact may leave a step a digit less exact, the motion between may not

@@ -10,7 +10,7 @@ import pytest
 from mbd_sim_ros.lab.mechanisms.judgement import RIGHT, TOLD, WRONG
 from mbd_sim_ros.lab.studies import stability, stability_cars, stability_maps, stability_passages
 from mbd_sim_ros.lab.studies.neighbours import silent, within
-from mbd_sim_ros.lab.studies.stability_maps import Line, Problem, moved, oscillator, pendulum, run_line, top
+from mbd_sim_ros.lab.studies.stability_maps import Line, Problem, moved, oscillator, pendulum, run_line, slider_crank, top
 
 STEPS = (1e-3, 2e-3, 5e-3)
 
@@ -44,6 +44,12 @@ def test_a_problem_moved_is_the_same_one_elsewhere() -> None:
     offsets = [np.array(a.position) - b.position for a, b in zip(there.bodies, here.bodies, strict=True)]
     np.testing.assert_allclose(offsets, [[60.0, -64.0, 48.0]] * 2, rtol=0, atol=1e-12)
     assert judgements(Line(partial(moved, pendulum, 100.0), 100.0)) == [RIGHT] * 3
+
+
+def test_rounding_far_from_the_origin_is_told_before_it_chooses_how_a_linkage_passes_its_singular_positions() -> None:
+    """At 1e7 m the motion of 1 ms is that at the origin to 1e-5 m, that of 0.5 ms to 3e-4."""
+    far = Line(partial(moved, slider_crank, 1e7), 1e7, {}, stability_maps.EPS * 1e7)
+    assert judgements(far, (5e-4, 1e-3, 2e-3)) == [TOLD, RIGHT, RIGHT]
 
 
 def test_passages_are_counted_and_on_their_branch() -> None:
