@@ -316,7 +316,7 @@ class Simulation:
 
     def _failure(self, result: StepResult) -> str:
         when = f't = {self.t_ns * 1e-9:.6f} s, step {self.k}'
-        return sentence(self.model, self.scene.integrator, self.scheme, self.state, self._work.phi_end, result, when)
+        return sentence(self.model, self.scene.integrator, self.scheme, self.state, self._work, result, when)
 
     def snapshot(self) -> Snapshot:
         """The outputs of the last step, as a copy; after a failure those of the last call of advance() that succeeded."""

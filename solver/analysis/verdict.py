@@ -54,7 +54,7 @@ from typing import Any
 
 import numpy as np
 
-from solver.analysis.exchange import WRITTEN, allowed_energy_error, exchanged, left_open
+from solver.analysis.exchange import allowed_energy_error, exchanged
 from solver.compiled.portable import norm
 from solver.elements.bushing import BushingSpec
 from solver.elements.road import RandomRoad, edge, envelops
@@ -62,9 +62,8 @@ from solver.inputs.maneuver import ManeuverSource
 from solver.inputs.unresolved import LARGEST
 from solver.model.saddle import CONDENSED
 from solver.output import energy as account
-from solver.output.dependence import contradiction
 from solver.simulation import Simulation
-from solver.step.failure import LARGEST_TURN_PER_STEP, ROUNDING_PENALTY
+from solver.step.failure import LARGEST_TURN_PER_STEP, MORE_DIGITS, ROUNDING_PENALTY
 from solver.step.iteration import LARGEST_STAGNATION
 
 SPOILT = 1e-4  # last increment of an iteration, relative to the velocity, which three iterations bring below 1e-6 where nothing spoils them
@@ -244,13 +243,13 @@ def _inputs(s: Simulation) -> list[Finding | None]:
 
 def _contradiction(s: Simulation) -> Finding | None:
     """Redundant joints that cannot all be closed, by so little that neither their drift nor the account of energy says anything."""
-    last = s.last_step
-    if not s.of_bodies or not s.model.n_rows or last.energy[account.STEPS] == 0.0:
+    if not s.of_bodies or not s.model.n_rows:
         return None
-    energy, row = contradiction(s.model, last.J, last.lam, last.phi)
+    energy, time, row = (float(x) for x in s.last_step.energy[account.CONTRADICTION : account.CONTRADICTION + 3])
     text = 'redundant joints contradict each other, and the forces in which they do hold, beside what moves,'
-    place, remedy = f'constraint {s.model.row_names[row]!r}', 'give their markers and axes with more digits, or a joint with fewer rows'
-    return _finding('contradiction', energy, WRITTEN * exchanged(s) + left_open(s), None, 'J', None, place, text, remedy)
+    place = f'constraint {s.model.row_names[int(row)]!r}'
+    _, limit = account.contradicts(s.last_step.energy, s.model.tables.bodies)
+    return _finding('contradiction', energy, limit, None, 'J', time, place, text, MORE_DIGITS)
 
 
 def _condensed(s: Simulation) -> bool:

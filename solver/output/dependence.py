@@ -7,14 +7,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.compiled.by_reference import Ref
 from solver.elements.registry import CONSTRAINTS, FORCES
-from solver.model.evaluate import add_constraint_forces
 from solver.model.tables import Model
 
 RANK_TOLERANCE = 1e-8  # of rows of unit norm in the metric of the masses
-CLOSED = 1e-11  # m or rad
-BALANCED = 0.03  # of forces: what those that balance each other may leave
 COUNTS = ('bushings', 'spring_dampers', 'force_elements', 'external_forces', 'tires')  # of force elements, of which a model may have none
 LEAST_GRIP = 1e-3  # smallest singular value of such rows, in the columns of one body, that are independent beyond doubt
 
@@ -79,21 +75,6 @@ def tied_groups(model: Model, B: np.ndarray) -> list[int]:
                 del at[b][g]
                 waiting.append(int(b))
     return sorted(tied)
-
-
-def contradiction(model: Model, J: np.ndarray, lam: np.ndarray, phi: np.ndarray) -> tuple[float, int]:
-    """(energy [J], the row with most of it) of multipliers lam (nc,) that balance each other, in the rows that they cannot close, phi (nc,)
-    open, at the Jacobian blocks J: of rows that contradict each other. (0, 0) where lam moves anything to speak of.
-    """
-    con, net, gross = model.tables.constraints, np.zeros((model.n_bodies + 1, 6)), np.zeros((model.n_bodies + 1, 6))
-    energies = np.abs(lam * phi) * (con.holonomic == 1) * (np.abs(phi) > CLOSED)
-    if not energies.any():
-        return 0.0, 0
-    add_constraint_forces(Ref(con), J, lam, 1.0, net)
-    add_constraint_forces(Ref(con), np.abs(J), np.abs(lam), 1.0, gross)
-    if not np.abs(net[:-1]).max() < BALANCED * gross[:-1].max():
-        return 0.0, 0
-    return float(np.add.reduce(energies)), int(np.argmax(energies))
 
 
 class Dependence(NamedTuple):

@@ -7,7 +7,10 @@ kinetic and of potential energy. Kept in one flat array, so that it is saved, re
 
 from __future__ import annotations
 
+import numpy as np
+
 from solver.compiled.kernel import kernel
+from solver.compiled.portable import norm
 from solver.compiled.vec import dot, load3, load33, mv
 from solver.model.tables import COUNT, OUTPUT, PEAK, ROTATION, WIDTH
 
@@ -26,7 +29,8 @@ KICK = NOTED + 16  # two rows, of the same: (largest change of an acceleration i
 PHASE = KICK + 6  # of the same: phase that steps have cost the motion, less what it has forgotten [rad]
 WOUND = PHASE + 2  # such a row: what an element is turned by that acts on a rotation vector [rad]; the index is the place of its outputs
 SWAYED = WOUND + 3  # kinetic energy of all those ranges, each as the amplitude of a vibration [J]
-LENGTH = WOUND + 4  # of what is there without bodies; behind it the twists of n bodies, (n, 2, 6): smallest and largest of every component,
+CONTRADICTION = WOUND + 4  # such a row: energy of rows that contradict each other [J] (solver.output.contradiction), the index is a row
+LENGTH = WOUND + 7  # of what is there without bodies; behind it the twists of n bodies, (n, 2, 6): smallest and largest of every component,
 # and of elements that have a peak (largest value; time [s])
 
 
@@ -35,9 +39,31 @@ def account_length(bodies: int, peaks: int) -> int:
     return LENGTH + 12 * bodies + 2 * peaks
 
 
+WRITTEN = 1e-6  # relative, and m: what numbers written with finitely many digits leave open
+ROUNDING = 1e-12  # of stored energy: what its own numbers leave open, beside prestressed parts at rest where nothing has weight
 SLOWEST = 1e-6  # m/s or rad/s
 SPINS = 0.005  # rad: half the turn in a step, below which a body has no spin to speak of
 SETTLED = 1e-3  # relative velocity increment: a digit better than what is accepted where an iteration does not converge
+
+
+@kernel(borrow=True)
+def exchanged_so_far(account):
+    """Energy [J] that was exchanged: supplied and dissipated, and the ranges of kinetic and potential energy."""
+    kinetic, potential = account[KINETIC_HIGH] - account[KINETIC_LOW], account[POTENTIAL_HIGH] - account[POTENTIAL_LOW]
+    return account[GROSS] + kinetic + potential
+
+
+def left_open(account, bodies):
+    """Energy [J] that numbers leave open of bodies (solver.model.tables)."""
+    weight = float(np.add.reduce(bodies.mass)) * norm(bodies.gravity)
+    stored = max(abs(float(account[POTENTIAL_LOW])), abs(float(account[POTENTIAL_HIGH])))
+    return WRITTEN * (weight + float(account[KINETIC_HIGH])) + ROUNDING * stored
+
+
+def contradicts(account, bodies):
+    """Whether rows contradict each other, and how much energy [J] of that is allowed."""
+    limit = WRITTEN * float(exchanged_so_far(account)) + left_open(account, bodies)
+    return bool(account[CONTRADICTION] > limit), limit
 
 
 @kernel(inner=True)

@@ -27,6 +27,7 @@ from solver.model.evaluate import constraint_input_rates, constraint_rates, eval
 from solver.model.saddle import solve_saddle
 from solver.model.state import update_angles
 from solver.output.collect import collect
+from solver.output.contradiction import note_contradiction
 from solver.output.energy import SLOWEST, note_residuals, update_energy
 from solver.output.snapshot import Counters
 from solver.step.augmentation import ENOUGH, combine
@@ -192,6 +193,7 @@ def keep_account(tables, h, follow, s1, u, counters, work):
     note_residuals(
         tables.constraints, tables.bodies.inertia, v, h, n.residual, position, velocity, phi, rate, a, a_before, slowest, account
     )
+    note_contradiction(tables.constraints, work.J_end, work.lam_out, phi, work.r, work.f, account)
 
 
 @kernel(borrow=True)

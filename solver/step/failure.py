@@ -8,16 +8,18 @@ from solver.compiled.by_reference import Ref
 from solver.compiled.portable import norms
 from solver.model.state import State
 from solver.model.tables import Model
+from solver.output.energy import CONTRADICTION, contradicts
 from solver.step.iteration import MOST_ITERATIONS
 from solver.step.settings import IntegratorSettings
 from solver.step.work import BAD_INPUT, INACCURATE, NON_FINITE, NOT_CONVERGED, SINGULAR, StepResult
 
 ROUNDING_PENALTY = 1e7  # with larger ones solutions of the condensed form of a car have errors that show (docs/formulation.md, "Rounding")
+MORE_DIGITS = 'give their markers and axes with more digits, or a joint with fewer rows'
 LARGEST_TURN_PER_STEP = 1.0  # rad; the iteration contracts by about the turn of a body per step (docs/decisions/0002)
 
 
-def sentence(model: Model, settings: IntegratorSettings, scheme: Ref, state: State, phi: np.ndarray, result: StepResult, when: str) -> str:
-    """What a step from a state came to; phi (nc,): residuals of the constraints that it left; when: instant and number of the step."""
+def sentence(model: Model, settings: IntegratorSettings, scheme: Ref, state: State, work: Ref, result: StepResult, when: str) -> str:
+    """What a step from a state came to; work: what it and those before it left; when: instant and number of the step."""
     when = f'{when}: {_fast_turn(model, settings.h, state)}'
     where = result.where
     if result.status == NON_FINITE:
@@ -42,6 +44,7 @@ def sentence(model: Model, settings: IntegratorSettings, scheme: Ref, state: Sta
         tolerance = settings.error_tolerance
         return when + f'the error stays above integrator.error_tolerance = {tolerance:g} with {smallest}; {remedy} or allow more'
     assert result.status == NOT_CONVERGED
+    phi, energy = work.phi_end, work.energy
     worst = int(np.argmax(np.abs(phi))) if model.n_rows else -1
     name = f', worst constraint {model.row_names[worst]!r} ({abs(phi[worst]):.2g})' if worst >= 0 else ''
     if settings.step_policy == 'constant':
@@ -50,6 +53,9 @@ def sentence(model: Model, settings: IntegratorSettings, scheme: Ref, state: Sta
         remedy = f'not even with {smallest}: {remedy} or raise the penalties'
     if settings.form == 'condensed' and scheme.penalty.max(initial=0.0) > ROUNDING_PENALTY:
         remedy = 'reduce integrator.penalty, whose rounding spoils the condensed matrix, or take integrator.form: block'
+    if contradicts(energy, model.tables.bodies)[0]:
+        row = model.row_names[int(energy[CONTRADICTION + 2])]
+        remedy = f'redundant joints contradict each other, most at constraint {row!r}: {MORE_DIGITS}'
     tried = max(scheme.iterations, MOST_ITERATIONS if scheme.fixed == 1 else 0)
     return when + f'no convergence in {tried} iterations (residual {result.counters.residual:.2g}{name}); {remedy}'
 
