@@ -24,7 +24,7 @@ from solver.validate import finite, require
 from solver.vehicle.aero import Aero, aero_drag
 from solver.vehicle.axle import Axle, axle_bar, following_rack, subframe, suspensions
 from solver.vehicle.parts import Category, Corner, Part, Parts, Structure, joined
-from solver.vehicle.power import Power
+from solver.vehicle.power import Power, turning
 from solver.vehicle.powertrain import Base, Engine, Propshaft, engine, require_beginning
 from solver.vehicle.recirculating_ball import RecirculatingBall
 from solver.vehicle.steering import SteeringGear, steering_gear
@@ -118,11 +118,11 @@ def drives(
     given = {axle.name: axle.drive for axle in car.axles if axle.drive is not None}
     shafts = {name: drive for name, drive in given.items() if isinstance(drive, Propshaft)}
     require_beginning(shafts)
-    based = {name: Base(chassis, bases[name], engine, len(given) == 1, len(shafts) == 1, {}) for name in given}
+    power = None if car.engine is None else car.engine.power
+    based = {name: Base(chassis, bases[name], engine, len(given) == 1, len(shafts) == 1, {}, turning(power)) for name in given}
     found = {name: drive.housing(name, based[name], corners[name]) for name, drive in given.items()}
     housings = {name: housing for name, housing in found.items() if housing is not None}
     driven = {name: drive.parts(name, based[name]._replace(housings=housings), corners[name]) for name, drive in given.items()}
-    power = None if car.engine is None else car.engine.power
     between = () if car.transfer is None else (car.transfer,) if isinstance(car.transfer, Transfer) else car.transfer
     return joined(
         (

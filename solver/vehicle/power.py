@@ -30,6 +30,7 @@ from solver.vehicle.hardpoints import marker_at
 from solver.vehicle.parts import LEFTWARDS, Parts, joined
 
 FORWARD: Vector = (1.0, 0.0, 0.0)
+BACKWARDS: Vector = (-1.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -96,7 +97,7 @@ class Power:
         """Crankshaft, map, clutch. outputs: coordinates that the gearbox turns behind its final drive, with their shares of its torque,
         below 0 where they turn backwards; across: the crankshaft lies across the car. Coordinate crankshaft, positive when rolling
         forward."""
-        axis = LEFTWARDS if across else FORWARD
+        axis = LEFTWARDS if across else turning(self)
         crank = shaft('crankshaft', engine, axis, self.mass, self.inertia)
         engines = EngineSpec(
             name='engine', coordinate='crankshaft', input='accelerator', speeds=self.speeds, pedals=self.pedals, torques=self.torques
@@ -111,8 +112,15 @@ class Power:
         return joined(parts if self.converter is None else (*parts, turbine(self.converter, engine, axis)))
 
 
+def turning(power: Power | None) -> Vector:
+    """The axis about which shafts along a car turn as it rolls forward: with an engine clockwise seen from the front, as nearly all do, so
+    that driving takes load off the right wheel of a live axle. Without one they turn along, the other way round: nothing drives them.
+    """
+    return FORWARD if power is None else BACKWARDS
+
+
 def shaft(name: str, engine: RigidBodySpec, axis: Vector, mass: float, inertia: float) -> Parts:
-    """What turns in an engine about an axis (forwards or to the left), across which it has half of its inertia [kg m^2]."""
+    """What turns in an engine about an axis (backwards or to the left), across which it has half of its inertia [kg m^2]."""
     at, across = engine.position, 0.5 * inertia
     own = (across, inertia, across) if axis is LEFTWARDS else (inertia, across, across)
     body = RigidBodySpec(name=name, mass=mass, inertia=(*own, 0.0, 0.0, 0.0), position=at)

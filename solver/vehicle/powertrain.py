@@ -50,7 +50,7 @@ from solver.vehicle.parts import (
     shaft_markers,
     vector_of,
 )
-from solver.vehicle.power import FORWARD, Power
+from solver.vehicle.power import Power
 from solver.vehicle.rotor import Rotor, rotor
 from solver.vehicle.wheel_end import spin_axis
 
@@ -158,7 +158,8 @@ class Driveline(HalfShafts, Propshaft):
 
 class Base(NamedTuple):
     """What a drive is attached to. single, only_shaft: no other axle is driven, or has a propeller shaft, so that parts of the drive, or of
-    its shaft, need not be named after the axle. housings: of the differentials of all driven axles that have one of their own."""
+    its shaft, need not be named after the axle. housings: of the differentials of all driven axles that have one of their own. turning: the
+    axis about which shafts along the car turn, forwards or backwards."""
 
     chassis: RigidBodySpec
     subframe: RigidBodySpec
@@ -166,6 +167,7 @@ class Base(NamedTuple):
     single: bool
     only_shaft: bool
     housings: Mapping[str, RigidBodySpec]
+    turning: Vector
 
     def name(self, part: str, axle: str) -> str:
         """Name of a part of the drive of an axle."""
@@ -191,11 +193,12 @@ class Base(NamedTuple):
 
 class PropellerShaft(NamedTuple):
     """A propeller shaft where others take hold of it. body: its part at the engine, along `axis`; output: the coordinate of that against
-    the engine, pinion: that of the drive pinion, both about an axis that leads forwards; ratio: turns of these per turn of the wheels,
-    below 0 where they turn backwards."""
+    the engine, pinion: that of the drive pinion, both about `turning`; ratio: turns of these per turn of the wheels, below 0 where they
+    turn the other way."""
 
     body: RigidBodySpec
     axis: Vector
+    turning: Vector
     output: str
     pinion: str
     ratio: float
@@ -290,11 +293,11 @@ def half_shaft(data: HalfShafts, housing: RigidBodySpec, wheel: RigidBodySpec, c
     )
 
 
-def forwards(a: Vector, b: Vector) -> Vector:
-    """The direction of the line through two points that leads forwards: of shafts to the front axle too, or their joints would be open by
-    half a turn."""
-    back, front = (a, b) if b[0] > a[0] else (b, a)
-    return vector_of(np.subtract(front, back))
+def lengthwise(turning: Vector, a: Vector, b: Vector) -> Vector:
+    """The direction of the line through two points that leads as `turning` does: of shafts to the front axle too, or their joints would be
+    open by half a turn."""
+    begin, end = (a, b) if (b[0] > a[0]) == (turning[0] > 0.0) else (b, a)
+    return vector_of(np.subtract(end, begin))
 
 
 def require_beginning(shafts: Mapping[str, Propshaft]) -> None:
@@ -317,7 +320,7 @@ def propeller_shaft(data: Propshaft, base: Base, housing: RigidBodySpec, axle: s
     end = vector_of(np.array(rear) + (math.copysign(STUB, rear[0] - front[0]), 0.0, 0.0))
     whole = 'propshaft' if data.propshaft_rear is None else 'propshaft_front'
     first = rods(base.of_shaft(whole, axle), ((data.propshaft_front.mass, front, centre, data.propshaft_front.radius),))
-    axis_front = axis = forwards(centre, front)
+    axis_front = axis = lengthwise(base.turning, centre, front)
     last = first
     joints: tuple[tuple[str, str, Marker, Marker], ...] = (
         ('propshaft_flange', 'spherical', marker_at(engine, front), marker_at(first, front)),
@@ -325,7 +328,7 @@ def propeller_shaft(data: Propshaft, base: Base, housing: RigidBodySpec, axle: s
     bodies: tuple[RigidBodySpec, ...] = (first,)
     if data.propshaft_rear is not None and data.center_bearing is not None:
         last = rods(base.of_shaft('propshaft_rear', axle), ((data.propshaft_rear.mass, centre, rear, data.propshaft_rear.radius),))
-        axis = forwards(rear, centre)
+        axis = lengthwise(base.turning, rear, centre)
         # along a line of the chassis: rows of one in the shaft would turn with it, and iterations gain less (docs/decisions/0002)
         bearing = marker_at(base.chassis, data.center_bearing, axis_front), marker_at(first, data.center_bearing)
         bodies = (first, last)
@@ -335,11 +338,11 @@ def propeller_shaft(data: Propshaft, base: Base, housing: RigidBodySpec, axle: s
         )
     pinion = rods(base.of_shaft('drive_pinion', axle), ((data.pinion.mass, rear, end, data.pinion.radius),))
     joints += (
-        ('propshaft_pinion', 'constant_velocity', *shaft_markers(last, pinion, rear, axis, FORWARD)),
-        ('drive_pinion', 'cylindrical', marker_at(housing, rear, FORWARD), marker_at(pinion, rear, FORWARD)),
+        ('propshaft_pinion', 'constant_velocity', *shaft_markers(last, pinion, rear, axis, base.turning)),
+        ('drive_pinion', 'cylindrical', marker_at(housing, rear, base.turning), marker_at(pinion, rear, base.turning)),
     )
     parts = Parts(
         bodies=(*bodies, pinion),
         joints=tuple(JointSpec(name=base.of_shaft(name, axle), kind=kind, i=i, j=j) for name, kind, i, j in joints),
     )
-    return parts, PropellerShaft(first, axis_front, base.of_shaft('gearbox_output', axle), f'{pinion.name}/angle', data.ratio)
+    return parts, PropellerShaft(first, axis_front, base.turning, base.of_shaft('gearbox_output', axle), f'{pinion.name}/angle', data.ratio)

@@ -28,7 +28,6 @@ from solver.elements.rigid_body import RigidBodySpec
 from solver.model.spec import ModelSpec
 from solver.validate import finite, require
 from solver.vehicle.parts import Parts, joined, shaft_markers
-from solver.vehicle.power import FORWARD
 from solver.vehicle.powertrain import PropellerShaft
 
 Terms = tuple[tuple[str, float], ...]
@@ -137,7 +136,7 @@ def shafts_at_engine(engine: RigidBodySpec | None, given: tuple[Transfer, ...], 
 
 def _against(engine: RigidBodySpec | None, shaft: PropellerShaft) -> CoordinateSpec:
     assert engine is not None  # drives with a propeller shaft need one
-    i, j = shaft_markers(engine, shaft.body, shaft.body.position, FORWARD, shaft.axis)  # so it turns as evenly as it does
+    i, j = shaft_markers(engine, shaft.body, shaft.body.position, shaft.turning, shaft.axis)  # so it turns as evenly as it does
     return CoordinateSpec(name=shaft.output, kind='rotation', i=i, j=j)
 
 
