@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from solver.compiled.by_reference import Ref
-from solver.compiled.portable import norms
-from solver.model.state import State
+from solver.compiled.portable import norm, norms, product
+from solver.model.state import State, kinematics_of
 from solver.model.tables import Model
 from solver.output.energy import CONTRADICTION, contradicts
 from solver.step.iteration import MOST_ITERATIONS
@@ -15,6 +15,7 @@ from solver.step.work import BAD_INPUT, INACCURATE, NON_FINITE, NOT_CONVERGED, S
 
 ROUNDING_PENALTY = 1e7  # with larger ones solutions of the condensed form of a car have errors that show (docs/formulation.md, "Rounding")
 MORE_DIGITS = 'give their markers and axes with more digits, or a joint with fewer rows'
+FLAT = 0.03  # rad that a disc leans from its plane
 LARGEST_TURN_PER_STEP = 1.0  # rad; the iteration contracts by about the turn of a body per step (docs/decisions/0002)
 
 
@@ -56,8 +57,22 @@ def sentence(model: Model, settings: IntegratorSettings, scheme: Ref, state: Sta
     if contradicts(energy, model.tables.bodies)[0]:
         row = model.row_names[int(energy[CONTRADICTION + 2])]
         remedy = f'redundant joints contradict each other, most at constraint {row!r}: {MORE_DIGITS}'
+    fallen = _fallen_disc(model, state)
+    if fallen:
+        remedy = f'the disc of contact {fallen!r} has fallen flat on its plane, where it has no lowest point to roll on: end the run before'
     tried = max(scheme.iterations, MOST_ITERATIONS if scheme.fixed == 1 else 0)
     return when + f'no convergence in {tried} iterations (residual {result.counters.residual:.2g}{name}); {remedy}'
+
+
+def _fallen_disc(model: Model, state: State) -> str:
+    """The contact whose rolling disc lies nearly flat, or nothing."""
+    R, contacts = kinematics_of(state.q, state.v).R, model.elements['contacts']
+    for k, spec in enumerate(model.spec.contacts):
+        i, j = contacts.body[k]
+        normal, axis = product(R[i], contacts.F[k][:, 2]), product(R[j], contacts.G[k][:, 2])
+        if spec.kind == 'rolling' and norm(np.cross(normal, axis)) < FLAT:
+            return spec.name
+    return ''
 
 
 def _fast_turn(model: Model, h: float, state: State) -> str:

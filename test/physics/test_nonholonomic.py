@@ -10,6 +10,7 @@ from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
 from solver import simulation_of
+from solver.errors import StepError
 from solver.files.scene import load_scene, load_scene_text
 from solver.simulation import Simulation
 
@@ -218,3 +219,12 @@ def test_disc_and_the_sliding_plate_it_rolls_on_exchange_momentum_and_lose_none(
         assert angular == pytest.approx(turning, abs=1e-5)
     assert np.ptp(plate, axis=0).min() > 0.1, 'the plate does not take part'
     assert s.totals()['energy_error_max'] < 1e-4
+
+
+def test_a_disc_that_falls_flat_is_named():
+    """Without spin it lies down within half a second, and no finer step brings it further."""
+    wheel = '{mass: 1, inertia: [0.0625, 0.125, 0.0625], position: [0, 0, 0.4388], rpy: [0.5, 0, 0]}'
+    road = '{kind: rolling, i: world, j: {body: wheel, axis: [0, 1, 0]}, radius: 0.5}'
+    scene = f'mechanism: {{bodies: {{wheel: {wheel}}}, contacts: {{road: {road}}}}}\nstart: {{kind: assemble}}'
+    with pytest.raises(StepError, match="the disc of contact 'road' has fallen flat on its plane"):
+        Simulation(load_scene_text(scene)).advance(1000)
