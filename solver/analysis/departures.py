@@ -17,7 +17,7 @@ class Departure(NamedTuple):
     max: float  # in the unit of the quantity
     rms: float
     peak: float  # of the reference, which percentages refer to
-    delay: float  # [s] by which the signal comes later; not a number where the reference hardly changes or the shapes do not fit
+    delay: float  # [s] by which the signal comes later; not a number where the reference hardly changes, infinite where shapes do not fit
 
     def share(self, measure: str) -> float:
         """Error of a measure as part of the peak."""
@@ -42,8 +42,8 @@ def departure(quantity: Quantity, time: np.ndarray, values: np.ndarray, referenc
 def delay(time: np.ndarray, values: np.ndarray, reference: np.ndarray, least: float) -> float:
     """The d [s] with which reference(t - d) + constant fits values best, by least squares (Gauss-Newton from d = 0).
 
-    Not a number where the reference changes by less than `least`, or where the best shift explains less than half of how the values
-    change.
+    Not a number where the reference changes by less than `least`, or along a straight line, which a constant moves as well. Infinite where
+    shapes do not fit: what is left is more than half of how values or reference change.
     """
     if len(time) < 8 or np.ptp(reference, axis=0).max() < least:
         return np.nan
@@ -52,7 +52,7 @@ def delay(time: np.ndarray, values: np.ndarray, reference: np.ndarray, least: fl
     for round_ in range(ROUNDS + 1):
         used = (time - d >= time[0]) & (time - d <= time[-1])
         if used.sum() < 0.75 * len(time):
-            return np.nan
+            return np.nan if _fits(_free(values), _free(reference)) else np.inf
         at = time[used] - d
         moved, rate = (_free(np.column_stack([np.interp(at, time, c) for c in curve.T])) for curve in (reference, slope))
         x = _free(values[used])
@@ -61,7 +61,12 @@ def delay(time: np.ndarray, values: np.ndarray, reference: np.ndarray, least: fl
             return np.nan
         if round_ < ROUNDS:
             d -= float(((x - moved) * rate).sum()) / size
-    return d if float(((x - moved) ** 2).sum()) < 0.5 * float((x * x).sum()) else np.nan
+    return d if _fits(x, moved) else np.inf
+
+
+def _fits(a: np.ndarray, b: np.ndarray) -> bool:
+    """Whether two curves without their means share more than half of how each changes."""
+    return float(((a - b) ** 2).sum()) < 0.5 * min(float((a * a).sum()), float((b * b).sum()))
 
 
 def _free(values: np.ndarray) -> np.ndarray:

@@ -24,7 +24,7 @@ class Requirement(NamedTuple):
         return self.value * peak if self.share else self.value
 
     def error(self, d: Departure) -> float:
-        """The error that is limited. Curves without a delay of their own have none when they lie close to each other."""
+        """The error that is limited. Where nothing changes that could come late there is no delay when curves lie close to each other."""
         if self.measure != 'delay':
             return float(getattr(d, self.measure))
         if math.isnan(d.delay):

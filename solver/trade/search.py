@@ -181,7 +181,8 @@ class Search(Judge):
             worst = max(shares, key=lambda r: shares[r])
             if not shares[worst] <= 1.0:
                 if math.isinf(shares[worst]):
-                    return f'{worst.quantity} is not modelled'
+                    there = worst.quantity in self.limit_of(v, base, self.steps[1:]).curves
+                    return f'{worst}: it changes in another way than in the full vehicle' if there else f'{worst.quantity} is not modelled'
                 return f'{worst}: its model error alone is {shares[worst]:.2g} of the limit on {v}'
         return ''
 

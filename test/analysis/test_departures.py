@@ -7,6 +7,7 @@ import pytest
 
 from solver.analysis.departures import departure
 from solver.quantities import Quantity
+from solver.trade.requirements import Requirement
 
 T = 0.01 * np.arange(1001)  # s
 W = 2.0 * np.pi * 0.5  # rad/s; ten seconds are five periods
@@ -37,8 +38,23 @@ def test_the_delay_of_a_sine_is_found_between_its_samples(late: float) -> None:
 def test_an_offset_is_no_delay_and_noise_has_none() -> None:
     noise = np.random.default_rng(1).normal(size=(T.size, 1))
     assert departure(made(), T, 3.0 + np.sin(W * T)[:, None], np.sin(W * T)[:, None]).delay == pytest.approx(0.0, abs=1e-9)
-    assert np.isnan(departure(made(), T, noise, np.sin(W * T)[:, None]).delay)
+    assert np.isinf(departure(made(), T, noise, np.sin(W * T)[:, None]).delay)
     assert np.isnan(departure(made(least=0.1), T, np.zeros((T.size, 1)), 1e-3 * np.sin(W * T)[:, None]).delay)
+
+
+@pytest.mark.parametrize('other', [0.0 * T, np.sin(1.3 * W * T), -np.sin(W * T)])
+def test_a_small_change_of_something_large_that_is_missed_is_no_short_delay(other: np.ndarray) -> None:
+    """A wheel load of 5000 N that swings by 200 N, in another run not at all, at another frequency, or the other way: within 5 % of its
+    peak, and late without end."""
+    of = Requirement('wheel_load.front_left', 'delay', 5e-3, False)
+    quantity = made(least=100.0)
+    assert of.error(departure(quantity, T, 5000.0 + 200.0 * other[:, None], 5000.0 + 200.0 * np.sin(W * T)[:, None])) == np.inf
+    assert of.error(departure(quantity, T, 5000.0 + 20.0 * other[:, None], 5000.0 + 20.0 * np.sin(W * T)[:, None])) == 0.0
+
+
+def test_a_straight_line_has_no_delay_that_an_offset_has_not() -> None:
+    of = Requirement('position', 'delay', 5e-3, False)
+    assert of.error(departure(made(), T, 20.0 * T[:, None] + 0.1, 20.0 * T[:, None])) == pytest.approx(0.0, abs=1e-2)
 
 
 def test_the_error_of_a_place_is_a_distance_and_its_peak_the_way() -> None:
