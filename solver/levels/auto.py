@@ -121,15 +121,21 @@ def _certificate(plan: Mapping[str, Any]) -> Certificate:
 
 
 def chosen(scene: Scene, plan: Mapping[str, Any]) -> Scene:
-    """The scene with what a plan has chosen in place, in its resolved text too: a recording of it needs no plan."""
+    """The scene with what a plan has chosen in place, in its resolved text too: a recording of it needs no plan.
+
+    Of longer steps fewer lie between two messages of a recording, so that it is no coarser in time than the scene has it.
+    """
     settings = plan['settings']
     integrator = settings['integrator'] | FIXED
+    every = max(1, min(scene.record.every, int(scene.record.every * scene.integrator.h / integrator['h'] + 1e-6)))
     if scene.resolved:
         switches = ', '.join(f'{name}: {state}' for name, state in settings['switches'].items())
         overrides = [f'fidelity={plan["fidelity"]}', f'switches={{{switches}}}', *(f'integrator.{k}={v}' for k, v in integrator.items())]
+        overrides += [f'record.every={every}'] if every != scene.record.every else []
         return load_scene_text(scene.resolved, scene.name, overrides)
     integrator = dataclasses.replace(scene.integrator, **integrator)
-    return dataclasses.replace(scene, fidelity=plan['fidelity'], switches=settings['switches'], integrator=integrator)
+    record = dataclasses.replace(scene.record, every=every)
+    return dataclasses.replace(scene, fidelity=plan['fidelity'], switches=settings['switches'], integrator=integrator, record=record)
 
 
 def certificate_of(scene: Scene) -> Certificate | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ import solver
 from solver.errors import SceneError
 from solver.inputs import recorded
 from solver.levels import auto
-from solver.levels.auto import key, plan_of
+from solver.levels.auto import key, plan_of, resolved
 from solver.scene import Scene
 
 LIMIT = 'require={yaw_rate: {rms: 2 %}}'
@@ -74,6 +75,14 @@ def test_a_recording_of_the_same_name_with_other_inputs_has_another_plan(monkeyp
     assert key(scene) == before
     value = 0.4
     assert key(scene) != before
+
+
+@pytest.mark.parametrize(('every', 'kept'), [(1, 1), (10, 2), (3, 1)])
+def test_a_recording_of_longer_steps_is_no_coarser_in_time(planned: Callable[..., Scene], every: int, kept: int) -> None:
+    """Ten steps of 1 ms are two of 4 ms."""
+    scene = planned(f'record.every={every}', 'integrator.h=0.001')
+    assert resolved(scene)[0].record.every == kept
+    assert resolved(dataclasses.replace(scene, resolved=''))[0].record.every == kept
 
 
 @pytest.mark.parametrize('kind', ['m_alf', 'reference_bdf'])
