@@ -8,6 +8,7 @@ import math
 from dataclasses import asdict
 from typing import Any
 
+from solver import units
 from solver.analysis.covered import OF_SCENE, certified_of
 from solver.errors import MbdError
 from solver.levels.auto import INCOMPLETE, OK, key
@@ -53,7 +54,7 @@ def plan(search: Search) -> dict[str, Any]:
         }
     data['findings'] = []
     if best is not None:
-        search.notes += still(search)
+        search.notes += still(search) + idle(search)
         data['findings'] = findings_of(search, best.setting)
     data['errors'] = {} if shown is None else errors(shown)
     data['units'] = (
@@ -125,6 +126,20 @@ def still(search: Search) -> list[str]:
     return [
         f'{name} does not get beyond {q.least:g} {q.unit} in the maneuver of the scene; its percentages are of that' for name, q in found
     ]
+
+
+def idle(search: Search) -> list[str]:
+    """Limits that a run keeps whatever it does, for they are as large as all that there is on the maneuver of the scene, in words: a bare
+    number is in SI units, and 2 is not 2 %."""
+    truth, found = search.truth(AS_GIVEN), []
+    for r in search.requirements:
+        delay, q = r.measure == 'delay', truth.quantities[r.quantity]
+        most, unit = (search.scene.duration, 's') if delay else (truth.peaks[r.quantity], q.unit)
+        limit = r.limit(most)
+        if limit >= most:
+            text = 'no less than the time of the scene' if delay else f'no less than its peak, {units.shown(most, unit)}'
+            found.append(f'{r}: the limit of {units.shown(limit, unit)} is {text}, so any run keeps it; give its unit, or a smaller one')
+    return found
 
 
 def finite(value: Any) -> Any:

@@ -14,7 +14,7 @@ from solver.analysis.departures import Departure
 from solver.errors import SpecError
 from solver.files.scene import load_scene_text
 from solver.trade import judging, reference
-from solver.trade.certificate import finite, plan, still, what_has_to_give
+from solver.trade.certificate import finite, idle, plan, still, what_has_to_give
 from solver.trade.cost import Cost, PerStep
 from solver.trade.measurements import STEP_SETS
 from solver.trade.requirements import Requirement
@@ -280,6 +280,18 @@ def test_the_band_of_a_delay_does_not_grow_with_the_peak() -> None:
     search._references[AS_GIVEN, Setting().model, search.steps] = found  # type: ignore[assignment]
     bands = {measure: search.uncertainty(Requirement(GUIDE, measure, 1.0, False), 4.0) for measure in ('max', 'delay')}
     assert bands == {'max': pytest.approx(0.2), 'delay': 0.01}
+
+
+def test_a_limit_that_every_run_keeps_is_told() -> None:
+    """2 without a unit is not 2 %, and 5 not 5 ms."""
+    search = guided(f'require={{{GUIDE}: {{max: 2, rms: 0.1, delay: 5}}}}')
+    truth = SimpleNamespace(peaks={GUIDE: 0.3}, quantities={GUIDE: SimpleNamespace(unit='m')})
+    search._references[AS_GIVEN, Setting().model, search.steps] = truth  # type: ignore[assignment]
+    told = idle(search)
+    assert [text.partition(', so')[0] for text in told] == [
+        f'{GUIDE} max: the limit of 2 m is no less than its peak, 0.3 m',
+        f'{GUIDE} delay: the limit of 5 s is no less than the time of the scene',
+    ]
 
 
 def test_where_the_full_vehicle_fails_on_all_others_no_time_is_blamed() -> None:
