@@ -129,7 +129,7 @@ def still(search: Search) -> list[str]:
 
 
 def idle(search: Search) -> list[str]:
-    """Limits that a run keeps whatever it does, for they are as large as all that there is on the maneuver of the scene, in words: a bare
+    """Limits as large as all that there is on the maneuver of the scene, which a run keeps that has nothing of it, in words: a bare
     number is in SI units, and 2 is not 2 %."""
     truth, found = search.truth(AS_GIVEN), []
     for r in search.requirements:
@@ -138,7 +138,7 @@ def idle(search: Search) -> list[str]:
         limit = r.limit(most)
         if limit >= most:
             text = 'no less than the time of the scene' if delay else f'no less than its peak, {units.shown(most, unit)}'
-            found.append(f'{r}: the limit of {units.shown(limit, unit)} is {text}, so any run keeps it; give its unit, or a smaller one')
+            found.append(f'{r}: the limit of {units.shown(limit, unit)} is {text}: a run without any keeps it; give its unit, or a smaller one')
     return found
 
 
