@@ -137,8 +137,9 @@ def idle(search: Search) -> list[str]:
         most, unit = (search.scene.duration, 's') if delay else (truth.peaks[r.quantity], q.unit)
         limit = r.limit(most)
         if limit >= most:
-            text = 'no less than the time of the scene' if delay else f'no less than its peak, {units.shown(most, unit)}'
-            found.append(f'{r}: the limit of {units.shown(limit, unit)} is {text}: a run without any keeps it; give its unit, or a smaller one')
+            text = 'the time of the scene' if delay else f'its peak, {units.shown(most, unit)}'
+            remedy = 'a run without any keeps it; give its unit, or a smaller one'
+            found.append(f'{r}: the limit of {units.shown(limit, unit)} is no less than {text}: {remedy}')
     return found
 
 

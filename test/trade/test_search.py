@@ -288,7 +288,7 @@ def test_a_limit_that_every_run_keeps_is_told() -> None:
     truth = SimpleNamespace(peaks={GUIDE: 0.3}, quantities={GUIDE: SimpleNamespace(unit='m')})
     search._references[AS_GIVEN, Setting().model, search.steps] = truth  # type: ignore[assignment]
     told = idle(search)
-    assert [text.partition(', so')[0] for text in told] == [
+    assert [text.partition(': a run')[0] for text in told] == [
         f'{GUIDE} max: the limit of 2 m is no less than its peak, 0.3 m',
         f'{GUIDE} delay: the limit of 5 s is no less than the time of the scene',
     ]
