@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mbd_sim_ros.commands import Result, declare, table
-from solver.errors import SpecError
+from solver.errors import MbdError, SpecError
 
 if TYPE_CHECKING:
     from mbd_sim_ros.analysis.evaluation import figures
@@ -77,9 +77,15 @@ def run(args: argparse.Namespace) -> Result:
 
 
 def report(
-    results: Sequence[figures.Result], *, html: Path | None, strict: bool, about: Sequence[str] = (), data: Mapping[str, Any] | None = None
+    results: Sequence[figures.Result],
+    *,
+    html: Path | None,
+    strict: bool,
+    about: Sequence[str] = (),
+    data: Mapping[str, Any] | None = None,
+    refused: Mapping[str, MbdError] | None = None,
 ) -> Result:
-    """The object, the text, the page and the exit code of some results."""
+    """The object, the text, the page and the exit code of some results. refused: evaluations that belong to them and have no result."""
     from mbd_sim_ros.analysis.evaluation import figures
     from mbd_sim_ros.analysis.evaluation.html import write_page
     from mbd_sim_ros.analysis.evaluation.registry import called
@@ -90,10 +96,15 @@ def report(
         evaluation = called(name)[0]
         if evaluation.together is not None and len(of_it) > 1:
             together[name] = evaluation.together(of_it)
+    missing = {name: str(error) for name, error in (refused or {}).items()}
     passed = figures.verdict(r.passed for r in results)
+    if missing and passed:
+        passed = None  # nobody knows
+    about = [*about, *(f'{name}: REFUSED: {why}' for name, why in missing.items())]
     found: dict[str, Any] = {
-        'status': 'ok',
+        'status': 'error' if missing else 'ok',
         'passed': passed,
+        'refused': missing,
         'results': [r.data() for r in results],
         'together': {
             name: {f.name: {'value': f.value, 'unit': f.unit, 'limit': f.limit, 'verdict': f.verdict} for f in fs}
@@ -115,14 +126,15 @@ def report(
         ]
         of_it = [r for r in results if r.evaluation == name]
         lines += ['', f'{name}, {len(of_it)} runs', table(rows), *_notes(of_it)]
-    lines += ['', figures.sentence(results)]
+    lines += ['', figures.sentence(results) + (f'; refused, see above: {", ".join(missing)}' if missing else '')]
     if html is not None:
         title = ', '.join(dict.fromkeys(r.title for r in results))
         write_page(
             results, html, title=title, about=about, passed=passed, together={f'{name}: all runs': fs for name, fs in together.items()}
         )
         lines.append(f'page: {html}')
-    return Result(data=found, text='\n'.join(lines).lstrip('\n'), code=1 if strict and passed is False else 0)
+    code = next((error.exit_code for error in (refused or {}).values()), 1 if strict and passed is False else 0)
+    return Result(data=found, text='\n'.join(lines).lstrip('\n'), code=code)
 
 
 def _notes(results: Sequence[figures.Result]) -> list[str]:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mbd_sim_ros.commands import Result, add_settings, alone, declare, table
-from solver.errors import BagError, SpecError
+from solver.errors import BagError, MbdError, SpecError
 
 if TYPE_CHECKING:
     from mbd_sim_ros.analysis.evaluation.driving import Driving
@@ -76,16 +76,23 @@ def _driven(args: argparse.Namespace, driving: Driving, evaluations: Sequence[Ev
     from mbd_sim_ros.commands.main import plain
 
     directory, results, found = driving.directory, [], {}
+    refused: dict[str, MbdError] = {}  # one maneuver of a norm may be none for a car that drives the others
     for evaluation in evaluations:
-        places, before = driving.drive(evaluation)
-        found[evaluation.name] = before
-        for place in places:
-            recording, held, scene = judging.read(place)
-            results.append(judging.judge(evaluation, recording, str(place), given, held=held, scene=scene))
+        try:
+            places, before = driving.drive(evaluation)
+            read = [(place, *judging.read(place)) for place in places]
+            results += [judging.judge(evaluation, run, str(place), given, held=held, scene=scene) for place, run, held, scene in read]
+        except MbdError as error:
+            refused[evaluation.name] = error
+        else:
+            found[evaluation.name] = before
+    first = next(iter(refused.values()), None)
+    if first is not None and not results:
+        raise first
     about = [f'{driving.vehicle.stem}: runs driven now {driving.driven}, there already {driving.kept}']
     about += [f'{name}: {SAID[key](value)}' for name, before in found.items() for key, value in before.items()]
     data = {'vehicle': str(driving.vehicle), 'out': str(directory), 'driven': driving.driven, 'kept': driving.kept, 'found': found}
-    result = report(results, html=directory / 'report.html', strict=args.strict, about=about, data=data)
+    result = report(results, html=directory / 'report.html', strict=args.strict, about=about, data=data, refused=refused)
     try:
         (directory / 'report.json').write_text(json.dumps(plain(result.data), indent=1), encoding='utf-8')
     except OSError as error:

@@ -9,12 +9,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from drives import circling
 
 from mbd_sim_ros.analysis.evaluation.driving import Driving
+from mbd_sim_ros.analysis.evaluation.kinds import Evaluation
 from mbd_sim_ros.analysis.evaluation.registry import EVALUATIONS, called
 from mbd_sim_ros.bags import reader as bag
 from mbd_sim_ros.commands.main import main
 from solver.analysis.figures import figures, standing
+from solver.errors import SpecError
 from solver.files.scene import find_file, load_maneuver, load_scene
 
 FAST, FASTER = (('--set', f'integrator.h={h}') for h in (0.002, 0.004))
@@ -232,6 +235,35 @@ def test_refusals_are_one_sentence(arguments: list[str], sentence: str, capsys: 
     assert not (tmp_path / 'out').exists()
 
 
+@pytest.mark.parametrize('refused', [['iso4138_constant_radius'], ['iso4138_constant_speed']])
+def test_a_method_that_is_refused_leaves_the_report_of_the_others(refused: list[str], tmp_path: Path, monkeypatch, capsys) -> None:
+    """On a slippery road a car may turn on a circle and not reach the acceleration at the speed of another method."""
+
+    def drive(self: Driving, evaluation: Evaluation) -> tuple[list[Path], dict[str, float]]:
+        if evaluation.name in refused:
+            raise SpecError('the car does not reach it')
+        s = circling(evaluation.name.removeprefix('iso4138_'))
+        place = tmp_path / f'{evaluation.name}.csv'
+        columns = np.column_stack([s.t, *s.values.values()])
+        np.savetxt(place, columns, delimiter=',', header=','.join(['time [s]', *s.values]), comments='')
+        return [place], {}
+
+    monkeypatch.setattr(Driving, 'drive', drive)
+    out = tmp_path / 'out'
+    command = ['maneuver', 'iso4138', 'light_car', '--out', str(out), '--with', 'wheelbase=2.7', '--with', 'ratio=16']
+    assert main(command) == SpecError.exit_code
+    text = capsys.readouterr().out
+    assert f'{refused[0]}: REFUSED: the car does not reach it' in text
+    assert text.splitlines()[-2] == f'not judged: the norm has no limits; refused, see above: {refused[0]}'
+    assert 'REFUSED: the car does not reach it' in (out / 'report.html').read_text()
+    data = json.loads((out / 'report.json').read_text())
+    assert (data['status'], data['refused']) == ('error', dict.fromkeys(refused, 'the car does not reach it'))
+    assert len(data['results']) == 2
+    refused[:] = [e.name for e in called('iso4138')]
+    assert main([*command, '--json']) == SpecError.exit_code
+    assert json.loads(capsys.readouterr().out) == {'status': 'error', 'error': 'the car does not reach it'}
+
+
 def test_every_maneuver_states_its_evaluation() -> None:
     for e in EVALUATIONS:
         maneuver = load_maneuver(find_file(e.drive.maneuver, 'maneuvers'), ['driver.wheelbase=2.7'] if e.drive.driver else [])
@@ -241,8 +273,6 @@ def test_every_maneuver_states_its_evaluation() -> None:
 
 @pytest.mark.slow
 def test_a_car_that_cannot_reach_the_acceleration_is_told(tmp_path: Path) -> None:
-    from solver.errors import SpecError
-
     driving = Driving('light_car', tmp_path, ['road.friction=0.3', 'integrator.h=0.004'])
     with pytest.raises(SpecError, match=r'does not reach a lateral acceleration of 4 m/s\^2 at this speed on a road of friction 0\.3'):
         driving.drive(called('iso7401_step')[0])
