@@ -20,6 +20,9 @@ from solver.inputs.driver import DoubleLaneChange, Gate
 from solver.scene import Scene
 
 NORM = 'ISO 3888 [ISO3888]'
+PLACE = ('x', 'y', 'heading')
+FINE = 1e-3  # s between two places of the body that are looked at
+WELL_KNOWN = 0.01  # m: distances to cones known less well are told
 RELEASED = 2.0  # m behind the first cones the throttle is released, in part 2
 SPARE = {'iso_3888_1': 1.21, 'iso_3888_2': 1.29}  # times the time that the track takes at the speed of the start: the second car rolls out
 
@@ -57,6 +60,23 @@ def distances(gate: Gate, x: np.ndarray, y: np.ndarray, heading: np.ndarray, p: 
     return min(found)
 
 
+def path_of(s: Signals, kept: slice = slice(None)) -> list[np.ndarray]:
+    """x, y and heading, straight between the samples kept: a corner passes the ends of a lane between two of them."""
+    t = np.arange(s.t[0], s.t[-1], FINE)
+    return [np.interp(t, s.t[kept], np.unwrap(s[name][kept]) if name == 'heading' else s[name][kept]) for name in PLACE]
+
+
+def clearances(s: Signals, gates: tuple[Gate, ...], p: LaneChange, width: float) -> tuple[list[float], float]:
+    """(distance to the cones of every lane [m], how well these are known: by how much they change where every second of the places recorded
+    is left out)."""
+    apart = min(round(s.every(*PLACE) * s.rate), s.t.size // 2)
+    found, *rough = (
+        np.array([distances(gate, *path_of(s, kept), p, width) for gate in gates])
+        for kept in (slice(None), slice(0, None, 2 * apart), slice(apart, None, 2 * apart))
+    )
+    return found.tolist(), float(np.nanmax(np.abs([found - one for one in rough]), initial=0.0))
+
+
 def judge(s: Signals, p: LaneChange, standard: str) -> Result:
     """Speeds at entry and exit and distance to the cones. Raises BagError."""
     driver = s.vehicle.scene.maneuver.driver if s.vehicle.scene is not None else None
@@ -79,9 +99,13 @@ def judge(s: Signals, p: LaneChange, standard: str) -> Result:
         Figure('exit_speed', 'speed at exit', at(t, s['speed'], leave), 'm/s'),
         Figure('time', 'time in the track', leave - entry, 's'),
     ]
-    for k, gate in enumerate(gates, 1):
-        distance = distances(gate, x, y, heading, p, width)
+    found, known = clearances(s, gates, p, width)
+    for k, distance in enumerate(found, 1):
         figures.append(Figure(f'clearance_{k}', f'distance to the cones of lane {k}', distance, 'm', '>= 0 m', bool(distance >= 0.0)))
+    if known > WELL_KNOWN:
+        s.notes.append(
+            f'places are recorded every {s.every(*PLACE):.3g} s: distances to the cones are not known better than to {known:.2g} m'
+        )
     inside = s.between(entry, leave)
     figures += [
         Figure('largest_acceleration', 'largest lateral acceleration', float(np.abs(s['lateral_acceleration'][inside]).max()), 'm/s^2'),

@@ -7,15 +7,16 @@ import pytest
 from drives import even, made
 
 from mbd_sim_ros.analysis.evaluation import lane_change
+from mbd_sim_ros.analysis.evaluation.figures import Result
 from mbd_sim_ros.analysis.evaluation.signals import Signals
 from solver.errors import BagError
 from solver.inputs.driver import DoubleLaneChange
 
 
-def through(standard: str, aside: float = 0.0, width: float = 1.8) -> Signals:
+def through(standard: str, aside: float = 0.0, width: float = 1.8, rate: float = 200.0) -> Signals:
     """A car that follows the middle of the lanes at 20 m/s, its body along the path, shifted by `aside` to the left."""
     path = DoubleLaneChange(standard=standard, width=width, start=30.0)  # type: ignore[arg-type]
-    t = even(9.0, 200.0)
+    t = even(9.0, rate)
     x = 20.0 * t
     y = np.array([path.lateral(v) for v in x])
     return made(
@@ -51,6 +52,27 @@ def test_clearance_in_the_lanes(part: str) -> None:
     shifted = lane_change.judge(through(f'iso_3888_{part}', 0.5), p, f'iso_3888_{part}')
     assert shifted['clearance_1'] == pytest.approx(widest - 0.5, abs=0.02)  # negative: cones are hit
     assert shifted.passed is False
+
+
+@pytest.mark.parametrize('part', ['1', '2'])
+def test_places_too_far_apart_for_the_distances_are_told(part: str) -> None:
+    """0.4 m between two places at 50 Hz: corners pass the ends of the lanes between them. 4 m at 5 Hz: what is told is more than what the
+    distances are beside those of 1 kHz, and not ten times that."""
+    p = lane_change.LaneChange(width=1.8, start=30.0, length=4.0)
+    fine = through(f'iso_3888_{part}', rate=1000.0)
+
+    def judged(every: int) -> Result:
+        s = Signals(place='', t=fine.t[::every], values={name: values[::every] for name, values in fine.values.items()}, notes=[])
+        return lane_change.judge(s, p, f'iso_3888_{part}')
+
+    exact, often, seldom = (judged(every) for every in (1, 20, 200))
+    assert not exact.notes and not often.notes
+    (note,) = seldom.notes
+    text, known, _ = note.rsplit(' ', 2)
+    assert text == 'places are recorded every 0.2 s: distances to the cones are not known better than to'
+    near, beside = (max(abs(exact[f'clearance_{k}'] - one[f'clearance_{k}']) for k in (1, 2, 3)) for one in (often, seldom))
+    assert near < 1e-3
+    assert beside < float(known) < 10.0 * beside
 
 
 def test_a_cone_that_the_side_hits_behind_the_corners_counts() -> None:
