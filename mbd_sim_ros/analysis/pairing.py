@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import fnmatch
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from mbd_sim_ros.analysis.alignment import Kind, Signal
+from mbd_sim_ros.bags.patterns import fits, fits_any
 from mbd_sim_ros.bags.reader import Series
 from solver.errors import BagError, suggestion
 
 QUATERNION = ('qx', 'qy', 'qz', 'qw')
 ORIENTATION = 'orientation'
-FIELDS = tuple(f'{ORIENTATION}/{part}' for part in 'xyzw')
+FIELDS = tuple(tuple(f'{name}/{part}' for part in 'xyzw') for name in (ORIENTATION, 'rotation'))  # of a pose, of a transform
 HEADINGS = ('yaw', 'heading', 'psi', 'course')  # angles of which full turns mean nothing
 
 
@@ -37,11 +37,11 @@ def shared_names(
     if not both and not patterns:
         raise BagError(f'the two runs have no channel in common ({_some(ours)} here, {_some(theirs)} there)')
     for pattern in patterns:
-        if not fnmatch.filter([*both, *_orientations(both)], pattern):
+        if not any(fits(name, pattern) for name in (*both, *_orientations(both))):
             raise BagError(f'no common channel matches {pattern!r}{suggestion(pattern, {*known} or both)}')
 
     def chosen(names: Sequence[str]) -> list[str]:
-        return [name for name in names if not patterns or any(fnmatch.fnmatchcase(name, p) for p in patterns)]
+        return [name for name in names if not patterns or fits_any(name, patterns)]
 
     common_names = set(both)
     groups = _orientations(both)
@@ -52,10 +52,10 @@ def shared_names(
 
 
 def _orientations(names: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """Channel -> the four columns it is made of: `<head>/qx` ... of our types, `<head>/orientation/x` ... of others."""
+    """Channel -> the four columns it is made of: `<head>/qx` ... of our types, `<head>/orientation/x` or `rotation` of others."""
     known, found = set(names), {}
     for name in names:
-        for last, parts in ((QUATERNION[0], QUATERNION), (FIELDS[0], FIELDS)):
+        for last, parts in ((parts[0], parts) for parts in (QUATERNION, *FIELDS)):
             if name.endswith('/' + last):
                 head = name.removesuffix(last)
                 columns = tuple(head + part for part in parts)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import fnmatch
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from decimal import Decimal
@@ -13,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from mbd_sim_ros.bags import reader as bag
+from mbd_sim_ros.bags.patterns import fits, fits_any
 from mbd_sim_ros.bags.reader import Run, Series
 from solver.errors import BagError, suggestion
 from solver.units import SPELLED, UNITS
@@ -170,7 +170,7 @@ def suspicion(run: Run) -> tuple[str, ...]:
 def must_match(run: Run, patterns: Sequence[str], place: str | Path) -> None:
     """Raise BagError for a pattern that no channel of the recording matches."""
     for pattern in patterns:
-        if not fnmatch.filter(run.names, pattern):
+        if not any(fits(name, pattern) for name in run.names):
             raise BagError(f'{place}: no channel matches {pattern!r}{suggestion(pattern, run.names)}')
 
 
@@ -200,7 +200,7 @@ def read(path: str | Path, channels: Sequence[str] = ()) -> Run:
     known = {topic: tuple(one.columns) for topic, one in series.items()}
     if channels:
         for topic, one in list(series.items()):
-            kept = {n: v for n, v in one.columns.items() if any(fnmatch.fnmatchcase(n, p) for p in channels)}
+            kept = {n: v for n, v in one.columns.items() if fits_any(n, channels)}
             series[topic] = Series(one.time_ns, kept)
     return Run({topic: one for topic, one in series.items() if one.columns}, known=known, stated=stated)
 

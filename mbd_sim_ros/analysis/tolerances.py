@@ -8,12 +8,12 @@ floor: 1.0e-6                     # optional
 
 from __future__ import annotations
 
-import fnmatch
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from mbd_sim_ros.bags.patterns import fits
 from solver.dimensions import Time
 from solver.files.schema import Builder
 from solver.files.yaml_tree import read
@@ -62,11 +62,11 @@ class Tolerances:
 
     def of(self, channel: str) -> Tolerance:
         """Limits of a channel."""
-        return next((t for pattern, t in self.tolerances.items() if fnmatch.fnmatchcase(channel, pattern)), self.default)
+        return next((t for pattern, t in self.tolerances.items() if fits(channel, pattern)), self.default)
 
     def unused(self, channels: Iterable[str]) -> list[str]:
         """Patterns that none of these channels is judged by: no name fits, or an earlier pattern takes it."""
-        used = {next((p for p in self.tolerances if fnmatch.fnmatchcase(channel, p)), None) for channel in channels}
+        used = {next((p for p in self.tolerances if fits(channel, p)), None) for channel in channels}
         return [pattern for pattern in self.tolerances if pattern not in used]
 
     @property

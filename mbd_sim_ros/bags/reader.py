@@ -5,7 +5,6 @@ What is not whole is not read: `mbd recover` (recovery.py) makes a whole one of 
 
 from __future__ import annotations
 
-import fnmatch
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -17,6 +16,7 @@ import numpy as np
 from mcap.records import Channel, Schema
 
 from mbd_sim_ros.bags.columns import Collector, Room, Series
+from mbd_sim_ros.bags.patterns import fits_any
 from mbd_sim_ros.bags.records import Messages, Reading, find_file, message_counts
 from mbd_sim_ros.bags.writer import RECORD, RESULT
 from mbd_sim_ros.messages.topics import ELEMENTS, INPUTS, family
@@ -122,7 +122,7 @@ def read(path: str | Path, channels: Sequence[str] = ()) -> Run:
     skip: set[int] = set()
 
     def wanted(name: str) -> bool:
-        return not channels or any(fnmatch.fnmatchcase(name, pattern) for pattern in channels)
+        return not channels or fits_any(name, channels)
 
     reading = Reading(path, skip=skip, channels=expected)
     for record in reading:

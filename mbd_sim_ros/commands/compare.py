@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import argparse
 import dataclasses
-import fnmatch
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from mbd_sim_ros.bags.patterns import fits_any
 from mbd_sim_ros.commands import Result, declare, table
 from solver.errors import BagError
 
@@ -120,11 +120,7 @@ def run(args: argparse.Namespace) -> Result:
     if file is not None:
         listed = [mapping.literal(name) for name in (*file.channels, *pairs, *(axis for turn in file.axes for axis in turn.channels))]
         keep = {name for r in (ours, *references) for one in r.series.values() for name in one.columns}
-        channels = sorted(
-            name
-            for name in keep
-            if any(fnmatch.fnmatchcase(name, p) for p in listed) and (not channels or any(fnmatch.fnmatchcase(name, p) for p in channels))
-        )
+        channels = sorted(name for name in keep if fits_any(name, listed) and (not channels or fits_any(name, channels)))
         common = keep.intersection(*({n for one in r.series.values() for n in one.columns} for r in (ours, *references)))
         lacking = sorted(set(channels) - common)
         channels = [mapping.literal(name) for name in channels if name in common]

@@ -325,9 +325,9 @@ def test_repeats_of_which_one_is_apart_for_a_while() -> None:
     assert found.differences[0].band.within == pytest.approx(76 / 101)
 
 
-@pytest.mark.parametrize('names', ['p/q{}', 'amcl/pose/orientation/{}'])
+@pytest.mark.parametrize('names', ['p/q{}', 'amcl/pose/orientation/{}', 'tf/transforms[0]/transform/rotation/{}'])
 def test_a_quaternion_and_its_negative_are_one_orientation(names: str) -> None:
-    """Signs that another program has otherwise: fields of PoseStamped were compared one by one, and differed by 2."""
+    """Signs that another program has otherwise: fields of PoseStamped, and of TFMessage, were compared one by one, and differed by 2."""
     q = Rotation.from_rotvec(np.outer(np.linspace(2.8, 3.6, 50), [0.0, 0.0, 1.0])).as_quat()
     both = (run_of({names.format(c): v for c, v in zip('xyzw', one.T)}, np.arange(50) * MS) for one in (q, -q))
     found = compare(*both, tolerances=within(atol=1e-12), channels=[names.format('*').rpartition('/')[0] + '*'])

@@ -60,21 +60,20 @@ def distances(gate: Gate, x: np.ndarray, y: np.ndarray, heading: np.ndarray, p: 
     return min(found)
 
 
-def path_of(s: Signals, kept: slice = slice(None)) -> list[np.ndarray]:
+def path_of(s: Signals, kept: slice) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """x, y and heading, straight between the samples kept: a corner passes the ends of a lane between two of them."""
     t = np.arange(s.t[0], s.t[-1], FINE)
-    return [np.interp(t, s.t[kept], np.unwrap(s[name][kept]) if name == 'heading' else s[name][kept]) for name in PLACE]
+    x, y, heading = (s[name][kept] for name in PLACE)
+    return tuple(np.interp(t, s.t[kept], values) for values in (x, y, np.unwrap(heading)))  # type: ignore[return-value]
 
 
 def clearances(s: Signals, gates: tuple[Gate, ...], p: LaneChange, width: float) -> tuple[list[float], float]:
     """(distance to the cones of every lane [m], how well these are known: by how much they change where every second of the places recorded
     is left out)."""
     apart = min(round(s.every(*PLACE) * s.rate), s.t.size // 2)
-    found, *rough = (
-        np.array([distances(gate, *path_of(s, kept), p, width) for gate in gates])
-        for kept in (slice(None), slice(0, None, 2 * apart), slice(apart, None, 2 * apart))
-    )
-    return found.tolist(), float(np.nanmax(np.abs([found - one for one in rough]), initial=0.0))
+    parts = [slice(None), slice(0, None, 2 * apart), slice(apart, None, 2 * apart)]
+    whole, *halves = (np.array([distances(gate, *path_of(s, kept), p, width) for gate in gates]) for kept in parts)
+    return whole.tolist(), float(np.nanmax([np.abs(whole - half) for half in halves], initial=0.0))
 
 
 def judge(s: Signals, p: LaneChange, standard: str) -> Result:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import fnmatch
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +11,7 @@ from mbd_sim_ros.analysis.runs import must_match
 from mbd_sim_ros.analysis.view.drawing import WORLD_BODY, Drawing, drawing_of
 from mbd_sim_ros.analysis.view.ground import Ground
 from mbd_sim_ros.bags import reader
+from mbd_sim_ros.bags.patterns import fits
 from mbd_sim_ros.bags.poses import Poses, read_poses
 from solver.errors import BagError
 from solver.files.scene import load_scene_text
@@ -113,8 +113,8 @@ def curves_of(motion: Motion, channels: tuple[str, ...] = ()) -> list[str]:
     """The channels that are drawn beside the motion."""
     names = list(motion.run.columns)
     patterns = channels or (VEHICLE if motion.drawing.wheels else ())
-    chosen = [name for pattern in patterns for name in names if fnmatch.fnmatchcase(name, pattern)]
+    chosen = [name for pattern in patterns for name in names if fits(name, pattern)]
     if not chosen and not channels:
-        chosen = [name for name in names if fnmatch.fnmatchcase(name, 'joint_states/*/position')][:MOST_CURVES]
+        chosen = [name for name in names if fits(name, 'joint_states/*/position')][:MOST_CURVES]
     must_match(motion.run, channels, motion.name)
     return list(dict.fromkeys(chosen))
