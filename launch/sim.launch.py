@@ -6,6 +6,7 @@ ROS_AUTOMATIC_DISCOVERY_RANGE is set. The launch ends when the simulator ends, w
 
 import os
 
+import yaml
 from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction, RegisterEventHandler, SetEnvironmentVariable, Shutdown
 from launch.conditions import IfCondition
 from launch.event_handlers import OnProcessExit
@@ -43,12 +44,31 @@ def ended(event, _context):
     return [Shutdown(reason='the simulator has ended')]
 
 
+def in_lockstep(arguments):
+    """Whether the simulator waits for answers, by the argument or by the parameter file."""
+    if arguments['mode']:
+        return arguments['mode'] == 'lockstep'
+    try:
+        with open(arguments['params'], encoding='utf-8') as file:
+            return 'lockstep' in modes(yaml.safe_load(file))
+    except (OSError, ValueError, yaml.YAMLError):  # the simulator refuses it, and says why
+        return False
+
+
+def modes(tree):
+    """Every `mode` among the parameters in a file, whatever the nodes are called: it is the simulator's."""
+    if not isinstance(tree, dict):
+        return []
+    found = [value.get('mode') for key, value in tree.items() if key == 'ros__parameters' and isinstance(value, dict)]
+    return found + [mode for value in tree.values() for mode in modes(value)]
+
+
 def nodes(context):
     """The simulator, and the maneuver if wanted, with what is given as arguments; the default of one would hide what the file says."""
     given = {name: kind for name, kind in TYPES.items() if name == 'scene' or context.launch_configurations[name]}
     parameters = {name: ParameterValue(LaunchConfiguration(name), value_type=kind) for name, kind in given.items()}
     namespace = LaunchConfiguration('namespace')
-    rate = {'rate': 0.0} if context.launch_configurations['mode'] == 'lockstep' else {}  # every state is answered, or each waits for it
+    rate = {'rate': 0.0} if in_lockstep(context.launch_configurations) else {}  # every state is answered, or each waits for it
     simulator = Node(
         package='mbd_sim_ros',
         executable='simulator',

@@ -40,13 +40,14 @@ class Player(Node):
         if bool(name) == bool(scene):
             raise SceneError('give either a maneuver or a scene: --ros-args -p maneuver:=FILE_OR_NAME, or -p scene:=FILE_OR_NAME')
         self._duration = self.value('duration')
-        self._steers = True
+        self._steers: bool | None = True  # by the angle of the wheel; None: if the simulator takes one
         if scene:
             loaded = load_scene(scene)
             self._maneuver, self._duration = loaded.maneuver, self._duration or loaded.duration
             self._steers = loaded.actuation.steering == 'angle' or COMMANDS[0] in loaded.maneuver.channels
         else:
             self._maneuver = load_maneuver(name)
+            self._steers = COMMANDS[0] in self._maneuver.channels or None
         self.what = self._maneuver.name or name or scene
         self.answered = -1
         self._heard = math.inf  # clock reading of the first state
@@ -85,8 +86,11 @@ class Player(Node):
         return ''
 
     def _found(self) -> bool:
-        """Whether somebody listens to the steering."""
-        return self._plain[COMMANDS[0]][0].get_subscription_count() > 0
+        """Whether somebody listens to a command that every car has."""
+        return self._listened(COMMANDS[1])
+
+    def _listened(self, name: str) -> bool:
+        return self._plain[name][0].get_subscription_count() > 0
 
     def _answer(self, encoded: bytes) -> None:
         now = time.monotonic()
@@ -106,7 +110,8 @@ class Player(Node):
         self._repeated, t = math.inf, self.answered * 1e-9
         named = dict(zip(COMMANDS, self._maneuver.commands(t))) | self._maneuver.further_commands(t)
         if self._stamped.get_subscription_count():
-            if STEERING['torque'] in named or not self._steers:
+            steers = self._listened(COMMANDS[0]) if self._steers is None else self._steers
+            if STEERING['torque'] in named or not steers:
                 del named[COMMANDS[0]]  # no angle of the wheel is a command there, and with one all would be refused
             message = JointState(name=list(named), position=list(named.values()))
             message.header.stamp.sec, message.header.stamp.nanosec = divmod(self.answered, 1_000_000_000)

@@ -62,6 +62,7 @@ def of_function(description: SimpleNamespace, name: str, **arguments: str) -> li
     """What a function of the launch adds for these arguments."""
     functions = {e.function.__name__: e.function for e in description.args[0] if e.kind == 'OpaqueFunction'}
     defaults = {e.args[0]: e.default_value for e in description.args[0] if e.kind == 'DeclareLaunchArgument'}
+    defaults['params'] = str(ROOT.joinpath(*defaults['params'].args[0][1:]))
     return functions[name](SimpleNamespace(launch_configurations={**defaults, **arguments}))
 
 
@@ -98,10 +99,27 @@ def test_what_no_argument_says_is_as_in_the_parameter_file(description: SimpleNa
     assert of_function(description, 'nodes', scene='x', record='false')[0].parameters[1].keys() == {'scene', 'record'}
 
 
-def test_in_lockstep_the_maneuver_answers_every_state(description: SimpleNamespace) -> None:
+@pytest.mark.parametrize(
+    ('arguments', 'file', 'every'),
+    [
+        ({'mode': 'lockstep'}, '', True),
+        ({}, '', False),
+        ({}, '/**: {ros__parameters: {mode: lockstep}}', True),
+        ({}, '/car1: {simulator: {ros__parameters: {mode: lockstep}}}', True),
+        ({'mode': 'fast'}, '/**: {ros__parameters: {mode: lockstep}}', False),
+        ({}, '/**: {ros__parameters: {mode: realtime}}', False),
+        ({}, ': [', False),
+    ],
+)
+def test_in_lockstep_the_maneuver_answers_every_state(
+    arguments: dict[str, str], file: str, every: bool, description: SimpleNamespace, tmp_path: Path
+) -> None:
     """At most 100 answers a second, which are enough in real time, would be the pace of the simulation."""
-    assert of_function(description, 'nodes', scene='x', mode='lockstep')[1].parameters[0]['rate'] == 0.0
-    assert 'rate' not in of_function(description, 'nodes', scene='x')[1].parameters[0]
+    if file:
+        (tmp_path / 'mine.yaml').write_text(file)
+        arguments = {**arguments, 'params': str(tmp_path / 'mine.yaml')}
+    parameters = of_function(description, 'nodes', scene='x', **arguments)[1].parameters[0]
+    assert parameters.get('rate') == (0.0 if every else None)
 
 
 def test_the_launch_ends_when_the_simulator_has_ended(description: SimpleNamespace) -> None:

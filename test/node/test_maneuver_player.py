@@ -101,6 +101,38 @@ def test_no_angle_is_sent_to_a_car_that_takes_none(steering: str, tmp_path, monk
     assert list(sent[0].name) == ['steering'] * (steering == 'angle') + ['drive_torque', 'brake_torque']
 
 
+@pytest.mark.parametrize('steered', [False, True])
+def test_a_car_without_an_angle_to_steer_is_found_and_sent_none(steered: bool, tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whoever plays a file knows no scene: the player ended with its first answer, as if the simulator had, and that answer was refused."""
+    rclpy = pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
+    from std_msgs.msg import Float64
+
+    from mbd_sim_ros.node.maneuver_player import PARAMETERS
+    from mbd_sim_ros.node.playing import Player
+
+    file = tmp_path / 'brake.yaml'
+    file.write_text('name: brake\nbrake_torque: 100.0\n')
+    rclpy.init(args=['--ros-args', '-p', f'maneuver:={file}'], domain_id=int(DOMAIN))
+    try:
+        car = rclpy.create_node('car')
+        for name in ('torque_cmd', *['steering_cmd'] * steered):
+            car.create_subscription(Float64, f'simulator/{name}', lambda _: None, 1)
+        player, sent = Player(PARAMETERS), []
+        end = time.monotonic() + 20.0
+        while car.count_publishers('simulator/torque_cmd') == 0 or not player._found() or player._listened('steering') != steered:
+            assert time.monotonic() < end
+            time.sleep(0.01)
+        monkeypatch.setattr(player, '_stamped', SimpleNamespace(get_subscription_count=lambda: 1, publish=sent.append))
+        player.answered = 0
+        player._send()
+        assert player.ended() == ''
+        for node in (player, car):
+            node.destroy_node()
+    finally:
+        rclpy.try_shutdown()
+    assert list(sent[0].name) == ['steering'] * steered + ['drive_torque', 'brake_torque']
+
+
 class Simulator:
     """Stands in for the simulator: states go out when told, brake commands come in with the clock reading of their arrival."""
 
