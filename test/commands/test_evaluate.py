@@ -169,6 +169,15 @@ def test_a_steering_wheel_whose_sign_is_wrong_is_told(
     assert judging.misfit(braked) == ()
 
 
+def test_a_steering_wheel_beyond_any_lock_is_told() -> None:
+    """52 deg taken as rad: all gains were 57 times too small, without a word."""
+    s = stepped()
+    s.values['steering'] = s['steering'] * 0.9 / np.abs(s['steering']).max()
+    assert judging.misfit(s) == ()
+    s.values['steering'] = np.degrees(s['steering'])
+    assert judging.misfit(s) == ('the steering wheel is turned to 51.57 rad, beyond any lock: check its unit',)
+
+
 @pytest.mark.parametrize('signal', ['steering', 'yaw_rate'])
 def test_what_is_no_number_is_told(signal: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     s = stepped(rate=100.0)

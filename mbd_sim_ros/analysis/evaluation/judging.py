@@ -27,6 +27,7 @@ RANGES = (('low', 'high'), ('slowest', 'fastest'))
 STANDING = 1.0  # m/s: a car that is never faster drives no maneuver
 FITS = (0.5, 2.0)  # lateral acceleration over speed times yaw rate, where units and signs are right
 MOVES = 1.0  # m/s^2, RMS of either, from which on that is looked at
+LOCK = 20.0  # rad, three turns of a steering wheel and more: beyond those of lorries from the middle to the lock
 OPPOSED = -0.5  # correlation of steering and yaw rate about zero, below which they are to different sides
 LARGEST = 1e9  # of a parameter, in SI units
 
@@ -106,7 +107,12 @@ def _states(scene: Scene, evaluation: Evaluation) -> bool:
 def misfit(s: Signals) -> tuple[str, ...]:
     """What units, signs and axes of a mapping that are wrong do: a car at a steady sideslip angle has a lateral acceleration of speed times
     yaw rate, and for the rest of a maneuver about that, by least squares; and it turns to the side to which it is steered."""
-    return _side(s) + _acceleration(s)
+    return _angle(s) + _side(s) + _acceleration(s)
+
+
+def _angle(s: Signals) -> tuple[str, ...]:
+    largest = float(np.abs(s['steering']).max()) if 'steering' in s else 0.0
+    return () if largest < LOCK else (f'the steering wheel is turned to {largest:.4g} rad, beyond any lock: check its unit',)
 
 
 def _side(s: Signals) -> tuple[str, ...]:
