@@ -48,6 +48,7 @@ class Player(Node):
         else:
             self._maneuver = load_maneuver(name)
             self._steers = COMMANDS[0] in self._maneuver.channels or None
+        self._maneuver.commands(0.0)  # what cannot be played is refused before anybody waits
         self.what = self._maneuver.name or name or scene
         self.answered = -1
         self._heard = math.inf  # clock reading of the first state

@@ -204,6 +204,16 @@ def test_a_repeated_state_is_answered_again_only_once_the_answer_must_be_lost(tm
         rclpy.shutdown(context=context)
 
 
+def test_a_driver_who_sees_the_motion_is_refused_before_anybody_waits(tmp_path):
+    player = play(tmp_path, 'maneuver:=iso13674_weave', 'timeout:=600.0')
+    try:
+        assert player.end(30.0) == 2
+    finally:
+        player.kill()
+    assert 'its driver sees the motion; run it in the simulation' in player.output
+    assert 'waiting for' not in player.output
+
+
 def test_without_a_simulator_it_says_so(tmp_path, maneuver):
     pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
     player = play(tmp_path, f'maneuver:={maneuver}', 'timeout:=1.0')
