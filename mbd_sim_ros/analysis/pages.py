@@ -10,6 +10,7 @@ import base64
 import html
 import json
 import math
+import os
 from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -40,10 +41,18 @@ def plain_page(title: str, parts: Sequence[str]) -> str:
 
 
 def write_text(file: Path, text: str) -> None:
-    """Write a text, and the directories above it. Raises BagError."""
+    """Write a text, and the directories above it; what was there before stays until all is written. Raises BagError."""
+    place = Path(os.path.realpath(file))  # what a link points to, not the link
+    part = place if place.exists() and not place.is_file() else place.with_name(f'.{place.name}.part')  # a device is no file to replace
     try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(text, encoding='utf-8')
+        place.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            part.write_text(text, encoding='utf-8')
+            if part != place:
+                part.replace(place)
+        finally:
+            if part != place:
+                part.unlink(missing_ok=True)
     except OSError as error:
         raise BagError(f'cannot write {file}: {error.strerror}; choose another place') from None
 

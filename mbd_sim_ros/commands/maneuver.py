@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mbd_sim_ros.commands import Result, add_settings, alone, declare, table
-from solver.errors import BagError, MbdError, SpecError
+from solver.errors import MbdError, SpecError
 
 if TYPE_CHECKING:
     from mbd_sim_ros.analysis.evaluation.driving import Driving
@@ -72,6 +72,7 @@ def run(args: argparse.Namespace) -> Result:
 def _driven(args: argparse.Namespace, driving: Driving, evaluations: Sequence[Evaluation], given: dict[str, float]) -> Result:
     """Drive what is not there yet, judge, write the report."""
     from mbd_sim_ros.analysis.evaluation import judging
+    from mbd_sim_ros.analysis.pages import write_text
     from mbd_sim_ros.commands.evaluate import report
     from mbd_sim_ros.commands.main import plain
 
@@ -93,10 +94,7 @@ def _driven(args: argparse.Namespace, driving: Driving, evaluations: Sequence[Ev
     about += [f'{name}: {SAID[key](value)}' for name, before in found.items() for key, value in before.items()]
     data = {'vehicle': str(driving.vehicle), 'out': str(directory), 'driven': driving.driven, 'kept': driving.kept, 'found': found}
     result = report(results, html=directory / 'report.html', strict=args.strict, about=about, data=data, refused=refused)
-    try:
-        (directory / 'report.json').write_text(json.dumps(plain(result.data), indent=1), encoding='utf-8')
-    except OSError as error:
-        raise BagError(f'cannot write {directory / "report.json"}: {error.strerror}') from None
+    write_text(directory / 'report.json', json.dumps(plain(result.data), indent=1))
     return result
 
 

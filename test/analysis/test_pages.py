@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import errno
 import json
 import re
 from pathlib import Path
@@ -10,7 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mbd_sim_ros.analysis.pages import fill, floats, plain_page, thinned
+from mbd_sim_ros.analysis.pages import fill, floats, plain_page, thinned, write_text
+from solver.errors import BagError
 
 POINTS = 1500
 TEMPLATES = ('mbd_sim_ros.analysis:report.html', 'mbd_sim_ros.analysis.evaluation:page.html', 'mbd_sim_ros.analysis.view:view.html')
@@ -43,6 +45,28 @@ def test_a_template_is_filled_and_needs_nothing_else(template: str, tmp_path: Pa
     assert not re.search(r'(src|href)=|https?://|@import|url\(', page)
     data = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)
     assert data is not None and json.loads(data[1]) == {'title': '</script>', 'worst': [None, 1.5]}
+
+
+def test_a_page_that_cannot_be_written_leaves_the_one_before(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A full disk left an empty file in its place."""
+    file, link = tmp_path / 'page.html', tmp_path / 'link.html'
+    link.symlink_to(file)
+    write_text(link, 'before')
+    write = Path.write_text
+
+    def full(self: Path, text: str, **options: str) -> int:
+        write(self, text[:2], **options)
+        raise OSError(errno.ENOSPC, 'No space left on device')
+
+    monkeypatch.setattr(Path, 'write_text', full)
+    for place in (file, link):
+        with pytest.raises(BagError, match=f'cannot write {place}: No space left on device; choose another place'):
+            write_text(place, 'after')
+    assert file.read_text() == 'before' and sorted(tmp_path.iterdir()) == [link, file]
+    monkeypatch.undo()
+    with pytest.raises(BagError, match='cannot write /dev/full: No space left on device'):
+        write_text(Path('/dev/full'), 'after')
+    assert Path('/dev/full').is_char_device()
 
 
 def test_a_plain_page_escapes_its_title() -> None:
