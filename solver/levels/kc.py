@@ -63,8 +63,8 @@ MAPS = 'the range of the maps, which go on linearly'
 
 LOST = (
     'vibration of engine, subframes, links, rack and driveline (above about 8 Hz)',
-    'compliance is linear, that of the design position (of a vehicle more than 30 mm off that: where it stands); what the travel of the '
-    'other wheel changes is a polynomial of its third power',
+    'compliance is linear, and what the travel of the other wheel changes a polynomial of the third power: both of the design position, of '
+    'a vehicle more than 30 mm off that where it stands (on its stops understeer is a few percent off)',
     'of links and leaf springs what moves with the travel loads that compliance by its inertia, the rest the chassis',
     'the inertia of propeller shaft and gears turns with both driven wheels in equal shares',
 )

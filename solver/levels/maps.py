@@ -5,6 +5,7 @@ The bench (solver.analysis.kinematics_and_compliance) holds the chassis of the f
 - both wheels of an axle at travels and angles of the steering wheel up to RANGES to either side: the maps over travel and steering;
 - one wheel alone, the other one held: the force of springs, stops and anti-roll bar over either travel, the change of the maps by the
   travel of the other wheel, and the lengths of the dampers; by both, in opposite directions and steered, how steering changes that;
+  of a loaded vehicle the same about where it stands (solver.levels.beside);
 - a pull of the dampers with travels and steering held: the stiffness of their mounts;
 - loads at the wheel centres with travels (those of a loaded vehicle that stands) and steering held: the compliance, gear and subframe
   included; and by the difference of all bodies' places the masses that move with a wheel and the inertia that turns with it.
@@ -27,6 +28,7 @@ from solver.compiled.portable import inverse, product
 from solver.elements.guide_map import BESIDE, QUANTITIES
 from solver.elements.spring_damper import SPRING_DAMPERS
 from solver.errors import ConsistencyError, SpecError
+from solver.levels.beside import NOTHING, USUAL, Beside, terms, where_it_stands
 from solver.levels.map_fits import least_squares, spline
 from solver.levels.stood import stood
 from solver.model.frames import matrix
@@ -45,7 +47,6 @@ PULL, RIGID = 500.0, 3e7  # of the dampers [N]; a mount that is stiffer is none 
 SAME = 1e-6  # m and rad, of an equilibrium found again
 APPROACH = 8  # equilibria on the way to a place that is not found at once
 ENOUGH = 3 * 5  # measured changes by the other wheel for a cubic: below five travels, which stiff springs leave, there is a quadratic
-USUAL = 0.25, 1.75  # of the load at rest: what bends do to wheels, without the stops; what a polynomial stands for is fitted there
 POWERS = 5  # of the polynomial that is the slope of a damper's length
 
 
@@ -156,10 +157,12 @@ def _measured(spec: ModelSpec, travel: float, turned: float, progress: Callable[
                 against[a, k, i] = s.x[corners[k]]
     apart = _steered_apart(bench, z, steering, grid, against)
     alone = {corner: [bench.stand(**{f'travel_{corner}': float(v)}) for v in fine] for corner in CORNERS}
+    loaded = stood(spec)
+    leant = {axle: where_it_stands(bench, fine, alone, corners, loaded.get(f'travel_{corners[0]}')) for axle, corners in axles.items()}
     require_return(bench, rest)
     progress(0.9)
     try:
-        compliance, mounts, masses = _compliance(bench, stood(spec)), _mounts(spec, rest), _masses(bench, rest)
+        compliance, mounts, masses = _compliance(bench, loaded), _mounts(spec, rest), _masses(bench, rest)
         turning, gear = _driven(bench), _gear(bench)
     except ConsistencyError as error:  # that is the same within any range
         raise SpecError(f'the bench finds no equilibrium of the vehicle under loads at its wheels ({error}); use full') from error
@@ -171,9 +174,8 @@ def _measured(spec: ModelSpec, travel: float, turned: float, progress: Callable[
     }
     for a, (axle, corners) in enumerate(axles.items()):
         steered = bool(np.abs(grid[a, :, :, :, 2] - grid[a, :, :, MAP_STEERING // 2 : MAP_STEERING // 2 + 1, 2]).max() > 1e-3)
-        result[axle] = (
-            _axle(corners, z, steering, grid[a], against[a], apart[a], fine, alone, steered) | compliance[axle] | {'mounts': mounts}
-        )
+        found = _axle(corners, z, steering, grid[a], against[a], apart[a], fine, alone, steered, leant[axle])
+        result[axle] = found | compliance[axle] | {'mounts': mounts}
     for corner in CORNERS:
         result[corner] = masses[corner]
     progress(1.0)
@@ -207,9 +209,10 @@ def _axle(
     fine: np.ndarray,
     alone: dict[str, list[Stand]],
     steered: bool,
+    leant: Sequence[Beside] = NOTHING,
 ) -> dict[str, Any]:
     """Maps, springs and dampers of an axle; grid (2, travel, steering, 5) with both wheels at the same travel, against (2, travel, 5) with
-    the other wheel at the opposite one, apart (2, 5) of _steered_apart()."""
+    the other wheel at the opposite one, apart (2, 5) of _steered_apart(), leant by wheel what the other one does to it where it stands."""
     middle = grid.shape[2] // 2
     every = (len(fine) - 1) // (len(z) - 1)
     loads = [np.array([s.load[corner] for s in alone[corner]]) for corner in corners]
@@ -220,13 +223,14 @@ def _axle(
     shape, opposite = [], []
     for k in range(2):
         beside = other[1 - k][::every]  # this wheel held, the other one at z
-        rows = [_beside(s, o) for s, o in ((0.0 * z, z), (z, z), (z, -z))]
+        rows = np.concatenate([terms(s, o) for s, o in ((0.0 * z, z), (z, z), (z, -z))])
         changes = [beside - beside[len(z) // 2], grid[k, :, middle] - own[k][::every], against[k] - own[k][::every]]
         known = np.tile(np.isfinite(against[k, :, 0]) & (usual & usual[::-1])[::every], 3)  # as far to either side
-        b, terms = np.zeros((BESIDE, 5)), 6 if np.add.reduce(known) >= ENOUGH else 3
-        b[:terms] = least_squares(np.concatenate(rows)[known, :terms], np.concatenate(changes)[known])
+        b, n = np.zeros((BESIDE, 5)), 6 if np.add.reduce(known) >= ENOUGH else 3
+        rows = np.concatenate([rows[known], leant[k].terms])[:, :n]
+        b[:n] = least_squares(rows, np.concatenate([np.concatenate(changes)[known], leant[k].change]))
         b[6] = apart[k] if steered else 0.0
-        alone_here = grid[k] - product(_beside(z, z), b[:6])[:, None] - (z[:, None] * steering)[:, :, None] * b[6]
+        alone_here = grid[k] - product(terms(z, z), b[:6])[:, None] - (z[:, None] * steering)[:, :, None] * b[6]
         surface = spline(alone_here)
         if steered:
             surface = spline(np.moveaxis(surface, 1, 0)).swapaxes(0, 1)
@@ -250,11 +254,6 @@ def _axle(
         'jacking': jacking[0] + jacking[1],
         'dampers': dampers,
     }
-
-
-def _beside(s: np.ndarray, o: np.ndarray) -> np.ndarray:
-    """(n, 6) of a map what b_0 ... b_5 are the factors of (solver.elements.guide), at travels s and those of the other wheel o."""
-    return np.column_stack([o, o * s, o * o, o * s * s, o * s * o, o * o * o])
 
 
 def _damper(stands: Sequence[Stand], travel: np.ndarray, n: int) -> dict[int, list[float]]:
