@@ -44,16 +44,16 @@ def test_the_suites_hold_the_levels_to_their_targets() -> None:
     assert node.targets == {'node_share': 0.5}
 
 
-@pytest.mark.slow
+@pytest.mark.realtime
 def test_a_bare_node_publishes_as_often_as_asked(client, tmp_path) -> None:  # type: ignore[no-untyped-def]
     from nav_msgs.msg import Odometry
 
-    came: list[Odometry] = []
-    client.node.create_subscription(Odometry, 'odom', came.append, 100)
-    node = Process(tmp_path, [sys.executable, '-c', node_levels.BARE, '0.01', '1.5'], forked=False)
-    client.until(lambda: node.process.poll() is not None)
-    assert node.end() == 0, node.output
-    assert 50 <= len(came) <= 151  # what is published before the two have found each other is lost
+    came: list[float] = []
+    client.node.create_subscription(Odometry, 'odom', lambda _: came.append(time.monotonic()), 100)
+    node = Process(tmp_path, [sys.executable, '-c', node_levels.BARE, '0.01', '20'], forked=False)
+    client.until(lambda: len(came) > 100)
+    node.kill()
+    assert 0.9 < came[100] - came[0] < 5.0
 
 
 def test_the_least_share_is_that_of_steps_and_the_cheaper_bare_node(monkeypatch: pytest.MonkeyPatch) -> None:
