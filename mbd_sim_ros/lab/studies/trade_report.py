@@ -122,11 +122,13 @@ def _costs(report: Report, grid: Grid, rows: list[Row]) -> None:
                 best = y
                 front.append((x, y))
         ax.step(*np.array(front).T, where='post', color='black', lw=1.0, label='front')
+        ax.set_axisbelow(True)
         ax.set(xscale='log', yscale='log', xlabel='CPU per simulated second [ms]', ylabel='RMS error [% of the peak]')
         ax.set_title(name, loc='left', fontsize=10)
     for ax in axes.ravel()[len(names) :]:
         ax.set_visible(False)
-    axes[0, 0].legend(fontsize=7)
+    handles, labels = axes[0, 0].get_legend_handles_labels()  # below all: among the points it hides some
+    picture.legend(handles, labels, fontsize=7, loc='outside lower center', ncols=5, frameon=False)
     report.figure('cost', picture, 'Error against cost, every setting; the line joins those that nothing beats')
 
 
