@@ -10,7 +10,6 @@ import base64
 import html
 import json
 import math
-import os
 from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
@@ -18,6 +17,7 @@ from typing import Any
 
 import numpy as np
 
+from mbd_sim_ros.analysis.whole import whole
 from solver.errors import BagError
 
 HOME = 'mbd_sim_ros.analysis'
@@ -42,17 +42,10 @@ def plain_page(title: str, parts: Sequence[str]) -> str:
 
 def write_text(file: Path, text: str) -> None:
     """Write a text, and the directories above it; what was there before stays until all is written. Raises BagError."""
-    place = Path(os.path.realpath(file))  # what a link points to, not the link
-    part = place if place.exists() and not place.is_file() else place.with_name(f'.{place.name}.part')  # a device is no file to replace
     try:
-        place.parent.mkdir(parents=True, exist_ok=True)
-        try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        with whole(file) as part:
             part.write_text(text, encoding='utf-8')
-            if part != place:
-                part.replace(place)
-        finally:
-            if part != place:
-                part.unlink(missing_ok=True)
     except OSError as error:
         raise BagError(f'cannot write {file}: {error.strerror}; choose another place') from None
 

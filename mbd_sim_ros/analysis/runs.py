@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mbd_sim_ros.analysis.whole import whole
 from mbd_sim_ros.bags import reader as bag
 from mbd_sim_ros.bags.patterns import fits, fits_any
 from mbd_sim_ros.bags.reader import Run, Series
@@ -120,19 +121,14 @@ def export(run: Run, directory: Path) -> list[Path]:
         names_of_files = file_names(run.series)
         for topic, series in run.series.items():
             file = directory / f'{names_of_files[topic]}.csv'
-            part = file.with_name(f'.{file.name}.part')  # a table that is interrupted is none
-            try:
-                with part.open('w', newline='', encoding='utf-8') as stream:
-                    writer = csv.writer(stream, lineterminator='\n')
-                    names = {c: c.removeprefix(topic + '/') for c in series.columns}
-                    writer.writerow([TIME, *(f'{n} [{unit(c)}]' if unit(c) or UNIT.search(n) else n for c, n in names.items())])
-                    for begin in range(0, series.time_ns.size, ROWS):
-                        seconds = (seconds_of(int(t)) for t in series.time_ns[begin : begin + ROWS])
-                        values = np.column_stack([v[begin : begin + ROWS] for v in series.columns.values()])
-                        writer.writerows([t, *row] for t, row in zip(seconds, values.tolist(), strict=True))
-                part.replace(file)
-            finally:
-                part.unlink(missing_ok=True)
+            with whole(file) as part, part.open('w', newline='', encoding='utf-8') as stream:
+                writer = csv.writer(stream, lineterminator='\n')
+                names = {c: c.removeprefix(topic + '/') for c in series.columns}
+                writer.writerow([TIME, *(f'{n} [{unit(c)}]' if unit(c) or UNIT.search(n) else n for c, n in names.items())])
+                for begin in range(0, series.time_ns.size, ROWS):
+                    seconds = (seconds_of(int(t)) for t in series.time_ns[begin : begin + ROWS])
+                    values = np.column_stack([v[begin : begin + ROWS] for v in series.columns.values()])
+                    writer.writerows([t, *row] for t, row in zip(seconds, values.tolist(), strict=True))
             files.append(file)
     except OSError as error:
         raise BagError(f'cannot write to {directory}: {error.strerror}; choose another place') from None

@@ -32,7 +32,7 @@ FIGURES = {
     'node_share': 'kc over full',
     **{f'bare_{mode.lower()}': f'CPU time of a node that only sleeps and publishes as often, {mode.lower()} [%]' for mode in MODES},
     **{f'steps_{level}': f'CPU time of the steps of {level} alone over the time that they simulate [%]' for level in LEVELS},
-    'least_share': 'kc over full where the cheaper bare node makes these steps: no node of a single process has less',
+    'least_share': 'kc over full where the cheaper bare node makes these steps: no node with rclpy has less',
 }
 DOMAIN = '104'  # ROS domain of its own
 HEARD = 'odom:nav_msgs/msg/Odometry'

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from mbd_sim_ros import interrupts
+from mbd_sim_ros.analysis.whole import whole
 
 ROOT = Path(__file__).resolve().parents[3]
 SOURCES = ('solver', 'config', 'mbd_sim_ros/lab/mechanisms', 'mbd_sim_ros/lab/studies/crank.py')
@@ -68,12 +69,8 @@ class Cells:
 
 def replace_text(file: Path, text: str) -> None:
     """Write a file so that whoever is killed meanwhile, or finds the disk full, leaves the old one."""
-    part = file.with_name(f'{file.name}.part')
-    try:
+    with whole(file) as part:
         part.write_text(text, encoding='utf-8')
-        part.replace(file)
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def _parsed(line: str) -> dict[str, Any]:
