@@ -41,7 +41,7 @@ MEANING = {
 FURTHER = (
     ('`robot_description`', 'std_msgs/String', 'reliable, 1, latched', 'URDF of the spanning tree'),
     ('`~/scene`', 'std_msgs/String', 'reliable, 1, latched', 'the scene that runs, as text with every include and override expanded'),
-    ('`/clock`', 'rosgraph_msgs/Clock', 'best effort, 1', 'simulation time, at most 100 Hz (in lockstep every step)'),
+    ('`/clock`', 'rosgraph_msgs/Clock', 'best effort, 1', 'simulation time, at most 100 Hz (in lockstep every state that waits)'),
     ('`/diagnostics`', 'diagnostic_msgs/DiagnosticArray', 'reliable, 10', 'health, once a second'),
 )
 

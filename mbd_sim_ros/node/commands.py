@@ -165,8 +165,8 @@ class Commands:
             return
         t_ns = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
         if not self.loop.answer(t_ns, values):
-            now = self.loop.simulation.t_ns
-            self._warn('answer', f'lockstep_cmd answers t = {t_ns * 1e-9:.6f} s, the state that is waiting is that of {now * 1e-9:.6f} s')
+            waiting = self.loop.waiting_ns * 1e-9
+            self._warn('answer', f'lockstep_cmd answers t = {t_ns * 1e-9:.6f} s, the state that is waiting is that of {waiting:.6f} s')
 
     def _unstamped(self, message: JointState) -> None:
         """Commands by their names, the newest wins."""

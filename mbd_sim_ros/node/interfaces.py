@@ -17,7 +17,7 @@ import numpy as np
 from rclpy.node import Node
 
 from mbd_sim_ros.node.running import Running
-from mbd_sim_ros.node.services import REPLY_SECONDS, Host, asked, beside, made, pause, resume
+from mbd_sim_ros.node.services import REPLY_SECONDS, Host, asked, beside, made, pause, resume, tell
 from solver.errors import MbdError
 from solver.model.frames import matrix
 
@@ -237,11 +237,7 @@ class Interfaces:
         return self._said('load_world', response, response.result, True, text)
 
     def _said(self, name: str, response: Any, result: Any, done: bool, text: str, *, refused: int = FAILED) -> Any:
-        log = self.node.get_logger()
-        if done:
-            log.info(f'{name}: {text}')
-        else:
-            log.warning(f'{name} refused: {text}')
+        tell(self.node, name, done, text)
         return _answer(response, result, OK if done else refused, '' if done else text)
 
 

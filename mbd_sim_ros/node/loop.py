@@ -61,7 +61,7 @@ class Latched(NamedTuple):
 class Answers(NamedTuple):
     """What became of stamped commands and of plain ones in lockstep, since the start."""
 
-    taken: int = 0  # steps that a stamped command made
+    taken: int = 0  # states that a stamped command answered
     refused: int = 0  # stamped commands that answered another state than the one that is waiting
     surplus: int = 0  # plain commands that came twice for one step: whoever sends them may be a step behind
 
@@ -93,7 +93,8 @@ class Loop:
     that the step that is seen begins when it is due; none begins before it is, for steps take less than they last. `passed()` is called
     behind each call, `repeat()` from time to time while lockstep waits for a first or lost answer, and while paused. commands: names of
     those that are latched, steering first; drive torques and the accelerator among them count as zero when they are older than
-    command_timeout. The attributes mode, rate_factor, command_timeout [s, 0: never] and lockstep_commands may be changed at any time.
+    command_timeout. In lockstep an answer makes lockstep_every steps, and the states between are not waited for (`waits`). The attributes
+    mode, rate_factor, command_timeout [s, 0: never], lockstep_commands and lockstep_every may be changed at any time.
     dropped: steps that were asked for and not made, because of a pause, a resumption or a reset. After the thread has ended `outcome` is a
     sentence and `error` the exception that ended it, if any.
     """
@@ -114,6 +115,7 @@ class Loop:
         command_timeout: float = 0.0,
         commands: tuple[str, ...] = COMMANDS,
         lockstep_commands: tuple[int, ...] = (0, 1, 2),
+        lockstep_every: int = 1,
     ) -> None:
         self.simulation = simulation
         self.mode = mode
@@ -121,6 +123,7 @@ class Loop:
         self.end_ns = end_ns
         self.command_timeout = command_timeout
         self.lockstep_commands = lockstep_commands
+        self.lockstep_every = lockstep_every
         self.commands = commands
         self._drives = [i for i, name in enumerate(commands) if name.startswith(DRIVING)]
         self.latched = Latched.none((0.0,) * len(commands))
@@ -140,6 +143,7 @@ class Loop:
         self._requests: SimpleQueue[tuple[Callable[[], Any], Future]] = SimpleQueue()
         self._used = self.latched.counts  # counts of the commands that the last step used
         self._answered = -1  # step index of the state that a stamped command has answered
+        self._until = simulation.k  # step index of the state to which the newest answer leads
         self._pending = 0  # steps asked for
         self._anchor: tuple[float, int, float] | None = None  # clock, step and rate of the schedule in force
         self._times: deque[float] = deque(maxlen=WINDOW)
@@ -182,7 +186,7 @@ class Loop:
         other modes the commands are latched like plain ones.
         """
         lockstep = self.mode == 'lockstep'
-        if lockstep and (t_ns != self.simulation.t_ns or self._answered == self.simulation.k):
+        if lockstep and (t_ns != self.simulation.t_ns or self._answered == self.simulation.k or not self.waits):
             self.answers = self.answers._replace(refused=self.answers.refused + 1)
             return False
         for index, value in values.items():
@@ -225,6 +229,16 @@ class Loop:
         self._pending += count
 
     @property
+    def waits(self) -> bool:
+        """Whether the present state is one that lockstep waits to have answered."""
+        return self.mode == 'lockstep' and self.simulation.k >= self._until
+
+    @property
+    def waiting_ns(self) -> int:
+        """Simulation time of the state that lockstep waits to have answered, or comes to next [ns]."""
+        return self.simulation.t_ns + max(self._until - self.simulation.k, 0) * self.simulation.h_ns
+
+    @property
     def stepping(self) -> bool:
         """Whether steps that were asked for are being made, or are still to be."""
         return self._pending > 0
@@ -239,7 +253,7 @@ class Loop:
         """Forget commands, schedule and counters after the simulation was reset (to be asked for)."""
         self.latched = Latched.none((0.0,) * len(self.commands))
         self._drop()
-        self._used, self._anchor, self._answered = self.latched.counts, None, -1
+        self._used, self._anchor, self._answered, self._until = self.latched.counts, None, -1, self.simulation.k
         self.steps = self.overruns = self.slips = 0
         self._times.clear()
         self.judge_anew()
@@ -299,10 +313,12 @@ class Loop:
 
     def _steps_ahead(self) -> int:
         """Steps to be made at once before the next that may be seen."""
-        if self._pending or self.paused or self.mode == 'lockstep':
+        if self._pending or self.paused:
             return 0
         h = self.simulation.h_ns * 1e-9
         most = AT_ONCE / h - 1.0
+        if self.mode == 'lockstep':
+            most = min(most, self._until - self.simulation.k - 1)
         if self.mode == 'realtime':
             most = min(most, AT_ONCE * self.rate_factor / h - 1.0, AT_ONCE / min(self._took) - 1.0) if self._took else 0.0
         if self.end_ns is not None:
@@ -323,19 +339,11 @@ class Loop:
         if self.mode == 'fast':
             return True
         if self.mode == 'lockstep':
-            self._poll()
-            counts = self.latched.counts
-            if self._answered == self.simulation.k:
-                self._used = counts
-                return True
-            if all(counts[i] > self._used[i] for i in self.lockstep_commands):
-                surplus = sum(counts[i] - self._used[i] - 1 for i in self.lockstep_commands)
-                self.answers = self.answers._replace(surplus=self.answers.surplus + surplus)
-                self._used = counts
-                return True
-            self._show_again()
-            self._sleep(GLANCE)
-            return False
+            if self.waits and not self._has_answer():
+                self._show_again()
+                self._sleep(GLANCE)
+                return False
+            return True
         begin = self._deadline(self.simulation.k + ahead) - (ahead * min(self._took) if ahead else 0.0)
         wait = begin - time.perf_counter()
         if wait > LONGEST_WAIT:
@@ -347,6 +355,18 @@ class Loop:
             self.slips += 1
             self._anchor = None
         return not self._stop.is_set()
+
+    def _has_answer(self) -> bool:
+        """Look whether the state that is waiting has been answered: then the next `lockstep_every` steps are to be made."""
+        self._poll()
+        counts, k = self.latched.counts, self.simulation.k
+        if self._answered != k:
+            if not all(counts[i] > self._used[i] for i in self.lockstep_commands):
+                return False
+            surplus = sum(counts[i] - self._used[i] - 1 for i in self.lockstep_commands)
+            self.answers = self.answers._replace(surplus=self.answers.surplus + surplus)
+        self._used, self._until = counts, k + self.lockstep_every
+        return True
 
     def _deadline(self, k: int) -> float:
         """Return the clock reading at which step k begins."""

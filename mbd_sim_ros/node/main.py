@@ -101,6 +101,9 @@ def run(body: Callable[[], int], args: list[str] | None, name: str) -> int:
     except InvalidParameterTypeException as error:
         remedies = (
             ("of type 'INTEGER', expecting type 'DOUBLE'", 'with a point, e.g. 5.0'),
+            ("of type 'DOUBLE', expecting type 'INTEGER'", 'without a point, e.g. 5'),
+            ("of type 'STRING', expecting type 'INTEGER'", 'as a number, e.g. 5'),
+            ("of type 'STRING', expecting type 'DOUBLE'", 'as a number, e.g. 5.0'),
             ("type 'STRING_ARRAY'", "as a list, e.g. ['a', 'b']"),
         )
         remedy = next((f'; write it {how}' for what, how in remedies if what in str(error)), '')

@@ -75,6 +75,9 @@ PARAMETERS = {
     'steering_bandwidth': Spec(5.0, 'bandwidth of the filter behind the steering command [Hz]', 0.1, 100.0),
     'steering_rate_limit': Spec(20.0, 'largest rate of the steering wheel [rad/s]', 0.1, 1000.0),
     'step_count': Spec(1, 'steps that one call of ~/step does [-]', 1, 1000000, live=True),
+    'lockstep_every': Spec(
+        1, 'steps that one answer makes in mode lockstep [-]; the states between are not waited for', 1, 100000, live=True
+    ),
     'lockstep_commands': Spec(
         list(COMMANDS), 'the plain commands, pedals and gear too, that must all be newer for a lockstep step; steering: whichever steers'
     ),

@@ -68,7 +68,7 @@ def assign(message: Any, value: dict[str, Any]) -> Any:
 
 HEARD = 0.1  # s between looks for subscribers of a topic
 ORDER = tuple(RATES)  # what matters most comes first
-ANSWERED = ('cmd_applied', 'odom')  # what is answered in lockstep: of every state that waits, or nobody could
+ANSWERED = ('cmd_applied', 'odom')  # what is answered in lockstep: of every state that waits, or nobody could, and of no other one
 
 
 def rated(topic: str) -> str:
@@ -92,10 +92,11 @@ class _Channel:
     also: int = 0
     heard: bool = True
 
-    def due(self, k: int, of: int = 1, waits: bool = False) -> bool:
-        """Whether step k has a message, where others than multiples of `of` have none. waits: somebody has to answer this step."""
-        if waits and self.topic.name in ANSWERED:
-            return True
+    def due(self, k: int, of: int = 1, waits: bool | None = None) -> bool:
+        """Whether step k has a message, where others than multiples of `of` have none. waits: whether lockstep waits to have it answered;
+        None: in the other modes."""
+        if waits is not None and self.topic.name in ANSWERED:
+            return waits
         return k % of == 0 and (k % self.every == 0 or (self.also > 0 and k % self.also == 0))
 
     @property
@@ -154,16 +155,19 @@ class Publication:
             channel.also = poses_every if rated(channel.topic.name) == 'tf' else 0
         self._note_heard()
 
-    def awaited(self, k: int, *, of: int = 1, to_nobody: bool = False) -> tuple[int, ...]:
+    def awaited(self, k: int, *, of: int = 1, waits: bool | None = None) -> tuple[int, ...]:
         """Places among the encoded messages of those of step k that are to be published (see publish)."""
         self._look()
-        return tuple([channel.place for channel in (self._channels if to_nobody else self._heard) if channel.due(k, of, to_nobody)])
+        return tuple([channel.place for channel in (self._channels if waits else self._heard) if channel.due(k, of, waits)])
 
-    def next_awaited(self, k: int, most: int, *, of: int = 1) -> int:
-        """The first of the steps k + 1 .. k + most that is a multiple of `of` and has a message which is awaited, or k + most."""
+    def next_awaited(self, k: int, most: int, *, of: int = 1, lockstep: bool = False) -> int:
+        """The first of the steps k + 1 .. k + most that is a multiple of `of` and has a message which is awaited, or k + most.
+
+        lockstep: of steps that lockstep does not wait to have answered.
+        """
         self._look()
         first = k + most
-        for period in self._periods:
+        for period in self._unanswered if lockstep else self._periods:
             period = math.lcm(period, of)
             first = min(first, k - k % period + period)
         return first
@@ -190,18 +194,19 @@ class Publication:
         """Keep for every step what changes seldom: the channels that are heard, and the periods of their messages [steps]."""
         self._heard = [channel for channel in self._channels if channel.heard]
         self._periods = set().union(*(channel.periods for channel in self._heard))
+        self._unanswered = set().union(*(channel.periods for channel in self._heard if channel.topic.name not in ANSWERED))
 
-    def publish(self, messages: Sequence[bytes | None], k: int = 0, budget: float = 0.0, *, of: int = 1, to_nobody: bool = False) -> None:
+    def publish(self, messages: Sequence[bytes | None], k: int = 0, budget: float = 0.0, *, of: int = 1, waits: bool | None = None) -> None:
         """Publish one message per topic, where there is one and it is due at step k; what is not begun after `budget` [s] is dropped.
 
-        of: only steps that are multiples of it have messages. to_nobody: in lockstep, where somebody waits for this step: also where nobody
-        subscribes, as far as `awaited` has seen, and of ANSWERED at every step. Otherwise who comes later than its last look for
-        subscribers, HEARD ago at most, misses what was published since.
+        of: only steps that are multiples of it have messages. waits: in lockstep, whether this step waits to be answered: one that does is
+        published also where nobody subscribes, as far as `awaited` has seen, and ANSWERED whatever their rates; one that does not has none
+        of these. Otherwise who comes later than its last look for subscribers, HEARD ago at most, misses what was published since.
         """
         end, late = time.perf_counter() + budget if budget > 0.0 else math.inf, False
-        for channel in self._channels if to_nobody else self._heard:
+        for channel in self._channels if waits else self._heard:
             data = messages[channel.place]
-            if data is None or not channel.due(k, of, to_nobody):
+            if data is None or not channel.due(k, of, waits):
                 continue
             if late:
                 self.dropped[rated(channel.topic.name)] += 1

@@ -103,6 +103,7 @@ class Running:
             command_timeout=self.value('command_timeout'),
             commands=self.driving.names,
             lockstep_commands=lockstep,
+            lockstep_every=self.value('lockstep_every'),
         )
         self.driving.latch()
         if self.value('record'):
@@ -138,17 +139,26 @@ class Running:
         """Start the simulation thread."""
         self.loop.start()
         self.prefer()
-        self.warn_of_mode(self.loop.mode)
+        self.warn_of_lockstep()
         if self.driving.uncommanded and not self.driving.deaf:
             held = f'no command is for {", ".join(self.driving.uncommanded)}: held as at the start'
             self.node.get_logger().warning(f'{held}; with the parameter commands = maneuver the maneuver of the scene drives')
 
-    def warn_of_mode(self, mode: str) -> None:
-        """Say where nothing but ~/step will make a step."""
-        if mode == 'lockstep' and self.driving.deaf:
+    def warn_of_lockstep(self) -> None:
+        """Say where nothing but ~/step will make a step, or where what drives ends before the answer that commands it."""
+        loop = self.loop
+        if loop.mode != 'lockstep':
+            return
+        if self.driving.deaf:
             self.node.get_logger().warning(
                 "mode lockstep waits for commands, and the parameter commands = 'maneuver' has the node listen to none: only ~/step makes "
                 'steps; use commands:=topics and the node maneuver, or another mode'
+            )
+        held = loop.lockstep_every * self.simulation.h_ns * 1e-9
+        if loop.lockstep_every > 1 and 0.0 < loop.command_timeout < held:
+            self.node.get_logger().warning(
+                f'lockstep_every = {loop.lockstep_every} steps are {held:g} s, and after command_timeout = {loop.command_timeout:g} s '
+                'drive torque and accelerator count as zero: answer more often, or set command_timeout to 0'
             )
 
     def prefer(self) -> None:
@@ -208,10 +218,11 @@ class Running:
 
     def _hidden(self, most: int) -> int:
         """How many of the next steps, at most so many, nobody sees: not published, not recorded, while nobody commands or assists."""
-        if self.commands.commanded or self.driving.assistant is not None:
+        lockstep = self.loop.mode == 'lockstep'  # which does not look for commands in these steps
+        if self.driving.assistant is not None or (self.commands.commanded and not lockstep):
             return 0
         k = self.simulation.k
-        seen = self._publication.next_awaited(k, most + 1, of=self.publish_every)
+        seen = self._publication.next_awaited(k, most + 1, of=self.publish_every, lockstep=lockstep)
         seen = min(seen, self.recording.next_wanted(k, most + 1))
         if self._ticks is not None and self._ticks.get_subscription_count():
             every = self._tick_every()
@@ -224,24 +235,24 @@ class Running:
     def _emit(self, snapshot: Snapshot) -> None:
         self.envelope.look(snapshot)
         mode, of = self.loop.mode, self.publish_every
-        waits = mode == 'lockstep'  # somebody, for this very state
-        publish = self._publication.awaited(snapshot.k, of=of, to_nobody=waits) if waits or snapshot.k % of == 0 else ()
+        waits = self.loop.waits if mode == 'lockstep' else None
+        publish = self._publication.awaited(snapshot.k, of=of, waits=waits) if waits or snapshot.k % of == 0 else ()
         record = self.recording.wants(snapshot)
         if publish or record:
             messages = self._messages.encode(snapshot, only=None if record else publish)
             if publish:
-                self._publication.publish(messages, snapshot.k, self._budget if mode == 'realtime' else 0.0, of=of, to_nobody=waits)
+                self._publication.publish(messages, snapshot.k, self._budget if mode == 'realtime' else 0.0, of=of, waits=waits)
             if record:
                 self.recording.take(snapshot, messages)
         else:
             require_finite(snapshot, self._messages.channels)
         if self._ticks is not None:
-            self._publish_clock(self._ticks, snapshot)
+            self._publish_clock(self._ticks, snapshot, anyway=bool(waits))
 
     def _repeat(self) -> None:
         """Publish the present state, all of it, whoever hears it and whatever the rates."""
         snapshot = self.simulation.snapshot()
-        self._publication.publish(self._messages.encode(snapshot, whole=True), to_nobody=True)
+        self._publication.publish(self._messages.encode(snapshot, whole=True), waits=True)
         if self._ticks is not None:
             self._publish_clock(self._ticks, snapshot, anyway=True)
 
@@ -254,8 +265,8 @@ class Running:
 
     def _publish_clock(self, publisher: Publisher, snapshot: Snapshot, *, anyway: bool = False) -> None:
         mode = self.loop.mode
-        # at the start whatever its step; in lockstep the others wait for every tick
-        anyway = anyway or mode == 'lockstep' or self._ticked == -math.inf
+        # at the start whatever its step; in lockstep the others wait for the tick of every state that waits
+        anyway = anyway or self._ticked == -math.inf
         if not anyway and (snapshot.k % self._tick_every() or not publisher.get_subscription_count()):
             return
         now = time.monotonic()

@@ -159,14 +159,21 @@ def _service(node: Node, name: str, do: Callable[[], tuple[bool, str] | Awaitabl
     async def call(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         done = do()
         response.success, response.message = done if isinstance(done, tuple) else await done
-        log = node.get_logger()
-        if response.success:
-            log.info(f'{name}: {response.message}')
-        else:
-            log.warning(f'{name} refused: {response.message}')
+        tell(node, name, response.success, response.message)
         return response
 
     return call
+
+
+def tell(node: Node, name: str, done: bool, text: str) -> None:
+    """Log what became of a call; of steps, which may be asked for at any rate, for those alone who look for faults."""
+    log = node.get_logger()
+    if not done:
+        log.warning(f'{name} refused: {text}')
+    elif 'step' in name:
+        log.debug(f'{name}: {text}')
+    else:
+        log.info(f'{name}: {text}')
 
 
 def asked(running: Running, action: Callable[[Running], str]) -> tuple[bool, str]:

@@ -65,12 +65,12 @@ class Simulator(Node):
         if reason:
             return SetParametersResult(successful=False, reason=reason)
         for parameter in parameters:
-            if parameter.name in ('mode', 'rate_factor', 'command_timeout'):
+            if parameter.name in ('mode', 'rate_factor', 'command_timeout', 'lockstep_every'):
                 setattr(self.loop, parameter.name, parameter.value)
                 self.loop.judge_anew()
                 self.running.prefer()
-                if parameter.name == 'mode':
-                    self.running.warn_of_mode(parameter.value)
+                if parameter.name != 'rate_factor':
+                    self.running.warn_of_lockstep()
         publishing = ('publish_every', 'publish_budget')
         rates = {p.name: p.value for p in parameters if p.name.removeprefix('rate_') in RATES or p.name in publishing}
         if rates:

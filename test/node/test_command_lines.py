@@ -24,6 +24,10 @@ CASES = {
         "simulator: 'record:=true' is not understood: parameters are given as --ros-args -p",
     ),
     'whole number': ('main', ['-p', 'duration:=5'], "expecting type 'DOUBLE': duration; write it with a point, e.g. 5.0"),
+    'number with a point': ('main', ['-p', 'lockstep_every:=2.5'], "expecting type 'INTEGER': lockstep_every; write it without a point"),
+    'none of the states': ('main', ['-p', 'lockstep_every:=0'], 'lockstep_every'),
+    'fewer than none of the states': ('main', ['-p', 'lockstep_every:=-10'], 'lockstep_every'),
+    'text for a number': ('main', ['-p', 'lockstep_every:=ten'], "expecting type 'INTEGER': lockstep_every; write it as a number, e.g. 5"),
     'text for a list': ('main', ['-p', 'overrides:=duration=2'], "expecting type 'STRING_ARRAY': overrides; write it as a list, e.g. "),
     'empty list': (
         'main',

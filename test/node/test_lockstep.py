@@ -12,12 +12,14 @@ import numpy as np
 import pytest
 from client import client
 from processes import Process, start
+from real_node import simulator
 
 from mbd_sim_ros.bags import reader as bag
+from mbd_sim_ros.commands.main import main
 
 pytestmark = pytest.mark.realtime
 
-__all__ = ['client', 'start']  # fixtures
+__all__ = ['client', 'simulator', 'start']  # fixtures
 
 STEPS = 150
 
@@ -139,3 +141,51 @@ def test_only_the_answer_to_the_waiting_state_makes_a_step(start, client) -> Non
     assert process.end() == 0
     assert "'drive_torkue' is no command; did you mean 'drive_torque'?" in process.output
     assert 'drive_torque: nan is not a number' in process.output
+
+
+def test_an_answer_makes_so_many_steps_and_the_states_between_are_not_waited_for(start, client, tmp_path: Path) -> None:
+    """Every tenth state is answered, from what it says; cmd_applied shows these alone, and joint_states all."""
+    from sensor_msgs.msg import JointState
+
+    joints: list[int] = []
+    client.node.create_subscription(
+        JointState, 'joint_states', lambda m: joints.append(m.header.stamp.sec * 10**9 + m.header.stamp.nanosec), 1000
+    )
+    process = start({'mode': 'lockstep', 'lockstep_every': 10, 'duration': STEPS * 0.002, 'record': True, 'out': 'run'})
+    client.until(lambda: client.applied and joints)
+    controller = Process(tmp_path, [sys.executable, '-c', CONTROLLER])
+    try:
+        client.until(lambda: client.applied[-1]['step'] >= STEPS - 10 and len(set(joints)) > STEPS - 20, 30.0)  # the last may be lost
+        assert process.end() == 0, process.output + controller.output
+    finally:
+        controller.kill()
+    assert {applied['step'] for applied in client.applied} | {STEPS} == set(range(0, STEPS + 1, 10))
+    np.testing.assert_array_equal(np.diff(sorted(set(joints))), 2_000_000)
+    run = bag.read(tmp_path / 'run')
+    np.testing.assert_array_equal(run['cmd_applied/step'], np.arange(STEPS + 1.0))
+    answered = np.arange(STEPS) // 10 * 10
+    drive = 100.0 * np.sin(answered)
+    np.testing.assert_array_equal(run['cmd_applied/drive_torque'][1:], drive)
+    before = np.where(answered > 0, 100.0 * np.sin(answered - 10), 0.0)
+    np.testing.assert_array_equal(run['cmd_applied/brake_torque'][1:], 2.0 * answered + 0.5 * np.abs(before))
+
+
+@pytest.mark.slow
+def test_a_controller_at_100_hz_drives_a_car_at_1_khz_the_same_way_every_time_and_it_can_be_replayed(simulator, tmp_path: Path) -> None:
+    """It ends at 0.287 s, in the middle of an answer; inputs of all steps are recorded, those of the states between too."""
+    runs = []
+    for name in ('first', 'again'):
+        record = {'duration': 0.287, 'record': True, 'out': name}
+        process = simulator(scene='light_car_straight', overrides=['integrator.h=0.001'], mode='lockstep', lockstep_every=10, **record)
+        process.wait_for('running light_car_straight')
+        controller = Process(tmp_path, [sys.executable, '-c', CONTROLLER])
+        try:
+            assert process.end(60.0) == 0, process.output + controller.output
+        finally:
+            controller.kill()
+        runs.append(bag.read(tmp_path / name))
+        assert main(['replay', str(tmp_path / name), '--json']) == 0
+    np.testing.assert_array_equal(runs[0]['cmd_applied/step'], np.arange(288.0))
+    np.testing.assert_array_equal(runs[0]['cmd_applied/drive_torque'][1:], 100.0 * np.sin(np.arange(287) // 10 * 10))
+    for column, values in runs[0].columns.items():
+        np.testing.assert_array_equal(values, runs[1][column], err_msg=column)

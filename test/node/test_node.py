@@ -352,6 +352,7 @@ def test_a_place_where_nothing_can_be_recorded_is_one_sentence(start, out):
 
 
 def test_service_calls_are_logged_and_steps_need_a_pause(start, client):
+    """Steps may be asked for a thousand times a second: one that was made is logged at DEBUG, and one that is refused as a warning."""
     process = start()
     client.ready()
     refused = client.call('step')
@@ -359,8 +360,9 @@ def test_service_calls_are_logged_and_steps_need_a_pause(start, client):
     assert client.call('pause').success and client.call('step').success
     process.process.terminate()
     assert process.end() == 0
-    for text in ('step refused: the simulation is running', 'pause: paused at t = ', 'step: 1 steps from step '):
+    for text in ('[WARN]', 'step refused: the simulation is running', '[INFO]', 'pause: paused at t = '):
         assert text in process.output
+    assert 'step: 1 steps from step ' not in process.output
 
 
 def test_a_missing_torque_command_is_said_once(start, client):

@@ -82,7 +82,7 @@ def test_what_nobody_hears_is_not_published_but_in_lockstep(client, monkeypatch)
     messages = Messages.of(scene(), simulation)
     publication = publish.Publication(client.node, messages.topics, messages.encode(simulation.snapshot(), whole=True), silent=SUBSCRIBED)
 
-    def step(**options: bool) -> None:
+    def step(**options: bool | None) -> None:
         snapshot = simulation.advance()
         if publication.awaited(snapshot.k, **options):
             publication.publish(messages.encode(snapshot), snapshot.k, **options)
@@ -90,7 +90,7 @@ def test_what_nobody_hears_is_not_published_but_in_lockstep(client, monkeypatch)
     try:
         step()
         assert not sent
-        step(to_nobody=True)
+        step(waits=True)
         installed = {f'/{topic.name}' for topic in messages.topics if topic.name not in (*SUBSCRIBED, '/tf')}
         assert installed <= set(sent)
         everything = len(set(sent))  # /tf among it where its type is installed
@@ -108,7 +108,7 @@ def test_what_nobody_hears_is_not_published_but_in_lockstep(client, monkeypatch)
         assert set(sent) == {wheel}
         place = [topic.name for topic in messages.topics].index(wheel.strip('/'))
         assert publication.awaited(simulation.k) == (place,)  # nothing else is encoded
-        assert len(publication.awaited(simulation.k, to_nobody=True)) == everything
+        assert len(publication.awaited(simulation.k, waits=True)) == everything
         assert publication.next_awaited(7, 20) == 8
         assert publication.next_awaited(7, 20, of=5) == 10
         publication.every({'tire_force': 10}, 0)

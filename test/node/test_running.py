@@ -229,6 +229,25 @@ def test_lockstep_that_listens_to_nobody_says_so(opened, capfd) -> None:
     assert 'only ~/step makes steps' in capfd.readouterr().err
 
 
+def test_an_answer_that_outlasts_what_drives_is_told(opened, capfd) -> None:
+    """Steps of 2 ms: 251 of them are longer than 0.5 s."""
+    from rclpy.parameter import Parameter
+
+    def changed(**values: object) -> str:
+        assert all(one.successful for one in node.set_parameters([Parameter(name, value=value) for name, value in values.items()]))
+        return capfd.readouterr().err
+
+    opened(mode='lockstep', lockstep_every=251)
+    assert 'lockstep_every = 251 steps are 0.502 s, and after command_timeout = 0.5 s drive torque' in capfd.readouterr().err
+    node = opened(lockstep_every=251)
+    assert 'lockstep_every' not in capfd.readouterr().err  # in real time nothing waits
+    assert 'lockstep_every = 251' in changed(mode='lockstep')
+    assert 'lockstep_every' not in changed(lockstep_every=250)
+    assert 'lockstep_every = 1000' in changed(lockstep_every=1000)
+    assert 'lockstep_every' not in changed(command_timeout=0.0)
+    assert not node.set_parameters([Parameter('lockstep_every', value=0)])[0].successful
+
+
 def test_a_pause_ends_the_steps_that_were_asked_for(opened) -> None:
     from mbd_sim_ros.node import services
 
