@@ -8,8 +8,7 @@ from contract import (
     ContractContext,
     Element,
     acting,
-    check_action_reaction,
-    check_power_balance,
+    check_contract,
     check_purity,
     check_tangents,
     kinematics,
@@ -67,8 +66,7 @@ def test_contract_in_every_branch(rng, capacity, branch, j):
             assert result.z[0] == zp + H * omega
         else:
             assert abs(torque) == capacity
-        for check in (check_purity, check_tangents, check_action_reaction, check_power_balance):
-            check(element, kin, **arguments)
+        check_contract(element, kin, **arguments)
         assert element.output(result, 'dissipation')[0] >= 0.0
 
 

@@ -9,9 +9,9 @@ from contract import (
     Element,
     acting,
     check_action_reaction,
+    check_contract,
     check_power_balance,
-    check_purity,
-    check_tangents,
+    check_states,
     complex_step_tangents,
     kinematics,
 )
@@ -88,9 +88,7 @@ def test_at_rest_the_contract_is_met_exactly(rng, steered, brake, travel):
     """Released, slipping and stuck brakes; inside the maps and beyond their ends."""
     element, kin = guide(rng, steered=steered), placed(rng, travel=travel)
     arguments = {'zp': (0.3, -0.2, 0.004, 0.0), 'cz': H, 'u': (brake, 7.0)}
-    check_purity(element, kin, **arguments)
-    check_tangents(element, kin, **arguments)
-    check_action_reaction(element, kin, **arguments)
+    check_contract(element, kin, **arguments)
 
 
 @pytest.mark.parametrize('brake', [0.0, 20.0, 1e6])
@@ -98,6 +96,7 @@ def test_moving_it_balances_power_and_forces(rng, brake):
     """f . v = -dE/dt - dissipation with everything in motion; tangents over velocities stay exact."""
     element, kin = guide(rng), placed(rng, speed=1.0)
     arguments = {'zp': (0.3, -0.2, 0.004, 0.0), 'cz': H, 'u': (brake, 7.0)}
+    check_states(element, kin, **arguments)
     check_power_balance(element, kin, **arguments)
     check_action_reaction(element, kin, **arguments)
     exact, found = complex_step_tangents(element, kin, **arguments)[1], element.evaluate(kin, tangents=True, **arguments).Kv

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from contract import check_power_balance, check_purity, check_tangents
+from contract import check_contract, check_tangents
 from tire_bench import CAR, EXAMPLE, FLAT, HILLY, SEDAN, forces, tire, value, wheel
 
 from solver.elements.marker import Marker
@@ -29,10 +29,7 @@ def turning(speed: float, yaw_rate: float, **motion):
 @pytest.mark.parametrize('cz', [0.0, 5e-4])
 def test_contract_of_force_elements(speed: float, road, cz: float) -> None:
     element, kin, zp = tire(EXAMPLE, road, mirrored=True, turn_slip=None), turning(speed, 0.8, camber=0.05), (0.001, 0.004, 0.02)
-    check_purity(element, kin, zp=zp, cz=cz)
-    check_tangents(element, kin, zp=zp, cz=cz)
-    if cz > 0.0:
-        check_power_balance(element, kin, zp=zp, cz=cz, tolerance=1e-10)
+    check_contract(element, kin, pair=False, power=cz > 0.0, tolerance=1e-10, zp=zp, cz=cz)
 
 
 @pytest.mark.parametrize('state', ['flying', 'locked and sliding', 'sliding sideways'])

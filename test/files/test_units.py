@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import importlib.util
+import sys
 import types
 import typing
 from collections import Counter
@@ -85,6 +86,31 @@ def only_numbers(hint: Any) -> bool:
     return all(map(only_numbers, parts(hint))) if parts(hint) else hint is float
 
 
+def checked(name: str, qualified: str, hint: Any) -> list[str]:
+    """The entries of WITHOUT that exempt this field; a field has either a unit or such an entry."""
+    exempt = [key for key in (name, qualified) if key in WITHOUT]
+    assert bool(unit_of(hint)) != bool(exempt), f'{qualified}: give its unit in the hint (solver.dimensions), or name it in WITHOUT'
+    return exempt
+
+
+@pytest.mark.parametrize('module', ['level', 'pusher', 'sliding_pillar'])
+def test_the_recipes_give_their_units(module: str) -> None:
+    spec = importlib.util.spec_from_file_location(module, ROOT / 'test' / 'data' / 'recipe' / f'{module}.py')
+    assert spec and spec.loader
+    recipe = importlib.util.module_from_spec(spec)
+    sys.modules[module] = recipe  # dataclasses look their module up
+    try:
+        spec.loader.exec_module(recipe)
+        own = [c for c in vars(recipe).values() if dataclasses.is_dataclass(c) and isinstance(c, type) and c.__module__ == module]
+        for cls in own:
+            for name, hint in fields(cls).items():
+                if numeric(hint):
+                    checked(name, f'{cls.__name__}.{name}', hint)
+    finally:
+        del sys.modules[module]
+    assert own
+
+
 def test_every_number_has_a_unit_or_is_known_to_have_none() -> None:
     used: Counter[str] = Counter()
     units: dict[str, set[str]] = {}
@@ -94,9 +120,7 @@ def test_every_number_has_a_unit_or_is_known_to_have_none() -> None:
                 continue
             qualified = f'{cls.__name__}.{name}'
             units.setdefault(name, set()).add(unit_of(hint))
-            exempt = [key for key in (name, qualified) if key in WITHOUT]
-            used.update(exempt)
-            assert bool(unit_of(hint)) != bool(exempt), f'{qualified}: give its unit in the hint (solver.dimensions), or name it in WITHOUT'
+            used.update(checked(name, qualified, hint))
     assert set(used) == WITHOUT, 'none of the files has them'
     assert all(units[name] == {''} for name in WITHOUT if '.' not in name)
 

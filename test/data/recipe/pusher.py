@@ -13,7 +13,7 @@ import numpy as np
 
 from solver.compiled.kernel import kernel, sixes
 from solver.compiled.vec import dot, load3, mscale, outer, scale, sub
-from solver.dimensions import Time
+from solver.dimensions import Force, Time
 from solver.elements.kind import ForceKind
 from solver.elements.marker import Context, Marker, Spec, compile_pairs
 from solver.elements.point_pair import add_point_force, add_point_pair_tangent, point_position, point_velocity
@@ -29,7 +29,7 @@ class PusherSpec(Spec):
     i: Marker
     j: Marker
     input: str
-    gain: float
+    gain: Force  # for an input of 1
     lag: Time
 
     def __post_init__(self) -> None:
