@@ -14,7 +14,7 @@ UNITS = {
     'km/h': ('m/s', 1.0 / 3.6), 'mph': ('m/s', 0.44704), 'kn': ('m/s', 1852.0 / 3600.0), 'mm/s': ('m/s', 1e-3), 'g': ('m/s^2', G),
     'mm': ('m', 1e-3), 'cm': ('m', 1e-2), 'km': ('m', 1e3), 'in': ('m', 0.0254), 'ft': ('m', 0.3048),
     'kN': ('N', 1e3), 'daN': ('N', 10.0), 'kgf': ('N', G), 'lbf': ('N', 4.4482216152605), 'kN m': ('N m', 1e3), 'N mm': ('N m', 1e-3),
-    'kJ': ('J', 1e3), 'kW': ('W', 1e3), 'ms': ('s', 1e-3), '%': ('1', 1e-2),
+    'kJ': ('J', 1e3), 'kW': ('W', 1e3), 'ms': ('s', 1e-3), 'us': ('s', 1e-6), 'ns': ('s', 1e-9), '%': ('1', 1e-2),
 }  # fmt: skip
 SI = ('1', 'rad', 'rad/s', 'rad/s^2', 'm', 'm/s', 'm/s^2', 'N', 'N m', 'J', 'W', 's')
 UNITS |= {name: (name, 1.0) for name in SI}
@@ -22,7 +22,10 @@ SUFFIXES = {'deg': 'deg', 'mm': 'mm', 'kmh': 'km/h', 'rpm': 'rpm'}  # what a key
 WITH_UNIT = re.compile(r'\s*([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)\s*(.*?)\s*')
 SPELLED = {
     'm/s2': 'm/s^2', 'rad/s2': 'rad/s^2', 'deg/s2': 'deg/s^2', 'm/s²': 'm/s^2', 'rad/s²': 'rad/s^2', 'deg/s²': 'deg/s^2',
-    'Nm': 'N m', 'kNm': 'kN m', 'Nmm': 'N mm', 'kph': 'km/h', 'kmh': 'km/h', '°': 'deg', '-': '1',
+    'Nm': 'N m', 'kNm': 'kN m', 'Nmm': 'N mm', 'kph': 'km/h', 'kmh': 'km/h', 'kmph': 'km/h', 'km/hr': 'km/h', 'mi/h': 'mph', 'knots': 'kn',
+    'kt': 'kn', 'm/s/s': 'm/s^2', 'm/s**2': 'm/s^2', 'm/sec': 'm/s', 'm/sec^2': 'm/s^2', 'm/sec2': 'm/s^2', 'deg/sec': 'deg/s',
+    'degree': 'deg', 'degrees': 'deg', 'degrees/s': 'deg/s', 'deg/sec^2': 'deg/s^2', 'rad/sec': 'rad/s', 'radians': 'rad', 'rev/min': 'rpm',
+    '1/min': 'rpm', 'sec': 's', 'seconds': 's', 'µs': 'us', 'μs': 'us', 'percent': '%', '°': 'deg', '-': '1',
 }  # fmt: skip
 
 

@@ -5,6 +5,7 @@
       'tire/*/force/fz': {channel: 'wheels/*/load', unit: kN, sign: -1, offset: 12.0}
     axes:                                        # vectors that are given along other axes
       - {channels: [imu/ax, imu/ay, imu/az], rpy_deg: [180, 0, 0]}      # x forward, y right, z down
+    time: {column: 'elapsed', unit: ms}          # of a table in which the name of no column, or of several, is one of time
 
 A `*` in a name stands for the same text on both sides.
 """
@@ -18,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mbd_sim_ros.analysis.tables import TimeColumn
 from mbd_sim_ros.bags.reader import Run, Series
 from solver.dimensions import Angle
 from solver.errors import BagError, suggestion
@@ -63,10 +65,11 @@ class Axes:
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelMap:
-    """All of a mapping file. channels: ours (patterns) -> what it is made from."""
+    """All of a mapping file. channels: ours (patterns) -> what it is made from. time: the column of a table that tells the time."""
 
     channels: dict[str, Source]
     axes: tuple[Axes, ...] = field(default_factory=tuple)
+    time: TimeColumn | None = None
 
     def __post_init__(self) -> None:
         require(bool(self.channels), 'mapping', 'channels', {}, 'must name at least one channel')
@@ -154,7 +157,7 @@ def apply(run: Run, channels: Mapping[str, Source], axes: Sequence[Axes], unit: 
         for topic, names in run.known.items()
     }
     held = frozenset(new for new, (_, source) in found.items() if source.hold)
-    return Run(series, run.metadata, run.left_out, known, stated), held
+    return Run(series, run.metadata, run.left_out, known, stated, run.told), held
 
 
 def in_si(run: Run, unit: Callable[[str], str]) -> Run:

@@ -4,25 +4,23 @@ from __future__ import annotations
 
 import csv
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from decimal import Decimal
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 
+from mbd_sim_ros.analysis.cells import UNIT
+from mbd_sim_ros.analysis.tables import SUFFIXES, Table, TimeColumn, read_table
 from mbd_sim_ros.analysis.whole import whole
 from mbd_sim_ros.bags import reader as bag
 from mbd_sim_ros.bags.patterns import fits, fits_any
 from mbd_sim_ros.bags.reader import Run, Series
 from solver.errors import BagError, suggestion
-from solver.units import SPELLED, UNITS
+from solver.units import UNITS
 
 TIME = 'time [s]'
-UNIT = re.compile(r'\[([^\[\]]*)\]\s*$')  # at the end of a name; names of the fields of messages may hold brackets too
-SECONDS = ('', 's', 'sec', 'seconds')  # what the unit of time may be called
 ROWS = 10_000  # written at once
-LATEST = 2.0**62 * 1e-9  # s: so many nanoseconds, and differences of them, are whole numbers of 64 bits
 NAME_MOST = 60  # characters of the name of a file
 JOINT_UNITS = {
     'rotation': {'position': 'rad', 'velocity': 'rad/s', 'effort': 'N m'},
@@ -148,19 +146,20 @@ def file_names(topics: Iterable[str]) -> dict[str, str]:
 
 
 def suspicion(run: Run) -> tuple[str, ...]:
-    """What the recorded run says against itself."""
+    """What the recorded run says against itself, and what was lost in reading it."""
     said = run.metadata
+    told = run.told
     damage, dropped = said.get('damage', ''), said.get('dropped_steps', '0')
     lacking = [f'the recording is not whole: {damage}'] if damage else []
     if dropped.strip('0'):
         lacking.append(f'{dropped} steps are missing in the recording: the disk was too slow for them')
     status = said.get('status', '' if 'resolved_scene' in said else 'ok')
     if status == 'ok':
-        return tuple(lacking)
+        return (*lacking, *told)
     if not status:  # a run ends with a verdict
-        return (f'the run has no verdict: {said.get("end", "its recording was cut off")}', *lacking)
+        return (f'the run has no verdict: {said.get("end", "its recording was cut off")}', *lacking, *told)
     texts = [str(finding.get('text', '')) for finding in run.findings]
-    return (f'the run is {status}' + (f': {"; ".join(texts)}' if texts else ''), *lacking)
+    return (f'the run is {status}' + (f': {"; ".join(texts)}' if texts else ''), *lacking, *told)
 
 
 def must_match(run: Run, patterns: Sequence[str], place: str | Path) -> None:
@@ -176,86 +175,42 @@ def seconds_of(t_ns: int) -> str:
     return f'{sign}{t_ns // 1_000_000_000}.{t_ns % 1_000_000_000:09d}'
 
 
-def read(path: str | Path, channels: Sequence[str] = ()) -> Run:
-    """A bag, an .mcap file, a .csv file, or a directory of .csv files as export() writes them.
+def read(path: str | Path, channels: Sequence[str] = (), *, beside: Collection[str] = (), time: TimeColumn | None = None) -> Run:
+    """A bag, an .mcap file, a table (tables.py), or a directory of .csv files as export() writes them.
 
-    channels: shell patterns of the columns to read; all without any. Columns of a CSV file in a directory get the name of its topic
-    in front; those of a single file are as in its header. The numbers are those of the file: `stated` of the run tells the units in square
-    brackets. Raises BagError (file, line, remedy).
+    channels: shell patterns of the columns to read; all without any. Columns of a table in a directory get the name of its topic in front;
+    those of a single one are as in its header, unless none of these names is in `beside`, or fits `channels`, and one with the topic does.
+    time: the column of tables that tells the time. The numbers are those of the file: `stated` of the run tells their units. Raises
+    BagError (file, line, remedy).
     """
     path = Path(path)
-    files = [path] if path.suffix.lower() == '.csv' else sorted(path.glob('*.csv')) if path.is_dir() else []
+    single = path.suffix.lower() in SUFFIXES and not path.is_dir()
+    files = [path] if single else sorted(path.glob('*.csv')) if path.is_dir() else []
     if not files or (path.is_dir() and list(path.glob('*.mcap*'))):
         return bag.read(path, channels)
-    series = {}
-    stated: dict[str, str] = {}
+    table = Table()
     for file in files:
-        topic = file.stem.replace('.', '/') if path.is_dir() else ''
-        series[topic], units_of_it = _read_csv(file, topic and topic + '/')
-        stated |= units_of_it
-    known = {topic: tuple(one.columns) for topic, one in series.items()}
-    if channels:
-        for topic, one in list(series.items()):
-            kept = {n: v for n, v in one.columns.items() if fits_any(n, channels)}
-            series[topic] = Series(one.time_ns, kept)
-    return Run({topic: one for topic, one in series.items() if one.columns}, known=known, stated=stated)
+        topic = file.stem.replace('.', '/')
+        one = read_table(file, '' if single else topic, time)
+        if single and _is_of(topic, one.names, beside, channels):
+            one = read_table(file, topic, time)
+        table.series |= one.series
+        table.stated |= one.stated
+        table.left_out |= one.left_out
+        table.told += one.told if single else [f'{file.name}: {text}' for text in one.told]
+    known = {topic: tuple(one.columns) for topic, one in table.series.items()}
+    series = {
+        topic: Series(one.time_ns, kept)
+        for topic, one in table.series.items()
+        if (kept := {n: v for n, v in one.columns.items() if not channels or fits_any(n, channels)})
+    }
+    return Run(series, left_out=table.left_out, known=known, stated=table.stated, told=tuple(table.told))
 
 
-def _read_csv(file: Path, prefix: str) -> tuple[Series, dict[str, str]]:
-    """The columns of a table, and the units of those whose header has them."""
-    try:
-        with file.open(newline='', encoding='utf-8-sig') as stream:
-            rows = [row for row in csv.reader(stream) if row and not row[0].lstrip().startswith('#')]
-    except OSError as error:
-        raise BagError(f'cannot read {file}: {error.strerror}') from None
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise BagError(f'cannot read {file}: it is not a CSV text ({error})') from None
-    if len(rows) < 2:
-        raise BagError(f'{file} holds no data: a header line and at least one row of numbers are needed')
-    other = next((mark for mark in ';\t' if len(rows[0]) == 1 and mark in rows[0][0]), None)
-    if other:
-        raise BagError(f'{file}: its columns are separated by {other!r}; they must be by commas, and numbers have points')
-    names = [UNIT.sub('', cell).strip() for cell in rows[0]]
-    told = [found[1].strip().replace('°', 'deg') if (found := UNIT.search(cell)) else '' for cell in rows[0]]
-    if names[0] not in ('time', 't'):
-        raise BagError(f"{file}: the first column is {names[0]!r}; it must be 'time [s]'")
-    if told[0] not in SECONDS:
-        raise BagError(f'{file}: the first column is in {told[0]!r}; it must be in s')
-    if len(set(names)) != len(names):
-        twice = next(n for n in names if names.count(n) > 1)
-        raise BagError(f'{file}: the column {twice!r} is given twice')
-    for number, row in enumerate(rows[1:], 2):
-        if len(row) != len(names):
-            raise BagError(f'{file}: row {number} has {len(row)} values for {len(names)} columns')
-    try:
-        table = np.array([[float(cell) if cell.strip() else np.nan for cell in row] for row in rows[1:]])
-    except ValueError:
-        number, name, cell = next((n, *one) for n, row in enumerate(rows[1:], 2) for one in zip(names, row) if not _is_number(one[1]))
-        raise BagError(
-            f'{file}: row {number}, column {name!r}: {cell[:40]!r} is not a number; leave the cell empty where there is none'
-        ) from None
-    if not np.all(np.isfinite(table[:, 0])):
-        raise BagError(f'{file}: every row needs a time in its first column')
-    latest = float(np.abs(table[:, 0]).max())
-    if latest >= LATEST:
-        raise BagError(f'{file}: a time of {latest:.6g} s is too large to be one in seconds; it must be below {LATEST:.6g} s')
-    time_ns = _nanoseconds([row[0] for row in rows[1:]], table[:, 0])
-    if not np.all(np.diff(time_ns) > 0):
-        raise BagError(f'{file}: the times must increase from row to row')
-    stated = {prefix + name: SPELLED.get(unit, unit) for name, unit in zip(names[1:], told[1:]) if unit}
-    return Series(time_ns, {prefix + name: table[:, k].copy() for k, name in enumerate(names) if k}), stated
+def _is_of(topic: str, names: Sequence[str], beside: Collection[str], channels: Sequence[str]) -> bool:
+    """Whether columns of a table are those of a topic: with its name in front they are among others that they are not among without."""
 
+    def meets(found: Sequence[str]) -> bool:
+        return any(name in beside or (channels and fits_any(name, channels)) for name in found)
 
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell.strip() or 'nan')
-    except ValueError:
-        return False
-    return True
-
-
-def _nanoseconds(texts: Sequence[str], seconds: np.ndarray) -> np.ndarray:
-    """Times [ns]; a float holds nanoseconds up to a hundred days only, not those of stamps with the time of day."""
-    if seconds.size and np.max(np.abs(seconds)) < 2.0**53 * 1e-9:
-        return np.round(seconds * 1e9).astype(np.int64)
-    return np.array([round(Decimal(text.strip()) * 1_000_000_000) for text in texts], np.int64)
+    return not meets(names) and meets([f'{topic}/{name}' for name in names])

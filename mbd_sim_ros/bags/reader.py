@@ -31,7 +31,8 @@ class Run:
 
     `time_ns` and `columns` are all of them on one common grid, NaN where a topic has no message.
     left_out: topic -> why its messages could not be read. known: topic -> its channels, also those that were not asked for. stated: column
-    -> the unit that the header of a table gives its numbers in; mapping.py brings them to SI.
+    -> the unit that the header of a table gives its numbers in; mapping.py brings them to SI. told: what reading dropped or assumed, a
+    sentence each.
     """
 
     series: dict[str, Series]
@@ -39,6 +40,7 @@ class Run:
     left_out: dict[str, str] = field(default_factory=dict)
     known: dict[str, tuple[str, ...]] = field(default_factory=dict)
     stated: dict[str, str] = field(default_factory=dict)
+    told: tuple[str, ...] = ()
 
     @cached_property
     def time_ns(self) -> np.ndarray:

@@ -44,7 +44,7 @@ def add(parsers: Any) -> None:
         'compare a run with a reference; exit code 1 when a channel is outside its tolerance or missing',
         EXAMPLE,
     )
-    source = 'bag directory, .mcap file, .csv file or directory of .csv files'
+    source = 'bag directory, .mcap file, table (.csv, .tsv, .txt) or directory of .csv files'
     parser.add_argument('run_', metavar='RUN', type=Path, help=source)
     parser.add_argument('reference', metavar='REFERENCE', type=Path, help='the same; differences are RUN - REFERENCE')
     parser.add_argument(
@@ -100,14 +100,15 @@ def run(args: argparse.Namespace) -> Result:
     from mbd_sim_ros import interrupts
     from mbd_sim_ros.analysis import mapping, runs
     from mbd_sim_ros.analysis.comparison import compare
+    from mbd_sim_ros.analysis.stamps import LATEST
     from mbd_sim_ros.analysis.tolerances import Tolerances, load_tolerances
 
     given = {name: getattr(args, name) for name in ('rtol', 'atol') if getattr(args, name) is not None}
     for name, value in given.items():
         if not 0.0 <= value < math.inf:
             raise BagError(f'--{name} {value:g}: must be a number that is not negative')
-    if not abs(args.offset) < runs.LATEST:
-        raise BagError(f'--offset {args.offset:g}: must be a number of seconds below {runs.LATEST:.3g}')
+    if not abs(args.offset) < LATEST:
+        raise BagError(f'--offset {args.offset:g}: must be a number of seconds below {LATEST:.3g}')
     if args.overlap is not None and not 0.0 <= args.overlap <= 1.0:
         raise BagError(f'--overlap {args.overlap:g}: must be a part, 0 to 1')
     limits = Tolerances() if args.tolerances is None else load_tolerances(args.tolerances)
@@ -181,8 +182,8 @@ def _read(args: argparse.Namespace, pairs: dict, file: ChannelMap | None) -> tup
     """
     from mbd_sim_ros.analysis import mapping, runs
 
-    def read(place: Path, patterns: Sequence[str], *before: Run) -> Run:
-        one = runs.read(place, patterns)
+    def read(place: Path, patterns: Sequence[str], *before: Run, beside: Sequence[str] = ()) -> Run:
+        one = runs.read(place, patterns, beside=beside)
         try:
             return mapping.in_si(one, runs.units(*before, one))
         except BagError as error:
@@ -195,12 +196,17 @@ def _read(args: argparse.Namespace, pairs: dict, file: ChannelMap | None) -> tup
     places = [args.reference, *args.repeats]
     if file is None and not pairs:
         ours = read(args.run_, wanted)
-        return ours, [read(place, wanted, ours) for place in places], frozenset()
+        others = [read(place, wanted, ours, beside=ours.names) for place in places]
+        if not set(ours.names).intersection(*(one.names for one in others)):  # a table beside bags
+            ours = read(args.run_, wanted, beside=others[0].names)
+        return ours, others, frozenset()
     axes = [mapping.literal(name) for turn in file.axes for name in turn.channels] if file is not None else []
     sources = {**(file.channels if file is not None else {}), **pairs}
     listed = [*(mapping.literal(s.channel) for s in sources.values()), *axes, *also] if file is not None else []
     ours = read(args.run_, [*map(mapping.literal, sources), *axes, *also] if file is not None else wanted)
-    others = [runs.read(place, listed) for place in places]
+    mapped = [source.channel for source in sources.values()]
+    time = file.time if file is not None else None
+    others = [runs.read(place, listed, beside=mapped, time=time) for place in places]
     unit_of = runs.units(ours)
     held: frozenset[str] = frozenset()
     references = []

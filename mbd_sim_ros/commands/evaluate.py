@@ -31,7 +31,7 @@ def add(parsers: Any) -> None:
     """Declare the command."""
     help_ = 'judge maneuvers of norms in recordings: figures, limits, pass or fail'
     parser = declare(parsers, 'evaluate', run, help_, EXAMPLE)
-    source = 'bag directory, .mcap file, .csv file or directory of .csv files; several are a series'
+    source = 'bag directory, .mcap file, table (.csv, .tsv, .txt) or directory of .csv files; several are a series'
     parser.add_argument('bags', metavar='BAG', type=Path, nargs='*', help=source)
     parser.add_argument('--as', metavar='NAME', dest='name', default='', help='the evaluation, where the recording does not state it')
     parser.add_argument('--list', action='store_true', help='list the evaluations and their parameters')
@@ -61,16 +61,17 @@ def run(args: argparse.Namespace) -> Result:
         raise SpecError('mbd evaluate: which recording? give a BAG, or --list')
     sources = mapping.pairs(args.map)
     axes: tuple[mapping.Axes, ...] = ()
+    time = None
     if args.mapping is not None:
         file = mapping.load_mapping(args.mapping)
-        sources, axes = {**file.channels, **sources}, file.axes
+        sources, axes, time = {**file.channels, **sources}, file.axes, file.time
     given = judging.assignments(args.overrides)
     if args.name:
         judging.called(args.name)  # a wrong name is told before anything is read
     results = []
     for place in args.bags:
         interrupts.now(f'judging {place}')
-        recording, held, scene = judging.read(place, sources, axes)
+        recording, held, scene = judging.read(place, sources, axes, time)
         evaluation = judging.meant(scene, args.name, str(place))
         results.append(judging.judge(evaluation, recording, str(place), given, held=held, scene=scene))
     return report(results, html=args.html, strict=args.strict)

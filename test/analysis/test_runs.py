@@ -1,4 +1,4 @@
-"""Tables survive the way out and back bit for bit; broken ones are refused with their place."""
+"""Tables survive the way out and back bit for bit."""
 
 from __future__ import annotations
 
@@ -58,29 +58,6 @@ def test_brackets_inside_of_names_are_part_of_them(tmp_path: Path) -> None:
     assert compare(runs.read(tmp_path), before, exact=True).ok
 
 
-@pytest.mark.parametrize(
-    ('text', 'says'),
-    [
-        ('x,y\n1,2\n', "the first column is 'x'"),
-        ('time [s],y\n', 'holds no data'),
-        ('time,y\n0,1\n0,2\n', 'must increase'),
-        ('time,y\n0,1\n,2\n', 'every row needs a time'),
-        ('time,y\n0,1\n1\n', 'row 3 has 1 values for 2 columns'),
-        ('time;y\n0;1\n', "its columns are separated by ';'"),
-        ('time,y\n0,abc\n', "row 2, column 'y': 'abc' is not a number"),
-        ('time,y\n0,1\n18446744073709551616,2\n', 'a time of 1.84467e+19 s is too large'),
-        ('time,y,y\n0,1,2\n', "the column 'y' is given twice"),
-        ('time [ms],y\n0,1\n10,2\n', "the first column is in 'ms'; it must be in s"),
-    ],
-)
-def test_a_broken_table_is_refused_with_its_place(text: str, says: str, tmp_path: Path) -> None:
-    file = tmp_path / 'x.csv'
-    file.write_text(text)
-    with pytest.raises(BagError, match=re.escape(says)) as caught:
-        runs.read(file)
-    assert str(file) in str(caught.value)
-
-
 def test_comments_and_blank_lines_in_a_table_are_skipped(tmp_path: Path) -> None:
     file = tmp_path / 'x.csv'
     file.write_text('# source: measured\ntime [s],angle [rad]\n0,1\n\n0.5,2\n')
@@ -107,7 +84,7 @@ def test_a_table_that_says_its_units_is_brought_to_si(tmp_path: Path) -> None:
     [
         ('km/h', "imu/wz: it is in rad/s, which 'km/h' does not measure"),
         ('m/s', "imu/wz: it is in rad/s, which 'm/s' does not measure"),
-        ('deg/sec', "imu/wz: it is in rad/s, and 'deg/sec' is no unit that is known here; did you mean 'deg/s'?; correct the header"),
+        ('deg/sek', "imu/wz: it is in rad/s, and 'deg/sek' is no unit that is known here; did you mean 'deg/s'?; correct the header"),
     ],
 )
 def test_a_table_in_a_unit_that_cannot_be_is_refused(unit: str, says: str, tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from mbd_sim_ros.analysis.evaluation.kinds import Evaluation
 from mbd_sim_ros.analysis.evaluation.registry import EVALUATIONS, called, names
 from mbd_sim_ros.analysis.evaluation.signals import GIVEN, NEEDED, WAYS, Signals, Vehicle, scene_of, signals
 from mbd_sim_ros.analysis.mapping import Axes, Source
+from mbd_sim_ros.analysis.tables import TimeColumn
 from mbd_sim_ros.bags.reader import Run
 from solver.errors import BagError, SpecError, suggestion
 from solver.scene import Scene
@@ -32,13 +33,15 @@ OPPOSED = -0.5  # correlation of steering and yaw rate about zero, below which t
 LARGEST = 1e9  # of a parameter, in SI units
 
 
-def read(place: Path, sources: Mapping[str, Source] | None = None, axes: Sequence[Axes] = ()) -> tuple[Run, frozenset[str], Scene | None]:
-    """(the recording under our names, which channels hold their values, its scene). sources, axes: of a mapping. Raises BagError."""
+def read(
+    place: Path, sources: Mapping[str, Source] | None = None, axes: Sequence[Axes] = (), time: TimeColumn | None = None
+) -> tuple[Run, frozenset[str], Scene | None]:
+    """(the recording under our names, which channels hold their values, its scene). sources, axes, time: of a mapping. Raises BagError."""
     for ours, source in (sources or {}).items():
         if '/' not in ours and '*' not in ours and ours not in WAYS:
             raise BagError(f'mapping {source.channel}={ours}: no evaluation has a signal {ours!r}{suggestion(ours, WAYS)}')
     wanted = [] if sources or axes else [*NEEDED, *WAYS]
-    run = runs.read(place, wanted)
+    run = runs.read(place, wanted, beside=[source.channel for source in (sources or {}).values()], time=time)
     held: frozenset[str] = frozenset()
     if sources or axes or run.stated:
         own = runs.units(run)
