@@ -1,6 +1,7 @@
 # make setup   .venv with everything
 # make check   after an edit: lint, and every test that is neither slow nor bound to the clock
-# make test    all tests; make lint: ruff, the floors of the house, types
+# make test    all tests; make lint: ruff, the floors of the house, types, published figures that are older than their sources
+# make docs    makes those figures anew
 # make bench   what a step costs (docs/performance.md); make demo: the car over ROS topics
 # VENV=... and PYTHON=... may be given, and WORKERS=... (processes of tests at a time).
 SHELL := /bin/bash
@@ -19,7 +20,7 @@ EXTRAS := $(if $(SYSTEM_ROS),test$(,)dev,ros$(,)test$(,)dev)
 
 STAMP := $(VENV)/.installed
 
-.PHONY: setup runtime check test lint bench demo clean
+.PHONY: setup runtime check test lint docs bench demo clean
 
 setup: $(STAMP)
 
@@ -53,6 +54,11 @@ lint: setup
 	$(BIN)/ruff format --check .
 	$(BIN)/lint-imports --no-logo
 	$(BIN)/mypy
+	$(BIN)/python docs/tools/published.py
+
+# Figures and pictures of the documents that are older than what they depend on, made anew; hours where all are. Goes on where it stopped.
+docs: setup
+	$(BIN)/python docs/tools/published.py --make
 
 bench: setup
 	$(BIN)/mbd bench

@@ -1,5 +1,5 @@
 """Fills the generated parts of docs/studies.md, docs/validation.md, docs/vehicle.md, docs/stability.md and docs/scene.md from
-finished studies: `python docs/tools/studies.py out`, after `mbd study NAME` into out/NAME.
+finished studies: `python docs/tools/studies.py out [NAME ...]`, after `mbd study NAME` into out/NAME. Without names, from all in `out`.
 
 A part stands between `<!-- begin NAME: HEADING -->` and `<!-- end -->` and is that section of out/NAME/report.md without its pictures;
 without a heading it is the text above the first section. Pictures that the document shows as pictures/NAME_FILE.png are copied beside it,
@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import re
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 from PIL import Image  # comes with matplotlib
@@ -29,12 +30,12 @@ def section(report: str, heading: str | None) -> str:
     return re.sub(r'!\[.*?\]\(.*?\)\n\n\*.*?\*\n*', '', text).strip() + '\n'
 
 
-def fill(document: str, out: Path) -> str:
-    """The document with the parts of all studies in `out`."""
+def fill(document: str, out: Path, names: Sequence[str]) -> str:
+    """The document with the parts of these studies."""
 
     def part(match: re.Match[str]) -> str:
         report = out / match['name'] / 'report.md'
-        if not report.exists():
+        if match['name'] not in names or not report.exists():
             return match[0]
         head = match[0].split('\n', 1)[0]
         return f'{head}\n{section(report.read_text(encoding="utf-8"), match["heading"])}<!-- end -->'
@@ -42,12 +43,12 @@ def fill(document: str, out: Path) -> str:
     return PART.sub(part, document)
 
 
-def copy_pictures(document: str, out: Path) -> None:
-    """Copy what the document shows from the studies that are there."""
+def copy_pictures(document: str, out: Path, names: Sequence[str]) -> None:
+    """Copy what the document shows from these studies."""
     target = FILES[0].with_name('pictures')
     target.mkdir(exist_ok=True)
     for match in PICTURE.finditer(document):
-        for study in sorted(path.name for path in out.iterdir() if path.is_dir()):
+        for study in names:
             source = out / study / match['file'].removeprefix(f'{study}_')
             if match['file'].startswith(f'{study}_') and source.exists():
                 Image.open(source).convert('RGB').quantize(COLOURS).save(target / match['file'], optimize=True)
@@ -55,7 +56,8 @@ def copy_pictures(document: str, out: Path) -> None:
 
 if __name__ == '__main__':
     directory = Path(sys.argv[1] if len(sys.argv) > 1 else 'out')
+    chosen = sys.argv[2:] or sorted(path.name for path in directory.iterdir() if path.is_dir())
     for file in FILES:
         text = file.read_text(encoding='utf-8')
-        file.write_text(fill(text, directory), encoding='utf-8')
-        copy_pictures(text, directory)
+        file.write_text(fill(text, directory, chosen), encoding='utf-8')
+        copy_pictures(text, directory, chosen)

@@ -78,7 +78,7 @@ def study(out: Path, *, quick: bool, progress: Progress) -> dict:
     report.table('conditions', conditions)
     found = slider_crank_claims.judge(isolated, coupled, runs, conditions, duration)
     report.text('## What becomes of the claims of the chapter')
-    report.table('claims', [claim._asdict() for claim in found])
+    report.table('claims', [claim.row() for claim in found])
     lost = [label for label, run in runs.items() if run.outcome != 'ok' and label in ('m', 'm/10')]
     report.check('adaptive runs that fail or leave their branch', len(lost), 0)
     report.check('energy error with m, adaptive [J]', runs['m'].energy_error, crank.limit(crank.LIMITS['conserving'].energy, H))
@@ -86,7 +86,7 @@ def study(out: Path, *, quick: bool, progress: Progress) -> dict:
     report.check('energy of m/10 minus that of xi/10 [J]', same, 1e-9)
     report.write()
     return {
-        'claims': [claim._asdict() for claim in found],
+        'claims': [claim.row() for claim in found],
         'fair_penalty': fair,
         'runs': [run.figures() for run in runs.values()],
         'checks': report.checks,
