@@ -49,12 +49,14 @@ class Common(NamedTuple):
 class Offset(NamedTuple):
     """A time offset [ns] to be added to the stamps of the reference, and how well the signals then agree.
 
-    correlation: of the two signals (Pearson) at the offset. again: the nearest other offset [s] that fits nearly as well, None without.
+    correlation: of the two signals (Pearson) at the offset, negative where they fit with one of them turned in sign. again: the nearest
+    other offset [s] that fits nearly as well with the same sign, None without. opposed: the same with the other sign.
     """
 
     nanoseconds: int
     correlation: float
     again: float | None
+    opposed: float | None = None
 
     @property
     def seconds(self) -> float:
@@ -199,11 +201,10 @@ def find_offset(a: Signal, b: Signal) -> Offset:
     Both signals are brought to a grid of the interval of the coarser one, as means over that interval, and smoothed alike: noise above
     the band that both have would otherwise draw the result to or from whole intervals. The correlation is taken at all lags at which
     they share at least half of the shorter one, normalised by the means and variances of what they share [Lewis1995]. Between the lags
-    it is a cubic spline, whose maximum is sought: a signal sampled often enough has a smooth correlation.
+    it is a cubic spline, whose maximum is sought: a signal sampled often enough has a smooth correlation. The turned signal has the
+    negative correlation; it is taken where it fits better, and not where it does hardly, as of a sine that half a period turns.
     Raises BagError where no offset fits.
     """
-    from scipy.interpolate import CubicSpline
-
     a, b = _of_numbers(a), _of_numbers(b)
     if min(a.time_ns.size, b.time_ns.size) < 2:
         raise BagError('the signals are too short to find a time offset from; give it with --offset')
@@ -213,6 +214,24 @@ def find_offset(a: Signal, b: Signal) -> Offset:
         raise BagError('the signals are too short to find a time offset from; give it with --offset')
     x, y = (_regular(s, dt) for s in (a, b))
     correlation = _correlations(x, y)
+    begin, middle = int(a.time_ns[0]) - int(b.time_ns[0]), y.size - 1
+    same, turned = _peak(correlation), _peak(-correlation)
+    sign, (best, lag, height), other = (-1, turned, same) if same[2] < AGAIN * turned[2] else (1, same, turned)
+    moved = begin + round((lag - middle) * dt)
+    if not height >= LEAST_CORRELATION:
+        raise BagError(
+            f'no time offset brings the signals together: the best, {moved * 1e-9:.4g} s, gives a correlation of {sign * height:.2f};'
+            ' choose a channel that moves more, or give --offset'
+        )
+    again = _again(sign * correlation, best)
+    opposed = (begin + (other[1] - middle) * dt) * 1e-9 if other[2] >= AGAIN * height else None
+    return Offset(moved, sign * height, None if again is None else (moved + (again - lag) * dt) * 1e-9, opposed)
+
+
+def _peak(correlation: np.ndarray) -> tuple[int, float, float]:
+    """The largest correlation: the lag of the grid, the lag between those of the grid, and its height there."""
+    from scipy.interpolate import CubicSpline
+
     usable = np.isfinite(correlation)
     best = int(np.argmax(np.where(usable, correlation, -2.0)))
     near = np.arange(max(0, best - NEAR), min(correlation.size, best + NEAR + 1))
@@ -223,14 +242,7 @@ def find_offset(a: Signal, b: Signal) -> Offset:
         turning = [float(r) for r in curve.derivative().roots(extrapolate=False) if abs(r - best) <= 1.0]
         lag = max([*turning, lag], key=lambda at: float(curve(at)))
         height = float(curve(lag))
-    moved = int(a.time_ns[0]) - int(b.time_ns[0]) + round((lag - (y.size - 1)) * dt)
-    if not height >= LEAST_CORRELATION:
-        raise BagError(
-            f'no time offset brings the signals together: the best, {moved * 1e-9:.4g} s, gives a correlation of {height:.2f};'
-            ' choose a channel that moves more, or give --offset'
-        )
-    again = _again(correlation, best)
-    return Offset(moved, height, None if again is None else (moved + (again - lag) * dt) * 1e-9)
+    return best, lag, height
 
 
 def _of_numbers(signal: Signal) -> Signal:

@@ -150,6 +150,12 @@ def compare(
     if not differences:
         raise BagError(apart[0])
     by_name = {item.name: item for item in items}
+    turned = [
+        f'{align} of {"the reference" if len(found) == 1 else f"reference {k}"} fits with its sign turned (correlation '
+        f'{one.correlation:.4f}): it is compared as it is; give sign: -1 in a mapping file where it is wrong'
+        for k, one in enumerate(found, 1)
+        if one.correlation < 0.0
+    ]
     return Comparison(
         differences=tuple(sorted(differences, key=lambda d: (-d.badness, -d.normalised))),
         only_in_run=only_in_run,
@@ -157,7 +163,7 @@ def compare(
         offsets=tuple((shift - origin) * 1e-9 for shift, origin in zip(shifts[1:], origins[1:])),
         found=tuple(found),
         origins=tuple(-origin * 1e-9 for origin in origins),
-        problems=tuple(apart) if least > 0.0 else (),
+        problems=(*turned, *(apart if least > 0.0 else ())),
         notes=(*assumed.values(), *(apart if least == 0.0 else ())),
         curves=lambda name: curves_of(by_name[name].kind, brought(by_name[name])),
     )

@@ -14,6 +14,7 @@ from mbd_sim_ros.commands import Result, declare, table
 from solver.errors import BagError
 
 if TYPE_CHECKING:
+    from mbd_sim_ros.analysis.alignment import Offset
     from mbd_sim_ros.analysis.comparison import Comparison
     from mbd_sim_ros.analysis.difference import Difference
     from mbd_sim_ros.analysis.mapping import ChannelMap
@@ -86,7 +87,11 @@ def add(parsers: Any) -> None:
     )
     times = parser.add_argument_group('times')
     times.add_argument('--offset', metavar='SECONDS', type=float, default=0.0, help='added to the times of REFERENCE')
-    times.add_argument('--align', metavar='CHANNEL', help='find the time offset of REFERENCE by cross-correlation of this channel of RUN')
+    times.add_argument(
+        '--align',
+        metavar='CHANNEL',
+        help='find the time offset of REFERENCE by cross-correlation of this channel of RUN, with its sign or the turned one',
+    )
     shown = parser.add_argument_group('pictures')
     shown.add_argument('--html', metavar='FILE', type=Path, help='report with all figures and curves to zoom into, in one file')
     shown.add_argument('--plot', metavar='PNG', type=Path, help='draw the channels that differ most')
@@ -241,6 +246,7 @@ def about(
         if k < len(found.found):
             one = found.found[k]
             again = '' if one.again is None else f'; {one.again:.6g} s fits nearly as well'
+            again += '' if one.opposed is None else f'; {one.opposed:.6g} s fits nearly as well with the other sign'
             lines.append(f'{found.offsets[k]:.6f} s added to the times of {name} (correlation {one.correlation:.4f}{again})')
         elif k < len(found.offsets) and found.offsets[k]:
             lines.append(f'{found.offsets[k]:.6f} s added to the times of {name}')
@@ -274,7 +280,10 @@ def report(
         'instants': found.instants,
         'interpolated': found.interpolated,
         'offsets': [
-            {'seconds': s, **({'correlation': f.correlation, 'again': f.again} if f else {})}
+            {
+                'seconds': s,
+                **(_found(f) if f else {}),
+            }
             for s, f in zip(found.offsets, [*found.found, *[None] * len(found.offsets)])
         ],
         'channels': {d.channel: _channel(d) for d in found.differences},
@@ -308,6 +317,11 @@ def report(
         verdict += f'; {len(missing)} channels are in one recording only'
     lines.append(verdict)
     return Result(data=data, text='\n'.join(lines), code=0 if good else 1)
+
+
+def _found(offset: Offset) -> dict[str, Any]:
+    """An offset that was sought, for JSON."""
+    return {'correlation': offset.correlation, 'again': offset.again, 'turned': offset.correlation < 0.0, 'opposed': offset.opposed}
 
 
 def _channel(d: Difference) -> dict[str, Any]:

@@ -169,6 +169,24 @@ def test_a_periodic_signal_fits_again_a_period_later() -> None:
     assert abs(found.again - found.seconds) == pytest.approx(1.6, abs=0.02)
 
 
+@pytest.mark.parametrize('factor', [-1.0, -57.3, 0.1])
+def test_the_turned_sign_is_tried_too(factor: float) -> None:
+    a, b = signal(1200, 10.0, wave), signal(1200, 10.0, lambda t: factor * wave(t - 0.137))
+    found = find_offset(a, b)
+    assert found.seconds == pytest.approx(-0.137, abs=1e-3)
+    assert found.correlation * np.sign(factor) > 0.98
+    assert found.opposed is None
+
+
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+def test_a_sine_that_may_be_turned_or_late_by_half_a_period_is_told(sign: float) -> None:
+    a, b = (signal(n, 10.0, lambda t: np.sin(2.0 * np.pi * t / 1.6)) for n in (1000, 800))
+    found = find_offset(a, b._replace(values=sign * b.values))
+    assert found.correlation > 0.98  # the sign as it is, where nothing speaks against it
+    assert found.opposed is not None
+    assert abs(found.opposed - found.seconds) % 1.6 == pytest.approx(0.8, abs=0.02)
+
+
 def test_signals_that_have_nothing_in_common_have_no_offset(rng) -> None:
     a, b = (Signal(np.arange(500) * 10 * MS, rng.standard_normal(500)) for _ in range(2))
     with pytest.raises(BagError, match='no time offset brings the signals together'):

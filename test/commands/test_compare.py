@@ -149,6 +149,21 @@ def test_a_run_that_is_cut_short_or_lacks_channels_is_not_the_same(tmp_path: Pat
     assert document(capsys, whole, more, '--channel', 'imu/w*')[0] == 0
 
 
+def test_a_reference_of_the_other_sign_is_aligned_and_told(tmp_path: Path, capsys) -> None:
+    t = np.arange(801) * 10 * MS
+    step = 1.0 / (1.0 + np.exp(-(t * 1e-9 - 3.0) / 0.2))
+    ours, late = write_scalars(tmp_path / 'ours', {'imu': (t, {'wz': step})}), {'imu': (t + 250 * MS, {'wz': -step})}
+    theirs = write_scalars(tmp_path / 'theirs', late)
+    code, data = document(capsys, ours, theirs, '--align', 'imu/wz', '--rtol', '0.01')
+    offset = data['offsets'][0]
+    assert (code, offset['turned'], offset['opposed']) == (1, True, None)
+    assert offset['seconds'] == pytest.approx(-0.25, abs=1e-3)
+    assert data['problems'][0].startswith('imu/wz of the reference fits with its sign turned (correlation -1.0000)')
+    (tmp_path / 'map.yaml').write_text('channels:\n  imu/wz: {channel: imu/wz, sign: -1}\n')
+    code, data = document(capsys, ours, theirs, '--align', 'imu/wz', '--rtol', '0.01', '--mapping', tmp_path / 'map.yaml')
+    assert (code, data['offsets'][0]['turned'], data['problems']) == (0, False, [])
+
+
 def test_patterns_map_whole_topics(tmp_path: Path, capsys) -> None:
     t = np.arange(101) * 10 * MS
     values = {'wz': np.sin(t * 1e-9), 'ax': np.cos(t * 1e-9)}
