@@ -12,6 +12,7 @@ from typing import Annotated, Literal
 import numpy as np
 
 from solver.dimensions import Energy, Frequency, Speed, Time
+from solver.elements.coordinate import CoordinateSpec
 from solver.elements.marker import Spec
 from solver.elements.registry import CONSTRAINTS, FORCES
 from solver.errors import SpecError, suggestion
@@ -243,7 +244,7 @@ class Scene:
         require(self.steps > 0, where_, 'duration', self.duration, none)
         _check_frames(where_, self.model)
         _check_channels(where_, self.model)
-        known = [c.name for joint in self.model.joints for c in joint_coordinates(joint)] + [c.name for c in self.model.coordinates]
+        known = [c.name for c in coordinates_of(self.model)]
         for name in (n for n in self.start.coordinates if n not in known):
             require(False, where_, 'start.coordinates', name, 'no such coordinate' + suggestion(name, known))
         names = base_names(self.model.inputs)
@@ -287,6 +288,11 @@ class Scene:
     def hash(self) -> str:
         """Short hash of the resolved text."""
         return hashlib.sha256(self.resolved.encode()).hexdigest()[:16]
+
+
+def coordinates_of(model: ModelSpec) -> list[CoordinateSpec]:
+    """All coordinates of a model: those of its joints, and those between markers."""
+    return [c for joint in model.joints for c in joint_coordinates(joint)] + list(model.coordinates)
 
 
 def _check_inputs(where_: str, maneuver: Maneuver, t: np.ndarray, wheels: bool) -> None:

@@ -39,7 +39,7 @@ from solver.step.extrapolation import extrapolate, require_resolved_friction
 from solver.step.failure import sentence
 from solver.step.scheme import scheme_of
 from solver.step.work import OK, LastStep, StepResult, new_work
-from solver.vehicle.actuation import assisted_wheels, reaches
+from solver.vehicle.actuation import assisted_wheels, reaches, steering_reaches
 
 if TYPE_CHECKING:
     from solver.levels.derived import LevelReport
@@ -121,7 +121,7 @@ class Simulation:
         wheels = assisted_wheels(scene.model) if scene.assistance else ()
         self.sources = Sources(
             scene.maneuver, scene.actuation, scene.assistance, scene.model.inputs, wheels, self.h_ns, self.stage,
-            speed=scene.start.speed, duration=scene.duration, reaches=reaches(scene.model),
+            speed=scene.start.speed, duration=scene.duration, reaches=reaches(scene.model) | steering_reaches(scene.model),
         )  # fmt: skip
 
     @property

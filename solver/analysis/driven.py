@@ -11,6 +11,7 @@ import numpy as np
 
 from solver.analysis.kinematics_and_compliance import wheel_centers
 from solver.elements.road import RoadSpec
+from solver.errors import ConsistencyError
 from solver.inputs.driver import SpeedControl
 from solver.inputs.maneuver import Maneuver
 from solver.inputs.signals import Ramp, Step
@@ -93,6 +94,8 @@ def steady_figures(spec: ModelSpec, ratio: float, *, speed: float = 22.0) -> dic
             break
     a, angle, roll, hand = np.array(rows).T
     used = a > 0.5
+    if used.sum() < 2:
+        raise ConsistencyError(f'a slow ramp of the steering wheel does not bring the vehicle to 0.5 m/s^2, at most to {a.max():.2g} m/s^2')
     gradient, roll_gradient = (float(np.polyfit(a[used], y[used], 1)[0]) for y in (angle, roll))
     found = {
         'understeer_gradient': gradient,

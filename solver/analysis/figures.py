@@ -23,6 +23,8 @@ from solver.simulation import Simulation
 from solver.step.settings import IntegratorSettings
 from solver.vehicle.hardpoints import SIDES
 
+ROUNDED = 12  # decimals of an angle [rad]: what is beyond is rounding of the equilibrium
+
 
 def mass_figures(spec: ModelSpec) -> dict[str, float]:
     """Mass [kg], centre of mass [m], principal directions' inertia about it [kg m^2], wheelbase, tracks [m], share of the front axle."""
@@ -53,6 +55,19 @@ def sag(simulation: Simulation) -> dict[str, float]:
     return {f'sag_{axle}': float(np.mean([x[names.index(f'travel_{axle}_{side}')] for side in SIDES])) for axle in AXLES}
 
 
+def alignment(simulation: Simulation) -> dict[str, float]:
+    """Static toe (positive: toe-in) and camber (negative: top inwards) [rad] as the vehicle stands, by corner and as mean per axle."""
+    spec, pose, found = simulation.model.spec, simulation.advance(0).pose, {}
+    places = {body.name: k for k, body in enumerate(spec.bodies)}
+    for tire in spec.tires:
+        axis = matrix(tuple(pose[places[tire.marker.body], 3:])) @ matrix(tire.marker.orientation)[:, 1]
+        side = SIDES[tire.name.rpartition('_')[2]]
+        found[f'toe_{tire.name}'] = side * round(float(np.arctan2(axis[0], axis[1])), ROUNDED)
+        found[f'camber_{tire.name}'] = -side * round(float(np.arcsin(axis[2])), ROUNDED)
+    means = {f'{a}_{axle}': float(np.mean([found[f'{a}_{axle}_{side}'] for side in SIDES])) for a in ('toe', 'camber') for axle in AXLES}
+    return found | means
+
+
 def is_vehicle(spec: ModelSpec) -> bool:
     """Whether the figures of this module can be computed: tires at the four corners."""
     return {tire.name for tire in spec.tires} == set(CORNERS)
@@ -76,7 +91,7 @@ def figures(simulation: Simulation) -> dict[str, float]:
     for name, mode in named_modes(simulation).items() if not spec.struts else ():
         key = name.replace(' ', '_')
         found |= {f'{key}_frequency': mode.frequency, f'{key}_damping': mode.damping}
-    found |= kinematic_figures(Rig(spec)) | sag(simulation)
+    found |= kinematic_figures(Rig(spec)) | sag(simulation) | alignment(simulation)
     ratio = found['steering_ratio']
     found |= steady_figures(spec, ratio)
     return found | step_figures(spec, ratio, found['understeer_gradient']) | parking_figures(spec, ratio)

@@ -8,6 +8,7 @@ inertias, laws as a rate or a list of points (docs/scene.md).
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -204,6 +205,8 @@ def rotation(builder: Builder, fields: Fields, path: str, allowed: Sequence[str]
         return builder.build(Quaternion, node, join(path, key))
     if key != 'axis':
         rpy = _built(builder, tuple[Angle, Angle, Angle], node, join(path, key))
+        turned = rpy if key == 'rpy' else tuple(math.radians(x) for x in rpy)
+        builder.require_within(Angle, turned, node, join(path, key), '' if key == 'rpy' else 'deg')
         if key == 'rpy':
             return quaternion(frame_of_rpy(rpy))
         builder.units[join(path, key)] = 'deg'

@@ -3,25 +3,30 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
+from solver.dimensions import LOCK
 from solver.elements.road import RoadSpec
 from solver.elements.road_grids import RandomRoad
 from solver.errors import SceneError, SpecError, suggestion
 from solver.files import requirements
 from solver.files.mechanism import MechanismReader
 from solver.files.naming import names_file
-from solver.files.schema import Builder
+from solver.files.schema import ROUNDED, Builder, Fields
 from solver.files.vehicle import TEMPLATES, build_vehicle
 from solver.files.yaml_tree import MappingNode, Node, ScalarNode, include, override, parse, read, text_of, where
 from solver.inputs.actuation import Actuation
 from solver.inputs.maneuver import Maneuver
+from solver.inputs.signals import signal
 from solver.model.spec import ModelSpec
-from solver.scene import Bound, Require, Scene
-from solver.vehicle.actuation import actuated
+from solver.scene import SAMPLES, Bound, Require, Scene, coordinates_of
+from solver.vehicle.actuation import IN_DEGREES, actuated, steering_reaches
 
 PACKAGE = 'mbd_sim_ros'
 
@@ -113,10 +118,31 @@ def _scene(root: Node, name: str, overrides: Sequence[str]) -> tuple[Scene, dict
     model = _model(builder, fields, root)
     given = {'model': model, 'resolved': text_of(root)}
     scene = builder.construct(Scene, fields, root, '', given=given, extra=MODEL_KEYS)
+    _require_angles(scene, fields)
     if scene.seed:
         scene = dataclasses.replace(scene, model=_seeded(scene.model, scene.seed))
     beside = {key.removeprefix('vehicle.'): unit for key, unit in builder.units.items() if key.startswith('vehicle.trailer.')}
     return scene, builder.units | beside  # a trailer may stand beside the vehicle
+
+
+def _require_angles(scene: Scene, fields: Fields) -> None:
+    """Refuse what is in degrees where a number has the unit of its coordinate or input, so that its hint has none: angles of the steering
+    at any instant, and of joints at the start."""
+    t = np.linspace(0.0, scene.duration, SAMPLES)
+    for name, reach in steering_reaches(scene.model).items():
+        worst = reach.beyond(signal(getattr(scene.maneuver, name)).jet(t).value)
+        if worst is not None:
+            node = next(value for key, value in fields['maneuver'][1].value if key.value == name)
+            raise SceneError(f'{where(node)}: maneuver.{name} = {worst:g}: {reach.remedy}')
+    model = scene.model
+    turning = {c.name for c in coordinates_of(model) if c.kind == 'rotation'}
+    if not model.tires:  # a spring or a gear may be wound by any number of turns
+        turning -= {name for one in (*model.couplers, *model.coordinate_forces, *model.transmissions) for name, _ in one.terms}
+    most, what = (LOCK, '20 rad') if model.tires else (2.0 * math.pi, 'one turn')  # a steering wheel may start turned
+    for name, wanted in scene.start.coordinates.items():
+        if name in turning and abs(wanted.value or 0.0) > most * (1.0 + ROUNDED):
+            text = f'is too large in rad for an angle at the start ({what} at most); {IN_DEGREES}'
+            raise SceneError(f'{where(fields["start"][1])}: start.coordinates.{name}.value = {wanted.value:g}: {text}')
 
 
 def _seeded(model: ModelSpec, seed: int) -> ModelSpec:

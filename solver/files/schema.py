@@ -13,7 +13,7 @@ is a number where a number is wanted, and `no` is a word where text is wanted. W
     a union of dataclasses        a mapping whose `kind` chooses one (its Literal, or the class name: random_road); a scalar
                                   where a plain number is in the union
     Annotated[T, 'rad']           the unit of the field, which may also stand inside (solver.dimensions: tuple[Angle, ...]): then
-                                  `<key>_deg` is accepted too (SUFFIXES)
+                                  `<key>_deg` is accepted too (SUFFIXES); a Within beside the unit bounds the number
 
 Every refusal is a SceneError of one sentence: file:line: dotted.path = value: what is allowed.
 """
@@ -31,6 +31,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
+from solver.dimensions import Within
 from solver.errors import SceneError, SpecError, suggestion
 from solver.files.naming import INCLUDE, READERS, names_file, unfit
 from solver.files.yaml_tree import AddedMapping, join, refuse, where
@@ -38,6 +39,7 @@ from solver.units import SUFFIXES, UNITS
 
 NUMBER = re.compile(r'[-+]?(0|[1-9][0-9]*)?(\.[0-9]*)?([eE][-+]?[0-9]+)?')
 COMPLAINT = re.compile(r'(?:[^=]*?: )?(?P<field>\w+)(?P<rest>[\w.\[\]]*(?: = |: ).*)', re.DOTALL)  # of a specification about its field
+ROUNDED = 1e-9  # relative rounding of a bound in another unit: 360 deg are one turn
 _NULL = ('', '~', 'null')
 
 Fields = dict[str, tuple[Node, Node]]
@@ -131,6 +133,7 @@ class Builder:
             values[field] = _scaled(built, UNITS[ending][1], value, here) if ending else built
             if unit_of(hints[field]) == 'm' and _largest(values[field]) > self.longest:
                 raise refuse(value, here, f'is further than {self.longest:g} m: lengths are in m')
+            self.require_within(hints[field], values[field], value, here, ending)
             if unit := ending or unit_of(hints[field]):
                 self.units[here] = unit
         missing = [k for k, f in wanted.items() if k not in values and f.default is f.default_factory is dataclasses.MISSING]
@@ -145,6 +148,16 @@ class Builder:
             if at is not None and at['field'] in written:
                 raise SceneError(f'{where(written[at["field"]])}: {join(path, at["field"])}{at["rest"]}') from None
             raise SceneError(f'{where(node)}: {path}{": " if path else ""}{error}') from None
+
+    def require_within(self, hint: Any, value: Any, node: Node, path: str, ending: str = '') -> None:
+        """Refuse a value [unit of the hint] that its meaning does not allow, and say in which unit it may be meant. ending: of its key."""
+        bound = next((a for a in parts_of(hint) if isinstance(a, Within)), None)
+        if bound is None or _largest(value) <= bound.most * (1.0 + ROUNDED):
+            return
+        suffix, factor = next(((s, UNITS[u][1]) for s, u in SUFFIXES.items() if UNITS[u][0] == unit_of(hint)), ('', math.inf))
+        meant = not ending and _largest(value) * factor <= bound.most
+        remedy = f'; if it is in {SUFFIXES[suffix]}, write {path.rpartition(".")[2]}_{suffix}' if meant else ''
+        raise refuse(node, path, f'is too large in {ending or unit_of(hint)} for {bound.what}{remedy}')
 
     def _union(self, args: tuple, node: Node, path: str, name: str | None) -> Any:
         empty = isinstance(node, ScalarNode) and node.style is None and node.value in _NULL
@@ -205,6 +218,15 @@ def unit_of(hint: Any) -> str:
         return ''
     units = {unit_of(a) for a in get_args(hint) if a not in (Ellipsis, types.NoneType)}
     return units.pop() if len(units) == 1 else ''
+
+
+def parts_of(hint: Any) -> tuple[Any, ...]:
+    """What is written beside the type in Annotated, also of what is in Length | None or tuple[Length, ...]."""
+    if get_origin(hint) is Annotated:
+        return get_args(hint)[1:]
+    if get_origin(hint) not in (tuple, Union, types.UnionType):
+        return ()
+    return tuple(part for a in get_args(hint) for part in parts_of(a))
 
 
 def kinds_of(cls: type) -> tuple[str, ...]:
@@ -281,10 +303,10 @@ def _scaled(value: Any, factor: float, node: Node, path: str) -> Any:
 
 
 def _largest(value: Any) -> float:
-    """The largest magnitude of a number, or among those of nested lists of numbers; 0 for None."""
+    """The largest magnitude of a number, or among those of nested lists of numbers; 0 for anything else."""
     if isinstance(value, tuple):
         return max(map(_largest, value), default=0.0)
-    return abs(value or 0.0)
+    return abs(value) if isinstance(value, float | int) else 0.0
 
 
 def _scalar(hint: Any, node: Node, path: str) -> Any:

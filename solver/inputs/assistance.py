@@ -32,7 +32,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.dimensions import Length, PerSecond, Rate, Speed, Torque, TurnDamping, Understeer
+from solver.dimensions import Length, PerSecond, Speed, Torque, TurnDamping, Understeer, YawRate
 from solver.errors import SpecError
 from solver.inputs.shifting import Shifter, Shifting
 from solver.validate import finite
@@ -68,7 +68,7 @@ class StabilityControl:
     ratio: float = 15.0
     understeer: Understeer = 0.003
     friction: float = 0.9
-    threshold: Rate = 0.04
+    threshold: YawRate = 0.04
     gain: TurnDamping = 12000.0
     torque: Torque = 2500.0
     slowest: Speed = 5.0

@@ -30,7 +30,7 @@ from typing import Annotated, Literal, NamedTuple
 import numpy as np
 
 from solver.compiled.portable import clamped_spline_slopes, piecewise_cubic
-from solver.dimensions import Angle, Frequency, Length, Place, Rate, Speed, Time, Torque, Understeer
+from solver.dimensions import Frequency, HandRate, Length, Place, Speed, Time, Torque, Understeer, WheelTurn
 from solver.errors import SpecError
 from solver.inputs.signals import Signal, quintic
 
@@ -269,9 +269,9 @@ class PreviewDriver:
     wheelbase: Length = 2.7
     ratio: float = 16.0
     understeer: Understeer = 0.0
-    limit: Angle = 8.0
+    limit: WheelTurn = 8.0
     bandwidth: Frequency = 4.0
-    rate_limit: Rate = 15.0
+    rate_limit: HandRate = 15.0
     slowest: Speed = 3.0
 
     def __post_init__(self) -> None:

@@ -20,6 +20,7 @@ from solver.inputs.signals import Constant, Jet, Mapped, signal
 from solver.levels.kept import kept
 from solver.model.spec import ModelSpec
 from solver.scene import Scene
+from solver.vehicle.actuation import IN_DEGREES
 from solver.vehicle.trailer import without_trailer
 
 RANGES = (8.0, 6.0, 4.0, 2.0)  # of the steering wheel to either side [rad]: the first that is reached
@@ -55,7 +56,8 @@ def by_steering_wheel(scene: Scene) -> Scene:
     worst = float(angles[np.argmax(np.abs(angles))])
     low, high = found.points[0][0], found.points[-1][0]
     if not low <= worst <= high:
-        raise SceneError(f'scene {scene.name!r}: maneuver.road_wheel: {worst:g} rad is beyond the steering, {low:.3g} to {high:.3g} rad')
+        beyond = f'{worst:g} rad is beyond the steering, {low:.3g} to {high:.3g} rad; {IN_DEGREES}'
+        raise SceneError(f'scene {scene.name!r}: maneuver.road_wheel: {beyond}')
     mapped = dataclasses.replace(found, of=wanted)
     return dataclasses.replace(scene, maneuver=dataclasses.replace(scene.maneuver, road_wheel=Constant(), steering=mapped))
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import dataclasses
 
+from solver.dimensions import LOCK
 from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.elements.tire_data import pack
 from solver.elements.tire_pacejka import rolling_radius
@@ -23,6 +24,7 @@ from solver.model.spec import ModelSpec
 TORQUE = 'steering_torque'
 GEAR = 'gear'
 SWING = 1.0  # by which a pedal may be beyond its stops, where it is held: a spline may swing that far, per cent are further off
+IN_DEGREES = 'if it is in deg, multiply it by 0.0174533'
 MOTION = ('steering', 'steering' + RATE, 'steering' + ACCELERATION)
 
 
@@ -103,6 +105,14 @@ def reaches(model: ModelSpec) -> dict[str, Reach]:
         remedy = gears if channel == GEAR else f'must be 0 to {count}'
         found[channel] = Reach(-1.5 if back else -0.5, count + 0.5, remedy)
     return found
+
+
+def steering_reaches(model: ModelSpec) -> dict[str, Reach]:
+    """Angles at which a vehicle can be steered, by input; one beyond is in degrees."""
+    if not model.tires or MOTION[1] not in model.inputs:
+        return {}
+    what = f'is too large in rad for the angle of a steering wheel ({LOCK:g} rad, three turns, at most); {IN_DEGREES}'
+    return {'steering': Reach(-LOCK, LOCK, what)}
 
 
 def assisted_wheels(model: ModelSpec) -> tuple[AssistedWheel, ...]:

@@ -12,7 +12,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from solver.dimensions import Angle, Inertia, Mass, Point, TurnDamping, TurnStiffness
+from solver.dimensions import Camber, Inertia, Mass, Point, Toe, TurnDamping, TurnStiffness
 from solver.elements.brake import BrakeSpec
 from solver.elements.coordinate import CoordinateSpec
 from solver.elements.joint import JointSpec
@@ -34,8 +34,8 @@ class Wheel:
     mass: Mass
     spin_inertia: Inertia
     inertia: Inertia
-    toe: Angle = 0.0
-    camber: Angle = 0.0
+    toe: Toe = 0.0
+    camber: Camber = 0.0
 
     def __post_init__(self) -> None:
         require_positive('wheel', self, 'spin_inertia', 'inertia')

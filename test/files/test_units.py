@@ -15,12 +15,12 @@ from typing import Annotated, Any
 import numpy as np
 import pytest
 
-from solver.dimensions import Length, Point, Speed, Torque
+from solver.dimensions import Length, Point, Speed, Torque, Within
 from solver.elements.marker import Marker
 from solver.errors import SceneError
 from solver.files.mechanism import MechanismReader
 from solver.files.scene import config_directories, find_file, load_scene, load_scene_and_units, load_scene_text
-from solver.files.schema import Builder, is_number, unit_of
+from solver.files.schema import Builder, is_number, parts_of, unit_of
 from solver.files.vehicle import TEMPLATES
 from solver.files.yaml_tree import MappingNode, Node, ScalarNode, SequenceNode, parse, read
 from solver.inputs.maneuver import Maneuver
@@ -73,7 +73,7 @@ def fields(cls: type) -> dict[str, Any]:
 
 def parts(hint: Any) -> list[Any]:
     """What a hint is made of."""
-    return [a for a in typing.get_args(hint) if a not in (Ellipsis, types.NoneType) and not isinstance(a, str)]
+    return [a for a in typing.get_args(hint) if a not in (Ellipsis, types.NoneType) and not isinstance(a, str | Within)]
 
 
 def numeric(hint: Any) -> bool:
@@ -109,6 +109,13 @@ def test_the_recipes_give_their_units(module: str) -> None:
     finally:
         del sys.modules[module]
     assert own
+
+
+def test_every_angle_has_a_range_in_which_it_means_something() -> None:
+    """Degrees would pass for radians otherwise."""
+    angles = [(cls.__name__, name, hint) for cls in printed() for name, hint in fields(cls).items() if unit_of(hint) == 'rad']
+    assert len(angles) > 10
+    assert not [(cls, name) for cls, name, hint in angles if not any(isinstance(part, Within) for part in parts_of(hint))]
 
 
 def test_every_number_has_a_unit_or_is_known_to_have_none() -> None:

@@ -166,7 +166,7 @@ def test_a_maneuver_may_command_the_road_wheels():
 @pytest.mark.parametrize(
     ('overrides', 'says'),
     [
-        (['maneuver={road_wheel: 2.0}'], 'is beyond the steering'),
+        (['maneuver={road_wheel: 2.0}'], 'is beyond the steering.*if it is in deg'),
         (['maneuver={road_wheel: 0.1, steering: 0.1}'], 'something else steers too'),
         (['actuation.steering=torque', 'maneuver={steering: 1.0}'], "did you mean 'steering_torque'"),
         (['actuation.actuators.brakes={lag: 0.1}'], 'the model has no such input'),

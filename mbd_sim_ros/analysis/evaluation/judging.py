@@ -18,6 +18,7 @@ from mbd_sim_ros.analysis.evaluation.signals import GIVEN, NEEDED, WAYS, Signals
 from mbd_sim_ros.analysis.mapping import Axes, Source
 from mbd_sim_ros.analysis.tables import TimeColumn
 from mbd_sim_ros.bags.reader import Run
+from solver.dimensions import LOCK
 from solver.errors import BagError, SpecError, suggestion
 from solver.scene import Scene
 from solver.validate import finite, require
@@ -28,7 +29,6 @@ RANGES = (('low', 'high'), ('slowest', 'fastest'))
 STANDING = 1.0  # m/s: a car that is never faster drives no maneuver
 FITS = (0.5, 2.0)  # lateral acceleration over speed times yaw rate, where units and signs are right
 MOVES = 1.0  # m/s^2, RMS of either, from which on that is looked at
-LOCK = 20.0  # rad, three turns of a steering wheel and more: beyond those of lorries from the middle to the lock
 OPPOSED = -0.5  # correlation of steering and yaw rate about zero, below which they are to different sides
 LARGEST = 1e9  # of a parameter, in SI units
 
