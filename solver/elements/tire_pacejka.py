@@ -14,6 +14,8 @@ wheel that slides to rest does not store more than the force it can carry. With 
 state, R0 times its angle, driven by R0 times the yaw rate. Unless turn slip is off, such a twist resists a wheel that is turned on the
 spot, below PARKING_ENDS; above nothing of it is evaluated, and the state fades away.
 
+The last state is the give of the tread, by which a wheel stands on its rolling resistance (solver.elements.tread).
+
 Source: [Pacejka2012] 2.2 (slip), 4.3.3 (turn slip), 7.2 (relaxation), 8.6 (standstill).
 """
 
@@ -47,6 +49,7 @@ from solver.elements.road import RoadTable, compile_road, friction_at
 from solver.elements.smooth import ramp, smooth_sign, smooth_step, smoother_step
 from solver.elements.tire_contact import contact_of, motion_of, real_kinematics, seeded_motion_of
 from solver.elements.tire_data import PARKING_ENDS, PARKING_FULL, ROW, I, TireData, pack
+from solver.elements.tread import give, rolling_part
 from solver.elements.turn_slip import parking_moment, saturated_moment, spin_slope
 from solver.validate import finite, require
 
@@ -60,7 +63,7 @@ TIRE_UNITS = {
 }
 TIRE_COLUMNS = tuple(TIRE_UNITS)
 OUTPUTS = {'energy': 'J', 'dissipation': 'W', **TIRE_UNITS}
-STATES = 2  # without a twist, one more with it
+STATES = 3  # without a twist, one more with it
 
 LEAST_LOAD = 1e-9  # load, relative to FNOMIN, from which there are forces of friction
 FULL_CONTACT = 0.02  # load, relative to FNOMIN, from which the contact point follows the road fully
@@ -130,12 +133,13 @@ class TireTable(NamedTuple):
     r: np.ndarray  # (n, 3) wheel centre from the centre of mass, in B [m]
     axis: np.ndarray  # (n, 3) spin axis in B
     slot: np.ndarray  # (n,) diagonal block
-    state: np.ndarray  # (n,) index of u; v follows, and the twist where there is one
+    state: np.ndarray  # (n,) index of u; v follows, the twist where there is one, and the give of the tread
     states: np.ndarray  # (n,) how many they are
     side: np.ndarray  # (n,) +1, or -1 for a mirrored tire
     c: np.ndarray  # (n, ROW) coefficients, magic_formula.pack
     damping: np.ndarray  # (n,) vertical damping over nominal load [s/m]
     low: np.ndarray  # (n, 5): low speed [m/s], tau [s]; 1/k^2 at standstill on friction 1 along x, along y, of the twist
+    give: np.ndarray  # (n, 2): way that the tread gives [m], its damping [s]
     road: RoadTable
 
 
@@ -153,6 +157,7 @@ def compile_tires(specs: Sequence[TireSpec], context: Context) -> TireTable:
         c=np.zeros((n, ROW)),
         damping=np.zeros(n),
         low=np.zeros((n, 5)),
+        give=np.zeros((n, 2)),
         road=compile_road(context.road, footprint([s.data for s in specs])),
     )
     for e, spec in enumerate(specs):
@@ -169,6 +174,7 @@ def compile_tires(specs: Sequence[TireSpec], context: Context) -> TireTable:
         k_x = LOW_SLIP * c[I.PDX1] * c[I.LMUX] * c[I.FNOMIN] / Kx
         k_y = LOW_SLIP * c[I.PDY1] * c[I.LMUY] * c[I.FNOMIN] / Ky
         table.low[e, :4] = spec.low_speed, spec.standstill_damping, 1.0 / (k_x * k_x), 1.0 / (k_y * k_y)
+        table.give[e] = give(c[I.UNLOADED_RADIUS], c[I.QSY1] * c[I.LMY] * c[I.PRESSURE_MY])
         if spec.twists:
             limit = saturated_moment(c, c[I.PDY1] * c[I.LMUY] * c[I.FNOMIN], c[I.FNOMIN])
             table.low[e, 4] = (spin_slope(c, 0.0, c[I.FNOMIN], 0.0) / (LOW_TWIST * limit)) ** 2
@@ -224,8 +230,8 @@ def _plain(a):
 def _evaluate(table, e, motion, zp, cz):
     """Everything about tire e.
 
-    Returns force and moment about the centre of mass on its body (both in W), and without derivatives: the states (u, v, twist),
-    outputs with the power that the vertical spring gives in the place of dissipation, the contact frame (point, e_x, e_y, n).
+    zp: of (u, v, twist, give). Returns force and moment about the centre of mass on its body (both in W), and without derivatives: these
+    states, outputs with the power that the vertical spring gives in the place of dissipation, the contact frame (point, e_x, e_y, n).
     """
     c = table.c[e]
     side = table.side[e]
@@ -269,6 +275,8 @@ def _evaluate(table, e, motion, zp, cz):
         state_w, twist = _twist_state(zp[2], cz, Vx * Vx, turning, sigma, slow, table.low[e, 4], grip, tau, quiet, contact)
         twist = side * twist
 
+    state_b, rolling = rolling_part(zp[3], cz, motion.spin * R0, table.give[e, 0], table.give[e, 1])
+
     # forces on the wheel in the contact frame; the Magic Formula counts alpha the other way, a mirrored tire y the other way
     Fx, Fy, Mx, My, Mz = 0.0 * Fz, 0.0 * Fz, 0.0 * Fz, 0.0 * Fz, 0.0 * Fz
     if Fz.real > LEAST_LOAD * F0:
@@ -291,7 +299,7 @@ def _evaluate(table, e, motion, zp, cz):
             Mx = Mx + compose(more[2] - value(more[2]), mu, twist, forward, mu)
             A = A + compose(more[3] - value(more[3]), mu, twist, forward, mu)
             B = B + compose(more[4] - value(more[4]), mu, twist, forward, mu)
-        My = rolling_resistance(c, Fx, Fz, gamma, Vx, smooth_sign(motion.spin * R0, SLOWEST))
+        My = rolling_resistance(c, Fx, Fz, gamma, Vx, rolling)
         Fy, Mx, Mz = Fy * side, Mx * side, (forward * A + B) * side
         if tilted:
             Fx, Fy, Mx, My, Mz = Fx * at.upright, Fy * at.upright, Mx * at.upright, My * at.upright, Mz * at.upright
@@ -315,7 +323,7 @@ def _evaluate(table, e, motion, zp, cz):
         value(kappa), arctan(value(tan_alpha)), arctan(value(at.sin_camber) / value(at.cos_camber)),
         value(motion.spin), value(at.deflection), value(mu),
     )  # fmt: skip
-    states = (value(state_u), value(state_v), value(state_w))
+    states = (value(state_u), value(state_v), value(state_w), state_b)
     return F, add(M, cross(arm, F)), states, values, _plain(point), (_plain(at.e_x), _plain(at.e_y), _plain(at.n))
 
 
@@ -343,6 +351,7 @@ def _store(table, e, R, twist, result, f, z, out):
     z[j + 1] = states[1]
     if table.states[e] > STATES:
         z[j + 2] = states[2]
+    z[j + table.states[e] - 1] = states[3]
     return T
 
 
@@ -357,7 +366,8 @@ def tire_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
         last = j + table.states[e] - 1
         if tangents:
             R, p, twist = real_kinematics(kin, i)
-            result = _evaluate(table, e, seeded_motion_of(R, p, twist, r, a), (zp[j].real, zp[j + 1].real, zp[last].real), cz)
+            states = (zp[j].real, zp[j + 1].real, zp[j + 2].real, zp[last].real)
+            result = _evaluate(table, e, seeded_motion_of(R, p, twist, r, a), states, cz)
             F, T = result[0], _store(table, e, R, twist, result, f, z, out)
             s = table.slot[e]
             for k in range(3):
@@ -375,16 +385,18 @@ def tire_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
             motion = (v[i, 0], v[i, 1], v[i, 2], v[i, 3], v[i, 4], v[i, 5])
             zero = 0.0 * motion[0]  # gives the states the number type of the motion
             placed = motion_of(load33(kin.R, i), load3(kin.p, i), motion, r, a)
-            result = _evaluate(table, e, placed, (zp[j] + zero, zp[j + 1] + zero, zp[last] + zero), cz)
+            result = _evaluate(table, e, placed, (zp[j] + zero, zp[j + 1] + zero, zp[j + 2] + zero, zp[last] + zero), cz)
             _store(table, e, load33(kin.R, i), motion, result, f, z, out)
 
 
 def held_tires(table: TireTable, u: np.ndarray) -> Held:
     """In the search for static equilibrium wheels turn on the spot without resistance, as those of a car that rolled there: it ends without
-    twist, and a car finds the same rest with the moment against turning and without. u: (nu,), left as it is."""
-    c = table.c.copy()
+    twist, and a car finds the same rest with the moment against turning and without. Nor does a tread hold a wheel: it would rest higher or
+    lower, by the way that it came. u: (nu,), left as it is."""
+    c, gives = table.c.copy(), table.give.copy()
     c[:, I.PARKING] = 0.0
-    return Held(table._replace(c=c), u, {})
+    gives[:, 0] = np.inf
+    return Held(table._replace(c=c, give=gives), u, {})
 
 
 def rolling_radius(c: np.ndarray, load: float, speed: float) -> float:

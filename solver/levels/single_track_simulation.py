@@ -12,6 +12,7 @@ import numpy as np
 from solver.compiled.by_reference import Ref, nbytes
 from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.road import HeightGrid, RandomRoad, RasterGrid, compile_road, surface_at
+from solver.elements.tread import give
 from solver.errors import ConsistencyError, SpecError, StepError
 from solver.files.urdf import robot_description
 from solver.inputs.driver import Sight
@@ -31,6 +32,7 @@ from solver.step.constraint_coefficients import ConstraintCoefficients
 from solver.step.single_track import advance, start
 from solver.step.single_track_tables import (
     AXLE_COLUMNS,
+    GIVE,
     LONG,
     REACHED,
     ROLL,
@@ -67,10 +69,10 @@ def tables_of(parameters: Parameters, scene: Scene, yaw: float = 0.0, x: float =
     """The parameters as the step takes them, on the road of a scene, as high as that is at the start; yaw [rad], x, y [m]: there."""
     p, road = parameters, compile_road(scene.model.road)
     height = p['mounting']['height'] + float(surface_at(Ref(road), x, y)[0])
-    return SingleTrackTables(
-        mounting=Mounting(**{**p['mounting'], 'yaw': yaw, 'height': height}), body=Body(**p['body']), front=Axle(**p['front']),
-        rear=Axle(**p['rear']), road=road,
-    )  # fmt: skip
+    gives = {axle: dict(zip(('give', 'give_damping'), give(p[axle]['radius'], p[axle]['resistance']), strict=True)) for axle in AXLES}
+    front, rear = (Axle(**p[axle], **gives[axle]) for axle in AXLES)
+    mounting = Mounting(**{**p['mounting'], 'yaw': yaw, 'height': height})
+    return SingleTrackTables(mounting=mounting, body=Body(**p['body']), front=front, rear=rear, road=road)
 
 
 def _heights(grid: HeightGrid | RasterGrid | RandomRoad) -> tuple[float, float]:
@@ -111,6 +113,7 @@ def rolling(t: SingleTrackTables, speed: float, x: float = 0.0, y: float = 0.0, 
         slip = -math.copysign(axle.resistance * axle.load / axle.stiffness_x, speed) if speed else 0.0
         state[LONG + i] = slip * axle.length_x
         state[SPIN + i] = speed * (1.0 - abs(slip)) / axle.rolling_radius
+        state[GIVE + i] = math.copysign(axle.give, speed) if speed else 0.0
         state[SHIFT] += t.body.height * axle.stiffness_x * slip  # which slows it down
     return state
 

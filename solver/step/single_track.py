@@ -27,7 +27,8 @@ that follows; roll turns both (roll steer). The point of contact stands the trai
 feels n Fy; in reverse that of the tires, the part of n that large slip takes, is in front of it. The load that goes to the rear under
 acceleration follows it with a lag; the body pitches with it, with what lifts it where torque acts through the suspension otherwise than
 under brakes, with the same lag, and with the square of its roll. The brake is a slider in series with a spring whose wind-up b follows
-Dahl's law db/dt = w - |w| k b / T, which has no singularity at rest.
+Dahl's law db/dt = w - |w| k b / T, which has no singularity at rest. Rolling resistance stands by the give of the treads
+(solver.elements.tread).
 
 Method: ROS2 [Verwer1999], two stages, second order with any matrix A, L-stable where A is the derivative: A has the stiff parts alone, the
 spin, longitudinal deflection and wind-up of each axle, its lateral deflection and the lag of the load.

@@ -14,6 +14,7 @@ from solver.step.single_track_tables import (
     FX,
     FY,
     FZ,
+    GIVE,
     KAPPA,
     LATERAL,
     LONG,
@@ -33,7 +34,7 @@ from solver.step.single_track_tables import (
 QUIET_SPEED, SLIP_BOUND, LOW_SLIP, LEAST_GRIP = 0.01, 5.0, 2.0, 0.1  # as of a tire (solver.elements.tire_pacejka)
 LEAST_LOAD = 0.05  # of its load at rest is carried by an axle at least
 LEAST_TORQUE = 1.0  # N m: a brake below slides like one of this capacity
-SLOWEST = 0.1  # m/s below which rolling resistance fades, and in reverse what turns the trail round
+SLOWEST = 0.1  # m/s below which in reverse what turns the trail round fades
 
 
 @kernel(inline=True)
@@ -133,8 +134,18 @@ def axle_forces(b, axle, road, i, y, steering, drive, brake, c, s, rates, stiff,
     if excess > 0.0:  # the capacity fell
         release = axle.brake_stiffness / axle.brake_damping
         winding -= release * (excess if wind > 0.0 else -excess)
-    x = spin * axle.radius / SLOWEST
-    resisting = axle.resistance * Fz * axle.radius * _sign(x)
+    tread = y[GIVE + i]
+    W = spin * axle.radius
+    part = (tread + axle.give_damping * W) / axle.give
+    resisting = axle.resistance * Fz * axle.radius
+    gives = 0.0
+    if abs(part) < 1.0:
+        gives = resisting * axle.radius * axle.give_damping / axle.give
+        rates[GIVE + i] = W
+    else:
+        part = 1.0 if part > 0.0 else -1.0
+        rates[GIVE + i] = (part * axle.give - tread) / axle.give_damping
+    resisting *= part
     torque = axle.drive * drive - stopping - resisting - Fx * axle.radius
 
     rates[TURN_F + i] = spin
@@ -145,7 +156,7 @@ def axle_forces(b, axle, road, i, y, steering, drive, brake, c, s, rates, stiff,
     slope = axle.stiffness_x * share * axle.radius / (axle.length_x * axle.inertia)
     clockwise = 1.0 if spin > 0.0 else -1.0
     free = 1.0 - clockwise * axle.brake_stiffness * wind / max(capacity, LEAST_TORQUE)
-    stiff[i, 0] = -slope * quiet * axle.rolling_radius - held * viscous * max(free, 0.0) / axle.inertia
+    stiff[i, 0] = -slope * quiet * axle.rolling_radius - (held * viscous * max(free, 0.0) + gives) / axle.inertia
     stiff[i, 1] = -slope
     stiff[i, 2] = -held * max(axle.brake_stiffness - viscous * sliding, 0.0) / axle.inertia
     stiff[i, 3] = axle.rolling_radius

@@ -14,7 +14,8 @@ VX, VY, YAW_RATE, ROLL_RATE = range(6, 10)
 SPIN, LONG, LATERAL, WIND = 10, 12, 14, 16  # of the front axle, the rear axle follows
 SHIFT, DRIVE, LOSS, GROSS = 18, 19, 20, 21  # load moved to the rear [N] and drive torque [N m] by which it pitches;
 # integrals of dissipated less supplied power and of all magnitudes [J]
-SIZE = 22
+GIVE = 22  # of the treads of the front axle, the rear axle follows (solver.elements.tread)
+SIZE = 24
 
 # What evaluate() tells beside the rates: of each axle AXLE_COLUMNS, then these
 AXLE_COLUMNS = ('fx', 'fy', 'fz', 'slip', 'slip_angle', 'brake_torque')
@@ -52,6 +53,8 @@ class Axle(NamedTuple):
     rolling_radius: float  # speed over spin of a wheel that rolls freely [m]
     inertia: float  # of all that turns with it [kg m^2]
     resistance: float  # rolling resistance over load [-]
+    give: float  # way that its treads give before it rolls [m]
+    give_damping: float  # of it [s]
     drive: float  # share of the drive torque
     top_spin: float  # where that ends [rad/s]; 0: never
     brake: float  # share of the brake torque

@@ -44,7 +44,7 @@ def test_contract_of_force_elements(state: str, road: RoadSpec, cz: float) -> No
     motion, zp = STATES[state]
     element = tire(road=road)
     kin = wheel(**motion)
-    check_contract(element, kin, pair=False, power=cz > 0.0, tolerance=1e-10, zp=zp, cz=cz)
+    check_contract(element, kin, pair=False, power=cz > 0.0, tolerance=1e-10, zp=element.states(zp), cz=cz)
 
 
 @pytest.mark.parametrize('data', [EXAMPLE, SEDAN], ids=['6.1 with pressure', '5.2'])
@@ -115,7 +115,7 @@ def test_mirrored_tire_in_mirrored_motion_gives_the_mirrored_force() -> None:
     right = Element(acting(tire_forces, table, context.laws()), context, n=1, outputs=OUTPUTS)
     p = np.array([0.0, 0.0, 0.3]) + R.as_matrix() @ com
     a = left.evaluate(kinematics([(p, R.as_matrix())], [(*v, *w)]), zp=(0.01, 0.02))
-    b = right.evaluate(kinematics([(p * mirror, R_m.as_matrix())], [(*(v * mirror), *(w * axial))]), zp=(0.01, -0.02))
+    b = right.evaluate(kinematics([(p * mirror, R_m.as_matrix())], [(*(v * mirror), *(w * axial))]), zp=(0.01, -0.02, 0.0))
     np.testing.assert_allclose(b.f[0], a.f[0] * [*mirror, *axial], rtol=1e-12)
     unmirrored = tire(EXAMPLE).evaluate(kinematics([(p * mirror, R_m.as_matrix())], [(*(v * mirror), *(w * axial))]), zp=(0.01, -0.02))
     assert abs(unmirrored.f[0, 1] + a.f[0, 1]) > 1.0  # the asymmetry is there

@@ -136,4 +136,5 @@ def test_tangents_of_a_sliding_tire_on_a_road_of_varying_friction(motion, turn_s
     velocity, spin = motion
     kin = wheel(velocity=velocity, spin=spin, camber=0.03, rates=(0.0, 0.0, 0.6))
     states = (0.004, -0.006, 0.01)[: 2 if turn_slip is False else 3]
-    check_contract(tire(EXAMPLE, HILLY, turn_slip=turn_slip), kin, pair=False, tolerance=1e-10, zp=states, cz=5e-4)
+    element = tire(EXAMPLE, HILLY, turn_slip=turn_slip)
+    check_contract(element, kin, pair=False, tolerance=1e-10, zp=element.states(states), cz=5e-4)

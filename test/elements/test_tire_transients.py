@@ -93,4 +93,4 @@ def test_deflections_vanish_in_the_air() -> None:
     element = tire()
     trace = march(element, wheel(position=(0, 0, 1.0)), 500, z=(0.02, -0.03))
     assert not np.any(trace[0].f)
-    np.testing.assert_allclose(trace[-1].z, np.array([0.02, -0.03]) * 1.02**-500, rtol=1e-9)
+    np.testing.assert_allclose(trace[-1].z[:2], np.array([0.02, -0.03]) * 1.02**-500, rtol=1e-9)

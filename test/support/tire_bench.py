@@ -35,11 +35,23 @@ HILLY = RoadSpec(
 )
 
 
-def tire(data: TireData = CAR, road: RoadSpec = FLAT, *, turn_slip: bool | None = False, **spec) -> Element:
+class Tire(Element):
+    """A tire whose tread has not given, where nothing else is said: zp may end before the last internal state."""
+
+    def states(self, zp) -> tuple[float, ...]:
+        """All internal states."""
+        return (*zp, 0.0) if len(zp) == self.context.n_states - 1 else tuple(zp)
+
+    def evaluate(self, kin: Kinematics, *, zp=(), **arguments) -> Result:
+        """As Element.evaluate()."""
+        return super().evaluate(kin, zp=self.states(zp), **arguments)
+
+
+def tire(data: TireData = CAR, road: RoadSpec = FLAT, *, turn_slip: bool | None = False, **spec) -> Tire:
     """One tire on body b0, whose centre of mass lies off the wheel centre."""
     context = ContractContext(bodies=1, com=[(0.02, -0.01, 0.03)], road=road)
     table = compile_tires([TireSpec(name='tire', marker=Marker(body='b0'), data=data, turn_slip=turn_slip, **spec)], context)
-    return Element(acting(tire_forces, table, context.laws()), context, n=1, outputs=OUTPUTS)
+    return Tire(acting(tire_forces, table, context.laws()), context, n=1, outputs=OUTPUTS)
 
 
 @functools.cache

@@ -63,7 +63,7 @@ def test_a_rolling_car_has_the_bits_of_one_without(scene: str) -> None:
         for name in ('pose', 'twist', 'tire', 'elements', 'joint_position'):
             np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
     table = on.model.elements[TIRES.name].value
-    assert table.states.tolist() == [3] * 4
+    assert table.states.tolist() == [4] * 4
     assert not on.state.z[table.state + 2].any()
 
 
