@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping
+from itertools import groupby
 from typing import Any
 
 from nav_msgs.msg import Odometry
@@ -18,6 +19,7 @@ from mbd_sim_ros.node.accompany import LOOK, LOST
 from mbd_sim_ros.node.demand import Car, Demand, Loop
 from mbd_sim_ros.node.demands import GEAR_DRIVE, GEAR_REVERSE, HEARD, TOLD, Heard, Measured, class_of, gear
 from mbd_sim_ros.node.gearbox import Gearbox, Worked
+from mbd_sim_ros.node.graph import HEARD_HERE, SAID_HERE, Ear, Watch
 from mbd_sim_ros.node.parameters import declare_described
 from mbd_sim_ros.node.turns import turn
 from solver.errors import SpecError
@@ -57,33 +59,38 @@ class Adapter(Node):
         self._scene = load_scene(self.value('scene')) if self.value('scene') else None  # to be driven
         newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
         latched = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        missing = set()
-        for row in HEARD:
-            kind = class_of(row.type)
-            if kind is None:
-                missing.add(row.type.partition('/')[0])
-                continue
-            self.create_subscription(kind, row.topic, self._hearing(row), newest)  # whatever the durability of who publishes
-            if row.latched:  # what was said before; the same twice changes nothing
-                self.create_subscription(kind, row.topic, self._hearing(row), latched)
+        missing, ears = set(), []
+        for topic, rows in groupby(HEARD, lambda row: row.topic):
+            kinds, late = {}, False
+            for row in rows:
+                kind, late = class_of(row.type), row.latched
+                if kind is None:
+                    missing.add(row.type.partition('/')[0])
+                else:
+                    kinds[kind] = self._hearing(row)
+            if kinds:
+                ears.append(Ear(self, topic, kinds, depth=1))  # whatever the durability of who publishes
+            if kinds and late:  # what was said before; the same twice changes nothing
+                ears.append(Ear(self, topic, kinds, depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL))
         self._reports = []
         for told in TOLD:
             kind = class_of(told.type)
             if kind is None:
                 missing.add(told.type.partition('/')[0])
             else:
-                self._reports.append((self.create_publisher(kind, told.topic, newest), kind, told.fill))
+                self._reports.append((self.create_publisher(kind, told.topic, newest, **SAID_HERE), kind, told.fill))
         for package in sorted(missing):
             self.get_logger().info(f'{package} is not installed: its topics are left out')
         self._commands = self.create_publisher(
-            JointState, f'{self._simulator}/lockstep_cmd', QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+            JointState, f'{self._simulator}/lockstep_cmd', QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE), **SAID_HERE
         )
-        self.create_subscription(Odometry, 'odom', self._answer, newest)
+        ears.append(Ear(self, 'odom', {Odometry: self._answer}, depth=1))
         if self._reports:
-            self.create_subscription(JointState, 'cmd_applied', self._applied, newest)
+            ears.append(Ear(self, 'cmd_applied', {JointState: self._applied}, depth=1))
+        self._watch = Watch(self, ears)
         self._told = ''  # the scene that runs, not loaded yet
         if self._scene is None:
-            self.create_subscription(String, f'{self._simulator}/scene', self._tell, latched)
+            self.create_subscription(String, f'{self._simulator}/scene', self._tell, latched, **HEARD_HERE)
 
     def value(self, name: str) -> Any:
         """Return the value of a parameter."""
@@ -92,6 +99,7 @@ class Adapter(Node):
     def look(self, executor: Executor) -> bool:
         """Take what comes; whether the simulator, its car and its states have been found. Raises MbdError."""
         turn(executor, self, LOOK)
+        self._watch.look()
         if self._driven is None and self._commands.get_subscription_count() == 0:
             return False
         if self._told:

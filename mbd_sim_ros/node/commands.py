@@ -5,15 +5,13 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
 from typing import Any, NamedTuple
 
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.subscription import Subscription
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Int32
 
+from mbd_sim_ros.node.graph import Ear, follow
 from mbd_sim_ros.node.loop import Loop
 from solver.errors import suggestion
 
@@ -67,7 +65,7 @@ class Commands:
     """Subscribes to the commands on a node of their own, which no executor spins: the simulation thread takes the newest itself (`poll`).
 
     An executor takes about 1 ms per message for its wait set, with the interpreter lock held; looking into the three
-    subscriptions takes 20 us, and the command is used in the very next step.
+    subscriptions takes 20 us, and the command is used in the very next step. They are reliable, unless somebody publishes best effort.
     names: the commands of the scene (solver.inputs.hands.commands_of); those in PLAIN have a topic of their own, and those of single
     wheels come together. gears: lowest and highest one, where there are any. refused: commands that were no numbers, named no input, or
     asked for a gear that there is not. deaf: nothing is subscribed to, something else drives.
@@ -82,50 +80,52 @@ class Commands:
         self._node = node
         self._warned: dict[str, float] = {}
         self.commanded = not deaf  # somebody publishes commands, or may
-        self._heard: dict[str, bool] = {}  # topic of named commands -> somebody publishes
+        self._heard: set[str] = set()  # topics of named commands that somebody publishes
         self._next_look = -math.inf  # clock reading at which topics of named commands are looked into whoever publishes
-        self._inbox: list[tuple[Subscription, type, Callable[[Any], None]]] = []
-        self._boxes: list[tuple[Callable[[type, bool], Any], type, Callable[[Any], None]]] = []  # what poll() needs of them
-        self._ears: Node | None = None
-        self._held = ExitStack()  # subscriptions: held as long as they are listened to, not anew for every look
+        self._plain: list[Ear] = []
+        self._named: list[Ear] = []  # of several commands by their names
+        self._boxes: list[tuple[Callable[[type, bool], Any], type, Callable[[Any], None]]] = []  # what poll() needs of the plain ones
+        self.node: Node | None = None  # that has the subscriptions
         if deaf:
             return
-        self._ears = Node(
+        self.node = Node(
             f'{node.get_name()}_commands',
             namespace=node.get_namespace(),
             use_global_arguments=False,
             start_parameter_services=False,
             enable_rosout=False,
         )
-        newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
         for index, name in enumerate(names):
             if name in PLAIN:
-                kind, receive = PLAIN[name].type, self._plain(index, PLAIN[name].topic)
-                full = node.resolve_topic_name(f'~/{PLAIN[name].topic}')
-                self._inbox.append((self._ears.create_subscription(kind, full, receive, newest), kind, receive))
-        several = QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)  # an old answer must not push the right one out
-        self._named = {
-            topic: (self._ears.create_subscription(JointState, node.resolve_topic_name(f'~/{topic}'), receive, several), receive)
-            for topic, receive in (('lockstep_cmd', self._stamped), ('wheel_cmd', self._unstamped))
-            if topic == 'lockstep_cmd' or len(names) > len(self._inbox)
-        }
-        for subscription in (*(one for one, *_ in self._inbox), *(one for one, _ in self._named.values())):
-            self._held.enter_context(subscription.handle)
-        self._boxes = [(subscription.handle.take_message, kind, receive) for subscription, kind, receive in self._inbox]
+                self._plain.append(self._ear(PLAIN[name].topic, PLAIN[name].type, self._receiving(index, PLAIN[name].topic), depth=1))
+        for topic, receive in (('lockstep_cmd', self._stamped), ('wheel_cmd', self._unstamped)):
+            if topic == 'lockstep_cmd' or len(names) > len(self._plain):
+                self._named.append(self._ear(topic, JointState, receive, depth=10))  # an old answer must not push the right one out
+        self._note_boxes()
+
+    def _ear(self, topic: str, kind: type, receive: Callable[[Any], None], depth: int) -> Ear:
+        assert self.node is not None
+        return Ear(self.node, self._node.resolve_topic_name(f'~/{topic}'), {kind: receive}, depth=depth, polled=True)
+
+    def _note_boxes(self) -> None:
+        self._boxes = [(ear.subscription.handle.take_message, ear.kind, ear.receive) for ear in self._plain if ear.subscription]
 
     def close(self) -> None:
         """Listen no more."""
-        self._held.close()
-        if self._ears is not None:
-            self._ears.destroy_node()
+        for ear in (*self._plain, *self._named):
+            ear.close()
+        if self.node is not None:
+            self.node.destroy_node()
 
     def look_around(self) -> None:
-        """Note who publishes; once a second, from the main thread."""
+        """Note who publishes, and listen to whom that takes; once a second, from the main thread."""
         if self.deaf:
             return
-        self._heard = {topic: self._node.count_publishers(self._node.resolve_topic_name(f'~/{topic}')) > 0 for topic in self._named}
-        plain = (subscription.topic_name for subscription, *_ in self._inbox)
-        self.commanded = any(self._heard.values()) or any(self._node.count_publishers(topic) > 0 for topic in plain)
+        if follow(self._node, self._plain):
+            self._note_boxes()  # as a whole: the simulation thread looks into it
+        follow(self._node, self._named)
+        self._heard = {ear.topic for ear in self._named if self._node.count_publishers(ear.topic)}
+        self.commanded = bool(self._heard) or any(self._node.count_publishers(ear.topic) for ear in self._plain)
 
     def poll(self) -> None:
         """Hand what is new to the loop; on the simulation thread."""
@@ -141,16 +141,17 @@ class Commands:
                 if taken is not None:
                     self.commanded = True
                     receive(taken[0])
-        for topic, (subscription, receive) in self._named.items():
-            if every or self._heard.get(topic):
+        for ear in self._named:
+            if every or ear.topic in self._heard:
                 for _ in range(10):
-                    message = _take(subscription, JointState)
+                    message = ear.take()
                     if message is None:
                         break
-                    self.commanded = self._heard[topic] = True
-                    receive(message)
+                    self.commanded = True
+                    self._heard.add(ear.topic)
+                    ear.receive(message)
 
-    def _plain(self, index: int, topic: str) -> Callable[[Any], None]:
+    def _receiving(self, index: int, topic: str) -> Callable[[Any], None]:
         def receive(message: Any) -> None:
             value = self._accepted(index, topic, message.data)
             if value is not None:
@@ -231,9 +232,3 @@ class Commands:
         if now - self._warned.get(about, -math.inf) >= WARN_SECONDS:
             self._warned[about] = now
             self._node.get_logger().warning(text)
-
-
-def _take(subscription: Subscription, kind: type) -> Any:
-    """The next message of a subscription that no executor spins, or None."""
-    taken = subscription.handle.take_message(kind, False)
-    return None if taken is None else taken[0]

@@ -30,7 +30,10 @@ class Measured(NamedTuple):
 
 
 class Heard(NamedTuple):
-    """A topic of commands. latched: transient local. demand: makes a Demand of a message, or a number of a gear."""
+    """A topic of commands and a type of its messages. latched: transient local. demand: makes a Demand of a message, or a number of a gear.
+
+    A topic has one type at a time: the first that is installed, unless only another one of its types is published.
+    """
 
     topic: str
     type: str
@@ -100,8 +103,11 @@ def _mode(message: Any, now: Measured) -> None:
 
 HEARD = (
     Heard('ackermann_cmd', 'ackermann_msgs/msg/AckermannDrive', 'road wheels, speed, acceleration', ackermann),
+    Heard('ackermann_cmd', 'ackermann_msgs/msg/AckermannDriveStamped', 'the same with a header', lambda m: ackermann(m.drive)),
     Heard('ackermann_cmd_stamped', 'ackermann_msgs/msg/AckermannDriveStamped', 'the same with a header', lambda m: ackermann(m.drive)),
+    Heard('ackermann_cmd_stamped', 'ackermann_msgs/msg/AckermannDrive', 'road wheels, speed, acceleration', ackermann),
     Heard('cmd_vel', 'geometry_msgs/msg/Twist', 'speed and yaw rate', twist),
+    Heard('cmd_vel', 'geometry_msgs/msg/TwistStamped', 'the same with a header, as ros2_control has it', lambda m: twist(m.twist)),
     Heard('/control/command/control_cmd', 'autoware_control_msgs/msg/Control', 'road wheels, speed, acceleration', control, latched=True),
     Heard(
         '/control/command/gear_cmd', 'autoware_vehicle_msgs/msg/GearCommand', 'drive, reverse, neutral, park', lambda m: m.command,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
@@ -41,11 +41,12 @@ def diagnosis(
     namesakes: int = 0,
     envelope: Envelope | None = None,
     unpublished: Mapping[str, int] | None = None,
+    unmatched: Sequence[str] = (),
 ) -> DiagnosticStatus:
     """Level, message and values since the last call; name and hardware_id are left to the caller.
 
     refused: commands that were no numbers or named no input. namesakes: other nodes of the same name. envelope: see judged.
-    unpublished: messages that the budget of publishing dropped, by topic.
+    unpublished: messages that the budget of publishing dropped, by topic. unmatched: what the graph does not match (see node.graph).
     """
     health = loop.health()
     values = {
@@ -65,6 +66,7 @@ def diagnosis(
         'lockstep answers refused': loop.answers.refused,
         'lockstep surplus commands': loop.answers.surplus,
         'commands refused': refused,
+        'not matched in the graph': len(unmatched),
         'recorder lag [steps]': recorder.lag if recorder else 0,
         'recorder dropped [steps]': recorder.dropped if recorder else 0,
     }
@@ -74,6 +76,7 @@ def diagnosis(
         problems.append(f'{" and ".join(driven)} command is too old and counts as zero')
     if namesakes:
         problems.append('another node has the same name: both take the commands and publish the same topics')
+    problems += unmatched
     if recorder and recorder.dropped:
         problems.append('recording has lost steps')
     if loop.mode == 'realtime' and not loop.paused and health.rate < SLOW * loop.rate_factor and health.steps > 0:

@@ -21,6 +21,7 @@ from std_msgs.msg import Int32
 
 from mbd_sim_ros.node.accompany import LOOK, LOST
 from mbd_sim_ros.node.commands import PLAIN
+from mbd_sim_ros.node.graph import HEARD_HERE, SAID_HERE, Watch
 from mbd_sim_ros.node.parameters import declare_described
 from mbd_sim_ros.node.turns import turn
 from solver.errors import SceneError
@@ -55,13 +56,14 @@ class Player(Node):
         self._repeated = math.inf  # clock reading when the newest state came again
         newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
         self._plain = {
-            name: (self.create_publisher(PLAIN[name].type, f'{simulator}/{PLAIN[name].topic}', newest), PLAIN[name].type)
+            name: (self.create_publisher(PLAIN[name].type, f'{simulator}/{PLAIN[name].topic}', newest, **SAID_HERE), PLAIN[name].type)
             for name in (*COMMANDS, *(name for name in POWERTRAIN if name in self._maneuver.signals))
         }
         self._stamped = self.create_publisher(
-            JointState, f'{simulator}/lockstep_cmd', QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE)
+            JointState, f'{simulator}/lockstep_cmd', QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE), **SAID_HERE
         )
-        self.create_subscription(JointState, 'cmd_applied', self._answer, newest, raw=True)
+        self.create_subscription(JointState, 'cmd_applied', self._answer, newest, raw=True, **HEARD_HERE)
+        self._watch = Watch(self)
 
     def value(self, name: str) -> Any:
         """Return the value of a parameter."""
@@ -70,6 +72,7 @@ class Player(Node):
     def look(self, executor: Executor) -> bool:
         """Take what comes; whether the simulator has been found."""
         turn(executor, self, LOOK)
+        self._watch.look()
         if time.monotonic() - self._repeated > LOST:
             self._send()
         return self.answered >= 0

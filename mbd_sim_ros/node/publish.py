@@ -21,6 +21,7 @@ from rclpy.serialization import deserialize_message
 from mbd_sim_ros.messages.cdr import decode
 from mbd_sim_ros.messages.definitions import schema_text
 from mbd_sim_ros.messages.topics import Topic, family
+from mbd_sim_ros.node.graph import SAID_HERE
 from mbd_sim_ros.node.parameters import RATES
 from solver.errors import SpecError
 
@@ -68,6 +69,7 @@ def assign(message: Any, value: dict[str, Any]) -> Any:
 
 HEARD = 0.1  # s between looks for subscribers of a topic
 ORDER = tuple(RATES)  # what matters most comes first
+SHARED = ('joint_states', 'tf')  # what several nodes may publish parts of
 ANSWERED = ('cmd_applied', 'odom')  # what is answered in lockstep: of every state that waits, or nobody could, and of no other one
 
 
@@ -129,7 +131,7 @@ class Publication:
                 node.get_logger().info(f'{topic.name} is not published: {topic.type} is not installed')
                 continue
             try:
-                publisher = node.create_publisher(kind, topic.name, profile(topic))
+                publisher = node.create_publisher(kind, topic.name, profile(topic), **SAID_HERE)
             except InvalidTopicNameException as error:
                 self.close(node)
                 raise SpecError(
@@ -147,6 +149,10 @@ class Publication:
         """Publish no more."""
         for channel in self._channels:
             node.destroy_publisher(channel.publisher)
+
+    def names(self) -> list[str]:
+        """Full names of the topics that nobody else should publish."""
+        return [channel.publisher.topic_name for channel in self._channels if rated(channel.topic.name) not in SHARED]
 
     def every(self, steps: Mapping[str, int], poses_every: int) -> None:
         """Publish a topic only at steps whose number is a multiple of steps[its name in RATES]; /tf also where it places all bodies."""

@@ -22,6 +22,7 @@ from mbd_sim_ros.messages.topics import ELEMENTS, MOTIONS
 from mbd_sim_ros.node.commands import Commands, gears_of
 from mbd_sim_ros.node.diagnostics import judged
 from mbd_sim_ros.node.driving import Driving
+from mbd_sim_ros.node.graph import SAID_HERE
 from mbd_sim_ros.node.loop import Loop
 from mbd_sim_ros.node.parameters import RATES
 from mbd_sim_ros.node.publish import Publication
@@ -32,6 +33,11 @@ from solver.errors import BagError, MbdError, SpecError
 from solver.inputs.hands import place_of
 from solver.output.snapshot import Snapshot
 
+MIXED = 'who listens hears both, mixed; give one of the two a namespace (-r __ns:=/car2)'
+JUMPS = (
+    'time jumps back and forth for everybody with use_sim_time; set publish_clock to false in all simulators but one, or give each a '
+    'ROS_DOMAIN_ID of its own'
+)
 CLOCK_SECONDS = 0.01  # between two messages on /clock at least, of elapsed and of simulated time
 
 
@@ -80,7 +86,7 @@ class Running:
         refused.callback(self._publication.close, node)
         self.look_at_rates()
         best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._ticks = node.create_publisher(ClockMessage, '/clock', best_effort) if self.value('publish_clock') else None
+        self._ticks = node.create_publisher(ClockMessage, '/clock', best_effort, **SAID_HERE) if self.value('publish_clock') else None
         if self._ticks is not None:
             refused.callback(node.destroy_publisher, self._ticks)
         self._ticked = -math.inf  # clock reading [s] of the last
@@ -129,6 +135,11 @@ class Running:
         there = {topic: math.lcm(of, steps) for topic, steps in apart.items()}  # steps between messages
         every = {topic: thinned(values[f'rate_{topic}'], h, there.get(topic, of)) for topic in RATES}
         self._publication.every(every, self._messages.poses_every)
+
+    def alone(self) -> Mapping[str, str]:
+        """Full names of the topics that nobody else should publish, with what follows where somebody does."""
+        clock = [] if self._ticks is None else [self._ticks.topic_name]
+        return dict.fromkeys(self._publication.names(), MIXED) | dict.fromkeys(clock, JUMPS)
 
     @property
     def dropped(self) -> Mapping[str, int]:
@@ -210,7 +221,7 @@ class Running:
         """Say once, also to who comes later, what runs: the spanning tree as URDF, and the whole scene as text."""
         latched = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         told = {'robot_description': self._urdf, '~/scene': self.scene.resolved}
-        self._descriptions = [self.node.create_publisher(String, topic, latched) for topic in told]
+        self._descriptions = [self.node.create_publisher(String, topic, latched, **SAID_HERE) for topic in told]
         for publisher, text in zip(self._descriptions, told.values(), strict=True):
             publisher.publish(String(data=text))
 

@@ -20,6 +20,7 @@ from rclpy.parameter import Parameter
 from mbd_sim_ros import interrupts
 from mbd_sim_ros.node.commands import Commanded, commanded
 from mbd_sim_ros.node.diagnostics import diagnosis
+from mbd_sim_ros.node.graph import SAID_HERE, Ear, Graph, follow
 from mbd_sim_ros.node.interfaces import Interfaces
 from mbd_sim_ros.node.loop import Loop
 from mbd_sim_ros.node.main import PREPARING
@@ -83,8 +84,9 @@ class Simulator(Node):
         self.add_on_set_parameters_callback(self._on_set)
         serve(self, self)
         Interfaces(self, self)
-        self.create_subscription(PoseWithCovarianceStamped, 'initialpose', self._place, 1)
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._poses = Ear(self, 'initialpose', {PoseWithCovarianceStamped: self._place}, depth=1)
+        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10, **SAID_HERE)
+        self._graph = Graph(self, lambda topic: self.running.alone().get(topic, ''))
         self.create_timer(1.0, self._diagnose, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self.running.start()
 
@@ -150,10 +152,14 @@ class Simulator(Node):
         if namesakes > self._namesakes:
             self.get_logger().warning(f'another node is called {full}: both take the commands and publish the same topics; rename one')
         self._namesakes = max(namesakes, 0)
+        follow(self, (self._poses,))
+        listening = running.commands.node
+        unmatched = self._graph.look(self, *([listening] if listening else []))
         recording = running.recording
         status = diagnosis(
             self.loop, recording.recorder, recording.failed,
             refused=running.commands.refused, namesakes=self._namesakes, envelope=running.envelope, unpublished=running.dropped,
+            unmatched=unmatched,
         )  # fmt: skip
         status.name = f'{full}: simulation'
         status.hardware_id = running.scene.name
