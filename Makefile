@@ -1,7 +1,8 @@
 # make setup   .venv with everything
-# make check   after an edit: lint, and every test that is neither slow nor bound to the clock
-# make test    all tests; make lint: ruff, the floors of the house, types, published figures that are older than their sources
+# make check   after an edit: lint, and every test that is neither slow nor long nor bound to the clock
+# make test    all tests but the long ones; make lint: ruff, the floors of the house, types, published figures that are older than their sources
 # make docs    makes those figures anew
+# make oldest  the oldest versions of numba, numpy, ... that setup.py takes: the same bits as with the newest
 # make bench   what a step costs (docs/performance.md); make demo: the car over ROS topics
 # VENV=... and PYTHON=... may be given, and WORKERS=... (processes of tests at a time).
 SHELL := /bin/bash
@@ -20,12 +21,11 @@ EXTRAS := $(if $(SYSTEM_ROS),test$(,)dev,ros$(,)test$(,)dev)
 
 STAMP := $(VENV)/.installed
 
-.PHONY: setup runtime check test lint docs bench demo clean
+.PHONY: python setup runtime check test lint docs oldest bench demo clean
 
-setup: $(STAMP)
+setup: python $(STAMP)
 
 define environment
-	@[ -n "$(PYTHON)" ] || { echo 'Python 3.11 or newer is needed (apt-get install python3 python3-venv)'; exit 1; }
 	@[ -x $(BIN)/python ] || $(PYTHON) -m venv $(if $(SYSTEM_ROS),--system-site-packages) $(VENV) || \
 		{ rm -rf $(VENV); echo 'no virtual environment could be made: apt-get install python3-venv'; exit 1; }
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile -e '.$(1)'
@@ -33,16 +33,27 @@ define environment
 		$$(ls -d $(VENV)/lib/python3*/site-packages/{llvmlite,mcap,numba,numpy,scipy,yaml} 2>/dev/null) || true  # those that the system has not; it works without
 endef
 
-$(STAMP): setup.py setup.cfg pyproject.toml Makefile
+# Before anything is made, and also where all is there: a name that was given is not passed over.
+python:
+	@[ -n "$(PYTHON)" ] || { echo 'Python 3.11 or newer is needed (apt-get install python3 python3-venv)'; exit 1; }
+	@for p in "$(PYTHON)" $(wildcard $(BIN)/python); do \
+		version=$$("$$p" -c 'import sys; print("%d.%d" % sys.version_info[:2], int(sys.version_info >= (3, 11)))' 2>/dev/null); \
+		case "$$version" in *' 1') continue;; *' 0') what="Python $${version% *}, and 3.11 or newer is needed";; \
+			*) what='no Python that can be started';; esac; \
+		echo "$$p is $$what: name another one, e.g. make setup PYTHON=python3.11, and remove $(VENV) if it was made with this one"; \
+		exit 1; \
+	done
+
+$(STAMP): setup.py setup.cfg pyproject.toml Makefile | python
 	$(call environment,[$(EXTRAS)])
 	@touch $@
 
 # What `mbd` itself needs, which is a quarter of it: kernels can be compiled while `make setup` brings the rest.
-runtime:
+runtime: python
 	$(call environment)
 
 check: lint
-	$(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal -m 'not slow and not realtime'
+	$(BIN)/python -m pytest -q -n $(WORKERS) --dist worksteal -m 'not slow and not realtime and not long'
 
 # Tests that wait for the clock beside a process run after those that need all cores.
 test: setup
@@ -59,6 +70,9 @@ lint: setup
 # Figures and pictures of the documents that are older than what they depend on, made anew; hours where all are. Goes on where it stopped.
 docs: setup
 	$(BIN)/python docs/tools/published.py --make
+
+oldest: setup
+	.ci/oldest $(BIN)/python
 
 bench: setup
 	$(BIN)/mbd bench

@@ -8,6 +8,9 @@ from setuptools import find_packages, setup
 NAME = 'mbd_sim_ros'
 SHARE = f'share/{NAME}'
 ROOT = Path(__file__).parent
+# What compiles kernels, computes, and writes recordings: from the oldest to the newest versions that have been tested, for the cache of
+# kernels uses private parts of numba, and the bits have to stay. Continuous integration runs both ends (.ci/oldest).
+COMPILED_WITH = ['numba>=0.58.1,<0.69', 'llvmlite>=0.41.1,<0.51', 'numpy>=1.26.0,<2.5', 'scipy>=1.11.1,<1.18', 'mcap>=1.2.1,<1.7']
 
 
 def data_files() -> list[tuple[str, list[str]]]:
@@ -44,7 +47,7 @@ setup(
     },
     data_files=data_files(),
     zip_safe=False,
-    install_requires=['numpy', 'scipy', 'numba', 'pyyaml', 'mcap', 'matplotlib', 'tqdm'],
+    install_requires=[*COMPILED_WITH, 'pyyaml', 'matplotlib', 'tqdm'],
     extras_require={
         # Genuine ROS 2 Jazzy wheels, for machines without ROS. Where Jazzy is installed its own rclpy is used instead.
         'ros': ['ros-rclpy[fastrtps]==7.1.6', 'ros-jazzy-common-interfaces', 'ros-jazzy-rmw-fastrtps-cpp'],

@@ -39,7 +39,7 @@ from contextlib import contextmanager, redirect_stdout, suppress
 from typing import Any, NoReturn
 
 from mbd_sim_ros.commands import bench, compare, compile, evaluate, export, info, maneuver, plan, recover, replay, run, study, sweep, view
-from solver.errors import MbdError, refused, suggestion
+from solver.errors import MbdError, missing, refused, suggestion
 
 COMMANDS = (info, run, plan, maneuver, sweep, export, compare, evaluate, view, replay, recover, study, bench, compile)
 USAGE_ERROR, INTERNAL_ERROR = 2, 70
@@ -149,17 +149,26 @@ def _command(argv: Sequence[str] | None) -> int:
             except MemoryError:
                 what = f' while {interrupts.doing}' if interrupts.doing else ''
                 return _fail(out, f'there is not enough memory{what}; ask for less, or free some', 1, as_json)
+            except ImportError as error:
+                if not (text := missing(error)):
+                    return _internal(out, error, as_json)
+                return _fail(out, text, USAGE_ERROR, as_json)
             except Exception as error:
-                if os.environ.get(SHOW_TRACEBACK):
-                    traceback.print_exc()
-                what = ' '.join(f'{type(error).__name__}: {error}'.split())
-                return _fail(out, f'internal error: {what}; set {SHOW_TRACEBACK}=1 to see where', INTERNAL_ERROR, as_json)
+                return _internal(out, error, as_json)
         except OSError as error:  # what says the error cannot be written either
             out.drop()
             if as_json:
                 with suppress(OSError):
                     _say(f'{OUTPUT}: {error.strerror or error}')
             return 1
+
+
+def _internal(out: _Output, error: Exception, as_json: bool) -> int:
+    """Say that the program has a defect; in an `except`."""
+    if os.environ.get(SHOW_TRACEBACK):
+        traceback.print_exc()
+    what = ' '.join(f'{type(error).__name__}: {error}'.split())
+    return _fail(out, f'internal error: {what}; set {SHOW_TRACEBACK}=1 to see where', INTERNAL_ERROR, as_json)
 
 
 class _Output:

@@ -34,10 +34,6 @@ from typing import Any
 PREPARING = 'preparing'  # the thread that ~/load has for it
 SWITCH = 2e-5  # s; with 2e-4 a step in a second came late, the one beside the diagnostics
 LOOK = 0.25  # s between looks for the end and for signals; every one costs the simulation some of the interpreter lock
-MISSING = (
-    'rclpy is missing: source a ROS 2 Jazzy installation (source /opt/ros/jazzy/setup.bash), or, where there is none, '
-    "install the wheels with: pip install 'mbd_sim_ros[ros]'"
-)
 
 
 def prepare(scene: str, overrides: list[str]) -> tuple[Any, Any]:
@@ -69,16 +65,16 @@ def run(body: Callable[[], int], args: list[str] | None, name: str) -> int:
     """Run `body` inside rclpy.init and shutdown and return its exit code, or that of the error, which is printed as one sentence."""
     interrupts.install(_say, code=0)
     interrupts.now(f'starting {name}')
+    from solver.errors import MbdError, missing, refused
+
     try:
         import rclpy
         from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
         from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException, NameValidationException
         from rclpy.signals import SignalHandlerOptions
-    except ImportError:
-        print(MISSING, file=sys.stderr)
-        return 1
-    from solver.errors import MbdError, refused
-
+    except ImportError as error:
+        print(f'{name}: {missing(error)}', file=sys.stderr)
+        return 2
     # It says what follows from an error that is told anyway.
     warnings.filterwarnings('ignore', 'Failed to fini', RuntimeWarning)
     try:
@@ -117,6 +113,11 @@ def run(body: Callable[[], int], args: list[str] | None, name: str) -> int:
         return 2
     except RCLError as error:  # of rclpy.init: arguments and parameter files; the place in its source follows the reason
         print(f'{name}: {" ".join(str(error).split(", at ")[0].split())}', file=sys.stderr)
+        return 2
+    except ImportError as error:
+        if not (text := missing(error)):
+            raise
+        print(f'{name}: {text}', file=sys.stderr)
         return 2
     except OSError as error:
         print(f'{name}: {refused(error)}', file=sys.stderr)

@@ -148,8 +148,8 @@ def test_without_rclpy_it_says_how_to_get_it(tmp_path):
     done = subprocess.run(
         [sys.executable, '-c', code], cwd=ROOT, env=dict(os.environ), capture_output=True, text=True, timeout=60, check=False
     )
-    assert done.returncode == 1
-    assert done.stderr.startswith('rclpy is missing') and done.stderr.count('\n') == 1
+    assert done.returncode == 2
+    assert done.stderr.startswith('simulator: rclpy is missing') and done.stderr.count('\n') == 1
 
 
 def test_recording_and_reading_do_not_need_rclpy():

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import os
+import re
+import runpy
 import shutil
 import subprocess
 import sys
 import sysconfig
 import venv
+from importlib.metadata import version
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -119,6 +122,40 @@ def test_manifest_names_what_is_imported():
     assert ros <= declared
     assert {'rclpy', 'sensor_msgs', 'launch_ros'} <= ros
     assert manifest.findtext('export/build_type') == 'ament_python'
+
+
+def test_manifest_has_a_key_for_all_that_pip_installs():
+    """Keys of rosdep: python3-NAME of the system, but for mcap, which only a package that is built on it brings."""
+    declared = {element.text for element in ElementTree.parse(ROOT / 'package.xml').getroot().iter('exec_depend')}
+    needed = {re.split(r'[<>=]', text)[0] for text in requirements()}
+    assert {'numba', 'mcap', 'tqdm'} <= needed
+    keys = {'pyyaml': 'python3-yaml', 'mcap': 'mcap-ros2-support', 'llvmlite': 'python3-numba'}
+    assert {keys.get(name, f'python3-{name}') for name in needed} <= declared
+
+
+def test_what_is_installed_is_in_the_ranges_that_have_been_tested():
+    """And the ranges are closed: what is newer has not been tested."""
+    ranges = {name: (low, high) for name, low, high in (re.fullmatch(RANGE, text).groups() for text in requirements() if '>=' in text)}
+    assert {'numba', 'llvmlite', 'numpy', 'scipy', 'mcap'} <= ranges.keys()
+    for name, (low, high) in ranges.items():
+        assert number(low) <= number(version(name)) < number(high), name
+
+
+RANGE = r'(\w+)>=([\d.]+),<([\d.]+)'
+
+
+def number(text: str) -> tuple[int, ...]:
+    return tuple(int(part) for part in re.findall(r'\d+', text)[:3])
+
+
+def requirements() -> list[str]:
+    """What setup.py has installed with the package."""
+    found: dict = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr('setuptools.setup', lambda **options: found.update(options))
+        patch.chdir(ROOT)
+        runpy.run_path(str(ROOT / 'setup.py'))
+    return found['install_requires']
 
 
 def test_versions_agree():

@@ -1,0 +1,51 @@
+"""The Makefile before anything is made: which Python is taken, and which tests run."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+OLDER = """#!/bin/sh
+exec {python} -c 'import sys; sys.version_info = (3, {minor}, 2, "final", 0); exec(sys.argv[1])' "$2"
+"""
+
+
+def make(*arguments: str) -> subprocess.CompletedProcess[str]:
+    environment = {name: value for name, value in os.environ.items() if not name.startswith('MAKE')}
+    return subprocess.run(['make', '-s', *arguments], cwd=ROOT, env=environment, capture_output=True, text=True, timeout=20, check=False)
+
+
+@pytest.mark.parametrize('minor', [8, 10])
+@pytest.mark.parametrize('where', ['named', 'of the environment'])
+def test_a_python_that_is_too_old_ends_make_setup_at_once(minor: int, where: str, tmp_path: Path) -> None:
+    place = tmp_path / 'older' if where == 'named' else tmp_path / 'venv' / 'bin' / 'python'
+    place.parent.mkdir(parents=True, exist_ok=True)
+    place.write_text(OLDER.format(python=sys.executable, minor=minor))
+    place.chmod(0o755)
+    named = place if where == 'named' else sys.executable
+    for target in ('setup', 'runtime'):
+        done = make(target, f'PYTHON={named}', f'VENV={tmp_path / "venv"}')
+        assert done.returncode == 2
+        assert done.stdout == (
+            f'{place} is Python 3.{minor}, and 3.11 or newer is needed: name another one, e.g. make setup PYTHON=python3.11, and remove '
+            f'{tmp_path}/venv if it was made with this one\n'
+        )
+    assert where != 'named' or not (tmp_path / 'venv').exists()
+
+
+@pytest.mark.parametrize('name', ['python3.99', './nothing', '/bin/true', '/bin/false', '/etc/passwd'])
+def test_a_name_that_is_no_python_ends_make_setup_at_once(name: str, tmp_path: Path) -> None:
+    done = make('setup', f'PYTHON={name}', f'VENV={tmp_path / "venv"}')
+    assert done.returncode == 2
+    assert done.stdout.startswith(f'{name} is no Python that can be started: name another one') and done.stdout.count('\n') == 1
+
+
+def test_what_runs_after_every_edit_has_no_test_that_a_release_waits_for() -> None:
+    """What `make check` runs, `make test` runs too."""
+    (chosen,) = [line for line in make('-n', 'check').stdout.splitlines() if 'pytest' in line]
+    assert all(f'not {mark}' in chosen for mark in ('slow', 'realtime', 'long'))
