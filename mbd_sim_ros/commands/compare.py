@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from mbd_sim_ros.bags.patterns import fits_any
 from mbd_sim_ros.commands import Result, declare, table
-from solver.errors import BagError
+from solver.errors import BagError, SpecError
 
 if TYPE_CHECKING:
     from mbd_sim_ros.analysis.alignment import Offset
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 SHOWN = 12
 EXAMPLE = """mbd compare bags/coarse bags/fine --rtol 1e-3 --atol 1e-6 --html out/compare.html
   mbd compare bags/first bags/again --exact
+  mbd compare measured/lap_1.csv --look > car.yaml
   mbd compare bags/run measured/lap_1 measured/lap_2 measured/lap_3 --mapping car.yaml --align imu/wz --tolerances limits.yaml
 mapping file (THEIRS in deg/s becomes OURS in rad/s; axes: theirs are turned by roll, pitch, yaw):
   channels:
@@ -36,6 +37,18 @@ tolerance file (the first pattern that fits counts; rms, peak: relative; shift: 
   default: {rtol: 0.1}"""
 
 
+class _Alone(argparse.Action):
+    """A flag with which another argument is not needed. That one stays required of its own, so that options may stand before it."""
+
+    def __init__(self, option_strings: Sequence[str], dest: str, *, other: argparse.Action, help: str) -> None:
+        super().__init__(option_strings, dest, nargs=0, default=False, help=help)
+        self.other = other
+
+    def __call__(self, parser: Any, namespace: argparse.Namespace, *_: Any) -> None:
+        setattr(namespace, self.dest, True)
+        self.other.required = False
+
+
 def add(parsers: Any) -> None:
     """Declare the command."""
     parser = declare(
@@ -47,7 +60,7 @@ def add(parsers: Any) -> None:
     )
     source = 'bag directory, .mcap file, table (.csv, .tsv, .txt) or directory of .csv files'
     parser.add_argument('run_', metavar='RUN', type=Path, help=source)
-    parser.add_argument('reference', metavar='REFERENCE', type=Path, help='the same; differences are RUN - REFERENCE')
+    reference = parser.add_argument('reference', metavar='REFERENCE', type=Path, help='the same; differences are RUN - REFERENCE')
     parser.add_argument(
         'repeats',
         metavar='REPEAT',
@@ -55,6 +68,12 @@ def add(parsers: Any) -> None:
         nargs='*',
         default=[],
         help='more references: repeats of one test, whose mean is the reference; RUN may leave it by its 95 %% confidence band as well',
+    )
+    parser.add_argument(
+        '--look',
+        action=_Alone,
+        other=reference,
+        help='of RUN alone: which column is which quantity, in which unit and sign, as a mapping file to confirm',
     )
     judged = parser.add_argument_group('what is allowed')
     judged.add_argument(
@@ -100,6 +119,8 @@ def add(parsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> Result:
     """Read all, compare, draw."""
+    if args.look:
+        return _look(args)
     import numpy as np
 
     from mbd_sim_ros import interrupts
@@ -178,6 +199,24 @@ def run(args: argparse.Namespace) -> Result:
             found, args.html, names=names, about=about(found, names, left_out, unused, doubts), verdict=(result.code == 0, verdict)
         )
     return result
+
+
+def _look(args: argparse.Namespace) -> Result:
+    """The first look at one recording. Raises BagError and SpecError."""
+    from mbd_sim_ros import interrupts
+    from mbd_sim_ros.analysis import mapping, runs
+    from mbd_sim_ros.analysis.look.first import look
+    from mbd_sim_ros.analysis.look.report import as_data, as_yaml
+
+    if args.reference is not None:
+        raise SpecError(f'mbd compare --look looks at one recording; leave {args.reference} out')
+    interrupts.now(f'looking at {args.run_}')
+    time = mapping.load_mapping(args.mapping).time if args.mapping is not None else None
+    run = runs.read(args.run_, args.channel, time=time)
+    if not run.series:
+        raise BagError(f'{args.run_}: no channel matches {args.channel}')
+    found = look(run)
+    return Result(data=as_data(found, run), text=as_yaml(found, run, str(args.run_)))
 
 
 def _read(args: argparse.Namespace, pairs: dict, file: ChannelMap | None) -> tuple[Run, list[Run], frozenset[str]]:

@@ -1,0 +1,155 @@
+"""Columns of a recording on one even grid of time, smoothed alike, and the factor between two of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+
+from mbd_sim_ros.analysis.look.roles import Role
+from mbd_sim_ros.bags.reader import Run
+
+SMOOTH = 0.1  # s, standard deviation by which all columns are smoothed alike; ten times as much leaves no maneuver
+LAG = 0.5  # s, most by which one column may be later than the other
+GAP = 0.5  # s without a sample, across which nothing is compared
+MOST = 40_000  # instants of the grid
+LEAST = 100  # of them in a relation
+SAMPLES = 20  # of a column that is looked at
+SPREAD = 0.1  # of the ratio of two speeds, relative to it; slip and noise of what drives with its wheels stay below
+MOVING = 0.2  # part of the largest speed above which curvature is yaw rate over speed
+
+
+@dataclass
+class Column:
+    """What the first look says of a column. unit, sign: None where the data do not tell. why: the evidence; against: why it is
+    not told, or what else does not hold."""
+
+    name: str
+    role: Role
+    unit: str | None = None
+    sign: int | None = None
+    why: list[str] = field(default_factory=list)
+    against: list[str] = field(default_factory=list)
+    stated: str = ''
+
+    @property
+    def told(self) -> bool:
+        """Whether role, unit and sign are confirmed by data."""
+        return self.unit is not None and self.sign is not None
+
+
+class Fit(NamedTuple):
+    """y = factor * x + constant: the factor, the correlation, and by how much y is later [s]. spread: of the ratio y / x relative to it,
+    where the factor is that, and the correlation what is not spread."""
+
+    factor: float
+    correlation: float
+    lag: float
+    spread: float | None = None
+
+    @property
+    def text(self) -> str:
+        """In words."""
+        late = f', {abs(self.lag):.2f} s {"later" if self.lag > 0 else "earlier"}' if abs(self.lag) >= 0.02 else ''
+        if not math.isfinite(self.factor):
+            return 'too little moves, or the factor is not constant'
+        if self.spread is not None:
+            return f'factor {self.factor:.4g} within {100.0 * self.spread:.1g} %'
+        return f'factor {self.factor:.3g}, correlation {abs(self.correlation):.3f}{late}'
+
+
+class Grid:
+    """The columns with a role on one even grid of time, smoothed alike; NaN where there are no samples."""
+
+    def __init__(self, run: Run, columns: Sequence[Column]) -> None:
+        home = {name: one for one in run.series.values() for name in one.columns}
+        samples = {}
+        for c in columns:
+            values = home[c.name].columns[c.name]
+            good = np.isfinite(values)
+            if good.sum() >= SAMPLES:
+                samples[c.name] = (home[c.name].time_ns[good] * 1.0, values[good].astype(float))
+        self.dt, self.values, self.wraps = 0.01, {}, {}
+        if not samples:
+            return
+        begin, end = min(t[0] for t, _ in samples.values()), max(t[-1] for t, _ in samples.values())
+        self.dt = max(float(np.median([np.median(np.diff(t)) for t, _ in samples.values()])) * 1e-9, (end - begin) * 1e-9 / MOST, 1e-3)
+        grid = np.arange(begin, end + 1.0, self.dt * 1e9)
+        for c in columns:
+            if c.name not in samples:
+                continue
+            t, values = samples[c.name]
+            if c.role.what == 'yaw':
+                values, self.wraps[c.name] = _unwrapped(values)
+            behind = np.clip(np.searchsorted(t, grid), 1, t.size - 1)
+            apart = t[behind] - t[behind - 1] > max(GAP * 1e9, 5.0 * float(np.median(np.diff(t))))
+            apart |= (grid < t[0]) | (grid > t[-1])
+            at = np.interp(grid, t, values)
+            at[apart] = np.nan
+            self.values[c.name] = at
+
+    def __contains__(self, name: str) -> bool:
+        return name in self.values
+
+    def smooth(self, values: np.ndarray, seconds: float = SMOOTH) -> np.ndarray:
+        """Values with a Gaussian of so many seconds over what is there."""
+        from scipy.ndimage import gaussian_filter1d
+
+        there = np.isfinite(values)
+        weight = gaussian_filter1d(there.astype(float), seconds / self.dt)
+        with np.errstate(invalid='ignore', divide='ignore'):
+            result = gaussian_filter1d(np.where(there, values, 0.0), seconds / self.dt) / weight
+        return np.where(there, result, np.nan)
+
+    def of(self, name: str, seconds: float = SMOOTH) -> np.ndarray:
+        """A column, smoothed."""
+        return self.smooth(self.values[name], seconds)
+
+    def rate(self, values: np.ndarray) -> np.ndarray:
+        """Derivative of what is smooth."""
+        return np.gradient(values, self.dt)
+
+    def fit(self, x: np.ndarray, y: np.ndarray) -> Fit:
+        """The best factor between two signals over lags up to LAG. Both have noise: the factor is the geometric mean of the one of y by x
+        and the ratio of the standard deviations, which is too small by as much as the other is too large."""
+        best = still = Fit(math.nan, 0.0, 0.0)
+        most = round(LAG / self.dt)
+        step = max(1, most // 25)
+        for lag in sorted({*range(-most, most + 1, step), 0}, key=abs):
+            a, b = (x[: x.size - lag], y[lag:]) if lag >= 0 else (x[-lag:], y[:lag])
+            good = np.isfinite(a) & np.isfinite(b)
+            if good.sum() < LEAST:
+                continue
+            a, b = a[good], b[good]
+            sa, sb = float(a.std()), float(b.std())
+            if not (sa > 1e-9 * (abs(a).max() + 1e-300) and sb > 1e-9 * (abs(b).max() + 1e-300)):
+                continue
+            c = float(np.mean((a - a.mean()) * (b - b.mean())) / (sa * sb))
+            if abs(c) > abs(best.correlation) + 1e-4:
+                best = Fit(math.copysign(math.sqrt(abs(c)), c) * sb / sa, c, lag * self.dt)
+                still = best if lag == 0 else still
+        return best if abs(best.lag) < LAG - 1.5 * step * self.dt else still  # at the last lag it only grows: no delay is found
+
+    def ratio(self, x: np.ndarray, y: np.ndarray) -> Fit:
+        """The factor between two speeds, which are zero together: the median of y / x where x moves."""
+        with np.errstate(invalid='ignore', divide='ignore'):
+            parts = (y / x)[np.abs(x) > MOVING * np.nanmax(np.abs(x))]
+        parts = parts[np.isfinite(parts)]
+        if parts.size < LEAST:
+            return Fit(math.nan, 0.0, 0.0)
+        factor = float(np.median(parts))
+        spread = float(1.4826 * np.median(np.abs(parts - factor)) / (abs(factor) + 1e-300))
+        return Fit(factor, max(0.0, 1.0 - spread), 0.0, spread) if spread <= SPREAD else Fit(math.nan, 0.0, 0.0)
+
+
+def _unwrapped(values: np.ndarray) -> tuple[np.ndarray, str]:
+    """An angle without the jumps of full turns, and the unit that their size tells."""
+    jumps = np.abs(np.diff(values))
+    for unit, turn in (('rad', 2.0 * math.pi), ('deg', 360.0)):
+        large = jumps[jumps > 0.75 * turn]
+        if large.size and np.all(large < 1.1 * turn) and np.ptp(values) < 1.1 * turn:
+            return np.unwrap(values, period=turn), unit
+    return values, ''
