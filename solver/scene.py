@@ -18,6 +18,7 @@ from solver.elements.registry import CONSTRAINTS, FORCES
 from solver.errors import SpecError, suggestion
 from solver.inputs.actuation import Actuation
 from solver.inputs.assistance import Assistance
+from solver.inputs.hands import BY_WHEEL, STEERING
 from solver.inputs.maneuver import Maneuver, base_names
 from solver.inputs.recorded import Reach
 from solver.inputs.signals import maps_in, signal
@@ -249,7 +250,7 @@ class Scene:
             require(False, where_, 'start.coordinates', name, 'no such coordinate' + suggestion(name, known))
         names = base_names(self.model.inputs)
         for name in (n for n in self.maneuver.channels if n not in names):
-            require(False, where_, 'maneuver', name, 'the model has no such input' + suggestion(name, names))
+            require(False, where_, 'maneuver', name, 'the model has no such input' + (_actuated(name) or suggestion(name, names)))
         _check_inputs(where_, self.maneuver, np.linspace(0.0, self.duration, SAMPLES), self.actuation.wheels)
         _check_reaches(where_, self.maneuver, np.linspace(0.0, self.duration, SAMPLES), reaches(self.model))
         shifts = 0 if self.assistance.shift is None else len(self.assistance.shift.up)
@@ -293,6 +294,15 @@ class Scene:
 def coordinates_of(model: ModelSpec) -> list[CoordinateSpec]:
     """All coordinates of a model: those of its joints, and those between markers."""
     return [c for joint in model.joints for c in joint_coordinates(joint)] + list(model.coordinates)
+
+
+def _actuated(name: str) -> str:
+    """The actuation that makes a command an input of a vehicle, or nothing."""
+    if name == STEERING['torque']:
+        return '; a torque turns the steering wheel with actuation: {steering: torque}'
+    if name.startswith(BY_WHEEL):
+        return '; single wheels are driven and braked with actuation: {wheels: true}'
+    return '; give it as maneuver.road_wheel, not under signals' if name == STEERING['road_wheel'] else ''
 
 
 def _check_inputs(where_: str, maneuver: Maneuver, t: np.ndarray, wheels: bool) -> None:

@@ -30,6 +30,7 @@ from solver.scene import Scene
 from solver.start.displacement import displace, require_free, require_near, sight
 from solver.start.initial_conditions import InitialConditions
 from solver.start.newton import ConsistentState
+from solver.start.reach import beyond_reach
 from solver.start.rescue import turn_across
 from solver.step.adaptation import Adaptation, is_idle
 from solver.step.augmented_lagrangian import advance, perform
@@ -38,7 +39,7 @@ from solver.step.control import Event
 from solver.step.extrapolation import extrapolate, require_resolved_friction
 from solver.step.failure import sentence
 from solver.step.scheme import scheme_of
-from solver.step.work import OK, LastStep, StepResult, new_work
+from solver.step.work import NOT_CONVERGED, OK, LastStep, StepResult, new_work
 from solver.vehicle.actuation import assisted_wheels, reaches, steering_reaches
 
 if TYPE_CHECKING:
@@ -262,7 +263,7 @@ class Simulation:
                 self._inputs = inputs[0 if held else first + done - 1].copy()
             self._count(result.counters)
             if result.status != OK:
-                raise StepError(self._failure(result))
+                raise StepError(self._failure(result, inputs[0 if held else first + done]))
             if done < part:  # somebody asks for an end
                 energy = self._work.energy.copy()
                 self._show_present()
@@ -314,8 +315,12 @@ class Simulation:
         self._counters = counters if self._counters is NO_STEPS else self._counters.followed_by(counters)
         self._totals = self._totals.followed_by(counters)
 
-    def _failure(self, result: StepResult) -> str:
+    def _failure(self, result: StepResult, inputs: np.ndarray | None = None) -> str:
+        """Why a step failed. inputs (nu,): those of that step, where a driver may have asked for more than the mechanism can do."""
         when = f't = {self.t_ns * 1e-9:.6f} s, step {self.k}'
+        why = beyond_reach(self.model, self.state, inputs, self.h) if inputs is not None and result.status == NOT_CONVERGED else ''
+        if why:
+            return f'{when}: {why}'
         return sentence(self.model, self.scene.integrator, self.scheme, self.state, self._work, result, when)
 
     def snapshot(self) -> Snapshot:

@@ -48,6 +48,7 @@ the rim go on beyond that, along straight lines that nobody has measured.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -63,6 +64,7 @@ from solver.inputs.unresolved import LARGEST
 from solver.model.saddle import CONDENSED
 from solver.output import energy as account
 from solver.simulation import Simulation
+from solver.start.reach import beyond_reach
 from solver.step.failure import LARGEST_TURN_PER_STEP, MORE_DIGITS, ROUNDING_PENALTY
 from solver.step.iteration import LARGEST_STAGNATION
 
@@ -249,7 +251,9 @@ def _contradiction(s: Simulation) -> Finding | None:
     text = 'redundant joints contradict each other, and the forces in which they do hold, beside what moves,'
     place = f'constraint {s.model.row_names[int(row)]!r}'
     _, limit = account.contradicts(s.last_step.energy, s.model.tables.bodies)
-    return _finding('contradiction', energy, limit, None, 'J', time, place, text, MORE_DIGITS)
+    found = _finding('contradiction', energy, limit, None, 'J', time, place, text, MORE_DIGITS)
+    why = beyond_reach(s.model, s.state, s.snapshot().inputs) if found else ''
+    return dataclasses.replace(found, text=why) if found and why else found
 
 
 def _condensed(s: Simulation) -> bool:
@@ -278,9 +282,15 @@ def _light(s: Simulation) -> Finding | None:
     mass = np.where(bodies.mass > 0.0, bodies.mass, np.inf)  # without any mass nothing is hidden
     hidden = np.finfo(float).eps * float(s.scheme.penalty.max()) / (s.model.tables.penalty_inverse_mass * mass)
     body = int(np.argmax(hidden))
+    penalty = s.scene.integrator.penalty
     text = 'rounding of the condensed matrix hides the inertia of a light body; of an acceleration of it that makes'
     remedy = f'give it {mass[body] * hidden[body] / HIDDEN:.2g} kg or more, or none where constraints determine its motion'
-    return _finding('light_body', hidden[body], HIDDEN, None, '', None, f'body {s.model.body_names[body]!r}', text, remedy)
+    if penalty > ROUNDING_PENALTY:  # the penalty is to blame, not the body
+        text = f'the penalty {penalty:g} is so large that rounding hides the inertia of bodies; of an acceleration that makes'
+        below = 10.0 ** math.floor(math.log10(penalty * HIDDEN / hidden[body])) if hidden[body] > HIDDEN else penalty
+        remedy = f'reduce integrator.penalty to {below:.0e} or less, or take integrator.form: block'
+    place = '' if penalty > ROUNDING_PENALTY else f'body {s.model.body_names[body]!r}'
+    return _finding('light_body', hidden[body], HIDDEN, None, '', None, place, text, remedy)
 
 
 def _distance(s: Simulation) -> Finding | None:

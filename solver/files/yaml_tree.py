@@ -180,6 +180,8 @@ def _check(node: Node, path: str, above: tuple[int, ...], extent: Extent) -> Non
             if not isinstance(key, ScalarNode):
                 raise refuse(key, path, 'a key must be a word')
             here = join(path, key.value)
+            if key.value == '<<' and key.style is not None:
+                raise SceneError(f"{where(key)}: {here}: the key '<<' is in quotes: write it, and the name of its file, without them")
             if key.tag == MERGE and not (names_file(value) and value.style is None):
                 what = 'must be the name of a file, without quotes: the mapping is that, changed by the keys beside it'
                 raise refuse(value, here, what + unfit(value))

@@ -30,7 +30,7 @@ from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.elements.guide import GuideSpec
 from solver.elements.guide_map import BESIDE
 from solver.elements.laws import Law
-from solver.elements.marker import Marker
+from solver.elements.marker import WORLD, Marker
 from solver.elements.registry import FORCES
 from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.road import RoadSpec
@@ -184,8 +184,9 @@ class _Reduction:
                 continue
             for element in getattr(self.spec, kind.name):
                 where = [getattr(element, name).body for name in ('marker', 'i', 'j') if getattr(element, name, None) is not None]
-                if set(where) - {self.chassis.name, 'world'}:
-                    raise SpecError(f'{element.where}: acts on {where[0]!r}, which this level does not have; use full')
+                missing = [body for body in where if body not in (self.chassis.name, WORLD)]
+                if missing:
+                    raise SpecError(f'{element.where}: acts on {missing[0]!r}, which this level does not have; use full')
             found[kind.name] = getattr(self.spec, kind.name)
         return found
 

@@ -33,6 +33,7 @@ from solver.start.placement import (
     refuse_undirected,
     refuse_unloaded_wheels,
 )
+from solver.start.reach import beyond_reach
 from solver.start.rolling import held_body, lay_on_road, roll_wheels, settle_rolling, without_brakes
 from solver.step.work import Scheme, StepResult
 
@@ -71,7 +72,9 @@ class InitialConditions:
         calculation = Equilibrium(self.model)
         state = self.state
         placed = state.q.copy()
+        as_placed = new_state(self.model)
         update_angles(Ref(self.model.tables.coordinates), kinematics_of(state.q, state.v), state.angle)
+        copy_state(state, as_placed)
         values = {n: c.value for n, c in start.coordinates.items() if c.value is not None}
         rates = {n: c.rate for n, c in start.coordinates.items() if c.rate is not None}
         if start.kind == 'equilibrium' and start.speed and rates:
@@ -81,10 +84,16 @@ class InitialConditions:
             )
         refuse_points_without_distance(self.model, state)
         refuse_flat_discs(self.model, state)
-        if start.kind == 'as_placed' and not values:
-            refuse_open_joints(self.model, state, u)
-        # what digits leave open the first step would close at once: by a force that grows as the step falls
-        self._with_rows(list(values), list(values.values())).assemble(state, u)
+        try:
+            if start.kind == 'as_placed' and not values:
+                refuse_open_joints(self.model, state, u)
+            # what digits leave open the first step would close at once: by a force that grows as the step falls
+            self._with_rows(list(values), list(values.values())).assemble(state, u)
+        except ConsistencyError as error:
+            why = beyond_reach(self.model, as_placed, u)
+            if not why:
+                raise
+            raise ConsistencyError(f'start: {why}') from error
         refuse_turned_over(self.model, state)
         refuse_links_without_length(self.model, state)
         if start.kind == 'equilibrium':

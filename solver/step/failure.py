@@ -53,7 +53,10 @@ def sentence(model: Model, settings: IntegratorSettings, scheme: Ref, state: Sta
     else:
         remedy = f'not even with {smallest}: {remedy} or raise the penalties'
     if settings.form == 'condensed' and scheme.penalty.max(initial=0.0) > ROUNDING_PENALTY:
-        remedy = 'reduce integrator.penalty, whose rounding spoils the condensed matrix, or take integrator.form: block'
+        remedy = (
+            f'the penalty {scheme.penalty.max():.3g} is so large that its rounding spoils the condensed matrix: reduce '
+            f'integrator.penalty to {ROUNDING_PENALTY:.0e} or less, or take integrator.form: block'
+        )
     if contradicts(energy, model.tables.bodies)[0]:
         row = model.row_names[int(energy[CONTRADICTION + 2])]
         remedy = f'redundant joints contradict each other, most at constraint {row!r}: {MORE_DIGITS}'
