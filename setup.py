@@ -10,7 +10,7 @@ SHARE = f'share/{NAME}'
 ROOT = Path(__file__).parent
 # What compiles kernels, computes, and writes recordings: from the oldest to the newest versions that have been tested, for the cache of
 # kernels uses private parts of numba, and the bits have to stay. Continuous integration runs both ends (.ci/oldest).
-COMPILED_WITH = ['numba>=0.58.1,<0.69', 'llvmlite>=0.41.1,<0.51', 'numpy>=1.26.0,<2.5', 'scipy>=1.11.1,<1.18', 'mcap>=1.2.1,<1.7']
+COMPILED_WITH = ['numba>=0.58.1,<0.69', 'llvmlite>=0.41.1,<0.51', 'numpy>=1.26.0,<2.5', 'scipy>=1.11.1,<1.18', 'mcap>=1.5.0,<1.7']
 
 
 def data_files() -> list[tuple[str, list[str]]]:
