@@ -69,6 +69,7 @@ setup(
             'pytest',
             'pytest-xdist',
             'rosbags',
+            'pycrg',
             'rerun-sdk',
             'imageio-ffmpeg',
             'SALib',

@@ -39,6 +39,7 @@ def run(args: argparse.Namespace) -> Result:
     from mbd_sim_ros.analysis.pages import write_text
     from solver import simulation_of
     from solver.analysis.figures import is_vehicle
+    from solver.elements.curved_grid import CurvedGrid
 
     if args.scene.lower().endswith('.tir'):
         return _tire_file(args)
@@ -78,10 +79,14 @@ def run(args: argparse.Namespace) -> Result:
     if scene.model.tires:
         data['tire_data'], receipts = _tires(scene)
         text += receipts
+    curved = [grid for grid in scene.model.road.grids if isinstance(grid, CurvedGrid)]
+    if notes := [f'{grid.file or grid.sha256}: {note}' for grid in curved for note in grid.notes]:
+        data['road_notes'] = notes
+        text += '\n\nroad' + ''.join(f'\n  {note}' for note in notes)
     rows = [
         (key.replace('_', ' '), f'{_text(value)} {UNITS.get(key, "")}'.rstrip())
         for key, value in data.items()
-        if key not in ('status', 'figures', 'level', 'start', 'tire_data') and value not in ('', [], {})
+        if key not in ('status', 'figures', 'level', 'start', 'tire_data', 'road_notes') and value not in ('', [], {})
     ]
     rows.append(('start', str(simulation.start)))
     return Result(data=data, text=table(rows) + text)

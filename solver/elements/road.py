@@ -16,10 +16,13 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
+from solver.compiled.by_reference import Ref
 from solver.compiled.dual import sqrt
 from solver.compiled.kernel import kernel
 from solver.compiled.portable import norm, solve_tridiagonal
 from solver.dimensions import Angle, Length, Place, Point
+from solver.elements.curved_grid import MOST_NODES as MOST_CURVED
+from solver.elements.curved_grid import NUMBERS, CurvedGrid, curve_of, on_line, weights
 from solver.elements.enveloping import Edge, Footprint, Heights, effective, sharpest
 from solver.elements.marker import Spec
 from solver.elements.road_grids import MOST_NODES, FrictionMap, HeightGrid, RandomRoad, RasterGrid
@@ -68,7 +71,7 @@ class RoadSpec(Spec):
     friction: float = 1.0
     patches: tuple[FrictionPatch, ...] = ()
     maps: tuple[FrictionMap, ...] = ()
-    grids: tuple[HeightGrid | RasterGrid | RandomRoad, ...] = ()
+    grids: tuple[HeightGrid | RasterGrid | CurvedGrid | RandomRoad, ...] = ()
     contact: Literal['auto', 'point', 'enveloping'] = 'auto'
 
     def __post_init__(self) -> None:
@@ -84,8 +87,10 @@ class RoadSpec(Spec):
         self.set('patches', tuple(self.patches))
         self.set('maps', tuple(self.maps))
         self.set('grids', tuple(self.grids))
-        nodes = sum(grid.nodes for grid in (*self.grids, *self.maps))
-        require(nodes <= MOST_NODES, self.where, 'grids', f'{nodes:.3g} heights', f'must have {MOST_NODES} at most, all of them together')
+        curved = [grid for grid in self.grids if isinstance(grid, CurvedGrid)]
+        others = [grid for grid in (*self.grids, *self.maps) if not isinstance(grid, CurvedGrid)]
+        for nodes, most in ((sum(g.nodes for g in others), MOST_NODES), (sum(g.nodes for g in curved), MOST_CURVED)):
+            require(nodes <= most, self.where, 'grids', f'{nodes:.3g} heights', f'must have {most} at most, all of them together')
 
 
 class RoadTable(NamedTuple):
@@ -102,6 +107,12 @@ class RoadTable(NamedTuple):
     start: np.ndarray  # (ng,)
     spline: np.ndarray  # (sum of nodes,) B-spline coefficients [m, or of a factor]
     heights: np.ndarray  # (1,) number of grids that are heights
+    line: np.ndarray  # (ng,) number of the reference line that a grid lies along, -1: it lies along x and y of its own
+    line_start: np.ndarray  # (nl + 1,) where the places of each line begin in line_spline
+    line_spline: np.ndarray  # (places of all lines, 4) coefficients of p and m (solver.elements.curved_grid)
+    line_numbers: np.ndarray  # (nl, NUMBERS) Curve.numbers
+    line_cells: np.ndarray  # (nl, 3) where the cells of each line begin in cells, how many along x and y
+    cells: np.ndarray  # (cells of all lines,) Curve.cells
     enveloping: np.ndarray  # (1,): 1 where some grid is an effective road, 0 where all are touched at a point
 
 
@@ -121,9 +132,10 @@ def interpolating(grid: Heights) -> Heights:
 
 
 @functools.lru_cache(maxsize=16)  # asked for whenever a run is judged
-def edge(grid: HeightGrid | RasterGrid) -> Edge:
+def edge(grid: HeightGrid | RasterGrid | CurvedGrid) -> Edge:
     """The roundest hollow of a grid."""
-    return sharpest(grid.heights)
+    found = sharpest(grid.heights)
+    return found._replace(place=grid.place(*found.place)) if isinstance(grid, CurvedGrid) and grid.line is not None else found
 
 
 def envelops(spec: RoadSpec, radius: float) -> tuple[bool, ...]:
@@ -131,6 +143,25 @@ def envelops(spec: RoadSpec, radius: float) -> tuple[bool, ...]:
     if spec.contact != 'auto':
         return (spec.contact == 'enveloping',) * len(spec.grids)
     return tuple(not isinstance(g, RandomRoad) and edge(g).curvature > 1.0 / radius for g in spec.grids)
+
+
+def within(grid: HeightGrid | RasterGrid | CurvedGrid | RandomRoad, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """(n,) whether places x, y (n,) [m] in W are on a grid, and not beside it."""
+    if isinstance(grid, RandomRoad):
+        origin, yaw, size = grid.origin, grid.yaw, (grid.length, grid.width)
+    else:
+        h = grid.heights
+        origin, yaw = h.origin, h.yaw
+        size = (h.height.shape[0] - 1) * h.step[0], (h.height.shape[1] - 1) * h.step[1]
+    if isinstance(grid, CurvedGrid) and grid.line is not None:
+        u, v = np.zeros(len(x)), np.zeros(len(x))
+        coordinates_at(Ref(compile_road(RoadSpec(grids=(grid,)))), 0, np.ascontiguousarray(x, float), np.ascontiguousarray(y, float), u, v)
+        u, v = u - origin[0], v - origin[1]
+    else:
+        forward, aside = math.cos(yaw), math.sin(yaw)
+        dx, dy = x - origin[0], y - origin[1]
+        u, v = forward * dx + aside * dy, forward * dy - aside * dx
+    return (u >= 0.0) & (u <= size[0]) & (v >= 0.0) & (v <= size[1])
 
 
 @functools.lru_cache(maxsize=2)  # the start of a scene compiles its model more than once
@@ -148,6 +179,11 @@ def compile_road(spec: RoadSpec, tire: Footprint | None = None) -> RoadTable:
     splines = [interpolating(g) for g in grids]
     splines += [m.heights for m in spec.maps]  # not interpolated: these numbers bound the factor
     sizes = [c.height.size for c in splines]
+    curved = [k for k, g in enumerate(spec.grids) if isinstance(g, CurvedGrid) and g.line is not None]
+    curves = [curve_of(spec.grids[k]) for k in curved]  # type: ignore[arg-type]
+    line = np.full(len(splines), -1, np.int64)
+    line[curved] = np.arange(len(curves))
+    begins = np.cumsum([0, *(c.cells.size for c in curves)])
     return RoadTable(
         plane=np.array([p[2] + (n[0] * p[0] + n[1] * p[1]) / n[2], -n[0] / n[2], -n[1] / n[2]]),
         friction=np.array([spec.friction]),
@@ -159,6 +195,12 @@ def compile_road(spec: RoadSpec, tire: Footprint | None = None) -> RoadTable:
         start=np.array([0, *np.cumsum(sizes)[:-1]], np.int64) if sizes else np.zeros(0, np.int64),
         spline=np.concatenate([c.height.ravel() for c in splines]) if sizes else np.zeros(0),
         heights=np.array([len(spec.grids)], np.int64),
+        line=line,
+        line_start=np.cumsum([0, *(len(c.spline) for c in curves)]).astype(np.int64),
+        line_spline=np.concatenate([np.zeros((0, 4)), *(c.spline for c in curves)]),
+        line_numbers=np.array([c.numbers for c in curves], float).reshape(-1, NUMBERS),
+        line_cells=np.array([[b, *c.cells.shape] for b, c in zip(begins[:-1], curves, strict=True)], np.int64).reshape(-1, 3),
+        cells=np.concatenate([np.zeros(0, np.int64), *(c.cells.ravel() for c in curves)]),
         enveloping=np.array([float(any(enveloped))]),
     )
 
@@ -172,16 +214,6 @@ def _step(s):
         return 0.0 * s + 1.0
     t = s + 0.5
     return t * t * t * (10.0 + t * (6.0 * t - 15.0))
-
-
-@kernel(inner=True)
-def _weights(t):
-    """Cubic B-spline weights of nodes -1, 0, 1, 2 at t in [0, 1], their first and second derivatives."""
-    r = 1.0 - t
-    s = t * t
-    w = (r * r * r / 6.0, (4.0 - 3.0 * s * (2.0 - t)) / 6.0, (4.0 - 3.0 * r * r * (1.0 + t)) / 6.0, s * t / 6.0)
-    d = (-0.5 * r * r, t * (1.5 * t - 2.0), r * (2.0 - 1.5 * r), 0.5 * s)
-    return w, d, (r, 3.0 * t - 2.0, 1.0 - 3.0 * t, t)
 
 
 @kernel(inner=True)
@@ -227,8 +259,8 @@ def _grid_at(road, g, x, y):
         if j > road.shape[g, 1] + 2:
             j = road.shape[g, 1] + 2
             b = 0.0 * b + (j + 0.5)
-    u, du, ddu = _weights(a - i)
-    w, dw, ddw = _weights(b - j)
+    u, du, ddu = weights(a - i)
+    w, dw, ddw = weights(b - j)
     f = (_row4(road, g, i - 1, j, w), _row4(road, g, i, j, w), _row4(road, g, i + 1, j, w), _row4(road, g, i + 2, j, w))
     f_b = (_row4(road, g, i - 1, j, dw), _row4(road, g, i, j, dw), _row4(road, g, i + 1, j, dw), _row4(road, g, i + 2, j, dw))
     f_bb = (_row4(road, g, i - 1, j, ddw), _row4(road, g, i, j, ddw), _row4(road, g, i + 1, j, ddw), _row4(road, g, i + 2, j, ddw))
@@ -250,6 +282,25 @@ def _grid_at(road, g, x, y):
 
 
 @kernel(borrow=True)
+def _curved_at(road, g, x, y):
+    """_grid_at of a grid along a reference line."""
+    u, v, first, second, sign_u, sign_v = on_line(road, road.line[g], x, y)
+    h, h_u, h_v, h_uu, h_uv, h_vv = _grid_at(road, g, u, v)
+    h_u = sign_u * h_u
+    h_v = sign_v * h_v
+    h_uv = sign_u * sign_v * h_uv
+    u_x, u_y, v_x, v_y = first
+    return (
+        h,
+        h_u * u_x + h_v * v_x,
+        h_u * u_y + h_v * v_y,
+        h_uu * u_x * u_x + 2.0 * h_uv * u_x * v_x + h_vv * v_x * v_x + h_u * second[0] + h_v * second[3],
+        h_uu * u_x * u_y + h_uv * (u_x * v_y + u_y * v_x) + h_vv * v_x * v_y + h_u * second[1] + h_v * second[4],
+        h_uu * u_y * u_y + 2.0 * h_uv * u_y * v_y + h_vv * v_y * v_y + h_u * second[2] + h_v * second[5],
+    )
+
+
+@kernel(borrow=True)
 def surface_at(road, x, y):
     """(h, h_x, h_y, h_xx, h_xy, h_yy): height [m], slopes [-] and second derivatives [1/m] of the road at (x, y) [m] in W."""
     zero = 0.0 * x
@@ -260,7 +311,7 @@ def surface_at(road, x, y):
     h_xy = zero
     h_yy = zero
     for g in range(road.heights[0]):
-        a = _grid_at(road, g, x, y)
+        a = _grid_at(road, g, x, y) if road.line[g] < 0 else _curved_at(road, g, x, y)
         h = h + a[0]
         h_x = h_x + a[1]
         h_y = h_y + a[2]
@@ -303,3 +354,17 @@ def road_at(road, x, y):
     """(height [m], unit normal in W, friction factor [-]) at (x, y) [m] in W."""
     h, h_x, h_y, _, _, _ = surface_at(road, x, y)
     return h, normal_of_slopes(h_x, h_y), friction_at(road, x, y)
+
+
+@kernel(borrow=True)
+def heights_at(road, x, y, z):
+    """Write the heights z (n,) [m] of the road at places x, y (n,) [m] in W."""
+    for k in range(x.size):
+        z[k] = surface_at(road, x[k], y[k])[0]
+
+
+@kernel(borrow=True)
+def coordinates_at(road, g, x, y, u, v):
+    """Write u, v (n,) [m] along the reference line of grid g, which has one, at places x, y (n,) [m] in W."""
+    for k in range(x.size):
+        u[k], v[k] = on_line(road, road.line[g], x[k], y[k])[:2]

@@ -159,8 +159,7 @@ class _Map:
 class RasterGrid(_Map):
     """Heights above the plane in a raster: offset + scale * number [m].
 
-    origin, step, yaw: as in HeightGrid. raster: the numbers, or a .png or .npz file with them. A road from an OpenCRG file (.crg, in place
-    of the grid) is one of these.
+    origin, step, yaw: as in HeightGrid. raster: the numbers, or a .png or .npz file with them.
     """
 
     scale: Length = 1.0

@@ -1,278 +1,359 @@
-"""Roads from OpenCRG files (.crg): heights along a reference line, as a raster in the plane.
+"""Roads from ASAM OpenCRG files (.crg): sections, references to other files, and the table of numbers.
 
-Format: ASAM OpenCRG 1.2 user manual. Read are the text forms LRFI, LDFI and the binary forms KRBI, KDBI; the reference line by its
-heading, its height by slope or by the heights of its ends, banking, and sections at equal or given distances from it. A straight road
-keeps its grid; a curved one is sampled anew on a grid along x and y. Beyond its borders a road goes on as at them. Modifiers and
-references to other files are refused, options (of the evaluation at borders, of smoothing) are not used.
+Format: [ASAM2020], chapter 3. What the numbers mean for the surface: crg_surface.py. Virtual channels (`U:`) decide nothing (3.4.3).
+A file that is referred to is looked up beside the one that names it, then in the current directory. Sections of options and modifiers are
+taken whole: those of the outermost file that has one, as in ASAM's library.
 """
 
 from __future__ import annotations
 
-import math
+import os
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from solver.compiled.elementary import cos, sin
-from solver.elements.road_grids import LARGEST_RASTER
-from solver.errors import SceneError
-from solver.files.raster import content_of, packed
+from solver.errors import SceneError, suggestion
+from solver.files.raster import content_of
 
-_FORMS = {'LRFI': (10, 8, ''), 'LDFI': (20, 4, ''), 'KRBI': (0, 0, '>f4'), 'KDBI': (0, 0, '>f8')}
-_HEADER = re.compile(r'([A-Za-z_][\w]*)[\s.]*=\s*(\S+)')
-STRAIGHT = 1e-6  # [rad]: headings of a straight road differ by less
-HOLES = 'grid_nan_mode'  # a modifier about missing numbers, which are always those of their neighbours here
+FORMS = {'LRFI': (10, 8, ''), 'LDFI': (20, 4, ''), 'KRBI': (0, 0, '>f4'), 'KDBI': (0, 0, '>f8')}  # width, per line; or type
+DEFAULT_FORM = 'KRBI'
+LARGEST_FILE = 1 << 30  # [bytes]: 100 million numbers in text
+LARGEST_TABLE = 64_000_000  # numbers
 LARGEST_NUMBER = 1e9
-CLOSEST = 1e-3  # [m] between two long sections
-FINEST = 0.02  # [m]: a curved road is not sampled finer
-BLOCK = 256  # nodes that are looked for together
+MOST_NESTED = 8  # files that name each other
+MOST_LINES = 1 << 17  # before the numbers
+_ENTRY = re.compile(r'([A-Za-z_]\w*)[\s.]*=\s*(\S*)')
+_POSITION = re.compile(r'long section\s+at v\s*=\s*(\S+)', re.IGNORECASE)
+_NUMBER = re.compile(r'long section\s+(\d+)', re.IGNORECASE)
+_SWAPPED = re.compile(r'^([-+]?[\d.]+)([-+])[eE](?=\d+$)')
+_VARIABLE = re.compile(r'\$(\w+)')
+
+_LINE = ('u', 'x', 'y', 'z', 'phi', 's', 'b')
+ROAD = (
+    *(f'reference_line_{end}_{what}' for end in ('start', 'end') for what in _LINE), 'reference_line_increment',
+    *(f'long_section_v_{what}' for what in ('right', 'left', 'increment')),
+)  # fmt: skip
+GEODETIC = tuple(f'reference_line_{end}_{what}' for end in ('start', 'end') for what in ('lon', 'lat', 'alt'))  # informative
+GLOBAL = tuple(f'reference_line_offset_{what}' for what in ('x', 'y', 'z', 'phi'))  # of the map, not of the road
+OPTIONS = (
+    'border_mode_u', 'border_mode_v', 'border_offset_u', 'border_offset_v', 'border_smooth_ubeg', 'border_smooth_uend',
+    'refline_continuation',
+)  # fmt: skip
+NO_HEIGHTS = ('refline_search_', 'warn_', 'log_', 'check_')  # options of how a program looks for places, and what it tells
+MODIFIERS = (
+    *(f'scale_{what}' for what in ('z_grid', 'slope', 'banking', 'length', 'width', 'curvature')), 'grid_nan_mode', 'grid_nan_offset',
+    *(f'refline_{what}' for what in ('rotcenter_x', 'rotcenter_y', 'offset_phi', 'offset_x', 'offset_y', 'offset_z')),
+    *(f'refpoint_{what}' for what in ('u', 'u_fraction', 'u_offset', 'v', 'v_fraction', 'v_offset', 'x', 'y', 'z', 'phi')),
+)  # fmt: skip
+CHOICES = {'border_mode_u': 5, 'border_mode_v': 5, 'refline_continuation': 2, 'grid_nan_mode': 3}  # whole numbers below
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Definition:
-    """What the head of a file says. numbers: by lower-case name; u: (start, increment); channels: names; form: of the data."""
+@dataclass(kw_only=True)
+class Crg:
+    """What a file, with those that it refers to, says. Entries by lower-case name: numbers of the road, options and modifiers (None: there
+    is no such section); where: file and line of each. channels: of the table, in order. notes: what has no effect."""
 
-    numbers: dict[str, float]
-    u: tuple[float, float]
-    channels: list[str]
-    form: str
-    data: bytes
+    path: Path
+    road: dict[str, float] = field(default_factory=dict)
+    options: dict[str, float] | None = None
+    modifiers: dict[str, float] | None = None
+    where: dict[str, str] = field(default_factory=dict)
+    channels: list[str] = field(default_factory=list)
+    form: str = DEFAULT_FORM
+    notes: list[str] = field(default_factory=list)
+    data: bytes | None = None
+    first_line: int = 0  # of the numbers
+    source: Path | None = None  # the file with the numbers
+
+    def refusal(self, key: str, remedy: str) -> SceneError:
+        """The error sentence about an entry."""
+        value = next((f'{entries[key]:.12g}' for entries in (self.road, self.options, self.modifiers) if entries and key in entries), '?')
+        return SceneError(f'{self.where.get(key, self.path)}: {key} = {value}: {remedy}')
 
 
 def read_crg(path: Path) -> dict[str, Any]:
-    """The fields of a raster grid (solver.elements.road_grids.RasterGrid) with its kind. Raises SceneError."""
-    head = _definition(path, content_of(path))
-    table = _table(path, head)
-    phi, z, v, heights = _surface(path, head, table)
-    du = head.u[1]
-    first = head.numbers.get('reference_line_start_phi', 0.0)
-    x0 = head.numbers.get('reference_line_start_x', 0.0)
-    y0 = head.numbers.get('reference_line_start_y', 0.0)
-    if np.abs(phi - first).max() < STRAIGHT:
-        v, heights = _uniform(path, v, heights)
-        c, s = math.cos(first), math.sin(first)
-        origin = (x0 - v[0] * s, y0 + v[0] * c)  # v counts to the left
-        return _grid(path, origin, (du, float(v[1] - v[0])), first, heights + z[:, None])
-    x = x0 + np.concatenate(([0.0], np.cumsum(cos(phi[1:]) * du)))
-    y = y0 + np.concatenate(([0.0], np.cumsum(sin(phi[1:]) * du)))
-    return _sampled(path, (x, y, phi), v, heights + z[:, None], du)
+    """The fields of a curved grid (solver.elements.curved_grid.CurvedGrid) with its kind. Raises SceneError."""
+    from solver.files.crg_surface import fields_of
+
+    crg = Crg(path=path)
+    _sections(path, crg, ())
+    if crg.data is None:
+        raise SceneError(f'{path}: not readable as OpenCRG: it has no data (a line that begins with $$$$)')
+    if not crg.road.get('reference_line_increment', 0.0) > 0.0:
+        if 'reference_line_increment' in crg.road:
+            raise crg.refusal('reference_line_increment', 'the increment of the reference line must be positive')
+        remedy = 'the section $ROAD_CRG must give it (a virtual channel, U:, decides nothing)'
+        raise SceneError(f'{crg.source}: reference_line_increment is missing: {remedy}')
+    return fields_of(crg, table_of(crg))
 
 
-def _definition(path: Path, data: bytes) -> _Definition:
-    """Everything before the data."""
-    numbers: dict[str, float] = {}
-    channels: list[str] = []
-    section, form, u, at = '', '', None, 0
+def _sections(path: Path, crg: Crg, above: tuple[Path, ...]) -> None:
+    """Read the sections of one file into what has been read before it."""
+    data = content_of(path, LARGEST_FILE)
+    # of an outer file, whose sections replace those of the inner ones
+    own = {'ROAD_CRG_OPTS': crg.options is None, 'ROAD_CRG_MODS': crg.modifiers is None}
+    named: list[tuple[str, str]] = []  # lines of $ROAD_CRG_FILE
+    section, at, number = '', 0, 0
     while at < len(data):
         end = data.find(b'\n', at)
         end = len(data) if end < 0 else end
         line = data[at:end].decode('latin-1').rstrip('\r')
-        at = end + 1
-        if line.startswith('$$$$') and form:
-            break
-        bare = line.split('!')[0].strip()
+        at, number = end + 1, number + 1
+        if number > MOST_LINES:
+            raise SceneError(f'{path}: not readable as OpenCRG: it has no data (a line that begins with $$$$) in {MOST_LINES} lines')
         if line.startswith('$'):
-            section = bare[1:].split()[0].upper() if bare[1:].split() else ''
-        elif section in ('ROAD_CRG_FILE', 'ROAD_CRG_MODS') and bare and not bare.startswith('*') and not bare.lower().startswith(HOLES):
-            what = 'a reference to another file' if section == 'ROAD_CRG_FILE' else f'modifiers ({bare.split()[0]})'
-            raise SceneError(f'{path}: has {what}, which is not supported: write the road with them in place')
-        elif section == 'ROAD_CRG' and (match := _HEADER.match(bare)):
-            numbers[match[1].lower()] = _float(path, match[1], match[2])
-        elif section == 'KD_DEFINITION' and bare.startswith('#:'):
-            form = bare[2:].strip().upper()
-        elif section == 'KD_DEFINITION' and bare[:2].upper() == 'U:':
-            cells = bare.split(',')
-            if len(cells) >= 4:
-                u = (_float(path, 'u', cells[2]), _float(path, 'u', cells[3]))
-        elif section == 'KD_DEFINITION' and bare[:2].upper() == 'D:':
-            channels.append(bare[2:].split(',')[0].strip().lower())
-    else:
-        raise SceneError(f'{path}: not readable as OpenCRG: it has no data (a line that begins with $$$$)')
-    if form not in _FORMS:
-        raise SceneError(f'{path}: data of the form {form or "none"} are not supported; allowed: {", ".join(_FORMS)}')
-    if u is None:
-        u = (numbers.get('reference_line_start_u', 0.0), numbers.get('reference_line_increment', 0.0))
-    if not (u[1] > 0.0 and math.isfinite(u[1]) and math.isfinite(u[0])):
-        raise SceneError(f'{path}: the increment of the reference line is {u[1]:g}: must be positive')
-    if sum('long section' in c for c in channels) < 2:
-        raise SceneError(f'{path}: has {sum("long section" in c for c in channels)} long sections: must have two or more')
-    return _Definition(numbers=numbers, u=u, channels=channels, form=form, data=data[at:])
+            if section == 'ROAD_CRG_FILE':
+                _include(path, named, crg, above)
+                named = []
+            if line.startswith('$$$$'):
+                crg.data, crg.first_line, crg.source = data[at:], number + 1, path
+                return
+            words = line[1:].split('!')[0].split()
+            section = words[0].upper() if words else ''
+            if section == 'ROAD_CRG_OPTS' and own[section]:
+                crg.options = {}
+            elif section == 'ROAD_CRG_MODS' and own[section]:
+                crg.modifiers = {}
+            continue
+        bare = line.split('!')[0].strip()
+        if not bare or line.startswith('*') or section == 'CT':
+            continue
+        place = f'{path}:{number}'
+        if section == 'ROAD_CRG_FILE':
+            named.append((place, bare))
+        elif section == 'KD_DEFINITION':
+            _definition(place, bare, crg)
+        elif section == 'ROAD_CRG':
+            _entry(place, bare, crg.road, ROAD, crg)
+        elif own.get(section):
+            opts = section == 'ROAD_CRG_OPTS'
+            entries = crg.options if opts else crg.modifiers
+            assert entries is not None
+            _entry(place, bare, entries, OPTIONS if opts else MODIFIERS, crg)
+    if section == 'ROAD_CRG_FILE' and named:
+        _include(path, named, crg, above)
 
 
-def _float(path: Path, key: str, text: str) -> float:
+def _entry(place: str, line: str, entries: dict[str, float], known: tuple[str, ...], crg: Crg) -> None:
+    """A line `KEY = value`."""
+    match = _ENTRY.match(line)
+    if match is None:
+        raise SceneError(f'{place}: {line[:40]!r}: must be KEY = value')
+    key, text = match[1].lower(), match[2]
+    if key in GEODETIC or (known is OPTIONS and key.startswith(NO_HEIGHTS)):
+        return
+    if key not in known and not (known is ROAD and key in GLOBAL):
+        raise SceneError(f'{place}: {match[1]} = {text}: is no key of this section of OpenCRG 1.2{suggestion(key, known)}')
+    value = _number(place, match[1], text)
+    if key in CHOICES and value not in range(CHOICES[key]):
+        raise SceneError(f'{place}: {match[1]} = {text}: must be one of {", ".join(map(str, range(CHOICES[key])))}')
+    if key in GLOBAL:
+        if value != 0.0:
+            crg.notes.append(f'{key} = {value:.12g} is of the map and moves nothing here, as in the library of ASAM')
+        return
+    entries[key] = value
+    crg.where[key] = place
+
+
+def _definition(place: str, line: str, crg: Crg) -> None:
+    """A line of $KD_DEFINITION."""
+    kind, rest = line[:2].upper(), line[2:].strip()
+    if kind == '#:':
+        crg.form = rest.upper()[:4]
+        if crg.form not in FORMS:
+            raise SceneError(f'{place}: data of the form {rest or "none"} are not supported; allowed: {", ".join(FORMS)}')
+    elif kind == 'D:':
+        crg.channels.append(rest.split(',')[0].strip().lower())
+        crg.where[f'D:{len(crg.channels)}'] = place
+    elif kind != 'U:':
+        raise SceneError(f'{place}: {line[:40]!r}: must begin with #:, D: or U:')
+
+
+def _number(place: str, key: str, text: str) -> float:
+    plain = re.sub('[dD]', 'e', text)
+    plain = _SWAPPED.sub(r'\1e\2', plain)  # 2.0+e00, as a sample of the standard has it
     try:
-        value = float(re.sub('[dD]', 'e', text))
+        value = float(plain) if '_' not in text else float('nan')
     except ValueError:
-        value = math.nan
+        value = float('nan')
     if not abs(value) <= LARGEST_NUMBER:
-        raise SceneError(f'{path}: {key} = {text}: must be a finite number below {LARGEST_NUMBER:g}')
+        raise SceneError(f'{place}: {key} = {text}: must be a finite number below {LARGEST_NUMBER:g}')
     return value
 
 
-def _table(path: Path, head: _Definition) -> np.ndarray:
-    """The data, one row per place along the line and one column per channel; missing numbers are NaN."""
-    width, per_line, kind = _FORMS[head.form]
-    columns, expected = len(head.channels), _expected_rows(head)
-    if kind:
-        rows = len(head.data) // (columns * np.dtype(kind).itemsize)
-        rows = min(rows, expected) if expected else rows
-        with np.errstate(invalid='ignore'):  # NaN of any kind stands for a missing number
-            found = np.frombuffer(head.data, kind, rows * columns).astype(float).reshape(rows, columns)
+def _include(path: Path, named: list[tuple[str, str]], crg: Crg, above: tuple[Path, ...]) -> None:
+    """Read what a section $ROAD_CRG_FILE names: one file whose name may stand in several lines, or one file a line."""
+    if not named:
+        raise SceneError(f'{path}: the section $ROAD_CRG_FILE names no file')
+    names = [_VARIABLE.sub(partial(_environment, place), text) for place, text in named]
+    whole = [(named[0][0], ''.join(names))]
+    each = list(zip((place for place, _ in named), names, strict=True))
+    for place, name in whole if _found(path, whole[0][1]) else each:
+        file = _found(path, name)
+        if file is None:
+            raise SceneError(f'{place}: {name}: no such file (beside {path.name}, or in the current directory)')
+        if file.resolve() in above or file.resolve() == path.resolve():
+            raise SceneError(f'{place}: {name}: the file refers to itself')
+        if len(above) >= MOST_NESTED:
+            raise SceneError(f'{place}: {name}: more than {MOST_NESTED} files refer to each other')
+        _sections(file, crg, (*above, path.resolve()))
+
+
+def _environment(place: str, match: re.Match[str]) -> str:
+    value = os.environ.get(match[1])
+    if value is None:
+        raise SceneError(f'{place}: ${match[1]}: there is no such environment variable')
+    return value
+
+
+def _found(path: Path, name: str) -> Path | None:
+    try:
+        return next((file for file in (path.parent / name, Path(name)) if file.is_file()), None)
+    except (OSError, ValueError):  # too long, or a NUL in it
+        return None
+
+
+def sections_of(crg: Crg) -> tuple[list[int], np.ndarray]:
+    """The columns of the long sections and their distances v to the left [m], ascending. Raises SceneError."""
+    columns = [k for k, name in enumerate(crg.channels) if name.startswith('long section')]
+    if len(columns) < 2:
+        raise SceneError(f'{crg.source}: has {len(columns)} long sections: must have two or more')
+    at = {k: match for k in columns if (match := _POSITION.match(crg.channels[k]))}
+    if len(at) == len(columns):
+        v = np.array([_number(crg.where[f'D:{k + 1}'], 'v', match[1]) for k, match in at.items()])
     else:
-        lines_of_row = -(-columns // per_line)
-        lines = [line for line in head.data.decode('latin-1').splitlines() if line.strip() and line[0] not in '$']
-        rows = len(lines) // lines_of_row
-        found = np.full((rows, columns), np.nan)
-        for k in range(rows):
-            text = ''.join(line.ljust(width * per_line) for line in lines[k * lines_of_row : (k + 1) * lines_of_row])
-            for j in range(columns):
-                found[k, j] = _cell(path, text[j * width : (j + 1) * width])
-    if rows < expected - 1:  # the end may lie between two rows
-        raise SceneError(f'{path}: has {rows} rows instead of {expected}, up to reference_line_end_u: it was cut off')
-    if rows < 2:
-        raise SceneError(f'{path}: has {rows} rows of {columns} numbers: must have two or more')
-    if found.size > LARGEST_RASTER:
-        raise SceneError(f'{path}: {found.size} numbers are too many (at most {LARGEST_RASTER}): give a part of the road')
-    if np.isinf(found).any() or np.nanmax(np.abs(found), initial=0.0) > 1e6:
-        raise SceneError(f'{path}: has numbers beyond 1e6: the file is damaged, or has another byte order')
+        numbers = [match[1] for k in columns if k not in at and (match := _NUMBER.match(crg.channels[k]))]
+        if numbers != [str(k + 1) for k in range(len(columns))]:
+            place = crg.where[f'D:{columns[0] + 1}']
+            raise SceneError(f'{place}: long sections must be given all by v, or all by the numbers 1, 2, ... in this order')
+        v = _even(crg, len(columns))
+    order = np.argsort(v, kind='stable')
+    if np.diff(v[order]).min() < 1e-6:
+        remedy = 'must be given and differ by 1e-06 m (LONG_SECTION_V_RIGHT, LONG_SECTION_V_LEFT)'
+        raise SceneError(f'{crg.source}: the distances of the long sections {remedy}')
+    return [columns[k] for k in order], v[order]
+
+
+def _even(crg: Crg, count: int) -> np.ndarray:
+    """Distances of numbered sections, by those two of border and increment that are given; symmetric where only the increment is."""
+    given = [crg.road.get(f'long_section_v_{what}') for what in ('right', 'left', 'increment')]
+    right, left, step = given
+    if step is None and right is not None and left is not None:
+        step = (left - right) / (count - 1)
+    if step is None or not step > 0.0:
+        raise SceneError(
+            f'{crg.source}: the distances of the long sections must be given: LONG_SECTION_V_RIGHT and LONG_SECTION_V_INCREMENT'
+        )
+    if right is None:
+        if left is None:
+            crg.notes.append('its sections, without LONG_SECTION_V_RIGHT, lie symmetrically; the library of ASAM begins them at v = 0')
+        right = left - step * (count - 1) if left is not None else -0.5 * step * (count - 1)
+    if left is not None and abs(right + step * (count - 1) - left) > 0.5 * step:
+        remedy = f'{count} sections from {right:g} m on, {step:g} m apart, end at {right + step * (count - 1):g} m'
+        raise crg.refusal('long_section_v_left', remedy)
+    return right + step * np.arange(count)
+
+
+def table_of(crg: Crg) -> np.ndarray:
+    """The numbers, one row per place along the line and one column per channel; missing ones are NaN. Raises SceneError."""
+    assert crg.data is not None
+    expected = _expected_rows(crg)
+    if not crg.channels:
+        raise SceneError(f'{crg.source}: has 0 long sections: must have two or more')
+    found = _binary(crg, expected) if FORMS[crg.form][2] else _text(crg)
+    if len(found) < expected - 1:  # the end may lie between two rows
+        raise SceneError(f'{crg.source}: has {len(found)} rows instead of {expected}, up to reference_line_end_u: it was cut off')
+    if len(found) < 2:
+        raise SceneError(f'{crg.source}: has {len(found)} rows of {len(crg.channels)} numbers: must have two or more')
+    largest = max((float(np.nanmax(np.abs(part), initial=0.0)) for part in np.array_split(found, len(found) // 100_000 + 1)), default=0.0)
+    if not largest <= 1e6:
+        raise SceneError(f'{crg.source}: has numbers beyond 1e6: the file is damaged, or has another byte order')
     return found
 
 
-def _cell(path: Path, text: str) -> float:
-    text = text.strip()
-    if not text or text.startswith('*') or text.lower() == 'nan':
-        return math.nan
-    return _float(path, 'data', text)
+def _expected_rows(crg: Crg) -> int:
+    end = crg.road.get('reference_line_end_u')
+    if end is None:
+        return 0
+    start = crg.road.get('reference_line_start_u', 0.0)
+    rows = (end - start) / crg.road['reference_line_increment'] + 1.0
+    if not 1.0 <= rows <= LARGEST_TABLE:
+        raise crg.refusal(
+            'reference_line_end_u', f'{rows:.3g} rows from reference_line_start_u = {start:g} on: must be between 2 and {LARGEST_TABLE}'
+        )
+    return round(rows)
 
 
-def _expected_rows(head: _Definition) -> int:
-    end = head.numbers.get('reference_line_end_u')
-    return 0 if end is None else round((end - head.u[0]) / head.u[1]) + 1
+def _binary(crg: Crg, expected: int) -> np.ndarray:
+    assert crg.data is not None
+    kind, columns = np.dtype(FORMS[crg.form][2]), len(crg.channels)
+    rows = len(crg.data) // (columns * kind.itemsize)
+    rows = min(rows, expected) if expected else rows
+    _require_room(crg, rows * columns)
+    with np.errstate(invalid='ignore'):  # NaN of any kind stands for a missing number
+        found = np.frombuffer(crg.data, kind, rows * columns).astype(kind.newbyteorder('=')).reshape(rows, columns)
+    if not expected:  # the last record is filled up with NaN
+        while len(found) and np.isnan(found[-1]).all():
+            found = found[:-1]
+    return found
 
 
-def _surface(path: Path, head: _Definition, table: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """(heading [rad] and height [m] of the line at each place, distances v to the left [m], heights over the line (places, v) [m])."""
-    names, count = head.channels, table.shape[0]
-    du = head.u[1]
-
-    def channel(word: str) -> np.ndarray | None:
-        found = [k for k, name in enumerate(names) if word in name and 'long section' not in name]
-        return np.nan_to_num(table[:, found[0]]) if found else None
-
-    phi = channel('phi')
-    first = head.numbers.get('reference_line_start_phi', 0.0)
-    if phi is None:
-        phi = np.full(count, first)
-    else:
-        phi = np.concatenate((phi[1:2], phi[1:]))  # the first is not used: phi of a place is the heading of the piece before it
-        if 'reference_line_start_phi' not in head.numbers:
-            head.numbers['reference_line_start_phi'] = float(phi[0])
-    slope = channel('slope')
-    start = head.numbers.get('reference_line_start_z', 0.0)
-    if slope is not None:
-        z = start + np.concatenate(([0.0], np.cumsum(slope[1:] * du)))
-    else:
-        steady = head.numbers.get('reference_line_start_s', 0.0)
-        end = head.numbers.get('reference_line_end_z', start + steady * du * (count - 1))
-        z = start + (end - start) * np.arange(count) / (count - 1)
-    sections = [k for k, name in enumerate(names) if 'long section' in name]
-    at = [re.search(r'v\s*=\s*([-+.\deE]+)', names[k]) for k in sections]
-    if all(at):
-        v = np.array([_float(path, 'v', m[1]) for m in at if m])
-    else:
-        half = 0.5 * head.numbers.get('long_section_v_increment', math.nan) * (len(sections) - 1)
-        right = head.numbers.get('long_section_v_right', -half)
-        left = head.numbers.get('long_section_v_left', half)
-        v = np.linspace(right, left, len(sections))
-    order = np.argsort(v)
-    v, heights = v[order], table[:, sections][:, order]
-    if not np.isfinite(v).all() or np.diff(v).min() < CLOSEST:
-        remedy = f'must be given and differ by {CLOSEST:g} m (LONG_SECTION_V_RIGHT, LONG_SECTION_V_LEFT)'
-        raise SceneError(f'{path}: the distances of the long sections {remedy}')
-    banking = channel('banking')
-    if banking is None:
-        banking = np.full(count, head.numbers.get('reference_line_start_b', 0.0))
-    return phi, z, v, _filled(path, v, heights) + banking[:, None] * v[None, :]
+def _require_room(crg: Crg, numbers: int) -> None:
+    if numbers > LARGEST_TABLE:
+        raise SceneError(f'{crg.source}: {numbers} numbers are too many (at most {LARGEST_TABLE}): give a part of the road')
 
 
-def _filled(path: Path, v: np.ndarray, heights: np.ndarray) -> np.ndarray:
-    """Missing heights of a row are those between its neighbours, or of the border."""
-    holes = np.isnan(heights)
-    for k in np.flatnonzero(holes.any(axis=1)):
-        known = ~holes[k]
-        if not known.any():
-            raise SceneError(f'{path}: row {k} has no height at all')
-        heights[k] = np.interp(v, v[known], heights[k][known])
-    return heights
+ALLOWED = np.zeros(256, bool)
+ALLOWED[list(b'0123456789+-.eEdD ')] = True
 
 
-def _uniform(path: Path, v: np.ndarray, heights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The same surface at equal distances, linear between the given ones."""
-    steps = np.diff(v)
-    if np.ptp(steps) < 1e-6 * steps.max():
-        return v, heights
-    count = max(round((v[-1] - v[0]) / steps.min()), 1) + 1
-    if count * len(heights) > LARGEST_RASTER:
-        raise SceneError(f'{path}: {count * len(heights)} heights at equal distances are too many (at most {LARGEST_RASTER})')
-    even = np.linspace(v[0], v[-1], count)
-    return even, np.array([np.interp(even, v, row) for row in heights])
+def _text(crg: Crg) -> np.ndarray:
+    """Numbers in columns of fixed width; each row begins in a new line."""
+    assert crg.data is not None
+    width, per_line, _ = FORMS[crg.form]
+    columns = len(crg.channels)
+    lines_of_row = -(-columns // per_line)
+    lines = [(k, line.rstrip()) for k, line in enumerate(crg.data.split(b'\n'), crg.first_line)]
+    lines = [(k, line) for k, line in lines if line]
+    rows = len(lines) // lines_of_row
+    _require_room(crg, rows * columns)
+    lengths = [min(per_line, columns - j * per_line) for j in range(lines_of_row)]  # numbers in the lines of a row
+    for j, (k, line) in enumerate(lines):
+        fits = width * lengths[j % lines_of_row]
+        if len(line) > fits:
+            remedy = f'has {len(line)} characters instead of {fits}: {width} for each of {lengths[j % lines_of_row]} numbers'
+            raise SceneError(f'{crg.source}:{k}: {remedy}')
+    if rest := len(lines) % lines_of_row:
+        raise SceneError(f'{crg.source}:{lines[-1][0]}: the last row has {rest} lines of {lines_of_row}: it was cut off')
+    text = b''.join(line.ljust(width * lengths[j % lines_of_row]) for j, (_, line) in enumerate(lines))
+    cells = np.frombuffer(text, np.uint8).reshape(-1, width)
+    starred = (cells == ord('*')).any(axis=1)
+    missing = starred | ((cells | 32) == np.frombuffer(b'nan'.rjust(width), np.uint8)).all(axis=1)
+    wrong = ~missing & (~ALLOWED[cells].all(axis=1) | (cells == ord(' ')).all(axis=1))
+    numbers = np.full(len(cells), np.nan)
+    if np.isin(cells, list(b'dD')).any():  # exponents of Fortran
+        cells = np.where(np.isin(cells, list(b'dD')) & ~missing[:, None], np.uint8(ord('e')), cells)
+    words = np.ascontiguousarray(cells).view(f'S{width}').ravel()
+    if not wrong.any():
+        try:
+            numbers[~missing] = words[~missing].astype(float)
+        except ValueError:
+            wrong = ~missing & ~np.array([_readable(word) for word in words])
+    if wrong.any():
+        cell = int(np.flatnonzero(wrong)[0])
+        at = lines[cell // columns * lines_of_row + cell % columns // per_line][0]
+        shown = bytes(words[cell]).decode('latin-1').strip() or 'nothing'
+        raise SceneError(f'{crg.source}:{at}: column {cell % columns + 1} ({crg.channels[cell % columns]}) = {shown}: must be a number')
+    return numbers.reshape(rows, columns)
 
 
-def _sampled(path: Path, line: tuple[np.ndarray, np.ndarray, np.ndarray], v: np.ndarray, heights: np.ndarray, du: float) -> dict[str, Any]:
-    """A curved road on a grid along x and y: each node takes the height at the nearest place of the line."""
-    x, y, phi = line
-    step = max(min(du, float(np.diff(v).min())), FINEST)
-    reach = max(abs(v[0]), abs(v[-1]))
-    low = np.array([x.min() - reach, y.min() - reach])
-    shape = [math.ceil((high + reach - a) / step) + 1 for high, a in ((x.max(), low[0]), (y.max(), low[1]))]
-    if shape[0] * shape[1] > LARGEST_RASTER:
-        remedy = 'give a shorter part of the road, or a coarser one'
-        raise SceneError(f'{path}: the curved road covers {shape[0]} x {shape[1]} nodes of {step:g} m (at most {LARGEST_RASTER}): {remedy}')
-    along, left = cos(phi), sin(phi)
-    out = np.empty(shape)
-    ys = low[1] + step * np.arange(shape[1])
-    for i in range(shape[0]):
-        px = low[0] + step * i
-        near = _nearest(px, ys, x, y, reach + 4.0 * step)
-        ahead = np.minimum(near + 1, len(phi) - 1)
-        dx, dy = px - x[near], ys - y[near]
-        c, s = along[ahead], left[ahead]
-        u = np.clip(near + (dx * c + dy * s) / du, 0.0, len(x) - 1.0)
-        across = np.clip(dy * c - dx * s, v[0], v[-1])
-        k = np.minimum(u.astype(np.int64), len(x) - 2)
-        part = u - k
-        j = np.clip(np.searchsorted(v, across, side='right') - 1, 0, len(v) - 2)
-        side = (across - v[j]) / (v[j + 1] - v[j])
-        before = heights[k, j] * (1.0 - side) + heights[k, j + 1] * side
-        after = heights[k + 1, j] * (1.0 - side) + heights[k + 1, j + 1] * side
-        out[i] = before * (1.0 - part) + after * part
-    return _grid(path, (float(low[0]), float(low[1])), (step, step), 0.0, out)
-
-
-def _nearest(px: float, ys: np.ndarray, x: np.ndarray, y: np.ndarray, reach: float) -> np.ndarray:
-    """Index of the place of a line x, y (n,) that is nearest to each of the points px, ys (m,) [m]; of one farther than `reach` from the
-    line, which is off the road, some place about as near."""
-    near = np.empty(len(ys), np.int64)
-    for first in range(0, len(ys), BLOCK):
-        part = ys[first : first + BLOCK]
-        k = np.flatnonzero((np.abs(x - px) <= reach) & (y >= part[0] - reach) & (y <= part[-1] + reach))
-        if not len(k):
-            k = np.arange(0, len(x), max(len(x) // BLOCK, 1))
-        dx, dy = x[k] - px, part[:, None] - y[k]
-        near[first : first + BLOCK] = k[np.argmin(dx * dx + dy * dy, axis=1)]
-    return near
-
-
-def _grid(path: Path, origin: tuple[float, float], step: tuple[float, float], yaw: float, heights: np.ndarray) -> dict[str, Any]:
-    if heights.size > LARGEST_RASTER:
-        raise SceneError(f'{path}: {heights.size} heights are too many (at most {LARGEST_RASTER})')
-    return {
-        'kind': 'raster_grid',
-        'origin': tuple(map(float, origin)),
-        'step': tuple(map(float, step)),
-        'yaw': float(yaw),
-        'raster': packed(path, heights),
-    }
+def _readable(word: bytes) -> bool:
+    try:
+        float(word)
+    except ValueError:
+        return False
+    return True

@@ -16,12 +16,12 @@ _SIGNATURE = b'\x89PNG\r\n\x1a\n'
 _LARGEST_FILE = 64_000_000  # [bytes]
 
 
-def content_of(path: Path) -> bytes:
-    """The bytes of a file of at most _LARGEST_FILE. Raises SceneError."""
+def content_of(path: Path, most: int = _LARGEST_FILE) -> bytes:
+    """The bytes of a file of at most so many. Raises SceneError."""
     try:
         size = path.stat().st_size
-        if size > _LARGEST_FILE:
-            raise SceneError(f'{path}: {size} bytes are too many (at most {_LARGEST_FILE})')
+        if size > most:
+            raise SceneError(f'{path}: {size} bytes are too many (at most {most})')
         return path.read_bytes()
     except OSError as error:
         raise SceneError(f'{path}: cannot be read: {error.strerror}') from None

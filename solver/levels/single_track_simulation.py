@@ -11,7 +11,7 @@ import numpy as np
 
 from solver.compiled.by_reference import Ref, nbytes
 from solver.elements.rigid_body import RigidBodySpec
-from solver.elements.road import HeightGrid, RandomRoad, RasterGrid, compile_road, surface_at
+from solver.elements.road import CurvedGrid, HeightGrid, RandomRoad, RasterGrid, compile_road, surface_at
 from solver.elements.tread import give
 from solver.errors import ConsistencyError, SpecError, StepError
 from solver.files.urdf import robot_description
@@ -75,7 +75,7 @@ def tables_of(parameters: Parameters, scene: Scene, yaw: float = 0.0, x: float =
     return SingleTrackTables(mounting=mounting, body=Body(**p['body']), front=front, rear=rear, road=road)
 
 
-def _heights(grid: HeightGrid | RasterGrid | RandomRoad) -> tuple[float, float]:
+def _heights(grid: HeightGrid | RasterGrid | CurvedGrid | RandomRoad) -> tuple[float, float]:
     """(lowest, highest) point of a grid [m]."""
     height = (grid.expand() if isinstance(grid, RandomRoad) else grid).heights.height
     return float(height.min()), float(height.max())

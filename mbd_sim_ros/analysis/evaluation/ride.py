@@ -22,7 +22,7 @@ from mbd_sim_ros.analysis.evaluation.figures import Chart, Curve, Figure, Result
 from mbd_sim_ros.analysis.evaluation.kinds import Drive, Evaluation, speed_of
 from mbd_sim_ros.analysis.evaluation.measures import integral, low_passed
 from mbd_sim_ros.analysis.evaluation.signals import Signals
-from solver.elements.road_grids import RandomRoad
+from solver.elements.road import within
 from solver.scene import Scene
 
 NORM = 'ISO 2631-1:1997 [ISO2631]'
@@ -113,14 +113,7 @@ def rough(s: Signals, scene: Scene) -> np.ndarray:
         x, y = s['x'] + c * along - d * left, s['y'] + d * along + c * left
         on = np.zeros(s.t.size, bool)
         for grid in scene.model.road.grids:
-            if isinstance(grid, RandomRoad):
-                length, width = grid.length, grid.width
-            else:
-                length, width = ((n - 1) * step for n, step in zip(grid.heights.height.shape, grid.heights.step, strict=True))
-            forward, aside = math.cos(grid.yaw), math.sin(grid.yaw)
-            dx, dy = x - grid.origin[0], y - grid.origin[1]
-            u, v = forward * dx + aside * dy, forward * dy - aside * dx
-            on |= (u >= 0.0) & (u <= length) & (v >= 0.0) & (v <= width)
+            on |= within(grid, x, y)
         wheels.append(on)
     wheels = [on for on in wheels if on.any()]
     return np.logical_and.reduce(wheels) if wheels else np.zeros(s.t.size, bool)

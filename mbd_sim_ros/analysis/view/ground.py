@@ -6,8 +6,10 @@ import math
 
 import numpy as np
 
+from solver.compiled.by_reference import Ref
+from solver.elements.curved_grid import CurvedGrid
 from solver.elements.enveloping import Heights
-from solver.elements.road import RoadSpec, interpolating
+from solver.elements.road import RoadSpec, compile_road, heights_at, interpolating
 from solver.elements.road_grids import RandomRoad
 
 BESIDE = 2  # nodes beyond the border to which a cubic spline feels what is inside
@@ -20,14 +22,22 @@ class Ground:
         p, n = spec.point, spec.normal
         self.plane = (p[2] + (n[0] * p[0] + n[1] * p[1]) / n[2], -n[0] / n[2], -n[1] / n[2])
         self.flat = not spec.grids
-        splines = [interpolating((g.expand() if isinstance(g, RandomRoad) else g).heights) for g in spec.grids]
+        curved = [g for g in spec.grids if isinstance(g, CurvedGrid) and g.line is not None]
+        others = [g for g in spec.grids if not any(g is one for one in curved)]
+        splines = [interpolating((g.expand() if isinstance(g, RandomRoad) else g).heights) for g in others]
         self._splines = [(grid, np.pad(grid.height, BESIDE + 1, mode='edge')) for grid in splines]
+        self._curved = Ref(compile_road(RoadSpec(grids=tuple(curved)))) if curved else None
 
     def at(self, x: np.ndarray, y: np.ndarray) -> np.ndarray:
         """Heights [m] at places x, y [m] in the world: those of the solver (road_at), as wheels that touch them at a point feel them."""
         z = self.plane[0] + self.plane[1] * np.asarray(x, float) + self.plane[2] * np.asarray(y, float)
         for grid, coefficients in self._splines:
             z = z + _height(grid, coefficients, x, y)
+        if self._curved is not None:
+            across, along = np.broadcast_arrays(np.asarray(x, float), np.asarray(y, float))
+            height = np.zeros(across.size)
+            heights_at(self._curved, across.ravel(), along.ravel(), height)
+            z = z + height.reshape(across.shape)
         return z
 
     def around(self, x: float, y: float, reach: int) -> np.ndarray:
