@@ -11,7 +11,7 @@ import json
 import os
 import re
 import zlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 
@@ -20,8 +20,7 @@ import numpy as np
 from solver.compiled.cache import location
 from solver.errors import SpecError
 
-MEDIA_TYPE = 'application/x-mbd-arrays'  # of the attachment of a recording
-DIGEST = re.compile(r'[0-9a-f]{64}')
+DIGEST = re.compile(r'\b[0-9a-f]{64}\b')
 TYPES = ('<f4', '<f8')
 LARGEST = 1 << 30  # [bytes] of all arrays of a set; ten times as much would not fit into the memory of a small machine
 QUICK = 1  # level of zlib: 6 takes ten times as long and saves a tenth
@@ -66,9 +65,9 @@ def accept(data: bytes, digest: str) -> None:
         _write(file, data)
 
 
-def missing(digests: Iterable[str]) -> list[str]:
-    """Those of the hashes whose arrays are not known here."""
-    return [digest for digest in digests if find(digest) is None]
+def named_in(text: str) -> dict[str, bytes]:
+    """Hash -> packed(), of all arrays that the text of a scene names."""
+    return {digest: packed(digest) for digest in dict.fromkeys(DIGEST.findall(text)) if find(digest) is not None}
 
 
 def _file(digest: str) -> Path:

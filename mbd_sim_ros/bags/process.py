@@ -14,6 +14,7 @@ import sys
 import time
 from contextlib import suppress
 from io import FileIO, RawIOBase
+from itertools import accumulate
 
 from mbd_sim_ros.bags.delivery import deliveries, steps_of
 from mbd_sim_ros.bags.writer import BagWriter
@@ -30,8 +31,12 @@ def record(stream: RawIOBase) -> None:
     start = next(incoming, None)
     if start is None:
         return
-    directory, topics, metadata = start[0]
-    bag = BagWriter(directory, [Topic(*topic) for topic in topics], metadata)
+    (directory, topics, metadata, sizes), data = start
+    ends = list(accumulate(sizes.values()))
+    attachments = {name: bytes(data[end - size : end]) for (name, size), end in zip(sizes.items(), ends, strict=True)}
+    del start, data
+    bag = BagWriter(directory, [Topic(*topic) for topic in topics], metadata, attachments=attachments)
+    attachments.clear()
     answer('')
     result = ORPHANED
     flushed = time.monotonic()

@@ -30,6 +30,7 @@ from mbd_sim_ros.bags.delivery import deliver, deliver_steps
 from mbd_sim_ros.bags.writer import RECORD
 from mbd_sim_ros.messages.cdr import template
 from mbd_sim_ros.messages.topics import INPUTS, STRING, Topic
+from solver import stored
 from solver.compiled.target import target
 from solver.errors import BagError
 
@@ -149,7 +150,8 @@ class Recorder:
     When the queue is full (the disk is too slow) a batch run waits (`wait=True`); a real-time run drops the step and counts it
     in `dropped`. A failure is kept: the next `write` and `close` raise it as BagError and the caller decides what to do.
     When the simulating process dies, the recording process finishes the bag with what was delivered.
-    `metadata` is the record of `describe`; a `robot_description` in it is also written as the latched topic.
+    `metadata` is the record of `describe`; arrays that the scene in it names become attachments, and a `robot_description` in it is also
+    written as the latched topic.
     namespace: put before topics that do not begin with `/`.
     Usable as a context manager. Raises BagError on construction when `directory` cannot be written or is not empty.
     """
@@ -186,7 +188,9 @@ class Recorder:
         assert self._process.stdout is not None
         self._pipe, self._replies = self._process.stdin, self._process.stdout
         enlarge(self._pipe.fileno())
-        self._deliver([str(self.directory), [tuple(topic) for topic in topics], {RECORD: dict(metadata)}])
+        arrays = stored.named_in(metadata.get('resolved_scene', ''))
+        sizes = {name: len(data) for name, data in arrays.items()}
+        self._deliver([str(self.directory), [tuple(topic) for topic in topics], {RECORD: dict(metadata)}, sizes], list(arrays.values()))
         self._reply()
         if self.error is not None:
             raise self.error
@@ -258,10 +262,10 @@ class Recorder:
                 return
             self._closing.wait(POLL_SECONDS)
 
-    def _deliver(self, content: Any) -> None:
-        """Send a start or an end to the recording process."""
+    def _deliver(self, content: Any, attachments: Sequence[bytes] = ()) -> None:
+        """Send a start, with the attachments of the bag, or an end to the recording process."""
         try:
-            deliver(self._pipe.fileno(), content)
+            deliver(self._pipe.fileno(), content, attachments)
         except OSError:  # it has ended, and has said why
             self._reply()
 

@@ -26,11 +26,13 @@ from mcap.records import Channel, Metadata, Schema, Statistics
 
 from mbd_sim_ros.bags.layouts import Layouts
 from mbd_sim_ros.bags.source import ENTRY, MESSAGE_INDEX, Source
-from mbd_sim_ros.bags.writer import PART
-from solver.errors import BagError
+from mbd_sim_ros.bags.writer import ARRAYS, PART
+from solver import stored
+from solver.errors import BagError, SpecError
 
 MAGIC = b'\x89MCAP0\r\n'
-FOOTER, MESSAGE, CHUNK, DATA_END = 2, 5, 6, 15
+FOOTER, MESSAGE, CHUNK, ATTACHMENT, DATA_END = 2, 5, 6, 9, 15
+_ARRAYS_HEAD = 16 + 4 + 64 + 4 + len(ARRAYS) + 8  # bytes before the data of an attachment with arrays: times, hash, media type, length
 KINDS: dict[int, Any] = {3: Schema, 4: Channel, 11: Statistics, 12: Metadata}  # by opcode
 SIZES = {FOOTER: 20, DATA_END: 4, 14: 17}  # of records that are always of one size [bytes]
 LAST_OPCODE, FIRST_PRIVATE = 15, 128  # those between are none
@@ -123,6 +125,7 @@ class Reading:
     def __init__(self, path: Path, *, skip: Collection[int] = (), channels: Collection[int] = (), onwards: bool = False) -> None:
         self.path = path
         self.damage: list[str] = []
+        self.attachments: list[str] = []  # hashes of the arrays that came by
         self.lost = 0
         self._skip, self._onwards = skip, onwards
         self._layouts = Layouts()
@@ -192,6 +195,9 @@ class Reading:
                 self._indexed, passed = source.indexes()
                 self._at += passed
                 continue
+            if opcode == ATTACHMENT:
+                self._attachment(source, length, begin)
+                continue
             if opcode not in KINDS and opcode not in (MESSAGE, DATA_END):
                 self._private = begin if opcode >= FIRST_PRIVATE else self._private
                 source.skip(length)
@@ -209,6 +215,22 @@ class Reading:
                 yield from self._record(opcode, head, body)
             except _BROKEN as error:
                 self._cannot_read('record', begin, error)
+
+    def _attachment(self, source: Source, length: int, begin: int) -> None:
+        """Put arrays of a scene where its text finds them, unless they are there already."""
+        head = source.take(min(length, _ARRAYS_HEAD))
+        body = b''
+        try:
+            name, media, size = _arrays(head)
+            known = media == ARRAYS and stored.DIGEST.fullmatch(name) is not None
+            if known and stored.find(name) is None and size + len(head) + 4 == length:
+                body = source.take(length - len(head))
+                stored.accept(body[:size], name)
+            if known:
+                self.attachments.append(name)
+        except (*_BROKEN, SpecError) as error:
+            self._cannot_read('attachment', begin, error)
+        source.skip(length - len(head) - len(body))
 
     def _cannot_read(self, what: str, begin: int, error: Exception) -> None:
         why = f': {error}' if type(error) is _Crafted else ''
@@ -394,3 +416,11 @@ def message_counts(path: Path) -> dict[int, int]:
                 return {}
         at += length
     return {}
+
+
+def _arrays(head: bytes) -> tuple[str, str, int]:
+    """Name, media type and length of the data of an attachment; of one with another head than ours, whatever stands there."""
+    if len(head) < _ARRAYS_HEAD:
+        return '', '', 0
+    media = head[16 + 4 + 64 + 4 : -8].decode('latin-1')
+    return head[16 + 4 : 16 + 4 + 64].decode('latin-1'), media, int.from_bytes(head[-8:], 'little')

@@ -18,6 +18,7 @@ from mbd_sim_ros.bags.reader import unreadable
 from mbd_sim_ros.bags.records import TIME_MOST, Messages, Reading, find_files
 from mbd_sim_ros.bags.writer import RESULT, BagWriter
 from mbd_sim_ros.messages.topics import DEPTH, Topic
+from solver import stored
 from solver.errors import BagError
 
 
@@ -82,7 +83,8 @@ def recover(source: str | Path, destination: str | Path) -> Recovered:
         about |= {'damage': '; '.join(damage), 'lost_messages': str(lost)}
     metadata[RESULT] = {**metadata.get(RESULT, {}), **about}
     topics, places = _together(parts)
-    writer = BagWriter(destination, topics, metadata, schemas=texts)
+    arrays = {name: stored.packed(name) for part in parts for name in part.reading.attachments if stored.find(name) is not None}
+    writer = BagWriter(destination, topics, metadata, schemas=texts, attachments=arrays)
     for part, place in zip(parts, places, strict=True):
         for record in Reading(part.reading.path, onwards=True):
             if isinstance(record, Messages) and record.channel in place:

@@ -24,6 +24,7 @@ WIDE = ('joint_states', 'reactions', 'tire_states', 'body_motions', 'tf')  # top
 PART = '.part'
 RECORD = 'mbd_sim_ros'  # name of the metadata record that describes the run
 _Message = tuple[int, int, bytes]  # index of its topic, time [ns], encoded
+ARRAYS = 'application/x-mbd-arrays'  # media type of attachments with arrays of the scene; named by their hash (solver.stored)
 RESULT = 'mbd_sim_ros_result'  # name of the metadata record written at the end
 
 
@@ -34,7 +35,8 @@ class BagWriter:
     those with a part for every joint, wheel or body, and one of the states of elements, most of a recording by far. All three are of the
     same steps and follow each other in this order: what was applied in a step is never behind what came of it.
 
-    `directory` must not exist or must be empty. Raises BagError, one sentence, whenever the file system refuses.
+    attachments: hash -> arrays that the scene in the metadata names. `directory` must not exist or must be empty. Raises BagError, one
+    sentence, whenever the file system refuses.
     """
 
     def __init__(
@@ -44,6 +46,7 @@ class BagWriter:
         metadata: Mapping[str, Mapping[str, str]],
         *,
         schemas: Mapping[str, str] | None = None,
+        attachments: Mapping[str, bytes] | None = None,
     ) -> None:
         self.directory = Path(directory)
         self.topics = [topic._replace(name='/' + topic.name.lstrip('/')) for topic in topics]
@@ -65,12 +68,12 @@ class BagWriter:
         except OSError as error:
             raise BagError(f'cannot record into {self.directory}: {error.strerror}; choose another place') from error
         try:
-            self._start(metadata, schemas or {})
+            self._start(metadata, schemas or {}, attachments or {})
         except OSError as error:
             self.abandon()
             raise BagError(self._failure(error)) from error
 
-    def _start(self, metadata: Mapping[str, Mapping[str, str]], schemas: Mapping[str, str]) -> None:
+    def _start(self, metadata: Mapping[str, Mapping[str, str]], schemas: Mapping[str, str], attachments: Mapping[str, bytes]) -> None:
         for compression in (CompressionType.ZSTD, CompressionType.LZ4, CompressionType.NONE):
             try:
                 # Chunks end where flush() ends them, with the heads of all their messages.
@@ -82,6 +85,8 @@ class BagWriter:
         # Metadata first: it survives when the process is killed.
         for name, record in metadata.items():
             self._writer.add_metadata(name, dict(record))
+        for name, data in attachments.items():
+            self._writer.add_attachment(0, 0, name, ARRAYS, data)
         self._channels = []
         known: dict[str, int] = {}
         for topic in self.topics:
