@@ -110,7 +110,8 @@ def _sections(path: Path, crg: Crg, above: tuple[Path, ...]) -> None:
                 _include(path, named, crg, above)
                 named = []
             if line.startswith('$$$$'):
-                crg.data, crg.first_line, crg.source = data[at:], number + 1, path
+                if crg.data is None or data[at:].strip():  # behind a reference the numbers are those of the other file
+                    crg.data, crg.first_line, crg.source = data[at:], number + 1, path
                 return
             words = line[1:].split('!')[0].split()
             section = words[0].upper() if words else ''

@@ -207,6 +207,7 @@ def test_files_that_refer_to_files(tmp_path: Path, monkeypatch: pytest.MonkeyPat
             (f'$ROAD_CRG_FILE\n{named}\n$\n$ROAD_CRG_MODS\nscale_z_grid = 2\n$\n', other),
             (f'$ROAD_CRG_MODS\nscale_z_grid = 2\n$\n$ROAD_CRG_FILE\n{named}\n$\n', other),
             (f'$ROAD_CRG_FILE\n{named}', plain),
+            (f'$ROAD_CRG_FILE\n{named}\n$\n$$$$\n', plain),
         ):
             file = tmp_path / f'ref{k}.crg'
             file.write_text(text)
@@ -350,3 +351,48 @@ def test_a_head_with_tabs_and_a_swapped_exponent(tmp_path: Path) -> None:
     grid = grid_of(crg(tmp_path / 'road.crg', np.zeros((21, 9)), sections(), head, more='$ROAD_CRG_MODS\n$\n'))
     assert road_at(Ref(compile_road(RoadSpec(grids=(grid,)))), 5.0, 0.0)[0] == 0.0
     assert grid.heights.origin == pytest.approx((5.0, -2.0))
+
+
+def test_damaged_files_are_refused_in_one_sentence_or_read(tmp_path: Path) -> None:
+    """Bytes, pieces and lines of a file changed by chance: a road, or a refusal that names the file; nothing else, and no line break."""
+    rng = np.random.default_rng(7)
+    whole = along(tmp_path / 'whole.crg', modifiers=POINT, options='border_mode_u = 3').read_bytes()
+    pieces = (
+        b'nan',
+        b'inf',
+        b'1e308',
+        b'$',
+        b'$$$$',
+        b'\n',
+        b'=',
+        b'*',
+        b'\0',
+        b'scale_width = 1e-9\n',
+        b'refpoint_u = 1e8\n',
+        b'#:KDBI\n',
+    )
+    read = 0
+    for _ in range(200):
+        data = bytearray(whole)
+        for _ in range(rng.integers(1, 3)):
+            at, kind = int(rng.integers(len(data))), rng.integers(4)
+            if kind == 0:
+                data[at] = rng.integers(256)
+            elif kind == 1:
+                data[at:at] = pieces[rng.integers(len(pieces))]
+            elif kind == 2:
+                del data[at : at + int(rng.integers(1, 100))]
+            else:
+                start = data.rfind(b'=', 0, 900) + 1
+                data[start:start] = b' -' if rng.random() < 0.5 else b'9'
+        file = tmp_path / 'damaged.crg'
+        file.write_bytes(bytes(data))
+        try:
+            grid = grid_of(file)
+        except SceneError as error:
+            assert str(tmp_path) in str(error)
+            assert '\n' not in str(error)
+        else:
+            read += 1
+            assert np.isfinite(grid.heights.height).all()
+    assert 10 < read < 190

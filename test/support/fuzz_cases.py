@@ -233,8 +233,48 @@ def maneuvers(rng: np.random.Generator, at: Path, material: Material) -> Made:
     return ['run', str(pick(rng, CARS)), *SHORT, '--no-record', '--maneuver', 'maneuver.yaml'], None
 
 
+OPENCRG = """$CT
+a curved road, banked
+$
+$ROAD_CRG
+REFERENCE_LINE_INCREMENT = 5.0   ! m
+REFERENCE_LINE_END_U     = 25.0
+LONG_SECTION_V_RIGHT     = -4.0
+LONG_SECTION_V_INCREMENT = 4.0
+$
+$ROAD_CRG_MODS
+GRID_NAN_MODE = 2
+REFPOINT_X    = -5.0
+$
+$ROAD_CRG_OPTS
+BORDER_MODE_U = 4
+BORDER_MODE_V = 2
+$
+$KD_DEFINITION
+#:LRFI
+U:reference line u,m,0,5
+D:reference line phi,rad
+D:reference line banking,m/m
+D:long section 1,m
+D:long section 2,m
+D:long section 3,m
+$
+$$$$$$$$$$$$$$$$
+**unused**      0.00      0.00      0.00      0.00
+      0.00      0.01      0.00      0.00      0.00
+      0.02      0.02      0.00      0.01 *missing*
+      0.05      0.02      0.01      0.02      0.01
+      0.09      0.02      0.00      0.01      0.00
+      0.10      0.01      0.00      0.00      0.00
+"""
+
+
 def roads(rng: np.random.Generator, at: Path, material: Material) -> Made:
-    """Road files."""
+    """Road files, and OpenCRG files."""
+    if rng.random() < 0.5:
+        (at / 'road.crg').write_bytes(damage_text(rng, OPENCRG))
+        (at / 'road.yaml').write_text(f'grids: [{at / "road.crg"}]\n')
+        return ['run', str(pick(rng, CARS)), *SHORT, '--no-record', '--set', f'road={at / "road.yaml"}'], None
     file = pick(rng, sorted((CONFIG / 'roads').glob('*.yaml')))
     (at / 'road.yaml').write_bytes(damage_yaml(rng, Path(str(file)).read_text()))
     return ['run', str(pick(rng, CARS)), *SHORT, '--no-record', '--set', f'road={at / "road.yaml"}'], None
