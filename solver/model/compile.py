@@ -20,6 +20,7 @@ from solver.elements.road import RoadSpec
 from solver.errors import SpecError, suggestion
 from solver.linear.elimination import plan_elimination
 from solver.model.frames import matrix
+from solver.model.free_rotations import standing_inertia
 from solver.model.spec import ModelSpec
 from solver.model.state import kinematics_of, placed_configuration
 from solver.model.tables import (
@@ -201,6 +202,7 @@ def compile_model(spec: ModelSpec) -> Model:
             wait_for.setdefault(nb + g, set()).add(b)
         constraints.centre[g] = block_slots.setdefault((nb + g, nb + g), 1 + len(block_slots))
     bodies = compile_bodies(spec.bodies, spec.gravity, [context.slots[b, b] for b in range(nb)])
+    bodies.inertia[:] += standing_inertia(spec)
     follow: dict[int, set[int]] = {b: set() for b in _massless(bodies)}
     for group, members in wait_for.items():
         for b in members & follow.keys():
