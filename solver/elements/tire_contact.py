@@ -17,7 +17,7 @@ from solver.elements.road import plane_at, surface_at
 from solver.elements.smooth import ramp, smooth_abs, smooth_step
 from solver.elements.tire_data import I
 
-TOUCH = 0.5e-3  # half width of the parabola with which the load begins at touch-down [m]
+TOUCH = 0.5e-3  # half width of the parabola with which the load begins at touch-down [m], of small tires in proportion less (I.SMALL)
 RIM_TOUCH = 3e-3  # the same for the rim [m]
 NEVER_PULL = 0.1  # and with which it ends in fast rebound [-]
 FLAT_FROM, FLAT_TO = 0.5, 0.2  # cosine of camber between which the tread leaves the road (60 to 78 degrees): no friction beyond
@@ -108,11 +108,11 @@ def _spring(c, rho):
     R0 = c[I.UNLOADED_RADIUS]
     k1 = (1.0 + c[I.PFZ1] * c[I.DPI]) * c[I.FNOMIN] / R0 * c[I.Q_FZ1]
     k2 = (1.0 + c[I.PFZ1] * c[I.DPI]) * c[I.FNOMIN] / (R0 * R0) * c[I.Q_FZ2]
-    x = ramp(rho, TOUCH)
+    x = ramp(rho, TOUCH * c[I.SMALL])
     force = x * (k1 + k2 * x)
     if c[I.BOTTOM_STIFF] > 0.0 and c[I.RIM_RADIUS] > 0.0:
         y = rho - (R0 - c[I.RIM_RADIUS] - c[I.BOTTOM_OFFST])
-        force = force + c[I.BOTTOM_STIFF] * ramp(y, RIM_TOUCH)
+        force = force + c[I.BOTTOM_STIFF] * ramp(y, RIM_TOUCH * c[I.SMALL])
     return force
 
 
@@ -122,14 +122,14 @@ def _spring_energy(c, rho):
     R0 = c[I.UNLOADED_RADIUS]
     k1 = (1.0 + c[I.PFZ1] * c[I.DPI]) * c[I.FNOMIN] / R0 * c[I.Q_FZ1]
     k2 = (1.0 + c[I.PFZ1] * c[I.DPI]) * c[I.FNOMIN] / (R0 * R0) * c[I.Q_FZ2]
-    e = TOUCH
+    e = TOUCH * c[I.SMALL]
     if rho.real < e:  # x = s^2/(4 e), s = rho + e
         s = ramp(rho + e, 0.0)
         energy = s * s * s * (k1 / (12.0 * e) + k2 * s * s / (80.0 * e * e))
     else:
         energy = k1 * (0.5 * rho * rho + e * e / 6.0) + k2 * (rho * rho * rho / 3.0 + e * e * e / 15.0)
     if c[I.BOTTOM_STIFF] > 0.0 and c[I.RIM_RADIUS] > 0.0:
-        b = RIM_TOUCH
+        b = RIM_TOUCH * c[I.SMALL]
         y = rho - (R0 - c[I.RIM_RADIUS] - c[I.BOTTOM_OFFST])
         s = ramp(y + b, 0.0)
         energy = energy + c[I.BOTTOM_STIFF] * (s * s * s / (12.0 * b) if y.real < b else 0.5 * y * y + b * b / 6.0)

@@ -54,8 +54,9 @@ DEFAULTS: dict[str, float | None] = {
     **{'QCRP1': 0.2, 'QCRP2': 0.1, 'QBRP1': 0.1, 'QDRP1': 1.0, 'QDRP2': 0.0},
 }
 # Derived numbers that stand in the same row: relative pressure change, 1 for 6.1 and 0 for 5.2, A_mu of (4.E8), camber limit, ...,
-# 1 with turn slip and 0 without, 1 where only the moment against turning on the spot acts
-DERIVED = ('DPI', 'IS_61', 'A_MU', 'GAMMA_MAX', 'PRESSURE_MY', 'HALF_WIDTH', 'TURN_SLIP', 'PARKING')
+# 1 with turn slip and 0 without, 1 where only the moment against turning on the spot acts; and by what lengths and speeds that are meant
+# for tires of vehicles are smaller for a tire of a model
+DERIVED = ('DPI', 'IS_61', 'A_MU', 'GAMMA_MAX', 'PRESSURE_MY', 'HALF_WIDTH', 'TURN_SLIP', 'PARKING', 'SMALL', 'SMALL_SPEED')
 ROW = len(DEFAULTS) + len(DERIVED)
 I = ModuleType('I')  # noqa: E741  (a module, because compiled code turns its attributes into constants)
 vars(I).update({name: k for k, name in enumerate((*DEFAULTS, *DERIVED))})
@@ -63,7 +64,13 @@ vars(I).update({name: k for k, name in enumerate((*DEFAULTS, *DERIVED))})
 DEFAULT_GAMMA_MAX = np.deg2rad(15.0)  # camber range when the file gives none
 PARKING_FULL, PARKING_ENDS = 2.5, 5.0  # speeds over ground up to which the moment against turning on the spot acts fully, and at all [m/s]
 PARKING_LOAD = 3.0  # over FNOMIN: up to this load data must resist turning on the spot
+SMALL_TIRE = 0.2  # radius [m] below which lengths that smooth or bound the contact, and speeds of standstill (Froude), shrink with the tire
 DEFAULT_WIDTH = 0.65  # width over radius when the file gives none: that of passenger car tires
+
+
+def small_tire(radius: float) -> float:
+    """Of a tire of this unloaded radius [m] the factor of lengths that are meant for tires of vehicles: 1 from SMALL_TIRE on."""
+    return min(1.0, float(radius) / SMALL_TIRE)
 
 
 def pack(
@@ -83,6 +90,8 @@ def pack(
     row[I.IS_61] = float(version == 61)
     row[I.TURN_SLIP] = float(turn_slip)
     row[I.PARKING] = float(parking)
+    row[I.SMALL] = small_tire(row[I.UNLOADED_RADIUS])
+    row[I.SMALL_SPEED] = np.sqrt(row[I.SMALL])
     row[I.A_MU] = 10.0 if version == 61 else 1.0
     limit = max(abs(row[I.CAMMIN]), abs(row[I.CAMMAX]))
     row[I.GAMMA_MAX] = limit if limit > 0.0 else DEFAULT_GAMMA_MAX

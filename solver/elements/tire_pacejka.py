@@ -65,10 +65,11 @@ TIRE_COLUMNS = tuple(TIRE_UNITS)
 OUTPUTS = {'energy': 'J', 'dissipation': 'W', **TIRE_UNITS}
 STATES = 3  # without a twist, one more with it
 
+LOWEST_SPEED = 0.1  # m/s that low_speed may be
 LEAST_LOAD = 1e-9  # load, relative to FNOMIN, from which there are forces of friction
 FULL_CONTACT = 0.02  # load, relative to FNOMIN, from which the contact point follows the road fully
 AIR_DECAY = 20.0  # rate at which contact deflections vanish in the air [1/s]
-SHORTEST = 0.03  # lower bound of the relaxation lengths [m]
+SHORTEST = 0.03  # lower bound of the relaxation lengths [m], of small tires in proportion less (I.SMALL)
 TWIST_LENGTH = 0.17  # relaxation length of turn slip over R0: half the contact length, 53 mm of 313 mm ([P] table 9.1)
 SLIP_BOUND = 5.0  # |(kappa, tan alpha)| and R0 |phi_t| saturate smoothly towards this value at speed [-]
 LOW_SLIP = 2.0  # and towards this multiple of (peak force / slip stiffness) at standstill [-]
@@ -110,7 +111,7 @@ class TireSpec(Spec):
             require(self.data['NOMPRES'] > 0.0, where, 'pressure', self.pressure, remedy)
         if self.damping is not None:
             self.set('damping', finite(where, 'damping', self.damping, low=0.0))
-        self.set('low_speed', finite(where, 'low_speed', self.low_speed, low=0.1))
+        self.set('low_speed', finite(where, 'low_speed', self.low_speed, low=LOWEST_SPEED))
         self.set('standstill_damping', finite(where, 'standstill_damping', self.standstill_damping, low=0.0))
         if self.turn_slip:
             self.data.require_turn_slip(where)
@@ -209,7 +210,7 @@ def _parking(c, low, zp, cz, Vx, Vsy, turning, slow, tau, quiet, contact, Fz, mu
     """
     R0 = c[I.UNLOADED_RADIUS]
     over_ground = Vx * Vx + Vsy * Vsy
-    top, full = PARKING_ENDS * PARKING_ENDS, PARKING_FULL * PARKING_FULL
+    top, full = PARKING_ENDS * PARKING_ENDS * c[I.SMALL], PARKING_FULL * PARKING_FULL * c[I.SMALL]
     fade = smoother_step((top - over_ground) / (top - full))
     sigma = 0.0 * Fz + TWIST_LENGTH * R0
     state, twist = _twist_state(zp, cz, over_ground, fade * turning, sigma, slow, low, grip, tau, quiet, contact)
@@ -249,8 +250,9 @@ def _evaluate(table, e, motion, zp, cz):
     dfz = load_increment(c, load)
     Kxk, Kya = slip_stiffness(c, camber, load, dfz)
     sigma_x, sigma_y = relaxation_lengths(c, camber, load, dfz, Kxk, Kya)
-    sigma_x = compose(SHORTEST + ramp(sigma_x - SHORTEST, 0.5 * SHORTEST), gamma, gamma, gamma, Fz)
-    sigma_y = compose(SHORTEST + ramp(sigma_y - SHORTEST, 0.5 * SHORTEST), gamma, gamma, gamma, Fz)
+    shortest = SHORTEST * c[I.SMALL]
+    sigma_x = compose(shortest + ramp(sigma_x - shortest, 0.5 * shortest), gamma, gamma, gamma, Fz)
+    sigma_y = compose(shortest + ramp(sigma_y - shortest, 0.5 * shortest), gamma, gamma, gamma, Fz)
     contact = smooth_step(Fz / (FULL_CONTACT * F0))
     tilted = at.upright.real < 1.0  # what is not so costs a comparison, in place of products of derivatives
     if tilted:
@@ -306,12 +308,12 @@ def _evaluate(table, e, motion, zp, cz):
     if c[I.PARKING] > 0.0:
         forwards, sideways = value(Vx), value(Vsy)
         over_ground = forwards * forwards + sideways * sideways
-        if over_ground.real < PARKING_ENDS * PARKING_ENDS:
+        if over_ground.real < PARKING_ENDS * PARKING_ENDS * c[I.SMALL]:
             turning = R0 * (dot(motion.turning, at.n) - motion.spin * at.sin_camber)
             state_w, moment = _parking(c, table.low[e, 4], zp[2], cz, Vx, Vsy, turning, slow, tau, quiet, contact, Fz, mu, grip)
             Mz = Mz + moment * at.upright
         else:
-            state_w = 0.0 * Fz + zp[2] / (1.0 + cz * (PARKING_ENDS / (TWIST_LENGTH * R0)))
+            state_w = 0.0 * Fz + zp[2] / (1.0 + cz * (PARKING_ENDS * c[I.SMALL_SPEED] / (TWIST_LENGTH * R0)))
 
     # wrench on the body: force at the contact point and moment, about the centre of mass
     F = add(scale(Fx, at.e_x), add(scale(Fy, at.e_y), scale(Fz, at.n)))

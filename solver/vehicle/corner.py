@@ -101,8 +101,9 @@ class StrutAxle(Axle):
     def __post_init__(self) -> None:
         super().__post_init__()
         for name in ('strut', 'ball_joint'):
-            high = self.top_mount[2] > getattr(self, name)[2] + 0.05
-            require(high, 'strut axle', 'top_mount', self.top_mount, f'must lie above {name} by at least 0.05 m')
+            least = min(0.05, 0.2 * self.wheel.center[2])  # m; of the wheels of a model less
+            high = self.top_mount[2] > getattr(self, name)[2] + least
+            require(high, 'strut axle', 'top_mount', self.top_mount, f'must lie above {name} by at least {least:.3g} m')
 
     def rods(self) -> tuple[tuple[Vector, Vector], ...]:
         """The massless rods that hold the knuckle, each from its inner to its outer end: both legs of the arm, the tie rod."""

@@ -69,9 +69,10 @@ class Kingpins:
 
     def __post_init__(self) -> None:
         require_positive('kingpins', self, 'track_rod_mass', 'track_rod_radius')
-        high = self.upper[2] > self.lower[2] + 0.02
-        require(high, 'kingpins', 'upper', self.upper, f'must lie above lower, {self.lower}, at least 0.02 m')
-        apart = abs(self.track_rod[1]) > 0.05
+        least = min(0.02, 0.05 * abs(self.upper[2]))  # m; of a model less
+        high = self.upper[2] > self.lower[2] + least
+        require(high, 'kingpins', 'upper', self.upper, f'must lie above lower, {self.lower}, at least {least:.3g} m')
+        apart = abs(self.track_rod[1]) > 2.5 * least
         require(apart, 'kingpins', 'track_rod', self.track_rod, 'must lie beside the middle of the car: it is the ball of the left side')
 
     def body(self, corner: str, side: str, center: Vector) -> RigidBodySpec:

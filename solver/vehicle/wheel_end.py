@@ -8,6 +8,7 @@ Coordinates of a corner:
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -18,7 +19,8 @@ from solver.elements.coordinate import CoordinateSpec
 from solver.elements.joint import JointSpec
 from solver.elements.marker import Marker
 from solver.elements.rigid_body import RigidBodySpec
-from solver.elements.tire_pacejka import TireData, TireSpec
+from solver.elements.tire_data import small_tire
+from solver.elements.tire_pacejka import LOWEST_SPEED, TireData, TireSpec
 from solver.model.frames import frame_of_rpy, matrix, quaternion
 from solver.validate import Vector, finite, require
 from solver.vehicle.hardpoints import SIDES, marker_at, on_side
@@ -85,6 +87,7 @@ def wheel_end(
     """Bearing, tire and brake of a wheel, without the two bodies."""
     mirrored = tire.side not in (side, 'symmetric')
     center, spin, name = wheel.position, spin_axis(wheel), f'wheel_{corner}'
+    slower = math.sqrt(small_tire(tire.values['UNLOADED_RADIUS']))  # times and speeds of standstill, which a small car has smaller
     return Parts(
         joints=(JointSpec(name=name, kind='revolute', i=marker_at(upright, center, spin), j=marker_at(wheel, center, spin)),),
         coordinates=(
@@ -100,7 +103,17 @@ def wheel_end(
                 damping=brake.damping,
             ),
         ),
-        tires=(TireSpec(name=corner, marker=Marker(body=wheel.name), data=tire, mirrored=mirrored, turn_slip=turn_slip),),
+        tires=(
+            TireSpec(
+                name=corner,
+                marker=Marker(body=wheel.name),
+                data=tire,
+                mirrored=mirrored,
+                turn_slip=turn_slip,
+                low_speed=max(slower * TireSpec.low_speed, LOWEST_SPEED),
+                standstill_damping=slower * TireSpec.standstill_damping,
+            ),
+        ),
     )
 
 
