@@ -5,7 +5,8 @@ are those of base_link, accelerations those of the centre of mass of the chassis
 column in a recording (bags/README.md). What a level of detail does not publish is absent there, and nothing takes its place.
 
 A percentage is one of the peak of the reference, the largest absolute value in the time that is compared; where that is less than the
-`least` of the quantity, of this: a car that drives straight ahead is not held to two percent of nothing.
+`least` of the quantity, of this: a car that drives straight ahead is not held to two percent of nothing. It is that of passenger cars and
+grows with the vehicle (solver.vehicle.size).
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from solver.errors import SpecError, suggestion
 from solver.model.compile import joint_coordinates
 from solver.model.spec import ModelSpec
 from solver.output.snapshot import NO_STEPS, Channels, Snapshot, layout_of, new_numbers
+from solver.vehicle.size import Size
 
 POSE, TWIST, FORCE = ('x', 'y', 'z', 'qx', 'qy', 'qz', 'qw'), ('vx', 'vy', 'vz', 'wx', 'wy', 'wz'), TIRE_COLUMNS[:6]
 TIRE_STATES = ('fz', *TIRE_COLUMNS[6 : TIRE_COLUMNS.index('px')])
@@ -79,11 +81,23 @@ BY_WHEEL: dict[str, Named] = {
     'slip': Named('1', 0.001, 'longitudinal slip of the tire'),
     'suspension_travel': Named('m', 0.001, 'travel of the wheel, positive in bump'),
 }
+ORDINARY = Size()
+GROWS: dict[str, Callable[[Size], float]] = {  # by unit how the smallest peak grows with the vehicle
+    'm': lambda size: size.length,
+    'm/s': lambda size: size.speed,
+    'rad/s': lambda size: 1.0 / size.time,
+    'N': lambda size: size.mass,
+    'N m': lambda size: size.torque,
+}
 OF_TIRE = {'wheel_load': 'fz', 'slip_angle': 'alpha', 'slip': 'kappa', 'tire_force.x': 'fx', 'tire_force.y': 'fy', 'tire_force.z': 'fz'}
 OF_STEERING = ('steering_wheel_angle', 'steering_torque')
 JOINT_UNITS = {'rotation': ('rad', 'rad/s', 'N m'), 'translation': ('m', 'm/s', 'N')}
 UNITS_OF = {**dict.fromkeys('xyz', 'm'), **dict.fromkeys(TWIST[:3], 'm/s'), **dict.fromkeys(TWIST[3:], 'rad/s')}
 RATES = ('position', 'velocity', 'effort')
+
+
+def _same_for_all(size: Size) -> float:
+    return 1.0
 
 
 def published(model: ModelSpec) -> Channels:
@@ -115,8 +129,13 @@ def names(channels: Channels) -> list[str]:
     return body + wheels
 
 
-def quantity(name: str, channels: Channels) -> Quantity:
-    """The quantity of that name in snapshots with these channels. Raises SpecError where they do not have it."""
+def quantity(name: str, channels: Channels, size: Size = ORDINARY) -> Quantity:
+    """The quantity of that name in snapshots with these channels, of a vehicle of that size. Raises SpecError where they do not have it."""
+    found = _quantity(name, channels)
+    return found if size.ordinary else found._replace(least=found.least * GROWS.get(found.unit, _same_for_all)(size))
+
+
+def _quantity(name: str, channels: Channels) -> Quantity:
     layout = layout_of(channels)
     s = Snapshot(0, 0, np.arange(new_numbers(layout).size, dtype=float), layout, NO_STEPS)  # each number is its own place
     if name in names(channels):

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from solver.files.tire_receipt import Entry
     from solver.levels.derived import LevelReport
     from solver.scene import Scene
+    from solver.vehicle.size import Size
 
 UNITS = {'mass': 'kg', 'h': 's', 'duration': 's'}
 STANDING = 'vehicle: {}\nstart: {{kind: equilibrium}}\nduration: 1\n'  # a vehicle on a flat road
@@ -204,24 +205,45 @@ def _is_vehicle(file: Path) -> bool:
 
 def _figures(scene: Scene) -> tuple[dict[str, Any], str]:
     """The figures of the vehicle of a scene, standing on a flat road: (an object for JSON in SI units, a table)."""
-    from solver.analysis.figures import figures, standing
-    from solver.analysis.usual import usual
+    from solver.analysis.figures import all_figures, standing
+    from solver.analysis.usual import TEXTS, usual
+    from solver.vehicle.size import size_of
 
     try:
-        found = figures(standing(scene))
+        found, failed = all_figures(standing(scene))
     except MbdError as error:
         return {'error': str(error)}, f'\n\nno figures of the vehicle: {error}'
-    data, ranges = {}, usual(scene.model)
-    rows: list[tuple[str, ...]] = [('figure', 'value', f'of a {scene.model.category or "saloon"}', '', 'source')]
-    for name, where in ranges.items():
-        if name not in found:
+    data: dict[str, Any] = {}
+    ranges, size = usual(scene.model), size_of(scene.model)
+    texts = driven_at(size)
+    compared = f'of a {scene.model.category or "saloon"}' if ranges else 'none is known of this size'
+    rows: list[tuple[str, ...]] = [('figure', 'value', compared, '', 'source')]
+    for name, (text, unit, factor) in TEXTS.items():
+        if name in failed:
+            data[name] = {'error': failed[name]}
+            rows.append((texts.get(name, text), 'none', '', 'FAILED', failed[name]))
+        if name not in found or (ranges and name not in ranges):
             continue
+        shown = f'{found[name] * factor:.4g} {unit}'
+        if name not in ranges:
+            rows.append((texts.get(name, text), shown, '', '', ''))
+            continue
+        where = ranges[name]
         within = where.low <= found[name] <= where.high
         data[name] = {'value': found[name], 'low': where.low, 'high': where.high, 'within': within, 'source': where.source}
-        value, low, high = (f'{x * where.factor:.4g}' for x in (found[name], where.low, where.high))
-        rows.append((where.text, f'{value} {where.unit}', f'{low} to {high}', '' if within else 'OUTSIDE', where.source))
-    others = {name: {'value': value} for name, value in found.items() if name not in ranges}
+        low, high = (f'{x * factor:.4g}' for x in (where.low, where.high))
+        rows.append((texts.get(name, text), shown, f'{low} to {high}', '' if within else 'OUTSIDE', where.source))
+    others = {name: {'value': value} for name, value in found.items() if name not in data}
     return data | others, '\n\n' + table(rows)
+
+
+def driven_at(size: Size) -> dict[str, str]:
+    """Texts of figures with the speed that they belong to, of a vehicle that is no passenger car in size."""
+    from solver.analysis.driven import FAST
+
+    if size.length == 1.0:
+        return {}
+    return {'steering_sensitivity': f'lateral acceleration by steering wheel, at {3.6 * FAST * size.speed:.4g} km/h'}
 
 
 def _text(value: object) -> str:

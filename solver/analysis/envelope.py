@@ -25,6 +25,7 @@ from solver.elements.tire_pacejka import TIRE_COLUMNS
 from solver.output.snapshot import Channels, Snapshot, layout_of
 from solver.quantities import Quantity, names, quantity
 from solver.simulation import Simulation
+from solver.vehicle.size import Size, size_of
 from solver.vehicle.trailer import TRAILER
 
 if TYPE_CHECKING:
@@ -53,9 +54,9 @@ class _Worst(NamedTuple):
 class _Range:
     """Follows the quantities of one name, of all wheels."""
 
-    def __init__(self, limit: Limit, channels: Channels) -> None:
+    def __init__(self, limit: Limit, channels: Channels, size: Size) -> None:
         self.limit, self._worst = limit, {1.0: _Worst(), -1.0: _Worst()}  # beyond the upper end, and the lower one
-        curves = [quantity(name, channels) for name in names(channels) if name.partition('.')[0] == limit.quantity]
+        curves = [quantity(name, channels, size) for name in names(channels) if name.partition('.')[0] == limit.quantity]
         plain = [one for one in curves if len(one.places) == 1]  # numbers as they are shown, of all wheels at once
         self._plain = np.array([place for one in plain for place in one.places], int)
         self._others = [one for one in curves if len(one.places) > 1]
@@ -100,12 +101,13 @@ class _Swing(NamedTuple):
 class _Frequency:
     """Follows how fast wheels and steering wheel swing."""
 
-    def __init__(self, limit: Limit, channels: Channels) -> None:
-        self.limit, self._worst = limit, _Worst()
+    def __init__(self, limit: Limit, channels: Channels, size: Size) -> None:
+        self.limit, self._worst, self._window = limit, _Worst(), WINDOW * size.time
+        still_ones = {**STILL, 'travel_': STILL['travel_'] * size.length}
         self._swings = [
             _Swing(joint.replace('_', ' '), still, *(quantity(f'joint_states/{joint}/{of}', channels) for of in ('position', 'velocity')))
             for joint in channels.joints
-            for begin, still in STILL.items()
+            for begin, still in still_ones.items()
             if joint.startswith(begin)
         ]
         self._positions = np.array([place for swing in self._swings for place in swing.position.places], int)
@@ -121,11 +123,11 @@ class _Frequency:
         x = x - self._first[:, None]
         self._sums = self._sums + np.stack([x.sum(axis=1), (x * x).sum(axis=1), (v * v).sum(axis=1)], axis=1)
         self._n, self._time = self._n + len(rows), float(times[-1])
-        if self._time - self._begin >= WINDOW:
+        if self._time - self._begin >= self._window:
             self._close()
 
     def end(self) -> None:
-        if self._first is not None and self._time - self._begin >= 0.5 * WINDOW:
+        if self._first is not None and self._time - self._begin >= 0.5 * self._window:
             self._close()
 
     def _close(self) -> None:
@@ -227,6 +229,7 @@ class Envelope:
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
         self._lock = threading.Lock()
+        self._size = _size(simulation)
         self.restart()
 
     def restart(self) -> None:
@@ -234,11 +237,12 @@ class Envelope:
         simulation = self._simulation
         level = getattr(simulation, 'level', None)
         watched: list[_Range | _Frequency] = []
+        size = self._size
         for limit in level.validity if level is not None else ():
             if limit.low is not None and limit.high is not None:
-                watched.append(_Range(limit, simulation.channels))
+                watched.append(_Range(limit, simulation.channels, size))
             elif limit.quantity == FREQUENCY and limit.high is not None and FREQUENCY not in simulation.reached:
-                watched.append(_Frequency(limit, simulation.channels))
+                watched.append(_Frequency(limit, simulation.channels, size))
         with self._lock:
             self._watched = watched
             self._noted: list[Snapshot] = []
@@ -255,7 +259,7 @@ class Envelope:
         """Steps of h_ns [ns] between two snapshots to look at; 0: there is nothing to see."""
         if not self._follows:
             return 0
-        return max(1, round(1e9 * (APART if self._watched else SLOWLY) / h_ns))
+        return max(1, round(1e9 * self._size.time * (APART if self._watched else SLOWLY) / h_ns))
 
     def look(self, snapshot: Snapshot) -> None:
         """Note a snapshot."""
@@ -301,6 +305,12 @@ def _left(limit: Limit, worst: _Worst) -> Finding:
     )
     where = limit.quantity
     return Finding(quantity='envelope', value=value, limit=side, unit=limit.unit, time=time, where=where, required=False, text=text)
+
+
+def _size(simulation: Simulation) -> Size:
+    """Of a vehicle; that of a passenger car for what is none."""
+    model = getattr(simulation, 'model', None)
+    return Size() if model is None else size_of(model.spec)
 
 
 def _upright(simulation: Simulation) -> list[str]:

@@ -8,6 +8,8 @@ they usually lie: solver.analysis.usual.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 
@@ -15,6 +17,7 @@ from solver.analysis.driven import parking_figures, steady_figures, step_figures
 from solver.analysis.kinematics_and_compliance import CORNERS, Rig, kinematic_figures, wheel_centers
 from solver.analysis.modes import AXLES, named_modes
 from solver.elements.road import RoadSpec
+from solver.errors import MbdError, SpecError
 from solver.inputs.maneuver import Maneuver
 from solver.model.frames import matrix
 from solver.model.spec import ModelSpec
@@ -24,6 +27,11 @@ from solver.step.settings import IntegratorSettings
 from solver.vehicle.hardpoints import SIDES
 
 ROUNDED = 12  # decimals of an angle [rad]: what is beyond is rounding of the equilibrium
+# what comes from where, first of all what tells that it is missing
+MODES = ('bounce_frequency', 'bounce_damping', 'pitch_frequency', 'roll_frequency')
+BENCH = ('wheel_rate_front', 'wheel_rate_rear', 'roll_stiffness_front', 'roll_stiffness_rear', 'steering_ratio')
+ALIGNED = ('toe_front', 'toe_rear', 'camber_front', 'camber_rear')
+STEADY, STEP, PARKED = ('understeer_gradient', 'roll_gradient', 'steering_sensitivity'), ('response_time',), ('parking_rack_force',)
 
 
 def mass_figures(spec: ModelSpec) -> dict[str, float]:
@@ -83,15 +91,49 @@ def standing(scene: Scene) -> Simulation:
     )
 
 
-def figures(simulation: Simulation) -> dict[str, float]:
+class Figures(NamedTuple):
+    """Of a vehicle: figures by name, and by name of one that could not be found why not."""
+
+    found: dict[str, float]
+    failed: dict[str, str]
+
+
+def all_figures(simulation: Simulation) -> Figures:
     """All figures of a vehicle whose simulation stands at its start (see standing()), without modes where there are none of bodies alone
-    (solver.analysis.modes); solver.analysis.usual tells what they are."""
+    (solver.analysis.modes); solver.analysis.usual tells what they are. Where a bench or a drive fails, what comes from it is missing."""
     spec = simulation.model.spec
-    found = mass_figures(spec)
-    for name, mode in named_modes(simulation).items() if not spec.struts else ():
-        key = name.replace(' ', '_')
-        found |= {f'{key}_frequency': mode.frequency, f'{key}_damping': mode.damping}
-    found |= kinematic_figures(Rig(spec)) | sag(simulation) | alignment(simulation)
-    ratio = found['steering_ratio']
-    found |= steady_figures(spec, ratio)
-    return found | step_figures(spec, ratio, found['understeer_gradient']) | parking_figures(spec, ratio)
+    found, failed = mass_figures(spec), {}
+
+    def more(names: tuple[str, ...], make: Callable[[], dict[str, float]]) -> None:
+        try:
+            found.update(make())
+        except MbdError as error:
+            failed.update(dict.fromkeys(names, str(error)))
+
+    def modes() -> dict[str, float]:
+        named = named_modes(simulation) if not spec.struts else {}
+        ends = {f'{name.replace(" ", "_")}': mode for name, mode in named.items()}
+        return {f'{key}_{what}': getattr(mode, what) for key, mode in ends.items() for what in ('frequency', 'damping')}
+
+    more(MODES, modes)
+    more(BENCH, lambda: kinematic_figures(Rig(spec)))
+    more(('sag_front', 'sag_rear', *ALIGNED), lambda: sag(simulation) | alignment(simulation))
+    ratio = found.get('steering_ratio')
+    if ratio is None:
+        why = failed.get('steering_ratio', 'the steering has no ratio')
+        return Figures(found, failed | dict.fromkeys((*STEADY, *STEP, *PARKED), why))
+    more(STEADY, lambda: steady_figures(spec, ratio))
+    if 'understeer_gradient' in found:
+        more(STEP, lambda: step_figures(spec, ratio, found['understeer_gradient']))
+    else:
+        failed.update(dict.fromkeys(STEP, failed['understeer_gradient']))
+    more(PARKED, lambda: parking_figures(spec, ratio))
+    return Figures(found, failed)
+
+
+def figures(simulation: Simulation) -> dict[str, float]:
+    """All figures of a vehicle by name; see all_figures(). Raises MbdError where one cannot be found."""
+    found, failed = all_figures(simulation)
+    for why in failed.values():
+        raise SpecError(why)
+    return found

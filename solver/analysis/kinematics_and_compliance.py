@@ -1,7 +1,8 @@
 """A test bench for kinematics and compliance: curves of toe, camber, load over wheel travel, steering and loads at the tires.
 
 The rig holds the chassis in its design position, takes the tires off, locks the wheels to their carriers, and prescribes the wheel travels
-and the steering wheel; power steering helps as on the road (ASSISTED_AT). Every point of a sweep is a static equilibrium. It works on any
+and the steering wheel; power steering helps as on the road (ASSISTED_AT). Travels, loads and speeds are those of passenger cars and
+grow with the vehicle (solver.vehicle.size). Every point of a sweep is a static equilibrium. It works on any
 vehicle model whose corners are called front_left ... and that has the coordinates wheel_<corner> and travel_<corner> (docs/vehicle.md).
 Angles in rad, SI units; signs:
 
@@ -30,6 +31,7 @@ from solver.model.spec import ModelSpec
 from solver.model.state import new_state
 from solver.start.equilibrium import Equilibrium
 from solver.vehicle.hardpoints import SIDES
+from solver.vehicle.size import size_of
 
 CORNERS = tuple(f'{axle}_{side}' for axle in AXLES for side in SIDES)
 LOADS = {'fx': ('force', (1.0, 0.0, 0.0)), 'fy': ('force', (0.0, 1.0, 0.0)), 'mz': ('torque', (0.0, 0.0, 1.0))}
@@ -63,7 +65,7 @@ class Rig:
     """
 
     def __init__(self, spec: ModelSpec, *, at_center: bool = False) -> None:
-        self.spec = spec
+        self.spec, self.size = spec, size_of(spec)
         self.centers = wheel_centers(spec)
         bodies = {b.name: b for b in spec.bodies}
         chassis = bodies[spec.chassis or spec.bodies[0].name]
@@ -72,7 +74,7 @@ class Rig:
             for tire in spec.tires:
                 if joint.name == f'wheel_{tire.name}':
                     carrier[tire.name] = joint.i.body if joint.j.body == tire.marker.body else joint.j.body
-        self._locked = {} if carrier else dict.fromkeys({guide.input for guide in spec.guides}, HOLD)
+        self._locked = {} if carrier else dict.fromkeys({guide.input for guide in spec.guides}, HOLD * self.size.torque)
         spin = [f'spin_{c}' for c in CORNERS] if at_center else [None] * len(CORNERS)
         rows = [
             CouplerSpec(name=f'hold_{c}', terms=((f'wheel_{c}', 1.0),), offset=None if name is None else 0.0, input=name)
@@ -109,7 +111,7 @@ class Rig:
                 'joints': (*spec.joints, fixed),
                 'couplers': (*spec.couplers, *rows),
                 'applied_forces': (*spec.applied_forces, *loads),
-                'servos': tuple(servo.at_speed(ASSISTED_AT) for servo in spec.servos),
+                'servos': tuple(servo.at_speed(ASSISTED_AT * self.size.speed) for servo in spec.servos),
                 'tires': (),
                 'inputs': self.inputs,
             }
@@ -129,7 +131,8 @@ class Rig:
         patch); returns by corner toe, camber, steer [rad], x, y of wheel centre and contact patch relative to the design [m],
         load: vertical force at the wheel [N]."""
         before, u = self._u, np.array([inputs.get(name, self._locked.get(name, 0.0)) for name in self.inputs])
-        limits = np.array([STEPS.get(name.partition('_')[0], np.inf) for name in self.inputs])
+        steps = {**STEPS, 'travel': STEPS['travel'] * self.size.length}
+        limits = np.array([steps.get(name.partition('_')[0], np.inf) for name in self.inputs])
         finer = GUIDED if self.spec.guides else 1.0
         count = max(1, int(np.ceil(finer * np.max(np.abs(u - before) / limits))))
         for k in range(1, count + 1):  # an equilibrium each: what stands on soft rubber would be led to another one from farther away
@@ -180,13 +183,15 @@ class Rig:
 
 
 def kinematic_figures(rig: Rig, step: float = 0.01) -> dict[str, float]:
-    """Slopes at the design position from central differences over +- step [m]: per axle wheel rate [N/m], roll stiffness [N m/rad],
-    roll-centre height [m] (in roll, so that it holds for dependent suspensions too), toe and camber change [rad/m], roll steer (to the
+    """Slopes at the design position from central differences over +- step [m] of a passenger car: per axle wheel rate [N/m], roll stiffness
+    [N m/rad], roll-centre height [m] (in roll, so that it holds for dependent suspensions too), toe and camber change [rad/m], roll
+    steer (to the
     left per roll to the right [-]); the ratio of steering wheel to mean road wheel [-] and the share of Ackermann's condition [-];
     compliances: toe by lateral force, both to the left (left wheel, [rad/N], positive: towards the force) and by aligning moment
     [rad/(N m)], longitudinal displacement by braking force [m/N], for models with bushings."""
+    step, force, moment = step * rig.size.length, 1000.0 * rig.size.mass, 50.0 * rig.size.torque
     both, roll = rig.travel([-step, step]), rig.travel([-step, step], opposite=True)
-    side, brake, align = rig.loading('fy', [-1000.0, 1000.0]), rig.loading('fx', [-1000.0, 1000.0]), rig.loading('mz', [-50.0, 50.0])
+    side, brake, align = rig.loading('fy', [-force, force]), rig.loading('fx', [-force, force]), rig.loading('mz', [-moment, moment])
     steer = rig.steering([-0.2, 0.2])
     figures: dict[str, float] = {}
     for axle in AXLES:
@@ -208,10 +213,10 @@ def kinematic_figures(rig: Rig, step: float = 0.01) -> dict[str, float]:
         }
         if rig.spec.bushings or rig.spec.guides:
             figures |= {
-                f'lateral_steer_{axle}': slope(side, 'steer', 1000.0),
-                f'lateral_compliance_{axle}': slope(side, 'contact_y', 1000.0),
-                f'longitudinal_compliance_{axle}': slope(brake, 'center_x', 1000.0),
-                f'aligning_steer_{axle}': slope(align, 'steer', 50.0),
+                f'lateral_steer_{axle}': slope(side, 'steer', force),
+                f'lateral_compliance_{axle}': slope(side, 'contact_y', force),
+                f'longitudinal_compliance_{axle}': slope(brake, 'center_x', force),
+                f'aligning_steer_{axle}': slope(align, 'steer', moment),
             }
     mean = 0.5 * (steer['front_left']['steer'] + steer['front_right']['steer'])
     figures['steering_ratio'] = float(0.4 / (mean[1] - mean[0]))

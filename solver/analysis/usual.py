@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.model.spec import ModelSpec
+from solver.vehicle.size import size_of
 
 
 class Usual(NamedTuple):
@@ -232,6 +233,9 @@ CATEGORIES: Mapping[str, Mapping[str, Range]] = {
 
 
 def usual(spec: ModelSpec) -> dict[str, Usual]:
-    """Where the figures of a vehicle of the category of a model usually lie."""
+    """Where the figures of a vehicle of the category of a model usually lie; nothing of one that is no passenger car in size
+    (solver.vehicle.size)."""
+    if not size_of(spec).ordinary:
+        return {}
     ranges: dict[str, Range] = {**SALOON, **CATEGORIES[spec.category or 'saloon']}
     return {name: Usual(*TEXTS[name], *limits) for name, limits in ranges.items() if limits is not None}

@@ -46,7 +46,7 @@ def where_it_stands(
     if at is None:
         return NOTHING
     middle, step = int(np.argmin(np.abs(fine - at))), float(fine[1] - fine[0])
-    reach = min(int(LEANT / step), middle, len(fine) - 1 - middle)
+    reach = min(int(LEANT * bench.size.length / step), middle, len(fine) - 1 - middle)
     moves = [(k, other) for k in range(-reach, reach + 1) if k for other in (-k, 0)] + [(0, k) for k in range(-reach, reach + 1) if k]
 
     def stand(*nodes: int) -> Stand:

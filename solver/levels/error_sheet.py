@@ -5,7 +5,9 @@
     5 mm high, left and right alike, at 20 m/s
 
 Angles of the steering wheel follow from a slow ramp of the whole vehicle (13.5 deg/s at 80 km/h, as ISO 19365 asks for): the reference
-angle is that at 0.3 g. Errors are root mean squares and largest differences over the run, in parts of the peak of the whole vehicle; of
+angle is that at 0.3 g. Speeds, times and lengths are those of passenger cars and grow with the vehicle (solver.vehicle.size).
+
+Errors are root mean squares and largest differences over the run, in parts of the peak of the whole vehicle; of
 the wheels that with the largest is shown. What a level does not publish has no figure.
 """
 
@@ -20,16 +22,19 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from solver.analysis.departures import departure
+from solver.analysis.driven import DIRECT
 from solver.elements.road import HeightGrid, RoadSpec
 from solver.inputs.maneuver import Maneuver
 from solver.inputs.signals import Ramp, SineWithDwell, Step, Sweep
 from solver.levels.derived import ErrorFigure
 from solver.levels.kept import kept
+from solver.levels.track_straight import gear_of
 from solver.model.spec import ModelSpec
 from solver.quantities import names, published, quantity
 from solver.scene import Fidelity, Scene, StartSettings
 from solver.simulation import Simulation
 from solver.step.settings import IntegratorSettings
+from solver.vehicle.size import size_of
 
 G = 9.81
 NO_SWITCHES: Mapping[str, Literal['on', 'off']] = MappingProxyType({})
@@ -54,14 +59,20 @@ class Course(NamedTuple):
 
 
 def course_scene(
-    model: ModelSpec, course: Course, fidelity: Fidelity, switches: Mapping[str, Literal['on', 'off']] = NO_SWITCHES, h: float = H
+    model: ModelSpec, course: Course, fidelity: Fidelity, switches: Mapping[str, Literal['on', 'off']] = NO_SWITCHES, h: float | None = None
 ) -> Scene:
-    """The scene of a course."""
+    """The scene of a course; h [s]: None for that of the sheet."""
+    h = step_of(model) if h is None else h
     return Scene(
         name=course.name, model=dataclasses.replace(model, road=course.road), maneuver=course.maneuver, duration=course.duration,
         start=StartSettings(kind='equilibrium', speed=course.speed), integrator=IntegratorSettings(h=h, iterations=2), fidelity=fidelity,
         switches=dict(switches),
     )  # fmt: skip
+
+
+def step_of(model: ModelSpec) -> float:
+    """H of a vehicle [s], in whole nanoseconds."""
+    return round(H * size_of(model).time, 9)
 
 
 def simulated(scene: Scene) -> Simulation:
@@ -73,8 +84,10 @@ def simulated(scene: Scene) -> Simulation:
 
 def angles(model: ModelSpec, accelerations: tuple[float, ...]) -> list[float]:
     """Angles of the steering wheel [rad] at lateral accelerations [m/s^2], from a slow ramp of the whole vehicle at SPEED."""
-    ramp = Course('slow ramp', SPEED, Maneuver(steering=Ramp(slope=RAMP, start=0.5)), 8.0)
-    simulation = simulated(course_scene(model, ramp, 'full', h=2e-3))
+    t = size_of(model).time
+    slower = min(1.0, gear_of(model) / DIRECT) / t
+    ramp = Course('slow ramp', SPEED * t, Maneuver(steering=Ramp(slope=RAMP * slower, start=0.5 * t)), 8.0 * t)
+    simulation = simulated(course_scene(model, ramp, 'full', h=2.0 * step_of(model)))
     column, chassis = simulation.channels.inputs.index('steering'), simulation.channels.chassis or 0
     wheel, lateral = [0.0], [0.0]
     while simulation.t_ns < ramp.duration * 1e9 and lateral[-1] < max(accelerations):
@@ -85,36 +98,53 @@ def angles(model: ModelSpec, accelerations: tuple[float, ...]) -> list[float]:
     return [float(np.interp(a, rising, wheel)) for a in accelerations]
 
 
+def dwell(amplitude: float, start: float, t: float) -> SineWithDwell:
+    """Sine with dwell [rad] from start [s], of a vehicle whose times are t times those of a passenger car."""
+    usual = SineWithDwell(amplitude=amplitude, start=start)
+    return dataclasses.replace(usual, frequency=usual.frequency / t, dwell=usual.dwell * t)
+
+
 def courses(model: ModelSpec) -> tuple[Course, ...]:
     """The maneuvers of the sheet for a vehicle."""
     reference, step = angles(model, (0.3 * G, 0.4 * G))
     mass = sum(body.mass for body in model.bodies)
     radius = float(np.mean([tire.data.values['UNLOADED_RADIUS'] for tire in model.tires]))
-    x = np.arange(0.0, 120.0 + 0.05, 0.05) - 10.0
+    t, length = size_of(model).time, size_of(model).length
+    rest = REST * t
+    x = np.arange(0.0, 120.0 + 0.05, 0.05) - 10.0  # of a passenger car
     rise = np.clip((x - 10.0) / 5.0, 0.0, 1.0)
     wave = [
-        AMPLITUDE * r * r * (3.0 - 2.0 * r) * math.sin(2.0 * math.pi * at / WAVE) for r, at in zip(rise.tolist(), x.tolist(), strict=True)
+        length * AMPLITUDE * r * r * (3.0 - 2.0 * r) * math.sin(2.0 * math.pi * at / WAVE)
+        for r, at in zip(rise.tolist(), x.tolist(), strict=True)
     ]
-    road = RoadSpec(grids=(HeightGrid(origin=(-10.0, -10.0), step=(0.05, 20.0), height=tuple((z, z) for z in wave)),))
-    pull = Course('pulling 0.2 g', 50.0 / 3.6, Maneuver(drive_torque=Step(value=0.2 * G * mass * radius, start=REST, rise=0.3)), 5.0)
+    road = RoadSpec(
+        grids=(
+            HeightGrid(origin=(-10.0 * length, -10.0 * length), step=(0.05 * length, 20.0 * length), height=tuple((z, z) for z in wave)),
+        )
+    )
+    pull = Course(
+        'pulling 0.2 g', 50.0 / 3.6 * t, Maneuver(drive_torque=Step(value=0.2 * G * mass * radius, start=rest, rise=0.3 * t)), 5.0 * t
+    )
     return (
-        Course('step steer 0.4 g', SPEED, Maneuver(steering=Step(value=step, start=REST, rise=0.15), drive_torque=0.0), 5.0),
-        Course('sine with dwell 3 A', SPEED, Maneuver(steering=SineWithDwell(amplitude=3.0 * reference, start=REST)), 5.0),
+        Course('step steer 0.4 g', SPEED * t, Maneuver(steering=Step(value=step, start=rest, rise=0.15 * t), drive_torque=0.0), 5.0 * t),
+        Course('sine with dwell 3 A', SPEED * t, Maneuver(steering=dwell(3.0 * reference, rest, t)), 5.0 * t),
         Course(
-            'swept sine 0.3 g', SPEED,
-            Maneuver(steering=Sweep(amplitude=reference, frequency=0.2, final_frequency=2.0, duration=14.0, start=REST)), 15.5,
+            'swept sine 0.3 g', SPEED * t,
+            Maneuver(steering=Sweep(amplitude=reference, frequency=0.2 / t, final_frequency=2.0 / t, duration=14.0 * t, start=rest)),
+            15.5 * t,
         ),
         Course(
-            'braking 0.5 g', 100.0 / 3.6, Maneuver(brake_torque=Step(value=0.5 * G * mass * 0.95 * radius, start=REST, rise=0.3)), 5.0
+            'braking 0.5 g', 100.0 / 3.6 * t,
+            Maneuver(brake_torque=Step(value=0.5 * G * mass * 0.95 * radius, start=rest, rise=0.3 * t)), 5.0 * t,
         ),
         *((pull,) if 'drive_torque' in model.inputs else ()),
-        Course('road of 2 m', ROAD_SPEED, Maneuver(), 4.0, road),
+        Course('road of 2 m', ROAD_SPEED * t, Maneuver(), 4.0 * t, road),
     )  # fmt: skip
 
 
-def shown(simulation: Simulation, course: Course) -> dict[str, np.ndarray]:
-    """Quantity -> its values at the samples of a course (n, components), of those the simulation publishes."""
-    rows = np.array([simulation.advance(EVERY).numbers for _ in range(round(course.duration / (H * EVERY)))])
+def shown(simulation: Simulation, course: Course, h: float) -> dict[str, np.ndarray]:
+    """Quantity -> its values at the samples of a course (n, components) of steps h [s], of those the simulation publishes."""
+    rows = np.array([simulation.advance(EVERY).numbers for _ in range(round(course.duration / (h * EVERY)))])
     there = names(simulation.channels)
     wanted = [name for name in there if name in OF_BODY or name.partition('.')[0] in BY_WHEEL]
     return {name: (q := quantity(name, simulation.channels)).of(rows[:, q.places]) for name in wanted}
@@ -122,13 +152,13 @@ def shown(simulation: Simulation, course: Course) -> dict[str, np.ndarray]:
 
 def compared(model: ModelSpec, course: str, ours: dict[str, np.ndarray], theirs: dict[str, np.ndarray]) -> list[ErrorFigure]:
     """Figures of every quantity that both have and that moves in the course; of those of the wheels the worst."""
-    channels = published(model)
+    channels, size, h = published(model), size_of(model), step_of(model)
     worst: dict[str, ErrorFigure] = {}
     for name, reference in theirs.items():
-        q = quantity(name, channels)
+        q = quantity(name, channels, size)
         if name not in ours or q.peak(reference) <= q.least:
             continue
-        time_ = np.arange(1, len(reference) + 1) * (H * EVERY)
+        time_ = np.arange(1, len(reference) + 1) * (h * EVERY)
         found = departure(q, time_, ours[name], reference)
         shown_as = name.partition('.')[0]
         figure = ErrorFigure(
@@ -150,12 +180,14 @@ def error_sheet(
 
     def measure() -> list[dict[str, Any]]:
         found: list[ErrorFigure] = []
+        h = step_of(bare)
         progress('slow ramp', 0.0)
         every = courses(bare)
         for k, course in enumerate(every):
             progress(course.name, (k + 0.5) / len(every))
-            whole = shown(simulated(course_scene(bare, course, 'full')), course)
-            found += compared(bare, course.name, shown(simulated(course_scene(bare, course, fidelity, switches)), course), whole)
+            whole = shown(simulated(course_scene(bare, course, 'full')), course, h)
+            ours = shown(simulated(course_scene(bare, course, fidelity, switches)), course, h)
+            found += compared(bare, course.name, ours, whole)
         return [dataclasses.asdict(figure) for figure in found]
 
     return tuple(ErrorFigure(**figure) for figure in kept(f'errors-{fidelity}', repr((bare, sorted(switches.items()))), measure))

@@ -51,12 +51,13 @@ from solver.scene import Scene
 from solver.vehicle.actuation import TORQUE
 from solver.vehicle.hardpoints import SIDES, marker_at
 from solver.vehicle.parts import UP, vector_of
+from solver.vehicle.size import size_of
 from solver.vehicle.trailer import refuse_trailer
 from solver.vehicle.transfer import refuse_locked, without_connections
 
 AXLES = ('front', 'rear')
-FASTEST = 10.0  # Hz, of the travel of a wheel (speed over wavelength of the road) and of the steering
-LAG = 0.002  # s; of the departures, a usual loss of rubber over its stiffness
+FASTEST = 10.0  # Hz, of a passenger car, of the travel of a wheel (speed over wavelength of the road) and of the steering
+LAG = 0.002  # s, of a passenger car; of the departures, a usual loss of rubber over its stiffness
 CROSSED = 0.05  # motion of a second damper, of that of the first one, that is left out
 REPLACED = ('spring_dampers', 'bushings', 'brakes', 'servos')  # kinds of forces that guides stand for
 MAPS = 'the range of the maps, which go on linearly'
@@ -68,9 +69,9 @@ LOST = (
     'of links and leaf springs what moves with the travel loads that compliance by its inertia, the rest the chassis',
     'the inertia of propeller shaft and gears turns with both driven wheels in equal shares',
 )
-VALIDITY = (  # and the ranges of travel and steering
-    Limit(quantity='roll', unit='rad', low=-0.5, high=0.5, why='a car that rolls over falls on parts that this level does not have'),
-    Limit(quantity='frequency', unit='Hz', high=FASTEST, why='engine and subframes do not vibrate; compared up to waves of 2 m at 20 m/s'),
+ROLL = Limit(quantity='roll', unit='rad', low=-0.5, high=0.5, why='a car that rolls over falls on parts that this level does not have')
+FREQUENCY = Limit(  # of a passenger car
+    quantity='frequency', unit='Hz', high=FASTEST, why='engine and subframes do not vibrate; compared up to waves of 2 m at 20 m/s'
 )
 
 
@@ -86,7 +87,9 @@ def derive(scene: Scene) -> Derived:
     without = unassisted(scene.model, reduction.data['gear']['lengths']) if reduction.assisted is None else ()
     drives = (part for said in (unshown, at_wheels, without_angles, without_kingpins) for part in said(scene.model))
     lost = (*LOST, *without, *drives, *without_connections(scene.model))
-    report = LevelReport(lost=lost, validity=(travel, steering, *_lateral(scene.model), *VALIDITY))
+    slower = 1.0 / size_of(scene.model).time
+    frequency = dataclasses.replace(FREQUENCY, high=FASTEST * slower)
+    report = LevelReport(lost=lost, validity=(travel, steering, *_lateral(scene.model), ROLL, frequency))
     return Derived(scene=derived, level='kc', report=report)
 
 
@@ -126,7 +129,7 @@ class _Reduction:
     """A vehicle and what was measured of it, becoming a model of six bodies or little more."""
 
     def __init__(self, spec: ModelSpec, data: dict[str, Any], servo: ServoSpec | None) -> None:
-        self.spec, self.data = spec, data
+        self.spec, self.data, self.size = spec, data, size_of(spec)
         self.assisted = None if servo is None else assisted(spec, servo, data['gear'], data['steering'])
         self.powered = powered(spec, data['coordinates'])
         self.bodies = {b.name: b for b in spec.bodies}
@@ -285,7 +288,8 @@ class _Reduction:
         if any(b.own_input is not None for b in own):  # type: ignore[union-attr]
             raise SpecError('brakes of single wheels are beyond this level; remove actuation.wheels, or use condensed or full')
         C = np.array(data['compliance'])
-        C += np.diag([1.0 / (x * (2.0 * math.pi * maps.STIFFEST) ** 2) for c in corners for x in self._inertias(wheels[c])])
+        fastest = 2.0 * math.pi * maps.STIFFEST / self.size.time
+        C += np.diag([1.0 / (x * fastest**2) for c in corners for x in self._inertias(wheels[c])])
         K = inverse(C)
         K = 0.5 * (K + K.T)
         by_brake = np.array(data['by_brake'])
@@ -313,7 +317,7 @@ class _Reduction:
             name=axle, chassis=self.chassis.name, left=wheels[corners[0]].name, right=wheels[corners[1]].name,
             centers=(at[0], at[1]), axes=(axes[0], axes[1]), travel=travel, steering=steering,
             shape=tuple(data['shape']), opposite=tuple(data['opposite']), coordinate=self._turn(axle, couplers) if steered else None,
-            stiffness=tuple(K.ravel().tolist()), lag=LAG, windup=tuple(windup.ravel().tolist()),
+            stiffness=tuple(K.ravel().tolist()), lag=LAG * self.size.time, windup=tuple(windup.ravel().tolist()),
             springs=(springs[0], springs[1]), coupling=tuple(data['coupling']),
             jacking=tuple(data['jacking']) if gear else (0.0,) * 6, gear=gear or (None, None),
             dampers=laws, ratios=tuple(x for ratio in ratios for x in ratio), crossings=crossings, mounts=mounts, yields=yields,

@@ -10,6 +10,8 @@ The bench (solver.analysis.kinematics_and_compliance) holds the chassis of the f
 - loads at the wheel centres with travels (those of a loaded vehicle that stands) and steering held: the compliance, gear and subframe
   included; and by the difference of all bodies' places the masses that move with a wheel and the inertia that turns with it.
 
+Travels, loads and the lengths below are those of passenger cars and grow with the vehicle (solver.vehicle.size).
+
 All fits are sums in a fixed order, so they have the same bits everywhere.
 """
 
@@ -34,9 +36,11 @@ from solver.levels.stood import stood
 from solver.model.frames import matrix
 from solver.model.spec import ModelSpec
 from solver.vehicle.hardpoints import SIDES
+from solver.vehicle.size import size_of
 
 # ranges of the maps to either side, the first that is reached: travel [m], steering wheel [rad]; the last one is that of a racing car
 RANGES = ((0.10, 8.0), (0.09, 8.0), (0.08, 8.0), (0.07, 8.0), (0.03, 2.0))
+TRAVELS, TURNED = (0.10, 0.08, 0.06, 0.05, 0.04, 0.03, 0.02), 0.42  # m and rad of the road wheels: of a car that reaches none of these
 ROLL = 0.06  # of both wheels in opposite directions [m]
 ROLLED, STEERED = 1, 4  # nodes from the middle, of travels in opposite directions where the axle is steered too
 MAP_TRAVEL, MAP_STEERING, FORCE_TRAVEL = 11, 33, 41  # nodes
@@ -67,7 +71,7 @@ class Bench:
 
     def __init__(self, spec: ModelSpec) -> None:
         self.rig = Rig(spec, at_center=True)
-        self.spec = spec
+        self.spec, self.size = spec, self.rig.size
         self.wheels = {tire.name: self.rig.model.body_names.index(tire.marker.body) for tire in spec.tires}
         self.drivers = [c for c in spec.couplers if c.input is not None]
 
@@ -108,7 +112,7 @@ def require_return(bench: Bench, rest: Stand) -> None:
     """Raises ConsistencyError unless the design position has the equilibrium that it had: what stands on soft rubber may have another one,
     and from far away the bench may have come to that."""
     back = bench.stand()
-    if max(np.abs(back.x[c] - rest.x[c]).max() for c in CORNERS) > SAME:
+    if max(np.abs(back.x[c] - rest.x[c]).max() for c in CORNERS) > SAME * max(1.0, bench.size.length):
         raise ConsistencyError(
             'the bench of the level kc came back from its travels to another equilibrium of the vehicle; use condensed or full'
         )
@@ -122,10 +126,26 @@ def measured(spec: ModelSpec, progress: Callable[[float], None] = lambda done: N
     wheels with their carriers, 'lengths': by index of a damper without a spring its slope over that turn [m/rad], 'torque': that holds the
     steering wheel over the steering angles [N m].
     """
-    for reach in RANGES[:-1]:
+    every = [(travel * size_of(spec).length, turned) for travel, turned in RANGES]
+    for reach in every:
         with suppress(ConsistencyError):
             return _measured(spec, *reach, progress)
-    return _measured(spec, *RANGES[-1], progress)
+    *every, last = _own_ranges(spec)
+    for reach in every:
+        with suppress(ConsistencyError):
+            return _measured(spec, *reach, progress)
+    return _measured(spec, *last, progress)
+
+
+def _own_ranges(spec: ModelSpec) -> list[tuple[float, float]]:
+    """(travel [m], angle of the steering wheel [rad]) for a vehicle whose gear is so direct, or whose springs are so short, that it reaches
+    none of RANGES: its steering wheel turns as far as its road wheels do by TURNED."""
+    rig, steering = Rig(spec), RANGES[-1][1]
+    if 'steering' in rig.inputs:
+        steers = rig.steering([-STEP, STEP])
+        mean = 0.5 * (steers['front_left']['steer'] + steers['front_right']['steer'])
+        steering = min(RANGES[0][1], abs(2.0 * STEP * TURNED / float(mean[1] - mean[0])))
+    return [(travel * rig.size.length, steering) for travel in TRAVELS]
 
 
 def _measured(spec: ModelSpec, travel: float, turned: float, progress: Callable[[float], None]) -> dict[str, Any]:
@@ -149,7 +169,7 @@ def _measured(spec: ModelSpec, travel: float, turned: float, progress: Callable[
     fine = np.linspace(-travel, travel, FORCE_TRAVEL)
     require_return(bench, rest)
     against = np.full((2, 2, MAP_TRAVEL, len(QUANTITIES)), np.nan)
-    for i in np.flatnonzero(np.abs(z) < 1.001 * ROLL).tolist():
+    for i in np.flatnonzero(np.abs(z) < 1.001 * ROLL * bench.size.length).tolist():
         v = float(z[i])
         for k, sign in enumerate(SIDES.values()):
             s = bench.stand(**{f'travel_{c}': sign * SIDES[c.partition('_')[2]] * v for c in CORNERS})
@@ -268,15 +288,17 @@ def _damper(stands: Sequence[Stand], travel: np.ndarray, n: int) -> dict[int, li
 
 def _mounts(spec: ModelSpec, rest: Stand) -> list[float]:
     """By spring-damper the stiffness [N/m] of what a damper stands on, 0 for none: its pull over what it shortens."""
-    pulled = tuple(e.replace(preload=e.preload + PULL) if e.damper is not None else e for e in spec.spring_dampers)
+    size = size_of(spec)
+    pull, rigid = PULL * size.mass, RIGID * size.stiffness
+    pulled = tuple(e.replace(preload=e.preload + pull) if e.damper is not None else e for e in spec.spring_dampers)
     lengths = Bench(dataclasses.replace(spec, spring_dampers=pulled)).stand().lengths
-    return [PULL / x if x > PULL / RIGID else 0.0 for x in (rest.lengths - lengths).tolist()]
+    return [pull / x if x > pull / rigid else 0.0 for x in (rest.lengths - lengths).tolist()]
 
 
 def _compliance(bench: Bench, at: Mapping[str, float]) -> dict[str, dict[str, Any]]:
     """By axle 'compliance' (8, 8) of x, y, psi, gamma left and right, 'by_brake' (2, 8) of them by a moment about the spin axis, 'winding'
     (2,) of the carriers about it by that moment [rad/(N m)]; at: travels, by input of the bench."""
-    rest = bench.stand(**at)
+    rest, scale = bench.stand(**at), {'c': bench.size.mass, 'm': bench.size.torque}  # of forces, of moments
     found = {}
     for axle in ('front', 'rear'):
         corners = [f'{axle}_{side}' for side in SIDES]
@@ -291,7 +313,7 @@ def _compliance(bench: Bench, at: Mapping[str, float]) -> dict[str, dict[str, An
             to_loads[:2, :2] = np.eye(2)
             to_loads[2:, 2:] = inverse(moments)
             columns = np.zeros((10, 5))
-            for m, (load, size) in enumerate(LOADS.items()):
+            for m, (load, size) in enumerate((name, value * scale[name[0]]) for name, value in LOADS.items()):
                 high, low = bench.stand(**at, **{f'{load}_{corner}': size}), bench.stand(**at, **{f'{load}_{corner}': -size})
                 columns[:, m] = np.concatenate([high.x[c] - low.x[c] for c in corners]) / (2.0 * size)
             response[:, 5 * k : 5 * k + 5] = product(columns, to_loads)
@@ -318,12 +340,12 @@ def _masses(bench: Bench, rest: Stand) -> dict[str, dict[str, float]]:
     """By corner the mass that its travel moves, that between it and the travel of the other wheel, and the inertia that its spin turns:
     twice the kinetic energies at unit rates, where the wheels of an axle spin together and share what turns with both; and its angular
     momentum at a unit spin."""
-    bodies = bench.rig.model.tables.bodies
+    bodies, travel_step = bench.rig.model.tables.bodies, STEP * bench.size.length
     found = {}
 
     def moving(*corners: str) -> float:
-        low, high = (bench.stand(**{f'travel_{corner}': step for corner in corners}) for step in (-STEP, STEP))
-        v, w = _moved(low.q, high.q, 2.0 * STEP)
+        low, high = (bench.stand(**{f'travel_{corner}': step for corner in corners}) for step in (-travel_step, travel_step))
+        v, w = _moved(low.q, high.q, 2.0 * travel_step)
         w[list(bench.wheels.values()), 1] = 0.0  # wheels do not turn with their carriers
         return float(np.add.reduce(bodies.mass * np.add.reduce(v * v, axis=1)) + _turning(bodies.inertia, w))
 
@@ -363,7 +385,11 @@ def _gear(bench: Bench) -> dict[str, Any]:
     bodies = bench.rig.model.tables.bodies
     inertia = float(np.add.reduce(bodies.mass * np.add.reduce(v * v, axis=1)) + _turning(bodies.inertia, w))
     slopes = ((high.lengths - low.lengths) / (2.0 * STEP)).tolist()
-    moved = [k for k, e in enumerate(spec.spring_dampers) if e.spring is None and e.damper is not None and abs(slopes[k]) > 1e-6]
+    moved = [
+        k
+        for k, e in enumerate(spec.spring_dampers)
+        if e.spring is None and e.damper is not None and abs(slopes[k]) > 1e-6 * bench.size.length
+    ]
     return {'inertia': inertia, 'lengths': {k: slopes[k] for k in moved}}
 
 

@@ -39,6 +39,7 @@ from solver.model.spec import ModelSpec
 from solver.scene import Scene
 from solver.start.rolling import REACH
 from solver.vehicle.hardpoints import marker_at
+from solver.vehicle.size import size_of
 from solver.vehicle.trailer import refuse_trailer
 from solver.vehicle.transfer import refuse_locked, without_connections
 
@@ -98,7 +99,7 @@ def derive(scene: Scene) -> Derived:
 def unlifted(model: ModelSpec) -> tuple[str, ...]:
     """What becomes of the lift of a vehicle that has some."""
     wings = [aero.name for aero in model.aero_drags if aero.lift_area]
-    return (f'lift of {", ".join(wings)}: the axles are loaded as at {SPEED:g} m/s at every speed',) if wings else ()
+    return (f'lift of {", ".join(wings)}: the axles are loaded as at {SPEED * size_of(model).speed:g} m/s at every speed',) if wings else ()
 
 
 def on_road(limit: Limit, road: RoadSpec) -> Limit:
@@ -145,7 +146,7 @@ def identified(model: ModelSpec) -> dict[str, Any]:
     """All parameters of the level of a vehicle, and where it holds."""
     scene = Scene(name='identification', model=dataclasses.replace(model, road=RoadSpec()))
     bulk = masses(model)
-    mass, com, inertia = bulk['mass'], bulk['com'], bulk['inertia']
+    mass, com, inertia, size = bulk['mass'], bulk['com'], bulk['inertia'], size_of(model)
     ratio, ratio_3, behind = gear(model)
     axles, lengthwise, lock = straight(model, mass)
     wheelbase = wheelbase_of(model)
@@ -166,7 +167,7 @@ def identified(model: ModelSpec) -> dict[str, Any]:
             'curvature_x': 0.0,
             'curvature_y': 0.0,
             'length_x': 0.5 * found['radius'],
-            'length_y': 0.5,
+            'length_y': 0.5 * size.length,
             'roll_steer': 0.0,
             'trail': 0.0,
             'trail_lost': 0.0,
@@ -178,10 +179,10 @@ def identified(model: ModelSpec) -> dict[str, Any]:
         'mass': mass,
         'yaw_inertia': float(inertia[2, 2]),
         'roll_inertia': float(inertia[0, 0]),
-        'coupling': 0.4 * mass,
+        'coupling': 0.4 * mass * size.length,
         'product': -float(inertia[0, 2]),
-        'roll_stiffness': 0.4 * mass * g / math.radians(5.0),
-        'roll_damping': 0.05 * 0.4 * mass * g / math.radians(5.0),
+        'roll_stiffness': 0.4 * mass * g * size.length / math.radians(5.0),
+        'roll_damping': 0.05 * 0.4 * mass * g * size.length * size.time / math.radians(5.0),
         'drag': drag(model),
         'height': lengthwise['height'],
         'lag': lengthwise['lag'],
@@ -193,13 +194,13 @@ def identified(model: ModelSpec) -> dict[str, Any]:
         'contact_time': float(model.tires[0].standstill_damping),
     }
     mounting = {
-        'x': -float(com[0]), 'axis': 0.1, 'height': lengthwise['z'], 'pitch': lengthwise['pitch'],
+        'x': -float(com[0]), 'axis': 0.1 * size.length, 'height': lengthwise['z'], 'pitch': lengthwise['pitch'],
         'pitch_by_shift': lengthwise['pitch_by_shift'], 'pitch_by_drive': lengthwise['pitch_by_drive'],
         'pitch_by_roll': 0.0,
         'com_x': float(chassis.com[0]), 'com_y': float(chassis.com[1]), 'com_z': float(chassis.com[2]), 'yaw': 0.0, 'gravity': g,
     }  # fmt: skip
     start = {'mounting': mounting, 'body': body, **parameters}
-    runs = [(drive, driven(model, drive)) for drive in bends(start, wheelbase[0] - wheelbase[1])]
+    runs = [(drive, driven(model, drive)) for drive in bends(start, wheelbase[0] - wheelbase[1], size.time)]
     search = Lateral(scene, start, inertia, runs)
     x = least_squares(search.residual, np.zeros(len(search.NAMES)))
     parameters = search.parameters(x)

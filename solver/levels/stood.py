@@ -7,6 +7,7 @@ from solver.errors import ConsistencyError
 from solver.model.spec import ModelSpec
 from solver.scene import Scene
 from solver.vehicle.hardpoints import SIDES
+from solver.vehicle.size import size_of
 
 LOADED = 0.03  # m off the design position, of which the figures of a bench are: beyond, they are not those of the vehicle on the road
 
@@ -23,4 +24,4 @@ def stood(spec: ModelSpec) -> dict[str, float]:
     for axle in ('front', 'rear'):
         inputs = [f'travel_{axle}_{side}' for side in SIDES]
         found |= dict.fromkeys(inputs, 0.5 * sum(float(place[names.index(name)]) for name in inputs))
-    return found if max(map(abs, found.values())) > LOADED else {}
+    return found if max(map(abs, found.values())) > LOADED * size_of(spec).length else {}

@@ -16,13 +16,15 @@ from solver.inputs.maneuver import Maneuver
 from solver.inputs.signals import Ramp, Step
 from solver.levels.fitting import PRIOR, fitted
 from solver.levels.single_track_simulation import AXLES, COMMANDS, new_frame, new_scratch, rolling, tables_of
-from solver.levels.track_runs import EVERY, SPEED, Drive, H, Run, driven, pitch_of, roll_of
+from solver.levels.track_runs import EVERY, SPEED, Drive, Run, driven, pitch_of, roll_of
 from solver.levels.track_straight import characteristic
 from solver.model.spec import ModelSpec
 from solver.scene import Scene
 from solver.step.single_track import advance
 from solver.step.single_track_tables import DRIVE, FY, ROLL, SATURATION, SHIFT
+from solver.vehicle.size import size_of
 
+# speeds, times and the lengths in limits() are those of a passenger car and grow with the vehicle (solver.vehicle.size)
 FAST = 33.0  # m/s
 FASTER = (45.0, 60.0)  # m/s, where what was found is looked at beside the vehicle
 BACKWARDS = (5.0, 10.0)  # m/s in reverse, where it is looked at too: trails are others there, and so is what they turn elastically
@@ -49,7 +51,8 @@ class Lateral:
 
     def __init__(self, scene: Scene, start: dict[str, dict[str, float]], inertia: np.ndarray, runs: list[tuple[Drive, Run]]) -> None:
         self.scene, self.given, self.inertia, self.runs = scene, start, inertia, runs
-        self.scales = [SCALES.get(name, 0.0) or start[part][name] for part, name in self.NAMES]
+        lengths = {'axis': SCALES['axis'] * size_of(scene.model).length}
+        self.scales = [{**SCALES, **lengths}.get(name, 0.0) or start[part][name] for part, name in self.NAMES]
         self.weights = []
         for _, run in runs:
             lateral = np.abs(run.vx * run.yaw_rate)
@@ -89,7 +92,7 @@ def replay(tables: Ref, drive: Drive, run: Run) -> tuple[np.ndarray, ...]:
     twist, told = frame.value.twist[0], w.value.told
     rows, m = np.empty((6, len(run.time))), tables.value.mounting
     for k in range(len(run.time)):
-        advance(tables, y, inputs, index, u, k * EVERY, EVERY, False, H, 1, w, frame)
+        advance(tables, y, inputs, index, u, k * EVERY, EVERY, False, run.h, 1, w, frame)
         rows[:, k] = twist[5], twist[1], y[ROLL], told[FY], told[SATURATION], m.pitch_by_shift * y[SHIFT] + m.pitch_by_drive * y[DRIVE]
     return tuple(rows)
 
@@ -120,6 +123,7 @@ def limits(
     found: dict[str, dict[str, float]], scene: Scene, runs: list[tuple[Drive, Run]], lock: Run, model: ModelSpec
 ) -> list[dict[str, Any]]:
     """Where the level holds, as fields of Limit: as far as it follows the ramp and the braking to ERROR, and what it leaves out."""
+    size = size_of(model)
     drive, run = runs[0]
     shown_ = replay(Ref(tables_of(found, scene)), drive, run)
     lateral = run.vx * run.yaw_rate
@@ -150,26 +154,27 @@ def limits(
         ('combined acceleration', 'm/s^2', float(both[:end].max(initial=0.0)), f'root of the product of both; {identified_}'),
         ('frequency', 'Hz', math.sqrt(ERROR) * hop, f'wheels hop at {hop:.3g} Hz: what follows them at once is {100 * ERROR:g} % wrong'),
         ('friction difference', '', 0.1, 'both wheels of an axle are one'),
-        ('road height', 'm', 0.005, 'it drives on a plane'),
+        ('road height', 'm', 0.005 * size.length, 'it drives on a plane'),
         ('road slope', '', 0.005, 'it drives on the level'),
     )
     why = f'gentle bends of the vehicle are followed to {100 * ERROR:g} % up to there'
-    slowest = slowest_pressed(sum(found[axle]['load'] for axle in AXLES), -found['body']['mass'] * model.gravity[2])
+    weight, speed_of_loads = -found['body']['mass'] * model.gravity[2], SPEED * size.speed
+    slowest = slowest_pressed(sum(found[axle]['load'] for axle in AXLES), weight, speed_of_loads)
     low = 0.0 - backwards
     if slowest is not None:
         low, why = (
             slowest,
-            f'{why}; slower, wings press down less by more than {100 * ERROR:g} % of the loads, which are those of {SPEED:g} m/s',
+            f'{why}; slower, wings press down less by more than {100 * ERROR:g} % of the loads, which are those of {speed_of_loads:g} m/s',
         )
     speed = {'quantity': 'longitudinal_velocity', 'unit': 'm/s', 'low': low, 'high': fastest, 'why': why}
     return [speed, *({'quantity': quantity, 'unit': unit, 'high': float(f'{high:.3g}'), 'why': why} for quantity, unit, high, why in rows)]
 
 
-def slowest_pressed(loaded: float, weight: float) -> float | None:
+def slowest_pressed(loaded: float, weight: float, speed: float = SPEED) -> float | None:
     """The speed [m/s] below which a car that wings press down, with the square of the speed, carries less by ERROR than what its axles are
-    loaded with at SPEED [N]; None for one that they hardly press."""
+    loaded with at a speed, SPEED of its size, [N]; None for one that they hardly press."""
     pressed = loaded - weight
-    return SPEED * math.sqrt(1.0 - ERROR * loaded / pressed) if pressed > ERROR * loaded else None
+    return speed * math.sqrt(1.0 - ERROR * loaded / pressed) if pressed > ERROR * loaded else None
 
 
 def followed(found: dict[str, dict[str, float]], scene: Scene, runs: list[tuple[Drive, Run]], model: ModelSpec) -> tuple[float, float]:
@@ -180,10 +185,10 @@ def followed(found: dict[str, dict[str, float]], scene: Scene, runs: list[tuple[
     _, run = runs[2]
     turned = run.inputs[-1, run.names.index(COMMANDS[0])]
     understeer = (ratio * turned / float(run.yaw_rate[-1]) - wheelbase / float(run.vx[-1])) / float(run.vx[-1])
-    reached = []
-    for sign, least, speeds in ((1.0, FAST, FASTER), (-1.0, 0.0, BACKWARDS)):
-        for speed in speeds:
-            value = min(GENTLE, GENTLEST * speed) * (wheelbase / speed**2 + sign * understeer) / ratio
+    reached, t = [], size_of(model).time
+    for sign, least, speeds in ((1.0, FAST * t, FASTER), (-1.0, 0.0, BACKWARDS)):
+        for speed in (t * usual for usual in speeds):
+            value = min(GENTLE, GENTLEST / t * speed) * (wheelbase / speed**2 + sign * understeer) / ratio
             # none above the critical speed of a car that oversteers
             if not value > 0.0 or not follows(found, scene, model, sign * speed, value):
                 break
@@ -195,15 +200,17 @@ def followed(found: dict[str, dict[str, float]], scene: Scene, runs: list[tuple[
 def follows(found: dict[str, dict[str, float]], scene: Scene, model: ModelSpec, speed: float, value: float) -> bool:
     """Whether the level follows a step of the steering wheel to `value` [rad] at a speed [m/s] to ERROR: root mean square of the yaw rate
     over its peak."""
-    maneuver = Maneuver(steering=Step(value=value, start=0.5, rise=0.15), drive_torque=math.copysign(1.0, speed) * holding(found, speed))
-    drive = Drive(speed=speed, maneuver=maneuver, duration=3.0)
+    t = size_of(model).time
+    steering = Step(value=value, start=0.5 * t, rise=0.15 * t)
+    maneuver = Maneuver(steering=steering, drive_torque=math.copysign(1.0, speed) * holding(found, speed))
+    drive = Drive(speed=speed, maneuver=maneuver, duration=3.0 * t)
     try:
         theirs = driven(model, drive)
     except (SpecError, ConsistencyError):
         return False
     error = replay(Ref(tables_of(found, scene)), drive, theirs)[0] - theirs.yaw_rate
     peak = float(np.abs(theirs.yaw_rate).max())
-    return bool(theirs.time[-1] >= 2.5 and math.sqrt(float(np.mean(error * error))) <= ERROR * peak)
+    return bool(theirs.time[-1] >= 2.5 * t and math.sqrt(float(np.mean(error * error))) <= ERROR * peak)
 
 
 def steered(parameters: dict[str, dict[str, float]]) -> float:
@@ -218,19 +225,21 @@ def holding(parameters: dict[str, dict[str, float]], speed: float) -> float:
     return (parameters['body']['drag'] * speed**2 + rolling_) / shares if shares > 0.0 else 0.0
 
 
-def bends(start: dict[str, dict[str, float]], wheelbase: float) -> list[Drive]:
-    """A ramp and a step at SPEED and a step at FAST, with the torque that keeps the speed straight on, and a step that is braked then."""
+def bends(start: dict[str, dict[str, float]], wheelbase: float, t: float = 1.0) -> list[Drive]:
+    """A ramp and a step at SPEED and a step at FAST, with the torque that keeps the speed straight on, and a step that is braked then; t:
+    time of the vehicle's size."""
     body, ratio = start['body'], steered(start)
 
     def wheel(lateral: float, speed: float) -> float:
         return lateral * (wheelbase / speed**2 + UNDERSTEER) / ratio
 
-    end = wheel(RAMP, SPEED)
-    ramp = Ramp(slope=end / 6.0, start=0.5, final=end)
-    drives = [Drive(speed=SPEED, maneuver=Maneuver(steering=ramp, drive_torque=holding(start, SPEED)), duration=7.0)]
-    for speed in (SPEED, FAST):
-        step = Step(value=wheel(LATERAL, speed), start=0.5, rise=0.15)
-        drives.append(Drive(speed=speed, maneuver=Maneuver(steering=step, drive_torque=holding(start, speed)), duration=3.0))
-    brake = Step(value=COMBINED * body['mass'] * start['front']['radius'], start=2.0, rise=0.2)
-    step = Step(value=wheel(COMBINED, SPEED), start=0.5, rise=0.15)
-    return [*drives, Drive(speed=SPEED, maneuver=Maneuver(steering=step, brake_torque=brake), duration=4.0)]
+    usual, fast = SPEED * t, FAST * t
+    end = wheel(RAMP, usual)
+    ramp = Ramp(slope=end / (6.0 * t), start=0.5 * t, final=end)
+    drives = [Drive(speed=usual, maneuver=Maneuver(steering=ramp, drive_torque=holding(start, usual)), duration=7.0 * t)]
+    for speed in (usual, fast):
+        step = Step(value=wheel(LATERAL, speed), start=0.5 * t, rise=0.15 * t)
+        drives.append(Drive(speed=speed, maneuver=Maneuver(steering=step, drive_torque=holding(start, speed)), duration=3.0 * t))
+    brake = Step(value=COMBINED * body['mass'] * start['front']['radius'], start=2.0 * t, rise=0.2 * t)
+    step = Step(value=wheel(COMBINED, usual), start=0.5 * t, rise=0.15 * t)
+    return [*drives, Drive(speed=usual, maneuver=Maneuver(steering=step, brake_torque=brake), duration=4.0 * t)]

@@ -15,6 +15,7 @@ from solver.levels.track_runs import Drive, whole
 from solver.model.frames import matrix
 from solver.model.spec import ModelSpec
 from solver.vehicle.hardpoints import SIDES
+from solver.vehicle.size import size_of
 
 
 def masses(model: ModelSpec) -> dict[str, Any]:
@@ -61,7 +62,8 @@ def brakes(model: ModelSpec, axle: str) -> tuple[float, float]:
     """(stiffness [N m/rad], damping [N m s/rad]) of the wind-up of the brakes of an axle."""
     found = [b for b in model.brakes if b.coordinate.startswith(f'wheel_{axle}')]
     if not found:
-        return 4e4, 200.0
+        size = size_of(model)
+        return 4e4 * size.torque, 200.0 * size.torque * size.time
     return float(sum(b.stiffness for b in found)), float(sum(b.damping for b in found)) or 1e-3 * float(sum(b.stiffness for b in found))
 
 

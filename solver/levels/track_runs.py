@@ -20,8 +20,9 @@ from solver.scene import Scene, StartSettings
 from solver.simulation import Simulation
 from solver.step.failure import LARGEST_TURN_PER_STEP
 from solver.step.settings import IntegratorSettings
+from solver.vehicle.size import size_of
 
-H = 2e-3  # s
+H = 2e-3  # s, of a passenger car, as all times and speeds of these runs: they grow with the vehicle (solver.vehicle.size)
 PARTS = (1, 2, 4, 5, 8, 10)  # of H, in whole nanoseconds
 SPEED = 22.0  # m/s
 EVERY = 5  # steps between samples
@@ -31,7 +32,7 @@ CORNERS = ('front_left', 'front_right', 'rear_left', 'rear_right')
 
 @dataclass(frozen=True, kw_only=True)
 class Drive:
-    """A run: speed at its start [m/s], inputs, duration [s]."""
+    """A run: speed at its start [m/s], inputs, duration [s], all of the vehicle itself."""
 
     speed: float
     maneuver: Maneuver
@@ -42,7 +43,7 @@ class Run(NamedTuple):
     """What a run showed, one row per sample; axles: front, rear."""
 
     time: np.ndarray  # (n,) [s]
-    inputs: np.ndarray  # (n EVERY, nu) of every H
+    inputs: np.ndarray  # (n EVERY, nu) of every step of h
     names: tuple[str, ...]  # of the inputs
     vx: np.ndarray  # (n,) of the origin of the chassis, along it [m/s]
     vy: np.ndarray
@@ -52,6 +53,7 @@ class Run(NamedTuple):
     effort: np.ndarray  # at the steering wheel [N m]
     spin: np.ndarray  # (n, 2) mean of an axle [rad/s]
     tire: dict[str, np.ndarray]  # column -> (n, 4), wheels in the order of CORNERS
+    h: float  # H of the vehicle [s]
 
     def axle(self, column: str) -> np.ndarray:
         """(n, 2) sums of both wheels of each axle."""
@@ -59,28 +61,35 @@ class Run(NamedTuple):
         return np.stack([four[:, 0] + four[:, 1], four[:, 2] + four[:, 3]], axis=1)
 
 
+def step_of(model: ModelSpec) -> float:
+    """H of a vehicle [s], a whole number of PARTS in nanoseconds."""
+    return H if (time := size_of(model).time) == 1.0 else 4e-8 * round(H * time / 4e-8)
+
+
 def whole(model: ModelSpec, drive: Drive) -> Simulation:
     """The simulation of a run of the vehicle on a flat road. Its step is H, or a part of that in which no rotor behind a gear turns further
     than a verdict wants of bodies."""
+    h = step_of(model)
     scene = Scene(
         name='identification', model=dataclasses.replace(model, road=RoadSpec()), maneuver=drive.maneuver, duration=drive.duration,
-        start=StartSettings(kind='equilibrium', speed=drive.speed), integrator=IntegratorSettings(h=H, iterations=2),
+        start=StartSettings(kind='equilibrium', speed=drive.speed), integrator=IntegratorSettings(h=h, iterations=2),
     )  # fmt: skip
     simulation = Simulation(scene)
-    turn = H * float(norms(simulation.state.v[:-1, 3:]).max())
+    turn = h * float(norms(simulation.state.v[:-1, 3:]).max())
     parts = next((n for n in PARTS if turn <= n * LARGEST_TURN_PER_STEP), PARTS[-1])
-    return simulation if parts == 1 else Simulation(dataclasses.replace(scene, integrator=IntegratorSettings(h=H / parts, iterations=2)))
+    return simulation if parts == 1 else Simulation(dataclasses.replace(scene, integrator=IntegratorSettings(h=h / parts, iterations=2)))
 
 
 def driven(model: ModelSpec, drive: Drive) -> Run:
     """Run the vehicle; a run that fails ends where it failed. Raises SpecError where that is at once."""
     simulation = whole(model, drive)
-    channels, parts = simulation.channels, round(H / simulation.h)
+    h = step_of(model)
+    channels, parts = simulation.channels, round(h / simulation.h)
     wheels = [channels.wheels.index(corner) for corner in CORNERS]
     joint = channels.joints.index('steering_wheel') if 'steering_wheel' in channels.joints else -1
     chassis = channels.chassis or 0
     shots, inputs = [], []
-    for _ in range(round(drive.duration / (H * EVERY))):
+    for _ in range(round(drive.duration / (h * EVERY))):
         try:
             shot = simulation.advance(EVERY * parts)
         except StepError:
@@ -102,7 +111,7 @@ def driven(model: ModelSpec, drive: Drive) -> Run:
         names=channels.inputs,
         vx=twist[:, 0], vy=twist[:, 1], yaw_rate=twist[:, 5], height=pose[:, 2], pose=pose[:, 3:],
         effort=np.array([s.joint_effort[joint] if joint >= 0 else 0.0 for s in shots]),
-        spin=spin, tire=tire,
+        spin=spin, tire=tire, h=h,
     )  # fmt: skip
 
 

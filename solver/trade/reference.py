@@ -23,6 +23,7 @@ from solver.trade.kept_runs import KeptRuns
 from solver.trade.runs import Curves, Run, at, departures, run
 from solver.trade.setting import Setting
 from solver.trade.variations import AS_GIVEN
+from solver.vehicle.size import size_of
 
 STEPS = (4e-3, 2e-3, 1e-3)  # s, of three runs
 FINEST = 0.125e-3  # s
@@ -88,7 +89,8 @@ def of_runs(scene: Scene, runs: Sequence[Run]) -> Reference:
     # the instants of the finest run that are those of the coarsest too; between these the finest pair alone is used
     time, best = extrapolated(runs[-2], runs[-1], p)
     channels = published(scene.model)
-    quantities = {name: quantity(name, channels) for name in best}
+    size = size_of(scene.model)
+    quantities = {name: quantity(name, channels, size) for name in best}
     peaks = {name: q.peak(best[name]) for name, q in quantities.items()}
     if len(runs) > 2:
         before_time, before = extrapolated(runs[-3], runs[-2], p)

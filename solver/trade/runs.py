@@ -19,6 +19,7 @@ from solver.errors import MbdError, SpecError
 from solver.quantities import Quantity, quantity
 from solver.scene import Scene
 from solver.trade.setting import Setting
+from solver.vehicle.size import size_of
 
 SAMPLE_NS = 2_000_000  # runs are sampled at every step that is at least this long, shorter ones at every few
 Curves = dict[str, np.ndarray]
@@ -79,7 +80,7 @@ class Going:
             return
         for name in quantities:
             try:
-                self._found[name] = quantity(name, s.channels)
+                self._found[name] = quantity(name, s.channels, size_of(s.scene.model))
             except SpecError:
                 continue
         self._envelope = Envelope(s) if audit else None

@@ -28,6 +28,7 @@ from solver.scene import Scene, StartSettings
 from solver.simulation import Simulation
 from solver.step.settings import IntegratorSettings
 from solver.vehicle.full_car import full_car_model
+from solver.vehicle.size import Size
 
 CARS = ('car_step_steer', 'light_car_step_steer', 'double wishbones')
 ASSISTED, TWISTED, LIVE = 'electric_4wd', 'compact_fwd', 'pickup_awd'
@@ -341,9 +342,9 @@ def test_a_bench_that_does_not_come_back_is_refused():
     """Maps of an axle that has snapped over would be those of another vehicle."""
     places = [dict.fromkeys(CORNERS, np.zeros(5)), dict.fromkeys(CORNERS, np.full(5, 1e-3))]
     rest, other = (SimpleNamespace(x=x) for x in places)
-    require_return(SimpleNamespace(stand=lambda: rest), rest)
+    require_return(SimpleNamespace(stand=lambda: rest, size=Size()), rest)
     with pytest.raises(ConsistencyError, match='another equilibrium of the vehicle; use condensed or full'):
-        require_return(SimpleNamespace(stand=lambda: other), rest)
+        require_return(SimpleNamespace(stand=lambda: other, size=Size()), rest)
 
 
 @pytest.mark.slow

@@ -24,11 +24,13 @@ from mbd_sim_ros.analysis.evaluation.signals import NEEDED, Vehicle, signals
 from mbd_sim_ros.bags.recorder import source_hash
 from mbd_sim_ros.batch import simulate
 from solver import simulation_of
-from solver.errors import BagError, SpecError
+from solver.errors import BagError, MbdError, SceneError, SpecError
 from solver.files.naming import included
 from solver.files.scene import find_file, load_scene_text
+from solver.inputs.signals import Ramp
 from solver.levels.auto import beside_text
 from solver.scene import Scene
+from solver.vehicle.size import size_of
 from solver.vehicle.trailer import has_trailer
 
 RAMP = math.radians(13.5)  # rad/s at the steering wheel
@@ -79,10 +81,28 @@ class Driving:
         self._angles: dict[tuple[str, ...], tuple[np.ndarray, np.ndarray, bool]] = {}
 
     def drive(self, evaluation: Evaluation) -> tuple[list[Path], dict[str, float]]:
-        """(the recordings, in order; what was found before: the angle of the steering wheel `reference` or `amplitude` [rad])."""
+        """(the recordings, in order; what was found before: the angle of the steering wheel `reference` or `amplitude` [rad]).
+
+        Speeds are those of the norm, whatever the size of the vehicle. Raises MbdError, for a vehicle that is no passenger car in size
+        with the speed at which it would drive as one does.
+        """
+        try:
+            return self._drive(evaluation)
+        except MbdError as error:
+            text = scene_text(evaluation.drive, self.vehicle, evaluation.name, self.overrides)
+            size = size_of(load_scene_text(text, evaluation.name, self.overrides).model)
+            if size.length == 1.0 or isinstance(error, SceneError):
+                raise
+            usual, similar = 3.6 * evaluation.drive.speed, 3.6 * evaluation.drive.speed * size.speed
+            raise type(error)(
+                f'{error}; {usual:.3g} km/h are for passenger cars, on the wheelbase of {self.vehicle.stem} that is {similar:.3g} km/h: '
+                f'--set start.speed_kmh={similar:.3g}'
+            ) from error
+
+    def _drive(self, evaluation: Evaluation) -> tuple[list[Path], dict[str, float]]:
         one = evaluation.drive
         text = scene_text(one, self.vehicle, evaluation.name, self.overrides)
-        settings = [*self._fitted(evaluation, text), *(self._driver(text, one.cones) if one.driver else [])]
+        settings = [*self._sized(text), *self._fitted(evaluation, text), *(self._driver(text, one.cones) if one.driver else [])]
         if one.brakes and not any(key_of(o).startswith(BRAKES.rpartition('.')[0]) for o in self.overrides):
             torque = self._torque(evaluation.name, text, one, settings)
             return [self._run(evaluation.name, text, [*settings, f'{BRAKES}={torque!r}'])], {'brake_torque': torque}
@@ -115,6 +135,20 @@ class Driving:
         if self._vehicle is None or self._vehicle.scene is None or self._vehicle.scene.model != scene.model:
             self._vehicle = Vehicle.of(scene)
         return scene, self._vehicle
+
+    def _sized(self, text: str) -> list[str]:
+        """What the files have for passenger cars, as settings for a vehicle that is none in size: torques of who keeps the speed, and the
+        rate of a slow ramp of the steering wheel."""
+        scene, vehicle = self._known(text)
+        size, control = size_of(scene.model), scene.maneuver.speed
+        if size.ordinary or control is None or 'mass' not in vehicle.masses:
+            return []
+        steering = scene.maneuver.steering
+        ramp = [f'maneuver.steering.slope={steering.slope * vehicle.turned!r}'] if isinstance(steering, Ramp) else []
+        radii = [tire.data['UNLOADED_RADIUS'] for tire in scene.model.tires]
+        torques = {name: getattr(control, name) * size.torque for name in ('most', 'least', 'brakes')}
+        settings = {'inertia': vehicle.masses['mass'] * float(np.mean(radii))} | torques
+        return ramp + [f'maneuver.speed.{name}={float(f"{value:.4g}")!r}' for name, value in settings.items()]
 
     def _fitted(self, evaluation: Evaluation, text: str) -> list[str]:
         """What follows from the speed of the start and the rest of the scene with all that the user sets, as settings."""
@@ -194,7 +228,7 @@ class Driving:
         turned = math.inf if not vehicle.ratio else vehicle.ratio * vehicle.masses['wheelbase'] / max(speed, 1.0) ** 2 * RAMPED_TO
         rate = min(RAMP, turned / SOONEST)
         ramp = scene_text(drive, self.vehicle, CALIBRATION, self.overrides)
-        settings = [f'maneuver.steering.slope={side * rate!r}']
+        settings = [*self._sized(ramp), f'maneuver.steering.slope={side * rate!r}']
         if friction != 1.0:
             settings.append(f'road.friction={friction!r}')
         key = (f'{enough!r}', ramp, *settings, *self._vehicle_overrides())

@@ -22,6 +22,7 @@ from mbd_sim_ros.analysis.evaluation.measures import fundamental, low_passed
 from mbd_sim_ros.analysis.evaluation.signals import GIVEN, Signals
 
 NORM = 'ISO 13674-1:2010 [ISOWeave2010]'
+LEAST = math.radians(1.0)  # of the steering wheel, from side to side
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +76,7 @@ def judge(s: Signals, p: Weave) -> Result:
         zero = float(d[int(up[0]) : int(up[-1])].mean())
         values['steering'] = d = d - zero
         up = swings(t, d, 0.0)
-    if up.size - 1 < p.skip + 2 or np.ptp(d) < math.radians(1.0):
+    if up.size - 1 < p.skip + 2 or (np.ptp(d) < LEAST and np.ptp(d) < LEAST * s.vehicle.turned):
         raise s.refuse(f'no weaving in it: {max(up.size - 1, 0)} whole periods of the steering wheel, {p.skip + 2:g} are needed')
     period = float(np.median(np.diff(up)) / s.rate)
     frequency = 1.0 / period

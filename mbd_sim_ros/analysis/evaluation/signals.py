@@ -17,12 +17,14 @@ import numpy as np
 
 from mbd_sim_ros.analysis.evaluation.measures import low_passed
 from mbd_sim_ros.bags.reader import Run, Series
+from solver.analysis.driven import DIRECT
 from solver.analysis.figures import is_vehicle, mass_figures
 from solver.analysis.kinematics_and_compliance import Rig, kinematic_figures
 from solver.errors import BagError, MbdError
 from solver.files.scene import load_scene_text
 from solver.quantities import OF_BODY
 from solver.scene import Scene
+from solver.vehicle.size import size_of
 
 POSE = tuple(f'odom/pose/{name}' for name in ('x', 'y', 'z', 'qx', 'qy', 'qz', 'qw'))
 TWIST = tuple(f'odom/twist/{name}' for name in ('vx', 'vy', 'vz', 'wx', 'wy', 'wz'))
@@ -114,6 +116,14 @@ class Vehicle:
             return kinematic_figures(Rig(self.scene.model))['steering_ratio']
         except MbdError:
             return None
+
+    @property
+    def turned(self) -> float:
+        """By what part of that of a passenger car the steering wheel is turned for the same lateral acceleration, at most 1: little where
+        the steering is as direct, and the wheelbase as short, as those of models are. 1 where the vehicle is not known."""
+        if self.ratio is None or self.scene is None:
+            return 1.0
+        return min(1.0, abs(self.ratio) / DIRECT) * min(1.0, size_of(self.scene.model).length)
 
     def known(self, name: str) -> float | None:
         """wheelbase [m], mass [kg], ratio ... or None."""

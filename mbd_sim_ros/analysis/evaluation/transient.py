@@ -54,7 +54,7 @@ def judge_step(s: Signals, p: StepSteer) -> Result:
     t, d = s.t, s['steering']
     window = max(2, round(p.rise * s.rate))
     moved = np.abs(d[window:] - d[:-window]) if d.size > window else np.zeros(1)
-    if moved.max() < LEAST_STEP:
+    if moved.max() < LEAST_STEP and moved.max() < LEAST_STEP * s.vehicle.turned:
         raise s.refuse(
             f'no step of the steering wheel in it: it turns by {math.degrees(float(moved.max())):.3g} deg at most within {p.rise:g} s; at '
             f'least {math.degrees(LEAST_STEP):g} deg are expected'
@@ -186,7 +186,7 @@ def judge_frequencies(s: Signals, p: FrequencyResponse) -> Result:
     near = NEAR / p.segment  # a rate that is no whole number moves the lines a little
     band = (f >= p.low - near) & (f <= p.high + near)
     excited = band & (Sxx > EXCITED * Sxx.max())
-    if excited.sum() < 0.7 * band.sum() or np.ptp(x) < LEAST_STEP:
+    if excited.sum() < 0.7 * band.sum() or (np.ptp(x) < LEAST_STEP and np.ptp(x) < LEAST_STEP * s.vehicle.turned):
         raise s.refuse(f'the steering wheel does not excite frequencies from {p.low:g} to {p.high:g} Hz; no random or swept input in it')
     figures = [Figure('speed', 'speed, mean', float(s['speed'].mean()), 'm/s')]
     charts = []
