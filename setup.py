@@ -55,6 +55,8 @@ setup(
         'references': ['scipy_dae', 'scikit-sundae'],
         # Recordings as pandas DataFrames or xarray Datasets (mbd_sim_ros.analysis.load) and Parquet files (mbd export --parquet).
         'analysis': ['pandas', 'pyarrow', 'xarray'],
+        # MDF measurements (.mf4) and CAN logs (.blf, .asc) in mbd compare and mbd evaluate.
+        'loggers': ['asammdf', 'python-can'],
         # Designs and indices of sensitivity (mbd sweep); sweeps on a Dask cluster.
         'sweep': ['SALib', 'pyarrow'],
         'cluster': ['distributed'],
@@ -70,6 +72,8 @@ setup(
             'pytest-xdist',
             'rosbags',
             'pycrg',
+            'asammdf',
+            'python-can',
             'rerun-sdk',
             'imageio-ffmpeg',
             'SALib',

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from mbd_sim_ros.analysis import logs
 from mbd_sim_ros.analysis.cells import UNIT
 from mbd_sim_ros.analysis.tables import SUFFIXES, Table, TimeColumn, read_table
 from mbd_sim_ros.analysis.whole import whole
@@ -175,20 +176,28 @@ def seconds_of(t_ns: int) -> str:
     return f'{sign}{t_ns // 1_000_000_000}.{t_ns % 1_000_000_000:09d}'
 
 
-def read(path: str | Path, channels: Sequence[str] = (), *, beside: Collection[str] = (), time: TimeColumn | None = None) -> Run:
-    """A bag, an .mcap file, a table (tables.py), or a directory of .csv files as export() writes them.
+def read(
+    path: str | Path,
+    channels: Sequence[str] = (),
+    *,
+    beside: Collection[str] = (),
+    time: TimeColumn | None = None,
+    databases: Sequence[Path] = (),
+) -> Run:
+    """A bag, an .mcap file, a table (tables.py), a measurement or CAN log (logs.py), or a directory of .csv files as export() writes them.
 
     channels: shell patterns of the columns to read; all without any. Columns of a table in a directory get the name of its topic in front;
     those of a single one are as in its header, unless none of these names is in `beside`, or fits `channels`, and one with the topic does.
-    time: the column of tables that tells the time. The numbers are those of the file: `stated` of the run tells their units. Raises
-    BagError (file, line, remedy).
+    time: the column of tables that tells the time. databases: of the frames in a CAN log. The numbers are those of the file:
+    `stated` of the run tells their units. Raises BagError (file, line, remedy).
     """
     path = Path(path)
     single = path.suffix.lower() in SUFFIXES and not path.is_dir()
     files = [path] if single else sorted(path.glob('*.csv')) if path.is_dir() else []
-    if not files or (path.is_dir() and list(path.glob('*.mcap*'))):
+    log = path.suffix.lower() in logs.SUFFIXES and not path.is_dir()
+    if not log and (not files or (path.is_dir() and list(path.glob('*.mcap*')))):
         return bag.read(path, channels)
-    table = Table()
+    table = logs.read_log(path, databases) if log else Table()
     for file in files:
         topic = file.stem.replace('.', '/')
         one = read_table(file, '' if single else topic, time)

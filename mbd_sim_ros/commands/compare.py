@@ -58,7 +58,7 @@ def add(parsers: Any) -> None:
         'compare a run with a reference; exit code 1 when a channel is outside its tolerance or missing',
         EXAMPLE,
     )
-    source = 'bag directory, .mcap file, table (.csv, .tsv, .txt) or directory of .csv files'
+    source = 'bag directory, .mcap file, table (.csv, .tsv, .txt), .mf4, CAN log (.blf, .asc) or directory of .csv files'
     parser.add_argument('run_', metavar='RUN', type=Path, help=source)
     reference = parser.add_argument('reference', metavar='REFERENCE', type=Path, help='the same; differences are RUN - REFERENCE')
     parser.add_argument(
@@ -103,6 +103,9 @@ def add(parsers: Any) -> None:
         metavar='FILE',
         type=Path,
         help='names, units, signs, offsets, axes of REFERENCE, see below; only these are compared',
+    )
+    chosen.add_argument(
+        '--dbc', metavar='FILE', type=Path, action='append', default=[], help='database of the frames in a CAN log (repeatable)'
     )
     times = parser.add_argument_group('times')
     times.add_argument('--offset', metavar='SECONDS', type=float, default=0.0, help='added to the times of REFERENCE')
@@ -212,7 +215,7 @@ def _look(args: argparse.Namespace) -> Result:
         raise SpecError(f'mbd compare --look looks at one recording; leave {args.reference} out')
     interrupts.now(f'looking at {args.run_}')
     time = mapping.load_mapping(args.mapping).time if args.mapping is not None else None
-    run = runs.read(args.run_, args.channel, time=time)
+    run = runs.read(args.run_, args.channel, time=time, databases=args.dbc)
     if not run.series:
         raise BagError(f'{args.run_}: no channel matches {args.channel}')
     found = look(run)
@@ -227,7 +230,7 @@ def _read(args: argparse.Namespace, pairs: dict, file: ChannelMap | None) -> tup
     from mbd_sim_ros.analysis import mapping, runs
 
     def read(place: Path, patterns: Sequence[str], *before: Run, beside: Sequence[str] = ()) -> Run:
-        one = runs.read(place, patterns, beside=beside)
+        one = runs.read(place, patterns, beside=beside, databases=args.dbc)
         try:
             return mapping.in_si(one, runs.units(*before, one))
         except BagError as error:
@@ -250,7 +253,7 @@ def _read(args: argparse.Namespace, pairs: dict, file: ChannelMap | None) -> tup
     ours = read(args.run_, [*map(mapping.literal, sources), *axes, *also] if file is not None else wanted)
     mapped = [source.channel for source in sources.values()]
     time = file.time if file is not None else None
-    others = [runs.read(place, listed, beside=mapped, time=time) for place in places]
+    others = [runs.read(place, listed, beside=mapped, time=time, databases=args.dbc) for place in places]
     unit_of = runs.units(ours)
     held: frozenset[str] = frozenset()
     references = []

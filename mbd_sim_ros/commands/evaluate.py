@@ -31,7 +31,9 @@ def add(parsers: Any) -> None:
     """Declare the command."""
     help_ = 'judge maneuvers of norms in recordings: figures, limits, pass or fail'
     parser = declare(parsers, 'evaluate', run, help_, EXAMPLE)
-    source = 'bag directory, .mcap file, table (.csv, .tsv, .txt) or directory of .csv files; several are a series'
+    source = (
+        'bag directory, .mcap file, table (.csv, .tsv, .txt), .mf4, CAN log (.blf, .asc) or directory of .csv files; several are a series'
+    )
     parser.add_argument('bags', metavar='BAG', type=Path, nargs='*', help=source)
     parser.add_argument('--as', metavar='NAME', dest='name', default='', help='the evaluation, where the recording does not state it')
     parser.add_argument('--list', action='store_true', help='list the evaluations and their parameters')
@@ -45,6 +47,9 @@ def add(parsers: Any) -> None:
     )
     parser.add_argument('--map', metavar='THEIRS=OURS', action='append', default=[], help='a channel and its name here (repeatable)')
     parser.add_argument('--mapping', metavar='FILE', type=Path, help='names, units, signs, offsets and axes of the channels, see below')
+    parser.add_argument(
+        '--dbc', metavar='FILE', type=Path, action='append', default=[], help='database of the frames in a CAN log (repeatable)'
+    )
     parser.add_argument('--html', metavar='FILE', type=Path, help='page with all figures and curves to zoom into, in one file')
     parser.add_argument('--strict', action='store_true', help='exit code 1 where a limit of the norm is not kept')
 
@@ -71,7 +76,7 @@ def run(args: argparse.Namespace) -> Result:
     results = []
     for place in args.bags:
         interrupts.now(f'judging {place}')
-        recording, held, scene = judging.read(place, sources, axes, time)
+        recording, held, scene = judging.read(place, sources, axes, time, args.dbc)
         evaluation = judging.meant(scene, args.name, str(place))
         results.append(judging.judge(evaluation, recording, str(place), given, held=held, scene=scene))
     return report(results, html=args.html, strict=args.strict)

@@ -34,14 +34,19 @@ LARGEST = 1e9  # of a parameter, in SI units
 
 
 def read(
-    place: Path, sources: Mapping[str, Source] | None = None, axes: Sequence[Axes] = (), time: TimeColumn | None = None
+    place: Path,
+    sources: Mapping[str, Source] | None = None,
+    axes: Sequence[Axes] = (),
+    time: TimeColumn | None = None,
+    databases: Sequence[Path] = (),
 ) -> tuple[Run, frozenset[str], Scene | None]:
-    """(the recording under our names, which channels hold their values, its scene). sources, axes, time: of a mapping. Raises BagError."""
+    """(the recording under our names, which channels hold their values, its scene). sources, axes, time: of a mapping.
+    databases: of the frames in a CAN log. Raises BagError."""
     for ours, source in (sources or {}).items():
         if '/' not in ours and '*' not in ours and ours not in WAYS:
             raise BagError(f'mapping {source.channel}={ours}: no evaluation has a signal {ours!r}{suggestion(ours, WAYS)}')
     wanted = [] if sources or axes else [*NEEDED, *WAYS]
-    run = runs.read(place, wanted, beside=[source.channel for source in (sources or {}).values()], time=time)
+    run = runs.read(place, wanted, beside=[source.channel for source in (sources or {}).values()], time=time, databases=databases)
     held: frozenset[str] = frozenset()
     if sources or axes or run.stated:
         own = runs.units(run)
