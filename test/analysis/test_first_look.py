@@ -245,3 +245,17 @@ def test_what_names_say() -> None:
 
 def test_a_factor_that_cannot_be_found_is_said() -> None:
     assert Fit(float('nan'), 0.0, 0.0).text == 'too little moves, or the factor is not constant'
+
+
+def test_columns_of_another_clock_are_not_compared(capsys: pytest.CaptureFixture[str]) -> None:
+    """Simulation time in some topics and the time of day in another."""
+    truth = car()
+    run = run_of(
+        {NAMES[what]: values for what, values in truth.items() if what in ('speed', 'yaw_rate', 'ay')}, np.arange(N) * round(DT * 1e9)
+    )
+    apart = run_of({'clock/heading': truth['yaw']}, np.arange(N) * round(DT * 1e9) + 1_700_000_000 * 10**9)
+    run.series |= {'clock': next(iter(apart.series.values()))}
+    found = look(run)
+    assert set(found.mapping) == {'odom/twist/vx', 'imu/wz', 'imu/ay'}
+    assert 'its times meet no others' in next(c for c in found.columns if c.name == 'clock/heading').why[0]
+    assert capsys.readouterr().err == ''

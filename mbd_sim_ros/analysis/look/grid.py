@@ -66,13 +66,14 @@ class Grid:
 
     def __init__(self, run: Run, columns: Sequence[Column]) -> None:
         home = {name: one for one in run.series.values() for name in one.columns}
-        samples = {}
+        samples: dict[str, tuple[np.ndarray, np.ndarray]] = {}
         for c in columns:
             values = home[c.name].columns[c.name]
             good = np.isfinite(values)
             if good.sum() >= SAMPLES:
                 samples[c.name] = (home[c.name].time_ns[good] * 1.0, values[good].astype(float))
         self.dt, self.values, self.wraps = 0.01, {}, {}
+        samples = _of_one_clock(samples)
         if not samples:
             return
         begin, end = min(t[0] for t, _ in samples.values()), max(t[-1] for t, _ in samples.values())
@@ -93,6 +94,11 @@ class Grid:
 
     def __contains__(self, name: str) -> bool:
         return name in self.values
+
+    def changes(self, name: str) -> bool:
+        """Whether a column has two values."""
+        values = self.values[name][np.isfinite(self.values[name])]
+        return values.size > 1 and bool(np.ptp(values) > 0.0)
 
     def smooth(self, values: np.ndarray, seconds: float = SMOOTH) -> np.ndarray:
         """Values with a Gaussian of so many seconds over what is there."""
@@ -143,6 +149,18 @@ class Grid:
         factor = float(np.median(parts))
         spread = float(1.4826 * np.median(np.abs(parts - factor)) / (abs(factor) + 1e-300))
         return Fit(factor, max(0.0, 1.0 - spread), 0.0, spread) if spread <= SPREAD else Fit(math.nan, 0.0, 0.0)
+
+
+def _of_one_clock(samples: dict[str, tuple[np.ndarray, np.ndarray]]) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """The columns whose times meet: of two clocks, as of a simulation and of the day, those of the one that more columns have."""
+    groups: list[tuple[float, list[str]]] = []  # the end of each and its columns
+    for name, (t, _) in sorted(samples.items(), key=lambda one: one[1][0][0]):
+        if groups and t[0] <= groups[-1][0]:
+            groups[-1] = max(groups[-1][0], t[-1]), [*groups[-1][1], name]
+        else:
+            groups.append((t[-1], [name]))
+    most = max((names for _, names in groups), key=len, default=[])
+    return {name: samples[name] for name in most}
 
 
 def _unwrapped(values: np.ndarray) -> tuple[np.ndarray, str]:

@@ -62,8 +62,8 @@ class Looking:
         self.path: np.ndarray | None = None
         for c in candidates:
             if c.name not in grid:
-                c.why.append(f'{TEXTS[c.role.what]} by its name, but it holds fewer than {SAMPLES} numbers')
-            elif not np.nanstd(grid.values[c.name]) > 0.0:
+                c.why.append(f'{TEXTS[c.role.what]} by its name, but it holds fewer than {SAMPLES} numbers, or its times meet no others')
+            elif not grid.changes(c.name):
                 c.why.append(f'{TEXTS[c.role.what]} by its name, but it never changes')
             else:
                 self.by_role.setdefault(c.role.what, []).append(c)

@@ -37,11 +37,12 @@ def as_yaml(found: Look, run: Run, place: str) -> str:
     lines = _comment(f'First look at {place}: {run.time_ns.size} instants in {seconds:.4g} s. A proposal: confirm every line of it.')
     for text in (*run.told, *found.notes):
         lines += _comment(text)
-    lines += _comment(
+    side = (
         f'Left is positive after the signs below: {found.side}.'
         if found.side
         else 'The data do not tell which side is positive: left is assumed, and the signs fit each other; turn all if it is right.'
     )
+    lines += _comment(side) if found.mapping else []
     lines.append('channels:' if found.mapping else 'channels: {}  # nothing is told')
     for ours, c in found.mapping.items():
         source = ', '.join(f'{key}: {_quoted(value)}' for key, value in _source(c).items())
