@@ -57,6 +57,8 @@ setup(
         'analysis': ['pandas', 'pyarrow', 'xarray'],
         # MDF measurements (.mf4) and CAN logs (.blf, .asc) in mbd compare and mbd evaluate.
         'loggers': ['asammdf', 'python-can'],
+        # Recordings of `ros2 bag record` in SQLite (.db3, the default until Humble), and types that are defined in IDL.
+        'rosbag2': ['rosbags'],
         # Designs and indices of sensitivity (mbd sweep); sweeps on a Dask cluster.
         'sweep': ['SALib', 'pyarrow'],
         'cluster': ['distributed'],

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -157,7 +157,7 @@ def apply(run: Run, channels: Mapping[str, Source], axes: Sequence[Axes], unit: 
         for topic, names in run.known.items()
     }
     held = frozenset(new for new, (_, source) in found.items() if source.hold)
-    return Run(series, run.metadata, run.left_out, known, stated, run.told), held
+    return replace(run, series=series, known=known, stated=stated), held
 
 
 def in_si(run: Run, unit: Callable[[str], str]) -> Run:

@@ -15,6 +15,7 @@ from mbd_sim_ros.analysis.cells import UNIT
 from mbd_sim_ros.analysis.tables import SUFFIXES, Table, TimeColumn, read_table
 from mbd_sim_ros.analysis.whole import whole
 from mbd_sim_ros.bags import reader as bag
+from mbd_sim_ros.bags.files import holds_recording
 from mbd_sim_ros.bags.patterns import fits, fits_any
 from mbd_sim_ros.bags.reader import Run, Series
 from solver.errors import BagError, suggestion
@@ -147,7 +148,7 @@ def file_names(topics: Iterable[str]) -> dict[str, str]:
 
 
 def suspicion(run: Run) -> tuple[str, ...]:
-    """What the recorded run says against itself, and what was lost in reading it."""
+    """What the recorded run says against itself, and what was lost or merged in reading it."""
     said = run.metadata
     told = run.told
     damage, dropped = said.get('damage', ''), said.get('dropped_steps', '0')
@@ -155,6 +156,7 @@ def suspicion(run: Run) -> tuple[str, ...]:
     if dropped.strip('0'):
         lacking.append(f'{dropped} steps are missing in the recording: the disk was too slow for them')
     status = said.get('status', '' if 'resolved_scene' in said else 'ok')
+    lacking += run.doubts
     if status == 'ok':
         return (*lacking, *told)
     if not status:  # a run ends with a verdict
@@ -183,8 +185,10 @@ def read(
     beside: Collection[str] = (),
     time: TimeColumn | None = None,
     databases: Sequence[Path] = (),
+    log_times: bool = False,
 ) -> Run:
-    """A bag, an .mcap file, a table (tables.py), a measurement or CAN log (logs.py), or a directory of .csv files as export() writes them.
+    """A recording (bags.reader.read), a table (tables.py), a measurement or CAN log (logs.py), or a directory of .csv
+    files as export() writes them.
 
     channels: shell patterns of the columns to read; all without any. Columns of a table in a directory get the name of its topic in front;
     those of a single one are as in its header, unless none of these names is in `beside`, or fits `channels`, and one with the topic does.
@@ -195,8 +199,8 @@ def read(
     single = path.suffix.lower() in SUFFIXES and not path.is_dir()
     files = [path] if single else sorted(path.glob('*.csv')) if path.is_dir() else []
     log = path.suffix.lower() in logs.SUFFIXES and not path.is_dir()
-    if not log and (not files or (path.is_dir() and list(path.glob('*.mcap*')))):
-        return bag.read(path, channels)
+    if not log and (not files or (path.is_dir() and holds_recording(path))):
+        return bag.read(path, channels, log_times=log_times)
     table = logs.read_log(path, databases) if log else Table()
     for file in files:
         topic = file.stem.replace('.', '/')

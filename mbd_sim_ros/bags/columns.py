@@ -1,44 +1,42 @@
 """Messages of one topic as columns of numbers on their instants.
 
 Columns: `joint_states/<joint>/position|velocity|effort`, `odom/pose/x|y|z|qx|qy|qz|qw`, `odom/twist/vx|...|wz`,
-`tire/<wheel>/force/fx|fy|fz|mx|my|mz`, `imu/ax|...|wz|qx|...`, and `<topic>/<name>` for topics of named scalars (JointState with
-positions only: `tire_states/<wheel>/kappa`, `cmd_applied/<input>`); those of `element_states/<kind>` are columns of one series,
-`element_states/<element>/<output>`, as in recordings that have them in one topic. Other types give `<topic>/<field path>`.
+`tire/<wheel>/force/fx|fy|fz|mx|my|mz`, `imu/ax|...|wz|qx|...`, and `<topic>/<name>` for topics of named scalars
+(JointState with positions only: `tire_states/<wheel>/kappa`, `cmd_applied/<input>`); those of `element_states/<kind>`
+are columns of one series, `element_states/<element>/<output>`, as in recordings that have them in one topic. Other
+types: named.py.
 
-The messages of one topic of our recordings differ in their numbers only, so a block of them is one table of bytes and a column is a
-strided part of it. Topics whose strings or sizes change are decoded message by message.
+The messages of one topic of our recordings differ in their numbers only, so a block of them is one table of bytes and
+a column is a strided part of it. Of others, messages that are alike but for their numbers (a *variant*: one
+publisher, one set of names) are taken so; where strings change all the time, each is decoded for itself.
+
+Nothing vanishes here: an `Account` says of every topic how many messages it had and what became of them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from mcap.records import Schema
 
-from mbd_sim_ros.bags.records import Messages
+from mbd_sim_ros.bags.named import COLUMNS_MAX, TEXT, Pick, is_plain, named
+from mbd_sim_ros.bags.records import Messages, instants
 from mbd_sim_ros.messages import cdr
-from mbd_sim_ros.messages.topics import IMU, JOINT_STATE, ODOMETRY, WRENCH
+from mbd_sim_ros.messages.topics import JOINT_STATE
 from solver.errors import BagError
 
-_XYZ, _QUATERNION, _TWIST = ('x', 'y', 'z'), ('qx', 'qy', 'qz', 'qw'), ('vx', 'vy', 'vz', 'wx', 'wy', 'wz')
-# Per type: first field of a run of float64, and the column names of that run.
-_BLOCKS = {
-    ODOMETRY: (
-        ('pose.pose.position.x', [f'pose/{name}' for name in _XYZ + _QUATERNION]),
-        ('twist.twist.linear.x', [f'twist/{name}' for name in _TWIST]),
-    ),
-    IMU: (('orientation.x', _QUATERNION), ('angular_velocity.x', _TWIST[3:]), ('linear_acceleration.x', ('ax', 'ay', 'az'))),
-    WRENCH: (('wrench.force.x', ('fx', 'fy', 'fz', 'mx', 'my', 'mz')),),
-}
 BLOCK_BYTES = 1 << 19  # messages of a topic that are decoded at once: they stay in the cache of the processor
-COLUMNS_MAX = 4096  # of one topic; a cloud of points is no set of channels
+VARIANTS_MOST = 32  # of a topic: publishers and frames; more are texts that change from message to message
 TABLE_MOST = (1 << 26, 256)  # bytes that are reserved for a table before its messages are there: so many, and per byte of them
 STAMP = ('header.stamp.sec', 'header.stamp.nanosec')
 STAMP_KINDS = ('int32', 'uint32')
 SET_BACK = 1_000_000_000  # ns by which messages on their way overtake each other at most: more is a clock that was set back
+Clock = Literal['log time', 'publish time', 'header stamp']
+CLOCKS: tuple[Clock, ...] = ('log time', 'publish time', 'header stamp')
+LOG, PUBLISH, HEADER, NAMES = range(4)  # rows of a table of stamps: three clocks [ns], and which set of columns a message has
 
 
 @dataclass(frozen=True)
@@ -65,6 +63,58 @@ class Series:
         return Series(time_ns, self.on(time_ns) | other.on(time_ns))
 
 
+@dataclass(frozen=True)
+class Account:
+    """What became of the messages of a topic: messages = rows + equal + beside.
+
+    equal: left out, because a later message has the same time and the same columns. beside: in the row of another
+    message, of other columns. disordered: recorded behind one with a later time, and put in order. holes: column ->
+    values that are no number. clock: which time counts. span: first and last of it [ns]; log: first and last log
+    time.
+    """
+
+    messages: int
+    rows: int
+    equal: int
+    beside: int
+    disordered: int
+    holes: dict[str, int]
+    clock: Clock
+    span: tuple[int, int]
+    log: tuple[int, int]
+
+    def joined(self, other: Account, rows: int) -> Account:
+        """That of both, whose messages share a table of so many rows."""
+        return Account(
+            messages=self.messages + other.messages,
+            rows=rows,
+            equal=self.equal + other.equal,
+            beside=self.messages + other.messages - self.equal - other.equal - rows,
+            disordered=self.disordered + other.disordered,
+            holes=self.holes | other.holes,
+            clock=self.clock,
+            span=(min(self.span[0], other.span[0]), max(self.span[1], other.span[1])),
+            log=(min(self.log[0], other.log[0]), max(self.log[1], other.log[1])),
+        )
+
+    def doubts(self) -> list[str]:
+        """What was left out or put otherwise than it was recorded, a sentence each."""
+        found = []
+        if self.equal:
+            found.append(
+                f'{self.equal} of {self.messages} messages are left out, because a later one has the same {self.clock}; '
+                + ('its clock is too coarse, or they were recorded twice' if self.clock != 'log time' else 'they were recorded in bursts')
+            )
+        if self.disordered:
+            late = f'{self.disordered} of {self.messages} messages were'
+            found.append(f'{late} recorded behind one with a later {self.clock}, and are put in order')
+        if self.holes:
+            shown = [f'{column} ({count})' for column, count in self.holes.items()]
+            more = f' and {len(shown) - 3} more columns' if len(shown) > 3 else ''
+            found.append(f'values that are no number: {", ".join(shown[:3])}{more}')
+        return found
+
+
 class Room:
     """Memory that may be reserved for messages that are announced: what a file says of itself may be wrong. size: of the file [bytes]."""
 
@@ -79,17 +129,34 @@ class Room:
         return rows
 
 
-class _Changing(Exception):
+class _Changing(BagError):
     """The messages of a topic are not all alike."""
+
+
+class _Variant(NamedTuple):
+    """Messages that differ in their numbers only. columns: rows of the table that they fill, all of the set with this number."""
+
+    model: np.ndarray  # bytes of one
+    fixed: list[tuple[int, int]]  # parts in which they are all the same
+    places: dict[str, cdr.Place]
+    picks: list[tuple[str, slice | list[int], slice | list[int]]]  # field, which of its numbers, which rows of the table
+    names: int
+
+    def of(self, table: np.ndarray) -> np.ndarray | None:
+        """(n,) which of these messages, rows of bytes, are of this variant; None: all of them."""
+        if not any(np.any(table[:, a:b] != self.model[a:b]) for a, b in self.fixed):
+            return None
+        return np.all([np.all(table[:, a:b] == self.model[a:b], axis=1) for a, b in self.fixed], axis=0)
 
 
 class Collector:
     """Takes the messages of one topic and keeps the columns that are wanted.
 
-    wanted: tells of a full column name whether it is. expected: how many messages will come, as the file says (0: not known).
+    wanted: tells of a full column name whether it is. asked: whether names that are not known yet may be wanted.
+    expected: how many messages will come, as the file says (0: not known).
     """
 
-    def __init__(self, topic: str, name: str, schema: Schema, wanted: Callable[[str], bool], room: Room) -> None:
+    def __init__(self, topic: str, name: str, schema: Schema, wanted: Callable[[str], bool], room: Room, asked: bool = True) -> None:
         self.topic, self.name, self.type = topic, name, schema.name
         self.expected = 0
         self._room = room
@@ -98,27 +165,38 @@ class Collector:
             self.schema = schema.data.decode()
         except UnicodeDecodeError:
             self.schema, self.problem = '', 'its definition is not UTF-8 text'
-        self.known: list[str] = []
         self.columns: list[str] = []
-        self._wanted = wanted
-        self._times: list[int] = []
+        self._rows: dict[str, int] = {}  # column -> row of the table, -1 where it is not wanted
+        self._wanted, self._asked = wanted, asked
+        self._times: list[bytes] = []
         self._data: list[bytes] = []
         self._bytes = 0
         self._count = 0
-        self._begun = False
+        self._begun = self._complete = False  # _complete: no message has other names than the first one
         self._channels: set[int] = set()  # those of several publishers lie in a chunk one after the other
-        self._first: dict[str, Any] = {}
-        self._length = 0
-        self._places: dict[str, cdr.Place] = {}
-        self._picks: list[tuple[str, slice | list[int], int]] = []  # field, which of its numbers, how many
+        self._variants: list[_Variant] = []
+        self._sets: dict[tuple[int, ...], int] = {}  # rows of the table that a message fills -> number of the set
+        self._sizes: dict[str, int] = {}  # of lists without names
+        self._plain: bool | None = None
+        self._in_words = False  # some numbers are texts
         self._table = np.empty((0, 0))
-        self._stamps = np.empty((2, 0), np.int64)  # log times, stamps
-        self._stamp: tuple[str, ...] = ()  # where the messages say their time
+        self._stamps = np.empty((4, 0), np.int64)
 
     @property
     def idle(self) -> bool:
         """Whether no further message is of use."""
-        return bool(self.problem) or (self._begun and not self.columns)
+        return bool(self.problem) or (self._complete and not self.columns)
+
+    @property
+    def known(self) -> list[str]:
+        """All columns, also those that are not wanted."""
+        return [*self._rows]
+
+    @property
+    def stamps(self) -> np.ndarray:
+        """(3, n) times of the messages by each clock [ns], negative where a message has none; nothing is taken behind."""
+        self._decode()
+        return self._stamps[:NAMES, : self._count]
 
     def add(self, messages: Messages) -> None:
         """Take some messages."""
@@ -128,117 +206,216 @@ class Collector:
         if self.idle:
             return
         self._channels.add(messages.channel)
-        self._times += messages.log_times
+        self._times += messages.times
         self._data += messages.data
         self._bytes += len(messages.data) * len(messages.data[0])
         if self._bytes >= BLOCK_BYTES:
             self._decode()
 
-    def series(self) -> Series | None:
-        """All that came, with header stamps as times where the type has them and they tell the messages apart; None where nothing did, or
-        where time goes back: what came before and after would be mixed."""
+    def series(self, clock: Clock) -> tuple[Series, Account] | None:
+        """All that came, at the times of a clock; None where nothing did, or where time goes back: what came before and after would be
+        mixed."""
         self._decode()
         if self.problem or not self._count:
             return None
-        log_times, stamps = self._stamps[:, : self._count]
-        times = log_times if stamps[0] < 0 or (self._count > 1 and np.all(stamps == stamps[0])) else stamps
-        table = self._table[:, : self._count]
+        stamps, table = self._stamps[:, : self._count], self._table[: len(self.columns), : self._count]
+        times, log_times = stamps[CLOCKS.index(clock)], stamps[LOG]
         came = times if len(self._channels) == 1 else times[np.argsort(log_times, kind='stable')]
-        back = int(np.max(np.maximum.accumulate(came) - came))
+        latest = np.maximum.accumulate(came)
+        back = int(np.max(latest - came))
         if back > SET_BACK:
             self.problem = (
                 f'its times go back by {back * 1e-9:.6g} s, as of a clock that was set back or began anew; cut the recording there'
             )
             return None
-        order = np.argsort(times, kind='stable')
-        keep = order[np.flatnonzero(np.diff(times[order], append=np.iinfo(np.int64).max))]  # of equal times the last
-        if keep.size == times.size and np.all(keep == np.arange(times.size)):
-            return Series(times, dict(zip(self.columns, table)))
-        return Series(times[keep], {name: values[keep] for name, values in zip(self.columns, table)})
+        disordered = int(np.count_nonzero(latest > came))
+        order = np.argsort(times, kind='stable') if disordered or len(self._channels) > 1 else np.arange(times.size)
+        last = np.diff(times[order], append=np.iinfo(np.int64).max) != 0  # of equal times
+        equal = 0
+        if len(self._sets) > 1:
+            found, table, equal, carried = self._by_names(times[order], stamps[NAMES, order], table[:, order])
+        else:
+            keep = order[last]
+            equal, carried = times.size - keep.size, {}
+            if keep.size < times.size or disordered or len(self._channels) > 1:
+                found, table = times[keep], table[:, keep]
+            else:
+                found = times
+        columns = dict(zip(self.columns, table))
+        account = Account(
+            messages=times.size,
+            rows=found.size,
+            equal=equal,
+            beside=times.size - equal - found.size,
+            disordered=disordered,
+            holes=_holes(table, columns, carried),
+            clock=clock,
+            span=(int(found[0]), int(found[-1])),
+            log=(int(log_times.min()), int(log_times.max())),
+        )
+        return Series(found, columns), account
+
+    def _by_names(self, times: np.ndarray, sets: np.ndarray, table: np.ndarray) -> tuple[np.ndarray, np.ndarray, int, dict[str, int]]:
+        """Messages in order of their times as rows of different instants: those, the table, how many messages are left out, and how many
+        rows have each column."""
+        found, row = np.unique(times, return_inverse=True)
+        result = np.full((table.shape[0], found.size), np.nan)
+        equal, filled = 0, np.zeros(result.shape, bool)
+        for columns, number in self._sets.items():
+            rows = np.flatnonzero(sets == number)
+            keep = rows[np.diff(row[rows], append=found.size) != 0]
+            which = np.array(columns, int)[:, None]
+            equal += rows.size - keep.size + int(np.count_nonzero(np.any(filled[which, row[keep]], axis=0)))
+            result[which, row[keep]] = table[which, keep]
+            filled[which, row[keep]] = True
+        return found, result, equal, dict(zip(self.columns, filled.sum(axis=1).tolist()))
 
     def _begin(self, data: bytes) -> None:
         """Learn from the first message what the columns are."""
         try:
-            self._first, self._places = cdr.decode(self.type, self.schema, data)
-            names = _names(self.topic, self.type, self._first, self._places)
+            value, places = cdr.decode(self.type, self.schema, data)
+            chosen = self._named(value, places)
         except BagError as error:
             self.problem = str(error)
             return
-        self._length = len(data)
-        self.known = [f'{self.name}/{name}' for name in names]
-        chosen = [(full, place) for full, place in zip(self.known, names.values()) if self._wanted(full)]
-        for path in dict.fromkeys(path for _, (path, _) in chosen):
-            of_it = [(full, i) for full, (p, i) in chosen if p == path]
-            self.columns += [full for full, _ in of_it]
-            whole = len(of_it) == self._places[path].size
-            self._picks.append((path, slice(None) if whole else [i for _, i in of_it], len(of_it)))
-        stamps = [self._places.get(path) for path in STAMP]
-        self._stamp = STAMP if all(place is not None and place.kind in STAMP_KINDS and place.size == 1 for place in stamps) else ()
-        rows = self._room.take(self.expected, 8 * len(self.columns) + 16)
+        self._complete = not (self._asked and _has_list(value))
+        if self.idle:
+            return
+        self._variants = [] if self._in_words else [_variant(data, places, *chosen)]
+        rows = self._room.take(self.expected, 8 * len(self.columns) + 32)
         self._table = np.empty((len(self.columns), rows))
-        self._stamps = np.empty((2, rows), np.int64)
-        variable = np.zeros(self._length + 1, bool)
-        for place in self._places.values():
-            variable[place.offset : place.offset + place.size * cdr.dtype(place).itemsize] = True
-        variable[-1] = True
-        edges = np.flatnonzero(np.diff(variable, prepend=True))
-        self._fixed = list(zip(edges[::2].tolist(), edges[1::2].tolist()))
-        self._model = np.frombuffer(data, np.uint8)
+        self._stamps = np.empty((4, rows), np.int64)
+
+    def _named(self, value: dict[str, Any], places: dict[str, cdr.Place]) -> tuple[list[int], list[Pick], int]:
+        """Of a decoded message the rows of the table that are wanted, what is picked for each, and the number of this set of columns."""
+        found = named(self.topic, self.type, value, places, self._plain)
+        for shown, size in found.sizes.items():
+            if self._sizes.setdefault(shown, size) != size:
+                raise _Changing('its messages change their names or sizes during the recording')
+        if self._plain is None and self.type == JOINT_STATE and found.columns:
+            self._plain = is_plain(self.topic, places)
+        full = {f'{self.name}/{name}': pick for name, pick in found.columns.items()}
+        fresh = [name for name in full if name not in self._rows]
+        if len(self._rows) + len(fresh) > COLUMNS_MAX:
+            raise _Changing(f'its messages have more than {COLUMNS_MAX} different names')
+        for name in fresh:
+            self._rows[name] = len(self.columns) if self._wanted(name) else -1
+            self.columns += [name] if self._rows[name] >= 0 else []
+        wanted = [(at, pick) for name, pick in full.items() if (at := self._rows[name]) >= 0]
+        self._in_words |= any(pick.place == TEXT for _, pick in wanted)
+        rows = [at for at, _ in wanted]
+        return rows, [pick for _, pick in wanted], self._sets.setdefault(tuple(sorted(rows)), len(self._sets))
 
     def _decode(self) -> None:
         """Turn the messages at hand into rows of the table."""
-        n = len(self._data)
-        if n == 0 or self.problem:
+        data, begin, end = self._data, self._count, self._count + len(self._data)
+        if not data or self.problem:
             return
-        try:
-            gathered = self._alike() or self._one_by_one()
-        except (_Changing, BagError):
-            self.problem = 'its messages change their names or sizes during the recording'
-            self._data, self._times, self._bytes = [], [], 0
-            return
-        begin, end = self._count, self._count + n
         if end > self._table.shape[1]:
             capacity = max(end, 2 * self._table.shape[1])
-            self._table = _wider(self._table, capacity, begin)
-            self._stamps = _wider(self._stamps, capacity, begin)
-        row = 0
-        for path, which, many in self._picks:
-            self._table[row : row + many, begin:end] = gathered[path][:, which].T
-            row += many
-        self._stamps[0, begin:end] = self._times
-        self._stamps[1, begin:end] = (
-            gathered[STAMP[0]][:, 0].astype(np.int64) * 1_000_000_000 + gathered[STAMP[1]][:, 0] if self._stamp else -1
-        )
+            self._table = _wider(self._table, self._table.shape[0], capacity, begin)
+            self._stamps = _wider(self._stamps, 4, capacity, begin)
+        self._stamps[: PUBLISH + 1, begin:end] = instants(self._times).T
+        try:
+            left = np.arange(len(data))
+            for variant in self._variants:
+                left = self._take(variant, data, left, begin)
+            while left.size:
+                if self._in_words or len(self._variants) == VARIANTS_MOST:
+                    self._one(data[left[0]], begin + int(left[0]))
+                    left = left[1:]
+                else:
+                    value, places = cdr.decode(self.type, self.schema, data[left[0]])
+                    self._variants.append(_variant(data[left[0]], places, *self._named(value, places)))
+                    left = left if self._in_words else self._take(self._variants[-1], data, left, begin)
+        except BagError as error:
+            self.problem = str(error) if isinstance(error, _Changing) else f'one of its messages cannot be read: {error}'
         self._count = end
         self._data, self._times, self._bytes = [], [], 0
 
-    def _needed(self) -> list[str]:
-        return [*(path for path, *_ in self._picks), *self._stamp]
+    def _take(self, variant: _Variant, data: list[bytes], left: np.ndarray, begin: int) -> np.ndarray:
+        """Put those messages into the table, from row `begin` on, that are of a variant; the others are left."""
+        if not left.size:
+            return left
+        size = len(variant.model)
+        if left.size == len(data) and set(map(len, data)) == {size}:
+            chosen, table = left, np.frombuffer(b''.join(data), np.uint8).reshape(-1, size)
+        else:
+            chosen = left[[len(data[i]) == size for i in left]]
+            table = np.frombuffer(b''.join(data[i] for i in chosen), np.uint8).reshape(-1, size)
+        ours = variant.of(table)
+        if ours is not None:
+            chosen, table = chosen[ours], table[ours]
+        if chosen.size == len(data):
+            rows: slice | np.ndarray = slice(begin, begin + len(data))
+        else:
+            rows = begin + chosen
+        self._room_for_names()
+        if len(self._sets) > 1:
+            self._table[:, rows] = np.nan
+        for path, which, at in variant.picks:
+            place = (np.array(at)[:, None] if isinstance(at, list) and isinstance(rows, np.ndarray) else at), rows
+            self._table[place] = _gather(table, variant.places[path])[:, which].T
+        self._stamps[NAMES, rows] = variant.names
+        stamps = [variant.places.get(path) for path in STAMP]
+        if all(place is not None and place.kind in STAMP_KINDS and place.size == 1 for place in stamps):
+            sec, nanosec = (_gather(table, place)[:, 0] for place in stamps if place is not None)
+            self._stamps[HEADER, rows] = sec.astype(np.int64) * 1_000_000_000 + nanosec
+        else:
+            self._stamps[HEADER, rows] = -1
+        return left[:0] if chosen.size == left.size else np.setdiff1d(left, chosen, assume_unique=True)
 
-    def _alike(self) -> dict[str, np.ndarray] | None:
-        """The numbers of messages that are like the first one but for their numbers; None if they are not."""
-        if set(map(len, self._data)) != {self._length}:
-            return None
-        table = np.frombuffer(b''.join(self._data), np.uint8).reshape(len(self._data), -1)
-        if any(np.any(table[:, a:b] != self._model[a:b]) for a, b in self._fixed):
-            return None  # names changed (or padding is not zero)
-        return {path: _gather(table, self._places[path]) for path in self._needed()}
+    def _one(self, data: bytes, row: int) -> None:
+        """Put one message into the table that is like no other."""
+        value, places = cdr.decode(self.type, self.schema, data)
+        rows, picks, number = self._named(value, places)
+        self._room_for_names()
+        self._table[:, row] = np.nan
+        for at, pick in zip(rows, picks):
+            if pick.place == TEXT:
+                self._table[at, row] = _number(value, pick.path)
+            else:
+                place = places[pick.path]
+                self._table[at, row] = np.frombuffer(data, cdr.dtype(place), place.size, place.offset)[pick.place]
+        self._stamps[NAMES, row] = number
+        stamps = [places.get(path) for path in STAMP]
+        self._stamps[HEADER, row] = -1
+        if all(place is not None and place.kind in STAMP_KINDS and place.size == 1 for place in stamps):
+            sec, nanosec = (int(np.frombuffer(data, cdr.dtype(p), 1, p.offset)[0]) for p in stamps if p is not None)
+            self._stamps[HEADER, row] = sec * 1_000_000_000 + nanosec
 
-    def _one_by_one(self) -> dict[str, np.ndarray]:
-        rows = []
-        sizes = {path: place.size for path, place in self._places.items()}
-        for data in self._data:
-            value, found = cdr.decode(self.type, self.schema, data)
-            if {path: place.size for path, place in found.items()} != sizes or value.get('name') != self._first.get('name'):
-                raise _Changing
-            numbers = {path: found[path] for path in self._needed()}
-            rows.append({path: np.frombuffer(data, cdr.dtype(place), place.size, place.offset) for path, place in numbers.items()})
-        return {path: np.stack([row[path] for row in rows]) for path in self._needed()}
+    def _room_for_names(self) -> None:
+        """Rows of the table for names that are new."""
+        rows = self._table.shape[0]
+        if len(self.columns) > rows:
+            self._table = _wider(self._table, len(self.columns), self._table.shape[1], self._table.shape[1])
+            self._table[rows:] = np.nan
 
 
-def _wider(table: np.ndarray, capacity: int, filled: int) -> np.ndarray:
-    result = np.empty((table.shape[0], capacity), table.dtype)
-    result[:, :filled] = table[:, :filled]
+def _variant(data: bytes, places: dict[str, cdr.Place], rows: list[int], picks: list[Pick], number: int) -> _Variant:
+    """The variant of which a message is. rows, picks, number: of Collector._named()."""
+    variable = np.zeros(len(data) + 1, bool)
+    for place in places.values():
+        variable[place.offset : place.offset + place.size * cdr.dtype(place).itemsize] = True
+    variable[-1] = True
+    edges = np.flatnonzero(np.diff(variable, prepend=True))
+    parts: dict[str, tuple[list[int], list[int]]] = {}
+    for at, pick in zip(rows, picks):
+        which, into = parts.setdefault(pick.path, ([], []))
+        which.append(pick.place)
+        into.append(at)
+    chosen = [(path, _slice(which), _slice(into)) for path, (which, into) in parts.items() if which != [TEXT]]
+    return _Variant(np.frombuffer(data, np.uint8), list(zip(edges[::2].tolist(), edges[1::2].tolist())), places, chosen, number)
+
+
+def _slice(numbers: list[int]) -> slice | list[int]:
+    """Numbers that follow each other as a slice, which is faster."""
+    return slice(numbers[0], numbers[-1] + 1) if numbers == [*range(numbers[0], numbers[-1] + 1)] else numbers
+
+
+def _wider(table: np.ndarray, rows: int, capacity: int, filled: int) -> np.ndarray:
+    result = np.empty((rows, capacity), table.dtype)
+    result[: table.shape[0], :filled] = table[:, :filled]
     return result
 
 
@@ -249,40 +426,25 @@ def _gather(table: np.ndarray, place: cdr.Place) -> np.ndarray:
     return part.view(dtype) if place.size else np.zeros((len(table), 0), dtype)
 
 
-def _names(topic: str, kind: str, first: dict[str, Any], places: dict[str, cdr.Place]) -> dict[str, tuple[str, int]]:
-    """Map column names to (field path, index in it)."""
-    numbers = sum(place.size for path, place in places.items() if not path.startswith('header.'))
-    if numbers > COLUMNS_MAX:
-        raise BagError(f'a message of it holds {numbers} numbers, more than {COLUMNS_MAX}')
-    if kind == JOINT_STATE:
-        return _of_joints(topic, first.get('name'), places)
-    if kind in _BLOCKS:
-        paths = list(places)
-        if any(start not in paths for start, _ in _BLOCKS[kind]):
-            raise BagError(f'its definition is not that of {kind}')
-        return {
-            name: (path, 0)
-            for start, names in _BLOCKS[kind]
-            for name, path in zip(names, paths[paths.index(start) : paths.index(start) + len(names)])
-        }
-    return {
-        path.replace('.', '/') + (f'/{i}' if place.size > 1 else ''): (path, i)
-        for path, place in places.items()
-        if not path.startswith('header.')
-        for i in range(place.size)
-    }
+def _has_list(value: Any) -> bool:
+    """Whether a decoded message has a list of texts or of messages, whose names may be others in the next one."""
+    return isinstance(value, list) or (isinstance(value, dict) and any(map(_has_list, value.values())))
 
 
-def _of_joints(topic: str, names: Any, places: dict[str, cdr.Place]) -> dict[str, tuple[str, int]]:
-    """Columns of a JointState; those of named scalars have positions alone."""
-    parts = ('position', 'velocity', 'effort')
-    if not isinstance(names, list) or any(part not in places for part in parts):
-        raise BagError(f'its definition is not that of {JOINT_STATE}')
-    filled = [part for part in parts if places[part].size]
-    if len(set(names)) != len(names):
-        raise BagError(f'it names {next(name for name in names if names.count(name) > 1)!r} twice')
-    for part in filled:
-        if places[part].size != len(names):
-            raise BagError(f'a message of it has {len(names)} names and {places[part].size} values of {part}')
-    plain = filled == ['position'] and not topic.endswith('joint_states')
-    return {name if plain else f'{name}/{part}': (part, i) for part in filled for i, name in enumerate(names)}
+def _number(value: Any, path: str) -> float:
+    """The number that a text in a decoded message is, NaN where it is none."""
+    for part in path.replace('[', '.').replace(']', '').split('.'):
+        value = value[int(part)] if isinstance(value, list) else value[part]
+    try:
+        return float(value)
+    except ValueError:
+        return np.nan
+
+
+def _holes(table: np.ndarray, columns: dict[str, np.ndarray], carried: dict[str, int]) -> dict[str, int]:
+    """Column -> values that are no number, where there are some. carried: how many rows have it, where not all have."""
+    with np.errstate(over='ignore', invalid='ignore'):
+        if np.isfinite(np.add.reduce(table, axis=None)):
+            return {}
+    found = {name: carried.get(name, values.size) - int(np.count_nonzero(np.isfinite(values))) for name, values in columns.items()}
+    return {name: count for name, count in found.items() if count > 0}

@@ -15,7 +15,8 @@ import yaml
 from mcap.records import Channel, Metadata
 
 from mbd_sim_ros.bags import reader as bag
-from mbd_sim_ros.bags.records import Messages, Reading, find_file
+from mbd_sim_ros.bags.files import open_recording
+from mbd_sim_ros.bags.records import Messages
 from mbd_sim_ros.bags.writer import RECORD, RESULT
 from mbd_sim_ros.messages.cdr import decode, dtype
 from mbd_sim_ros.messages.definitions import schema_text
@@ -108,11 +109,11 @@ class Inputs(NamedTuple):
 
 def content(path: str | Path) -> Content:
     """Read a whole recording. Raises BagError if it is none, or was cut off."""
-    path = find_file(path)
+    path = Path(path)
     names: dict[int, str] = {}
     found: dict[int, dict[int, bytes]] = {}
     metadata: dict[str, dict[str, str]] = {}
-    reading = Reading(path)
+    reading = open_recording(path, skip=set())
     for record in reading:
         if isinstance(record, Messages):
             found.setdefault(record.channel, {}).update(zip(record.log_times, record.data))

@@ -7,6 +7,7 @@ message. The heads of all its records are compared with those that are known, so
 from __future__ import annotations
 
 import struct
+from collections import Counter
 from collections.abc import Collection, Sequence
 from typing import NamedTuple
 
@@ -15,7 +16,7 @@ LAYOUTS_MOST = 64  # that are made for one file
 _HEAD = struct.Struct('<BQH')  # opcode, length, channel
 _PLAIN = 9  # bytes of it that the length does not count
 _FIXED = 22  # bytes of a message before its data: channel, sequence, log time, publish time
-_PARTS = 3  # of a message, as it is unpacked: head, log time, data
+_PARTS = 3  # of a message, as it is unpacked: head, times, data
 
 
 class Layout(NamedTuple):
@@ -25,9 +26,11 @@ class Layout(NamedTuple):
     heads: tuple[bytes, ...]
     step: tuple[int, ...]
     skipped: frozenset[int]
+    counts: tuple[tuple[int, int], ...]  # channel and messages of it
 
-    def messages(self, body: bytes) -> list[tuple[int, Sequence[int], Sequence[bytes]]] | None:
-        """Channel, log times [ns] and data of the messages in a chunk that are not passed over; None if it has another layout."""
+    def messages(self, body: bytes) -> list[tuple[int, Sequence[bytes], Sequence[bytes]]] | None:
+        """Channel, times (log and publish time as they lie in the file) and data of the messages in a chunk that are not passed over; None
+        if it has another layout."""
         parts = self.parts.unpack(body)
         if parts[::_PARTS] != self.heads:
             return None
@@ -74,5 +77,5 @@ class Layouts:
             return
         skipped = frozenset(channel for channel in channels if channel in skip)
         data = [f'0s{size}x' if channel in skipped else f'{size}s' for channel, size in zip(channels, sizes)]
-        parts = struct.Struct('<' + ''.join(f'{_HEAD.size}s4xQ8x{one}' for one in data))
-        self._known[len(body)] = Layout(parts, tuple(heads), tuple(channels[:step]), skipped)
+        parts = struct.Struct('<' + ''.join(f'{_HEAD.size}s4x16s{one}' for one in data))
+        self._known[len(body)] = Layout(parts, tuple(heads), tuple(channels[:step]), skipped, tuple(Counter(channels).items()))

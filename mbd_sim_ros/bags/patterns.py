@@ -17,3 +17,9 @@ def fits(name: str, pattern: str) -> bool:
 def fits_any(name: str, patterns: Iterable[str]) -> bool:
     """Whether a channel is meant by one of them."""
     return any(fits(name, pattern) for pattern in patterns)
+
+
+def may_fit(topic: str, patterns: Iterable[str]) -> bool:
+    """Whether one of them may mean a channel of a topic, whatever the channel is called."""
+    begins = [re.split(r'[*?[]', pattern)[0] for pattern in patterns]
+    return any(begin.startswith(f'{topic}/') or f'{topic}/'.startswith(begin) for begin in begins)

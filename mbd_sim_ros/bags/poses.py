@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 from mcap.records import Channel, Schema
 
-from mbd_sim_ros.bags.records import Messages, Reading, find_file, message_counts
+from mbd_sim_ros.bags.files import open_recording
+from mbd_sim_ros.bags.records import Messages
 from mbd_sim_ros.messages import cdr
 from mbd_sim_ros.messages.definitions import schema_text
 from mbd_sim_ros.messages.topics import TF
@@ -37,12 +38,12 @@ def read_poses(path: str | Path) -> Poses:
 
     Raises BagError if it is no recording, or holds no transforms.
     """
-    path = find_file(path)
+    path = Path(path)
     schemas: dict[int, Schema] = {}
     channels: set[int] = set()
     skip: set[int] = set()
     found: dict[int, list[tuple[int, bytes]]] = defaultdict(list)  # by size: messages of one size place the same frames
-    reading = Reading(path, skip=skip, channels=message_counts(path))
+    reading = open_recording(path, skip=skip)
     for record in reading:
         if isinstance(record, Schema):
             schemas[record.id] = record

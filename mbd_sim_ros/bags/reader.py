@@ -6,6 +6,7 @@ What is not whole is not read: `mbd recover` (recovery.py) makes a whole one of 
 from __future__ import annotations
 
 import json
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -15,9 +16,11 @@ from typing import Any
 import numpy as np
 from mcap.records import Channel, Schema
 
-from mbd_sim_ros.bags.columns import Collector, Room, Series
-from mbd_sim_ros.bags.patterns import fits_any
-from mbd_sim_ros.bags.records import Messages, Reading, find_file, message_counts
+from mbd_sim_ros.bags.clocks import apart, choose
+from mbd_sim_ros.bags.columns import Account, Clock, Collector, Room, Series
+from mbd_sim_ros.bags.files import open_recording, readable
+from mbd_sim_ros.bags.patterns import fits_any, may_fit
+from mbd_sim_ros.bags.records import Messages
 from mbd_sim_ros.bags.writer import RECORD, RESULT
 from mbd_sim_ros.messages.topics import ELEMENTS, INPUTS, family
 from solver.errors import BagError, suggestion
@@ -30,9 +33,10 @@ class Run:
     """One run: a series per topic, each at its own instants.
 
     `time_ns` and `columns` are all of them on one common grid, NaN where a topic has no message.
-    left_out: topic -> why its messages could not be read. known: topic -> its channels, also those that were not asked for. stated: column
-    -> the unit that the header of a table gives its numbers in; mapping.py brings them to SI. told: what reading dropped or assumed, a
-    sentence each.
+    left_out: topic -> why its messages could not be read. messages: topic -> how many the file holds, also of
+    those without columns; accounts: what became of those in `series`. known: topic -> its channels, also those that
+    were not asked for. stated: column -> the unit that the header of a table gives its numbers in; mapping.py brings
+    them to SI. told: what reading a table dropped or assumed, a sentence each.
     """
 
     series: dict[str, Series]
@@ -41,6 +45,8 @@ class Run:
     known: dict[str, tuple[str, ...]] = field(default_factory=dict)
     stated: dict[str, str] = field(default_factory=dict)
     told: tuple[str, ...] = ()
+    messages: dict[str, int] = field(default_factory=dict)
+    accounts: dict[str, Account] = field(default_factory=dict)
 
     @cached_property
     def time_ns(self) -> np.ndarray:
@@ -65,6 +71,18 @@ class Run:
         """All channels of the recording, also those that were not asked for."""
         known = self.known or {topic: tuple(one.columns) for topic, one in self.series.items()}
         return tuple(name for names in known.values() for name in names)
+
+    @property
+    def passed(self) -> dict[str, int]:
+        """Topic -> messages that are in no series: of topics that are not read, have no columns, or were not asked for."""
+        left = {t: n - (self.accounts[t].messages if t in self.accounts else 0) for t, n in self.messages.items()}
+        return {topic: count for topic, count in left.items() if count}
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """What was left out or merged when it was read, and clocks that do not meet, a sentence each."""
+        of_topics = [f'topic {topic}: {text}' for topic, one in self.accounts.items() for text in one.doubts()]
+        return (*filter(None, [apart(self.accounts)]), *of_topics)
 
     @property
     def events(self) -> list[dict[str, Any]]:
@@ -107,32 +125,34 @@ class Run:
         return self.columns[name]
 
 
-def read(path: str | Path, channels: Sequence[str] = ()) -> Run:
-    """Read a bag directory or an .mcap file. channels: shell patterns of the columns to read ('odom/*'); all without any.
+def read(path: str | Path, channels: Sequence[str] = (), *, log_times: bool = False) -> Run:
+    """Read a recording (files.py). channels: shell patterns of the columns to read ('odom/*'); all without any.
+
+    log_times: the times are those of the recorder, whatever stamps messages have (clocks.py: which count otherwise).
 
     Raises BagError if it is not a recording, is empty, or is not whole.
     """
-    path = find_file(path)
+    skip: set[int] = set()
+    reading = open_recording(path, skip=skip)
+    room = Room(reading.size)
     namespace = ''
-    expected = message_counts(path)
-    room = Room(path.stat().st_size)
     schemas: dict[int, Schema] = {}
     collectors: dict[tuple[str, int], Collector] = {}  # by topic and schema: several publishers are one topic
     of_channel: dict[int, Collector] = {}
+    aside: dict[int, str] = {}  # channel -> topic, of those that have no columns
     left_out: dict[str, str] = {}
     metadata: dict[str, dict[str, str]] = {}
-    skip: set[int] = set()
 
     def wanted(name: str) -> bool:
         return not channels or fits_any(name, channels)
 
-    reading = Reading(path, skip=skip, channels=expected)
     for record in reading:
         if isinstance(record, Messages):
             one = of_channel.get(record.channel)
             if one is None:
                 if record.channel not in skip:
-                    left_out[f'channel {record.channel}'] = 'it is not declared'
+                    aside[record.channel] = f'channel {record.channel}'
+                    left_out[aside[record.channel]] = 'it is not declared'
                     skip.add(record.channel)
                 continue
             one.add(record)
@@ -145,44 +165,57 @@ def read(path: str | Path, channels: Sequence[str] = ()) -> Run:
                 continue
             schema = schemas.get(record.schema_id)
             topic = record.topic.strip('/').removeprefix(namespace + '/' if namespace else '')
-            problem = unreadable(record, schema)
-            if topic in NOT_SIGNALS or problem or schema is None:
+            schema, problem = readable(record, schema)
+            if topic in NOT_SIGNALS or schema is None:
                 skip.add(record.id)
+                aside[record.id] = topic
                 if topic not in NOT_SIGNALS:
                     left_out[topic] = problem
                 continue
-            fresh = Collector(record.topic, family(topic), schema, wanted, room)
+            asked = not channels or may_fit(family(topic), channels)
+            fresh = Collector(record.topic, family(topic), schema, wanted, room, asked)
             one = of_channel[record.id] = collectors.setdefault((record.topic, record.schema_id), fresh)
-            one.expected += expected.get(record.id, 0)
+            one.expected += reading.expected.get(record.id, 0)
         else:
             metadata[record.name] = record.metadata
             namespace = metadata.get(RECORD, {}).get('namespace', '').strip('/')
     reading.require_whole()
-    series: dict[str, Series] = {}
-    known: dict[str, tuple[str, ...]] = {}
-    for one in collectors.values():
-        found = one.series()
-        others = known.get(one.name, ())
-        apart = one.name == ELEMENTS and not set(others) & set(one.known)
-        problem = one.problem or ('another topic has the same name' if others and one.known and not apart else '')
-        if problem:
-            left_out[one.name if one.name not in series else f'{one.name} ({one.type})'] = problem
-        elif one.known:
-            known[one.name] = (*others, *one.known)
-            if found is not None:
-                series[one.name] = series[one.name].joined(found) if one.name in series else found
-    if not series and left_out:
+    run = Run({}, {**metadata.get(RECORD, {}), **metadata.get(RESULT, {})}, left_out)
+    counts = Counter(dict.fromkeys(collectors.values(), 0))
+    for channel, count in reading.counts.items():
+        if channel in of_channel:
+            counts[of_channel[channel]] += count
+        else:
+            run.messages[aside.get(channel, f'channel {channel}')] = run.messages.get(aside.get(channel, f'channel {channel}'), 0) + count
+    for one, clock in zip(collectors.values(), choose([*collectors.values()], log_times), strict=True):
+        _add(run, one, clock, counts[one])
+    if not run.series and left_out:
         topic, problem = next(iter(left_out.items()))
         raise BagError(f'{path} holds nothing that can be read: topic {topic}: {problem}')
-    if not known:
+    if not run.known:
         raise BagError(f'{path} holds no messages')
-    return Run(series, {**metadata.get(RECORD, {}), **metadata.get(RESULT, {})}, left_out, known)
+    return run
 
 
-def unreadable(channel: Channel, schema: Schema | None) -> str:
-    """Why the messages of a channel cannot be decoded here; '' if they can."""
-    if channel.message_encoding != 'cdr':
-        return f'its messages are encoded as {channel.message_encoding!r}, not as cdr'
-    if schema is None:
-        return 'its type is not defined'
-    return '' if schema.encoding == 'ros2msg' else f'its type is defined in {schema.encoding!r}, not in ros2msg'
+def _add(run: Run, one: Collector, clock: Clock, count: int) -> None:
+    """Add a topic to a run. count: of its messages in the file."""
+    found = one.series(clock)
+    others = run.known.get(one.name, ())
+    apart = one.name == ELEMENTS and not set(others) & set(one.known)
+    problem = one.problem or ('another topic has the same name' if others and one.known and not apart else '')
+    if problem:
+        name = one.name if one.name not in run.series else f'{one.name} ({one.type})'
+        run.left_out[name] = problem
+        run.messages[name] = run.messages.get(name, 0) + count
+        return
+    run.messages[one.name] = run.messages.get(one.name, 0) + count
+    if not one.known:
+        return
+    run.known[one.name] = (*others, *one.known)
+    if found is not None:
+        series, account = found
+        before = run.series.get(one.name)
+        if before is not None:
+            series = before.joined(series)
+            account = run.accounts[one.name].joined(account, series.time_ns.size)
+        run.series[one.name], run.accounts[one.name] = series, account

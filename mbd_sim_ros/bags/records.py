@@ -11,22 +11,23 @@ and in all no more bytes and messages than its size can hold even when the messa
 from __future__ import annotations
 
 import os
-import re
 import struct
 import threading
 import zlib
+from collections import Counter
 from collections.abc import Collection, Iterator, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.records import Channel, Metadata, Schema, Statistics
 
 from mbd_sim_ros.bags.layouts import Layouts
 from mbd_sim_ros.bags.source import ENTRY, MESSAGE_INDEX, Source
-from mbd_sim_ros.bags.writer import ARRAYS, PART
+from mbd_sim_ros.bags.writer import ARRAYS
 from solver import stored
 from solver.errors import BagError, SpecError
 
@@ -36,7 +37,7 @@ _ARRAYS_HEAD = 16 + 4 + 64 + 4 + len(ARRAYS) + 8  # bytes before the data of an 
 KINDS: dict[int, Any] = {3: Schema, 4: Channel, 11: Statistics, 12: Metadata}  # by opcode
 SIZES = {FOOTER: 20, DATA_END: 4, 14: 17}  # of records that are always of one size [bytes]
 LAST_OPCODE, FIRST_PRIVATE = 15, 128  # those between are none
-PACKED = '.zstd'  # what names of files end in that ros2 bag has packed as a whole
+ZSTD = bytes.fromhex('28b52ffd')  # what a message begins with that ros2 bag has packed by itself (compression mode MESSAGE)
 CHUNK_MOST = 1 << 27  # bytes in a chunk
 INFLATED = (1 << 28, 2000)  # bytes in a file: so many, and so many for every byte on disk
 MESSAGES = (1_000_000, 0.5)  # messages in a file, likewise
@@ -44,7 +45,7 @@ TIME_MOST = (1 << 63) - 1  # ns
 _OWN = threading.local()
 _HEAD = struct.Struct('<BQ')  # opcode, length
 _CHUNK = struct.Struct('<QQQII')  # first and last log time, size, checksum, length of the name of the compression
-_MESSAGE = struct.Struct('<BQHIQQ')  # opcode, length, channel, sequence, log time, publish time
+_MESSAGE = struct.Struct('<BQHI16s')  # opcode, length, channel, sequence, log time and publish time
 _INDEX = struct.Struct('<HI')  # channel, length of its entries
 _FOOTER = struct.Struct('<QQI')  # begin of the summary, of its offsets, checksum
 _TAIL = struct.Struct('<BQQQI8s')  # the footer (opcode, length, begin of the summary, of its offsets, checksum) and the magic
@@ -55,61 +56,21 @@ class Messages(NamedTuple):
     """The messages of one channel in one chunk, as they were recorded."""
 
     channel: int
-    log_times: Sequence[int]  # [ns]
+    times: Sequence[bytes]  # log time and publish time [ns] of each, as they lie in the file
     data: Sequence[bytes]
+
+    @property
+    def log_times(self) -> list[int]:
+        """When they were recorded [ns]."""
+        return instants(self.times)[:, 0].tolist()
+
+
+def instants(times: Sequence[bytes]) -> np.ndarray:
+    """(n, 2) log times and publish times [ns] of messages. The latter may be beyond what 63 bits hold, and are negative then."""
+    return np.frombuffer(b''.join(times), '<i8').reshape(-1, 2)
 
 
 Record = Messages | Schema | Channel | Metadata
-
-
-def find_file(path: str | Path) -> Path:
-    """Return the MCAP file of a bag directory (or `path` itself, if it is a file). Raises BagError if there is none, or several."""
-    found = find_files(path)
-    if len(found) > 1:
-        joined = f'if they are the parts of one recording, `mbd recover {path} NEW` makes one file of them'
-        raise BagError(f'{path} holds {len(found)} .mcap files; name one of them, or, {joined}')
-    return found[0]
-
-
-def find_files(path: str | Path, *, unfinished: bool = False) -> list[Path]:
-    """Return the MCAP files of a bag directory (or `path` itself, if it is a file), those of a recording that was split in their order;
-    `unfinished` admits `.part` files where there are no others.
-
-    Raises BagError if there is none.
-    """
-    path = Path(path)
-    try:
-        if path.is_file() and path.suffix != PACKED:
-            return [path]
-        if not path.is_dir():
-            if path.is_file():
-                raise _packed(path)
-            if path.exists():
-                raise BagError(f'{path} is a pipe or a device; copy what comes from it into a file')
-            raise BagError(f'{path} is not there: neither a bag directory nor an .mcap file')
-        found = sorted(path.glob('*.mcap'), key=_numbered)
-        parts = sorted(path.glob('*.mcap' + PART))
-    except (OSError, ValueError) as error:  # a name that no file can have
-        raise BagError(f'cannot read {str(path)!r}: {getattr(error, "strerror", None) or error}') from None
-    if not found and parts and unfinished:
-        found = parts
-    if not found:
-        if parts:
-            raise BagError(f'{path} was not finished: the recording process died; `mbd recover {path} NEW` saves every complete chunk')
-        if packed := sorted(path.glob('*.mcap' + PACKED)):
-            raise _packed(packed[0])
-        other = ' (storage sqlite3 is not read; convert it with `ros2 bag convert`)' if list(path.glob('*.db3')) else ''
-        raise BagError(f'{path} is not a recording: it holds no .mcap file{other}')
-    return found
-
-
-def _packed(path: Path) -> BagError:
-    return BagError(f'{path} is packed as a whole (compression mode FILE of ros2 bag); unpack it: zstd -d {path} -o {path.with_suffix("")}')
-
-
-def _numbered(path: Path) -> list[tuple[int, str]]:
-    """Sorts by the numbers in a name: 2 before 10."""
-    return [(int(word), '') if word.isdecimal() else (0, word) for word in re.split('([0-9]+)', path.name)]
 
 
 class Reading:
@@ -117,16 +78,21 @@ class Reading:
 
     skip: channels whose messages are passed over; it may grow while the file is read. channels: those that the file is said to have
     (message_counts); when all are declared, chunks are not unpacked that by their indexes hold nothing but what is passed over. onwards: go
-    on behind a damaged record, to save what there is; otherwise the first damage ends the pass.
-    Afterwards `damage` says what is wrong with the file (empty: it is whole) and `lost` how many messages are known to be missing.
+    on behind a damaged record, to save what there is; otherwise the first damage ends the pass. called: the name of
+    the file in sentences, where it is an unpacked copy.
+    Afterwards `damage` says what is wrong with the file (empty: it is whole), `lost` how many messages are known to be
+    missing, and `counts` how many each channel has, also of those that were passed over.
     Iterating raises BagError if the file is not MCAP or cannot be opened.
     """
 
-    def __init__(self, path: Path, *, skip: Collection[int] = (), channels: Collection[int] = (), onwards: bool = False) -> None:
-        self.path = path
+    def __init__(
+        self, path: Path, *, skip: Collection[int] = (), channels: Collection[int] = (), onwards: bool = False, called: Path | None = None
+    ) -> None:
+        self.path, self.file = called or path, path
         self.damage: list[str] = []
         self.attachments: list[str] = []  # hashes of the arrays that came by
         self.lost = 0
+        self._tallies: Counter[tuple[tuple[int, int], ...]] = Counter()  # messages of each channel in a chunk, of all chunks
         self._skip, self._onwards = skip, onwards
         self._layouts = Layouts()
         self._undeclared = set(channels)
@@ -143,9 +109,18 @@ class Reading:
             path = self.path
             raise BagError(f'{path} is cut off or damaged ({self.damage[0]}); `mbd recover {path} NEW` saves every complete chunk')
 
+    @property
+    def counts(self) -> Counter[int]:
+        """Channel -> messages that were found."""
+        found: Counter[int] = Counter()
+        for counts, chunks in self._tallies.items():
+            for channel, count in counts:
+                found[channel] += chunks * count
+        return found
+
     def __iter__(self) -> Iterator[Record]:
         try:
-            stream = self.path.open('rb')
+            stream = self.file.open('rb')
         except OSError as error:
             raise BagError(f'cannot read {self.path}: {error.strerror}') from error
         with stream:
@@ -245,6 +220,7 @@ class Reading:
         (begin, body), self._chunk_read = self._chunk_read, None
         if self._may_skip and not self._undeclared and self._indexed and self._indexed.keys() <= set(self._skip):
             self._messages += sum(self._indexed.values())
+            self._tallies[tuple(self._indexed.items())] += 1
             self._chunks += 1
             return
         try:
@@ -287,30 +263,41 @@ class Reading:
         alike = layout.messages(body) if layout is not None and len(layout.heads) <= most else None
         others: list[Record] = []
         if layout is not None and alike is not None:
-            count, found = len(layout.heads), [Messages(*one) for one in alike]
+            found = [Messages(*one) for one in alike]
+            counts = layout.counts
         else:
-            count, others, found = self._one_by_one(body, most)
-            if count and not others:
+            counts, others, found = self._one_by_one(body, most)
+            if counts and not others:
                 self._layouts.learn(body, self._skip)
-        for one in found:
-            if max(one.log_times) > TIME_MOST:
-                raise _Crafted(f'a message is dated {max(one.log_times)} ns, beyond what 63 bits hold')
-        self._messages += count
+        log_times = instants([times for one in found for times in one.times])[:, 0]
+        if log_times.min(initial=0) < 0:
+            latest = int(log_times.astype(np.uint64).max())
+            raise _Crafted(f'a message is dated {latest} ns, beyond what 63 bits hold')
+        self._messages += sum(count for _, count in counts)
+        self._tallies[counts] += 1
         yield from others
-        yield from found
+        for one in found:
+            if one.data[0].startswith(ZSTD):
+                one = one._replace(data=[unpacked(data) for data in one.data])
+                self._inflated += sum(map(len, one.data))
+                if self._inflated > INFLATED[0] + INFLATED[1] * self._at:
+                    raise _Crafted(f'it claims to hold {self._inflated} bytes')
+            yield one
 
-    def _one_by_one(self, body: bytes, most: int) -> tuple[int, list[Record], list[Messages]]:
-        """How many messages a chunk holds, what else, and those not passed over: the loop runs once per message. Raises what is wrong."""
+    def _one_by_one(self, body: bytes, most: int) -> tuple[tuple[tuple[int, int], ...], list[Record], list[Messages]]:
+        """How many messages of every channel a chunk holds, what else, and those not passed over: the loop runs once
+        per message. Raises what is wrong."""
         at, end = 0, len(body) - _HEAD.size
         head, whole = _HEAD.size, _MESSAGE.size
         least = whole - head
         unpack, skip = _MESSAGE.unpack_from, self._skip
-        found: dict[int, tuple[list[int], list[bytes]]] = {}
+        found: dict[int, tuple[list[bytes], list[bytes]]] = {}
+        passed: Counter[int] = Counter()
         others: list[Record] = []
         count = 0
         while at <= end:
             if body[at] == MESSAGE:
-                _, length, channel, _, log_time, _ = unpack(body, at)
+                _, length, channel, _, times = unpack(body, at)
                 behind = at + head + length
                 count += 1
                 if length < least or count > most:
@@ -318,11 +305,12 @@ class Reading:
                 if channel in found:
                     one = found[channel]
                 elif channel in skip:
+                    passed[channel] += 1
                     at = behind
                     continue
                 else:
                     one = found[channel] = ([], [])
-                one[0].append(log_time)
+                one[0].append(times)
                 one[1].append(body[at + whole : behind])
                 at = behind
                 continue
@@ -334,7 +322,8 @@ class Reading:
             at += length
         if at != len(body):
             raise ValueError
-        return count, others, [Messages(channel, *one) for channel, one in found.items()]
+        passed.update({channel: len(data) for channel, (_, data) in found.items()})
+        return tuple(passed.items()), others, [Messages(channel, *one) for channel, one in found.items()]
 
     def _compare(self, told: Statistics) -> None:
         """Hold what was found against the statistics."""
@@ -361,6 +350,19 @@ class Reading:
 
 class _Crafted(ValueError):
     """More is claimed than a recording holds."""
+
+
+def unpacked(data: bytes) -> bytes:
+    """A message that ros2 bag has packed by itself. Raises ValueError."""
+    import zstandard
+
+    try:
+        size = zstandard.frame_content_size(data)
+    except zstandard.ZstdError as error:
+        raise ValueError('not readable as zstd') from error
+    if size > CHUNK_MOST:
+        raise _Crafted(f'a message of it claims to hold {size} bytes')
+    return _inflate('zstd', data, size)
 
 
 def _inflate(compression: str, data: bytes, size: int) -> bytes:

@@ -14,8 +14,8 @@ import yaml
 from mcap.records import Channel, Schema
 
 from mbd_sim_ros.bags.columns import SET_BACK
-from mbd_sim_ros.bags.reader import unreadable
-from mbd_sim_ros.bags.records import TIME_MOST, Messages, Reading, find_files
+from mbd_sim_ros.bags.files import find_files, readable
+from mbd_sim_ros.bags.records import TIME_MOST, Messages, Reading
 from mbd_sim_ros.bags.writer import RESULT, BagWriter
 from mbd_sim_ros.messages.topics import DEPTH, Topic
 from solver import stored
@@ -108,7 +108,8 @@ def _look(path: Path, texts: dict[str, str]) -> _Part:
         elif isinstance(record, Channel):
             declared.add(record.id)
             schema = schemas.get(record.schema_id)
-            problem = unreadable(record, schema) or _other(schema, texts)
+            schema, problem = readable(record, schema)
+            problem = problem or _other(schema, texts)
             if not problem and schema is not None:
                 part.channels.setdefault(record.id, _topic(record, schema))
                 part.left_out.pop(record.topic, None)

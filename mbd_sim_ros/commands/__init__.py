@@ -44,6 +44,15 @@ def declare(parsers: Any, name: str, run: Any, help_: str, example: str) -> argp
     return parser
 
 
+def add_log_times(parser: Any) -> None:
+    """Declare --log-times, of commands that read recordings."""
+    parser.add_argument(
+        '--log-times',
+        action='store_true',
+        help='take the time when messages were recorded, not that in their headers or of their publication',
+    )
+
+
 class Settings(argparse.Action):
     """--set KEY=VALUE, repeatable. One that another one behind it replaces with all around it is refused: it would be lost."""
 

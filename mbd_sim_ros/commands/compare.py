@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from mbd_sim_ros.bags.patterns import fits_any
-from mbd_sim_ros.commands import Result, declare, table
+from mbd_sim_ros.commands import Result, add_log_times, declare, table
 from solver.errors import BagError, SpecError
 
 if TYPE_CHECKING:
@@ -109,6 +109,7 @@ def add(parsers: Any) -> None:
     )
     times = parser.add_argument_group('times')
     times.add_argument('--offset', metavar='SECONDS', type=float, default=0.0, help='added to the times of REFERENCE')
+    add_log_times(times)
     times.add_argument(
         '--align',
         metavar='CHANNEL',
@@ -215,7 +216,7 @@ def _look(args: argparse.Namespace) -> Result:
         raise SpecError(f'mbd compare --look looks at one recording; leave {args.reference} out')
     interrupts.now(f'looking at {args.run_}')
     time = mapping.load_mapping(args.mapping).time if args.mapping is not None else None
-    run = runs.read(args.run_, args.channel, time=time, databases=args.dbc)
+    run = runs.read(args.run_, args.channel, time=time, databases=args.dbc, log_times=args.log_times)
     if not run.series:
         raise BagError(f'{args.run_}: no channel matches {args.channel}')
     found = look(run)
@@ -230,7 +231,7 @@ def _read(args: argparse.Namespace, pairs: dict, file: ChannelMap | None) -> tup
     from mbd_sim_ros.analysis import mapping, runs
 
     def read(place: Path, patterns: Sequence[str], *before: Run, beside: Sequence[str] = ()) -> Run:
-        one = runs.read(place, patterns, beside=beside, databases=args.dbc)
+        one = runs.read(place, patterns, beside=beside, databases=args.dbc, log_times=args.log_times)
         try:
             return mapping.in_si(one, runs.units(*before, one))
         except BagError as error:
@@ -253,7 +254,9 @@ def _read(args: argparse.Namespace, pairs: dict, file: ChannelMap | None) -> tup
     ours = read(args.run_, [*map(mapping.literal, sources), *axes, *also] if file is not None else wanted)
     mapped = [source.channel for source in sources.values()]
     time = file.time if file is not None else None
-    others = [runs.read(place, listed, beside=mapped, time=time, databases=args.dbc) for place in places]
+    others = [
+        runs.read(place, listed, beside=mapped, time=time, databases=args.dbc, log_times=args.log_times) for place in places
+    ]
     unit_of = runs.units(ours)
     held: frozenset[str] = frozenset()
     references = []

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mbd_sim_ros.commands import Result, declare, table
+from mbd_sim_ros.commands import Result, add_log_times, declare, table
 from solver.errors import MbdError, SpecError
 
 if TYPE_CHECKING:
@@ -47,6 +47,7 @@ def add(parsers: Any) -> None:
     )
     parser.add_argument('--map', metavar='THEIRS=OURS', action='append', default=[], help='a channel and its name here (repeatable)')
     parser.add_argument('--mapping', metavar='FILE', type=Path, help='names, units, signs, offsets and axes of the channels, see below')
+    add_log_times(parser)
     parser.add_argument(
         '--dbc', metavar='FILE', type=Path, action='append', default=[], help='database of the frames in a CAN log (repeatable)'
     )
@@ -76,7 +77,7 @@ def run(args: argparse.Namespace) -> Result:
     results = []
     for place in args.bags:
         interrupts.now(f'judging {place}')
-        recording, held, scene = judging.read(place, sources, axes, time, args.dbc)
+        recording, held, scene = judging.read(place, sources, axes, time, args.dbc, log_times=args.log_times)
         evaluation = judging.meant(scene, args.name, str(place))
         results.append(judging.judge(evaluation, recording, str(place), given, held=held, scene=scene))
     return report(results, html=args.html, strict=args.strict)

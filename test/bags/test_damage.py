@@ -223,7 +223,7 @@ def test_the_number_of_messages_is_bounded_by_the_size_of_the_file(tmp_path: Pat
 
 
 def test_what_is_announced_is_not_reserved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr('mbd_sim_ros.bags.reader.message_counts', lambda _: {1: 1 << 60})
+    monkeypatch.setattr('mbd_sim_ros.bags.files.message_counts', lambda _: {1: 1 << 60})
     file = good(tmp_path / 'good', 50)
     assert bag.read(file).time_ns.size == 50
     assert columns.Room(0).take(1 << 60, 8) == 0

@@ -34,7 +34,7 @@ def read(file: Path, bodies: list[bytes], skip: set[int]) -> tuple[list[Messages
     reading, found = Reading(file, skip=skip), []
     for record in reading:
         assert isinstance(record, Messages)
-        found.append(Messages(record.channel, list(record.log_times), list(record.data)))
+        found.append(Messages(record.channel, list(record.times), list(record.data)))
         if record.channel == 3 and len(found) > 6:
             skip.add(3)
     return found, reading.damage

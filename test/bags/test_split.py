@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
+import zstandard
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from mbd_sim_ros.bags import reader
+from mbd_sim_ros.bags.files import find_file
 from mbd_sim_ros.bags.recovery import recover
 from mbd_sim_ros.commands.main import main
 from solver.errors import BagError
@@ -93,8 +95,16 @@ def test_files_of_two_recordings_are_not_made_one(tmp_path: Path) -> None:
     assert not (tmp_path / 'saved').exists()
 
 
-def test_a_file_that_is_packed_as_a_whole_is_told_how_to_unpack(tmp_path: Path) -> None:
-    (tmp_path / 'car_0.mcap.zstd').write_bytes(b'(\xb5/\xfd')
+def test_a_file_that_is_packed_as_a_whole_is_read_and_one_that_is_cut_is_told(tmp_path: Path) -> None:
+    packed = zstandard.compress(next(WHOLE.glob('*.mcap')).read_bytes())
+    (tmp_path / 'car_0.mcap.zstd').write_bytes(packed)
+    whole = reader.read(WHOLE)
     for place in (tmp_path, tmp_path / 'car_0.mcap.zstd'):
+        found = reader.read(place)
+        assert all(np.array_equal(found[name], values, equal_nan=True) for name, values in whole.columns.items())
         with pytest.raises(BagError, match=r'car_0\.mcap\.zstd is packed as a whole .*: zstd -d \S+\.zstd -o \S+car_0\.mcap$'):
-            reader.read(place)
+            find_file(place)
+    for rest in (packed[:4], packed[: len(packed) // 2], packed[:-9]):
+        (tmp_path / 'car_0.mcap.zstd').write_bytes(rest)
+        with pytest.raises(BagError, match=r'car_0\.mcap\.zstd is cut off or damaged'):
+            reader.read(tmp_path)

@@ -10,7 +10,7 @@ from foreign import packages
 from mcap.reader import make_reader
 from real_node import simulator
 
-from mbd_sim_ros.bags.records import find_file
+from mbd_sim_ros.bags.files import find_file
 from mbd_sim_ros.messages.cdr import decode
 from mbd_sim_ros.messages.definitions import schema_text
 from mbd_sim_ros.messages.topics import TF, TYPE_HASHES

@@ -17,7 +17,8 @@ import numpy as np
 from mcap.records import Channel, Metadata
 from mutations import damage_bag, damage_bytes, damage_text, damage_yaml, pick, word
 
-from mbd_sim_ros.bags.records import Messages, Reading, find_file
+from mbd_sim_ros.bags.files import find_file
+from mbd_sim_ros.bags.records import Messages, Reading
 from mbd_sim_ros.commands.main import main
 from solver.errors import BagError, MbdError, SpecError
 

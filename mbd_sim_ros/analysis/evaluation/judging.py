@@ -39,14 +39,17 @@ def read(
     axes: Sequence[Axes] = (),
     time: TimeColumn | None = None,
     databases: Sequence[Path] = (),
+    *,
+    log_times: bool = False,
 ) -> tuple[Run, frozenset[str], Scene | None]:
     """(the recording under our names, which channels hold their values, its scene). sources, axes, time: of a mapping.
-    databases: of the frames in a CAN log. Raises BagError."""
+    databases: of the frames in a CAN log. log_times: as of bags.reader.read. Raises BagError."""
     for ours, source in (sources or {}).items():
         if '/' not in ours and '*' not in ours and ours not in WAYS:
             raise BagError(f'mapping {source.channel}={ours}: no evaluation has a signal {ours!r}{suggestion(ours, WAYS)}')
     wanted = [] if sources or axes else [*NEEDED, *WAYS]
-    run = runs.read(place, wanted, beside=[source.channel for source in (sources or {}).values()], time=time, databases=databases)
+    beside = [source.channel for source in (sources or {}).values()]
+    run = runs.read(place, wanted, beside=beside, time=time, databases=databases, log_times=log_times)
     held: frozenset[str] = frozenset()
     if sources or axes or run.stated:
         own = runs.units(run)

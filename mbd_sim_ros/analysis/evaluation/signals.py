@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mbd_sim_ros.analysis.evaluation.measures import low_passed
+from mbd_sim_ros.bags import clocks
 from mbd_sim_ros.bags.reader import Run, Series
 from solver.analysis.driven import DIRECT
 from solver.analysis.figures import is_vehicle, mass_figures
@@ -220,7 +221,12 @@ def signals(
     channels = tuple(dict.fromkeys(channel for way in chosen.values() for channel in way.channels))
     samples = {c: _numbers(home[c], c, place) for c in channels}
     held = held | {c for c in channels if c in COMMANDS}
-    t_ns, origin, notes = _grid({c: t for c, (t, _) in samples.items()}, place, held)
+    try:
+        t_ns, origin, notes = _grid({c: t for c, (t, _) in samples.items()}, place, held)
+    except BagError:
+        if told := clocks.apart(run.accounts):
+            raise BagError(f'{place}: {told}') from None
+        raise
     on_grid = {c: _resampled(t_ns, *samples[c], c, c in held) for c in channels}
     _normalise(on_grid)
     values = {name: way.of([on_grid[c] for c in way.channels]) for name, way in chosen.items()}

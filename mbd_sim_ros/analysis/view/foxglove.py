@@ -14,7 +14,7 @@ from mcap.reader import make_reader
 from mbd_sim_ros.analysis.pages import write_text
 from mbd_sim_ros.analysis.view.drawing import WORLD_BODY
 from mbd_sim_ros.analysis.view.motion import Motion, curves_of
-from mbd_sim_ros.bags.records import find_file
+from mbd_sim_ros.bags.files import find_file
 from mbd_sim_ros.messages import cdr
 from mbd_sim_ros.messages.topics import IMU, JOINT_STATE, ODOMETRY, WRENCH
 

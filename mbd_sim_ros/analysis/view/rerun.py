@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
-from mbd_sim_ros.bags.records import find_file
+from mbd_sim_ros.bags.files import find_file
 from solver.errors import BagError
 
 APPLICATION = 'mbd_sim_ros'

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 from mcap.reader import make_reader
 
-from mbd_sim_ros.bags.records import find_file
+from mbd_sim_ros.bags.files import find_file
 from mbd_sim_ros.bags.writer import RESULT
 from mbd_sim_ros.batch import warm_up
 from mbd_sim_ros.lab.benchmarks.idle import Memory, late_when_busy, late_when_idle
