@@ -16,6 +16,7 @@ from mcap.records import Channel, Metadata
 
 from mbd_sim_ros.bags import reader as bag
 from mbd_sim_ros.bags.files import open_recording
+from mbd_sim_ros.bags.patterns import INDEX
 from mbd_sim_ros.bags.records import Messages
 from mbd_sim_ros.bags.writer import RECORD, RESULT
 from mbd_sim_ros.messages.cdr import decode, dtype
@@ -191,22 +192,23 @@ def _block(data: bytes, names: Sequence[str], where: Path) -> np.ndarray:
     return rows[:, [labels.index(name) for name in ('step', *names)]]
 
 
-def recorded_inputs(path: str, channels: Mapping[str, BagChannel]) -> Recorded:
-    """What `maneuver: {bag: path, map: channels}` stands for (solver.inputs.recorded.READER). Raises BagError."""
+def recorded_inputs(path: str, channels: Mapping[str, BagChannel], log_times: bool = False) -> Recorded:
+    """What `maneuver: {bag: path, map: channels, log_times: log_times}` stands for (solver.inputs.recorded.READER). Raises BagError."""
     where = f'maneuver: bag {path}'
     if not channels:
         found = inputs_of(content(path))
         if found.last == found.first:
             raise BagError(f'{where}: it holds no step')
         return Recorded(where, found.h_ns, found.first, found.rows, found.start, {}, found.last - found.first)
-    run = bag.read(path)
+    run = bag.read(path, [INDEX.sub(r'[[]\1]', channel.channel) for channel in channels.values()], log_times=log_times)
     tracks = {}
     for name, channel in channels.items():
-        if channel.channel not in run.columns:
-            raise BagError(f'maneuver: map: {name}: {path} has no channel {channel.channel!r}{suggestion(channel.channel, run.columns)}')
-        values = run[channel.channel]
+        if all(channel.channel not in one.columns for one in run.series.values()):
+            raise BagError(f'maneuver: map: {name}: {path} has no channel {channel.channel!r}{suggestion(channel.channel, run.names)}')
+        series = next(one for one in run.series.values() if channel.channel in one.columns)
+        values = series.columns[channel.channel]
         at = np.isfinite(values)
         if not at.any():
             raise BagError(f'maneuver: map: {name}: channel {channel.channel!r} of {path} holds no number')
-        tracks[name] = Track(run.time_ns[at], channel.scale * values[at] + channel.offset)
-    return Recorded(where, 0, 0, {}, {}, tracks)
+        tracks[name] = Track(series.time_ns[at], channel.scale * values[at] + channel.offset)
+    return Recorded(where, 0, 0, {}, {}, tracks, doubts=run.doubts)

@@ -22,7 +22,7 @@ What that turns of the motion counts as phase of angular velocities, too.
 *Damping.* Both are the midpoint rule's, rho_inf = 1. Numerical damping makes more of the same step: late_by() times the phase, so that as
 much accuracy takes more steps a period, by the root of it.
 *Inputs.* A step takes one value of every signal: of one that swings with the steps, or nearly, it makes a constant or a slow beat, which
-no motion shows (solver.inputs.unresolved).
+no motion shows (solver.inputs.unresolved). Of recorded ones nothing may be left out, merged or put in another order.
 *Rounding.* A penalty multiplies the rounding of the condensed matrix; the block form does not care (docs/formulation.md, "Rounding"). It is
 told where iterations do not settle with one that is too large.
 *Light bodies.* Penalties take a body for no lighter than 1e-4 of the mean: of one with less mass m they add eps penalty 1e-4 mean / m of
@@ -60,6 +60,7 @@ from solver.compiled.portable import norm
 from solver.elements.bushing import BushingSpec
 from solver.elements.road import RandomRoad, edge, envelops
 from solver.inputs.maneuver import ManeuverSource
+from solver.inputs.recorded import RecordedSource
 from solver.inputs.unresolved import LARGEST
 from solver.model.saddle import CONDENSED
 from solver.output import energy as account
@@ -236,10 +237,16 @@ def _resolution(s: Simulation) -> list[Finding | None]:
 
 
 def _inputs(s: Simulation) -> list[Finding | None]:
-    """Signals of the maneuver that change faster than the steps."""
+    """Signals of the maneuver that change faster than the steps, and recorded ones of which something was lost."""
     found = s.source.unresolved(s.k, s.scene.duration) if isinstance(s.source, ManeuverSource) else {}
     text = 'a signal of the maneuver swings between the steps that sample it; of its range it departs from their values by'
     remedy = 'reduce integrator.h'
+    if isinstance(s.source, RecordedSource) and (doubts := s.source.given.doubts):
+        text = f'the inputs are not all that was recorded: {s.source.given.where}: {"; ".join(doubts)}'
+        recording = Finding(
+            quantity='recorded_inputs', value=float(len(doubts)), limit=0.0, unit='', time=None, where='', required=False, text=text
+        )
+        return [recording]
     return [_finding('input', largest, LARGEST, None, '', first, name, text, remedy) for name, (largest, first) in found.items()]
 
 

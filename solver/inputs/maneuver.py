@@ -32,7 +32,8 @@ class Maneuver:
     the steering, measured on the bench, makes it an angle of the steering wheel. signals: any other input channel of the model by name.
     driver: steers instead of the signal `steering`. speed: keeps a speed with the drive torque, and the brakes, instead of their signals.
     bag: a recording (directory or .mcap file) whose inputs are applied again instead of all these; map: for recordings of others, which
-    of their channels is which input. evaluation: what `mbd evaluate` makes of its recordings (docs/evaluating.md); evaluate_with:
+    of their channels is which input; log_times: take the times when their messages were recorded, not their stamps.
+    evaluation: what `mbd evaluate` makes of its recordings (docs/evaluating.md); evaluate_with:
     parameters.
     """
 
@@ -49,6 +50,7 @@ class Maneuver:
     evaluate_with: dict[str, float] = field(default_factory=dict)
     bag: str = ''
     map: dict[str, BagChannel] = field(default_factory=dict)
+    log_times: bool = False
 
     def __post_init__(self) -> None:
         if self.bag and (self.closed_loop or self.channels):
@@ -56,6 +58,8 @@ class Maneuver:
             raise SpecError(f'bag = {self.bag}: the inputs come from the recording, but {other!r} is given too; remove one of them')
         if self.map and not self.bag:
             raise SpecError('map: says what the channels of a recording are, but the key bag, which names the recording, is missing')
+        if self.log_times and not self.map:
+            raise SpecError('log_times: is for recordings of others, but the key map, which says what their channels are, is missing')
         if self.by_road_wheel and (self.driver is not None or signal(self.steering) != Constant()):
             raise SpecError(f'maneuver {self.name!r}: road_wheel is given, but something else steers too; remove one of them')
         if self.driver is not None and signal(self.steering) != Constant():
@@ -194,7 +198,7 @@ class ManeuverSource:
 def source_of(maneuver: Maneuver, input_names: Sequence[str], h_ns: int, stage: float = 1.0) -> ManeuverSource | RecordedSource:
     """The source of the inputs that depend on time alone. Raises SpecError, also for a recording that cannot be used."""
     if maneuver.bag:
-        return RecordedSource(recorded(maneuver.bag, maneuver.map), input_names, h_ns, stage)
+        return RecordedSource(recorded(maneuver.bag, maneuver.map, maneuver.log_times), input_names, h_ns, stage)
     return ManeuverSource(maneuver, input_names, h_ns, stage)
 
 

@@ -17,7 +17,7 @@ from solver.errors import SpecError, suggestion
 
 RATE, ACCELERATION = '_rate', '_acceleration'
 BRAKES = 'brake_torque'
-READER = 'mbd_sim_ros.bags.inputs:recorded_inputs'  # (path, map of inputs to BagChannels) -> Recorded
+READER = 'mbd_sim_ros.bags.inputs:recorded_inputs'  # (path, map of inputs to BagChannels, log_times) -> Recorded
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,16 +62,17 @@ class Recorded(NamedTuple):
     start: Mapping[str, float]  # input -> value at the beginning of the first step, where it is known
     tracks: Mapping[str, Track]  # input -> samples, when h_ns is 0
     steps: int = 0  # of the recorded run, which may have no input
+    doubts: tuple[str, ...] = ()  # what of the recording was left out, merged or put in order, a sentence each
 
 
-def recorded(path: str, channels: Mapping[str, BagChannel]) -> Recorded:
-    """Read the inputs in a recording. Raises SpecError where nobody can, and what the reader raises."""
+def recorded(path: str, channels: Mapping[str, BagChannel], log_times: bool = False) -> Recorded:
+    """Read the inputs in a recording. log_times: see Maneuver. Raises SpecError where nobody can, and what the reader raises."""
     module, _, function = READER.partition(':')
     try:
         read = getattr(import_module(module), function)
     except ImportError as error:
         raise SpecError(f'bag = {path}: recordings are read by {module}, which cannot be imported ({error})') from None
-    return read(path, channels)
+    return read(path, channels, log_times)
 
 
 def _span(given: Recorded) -> tuple[int, int]:
@@ -84,7 +85,7 @@ def _span(given: Recorded) -> tuple[int, int]:
     if begin > end:
         raise SpecError(
             f'{given.where}: map: {late} begins at {begin * 1e-9:.6g} s, behind the end of {early} at {end * 1e-9:.6g} s: '
-            'their topics have different clocks; take channels that have stamps of the same one'
+            'their topics have different clocks; take channels that have stamps of the same one, or log_times: true'
         )
     return min(first for first, _ in spans.values()), max(last for _, last in spans.values())
 

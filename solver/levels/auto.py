@@ -53,7 +53,7 @@ def _recorded(maneuver: Maneuver) -> list[bytes]:
     """The inputs in the recording that a maneuver takes, whose name stays where it is made anew; nothing of one that takes none."""
     if not maneuver.bag:
         return []
-    found = recorded(maneuver.bag, maneuver.map)
+    found = recorded(maneuver.bag, maneuver.map, maneuver.log_times)
     rows = [(name, values.tobytes()) for name, values in sorted(found.rows.items())]
     tracks = [(name, track.t_ns.tobytes(), track.values.tobytes()) for name, track in sorted(found.tracks.items())]
     return [repr((found.h_ns, found.first, found.steps, sorted(found.start.items()), rows, tracks)).encode()]

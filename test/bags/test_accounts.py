@@ -200,3 +200,26 @@ def test_types_that_are_defined_in_idl_are_read(tmp_path: Path, monkeypatch: pyt
     with pytest.raises(BagError, match=r"defined in 'ros2idl', which needs the library rosbags: pip install 'mbd_sim_ros\[rosbag2\]'"):
         bag.read(file)
     assert rosbag2.SUFFIX == '.db3'
+
+
+def test_a_run_is_not_ok_where_something_of_the_recording_that_drives_it_was_left_out(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    published = DAY + np.arange(40) * 10 * MS
+    log = (published // (100 * MS) + 1) * 100 * MS
+    bursts = [others.scalar('/steer', int(a), int(b), 0.01) for a, b in zip(log, published)]
+    hole = [*bursts[:20], others.scalar('/steer', int(log[20]), int(published[20]), np.nan), *bursts[21:]]
+    places = {name: others.write(tmp_path / name, messages) for name, messages in (('bursts', bursts), ('hole', hole))}
+
+    def run(name: str, more: str = '') -> tuple[int, dict]:
+        maneuver = f"maneuver={{bag: '{places[name]}', map: {{steering: {{channel: steer/data}}}}{more}}}"
+        code = main(['run', 'light_car_straight', '--set', maneuver, '--duration', '0.2', '--no-record', '--json'])
+        return code, json.loads(capsys.readouterr().out)
+
+    code, told = run('bursts')
+    assert (code, told['status']) == (0, 'ok')
+    for name, more, text in (('bursts', ', log_times: true', '36 of 40 messages are left out'), ('hole', '', 'steer/data (1)')):
+        code, told = run(name, more)
+        assert (code, told['status']) == (1, 'suspect'), told
+        (finding,) = told['findings']
+        assert finding['quantity'] == 'recorded_inputs' and text in finding['text']
