@@ -254,9 +254,7 @@ def _read(args: argparse.Namespace, pairs: dict, file: ChannelMap | None) -> tup
     ours = read(args.run_, [*map(mapping.literal, sources), *axes, *also] if file is not None else wanted)
     mapped = [source.channel for source in sources.values()]
     time = file.time if file is not None else None
-    others = [
-        runs.read(place, listed, beside=mapped, time=time, databases=args.dbc, log_times=args.log_times) for place in places
-    ]
+    others = [runs.read(place, listed, beside=mapped, time=time, databases=args.dbc, log_times=args.log_times) for place in places]
     unit_of = runs.units(ours)
     held: frozenset[str] = frozenset()
     references = []
