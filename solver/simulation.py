@@ -122,7 +122,8 @@ class Simulation:
         wheels = assisted_wheels(scene.model) if scene.assistance else ()
         self.sources = Sources(
             scene.maneuver, scene.actuation, scene.assistance, scene.model.inputs, wheels, self.h_ns, self.stage,
-            speed=scene.start.speed, duration=scene.duration, reaches=reaches(scene.model) | steering_reaches(scene.model),
+            speed=scene.start.speed, duration=scene.duration, lock=scene.model.lock,
+            reaches=reaches(scene.model) | steering_reaches(scene.model),
         )  # fmt: skip
 
     @property

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 from rclpy.node import Node
@@ -67,14 +67,23 @@ class Commands:
     An executor takes about 1 ms per message for its wait set, with the interpreter lock held; looking into the three
     subscriptions takes 20 us, and the command is used in the very next step. They are reliable, unless somebody publishes best effort.
     names: the commands of the scene (solver.inputs.hands.commands_of); those in PLAIN have a topic of their own, and those of single
-    wheels come together. gears: lowest and highest one, where there are any. refused: commands that were no numbers, named no input, or
-    asked for a gear that there is not. deaf: nothing is subscribed to, something else drives.
+    wheels come together. ends: what the end stops of the vehicle leave of them, least and most [rad]. gears: lowest and highest one,
+    where there are any. refused: commands that were no numbers, named no input, or asked for a gear that there is not. deaf: nothing is
+    subscribed to, something else drives.
     """
 
     loop: Loop  # that gets the commands
 
-    def __init__(self, node: Node, names: tuple[str, ...], *, gears: tuple[int, int] | None = None, deaf: bool) -> None:
-        self.names, self.gears = names, gears
+    def __init__(
+        self,
+        node: Node,
+        names: tuple[str, ...],
+        *,
+        ends: Mapping[str, tuple[float, float]] | None = None,
+        gears: tuple[int, int] | None = None,
+        deaf: bool,
+    ) -> None:
+        self.names, self.gears, self.ends = names, gears, ends or {}
         self.deaf = deaf
         self.refused = 0
         self._node = node
@@ -206,9 +215,11 @@ class Commands:
             return self._gear(what, number)
         one = commanded(self.names[index])
         high = self._node.get_parameter(one.limit).value if one.limit else 1.0
-        value = min(max(number, -high if one.signed else 0.0), high)
+        least, most = self.ends.get(self.names[index], (-math.inf, math.inf))
+        value = min(max(number, -high if one.signed else 0.0, least), high, most)
         if value != number:
             whose = f' (parameter {one.limit})' if one.limit else ''
+            whose = ' (end stops of the steering)' if value in (least, most) else whose
             self._warn(what, f'{what}: {number:g} is beyond the limit; {value:g} is applied{whose}')
         return value
 

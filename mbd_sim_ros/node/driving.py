@@ -12,7 +12,7 @@ from mbd_sim_ros.node import state_files
 from mbd_sim_ros.node.loop import DRIVING, Latched, Loop
 from solver.inputs.actuation import Chain
 from solver.inputs.assistance import Assistant
-from solver.inputs.hands import CommandSource, commands_of, uncommanded
+from solver.inputs.hands import STEERING, CommandSource, commands_of, uncommanded
 from solver.inputs.maneuver import base_names
 from solver.levels.road_wheel import steering_map, steering_wheel_at
 
@@ -38,6 +38,15 @@ class Driving:
         self._source = self._new_source()
         self._asked: tuple[float, ...] = ()  # commands of the last step
         self._restored: Mapping[str, float] = {}  # commands that held before that which this goes on with
+
+    @property
+    def ends(self) -> dict[str, tuple[float, float]]:
+        """Least and most that may be commanded of the steering, by the vehicle's end stops and the map of its road wheels [rad]."""
+        lock = self._scene.model.lock
+        found = {} if lock is None else {STEERING['angle']: (-lock, lock)}
+        if self._road_map is not None:
+            found[STEERING['road_wheel']] = self._road_map.points[0][0], self._road_map.points[-1][0]
+        return found
 
     def restore(self, path: Path) -> str:
         """Go on from a state file; a warning where the steering will jump, or ''. Raises SpecError."""

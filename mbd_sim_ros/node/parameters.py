@@ -62,7 +62,9 @@ PARAMETERS = {
     'record': Spec(False, 'record from the start'),
     'out': Spec('', 'directory of the recording; empty: bags/<scene>-<date>-<time>'),
     'restore': Spec('', 'state file of ~/save_state to start from'),
-    'max_steering': Spec(12.0, 'limit of the steering wheel command, both ways [rad]', 0.0, 100.0, live=True),
+    'max_steering': Spec(
+        100.0, 'limit of the steering wheel command, both ways; the end stops of the vehicle hold too [rad]', 0.0, 100.0, live=True
+    ),
     'max_drive_torque': Spec(2000.0, 'limit of the drive torque command, both ways [N m]', 0.0, 1e5, live=True),
     'max_brake_torque': Spec(10000.0, 'limit of the brake command [N m]', 0.0, 1e6, live=True),
     'max_steering_torque': Spec(50.0, 'limit of the steering torque command, both ways [N m]', 0.0, 1e3, live=True),

@@ -92,7 +92,7 @@ class Running:
         self._ticked = -math.inf  # clock reading [s] of the last
         self._tick = 0.0, 1  # seconds of simulated time and steps between two
         self.recording = Recording(node, scene, simulation, self._messages, self.envelope, self._urdf)
-        self.commands = Commands(node, self.driving.names, gears=gears_of(scene.model), deaf=self.driving.deaf)
+        self.commands = Commands(node, self.driving.names, ends=self.driving.ends, gears=gears_of(scene.model), deaf=self.driving.deaf)
         refused.callback(self.commands.close)
         duration = self.value('duration') if self.value('duration') >= 0.0 else scene.duration
         self.loop = self.commands.loop = self.recording.loop = self.driving.loop = Loop(

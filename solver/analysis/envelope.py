@@ -9,6 +9,7 @@ from the mean, over 2 pi. On waves of the road it is speed over wavelength.
 Whatever the level, a vehicle touches the road with nothing but its tires. One that leans over by LEANING lies on its side or its roof
 soon, on parts that fall through the road. And the data of a tire end with the load FZMAX, where its friction, stiffness and moments are
 held: what is more for an instant (an edge, a landing) is passed over, what a tire carries in the mean of a WINDOW is not.
+States that no vehicle can be in are told with the time at which they began (solver.analysis.impossible).
 """
 
 from __future__ import annotations
@@ -16,10 +17,12 @@ from __future__ import annotations
 import copy
 import math
 import threading
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from solver.analysis.impossible import Impossible, Seen
 from solver.analysis.verdict import Finding
 from solver.elements.tire_pacejka import TIRE_COLUMNS
 from solver.output.snapshot import Channels, Snapshot, layout_of
@@ -248,6 +251,7 @@ class Envelope:
             self._noted: list[Snapshot] = []
             self._leans = [_Lean(simulation, body) for body in _upright(simulation)]
             self._carried = [_Carried(simulation, ends)] if (ends := _ends_of_data(simulation)) else []
+            self._impossible = [one] if self._leans and (one := Impossible(simulation)) else []
             self._follows = bool(self._watched or self._leans or self._carried)
 
     @property
@@ -268,7 +272,7 @@ class Envelope:
         with self._lock:
             self._noted.append(snapshot)
             if len(self._noted) >= ROWS:
-                _fold(self._watched, self._leans, self._carried, self._noted)
+                _fold([*self._watched, *self._impossible], self._leans, self._carried, self._noted)
                 self._noted.clear()
 
     def findings(self, *, ended: bool = True) -> list[Finding]:
@@ -278,9 +282,11 @@ class Envelope:
         """
         with self._lock:
             present, noted = [copy.copy(watched) for watched in self._watched], self._noted.copy()
+            states = [copy.copy(one) for one in self._impossible]
             leans, loads = [copy.copy(lean) for lean in self._leans], [copy.copy(carried) for carried in self._carried]
-        _fold(present, leans, loads, noted)
-        found = [rolled for lean in leans if (rolled := lean.finding())]
+        _fold([*present, *states], leans, loads, noted)
+        found = [_impossible(seen) for state in states for seen in state.seen()]
+        found += [rolled for lean in leans if (rolled := lean.finding())]
         for carried in loads:
             if ended:
                 carried.end()
@@ -313,6 +319,18 @@ def _size(simulation: Simulation) -> Size:
     return Size() if model is None else size_of(model.spec)
 
 
+def _impossible(seen: Seen) -> Finding:
+    """What no vehicle can do."""
+    text = (
+        f'{seen.text} {seen.value:.3g} {seen.unit}, since t = {seen.first:.6g} s, {seen.where!r}; the limit {seen.limit:.3g} {seen.unit}; '
+        'no vehicle can do that: only what was before is to be believed'
+    )
+    return Finding(
+        quantity=seen.quantity, value=seen.value, limit=seen.limit, unit=seen.unit, time=seen.first, where=seen.where, required=False,
+        text=text,
+    )  # fmt: skip
+
+
 def _upright(simulation: Simulation) -> list[str]:
     """Bodies of a vehicle that ought to stay above its wheels: its chassis, and that of its trailer."""
     model = getattr(simulation, 'model', None)
@@ -329,7 +347,9 @@ def _ends_of_data(simulation: Simulation) -> dict[str, float]:
     return {name: end for name, end in ends.items() if end > 0.0 and name in simulation.channels.wheels}
 
 
-def _fold(watched: list[_Range | _Frequency], leans: list[_Lean], carried: list[_Carried], snapshots: list[Snapshot]) -> None:
+def _fold(
+    watched: Sequence[_Range | _Frequency | Impossible], leans: list[_Lean], carried: list[_Carried], snapshots: list[Snapshot]
+) -> None:
     """Follow what was noted: together, for that takes less of a step than each when it comes."""
     for snapshot in snapshots:
         for lean in leans:

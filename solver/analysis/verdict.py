@@ -43,6 +43,8 @@ bushings resist turning.
 no rounder than itself (Pacejka 2012, 10.1.5); without that the point of contact jumps, and loads are many times too large.
 *Tires.* A tire cannot be pressed in by more than what is between its tread and the rim, without rim data than its radius. Its spring and
 the rim go on beyond that, along straight lines that nobody has measured.
+*Steering.* A steering ends at its stops, before its tie rods pass their dead centres (solver.vehicle.end_stops); there it is held.
+What else no vehicle can do is seen in its motion (solver.analysis.impossible).
 *Validity.* A level of detail says where it holds (solver.levels); a run that it follows says how far it went.
 """
 
@@ -77,6 +79,7 @@ LARGEST_PHASE = 0.1  # rad
 FEWEST = 10  # steps a period
 UNSETTLED_SHARE = 0.01  # of the steps: an impact may leave a step a digit less exact, the motion between may not
 ENERGIES = (account.ENERGY, account.WORK, account.GROSS, account.WORST, account.KINETIC_HIGH, account.POTENTIAL_LOW, account.POTENTIAL_HIGH)
+STEERING_END = 'steering_end'
 SUSPECT, OK = 'suspect', 'ok'
 
 
@@ -116,6 +119,7 @@ def findings(simulation: Simulation, real_time_factor: float | None = None) -> l
         _contradiction(s),
         *_resolution(s),
         *_inputs(s),
+        _steered_beyond(s),
         _rounding(s),
         _light(s),
         _distance(s),
@@ -248,6 +252,20 @@ def _inputs(s: Simulation) -> list[Finding | None]:
         )
         return [recording]
     return [_finding('input', largest, LARGEST, None, '', first, name, text, remedy) for name, (largest, first) in found.items()]
+
+
+def _steered_beyond(s: Simulation) -> Finding | None:
+    """A maneuver that turns the steering wheel further than it goes."""
+    found = s.source.beyond_end(s.k) if isinstance(s.source, ManeuverSource) else None
+    if found is None:
+        return None
+    lock = s.model.spec.lock
+    assert lock is not None
+    text = (
+        f'the maneuver asks for a steering wheel angle of {found[0]:.3g} rad, and from t = {found[1]:.6g} s on for more than the end stops '
+        f'of the steering leave, where it is held; the limit {lock:.4g} rad; steer less, or give the vehicle its steering.lock'
+    )
+    return Finding(quantity=STEERING_END, value=found[0], limit=lock, unit='rad', time=found[1], where='', required=False, text=text)
 
 
 def _contradiction(s: Simulation) -> Finding | None:

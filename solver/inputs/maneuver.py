@@ -15,6 +15,7 @@ import numpy as np
 
 from solver.errors import SpecError, suggestion
 from solver.inputs.driver import PreviewDriver, Sight, SpeedControl
+from solver.inputs.end_stops import BeyondEnd, hold
 from solver.inputs.hands import COMMANDS, CommandSource, hands_at
 from solver.inputs.recorded import ACCELERATION, RATE, BagChannel, RecordedSource, recorded
 from solver.inputs.signals import Constant, Signal, signal
@@ -159,11 +160,14 @@ def base_names(names: Sequence[str]) -> list[str]:
 class ManeuverSource:
     """Input source of a simulation: the inputs of step k (from k h to (k + 1) h), a pure function of k.
 
-    stage: where in the step the integrator balances forces, as a fraction of h in [0, 1].
+    stage: where in the step the integrator balances forces, as a fraction of h in [0, 1]. lock: angle of the steering wheel [rad] at its
+    end stops, which hold it; None: there are none.
     """
 
-    def __init__(self, maneuver: Maneuver, input_names: Sequence[str], h_ns: int, stage: float = 1.0) -> None:
-        self.maneuver, self.names, self.h_ns, self.stage = maneuver, tuple(input_names), h_ns, stage
+    def __init__(self, maneuver: Maneuver, input_names: Sequence[str], h_ns: int, stage: float = 1.0, lock: float | None = None) -> None:
+        self.maneuver, self.names, self.h_ns, self.stage, self.lock = maneuver, tuple(input_names), h_ns, stage, lock
+        steering = maneuver.channels.get('steering')
+        self._beyond = None if lock is None or steering is None else BeyondEnd(steering, lock, h_ns * 1e-9)
         self._asked = 0  # up to which step
         self._unresolved = Unresolved(maneuver.channels, h_ns)
         self._first, self._ahead = 0, self._sampled(0, AHEAD)  # refuses channels the model does not have, before anything runs
@@ -186,33 +190,62 @@ class ManeuverSource:
         """Signals that swing between steps up to k, of those that it was asked for; see solver.inputs.unresolved."""
         return self._unresolved.look(min(k, self._asked), duration)
 
+    def beyond_end(self, k: int) -> tuple[float, float] | None:
+        """(largest angle [rad], first time [s]) that the maneuver asks of the steering wheel beyond its end stops in steps up to k, of
+        those that it was asked for."""
+        if self._beyond is None:
+            return None
+        self._beyond.look(min(k, self._asked))
+        return (self._beyond.largest, self._beyond.first) if self._beyond.largest else None
+
+    def at_start(self) -> np.ndarray:
+        """(nu,) inputs at t = 0; see Maneuver.inputs_at_start."""
+        u = self.maneuver.inputs_at_start(self.names)
+        hold(u[None, :], self.names, self.lock)
+        return u
+
     def _sampled(self, k0: int, n: int) -> np.ndarray:
         begin_ns = np.arange(k0, k0 + n, dtype=np.int64) * self.h_ns
-        return self.maneuver.inputs(self.names, (begin_ns + self.stage * self.h_ns) * 1e-9, (begin_ns + self.h_ns) * 1e-9)
+        u = self.maneuver.inputs(self.names, (begin_ns + self.stage * self.h_ns) * 1e-9, (begin_ns + self.h_ns) * 1e-9)
+        hold(u, self.names, self.lock)
+        return u
 
     def sample(self, k: int) -> np.ndarray:
         """(nu,) inputs of step k."""
         return self.table(k, 1)[0]
 
 
-def source_of(maneuver: Maneuver, input_names: Sequence[str], h_ns: int, stage: float = 1.0) -> ManeuverSource | RecordedSource:
-    """The source of the inputs that depend on time alone. Raises SpecError, also for a recording that cannot be used."""
+def source_of(
+    maneuver: Maneuver, input_names: Sequence[str], h_ns: int, stage: float = 1.0, lock: float | None = None
+) -> ManeuverSource | RecordedSource:
+    """The source of the inputs that depend on time alone; lock: as of ManeuverSource, a recording has its own. Raises SpecError, also for a
+    recording that cannot be used."""
     if maneuver.bag:
         return RecordedSource(recorded(maneuver.bag, maneuver.map, maneuver.log_times), input_names, h_ns, stage)
-    return ManeuverSource(maneuver, input_names, h_ns, stage)
+    return ManeuverSource(maneuver, input_names, h_ns, stage, lock)
 
 
 class DriverSource:
     """Input source of a simulation with a driver: what he does in step k depends on what he sees at its beginning.
 
     The steering of a PreviewDriver passes the filter of CommandSource, a SpeedControl gives torques, all else is of the maneuver.
-    start: speed of the scene at t = 0 [m/s]. state: (3,) of the hands, then (1,) of the speed control; only of those that there are.
+    start: speed of the scene at t = 0 [m/s]. lock: angle of the steering wheel at its end stops [rad], further than which nobody turns it.
+    state: (3,) of the hands, then (1,) of the speed control; only of those that there are.
     """
 
-    def __init__(self, maneuver: Maneuver, input_names: Sequence[str], h_ns: int, stage: float = 1.0, start: float = 0.0) -> None:
+    def __init__(
+        self,
+        maneuver: Maneuver,
+        input_names: Sequence[str],
+        h_ns: int,
+        stage: float = 1.0,
+        start: float = 0.0,
+        lock: float | None = None,
+    ) -> None:
         assert maneuver.closed_loop
         self.driver, self.speed, self.h_ns = maneuver.driver, maneuver.speed, h_ns
-        self.open_loop = ManeuverSource(maneuver, input_names, h_ns, stage)
+        self._lock = np.inf if lock is None else lock
+        self.open_loop = ManeuverSource(maneuver, input_names, h_ns, stage, lock)
         needed = ['steering'] * (self.driver is not None) + ['drive_torque'] * (self.speed is not None)
         needed += ['brake_torque'] * (self.speed is not None and self.speed.brakes > 0.0)
         for name in needed:
@@ -260,7 +293,7 @@ class DriverSource:
         """(nu,) inputs of step k; advances hands and speed control by a step, so it is called once per step."""
         row = self.open_loop.sample(k)
         if self.driver is not None:
-            row[self._steering] = self._hands.turn(self.driver.steering(sight))
+            row[self._steering] = self._hands.turn(min(max(self.driver.steering(sight), -self._lock), self._lock))
         if self.speed is not None:
             wanted, slope = self._wanted_at(k)
             h = self.h_ns * 1e-9

@@ -17,9 +17,9 @@ from solver.inputs.recorded import Reach, RecordedSource
 class Sources:
     """The inputs of a simulation, step by step.
 
-    stage: where in a step the integrator balances forces. speed: at the start [m/s]. duration: of the simulation [s]. reaches: what inputs
-    may be. of_time: what depends on time alone. wheels: for an assistance. driver, assistant, actuators: where there are any; what a
-    recording says has acted, so nothing lies behind it. Raises SpecError.
+    stage: where in a step the integrator balances forces. speed: at the start [m/s]. duration: of the simulation [s]. reaches: what
+    inputs may be. lock: angle of the steering wheel at its end stops [rad]. of_time: what depends on time alone. wheels: for an assistance.
+    driver, assistant, actuators: where there are any; what a recording says has acted, so nothing lies behind it. Raises SpecError.
     """
 
     def __init__(
@@ -34,17 +34,20 @@ class Sources:
         *,
         speed: float,
         duration: float,
+        lock: float | None = None,
         reaches: Mapping[str, Reach] | None = None,
     ) -> None:
         self._maneuver, self._actuation, self._names, self._h_ns, self._stage = maneuver, actuation, names, h_ns, stage
         self._assistance, self.wheels, self._speed = assistance, wheels, speed
-        self.of_time = source_of(maneuver, names, h_ns, stage)
+        self.of_time = source_of(maneuver, names, h_ns, stage, lock)
         if isinstance(self.of_time, RecordedSource):
             self.of_time.require_within(reaches or {})
         if isinstance(self.of_time, RecordedSource) and round(duration * 1e9 / h_ns) > self.of_time.steps:
             last = self.of_time.steps * h_ns * 1e-9
             raise SpecError(f'duration = {duration:g}: {self.of_time.given.where} ends at {last:g} s; set duration to that or less')
-        self.driver = DriverSource(maneuver, names, h_ns, stage, speed) if maneuver.closed_loop else None
+        self.driver = DriverSource(maneuver, names, h_ns, stage, speed, lock) if maneuver.closed_loop else None
+        if self.driver is not None:
+            self.of_time = self.driver.open_loop  # which the driver asks, so it knows up to where a verdict has to look
         self.actuators = self.new_actuators() if actuation.actuators and not maneuver.bag else None
         self.assistant = self.new_assistant() if assistance and not maneuver.bag else None
 
@@ -68,7 +71,7 @@ class Sources:
         if isinstance(self.of_time, RecordedSource):
             return self.of_time.start
         self.of_time.restart()
-        inputs = self._maneuver.inputs_at_start(self._names)
+        inputs = self.of_time.at_start()
         if self.assistant is not None:
             inputs = self.assistant.start(inputs, self._speed)
         return inputs if self.actuators is None else self.actuators.start(inputs)

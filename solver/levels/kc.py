@@ -174,6 +174,7 @@ class _Reduction:
             gravity=self.spec.gravity,
             chassis=chassis.name,
             category=self.spec.category,
+            lock=self.spec.lock,
             **self._others(),
         )
         names = used_inputs(model)

@@ -23,7 +23,7 @@ from solver.scene import Scene
 from solver.vehicle.actuation import IN_DEGREES
 from solver.vehicle.trailer import without_trailer
 
-RANGES = (8.0, 6.0, 4.0, 2.0)  # of the steering wheel to either side [rad]: the first that is reached
+RANGES = (8.0, 6.0, 4.0, 2.0)  # of the steering wheel to either side [rad], up to its end stops: the first that is reached
 NODES = 33  # the universal joints of a column let the ratio swing twice a turn
 LOOKS = 2000  # at a maneuver, for what is beyond the map
 
@@ -65,7 +65,8 @@ def by_steering_wheel(scene: Scene) -> Scene:
 def _measured(model: ModelSpec) -> list[tuple[float, float]]:
     if {tire.name for tire in model.tires} != set(CORNERS) or 'steering' not in model.inputs:
         raise SpecError(f'the bench needs a vehicle with the input steering and the wheels {", ".join(CORNERS)}')
-    for largest in RANGES:
+    lock = math.inf if model.lock is None else model.lock
+    for largest in dict.fromkeys(min(each, lock) for each in RANGES):
         angles = [-largest * math.cos(math.pi * (k + 0.5) / NODES) for k in range(NODES)]
         try:
             curves = Rig(model).steering(angles)

@@ -138,7 +138,7 @@ def shown(model: ModelSpec) -> ModelSpec:
     whole_ = dataclasses.replace(chassis, mass=mass)
     return ModelSpec(
         bodies=(whole_, *shown_bodies), joints=tuple(joints), road=model.road, gravity=model.gravity, inputs=model.inputs,
-        chassis=chassis.name,
+        chassis=chassis.name, category=model.category, lock=model.lock,
     )  # fmt: skip
 
 

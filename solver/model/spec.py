@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
-from solver.dimensions import Acceleration
+from solver.dimensions import Acceleration, WheelTurn
 from solver.elements.coordinate import CoordinateSpec
 from solver.elements.marker import Spec
 from solver.elements.registry import CONSTRAINTS, KINDS
@@ -13,7 +13,7 @@ from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.road import RoadSpec
 from solver.errors import SpecError, suggestion
 from solver.inputs.maneuver import ACCELERATION, RATE
-from solver.validate import vector
+from solver.validate import finite, vector
 
 FLAT = RoadSpec()
 T = TypeVar('T')
@@ -37,7 +37,7 @@ class ModelSpec:
     Joints of kind revolute, prismatic and cylindrical define joint coordinates named after them; `coordinates` adds others. Every kind of
     element in solver.elements.registry has a field of its name.
     chassis: the body that odom and imu describe (None: the first body). category: of vehicle, what its figures are compared with
-    (solver.analysis.usual).
+    (solver.analysis.usual). lock: angle of the steering wheel at its end stops, to either side [rad]; None: it has none.
     """
 
     bodies: tuple[RigidBodySpec, ...]
@@ -47,6 +47,7 @@ class ModelSpec:
     inputs: tuple[str, ...] = ()
     chassis: str | None = None
     category: str = ''
+    lock: WheelTurn | None = None
 
     if TYPE_CHECKING:  # what a type checker cannot know of the fields that the registry adds
         __dataclass_fields__: ClassVar[dict[str, Any]]
@@ -56,6 +57,8 @@ class ModelSpec:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, 'gravity', vector('model', 'gravity', self.gravity))
+        if self.lock is not None:
+            finite('model', 'lock', self.lock, low=0.0, strict=True)
         if not self.bodies:
             raise SpecError('model: bodies is empty: a model needs at least one body')
         names = [body.name for body in self.bodies]

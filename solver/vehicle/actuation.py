@@ -1,6 +1,6 @@
 """What of a vehicle is actuated how: a model takes other inputs than its template gives it, by rules on the model.
 
-steering: torque   the coupler that imposes the angle of the steering wheel gives way to a torque on it (`driver`)
+steering: torque   the coupler that imposes the angle of the steering wheel gives way to a torque on it (`driver`), with the end stops
 wheels             every brake gets an input of its own, and a torque `drive_<wheel>` acts on every wheel: that of a driven one at its
                    output of the differential, whose housing takes the reaction (torque vectoring), up to the top speed of the drive;
                    that of another one between the wheel and what carries it (a motor in the hub), at any speed
@@ -12,6 +12,7 @@ import dataclasses
 
 from solver.dimensions import LOCK
 from solver.elements.coordinate_force import CoordinateForceSpec
+from solver.elements.laws import Law
 from solver.elements.tire_data import pack
 from solver.elements.tire_pacejka import rolling_radius
 from solver.errors import SpecError
@@ -25,6 +26,8 @@ TORQUE = 'steering_torque'
 GEAR = 'gear'
 SWING = 1.0  # by which a pedal may be beyond its stops, where it is held: a spline may swing that far, per cent are further off
 IN_DEGREES = 'if it is in deg, multiply it by 0.0174533'
+STOP = 200.0  # rad/s: of a steering wheel alone on its end stops, whose period takes 31 steps of 1 ms; ten times as much none resolves
+BUFFER = 0.05  # rad, over which the stops take hold
 MOTION = ('steering', 'steering' + RATE, 'steering' + ACCELERATION)
 
 
@@ -40,7 +43,7 @@ def _steered_by_torque(model: ModelSpec) -> ModelSpec:
     if len(drivers) != 1 or len(drivers[0].terms) != 1:
         raise SpecError('actuation: steering = torque: the model has no single coupler that imposes the angle of a steering wheel')
     driver = drivers[0]
-    torque = CoordinateForceSpec(name=driver.name, terms=driver.terms, input=TORQUE)
+    torque = CoordinateForceSpec(name=driver.name, terms=driver.terms, input=TORQUE, spring=_end_stops(model))
     inputs = tuple(TORQUE if name == MOTION[0] else name for name in model.inputs if name not in MOTION[1:])
     return dataclasses.replace(
         model,
@@ -48,6 +51,15 @@ def _steered_by_torque(model: ModelSpec) -> ModelSpec:
         coordinate_forces=(*model.coordinate_forces, torque),
         inputs=inputs,
     )
+
+
+def _end_stops(model: ModelSpec) -> Law | None:
+    """Torque [N m] of the end stops over the angle of a free steering wheel [rad], which bounces between them at STOP with what it is."""
+    wheel = next((body for body in model.bodies if body.name == 'steering_wheel'), None)
+    if model.lock is None or wheel is None:
+        return None
+    rate, end, full = max(wheel.inertia[:3]) * STOP * STOP, model.lock, model.lock + BUFFER
+    return Law((-full, -end, end, full), (-0.5 * rate * BUFFER, 0.0, 0.0, 0.5 * rate * BUFFER), (rate, 0.0, 0.0, rate))
 
 
 def _with_wheels(model: ModelSpec) -> ModelSpec:

@@ -23,6 +23,7 @@ from solver.model.spec import ModelSpec, used_inputs
 from solver.validate import finite, require
 from solver.vehicle.aero import Aero, aero_drag
 from solver.vehicle.axle import Axle, axle_bar, following_rack, subframe, suspensions
+from solver.vehicle.live_axle import LiveAxle
 from solver.vehicle.parts import Category, Corner, Part, Parts, Structure, joined
 from solver.vehicle.power import Power, turning
 from solver.vehicle.powertrain import Base, Engine, Propshaft, engine, require_beginning
@@ -103,7 +104,11 @@ def car_model(car: Car) -> ModelSpec:
             towed(car.trailer, car.hitch, chassis),
         )
     )
-    model = ModelSpec(**parts.sections, gravity=(0.0, 0.0, -car.gravity), chassis='chassis', category=car.category)
+    linkage = first.suspension.steered()
+    assert linkage is not None
+    both = (linkage,) if isinstance(first.suspension, LiveAxle) else (linkage, linkage.mirrored())
+    lock = car.steering.ends_at(both, arm)
+    model = ModelSpec(**parts.sections, gravity=(0.0, 0.0, -car.gravity), chassis='chassis', category=car.category, lock=lock)
     return ModelSpec(**{**model.__dict__, 'inputs': used_inputs(model)})
 
 

@@ -30,7 +30,8 @@ from solver.elements.spring_damper import SpringDamperSpec
 from solver.elements.tire_pacejka import TireData
 from solver.model.frames import frame_of_axis
 from solver.validate import Vector, finite, require
-from solver.vehicle.hardpoints import SIDES, distance, marker_at, on_side
+from solver.vehicle.end_stops import Linkage
+from solver.vehicle.hardpoints import SIDES, ahead, distance, marker_at, on_side
 from solver.vehicle.parts import Part, Parts, joined, require_positive, require_resisting, vector_of
 from solver.vehicle.wheel_end import Brake, Wheel, wheel_end
 
@@ -110,11 +111,14 @@ class StrutAxle(Axle):
         front, rear = self.arm_pivots
         return (front, self.ball_joint), (rear, self.ball_joint), (self.tie_rod_rack, self.tie_rod_knuckle)
 
+    def steered(self) -> Linkage:
+        """By the tie rod; see Suspension.steered."""
+        return Linkage(self.ball_joint, self.top_mount, self.tie_rod_rack, self.tie_rod_knuckle)
+
     def steering_arm(self) -> float:
         """Distance of the tie rod from the steering axis along x [m], negative behind it; see Suspension.steering_arm."""
-        low, high, rod = (np.array(p) for p in (self.ball_joint, self.top_mount, self.tie_rod_knuckle))
-        on_axis = low + (high - low) * (rod[2] - low[2]) / (high[2] - low[2])
-        return float(rod[0] - on_axis[0])
+        linkage = self.steered()
+        return ahead(linkage.low, linkage.high, linkage.outer)
 
 
 @dataclass(frozen=True, kw_only=True)

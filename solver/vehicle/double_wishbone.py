@@ -18,7 +18,8 @@ from solver.dimensions import Mass, Point
 from solver.elements.joint import JointSpec
 from solver.elements.rigid_body import RigidBodySpec
 from solver.validate import require
-from solver.vehicle.hardpoints import ahead, distance, marker_at, on_side
+from solver.vehicle.end_stops import Linkage
+from solver.vehicle.hardpoints import distance, marker_at, on_side
 from solver.vehicle.parts import (
     Arm,
     Bushing,
@@ -87,9 +88,10 @@ class DoubleWishbone(IndependentSuspension):
         strut = coil_over(name, self.coil_over, structure, arm, side)
         return Corner(joined((hub, upper, lower, radius, tie_rod, strut)), upright, wheel, arm)
 
-    def steering_arm(self) -> float:
-        """Of the tie rod; see Suspension.steering_arm."""
-        return ahead(crossing(self.lower_link, self.radius_link), self.upper_arm.outer, self.tie_rod.outer)
+    def steered(self) -> Linkage:
+        """By the tie rod; see Suspension.steered."""
+        low = vector_of(crossing(self.lower_link, self.radius_link))
+        return Linkage(low, self.upper_arm.outer, self.tie_rod.inner, self.tie_rod.outer)
 
 
 def crossing(a: Link, b: Link) -> np.ndarray:

@@ -16,7 +16,7 @@ from typing import Literal
 
 import numpy as np
 
-from solver.dimensions import Acceleration, Damping, Length, Point, Rate
+from solver.dimensions import Acceleration, Damping, Length, Point, Rate, WheelTurn
 from solver.elements.coordinate import CoordinateSpec
 from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.elements.coupler import CouplerSpec
@@ -28,6 +28,7 @@ from solver.validate import Vector, finite, require
 from solver.vehicle.aero import Aero, aero_drag
 from solver.vehicle.corner import ArmAxle, Axle, StrutAxle, corner, corner_bodies, free_length
 from solver.vehicle.drives import wheel_shaft
+from solver.vehicle.end_stops import lock_of
 from solver.vehicle.hardpoints import marker_at
 from solver.vehicle.parts import LEFTWARDS, Part, Parts, joined, require_positive
 from solver.vehicle.trailer import Trailer, require_behind, towed
@@ -40,16 +41,18 @@ INPUTS = ('steering', 'steering_rate', 'steering_acceleration', 'drive_torque', 
 class Steering:
     """Rack and steering wheel. column_axis: axis of rotation, from the rack to the driver. rack_per_turn: travel of the rack per
     turn of the steering wheel [m]; turning the wheel to the left (positive) steers to the left wherever the tie rods are. rack_damping: of
-    the gear [N s/m], which a steering wheel that nobody holds comes to rest by."""
+    the gear [N s/m], which a steering wheel that nobody holds comes to rest by. lock: angle of the steering wheel at its end stops, to
+    either side [rad]; None: as far as the linkage goes (solver.vehicle.end_stops)."""
 
     rack: Part
     wheel: Part
     column_axis: Vector
     rack_per_turn: Length
     rack_damping: Damping = 0.0
+    lock: WheelTurn | None = None
 
     def __post_init__(self) -> None:
-        require_positive('steering', self, 'rack_per_turn')
+        require_positive('steering', self, 'rack_per_turn', 'lock')
         finite('steering', 'rack_damping', self.rack_damping, low=0.0)
 
 
@@ -149,7 +152,21 @@ def light_car_model(car: LightCar) -> ModelSpec:
         tires=parts.tires,
     )
     every = joined((own, towed(car.trailer, car.hitch, chassis)))
-    return ModelSpec(**every.sections, gravity=(0.0, 0.0, -car.gravity), inputs=INPUTS, chassis='chassis', category='compact')
+    return ModelSpec(
+        **every.sections, gravity=(0.0, 0.0, -car.gravity), inputs=INPUTS, chassis='chassis', category='compact', lock=lock(car)
+    )
+
+
+def travel_by_angle(car: LightCar) -> float:
+    """Of the rack over the steering wheel [m/rad]: with the tie rods behind the axis of steering, it moves to the right in a left turn."""
+    return float(np.copysign(car.steering.rack_per_turn / (2.0 * np.pi), car.front.steering_arm()))
+
+
+def lock(car: LightCar) -> float | None:
+    """Angle of the steering wheel at its end stops [rad]."""
+    linkage, ratio = car.front.steered(), travel_by_angle(car)
+    ends = lock_of((linkage, linkage.mirrored()), lambda angle: np.array([0.0, ratio * angle, 0.0]))
+    return ends if car.steering.lock is None else car.steering.lock
 
 
 def steering(
@@ -161,13 +178,12 @@ def steering(
         JointSpec(name='rack', kind='prismatic', i=marker_at(chassis, rack.position, y), j=marker_at(rack, rack.position, y)),
         JointSpec(name='steering_wheel', kind='revolute', i=marker_at(chassis, at, axis), j=marker_at(column, at, axis)),
     )
-    # with the tie rods behind the axis of steering, the rack moves to the right in a left turn
-    ratio = np.copysign(car.steering.rack_per_turn / (2.0 * np.pi), car.front.steering_arm())
+    ratio = travel_by_angle(car)
     couplers = (
-        CouplerSpec(name='rack_and_pinion', terms=(('rack', 1.0), ('steering_wheel', -float(ratio))), offset=0.0),
+        CouplerSpec(name='rack_and_pinion', terms=(('rack', 1.0), ('steering_wheel', -ratio)), offset=0.0),
         CouplerSpec(name='driver', terms=(('steering_wheel', 1.0),), offset=0.0, input='steering'),
     )
-    damping = car.steering.rack_damping * float(ratio) ** 2
+    damping = car.steering.rack_damping * ratio**2
     damper = CoordinateForceSpec(name='steering_damper', terms=(('steering_wheel', 1.0),), damper=Law.linear(damping))
     return joints, couplers, (damper,) if damping > 0.0 else ()
 

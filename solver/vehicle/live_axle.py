@@ -23,7 +23,8 @@ from solver.dimensions import Length, Mass, Point
 from solver.elements.joint import JointSpec
 from solver.elements.rigid_body import RigidBodySpec
 from solver.validate import Vector, require
-from solver.vehicle.hardpoints import SIDES, ahead, distance, marker_at, on_side
+from solver.vehicle.end_stops import Linkage
+from solver.vehicle.hardpoints import SIDES, distance, marker_at, on_side
 from solver.vehicle.leaf_spring import LeafSpring, leaf_spring
 from solver.vehicle.parts import (
     Corner,
@@ -155,11 +156,13 @@ class LiveAxle(Suspension):
             found[side] = Corner(joined(parts), knuckle, wheel, housing, housing)
         return found
 
-    def steering_arm(self) -> float | None:
-        """Of the drag link; see Suspension.steering_arm."""
-        if self.kingpins is None:
+    def steered(self) -> Linkage | None:
+        """By the drag link; see Suspension.steered."""
+        pins = self.kingpins
+        if pins is None:
             return None
-        return ahead(self.kingpins.lower, self.kingpins.upper, self.kingpins.drag_link.outer)
+        low, high = (on_side(pins.drag_link_on, point) for point in (pins.lower, pins.upper))
+        return Linkage(low, high, pins.drag_link.inner, pins.drag_link.outer)
 
     def _sprung(self, name: str, side: str, base: Structure, housing) -> Parts:
         def ends(chassis: Vector, axle: Vector):

@@ -16,7 +16,8 @@ import numpy as np
 from solver.dimensions import Mass, Point
 from solver.elements.joint import JointSpec
 from solver.validate import require
-from solver.vehicle.hardpoints import ahead, distance, marker_at, on_side
+from solver.vehicle.end_stops import Linkage
+from solver.vehicle.hardpoints import distance, marker_at, on_side
 from solver.vehicle.parts import (
     Arm,
     Bushing,
@@ -97,6 +98,6 @@ class MacPherson(IndependentSuspension):
         arm = upright if self.drop_link_on == 'strut' else lower.bodies[0]
         return Corner(joined((hub, lower, tie_rod, strut, top)), upright, wheel, arm)
 
-    def steering_arm(self) -> float:
-        """Of the tie rod; see Suspension.steering_arm."""
-        return ahead(self.lower_arm.outer, self.strut.upper, self.tie_rod.outer)
+    def steered(self) -> Linkage:
+        """By the tie rod; see Suspension.steered."""
+        return Linkage(self.lower_arm.outer, self.strut.upper, self.tie_rod.inner, self.tie_rod.outer)

@@ -13,8 +13,8 @@ from typing import Literal
 import numpy as np
 
 from solver.validate import require
-from solver.vehicle.hardpoints import ahead
-from solver.vehicle.parts import Arm, Corner, Link, Sprung, Structure, control_arm, joined, link, sprung
+from solver.vehicle.end_stops import Linkage
+from solver.vehicle.parts import Arm, Corner, Link, Sprung, Structure, control_arm, joined, link, sprung, vector_of
 from solver.vehicle.wheel_end import IndependentSuspension
 
 
@@ -46,11 +46,11 @@ class MultiLink(Sprung, IndependentSuspension):
         elastic = sprung(name, side, structure.chassis, arm, self)
         return Corner(joined((hub, lower, *links, elastic)), upright, wheel, arm)
 
-    def steering_arm(self) -> float | None:
-        """Of the tie rod, from the line between the lower ball joint and the middle of the links that end above the wheel centre; see
-        Suspension.steering_arm."""
+    def steered(self) -> Linkage | None:
+        """By the tie rod, about the line between the lower ball joint and the middle of the links that end above the wheel centre; see
+        Suspension.steered."""
         if self.tie_rod is None:
             return None
         upper = [data.outer for data in self.links.values() if data.outer[2] > self.wheel.center[2]]
         require(bool(upper), 'multi link', 'links', sorted(self.links), 'a steered wheel needs one that ends above its centre')
-        return ahead(self.lower_arm.outer, np.mean(upper, axis=0), self.tie_rod.outer)
+        return Linkage(self.lower_arm.outer, vector_of(np.mean(upper, axis=0)), self.tie_rod.inner, self.tie_rod.outer)

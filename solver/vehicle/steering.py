@@ -13,13 +13,14 @@ an assisted one, and the hand feels the whole torque.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
 
 from solver.compiled.portable import norm, product
-from solver.dimensions import Damping, Force, Inertia, Length, Mass, Point, TurnDamping, TurnStiffness
+from solver.dimensions import Damping, Force, Inertia, Length, Mass, Point, TurnDamping, TurnStiffness, WheelTurn
 from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.elements.coupler import CouplerSpec
 from solver.elements.joint import JointSpec
@@ -28,6 +29,7 @@ from solver.elements.marker import Marker
 from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.spring_damper import SpringDamperSpec
 from solver.validate import Vector, finite, require
+from solver.vehicle.end_stops import Linkage, lock_of
 from solver.vehicle.hardpoints import marker_at
 from solver.vehicle.parts import LEFTWARDS, Part, Parts, joined, require_positive, rods, shaft_markers, vector_of
 from solver.vehicle.power_steering import SLOW, PowerSteering, assisted_mesh, friction
@@ -56,7 +58,8 @@ class Column(ABC):
     stiffness [N m/rad] and damping [N m s/rad] of torsion bar and mesh, at the pinion. pinion_foot: where the pinion shaft ends in the
     gear; pinion_joint, column_joint: centres of the universal joints; wheel_hub: hub of the steering wheel [m]; wheel_inertia: of steering
     wheel and column about the axis [kg m^2]. assist: electric power steering; friction: dry, of gear and column together, at the rack [N]
-    or the pitman arm [N m] (solver.vehicle.power_steering).
+    or the pitman arm [N m] (solver.vehicle.power_steering). lock: angle of the steering wheel at its end stops, to either side [rad]; None:
+    as far as the linkage goes (solver.vehicle.end_stops).
     """
 
     stiffness: TurnStiffness
@@ -71,11 +74,21 @@ class Column(ABC):
     wheel_inertia: Inertia
     assist: PowerSteering | None = None
     friction: float = 0.0
+    lock: WheelTurn | None = None
 
     def __post_init__(self) -> None:
         require_positive('steering', self, 'stiffness', 'pinion_mass', 'shaft_mass', 'wheel_mass', 'wheel_inertia')
         finite('steering', 'damping', self.damping, low=0.0)
         finite('steering', 'friction', self.friction, low=0.0)
+        require_positive('steering', self, 'lock')
+
+    @abstractmethod
+    def moves(self, angle: float, arm: float) -> np.ndarray:
+        """(3,) way of the inner tie-rod balls [m] at an angle of the steering wheel [rad]. arm: as of gear()."""
+
+    def ends_at(self, linkages: Iterable[Linkage], arm: float) -> float | None:
+        """Angle of the steering wheel at the end stops [rad]: `lock`, or what follows from these linkages (solver.vehicle.end_stops)."""
+        return lock_of(linkages, lambda angle: self.moves(angle, arm)) if self.lock is None else self.lock
 
     @abstractmethod
     def gear(self, subframe: RigidBodySpec, arm: float) -> Gear:
@@ -107,14 +120,22 @@ class SteeringGear(Column):
         require_positive('steering', self, 'rack_per_turn')
         finite('steering', 'rack_damping', self.rack_damping, low=0.0)
 
+    def ratio(self, arm: float) -> float:
+        """Angle of the pinion over the travel of the rack [rad/m]."""
+        return float(np.copysign(2.0 * np.pi / self.rack_per_turn, arm))
+
+    def moves(self, angle: float, arm: float) -> np.ndarray:
+        """Along y, with the rack."""
+        return np.array([0.0, angle / self.ratio(arm), 0.0])
+
     def gear(self, subframe: RigidBodySpec, arm: float) -> Gear:
         """Pinion and rack; coordinate rack, positive along y."""
         at = self.rack.com
         rack = self.rack.body('rack', at)
         slide = JointSpec(name='rack', kind='prismatic', i=marker_at(subframe, at, LEFTWARDS), j=marker_at(rack, at, LEFTWARDS))
         damper = steering_damper(subframe, rack, at, self.rack_damping)
-        ratio = float(np.copysign(2.0 * np.pi / self.rack_per_turn, arm))
-        return Gear(Parts(bodies=(rack,), joints=(slide,), spring_dampers=(damper,)), 'rack_and_pinion', 'rack', ratio, SLOW, rack)
+        parts = Parts(bodies=(rack,), joints=(slide,), spring_dampers=(damper,))
+        return Gear(parts, 'rack_and_pinion', 'rack', self.ratio(arm), SLOW, rack)
 
 
 def steering_gear(data: Column, chassis: RigidBodySpec, subframe: RigidBodySpec, arm: float) -> tuple[Parts, RigidBodySpec]:

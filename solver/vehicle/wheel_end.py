@@ -23,7 +23,8 @@ from solver.elements.tire_data import small_tire
 from solver.elements.tire_pacejka import LOWEST_SPEED, TireData, TireSpec
 from solver.model.frames import frame_of_rpy, matrix, quaternion
 from solver.validate import Vector, finite, require
-from solver.vehicle.hardpoints import SIDES, marker_at, on_side
+from solver.vehicle.end_stops import Linkage
+from solver.vehicle.hardpoints import SIDES, ahead, marker_at, on_side
 from solver.vehicle.parts import UP, Corner, Part, Parts, Structure, require_positive
 
 
@@ -133,10 +134,15 @@ class Suspension(ABC):
         parts = wheel_end(name, side, wheel, upright, chassis, tire=self.tire, turn_slip=self.turn_slip, brake=self.brake)
         return parts.replace(bodies=(wheel,)), wheel
 
+    def steered(self) -> Linkage | None:
+        """What steers it. None: the suspension has no rod to a rack, or to what else could move it, and cannot be steered."""
+        return None
+
     def steering_arm(self) -> float | None:
         """Distance of the rod to the rack, or to what else moves it, from the steering axis along x [m]: positive in front of the axis,
-        where a rack moves to the left in a left turn. None: the suspension has no such rod and cannot be steered."""
-        return None
+        where a rack moves to the left in a left turn. None: as of steered()."""
+        linkage = self.steered()
+        return None if linkage is None else ahead(linkage.low, linkage.high, linkage.outer)
 
     @abstractmethod
     def corners(self, axle: str, structures: Mapping[str, Structure], right: Suspension | None = None) -> dict[str, Corner]:

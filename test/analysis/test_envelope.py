@@ -154,8 +154,8 @@ def test_a_vehicle_that_leans_over_from_the_road_is_told_from_60_degrees_on(
     watch = Envelope(simulation := solver.simulation_of(solver.load_scene('light_car_straight', brakes)))
     assert watch.findings() == []
     watch.look(leaning(simulation, 0, degrees, axis))
-    found = watch.findings()
-    assert [(f.quantity, f.where) for f in found] == [('rollover', 'chassis')] * told
+    found = [f for f in watch.findings() if f.quantity == 'rollover']  # its wheels, which stay, are another finding
+    assert [f.where for f in found] == ['chassis'] * told
     if told:
         away = np.degrees(np.arccos(np.dot(normal, (0.0, 0.0, 1.0)) / np.linalg.norm(normal)))
         assert found[0].value == pytest.approx(np.radians(abs(degrees) + away), abs=1e-9)  # of those that are told both add up
@@ -216,7 +216,7 @@ def test_a_trailer_that_rolls_over_is_told_by_its_name() -> None:
     simulation = solver.simulation_of(solver.load_scene('saloon_with_trailer'))
     watch = Envelope(simulation)
     watch.look(leaning(simulation, simulation.channels.bodies.index('trailer'), 90.0, (1.0, 0.0, 0.0)))
-    assert [f.where for f in watch.findings()] == ['trailer']
+    assert [f.where for f in watch.findings() if f.quantity == 'rollover'] == ['trailer']
 
 
 @pytest.mark.parametrize(('slow', 'recorded'), [(False, False), (True, False), (False, True)])
