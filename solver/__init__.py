@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from solver.engine import Engine
     from solver.output.snapshot import Snapshot
     from solver.scene import Scene
     from solver.simulation import Simulation
@@ -40,35 +41,20 @@ def simulation_of(scene: Scene) -> Simulation:
 
     Raises SpecError, SceneError or ConsistencyError.
     """
+    from solver.engine.stepping import KINDS, Stepping
+    from solver.levels import derive
     from solver.simulation import Simulation
 
-    level, simulate = None, None
-    if scene.reduced:
-        from solver.levels import derive
+    derived = derive(scene)
+    make = derived.engine or (Stepping if derived.scene.integrator.kind in KINDS else _following)
+    return Simulation(derived.scene, make, level=None if derived.as_given else derived.report)
 
-        derived = derive(scene)
-        scene, level, simulate = derived.scene, derived.report, derived.simulate
-    else:
-        if scene.require.accuracy:
-            from solver.levels.auto import certificate_of, with_certificate
-            from solver.levels.derived import LevelReport
 
-            certificate = certificate_of(scene)
-            level = None if certificate is None else with_certificate(LevelReport(), certificate)
-        if scene.maneuver.by_road_wheel:
-            from solver.levels.road_wheel import by_steering_wheel
+def _following(scene: Scene) -> Engine:
+    """The engine of the reference integrators; scipy's are imported where one is asked for."""
+    from solver.reference.engine import Following
 
-            scene = by_steering_wheel(scene)
-    if simulate is not None:
-        simulation = simulate(scene)
-    elif scene.integrator.kind in Simulation.KINDS:
-        simulation = Simulation(scene)
-    else:
-        from solver.reference.simulation import ReferenceSimulation
-
-        simulation = ReferenceSimulation(scene)
-    simulation.level = level
-    return simulation
+    return Following(scene)
 
 
 def __getattr__(name: str) -> Any:

@@ -66,12 +66,12 @@ def _again(args: argparse.Namespace, before: Content, applied: Inputs, directory
     from mbd_sim_ros.commands.compare import report
     from solver import simulation_of
     from solver.compiled.target import differences, target
+    from solver.engine.stepping import KINDS
     from solver.files.scene import load_scene_text
-    from solver.simulation import Simulation
 
     scene = load_scene_text(before.metadata['resolved_scene'], f'scene in {args.bag}', _own_start(args.bag, before, applied))
     simulation = simulation_of(scene)
-    own = scene.integrator.kind in Simulation.KINDS  # the others follow the maneuver of the scene at any time they like
+    own = scene.integrator.kind in KINDS  # the others follow the maneuver of the scene at any time they like
     if applied.first and not own:
         raise BagError(f'{args.bag} cannot be replayed bit by bit: integrator {scene.integrator.kind} does not go on from a saved state so')
     prefix = str(before.parameters.get('frame_prefix', ''))

@@ -42,10 +42,10 @@ def prepare(scene: str, overrides: list[str]) -> tuple[Any, Any]:
     Steps of a scene that leaves it open are constant: one that is divided would come late. What is recorded says so.
     """
     from solver import simulation_of
+    from solver.engine.stepping import KINDS
     from solver.errors import SpecError
     from solver.files.scene import load_scene
     from solver.files.yaml_tree import overtaken
-    from solver.simulation import Simulation
 
     if (lost := overtaken(overrides)) is not None:
         raise SpecError(f'parameter overrides: {lost[0]} is replaced as a whole by {lost[1]} behind it; give them the other way round')
@@ -53,8 +53,8 @@ def prepare(scene: str, overrides: list[str]) -> tuple[Any, Any]:
     if loaded.integrator.step_policy == 'auto':
         loaded = load_scene(scene, [*overrides, 'integrator.step_policy=constant'])
     kind = loaded.integrator.kind
-    if kind not in Simulation.KINDS:
-        raise SpecError(f'integrator: kind = {kind!r}: a node steps with {" or ".join(Simulation.KINDS)}; run this one with mbd run')
+    if kind not in KINDS:
+        raise SpecError(f'integrator: kind = {kind!r}: a node steps with {" or ".join(KINDS)}; run this one with mbd run')
     simulation = simulation_of(loaded)
     simulation.advance(1, inputs=simulation.snapshot().inputs)  # compiles what a step needs before pacing starts
     simulation.reset()

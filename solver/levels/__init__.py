@@ -38,7 +38,8 @@ def derive(scene: Scene) -> Derived:
     try:
         given = dataclasses.replace(scene, model=model, fidelity='full', switches={})
         if scene.fidelity == 'full':
-            derived = Derived(scene=given, level='full', report=LevelReport())
+            whole = scene if not scene.reduced else given
+            derived = Derived(scene=whole, level='full', report=LevelReport(), as_given=not scene.reduced and certificate is None)
         else:
             derived = importlib.import_module(LEVELS[scene.fidelity]).derive(given)
     except SpecError as error:

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 from solver.analysis.covered import Certified
 from solver.elements.registry import FORCES
+from solver.engine import Engine
 from solver.model.compile import joint_coordinates
 from solver.model.spec import ModelSpec
 from solver.scene import Fidelity, Scene
-from solver.simulation import Simulation
 from solver.step.settings import IntegratorSettings
 
 SEEN = 1e-3  # m: by which an imu may be moved unsaid, 0.02 m/s^2 at 20 rad/s^2
@@ -75,13 +75,15 @@ class LevelReport:
 @dataclass(frozen=True, kw_only=True)
 class Derived:
     """A level of a scene. scene: what is simulated: `fidelity: full`, another model, the resolved text of the scene it is derived from.
-    simulate: makes the simulation of that scene where the level has a step of its own (None: the kind of the integrator decides).
+    as_given: the model is that of the scene as given, and no plan certifies it. engine: makes the engine of that scene where the level has
+    a step of its own (None: the kind of the integrator decides).
     """
 
     scene: Scene
     level: Fidelity
     report: LevelReport
-    simulate: Callable[[Scene], Simulation] | None = None
+    as_given: bool = False
+    engine: Callable[[Scene], Engine] | None = None
 
 
 def with_one_iteration(settings: IntegratorSettings) -> IntegratorSettings:

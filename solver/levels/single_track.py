@@ -29,7 +29,7 @@ from solver.errors import SceneError
 from solver.levels.derived import Derived, LevelReport, Limit
 from solver.levels.fitting import least_squares
 from solver.levels.kept import kept
-from solver.levels.single_track_simulation import AXLES, COMMANDS, SingleTrackSimulation
+from solver.levels.single_track_engine import AXLES, COMMANDS, SingleTrack
 from solver.levels.track_bends import Lateral, bends, feel, limits
 from solver.levels.track_bulk import axis_of, brakes, drag, masses, top_spin, wheelbase_of
 from solver.levels.track_friction import varies
@@ -91,9 +91,7 @@ def derive(scene: Scene) -> Derived:
         validity=(*(on_road(Limit(**limit), model.road) for limit in found['validity']), STANDING, SLIPPERY),
     )
     given = dataclasses.replace(scene, model=shown(model), require=dataclasses.replace(scene.require, accuracy={}))
-    return Derived(
-        scene=given, level='single_track', report=report, simulate=functools.partial(SingleTrackSimulation, parameters=parameters)
-    )
+    return Derived(scene=given, level='single_track', report=report, engine=functools.partial(SingleTrack, parameters=parameters))
 
 
 def unlifted(model: ModelSpec) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ from solver.errors import ConsistencyError, SpecError
 from solver.inputs.maneuver import Maneuver
 from solver.inputs.signals import Ramp, Step
 from solver.levels.fitting import PRIOR, fitted
-from solver.levels.single_track_simulation import AXLES, COMMANDS, new_frame, new_scratch, rolling, tables_of
+from solver.levels.single_track_engine import AXLES, COMMANDS, new_frame, new_scratch, rolling, tables_of
 from solver.levels.track_runs import EVERY, SPEED, Drive, Run, driven, pitch_of, roll_of
 from solver.levels.track_straight import characteristic
 from solver.model.spec import ModelSpec

@@ -10,7 +10,7 @@ from solver.compiled.portable import product
 from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.tire_pacejka import TIRE_COLUMNS
 from solver.inputs.maneuver import Maneuver
-from solver.levels.single_track_simulation import AXLES
+from solver.levels.single_track_engine import AXLES
 from solver.levels.track_runs import Drive, whole
 from solver.model.frames import matrix
 from solver.model.spec import ModelSpec

@@ -10,7 +10,7 @@ from solver.analysis.kinematics_and_compliance import Rig
 from solver.inputs.maneuver import Maneuver
 from solver.inputs.signals import Ramp, Step
 from solver.levels.fitting import PRIOR, each, fitted, least_squares
-from solver.levels.single_track_simulation import AXLES
+from solver.levels.single_track_engine import AXLES
 from solver.levels.track_bulk import top_spin, turning
 from solver.levels.track_runs import EVERY, SPEED, Drive, Run, driven, heading, pitch_of
 from solver.model.spec import ModelSpec

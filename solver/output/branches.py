@@ -16,7 +16,6 @@ import numpy as np
 
 from solver.model.state import fitting
 from solver.output.dependence import RANK_TOLERANCE
-from solver.output.snapshot import NO_STEPS, Counters
 
 EXPLAINED = 3.0  # times the turn over as many steps beside the weakest position may be the turn across it
 LEAST = 0.1  # rad; a smaller turn is no other branch
@@ -108,15 +107,11 @@ def angle(N: np.ndarray, M: np.ndarray) -> float:
     return float(np.arccos(np.clip(np.linalg.svd(N.T @ M, compute_uv=False).min(), 0.0, 1.0)))
 
 
-def past_of(
-    saved: Mapping[str, np.ndarray], totals: Counters, switches: list[BranchSwitch], t: float
-) -> tuple[Counters, list[BranchSwitch]]:
-    """Counters and branch switches of the run that saved a state, at time t [s].
+def switches_before(saved: Mapping[str, np.ndarray], switches: list[BranchSwitch], t: float) -> list[BranchSwitch]:
+    """Branch switches of the run that saved a state, at time t [s].
 
-    States of older versions hold neither: of their past is known what the simulation that takes them up has seen itself, totals and
-    switches. Raises SpecError.
+    States of older versions hold none: of their past is known what the simulation that takes them up has seen itself. Raises SpecError.
     """
-    if 'totals' not in saved or 'switches' not in saved:
-        return totals, [switch for switch in switches if switch.t < t]
-    rows = fitting('switches', saved['switches'], np.zeros((saved['switches'].size // 2, 2))).tolist()
-    return Counters.of(fitting('totals', saved['totals'], np.zeros(len(NO_STEPS)))), [BranchSwitch(*row) for row in rows]
+    if 'switches' not in saved:
+        return [switch for switch in switches if switch.t < t]
+    return [BranchSwitch(*row) for row in fitting('switches', saved['switches'], np.zeros((saved['switches'].size // 2, 2))).tolist()]

@@ -196,7 +196,7 @@ class Search(Judge):
         steps = [h for h in STEPS if h >= 0.49 * self.steps[-1] and h <= 0.25 * self.scene.duration]
         found = []
         for m in models:
-            own = derive(m.of(self.scene)).simulate is not None
+            own = derive(m.of(self.scene)).engine is not None
             ways = [(ITERATIONS[0], RHOS[0])] if own else itertools.product(ITERATIONS, RHOS)
             found += [dataclasses.replace(m, h=h, iterations=n, rho_inf=rho) for n, rho in ways for h in steps]
         return sorted(found, key=lambda s: (self.expected(s), -s.h))
@@ -256,7 +256,7 @@ class Search(Judge):
 
         A level with a step of its own costs the same whatever is off; their influence is then that on the full vehicle.
         """
-        if derive(best.setting.of(self.scene)).simulate is not None:
+        if derive(best.setting.of(self.scene)).engine is not None:
             self.influence(Setting(h=self.steps[0], iterations=ITERATIONS[1]))
             return best
         gains = [i for i in self.influence(dataclasses.replace(best.setting, off=())) if not i.failure and i.cost < SAVES]

@@ -172,5 +172,5 @@ def test_a_step_is_compiled_once_for_models_of_all_sizes() -> None:
     """What a step is given has the same type for a pendulum, a slider-crank and ten loops of four bars."""
     scenes = [load_scene('pendulum'), load_scene('slider_crank'), load_scene('four_bar_n', ['mechanism.loops=10'])]
     simulations = [Simulation(dataclasses.replace(scene, integrator=IntegratorSettings())) for scene in scenes]
-    given = {(s._work.type, s.scheme.type, s.model.tables.type, s._states[0].type) for s in simulations}
+    given = {(s.bodies.work.type, s.scheme.type, s.model.tables.type, s.bodies.states[0].type) for s in simulations}
     assert len(given) == 1

@@ -20,6 +20,6 @@ def test_zeros_are_those_of_numpy_from_the_start_of_a_line_on(shape: int | tuple
 
 
 def test_the_matrix_of_a_step_begins_with_a_line_and_so_does_every_row_of_eight() -> None:
-    saddle = simulation_of(load_scene('pendulum'))._work.saddle
+    saddle = simulation_of(load_scene('pendulum')).bodies.work.saddle
     assert saddle.B.shape[2] * saddle.B.itemsize == LINE
     assert {array.ctypes.data % LINE for array in saddle} == {0}

@@ -26,7 +26,7 @@ from solver.inputs.signals import Ramp, Sine, Step
 from solver.levels import derive
 from solver.levels.error_sheet import course_scene, courses, error_sheet
 from solver.levels.single_track import LIFTED, unlifted
-from solver.levels.single_track_simulation import SingleTrackSimulation
+from solver.levels.single_track_engine import SingleTrack
 from solver.levels.track_bends import Lateral, slowest_pressed
 from solver.levels.track_bulk import top_spin
 from solver.levels.track_straight import gear, straight
@@ -86,8 +86,9 @@ def test_it_pitches_under_drive_and_under_brakes_by_what_the_whole_vehicle_does(
 def test_understeer_and_mass_are_those_of_the_whole_vehicle(car: str) -> None:
     """Gradient of the slow ramp of ISO 4138, and what is conserved exactly."""
     simulation = solver.simulation_of(scene(car, Maneuver()))
-    assert isinstance(simulation, SingleTrackSimulation)
-    t = simulation.tables.value
+    engine = simulation.engine
+    assert isinstance(engine, SingleTrack)
+    t = engine.tables.value
     assert t.body.mass == pytest.approx(sum(b.mass for b in model(car).bodies), rel=1e-12)
     assert t.front.load + t.rear.load == pytest.approx(t.body.mass * 9.81, rel=1e-3)
     assert t.front.load * t.front.x == pytest.approx(-t.rear.load * t.rear.x, rel=1e-2)  # at speed, not at rest

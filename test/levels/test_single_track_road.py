@@ -5,12 +5,11 @@ from __future__ import annotations
 import dataclasses
 
 import pytest
-from single_tracks import MODEL, PARAMETERS, simulation
+from single_tracks import MODEL, simulation, track
 
 from solver.elements.road import RoadSpec
 from solver.elements.road_grids import HeightGrid
 from solver.levels.single_track import STANDING
-from solver.levels.single_track_simulation import SingleTrackSimulation
 from solver.scene import Scene, StartSettings
 
 LEVEL_GRID = HeightGrid(origin=(-5.0, -5.0), step=(10.0, 10.0), height=((0.3, 0.3), (0.3, 0.3)))
@@ -39,9 +38,9 @@ def test_it_is_shown_as_high_as_the_road_is_at_its_start(road: RoadSpec, height:
 def test_one_that_is_placed_above_or_in_the_road_is_told(kind: str, road: float, apart: float) -> None:
     """Other levels fall from there, or spring up; in its equilibrium a vehicle stands on the road wherever it was placed."""
     model = dataclasses.replace(MODEL, road=RoadSpec(point=(0.0, 0.0, road)))
-    track = SingleTrackSimulation(Scene(name='placed', model=model, start=StartSettings(kind=kind)), PARAMETERS)
-    track.advance(1)
-    value, time = track.reached[STANDING.quantity]
+    placed = track(Scene(name='placed', model=model, start=StartSettings(kind=kind)))
+    placed.advance(1)
+    value, time = placed.reached[STANDING.quantity]
     assert value == pytest.approx(apart, abs=1e-12)
     assert time is None
     assert STANDING.high is not None

@@ -10,15 +10,16 @@ import pickle
 import numpy as np
 import pytest
 from scipy.linalg import expm
-from single_tracks import MODEL, PARAMETERS, simulation
+from single_tracks import MODEL, PARAMETERS, simulation, track
 
 from solver.analysis.verdict import findings
 from solver.elements.road import FrictionPatch, RoadSpec
 from solver.errors import ConsistencyError, SpecError, StepError
 from solver.inputs.maneuver import Maneuver
 from solver.inputs.signals import Ramp, Sine, Step
-from solver.levels.single_track_simulation import ELEMENTS, SingleTrackSimulation, rolling
+from solver.levels.single_track_engine import ELEMENTS, rolling
 from solver.scene import Scene, StartSettings
+from solver.simulation import Simulation
 from solver.step.single_track_tables import DRIVE, LATERAL, ROLL, SHIFT, SPIN, VX, VY, YAW, YAW_RATE
 
 
@@ -43,8 +44,8 @@ def test_steady_yaw_gain_is_that_of_the_linear_single_track_model(speed: float) 
     wheel = 1e-3
     s = simulation(Maneuver(steering=Step(value=wheel, start=0.1, rise=0.2)), speed=speed, parameters=linear())
     s.advance(6000)
-    v = s.y[VX]
-    gain = s.y[YAW_RATE] / (wheel / 16.0)
+    v = s.engine.y[VX]
+    gain = s.engine.y[YAW_RATE] / (wheel / 16.0)
     assert gain == pytest.approx(v / (2.65 + understeer() * v * v), rel=1e-4)
 
 
@@ -55,8 +56,8 @@ def test_a_rear_axle_that_is_steered_too_turns_it_by_the_difference(behind: floa
     p['rear']['steered'] = behind
     s = simulation(Maneuver(steering=Step(value=wheel, start=0.1, rise=0.2)), speed=8.0, parameters=p)
     s.advance(6000)
-    v = s.y[VX]
-    assert s.y[YAW_RATE] / (wheel / 16.0) == pytest.approx(v * (1.0 - behind) / (2.65 + understeer() * v * v), rel=1e-4)
+    v = s.engine.y[VX]
+    assert s.engine.y[YAW_RATE] / (wheel / 16.0) == pytest.approx(v * (1.0 - behind) / (2.65 + understeer() * v * v), rel=1e-4)
 
 
 @pytest.mark.parametrize(('speed', 'trail'), [(8.0, 0.04), (-8.0, -0.02)])
@@ -91,11 +92,11 @@ def test_free_motion_is_the_matrix_exponential_of_the_linear_model() -> None:
     p, v = linear(length_y=0.4), 25.0
     s = simulation(speed=v, parameters=p)
     x = np.array([0.02, 0.0, -0.02 / v * 0.4, -0.02 / v * 0.4])
-    s.y[VY], s.y[LATERAL : LATERAL + 2] = x[0], x[2:]
+    s.engine.y[VY], s.engine.y[LATERAL : LATERAL + 2] = x[0], x[2:]
     for k in range(1, 6):
         s.advance(100)
         expected = expm(matrix(p, v) * 0.1 * k) @ x
-        assert [s.y[VY], s.y[YAW_RATE], *s.y[LATERAL : LATERAL + 2]] == pytest.approx(expected.tolist(), abs=2e-6)
+        assert [s.engine.y[VY], s.engine.y[YAW_RATE], *s.engine.y[LATERAL : LATERAL + 2]] == pytest.approx(expected.tolist(), abs=2e-6)
 
 
 @pytest.mark.parametrize('v', [15.0, 40.0])
@@ -114,29 +115,29 @@ def test_without_relaxation_natural_frequency_and_damping_are_those_of_the_books
 def test_roll_in_a_steady_bend_is_what_the_stiffness_leaves() -> None:
     s = simulation(Maneuver(steering=Step(value=0.1, start=0.1, rise=0.2)))
     s.advance(5000)
-    lateral = s.y[VX] * s.y[YAW_RATE]
-    assert s.y[ROLL] == pytest.approx(800.0 * lateral / 9e4, rel=5e-3)  # it still slows down a little
-    assert s.y[ROLL] > 0.0  # to the right in a bend to the left
+    lateral = s.engine.y[VX] * s.engine.y[YAW_RATE]
+    assert s.engine.y[ROLL] == pytest.approx(800.0 * lateral / 9e4, rel=5e-3)  # it still slows down a little
+    assert s.engine.y[ROLL] > 0.0  # to the right in a bend to the left
 
 
 def test_roll_alone_is_a_damped_oscillator() -> None:
     """About an axis without mass beside it: period and decay of I p' = -k phi - c p."""
     p = linear()
     s = simulation(speed=0.0, parameters=p)
-    s.y[ROLL] = 0.01
+    s.engine.y[ROLL] = 0.01
     w, d = math.sqrt(9e4 / 1000.0), 0.5 * 2700.0 / 1000.0
     wd = math.sqrt(w * w - d * d)
     s.advance(400)
-    assert s.y[ROLL] == pytest.approx(0.01 * math.exp(-d * 0.4) * (math.cos(wd * 0.4) + d / wd * math.sin(wd * 0.4)), abs=1e-6)
+    assert s.engine.y[ROLL] == pytest.approx(0.01 * math.exp(-d * 0.4) * (math.cos(wd * 0.4) + d / wd * math.sin(wd * 0.4)), abs=1e-6)
 
 
 def test_braking_slows_mass_and_wheels() -> None:
     s = simulation(Maneuver(brake_torque=Step(value=1500.0, start=0.1, rise=0.1)), speed=30.0, parameters=linear())
     s.advance(1000)
-    before = s.y[VX]
+    before = s.engine.y[VX]
     s.advance(500)
     turning = sum(1.8 / (0.298 * 0.308) for _ in range(2))
-    assert (before - s.y[VX]) / 0.5 == pytest.approx(1500.0 / 0.298 / (1400.0 + turning), rel=2e-3)
+    assert (before - s.engine.y[VX]) / 0.5 == pytest.approx(1500.0 / 0.298 / (1400.0 + turning), rel=2e-3)
 
 
 def test_each_axle_has_a_limiter_of_its_own() -> None:
@@ -146,11 +147,11 @@ def test_each_axle_has_a_limiter_of_its_own() -> None:
     p['rear'] |= {'drive': 0.6}
     s = simulation(Maneuver(drive_torque=1000.0), speed=20.0, parameters=p)
     s.advance(500)
-    before = s.y[VX]
+    before = s.engine.y[VX]
     s.advance(500)
     turning = sum(1.8 / (0.298 * 0.308) for _ in range(2))
-    assert (s.y[VX] - before) / 0.5 == pytest.approx(600.0 / 0.298 / (1400.0 + turning), rel=2e-3)
-    assert s.y[DRIVE] == pytest.approx(600.0, rel=1e-6)
+    assert (s.engine.y[VX] - before) / 0.5 == pytest.approx(600.0 / 0.298 / (1400.0 + turning), rel=2e-3)
+    assert s.engine.y[DRIVE] == pytest.approx(600.0, rel=1e-6)
     assert s.totals()['energy_error_max'] < 5e-5 * 0.5 * 1400.0 * 20.0**2
 
 
@@ -160,7 +161,7 @@ def test_coasting_against_the_drag_follows_its_closed_form() -> None:
     s = simulation(speed=40.0, parameters=p)
     s.advance(5000)
     m = 1400.0 + 2.0 * 1.8 / (0.298 * 0.308)
-    assert s.y[VX] == pytest.approx(40.0 / (1.0 + 0.4 * 40.0 * 5.0 / m), rel=1e-4)
+    assert s.engine.y[VX] == pytest.approx(40.0 / (1.0 + 0.4 * 40.0 * 5.0 / m), rel=1e-4)
 
 
 @pytest.mark.parametrize('h', [1e-3, 1e-2])
@@ -177,30 +178,30 @@ def test_it_brakes_to_rest_and_stays_there(h: float) -> None:
 def test_a_brake_that_lets_go_holds_no_more() -> None:
     s = simulation(Maneuver(brake_torque=Step(initial=2000.0, value=0.0, start=3.0, rise=0.1), drive_torque=300.0), speed=3.0)
     s.advance(2900)
-    assert abs(s.y[VX]) < 1e-3
+    assert abs(s.engine.y[VX]) < 1e-3
     s.advance(2000)
-    assert s.y[VX] > 0.8
+    assert s.engine.y[VX] > 0.8
     assert s.snapshot().joint_effort[1:].max() == pytest.approx(0.0, abs=1e-9)
 
 
-def skidding(friction: float, vx: float, steps: int) -> SingleTrackSimulation:
+def skidding(friction: float, vx: float, steps: int) -> Simulation:
     """Thrown sideways at 10 m/s with locked wheels, without roll and load transfer."""
     p = linear()
     p['body']['height'] = 0.0
     s = simulation(Maneuver(brake_torque=20e3), speed=0.0, parameters=p, road=RoadSpec(friction=friction))
-    s.y[VX], s.y[VY] = vx, 10.0
+    s.engine.y[VX], s.engine.y[VY] = vx, 10.0
     s.advance(steps)
     return s
 
 
 def test_a_skid_goes_straight_on_and_stores_no_more_than_the_road_can_carry() -> None:
     s = skidding(1.0, 1.5, 300)
-    assert np.arctan2(s.y[VY], s.y[VX]) + s.y[YAW] == pytest.approx(np.arctan2(10.0, 1.5), abs=np.radians(3.0))
-    dry, wet = (skidding(friction, 0.0, 100).y[LATERAL] for friction in (1.0, 0.1))
+    assert np.arctan2(s.engine.y[VY], s.engine.y[VX]) + s.engine.y[YAW] == pytest.approx(np.arctan2(10.0, 1.5), abs=np.radians(3.0))
+    dry, wet = (skidding(friction, 0.0, 100).engine.y[LATERAL] for friction in (1.0, 0.1))
     assert wet == pytest.approx(0.1 * dry, rel=0.02)
 
 
-def bend(h: float, braking: float = 400.0) -> SingleTrackSimulation:
+def bend(h: float, braking: float = 400.0) -> Simulation:
     """Steered to and fro, and braked at the end with a torque that grows by so much [N m/s]."""
     brake = Ramp(slope=braking, start=3.0, blend=0.2)
     s = simulation(Maneuver(steering=Sine(amplitude=0.8, frequency=0.5), drive_torque=200.0, brake_torque=brake), h=h)
@@ -220,13 +221,13 @@ def test_energy_closes_with_the_second_power_of_the_step() -> None:
     assert findings_of_energy(bend(1e-3)) == []
 
 
-def findings_of_energy(s: SingleTrackSimulation) -> list[str]:
+def findings_of_energy(s: Simulation) -> list[str]:
     return [finding.text for finding in findings(s) if finding.quantity == 'energy_error_max']
 
 
 def test_the_motion_converges_with_the_second_power_of_the_step() -> None:
-    fine = bend(1.25e-4).y[:10]
-    errors = [np.abs(bend(h).y[:10] - fine).max() for h in (2e-3, 1e-3)]
+    fine = bend(1.25e-4).engine.y[:10]
+    errors = [np.abs(bend(h).engine.y[:10] - fine).max() for h in (2e-3, 1e-3)]
     assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.25)
 
 
@@ -318,7 +319,7 @@ def test_it_starts_where_the_chassis_is_placed() -> None:
     scene = Scene(
         name='turned', model=dataclasses.replace(MODEL, bodies=(placed, *others)), start=StartSettings(kind='equilibrium', speed=20.0)
     )
-    s = SingleTrackSimulation(scene, PARAMETERS)
+    s = track(scene)
     assert s.snapshot().joint_position[1:] == pytest.approx(np.zeros(4))
     assert s.snapshot().pose[0, :2] == pytest.approx([3.0, 4.0])
     moved = s.advance(100).pose[0, :2]
@@ -336,7 +337,7 @@ def test_a_steered_vehicle_starts_in_its_bend(speed: float) -> None:
     at the origin: the chassis itself, 0.1 m under that axis, 0.6 m times its roll to the left."""
     s = simulation(Maneuver(steering=0.5, drive_torque=math.copysign(150.0, speed)), speed=speed)
     shot = s.snapshot()
-    roll, rate = s.y[ROLL], s.y[YAW_RATE]
+    roll, rate = s.engine.y[ROLL], s.engine.y[YAW_RATE]
     assert rate == pytest.approx(speed * 0.5 / 16.0 / (2.65 + math.copysign(understeer(), speed) * speed * speed), rel=0.2)
     assert roll == pytest.approx(800.0 * speed * rate / 9e4, rel=5e-3)
     assert shot.twist[0, 5] == pytest.approx(rate, rel=1e-3)
@@ -353,34 +354,34 @@ def test_a_steered_vehicle_starts_in_its_bend(speed: float) -> None:
 
 
 def test_a_steered_start_does_not_depend_on_the_step_of_the_scene() -> None:
-    assert simulation(TURNED, h=5e-3).y.tobytes() == simulation(TURNED, h=1e-3).y.tobytes()
+    assert simulation(TURNED, h=5e-3).engine.y.tobytes() == simulation(TURNED, h=1e-3).engine.y.tobytes()
 
 
 def test_a_start_straight_on_rolls_as_before_whatever_drives_and_brakes() -> None:
     """To the bit, also steered from t = 0 on where it stands, or as it was placed."""
     s = simulation(Maneuver(drive_torque=150.0, brake_torque=500.0))
-    assert s.y.tobytes() == rolling(s.tables.value, 20.0, 0.1).tobytes()
+    assert s.engine.y.tobytes() == rolling(s.engine.tables.value, 20.0, 0.1).tobytes()
     s = simulation(TURNED, speed=0.0)
-    assert s.y.tobytes() == rolling(s.tables.value, 0.0, 0.1).tobytes()
+    assert s.engine.y.tobytes() == rolling(s.engine.tables.value, 0.0, 0.1).tobytes()
     placed = dataclasses.replace(s.scene, start=StartSettings(kind='as_placed', speed=20.0))
-    assert SingleTrackSimulation(placed, PARAMETERS).y.tobytes() == rolling(s.tables.value, 20.0, 0.1).tobytes()
+    assert track(placed).engine.y.tobytes() == rolling(s.engine.tables.value, 20.0, 0.1).tobytes()
 
 
 def test_brakes_that_are_on_have_moved_load_forward_at_a_steered_start() -> None:
     """800 N m at 0.298 m: 0.2 of that force and of the resistance of all axles is load that has moved, and the car turns in for it."""
     braked, free = simulation(Maneuver(steering=0.5, brake_torque=800.0)), simulation(Maneuver(steering=0.5))
-    moved = free.y[SHIFT] - braked.y[SHIFT]
+    moved = free.engine.y[SHIFT] - braked.engine.y[SHIFT]
     assert moved == pytest.approx(0.2 * 800.0 / 0.298, rel=0.03)
-    assert braked.y[YAW_RATE] > 1.01 * free.y[YAW_RATE]
+    assert braked.engine.y[YAW_RATE] > 1.01 * free.engine.y[YAW_RATE]
 
 
 def test_a_drive_that_spins_the_wheels_acts_from_a_steered_start_on() -> None:
     """12 kN m at an axle that holds some 2: at the start it is as without it; 0.1 s later its wheels spin."""
     s = simulation(Maneuver(steering=0.5, drive_torque=12000.0), speed=3.0)
-    assert s.y.tobytes() == simulation(Maneuver(steering=0.5), speed=3.0).y.tobytes()
-    assert s.y[YAW_RATE] == pytest.approx(3.0 * 0.5 / 16.0 / 2.65, rel=0.05)
+    assert s.engine.y.tobytes() == simulation(Maneuver(steering=0.5), speed=3.0).engine.y.tobytes()
+    assert s.engine.y[YAW_RATE] == pytest.approx(3.0 * 0.5 / 16.0 / 2.65, rel=0.05)
     s.advance(100)
-    assert s.y[SPIN] > 20.0
+    assert s.engine.y[SPIN] > 20.0
 
 
 def test_errors_are_sentences() -> None:

@@ -63,7 +63,7 @@ def test_divided_steps_that_come_out_on_the_other_branch_make_a_run_suspect(bran
     passed = folded(branch)
     passed.advance(3)
     copy_state(passed.state, s.state)
-    s._look_at_rescue(s.k)
+    s.engine._look_at_rescue(s.k, s.inputs)
     assert len(s.switches) == found
     assert [f.quantity for f in findings(s)].count('branch_switches') == found
 
@@ -96,7 +96,7 @@ def test_a_switch_across_divided_steps_is_saved_too() -> None:
     s, other = (simulation_of(load_scene('slider_crank')) for _ in range(2))
     s.advance(5)
     clean = s.save()
-    s._rescued.append(BranchSwitch(0.002, 0.5))
+    s.bodies.rescued.append(BranchSwitch(0.002, 0.5))
     other.restore(s.save())
     watched = simulation_of(load_scene('slider_crank', WATCHED))
     watched.restore(s.save())

@@ -18,8 +18,8 @@ from solver import simulation_of
 from solver.errors import SpecError, StepError
 from solver.files.scene import load_scene
 from solver.reference.dense import Motion
+from solver.reference.engine import Following
 from solver.reference.methods import Stabilised
-from solver.reference.simulation import ReferenceSimulation
 from solver.simulation import Simulation
 
 KINDS = ('reference_kkt', 'reference_bdf', 'reference_radau', 'reference_ida')
@@ -39,7 +39,7 @@ def test_reference_integrators_reach_the_closed_forms(kind, name):
     """Positions to 1e-5, velocities to 1e-4, multipliers to 1e-3 over 0.8 s at tolerance 1e-9 (Gear methods lose four digits)."""
     problem = PROBLEMS[name]
     simulation = simulation_of(scene_of(problem, h=0.08, kind=kind, tolerance=1e-9))
-    assert isinstance(simulation, ReferenceSimulation)
+    assert isinstance(simulation.engine, Following)
     worst = np.zeros(3)
     for _ in range(10):
         snapshot = simulation.advance()
@@ -126,8 +126,8 @@ def test_analytic_jacobians_are_the_derivatives_of_the_residual(rng):
     """Central differences to 1e-6 of the largest entry, at random unknowns with dMu/dt = 0."""
     pytest.importorskip('scipy_dae')
     simulation = simulation_of(load_scene('slider_crank', ['integrator.kind=reference_bdf', 'mechanism.gravity=[1, -9, 2]']))
-    assert isinstance(simulation, ReferenceSimulation)
-    solver = simulation._solver
+    assert isinstance(simulation.engine, Following)
+    solver = simulation.engine.solver
     assert isinstance(solver, Stabilised)
     y = np.concatenate(
         [solver.layout.pack(Motion(simulation.state.q, simulation.state.v, simulation.state.z)), np.zeros(solver.size - solver.layout.end)]
@@ -149,8 +149,8 @@ def test_analytic_jacobians_with_internal_states(rng):
     """Light car at 20 m/s, tires and brakes disturbed: central differences to what rounding of its forces (1e5 N) leaves of them."""
     pytest.importorskip('scipy_dae')
     simulation = simulation_of(load_scene('light_car_straight', ['integrator.kind=reference_bdf']))
-    assert isinstance(simulation, ReferenceSimulation)
-    solver = simulation._solver
+    assert isinstance(simulation.engine, Following)
+    solver = simulation.engine.solver
     assert isinstance(solver, Stabilised)
     y, yp, at = solver.solver.y.copy(), solver.solver.yp.copy(), solver.layout
     y[at.z] += 1e-3 * rng.normal(size=y[at.z].shape)
@@ -216,5 +216,5 @@ def test_inputs_of_a_reference_come_from_its_maneuver_only():
 
 
 def test_the_step_refuses_the_kinds_of_the_references():
-    with pytest.raises(SpecError, match="kind = 'reference_kkt': Simulation knows alf, m_alf; use simulation_of"):
+    with pytest.raises(SpecError, match="kind = 'reference_kkt': this engine knows alf, m_alf; use simulation_of"):
         Simulation(load_scene('pendulum', ['integrator.kind=reference_kkt']))

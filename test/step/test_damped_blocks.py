@@ -15,7 +15,7 @@ def run(scene: str, *, all_damped: bool = False, left: float = 0.0) -> tuple[Sim
     if all_damped:
         tables = s.model.tables
         tables.words[tables.type.field('damped')[1]] = s.model.n_slots + 1
-    s._work.Kv[s.model.n_bodies + 1 :] = left
+    s.bodies.work.Kv[s.model.n_bodies + 1 :] = left
     s.advance(300)
     return s, np.concatenate([s.state.q.ravel(), s.state.v.ravel(), s.state.lam])
 

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 
 from solver.elements.road import RoadSpec
 from solver.files.scene import load_scene
 from solver.inputs.maneuver import Maneuver
 from solver.levels.single_track import shown
-from solver.levels.single_track_simulation import SingleTrackSimulation
+from solver.levels.single_track_engine import SingleTrack
 from solver.scene import Scene, StartSettings
+from solver.simulation import Simulation
 from solver.step.settings import IntegratorSettings
 
 MODEL = shown(load_scene('light_car_straight').model)
@@ -41,10 +43,15 @@ PARAMETERS = {
 
 def simulation(
     maneuver: Maneuver = STRAIGHT, *, speed: float = 20.0, h: float = 1e-3, parameters: dict = PARAMETERS, road: RoadSpec = FLAT
-) -> SingleTrackSimulation:
+) -> Simulation:
     """A run of the model on a road."""
     scene = Scene(
         name='track', model=dataclasses.replace(MODEL, road=road), maneuver=maneuver, start=StartSettings(kind='equilibrium', speed=speed),
         integrator=IntegratorSettings(h=h), duration=10.0,
     )  # fmt: skip
-    return SingleTrackSimulation(scene, parameters)
+    return track(scene, parameters)
+
+
+def track(scene: Scene, parameters: dict = PARAMETERS) -> Simulation:
+    """A scene of plain numbers."""
+    return Simulation(scene, functools.partial(SingleTrack, parameters=parameters))

@@ -1,11 +1,10 @@
-"""The level `single_track` in motion, with the outward interface of Simulation."""
+"""The engine of the level `single_track`."""
 
 from __future__ import annotations
 
-import functools
-import io
 import math
 from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 
@@ -13,22 +12,22 @@ from solver.compiled.by_reference import Ref, nbytes
 from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.road import CurvedGrid, HeightGrid, RandomRoad, RasterGrid, compile_road, surface_at
 from solver.elements.tread import give
-from solver.errors import ConsistencyError, SpecError, StepError
+from solver.engine import Moved, instant
+from solver.engine.stepping import KINDS
+from solver.errors import ConsistencyError, SpecError
 from solver.files.urdf import robot_description
 from solver.inputs.driver import Sight
 from solver.inputs.maneuver import ACCELERATION, RATE
 from solver.levels.track_friction import LOOK, note, varies
 from solver.model.evaluate import prepare
 from solver.model.frames import matrix
-from solver.model.state import State, fitting, load_arrays, step_of
-from solver.output.energy import LENGTH, TIME, WORST
-from solver.output.snapshot import NO_STEPS, Channels, Counters, OutputArrays, Snapshot, layout_of, new_numbers, output_arrays
+from solver.model.state import fitting
+from solver.output.energy import LENGTH
+from solver.output.snapshot import NO_STEPS, Channels, Counters, OutputArrays, layout_of, new_numbers, output_arrays
 from solver.scene import Scene
-from solver.simulation import Simulation
 from solver.start.displacement import require_near, require_uniform
 from solver.start.placement import Changes
 from solver.start.rolling import SETTLE_EVERY, SETTLE_TIME, SPINNING, STOPPED, UNSTEADY
-from solver.step.constraint_coefficients import ConstraintCoefficients
 from solver.step.single_track import advance, start
 from solver.step.single_track_tables import (
     AXLE_COLUMNS,
@@ -148,54 +147,49 @@ def settled(tables: Ref, straight: np.ndarray, speed: float, u: np.ndarray, inde
     return y
 
 
-class SingleTrackSimulation(Simulation):
-    """A scene whose model is what solver.levels.single_track shows of a vehicle; the parameters are those that level found.
+class SingleTrack:
+    """See solver.engine.Engine: what solver.levels.single_track shows of a vehicle, with the parameters that level found.
 
     Of the integrator h alone means something here: the step is that of solver.step.single_track, in parts of LONGEST at most. Nothing
-    iterates, and there are no constraints. Raises SpecError or ConsistencyError on construction and StepError from
-    advance(); each is one sentence.
+    iterates, and there are no constraints. Raises SpecError or ConsistencyError.
     """
 
-    of_bodies = False
+    stage = 0.5  # torques are held over the step: the mean is what matters
+    follows = False
 
     def __init__(self, scene: Scene, parameters: Parameters) -> None:
-        settings = scene.integrator
-        if settings.kind not in self.KINDS:
-            raise SpecError(f'integrator: kind = {settings.kind!r}: the level single_track has a step of its own; use alf')
+        if scene.integrator.kind not in KINDS:
+            raise SpecError(f'integrator: kind = {scene.integrator.kind!r}: the level single_track has a step of its own; use alf')
         self.scene, self.model = scene, prepare(scene.model)
-        self.h_ns, self.h = settings.h_ns, settings.h_ns * 1e-9
-        self.stage = 0.5  # torques are held over the step: the mean is what matters
-        self._take_inputs(scene)
+        self.h = scene.integrator.h_ns * 1e-9
         names = scene.model.inputs
         self._index = np.array([names.index(name) for name in COMMANDS])
         self.channels = channels_of(names, scene.model.chassis or 'chassis')
-        self._layout = layout_of(self.channels)
-        self._numbers = new_numbers(self._layout)
-        self._frame = Ref(output_arrays(self._numbers, self._layout))
+        self.layout = layout_of(self.channels)
+        self.numbers = new_numbers(self.layout)
+        self._frame = Ref(output_arrays(self.numbers, self.layout))
         self._scratch = new_scratch()
-        self._parameters = parameters
         x, y, yaw = self._place()
         self.tables = Ref(tables_of(parameters, scene, yaw, x, y))
         self.parts = max(1, math.ceil(self.h / LONGEST - 1e-9))
-        self.adaptation = None
-        self.branches = None
-        self._rescued = []
-        self.start = Changes(kind=scene.start.kind)
         behind = self.tables.mounting.x
-        straight = rolling(self.tables.value, scene.start.speed, x - math.cos(yaw) * behind, y - math.sin(yaw) * behind, yaw)
-        self._at_start = self._settled(straight)
+        self._straight = rolling(self.tables.value, scene.start.speed, x - math.cos(yaw) * behind, y - math.sin(yaw) * behind, yaw)
         road = scene.model.road
         heights = [height for grid in road.grids for height in _heights(grid)]
         self._uneven = max(heights, default=0.0) - min(heights, default=0.0)
         self._slope = math.hypot(*road.normal[:2]) / road.normal[2]
         self._dropped = 0.0 if scene.start.kind == 'equilibrium' else abs(self._chassis_spec.position[2] - self.tables.mounting.height)
         self._slippery, self._varies = np.zeros(2), varies(road)
-        self.y = self._at_start.copy()
-        self._inputs = np.zeros(len(names))
-        self._applied = None
-        self._totals = NO_STEPS
-        self.k = 0
-        self.reset()
+
+    @property
+    def shown(self) -> SingleTrack:
+        """Itself."""
+        return self
+
+    @property
+    def energy(self) -> np.ndarray:
+        """The account of solver.output.energy."""
+        return self._scratch.energy
 
     @property
     def _chassis_spec(self) -> RigidBodySpec:
@@ -212,12 +206,19 @@ class SingleTrackSimulation(Simulation):
         R = matrix(chassis.orientation)
         return chassis.position[0], chassis.position[1], math.atan2(R[1, 0], R[0, 0])
 
-    def _settled(self, straight: np.ndarray) -> np.ndarray:
-        """(SIZE,) state at the start of what rolls `straight` (SIZE,): that, or where it is steered from t = 0 on, already in its bend.
+    def start(self, u: np.ndarray) -> Changes:
+        """The state at t = 0. Raises ConsistencyError."""
+        self._at_start = self._settled(self._straight, u)
+        self.y = self._at_start.copy()
+        return Changes(kind=self.scene.start.kind)
+
+    def _settled(self, straight: np.ndarray, given: np.ndarray) -> np.ndarray:
+        """(SIZE,) state at the start of what rolls `straight` (SIZE,): that, or where it is steered by the inputs
+        `given` (nu,) from t = 0 on, already in its bend.
 
         As with bodies, a drive that leaves nothing steady acts from the first step on. Raises ConsistencyError.
         """
-        start, u = self.scene.start, np.array(self.sources.reset(), float)
+        start, u = self.scene.start, given.copy()
         if start.kind != 'equilibrium' or not start.speed or not u[self._index[0]]:
             return straight
         found = settled(self.tables, straight, start.speed, u, self._index)
@@ -227,18 +228,86 @@ class SingleTrackSimulation(Simulation):
             assert found is not None  # without a drive
         return found
 
-    @property
-    def state(self) -> State:
-        """Refused: the level has no bodies."""
-        raise SpecError("fidelity = 'single_track': this looks at the bodies of a model, and the level has none; take another level")
+    def reset(self, u: np.ndarray) -> None:
+        """Back to the start, bit for bit."""
+        self.y[:] = self._at_start
+        self._slippery[:] = 0.0
+        self.begin(0, u)
 
-    @property
+    def begin(self, k: int, u: np.ndarray) -> None:
+        """Show the present state, begin the account and what is reached."""
+        start(self.tables, self.y, u, self._index, self._scratch, self._frame)
+
+    def show(self, k: int, u: np.ndarray) -> None:
+        """Nothing to do: the state is shown after every step."""
+
+    def advance(self, k: int, inputs: np.ndarray, n: int, audit: bool, last: np.ndarray) -> Moved:
+        """See Engine.advance(). On a road of varying friction the motion is looked at every LOOK."""
+        looks = audit and self._varies and bool(np.isfinite(inputs).all())  # what is not finite is refused before anything is advanced
+        piece = max(1, LOOK // self.scene.integrator.h_ns) if looks else n
+        status = done = 0
+        for first in range(0, n, piece):
+            status, steps = advance(
+                self.tables, self.y, inputs, self._index, last, first, min(piece, n - first), audit, self.h, self.parts,
+                self._scratch, self._frame,
+            )  # fmt: skip
+            if status == 1:
+                name = self.channels.inputs[steps]
+                return Moved(done, NO_STEPS, f'{instant(self.scene, k)}: input {name!r} is not finite; nothing was advanced')
+            done += steps
+            if status:
+                break
+            if looks:
+                note(self.tables.value, self._scratch.value, self.y, (k + done) * self.h, self._slippery)
+        counters = Counters(done * self.parts, 0, done * (2 * self.parts + 1), 0, 0.0, 0.0, 0.0)
+        late = f'{instant(self.scene, k + done)}: the motion is no longer finite; reduce integrator.h or check the torques'
+        return Moved(done, counters, late if status == 2 else '')
+
+    def sight(self) -> Sight:
+        """What a driver sees now."""
+        pose = self._frame.pose[0]
+        side = self.tables.mounting.axis * self.y[ROLL]
+        return Sight(float(pose[0]), float(pose[1]), float(self.y[YAW]), float(self.y[VX] - self.y[YAW_RATE] * side))
+
+    def place(self, x: float, y: float, heading: float) -> None:
+        """Move the vehicle. Raises SpecError on a road that is not the same everywhere, and for a place too far off."""
+        require_uniform(self.scene.model.road)
+        require_near(x, y)
+        now = self.sight()
+        turn = heading - now.heading
+        c, s = math.cos(turn), math.sin(turn)
+        dx, dy = self.y[X] - now.x, self.y[Y] - now.y
+        self.y[X], self.y[Y] = x + c * dx - s * dy, y + s * dx + c * dy
+        self.y[YAW] += turn
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """State, and what has been reached."""
+        w = self._scratch
+        return {'single_track': self.y, 'reached': w.reached, 'steered': w.steered, 'slippery': self._slippery}
+
+    def fit(self, saved: Mapping[str, np.ndarray], k: int) -> Callable[[np.ndarray], None]:
+        """See Engine.fit()."""
+        if 'single_track' not in saved or saved['single_track'].shape != self.y.shape:
+            raise SpecError('restore: the saved state is of another model than this one of level single_track')
+        w = self._scratch
+        for name, array in (('audit', w.energy), ('reached', w.reached), ('steered', w.steered)):
+            fitting(name, saved.get(name), array)
+        slippery = fitting('slippery', saved.get('slippery', np.zeros(2)), self._slippery)  # states of older versions have none
+
+        def take_up(u: np.ndarray) -> None:
+            self.y[:] = saved['single_track']
+            self.begin(k, u)
+            self.y[:] = saved['single_track']  # what was lost so far is part of it
+            w.energy[:], w.reached[:], w.steered[:] = saved['audit'], saved['reached'], saved['steered']
+            self._slippery[:] = slippery
+
+        return take_up
+
     def last_step(self) -> LastStep:
         """The energy account; there are no constraints."""
         none = np.zeros(0)
         return LastStep(none, np.zeros((1, 6, 6)), np.zeros((1, 6, 6)), none, none, none, self._scratch.energy)
 
-    @property
     def reached(self) -> dict[str, tuple[float, float | None]]:
         """Of what the limits of the level are about: the largest value so far, and its time [s] where it has one.
 
@@ -257,138 +326,25 @@ class SingleTrackSimulation(Simulation):
         found['friction below 1'] = (below, time) if below > everywhere else (everywhere, None)
         return found
 
-    @property
     def nbytes(self) -> int:
         """Memory of parameters, scratch and state."""
         return nbytes((self.tables.value.road, self._scratch.value, self.y))
 
-    def reset(self) -> None:
-        """Back to the start, bit for bit."""
-        self.y[:] = self._at_start
-        self.k, self.displaced = 0, False
-        self._slippery[:] = 0.0
-        self._totals = self._counters = NO_STEPS
-        self._inputs = np.array(self.sources.reset(), float)
-        start(self.tables, self.y, self._inputs, self._index, self._scratch, self._frame)
+    def totals(self, k: int) -> dict[str, Any]:
+        """Nothing adapts."""
+        return {'substeps': k * self.parts, 'rejected': 0, 'smallest_step': self.h / self.parts, 'events': 0}
 
-    def _advance(self, n: int, inputs: np.ndarray, audit: bool) -> None:
-        self._inputs = self._inputs.copy()  # those shown before stay as they were
-        looks = audit and self._varies and bool(np.isfinite(inputs).all())  # what is not finite is refused before anything is advanced
-        piece = max(1, LOOK // self.h_ns) if looks else n
-        status = done = 0
-        for first in range(0, n, piece):
-            status, last = advance(
-                self.tables, self.y, inputs, self._index, self._inputs, first, min(piece, n - first), audit, self.h, self.parts,
-                self._scratch, self._frame,
-            )  # fmt: skip
-            if status == 1:
-                raise StepError(f'{self._when()}input {self.channels.inputs[last]!r} is not finite; nothing was advanced')
-            done += last
-            if status:
-                break
-            if looks:
-                note(self.tables.value, self._scratch.value, self.y, (self.k + done) * self.h, self._slippery)
-        self.k += done
-        self._count(Counters(done * self.parts, 0, done * (2 * self.parts + 1), 0, 0.0, 0.0, 0.0))
-        if status == 2:
-            raise StepError(f'{self._when()}the motion is no longer finite; reduce integrator.h or check the torques')
-
-    def _when(self) -> str:
-        return f't = {self.t_ns * 1e-9:.6f} s, step {self.k}: '
-
-    def _sight(self) -> Sight:
-        """What a driver sees now."""
-        pose = self._frame.pose[0]
-        return Sight(float(pose[0]), float(pose[1]), float(self.y[YAW]), float(self.y[VX] - self.y[YAW_RATE] * self._side))
-
-    def place(self, x: float, y: float, heading: float) -> None:
-        """See Simulation.place()."""
-        require_uniform(self.scene.model.road)
-        require_near(x, y)
-        now = self._sight()
-        turn = heading - now.heading
-        c, s = math.cos(turn), math.sin(turn)
-        dx, dy = self.y[X] - now.x, self.y[Y] - now.y
-        self.y[X], self.y[Y] = x + c * dx - s * dy, y + s * dx + c * dy
-        self.y[YAW] += turn
-        self.displaced = True
-        seen = float(self._scratch.energy[TIME])
-        start(self.tables, self.y, self._inputs, self._index, self._scratch, self._frame)
-        self._scratch.energy[TIME] = seen
-
-    @property
-    def _side(self) -> float:
-        return self.tables.mounting.axis * self.y[ROLL]
-
-    def save(self) -> bytes:
-        """Everything the future depends on, and what the run so far is judged by."""
-        file = io.BytesIO()
-        w = self._scratch
-        arrays = {'single_track': self.y, 'inputs': self._inputs, 'audit': w.energy, 'reached': w.reached, 'steered': w.steered}
-        arrays |= {'totals': np.array(self._totals), 'slippery': self._slippery, **self.sources.memory()}
-        np.savez(file, k=np.int64(self.k), **arrays)  # type: ignore[arg-type]
-        return file.getvalue()
-
-    def restore(self, data: bytes, *, elsewhere: bool = False) -> None:
-        """Continue from save(); raises SpecError if it belongs to another model. elsewhere: it is that of another scene of the vehicle."""
-        found = load_arrays(data)
-        if 'single_track' not in found or found['single_track'].shape != self.y.shape:
-            raise SpecError('restore: the saved state is of another model than this one of level single_track')
-        own = {'inputs': self._inputs, 'audit': self._scratch.energy, 'reached': self._scratch.reached, 'steered': self._scratch.steered}
-        for name, array in own.items():
-            fitting(name, found.get(name), array)
-        k = step_of(found.get('k'))
-        slippery = fitting('slippery', found.get('slippery', np.zeros(2)), self._slippery)  # states of older versions have none
-        totals = self._totals
-        if 'totals' in found:  # states of older versions have none
-            totals = Counters.of(fitting('totals', found['totals'], np.zeros(len(NO_STEPS))))
-        self.sources.recall(found, found['inputs'], elsewhere=elsewhere)
-        self._totals = totals
-        self.y[:] = found['single_track']
-        self.k, self.displaced = k, True
-        self._inputs = found['inputs']
-        loss = self.y.copy()
-        start(self.tables, self.y, self._inputs, self._index, self._scratch, self._frame)
-        self.y[:] = loss
-        self._scratch.energy[:] = found['audit']
-        self._scratch.reached[:] = found['reached']
-        self._scratch.steered[:] = found['steered']
-        self._slippery[:] = slippery
-
-    def _made(self) -> Callable[[Scene], Simulation]:
-        return functools.partial(type(self), parameters=self._parameters)
-
-    def totals(self) -> dict[str, float]:
-        """Counters since the start and the error of the energy account [J]."""
-        return {
-            **self._totals.report(),
-            'energy_error_max': float(self._scratch.energy[WORST]),
-            'substeps': self.k * self.parts,
-            'rejected': 0,
-            'smallest_step': self.h / self.parts,
-            'events': 0,
-        }
-
-    def urdf(self) -> str:
-        """Chassis, wheels and steering wheel at the current configuration as URDF (solver.files.urdf)."""
+    def urdf(self, joints: Mapping[str, float], pose: np.ndarray) -> str:
+        """Chassis, wheels and steering wheel, as the vehicle was given."""
         poses = np.array([(*b.position, *b.orientation) for b in self.scene.model.bodies])
-        return robot_description(self.scene.model, poses, dict.fromkeys(self.channels.joints, 0.0), self.scene.name)
+        return robot_description(self.scene.model, poses, dict.fromkeys(joints, 0.0), self.scene.name)
 
-    def snapshot(self) -> Snapshot:
-        """The outputs of the last step, as a copy; after a failure those of the last call of advance() that succeeded."""
-        return Snapshot(self.k, self.t_ns, self._numbers.copy(), self._layout, self._counters)
-
-    def constraint_coefficients(self, *, coupled: bool = False) -> dict[str, ConstraintCoefficients]:
-        """There are no constraints."""
-        return {}
-
-    def describe(self) -> dict:
+    def describe(self, u: np.ndarray) -> dict[str, Any]:
         """Counts: degrees of freedom are those of plane, roll and the spins of both axles."""
-        spec = self.scene.model
         return {
             'bodies': 1,
             'dof': 6,
             'internal_states': SIZE - 14,
             'mass': float(self.tables.body.mass),
-            'inputs': list(spec.inputs),
+            'inputs': list(self.scene.model.inputs),
         }

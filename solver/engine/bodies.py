@@ -1,0 +1,197 @@
+"""The state of a model of bodies, its start, and what of it is shown: the common part of the engines that move bodies."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping
+from typing import Any, cast
+
+import numpy as np
+
+from solver.compiled.by_reference import Ref, nbytes
+from solver.compiled.kernel import address_of
+from solver.errors import SpecError
+from solver.files.urdf import robot_description
+from solver.inputs.driver import Sight
+from solver.model.evaluate import constraint_input_rates, evaluate_constraints, evaluate_forces, prepare
+from solver.model.saddle import new_saddle
+from solver.model.state import State, copy_state, fill_kinematics, fitting, kinematics_of, new_state
+from solver.model.tables import Model
+from solver.output.branches import BranchSwitch, BranchWatch, switches_before
+from solver.output.collect import channels_of, collect
+from solver.output.dependence import describe, scaled_jacobian
+from solver.output.energy import update_energy
+from solver.output.snapshot import layout_of, new_numbers, output_arrays
+from solver.scene import Scene
+from solver.start.displacement import displace, require_free, require_near, sight
+from solver.start.initial_conditions import InitialConditions
+from solver.start.newton import ConsistentState
+from solver.start.placement import Changes
+from solver.start.reach import beyond_reach
+from solver.step.augmented_lagrangian import perform
+from solver.step.constraint_coefficients import ConstraintCoefficients, coefficients_of, weigh
+from solver.step.failure import sentence
+from solver.step.scheme import scheme_of
+from solver.step.settings import IntegratorSettings
+from solver.step.work import NOT_CONVERGED, LastStep, Scheme, StepResult, new_work
+
+
+class Bodies:
+    """Model, state and outputs of a scene of bodies (solver.engine.Shown). Raises SpecError or SceneError.
+
+    states: the current one, and room for the next. scheme: the settings of the step as it takes them. branches: looks for branch switches
+    where the scene asks for them. rescued: branch switches across steps that failed and were divided.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+        self.model: Model = prepare(scene.model)
+        self.channels = channels_of(self.model, motions=scene.record.motions > 0.0)
+        self.chassis = self.channels.chassis or 0
+        self.settings: IntegratorSettings = scene.integrator
+        if self.settings.step_policy == 'auto':
+            self.settings = dataclasses.replace(self.settings, step_policy='rescue')
+        values = scheme_of(self.model, self.settings)
+        self.outputs = self.model.new_outputs()
+        self.layout = layout_of(self.channels)
+        self.numbers = new_numbers(self.layout)
+        frame = output_arrays(self.numbers, self.layout)
+        self.work = new_work(self.model, new_saddle(self.model, values.form), self.outputs, frame)
+        shapes = (*(Ref(new_state(self.model)) for _ in range(2)), np.zeros(len(scene.model.inputs)))  # what a step is compiled for
+        self.step_arguments = self.model.tables, Ref(values), *shapes
+        values = values._replace(step=address_of(perform, *self.step_arguments, True, self.work))
+        if values.coupled or values.full:
+            values = values._replace(weigh=address_of(weigh, self.model.tables, Ref(values), self.work))
+        self.scheme = Ref(values)
+        self.kin = Ref(self.work.kin_end)
+        self._frame = Ref(frame)
+        self.states = [Ref(new_state(self.model)), Ref(new_state(self.model))]
+        self._initial = new_state(self.model)
+        watched = scene.record.branches or scene.require.branch_switches_max is not None
+        self.branches = BranchWatch() if watched else None
+        self.rescued: list[BranchSwitch] = []
+
+    @property
+    def h(self) -> float:
+        """Step of the grid [s]."""
+        return self.scene.integrator.h_ns * 1e-9
+
+    @property
+    def state(self) -> State:
+        """The current state (the arrays themselves)."""
+        return cast(State, self.states[0].value)
+
+    @property
+    def energy(self) -> np.ndarray:
+        """The account of solver.output.energy."""
+        return cast(np.ndarray, self.work.energy)
+
+    def start(self, u: np.ndarray, explain: Callable[[StepResult], str]) -> Changes:
+        """Find the consistent state at t = 0 and keep it. explain: says why a step that seeks it failed. Raises ConsistencyError."""
+        values = cast(Scheme, self.scheme.value)
+        found = InitialConditions(
+            self.scene, self.model, self.states, values, u, chassis=self.chassis, work=self.work, explain=explain
+        ).find()  # fmt: skip
+        copy_state(self.state, self._initial)
+        return found
+
+    def reset(self) -> None:
+        """Back to the state that start() found."""
+        copy_state(self._initial, self.state)
+        self.rescued.clear()
+
+    def show(self, u: np.ndarray) -> None:
+        """Show the current state under the inputs u (nu,) where no step has led to it; the energy account begins."""
+        w, t, s, kin = self.work, self.model.tables, self.state, self.kin
+        fill_kinematics(s.q, s.v, kin)
+        evaluate_constraints(t, kin, s.angle, u, True, w.phi_end, w.J_end)
+        constraint_input_rates(t, u, w.phi_t, w.phi_tt)
+        start = ConsistentState(self.model)
+        start.project_velocity(projected := s._replace(v=s.v.copy()), u)
+        w.v_out[:] = projected.v
+        w.a_out[:], w.lam_out[:] = start.acceleration(s.q, projected.v, s.z, s.angle, u)
+        fill_kinematics(s.q, projected.v, kin)
+        evaluate_forces(t, kin, s.angle, s.z, 0.0, u, False, w.f, w.Kq, w.Kv, w.z_stage, self.outputs)
+        update_energy(t, kin, self.outputs, w.lam_out, w.phi_t, 0.0, w.energy)
+        w.u_before[:] = u
+        self.collect(u)
+
+    def collect(self, u: np.ndarray) -> None:
+        """Show the current state and the outputs that were evaluated last."""
+        w = self.work
+        collect(self.model.tables, w.chassis, self.kin, w.a_out, w.lam_out, u, self.states[0], self.outputs, self._frame)
+
+    def look(self, t: float) -> None:
+        """Look for a branch switch at time t [s], where the scene asks for it."""
+        if self.branches is not None:
+            self.branches.look(t, scaled_jacobian(self.model, self.work.J_end))
+
+    @property
+    def switches(self) -> list[BranchSwitch]:
+        """Branch switches so far: all of them if the scene asks for that, else those across steps that failed and were divided."""
+        return self.rescued if self.branches is None else self.branches.events
+
+    def place(self, x: float, y: float, heading: float) -> None:
+        """Move everything so that the chassis stands at x, y [m] with a heading [rad]. Raises SpecError for a model that is connected to
+        the world, on a road that is not the same everywhere, and for a place too far off."""
+        require_free(self.scene.model)
+        require_near(x, y)
+        displace(self.state, self.sight(), (x, y, heading))
+
+    def sight(self) -> Sight:
+        """What a driver sees now."""
+        return sight(self.state.q[self.chassis], self.state.v[self.chassis], self.model.spec.bodies[self.chassis].com)
+
+    def failure(self, result: StepResult, when: str, u: np.ndarray | None = None) -> str:
+        """Why a step failed, in one sentence that begins with `when`. u (nu,): the inputs of that step, where a driver may have asked for
+        more than the mechanism can do."""
+        why = beyond_reach(self.model, self.state, u, self.h) if u is not None and result.status == NOT_CONVERGED else ''
+        if why:
+            return f'{when}: {why}'
+        return sentence(self.model, self.scene.integrator, self.scheme, self.state, self.work, result, when)
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """State and branch switches, for fit()."""
+        watched = {} if self.branches is None else self.branches.memory()
+        return {**self.state._asdict(), 'switches': np.array(self.switches).reshape(-1, 2), **watched}
+
+    def fit(self, saved: Mapping[str, np.ndarray], k: int) -> Callable[[], None]:
+        """What takes up arrays() of step k. Raises SpecError where they are of another model, or of another version."""
+        state = State(*(fitting(name, saved.get(name), array) for name, array in self.state._asdict().items()))
+        if saved.get('audit', np.zeros(0)).shape != self.energy.shape:
+            raise SpecError('restore: the state was saved by another version of the solver; save it anew')
+        past = switches_before(saved, self.rescued, k * self.scene.integrator.h_ns * 1e-9)
+        watch = BranchWatch() if self.branches is not None else None
+        if watch is not None:
+            watch.recall(dict(saved), past)
+
+        def take_up() -> None:
+            copy_state(state, self.state)
+            self.rescued[:] = past
+            self.branches = watch
+
+        return take_up
+
+    def last_step(self) -> LastStep:
+        """What the last step worked with."""
+        w = self.work
+        return LastStep(w.phi_end, w.J_end, w.J_stage, w.phi_t, w.lam_out, w.saddle.W, w.energy)
+
+    def constraint_coefficients(self, u: np.ndarray, *, coupled: bool = False) -> dict[str, ConstraintCoefficients]:
+        """m, c, k, f of every constraint row at the current state under the inputs u (nu,)."""
+        return coefficients_of(self.model, self.state, u, self.model.new_outputs(), coupled=coupled)
+
+    def describe(self, u: np.ndarray) -> dict[str, Any]:
+        """Counts, degrees of freedom, redundancy and reactions that are not unique, at the current configuration."""
+        kin = kinematics_of(self.state.q, self.state.v)  # not that of the outputs
+        phi, J = np.zeros(self.model.n_rows), np.zeros_like(self.work.J_end)
+        evaluate_constraints(self.model.tables, kin, self.state.angle, u, True, phi, J)
+        return describe(self.model, J)
+
+    def urdf(self, joints: Mapping[str, float], pose: np.ndarray) -> str:
+        """The spanning tree of the model as URDF."""
+        return robot_description(self.model.spec, pose, dict(joints), self.scene.name)
+
+    def nbytes(self) -> int:
+        """Memory of the tables of the model, of the scratch of a step and of a state."""
+        return nbytes((self.model.tables.value, *(table.value for table in self.model.elements.values()), self.work.value, self.state))

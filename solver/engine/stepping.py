@@ -1,0 +1,163 @@
+"""The engine of bodies: steps of the augmented Lagrangian, constant or adapting (solver.step)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+
+from solver.compiled.by_reference import Ref
+from solver.compiled.kernel import address_of
+from solver.engine import Moved, instant
+from solver.engine.bodies import Bodies
+from solver.errors import SpecError
+from solver.model.saddle import CONDENSED, new_saddle
+from solver.output.branches import BranchSwitch
+from solver.output.snapshot import NO_STEPS
+from solver.scene import Scene
+from solver.start.placement import Changes
+from solver.start.rescue import turn_across
+from solver.step.adaptation import Adaptation, is_idle
+from solver.step.augmented_lagrangian import advance
+from solver.step.control import Event
+from solver.step.extrapolation import extrapolate, require_resolved_friction
+from solver.step.work import OK
+
+KINDS = ('alf', 'm_alf')  # of integrators
+
+
+class Stepping:
+    """See solver.engine.Engine. adaptation: chooses steps and penalties, where the settings let them change."""
+
+    follows = False
+
+    def __init__(self, scene: Scene) -> None:
+        if scene.integrator.kind not in KINDS:
+            raise SpecError(f'integrator: kind = {scene.integrator.kind!r}: this engine knows {", ".join(KINDS)}; use simulation_of(scene)')
+        self.scene = scene
+        self.shown = bodies = Bodies(scene)
+        self._h = bodies.h
+        settings = bodies.settings
+        # A force-like input is held over the interval of the grid: with steps of any size inside, its mean is what matters.
+        hold = 0.5 if settings.step_policy == 'error' else bodies.scheme.af
+        self.stage = 1.0 - hold
+        self.adaptation: Adaptation | None = None
+        if settings.adapts:
+            fourth = 0
+            if settings.order == 4:
+                require_resolved_friction(self.shown.model, settings.h)
+                masses = Ref(new_saddle(self.shown.model, CONDENSED))
+                fourth = address_of(extrapolate, self.shown.model.tables, masses, *bodies.step_arguments[2:], True, True, bodies.work)
+            self.adaptation = Adaptation(self.shown.model, settings, bodies.scheme, bodies.work, hold, fourth)
+
+    def start(self, u: np.ndarray) -> Changes:
+        """Find the consistent state at t = 0. Raises ConsistencyError."""
+        return self.shown.start(u, lambda result: self.shown.failure(result, instant(self.scene, 0)))
+
+    def reset(self, u: np.ndarray) -> None:
+        """Back to the start, bit for bit."""
+        self.shown.reset()
+        self._show(u)
+        if self.adaptation is not None:
+            self.adaptation.start(self.shown.state)
+
+    def _show(self, u: np.ndarray) -> None:
+        if self.shown.branches is not None:
+            self.shown.branches.reset()
+        self.shown.show(u)
+
+    def begin(self, k: int, u: np.ndarray) -> None:
+        """Go on from the present state."""
+        self._show(u)
+        if self.adaptation is not None:
+            self.adaptation.start(self.shown.state)
+
+    def show(self, k: int, u: np.ndarray) -> None:
+        """Show the present state; the account goes on."""
+        kept = self.shown.energy.copy()
+        self.shown.show(u)
+        self.shown.energy[:] = kept
+
+    def advance(self, k: int, inputs: np.ndarray, n: int, audit: bool, last: np.ndarray) -> Moved:
+        """See Engine.advance(). Where branches are looked for every step is a call of its own."""
+        bodies = self.shown
+        looks = audit and bodies.branches is not None
+        part = 1 if looks else max(n, 1)
+        total, done, held = NO_STEPS, 0, len(inputs) == 1
+        for first in range(0, n, part):
+            if self.adaptation is not None:
+                result, steps = self.adaptation.advance(
+                    bodies.states, inputs, first, part, k + done, audit, lambda k: self._look_at_rescue(k, last)
+                )
+            else:
+                result, steps = advance(bodies.model.tables, bodies.scheme, *bodies.states, inputs, first, part, audit, bodies.work)
+                if steps % 2 == 1:
+                    bodies.states.reverse()
+            done += steps
+            if steps:
+                last[:] = inputs[0 if held else done - 1]
+            total = result.counters if total is NO_STEPS else total.followed_by(result.counters)
+            if result.status != OK:
+                return Moved(done, total, bodies.failure(result, instant(self.scene, k + done), inputs[0 if held else done]))
+            if steps < part:  # somebody asks for an end
+                self.show(k + done, last)
+                break
+            if looks:
+                bodies.look((k + done) * self.scene.integrator.h_ns * 1e-9)
+        return Moved(done, total)
+
+    def _look_at_rescue(self, k: int, u: np.ndarray) -> None:
+        """Note whether the steps that replaced one that failed, up to step k of the grid, left on another branch than they came."""
+        assert self.adaptation is not None
+        bodies = self.shown
+        turn = turn_across(self.shown.model, self.adaptation.values.begin, bodies.state, u, self._h, bodies.work.J_end)
+        if turn > 0.0:
+            bodies.rescued.append(BranchSwitch((k - 1) * self.scene.integrator.h_ns * 1e-9, turn))
+
+    def arrays(self) -> dict[str, np.ndarray]:
+        """Bodies, and what adaptation remembers."""
+        adapted = {} if self.adaptation is None else {**self.adaptation.memory(), **self.adaptation.past()}
+        return {**self.shown.arrays(), **adapted}
+
+    def fit(self, saved: Mapping[str, np.ndarray], k: int) -> Callable[[np.ndarray], None]:
+        """See Engine.fit()."""
+        adapted = 'adaptation' in saved and not is_idle(dict(saved), self._h, self.shown.scheme.penalty)
+        if self.adaptation is None and adapted:
+            raise SpecError(
+                'restore: the state was saved while step or penalties were not those of the setting; set integrator.step_policy and '
+                'penalty_policy as they were'
+            )
+        bodies = self.shown.fit(saved, k)
+
+        def take_up(u: np.ndarray) -> None:
+            bodies()
+            self.shown.show(u)
+            self.shown.energy[:] = saved['audit']
+            if self.adaptation is not None:
+                if 'adaptation' in saved:
+                    self.adaptation.recall(dict(saved), k * self.scene.integrator.h_ns * 1e-9)
+                else:
+                    self.adaptation.start(self.shown.state, k)
+
+        return take_up
+
+    @property
+    def events(self) -> list[Event]:
+        """Every change of step and penalties."""
+        return self.adaptation.events if self.adaptation is not None else []
+
+    def reached(self) -> dict[str, tuple[float, float | None]]:
+        """Of a model as given nothing is followed."""
+        return {}
+
+    def totals(self, k: int) -> dict[str, Any]:
+        """See Engine.totals()."""
+        a, watch = self.adaptation, self.shown.branches
+        return {
+            'substeps': k if a is None else a.substeps,
+            'rejected': 0 if a is None else a.rejected,
+            'smallest_step': self._h if a is None else min(self._h, a.smallest),
+            'events': 0 if a is None else a.noted,
+            **({} if watch is None else {'branch_switches': len(watch.events)}),
+        }
