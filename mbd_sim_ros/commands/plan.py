@@ -6,6 +6,7 @@ import argparse
 import json
 import shutil
 import sys
+import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -90,6 +91,8 @@ def _planned(args: argparse.Namespace, scene: Scene, out: Path) -> dict[str, Any
             f'the plan cannot be kept in {location()}, so fidelity: auto does not find it; simulate the scene.yaml that is written, or '
             'plan anew with MBD_CACHE_DIR set to a place that can be written'
         )
+    if data['status'] == OK:
+        data['cost']['run'] = as_run(chosen(scene, data))
     try:
         if data['settings'] is not None and scene.resolved:
             (out / 'scene.yaml').write_text(chosen(scene, data).resolved, encoding='utf-8')
@@ -100,6 +103,19 @@ def _planned(args: argparse.Namespace, scene: Scene, out: Path) -> dict[str, Any
     except OSError as error:
         raise BagError(f'{error.filename or out}: cannot be written: {error.strerror}; choose another directory with --out') from None
     return data
+
+
+def as_run(scene: Scene) -> dict[str, float]:
+    """What `mbd run` shows of a scene, by the function that it calls: real-time factors with its recording and without (--no-record)."""
+    from mbd_sim_ros.batch import simulate
+    from solver import simulation_of
+
+    found = {}
+    with tempfile.TemporaryDirectory() as place:
+        for name, directory in (('recorded', Path(place) / 'run'), ('unrecorded', None)):
+            simulation = simulation_of(scene)
+            found[name] = simulate(simulation, simulation.scene.steps, directory=directory)['real_time_factor']
+    return found
 
 
 def describe(data: dict[str, Any]) -> str:
@@ -115,8 +131,11 @@ def describe(data: dict[str, Any]) -> str:
             ('fidelity' if data['status'] == 'ok' else 'closest', data['fidelity']),
             ('switched off', off),
             ('integrator', integrator),
-            ('cost', f'{data["cost_ratio"]:.3g} of the full vehicle at 1 ms; {cost["real_time_factor"]:.3g} times real time on one core'),
+            ('cost', f'{data["cost_ratio"]:.3g} of the full vehicle at 1 ms; steps alone {cost["real_time_factor"]:.3g} times real time'),
         ]
+        if 'run' in cost:
+            run_, plain = cost['run']['recorded'], cost['run']['unrecorded']
+            rows.append(('mbd run', f'{run_:.3g} times real time, recording included; {plain:.3g} with --no-record'))
     unseen = data['unseen']
     bound = '' if unseen['bound'] is None else f'; fewer than {100 * min(1.0, unseen["bound"]):.2g} % fail, with 95 % confidence'
     rows.append(('unseen maneuvers', f'{unseen["passed"]} passed, {unseen["failed"]} failed{bound}'))
