@@ -137,7 +137,7 @@ def _tires(scene: Scene) -> tuple[list[dict[str, Any]], str]:
     objects, text = [], ''
     distinct = {(t.data.source or t.data.name, t.turn_slip): t for t in scene.model.tires}
     for (name, _), tire in distinct.items():
-        found, said = receipt(tire.data, turn_slip=tire.turn_slip), warnings(tire.data)
+        found, said = receipt(tire.data, turn_slip=tire.turn_slip), warnings(tire.data, tire.pressure)
         wheels = [t.name for t in scene.model.tires if (t.data.source or t.data.name, t.turn_slip) == (name, tire.turn_slip)]
         counts = ', '.join(f'{number} {"key" if number == "1" else "keys"} {fate}' for fate, number in _counts(found))
         text += f'\n\ntire {name} ({", ".join(wheels)}): {counts} (every one: mbd info FILE.tir, or --json)'

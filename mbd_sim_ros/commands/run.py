@@ -44,6 +44,7 @@ def run(args: argparse.Namespace) -> Result:
     from mbd_sim_ros.batch import simulate
     from solver import simulation_of
     from solver.files.scene import load_scene
+    from solver.files.tire_receipt import told_of_tires
 
     scene = load_scene(args.scene, overrides_of(args))
     simulation = simulation_of(scene)
@@ -51,6 +52,8 @@ def run(args: argparse.Namespace) -> Result:
     data = simulate(simulation, simulation.scene.steps, directory=directory, progress=not args.json, balance=args.balance)
     covered = data.pop('covered')
     data = {'scene': scene.name, **data, 'start': simulation.start.report()}
+    if told := told_of_tires(scene.model.tires):
+        data['tires'] = told
     data['require'] = scene.require.limits
     if scene.require.accuracy:
         from solver.levels.auto import certificate_of
@@ -83,6 +86,7 @@ def describe(data: dict[str, Any], start: str, covered: Sequence[Mapping[str, An
         rows += [
             ('note', f'measured, and covered by the certificate for {required}: {found["text"].rpartition("; ")[0]}') for found in covered
         ]
+    rows += [('tire', sentence) for sentence in data.get('tires', ())]
     rows += [('REQUIREMENT' if found['required'] else 'SUSPECT', found['text']) for found in data['findings']]
     return table(rows)
 

@@ -107,7 +107,7 @@ def _longitudinal(c, kappa, a, gamma, Fz, dfz, mu, Kxk, spin):
         D = D * zeta
         SV = SV * zeta
     Fx0 = D * sin(curve(Kxk / (C * D) * k, C, E)) + SV  # (4.E9)
-    if c[I.RBX1] == 0.0:
+    if c[I.RBX1] == 0.0 and c[I.RBX3] == 0.0:
         return Fx0
     B = (c[I.RBX1] + c[I.RBX3] * g * g) * c[I.LXAL] * cos_arctan(c[I.RBX2] * kappa)  # (4.E54)
     E = at_most_one(c[I.REX1] + c[I.REX2] * dfz)
@@ -148,7 +148,7 @@ def _lateral(c, a, gamma, Fz, dfz, mu, Kya, turning, zeta, shift):
 @kernel(inline=True)
 def _lateral_weight(c, kappa, a, gamma, dfz, D):
     """(Gyk, SVyk): reduction (4.E59) and ply-steer force (4.E66) due to longitudinal slip."""
-    if c[I.RBY1] == 0.0:
+    if c[I.RBY1] == 0.0 and c[I.RBY4] == 0.0:
         return 0.0 * kappa + 1.0, 0.0 * kappa
     g = gamma * c[I.LGAY]
     B = (c[I.RBY1] + c[I.RBY4] * g * g) * c[I.LYKA] * cos_arctan(c[I.RBY2] * (a - c[I.RBY3]))  # (4.E62)

@@ -167,8 +167,9 @@ def _contact(c, damping, road, motion, surface):
     # from the centre to the road's tangent plane, or to the effective road along the normal of the base plane (solver.elements.enveloping)
     below = level * height if envelops else n[2] * height
     # loaded radius: along the wheel plane to the road, below = loaded cos(gamma). Towards a wheel that lies flat the cosine is held at
-    # half the width over the radius: the sidewall carries it. The contact point follows from the same function (virtual work).
-    flat = c[I.HALF_WIDTH] / R0
+    # half the width over the radius: the sidewall carries it. The contact point follows from the same function (virtual work). A tire that
+    # is wider than its radius is held at half of it, so that an upright wheel stands on its radius.
+    flat = min(c[I.HALF_WIDTH] / R0, 0.5)
     support = flat + ramp(cos_g - flat, flat)
     lean = 1.0 / cos_g if cos_g.real > 2.0 * flat else 0.0 * cos_g + 0.5 / flat  # (d support / d cos_g) / cos_g
     loaded = below / support

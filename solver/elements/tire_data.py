@@ -13,6 +13,7 @@ from typing import Literal
 
 import numpy as np
 
+from solver.elements.tire_limits import check
 from solver.errors import SpecError, suggestion
 from solver.validate import finite, require
 
@@ -111,6 +112,11 @@ def pack(
     return row
 
 
+def absent(values: Mapping[str, float]) -> list[str]:
+    """Names of the coefficients that have no default and are not there."""
+    return [key for key, default in DEFAULTS.items() if default is None and key not in values]
+
+
 @dataclass(frozen=True, kw_only=True)
 class TireData:
     """Scheme of one tire, by their Magic Formula names, SI units, as the file has them (sign and side included).
@@ -135,31 +141,16 @@ class TireData:
         for key in (k for k in self.values if k not in DEFAULTS):
             require(False, where, key, self.values[key], 'is not a coefficient of this model' + suggestion(key, DEFAULTS))
         values = {k: finite(where, k, v) for k, v in self.values.items()}
-        for key, default in DEFAULTS.items():
-            require(default is not None or key in values, where, key, None, 'is missing and has no default')
-        for key in ('FNOMIN', 'UNLOADED_RADIUS', 'VERTICAL_STIFFNESS', 'PCX1', 'PDX1', 'PKX1', 'PCY1', 'PKY2'):
-            require(values[key] > 0.0, where, key, values[key], 'must be positive')
-        for key in ('VERTICAL_DAMPING', 'NOMPRES', 'INFLPRES', 'FZMAX', 'BOTTOM_STIFF', 'LONGITUDINAL_STIFFNESS', 'LATERAL_STIFFNESS'):
-            require(values.get(key, 0.0) >= 0.0, where, key, values.get(key), 'must not be negative')
-        flat = 'must be positive: a tire without pressure is none that the Magic Formula describes; leave it out for NOMPRES'
-        without = self.version == 61 and values.get('INFLPRES') == 0.0 and values.get('NOMPRES', 0.0) > 0.0  # 5.2 knows no pressure
-        require(not without, where, 'INFLPRES', 0.0, flat)
-        for key in ('ELLIPS_SHIFT', 'ELLIPS_LENGTH', 'ELLIPS_HEIGHT'):
-            if key in values:
-                finite(where, key, values[key], low=0.1, high=3.0)
-        if 'ELLIPS_ORDER' in values:
-            finite(where, 'ELLIPS_ORDER', values['ELLIPS_ORDER'], low=1.0, high=10.0)
-        axes = 'must be negative: these are ISO-W axes, where Fy is positive for negative alpha'
-        require(values['PKY1'] < 0.0, where, 'PKY1', values['PKY1'], axes)
+        if missing := absent(values):
+            raise SpecError(f'{where}: missing, and without a default: {", ".join(missing)}')
         object.__setattr__(self, 'values', MappingProxyType(values))
         object.__setattr__(self, 'extra', MappingProxyType(dict(self.extra)))
         object.__setattr__(self, 'notes', MappingProxyType(dict(self.notes)))
-        row = pack(values, self.version)
+        check(where, self)
         for axis, stiffness, table in (('kappa', 'LONGITUDINAL_STIFFNESS', ('PTX1',)), ('alpha', 'LATERAL_STIFFNESS', ('PTY1', 'PTY2'))):
             known = self.version == 61 and values.get(stiffness, 0.0) > 0.0
             known = known or all(values.get(k, 0.0) > 0.0 for k in table)
             require(known, where, ' and '.join(table), None, f'no relaxation length for {axis}: give them, or {stiffness} (6.1)')
-        require(row[I.QSY7] > 0.0, where, 'QSY7', row[I.QSY7], 'must be positive')
 
     def __getitem__(self, key: str) -> float:
         """Value of a coefficient, the default where the data have none."""
@@ -170,10 +161,15 @@ class TireData:
         plain = {name: dict(getattr(self, name)) for name in ('values', 'extra', 'notes')}
         return partial(TireData, **{field.name: getattr(self, field.name) for field in fields(self)} | plain), ()
 
+    def combines(self, axis: str) -> bool:
+        """Whether combined slip weakens the force along 'x' or 'y' (4.E50), (4.E58)."""
+        slopes = ('RBX1', 'RBX3') if axis == 'x' else ('RBY1', 'RBY4')
+        return any(self[key] != 0.0 for key in slopes) and self['RCX1' if axis == 'x' else 'RCY1'] != 0.0
+
     def require_turn_slip(self, where: str) -> None:
         """Refuse data without turn slip, and coefficients with which it would not resist the turning of the wheel. Raises SpecError."""
         require(self.version == 61, where, 'turn_slip', True, 'needs data of the Magic Formula 6.1: leave it out')
-        for key in ('PHYP1', 'PHYP2', 'QCRP1', 'QDRP1'):
+        for key in ('PHYP1', 'PHYP2', 'QCRP1', 'QDRP1', 'LMP'):
             require(self[key] > 0.0, where, key, self[key], 'must be positive for turn slip')
         require(self['QDRP1'] < 2.0, where, 'QDRP1', self['QDRP1'], 'must be below 2: the shape factor of a moment that keeps its sign')
         require(self['PECP1'] < 1.0, where, 'PECP1', self['PECP1'], 'must be below 1: camber is a part of the spin')

@@ -46,9 +46,11 @@ from solver.elements.magic_formula import (
 )
 from solver.elements.marker import Context, Marker, Spec
 from solver.elements.road import RoadTable, compile_road, friction_at
+from solver.elements.slip_limits import SHORTEST
 from solver.elements.smooth import ramp, smooth_sign, smooth_step, smoother_step
 from solver.elements.tire_contact import contact_of, motion_of, real_kinematics, seeded_motion_of
 from solver.elements.tire_data import PARKING_ENDS, PARKING_FULL, ROW, I, TireData, pack
+from solver.elements.tire_limits import check
 from solver.elements.tread import give, rolling_part
 from solver.elements.turn_slip import parking_moment, saturated_moment, spin_slope
 from solver.validate import finite, require
@@ -69,7 +71,6 @@ LOWEST_SPEED = 0.1  # m/s that low_speed may be
 LEAST_LOAD = 1e-9  # load, relative to FNOMIN, from which there are forces of friction
 FULL_CONTACT = 0.02  # load, relative to FNOMIN, from which the contact point follows the road fully
 AIR_DECAY = 20.0  # rate at which contact deflections vanish in the air [1/s]
-SHORTEST = 0.03  # lower bound of the relaxation lengths [m], of small tires in proportion less (I.SMALL)
 TWIST_LENGTH = 0.17  # relaxation length of turn slip over R0: half the contact length, 53 mm of 313 mm ([P] table 9.1)
 SLIP_BOUND = 5.0  # |(kappa, tan alpha)| and R0 |phi_t| saturate smoothly towards this value at speed [-]
 LOW_SLIP = 2.0  # and towards this multiple of (peak force / slip stiffness) at standstill [-]
@@ -109,6 +110,7 @@ class TireSpec(Spec):
             self.set('pressure', finite(where, 'pressure', self.pressure, low=0.0, strict=True))
             remedy = 'the tire data have no NOMPRES, so pressure has no effect: remove it'
             require(self.data['NOMPRES'] > 0.0, where, 'pressure', self.pressure, remedy)
+            check(f'{where}: pressure = {self.pressure:g}', self.data, self.pressure)
         if self.damping is not None:
             self.set('damping', finite(where, 'damping', self.damping, low=0.0))
         self.set('low_speed', finite(where, 'low_speed', self.low_speed, low=LOWEST_SPEED))

@@ -1,8 +1,9 @@
 """Reader of tire property files (.tir) of the Magic Formula 5.0 to 6.2.
 
 A file has sections `[NAME]`, lines `KEY = value`, comments from `$`, `!` or `#` on, and tables of numbers, with or without a
-`{heading}` line. Units of dimensional entries follow [UNITS]; coefficients are dimensionless (angles in rad). Nothing is dropped
-silently: what the model does not use is kept in `extra`, what was made of a value is told in `notes` (solver.files.tire_receipt).
+`{heading}` line. Other lines are comments without a mark. Units of dimensional entries follow [UNITS]; coefficients are dimensionless
+(angles in rad). Nothing is dropped silently: what the model does not use, coefficients of another version of the formula too, is kept in
+`extra`, what was made of a value is told in `notes` (solver.files.tire_receipt).
 Format reference: MF-Tyre/MF-Swift manuals (TNO); the PAC2002 files of Adams and Chrono have the coefficients of MF 5.2.
 """
 
@@ -10,12 +11,13 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Literal
+from typing import Literal, NamedTuple
 
-from solver.elements.tire_data import DEFAULTS, TireData
+from solver.elements.tire_data import DEFAULTS, TireData, absent
 from solver.errors import SceneError, SpecError
-from solver.files.tire_completion import complete
+from solver.files.tire_completion import complete, directions
 
 _DEGREE = math.pi / 180.0
 UNITS: dict[str, dict[str, float]] = {
@@ -61,10 +63,23 @@ SIDES: dict[str, Literal['left', 'right', 'symmetric']] = {
     **{'UNKNOWN': 'left', 'UNDEFINED': 'left', '': 'left'},
 }
 MOTORCYCLE = 'PCY2'  # a coefficient that only MF-MCTyre has, whose FITTYP 51 and 52 are those of other files of the 5.2
+MOST_PASSED = 200  # lines without data; a file with wrapped comments has some, ten times as many are another file
 LARGEST_FILE = 4_000_000  # [bytes]; a tire file has some 20 000
+PRESSURE = (
+    *('NOMPRES', 'INFLPRES', 'PFZ1', 'PPX1', 'PPX2', 'PPX3', 'PPX4', 'PPY1', 'PPY2', 'PPY3', 'PPY4', 'PPY5', 'PPZ1', 'PPZ2', 'PPMX1'),
+    'QSY8',
+)
+# coefficients of 6.1 that the equations of 5.2 do not have; PAC2002 has those of pressure, overturning and rolling of 6.1
+OF_PAC2002 = (*(key for key in PRESSURE if key not in ('PFZ1', 'PPY5')), *(f'QSX{k}' for k in range(4, 12)), 'QSY5', 'QSY6', 'QSY7')
+NOT_OF_PAC2002 = (
+    *('PFZ1', 'PPY5', 'LKYC', 'LKZC', 'PKY4', 'PKY5', 'PKY6', 'PKY7', 'PEY5', 'RBX3', 'RBY4', 'QDZ10', 'QDZ11'),
+    *('QSX12', 'QSX13', 'QSX14'),
+)
 TABLES = ('SHAPE', 'DEFLECTION_LOAD_CURVE', 'BOTTOMING_CURVE')  # sections that may have a heading without braces
 
 _KEY = re.compile(r'([A-Za-z_]\w*)\s*=\s*(.*)')
+_BARE = re.compile(r'([A-Za-z_]\w*)\s*[:\s]\s*[-+.\d]')  # a key and its number without =
+_SECTION = re.compile(r'\[\s*\w[\w ]*')
 _ROW = re.compile(r'[-+.\d][-+.\deEdD]*([\s,;]+[-+.\d][-+.\deEdD]*)+')
 _HEADING = re.compile(r'[A-Za-z_]+(\s+[A-Za-z_]+)*')
 
@@ -80,13 +95,21 @@ class _Entry:
         return self.text.strip('\'"').strip()
 
 
+class Given(NamedTuple):
+    """A coefficient [SI] that a scene gives beside the file, and the place where it stands."""
+
+    value: float
+    place: str
+
+
 class _Content:
-    """Entries by (section, KEY), rows of tables (line, text) by section, and what is said of tables."""
+    """Entries by (section, KEY), rows of tables (line, text) by section, what is said of tables, lines without data by 'SECTION/line N'."""
 
     def __init__(self) -> None:
         self.entries: dict[tuple[str, str], _Entry] = {}
         self.tables: dict[str, list[tuple[int, str]]] = {}
         self.notes: dict[str, str] = {}
+        self.passed: dict[str, float | str] = {}
 
 
 def _text(path: Path) -> str:
@@ -125,6 +148,9 @@ def _content(path: Path) -> _Content:
             continue
         if line.startswith('['):
             if not line.endswith(']'):
+                if not _SECTION.fullmatch(line):
+                    content.passed[f'{section}/line {number}'] = line[:80]
+                    continue
                 raise SceneError(f'{path}:{number}: section {line!r} has no closing bracket')
             section, heading, rows = line[1:-1].strip().upper(), False, False
         elif line.startswith('{'):
@@ -141,8 +167,20 @@ def _content(path: Path) -> _Content:
         elif section in TABLES and not (heading or rows) and _HEADING.fullmatch(line):
             heading = True
         else:
-            raise SceneError(f'{path}:{number}: {line!r} is not a section, a comment, a row of a table or KEY = value')
+            _without_data(path, number, line)
+            content.passed[f'{section}/line {number}'] = line[:80]
+        if len(content.passed) > MOST_PASSED:
+            raise SceneError(f'{path}:{number}: {line[:80]!r} is the {len(content.passed)}th line without data: this is no tire file')
     return content
+
+
+def _without_data(path: Path, number: int, line: str) -> None:
+    """A line that is no data is a comment without a mark; one that gives a coefficient in another way than KEY = value is refused."""
+    match = _BARE.match(line) or _KEY.match(line)
+    key = match[1].upper() if match else ''
+    if ALIASES.get(key, key) in DEFAULTS or key in ('FITTYP', 'PROPERTY_FILE_FORMAT', 'TYRESIDE'):
+        remedy = 'write KEY = value, below a line [SECTION]; put a $ before it if it is a comment'
+        raise SceneError(f'{path}:{number}: {line!r} is not a section, a comment, a row of a table or KEY = value: {remedy}')
 
 
 def _enter(content: _Content, number: int, section: str, written: str, text: str) -> None:
@@ -183,8 +221,8 @@ def _units(path: Path, entries: dict[tuple[str, str], _Entry]) -> dict[str, floa
     return units
 
 
-def _version(path: Path, model: dict[str, _Entry]) -> tuple[Literal[52, 61], str]:
-    """(version of the equations, what is said of it): FITTYP decides; without it PROPERTY_FILE_FORMAT."""
+def _version(path: Path, model: dict[str, _Entry]) -> tuple[Literal[52, 61], str] | None:
+    """(version of the equations, what is said of it): FITTYP decides; without it PROPERTY_FILE_FORMAT; None where there is neither."""
     fit, form = model.get('FITTYP'), model.get('PROPERTY_FILE_FORMAT')
     if fit is not None and fit.text:
         name = fit.quoted.upper().removesuffix('.0')
@@ -196,7 +234,17 @@ def _version(path: Path, model: dict[str, _Entry]) -> tuple[Literal[52, 61], str
         if name not in FORMATS:
             raise SceneError(f'{path}:{form.line}: PROPERTY_FILE_FORMAT = {form.text} is not supported; allowed: {", ".join(FORMATS)}')
         return FORMATS[name], f'equations of the Magic Formula {"5.2" if FORMATS[name] == 52 else "6.1"}'
-    raise SceneError(f'{path}: [MODEL] has neither FITTYP ({", ".join(TYPES)}) nor PROPERTY_FILE_FORMAT ({", ".join(FORMATS)})')
+    return None
+
+
+def _elsewhere(version: int, model: dict[str, _Entry]) -> dict[str, str]:
+    """Coefficients that the stated version of the formula does not have, and which one that is: they do nothing."""
+    form = model['PROPERTY_FILE_FORMAT'].quoted.upper() if 'PROPERTY_FILE_FORMAT' in model else ''
+    if version == 52:
+        names = NOT_OF_PAC2002 if form == 'PAC2002' else (*NOT_OF_PAC2002, *OF_PAC2002)
+        return dict.fromkeys(names, 'PAC2002' if form == 'PAC2002' else 'the Magic Formula 5.2')
+    six = 'FITTYP' in model and model['FITTYP'].quoted.removesuffix('.0') == '60'
+    return dict.fromkeys(PRESSURE, 'the Magic Formula 6.0') if six else {}
 
 
 def _scale(key: str, units: dict[str, float]) -> float:
@@ -222,20 +270,23 @@ def _curve(path: Path, rows: list[tuple[int, str]], units: dict[str, float]) -> 
     return points
 
 
-def read_tir(path: str | Path) -> TireData:
+def read_tir(path: str | Path, given: Mapping[str, Given] | None = None) -> TireData:
     """Read a .tir file into SI units.
 
-    Keys the model does not use are kept in TireData.extra as 'SECTION/KEY'. Raises SceneError, one sentence with file and line,
-    for unreadable files, unknown formats and units, bad numbers, missing or unacceptable coefficients.
+    given: coefficients that count in place of those of the file. Keys the model does not use are kept in TireData.extra as 'SECTION/KEY'.
+    Raises SceneError, one sentence with file and line (or the place of what is given), for unreadable files, unknown formats and units,
+    bad numbers, missing or unacceptable coefficients.
     """
-    path = Path(path)
+    path, given = Path(path), given or {}
     content = _content(path)
     entries = content.entries
     units = _units(path, entries)
     model = {key: entry for (section, key), entry in entries.items() if section == 'MODEL'}
-    version, meaning = _version(path, model)
+    found = _version(path, model)
+    version, meaning = found or (61, '')
+    elsewhere = _elsewhere(version, model)
     values: dict[str, float] = {}
-    lines: dict[str, int] = {}
+    lines: dict[str, str] = {}
     notes = {'FITTYP' if 'FITTYP' in model else 'PROPERTY_FILE_FORMAT': meaning, **content.notes}
     extra: dict[str, float | str] = {}
     for (section, key), entry in entries.items():
@@ -245,7 +296,9 @@ def read_tir(path: str | Path) -> TireData:
             notes[key] = entry.note
         if key == MOTORCYCLE and version == 52 and entry.text and _number(path, key, entry) != 0.0:
             raise SceneError(f'{path}:{entry.line}: {key} = {entry.text}: is of a motorcycle tire (MF-MCTyre), which is not supported')
-        if key not in DEFAULTS:
+        if key not in DEFAULTS or (key in elsewhere and key not in given):
+            if key in elsewhere:
+                notes[key] = f'not in the equations of {elsewhere[key]}'
             try:
                 extra[f'{section}/{key}'] = float(entry.text)
             except ValueError:
@@ -254,19 +307,42 @@ def read_tir(path: str | Path) -> TireData:
             notes[key] = f'empty in line {entry.line}'
         else:
             values[key] = _number(path, key, entry) * _scale(key, units)
-            lines[key] = entry.line
+            lines[key] = f'{path}:{entry.line}'
     extra |= {f'{name}/table': '; '.join(' '.join(text.split()) for _, text in rows) for name, rows in content.tables.items()}
+    extra |= content.passed
     curves = {name: _curve(path, content.tables[name], units) for name in TABLES[1:] if name in content.tables}
     side = model.get('TYRESIDE')
     if side is not None and side.quoted.upper() not in SIDES:
         raise SceneError(f'{path}:{side.line}: TYRESIDE = {side.text}: must be LEFT, RIGHT, SYMMETRIC or UNKNOWN')
     if side is None or side.quoted.upper() not in ('LEFT', 'RIGHT', 'SYMMETRIC'):
         notes['TYRESIDE'] = 'not known: taken as LEFT'
+    for key, (value, place) in given.items():
+        if key in elsewhere:
+            raise SceneError(f'{place}: {key} = {value:g}: is not in the equations of {elsewhere[key]}, which {path} is of: leave it out')
+        notes[key] = f'given beside the file, which has {values[key]:g}' if key in values else 'given beside the file'
+        values[key], lines[key] = value, place
+    directions(values, notes)
+    missing = absent(values)
+    if 'DEFLECTION_LOAD_CURVE' in curves and set(missing) == {'VERTICAL_STIFFNESS'}:
+        missing = []
+    if missing or found is None:
+        raise SceneError(_lacking(path, missing, found is None))
     try:
-        complete(values, extra, notes, curves, version, units['LENGTH'])
+        complete(values, extra, notes, curves, version, units['LENGTH'], frozenset(given))
         which = SIDES[side.quoted.upper()] if side else 'left'
         return TireData(name=path.stem, version=version, values=values, side=which, source=path.name, extra=extra, notes=notes)
     except SpecError as error:
         message = str(error)
-        line = next((lines[k] for k in lines if f': {k} = ' in message), None)
-        raise SceneError(f'{path}:{line}: {message}' if line else f'{path}: {message}') from None
+        at = next((lines[k] for k in lines if f': {k} = ' in message), str(path))
+        raise SceneError(f'{at}: {message}') from None
+
+
+def _lacking(path: Path, missing: list[str], formless: bool) -> str:
+    """The sentence that names all a file lacks, and the two places where it may be given."""
+    says = f'[MODEL] has neither FITTYP ({", ".join(TYPES)}) nor PROPERTY_FILE_FORMAT ({", ".join(FORMATS)})' if formless else ''
+    if missing:
+        beside = ', '.join(f'{key}: ...' for key in missing)
+        lacks = f'{", ".join(missing)} {"are" if len(missing) > 1 else "is"} missing, and without a default'
+        remedy = f'give {"them" if len(missing) > 1 else "it"} in the file, or beside it in the vehicle [SI]'
+        says = f'{says}; ' * formless + f'{lacks}: {remedy}: tire: {{<<: {path.name}, values: {{{beside}}}}}'
+    return f'{path}: {says}'

@@ -16,6 +16,8 @@ from solver.errors import SpecError
 
 # Carcass stiffness over vertical stiffness of the passenger car tire 225/50 R17 of test/data (358 and 103 kN/m of 210 kN/m)
 CARCASS_X, CARCASS_Y = 1.71, 0.49
+# of FNOMIN: load of the largest cornering stiffness where no side force was measured; ten times makes it proportional to the load
+PEAK_LOAD = 1.8
 CURVE_ERROR = 0.1  # of FNOMIN: what a parabola may miss of a curve of the load
 RANGE = 2.0  # times FNOMIN: loads up to which the parabola is fitted
 
@@ -27,19 +29,50 @@ def complete(
     curves: Mapping[str, list[tuple[float, float]]],
     version: int,
     length: float,
+    given: frozenset[str] = frozenset(),
 ) -> None:
     """Complete coefficients (SI units, by name) in place and note how.
 
     extra: keys that are no coefficients. curves: (deflection [m], force [N]) of DEFLECTION_LOAD_CURVE and BOTTOMING_CURVE.
-    length: unit of length of the file [m]. Raises SpecError.
+    length: unit of length of the file [m]. given: coefficients that stay as they are. Raises SpecError.
     """
+    fixed = {key: (values[key], notes[key]) for key in given}
     if 'DEFLECTION_LOAD_CURVE' in curves:
         _load_curve(values, notes, curves['DEFLECTION_LOAD_CURVE'])
     if 'BOTTOMING_CURVE' in curves:
         _bottoming_curve(values, notes, curves['BOTTOMING_CURVE'], _number(extra, 'BOTTOMING_RADIUS', 0.0) * length)
     _scale_factors(values, extra, notes)
+    for key, (value, note) in fixed.items():
+        values[key], notes[key] = value, note
     if {'VERTICAL_STIFFNESS', 'FNOMIN', 'UNLOADED_RADIUS', 'PKX1', 'PKY1', 'PKY2'} <= values.keys():
         _relaxation(values, notes, version)
+
+
+def directions(values: dict[str, float], notes: dict[str, str]) -> None:
+    """The curve of the direction that was not measured (its three coefficients 0 or absent), in place.
+
+    It is that of the other one over tan(alpha), or kappa, at zero camber, as that of an isotropic tread is ([Pacejka2012] 3.2).
+    """
+    for axis, other, measured in (('X', 'Y', 'side'), ('Y', 'X', 'longitudinal')):
+        own = [f'P{group}{axis}1' for group in 'CDK']
+        of = [f'P{group}{other}1' for group in 'CDK']
+        if any(values.get(key, 0.0) != 0.0 for key in own) or not all(values.get(key, 0.0) != 0.0 for key in of):
+            continue
+        if axis == 'X' and not values.get('PKY2', 0.0) > 0.0:
+            continue  # refused, with its name
+        found = {f'P{group}{axis}{k}': values.get(f'P{group}{other}{k}', 0.0) for group, k in ('C1', 'D1', 'D2', 'D3', 'E1', 'E2')}
+        found[f'PD{axis}1'] = abs(found[f'PD{axis}1'])
+        if axis == 'X':  # the same stiffness and change of it with the load, at FNOMIN
+            angle = values.get('PKY4', 2.0) * math.atan(1.0 / values['PKY2'])
+            turn = values.get('PKY4', 2.0) * values['PKY2'] / (values['PKY2'] ** 2 + 1.0)  # d(angle)/d(load over FNOMIN)
+            found |= {'PKX1': -values['PKY1'] * math.sin(angle), 'PKX2': 0.0, 'PKX3': turn / math.tan(angle) - 1.0}
+        else:
+            found |= {'PKY2': PEAK_LOAD, 'PKY4': 2.0, 'PKY1': -values['PKX1'] / math.sin(2.0 * math.atan(1.0 / PEAK_LOAD))}
+        if values.get(f'PD{other}1', 0.0) < 0.0:
+            found[f'PD{axis}2'] = -found[f'PD{axis}2']
+        values |= dict.fromkeys((f'P{rest}{axis}{k}' for rest, k in ('E3', 'E4', 'H1', 'H2', 'V1', 'V2')), 0.0) | found
+        for key in found:
+            _note(notes, key, f'no {"longitudinal" if axis == "X" else "side"} force in the file: that of the {measured} force')
 
 
 def _number(extra: Mapping[str, float | str], key: str, default: float) -> float:
@@ -119,6 +152,8 @@ def _scale_factors(values: dict[str, float], extra: Mapping[str, float | str], n
                 values[key] *= stiffer
                 _note(notes, key, f'times LCZ = {stiffer:g}')
     pressure = _number(extra, 'LIP', 1.0)
+    if pressure <= 0.0:
+        raise SpecError(f'LIP = {pressure:g}: must be positive')
     if pressure != 1.0 and 'INFLPRES' in values:
         values['INFLPRES'] *= pressure
         _note(notes, 'INFLPRES', f'times LIP = {pressure:g}')

@@ -5,10 +5,15 @@ The receipt follows from the data alone, so that of a recording is that of the s
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from solver.elements.tire_data import DEFAULT_WIDTH, DEFAULTS, PARKING_ENDS, TireData
+from solver.elements.tire_limits import oddities
+
+if TYPE_CHECKING:
+    from solver.elements.tire_pacejka import TireSpec
 
 Fate = Literal['used', 'ignored', 'defaulted']
 
@@ -48,6 +53,7 @@ REASONS = {  # by key, or by what keys begin with where there is a *
     **dict.fromkeys(('BOTTOMING_RADIUS',), 'there is no BOTTOMING_CURVE'),
     **dict.fromkeys(('LKG',), 'no scale factor of the camber stiffness in 5.2'),
     **dict.fromkeys(('FE_METHOD',), 'combined slip by the coefficients RB*, RC*, not by a friction ellipse'),
+    **dict.fromkeys(('line *',), 'no KEY = value, row or section: passed over as a comment'),
     **dict.fromkeys(('USE_MODE', 'USER_SUB_ID', 'N_TIRE_STATES', 'HMAX_LOCAL', 'TIME_SWITCH_INTEG', 'LOCAL_SOLVER*', 'MESSAGES'), PROGRAM),
     **dict.fromkeys(('ROAD_*', 'CONTACT_MODEL', 'BELT_DYNAMICS', 'MFSAFE*', 'SWITCH_INTEG', 'TYPE', 'FUNCTION_NAME'), PROGRAM),
     **dict.fromkeys(('FILE_TYPE', 'FILE_VERSION', 'FILE_FORMAT', 'TIRE_VERSION', 'COMMENT*', 'GOODYEAR/*'), 'describes the file'),
@@ -72,11 +78,12 @@ def receipt(data: TireData, *, turn_slip: bool | None = None) -> list[Entry]:
                 Entry(key=place, fate='used', value=kept, why=data.notes.get(key if key != 'table' else place.rpartition('/')[0], ''))
             )
         else:
-            found.append(Entry(key=place, fate='ignored', value=kept, why=_reason(place)))
+            found.append(Entry(key=place, fate='ignored', value=kept, why=data.notes[key] if key in DEFAULTS else _reason(place)))
     if 'TYRESIDE' in data.notes and not any(place.endswith('/TYRESIDE') for place in data.extra):
         found.append(Entry(key='TYRESIDE', fate='defaulted', value='LEFT'))
+    foreign = {place.rpartition('/')[2] for place in data.extra}
     for key, default in DEFAULTS.items():
-        if key not in data.values and default is not None and not _unread(data, key, turn_slip):
+        if key not in data.values and key not in foreign and default is not None and not _unread(data, key, turn_slip):
             taken, why = _in_place_of(data, key, default)
             found.append(Entry(key=key, fate='defaulted', value=taken, why=why or data.notes.get(key, '')))
     return found
@@ -90,17 +97,62 @@ def turn_slip_of(data: TireData, turn_slip: bool | None) -> str:
     return f'none: {lacking}' if lacking else f'against parking alone, below {PARKING_ENDS:g} m/s'
 
 
-def warnings(data: TireData) -> list[str]:
-    """What is not as the file would have it and can be felt, as sentences."""
-    said = [f'{key}: {text}' for key, text in data.notes.items() if 'given twice' in text or 'no relaxation length' in text]
-    for names, direction in ((('RBX1', 'RBX2'), 'Fx'), (('RBY1', 'RBY2'), 'Fy')):
-        if not any(data[name] for name in names):
-            said.append(f'{names[0]}: the file has no combined slip of {direction}, which is that of pure slip then')
+MODES = {0: 'the load alone', 1: 'Fx and My alone', 2: 'Fy, Mx and Mz alone', 3: 'forces without combined slip'}  # USE_MODE, last digit
+
+
+def warnings(data: TireData, pressure: float | None = None) -> list[str]:
+    """What is not as the file would have it, or is odd, and can be felt, as sentences. pressure: of the tire, None for that of the data."""
+    said = [f'{key}: {text}' for key, text in data.notes.items() if 'given twice' in text]
+    for reason, keys in _grouped(data, ('no relaxation length', 'no longitudinal force', 'no side force')).items():
+        said.append(f'{", ".join(keys)}: {reason}')
+    said += _of_other_versions(data)
+    lines = [place.rpartition('/line ')[2] for place in data.extra if '/line ' in place]
+    if lines:
+        count = f'{len(lines)} lines' if len(lines) > 1 else 'a line'
+        said.append(f'{count} without data passed over as a comment: {", ".join(lines)}')
+    said += _of_mode(data)
+    for axis, name in (('x', 'RBX1'), ('y', 'RBY1')):
+        if not data.combines(axis):
+            said.append(f'{name}: the file has no combined slip of F{axis}, which is that of pure slip then')
     for key in ('Q_FCX', 'QFCX', 'Q_FCY', 'QFCY'):
         value = next((v for place, v in data.extra.items() if place.endswith('/' + key)), 0.0)
         if isinstance(value, float) and value != 0.0:
             axis = 'Fx' if key.endswith('X') else 'Fy'
             said.append(f'{key} = {value:g}: ignored; the load would be {100.0 * value * value:.2g} % smaller at {axis} = FNOMIN')
+    return said + oddities(data, pressure)
+
+
+def _grouped(data: TireData, reasons: tuple[str, ...]) -> dict[str, list[str]]:
+    """Keys by the note that they share."""
+    found: dict[str, list[str]] = {}
+    for key, text in data.notes.items():
+        if any(reason in text for reason in reasons):
+            found.setdefault(text, []).append(key)
+    return found
+
+
+def _of_other_versions(data: TireData) -> list[str]:
+    """Coefficients that the stated version does not have and that would do something in the one they are of."""
+    kept = {place.rpartition('/')[2]: value for place, value in data.extra.items()}
+    foreign: dict[str, list[str]] = {}
+    for key in DEFAULTS:
+        if key in kept and kept[key] not in (DEFAULTS[key], 0.0, '') and 'not in the equations' in data.notes.get(key, ''):
+            foreign.setdefault(data.notes[key], []).append(key)
+    names = OF_52 if data.version == 61 else ()
+    foreign['not in the equations of 6.1'] = [key for key in names if key in data.values and data.values[key] != DEFAULTS[key]]
+    return [f'{", ".join(keys)}: ignored, {reason}' for reason, keys in foreign.items() if keys]
+
+
+def _of_mode(data: TireData) -> list[str]:
+    """What USE_MODE asks for and this model does otherwise."""
+    mode = next((value for place, value in data.extra.items() if place == 'MODEL/USE_MODE'), 4.0)
+    if not isinstance(mode, float) or not mode.is_integer():
+        return []
+    said = []
+    if abs(int(mode)) % 10 in MODES:
+        said.append(f'USE_MODE = {mode:g}: ignored; it asks for {MODES[abs(int(mode)) % 10]}, and all forces act, with combined slip')
+    if mode < 0.0:
+        said.append(f'USE_MODE = {mode:g}: ignored; it asks for mirrored data, and tires are mirrored by the side of the vehicle')
     return said
 
 
@@ -146,3 +198,9 @@ def _reason(place: str) -> str:
         if place.startswith(begins) if '/' in pattern else (key.startswith(begins) if pattern.endswith('*') else key == pattern):
             return why
     return 'not known to this model'
+
+
+def told_of_tires(tires: Sequence[TireSpec]) -> list[str]:
+    """warnings() of every tire file of a model once, each with the name of the file."""
+    distinct = {(tire.data.source or tire.data.name, tire.pressure): tire for tire in tires}
+    return [f'{name}: {sentence}' for (name, _), tire in distinct.items() for sentence in warnings(tire.data, tire.pressure)]

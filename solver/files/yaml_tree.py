@@ -18,9 +18,10 @@ from typing import Any
 import yaml
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
+from solver.elements.tire_data import DEFAULTS
 from solver.errors import SceneError, suggestion
 from solver.files.naming import READERS, find, listing, names_file, one_folder_down, unfit
-from solver.files.tir import read_tir
+from solver.files.tir import Given, read_tir
 from solver.units import SUFFIXES
 
 TAGS = tuple(f'tag:yaml.org,2002:{kind}' for kind in ('map', 'seq', 'str', 'int', 'float', 'bool', 'null', 'timestamp', 'merge', 'value'))
@@ -196,12 +197,18 @@ def join(path: str, key: str) -> str:
     return f'{path}.{key}' if path else key
 
 
-def read(file: Path, roots: Sequence[Path], above: tuple[Path, ...] = (), extent: Extent | None = None) -> Node:
+def read(
+    file: Path,
+    roots: Sequence[Path],
+    above: tuple[Path, ...] = (),
+    extent: Extent | None = None,
+    given: Mapping[str, Given] | None = None,
+) -> Node:
     """Read a YAML file with everything it refers to.
 
     A value that is a file name (without quotes) ending in .yaml, or in one of READERS, is replaced by the content of that file, looked up
     beside the file, one directory above it, and in roots. Raises SceneError for files that are missing, unreadable or that
-    include themselves, and for too much of all. extent: of the file that includes this one.
+    include themselves, and for too much of all. extent: of the file that includes this one. given: coefficients beside a tire file.
     """
     extent = extent or Extent()
     if '\0' in str(file):
@@ -213,7 +220,8 @@ def read(file: Path, roots: Sequence[Path], above: tuple[Path, ...] = (), extent
     if reader is not None:
         text = read_text(file, errors='replace') if reader is read_tir else ''
         extent.text(text, name)
-        node = node_of(reader(Path(name)), yaml.Mark(name, 0, -1, 0, None, 0))
+        content = read_tir(name, given) if reader is read_tir else reader(Path(name))
+        node = node_of(content, yaml.Mark(name, 0, -1, 0, None, 0))
         if not text:  # of what is no text counts what stands for it in the resolved text
             extent.text(text_of(node), name)
         return node
@@ -238,14 +246,25 @@ def read_text(file: Path, errors: str = 'strict') -> str:
         raise SceneError(f'{file}: cannot be read: {getattr(error, "strerror", None) or "is not UTF-8 text"}') from None
 
 
-def include(node: Node, directories: Sequence[Path], above: tuple[Path, ...] = (), path: str = '', extent: Extent | None = None) -> Node:
-    """Replace references to files by their content (see read); returns the node, changed in place."""
+def include(
+    node: Node,
+    directories: Sequence[Path],
+    above: tuple[Path, ...] = (),
+    path: str = '',
+    extent: Extent | None = None,
+    given: Mapping[str, Given] | None = None,
+) -> Node:
+    """Replace references to files by their content (see read); returns the node, changed in place. given: beside a tire file."""
     extent = extent or Extent()
     extent.value(node)
     if isinstance(node, SequenceNode):
         node.value = [include(item, directories, above, f'{path}[{k}]', extent) for k, item in enumerate(node.value)]
     elif isinstance(node, MappingNode):
-        entries = [(key, include(value, directories, above, join(path, key.value), extent)) for key, value in node.value]
+        beside = _coefficients(node)
+        entries = [
+            (key, include(value, directories, above, join(path, key.value), extent, beside if key.tag == MERGE else None))
+            for key, value in node.value
+        ]
         node.value = [entry for entry in entries if entry[0].tag != MERGE]
         for base in [value for key, value in entries if key.tag == MERGE]:
             if not isinstance(base, MappingNode):
@@ -260,13 +279,34 @@ def include(node: Node, directories: Sequence[Path], above: tuple[Path, ...] = (
             raise refuse(node, path, 'no such file' + suggestion(node.value, known))
         if file.resolve() in above:
             raise refuse(node, path, 'the file includes itself')
-        return read(file, directories, above, extent)
+        return read(file, directories, above, extent, given)
     return node
 
 
+def _coefficients(node: MappingNode) -> dict[str, Given]:
+    """The coefficients under `values` beside the file of a tire, which completes it where it is read."""
+    base = next((value for key, value in node.value if key.tag == MERGE), None)
+    values = next((value for key, value in node.value if key.value == 'values'), None)
+    if not (isinstance(base, ScalarNode) and base.value.endswith('.tir') and isinstance(values, MappingNode)):
+        return {}
+    given = {}
+    for key, value in values.value:
+        if key.value not in DEFAULTS:
+            raise refuse(value, f'values.{key.value}', 'is not a coefficient of this model' + suggestion(key.value, DEFAULTS))
+        if not (isinstance(value, ScalarNode) and value.tag.endswith((':float', ':int'))):
+            raise refuse(value, f'values.{key.value}', 'must be a number')
+        given[key.value] = Given(float(yaml.safe_load(value.value)), where(value))
+    return given
+
+
+def _is_whole(node: Node) -> bool:
+    """Whether a mapping is the content of a file that is no YAML: another tire has nothing of the one before it."""
+    return node.start_mark.line < 0 and Path(str(node.start_mark.name)).suffix in READERS
+
+
 def _changed(base: MappingNode, changes: MappingNode) -> MappingNode:
-    """A mapping with the values of another: mappings in it are changed likewise, unless they become another `kind`; all else is replaced,
-    also where it has another unit there (see override)."""
+    """A mapping with the values of another: mappings in it are changed likewise, unless they become another `kind` or tire; all else is
+    replaced, also where it has another unit there (see override)."""
     result = MappingNode(base.tag, list(base.value), base.start_mark, base.end_mark, flow_style=base.flow_style)
     for key, value in changes.value:
         at = _place(result, key.value, not isinstance(value, MappingNode))
@@ -274,7 +314,8 @@ def _changed(base: MappingNode, changes: MappingNode) -> MappingNode:
             result.value.append((key, value))
             continue
         old = result.value[at][1]
-        if isinstance(old, MappingNode) and isinstance(value, MappingNode) and _kind(value) in ('', _kind(old)):
+        same = isinstance(old, MappingNode) and isinstance(value, MappingNode) and _kind(value) in ('', _kind(old))
+        if same and not _is_whole(value):
             value = _changed(old, value)
         result.value[at] = (key, value)
     return result

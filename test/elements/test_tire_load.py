@@ -102,3 +102,9 @@ def test_pressure_stiffens_the_tire() -> None:
     soft, hard = tire(), tire(pressure=1.2 * 230e3)
     load = [value(e, e.evaluate(wheel(), zp=(0, 0)), 'fz') for e in (soft, hard)]
     assert load[1] / load[0] == pytest.approx(1.14, rel=1e-12)
+
+
+def test_a_tire_wider_than_its_radius_stands_on_its_radius() -> None:
+    """Half the width over the radius holds the cosine of camber of a wheel that lies flat; an upright wheel has nothing of it."""
+    narrow, wide = (tire(TireData(name='kart', version=61, values={**CAR.values, 'WIDTH': width})) for width in (0.2, 0.5))
+    assert load_at(wide, 0.3) == load_at(narrow, 0.3) > 0.0
