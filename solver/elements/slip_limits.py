@@ -10,10 +10,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from solver.elements.tire_data import small_tire
-from solver.elements.upright_law import LOADS, WIDE, Finding, UprightLaw, argument
+from solver.elements.upright_law import LOADS, WIDE, Finding, UprightLaw, argument, small_tire
 
-SHORTEST = 0.03  # [m] least relaxation length, of small tires in proportion less: a tenth makes steps of 1 ms too long at 3 m/s, ten times is that of a car tire
+SHORTEST = 0.03  # [m] least relaxation length, of small tires less: a tenth makes steps of 1 ms too long, ten times is that of a car
 LEAN = math.radians(5.0)  # camber of a car in use, where the law must hold; up to CAMMAX what changes its sign is told
 SLIPS = np.array([0.1, 0.2, 0.5, 1.0, 2.0, 5.0])  # tan(alpha), or |kappa|, up to the bound of slip
 RELAXATION = {'x': ('LONGITUDINAL_STIFFNESS', 'PCFX', 'PTX1'), 'y': ('LATERAL_STIFFNESS', 'PCFY', 'PTY1')}

@@ -14,6 +14,7 @@ from typing import Literal
 import numpy as np
 
 from solver.elements.tire_limits import check
+from solver.elements.upright_law import small_tire
 from solver.errors import SpecError, suggestion
 from solver.validate import finite, require
 
@@ -65,13 +66,7 @@ vars(I).update({name: k for k, name in enumerate((*DEFAULTS, *DERIVED))})
 DEFAULT_GAMMA_MAX = np.deg2rad(15.0)  # camber range when the file gives none
 PARKING_FULL, PARKING_ENDS = 2.5, 5.0  # speeds over ground up to which the moment against turning on the spot acts fully, and at all [m/s]
 PARKING_LOAD = 3.0  # over FNOMIN: up to this load data must resist turning on the spot
-SMALL_TIRE = 0.2  # radius [m] below which lengths that smooth or bound the contact, and speeds of standstill (Froude), shrink with the tire
 DEFAULT_WIDTH = 0.65  # width over radius when the file gives none: that of passenger car tires
-
-
-def small_tire(radius: float) -> float:
-    """Of a tire of this unloaded radius [m] the factor of lengths that are meant for tires of vehicles: 1 from SMALL_TIRE on."""
-    return min(1.0, float(radius) / SMALL_TIRE)
 
 
 def pack(

@@ -17,6 +17,12 @@ LOADS = np.linspace(0.2, 1.2, 21)  # of FNOMIN: loads of any use, where the law 
 WIDE = np.linspace(0.2, 2.0, 37)  # of FNOMIN: loads of hard use, where what is odd is told
 BEYOND = 3.0  # of FNOMIN: loads up to which what changes its sign is told where the file states no FZMAX
 FASTEST = 16.0  # Froude number of the reference speed, v over sqrt(g R0): 28 m/s of a wheel of 0.3 m; ten times is no road speed
+SMALL_TIRE = 0.2  # radius [m] below which lengths that smooth or bound the contact, and speeds of standstill (Froude), shrink with the tire
+
+
+def small_tire(radius: float) -> float:
+    """Of a tire of this unloaded radius [m] the factor of lengths that are meant for tires of vehicles: 1 from SMALL_TIRE on."""
+    return min(1.0, float(radius) / SMALL_TIRE)
 
 
 class Finding(NamedTuple):

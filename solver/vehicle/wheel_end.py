@@ -19,8 +19,8 @@ from solver.elements.coordinate import CoordinateSpec
 from solver.elements.joint import JointSpec
 from solver.elements.marker import Marker
 from solver.elements.rigid_body import RigidBodySpec
-from solver.elements.tire_data import small_tire
 from solver.elements.tire_pacejka import LOWEST_SPEED, TireData, TireSpec
+from solver.elements.upright_law import small_tire
 from solver.model.frames import frame_of_rpy, matrix, quaternion
 from solver.validate import Vector, finite, require
 from solver.vehicle.end_stops import Linkage
