@@ -17,7 +17,6 @@ from pathlib import Path
 
 import numpy as np
 
-from solver.compiled.cache import location
 from solver.errors import SpecError
 
 DIGEST = re.compile(r'\b[0-9a-f]{64}\b')
@@ -71,6 +70,8 @@ def named_in(text: str) -> dict[str, bytes]:
 
 
 def _file(digest: str) -> Path:
+    from solver.compiled.cache import location  # which brings numba: readers of recordings that hold none do without
+
     return location() / 'arrays' / digest
 
 
