@@ -9,12 +9,15 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from mbd_sim_ros.messages.cdr import template
 from mbd_sim_ros.messages.topics import ARRAY
+
+if TYPE_CHECKING:
+    from solver.simulation import Simulation
 
 
 class Applied:
@@ -61,7 +64,7 @@ class Applied:
         self._count = 0
 
 
-def begin_of(simulation: Any) -> dict[str, str]:
+def begin_of(simulation: Simulation) -> dict[str, str]:
     """What a recording that begins now says about its beginning: entries for its description."""
     begin = {'start_step': str(simulation.k)}
     if simulation.k or getattr(simulation, 'displaced', False):

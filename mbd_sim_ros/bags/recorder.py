@@ -36,6 +36,7 @@ from solver.errors import BagError
 
 if TYPE_CHECKING:
     from solver.model.spec import ModelSpec
+    from solver.simulation import Simulation
 
 POLL_SECONDS = 0.02  # between deliveries to the recording process
 DELIVERY_STEPS = 256  # at most in one delivery
@@ -67,7 +68,7 @@ def describe(*, scene: str, resolved_yaml: str, parameters: Mapping[str, Any] | 
     }
 
 
-def about(simulation: Any, *, reactions: bool) -> dict[str, str]:
+def about(simulation: Simulation, *, reactions: bool) -> dict[str, str]:
     """Further entries of a description: what a reader needs to understand the channels of a simulation."""
     channels = simulation.channels
     joint_kinds = dict(zip(channels.joints, channels.joint_kinds, strict=True))

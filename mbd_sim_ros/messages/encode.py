@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 import struct
 from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -24,6 +24,10 @@ from solver.files.urdf import link_of
 from solver.model.spec import ModelSpec
 from solver.output.sensors import Sensors
 from solver.output.snapshot import NO_STEPS, Channels, Snapshot, layout_of, new_numbers
+
+if TYPE_CHECKING:
+    from solver.scene import Scene
+    from solver.simulation import Simulation
 
 PARTS = 64  # selections of topics that are remembered
 STAMP = struct.Struct('<iI')  # builtin_interfaces/Time: s, ns
@@ -178,7 +182,7 @@ class Messages:
         self._lay_out(templates, filled, applied)
 
     @classmethod
-    def of(cls, scene: Any, simulation: Any, frame_prefix: str = '') -> Messages:
+    def of(cls, scene: Scene, simulation: Simulation, frame_prefix: str = '') -> Messages:
         """The encoder of what a simulation (solver.simulation.Simulation or alike) shows, as its scene has it recorded."""
         channels, record = simulation.channels, scene.record
         h = simulation.h_ns * 1e-9

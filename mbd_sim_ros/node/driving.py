@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -16,6 +16,10 @@ from solver.inputs.hands import STEERING, CommandSource, commands_of, uncommande
 from solver.inputs.maneuver import base_names
 from solver.levels.road_wheel import steering_map, steering_wheel_at
 
+if TYPE_CHECKING:
+    from solver.scene import Scene
+    from solver.simulation import Simulation
+
 
 class Driving:
     """Whoever drives a simulation over topics. names: of the commands, as the loop latches them; uncommanded: inputs that none is for.
@@ -26,7 +30,7 @@ class Driving:
 
     loop: Loop
 
-    def __init__(self, scene: Any, simulation: Any, value: Callable[[str], Any]) -> None:
+    def __init__(self, scene: Scene, simulation: Simulation, value: Callable[[str], Any]) -> None:
         self.simulation, self._scene, self._value = simulation, scene, value
         self.deaf = value('commands') != 'topics'
         self.names = commands_of(simulation.channels.inputs, scene.actuation.steering)

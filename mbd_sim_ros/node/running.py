@@ -8,7 +8,7 @@ import traceback
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from rclpy.node import Node
 from rclpy.publisher import Publisher
@@ -32,6 +32,10 @@ from solver.analysis.verdict import Finding
 from solver.errors import BagError, MbdError, SpecError
 from solver.inputs.hands import place_of
 from solver.output.snapshot import Snapshot
+
+if TYPE_CHECKING:
+    from solver.scene import Scene
+    from solver.simulation import Simulation
 
 MIXED = 'who listens hears both, mixed; give one of the two a namespace (-r __ns:=/car2)'
 JUMPS = (
@@ -61,7 +65,7 @@ class Running:
     Raises MbdError.
     """
 
-    def __init__(self, node: Node, scene: Any, simulation: Any, *, first: bool = True) -> None:
+    def __init__(self, node: Node, scene: Scene, simulation: Simulation, *, first: bool = True) -> None:
         """first: of the node; others do not restore the state, nor record into the directory, that its parameters name."""
         self.node, self.scene, self.simulation = node, scene, simulation
         self._priority = 0
@@ -241,7 +245,9 @@ class Running:
         return seen - k - 1
 
     def _passed(self) -> None:
-        self.recording.note(self.simulation.k, self.simulation.applied)
+        applied = self.simulation.applied
+        assert applied is not None  # a node steps with engines that take inputs
+        self.recording.note(self.simulation.k, applied)
 
     def _emit(self, snapshot: Snapshot) -> None:
         self.envelope.look(snapshot)

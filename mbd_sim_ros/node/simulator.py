@@ -6,7 +6,7 @@ from collections.abc import Callable
 from concurrent.futures import Future, wait
 from contextlib import suppress
 from threading import Thread
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -29,6 +29,10 @@ from mbd_sim_ros.node.running import Running
 from mbd_sim_ros.node.services import asked, serve
 from solver.compiled import interruption
 from solver.errors import SpecError
+
+if TYPE_CHECKING:
+    from solver.scene import Scene
+    from solver.simulation import Simulation
 
 LOOK = 0.05  # s between looks for signals while a scene is prepared
 TOLD = Duration(seconds=0.2)  # what subscribers may take for the last message
@@ -78,7 +82,7 @@ class Simulator(Node):
             self.running.look_at_rates(rates)
         return SetParametersResult(successful=True)
 
-    def open(self, scene: Any, simulation: Any) -> None:
+    def open(self, scene: Scene, simulation: Simulation) -> None:
         """Connect a simulation (solver.simulation.Simulation or alike) and start it. Raises MbdError."""
         self.running = Running(self, scene, simulation)
         self.add_on_set_parameters_callback(self._on_set)

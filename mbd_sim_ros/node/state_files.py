@@ -8,7 +8,7 @@ import time
 from collections.abc import Mapping
 from itertools import count
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -22,6 +22,10 @@ from solver.model.spec import ModelSpec
 from solver.model.state import fitting, load_arrays
 from solver.output.snapshot import TIRE_COLUMNS
 
+if TYPE_CHECKING:
+    from solver.scene import Scene
+    from solver.simulation import Simulation
+
 
 class Part(Protocol):
     """What makes inputs and has a memory."""
@@ -29,7 +33,7 @@ class Part(Protocol):
     state: np.ndarray
 
 
-def hand_over(simulation: Any, parts: Mapping[str, Part], *, commanded: bool) -> None:
+def hand_over(simulation: Simulation, parts: Mapping[str, Part], *, commanded: bool) -> None:
     """Have what does not act now stand where things are, for whoever drives where the state is restored goes on from there.
 
     commanded: topics drive, and the driver of the scene does not act; else its maneuver does, and the filter behind the commands does not;
@@ -50,7 +54,7 @@ def hand_over(simulation: Any, parts: Mapping[str, Part], *, commanded: bool) ->
             part.begin(inputs, None)
 
 
-def save(scene: Any, simulation: Any, parts: Mapping[str, Part], commands: Mapping[str, float]) -> Path:
+def save(scene: Scene, simulation: Simulation, parts: Mapping[str, Part], commands: Mapping[str, float]) -> Path:
     """Write the state of a simulation into a file in the current directory, and return that.
 
     parts: by name, what makes its inputs, `steering` among them. commands: by name, those that are in force. Raises SpecError where the
@@ -77,7 +81,7 @@ def save(scene: Any, simulation: Any, parts: Mapping[str, Part], commands: Mappi
     return path.resolve()
 
 
-def restore(path: Path, scene: Any, simulation: Any, parts: Mapping[str, Part]) -> dict[str, float]:
+def restore(path: Path, scene: Scene, simulation: Simulation, parts: Mapping[str, Part]) -> dict[str, float]:
     """Go on from a state file; returns the commands that were in force, by name: none of files of older versions.
 
     Of another scene of the same vehicle come its motion and what was commanded; actuators begin at the inputs in force, and where only
@@ -118,7 +122,7 @@ def restore(path: Path, scene: Any, simulation: Any, parts: Mapping[str, Part]) 
     return commands
 
 
-def jump(simulation: Any, rate: float) -> str:
+def jump(simulation: Simulation, rate: float) -> str:
     """What a maneuver does to the steering wheel in the next step, if that is faster than `rate` [rad/s] and the wheel is not where it had
     it: it does not ask where that stands. '' where it does not, or where a driver or an actuator turns the wheel."""
     sources, names, inputs = simulation.sources, simulation.channels.inputs, simulation.snapshot().inputs
@@ -136,7 +140,7 @@ def jump(simulation: Any, rate: float) -> str:
     )
 
 
-def _require_above_the_road(path: Path, scene: Any, simulation: Any) -> None:
+def _require_above_the_road(path: Path, scene: Scene, simulation: Simulation) -> None:
     """Raise SpecError where the road lies so much higher than that of the file that the rim of a wheel is in it: it would be hurled up."""
     deflection = TIRE_COLUMNS.index('deflection')
     tires = {tire.name: tire.data.values for tire in getattr(scene.model, 'tires', ())}

@@ -18,6 +18,7 @@ from solver.analysis.verdict import Finding, findings
 from solver.errors import MbdError, SpecError
 from solver.quantities import Quantity, quantity
 from solver.scene import Scene
+from solver.simulation import Simulation
 from solver.trade.setting import Setting
 from solver.vehicle.size import size_of
 
@@ -70,7 +71,7 @@ class Going:
         self._rows: list[np.ndarray] = []
         self._t: list[int] = []
         self._failure = ''
-        self._simulation: Any = None
+        self._simulation: Simulation | None = None
         try:
             s = self._simulation = simulation_of(setting.of(scene))
             if start is not None:
@@ -96,8 +97,9 @@ class Going:
 
     def to(self, until: float) -> Run:
         """The run up to a time [s]."""
-        s = self._simulation
         if not self._failure:
+            s = self._simulation
+            assert s is not None  # or making it has failed
             last = round(until * 1e9)
             try:
                 while (s.k + self._every) * s.h_ns <= last:
@@ -113,7 +115,7 @@ class Going:
 
     def findings(self) -> tuple[Finding, ...]:
         """What makes the run so far suspect; nothing of one that failed, or was made without audit."""
-        if self._failure or self._envelope is None:
+        if self._failure or self._envelope is None or self._simulation is None:
             return ()
         return (*findings(self._simulation), *self._envelope.findings())
 

@@ -35,7 +35,7 @@ def opened(tmp_path, monkeypatch):
         given = [text for name, value in parameters.items() for text in ('-p', f'{name}:={json.dumps(value)}')]
         rclpy.init(args=['--ros-args', *given], domain_id=int(DOMAIN))
         nodes.append(Simulator(lambda name, overrides: (scene(name=name), Synthetic())))
-        nodes[0].open(scene(), Synthetic())
+        nodes[0].open(scene(), Synthetic())  # type: ignore[arg-type]  # stand-ins
         return nodes[0]
 
     yield opened
