@@ -20,9 +20,10 @@ from mbd_sim_ros.messages.encode import Messages, require_finite
 from solver.analysis.balance import Balance
 from solver.analysis.covered import weighed
 from solver.analysis.envelope import Envelope
-from solver.analysis.verdict import OK, SUSPECT, Finding, passes, report
+from solver.analysis.verdict import OK, SUSPECT, passes, report
 from solver.errors import MbdError, StepError
 from solver.files.scene import load_scene_text
+from solver.findings import Finding
 from solver.simulation import Simulation
 
 UNRECORDED_CHUNK = 100  # steps per call when nobody looks between

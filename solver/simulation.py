@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable
-from typing import TYPE_CHECKING, cast, final
+from typing import cast, final
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from solver.engine import Engine
 from solver.engine.bodies import Bodies
 from solver.engine.stepping import Stepping
 from solver.errors import SpecError, StepError
+from solver.findings import LevelReport
 from solver.inputs.assistance import Feel, feel_of
 from solver.inputs.maneuver import ManeuverSource
 from solver.inputs.recorded import RecordedSource
@@ -28,9 +29,6 @@ from solver.step.constraint_coefficients import ConstraintCoefficients
 from solver.step.control import Event
 from solver.step.work import LastStep
 from solver.vehicle.actuation import assisted_wheels, reaches, steering_reaches
-
-if TYPE_CHECKING:
-    from solver.levels.derived import LevelReport
 
 
 @final

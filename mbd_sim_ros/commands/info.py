@@ -14,7 +14,7 @@ from solver.errors import MbdError
 
 if TYPE_CHECKING:
     from solver.files.tire_receipt import Entry
-    from solver.levels.derived import LevelReport
+    from solver.findings import LevelReport
     from solver.scene import Scene
     from solver.vehicle.size import Size
 

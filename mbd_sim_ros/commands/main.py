@@ -30,7 +30,6 @@ if PROGRAM:
 
 import argparse
 import json
-import math
 import re
 import signal
 import traceback
@@ -38,7 +37,23 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout, suppress
 from typing import Any, NoReturn
 
-from mbd_sim_ros.commands import bench, compare, compile, evaluate, export, info, maneuver, plan, recover, replay, run, study, sweep, view
+from mbd_sim_ros.commands import (
+    bench,
+    compare,
+    compile,
+    evaluate,
+    export,
+    info,
+    maneuver,
+    plain,
+    plan,
+    recover,
+    replay,
+    run,
+    study,
+    sweep,
+    view,
+)
 from solver.errors import MbdError, missing, refused, suggestion
 
 COMMANDS = (info, run, plan, maneuver, sweep, export, compare, evaluate, view, replay, recover, study, bench, compile)
@@ -223,19 +238,6 @@ def _output(as_json: bool) -> Iterator[_Output]:
         if not captured:
             with suppress(OSError):
                 out.stream.close()
-
-
-def plain(value: Any) -> Any:
-    """A value as JSON can hold it: numbers of numpy as numbers, those that are not finite as null."""
-    if isinstance(value, dict):
-        return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(v) for v in value]
-    if hasattr(value, 'item'):
-        value = value.item()
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value if isinstance(value, str | int | float | bool | None) else str(value)
 
 
 def one_sentence(text: str) -> str:

@@ -73,8 +73,8 @@ def _driven(args: argparse.Namespace, driving: Driving, evaluations: Sequence[Ev
     """Drive what is not there yet, judge, write the report."""
     from mbd_sim_ros.analysis.evaluation import judging
     from mbd_sim_ros.analysis.pages import write_text
+    from mbd_sim_ros.commands import plain
     from mbd_sim_ros.commands.evaluate import report
-    from mbd_sim_ros.commands.main import plain
 
     directory, results, found = driving.directory, [], {}
     refused: dict[str, MbdError] = {}  # one maneuver of a norm may be none for a car that drives the others

@@ -1,1 +1,3 @@
 """The ROS 2 node."""
+
+PREPARING = 'preparing'  # the thread that ~/load has for it

@@ -11,8 +11,9 @@ from mbd_sim_ros.node.commands import commanded
 from mbd_sim_ros.node.loop import Loop
 from solver.analysis.covered import Weighed, weighed
 from solver.analysis.envelope import Envelope
-from solver.analysis.verdict import OK, SUSPECT, Finding
+from solver.analysis.verdict import OK, SUSPECT
 from solver.errors import BagError
+from solver.findings import Finding
 from solver.simulation import Simulation
 
 SLOW = 0.98  # of the wanted rate, below which real time is not kept

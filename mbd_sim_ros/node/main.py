@@ -13,6 +13,7 @@ from mbd_sim_ros import beginning
 beginning.hold('simulator', 'mbd_sim_ros.node.main')
 
 from mbd_sim_ros import interrupts
+from mbd_sim_ros.node import PREPARING
 
 
 def _say(text: str) -> None:
@@ -31,7 +32,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-PREPARING = 'preparing'  # the thread that ~/load has for it
 SWITCH = 2e-5  # s; with 2e-4 a step in a second came late, the one beside the diagnostics
 LOOK = 0.25  # s between looks for the end and for signals; every one costs the simulation some of the interpreter lock
 

@@ -16,8 +16,9 @@ from mbd_sim_ros.node.diagnostics import judged
 from mbd_sim_ros.node.loop import Loop
 from mbd_sim_ros.node.parameters import PARAMETERS
 from solver.analysis.envelope import Envelope
-from solver.analysis.verdict import OK, SUSPECT, Finding, report
+from solver.analysis.verdict import OK, SUSPECT, report
 from solver.errors import BagError
+from solver.findings import Finding
 from solver.output.snapshot import Snapshot
 from solver.scene import Scene
 

@@ -28,8 +28,8 @@ from mbd_sim_ros.node.parameters import RATES
 from mbd_sim_ros.node.publish import Publication
 from mbd_sim_ros.node.recording import Recording
 from solver.analysis.envelope import Envelope
-from solver.analysis.verdict import Finding
 from solver.errors import BagError, MbdError, SpecError
+from solver.findings import Finding
 from solver.inputs.hands import place_of
 from solver.output.snapshot import Snapshot
 

@@ -18,12 +18,12 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from mbd_sim_ros import interrupts
+from mbd_sim_ros.node import PREPARING
 from mbd_sim_ros.node.commands import Commanded, commanded
 from mbd_sim_ros.node.diagnostics import diagnosis
 from mbd_sim_ros.node.graph import SAID_HERE, Ear, Graph, follow
 from mbd_sim_ros.node.interfaces import Interfaces
 from mbd_sim_ros.node.loop import Loop
-from mbd_sim_ros.node.main import PREPARING
 from mbd_sim_ros.node.parameters import RATES, declare, refusal, unknown
 from mbd_sim_ros.node.running import Running
 from mbd_sim_ros.node.services import asked, serve

@@ -21,10 +21,11 @@ from mbd_sim_ros.sweep.design import Figure
 from solver import simulation_of
 from solver.analysis.covered import weighed
 from solver.analysis.envelope import Envelope
-from solver.analysis.verdict import Finding, report
+from solver.analysis.verdict import report
 from solver.errors import BagError, MbdError
 from solver.files.scene import load_scene_text
 from solver.files.yaml_tree import keys_of
+from solver.findings import Finding
 from solver.levels.auto import beside_text
 from solver.quantities import Quantity, lengths, quantity
 

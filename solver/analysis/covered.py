@@ -14,35 +14,14 @@ reason to choose another setting.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import NamedTuple
 
 from solver.analysis.envelope import Envelope
-from solver.analysis.verdict import Finding, findings
+from solver.analysis.verdict import findings
+from solver.findings import COARSE, Certified, Finding, kind_of
 from solver.simulation import Simulation
 
-COARSE = ('turn_per_step', 'resolution', 'phase', 'validity', 'envelope')
 OF_SCENE = ('road_curvature', 'rotation', 'rollover', 'tire_deflection', 'tire_load')
-ANYWHERE = ('turn_per_step',)  # iterations contract by the largest turn, whichever body makes it; of four wheels now one, now another
-WORSE = 0.1  # of the value: as much as a plan leaves free of a limit for maneuvers beside those it chose on (solver.trade.search)
-
-
-@dataclass(frozen=True, kw_only=True)
-class Certified:
-    """A finding of the runs that a plan was measured on: its kind (quantity, what it says, where) and how far it went beyond a limit."""
-
-    quantity: str
-    what: str
-    where: str
-    value: float
-    limit: float
-    unit: str
-
-    def covers(self, finding: Finding) -> bool:
-        """Whether a finding is the same, beyond the same end of a range, and not considerably worse."""
-        if finding.quantity not in COARSE or finding.required or _kind(finding) != _kind(self):
-            return False
-        return _side(self) * (finding.value - self.value) <= WORSE * abs(self.value)
 
 
 class Weighed(NamedTuple):
@@ -71,7 +50,7 @@ def certified_of(found: Iterable[Finding]) -> tuple[Certified, ...]:
     """What of the findings of several runs a certificate covers, of each kind the worst."""
     worst: dict[tuple[str, str, str, float], Certified] = {}
     for finding in found:
-        kind = _kind(finding)
+        kind = kind_of(finding)
         if finding.quantity not in COARSE or finding.required:
             continue
         quantity, what, where, _ = kind
@@ -80,12 +59,3 @@ def certified_of(found: Iterable[Finding]) -> tuple[Certified, ...]:
         if known is None or abs(one.value - one.limit) > abs(known.value - known.limit):
             worst[kind] = one
     return tuple(worst.values())
-
-
-def _kind(one: Finding | Certified) -> tuple[str, str, str, float]:
-    return one.quantity, one.what, '' if one.quantity in ANYWHERE else one.where, _side(one)
-
-
-def _side(one: Finding | Certified) -> float:
-    """Beyond which end of its range: 1 above the upper, -1 below the lower one. What was measured to the left says nothing of the right."""
-    return 1.0 if one.value > one.limit else -1.0

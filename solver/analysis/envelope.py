@@ -18,21 +18,18 @@ import copy
 import math
 import threading
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from solver.analysis.impossible import Impossible, Seen
-from solver.analysis.verdict import Finding
 from solver.elements.tire_pacejka import TIRE_COLUMNS
+from solver.findings import Finding, Limit
 from solver.output.snapshot import Channels, Snapshot, layout_of
 from solver.quantities import Quantity, names, quantity
 from solver.simulation import Simulation
 from solver.vehicle.size import Size, size_of
 from solver.vehicle.trailer import TRAILER
-
-if TYPE_CHECKING:
-    from solver.levels.derived import Limit
 
 ROWS = 64  # snapshots that are looked at together
 BEYOND = 0.02  # of the range: what a run may leave it by, since maneuvers between those that were tried may; of a narrow one, of `least`

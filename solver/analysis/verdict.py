@@ -52,7 +52,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -61,6 +61,7 @@ from solver.analysis.exchange import allowed_energy_error, exchanged
 from solver.compiled.portable import norm
 from solver.elements.bushing import BushingSpec
 from solver.elements.road import RandomRoad, edge, envelops
+from solver.findings import Finding
 from solver.inputs.maneuver import ManeuverSource
 from solver.inputs.recorded import RecordedSource
 from solver.inputs.unresolved import LARGEST
@@ -81,32 +82,6 @@ UNSETTLED_SHARE = 0.01  # of the steps: an impact may leave a step a digit less 
 ENERGIES = (account.ENERGY, account.WORK, account.GROSS, account.WORST, account.KINETIC_HIGH, account.POTENTIAL_LOW, account.POTENTIAL_HIGH)
 STEERING_END = 'steering_end'
 SUSPECT, OK = 'suspect', 'ok'
-
-
-@dataclass(frozen=True, kw_only=True)
-class Finding:
-    """What makes a run suspect.
-
-    quantity: as in `require` where there is such a limit. time: of the worst instant [s], None when it has none. where: the body or
-    constraint row that is worst, or empty. required: whether the limit is one that the scene requires.
-    """
-
-    quantity: str
-    value: float
-    limit: float
-    unit: str
-    time: float | None
-    where: str
-    required: bool
-    text: str
-
-    def __str__(self) -> str:
-        return self.text
-
-    @property
-    def what(self) -> str:
-        """What it says, without numbers: with quantity and where the kind of the finding."""
-        return self.text.partition(f' {self.value:.3g}')[0]
 
 
 def findings(simulation: Simulation, real_time_factor: float | None = None) -> list[Finding]:

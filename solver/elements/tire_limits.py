@@ -9,17 +9,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from solver.elements.slip_limits import camber, combined, force, moments, relaxation
-from solver.elements.upright_law import Finding, UprightLaw
+from solver.elements.upright_law import Coefficients, Finding, UprightLaw
 from solver.errors import SpecError
-
-if TYPE_CHECKING:
-    from solver.elements.tire_data import TireData
-
 
 POSITIVE = ('FNOMIN', 'UNLOADED_RADIUS', 'VERTICAL_STIFFNESS', 'LONGVL', 'PCX1', 'PDX1', 'PKX1', 'PCY1', 'PKY2', 'PKY4')
 DIVISORS = ('LFZO', 'LCX', 'LMUX', 'LKX', 'LCY', 'LMUY', 'LKY')
@@ -39,19 +34,19 @@ RANGES = {  # (lowest, highest, what it is)
 }
 
 
-def check(where: str, data: TireData, pressure: float | None = None) -> None:
+def check(where: str, data: Coefficients, pressure: float | None = None) -> None:
     """Refuse a tire that the equations do not describe. pressure: inflation pressure [Pa], None for that of the data. Raises SpecError."""
     for found in _findings(data, pressure):
         if found.refused:
             raise SpecError(f'{where}: {found.key} = {data[found.key]:g}: {found.text}')
 
 
-def oddities(data: TireData, pressure: float | None = None) -> list[str]:
+def oddities(data: Coefficients, pressure: float | None = None) -> list[str]:
     """What of the coefficients is odd but can be computed, as sentences. pressure: see check()."""
     return [f'{found.key} = {data[found.key]:g}: {found.text}' for found in _findings(data, pressure) if not found.refused]
 
 
-def _findings(data: TireData, pressure: float | None) -> Iterator[Finding]:
+def _findings(data: Coefficients, pressure: float | None) -> Iterator[Finding]:
     yield from _ranges(data)
     law = UprightLaw(data, pressure)
     yield from _pressure(law)
@@ -65,7 +60,7 @@ def _findings(data: TireData, pressure: float | None) -> Iterator[Finding]:
     yield from moments(law)
 
 
-def _ranges(data: Mapping[str, float] | TireData) -> Iterator[Finding]:
+def _ranges(data: Mapping[str, float] | Coefficients) -> Iterator[Finding]:
     """Limits of single numbers."""
     for key in (*POSITIVE, *DIVISORS):
         if not data[key] > 0.0:

@@ -6,12 +6,10 @@ Equation numbers: see magic_formula.py.
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from collections.abc import Mapping
+from typing import NamedTuple, Protocol
 
 import numpy as np
-
-if TYPE_CHECKING:
-    from solver.elements.tire_data import TireData
 
 LOADS = np.linspace(0.2, 1.2, 21)  # of FNOMIN: loads of any use, where the law must hold; ten times is beyond any measurement
 WIDE = np.linspace(0.2, 2.0, 37)  # of FNOMIN: loads of hard use, where what is odd is told
@@ -25,6 +23,24 @@ def small_tire(radius: float) -> float:
     return min(1.0, float(radius) / SMALL_TIRE)
 
 
+class Coefficients(Protocol):
+    """Coefficients of a tire by name, in SI units (solver.elements.tire_data.TireData)."""
+
+    @property
+    def version(self) -> int:
+        """61 of the Magic Formula 6.1, 52 of 5.2."""
+
+    @property
+    def values(self) -> Mapping[str, float]:
+        """Those that were given."""
+
+    def combines(self, axis: str) -> bool:
+        """Whether combined slip lessens the force along an axis."""
+
+    def __getitem__(self, name: str) -> float:
+        """A coefficient, or its default."""
+
+
 class Finding(NamedTuple):
     """What is wrong with a coefficient (refused) or odd (told)."""
 
@@ -36,7 +52,7 @@ class Finding(NamedTuple):
 class UprightLaw:
     """The law of a tire without slip: arrays over LOADS where nothing else is said, SI units."""
 
-    def __init__(self, data: TireData, pressure: float | None) -> None:
+    def __init__(self, data: Coefficients, pressure: float | None) -> None:
         self.data = data
         self.new = data.version == 61
         self.R0, self.F0, self.c_z = data['UNLOADED_RADIUS'], data['FNOMIN'], data['VERTICAL_STIFFNESS']

@@ -12,7 +12,6 @@ import re
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -75,10 +74,8 @@ class Crg:
         return SceneError(f'{self.where.get(key, self.path)}: {key} = {value}: {remedy}')
 
 
-def read_crg(path: Path) -> dict[str, Any]:
-    """The fields of a curved grid (solver.elements.curved_grid.CurvedGrid) with its kind. Raises SceneError."""
-    from solver.files.crg_surface import fields_of
-
+def parsed(path: Path) -> Crg:
+    """What a file and those that it refers to say. Raises SceneError."""
     crg = Crg(path=path)
     _sections(path, crg, ())
     if crg.data is None:
@@ -88,7 +85,7 @@ def read_crg(path: Path) -> dict[str, Any]:
             raise crg.refusal('reference_line_increment', 'the increment of the reference line must be positive')
         remedy = 'the section $ROAD_CRG must give it (a virtual channel, U:, decides nothing)'
         raise SceneError(f'{crg.source}: reference_line_increment is missing: {remedy}')
-    return fields_of(crg, table_of(crg))
+    return crg
 
 
 def _sections(path: Path, crg: Crg, above: tuple[Path, ...]) -> None:

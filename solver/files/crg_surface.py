@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from solver import stored
 from solver.compiled.elementary import cos, sin
 from solver.elements.curved_grid import BEYOND, FOLDS, MOST_NODES, Frame
 from solver.errors import SceneError
-from solver.files.crg import Crg, sections_of
+from solver.files.crg import Crg, parsed, sections_of, table_of
 
 KEEP, ZERO, REPEAT, REFLECT = 2, 1, 3, 4  # of BORDER_MODE_U and BORDER_MODE_V; 0: the road ends
 # Without a section of modifiers those of ASAM's library are in force (crgOptionSetDefaultModifiers)
@@ -55,6 +56,12 @@ class _Surface:
     @property
     def last(self) -> float:
         return self.first + self.du * (len(self.grid) - 1)
+
+
+def read_crg(path: Path) -> dict[str, Any]:
+    """The fields of a curved grid (solver.elements.curved_grid.CurvedGrid) with its kind. Raises SceneError."""
+    crg = parsed(path)
+    return fields_of(crg, table_of(crg))
 
 
 def fields_of(crg: Crg, table: np.ndarray) -> dict[str, Any]:

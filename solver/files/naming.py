@@ -9,7 +9,7 @@ from pathlib import Path
 from yaml.nodes import Node, ScalarNode
 
 from solver.errors import SceneError
-from solver.files.crg import read_crg
+from solver.files.crg_surface import read_crg
 from solver.files.raster import read_npz, read_png
 from solver.files.tir import read_tir
 

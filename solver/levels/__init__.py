@@ -11,7 +11,8 @@ import dataclasses
 import importlib
 
 from solver.errors import SceneError, SpecError
-from solver.levels.derived import Derived, LevelReport, channels, moved_imu
+from solver.findings import LevelReport
+from solver.levels.derived import Derived, channels, moved_imu
 from solver.levels.switches import switched
 from solver.scene import Scene
 

@@ -17,13 +17,12 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from solver.analysis.covered import Certified
 from solver.compiled.cache import digest, location
 from solver.errors import MbdError, SceneError
 from solver.files.scene import load_scene_text
+from solver.findings import Certified, LevelReport, Limit
 from solver.inputs.maneuver import Maneuver
 from solver.inputs.recorded import recorded
-from solver.levels.derived import LevelReport, Limit
 from solver.levels.kept import sources
 from solver.scene import Scene
 

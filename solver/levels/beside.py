@@ -7,15 +7,13 @@ leans about another one, where rubber carries other loads and stops begin to act
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from solver.elements.guide_map import BESIDE
 from solver.errors import ConsistencyError
-
-if TYPE_CHECKING:
-    from solver.levels.maps import Bench, Stand
+from solver.levels.bench import Bench, Stand
 
 USUAL = 0.25, 1.75  # of the load at rest: what bends do to wheels, without the stops; what a polynomial stands for is fitted there
 LEANT = 0.031  # m, of a wheel off where it stands

@@ -16,9 +16,10 @@ from __future__ import annotations
 
 import dataclasses
 
+from solver.findings import LevelReport, Limit
 from solver.levels.bars import reduced_bars
 from solver.levels.columns import reduced_columns
-from solver.levels.derived import Derived, LevelReport, Limit, with_one_iteration
+from solver.levels.derived import Derived, with_one_iteration
 from solver.levels.draft import Draft
 from solver.levels.merging import merge_fixed, merge_stiff
 from solver.levels.mounts import joined_mounts

@@ -6,9 +6,9 @@ import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from solver.analysis.covered import Certified
 from solver.elements.registry import FORCES
 from solver.engine import Engine
+from solver.findings import LevelReport
 from solver.model.compile import joint_coordinates
 from solver.model.spec import ModelSpec
 from solver.scene import Fidelity, Scene
@@ -16,60 +16,6 @@ from solver.step.settings import IntegratorSettings
 
 SEEN = 1e-3  # m: by which an imu may be moved unsaid, 0.02 m/s^2 at 20 rad/s^2
 FINE = 2e-3  # s; of longer steps the iterations that are set are made
-
-
-@dataclass(frozen=True, kw_only=True)
-class Limit:
-    """Where a level holds: the quantity between low and high, in the unit, and why (None: no limit on that side)."""
-
-    quantity: str
-    unit: str
-    low: float | None = None
-    high: float | None = None
-    why: str
-
-    def __str__(self) -> str:
-        low = '' if self.low is None else f'{self.low:g} {self.unit}'.rstrip() + ' <= '
-        high = '' if self.high is None else f' <= {self.high:g} {self.unit}'.rstrip()
-        return f'{low}{self.quantity}{high}: {self.why}'
-
-
-@dataclass(frozen=True, kw_only=True)
-class Switched:
-    """A subsystem that the vehicle has, whether the model has it, and why."""
-
-    subsystem: str
-    on: bool
-    why: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class ErrorFigure:
-    """How far a quantity is from the full vehicle in a maneuver: root mean square and largest error, as shares of its peak [unit]."""
-
-    maneuver: str
-    quantity: str
-    rms: float
-    largest: float
-    peak: float
-    unit: str
-
-
-@dataclass(frozen=True, kw_only=True)
-class LevelReport:
-    """What a level leaves out of the vehicle it is derived from.
-
-    lost: modes and effects that it does not model, in words. absent: channels of the full vehicle that it does not publish. validity:
-    where it holds. switched: every subsystem of the vehicle. errors: the error sheet, where it has been measured. certified: what would
-    make a run suspect, but was there too where the plan that certifies it has measured its errors (solver.analysis.covered).
-    """
-
-    lost: tuple[str, ...] = ()
-    absent: tuple[str, ...] = ()
-    validity: tuple[Limit, ...] = ()
-    switched: tuple[Switched, ...] = ()
-    errors: tuple[ErrorFigure, ...] | None = None
-    certified: tuple[Certified, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

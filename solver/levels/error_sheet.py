@@ -24,9 +24,9 @@ import numpy as np
 from solver.analysis.departures import departure
 from solver.analysis.driven import DIRECT
 from solver.elements.road import HeightGrid, RoadSpec
+from solver.findings import ErrorFigure
 from solver.inputs.maneuver import Maneuver
 from solver.inputs.signals import Ramp, SineWithDwell, Step, Sweep
-from solver.levels.derived import ErrorFigure
 from solver.levels.kept import kept
 from solver.levels.track_straight import gear_of
 from solver.model.spec import ModelSpec

@@ -36,10 +36,11 @@ from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.road import RoadSpec
 from solver.elements.servo import ServoSpec
 from solver.errors import SpecError
+from solver.findings import LevelReport, Limit
 from solver.levels import maps
 from solver.levels.assisted import assisted, gear_held, steering_springs, unassisted
 from solver.levels.axle_masses import AxleMasses, beam, divided
-from solver.levels.derived import Derived, LevelReport, Limit, with_one_iteration
+from solver.levels.derived import Derived, with_one_iteration
 from solver.levels.flywheels import flywheels, spin_of
 from solver.levels.kept import kept
 from solver.levels.map_fits import inverse_law, spring_law

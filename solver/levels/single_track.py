@@ -26,7 +26,8 @@ import numpy as np
 from solver.elements.joint import JointSpec
 from solver.elements.road import RoadSpec
 from solver.errors import SceneError
-from solver.levels.derived import Derived, LevelReport, Limit
+from solver.findings import LevelReport, Limit
+from solver.levels.derived import Derived
 from solver.levels.fitting import least_squares
 from solver.levels.kept import kept
 from solver.levels.single_track_engine import AXLES, COMMANDS, SingleTrack

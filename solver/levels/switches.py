@@ -23,9 +23,9 @@ from collections.abc import Callable, Mapping
 from itertools import pairwise
 
 from solver.elements.tire_pacejka import TireSpec
+from solver.findings import Switched
 from solver.levels.bars import drop_bars
 from solver.levels.columns import straight_columns
-from solver.levels.derived import Switched
 from solver.levels.draft import Draft
 from solver.levels.shafts import elastic_drives, without_torsion
 from solver.model.spec import ModelSpec

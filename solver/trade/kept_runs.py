@@ -18,8 +18,8 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from solver.analysis.verdict import Finding
 from solver.compiled.cache import digest
+from solver.findings import Finding
 from solver.trade.runs import Run
 from solver.trade.setting import Setting
 from solver.trade.variations import Variation

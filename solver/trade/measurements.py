@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from solver.analysis.covered import is_broken
-from solver.analysis.verdict import Finding
 from solver.errors import SpecError
+from solver.findings import Finding
 from solver.levels.auto import key
 from solver.quantities import names as names_of
 from solver.quantities import published

@@ -14,8 +14,9 @@ from scipy.interpolate import CubicSpline
 from solver import simulation_of
 from solver.analysis.departures import FAILED, Departure, departure
 from solver.analysis.envelope import Envelope
-from solver.analysis.verdict import Finding, findings
+from solver.analysis.verdict import findings
 from solver.errors import MbdError, SpecError
+from solver.findings import Finding
 from solver.quantities import Quantity, quantity
 from solver.scene import Scene
 from solver.simulation import Simulation

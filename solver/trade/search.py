@@ -25,8 +25,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from solver.analysis.departures import Departure
-from solver.analysis.verdict import Finding
 from solver.errors import MbdError, StepError
+from solver.findings import Finding
 from solver.levels import LEVELS, derive
 from solver.scene import SUBSYSTEMS, Scene
 from solver.trade import cost, reference

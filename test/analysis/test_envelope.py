@@ -15,7 +15,7 @@ from mbd_sim_ros.batch import simulate
 from solver.analysis.envelope import Envelope
 from solver.analysis.verdict import findings
 from solver.files.scene import load_scene_text
-from solver.levels.derived import LevelReport, Limit
+from solver.findings import LevelReport, Limit
 
 TIRE = Path(__file__).parents[2] / 'config' / 'tires' / '205_55R16.tir'
 LIMITS = (

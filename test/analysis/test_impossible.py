@@ -11,7 +11,7 @@ import pytest
 import solver
 from solver.analysis.envelope import Envelope
 from solver.analysis.impossible import PRESSED, folded_at
-from solver.analysis.verdict import Finding
+from solver.findings import Finding
 from solver.output.snapshot import Snapshot
 from solver.simulation import Simulation
 

@@ -15,8 +15,8 @@ from solver.compiled.by_reference import Ref
 from solver.elements.curved_grid import CurvedGrid
 from solver.elements.road import RoadSpec, compile_road, heights_at, road_at, surface_at, within
 from solver.errors import SceneError
-from solver.files.crg import Crg, _sections, read_crg, table_of
-from solver.files.crg_surface import DEFAULTS, _heights, _surface, _transform
+from solver.files.crg import Crg, _sections, table_of
+from solver.files.crg_surface import DEFAULTS, _heights, _surface, _transform, read_crg
 
 RNG = np.random.default_rng(4)
 LIBRARY = 1e-6  # [m]: the library keeps heights in single precision

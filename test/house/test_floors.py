@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import ast
 import re
 import shutil
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 from program_copy import ROOT, changed, copied_program, run_there
+from scipy.sparse.csgraph import connected_components
 
 LINT = 'import sys; from importlinter.cli import lint_imports_command; sys.argv = ["lint-imports", "--no-logo"]; lint_imports_command()'
 
@@ -54,6 +57,46 @@ def test_a_room_that_no_floor_names_breaks_the_contract(tmp_path):
     code, text = lint(tmp_path)
     assert code != 0
     assert 'cellar' in text
+
+
+def circles(directory: Path) -> list[set[str]]:
+    """Groups of files that import each other, by imports of any kind: at the top, within functions, for hints."""
+    files = {
+        '.'.join(path.relative_to(directory).with_suffix('').parts).removesuffix('.__init__'): path for path in python_files(directory)
+    }
+    names = list(files)
+    reach = np.zeros((len(names), len(names)), bool)
+    for k, (module, path) in enumerate(files.items()):
+        for node in ast.walk(ast.parse(path.read_bytes())):
+            found = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            if isinstance(node, ast.ImportFrom) and node.module and not node.level:
+                whole = [f'{node.module}.{alias.name}' for alias in node.names]
+                found = [name if name in files else node.module for name in whole]
+            reach[k, [names.index(name) for name in found if name in files and name != module]] = True
+    count, label = connected_components(reach, connection='strong')
+    groups = [{names[k] for k in np.flatnonzero(label == group)} for group in range(count)]
+    return [group for group in groups if len(group) > 1]
+
+
+def python_files(directory: Path) -> list[Path]:
+    """Of both packages."""
+    return [path for package in ('solver', 'mbd_sim_ros') for path in sorted((directory / package).rglob('*.py'))]
+
+
+def test_no_file_imports_itself_by_a_way_around(tmp_path):
+    """Not here; in a copy with one import within a function and one for hints there are both."""
+    assert circles(ROOT) == []
+    for path in python_files(ROOT):
+        target = tmp_path / path.relative_to(ROOT)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(path, target)
+    with (tmp_path / 'solver' / 'inputs' / 'signals.py').open('a') as file:
+        file.write('\n\ndef planted():\n    from solver.inputs.maneuver import Maneuver\n\n    return Maneuver\n')
+    with (tmp_path / 'mbd_sim_ros' / 'messages' / 'cdr.py').open('a') as file:
+        file.write('\n\nif TYPE_CHECKING:\n    from mbd_sim_ros.messages.encode import Messages\n')
+    found = circles(tmp_path)
+    assert any({'solver.inputs.signals', 'solver.inputs.maneuver'} <= group for group in found)
+    assert any({'mbd_sim_ros.messages.cdr', 'mbd_sim_ros.messages.encode'} <= group for group in found)
 
 
 def test_the_map_shows_the_floors_that_are_checked():

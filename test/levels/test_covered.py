@@ -12,9 +12,10 @@ import pytest
 
 import solver
 import solver.files.scene
-from solver.analysis.covered import COARSE, OF_SCENE, certified_of, is_broken, weighed
+from solver.analysis.covered import OF_SCENE, certified_of, is_broken, weighed
 from solver.analysis.envelope import Envelope
-from solver.analysis.verdict import Finding, findings
+from solver.analysis.verdict import findings
+from solver.findings import COARSE, Finding
 from solver.levels import auto
 from solver.levels.auto import certificate_of, chosen
 from solver.scene import Scene

@@ -9,8 +9,9 @@ import pytest
 import solver
 from solver.errors import SceneError, SpecError
 from solver.files.scene import load_scene, load_scene_text
+from solver.findings import Limit
 from solver.levels import LEVELS, derive
-from solver.levels.derived import Limit, channels
+from solver.levels.derived import channels
 from solver.scene import SUBSYSTEMS
 from solver.simulation import Simulation
 

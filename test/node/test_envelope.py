@@ -21,7 +21,7 @@ SCRIPT = """
 import sys
 import synthetic
 from mbd_sim_ros.node import main as node
-from solver.levels.derived import LevelReport, Limit
+from solver.findings import LevelReport, Limit
 def prepare(name, overrides):
     simulation = synthetic.Synthetic()
     simulation.level = LevelReport(validity=(Limit(quantity='wheel_load', unit='N', low=0.0, high=1e5, why='certified'),))

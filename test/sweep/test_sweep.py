@@ -25,7 +25,7 @@ from mbd_sim_ros.sweep.case import Case, row_of
 from mbd_sim_ros.sweep.design import Figure, load_sweep
 from solver import load_scene, simulation_of
 from solver.errors import SceneError
-from solver.levels.derived import LevelReport, Limit
+from solver.findings import LevelReport, Limit
 
 FILE = """
 scene: pendulum

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import solver
-from solver.analysis.verdict import Finding
+from solver.findings import Finding
 from solver.trade import measurements
 from solver.trade.certificate import plan
 from solver.trade.cost import PerStep

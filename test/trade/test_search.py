@@ -9,10 +9,10 @@ from types import SimpleNamespace
 import pytest
 
 import solver
-from solver.analysis.covered import COARSE
 from solver.analysis.departures import Departure
 from solver.errors import SpecError
 from solver.files.scene import load_scene_text
+from solver.findings import COARSE
 from solver.trade import judging, reference
 from solver.trade.certificate import finite, idle, plan, still, what_has_to_give
 from solver.trade.cost import Cost, PerStep

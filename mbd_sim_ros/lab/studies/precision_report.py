@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from mbd_sim_ros.lab.studies.report import COLOURS, Report, figure
-
-if TYPE_CHECKING:
-    from mbd_sim_ros.lab.studies.work_precision import Point
 
 ACCURACIES = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8)
 ENGINEERING = 1e-5  # what ours are made for ends here; what is finer is shown, and not required
@@ -32,6 +29,19 @@ INTRODUCTION = (
     'forward dynamics with one factorization of that matrix; RK4 makes four in a step, its implicit integrators one. Runs of more than '
     '8 s of CPU are left out, and those of Exudyn with more than 50 000 steps.',
 )
+
+
+class Point(NamedTuple):
+    """One run of one method."""
+
+    problem: str
+    method: str
+    setting: str
+    error: float  # m or rad, nan if it did not finish
+    cpu: float  # s
+    factorizations: int
+    evaluations: int
+    outcome: str
 
 
 def _is_ours(method: str) -> bool:

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from mbd_sim_ros.lab.studies.report import COLOURS, Report, figure
+from mbd_sim_ros.lab.studies.trade_grid import AGREE, ORIGINS, Grid, Row
 from solver.units import shown
-
-if TYPE_CHECKING:
-    from mbd_sim_ros.lab.studies.trade import Grid, Row
 
 LEVEL_COLOURS = dict(zip(('full', 'condensed', 'kc', 'single_track'), COLOURS, strict=False))
 SWITCHED = '#aaaaaa'
@@ -20,8 +18,6 @@ PICTURES = 4  # quantities
 
 def write(report: Report, grid: Grid) -> dict[str, Any]:
     """The whole report; returns what --json gives."""
-    from mbd_sim_ros.lab.studies.trade import AGREE, judged
-
     truth, rows = grid.truth, grid.rows
     good = [row for row in rows if not row['failure']]
     steps = ', '.join(f'{1e3 * h:g}' for h in truth.steps)
@@ -50,9 +46,9 @@ def write(report: Report, grid: Grid) -> dict[str, Any]:
     front = sorted((row for row in rows if row['front']), key=lambda row: row['cost_median'])
     report.text('## The front', 'No other setting is both cheaper and more accurate, by the worst of all quantities:')
     if front:
-        report.table('front', [_summary(row, grid, judged) for row in front])
+        report.table('front', [_summary(row, grid) for row in front])
     report.text('## All settings')
-    report.table('settings', [_summary(row, grid, judged) for row in rows])
+    report.table('settings', [_summary(row, grid) for row in rows])
     report.table('errors', _long(rows), shown=False)
     failed = [row for row in rows if row['failure']]
     if failed:
@@ -72,7 +68,7 @@ def write(report: Report, grid: Grid) -> dict[str, Any]:
     }
 
 
-def _summary(row: Row, grid: Grid, judged: Any) -> dict[str, Any]:
+def _summary(row: Row, grid: Grid) -> dict[str, Any]:
     errors = row['errors']
     base = next(r for r in grid.rows if r is grid.rows[0])['cost_median'] if 'cost_median' in grid.rows[0] else math.nan
     counters = row.get('counters') or {}
@@ -153,8 +149,6 @@ def _steps(report: Report, grid: Grid, rows: list[Row]) -> None:
 
 
 def _origins(report: Report, grid: Grid, front: list[Row]) -> None:
-    from mbd_sim_ros.lab.studies.trade import ORIGINS
-
     name = next((n for n in ('yaw_rate', *grid.names) if n in grid.names), grid.names[0])
     some = [row for row in front if _has(row['errors'], name)]
     if not some:

@@ -21,6 +21,7 @@ from mbd_sim_ros.lab.peers import exudyn as peers
 from mbd_sim_ros.lab.studies import Progress, crank, precision_report
 from mbd_sim_ros.lab.studies.cells import replace_text
 from mbd_sim_ros.lab.studies.crank_history import START
+from mbd_sim_ros.lab.studies.precision_report import Point
 from mbd_sim_ros.lab.studies.report import Report
 from solver import simulation_of
 from solver.compiled.cache import digest
@@ -75,19 +76,6 @@ M_ALF = 'M-ALF'
 REFERENCES = {'BDF': 'reference_bdf', 'Radau': 'reference_radau', 'IDA': 'reference_ida'}
 QUICK = ('regular slider-crank', 'double pendulum')
 TOLERANCES, QUICK_TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9), (1e-4,)
-
-
-class Point(NamedTuple):
-    """One run of one method."""
-
-    problem: str
-    method: str
-    setting: str
-    error: float  # m or rad, nan if it did not finish
-    cpu: float  # s
-    factorizations: int
-    evaluations: int
-    outcome: str
 
 
 def _kept(file: Path) -> dict[str, Any] | None:
