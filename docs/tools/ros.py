@@ -38,9 +38,10 @@ MEANING = {
     'body_motions': 'velocity and acceleration of every body, along its axes and of its reference frame (scene `record.motions`)',
     '/tf': '`base_link` and the contact frames in `odom`; at the rate `record.poses` all bodies, as links, and `imu_link`',
 }
+SCENE = 'the scene that runs, with every include and override expanded; in its first line which solver computes, and where it begins'
 FURTHER = (
     ('`robot_description`', 'std_msgs/String', 'reliable, 1, latched', 'URDF of the spanning tree'),
-    ('`~/scene`', 'std_msgs/String', 'reliable, 1, latched', 'the scene that runs, as text with every include and override expanded'),
+    ('`~/scene`', 'std_msgs/String', 'reliable, 1, latched', SCENE),
     ('`/clock`', 'rosgraph_msgs/Clock', 'best effort, 1', 'simulation time, at most 100 Hz (in lockstep every state that waits)'),
     ('`/diagnostics`', 'diagnostic_msgs/DiagnosticArray', 'reliable, 10', 'health, once a second'),
 )

@@ -7,13 +7,16 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
-from mcap.records import Channel, Metadata
+from mcap.records import Channel, Metadata, Schema
 
+from mbd_sim_ros.bags import published
 from mbd_sim_ros.bags import reader as bag
 from mbd_sim_ros.bags.files import open_recording
 from mbd_sim_ros.bags.patterns import INDEX
@@ -21,7 +24,7 @@ from mbd_sim_ros.bags.records import Messages
 from mbd_sim_ros.bags.writer import RECORD, RESULT
 from mbd_sim_ros.messages.cdr import decode, dtype
 from mbd_sim_ros.messages.definitions import schema_text
-from mbd_sim_ros.messages.topics import ARRAY, INPUTS, JOINT_STATE
+from mbd_sim_ros.messages.topics import ARRAY, INPUTS, JOINT_STATE, ODOMETRY, TF
 from solver.errors import BagError, MbdError, suggestion
 from solver.files.yaml_tree import parse
 from solver.inputs.maneuver import ReplaySource
@@ -38,6 +41,10 @@ class Content(NamedTuple):
     path: Path
     topics: dict[str, dict[int, bytes]]  # topic -> instant [ns] -> message
     metadata: dict[str, str]
+    further: Mapping[str, list[tuple[int, bytes]]] = MappingProxyType(
+        {}
+    )  # topic -> (instant, message) where the instant has another one before
+    published: bool = False  # a recording of topics (bags/published.py): instants are stamps, and any message may be missing
 
     @property
     def outputs(self) -> dict[str, dict[int, bytes]]:
@@ -109,26 +116,79 @@ class Inputs(NamedTuple):
 
 
 def content(path: str | Path) -> Content:
-    """Read a whole recording. Raises BagError if it is none, or was cut off."""
+    """Read a whole recording, of this package or of the topics of the node. Raises BagError if it is none, or was cut off."""
     path = Path(path)
     names: dict[int, str] = {}
-    found: dict[int, dict[int, bytes]] = {}
+    kinds: dict[int, str] = {}
+    schemas: dict[int, Schema] = {}
+    found: dict[int, list[tuple[int, bytes]]] = {}
     metadata: dict[str, dict[str, str]] = {}
     reading = open_recording(path, skip=set())
     for record in reading:
         if isinstance(record, Messages):
-            found.setdefault(record.channel, {}).update(zip(record.log_times, record.data))
+            found.setdefault(record.channel, []).extend(zip(record.log_times, record.data))
         elif isinstance(record, Channel):
             names[record.id] = record.topic
+            kinds[record.id] = schemas[record.schema_id].name if record.schema_id in schemas else ''
+        elif isinstance(record, Schema):
+            schemas[record.id] = record
         elif isinstance(record, Metadata):
             metadata[record.name] = record.metadata
     reading.require_whole()
     if missing := found.keys() - names.keys():
         raise BagError(f'{path} is damaged: it holds messages of channel {min(missing)}, which it does not declare')
     about = {**metadata.get(RECORD, {}), **metadata.get(RESULT, {})}
-    namespace = about.get('namespace', '').strip('/')
+    said = None if RECORD in metadata else published.told(path)
+    namespace = (about.get('namespace', '') if said is None else said.namespace).strip('/')
     own = {channel: name.strip('/').removeprefix(namespace + '/' if namespace else '') for channel, name in names.items()}
-    return Content(path, {own[channel]: messages for channel, messages in found.items()}, about)
+    topics: dict[str, dict[int, bytes]] = {}
+    further: dict[str, list[tuple[int, bytes]]] = {}
+    for channel, messages in found.items():
+        topic, kind = own[channel], kinds[channel]
+        if said is not None:
+            if not published.is_ours(topic, kind):
+                continue
+            messages = [(published.stamp_of(path, topic, kind, data), data) for _, data in messages]
+        at = topics.setdefault(topic, {})
+        for t_ns, data in messages:
+            if at.setdefault(t_ns, data) is not data:
+                further.setdefault(topic, []).append((t_ns, data))
+    if said is not None:
+        return _of_topics(path, topics, further, said)
+    for topic, messages in further.items():
+        if other := next((t_ns for t_ns, data in messages if topics[topic][t_ns] != data), None):
+            raise BagError(f'{path} is damaged: it holds two different messages of topic {topic} at {other * 1e-9:.9g} s')
+    return Content(path, topics, about)
+
+
+def _of_topics(
+    path: Path, topics: dict[str, dict[int, bytes]], further: dict[str, list[tuple[int, bytes]]], said: published.Told
+) -> Content:
+    """The content of a recording of topics. Raises BagError where the simulation goes back in it."""
+    first, repeated = topics.get(APPLIED, {}), further.get(APPLIED, [])
+    steps: list[int] = []
+    if first:
+        messages = [*first.items(), *repeated]
+        steps = _applied(dict(enumerate(data for _, data in messages)), path, ordered=False)[1][:, -1].astype(int).tolist()
+        end, last = max((t_ns, k) for (t_ns, _), k in zip(messages, steps))
+        if any(t_ns * last != k * end or (k and not t_ns) for (t_ns, _), k in zip(messages, steps)):
+            raise BagError(f'{path}: the stamps of {APPLIED} do not follow its steps, so it is not that of this simulator')
+        steps = steps[: len(first)]
+        back = [f'from step {a} to step {b}' for a, b in pairwise(steps) if b <= a]
+        back += [f'to {t_ns * 1e-9:.9g} s' for t_ns, data in repeated if first[t_ns] != data]
+        if back:
+            raise BagError(
+                f'{path} holds more than one run: the simulation goes back {back[0]} (a reset, or another start); '
+                'start `ros2 bag record` behind the reset, and record each run into a bag of its own'
+            )
+    frame = ''
+    for topic, kind in (('odom', ODOMETRY), ('tf', TF)):
+        if not frame and topics.get(topic):
+            value = decode(kind, schema_text(kind), next(iter(topics[topic].values())))[0]
+            heads = [value, *value.get('transforms', ())]
+            frame = next((one['header']['frame_id'] for one in heads if 'header' in one), '')
+    metadata = published.about(said, steps[0] if steps else None, frame)
+    return Content(path, topics, metadata, further, published=True)
 
 
 def inputs_of(recording: Content) -> Inputs:
@@ -159,14 +219,15 @@ def inputs_of(recording: Content) -> Inputs:
         follows = np.flatnonzero(steps != first + 1 + np.arange(steps.size))  # steps are ascending and all different
         lacking = first + 1 + int(follows[0] if follows.size else steps.size)
         count = last - first - steps.size
-        raise BagError(f'{where} cannot be replayed: it does not hold the inputs of step {lacking} ({count} steps are missing)')
+        why = f': {published.gaps(steps.tolist())}' if recording.published else ''
+        raise BagError(f'{where} cannot be replayed: it does not hold the inputs of step {lacking} ({count} steps are missing){why}')
     rows = {name: np.ascontiguousarray(every[:, 1 + i]) for i, name in enumerate(names)}
     h_ns = max(messages) // last if last else 0
     return Inputs(first, last, rows, start, h_ns, from_start)
 
 
-def _applied(messages: Mapping[int, bytes], where: Path) -> tuple[list[str], np.ndarray]:
-    """Names of the inputs, and a table (n, nu + 1) of them and the index of the step, in the order of the steps."""
+def _applied(messages: Mapping[int, bytes], where: Path, *, ordered: bool = True) -> tuple[list[str], np.ndarray]:
+    """Names of the inputs, and a table (n, nu + 1) of them and the index of the step, in the order of the steps (ordered) or messages."""
     data = list(messages.values())
     value, places = decode(JOINT_STATE, schema_text(JOINT_STATE), data[0])
     place = places['position']
@@ -176,7 +237,7 @@ def _applied(messages: Mapping[int, bytes], where: Path) -> tuple[list[str], np.
     table = np.stack([np.frombuffer(one, dtype(place), place.size, place.offset) for one in data])
     if not (np.isfinite(table).all() and np.all((table[:, -1] >= 0.0) & (table[:, -1] < MOST_STEPS) & (table[:, -1] % 1.0 == 0.0))):
         raise BagError(f'{where}: the topic {APPLIED} holds what is no input or no number of a step')
-    return names[:-1], table[np.argsort(table[:, -1], kind='stable')]
+    return names[:-1], table[np.argsort(table[:, -1], kind='stable')] if ordered else table
 
 
 def _block(data: bytes, names: Sequence[str], where: Path) -> np.ndarray:

@@ -34,9 +34,10 @@ class Poses:
 
 
 def read_poses(path: str | Path) -> Poses:
-    """The poses in a bag directory or .mcap file, at the instants at which most frames were placed.
+    """The poses in a bag directory or .mcap file, at the instants at which most frames were placed, by the stamps of the
+    transforms where these are set (clocks.py); of several poses of one instant, as a paused node publishes them, the last.
 
-    Raises BagError if it is no recording, or holds no transforms.
+    Raises BagError if it is no recording, holds no transforms, or its stamps go back.
     """
     path = Path(path)
     schemas: dict[int, Schema] = {}
@@ -73,14 +74,26 @@ def _poses(path: Path, messages: Sequence[tuple[int, bytes]]) -> Poses:
     root = max(dict.fromkeys(parents), key=parents.count)
     picks = [i for i, parent in enumerate(parents) if parent == root]
     names = [transforms[i]['child_frame_id'] for i in picks]
-    last = cdr.decode(kind, schema, messages[-1][1])[0]['transforms']
-    if [transform['child_frame_id'] for transform in last] != [transform['child_frame_id'] for transform in transforms]:
+    final = cdr.decode(kind, schema, messages[-1][1])[0]['transforms']
+    if [transform['child_frame_id'] for transform in final] != [transform['child_frame_id'] for transform in transforms]:
         raise BagError(f'{path}: the frames in /tf change their names during the recording')
     table = np.frombuffer(b''.join(data for _, data in messages), np.uint8).reshape(len(messages), -1)
     pose = np.empty((len(messages), len(picks), NUMBERS))
     for k, i in enumerate(picks):
         begin = places[f'transforms[{i}].transform.translation.x'].offset
         pose[:, k] = np.ascontiguousarray(table[:, begin : begin + 8 * NUMBERS]).view(np.float64)
-    times = np.array([log_time for log_time, _ in messages], np.int64)
-    order = np.argsort(times, kind='stable')
-    return Poses(root=root, time_ns=times[order], frames=tuple(names), pose=pose[order])
+    logged = np.array([log_time for log_time, _ in messages], np.int64)
+    order = np.argsort(logged, kind='stable')
+    at = places[f'transforms[{picks[0]}].header.stamp.sec'].offset
+    stamps = np.ascontiguousarray(table[order, at : at + 8]).view('<i4').astype(np.int64)
+    times = stamps[:, 0] * 1_000_000_000 + stamps[:, 1]
+    if len(times) > 1 and np.all(times == times[0]):  # not set
+        times = logged[order]
+    back = np.flatnonzero(np.diff(times) < 0)
+    if back.size:
+        before, after = times[back[0]] * 1e-9, times[back[0] + 1] * 1e-9
+        raise BagError(
+            f'{path} holds more than one run: the stamps of /tf go back from {before:.9g} to {after:.9g} s (a reset, or another start)'
+        )
+    last = np.append(np.diff(times) > 0, True)
+    return Poses(root=root, time_ns=times[last], frames=tuple(names), pose=pose[order][last])

@@ -125,17 +125,17 @@ class Run:
         return self.columns[name]
 
 
-def read(path: str | Path, channels: Sequence[str] = (), *, log_times: bool = False) -> Run:
+def read(path: str | Path, channels: Sequence[str] = (), *, log_times: bool = False, namespace: str = '') -> Run:
     """Read a recording (files.py). channels: shell patterns of the columns to read ('odom/*'); all without any.
 
     log_times: the times are those of the recorder, whatever stamps messages have (clocks.py: which count otherwise).
+    namespace: left out of the names of topics, where the recording does not say one itself.
 
     Raises BagError if it is not a recording, is empty, or is not whole.
     """
     skip: set[int] = set()
     reading = open_recording(path, skip=skip)
     room = Room(reading.size)
-    namespace = ''
     schemas: dict[int, Schema] = {}
     collectors: dict[tuple[str, int], Collector] = {}  # by topic and schema: several publishers are one topic
     of_channel: dict[int, Collector] = {}
@@ -178,7 +178,7 @@ def read(path: str | Path, channels: Sequence[str] = (), *, log_times: bool = Fa
             one.expected += reading.expected.get(record.id, 0)
         else:
             metadata[record.name] = record.metadata
-            namespace = metadata.get(RECORD, {}).get('namespace', '').strip('/')
+            namespace = metadata.get(RECORD, {}).get('namespace', namespace).strip('/')
     reading.require_whole()
     run = Run({}, {**metadata.get(RECORD, {}), **metadata.get(RESULT, {})}, left_out)
     counts = Counter(dict.fromkeys(collectors.values(), 0))

@@ -6,6 +6,7 @@ Unchanged, every message must come out the same. With other settings or another 
 from __future__ import annotations
 
 import argparse
+from collections import Counter
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,8 +17,12 @@ from solver.errors import BagError, SpecError
 
 if TYPE_CHECKING:
     from mbd_sim_ros.bags.inputs import Content, Inputs
+    from mbd_sim_ros.messages.encode import Messages
+    from solver.output.snapshot import Snapshot
 
 SHOWN = 20  # channels in the table for people
+SHARED = ('joint_states', 'tf')  # topics that others publish too
+SCENE_HELP = 'the scene that the node ran, for a bag of its topics without ~/scene: a path, or a name in config/scenes'
 
 
 def add(parsers: Any) -> None:
@@ -32,6 +37,7 @@ def add(parsers: Any) -> None:
     parser.add_argument('bag', metavar='BAG', type=Path, help='bag directory or .mcap file')
     add_settings(parser, SET_HELP + '; compares channels')
     add_keys(parser, 'vehicle', 'fidelity', does='; compares channels')
+    parser.add_argument('--scene', metavar='SCENE', help=SCENE_HELP)
     parser.add_argument('--out', metavar='DIR', type=Path, help='keep the new recording here')
 
 
@@ -39,19 +45,30 @@ def run(args: argparse.Namespace) -> Result:
     """Read, simulate, compare."""
     from mbd_sim_ros import interrupts
     from mbd_sim_ros.bags.inputs import content, inputs_of
+    from mbd_sim_ros.bags.published import load_published
 
     interrupts.now(f'reading {args.bag}')
     before = content(args.bag)
-    if not before.metadata.get('resolved_scene', ''):
-        raise BagError(f'{args.bag} cannot be replayed: it does not hold its scene')
+    if args.scene is not None:
+        if before.metadata.get('resolved_scene', '') or not before.published:
+            raise BagError(f'--scene {args.scene}: {args.bag} holds its own scene; leave it out, or change it with --set')
+        before.metadata['resolved_scene'] = load_published(args.scene).resolved
     applied = inputs_of(before)
+    if not before.metadata.get('resolved_scene', ''):
+        more = ': record the topic ~/scene too, or name the scene with --scene' if before.published else ''
+        raise BagError(f'{args.bag} cannot be replayed: it does not hold its scene{more}')
     if applied.first and before.state is None:
-        raise BagError(f'{args.bag} cannot be replayed: it begins with step {applied.first + 1} and does not hold the state there')
+        more = (
+            '; start `ros2 bag record` while the node is paused at its start, or record with ~/start_recording' if before.published else ''
+        )
+        raise BagError(f'{args.bag} cannot be replayed: it begins with step {applied.first + 1} and does not hold the state there{more}')
     changed = bool(args.overrides or args.vehicle or args.fidelity)
     with ExitStack() as stack:
         directory = args.out or stack.enter_context(interrupts.scratch('mbd-replay-')) / 'replay'
         if changed:
             return _changed(args, before, applied, directory)
+        if before.published:
+            return _of_topics(args, before, applied)
         return _again(args, before, applied, directory)
 
 
@@ -110,6 +127,134 @@ def _again(args: argparse.Namespace, before: Content, applied: Inputs, directory
         hint += f'\nthe same bits cannot be expected, because the recording was made on another target: {"; ".join(elsewhere)}'
     topics = f'topics that differ: {", ".join(unequal)}\n'
     return Result(data=data, text=topics + result.text + hint, code=1)
+
+
+def _of_topics(args: argparse.Namespace, before: Content, applied: Inputs) -> Result:
+    """A recording of the topics of the node: every message must be the bytes that its step has, of whichever topics were recorded."""
+    from mbd_sim_ros import interrupts
+    from mbd_sim_ros.bags.recorder import source_hash
+    from mbd_sim_ros.batch import simulate, warm_up
+    from mbd_sim_ros.messages.encode import Messages
+    from solver import simulation_of
+    from solver.compiled.target import differences, target
+    from solver.files.scene import load_scene_text
+
+    name = f'scene in {args.bag}' if args.scene is None else str(args.scene)
+    scene = load_scene_text(before.metadata['resolved_scene'], name, _own_start(args.bag, before, applied))
+    if applied.last and scene.integrator.h_ns != applied.h_ns:
+        raise SpecError(
+            f'{args.bag} was recorded with a step of {applied.h_ns * 1e-9:g} s, and that of {name} is {scene.integrator.h_ns * 1e-9:g} s: '
+            'it is another scene, or had overrides'
+        )
+    simulation = simulation_of(scene)
+    if {*applied.rows} != {*simulation.channels.inputs}:
+        raise SpecError(f'{args.bag} has the inputs {", ".join(applied.rows)}, and {name} has {", ".join(simulation.channels.inputs)}')
+    source = applied.source(simulation.channels.inputs)
+    prefix = str(before.parameters.get('frame_prefix', ''))
+    if args.out is not None:
+        simulate(
+            simulation, applied.last, directory=args.out, source=source, progress=not args.json, state=before.state,
+            from_start=applied.from_start, frame_prefix=prefix, parameters={'frame_prefix': prefix} if prefix else None,
+        )  # fmt: skip
+    warm_up(simulation)
+    if before.state is not None:
+        simulation.restore(before.state)
+    interrupts.now(f'comparing {args.bag} with its replay')
+    messages = Messages.of(scene, simulation, prefix)
+    found = Compared(before)
+    first = simulation.snapshot()
+    if applied.from_start:
+        found.take(first, messages)
+    while simulation.k < applied.last:
+        interrupts.check()
+        found.take(simulation.advance(1, source.table(simulation.k, 1)), messages)
+    unequal, told = found.unequal(), found.told()
+    elsewhere = differences(before.target, target()) if before.target else []
+    same_code = before.metadata.get('source_hash', '') == source_hash()
+    data: dict[str, Any] = {
+        'status': 'different' if unequal else 'identical',
+        'steps': applied.last - applied.first,
+        'first_step': applied.first,
+        'messages': sum(found.equal.values()),
+        'same_code': same_code,
+        'target': before.target,
+        'target_differences': elsewhere,
+        'out': None if args.out is None else str(args.out),
+        'outside': list(unequal),
+        'channels': {},
+        'told': told,
+    }
+    if not unequal:
+        steps = f'{data["steps"]} steps' + (f' from step {applied.first} on' if applied.first else '')
+        lines = [f'identical: {steps}, {data["messages"]} messages of {len(found.equal)} topics', *told]
+        return Result(data=data, text='\n'.join(lines))
+    lines = [f'topic {topic}: {text}' for topic, text in unequal.items()] + told
+    if args.scene is not None:
+        lines.append(f'the bag does not say its scene: it may be another one than {args.scene}, or have had overrides')
+    elif not same_code:
+        lines.append('the recording was made by another version of the solver')
+    if elsewhere:
+        lines.append(f'the same bits cannot be expected, because the recording was made on another target: {"; ".join(elsewhere)}')
+    lines.append(
+        'a car that was placed during the recording (initialpose) goes on elsewhere: such a run is replayed from ~/start_recording'
+    )
+    return Result(data=data, text='\n'.join(lines), code=1)
+
+
+class Compared:
+    """Messages of a recording of topics beside those that a replay makes of the same steps.
+
+    equal: topic -> messages that are the same bytes. A paused node publishes its state again, all topics and bodies, whatever is due:
+    a message may be that too. What is in no step of the replay is counted.
+    """
+
+    def __init__(self, before: Content) -> None:
+        self.equal: Counter[str] = Counter()
+        self._left: dict[str, dict[int, list[bytes]]] = {}
+        for topic, messages in before.topics.items():
+            at = self._left[topic] = {t_ns: [data] for t_ns, data in messages.items()}
+            for t_ns, data in before.further.get(topic, ()):
+                at[t_ns].append(data)
+        self._differs: dict[str, list[int]] = {}
+        self._others: Counter[str] = Counter()
+        self._known: set[str] = set()
+
+    def take(self, snapshot: Snapshot, messages: Messages) -> None:
+        """Compare the messages of a step of the replay."""
+        wanted = [self._left.get(topic.name.strip('/'), {}).pop(snapshot.t_ns, []) for topic in messages.topics]
+        if not any(wanted):
+            return
+        made, again = messages.encode(snapshot), messages.encode(snapshot, whole=True)
+        for topic, recorded, *ours in zip(messages.topics, wanted, made, again, strict=True):
+            name = topic.name.strip('/')
+            self._known.add(name)
+            for data in recorded:
+                if data in ours:
+                    self.equal[name] += 1
+                elif name in SHARED and len(data) not in [len(one) for one in ours if one is not None]:
+                    self._others[name] += 1  # other frames or joints
+                else:
+                    self._differs.setdefault(name, []).append(snapshot.t_ns)
+
+    def unequal(self) -> dict[str, str]:
+        """Topic -> in what it differs."""
+        found = {}
+        for topic, left in self._left.items():
+            if times := self._differs.get(topic):
+                count = len(times) + self.equal[topic]
+                found[topic] = f'{len(times)} of {count} messages differ, the first at {times[0] * 1e-9:.9g} s'
+            elif not self.equal[topic] and (left or self._others[topic]):
+                found[topic] = 'no message is one of the replay' + (
+                    '' if topic in self._known else ', which has no such topic at these instants'
+                )
+        return found
+
+    def told(self) -> list[str]:
+        """What was not compared, a sentence each."""
+        rest = {topic: sum(map(len, left.values())) for topic, left in self._left.items() if left}
+        texts = [f'topic {topic}: {count} messages of another publisher are not compared' for topic, count in self._others.items()]
+        texts += [f'topic {topic}: {count} messages at instants of no step in the replay are not compared' for topic, count in rest.items()]
+        return texts
 
 
 def _own_start(where: Path, before: Content, applied: Inputs) -> list[str]:
@@ -178,7 +323,7 @@ def _changed(args: argparse.Namespace, before: Content, applied: Inputs, directo
             simulation, applied.last, directory=directory, progress=not args.json, state=before.state,
             from_start=applied.from_start, source=applied.source(simulation.channels.inputs),
         )  # fmt: skip
-    again, recorded = bag.read(directory), bag.read(args.bag)
+    again, recorded = bag.read(directory), bag.read(args.bag, namespace=before.metadata.get('namespace', ''))
     found = compare(again, recorded, rated=False)
     doubts = {name: list(told) for name, one in (('replay', again), (str(args.bag), recorded)) if (told := runs.suspicion(one))}
     data = {

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from mbd_sim_ros.commands import Result, declare
+from mbd_sim_ros.commands.replay import SCENE_HELP
 from solver.errors import BagError
 
 KINDS = ('.html', '.png', '.gif', '.mp4', '.rrd', '.json')
@@ -16,6 +17,7 @@ TAKEN_BY = {  # option -> what it changes
     'rate': FILMS,
     'speed': FILMS,
     'width': ('.png', *FILMS),
+    'scene': tuple(kind for kind in KINDS if kind != '.rrd'),
     'channel': tuple(kind for kind in KINDS if kind != '.rrd'),
     'ghosts': tuple(kind for kind in KINDS if kind != '.json'),
 }
@@ -37,6 +39,7 @@ def add(parsers: Any) -> None:
     parser.add_argument('--out', metavar='FILE', type=Path, help=f'what to write, by its ending: {", ".join(KINDS)}')
     parser.add_argument('--rerun', action='store_true', help='open the recordings in the viewer of Rerun (extra `rerun`)')
     parser.add_argument('--channel', metavar='PATTERN', action='append', default=[], help="curves to draw, e.g. 'imu/*' (repeatable)")
+    parser.add_argument('--scene', metavar='SCENE', help=SCENE_HELP)
     parser.add_argument('--at', metavar='SECONDS', type=float, help='instant of a picture (default: the middle of the recording)')
     parser.add_argument('--rate', metavar='HZ', type=float, help='pictures a second of a film (default 25, of a GIF 12.5)')
     parser.add_argument('--width', metavar='PIXELS', type=int, help='of a picture or film (default 1120)')
@@ -48,6 +51,7 @@ def run(args: argparse.Namespace) -> Result:
     from mbd_sim_ros import interrupts
     from mbd_sim_ros.analysis.view import page, picture
     from mbd_sim_ros.analysis.view.motion import read_motion
+    from mbd_sim_ros.bags.published import told
 
     file, channels = args.out, tuple(args.channel)
     if file is None and not args.rerun:
@@ -81,7 +85,9 @@ def run(args: argparse.Namespace) -> Result:
         return Result(data={'status': 'ok', 'file': str(file), 'bytes': size}, text=f'{file} ({size / 1e6:.2f} MB)')
     width -= width % 2  # films need even sizes
     interrupts.now(f'making {file}')
-    motions = [read_motion(path, channels) for path in (args.bag, *args.ghosts)]
+    if args.scene is not None and all((said := told(path)) is None or said.scene for path in (args.bag, *args.ghosts)):
+        raise BagError(f'--scene {args.scene}: {args.bag} says which scene it is of; leave it out')
+    motions = [read_motion(path, channels, args.scene) for path in (args.bag, *args.ghosts)]
     if file.suffix == '.html':
         page.write_page(motions, file, channels)
     elif file.suffix == '.json':

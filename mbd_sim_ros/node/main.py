@@ -37,21 +37,16 @@ LOOK = 0.25  # s between looks for the end and for signals; every one costs the 
 
 
 def prepare(scene: str, overrides: list[str]) -> tuple[Any, Any]:
-    """Load a scene and return what of it is simulated with its simulation, compiled and at its start. Raises MbdError.
-
-    Steps of a scene that leaves it open are constant: one that is divided would come late. What is recorded says so.
-    """
+    """Load a scene and return what of it is simulated with its simulation, compiled and at its start. Raises MbdError."""
+    from mbd_sim_ros.bags.published import load_published
     from solver import simulation_of
     from solver.engine.stepping import KINDS
     from solver.errors import SpecError
-    from solver.files.scene import load_scene
     from solver.files.yaml_tree import overtaken
 
     if (lost := overtaken(overrides)) is not None:
         raise SpecError(f'parameter overrides: {lost[0]} is replaced as a whole by {lost[1]} behind it; give them the other way round')
-    loaded = load_scene(scene, overrides)
-    if loaded.integrator.step_policy == 'auto':
-        loaded = load_scene(scene, [*overrides, 'integrator.step_policy=constant'])
+    loaded = load_published(scene, overrides)
     kind = loaded.integrator.kind
     if kind not in KINDS:
         raise SpecError(f'integrator: kind = {kind!r}: a node steps with {" or ".join(KINDS)}; run this one with mbd run')

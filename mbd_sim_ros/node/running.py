@@ -16,6 +16,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_msgs.msg import String
 
+from mbd_sim_ros.bags.published import tell
 from mbd_sim_ros.messages.cdr import ENCAPSULATION
 from mbd_sim_ros.messages.encode import STAMP, Messages, require_finite
 from mbd_sim_ros.messages.topics import ELEMENTS, MOTIONS
@@ -224,7 +225,7 @@ class Running:
     def _describe(self) -> None:
         """Say once, also to who comes later, what runs: the spanning tree as URDF, and the whole scene as text."""
         latched = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        told = {'robot_description': self._urdf, '~/scene': self.scene.resolved}
+        told = {'robot_description': self._urdf, '~/scene': tell(self.scene, self.simulation)}
         self._descriptions = [self.node.create_publisher(String, topic, latched, **SAID_HERE) for topic in told]
         for publisher, text in zip(self._descriptions, told.values(), strict=True):
             publisher.publish(String(data=text))

@@ -13,6 +13,7 @@ from mbd_sim_ros.analysis.view.ground import Ground
 from mbd_sim_ros.bags import reader
 from mbd_sim_ros.bags.patterns import fits
 from mbd_sim_ros.bags.poses import Poses, read_poses
+from mbd_sim_ros.bags.published import load_published, told
 from solver.errors import BagError
 from solver.files.scene import load_scene_text
 from solver.files.urdf import link_of
@@ -56,24 +57,38 @@ def rotated(q: np.ndarray, x: np.ndarray) -> np.ndarray:
     return x + w * t + np.cross(u, t)
 
 
-def read_motion(path: Path, channels: tuple[str, ...] = ()) -> Motion:
-    """A recording of ours in motion. channels: patterns of those that are drawn as curves.
+def read_motion(path: Path, channels: tuple[str, ...] = (), scene: str | None = None) -> Motion:
+    """A recording of ours, or of the topics of the node, in motion. channels: patterns of those that are drawn as curves. scene: name or
+    file of that which is drawn where the recording does not say it.
 
-    Raises BagError if it is not a recording of this package, or does not place its bodies.
+    Raises BagError if nobody says the scene, or the recording does not place its bodies.
     """
     poses = read_poses(path)
     patterns = list(channels) if channels else [*VEHICLE, 'joint_states/*/position']
-    run = reader.read(path, [*patterns, 'tire/*/force/*'])
-    text = run.metadata.get('resolved_scene', '')
-    if not text:
-        raise BagError(f'{path} does not say which scene it is of, so nobody knows what to draw; give a recording of this package')
-    spec = derive(load_scene_text(text, run.metadata.get('scene', 'scene'))).scene.model
+    said = told(path)
+    run = reader.read(path, [*patterns, 'tire/*/force/*'], namespace='' if said is None else said.namespace)
+    text = run.metadata.get('resolved_scene', '') if said is None else said.scene
+    if said is not None:
+        run.metadata['namespace'] = said.namespace
+    if text:
+        shown = load_scene_text(text, run.metadata.get('scene', 'scene'))
+    elif scene is not None:
+        shown = load_published(scene)
+    else:
+        raise BagError(
+            f'{path} does not say which scene it is of, so nobody knows what to draw: record the topic ~/scene too, or name the scene '
+            'with --scene'
+        )
+    spec = derive(shown).scene.model
     drawing = drawing_of(spec)
     prefix = _prefix(poses)
     frames = [prefix + link_of(spec, name) for name in drawing.bodies]
     missing = [frame for frame in frames if frame not in poses.frames]
     if missing:
-        raise BagError(f'{path}: /tf does not place {missing[0]!r} ({len(missing)} bodies missing); record with record.poses above 0')
+        other = '' if text else f', or {scene} is not its scene'
+        raise BagError(
+            f'{path}: /tf does not place {missing[0]!r} ({len(missing)} bodies missing); record with record.poses above 0{other}'
+        )
     order = [poses.frames.index(frame) for frame in frames]
     contact, force = _contacts(poses, drawing, prefix, run)
     follows = drawing.bodies.index(spec.chassis) if spec.chassis and drawing.wheels else WORLD_BODY
