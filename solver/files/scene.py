@@ -11,14 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
-from solver.dimensions import LOCK
+from solver.dimensions import LOCK, ROUNDED
 from solver.elements.road import RoadSpec
 from solver.elements.road_grids import RandomRoad
 from solver.errors import SceneError, SpecError, suggestion
 from solver.files import requirements
 from solver.files.mechanism import MechanismReader
 from solver.files.naming import names_file
-from solver.files.schema import ROUNDED, Builder, Fields
+from solver.files.schema import Builder, Fields
 from solver.files.vehicle import TEMPLATES, build_vehicle
 from solver.files.yaml_tree import MappingNode, Node, ScalarNode, include, override, parse, read, text_of, where
 from solver.inputs.actuation import Actuation

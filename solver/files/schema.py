@@ -31,7 +31,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
-from solver.dimensions import Within
+from solver.dimensions import ROUNDED, Within
 from solver.errors import SceneError, SpecError, suggestion
 from solver.files.naming import INCLUDE, READERS, names_file, unfit
 from solver.files.yaml_tree import AddedMapping, join, refuse, where
@@ -39,7 +39,6 @@ from solver.units import SUFFIXES, UNITS
 
 NUMBER = re.compile(r'[-+]?(0|[1-9][0-9]*)?(\.[0-9]*)?([eE][-+]?[0-9]+)?')
 COMPLAINT = re.compile(r'(?:[^=]*?: )?(?P<field>\w+)(?P<rest>[\w.\[\]]*(?: = |: ).*)', re.DOTALL)  # of a specification about its field
-ROUNDED = 1e-9  # relative rounding of a bound in another unit: 360 deg are one turn
 _NULL = ('', '~', 'null')
 
 Fields = dict[str, tuple[Node, Node]]

@@ -21,6 +21,7 @@ REFUSED = [
     ('vehicle.front.wheel.camber=-0.8', 'vehicle.front.wheel.camber = -0.8', 'write camber_deg'),
     ('vehicle.front.wheel.toe_deg=7', 'toe_deg = 7: is too large in deg for the toe of a wheel (5 deg at most)', ''),
     ('maneuver.steering.value=51.6', 'maneuver.steering = 51.6: is too large in rad for the angle of a steering wheel', '0.0174533'),
+    ('maneuver={steering: {kind: ramp, slope: 10, final: 20.001}}', 'maneuver.steering = 20.001: is too large in rad', '0.0174533'),
     ('maneuver={steering: {kind: sine, amplitude: -45, frequency: 0.5}}', 'maneuver.steering = ', '0.0174533'),
     (f'maneuver={{driver: {{{CIRCLE}, limit: 460}}}}', 'maneuver.driver.limit = 460', 'write limit_deg'),
     (f'maneuver={{driver: {{{CIRCLE}, rate_limit: 720}}}}', 'maneuver.driver.rate_limit = 720', ''),
@@ -45,6 +46,12 @@ def test_degrees_of_a_vehicle_are_told_with_the_remedy(override: str, place: str
         'vehicle.front.wheel.toe_deg=5', 'vehicle.front.wheel.toe=-0.05', 'vehicle.rear.wheel.camber_deg=-10',
         'maneuver.steering.value=14', f'maneuver={{driver: {{{CIRCLE}, limit_deg: 700}}}}',
         'road.patches=[{center: [0, 0], size: [1, 1], yaw_deg: 360, factor: 0.5}]', 'start.coordinates.steering_wheel.value=7',
+        'start.coordinates.steering_wheel.value=-20', 'maneuver.steering.value=20',
+        # ramps that rounding takes up to 4e-14 rad beyond their end
+        'maneuver={steering: {kind: ramp, start: 0.2, slope: 3, final: 20}}',
+        'maneuver={steering: {kind: ramp, start: 0.3, slope: -3, final: -20, blend: 0.37}}',
+        'maneuver={steering: {kind: ramp, start: 0.3, slope: 17, final: 20, blend: 0.37}}',
+        'maneuver={steering: {kind: sine, amplitude: 20, frequency: 0.25}}',
     ],
 )  # fmt: skip
 def test_large_but_possible_angles_pass(override: str) -> None:
