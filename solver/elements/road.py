@@ -148,11 +148,35 @@ def envelops(spec: RoadSpec, radius: float) -> tuple[bool, ...]:
 def within(grid: HeightGrid | RasterGrid | CurvedGrid | RandomRoad, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """(n,) whether places x, y (n,) [m] in W are on a grid, and not beside it."""
     if isinstance(grid, RandomRoad):
-        origin, yaw, size = grid.origin, grid.yaw, (grid.length, grid.width)
+        size = grid.length, grid.width
     else:
         h = grid.heights
-        origin, yaw = h.origin, h.yaw
         size = (h.height.shape[0] - 1) * h.step[0], (h.height.shape[1] - 1) * h.step[1]
+    u, v = _own(grid, x, y)
+    return (u >= 0.0) & (u <= size[0]) & (v >= 0.0) & (v <= size[1])
+
+
+def nodes_at(grid: HeightGrid | RasterGrid | CurvedGrid, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """(n,) heights [m] of a grid at places x, y (n,) [m] in W, straight between its nodes; beside it those of its border."""
+    h = grid.heights
+    found = np.zeros(len(x))
+    first, part = zip(*(_cell(c / step, n) for c, step, n in zip(_own(grid, x, y), h.step, h.height.shape, strict=True)), strict=True)
+    for i, p in ((first[0], 1.0 - part[0]), (first[0] + 1, part[0])):
+        for j, q in ((first[1], 1.0 - part[1]), (first[1] + 1, part[1])):
+            found += p * q * h.height[i, j]
+    return found
+
+
+def _cell(c: np.ndarray, nodes: int) -> tuple[np.ndarray, np.ndarray]:
+    """(node before it, part of the cell behind that) of places c (n,) in cells."""
+    c = np.clip(c, 0.0, nodes - 1.0)
+    first = np.minimum(c.astype(np.int64), nodes - 2)
+    return first, c - first
+
+
+def _own(grid: HeightGrid | RasterGrid | CurvedGrid | RandomRoad, x: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Places x, y (n,) [m] in W along and across a grid [m], from its node (0, 0) on."""
+    origin, yaw = (grid.origin, grid.yaw) if isinstance(grid, RandomRoad) else (grid.heights.origin, grid.heights.yaw)
     if isinstance(grid, CurvedGrid) and grid.line is not None:
         u, v = np.zeros(len(x)), np.zeros(len(x))
         coordinates_at(Ref(compile_road(RoadSpec(grids=(grid,)))), 0, np.ascontiguousarray(x, float), np.ascontiguousarray(y, float), u, v)
@@ -161,7 +185,7 @@ def within(grid: HeightGrid | RasterGrid | CurvedGrid | RandomRoad, x: np.ndarra
         forward, aside = math.cos(yaw), math.sin(yaw)
         dx, dy = x - origin[0], y - origin[1]
         u, v = forward * dx + aside * dy, forward * dy - aside * dx
-    return (u >= 0.0) & (u <= size[0]) & (v >= 0.0) & (v <= size[1])
+    return u, v
 
 
 @functools.lru_cache(maxsize=2)  # the start of a scene compiles its model more than once

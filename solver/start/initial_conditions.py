@@ -22,19 +22,21 @@ from solver.model.tables import Model
 from solver.scene import Scene
 from solver.start.equilibrium import Equilibrium
 from solver.start.newton import ConsistentState
+from solver.start.obstacle import edge_at_wheels
 from solver.start.placement import (
     Changes,
     changes,
     refuse_flat_discs,
     refuse_links_without_length,
     refuse_open_joints,
+    refuse_overturned,
     refuse_points_without_distance,
     refuse_turned_over,
     refuse_undirected,
     refuse_unloaded_wheels,
 )
 from solver.start.reach import beyond_reach
-from solver.start.rolling import held_body, lay_on_road, roll_wheels, settle_rolling, without_brakes
+from solver.start.rolling import SETTLE_EVERY, held_body, lay_on_road, roll_wheels, settle_rolling, without_brakes
 from solver.step.work import Scheme, StepResult
 
 GRIP = 0.1  # friction of a road on which equilibrium is found from the placement on
@@ -68,6 +70,18 @@ class InitialConditions:
 
     def find(self) -> Changes:
         """Assign the start of the scene to the state; returns what was changed of what is given. Raises ConsistencyError."""
+        placed, speed = self.state.q.copy(), self.scene.start.speed
+        try:
+            return self._find()
+        except ConsistencyError as error:
+            rolled = abs(speed) * SETTLE_EVERY if self.scene.start.kind == 'equilibrium' else 0.0
+            edge = edge_at_wheels(self.model, placed, self.chassis, rolled)
+            if not edge:
+                raise
+            raise ConsistencyError(f'start: {edge} ({str(error).removeprefix("start: ").partition(";")[0]})') from error
+
+    def _find(self) -> Changes:
+        """As find(), with the sentence of whatever fails."""
         start, u, method = self.scene.start, self.inputs, self.method
         calculation = Equilibrium(self.model)
         state = self.state
@@ -102,6 +116,7 @@ class InitialConditions:
         given = self._start_moving(start.speed, rates, u)
         if start.kind == 'equilibrium' and start.speed:
             self._settle(start.speed, u)
+            refuse_overturned(self.model, self.state, self.chassis, start.speed)
             calculation.project_velocity(self.state, u)
         changed = changes(self.model, start.kind, placed, given, self.state, wanted=bool(rates), speed=start.speed)
         calculation.start_integrator(self.state, u, method.h, method.am, method.af)

@@ -180,6 +180,13 @@ def refuse_turned_over(model: Model, state: State) -> None:
             )
 
 
+def refuse_overturned(model: Model, state: State, chassis: int, speed: float) -> None:
+    """Raise ConsistencyError for a vehicle that lies on its roof after it has settled at a speed [m/s]."""
+    up = matrix_of_quaternion(tuple(state.q[chassis, 3:]))[8]  # component zz
+    if model.spec.tires and up < 0.0:
+        raise ConsistencyError(f'start: the vehicle turns over while it settles at {speed:g} m/s; place it where the road is flatter')
+
+
 def _axes(model: Model, state: State, marker: Marker) -> np.ndarray:
     """(3, 3) axes of a marker in the world, as columns."""
     own = np.array(matrix_of_quaternion(tuple(marker.orientation))).reshape(3, 3)
