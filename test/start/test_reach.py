@@ -94,7 +94,14 @@ def told(error: MbdError, name: str, end: float) -> None:
 
 
 @pytest.mark.parametrize('case', CASES)
-@pytest.mark.parametrize('integrator', [{}, {'step_policy': 'constant'}, {'h': 0.005}], ids=['plain', 'constant', 'coarse'])
+@pytest.mark.parametrize(
+    'integrator',
+    [
+        pytest.param({}, id='plain'),
+        pytest.param({'step_policy': 'constant'}, id='constant', marks=pytest.mark.slow),
+        pytest.param({'h': 0.005}, id='coarse', marks=pytest.mark.slow),
+    ],
+)
 def test_a_driver_that_leaves_its_reach_is_named(case: str, integrator: dict[str, Any]) -> None:
     mechanism, name, slope, end, line = CASES[case]
     s = simulation(mechanism, {name: {**RAMP, 'slope': slope}}, integrator=integrator)
