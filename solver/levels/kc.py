@@ -188,7 +188,9 @@ class _Reduction:
             if kind.name in (*REPLACED, *KINDS, 'coordinate_forces', 'tires', 'guides'):
                 continue
             for element in getattr(self.spec, kind.name):
-                where = [getattr(element, name).body for name in ('marker', 'i', 'j') if getattr(element, name, None) is not None]
+                where = [
+                    getattr(element, name).body for name in ('marker', 'reaction', 'i', 'j') if getattr(element, name, None) is not None
+                ]
                 missing = [body for body in where if body not in (self.chassis.name, WORLD)]
                 if missing:
                     raise SpecError(f'{element.where}: acts on {missing[0]!r}, which this level does not have; use full')

@@ -17,11 +17,16 @@ from solver.analysis.balance import Balance
 from solver.analysis.driven import steady_figures
 from solver.analysis.figures import mass_figures, standing
 from solver.analysis.kinematics_and_compliance import CORNERS, Rig, kinematic_figures
+from solver.elements.aero_drag import AeroDragSpec
+from solver.elements.applied_force import AppliedForceSpec
+from solver.elements.laws import Law
+from solver.elements.marker import WORLD, Marker
 from solver.elements.road import RoadSpec
+from solver.elements.rod import RodSpec
 from solver.errors import ConsistencyError, SpecError
 from solver.inputs.maneuver import Maneuver
 from solver.inputs.signals import SineWithDwell, Step, Sweep
-from solver.levels import derive, maps
+from solver.levels import derive, kc, maps
 from solver.levels.kc import kc_model
 from solver.levels.maps import require_return
 from solver.scene import Scene, StartSettings
@@ -310,6 +315,29 @@ def test_what_a_wheel_does_to_the_other_is_found_on_stiff_springs_too(rate: floa
     b = np.array(found['opposite']).reshape(2, 5, 7)
     np.testing.assert_allclose(b[:, 2], [[10.0, *(0.0,) * 6]] * 2, atol=1e-6)
     assert not np.delete(b, 2, axis=1).any()
+
+
+KNUCKLE, CHASSIS, GROUND = (Marker(body=body) for body in ('knuckle_front_left', 'chassis', WORLD))
+LINK = {'length': 1.0, 'law': Law.linear(1.0)}
+
+
+@pytest.mark.parametrize(
+    'added',
+    [
+        {'rods': (RodSpec(name='extra', i=CHASSIS, j=KNUCKLE, **LINK),)},
+        {'rods': (RodSpec(name='extra', i=KNUCKLE, j=CHASSIS, **LINK),)},
+        {'rods': (RodSpec(name='extra', i=GROUND, j=KNUCKLE, **LINK),)},
+        {'applied_forces': (AppliedForceSpec(name='extra', marker=KNUCKLE),)},
+        {'applied_forces': (AppliedForceSpec(name='extra', marker=CHASSIS, reaction=KNUCKLE),)},
+        {'aero_drags': (AeroDragSpec(name='extra', marker=KNUCKLE, drag_area=1.0),)},
+    ],
+)
+def test_a_force_on_a_body_that_the_level_does_not_have_is_refused_with_that_body(added: dict[str, tuple]) -> None:
+    """Not with the first of its markers, which may be on the chassis or on the world."""
+    spec = dataclasses.replace(solver.load_scene('light_car_step_steer').model, **added)
+    of_level = SimpleNamespace(spec=spec, chassis=next(body for body in spec.bodies if body.name == 'chassis'))
+    with pytest.raises(SpecError, match=r"'extra'?: acts on 'knuckle_front_left', which this level does not have; use full"):
+        kc._Reduction._others(of_level)
 
 
 @pytest.mark.slow
