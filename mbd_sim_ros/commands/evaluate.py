@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> Result:
         interrupts.now(f'judging {place}')
         recording, held, scene = judging.read(place, sources, axes, time, args.dbc, log_times=args.log_times)
         evaluation = judging.meant(scene, args.name, str(place))
-        results.append(judging.judge(evaluation, recording, str(place), given, held=held, scene=scene))
+        results.append(judging.judge(evaluation, recording, str(place), given, held=held, scene=scene, mapped=bool(sources or axes)))
     return report(results, html=args.html, strict=args.strict)
 
 

@@ -178,6 +178,47 @@ def test_a_steering_wheel_beyond_any_lock_is_told() -> None:
     assert judging.misfit(s) == ('the steering wheel is turned to 51.57 rad, beyond any lock: check its unit',)
 
 
+def swept(rate: float = 100.0) -> Signals:
+    """A swept sine to 3.5 Hz of a car whose lateral acceleration lags behind its yaw rate, as 1 / (1 + i w / (5 rad/s))^2 in size and half
+    of that in phase: 1 times speed times yaw rate where it is slow, next to nothing where it is fast."""
+    t = np.arange(0.0, 60.0, 1.0 / rate)
+    w = 2.0 * math.pi * np.linspace(0.05, 3.5, t.size)
+    phase = np.concatenate([[0.0], np.cumsum(0.5 * (w[1:] + w[:-1]) / rate)])
+    lag = np.arctan(w / 5.0)
+    yaw, lateral = 0.1 * np.sin(phase), 2.2 * np.cos(lag) ** 2 * np.sin(phase - lag)
+    values = {'steering': 0.3 * np.sin(phase + 0.1), 'speed': np.full(t.size, 22.0), 'yaw_rate': yaw, 'lateral_acceleration': lateral}
+    return Signals(place='car', t=t, values=values, notes=[])
+
+
+def test_a_car_that_is_steered_faster_than_it_follows_is_no_wrong_unit() -> None:
+    """The full car was told to check its units in its own swept sine, where the lateral acceleration is 0.48 of speed times yaw rate."""
+    s = swept()
+    turning = s['speed'] * s['yaw_rate']
+    assert turning @ s['lateral_acceleration'] / (turning @ turning) < judging.FITS[0]
+    assert judging.misfit(s) == ()
+    for name, factor in (('lateral_acceleration', 1.0 / G), ('yaw_rate', 180.0 / math.pi), ('speed', 3.6), ('lateral_acceleration', -1.0)):
+        wrong = swept()
+        wrong.values[name] = factor * wrong[name]
+        assert any('times speed times yaw rate, not about 1: check units' in note for note in judging.misfit(wrong)), name
+    back = swept()
+    back.values |= {name: -back[name] for name in ('speed', 'yaw_rate')}
+    assert judging.misfit(back) == ()
+
+
+def test_units_of_our_own_recordings_are_known_until_somebody_maps_them() -> None:
+    s = stepped()
+    s.values['yaw_rate'] = np.degrees(s['yaw_rate'])
+    told = 'check units, signs and axes of the three'
+    for metadata, mapped, doubted in (
+        ({}, False, True),
+        ({'resolved_scene': 'name: x'}, False, False),
+        ({'resolved_scene': ''}, True, True),
+    ):
+        run = run_of(s.values, np.round(s.t * 1e9), {'status': 'ok', **metadata})
+        found = judging.judge(called('iso7401_step')[0], run, 'bag', {}, mapped=mapped)
+        assert any(told in note for note in found.notes) == doubted
+
+
 @pytest.mark.parametrize('signal', ['steering', 'yaw_rate'])
 def test_what_is_no_number_is_told(signal: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     s = stepped(rate=100.0)
@@ -186,7 +227,8 @@ def test_what_is_no_number_is_told(signal: str, tmp_path: Path, capsys: pytest.C
     channels = {name: f'car/{name}' for name in THEIRS}
     options = ['--as', 'iso7401_step', '--map', 'car/*=*', '--json']
     assert main(['evaluate', str(recorded(tmp_path / 'part', s, channels)), *options]) == 0
-    assert json.loads(capsys.readouterr().out)['results'][0]['notes'] == ['0.71 s without samples behind t = 0.49 s']
+    counted = f'topic car: values that are no number: car/{signal} (70)'
+    assert json.loads(capsys.readouterr().out)['results'][0]['notes'] == [counted, '0.71 s without samples behind t = 0.49 s']
     s[signal][:] = np.nan
     assert main(['evaluate', str(recorded(tmp_path / 'all', s, channels)), *options]) == 5
     assert f'the channel {signal} holds no number' in json.loads(capsys.readouterr().out)['error']

@@ -13,12 +13,13 @@ import numpy as np
 from mbd_sim_ros.analysis import mapping, runs
 from mbd_sim_ros.analysis.evaluation.figures import Result
 from mbd_sim_ros.analysis.evaluation.kinds import Evaluation
+from mbd_sim_ros.analysis.evaluation.measures import low_passed
 from mbd_sim_ros.analysis.evaluation.registry import EVALUATIONS, called, names
 from mbd_sim_ros.analysis.evaluation.signals import GIVEN, NEEDED, WAYS, Signals, Vehicle, scene_of, signals
 from mbd_sim_ros.analysis.mapping import Axes, Source
 from mbd_sim_ros.analysis.tables import TimeColumn
 from mbd_sim_ros.bags.reader import Run
-from solver.dimensions import LOCK
+from solver.dimensions import LOCK, ROUNDED
 from solver.errors import BagError, SpecError, suggestion
 from solver.scene import Scene
 from solver.validate import finite, require
@@ -28,7 +29,8 @@ MAY_BE_ZERO = ('low', 'skip', 'begin', 'deviation', 'kx', 'ky', 'kz')
 RANGES = (('low', 'high'), ('slowest', 'fastest'))
 STANDING = 1.0  # m/s: a car that is never faster drives no maneuver
 FITS = (0.5, 2.0)  # lateral acceleration over speed times yaw rate, where units and signs are right
-MOVES = 1.0  # m/s^2, RMS of either, from which on that is looked at
+MOVES = 1.0  # m/s^2, the largest of either, from which on that is looked at
+SLOW = 0.5  # Hz: below it a car follows its steering nearly as in the steady state (the full car to 8 %), at 5 Hz nothing is left of that
 OPPOSED = -0.5  # correlation of steering and yaw rate about zero, below which they are to different sides
 LARGEST = 1e9  # of a parameter, in SI units
 
@@ -77,8 +79,10 @@ def judge(
     *,
     held: frozenset[str] = frozenset(),
     scene: Scene | None = None,
+    mapped: bool = False,
 ) -> Result:
-    """The figures of a recording. given: parameters, before those that its maneuver states. Raises BagError and SpecError."""
+    """The figures of a recording. given: parameters, before those that its maneuver states. mapped: whether somebody says what its
+    channels are, who may be wrong in a unit or a sign; those of our own recordings are known. Raises BagError and SpecError."""
     stated = scene.maneuver.evaluate_with if scene is not None and _states(scene, evaluation) else {}
     parameters = parameters_of(evaluation, {**stated, **given})
     if not run.series:
@@ -93,7 +97,8 @@ def judge(
         result = evaluation.judge(found, parameters)
     bad = next((f for f in result.figures if f.ok and not math.isfinite(f.value)), None)
     assert bad is None, f'{bad} passes without a value'
-    notes = (*runs.suspicion(run), *_unread(run, place, scene), *misfit(found), *result.notes)
+    ours = not mapped and 'resolved_scene' in run.metadata
+    notes = (*runs.suspicion(run), *_unread(run, place, scene), *(() if ours else misfit(found)), *result.notes)
     return dataclasses.replace(result, parameters=dataclasses.asdict(parameters), notes=notes)
 
 
@@ -117,19 +122,21 @@ def _states(scene: Scene, evaluation: Evaluation) -> bool:
 
 def misfit(s: Signals) -> tuple[str, ...]:
     """What units, signs and axes of a mapping that are wrong do: a car at a steady sideslip angle has a lateral acceleration of speed times
-    yaw rate, and for the rest of a maneuver about that, by least squares; and it turns to the side to which it is steered."""
+    yaw rate, and as long as it moves slowly about that, by least squares; and it turns to the side to which it is steered."""
     return _angle(s) + _side(s) + _acceleration(s)
 
 
 def _angle(s: Signals) -> tuple[str, ...]:
     largest = float(np.abs(s['steering']).max()) if 'steering' in s else 0.0
-    return () if largest < LOCK else (f'the steering wheel is turned to {largest:.4g} rad, beyond any lock: check its unit',)
+    if largest <= LOCK * (1.0 + ROUNDED):
+        return ()
+    return (f'the steering wheel is turned to {largest:.4g} rad, beyond any lock: check its unit',)
 
 
 def _side(s: Signals) -> tuple[str, ...]:
     if 'steering' not in s or 'yaw_rate' not in s or 'brake' in s:  # on split friction he steers against what turns the car
         return ()
-    steered, turned = s['steering'], s['yaw_rate']
+    steered, turned = s['steering'], s['yaw_rate'] * (np.sign(s['speed']) if 'speed' in s else 1.0)  # in reverse to the other side
     if not steered @ turned < OPPOSED * np.sqrt((steered @ steered) * (turned @ turned)):
         return ()
     return ('the car turns to the other side than its steering wheel: check the signs of steering and yaw rate',)
@@ -138,8 +145,8 @@ def _side(s: Signals) -> tuple[str, ...]:
 def _acceleration(s: Signals) -> tuple[str, ...]:
     if not all(name in s for name in ('speed', 'yaw_rate', 'lateral_acceleration')):
         return ()
-    turning, pushed = s['speed'] * s['yaw_rate'], s['lateral_acceleration']
-    if not turning.any() or max(np.sqrt(np.mean(turning**2)), np.sqrt(np.mean(pushed**2))) < MOVES:
+    turning, pushed = (low_passed(a, s.rate, SLOW) for a in (s['speed'] * s['yaw_rate'], s['lateral_acceleration']))
+    if not turning.any() or max(np.abs(turning).max(), np.abs(pushed).max()) < MOVES:
         return ()
     factor = float(turning @ pushed / (turning @ turning))
     if FITS[0] <= factor <= FITS[1]:
