@@ -85,7 +85,14 @@ def verdict(data: dict[str, Any]) -> str:
     what = f'{data["fidelity"]}{f" without {off}" if off else ""} with {integrator}'
     costs = f'costs {data["cost_ratio"]:.3g} of the full vehicle at 1 ms'
     unseen = data['unseen']
+    costs += f'; mbd run shows {shows(data)}' if 'run' in data['cost'] else ''
     return f'{data["status"]}: {what} {costs}; {unseen["passed"]} of {unseen["passed"] + unseen["failed"]} unseen maneuvers passed'
+
+
+def shows(data: dict[str, Any]) -> str:
+    """The speed that `mbd run` shows of the scene that was found, in words."""
+    run = data['cost']['run']
+    return f'{run["recorded"]:.3g} times real time, recording included; {run["unrecorded"]:.3g} with --no-record'
 
 
 def rows(table: Sequence[Sequence[str]]) -> str:

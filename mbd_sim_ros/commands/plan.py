@@ -82,6 +82,8 @@ def _planned(args: argparse.Namespace, scene: Scene, out: Path) -> dict[str, Any
         data['notes'].append(f'the same command goes on where this plan ended: its runs are kept in {out / RUNS}')
     else:
         shutil.rmtree(out / RUNS, ignore_errors=True)
+    if data['status'] == OK:
+        _time(scene, data)
     data['out'] = str(out)
     before = plan_of(scene) if data['status'] == INCOMPLETE else None
     if before is not None and before['status'] == OK:
@@ -91,8 +93,6 @@ def _planned(args: argparse.Namespace, scene: Scene, out: Path) -> dict[str, Any
             f'the plan cannot be kept in {location()}, so fidelity: auto does not find it; simulate the scene.yaml that is written, or '
             'plan anew with MBD_CACHE_DIR set to a place that can be written'
         )
-    if data['status'] == OK:
-        data['cost']['run'] = as_run(chosen(scene, data))
     try:
         if data['settings'] is not None and scene.resolved:
             (out / 'scene.yaml').write_text(chosen(scene, data).resolved, encoding='utf-8')
@@ -103,6 +103,28 @@ def _planned(args: argparse.Namespace, scene: Scene, out: Path) -> dict[str, Any
     except OSError as error:
         raise BagError(f'{error.filename or out}: cannot be written: {error.strerror}; choose another directory with --out') from None
     return data
+
+
+def _time(scene: Scene, data: dict[str, Any]) -> None:
+    """Add what `mbd run` shows of the scene that was found. One that is slower there than every run has to be is no plan: the run would be
+    suspect."""
+    from solver.levels.auto import chosen
+    from solver.trade.certificate import NO
+
+    run_ = data['cost']['run'] = as_run(chosen(scene, data))
+    least = scene.require.real_time_factor_min
+    if least is not None and max(run_.values()) < least:
+        data['status'] = NO
+        steps = data['cost']['real_time_factor']
+        data['give'].append(
+            f'mbd run shows {run_["recorded"]:.3g} times real time, {run_["unrecorded"]:.3g} with --no-record (steps alone: {steps:.3g}); '
+            f'require.real_time_factor_min asks for {least:g}'
+        )
+    elif least is not None and run_['recorded'] < least:
+        data['notes'].append(
+            f'require.real_time_factor_min = {least:g} is kept with --no-record ({run_["unrecorded"]:.3g} times real time), not with the '
+            f'recording ({run_["recorded"]:.3g})'
+        )
 
 
 def as_run(scene: Scene) -> dict[str, float]:
@@ -120,7 +142,7 @@ def as_run(scene: Scene) -> dict[str, float]:
 
 def describe(data: dict[str, Any]) -> str:
     """A plan for people."""
-    from mbd_sim_ros.analysis.plan_page import error_rows
+    from mbd_sim_ros.analysis.plan_page import error_rows, shows
 
     rows = [('plan', data['status'])]
     if data['settings'] is not None:
@@ -133,9 +155,7 @@ def describe(data: dict[str, Any]) -> str:
             ('integrator', integrator),
             ('cost', f'{data["cost_ratio"]:.3g} of the full vehicle at 1 ms; steps alone {cost["real_time_factor"]:.3g} times real time'),
         ]
-        if 'run' in cost:
-            run_, plain = cost['run']['recorded'], cost['run']['unrecorded']
-            rows.append(('mbd run', f'{run_:.3g} times real time, recording included; {plain:.3g} with --no-record'))
+        rows += [('mbd run', shows(data))] if 'run' in cost else []
     unseen = data['unseen']
     bound = '' if unseen['bound'] is None else f'; fewer than {100 * min(1.0, unseen["bound"]):.2g} % fail, with 95 % confidence'
     rows.append(('unseen maneuvers', f'{unseen["passed"]} passed, {unseen["failed"]} failed{bound}'))

@@ -209,7 +209,7 @@ def what_has_to_give(search: Search, closest: Verdict | None, slow: bool, data: 
     if slow:
         (factor, who), found = least_speed(search.scene), data['cost']['real_time_factor']
         best = nearest(t for t in search.tried if t.cost > 0.0 and 1.0 / t.cost >= factor)
-        sentences = [f'{closest.setting} keeps the accuracy at {found:.3g} times real time; {who} asks for {factor:g}']
+        sentences = [f'{closest.setting} keeps the accuracy, steps alone at {found:.3g} times real time; {who} asks for {factor:g}']
         if best is not None:
             sentences.append(f'of what is as fast {best.setting} comes closest: {how_near(best)}')
         return sentences

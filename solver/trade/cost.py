@@ -101,8 +101,9 @@ def size(scene: Scene, setting: Setting) -> tuple[int, ...]:
 
 
 def per_step(scene: Scene, setting: Setting, h: float = PROBED) -> PerStep:
-    """Time of a step and of an evaluation of a model, by timing steps of h [s] with one and with three iterations. Where such a run
-    fails they are shorter, up to SHORTER times. Raises MbdError."""
+    """Time of a step and of an evaluation of a model, by timing steps of h [s] with one and with three iterations. Steps are no longer
+    than the scene. Where such a run fails they are shorter, up to SHORTER times. Raises MbdError."""
+    h = min(h, scene.duration)
     for k in range(SHORTER):
         try:
             return _timed(scene, setting, h / 2**k)

@@ -42,3 +42,12 @@ def test_settings_are_timed_in_turn(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(cost, 'time', SimpleNamespace(thread_time=lambda: next(clock)))
     first, second = cost.compared(scene, (Setting(iterations=1), Setting(iterations=1)))
     assert first.median == second.median == pytest.approx(1.0 / cost.PIECE)
+
+
+@pytest.mark.parametrize('duration', [5e-4, 1e-3, 2e-3, 3e-3])
+def test_a_scene_that_is_shorter_than_the_step_of_the_probe_is_timed(duration: float) -> None:
+    """A scene of one step of 1 ms was refused for a step of 2.5 ms that nobody had asked for."""
+    scene = solver.load_scene('spring_mass', [f'duration={duration}', f'integrator.h={min(duration, 1e-3)}'])
+    found = cost.per_step(scene, Setting())
+    assert found.fixed + found.evaluation > 0.0
+    assert 1.0 <= found.least <= found.most
