@@ -57,7 +57,7 @@ def test_a_recording_holds_the_inputs_of_every_step_and_replays(every, tmp_path,
     assert len(bag.read(recorded).time_ns) == 1 + -(-200 // every)
     found = inputs_of(content(recorded))
     scene = load_scene('four_bar')
-    expected = ManeuverSource(scene.maneuver, scene.model.inputs, scene.integrator.h_ns, Simulation(scene).stage).table(0, 200)
+    expected = ManeuverSource(scene.maneuver, scene.model.inputs, scene.integrator.h_ns, Simulation(scene).engine.stage).table(0, 200)
     for column, name in enumerate(scene.model.inputs):
         np.testing.assert_array_equal(found.rows[name], expected[:, column])
     code, data = document(capsys, 'replay', recorded, '--out', tmp_path / 'again')
