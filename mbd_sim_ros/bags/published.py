@@ -1,6 +1,6 @@
 """Recordings that `ros2 bag record` made of the node: wall clock in their log times, simulation time in their stamps.
 
-The node tells its scene, latched, on `~/scene`. The first line of that text is a comment in JSON: which solver and
+The node tells its scene, latched, on `~/scene`. The first line of that text is a comment with JSON in it: which solver and
 processor compute, and the step and, where that is not the start of the scene, the state that the node began with.
 """
 
@@ -30,7 +30,7 @@ from solver.errors import BagError
 if TYPE_CHECKING:
     from solver.scene import Scene
 
-MARK = '# '  # before the line in JSON: a comment in YAML
+MARK = '# mbd_sim_ros '  # before the line in JSON: a comment in YAML, by which the text is known for ours
 SCENE = 'scene'  # last part of the topic with the scene
 SCALARS = ('joint_states', 'cmd_applied', 'tire_states', 'reactions', MOTIONS, ELEMENTS)
 OF_A_HEADER = (JOINT_STATE, ODOMETRY, IMU, WRENCH)  # types that begin with one
@@ -82,12 +82,12 @@ def told(path: str | Path) -> Told | None:
         elif isinstance(record, Messages):
             if record.channel not in skip and record.channel in topics:
                 said = [decode(STRING, schema_text(STRING), data)[0]['data'] for data in record.data]
-                texts.setdefault(topics[record.channel], []).extend(said)
+                texts.setdefault(topics[record.channel], []).extend(text for text in said if text.startswith(MARK))
         elif isinstance(record, Metadata) and record.name == RECORD:
             return None
     reading.require_whole()
     namespaces = _namespaces(topics.values(), 'cmd_applied') or _namespaces(topics.values(), 'joint_states')
-    namespaces = namespaces or list(dict.fromkeys(_namespace(topic) for topic in texts))
+    namespaces = namespaces or list(dict.fromkeys(_namespace(topic) for topic, said in texts.items() if said))
     if len(namespaces) > 1:
         names = ' and '.join(f'/{name}' for name in namespaces)
         raise BagError(f'{path} holds the topics of {len(namespaces)} simulators ({names}); record each into a bag of its own')
@@ -109,10 +109,8 @@ def _namespace(topic: str) -> str:
 
 
 def _parted(path: Path, text: str) -> tuple[dict[str, Any], str]:
-    """The line in JSON of a text on `~/scene`, and the scene; an older node told the scene alone."""
+    """What the first line of a text on `~/scene` says, and the scene."""
     first, _, rest = text.partition('\n')
-    if not first.startswith(MARK + '{'):
-        return {}, text
     try:
         head = json.loads(first.removeprefix(MARK))
     except (ValueError, RecursionError):

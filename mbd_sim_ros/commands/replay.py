@@ -195,9 +195,8 @@ def _of_topics(args: argparse.Namespace, before: Content, applied: Inputs) -> Re
         lines.append('the recording was made by another version of the solver')
     if elsewhere:
         lines.append(f'the same bits cannot be expected, because the recording was made on another target: {"; ".join(elsewhere)}')
-    lines.append(
-        'a car that was placed during the recording (initialpose) goes on elsewhere: such a run is replayed from ~/start_recording'
-    )
+    if found.later(first.t_ns):
+        lines.append('a car that was placed meanwhile (initialpose) goes on elsewhere: such a run is replayed from ~/start_recording')
     return Result(data=data, text='\n'.join(lines), code=1)
 
 
@@ -235,6 +234,10 @@ class Compared:
                     self._others[name] += 1  # other frames or joints
                 else:
                     self._differs.setdefault(name, []).append(snapshot.t_ns)
+
+    def later(self, first: int) -> bool:
+        """Whether what differs was equal at instant `first` [ns]."""
+        return all(times[0] > first for times in self._differs.values())
 
     def unequal(self) -> dict[str, str]:
         """Topic -> in what it differs."""

@@ -42,12 +42,12 @@ def test_a_bag_of_all_topics_describes_itself_and_replays_bit_for_bit(kind, tmp_
     """Rates differ by topic, the state at the start came three times, and another node publishes transforms and joints of its own."""
     every = {'odom': 3, 'joint_states': 7, '/tf': 10}
     messages = node_messages(BAR, ['record.every=4'], steps=120, every=every, repeats=3)
-    messages += [joints('/joint_states', DAY + 10**9, DAY, 50_000_000, {'gripper': 0.1}), text('/rosout', DAY, DAY, 'hello')]
+    messages += [joints('/joint_states', DAY + 10**9, DAY, 50_000_000, {'gripper': 0.1}), text('/planner/scene', DAY, DAY, 'a crossing')]
     bag = write(tmp_path / 'bag', messages, kind)
     code, data = document(capsys, 'replay', bag)
     assert (code, data['status'], data['steps'], data['first_step'], data['outside']) == (0, 'identical', 120, 0, [])
     assert data['same_code'] and data['target_differences'] == []
-    ours = len(messages) - 3  # scene, gripper, rosout
+    ours = len(messages) - 3  # scene, gripper, the scene of another node
     assert data['messages'] == ours
     assert data['told'] == ['topic joint_states: 1 messages of another publisher are not compared']
     motion = read_motion(bag)
@@ -97,6 +97,10 @@ def test_without_the_scene_it_is_named_and_another_one_is_not_taken_for_it(tmp_p
     assert "did you mean 'four_bar'" in refused(capsys, 'replay', bag, '--scene', 'four_bra')
     assert 'has the inputs' in refused(capsys, 'replay', bag, '--scene', 'light_car_straight')
     assert 'or slider_crank is not its scene' in refused(capsys, 'view', bag, '--scene', 'slider_crank', '--out', tmp_path / 'x.html')
+    other = write(
+        tmp_path / 'other', [text('/simulator/scene', DAY, DAY, '# mbd_sim_ros {"a": '), *node_messages(BAR, steps=5, told=False)]
+    )
+    assert 'first line of its topic ~/scene is no JSON' in refused(capsys, 'replay', other)
     told = node_bag(tmp_path / 'told', BAR, steps=20)
     for command in (['replay', told], ['view', told, '--out', tmp_path / 'x.html']):
         assert 'leave it out' in refused(capsys, *command, '--scene', BAR)

@@ -71,7 +71,7 @@ def read_motion(path: Path, channels: tuple[str, ...] = (), scene: str | None = 
     if said is not None:
         run.metadata['namespace'] = said.namespace
     if text:
-        shown = load_scene_text(text, run.metadata.get('scene', 'scene'))
+        shown = load_scene_text(text, run.metadata.get('scene', f'scene in {path}'))
     elif scene is not None:
         shown = load_published(scene)
     else:
