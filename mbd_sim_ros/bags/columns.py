@@ -69,8 +69,8 @@ class Account:
 
     equal: left out, because a later message has the same time and the same columns. beside: in the row of another
     message, of other columns. disordered: recorded behind one with a later time, and put in order. holes: column ->
-    values that are no number. clock: which time counts. span: first and last of it [ns]; log: first and last log
-    time.
+    values that are no number. clock: which time counts. span: first and last of it [ns]; log: first and last log time.
+    misaligned: see cdr.decode_first.
     """
 
     messages: int
@@ -80,6 +80,7 @@ class Account:
     disordered: int
     holes: dict[str, int]
     clock: Clock
+    misaligned: bool
     span: tuple[int, int]
     log: tuple[int, int]
 
@@ -93,6 +94,7 @@ class Account:
             disordered=self.disordered + other.disordered,
             holes=self.holes | other.holes,
             clock=self.clock,
+            misaligned=self.misaligned or other.misaligned,
             span=(min(self.span[0], other.span[0]), max(self.span[1], other.span[1])),
             log=(min(self.log[0], other.log[0]), max(self.log[1], other.log[1])),
         )
@@ -100,6 +102,8 @@ class Account:
     def doubts(self) -> list[str]:
         """What was left out or put otherwise than it was recorded, a sentence each."""
         found = []
+        if self.misaligned:
+            found.append('its messages are aligned from the start of the buffer, against CDR, and are read so')
         if self.equal:
             found.append(
                 f'{self.equal} of {self.messages} messages are left out, because a later one has the same {self.clock}; '
@@ -179,6 +183,8 @@ class Collector:
         self._sizes: dict[str, int] = {}  # of lists without names
         self._plain: bool | None = None
         self._in_words = False  # some numbers are texts
+        self._origin = cdr.BEHIND_IT  # byte of its messages from which alignment counts
+        self._certain = True  # that it is this one
         self._table = np.empty((0, 0))
         self._stamps = np.empty((4, 0), np.int64)
 
@@ -216,6 +222,11 @@ class Collector:
         """All that came, at the times of a clock; None where nothing did, or where time goes back: what came before and after would be
         mixed."""
         self._decode()
+        if not self._certain and not self.problem:
+            self.problem = (
+                'its messages are longer than its schema asks for; they fit if aligned from the start of the buffer, against CDR, but '
+                'may as well have zeros behind them'
+            )
         if self.problem or not self._count:
             return None
         stamps, table = self._stamps[:, : self._count], self._table[: len(self.columns), : self._count]
@@ -250,6 +261,7 @@ class Collector:
             disordered=disordered,
             holes=_holes(table, columns, carried),
             clock=clock,
+            misaligned=self._origin != cdr.BEHIND_IT,
             span=(int(found[0]), int(found[-1])),
             log=(int(log_times.min()), int(log_times.max())),
         )
@@ -273,11 +285,12 @@ class Collector:
     def _begin(self, data: bytes) -> None:
         """Learn from the first message what the columns are."""
         try:
-            value, places = cdr.decode(self.type, self.schema, data)
+            value, places, self._origin = cdr.decode_first(self.type, self.schema, data)
             chosen = self._named(value, places)
         except BagError as error:
             self.problem = str(error)
             return
+        self._certain = self._origin == cdr.BEHIND_IT
         self._complete = not (self._asked and _has_list(value))
         if self.idle:
             return
@@ -316,6 +329,7 @@ class Collector:
             self._table = _wider(self._table, self._table.shape[0], capacity, begin)
             self._stamps = _wider(self._stamps, 4, capacity, begin)
         self._stamps[: PUBLISH + 1, begin:end] = instants(self._times).T
+        self._certain = self._certain or not all(cdr.may_have_zeros_behind(self.type, self.schema, one) for one in data)
         try:
             left = np.arange(len(data))
             for variant in self._variants:
@@ -325,7 +339,7 @@ class Collector:
                     self._one(data[left[0]], begin + int(left[0]))
                     left = left[1:]
                 else:
-                    value, places = cdr.decode(self.type, self.schema, data[left[0]])
+                    value, places = cdr.decode(self.type, self.schema, data[left[0]], self._origin)
                     self._variants.append(_variant(data[left[0]], places, *self._named(value, places)))
                     left = left if self._in_words else self._take(self._variants[-1], data, left, begin)
         except BagError as error:
@@ -367,7 +381,7 @@ class Collector:
 
     def _one(self, data: bytes, row: int) -> None:
         """Put one message into the table that is like no other."""
-        value, places = cdr.decode(self.type, self.schema, data)
+        value, places = cdr.decode(self.type, self.schema, data, self._origin)
         rows, picks, number = self._named(value, places)
         self._room_for_names()
         self._table[:, row] = np.nan

@@ -20,8 +20,9 @@ from solver.errors import BagError
 
 DEPTH_MOST = 32  # types inside each other; one that contains itself has no end
 FIELDS_MOST = 50_000  # in one message; an array of numbers is one
-PADDING = 8  # bytes that may follow a message
+PADDING = 3  # bytes that may follow a message: some middleware fills up to 4; 30 would hide a wrong definition or alignment
 ENCAPSULATION = b'\x00\x01\x00\x00'  # CDR, little endian
+BEHIND_IT = len(ENCAPSULATION)  # byte from which alignment counts; 0 in messages of writers that get this wrong
 
 
 class Place(NamedTuple):
@@ -94,7 +95,7 @@ class _Encode(_Walk):
         self.data = bytearray(ENCAPSULATION)
 
     def align(self, size: int) -> None:
-        self.data += bytes(-(len(self.data) - len(ENCAPSULATION)) % size)
+        self.data += bytes(-(len(self.data) - BEHIND_IT) % size)
 
     def length(self, value: Any) -> int:
         count = 0 if value is None else len(value)
@@ -119,19 +120,22 @@ class _Encode(_Walk):
 
 
 class _Decode(_Walk):
-    def __init__(self, types: Definitions, data: bytes) -> None:
+    def __init__(self, types: Definitions, data: bytes, origin: int) -> None:
         super().__init__(types)
         if data[:2] != ENCAPSULATION[:2]:
             raise BagError(f'message encoding {data[:2].hex()} is not plain little-endian CDR')
-        self.data = data
-        self.at = len(ENCAPSULATION)
+        self.data, self.origin = data, origin
+        self.at = BEHIND_IT
 
     def take(self, size: int, count: int) -> int:
         """Return the offset of `count` aligned primitives of `size` bytes and move behind them."""
-        start = self.at + (-(self.at - len(ENCAPSULATION)) % size if count else 0)
+        before = self.at
+        start = before + (-(before - self.origin) % size if count else 0)
         self.at = start + size * count
         if self.at > len(self.data):
             raise BagError(f'a message of {len(self.data)} bytes is shorter than its schema asks for')
+        if self.origin != BEHIND_IT and any(self.data[before:start]):  # an alignment that is guessed must not skip what may be numbers
+            raise BagError('its padding is not zero')
         return start
 
     def length(self, value: Any) -> int:
@@ -159,16 +163,47 @@ def encode(message_type: str, text: str, value: dict[str, Any]) -> tuple[bytes, 
     return bytes(walk.data), walk.places
 
 
-def decode(message_type: str, text: str, data: bytes) -> tuple[dict[str, Any], dict[str, Place]]:
+def decode(message_type: str, text: str, data: bytes, origin: int = BEHIND_IT) -> tuple[dict[str, Any], dict[str, Place]]:
     """Decode a message by the schema `text` into nested dicts (numbers as numpy values); the inverse of `encode`.
 
-    Raises BagError if the message is too short or too long or not little-endian CDR.
+    origin: byte from which alignment counts. Raises BagError if the message is too short or too long or not little-endian CDR.
     """
-    walk = _Decode(definitions(message_type, text), data)
+    walk = _Decode(definitions(message_type, text), data, origin)
     value = walk.message(message_type.replace('/msg/', '/'), None, '')
-    if len(data) - walk.at > PADDING:
-        raise BagError(f'a message of {len(data)} bytes is longer than its schema asks for')
+    if (surplus := len(data) - walk.at) > PADDING:
+        raise BagError(f'a message of {len(data)} bytes is {surplus} longer than its schema asks for')
     return value, walk.places
+
+
+def decode_first(message_type: str, text: str, data: bytes) -> tuple[dict[str, Any], dict[str, Place], int]:
+    """Decode the first message of a topic, and find the byte from which its alignment counts. Raises BagError as `decode`.
+
+    That is 4, and 0 where the message fits so and does not fit otherwise. Behind the first number of 8 bytes the two differ by 4, which
+    is more than PADDING, so never do both fit.
+    """
+    try:
+        return *decode(message_type, text, data), BEHIND_IT
+    except BagError:
+        try:
+            return *decode(message_type, text, data, 0), 0
+        except BagError:
+            pass
+        raise
+
+
+def may_have_zeros_behind(message_type: str, text: str, data: bytes) -> bool:
+    """Whether a message that is longer than its schema asks for may be CDR with zeros behind it, and not one that is aligned otherwise.
+
+    What is aligned otherwise ends in numbers, not zeros; where these are zero, the last that is not appears as a subnormal one.
+    """
+    walk = _Decode(definitions(message_type, text), data, BEHIND_IT)
+    try:
+        walk.message(message_type.replace('/msg/', '/'), None, '')
+    except BagError:
+        return False
+    doubles = [np.frombuffer(data, dtype(p), p.size, p.offset) for p in walk.places.values() if p.kind == 'float64']
+    numbers = np.abs(np.concatenate(doubles)) if doubles else np.zeros(0)
+    return not any(data[walk.at :]) and not np.any((numbers > 0.0) & (numbers < np.finfo(float).tiny))
 
 
 class Template(NamedTuple):
