@@ -133,12 +133,15 @@ def _counts(found: list[Entry]) -> list[tuple[str, str]]:
 def _tires(scene: Scene) -> tuple[list[dict[str, Any]], str]:
     """What became of the keys of each tire that the scene has: (objects for JSON, text)."""
     from solver.files.tire_receipt import receipt, turn_slip_of, warnings
+    from solver.vehicle.wheel_end import told_of_fit
 
     objects, text = [], ''
+    fit = told_of_fit(scene.model)
     distinct = {(t.data.source or t.data.name, t.turn_slip): t for t in scene.model.tires}
     for (name, _), tire in distinct.items():
         found, said = receipt(tire.data, turn_slip=tire.turn_slip), warnings(tire.data, tire.pressure)
         wheels = [t.name for t in scene.model.tires if (t.data.source or t.data.name, t.turn_slip) == (name, tire.turn_slip)]
+        said += [sentence for sentence in fit if sentence.partition(':')[0] in wheels]
         counts = ', '.join(f'{number} {"key" if number == "1" else "keys"} {fate}' for fate, number in _counts(found))
         text += f'\n\ntire {name} ({", ".join(wheels)}): {counts} (every one: mbd info FILE.tir, or --json)'
         turning = turn_slip_of(tire.data, tire.turn_slip)

@@ -45,6 +45,7 @@ def run(args: argparse.Namespace) -> Result:
     from solver import simulation_of
     from solver.files.scene import load_scene
     from solver.files.tire_receipt import told_of_tires
+    from solver.vehicle.wheel_end import told_of_fit
 
     scene = load_scene(args.scene, overrides_of(args))
     simulation = simulation_of(scene)
@@ -52,7 +53,7 @@ def run(args: argparse.Namespace) -> Result:
     data = simulate(simulation, simulation.scene.steps, directory=directory, progress=not args.json, balance=args.balance)
     covered = data.pop('covered')
     data = {'scene': scene.name, **data, 'start': simulation.start.report()}
-    if told := told_of_tires(scene.model.tires):
+    if told := told_of_tires(scene.model.tires) + told_of_fit(scene.model):
         data['tires'] = told
     data['require'] = scene.require.limits
     if scene.require.accuracy:

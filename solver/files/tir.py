@@ -40,6 +40,7 @@ DIMENSIONS = {
     'VERTICAL_DAMPING': (-1, 1, 0, 1),
     'LONGVL': (1, 0, 0, -1),
 }
+RADII = (0.005, 2.5)  # m, of tires: wheels of models to those of dump trucks (4 m across); ten times as much lets a unit of cm pass
 ALIASES = {
     **{'QV1': 'Q_V1', 'QV2': 'Q_V2', 'QFZ1': 'Q_FZ1', 'QFZ2': 'Q_FZ2', 'QRE0': 'Q_RE0', 'LFZ0': 'LFZO'},
     **{'IP': 'INFLPRES', 'IP_NOM': 'NOMPRES', 'QPZ1': 'PPZ1', 'QPZ2': 'PPZ2', 'QPX1': 'PPMX1'},  # PAC2002
@@ -321,6 +322,7 @@ def read_tir(path: str | Path, given: Mapping[str, Given] | None = None) -> Tire
             raise SceneError(f'{place}: {key} = {value:g}: is not in the equations of {elsewhere[key]}, which {path} is of: leave it out')
         notes[key] = f'given beside the file, which has {values[key]:g}' if key in values else 'given beside the file'
         values[key], lines[key] = value, place
+    _require_size(path, values, lines, entries, given)
     directions(values, notes)
     missing = absent(values)
     if 'DEFLECTION_LOAD_CURVE' in curves and set(missing) == {'VERTICAL_STIFFNESS'}:
@@ -335,6 +337,22 @@ def read_tir(path: str | Path, given: Mapping[str, Given] | None = None) -> Tire
         message = str(error)
         at = next((lines[k] for k in lines if f': {k} = ' in message), str(path))
         raise SceneError(f'{at}: {message}') from None
+
+
+def _require_size(
+    path: Path, values: dict[str, float], lines: dict[str, str], entries: dict[tuple[str, str], _Entry], given: Mapping[str, Given]
+) -> None:
+    """Raise SceneError for a radius that no tire has: it is in another unit than its file, or its place, says."""
+    radius = values.get('UNLOADED_RADIUS', RADII[0])
+    if RADII[0] <= radius <= RADII[1] or radius <= 0.0:  # refused by TireData
+        return
+    written, unit = f'{radius:g}', 'values beside a file are in SI units, m'
+    if 'UNLOADED_RADIUS' not in given:
+        written = next(entry.text for (_, key), entry in entries.items() if key == 'UNLOADED_RADIUS')
+        length = entries.get(('UNITS', 'LENGTH'))
+        unit = f'LENGTH = {length.text} in line {length.line}' if length else '[UNITS] gives no LENGTH, which stands for m'
+    remedy = f'must be between {RADII[0]:g} and {RADII[1]:g} m; check the unit of length ({unit})'
+    raise SceneError(f'{lines["UNLOADED_RADIUS"]}: UNLOADED_RADIUS = {written}: a tire of {radius:g} m; {remedy}')
 
 
 def _lacking(path: Path, missing: list[str], formless: bool) -> str:

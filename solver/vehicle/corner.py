@@ -33,7 +33,7 @@ from solver.validate import Vector, finite, require
 from solver.vehicle.end_stops import Linkage
 from solver.vehicle.hardpoints import SIDES, ahead, distance, marker_at, on_side
 from solver.vehicle.parts import Part, Parts, joined, require_positive, require_resisting, vector_of
-from solver.vehicle.wheel_end import Brake, Wheel, wheel_end
+from solver.vehicle.wheel_end import Brake, Wheel, require_fitting, wheel_end
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,6 +78,7 @@ class Axle:
     anti_roll_bar: Stiffness = 0.0
 
     def __post_init__(self) -> None:
+        require_fitting('axle', self.wheel, self.tire)
         require_resisting('axle', 'stops', self.stops)
         finite('axle', 'anti_roll_bar', self.anti_roll_bar, low=0.0)
 

@@ -119,6 +119,7 @@ class LiveAxle(Suspension):
     kingpins: Kingpins | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         one = (self.coil is None) != (self.leaf is None)
         require(one, 'live axle', 'coil', 'both' if self.coil else None, 'give either coil or leaf')
         guided = self.leaf is not None or 2 * len(self.links) + len(self.rods) >= 4

@@ -70,6 +70,7 @@ class MacPherson(IndependentSuspension):
     drop_link_on: Literal['strut', 'arm'] = 'strut'
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         least = min(0.05, 0.2 * self.wheel.center[2])  # m; of the wheels of a model less
         high = distance(self.strut.lower, self.strut.upper) > least and self.strut.upper[2] > self.strut.lower[2]
         require(high, 'macpherson', 'strut.upper', self.strut.upper, f'must lie above strut.lower, at least {least:.3g} m away')

@@ -32,6 +32,7 @@ class MultiLink(Sprung, IndependentSuspension):
     tie_rod: Link | None = None
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         once = 'tie_rod' not in self.links or self.tie_rod is None
         require(once, 'multi link', 'links', 'tie_rod', 'is there twice: give it another name')
 

@@ -47,6 +47,7 @@ class TwistBeam(Sprung, Suspension):
     torsion_loss: Time = 0.001
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         finite('twist beam', 'torsion', self.torsion, low=0.0)
         finite('twist beam', 'torsion_loss', self.torsion_loss, low=0.0)
         centred = abs(self.shear_center[1]) < 1e-9

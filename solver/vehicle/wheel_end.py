@@ -22,10 +22,12 @@ from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.tire_pacejka import LOWEST_SPEED, TireData, TireSpec
 from solver.elements.upright_law import small_tire
 from solver.model.frames import frame_of_rpy, matrix, quaternion
+from solver.model.spec import ModelSpec
 from solver.validate import Vector, finite, require
 from solver.vehicle.end_stops import Linkage
 from solver.vehicle.hardpoints import SIDES, ahead, marker_at, on_side
 from solver.vehicle.parts import UP, Corner, Part, Parts, Structure, require_positive
+from solver.vehicle.size import CORNERS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -118,6 +120,40 @@ def wheel_end(
     )
 
 
+HIGHEST, LOWEST = 1.25, 0.6  # height of a wheel centre over UNLOADED_RADIUS [-]: hanging in the air, or with the rim (0.64) on the road
+USUAL = (0.75, 1.0)  # of these, where a tire stands on the road, pressed in by at most a quarter (3 to 10 % in cars at rest)
+
+
+def height_over_radius(height: float, radius: float) -> str:
+    """How a tire of an unloaded radius [m] stands on the road in the design position, its wheel centre at a height [m]; '' if as usual."""
+    if USUAL[0] <= height / radius <= USUAL[1]:
+        return ''
+    way = 'hangs over' if height > radius else 'is pressed into'
+    return f'the tire {way} the road by {abs(height - radius):.3g} m in the design position'
+
+
+def require_fitting(where: str, wheel: Wheel, tire: TireData) -> None:
+    """Raise SpecError for a tire that is none for the wheel, by its radius and the height of the wheel centre over the road."""
+    height, radius = wheel.center[2], tire['UNLOADED_RADIUS']
+    remedy = f'{height_over_radius(height, radius)}, with wheel.center[2] = {height:g}: mend the radius of {tire.source or tire.name}'
+    fits = LOWEST <= height / radius <= HIGHEST
+    require(fits, where, 'tire.UNLOADED_RADIUS', radius, f'{remedy}, or the height of the wheel centre (both in m)')
+
+
+def told_of_fit(spec: ModelSpec) -> list[str]:
+    """Wheels of a vehicle whose tires stand on the road otherwise than tires do, in the design position, as sentences."""
+    if not set(CORNERS) <= {tire.name for tire in spec.tires}:
+        return []
+    heights = {body.name: body.position[2] for body in spec.bodies}
+    said = []
+    for tire in spec.tires:
+        height, radius = heights[tire.marker.body], tire.data['UNLOADED_RADIUS']
+        if odd := height_over_radius(height, radius):
+            numbers = f'UNLOADED_RADIUS = {radius:g} of {tire.data.source or tire.data.name}, wheel.center[2] = {height:g}'
+            said.append(f'{tire.name}: {odd} ({numbers})')
+    return said
+
+
 @dataclass(frozen=True, kw_only=True)
 class Suspension(ABC):
     """Data that every suspension has of its left wheel. turn_slip: whether it acts at the tire; null: against parking alone."""
@@ -127,6 +163,9 @@ class Suspension(ABC):
     tire: TireData
     turn_slip: bool | None = None
     brake: Brake
+
+    def __post_init__(self) -> None:
+        require_fitting('suspension', self.wheel, self.tire)
 
     def hub(self, name: str, side: str, chassis: RigidBodySpec, upright: RigidBodySpec) -> tuple[Parts, RigidBodySpec]:
         """(wheel of corner `name` with bearing on the upright, tire and brake; body of the wheel)."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +13,10 @@ from tire_bench import forces
 from mbd_sim_ros.commands.main import main
 from solver.elements.tire_data import I, pack
 from solver.errors import MbdError, SceneError
-from solver.files.scene import load_scene
+from solver.files.scene import load_scene, load_scene_text
 from solver.files.tir import MOST_PASSED, read_tir
 from solver.files.tire_receipt import receipt, warnings
+from solver.vehicle.wheel_end import told_of_fit
 from test.files.test_tir import MINIMAL, write
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -175,3 +177,56 @@ def test_a_run_tells_what_info_tells(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert told == [f'tire.tir: {text}' for text in warnings(read_tir(path))]
     main(words)
     assert 'no longitudinal force in the file' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ('old', 'new', 'said'),
+    [
+        ("LENGTH = 'meter'", "LENGTH = 'mm'", "tire.tir:12: UNLOADED_RADIUS = 0.3: a tire of 0.0003 m; .*LENGTH = 'mm' in line 3"),
+        ('RADIUS = 0.3', 'RADIUS = 300', "tire.tir:12: UNLOADED_RADIUS = 300: a tire of 300 m; .*LENGTH = 'meter' in line 3"),
+        ("LENGTH = 'meter'\n", '', None),
+        ("LENGTH = 'meter'", "LENGTH = 'km'", 'tire.tir:12: UNLOADED_RADIUS = 0.3: a tire of 300 m'),
+        ('RADIUS = 0.3', 'RADIUS = 30.5', 'between 0.005 and 2.5 m'),
+        ('RADIUS = 0.3', 'RADIUS = 2.02', None),
+        ('RADIUS = 0.3', 'RADIUS = 0.0095', None),
+    ],
+)
+def test_a_radius_in_another_unit_is_refused_with_the_line_of_the_unit(tmp_path: Path, old: str, new: str, said: str | None) -> None:
+    assert old in MINIMAL
+    stiffness = 'VERTICAL_STIFFNESS = 6e6' if '0.0095' in new else 'VERTICAL_STIFFNESS = 2.0D+5'  # pressed in by 7 % at FNOMIN
+    path = write(tmp_path, MINIMAL.replace(old, new).replace('VERTICAL_STIFFNESS = 2.0D+5', stiffness))
+    if said is None:
+        assert read_tir(path)['UNLOADED_RADIUS'] > 0.0
+        return
+    with pytest.raises(SceneError, match=said):
+        read_tir(path)
+
+
+def test_a_radius_given_beside_a_file_is_in_metres(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match=r'scene.yaml:2: UNLOADED_RADIUS = 310: a tire of 310 m; .*values beside a file are in SI units'):
+        scene_with(tmp_path, '{<<: tires/205_55R16.tir, values: {UNLOADED_RADIUS: 310, VERTICAL_STIFFNESS: 200}}')
+
+
+@pytest.mark.parametrize(('radius', 'odd'), [(0.31, ''), (0.35, ''), (0.25, 'hangs over the road by 0.048 m'), (0.45, 'by 0.152 m')])
+def test_another_radius_than_the_wheel_is_laid_out_for_is_told(tmp_path: Path, radius: float, odd: str) -> None:
+    told = told_of_fit(scene_with(tmp_path, f'{{<<: tires/205_55R16.tir, values: {{UNLOADED_RADIUS: {radius}}}}}').model)
+    assert [line.partition(':')[0] for line in told] == (['front_left', 'front_right'] if odd else [])
+    for line in told:
+        assert odd in line and f'UNLOADED_RADIUS = {radius:g} of 205_55R16.tir, wheel.center[2] = 0.298' in line
+
+
+@pytest.mark.parametrize('car', ['light_car', 'full_car', 'compact_fwd', 'pickup_awd'])  # every kind of axle
+@pytest.mark.parametrize(
+    ('axle', 'file', 'radius', 'way'),
+    [
+        ('front', '16x75_10', '0.203', 'hangs over'),
+        ('front', '265_70R17', '0.801', 'is pressed into'),
+        ('rear', '16x75_10', '0.203', 'hangs'),
+    ],
+)
+def test_a_tire_that_is_none_for_the_wheel_is_refused(tmp_path: Path, car: str, axle: str, file: str, radius: str, way: str) -> None:
+    tire = write(tmp_path, re.sub(r'(?m)^(UNLOADED_RADIUS +=) [\d.]+', rf'\1 {radius}', (ROOT / f'config/tires/{file}.tir').read_text()))
+    said = rf'{axle}.*tire\.UNLOADED_RADIUS = {radius}: .*{way}.* road by .*wheel\.center\[2\] = .*radius of tire\.tir'
+    key = f'vehicle.axles.{axle}.suspension.tire' if car in ('compact_fwd', 'pickup_awd') else f'vehicle.{axle}.tire'
+    with pytest.raises(SceneError, match=said):
+        load_scene_text(f'vehicle: vehicles/{car}.yaml\n', 'scene', [f'{key}={tire}'])
