@@ -150,7 +150,7 @@ def file_names(topics: Iterable[str]) -> dict[str, str]:
 def suspicion(run: Run) -> tuple[str, ...]:
     """What the recorded run says against itself, and what was lost or merged in reading it."""
     said = run.metadata
-    told = run.told
+    told = (*run.remarks, *run.told)
     damage, dropped = said.get('damage', ''), said.get('dropped_steps', '0')
     lacking = [f'the recording is not whole: {damage}'] if damage else []
     if dropped.strip('0'):

@@ -51,7 +51,8 @@ def _meet(a: Span, b: Span) -> bool:
 def apart(accounts: Mapping[str, Account]) -> str:
     """A sentence that names the clocks of a recording that do not meet, topic by topic; '' where they do.
 
-    Topics that were recorded at the same time and are further apart than either of them lasts have different clocks.
+    Topics that were recorded at the same time and are further apart than either of them lasts have different clocks. So have topics whose
+    stamps are later than their recording, as no message can be, from others, whose are not.
     Single messages tell nothing: one that is kept for late subscribers may be old.
     """
     groups: list[dict[str, Account]] = []
@@ -66,9 +67,17 @@ def apart(accounts: Mapping[str, Account]) -> str:
         if not groups or (begin - until > max(longest, end - begin, SLACK) and beside):
             groups.append({})
         groups[-1][name] = one
+    groups = [part for group in groups for part in _parted(group)]
     if len(groups) < 2:
         return ''
     return 'its clocks do not meet: ' + '; '.join(map(_described, groups)) + '; take the log times of all (--log-times)'
+
+
+def _parted(group: dict[str, Account]) -> list[dict[str, Account]]:
+    """Topics of a group that are stamped later than they were recorded, by more than SLACK from begin to end, and the others."""
+    ahead = {name: one for name, one in group.items() if all(stamp - log > SLACK for stamp, log in zip(one.span, one.log))}
+    others = {name: one for name, one in group.items() if name not in ahead}
+    return [part for part in (others, ahead) if part]
 
 
 def _described(group: Mapping[str, Account]) -> str:
@@ -76,4 +85,6 @@ def _described(group: Mapping[str, Account]) -> str:
     names = [f'{name} ({one.clock})' for name, one in group.items()]
     more = f' and {len(names) - SHOWN} more' if len(names) > SHOWN else ''
     begin, end = min(one.span[0] for one in group.values()), max(one.span[1] for one in group.values())
-    return f'{", ".join(names[:SHOWN])}{more} from {begin * 1e-9:.12g} to {end * 1e-9:.12g} s'
+    ahead = min(one.span[0] - one.log[0] for one in group.values())
+    late = f', {ahead * 1e-9:.6g} s later than they were recorded' if ahead > SLACK else ''
+    return f'{", ".join(names[:SHOWN])}{more} from {begin * 1e-9:.12g} to {end * 1e-9:.12g} s{late}'

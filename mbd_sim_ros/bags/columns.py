@@ -34,6 +34,8 @@ TABLE_MOST = (1 << 26, 256)  # bytes that are reserved for a table before its me
 STAMP = ('header.stamp.sec', 'header.stamp.nanosec')
 STAMP_KINDS = ('int32', 'uint32')
 SET_BACK = 1_000_000_000  # ns by which messages on their way overtake each other at most: more is a clock that was set back
+LEAST_BACK = 3  # steps back in time: so many are no clock that was set back; 30 would miss that in short recordings
+SHUFFLED = 3  # messages per step back at most where a file is in no order; 30 would take a clock that is set back often for that
 Clock = Literal['log time', 'publish time', 'header stamp']
 CLOCKS: tuple[Clock, ...] = ('log time', 'publish time', 'header stamp')
 LOG, PUBLISH, HEADER, NAMES = range(4)  # rows of a table of stamps: three clocks [ns], and which set of columns a message has
@@ -67,7 +69,8 @@ class Series:
 class Account:
     """What became of the messages of a topic: messages = rows + equal + beside.
 
-    equal: left out, because a later message has the same time and the same columns. beside: in the row of another
+    equal: left out, because a later message has the same time and the same columns; twice: of these, those with the same values too, so
+    that nothing is lost. beside: in the row of another
     message, of other columns. disordered: recorded behind one with a later time, and put in order. holes: column ->
     values that are no number. clock: which time counts. span: first and last of it [ns]; log: first and last log time.
     misaligned: see cdr.decode_first.
@@ -76,6 +79,7 @@ class Account:
     messages: int
     rows: int
     equal: int
+    twice: int
     beside: int
     disordered: int
     holes: dict[str, int]
@@ -90,6 +94,7 @@ class Account:
             messages=self.messages + other.messages,
             rows=rows,
             equal=self.equal + other.equal,
+            twice=self.twice + other.twice,
             beside=self.messages + other.messages - self.equal - other.equal - rows,
             disordered=self.disordered + other.disordered,
             holes=self.holes | other.holes,
@@ -104,10 +109,11 @@ class Account:
         found = []
         if self.misaligned:
             found.append('its messages are aligned from the start of the buffer, against CDR, and are read so')
-        if self.equal:
+        if self.equal > self.twice:
             found.append(
-                f'{self.equal} of {self.messages} messages are left out, because a later one has the same {self.clock}; '
-                + ('its clock is too coarse, or they were recorded twice' if self.clock != 'log time' else 'they were recorded in bursts')
+                f'{self.equal} of {self.messages} messages are left out, because a later one has the same {self.clock}'
+                + (f' ({self.twice} of them the same values too); ' if self.twice else '; ')
+                + ('its clock is too coarse, or has several publishers' if self.clock != 'log time' else 'they were recorded in bursts')
             )
         if self.disordered:
             late = f'{self.disordered} of {self.messages} messages were'
@@ -117,6 +123,12 @@ class Account:
             more = f' and {len(shown) - 3} more columns' if len(shown) > 3 else ''
             found.append(f'values that are no number: {", ".join(shown[:3])}{more}')
         return found
+
+    def remarks(self) -> list[str]:
+        """What was left out or put otherwise, and is no loss, a sentence each."""
+        if not self.twice or self.twice < self.equal:
+            return []
+        return [f'{self.twice} of {self.messages} messages are left out, which were recorded twice: the same {self.clock}, the same values']
 
 
 class Room:
@@ -231,24 +243,26 @@ class Collector:
             return None
         stamps, table = self._stamps[:, : self._count], self._table[: len(self.columns), : self._count]
         times, log_times = stamps[CLOCKS.index(clock)], stamps[LOG]
-        came = times if len(self._channels) == 1 else times[np.argsort(log_times, kind='stable')]
+        mixed = len(self._channels) > 1 or _shuffled(log_times)
+        came = times[np.argsort(log_times, kind='stable')] if mixed else times
         latest = np.maximum.accumulate(came)
         back = int(np.max(latest - came))
         if back > SET_BACK:
-            self.problem = (
-                f'its times go back by {back * 1e-9:.6g} s, as of a clock that was set back or began anew; cut the recording there'
-            )
+            self.problem = _went_back(came, clock, np.sort(log_times) if mixed else log_times)
             return None
         disordered = int(np.count_nonzero(latest > came))
-        order = np.argsort(times, kind='stable') if disordered or len(self._channels) > 1 else np.arange(times.size)
+        order = np.argsort(times, kind='stable') if disordered or mixed else np.arange(times.size)
         last = np.diff(times[order], append=np.iinfo(np.int64).max) != 0  # of equal times
-        equal = 0
+        nearer = stamps[CLOCKS.index(clock) + 1 : NAMES]  # clocks that would tell messages apart which this one does not
         if len(self._sets) > 1:
-            found, table, equal, carried = self._by_names(times[order], stamps[NAMES, order], table[:, order])
+            found, table, equal, twice, carried = self._by_names(times[order], nearer[:, order], stamps[NAMES, order], table[:, order])
         else:
             keep = order[last]
             equal, carried = times.size - keep.size, {}
-            if keep.size < times.size or disordered or len(self._channels) > 1:
+            left = np.flatnonzero(~last)
+            a, b = order[left], keep[np.cumsum(last)[left]]
+            twice = _alike(table[:, a], table[:, b], nearer[:, a], nearer[:, b]) if equal else 0
+            if keep.size < times.size or disordered or mixed:
                 found, table = times[keep], table[:, keep]
             else:
                 found = times
@@ -257,6 +271,7 @@ class Collector:
             messages=times.size,
             rows=found.size,
             equal=equal,
+            twice=twice,
             beside=times.size - equal - found.size,
             disordered=disordered,
             holes=_holes(table, columns, carried),
@@ -267,20 +282,32 @@ class Collector:
         )
         return Series(found, columns), account
 
-    def _by_names(self, times: np.ndarray, sets: np.ndarray, table: np.ndarray) -> tuple[np.ndarray, np.ndarray, int, dict[str, int]]:
-        """Messages in order of their times as rows of different instants: those, the table, how many messages are left out, and how many
-        rows have each column."""
+    def _by_names(
+        self, times: np.ndarray, nearer: np.ndarray, sets: np.ndarray, table: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, int, int, dict[str, int]]:
+        """Messages in order of their times as rows of different instants: those, the table, how many messages are left out, how many of
+        them have the same values as what stays, and how many rows have each column."""
         found, row = np.unique(times, return_inverse=True)
         result = np.full((table.shape[0], found.size), np.nan)
-        equal, filled = 0, np.zeros(result.shape, bool)
+        stamps = np.zeros((len(nearer), found.size), np.int64)
+        equal, twice, filled = 0, 0, np.zeros(result.shape, bool)
         for columns, number in self._sets.items():
             rows = np.flatnonzero(sets == number)
-            keep = rows[np.diff(row[rows], append=found.size) != 0]
+            last = np.diff(row[rows], append=found.size) != 0
+            keep, left = rows[last], np.flatnonzero(~last)
             which = np.array(columns, int)[:, None]
-            equal += rows.size - keep.size + int(np.count_nonzero(np.any(filled[which, row[keep]], axis=0)))
+            a, b = rows[left], keep[np.cumsum(last)[left]]
+            twice += _alike(table[which, a], table[which, b], nearer[:, a], nearer[:, b])
+            there = filled[which, row[keep]]
+            over = np.flatnonzero(np.any(there, axis=0))
+            a, b = row[keep[over]], keep[over]
+            after = table[which, b]
+            twice += _alike(np.where(there[:, over], result[which, a], after), after, stamps[:, a], nearer[:, b])
+            equal += left.size + over.size
             result[which, row[keep]] = table[which, keep]
             filled[which, row[keep]] = True
-        return found, result, equal, dict(zip(self.columns, filled.sum(axis=1).tolist()))
+            stamps[:, row[keep]] = nearer[:, keep]
+        return found, result, equal, twice, dict(zip(self.columns, filled.sum(axis=1).tolist()))
 
     def _begin(self, data: bytes) -> None:
         """Learn from the first message what the columns are."""
@@ -404,6 +431,34 @@ class Collector:
         if len(self.columns) > rows:
             self._table = _wider(self._table, len(self.columns), self._table.shape[1], self._table.shape[1])
             self._table[rows:] = np.nan
+
+
+def _shuffled(log_times: np.ndarray) -> bool:
+    """Whether messages do not lie in the file as they were recorded: reversed, or in no order.
+
+    A clock that is set back, or begins anew, goes back once now and then; these go back all the time.
+    """
+    back = int(np.count_nonzero(log_times[1:] < log_times[:-1]))
+    return back >= LEAST_BACK and SHUFFLED * back >= log_times.size
+
+
+def _went_back(came: np.ndarray, clock: Clock, log_times: np.ndarray) -> str:
+    """Why times that go back by more than SET_BACK are not taken, and what to do."""
+    back = int(np.max(np.maximum.accumulate(came) - came))
+    often = int(np.count_nonzero(came[:-1] - came[1:] > SET_BACK))
+    steady = clock != 'log time' and int(np.max(np.maximum.accumulate(log_times) - log_times)) <= SET_BACK
+    if often >= LEAST_BACK and steady:
+        why = f'{often} times and by up to {back * 1e-9:.6g} s, as of publishers with clocks of their own'
+        return f'its times go back {why}; take the log times (--log-times)'
+    why = f'by {back * 1e-9:.6g} s, as of a clock that was set back or began anew'
+    more = '' if not steady else ', or take the log times (--log-times)'
+    return f'its times go back {why}; cut the recording there{more}'
+
+
+def _alike(left: np.ndarray, stay: np.ndarray, left_at: np.ndarray, stay_at: np.ndarray) -> int:
+    """How many messages that are left out have the values and times (columns of tables) of those that stay; one NaN is like another."""
+    same = (left == stay) | (np.isnan(left) & np.isnan(stay))
+    return int(np.count_nonzero(np.all(same, axis=0) & np.all(left_at == stay_at, axis=0)))
 
 
 def _variant(data: bytes, places: dict[str, cdr.Place], rows: list[int], picks: list[Pick], number: int) -> _Variant:

@@ -85,6 +85,11 @@ class Run:
         return (*filter(None, [apart(self.accounts)]), *of_topics)
 
     @property
+    def remarks(self) -> tuple[str, ...]:
+        """What was left out when it was read, without a loss, a sentence each."""
+        return tuple(f'topic {topic}: {text}' for topic, one in self.accounts.items() for text in one.remarks())
+
+    @property
     def events(self) -> list[dict[str, Any]]:
         """Changes of step and penalties in the run, in order: the fields of solver.step.adaptation.Event. Raises BagError."""
         return self._said('event_list', list, dict)

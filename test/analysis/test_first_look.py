@@ -5,8 +5,10 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import foreign_bags as others
 import numpy as np
 import pytest
+from foreign_bags import DAY, MS
 from scalars import run_of
 
 from mbd_sim_ros.analysis import mapping, runs
@@ -211,6 +213,20 @@ def test_the_text_is_a_mapping_file_that_brings_the_columns_to_ours(tmp_path: Pa
     assert data['mapping']['channels']['imu/ay'] == {'channel': 'acc y (IMU)', 'unit': 'm/s^2', 'sign': -1}
     assert (data['unknown'], data['side']) == (['note'], None)
     assert all(column['evidence'] for column in data['columns'].values())
+
+
+def test_what_reading_lost_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    coarse = [others.vector('/imu', DAY + k * MS, 0, k // 2 * 2 * MS, 0.1 * k) for k in range(100)]
+    place = others.write(tmp_path / 'bag', [*coarse, *(others.scalar('/speed', DAY + k * MS, DAY + k * MS, 1.0) for k in range(100))])
+    left_out, apart = 'topic imu: 50 of 100 messages are left out', 'its clocks do not meet: imu (header stamp) from 0 to'
+    assert main(['compare', str(place), '--look', '--json']) == 0
+    doubts = json.loads(capsys.readouterr().out)['doubts']
+    assert len(doubts) == 2 and doubts[0].startswith(apart) and '(--log-times)' in doubts[0] and doubts[1].startswith(left_out)
+    assert main(['compare', str(place), '--look']) == 0
+    text = ' '.join(capsys.readouterr().out.replace('#', ' ').split())
+    assert left_out in text and apart in text
+    assert main(['compare', str(place), '--look', '--json', '--log-times']) == 0
+    assert json.loads(capsys.readouterr().out)['doubts'] == []
 
 
 @pytest.mark.parametrize(

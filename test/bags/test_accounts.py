@@ -111,8 +111,88 @@ def test_coarse_clocks_and_what_was_recorded_twice_are_told(tmp_path: Path) -> N
     double = [others.vector('/d', DAY + k * MS, 0, DAY + k // 2 * 2 * MS, float(k // 2)) for k in range(100)]
     run = bag.read(others.write(tmp_path / 'bag', [*quantised, *double]))
     assert run['q/vector/z'][np.isfinite(run['q/vector/z'])].tolist() == [9.0 + 10.0 * k for k in range(10)]
-    told = 'messages are left out, because a later one has the same header stamp; its clock is too coarse, or they were recorded twice'
-    assert run.doubts == (f'topic q: 90 of 100 {told}', f'topic d: 50 of 100 {told}')
+    told = 'messages are left out, because a later one has the same header stamp; its clock is too coarse, or has several publishers'
+    assert run.doubts == (f'topic q: 90 of 100 {told}',)
+    assert run.remarks == ('topic d: 50 of 100 messages are left out, which were recorded twice: the same header stamp, the same values',)
+
+
+@pytest.mark.parametrize('other', [None, 57])
+def test_what_was_recorded_twice_is_no_loss_unless_one_of_it_differs(other: int | None, tmp_path: Path) -> None:
+    """Two recorders of one topic, merged: by stamps, by publish times, as names of several sets, and where values are no numbers."""
+    value = [np.nan if k == 7 else 0.1 * k for k in range(100)]
+    messages = []
+    for k, at in enumerate(range(DAY, DAY + 100 * MS, MS)):
+        for late in (0, 1):
+            z = value[k] + (late == 1 and k == other)
+            names = {'a': z} if k % 2 else {'b': z, 'c': 2.0}
+            messages += [others.vector('/v', at + late, 0, at, z), others.scalar('/s', at + late, at, z)]
+            messages.append(others.joints('/j', at + late, 0, at, names))
+    run = bag.read(others.write(tmp_path / 'bag', messages))
+    for topic, clock in (('v', 'header stamp'), ('s', 'publish time'), ('j', 'header stamp')):
+        one = run.accounts[topic]
+        assert (one.messages, one.rows, one.equal, one.twice) == (200, 100, 100, 100 if other is None else 99)
+        same = f'topic {topic}: 100 of 200 messages are left out, which were recorded twice: the same {clock}, the same values'
+        assert (same in run.remarks) is (other is None)
+        told = f'topic {topic}: 100 of 200 messages are left out, because a later one has the same {clock} (99 of them the same values too)'
+        assert any(text.startswith(told) for text in run.doubts) is (other is not None)
+
+
+def test_alike_values_at_one_log_time_are_no_duplicates_where_a_stamp_tells_them_apart(tmp_path: Path) -> None:
+    messages = [others.vector('/v', DAY + k // 10 * 10 * MS, 0, DAY + k * MS, 0.5) for k in range(100)]
+    account = bag.read(others.write(tmp_path / 'bag', messages), log_times=True).accounts['v']
+    assert (account.rows, account.equal, account.twice) == (10, 90, 0)
+
+
+def reordered(messages: list, how: str) -> list:
+    """Messages in another order of the file."""
+    if how == 'reversed':
+        return messages[::-1]
+    if how == 'shuffled':
+        return [messages[k] for k in np.random.default_rng(7).permutation(len(messages))]
+    return [one for pair in zip(messages[len(messages) // 2 :], messages) for one in pair]  # two halves, in turns
+
+
+@pytest.mark.parametrize('how', ['reversed', 'shuffled', 'in turns'])
+@pytest.mark.parametrize('log_times', [False, True])
+def test_the_order_in_the_file_does_not_count(how: str, log_times: bool, tmp_path: Path) -> None:
+    messages = [others.vector('/v', DAY + k * 10 * MS, 0, DAY + k * 10 * MS, 0.01 * k) for k in range(400)]
+    run = bag.read(others.write(tmp_path / 'bag', reordered(messages, how)), log_times=log_times)
+    assert run.time_ns.tolist() == [DAY + k * 10 * MS for k in range(400)]
+    assert run['v/vector/z'].tolist() == [0.01 * k for k in range(400)] and not run.doubts
+    assert run.accounts['v'].disordered == 0
+
+
+def test_stamps_that_go_back_in_the_order_of_recording_are_told_whatever_the_order_of_the_file(tmp_path: Path) -> None:
+    stamps = [0, 10, 20, 40, 30, *range(50, 400, 10)]
+    messages = [others.vector('/v', DAY + k * 10 * MS, 0, DAY + t * MS, 1.0) for k, t in enumerate(stamps)]
+    run = bag.read(others.write(tmp_path / 'bag', messages[::-1]))
+    assert run.accounts['v'].disordered == 1 and bool(np.all(np.diff(run.time_ns) > 0))
+
+
+@pytest.mark.parametrize('order', [1, -1])
+def test_two_clocks_on_one_topic_are_named_with_the_remedy(order: int, tmp_path: Path) -> None:
+    messages = [others.vector('/v', DAY + k * 10 * MS, 0, (DAY if k % 2 else 0) + k * 10 * MS, 0.01 * k) for k in range(400)]
+    place = others.write(tmp_path / 'bag', messages[::order])
+    with pytest.raises(BagError, match=r'go back 199 times and by up to 1.7e\+09 s, as of publishers with clocks .*take the log times'):
+        bag.read(place)
+    run = bag.read(place, log_times=True)
+    assert run['v/vector/z'].tolist() == [0.01 * k for k in range(400)] and not run.doubts
+
+
+@pytest.mark.parametrize(('ahead', 'told'), [(0.09, False), (0.9, False), (1.5, True), (3.0, True), (30.0, True), (-3.0, False)])
+def test_stamps_later_than_their_recording_are_of_another_clock(ahead: float, told: bool, tmp_path: Path) -> None:
+    """Earlier ones may have been on their way; where all are later alike, they have one clock."""
+    off = int(ahead * 1e9)
+    odo = [others.vector('/odo', DAY + k * 10 * MS, 0, DAY + k * 10 * MS + off, 0.0) for k in range(400)]
+    for n, near in enumerate((
+        [others.vector('/yaw', DAY + k * 10 * MS, 0, DAY + k * 10 * MS, 0.0) for k in range(400)],
+        [others.scalar('/yaw', DAY + k * 10 * MS, DAY + k * 10 * MS, 0.0) for k in range(400)],
+    )):  # fmt: skip
+        run = bag.read(others.write(tmp_path / f'bag{n}', [*odo, *near]))
+        assert [f'; odo (header stamp) from {(DAY + off) * 1e-9:.12g}' in text for text in run.doubts] == [True] * told
+        assert not told or f'{ahead:g} s later than they were recorded; take the log times of all (--log-times)' in run.doubts[0]
+    also = [others.vector('/also', one.log, 0, one.log + off, 0.0) for one in odo]
+    assert not bag.read(others.write(tmp_path / 'all', [*odo, *also])).doubts
 
 
 def test_order_and_numbers_that_are_none_are_told(tmp_path: Path) -> None:
@@ -209,15 +289,17 @@ def test_a_run_is_not_ok_where_something_of_the_recording_that_drives_it_was_lef
     log = (published // (100 * MS) + 1) * 100 * MS
     bursts = [others.scalar('/steer', int(a), int(b), 0.01) for a, b in zip(log, published)]
     hole = [*bursts[:20], others.scalar('/steer', int(log[20]), int(published[20]), np.nan), *bursts[21:]]
-    places = {name: others.write(tmp_path / name, messages) for name, messages in (('bursts', bursts), ('hole', hole))}
+    twice = [one for one in bursts for _ in (0, 1)]
+    places = {name: others.write(tmp_path / name, messages) for name, messages in (('bursts', bursts), ('hole', hole), ('twice', twice))}
 
     def run(name: str, more: str = '') -> tuple[int, dict]:
         maneuver = f"maneuver={{bag: '{places[name]}', map: {{steering: {{channel: steer/data}}}}{more}}}"
         code = main(['run', 'light_car_straight', '--set', maneuver, '--duration', '0.2', '--no-record', '--json'])
         return code, json.loads(capsys.readouterr().out)
 
-    code, told = run('bursts')
-    assert (code, told['status']) == (0, 'ok')
+    for name in ('bursts', 'twice'):
+        code, told = run(name)
+        assert (code, told['status']) == (0, 'ok')
     for name, more, text in (('bursts', ', log_times: true', '36 of 40 messages are left out'), ('hole', '', 'steer/data (1)')):
         code, told = run(name, more)
         assert (code, told['status']) == (1, 'suspect'), told

@@ -9,6 +9,7 @@ from typing import Any
 from mbd_sim_ros.analysis.look.first import Look
 from mbd_sim_ros.analysis.look.grid import Column
 from mbd_sim_ros.analysis.look.relations import TEXTS
+from mbd_sim_ros.analysis.runs import suspicion
 from mbd_sim_ros.bags.reader import Run
 
 WIDTH = 118  # characters of a line of comment
@@ -27,7 +28,8 @@ def as_data(found: Look, run: Run) -> dict[str, Any]:
         },
         'unknown': [c.name for c in found.columns if not c.told],
         'not_read': dict(run.left_out),
-        'notes': [*run.told, *found.notes],
+        'doubts': [*suspicion(run)],
+        'notes': [*found.notes],
     }
 
 
@@ -35,7 +37,7 @@ def as_yaml(found: Look, run: Run, place: str) -> str:
     """A mapping file that says of every column why it is, or is not, in it."""
     seconds = run.time_ns[-1] * 1e-9 - run.time_ns[0] * 1e-9
     lines = _comment(f'First look at {place}: {run.time_ns.size} instants in {seconds:.4g} s. A proposal: confirm every line of it.')
-    for text in (*run.told, *found.notes):
+    for text in (*suspicion(run), *found.notes):
         lines += _comment(text)
     side = (
         f'Left is positive after the signs below: {found.side}.'
