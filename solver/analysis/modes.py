@@ -11,6 +11,7 @@ import scipy.linalg
 
 from solver.compiled.by_reference import Ref
 from solver.elements.servo import SERVOS
+from solver.elements.tire_pacejka import TIRES, rolling_tires
 from solver.errors import SpecError
 from solver.model.evaluate import add_constraint_stiffness, evaluate_forces
 from solver.model.state import State
@@ -60,6 +61,9 @@ def _dense(model: Model, K: np.ndarray) -> np.ndarray:
 def linearised(model: Model, state: State, u: np.ndarray) -> Linear:
     """The model linearised about a state of rest; contact patches of standing tires are springs and dampers, servos follow at once.
 
+    Wheels roll against the resistance that they have when they turn: a tread that holds a standing wheel (solver.elements.tread) is dry
+    friction, which has no modes, and a vehicle is asked for those that it has on the road.
+
     Raises SpecError for a model with struts, whose mounts move besides the bodies.
     """
     if model.spec.struts:
@@ -67,6 +71,7 @@ def linearised(model: Model, state: State, u: np.ndarray) -> Linear:
             f'strut {model.spec.struts[0].name!r}: the modes of its mount are none of the bodies; take the whole vehicle for modes'
         )
     start = ConsistentState(model)
+    tables, kept = model.with_tables({TIRES.name: rolling_tires(model.elements[TIRES.name].value)} if model.spec.tires else {})
     at_rest = np.zeros_like(state.v)
     _, lam = start.acceleration(state.q, at_rest, state.z, state.angle, u)
     kin = start._constraints(state.q, at_rest, state.angle, u)
@@ -76,8 +81,9 @@ def linearised(model: Model, state: State, u: np.ndarray) -> Linear:
         LONG,
         0.0,
     ):  # tangents over velocities are -C - K time for the states of standing tires, -C for those of dampers
-        evaluate_forces(model.tables, kin, state.angle, state.z, time, u, True, start.f, start.Kq, start.Kv, start.z, start.outputs)
+        evaluate_forces(tables, kin, state.angle, state.z, time, u, True, start.f, start.Kq, start.Kv, start.z, start.outputs)
         rates.append(_dense(model, start.Kv))
+    del kept
     contact = (rates[1] - rates[0]) / LONG
     C = -rates[1] - LONG * contact
     add_constraint_stiffness(model.tables, kin, lam, start.Kq, start.Kv)

@@ -397,10 +397,16 @@ def held_tires(table: TireTable, u: np.ndarray) -> Held:
     """In the search for static equilibrium wheels turn on the spot without resistance, as those of a car that rolled there: it ends without
     twist, and a car finds the same rest with the moment against turning and without. Nor does a tread hold a wheel: it would rest higher or
     lower, by the way that it came. u: (nu,), left as it is."""
-    c, gives = table.c.copy(), table.give.copy()
+    c = table.c.copy()
     c[:, I.PARKING] = 0.0
+    return Held(rolling_tires(table)._replace(c=c), u, {})
+
+
+def rolling_tires(table: TireTable) -> TireTable:
+    """Tires whose treads give without end: their wheels roll from the smallest force on."""
+    gives = table.give.copy()
     gives[:, 0] = np.inf
-    return Held(table._replace(c=c, give=gives), u, {})
+    return table._replace(give=gives)
 
 
 def rolling_radius(c: np.ndarray, load: float, speed: float) -> float:

@@ -206,14 +206,20 @@ def _line(
     return np.array(places)
 
 
+def _length(vectors: np.ndarray) -> np.ndarray:
+    """(n, 1) of vectors (n, 2), by operations whose rounding is the same on every processor."""
+    x, y = vectors.T
+    return np.sqrt(x * x + y * y)[:, None]
+
+
 def _normals(places: np.ndarray) -> np.ndarray:
     """(rows, 2) of each row: along it from the line, as long as the pieces beside it stay one metre apart (crgDataEvaluv2xy)."""
     across = np.concatenate([places[1:2] - places[:1], places[2:] - places[:-2], places[-1:] - places[-2:-1]])
     normal = np.column_stack([-across[:, 1], across[:, 0]])
-    normal /= np.hypot(normal[:, 0], normal[:, 1])[:, None]
+    normal /= _length(normal)
     piece = np.diff(places, axis=0)
     piece = np.concatenate([piece, piece[-1:]])
-    piece = np.column_stack([-piece[:, 1], piece[:, 0]]) / np.hypot(piece[:, 0], piece[:, 1])[:, None]
+    piece = np.column_stack([-piece[:, 1], piece[:, 0]]) / _length(piece)
     return normal / (normal * piece).sum(axis=1)[:, None]
 
 

@@ -98,6 +98,7 @@ def test_a_plan_on_a_full_disk(name: str, tmp_path: Path, monkeypatch: pytest.Mo
     monkeypatch.setattr('solver.trade.certificate.plan', lambda _: {'status': 'ok', 'settings': {}})
     monkeypatch.setattr('solver.levels.auto.keep', lambda *_: True)
     monkeypatch.setattr('solver.levels.auto.chosen', lambda scene, _: scene)
+    monkeypatch.setattr('mbd_sim_ros.commands.plan._time', lambda *_: None)
     monkeypatch.setattr('mbd_sim_ros.analysis.plan_page.write_page', lambda _search, _data, file: file.write_text('page'))
     full(tmp_path / name)
     refused(capfd, str(tmp_path), 'plan', 'light_car_straight', '--set', 'require={yaw_rate: {rms: 2 %}}', '--out', tmp_path)

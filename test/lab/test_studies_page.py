@@ -27,7 +27,7 @@ def test_a_part_is_a_section_without_pictures(studies, tmp_path):
         'a <!-- begin some: First -->\nold\n<!-- end --> b <!-- begin some -->\n<!-- end --> c <!-- begin other: X -->\nkept\n<!-- end -->'
     )
     expected = 'a <!-- begin some: First -->\ntext\n\n| x |\n| --- |\n<!-- end --> b <!-- begin some -->\nabove\n<!-- end --> c'
-    assert studies.fill(document, tmp_path) == expected + ' <!-- begin other: X -->\nkept\n<!-- end -->'
+    assert studies.fill(document, tmp_path, ['some', 'other']) == expected + ' <!-- begin other: X -->\nkept\n<!-- end -->'
 
 
 def test_the_pages_show_small_pictures_that_are_there(studies):

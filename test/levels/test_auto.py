@@ -66,7 +66,7 @@ def test_what_a_plan_depends_on_makes_it_another_one(planned: Callable[..., Scen
 def test_a_recording_of_the_same_name_with_other_inputs_has_another_plan(monkeypatch: pytest.MonkeyPatch) -> None:
     value = 0.3
 
-    def read(path: str, channels: object) -> recorded.Recorded:
+    def read(path: str, channels: object, log_times: bool = False) -> recorded.Recorded:
         return recorded.Recorded(path, 1_000_000, 0, {'steering': np.full(10, value)}, {}, {}, 10)
 
     monkeypatch.setattr(auto, 'recorded', read)

@@ -182,9 +182,7 @@ def test_a_level_with_a_step_of_its_own_is_tried_once_a_step(monkeypatch: pytest
     scene = solver.load_scene('light_car_step_steer', ['require={yaw_rate: {rms: 2 %}}'])
     search = Search(scene, longest=60.0)
     search.prices = Priced()
-    monkeypatch.setattr(
-        'solver.trade.search.derive', lambda s: SimpleNamespace(simulate=object() if s.fidelity == 'single_track' else None)
-    )
+    monkeypatch.setattr('solver.trade.search.derive', lambda s: SimpleNamespace(engine=object() if s.fidelity == 'single_track' else None))
     found = search.candidates([Setting(), Setting(level='single_track')])
     steps = {s.h for s in found}
     assert sorted(s.h for s in found if s.level == 'single_track') == sorted(steps)
