@@ -29,6 +29,7 @@ _ENTRY = re.compile(r'([A-Za-z_]\w*)[\s.]*=\s*(\S*)')
 _POSITION = re.compile(r'long section\s+at v\s*=\s*(\S+)', re.IGNORECASE)
 _NUMBER = re.compile(r'long section\s+(\d+)', re.IGNORECASE)
 _SWAPPED = re.compile(r'^([-+]?[\d.]+)([-+])[eE](?=\d+$)')
+_NAMES_FILE = re.compile(r'\$\w+[/\\.]')  # names of sections are words
 _VARIABLE = re.compile(r'\$(\w+)')
 
 _LINE = ('u', 'x', 'y', 'z', 'phi', 's', 'b')
@@ -93,6 +94,7 @@ def _sections(path: Path, crg: Crg, above: tuple[Path, ...]) -> None:
     data = content_of(path, LARGEST_FILE)
     # of an outer file, whose sections replace those of the inner ones
     own = {'ROAD_CRG_OPTS': crg.options is None, 'ROAD_CRG_MODS': crg.modifiers is None}
+    begun: dict[str, int] = {}  # line of each of these
     named: list[tuple[str, str]] = []  # lines of $ROAD_CRG_FILE
     section, at, number = '', 0, 0
     while at < len(data):
@@ -102,7 +104,7 @@ def _sections(path: Path, crg: Crg, above: tuple[Path, ...]) -> None:
         at, number = end + 1, number + 1
         if number > MOST_LINES:
             raise SceneError(f'{path}: not readable as OpenCRG: it has no data (a line that begins with $$$$) in {MOST_LINES} lines')
-        if line.startswith('$'):
+        if line.startswith('$') and not (section == 'ROAD_CRG_FILE' and _NAMES_FILE.match(line)):
             if section == 'ROAD_CRG_FILE':
                 _include(path, named, crg, above)
                 named = []
@@ -112,10 +114,16 @@ def _sections(path: Path, crg: Crg, above: tuple[Path, ...]) -> None:
                 return
             words = line[1:].split('!')[0].split()
             section = words[0].upper() if words else ''
-            if section == 'ROAD_CRG_OPTS' and own[section]:
-                crg.options = {}
-            elif section == 'ROAD_CRG_MODS' and own[section]:
-                crg.modifiers = {}
+            if own.get(section):
+                if begun.setdefault(section, number) != number:
+                    crg.notes.append(
+                        f'{path.name}:{number}: the section ${section} is given twice: that of line {begun[section]} is dropped'
+                    )
+                    begun[section] = number
+                if section == 'ROAD_CRG_OPTS':
+                    crg.options = {}
+                else:
+                    crg.modifiers = {}
             continue
         bare = line.split('!')[0].strip()
         if not bare or line.startswith('*') or section == 'CT':
@@ -153,6 +161,8 @@ def _entry(place: str, line: str, entries: dict[str, float], known: tuple[str, .
         if value != 0.0:
             crg.notes.append(f'{key} = {value:.12g} is of the map and moves nothing here, as in the library of ASAM')
         return
+    if key in entries:
+        crg.notes.append(f'{match[1]} is given twice: {value:.12g} of {place} counts, not {entries[key]:.12g} of {crg.where[key]}')
     entries[key] = value
     crg.where[key] = place
 
@@ -161,7 +171,9 @@ def _definition(place: str, line: str, crg: Crg) -> None:
     """A line of $KD_DEFINITION."""
     kind, rest = line[:2].upper(), line[2:].strip()
     if kind == '#:':
-        crg.form = rest.upper()[:4]
+        if '#:' in crg.where:
+            crg.notes.append(f'the form of the numbers is given twice: {rest} of {place} counts, not {crg.form} of {crg.where["#:"]}')
+        crg.form, crg.where['#:'] = rest.upper()[:4], place
         if crg.form not in FORMS:
             raise SceneError(f'{place}: data of the form {rest or "none"} are not supported; allowed: {", ".join(FORMS)}')
     elif kind == 'D:':
@@ -186,7 +198,7 @@ def _number(place: str, key: str, text: str) -> float:
 def _include(path: Path, named: list[tuple[str, str]], crg: Crg, above: tuple[Path, ...]) -> None:
     """Read what a section $ROAD_CRG_FILE names: one file whose name may stand in several lines, or one file a line."""
     if not named:
-        raise SceneError(f'{path}: the section $ROAD_CRG_FILE names no file')
+        raise SceneError(f'{path}: the section $ROAD_CRG_FILE names no file (a word behind a $ in the first column begins a section)')
     names = [_VARIABLE.sub(partial(_environment, place), text) for place, text in named]
     whole = [(named[0][0], ''.join(names))]
     each = list(zip((place for place, _ in named), names, strict=True))

@@ -201,7 +201,9 @@ def test_files_that_refer_to_files(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     plain = grid_of(along(tmp_path / 'plain.crg', options='border_mode_v = 1', modifiers='scale_z_grid = 3')).sha256
     other = grid_of(along(tmp_path / 'other.crg', options='border_mode_v = 1', modifiers='scale_z_grid = 2')).sha256
     monkeypatch.setenv('ROADS', str(tmp_path / 'deep'))
-    for k, named in enumerate(('  deep/road.crg ! relative', ' deep/ro\n ad.crg', ' $ROADS/road.crg', f' {tmp_path}/deep/road.crg')):
+    for k, named in enumerate(
+        ('  deep/road.crg ! relative', ' deep/ro\n ad.crg', ' $ROADS/road.crg', '$ROADS/road.crg', f' {tmp_path}/deep/road.crg')
+    ):
         for text, expected in (
             (f'$ROAD_CRG_FILE\n* a comment\n{named}\n$\n', plain),
             (f'$ROAD_CRG_FILE\n{named}\n$\n$ROAD_CRG_MODS\nscale_z_grid = 2\n$\n', other),
@@ -310,6 +312,9 @@ def with_section(name: str, *lines: str) -> str:
         (with_section('FILE', 'other.crg'), ':2: other.crg: no such file'),
         ('$ROAD_CRG_FILE\nroad.crg\n$\n', ':2: road.crg: the file refers to itself'),
         (with_section('FILE', ' $NO_SUCH_PLACE/a.crg'), ':2: $NO_SUCH_PLACE: there is no such environment variable'),
+        (with_section('FILE', '$NO_SUCH_PLACE/a.crg'), ':2: $NO_SUCH_PLACE: there is no such environment variable'),
+        (with_section('FILE', '$NO_SUCH.crg'), ':2: $NO_SUCH: there is no such environment variable'),
+        (with_section('FILE', '$NO_SUCH_PLACE'), 'names no file (a word behind a $ in the first column begins a section)'),
         (with_section('FILE'), 'the section $ROAD_CRG_FILE names no file'),
         (with_section('MODS', 'scale_zgrid = 2'), ':2: scale_zgrid = 2: is no key of this section of OpenCRG 1.2; did you mean'),
         (with_section('MODS', 'grid_nan_mode = 3'), ':2: grid_nan_mode = 3: must be one of 0, 1, 2'),
@@ -344,6 +349,33 @@ def test_what_has_no_effect_is_told(tmp_path: Path) -> None:
     ):
         grid = grid_of(along(tmp_path / 'road.crg', head=head, options=options))
         assert any(said in note for note in grid.notes), grid.notes
+
+
+def test_what_is_given_twice_is_told_and_the_last_counts_as_in_the_library(tmp_path: Path) -> None:
+    table = np.round(RNG.uniform(-0.05, 0.05, (21, 9)), 4)
+    place = tmp_path / 'road.crg'
+    for head, more, said in (
+        (
+            f'reference_line_increment = {2.0 * STEP}',
+            '',
+            f'reference_line_increment is given twice: 1 of {place}:6 counts, not 0.5 of {place}:5',
+        ),
+        ('reference_line_start_z = 1\nREFERENCE_LINE_START_Z = 2', '$ROAD_CRG_MODS\n$\n', 'START_Z is given twice: 2 of'),
+        ('', '$ROAD_CRG_MODS\nscale_z_grid = 2\nscale_z_grid = 3\n$\n', f'scale_z_grid is given twice: 3 of {place}:6 counts, not 2 of'),
+        ('', '$ROAD_CRG_OPTS\nborder_mode_u = 1\nborder_mode_u = 2\n$\n', 'border_mode_u is given twice: 2 of'),
+        (
+            '',
+            '$ROAD_CRG_MODS\nscale_z_grid = 2\n$\n$ROAD_CRG_MODS\nrefline_offset_z = 3\n$\n',
+            'road.crg:7: the section $ROAD_CRG_MODS is given twice: that of line 4 is dropped',
+        ),
+    ):
+        grid = compare(crg(place, table, sections(), head, more=more), beyond=(0.0, 0.0))
+        assert sum('given twice' in note for note in grid.notes) == 1
+        assert any(said in note for note in grid.notes), grid.notes
+    crg(place, table, sections())
+    assert not any('given twice' in note for note in grid_of(place).notes)
+    place.write_text(place.read_text().replace('#:LDFI', '#:LRFI\n#:LDFI'))
+    assert any('LDFI of' in note and 'counts, not LRFI of' in note for note in grid_of(place).notes)
 
 
 def test_a_head_with_tabs_and_a_swapped_exponent(tmp_path: Path) -> None:
