@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import dataclasses
 import json
 import math
 from collections.abc import Callable, Sequence
@@ -82,7 +83,9 @@ def _driven(args: argparse.Namespace, driving: Driving, evaluations: Sequence[Ev
         try:
             places, before = driving.drive(evaluation)
             read = [(place, *judging.read(place)) for place in places]
-            results += [judging.judge(evaluation, run, str(place), given, held=held, scene=scene) for place, run, held, scene in read]
+            judged = [judging.judge(evaluation, run, str(place), given, held=held, scene=scene) for place, run, held, scene in read]
+            said = driving.speed_note(evaluation)
+            results += [dataclasses.replace(one, notes=(*one.notes, said)) for one in judged] if said else judged
         except MbdError as error:
             refused[evaluation.name] = error
         else:

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from drives import circling
+from similar import similar_car
 
 from mbd_sim_ros.analysis.evaluation.driving import Driving
 from mbd_sim_ros.analysis.evaluation.kinds import Evaluation
@@ -44,6 +45,32 @@ def values(data: dict, evaluation: str) -> dict[str, float]:
 def known() -> dict[str, float]:
     """The figures of `mbd info light_car_straight`."""
     return figures(standing(load_scene('light_car_straight')))
+
+
+@pytest.mark.parametrize(
+    ('scale', 'settings', 'said'),
+    [  # km/h times sqrt(s)
+        (0.1, (), '80 km/h are for passenger cars, on the wheelbase of similar_car that is 25.3 km/h: --set start.speed_kmh=25.3'),
+        (2.5, (), '80 km/h are for passenger cars, on the wheelbase of similar_car that is 126 km/h'),
+        (0.1, ('start.speed_kmh=30',), '80 km/h are for passenger cars, driven here at 30 km/h, on the wheelbase'),
+        (1.0, (), ''),
+        (1.0, ('start.speed_kmh=30',), ''),
+    ],
+)
+def test_the_speed_that_corresponds_is_told_of_other_sizes(tmp_path: Path, scale: float, settings: tuple[str, ...], said: str) -> None:
+    driving = Driving(str(similar_car(tmp_path / 'car', scale)), tmp_path / 'out', settings)
+    note = driving.speed_note(called('iso7401_step')[0])
+    assert note.startswith(said) and bool(note) == bool(said)
+
+
+@pytest.mark.slow
+def test_a_small_car_that_is_driven_at_the_speed_of_the_norm_has_a_note_that_says_so(tmp_path: Path, capsys) -> None:
+    out = tmp_path / 'out'
+    short = ('--set', 'duration=6', '--set', 'maneuver.steering.value=0.3')
+    main(['maneuver', 'iso7401_step', str(similar_car(tmp_path / 'car', 0.1)), '--out', str(out), *short])
+    said = '80 km/h are for passenger cars, on the wheelbase of similar_car that is 25.3 km/h: --set start.speed_kmh=25.3'
+    assert f'note: {said}' in capsys.readouterr().out
+    assert said in (out / 'report.html').read_text() and said in (out / 'report.json').read_text()
 
 
 @pytest.mark.slow

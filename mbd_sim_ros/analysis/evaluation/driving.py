@@ -88,16 +88,28 @@ class Driving:
         """
         try:
             return self._drive(evaluation)
+        except SceneError:
+            raise
         except MbdError as error:
-            text = scene_text(evaluation.drive, self.vehicle, evaluation.name, self.overrides)
-            size = size_of(load_scene_text(text, evaluation.name, self.overrides).model)
-            if size.length == 1.0 or isinstance(error, SceneError):
+            said = self.speed_note(evaluation)
+            if not said:
                 raise
-            usual, similar = 3.6 * evaluation.drive.speed, 3.6 * evaluation.drive.speed * size.speed
-            raise type(error)(
-                f'{error}; {usual:.3g} km/h are for passenger cars, on the wheelbase of {self.vehicle.stem} that is {similar:.3g} km/h: '
-                f'--set start.speed_kmh={similar:.3g}'
-            ) from error
+            raise type(error)(f'{error}; {said}') from error
+
+    def speed_note(self, evaluation: Evaluation) -> str:
+        """The speed of the norm and the one that corresponds to it ([Buckingham1914], solver.vehicle.size) for a vehicle that is longer or
+        shorter than passenger cars; '' for one of their length. Raises MbdError."""
+        text = scene_text(evaluation.drive, self.vehicle, evaluation.name, self.overrides)
+        scene = load_scene_text(text, evaluation.name, self.overrides)
+        size, usual = size_of(scene.model), 3.6 * evaluation.drive.speed
+        if size.length == 1.0:
+            return ''
+        similar = usual * size.speed
+        own = f', driven here at {3.6 * scene.start.speed:.3g} km/h' if not math.isclose(3.6 * scene.start.speed, usual) else ''
+        return (
+            f'{usual:.3g} km/h are for passenger cars{own}, on the wheelbase of {self.vehicle.stem} that is {similar:.3g} km/h: '
+            f'--set start.speed_kmh={similar:.3g}'
+        )
 
     def _drive(self, evaluation: Evaluation) -> tuple[list[Path], dict[str, float]]:
         one = evaluation.drive
