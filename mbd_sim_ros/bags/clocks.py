@@ -12,7 +12,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from mbd_sim_ros.bags.columns import CLOCKS, HEADER, LOG, PUBLISH, Account, Clock, Collector
+from mbd_sim_ros.bags.accounts import CLOCKS, HEADER, LOG, PUBLISH, Account, Clock
+from mbd_sim_ros.bags.columns import Collector
 
 SLACK = 1_000_000_000  # ns that topics of one clock may miss each other by, for a message is on its way meanwhile
 SHOWN = 4  # topics of one clock that are named

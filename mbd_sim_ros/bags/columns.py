@@ -10,18 +10,19 @@ The messages of one topic of our recordings differ in their numbers only, so a b
 a column is a strided part of it. Of others, messages that are alike but for their numbers (a *variant*: one
 publisher, one set of names) are taken so; where strings change all the time, each is decoded for itself.
 
-Nothing vanishes here: an `Account` says of every topic how many messages it had and what became of them.
+Nothing vanishes here: an `Account` (accounts.py) says of every topic how many messages it had and what became of them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from mcap.records import Schema
 
+from mbd_sim_ros.bags.accounts import CLOCKS, HEADER, LOG, NAMES, PUBLISH, SET_BACK, Account, Clock, alike, shuffled, went_back
 from mbd_sim_ros.bags.named import COLUMNS_MAX, TEXT, Pick, is_plain, named
 from mbd_sim_ros.bags.records import Messages, instants
 from mbd_sim_ros.messages import cdr
@@ -33,12 +34,6 @@ VARIANTS_MOST = 32  # of a topic: publishers and frames; more are texts that cha
 TABLE_MOST = (1 << 26, 256)  # bytes that are reserved for a table before its messages are there: so many, and per byte of them
 STAMP = ('header.stamp.sec', 'header.stamp.nanosec')
 STAMP_KINDS = ('int32', 'uint32')
-SET_BACK = 1_000_000_000  # ns by which messages on their way overtake each other at most: more is a clock that was set back
-LEAST_BACK = 3  # steps back in time: so many are no clock that was set back; 30 would miss that in short recordings
-SHUFFLED = 3  # messages per step back at most where a file is in no order; 30 would take a clock that is set back often for that
-Clock = Literal['log time', 'publish time', 'header stamp']
-CLOCKS: tuple[Clock, ...] = ('log time', 'publish time', 'header stamp')
-LOG, PUBLISH, HEADER, NAMES = range(4)  # rows of a table of stamps: three clocks [ns], and which set of columns a message has
 
 
 @dataclass(frozen=True)
@@ -63,72 +58,6 @@ class Series:
         same = np.array_equal(self.time_ns, other.time_ns)
         time_ns = self.time_ns if same else np.union1d(self.time_ns, other.time_ns)
         return Series(time_ns, self.on(time_ns) | other.on(time_ns))
-
-
-@dataclass(frozen=True)
-class Account:
-    """What became of the messages of a topic: messages = rows + equal + beside.
-
-    equal: left out, because a later message has the same time and the same columns; twice: of these, those with the same values too, so
-    that nothing is lost. beside: in the row of another
-    message, of other columns. disordered: recorded behind one with a later time, and put in order. holes: column ->
-    values that are no number. clock: which time counts. span: first and last of it [ns]; log: first and last log time.
-    misaligned: see cdr.decode_first.
-    """
-
-    messages: int
-    rows: int
-    equal: int
-    twice: int
-    beside: int
-    disordered: int
-    holes: dict[str, int]
-    clock: Clock
-    misaligned: bool
-    span: tuple[int, int]
-    log: tuple[int, int]
-
-    def joined(self, other: Account, rows: int) -> Account:
-        """That of both, whose messages share a table of so many rows."""
-        return Account(
-            messages=self.messages + other.messages,
-            rows=rows,
-            equal=self.equal + other.equal,
-            twice=self.twice + other.twice,
-            beside=self.messages + other.messages - self.equal - other.equal - rows,
-            disordered=self.disordered + other.disordered,
-            holes=self.holes | other.holes,
-            clock=self.clock,
-            misaligned=self.misaligned or other.misaligned,
-            span=(min(self.span[0], other.span[0]), max(self.span[1], other.span[1])),
-            log=(min(self.log[0], other.log[0]), max(self.log[1], other.log[1])),
-        )
-
-    def doubts(self) -> list[str]:
-        """What was left out or put otherwise than it was recorded, a sentence each."""
-        found = []
-        if self.misaligned:
-            found.append('its messages are aligned from the start of the buffer, against CDR, and are read so')
-        if self.equal > self.twice:
-            found.append(
-                f'{self.equal} of {self.messages} messages are left out, because a later one has the same {self.clock}'
-                + (f' ({self.twice} of them the same values too); ' if self.twice else '; ')
-                + ('its clock is too coarse, or has several publishers' if self.clock != 'log time' else 'they were recorded in bursts')
-            )
-        if self.disordered:
-            late = f'{self.disordered} of {self.messages} messages were'
-            found.append(f'{late} recorded behind one with a later {self.clock}, and are put in order')
-        if self.holes:
-            shown = [f'{column} ({count})' for column, count in self.holes.items()]
-            more = f' and {len(shown) - 3} more columns' if len(shown) > 3 else ''
-            found.append(f'values that are no number: {", ".join(shown[:3])}{more}')
-        return found
-
-    def remarks(self) -> list[str]:
-        """What was left out or put otherwise, and is no loss, a sentence each."""
-        if not self.twice or self.twice < self.equal:
-            return []
-        return [f'{self.twice} of {self.messages} messages are left out, which were recorded twice: the same {self.clock}, the same values']
 
 
 class Room:
@@ -243,12 +172,12 @@ class Collector:
             return None
         stamps, table = self._stamps[:, : self._count], self._table[: len(self.columns), : self._count]
         times, log_times = stamps[CLOCKS.index(clock)], stamps[LOG]
-        mixed = len(self._channels) > 1 or _shuffled(log_times)
+        mixed = len(self._channels) > 1 or shuffled(log_times)
         came = times[np.argsort(log_times, kind='stable')] if mixed else times
         latest = np.maximum.accumulate(came)
         back = int(np.max(latest - came))
         if back > SET_BACK:
-            self.problem = _went_back(came, clock, np.sort(log_times) if mixed else log_times)
+            self.problem = went_back(came, clock, np.sort(log_times) if mixed else log_times)
             return None
         disordered = int(np.count_nonzero(latest > came))
         order = np.argsort(times, kind='stable') if disordered or mixed else np.arange(times.size)
@@ -261,7 +190,7 @@ class Collector:
             equal, carried = times.size - keep.size, {}
             left = np.flatnonzero(~last)
             a, b = order[left], keep[np.cumsum(last)[left]]
-            twice = _alike(table[:, a], table[:, b], nearer[:, a], nearer[:, b]) if equal else 0
+            twice = alike(table[:, a], table[:, b], nearer[:, a], nearer[:, b]) if equal else 0
             if keep.size < times.size or disordered or mixed:
                 found, table = times[keep], table[:, keep]
             else:
@@ -297,12 +226,12 @@ class Collector:
             keep, left = rows[last], np.flatnonzero(~last)
             which = np.array(columns, int)[:, None]
             a, b = rows[left], keep[np.cumsum(last)[left]]
-            twice += _alike(table[which, a], table[which, b], nearer[:, a], nearer[:, b])
+            twice += alike(table[which, a], table[which, b], nearer[:, a], nearer[:, b])
             there = filled[which, row[keep]]
             over = np.flatnonzero(np.any(there, axis=0))
             a, b = row[keep[over]], keep[over]
             after = table[which, b]
-            twice += _alike(np.where(there[:, over], result[which, a], after), after, stamps[:, a], nearer[:, b])
+            twice += alike(np.where(there[:, over], result[which, a], after), after, stamps[:, a], nearer[:, b])
             equal += left.size + over.size
             result[which, row[keep]] = table[which, keep]
             filled[which, row[keep]] = True
@@ -431,34 +360,6 @@ class Collector:
         if len(self.columns) > rows:
             self._table = _wider(self._table, len(self.columns), self._table.shape[1], self._table.shape[1])
             self._table[rows:] = np.nan
-
-
-def _shuffled(log_times: np.ndarray) -> bool:
-    """Whether messages do not lie in the file as they were recorded: reversed, or in no order.
-
-    A clock that is set back, or begins anew, goes back once now and then; these go back all the time.
-    """
-    back = int(np.count_nonzero(log_times[1:] < log_times[:-1]))
-    return back >= LEAST_BACK and SHUFFLED * back >= log_times.size
-
-
-def _went_back(came: np.ndarray, clock: Clock, log_times: np.ndarray) -> str:
-    """Why times that go back by more than SET_BACK are not taken, and what to do."""
-    back = int(np.max(np.maximum.accumulate(came) - came))
-    often = int(np.count_nonzero(came[:-1] - came[1:] > SET_BACK))
-    steady = clock != 'log time' and int(np.max(np.maximum.accumulate(log_times) - log_times)) <= SET_BACK
-    if often >= LEAST_BACK and steady:
-        why = f'{often} times and by up to {back * 1e-9:.6g} s, as of publishers with clocks of their own'
-        return f'its times go back {why}; take the log times (--log-times)'
-    why = f'by {back * 1e-9:.6g} s, as of a clock that was set back or began anew'
-    more = '' if not steady else ', or take the log times (--log-times)'
-    return f'its times go back {why}; cut the recording there{more}'
-
-
-def _alike(left: np.ndarray, stay: np.ndarray, left_at: np.ndarray, stay_at: np.ndarray) -> int:
-    """How many messages that are left out have the values and times (columns of tables) of those that stay; one NaN is like another."""
-    same = (left == stay) | (np.isnan(left) & np.isnan(stay))
-    return int(np.count_nonzero(np.all(same, axis=0) & np.all(left_at == stay_at, axis=0)))
 
 
 def _variant(data: bytes, places: dict[str, cdr.Place], rows: list[int], picks: list[Pick], number: int) -> _Variant:

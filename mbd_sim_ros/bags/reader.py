@@ -16,8 +16,9 @@ from typing import Any
 import numpy as np
 from mcap.records import Channel, Schema
 
+from mbd_sim_ros.bags.accounts import Account, Clock
 from mbd_sim_ros.bags.clocks import apart, choose
-from mbd_sim_ros.bags.columns import Account, Clock, Collector, Room, Series
+from mbd_sim_ros.bags.columns import Collector, Room, Series
 from mbd_sim_ros.bags.files import open_recording, readable
 from mbd_sim_ros.bags.patterns import fits_any, may_fit
 from mbd_sim_ros.bags.records import Messages

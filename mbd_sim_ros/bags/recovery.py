@@ -13,7 +13,7 @@ from typing import NamedTuple
 import yaml
 from mcap.records import Channel, Schema
 
-from mbd_sim_ros.bags.columns import SET_BACK
+from mbd_sim_ros.bags.accounts import SET_BACK
 from mbd_sim_ros.bags.files import find_files, readable
 from mbd_sim_ros.bags.records import TIME_MOST, Messages, Reading
 from mbd_sim_ros.bags.writer import RESULT, BagWriter

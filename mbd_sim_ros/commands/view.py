@@ -109,6 +109,6 @@ def run(args: argparse.Namespace) -> Result:
         'instants': len(first.time),
         'begin': float(first.time[0]),
         'end': float(first.time[-1]),
-        'doubts': [f'{m.name}: {text}' for m in motions for text in m.run.doubts],
+        'doubts': [f'{m.name}: {text}' for m in motions for text in (*m.run.doubts, *m.run.remarks)],
     }
     return Result(data=data, text='\n'.join([f'{file} ({data["bytes"] / 1e6:.2f} MB)', *data['doubts']]))
