@@ -58,6 +58,7 @@ from typing import Any
 import numpy as np
 
 from solver.analysis.exchange import allowed_energy_error, exchanged
+from solver.analysis.turned import caused
 from solver.compiled.portable import norm
 from solver.elements.bushing import BushingSpec
 from solver.elements.road import RandomRoad, edge, envelops
@@ -106,7 +107,8 @@ def findings(simulation: Simulation, real_time_factor: float | None = None) -> l
         _branches(s),
     ]
     found = [*looked, _speed(s, real_time_factor), *_validity(s)]
-    return [finding for finding in found if finding]
+    told = [finding for finding in found if finding]
+    return caused(s.model.spec, told) if s.of_bodies else told
 
 
 def passes(simulation: Simulation, found: list[Finding]) -> bool:
