@@ -15,6 +15,7 @@ from solver.inputs.assistance import Assistant
 from solver.inputs.hands import STEERING, CommandSource, commands_of, uncommanded
 from solver.inputs.maneuver import base_names
 from solver.levels.road_wheel import steering_map, steering_wheel_at
+from solver.model.spec import ModelSpec
 
 if TYPE_CHECKING:
     from solver.scene import Scene
@@ -46,7 +47,7 @@ class Driving:
     @property
     def ends(self) -> dict[str, tuple[float, float]]:
         """Least and most that may be commanded of the steering, by the vehicle's end stops and the map of its road wheels [rad]."""
-        lock = self._scene.model.lock
+        lock = self._scene.model.lock if isinstance(self._scene.model, ModelSpec) else None
         found = {} if lock is None else {STEERING['angle']: (-lock, lock)}
         if self._road_map is not None:
             found[STEERING['road_wheel']] = self._road_map.points[0][0], self._road_map.points[-1][0]

@@ -9,13 +9,21 @@ from pathlib import Path
 from yaml.nodes import Node, ScalarNode
 
 from solver.errors import SceneError
-from solver.files.crg_surface import read_crg
 from solver.files.raster import read_npz, read_png
 from solver.files.tir import read_tir
 
 INCLUDE = re.compile(r'(?:[\w./-]+|/.*)(\.[a-z]+)')  # what begins with / is a path, whatever is in it
+
+
+def _read_crg(path: Path) -> object:
+    """See solver.files.crg_surface.read_crg(), which brings numba."""
+    from solver.files.crg_surface import read_crg
+
+    return read_crg(path)
+
+
 # file ending -> what reads it into a dataclass or mapping; .yaml is built in
-READERS: dict[str, Callable[[Path], object]] = {'.tir': read_tir, '.crg': read_crg, '.png': read_png, '.npz': read_npz}
+READERS: dict[str, Callable[[Path], object]] = {'.tir': read_tir, '.crg': _read_crg, '.png': read_png, '.npz': read_npz}
 
 
 def names_file(node: Node) -> bool:
