@@ -68,8 +68,13 @@ def test_mirrored_car_gives_the_mirrored_run(penalty: float, mode: Literal['fixe
 
 @pytest.mark.slow
 def test_run_shows_the_frequencies_of_the_linear_model() -> None:
-    """A small push on the standing car: chassis and engine follow the solution of the linearised model, exp of its state matrix."""
-    scene = load_scene('car_swept_steer', ['start={kind: equilibrium}', 'maneuver=maneuvers/straight_ahead.yaml', 'integrator.h=1e-3'])
+    """A small push on the standing car: chassis and engine follow the solution of the linearised model, exp of its state matrix.
+
+    Its wheels have no rolling resistance: the linear model is that of wheels that roll, and on resistance a wheel stands.
+    """
+    tires = [f'vehicle.{axle}.tire={{<<: tires/205_55R16.tir, values: {{LMY: 0}}}}' for axle in ('front', 'rear')]
+    standing = ['start={kind: equilibrium}', 'maneuver=maneuvers/straight_ahead.yaml', 'integrator.h=1e-3']
+    scene = load_scene('car_swept_steer', [*standing, *tires])
     simulation = Simulation(scene)
     model = simulation.model
     linear = linearised(model, simulation.state, np.zeros(len(scene.model.inputs)))
