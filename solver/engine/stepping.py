@@ -37,7 +37,7 @@ class Stepping:
             raise SpecError(f'integrator: kind = {scene.integrator.kind!r}: this engine knows {", ".join(KINDS)}; use simulation_of(scene)')
         self.scene = scene
         self.shown = bodies = Bodies(scene)
-        self._h = bodies.h
+        self._h, self._tables = bodies.h, bodies.model.tables
         settings = bodies.settings
         # A force-like input is held over the interval of the grid: with steps of any size inside, its mean is what matters.
         hold = 0.5 if settings.step_policy == 'error' else bodies.scheme.af
@@ -81,17 +81,17 @@ class Stepping:
 
     def advance(self, k: int, inputs: np.ndarray, n: int, audit: bool, last: np.ndarray) -> Moved:
         """See Engine.advance(). Where branches are looked for every step is a call of its own."""
-        bodies = self.shown
+        bodies, adaptation, held = self.shown, self.adaptation, len(inputs) == 1
         looks = audit and bodies.branches is not None
-        part = 1 if looks else max(n, 1)
-        total, done, held = NO_STEPS, 0, len(inputs) == 1
-        for first in range(0, n, part):
-            if self.adaptation is not None:
-                result, steps = self.adaptation.advance(
-                    bodies.states, inputs, first, part, k + done, audit, lambda k: self._look_at_rescue(k, last)
+        part = 1 if looks else n
+        total, done = NO_STEPS, 0
+        while done < n:
+            if adaptation is not None:
+                result, steps = adaptation.advance(
+                    bodies.states, inputs, done, part, k + done, audit, lambda k: self._look_at_rescue(k, last)
                 )
             else:
-                result, steps = advance(bodies.model.tables, bodies.scheme, *bodies.states, inputs, first, part, audit, bodies.work)
+                result, steps = advance(self._tables, bodies.scheme, *bodies.states, inputs, done, part, audit, bodies.work)
                 if steps % 2 == 1:
                     bodies.states.reverse()
             done += steps

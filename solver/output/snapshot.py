@@ -32,7 +32,8 @@ class Counters(NamedTuple):
         """Sums and maxima over these steps and later ones."""
         i, f, e, s, r, p, v = self
         i1, f1, e1, s1, r1, p1, v1 = later
-        return Counters(i + i1, f + f1, e + e1, s + s1, max(r, r1), max(p, p1), max(v, v1))
+        # Every call of Simulation.advance() adds: written with max() and by keywords it takes 0.3 us more.
+        return Counters._make((i + i1, f + f1, e + e1, s + s1, r1 if r1 > r else r, p1 if p1 > p else p, v1 if v1 > v else v))
 
     def report(self) -> dict[str, float]:
         """By the names of reports and recordings."""
