@@ -96,7 +96,7 @@ class Stepping:
                     bodies.states.reverse()
             done += steps
             if steps:
-                last[:] = inputs[0 if held else done - 1]
+                last[:] = inputs if held else inputs[done - 1]
             total = result.counters if total is NO_STEPS else total.followed_by(result.counters)
             if result.status != OK:
                 return Moved(done, total, bodies.failure(result, instant(self.scene, k + done), inputs[0 if held else done]))
