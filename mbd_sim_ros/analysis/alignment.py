@@ -21,7 +21,6 @@ Kind = Literal['linear', 'hold', 'angle', 'orientation']
 GAP_NS = 250_000_000  # a longer time without samples is none that a recording has
 EVEN = 3, 1.1  # intervals at least, none more than so many times the usual one: a signal that is sampled
 TURN = 2.0 * np.pi
-EPOCH_NS = 100_000_000 * 1_000_000_000  # a recording that begins later is stamped with the time of day (seconds since 1970)
 COARSE_POINTS = 200_000  # of the grid on which an offset is sought first
 LEAST_OVERLAP = 0.5  # of the shorter recording, where an offset is sought
 LEAST_CORRELATION = 0.5

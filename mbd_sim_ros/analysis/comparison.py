@@ -16,14 +16,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from mbd_sim_ros.analysis.alignment import EPOCH_NS, Common, Offset, Signal, common, find_offset, is_wrapped, same_turn
+from mbd_sim_ros.analysis.alignment import Common, Offset, Signal, common, find_offset, is_wrapped, same_turn
 from mbd_sim_ros.analysis.difference import Curves, Difference, curves_of, difference_of
 from mbd_sim_ros.analysis.exact import exact_curves, exact_difference
 from mbd_sim_ros.analysis.pairing import HEADINGS, Item, items_of, least_scales, shared_names, signal_of
 from mbd_sim_ros.analysis.runs import units
 from mbd_sim_ros.analysis.tolerances import Tolerances
+from mbd_sim_ros.bags.clocks import EPOCH_NS
+from mbd_sim_ros.bags.patterns import nearest
 from mbd_sim_ros.bags.reader import Run, Series
-from solver.errors import BagError, suggestion
+from solver.errors import BagError
 
 COUNTERS = ('cmd_applied/step',)  # compared bit by bit only: another step size counts differently
 HALF_A_TURN_DEG = 180.0
@@ -194,7 +196,9 @@ def _clocks(homes: Sequence[Mapping[str, Series]], offset: float, align: str | N
         for k, home in enumerate(homes[1:], 1):
             for side in (homes[0], home):
                 if align not in side:
-                    raise BagError(f'--align {align}: no such channel in both recordings{suggestion(align, homes[0].keys() & home.keys())}')
+                    raise BagError(
+                        f'--align {align}: no such channel in both recordings{nearest(align, sorted(homes[0].keys() & home.keys()))}'
+                    )
             item = Item(align, (align,), 'linear')
             found.append(find_offset(signal_of(item, homes[0], shifts[0]), signal_of(item, home, shifts[k])))
             shifts[k] += found[-1].nanoseconds

@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from mbd_sim_ros.analysis.tables import TimeColumn
+from mbd_sim_ros.bags.patterns import nearest
 from mbd_sim_ros.bags.reader import Run, Series
 from solver.dimensions import Angle
 from solver.errors import BagError, suggestion
@@ -96,9 +97,11 @@ def literal(name: str) -> str:
     return name.replace('[', '[[]').replace('?', '[?]')
 
 
-def resolve(channels: Mapping[str, Source], known: Sequence[str]) -> dict[str, tuple[str, Source]]:
+def resolve(
+    channels: Mapping[str, Source], known: Sequence[str], instead_of: Callable[[str], str] | None = None
+) -> dict[str, tuple[str, Source]]:
     """Ours -> (theirs, source) for every channel of `known` that is mapped, to one of ours or to several. One that is mapped by its own
-    name is not mapped by patterns.
+    name is not mapped by patterns. instead_of: what is said of a name that is not there, the nearest ones otherwise.
 
     Raises BagError for names that are not there and for two sources of one channel.
     """
@@ -111,7 +114,8 @@ def resolve(channels: Mapping[str, Source], known: Sequence[str]) -> dict[str, t
         pattern = re.compile('(.*?)'.join(re.escape(part) for part in theirs.split('*')))
         matches = [(name, match) for name in known if (match := pattern.fullmatch(name))]
         if not matches:
-            raise BagError(f'mapping {theirs}={ours}: the other recording has no column {theirs!r}{suggestion(theirs, known)}')
+            instead = nearest(theirs, known) if instead_of is None else instead_of(theirs)
+            raise BagError(f'mapping {theirs}={ours}: the other recording has no column {theirs!r}{instead}')
         for name, match in matches:
             if name != theirs and name in named:
                 continue
@@ -129,11 +133,7 @@ def apply(run: Run, channels: Mapping[str, Source], axes: Sequence[Axes], unit: 
     Channels that are not mapped keep their names, unless a mapped one takes it. What a table has in other units is brought to SI. Raises
     BagError.
     """
-    for ours, source in channels.items():
-        for topic, why in run.left_out.items():
-            if source.channel.startswith(f'{topic}/'):
-                raise BagError(f'mapping {source.channel}={ours}: {topic} is not read: {why}')
-    found = resolve(channels, run.names)
+    found = resolve(channels, run.names, run.instead_of)
     made: dict[str, list[tuple[str, Source]]] = {}  # theirs -> what of ours
     for new, (name, source) in found.items():
         made.setdefault(name, []).append((new, source))
@@ -185,7 +185,9 @@ def _rotate(series: Mapping[str, Series], turn: Axes) -> None:
     home = next((one for one in series.values() if turn.channels[0] in one.columns), None)
     missing = [name for name in turn.channels if home is None or name not in home.columns]
     if home is None or missing:
-        raise BagError(f'mapping of axes: {missing[0]} is not in the recording, or not in one topic with {turn.channels[0]}')
+        there = [name for one in series.values() for name in one.columns]
+        why = f', or not in one topic with {turn.channels[0]}' if missing[0] in there else nearest(missing[0], there)
+        raise BagError(f'mapping of axes: {missing[0]} is not in the recording{why}')
     (sr, sp, sy), (cr, cp, cy) = np.sin(turn.rpy), np.cos(turn.rpy)
     x = np.array([[1.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, sr, cr]])
     y = np.array([[cp, 0.0, sp], [0.0, 1.0, 0.0], [-sp, 0.0, cp]])

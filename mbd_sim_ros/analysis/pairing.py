@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mbd_sim_ros.analysis.alignment import Kind, Signal
-from mbd_sim_ros.bags.patterns import fits, fits_any
-from mbd_sim_ros.bags.reader import Series
-from solver.errors import BagError, suggestion
+from mbd_sim_ros.bags.clocks import in_time_of_day
+from mbd_sim_ros.bags.patterns import fits, fits_any, nearest
+from mbd_sim_ros.bags.reader import Run, Series
+from solver.errors import BagError
 
 QUATERNION = ('qx', 'qy', 'qz', 'qw')
 ORIENTATION = 'orientation'
@@ -38,7 +39,7 @@ def shared_names(
         raise BagError(f'the two runs have no channel in common ({_some(ours)} here, {_some(theirs)} there)')
     for pattern in patterns:
         if not any(fits(name, pattern) for name in (*both, *_orientations(both))):
-            raise BagError(f'no common channel matches {pattern!r}{suggestion(pattern, {*known} or both)}')
+            raise BagError(f'no common channel matches {pattern!r}{nearest(pattern, list(dict.fromkeys(known)) or both)}')
 
     def chosen(names: Sequence[str]) -> list[str]:
         return [name for name in names if not patterns or fits_any(name, patterns)]
@@ -49,6 +50,31 @@ def shared_names(
     wanted = {*chosen(both), *(quaternions if patterns else ())}
     only = [tuple(sorted(name for name in chosen(side) if name not in common_names)) for side in (ours, theirs)]
     return [name for name in both if name in wanted], only[0], only[1]
+
+
+def of_one_clock(runs: Sequence[Run]) -> tuple[list[Run], tuple[str, ...]]:
+    """The recordings without topics that all of them have in the time of day beside others that count from a start, as the diagnostics of
+    a node that simulates: of runs at different times of day they share no instant. And a sentence that names these."""
+    aside = [{t: run.series[t] for t in in_time_of_day(run.accounts)} for run in runs]
+    names = set.intersection(*({name for one in of_run.values() for name in one.columns} for of_run in aside))
+    grids = [one.time_ns for of_run in aside for one in of_run.values()]
+    if not names or max(int(t[0]) for t in grids) <= min(int(t[-1]) for t in grids):
+        return list(runs), ()
+    topics = sorted({t for of_run in aside for t, one in of_run.items() if names.intersection(one.columns)})
+    kept = [
+        replace(run, **{part: {t: v for t, v in getattr(run, part).items() if t not in topics} for part in ('series', 'accounts')})
+        for run in runs
+    ]
+    patterns = ', '.join(f"--channel '{t}/*'" for t in topics)
+    return kept, (
+        f'not compared, for it is in the time of day beside others in simulation time: {", ".join(topics)} ({patterns} takes it)',
+    )
+
+
+def with_doubts_of(run: Run, names: Collection[str]) -> Run:
+    """A recording whose doubts are those of the topics that have one of these channels."""
+    used = {topic for topic, one in run.series.items() if not one.columns.keys().isdisjoint(names)}
+    return replace(run, accounts={topic: one for topic, one in run.accounts.items() if topic in used})
 
 
 def _orientations(names: Sequence[str]) -> dict[str, tuple[str, ...]]:

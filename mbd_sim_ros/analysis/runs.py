@@ -18,7 +18,7 @@ from mbd_sim_ros.bags import reader as bag
 from mbd_sim_ros.bags.files import holds_recording
 from mbd_sim_ros.bags.patterns import fits, fits_any
 from mbd_sim_ros.bags.reader import Run, Series
-from solver.errors import BagError, suggestion
+from solver.errors import BagError
 from solver.units import UNITS
 
 TIME = 'time [s]'
@@ -169,7 +169,7 @@ def must_match(run: Run, patterns: Sequence[str], place: str | Path) -> None:
     """Raise BagError for a pattern that no channel of the recording matches."""
     for pattern in patterns:
         if not any(fits(name, pattern) for name in run.names):
-            raise BagError(f'{place}: no channel matches {pattern!r}{suggestion(pattern, run.names)}')
+            raise BagError(f'{place}: no channel matches {pattern!r}{run.instead_of(pattern)}')
 
 
 def seconds_of(t_ns: int) -> str:

@@ -16,6 +16,7 @@ from mbd_sim_ros.bags.accounts import CLOCKS, HEADER, LOG, PUBLISH, Account, Clo
 from mbd_sim_ros.bags.columns import Collector
 
 SLACK = 1_000_000_000  # ns that topics of one clock may miss each other by, for a message is on its way meanwhile
+EPOCH_NS = 100_000_000 * 1_000_000_000  # times from here on are those of day (ns since 1970); no simulation lasts three years
 SHOWN = 4  # topics of one clock that are named
 Span = tuple[int, int]
 
@@ -50,7 +51,22 @@ def _meet(a: Span, b: Span) -> bool:
 
 
 def apart(accounts: Mapping[str, Account]) -> str:
-    """A sentence that names the clocks of a recording that do not meet, topic by topic; '' where they do.
+    """A sentence that names the clocks of a recording that do not meet, topic by topic; '' where they do."""
+    groups = _groups(accounts)
+    if len(groups) < 2:
+        return ''
+    return 'its clocks do not meet: ' + '; '.join(map(_described, groups)) + '; take the log times of all (--log-times)'
+
+
+def in_time_of_day(accounts: Mapping[str, Account]) -> frozenset[str]:
+    """Topics in the time of day, where others count from a start, as a simulation does: of two runs they share no time."""
+    groups = _groups(accounts)
+    of_day = [group for group in groups if min(one.span[0] for one in group.values()) >= EPOCH_NS]
+    return frozenset(name for group in of_day for name in group) if len(of_day) < len(groups) else frozenset()
+
+
+def _groups(accounts: Mapping[str, Account]) -> list[dict[str, Account]]:
+    """The topics of each clock.
 
     Topics that were recorded at the same time and are further apart than either of them lasts have different clocks. So have topics whose
     stamps are later than their recording, as no message can be, from others, whose are not.
@@ -68,10 +84,7 @@ def apart(accounts: Mapping[str, Account]) -> str:
         if not groups or (begin - until > max(longest, end - begin, SLACK) and beside):
             groups.append({})
         groups[-1][name] = one
-    groups = [part for group in groups for part in _parted(group)]
-    if len(groups) < 2:
-        return ''
-    return 'its clocks do not meet: ' + '; '.join(map(_described, groups)) + '; take the log times of all (--log-times)'
+    return [part for group in groups for part in _parted(group)]
 
 
 def _parted(group: dict[str, Account]) -> list[dict[str, Account]]:

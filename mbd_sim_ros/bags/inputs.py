@@ -25,7 +25,7 @@ from mbd_sim_ros.bags.writer import RECORD, RESULT
 from mbd_sim_ros.messages.cdr import decode, dtype
 from mbd_sim_ros.messages.definitions import schema_text
 from mbd_sim_ros.messages.topics import ARRAY, INPUTS, JOINT_STATE, ODOMETRY, TF
-from solver.errors import BagError, MbdError, suggestion
+from solver.errors import BagError, MbdError
 from solver.files.yaml_tree import parse
 from solver.inputs.maneuver import ReplaySource
 from solver.inputs.recorded import BagChannel, Recorded, Track
@@ -265,7 +265,7 @@ def recorded_inputs(path: str, channels: Mapping[str, BagChannel], log_times: bo
     tracks = {}
     for name, channel in channels.items():
         if all(channel.channel not in one.columns for one in run.series.values()):
-            raise BagError(f'maneuver: map: {name}: {path} has no channel {channel.channel!r}{suggestion(channel.channel, run.names)}')
+            raise BagError(f'maneuver: map: {name}: {path} has no channel {channel.channel!r}{run.instead_of(channel.channel)}')
         series = next(one for one in run.series.values() if channel.channel in one.columns)
         values = series.columns[channel.channel]
         at = np.isfinite(values)

@@ -20,11 +20,11 @@ from mbd_sim_ros.bags.accounts import Account, Clock
 from mbd_sim_ros.bags.clocks import apart, choose
 from mbd_sim_ros.bags.columns import Collector, Room, Series
 from mbd_sim_ros.bags.files import open_recording, readable
-from mbd_sim_ros.bags.patterns import fits_any, may_fit
+from mbd_sim_ros.bags.patterns import fits_any, may_fit, nearest
 from mbd_sim_ros.bags.records import Messages
 from mbd_sim_ros.bags.writer import RECORD, RESULT
 from mbd_sim_ros.messages.topics import ELEMENTS, INPUTS, family
-from solver.errors import BagError, suggestion
+from solver.errors import BagError
 
 NOT_SIGNALS = ('tf', 'tf_static', 'robot_description', INPUTS.name)  # topics that are no columns
 
@@ -72,6 +72,17 @@ class Run:
         """All channels of the recording, also those that were not asked for."""
         known = self.known or {topic: tuple(one.columns) for topic, one in self.series.items()}
         return tuple(name for names in known.values() for name in names)
+
+    def instead_of(self, wanted: str) -> str:
+        """What is said of a channel, or a pattern, that is not there: why its topic is not read, or the nearest names."""
+        asked = wanted.strip('/')
+        for topic, why in self.left_out.items():
+            if asked == topic or asked.startswith(f'{topic}/'):
+                return f': topic {topic} is not read: {why}'
+        for topic in self.messages.keys() - self.known.keys():
+            if asked == topic or asked.startswith(f'{topic}/'):
+                return f': topic {topic} has no columns'
+        return nearest(wanted, self.names)
 
     @property
     def passed(self) -> dict[str, int]:
@@ -127,7 +138,7 @@ class Run:
 
     def __getitem__(self, name: str) -> np.ndarray:
         if name not in self.columns:
-            raise BagError(f'the recording has no column {name!r}' + suggestion(name, self.columns))
+            raise BagError(f'the recording has no column {name!r}' + self.instead_of(name))
         return self.columns[name]
 
 
@@ -195,7 +206,7 @@ def read(path: str | Path, channels: Sequence[str] = (), *, log_times: bool = Fa
             run.messages[aside.get(channel, f'channel {channel}')] = run.messages.get(aside.get(channel, f'channel {channel}'), 0) + count
     for one, clock in zip(collectors.values(), choose([*collectors.values()], log_times), strict=True):
         _add(run, one, clock, counts[one])
-    if not run.series and left_out:
+    if not run.known and left_out:
         topic, problem = next(iter(left_out.items()))
         raise BagError(f'{path} holds nothing that can be read: topic {topic}: {problem}')
     if not run.known:

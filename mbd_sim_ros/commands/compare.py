@@ -130,6 +130,7 @@ def run(args: argparse.Namespace) -> Result:
     from mbd_sim_ros import interrupts
     from mbd_sim_ros.analysis import mapping, runs
     from mbd_sim_ros.analysis.comparison import compare
+    from mbd_sim_ros.analysis.pairing import of_one_clock, with_doubts_of
     from mbd_sim_ros.analysis.stamps import LATEST
     from mbd_sim_ros.analysis.tolerances import Tolerances, load_tolerances
 
@@ -147,7 +148,9 @@ def run(args: argparse.Namespace) -> Result:
     file = None if args.mapping is None else mapping.load_mapping(args.mapping)
     interrupts.now(f'comparing {args.run_} with {args.reference}')
     ours, references, held = _read(args, pairs, file)
-    channels = args.channel
+    channels, aside = args.channel, ()
+    if file is None and not channels:
+        (ours, *references), aside = of_one_clock((ours, *references))
     if file is not None:
         listed = [mapping.literal(name) for name in (*file.channels, *pairs, *(axis for turn in file.axes for axis in turn.channels))]
         keep = {name for r in (ours, *references) for one in r.series.values() for name in one.columns}
@@ -156,7 +159,8 @@ def run(args: argparse.Namespace) -> Result:
         lacking = sorted(set(channels) - common)
         channels = [mapping.literal(name) for name in channels if name in common]
         if not channels:
-            raise BagError(f'{args.mapping}: none of its channels is in all recordings ({", ".join(lacking[:3])} are in some)')
+            instead = ours.instead_of(lacking[0]) if lacking and lacking[0] not in ours.names else ''
+            raise BagError(f'{args.mapping}: none of its channels is in all recordings ({", ".join(lacking[:3])} are in some){instead}')
     with np.errstate(over='ignore', invalid='ignore'):  # whatever a recording holds
         found = compare(
             ours,
@@ -177,10 +181,14 @@ def run(args: argparse.Namespace) -> Result:
             only_in_run=tuple(n for n in lacking if n in in_run),
             only_in_reference=tuple(n for n in lacking if n not in in_run),
         )
+    unknown = [ours_ for ours_ in ((file.channels.keys() if file is not None else set()) | pairs.keys()) if '*' not in ours_]
+    misspelt = [f'mapping: {args.run_} has no channel {n!r}{ours.instead_of(n)}' for n in sorted(unknown) if n not in ours.names]
+    found = dataclasses.replace(found, notes=(*found.notes, *aside, *misspelt))
     names = _labels([args.run_, args.reference, *args.repeats])
     left_out = {f'{name}: {topic}': why for name, r in zip(names, (ours, *references)) for topic, why in r.left_out.items()}
     unused = limits.unused(d.channel for d in found.differences)
-    doubts = {name: list(told) for name, r in zip(names, (ours, *references)) if (told := runs.suspicion(r))}
+    compared = set.intersection(*({n for one in r.series.values() for n in one.columns} for r in (ours, *references)))
+    doubts = {name: list(told) for name, r in zip(names, (ours, *references)) if (told := runs.suspicion(with_doubts_of(r, compared)))}
     result = report(
         found,
         allow_missing=args.allow_missing,
@@ -217,8 +225,7 @@ def _look(args: argparse.Namespace) -> Result:
     interrupts.now(f'looking at {args.run_}')
     time = mapping.load_mapping(args.mapping).time if args.mapping is not None else None
     run = runs.read(args.run_, args.channel, time=time, databases=args.dbc, log_times=args.log_times)
-    if not run.series:
-        raise BagError(f'{args.run_}: no channel matches {args.channel}')
+    runs.must_match(run, args.channel, args.run_)
     found = look(run)
     return Result(data=as_data(found, run), text=as_yaml(found, run, str(args.run_)))
 

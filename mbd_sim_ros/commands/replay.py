@@ -292,6 +292,7 @@ def _changed(args: argparse.Namespace, before: Content, applied: Inputs, directo
     """With other settings or another vehicle, driven by the same inputs: the channels side by side."""
     from mbd_sim_ros.analysis import runs
     from mbd_sim_ros.analysis.comparison import compare
+    from mbd_sim_ros.analysis.pairing import with_doubts_of
     from mbd_sim_ros.bags import reader as bag
     from mbd_sim_ros.batch import simulate
     from mbd_sim_ros.commands.compare import about
@@ -328,7 +329,9 @@ def _changed(args: argparse.Namespace, before: Content, applied: Inputs, directo
         )  # fmt: skip
     again, recorded = bag.read(directory), bag.read(args.bag, namespace=before.metadata.get('namespace', ''))
     found = compare(again, recorded, rated=False)
-    doubts = {name: list(told) for name, one in (('replay', again), (str(args.bag), recorded)) if (told := runs.suspicion(one))}
+    compared = set(again.names) & set(recorded.names)
+    both = ('replay', again), (str(args.bag), recorded)
+    doubts = {name: list(told) for name, one in both if (told := runs.suspicion(with_doubts_of(one, compared)))}
     data = {
         'status': 'compared',
         'steps': steps,

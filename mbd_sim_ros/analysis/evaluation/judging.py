@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
+from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from mbd_sim_ros.analysis.evaluation.registry import EVALUATIONS, called, names
 from mbd_sim_ros.analysis.evaluation.signals import GIVEN, NEEDED, WAYS, Signals, Vehicle, scene_of, signals
 from mbd_sim_ros.analysis.mapping import Axes, Source
 from mbd_sim_ros.analysis.tables import TimeColumn
+from mbd_sim_ros.bags.patterns import nearest
 from mbd_sim_ros.bags.reader import Run
 from solver.dimensions import LOCK, ROUNDED
 from solver.errors import BagError, SpecError, suggestion
@@ -49,7 +51,11 @@ def read(
     for ours, source in (sources or {}).items():
         if '/' not in ours and '*' not in ours and ours not in WAYS:
             raise BagError(f'mapping {source.channel}={ours}: no evaluation has a signal {ours!r}{suggestion(ours, WAYS)}')
-    wanted = [] if sources or axes else [*NEEDED, *WAYS]
+    used = {*NEEDED, *WAYS, *(name for turn in axes for name in turn.channels)}
+    for ours, source in (sources or {}).items():
+        if '/' in ours and not any(fnmatchcase(name, mapping.literal(ours)) for name in used):
+            raise BagError(f'mapping {source.channel}={ours}: no evaluation takes the channel {ours!r}{nearest(ours, sorted(used))}')
+    wanted = [*used, *(mapping.literal(source.channel) for source in (sources or {}).values())]
     beside = [source.channel for source in (sources or {}).values()]
     run = runs.read(place, wanted, beside=beside, time=time, databases=databases, log_times=log_times)
     held: frozenset[str] = frozenset()
