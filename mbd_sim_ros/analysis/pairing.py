@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from mbd_sim_ros.bags.patterns import fits, fits_any, nearest
 from mbd_sim_ros.bags.reader import Run, Series
 from solver.errors import BagError
 
+T = TypeVar('T')
 QUATERNION = ('qx', 'qy', 'qz', 'qw')
 ORIENTATION = 'orientation'
 FIELDS = tuple(tuple(f'{name}/{part}' for part in 'xyzw') for name in (ORIENTATION, 'rotation'))  # of a pose, of a transform
@@ -61,10 +63,11 @@ def of_one_clock(runs: Sequence[Run]) -> tuple[list[Run], tuple[str, ...]]:
     if not names or max(int(t[0]) for t in grids) <= min(int(t[-1]) for t in grids):
         return list(runs), ()
     topics = sorted({t for of_run in aside for t, one in of_run.items() if names.intersection(one.columns)})
-    kept = [
-        replace(run, **{part: {t: v for t, v in getattr(run, part).items() if t not in topics} for part in ('series', 'accounts')})
-        for run in runs
-    ]
+
+    def others(of: Mapping[str, T]) -> dict[str, T]:
+        return {topic: one for topic, one in of.items() if topic not in topics}
+
+    kept = [replace(run, series=others(run.series), accounts=others(run.accounts)) for run in runs]
     patterns = ', '.join(f"--channel '{t}/*'" for t in topics)
     return kept, (
         f'not compared, for it is in the time of day beside others in simulation time: {", ".join(topics)} ({patterns} takes it)',

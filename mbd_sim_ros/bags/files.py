@@ -203,7 +203,7 @@ def find_files(path: str | Path, *, unfinished: bool = False) -> list[Path]:
 def _packed(path: Path) -> BagError:
     """For those that take MCAP files alone."""
     if rosbag2.SUFFIX in path.suffixes:
-        return BagError(f'{path} is a database of ros2 bag; here an MCAP file is needed: `ros2 bag convert` makes one')
+        return BagError(f'{path} is a database of ros2 bag (SQLite), and recovered are MCAP files alone; {rosbag2.salvage(path)}')
     return BagError(f'{path} is packed as a whole (compression mode FILE of ros2 bag); unpack it: zstd -d {path} -o {path.with_suffix("")}')
 
 

@@ -15,7 +15,7 @@ from mcap.records import Channel, Schema
 
 from mbd_sim_ros.bags.accounts import SET_BACK
 from mbd_sim_ros.bags.files import find_files, readable
-from mbd_sim_ros.bags.records import TIME_MOST, Messages, Reading
+from mbd_sim_ros.bags.records import TIME_MOST, Messages, Reading, instants
 from mbd_sim_ros.bags.writer import RESULT, BagWriter
 from mbd_sim_ros.messages.topics import DEPTH, Topic
 from solver import stored
@@ -88,8 +88,9 @@ def recover(source: str | Path, destination: str | Path) -> Recovered:
     for part, place in zip(parts, places, strict=True):
         for record in Reading(part.reading.path, onwards=True):
             if isinstance(record, Messages) and record.channel in place:
-                for log_time, data in zip(record.log_times, record.data):
-                    writer.write(log_time, [(place[record.channel], data)])
+                times = instants(record.times)
+                for log_ns, published_ns, data in zip(times[:, 0].tolist(), times[:, 1].view('<u8').tolist(), record.data):
+                    writer.write(log_ns, [(place[record.channel], data)], published_ns)
     directory = writer.finish()
     return Recovered(directory, sum(writer.count), writer.first_ns or 0, writer.last_ns, tuple(damage), lost, left_out)
 

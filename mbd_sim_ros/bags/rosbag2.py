@@ -52,7 +52,7 @@ class Database:
                 raise
             except Exception as error:  # those of rosbags and apsw have no common base
                 why = ' '.join(str(error).split()) or type(error).__name__
-                raise BagError(f'{called} is cut off or damaged ({why})') from None
+                raise BagError(f'{called} is cut off or damaged ({why}); {salvage(called)}') from None
 
     def _records(self, reader: Any, channels: dict[tuple[str, str], int]) -> Iterator[Record]:
         """Those of one database. channels: by topic and type, of the files before too."""
@@ -97,6 +97,13 @@ class Database:
         found = sum(self.counts.values())
         if len(ours) == len(names) and found != count:
             raise BagError(f'{place} is cut off or damaged (its metadata.yaml says that it holds {count} messages, and {found} were found)')
+
+
+def salvage(path: Path) -> str:
+    """What saves the rows of a damaged database."""
+    file = path if path.suffix == SUFFIX else path.with_suffix('')
+    first = '' if file == path else f'unpack it (zstd -d {path}); '
+    return f'{first}`sqlite3 {file} .recover | sqlite3 {file.with_name("saved" + SUFFIX)}` saves the rows that can be read'
 
 
 def _schema(number: int, one: Any) -> Schema:

@@ -23,7 +23,7 @@ CHUNK_BYTES = 512 * 1024  # of chunks of the same steps: reading takes what thei
 WIDE = ('joint_states', 'reactions', 'tire_states', 'body_motions', 'tf')  # topics with a part for every joint, wheel or body
 PART = '.part'
 RECORD = 'mbd_sim_ros'  # name of the metadata record that describes the run
-_Message = tuple[int, int, bytes]  # index of its topic, time [ns], encoded
+_Message = tuple[int, int, int, bytes]  # index of its topic, when it was recorded and when published [ns], encoded
 ARRAYS = 'application/x-mbd-arrays'  # media type of attachments with arrays of the scene; named by their hash (solver.stored)
 RESULT = 'mbd_sim_ros_result'  # name of the metadata record written at the end
 
@@ -100,13 +100,14 @@ class BagWriter:
     def _failure(self, error: OSError) -> str:
         return f'recording to {self.path} failed: {error.strerror or error}; what was written can be recovered from {self.path.name}{PART}'
 
-    def write(self, t_ns: int, messages: Iterable[tuple[int, bytes]]) -> None:
-        """Write messages, given as (index of the topic, encoded message), at simulation time `t_ns`."""
+    def write(self, t_ns: int, messages: Iterable[tuple[int, bytes]], published_ns: int | None = None) -> None:
+        """Write messages, given as (index of the topic, encoded message), at simulation time `t_ns`, which is when they were published too,
+        unless that is given."""
         if self.first_ns is None:
             self.first_ns = t_ns
         self.first_ns, self.last_ns = min(self.first_ns, t_ns), max(self.last_ns, t_ns)
         for index, data in messages:
-            self._chunk_of[index].append((index, t_ns, data))
+            self._chunk_of[index].append((index, t_ns, t_ns if published_ns is None else published_ns, data))
             self._size += len(data)
         if self._size >= CHUNK_BYTES:
             self.flush()
@@ -115,8 +116,8 @@ class BagWriter:
         """Finish the chunks in progress: everything written so far can be recovered if the process is killed."""
         try:
             for waiting in self._waiting:
-                for index, t_ns, data in waiting:
-                    self._writer.add_message(self._channels[index], t_ns, data, t_ns, self.count[index])
+                for index, t_ns, published_ns, data in waiting:
+                    self._writer.add_message(self._channels[index], t_ns, data, published_ns, self.count[index])
                     self.count[index] += 1
                 self._writer.flush()
                 waiting.clear()

@@ -148,7 +148,8 @@ def run(args: argparse.Namespace) -> Result:
     file = None if args.mapping is None else mapping.load_mapping(args.mapping)
     interrupts.now(f'comparing {args.run_} with {args.reference}')
     ours, references, held = _read(args, pairs, file)
-    channels, aside = args.channel, ()
+    channels: list[str] = args.channel
+    aside: tuple[str, ...] = ()
     if file is None and not channels:
         (ours, *references), aside = of_one_clock((ours, *references))
     if file is not None:

@@ -12,6 +12,7 @@ from foreign_bags import DAY, FLOAT, MS
 
 from mbd_sim_ros.bags import reader as bag
 from mbd_sim_ros.bags import rosbag2
+from mbd_sim_ros.bags.recovery import recover
 from mbd_sim_ros.commands.main import main
 from solver.errors import BagError
 
@@ -305,3 +306,64 @@ def test_a_run_is_not_ok_where_something_of_the_recording_that_drives_it_was_lef
         assert (code, told['status']) == (1, 'suspect'), told
         (finding,) = told['findings']
         assert finding['quantity'] == 'recorded_inputs' and text in finding['text']
+
+
+def with_diagnostics(place: Path, day: int, *, only: str = '') -> Path:
+    """A run of 1 s in simulation time beside a topic in the time of day. only: another topic in it, which clocks set back."""
+    messages = []
+    for k in range(100):
+        at, log = k * 10 * MS, day + k * 10 * MS
+        messages += [others.vector('/imu', log, log, at, 0.01 * k), others.scalar('/diagnostics', log, log, 40.0 + k % 3)]
+        if only:
+            messages.append(others.vector(only, log, log, k // 10 * 10 * MS, 0.0))
+    return others.write(place, messages)
+
+
+def compared(capsys: pytest.CaptureFixture[str], *argv: object) -> tuple[int, dict]:
+    capsys.readouterr()
+    code = main(['compare', *map(str, argv), '--json'])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def test_topics_in_the_time_of_day_of_two_runs_are_left_out_with_a_note_and_are_no_doubt(tmp_path, capsys):
+    """They share no instant, so two runs of one node were different, and their clocks doubted."""
+    one, other = with_diagnostics(tmp_path / 'a', DAY), with_diagnostics(tmp_path / 'b', DAY + 3600 * 10**9)
+    code, told = compared(capsys, one, other)
+    assert code == 0 and told['doubts'] == {} and told['problems'] == [] and told['left_out'] == []
+    assert sorted(told['channels']) == ['imu/vector/x', 'imu/vector/y', 'imu/vector/z']
+    assert 'in the time of day beside others in simulation time: diagnostics' in told['notes'][0]
+    code, told = compared(capsys, one, other, '--channel', 'imu/*')
+    assert code == 0 and not told['notes'] and not told['doubts']
+    code, told = compared(capsys, one, one)  # at one time of day it can be compared, and what is read is told
+    assert code == 0 and 'diagnostics/data' in told['channels'] and 'do not meet' in next(iter(told['doubts'].values()))[0]
+
+
+def test_doubts_are_those_of_what_is_compared(tmp_path, capsys):
+    """A topic of one recording alone, with equal stamps: it is missing, and nobody compares it."""
+    one, other = with_diagnostics(tmp_path / 'a', DAY, only='/coarse'), with_diagnostics(tmp_path / 'b', DAY + 3600 * 10**9)
+    code, told = compared(capsys, one, other)
+    assert code == 1 and told['doubts'] == {} and 'coarse/vector/z' in told['only_in_run']
+    assert compared(capsys, one, other, '--allow-missing')[0] == 0
+    code, told = compared(capsys, one, with_diagnostics(tmp_path / 'c', DAY + 7200 * 10**9, only='/coarse'))
+    assert code == 0 and all('topic coarse: 90 of 100' in texts[0] for texts in told['doubts'].values()) and len(told['doubts']) == 2
+
+
+@pytest.mark.parametrize('published', [0, DAY - 7, (1 << 64) - 1])
+def test_what_is_recovered_keeps_the_times_of_publication(published: int, tmp_path: Path) -> None:
+    """They were the log times; messages of a recorder in bursts got other times by `mbd recover`."""
+    from mcap.reader import make_reader
+
+    messages = [others.scalar('/s', DAY + k // 10 * 100 * MS, published and published - k * MS, float(k)) for k in range(100)]
+    saved = recover(others.write(tmp_path / 'bag', messages), tmp_path / 'saved').directory
+    with next(saved.glob('*.mcap')).open('rb') as stream:
+        found = [(m.log_time, m.publish_time) for _, _, m in make_reader(stream).iter_messages(log_time_order=False)]
+    assert found == [(one.log, one.publish) for one in messages]
+
+
+@pytest.mark.parametrize('kind', ['db3', 'db3 file'])
+def test_a_database_cannot_be_recovered_and_the_sentence_says_how(kind: str, tmp_path: Path, capsys) -> None:
+    place = others.write(tmp_path / 'bag', [others.scalar('/s', DAY + k * MS, DAY, 0.0) for k in range(10)], kind)
+    assert main(['recover', str(place), str(tmp_path / 'saved')]) == 5
+    said = capsys.readouterr().err
+    assert 'is a database of ros2 bag (SQLite)' in said and '.recover | sqlite3' in said and said.count('\n') == 1
+    assert ('zstd -d' in said) is (kind == 'db3 file')
