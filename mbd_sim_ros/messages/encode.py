@@ -1,9 +1,8 @@
 """The only conversion from a Snapshot to ROS messages: the same bytes are published by the node and written into recordings.
 
-Every topic is one `cdr.Template`; a step patches its numbers. Frames: `odom` is the world, `base_link` the reference frame of
-the chassis, `<wheel>_contact` the contact frame of a tire (ISO-W, docs/conventions.md), `imu_link` the chassis' centre of
-mass with the axes of `base_link` (REP-145: an IMU reports at its own frame). At a rate of its own /tf holds the reference frames of all
-bodies too, under the names of their links in `robot_description`: what shows the robot then shows the motion as it is.
+Every topic is one `cdr.Template`, which mbd_sim_ros.messages.composition makes; a step patches its numbers. At a rate of
+its own /tf holds the reference frames of all bodies too, under the names of their links in `robot_description`: what shows
+the robot then shows the motion as it is.
 """
 
 from __future__ import annotations
@@ -15,15 +14,15 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from mbd_sim_ros.messages.cdr import ENCAPSULATION, Template, template
-from mbd_sim_ros.messages.topics import ELEMENTS, IMU, JOINT_STATE, MOTIONS, ODOMETRY, TF, WRENCH, Topic, family
+from mbd_sim_ros.messages.cdr import ENCAPSULATION
+from mbd_sim_ros.messages.composition import Composition, Spot
+from mbd_sim_ros.messages.topics import ELEMENTS, MOTIONS, family
 from solver.elements.registry import FORCES
-from solver.elements.tire_pacejka import TIRE_COLUMNS
 from solver.errors import StepError
 from solver.files.urdf import link_of
 from solver.model.spec import ModelSpec
 from solver.output.sensors import Sensors
-from solver.output.snapshot import NO_STEPS, Channels, Snapshot, layout_of, new_numbers
+from solver.output.snapshot import Channels, Snapshot
 
 if TYPE_CHECKING:
     from solver.scene import Scene
@@ -31,11 +30,6 @@ if TYPE_CHECKING:
 
 PARTS = 64  # selections of topics that are remembered
 STAMP = struct.Struct('<iI')  # builtin_interfaces/Time: s, ns
-_LOAD = TIRE_COLUMNS.index('fz')
-_SLIP = TIRE_COLUMNS.index('kappa')
-_CONTACT = TIRE_COLUMNS.index('px')
-MOTION = ('vx', 'vy', 'vz', 'wx', 'wy', 'wz', 'ax', 'ay', 'az', 'dwx', 'dwy', 'dwz')  # of a body
-TIRE_STATES = ('fz', *TIRE_COLUMNS[_SLIP:])  # the scalars of topic tire_states, per wheel
 
 
 class _Part(NamedTuple):
@@ -77,109 +71,26 @@ class Messages:
         sensors: Sensors | None = None,
     ) -> None:
         self.channels = channels
-        self._sensors = sensors if sensors is not None and sensors.noise and channels.chassis is not None else None
-        self._prefix = frame_prefix
         self.poses_every = poses_every
-        topics: list[Topic] = []
-        templates: list[Template] = []
-        filled: list[tuple[int, int, np.ndarray]] = []  # template, offset in it, which numbers of the snapshot go there
-        layout = layout_of(channels)
-        # each number is its own place, so what a slice holds says where it comes from
-        s = Snapshot(0, 0, np.arange(new_numbers(layout).size), layout, NO_STEPS)
-
-        def add(topic: Topic, value: dict) -> Template:
-            topics.append(topic)
-            templates.append(template(topic.type, value))
-            return templates[-1]
-
-        def fill(message: Template, path: str, source: np.ndarray) -> None:
-            filled.append((len(templates) - 1, message.places[path].offset, source.ravel()))
-
-        def scalars(name: str, names: tuple[str, ...], source: np.ndarray) -> Template:
-            message = add(Topic(name, JOINT_STATE), {'name': list(names), 'position': np.zeros(len(names))})
-            fill(message, 'position', source)
-            return message
-
-        n = len(channels.joints)
-        joints = add(
-            Topic('joint_states', JOINT_STATE),
-            {'name': list(channels.joints), 'position': np.zeros(n), 'velocity': np.zeros(n), 'effort': np.zeros(n)},
-        )
-        fill(joints, 'position', s.joint_position)
-        fill(joints, 'velocity', s.joint_velocity)
-        fill(joints, 'effort', s.joint_effort)
-
-        frames, places = [], []
-        if channels.chassis is not None:
-            chassis = channels.chassis
-            frames.append(self.frame('base_link'))
-            places.append(s.pose[chassis])
-            said = (Sensors() if sensors is None else sensors).covariances
-            header = {'header': {'frame_id': self.frame('odom')}, 'child_frame_id': self.frame('base_link')}
-            odom = add(Topic('odom', ODOMETRY), header | said['odom'])
-            self._sensed = [(len(templates) - 1, odom.places[path].offset) for path in ('pose.pose.position.x', 'twist.twist.linear.x')]
-            fill(odom, 'pose.pose.position.x', s.pose[chassis])
-            fill(odom, 'twist.twist.linear.x', s.twist[chassis])
-            imu = add(Topic('imu', IMU), {'header': {'frame_id': self.frame('imu_link')}} | said['imu'])
-            paths = ('orientation.x', 'angular_velocity.x', 'linear_acceleration.x')
-            self._sensed += [(len(templates) - 1, imu.places[path].offset) for path in paths]
-            fill(imu, 'orientation.x', s.pose[chassis, 3:])
-            fill(imu, 'linear_acceleration.x', s.imu[:3])
-            fill(imu, 'angular_velocity.x', s.imu[3:])
-
-        for i, wheel in enumerate(channels.wheels):
-            frames.append(self.frame(f'{wheel}_contact'))
-            places.append(s.tire[i, _CONTACT:])
-            wrench = add(Topic(f'tire/{wheel}/force', WRENCH), {'header': {'frame_id': frames[-1]}})
-            fill(wrench, 'wrench.force.x', s.tire[i, :6])
-        if channels.wheels:
-            names = tuple(f'{wheel}/{name}' for wheel in channels.wheels for name in TIRE_STATES)
-            scalars('tire_states', names, np.column_stack([s.tire[:, _LOAD], s.tire[:, _SLIP:]]))
-
-        self._applied = len(topics)
-        applied = scalars('cmd_applied', (*channels.inputs, 'step'), s.inputs)
+        parts = Composition(channels, frame_prefix)
+        parts.add_joints()
+        parts.add_chassis(sensors or Sensors())
+        parts.add_wheels()
+        parts.add_inputs()
         if element_states:
-            of_kind: dict[str, list[int]] = {}
-            for i, name in enumerate(channels.elements):
-                of_kind.setdefault((kinds or {}).get(name.rpartition('/')[0], ''), []).append(i)
-            for kind, columns in of_kind.items():
-                topic = f'{ELEMENTS}/{kind}' if kind else ELEMENTS
-                scalars(topic, tuple(channels.elements[i] for i in columns), s.elements[columns])
+            parts.add_elements(kinds or {})
         if reactions:
-            scalars('reactions', channels.reactions, s.reactions)
-        if motions_every and channels.moving:
-            names = tuple(f'{body}/{name}' for body in channels.moving for name in MOTION)
-            scalars(MOTIONS, names, np.column_stack([s.twist, s.acceleration]))
-
-        def placed(frames: list[str], places: list[np.ndarray], more: list[dict]) -> dict:
-            return {'transforms': [{'header': {'frame_id': self.frame('odom')}, 'child_frame_id': frame} for frame in frames] + more}
-
-        def place_all(message: Template, places: list[np.ndarray]) -> None:
-            for i, place in enumerate(places):
-                fill(message, f'transforms[{i}].transform.translation.x', place)
-
-        if frames or poses_every:
-            topics.append(Topic('/tf', TF))
-        if frames:
-            templates.append(template(TF, placed(frames, places, [])))
-            place_all(templates[-1], places)
-        self._seldom: int | None = None
-        if poses_every:
-            links = links or ['base_link' if b == channels.chassis else name for b, name in enumerate(channels.bodies)]
-            others = [b for b, link in enumerate(links) if link != 'base_link']
-            frames = frames + [self.frame(links[b]) for b in others]
-            places = places + [s.pose[b] for b in others]
-            at = {'translation': dict(zip('xyz', imu_at, strict=True)), 'rotation': {'w': 1.0}}
-            sensor = {'header': {'frame_id': self.frame('base_link')}, 'child_frame_id': self.frame('imu_link'), 'transform': at}
-            self._seldom = len(templates)
-            templates.append(template(TF, placed(frames, places, [] if channels.chassis is None else [sensor])))
-            place_all(templates[-1], places)
-        self.topics = tuple(topics)
+            parts.add_reactions()
+        if motions_every:
+            parts.add_motions()
+        parts.add_frames(bodies=poses_every > 0, links=links, imu_at=imu_at)
+        self.topics = tuple(parts.topics)
+        self._seldom = parts.seldom
         apart = {ELEMENTS: elements_every, MOTIONS: motions_every}
-        self._every = [apart.get(family(topic.name), 1) for topic in topics]
-        if self._seldom == len(topics) - 1:  # /tf has no other
+        self._every = [apart.get(family(topic.name), 1) for topic in self.topics]
+        if self._seldom == len(self.topics) - 1:  # /tf has no other
             self._every[-1] = poses_every
-        self._lay_out(templates, filled, applied)
+        self._lay_out(parts, sensors)
 
     @classmethod
     def of(cls, scene: Scene, simulation: Simulation, frame_prefix: str = '') -> Messages:
@@ -207,31 +118,31 @@ class Messages:
             sensors=scene.sensors,
         )
 
-    def _lay_out(self, templates: list[Template], filled: list[tuple[int, int, np.ndarray]], applied: Template) -> None:
+    def _lay_out(self, parts: Composition, sensors: Sensors | None) -> None:
         """Put the templates into one buffer, every body at a multiple of 8 bytes, as CDR aligns its numbers."""
         begins, end = [], 0
-        for message in templates:
+        for message in parts.templates:
             begins.append(end + 8 - len(ENCAPSULATION))
             end = begins[-1] + len(message.data) + -(begins[-1] + len(message.data)) % 8
         self._numbers = np.zeros(end // 8)
         self._memory = memory = memoryview(self._numbers).cast('B')  # type: ignore[arg-type]  # numpy arrays are buffers
-        self._messages = [memory[begin : begin + len(message.data)] for begin, message in zip(begins, templates, strict=True)]
+        self._messages = [memory[begin : begin + len(message.data)] for begin, message in zip(begins, parts.templates, strict=True)]
         self._stamps: list[list[int]] = []  # of every template, where its times are
-        for begin, own, message in zip(begins, self._messages, templates, strict=True):
+        for begin, own, message in zip(begins, self._messages, parts.templates, strict=True):
             own[:] = message.data
             self._stamps.append([begin + place.offset for path, place in message.places.items() if path.endswith('stamp.sec')])
-        # of every template, which numbers of the snapshot go where
-        self._filled = [(k, source, (begins[k] + offset) // 8 + np.arange(len(source))) for k, offset, source in filled]
-        self._parts: dict[tuple[tuple[int, ...], bool], _Part] = {}
-        if self._sensors is not None:
-            self._sensed_at = [(begins[k] + offset) // 8 for k, offset in self._sensed]
-            self._sensed_in = {k for k, _ in self._sensed}
-        begin = begins[self._applied]
-        self._step = (begin + applied.places['position'].offset) // 8 + applied.places['position'].size - 1
 
-    def frame(self, name: str) -> str:
-        """Return the name of a frame with the prefix of this vehicle."""
-        return self._prefix + name
+        def number(spot: Spot) -> int:
+            return (begins[spot.template] + spot.offset) // 8
+
+        # of every template, which numbers of the snapshot go where
+        self._filled = [(spot.template, source, number(spot) + np.arange(len(source))) for spot, source in parts.filled]
+        self._parts: dict[tuple[tuple[int, ...], bool], _Part] = {}
+        self._sensors = sensors if sensors is not None and sensors.noise and parts.sensed else None
+        self._sensed_at = [number(spot) for spot in parts.sensed]
+        self._sensed_in = {spot.template for spot in parts.sensed}
+        inputs = parts.templates[parts.applied].places['position']
+        self._step = number(Spot(parts.applied, inputs.offset)) + inputs.size - 1
 
     def encode(self, snapshot: Snapshot, *, whole: bool = False, only: Sequence[int] | None = None) -> list[bytes | None]:
         """Return one encoded message per topic, in the order of `topics`; None where a topic has none at this step, unless `whole`.

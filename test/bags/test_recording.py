@@ -18,7 +18,8 @@ from mbd_sim_ros.bags import reader as bag
 from mbd_sim_ros.bags.recorder import QUEUE_STEPS, Recorder, describe, new_directory
 from mbd_sim_ros.bags.recovery import recover
 from mbd_sim_ros.bags.writer import PART, RECORD, BagWriter
-from mbd_sim_ros.messages.encode import TIRE_STATES, Messages
+from mbd_sim_ros.messages.composition import TIRE_STATES
+from mbd_sim_ros.messages.encode import Messages
 from solver.elements.tire_pacejka import TIRE_COLUMNS
 from solver.errors import BagError
 

@@ -79,8 +79,8 @@ def test_a_command_is_one_file_and_its_name(program):
 def test_a_topic_is_one_line(program):
     """The line stands in the page; what it publishes is recorded and read without further ado."""
     (line,) = re.findall(r'^```python\n(.*?)^```$', PAGE, re.MULTILINE | re.DOTALL)
-    behind = "            scalars('tire_states', names, np.column_stack([s.tire[:, _LOAD], s.tire[:, _SLIP:]]))\n"
-    changed(program / 'mbd_sim_ros' / 'messages' / 'encode.py', behind, behind + line)
+    behind = "            self.scalars('tire_states', names, np.column_stack([s.tire[:, _LOAD], s.tire[:, _SLIP:]]))\n"
+    changed(program / 'mbd_sim_ros' / 'messages' / 'composition.py', behind, behind + line)
     done = mbd(program, 'run', 'light_car_straight', '--duration', '0.02', '--out', 'bag', '--json')
     assert done.returncode == 0, done.stderr + done.stdout
     look = (

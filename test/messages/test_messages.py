@@ -11,7 +11,8 @@ import pytest
 from synthetic import INPUTS, WHEELS, channels, snapshot
 
 from mbd_sim_ros.messages import cdr
-from mbd_sim_ros.messages.encode import PARTS, TIRE_STATES, Messages, kinds_of
+from mbd_sim_ros.messages.composition import TIRE_STATES
+from mbd_sim_ros.messages.encode import PARTS, Messages, kinds_of
 from mbd_sim_ros.messages.topics import IMU, ODOMETRY, TF, TYPE_HASHES, WRENCH
 from solver.elements.tire_pacejka import TIRE_COLUMNS
 from solver.errors import BagError, StepError

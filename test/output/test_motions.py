@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 from mbd_sim_ros.analysis.runs import units
 from mbd_sim_ros.bags import reader as bag
 from mbd_sim_ros.batch import simulate
-from mbd_sim_ros.messages.encode import MOTION, Messages
+from mbd_sim_ros.messages.composition import MOTION
+from mbd_sim_ros.messages.encode import Messages
 from solver import simulation_of
 from solver.files.scene import load_scene
 
