@@ -5,8 +5,9 @@ from __future__ import annotations
 import dataclasses
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -24,6 +25,7 @@ from solver.analysis.verdict import OK, SUSPECT, passes, report
 from solver.errors import MbdError, StepError
 from solver.files.scene import load_scene_text
 from solver.findings import Finding
+from solver.output.snapshot import Snapshot
 from solver.simulation import Simulation
 
 UNRECORDED_CHUNK = 100  # steps per call when nobody looks between
@@ -77,6 +79,137 @@ def warm_up(simulation: Simulation) -> None:
     simulation.reset()
 
 
+class _Meter:
+    """Speed of the steps of a run, of which a call does a portion."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        self._simulation, self._first, self._until = simulation, simulation.k, simulation.totals()
+        self._begin, self._cpu = time.perf_counter(), 0.0
+        self.portion = Portion()
+
+    def advance(self, n: int, inputs: np.ndarray | None) -> Snapshot:
+        """Make n steps in one call."""
+        started, clock = time.thread_time(), time.perf_counter()
+        snapshot = self._simulation.advance(n, inputs)
+        self._cpu += time.thread_time() - started
+        self.portion.took(n, time.perf_counter() - clock)
+        return snapshot
+
+    def figures(self) -> dict[str, Any]:
+        """The figures of the run up to now."""
+        return _figures(self._simulation, self._first, self._until, time.perf_counter() - self._begin, self._cpu)
+
+
+class _Track:
+    """The recording of a run, or none: then it only looks whether what is shown is finite."""
+
+    def __init__(self, simulation: Simulation, directory: Path | None, frame_prefix: str, parameters: Mapping[str, Any] | None) -> None:
+        self._simulation = simulation
+        self._writing = None
+        self._written = -1  # step whose messages were recorded last
+        self.every = UNRECORDED_CHUNK if directory is None else simulation.scene.record.every
+        if directory is not None:
+            self._writing = record(simulation, directory, frame_prefix=frame_prefix, parameters=parameters)
+
+    def show(self) -> None:
+        """Record the present state, unless that is done."""
+        if self._writing is not None and self._written != self._simulation.k:
+            self._take(*self._writing, self._simulation.snapshot())
+
+    def follow(self, snapshot: Snapshot, *, ends: bool) -> None:
+        """Note the inputs of the steps that led to a snapshot, and record it where it is its turn, or where the run ends."""
+        simulation = self._simulation
+        if self._writing is None:
+            require_finite(snapshot, simulation.channels)
+            return
+        messages, recorder = self._writing
+        if simulation.applied is not None:
+            recorder.note(simulation.k, simulation.applied)
+        if simulation.k % self.every == 0 or ends:
+            self._take(messages, recorder, snapshot)
+
+    def _take(self, messages: Messages, recorder: StepRecorder, snapshot: Snapshot) -> None:
+        recorder.record(snapshot.t_ns, messages.encode(snapshot))
+        self._written = self._simulation.k
+
+    def close(self, verdict: Mapping[str, str], figures: Mapping[str, Any]) -> None:
+        """Finish the recording."""
+        if self._writing is not None:
+            events = json.dumps([event._asdict() for event in self._simulation.events])
+            self._writing[1].close({**verdict, **{key: f'{value!r}' for key, value in figures.items()}, 'event_list': events})
+
+
+class _Past:
+    """A saved state from LAST steps ago at least; `state` is empty before there is one."""
+
+    def __init__(self, simulation: Simulation) -> None:
+        self.state = b''
+        self._simulation = simulation
+        self._recent = (simulation.k, b'')
+
+    def follow(self) -> None:
+        """Save the present state where the last one that was saved is LAST steps old."""
+        k, recent = self._recent
+        if self._simulation.k >= k + LAST:
+            self.state, self._recent = recent, (self._simulation.k, self._simulation.save())
+
+
+@dataclass(kw_only=True)
+class _Run:
+    """A run while it is made: who follows its steps, and what becomes of it.
+
+    status, found, covered, signal, failure: how it ended, what makes it suspect, what of that a certificate covers, and the
+    number of the signal or the error that ended it early.
+    """
+
+    simulation: Simulation
+    steps: int
+    source: Source | None
+    track: _Track
+    past: _Past | None
+    meter: _Meter
+    balances: Balance | None
+    envelope: Envelope
+    status: str = 'error'
+    found: list[Finding] = field(default_factory=list)
+    covered: list[Finding] = field(default_factory=list)
+    signal: int = 0
+    failure: StepError | None = None
+
+    def make(self) -> Iterator[int]:
+        """Make the steps, up to `steps` or a signal; gives the number of each call."""
+        simulation, steps, every = self.simulation, self.steps, self.track.every
+        look = self.envelope.every(simulation.h_ns) or UNRECORDED_CHUNK
+        while simulation.k < steps and not interrupts.received():
+            k = simulation.k
+            n = 1 if self.balances else min(every - k % every, look - k % look, steps - k, self.meter.portion.most)
+            if self.past is not None:
+                self.past.follow()
+            snapshot = self.meter.advance(n, None if self.source is None else self.source.table(k, n))
+            ended = simulation.k == steps
+            if simulation.k % look == 0 or ended:  # whatever is recorded, and however fast the machine is
+                self.envelope.look(snapshot)
+            if self.balances:
+                self.balances.update()
+            self.track.follow(snapshot, ends=ended or bool(interrupts.received()))
+            yield n
+
+    def judge(self) -> None:
+        """Say what became of steps that did not fail."""
+        self.signal = interrupts.received() if self.simulation.k < self.steps else 0
+        self.found, self.covered = weighed(self.simulation, self.envelope, self.meter.figures()['real_time_factor'])
+        self.status = 'interrupted' if self.signal else SUSPECT if self.found else OK
+
+    def close(self) -> dict[str, Any]:
+        """Finish the recording with the verdict; returns the figures."""
+        figures = self.meter.figures()
+        verdict = {'status': self.status, 'findings': json.dumps(report(self.found))}
+        if self.covered:
+            verdict['covered'] = json.dumps(report(self.covered))
+        self.track.close(verdict, figures)
+        return figures
+
+
 def simulate(
     simulation: Simulation,
     steps: int,
@@ -101,8 +234,6 @@ def simulate(
     `passed` is false where the scene does not allow what was found. A recording is always closed, with the verdict or what ended the run.
     Raises StepError, BagError, and KeyboardInterrupt(sentence to show, signal number) between two steps.
     """
-    every = simulation.scene.record.every if directory is not None else UNRECORDED_CHUNK
-    looking_back &= directory is not None
     with tqdm(total=steps, unit='step', desc='compiling', disable=None if progress else True, leave=False) as bar:
         interrupts.now(f'preparing {simulation.scene.name}')
         warm_up(simulation)
@@ -111,79 +242,46 @@ def simulate(
         interrupts.check()
         bar.set_description(simulation.scene.name)
         bar.unpause()
-        first, until, portion = simulation.k, simulation.totals(), Portion()
-        messages, recorder = (None, None)
-        if directory is not None:
-            messages, recorder = record(simulation, directory, frame_prefix=frame_prefix, parameters=parameters)
+        track = _Track(simulation, directory, frame_prefix, parameters)
         with interrupts.held():
-            status, cpu, begin, written = 'error', 0.0, time.perf_counter(), -1
-            found: list[Finding] = []
-            covered: list[Finding] = []
-            failure: StepError | None = None
-            number = 0
-            balances = Balance(simulation) if balance else None
-            envelope = Envelope(simulation)
-            look = envelope.every(simulation.h_ns) or UNRECORDED_CHUNK
-            before = recent = (simulation.k, b'')  # states from LAST steps ago at least, and later
+            run = _Run(
+                simulation=simulation,
+                steps=steps,
+                source=source,
+                track=track,
+                past=_Past(simulation) if looking_back and directory is not None else None,
+                meter=_Meter(simulation),
+                balances=Balance(simulation) if balance else None,
+                envelope=Envelope(simulation),
+            )
             try:
-                if recorder and messages and from_start:
-                    recorder.record(simulation.t_ns, messages.encode(simulation.snapshot()))
-                    written = simulation.k
-                while simulation.k < steps and not interrupts.received():
-                    n = min(every - simulation.k % every, look - simulation.k % look, steps - simulation.k, portion.most)
-                    n = 1 if balances else n
-                    if looking_back and simulation.k >= recent[0] + LAST:
-                        before, recent = recent, (simulation.k, simulation.save())
-                    inputs = None if source is None else source.table(simulation.k, n)
-                    started, clock = time.thread_time(), time.perf_counter()
-                    snapshot = simulation.advance(n, inputs)
-                    cpu += time.thread_time() - started
-                    portion.took(n, time.perf_counter() - clock)
-                    if simulation.k % look == 0 or simulation.k == steps:  # whatever is recorded, and however fast the machine is
-                        envelope.look(snapshot)
-                    if balances:
-                        balances.update()
-                    if recorder and messages:
-                        if simulation.applied is not None:
-                            recorder.note(simulation.k, simulation.applied)
-                        if simulation.k % every == 0 or simulation.k == steps or interrupts.received():
-                            recorder.record(snapshot.t_ns, messages.encode(snapshot))
-                            written = simulation.k
-                    else:
-                        require_finite(snapshot, simulation.channels)
+                if from_start:
+                    track.show()
+                for n in run.make():
                     bar.update(n)
-                if recorder and messages and written != simulation.k:  # interrupted right behind a step
-                    recorder.record(simulation.t_ns, messages.encode(simulation.snapshot()))
-                number = interrupts.received() if simulation.k < steps else 0
-                figures = _figures(simulation, first, until, time.perf_counter() - begin, cpu)
-                found, covered = weighed(simulation, envelope, figures['real_time_factor'])
-                status = 'interrupted' if number else SUSPECT if found else OK
+                track.show()  # interrupted right behind a step
+                run.judge()
             except StepError as error:
-                failure = error
+                run.failure = error
             finally:
-                figures = _figures(simulation, first, until, time.perf_counter() - begin, cpu)
-                if recorder:
-                    events = json.dumps([event._asdict() for event in simulation.events])
-                    verdict = {'status': status, 'findings': json.dumps(report(found))}
-                    if covered:
-                        verdict['covered'] = json.dumps(report(covered))
-                    recorder.close({**verdict, **{key: f'{value!r}' for key, value in figures.items()}, 'event_list': events})
-    if failure is not None:
-        if looking_back and directory is not None:
-            where = _last_steps(simulation, steps, directory / LAST_STEPS, source, before[1] or state, frame_prefix, parameters)
-            raise StepError(f'{failure}; {where}') from failure
-        raise failure
-    if number:
+                figures = run.close()
+    if run.failure is not None:
+        if run.past is None or directory is None:
+            raise run.failure
+        begin, there = run.past.state or state, directory / LAST_STEPS
+        where = _last_steps(simulation, steps, there, source, begin, frame_prefix, parameters)
+        raise StepError(f'{run.failure}; {where}') from run.failure
+    if run.signal:
         kept = f'; the recording in {directory} is complete up to there' if directory is not None else ''
-        raise KeyboardInterrupt(f'interrupted at t = {simulation.t_ns * 1e-9:g} s (step {simulation.k}){kept}', number)
-    followed = balances.report() if balances else {}
+        at = f't = {simulation.t_ns * 1e-9:g} s (step {simulation.k})'
+        raise KeyboardInterrupt(f'interrupted at {at}{kept}', run.signal)
     return {
-        'status': status,
-        'findings': report(found),
-        'covered': report(covered),
-        'passed': passes(simulation, found),
+        'status': run.status,
+        'findings': report(run.found),
+        'covered': report(run.covered),
+        'passed': passes(simulation, run.found),
         **figures,
-        **followed,
+        **(run.balances.report() if run.balances else {}),
         'out': None if directory is None else str(directory),
     }
 
