@@ -12,7 +12,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Int32
 
 from mbd_sim_ros.node.graph import Ear, follow
-from mbd_sim_ros.node.loop import Loop
+from mbd_sim_ros.node.latch import Latch
 from solver.errors import suggestion
 
 WARN_SECONDS = 2.0  # a repeated warning about a command is said this often
@@ -66,27 +66,25 @@ class Commands:
 
     An executor takes about 1 ms per message for its wait set, with the interpreter lock held; looking into the three
     subscriptions takes 20 us, and the command is used in the very next step. They are reliable, unless somebody publishes best effort.
-    names: the commands of the scene (solver.inputs.hands.commands_of); those in PLAIN have a topic of their own, and those of single
-    wheels come together. ends: what the end stops of the vehicle leave of them, least and most [rad]. gears: lowest and highest one,
-    where there are any. refused: commands that were no numbers, named no input, or asked for a gear that there is not. deaf: nothing is
-    subscribed to, something else drives.
+    latch: gets the commands, which are those of the scene (solver.inputs.hands.commands_of). Those in PLAIN have a topic of
+    their own, and those of single wheels come together. ends: what the end stops of the vehicle leave of them, least and
+    most [rad]. gears: lowest and highest one, where there are any. refused: commands that were no numbers, named no input, or
+    asked for a gear that there is not. deaf: nothing is subscribed to, something else drives.
     """
-
-    loop: Loop  # that gets the commands
 
     def __init__(
         self,
         node: Node,
-        names: tuple[str, ...],
+        latch: Latch,
         *,
         ends: Mapping[str, tuple[float, float]] | None = None,
         gears: tuple[int, int] | None = None,
         deaf: bool,
     ) -> None:
-        self.names, self.gears, self.ends = names, gears, ends or {}
+        self.names, self.gears, self.ends = latch.commands, gears, ends or {}
         self.deaf = deaf
         self.refused = 0
-        self._node = node
+        self._node, self._latch = node, latch
         self._warned: dict[str, float] = {}
         self.commanded = not deaf  # somebody publishes commands, or may
         self._heard: set[str] = set()  # topics of named commands that somebody publishes
@@ -104,11 +102,11 @@ class Commands:
             start_parameter_services=False,
             enable_rosout=False,
         )
-        for index, name in enumerate(names):
+        for index, name in enumerate(self.names):
             if name in PLAIN:
                 self._plain.append(self._ear(PLAIN[name].topic, PLAIN[name].type, self._receiving(index, PLAIN[name].topic), depth=1))
         for topic, receive in (('lockstep_cmd', self._stamped), ('wheel_cmd', self._unstamped)):
-            if topic == 'lockstep_cmd' or len(names) > len(self._plain):
+            if topic == 'lockstep_cmd' or len(self.names) > len(self._plain):
                 self._named.append(self._ear(topic, JointState, receive, depth=10))  # an old answer must not push the right one out
         self._note_boxes()
 
@@ -137,11 +135,11 @@ class Commands:
         self.commanded = bool(self._heard) or any(self._node.count_publishers(ear.topic) for ear in self._plain)
 
     def poll(self) -> None:
-        """Hand what is new to the loop; on the simulation thread."""
+        """Hand what is new to the latch; on the simulation thread."""
         if self.deaf:
             return
         now = time.monotonic()
-        every = now >= self._next_look or self.loop.mode == 'lockstep'
+        every = now >= self._next_look or self._latch.pace.lockstep
         if every:
             self._next_look = now + SELDOM
         if every or self.commanded:
@@ -164,7 +162,7 @@ class Commands:
         def receive(message: Any) -> None:
             value = self._accepted(index, topic, message.data)
             if value is not None:
-                self.loop.command(index, value)
+                self._latch.command(index, value)
 
         return receive
 
@@ -174,8 +172,8 @@ class Commands:
         if values is None:
             return
         t_ns = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
-        if not self.loop.answer(t_ns, values):
-            waiting = self.loop.waiting_ns * 1e-9
+        if not self._latch.answer(t_ns, values):
+            waiting = self._latch.waiting_ns * 1e-9
             self._warn('answer', f'lockstep_cmd answers t = {t_ns * 1e-9:.6f} s, the state that is waiting is that of {waiting:.6f} s')
 
     def _unstamped(self, message: JointState) -> None:
@@ -184,7 +182,7 @@ class Commands:
             self._refuse('wheel_cmd', 'wheel_cmd: names no command')
             return
         for index, value in (self._by_name('wheel_cmd', message) or {}).items():
-            self.loop.command(index, value)
+            self._latch.command(index, value)
 
     def _by_name(self, topic: str, message: JointState) -> dict[int, float] | None:
         """The commands in a message by their places; None when one of them is refused."""

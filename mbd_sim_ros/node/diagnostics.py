@@ -52,7 +52,7 @@ def diagnosis(
     health = loop.health()
     values = {
         'simulation time [s]': f'{loop.simulation.t_ns * 1e-9:.3f}',
-        'mode': loop.mode + (' (paused)' if loop.paused else ''),
+        'mode': loop.pace.mode + (' (paused)' if loop.paused else ''),
         'real-time factor': f'{health.rate:.4f}',
         'steps': health.steps,
         'overruns': health.overruns,
@@ -63,24 +63,24 @@ def diagnosis(
         'iterations': health.iterations,
         'residual': f'{health.residual:.3g}',
         'command age [s]': f'{health.command_age:.3f}',
-        'lockstep answers taken': loop.answers.taken,
-        'lockstep answers refused': loop.answers.refused,
-        'lockstep surplus commands': loop.answers.surplus,
+        'lockstep answers taken': loop.latch.answers.taken,
+        'lockstep answers refused': loop.latch.answers.refused,
+        'lockstep surplus commands': loop.latch.answers.surplus,
         'commands refused': refused,
         'not matched in the graph': len(unmatched),
         'recorder lag [steps]': recorder.lag if recorder else 0,
         'recorder dropped [steps]': recorder.dropped if recorder else 0,
     }
     problems = []
-    if loop.stale:
-        driven = dict.fromkeys(commanded(name).called for name in loop.stale)
+    if loop.latch.stale:
+        driven = dict.fromkeys(commanded(name).called for name in loop.latch.stale)
         problems.append(f'{" and ".join(driven)} command is too old and counts as zero')
     if namesakes:
         problems.append('another node has the same name: both take the commands and publish the same topics')
     problems += unmatched
     if recorder and recorder.dropped:
         problems.append('recording has lost steps')
-    if loop.mode == 'realtime' and not loop.paused and health.rate < SLOW * loop.rate_factor and health.steps > 0:
+    if loop.pace.mode == 'realtime' and not loop.paused and health.rate < SLOW * loop.pace.rate_factor and health.steps > 0:
         problems.append('slower than real time')
     if unpublished:
         values['publishing dropped'] = ', '.join(f'{topic} {count}' for topic, count in unpublished.items())

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from mbd_sim_ros.node import state_files
-from mbd_sim_ros.node.loop import DRIVING, Latched, Loop
+from mbd_sim_ros.node.latch import DRIVING, Latch, Latched
 from solver.inputs.actuation import Chain
 from solver.inputs.assistance import Assistant
-from solver.inputs.hands import STEERING, CommandSource, commands_of, uncommanded
+from solver.inputs.hands import STEERING, CommandSource, uncommanded
 from solver.inputs.maneuver import base_names
 from solver.levels.road_wheel import steering_map, steering_wheel_at
 from solver.model.spec import ModelSpec
@@ -23,18 +23,16 @@ if TYPE_CHECKING:
 
 
 class Driving:
-    """Whoever drives a simulation over topics. names: of the commands, as the loop latches them; uncommanded: inputs that none is for.
+    """Whoever drives a simulation over topics. names: of the commands, as they are latched; uncommanded: inputs that none is for.
 
-    value: gives the parameters of the node. deaf: the maneuver of the scene drives instead, whose parts these then are. `loop` is to be
-    assigned before `inputs` is called. Raises SpecError.
+    value: gives the parameters of the node. deaf: the maneuver of the scene drives instead, whose parts these then are.
+    Raises SpecError.
     """
 
-    loop: Loop
-
-    def __init__(self, scene: Scene, simulation: Simulation, value: Callable[[str], Any]) -> None:
-        self.simulation, self._scene, self._value = simulation, scene, value
+    def __init__(self, scene: Scene, simulation: Simulation, latch: Latch, value: Callable[[str], Any]) -> None:
+        self.simulation, self._scene, self._latch, self._value = simulation, scene, latch, value
         self.deaf = value('commands') != 'topics'
-        self.names = commands_of(simulation.channels.inputs, scene.actuation.steering)
+        self.names = latch.commands
         self.uncommanded = uncommanded(base_names(simulation.channels.inputs), self.names)
         own = simulation.sources  # whose actuators and assistance act, whoever drives; a recording has been through them, and has none
         self._actuators: Chain | None = own.actuators or (own.new_actuators() if scene.actuation.actuators else None)
@@ -68,10 +66,10 @@ class Driving:
         self._source = self._new_source()
 
     def go_on(self, *, moving: bool) -> None:
-        """Forget what was commanded, before the loop does; moving: a motion that goes on keeps its commands."""
+        """Forget what was commanded, before the latch does; moving: a motion that goes on keeps its commands."""
         self._restored = self._in_force() if moving else {}
 
-    def latch(self) -> None:
+    def hold(self) -> None:
         """Until a command comes, steering, brakes, clutches and gear stay where they are; what helps the driver works what it has itself.
 
         What was commanded when a state was saved holds where it is restored, but for what drives: that is there while it is sent only.
@@ -84,7 +82,7 @@ class Driving:
             still += [name for name in self.names if name.startswith('brake_torque_')]
         held = {'steering': float(self._source.state[0])} | {name: inputs.get(name, 0.0) for name in still}
         held |= {name: value for name, value in self._restored.items() if not name.startswith(DRIVING)}
-        self.loop.latched = Latched.none([held.get(name, 0.0) for name in self.names])
+        self._latch.newest = Latched.none([held.get(name, 0.0) for name in self.names])
 
     def inputs(self, values: tuple[float, ...]) -> np.ndarray | None:
         """(nu,) inputs of the next step for the commands in force; None: the maneuver has them."""
@@ -124,14 +122,14 @@ class Driving:
     @property
     def _steered(self) -> bool:
         """Whether the steering has been commanded, here or before that which this goes on with."""
-        return self.loop.latched.counts[0] > 0 or self.names[0] in self._restored
+        return self._latch.newest.counts[0] > 0 or self.names[0] in self._restored
 
     def _in_force(self) -> Mapping[str, float]:
         """Commands by name; without an angle of the road wheels as long as none was commanded, for the steering wheel stands still then.
         None where the maneuver drives: what acts then are its inputs."""
         known = self.names if self._steered or self._road_map is None else self.names[1:]
         known = () if self.deaf else known
-        return {name: value for name, value in zip(self.names, self.loop.latched.values, strict=True) if name in known}
+        return {name: value for name, value in zip(self.names, self._latch.newest.values, strict=True) if name in known}
 
     def _parts(self) -> dict[str, state_files.Part]:
         """What has a memory, by the names in state files."""

@@ -22,6 +22,7 @@ from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 SECONDS = 1.0  # between looks at who publishes and subscribes, for those nodes that have no timer for it
+NO_NODE = 'somebody who is no node'
 UNNAMED = '_NODE_NAME_UNKNOWN_'  # of a node that is not known yet, or of a participant that is no node
 # What rclpy would say by itself of qualities of service, without the name of the node; and each costs the executor a look at every turn.
 SAID_HERE: dict[str, Any] = {'event_callbacks': PublisherEventCallbacks(use_default_callbacks=False)}
@@ -188,9 +189,9 @@ class Graph:
         publishing, hearing = ([one for one in side if tuple(one.endpoint_gid) not in new] for side in (publishing, hearing))
         sentences, others = [], []
         for one in publishing:
-            who = full_name(one) or 'somebody who is no node'
+            who = full_name(one) or NO_NODE
             if subscriptions:
-                sentences.append(min((_unheard(topic, who, one, end) for end in subscriptions), key=len))
+                sentences.append(min((_unmatched(topic, who, one, end) for end in subscriptions), key=len))
             if publishers:
                 kind = type_name(publishers[0].msg_type)
                 if one.topic_type != kind:
@@ -200,26 +201,21 @@ class Graph:
                 elif self._alone(topic):
                     others.append(who)
         for one in hearing:
-            sentences.append(min((_deaf(topic, full_name(one) or 'somebody who is no node', one, end) for end in publishers), key=len))
+            who = full_name(one) or NO_NODE
+            sentences.append(min((_unmatched(topic, who, one, end) for end in publishers), key=len))
         return _Seen(of, tuple(dict.fromkeys(filter(None, sentences))), tuple(dict.fromkeys(others)), unnamed, bool(new))
 
 
-def _unheard(topic: str, who: str, there: TopicEndpointInfo, here: Subscription) -> str:
-    """Why nothing of what a publisher sends comes; ''."""
-    kind = type_name(here.msg_type)
+def _unmatched(topic: str, who: str, there: TopicEndpointInfo, here: Publisher | Subscription) -> str:
+    """Why no message passes between an end of another node and one of this node; '' where messages pass."""
+    theirs, ours, kind = there.qos_profile, here.qos_profile, type_name(here.msg_type)
+    if isinstance(here, Publisher):
+        does, answers, verb, to, reason = 'subscribes to', 'publishes', 'subscribe', ' to', _apart(ours, theirs)
+    else:
+        does, answers, verb, to, reason = 'publishes', 'subscribes to', 'publish', '', _apart(theirs, ours)
     if there.topic_type != kind:
-        return f'{topic}: {who} publishes {there.topic_type}, and this node takes {kind}: nothing of it is heard; publish {kind}'
-    reason = _apart(there.qos_profile, here.qos_profile)
-    return f'{topic}: nothing of what {who} publishes is heard: {reason}; publish {_quality(here.qos_profile)}' if reason else ''
-
-
-def _deaf(topic: str, who: str, there: TopicEndpointInfo, here: Publisher) -> str:
-    """Why a subscription gets nothing; ''."""
-    kind = type_name(here.msg_type)
-    if there.topic_type != kind:
-        return f'{topic}: {who} subscribes to {there.topic_type}, and this node publishes {kind}: it hears nothing; subscribe to {kind}'
-    reason = _apart(here.qos_profile, there.qos_profile)
-    return f'{topic}: {who} hears nothing: {reason}; subscribe {_quality(here.qos_profile)}' if reason else ''
+        return f'{topic}: {who} {does} {there.topic_type}, this node {answers} {kind}: no message passes; {verb}{to} {kind}'
+    return f'{topic}: no message passes where {who} {verb}s: {reason}; {verb} {_quality(ours)}' if reason else ''
 
 
 def _apart(publisher: QoSProfile, subscription: QoSProfile) -> str:

@@ -1,4 +1,4 @@
-"""The simulation thread of the node: pacing, commands and requests, without ROS.
+"""The simulation thread of the node: pacing and requests, without ROS.
 
 The simulation never takes its step from a clock; the clock only decides when the next step of fixed size is due.
 Deadlines are absolute (`anchor + k h / rate_factor`), so errors of single sleeps do not add up.
@@ -9,61 +9,32 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import Future
 from queue import Empty, SimpleQueue
-from typing import Any, Literal, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from mbd_sim_ros.node.latch import Latch, Timed
 from mbd_sim_ros.node.priority import prefer
-from solver.inputs.hands import COMMANDS
 from solver.output.snapshot import Snapshot
 
-Mode = Literal['realtime', 'fast', 'lockstep']
-MODES = ('realtime', 'fast', 'lockstep')
 LONGEST_WAIT = 0.05  # s between looks at stop flag and requests
 SLIP = 0.2  # s behind schedule after which the schedule is given up and starts anew
 GLANCE = 5e-4  # s between looks for commands while lockstep waits
 REPEAT = 1.0  # s of waiting, in lockstep or paused, after which the state is published again, for those who came late
 ENDED = 'the simulation has ended'
-DRIVING = ('drive_torque', 'accelerator')  # beginnings of commands that drive: the watchdog ends them
 WINDOW = 4096  # steps over which step times are judged
 AT_ONCE = 0.01  # s, of simulated time and of the clock, that may pass in one call while nobody looks
 LATELY = 8  # calls by which it is judged what steps take; the quickest of them tells, for stalls are as long as they like
 
 
-class Stepper(Protocol):
+class Stepper(Timed, Protocol):
     """What the loop needs of solver.simulation.Simulation."""
 
-    h_ns: int
-    k: int
-
-    @property
-    def t_ns(self) -> int: ...
     def snapshot(self) -> Snapshot: ...
     def advance(self, n: int = 1, inputs: np.ndarray | None = None) -> Snapshot: ...
-
-
-class Latched(NamedTuple):
-    """The newest commands, in the order of Loop.commands: one tuple, swapped as a whole."""
-
-    values: tuple[float, ...]
-    times: tuple[int, ...]  # simulation time of arrival [ns]; -1: none came yet
-    counts: tuple[int, ...]
-
-    @classmethod
-    def none(cls, values: Sequence[float]) -> Latched:
-        """Commands of which none came yet; values: what counts until then."""
-        return cls(tuple(values), (-1,) * len(values), (0,) * len(values))
-
-
-class Answers(NamedTuple):
-    """What became of stamped commands and of plain ones in lockstep, since the start."""
-
-    taken: int = 0  # states that a stamped command answered
-    refused: int = 0  # stamped commands that answered another state than the one that is waiting
-    surplus: int = 0  # plain commands that came twice for one step: whoever sends them may be a step behind
 
 
 class Health(NamedTuple):
@@ -84,24 +55,23 @@ class Health(NamedTuple):
 class Loop:
     """Runs a simulation on a thread of its own.
 
-    `poll()` fetches what came in since (it calls `command`), right before every step and while lockstep waits.
-    `inputs(values)` turns latched commands into the input vector of the next step (None: the scene's own maneuver drives); where it returns
-    the same array as for the step before, it does so while the commands stay.
-    `emit(snapshot)` is called on the simulation thread after every step that may be seen, and once at the start. `hidden(most)` tells how
-    many of the next steps, at most so many, nobody sees while nobody commands: these are made in one call with the one behind them, with
-    the same bits and without what waking costs. In real time the call begins earlier by what they take, as the calls made lately tell, so
-    that the step that is seen begins when it is due; none begins before it is, for steps take less than they last. `passed()` is called
-    behind each call, `repeat()` from time to time while lockstep waits for a first or lost answer, and while paused. commands: names of
-    those that are latched, steering first; drive torques and the accelerator among them count as zero when they are older than
-    command_timeout. In lockstep an answer makes lockstep_every steps, and the states between are not waited for (`waits`). The attributes
-    mode, rate_factor, command_timeout [s, 0: never], lockstep_commands and lockstep_every may be changed at any time.
-    dropped: steps that were asked for and not made, because of a pause, a resumption or a reset. After the thread has ended `outcome` is a
-    sentence and `error` the exception that ended it, if any.
+    `poll()` fetches what came in since (for the latch), right before every step and while lockstep waits.
+    `inputs(values)` turns latched commands into the input vector of the next step (None: the scene's own maneuver drives).
+    Where it returns the same array as for the step before, it does so while the commands stay.
+    `emit(snapshot)` is called on the simulation thread after every step that may be seen, and once at the start.
+    `hidden(most)` tells how many of the next steps, at most so many, nobody sees while nobody commands. These are made in one
+    call with the one behind them, with the same bits and without what waking costs. In real time the call begins earlier by
+    what they take, as the calls made lately tell, so that the step that is seen begins when it is due; none begins before
+    it is, for steps take less than they last. `passed()` is called behind each call, `repeat()` from time to time while
+    lockstep waits for a first or lost answer, and while paused.
+    dropped: steps that were asked for and not made, because of a pause, a resumption or a reset. After the thread has ended
+    `outcome` is a sentence and `error` the exception that ended it, if any.
     """
 
     def __init__(
         self,
         simulation: Stepper,
+        latch: Latch,
         *,
         inputs: Callable[[tuple[float, ...]], np.ndarray | None],
         emit: Callable[[Snapshot], None],
@@ -109,26 +79,10 @@ class Loop:
         repeat: Callable[[], None] = lambda: None,
         hidden: Callable[[int], int] = lambda most: 0,
         passed: Callable[[], None] = lambda: None,
-        mode: Mode = 'realtime',
-        rate_factor: float = 1.0,
         end_ns: int | None = None,
-        command_timeout: float = 0.0,
-        commands: tuple[str, ...] = COMMANDS,
-        lockstep_commands: tuple[int, ...] = (0, 1, 2),
-        lockstep_every: int = 1,
     ) -> None:
-        self.simulation = simulation
-        self.mode = mode
-        self.rate_factor = rate_factor
+        self.simulation, self.latch, self.pace = simulation, latch, latch.pace
         self.end_ns = end_ns
-        self.command_timeout = command_timeout
-        self.lockstep_commands = lockstep_commands
-        self.lockstep_every = lockstep_every
-        self.commands = commands
-        self._drives = [i for i, name in enumerate(commands) if name.startswith(DRIVING)]
-        self.latched = Latched.none((0.0,) * len(commands))
-        self.answers = Answers()
-        self.stale: tuple[str, ...] = ()  # commands that the watchdog holds at zero
         self.paused = False
         self.steps = self.overruns = self.slips = self.dropped = 0
         self.outcome = ''
@@ -141,9 +95,6 @@ class Loop:
         self._stop = threading.Event()
         self._wake = threading.Event()
         self._requests: SimpleQueue[tuple[Callable[[], Any], Future]] = SimpleQueue()
-        self._used = self.latched.counts  # counts of the commands that the last step used
-        self._answered = -1  # step index of the state that a stamped command has answered
-        self._until = simulation.k  # step index of the state to which the newest answer leads
         self._pending = 0  # steps asked for
         self._anchor: tuple[float, int, float] | None = None  # clock, step and rate of the schedule in force
         self._times: deque[float] = deque(maxlen=WINDOW)
@@ -173,29 +124,6 @@ class Loop:
         if self._thread.ident is not None:
             self._thread.join()
 
-    def command(self, index: int, value: float) -> None:
-        """Latch a command by its place in `commands`; from `poll`, on the simulation thread."""
-        old = self.latched
-        put = lambda values, new: (*values[:index], new, *values[index + 1 :])  # noqa: E731
-        self.latched = Latched(put(old.values, value), put(old.times, self.simulation.t_ns), put(old.counts, old.counts[index] + 1))
-
-    def answer(self, t_ns: int, values: dict[int, float]) -> bool:
-        """Take commands (index -> value) that answer the state of simulation time `t_ns`; from `poll`, on the simulation thread.
-
-        In lockstep only the answer to the state that is waiting counts, and only the first one; others are refused (False). In the
-        other modes the commands are latched like plain ones.
-        """
-        lockstep = self.mode == 'lockstep'
-        if lockstep and (t_ns != self.simulation.t_ns or self._answered == self.simulation.k or not self.waits):
-            self.answers = self.answers._replace(refused=self.answers.refused + 1)
-            return False
-        for index, value in values.items():
-            self.command(index, value)
-        if lockstep:
-            self._answered = self.simulation.k
-            self.answers = self.answers._replace(taken=self.answers.taken + 1)
-        return True
-
     def ask(self, action: Callable[[], Any]) -> Future:
         """Have `action` done on the simulation thread between two steps; the future holds its result or exception."""
         future: Future = Future()
@@ -224,19 +152,9 @@ class Loop:
 
     def step(self, count: int) -> None:
         """Do `count` steps now, whether paused or waiting for commands (to be asked for); what was commanded before counts in them."""
-        if self.mode == 'lockstep':  # which does not look while it is paused
+        if self.pace.lockstep:  # which does not look while it is paused
             self._poll()
         self._pending += count
-
-    @property
-    def waits(self) -> bool:
-        """Whether the present state is one that lockstep waits to have answered."""
-        return self.mode == 'lockstep' and self.simulation.k >= self._until
-
-    @property
-    def waiting_ns(self) -> int:
-        """Simulation time of the state that lockstep waits to have answered, or comes to next [ns]."""
-        return self.simulation.t_ns + max(self._until - self.simulation.k, 0) * self.simulation.h_ns
 
     @property
     def stepping(self) -> bool:
@@ -251,9 +169,9 @@ class Loop:
 
     def restart(self) -> None:
         """Forget commands, schedule and counters after the simulation was reset (to be asked for)."""
-        self.latched = Latched.none((0.0,) * len(self.commands))
+        self.latch.forget()
         self._drop()
-        self._used, self._anchor, self._answered, self._until = self.latched.counts, None, -1, self.simulation.k
+        self._anchor = None
         self.steps = self.overruns = self.slips = 0
         self._times.clear()
         self.judge_anew()
@@ -273,11 +191,9 @@ class Loop:
         times = sorted(self._times) or [0.0]  # a quarter of what numpy takes of the interpreter lock, for which the simulation waits
         self._times.clear()
         p50, p99 = (times[int(part * (len(times) - 1) + 0.5)] for part in (0.5, 0.99))
-        came = [t for t in self.latched.times if t >= 0]
-        age = (t_ns - min(came)) * 1e-9 if came else -1.0
         return Health(
             advanced / elapsed if elapsed > 0.0 else 0.0, self.steps, self.overruns, self.slips,
-            p50, p99, times[-1], self._iterations, self._residual, age,
+            p50, p99, times[-1], self._iterations, self._residual, self.latch.age(t_ns),
         )  # fmt: skip
 
     def _run(self) -> None:
@@ -317,10 +233,11 @@ class Loop:
             return 0
         h = self.simulation.h_ns * 1e-9
         most = AT_ONCE / h - 1.0
-        if self.mode == 'lockstep':
-            most = min(most, self._until - self.simulation.k - 1)
-        if self.mode == 'realtime':
-            most = min(most, AT_ONCE * self.rate_factor / h - 1.0, AT_ONCE / min(self._took) - 1.0) if self._took else 0.0
+        if self.pace.lockstep:
+            most = min(most, self.latch.ahead - 1)
+        if self.pace.mode == 'realtime':
+            longest = AT_ONCE / min(self._took) if self._took else 1.0
+            most = min(most, AT_ONCE * self.pace.rate_factor / h - 1.0, longest - 1.0)
         if self.end_ns is not None:
             most = min(most, (self.end_ns - self.simulation.t_ns) // self.simulation.h_ns - 1)
         return 0 if most < 1.0 else self._hidden(int(most))
@@ -334,16 +251,19 @@ class Loop:
             self._show_again()
             self._sleep(LONGEST_WAIT)
             return False
-        if self.mode != 'realtime':
+        if self.pace.mode != 'realtime':
             self._anchor = None  # who goes back to real time begins a schedule
-        if self.mode == 'fast':
+        if self.pace.mode == 'fast':
             return True
-        if self.mode == 'lockstep':
-            if self.waits and not self._has_answer():
-                self._show_again()
-                self._sleep(GLANCE)
-                return False
-            return True
+        if self.pace.lockstep:
+            if not self.latch.waits:
+                return True
+            self._poll()
+            if self.latch.is_answered():
+                return True
+            self._show_again()
+            self._sleep(GLANCE)
+            return False
         begin = self._deadline(self.simulation.k + ahead) - (ahead * min(self._took) if ahead else 0.0)
         wait = begin - time.perf_counter()
         if wait > LONGEST_WAIT:
@@ -356,33 +276,12 @@ class Loop:
             self._anchor = None
         return not self._stop.is_set()
 
-    def _has_answer(self) -> bool:
-        """Look whether the state that is waiting has been answered: then the next `lockstep_every` steps are to be made."""
-        self._poll()
-        counts, k = self.latched.counts, self.simulation.k
-        if self._answered != k:
-            if not all(counts[i] > self._used[i] for i in self.lockstep_commands):
-                return False
-            surplus = sum(counts[i] - self._used[i] - 1 for i in self.lockstep_commands)
-            self.answers = self.answers._replace(surplus=self.answers.surplus + surplus)
-        self._used, self._until = counts, k + self.lockstep_every
-        return True
-
     def _deadline(self, k: int) -> float:
         """Return the clock reading at which step k begins."""
-        if self._anchor is None or self._anchor[2] != self.rate_factor:
-            self._anchor = (time.perf_counter(), self.simulation.k, self.rate_factor)
+        if self._anchor is None or self._anchor[2] != self.pace.rate_factor:
+            self._anchor = (time.perf_counter(), self.simulation.k, self.pace.rate_factor)
         clock, k0, rate = self._anchor
         return clock + (k - k0) * self.simulation.h_ns * 1e-9 / rate
-
-    def _commands_at(self, t_ns: int) -> tuple[float, ...]:
-        """The latched commands, but those that drive, came and are older than the timeout are zero; notes which are."""
-        latched, old = self.latched, []
-        if self.command_timeout > 0.0:
-            times, youngest = latched.times, t_ns - self.command_timeout * 1e9
-            old = [i for i in self._drives if 0 <= times[i] < youngest]
-        self.stale = tuple([self.commands[i] for i in old])
-        return tuple([0.0 if i in old else value for i, value in enumerate(latched.values)]) if old else latched.values
 
     def _sleep(self, longest: float) -> None:
         self._wake.wait(longest)
@@ -390,9 +289,9 @@ class Loop:
 
     def _advance(self, n: int) -> None:
         """Make n steps, of which the last may be seen, with the commands there are."""
-        if self.mode != 'lockstep':  # which has polled, and must not mix in what came since
+        if not self.pace.lockstep:  # which has polled, and must not mix in what came since
             self._poll()
-        self._used = self.latched.counts  # in lockstep, these are no newer than the last step, whatever made it
+        self.latch.use()  # in lockstep, these are no newer than the last step, whatever made it
         begin = time.perf_counter()
         snapshot = self._make(n)
         end = time.perf_counter()
@@ -401,12 +300,18 @@ class Loop:
         self._took.append(each)
         self._iterations, self._residual = round(snapshot.counters.iterations / n), snapshot.counters.residual
         self.steps += n
-        if n > 1 and self.mode == 'realtime' and self._anchor is not None and (early := self._deadline(self.simulation.k - 1) - end) > 0.0:
+        k = self.simulation.k
+        if n > 1 and self._keeps_time and (early := self._deadline(k - 1) - end) > 0.0:
             time.sleep(early)  # they took less than ever lately: nothing is shown before it is due
         self._show(snapshot)
         self._pending -= self._pending > 0  # made and shown
-        if self.mode == 'realtime' and self._anchor is not None and self._emitted > self._deadline(self.simulation.k):
+        if self._keeps_time and self._emitted > self._deadline(k):
             self.overruns += 1
+
+    @property
+    def _keeps_time(self) -> bool:
+        """Whether a schedule is in force."""
+        return self.pace.mode == 'realtime' and self._anchor is not None
 
     def _show(self, snapshot: Snapshot) -> None:
         self._emit(snapshot)
@@ -428,14 +333,14 @@ class Loop:
     def _next_inputs(self, n: int) -> np.ndarray | None:
         """(n, nu) inputs of the next n steps, or (nu,) that are held."""
         t_ns, h_ns = self.simulation.t_ns, self.simulation.h_ns
-        values = self._commands_at(t_ns)
+        values = self.latch.at(t_ns)
         row = self._inputs(values)
         if row is None or n == 1:
             return row
-        stay = self._commands_at(t_ns + (n - 1) * h_ns) is values
+        stay = self.latch.at(t_ns + (n - 1) * h_ns) is values
         rows: list[np.ndarray | None] = [row]
         for i in range(1, n):
-            before, row = row, self._inputs(values if stay else self._commands_at(t_ns + i * h_ns))
+            before, row = row, self._inputs(values if stay else self.latch.at(t_ns + i * h_ns))
             if stay and row is before:  # as it does while the commands stay
                 if i == 1:
                     return row

@@ -9,7 +9,7 @@ from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescri
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from mbd_sim_ros.node.loop import MODES
+from mbd_sim_ros.node.pace import MODES
 from solver.errors import SpecError, suggestion
 from solver.inputs.hands import COMMANDS, POWERTRAIN
 
@@ -36,6 +36,7 @@ RATES = {  # rates of topics, by their names in parameters: default [Hz], what i
     'reactions': (100.0, 'of reactions'),
     'body_motions': (100.0, 'of body_motions, at most record.motions of the scene'),
 }
+PACING = ('mode', 'rate_factor', 'command_timeout', 'lockstep_every')  # fields of mbd_sim_ros.node.pace.Pace
 RATE = 'largest rate in simulation time [Hz], 0: every published step,'
 
 PARAMETERS = {

@@ -6,7 +6,7 @@ import math
 import os
 import time
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass
 from importlib import import_module
 from typing import Any
@@ -23,6 +23,7 @@ from mbd_sim_ros.messages.definitions import schema_text
 from mbd_sim_ros.messages.topics import Topic, family
 from mbd_sim_ros.node.graph import SAID_HERE
 from mbd_sim_ros.node.parameters import RATES
+from mbd_sim_ros.node.periods import due
 from solver.errors import SpecError
 
 
@@ -79,32 +80,24 @@ def rated(topic: str) -> str:
 
 
 @dataclass
-class _Channel:
-    """A topic that is published, at steps that are multiples of `every`, or of `also` where that is not 0.
+class Channel:
+    """A topic that is published.
 
-    kind: class of its messages where they are not published as they are. heard: somebody subscribes to it, or may later and has to get
-    the last message all the same.
+    kind: class of its messages where they are not published as they are. periods: a step has a message whose number is a
+    multiple of one of these. heard: somebody subscribes to it, or may later and has to get the last message all the same.
     """
 
     place: int  # among the encoded messages
     topic: Topic
     publisher: Publisher
     kind: Any
-    every: int = 1
-    also: int = 0
+    periods: tuple[int, ...] = (1,)
     heard: bool = True
 
-    def due(self, k: int, of: int = 1, waits: bool | None = None) -> bool:
-        """Whether step k has a message, where others than multiples of `of` have none. waits: whether lockstep waits to have it answered;
-        None: in the other modes."""
-        if waits is not None and self.topic.name in ANSWERED:
-            return waits
-        return k % of == 0 and (k % self.every == 0 or (self.also > 0 and k % self.also == 0))
-
     @property
-    def periods(self) -> set[int]:
-        """A step is due whose number is a multiple of one of these."""
-        return {self.every, self.also} - {0}
+    def answered(self) -> bool:
+        """Whether it is one of ANSWERED."""
+        return self.topic.name in ANSWERED
 
 
 class Publication:
@@ -117,7 +110,7 @@ class Publication:
     """
 
     def __init__(self, node: Node, topics: Sequence[Topic], samples: Sequence[bytes | None], *, silent: Sequence[str] = ()) -> None:
-        self._channels: list[_Channel] = []
+        self.channels: list[Channel] = []  # in the order of ORDER
         self._looked, self._next = -math.inf, 0  # clock reading; place among the channels
         self._look_again = -math.inf  # clock reading of the next look
         self.dropped: Counter[str] = Counter()
@@ -142,52 +135,59 @@ class Publication:
             plain = deserialize_message(sample, kind) == assign(kind(), value)
             if not plain:
                 node.get_logger().warning(f'{topic.name}: ROS reads other numbers in the encoded message; publishing ordinary messages')
-            self._channels.append(_Channel(i, topic, publisher, None if plain else kind))
+            self.channels.append(Channel(i, topic, publisher, None if plain else kind))
         self._note_heard()
 
     def close(self, node: Node) -> None:
         """Publish no more."""
-        for channel in self._channels:
+        for channel in self.channels:
             node.destroy_publisher(channel.publisher)
 
     def names(self) -> list[str]:
         """Full names of the topics that nobody else should publish."""
-        return [channel.publisher.topic_name for channel in self._channels if rated(channel.topic.name) not in SHARED]
+        return [channel.publisher.topic_name for channel in self.channels if rated(channel.topic.name) not in SHARED]
 
-    def every(self, steps: Mapping[str, int], poses_every: int) -> None:
-        """Publish a topic only at steps whose number is a multiple of steps[its name in RATES]; /tf also where it places all bodies."""
-        for channel in self._channels:
-            channel.every = steps.get(rated(channel.topic.name), 1)
-            channel.also = poses_every if rated(channel.topic.name) == 'tf' else 0
+    def every(self, steps: Mapping[str, int], poses_every: int, of: int = 1) -> None:
+        """Publish a topic only at steps whose number is a multiple of steps[its name in RATES], and of `of`.
+
+        /tf is published also where it places all bodies.
+        """
+        for channel in self.channels:
+            name = rated(channel.topic.name)
+            also = (poses_every,) if name == 'tf' and poses_every else ()
+            channel.periods = tuple([math.lcm(period, of) for period in (steps.get(name, 1), *also)])
         self._note_heard()
 
-    def awaited(self, k: int, *, of: int = 1, waits: bool | None = None) -> tuple[int, ...]:
-        """Places among the encoded messages of those of step k that are to be published (see publish)."""
-        self._look()
-        return tuple([channel.place for channel in (self._channels if waits else self._heard) if channel.due(k, of, waits)])
+    def due(self, k: int, *, waits: bool | None = None) -> list[Channel]:
+        """The topics of which step k has a message for somebody.
 
-    def next_awaited(self, k: int, most: int, *, of: int = 1, lockstep: bool = False) -> int:
-        """The first of the steps k + 1 .. k + most that is a multiple of `of` and has a message which is awaited, or k + most.
-
-        lockstep: of steps that lockstep does not wait to have answered.
+        waits: whether lockstep waits to have this step answered; None: in the other modes. A step that waits has a message
+        also where nobody subscribes, as far as the last look has seen, and one of ANSWERED whatever their rates; one that does
+        not has none of these. Otherwise who comes later than its last look for subscribers, HEARD ago at most, misses what was
+        published since.
         """
         self._look()
-        first = k + most
-        for period in self._unanswered if lockstep else self._periods:
-            period = math.lcm(period, of)
-            first = min(first, k - k % period + period)
-        return first
+        if waits is None:
+            return [channel for channel in self._heard if due(k, channel.periods)]
+        if waits:
+            return [channel for channel in self.channels if channel.answered or due(k, channel.periods)]
+        return [channel for channel in self._heard if not channel.answered and due(k, channel.periods)]
+
+    def periods(self, *, lockstep: bool = False) -> Set[int]:
+        """A step is due whose number is a multiple of one of these. lockstep: of steps that it does not wait to have answered."""
+        self._look()
+        return self._unanswered if lockstep else self._periods
 
     def _look(self) -> None:
         """See who subscribes to the topics in turn, to each every HEARD: to all of them at once takes half of a step of 1 ms."""
         now = time.perf_counter()
-        if now < self._look_again or not self._channels:
+        if now < self._look_again or not self.channels:
             return
-        count = len(self._channels)
+        count = len(self.channels)
         due = max(int(min(count * (now - self._looked) / HEARD, count)), 1)
         changed = False
         for _ in range(due):
-            channel = self._channels[self._next]
+            channel = self.channels[self._next]
             heard = channel.topic.latched or channel.publisher.get_subscription_count() > 0
             changed, channel.heard = changed or heard != channel.heard, heard
             self._next = (self._next + 1) % count
@@ -198,21 +198,16 @@ class Publication:
 
     def _note_heard(self) -> None:
         """Keep for every step what changes seldom: the channels that are heard, and the periods of their messages [steps]."""
-        self._heard = [channel for channel in self._channels if channel.heard]
-        self._periods = set().union(*(channel.periods for channel in self._heard))
-        self._unanswered = set().union(*(channel.periods for channel in self._heard if channel.topic.name not in ANSWERED))
+        self._heard = [channel for channel in self.channels if channel.heard]
+        self._periods: Set[int] = {period for channel in self._heard for period in channel.periods}
+        self._unanswered: Set[int] = {period for channel in self._heard if not channel.answered for period in channel.periods}
 
-    def publish(self, messages: Sequence[bytes | None], k: int = 0, budget: float = 0.0, *, of: int = 1, waits: bool | None = None) -> None:
-        """Publish one message per topic, where there is one and it is due at step k; what is not begun after `budget` [s] is dropped.
-
-        of: only steps that are multiples of it have messages. waits: in lockstep, whether this step waits to be answered: one that does is
-        published also where nobody subscribes, as far as `awaited` has seen, and ANSWERED whatever their rates; one that does not has none
-        of these. Otherwise who comes later than its last look for subscribers, HEARD ago at most, misses what was published since.
-        """
+    def publish(self, messages: Sequence[bytes | None], channels: Sequence[Channel], budget: float = 0.0) -> None:
+        """Publish one message for each of these topics, where there is one; what is not begun after `budget` [s] is dropped."""
         end, late = time.perf_counter() + budget if budget > 0.0 else math.inf, False
-        for channel in self._channels if waits else self._heard:
+        for channel in channels:
             data = messages[channel.place]
-            if data is None or not channel.due(k, of, waits):
+            if data is None:
                 continue
             if late:
                 self.dropped[rated(channel.topic.name)] += 1

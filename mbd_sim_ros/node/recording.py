@@ -30,8 +30,6 @@ class Recording:
     it should hold is not recorded, whatever came afterwards.
     """
 
-    loop: Loop  # whose figures stand in the verdict
-
     def __init__(self, node: Node, scene: Scene, simulation, messages: Messages, envelope: Envelope, urdf: str) -> None:
         self.recorder: StepRecorder | None = None
         self.failed: BagError | None = None
@@ -73,13 +71,10 @@ class Recording:
         """The simulation goes on; diagnostics and exit code tell."""
         self.failed, self.first_failure = error, self.first_failure or error
 
-    def wants(self, snapshot: Snapshot) -> bool:
-        """Whether the messages of a step are recorded."""
-        return self.recorder is not None and snapshot.k % self._every == 0
-
-    def next_wanted(self, k: int, most: int) -> int:
-        """The first of the steps k + 1 .. k + most whose messages are recorded, or k + most."""
-        return k + most if self.recorder is None else min(k - k % self._every + self._every, k + most)
+    @property
+    def periods(self) -> tuple[int, ...]:
+        """The messages of a step are recorded whose number is a multiple of one of these."""
+        return () if self.recorder is None else (self._every,)
 
     def note(self, last: int, inputs: np.ndarray) -> None:
         """Note the inputs (n, nu) of the n steps that led to step `last`: those of every step, or the run could not be replayed."""
@@ -107,13 +102,14 @@ class Recording:
         """What makes the run suspect if it ends here."""
         return judged(self._simulation, self._envelope, ended=True)
 
-    def end(self, outcome: str, found: list[Finding] | None = None, last: Snapshot | None = None) -> Path | None:
+    def end(self, loop: Loop, outcome: str, found: list[Finding] | None = None, last: Snapshot | None = None) -> Path | None:
         """Finish the recording; returns its directory, or None where there is none. Raises BagError, which `failed` is then.
 
-        found, last: what made it suspect, and its last state, where the simulation is elsewhere by now. That state is recorded whatever
-        its step, or the inputs of the steps behind the last instant of record.every would be lost.
+        loop: its figures stand in the verdict. found, last: what made the recording suspect, and its last state, where the
+        simulation is elsewhere by now. That state is recorded whatever its step, or the inputs of the steps behind the last
+        instant of record.every would be lost.
         """
-        recorder, loop = self.recorder, self.loop
+        recorder = self.recorder
         if recorder is None:
             return None
         if loop.error is None:

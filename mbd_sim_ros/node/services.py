@@ -52,8 +52,8 @@ def reset(running: Running) -> str:
 
 def step(running: Running) -> str:
     """do `step_count` steps while paused or in lockstep; answered when they are made"""
-    if not running.loop.paused and running.loop.mode != 'lockstep':
-        raise SpecError(f'the simulation is running (mode {running.loop.mode}): call ~/pause before ~/step, or use mode lockstep')
+    if not running.loop.paused and running.loop.pace.mode != 'lockstep':
+        raise SpecError(f'the simulation is running (mode {running.loop.pace.mode}): call ~/pause before ~/step, or use mode lockstep')
     count = running.value('step_count')
     running.loop.step(count)
     return f'{count} steps from step {running.simulation.k}'
@@ -73,7 +73,7 @@ def start_recording(running: Running) -> str:
 
 def stop_recording(running: Running) -> str:
     """finish the recording"""
-    directory = running.recording.end('stopped by request')
+    directory = running.recording.end(running.loop, 'stopped by request')
     if directory is None:
         raise BagError('nothing is being recorded')
     return str(directory)

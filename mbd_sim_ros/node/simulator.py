@@ -24,7 +24,7 @@ from mbd_sim_ros.node.diagnostics import diagnosis
 from mbd_sim_ros.node.graph import SAID_HERE, Ear, Graph, follow
 from mbd_sim_ros.node.interfaces import Interfaces
 from mbd_sim_ros.node.loop import Loop
-from mbd_sim_ros.node.parameters import RATES, declare, refusal, unknown
+from mbd_sim_ros.node.parameters import PACING, RATES, declare, refusal, unknown
 from mbd_sim_ros.node.running import Running
 from mbd_sim_ros.node.services import asked, serve
 from solver.compiled import interruption
@@ -70,8 +70,8 @@ class Simulator(Node):
         if reason:
             return SetParametersResult(successful=False, reason=reason)
         for parameter in parameters:
-            if parameter.name in ('mode', 'rate_factor', 'command_timeout', 'lockstep_every'):
-                setattr(self.loop, parameter.name, parameter.value)
+            if parameter.name in PACING:
+                setattr(self.running.latch.pace, parameter.name, parameter.value)
                 self.loop.judge_anew()
                 self.running.prefer()
                 if parameter.name != 'rate_factor':
@@ -145,9 +145,11 @@ class Simulator(Node):
         return self._code or code
 
     def _diagnose(self) -> None:
-        stale = {commanded(name) for name in self.loop.stale}
+        stale = {commanded(name) for name in self.running.latch.stale}
         for one in stale - self._stale_said:
-            self.get_logger().warning(f'no {one.topic} for {self.loop.command_timeout:g} s: the {one.called} is zero until one comes')
+            self.get_logger().warning(
+                f'no {one.topic} for {self.running.latch.pace.command_timeout:g} s: the {one.called} is zero until one comes'
+            )
         self._stale_said = stale
         running = self.running
         running.commands.look_around()

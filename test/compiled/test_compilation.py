@@ -28,7 +28,9 @@ compiled = event.RecordingListener()
 event.register('numba:compile', compiled)
 numba.njit(lambda x: x)(1)
 seen = len(compiled.buffer)  # of this one: the listener does listen
+from mbd_sim_ros.node.latch import Latch
 from mbd_sim_ros.node.loop import Loop
+from mbd_sim_ros.node.pace import Pace
 from mbd_sim_ros.node.main import prepare
 from solver.inputs.hands import CommandSource
 
@@ -54,9 +56,10 @@ simulation.reset()
 simulation.restore(saved)
 simulation.urdf()
 commands = CommandSource(simulation.channels.inputs, simulation.h_ns)
-loop = Loop(simulation, inputs=lambda values: commands.advance(*values), emit=lambda snapshot: None, mode='fast',
+latch = Latch(simulation, Pace(mode='fast'))
+loop = Loop(simulation, latch, inputs=lambda values: commands.advance(*values), emit=lambda snapshot: None,
             end_ns=simulation.t_ns + 20 * simulation.h_ns)
-loop.command(0, 0.3)
+latch.command(0, 0.3)
 loop.start()
 loop.done.wait(60.0)
 done = state()

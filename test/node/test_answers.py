@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 from synthetic import INPUTS, Synthetic
 
+from mbd_sim_ros.node.latch import Latch
 from mbd_sim_ros.node.loop import Loop
+from mbd_sim_ros.node.pace import Pace
 
 EVERY, H = 10, 2_000_000  # steps an answer, step [ns]
 
@@ -24,8 +26,9 @@ class Controlled:
         self.shown: list[int] = []
         self.asked: list[tuple[int, float]] = []
         self.taken: list[bool] = []
+        self.latch = Latch(self.simulation, Pace(mode='lockstep', lockstep_every=every))
         self.loop = Loop(
-            self.simulation, inputs=self._inputs, emit=self._emit, poll=self._poll, hidden=hidden, mode='lockstep', lockstep_every=every,
+            self.simulation, self.latch, inputs=self._inputs, emit=self._emit, poll=self._poll, hidden=hidden
         )  # fmt: skip
 
     def _inputs(self, values: tuple[float, ...]) -> np.ndarray:
@@ -34,12 +37,12 @@ class Controlled:
 
     def _emit(self, snapshot) -> None:
         self.shown.append(snapshot.k)
-        if self.loop.waits:
+        if self.latch.waits:
             self.waited.append(snapshot.k)
 
     def _poll(self) -> None:
         for stamp, torque in self.asked:
-            self.taken.append(self.loop.answer(stamp, {1: torque}))
+            self.taken.append(self.latch.answer(stamp, {1: torque}))
         self.asked = []
 
     def answer(self, k: int, torque: float = 0.0) -> bool:
@@ -57,7 +60,7 @@ class Controlled:
 
     def at(self, k: int) -> None:
         """Wait for the state of step k, and see that it stays."""
-        self.until(lambda: self.simulation.k == k and self.loop.waits and k in self.shown)
+        self.until(lambda: self.simulation.k == k and self.latch.waits and k in self.shown)
         time.sleep(0.02)
         assert self.simulation.k == k
 
@@ -90,7 +93,7 @@ def test_an_answer_holds_for_its_steps_and_no_state_between_is_waited_for(contro
     assert one.used == [10.0] * every + [20.0] * every + [30.0] * every
     assert one.waited == [0, every, 2 * every, 3 * every]
     assert one.shown == list(range(3 * every + 1))
-    assert one.loop.answers == (3, 0, 0)
+    assert one.latch.answers == (3, 0, 0)
 
 
 @pytest.mark.parametrize('k', [-1, 1, 9, 11, 20])
@@ -100,7 +103,7 @@ def test_an_answer_to_a_state_that_is_not_waited_for_is_refused_and_counted(cont
     one.at(10)
     assert not one.answer(k, 5.0)
     one.at(10)
-    assert one.loop.answers == (1, 1, 0)
+    assert one.latch.answers == (1, 1, 0)
     assert one.answer(10)
     one.at(20)
     assert not one.answer(10)  # once more
@@ -120,9 +123,9 @@ def test_a_pause_within_an_answer_changes_nothing_of_it(controlled) -> None:
     """The seven steps behind the pause are those of the answer to 0; one to the state of the pause, or of the steps made there, is none."""
     one = controlled(every=1)
     one.ask(one.loop.pause)
-    one.loop.lockstep_every = 10
-    one.loop._until = 10  # the state of an answer is reached, at 0, with ten steps to make
-    assert one.ask(lambda: one.loop.waiting_ns) == 10 * H
+    one.latch.pace.lockstep_every = 10
+    one.latch._until = 10  # the state of an answer is reached, at 0, with ten steps to make
+    assert one.ask(lambda: one.latch.waiting_ns) == 10 * H
     one.asked = [(0, 4.0)]
     one.ask(lambda: one.loop.step(3))
     one.until(lambda: one.simulation.k == 3)
@@ -136,9 +139,9 @@ def test_a_pause_within_an_answer_changes_nothing_of_it(controlled) -> None:
 
 def test_plain_commands_make_as_many_steps(controlled) -> None:
     one = controlled(every=4)
-    one.ask(lambda: [one.loop.command(i, 2.0) for i in (0, 1)])
+    one.ask(lambda: [one.latch.command(i, 2.0) for i in (0, 1)])
     one.at(0)  # the brake is missing
-    one.ask(lambda: one.loop.command(2, 2.0))
+    one.ask(lambda: one.latch.command(2, 2.0))
     one.at(4)
     assert one.used == [2.0] * 4
 
@@ -146,9 +149,9 @@ def test_plain_commands_make_as_many_steps(controlled) -> None:
 def test_a_reset_forgets_the_rest_of_an_answer_and_another_number_counts_from_the_next_one_on(controlled) -> None:
     one = controlled(every=1000)
     one.ask(one.loop.pause)
-    one.loop._until = 1000
+    one.latch._until = 1000
     one.ask(lambda: (one.simulation.reset(), one.loop.restart()))
-    one.loop.lockstep_every = 5
+    one.latch.pace.lockstep_every = 5
     one.ask(one.loop.resume)
     one.at(0)
     assert one.answer(0)

@@ -29,7 +29,7 @@ def test_a_car_that_was_saved_on_its_brakes_stands_on_them(opened, tmp_path: Pat
     from mbd_sim_ros.node import services
 
     node = opened(mode='lockstep')
-    do(node, lambda running: [running.loop.command(index, value) for index, value in enumerate((0.3, 50.0, 30.0))])
+    do(node, lambda running: [running.latch.command(index, value) for index, value in enumerate((0.3, 50.0, 30.0))])
     until(lambda: node.loop.steps == 1)
     done, file = do(node, services.save_state)
     assert done
@@ -38,13 +38,13 @@ def test_a_car_that_was_saved_on_its_brakes_stands_on_them(opened, tmp_path: Pat
         np.savez(older, **{name: value for name, value in content.items() if name not in ('commands', 'latched')})
     for path, steering in ((file, 0.3), (str(older), None)):
         node = opened(mode='lockstep', restore=path)
-        assert node.loop.latched.values[1:] == (0.0, 30.0)
-        assert steering is None or node.loop.latched.values[0] == steering
+        assert node.loop.latch.newest.values[1:] == (0.0, 30.0)
+        assert steering is None or node.loop.latch.newest.values[0] == steering
         assert do(node, services.step)[0]
         until(lambda node=node: node.loop.steps == 1)
         np.testing.assert_array_equal(node.running.simulation.inputs[-2:], [0.0, 30.0])
         assert do(node, services.reset)[0]
-        assert node.loop.latched.values == (0.0, 0.0, 0.0)  # as the scene begins
+        assert node.loop.latch.newest.values == (0.0, 0.0, 0.0)  # as the scene begins
 
 
 def test_what_a_maneuver_holds_holds_for_the_topics_that_go_on_from_its_state(opened, monkeypatch) -> None:
@@ -57,7 +57,7 @@ def test_what_a_maneuver_holds_holds_for_the_topics_that_go_on_from_its_state(op
     done, file = do(node, services.save_state)
     assert done
     node = opened(mode='lockstep', restore=file)
-    assert dict(zip(node.loop.commands, node.loop.latched.values)) == {
+    assert dict(zip(node.loop.latch.commands, node.loop.latch.newest.values)) == {
         'steering': 0.4, 'drive_torque': 0.0, 'brake_torque': 30.0, 'lock_up': 1.0, 'brake_torque_rear_left': 12.0,
     }  # fmt: skip
     assert node.running.driving._source.state.tolist() == [0.4, 0.4, 0.1]
@@ -73,7 +73,7 @@ def test_an_angle_of_road_wheels_that_was_commanded_is_reached_behind_a_restore_
     monkeypatch.setattr('mbd_sim_ros.node.driving.steering_map', lambda model: mapped)
     for commands, stands in (((0.1,), 2.6), ((), 0.0)):
         node = opened(mode='lockstep', step_count=1)
-        do(node, lambda running, commands=commands: [running.loop.command(0, value) for value in commands])
+        do(node, lambda running, commands=commands: [running.latch.command(0, value) for value in commands])
         assert do(node, services.step)[0]
         until(lambda node=node: node.loop.steps == 1)
         done, file = do(node, services.save_state)
@@ -87,11 +87,11 @@ def test_an_angle_of_road_wheels_that_was_commanded_is_reached_behind_a_restore_
 def test_a_motion_that_goes_on_at_another_time_keeps_its_commands(opened) -> None:
     """The steering wheel has not reached its angle yet: at 20 rad/s it takes 15 ms."""
     node = opened(mode='lockstep')
-    do(node, lambda running: [running.loop.command(index, value) for index, value in enumerate((0.3, 50.0, 30.0))])
+    do(node, lambda running: [running.latch.command(index, value) for index, value in enumerate((0.3, 50.0, 30.0))])
     until(lambda: node.loop.steps == 1)
     assert do(node, lambda running: running.reset(state=False))[0]
     assert node.running.simulation.k == 0
-    assert node.loop.latched.values == (0.3, 0.0, 30.0)  # what drives is there while it is sent only
+    assert node.loop.latch.newest.values == (0.3, 0.0, 30.0)  # what drives is there while it is sent only
 
 
 def test_commands_given_while_lockstep_is_paused_count_in_the_steps_that_are_asked_for_and_in_no_other(opened) -> None:
@@ -127,9 +127,9 @@ def test_all_bodies_are_shown_while_paused_whatever_the_step(opened, monkeypatch
     until(lambda: do(node, services.step)[0] and running.simulation.k % 10 == 3)
     time.sleep(0.1)
     shown: list[list] = []
-    monkeypatch.setattr(running, '_messages', Messages(running.simulation.channels, poses_every=10))
-    monkeypatch.setattr(running._publication, 'publish', lambda messages, **_: shown.append(messages))
-    do(node, lambda running: running._repeat() or '')
+    monkeypatch.setattr(running.audience, '_messages', Messages(running.simulation.channels, poses_every=10))
+    monkeypatch.setattr(running._publication, 'publish', lambda messages, channels: shown.append(messages))
+    do(node, lambda running: running.audience.repeat() or '')
     transforms = decode(TF, schema_text(TF), shown[-1][-1])[0]['transforms']
     assert {'base_link', 'subframe', 'wheel', 'imu_link'} <= {one['child_frame_id'] for one in transforms}
 

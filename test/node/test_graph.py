@@ -107,7 +107,7 @@ def test_commands_of_another_type_are_told_with_both(case: str, watched, client)
     for publisher in client.commands:  # of the right type, and a participant has one for a topic
         client.node.destroy_publisher(publisher)
     client.node.create_publisher(message(TYPES[case][1]), topic, 1)
-    watched().tells(f'{topic}: /client publishes {found}, and this node takes {expected}: nothing of it is heard; publish {expected}')
+    watched().tells(f'{topic}: /client publishes {found}, this node subscribes to {expected}: no message passes; publish {expected}')
 
 
 def test_who_subscribes_to_another_type_or_publishes_one_is_told(watched, client) -> None:
@@ -115,8 +115,8 @@ def test_who_subscribes_to_another_type_or_publishes_one_is_told(watched, client
     client.node.create_publisher(message('geometry_msgs/Twist'), 'imu', 1)
     one = watched()
     one.tells(
-        '/tire_states: /client subscribes to geometry_msgs/msg/PoseStamped, and this node publishes sensor_msgs/msg/JointState: it hears '
-        'nothing; subscribe to sensor_msgs/msg/JointState'
+        '/tire_states: /client subscribes to geometry_msgs/msg/PoseStamped, this node publishes sensor_msgs/msg/JointState: '
+        'no message passes; subscribe to sensor_msgs/msg/JointState'
     )
     one.tells('/imu: /client publishes geometry_msgs/msg/Twist, and this node sensor_msgs/msg/Imu; rename one of the two')
 
@@ -143,7 +143,7 @@ def test_who_asks_for_more_than_a_topic_offers_is_told_in_what(case: str, watche
     topic, kind, quality, reason = qualities()[case]
     client.node.create_subscription(message(kind), f'/{topic}', lambda m: None, quality)
     one = watched()
-    one.tells(f'/{topic}: /client hears nothing: {reason}')
+    one.tells(f'/{topic}: no message passes where /client subscribes: {reason}')
     assert 'incompatible QoS' not in one.log  # which rclpy would say, of nobody
 
 
@@ -153,7 +153,7 @@ def test_who_asks_for_less_is_not_told(watched, client) -> None:
     client.node.create_subscription(message('std_msgs/String'), 'robot_description', lambda m: None, 1)
     client.ready = lambda: None
     one = watched()
-    for about in ('hears nothing', 'is heard', 'too:', 'rename'):
+    for about in ('no message passes', 'too:', 'rename'):
         one.quiet(about)
 
 
@@ -170,10 +170,10 @@ def test_best_effort_commands_are_heard_and_every_message_once(watched, client) 
     loop = one.node.loop
     for heard, (publisher, value) in enumerate(((joystick, 0.25), (wheel, 0.5), (joystick, 0.125), (wheel, -0.5)), 1):
         publisher.publish(plain(data=value))
-        one.until(lambda _: loop.latched.values[0] == value)  # noqa: B023
-        assert loop.latched.counts[0] == heard
+        one.until(lambda _: loop.latch.newest.values[0] == value)  # noqa: B023
+        assert loop.latch.newest.counts[0] == heard
     answers.publish(stamped(name=['brake_torque'], position=[70.0]))
-    one.until(lambda _: loop.latched.values[2] == 70.0)
+    one.until(lambda _: loop.latch.newest.values[2] == 70.0)
     for publisher in (joystick, answers):
         client.node.destroy_publisher(publisher)
     one.until(lambda _: one.log.count('/simulator/steering_cmd: std_msgs/msg/Float64, reliable, as it is published') == 1)
@@ -187,11 +187,11 @@ def test_who_published_best_effort_before_another_scene_was_loaded_is_heard_behi
     one.until(lambda _: joystick.get_subscription_count() == 1)
     assert one.node.load('another', [])
     end = time.monotonic() + 10.0
-    while one.node.loop.latched.values[1] != 40.0 and time.monotonic() < end:  # nobody looks at the graph meanwhile
+    while one.node.loop.latch.newest.values[1] != 40.0 and time.monotonic() < end:  # nobody looks at the graph meanwhile
         joystick.publish(plain(data=40.0))
         time.sleep(0.01)
         one.node.loop.ask(one.node.running.commands.poll).result(5.0)
-    assert one.node.loop.latched.values[1] == 40.0
+    assert one.node.loop.latch.newest.values[1] == 40.0
 
 
 def test_a_best_effort_pose_places_the_car(watched, client) -> None:
@@ -294,8 +294,8 @@ def test_cmd_vel_is_taken_in_the_type_that_is_published(adapter, client, capfd) 
             nonlocal said
             said += capfd.readouterr().err
             return (
-                '/cmd_vel: /other publishes geometry_msgs/msg/TwistStamped, and this node takes geometry_msgs/msg/Twist: nothing of it is '
-                'heard; publish geometry_msgs/msg/Twist'
+                '/cmd_vel: /other publishes geometry_msgs/msg/TwistStamped, this node subscribes to geometry_msgs/msg/Twist: '
+                'no message passes; publish geometry_msgs/msg/Twist'
             ) in said
 
         adapter.until(told)

@@ -7,6 +7,10 @@ from types import SimpleNamespace
 
 import pytest
 from client import client
+from synthetic import Synthetic
+
+from mbd_sim_ros.node.latch import Latch
+from mbd_sim_ros.node.pace import Pace
 
 pytestmark = pytest.mark.realtime
 
@@ -21,8 +25,8 @@ def test_of_nobody_known_commands_are_looked_for_a_hundred_times_a_second_and_th
     now, message, commanded = [50.0], [None], []
     monkeypatch.setattr(module.time, 'monotonic', lambda: now[0])
     monkeypatch.setattr(module, 'Node', partial(module.Node, context=client.node.context))
-    commands = module.Commands(client.node, ('steering', 'drive_torque', 'brake_torque'), deaf=False)
-    commands.loop = SimpleNamespace(mode=mode)
+    latch = Latch(Synthetic(), Pace(mode=mode), ('steering', 'drive_torque', 'brake_torque'))
+    commands = module.Commands(client.node, latch, deaf=False)
     commands.look_around()
     assert not commands.commanded
     taken = []

@@ -12,6 +12,7 @@ from processes import start
 from synthetic import WHEELS, Synthetic, scene
 
 from mbd_sim_ros.messages.encode import Messages
+from mbd_sim_ros.node.periods import before_next
 from solver.errors import SpecError
 
 pytestmark = pytest.mark.realtime
@@ -84,8 +85,10 @@ def test_what_nobody_hears_is_not_published_but_in_lockstep(client, monkeypatch)
 
     def step(**options: bool | None) -> None:
         snapshot = simulation.advance()
-        if publication.awaited(snapshot.k, **options):
-            publication.publish(messages.encode(snapshot), snapshot.k, **options)
+        publication.publish(messages.encode(snapshot), publication.due(snapshot.k, **options))
+
+    def next_seen(k: int, most: int = 20) -> int:
+        return k + 1 + before_next(k, most - 1, publication.periods())
 
     try:
         step()
@@ -103,18 +106,20 @@ def test_what_nobody_hears_is_not_published_but_in_lockstep(client, monkeypatch)
             step()
             return bool(heard)
 
-        assert publication.next_awaited(simulation.k, 20) == simulation.k + 20
+        assert next_seen(simulation.k) == simulation.k + 20
         client.until(arrives)
         assert set(sent) == {wheel}
         place = [topic.name for topic in messages.topics].index(wheel.strip('/'))
-        assert publication.awaited(simulation.k) == (place,)  # nothing else is encoded
-        assert len(publication.awaited(simulation.k, waits=True)) == everything
-        assert publication.next_awaited(7, 20) == 8
-        assert publication.next_awaited(7, 20, of=5) == 10
+        assert [channel.place for channel in publication.due(simulation.k)] == [place]  # nothing else is encoded
+        assert len(publication.due(simulation.k, waits=True)) == everything
+        assert next_seen(7) == 8
+        publication.every({}, 0, 5)
+        assert next_seen(7) == 10
         publication.every({'tire_force': 10}, 0)
-        assert publication.next_awaited(7, 20) == 10
-        assert publication.next_awaited(7, 2) == 9
-        assert publication.next_awaited(10, 20, of=4) == 20
+        assert next_seen(7) == 10
+        assert next_seen(7, 2) == 9
+        publication.every({'tire_force': 10}, 0, 4)
+        assert next_seen(10) == 20
     finally:
         publication.close(client.node)
 
@@ -132,20 +137,20 @@ def test_subscribers_are_looked_for_topic_by_topic(client, monkeypatch):
     monkeypatch.setattr(Publisher, 'get_subscription_count', lambda self: (looked.append(self.topic_name), count(self))[1])
     monkeypatch.setattr(publish.time, 'perf_counter', lambda: now[0])
     try:
-        publication.awaited(0)
+        publication.due(0)
         every = looked.copy()
         assert len(set(every)) == len(every) > 5
         looked.clear()
         for k in range(1, 201):
             now[0] += 1e-3
             before = len(looked)
-            publication.awaited(k)
+            publication.due(k)
             assert len(looked) - before <= 1
         assert looked[: len(every)] == every
         assert 2 * len(every) - 1 <= len(looked) <= 2 * len(every)
         now[0] += 1.0  # nothing was published for a while
         looked.clear()
-        publication.awaited(201)
+        publication.due(201)
         assert sorted(looked) == sorted(every)
     finally:
         publication.close(client.node)

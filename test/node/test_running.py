@@ -39,12 +39,12 @@ def test_a_reset_is_done_whole_where_no_recording_can_begin_and_the_next_one_mak
 
     (tmp_path / 'bags').touch()
     node = opened(record=True, out='first')
-    do(node, lambda running: running.loop.command(0, 0.7))
+    do(node, lambda running: running.latch.command(0, 0.7))
     assert do(node, services.pause)[0]
     done, text = do(node, services.reset)
     assert done
     assert text.startswith('back at t = 0; nothing is recorded any more: cannot record into bags/synthetic-')
-    assert node.loop.latched.values == (0.0, 0.0, 0.0)
+    assert node.loop.latch.newest.values == (0.0, 0.0, 0.0)
     assert node.loop.steps == node.running.simulation.k == 0
     level, message = said(node)
     assert level == DiagnosticStatus.ERROR and message.startswith('cannot record into bags/')
@@ -103,7 +103,7 @@ def test_in_lockstep_every_state_is_published_whatever_the_rates(opened, sent) -
     until(lambda: any(topic == '/clock' for topic, _ in sent))  # the last of a state
     sent.clear()
     for k in range(6):
-        assert loop.ask(lambda k=k: loop.answer(k * 2_000_000, {})).result(10.0)
+        assert loop.ask(lambda k=k: loop.latch.answer(k * 2_000_000, {})).result(10.0)
         until(lambda k=k: [topic for topic, _ in sent].count('/clock') == k + 1)
     topics = [topic for topic, _ in sent]
     assert [topics.count(f'/{name}') for name in ('cmd_applied', 'odom', 'imu', 'tire_states', 'clock')] == [6, 6, 2, 0, 6]
@@ -140,7 +140,7 @@ def test_an_answer_that_names_no_command_holds_them_all(opened) -> None:
     from sensor_msgs.msg import JointState
 
     node = opened(mode='lockstep')
-    do(node, lambda running: running.loop.command(2, 30.0))
+    do(node, lambda running: running.latch.command(2, 30.0))
     do(node, lambda running: running.commands._stamped(JointState()))
     until(lambda: node.loop.steps == 1)
     np.testing.assert_array_equal(node.running.simulation.inputs[-2:], [0.0, 30.0])
@@ -172,7 +172,7 @@ def test_lockstep_that_begins_while_running_waits_for_commands_of_its_own(opened
 
     node = opened()
     for value in (10.0, 20.0):
-        do(node, lambda running, value=value: [running.loop.command(index, value) for index in range(3)])
+        do(node, lambda running, value=value: [running.latch.command(index, value) for index in range(3)])
         until(lambda value=value: node.running.simulation.inputs[-1] == value)
     assert do(node, services.pause)[0]
     assert node.set_parameters([Parameter('mode', value='lockstep')])[0].successful
@@ -180,11 +180,11 @@ def test_lockstep_that_begins_while_running_waits_for_commands_of_its_own(opened
     assert do(node, services.resume)[0]
     time.sleep(0.1)
     assert node.running.simulation.k == k
-    do(node, lambda running: [running.loop.command(index, 30.0) for index in range(3)])
+    do(node, lambda running: [running.latch.command(index, 30.0) for index in range(3)])
     until(lambda: node.running.simulation.k > k)
     time.sleep(0.05)
     assert node.running.simulation.k == k + 1 and node.running.simulation.inputs[-1] == 30.0
-    assert node.loop.answers.surplus == 0
+    assert node.loop.latch.answers.surplus == 0
 
 
 def test_the_node_that_makes_time_takes_it_from_nobody(opened) -> None:

@@ -16,7 +16,9 @@ from synthetic import INPUTS, Synthetic
 from mbd_sim_ros.bags import reader as bag
 from mbd_sim_ros.commands.main import main
 from mbd_sim_ros.node import loop as loop_module
+from mbd_sim_ros.node.latch import Latch
 from mbd_sim_ros.node.loop import AT_ONCE, LATELY, Loop
+from mbd_sim_ros.node.pace import Pace
 from solver.files.scene import load_scene
 from solver.inputs.hands import CommandSource
 from solver.simulation import Simulation
@@ -38,7 +40,8 @@ def test_the_run_ends_at_its_end_and_what_is_wanted_is_seen(wanted: int) -> None
     passed: list[int] = []
     finished(
         Loop(
-            simulation, inputs=lambda values: np.zeros(len(INPUTS)), emit=lambda s: seen.append(s.k), mode='fast', end_ns=200_000_000,
+            simulation, Latch(simulation, Pace(mode='fast')), inputs=lambda values: np.zeros(len(INPUTS)),
+            emit=lambda s: seen.append(s.k), end_ns=200_000_000,
             hidden=lambda most: min(wanted, most), passed=lambda: passed.append(simulation.k),
         )
     )  # fmt: skip
@@ -54,11 +57,12 @@ def test_they_have_the_bits_of_single_steps() -> None:
         simulation = Simulation(load_scene('light_car_straight'))
         source = CommandSource(simulation.channels.inputs, simulation.h_ns)
         loop = Loop(
-            simulation, inputs=lambda values, source=source: source.advance(*values), emit=lambda snapshot: None, mode='fast',
-            end_ns=300_000_000, command_timeout=0.1, hidden=lambda most, wanted=wanted: min(wanted, most),
+            simulation, Latch(simulation, Pace(mode='fast', command_timeout=0.1)),
+            inputs=lambda values, source=source: source.advance(*values), emit=lambda snapshot: None,
+            end_ns=300_000_000, hidden=lambda most, wanted=wanted: min(wanted, most),
         )  # fmt: skip
-        loop.command(0, 0.5)
-        loop.command(1, 200.0)
+        loop.latch.command(0, 0.5)
+        loop.latch.command(1, 200.0)
         finished(loop)
         assert loop.steps == simulation.k == 300_000_000 // simulation.h_ns
         states.append(simulation.save())
@@ -103,7 +107,7 @@ class Watched:
                 late.append(behind[-1] - simulation.step)
 
         loop = Loop(
-            simulation, inputs=lambda values: np.zeros(len(INPUTS)), emit=emit,
+            simulation, Latch(simulation), inputs=lambda values: np.zeros(len(INPUTS)), emit=emit,
             end_ns=simulation.t_ns + round(seconds * 1e9), hidden=hidden,
         )  # fmt: skip
         finished(loop)
@@ -129,7 +133,8 @@ def test_in_real_time_a_call_begins_so_that_what_is_seen_begins_when_it_is_due(
 @pytest.mark.parametrize(('step', 'rate'), [(1e-4, 1.0), (2e-3, 0.5), (4e-3, 0.25)])
 def test_the_rate_that_is_reported_is_time_simulated_per_time_passed(monkeypatch: pytest.MonkeyPatch, step: float, rate: float) -> None:
     simulation = Timed(monkeypatch, call=0.0, cold=0.0, step=step)
-    loop = Loop(simulation, inputs=lambda values: np.zeros(len(INPUTS)), emit=lambda snapshot: None, end_ns=1_000_000_000)
+    still = np.zeros(len(INPUTS))
+    loop = Loop(simulation, Latch(simulation), inputs=lambda values: still, emit=lambda snapshot: None, end_ns=1_000_000_000)
     assert loop.health().steps == 0
     finished(loop)
     health = loop.health()
@@ -141,7 +146,7 @@ def test_the_rate_that_is_reported_is_time_simulated_per_time_passed(monkeypatch
 def test_the_step_times_that_are_reported_are_those_of_their_ranks(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of 1, 2, ..., 101 ms in any order half are below 51 ms and 99 of 100 below 100 ms."""
     simulation = Timed(monkeypatch, call=0.0, cold=0.0, step=1e-4)
-    loop = Loop(simulation, inputs=lambda values: np.zeros(len(INPUTS)), emit=lambda snapshot: None)
+    loop = Loop(simulation, Latch(simulation), inputs=lambda values: np.zeros(len(INPUTS)), emit=lambda snapshot: None)
     loop._times.extend(1e-3 * (37 * k % 101 + 1) for k in range(101))
     health = loop.health()
     assert (health.step_p50, health.step_p99, health.step_max) == pytest.approx((0.051, 0.1, 0.101))
@@ -181,7 +186,8 @@ def test_in_slow_motion_no_more_of_the_clock_passes_at_once(monkeypatch: pytest.
     simulation = Timed(monkeypatch, call=5e-5, cold=1e-4, step=3e-5)
     seen: list[float] = []
     loop = Loop(
-        simulation, inputs=lambda values: np.zeros(len(INPUTS)), emit=lambda snapshot: seen.append(simulation.now), rate_factor=0.02,
+        simulation, Latch(simulation, Pace(rate_factor=0.02)), inputs=lambda values: np.zeros(len(INPUTS)),
+        emit=lambda snapshot: seen.append(simulation.now),
         end_ns=40_000_000, hidden=lambda most: 0 if simulation.now > 1.02 else most,
     )  # fmt: skip
     monkeypatch.setattr(loop, '_wake', SimpleNamespace(wait=simulation.sleep, clear=lambda: None, set=lambda: None))
@@ -195,10 +201,11 @@ def test_real_time_goes_on_at_once_after_steps_that_did_not_wait(monkeypatch: py
     simulation = Timed(monkeypatch, call=5e-5, cold=1e-4, step=3e-5)
 
     def emit(snapshot) -> None:
-        loop.mode = 'fast' if 100 <= snapshot.k < 10_000 else 'realtime'
+        loop.pace.mode = 'fast' if 100 <= snapshot.k < 10_000 else 'realtime'
 
     loop = Loop(
-        simulation, inputs=lambda values: np.zeros(len(INPUTS)), emit=emit, end_ns=10_100_000_000, hidden=lambda most: most
+        simulation, Latch(simulation), inputs=lambda values: np.zeros(len(INPUTS)), emit=emit, end_ns=10_100_000_000,
+        hidden=lambda most: most,
     )  # fmt: skip
     monkeypatch.setattr(loop, '_wake', SimpleNamespace(wait=simulation.sleep, clear=lambda: None, set=lambda: None))
     finished(loop)
@@ -261,10 +268,11 @@ def test_inputs_that_stay_are_asked_for_twice_a_call_unless_a_command_becomes_to
     applied: list[float] = []
     simulation = Kept(h_ns=1_000_000)
     loop = Loop(
-        simulation, inputs=lambda values: asked.append(values) or rows[values[1]], emit=lambda s: None, mode='fast', end_ns=200_000_000,
-        command_timeout=0.1035, hidden=lambda most: most,
+        simulation, Latch(simulation, Pace(mode='fast', command_timeout=0.1035)),
+        inputs=lambda values: asked.append(values) or rows[values[1]], emit=lambda s: None, end_ns=200_000_000,
+        hidden=lambda most: most,
     )  # fmt: skip
-    loop.command(1, 7.0)
+    loop.latch.command(1, 7.0)
     finished(loop)
     assert applied == [7.0] * 104 + [0.0] * 96
     assert len(asked) == 10 * 2 + 10 + 9 * 10  # all of them while one is too old: it is looked at every time
@@ -312,9 +320,10 @@ def test_in_lockstep_a_state_is_not_repeated_as_soon_as_it_is_shown(monkeypatch:
     """Whoever answers every state would answer the first one twice, and with plain commands be a step behind from then on."""
     monkeypatch.setattr(loop_module, 'REPEAT', 0.2)
     shown, repeated = [], []
+    simulation = Synthetic()
     loop = Loop(
-        Synthetic(), inputs=lambda values: np.zeros(len(INPUTS)), emit=lambda s: shown.append(time.perf_counter()), mode='lockstep',
-        repeat=lambda: repeated.append(time.perf_counter()),
+        simulation, Latch(simulation, Pace(mode='lockstep')), inputs=lambda values: np.zeros(len(INPUTS)),
+        emit=lambda s: shown.append(time.perf_counter()), repeat=lambda: repeated.append(time.perf_counter()),
     )  # fmt: skip
     loop.start()
     for states in (1, 2):  # of the start, and of a reset after a pause

@@ -21,6 +21,7 @@ from mbd_sim_ros.batch import record, warm_up
 from mbd_sim_ros.lab.benchmarks.machine import on_all_cores
 from mbd_sim_ros.messages.encode import Messages
 from mbd_sim_ros.messages.topics import Topic
+from mbd_sim_ros.node.latch import Latch
 from mbd_sim_ros.node.loop import Loop
 from mbd_sim_ros.node.main import SWITCH
 from solver import simulation_of
@@ -125,7 +126,8 @@ class Overhead:
             end = clock()
             self._pieces.append((t2 - t1, t3 - t2 if self._publish else 0, end - t3, end - t1))
 
-        loop = Loop(simulation, inputs=inputs, emit=emit, end_ns=simulation.t_ns + steps * simulation.h_ns)
+        end_ns = simulation.t_ns + steps * simulation.h_ns
+        loop = Loop(simulation, Latch(simulation), inputs=inputs, emit=emit, end_ns=end_ns)
         loop.start()
         loop.prefer(PRIORITY)
         loop.done.wait()
@@ -199,7 +201,7 @@ def publication(topics: Sequence[Topic], samples: Sequence[bytes | None]) -> Pub
         node = rclpy.create_node('mbd_bench', context=context, enable_rosout=False, start_parameter_services=False)
         node.get_logger().set_level(LoggingSeverity.WARN)
         resources.callback(node.destroy_node)
-        publish = Publication(node, topics, samples).publish
+        made = Publication(node, topics, samples)
         read = [topic for topic in topics if installed(topic.type)]
         environment = {**os.environ, 'ROS_DOMAIN_ID': str(DOMAIN)}
         reader = subprocess.Popen([sys.executable, '-c', LISTEN, *(f'{topic.name}:{topic.type}' for topic in read)], env=environment)
@@ -208,7 +210,7 @@ def publication(topics: Sequence[Topic], samples: Sequence[bytes | None]) -> Pub
         limit = time.monotonic() + DISCOVERY_SECONDS
         while any(node.count_subscribers(topic.name) == 0 for topic in read) and time.monotonic() < limit:
             time.sleep(0.05)
-        yield publish, sum(node.count_subscribers(topic.name) > 0 for topic in read)
+        yield lambda encoded: made.publish(encoded, made.channels), sum(node.count_subscribers(topic.name) > 0 for topic in read)
 
 
 def installed(message_type: str) -> bool:
