@@ -29,7 +29,7 @@ def data_files() -> list[tuple[str, list[str]]]:
 
 setup(
     name=NAME,
-    version='0.1.0',
+    version='0.2.0',
     description='Real-time multibody simulation of a detailed road vehicle with an augmented-Lagrangian integrator',
     long_description=(ROOT / 'README.md').read_text(encoding='utf-8'),
     long_description_content_type='text/markdown',
@@ -39,6 +39,8 @@ setup(
     python_requires='>=3.11',
     packages=find_packages(include=['solver', 'solver.*', NAME, f'{NAME}.*']),
     package_data={
+        'solver': ['py.typed'],
+        NAME: ['py.typed'],
         f'{NAME}.messages': ['schemas/*/*.msg'],
         f'{NAME}.analysis': ['report.html', 'page.css', 'page.js'],
         f'{NAME}.analysis.view': ['view.html'],
@@ -72,6 +74,7 @@ setup(
         'test': [
             'pytest',
             'pytest-xdist',
+            'jsonschema',
             'rosbags',
             'pycrg',
             'asammdf',

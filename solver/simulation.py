@@ -18,7 +18,7 @@ from solver.inputs.assistance import Feel, feel_of
 from solver.inputs.maneuver import ManeuverSource
 from solver.inputs.recorded import RecordedSource
 from solver.inputs.sources import Sources
-from solver.model.state import State, fitting, load_arrays, step_of
+from solver.model.state import FORMAT, State, fitting, load_arrays, require_format, step_of
 from solver.model.tables import Model
 from solver.output.branches import BranchSwitch, BranchWatch
 from solver.output.energy import TIME, WORST
@@ -36,7 +36,8 @@ class Simulation:
     """Compile a scene, find its consistent start, advance it in whole steps.
 
     make: the engine of the scene; solver.simulation_of() chooses it. level: what the model leaves out of the vehicle it was derived from
-    (None: it is the model of the scene as given). displaced: it was placed somewhere, renumbered or restored since its start, so not even
+    (None: it is the model of the scene as given). channels: the names of what a Snapshot holds. k: steps since the start. h: step [s].
+    displaced: it was placed somewhere, renumbered or restored since its start, so not even
     step 0 need be that of the scene. start: what the search for the start changed. Raises SpecError, SceneError or ConsistencyError on
     construction and StepError from advance(); each is one sentence.
     """
@@ -101,9 +102,9 @@ class Simulation:
     def advance(self, n: int = 1, inputs: np.ndarray | None = None, *, audit: bool = True) -> Snapshot:
         """Advance n steps and return the Snapshot after the last.
 
-        inputs: (nu,) held for all steps, or (n, nu) one row a step; None samples maneuver and driver of the scene, behind its actuators.
-        audit: evaluate forces after every step, keep the energy balance and look for branch switches if the scene asks for them. On
-        failure the state is that of the last good step.
+        inputs: (nu,) held for all steps, or (n, nu) one row a step, in SI units and the order of channels.inputs; None samples maneuver and
+        driver of the scene, behind its actuators. audit: evaluate forces after every step, keep the energy balance and look for branch
+        switches if the scene asks for them. Raises StepError; the state is that of the last good step then.
         """
         if self.engine.follows:
             if inputs is not None:
@@ -171,21 +172,21 @@ class Simulation:
     # -- state and reports ---------------------------------------------------------------------------------------------
 
     def save(self) -> bytes:
-        """Everything the future depends on, and what the run so far is judged by."""
+        """Everything the future depends on, and what the run so far is judged by, as bytes for restore()."""
         file = io.BytesIO()
         envelope = {'inputs': self._inputs, 'audit': self._shown.energy, 'totals': np.array(self._totals)}
-        np.savez(file, k=np.int64(self.k), **self.engine.arrays(), **envelope, **self.sources.memory())  # type: ignore[arg-type]
+        np.savez(file, format=np.array(FORMAT), k=np.int64(self.k), **self.engine.arrays(), **envelope, **self.sources.memory())  # type: ignore[arg-type]
         return file.getvalue()
 
     def restore(self, data: bytes, *, elsewhere: bool = False) -> None:
-        """Continue from save(); raises SpecError if it belongs to another model. elsewhere: it is that of another scene of the vehicle."""
+        """Continue from save(). elsewhere: it is that of another scene of the vehicle. Raises SpecError if it belongs to another model, or
+        another version saved it."""
         saved = load_arrays(data)
         k = step_of(saved.get('k'))
+        require_format(saved, 'restore: the saved state')
         take_up = self.engine.fit(saved, k)
         inputs = fitting('inputs', saved.get('inputs'), self._inputs)
-        totals = self._totals
-        if 'totals' in saved:  # states of older versions have none
-            totals = Counters.of(fitting('totals', saved['totals'], np.zeros(len(NO_STEPS))))
+        totals = Counters.of(fitting('totals', saved.get('totals'), np.zeros(len(NO_STEPS))))
         self.sources.recall(saved, inputs, elsewhere=elsewhere)
         self.k, self.displaced = k, True
         self._inputs, self._totals = inputs, totals

@@ -27,7 +27,7 @@ import yaml
 import solver
 from mbd_sim_ros.bags.applied import Applied
 from mbd_sim_ros.bags.delivery import deliver, deliver_steps
-from mbd_sim_ros.bags.writer import RECORD
+from mbd_sim_ros.bags.writer import FORMAT, RECORD
 from mbd_sim_ros.messages.cdr import template
 from mbd_sim_ros.messages.topics import INPUTS, STRING, Topic
 from solver import stored
@@ -46,7 +46,8 @@ STEM_MOST = 60  # characters of the name of a scene in the names of files; one t
 
 
 def describe(*, scene: str, resolved_yaml: str, parameters: Mapping[str, Any] | None = None, seed: int = 0, **more: str) -> dict[str, str]:
-    """Return what a recording says about its run, as strings: scene, code and package versions, target, parameters, seed."""
+    """Return what a recording says about its run, as strings: scene, format, code and package versions, target,
+    parameters, seed."""
     packages = {}
     for name in ('numpy', 'scipy', 'numba', 'mcap'):
         try:
@@ -58,6 +59,7 @@ def describe(*, scene: str, resolved_yaml: str, parameters: Mapping[str, Any] | 
         'scene_hash': hashlib.sha256(resolved_yaml.encode()).hexdigest(),
         'resolved_scene': resolved_yaml,
         'code_version': code_version(),
+        'format': str(FORMAT),
         'source_hash': source_hash(),
         'packages': yaml.safe_dump(packages),
         'target': yaml.safe_dump(target()),

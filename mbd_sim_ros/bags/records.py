@@ -15,7 +15,7 @@ import struct
 import threading
 import zlib
 from collections import Counter
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from io import BytesIO
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -27,7 +27,7 @@ from mcap.records import Channel, Metadata, Schema, Statistics
 
 from mbd_sim_ros.bags.layouts import Layouts
 from mbd_sim_ros.bags.source import ENTRY, MESSAGE_INDEX, Source
-from mbd_sim_ros.bags.writer import ARRAYS
+from mbd_sim_ros.bags.writer import ARRAYS, FORMAT, RECORD
 from solver import stored
 from solver.errors import BagError, SpecError
 
@@ -239,8 +239,22 @@ class Reading:
                 raise ValueError
             if isinstance(record, Statistics):
                 self._compare(record)
-            else:
-                yield record
+                return
+            if isinstance(record, Metadata) and record.name == RECORD:
+                self._require_format(record.metadata)
+            yield record
+
+    def _require_format(self, about: Mapping[str, str]) -> None:
+        """Raise BagError for a recording of a later version, whose numbers might mean something else. One without a format is older."""
+        text = about.get('format', '1')
+        if not (text.isascii() and text.isdigit() and len(text) < 10):
+            raise BagError(f'{self.path} is damaged: its metadata say format = {text[:40]!r}, which is not a whole number')
+        if int(text) > FORMAT:
+            version = about.get('code_version', '').partition('+')[0][:40] or 'a later version'
+            raise BagError(
+                f'{self.path} has format {int(text)}, and this version of mbd_sim_ros reads formats up to {FORMAT}: update mbd_sim_ros '
+                f'(the recording was made by {version})'
+            )
 
     def _chunk(self, body: bytes) -> bytes:
         """The records in a chunk. Raises what says that it is damaged."""

@@ -23,6 +23,9 @@ CHUNK_BYTES = 512 * 1024  # of chunks of the same steps: reading takes what thei
 WIDE = ('joint_states', 'reactions', 'tire_states', 'body_motions', 'tf')  # topics with a part for every joint, wheel or body
 PART = '.part'
 RECORD = 'mbd_sim_ros'  # name of the metadata record that describes the run
+# Format of recordings, `format` in that record. It grows by one when a reader of the format before would misread a recording. A recording
+# without the entry is of mbd_sim_ros 0.1 (format 1). Older formats are read, newer ones are refused (bags/records.py).
+FORMAT = 2
 _Message = tuple[int, int, int, bytes]  # index of its topic, when it was recorded and when published [ns], encoded
 ARRAYS = 'application/x-mbd-arrays'  # media type of attachments with arrays of the scene; named by their hash (solver.stored)
 RESULT = 'mbd_sim_ros_result'  # name of the metadata record written at the end

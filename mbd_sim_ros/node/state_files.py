@@ -19,7 +19,7 @@ from solver.inputs.actuation import Chain
 from solver.inputs.assistance import Assistant
 from solver.inputs.hands import CommandSource, hands_at
 from solver.model.spec import ModelSpec
-from solver.model.state import fitting, load_arrays
+from solver.model.state import FORMAT, fitting, load_arrays, require_format
 from solver.output.snapshot import TIRE_COLUMNS
 
 if TYPE_CHECKING:
@@ -63,6 +63,7 @@ def save(scene: Scene, simulation: Simulation, parts: Mapping[str, Part], comman
     stem = f'{file_stem(scene.name)}-step{simulation.k}-{time.strftime("%Y%m%d-%H%M%S")}'
     path = next(one for n in count(1) if not (one := Path(f'{stem}{f"-{n}" if n > 1 else ""}.state.npz')).exists())
     content = {
+        'format': np.array(FORMAT),
         'simulation': np.frombuffer(simulation.save(), np.uint8),
         'scene': scene.hash,
         'model': _model_hash(scene.model),
@@ -82,12 +83,13 @@ def save(scene: Scene, simulation: Simulation, parts: Mapping[str, Part], comman
 
 
 def restore(path: Path, scene: Scene, simulation: Simulation, parts: Mapping[str, Part]) -> dict[str, float]:
-    """Go on from a state file; returns the commands that were in force, by name: none of files of older versions.
+    """Go on from a state file; returns the commands that were in force, by name.
 
     Of another scene of the same vehicle come its motion and what was commanded; actuators begin at the inputs in force, and where only
     one of the two has an assistance, whose gear may be a lever, the gear that is in stays in.
 
-    Raises SpecError for a file that is none, or of a scene with another vehicle or step, and where wheels would begin in the ground.
+    Raises SpecError for a file that is none, of another version, or of a scene with another vehicle or step, and where wheels would begin
+    in the ground.
     """
     if not path.is_file():
         raise SpecError(f'parameter restore: {path} is not a state file of ~/save_state (no file is there)')
@@ -97,13 +99,14 @@ def restore(path: Path, scene: Scene, simulation: Simulation, parts: Mapping[str
         model, h_ns = str(saved['model']), int(fitting('h_ns', saved['h_ns'], np.array(simulation.h_ns)))
     except (OSError, KeyError, SpecError) as error:
         raise SpecError(f'parameter restore: {path} is not a state file of ~/save_state ({error})') from error
+    require_format(saved, f'parameter restore: {path}')
     own = _model_hash(scene.model)
     elsewhere = hash_of_scene != scene.hash
     if elsewhere and (model != own or h_ns != simulation.h_ns):
         why = f'h is {h_ns * 1e-9:g} s there' if model == own else 'its vehicle is another one'
         raise SpecError(f'parameter restore: {path} belongs to another scene, and {why}')
     names = np.ravel(saved.get('commands', ())).tolist()
-    latched = fitting('latched', saved.get('latched', np.zeros(0)), np.zeros(len(names)))
+    latched = fitting('latched', saved.get('latched'), np.zeros(len(names)))
     if not np.isfinite(latched).all():
         raise SpecError(f'parameter restore: {path} holds commands that are no numbers; save the state anew')
     simulation.restore(data, elsewhere=elsewhere)

@@ -10,7 +10,6 @@ import numpy as np
 
 from solver.compiled.by_reference import Ref, nbytes
 from solver.compiled.kernel import address_of
-from solver.errors import SpecError
 from solver.files.urdf import robot_description
 from solver.inputs.driver import Sight
 from solver.model.evaluate import constraint_input_rates, evaluate_constraints, evaluate_forces, prepare
@@ -155,12 +154,11 @@ class Bodies:
         watched = {} if self.branches is None else self.branches.memory()
         return {**self.state._asdict(), 'switches': np.array(self.switches).reshape(-1, 2), **watched}
 
-    def fit(self, saved: Mapping[str, np.ndarray], k: int) -> Callable[[], None]:
-        """What takes up arrays() of step k. Raises SpecError where they are of another model, or of another version."""
+    def fit(self, saved: Mapping[str, np.ndarray]) -> Callable[[], None]:
+        """What takes up arrays(). Raises SpecError where they are of another model."""
         state = State(*(fitting(name, saved.get(name), array) for name, array in self.state._asdict().items()))
-        if saved.get('audit', np.zeros(0)).shape != self.energy.shape:
-            raise SpecError('restore: the state was saved by another version of the solver; save it anew')
-        past = switches_before(saved, self.rescued, k * self.scene.integrator.h_ns * 1e-9)
+        fitting('audit', saved.get('audit'), self.energy)
+        past = switches_before(saved)
         watch = BranchWatch() if self.branches is not None else None
         if watch is not None:
             watch.recall(dict(saved), past)

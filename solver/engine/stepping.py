@@ -128,7 +128,7 @@ class Stepping:
                 'restore: the state was saved while step or penalties were not those of the setting; set integrator.step_policy and '
                 'penalty_policy as they were'
             )
-        bodies = self.shown.fit(saved, k)
+        bodies = self.shown.fit(saved)
 
         def take_up(u: np.ndarray) -> None:
             bodies()

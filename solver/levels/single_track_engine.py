@@ -292,7 +292,7 @@ class SingleTrack:
         w = self._scratch
         for name, array in (('audit', w.energy), ('reached', w.reached), ('steered', w.steered)):
             fitting(name, saved.get(name), array)
-        slippery = fitting('slippery', saved.get('slippery', np.zeros(2)), self._slippery)  # states of older versions have none
+        slippery = fitting('slippery', saved.get('slippery'), self._slippery)
 
         def take_up(u: np.ndarray) -> None:
             self.y[:] = saved['single_track']

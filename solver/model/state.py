@@ -6,7 +6,7 @@ import io
 import struct
 import zipfile
 import zlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -22,6 +22,9 @@ from solver.elements.rigid_body import RigidBodySpec
 from solver.errors import SpecError
 
 MOST = 1 << 26  # bytes of a saved state
+# Format of saved states, the array `format` in them. It grows by one when an array comes, goes or means something else. A state
+# without it is of mbd_sim_ros 0.1 (format 1).
+FORMAT = 2
 
 
 class State(NamedTuple):
@@ -111,22 +114,12 @@ def update_angles(coordinates, kin, angle):
         angle[k] = coordinate_value(coordinates, kin, k, angle)
 
 
-def save_state(state: State, k: int, extra: dict[str, np.ndarray] | None = None) -> bytes:
-    """Serialise a state and its step index."""
-    file = io.BytesIO()
-    arrays = {'k': np.int64(k), **state._asdict(), **(extra or {})}
-    np.savez(file, **arrays)  # type: ignore[arg-type]
-    return file.getvalue()
-
-
-def load_state(data: bytes) -> tuple[State, int, dict[str, np.ndarray]]:
-    """Inverse of save_state. Raises SpecError."""
-    arrays = load_arrays(data)
-    k = step_of(arrays.pop('k', None))
-    missing = [name for name in State._fields if name not in arrays]
-    if missing:
-        raise SpecError(f'restore: the saved state has no {missing[0]!r}: it is of another model')
-    return State(*(arrays.pop(name) for name in State._fields)), k, arrays
+def require_format(saved: Mapping[str, np.ndarray], what: str) -> None:
+    """Raise SpecError, whose sentence begins with `what`, for the arrays of a saved state of another version: nothing of it is guessed."""
+    found = int(fitting('format', saved.get('format', np.array(1)), np.array(FORMAT)))
+    if found != FORMAT:
+        remedy = 'save it anew with this version, or go on with the version that saved it' if found < FORMAT else 'update mbd_sim_ros'
+        raise SpecError(f'{what} has format {found}, and this version of mbd_sim_ros reads format {FORMAT}: {remedy}')
 
 
 def step_of(k: np.ndarray | None) -> int:

@@ -55,8 +55,8 @@ class BranchWatch:
         }
 
     def recall(self, memory: dict[str, np.ndarray], events: list[BranchSwitch]) -> None:
-        """Inverse of memory(), with what was found until then. Of a state that has no looks (its run was not watched, or is of an older
-        version) looking begins anew. Raises SpecError.
+        """Inverse of memory(), with what was found until then. Of a state that has no looks, because its run was
+        not watched, looking begins anew. Raises SpecError.
         """
         looks, free = memory.get('looks', np.zeros((0, 2))), memory.get('free', np.zeros((0, 0, 0)))
         fitting('looks', looks, np.zeros((looks.size // 2, 2)))
@@ -107,11 +107,7 @@ def angle(N: np.ndarray, M: np.ndarray) -> float:
     return float(np.arccos(np.clip(np.linalg.svd(N.T @ M, compute_uv=False).min(), 0.0, 1.0)))
 
 
-def switches_before(saved: Mapping[str, np.ndarray], switches: list[BranchSwitch], t: float) -> list[BranchSwitch]:
-    """Branch switches of the run that saved a state, at time t [s].
-
-    States of older versions hold none: of their past is known what the simulation that takes them up has seen itself. Raises SpecError.
-    """
-    if 'switches' not in saved:
-        return [switch for switch in switches if switch.t < t]
-    return [BranchSwitch(*row) for row in fitting('switches', saved['switches'], np.zeros((saved['switches'].size // 2, 2))).tolist()]
+def switches_before(saved: Mapping[str, np.ndarray]) -> list[BranchSwitch]:
+    """Branch switches of the run that saved a state. Raises SpecError."""
+    found = saved.get('switches')
+    return [BranchSwitch(*row) for row in fitting('switches', found, np.zeros((0 if found is None else found.size // 2, 2))).tolist()]

@@ -123,7 +123,7 @@ class Following:
 
     def fit(self, saved: Mapping[str, np.ndarray], k: int) -> Callable[[np.ndarray], None]:
         """See Engine.fit()."""
-        bodies = self.shown.fit(saved, k)
+        bodies = self.shown.fit(saved)
 
         def take_up(u: np.ndarray) -> None:
             bodies()

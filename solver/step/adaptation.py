@@ -85,18 +85,15 @@ class Adaptation:
         return {'counts': np.array([self.substeps, self.rejected, self.noted, self.smallest])}
 
     def recall(self, memory: dict[str, np.ndarray], t: float) -> None:
-        """Inverse of memory() and past(), at time t [s]; events from then on are forgotten. A state of an older version has no past:
-        counts go on from what they are.
-        """
+        """Inverse of memory() and past(), at time t [s]; events from then on are forgotten."""
         c = self.values
         c.history.size[:], c.memory[:] = memory['adaptation'][:2], memory['adaptation'][2:]
         c.history.offset[:], c.history.z_rate[:] = memory['offset'], memory['z_rate']
         c.progress[:] = 0.0
         self.scheme.penalty[:] = memory['penalty']
         self.events[:] = [event for event in self.events if event.t < t]
-        if 'counts' in memory:
-            c.counts[entry.SUBSTEPS], c.counts[entry.REJECTED] = memory['counts'][:2]
-            self.noted, self.smallest = int(memory['counts'][2]), float(memory['counts'][3])
+        c.counts[entry.SUBSTEPS], c.counts[entry.REJECTED] = memory['counts'][:2]
+        self.noted, self.smallest = int(memory['counts'][2]), float(memory['counts'][3])
 
     def advance(
         self, states: list[Ref], inputs: np.ndarray, first: int, count: int, k: int, audit: bool, look: Callable[[int], None]

@@ -158,11 +158,6 @@ def requirements() -> list[str]:
     return found['install_requires']
 
 
-def test_versions_agree():
-    text = (ROOT / 'setup.py').read_text()
-    assert f"version='{ElementTree.parse(ROOT / 'package.xml').getroot().findtext('version')}'" in text
-
-
 def test_the_page_on_ros_agrees_with_the_code():
     import importlib.util
 

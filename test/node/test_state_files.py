@@ -48,7 +48,7 @@ def test_arrays_that_claim_more_than_a_state_has_are_not_unpacked(tmp_path: Path
             fitting('inputs', saved, np.zeros(2))
 
 
-def test_a_file_holds_the_commands_and_one_of_an_older_version_has_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_holds_the_commands_and_one_of_another_version_is_refused_by_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     simulation, parts = Synthetic(), {'steering': SimpleNamespace(state=np.array([0.1, 0.2, 0.3]))}
     simulation.advance(5)
@@ -59,8 +59,9 @@ def test_a_file_holds_the_commands_and_one_of_an_older_version_has_none(tmp_path
     np.testing.assert_array_equal(found['steering'].state, [0.1, 0.2, 0.3])
     content = load_arrays(path.read_bytes())
     older = tmp_path / 'older.npz'
-    np.savez(older, **{name: value for name, value in content.items() if name not in ('commands', 'latched')})
-    assert restore(older, scene(), Synthetic(), found) == {}
+    np.savez(older, **{name: value for name, value in content.items() if name != 'format'})  # as mbd_sim_ros 0.1 wrote them
+    with pytest.raises(SpecError, match=rf'restore: {older} has format 1, and this version of mbd_sim_ros reads format 2: save it anew'):
+        restore(older, scene(), Synthetic(), found)
     for wrong, says in ((np.zeros(3), 'latched has shape'), (np.array([0.4, np.nan]), 'holds commands that are no numbers')):
         np.savez(older, **{**content, 'latched': wrong})
         with pytest.raises(SpecError, match=says):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import pickle
+import re
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from solver import simulation_of
 from solver.analysis.verdict import findings
 from solver.errors import SpecError
 from solver.files.scene import load_scene
+from solver.model.state import FORMAT
 from solver.simulation import Simulation
 
 TOLERANCE = 'integrator.mode=tolerance'
@@ -23,7 +25,6 @@ RUNS = {
     'constant': ('slider_crank', 'integrator.step_policy=constant'),
     'rescue': ('slider_crank',),
 }
-ADDED = ('totals', 'switches', 'counts')  # to saved states, which were without them before
 
 
 def of(name: str) -> Simulation:
@@ -31,11 +32,12 @@ def of(name: str) -> Simulation:
     return Simulation(load_scene(scene, overrides))
 
 
-def without(saved: bytes, names: tuple[str, ...]) -> bytes:
-    """A saved state as an older version wrote it."""
+def changed(saved: bytes, **arrays: np.ndarray | None) -> bytes:
+    """A saved state with other arrays; None: without that one."""
     file = io.BytesIO()
-    with np.load(io.BytesIO(saved)) as arrays:
-        np.savez(file, **{name: arrays[name] for name in arrays.files if name not in names})
+    with np.load(io.BytesIO(saved)) as own:
+        content = {**{name: own[name] for name in own.files}, **arrays}
+    np.savez(file, **{name: array for name, array in content.items() if array is not None})  # type: ignore[arg-type]
     return file.getvalue()
 
 
@@ -79,26 +81,34 @@ def test_steps_of_a_run_with_constant_steps_are_counted_by_one_that_may_divide_t
     assert rescuing.totals()['substeps'] == 40
 
 
-@pytest.mark.parametrize('name', RUNS)
-def test_a_state_of_an_older_version_goes_on_with_the_same_bits(name: str) -> None:
-    """It does not know what its run reported: counters begin where it is taken up."""
-    s, other = of(name), of(name)
-    s.advance(40)
-    other.restore(without(s.save(), ADDED))
-    assert other.advance(20).numbers.tobytes() == s.advance(20).numbers.tobytes()
-    assert 0 < other.totals()['iterations'] < s.totals()['iterations']
+SAVE_ANEW = 'save it anew with this version, or go on with the version that saved it'
+FORMATS = {
+    'of 0.1': (None, f'restore: the saved state has format 1, and this version of mbd_sim_ros reads format {FORMAT}: {SAVE_ANEW}'),
+    'older': (FORMAT - 1, f'has format {FORMAT - 1}, and this version of mbd_sim_ros reads format {FORMAT}: {SAVE_ANEW}'),
+    'newer': (FORMAT + 1, f'has format {FORMAT + 1}, and this version of mbd_sim_ros reads format {FORMAT}: update mbd_sim_ros'),
+    'several numbers': ([FORMAT, 1], 'restore: format has shape (2,)'),
+    'text': ('2', 'restore: format has'),
+}
+
+
+@pytest.mark.parametrize('name', FORMATS)
+def test_a_state_of_another_format_is_refused_and_changes_nothing(name: str) -> None:
+    number, says = FORMATS[name]
+    s = of('constant')
+    s.advance(5)
+    before = s.save()
+    with pytest.raises(SpecError, match=re.escape(says)):
+        s.restore(changed(before, format=None if number is None else np.array(number)))
+    assert s.save() == before
 
 
 @pytest.mark.parametrize('name', ['totals', 'switches'])
 def test_a_state_with_a_damaged_past_is_refused_and_changes_nothing(name: str) -> None:
     s = of('constant')
     s.advance(5)
-    file = io.BytesIO()
-    with np.load(io.BytesIO(s.save())) as arrays:
-        np.savez(file, **{**arrays, name: np.zeros(3)})
     before = s.save()
     with pytest.raises(SpecError, match=f'restore: {name} has shape'):
-        s.restore(file.getvalue())
+        s.restore(changed(before, **{name: np.zeros(3)}))
     assert s.save() == before
 
 
