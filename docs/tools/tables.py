@@ -1,4 +1,5 @@
-"""Fills the generated parts of docs/scene.md from the dataclasses: `python docs/tools/tables.py` rewrites them, a test compares.
+"""Fills the generated parts of docs/scene.md from the dataclasses: `python docs/tools/tables.py` rewrites them, a test compares. It writes
+the JSON Schemas in config/schema too, as `mbd schema --out config/schema` does.
 
 A part stands between `<!-- begin NAME -->` and `<!-- end -->`. NAME is the dotted name of a dataclass, or `elements` for all
 element kinds of ModelSpec, or `vehicles` for the data of all vehicle templates.
@@ -19,6 +20,7 @@ from typing import Any, Literal, Union, get_args, get_origin
 from solver.elements.laws import Law
 from solver.elements.marker import Marker
 from solver.elements.tire_pacejka import TireData
+from solver.files.json_schema import files
 from solver.files.schema import kinds_of, plain, unit_of
 from solver.files.vehicle import TEMPLATES
 from solver.model.spec import ModelSpec
@@ -27,6 +29,7 @@ from solver.scene import Bound
 from solver.units import SUFFIXES, UNITS
 
 FILE = Path(__file__).parents[1] / 'scene.md'
+SCHEMAS = Path(__file__).parents[2] / 'config' / 'schema'
 PART = re.compile(r'<!-- begin (?P<name>[\w.]+) -->\n(?P<body>.*?)<!-- end -->', re.DOTALL)
 WORDS = {float: 'number', int: 'whole number', str: 'text', bool: 'true or false', types.NoneType: 'null', Marker: 'marker', Law: 'law'}
 WORDS[Bound] = 'limit'
@@ -156,3 +159,5 @@ def default(field: dataclasses.Field) -> str:
 
 if __name__ == '__main__':
     FILE.write_text(render(FILE.read_text(encoding='utf-8')), encoding='utf-8')
+    for name, text in files().items():
+        (SCHEMAS / name).write_text(text, encoding='utf-8')

@@ -50,13 +50,14 @@ from mbd_sim_ros.commands import (
     recover,
     replay,
     run,
+    schema,
     study,
     sweep,
     view,
 )
 from solver.errors import MbdError, missing, refused, suggestion
 
-COMMANDS = (info, run, plan, maneuver, sweep, export, compare, evaluate, view, replay, recover, study, bench, compile)
+COMMANDS = (info, run, plan, maneuver, sweep, export, compare, evaluate, view, replay, recover, schema, study, bench, compile)
 USAGE_ERROR, INTERNAL_ERROR = 2, 70
 HELP = ('-h', '--help', '--version')
 OUTPUT = 'the output'  # what sentences call it
