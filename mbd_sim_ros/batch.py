@@ -228,8 +228,9 @@ def simulate(
 
     directory: where to record (None: not at all). source: of the inputs; None is the maneuver of the scene. progress: show a bar
     if stderr is a terminal. balance: follow energy and momentum by element kind, which takes its time. state: of Simulation.save().
-    from_start: record the state at the beginning too. looking_back: a run that fails leaves in its recording another one, `last_steps`:
-    the last LAST steps at least, every one, from a saved state on, so that `mbd replay` can start again from just before.
+    from_start: record the state at the beginning too. frame_prefix, parameters: as record() takes them. looking_back: a run that fails
+    leaves in its recording another one, `last_steps`: the last LAST steps at least, every one, from a saved state on, so that `mbd replay`
+    can start again from just before.
     `status` is 'ok' or 'suspect', `findings` say why, `covered` what the certificate of a plan covers (solver.analysis.covered);
     `passed` is false where the scene does not allow what was found. A recording is always closed, with the verdict or what ended the run.
     Raises StepError, BagError, and KeyboardInterrupt(sentence to show, signal number) between two steps.

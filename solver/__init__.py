@@ -1,6 +1,6 @@
 """Numerics and models of mbd_sim_ros: no ROS, no messages.
 
-The public door, documented in docs/README.md:
+The public interface, documented in docs/api.md:
 
     import solver
 
@@ -12,6 +12,7 @@ Nothing heavy is imported before the first call.
 
 from __future__ import annotations
 
+import importlib
 import os
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,27 +20,66 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from solver.engine import Engine
-    from solver.output.snapshot import Snapshot
+    from solver.errors import BagError, ConsistencyError, MbdError, SceneError, SpecError, StepError
+    from solver.output.snapshot import Channels, Snapshot
+    from solver.parallel import advance_all
     from solver.scene import Scene
     from solver.simulation import Simulation
 
 # Before anything imports numba: Intel's sin, exp, ... are there on some machines only, and not those of the C library.
 os.environ['NUMBA_DISABLE_INTEL_SVML'] = '1'
 
-__all__ = ['Snapshot', 'load_scene', 'simulation_of']
+__all__ = [
+    'BagError',
+    'Channels',
+    'ConsistencyError',
+    'MbdError',
+    'Scene',
+    'SceneError',
+    'Simulation',
+    'Snapshot',
+    'SpecError',
+    'StepError',
+    'advance_all',
+    'load_scene',
+    'load_scene_text',
+    'simulation_of',
+]
+_HOMES = {  # public name -> module it is imported from when it is asked for
+    **dict.fromkeys(('BagError', 'ConsistencyError', 'MbdError', 'SceneError', 'SpecError', 'StepError'), 'solver.errors'),
+    **dict.fromkeys(('Channels', 'Snapshot'), 'solver.output.snapshot'),
+    'Scene': 'solver.scene',
+    'Simulation': 'solver.simulation',
+    'advance_all': 'solver.parallel',
+}
 
 
 def load_scene(name: str | Path, overrides: Sequence[str] = ()) -> Scene:
-    """Load a scene by path or name. overrides: 'a.b.c=value' assignments. Raises SceneError (one sentence: place, value, remedy)."""
+    """Load a scene by path, or by its name in config/scenes.
+
+    overrides: 'a.b.c=value' assignments, as with --set; applied in order before anything is checked. Raises SceneError (one sentence:
+    file, line, key, value, remedy).
+    """
     from solver.files import scene
 
     return scene.load_scene(name, overrides)
 
 
+def load_scene_text(text: str, name: str = 'scene', overrides: Sequence[str] = ()) -> Scene:
+    """Load a scene from YAML text, e.g. the one that a recording holds (metadata `resolved_scene`).
+
+    name: what error sentences call the text. overrides: as in load_scene(). Raises SceneError.
+    """
+    from solver.files import scene
+
+    return scene.load_scene_text(text, name, overrides)
+
+
 def simulation_of(scene: Scene) -> Simulation:
     """The simulation of a scene at its start, by its fidelity, its switches and the kind of its integrator.
 
-    Raises SpecError, SceneError or ConsistencyError.
+    Compiles what it needs, which takes a minute the first time (`mbd compile`). Raises SpecError or SceneError for what cannot be
+    simulated, and ConsistencyError where no consistent start was found.
     """
     from solver.engine.stepping import KINDS, Stepping
     from solver.levels import derive
@@ -58,8 +98,10 @@ def _following(scene: Scene) -> Engine:
 
 
 def __getattr__(name: str) -> Any:
-    if name == 'Snapshot':
-        from solver.output.snapshot import Snapshot
-
-        return Snapshot
+    if name in _HOMES:
+        return getattr(importlib.import_module(_HOMES[name]), name)
     raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

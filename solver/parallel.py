@@ -26,9 +26,9 @@ def advance_all(
 ) -> list[Snapshot]:
     """Advance every simulation n steps, `threads` of them at a time (None: as many as there are cores); the last Snapshot of each.
 
-    inputs: one entry for each simulation, as Simulation.advance takes them. Raises ValueError when a simulation is there twice, and the
-    first StepError after all have ended: those that failed are at their last good step, the others n steps further. (A simulation with
-    a driver returns to Python in every step; such ones gain little.)
+    simulations: each once. inputs: one entry for each of them; these and audit are as Simulation.advance takes them. Raises ValueError
+    when a simulation is there twice, and the first StepError after all have ended: those that failed are at their last good step, the
+    others n steps further. (A simulation with a driver returns to Python in every step; such ones gain little.)
     """
     if len({id(simulation) for simulation in simulations}) != len(simulations):
         raise ValueError('advance_all: the same simulation is there twice; make one for each')

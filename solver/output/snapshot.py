@@ -45,7 +45,7 @@ NO_STEPS = Counters(0, 0, 0, 0, 0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, kw_only=True)
 class Channels:
-    """Names of everything in a Snapshot, in order."""
+    """Names of everything in a Snapshot, in order: a field here names the entries of the array beside it."""
 
     joints: tuple[str, ...]  # joint coordinates
     joint_kinds: tuple[str, ...]  # 'rotation' | 'translation'
@@ -98,7 +98,11 @@ def output_arrays(numbers: np.ndarray, layout: Layout) -> OutputArrays:
 
 
 class Snapshot(NamedTuple):
-    """The output of step k at time t_ns, a copy that the caller may keep. Its fields are those of OutputArrays, by the same names."""
+    """The output of step k at time t_ns [ns], a copy that the caller may keep.
+
+    numbers: (n,) all arrays one behind the other, which compare as one; every array is a property. counters: work and residuals of the
+    last call of advance().
+    """
 
     k: int
     t_ns: int
@@ -112,44 +116,55 @@ class Snapshot(NamedTuple):
 
     @property
     def joint_position(self) -> np.ndarray:
+        """(nx,) joint coordinates, in the order of Channels.joints [rad or m]; angles are unwrapped."""
         return self._field('joint_position')
 
     @property
     def joint_velocity(self) -> np.ndarray:
+        """(nx,) their rates [rad/s or m/s]."""
         return self._field('joint_velocity')
 
     @property
     def joint_effort(self) -> np.ndarray:
+        """(nx,) generalized forces of elements on them [N m or N]; of a prescribed motion that of its driver alone."""
         return self._field('joint_effort')
 
     @property
     def pose(self) -> np.ndarray:
+        """(nb, 7) reference frame of every body in the world: position [m], orientation as quaternion x y z w."""
         return self._field('pose')
 
     @property
     def twist(self) -> np.ndarray:
+        """(nb, 6) velocity of that frame's origin [m/s] and angular velocity [rad/s], both expressed in the body."""
         return self._field('twist')
 
     @property
     def imu(self) -> np.ndarray:
+        """(6,) specific force [m/s^2] at the centre of mass of the chassis and its angular velocity [rad/s], both in the chassis."""
         return self._field('imu')
 
     @property
     def tire(self) -> np.ndarray:
+        """(nt, len(TIRE_COLUMNS)) contact of every tire: forces [N], moments [N m], slips [-]; docs/conventions.md."""
         return self._field('tire')
 
     @property
     def inputs(self) -> np.ndarray:
+        """(nu,) inputs as they were applied in the step, in the order of Channels.inputs."""
         return self._field('inputs')
 
     @property
     def elements(self) -> np.ndarray:
+        """(ne,) outputs of force elements, in the order of Channels.elements, each in the unit of its column."""
         return self._field('elements')
 
     @property
     def reactions(self) -> np.ndarray:
+        """(nc,) forces of constraint rows, in the order of Channels.reactions [N or N m]."""
         return self._field('reactions')
 
     @property
     def acceleration(self) -> np.ndarray:
+        """(nb or 0, 6) acceleration of every body's origin [m/s^2] and angular acceleration [rad/s^2], in the body; where asked for."""
         return self._field('acceleration')
