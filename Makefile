@@ -3,6 +3,8 @@
 # make test    all tests but the long ones; make lint: ruff, the floors of the house, types, published figures that are older than their sources
 # make docs    makes those figures anew
 # make oldest  the oldest versions of numba, numpy, ... that setup.py takes: the same bits as with the newest
+# make site    the documents and the reference of the public interface as a static site, in site/
+# make wheel   the wheel, in dist/, checked for what is in it and what is not
 # make bench   what a step costs (docs/performance.md); make demo: the car over ROS topics
 # VENV=... and PYTHON=... may be given, and WORKERS=... (processes of tests at a time).
 SHELL := /bin/bash
@@ -21,7 +23,7 @@ EXTRAS := $(if $(SYSTEM_ROS),test$(,)dev,ros$(,)test$(,)dev)
 
 STAMP := $(VENV)/.installed
 
-.PHONY: python setup runtime check test lint docs oldest bench demo clean
+.PHONY: python setup runtime check test lint docs oldest site wheel bench demo clean
 
 setup: python $(STAMP)
 
@@ -74,6 +76,9 @@ docs: setup
 oldest: setup
 	.ci/oldest $(BIN)/python
 
+wheel: setup
+	.ci/wheel $(BIN)/python
+
 bench: setup
 	$(BIN)/mbd bench
 
@@ -81,4 +86,4 @@ demo: setup
 	$(BIN)/python -m mbd_sim_ros.commands.demo
 
 clean:
-	rm -rf build install log *.egg-info .pytest_cache .mypy_cache .ruff_cache
+	rm -rf build dist site install log *.egg-info .pytest_cache .mypy_cache .ruff_cache

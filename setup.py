@@ -1,9 +1,11 @@
 """Build metadata of mbd_sim_ros: one description for pip and for colcon (ament_python)."""
 
 from collections import defaultdict
+from fnmatch import fnmatchcase
 from pathlib import Path
 
 from setuptools import find_packages, setup
+from setuptools.command.build_py import build_py
 
 NAME = 'mbd_sim_ros'
 SHARE = f'share/{NAME}'
@@ -11,6 +13,29 @@ ROOT = Path(__file__).parent
 # What compiles kernels, computes, and writes recordings: from the oldest to the newest versions that have been tested, for the cache of
 # kernels uses private parts of numba, and the bits have to stay. Continuous integration runs both ends (.ci/oldest).
 COMPILED_WITH = ['numba>=0.58.1,<0.69', 'llvmlite>=0.41.1,<0.51', 'numpy>=1.26.0,<2.5', 'scipy>=1.11.1,<1.18', 'mcap>=1.5.0,<1.7']
+
+# What users run of the lab. The rest proves the program to itself (studies of the method, random mechanisms, published results): it stays
+# in the source tree, where `make setup` runs it. A module of the lab that is new is not installed unless it is named here.
+LAB = (
+    '__init__',
+    'benchmarks.*',
+    'peers.*',
+    *(f'studies.{name}' for name in ('__init__', 'report', 'trade', 'trade_grid', 'trade_report')),
+)
+
+
+class Installed(build_py):
+    """Builds all modules but those of the lab that users do not run."""
+
+    def find_package_modules(self, package, package_dir):
+        found = super().find_package_modules(package, package_dir)
+        return [one for one in found if is_installed(f'{one[0]}.{one[1]}')]
+
+
+def is_installed(module: str) -> bool:
+    """Whether a module, by its dotted name, is part of what is installed."""
+    inside = module.removeprefix(f'{NAME}.lab.')
+    return inside == module or any(fnmatchcase(inside, pattern) for pattern in LAB)
 
 
 def data_files() -> list[tuple[str, list[str]]]:
@@ -37,14 +62,14 @@ setup(
     maintainer='mbd_sim_ros maintainers',
     maintainer_email='maintainers@example.org',
     python_requires='>=3.11',
-    packages=find_packages(include=['solver', 'solver.*', NAME, f'{NAME}.*']),
+    packages=find_packages(include=['solver', 'solver.*', NAME, f'{NAME}.*'], exclude=[f'{NAME}.lab.mechanisms']),
+    cmdclass={'build_py': Installed},
     package_data={
         'solver': ['py.typed'],
         NAME: ['py.typed'],
         f'{NAME}.messages': ['schemas/*/*.msg'],
         f'{NAME}.analysis': ['report.html', 'page.css', 'page.js'],
         f'{NAME}.analysis.view': ['view.html'],
-        f'{NAME}.lab.studies': ['published/*.csv'],
         f'{NAME}.analysis.evaluation': ['page.html'],
     },
     data_files=data_files(),

@@ -16,9 +16,13 @@ class _Listing(argparse.RawDescriptionHelpFormatter):
     """Lists the studies below the help; only then are their modules imported."""
 
     def format_help(self) -> str:
-        from mbd_sim_ros.lab.studies import STUDIES, module
+        from mbd_sim_ros.lab.studies import STUDIES, installed, module
 
-        return f'{super().format_help()}\nstudies:\n' + ''.join(f'  {name:20} {module(name).SUMMARY}\n' for name in STUDIES)
+        here = installed()
+        others = [name for name in STUDIES if name not in here]
+        lines = [f'  {name:20} {module(name).SUMMARY}\n' for name in here]
+        more = f'in a checkout of the source only:\n  {", ".join(others)}\n' if others else ''
+        return f'{super().format_help()}\nstudies:\n{"".join(lines)}{more}'
 
 
 def add(parsers: Any) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import os
 import re
 import runpy
@@ -13,6 +14,7 @@ import venv
 from importlib.metadata import version
 from pathlib import Path
 from xml.etree import ElementTree
+from zipfile import ZipFile
 
 import pytest
 
@@ -99,12 +101,46 @@ def test_pip_installs_it_without_ros(source, tmp_path):
     assert run([str(python), '-c', CHECK, str(tmp_path)], tmp_path / 'venv', PYTHONPATH='') == 'pendulum\n'
     assert 'mbd COMMAND --help' in run([str(python.parent / 'mbd'), '--help'], tmp_path / 'venv', PYTHONPATH='')
     assert not (Path(site) / 'test').exists() and not (Path(site) / 'config').exists()
+    lab = Path(site) / 'mbd_sim_ros' / 'lab'
+    assert (lab / 'studies' / 'trade.py').exists() and not (lab / 'mechanisms').exists() and not list(lab.rglob('*.csv'))
+    shown = run([str(python.parent / 'mbd'), 'study', '--help'], tmp_path / 'venv', PYTHONPATH='')
+    assert re.search(r'^  trade +\w', shown, re.MULTILINE) and 'in a checkout of the source only:\n  slider_crank, ' in shown
+    words, own = [str(python.parent / 'mbd'), 'study', 'stability'], {**os.environ, 'PYTHONPATH': ''}
+    done = subprocess.run(words, cwd=tmp_path / 'venv', env=own, capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
+    assert "study 'stability': proves the program to itself and is not installed; run it in a checkout" in done.stderr
+
+
+@pytest.mark.slow
+def test_the_wheel_holds_what_users_run_and_nothing_else(tmp_path):
+    """.ci/wheel, as `make wheel` runs it, judges what is in it; one that lacks a file is refused by name."""
+    shown = run(['bash', str(ROOT / '.ci' / 'wheel'), sys.executable, str(tmp_path)], tmp_path)
+    (wheel,) = tmp_path.glob('*.whl')
+    assert shown.startswith(f'{wheel}: ')
+    names = ZipFile(wheel).namelist()
+    assert f'mbd_sim_ros-{version_of()}.dist-info/METADATA' in names
+    assert 'mbd_sim_ros/lab/studies/stability.py' not in names and 'mbd_sim_ros/lab/mechanisms/draft.py' not in names
+
+
+def test_what_is_installed_imports_nothing_that_is_not():
+    """Of the lab; and more of the lab stays behind than is installed."""
+    is_installed = told()['is_installed']
+    lines = {True: 0, False: 0}
+    for path in sorted([*(ROOT / 'solver').rglob('*.py'), *(ROOT / 'mbd_sim_ros').rglob('*.py')]):
+        module = '.'.join(path.relative_to(ROOT).with_suffix('').parts)
+        if module.startswith('mbd_sim_ros.lab.'):
+            lines[is_installed(module)] += len(path.read_text(encoding='utf-8').splitlines())
+        if not is_installed(module):
+            continue
+        for node in ast.walk(ast.parse(path.read_bytes())):
+            found = [f'{node.module}.{alias.name}' for alias in node.names] if isinstance(node, ast.ImportFrom) else []
+            for name in [*found, *(one.rpartition('.')[0] for one in found)]:
+                assert not (ROOT / Path(*name.split('.'))).with_suffix('.py').exists() or is_installed(name), f'{module} imports {name}'
+    assert lines[False] > lines[True] > 1000
 
 
 def test_manifest_names_what_is_imported():
     """package.xml depends on every ROS package that the code imports."""
-    import ast
-
     manifest = ElementTree.parse(ROOT / 'package.xml').getroot()
     declared = {element.text for element in manifest.iter('exec_depend')}
     imported = set()
@@ -148,14 +184,23 @@ def number(text: str) -> tuple[int, ...]:
     return tuple(int(part) for part in re.findall(r'\d+', text)[:3])
 
 
+def told() -> dict:
+    """The names of setup.py, and as `options` what it tells setuptools."""
+    options: dict = {}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr('setuptools.setup', lambda **given: options.update(given))
+        patch.chdir(ROOT)
+        return {**runpy.run_path(str(ROOT / 'setup.py')), 'options': options}
+
+
 def requirements() -> list[str]:
     """What setup.py has installed with the package."""
-    found: dict = {}
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr('setuptools.setup', lambda **options: found.update(options))
-        patch.chdir(ROOT)
-        runpy.run_path(str(ROOT / 'setup.py'))
-    return found['install_requires']
+    return told()['options']['install_requires']
+
+
+def version_of() -> str:
+    """The version that setup.py gives."""
+    return told()['options']['version']
 
 
 def test_the_page_on_ros_agrees_with_the_code():

@@ -29,6 +29,7 @@ The tools of all studies are in report.py: Report (markdown with tables, picture
 from __future__ import annotations
 
 import importlib
+import importlib.util
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -55,10 +56,20 @@ STUDIES: dict[str, str] = {  # name: module
 }
 
 
+def installed() -> list[str]:
+    """The studies that are here: those of users, and in a checkout of the source all of them (LAB in setup.py)."""
+    return [name for name, path in STUDIES.items() if importlib.util.find_spec(path) is not None]
+
+
 def module(name: str) -> ModuleType:
-    """The module of a study. Raises SpecError for an unknown name."""
+    """The module of a study. Raises SpecError for an unknown name, and for one that is not installed."""
     if name not in STUDIES:
         raise SpecError(f'study {name!r}: no such study{suggestion(name, STUDIES)}')
+    if name not in installed():
+        raise SpecError(
+            f'study {name!r}: proves the program to itself and is not installed; run it in a checkout of the source of mbd_sim_ros, '
+            f'after make setup there; installed: {", ".join(installed())}'
+        )
     return importlib.import_module(STUDIES[name])
 
 
