@@ -76,6 +76,13 @@ docs: setup
 oldest: setup
 	.ci/oldest $(BIN)/python
 
+site: setup $(VENV)/.site
+	$(BIN)/python docs/tools/site_pages.py
+
+$(VENV)/.site: setup.py | setup
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -e '.[site]'
+	@touch $@
+
 wheel: setup
 	.ci/wheel $(BIN)/python
 

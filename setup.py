@@ -124,6 +124,8 @@ setup(
             'colcon-python-setup-py',
             'colcon-recursive-crawl',
         ],
+        # The documents as a static site (make site).
+        'site': ['sphinx', 'myst-parser', 'furo'],
         'dev': ['ruff', 'mypy', 'import-linter', 'types-PyYAML', 'types-tqdm'],
     },
     entry_points={
