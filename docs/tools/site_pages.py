@@ -53,7 +53,7 @@ version = release = {version!r}
 extensions = ['myst_parser', 'sphinx.ext.autodoc']
 html_theme = 'furo'
 html_title = 'mbd_sim_ros ' + release
-html_copy_source = html_show_sourcelink = False
+html_copy_source = html_show_sourcelink = smartquotes = False
 html_extra_path = ['raw']
 myst_heading_anchors = 6
 myst_links_external_new_tab = False
