@@ -2,7 +2,7 @@
 # make check   after an edit: lint, and every test that is neither slow nor long nor bound to the clock
 # make test    all tests but the long ones; make lint: ruff, the floors of the house, types, published figures that are older than their sources
 # make docs    makes those figures anew
-# make oldest  the oldest versions of numba, numpy, ... that setup.py takes: the same bits as with the newest
+# make oldest  the oldest Python, numba, numpy, ... that setup.py takes: the same bits as with those that are installed; make newest
 # make site    the documents and the reference of the public interface as a static site, in site/
 # make wheel   the wheel, in dist/, checked for what is in it and what is not
 # make bench   what a step costs (docs/performance.md); make demo: the car over ROS topics
@@ -23,7 +23,7 @@ EXTRAS := $(if $(SYSTEM_ROS),test$(,)dev,ros$(,)test$(,)dev)
 
 STAMP := $(VENV)/.installed
 
-.PHONY: python setup runtime check test lint docs oldest site wheel bench demo clean
+.PHONY: python setup runtime check test lint docs oldest newest site wheel bench demo clean
 
 setup: python $(STAMP)
 
@@ -73,8 +73,8 @@ lint: setup
 docs: setup
 	$(BIN)/python docs/tools/published.py --make
 
-oldest: setup
-	.ci/oldest $(BIN)/python
+oldest newest: setup
+	.ci/ends $@ $(BIN)/python
 
 site: setup $(VENV)/.site
 	$(BIN)/python docs/tools/site_pages.py

@@ -11,7 +11,7 @@ NAME = 'mbd_sim_ros'
 SHARE = f'share/{NAME}'
 ROOT = Path(__file__).parent
 # What compiles kernels, computes, and writes recordings: from the oldest to the newest versions that have been tested, for the cache of
-# kernels uses private parts of numba, and the bits have to stay. Continuous integration runs both ends (.ci/oldest).
+# kernels uses private parts of numba, and the bits have to stay. Continuous integration runs both ends (.ci/ends).
 COMPILED_WITH = ['numba>=0.58.1,<0.69', 'llvmlite>=0.41.1,<0.51', 'numpy>=1.26.0,<2.5', 'scipy>=1.11.1,<1.18', 'mcap>=1.5.0,<1.7']
 
 # What users run of the lab. The rest proves the program to itself (studies of the method, random mechanisms, published results): it stays
