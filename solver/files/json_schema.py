@@ -223,7 +223,7 @@ class Writer:
     def _union(self, args: tuple, changes: bool, keyed: bool, unit: str, bounded: bool) -> Schema:
         rest = [plain(a) for a in args if a is not types.NoneType]
         found = [EMPTY] if types.NoneType in args else []
-        classes = [a for a in rest if dataclasses.is_dataclass(a)]
+        classes: list[Any] = [a for a in rest if dataclasses.is_dataclass(a)]
         if len(rest) == 1 or not classes:
             found += [self.build(a, changes, keyed=keyed, unit=unit, bounded=bounded) for a in args if a is not types.NoneType]
             return found[0] if len(found) == 1 else {'anyOf': found}
