@@ -11,6 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+import mcap
 import yaml
 from mcap.exceptions import UnsupportedCompressionError
 from mcap.writer import CompressionType, Writer
@@ -61,6 +62,10 @@ class BagWriter:
         self.first_ns: int | None = None
         self.last_ns = 0
         self._custom = {key: value for key, value in metadata.get(RECORD, {}).items() if key in ('scene', 'scene_hash', 'code_version')}
+        if not hasattr(Writer, 'flush'):
+            raise BagError(
+                f"mcap {mcap.__version__} writes no recordings, which need flush() of 1.5: python -m pip install 'mcap>=1.5,<1.7'"
+            )
         try:
             self.directory.mkdir(parents=True, exist_ok=True)
             if any(self.directory.iterdir()):

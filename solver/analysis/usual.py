@@ -1,7 +1,8 @@
 """Where the figures of vehicles (solver.analysis.figures) usually lie, by category of vehicle.
 
-The books give orders of magnitude and signs, not limits: the ranges are drawn around what they call usual. [Reimpell2001], [Gillespie1992],
-[Heydinger1999], [Milliken1995] of docs/references.md.
+The books give orders of magnitude and signs, not limits: the ranges are drawn around what they call usual. [Reimpell2001],
+[Gillespie1992], [Heydinger1999], [Milliken1995] of docs/references.md. Static toe and camber are drawn around settings and tolerances
+that five manufacturers publish [ServiceManuals2014]; those of racing cars are by experience.
 """
 
 from __future__ import annotations
@@ -32,6 +33,7 @@ G = 'Gillespie, Fundamentals of Vehicle Dynamics (1992)'
 H = 'Heydinger et al., SAE 1999-01-1336'
 M = 'Milliken, Milliken, Race Car Vehicle Dynamics (1995)'
 V = 'characteristic speeds of 65 to 100 km/h, euromotor.org, lectures on lateral dynamics'
+S = 'alignment tables in service manuals of five passenger cars of 2000 to 2014 [ServiceManuals2014]'
 K = 'orders of magnitude that are told of such cars; no measurement at hand'
 OWN = 'what the rest asks for'
 DEG = float(np.rad2deg(1.0))
@@ -96,10 +98,10 @@ SALOON = {
     'yaw_inertia': (2200, 3100, H),
     'sag_front': (-0.005, 0.005, OWN),
     'sag_rear': (-0.005, 0.005, OWN),
-    'toe_front': (-0.25 / DEG, 0.25 / DEG, R),
-    'toe_rear': (-0.1 / DEG, 0.35 / DEG, R),
-    'camber_front': (-1.5 / DEG, 0.5 / DEG, R),
-    'camber_rear': (-2.2 / DEG, 0.2 / DEG, R),
+    'toe_front': (-0.25 / DEG, 0.25 / DEG, S),
+    'toe_rear': (-0.1 / DEG, 0.35 / DEG, S),
+    'camber_front': (-1.5 / DEG, 0.5 / DEG, S),
+    'camber_rear': (-2.2 / DEG, 0.2 / DEG, S),
     'bounce_frequency': (1.1, 1.6, G),
     'bounce_damping': (0.15, 0.40, G),
     'pitch_frequency': (1.1, 1.8, G),
@@ -197,10 +199,10 @@ FORMULA = {
     'yaw_inertia': (80, 170, M),
     'sag_front': (-0.002, 0.002, OWN),
     'sag_rear': (-0.002, 0.002, OWN),
-    'toe_front': (-1.0 / DEG, 1.0 / DEG, M),
-    'toe_rear': (-1.0 / DEG, 1.0 / DEG, M),
-    'camber_front': (-4.0 / DEG, 0.5 / DEG, M),
-    'camber_rear': (-4.0 / DEG, 0.5 / DEG, M),
+    'toe_front': (-1.0 / DEG, 1.0 / DEG, K),
+    'toe_rear': (-1.0 / DEG, 1.0 / DEG, K),
+    'camber_front': (-4.0 / DEG, 0.5 / DEG, K),
+    'camber_rear': (-4.0 / DEG, 0.5 / DEG, K),
     'bounce_frequency': (2.0, 4.0, M),
     'bounce_damping': (0.3, 0.8, M),
     'pitch_frequency': (2.5, 6.0, M),

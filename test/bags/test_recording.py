@@ -20,6 +20,7 @@ from mbd_sim_ros.bags.recovery import recover
 from mbd_sim_ros.bags.writer import PART, RECORD, BagWriter
 from mbd_sim_ros.messages.composition import TIRE_STATES
 from mbd_sim_ros.messages.encode import Messages
+from mbd_sim_ros.messages.topics import STRING, Topic
 from solver.elements.tire_pacejka import TIRE_COLUMNS
 from solver.errors import BagError
 
@@ -399,3 +400,11 @@ def test_topics_at_different_rates_share_one_grid(tmp_path):
     run = bag.read(tmp_path / 'run')
     np.testing.assert_array_equal(run['cmd_applied/step'], np.arange(10.0))
     assert np.flatnonzero(np.isfinite(run['odom/pose/x'])).tolist() == [0, 5]
+
+
+def test_a_library_that_is_too_old_is_one_sentence_before_anything_is_written(monkeypatch, tmp_path):
+    """It is imported, and has no flush(): the recording process ended in a traceback."""
+    monkeypatch.delattr('mcap.writer.Writer.flush')
+    with pytest.raises(BagError, match=r"mcap [\d.]+ writes no recordings.*pip install 'mcap>=1.5"):
+        BagWriter(tmp_path / 'run', [Topic('a', STRING)], {})
+    assert not (tmp_path / 'run').exists()

@@ -322,6 +322,21 @@ def test_a_cluster_gives_the_same_rows(tmp_path: Path):
     assert there == [row_of(case) for case in pendulums(4, tmp_path / 'here')]
 
 
+def test_workers_elsewhere_get_the_arrays_that_a_scene_names(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """They have neither the memory of this process nor its disk: the scene was refused there."""
+    pickle = pytest.importorskip('distributed').protocol.pickle
+    from mbd_sim_ros.sweep.cluster import _with_arrays
+    from solver import stored
+
+    digest = stored.keep({'height': np.arange(6.0).reshape(2, 3)})
+    sent = pickle.dumps(_with_arrays(stored.named_in(f'road: {{sha256: {digest}}}')))
+    monkeypatch.setattr(stored, '_known', {})
+    monkeypatch.setenv('MBD_CACHE_DIR', str(tmp_path))
+    assert stored.find(digest) is None
+    pickle.loads(sent).setup(None)
+    assert stored.find(digest)['height'].tolist() == [[0.0, 1.0, 2.0], [3.0, 4.0, 5.0]]
+
+
 @pytest.mark.parametrize(
     ('change', 'part'),
     [
