@@ -21,7 +21,6 @@ from solver.inputs.sources import Sources
 from solver.model.state import FORMAT, State, fitting, load_arrays, require_format, step_of
 from solver.model.tables import Model
 from solver.output.branches import BranchSwitch, BranchWatch
-from solver.output.energy import TIME, WORST
 from solver.output.snapshot import NO_STEPS, Channels, Counters, Snapshot
 from solver.scene import Scene
 from solver.step.adaptation import Adaptation
@@ -155,15 +154,15 @@ class Simulation:
         """
         self._shown.place(x, y, heading)
         self.displaced = True
-        seen = float(self._shown.energy[TIME])
+        seen = float(self._shown.account.time[0])
         self.engine.begin(self.k, self._inputs)
-        self._shown.energy[TIME] = seen  # the account begins anew, and of what was before was one
+        self._shown.account.time[0] = seen  # the account begins anew, and of what was before was one
 
     def renumber(self, k: int) -> None:
         """Go on as step k: at another time, in motion as it is. What it shows is that of its state, not of the step that led to it."""
         self.k, self.displaced = k, True
         self.engine.show(k, self._inputs)
-        self._shown.energy[TIME] = k * self.h  # of steps that are not made nothing is to be known
+        self._shown.account.time[0] = k * self.h  # of steps that are not made nothing is to be known
 
     def snapshot(self) -> Snapshot:
         """The outputs of the last step, as a copy; after a failure those of the last call of advance() that succeeded."""
@@ -174,7 +173,7 @@ class Simulation:
     def save(self) -> bytes:
         """Everything the future depends on, and what the run so far is judged by, as bytes for restore()."""
         file = io.BytesIO()
-        envelope = {'inputs': self._inputs, 'audit': self._shown.energy, 'totals': np.array(self._totals)}
+        envelope = {'inputs': self._inputs, 'audit': self._shown.account.numbers, 'totals': np.array(self._totals)}
         np.savez(file, format=np.array(FORMAT), k=np.int64(self.k), **self.engine.arrays(), **envelope, **self.sources.memory())  # type: ignore[arg-type]
         return file.getvalue()
 
@@ -198,7 +197,7 @@ class Simulation:
 
     def totals(self) -> dict[str, float]:
         """Counters and largest residuals since the start, the error of the energy account [J] and, if watched, branch switches."""
-        return {**self._totals.report(), 'energy_error_max': float(self._shown.energy[WORST]), **self.engine.totals(self.k)}
+        return {**self._totals.report(), 'energy_error_max': float(self._shown.account.worst[0]), **self.engine.totals(self.k)}
 
     def urdf(self) -> str:
         """The spanning tree of the model at the current configuration as URDF (solver.files.urdf)."""

@@ -57,7 +57,7 @@ from typing import Any
 
 import numpy as np
 
-from solver.analysis.exchange import allowed_energy_error, exchanged
+from solver.analysis.exchange import allowed_energy_error
 from solver.analysis.turned import caused
 from solver.compiled.portable import norm
 from solver.elements.bushing import BushingSpec
@@ -67,7 +67,8 @@ from solver.inputs.maneuver import ManeuverSource
 from solver.inputs.recorded import RecordedSource
 from solver.inputs.unresolved import LARGEST
 from solver.model.saddle import CONDENSED
-from solver.output import energy as account
+from solver.output.account import noted
+from solver.output.energy import SETTLED, SLOWEST, contradicts, exchanged
 from solver.simulation import Simulation
 from solver.start.reach import beyond_reach
 from solver.step.failure import LARGEST_TURN_PER_STEP, MORE_DIGITS, ROUNDING_PENALTY
@@ -80,7 +81,6 @@ ROUNDED = 3e-5  # of half the widest range of a velocity
 LARGEST_PHASE = 0.1  # rad
 FEWEST = 10  # steps a period
 UNSETTLED_SHARE = 0.01  # of the steps: an impact may leave a step a digit less exact, the motion between may not
-ENERGIES = (account.ENERGY, account.WORK, account.GROSS, account.WORST, account.KINETIC_HIGH, account.POTENTIAL_LOW, account.POTENTIAL_HIGH)
 STEERING_END = 'steering_end'
 SUSPECT, OK = 'suspect', 'ok'
 
@@ -139,44 +139,45 @@ def _finding(
 
 def _endless(s: Simulation) -> Finding | None:
     """Energies that numbers do not hold. Sums over the steps do not come back from there."""
-    a = s.last_step.energy
-    lost = [entry for entry in ENERGIES if not math.isfinite(a[entry])]
+    a = s.last_step.account
+    energies = (a.energy[0], a.work[0], a.gross[0], a.worst[0], a.kinetic[1], *a.potential)
+    lost = [energy for energy in energies if not math.isfinite(energy)]
     text, remedy = 'the energy account overflows: energies in it that are too large for numbers:', 'look for a value of a wrong size'
     return _finding('not_finite', len(lost), 0.0, None, '', None, '', text, remedy)
 
 
 def _energy(s: Simulation) -> Finding | None:
-    a, moved = s.last_step.energy, exchanged(s)
+    a, moved = s.last_step.account, exchanged(s.last_step.account)
     if not math.isfinite(moved):
         return None  # of which _endless tells
-    worst = float(a[account.WORST])
+    worst = float(a.worst[0])
     remedy = f'{moved:.3g} J were exchanged in all; reduce integrator.h, or find what is stiffer or faster than the step resolves'
     return _finding(
-        'energy_error_max', worst, allowed_energy_error(s), s.scene.require.energy_error_max, 'J', float(a[account.WORST_AT]), '',
+        'energy_error_max', worst, allowed_energy_error(s), s.scene.require.energy_error_max, 'J', float(a.worst_at[0]), '',
         'the energy account misses', remedy,
     )  # fmt: skip
 
 
 def _iteration(s: Simulation) -> list[Finding | None]:
-    a, need = s.last_step.energy, s.scene.require
-    speed = max(1.0, float(a[account.SPEED]))
+    a, need = s.last_step.account, s.scene.require
+    speed = max(1.0, float(a.speed[0]))
     rows, bodies = s.model.row_names, s.model.body_names
     fixed = s.scene.integrator.mode == 'fixed'
     finer = 'take more integrator.iterations, or integrator.mode: tolerance' if fixed else 'let integrator.step_policy divide such steps'
-    unsettled = f'the last increment of the iteration is above {account.SETTLED:g} of the velocity in'
+    unsettled = f'the last increment of the iteration is above {SETTLED:g} of the velocity in'
 
-    def noted(entry: int, names: list[str] | tuple[str, ...], what: str) -> tuple[float, float, str]:
-        value, time, index = (float(x) for x in a[entry : entry + 3])
-        return value, time, f'{what} {names[int(index)]!r}' if value > 0.0 and names else ''
+    def worst(row: np.ndarray, names: list[str] | tuple[str, ...], what: str) -> tuple[float, float, str]:
+        value, time, index = noted(row)
+        return value, time, f'{what} {names[index]!r}' if value > 0.0 and names else ''
 
-    residual = noted(account.RESIDUAL, bodies, 'most in body')
-    position = noted(account.POSITION, rows, 'constraint')
-    velocity = noted(account.VELOCITY, rows, 'constraint')
-    steps = max(float(a[account.STEPS]), 1.0)
+    residual = worst(a.residual, bodies, 'most in body')
+    position = worst(a.position, rows, 'constraint')
+    velocity = worst(a.velocity, rows, 'constraint')
+    steps = max(float(a.steps[0]), 1.0)
     return [
         _finding('residual_max', residual[0], LARGEST_STAGNATION, need.residual_max, '', *residual[1:],
                  'a step did not settle: the last increment of its iteration is of the velocity', f'reduce integrator.h, or {finer}'),
-        _finding('unsettled', float(a[account.UNSETTLED]) / steps, UNSETTLED_SHARE, None, 'of the steps', None, '',
+        _finding('unsettled', float(a.unsettled[0]) / steps, UNSETTLED_SHARE, None, 'of the steps', None, '',
                  unsettled, f'reduce integrator.h, or {finer}'),
         _finding('position_drift_max', position[0], LARGEST_STAGNATION * speed * s.h, need.position_drift_max, 'm or rad', *position[1:],
                  'a constraint is open by', 'reduce integrator.h, raise integrator.penalty, or check whether joints contradict each other'),
@@ -195,8 +196,8 @@ def late_by(rho_inf: float) -> float:
 
 def _resolution(s: Simulation) -> list[Finding | None]:
     """Motions that the step does not resolve."""
-    a, falling = s.last_step.energy, s.h * norm(s.model.tables.bodies.gravity)
-    if a[account.STEPS] < FEWEST / 2:
+    a, falling = s.last_step.account, s.h * norm(s.model.tables.bodies.gravity)
+    if a.steps[0] < FEWEST / 2:
         return []
     remedy = 'reduce integrator.h'
     if s.scene.integrator.order == 4:
@@ -206,14 +207,14 @@ def _resolution(s: Simulation) -> list[Finding | None]:
         remedy += ', or take a larger integrator.rho_inf (numerical damping delays vibrations)'
     found = []
     for k, name in enumerate(('a velocity', 'an angular velocity')):
-        change, time, body = (float(x) for x in a[account.KICK + 3 * k : account.KICK + 3 * k + 3])
-        part = change / max(float(a[account.SWING + k]), falling, account.SLOWEST)
+        change, time, body = noted(a.kick[k])
+        part = change / max(float(a.swing[k]), falling, SLOWEST)
         text = f'the step does not resolve the motion: what it adds to {name} changes in a step, relative to its swing, by'
-        place = f'body {s.model.body_names[int(body)]!r}' if change > 0.0 else ''
+        place = f'body {s.model.body_names[body]!r}' if change > 0.0 else ''
         limit = (2.0 * math.pi / FEWEST) ** 2 / late
         found.append(_finding('resolution', part, limit, None, '', time, place, text, remedy))
         text = f'{name} of what vibrates is out of step with the motion: small errors of every period have grown to a phase of'
-        found.append(_finding('phase', late * float(a[account.PHASE + k]), LARGEST_PHASE, None, 'rad', None, '', text, remedy))
+        found.append(_finding('phase', late * float(a.phase[k]), LARGEST_PHASE, None, 'rad', None, '', text, remedy))
     return found
 
 
@@ -249,10 +250,10 @@ def _contradiction(s: Simulation) -> Finding | None:
     """Redundant joints that cannot all be closed, by so little that neither their drift nor the account of energy says anything."""
     if not s.of_bodies or not s.model.n_rows:
         return None
-    energy, time, row = (float(x) for x in s.last_step.energy[account.CONTRADICTION : account.CONTRADICTION + 3])
+    energy, time, row = noted(s.last_step.account.contradiction)
     text = 'redundant joints contradict each other, and the forces in which they do hold, beside what moves,'
-    place = f'constraint {s.model.row_names[int(row)]!r}'
-    _, limit = account.contradicts(s.last_step.energy, s.model.tables.bodies)
+    place = f'constraint {s.model.row_names[row]!r}'
+    _, limit = contradicts(s.last_step.account, s.model.tables.bodies)
     found = _finding('contradiction', energy, limit, None, 'J', time, place, text, MORE_DIGITS)
     why = beyond_reach(s.model, s.state, s.snapshot().inputs) if found else ''
     return dataclasses.replace(found, text=why) if found and why else found
@@ -266,7 +267,7 @@ def _condensed(s: Simulation) -> bool:
 def _rounding(s: Simulation) -> Finding | None:
     """Penalties whose rounding spoils the condensed matrix so that its iteration does not settle: of a car 1e7 leave 3e-10 m after 2 s, and
     1e8 1e-3 m."""
-    spoilt = s.last_step.energy[account.RESIDUAL] > SPOILT and s.model.n_rows > 0
+    spoilt = s.last_step.account.residual[0] > SPOILT and s.model.n_rows > 0
     if not spoilt or not _condensed(s):
         return None
     row = int(np.argmax(s.scheme.penalty))
@@ -278,7 +279,7 @@ def _rounding(s: Simulation) -> Finding | None:
 
 def _light(s: Simulation) -> Finding | None:
     """Bodies so light beside the others that penalties on them, which have a floor, hide their inertia in the condensed matrix."""
-    if s.last_step.energy[account.STEPS] == 0.0 or not _condensed(s) or not s.model.n_rows:
+    if s.last_step.account.steps[0] == 0.0 or not _condensed(s) or not s.model.n_rows:
         return None
     bodies = s.model.tables.bodies
     mass = np.where(bodies.mass > 0.0, bodies.mass, np.inf)  # without any mass nothing is hidden
@@ -297,21 +298,21 @@ def _light(s: Simulation) -> Finding | None:
 
 def _distance(s: Simulation) -> Finding | None:
     """Places so far from the origin that their rounding shows."""
-    a = s.last_step.energy
-    if a[account.STEPS] == 0.0 or not s.of_bodies:
+    a = s.last_step.account
+    if a.steps[0] == 0.0 or not s.of_bodies:
         return None
     far = np.abs(s.state.q[:-1, :3]).max(axis=1)
     body = int(np.argmax(far))
     kick = np.finfo(float).eps * float(far[body]) / s.h
     text, place = 'places far from the origin are rounded; of the largest velocity that makes', f'body {s.model.body_names[body]!r}'
-    value = kick * max(float(a[account.STEPS]), 1.0) ** 0.5 / max(1.0, float(a[account.SWING]))
+    value = kick * max(float(a.steps[0]), 1.0) ** 0.5 / max(1.0, float(a.swing[0]))
     remedy = 'move the model nearer to the origin, or take a larger integrator.h'
     return _finding('distance', value, ROUNDED, None, '', None, place, text, remedy)
 
 
 def _unseen(s: Simulation) -> Finding | None:
     """Time that the account does not cover."""
-    unseen = s.t_ns * 1e-9 - float(s.last_step.energy[account.TIME])
+    unseen = s.t_ns * 1e-9 - float(s.last_step.account.time[0])
     return _finding('unseen', unseen, 0.5 * s.h, None, 's', None, '', 'steps were advanced without an account, and nothing is known of',
                     'advance them with audit')  # fmt: skip
 
@@ -319,8 +320,8 @@ def _unseen(s: Simulation) -> Finding | None:
 def _turn(s: Simulation) -> Finding | None:
     if s.scene.integrator.kind.startswith('reference_'):
         return None  # these choose their own steps
-    turn, time, body = (float(x) for x in s.last_step.energy[account.TURN : account.TURN + 3])
-    place = f'body {s.model.body_names[int(body)]!r}'
+    turn, time, body = noted(s.last_step.account.turn)
+    place = f'body {s.model.body_names[body]!r}'
     return _finding('turn_per_step', turn, LARGEST_TURN_PER_STEP, None, 'rad per step', time, place, 'a body turns by',
                     'reduce integrator.h')  # fmt: skip
 
@@ -328,8 +329,8 @@ def _turn(s: Simulation) -> Finding | None:
 def _wound(s: Simulation) -> Finding | None:
     if not s.of_bodies or not any(_resists_turning(bushing) for bushing in s.model.spec.bushings):
         return None
-    angle, time, at = (float(x) for x in s.last_step.energy[account.WOUND : account.WOUND + 3])
-    place = s.channels.elements[int(at)].rpartition('/')[0] if angle > 0.0 else ''
+    angle, time, at = noted(s.last_step.account.wound)
+    place = s.channels.elements[at].rpartition('/')[0] if angle > 0.0 else ''
     return _finding('rotation', angle, LARGEST_WOUND, None, 'rad', time, place, 'a bushing, whose torque changes sides at pi, turns by',
                     'take a joint for what turns so far, and a coordinate_force on its angle')  # fmt: skip
 
@@ -359,7 +360,7 @@ def _pressed(s: Simulation) -> Finding | None:
     tires = s.model.spec.tires
     if not s.of_bodies or not tires:
         return None
-    peaks = s.last_step.energy[account.LENGTH + 12 * s.model.n_bodies :].reshape(-1, 2)  # of tires alone
+    peaks = s.last_step.account.peak  # of tires alone
     walls = [tire.data.values['UNLOADED_RADIUS'] - tire.data.values.get('RIM_RADIUS', 0.0) for tire in tires]
     worst = int(np.argmax(peaks[:, 0] - np.array(walls)))
     value, time = (float(x) for x in peaks[worst])

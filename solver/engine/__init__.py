@@ -18,6 +18,7 @@ import numpy as np
 
 from solver.inputs.driver import Sight
 from solver.model.tables import Model
+from solver.output.account import Account
 from solver.output.snapshot import Channels, Counters, Layout
 from solver.scene import Scene
 from solver.start.placement import Changes
@@ -41,8 +42,8 @@ class Shown(Protocol):
     layout: Layout
 
     @property
-    def energy(self) -> np.ndarray:
-        """The account of solver.output.energy."""
+    def account(self) -> Account:
+        """The running account."""
 
     def sight(self) -> Sight:
         """What a driver sees now."""

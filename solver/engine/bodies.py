@@ -16,6 +16,7 @@ from solver.model.evaluate import constraint_input_rates, evaluate_constraints, 
 from solver.model.saddle import new_saddle
 from solver.model.state import State, copy_state, fill_kinematics, fitting, kinematics_of, new_state
 from solver.model.tables import Model
+from solver.output.account import Account
 from solver.output.branches import BranchSwitch, BranchWatch, switches_before
 from solver.output.collect import channels_of, collect
 from solver.output.dependence import describe, scaled_jacobian
@@ -63,6 +64,7 @@ class Bodies:
             values = values._replace(weigh=address_of(weigh, self.model.tables, Ref(values), self.work))
         self.scheme = Ref(values)
         self.kin = Ref(self.work.kin_end)
+        self._account = Ref(self.work.account)
         self._frame = Ref(frame)
         self.states = [Ref(new_state(self.model)), Ref(new_state(self.model))]
         self._initial = new_state(self.model)
@@ -81,9 +83,9 @@ class Bodies:
         return cast(State, self.states[0].value)
 
     @property
-    def energy(self) -> np.ndarray:
-        """The account of solver.output.energy."""
-        return cast(np.ndarray, self.work.energy)
+    def account(self) -> Account:
+        """The running account."""
+        return cast(Account, self.work.account)
 
     def start(self, u: np.ndarray, explain: Callable[[StepResult], str]) -> Changes:
         """Find the consistent state at t = 0 and keep it. explain: says why a step that seeks it failed. Raises ConsistencyError."""
@@ -111,9 +113,14 @@ class Bodies:
         w.a_out[:], w.lam_out[:] = start.acceleration(s.q, projected.v, s.z, s.angle, u)
         fill_kinematics(s.q, projected.v, kin)
         evaluate_forces(t, kin, s.angle, s.z, 0.0, u, False, w.f, w.Kq, w.Kv, w.z_stage, self.outputs)
-        update_energy(t, kin, self.outputs, w.lam_out, w.phi_t, 0.0, w.energy)
+        self.keep_account(0.0)
         w.u_before[:] = u
         self.collect(u)
+
+    def keep_account(self, h: float) -> None:
+        """Advance the energy balance by a step of h [s] that led to the state that is shown; 0 begins it."""
+        w = self.work
+        update_energy(self.model.tables, self.kin, self.outputs, w.lam_out, w.phi_t, h, self._account)
 
     def collect(self, u: np.ndarray) -> None:
         """Show the current state and the outputs that were evaluated last."""
@@ -157,7 +164,7 @@ class Bodies:
     def fit(self, saved: Mapping[str, np.ndarray]) -> Callable[[], None]:
         """What takes up arrays(). Raises SpecError where they are of another model."""
         state = State(*(fitting(name, saved.get(name), array) for name, array in self.state._asdict().items()))
-        fitting('audit', saved.get('audit'), self.energy)
+        fitting('audit', saved.get('audit'), self.account.numbers)
         past = switches_before(saved)
         watch = BranchWatch() if self.branches is not None else None
         if watch is not None:
@@ -173,7 +180,7 @@ class Bodies:
     def last_step(self) -> LastStep:
         """What the last step worked with."""
         w = self.work
-        return LastStep(w.phi_end, w.J_end, w.J_stage, w.phi_t, w.lam_out, w.saddle.W, w.energy)
+        return LastStep(w.phi_end, w.J_end, w.J_stage, w.phi_t, w.lam_out, w.saddle.W, w.account)
 
     def constraint_coefficients(self, u: np.ndarray, *, coupled: bool = False) -> dict[str, ConstraintCoefficients]:
         """m, c, k, f of every constraint row at the current state under the inputs u (nu,)."""

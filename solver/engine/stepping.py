@@ -75,9 +75,9 @@ class Stepping:
 
     def show(self, k: int, u: np.ndarray) -> None:
         """Show the present state; the account goes on."""
-        kept = self.shown.energy.copy()
+        kept = self.shown.account.numbers.copy()
         self.shown.show(u)
-        self.shown.energy[:] = kept
+        self.shown.account.numbers[:] = kept
 
     def advance(self, k: int, inputs: np.ndarray, n: int, audit: bool, last: np.ndarray) -> Moved:
         """See Engine.advance(). Where branches are looked for every step is a call of its own."""
@@ -133,7 +133,7 @@ class Stepping:
         def take_up(u: np.ndarray) -> None:
             bodies()
             self.shown.show(u)
-            self.shown.energy[:] = saved['audit']
+            self.shown.account.numbers[:] = saved['audit']
             if self.adaptation is not None:
                 if 'adaptation' in saved:
                     self.adaptation.recall(dict(saved), k * self.scene.integrator.h_ns * 1e-9)

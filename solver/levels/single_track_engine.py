@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from solver.levels.track_friction import LOOK, note, varies
 from solver.model.evaluate import prepare
 from solver.model.frames import matrix
 from solver.model.state import fitting
-from solver.output.energy import LENGTH
+from solver.output.account import Account, new_account
 from solver.output.snapshot import NO_STEPS, Channels, Counters, OutputArrays, layout_of, new_numbers, output_arrays
 from solver.scene import Scene
 from solver.start.displacement import require_near, require_uniform
@@ -99,7 +99,7 @@ def new_scratch() -> Ref:
     row = lambda: np.zeros(SIZE)  # noqa: E731
     work = SingleTrackWork(
         rates=row(), start=row(), k1=row(), k2=row(), between=row(), stiff=np.zeros((2, 8)), stiff_2=np.zeros((2, 8)),
-        told=np.zeros(TOLD), reached=np.zeros((len(REACHED), 2)), steered=np.zeros(2), energy=np.zeros(LENGTH),
+        told=np.zeros(TOLD), reached=np.zeros((len(REACHED), 2)), steered=np.zeros(2), account=new_account(0, 0),
     )  # fmt: skip
     return Ref(work)
 
@@ -187,9 +187,9 @@ class SingleTrack:
         return self
 
     @property
-    def energy(self) -> np.ndarray:
-        """The account of solver.output.energy."""
-        return self._scratch.energy
+    def account(self) -> Account:
+        """The running account."""
+        return cast(Account, self._scratch.account)
 
     @property
     def _chassis_spec(self) -> RigidBodySpec:
@@ -290,7 +290,7 @@ class SingleTrack:
         if 'single_track' not in saved or saved['single_track'].shape != self.y.shape:
             raise SpecError('restore: the saved state is of another model than this one of level single_track')
         w = self._scratch
-        for name, array in (('audit', w.energy), ('reached', w.reached), ('steered', w.steered)):
+        for name, array in (('audit', w.account.numbers), ('reached', w.reached), ('steered', w.steered)):
             fitting(name, saved.get(name), array)
         slippery = fitting('slippery', saved.get('slippery'), self._slippery)
 
@@ -298,15 +298,15 @@ class SingleTrack:
             self.y[:] = saved['single_track']
             self.begin(k, u)
             self.y[:] = saved['single_track']  # what was lost so far is part of it
-            w.energy[:], w.reached[:], w.steered[:] = saved['audit'], saved['reached'], saved['steered']
+            w.account.numbers[:], w.reached[:], w.steered[:] = saved['audit'], saved['reached'], saved['steered']
             self._slippery[:] = slippery
 
         return take_up
 
     def last_step(self) -> LastStep:
-        """The energy account; there are no constraints."""
+        """The account; there are no constraints."""
         none = np.zeros(0)
-        return LastStep(none, np.zeros((1, 6, 6)), np.zeros((1, 6, 6)), none, none, none, self._scratch.energy)
+        return LastStep(none, np.zeros((1, 6, 6)), np.zeros((1, 6, 6)), none, none, none, self.account)
 
     def reached(self) -> dict[str, tuple[float, float | None]]:
         """Of what the limits of the level are about: the largest value so far, and its time [s] where it has one.

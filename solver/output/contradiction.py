@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from solver.compiled.kernel import kernel
-from solver.output.energy import CONTRADICTION, TIME, WRITTEN, exchanged_so_far
+from solver.output.energy import WRITTEN, exchanged_so_far, note
 
 CLOSED = 1e-11  # m or rad
 BALANCED = 0.03  # of forces: what those that balance each other may leave
@@ -23,7 +23,7 @@ def note_contradiction(constraints, J, lam, phi, net, gross, account):
             energy += own
             if own > most:
                 most, row = own, i
-    if not energy > max(account[CONTRADICTION], WRITTEN * exchanged_so_far(account)):
+    if not energy > max(account.contradiction[0], WRITTEN * exchanged_so_far(account)):
         return
     net[:] = 0.0
     gross[:] = 0.0
@@ -41,4 +41,4 @@ def note_contradiction(constraints, J, lam, phi, net, gross, account):
         for k in range(6):
             left, all_ = max(left, abs(net[b, k])), max(all_, gross[b, k])
     if left < BALANCED * all_:
-        account[CONTRADICTION], account[CONTRADICTION + 1], account[CONTRADICTION + 2] = energy, account[TIME], row
+        note(account.contradiction, energy, account.time[0], row)

@@ -1,8 +1,8 @@
-"""The running account of a run: energy that is stored, dissipated, supplied and missing, how much of it was exchanged at all, and the
-largest residuals with the instant and the place of each.
+"""Keeps the running account of a run (solver.output.account): energy that is stored, dissipated, supplied and missing, how much of it was
+exchanged at all, and the largest residuals with the instant and the place of each.
 
 What is exchanged is the integral of the magnitude of every element's dissipated and every input's supplied power, and the ranges of
-kinetic and of potential energy. Kept in one flat array, so that it is saved, restored and taken back as one.
+kinetic and of potential energy.
 """
 
 from __future__ import annotations
@@ -13,31 +13,7 @@ from solver.compiled.kernel import kernel
 from solver.compiled.portable import norm
 from solver.compiled.vec import dot, load3, load33, mv
 from solver.model.tables import COUNT, OUTPUT, PEAK, ROTATION, WIDTH
-
-REFERENCE, POWER, WORK, WORST, ENERGY = range(5)  # entries of the running account; all energies [J]
-WORST_AT = 5  # when the error was largest [s]
-TIME = 6  # since the account began [s]
-GROSS, GROSS_POWER = 7, 8  # integral of all magnitudes of power, and that sum now [W]
-KINETIC_LOW, KINETIC_HIGH, POTENTIAL_LOW, POTENTIAL_HIGH = range(9, 13)
-TURNING = 13  # largest sum over bodies of kinetic energy * (turn in a step)^2
-SPEED = 14  # largest |component| of a twist [m/s or rad/s]
-NOTED = 15  # from here on rows of (value, time, index) of what was largest
-RESIDUAL, POSITION, VELOCITY, TURN = (NOTED + 3 * k for k in range(4))  # index of a body, rows of constraints, a body
-STEPS, UNSETTLED = NOTED + 12, NOTED + 13  # steps noted, and those of them with a residual above SETTLED
-SWING = NOTED + 14  # half the widest range of a component of a velocity of a centre of mass [m/s], and of an angular velocity [rad/s]
-KICK = NOTED + 16  # two rows, of the same: (largest change of an acceleration in a step, times the step; time; body)
-PHASE = KICK + 6  # of the same: phase that steps have cost the motion, less what it has forgotten [rad]
-WOUND = PHASE + 2  # such a row: what an element is turned by that acts on a rotation vector [rad]; the index is the place of its outputs
-SWAYED = WOUND + 3  # kinetic energy of all those ranges, each as the amplitude of a vibration [J]
-CONTRADICTION = WOUND + 4  # such a row: energy of rows that contradict each other [J] (solver.output.contradiction), the index is a row
-LENGTH = WOUND + 7  # of what is there without bodies; behind it the twists of n bodies, (n, 2, 6): smallest and largest of every component,
-# and of elements that have a peak (largest value; time [s])
-
-
-def account_length(bodies: int, peaks: int) -> int:
-    """Numbers in the account of a model with so many bodies, and elements that have a peak."""
-    return LENGTH + 12 * bodies + 2 * peaks
-
+from solver.output.account import Account, noted
 
 WRITTEN = 1e-6  # relative, and m: what numbers written with finitely many digits leave open
 ROUNDING = 1e-12  # of stored energy: what its own numbers leave open, beside prestressed parts at rest where nothing has weight
@@ -46,24 +22,42 @@ SPINS = 0.005  # rad: half the turn in a step, below which a body has no spin to
 SETTLED = 1e-3  # relative velocity increment: a digit better than what is accepted where an iteration does not converge
 
 
-@kernel(borrow=True)
+@kernel(inner=True)
 def exchanged_so_far(account):
     """Energy [J] that was exchanged: supplied and dissipated, and the ranges of kinetic and potential energy."""
-    kinetic, potential = account[KINETIC_HIGH] - account[KINETIC_LOW], account[POTENTIAL_HIGH] - account[POTENTIAL_LOW]
-    return account[GROSS] + kinetic + potential
+    kinetic, potential = account.kinetic[1] - account.kinetic[0], account.potential[1] - account.potential[0]
+    return account.gross[0] + kinetic + potential
 
 
-def left_open(account, bodies):
+def exchanged(account: Account) -> float:
+    """exchanged_so_far() for callers from Python."""
+    return float(exchanged_so_far.py_func(account))
+
+
+def left_open(account: Account, bodies) -> float:
     """Energy [J] that numbers leave open of bodies (solver.model.tables)."""
     weight = float(np.add.reduce(bodies.mass)) * norm(bodies.gravity)
-    stored = max(abs(float(account[POTENTIAL_LOW])), abs(float(account[POTENTIAL_HIGH])))
-    return WRITTEN * (weight + float(account[KINETIC_HIGH])) + ROUNDING * stored
+    stored = max(abs(float(account.potential[0])), abs(float(account.potential[1])))
+    return WRITTEN * (weight + float(account.kinetic[1])) + ROUNDING * stored
 
 
-def contradicts(account, bodies):
+def contradicts(account: Account, bodies) -> tuple[bool, float]:
     """Whether rows contradict each other, and how much energy [J] of that is allowed."""
-    limit = WRITTEN * float(exchanged_so_far(account)) + left_open(account, bodies)
-    return bool(account[CONTRADICTION] > limit), limit
+    limit = WRITTEN * exchanged(account) + left_open(account, bodies)
+    return noted(account.contradiction)[0] > limit, limit
+
+
+@kernel(inline=True)
+def note(row, value, time, index):
+    """Note what is largest so far in a row of (value, time, index)."""
+    row[0], row[1], row[2] = value, time, index
+
+
+@kernel(inline=True)
+def widen(ends, now):
+    """Widen a range (smallest, largest) by the value of now."""
+    ends[0] = min(ends[0], now)
+    ends[1] = max(ends[1], now)
 
 
 @kernel(inner=True)
@@ -91,16 +85,14 @@ def mechanical_energy(tables, kin, outputs, h, account):
         if turn > most:
             most = turn
             most_turned = b
-    account[TURNING] = max(account[TURNING], turning)
-    account[SPEED] = max(account[SPEED], fastest)
-    if most > account[TURN] * account[TURN]:
-        account[TURN] = most**0.5
-        account[TURN + 1] = account[TIME]
-        account[TURN + 2] = most_turned
+    account.turning[0] = max(account.turning[0], turning)
+    account.speed[0] = max(account.speed[0], fastest)
+    if most > account.turn[0] * account.turn[0]:
+        note(account.turn, most**0.5, account.time[0], most_turned)
     dissipation = 0.0
     magnitude = 0.0
-    wound = account[WOUND] * account[WOUND]
-    noted = LENGTH + 12 * bodies.mass.shape[0]
+    wound = account.wound[0] * account.wound[0]
+    peaks, n = account.peak, 0
     for k in range(tables.forces.shape[0]):
         at = tables.forces[k, OUTPUT]
         rotation = tables.forces[k, ROTATION]
@@ -114,14 +106,11 @@ def mechanical_energy(tables, kin, outputs, h, account):
                 angle = outputs[i] ** 2 + outputs[i + 1] ** 2 + outputs[i + 2] ** 2
                 if angle > wound:
                     wound = angle
-                    account[WOUND] = angle**0.5
-                    account[WOUND + 1] = account[TIME]
-                    account[WOUND + 2] = at
+                    note(account.wound, angle**0.5, account.time[0], at)
             if peak >= 0:
-                if outputs[at + peak] > account[noted]:
-                    account[noted] = outputs[at + peak]
-                    account[noted + 1] = account[TIME]
-                noted += 2
+                if outputs[at + peak] > peaks[n, 0]:
+                    peaks[n, 0], peaks[n, 1] = outputs[at + peak], account.time[0]
+                n += 1
             at += tables.forces[k, WIDTH]
     return energy, kinetic, dissipation, magnitude
 
@@ -129,21 +118,20 @@ def mechanical_energy(tables, kin, outputs, h, account):
 @kernel(inline=True)
 def _note_ranges(bodies, v, account):
     """Widen the ranges of the twists (nb + 1, 6); of a motion that swings wider than ever the phase is so much less."""
-    at = LENGTH
+    twist = account.twist
     for b in range(v.shape[0] - 1):
         for i in range(6):
-            low, high, now = account[at + i], account[at + 6 + i], v[b, i]
+            low, high, now = twist[b, 0, i], twist[b, 1, i], v[b, i]
             if now < low or now > high:
                 narrower, k = 0.5 * (high - low), i // 3
                 low, high = min(low, now), max(high, now)
-                account[at + i], account[at + 6 + i] = low, high
-                swing, widest = 0.5 * (high - low), account[SWING + k]
+                twist[b, 0, i], twist[b, 1, i] = low, high
+                swing, widest = 0.5 * (high - low), account.swing[k]
                 weight = bodies.mass[b] if k == 0 else bodies.inertia[b, i - 3, i - 3]
-                account[SWAYED] += 0.5 * weight * (swing * swing - narrower * narrower)
+                account.swayed[0] += 0.5 * weight * (swing * swing - narrower * narrower)
                 if swing > widest:
-                    account[SWING + k] = swing
-                    account[PHASE + k] *= widest / swing
-        at += 12
+                    account.swing[k] = swing
+                    account.phase[k] *= widest / swing
 
 
 @kernel(borrow=True)
@@ -154,42 +142,37 @@ def update_energy(tables, kin, outputs, lam, phi_t, h, account):
     lam and phi_t give the power of prescribed motions.
     """
     if h == 0.0:
-        account[:] = 0.0
+        account.numbers[:] = 0.0
         for b in range(kin.v.shape[0] - 1):
             for i in range(6):
-                account[LENGTH + 12 * b + i] = account[LENGTH + 12 * b + 6 + i] = kin.v[b, i]
-    account[TIME] += h
+                account.twist[b, 0, i] = account.twist[b, 1, i] = kin.v[b, i]
+    account.time[0] += h
     _note_ranges(tables.bodies, kin.v, account)
     energy, kinetic, loss, magnitude = mechanical_energy(tables, kin, outputs, h, account)
     dissipated = 0.5 * h * (magnitude + loss)  # without what is supplied, whose share of both cancels
     if dissipated > 0.0:
-        forgotten = 0.5 * dissipated / max(account[SWAYED], SLOWEST)  # amplitudes go with the root of the energy
-        account[PHASE] /= 1.0 + forgotten
-        account[PHASE + 1] /= 1.0 + forgotten
+        forgotten = 0.5 * dissipated / max(account.swayed[0], SLOWEST)  # amplitudes go with the root of the energy
+        account.phase[0] /= 1.0 + forgotten
+        account.phase[1] /= 1.0 + forgotten
     for i in range(lam.shape[0]):
         loss += lam[i] * phi_t[i]
         magnitude += abs(lam[i] * phi_t[i])
     potential = energy - kinetic
     if h == 0.0:
-        account[REFERENCE] = energy
-        account[KINETIC_LOW] = kinetic
-        account[KINETIC_HIGH] = kinetic
-        account[POTENTIAL_LOW] = potential
-        account[POTENTIAL_HIGH] = potential
+        account.reference[0] = energy
+        account.kinetic[0] = account.kinetic[1] = kinetic
+        account.potential[0] = account.potential[1] = potential
     else:
-        account[WORK] += 0.5 * h * (loss + account[POWER])
-        account[GROSS] += 0.5 * h * (magnitude + account[GROSS_POWER])
-        account[KINETIC_LOW] = min(account[KINETIC_LOW], kinetic)
-        account[KINETIC_HIGH] = max(account[KINETIC_HIGH], kinetic)
-        account[POTENTIAL_LOW] = min(account[POTENTIAL_LOW], potential)
-        account[POTENTIAL_HIGH] = max(account[POTENTIAL_HIGH], potential)
-        error = abs(energy - account[REFERENCE] + account[WORK])
-        if error > account[WORST]:
-            account[WORST] = error
-            account[WORST_AT] = account[TIME]
-    account[POWER] = loss
-    account[GROSS_POWER] = magnitude
-    account[ENERGY] = energy
+        account.work[0] += 0.5 * h * (loss + account.power[0])
+        account.gross[0] += 0.5 * h * (magnitude + account.gross_power[0])
+        widen(account.kinetic, kinetic)
+        widen(account.potential, potential)
+        error = abs(energy - account.reference[0] + account.work[0])
+        if error > account.worst[0]:
+            account.worst[0], account.worst_at[0] = error, account.time[0]
+    account.power[0] = loss
+    account.gross_power[0] = magnitude
+    account.energy[0] = energy
 
 
 @kernel(inner=True)
@@ -212,22 +195,20 @@ def refine_work(account, h, before, middle, worst, at):
 
     worst, at: largest error [J] and its time [s] before that step.
     """
-    account[WORK] += h / 6.0 * (4.0 * middle - 2.0 * (before + account[POWER]))
-    error = abs(account[ENERGY] - account[REFERENCE] + account[WORK])
-    account[WORST], account[WORST_AT] = worst, at
+    account.work[0] += h / 6.0 * (4.0 * middle - 2.0 * (before + account.power[0]))
+    error = abs(account.energy[0] - account.reference[0] + account.work[0])
+    account.worst[0], account.worst_at[0] = worst, at
     if error > worst:
-        account[WORST], account[WORST_AT] = error, account[TIME]
+        account.worst[0], account.worst_at[0] = error, account.time[0]
 
 
 @kernel(inline=True)
 def _note_change(account, k, change, body, slowest):
     """Note a change of velocity per step [m/s or rad/s] between two steps; k: 0 of translation, 1 of rotation."""
-    if change > account[KICK + 3 * k]:
-        account[KICK + 3 * k] = change
-        account[KICK + 3 * k + 1] = account[TIME]
-        account[KICK + 3 * k + 2] = body
-    part = change / max(account[SWING + k], slowest)  # (w h)^2 of the vibration that carries the motion, or less
-    account[PHASE + k] += part * part**0.5 / 12.0
+    if change > account.kick[k, 0]:
+        note(account.kick[k], change, account.time[0], body)
+    part = change / max(account.swing[k], slowest)  # (w h)^2 of the vibration that carries the motion, or less
+    account.phase[k] += part * part**0.5 / 12.0
 
 
 @kernel(inline=True)
@@ -244,8 +225,8 @@ def _note_gyration(J, a, w, step, h, account):
         along, momentum = dot(a, step), mv(J, w)
         change = max(dot(step, step) - along * along / square, 0.0)
         own = b * change / square / max(dot(momentum, momentum) ** 0.5, SLOWEST * b)
-        of_all = h * b * change**0.5 / max(2.0 * account[SWAYED], SLOWEST)
-        account[PHASE + 1] += h * min(own, of_all) / 12.0
+        of_all = h * b * change**0.5 / max(2.0 * account.swayed[0], SLOWEST)
+        account.phase[1] += h * min(own, of_all) / 12.0
 
 
 @kernel(borrow=True)
@@ -260,7 +241,7 @@ def note_residuals(constraints, inertia, v, h, residual, position, velocity, phi
 
     What turns with a spin costs all the same: _note_gyration().
     """
-    account[STEPS] += 1.0
+    account.steps[0] += 1.0
     moved, turned, body_moved, body_turned = 0.0, 0.0, 0, 0
     for b in range(a.shape[0] - 1):
         now, before, twist = a[b], a_before[b], v[b]
@@ -282,30 +263,24 @@ def note_residuals(constraints, inertia, v, h, residual, position, velocity, phi
     _note_change(account, 0, h * moved**0.5, body_moved, slowest)
     _note_change(account, 1, h * turned**0.5, body_turned, slowest)
     if residual > SETTLED:
-        account[UNSETTLED] += 1.0
-    if residual > account[RESIDUAL]:
-        account[RESIDUAL] = residual
-        account[RESIDUAL + 1] = account[TIME]
-        most = -1.0
+        account.unsettled[0] += 1.0
+    if residual > account.residual[0]:
+        most, at = -1.0, 0
         for b in range(a.shape[0] - 1):
             for i in range(6):
                 change = abs(a[b, i] - a_before[b, i])
                 if change > most:
-                    most = change
-                    account[RESIDUAL + 2] = b
-    if position > account[POSITION]:
-        account[POSITION] = position
-        account[POSITION + 1] = account[TIME]
-        most = -1.0
+                    most, at = change, b
+        note(account.residual, residual, account.time[0], at)
+    if position > account.position[0]:
+        most, at = -1.0, 0
         for i in range(phi.shape[0]):
             if constraints.holonomic[i] == 1 and abs(phi[i]) > most:
-                most = abs(phi[i])
-                account[POSITION + 2] = i
-    if velocity > account[VELOCITY]:
-        account[VELOCITY] = velocity
-        account[VELOCITY + 1] = account[TIME]
-        most = -1.0
+                most, at = abs(phi[i]), i
+        note(account.position, position, account.time[0], at)
+    if velocity > account.velocity[0]:
+        most, at = -1.0, 0
         for i in range(rate.shape[0]):
             if abs(rate[i]) > most:
-                most = abs(rate[i])
-                account[VELOCITY + 2] = i
+                most, at = abs(rate[i]), i
+        note(account.velocity, velocity, account.time[0], at)

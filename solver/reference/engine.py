@@ -13,7 +13,6 @@ from solver.engine.bodies import Bodies
 from solver.errors import SpecError, StepError
 from solver.model.evaluate import constraint_input_rates, evaluate_constraints, evaluate_forces
 from solver.model.state import fill_kinematics, update_angles
-from solver.output.energy import update_energy
 from solver.output.snapshot import NO_STEPS, Counters
 from solver.reference.dense import Equations, Motion
 from solver.reference.methods import METHODS, Kkt, Stabilised
@@ -68,9 +67,9 @@ class Following:
 
     def show(self, k: int, u: np.ndarray) -> None:
         """Begin the integrator at the present state, which is now another time's; the account goes on."""
-        kept = self.shown.energy.copy()
+        kept = self.shown.account.numbers.copy()
         self.begin(k, u)
-        self.shown.energy[:] = kept
+        self.shown.account.numbers[:] = kept
 
     def _inputs_at(self, t: float) -> np.ndarray:
         at = np.array([t])
@@ -114,7 +113,7 @@ class Following:
         evaluate_constraints(tables, kin, s.angle, last, True, w.phi_end, w.J_end)
         constraint_input_rates(tables, last, w.phi_t, w.phi_tt)
         evaluate_forces(tables, kin, s.angle, s.z, 0.0, last, False, w.f, w.Kq, w.Kv, w.z_stage, bodies.outputs)
-        update_energy(tables, kin, bodies.outputs, w.lam_out, w.phi_t, bodies.h, w.energy)
+        bodies.keep_account(bodies.h)
         bodies.collect(last)
 
     def arrays(self) -> dict[str, np.ndarray]:
@@ -131,7 +130,7 @@ class Following:
             self.shown.branches = None  # it goes on from what was saved
             self.begin(k, u)
             self.shown.branches = watch
-            self.shown.energy[:] = saved['audit']
+            self.shown.account.numbers[:] = saved['audit']
 
         return take_up
 

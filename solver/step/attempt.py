@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 from solver.compiled.by_reference import assign
 from solver.compiled.kernel import NO, invoke, kernel
-from solver.output.energy import POWER, WORST, WORST_AT, power_now, refine_work
+from solver.output.energy import power_now, refine_work
 from solver.output.snapshot import Counters
 from solver.step.augmented_lagrangian import keep_account
 from solver.step.control import copy_table, copy_vector
@@ -160,8 +160,8 @@ def pair(tables, c, control, old, new, h, begin, end, now, t, outputs, last, aud
             return _judged(end_state, total, 0.0)
         _carry_offset_on(history, first, second, h, new, work)
         if audit:
-            account = work.energy
-            before, worst, at = account[POWER], account[WORST], account[WORST_AT]
+            account = work.account
+            before, worst, at = account.power[0], account.worst[0], account.worst_at[0]
             n = added(both, end_state.counters)
             keep_account(tables, 2.0 * h, follow, new, u, n, work)
             refine_work(account, 2.0 * h, before, power, worst, at)

@@ -184,12 +184,12 @@ def keep_account(tables, h, follow, s1, u, counters, work):
             outputs[i] = work.outputs[i]
         w = work
         evaluate_driven_forces(tables, w.kin_end, s1.angle, s1.z, 0.0, w.u_end, NO, w.f, w.Kq, w.Kv, w.z_stage, outputs)
-    update_energy(tables, work.kin_end, outputs, work.lam_out, work.phi_t, h, work.energy)
+    update_energy(tables, work.kin_end, outputs, work.lam_out, work.phi_t, h, work.account)
     n, g = counters, tables.bodies.gravity
     slowest = max(h * (g[0] * g[0] + g[1] * g[1] + g[2] * g[2]) ** 0.5, SLOWEST)
     phi, rate, a, a_before = work.phi_end, work.rate, s1.a_stage, s1.a_stage_before
     position, velocity = n.position_drift, n.velocity_drift
-    v, account = work.kin_end.v, work.energy
+    v, account = work.kin_end.v, work.account
     note_residuals(
         tables.constraints, tables.bodies.inertia, v, h, n.residual, position, velocity, phi, rate, a, a_before, slowest, account
     )

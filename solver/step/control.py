@@ -12,7 +12,7 @@ from solver.compiled.kernel import kernel
 from solver.inputs.maneuver import ACCELERATION, RATE, is_motion
 from solver.model.saddle import CONDENSED, Saddle, new_saddle
 from solver.model.state import State, new_state
-from solver.output.energy import account_length
+from solver.output.account import new_account
 from solver.step.settings import IntegratorSettings
 
 RAISE = 10.0  # of a penalty at a time
@@ -55,8 +55,8 @@ class Kept(NamedTuple):
     memory: np.ndarray  # that of Control at the start of the interval, and so on
     history: History
     penalty: np.ndarray  # (nc,)
-    energy: np.ndarray  # running account (solver.output.energy)
-    energy_before: np.ndarray  # before an attempt, but the first of an interval
+    account: np.ndarray  # its numbers (solver.output.account)
+    account_before: np.ndarray  # before an attempt, but the first of an interval
     penalty_before: np.ndarray  # before penalties were raised
     v: np.ndarray  # of a state whose history is moved
     a: np.ndarray
@@ -114,9 +114,9 @@ def new_control(model, settings: IntegratorSettings, hold: float, fourth: int) -
     if not fourth:
         masses = Saddle(*(np.zeros((1, *array.shape[1:])) for array in masses))
     six = lambda: np.zeros((nb + 1, 6))  # noqa: E731
-    account = lambda: np.zeros(account_length(nb, model.n_peaks))  # noqa: E731
+    account = lambda: new_account(nb, model.n_peaks).numbers  # noqa: E731
     kept = Kept(
-        memory=np.zeros(5), history=new_history(model), penalty=np.zeros(nc), energy=account(), energy_before=account(),
+        memory=np.zeros(5), history=new_history(model), penalty=np.zeros(nc), account=account(), account_before=account(),
         penalty_before=np.zeros(nc), v=six(), a=six(), zd=np.zeros(nz), v_full=six(),
     )  # fmt: skip
     control = Control(

@@ -8,7 +8,8 @@ from solver.compiled.by_reference import Ref
 from solver.compiled.portable import norm, norms, product
 from solver.model.state import State, kinematics_of
 from solver.model.tables import Model
-from solver.output.energy import CONTRADICTION, contradicts
+from solver.output.account import noted
+from solver.output.energy import contradicts
 from solver.step.iteration import MOST_ITERATIONS
 from solver.step.settings import IntegratorSettings
 from solver.step.work import BAD_INPUT, INACCURATE, NON_FINITE, NOT_CONVERGED, SINGULAR, StepResult
@@ -45,7 +46,7 @@ def sentence(model: Model, settings: IntegratorSettings, scheme: Ref, state: Sta
         tolerance = settings.error_tolerance
         return when + f'the error stays above integrator.error_tolerance = {tolerance:g} with {smallest}; {remedy} or allow more'
     assert result.status == NOT_CONVERGED
-    phi, energy = work.phi_end, work.energy
+    phi, account = work.phi_end, work.account
     worst = int(np.argmax(np.abs(phi))) if model.n_rows else -1
     name = f', worst constraint {model.row_names[worst]!r} ({abs(phi[worst]):.2g})' if worst >= 0 else ''
     if settings.step_policy == 'constant':
@@ -57,8 +58,8 @@ def sentence(model: Model, settings: IntegratorSettings, scheme: Ref, state: Sta
             f'the penalty {scheme.penalty.max():.3g} is so large that its rounding spoils the condensed matrix: reduce '
             f'integrator.penalty to {ROUNDING_PENALTY:.0e} or less, or take integrator.form: block'
         )
-    if contradicts(energy, model.tables.bodies)[0]:
-        row = model.row_names[int(energy[CONTRADICTION + 2])]
+    if contradicts(account, model.tables.bodies)[0]:
+        row = model.row_names[noted(account.contradiction)[2]]
         remedy = f'redundant joints contradict each other, most at constraint {row!r}: {MORE_DIGITS}'
     fallen = _fallen_disc(model, state)
     if fallen:

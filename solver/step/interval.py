@@ -79,7 +79,7 @@ def _open(c, control, work):
     """Begin an interval: remember what its first attempt may change."""
     kept, progress = control.kept, control.progress
     copy_vector(control.memory, kept.memory)
-    copy_vector(work.energy, kept.energy)
+    copy_vector(work.account.numbers, kept.account)
     if control.adaptive == 1:
         copy_vector(c.penalty, kept.penalty)
     for i in range(PROGRESS):
@@ -96,7 +96,7 @@ def _give_up(c, control, old, work):
         copy_whole_state(control.begin, old)
         copy_history(kept.history, control.history)
     copy_vector(kept.memory, control.memory)
-    copy_vector(kept.energy, work.energy)
+    copy_vector(kept.account, work.account.numbers)
     if control.adaptive == 1:
         copy_vector(kept.penalty, c.penalty)
     progress[OPEN] = 0.0
@@ -215,13 +215,13 @@ def _interval(tables, c, control, old, new, u, t, outputs, audit, left, work):
         end = 1.0 if count == 1.0 else done + part
         here = t + done * grid
         h = _note_step(control, here, part * grid / control.group)
-        before = control.kept.energy  # of the attempt
+        before = control.kept.account  # of the attempt
         if done == 0.0 and count > 1.0:
             copy_whole_state(old, control.begin)
             copy_history(control.history, control.kept.history)
         elif done > 0.0:
-            before = control.kept.energy_before
-            copy_vector(work.energy, before)
+            before = control.kept.account_before
+            copy_vector(work.account.numbers, before)
         last = np.bool_(outputs and count == 1.0)
         shown = np.bool_(audit or last)
         if control.group == 2:
@@ -236,7 +236,7 @@ def _interval(tables, c, control, old, new, u, t, outputs, audit, left, work):
             swapped = not swapped
             continue
         control.counts[REJECTED] += 1
-        copy_vector(before, work.energy)
+        copy_vector(before, work.account.numbers)
         if not _go_smaller(control, h, attempt):
             _give_up(c, control, old, work)
             return INACCURATE if attempt.status == OK else attempt.status, attempt.where, total, attempts, swapped

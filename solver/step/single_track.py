@@ -39,7 +39,6 @@ from __future__ import annotations
 import numpy as np
 
 from solver.compiled.kernel import kernel
-from solver.output import energy as account_of
 from solver.step.single_track_axle import axle_forces
 from solver.step.single_track_shown import keep_account, keep_reached, show
 from solver.step.single_track_tables import (
@@ -244,7 +243,7 @@ def start(t, y, u, index, w, frame):
     y[LOSS] = 0.0
     y[GROSS] = 0.0
     evaluate(t, y, steering, u[index[3]], u[index[4]], w.rates, w.stiff, w.told)
-    keep_account(w.told, y, 0.0, w.energy)
+    keep_account(w.told, y, 0.0, w.account)
     w.reached[:] = 0.0
     w.steered[:] = 0.0
     show(t, y, w.rates, w.told, steering, u, frame)
@@ -271,8 +270,8 @@ def advance(t, y, inputs, index, u_before, first, count, audit, h, parts, w, fra
         if audit or k == count - 1:
             evaluate(t, y, after, u[index[3]], u[index[4]], w.rates, w.stiff, w.told)
         if audit:
-            keep_account(w.told, y, h, w.energy)
-            keep_reached(y, w.rates, w.told, w.energy[account_of.TIME], w.reached)
+            keep_account(w.told, y, h, w.account)
+            keep_reached(y, w.rates, w.told, w.account.time[0], w.reached)
             w.steered[0] += h * after.angle * after.angle
             w.steered[1] += h * after.rate * after.rate
         for i in range(u.shape[0]):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from solver.compiled.kernel import kernel
-from solver.output import energy as account_of
+from solver.output.energy import widen
 from solver.step.single_track_tables import (
     ALPHA,
     AXLE_COLUMNS,
@@ -34,32 +34,27 @@ from solver.step.single_track_tables import (
 
 
 @kernel(inner=True)
-def keep_account(told, y, h, a):
+def keep_account(told, y, h, account):
     """Advance the running account by a step h (h = 0 starts it); the integrals are those of the state."""
     energy = told[ENERGY]
     kinetic = told[KINETIC]
     potential = energy - kinetic
     if h == 0.0:
-        a[:] = 0.0
-        a[account_of.REFERENCE] = energy
-        a[account_of.KINETIC_LOW] = kinetic
-        a[account_of.KINETIC_HIGH] = kinetic
-        a[account_of.POTENTIAL_LOW] = potential
-        a[account_of.POTENTIAL_HIGH] = potential
-    a[account_of.TIME] += h
-    a[account_of.STEPS] += 1.0
-    a[account_of.WORK] = y[LOSS]
-    a[account_of.GROSS] = y[GROSS]
-    a[account_of.ENERGY] = energy
-    a[account_of.KINETIC_LOW] = min(a[account_of.KINETIC_LOW], kinetic)
-    a[account_of.KINETIC_HIGH] = max(a[account_of.KINETIC_HIGH], kinetic)
-    a[account_of.POTENTIAL_LOW] = min(a[account_of.POTENTIAL_LOW], potential)
-    a[account_of.POTENTIAL_HIGH] = max(a[account_of.POTENTIAL_HIGH], potential)
-    a[account_of.SPEED] = max(a[account_of.SPEED], abs(y[VX]), abs(y[VY]), abs(y[SPIN]), abs(y[SPIN + 1]))
-    error = abs(energy - a[account_of.REFERENCE] + y[LOSS])
-    if error > a[account_of.WORST]:
-        a[account_of.WORST] = error
-        a[account_of.WORST_AT] = a[account_of.TIME]
+        account.numbers[:] = 0.0
+        account.reference[0] = energy
+        account.kinetic[0] = account.kinetic[1] = kinetic
+        account.potential[0] = account.potential[1] = potential
+    account.time[0] += h
+    account.steps[0] += 1.0
+    account.work[0] = y[LOSS]
+    account.gross[0] = y[GROSS]
+    account.energy[0] = energy
+    widen(account.kinetic, kinetic)
+    widen(account.potential, potential)
+    account.speed[0] = max(account.speed[0], abs(y[VX]), abs(y[VY]), abs(y[SPIN]), abs(y[SPIN + 1]))
+    error = abs(energy - account.reference[0] + y[LOSS])
+    if error > account.worst[0]:
+        account.worst[0], account.worst_at[0] = error, account.time[0]
 
 
 @kernel(inner=True)

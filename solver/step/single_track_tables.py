@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.elements.road import RoadTable
+from solver.output.account import Account
 
 # State
 X, Y, YAW, ROLL, TURN_F, TURN_R = range(6)
@@ -123,7 +124,7 @@ class SingleTrackWork(NamedTuple):
     told: np.ndarray  # (TOLD,)
     reached: np.ndarray  # (len(REACHED), 2)
     steered: np.ndarray  # (2,) integrals of the squares of angle [rad^2 s] and rate [rad^2/s] of the steering wheel
-    energy: np.ndarray  # (LENGTH,) running account
+    account: Account  # the running account, of no bodies
 
 
 class Steered(NamedTuple):

@@ -13,7 +13,7 @@ from solver.elements.point_pair import Kinematics
 from solver.elements.registry import FORCES
 from solver.model.saddle import Saddle
 from solver.model.state import new_kinematics
-from solver.output.energy import account_length
+from solver.output.account import Account, new_account
 from solver.output.snapshot import Counters, OutputArrays
 from solver.step.augmentation import Augmentation, new_augmentation
 from solver.step.constraint_coefficients import Formulation, new_formulation
@@ -85,7 +85,7 @@ def scheme_of(settings: IntegratorSettings, h: float, form: int, n_rows: int, fa
 
 
 class Work(NamedTuple):
-    """Scratch and outputs of a step; nothing in it but the energy balance and its inputs before survives from one step to the next."""
+    """Scratch and outputs of a step; nothing in it but the account and its inputs before survives from one step to the next."""
 
     kin_stage: Kinematics  # at the generalized midpoint; the suffix says the instant: stage or end of the step
     kin_end: Kinematics
@@ -114,7 +114,7 @@ class Work(NamedTuple):
     v_out: np.ndarray  # (nb + 1, 6) projected twist
     a_out: np.ndarray  # (nb + 1, 6) acceleration at the end of the step
     lam_out: np.ndarray  # (nc,) constraint forces at the end of the step
-    energy: np.ndarray  # running account (solver.output.energy)
+    account: Account  # the running account
     u_force: np.ndarray  # (nu,) 1 for inputs that forces follow, 0 for prescribed motions
     u_before: np.ndarray  # (nu,) inputs of the step before
     u_end: np.ndarray  # (nu,) inputs at the end of the step
@@ -135,7 +135,7 @@ class LastStep(NamedTuple):
     phi_t: np.ndarray  # (nc,) explicit time derivatives of the rows
     lam: np.ndarray  # (nc,) constraint forces at the end of the step
     W: np.ndarray  # (nc,) penalties: xi_R times what it multiplies
-    energy: np.ndarray  # (5,) the energy account (solver.output.energy)
+    account: Account  # the running account
 
 
 class StepResult(NamedTuple):
@@ -181,7 +181,7 @@ def new_work(model, saddle: Saddle, outputs: np.ndarray, arrays: OutputArrays) -
         f=six(), r=six(), dw=six(), a_best=six(), lam_best=row(), Kq=zeros((ns + 1, 6, 6)), Kv=zeros((ns + 1, 6, 6)),
         phi_end=row(), phi_stage=row(), g=row(), dlam=row(), phi_t=row(), phi_tt=row(), rate=row(),
         J_end=zeros((ne + 1, 6, 6)), J_stage=zeros((ne + 1, 6, 6)), zp=zeros(nz), z_stage=zeros(nz),
-        saddle=saddle, outputs=outputs, v_out=six(), a_out=six(), lam_out=row(), energy=zeros(account_length(nb, model.n_peaks)),
+        saddle=saddle, outputs=outputs, v_out=six(), a_out=six(), lam_out=row(), account=new_account(nb, model.n_peaks),
         u_force=forces, u_before=zeros(len(forces)), u_end=zeros(len(forces)), outputs_end=outputs.copy(),
         augmentation=new_augmentation(model),
         formulation=new_formulation(model),

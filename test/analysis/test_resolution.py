@@ -10,7 +10,6 @@ import pytest
 from mbd_sim_ros.lab.mechanisms.families import draw
 from solver.analysis.verdict import findings, late_by
 from solver.files.scene import load_scene, load_scene_text
-from solver.output.energy import PHASE
 from solver.simulation import Simulation
 
 H = 1e-3
@@ -101,7 +100,7 @@ def test_a_motion_that_is_damped_forgets_the_phase_it_lost() -> None:
     for s in (free, driven):
         for _ in range(3):
             s.advance(400)
-            lost.append(s.last_step.energy[PHASE])
+            lost.append(s.last_step.account.phase[0])
     rate = (lost[1] - lost[0]) / (400 * H)
     assert lost[2] - lost[1] == pytest.approx(lost[1] - lost[0], rel=0.01)
     assert lost[4:] == pytest.approx([rate * 2.0 / 20.0] * 2, rel=0.05)
@@ -173,7 +172,7 @@ def test_a_disc_that_nutates_is_told_by_what_its_steps_solve(spin: float, h: flo
     s = Simulation(load_scene_text(json.dumps(scene)))
     s.advance(round(0.5 / h))
     assert ('phase' in {finding.quantity for finding in findings(s)}) == told
-    assert s.last_step.energy[PHASE + 1] == pytest.approx((0.8 * spin * h) ** 3 / 12.0 * 0.5 / h, rel=0.15)
+    assert s.last_step.account.phase[1] == pytest.approx((0.8 * spin * h) ** 3 / 12.0 * 0.5 / h, rel=0.15)
 
 
 def test_a_spinning_wheel_that_yaws_steadily_does_not_vibrate() -> None:
@@ -191,7 +190,7 @@ def test_a_spinning_wheel_that_yaws_steadily_does_not_vibrate() -> None:
     s = Simulation(load_scene_text(json.dumps(scene)))
     s.advance(3000)
     assert not findings(s)
-    assert s.last_step.energy[PHASE + 1] < 1e-3
+    assert s.last_step.account.phase[1] < 1e-3
 
 
 @pytest.mark.parametrize('h', [1e-2, 1e-3])

@@ -157,7 +157,7 @@ def test_obstacles_are_crossed_with_loads_that_converge(kind: str, low: float, h
     assert low < converged < high
     assert peak == pytest.approx(converged, rel=0.02)
     assert not findings(coarse)
-    errors = [s.last_step.energy[0] for s in (coarse, fine)]
+    errors = [s.last_step.account.worst[0] for s in (coarse, fine)]
     assert all(np.isfinite(errors))
     speed = fine.snapshot().twist[0, 0] * 3.6
     assert OBSTACLES[kind][2] * 0.85 < speed < OBSTACLES[kind][2]

@@ -34,10 +34,10 @@ def test_restoring_a_saved_state_repeats_the_future_bit_by_bit(name):
     for steps in (7, 20):
         simulation.advance(steps)
         saved = simulation.save()
-        future, audit = bits(simulation.advance(30)), simulation.last_step.energy.tobytes()
+        future, audit = bits(simulation.advance(30)), simulation.last_step.account.numbers.tobytes()
         simulation.restore(saved)
         assert bits(simulation.advance(30)) == future
-        assert simulation.last_step.energy.tobytes() == audit
+        assert simulation.last_step.account.numbers.tobytes() == audit
         fresh = Simulation(load_scene(name))
         fresh.restore(saved)
         assert bits(fresh.advance(30)) == future

@@ -25,11 +25,10 @@ from transformed import Transformation, in_units, mirrored, placed_at
 from mbd_sim_ros.lab.mechanisms.families import FAMILIES, draw
 from mbd_sim_ros.lab.mechanisms.references import difference, measured
 from mbd_sim_ros.lab.studies import crank
-from solver.analysis.verdict import exchanged
 from solver.files.scene import load_scene
 from solver.inputs.maneuver import Maneuver
 from solver.model.spec import ModelSpec
-from solver.output import energy as account
+from solver.output.energy import exchanged
 from solver.scene import Scene
 from solver.simulation import Simulation
 from solver.step.settings import IntegratorSettings
@@ -162,12 +161,12 @@ def test_what_is_passive_gains_no_energy(name: str) -> None:
     for h in (2e-3, 1e-3):
         given = scene(name)
         s = Simulation(dataclasses.replace(given, model=passive(given.model), maneuver=Maneuver(), integrator=IntegratorSettings(h=h)))
-        start = s.last_step.energy[account.ENERGY]
+        start = s.last_step.account.energy[0]
         highest = start
         for _ in range(round(0.5 / h)):
             s.advance()
-            highest = max(highest, s.last_step.energy[account.ENERGY])
-        gains[h] = (highest - start) / (exchanged(s) + 1e-6 * s.last_step.energy[account.KINETIC_HIGH])
+            highest = max(highest, s.last_step.account.energy[0])
+        gains[h] = (highest - start) / (exchanged(s.last_step.account) + 1e-6 * s.last_step.account.kinetic[1])
     assert gains[1e-3] < 2e-4
     assert gains[1e-3] < max(1e-9, 0.5 * gains[2e-3])
 

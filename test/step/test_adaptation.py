@@ -60,7 +60,7 @@ def simulation(name: str, *settings: str) -> Simulation:
 def bits(sim: Simulation) -> bytes:
     """All numbers of the state, and everything the future depends on."""
     s = sim.snapshot()
-    parts = [*sim.state, s.pose, s.twist, s.reactions, sim.last_step.energy]
+    parts = [*sim.state, s.pose, s.twist, s.reactions, sim.last_step.account.numbers]
     if sim.adaptation is not None:
         parts += sim.adaptation.memory().values()
     return np.concatenate([np.ravel(part) for part in parts]).tobytes()
@@ -98,7 +98,7 @@ def test_a_failed_interval_leaves_the_state_of_its_start():
     assert sim.k > 5
     for a, b in zip(sim.state, other.state, strict=True):
         assert a.tobytes() == b.tobytes()
-    assert sim.last_step.energy.tobytes() == other.last_step.energy.tobytes()
+    assert sim.last_step.account.numbers.tobytes() == other.last_step.account.numbers.tobytes()
     for name, value in adaptation(other).memory().items():
         assert value.tobytes() == adaptation(sim).memory()[name].tobytes(), name
 
@@ -275,7 +275,7 @@ def test_a_long_interval_is_left_when_somebody_asks_for_an_end():
     sim, other = (simulation('double_pendulum', *settings) for _ in range(2))
     one = sim.advance(1)
     before = [array.copy() for array in sim.state]
-    energy = sim.last_step.energy.copy()
+    energy = sim.last_step.account.numbers.copy()
     interruption.request()
     try:
         now = sim.advance(3)
@@ -283,7 +283,7 @@ def test_a_long_interval_is_left_when_somebody_asks_for_an_end():
         interruption.forget()
     assert sim.k == 1
     assert all(a.tobytes() == b.tobytes() for a, b in zip(sim.state, before, strict=True))
-    assert sim.last_step.energy.tobytes() == energy.tobytes()
+    assert sim.last_step.account.numbers.tobytes() == energy.tobytes()
     np.testing.assert_allclose(now.pose, one.pose, rtol=0, atol=1e-12)
     other.advance(4)
     sim.advance(3)

@@ -95,7 +95,7 @@ def test_penalties_that_need_no_change_change_no_bit():
     a, b = one.advance(200), other.advance(200)
     assert other.events == []
     assert a.numbers.tobytes() == b.numbers.tobytes()
-    assert one.last_step.energy.tobytes() == other.last_step.energy.tobytes()
+    assert one.last_step.account.numbers.tobytes() == other.last_step.account.numbers.tobytes()
     assert one.totals() == other.totals()
 
 
@@ -110,7 +110,7 @@ def test_the_default_has_the_bits_of_constant_steps_while_nothing_fails(name, mo
         for other, sim in zip(others, sims[1:], strict=True):
             assert other.numbers.tobytes() == first.numbers.tobytes()
             assert other.counters == first.counters
-            assert sim.last_step.energy.tobytes() == sims[0].last_step.energy.tobytes()
+            assert sim.last_step.account.numbers.tobytes() == sims[0].last_step.account.numbers.tobytes()
             assert all(a.tobytes() == b.tobytes() for a, b in zip(sim.state, sims[0].state, strict=True))
     assert sims[2].totals() == sims[0].totals()
     assert sims[2].events == []

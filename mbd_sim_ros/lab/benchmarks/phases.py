@@ -82,7 +82,7 @@ def repeat(phase, count, tables, c, s0, s1, u, work):
             project_velocity(tables, c, s1.v, u, 1 if c.fixed == 1 else 3, work)
         else:
             evaluate_forces(tables, work.kin_end, s1.angle, s1.z, 0.0, u, False, work.f, work.Kq, work.Kv, work.z_stage, work.outputs)
-            update_energy(tables, work.kin_end, work.outputs, work.lam_out, work.phi_t, h, work.energy)
+            update_energy(tables, work.kin_end, work.outputs, work.lam_out, work.phi_t, h, work.account)
 
 
 @kernel(borrow=True)

@@ -9,7 +9,6 @@ import numpy as np
 
 from mbd_sim_ros.lab.studies import crank
 from solver.errors import StepError
-from solver.output.energy import ENERGY
 from solver.simulation import Simulation
 
 START = np.pi / 4  # rad, where the chapter starts
@@ -67,12 +66,12 @@ def record(label: str, h: float, duration: float, settings: dict[str, Any]) -> R
     start = simulation.snapshot().joint_position
     steps = round(duration / h)
     energy = np.full((steps + 1, 2), np.nan)
-    energy[0] = 0.0, simulation.last_step.energy[ENERGY]
+    energy[0] = 0.0, simulation.last_step.account.energy[0]
     outcome = 'ok'
     try:
         for k in range(1, steps + 1):
             snapshot = simulation.advance()
-            energy[k] = simulation.t_ns * 1e-9, simulation.last_step.energy[ENERGY]
+            energy[k] = simulation.t_ns * 1e-9, simulation.last_step.account.energy[0]
             turn = snapshot.joint_position - start
             if not abs(2 * turn[0] + turn[1]) < crank.ON_BRANCH:
                 outcome = 'wrong branch'

@@ -10,7 +10,6 @@ from mbd_sim_ros.lab.studies import crank
 from solver.analysis.verdict import findings
 from solver.errors import MbdError, StepError
 from solver.files.scene import load_scene
-from solver.output import energy as account
 from solver.simulation import Simulation
 
 PASSAGES = 2500  # at each step of the slider-crank
@@ -81,20 +80,20 @@ def loops(count: int, iterations: int) -> dict[str, Any]:
 def long_run(name: str, steps: int) -> dict[str, Any]:
     """A run of many steps of 1 ms: what its energy, from places and velocities alone, has become, and what the run says of itself."""
     s = Simulation(load_scene(name, ['integrator={h: 0.001}', 'require={}']))
-    start = s.last_step.energy[account.ENERGY]
+    start = s.last_step.account.energy[0]
     try:
         while s.k < steps:
             s.advance(min(100_000, steps - s.k))
     except StepError as error:
         return {'scene': name, 'steps': s.k, 'status': 'error', 'text': str(error), 'lost': None, 'kinetic': None, 'drift': None}
     found = findings(s)
-    a = s.last_step.energy
+    a = s.last_step.account
     return {
         'scene': name,
         'steps': s.k,
         'status': 'suspect' if found else 'ok',
         'text': '; '.join(map(str, found)),
-        'lost': float(start - a[account.ENERGY]),
-        'kinetic': float(a[account.KINETIC_HIGH]),
+        'lost': float(start - a.energy[0]),
+        'kinetic': float(a.kinetic[1]),
         'drift': s.totals()['position_drift_max'],
     }
