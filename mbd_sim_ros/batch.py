@@ -21,7 +21,7 @@ from mbd_sim_ros.messages.encode import Messages, require_finite
 from solver.analysis.balance import Balance
 from solver.analysis.covered import weighed
 from solver.analysis.envelope import Envelope
-from solver.analysis.verdict import OK, SUSPECT, passes, report
+from solver.analysis.verdict import ERROR, passes, report, status_of
 from solver.errors import MbdError, StepError
 from solver.files.scene import load_scene_text
 from solver.findings import Finding
@@ -170,7 +170,7 @@ class _Run:
     meter: _Meter
     balances: Balance | None
     envelope: Envelope
-    status: str = 'error'
+    status: str = ERROR
     found: list[Finding] = field(default_factory=list)
     covered: list[Finding] = field(default_factory=list)
     signal: int = 0
@@ -198,7 +198,7 @@ class _Run:
         """Say what became of steps that did not fail."""
         self.signal = interrupts.received() if self.simulation.k < self.steps else 0
         self.found, self.covered = weighed(self.simulation, self.envelope, self.meter.figures()['real_time_factor'])
-        self.status = 'interrupted' if self.signal else SUSPECT if self.found else OK
+        self.status = status_of(self.found, interrupted=bool(self.signal))
 
     def close(self) -> dict[str, Any]:
         """Finish the recording with the verdict; returns the figures."""

@@ -4,18 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-# Quantities of findings that a plan may have measured: what they tell of is a matter of step, iterations or level.
-COARSE = ('turn_per_step', 'resolution', 'phase', 'validity', 'envelope')
-ANYWHERE = ('turn_per_step',)  # iterations contract by the largest turn, whichever body makes it; of four wheels now one, now another
-WORSE = 0.1  # of the value: as much as a plan leaves free of a limit for maneuvers beside those it chose on (solver.trade.search)
-
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """What makes a run suspect.
+    """What makes a run suspect: a value beyond the limit of a check (solver.checks).
 
-    quantity: as in `require` where there is such a limit. time: of the worst instant [s], None when it has none. where: the body or
-    constraint row that is worst, or empty. required: whether the limit is one that the scene requires.
+    quantity: the name of the check. time: of the worst instant [s], None when it has none. where: the body or constraint row that is worst,
+    or empty. of: what the value is of, where a check looks at several things, or empty. required: whether the limit is one that the scene
+    requires. text: two sentences, what was found with its numbers, and what to do.
     """
 
     quantity: str
@@ -24,6 +20,7 @@ class Finding:
     unit: str
     time: float | None
     where: str
+    of: str = ''
     required: bool
     text: str
 
@@ -31,37 +28,21 @@ class Finding:
         return self.text
 
     @property
-    def what(self) -> str:
-        """What it says, without numbers: with quantity and where the kind of the finding."""
-        return self.text.partition(f' {self.value:.3g}')[0]
+    def fact(self) -> str:
+        """The first of its sentences, without the remedy."""
+        return self.text.partition('). ')[0] + ')'
 
 
 @dataclass(frozen=True, kw_only=True)
 class Certified:
-    """A finding of the runs that a plan was measured on: its kind (quantity, what it says, where) and how far it went beyond a limit."""
+    """A finding of the runs that a plan was measured on: its kind (quantity, of, where), and how far it went beyond a limit."""
 
     quantity: str
-    what: str
+    of: str
     where: str
     value: float
     limit: float
     unit: str
-
-    def covers(self, finding: Finding) -> bool:
-        """Whether a finding is the same, beyond the same end of a range, and not considerably worse."""
-        if finding.quantity not in COARSE or finding.required or kind_of(finding) != kind_of(self):
-            return False
-        return side_of(self) * (finding.value - self.value) <= WORSE * abs(self.value)
-
-
-def kind_of(one: Finding | Certified) -> tuple[str, str, str, float]:
-    """Quantity, what it says, where, and beyond which end of a range: findings alike in these are the same at another size."""
-    return one.quantity, one.what, '' if one.quantity in ANYWHERE else one.where, side_of(one)
-
-
-def side_of(one: Finding | Certified) -> float:
-    """Beyond which end of its range: 1 above the upper, -1 below the lower one. What was measured to the left says nothing of the right."""
-    return 1.0 if one.value > one.limit else -1.0
 
 
 @dataclass(frozen=True, kw_only=True)

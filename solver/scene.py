@@ -7,11 +7,12 @@ import hashlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from typing import Literal
 
 import numpy as np
 
-from solver.dimensions import Energy, Frequency, Speed, Time
+from solver.checks.registry import LIMITS
+from solver.dimensions import Frequency, Speed, Time
 from solver.elements.coordinate import CoordinateSpec
 from solver.elements.marker import Spec
 from solver.elements.registry import CONSTRAINTS, FORCES
@@ -180,29 +181,21 @@ class Budget:
 class Require:
     """Limits a run must keep; it is suspect otherwise, and `mbd run` ends with a code that is not 0.
 
-    A limit given here replaces the one that follows from the method (solver.analysis.verdict; `mbd run` shows figure and limit of
-    everything that is beyond); real_time_factor_min has none. residual_max: largest last increment of an iteration, of the velocity.
-    branch_switches_max looks for them as record.branches does. allow_suspect: a run that is suspect by limits that are not given here ends
-    with code 0; it is called suspect all the same.
+    limits: of checks, each with a key of its own beside the others (docs/stability.md says what they are of). One that is given replaces
+    the limit that follows from the method; `mbd run` shows figure and limit of everything that is beyond. branch_switches_max looks for
+    them as record.branches does. allow_suspect: a run that is suspect by limits that are not given here ends with code 0; it is called
+    suspect all the same.
     accuracy: errors that a level of detail and a coarse integration may make, by quantity, which `mbd plan` keeps; a quantity may also
     stand beside the other keys: `require: {yaw_rate: {rms: 2 %}}`.
     """
 
-    energy_error_max: Energy | None = None
-    residual_max: float | None = None
-    position_drift_max: Annotated[float | None, 'm or rad'] = None
-    velocity_drift_max: Annotated[float | None, 'm/s or rad/s'] = None
-    real_time_factor_min: float | None = None
-    branch_switches_max: int | None = None
+    limits: dict[str, float] = field(default_factory=dict, metadata={'keys': LIMITS})
     allow_suspect: bool = False
     accuracy: dict[str, Accuracy] = field(default_factory=dict)
 
-    @property
-    def limits(self) -> dict[str, float]:
-        """The limits of figures of a run that are given."""
-        others = ('allow_suspect', 'accuracy')
-        values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name not in others}
-        return {name: limit for name, limit in values.items() if limit is not None}
+    def __post_init__(self) -> None:
+        for name in (n for n in self.limits if n not in LIMITS):
+            raise SpecError(f'require: {name}: no check has such a limit{suggestion(name, LIMITS)}')
 
 
 @dataclass(frozen=True, kw_only=True)

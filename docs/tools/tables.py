@@ -94,6 +94,9 @@ def block(cls: type, *, named: bool = False) -> str:
         hint = hints[field.name]
         if (named and field.name == 'name') or not field.repr or hint is ModelSpec:
             continue
+        if 'keys' in field.metadata:
+            rows += [f'| `{key}` | {value(plain(of))} | {unit_of(of)} | none |' for key, of in field.metadata['keys'].items()]
+            continue
         unit = unit_of(hint)
         suffix = f' (or `{field.name}_{SUFFIX_OF[unit]}`)' if unit in SUFFIX_OF else ''
         rows.append(f'| `{field.name}`{suffix} | {value(plain(hint))} | {unit} | {default(field)} |')

@@ -173,7 +173,10 @@ def _level(level: LevelReport) -> str:
         [('subsystem', '', 'why'), *((s.subsystem, 'on' if s.on else 'off', s.why) for s in level.switched)],
         [('lost',), *((text,) for text in level.lost)],
         [('valid for',), *((str(limit),) for limit in level.validity)],
-        [('measured and certified', 'where'), *((f'{c.what} {c.value:.3g} {c.unit}'.rstrip(), c.where) for c in level.certified)],
+        [
+            ('measured and certified', 'where'),
+            *((' '.join(f'{c.quantity} {c.of} {c.value:.3g} {c.unit}'.split()), c.where) for c in level.certified),
+        ],
         [('not published',), *((name,) for name in level.absent)],
     ]
     found = level.errors or ()

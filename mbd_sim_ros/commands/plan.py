@@ -112,7 +112,7 @@ def _time(scene: Scene, data: dict[str, Any]) -> None:
     from solver.trade.certificate import NO
 
     run_ = data['cost']['run'] = as_run(chosen(scene, data))
-    least = scene.require.real_time_factor_min
+    least = scene.require.limits.get('real_time_factor_min')
     if least is not None and max(run_.values()) < least:
         data['status'] = NO
         steps = data['cost']['real_time_factor']

@@ -75,7 +75,7 @@ def _swept(args: argparse.Namespace, sweep: Sweep, run_cases: Callable[[Sequence
         first, keys = load_scene_and_units(base.resolved, base.name, overrides_of(values[0]))  # wrong keys are told before anything runs
     except MbdError as error:
         raise SceneError(f'{args.file}: parameters: {str(error).removeprefix("--set ")}') from None
-    if first.require.real_time_factor_min is not None:
+    if 'real_time_factor_min' in first.require.limits:
         raise SceneError(
             f'{args.file}: require.real_time_factor_min: rows do not depend on the machine, so it is not judged in a sweep; '
             'add require.real_time_factor_min=null to set, and judge it with mbd run'

@@ -11,7 +11,8 @@ from mbd_sim_ros.node.commands import commanded
 from mbd_sim_ros.node.loop import Loop
 from solver.analysis.covered import Weighed, weighed
 from solver.analysis.envelope import Envelope
-from solver.analysis.verdict import OK, SUSPECT
+from solver.analysis.verdict import status_of
+from solver.checks.level import ENVELOPE
 from solver.errors import BagError
 from solver.findings import Finding
 from solver.simulation import Simulation
@@ -87,11 +88,11 @@ def diagnosis(
         problems.append(f'publishing takes longer than publish_budget: dropped {values["publishing dropped"]}')
     suspect, covered = _weighed(loop.simulation, envelope)
     values['findings'] = len(suspect)
-    values['verdict'] = SUSPECT if suspect else OK
+    values['verdict'] = status_of(suspect)
     if covered:
         values['covered by the certificate'] = '; '.join(map(str, covered))
     if envelope is not None:
-        left = any(finding.quantity == 'envelope' for finding in suspect)
+        left = any(finding.quantity == ENVELOPE.name for finding in suspect)
         values['envelope'] = ('left' if left else 'kept') if envelope.watches else 'none'
     problems += [f'suspect: {finding}' for finding in suspect]
     level, text = DiagnosticStatus.OK, 'running' if not loop.paused else 'paused'

@@ -16,7 +16,7 @@ from mbd_sim_ros.node.diagnostics import judged
 from mbd_sim_ros.node.loop import Loop
 from mbd_sim_ros.node.parameters import PARAMETERS
 from solver.analysis.envelope import Envelope
-from solver.analysis.verdict import OK, SUSPECT, report
+from solver.analysis.verdict import report, status_of
 from solver.errors import BagError
 from solver.findings import Finding
 from solver.output.snapshot import Snapshot
@@ -118,8 +118,7 @@ class Recording:
         figures = {'steps': loop.steps, 'overruns': loop.overruns, 'schedule_slips': loop.slips, 'wall_time': f'{loop.wall_time:.3f}'}
         events = json.dumps([event._asdict() for event in self._simulation.events])
         found = self.found() if found is None else found
-        status = 'error' if loop.error else SUSPECT if found else OK
-        verdict = {'end': outcome, 'status': status, 'findings': json.dumps(report(found))}
+        verdict = {'end': outcome, 'status': status_of(found, failed=bool(loop.error)), 'findings': json.dumps(report(found))}
         try:
             return recorder.close({**verdict, **{key: str(value) for key, value in figures.items()}, 'event_list': events})
         except BagError as error:

@@ -21,7 +21,7 @@ from mbd_sim_ros.sweep.design import Figure
 from solver import simulation_of
 from solver.analysis.covered import weighed
 from solver.analysis.envelope import Envelope
-from solver.analysis.verdict import report
+from solver.analysis.verdict import ERROR, report, status_of
 from solver.errors import BagError, MbdError
 from solver.files.scene import load_scene_text
 from solver.files.yaml_tree import keys_of
@@ -55,7 +55,7 @@ def row_of(case: Case) -> Row:
         scene = load_scene_text(case.text, case.name, overrides_of(case.values))
         beside = beside_text(scene)
     except MbdError as error:
-        return {**head, 'status': 'error', 'message': str(error), **nothing}
+        return {**head, 'status': ERROR, 'message': str(error), **nothing}
     asked = json.dumps({name: dataclasses.asdict(figure) for name, figure in case.figures.items()})
     parts = (*(text.encode() for text in (scene.resolved, asked, source_hash())), *beside)
     key = hashlib.sha256(b'\0'.join(parts)).hexdigest()[:24]
@@ -109,7 +109,7 @@ def _run(scene: Any, figures: Mapping[str, Figure], bag: Path | None) -> dict[st
     instants: list[float] = []
     values: list[np.ndarray] = []
     recorder = messages = None
-    status, message, told = 'error', '', list[Finding]()
+    status, message, told = ERROR, '', list[Finding]()
     try:
         simulation = simulation_of(scene)
         found = {name: quantity(figure.quantity, simulation.channels) for name, figure in figures.items()}
@@ -137,7 +137,7 @@ def _run(scene: Any, figures: Mapping[str, Figure], bag: Path | None) -> dict[st
                 break
             simulation.advance(min(sample - k % sample, look - k % look, every - k % every, scene.steps - k))
         told = weighed(simulation, envelope).suspect
-        status, message = ('suspect', '; '.join(map(str, told))) if told else ('ok', '')
+        status, message = status_of(told), '; '.join(map(str, told))
     except BagError:
         raise
     except MbdError as error:
@@ -145,7 +145,7 @@ def _run(scene: Any, figures: Mapping[str, Figure], bag: Path | None) -> dict[st
     finally:
         if recorder is not None:
             recorder.close({'status': status, 'findings': json.dumps(report(told))})
-    numbers = dict.fromkeys(figures) if status == 'error' else _figures(figures, found, np.array(instants), np.array(values))
+    numbers = dict.fromkeys(figures) if status == ERROR else _figures(figures, found, np.array(instants), np.array(values))
     return {'status': status, 'message': message, 'figures': numbers}
 
 

@@ -22,7 +22,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.analysis.impossible import Impossible, Seen
+from solver.analysis.impossible import Impossible
+from solver.checks.check import Measured
+from solver.checks.level import ENVELOPE
+from solver.checks.vehicle import LEANING, ROLLOVER, TIRE_LOAD
 from solver.elements.tire_pacejka import TIRE_COLUMNS
 from solver.findings import Finding, Limit
 from solver.output.snapshot import Channels, Snapshot, layout_of
@@ -37,9 +40,6 @@ WINDOW = 1.0  # s
 APART, SLOWLY = 5e-3, 0.02  # s: between two looks at what has a range, and at no more than how a vehicle leans and what its tires carry
 STILL = {'travel_': 5e-4, 'steering_wheel': 0.005}  # m, rad: root mean square of a departure that is too small to have a frequency
 FREQUENCY = 'frequency'
-ROLLOVER = 'rollover'
-OVERLOAD = 'tire_load'
-LEANING = math.radians(60.0)  # rad: from there on tires lose their friction (docs/tire.md), and no car comes back onto its wheels
 
 
 class _Worst(NamedTuple):
@@ -168,13 +168,7 @@ class _Lean:
         angle = math.acos(max(-1.0, self.least))
         if angle <= LEANING:
             return None
-        text = (
-            f'the vehicle rolls over, and nothing but its tires touches the road, through which the rest falls: {self._name!r} leans by '
-            f'{angle:.3g} rad at t = {self.time:.6g} s; the limit {LEANING:.3g} rad; only what was before that is to be believed'
-        )
-        return Finding(
-            quantity=ROLLOVER, value=angle, limit=LEANING, unit='rad', time=self.time, where=self._name, required=False, text=text
-        )
+        return ROLLOVER.finding(Measured(value=angle, time=self.time, where=self._name))
 
 
 class _Carried:
@@ -212,12 +206,7 @@ class _Carried:
         part, k, load, time = self.worst
         if part <= 1.0:
             return None
-        name, limit = self._names[k], float(self._ends[k])
-        text = (
-            f'a tire carries more than its data cover, in the mean of a second {load:.4g} N at t = {time:.6g} s, {name!r}; the limit FZMAX '
-            f'{limit:.4g} N, at which its friction and stiffness are held; load the vehicle less, or take a tire for such loads'
-        )
-        return Finding(quantity=OVERLOAD, value=load, limit=limit, unit='N', time=time, where=name, required=False, text=text)
+        return TIRE_LOAD.finding(Measured(value=load, limit=float(self._ends[k]), time=time, where=self._names[k]))
 
 
 class Envelope:
@@ -282,7 +271,7 @@ class Envelope:
             states = [copy.copy(one) for one in self._impossible]
             leans, loads = [copy.copy(lean) for lean in self._leans], [copy.copy(carried) for carried in self._carried]
         _fold([*present, *states], leans, loads, noted)
-        found = [_impossible(seen) for state in states for seen in state.seen()]
+        found = [finding for state in states for finding in state.findings()]
         found += [rolled for lean in leans if (rolled := lean.finding())]
         for carried in loads:
             if ended:
@@ -301,31 +290,19 @@ def _left(limit: Limit, worst: _Worst) -> Finding:
     _, name, value, time = worst
     side = limit.high if limit.low is None or value > limit.high else limit.low
     unit = '' if limit.unit == '1' else f' {limit.unit}'
-    valid = f'up to {limit.high:.3g}{unit}' if limit.low is None else f'{limit.low:.3g} to {limit.high:.3g}{unit}'
-    text = (
-        f'the run leaves its envelope: {name} is {value:.3g}{unit} at t = {time:.6g} s, valid is {valid} ({limit.why}); '
-        f'plan a scene that goes so far, or take fidelity: full'
-    )
-    where = limit.quantity
-    return Finding(quantity='envelope', value=value, limit=side, unit=limit.unit, time=time, where=where, required=False, text=text)
+    valid = f'up to {limit.high:.3g}{unit}' if limit.low is None else f'from {limit.low:.3g} to {limit.high:.3g}{unit}'
+    return ENVELOPE.finding(
+        Measured(
+            value=value, limit=side, time=time, where=limit.quantity, unit=unit.strip(),
+            reason=f'the run leaves its envelope: {name} is valid {valid}', remedy=f'The limits: {limit.why}. {ENVELOPE.remedy}',
+        )
+    )  # fmt: skip
 
 
 def _size(simulation: Simulation) -> Size:
     """Of a vehicle; that of a passenger car for what is none."""
     model = getattr(simulation, 'model', None)
     return Size() if model is None else size_of(model.spec)
-
-
-def _impossible(seen: Seen) -> Finding:
-    """What no vehicle can do."""
-    text = (
-        f'{seen.text} {seen.value:.3g} {seen.unit}, since t = {seen.first:.6g} s, {seen.where!r}; the limit {seen.limit:.3g} {seen.unit}; '
-        'no vehicle can do that: only what was before is to be believed'
-    )
-    return Finding(
-        quantity=seen.quantity, value=seen.value, limit=seen.limit, unit=seen.unit, time=seen.first, where=seen.where, required=False,
-        text=text,
-    )  # fmt: skip
 
 
 def _upright(simulation: Simulation) -> list[str]:

@@ -22,9 +22,13 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from solver.checks.check import Check, Measured
+from solver.checks.vehicle import ARTICULATION as FOLDED
+from solver.checks.vehicle import CROSSED, PRESSED, STEERING_END, SUSPENSION, UNDER_ROAD, WHEEL_AXIS
 from solver.compiled.portable import product
 from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.tire_pacejka import TIRE_COLUMNS
+from solver.findings import Finding
 from solver.model.frames import matrix
 from solver.model.spec import ModelSpec
 from solver.output.snapshot import layout_of
@@ -34,35 +38,20 @@ from solver.vehicle.trailer import ARTICULATION, HITCH, TRAILER
 if TYPE_CHECKING:
     from solver.simulation import Simulation
 
-PRESSED = 1.05  # of the angle of the end stops; with ten times as much beyond them rods of many cars pass their dead centre
 SIDES = ('left', 'right')
 
 
-class Seen(NamedTuple):
-    """What a vehicle cannot do, and did. value: the worst; first: when it began [s]."""
-
-    quantity: str
-    text: str
-    where: str
-    unit: str
-    limit: float
-    value: float
-    first: float
-
-
 class _Watch(NamedTuple):
-    """A limit of one thing: quantity, text, where, unit and limit as of Seen; sign: 1 where what is more is beyond, -1 what is less."""
+    """A limit of one thing. sign: 1 where what is more is beyond, -1 what is less."""
 
-    quantity: str
-    text: str
+    check: Check
     where: str
-    unit: str
     limit: float
     sign: float
 
 
 class Impossible:
-    """Follows rows of snapshots: fold(), from any state; seen() says what was. A copy of it goes its own way.
+    """Follows rows of snapshots: fold(), from any state; findings() says what was. A copy of it goes its own way.
 
     It is there for vehicles, which have a category and a chassis; of others nothing is followed.
     """
@@ -74,19 +63,17 @@ class Impossible:
         self._first: np.ndarray = np.zeros(0)
         self._joints: list[tuple[int, float]] = []
         if 'steering_wheel' in channels.joints and model.lock is not None:
-            text = 'the steering wheel is beyond its end stops, where no steering goes: it is turned by'
-            self._joint(channels.joints.index('steering_wheel'), 'steering_end', text, 'steering_wheel', PRESSED * model.lock)
+            self._joint(channels.joints.index('steering_wheel'), STEERING_END, 'steering_wheel', PRESSED * model.lock)
         if ARTICULATION in channels.joints:
-            text = 'the trailer is folded into the car: it points away from it by'
-            self._joint(channels.joints.index(ARTICULATION), 'articulation', text, TRAILER, folded_at(model))
+            self._joint(channels.joints.index(ARTICULATION), FOLDED, TRAILER, folded_at(model))
         self._wheels = _Wheels(model, simulation) if simulation.of_bodies else None
         if self._wheels is not None:
             self._watches += self._wheels.watches
         self._worst, self._first = np.zeros(len(self._watches)), np.full(len(self._watches), math.inf)
 
-    def _joint(self, k: int, quantity: str, text: str, where: str, limit: float) -> None:
+    def _joint(self, k: int, check: Check, where: str, limit: float) -> None:
         self._joints.append((self._layout['joint_position'][0].start + k, limit))
-        self._watches.append(_Watch(quantity, text, where, 'rad', limit, 1.0))
+        self._watches.append(_Watch(check, where, limit, 1.0))
 
     def __bool__(self) -> bool:
         return bool(self._watches)
@@ -105,13 +92,16 @@ class Impossible:
             first[k] = min(first[k], float(times[np.argmax(beyond[:, k] > 0.0)]))
         self._worst, self._first = worst, first
 
-    def seen(self) -> list[Seen]:
-        """Of every kind the one that began first."""
-        found: dict[str, Seen] = {}
+    def findings(self) -> list[Finding]:
+        """Of every kind the one that began first, with the worst value and the time at which it began."""
+        found: dict[str, Finding] = {}
+        begun: dict[str, float] = {}
         for watch, worst, first in zip(self._watches, self._worst.tolist(), self._first.tolist(), strict=True):
-            if first < math.inf and (watch.quantity not in found or first < found[watch.quantity].first):
+            name = watch.check.name
+            if first < begun.get(name, math.inf):
                 value = watch.limit + watch.sign * worst
-                found[watch.quantity] = Seen(*watch[:5], value, first)
+                begun[name] = first
+                found[name] = watch.check.finding(Measured(value=value, limit=watch.limit, time=first, where=watch.where))
         return list(found.values())
 
 
@@ -131,25 +121,21 @@ class _Wheels:
         self._axis = np.array([matrix(tire.marker.orientation)[:, 1] for tire in model.tires]).reshape(-1, 3)
         radii = [float(tire.data['UNLOADED_RADIUS']) for tire in model.tires]
         carriers = [TRAILER if TRAILER in bodies and tire.name.startswith(TRAILER) else model.chassis or '' for tire in model.tires]
-        under = 'the centre of a wheel is below the road, by'
-        self.watches = [_Watch('under_road', under, name, 'm', 0.0, 1.0) for name in self._names]
+        self.watches = [_Watch(UNDER_ROAD, name, 0.0, 1.0) for name in self._names]
         self._whole, self._pairs = whole, []
         if not whole:
             return
         self._carrier = np.array([channels.bodies.index(name) for name in carriers], int)
         self._design = np.array([_within(bodies[c], bodies[t.marker.body], t.marker.position) for c, t in zip(carriers, model.tires)])
-        torn = 'a wheel is further than its own radius from where it stands in its suspension, by'
-        self.watches += [_Watch('suspension', torn, name, 'm', radius, 1.0) for name, radius in zip(self._names, radii, strict=True)]
-        inside = 'a wheel has turned inside out: the angle between its axis and that of the vehicle is'
-        self.watches += [_Watch('wheel_axis', inside, name, 'rad', 0.5 * math.pi, 1.0) for name in self._names]
+        self.watches += [_Watch(SUSPENSION, name, radius, 1.0) for name, radius in zip(self._names, radii, strict=True)]
+        self.watches += [_Watch(WHEEL_AXIS, name, 0.5 * math.pi, 1.0) for name in self._names]
         stems = {name[: -len(SIDES[0])] for name in self._names if name.endswith(SIDES[0])}
         self._pairs = [
             (self._names.index(stem + SIDES[0]), self._names.index(stem + SIDES[1]))
             for stem in sorted(stems)
             if stem + SIDES[1] in self._names
         ]
-        crossed = 'the left wheel of an axle is to the right of the right one: beside it by'
-        self.watches += [_Watch('crossed', crossed, self._names[left], 'm', 0.0, -1.0) for left, _ in self._pairs]
+        self.watches += [_Watch(CROSSED, self._names[left], 0.0, -1.0) for left, _ in self._pairs]
 
     def values(self, rows: np.ndarray) -> np.ndarray:
         """(n, watches) of rows (n, size)."""

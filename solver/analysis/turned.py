@@ -11,14 +11,14 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from solver.checks.registry import BY_NAME
+from solver.checks.resolution import PARTS
 from solver.compiled.portable import norm
 from solver.elements.marker import Marker
 from solver.elements.rigid_body import RigidBodySpec
 from solver.findings import Finding
 from solver.model.spec import ModelSpec
 
-REMEDY = '; reduce integrator.h'
-ROTATION = ('residual_max', 'unsettled', 'resolution', 'phase', 'turn_per_step')  # findings of rotations too fast for a step
 PULLING = ('spring_dampers', 'applied_forces')  # elements that act at points and resist no rotation by themselves
 NOTHING = 1e-9  # of the largest moment of inertia; or of the arm: what sixteen digits leave of zero
 
@@ -32,13 +32,14 @@ def caused(spec: ModelSpec, found: list[Finding]) -> list[Finding]:
     for finding in found:
         why = [text for body, text in causes.items() if not finding.where or f'body {body!r}' in finding.where]
         if why and _of_rotation(finding):
-            finding = dataclasses.replace(finding, text=f'{finding.text.partition(REMEDY)[0]}; {"; ".join(why)}')
+            finding = dataclasses.replace(finding, text=f'{finding.fact}. {"; ".join(why)}')
         told.append(finding)
     return told
 
 
 def _of_rotation(finding: Finding) -> bool:
-    return finding.quantity in ROTATION and REMEDY in finding.text and 'a velocity' not in finding.text
+    """Whether a rotation that is too fast for a step may be behind a finding."""
+    return BY_NAME[finding.quantity].turned and finding.of != PARTS[0]
 
 
 def turned(spec: ModelSpec) -> dict[str, str]:

@@ -8,6 +8,7 @@ from typing import Any, cast
 
 import numpy as np
 
+from solver.checks.motion import BRANCH_SWITCHES
 from solver.compiled.by_reference import Ref, nbytes
 from solver.compiled.kernel import address_of
 from solver.files.urdf import robot_description
@@ -68,7 +69,7 @@ class Bodies:
         self._frame = Ref(frame)
         self.states = [Ref(new_state(self.model)), Ref(new_state(self.model))]
         self._initial = new_state(self.model)
-        watched = scene.record.branches or scene.require.branch_switches_max is not None
+        watched = scene.record.branches or BRANCH_SWITCHES.require in scene.require.limits
         self.branches = BranchWatch() if watched else None
         self.rescued: list[BranchSwitch] = []
 

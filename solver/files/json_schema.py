@@ -26,6 +26,7 @@ from solver.errors import SpecError, suggestion
 from solver.files.linkages import LINKAGES
 from solver.files.mechanism import ROTATION_KEYS
 from solver.files.naming import READERS
+from solver.files.requirements import Keys
 from solver.files.schema import hints_of, kinds_of, plain, unit_of
 from solver.files.vehicle import TEMPLATES
 from solver.inputs.maneuver import Maneuver
@@ -324,7 +325,7 @@ def _require(writer: Writer, cls: Any, changes: bool, keyed: bool) -> Schema:
     """solver.files.requirements.require(): keys that are not its own are quantities."""
     limits = writer.named('Limits', _limits, changes)
     own = writer.named(
-        'Require', lambda one, less: {**one.mapping(Require, less, leave=('accuracy',)), 'additionalProperties': limits}, changes
+        'Require', lambda one, less: {**one.mapping(Keys, less, leave=('accuracy',)), 'additionalProperties': limits}, changes
     )
     return _or_file(own)
 

@@ -6,6 +6,7 @@ import dataclasses
 
 from yaml.nodes import Node, ScalarNode
 
+from solver.checks.registry import LIMITS
 from solver.errors import SceneError, suggestion
 from solver.files.schema import Builder
 from solver.files.yaml_tree import join, refuse, where
@@ -14,7 +15,12 @@ from solver.scene import Accuracy, Bound, Require
 from solver.units import measured
 
 MEASURES = tuple(f.name for f in dataclasses.fields(Accuracy))
-KEYS = tuple(f.name for f in dataclasses.fields(Require))
+# The keys of `require` but for quantities, as a dataclass: the loader reads numbers, units and refusals from its hints.
+Keys = dataclasses.make_dataclass(
+    'Keys', [*((name, hint, None) for name, hint in LIMITS.items()), ('allow_suspect', bool, False), ('accuracy', dict, None)], frozen=True
+)
+Keys.__doc__ = Require.__doc__
+KEYS = tuple(f.name for f in dataclasses.fields(Keys))
 
 
 def require(builder: Builder, cls: type, node: Node, path: str, name: str | None) -> Require:
@@ -29,7 +35,9 @@ def require(builder: Builder, cls: type, node: Node, path: str, name: str | None
                 raise refuse(value, join(path, key), 'say which error, e.g. {rms: 2 %}; one or more of ' + ', '.join(MEASURES))
             raise SceneError(f'{where(key_node)}: {join(path, key)}: unknown key{suggestion(key, known)}')
         _collect(builder, value, '' if key == 'accuracy' else key, join(path, key), accuracy)
-    return builder.construct(cls, fields, node, path, given={'accuracy': accuracy}, extra=tuple(NAMED))
+    found = builder.construct(Keys, fields, node, path, given={'accuracy': accuracy}, extra=tuple(NAMED))
+    limits = {name: limit for name in LIMITS if (limit := getattr(found, name)) is not None}
+    return Require(limits=limits, allow_suspect=found.allow_suspect, accuracy=accuracy)
 
 
 def _collect(builder: Builder, node: Node, name: str, path: str, found: dict[str, Accuracy]) -> None:

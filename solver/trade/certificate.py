@@ -9,7 +9,8 @@ from dataclasses import asdict
 from typing import Any
 
 from solver import units
-from solver.analysis.covered import OF_SCENE, certified_of
+from solver.analysis.covered import certified_of, is_of_scene
+from solver.checks.speed import REAL_TIME_FACTOR_MIN
 from solver.errors import MbdError
 from solver.levels.auto import INCOMPLETE, OK, key
 from solver.scene import Scene
@@ -96,7 +97,10 @@ def plan(search: Search) -> dict[str, Any]:
 def least_speed(scene: Scene) -> tuple[float, str]:
     """(simulated seconds per second that are asked for at least, by what): by the budget, or of every run, which is no faster than its
     steps are. 0 where nothing asks."""
-    asked = {'the budget': scene.budget.real_time_factor, 'require.real_time_factor_min': scene.require.real_time_factor_min}
+    asked = {
+        'the budget': scene.budget.real_time_factor,
+        'require.real_time_factor_min': scene.require.limits.get(REAL_TIME_FACTOR_MIN.require),
+    }
     return max(((factor or 0.0, who) for who, factor in asked.items()), key=lambda each: each[0])
 
 
@@ -107,10 +111,10 @@ def findings_of(search: Search, setting: Setting) -> list[dict[str, Any]]:
     found = [finding for v in maneuvers for finding in search.findings(v, setting) if finding.quantity not in search.coarse]
     names = ', '.join(search.names)
     for finding in search.findings(AS_GIVEN, setting):
-        if finding.quantity in OF_SCENE or finding.quantity in search.coarse:
+        if is_of_scene(finding) or finding.quantity in search.coarse:
             search.notes.append(f'a run of {setting} is suspect all the same (mbd run): {finding.text}')
         else:
-            search.notes.append(f'measured, and covered by the certificate for {names}: {finding.text.rpartition("; ")[0]}')
+            search.notes.append(f'measured, and covered by the certificate for {names}: {finding.fact}')
     for finding in search.coarse.values():
         search.notes.append(
             f'not covered by the certificate, for the reference itself ({1e3 * search.steps[-1]:g} ms) has it: {finding.text}'

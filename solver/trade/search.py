@@ -25,6 +25,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from solver.analysis.departures import Departure
+from solver.checks.registry import BY_NAME
 from solver.errors import MbdError, StepError
 from solver.findings import Finding
 from solver.levels import LEVELS, derive
@@ -46,7 +47,6 @@ CLEAR_BAND = 0.1  # of the limit that the band of the reference may take before 
 STEPS = (0.02, 0.01, 0.008, 0.005, 0.004, 0.003, 0.002, 0.001, 0.0005, 0.00025, 0.000125, 0.0000625)
 RHOS = (0.8, 0.5)
 SAME = 1.05  # settings whose costs are nearer than this are equally cheap, and the more accurate one is taken
-UNRESOLVED = ('resolution', 'phase', 'energy_error_max', 'input')  # findings that say that steps are too long for the motion
 SAVES = 0.97  # of the cost: what a subsystem must bring it below to be worth its error
 
 
@@ -138,7 +138,7 @@ class Search(Judge):
 
     def unresolved(self, v: Variation) -> list[Finding]:
         """What the finest run of the reference does not resolve: steps that all damp a vibration away agree on a motion without it."""
-        return [f for f in self.findings(v, Setting(h=self.steps[-1])) if f.quantity in UNRESOLVED and not f.required]
+        return [f for f in self.findings(v, Setting(h=self.steps[-1])) if BY_NAME[f.quantity].unresolved and not f.required]
 
     def find_levels(self) -> list[Setting]:
         """The levels that the vehicle has; self.levels says why it has not the others."""

@@ -17,8 +17,8 @@ def test_a_penalty_is_named_with_one_that_works(name: str) -> None:
         return [found.text for found in findings(s) if found.quantity == 'light_body']
 
     (text,) = light(1e13)
-    assert text.startswith('the penalty 1e+13 is so large that rounding hides the inertia of bodies')
-    assert 'body ' not in text
+    assert text.startswith('The penalty 1e+13 is so large that rounding hides the inertia of bodies')
+    assert "body '" not in text
     below = float(text.split('integrator.penalty to ')[1].split(' ')[0])
     assert 1e8 <= below < 1e13
     assert light(below) == []

@@ -10,7 +10,8 @@ import pytest
 
 import solver
 from solver.analysis.envelope import Envelope
-from solver.analysis.impossible import PRESSED, folded_at
+from solver.analysis.impossible import folded_at
+from solver.checks.vehicle import PRESSED
 from solver.findings import Finding
 from solver.output.snapshot import Snapshot
 from solver.simulation import Simulation
@@ -110,7 +111,7 @@ def test_a_trailer_that_is_pushed_back_folds_and_is_told() -> None:
     (found,) = [f for f in watch.findings() if f.quantity == 'articulation']
     assert found.time == first > 5.0
     assert found.limit == folded_at(s.model.spec) == 0.5 * math.pi
-    assert 'no vehicle can do that' in found.text
+    assert 'No vehicle can do that' in found.text
 
 
 def test_a_short_drawbar_folds_before_the_right_angle() -> None:

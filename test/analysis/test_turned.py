@@ -24,7 +24,7 @@ def test_a_slack_spring_off_a_point_mass_is_named(where):
     s.advance(400, audit=True)
     texts = {f.quantity: f.text for f in findings(s)}
     assert SAID in texts['resolution'] and 'attach spring_damper' in texts['resolution']
-    assert not any('reduce integrator.h' in text for quantity, text in texts.items() if quantity in ('resolution', 'phase', 'unsettled'))
+    assert not any('educe integrator.h' in text for quantity, text in texts.items() if quantity in ('resolution', 'phase', 'unsettled'))
 
 
 def test_a_spring_that_holds_the_point_mass_by_its_tension_is_none():
@@ -39,7 +39,7 @@ def test_other_doubts_keep_their_remedy():
     s = simulation_of(scene(rate=1e6))
     s.advance(400, audit=True)
     texts = [f.text for f in findings(s) if f.quantity in ('resolution', 'phase')]
-    assert texts and all('reduce integrator.h' in text and 'off its centre of mass' not in text for text in texts)
+    assert texts and all('educe integrator.h' in text and 'off its centre of mass' not in text for text in texts)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""The recipes of docs/contributing.md for a suspension, a command, a topic and a study, followed in a copy of the program.
+"""The recipes of docs/contributing.md for a suspension, a check, a command, a topic and a study, followed in a copy of the program.
 
 Those for elements and constraints: test/elements/test_recipe.py.
 """
@@ -57,6 +57,28 @@ def test_a_suspension_is_one_file_and_one_name(program):
     for axle in ('front', 'rear'):
         assert loads[f'{axle}_left'] == pytest.approx(loads[f'{axle}_right'], rel=0.02)  # the column is on the left
     assert found['redundant_constraints'] == 0
+
+
+@pytest.mark.slow
+def test_a_check_is_one_record_and_one_line(program):
+    """The pendulum hangs 1 m below its pivot, wherever it swings: its key is refused before, and its table and sentence follow."""
+    beyond = ('run', 'pendulum', '--no-record', '--json', '--duration', '0.1', '--set', 'require.strayed_max=0.5')
+    assert 'strayed_max: unknown key' in mbd(program, *beyond).stdout
+    shutil.copy(RECIPE / 'strayed.py', program / 'solver' / 'checks')
+    registry = program / 'solver' / 'checks' / 'registry.py'
+    last = 'from solver.checks.speed import REAL_TIME_FACTOR_MIN\n'
+    changed(registry, last, f'{last}from solver.checks.strayed import STRAYED\n')
+    changed(registry, '    ENVELOPE,\n)', '    ENVELOPE,\n    STRAYED,\n)')
+    done = mbd(program, *beyond)
+    assert done.returncode == 1, done.stderr
+    (found,) = json.loads(done.stdout)['findings']
+    assert (found['quantity'], found['required'], found['where']) == ('strayed_max', True, "body 'bob'")
+    assert found['text'] == (
+        f"Body 'bob' has strayed from the origin (strayed_max {found['value']:.3g} m, required 0.5 m). Hold it, or end the run before"
+    )
+    assert mbd(program, *beyond[:-1], 'require.strayed_max=100').returncode == 0
+    made = run_there(program, '-c', f'import runpy; print(runpy.run_path({str(ROOT / "docs/tools/checks.py")!r})["table"]())')
+    assert '| `strayed_max` | m | none; distance of a body' in made.stdout
 
 
 @pytest.mark.slow

@@ -68,7 +68,9 @@ def printed() -> list[type]:
 def fields(cls: type) -> dict[str, Any]:
     """Field -> hint, without those that no file has."""
     hints = typing.get_type_hints(cls, include_extras=True)
-    return {field.name: hints[field.name] for field in dataclasses.fields(cls) if field.repr}
+    own = [field for field in dataclasses.fields(cls) if field.repr]
+    plain = {field.name: hints[field.name] for field in own if 'keys' not in field.metadata}
+    return plain | {key: hint for field in own for key, hint in field.metadata.get('keys', {}).items()}
 
 
 def parts(hint: Any) -> list[Any]:

@@ -84,7 +84,7 @@ def test_a_push_that_swings_with_the_steps_is_no_sound_run() -> None:
     s.advance(200)
     (found,) = findings(s)
     assert (found.quantity, found.where) == ('input', 'push')
-    assert 'reduce integrator.h' in found.text
+    assert 'Reduce integrator.h' in found.text
     s.reset()
     s.advance(200, inputs=np.zeros(1))  # what others put in instead is not the maneuver
     assert found not in findings(s)

@@ -12,15 +12,18 @@ import pytest
 
 import solver
 import solver.files.scene
-from solver.analysis.covered import OF_SCENE, certified_of, is_broken, weighed
+from solver.analysis.covered import certified_of, covers, is_broken, is_of_scene, weighed
 from solver.analysis.envelope import Envelope
 from solver.analysis.verdict import findings
-from solver.findings import COARSE, Finding
+from solver.checks.registry import CHECKS
+from solver.findings import Finding
 from solver.levels import auto
 from solver.levels.auto import certificate_of, chosen
 from solver.scene import Scene
 from solver.simulation import Simulation
 
+COARSE = [check.name for check in CHECKS if check.plan == 'coarse']
+OF_SCENE = [check.name for check in CHECKS if check.plan == 'scene']
 H = 0.02  # s: at 20 m/s a wheel of 0.3 m turns by 1.3 rad in a step, more than 1 rad
 PLAN: dict[str, Any] = {
     'status': 'ok', 'hash': 'abc', 'fidelity': 'full', 'envelope': [],
@@ -89,26 +92,26 @@ def test_an_older_plan_covers_nothing_of_what_is_measured_anew(kept: Callable[..
 )
 def test_a_finding_is_covered_up_to_a_tenth_more_than_it_was(later: Finding, covered: bool) -> None:
     (certified,) = certified_of([finding(value=1.1), finding(value=1.3)])
-    assert certified.covers(later) == covered
+    assert covers(certified, later) == covered
 
 
 def test_places_and_sides_count() -> None:
     (certified,) = certified_of([finding('resolution', 0.6, "body 'a'", limit=0.4)])
-    assert certified.covers(finding('resolution', 0.6, "body 'a'", limit=0.4))
-    assert not certified.covers(finding('resolution', 0.5, "body 'b'", limit=0.4))
+    assert covers(certified, finding('resolution', 0.6, "body 'a'", limit=0.4))
+    assert not covers(certified, finding('resolution', 0.5, "body 'b'", limit=0.4))
     (low,) = certified_of([finding('envelope', -3.0, 'slip', limit=-2.0)])  # beyond the lower end: worse is less
-    assert low.covers(finding('envelope', -2.5, 'slip', limit=-2.0))
-    assert low.covers(finding('envelope', -3.2, 'slip', limit=-2.0))
-    assert not low.covers(finding('envelope', -3.4, 'slip', limit=-2.0))
-    assert not low.covers(finding('envelope', 2.1, 'slip', limit=2.0))  # beyond the upper end nothing was measured
+    assert covers(low, finding('envelope', -2.5, 'slip', limit=-2.0))
+    assert covers(low, finding('envelope', -3.2, 'slip', limit=-2.0))
+    assert not covers(low, finding('envelope', -3.4, 'slip', limit=-2.0))
+    assert not covers(low, finding('envelope', 2.1, 'slip', limit=2.0))  # beyond the upper end nothing was measured
 
 
 def test_both_ends_of_a_range_are_certified_each_by_itself() -> None:
     left, right = finding('envelope', 10.0, 'slip', limit=9.0), finding('envelope', -9.5, 'slip', limit=-9.0)
     assert [one.value for one in certified_of([left, right, finding('envelope', 9.5, 'slip', limit=9.0)])] == [10.0, -9.5]
     (certified,) = certified_of([left])
-    assert certified.covers(left)
-    assert not certified.covers(right)
+    assert covers(certified, left)
+    assert not covers(certified, right)
 
 
 @pytest.mark.parametrize('quantity', ['energy_error_max', 'residual_max', 'unsettled', 'position_drift_max', 'branch_switches', 'input'])
@@ -117,3 +120,4 @@ def test_what_is_broken_is_never_covered_and_forbids_a_setting(quantity: str) ->
     assert is_broken(finding(quantity))
     assert not any(is_broken(finding(name)) for name in (*COARSE, *OF_SCENE))
     assert all(is_broken(finding(name, required=True)) for name in COARSE)
+    assert [name for name in (*COARSE, *OF_SCENE) if is_of_scene(finding(name))] == OF_SCENE

@@ -218,8 +218,8 @@ def test_a_run_that_leaves_the_limits_is_suspect() -> None:
     wild.advance(3000)
     text = ' '.join(str(finding) for finding in findings(wild))
     assert 'frequency' in text
-    assert ': slip ' in text
-    assert 'take a level with more detail' in text
+    assert 'The level of detail is outside its range of slip (validity ' in text
+    assert 'Take a level with more detail' in text
 
 
 @pytest.mark.slow

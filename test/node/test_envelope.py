@@ -45,7 +45,7 @@ def test_a_run_outside_is_suspect_and_one_inside_is_not(tmp_path):
         assert process.end() == 0, process.output
         metadata = bag.read(tmp_path / name).metadata
         found[name] = metadata['status'], json.loads(metadata['findings'])
-        assert ('suspect: the run leaves its envelope: wheel load is' in process.output) == (name == 'outside')
+        assert ('suspect: The run leaves its envelope: wheel load is' in process.output) == (name == 'outside')
     assert found['inside'] == ('ok', [])
     status, (finding,) = found['outside']
     assert status == 'suspect'
@@ -59,7 +59,7 @@ def test_diagnostics_warn_of_a_run_outside_until_it_begins_anew(tmp_path, client
     process = node(tmp_path, mode='lockstep', step_count=110)
     try:
         assert client.call('step').success
-        told = 'suspect: the run leaves its envelope: wheel load is'
+        told = 'suspect: The run leaves its envelope: wheel load is'
         client.until(lambda: any(told in a.status[0].message for a in client.diagnostics))
         warned = next(a.status[0] for a in client.diagnostics if told in a.status[0].message)
         assert 'valid is 0 to 1e+05 N (certified)' in warned.message

@@ -230,7 +230,7 @@ def test_a_case_that_leaves_its_envelope_is_suspect(tmp_path: Path, monkeypatch:
         recorded = reader.read(Path(bags) / row['bag'], ['odom/*'])  # says the same as its row
         assert recorded.metadata['status'] == status and '; '.join(found['text'] for found in recorded.findings) in row['message']
         assert bool(recorded.findings) == (status == 'suspect')
-        assert row['message'].startswith('the run leaves its envelope: lateral acceleration is') == (status == 'suspect')
+        assert row['message'].startswith('The run leaves its envelope: lateral acceleration is') == (status == 'suspect')
 
 
 def test_a_directory_is_gone_on_with_by_one_command_at_a_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]):

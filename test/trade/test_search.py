@@ -10,9 +10,9 @@ import pytest
 
 import solver
 from solver.analysis.departures import Departure
+from solver.checks.registry import BY_NAME
 from solver.errors import SpecError
 from solver.files.scene import load_scene_text
-from solver.findings import COARSE
 from solver.trade import judging, reference
 from solver.trade.certificate import finite, idle, plan, still, what_has_to_give
 from solver.trade.cost import Cost, PerStep
@@ -73,7 +73,8 @@ def test_a_plan_keeps_its_limits_with_margin_and_is_checked_elsewhere() -> None:
     # what is coarse about it goes with the certificate, and nothing is broken
     assert search.result is not None
     found = search.findings(AS_GIVEN, search.result.setting)
-    assert {f.quantity for f in found} <= {f['quantity'] for f in data['findings']} <= set(COARSE)
+    covered = {f['quantity'] for f in data['findings']}
+    assert {f.quantity for f in found} <= covered and {BY_NAME[name].plan for name in covered} <= {'coarse'}
     assert sum('covered by the certificate' in note for note in data['notes']) == len(found)
     assert not any('is suspect' in note for note in data['notes'])
     # what is certified does not leave its certificate
@@ -218,7 +219,7 @@ def test_what_makes_a_coarse_run_suspect_is_measured() -> None:
     """At 80 km/h a wheel of 0.3 m turns by 1.5 rad in 20 ms, and by 0.07 rad in 1 ms."""
     scene = solver.load_scene('light_car_straight', ['duration=0.5', 'require={position: {max: 1 m}}'])
     search = Search(scene, workers=1, levels=())
-    assert any('a body turns by 1.' in f.text for f in search.findings(AS_GIVEN, Setting(h=0.02, iterations=2)))
+    assert any('turns too far in a step (turn_per_step 1.' in f.text for f in search.findings(AS_GIVEN, Setting(h=0.02, iterations=2)))
     assert search.findings(AS_GIVEN, Setting(h=1e-3, iterations=2)) == ()
 
 
@@ -233,8 +234,9 @@ def test_a_setting_whose_run_is_not_sound_is_not_taken_however_small_its_errors_
     verdict = search.judge(Setting(h=8e-3, iterations=1))
     assert verdict.used < 0.01
     assert verdict.dropped.startswith(verdict.broken)
-    sentence = 'full, 8 ms, 1 iteration, rho 0.8 keeps the accuracy, but its run is not sound: a constraint is open by'
-    assert what_has_to_give(search, verdict, False, {'status': 'no'})[0].startswith(sentence)
+    sentence = 'full, 8 ms, 1 iteration, rho 0.8 keeps the accuracy, but its run is not sound: Constraint '
+    told = what_has_to_give(search, verdict, False, {'status': 'no'})[0]
+    assert told.startswith(sentence) and ' is open (position_drift_max ' in told
     assert not search.check_whole(verdict.setting, AS_GIVEN).passed
     assert search.check(verdict.setting, AS_GIVEN).passed
     assert still(search) == ['yaw_rate does not get beyond 0.01 rad/s in the maneuver of the scene; its percentages are of that']
@@ -368,5 +370,5 @@ def test_what_the_reference_damps_away_is_not_covered() -> None:
     assert search.steps == STEP_SETS[-1]
     assert 'resolution' in search.coarse
     assert not {'resolution', 'phase'} & {finding['quantity'] for finding in data['findings']}
-    assert any('the reference itself (0.125 ms) has it: the step does not resolve the motion' in note for note in data['notes'])
-    assert any('is suspect all the same' in note and 'does not resolve' in note for note in data['notes'])
+    assert any('the reference itself (0.125 ms) has it: Fewer than 10 steps per oscillation' in note for note in data['notes'])
+    assert any('is suspect all the same' in note and 'steps per oscillation' in note for note in data['notes'])

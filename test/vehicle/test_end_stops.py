@@ -10,7 +10,8 @@ import pytest
 from scipy.optimize import brentq
 
 from solver import load_scene, simulation_of
-from solver.analysis.verdict import STEERING_END, findings
+from solver.analysis.verdict import findings
+from solver.checks.vehicle import STEERING_END
 from solver.errors import SceneError
 from solver.inputs.end_stops import GIVE, hold
 from solver.inputs.recorded import ACCELERATION, RATE
@@ -108,7 +109,7 @@ def test_a_car_that_is_steered_past_its_end_is_held_there_and_told(fidelity: str
         rates.append(float(shot.twist[s.channels.chassis or 0, 5]))
     assert shot.joint_position[wheel] == pytest.approx((1.0 + GIVE) * lock, rel=1e-6)
     assert min(rates[2:]) > 0.0
-    (told,) = [f for f in findings(s) if f.quantity == STEERING_END]
+    (told,) = [f for f in findings(s) if f.quantity == STEERING_END.name]
     assert told.value == pytest.approx(18.0, abs=1e-6)
     assert told.time == pytest.approx(0.2 + lock / 4.0, abs=2e-3)
     assert told.limit == lock
@@ -117,7 +118,7 @@ def test_a_car_that_is_steered_past_its_end_is_held_there_and_told(fidelity: str
 def test_a_car_that_stays_within_its_end_is_not_told() -> None:
     s = simulation_of(load_scene('light_car_straight', ['start.speed=2', f'maneuver={FAR % 9}']))
     s.advance(4000)
-    assert not [f for f in findings(s) if f.quantity == STEERING_END]
+    assert not [f for f in findings(s) if f.quantity == STEERING_END.name]
 
 
 def test_a_free_steering_wheel_comes_to_rest_on_its_stops() -> None:

@@ -24,6 +24,7 @@ from mbd_sim_ros.analysis.evaluation.signals import NEEDED, Vehicle, signals
 from mbd_sim_ros.bags.recorder import source_hash
 from mbd_sim_ros.batch import simulate
 from solver import simulation_of
+from solver.analysis.verdict import OK, SUSPECT
 from solver.errors import BagError, MbdError, SceneError, SpecError
 from solver.files.naming import included
 from solver.files.scene import find_file, load_scene_text
@@ -386,4 +387,4 @@ def complete(place: Path, scene: Scene) -> bool:
         run = runs.read(place, ('cmd_applied/*',))
     except BagError:
         return False
-    return run.metadata.get('scene_hash', '')[:16] == scene.hash and run.metadata.get('status') in ('ok', 'suspect')
+    return run.metadata.get('scene_hash', '')[:16] == scene.hash and run.metadata.get('status') in (OK, SUSPECT)

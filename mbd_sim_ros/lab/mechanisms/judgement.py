@@ -31,7 +31,7 @@ import numpy as np
 
 from mbd_sim_ros.lab.mechanisms.draft import Mechanism
 from mbd_sim_ros.lab.mechanisms.references import FINE, TOLERANCES, difference, measured, references
-from solver.analysis.verdict import findings
+from solver.analysis.verdict import findings, status_of
 from solver.errors import MbdError, StepError
 from solver.scene import Scene
 from solver.simulation import Simulation
@@ -111,7 +111,7 @@ def run(scene: Scene, exact: np.ndarray | None, sample: float = SAMPLE) -> tuple
         sampled = exact[:: round(sample / FINE)]
         error_ = difference(measured(np.array(motion)), sampled)
     taken = simulation.h * simulation.k / simulation.totals()['substeps']
-    return ('suspect' if found else 'ok'), '; '.join(map(str, found)), error_, taken
+    return status_of(found), '; '.join(map(str, found)), error_, taken
 
 
 def judge(mechanism: Mechanism, steps: Sequence[float] = STEPS, duration: float = DURATION, **settings: Any) -> Judged:

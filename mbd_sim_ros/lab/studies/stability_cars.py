@@ -13,7 +13,7 @@ import numpy as np
 
 from mbd_sim_ros.lab.mechanisms.judgement import RIGHT, TOLD, UNDECIDED, WORSE, WRONG
 from solver import simulation_of
-from solver.analysis.verdict import findings
+from solver.analysis.verdict import findings, status_of
 from solver.errors import MbdError, StepError
 from solver.files.scene import load_scene
 from solver.simulation import Simulation
@@ -132,7 +132,7 @@ def motion(car: str, task: Task, h: float) -> tuple[str, str, np.ndarray]:
     except MbdError as error:
         return 'refused', str(error), np.zeros((0, 7))
     found = findings(s)
-    return ('suspect' if found else 'ok'), '; '.join(map(str, found)), np.array(rows)
+    return status_of(found), '; '.join(map(str, found)), np.array(rows)
 
 
 def apart(one: np.ndarray, other: np.ndarray) -> float:

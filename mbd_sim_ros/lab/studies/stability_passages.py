@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from mbd_sim_ros.lab.studies import crank
-from solver.analysis.verdict import findings
+from solver.analysis.verdict import findings, status_of
 from solver.errors import MbdError, StepError
 from solver.files.scene import load_scene
 from solver.simulation import Simulation
@@ -91,7 +91,7 @@ def long_run(name: str, steps: int) -> dict[str, Any]:
     return {
         'scene': name,
         'steps': s.k,
-        'status': 'suspect' if found else 'ok',
+        'status': status_of(found),
         'text': '; '.join(map(str, found)),
         'lost': float(start - a.energy[0]),
         'kinetic': float(a.kinetic[1]),

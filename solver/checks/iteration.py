@@ -1,0 +1,103 @@
+"""Checks of the iteration of a step, and of what it leaves open in constraints.
+
+A step is accepted when what its iteration leaves is below LARGEST_STAGNATION of the velocity; over a step that is a
+distance. Residual, drift of velocities and drift of positions must not show more than that, and all but few steps a
+digit less.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from solver.checks.check import Check, Evidence, Measured
+from solver.output.energy import SETTLED
+from solver.step.iteration import LARGEST_STAGNATION
+
+DIVIDE = 'let integrator.step_policy divide such steps'
+UNSETTLED_SHARE = 0.01  # of the steps: an impact may leave a step a digit less exact, the motion between may not
+
+
+def _finer(e: Evidence) -> str:
+    """What makes a step settle."""
+    more = 'take more integrator.iterations, or integrator.mode: tolerance'
+    return f'reduce integrator.h, or {more}' if e.settings.mode == 'fixed' else f'reduce integrator.h, or {DIVIDE}'
+
+
+def _speed(e: Evidence) -> float:
+    """The largest velocity of the run, at least 1 [m/s or rad/s]."""
+    return max(1.0, float(e.account.speed[0]))
+
+
+def residual_max(e: Evidence) -> Iterator[Measured]:
+    """The largest last increment of an iteration, relative to the velocity, with the body that changed most."""
+    value, time, body = e.account.residual.tolist()
+    where = e.body(int(body)) if value > 0.0 and e.model.body_names else ''
+    finer = _finer(e)
+    yield Measured(value=value, time=time, where=where, remedy=f'{finer[0].upper()}{finer[1:]}')
+
+
+RESIDUAL_MAX = Check(
+    name='residual_max',
+    limit=LARGEST_STAGNATION,
+    rule='last increment of an iteration, relative to the largest velocity (at least 1)',
+    measure=residual_max,
+    reason='the iteration of a step did not settle, least in {where}',
+    remedy='Reduce integrator.h, or take more integrator.iterations',
+    require='residual_max',
+    turned=True,
+)
+
+
+def unsettled(e: Evidence) -> Iterator[Measured]:
+    """The share of steps whose last increment is above SETTLED."""
+    share = float(e.account.unsettled[0]) / max(float(e.account.steps[0]), 1.0)
+    yield Measured(value=share, remedy=f'Their last increment is above {SETTLED:g} of the velocity: {_finer(e)}')
+
+
+UNSETTLED = Check(
+    name='unsettled',
+    unit='of the steps',
+    limit=UNSETTLED_SHARE,
+    rule=f'steps with a last increment above {SETTLED:g}',
+    measure=unsettled,
+    reason='the iterations of many steps did not settle',
+    remedy='Reduce integrator.h, or take more integrator.iterations',
+    turned=True,
+)
+
+
+def position_drift_max(e: Evidence) -> Iterator[Measured]:
+    """How far a constraint is open at most [m or rad]."""
+    limit = LARGEST_STAGNATION * _speed(e) * e.h
+    value, time, row = e.account.position.tolist()
+    where = e.row(int(row)) if value > 0.0 and e.model.row_names else ''
+    yield Measured(value=value, limit=limit, time=time, where=where)
+
+
+POSITION_DRIFT_MAX = Check(
+    name='position_drift_max',
+    unit='m or rad',
+    rule=f'{LARGEST_STAGNATION:g} of the largest velocity (at least 1), times the step',
+    measure=position_drift_max,
+    reason='{where} is open',
+    remedy='Reduce integrator.h, raise integrator.penalty, or check whether joints contradict each other',
+    require='position_drift_max',
+)
+
+
+def velocity_drift_max(e: Evidence) -> Iterator[Measured]:
+    """How far a velocity violates its constraint at most [m/s or rad/s]."""
+    value, time, row = e.account.velocity.tolist()
+    where = e.row(int(row)) if value > 0.0 and e.model.row_names else ''
+    yield Measured(value=value, limit=LARGEST_STAGNATION * _speed(e), time=time, where=where)
+
+
+VELOCITY_DRIFT_MAX = Check(
+    name='velocity_drift_max',
+    unit='m/s or rad/s',
+    rule=f'{LARGEST_STAGNATION:g} of the largest velocity (at least 1)',
+    measure=velocity_drift_max,
+    reason='a velocity violates {where}',
+    remedy='Reduce integrator.h or raise integrator.penalty',
+    require='velocity_drift_max',
+)

@@ -1,0 +1,128 @@
+"""Checks of the step against the motion: steps per oscillation, phase that is lost, turn in a step.
+
+*Resolution.* Of a motion that takes a period in N steps an acceleration changes, over a step and times the step, by (2
+pi / N)^2 of the amplitude of its velocity. So it must not change by more than (2 pi / 10)^2 of half the widest range
+that a velocity had in the run, which a steady motion in common does not widen: with fewer than ten steps a period,
+positions are off by 3 % of what they do. Translation and rotation are looked at apart. What vibrates fast but little
+passes, a stiff transient that sets the whole motion going does not. After fewer steps than half such a period nothing
+can be said.
+*Phase.* Of such a motion with the frequency w a step h costs (w h)^3 / 12 of phase. Added up over all steps, with (w
+h)^2 as above at the time, that must stay below 0.1 rad; what is really lost is up to twice that, a fifth of the
+amplitude. Where it is more, amplitudes may be right, but not where something is at an instant. A motion forgets its
+phase with its energy: of the largest kinetic energy so much as is dissipated takes half as much of the phase with it;
+and where it swings wider, what it was late by before is so much less of it.
+*Spin.* A step gives a body that spins with s, its moment of inertia across the spin A, A s^3 h^2 / 12 of a rate of its
+axis too much. A disc hardly feels that. It can be many times what a thin rod has of gyroscopic torque, and in the axes
+of the world nothing shows. What that turns of the motion counts as phase of angular velocities, too.
+*Damping.* Both are the midpoint rule's, rho_inf = 1. Numerical damping makes more of the same step: late_by() times the
+phase, so that as much accuracy takes more steps a period, by the root of it.
+*Turn.* The iteration contracts by about the turn of a body per step (docs/decisions/0002).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+
+from solver.checks.check import Check, Evidence, Measured, largest
+from solver.compiled.portable import norm
+from solver.output.energy import SLOWEST
+from solver.step.failure import LARGEST_TURN_PER_STEP
+
+LARGEST_PHASE = 0.1  # rad
+FEWEST = 10  # steps a period
+PARTS = ('translation', 'rotation')
+
+
+def late_by(rho_inf: float) -> float:
+    """The phase that a step of the scheme loses, over the (w h)^3 / 12 of the midpoint rule: 1 + 9/2 ((1 - rho_inf) /
+    (1 + rho_inf))^2.
+
+    From the principal root exp(i w h (1 - c (w h)^2 + ...)) of the scheme [Chung1993] for an oscillator.
+    """
+    return 1.0 + 4.5 * ((1.0 - rho_inf) / (1.0 + rho_inf)) ** 2
+
+
+def _shorter(e: Evidence) -> str:
+    remedy = 'reduce integrator.h'
+    if e.settings.order == 4:
+        remedy += ', or take integrator.order: 2 (extrapolation amplifies vibrations that steps do not resolve)'
+    if late_by(e.settings.rho_inf) > 2.0:
+        remedy += ', or take a larger integrator.rho_inf (numerical damping delays vibrations)'
+    return remedy
+
+
+def resolution(e: Evidence) -> Iterator[Measured]:
+    """Change of an acceleration in a step, times the step, relative to half the widest range of a velocity."""
+    if e.account.steps[0] < FEWEST / 2:
+        return
+    falling, late, shorter = e.h * norm(e.model.tables.bodies.gravity), late_by(e.settings.rho_inf), _shorter(e)
+    for part, kick, swing in zip(PARTS, e.account.kick, e.account.swing.tolist(), strict=True):
+        worst = largest(kick, e.body)
+        yield Measured(
+            value=worst.value / max(swing, falling, SLOWEST), limit=(2.0 * math.pi / FEWEST) ** 2 / late,
+            time=worst.time, where=worst.where, of=part,
+            reason=f'fewer than {FEWEST * math.sqrt(late):.0f} steps per oscillation of {worst.where} in {part}',
+            remedy=f'{shorter[0].upper()}{shorter[1:]}',
+        )  # fmt: skip
+
+
+RESOLUTION = Check(
+    name='resolution',
+    rule=f'{(2.0 * math.pi / FEWEST) ** 2:.2g} / c, with c as of `phase`: change of an acceleration in a step, times the '
+    'step, relative to half the widest range of a velocity, at least what gravity adds to one in a step: fewer than ten '
+    'steps a period, 23 with `rho_inf: 0`',
+    measure=resolution,
+    reason=f'fewer than {FEWEST} steps per oscillation of {{where}} in {{of}}',
+    remedy='Reduce integrator.h',
+    plan='coarse',
+    unresolved=True,
+    turned=True,
+)
+
+
+def phase(e: Evidence) -> Iterator[Measured]:
+    """Phase that the steps have cost what vibrates [rad]."""
+    if e.account.steps[0] < FEWEST / 2:
+        return
+    late, remedy = late_by(e.settings.rho_inf), f'The step is too long for the fastest oscillation: {_shorter(e)}'
+    for part, lost in zip(PARTS, e.account.phase.tolist(), strict=True):
+        yield Measured(value=late * lost, of=part, remedy=remedy)
+
+
+PHASE = Check(
+    name='phase',
+    unit='rad',
+    limit=LARGEST_PHASE,
+    rule='sum over the steps of c (omega h)^3 / 12 of what vibrates as wide as velocities range, less what is '
+    'forgotten with '
+    'dissipated energy, and what the steps miss of the gyroscopic torque of spinning bodies turns of the motion; '
+    'c = 1 + 9/2 ((1 - rho_inf) / (1 + rho_inf))^2, 1.06 by default and 5.5 with `rho_inf: 0`',
+    measure=phase,
+    reason='vibrations are out of phase in {of}',
+    remedy='The step is too long for the fastest oscillation: reduce integrator.h',
+    plan='coarse',
+    unresolved=True,
+    turned=True,
+)
+
+
+def turn_per_step(e: Evidence) -> Iterator[Measured]:
+    """The largest turn of a body in a step [rad]; reference integrators choose their own steps."""
+    if not e.settings.kind.startswith('reference_'):
+        value, time, body = e.account.turn.tolist()
+        yield Measured(value=value, time=time, where=e.body(int(body)))
+
+
+TURN_PER_STEP = Check(
+    name='turn_per_step',
+    unit='rad',
+    limit=LARGEST_TURN_PER_STEP,
+    rule='turn of a body in a step',
+    measure=turn_per_step,
+    reason='{where} turns too far in a step',
+    remedy='Reduce integrator.h',
+    plan='coarse',
+    anywhere=True,
+    turned=True,
+)
