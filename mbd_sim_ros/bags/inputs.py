@@ -25,7 +25,7 @@ from mbd_sim_ros.bags.writer import RECORD, RESULT
 from mbd_sim_ros.messages.cdr import decode, dtype
 from mbd_sim_ros.messages.definitions import schema_text
 from mbd_sim_ros.messages.topics import ARRAY, INPUTS, JOINT_STATE, ODOMETRY, TF
-from solver.errors import BagError, MbdError
+from solver.errors import BagError, MbdError, SpecError
 from solver.files.yaml_tree import parse
 from solver.inputs.maneuver import ReplaySource
 from solver.inputs.recorded import BagChannel, Recorded, Track
@@ -53,12 +53,20 @@ class Content(NamedTuple):
 
     @property
     def state(self) -> bytes | None:
-        """The state it begins with, where that is not the start of its scene."""
+        """The state it begins with, where that is not the start of its scene. Raises BagError for one of another version."""
         text = self.metadata.get('start_state', '')
+        if not text:
+            return None
+        from solver.model.state import load_arrays, require_format  # brings numba, which who only reads need not have
+
         try:
-            return base64.b64decode(text, validate=True) if text else None
+            data = base64.b64decode(text, validate=True)
+            require_format(load_arrays(data), 'its state at the beginning')
         except ValueError:
             raise BagError(f'{self.path} is damaged: its metadata hold a start_state that is not base64') from None
+        except SpecError as error:
+            raise BagError(f'{self.path}: cannot be replayed: {error}') from None
+        return data
 
     @property
     def first_step(self) -> int | None:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import base64
+import io
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from mbd_sim_ros.bags import reader
@@ -59,6 +62,28 @@ def test_a_newer_format_is_refused_by_every_door_with_the_remedy(tmp_path: Path,
         assert main(words) == BagError.exit_code
         said = capsys.readouterr().err
         assert f'has format {FORMAT + 1}' in said and len(said.splitlines()) == 1
+
+
+def packed(**arrays: np.ndarray) -> str:
+    """A saved state as the metadata of a recording hold it."""
+    file = io.BytesIO()
+    np.savez(file, **arrays)  # type: ignore[arg-type]
+    return base64.b64encode(file.getvalue()).decode()
+
+
+@pytest.mark.parametrize(
+    ('state', 'says'),
+    [
+        (packed(k=np.int64(5)), r'cannot be replayed: its state at the beginning has format 1, .* reads format 2: save it anew'),
+        (packed(k=np.int64(5), format=np.array(3)), r'has format 3, .* reads format 2: update mbd_sim_ros'),
+        ('AAAA', r'cannot be replayed: restore: the saved state is damaged'),
+        ('no base64', r'hold a start_state that is not base64'),
+    ],
+)
+def test_the_state_that_a_recording_begins_with_is_refused_by_its_format(state: str, says: str, tmp_path: Path) -> None:
+    path = bag(tmp_path / 'run', start_step='5', start_state=state)
+    with pytest.raises(BagError, match=rf'^{path}.*{says}'):
+        content(path).state  # noqa: B018
 
 
 @pytest.mark.parametrize('text', ['', 'two', '-1', '2.5', '²', '9' * 30])

@@ -133,7 +133,7 @@ def test_an_unknown_key_is_refused_where_the_loader_refuses_it(kind: str, file: 
     root = include(parse(file.read_text(encoding='utf-8'), file.name), config_directories())
     found = list(mappings(root))
     judged = 0
-    for k in rng.permutation(len(found))[:24].tolist():
+    for k in rng.permutation(len(found))[:10].tolist():
         path, node = found[k]
         entry = (ScalarNode('tag:yaml.org,2002:str', 'unheard_of'), ScalarNode('tag:yaml.org,2002:int', '1'))
         node.value.append(entry)
@@ -144,7 +144,7 @@ def test_an_unknown_key_is_refused_where_the_loader_refuses_it(kind: str, file: 
             assert not taken, f'{path}: {says}'
         if not says:
             assert taken, f'{path}: the loader takes it'
-    assert judged > 5
+    assert judged > 3
 
 
 BODY = 'bodies: {a: {mass: 1, inertia: [1, 1, 1]}}\n'
