@@ -8,15 +8,14 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 import re
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
-from pathlib import Path
 
 import numpy as np
 
+from solver.disk import Store, location
 from solver.errors import SpecError
 
 DIGEST = re.compile(r'\b[0-9a-f]{64}\b')
@@ -33,25 +32,22 @@ def keep(arrays: Mapping[str, np.ndarray]) -> str:
     digest = _digest(ordered)
     if digest not in _known:
         _known[digest] = ordered
-        file = _file(digest)
-        if not file.is_file():
-            _write(file, _packed(ordered))
+        _offer(digest, lambda: _packed(ordered))
     return digest
 
 
 def find(digest: str) -> dict[str, np.ndarray] | None:
     """The arrays with this hash; None if neither this process nor the directory on this machine has them."""
-    if digest not in _known and DIGEST.fullmatch(digest):
-        with suppress(OSError, SpecError):
-            accept(_file(digest).read_bytes(), digest)
+    if digest not in _known and DIGEST.fullmatch(digest) and (data := _store().read(digest)) is not None:
+        with suppress(SpecError):
+            accept(data, digest)
     return _known.get(digest)
 
 
 def packed(digest: str) -> bytes:
     """The arrays with this hash, which are known, as bytes: those of an attachment."""
-    with suppress(OSError):
-        return _file(digest).read_bytes()
-    return _packed(_known[digest])
+    data = _store().read(digest)
+    return _packed(_known[digest]) if data is None else data
 
 
 def accept(data: bytes, digest: str) -> None:
@@ -60,8 +56,7 @@ def accept(data: bytes, digest: str) -> None:
     if arrays is None or _digest(arrays) != digest:
         raise SpecError(f'arrays {digest[:12]}...: are damaged: their hash is another one')
     _known[digest] = arrays
-    if not (file := _file(digest)).is_file():
-        _write(file, data)
+    _offer(digest, lambda: data)
 
 
 def named_in(text: str) -> dict[str, bytes]:
@@ -69,22 +64,15 @@ def named_in(text: str) -> dict[str, bytes]:
     return {digest: packed(digest) for digest in dict.fromkeys(DIGEST.findall(text)) if find(digest) is not None}
 
 
-def _file(digest: str) -> Path:
-    from solver.compiled.cache import location  # which brings numba: readers of recordings that hold none do without
-
-    return location() / 'arrays' / digest
+def _store() -> Store:
+    return Store(location() / 'arrays', bounded=True)
 
 
-def _write(file: Path, data: bytes) -> None:
-    """Whole or not at all; a directory that cannot be written leaves the arrays to this process."""
-    part = file.with_name(f'{file.name}.{os.getpid()}.part')
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        part.write_bytes(data)
-        part.replace(file)
-    except OSError:
-        with suppress(OSError):
-            part.unlink(missing_ok=True)
+def _offer(digest: str, data: Callable[[], bytes]) -> None:
+    store = _store()
+    if not (store.directory / digest).is_file():
+        with suppress(OSError):  # a directory that cannot be written leaves the arrays to this process
+            store.write(digest, data())
 
 
 def _header(arrays: Mapping[str, np.ndarray]) -> bytes:

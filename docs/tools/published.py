@@ -27,8 +27,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from mbd_sim_ros.analysis.whole import whole
-from solver.compiled.cache import syntax
+from solver.disk import syntax, whole
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS, MANIFEST = ROOT / 'docs', ROOT / 'docs' / 'published.json'

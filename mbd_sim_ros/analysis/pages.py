@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from mbd_sim_ros.analysis.whole import whole
+from solver.disk import plain, whole
 from solver.errors import BagError
 
 HOME = 'mbd_sim_ros.analysis'
@@ -26,7 +26,7 @@ HOME = 'mbd_sim_ros.analysis'
 def fill(file: Path, template: str, data: dict[str, Any]) -> None:
     """Fill a template (package:file) with data; numbers that are not finite become null. Raises BagError when it cannot be written."""
     package, _, name = template.partition(':')
-    text = json.dumps(_finite(data), allow_nan=False).replace('<', '\\u003c')  # no tag can end the script
+    text = json.dumps(plain(data), allow_nan=False).replace('<', '\\u003c')  # no tag can end the script
     page = _text(package, name)
     for mark, content in (('@STYLE@', _text(HOME, 'page.css')), ('@SCRIPT@', _text(HOME, 'page.js')), ('@DATA@', text)):
         page = page.replace(mark, content)
@@ -74,11 +74,3 @@ def thinned(points: int, *signals: np.ndarray) -> np.ndarray:
 
 def _text(package: str, name: str) -> str:
     return files(package).joinpath(name).read_text(encoding='utf-8')
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {k: _finite(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(v) for v in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

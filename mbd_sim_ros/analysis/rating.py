@@ -71,7 +71,7 @@ def sampling(time: np.ndarray) -> np.ndarray:
 
 def rate_sampled(values: np.ndarray, reference: np.ndarray, dt: float) -> Rating:
     """Rate a signal against its reference, both sampled at the interval dt [s], at least LEAST times."""
-    from solver.compiled.warping import warped  # numba is loaded where something is rated
+    from mbd_sim_ros.analysis.warping import warped  # numba is loaded where something is rated
 
     later = shift_of(values, reference)
     n = values.size

@@ -13,11 +13,11 @@ import numpy as np
 from mbd_sim_ros.analysis import logs
 from mbd_sim_ros.analysis.cells import UNIT
 from mbd_sim_ros.analysis.tables import SUFFIXES, Table, TimeColumn, read_table
-from mbd_sim_ros.analysis.whole import whole
 from mbd_sim_ros.bags import reader as bag
 from mbd_sim_ros.bags.files import holds_recording
 from mbd_sim_ros.bags.patterns import fits, fits_any
 from mbd_sim_ros.bags.reader import Run, Series
+from solver.disk import whole
 from solver.errors import BagError
 from solver.units import UNITS
 

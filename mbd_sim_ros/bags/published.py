@@ -18,13 +18,13 @@ from mcap.records import Channel, Metadata, Schema
 
 from mbd_sim_ros.bags.applied import begin_of
 from mbd_sim_ros.bags.files import open_recording
-from mbd_sim_ros.bags.recorder import source_hash
 from mbd_sim_ros.bags.records import Messages
 from mbd_sim_ros.bags.writer import RECORD
 from mbd_sim_ros.messages.cdr import decode
 from mbd_sim_ros.messages.definitions import schema_text
 from mbd_sim_ros.messages.topics import ELEMENTS, IMU, JOINT_STATE, MOTIONS, ODOMETRY, STRING, TF, WRENCH, family
 from solver.compiled.target import target
+from solver.disk import sources
 from solver.errors import BagError
 
 if TYPE_CHECKING:
@@ -49,7 +49,7 @@ class Told(NamedTuple):
 
 def tell(scene: Scene, simulation: Any) -> str:
     """The text for `~/scene`."""
-    head = {'source_hash': source_hash(), 'target': target(), **begin_of(simulation)}
+    head = {'source_hash': sources(), 'target': target(), **begin_of(simulation)}
     return f'{MARK}{json.dumps(head)}\n{scene.resolved}'
 
 

@@ -24,7 +24,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import yaml
 
-import solver
 from mbd_sim_ros.bags.applied import Applied
 from mbd_sim_ros.bags.delivery import deliver, deliver_steps
 from mbd_sim_ros.bags.writer import FORMAT, RECORD
@@ -32,6 +31,7 @@ from mbd_sim_ros.messages.cdr import template
 from mbd_sim_ros.messages.topics import INPUTS, STRING, Topic
 from solver import stored
 from solver.compiled.target import target
+from solver.disk import sources
 from solver.errors import BagError
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def describe(*, scene: str, resolved_yaml: str, parameters: Mapping[str, Any] | 
         'resolved_scene': resolved_yaml,
         'code_version': code_version(),
         'format': str(FORMAT),
-        'source_hash': source_hash(),
+        'source_hash': sources(),
         'packages': yaml.safe_dump(packages),
         'target': yaml.safe_dump(target()),
         'parameters': yaml.safe_dump(dict(parameters or {})),
@@ -112,16 +112,6 @@ def code_version() -> str:
     except (OSError, subprocess.TimeoutExpired):
         return release
     return f'{release}+{done.stdout.strip()}' if done.returncode == 0 else release
-
-
-def source_hash() -> str:
-    """A short hash of every source file of the solver: whether two recordings were made by the same one."""
-    root = Path(solver.__file__).parent
-    found = hashlib.sha256()
-    for path in sorted(root.rglob('*.py')):
-        found.update(path.relative_to(root).as_posix().encode())
-        found.update(path.read_bytes())
-    return found.hexdigest()[:16]
 
 
 def file_stem(name: str) -> str:

@@ -7,15 +7,9 @@ from mbd_sim_ros import beginning
 beginning.hold('mbd', 'mbd_sim_ros.commands.main', 'mbd_sim_ros.commands.demo')  # before anything that takes time
 
 import argparse
-import fcntl
-import math
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import Any
-
-from solver.errors import BagError
 
 SCENE_HELP = 'path of a scene file, or a name in config/scenes'
 SET_HELP = 'change one value of the scene, checked like the file itself (repeatable), e.g. --set integrator.h=0.002'
@@ -79,41 +73,7 @@ def add_scene(parser: argparse.ArgumentParser, help_: str = SCENE_HELP) -> None:
     add_settings(parser)
 
 
-@contextmanager
-def alone(directory: Path) -> Iterator[None]:
-    """A directory, made where it is not there, in which no other command goes on meanwhile; a process that dies lets go of it.
-
-    Raises BagError.
-    """
-    try:
-        directory.mkdir(parents=True, exist_ok=True)
-        file = (directory / '.lock').open('a')
-    except OSError as error:
-        raise BagError(f'--out {directory}: {error.strerror}; choose another place') from None
-    with file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise BagError(f'--out {directory}: another mbd is at work there; wait for its end, or choose another place') from None
-        except OSError:  # a file system without locks
-            pass
-        yield
-
-
 def table(rows: Sequence[tuple[str, ...]]) -> str:
     """Columns of text, aligned."""
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
     return '\n'.join('  '.join(cell.ljust(w) for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows)
-
-
-def plain(value: Any) -> Any:
-    """A value as JSON can hold it: numbers of numpy as numbers, those that are not finite as null."""
-    if isinstance(value, dict):
-        return {str(k): plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(v) for v in value]
-    if hasattr(value, 'item'):
-        value = value.item()
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value if isinstance(value, str | int | float | bool | None) else str(value)

@@ -24,7 +24,7 @@ def run(args: argparse.Namespace) -> Result:
 
     from mbd_sim_ros.batch import warm_up
     from solver import simulation_of
-    from solver.compiled.kernel import STORE
+    from solver.compiled.kernel import KERNELS
     from solver.files.scene import load_scene
 
     seconds: dict[str, float] = {}
@@ -38,9 +38,8 @@ def run(args: argparse.Namespace) -> Result:
             if scene.integrator.step_policy == 'auto':  # which the node takes for constant
                 warm_up(simulation_of(load_scene(name, ['integrator.step_policy=constant'])))
             seconds[name] = time.perf_counter() - begin
-    if STORE.unkept:
-        raise MbdError(STORE.unkept)
+    if KERNELS.unkept:
+        raise MbdError(KERNELS.unkept)
     rows = [(name, f'{value:.1f} s') for name, value in seconds.items()]
-    return Result(
-        data={'status': 'ok', 'seconds': seconds, 'cache': str(STORE.directory)}, text=table(rows) + f'\ncache: {STORE.directory}'
-    )
+    cache = str(KERNELS.store.directory)
+    return Result(data={'status': 'ok', 'seconds': seconds, 'cache': cache}, text=table(rows) + f'\ncache: {cache}')

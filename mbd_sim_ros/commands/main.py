@@ -45,7 +45,6 @@ from mbd_sim_ros.commands import (
     export,
     info,
     maneuver,
-    plain,
     plan,
     recover,
     replay,
@@ -55,6 +54,7 @@ from mbd_sim_ros.commands import (
     sweep,
     view,
 )
+from solver.disk import plain
 from solver.errors import MbdError, missing, refused, suggestion
 
 COMMANDS = (info, run, plan, maneuver, sweep, export, compare, evaluate, view, replay, recover, schema, study, bench, compile)

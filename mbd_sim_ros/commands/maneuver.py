@@ -10,7 +10,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mbd_sim_ros.commands import Result, add_settings, alone, declare, table
+from mbd_sim_ros.commands import Result, add_settings, declare, table
+from solver.disk import alone
 from solver.errors import MbdError, SpecError
 
 if TYPE_CHECKING:
@@ -74,8 +75,8 @@ def _driven(args: argparse.Namespace, driving: Driving, evaluations: Sequence[Ev
     """Drive what is not there yet, judge, write the report."""
     from mbd_sim_ros.analysis.evaluation import judging
     from mbd_sim_ros.analysis.pages import write_text
-    from mbd_sim_ros.commands import plain
     from mbd_sim_ros.commands.evaluate import report
+    from solver.disk import plain
 
     directory, results, found = driving.directory, [], {}
     refused: dict[str, MbdError] = {}  # one maneuver of a norm may be none for a car that drives the others

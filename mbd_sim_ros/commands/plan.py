@@ -10,7 +10,8 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mbd_sim_ros.commands import Result, add_scene, alone, declare, table
+from mbd_sim_ros.commands import Result, add_scene, declare, table
+from solver.disk import alone
 
 if TYPE_CHECKING:
     from solver.scene import Scene
@@ -56,8 +57,9 @@ def _planned(args: argparse.Namespace, scene: Scene, out: Path) -> dict[str, Any
     from tqdm import tqdm
 
     from mbd_sim_ros import interrupts
+    from mbd_sim_ros.analysis.pages import write_text
     from mbd_sim_ros.analysis.plan_page import write_page
-    from solver.compiled.cache import location
+    from solver.disk import location
     from solver.errors import BagError
     from solver.levels.auto import INCOMPLETE, OK, chosen, keep, plan_of
     from solver.trade.certificate import plan
@@ -95,10 +97,10 @@ def _planned(args: argparse.Namespace, scene: Scene, out: Path) -> dict[str, Any
         )
     try:
         if data['settings'] is not None and scene.resolved:
-            (out / 'scene.yaml').write_text(chosen(scene, data).resolved, encoding='utf-8')
+            write_text(out / 'scene.yaml', chosen(scene, data).resolved)
         else:
             (out / 'scene.yaml').unlink(missing_ok=True)  # of an earlier plan
-        (out / 'certificate.json').write_text(json.dumps(data, indent=1, allow_nan=False) + '\n', encoding='utf-8')
+        write_text(out / 'certificate.json', json.dumps(data, indent=1, allow_nan=False) + '\n')
         write_page(search, data, out / 'plan.html')
     except OSError as error:
         raise BagError(f'{error.filename or out}: cannot be written: {error.strerror}; choose another directory with --out') from None

@@ -78,11 +78,11 @@ def _again(args: argparse.Namespace, before: Content, applied: Inputs, directory
     from mbd_sim_ros.analysis.comparison import compare
     from mbd_sim_ros.bags import reader as bag
     from mbd_sim_ros.bags.inputs import content
-    from mbd_sim_ros.bags.recorder import source_hash
     from mbd_sim_ros.batch import simulate
     from mbd_sim_ros.commands.compare import report
     from solver import simulation_of
     from solver.compiled.target import differences, target
+    from solver.disk import sources
     from solver.engine.stepping import KINDS
     from solver.files.scene import load_scene_text
 
@@ -101,7 +101,7 @@ def _again(args: argparse.Namespace, before: Content, applied: Inputs, directory
     after = content(directory)
     lost = before.dropped_steps > 0 or 'damage' in before.metadata  # it was recovered, not whole
     unequal = different_topics(before, after, lost=lost)
-    same_code = before.metadata.get('source_hash', '') == source_hash()
+    same_code = before.metadata.get('source_hash', '') == sources()
     recorded_on = before.target
     elsewhere = differences(recorded_on, target())
     data: dict[str, Any] = {
@@ -132,11 +132,11 @@ def _again(args: argparse.Namespace, before: Content, applied: Inputs, directory
 def _of_topics(args: argparse.Namespace, before: Content, applied: Inputs) -> Result:
     """A recording of the topics of the node: every message must be the bytes that its step has, of whichever topics were recorded."""
     from mbd_sim_ros import interrupts
-    from mbd_sim_ros.bags.recorder import source_hash
     from mbd_sim_ros.batch import simulate, warm_up
     from mbd_sim_ros.messages.encode import Messages
     from solver import simulation_of
     from solver.compiled.target import differences, target
+    from solver.disk import sources
     from solver.files.scene import load_scene_text
 
     name = f'scene in {args.bag}' if args.scene is None else str(args.scene)
@@ -170,7 +170,7 @@ def _of_topics(args: argparse.Namespace, before: Content, applied: Inputs) -> Re
         found.take(simulation.advance(1, source.table(simulation.k, 1)), messages)
     unequal, told = found.unequal(), found.told()
     elsewhere = differences(before.target, target()) if before.target else []
-    same_code = before.metadata.get('source_hash', '') == source_hash()
+    same_code = before.metadata.get('source_hash', '') == sources()
     data: dict[str, Any] = {
         'status': 'different' if unequal else 'identical',
         'steps': applied.last - applied.first,

@@ -26,7 +26,7 @@ def run(args: argparse.Namespace) -> Result:
     """Print one, or write all."""
     import json
 
-    from mbd_sim_ros.analysis.whole import whole
+    from solver.disk import whole
     from solver.errors import BagError, SpecError
     from solver.files.json_schema import KINDS, files, schema_of
 

@@ -10,7 +10,8 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mbd_sim_ros.commands import Result, alone, declare, table
+from mbd_sim_ros.commands import Result, declare, table
+from solver.disk import alone
 from solver.errors import BagError, MbdError, SceneError
 
 if TYPE_CHECKING:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from mbd_sim_ros.bags.recorder import file_stem
+from solver.disk import whole
 from solver.elements.road import RoadSpec
 from solver.errors import SpecError
 from solver.inputs.actuation import Chain
@@ -73,9 +74,9 @@ def save(scene: Scene, simulation: Simulation, parts: Mapping[str, Part], comman
         **{name: part.state for name, part in parts.items()},
     }
     try:
-        np.savez(path, **content)  # type: ignore[arg-type]
+        with whole(path) as part:
+            np.savez(part, **content)  # type: ignore[arg-type]
     except OSError as error:
-        path.unlink(missing_ok=True)
         raise SpecError(
             f'the state cannot be saved in {path.absolute()}: {error.strerror or error}; make room, or start the node in another directory'
         ) from error

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import hashlib
 import json
 import math
 import os
@@ -14,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from mbd_sim_ros.bags.recorder import source_hash
 from mbd_sim_ros.batch import record, warm_up
 from mbd_sim_ros.messages.encode import require_finite
 from mbd_sim_ros.sweep.design import Figure
@@ -22,6 +20,7 @@ from solver import simulation_of
 from solver.analysis.covered import weighed
 from solver.analysis.envelope import Envelope
 from solver.analysis.verdict import ERROR, report, status_of
+from solver.disk import Store, digest, sources
 from solver.errors import BagError, MbdError
 from solver.files.scene import load_scene_text
 from solver.files.yaml_tree import keys_of
@@ -57,21 +56,14 @@ def row_of(case: Case) -> Row:
     except MbdError as error:
         return {**head, 'status': ERROR, 'message': str(error), **nothing}
     asked = json.dumps({name: dataclasses.asdict(figure) for name, figure in case.figures.items()})
-    parts = (*(text.encode() for text in (scene.resolved, asked, source_hash())), *beside)
-    key = hashlib.sha256(b'\0'.join(parts)).hexdigest()[:24]
-    kept = Path(case.rows) / f'{key}.json' if case.rows else None
+    key = digest(scene.resolved, asked, sources(), *beside).hex()[:24]
+    rows, name = Store(Path(case.rows)) if case.rows else None, f'{key}.json'
     if case.bags:  # a bag has the number of its case and what it is of in its name: another file of the sweep numbers its cases anew
         head['bag'] = f'{case.number:06d}-{key[:8]}'
     bag = Path(case.bags) / head['bag'] if case.bags else None
-    if kept is not None and kept.is_file() and (bag is None or bag.is_dir()):
-        try:
-            found = json.loads(kept.read_text(encoding='utf-8'))
-            if set(found) == {'status', 'message', 'figures'} and set(found['figures']) == set(case.figures):
-                return _row(head, found)
-        except (OSError, ValueError):  # half written, or damaged: it is run again
-            pass
-    unfinished = f'.{case.number}-{os.getpid()}.part'  # what was killed leaves is in nobody's way
-    made = None if bag is None else bag.with_name(bag.name + unfinished)
+    if rows is not None and (bag is None or bag.is_dir()) and (content := rows.read(name, key)) is not None:
+        return _row(head, json.loads(content))
+    made = None if bag is None else bag.with_name(f'{bag.name}.{case.number}-{os.getpid()}.part')  # what was killed is in nobody's way
     if made is not None:
         shutil.rmtree(made, ignore_errors=True)  # in a container that is started anew processes get the same numbers again
     found = _run(scene, case.figures, made)
@@ -80,10 +72,8 @@ def row_of(case: Case) -> Row:
             shutil.rmtree(made, ignore_errors=True)
         else:
             made.replace(bag)
-    if kept is not None:
-        part = kept.with_suffix(unfinished)
-        part.write_text(json.dumps(found), encoding='utf-8')
-        part.replace(kept)
+    if rows is not None:
+        rows.write(name, json.dumps(found).encode(), key)
     return _row(head, found)
 
 

@@ -9,6 +9,7 @@ and accept both.
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import math
 from typing import Any
@@ -35,9 +36,7 @@ class RefType(types.Type):
         self.target = target
         self.inner = inner  # of each field: shape[1:] of an array, the same again of a NamedTuple, () of a number
         self._places: dict[str, tuple[types.Type, int, tuple]] = {}
-        digest = hashlib.sha256(f'{target} {inner}'.encode()).hexdigest()[
-            :16
-        ]  # whole, the name of a model's tables has thousands of letters
+        digest = hashlib.sha256(f'{_layout(target)} {inner}'.encode()).hexdigest()[:16]  # whole it has thousands of letters
         super().__init__(name=f'Ref({target.instance_class.__name__}, {digest})')
 
     def field(self, name: str) -> tuple[types.Type, int, tuple]:
@@ -48,6 +47,15 @@ class RefType(types.Type):
                 self._places[field] = kind, offset, inner
                 offset += _words(kind)
         return self._places[name]
+
+
+@functools.cache
+def _layout(kind: types.Type) -> str:
+    """All that decides where compiled code finds a field: the name that numba gives to a NamedTuple says nothing of its fields."""
+    if not isinstance(kind, types.BaseNamedTuple):
+        return str(kind)
+    fields = (f'{name}: {_layout(one)}' for name, one in zip(kind.fields, kind.types, strict=True))
+    return f'{kind.instance_class.__module__}.{kind.instance_class.__qualname__}({", ".join(fields)})'
 
 
 def _inner(value: Any) -> tuple:

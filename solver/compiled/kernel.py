@@ -12,10 +12,11 @@ from numba.core import event
 from numba.core.compiler_lock import global_compiler_lock
 
 from solver.compiled import interruption
-from solver.compiled.cache import Store, cache_of, location
+from solver.compiled.cache import KernelCache, Kernels
+from solver.disk import location
 
 PATIENCE = 100_000  # objects made before garbage is looked for, while compiling
-STORE = Store(Path(__file__).parents[1], location())
+KERNELS = Kernels(Path(__file__).parent, location())
 
 # Truth values for calls of one kernel by another: numba compiles the callee once more for each literal among its arguments.
 YES, NO = np.bool_(True), np.bool_(False)
@@ -83,7 +84,7 @@ def kernel(function=None, *, inline: bool = False, borrow: bool = False, inner: 
         dispatcher = numba.njit(function, **options)
         if numba.config.DISABLE_JIT:
             return dispatcher
-        dispatcher._cache = cache_of(function, STORE)
+        dispatcher._cache = KernelCache(dispatcher, KERNELS)
         return _refusing_python(dispatcher) if inner else dispatcher
 
     return compiled if function is None else compiled(function)

@@ -7,6 +7,8 @@ Smooth in the argument and valid for complex arguments (complex-step derivatives
 from __future__ import annotations
 
 import numpy as np
+from numba import types
+from numba.extending import overload
 
 from solver.compiled.kernel import kernel
 from solver.compiled.vec import add, cross, cross_cross, dot, madd, mscale, scale, skew
@@ -164,3 +166,15 @@ def quaternion_of_matrix(m):
     if q[3].real < 0.0:
         return (-q[0], -q[1], -q[2], -q[3])
     return q
+
+
+def arctan2(s, c):
+    """Angle [rad] of the direction (c, s); of complex numbers exact to first order in the imaginary part."""
+    raw = np.arctan2(s.real, c.real)
+    ca, sa = np.cos(raw), np.sin(raw)
+    return raw + (s * ca - c * sa) / (c * ca + s * sa)
+
+
+@overload(arctan2)
+def _arctan2_of_type(s, c):
+    return (lambda s, c: np.arctan2(s, c)) if s is types.float64 else arctan2  # noqa: PLW0108

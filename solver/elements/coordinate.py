@@ -15,10 +15,9 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numba import types
-from numba.extending import overload
 
 from solver.compiled.kernel import kernel
+from solver.compiled.so3 import arctan2
 from solver.compiled.vec import (
     add,
     add3,
@@ -83,18 +82,6 @@ def compile_coordinates(specs: Sequence[CoordinateSpec], context: Context) -> Co
     return CoordinateTable(kind=kind, **compile_pairs(specs, context)._asdict())
 
 
-def _arctan2(s, c):
-    """Angle [rad] of the direction (c, s); of complex numbers exact to first order in the imaginary part."""
-    raw = np.arctan2(s.real, c.real)
-    ca, sa = np.cos(raw), np.sin(raw)
-    return raw + (s * ca - c * sa) / (c * ca + s * sa)
-
-
-@overload(_arctan2)
-def _arctan2_of_type(s, c):
-    return (lambda s, c: np.arctan2(s, c)) if s is types.float64 else _arctan2  # noqa: PLW0108
-
-
 @kernel(inline=True)
 def _continued(x, before):
     """The angle x, which is known but for whole turns, next to the one before [rad]."""
@@ -113,7 +100,7 @@ def coordinate_value(table, kin, k, angle):
     G = load33(table.G, k)
     x, y = mv(R_i, col(F, 0)), mv(R_i, col(F, 1))
     X, Y = mv(R_j, col(G, 0)), mv(R_j, col(G, 1))
-    return _continued(_arctan2(dot(y, X) - dot(x, Y), dot(x, X) + dot(y, Y)), angle[k])
+    return _continued(arctan2(dot(y, X) - dot(x, Y), dot(x, X) + dot(y, Y)), angle[k])
 
 
 @kernel(borrow=True)

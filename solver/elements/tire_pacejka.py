@@ -51,7 +51,7 @@ from solver.elements.smooth import ramp, smooth_sign, smooth_step, smoother_step
 from solver.elements.tire_contact import contact_of, motion_of, real_kinematics, seeded_motion_of
 from solver.elements.tire_data import PARKING_ENDS, PARKING_FULL, ROW, I, TireData, pack
 from solver.elements.tire_limits import check
-from solver.elements.tread import give, rolling_part
+from solver.elements.tread import give_of, rolling_part
 from solver.elements.turn_slip import parking_moment, saturated_moment, spin_slope
 from solver.validate import finite, require
 
@@ -177,7 +177,7 @@ def compile_tires(specs: Sequence[TireSpec], context: Context) -> TireTable:
         k_x = LOW_SLIP * c[I.PDX1] * c[I.LMUX] * c[I.FNOMIN] / Kx
         k_y = LOW_SLIP * c[I.PDY1] * c[I.LMUY] * c[I.FNOMIN] / Ky
         table.low[e, :4] = spec.low_speed, spec.standstill_damping, 1.0 / (k_x * k_x), 1.0 / (k_y * k_y)
-        table.give[e] = give(c[I.UNLOADED_RADIUS], c[I.QSY1] * c[I.LMY] * c[I.PRESSURE_MY])
+        table.give[e] = give_of(c[I.UNLOADED_RADIUS], c[I.QSY1] * c[I.LMY] * c[I.PRESSURE_MY])
         if spec.twists:
             limit = saturated_moment(c, c[I.PDY1] * c[I.LMUY] * c[I.FNOMIN], c[I.FNOMIN])
             table.low[e, 4] = (spin_slope(c, 0.0, c[I.FNOMIN], 0.0) / (LOW_TWIST * limit)) ** 2

@@ -25,7 +25,7 @@ SLOWEST = 0.5  # m/s: rolling of a tread that gives without end, above which it 
 LEAST_RESISTANCE = 1e-3  # over the load, with which t is found at least; with ten times as much good tires are damped by a third
 
 
-def give(radius: float, resistance: float) -> tuple[float, float]:
+def give_of(radius: float, resistance: float) -> tuple[float, float]:
     """(b0 [m], t [s]) of a wheel with this radius [m] and rolling resistance over load: critical for m x'' = -f m g (x + t x')/b0."""
     way = GIVE * radius
     return way, 2.0 * math.sqrt(way / (max(resistance, LEAST_RESISTANCE) * GRAVITY))

@@ -4,7 +4,7 @@
 |---|---|---|
 | solver.engine.stepping | augmented Lagrangian, constant or adapting | solver.engine.bodies |
 | solver.reference.engine | an independent integrator | solver.engine.bodies |
-| solver.levels.single_track_engine | solver.step.single_track | its own |
+| solver.levels.single_track_engine | solver.levels.track_step | its own |
 
 One that steps many vehicles at once stands beside them: a fourth file, behind the same contract, with a Simulation for every vehicle.
 """

@@ -10,20 +10,16 @@ from __future__ import annotations
 
 import dataclasses
 import json
-import os
-import uuid
 from collections.abc import Mapping
 from contextlib import suppress
-from pathlib import Path
 from typing import Any, NamedTuple
 
-from solver.compiled.cache import digest, location
+from solver.disk import Store, digest, location, sources
 from solver.errors import MbdError, SceneError
 from solver.files.scene import load_scene_text
 from solver.findings import Certified, LevelReport, Limit
 from solver.inputs.maneuver import Maneuver
 from solver.inputs.recorded import recorded
-from solver.levels.kept import sources
 from solver.scene import Scene
 
 FIXED: dict[str, Any] = {'kind': 'alf', 'step_policy': 'constant', 'penalty_policy': 'constant', 'order': 2}
@@ -45,7 +41,7 @@ def key(scene: Scene) -> str:
     integrator = dataclasses.replace(scene.integrator, **chosen, **FIXED)
     driven = (scene.start, scene.maneuver, scene.actuation, scene.assistance, scene.duration)
     parts = (scene.model, *driven, scene.require.accuracy, scene.require.limits, scene.budget, integrator)
-    return digest(sources(), *(repr(part).encode() for part in parts), *_recorded(scene.maneuver)).hex()
+    return digest(sources(), *map(repr, parts), *_recorded(scene.maneuver)).hex()
 
 
 def _recorded(maneuver: Maneuver) -> list[bytes]:
@@ -68,31 +64,23 @@ def beside_text(scene: Scene) -> list[bytes]:
 
 def plan_of(scene: Scene) -> dict[str, Any] | None:
     """The kept plan of a scene, None without one."""
-    with suppress(OSError, ValueError):
-        proof, _, text = _file(scene).read_text(encoding='utf-8').partition('\n')
-        if proof == digest(text.encode()).hex():
-            return json.loads(text)
-    return None
+    store, name = _store(scene)
+    content = store.read(name)
+    return None if content is None else json.loads(content)
 
 
 def keep(scene: Scene, plan: Mapping[str, Any]) -> bool:
     """Keep the plan of a scene; False where nothing can be written, and there is none at the next start."""
-    text, file = json.dumps(plan, allow_nan=False), _file(scene)
-    fresh = file.with_name(f'.{uuid.uuid4().hex}.tmp')
+    store, name = _store(scene)
     try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        try:
-            fresh.write_text(f'{digest(text.encode()).hex()}\n{text}', encoding='utf-8')
-            os.replace(fresh, file)
-        finally:
-            fresh.unlink(missing_ok=True)
+        store.write(name, json.dumps(plan, allow_nan=False).encode())
     except OSError:
         return False
     return True
 
 
-def _file(scene: Scene) -> Path:
-    return location() / 'plans' / f'{key(scene)}.json'
+def _store(scene: Scene) -> tuple[Store, str]:
+    return Store(location() / 'plans'), f'{key(scene)}.json'
 
 
 def resolved(scene: Scene) -> tuple[Scene, Certificate]:

@@ -23,11 +23,11 @@ import numpy as np
 
 from solver.analysis.departures import departure
 from solver.analysis.driven import DIRECT
+from solver.disk import derived
 from solver.elements.road import HeightGrid, RoadSpec
 from solver.findings import ErrorFigure
 from solver.inputs.maneuver import Maneuver
 from solver.inputs.signals import Ramp, SineWithDwell, Step, Sweep
-from solver.levels.kept import kept
 from solver.levels.track_straight import gear_of
 from solver.model.spec import ModelSpec
 from solver.quantities import names, published, quantity
@@ -175,7 +175,7 @@ def error_sheet(
     switches: Mapping[str, Literal['on', 'off']] = NO_SWITCHES,
     progress: Callable[[str, float], None] = lambda text, done: None,
 ) -> tuple[ErrorFigure, ...]:
-    """The error sheet of a level of a vehicle, measured once (solver.levels.kept). Raises MbdError."""
+    """The error sheet of a level of a vehicle, measured once (solver.disk.derived). Raises MbdError."""
     bare = dataclasses.replace(model, road=RoadSpec())
 
     def measure() -> list[dict[str, Any]]:
@@ -190,4 +190,4 @@ def error_sheet(
             found += compared(bare, course.name, ours, whole)
         return [dataclasses.asdict(figure) for figure in found]
 
-    return tuple(ErrorFigure(**figure) for figure in kept(f'errors-{fidelity}', repr((bare, sorted(switches.items()))), measure))
+    return tuple(ErrorFigure(**figure) for figure in derived(f'errors-{fidelity}', repr((bare, sorted(switches.items()))), measure))

@@ -25,6 +25,7 @@ import numpy as np
 
 from solver.analysis.kinematics_and_compliance import CORNERS, wheel_centers
 from solver.compiled.portable import inverse, product
+from solver.disk import derived
 from solver.elements.coordinate import CoordinateSpec
 from solver.elements.coordinate_force import CoordinateForceSpec
 from solver.elements.guide import GuideSpec
@@ -42,7 +43,6 @@ from solver.levels.assisted import assisted, gear_held, steering_springs, unassi
 from solver.levels.axle_masses import AxleMasses, beam, divided
 from solver.levels.derived import Derived, with_one_iteration
 from solver.levels.flywheels import flywheels, spin_of
-from solver.levels.kept import kept
 from solver.levels.map_fits import inverse_law, spring_law
 from solver.levels.powered import KINDS, UNMOVED, powered, without_engine
 from solver.levels.reactions import at_wheels, on_carriers, unshown, without_angles, without_kingpins
@@ -109,7 +109,7 @@ def kc_model(spec: ModelSpec) -> ModelSpec:
 def _reduction(spec: ModelSpec) -> _Reduction:
     _require_car(spec)
     standing, servo = gear_held(dataclasses.replace(without_engine(spec), road=RoadSpec()))
-    return _Reduction(spec, kept('kc', repr(standing), lambda: maps.measured(standing)), servo)
+    return _Reduction(spec, derived('kc', repr(standing), lambda: maps.measured(standing)), servo)
 
 
 def _require_car(spec: ModelSpec) -> None:

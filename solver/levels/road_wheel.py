@@ -14,10 +14,10 @@ import math
 import numpy as np
 
 from solver.analysis.kinematics_and_compliance import CORNERS, Rig
+from solver.disk import derived
 from solver.elements.road import RoadSpec
 from solver.errors import ConsistencyError, SceneError, SpecError
 from solver.inputs.signals import Constant, Jet, Mapped, signal
-from solver.levels.kept import kept
 from solver.model.spec import ModelSpec
 from solver.scene import Scene
 from solver.vehicle.actuation import IN_DEGREES
@@ -34,7 +34,7 @@ def steering_map(model: ModelSpec) -> Mapped:
     Raises SpecError where the bench cannot steer the vehicle.
     """
     car = dataclasses.replace(without_trailer(model), road=RoadSpec())
-    points = kept('road_wheel', repr(car), lambda: _measured(car))
+    points = derived('road_wheel', repr(car), lambda: _measured(car))
     return Mapped(of=0.0, points=tuple((float(x), float(y)) for x, y in points))
 
 

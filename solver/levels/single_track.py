@@ -23,13 +23,13 @@ from typing import Any
 
 import numpy as np
 
+from solver.disk import derived
 from solver.elements.joint import JointSpec
 from solver.elements.road import RoadSpec
 from solver.errors import SceneError
 from solver.findings import LevelReport, Limit
 from solver.levels.derived import Derived
 from solver.levels.fitting import least_squares
-from solver.levels.kept import kept
 from solver.levels.single_track_engine import AXLES, COMMANDS, SingleTrack
 from solver.levels.track_bends import Lateral, bends, feel, limits
 from solver.levels.track_bulk import axis_of, brakes, drag, masses, top_spin, wheelbase_of
@@ -72,7 +72,7 @@ def derive(scene: Scene) -> Derived:
     other = [name for name in scene.maneuver.channels if name not in COMMANDS]
     if other:
         raise SceneError(f'{where}: maneuver: {other[0]!r} acts on what this level does not model; remove it or take another level')
-    found = kept('single_track', repr(dataclasses.replace(model, road=RoadSpec())), lambda: identified(model))
+    found = derived('single_track', repr(dataclasses.replace(model, road=RoadSpec())), lambda: identified(model))
     parameters = {name: found[name] for name in ('mounting', 'body', 'front', 'rear')}
     report = LevelReport(
         lost=(

@@ -11,7 +11,7 @@ import numpy as np
 from solver.compiled.by_reference import Ref, nbytes
 from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.road import CurvedGrid, HeightGrid, RandomRoad, RasterGrid, compile_road, surface_at
-from solver.elements.tread import give
+from solver.elements.tread import give_of
 from solver.engine import Moved, instant
 from solver.engine.stepping import KINDS
 from solver.errors import ConsistencyError, SpecError
@@ -19,17 +19,8 @@ from solver.files.urdf import robot_description
 from solver.inputs.driver import Sight
 from solver.inputs.maneuver import ACCELERATION, RATE
 from solver.levels.track_friction import LOOK, note, varies
-from solver.model.evaluate import prepare
-from solver.model.frames import matrix
-from solver.model.state import fitting
-from solver.output.account import Account, new_account
-from solver.output.snapshot import NO_STEPS, Channels, Counters, OutputArrays, layout_of, new_numbers, output_arrays
-from solver.scene import Scene
-from solver.start.displacement import require_near, require_uniform
-from solver.start.placement import Changes
-from solver.start.rolling import SETTLE_EVERY, SETTLE_TIME, SPINNING, STOPPED, UNSTEADY
-from solver.step.single_track import advance, start
-from solver.step.single_track_tables import (
+from solver.levels.track_step import advance, start
+from solver.levels.track_tables import (
     AXLE_COLUMNS,
     GIVE,
     LONG,
@@ -53,6 +44,15 @@ from solver.step.single_track_tables import (
     X,
     Y,
 )
+from solver.model.evaluate import prepare
+from solver.model.frames import matrix
+from solver.model.state import fitting
+from solver.output.account import Account, new_account
+from solver.output.snapshot import NO_STEPS, Channels, Counters, OutputArrays, layout_of, new_numbers, output_arrays
+from solver.scene import Scene
+from solver.start.displacement import require_near, require_uniform
+from solver.start.placement import Changes
+from solver.start.rolling import SETTLE_EVERY, SETTLE_TIME, SPINNING, STOPPED, UNSTEADY
 from solver.step.work import LastStep
 
 LONGEST = 2.5e-3  # s: longer steps are divided into equal parts
@@ -68,7 +68,7 @@ def tables_of(parameters: Parameters, scene: Scene, yaw: float = 0.0, x: float =
     """The parameters as the step takes them, on the road of a scene, as high as that is at the start; yaw [rad], x, y [m]: there."""
     p, road = parameters, compile_road(scene.model.road)
     height = p['mounting']['height'] + float(surface_at(Ref(road), x, y)[0])
-    gives = {axle: dict(zip(('give', 'give_damping'), give(p[axle]['radius'], p[axle]['resistance']), strict=True)) for axle in AXLES}
+    gives = {axle: dict(zip(('give', 'give_damping'), give_of(p[axle]['radius'], p[axle]['resistance']), strict=True)) for axle in AXLES}
     front, rear = (Axle(**p[axle], **gives[axle]) for axle in AXLES)
     mounting = Mounting(**{**p['mounting'], 'yaw': yaw, 'height': height})
     return SingleTrackTables(mounting=mounting, body=Body(**p['body']), front=front, rear=rear, road=road)
@@ -150,7 +150,7 @@ def settled(tables: Ref, straight: np.ndarray, speed: float, u: np.ndarray, inde
 class SingleTrack:
     """See solver.engine.Engine: what solver.levels.single_track shows of a vehicle, with the parameters that level found.
 
-    Of the integrator h alone means something here: the step is that of solver.step.single_track, in parts of LONGEST at most. Nothing
+    Of the integrator h alone means something here: the step is that of solver.levels.track_step, in parts of LONGEST at most. Nothing
     iterates, and there are no constraints. Raises SpecError or ConsistencyError.
     """
 

@@ -17,11 +17,11 @@ from solver.inputs.signals import Ramp, Step
 from solver.levels.fitting import PRIOR, fitted
 from solver.levels.single_track_engine import AXLES, COMMANDS, new_frame, new_scratch, rolling, tables_of
 from solver.levels.track_runs import EVERY, SPEED, Drive, Run, driven, pitch_of, roll_of
+from solver.levels.track_step import advance
 from solver.levels.track_straight import characteristic
+from solver.levels.track_tables import DRIVE, FY, ROLL, SATURATION, SHIFT
 from solver.model.spec import ModelSpec
 from solver.scene import Scene
-from solver.step.single_track import advance
-from solver.step.single_track_tables import DRIVE, FY, ROLL, SATURATION, SHIFT
 from solver.vehicle.size import size_of
 
 # speeds, times and the lengths in limits() are those of a passenger car and grow with the vehicle (solver.vehicle.size)

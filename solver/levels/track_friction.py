@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from solver.elements.road import RoadSpec, RoadTable, road_at
-from solver.step.single_track_tables import (
+from solver.levels.track_tables import (
     ALPHA,
     AXLE_COLUMNS,
     KAPPA,

@@ -13,8 +13,8 @@ from solver.levels.fitting import PRIOR, each, fitted, least_squares
 from solver.levels.single_track_engine import AXLES
 from solver.levels.track_bulk import top_spin, turning
 from solver.levels.track_runs import EVERY, SPEED, Drive, Run, driven, heading, pitch_of
+from solver.levels.track_step import LIMITER_FROM
 from solver.model.spec import ModelSpec
-from solver.step.single_track import LIMITER_FROM
 from solver.vehicle.size import size_of
 
 # times and speeds are those of a passenger car and grow with the vehicle (solver.vehicle.size)
@@ -170,7 +170,7 @@ def along(run: Run, i: int, load: float, t: float) -> tuple[float, float, float]
 
 
 def characteristic(s: np.ndarray, C: float, E: float) -> np.ndarray:
-    """Force over its peak at the slip s, relative to peak over stiffness (solver.step.single_track)."""
+    """Force over its peak at the slip s, relative to peak over stiffness (solver.levels.track_step)."""
     x = s / C
     return each(math.sin, C * each(math.atan, x - E * (x - each(math.atan, x))))
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import math
 from dataclasses import asdict
@@ -11,6 +10,7 @@ from typing import Any
 from solver import units
 from solver.analysis.covered import certified_of, is_of_scene
 from solver.checks.speed import REAL_TIME_FACTOR_MIN
+from solver.disk import digest, plain
 from solver.errors import MbdError
 from solver.levels.auto import INCOMPLETE, OK, key
 from solver.scene import Scene
@@ -89,8 +89,8 @@ def plan(search: Search) -> dict[str, Any]:
     data['baseline'] = str(baseline(scene))
     data['key'] = key(scene)
     data['took'] = search.took
-    data = finite(data)
-    data['hash'] = hashlib.sha256(json.dumps(data, sort_keys=True, default=str).encode()).hexdigest()[:16]
+    data = plain(data)
+    data['hash'] = digest(json.dumps(data, sort_keys=True)).hex()[:16]
     return data
 
 
@@ -145,17 +145,6 @@ def idle(search: Search) -> list[str]:
             remedy = 'a run without any keeps it; give its unit, or a smaller one'
             found.append(f'{r}: the limit of {units.shown(limit, unit)} is no less than {text}: {remedy}')
     return found
-
-
-def finite(value: Any) -> Any:
-    """The value as JSON holds it: numbers of numpy as numbers, None for those that are not finite."""
-    if isinstance(value, dict):
-        return {str(k): finite(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [finite(v) for v in value]
-    if hasattr(value, 'item'):
-        value = value.item()
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def errors(verdict: Verdict) -> dict[str, dict[str, Any]]:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from mbd_sim_ros.analysis.rating import RATE, rate, rate_sampled, sampling, shift_of
+from mbd_sim_ros.analysis.warping import warped
 from solver.compiled.cache import KernelCache
-from solver.compiled.warping import warped
 
 T = np.linspace(0.0, 1.0, 401)
 

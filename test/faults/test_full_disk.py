@@ -54,7 +54,7 @@ def refused(capfd: pytest.CaptureFixture[str], place: str, *words: object, file:
 @pytest.mark.parametrize(
     ('file', 'words'),
     [
-        ('csv/.odom.csv.part', ('export', 'BAG', '--csv', 'csv', '--channel', 'odom/*')),
+        ('csv/odom.csv', ('export', 'BAG', '--csv', 'csv', '--channel', 'odom/*')),
         ('table/odom.parquet', ('export', 'BAG', '--parquet', 'table', '--channel', 'odom/*')),
         ('page.html', ('compare', 'BAG', 'BAG', '--html', 'page.html')),
         ('plot.png', ('compare', 'BAG', 'BAG', '--plot', 'plot.png')),
@@ -107,6 +107,7 @@ def test_a_plan_on_a_full_disk(name: str, tmp_path: Path, monkeypatch: pytest.Mo
 def test_a_sweep_whose_rows_cannot_be_kept_stops_with_a_sentence(tmp_path: Path) -> None:
     scene = load_scene('pendulum', ['duration=0.01'])
     figures = {'a': Figure(quantity=f'joint_states/{scene.model.joints[0].name}/position')}
-    case = Case(number=0, text=scene.resolved, name='pendulum', values={}, figures=figures, rows=str(tmp_path / 'gone'))
-    with Workers(1) as workers, pytest.raises(BagError, match=r'gone.*No such file.*the same command goes on'):
+    (tmp_path / 'rows').touch()
+    case = Case(number=0, text=scene.resolved, name='pendulum', values={}, figures=figures, rows=str(tmp_path / 'rows'))
+    with Workers(1) as workers, pytest.raises(BagError, match=r'rows.*File exists.*the same command goes on'):
         list(workers.run([case]))

@@ -1,63 +1,36 @@
-"""What a study keeps survives a kill at any instant, a full disk and damage: at most the cell in progress is computed again."""
+"""What a study keeps: a cell that is there is not computed again, in the same program."""
 
 from __future__ import annotations
 
-import json
+import math
 from pathlib import Path
 
 import pytest
 
-from mbd_sim_ros.lab.studies import work_precision
-from mbd_sim_ros.lab.studies.cells import Cells, replace_text
+from mbd_sim_ros.lab.studies import cells
+from mbd_sim_ros.lab.studies.cells import Cells, number
 
 
-def filled(file: Path, *names: str) -> list[str]:
+def filled(directory: Path, *names: str) -> list[str]:
     """Open the cells of a study that needs these; the ones that were computed."""
-    computed = []
-    with Cells(file) as cells:
-        for name in names:
+    computed, kept = [], Cells(directory)
+    for name in names:
 
-            def compute(name: str = name) -> dict[str, str]:
-                computed.append(name)
-                return {'value': name}
+        def compute(name: str = name) -> dict[str, object]:
+            computed.append(name)
+            return {'value': name, 'none': math.nan}
 
-            assert cells.cell(name, compute)['value'] == name
+        row = kept.cell(name, compute)
+        assert (row['cell'], row['value']) == (name, name) and math.isnan(number(row['none']))
     return computed
 
 
-def test_cells_survive_a_line_that_is_not_whole_and_bytes_that_are_no_text(tmp_path: Path) -> None:
-    file = tmp_path / 'cells.jsonl'
-    assert filled(file, 'a', 'b') == ['a', 'b']
-    file.write_bytes(file.read_bytes() + b'{"cell": "c", "val')
-    assert filled(file, 'a', 'b', 'c') == ['c']
-    lines = file.read_bytes().split(b'\n')
-    lines[2] = b'\xff\xfe' + lines[2][2:]
-    file.write_bytes(b'\n'.join(lines))
-    assert filled(file, 'a', 'b', 'c') == ['b']
-
-
-def test_a_study_that_cannot_begin_its_file_anew_keeps_the_old_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A disk that is full, or a kill, while the cells that are kept are written again."""
-    file = tmp_path / 'cells.jsonl'
-    filled(file, 'a', 'b')
-    before = file.read_bytes()
-
-    def full(path: Path, text: str, **_: object) -> int:
-        path.write_bytes(text.encode()[:20])
-        raise OSError(28, 'No space left on device', str(path))
-
-    with monkeypatch.context() as patch, pytest.raises(OSError, match='No space left'):
-        patch.setattr(Path, 'write_text', full)
-        Cells(file)
-    assert file.read_bytes() == before and list(tmp_path.iterdir()) == [file]
-    assert filled(file, 'a', 'b') == []
-
-
-@pytest.mark.parametrize('text', ['', '{"points": [', '[]', '{"points": []}', '\udcff'])
-def test_a_kept_problem_that_is_damaged_is_solved_again(text: str, tmp_path: Path) -> None:
-    file = tmp_path / 'problem.json'
-    file.write_bytes(text.encode('utf-8', 'surrogateescape'))
-    assert work_precision._kept(file) is None
-    assert work_precision._kept(tmp_path / 'none') is None
-    replace_text(file, json.dumps({'points': [], 'notes': [], 'estimate': 1.0}))
-    assert work_precision._kept(file) == {'points': [], 'notes': [], 'estimate': 1.0}
+def test_cells_are_computed_once_and_again_where_they_are_damaged(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert filled(tmp_path, 'a', 'b') == ['a', 'b']
+    assert filled(tmp_path, 'a', 'b', 'c') == ['c']
+    for file in tmp_path.iterdir():
+        if b'"b"' in file.read_bytes():
+            file.write_bytes(file.read_bytes()[:-5])
+    assert filled(tmp_path, 'a', 'b', 'c') == ['b']
+    monkeypatch.setattr(cells, 'SOURCES', ('solver/disk.py',))  # another program
+    assert filled(tmp_path, 'a') == ['a']

@@ -192,24 +192,18 @@ def test_work_precision_goes_on_with_the_problem_it_was_in(tmp_path, monkeypatch
 @pytest.mark.slow
 @pytest.mark.long
 def test_mechanisms_go_on_where_they_were_interrupted(capsys, tmp_path):
-    """Five of them, then seven: the first five are not computed again, and a line that is not whole is."""
+    """Five of them, then seven: of the first five only one is computed again, whose file is damaged."""
     drawn = quick_samples(capsys, tmp_path, 5)
     assert drawn['missed'] == []
-    file = tmp_path / 'cells.jsonl'
-    lines = file.read_text().splitlines(keepends=True)
-    assert len(lines) == 1 + 5
-    first = json.loads(lines[1])
-    assert [run['h'] for run in first['runs']] == [0.01, 0.005, 0.002, 0.001, 0.0005]
-    marked = json.dumps({**first, 'reference': 'kept'}) + '\n'
-    file.write_text(''.join([lines[0], marked, *lines[2:5], lines[5][:20]]))
+    files = sorted((tmp_path / 'cells').iterdir())
+    rows = [json.loads(file.read_text().partition('\n')[2]) for file in files]
+    assert all([run['h'] for run in row['runs']] == [0.01, 0.005, 0.002, 0.001, 0.0005] for row in rows)
+    before = {file: file.stat().st_mtime_ns for file in files[1:]}
+    files[0].write_text(files[0].read_text()[:-20])
     quick_samples(capsys, tmp_path, 7)
-    after = [json.loads(line) for line in file.read_text().splitlines()[1:]]
-    assert after[0]['reference'] == 'kept'
-    assert [row['cell'] for row in after[:5]] == [json.loads(line)['cell'] for line in lines[1:]]
-    assert len(after) == 7
-    file.write_text(''.join(['{"program": "another"}\n', *lines[1:]]))
-    quick_samples(capsys, tmp_path, 1)
-    assert len(file.read_text().splitlines()) == 1 + 1
+    assert {file: file.stat().st_mtime_ns for file in files[1:]} == before
+    assert json.loads(files[0].read_text().partition('\n')[2]) == rows[0]
+    assert len(list((tmp_path / 'cells').iterdir())) == 7
 
 
 def quick_samples(capsys, out: Path, n: int) -> dict:

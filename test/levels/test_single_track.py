@@ -30,10 +30,10 @@ from solver.levels.single_track_engine import SingleTrack
 from solver.levels.track_bends import Lateral, slowest_pressed
 from solver.levels.track_bulk import top_spin
 from solver.levels.track_straight import gear, straight
+from solver.levels.track_tables import SingleTrackTables
 from solver.model.spec import ModelSpec
 from solver.quantities import quantity
 from solver.scene import Scene, StartSettings
-from solver.step.single_track_tables import SingleTrackTables
 from solver.vehicle.full_car import full_car_model
 
 SLOW_RAMP = Maneuver(steering=Ramp(slope=0.2, start=0.5), drive_torque=150.0)

@@ -18,9 +18,9 @@ from solver.errors import ConsistencyError, SpecError, StepError
 from solver.inputs.maneuver import Maneuver
 from solver.inputs.signals import Ramp, Sine, Step
 from solver.levels.single_track_engine import ELEMENTS, rolling
+from solver.levels.track_tables import DRIVE, LATERAL, ROLL, SHIFT, SPIN, VX, VY, YAW, YAW_RATE
 from solver.scene import Scene, StartSettings
 from solver.simulation import Simulation
-from solver.step.single_track_tables import DRIVE, LATERAL, ROLL, SHIFT, SPIN, VX, VY, YAW, YAW_RATE
 
 
 def linear(**more: float) -> dict:

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver.compiled.cache import location
 from solver.compiled.kernel import kernel
+from solver.disk import location
 
 ROOT = Path(__file__).parents[2]
 SCENES = ('slider_crank', 'car_swept_steer', 'light_car_lane_change', 'car_rough_road', 'car_cleat', 'bricard', 'flyball_governor')

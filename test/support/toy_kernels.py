@@ -49,7 +49,7 @@ for line in sys.stdin:
     out = os.open(job['out'] + '.err', os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
     os.dup2(out, 2)
     if 'cache' in job:
-        kernel.STORE.directory = Path(job['cache'])
+        kernel.KERNELS.store.directory = Path(job['cache'])
     compiled = event.RecordingListener()
     event.register('numba:compile', compiled)
     if 'limit' in job:
@@ -59,7 +59,7 @@ for line in sys.stdin:
         exec(statement)
     values = [toy.total(np.arange(5.0)), toy.twice(np.arange(5.0))]
     count = sum(record.is_start for _, record in compiled.buffer)
-    print(json.dumps({'values': values, 'compiled': count, 'cache': str(kernel.STORE.directory)}), flush=True)
+    print(json.dumps({'values': values, 'compiled': count, 'cache': str(kernel.KERNELS.store.directory)}), flush=True)
     os._exit(0)
 """
 VALUES = [30.0, 60.0]  # of total and twice of 0, 1, ..., 4
@@ -71,7 +71,8 @@ def package(root: Path) -> Path:
         (root / 'solver' / folder).mkdir(parents=True)
         (root / 'solver' / folder / '__init__.py').touch()
     (root / 'solver' / '__init__.py').touch()
-    for name in ('kernel', 'cache', 'interruption'):
+    shutil.copyfile(SOLVER / 'disk.py', root / 'solver' / 'disk.py')
+    for name in ('kernel', 'cache', 'contents', 'by_reference', 'interruption'):
         shutil.copyfile(SOLVER / 'compiled' / f'{name}.py', root / 'solver' / 'compiled' / f'{name}.py')
     (root / 'solver' / 'elements' / 'toy.py').write_text(TOY, encoding='utf-8')
     return root
@@ -116,3 +117,39 @@ class Toys:
 
     def _out(self, process: subprocess.Popen[str], k: int) -> str:
         return str(self._scratch / f'job-{process.pid}-{k}')
+
+
+class Edited:
+    """A package whose files in solver/elements may change between two processes, which share a cache. program: assigns `values`."""
+
+    def __init__(self, directory: Path, files: dict[str, str], program: str) -> None:
+        self._directory, self._program = directory, program
+        package(directory)
+        self.change(files)
+
+    def change(self, files: dict[str, str]) -> None:
+        """Have these files, by name, and no others; an empty one is not there."""
+        for path in (self._directory / 'solver' / 'elements').glob('[a-z]*.py'):
+            path.unlink()
+        for name, text in files.items():
+            if text:
+                (self._directory / 'solver' / 'elements' / f'{name}.py').write_text(text, encoding='utf-8')
+
+    def run(self, **environment: str) -> tuple[list[float], set[str]]:
+        """(values, names of the kernels that were compiled) of a process."""
+        program = f"""
+import json
+from numba.core import event
+compiled = event.RecordingListener()
+event.register('numba:compile', compiled)
+{self._program}
+names = {{record.data['dispatcher'].__name__ for _, record in compiled.buffer if record.is_start}}
+print(json.dumps([values, sorted(names)]))
+"""
+        own = {'PYTHONPATH': str(self._directory), 'MBD_CACHE_DIR': str(self._directory / 'cache'), 'PYTHONDONTWRITEBYTECODE': '1'}
+        own = {**os.environ, **own, **environment}
+        run = [sys.executable, '-c', program]
+        done = subprocess.run(run, cwd=self._directory, env=own, capture_output=True, text=True, timeout=120, check=False)
+        assert (done.returncode, done.stderr) == (0, ''), done.stderr
+        values, names = json.loads(done.stdout)
+        return values, set(names)

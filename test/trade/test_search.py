@@ -11,10 +11,11 @@ import pytest
 import solver
 from solver.analysis.departures import Departure
 from solver.checks.registry import BY_NAME
+from solver.disk import plain
 from solver.errors import SpecError
 from solver.files.scene import load_scene_text
 from solver.trade import judging, reference
-from solver.trade.certificate import finite, idle, plan, still, what_has_to_give
+from solver.trade.certificate import idle, plan, still, what_has_to_give
 from solver.trade.cost import Cost, PerStep
 from solver.trade.measurements import STEP_SETS
 from solver.trade.requirements import Requirement
@@ -132,7 +133,7 @@ def test_without_a_requirement_there_is_nothing_to_plan() -> None:
 
 def test_what_is_not_finite_is_null() -> None:
     verdict = Verdict(Setting(), math.inf, 1.0, '', 'failed', {})
-    assert finite({'a': (verdict.used, float('nan'), 1)}) == {'a': [None, None, 1]}
+    assert plain({'a': (verdict.used, float('nan'), 1)}) == {'a': [None, None, 1]}
 
 
 def test_of_settings_that_were_dropped_the_one_that_kept_the_limits_longest_is_nearest() -> None:

@@ -6,7 +6,6 @@ recording that it takes), and of the source of the solver. What is there and com
 
 from __future__ import annotations
 
-import hashlib
 import math
 import shutil
 from collections.abc import Sequence
@@ -21,10 +20,10 @@ from mbd_sim_ros.analysis.evaluation import judging
 from mbd_sim_ros.analysis.evaluation.kinds import Drive, Evaluation
 from mbd_sim_ros.analysis.evaluation.measures import line, low_passed
 from mbd_sim_ros.analysis.evaluation.signals import NEEDED, Vehicle, signals
-from mbd_sim_ros.bags.recorder import source_hash
 from mbd_sim_ros.batch import simulate
 from solver import simulation_of
 from solver.analysis.verdict import OK, SUSPECT
+from solver.disk import digest, sources
 from solver.errors import BagError, MbdError, SceneError, SpecError
 from solver.files.naming import included
 from solver.files.scene import find_file, load_scene_text
@@ -340,9 +339,7 @@ class Driving:
         """Drive one scene, unless that has been done; returns its recording."""
         overrides = [*settings, *(self._vehicle_overrides() if calibration else self.overrides)]
         scene = load_scene_text(text, label, overrides)
-        parts = (scene.hash.encode(), source_hash().encode(), *beside_text(scene))
-        content = hashlib.sha256(b'\0'.join(parts)).hexdigest()[:12]
-        place = self.directory / f'{label}-{content}'
+        place = self.directory / f'{label}-{digest(scene.hash, sources(), *beside_text(scene)).hex()[:12]}'
         if complete(place, scene):
             self.kept += 1
             return place

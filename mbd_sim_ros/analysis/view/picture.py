@@ -17,6 +17,7 @@ from mbd_sim_ros.analysis.runs import units
 from mbd_sim_ros.analysis.view.drawing import WORLD_BODY
 from mbd_sim_ros.analysis.view.motion import Motion, curves_of, rotated
 from mbd_sim_ros.analysis.view.page import size_of
+from solver.disk import whole
 from solver.errors import BagError
 
 COLOURS = {'outline': '#8a8a8a', 'body': '#0072b2', 'wheel': '#222222', 'spring': '#e69f00', 'force': '#d55e00', 'world': '#bbbbbb'}
@@ -214,13 +215,9 @@ def write_film(
         file.parent.mkdir(parents=True, exist_ok=True)
         if file.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
-        part = file.with_name(f'.{file.stem}.part{file.suffix}')  # a film that is interrupted is none
-        try:
+        with whole(file) as part:  # a film that is interrupted is none
             part.open('wb').close()  # what cannot be written is told before minutes of painting
             write(painter, shown, part, rate)
-            part.replace(file)
-        finally:
-            part.unlink(missing_ok=True)
     except OSError as error:
         raise BagError(f'cannot write {file}: {error.strerror or error}; choose another place') from None
 

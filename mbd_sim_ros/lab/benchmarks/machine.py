@@ -11,7 +11,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from mbd_sim_ros.bags.recorder import source_hash
+from solver.disk import sources
 
 
 def fingerprint() -> dict[str, Any]:
@@ -27,7 +27,7 @@ def fingerprint() -> dict[str, Any]:
         'numba': version('numba'),
         'llvm': '.'.join(map(str, binding.llvm_version_info)),
         'host_target': binding.get_host_cpu_name(),
-        'source_hash': source_hash(),
+        'source_hash': sources(),
         'load_average': os.getloadavg()[0],
         'clock_us': clock_cost(),
     }

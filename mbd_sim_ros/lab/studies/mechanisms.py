@@ -40,7 +40,8 @@ def study(out: Path, *, quick: bool, progress: Progress, n: int | None = None, s
     """Judge n mechanisms of the series of a seed; what is not right is written as a scene file into `scenes`."""
     count = n if n is not None else QUICK_SAMPLES if quick else SAMPLES
     rows = []
-    with Cells(out / 'cells.jsonl') as cells, warnings.catch_warnings():
+    cells = Cells(out / 'cells')
+    with warnings.catch_warnings():
         warnings.filterwarnings('ignore', category=LinAlgWarning)  # of references at singular positions, whose steps then fail
         for k in range(count):
             mechanism = drawn(k, seed)

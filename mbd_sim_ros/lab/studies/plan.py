@@ -80,13 +80,13 @@ def study(out: Path, *, quick: bool, progress: Callable[[str, float], None]) -> 
     cores = len(os.sched_getaffinity(0))
     wishes = (Wish('level cruise', '{position: {max: 0.5 m}}'),) if quick else tuple(dict.fromkeys((TURN, HOP, TIGHT, NEVER, *WISHES)))
     rows: dict[Wish, dict[str, Any]] = {}
-    with Cells(out / 'plans.jsonl') as cells:
-        for k, wish in enumerate(wishes):
+    cells = Cells(out / 'cells')
+    for k, wish in enumerate(wishes):
 
-            def said(text: str, _: float, k: int = k, wish: Wish = wish) -> None:
-                progress(f'plan {k + 1} of {len(wishes)}: {wish.scene}: {text}', k / len(wishes))
+        def said(text: str, _: float, k: int = k, wish: Wish = wish) -> None:
+            progress(f'plan {k + 1} of {len(wishes)}: {wish.scene}: {text}', k / len(wishes))
 
-            rows[wish] = cells.cell(str(wish), lambda wish=wish, said=said: made(wish, cores, quick, said))  # type: ignore[misc]
+        rows[wish] = cells.cell(str(wish), lambda wish=wish, said=said: made(wish, cores, quick, said))  # type: ignore[misc]
     report = Report(out, 'Plans')
     report.text(
         'Every plan is made from nothing but its scene and what is required of it, and then held against maneuvers that had no part in '

@@ -45,12 +45,12 @@ def study(out: Path, *, quick: bool, progress: Progress) -> dict:
         'told when it fails, is refused or is '
         'suspect, else silently wrong; undecided where references do not agree.'
     )
-    with Cells(out / 'cells.jsonl', SOURCES) as cells:
-        lines = _maps(report, cells, quick, lambda t, x: progress(t, 0.35 * x))
-        _recommend(report, lines, quick)
-        grids = _grids(report, cells, quick, lambda t, x: progress(t, 0.35 + 0.1 * x))
-        counted = _counted(report, cells, quick, lambda t, x: progress(t, 0.45 + 0.2 * x))
-        cars = _cars(report, cells, quick, lambda t, x: progress(t, 0.65 + 0.35 * x))
+    cells = Cells(out / 'cells', SOURCES)
+    lines = _maps(report, cells, quick, lambda t, x: progress(t, 0.35 * x))
+    _recommend(report, lines, quick)
+    grids = _grids(report, cells, quick, lambda t, x: progress(t, 0.35 + 0.1 * x))
+    counted = _counted(report, cells, quick, lambda t, x: progress(t, 0.45 + 0.2 * x))
+    cars = _cars(report, cells, quick, lambda t, x: progress(t, 0.65 + 0.35 * x))
     runs = [run for row in (*lines, *grids, *cars) for run in row['runs']]
     wrong, beyond = silent((*lines, *grids, *cars))
     report.check(SILENT, wrong, 0)

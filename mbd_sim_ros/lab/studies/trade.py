@@ -6,11 +6,12 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
+from mbd_sim_ros.analysis.pages import write_text
 from mbd_sim_ros.lab.studies import trade_report
 from mbd_sim_ros.lab.studies.report import Report
 from mbd_sim_ros.lab.studies.trade_grid import Grid
+from solver.disk import plain
 from solver.scene import Scene
-from solver.trade.certificate import finite
 
 SUMMARY = 'speed against accuracy of one SCENE: level, switches, step, iterations, damping, tolerance'
 OF_SCENE = True  # study() takes scene and workers
@@ -22,5 +23,5 @@ def study(out: Path, *, quick: bool, progress: Callable[[str, float], None], sce
     grid.run()
     report = Report(out, f'Speed against accuracy: {scene.title or scene.name}')
     data = trade_report.write(report, grid)
-    (out / 'trade.json').write_text(json.dumps(finite(data), indent=1, allow_nan=False) + '\n', encoding='utf-8')
+    write_text(out / 'trade.json', json.dumps(plain(data), indent=1, allow_nan=False) + '\n')
     return data

@@ -15,7 +15,7 @@ import numpy as np
 
 from mbd_sim_ros import interrupts
 from solver.analysis.departures import Departure
-from solver.compiled.cache import digest
+from solver.disk import Store, digest, plain
 from solver.errors import MbdError, SpecError
 from solver.levels import LEVELS, derive
 from solver.levels.auto import key
@@ -23,7 +23,6 @@ from solver.quantities import names as names_of
 from solver.quantities import published
 from solver.scene import SUBSYSTEMS, Scene
 from solver.trade import cost, reference
-from solver.trade.certificate import finite
 from solver.trade.reference import Reference
 from solver.trade.runs import Run, departures, run
 from solver.trade.setting import Setting, baseline
@@ -62,9 +61,8 @@ class Grid:
         self.levels: dict[str, str] = {}
         self.truth: Reference
         self.second: dict[str, Departure] = {}
-        self._kept = out / 'rows'
-        self._kept.mkdir(exist_ok=True)
-        self._identity = key(dataclasses.replace(scene, fidelity='full')).encode()
+        self._kept = Store(out / 'rows')
+        self._identity = key(dataclasses.replace(scene, fidelity='full'))
         self._own: dict[tuple[str, tuple[str, ...]], Reference | str] = {}
         self._settled: dict[Setting, Run] = {}
 
@@ -182,7 +180,7 @@ class Grid:
                 'delay': total[name].delay,
                 **{f'{o}_share': None if (d := of[o]) is None else d.rms / self.truth.peaks[name] for o in ORIGINS},
             }
-        return finite(row | {'counters': found.counters})
+        return plain(row | {'counters': found.counters})
 
     def _settle(self, setting: Setting) -> Run:
         """The setting iterated until nothing changes."""
@@ -199,18 +197,15 @@ class Grid:
             return
         row |= {'cost_median': found.median, 'cost_p99': found.p99}
 
-    def _file(self, setting: Setting) -> Path:
-        parts = (self._identity, repr(setting).encode(), repr((self.names, self.fine)).encode())
-        return self._kept / f'{digest(*parts).hex()}.json'
+    def _name(self, setting: Setting) -> str:
+        return f'{digest(self._identity, repr(setting), repr((self.names, self.fine))).hex()}.json'
 
     def _read(self, setting: Setting) -> Row | None:
-        try:
-            return json.loads(self._file(setting).read_text(encoding='utf-8'))
-        except (OSError, ValueError):
-            return None
+        content = self._kept.read(self._name(setting))
+        return None if content is None else json.loads(content)
 
     def _write(self, setting: Setting, row: Row | None) -> None:
-        self._file(setting).write_text(json.dumps(finite(row), allow_nan=False), encoding='utf-8')
+        self._kept.write(self._name(setting), json.dumps(plain(row), allow_nan=False).encode())
 
 
 def judged(row: Row, names: Sequence[str]) -> float:

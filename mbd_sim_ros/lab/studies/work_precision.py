@@ -19,15 +19,13 @@ import numpy as np
 from mbd_sim_ros import interrupts
 from mbd_sim_ros.lab.peers import exudyn as peers
 from mbd_sim_ros.lab.studies import Progress, crank, precision_report
-from mbd_sim_ros.lab.studies.cells import replace_text
 from mbd_sim_ros.lab.studies.crank_history import START
 from mbd_sim_ros.lab.studies.precision_report import Point
 from mbd_sim_ros.lab.studies.report import Report
 from solver import simulation_of
-from solver.compiled.cache import digest
+from solver.disk import Store, digest, sources
 from solver.errors import MbdError, SpecError
 from solver.files.scene import load_scene
-from solver.levels.kept import sources
 from solver.scene import Scene
 from solver.step.work import scheme_parameters
 
@@ -78,33 +76,25 @@ QUICK = ('regular slider-crank', 'double pendulum')
 TOLERANCES, QUICK_TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9), (1e-4,)
 
 
-def _kept(file: Path) -> dict[str, Any] | None:
-    """What was found before; None where there is nothing, or it was damaged."""
-    try:
-        found = json.loads(file.read_text(encoding='utf-8'))
-    except (OSError, ValueError):
-        return None
-    return found if isinstance(found, dict) and {'points', 'notes', 'estimate'} <= found.keys() else None
-
-
 def study(out: Path, *, quick: bool, progress: Progress) -> dict:
     """Run every method on every problem and judge who is on the front."""
     problems = [p._replace(duration=p.duration / 5, intervals=p.intervals // 5) for p in PROBLEMS if p.name in QUICK] if quick else PROBLEMS
     report = Report(out, 'Work and precision')
     report.text(*precision_report.INTRODUCTION)
-    kept = out / 'problems'
-    kept.mkdir(exist_ok=True)
+    kept = Store(out / 'problems')
     points: list[Point] = []
     notes: list[str] = []
     references = []
     for k, problem in enumerate(problems):
         interrupts.check()
-        file = kept / f'{digest(sources(), Path(__file__).read_bytes(), repr((problem, quick)).encode()).hex()}.json'
-        found = _kept(file)
-        if found is None:
+        name = f'{digest(sources(), sources(Path(__file__)), repr((problem, quick))).hex()}.json'
+        content = kept.read(name)
+        if content is None:
             found = _solved(problem, quick, lambda text, part, k=k: progress(text, (k + part) / len(problems)))  # type: ignore[misc]
             if not found['notes']:  # a peer that is missing may be there the next time
-                replace_text(file, json.dumps(found))
+                kept.write(name, json.dumps(found).encode())
+        else:
+            found = json.loads(content)
         points += [Point(**point) for point in found['points']]
         notes += found['notes']
         references.append({'problem': problem.name, 'reference': _reference_name(problem), 'error estimate': found['estimate']})

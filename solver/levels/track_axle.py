@@ -1,4 +1,4 @@
-"""An axle of a single-track model: slips, forces, torques about its axis (the formulas stand in solver.step.single_track)."""
+"""An axle of a single-track model: slips, forces, torques about its axis (the formulas stand in solver.levels.track_step)."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 from solver.compiled.kernel import kernel
 from solver.elements.road import friction_at
-from solver.step.single_track_tables import (
+from solver.levels.track_tables import (
     ALPHA,
     AXLE_COLUMNS,
     BRAKE,

@@ -1,4 +1,4 @@
-"""Dynamic time warping of two signals, for rating one against the other (mbd_sim_ros.analysis.rating): here, where kernels are kept."""
+"""Dynamic time warping of two signals, for rating one against the other (mbd_sim_ros.analysis.rating)."""
 
 from __future__ import annotations
 

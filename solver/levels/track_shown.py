@@ -1,12 +1,11 @@
-"""What a single-track model shows of its state, the account of its energy, and how far it went (solver.step.single_track)."""
+"""What a single-track model shows of its state, the account of its energy, and how far it went (solver.levels.track_step)."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from solver.compiled.kernel import kernel
-from solver.output.energy import widen
-from solver.step.single_track_tables import (
+from solver.levels.track_tables import (
     ALPHA,
     AXLE_COLUMNS,
     BRAKE,
@@ -31,6 +30,7 @@ from solver.step.single_track_tables import (
     X,
     Y,
 )
+from solver.output.energy import widen
 
 
 @kernel(inner=True)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from solver.levels.kept import kept
+from solver.disk import derived
 
 
 class Maker:
@@ -31,8 +31,8 @@ def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_a_value_is_made_once_and_comes_back_with_the_same_bits(cache: Path) -> None:
     value = {'map': [[0.1, 1.0 / 3.0], [math.pi, 5e-324]], 'name': 'ä', 'count': 3, 'there': None}
     make = Maker(value)
-    assert kept('maps', 'car', make) == value
-    assert kept('maps', 'car', make) == value
+    assert derived('maps', 'car', make) == value
+    assert derived('maps', 'car', make) == value
     assert make.made == 1
     assert len(list(cache.iterdir())) == 1
 
@@ -40,34 +40,34 @@ def test_a_value_is_made_once_and_comes_back_with_the_same_bits(cache: Path) -> 
 def test_other_data_and_other_subjects_are_others() -> None:
     make = Maker(1.0)
     for what, subject in (('maps', 'car'), ('maps', 'other car'), ('axles', 'car')):
-        kept(what, subject, make)
+        derived(what, subject, make)
     assert make.made == 3
 
 
 def test_fresh_and_kept_values_are_alike() -> None:
     """A tuple would be a list only the second time."""
     make = Maker((1, (2, 3)))
-    assert kept('maps', 'car', make) == kept('maps', 'car', make) == [1, [2, 3]]
+    assert derived('maps', 'car', make) == derived('maps', 'car', make) == [1, [2, 3]]
 
 
 @pytest.mark.parametrize('damage', [b'', b'\xff\xfe', b'0\n[1]', b'[1]'])
 def test_a_damaged_file_is_made_anew(cache: Path, damage: bytes) -> None:
     make = Maker([1.5])
-    kept('maps', 'car', make)
+    derived('maps', 'car', make)
     (file,) = cache.iterdir()
     file.write_bytes(damage)
-    assert kept('maps', 'car', make) == [1.5]
+    assert derived('maps', 'car', make) == [1.5]
     assert make.made == 2
-    kept('maps', 'car', make)
+    derived('maps', 'car', make)
     assert make.made == 2
 
 
 def test_a_changed_number_in_a_file_is_noticed(cache: Path) -> None:
     make = Maker([1.5])
-    kept('maps', 'car', make)
+    derived('maps', 'car', make)
     (file,) = cache.iterdir()
     file.write_bytes(file.read_bytes().replace(b'1.5', b'2.5'))
-    assert kept('maps', 'car', make) == [1.5]
+    assert derived('maps', 'car', make) == [1.5]
 
 
 def test_where_nothing_can_be_written_values_are_made_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -75,10 +75,10 @@ def test_where_nothing_can_be_written_values_are_made_anew(tmp_path: Path, monke
     blocked.write_text('')
     monkeypatch.setenv('MBD_CACHE_DIR', str(blocked))
     make = Maker(2)
-    assert [kept('maps', 'car', make), kept('maps', 'car', make)] == [2, 2]
+    assert [derived('maps', 'car', make), derived('maps', 'car', make)] == [2, 2]
     assert make.made == 2
 
 
 def test_what_is_no_number_is_not_kept() -> None:
     with pytest.raises(ValueError, match='JSON'):
-        kept('maps', 'car', Maker([math.nan]))
+        derived('maps', 'car', Maker([math.nan]))

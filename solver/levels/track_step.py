@@ -39,9 +39,9 @@ from __future__ import annotations
 import numpy as np
 
 from solver.compiled.kernel import kernel
-from solver.step.single_track_axle import axle_forces
-from solver.step.single_track_shown import keep_account, keep_reached, show
-from solver.step.single_track_tables import (
+from solver.levels.track_axle import axle_forces
+from solver.levels.track_shown import keep_account, keep_reached, show
+from solver.levels.track_tables import (
     DRAG,
     DRIVE,
     ENERGY,

@@ -1,4 +1,4 @@
-"""Parameters, state and scratch of a single-track model (solver.step.single_track)."""
+"""Parameters, state and scratch of a single-track model (solver.levels.track_step)."""
 
 from __future__ import annotations
 
