@@ -32,6 +32,10 @@ class Finding:
         """The first of its sentences, without the remedy."""
         return self.text.partition('). ')[0] + ')'
 
+    def covered_for(self, names: str) -> str:
+        """What is said of it where a certificate covers it, for the quantities of these names."""
+        return f'{self.fact}: covered by the certificate, whose plan has measured the effect on {names}'
+
 
 @dataclass(frozen=True, kw_only=True)
 class Certified:

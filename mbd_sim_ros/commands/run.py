@@ -79,14 +79,14 @@ def describe(data: dict[str, Any], start: str, covered: Sequence[Mapping[str, An
     for kind, energies in data.get('energy_by_kind', {}).items():
         rows.append((f'energy of {kind.replace("_", " ")}', ', '.join(f'{name} {value:.4g} J' for name, value in energies.items())))
     if 'accuracy' in data:
+        from solver.findings import Finding
+
         required, certificate = ', '.join(data['accuracy']['required']), data['accuracy']['certificate']
         proof = (
             f'certified by plan {certificate}' if certificate else 'a run cannot check it, and no plan certifies these settings (mbd plan)'
         )
         rows.append(('accuracy', f'required of {required}: {proof}'))
-        rows += [
-            ('note', f'measured, and covered by the certificate for {required}: {found["text"].rpartition("; ")[0]}') for found in covered
-        ]
+        rows += [('note', Finding(**found).covered_for(required)) for found in covered]
     rows += [('tire', sentence) for sentence in data.get('tires', ())]
     rows += [('REQUIREMENT' if found['required'] else 'SUSPECT', found['text']) for found in data['findings']]
     return table(rows)

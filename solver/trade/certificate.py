@@ -114,7 +114,7 @@ def findings_of(search: Search, setting: Setting) -> list[dict[str, Any]]:
         if is_of_scene(finding) or finding.quantity in search.coarse:
             search.notes.append(f'a run of {setting} is suspect all the same (mbd run): {finding.text}')
         else:
-            search.notes.append(f'measured, and covered by the certificate for {names}: {finding.fact}')
+            search.notes.append(finding.covered_for(names))
     for finding in search.coarse.values():
         search.notes.append(
             f'not covered by the certificate, for the reference itself ({1e3 * search.steps[-1]:g} ms) has it: {finding.text}'

@@ -12,6 +12,7 @@ import pytest
 
 import solver
 import solver.files.scene
+from mbd_sim_ros.commands.run import describe
 from solver.analysis.covered import certified_of, covers, is_broken, is_of_scene, weighed
 from solver.analysis.envelope import Envelope
 from solver.analysis.verdict import findings
@@ -33,7 +34,7 @@ SCENE = ['duration=0.4', 'maneuver.steering.start=0.1', 'require={yaw_rate: {rms
 
 
 def finding(quantity: str = 'turn_per_step', value: float = 1.3, where: str = '', *, limit: float = 1.0, required: bool = False) -> Finding:
-    text = f'a body turns by {value:.3g} rad per step; the limit {limit:g}'
+    text = f'A body turns too far in a step ({quantity} {value:.3g} rad, limit {limit:g} rad). Reduce integrator.h'
     return Finding(quantity=quantity, value=value, limit=limit, unit='rad', time=0.0, where=where, required=required, text=text)
 
 
@@ -121,3 +122,11 @@ def test_what_is_broken_is_never_covered_and_forbids_a_setting(quantity: str) ->
     assert not any(is_broken(finding(name)) for name in (*COARSE, *OF_SCENE))
     assert all(is_broken(finding(name, required=True)) for name in COARSE)
     assert [name for name in (*COARSE, *OF_SCENE) if is_of_scene(finding(name))] == OF_SCENE
+
+
+def test_what_is_covered_is_told_with_its_numbers_and_without_a_remedy() -> None:
+    one = finding(value=1.3)
+    data = {'status': 'ok', 'rejected': 0, 'out': None, 'findings': [], 'accuracy': {'required': ['yaw_rate'], 'certificate': 'abc'}}
+    (note,) = [line for line in describe(data, 'as placed', [asdict(one)]).splitlines() if line.startswith('note')]
+    said = 'A body turns too far in a step (turn_per_step 1.3 rad, limit 1 rad): covered by the certificate, whose plan has measured'
+    assert note.removeprefix('note').strip() == f'{said} the effect on yaw_rate'

@@ -62,7 +62,7 @@ def test_diagnostics_warn_of_a_run_outside_until_it_begins_anew(tmp_path, client
         told = 'suspect: The run leaves its envelope: wheel load is'
         client.until(lambda: any(told in a.status[0].message for a in client.diagnostics))
         warned = next(a.status[0] for a in client.diagnostics if told in a.status[0].message)
-        assert 'valid is 0 to 1e+05 N (certified)' in warned.message
+        assert 'wheel load is valid from 0 to 1e+05 N (envelope ' in warned.message and 'The limits: certified. ' in warned.message
         assert warned.level == b'\x01'
         assert {v.key: v.value for v in warned.values}['findings'] == '1'
         assert client.call('reset').success
