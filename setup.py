@@ -135,5 +135,6 @@ setup(
             f'adapter = {NAME}.node.adapter:main',
             f'mbd = {NAME}.commands.main:main',
         ],
+        'solver.recordings': [f'mcap = {NAME}.bags.inputs:recorded_inputs'],
     },
 )

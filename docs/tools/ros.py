@@ -96,6 +96,7 @@ def commands() -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
         (f'`~/{c.topic}`', f'std_msgs/{c.type.__name__}', 'reliable, 1', c.text + (f', limit: `{c.limit}`' if c.limit else ''))
         for c in PLAIN.values()
     ]
+    rows.append(('`~/<input>_cmd`', 'std_msgs/Float64', 'reliable, 1', 'input of an element that the scene adds to its vehicle'))
     single = '; '.join(f'`{start}{WHEEL}`: {c.text}, limit: `{c.limit}`' for start, c in BY_WHEEL.items())
     stamped = 'any commands by name (' + ', '.join(f'`{name}`' for name in PLAIN) + '); `header.stamp`: the state that is answered'
     named = [('`~/wheel_cmd`', single), ('`~/lockstep_cmd`', stamped)]

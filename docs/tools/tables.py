@@ -21,7 +21,7 @@ from solver.elements.laws import Law
 from solver.elements.marker import Marker
 from solver.elements.tire_pacejka import TireData
 from solver.files.json_schema import files
-from solver.files.schema import kinds_of, plain, unit_of
+from solver.files.schema import keys_of, kinds_of, plain, unit_of
 from solver.files.vehicle import TEMPLATES
 from solver.model.spec import ModelSpec
 from solver.quantities import BY_WHEEL, NAMED
@@ -45,7 +45,7 @@ def part(name: str) -> str:
     """One generated part."""
     if name == 'elements':
         hints = typing.get_type_hints(ModelSpec, include_extras=True)
-        kinds = [(f.name, element(hints[f.name])) for f in dataclasses.fields(ModelSpec)]
+        kinds = [(f.name, element(hints[f.name])) for f in keys_of(ModelSpec)]
         return '\n'.join(f'### {section}\n\n{block(cls, named=True)}' for section, cls in kinds if cls is not None)
     if name == 'vehicles':
         seen: set[type] = set()  # a class that several templates share stands with the first of them
@@ -90,7 +90,7 @@ def block(cls: type, *, named: bool = False) -> str:
     """Docstring and table of the keys of a dataclass. named: the name is the key of the entry."""
     hints = typing.get_type_hints(cls, include_extras=True)
     rows = ['| key | value | unit | default |', '|---|---|---|---|']
-    for field in dataclasses.fields(cls):
+    for field in keys_of(cls):
         hint = hints[field.name]
         if (named and field.name == 'name') or not field.repr or hint is ModelSpec:
             continue

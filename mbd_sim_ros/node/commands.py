@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import time
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
@@ -20,12 +21,12 @@ SELDOM = 0.01  # s between looks for commands of somebody who is not known yet: 
 
 
 class Commanded(NamedTuple):
-    """A command: its topic, what it is, the parameter that limits it ('': 1 does), whether it may be below zero, the type of its message,
-    and what a sentence calls it."""
+    """A command: its topic, what it is, the parameter that limits it ('': 1 does; None: nothing does), whether it may be below zero, the
+    type of its message, and what a sentence calls it."""
 
     topic: str
     text: str
-    limit: str = ''
+    limit: str | None = ''
     signed: bool = True
     type: type = Float64
     called: str = 'drive torque'
@@ -48,6 +49,10 @@ BY_WHEEL = {
 }
 
 
+NAMED = ('lockstep_cmd', 'wheel_cmd')  # topics that take several commands by their names
+TOKEN = re.compile('[A-Za-z][A-Za-z0-9_]*')  # what ROS takes as the name of a topic
+
+
 def gears_of(model: Any) -> tuple[int, int] | None:
     """(lowest, highest) gear of the gearboxes of a model that follow the input `gear`; None where there is none."""
     boxes = [clutch for clutch in getattr(model, 'clutches', ()) if clutch.gear == 'gear']
@@ -58,7 +63,12 @@ def gears_of(model: Any) -> tuple[int, int] | None:
 
 def commanded(name: str) -> Commanded:
     """What a command is."""
-    return PLAIN.get(name) or next(one for start, one in BY_WHEEL.items() if name.startswith(start))
+    known = PLAIN.get(name) or next((one for start, one in BY_WHEEL.items() if name.startswith(start)), None)
+    if known is not None:
+        return known
+    topic = f'{name}_cmd'  # of an element that the scene adds
+    own = TOKEN.fullmatch(name) and topic not in (*(one.topic for one in PLAIN.values()), *NAMED)
+    return Commanded(topic if own else NAMED[1], 'input of an element of the scene', limit=None, called=name)
 
 
 class Commands:
@@ -66,8 +76,8 @@ class Commands:
 
     An executor takes about 1 ms per message for its wait set, with the interpreter lock held; looking into the three
     subscriptions takes 20 us, and the command is used in the very next step. They are reliable, unless somebody publishes best effort.
-    latch: gets the commands, which are those of the scene (solver.inputs.hands.commands_of). Those in PLAIN have a topic of
-    their own, and those of single wheels come together. ends: what the end stops of the vehicle leave of them, least and
+    latch: gets the commands, which are those of the scene (solver.inputs.hands.commands_of). Those of single wheels
+    come together, the others have a topic of their own. ends: what the end stops of the vehicle leave of them, least and
     most [rad]. gears: lowest and highest one, where there are any. refused: commands that were no numbers, named no input, or
     asked for a gear that there is not. deaf: nothing is subscribed to, something else drives.
     """
@@ -103,10 +113,11 @@ class Commands:
             enable_rosout=False,
         )
         for index, name in enumerate(self.names):
-            if name in PLAIN:
-                self._plain.append(self._ear(PLAIN[name].topic, PLAIN[name].type, self._receiving(index, PLAIN[name].topic), depth=1))
-        for topic, receive in (('lockstep_cmd', self._stamped), ('wheel_cmd', self._unstamped)):
-            if topic == 'lockstep_cmd' or len(self.names) > len(self._plain):
+            one = commanded(name)
+            if one.topic not in NAMED:
+                self._plain.append(self._ear(one.topic, one.type, self._receiving(index, one.topic), depth=1))
+        for topic, receive in zip(NAMED, (self._stamped, self._unstamped), strict=True):
+            if topic == NAMED[0] or len(self.names) > len(self._plain):
                 self._named.append(self._ear(topic, JointState, receive, depth=10))  # an old answer must not push the right one out
         self._note_boxes()
 
@@ -212,7 +223,7 @@ class Commands:
         if self.names[index] == 'gear':
             return self._gear(what, number)
         one = commanded(self.names[index])
-        high = self._node.get_parameter(one.limit).value if one.limit else 1.0
+        high = math.inf if one.limit is None else self._node.get_parameter(one.limit).value if one.limit else 1.0
         least, most = self.ends.get(self.names[index], (-math.inf, math.inf))
         value = min(max(number, -high if one.signed else 0.0, least), high, most)
         if value != number:

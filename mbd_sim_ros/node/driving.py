@@ -12,7 +12,7 @@ from mbd_sim_ros.node import state_files
 from mbd_sim_ros.node.latch import DRIVING, Latch, Latched
 from solver.inputs.actuation import Chain
 from solver.inputs.assistance import Assistant
-from solver.inputs.hands import STEERING, CommandSource, uncommanded
+from solver.inputs.hands import STEERING, CommandSource, further, uncommanded
 from solver.inputs.maneuver import base_names
 from solver.levels.road_wheel import steering_map, steering_wheel_at
 from solver.model.spec import ModelSpec
@@ -70,12 +70,13 @@ class Driving:
         self._restored = self._in_force() if moving else {}
 
     def hold(self) -> None:
-        """Until a command comes, steering, brakes, clutches and gear stay where they are; what helps the driver works what it has itself.
+        """Until a command comes, steering, brakes, clutches, gear and what the scene adds stay where they are; what helps the driver works
+        what it has itself.
 
         What was commanded when a state was saved holds where it is restored, but for what drives: that is there while it is sent only.
         """
         inputs = dict(zip(self.simulation.channels.inputs, self.simulation.snapshot().inputs.tolist()))
-        still = ['steering_torque', 'brake_torque', 'gear']
+        still = ['steering_torque', 'brake_torque', 'gear', *further(self.names)]
         if self._scene.assistance.shift is None:
             still += ['clutch', 'lock_up']
         if not self._scene.assistance.brakes:

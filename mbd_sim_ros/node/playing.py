@@ -20,13 +20,13 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Int32
 
 from mbd_sim_ros.node.accompany import LOOK, LOST
-from mbd_sim_ros.node.commands import PLAIN
+from mbd_sim_ros.node.commands import NAMED, commanded
 from mbd_sim_ros.node.graph import HEARD_HERE, SAID_HERE, Watch
 from mbd_sim_ros.node.parameters import declare_described
 from mbd_sim_ros.node.turns import turn
 from solver.errors import SceneError
 from solver.files.scene import load_maneuver, load_scene
-from solver.inputs.hands import COMMANDS, POWERTRAIN, STEERING
+from solver.inputs.hands import COMMANDS, STEERING
 
 FIND = 1.5  # s after the first state in which a simulator that takes stamped commands is found out
 
@@ -56,8 +56,9 @@ class Player(Node):
         self._repeated = math.inf  # clock reading when the newest state came again
         newest = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
         self._plain = {
-            name: (self.create_publisher(PLAIN[name].type, f'{simulator}/{PLAIN[name].topic}', newest, **SAID_HERE), PLAIN[name].type)
-            for name in (*COMMANDS, *(name for name in POWERTRAIN if name in self._maneuver.signals))
+            name: (self.create_publisher(one.type, f'{simulator}/{one.topic}', newest, **SAID_HERE), one.type)
+            for name in (*COMMANDS, *self._maneuver.signals)
+            if (one := commanded(name)).topic not in NAMED
         }
         self._stamped = self.create_publisher(
             JointState, f'{simulator}/lockstep_cmd', QoSProfile(depth=10, reliability=ReliabilityPolicy.RELIABLE), **SAID_HERE

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -36,6 +36,45 @@ MAX_TERMS = 3
 LIMITER_FROM = 0.95  # share of top_rate from which the input fades
 
 
+def checked_terms(where: str, terms: Sequence[Sequence[Any]]) -> tuple[tuple[str, float], ...]:
+    """Up to MAX_TERMS pairs (coordinate name, factor). Raises SpecError."""
+    require(1 <= len(terms) <= MAX_TERMS, where, 'terms', terms, f'needs 1 to {MAX_TERMS} [coordinate, factor] pairs')
+    for k, one in enumerate(terms):
+        require(len(one) == 2, where, f'terms[{k}]', one, 'must be [coordinate, factor]')
+    return tuple((str(c), finite(where, f'factor of {c}', f)) for c, f in terms)
+
+
+class Combination(NamedTuple):
+    """Columns of linear combinations of coordinates; bodies and blocks of term t are at 2 t (body i) and 2 t + 1 (body j)."""
+
+    terms: np.ndarray  # (n,) number of terms
+    coordinate: np.ndarray  # (n, 3)
+    factor: np.ndarray  # (n, 3)
+    body: np.ndarray  # (n, 6)
+    slot: np.ndarray  # (n, 6, 6) block (row body, column body); unused beyond 2 * terms
+
+
+def compile_combinations(specs: Sequence[Any], context: Context) -> Combination:
+    """Resolve the names in the terms of specifications."""
+    n, most = len(specs), MAX_TERMS
+    table = Combination(
+        terms=np.array([len(s.terms) for s in specs], np.int64),
+        coordinate=np.zeros((n, most), np.int64),
+        factor=np.zeros((n, most)),
+        body=np.full((n, 2 * most), context.n_bodies, np.int64),
+        slot=np.zeros((n, 2 * most, 2 * most), np.int64),
+    )
+    for e, spec in enumerate(specs):
+        bodies: list[int] = []
+        for t, (name, factor) in enumerate(spec.terms):
+            table.coordinate[e, t] = context.coordinate(spec.where, name)
+            table.factor[e, t] = factor
+            bodies += context.coordinate_bodies(int(table.coordinate[e, t]))
+        table.body[e, : len(bodies)] = bodies
+        table.slot[e, : len(bodies), : len(bodies)] = slots(bodies, context)
+    return table
+
+
 @dataclass(frozen=True, kw_only=True)
 class CoordinateForceSpec(Spec):
     """Force along s = sum of factor * coordinate; see the module for the formula.
@@ -56,10 +95,7 @@ class CoordinateForceSpec(Spec):
     top_rate: float | None = None
 
     def __post_init__(self) -> None:
-        require(1 <= len(self.terms) <= MAX_TERMS, self.where, 'terms', self.terms, f'needs 1 to {MAX_TERMS} [coordinate, factor] pairs')
-        for k, term in enumerate(self.terms):
-            require(len(term) == 2, self.where, f'terms[{k}]', term, 'must be [coordinate, factor]')
-        self.set('terms', tuple((str(c), finite(self.where, f'factor of {c}', f)) for c, f in self.terms))
+        self.set('terms', checked_terms(self.where, self.terms))
         for field in ('reference', 'preload', 'input_gain'):
             self.set(field, finite(self.where, field, getattr(self, field)))
         if self.top_rate is not None:
@@ -68,13 +104,13 @@ class CoordinateForceSpec(Spec):
 
 
 class CoordinateForceTable(NamedTuple):
-    """Columns of all coordinate forces; bodies and blocks of term t are at 2 t (body i) and 2 t + 1 (body j)."""
+    """Columns of all coordinate forces; the first five are those of Combination."""
 
     terms: np.ndarray  # (n,) number of terms
     coordinate: np.ndarray  # (n, 3)
     factor: np.ndarray  # (n, 3)
     body: np.ndarray  # (n, 6)
-    slot: np.ndarray  # (n, 6, 6) block (row body, column body); unused beyond 2 * terms
+    slot: np.ndarray  # (n, 6, 6)
     law: np.ndarray  # (n, 2) spring, damper
     reference: np.ndarray  # (n,)
     preload: np.ndarray  # (n,)
@@ -85,36 +121,19 @@ class CoordinateForceTable(NamedTuple):
 
 def compile_coordinate_forces(specs: Sequence[CoordinateForceSpec], context: Context) -> CoordinateForceTable:
     """Resolve names and laws into a table."""
-    n = len(specs)
-    table = CoordinateForceTable(
-        terms=np.array([len(s.terms) for s in specs], np.int64),
-        coordinate=np.zeros((n, MAX_TERMS), np.int64),
-        factor=np.zeros((n, MAX_TERMS)),
-        body=np.full((n, 2 * MAX_TERMS), context.n_bodies, np.int64),
-        slot=np.zeros((n, 2 * MAX_TERMS, 2 * MAX_TERMS), np.int64),
-        law=np.zeros((n, 2), np.int64),
+    return CoordinateForceTable(
+        **compile_combinations(specs, context)._asdict(),
+        law=np.array([(context.law(s.spring), context.law(s.damper)) for s in specs], np.int64).reshape(-1, 2),
         reference=np.array([s.reference for s in specs], float),
         preload=np.array([s.preload for s in specs], float),
-        input=np.full(n, -1, np.int64),
+        input=np.array([-1 if s.input is None else context.input(s.where, s.input) for s in specs], np.int64),
         input_gain=np.array([s.input_gain for s in specs], float),
         top_rate=np.array([s.top_rate or 0.0 for s in specs], float),
     )
-    for e, spec in enumerate(specs):
-        bodies: list[int] = []
-        for t, (name, factor) in enumerate(spec.terms):
-            table.coordinate[e, t] = context.coordinate(spec.where, name)
-            table.factor[e, t] = factor
-            bodies += context.coordinate_bodies(int(table.coordinate[e, t]))
-        table.body[e, : len(bodies)] = bodies
-        table.slot[e, : len(bodies), : len(bodies)] = slots(bodies, context)
-        table.law[e] = context.law(spec.spring), context.law(spec.damper)
-        if spec.input is not None:
-            table.input[e] = context.input(spec.where, spec.input)
-    return table
 
 
 @kernel(inner=True)
-def _term(table, coordinates, kin, angle, e, t):
+def term(table, coordinates, kin, angle, e, t):
     """Return (x, dx/dt, g_i, g_j) of term t times its factor, zeros for an absent one: value, rate and the gradients of the value."""
     zero = 0.0 * kin.p[0, 0]
     if t >= table.terms[e]:
@@ -128,7 +147,7 @@ def _term(table, coordinates, kin, angle, e, t):
 
 
 @kernel(inner=True)
-def _rate_gradient(table, coordinates, kin, e, t, needed):
+def rate_gradient(table, coordinates, kin, e, t, needed):
     """Gradients of the rate of term t times its factor; zeros for an absent one, and unless they are needed."""
     zero = 0.0 * kin.p[0, 0]
     if not needed or t >= table.terms[e]:
@@ -166,9 +185,9 @@ def coordinate_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents,
     Kq = sixes(Kq)
     Kv = sixes(Kv)
     for e in range(table.terms.shape[0]):
-        x0, v0, g0, g1 = _term(table, coordinates, kin, angle, e, 0)
-        x1, v1, g2, g3 = _term(table, coordinates, kin, angle, e, 1)
-        x2, v2, g4, g5 = _term(table, coordinates, kin, angle, e, 2)
+        x0, v0, g0, g1 = term(table, coordinates, kin, angle, e, 0)
+        x1, v1, g2, g3 = term(table, coordinates, kin, angle, e, 1)
+        x2, v2, g4, g5 = term(table, coordinates, kin, angle, e, 2)
         g = (g0, g1, g2, g3, g4, g5)
         value = x0 + x1 + x2
         rate = v0 + v1 + v2
@@ -186,9 +205,9 @@ def coordinate_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents,
         if tangents:
             # a torque that is only applied, below its limiter, has neither stiffness nor damping
             damped = damping != 0.0
-            h0, h1 = _rate_gradient(table, coordinates, kin, e, 0, damped)
-            h2, h3 = _rate_gradient(table, coordinates, kin, e, 1, damped)
-            h4, h5 = _rate_gradient(table, coordinates, kin, e, 2, damped)
+            h0, h1 = rate_gradient(table, coordinates, kin, e, 0, damped)
+            h2, h3 = rate_gradient(table, coordinates, kin, e, 1, damped)
+            h4, h5 = rate_gradient(table, coordinates, kin, e, 2, damped)
             h = (h0, h1, h2, h3, h4, h5)
             add_generalized(g, h, 2 * table.terms[e], stiffness, damping, table.slot, e, Kq, Kv)
             for t in range(table.terms[e]):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from solver.elements.adjustable_damper import ADJUSTABLE_DAMPERS
 from solver.elements.aero_drag import AERO_DRAGS
 from solver.elements.applied_force import APPLIED_FORCES
 from solver.elements.brake import BRAKES
@@ -31,6 +32,7 @@ FORCES: tuple[ForceKind, ...] = (
     SPRING_DAMPERS,
     BUSHINGS,
     COORDINATE_FORCES,
+    ADJUSTABLE_DAMPERS,
     RODS,
     STRUTS,
     TRANSMISSIONS,

@@ -27,10 +27,10 @@ from solver.files.linkages import LINKAGES
 from solver.files.mechanism import ROTATION_KEYS
 from solver.files.naming import READERS
 from solver.files.requirements import Keys
-from solver.files.schema import hints_of, kinds_of, plain, unit_of
-from solver.files.vehicle import TEMPLATES
+from solver.files.schema import hints_of, keys_of, kinds_of, plain, unit_of
+from solver.files.vehicle import ELEMENTS, TEMPLATES
 from solver.inputs.maneuver import Maneuver
-from solver.model.spec import ModelSpec
+from solver.model.spec import SECTIONS, ModelSpec
 from solver.scene import Accuracy, Bound, Require, Scene
 from solver.units import SUFFIXES, UNITS
 from solver.validate import Quaternion, Vector
@@ -55,8 +55,11 @@ PLACED: dict[str, Any] = {
 
 
 def _vehicle(writer: Writer, changes: bool) -> Schema:
-    """The data of a template, by `kind`."""
-    return writer.one_of({kind: data for kind, (data, _) in TEMPLATES.items()}, changes)
+    """The data of a template, by `kind`, with the sections of a mechanism under `elements`."""
+    hints, also = hints_of(ModelSpec), {'<<': A_FILE} if changes else {}
+    sections = {**{key: writer.build(hints[key], changes) for key in SECTIONS}, **also}
+    more = {ELEMENTS: _or_file({'type': 'object', 'properties': sections, 'additionalProperties': False})}
+    return writer.one_of({kind: data for kind, (data, _) in TEMPLATES.items()}, changes, more=more)
 
 
 def _mechanism(writer: Writer, changes: bool) -> Schema:
@@ -180,7 +183,7 @@ class Writer:
         hints, properties = hints_of(cls), dict(more or {})
         required: list[str] = []
         either: list[Schema] = []
-        for field in (f for f in dataclasses.fields(cls) if f.init and f.name not in leave):
+        for field in (f for f in keys_of(cls) if f.name not in leave):
             hint = hints[field.name]
             properties.setdefault(field.name, {**self.build(hint, changes), **_about(field, unit_of(hint))})
             names = [field.name]
@@ -206,20 +209,24 @@ class Writer:
             schema['allOf'] = either
         return schema
 
-    def one_of(self, members: Mapping[str, Any], changes: bool, keyed: bool = False, implied: Any = None) -> Schema:
-        """A mapping whose `kind` chooses one of the dataclasses. implied: the one that is meant without `kind`."""
+    def one_of(
+        self, members: Mapping[str, Any], changes: bool, keyed: bool = False, implied: Any = None, more: Mapping[str, Schema] | None = None
+    ) -> Schema:
+        """A mapping whose `kind` chooses one of the dataclasses. implied: is meant without `kind`. more: keys that all have."""
         choices = []
         for kind, cls in members.items():
             word = {'kind': {'const': kind}}
             free = cls is implied or changes
-            choices.append({'allOf': [self.chosen(cls, changes, keyed), {'properties': word, **({} if free else {'required': ['kind']})}]})
+            chosen = self.chosen(cls, changes, keyed, more)
+            choices.append({'allOf': [chosen, {'properties': word, **({} if free else {'required': ['kind']})}]})
         return choices[0] if len(choices) == 1 else {'anyOf': choices}
 
-    def chosen(self, cls: Any, changes: bool, keyed: bool) -> Schema:
+    def chosen(self, cls: Any, changes: bool, keyed: bool, also: Mapping[str, Schema] | None = None) -> Schema:
         """A dataclass that `kind` has chosen: the key stands in its mapping, whether it has such a field or not."""
         leave = ('name',) if keyed else ()
         name = f'{_name(cls)}.kind' + ('.entry' if keyed and any(f.name == 'name' for f in dataclasses.fields(cls)) else '')
-        return self.named(name, lambda writer, less: writer.mapping(cls, less, leave=leave, more={'kind': {'type': 'string'}}), changes)
+        more = {'kind': {'type': 'string'}, **(also or {})}
+        return self.named(name, lambda writer, less: writer.mapping(cls, less, leave=leave, more=more), changes)
 
     def _union(self, args: tuple, changes: bool, keyed: bool, unit: str, bounded: bool) -> Schema:
         rest = [plain(a) for a in args if a is not types.NoneType]

@@ -112,7 +112,7 @@ class Builder:
     ) -> Any:
         """A dataclass from the fields of a mapping. given: values already known; extra: keys the caller understands itself."""
         hints = hints_of(cls)
-        wanted = {f.name: f for f in dataclasses.fields(cls) if f.init}
+        wanted = {f.name: f for f in keys_of(cls)}
         values: dict[str, object] = dict(given or {})
         if name is not None and 'name' in wanted:
             values['name'] = name
@@ -196,6 +196,11 @@ class Builder:
             raise refuse(node, path, 'must be a list' + ('' if repeated else f' of {len(args)} values'))
         kinds = [args[0]] * len(node.value) if repeated else args
         return tuple(self.build(hint, item, f'{path}[{k}]') for k, (hint, item) in enumerate(zip(kinds, node.value, strict=True)))
+
+
+def keys_of(cls: type) -> list[dataclasses.Field[Any]]:
+    """The fields of a dataclass that files have keys for."""
+    return [f for f in dataclasses.fields(cls) if f.init and f.metadata.get('key', True)]
 
 
 @cache

@@ -19,12 +19,22 @@ _BITS = struct.Struct('3d').pack  # of a motion: 0 and -0 are equal, but not the
 
 
 def commands_of(input_names: Sequence[str], steering: str = 'angle') -> tuple[str, ...]:
-    """What may be commanded of a vehicle with these inputs: its steering, the two sums, pedals and gear, and the torques of single wheels.
+    """What may be commanded of a vehicle with these inputs: its steering, the two sums, pedals and gear, what further elements take, and
+    the torques of single wheels.
 
-    steering: see Actuation.
+    steering: see Actuation. A motion that is imposed is no command: it would jump.
     """
     powertrain = (name for name in POWERTRAIN if name in input_names)
-    return (STEERING[steering], *COMMANDS[1:], *powertrain, *(name for name in input_names if name.startswith(BY_WHEEL)))
+    wheels = [name for name in input_names if name.startswith(BY_WHEEL)]
+    return (STEERING[steering], *COMMANDS[1:], *powertrain, *further(input_names), *wheels)
+
+
+def further(input_names: Sequence[str]) -> list[str]:
+    """Inputs of elements that a scene adds: all that no topic of a vehicle is for, but motions that are imposed."""
+    vehicle = {*COMMANDS, *STEERING.values(), *POWERTRAIN}
+    motions = {name.removesuffix(RATE) for name in input_names if name.endswith(RATE) and name.removesuffix(RATE) in input_names}
+    parts = {name + suffix for name in motions for suffix in ('', RATE, ACCELERATION)}
+    return [name for name in input_names if name not in vehicle | parts and not name.startswith(BY_WHEEL)]
 
 
 def uncommanded(input_names: Sequence[str], commands: Sequence[str]) -> list[str]:

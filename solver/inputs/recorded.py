@@ -1,13 +1,12 @@
 """Inputs taken from a recording: as they were applied, or as somebody else measured them.
 
-The solver depends on nothing that reads recordings; who does is found by name (READER) when a scene asks for it.
+The solver depends on nothing that reads recordings: a package that does says so by an entry point of the group READERS.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from importlib import import_module
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +17,7 @@ from solver.errors import SpecError, suggestion
 
 RATE, ACCELERATION = '_rate', '_acceleration'
 BRAKES = 'brake_torque'
-READER = 'mbd_sim_ros.bags.inputs:recorded_inputs'  # (path, map of inputs to BagChannels, log_times) -> Recorded
+READERS = 'solver.recordings'  # group of entry points: (path, map of inputs to BagChannels, log_times) -> Recorded
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,12 +67,11 @@ class Recorded(NamedTuple):
 
 def recorded(path: str, channels: Mapping[str, BagChannel], log_times: bool = False) -> Recorded:
     """Read the inputs in a recording. log_times: see Maneuver. Raises SpecError where nobody can, and what the reader raises."""
-    module, _, function = READER.partition(':')
-    try:
-        read = getattr(import_module(module), function)
-    except ImportError as error:
-        raise SpecError(f'bag = {path}: recordings are read by {module}, which cannot be imported ({error})') from None
-    return read(path, channels, log_times)
+    from importlib.metadata import entry_points  # not needed by those without a recording, and slow to import
+
+    for reader in entry_points(group=READERS):
+        return reader.load()(path, channels, log_times)
+    raise SpecError(f'bag = {path}: no package that is installed reads recordings (entry points of {READERS}); install mbd_sim_ros')
 
 
 def _span(given: Recorded) -> tuple[int, int]:

@@ -18,6 +18,7 @@ import dataclasses
 
 from solver.findings import LevelReport, Limit
 from solver.levels.bars import reduced_bars
+from solver.levels.carried import require_kept
 from solver.levels.columns import reduced_columns
 from solver.levels.derived import Derived, with_one_iteration
 from solver.levels.draft import Draft
@@ -44,7 +45,8 @@ def condensed(model: ModelSpec, *, stiff: float = STIFF) -> tuple[ModelSpec, tup
     reduced_struts(draft)
     reduced_bars(draft)
     massless_links(draft)
-    return draft.model(), tuple(draft.lost)
+    less = draft.model()
+    return less, (*draft.lost, *require_kept(less, model))
 
 
 def derive(scene: Scene) -> Derived:

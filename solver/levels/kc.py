@@ -41,6 +41,7 @@ from solver.findings import LevelReport, Limit
 from solver.levels import maps
 from solver.levels.assisted import assisted, gear_held, steering_springs, unassisted
 from solver.levels.axle_masses import AxleMasses, beam, divided
+from solver.levels.carried import apart, carrying
 from solver.levels.derived import Derived, with_one_iteration
 from solver.levels.flywheels import flywheels, spin_of
 from solver.levels.map_fits import inverse_law, spring_law
@@ -78,19 +79,20 @@ FREQUENCY = Limit(  # of a passenger car
 
 def derive(scene: Scene) -> Derived:
     """The level `kc` of a scene. Raises SpecError for a vehicle that is no car with four wheels on two axles."""
-    reduction = _reduction(scene.model)
-    model = reduction.model()
+    vehicle, more = apart(scene.model)
+    reduction = _reduction(vehicle)
+    model = carrying(reduction.model(), more, scene.model)
     derived = dataclasses.replace(scene, model=model, integrator=with_one_iteration(scene.integrator))
     high = -min(guide.travel[0] for guide in model.guides)
     travel = Limit(quantity='suspension_travel', unit='m', low=-high, high=high, why=MAPS)
     turned = max(-guide.steering[0] for guide in model.guides)
     steering = Limit(quantity='steering_wheel_angle', unit='rad', low=-turned, high=turned, why=MAPS)
-    without = unassisted(scene.model, reduction.data['gear']['lengths']) if reduction.assisted is None else ()
-    drives = (part for said in (unshown, at_wheels, without_angles, without_kingpins) for part in said(scene.model))
-    lost = (*LOST, *without, *drives, *without_connections(scene.model))
-    slower = 1.0 / size_of(scene.model).time
+    without = unassisted(vehicle, reduction.data['gear']['lengths']) if reduction.assisted is None else ()
+    drives = (part for said in (unshown, at_wheels, without_angles, without_kingpins) for part in said(vehicle))
+    lost = (*LOST, *without, *drives, *without_connections(vehicle))
+    slower = 1.0 / size_of(vehicle).time
     frequency = dataclasses.replace(FREQUENCY, high=FASTEST * slower)
-    report = LevelReport(lost=lost, validity=(travel, steering, *_lateral(scene.model), ROLL, frequency))
+    report = LevelReport(lost=lost, validity=(travel, steering, *_lateral(vehicle), ROLL, frequency))
     return Derived(scene=derived, level='kc', report=report)
 
 
@@ -103,7 +105,8 @@ def _lateral(spec: ModelSpec) -> tuple[Limit, ...]:
 
 def kc_model(spec: ModelSpec) -> ModelSpec:
     """The model of the level; raises SpecError."""
-    return _reduction(spec).model()
+    vehicle, more = apart(spec)
+    return carrying(_reduction(vehicle).model(), more, spec)
 
 
 def _reduction(spec: ModelSpec) -> _Reduction:

@@ -28,6 +28,7 @@ from solver.elements.joint import JointSpec
 from solver.elements.road import RoadSpec
 from solver.errors import SceneError
 from solver.findings import LevelReport, Limit
+from solver.levels.carried import apart, in_order, left_out
 from solver.levels.derived import Derived
 from solver.levels.fitting import least_squares
 from solver.levels.single_track_engine import AXLES, COMMANDS, SingleTrack
@@ -55,7 +56,7 @@ WITH_FRICTION = ('lateral acceleration', 'slip angle', 'slip', 'combined acceler
 
 def derive(scene: Scene) -> Derived:
     """The level `single_track` of a scene. Raises SceneError."""
-    model = scene.model
+    model, more = apart(scene.model)
     where = f"scene {scene.name!r}: fidelity = 'single_track'"
     refuse_trailer(model)
     refuse_locked(model)
@@ -88,6 +89,7 @@ def derive(scene: Scene) -> Derived:
                 f'the map of the motor of {servo.name}: the torque at the steering wheel is linear, fitted with its help'
                 for servo in model.servos
             ),
+            *map(left_out, in_order(more)),
         ),
         validity=(*(on_road(Limit(**limit), model.road) for limit in found['validity']), STANDING, SLIPPERY),
     )

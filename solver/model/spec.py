@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
 from solver.dimensions import Acceleration, WheelTurn
@@ -37,7 +37,8 @@ class ModelSpec:
     Joints of kind revolute, prismatic and cylindrical define joint coordinates named after them; `coordinates` adds others. Every kind of
     element in solver.elements.registry has a field of its name.
     chassis: the body that odom and imu describe (None: the first body). category: of vehicle, what its figures are compared with
-    (solver.analysis.usual). lock: angle of the steering wheel at its end stops, to either side [rad]; None: it has none.
+    (solver.analysis.usual). lock: angle of the steering wheel at its end stops, to either side [rad]; None: it has none. added: (section,
+    name) of what the scene adds to a vehicle's template (solver.files.vehicle).
     """
 
     bodies: tuple[RigidBodySpec, ...]
@@ -48,6 +49,7 @@ class ModelSpec:
     chassis: str | None = None
     category: str = ''
     lock: WheelTurn | None = None
+    added: tuple[tuple[str, str], ...] = field(default=(), metadata={'key': False})
 
     if TYPE_CHECKING:  # what a type checker cannot know of the fields that the registry adds
         __dataclass_fields__: ClassVar[dict[str, Any]]
@@ -85,8 +87,8 @@ def used_inputs(model: ModelSpec) -> tuple[str, ...]:
     motions = {kind.name for kind in CONSTRAINTS}
     for section, specs in model.sections().items():
         for spec in specs:
-            for field in ('input', 'own_input', 'gear'):
-                name = getattr(spec, field, None)
+            for key in ('input', 'own_input', 'gear'):
+                name = getattr(spec, key, None)
                 if isinstance(name, str):
                     names[name] = None
                     if section in motions:

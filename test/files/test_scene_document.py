@@ -12,6 +12,7 @@ from pathlib import Path
 from solver.elements.laws import Law
 from solver.elements.marker import Marker
 from solver.files.scene import load_scene_text
+from solver.files.schema import keys_of
 from solver.files.vehicle import TEMPLATES
 from solver.model.spec import ModelSpec
 from solver.scene import Bound, Scene
@@ -43,7 +44,7 @@ def test_every_field_that_a_file_may_hold_is_in_the_document() -> None:
         if not dataclasses.is_dataclass(hint) or hint in seen or hint in (Bound, Law, Marker):  # a text each, or described beside
             return
         seen.add(typing.cast(type, hint))
-        for field in dataclasses.fields(hint):
+        for field in keys_of(hint):
             if hint is Scene and field.name in ('model', 'resolved'):
                 continue
             for key in field.metadata.get('keys', [field.name]):  # a field of limits has a key for each

@@ -131,6 +131,42 @@ def played(directory: Path) -> Path:
 
 
 @pytest.mark.slow
+def test_an_element_that_the_scene_adds_has_a_topic(client, simulator, tmp_path):
+    """A damper whose valve is commanded: skyhook_cmd is there, what it says is applied and recorded, and a replay has the same bits."""
+    from std_msgs.msg import Float64
+
+    damper = '{terms: {travel_front_left: 1}, soft: 300, firm: 3000, lag: 0.02, input: skyhook}'
+    added = f'vehicle.elements={{adjustable_dampers: {{skyhook: {damper}}}}}'
+    process = simulator(
+        scene='light_car_straight', overrides=[added], mode='lockstep', lockstep_commands=['brake_torque'], record=True, out='run'
+    )
+    valve, brake = (client.node.create_publisher(Float64, f'simulator/{name}_cmd', 1) for name in ('skyhook', 'brake'))
+    client.until(lambda: valve.get_subscription_count() and brake.get_subscription_count(), 90.0)
+    client.until(lambda: client.applied)
+
+    def step() -> float:
+        k = client.applied[-1]['step']
+        brake.publish(Float64(data=0.0))
+        client.until(lambda: client.applied[-1]['step'] == k + 1)
+        return client.applied[-1]['skyhook']
+
+    assert step() == 0.0
+    valve.publish(Float64(data=0.7))
+    client.until(lambda: step() == 0.7)
+    for _ in range(100):
+        step()
+    process.process.terminate()
+    assert process.end() == 0, process.output
+    run = bag.read(tmp_path / 'run')
+    valves = run['element_states/skyhook/valve']
+    assert valves[~np.isnan(valves)][-1] == pytest.approx(0.7, abs=0.7 * np.exp(-4.0))  # four time constants and more
+    assert main(['replay', str(tmp_path / 'run'), '--out', str(tmp_path / 'again')]) == 0
+    again = bag.read(tmp_path / 'again')
+    for name in ('cmd_applied/skyhook', 'element_states/skyhook/force', 'odom/twist/vx'):
+        np.testing.assert_array_equal(run[name], again[name], err_msg=name)
+
+
+@pytest.mark.slow
 def test_lockstep_cannot_wait_for_a_pedal_that_there_is_not(simulator):
     process = simulator(scene='light_car_straight', mode='lockstep', lockstep_commands=['accelerator'])
     assert process.end(90.0) == 2
