@@ -18,7 +18,7 @@ violation there is smaller than at the prediction, or larger. So directions with
 *A step that ends in a singular position.* Where the end of a step does not see a direction at all (its image is dropped), nothing holds it
 over the step but the multipliers from before, whose force along the rows of the stage is not what it was: they grow as the inverse of what
 the rows see. The stage does see the direction, half a step from the singular position, so such a step is made with its rows in the matrix
-in place of those of the end (solver.step.iteration): the acceleration goes on as predicted, and multipliers follow that make it so.
+in place of those of the end (solver.step.iteration_fixed): the acceleration goes on as predicted, and multipliers follow that make it so.
 """
 
 from __future__ import annotations

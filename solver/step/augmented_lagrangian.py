@@ -31,7 +31,9 @@ from solver.output.contradiction import note_contradiction
 from solver.output.energy import SLOWEST, note_residuals, update_energy
 from solver.output.snapshot import Counters
 from solver.step.augmentation import ENOUGH, combine
-from solver.step.iteration import iterate, predict, speed_of
+from solver.step.iteration import predict, speed_of
+from solver.step.iteration_fixed import iterate_fixed
+from solver.step.iteration_to_tolerance import iterate_to_tolerance
 from solver.step.stage import AT_END, copy_rows, finite, place
 from solver.step.work import BAD_INPUT, NON_FINITE, OK, StepResult, added, last_result
 
@@ -92,7 +94,10 @@ def step(tables, c, s0, s1, u, want_outputs, work):
     """Advance s0 to s1 by one step with the inputs u; outputs and projected velocity go to work. Returns a StepResult."""
     cz = predict(c, s0, s1, work)
     speed = speed_of(s0)
-    found = iterate(tables, c, s0, s1, u, cz, speed, work)
+    if c.fixed == 1:
+        found = iterate_fixed(tables, c, s0, s1, u, cz, speed, work)
+    else:
+        found = iterate_to_tolerance(tables, c, s0, s1, u, cz, speed, work)
     if found.status != OK:
         return found
     finish(tables, c, s0, s1, work)

@@ -10,7 +10,7 @@ from solver.model.state import State, kinematics_of
 from solver.model.tables import Model
 from solver.output.account import noted
 from solver.output.energy import contradicts
-from solver.step.iteration import MOST_ITERATIONS
+from solver.step.iteration_fixed import MOST_ITERATIONS
 from solver.step.settings import IntegratorSettings
 from solver.step.work import BAD_INPUT, INACCURATE, NON_FINITE, NOT_CONVERGED, SINGULAR, StepResult
 

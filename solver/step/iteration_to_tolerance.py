@@ -1,0 +1,125 @@
+"""Iterations of a step in mode tolerance: until residuals or increments are small enough.
+
+Equations and notation: solver.step.augmented_lagrangian; what both modes share: solver.step.iteration.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver.compiled.kernel import YES, kernel
+from solver.model.saddle import solve_saddle
+from solver.output.snapshot import Counters
+from solver.step.augmentation import CONTRACTION, combine
+from solver.step.iteration import (
+    LARGEST_STAGNATION,
+    STAGNATION,
+    add_increment,
+    begin_iterations,
+    evaluate_tried,
+    factorize,
+    may_withhold,
+    measured_increment,
+    remaining,
+)
+from solver.step.stage import copy_rows
+from solver.step.work import NON_FINITE, NOT_CONVERGED, OK, SINGULAR, StepResult
+
+CONTRACTION_TO_REUSE = 0.1  # tolerance mode keeps the factorization while an iteration gains a digit
+
+
+@kernel(inner=True)
+def _balanced(tables, c, speed, work):
+    """Whether the residuals are below the tolerance, as velocity over a step (momentum) and as displacement (constraints)."""
+    limit = c.tolerance * speed
+    for i in range(work.phi_end.shape[0]):
+        if not abs(work.phi_end[i]) <= (limit * c.h if tables.constraints.holonomic[i] == 1 else limit):
+            return False
+    for b in range(tables.bodies.mass.shape[0]):
+        for i in range(3):
+            if not abs(work.r[b, i]) * tables.penalty_inverse_mass[b] * c.h <= limit:
+                return False
+            if not abs(work.r[b, 3 + i]) * tables.penalty_inverse_inertia[b, i, i] * c.h <= limit:
+                return False
+    return True
+
+
+@kernel(inner=True)
+def keep_best(s1, work):
+    """Remember the iterate."""
+    copy_rows(s1.a, work.a_best)
+    for i in range(s1.lam.shape[0]):
+        work.lam_best[i] = s1.lam[i]
+
+
+@kernel(inner=True)
+def return_to_best(s1, work):
+    """Go back to the iterate that was remembered."""
+    copy_rows(work.a_best, s1.a)
+    for i in range(s1.lam.shape[0]):
+        s1.lam[i] = work.lam_best[i]
+
+
+@kernel(inner=True)
+def iterate_to_tolerance(tables, c, s0, s1, u, cz, speed, work):
+    """Iterations, c.iterations at most, until residuals or increments are below c.tolerance.
+
+    The factorization is kept while an iteration gains a digit.
+    """
+    # An iteration that has converged may end before its gradients are factorized: the projection must solve with the rows that the
+    # factorization has, so they are evaluated beside them.
+    J_end = work.J_end
+    status, where, stagnated = NOT_CONVERGED, 0, 0
+    iterations, factorizations, evaluations = 0, 0, 0
+    increment, residual, part = 0.0, 0.0, 1.0
+    refactor: np.bool_ | bool = YES
+    share, smallest = CONTRACTION * CONTRACTION, CONTRACTION * c.tolerance * speed / (c.gamma * c.h)
+    best = np.inf
+    begin_iterations(work)
+    for it in range(c.iterations):
+        iterations += 1
+        evaluations += evaluate_tried(tables, c, s0, s1, u, cz, part, refactor, J_end, work)
+        if it > 0 and _balanced(tables, c, speed, work):
+            status = OK
+            break
+        if refactor:
+            where = factorize(tables, c, s1.lam, work)
+            factorizations += 1
+            if where >= 0:
+                status = SINGULAR
+                break
+        saddle, augmentation = work.saddle, work.augmentation
+        solve_saddle(tables, c.form, saddle, work.r, work.g, work.dw, work.dlam)
+        if c.combined == 1 and (refactor or augmentation.known[0] > 0):
+            augmentation.withheld[0] = 0
+            used = combine(tables, c.form, saddle, augmentation, YES, share, smallest, work.g, work.dw, work.dlam)
+            if it == 0:
+                may_withhold(c, used, work)
+        before = increment
+        increment, part, where = measured_increment(c, speed, work)
+        if where >= 0:
+            status = NON_FINITE
+            break
+        add_increment(part, s1, work)
+        rate = increment / before if before > 0.0 else 1.0
+        residual = increment
+        if min(increment, remaining(increment, rate)) <= c.tolerance and augmentation.withheld[0] == 0:
+            status = OK
+            break
+        if increment < best:
+            best = increment
+            keep_best(s1, work)
+        if it > 1 and before > 0.0 and rate > STAGNATION and part == 1.0 and best < LARGEST_STAGNATION:
+            break
+        refactor = rate > CONTRACTION_TO_REUSE
+        where = it
+        if part < 1.0:
+            increment = 0.0  # nothing to compare the next iteration with
+    if status == NOT_CONVERGED and best < LARGEST_STAGNATION:
+        # Next to a singular position the iteration may not settle along the direction that the constraints hardly see (the force
+        # direction A at the stage and the constraint row A at the end can have opposite signs there); its best iterate is as good as any.
+        return_to_best(s1, work)
+        residual = best
+        status = OK
+        stagnated = 1
+    return StepResult(status, where, Counters(iterations, factorizations, evaluations, stagnated, residual, 0.0, 0.0))
