@@ -88,7 +88,7 @@ def _element_kinds(model: ModelSpec, joint_kinds: Mapping[str, str]) -> dict[str
 
     found = {}
     for kind in KINDS:
-        for element in getattr(model, kind.name) if kind.on_coordinates else ():
+        for element in getattr(model, kind.name):
             terms = [(joint_kinds.get(name, ''), factor) for name, factor in getattr(element, 'terms', ())]
             for kinds in ({one for one, _ in terms}, {one for one, factor in terms if abs(factor) == 1.0}):
                 if len(kinds) == 1 and (only := kinds.pop()):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import threading
+from itertools import chain
 from pathlib import Path
 
 import numba
@@ -157,10 +158,14 @@ if numba.config.DISABLE_JIT:
 
 
 def _require_plain_arrays(argument_types) -> None:
-    """Refuse at compile time what address_of never compiles for: tuples by value, strided or read-only arrays."""
+    """Refuse at compile time what address_of never compiles for: strided or read-only arrays, and tuples by value.
+
+    A NamedTuple of what may be passed may be passed too: it is no more than its fields, one after the other.
+    """
     from numba.core import errors, types
 
-    for t in argument_types:
+    fields = [t.types if isinstance(t, types.BaseNamedTuple) else (t,) for t in argument_types]
+    for t in chain.from_iterable(fields):
         if isinstance(t, types.BaseTuple):
             raise errors.TypingError(f'invoke: pass {t} by Ref')
         if isinstance(t, types.Array) and not (t.layout == 'C' and t.mutable and t.aligned):

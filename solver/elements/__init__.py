@@ -2,9 +2,10 @@
 
 The contract of a force element, the same for every kind (see docs/contributing.md):
 
-    <kind>_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out)
+    <kind>_forces(table, now, effects, out)
 
-Inputs are never written; `f`, `Kq`, `Kv` are accumulated into, `z` and `out` are assigned. The first two output columns of
+`now` (solver.elements.instant.Instant) is never written; of `effects` (Effects) f, Kq and Kv are accumulated into and z is
+assigned, as is `out`, a row of columns for each element. The first two output columns of
 every kind are `energy` [J] (potential, NaN-free) and `dissipation` [W] (power taken out of the mechanics, >= 0 when passive;
 power delivered by inputs is negative).
 """

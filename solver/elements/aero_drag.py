@@ -38,6 +38,7 @@ from solver.compiled.vec import (
     transpose,
 )
 from solver.dimensions import Area, Density
+from solver.elements.instant import sums
 from solver.elements.kind import ForceKind
 from solver.elements.marker import Context, Marker, Spec
 from solver.elements.point_pair import angular_velocity, linear_velocity
@@ -96,8 +97,10 @@ def compile_aero_drags(specs: Sequence[AeroDragSpec], context: Context) -> AeroD
 
 
 @kernel(borrow=True)
-def aero_drag_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
+def aero_drag_forces(table, now, effects, out):
     """Accumulate forces and tangents of all drags (contract: solver/elements/__init__.py)."""
+    f, Kq, Kv = sums(effects)
+    kin = now.kin
     for e in range(table.body.shape[0]):
         b = table.body[e]
         R = load33(kin.R, b)
@@ -115,7 +118,7 @@ def aero_drag_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
         F = add(scale(-drag * speed, V), scale(lift * forward * forward, up))
         add3(f, b, 0, mv(R, F))
         add3(f, b, 3, cross(r, F))
-        if tangents:
+        if now.tangents:
             D = outer(scale(2.0 * lift * forward, up), x)  # dF/dV
             if speed.real > 0.0:
                 D = msub(D, outer(scale(drag / speed, V), V))

@@ -31,6 +31,7 @@ from solver.compiled.vec import (
     tmv,
 )
 from solver.dimensions import Force, Torque
+from solver.elements.instant import sums
 from solver.elements.kind import ForceKind
 from solver.elements.marker import WORLD, Context, Marker, Spec, compile_pairs
 from solver.elements.point_pair import angular_velocity, linear_velocity
@@ -122,8 +123,10 @@ def compile_applied_forces(specs: Sequence[AppliedForceSpec], context: Context) 
 
 
 @kernel(borrow=True)
-def applied_force_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
+def applied_force_forces(table, now, effects, out):
     """Accumulate forces and tangents of all applied forces (contract: solver/elements/__init__.py)."""
+    f, Kq, _ = sums(effects)
+    kin = now.kin
     for e in range(table.body.shape[0]):
         i = table.body[e, 0]
         j = table.body[e, 1]
@@ -132,7 +135,7 @@ def applied_force_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, ou
         r = load3(table.r, e)
         amplitude = 1.0
         if table.input[e] >= 0:
-            amplitude = u[table.input[e]]
+            amplitude = now.u[table.input[e]]
         F = scale(amplitude + 0.0 * kin.p[j, 0], load3(table.force, e))
         T = scale(amplitude + 0.0 * kin.p[j, 0], load3(table.torque, e))
         if table.frame[e] == BODY_AXES:
@@ -152,7 +155,7 @@ def applied_force_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, ou
         add3(f, j, 3, torque_j)
         add3(f, i, 0, scale(-1.0, F))
         add3(f, i, 3, torque_i)
-        if tangents:
+        if now.tangents:
             s_ii = table.slot[e, 0]
             s_ij = table.slot[e, 1]
             s_ji = table.slot[e, 2]

@@ -30,7 +30,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.compiled.kernel import kernel, sixes
+from solver.compiled.kernel import kernel
 from solver.dimensions import TurnDamping, TurnStiffness
 from solver.elements.coordinate import (
     add_coordinate_hessian,
@@ -40,6 +40,7 @@ from solver.elements.coordinate import (
     coordinate_rate_gradient,
     evaluate_coordinate,
 )
+from solver.elements.instant import sums
 from solver.elements.kind import ForceKind, Held
 from solver.elements.marker import Context, Spec, slots
 from solver.validate import finite
@@ -140,35 +141,30 @@ def friction(zp, cz, omega, T, k, d):
 
 
 @kernel(borrow=True)
-def brake_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, out):
-    """Accumulate forces and tangents of all brakes, assign their wind-up.
-
-    The contract of solver/elements/__init__.py with two more arguments: the CoordinateTable and angle (nx,), as in
-    coordinate_forces.
-    """
-    f = sixes(f)
-    Kq = sixes(Kq)
-    Kv = sixes(Kv)
+def brake_forces(table, now, effects, out):
+    """Accumulate forces and tangents of all brakes, assign their wind-up (contract: solver/elements/__init__.py)."""
+    f, Kq, Kv = sums(effects)
+    coordinates, kin, angle = now.coordinates, now.kin, now.angle
     for e in range(table.coordinate.shape[0]):
         c = table.coordinate[e]
         n = table.state[e]
         k = table.stiffness[e]
         _, g_i, g_j = evaluate_coordinate(coordinates, kin, c, angle)
         omega = coordinate_rate(coordinates, kin, c, g_i, g_j)
-        T = table.gain[e] * u[table.input[e]]
+        T = table.gain[e] * now.u[table.input[e]]
         if table.own[e] >= 0:
-            T += u[table.own[e]]
+            T += now.u[table.own[e]]
         T = max(T, 0.0)
-        wound, torque, slope, dissipation = friction(zp[n], cz, omega, T, k, table.damping[e])
+        wound, torque, slope, dissipation = friction(now.zp[n], now.cz, omega, T, k, table.damping[e])
         g = (g_i, g_j)
         for a in range(2):
             add_gradient(-torque, g[a], table.body[e, a], f)
-        if tangents:
+        if now.tangents:
             if slope > 0.0:
                 h_i, h_j = coordinate_rate_gradient(coordinates, kin, c)
                 add_generalized(g, (h_i, h_j), 2, 0.0, slope, table.slot, e, Kq, Kv)
             add_coordinate_hessian(coordinates, kin, c, -torque, Kq)
-        z[n] = wound
+        effects.z[n] = wound
         out[e, 0] = 0.5 * k * wound * wound
         out[e, 1] = dissipation
         out[e, 2] = wound
@@ -203,7 +199,6 @@ BRAKES = ForceKind(
     compile=compile_brakes,
     kernel=brake_forces,
     outputs=OUTPUTS,
-    on_coordinates=True,
     effort='torque',
     held=held_brakes,
     capacities=capacities,

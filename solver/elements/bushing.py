@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.compiled.kernel import kernel, sixes
+from solver.compiled.kernel import kernel
 from solver.compiled.portable import product
 from solver.compiled.rows import add_rows, cross_rows, mul_rows, rows, sub_rows
 from solver.compiled.so3 import inverse_jacobian_coefficients, log
@@ -43,6 +43,7 @@ from solver.compiled.vec import (
     tmv,
     transpose,
 )
+from solver.elements.instant import sums
 from solver.elements.kind import ForceKind
 from solver.elements.laws import Law, evaluate_law
 from solver.elements.marker import Context, Marker, Spec, compile_pairs
@@ -296,19 +297,20 @@ def _add_damping(table, n, at, Kv):
 
 
 @kernel(borrow=True)
-def bushing_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
+def bushing_forces(table, now, effects, out):
     """Accumulate forces and tangents of all bushings (contract: solver/elements/__init__.py).
 
     Everything is computed along the axes of B_i (solver.elements.relative).
     """
-    f = sixes(f)
+    f, Kq, Kv = sums(effects)
+    kin = now.kin
     for n in range(table.body.shape[0]):
         at = relative_motion(table, n, kin)
         by = _turned(table, n, at)
-        on = _loads(table, laws, n, at, by)
+        on = _loads(table, now.laws, n, at, by)
         _add_loads(table, n, at, on, f)
         _show(table, n, by, on, out)
-        if tangents:
+        if now.tangents:
             _add_stiffness(table, n, at, by, on, Kq)
             _add_damping(table, n, at, Kv)
 

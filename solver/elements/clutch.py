@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.compiled.kernel import kernel, sixes
+from solver.compiled.kernel import kernel
 from solver.dimensions import Torque, TurnDamping, TurnStiffness
 from solver.elements.brake import damping_of, friction
 from solver.elements.coordinate import (
@@ -31,6 +31,7 @@ from solver.elements.coordinate import (
     evaluate_coordinate,
     scale6,
 )
+from solver.elements.instant import sums
 from solver.elements.kind import ForceKind
 from solver.elements.marker import Context, Spec, slots
 from solver.validate import finite, require
@@ -155,37 +156,36 @@ def _turning(table, coordinates, kin, angle, e, t, factor, tangents):
 
 
 @kernel(borrow=True)
-def clutch_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, out):
-    """Accumulate forces and tangents of all clutches, assign their wind-up (contract: solver/elements/__init__.py, on coordinates)."""
-    f = sixes(f)
-    Kq = sixes(Kq)
-    Kv = sixes(Kv)
+def clutch_forces(table, now, effects, out):
+    """Accumulate forces and tangents of all clutches, assign their wind-up (contract: solver/elements/__init__.py)."""
+    f, Kq, Kv = sums(effects)
+    coordinates, kin, angle = now.coordinates, now.kin, now.angle
     for e in range(table.terms.shape[0]):
         n = table.state[e]
-        ratio = _ratio(table, e, u[table.gear[e]])
-        v0, g0, g1, h0, h1 = _turning(table, coordinates, kin, angle, e, 0, 1.0, tangents)
-        v1, g2, g3, h2, h3 = _turning(table, coordinates, kin, angle, e, 1, -ratio * table.share[e, 1], tangents)
-        v2, g4, g5, h4, h5 = _turning(table, coordinates, kin, angle, e, 2, -ratio * table.share[e, 2], tangents)
-        v3, g6, g7, h6, h7 = _turning(table, coordinates, kin, angle, e, 3, -ratio * table.share[e, 3], tangents)
-        v4, g8, g9, h8, h9 = _turning(table, coordinates, kin, angle, e, 4, -ratio * table.share[e, 4], tangents)
-        v5, g10, g11, h10, h11 = _turning(table, coordinates, kin, angle, e, 5, -ratio * table.share[e, 5], tangents)
+        ratio = _ratio(table, e, now.u[table.gear[e]])
+        v0, g0, g1, h0, h1 = _turning(table, coordinates, kin, angle, e, 0, 1.0, now.tangents)
+        v1, g2, g3, h2, h3 = _turning(table, coordinates, kin, angle, e, 1, -ratio * table.share[e, 1], now.tangents)
+        v2, g4, g5, h4, h5 = _turning(table, coordinates, kin, angle, e, 2, -ratio * table.share[e, 2], now.tangents)
+        v3, g6, g7, h6, h7 = _turning(table, coordinates, kin, angle, e, 3, -ratio * table.share[e, 3], now.tangents)
+        v4, g8, g9, h8, h9 = _turning(table, coordinates, kin, angle, e, 4, -ratio * table.share[e, 4], now.tangents)
+        v5, g10, g11, h10, h11 = _turning(table, coordinates, kin, angle, e, 5, -ratio * table.share[e, 5], now.tangents)
         slip = v0 + v1 + v2 + v3 + v4 + v5
-        capacity = table.capacity[e] * min(max(1.0 - u[table.input[e]], 0.0), 1.0)
+        capacity = table.capacity[e] * min(max(1.0 - now.u[table.input[e]], 0.0), 1.0)
         if ratio == 0.0:
             capacity = 0.0
         k = table.stiffness[e]
-        wound, torque, damping, dissipation = friction(zp[n], cz, slip, capacity, k, table.damping[e])
+        wound, torque, damping, dissipation = friction(now.zp[n], now.cz, slip, capacity, k, table.damping[e])
         g = (g0, g1, g2, g3, g4, g5, g6, g7, g8, g9, g10, g11)
         h = (h0, h1, h2, h3, h4, h5, h6, h7, h8, h9, h10, h11)
         for a in range(2 * table.terms[e]):
             add_gradient(-torque, g[a], table.body[e, a], f)
-        if tangents:
+        if now.tangents:
             if damping > 0.0:
                 add_generalized(g, h, 2 * table.terms[e], 0.0, damping, table.slot, e, Kq, Kv)
             add_coordinate_hessian(coordinates, kin, table.coordinate[e, 0], -torque, Kq)
             for t in range(1, table.terms[e]):
                 add_coordinate_hessian(coordinates, kin, table.coordinate[e, t], ratio * table.share[e, t] * torque, Kq)
-        z[n] = wound
+        effects.z[n] = wound
         out[e, 0] = 0.5 * k * wound * wound
         out[e, 1] = dissipation
         out[e, 2] = wound
@@ -203,6 +203,5 @@ CLUTCHES = ForceKind(
     compile=compile_clutches,
     kernel=clutch_forces,
     outputs=OUTPUTS,
-    on_coordinates=True,
     effort=tuple(OUTPUTS)[FIRST:],
 )

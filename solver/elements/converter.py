@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.compiled.kernel import kernel, sixes
+from solver.compiled.kernel import kernel
 from solver.compiled.portable import piecewise_cubic
 from solver.dimensions import ConverterCapacity
 from solver.elements.coordinate import (
@@ -32,6 +32,7 @@ from solver.elements.coordinate import (
     evaluate_coordinate,
     scale6,
 )
+from solver.elements.instant import sums
 from solver.elements.kind import ForceKind
 from solver.elements.laws import Law, evaluate_law
 from solver.elements.marker import Context, Spec, slots
@@ -146,11 +147,10 @@ def _flow(laws, ratios, capacities, pump, turbine):
 
 
 @kernel(borrow=True)
-def converter_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, out):
-    """Accumulate forces and tangents of all torque converters (contract: solver/elements/__init__.py, on coordinates)."""
-    f = sixes(f)
-    Kq = sixes(Kq)
-    Kv = sixes(Kv)
+def converter_forces(table, now, effects, out):
+    """Accumulate forces and tangents of all torque converters (contract: solver/elements/__init__.py)."""
+    f, Kq, Kv = sums(effects)
+    coordinates, kin, angle = now.coordinates, now.kin, now.angle
     for e in range(table.coordinate.shape[0]):
         p = table.coordinate[e, 0]
         t = table.coordinate[e, 1]
@@ -158,12 +158,12 @@ def converter_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, 
         _, g2, g3 = evaluate_coordinate(coordinates, kin, t, angle)
         pump = coordinate_rate(coordinates, kin, p, g0, g1)
         turbine = coordinate_rate(coordinates, kin, t, g2, g3)
-        T_p, p_p, p_t, T_t, t_p, t_t = _flow(laws, table.law[e, 0], table.law[e, 1], pump, turbine)
+        T_p, p_p, p_t, T_t, t_p, t_t = _flow(now.laws, table.law[e, 0], table.law[e, 1], pump, turbine)
         add_gradient(-T_p, g0, table.body[e, 0], f)
         add_gradient(-T_p, g1, table.body[e, 1], f)
         add_gradient(T_t, g2, table.body[e, 2], f)
         add_gradient(T_t, g3, table.body[e, 3], f)
-        if tangents:
+        if now.tangents:
             h0, h1 = coordinate_rate_gradient(coordinates, kin, p)
             h2, h3 = coordinate_rate_gradient(coordinates, kin, t)
             none = scale6(0.0, g0)
@@ -191,6 +191,5 @@ CONVERTERS = ForceKind(
     compile=compile_converters,
     kernel=converter_forces,
     outputs=OUTPUTS,
-    on_coordinates=True,
     effort=('on_pump', 'on_turbine'),
 )

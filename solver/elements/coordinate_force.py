@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from solver.compiled.kernel import kernel, sixes
+from solver.compiled.kernel import kernel
 from solver.elements.coordinate import (
     add_coordinate_hessian,
     add_generalized,
@@ -26,6 +26,7 @@ from solver.elements.coordinate import (
     evaluate_coordinate,
     scale6,
 )
+from solver.elements.instant import sums
 from solver.elements.kind import ForceKind
 from solver.elements.laws import Law, evaluate_law
 from solver.elements.marker import Context, Spec, slots
@@ -175,15 +176,10 @@ def limited(applied, rate, top):
 
 
 @kernel(borrow=True)
-def coordinate_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, out):
-    """Accumulate forces and tangents of all coordinate forces.
-
-    The contract of solver/elements/__init__.py with two more arguments: the CoordinateTable and angle (nx,), the values that
-    continue the rotations.
-    """
-    f = sixes(f)
-    Kq = sixes(Kq)
-    Kv = sixes(Kv)
+def coordinate_forces(table, now, effects, out):
+    """Accumulate forces and tangents of all coordinate forces (contract: solver/elements/__init__.py)."""
+    f, Kq, Kv = sums(effects)
+    coordinates, kin, angle = now.coordinates, now.kin, now.angle
     for e in range(table.terms.shape[0]):
         x0, v0, g0, g1 = term(table, coordinates, kin, angle, e, 0)
         x1, v1, g2, g3 = term(table, coordinates, kin, angle, e, 1)
@@ -192,17 +188,17 @@ def coordinate_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents,
         value = x0 + x1 + x2
         rate = v0 + v1 + v2
         x = value - table.reference[e]
-        spring, stiffness, energy = evaluate_law(laws, table.law[e, 0], x)
-        damper, damping, _ = evaluate_law(laws, table.law[e, 1], rate)
+        spring, stiffness, energy = evaluate_law(now.laws, table.law[e, 0], x)
+        damper, damping, _ = evaluate_law(now.laws, table.law[e, 1], rate)
         given = 0.0
         if table.input[e] >= 0:
-            given = table.input_gain[e] * u[table.input[e]]
+            given = table.input_gain[e] * now.u[table.input[e]]
         applied, fading = limited(given, rate, table.top_rate[e])
         damping = damping - fading
         Q = applied - spring - damper - table.preload[e]
         for a in range(2 * table.terms[e]):
             add_gradient(Q, g[a], table.body[e, a], f)
-        if tangents:
+        if now.tangents:
             # a torque that is only applied, below its limiter, has neither stiffness nor damping
             damped = damping != 0.0
             h0, h1 = rate_gradient(table, coordinates, kin, e, 0, damped)
@@ -225,7 +221,6 @@ COORDINATE_FORCES = ForceKind(
     compile=compile_coordinate_forces,
     kernel=coordinate_forces,
     outputs=OUTPUTS,
-    on_coordinates=True,
     supplies=True,
     effort='force',
 )

@@ -16,7 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.compiled.kernel import kernel, sixes
+from solver.compiled.kernel import kernel
 from solver.dimensions import Rate, Torque
 from solver.elements.coordinate import (
     add_coordinate_hessian,
@@ -26,6 +26,7 @@ from solver.elements.coordinate import (
     coordinate_rate_gradient,
     evaluate_coordinate,
 )
+from solver.elements.instant import sums
 from solver.elements.kind import ForceKind, Held
 from solver.elements.law_map import evaluate_map
 from solver.elements.laws import Law
@@ -116,20 +117,19 @@ def compile_engines(specs: Sequence[EngineSpec], context: Context) -> EngineTabl
 
 
 @kernel(borrow=True)
-def engine_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, out):
-    """Accumulate forces and tangents of all engines (contract: solver/elements/__init__.py, on coordinates)."""
-    f = sixes(f)
-    Kq = sixes(Kq)
-    Kv = sixes(Kv)
+def engine_forces(table, now, effects, out):
+    """Accumulate forces and tangents of all engines (contract: solver/elements/__init__.py)."""
+    f, Kq, Kv = sums(effects)
+    coordinates, kin, angle = now.coordinates, now.kin, now.angle
     for e in range(table.coordinate.shape[0]):
         k = table.coordinate[e]
         _, g_i, g_j = evaluate_coordinate(coordinates, kin, k, angle)
         rate = coordinate_rate(coordinates, kin, k, g_i, g_j)
-        pedal = u[table.input[e]]
-        torque, slope, _ = evaluate_map(laws, table.start, table.pedal, table.law, e, rate, pedal)
+        pedal = now.u[table.input[e]]
+        torque, slope, _ = evaluate_map(now.laws, table.start, table.pedal, table.law, e, rate, pedal)
         add_gradient(torque, g_i, table.body[e, 0], f)
         add_gradient(torque, g_j, table.body[e, 1], f)
-        if tangents:
+        if now.tangents:
             h_i, h_j = coordinate_rate_gradient(coordinates, kin, k)
             add_generalized((g_i, g_j), (h_i, h_j), 2, 0.0, -slope, table.slot, e, Kq, Kv)
             add_coordinate_hessian(coordinates, kin, k, torque, Kq)
@@ -151,7 +151,6 @@ ENGINES = ForceKind(
     compile=compile_engines,
     kernel=engine_forces,
     outputs=OUTPUTS,
-    on_coordinates=True,
     supplies=True,
     effort='torque',
     held=held_engines,

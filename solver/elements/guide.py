@@ -45,29 +45,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.compiled.kernel import kernel, sixes
-from solver.compiled.vec import dot, load33
 from solver.dimensions import Point, Stiffness, Time, TurnDamping, TurnStiffness
-from solver.elements.brake import HOLD, RELEASED, friction
-from solver.elements.coordinate import add_coordinate_hessian, add_gradient, coordinate_rate, evaluate_coordinate
-from solver.elements.coordinate_force import limited
-from solver.elements.guide_map import BESIDE, COLUMNS, QUANTITIES, Nodes, map_of
-from solver.elements.guide_tangents import (
-    add_dyads,
-    add_motions,
-    add_steering,
-    add_turning,
-    first4,
-    last4,
-    own_curvature,
-    pair_of,
-    turning_axes,
-    with_travels,
-)
-from solver.elements.guide_travel import coupling, cubic, damper_on_travel
-from solver.elements.guide_wheel import dot8, eight, gradients, load8, over_travels, plus8, times8, wheel_of, wrench
+from solver.elements.brake import HOLD, RELEASED
+from solver.elements.guide_forces import DRIVES, guide_forces
+from solver.elements.guide_map import BESIDE, COLUMNS, QUANTITIES, Nodes
 from solver.elements.kind import ForceKind, Held
-from solver.elements.laws import Law, evaluate_law
+from solver.elements.laws import Law
 from solver.elements.marker import Context, Marker, Spec, slots
 from solver.validate import Vector, finite, require
 
@@ -81,7 +64,6 @@ OUTPUTS = {
     'gear_torque': 'N m',
 }
 STATES = 4
-DRIVES = 2
 SYMMETRIC = 1e-9  # relative: what rounding may leave of the difference of a stiffness and its transpose
 
 
@@ -254,151 +236,6 @@ def compile_guides(specs: Sequence[GuideSpec], context: Context) -> GuideTable:
     return table
 
 
-@kernel(inner=True)
-def _theta_rate(table, side, m, s_rate, o_rate, sigma_rate, delta_rate):
-    w = table.windup[side]
-    own = ((w[0] * delta_rate[0] + w[1] * delta_rate[1]) + (w[2] * delta_rate[2] + w[3] * delta_rate[3])) + (
-        (w[4] * delta_rate[4] + w[5] * delta_rate[5]) + (w[6] * delta_rate[6] + w[7] * delta_rate[7])
-    )
-    return m[1] * s_rate + m[2] * o_rate + m[3] * sigma_rate + own
-
-
-@kernel(inner=True)
-def _driven(table, row, applied, spin_l, spin_r):
-    """Return the torques of a drive on the left and the right wheel at their turns against the chassis."""
-    factor_l, factor_r = table.drives[row, 0], table.drives[row, 1]
-    Q, _ = limited(table.drives[row, 2] * applied, factor_l * spin_l + factor_r * spin_r, table.drives[row, 3])
-    return factor_l * Q, factor_r * Q
-
-
-@kernel(borrow=True)
-def guide_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, out):
-    """Accumulate forces and tangents of all guides, assign the wind-up of their brakes (contract: solver/elements/__init__.py).
-
-    One element is long because both wheels share everything: departures, brakes, drives, steering.
-    """
-    f = sixes(f)
-    Kq = sixes(Kq)
-    Kv = sixes(Kv)
-    for e in range(table.state.shape[0]):
-        c = table.body[e, 0]
-        R_c = load33(kin.R, c)
-        lw, rw = wheel_of(table, kin, e, 0), wheel_of(table, kin, e, 1)
-        zero = 0.0 * lw.D[0]
-        sigma, sigma_rate = zero, zero
-        g_i, g_j = ((zero, zero, zero), (zero, zero, zero)), ((zero, zero, zero), (zero, zero, zero))
-        if table.steering[e] >= 0:
-            sigma, g_i, g_j = evaluate_coordinate(coordinates, kin, table.steering[e], angle)
-            sigma_rate = coordinate_rate(coordinates, kin, table.steering[e], g_i, g_j)
-        s_l, s_r, v_l, v_r = lw.x[2], rw.x[2], lw.rate[2], rw.rate[2]
-        m_l, m_r = map_of(table, e, 0, s_l, s_r, sigma, tangents), map_of(table, e, 1, s_r, s_l, sigma, tangents)
-
-        # departures and their rates
-        by_l, by_r = over_travels(m_l, m_r)
-        by_t = eight(m_l, m_r, 3)
-        at = (lw.x[0], lw.x[1], lw.x[3], lw.x[4], rw.x[0], rw.x[1], rw.x[3], rw.x[4])
-        delta = plus8(at, -1.0, eight(m_l, m_r, 0))
-        moving = (lw.rate[0], lw.rate[1], lw.rate[3], lw.rate[4], rw.rate[0], rw.rate[1], rw.rate[3], rw.rate[4])
-        rate = plus8(plus8(plus8(moving, -v_l, by_l), -v_r, by_r), -sigma_rate, by_t)
-        elastic, lagging = times8(table.K, e, delta), times8(table.K, e, rate)
-        lag = table.lag[e]
-        force = plus8(elastic, lag, lagging)
-
-        # brakes, and drives on carriers
-        n = table.state[e]
-        k_b = table.stiffness[e]
-        applied = max(u[table.input[e]], 0.0)
-        spin_l, spin_r = dot(lw.a, lw.turn), dot(rw.a, rw.turn)
-        carrier_l = _theta_rate(table, 2 * e, m_l[4], v_l, v_r, sigma_rate, rate)
-        carrier_r = _theta_rate(table, 2 * e + 1, m_r[4], v_r, v_l, sigma_rate, rate)
-        turn_l, turn_r = spin_l - carrier_l, spin_r - carrier_r
-        first_l, first_r = _driven(table, DRIVES * e, u[table.drive[e]], spin_l, spin_r)
-        second_l, second_r = _driven(table, DRIVES * e + 1, u[table.drive[e]], spin_l, spin_r)
-        drive_l, drive_r = first_l + second_l, first_r + second_r
-        z_l, t_l, slope_l, lost_l = friction(zp[n], cz, turn_l, table.gain[e, 0] * applied, k_b, table.damping[e])
-        z_r, t_r, slope_r, lost_r = friction(zp[n + 1], cz, turn_r, table.gain[e, 1] * applied, k_b, table.damping[e])
-        w_l, w_r = load8(table.windup, 2 * e), load8(table.windup, 2 * e + 1)
-        p_l, p_r = t_l - drive_l, t_r - drive_r  # on the carriers
-        held = plus8(plus8(force, -p_l, w_l), -p_r, w_r)  # what the map carries over to travels and steering
-
-        # springs and dampers
-        spring_l, rise_l, stored_l = evaluate_law(laws, table.law[2 * e, 0], s_l)
-        spring_r, rise_r, stored_r = evaluate_law(laws, table.law[2 * e + 1, 0], s_r)
-        U, U_l, U_r, U_ll, U_lr, U_rr = coupling(table.coupling[e], s_l, s_r)
-        spring_t, rise_t, stored_t = evaluate_law(laws, table.gear[e, 0], sigma)
-        damper_t, rise_dt, _ = evaluate_law(laws, table.gear[e, 1], sigma_rate)
-        P_l, P_r = cubic(table.jacking[2 * e], s_l), cubic(table.jacking[2 * e + 1], s_r)
-        d_l, over_r, d_ls, rise_dl, ratio_l, heat_l, mount_l, y_l = damper_on_travel(table, laws, 2 * e, s_l, v_l, v_r, zp[n + 2], cz)
-        d_r, over_l, d_rs, rise_dr, ratio_r, heat_r, mount_r, y_r = damper_on_travel(table, laws, 2 * e + 1, s_r, v_r, v_l, zp[n + 3], cz)
-        d_l, d_r = d_l + over_l, d_r + over_r
-
-        # generalized forces, wrenches, bodies
-        q_l = dot8(held, by_l) + (p_l * m_l[4][1] + p_r * m_r[4][2]) - spring_l - U_l + d_l - sigma * P_l[1]
-        q_r = dot8(held, by_r) + (p_l * m_l[4][2] + p_r * m_r[4][1]) - spring_r - U_r + d_r - sigma * P_r[1]
-        q_t = dot8(held, by_t) + (p_l * m_l[4][3] + p_r * m_r[4][3]) - (P_l[0] + P_r[0]) - spring_t - damper_t
-        on_l = wrench(lw, -held[0], -held[1], q_l, -held[2], -held[3], -t_l)
-        on_r = wrench(rw, -held[4], -held[5], q_r, -held[6], -held[7], -t_r)
-        g = gradients(R_c, lw, rw, on_l, on_r, q_t, g_i, g_j)
-        for b in range(5):
-            add_gradient(1.0 + zero, g[b], table.body[e, b], f)
-
-        if tangents:
-            k_l, k_r = times8(table.K, e, by_l), times8(table.K, e, by_r)
-            k_t = times8(table.K, e, by_t)
-            K, slots = table.K, table.slot
-            ll, mix, rr = -dot8(by_l, k_l), -dot8(by_l, k_r), -dot8(by_r, k_r)
-            more_l = own_curvature(held, m_l, p_l, 0, 4) + own_curvature(held, m_r, p_r, 4, 8) - rise_l - U_ll + d_ls - sigma * P_l[2]
-            more_r = own_curvature(held, m_r, p_r, 4, 4) + own_curvature(held, m_l, p_l, 0, 8) - rise_r - U_rr + d_rs - sigma * P_r[2]
-            more = own_curvature(held, m_l, p_l, 0, 5) + own_curvature(held, m_r, p_r, 4, 5) - U_lr
-            on_ll = pair_of(K, e, 0, 0, first4(k_l), first4(k_l), ll)
-            on_lr = pair_of(K, e, 0, 1, last4(k_l), first4(k_r), mix)
-            on_rr = pair_of(K, e, 1, 1, last4(k_r), last4(k_r), rr)
-            pairs = with_travels(on_ll, more_l), with_travels(on_lr, more), with_travels(on_rr, more_r)
-            c_l, c_r = table.crossing[2 * e], table.crossing[2 * e + 1]
-            d_ll, d_rr = -ratio_l * ratio_l * rise_dl - c_r * c_r * rise_dr, -ratio_r * ratio_r * rise_dr - c_l * c_l * rise_dl
-            d_lr = -ratio_l * c_l * rise_dl - ratio_r * c_r * rise_dr
-            damping = (d_ll - lag * more_l, d_lr - lag * more, d_rr - lag * more_r)
-            add_motions(R_c, lw, rw, pairs[0], pairs[1], pairs[2], lag, damping, slots, e, Kq, Kv)
-            turn_l = turning_axes(lw, on_l[0], on_l[1], -held[2], -held[3], -t_l)
-            turn_r = turning_axes(rw, on_r[0], on_r[1], -held[6], -held[7], -t_r)
-            add_turning(R_c, lw, turn_l, slots[e, 1, 1], slots[e, 1, 0], slots[e, 0, 1], slots[e, 0, 0], Kq)
-            add_turning(R_c, rw, turn_r, slots[e, 2, 2], slots[e, 2, 0], slots[e, 0, 2], slots[e, 0, 0], Kq)
-            if table.steering[e] >= 0:
-                lt, rt, tt = -dot8(by_l, k_t), -dot8(by_r, k_t), -dot8(by_t, k_t)
-                on_l = wrench(lw, k_t[0], k_t[1], lt, k_t[2], k_t[3], 0.0)
-                on_r = wrench(rw, k_t[4], k_t[5], rt, k_t[6], k_t[7], 0.0)
-                by_rate = gradients(R_c, lw, rw, on_l, on_r, zero, g_i, g_j)
-                add_steering((by_rate[0], by_rate[1], by_rate[2]), lag * tt - rise_dt, g_i, g_j, slots, e, lag, Kv)
-                lt = lt + own_curvature(held, m_l, p_l, 0, 6) + own_curvature(held, m_r, p_r, 4, 9) - P_l[1]
-                rt = rt + own_curvature(held, m_r, p_r, 4, 6) + own_curvature(held, m_l, p_l, 0, 9) - P_r[1]
-                tt = tt + own_curvature(held, m_l, p_l, 0, 7) + own_curvature(held, m_r, p_r, 4, 7) - rise_t
-                on_l = wrench(lw, k_t[0], k_t[1], lt, k_t[2], k_t[3], 0.0)
-                on_r = wrench(rw, k_t[4], k_t[5], rt, k_t[6], k_t[7], 0.0)
-                by_place = gradients(R_c, lw, rw, on_l, on_r, zero, g_i, g_j)
-                add_steering((by_place[0], by_place[1], by_place[2]), tt, g_i, g_j, slots, e, 1.0, Kq)
-                add_coordinate_hessian(coordinates, kin, table.steering[e], q_t, Kq)
-            if slope_l > 0.0:
-                own = wrench(lw, -w_l[0], -w_l[1], dot8(w_l, by_l) - m_l[4][1], -w_l[2], -w_l[3], 1.0)
-                beside = wrench(rw, -w_l[4], -w_l[5], dot8(w_l, by_r) - m_l[4][2], -w_l[6], -w_l[7], 0.0)
-                add_dyads(gradients(R_c, lw, rw, own, beside, dot8(w_l, by_t) - m_l[4][3], g_i, g_j), slots, e, -slope_l, Kv)
-            if slope_r > 0.0:
-                beside = wrench(lw, -w_r[0], -w_r[1], dot8(w_r, by_l) - m_r[4][2], -w_r[2], -w_r[3], 0.0)
-                own = wrench(rw, -w_r[4], -w_r[5], dot8(w_r, by_r) - m_r[4][1], -w_r[6], -w_r[7], 1.0)
-                add_dyads(gradients(R_c, lw, rw, beside, own, dot8(w_r, by_t) - m_r[4][3], g_i, g_j), slots, e, -slope_r, Kv)
-
-        z[n], z[n + 1], z[n + 2], z[n + 3] = z_l, z_r, y_l, y_r
-        out[e, 0] = 0.5 * dot8(delta, elastic) + stored_l + stored_r + U + 0.5 * k_b * (z_l * z_l + z_r * z_r) + mount_l + mount_r
-        out[e, 0] += sigma * (P_l[0] + P_r[0]) + stored_t
-        out[e, 1] = lag * dot8(rate, lagging) + heat_l + heat_r + lost_l + lost_r + damper_t * sigma_rate
-        out[e, 1] += drive_l * carrier_l + drive_r * carrier_r
-        out[e, 2], out[e, 3], out[e, 4] = lw.x[3], lw.x[4], -spring_l - U_l
-        out[e, 5], out[e, 6], out[e, 7] = rw.x[3], rw.x[4], -spring_r - U_r
-        out[e, 8], out[e, 9], out[e, 10] = d_l, z_l, -t_l
-        out[e, 11], out[e, 12], out[e, 13] = d_r, z_r, -t_r
-        out[e, 14] = q_t
-        out[e, 15] = -spring_t - damper_t
-
-
 def held_guides(table: GuideTable, u: np.ndarray) -> Held:
     """Brakes hold in the search for static equilibrium, those that are released softly: see solver.elements.brake.held_brakes."""
     capacity = guide_capacities(table, u)
@@ -423,7 +260,6 @@ GUIDES = ForceKind(
     compile=compile_guides,
     kernel=guide_forces,
     outputs=OUTPUTS,
-    on_coordinates=True,
     effort=('brake_torque_left', 'brake_torque_right', 'gear_torque'),
     held=held_guides,
     capacities=guide_capacities,

@@ -16,8 +16,7 @@ import numpy as np
 
 from solver.elements.marker import ConstraintSpec, Spec
 
-FORCE = ('table', 'laws', 'kin', 'zp', 'cz', 'u', 'tangents', 'f', 'Kq', 'Kv', 'z', 'out')
-FORCE_ON_COORDINATES = ('table', 'coordinates', 'laws', 'kin', 'angle', *FORCE[3:])
+FORCE = ('table', 'now', 'effects', 'out')
 RESIDUALS = ('table', 'kin', 'gradients', 'phi', 'J')
 RESIDUALS_ON_COORDINATES = ('table', 'coordinates', 'kin', 'angle', 'u', 'gradients', 'phi', 'J')
 HESSIANS = ('table', 'kin', 'lam', 'Kq', 'Kv')
@@ -47,13 +46,13 @@ def _follows_inputs(spec: type[Spec]) -> bool:
 class ForceKind:
     """A kind of force element.
 
-    name: the field of ModelSpec and the section of a file. compile(specs, context): their table, a NamedTuple of arrays; with a column
-    `body` where elements have internal states, `input` (indices of channels, -1 for none) where the specification has one. kernel: see
-    solver.elements. outputs: column -> unit, energy and dissipation first. on_coordinates: the kernel takes the table of joint
-    coordinates and their values too. supplies: inputs are loads, which feed energy in, not capacities. effort: the column that is a
-    generalized force on the joint coordinates in the table's columns `coordinate` (-1 for none), times `factor` where there is one; or one
-    column for each of these coordinates. wheels: the elements are the wheels of a vehicle, shown by topics of their own. held(table, u):
-    how they act in the search for static equilibrium; approach(table): with which table it begins, where a start far away needs another
+    name: the field of ModelSpec and the section of a file. compile(specs, context): their table, a NamedTuple of arrays; with
+    a column `body` where elements have internal states, `input` (indices of channels, -1 for none) where the specification
+    has one. kernel: see solver.elements. outputs: column -> unit, energy and dissipation first. supplies: inputs are loads,
+    which feed energy in, not capacities. effort: the column that is a generalized force on the joint coordinates in the
+    table's columns `coordinate` (-1 for none), times `factor` where there is one; or one column for each of these
+    coordinates. wheels: the elements are the wheels of a vehicle, shown by topics of their own. held(table, u): how they act
+    in the search for static equilibrium; approach(table): with which table it begins, where a start far away needs another
     one.
     capacities(table, u): the largest torques of the brakes that they are or have, under the inputs u (nu,). rotation: the first of three
     columns that are a rotation vector [rad] on which the element acts, and which jumps where it turns by pi. peak: the column whose largest
@@ -65,7 +64,6 @@ class ForceKind:
     compile: Callable[..., Any]
     kernel: Callable[..., None]
     outputs: Mapping[str, str]
-    on_coordinates: bool = False
     supplies: bool = False
     effort: str | tuple[str, ...] | None = None
     rotation: str | None = None
@@ -77,7 +75,7 @@ class ForceKind:
 
     def __post_init__(self) -> None:
         where = f'kind {self.name!r}'
-        _require_arguments(where, self.kernel, FORCE_ON_COORDINATES if self.on_coordinates else FORCE)
+        _require_arguments(where, self.kernel, FORCE)
         if tuple(self.outputs)[:2] != FIRST_OUTPUTS:
             raise TypeError(
                 f'{where}: the first two outputs must be {" and ".join(FIRST_OUTPUTS)}, not {", ".join(list(self.outputs)[:2])}'
@@ -114,7 +112,8 @@ class ConstraintKind:
     name: the field of ModelSpec and the section of a file. compile(specs, context): their table; rows and Jacobian blocks are those that
     context.rows() gives out. Where the specification has an input, the table has columns `row` and `input` (n, 3): channels of value,
     rate and acceleration, -1 for none, and the value is subtracted in that row. residuals assigns phi and, when `gradients`, J;
-    hessians adds d(A^T lam)/dq to Kq (Kv is scratch of its shape). on_coordinates: as of ForceKind, and inputs.
+    hessians adds d(A^T lam)/dq to Kq (Kv is scratch of its shape). on_coordinates: the kernels take the
+    table of joint coordinates, and residuals their values and the inputs.
     """
 
     name: str

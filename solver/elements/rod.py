@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.compiled.kernel import kernel, sixes
+from solver.compiled.kernel import kernel
 from solver.compiled.rows import add_rows, cross_rows, mul_rows, rows, sub_rows
 from solver.compiled.vec import (
     add,
@@ -42,6 +42,7 @@ from solver.compiled.vec import (
     transpose,
 )
 from solver.dimensions import Damping, Length, TurnStiffness
+from solver.elements.instant import sums
 from solver.elements.kind import ForceKind
 from solver.elements.laws import Law, evaluate_law
 from solver.elements.marker import Context, Marker, Spec, compile_pairs
@@ -138,12 +139,13 @@ def _add_damping(table, n, at, C, Kv):
 
 
 @kernel(borrow=True)
-def rod_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
+def rod_forces(table, now, effects, out):
     """Accumulate forces and tangents of all rods (contract: solver/elements/__init__.py).
 
     Everything is computed along the axes of B_i (solver.elements.relative).
     """
-    f = sixes(f)
+    f, Kq, Kv = sums(effects)
+    kin = now.kin
     for n in range(table.length.shape[0]):
         i = table.body[n, 0]
         j = table.body[n, 1]
@@ -154,7 +156,7 @@ def rod_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
         along = scale(t, d)
         rate = dot(along, at.d_dot)
         slide = sub(at.d_dot, scale(rate, along))
-        tension, stiffness, energy = evaluate_law(laws, table.law[n], s - table.length[n])
+        tension, stiffness, energy = evaluate_law(now.laws, table.law[n], s - table.length[n])
         swing = load33(table.S, n)
         q = mv(swing, along)
         nq = dot(along, q)
@@ -167,7 +169,7 @@ def rod_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
         add3(f, i, 0, scale(-1.0, F_W))
         add3(f, j, 3, tmv(at.S, cross(at.rho, force)))
         add3(f, i, 3, scale(-1.0, cross(at.e, force)))
-        if tangents:
+        if now.tangents:
             # -d(force)/dd at constant d_dot; the second derivative of the swing's energy is t^2 (S - 2 (n bend^T + bend n^T) - n.S n)
             nn = outer(along, along)
             plain = t * (tension + (c - k) * rate)

@@ -24,11 +24,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.compiled.kernel import kernel, sixes
+from solver.compiled.kernel import kernel
 from solver.compiled.vec import col, cross, dot, load33, mv, scale, tmv
 from solver.dimensions import Angle, Speed, Time, Torque, TurnDamping, TurnStiffness
 from solver.elements.coordinate import add_dyad, add_gradient, scale6
 from solver.elements.coordinate_force import OUTPUTS as OF_MESH
+from solver.elements.instant import sums
 from solver.elements.kind import ForceKind
 from solver.elements.law_map import evaluate_map
 from solver.elements.laws import Law
@@ -147,11 +148,10 @@ def compile_servos(specs: Sequence[ServoSpec], context: Context) -> ServoTable:
 
 
 @kernel(borrow=True)
-def servo_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, out):
-    """Accumulate forces and tangents of all servos, assign their states (contract: solver/elements/__init__.py, on coordinates)."""
-    f = sixes(f)
-    Kq = sixes(Kq)
-    Kv = sixes(Kv)
+def servo_forces(table, now, effects, out):
+    """Accumulate forces and tangents of all servos, assign their states (contract: solver/elements/__init__.py)."""
+    f, Kq, Kv = sums(effects)
+    coordinates, kin, angle = now.coordinates, now.kin, now.angle
     for e in range(table.term.shape[0]):
         n = table.state[e]
         b = table.body[e, 4]
@@ -164,15 +164,15 @@ def servo_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, K
         ahead = 1.0 if speed.real >= 0.0 else -1.0
         first = table.factor[e, 0]
         pushing = torque if first < 0.0 else -torque
-        demand, by_torque, by_speed = evaluate_map(laws, table.start, table.speed, table.law, e, pushing, ahead * speed)
-        share = cz / table.lag[e]
-        force = (zp[n] + share * held(demand, table.limit[e])) / (1.0 + share)
+        demand, by_torque, by_speed = evaluate_map(now.laws, table.start, table.speed, table.law, e, pushing, ahead * speed)
+        share = now.cz / table.lag[e]
+        force = (now.zp[n] + share * held(demand, table.limit[e])) / (1.0 + share)
         # both forces on the first coordinate as one over its factor
         Q_1 = force / first - torque
         for a in range(2):
             add_gradient(Q_1, g[a], table.body[e, a], f)
             add_gradient(-torque, g[2 + a], table.body[e, 2 + a], f)
-        if tangents:
+        if now.tangents:
             followed = held_slope(demand, table.limit[e])
             steepness = by_torque * followed
             if table.chord[e] and pushing.real != 0.0:
@@ -190,7 +190,7 @@ def servo_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, K
             for a in range(2):
                 add_dyad(g[a], turned, table.slot[e, a, 4], Kq)
                 add_dyad(g[a], moved, table.slot[e, a, 4], Kv)
-        z[n] = force
+        effects.z[n] = force
         out[e, 0] = 0.5 * table.stiffness[e] * value * value
         out[e, 1] = table.damping[e] * rate * rate - force * change[0]
         out[e, 2] = value
@@ -212,7 +212,6 @@ SERVOS = ForceKind(
     compile=compile_servos,
     kernel=servo_forces,
     outputs=OUTPUTS,
-    on_coordinates=True,
     effort=('force', 'force', 'motor'),
     approach=approached,
 )

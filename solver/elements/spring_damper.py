@@ -13,9 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.compiled.kernel import kernel, sixes
+from solver.compiled.kernel import kernel
 from solver.compiled.vec import dot, scale
 from solver.dimensions import Force, Length
+from solver.elements.instant import sums
 from solver.elements.kind import ForceKind
 from solver.elements.laws import Law, evaluate_law
 from solver.elements.marker import Context, Marker, Spec, compile_pairs
@@ -73,11 +74,10 @@ def compile_spring_dampers(specs: Sequence[SpringDamperSpec], context: Context) 
 
 
 @kernel(borrow=True)
-def spring_damper_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
+def spring_damper_forces(table, now, effects, out):
     """Accumulate forces and tangents of all spring-dampers (contract: solver/elements/__init__.py)."""
-    f = sixes(f)
-    Kq = sixes(Kq)
-    Kv = sixes(Kv)
+    f, Kq, Kv = sums(effects)
+    kin = now.kin
     for e in range(table.free_length.shape[0]):
         at = between(table, e, kin)
         length = np.sqrt(dot(at.d, at.d))
@@ -86,11 +86,11 @@ def spring_damper_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, ou
         n = scale(1.0 / along, at.d if apart else at.v) if along.real > 0.0 else scale(0.0, at.d)
         rate = dot(n, at.v)
         x = length - table.free_length[e]
-        spring, stiffness, energy = evaluate_law(laws, table.law[e, 0], x)
-        damper, damping, _ = evaluate_law(laws, table.law[e, 1], rate)
+        spring, stiffness, energy = evaluate_law(now.laws, table.law[e, 0], x)
+        damper, damping, _ = evaluate_law(now.laws, table.law[e, 1], rate)
         force = spring + damper + table.preload[e]
         F = add_tension(kin, at, n, force, f)
-        if tangents:
+        if now.tangents:
             across = force / length if apart else stiffness
             twist = -damping / length if apart else 0.0 * length
             add_tension_tangent(kin, at, n, rate, F, stiffness, damping, across, twist, table.slot, e, Kq, Kv)

@@ -15,9 +15,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.compiled.kernel import kernel, sixes
+from solver.compiled.kernel import kernel
 from solver.compiled.vec import dot, scale
 from solver.dimensions import Damping, Length
+from solver.elements.instant import sums
 from solver.elements.kind import ForceKind
 from solver.elements.laws import Law, evaluate_law
 from solver.elements.marker import Context, Marker, Spec, compile_pairs
@@ -125,27 +126,26 @@ def _mount_rate(table, laws, e, length, rate, zp, cz):
 
 
 @kernel(borrow=True)
-def strut_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
+def strut_forces(table, now, effects, out):
     """Accumulate forces and tangents of all struts (contract: solver/elements/__init__.py)."""
-    f = sixes(f)
-    Kq = sixes(Kq)
-    Kv = sixes(Kv)
+    f, Kq, Kv = sums(effects)
+    kin = now.kin
     for e in range(table.free_length.shape[0]):
         at = between(table, e, kin)
         length = np.sqrt(dot(at.d, at.d))
         n = scale(1.0 / length, at.d)
         rate = dot(n, at.v)
         state = table.state[e]
-        w = _mount_rate(table, laws, e, length, rate, zp[state], cz)
-        y, force, slope, spring, stops, k, damper, c, energy = _sides(table, laws, e, length, rate, zp[state], cz, w)
+        w = _mount_rate(table, now.laws, e, length, rate, now.zp[state], now.cz)
+        y, force, slope, spring, stops, k, damper, c, energy = _sides(table, now.laws, e, length, rate, now.zp[state], now.cz, w)
         F = add_tension(kin, at, n, force, f)
-        if tangents:
+        if now.tangents:
             # dw = (k dl + c dr) / (slope + k cz + c), and the mount's force changes by slope dw
-            share = slope / (slope + k * cz + c)
+            share = slope / (slope + k * now.cz + c)
             stiffness, damping = share * k, share * c
             turn = force / length, -damping / length
             add_tension_tangent(kin, at, n, rate, F, stiffness, damping, turn[0], turn[1], table.slot, e, Kq, Kv)
-        z[state] = y
+        effects.z[state] = y
         out[e, 0] = energy
         out[e, 1] = damper * (rate - w) + table.damping[e] * w * w
         out[e, 2] = length - y

@@ -34,6 +34,7 @@ from solver.compiled.so3 import quaternion_of_matrix
 from solver.compiled.vec import add, cross, dot, load3, load33, scale, tmv
 from solver.dimensions import Damping, Pressure, Speed, Time
 from solver.elements.footprint import footprint
+from solver.elements.instant import sums
 from solver.elements.kind import ForceKind, Held
 from solver.elements.magic_formula import (
     SLOWEST,
@@ -360,19 +361,21 @@ def _store(table, e, R, twist, result, f, z, out):
 
 
 @kernel(borrow=True)
-def tire_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
+def tire_forces(table, now, effects, out):
     """Accumulate forces and tangents of all tires (contract: solver/elements/__init__.py)."""
+    f, Kq, Kv = sums(effects)
+    kin = now.kin
     for e in range(table.body.shape[0]):
         i = table.body[e]
         j = table.state[e]
         r = load3(table.r, e)
         a = load3(table.axis, e)
         last = j + table.states[e] - 1
-        if tangents:
+        if now.tangents:
             R, p, twist = real_kinematics(kin, i)
-            states = (zp[j].real, zp[j + 1].real, zp[j + 2].real, zp[last].real)
-            result = _evaluate(table, e, seeded_motion_of(R, p, twist, r, a), states, cz)
-            F, T = result[0], _store(table, e, R, twist, result, f, z, out)
+            states = (now.zp[j].real, now.zp[j + 1].real, now.zp[j + 2].real, now.zp[last].real)
+            result = _evaluate(table, e, seeded_motion_of(R, p, twist, r, a), states, now.cz)
+            F, T = result[0], _store(table, e, R, twist, result, f, effects.z, out)
             s = table.slot[e]
             for k in range(3):
                 add_partials(F[k], Kq, Kv, s, k)
@@ -389,8 +392,9 @@ def tire_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
             motion = (v[i, 0], v[i, 1], v[i, 2], v[i, 3], v[i, 4], v[i, 5])
             zero = 0.0 * motion[0]  # gives the states the number type of the motion
             placed = motion_of(load33(kin.R, i), load3(kin.p, i), motion, r, a)
-            result = _evaluate(table, e, placed, (zp[j] + zero, zp[j + 1] + zero, zp[j + 2] + zero, zp[last] + zero), cz)
-            _store(table, e, load33(kin.R, i), motion, result, f, z, out)
+            states = (now.zp[j] + zero, now.zp[j + 1] + zero, now.zp[j + 2] + zero, now.zp[last] + zero)
+            result = _evaluate(table, e, placed, states, now.cz)
+            _store(table, e, load33(kin.R, i), motion, result, f, effects.z, out)
 
 
 def held_tires(table: TireTable, u: np.ndarray) -> Held:

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from solver.compiled.kernel import kernel, sixes
+from solver.compiled.kernel import kernel
 from solver.dimensions import Angle
 from solver.elements.coordinate import (
     add6,
@@ -29,6 +29,7 @@ from solver.elements.coordinate import (
     scale6,
 )
 from solver.elements.coordinate_force import OUTPUTS
+from solver.elements.instant import sums
 from solver.elements.kind import ForceKind
 from solver.elements.laws import Law, evaluate_law
 from solver.elements.marker import Context, Spec, slots
@@ -146,19 +147,18 @@ def add_wind_up(table, coordinates, kin, e, rows, g, change, Q_1, Q_2, stiffness
 
 
 @kernel(borrow=True)
-def transmission_forces(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, out):
-    """Accumulate forces and tangents of all transmissions (contract: solver/elements/__init__.py, on coordinates)."""
-    f = sixes(f)
-    Kq = sixes(Kq)
-    Kv = sixes(Kv)
+def transmission_forces(table, now, effects, out):
+    """Accumulate forces and tangents of all transmissions (contract: solver/elements/__init__.py)."""
+    f, Kq, Kv = sums(effects)
+    coordinates, kin, angle = now.coordinates, now.kin, now.angle
     for e in range(table.factor.shape[0]):
         value, rate, g, change = wind_up(table, coordinates, kin, angle, e)
-        spring, stiffness, energy = evaluate_law(laws, table.law[e, 0], value)
-        damper, damping, _ = evaluate_law(laws, table.law[e, 1], rate)
+        spring, stiffness, energy = evaluate_law(now.laws, table.law[e, 0], value)
+        damper, damping, _ = evaluate_law(now.laws, table.law[e, 1], rate)
         Q = -spring - damper
         for a in range(4):
             add_gradient(Q, g[a], table.body[e, a], f)
-        if tangents:
+        if now.tangents:
             add_wind_up(table, coordinates, kin, e, g, g, change, Q, Q, stiffness, damping, Kq, Kv)
         out[e, 0] = energy
         out[e, 1] = damper * rate
@@ -173,6 +173,5 @@ TRANSMISSIONS = ForceKind(
     compile=compile_transmissions,
     kernel=transmission_forces,
     outputs=OUTPUTS,
-    on_coordinates=True,
     effort='force',
 )

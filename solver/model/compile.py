@@ -28,7 +28,6 @@ from solver.model.tables import (
     CONSTRAINT_TABLE,
     COUNT,
     DRIVEN,
-    ON_COORDINATES,
     OUTPUT,
     PEAK,
     ROTATION,
@@ -275,7 +274,7 @@ def _compile_constraints(context: _Context, elements: dict[str, Ref]) -> tuple[n
 
 def _compile_forces(context: _Context, elements: dict[str, Ref], drives: EffortTable) -> tuple[np.ndarray, EffortTable, tuple[int, ...]]:
     """(forces of Tables without addresses, efforts, bodies whose motion internal states depend on); adds the tables to elements."""
-    forces = np.zeros((len(FORCES), 9), np.int64)
+    forces = np.zeros((len(FORCES), 8), np.int64)
     efforts = []
     driven = _driven_alone(drives)
     internal_bodies: set[int] = set()
@@ -288,7 +287,7 @@ def _compile_forces(context: _Context, elements: dict[str, Ref], drives: EffortT
             internal_bodies |= set(np.unique(table.body).tolist()) - {context.n_bodies}
         elements[kind.name] = Ref(table)
         width = len(kind.outputs)
-        row[[TABLE, ON_COORDINATES, DRIVEN]] = elements[kind.name].pointer, kind.on_coordinates, kind.driven
+        row[[TABLE, DRIVEN]] = elements[kind.name].pointer, kind.driven
         row[[OUTPUT, COUNT, WIDTH]] = start, len(specs), width
         row[ROTATION] = -1 if kind.rotation is None else list(kind.outputs).index(kind.rotation)
         row[PEAK] = -1 if kind.peak is None else kind.column(kind.peak)

@@ -7,6 +7,7 @@ import numpy as np
 from solver.compiled.by_reference import Ref, matrix_at
 from solver.compiled.kernel import address_of, invoke, kernel
 from solver.compiled.vec import dot
+from solver.elements.instant import Effects, Instant
 from solver.elements.registry import CONSTRAINTS, FORCES
 from solver.elements.rigid_body import body_forces
 from solver.linear.blocks import add_scaled_rows
@@ -22,7 +23,6 @@ from solver.model.tables import (
     DRIVEN,
     FACTORIZE,
     HESSIANS,
-    ON_COORDINATES,
     OUTPUT,
     RESIDUALS,
     SOLVE,
@@ -44,12 +44,10 @@ def _bind(model: Model) -> None:
     tables, spec = model.tables, model.spec
     kin, x = Ref(new_kinematics(1)), Ref(tables.coordinates)
     row, rows, blocks = np.zeros(1), np.zeros((1, 6)), np.zeros((1, 6, 6))
-    force = (row, 0.0, row, True, rows, blocks, blocks, row, rows)
+    now, effects = Instant(x, Ref(tables.laws), kin, row, row, 0.0, row, True), Effects(rows, blocks, blocks, row)
     for kind, call in zip(FORCES, tables.forces, strict=True):
         if getattr(spec, kind.name):
-            table, laws = model.elements[kind.name], Ref(tables.laws)
-            arguments = (table, x, laws, kin, row, *force) if kind.on_coordinates else (table, laws, kin, *force)
-            call[ADDRESS] = address_of(kind.kernel, *arguments)
+            call[ADDRESS] = address_of(kind.kernel, model.elements[kind.name], now, effects, rows)
     for constraint, call in zip(CONSTRAINTS, tables.constraint_kinds, strict=True):
         if getattr(spec, constraint.name):
             table = model.elements[constraint.name]
@@ -63,23 +61,21 @@ def _bind(model: Model) -> None:
 
 
 @kernel(inner=True)
-def _evaluate_kind(tables, k, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, outputs):
+def _evaluate_kind(tables, k, now, effects, outputs):
     """Accumulate the forces of the elements of kind k, and assign their outputs."""
     call = tables.forces[k]
-    laws = tables.laws
     out = matrix_at(outputs, call[OUTPUT], call[COUNT], call[WIDTH])
-    if call[ON_COORDINATES] == 1:
-        invoke(call[ADDRESS], (call[TABLE], tables.coordinates, laws, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, out))
-    else:
-        invoke(call[ADDRESS], (call[TABLE], laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out))
+    invoke(call[ADDRESS], (call[TABLE], now, effects, out))
 
 
 @kernel(inner=True)
 def evaluate_driven_forces(tables, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, outputs):
     """Accumulate the forces of the kinds that may follow inputs, and assign their outputs: what in evaluate_forces depends on u."""
+    now = Instant(tables.coordinates, tables.laws, kin, angle, zp, cz, u, tangents)
+    effects = Effects(f, Kq, Kv, z)
     for k in range(tables.forces.shape[0]):
         if tables.forces[k, ADDRESS] != 0 and tables.forces[k, DRIVEN] == 1:
-            _evaluate_kind(tables, k, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, outputs)
+            _evaluate_kind(tables, k, now, effects, outputs)
 
 
 @kernel(borrow=True)
@@ -87,16 +83,18 @@ def evaluate_forces(tables, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, outpu
     """Assign f (nb+1, 6) and, when `tangents`, Kq and the first tables.damped blocks of Kv (ns+1, 6, 6), which others leave at zero: all
     forces but those of the constraints.
 
-    Arguments are those of the element contract (docs/contributing.md); outputs are those of all elements (Model.new_outputs).
+    Arguments are those of solver.elements.instant; outputs are those of all elements (Model.new_outputs).
     """
     f[:] = 0.0
     if tangents:
         Kq[:] = 0.0
         Kv[: tables.damped] = 0.0
     body_forces(tables.bodies, kin, tangents, f, Kv)
+    now = Instant(tables.coordinates, tables.laws, kin, angle, zp, cz, u, tangents)
+    effects = Effects(f, Kq, Kv, z)
     for k in range(tables.forces.shape[0]):
         if tables.forces[k, ADDRESS] != 0:
-            _evaluate_kind(tables, k, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, outputs)
+            _evaluate_kind(tables, k, now, effects, outputs)
 
 
 @kernel(borrow=True)

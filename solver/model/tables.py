@@ -15,10 +15,11 @@ from solver.elements.rigid_body import BodyTable
 from solver.linear.elimination import Elimination
 from solver.model.spec import ModelSpec
 
-# Columns of Tables.forces: address of the kernel (0: the model has no such element) and of the table; whether the kernel works on joint
-# coordinates and whether its forces follow inputs; where the outputs are, number of elements and of columns
-ADDRESS, TABLE, ON_COORDINATES, DRIVEN, OUTPUT, COUNT, WIDTH, ROTATION, PEAK = range(9)
-# and of Tables.constraint_kinds: addresses of the kernels of residuals and of second derivatives, then as above
+# Columns of Tables.forces: address of the kernel (0: the model has no such element) and of the table; whether its forces
+# follow inputs; where the outputs are, number of elements and of columns
+ADDRESS, TABLE, DRIVEN, OUTPUT, COUNT, WIDTH, ROTATION, PEAK = range(8)
+# and of Tables.constraint_kinds: addresses of the kernels of residuals and of second derivatives, and of the table; whether the kernels
+# work on joint coordinates
 RESIDUALS, HESSIANS, CONSTRAINT_TABLE, CONSTRAINT_ON_COORDINATES = range(4)
 FACTORIZE, SOLVE = range(2)  # of Tables.linear
 
@@ -50,7 +51,7 @@ class EffortTable(NamedTuple):
 class Tables(NamedTuple):
     """Everything the kernels need of a model. The tables of element kinds are known to their own kernels only."""
 
-    forces: np.ndarray  # (kinds of forces, 9) see ADDRESS ... PEAK
+    forces: np.ndarray  # (kinds of forces, 8) see ADDRESS ... PEAK
     constraint_kinds: np.ndarray  # (kinds of constraints, 4)
     linear: np.ndarray  # (2,) addresses of factorize and solve
     bodies: BodyTable

@@ -167,6 +167,49 @@ def _call(address, f, K):
     invoke(address, (f, K))
 
 
+class Given(NamedTuple):
+    f: np.ndarray
+    K: np.ndarray
+    inside: Inside
+    add: float
+    wanted: bool
+
+
+@compiled
+@pytest.mark.parametrize('wanted', [True, False])
+def test_a_record_crosses_an_address_field_by_field(rng, wanted: bool) -> None:
+    """Arrays, a table by reference, a number and a truth value; the arrays are those that were given."""
+    f, K, points = np.zeros((3, 6)), np.zeros((2, 6, 6)), Ref(Inside(rng.normal(size=(4, 3))))
+    address = address_of(_fill_record, Given(f, K, points, 0.0, True))
+    _call_record(address, f, K, points, 2.5, wanted)
+    assert (f[2, 5], f.sum()) == ((points.points[3, 2] + 2.5, points.points[3, 2] + 2.5) if wanted else (0.0, 0.0))
+    assert (K[1, 4, 3], K.sum()) == (2.5, 2.5)
+
+
+@compiled
+@pytest.mark.parametrize('wrong', ['a table by value', 'every second row'])
+def test_what_address_of_never_compiles_for_is_refused_in_a_record_too(rng, wrong: str) -> None:
+    f, K, points = np.zeros((3, 6)), np.zeros((2, 6, 6)), Inside(rng.normal(size=(4, 3)))
+    address = address_of(_fill_record, Given(f, K, Ref(points), 0.0, True))
+    with pytest.raises(numba.core.errors.TypingError, match='by Ref' if wrong == 'a table by value' else 'C-contiguous'):
+        if wrong == 'a table by value':
+            _call_record(address, f, K, points, 2.5, True)
+        else:
+            _call_record(address, np.zeros((6, 6))[::2], K, Ref(points), 2.5, True)
+
+
+@kernel(borrow=True)
+def _fill_record(given):
+    if given.wanted:
+        given.f[2, 5] = given.inside.points[3, 2] + given.add
+    given.K[1, 4, 3] = given.add
+
+
+@kernel
+def _call_record(address, f, K, inside, add, wanted):
+    invoke(address, (Given(f, K, inside, add, wanted),))
+
+
 @compiled
 def test_a_step_is_compiled_once_for_models_of_all_sizes() -> None:
     """What a step is given has the same type for a pendulum, a slider-crank and ten loops of four bars."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from contract import ContractContext, Element, acting, check_contract, kinematics, random_kinematics
+from contract import ContractContext, Element, check_contract, forcing, kinematics, random_kinematics
 from scipy.spatial.transform import Rotation
 
 from solver.elements.aero_drag import OUTPUTS, AeroDragSpec, aero_drag_forces, compile_aero_drags
@@ -16,7 +16,7 @@ def drags(specs, *, com=None):
     context = ContractContext(bodies=1, com=com)
     table = compile_aero_drags(specs, context)
     laws = context.laws()
-    return Element(acting(aero_drag_forces, table, laws), context, n=len(specs), outputs=OUTPUTS)
+    return Element(forcing(aero_drag_forces, table, laws), context, n=len(specs), outputs=OUTPUTS)
 
 
 def test_contract(rng):

@@ -7,9 +7,9 @@ import pytest
 from contract import (
     ContractContext,
     Element,
-    acting,
     check_action_reaction,
     check_contract,
+    forcing,
     kinematics,
     random_kinematics,
     random_marker,
@@ -24,7 +24,7 @@ def applied_forces(specs, *, com=None, inputs=()):
     context = ContractContext(com=com, inputs=inputs)
     table = compile_applied_forces(specs, context)
     laws = context.laws()
-    return Element(acting(applied_force_forces, table, laws), context, n=len(specs), outputs=OUTPUTS)
+    return Element(forcing(applied_force_forces, table, laws), context, n=len(specs), outputs=OUTPUTS)
 
 
 @pytest.mark.parametrize(

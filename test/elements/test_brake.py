@@ -7,10 +7,10 @@ import pytest
 from contract import (
     ContractContext,
     Element,
-    acting,
     check_contract,
     check_purity,
     check_tangents,
+    forcing,
     kinematics,
     random_kinematics,
 )
@@ -30,7 +30,7 @@ def brakes(specs, coordinates, *, bodies=2, com=None):
     table = compile_brakes(specs, context)
     laws = context.laws()
     angle = np.zeros(len(coordinates))
-    return Element(acting(brake_forces, table, x, laws, angle=angle), context, n=len(specs), outputs=OUTPUTS)
+    return Element(forcing(brake_forces, table, laws, x, angle), context, n=len(specs), outputs=OUTPUTS)
 
 
 def random_brake(rng, *, j='b1', **changes):

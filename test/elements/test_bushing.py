@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from contract import ContractContext, Element, acting, check_contract, kinematics, random_kinematics, random_marker
+from contract import ContractContext, Element, check_contract, forcing, kinematics, random_kinematics, random_marker
 from scipy.spatial.transform import Rotation
 
 from solver.elements.bushing import OUTPUTS, BushingSpec, bushing_forces, compile_bushings
@@ -17,7 +17,7 @@ def bushings(specs, *, bodies=2, com=None):
     context = ContractContext(bodies=bodies, com=com)
     table = compile_bushings(specs, context)
     laws = context.laws()
-    return Element(acting(bushing_forces, table, laws), context, n=len(specs), outputs=OUTPUTS)
+    return Element(forcing(bushing_forces, table, laws), context, n=len(specs), outputs=OUTPUTS)
 
 
 def random_spec(rng, i='b0', j='b1', **changes):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from contract import ContractContext, Element, acting, check_contract, kinematics, random_kinematics, random_marker
+from contract import ContractContext, Element, check_contract, forcing, kinematics, random_kinematics, random_marker
 
 from solver.elements import clutch, engine_map
 from solver.elements.clutch import ClutchSpec, clutch_forces, compile_clutches
@@ -31,7 +31,7 @@ def element(specs, compile_specs, kernel, outputs, given, com=None):
     x = context.coordinate_table()
     table = compile_specs(specs, context)
     laws, angle = context.laws(), np.zeros(len(given))
-    return Element(acting(kernel, table, x, laws, angle=angle), context, n=len(specs), outputs=outputs)
+    return Element(forcing(kernel, table, laws, x, angle), context, n=len(specs), outputs=outputs)
 
 
 def a_clutch(given, com=None, **changed):
@@ -126,7 +126,7 @@ def test_an_engine_gives_what_its_map_says_and_nothing_in_statics():
         [EngineSpec(name='e', coordinate='x0', input='pedal', speeds=(0.0, 1.0), pedals=(0.0,), torques=((9.0, 9.0),))], context
     )
     x, off, laws = context.coordinate_table(), held_engines(table, np.zeros(3)).table, context.laws()
-    still = Element(acting(engine_forces, off, x, laws, angle=np.zeros(3)), context, n=1, outputs=engine_map.OUTPUTS)
+    still = Element(forcing(engine_forces, off, laws, x, np.zeros(3)), context, n=1, outputs=engine_map.OUTPUTS)
     assert not still.evaluate(turning(5.0, 0.0, 0.0), u=(1.0, 0.0, 0.0)).f.any()
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from contract import ContractContext, Element, acting, check_contract, kinematics, random_kinematics, random_marker
+from contract import ContractContext, Element, check_contract, forcing, kinematics, random_kinematics, random_marker
 
 from solver.elements.clutch import OUTPUTS, ClutchSpec, clutch_forces, compile_clutches
 from solver.elements.coordinate import CoordinateSpec
@@ -30,7 +30,7 @@ def gearbox(shares, rng=None):
     )  # fmt: skip
     table, x = compile_clutches([spec], context), context.coordinate_table()
     laws, angle = context.laws(), np.zeros(len(turning))
-    return Element(acting(clutch_forces, table, x, laws, angle=angle), context, n=1, outputs=OUTPUTS)
+    return Element(forcing(clutch_forces, table, laws, x, angle), context, n=1, outputs=OUTPUTS)
 
 
 @pytest.mark.parametrize('shares', [SHARES, SHARES[:3], (0.4, -0.6)])

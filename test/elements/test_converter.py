@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from contract import ContractContext, Element, acting, check_contract, kinematics, random_kinematics, random_marker
+from contract import ContractContext, Element, check_contract, forcing, kinematics, random_kinematics, random_marker
 
 from solver.elements.converter import OUTPUTS, ConverterSpec, compile_converters, converter_forces
 from solver.elements.coordinate import CoordinateSpec
@@ -28,7 +28,7 @@ def a_converter(given, com=None, **changed):
     x = context.coordinate_table()
     table = compile_converters([ConverterSpec(name='c', pump='x0', turbine='x1', **{**GIVEN, **changed})], context)
     laws, angle = context.laws(), np.zeros(2)
-    return Element(acting(converter_forces, table, x, laws, angle=angle), context, n=1, outputs=OUTPUTS)
+    return Element(forcing(converter_forces, table, laws, x, angle), context, n=1, outputs=OUTPUTS)
 
 
 def turning(pump, turbine):

@@ -9,10 +9,10 @@ import pytest
 from contract import (
     ContractContext,
     Element,
-    acting,
     check_contract,
     check_power_balance,
     check_tangents,
+    forcing,
     kinematics,
     random_kinematics,
     random_marker,
@@ -33,7 +33,7 @@ def forces(specs, coordinates, *, bodies=2, inputs=(), com=None):
     table = compile_coordinate_forces(specs, context)
     laws = context.laws()
     angle = np.zeros(len(coordinates))
-    return Element(acting(coordinate_forces, table, x, laws, angle=angle), context, n=len(specs), outputs=OUTPUTS)
+    return Element(forcing(coordinate_forces, table, laws, x, angle), context, n=len(specs), outputs=OUTPUTS)
 
 
 def chassis_coordinates(rng):

@@ -7,12 +7,12 @@ import pytest
 from contract import (
     ContractContext,
     Element,
-    acting,
     check_action_reaction,
     check_contract,
     check_power_balance,
     check_states,
     complex_step_tangents,
+    forcing,
     kinematics,
 )
 from scipy.spatial.transform import Rotation
@@ -66,7 +66,7 @@ def guide(rng, *, steered=True, mounted=True, **changes):
     context = ContractContext(bodies=4, com=[[0.2, 0.1, 0.4], *[[0, 0, 0]] * 3], inputs=('brake', 'drive'), coordinates=[*turning, hands])
     x, table, angle = context.coordinate_table(), compile_guides([spec], context), np.zeros(3)
     laws = context.laws()
-    return Element(acting(guide_forces, table, x, laws, angle=angle), context, n=1, outputs=OUTPUTS)
+    return Element(forcing(guide_forces, table, laws, x, angle), context, n=1, outputs=OUTPUTS)
 
 
 def placed(rng, speed=0.0, travel=0.0):

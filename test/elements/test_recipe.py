@@ -130,7 +130,7 @@ def test_a_forgotten_entry_is_an_error_with_a_name(tmp_path, kept):
 
 
 BROKEN = (
-    ('pusher', 'u, tangents, f', 'u, f', 'must have the arguments'),
+    ('pusher', 'now, effects, out', 'now, out', 'must have the arguments'),
     ('pusher', "'energy': 'J', 'dissipation': 'W'", "'dissipation': 'W', 'energy': 'J'", 'the first two outputs must be energy'),
     ('pusher', 'supplies=True', "effort='torque'", "effort = 'torque' is no output"),
     ('pusher', "name='pushers'", "name='bushings'", "the name 'bushings' is used twice"),

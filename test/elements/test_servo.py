@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from contract import ContractContext, Element, acting, check_contract, kinematics, random_kinematics, random_marker
+from contract import ContractContext, Element, check_contract, forcing, kinematics, random_kinematics, random_marker
 
 from solver.elements.coordinate import CoordinateSpec
 from solver.elements.laws import Law
@@ -38,7 +38,7 @@ def servo(given, *, com=None, **changed):
     x = context.coordinate_table()
     table = compile_servos([spec], context)
     laws, angle = context.laws(), np.zeros(len(given))
-    return Element(acting(servo_forces, table, x, laws, angle=angle), context, n=1, outputs=OUTPUTS)
+    return Element(forcing(servo_forces, table, laws, x, angle), context, n=1, outputs=OUTPUTS)
 
 
 def coordinates(rng):
@@ -84,7 +84,7 @@ def test_without_help_it_is_a_transmission(rng):
     spec = TransmissionSpec(name='t', terms=terms, harmonics=harmonics, spring=Law.linear(3.0), damper=Law.linear(0.7))
     table, x, angle = compile_transmissions([spec], context), context.coordinate_table(), np.zeros(2)
     laws = context.laws()
-    other = Element(acting(transmission_forces, table, x, laws, angle=angle), context, n=1, outputs=OF_TRANSMISSION)
+    other = Element(forcing(transmission_forces, table, laws, x, angle), context, n=1, outputs=OF_TRANSMISSION)
     kin = random_kinematics(rng, 3)
     found, expected = element.evaluate(kin, zp=[0.0], cz=0.02, tangents=True), other.evaluate(kin, tangents=True)
     for name in ('f', 'Kq', 'Kv'):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from contract import ContractContext, Element, acting, check_contract, kinematics, random_kinematics
+from contract import ContractContext, Element, check_contract, forcing, kinematics, random_kinematics
 
 from solver.elements.laws import Law
 from solver.elements.marker import Marker
@@ -20,7 +20,7 @@ def struts(specs, *, bodies=2, com=None):
     context = ContractContext(bodies=bodies, com=com)
     table = compile_struts(specs, context)
     laws = context.laws()
-    return Element(acting(strut_forces, table, laws), context, n=len(specs), outputs=OUTPUTS)
+    return Element(forcing(strut_forces, table, laws), context, n=len(specs), outputs=OUTPUTS)
 
 
 @pytest.mark.parametrize('other', ['b1', 'world'])

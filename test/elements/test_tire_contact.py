@@ -6,7 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from contract import ContractContext, Element, acting, check_contract, check_tangents, kinematics
+from contract import ContractContext, Element, check_contract, check_tangents, forcing, kinematics
 from scipy.spatial.transform import Rotation
 from tire_bench import CAR, EXAMPLE, FLAT, HILLY, SEDAN, settled, tire, value, wheel
 
@@ -112,7 +112,7 @@ def test_mirrored_tire_in_mirrored_motion_gives_the_mirrored_force() -> None:
     mirror, axial = np.array([1.0, -1.0, 1.0]), np.array([-1.0, 1.0, -1.0])
     context = ContractContext(bodies=1, com=[com * mirror])
     table = compile_tires([TireSpec(name='tire', marker=Marker(body='b0'), data=EXAMPLE, mirrored=True, turn_slip=False)], context)
-    right = Element(acting(tire_forces, table, context.laws()), context, n=1, outputs=OUTPUTS)
+    right = Element(forcing(tire_forces, table, context.laws()), context, n=1, outputs=OUTPUTS)
     p = np.array([0.0, 0.0, 0.3]) + R.as_matrix() @ com
     a = left.evaluate(kinematics([(p, R.as_matrix())], [(*v, *w)]), zp=(0.01, 0.02))
     b = right.evaluate(kinematics([(p * mirror, R_m.as_matrix())], [(*(v * mirror), *(w * axial))]), zp=(0.01, -0.02, 0.0))

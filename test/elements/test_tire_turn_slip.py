@@ -6,7 +6,7 @@ from functools import partial
 
 import numpy as np
 import pytest
-from contract import ContractContext, Element, acting, check_contract
+from contract import ContractContext, Element, check_contract, forcing
 from tire_bench import CAR, EXAMPLE, FLAT, HILLY, SEDAN, forces, settled, tire, value, wheel
 
 from solver.elements.marker import Marker
@@ -219,7 +219,7 @@ def test_tires_with_and_without_turn_slip_side_by_side() -> None:
     table = compile_tires(specs, context)
     assert table.state.tolist() == [0, 3, 7]
     assert context.n_states == 10
-    element = Element(acting(tire_forces, table, context.laws()), context, n=3, outputs=tire().outputs)
+    element = Element(forcing(tire_forces, table, context.laws()), context, n=3, outputs=tire().outputs)
     one = wheel(position=(0.0, 0.0, 0.27), velocity=(6.0, 0.1, 0.0), spin=19.0, rates=(0.0, 0.0, 0.8))
     kin = type(one)(*(np.concatenate([a[:1]] * 3 + [a[1:]]) for a in one))
     r = element.evaluate(kin, zp=(0.001, 0.002, 0.0, 0.001, 0.002, 0.01, 0.0, 0.001, 0.002, 0.0), cz=5e-4)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from contract import ContractContext, Element, acting, check_contract, random_kinematics, random_marker
+from contract import ContractContext, Element, check_contract, forcing, random_kinematics, random_marker
 
 from solver.elements.coordinate import CoordinateSpec
 from solver.elements.coordinate_force import CoordinateForceSpec, compile_coordinate_forces, coordinate_forces
@@ -29,7 +29,7 @@ def transmission(spec, given, *, com=None):
     table = compile_transmissions([spec], context)
     laws = context.laws()
     angle = np.zeros(len(given))
-    return Element(acting(transmission_forces, table, x, laws, angle=angle), context, n=1, outputs=OUTPUTS)
+    return Element(forcing(transmission_forces, table, laws, x, angle), context, n=1, outputs=OUTPUTS)
 
 
 def test_contract(rng):
@@ -49,7 +49,7 @@ def test_without_harmonics_it_is_a_coordinate_force(rng):
         compile_coordinate_forces([CoordinateForceSpec(name='t', terms=terms, spring=LAW, damper=LAW)], context),
     )
     laws, angle = context.laws(), np.zeros(2)
-    straight = Element(acting(coordinate_forces, table, x, laws, angle=angle), context, n=1, outputs=OUTPUTS)
+    straight = Element(forcing(coordinate_forces, table, laws, x, angle), context, n=1, outputs=OUTPUTS)
     kin = random_kinematics(rng, 3)
     a, b = element.evaluate(kin), straight.evaluate(kin)
     for name in ('f', 'Kq', 'Kv', 'out'):

@@ -3,7 +3,7 @@
     context = ContractContext(bodies=2, inputs=('throttle',))
     table = compile_spring_dampers([spec], context)
     laws = context.laws()
-    element = Element(acting(spring_damper_forces, table, laws), context, n=1, outputs=OUTPUTS)
+    element = Element(forcing(spring_damper_forces, table, laws), context, n=1, outputs=OUTPUTS)
     check_contract(element, random_kinematics(rng, 2))
 
 Bodies are called b0, b1, ...; their reference frames sit at `com` from the centres of mass.
@@ -22,6 +22,7 @@ from scipy.spatial.transform import Rotation
 
 from solver.compiled.by_reference import Ref
 from solver.elements.coordinate import CoordinateSpec, CoordinateTable, compile_coordinates
+from solver.elements.instant import Effects, Instant
 from solver.elements.laws import Law, LawTable, compile_laws
 from solver.elements.marker import WORLD, ConstraintSpec, Marker, PlacedMarker
 from solver.elements.point_pair import Kinematics
@@ -125,27 +126,64 @@ class Result(NamedTuple):
     out: np.ndarray
 
 
-def acting(kernel: Callable[..., Any], *tables: Any, angle: np.ndarray | None = None) -> Callable[..., Any]:
-    """A kernel bound to its tables, and to the reference values of rotations if it acts on coordinates, as Element.call.
+class _Shared:
+    """Kinematics by reference, as models have them: one Ref for each number of bodies, for making one takes longer than a kernel."""
+
+    def __init__(self) -> None:
+        self._held: dict[int, Ref] = {}
+
+    def call(self, kin: Kinematics, function: Callable[[Ref], Any]) -> Any:
+        """Call a function with these kinematics, and see that it does not write into them."""
+        n = len(kin.p)
+        if n not in self._held:
+            self._held[n] = Ref(Kinematics(*map(np.empty_like, kin)))
+        held = self._held[n]
+        for memory, given in zip(held.value, kin, strict=True):
+            memory[:] = given
+        found = function(held)
+        unwritten = all(a.tobytes() == b.tobytes() for a, b in zip(held.value, kin, strict=True))
+        assert unwritten, 'the kernel wrote into the kinematics'
+        return found
+
+
+def acting(kernel: Callable[..., Any], *tables: Any) -> Callable[..., Any]:
+    """A kernel bound to its tables, called with kinematics and what follows them.
 
     Real numbers go by reference, so with the machine code of models; complex ones through the source of the kernel.
     """
     references = [Ref(table) for table in tables]
-    plain = interpreted(kernel)
-    more = () if angle is None else (angle,)
-    held: dict[int, Ref] = {}  # by the number of bodies: making a Ref takes longer than the kernel
+    plain, shared = interpreted(kernel), _Shared()
 
     def call(kin: Kinematics, *rest: Any) -> Any:
         if np.iscomplexobj(kin.p):
-            return plain(*tables, kin, *more, *rest)
-        n = len(kin.p)
-        if n not in held:
-            held[n] = Ref(Kinematics(*map(np.empty_like, kin)))
-        for memory, given in zip(held[n].value, kin, strict=True):
-            memory[:] = given
-        found = kernel(*references, held[n], *more, *rest)
-        assert all(a.tobytes() == b.tobytes() for a, b in zip(held[n].value, kin, strict=True)), 'the kernel wrote into the kinematics'
-        return found
+            return plain(*tables, kin, *rest)
+        return shared.call(kin, lambda held: kernel(*references, held, *rest))
+
+    return call
+
+
+def forcing(
+    kernel: Callable[..., Any],
+    table: Any,
+    laws: LawTable,
+    x: CoordinateTable | None = None,
+    angle: ArrayLike = (),
+) -> Callable[..., None]:
+    """A force kernel bound to its tables, as Element.call.
+
+    x, angle: joint coordinates and the reference values of rotations, of kernels that act on them.
+    """
+    x = compile_coordinates((), ContractContext()) if x is None else x
+    references = Ref(table), Ref(x), Ref(laws)
+    plain, shared, around = interpreted(kernel), _Shared(), np.array(angle, float)
+
+    def call(kin: Kinematics, zp, cz: float, u, tangents: bool, f, Kq, Kv, z, out) -> None:
+        rest, effects = (around, zp, float(cz), u, bool(tangents)), Effects(f, Kq, Kv, z)
+        if np.iscomplexobj(kin.p):
+            plain(table, Instant(x, laws, kin, *rest), effects, out)
+            return
+        by_reference, *model = references
+        shared.call(kin, lambda held: kernel(by_reference, Instant(*model, held, *rest), effects, out))
 
     return call
 
@@ -283,7 +321,7 @@ def check_power_balance(element: Element, kin: Kinematics, *, tolerance: float =
 
 def check_purity(element: Element, kin: Kinematics, **arguments) -> None:
     """Same arguments, same bits; arguments unwritten; f, Kq, Kv accumulated; z and out assigned; tangents do not change f."""
-    before = [a.copy() for a in kin]  # where the call is not that of acting(), which looks itself
+    before = [a.copy() for a in kin]  # where the call is not that of forcing(), which looks itself
     first = element.evaluate(kin, tangents=True, **arguments)
     again = element.evaluate(kin, tangents=True, **arguments)
     bare = element.evaluate(kin, tangents=False, **arguments)

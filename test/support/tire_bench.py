@@ -6,7 +6,7 @@ import functools
 from pathlib import Path
 
 import numpy as np
-from contract import ContractContext, Element, Result, acting, kinematics
+from contract import ContractContext, Element, Result, forcing, kinematics
 from interpreted import interpreted
 from scipy.spatial.transform import Rotation
 
@@ -51,7 +51,7 @@ def tire(data: TireData = CAR, road: RoadSpec = FLAT, *, turn_slip: bool | None 
     """One tire on body b0, whose centre of mass lies off the wheel centre."""
     context = ContractContext(bodies=1, com=[(0.02, -0.01, 0.03)], road=road)
     table = compile_tires([TireSpec(name='tire', marker=Marker(body='b0'), data=data, turn_slip=turn_slip, **spec)], context)
-    return Tire(acting(tire_forces, table, context.laws()), context, n=1, outputs=OUTPUTS)
+    return Tire(forcing(tire_forces, table, context.laws()), context, n=1, outputs=OUTPUTS)
 
 
 @functools.cache

@@ -11,9 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.compiled.kernel import kernel, sixes
+from solver.compiled.kernel import kernel
 from solver.compiled.vec import dot, load3, mscale, outer, scale, sub
 from solver.dimensions import Force, Time
+from solver.elements.instant import sums
 from solver.elements.kind import ForceKind
 from solver.elements.marker import Context, Marker, Spec, compile_pairs
 from solver.elements.point_pair import add_point_force, add_point_pair_tangent, point_position, point_velocity
@@ -66,11 +67,10 @@ def compile_pushers(specs: Sequence[PusherSpec], context: Context) -> PusherTabl
 
 
 @kernel(borrow=True)
-def pusher_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
+def pusher_forces(table, now, effects, out):
     """Accumulate forces and tangents of all pushers, assign their states (contract: solver/elements/__init__.py)."""
-    f = sixes(f)
-    Kq = sixes(Kq)
-    Kv = sixes(Kv)
+    f, Kq, Kv = sums(effects)
+    kin = now.kin
     for e in range(table.gain.shape[0]):
         i, j, k = table.body[e, 0], table.body[e, 1], table.state[e]
         r_i, r_j = load3(table.r_i, e), load3(table.r_j, e)
@@ -78,13 +78,13 @@ def pusher_forces(table, laws, kin, zp, cz, u, tangents, f, Kq, Kv, z, out):
         w = sub(point_velocity(kin, j, r_j), point_velocity(kin, i, r_i))
         length = np.sqrt(dot(d, d))
         n = scale(1.0 / length, d)
-        share = cz / table.lag[e]
-        z[k] = (zp[k] + share * u[table.input[e]]) / (1.0 + share) + 0.0 * kin.p[j, 0]
-        force = table.gain[e] * z[k]
+        share = now.cz / table.lag[e]
+        effects.z[k] = (now.zp[k] + share * now.u[table.input[e]]) / (1.0 + share) + 0.0 * kin.p[j, 0]
+        force = table.gain[e] * effects.z[k]
         F = scale(force, n)
         add_point_force(kin, j, r_j, F, f)
         add_point_force(kin, i, r_i, scale(-1.0, F), f)
-        if tangents:
+        if now.tangents:
             t = force / length
             D = mscale(-t, outer(n, n))
             D = (D[0] + t, D[1], D[2], D[3], D[4] + t, D[5], D[6], D[7], D[8] + t)

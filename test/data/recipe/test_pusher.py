@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from contract import ContractContext, Element, acting, check_contract, kinematics, random_kinematics
+from contract import ContractContext, Element, check_contract, forcing, kinematics, random_kinematics
 from solver.elements.pusher import OUTPUTS, PusherSpec, compile_pushers, pusher_forces
 
 from solver.elements.marker import Marker
@@ -14,7 +14,7 @@ from solver.errors import SpecError
 def pushers(specs):
     context = ContractContext(bodies=2, inputs=('drive',))
     table, laws = compile_pushers(specs, context), context.laws()
-    return Element(acting(pusher_forces, table, laws), context, n=len(specs), outputs=OUTPUTS)
+    return Element(forcing(pusher_forces, table, laws), context, n=len(specs), outputs=OUTPUTS)
 
 
 @pytest.mark.parametrize('other', ['b1', 'world'])
