@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from solver.compiled.by_reference import Ref
 from solver.compiled.kernel import kernel, sixes
 from solver.elements.coordinate import CoordinateTable
 from solver.elements.laws import LawTable
@@ -18,9 +19,9 @@ class Instant(NamedTuple):
     Internal states are solved as z = zp + cz dz/dt(z, q, v); cz = 0 means z = zp.
     """
 
-    coordinates: CoordinateTable  # joint coordinates
-    laws: LawTable  # force laws of all elements
-    kin: Kinematics
+    coordinates: CoordinateTable | Ref  # joint coordinates
+    laws: LawTable | Ref  # force laws of all elements
+    kin: Kinematics | Ref
     angle: np.ndarray  # (nx,) joint coordinates, continued over full turns [rad or m]
     zp: np.ndarray  # (nz,) explicit part of the internal states
     cz: float  # [s]

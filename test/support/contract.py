@@ -174,16 +174,16 @@ def forcing(
     x, angle: joint coordinates and the reference values of rotations, of kernels that act on them.
     """
     x = compile_coordinates((), ContractContext()) if x is None else x
-    references = Ref(table), Ref(x), Ref(laws)
+    of_kind, coordinates, force_laws = Ref(table), Ref(x), Ref(laws)
     plain, shared, around = interpreted(kernel), _Shared(), np.array(angle, float)
 
     def call(kin: Kinematics, zp, cz: float, u, tangents: bool, f, Kq, Kv, z, out) -> None:
-        rest, effects = (around, zp, float(cz), u, bool(tangents)), Effects(f, Kq, Kv, z)
+        now, effects = Instant(x, laws, kin, around, zp, float(cz), u, bool(tangents)), Effects(f, Kq, Kv, z)
         if np.iscomplexobj(kin.p):
-            plain(table, Instant(x, laws, kin, *rest), effects, out)
+            plain(table, now, effects, out)
             return
-        by_reference, *model = references
-        shared.call(kin, lambda held: kernel(by_reference, Instant(*model, held, *rest), effects, out))
+        now = now._replace(coordinates=coordinates, laws=force_laws)
+        shared.call(kin, lambda held: kernel(of_kind, now._replace(kin=held), effects, out))
 
     return call
 
