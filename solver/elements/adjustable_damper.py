@@ -19,10 +19,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from solver.compiled.kernel import kernel, sixes
+from solver.compiled.kernel import kernel
 from solver.dimensions import Time
 from solver.elements.coordinate import add_coordinate_hessian, add_generalized, add_gradient
 from solver.elements.coordinate_force import checked_terms, compile_combinations, rate_gradient, term
+from solver.elements.instant import sums
 from solver.elements.kind import ForceKind
 from solver.elements.laws import Law, evaluate_law
 from solver.elements.marker import Context, Spec
@@ -76,32 +77,27 @@ def compile_adjustable_dampers(specs: Sequence[AdjustableDamperSpec], context: C
 
 
 @kernel(borrow=True)
-def adjustable_dampers(table, coordinates, laws, kin, angle, zp, cz, u, tangents, f, Kq, Kv, z, out):
-    """Accumulate forces and tangents of all adjustable dampers, assign their valves.
-
-    The contract of solver/elements/__init__.py with two more arguments: the CoordinateTable and angle (nx,), the values that
-    continue the rotations.
-    """
-    f = sixes(f)
-    Kq = sixes(Kq)
-    Kv = sixes(Kv)
+def adjustable_dampers(table, now, effects, out):
+    """Accumulate forces and tangents of all adjustable dampers, assign their valves (contract: solver/elements/__init__.py)."""
+    f, Kq, Kv = sums(effects)
+    coordinates, kin, angle = now.coordinates, now.kin, now.angle
     for e in range(table.terms.shape[0]):
         _, v0, g0, g1 = term(table, coordinates, kin, angle, e, 0)
         _, v1, g2, g3 = term(table, coordinates, kin, angle, e, 1)
         _, v2, g4, g5 = term(table, coordinates, kin, angle, e, 2)
         g = (g0, g1, g2, g3, g4, g5)
         rate = v0 + v1 + v2
-        k, share = table.state[e], cz / table.lag[e]
-        command = min(max(u[table.input[e]], 0.0), 1.0)
-        valve = (zp[k] + share * command) / (1.0 + share)
-        z[k] = valve + 0.0 * rate
-        soft, soft_damping, _ = evaluate_law(laws, table.law[e, 0], rate)
-        firm, firm_damping, _ = evaluate_law(laws, table.law[e, 1], rate)
+        k, share = table.state[e], now.cz / table.lag[e]
+        command = min(max(now.u[table.input[e]], 0.0), 1.0)
+        valve = (now.zp[k] + share * command) / (1.0 + share)
+        effects.z[k] = valve + 0.0 * rate
+        soft, soft_damping, _ = evaluate_law(now.laws, table.law[e, 0], rate)
+        firm, firm_damping, _ = evaluate_law(now.laws, table.law[e, 1], rate)
         Q = -(soft + valve * (firm - soft))
         damping = soft_damping + valve * (firm_damping - soft_damping)
         for a in range(2 * table.terms[e]):
             add_gradient(Q, g[a], table.body[e, a], f)
-        if tangents:
+        if now.tangents:
             h0, h1 = rate_gradient(table, coordinates, kin, e, 0, True)
             h2, h3 = rate_gradient(table, coordinates, kin, e, 1, True)
             h4, h5 = rate_gradient(table, coordinates, kin, e, 2, True)
@@ -112,7 +108,7 @@ def adjustable_dampers(table, coordinates, laws, kin, angle, zp, cz, u, tangents
         out[e, 1] = -Q * rate
         out[e, 2] = rate
         out[e, 3] = Q
-        out[e, 4] = z[k]
+        out[e, 4] = effects.z[k]
 
 
 ADJUSTABLE_DAMPERS = ForceKind(
@@ -121,6 +117,5 @@ ADJUSTABLE_DAMPERS = ForceKind(
     compile=compile_adjustable_dampers,
     kernel=adjustable_dampers,
     outputs=OUTPUTS,
-    on_coordinates=True,
     effort='force',
 )

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from contract import ContractContext, Element, acting, check_contract, kinematics, random_kinematics, random_marker
+from contract import ContractContext, Element, check_contract, forcing, kinematics, random_kinematics, random_marker
 
 from solver.elements.adjustable_damper import OUTPUTS, AdjustableDamperSpec, adjustable_dampers, compile_adjustable_dampers
 from solver.elements.coordinate import CoordinateSpec
@@ -19,7 +19,7 @@ SLIDE = CoordinateSpec(name='slide', kind='translation', i=Marker(body='world'),
 def dampers(specs, coordinates, bodies=1):
     context = ContractContext(bodies=bodies, inputs=('valve',), coordinates=coordinates)
     x, table = context.coordinate_table(), compile_adjustable_dampers(specs, context)
-    acts = acting(adjustable_dampers, table, x, context.laws(), angle=np.zeros(len(coordinates)))
+    acts = forcing(adjustable_dampers, table, context.laws(), x, np.zeros(len(coordinates)))
     return Element(acts, context, n=len(specs), outputs=OUTPUTS)
 
 
