@@ -6,6 +6,8 @@ files of bus logging) become signals by a database (.dbc, .arxml): a message is 
 
 from __future__ import annotations
 
+import gc
+import logging
 import sys
 import traceback
 from collections.abc import Iterator, Sequence
@@ -16,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from mbd_sim_ros.analysis.cells import spelled
-from mbd_sim_ros.analysis.stamps import rising
+from mbd_sim_ros.analysis.stamps import LATEST, rising
 from mbd_sim_ros.analysis.tables import LEAST_SHARE, Table
 from mbd_sim_ros.bags.columns import Series
 from solver.errors import BagError
@@ -65,16 +67,35 @@ def _one_sentence(what: str) -> Iterator[None]:
         raise
     except Exception as error:
         traceback.clear_frames(error.__traceback__)
+        gc.collect()  # what refers to itself would be deleted later, and said then
         raise BagError(f'{what}: {" ".join(str(error).split())[:200] or type(error).__name__}') from None
     finally:
         sys.unraisablehook = hook
+
+
+@contextmanager
+def _told(table: Table) -> Iterator[None]:
+    """What the library logs of a file that it reads all the same is told with the table, once, and not printed."""
+
+    class Told(logging.Handler):
+        def emit(self, record: logging.LogRecord) -> None:
+            text = ' '.join(record.getMessage().split())[:200]
+            if record.levelno >= logging.ERROR and text not in table.told:
+                table.told.append(text)
+
+    logger = logging.getLogger('asammdf')
+    before, logger.handlers = logger.handlers, [Told()]
+    try:
+        yield
+    finally:
+        logger.handlers = before
 
 
 def _read_mdf(file: Path, table: Table) -> bool:
     """The groups of an MDF file that are no frames; whether there are frames too. Raises BagError."""
     from asammdf import MDF as File
 
-    with _one_sentence(f'cannot read {file}'), File(file) as mdf:
+    with _one_sentence(f'cannot read {file}'), _told(table), File(file) as mdf:
         groups: list[tuple[int, Any]] = list(enumerate(mdf.groups))
         bus = {k for k, group in groups if getattr(group.channel_group, 'flags', 0) & BUS_EVENT}
         names = [c.name for k, group in groups if k not in bus for i, c in enumerate(group.channels) if mdf.masters_db.get(k) != i]
@@ -179,7 +200,16 @@ def _add(table: Table, topic: str, file: Path, time: np.ndarray, columns: dict[s
     """Columns as a topic, at the instants that rise. Raises BagError where most do not."""
     if not columns or not time.size:
         return
-    time_ns = np.round(np.asarray(time, float) * 1e9).astype(np.int64)
+    seconds = np.asarray(time, float)
+    known = np.abs(seconds) < LATEST  # NaN is not
+    if lost := int(seconds.size - np.count_nonzero(known)):
+        if lost > (1.0 - LEAST_SHARE) * seconds.size:
+            raise BagError(f'{file}: {lost} of {seconds.size} times of {topic} are no numbers of seconds below {LATEST:.3g}')
+        table.told.append(
+            f'{lost} of {seconds.size} samples of {topic} have a time that is no number below {LATEST:.3g} s, and are dropped'
+        )
+        seconds, columns = seconds[known], {name: values[known] for name, values in columns.items()}
+    time_ns = np.round(seconds * 1e9).astype(np.int64)
     kept = rising(time_ns)
     if kept.size < LEAST_SHARE * time_ns.size:
         raise BagError(f'{file}: the times of {topic} stand still or go back in {time_ns.size - kept.size} of {time_ns.size} samples')

@@ -8,11 +8,12 @@ import os
 import re
 import tempfile
 from collections.abc import Callable, Sequence
-from contextlib import redirect_stderr, redirect_stdout
+from contextlib import redirect_stderr, redirect_stdout, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import fuzz_foreign
 import numpy as np
 from mcap.records import Channel, Metadata
 from mutations import damage_bag, damage_bytes, damage_text, damage_yaml, pick, word
@@ -38,7 +39,7 @@ SMALL = (
 CARS = ('light_car_lane_change', 'light_car_straight', 'light_car_circle')
 FULL = ('car_step_steer', 'car_rough_road')
 EVERY = (*SMALL, *CARS, *FULL)
-READERS = {'sweeps', 'comparisons', 'bags', 'parameters'}  # kinds of cases that run no scene
+READERS = {'sweeps', 'comparisons', 'bags', 'databases', 'logs', 'parameters'}  # kinds of cases that run no scene
 SHORT = ['--duration', '0.02']
 REQUIRES = (
     'require: {yaw_rate: {rms: 2 %, max: 0.1 rad/s}, energy_error_max: 1.0}\nbudget: {real_time_factor: 1.5}\n',
@@ -109,6 +110,9 @@ def make_material(directory: Path, loaded: Sequence[str] = EVERY) -> Material:
         _quiet(*_driven({name: str(file) for name, file in files.items()}, texts), '--duration', '0.005')
     if not material.csv.exists():
         assert _quiet('export', material.car, '--csv', material.csv) == 0
+    for library in fuzz_foreign.NEEDS.values():
+        with suppress(ImportError):
+            importlib.import_module(library)
     with tempfile.TemporaryDirectory() as scratch:
         _quiet('compare', material.car, material.car)
         _quiet('evaluate', material.car, '--as', 'iso3888_2')
@@ -194,6 +198,8 @@ def tires(rng: np.random.Generator, at: Path, material: Material) -> Made:
     file = pick(rng, (CONFIG / 'tires' / '205_55R16.tir', *sorted((ROOT / 'test' / 'data').glob('*.tir'))))
     (at / 'tire.tir').write_bytes(damage_text(rng, Path(str(file)).read_text(errors='replace')))
     side = pick(rng, ('front', 'rear'))
+    if rng.random() < 0.2:
+        return ['info', 'tire.tir'], None
     return ['run', 'light_car_lane_change', *SHORT, '--no-record', '--set', f'vehicle.{side}.tire={at / "tire.tir"}'], None
 
 
@@ -421,7 +427,24 @@ def parameters(rng: np.random.Generator, at: Path, material: Material) -> Made:
 
 
 HAS_ROS = importlib.util.find_spec('rclpy') is not None
-CASES = (scenes, vehicles, cars, tires, overrides, maneuvers, roads, requirements, sweeps, comparisons, bags, commands)
+CASES = (
+    scenes,
+    vehicles,
+    cars,
+    tires,
+    overrides,
+    maneuvers,
+    roads,
+    requirements,
+    sweeps,
+    comparisons,
+    bags,
+    fuzz_foreign.databases,
+    fuzz_foreign.logs,
+    commands,
+)
 KINDS: dict[str, Callable[[np.random.Generator, Path, Material], Made]] = {
-    f.__name__: f for f in (*CASES, *([parameters] if HAS_ROS else []))
+    f.__name__: f
+    for f in (*CASES, *([parameters] if HAS_ROS else []))
+    if importlib.util.find_spec(fuzz_foreign.NEEDS.get(f.__name__, 'numpy')) is not None
 }
