@@ -12,6 +12,7 @@ from collections.abc import Iterator
 from solver.checks.check import Check, Evidence, Measured
 from solver.output.energy import SETTLED
 from solver.step.iteration import LARGEST_STAGNATION
+from solver.vehicle.size import size_of
 
 DIVIDE = 'let integrator.step_policy divide such steps'
 UNSETTLED_SHARE = 0.01  # of the steps: an impact may leave a step a digit less exact, the motion between may not
@@ -24,8 +25,8 @@ def _finer(e: Evidence) -> str:
 
 
 def _speed(e: Evidence) -> float:
-    """The largest velocity of the run, at least 1 [m/s or rad/s]."""
-    return max(1.0, float(e.account.speed[0]))
+    """The largest velocity of the run, at least 1 [m/s or rad/s], of vehicles by their size."""
+    return max(size_of(e.model.spec).speed, float(e.account.speed[0]))
 
 
 def residual_max(e: Evidence) -> Iterator[Measured]:

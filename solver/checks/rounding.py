@@ -23,6 +23,7 @@ import numpy as np
 from solver.checks.check import Check, Evidence, Measured
 from solver.model.saddle import CONDENSED
 from solver.step.failure import ROUNDING_PENALTY
+from solver.vehicle.size import size_of
 
 # Last increment of an iteration, relative to the velocity; three iterations bring it below 1e-6 where nothing spoils them.
 SPOILT = 1e-4
@@ -95,7 +96,7 @@ def distance(e: Evidence) -> Iterator[Measured]:
     far = np.abs(e.state.q[:-1, :3]).max(axis=1)
     body = int(np.argmax(far))
     kick = np.finfo(float).eps * float(far[body]) / e.h
-    value = kick * max(float(e.account.steps[0]), 1.0) ** 0.5 / max(1.0, float(e.account.swing[0]))
+    value = kick * max(float(e.account.steps[0]), 1.0) ** 0.5 / max(size_of(e.model.spec).speed, float(e.account.swing[0]))
     yield Measured(value=value, where=e.body(body))
 
 

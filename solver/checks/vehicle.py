@@ -18,7 +18,8 @@ from collections.abc import Iterator
 import numpy as np
 
 from solver.checks.check import Check, Evidence, Measured
-from solver.elements.road import RandomRoad, edge, envelops
+from solver.elements.footprint import footprint
+from solver.elements.road import RandomRoad, edge, envelops, too_large
 from solver.inputs.maneuver import ManeuverSource
 
 LEANING = math.radians(60.0)  # rad: from there on tires lose their friction (docs/tire.md), and no car comes back onto its wheels
@@ -55,16 +56,19 @@ def road_curvature(e: Evidence) -> Iterator[Measured]:
     """The curvature of the roundest hollow that tires touch at one point [1/m]."""
     if not e.model.spec.tires:
         return
-    radius = min(tire.data.values['UNLOADED_RADIUS'] for tire in e.model.spec.tires)
-    road, worst, place = e.model.spec.road, 0.0, ''
-    for k, (grid, enveloped) in enumerate(zip(road.grids, envelops(road, radius), strict=True)):
+    base = footprint([tire.data for tire in e.model.spec.tires])
+    assert base is not None
+    road, worst, place, remedy = e.model.spec.road, 0.0, '', ''
+    for k, (grid, enveloped) in enumerate(zip(road.grids, envelops(road, base), strict=True)):
         if enveloped or isinstance(grid, RandomRoad):
             continue  # the spectrum of a random road ends where the tire envelops
         found = edge(grid)
         if found.curvature > worst:
             worst, (i, j), (x, y) = found.curvature, found.node, found.place
             place = f'road.grids[{k}].height[{i}][{j}] at x = {x:.4g} m, y = {y:.4g} m'
-    yield Measured(value=worst, limit=1.0 / radius, where=place)
+            large = too_large(grid, base) if road.contact == 'auto' else ''
+            remedy = f'Take a part of the road ({large}), or give the profile that the wheel makes of the obstacle' if large else ''
+    yield Measured(value=worst, limit=1.0 / base.radius, where=place, remedy=remedy)
 
 
 ROAD_CURVATURE = Check(

@@ -106,7 +106,7 @@ class CurvedGrid:
     @property
     def heights(self) -> Heights:
         """Its heights; over (u, v) where it has a line."""
-        return _heights(self.sha256)
+        return heights_of(self.sha256)
 
     def place(self, u: float, v: float) -> tuple[float, float]:
         """(x, y) [m] in W of the node nearest to u, v [m]."""
@@ -119,7 +119,8 @@ class CurvedGrid:
 
 
 @functools.lru_cache(maxsize=2)  # a large road takes half a second
-def _heights(sha256: str) -> Heights:
+def heights_of(sha256: str) -> Heights:
+    """The heights of arrays with this hash, over (u, v) where they have a line. Raises SpecError for too many."""
     arrays = stored.find(sha256)
     assert arrays is not None
     f = Frame(*arrays['frame'].tolist())

@@ -22,7 +22,8 @@ import numpy as np
 from solver.errors import SpecError
 
 NODES_ALONG, NODES_ACROSS = 12, 6  # nodes of the effective road per length and width of the base
-LARGEST = 4_000_000  # nodes of an effective road
+LARGEST = 64_000_000  # nodes of an effective road, half a gigabyte as of MOST_NODES in curved_grid; ten times as many fit into no memory
+BLOCK = 4_000_000  # nodes that are computed at once, which takes ten times their memory
 END = 0.98  # of half the length of a cam: its end is vertical
 
 
@@ -73,25 +74,75 @@ def effective(grid: Heights, tire: Footprint, where: str) -> Heights:
 
     Between its nodes the road is linear. where: what error sentences call it. Raises SpecError for more than LARGEST nodes.
     """
-    height = grid.height
-    dx, dy = grid.step
-    fine = dx / math.ceil(dx * NODES_ALONG / tire.length)
-    along = math.ceil((END * tire.cam_length + 0.5 * tire.length) / fine) + 2
-    varies = bool(np.ptp(height, axis=1).any())
-    fine_y = dy / math.ceil(dy * NODES_ACROSS / tire.width) if varies else dy
-    across = math.ceil(0.5 * tire.width / fine_y) + 2 if varies else 0
-    n = round((height.shape[0] - 1) * dx / fine) + 1 + 2 * along
-    m = round((height.shape[1] - 1) * dy / fine_y) + 1 + 2 * across
-    if n * m > LARGEST:
-        remedy = f'take a smaller grid, or contact: point (at most {LARGEST} nodes of {1e3 * fine:.0f} mm x {1e3 * fine_y:.0f} mm)'
-        raise SpecError(f'{where}: grids: the road that the tires make of it has {n * m} nodes: {remedy}')
-    road = _linear(_linear(height, n, along, fine / dx, 0), m, across, fine_y / dy, 1)
-    mean = _mean(_rolled(road, fine, tire), 0.5 * tire.length / fine, 0)
-    if varies:
-        mean = _mean(mean, 0.5 * tire.width / fine_y, 1)
+    raster = _raster(grid, tire)
+    if raster.nodes > LARGEST:
+        remedy = f'take a smaller grid, or contact: point ({_of(raster)})'
+        raise SpecError(f'{where}: grids: the road that the tires make of it has {raster.nodes} nodes: {remedy}')
+    n, m, fine, fine_y, along, across = raster
+    columns = max(BLOCK // n, 1)
+    if m <= columns:
+        mean = _columns(grid, tire, raster, 0, m)
+    else:
+        mean = np.empty((n, m))
+        beside = math.ceil(0.5 * tire.width / fine_y) + 2 if across else 0  # columns that the mean across a base reaches
+        for first in range(0, m, columns):
+            last = min(first + columns, m)
+            low = max(first - beside, 0)
+            mean[:, first:last] = _columns(grid, tire, raster, low, min(last + beside, m))[:, first - low : last - low]
     c, s = math.cos(grid.yaw), math.sin(grid.yaw)
     a, b = along * fine, across * fine_y
     return Heights((grid.origin[0] - a * c + b * s, grid.origin[1] - a * s - b * c), (fine, fine_y), grid.yaw, mean)
+
+
+class _Raster(NamedTuple):
+    """Of an effective road: nodes along and across, steps [m], nodes before and beside the grid."""
+
+    n: int
+    m: int
+    step: float
+    step_across: float
+    along: int
+    across: int
+
+    @property
+    def nodes(self) -> int:
+        """How many they are."""
+        return self.n * self.m
+
+
+def _raster(grid: Heights, tire: Footprint) -> _Raster:
+    (rows, columns), (dx, dy) = grid.height.shape, grid.step
+    fine = dx / math.ceil(dx * NODES_ALONG / tire.length)
+    along = math.ceil((END * tire.cam_length + 0.5 * tire.length) / fine) + 2
+    varies = bool(np.ptp(grid.height, axis=1).any())
+    fine_y = dy / math.ceil(dy * NODES_ACROSS / tire.width) if varies else dy
+    across = math.ceil(0.5 * tire.width / fine_y) + 2 if varies else 0
+    n, m = round((rows - 1) * dx / fine) + 1 + 2 * along, round((columns - 1) * dy / fine_y) + 1 + 2 * across
+    return _Raster(n, m, fine, fine_y, along, across)
+
+
+def too_fine(grid: Heights, tire: Footprint) -> str:
+    """Why the effective road of a grid is too large, as a sentence; '' where it is not."""
+    raster = _raster(grid, tire)
+    return f'the road that the tires make of it would have {raster.nodes} nodes ({_of(raster)})' if raster.nodes > LARGEST else ''
+
+
+def _of(raster: _Raster) -> str:
+    return f'at most {LARGEST} nodes of {1e3 * raster.step:.0f} mm x {1e3 * raster.step_across:.0f} mm'
+
+
+def _columns(grid: Heights, tire: Footprint, raster: _Raster, first: int, last: int) -> np.ndarray:
+    """(n, last - first) some columns of the effective road; those at the ends as if there were no more beyond them."""
+    (dx, dy), count = grid.step, last - first
+    height = grid.height
+    if count == raster.m:
+        height = _linear(height, raster.n, raster.along, raster.step / dx, 0)
+        road = _linear(height, count, raster.across, raster.step_across / dy, 1)
+    else:  # columns first: all of them along the road would be most of the memory
+        height = _linear(height, count, raster.across - first, raster.step_across / dy, 1)
+        road = _linear(height, raster.n, raster.along, raster.step / dx, 0)
+    mean = _mean(_rolled(road, raster.step, tire), 0.5 * tire.length / raster.step, 0)
+    return _mean(mean, 0.5 * tire.width / raster.step_across, 1) if raster.across else mean
 
 
 def _linear(height: np.ndarray, count: int, before: int, ratio: float, axis: int) -> np.ndarray:

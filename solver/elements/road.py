@@ -23,7 +23,7 @@ from solver.compiled.portable import norm, solve_tridiagonal
 from solver.dimensions import Angle, Length, Place, Point
 from solver.elements.curved_grid import MOST_NODES as MOST_CURVED
 from solver.elements.curved_grid import NUMBERS, CurvedGrid, curve_of, on_line, weights
-from solver.elements.enveloping import Edge, Footprint, Heights, effective, sharpest
+from solver.elements.enveloping import Edge, Footprint, Heights, effective, sharpest, too_fine
 from solver.elements.marker import Spec
 from solver.elements.road_grids import MOST_NODES, FrictionMap, HeightGrid, RandomRoad, RasterGrid
 from solver.validate import Vector, finite, require, vector
@@ -62,7 +62,7 @@ class RoadSpec(Spec):
     friction: factor on the tires' peak friction away from patches [-].
     contact: how tires touch the grids. 'point': the tangent plane below the wheel centre. 'enveloping': the road that a tire makes of
     them (docs/tire.md); the wheels are taken to roll along the x axes of the grids. 'auto': enveloping for grids with edges, which are
-    rounder than the wheels.
+    rounder than the wheels, unless they are too large for it, which the run tells.
     """
 
     name: str = 'road'
@@ -138,11 +138,18 @@ def edge(grid: HeightGrid | RasterGrid | CurvedGrid) -> Edge:
     return found._replace(place=grid.place(*found.place)) if isinstance(grid, CurvedGrid) and grid.line is not None else found
 
 
-def envelops(spec: RoadSpec, radius: float) -> tuple[bool, ...]:
-    """Which grids of a road are enveloped by wheels of this radius [m]. Random roads end where the tire envelops, unless asked for."""
+@functools.lru_cache(maxsize=16)
+def too_large(grid: HeightGrid | RasterGrid | CurvedGrid, tire: Footprint) -> str:
+    """Why a grid is too large to be enveloped by a tire, as a sentence; '' where it is not."""
+    return too_fine(grid.heights, tire)
+
+
+def envelops(spec: RoadSpec, tire: Footprint) -> tuple[bool, ...]:
+    """Which grids of a road a tire envelops. Random roads end where the tire envelops, unless asked for; 'auto' leaves out what is
+    too_large()."""
     if spec.contact != 'auto':
         return (spec.contact == 'enveloping',) * len(spec.grids)
-    return tuple(not isinstance(g, RandomRoad) and edge(g).curvature > 1.0 / radius for g in spec.grids)
+    return tuple(not isinstance(g, RandomRoad) and edge(g).curvature > 1.0 / tire.radius and not too_large(g, tire) for g in spec.grids)
 
 
 def within(grid: HeightGrid | RasterGrid | CurvedGrid | RandomRoad, x: np.ndarray, y: np.ndarray) -> np.ndarray:
@@ -195,7 +202,7 @@ def compile_road(spec: RoadSpec, tire: Footprint | None = None) -> RoadTable:
     Raises SpecError for an effective road that has too many nodes.
     """
     p, n = spec.point, spec.normal
-    enveloped = envelops(spec, tire.radius) if tire is not None else (False,) * len(spec.grids)
+    enveloped = envelops(spec, tire) if tire is not None else (False,) * len(spec.grids)
     grids: list[Heights] = []
     for g, envelope in zip(spec.grids, enveloped, strict=True):
         heights = g.expand().heights if isinstance(g, RandomRoad) else g.heights

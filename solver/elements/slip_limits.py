@@ -13,6 +13,7 @@ import numpy as np
 from solver.elements.upright_law import LOADS, WIDE, Finding, UprightLaw, argument, small_tire
 
 SHORTEST = 0.03  # [m] least relaxation length, of small tires less: a tenth makes steps of 1 ms too long, ten times is that of a car
+ICE = 0.2  # friction of no tire on a road, however wet; ice is road.friction, and at 0.02 a car hardly stands
 LEAN = math.radians(5.0)  # camber of a car in use, where the law must hold; up to CAMMAX what changes its sign is told
 SLIPS = np.array([0.1, 0.2, 0.5, 1.0, 2.0, 5.0])  # tan(alpha), or |kappa|, up to the bound of slip
 RELAXATION = {'x': ('LONGITUDINAL_STIFFNESS', 'PCFX', 'PTX1'), 'y': ('LATERAL_STIFFNESS', 'PCFY', 'PTY1')}
@@ -78,7 +79,7 @@ def _shape(law: UprightLaw, axis: str) -> Iterator[Finding]:
     if C < 0.6:
         text = f'with {scale} = {d[scale]:g} the force reaches {100.0 * math.sin(C * math.pi / 2.0):.2g} % of the friction only'
         yield Finding(key, False, text)
-    if mu > 4.0:
+    if not ICE <= mu <= 4.0:
         yield Finding(f'PD{A}1', False, f'with LMU{A} = {d[f"LMU{A}"]:g} the friction along {axis} is {mu:.3g}')
     steep = K / mu
     stiff = f'PK{A}1'

@@ -118,7 +118,7 @@ class TireData:
 
     version: 52 or 61. values: known coefficients; missing ones take those of DEFAULTS. extra: keys this
     model does not use. side: side of the vehicle or test bench the data belong to. source: where they come from.
-    notes: what the reader of a file made of a key (solver.files.tire_receipt).
+    notes: what the reader of a file made of a key (solver.files.tire_receipt). places: file and line of a coefficient.
     """
 
     name: str
@@ -128,6 +128,7 @@ class TireData:
     source: str = ''
     extra: Mapping[str, float | str] = field(default_factory=dict)
     notes: Mapping[str, str] = field(default_factory=dict)
+    places: Mapping[str, str] = field(default_factory=dict, compare=False)
 
     def __post_init__(self) -> None:
         where = f'TireData {self.name!r}'
@@ -141,6 +142,7 @@ class TireData:
         object.__setattr__(self, 'values', MappingProxyType(values))
         object.__setattr__(self, 'extra', MappingProxyType(dict(self.extra)))
         object.__setattr__(self, 'notes', MappingProxyType(dict(self.notes)))
+        object.__setattr__(self, 'places', MappingProxyType(dict(self.places)))
         check(where, self)
         for axis, stiffness, table in (('kappa', 'LONGITUDINAL_STIFFNESS', ('PTX1',)), ('alpha', 'LATERAL_STIFFNESS', ('PTY1', 'PTY2'))):
             known = self.version == 61 and values.get(stiffness, 0.0) > 0.0
@@ -153,7 +155,7 @@ class TireData:
 
     def __reduce__(self) -> tuple:
         """Read-only views do not travel to other processes; what they show does."""
-        plain = {name: dict(getattr(self, name)) for name in ('values', 'extra', 'notes')}
+        plain = {name: dict(getattr(self, name)) for name in ('values', 'extra', 'notes', 'places')}
         return partial(TireData, **{field.name: getattr(self, field.name) for field in fields(self)} | plain), ()
 
     def combines(self, axis: str) -> bool:

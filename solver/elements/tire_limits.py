@@ -25,6 +25,7 @@ NOT_NEGATIVE = (
     *('LSGKP', 'LSGAL'),
 )
 OFFSETS = ('LHX', 'LHY', 'LVX', 'LVY', 'LRES', 'LVYKA', 'LS', 'LVMX')  # scale factors that may turn an asymmetry around
+HOLDS = ('PDX1', 'PDY1', 'PKX1', 'PKY1', 'VERTICAL_STIFFNESS')
 RANGES = {  # (lowest, highest, what it is)
     'Q_RE0': (0.9, 1.1, 'it is the free radius over UNLOADED_RADIUS'),
     'ELLIPS_SHIFT': (0.1, 3.0, ''),
@@ -44,6 +45,16 @@ def check(where: str, data: Coefficients, pressure: float | None = None) -> None
 def oddities(data: Coefficients, pressure: float | None = None) -> list[str]:
     """What of the coefficients is odd but can be computed, as sentences. pressure: see check()."""
     return [f'{found.key} = {data[found.key]:g}: {found.text}' for found in _findings(data, pressure) if not found.refused]
+
+
+def oddest(data: Coefficients, pressure: float | None = None) -> str:
+    """The first of oddities() of what a tire holds a vehicle with: scale factors, friction, slip stiffness, spring; with its file and line,
+    or ''. For what fails in a start, and would be blamed on a body."""
+    for found in _findings(data, pressure):
+        if found.key in (*DIVISORS, *HOLDS) and not found.refused:
+            place = getattr(data, 'places', {}).get(found.key, '')
+            return f'{place}: ' * bool(place) + f'{found.key} = {data[found.key]:g}: {found.text}'
+    return ''
 
 
 def _findings(data: Coefficients, pressure: float | None) -> Iterator[Finding]:

@@ -15,8 +15,9 @@ import numpy as np
 
 from solver import stored
 from solver.compiled.elementary import cos, sin
-from solver.elements.curved_grid import BEYOND, FOLDS, MOST_NODES, Frame
-from solver.errors import SceneError
+from solver.elements.between_nodes import from_bilinear
+from solver.elements.curved_grid import BEYOND, FOLDS, MOST_NODES, Frame, heights_of
+from solver.errors import SceneError, SpecError
 from solver.files.crg import Crg, parsed, sections_of, table_of
 
 KEEP, ZERO, REPEAT, REFLECT = 2, 1, 3, 4  # of BORDER_MODE_U and BORDER_MODE_V; 0: the road ends
@@ -77,7 +78,18 @@ def fields_of(crg: Crg, table: np.ndarray) -> dict[str, Any]:
     if crg.options and 0.0 in (crg.options.get('border_mode_u'), crg.options.get('border_mode_v')):
         crg.notes.append('ends at its border (BORDER_MODE 0); what leaves it finds the height of the border there')
     arrays = _arrays(s)
-    return {'kind': 'curved_grid', 'sha256': stored.keep(arrays), 'file': str(crg.path), 'notes': tuple(crg.notes)}
+    digest = stored.keep(arrays)
+    try:
+        apart, (row, column) = from_bilinear(heights_of(digest))
+    except SpecError as error:  # columns that are not even stand closer together here
+        raise SceneError(f'{crg.source}: {error}') from None
+    if apart > STEP:
+        u, v = arrays['frame'][0] + row * s.du, arrays['v'][0] + column * arrays['frame'][3]
+        crg.notes.append(
+            f'between its heights the road is smooth, where the library of ASAM is bilinear: they differ by up to {apart:.2g} m, '
+            f'at u = {u:.6g} m, v = {v:.4g} m'
+        )
+    return {'kind': 'curved_grid', 'sha256': digest, 'file': str(crg.path), 'notes': tuple(crg.notes)}
 
 
 def _channel(crg: Crg, table: np.ndarray, word: str, first: int) -> np.ndarray | None:

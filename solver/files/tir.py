@@ -332,7 +332,9 @@ def read_tir(path: str | Path, given: Mapping[str, Given] | None = None) -> Tire
     try:
         complete(values, extra, notes, curves, version, units['LENGTH'], frozenset(given))
         which = SIDES[side.quoted.upper()] if side else 'left'
-        return TireData(name=path.stem, version=version, values=values, side=which, source=path.name, extra=extra, notes=notes)
+        return TireData(
+            name=path.stem, version=version, values=values, side=which, source=path.name, extra=extra, notes=notes, places=lines
+        )
     except SpecError as error:
         message = str(error)
         at = next((lines[k] for k in lines if f': {k} = ' in message), str(path))

@@ -8,6 +8,7 @@ import numpy as np
 
 from solver.compiled.by_reference import Ref
 from solver.compiled.portable import norm
+from solver.elements.footprint import footprint
 from solver.elements.road import envelops, nodes_at, surface_at
 from solver.elements.road_grids import RandomRoad
 from solver.elements.tire_data import DEFAULT_WIDTH
@@ -38,10 +39,9 @@ def edge_at_wheels(model: Model, q: np.ndarray, chassis: int, ahead: float) -> s
     road = model.spec.road
     if not model.spec.tires:
         return ''
-    radius = min(float(tire.data['UNLOADED_RADIUS']) for tire in model.spec.tires)  # as of what envelops (solver.elements.footprint)
-    touched = [
-        g for g, enveloped in zip(road.grids, envelops(road, radius), strict=True) if not enveloped and not isinstance(g, RandomRoad)
-    ]
+    base = footprint([tire.data for tire in model.spec.tires])
+    assert base is not None
+    touched = [g for g, enveloped in zip(road.grids, envelops(road, base), strict=True) if not enveloped and not isinstance(g, RandomRoad)]
     if not touched:
         return ''
     table = Ref(model.elements[TIRES.name].value.road)

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 from contract import check_contract
 from tire_bench import CAR, tire, value, wheel
 
 from solver.analysis.verdict import findings
+from solver.elements import enveloping
 from solver.elements.enveloping import Footprint, Heights, effective, sharpest
 from solver.elements.footprint import footprint
-from solver.elements.road import HeightGrid, RandomRoad, RoadSpec, compile_road, envelops, surface_at
+from solver.elements.road import HeightGrid, RandomRoad, RoadSpec, compile_road, envelops, surface_at, too_large
 from solver.elements.tire_pacejka import TIRE_COLUMNS
 from solver.errors import SpecError
 from solver.files.scene import load_scene
@@ -111,13 +115,13 @@ def test_the_force_on_an_upright_wheel_is_the_gradient_of_its_energy(x: float) -
 
 def test_auto_envelops_edges_and_leaves_smooth_roads() -> None:
     cleat = load_scene('car_cleat').model.road
-    assert envelops(cleat, TIRE.radius) == (False,)
+    assert envelops(cleat, TIRE) == (False,)
     assert compile_road(cleat, TIRE).enveloping[0] == 0.0
     rough = RandomRoad(origin=(0.0, 0.0), length=20.0, width=2.0, quality='C', seed=1)
     mixed = RoadSpec(grids=(obstacle(0.05, 1.0, 1.05), rough))
-    assert envelops(mixed, TIRE.radius) == (True, False)
-    assert envelops(RoadSpec(grids=mixed.grids, contact='point'), TIRE.radius) == (False, False)
-    assert envelops(RoadSpec(grids=mixed.grids, contact='enveloping'), TIRE.radius) == (True, True)
+    assert envelops(mixed, TIRE) == (True, False)
+    assert envelops(RoadSpec(grids=mixed.grids, contact='point'), TIRE) == (False, False)
+    assert envelops(RoadSpec(grids=mixed.grids, contact='enveloping'), TIRE) == (True, True)
     edge = sharpest(mixed.grids[0].heights)
     assert edge.place[0] in (pytest.approx(0.995), pytest.approx(1.055))
 
@@ -126,6 +130,42 @@ def test_an_effective_road_that_is_too_large_is_refused() -> None:
     grid = HeightGrid(origin=(0.0, 0.0), step=(10.0, 10.0), height=((0.0, 0.0, 0.0), (0.0, 5.0, 0.0), (0.0, 0.0, 1.0)) * 40)
     with pytest.raises(SpecError, match=r'road that the tires make of it has \d+ nodes: take a smaller grid, or contact: point'):
         compile_road(RoadSpec(grids=(grid,), contact='enveloping'), TIRE)
+
+
+def test_a_large_effective_road_is_computed_in_parts_and_is_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In parts of two columns and of seven; the sums begin elsewhere, which is rounding."""
+    heights = Heights((1.0, 2.0), (0.01, 0.02), 0.3, 0.01 * np.random.default_rng(1).random((300, 50)))
+    whole = effective(heights, TIRE, 'road')
+    for columns in (2, 7):
+        monkeypatch.setattr(enveloping, 'BLOCK', columns * whole.height.shape[0])
+        parts = effective(heights, TIRE, 'road')
+        assert parts[:3] == whole[:3]
+        np.testing.assert_allclose(parts.height, whole.height, rtol=0.0, atol=1e-14)
+
+
+@pytest.fixture
+def small(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Effective roads of 100 nodes at most; what is kept of others, and for others, is forgotten."""
+    monkeypatch.setattr(enveloping, 'LARGEST', 100)
+    for kept in (too_large, compile_road):
+        kept.cache_clear()
+    yield
+    for kept in (too_large, compile_road):
+        kept.cache_clear()
+
+
+@pytest.mark.usefixtures('small')
+def test_auto_touches_what_is_too_large_to_be_enveloped_at_a_point_and_tells_it() -> None:
+    """It was refused under `auto` too; asked for, it still is."""
+    road = RoadSpec(grids=(obstacle(0.05, 1.0, 1.05),))
+    assert envelops(road, TIRE) == (False,)
+    assert re.fullmatch(r'the road that the tires make of it would have \d+ nodes \(at most 100 nodes .*\)', too_large(road.grids[0], TIRE))
+    assert compile_road(road, TIRE).enveloping[0] == 0.0
+    with pytest.raises(SpecError, match='contact: point'):
+        compile_road(RoadSpec(grids=road.grids, contact='enveloping'), TIRE)
+    sim, _ = drive('strip', 1e-3, 'auto', 0.01)
+    found = {finding.quantity: str(finding.text) for finding in findings(sim)}
+    assert 'Take a part of the road (the road that the tires make of it would have' in found['road_curvature']
 
 
 OBSTACLES = {'strip': (0.05, 0.05, 20), 'pothole': (-0.06, 0.5, 20), 'kerb': (0.1, 9.0, 20), 'cleat': (0.015, 0.03, 40)}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -12,7 +13,9 @@ import pytest
 
 from solver import stored
 from solver.compiled.by_reference import Ref
+from solver.elements.between_nodes import from_bilinear
 from solver.elements.curved_grid import CurvedGrid
+from solver.elements.enveloping import Heights
 from solver.elements.road import RoadSpec, compile_road, heights_at, road_at, surface_at, within
 from solver.errors import SceneError
 from solver.files.crg import Crg, _sections, table_of
@@ -258,7 +261,7 @@ def test_a_road_that_is_repeated_goes_on(tmp_path: Path) -> None:
     u = STEP * np.arange(ROWS)
     table = np.repeat(0.1 * np.sin(2.0 * np.pi * u / u[-1])[:, None], 9, axis=1)
     grid = grid_of(crg(tmp_path / 'road.crg', table, sections(), more='$ROAD_CRG_OPTS\nborder_mode_u = 3\n$\n'))
-    assert grid.notes == ()
+    assert not any('repeated' in note for note in grid.notes)
     x = np.linspace(-70.0, 90.0, 997)
     np.testing.assert_allclose(heights(grid, x, 0.0 * x), 0.1 * np.sin(2.0 * np.pi * x / u[-1]), atol=1e-5)
 
@@ -428,3 +431,34 @@ def test_damaged_files_are_refused_in_one_sentence_or_read(tmp_path: Path) -> No
             read += 1
             assert np.isfinite(grid.heights.height).all()
     assert 10 < read < 190
+
+
+def test_between_its_heights_the_road_differs_from_the_bilinear_one_by_what_is_told(tmp_path: Path) -> None:
+    """Against the library in the middle of all cells and of their edges, where the surface is smooth through the same heights."""
+    path = along(tmp_path / 'road.crg')
+    grid = grid_of(path)
+    note = next(note for note in grid.notes if 'they differ by up to' in note)
+    said = float(re.search(r'by up to ([\d.e-]+) m', note)[1])
+    rows, columns = grid.heights.height.shape
+    frame = grid.frame
+    with pycrg.DataSet.open(path) as data:
+        point = data.create_contact_point()
+        u = frame.u + frame.du * 0.5 * np.arange(2 * rows - 1)
+        v = frame.v + frame.dv * 0.5 * np.arange(2 * columns - 1)
+        places = np.meshgrid(u, v, indexing='ij')
+        x, y = point.uv_to_xy_many(*places)
+        apart = np.abs(heights(grid, x, y) - point.uv_to_z_many(*places).ravel())
+    assert apart.max() == pytest.approx(said, rel=0.06, abs=LIBRARY)  # it is told with two digits
+    assert said > 10.0 * LIBRARY
+
+
+def test_a_flat_road_differs_nowhere_and_a_slope_at_its_border_only() -> None:
+    """Beyond its border a road is level, and the spline bends there; of what is rough the difference is of the order of the heights."""
+    slope = np.add.outer(0.1 * np.arange(40.0), 0.03 * np.arange(7.0))
+    flat, edge, rough = (
+        from_bilinear(Heights((0.0, 0.0), (0.01, 0.02), 0.0, height))
+        for height in (np.full((5, 5), 0.3), slope, np.random.default_rng(2).normal(size=(100, 9)))
+    )
+    assert flat.distance < 1e-12
+    assert 1e-4 < edge.distance < 0.1 and edge.node[0] in (0, 38)
+    assert 0.1 < rough.distance < 3.0
