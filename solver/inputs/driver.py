@@ -37,6 +37,8 @@ from solver.inputs.signals import Signal, quintic
 COARSE = 0.25  # distance of the points that a course is drawn with [m]
 FAR = 1e5  # m
 FURTHEST = 1e7  # m that a path may be away; grids of maps go as far
+NARROWEST, WIDEST = 0.03, 3.0  # m, models of 1:50 to lorries: 0.3 would leave models out, 30 is no vehicle
+TIGHTEST = 1.3  # wheelbases in the radius of a circle: road wheels at 38 deg; 13 would refuse what every car can drive
 STRETCH = 64  # points of a course that are looked at together
 
 
@@ -80,8 +82,8 @@ class DoubleLaneChange:
     start: Length = 50.0
 
     def __post_init__(self) -> None:
-        if not 0.5 <= self.width <= 3.0:
-            raise SpecError(f'width = {self.width:g}: must be the width of a vehicle, 0.5 to 3 m')
+        if not NARROWEST <= self.width <= WIDEST:
+            raise SpecError(f'width = {self.width:g}: must be the width of a vehicle, {NARROWEST:g} to {WIDEST:g} m')
         _near(start=self.start)
 
     @cached_property
@@ -157,8 +159,8 @@ class Circle:
     start: Length = 0.0
 
     def __post_init__(self) -> None:
-        if not abs(self.radius) >= 5.0:
-            raise SpecError(f'radius = {self.radius:g}: must be a radius that a car can drive, 5 m or more')
+        if not abs(self.radius) > 0.0:
+            raise SpecError(f'radius = {self.radius:g}: must not be 0')
         _near(start=self.start, radius=self.radius)
 
     def left_of(self, x: float, y: float, heading: float) -> float:
@@ -278,6 +280,10 @@ class PreviewDriver:
         for name in ('preview', 'wheelbase', 'limit', 'bandwidth', 'rate_limit', 'slowest'):
             if not getattr(self, name) > 0.0:
                 raise SpecError(f'{name} = {getattr(self, name):g}: must be > 0')
+        least = TIGHTEST * self.wheelbase
+        if isinstance(self.path, Circle) and not abs(self.path.radius) >= least:
+            remedy = f'{TIGHTEST:g} times its wheelbase = {self.wheelbase:g} m, or more'
+            raise SpecError(f'path.radius = {self.path.radius:g}: must be a radius that a car can drive, {least:.4g} m: {remedy}')
 
     def steering(self, sight: Sight) -> float:
         """Angle at the steering wheel [rad] that the driver wants."""

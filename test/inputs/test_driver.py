@@ -122,6 +122,12 @@ def test_refusals() -> None:
         PreviewDriver(path=DoubleLaneChange(), preview=0.0)
     with pytest.raises(SpecError, match='two'):
         Waypoints(points=((0.0, 0.0),))
+    with pytest.raises(SpecError, match=r'width of a vehicle, 0\.03 to 3 m'):
+        DoubleLaneChange(width=18.0)  # in dm
+    with pytest.raises(SpecError, match=r'path.radius = 3: .* 3.51 m: 1.3 times its wheelbase = 2.7 m, or more'):
+        PreviewDriver(path=Circle(radius=3.0))
+    with pytest.raises(SpecError, match='radius = 0: must not be 0'):
+        Circle(radius=0.0)
     with pytest.raises(SceneError, match='standard'):
         load_scene('light_car_lane_change', ['maneuver.driver.path.standard=iso_3888'])
     with pytest.raises(SpecError, match='functions of time'):
@@ -143,6 +149,16 @@ def test_a_driver_who_would_go_backwards_is_refused_where_the_scene_is_read(spee
     assert '\n' not in str(refused.value)
     load_scene('car_step_steer', [f'start.speed={speed}', f'maneuver={{{kept}}}'])
     load_scene('car_step_steer', ['start.speed=0', f'maneuver={{speed: {{}}, {driver}}}'])
+
+
+@pytest.mark.parametrize('scale', [1.0, 0.1, 0.03, 2.5])
+def test_lanes_and_circles_are_those_of_a_car_of_any_size(scale: float) -> None:
+    """1:10 and 1:30 models and a lorry: the lanes by the width, the tightest circle by the wheelbase."""
+    first = DoubleLaneChange(width=min(1.8 * scale, 3.0)).gates[0]
+    assert first.left - first.right == pytest.approx(1.1 * min(1.8 * scale, 3.0) + 0.25)
+    assert PreviewDriver(path=Circle(radius=-4.0 * scale), wheelbase=2.65 * scale).path.radius == -4.0 * scale
+    with pytest.raises(SpecError, match='must be a radius that a car can drive'):
+        PreviewDriver(path=Circle(radius=3.4 * scale), wheelbase=2.65 * scale)
 
 
 def test_circle_is_left_of_who_runs_inside_to_the_right() -> None:
@@ -281,7 +297,7 @@ def test_refusals_of_who_keeps_a_speed() -> None:
     with pytest.raises(SpecError, match='bandwidth'):
         SpeedControl(bandwidth=0.0)
     with pytest.raises(SpecError, match='radius'):
-        Circle(radius=2.0)
+        Circle(radius=0.0)
     for far, where in (
         (lambda: DoubleLaneChange(start=1e40), r'start = 1e\+40: must be within 1e\+07 m'),
         (lambda: Circle(radius=1e200), r'radius = 1e\+200'),
