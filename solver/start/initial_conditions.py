@@ -15,8 +15,9 @@ from solver.compiled.portable import product
 from solver.compiled.so3 import matrix_of_quaternion
 from solver.elements.coupler import CouplerSpec
 from solver.elements.registry import FORCES
+from solver.elements.tire_limits import oddest
 from solver.errors import ConsistencyError
-from solver.model.evaluate import prepare
+from solver.model.evaluate import constraint_input_rates, prepare
 from solver.model.state import State, copy_state, kinematics_of, new_state, update_angles
 from solver.model.tables import Model
 from solver.scene import Scene
@@ -38,7 +39,9 @@ from solver.start.placement import (
 from solver.start.reach import beyond_reach
 from solver.start.rolling import SETTLE_EVERY, held_body, lay_on_road, roll_wheels, settle_rolling, without_brakes
 from solver.step.work import Scheme, StepResult
+from solver.vehicle.size import size_of
 
+HELD = 100.0  # s in which what dampers dissipate counts as much as kinetic energy (ConsistentState.project_velocity); 1000 changes nothing
 GRIP = 0.1  # friction of a road on which equilibrium is found from the placement on
 
 
@@ -72,12 +75,15 @@ class InitialConditions:
         """Assign the start of the scene to the state; returns what was changed of what is given. Raises ConsistencyError."""
         placed, speed = self.state.q.copy(), self.scene.start.speed
         try:
-            return self._find()
+            return dataclasses.replace(self._find(), obstacle=edge_at_wheels(self.model, self.state.q, self.chassis, 0.0))
         except ConsistencyError as error:
-            rolled = abs(speed) * SETTLE_EVERY if self.scene.start.kind == 'equilibrium' else 0.0
+            rolled = abs(speed) * SETTLE_EVERY * size_of(self.model.spec).time if self.scene.start.kind == 'equilibrium' else 0.0
             edge = edge_at_wheels(self.model, placed, self.chassis, rolled)
             if not edge:
-                raise
+                odd = list(dict.fromkeys(filter(None, (oddest(tire.data, tire.pressure) for tire in self.model.spec.tires))))
+                if not odd:
+                    raise
+                raise ConsistencyError(f'{error}; the tires are unusual, which may be why: {odd[0]}') from error
             raise ConsistencyError(f'start: {edge} ({str(error).removeprefix("start: ").partition(";")[0]})') from error
 
     def _find(self) -> Changes:
@@ -117,7 +123,8 @@ class InitialConditions:
         if start.kind == 'equilibrium' and start.speed:
             self._settle(start.speed, u)
             refuse_overturned(self.model, self.state, self.chassis, start.speed)
-            calculation.project_velocity(self.state, u)
+            moves = self._moves(u)
+            calculation.project_velocity(self.state, without_brakes(self.model, u) if moves else u, hold=HELD if moves else 0.0)
         changed = changes(self.model, start.kind, placed, given, self.state, wanted=bool(rates), speed=start.speed)
         calculation.start_integrator(self.state, u, method.h, method.am, method.af)
         return changed
@@ -145,8 +152,16 @@ class InitialConditions:
         extra = np.zeros(extended.model.n_rows)
         extra[self.model.n_rows :] = [-rate for rate in wanted.values()]
         # brakes hold the wheels to their carriers, which do not turn with them
-        extended.project_velocity(self.state, without_brakes(self.model, u) if speed else u, extra, hold=100.0 if speed else 0.0)
+        held = speed or self._moves(u)
+        extended.project_velocity(self.state, without_brakes(self.model, u) if held else u, extra, hold=HELD if held else 0.0)
         return given
+
+    def _moves(self, u: np.ndarray) -> bool:
+        """Whether the inputs move a part of a vehicle at the start, as a steering wheel that turns already: what hangs on it by rubber,
+        shafts that twist, or the guide of an axle moves with it. It stood, was torn along in the first step, and vibrated."""
+        rates = np.zeros(self.model.n_rows)
+        constraint_input_rates(self.model.tables, u, rates, np.zeros_like(rates))
+        return bool(self.model.spec.tires) and bool(rates.any())
 
     def _rest(self, calculation: Equilibrium, state: State, u: np.ndarray) -> None:
         """Static equilibrium, of a braked vehicle from where it rests with its brakes released: locked wheels that settle from the

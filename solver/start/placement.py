@@ -35,7 +35,8 @@ class Changes:
 
     distance [m] and turn [rad] of the placement; velocity [m/s] of centres of mass and rate [rad/s] against the velocities given
     (start.speed included). placed_by and set_by say what changed placement and velocities. corrected: the body whose own velocity,
-    one given in the file, was changed most, and correction by how much [m/s or rad/s].
+    one given in the file, was changed most, and correction by how much [m/s or rad/s]. obstacle: a kerb or step at the wheels, which the
+    tires touch at a point, as a sentence.
     """
 
     kind: str
@@ -51,6 +52,7 @@ class Changes:
     set_by: str = ''
     corrected: str = ''
     correction: float = 0.0
+    obstacle: str = ''
 
     def report(self) -> dict[str, Any]:
         """As an object for JSON."""
@@ -66,6 +68,8 @@ class Changes:
             parts.append(f'{self.set_by} changed velocities by up to {" and ".join(filter(None, (faster, spun)))}')
         if self.corrected:
             parts.append(f'the velocity given for {self.corrected} does not fit the constraints and was changed by {self.correction:.3g}')
+        if self.obstacle:
+            parts.append(self.obstacle)
         return '; '.join(parts) or 'as given'
 
 

@@ -22,8 +22,10 @@ from solver.model.state import State, kinematics_of
 from solver.model.tables import Model
 from solver.step.augmented_lagrangian import advance
 from solver.step.work import OK, Scheme, StepResult, scheme_parameters
+from solver.vehicle.size import size_of
 
 STEEP = 0.05  # rad, what the search for static equilibrium turns a body in one iteration
+# lengths and times of REACH and SETTLE are those of a passenger car, and scaled with the vehicle (solver.vehicle.size)
 REACH = 0.1  # m, the travel of a suspension: from further away than that the search ends with wheels that have turned or slipped
 SETTLE_TIME = 5.0  # s, some ten periods of a suspension mode
 SETTLE_EVERY = 0.05  # s
@@ -82,7 +84,7 @@ def lay_on_road(model: Model, state: State, chassis: int) -> None:
     com = state.q[chassis, :3].copy()
     floor = product(R, -np.array(body.com))  # from the centre of mass to the reference frame
     above = float(product(n, com + floor - point)) / n[2]  # vertically
-    if abs(above) > REACH:
+    if abs(above) > REACH * size_of(model.spec).length:
         state.q[:-1, 2] -= above
         com[2] -= above
         above = 0.0
@@ -209,7 +211,7 @@ def settle_rolling(
         'full': 0,
         'combined': 1,
     }
-    h = 0.0
+    h, slower = 0.0, size_of(model.spec).time
     start = cast(State, states[0].value).q[chassis].copy()
     place, ahead = start[:2], matrix(tuple(start[3:]))[:, 0]
     nx, ny, nz = model.spec.road.normal
@@ -221,7 +223,7 @@ def settle_rolling(
     for last in (False,) * round(SETTLE_TIME / SETTLE_EVERY) + (True,) * bool(model.spec.guides):
         fastest = float(norms(cast(State, states[0].value).v[:-1, 3:]).max())
         if last or not h or h * fastest > SETTLE_AGAIN:
-            longest, time = (GUIDED_STEP, GUIDED_TIME) if last else (SETTLE_STEP, SETTLE_EVERY)
+            longest, time = (GUIDED_STEP, GUIDED_TIME) if last else (SETTLE_STEP * slower, SETTLE_EVERY * slower)
             h = longest / max(1, int(np.ceil(longest * fastest / SETTLE_TURN)))
             settling = Ref(method._replace(fixed=1, iterations=2, **own, **scheme_parameters(h, SETTLE_RHO)))  # type: ignore[arg-type]
             steps = round(time / h)

@@ -11,11 +11,14 @@ import pytest
 from tire_bench import forces
 
 from mbd_sim_ros.commands.main import main
+from solver import simulation_of
 from solver.elements.tire_data import I, pack
-from solver.errors import MbdError, SceneError
+from solver.elements.tire_limits import oddest
+from solver.errors import ConsistencyError, MbdError, SceneError
 from solver.files.scene import load_scene, load_scene_text
 from solver.files.tir import MOST_PASSED, read_tir
 from solver.files.tire_receipt import receipt, warnings
+from solver.start.initial_conditions import InitialConditions
 from solver.vehicle.wheel_end import told_of_fit
 from test.files.test_tir import MINIMAL, write
 
@@ -230,3 +233,36 @@ def test_a_tire_that_is_none_for_the_wheel_is_refused(tmp_path: Path, car: str, 
     key = f'vehicle.axles.{axle}.suspension.tire' if car in ('compact_fwd', 'pickup_awd') else f'vehicle.{axle}.tire'
     with pytest.raises(SceneError, match=said):
         load_scene_text(f'vehicle: vehicles/{car}.yaml\n', 'scene', [f'{key}={tire}'])
+
+
+@pytest.mark.parametrize(
+    ('key', 'value', 'told'),
+    [
+        ('LMUY', 0.01, 'LMUY = 0.01: a scale factor that is far from 1'),
+        ('PDY1', 0.01, 'PDY1 = 0.01: with LMUY = 1 the friction along y is 0.01'),
+        ('PDX1', 0.05, 'PDX1 = 0.05: with LMUX = 1 the friction along x is 0.05'),
+        ('LFZO', 8.0, 'LFZO = 8: a scale factor that is far from 1'),
+    ],
+)
+def test_the_oddest_of_a_tire_has_its_file_line_and_key(tmp_path: Path, key: str, value: float, told: str) -> None:
+    lines = [line for line in MINIMAL.splitlines() if not line.startswith(f'{key} ')]
+    path = write(tmp_path, '\n'.join([*lines, f'{key} = {value}', '']))
+    assert oddest(read_tir(path)) == f'{path}:{len(lines) + 1}: {told}'
+    assert not oddest(read_tir(SEDAN))
+
+
+def test_a_start_that_fails_on_odd_tires_names_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """LMUY = 0.01 was told as an equilibrium that is not stable, of the chassis."""
+    text = MINIMAL + 'LMUY = 0.01\n'
+    scene = scene_with(tmp_path, str(write(tmp_path, text)))
+
+    def fails(self: object) -> None:
+        raise ConsistencyError("start: the static equilibrium that was found is not stable: body 'chassis' would leave it")
+
+    monkeypatch.setattr(InitialConditions, '_find', fails)
+    with pytest.raises(
+        ConsistencyError, match=r'would leave it; the tires are unusual, which may be why: .*\.tir:\d+: LMUY = 0\.01: a scale'
+    ):
+        simulation_of(scene)
+    with pytest.raises(ConsistencyError, match=r'would leave it$'):
+        simulation_of(load_scene('light_car_straight'))

@@ -79,3 +79,13 @@ def test_a_start_before_a_kerb_names_it(at: float) -> None:
 
 
 SHORT = '{kind: height_grid, origin: [%g, -3], step: [0.05, 6], height: [[0, 0], [0, 0], [0.1, 0.1], [0.1, 0.1]]}'
+
+
+@pytest.mark.parametrize(('at', 'where'), [(-0.025, 'under wheel'), (0.105, 'before the centre of wheel'), (-0.225, 'behind the centre')])
+def test_a_standing_start_beside_a_kerb_is_told(at: float, where: str) -> None:
+    """It was accepted without a word; with enveloping it is a start like any other."""
+    settings = ['start={kind: as_placed}', 'duration=0.01']
+    said = str(simulation_of(load_scene('light_car_straight', [road(KERB, front()[0] + at), *settings])).start)
+    assert 'a kerb of 100 mm is' in said and where in said and 'road.contact: enveloping' in said
+    for other in (road(KERB, front()[0] + 1.5), road(KERB, front()[0] + at, contact='enveloping')):
+        assert 'kerb' not in str(simulation_of(load_scene('light_car_straight', [other, *settings])).start)

@@ -164,3 +164,35 @@ def test_a_vehicle_is_turned_back_to_its_course_with_its_motion() -> None:
         (R * Rotation.from_quat(before[1, 3:])).as_matrix(), Rotation.from_quat(state.q[1, 3:]).as_matrix(), atol=1e-14
     )
     np.testing.assert_allclose(state.v[1, :3], R.apply([2.0, -1.0, 3.0]), rtol=0, atol=1e-14)
+
+
+TURNING = 'maneuver={steering: {kind: sine, amplitude: 0.5, frequency: 0.5, start: 0.0}}'
+
+
+@pytest.mark.parametrize('fidelity', ['full', 'kc'])
+@pytest.mark.parametrize('speed', [0.0, 25.0])
+def test_wheels_are_steered_from_the_start_on_where_the_steering_wheel_turns_already(fidelity: str, speed: float) -> None:
+    """By the ratio of the steering over the rate of the hand, at every level; guided wheels stood, and vibrated from the first step on."""
+    settings = [f'fidelity={fidelity}', f'start.speed={speed}', 'duration=0.2']
+    moving, still = (simulation_of(load_scene('light_car_straight', [*settings, m])) for m in (TURNING, 'maneuver={steering: 0.01307}'))
+    wheel = moving.model.body_names.index('wheel_front_left')
+
+    def turning(car: Simulation, body: int) -> float:
+        return float(Rotation.from_quat(car.state.q[body, 3:]).apply(car.state.v[body, 3:])[2])
+
+    turns = [turning(car, wheel) - turning(car, car.channels.chassis) for car in (moving, still)]
+    hand = float(moving.snapshot().inputs[moving.channels.inputs.index('steering_rate')])
+    assert hand == pytest.approx(0.25 * np.pi, rel=1e-3)  # half of the amplitude of the rate: it begins in the middle of its blend
+    slope = (turns[0] - turns[1]) / hand
+    assert 1.0 / 25.0 < slope < 1.0 / 12.0  # over the ratio of the steering of this car, 15 to 20
+    moving.advance(200, audit=True)
+    assert not findings(moving)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('car', 'fidelity'), [('full_car', 'kc'), ('compact_fwd', 'full'), ('compact_fwd', 'kc')])
+def test_what_hangs_on_the_steering_by_rubber_or_by_a_torsion_bar_starts_with_it(car: str, fidelity: str) -> None:
+    settings = [f'vehicle=vehicles/{car}.yaml', f'fidelity={fidelity}', 'duration=0.2', TURNING]
+    moving = simulation_of(load_scene('light_car_straight', settings))
+    moving.advance(200, audit=True)
+    assert not findings(moving)
