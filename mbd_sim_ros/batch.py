@@ -19,7 +19,7 @@ from mbd_sim_ros.bags.applied import begin_of
 from mbd_sim_ros.bags.recorder import StepRecorder, about, describe
 from mbd_sim_ros.messages.encode import Messages, require_finite
 from solver.analysis.balance import Balance
-from solver.analysis.covered import weighed
+from solver.analysis.certificate_coverage import weighed
 from solver.analysis.envelope import Envelope
 from solver.analysis.verdict import ERROR, passes, report, status_of
 from solver.errors import MbdError, StepError
@@ -226,14 +226,15 @@ def simulate(
 ) -> dict[str, Any]:
     """Advance to step `steps`, from the start or from a saved state, and return the figures of the run.
 
-    directory: where to record (None: not at all). source: of the inputs; None is the maneuver of the scene. progress: show a bar
-    if stderr is a terminal. balance: follow energy and momentum by element kind, which takes its time. state: of Simulation.save().
-    from_start: record the state at the beginning too. frame_prefix, parameters: as record() takes them. looking_back: a run that fails
-    leaves in its recording another one, `last_steps`: the last LAST steps at least, every one, from a saved state on, so that `mbd replay`
-    can start again from just before.
-    `status` is 'ok' or 'suspect', `findings` say why, `covered` what the certificate of a plan covers (solver.analysis.covered);
-    `passed` is false where the scene does not allow what was found. A recording is always closed, with the verdict or what ended the run.
-    Raises StepError, BagError, and KeyboardInterrupt(sentence to show, signal number) between two steps.
+    directory: where to record (None: not at all). source: of the inputs; None is the maneuver of the scene. progress:
+    show a bar if stderr is a terminal. balance: follow energy and momentum by element kind, which takes its time.
+    state: of Simulation.save(). from_start: record the state at the beginning too. frame_prefix, parameters: as
+    record() takes them. looking_back: a run that fails leaves in its recording another one, `last_steps`: the last LAST
+    steps at least, every one, from a saved state on, so that `mbd replay` can start again from just before. `status` is
+    'ok' or 'suspect', `findings` say why, `covered` what the certificate of a plan covers
+    (solver.analysis.certificate_coverage); `passed` is false where the scene does not allow what was found. A recording
+    is always closed, with the verdict or what ended the run. Raises StepError, BagError, and KeyboardInterrupt(sentence
+    to show, signal number) between two steps.
     """
     with tqdm(total=steps, unit='step', desc='compiling', disable=None if progress else True, leave=False) as bar:
         interrupts.now(f'preparing {simulation.scene.name}')

@@ -12,7 +12,7 @@ from typing import Annotated, NamedTuple
 
 LOCK = 20.0  # rad at the steering wheel, from the middle: lorries have 18; ten times as much would let 57 deg pass for 57 rad
 
-ROUNDED = 1e-9  # relative rounding of a bound that a number may meet: 360 deg are one turn; 1e-8 would do as well
+BOUND_ROUNDING = 1e-9  # relative rounding of a bound that a number may meet: 360 deg are one turn; 1e-8 would do as well
 
 
 class Within(NamedTuple):

@@ -58,10 +58,11 @@ def digest(*parts: bytes | str) -> bytes:
 
 
 @contextmanager
-def whole(file: Path) -> Iterator[Path]:
-    """Where to write what becomes `file` at the end: who is killed meanwhile, or finds the disk full, leaves what was there.
+def atomic_write(file: Path) -> Iterator[Path]:
+    """Path to write to; its content replaces `file` when the block ends. A process that is killed meanwhile, or finds
+    the disk full, leaves `file` as it was.
 
-    A link's target is replaced, not the link; a device is no file to replace, and is written itself.
+    The target of a link is replaced, not the link. A device cannot be replaced, and is written to directly.
     """
     place = Path(os.path.realpath(file))
     if place.exists() and not place.is_file():
@@ -118,7 +119,7 @@ class Store:
                     path.unlink()
                 elif path.is_dir():
                     shutil.rmtree(path)
-                with whole(path) as part:
+                with atomic_write(path) as part:
                     part.write_bytes(_proof(identity, content) + content)
                 return
             except (FileNotFoundError, FileExistsError):  # another process removed the directory just now

@@ -90,9 +90,10 @@ class ErrorFigure:
 class LevelReport:
     """What a level leaves out of the vehicle it is derived from.
 
-    lost: modes and effects that it does not model, in words. absent: channels of the full vehicle that it does not publish. validity:
-    where it holds. switched: every subsystem of the vehicle. errors: the error sheet, where it has been measured. certified: what would
-    make a run suspect, but was there too where the plan that certifies it has measured its errors (solver.analysis.covered).
+    lost: modes and effects that it does not model, in words. absent: channels of the full vehicle that it does not
+    publish. validity: where it holds. switched: every subsystem of the vehicle. errors: the error sheet, where it has
+    been measured. certified: what would make a run suspect, but was there too where the plan that certifies it has
+    measured its errors (solver.analysis.certificate_coverage).
     """
 
     lost: tuple[str, ...] = ()

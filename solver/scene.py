@@ -19,7 +19,7 @@ from solver.elements.registry import CONSTRAINTS, FORCES
 from solver.errors import SpecError, suggestion
 from solver.inputs.actuation import Actuation
 from solver.inputs.assistance import Assistance
-from solver.inputs.hands import BY_WHEEL, STEERING
+from solver.inputs.command_filter import BY_WHEEL, STEERING
 from solver.inputs.maneuver import Maneuver, base_names
 from solver.inputs.recorded import Reach
 from solver.inputs.signals import maps_in, signal

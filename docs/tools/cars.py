@@ -13,7 +13,7 @@ from pathlib import Path
 from mbd_sim_ros.commands.main import main
 from mbd_sim_ros.lab.studies.kandc import CARS
 from solver.analysis.figures import figures, standing
-from solver.analysis.usual import Usual, usual
+from solver.analysis.typical_values import Typical, typical_values
 from solver.files.scene import load_scene
 
 DOCS = Path(__file__).parents[1]
@@ -40,7 +40,7 @@ def page(out: Path) -> str:
         scene = load_scene('car_step_steer', [f'vehicle=vehicles/{name}.yaml'])
         simulation = standing(scene)
         counts = simulation.describe()
-        found, ranges = figures(simulation), usual(scene.model)
+        found, ranges = figures(simulation), typical_values(scene.model)
         rows = [
             '| {} | {:.4g} {} | {:.4g} to {:.4g} |'.format(where.text, found[key] * where.factor, where.unit, *limits(where))
             for key, where in ranges.items()
@@ -57,7 +57,7 @@ def page(out: Path) -> str:
     return ''.join(parts)
 
 
-def limits(where: Usual) -> tuple[float, float]:
+def limits(where: Typical) -> tuple[float, float]:
     """In the unit of the text."""
     return where.low * where.factor, where.high * where.factor
 

@@ -27,7 +27,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from solver.disk import syntax, whole
+from solver.disk import atomic_write, syntax
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS, MANIFEST = ROOT / 'docs', ROOT / 'docs' / 'published.json'
@@ -225,7 +225,7 @@ def make(names: Sequence[str]) -> int:
             'seconds': round(time.monotonic() - began),
             'holds': held(product),
         }
-        with whole(MANIFEST) as part:
+        with atomic_write(MANIFEST) as part:
             part.write_text(json.dumps({**manifest(), name: note}, indent=1, sort_keys=True) + '\n', encoding='utf-8')
     if failed:
         print(f'not made: {", ".join(failed)}')

@@ -15,12 +15,12 @@ from mbd_sim_ros.messages.encode import Messages
 from mbd_sim_ros.messages.topics import Topic
 from mbd_sim_ros.node.adapter import PARAMETERS as ADAPTER
 from mbd_sim_ros.node.commands import BY_WHEEL, PLAIN
-from mbd_sim_ros.node.demands import HEARD, TOLD
+from mbd_sim_ros.node.demand_messages import HEARD, TOLD
 from mbd_sim_ros.node.interfaces import OFFERED, PACKAGE, snake
 from mbd_sim_ros.node.maneuver_player import PARAMETERS as MANEUVER
 from mbd_sim_ros.node.parameters import CHOICES, PARAMETERS
 from mbd_sim_ros.node.services import SERVICES
-from solver.inputs.hands import COMMANDS
+from solver.inputs.command_filter import COMMANDS
 from solver.output.snapshot import Channels
 
 FILE = Path(__file__).parents[1] / 'ros.md'

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from solver.disk import plain, whole
+from solver.disk import atomic_write, plain
 from solver.errors import BagError
 
 HOME = 'mbd_sim_ros.analysis'
@@ -44,7 +44,7 @@ def write_text(file: Path, text: str) -> None:
     """Write a text, and the directories above it; what was there before stays until all is written. Raises BagError."""
     try:
         file.parent.mkdir(parents=True, exist_ok=True)
-        with whole(file) as part:
+        with atomic_write(file) as part:
             part.write_text(text, encoding='utf-8')
     except OSError as error:
         raise BagError(f'cannot write {file}: {error.strerror}; choose another place') from None

@@ -17,7 +17,7 @@ from mbd_sim_ros.bags import reader as bag
 from mbd_sim_ros.bags.files import holds_recording
 from mbd_sim_ros.bags.patterns import fits, fits_any
 from mbd_sim_ros.bags.reader import Run, Series
-from solver.disk import whole
+from solver.disk import atomic_write
 from solver.errors import BagError
 from solver.units import UNITS
 
@@ -121,7 +121,7 @@ def export(run: Run, directory: Path) -> list[Path]:
         names_of_files = file_names(run.series)
         for topic, series in run.series.items():
             file = directory / f'{names_of_files[topic]}.csv'
-            with whole(file) as part, part.open('w', newline='', encoding='utf-8') as stream:
+            with atomic_write(file) as part, part.open('w', newline='', encoding='utf-8') as stream:
                 writer = csv.writer(stream, lineterminator='\n')
                 names = {c: c.removeprefix(topic + '/') for c in series.columns}
                 writer.writerow([TIME, *(f'{n} [{unit(c)}]' if unit(c) or UNIT.search(n) else n for c, n in names.items())])

@@ -18,7 +18,7 @@ from mcap.writer import CompressionType, Writer
 
 from mbd_sim_ros.messages.definitions import schema_text
 from mbd_sim_ros.messages.topics import ELEMENTS, TYPE_HASHES, Topic
-from solver.disk import whole
+from solver.disk import atomic_write
 from solver.errors import BagError
 
 CHUNK_BYTES = 512 * 1024  # of chunks of the same steps: reading takes what their number takes; a flush makes smaller ones
@@ -146,7 +146,7 @@ class BagWriter:
             self._file.close()
             os.replace(str(self.path) + PART, self.path)
             about = self.directory / 'metadata.yaml'
-            with whole(about) as part:
+            with atomic_write(about) as part:
                 part.write_text(yaml.safe_dump({'rosbag2_bagfile_information': self._information()}, sort_keys=False), encoding='utf-8')
         except OSError as error:
             self.abandon()

@@ -212,7 +212,7 @@ def _is_vehicle(file: Path) -> bool:
 def _figures(scene: Scene) -> tuple[dict[str, Any], str]:
     """The figures of the vehicle of a scene, standing on a flat road: (an object for JSON in SI units, a table)."""
     from solver.analysis.figures import all_figures, standing
-    from solver.analysis.usual import TEXTS, usual
+    from solver.analysis.typical_values import TEXTS, typical_values
     from solver.vehicle.size import size_of
 
     try:
@@ -220,7 +220,7 @@ def _figures(scene: Scene) -> tuple[dict[str, Any], str]:
     except MbdError as error:
         return {'error': str(error)}, f'\n\nno figures of the vehicle: {error}'
     data: dict[str, Any] = {}
-    ranges, size = usual(scene.model), size_of(scene.model)
+    ranges, size = typical_values(scene.model), size_of(scene.model)
     texts = driven_at(size)
     compared = f'of a {scene.model.category or "saloon"}' if ranges else 'none is known of this size'
     rows: list[tuple[str, ...]] = [('figure', 'value', compared, '', 'source')]

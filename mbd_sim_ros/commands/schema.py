@@ -26,7 +26,7 @@ def run(args: argparse.Namespace) -> Result:
     """Print one, or write all."""
     import json
 
-    from solver.disk import whole
+    from solver.disk import atomic_write
     from solver.errors import BagError, SpecError
     from solver.files.json_schema import KINDS, files, schema_of
 
@@ -39,7 +39,7 @@ def run(args: argparse.Namespace) -> Result:
     try:
         args.out.mkdir(parents=True, exist_ok=True)
         for name, text in written.items():
-            with whole(args.out / name) as part:
+            with atomic_write(args.out / name) as part:
                 part.write_text(text, encoding='utf-8')
     except OSError as error:
         raise BagError(f'--out {args.out}: {error.strerror}; choose another place') from None

@@ -1,4 +1,5 @@
-"""Executable `adapter`: drives a simulator by what others publish: Ackermann commands, cmd_vel, Autoware (see demands.py).
+"""Executable `adapter`: drives a simulator by what others publish: Ackermann commands, cmd_vel, Autoware (see
+demand_messages.py).
 
 It looks at every `odom` that it gets, at most `rate` times a second, and answers with steering, drive and brake torque for the newest
 demand, in one stamped message on `lockstep_cmd`. Interfaces whose package is not installed are left out, and the log says so once.
@@ -21,7 +22,7 @@ if __name__ == '__main__':
 
 from typing import Any
 
-from mbd_sim_ros.node.accompany import COMMON, accompany
+from mbd_sim_ros.node.companion import COMMON, accompany
 
 PARAMETERS: dict[str, tuple[Any, str]] = {
     **COMMON,
@@ -37,7 +38,7 @@ PARAMETERS: dict[str, tuple[Any, str]] = {
 
 
 def _adapt() -> int:
-    from mbd_sim_ros.node.adapting import Adapter
+    from mbd_sim_ros.node.adapter_node import Adapter
 
     node = Adapter(PARAMETERS)
     return accompany(node, f'adapting commands for {node.value("simulator")}')

@@ -75,11 +75,12 @@ class Commands:
     """Subscribes to the commands on a node of their own, which no executor spins: the simulation thread takes the newest itself (`poll`).
 
     An executor takes about 1 ms per message for its wait set, with the interpreter lock held; looking into the three
-    subscriptions takes 20 us, and the command is used in the very next step. They are reliable, unless somebody publishes best effort.
-    latch: gets the commands, which are those of the scene (solver.inputs.hands.commands_of). Those of single wheels
-    come together, the others have a topic of their own. ends: what the end stops of the vehicle leave of them, least and
-    most [rad]. gears: lowest and highest one, where there are any. refused: commands that were no numbers, named no input, or
-    asked for a gear that there is not. deaf: nothing is subscribed to, something else drives.
+    subscriptions takes 20 us, and the command is used in the very next step. They are reliable, unless somebody
+    publishes best effort. latch: gets the commands, which are those of the scene
+    (solver.inputs.command_filter.commands_of). Those of single wheels come together, the others have a topic of their
+    own. ends: what the end stops of the vehicle leave of them, least and most [rad]. gears: lowest and highest one,
+    where there are any. refused: commands that were no numbers, named no input, or asked for a gear that there is not.
+    deaf: nothing is subscribed to, something else drives.
     """
 
     def __init__(

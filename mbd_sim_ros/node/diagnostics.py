@@ -9,7 +9,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from mbd_sim_ros.bags.recorder import Recorder
 from mbd_sim_ros.node.commands import commanded
 from mbd_sim_ros.node.loop import Loop
-from solver.analysis.covered import Weighed, weighed
+from solver.analysis.certificate_coverage import Weighed, weighed
 from solver.analysis.envelope import Envelope
 from solver.analysis.verdict import status_of
 from solver.checks.level import ENVELOPE

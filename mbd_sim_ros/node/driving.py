@@ -12,7 +12,7 @@ from mbd_sim_ros.node import state_files
 from mbd_sim_ros.node.latch import DRIVING, Latch, Latched
 from solver.inputs.actuation import Chain
 from solver.inputs.assistance import Assistant
-from solver.inputs.hands import STEERING, CommandSource, further, uncommanded
+from solver.inputs.command_filter import STEERING, CommandSource, further, uncommanded
 from solver.inputs.maneuver import base_names
 from solver.levels.road_wheel import steering_map, steering_wheel_at
 from solver.model.spec import ModelSpec

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mbd_sim_ros.node.demand import NEUTRAL, PARK
+from mbd_sim_ros.node.speed_control import NEUTRAL, PARK
 from solver.elements.engine_map import EngineSpec
 from solver.inputs.shifting import INPUTS, LOCK_UP, Shifter, Shifting
 from solver.model.spec import ModelSpec

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import NamedTuple, Protocol
 
 from mbd_sim_ros.node.pace import Pace
-from solver.inputs.hands import COMMANDS
+from solver.inputs.command_filter import COMMANDS
 
 DRIVING = ('drive_torque', 'accelerator')  # beginnings of commands that drive: the watchdog ends them
 

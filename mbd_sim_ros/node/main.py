@@ -148,7 +148,7 @@ def _simulate() -> int:
 
     from mbd_sim_ros.node.publish import leave_sending_to_the_middleware
     from mbd_sim_ros.node.simulator import Simulator
-    from mbd_sim_ros.node.turns import turn
+    from mbd_sim_ros.node.spinning import spin_once
     from solver.errors import SceneError
     from solver.files.scene import known_names
 
@@ -177,7 +177,7 @@ def _simulate() -> int:
             node.get_logger().info(f'running {scene.name}: step {simulation.h_ns * 1e-6:g} ms, mode {node.value("mode")}')
             executor.add_node(node)
             while not interrupts.event.is_set() and not node.loop.done.is_set():
-                turn(executor, node, LOOK)
+                spin_once(executor, node, LOOK)
         finally:
             number = interrupts.received()
             if number:

@@ -1,4 +1,4 @@
-"""Executable `maneuver`: plays a maneuver onto the command topics in simulation time (see playing.py).
+"""Executable `maneuver`: plays a maneuver onto the command topics in simulation time (see maneuver_node.py).
 
 It answers the newest `cmd_applied` of the simulator (whose stamp is the simulation time) with the commands for that time, in
 one stamped message on `lockstep_cmd`, at most `rate` times a second (a command costs the simulator more than a step does), so it keeps
@@ -21,7 +21,7 @@ if __name__ == '__main__':
 
 from typing import Any
 
-from mbd_sim_ros.node.accompany import COMMON, accompany
+from mbd_sim_ros.node.companion import COMMON, accompany
 
 PARAMETERS: dict[str, tuple[Any, str]] = {
     **COMMON,
@@ -32,7 +32,7 @@ PARAMETERS: dict[str, tuple[Any, str]] = {
 
 
 def _play() -> int:
-    from mbd_sim_ros.node.playing import Player
+    from mbd_sim_ros.node.maneuver_node import Player
 
     node = Player(PARAMETERS)
     return accompany(node, f'playing {node.what} to {node.value("simulator")}')

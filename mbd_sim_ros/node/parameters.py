@@ -11,7 +11,7 @@ from rclpy.parameter import Parameter
 
 from mbd_sim_ros.node.pace import MODES
 from solver.errors import SpecError, suggestion
-from solver.inputs.hands import COMMANDS, POWERTRAIN
+from solver.inputs.command_filter import COMMANDS, POWERTRAIN
 
 
 class Spec(NamedTuple):

@@ -31,7 +31,7 @@ from mbd_sim_ros.node.ticks import Ticks
 from solver.analysis.envelope import Envelope
 from solver.errors import BagError, MbdError, SpecError
 from solver.findings import Finding
-from solver.inputs.hands import commands_of, place_of
+from solver.inputs.command_filter import commands_of, place_of
 from solver.output.snapshot import Snapshot
 
 if TYPE_CHECKING:

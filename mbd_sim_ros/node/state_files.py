@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from mbd_sim_ros.bags.recorder import file_stem
-from solver.disk import whole
+from solver.disk import atomic_write
 from solver.elements.road import RoadSpec
 from solver.errors import SpecError
 from solver.inputs.actuation import Chain
 from solver.inputs.assistance import Assistant
-from solver.inputs.hands import CommandSource, hands_at
+from solver.inputs.command_filter import CommandSource, filter_state_at
 from solver.model.spec import ModelSpec
 from solver.model.state import FORMAT, fitting, load_arrays, require_format
 from solver.output.snapshot import TIRE_COLUMNS
@@ -48,7 +48,7 @@ def hand_over(simulation: Simulation, parts: Mapping[str, Part], *, commanded: b
     acting = (sources.actuators, sources.assistant)
     for part in parts.values():
         if isinstance(part, CommandSource):
-            part.state = hands_at(simulation.channels.inputs, inputs)
+            part.state = filter_state_at(simulation.channels.inputs, inputs)
         elif isinstance(part, Chain) and part not in acting:
             part.start(inputs)
         elif isinstance(part, Assistant) and part not in acting:
@@ -74,7 +74,7 @@ def save(scene: Scene, simulation: Simulation, parts: Mapping[str, Part], comman
         **{name: part.state for name, part in parts.items()},
     }
     try:
-        with whole(path) as part:
+        with atomic_write(path) as part:
             np.savez(part, **content)  # type: ignore[arg-type]
     except OSError as error:
         raise SpecError(

@@ -17,7 +17,7 @@ from mbd_sim_ros.batch import record, warm_up
 from mbd_sim_ros.messages.encode import require_finite
 from mbd_sim_ros.sweep.design import Figure
 from solver import simulation_of
-from solver.analysis.covered import weighed
+from solver.analysis.certificate_coverage import weighed
 from solver.analysis.envelope import Envelope
 from solver.analysis.verdict import ERROR, report, status_of
 from solver.disk import Store, digest, sources

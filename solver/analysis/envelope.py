@@ -82,7 +82,8 @@ class _Range:
 
     @property
     def worst(self) -> tuple[_Worst, ...]:
-        """The worst beyond either end: what a certificate covers of one says nothing of the other (solver.analysis.covered)."""
+        """The worst beyond either end. A certificate that covers one end says nothing of the other
+        (solver.analysis.certificate_coverage)."""
         return tuple(self._worst.values())
 
     def end(self) -> None:

@@ -2,7 +2,7 @@
 
 Masses from the specification, modes from the linearised model (solver.analysis.modes), kinematics and compliance from a bench
 (solver.analysis.kinematics_and_compliance), what comes out of driving from runs (solver.analysis.driven). Angles in rad, SI units. Where
-they usually lie: solver.analysis.usual.
+they usually lie: solver.analysis.typical_values.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from solver.simulation import Simulation
 from solver.step.settings import IntegratorSettings
 from solver.vehicle.hardpoints import SIDES
 
-ROUNDED = 12  # decimals of an angle [rad]: what is beyond is rounding of the equilibrium
+ANGLE_DECIMALS = 12  # decimals of an angle [rad]: what is beyond is rounding of the equilibrium
 # what comes from where, first of all what tells that it is missing
 MODES = ('bounce_frequency', 'bounce_damping', 'pitch_frequency', 'roll_frequency')
 BENCH = ('wheel_rate_front', 'wheel_rate_rear', 'roll_stiffness_front', 'roll_stiffness_rear', 'steering_ratio')
@@ -70,8 +70,8 @@ def alignment(simulation: Simulation) -> dict[str, float]:
     for tire in spec.tires:
         axis = matrix(tuple(pose[places[tire.marker.body], 3:])) @ matrix(tire.marker.orientation)[:, 1]
         side = SIDES[tire.name.rpartition('_')[2]]
-        found[f'toe_{tire.name}'] = side * round(float(np.arctan2(axis[0], axis[1])), ROUNDED)
-        found[f'camber_{tire.name}'] = -side * round(float(np.arcsin(axis[2])), ROUNDED)
+        found[f'toe_{tire.name}'] = side * round(float(np.arctan2(axis[0], axis[1])), ANGLE_DECIMALS)
+        found[f'camber_{tire.name}'] = -side * round(float(np.arcsin(axis[2])), ANGLE_DECIMALS)
     means = {f'{a}_{axle}': float(np.mean([found[f'{a}_{axle}_{side}'] for side in SIDES])) for a in ('toe', 'camber') for axle in AXLES}
     return found | means
 
@@ -99,8 +99,9 @@ class Figures(NamedTuple):
 
 
 def all_figures(simulation: Simulation) -> Figures:
-    """All figures of a vehicle whose simulation stands at its start (see standing()), without modes where there are none of bodies alone
-    (solver.analysis.modes); solver.analysis.usual tells what they are. Where a bench or a drive fails, what comes from it is missing."""
+    """All figures of a vehicle whose simulation stands at its start (see standing()), without modes where there are
+    none of bodies alone (solver.analysis.modes); solver.analysis.typical_values has their texts and units. Figures of a
+    bench or a drive that fails are missing."""
     spec = simulation.model.spec
     found, failed = mass_figures(spec), {}
 

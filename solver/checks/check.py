@@ -92,10 +92,10 @@ class Check:
     (solver.analysis.envelope). reason: what a value beyond the limit says, a sentence with `{where}` for the place or
     `{of}`. remedy: what to do, a sentence. require: the key of `require` that replaces the limit; ''. count: the value
     is a whole number. least: the value must be no less than the limit. plan: what a plan makes of a finding
-    (solver.analysis.covered): 'broken' forbids a setting, 'coarse' is covered where it was measured, 'scene' belongs to
-    the scene whatever its setting. anywhere: a plan that covers it does so at every place. unresolved: it says that
-    steps are too long for the motion. turned: it may come from a body without inertia that is turned
-    (solver.analysis.turned).
+    (solver.analysis.certificate_coverage): 'broken' forbids a setting, 'coarse' is covered where it was measured,
+    'scene' belongs to the scene whatever its setting. anywhere: a plan that covers it does so at every place.
+    unresolved: it says that steps are too long for the motion. turned: it may come from a body without inertia that is
+    turned (solver.analysis.turned).
     """
 
     name: str

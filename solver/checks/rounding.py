@@ -28,7 +28,7 @@ from solver.vehicle.size import size_of
 # Last increment of an iteration, relative to the velocity; three iterations bring it below 1e-6 where nothing spoils them.
 SPOILT = 1e-4
 HIDDEN = 3e-5  # of an acceleration
-ROUNDED = 3e-5  # of half the widest range of a velocity
+LARGEST_ROUNDING = 3e-5  # of half the widest range of a velocity
 
 
 def _condensed(e: Evidence) -> bool:
@@ -102,7 +102,7 @@ def distance(e: Evidence) -> Iterator[Measured]:
 
 DISTANCE = Check(
     name='distance',
-    limit=ROUNDED,
+    limit=LARGEST_ROUNDING,
     rule='what rounding of places far from the origin makes of half the widest range of a velocity (at least 1 m/s), in all steps together',
     measure=distance,
     reason='{where} is so far from the origin that rounding of its place shows in its velocity',

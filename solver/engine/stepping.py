@@ -16,8 +16,8 @@ from solver.model.saddle import CONDENSED, new_saddle
 from solver.output.branches import BranchSwitch
 from solver.output.snapshot import NO_STEPS
 from solver.scene import Scene
+from solver.start.branch_check import turn_across
 from solver.start.placement import Changes
-from solver.start.rescue import turn_across
 from solver.step.adaptation import Adaptation, is_idle
 from solver.step.augmented_lagrangian import advance
 from solver.step.control import Event

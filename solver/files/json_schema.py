@@ -17,7 +17,7 @@ import types
 from collections.abc import Callable, Mapping
 from typing import Any, Literal, Union, get_args, get_origin
 
-from solver.dimensions import ROUNDED, Angle, Moments, Point, Within
+from solver.dimensions import BOUND_ROUNDING, Angle, Moments, Point, Within
 from solver.elements.laws import Law
 from solver.elements.marker import Marker, Spec
 from solver.elements.rigid_body import RigidBodySpec
@@ -274,7 +274,7 @@ def _bounds(hint: Any, unit: str) -> Schema:
     within = next((a for a in hint.__metadata__ if isinstance(a, Within)), None)
     if within is None:
         return {}
-    most = within.most * (1.0 + 2.0 * ROUNDED) / (UNITS[unit][1] if unit else 1.0)
+    most = within.most * (1.0 + 2.0 * BOUND_ROUNDING) / (UNITS[unit][1] if unit else 1.0)
     return {'minimum': -most, 'maximum': most}
 
 

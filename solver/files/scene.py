@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from solver.dimensions import LOCK, ROUNDED
+from solver.dimensions import BOUND_ROUNDING, LOCK
 from solver.elements.road import RoadSpec
 from solver.elements.road_grids import RandomRoad
 from solver.errors import SceneError, SpecError, suggestion
@@ -140,7 +140,7 @@ def _require_angles(scene: Scene, fields: Fields) -> None:
         turning -= {name for one in (*model.couplers, *model.coordinate_forces, *model.transmissions) for name, _ in one.terms}
     most, what = (LOCK, '20 rad') if model.tires else (2.0 * math.pi, 'one turn')  # a steering wheel may start turned
     for name, wanted in scene.start.coordinates.items():
-        if name in turning and abs(wanted.value or 0.0) > most * (1.0 + ROUNDED):
+        if name in turning and abs(wanted.value or 0.0) > most * (1.0 + BOUND_ROUNDING):
             text = f'is too large in rad for an angle at the start ({what} at most); {IN_DEGREES}'
             raise SceneError(f'{where(fields["start"][1])}: start.coordinates.{name}.value = {wanted.value:g}: {text}')
 

@@ -31,7 +31,7 @@ from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
-from solver.dimensions import ROUNDED, Within
+from solver.dimensions import BOUND_ROUNDING, Within
 from solver.errors import SceneError, SpecError, suggestion
 from solver.files.naming import INCLUDE, READERS, names_file, unfit
 from solver.files.yaml_tree import AddedMapping, join, refuse, where
@@ -151,7 +151,7 @@ class Builder:
     def require_within(self, hint: Any, value: Any, node: Node, path: str, ending: str = '') -> None:
         """Refuse a value [unit of the hint] that its meaning does not allow, and say in which unit it may be meant. ending: of its key."""
         bound = next((a for a in parts_of(hint) if isinstance(a, Within)), None)
-        if bound is None or _largest(value) <= bound.most * (1.0 + ROUNDED):
+        if bound is None or _largest(value) <= bound.most * (1.0 + BOUND_ROUNDING):
             return
         suffix, factor = next(((s, UNITS[u][1]) for s, u in SUFFIXES.items() if UNITS[u][0] == unit_of(hint)), ('', math.inf))
         meant = not ending and _largest(value) * factor <= bound.most

@@ -24,7 +24,7 @@ import numpy as np
 
 from solver.dimensions import Time
 from solver.errors import SpecError
-from solver.inputs.hands import follow
+from solver.inputs.command_filter import follow
 from solver.inputs.recorded import ACCELERATION, RATE
 from solver.validate import finite
 

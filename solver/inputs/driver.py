@@ -10,7 +10,7 @@ steering wheel is turned to the angle which holds this curvature in the steady s
 
     steering = ratio (wheelbase + understeer v^2) kappa
 
-and reaches it through the hands: rate limit and critically damped lag of solver.inputs.hands.CommandSource.
+and reaches it through the hands: rate limit and critically damped lag of solver.inputs.command_filter.CommandSource.
 
 Law of the one who keeps a speed: torque T = P e + I + inertia * dv_wanted/dt with e = v_wanted - v and dI/dt = P (omega/2) e. On a car that
 answers with inertia * dv/dt = T - resistance, P = 2 omega inertia makes this a critically damped loop of frequency omega. Where T

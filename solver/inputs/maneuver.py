@@ -14,9 +14,9 @@ from typing import Annotated
 import numpy as np
 
 from solver.errors import SpecError, suggestion
+from solver.inputs.command_filter import COMMANDS, CommandSource, filter_state_at
 from solver.inputs.driver import PreviewDriver, Sight, SpeedControl
 from solver.inputs.end_stops import BeyondEnd, hold
-from solver.inputs.hands import COMMANDS, CommandSource, hands_at
 from solver.inputs.recorded import ACCELERATION, RATE, BagChannel, RecordedSource, recorded
 from solver.inputs.signals import Constant, Signal, signal
 from solver.inputs.unresolved import Departure, Unresolved
@@ -254,7 +254,7 @@ class DriverSource:
         self._at = {name: k for k, name in enumerate(input_names)}
         if self.driver is not None:
             self._steering = [self._at[name] for name in ('steering', 'steering' + RATE, 'steering' + ACCELERATION)]
-            self._hands = CommandSource(input_names, h_ns, bandwidth=self.driver.bandwidth, rate_limit=self.driver.rate_limit)
+            self._filter = CommandSource(input_names, h_ns, bandwidth=self.driver.bandwidth, rate_limit=self.driver.rate_limit)
         if self.speed is not None:
             self._target = signal(start if self.speed.target is None else self.speed.target)
             self._first, self._wanted = -1, np.zeros((AHEAD, 2))
@@ -263,19 +263,19 @@ class DriverSource:
     def reset(self) -> None:
         """Back to t = 0."""
         if self.driver is not None:
-            self._hands.state = np.zeros(3)
+            self._filter.state = np.zeros(3)
         self._kept = 0.0 if self.speed is None else self.speed.first
 
     def start(self, inputs: np.ndarray) -> None:
         """Begin in the middle of a motion, with the hands where inputs (nu,) have the steering wheel."""
         self.reset()
         if self.driver is not None:
-            self._hands.state = hands_at(self._hands.names, inputs)
+            self._filter.state = filter_state_at(self._filter.names, inputs)
 
     @property
     def state(self) -> np.ndarray:
         """State of the hands and of the speed control; assign it to restore."""
-        hands = self._hands.state if self.driver is not None else np.zeros(0)
+        hands = self._filter.state if self.driver is not None else np.zeros(0)
         return hands if self.speed is None else np.append(hands, self._kept)
 
     @state.setter
@@ -285,7 +285,7 @@ class DriverSource:
                 f'restore: the state of the driver has {value.size} numbers, this maneuver needs {self.state.size}: other scene'
             )
         if self.driver is not None:
-            self._hands.state = value[:3].copy()
+            self._filter.state = value[:3].copy()
         if self.speed is not None:
             self._kept = float(value[-1])
 
@@ -293,7 +293,7 @@ class DriverSource:
         """(nu,) inputs of step k; advances hands and speed control by a step, so it is called once per step."""
         row = self.open_loop.sample(k)
         if self.driver is not None:
-            row[self._steering] = self._hands.turn(min(max(self.driver.steering(sight), -self._lock), self._lock))
+            row[self._steering] = self._filter.turn(min(max(self.driver.steering(sight), -self._lock), self._lock))
         if self.speed is not None:
             wanted, slope = self._wanted_at(k)
             h = self.h_ns * 1e-9

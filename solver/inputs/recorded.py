@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.compiled.portable import clamped_spline_slopes, piecewise_cubic
-from solver.dimensions import ROUNDED
+from solver.dimensions import BOUND_ROUNDING
 from solver.errors import SpecError, suggestion
 
 RATE, ACCELERATION = '_rate', '_acceleration'
@@ -40,7 +40,7 @@ class Reach(NamedTuple):
 
     def beyond(self, values: np.ndarray) -> float | None:
         """The value of an input (n,) that is furthest beyond; None where none is."""
-        off = np.maximum(self.low - values - ROUNDED * abs(self.low), values - self.high - ROUNDED * abs(self.high))
+        off = np.maximum(self.low - values - BOUND_ROUNDING * abs(self.low), values - self.high - BOUND_ROUNDING * abs(self.high))
         worst = int(np.argmax(off))
         return float(values[worst]) if off[worst] > 0.0 else None
 

@@ -5,7 +5,7 @@ The bench (solver.analysis.kinematics_and_compliance) holds the chassis of the f
 - both wheels of an axle at travels and angles of the steering wheel up to RANGES to either side: the maps over travel and steering;
 - one wheel alone, the other one held: the force of springs, stops and anti-roll bar over either travel, the change of the maps by the
   travel of the other wheel, and the lengths of the dampers; by both, in opposite directions and steered, how steering changes that;
-  of a loaded vehicle the same about where it stands (solver.levels.beside);
+  of a loaded vehicle the same about where it stands (solver.levels.other_wheel);
 - a pull of the dampers with travels and steering held: the stiffness of their mounts;
 - loads at the wheel centres with travels (those of a loaded vehicle that stands) and steering held: the compliance, gear and subframe
   included; and by the difference of all bodies' places the masses that move with a wheel and the inertia that turns with it.
@@ -29,9 +29,9 @@ from solver.compiled.portable import inverse, product
 from solver.elements.guide_map import BESIDE, QUANTITIES
 from solver.errors import ConsistencyError, SpecError
 from solver.levels.bench import Bench, Stand
-from solver.levels.beside import NOTHING, USUAL, Beside, terms, where_it_stands
+from solver.levels.loaded_position import loaded_position
 from solver.levels.map_fits import least_squares, spline
-from solver.levels.stood import stood
+from solver.levels.other_wheel import FITTED_LOADS, NO_INFLUENCE, OtherWheel, terms, where_it_stands
 from solver.model.frames import matrix
 from solver.model.spec import ModelSpec
 from solver.vehicle.hardpoints import SIDES
@@ -121,7 +121,7 @@ def _measured(spec: ModelSpec, travel: float, turned: float, progress: Callable[
                 against[a, k, i] = s.x[corners[k]]
     apart = _steered_apart(bench, z, steering, grid, against)
     alone = {corner: [bench.stand(**{f'travel_{corner}': float(v)}) for v in fine] for corner in CORNERS}
-    loaded = stood(spec)
+    loaded = loaded_position(spec)
     leant = {axle: where_it_stands(bench, fine, alone, corners, loaded.get(f'travel_{corners[0]}')) for axle, corners in axles.items()}
     require_return(bench, rest)
     progress(0.9)
@@ -173,14 +173,16 @@ def _axle(
     fine: np.ndarray,
     alone: dict[str, list[Stand]],
     steered: bool,
-    leant: Sequence[Beside] = NOTHING,
+    leant: Sequence[OtherWheel] = NO_INFLUENCE,
 ) -> dict[str, Any]:
     """Maps, springs and dampers of an axle; grid (2, travel, steering, 5) with both wheels at the same travel, against (2, travel, 5) with
     the other wheel at the opposite one, apart (2, 5) of _steered_apart(), leant by wheel what the other one does to it where it stands."""
     middle = grid.shape[2] // 2
     every = (len(fine) - 1) // (len(z) - 1)
     loads = [np.array([s.load[corner] for s in alone[corner]]) for corner in corners]
-    usual = np.all([(USUAL[0] * load[len(load) // 2] <= load) & (load <= USUAL[1] * load[len(load) // 2]) for load in loads], axis=0)
+    usual = np.all(
+        [(FITTED_LOADS[0] * load[len(load) // 2] <= load) & (load <= FITTED_LOADS[1] * load[len(load) // 2]) for load in loads], axis=0
+    )
     usual[len(fine) // 2 - every : len(fine) // 2 + every + 1] = True  # of the stiffest car at least the nodes beside the middle
     own = [np.array([s.x[corners[k]] for s in alone[corners[k]]]) for k in range(2)]
     other = [np.array([s.x[corners[1 - k]] for s in alone[corners[k]]]) for k in range(2)]

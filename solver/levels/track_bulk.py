@@ -11,7 +11,7 @@ from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.tire_pacejka import TIRE_COLUMNS
 from solver.inputs.maneuver import Maneuver
 from solver.levels.single_track_engine import AXLES
-from solver.levels.track_runs import Drive, whole
+from solver.levels.track_runs import Drive, whole_vehicle
 from solver.model.frames import matrix
 from solver.model.spec import ModelSpec
 from solver.vehicle.hardpoints import SIDES
@@ -36,7 +36,7 @@ def turning(model: ModelSpec, speed: float) -> tuple[dict[str, float], float]:
 
     From the kinetic energy of a vehicle that rolls straight on: nothing else turns then.
     """
-    simulation = whole(model, Drive(speed=speed, maneuver=Maneuver(), duration=1.0))
+    simulation = whole_vehicle(model, Drive(speed=speed, maneuver=Maneuver(), duration=1.0))
     state, spec = simulation.state, simulation.model.spec
     energy = {b.name: float(product(product(w, b.inertia_matrix()), w)) for b, w in zip(spec.bodies, state.v[:-1, 3:], strict=True)}
     spin = float(np.mean(simulation.snapshot().tire[:, TIRE_COLUMNS.index('spin')]))

@@ -66,7 +66,7 @@ def step_of(model: ModelSpec) -> float:
     return H if (time := size_of(model).time) == 1.0 else 4e-8 * round(H * time / 4e-8)
 
 
-def whole(model: ModelSpec, drive: Drive) -> Simulation:
+def whole_vehicle(model: ModelSpec, drive: Drive) -> Simulation:
     """The simulation of a run of the vehicle on a flat road. Its step is H, or a part of that in which no rotor behind a gear turns further
     than a verdict wants of bodies."""
     h = step_of(model)
@@ -82,7 +82,7 @@ def whole(model: ModelSpec, drive: Drive) -> Simulation:
 
 def driven(model: ModelSpec, drive: Drive) -> Run:
     """Run the vehicle; a run that fails ends where it failed. Raises SpecError where that is at once."""
-    simulation = whole(model, drive)
+    simulation = whole_vehicle(model, drive)
     h = step_of(model)
     channels, parts = simulation.channels, round(h / simulation.h)
     wheels = [channels.wheels.index(corner) for corner in CORNERS]

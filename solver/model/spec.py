@@ -34,11 +34,12 @@ def _with_kinds(cls: type[T]) -> type[T]:
 class ModelSpec:
     """A mechanism or vehicle on a road. Names are unique within their kind; order is kept everywhere.
 
-    Joints of kind revolute, prismatic and cylindrical define joint coordinates named after them; `coordinates` adds others. Every kind of
-    element in solver.elements.registry has a field of its name.
-    chassis: the body that odom and imu describe (None: the first body). category: of vehicle, what its figures are compared with
-    (solver.analysis.usual). lock: angle of the steering wheel at its end stops, to either side [rad]; None: it has none. added: (section,
-    name) of what the scene adds to a vehicle's template (solver.files.vehicle).
+    Joints of kind revolute, prismatic and cylindrical define joint coordinates named after them; `coordinates` adds
+    others. Every kind of element in solver.elements.registry has a field of its name. chassis: the body that odom and
+    imu describe (None: the first body). category: kind of vehicle, whose typical values its figures are compared with
+    (solver.analysis.typical_values). lock: angle of the steering wheel at its end stops, to either side [rad]; None: no
+    end stops. added: (section, name) of each element that the scene adds to a vehicle's template
+    (solver.files.vehicle).
     """
 
     bodies: tuple[RigidBodySpec, ...]

@@ -15,7 +15,7 @@ from solver.errors import ConsistencyError
 from solver.model.evaluate import add_constraint_forces, add_constraint_stiffness, evaluate_forces
 from solver.model.saddle import CONDENSED, solve_saddle
 from solver.model.state import State, update_angles
-from solver.start.minimum import refuse_unstable
+from solver.start.equilibrium_stability import refuse_unstable
 from solver.start.newton import ConsistentState, move
 
 EQUILIBRIUM_TOLERANCE = 1e-11  # N or N m, relative to the weight of the model

@@ -37,7 +37,7 @@ OPEN = 1e-8  # m/s or rad/s that velocities may violate constraints by
 STAGNATION = 0.5  # of the change before, above which an iteration has come to rounding
 KRYLOV = 40  # augmentations in a combination at most
 ASSEMBLY_TOLERANCE = 1e-12  # m or rad
-ROUNDED = 1e-15  # of a place, that far from the origin nothing closes
+POSITION_ROUNDING = 1e-15  # of a place, that far from the origin nothing closes
 CONTRADICTING = 1e-5  # m or rad that stay open where joints are nearly right
 LARGEST_TURN = 0.3  # rad or m per iteration of the assembly, so that no coordinate turns by pi at once
 FARTHEST = 10000  # such iterations that a start may be away: 3000 rad
@@ -134,7 +134,7 @@ class ConsistentState:
             made += 1
         else:
             worst = np.abs(residual).max()
-            if not worst < max(1e-9, ROUNDED * np.abs(state.q[:, :3]).max()):
+            if not worst < max(1e-9, POSITION_ROUNDING * np.abs(state.q[:, :3]).max()):
                 remedy = 'place the bodies nearer to a closed configuration or check the joint data'
                 if worst < CONTRADICTING:
                     remedy = (

@@ -15,7 +15,7 @@ from solver.elements.registry import FORCES
 from solver.elements.road import surface_at
 from solver.elements.tire_pacejka import TIRES, rolling_radius
 from solver.errors import ConsistencyError
-from solver.inputs.hands import STEERING
+from solver.inputs.command_filter import STEERING
 from solver.model.evaluate import evaluate_forces
 from solver.model.frames import matrix, quaternion
 from solver.model.state import State, kinematics_of

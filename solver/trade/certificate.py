@@ -8,7 +8,7 @@ from dataclasses import asdict
 from typing import Any
 
 from solver import units
-from solver.analysis.covered import certified_of, is_of_scene
+from solver.analysis.certificate_coverage import certified_of, is_of_scene
 from solver.checks.speed import REAL_TIME_FACTOR_MIN
 from solver.disk import digest, plain
 from solver.errors import MbdError
@@ -105,8 +105,9 @@ def least_speed(scene: Scene) -> tuple[float, str]:
 
 
 def findings_of(search: Search, setting: Setting) -> list[dict[str, Any]]:
-    """What the certificate covers (solver.analysis.covered): of the maneuvers that served to choose and of those that were passed. The note
-    on each says what that means for a run; another one says what makes a run suspect all the same."""
+    """Findings that the certificate covers (solver.analysis.certificate_coverage): of the maneuvers that served to
+    choose and of those that were passed. The note on each says what that means for a run; another one says what makes a
+    run suspect all the same."""
     maneuvers = [*search.seen, *(c.variation for c in search.checks if c.passed)]
     found = [finding for v in maneuvers for finding in search.findings(v, setting) if finding.quantity not in search.coarse]
     names = ', '.join(search.names)

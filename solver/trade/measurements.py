@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
-from solver.analysis.covered import is_broken
+from solver.analysis.certificate_coverage import is_broken
 from solver.errors import SpecError
 from solver.findings import Finding
 from solver.levels.auto import key

@@ -7,13 +7,15 @@ Errors of different origin cancel on one maneuver and not on the next. So an err
     iteration  the setting with its iterations, against the same iterated to tolerance
     reference  band of the converged full vehicle
 
-Settings are tried cheapest first, on growing parts of the scene's own maneuver (what an error has reached by then it does not lose again)
-and then on the corners of the variations (solver.trade.variations); the first whose bounds keep the limits, and whose errors themselves
-leave MARGIN of them free, is the cheapest: it is the error that may be larger on maneuvers in between. A run of it must not be broken
-(solver.analysis.covered); what is merely coarse is measured, and goes with the certificate. When it is the turn of a level its
-model error is looked at first: one that is too large by itself takes all its settings out. Of its level subsystems are then switched off,
-those first that save most for the error they make, singly and by exchanging pairs. What remains is checked by its error itself on
-variations that had no part in the choice. n passes without failure bound the rate of failures by 3/n with 95 % confidence [Hanley1983].
+Settings are tried cheapest first, on growing parts of the scene's own maneuver (what an error has reached by then it
+does not lose again) and then on the corners of the variations (solver.trade.variations); the first whose bounds keep
+the limits, and whose errors themselves leave MARGIN of them free, is the cheapest: it is the error that may be larger
+on maneuvers in between. A run of it must not be broken (solver.analysis.certificate_coverage); what is merely coarse is
+measured, and goes with the certificate. When it is the turn of a level its model error is looked at first: one that is
+too large by itself takes all its settings out. Of its level subsystems are then switched off, those first that save
+most for the error they make, singly and by exchanging pairs. What remains is checked by its error itself on variations
+that had no part in the choice. n passes without failure bound the rate of failures by 3/n with 95 % confidence
+[Hanley1983].
 """
 
 from __future__ import annotations

@@ -16,8 +16,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from solver.elements.road import RandomRoad, RoadSpec
+from solver.inputs.command_filter import BY_WHEEL, COMMANDS, STEERING
 from solver.inputs.driver import Circle, Course, Waypoints
-from solver.inputs.hands import BY_WHEEL, COMMANDS, STEERING
 from solver.inputs.maneuver import Maneuver
 from solver.inputs.signals import Constant, Mapped, Signal, Sum, signal
 from solver.scene import Scene

@@ -20,7 +20,7 @@ from solver.validate import Vector
 MARGIN = math.radians(20.0)  # angle of transmission that is left at the end; with a tenth of it a linkage locks by its friction
 STEP = 0.05  # of the steering wheel between two looks [rad]; with ten times as much an end within half a turn may be passed over
 FURTHEST = 30.0  # of the steering wheel [rad], to a side: lorries have 18; what ends beyond has no end
-ROUNDED = 0.01  # of the end that is found [rad]: rounding of a processor does not show in it
+LOCK_ROUNDED_TO = 0.01  # of the end that is found [rad]: rounding of a processor does not show in it
 
 
 class Linkage(NamedTuple):
@@ -49,7 +49,7 @@ def lock_of(linkages: Iterable[Linkage], moves: Callable[[float], np.ndarray]) -
     """
     ends = [_end(one, lambda x, way=way: moves(way * x)) for one in linkages for way in (1.0, -1.0)]  # type: ignore[misc]
     found = min(ends, default=FURTHEST)
-    return None if found >= FURTHEST or found <= STEP else round(ROUNDED * math.floor(found / ROUNDED), 2)
+    return None if found >= FURTHEST or found <= STEP else round(LOCK_ROUNDED_TO * math.floor(found / LOCK_ROUNDED_TO), 2)
 
 
 def _end(linkage: Linkage, moves: Callable[[float], np.ndarray]) -> float:
@@ -76,7 +76,7 @@ def _end(linkage: Linkage, moves: Callable[[float], np.ndarray]) -> float:
         return None
 
     angle, turn, step = 0.0, 0.0, STEP
-    while step > 0.01 * ROUNDED:
+    while step > 0.01 * LOCK_ROUNDED_TO:
         found = solved(angle + step, turn) if angle < FURTHEST else turn
         if found is None:
             step *= 0.5

@@ -32,7 +32,7 @@ from mbd_sim_ros.node.latch import Latch
 from mbd_sim_ros.node.loop import Loop
 from mbd_sim_ros.node.pace import Pace
 from mbd_sim_ros.node.main import prepare
-from solver.inputs.hands import CommandSource
+from solver.inputs.command_filter import CommandSource
 
 def state():
     specialisations = sum(len(value.overloads) for name, module in sorted(sys.modules.items()) if name.startswith('solver')

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 from solver import disk
-from solver.disk import KEPT, PART, PROOF, SIZE, USED, YOUNG, Store, alone, derived, digest, location, plain, sources, whole
+from solver.disk import KEPT, PART, PROOF, SIZE, USED, YOUNG, Store, alone, atomic_write, derived, digest, location, plain, sources
 from solver.errors import BagError
 
 OLD, NEW = b'old' * 1000, b'new' * 2000
@@ -56,7 +56,7 @@ def killed_at(line: int, do: Callable[[], None]) -> None:
 
 
 def write_whole(file: Path, content: bytes) -> None:
-    with whole(file) as part:
+    with atomic_write(file) as part:
         part.write_bytes(content)
 
 
@@ -152,7 +152,7 @@ def test_what_lies_in_the_way_of_a_value_is_replaced(lies: Callable[[Path], None
 
 def test_another_process_may_remove_the_directory_at_any_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     store, removed = Store(tmp_path / 'store', bounded=True), []
-    plain_whole = disk.whole
+    plain_whole = disk.atomic_write
 
     def whole_later(file: Path) -> Any:
         if len(removed) < 3:
@@ -160,7 +160,7 @@ def test_another_process_may_remove_the_directory_at_any_time(tmp_path: Path, mo
             file.parent.rmdir()
         return plain_whole(file)
 
-    monkeypatch.setattr(disk, 'whole', whole_later)
+    monkeypatch.setattr(disk, 'atomic_write', whole_later)
     store.write('value', NEW)
     assert len(removed) == 3 and store.read('value') == NEW
 

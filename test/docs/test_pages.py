@@ -12,7 +12,7 @@ from program_copy import ROOT, run_there
 
 from mbd_sim_ros import interrupts
 from mbd_sim_ros.commands import main
-from mbd_sim_ros.node.accompany import NoSimulator
+from mbd_sim_ros.node.companion import NoSimulator
 from solver.errors import MbdError
 from solver.model.state import State
 

@@ -216,7 +216,7 @@ def test_a_sentence_that_is_being_said_is_finished(tmp_path: Path) -> None:
 def test_a_call_of_many_long_steps_is_divided(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """No call lasts longer than twice what is allowed, whatever record.every says, once the first steps have been measured."""
     from mbd_sim_ros import batch
-    from solver.analysis.covered import Weighed
+    from solver.analysis.certificate_coverage import Weighed
 
     spent = []
 

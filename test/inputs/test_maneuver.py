@@ -7,7 +7,7 @@ import pytest
 
 from solver.errors import SceneError, SpecError
 from solver.files.scene import load_scene
-from solver.inputs.hands import CommandSource
+from solver.inputs.command_filter import CommandSource
 from solver.inputs.maneuver import Maneuver, ManeuverSource, ReplaySource
 from solver.inputs.recorded import Reach, Recorded, RecordedSource, Track
 from solver.inputs.signals import Constant, Ramp, Signal, Sine, SineWithDwell, Step, Sum, Sweep, Table

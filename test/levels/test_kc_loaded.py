@@ -15,7 +15,7 @@ from solver.elements.road import RoadSpec
 from solver.inputs.maneuver import Maneuver
 from solver.levels.flywheels import flywheels, spin_of
 from solver.levels.kc import kc_model
-from solver.levels.track_runs import Drive, H, driven, whole
+from solver.levels.track_runs import Drive, H, driven, whole_vehicle
 
 CHASSIS = RigidBodySpec(name='chassis', mass=1000.0, inertia=(400.0, 1500.0, 1600.0, 0.0, 0.0, 0.0))
 LOADED = ('vehicle=vehicles/full_car.yaml', 'vehicle.chassis.mass=1394', 'vehicle.chassis.com=[-0.426, 0, 0.68]')
@@ -74,9 +74,9 @@ def test_runs_from_which_axles_are_identified_resolve_rotors() -> None:
     The samples stay where they are."""
     model = dataclasses.replace(solver.load_scene('car_step_steer', ROTORS).model, road=RoadSpec())
     drive = Drive(speed=22.0, maneuver=Maneuver(), duration=0.2)
-    fastest = float(np.abs(whole(model, drive).state.v[:, 3:]).max())
+    fastest = float(np.abs(whole_vehicle(model, drive).state.v[:, 3:]).max())
     assert H * fastest > 1.4
-    assert whole(model, drive).h == H / 2
+    assert whole_vehicle(model, drive).h == H / 2
     run = driven(model, drive)
     np.testing.assert_allclose(run.time, np.arange(1, 21) * 0.01)
     assert len(run.inputs) == 100

@@ -11,8 +11,8 @@ from foreign import packages
 from processes import ROOT, Process
 from real_node import simulator
 
-from mbd_sim_ros.node.demand import DRIVE, NEUTRAL
 from mbd_sim_ros.node.gearbox import Gearbox, Worked
+from mbd_sim_ros.node.speed_control import DRIVE, NEUTRAL
 from solver.files.scene import load_scene_text
 from solver.scene import Scene
 

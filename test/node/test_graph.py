@@ -239,7 +239,7 @@ def adapter(monkeypatch):
 
     from mbd_sim_ros.node import graph
     from mbd_sim_ros.node.adapter import PARAMETERS
-    from mbd_sim_ros.node.adapting import Adapter
+    from mbd_sim_ros.node.adapter_node import Adapter
 
     monkeypatch.setattr(graph, 'SECONDS', 0.0)
     arguments = ['--ros-args', '-p', 'scene:=light_car_straight', '-p', 'steering_ratio:=16.0']

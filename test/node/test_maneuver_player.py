@@ -12,7 +12,7 @@ import yaml
 from processes import DOMAIN, Process, start
 
 from mbd_sim_ros.bags import reader as bag
-from mbd_sim_ros.node.playing import LOST
+from mbd_sim_ros.node.maneuver_node import LOST
 from solver.files.scene import load_maneuver
 
 pytestmark = pytest.mark.realtime
@@ -84,8 +84,8 @@ def test_in_real_time_commands_follow_within_a_few_steps(start, tmp_path, maneuv
 def test_no_angle_is_sent_to_a_car_that_takes_none(steering: str, tmp_path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A maneuver that does not steer has an angle of 0; where that is no command the whole message would be refused, brakes and all."""
     rclpy = pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
+    from mbd_sim_ros.node.maneuver_node import Player
     from mbd_sim_ros.node.maneuver_player import PARAMETERS
-    from mbd_sim_ros.node.playing import Player
 
     scene = tmp_path / 'scene.yaml'
     scene.write_text(f'<<: scenes/light_car_straight.yaml\nactuation: {{steering: {steering}}}\n')
@@ -107,8 +107,8 @@ def test_a_car_without_an_angle_to_steer_is_found_and_sent_none(steered: bool, t
     rclpy = pytest.importorskip('rclpy', reason='needs ROS: source Jazzy, or pip install .[ros]')
     from std_msgs.msg import Float64
 
+    from mbd_sim_ros.node.maneuver_node import Player
     from mbd_sim_ros.node.maneuver_player import PARAMETERS
-    from mbd_sim_ros.node.playing import Player
 
     file = tmp_path / 'brake.yaml'
     file.write_text('name: brake\nbrake_torque: 100.0\n')

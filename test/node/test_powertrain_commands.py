@@ -15,7 +15,7 @@ from mbd_sim_ros.bags import reader as bag
 from mbd_sim_ros.commands.main import main
 from mbd_sim_ros.node.commands import gears_of
 from solver.files.scene import load_scene
-from solver.inputs.hands import COMMANDS, commands_of
+from solver.inputs.command_filter import COMMANDS, commands_of
 
 pytestmark = pytest.mark.realtime
 

@@ -14,7 +14,7 @@ from mbd_sim_ros.node import state_files
 from mbd_sim_ros.node.state_files import restore, save
 from solver.errors import SpecError
 from solver.files.scene import load_scene
-from solver.inputs.hands import CommandSource
+from solver.inputs.command_filter import CommandSource
 from solver.model.state import fitting, load_arrays
 from solver.simulation import Simulation
 

@@ -20,7 +20,7 @@ from mbd_sim_ros.node.latch import Latch
 from mbd_sim_ros.node.loop import AT_ONCE, LATELY, Loop
 from mbd_sim_ros.node.pace import Pace
 from solver.files.scene import load_scene
-from solver.inputs.hands import CommandSource
+from solver.inputs.command_filter import CommandSource
 from solver.simulation import Simulation
 
 __all__ = ['simulator']  # a fixture

@@ -121,7 +121,7 @@ def test_vector_functions_of_intel_are_off_whatever_is_imported_first(module):
 # Files of the solver whose results are only shown, that only judge, or that integrate independently of what they check.
 SHOWN = (
     *('analysis/', 'reference/', 'trade/', 'quantities.py', 'output/branches.py', 'output/dependence.py', 'files/urdf.py'),
-    'start/minimum.py',
+    'start/equilibrium_stability.py',
     # limits of coefficients of tires, which refuse or tell and give no number to a run
     *('elements/slip_limits.py', 'elements/upright_law.py'),
     'start/reach.py',  # says why a step has failed

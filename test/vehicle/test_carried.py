@@ -9,7 +9,7 @@ from mbd_sim_ros.bags import reader as bag
 from mbd_sim_ros.batch import simulate
 from solver import load_scene, simulation_of
 from solver.errors import MbdError
-from solver.inputs.hands import COMMANDS, commands_of
+from solver.inputs.command_filter import COMMANDS, commands_of
 from solver.levels import derive
 
 DAMPER = 'adjustable_dampers: {%s: {terms: {travel_front_left: 1}, soft: 300, firm: 3000, lag: 0.02, input: %s}}'

@@ -10,7 +10,7 @@ from saloon import without_bushings
 
 from solver.analysis.figures import figures, standing
 from solver.analysis.kinematics_and_compliance import Rig, kinematic_figures
-from solver.analysis.usual import usual
+from solver.analysis.typical_values import typical_values
 from solver.errors import SpecError
 from solver.files.mechanism import MechanismReader
 from solver.files.scene import config_directories, find_file, load_scene_text
@@ -89,7 +89,7 @@ def test_every_delivered_car_stands_at_its_design_height_with_its_weight_on_the_
 def test_figures_lie_where_those_of_its_category_do(name: str) -> None:
     simulation = standing(scene(name))
     found = figures(simulation)
-    ranges = usual(simulation.model.spec)
+    ranges = typical_values(simulation.model.spec)
     outside = {key: found[key] for key, where in ranges.items() if key in found and not where.low <= found[key] <= where.high}
     assert outside == {}
 

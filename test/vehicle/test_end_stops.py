@@ -16,7 +16,7 @@ from solver.errors import SceneError
 from solver.inputs.end_stops import GIVE, hold
 from solver.inputs.recorded import ACCELERATION, RATE
 from solver.model.spec import ModelSpec
-from solver.vehicle.end_stops import MARGIN, ROUNDED, Linkage, lock_of
+from solver.vehicle.end_stops import LOCK_ROUNDED_TO, MARGIN, Linkage, lock_of
 
 NAMES = ('steering', 'steering' + RATE, 'steering' + ACCELERATION, 'drive_torque')
 RACK = 0.05  # m per turn
@@ -50,7 +50,7 @@ def test_a_plane_linkage_ends_where_rod_and_arm_keep_the_angle(arm: float, rod: 
         ends.append(abs(state(end)[0]) * 2.0 * math.pi / RACK)
     found = lock_of([linkage], lambda angle: np.array([0.0, angle * RACK / (2.0 * math.pi), 0.0]))
     assert found is not None
-    assert min(ends) - ROUNDED - 1e-9 <= found <= min(ends) + 1e-9
+    assert min(ends) - LOCK_ROUNDED_TO - 1e-9 <= found <= min(ends) + 1e-9
     assert lock_of([linkage.mirrored()], lambda angle: np.array([0.0, angle * RACK / (2.0 * math.pi), 0.0])) == found
 
 

@@ -12,7 +12,7 @@ from saloon import full_car, without_bushings
 from solver.analysis.figures import figures
 from solver.analysis.kinematics_and_compliance import Rig
 from solver.analysis.modes import eigenvalues, linearised, modes
-from solver.analysis.usual import SALOON, usual
+from solver.analysis.typical_values import SALOON, typical_values
 from solver.compiled.by_reference import Ref
 from solver.elements.laws import Law, compile_laws, evaluate_law
 from solver.elements.rigid_body import RigidBodySpec
@@ -111,7 +111,7 @@ def test_every_mode_is_stable(standing: Simulation) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize('name', SALOON)
 def test_figure_lies_where_passenger_cars_lie(standing: Simulation, found: dict[str, float], name: str) -> None:
-    where = usual(standing.model.spec)[name]
+    where = typical_values(standing.model.spec)[name]
     assert where.low <= found[name] <= where.high
 
 
@@ -120,7 +120,7 @@ def test_the_page_of_cars_shows_these_figures(standing: Simulation, found: dict[
     """To the four digits that are shown."""
     section = PAGE.read_text(encoding='utf-8').partition('## full_car')[2].partition('\n## ')[0]
     shown = dict([cell.strip() for cell in line.split('|')[1:3]] for line in section.splitlines() if line.count('|') == 4)
-    for name, where in usual(standing.model.spec).items():
+    for name, where in typical_values(standing.model.spec).items():
         assert float(shown[where.text].partition(' ')[0]) == pytest.approx(found[name] * where.factor, rel=2e-3), name
 
 

@@ -21,7 +21,7 @@ from mbd_sim_ros.analysis.mapping import Axes, Source
 from mbd_sim_ros.analysis.tables import TimeColumn
 from mbd_sim_ros.bags.patterns import nearest
 from mbd_sim_ros.bags.reader import Run
-from solver.dimensions import LOCK, ROUNDED
+from solver.dimensions import BOUND_ROUNDING, LOCK
 from solver.errors import BagError, SpecError, suggestion
 from solver.scene import Scene
 from solver.validate import finite, require
@@ -134,7 +134,7 @@ def misfit(s: Signals) -> tuple[str, ...]:
 
 def _angle(s: Signals) -> tuple[str, ...]:
     largest = float(np.abs(s['steering']).max()) if 'steering' in s else 0.0
-    if largest <= LOCK * (1.0 + ROUNDED):
+    if largest <= LOCK * (1.0 + BOUND_ROUNDING):
         return ()
     return (f'the steering wheel is turned to {largest:.4g} rad, beyond any lock: check its unit',)
 

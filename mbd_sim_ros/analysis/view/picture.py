@@ -17,7 +17,7 @@ from mbd_sim_ros.analysis.runs import units
 from mbd_sim_ros.analysis.view.drawing import WORLD_BODY
 from mbd_sim_ros.analysis.view.motion import Motion, curves_of, rotated
 from mbd_sim_ros.analysis.view.page import size_of
-from solver.disk import whole
+from solver.disk import atomic_write
 from solver.errors import BagError
 
 COLOURS = {'outline': '#8a8a8a', 'body': '#0072b2', 'wheel': '#222222', 'spring': '#e69f00', 'force': '#d55e00', 'world': '#bbbbbb'}
@@ -215,7 +215,7 @@ def write_film(
         file.parent.mkdir(parents=True, exist_ok=True)
         if file.is_dir():
             raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
-        with whole(file) as part:  # a film that is interrupted is none
+        with atomic_write(file) as part:  # a film that is interrupted is none
             part.open('wb').close()  # what cannot be written is told before minutes of painting
             write(painter, shown, part, rate)
     except OSError as error:

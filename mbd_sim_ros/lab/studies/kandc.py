@@ -11,8 +11,8 @@ import numpy as np
 from mbd_sim_ros.lab.studies.report import COLOURS, Report, figure
 from solver.analysis.kinematics_and_compliance import Rig, ackermann, ackermann_share, kinematic_figures
 from solver.analysis.modes import AXLES
-from solver.analysis.usual import DEG
-from solver.analysis.usual import usual as usual_ranges
+from solver.analysis.typical_values import DEG
+from solver.analysis.typical_values import typical_values as usual_ranges
 from solver.files.scene import load_scene
 
 SUMMARY = 'kinematics and compliance of every delivered car: wheel travel, roll, forces at the tires, steering'

@@ -1,6 +1,7 @@
-"""What others ask of a car, and the loop that makes it commands of the simulator: speed by torques, road wheels by the steering wheel.
+"""Speed control: a demand of another program becomes commands of the simulator: speed by torques, road wheels by the
+steering wheel.
 
-No ROS here: messages of every package become a Demand in `demands.py`, and adapter.py carries both.
+No ROS here: messages of every package become a Demand in `demand_messages.py`, and adapter.py carries both.
 """
 
 from __future__ import annotations
@@ -26,7 +27,7 @@ DRIVE, NEUTRAL, REVERSE, PARK = 'drive', 'neutral', 'reverse', 'park'
 
 @dataclass(frozen=True, kw_only=True)
 class Demand:
-    """What is wanted. Those that are None are not said: the loop decides.
+    """Wanted motion of a car. A value of None is left to the control loop.
 
     steering: mean angle of the front road wheels [rad], or yaw_rate [rad/s] instead; steering_rate [rad/s]: of the road wheels, at most.
     speed: along the car, below zero backwards [m/s]. acceleration: of the speed that is wanted, for the torque to lead [m/s^2];
@@ -41,14 +42,15 @@ class Demand:
     ramp: float | None = None
 
     @property
-    def finite(self) -> bool:
-        """Whether all that is said are numbers."""
+    def is_finite(self) -> bool:
+        """True where every value that is given is a finite number."""
         return all(math.isfinite(value) for value in dataclasses.astuple(self) if value is not None)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Car:
-    """What the loop has to know of a car. inertia: torque of the drive per acceleration [N m s^2/m]; steering: its map, or a ratio."""
+    """Data of a car that the control loop needs. inertia: torque of the drive per acceleration [N m s^2/m]; steering:
+    its map, or a ratio."""
 
     wheelbase: float
     inertia: float

@@ -13,7 +13,7 @@ import pytest
 import solver
 import solver.files.scene
 from mbd_sim_ros.commands.run import describe
-from solver.analysis.covered import certified_of, covers, is_broken, is_of_scene, weighed
+from solver.analysis.certificate_coverage import certified_of, covers, is_broken, is_of_scene, weighed
 from solver.analysis.envelope import Envelope
 from solver.analysis.verdict import findings
 from solver.checks.registry import CHECKS

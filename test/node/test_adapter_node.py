@@ -21,7 +21,7 @@ def adapter():
     from rclpy.signals import SignalHandlerOptions
 
     from mbd_sim_ros.node.adapter import PARAMETERS
-    from mbd_sim_ros.node.adapting import Adapter
+    from mbd_sim_ros.node.adapter_node import Adapter
 
     made: list[Any] = []
 
@@ -59,7 +59,7 @@ def wanted(node, speed: float) -> None:
     """A demand comes on cmd_vel."""
     from geometry_msgs.msg import Twist
 
-    from mbd_sim_ros.node.demands import HEARD
+    from mbd_sim_ros.node.demand_messages import HEARD
 
     message = Twist()
     message.linear.x = speed
@@ -81,7 +81,7 @@ def test_a_state_that_comes_again_is_answered_again_by_the_same_command_once_not
     odom(node, 0.01)
     look(node)
     assert len(node.sent) == 2  # the first answer may be under way
-    monkeypatch.setattr('mbd_sim_ros.node.adapting.LOST', 0.0)
+    monkeypatch.setattr('mbd_sim_ros.node.adapter_node.LOST', 0.0)
     look(node)
     assert node.sent[2] is node.sent[1] and node._loop._kept == kept
     look(node)
@@ -166,8 +166,8 @@ def test_a_car_that_is_commanded_by_its_road_wheels_gets_their_angle(adapter):
     """It has no command `steering`, and a message that names one is refused whole."""
     from nav_msgs.msg import Odometry
 
-    from mbd_sim_ros.node.demand import Demand
-    from solver.inputs.hands import commands_of
+    from mbd_sim_ros.node.speed_control import Demand
+    from solver.inputs.command_filter import commands_of
 
     node = adapter(steering_ratio=16.0)
     runs(node, 'light_car_straight', 'actuation.steering=road_wheel')

@@ -19,14 +19,14 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Int32
 
-from mbd_sim_ros.node.accompany import LOOK, LOST
 from mbd_sim_ros.node.commands import NAMED, commanded
+from mbd_sim_ros.node.companion import LOOK, LOST
 from mbd_sim_ros.node.graph import HEARD_HERE, SAID_HERE, Watch
 from mbd_sim_ros.node.parameters import declare_described
-from mbd_sim_ros.node.turns import turn
+from mbd_sim_ros.node.spinning import spin_once
 from solver.errors import SceneError
 from solver.files.scene import load_maneuver, load_scene
-from solver.inputs.hands import COMMANDS, STEERING
+from solver.inputs.command_filter import COMMANDS, STEERING
 
 FIND = 1.5  # s after the first state in which a simulator that takes stamped commands is found out
 
@@ -72,7 +72,7 @@ class Player(Node):
 
     def look(self, executor: Executor) -> bool:
         """Take what comes; whether the simulator has been found."""
-        turn(executor, self, LOOK)
+        spin_once(executor, self, LOOK)
         self._watch.look()
         if time.monotonic() - self._repeated > LOST:
             self._send()

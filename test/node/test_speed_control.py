@@ -8,8 +8,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from mbd_sim_ros.node.demand import DRIVE, NEUTRAL, PARK, REVERSE, Car, Demand, Loop
-from mbd_sim_ros.node.demands import ackermann, control, gear, twist
+from mbd_sim_ros.node.demand_messages import ackermann, control, gear, twist
+from mbd_sim_ros.node.speed_control import DRIVE, NEUTRAL, PARK, REVERSE, Car, Demand, Loop
 from solver.files.scene import load_scene
 from solver.inputs.driver import SpeedControl
 
@@ -124,7 +124,7 @@ def test_messages_of_others_are_demands():
     assert control(SimpleNamespace(lateral=lateral, longitudinal=longitudinal)) == Demand(speed=6.0, steering=-0.2, acceleration=-1.0)
     message = SimpleNamespace(linear=SimpleNamespace(x=2.0), angular=SimpleNamespace(z=0.1))
     assert twist(message) == Demand(speed=2.0, steering=None, yaw_rate=0.1)
-    assert not Demand(speed=math.nan).finite and Demand(steering=None).finite
+    assert not Demand(speed=math.nan).is_finite and Demand(steering=None).is_finite
     assert [gear(n) for n in (0, 1, 2, 19, 20, 21, 22, 23, 99)] == [NEUTRAL, NEUTRAL, DRIVE, DRIVE, REVERSE, REVERSE, PARK, DRIVE, NEUTRAL]
 
 

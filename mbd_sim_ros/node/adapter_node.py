@@ -15,17 +15,17 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
-from mbd_sim_ros.node.accompany import LOOK, LOST
-from mbd_sim_ros.node.demand import Car, Demand, Loop
-from mbd_sim_ros.node.demands import GEAR_DRIVE, GEAR_REVERSE, HEARD, TOLD, Heard, Measured, class_of, gear
+from mbd_sim_ros.node.companion import LOOK, LOST
+from mbd_sim_ros.node.demand_messages import GEAR_DRIVE, GEAR_REVERSE, HEARD, TOLD, Heard, Measured, class_of, gear
 from mbd_sim_ros.node.gearbox import Gearbox, Worked
 from mbd_sim_ros.node.graph import HEARD_HERE, SAID_HERE, Ear, Watch
 from mbd_sim_ros.node.parameters import declare_described
-from mbd_sim_ros.node.turns import turn
+from mbd_sim_ros.node.speed_control import Car, Demand, Loop
+from mbd_sim_ros.node.spinning import spin_once
 from solver.errors import SpecError
 from solver.files.scene import load_scene, load_scene_text
+from solver.inputs.command_filter import COMMANDS, STEERING
 from solver.inputs.driver import SpeedControl
-from solver.inputs.hands import COMMANDS, STEERING
 from solver.scene import Scene
 
 POSITIVE = ('bandwidth', 'max_drive_torque')
@@ -98,7 +98,7 @@ class Adapter(Node):
 
     def look(self, executor: Executor) -> bool:
         """Take what comes; whether the simulator, its car and its states have been found. Raises MbdError."""
-        turn(executor, self, LOOK)
+        spin_once(executor, self, LOOK)
         self._watch.look()
         if self._driven is None and self._commands.get_subscription_count() == 0:
             return False
@@ -179,7 +179,7 @@ class Adapter(Node):
             heard = row.demand(message)
             if isinstance(heard, int):
                 self._gear, self._gear_number = gear(heard), heard
-            elif heard.finite:
+            elif heard.is_finite:
                 self._demand, self._at = heard, -1
             else:
                 self.get_logger().warning(f'{row.topic}: not a number; the command before it stays', throttle_duration_sec=2.0)

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from importlib import import_module
 from typing import Any, NamedTuple
 
-from mbd_sim_ros.node.demand import DRIVE, NEUTRAL, PARK, REVERSE, Demand
+from mbd_sim_ros.node.speed_control import DRIVE, NEUTRAL, PARK, REVERSE, Demand
 
 GEAR_NEUTRAL, GEAR_DRIVE, GEAR_DRIVE_LAST, GEAR_REVERSE, GEAR_REVERSE_LAST, GEAR_PARK = 1, 2, 19, 20, 21, 22  # of autoware_vehicle_msgs
 GEAR_LOW = (23, 24)

@@ -1,4 +1,5 @@
-"""Commands that are latched at step boundaries become inputs: angles pass a filter that makes them motions, torques hold over the step."""
+"""Filter of commands: commands latched at step boundaries become inputs. Angles pass a filter that makes smooth motions
+of them, torques hold over the step."""
 
 from __future__ import annotations
 
@@ -14,13 +15,13 @@ from solver.inputs.recorded import ACCELERATION, RATE
 COMMANDS = ('steering', 'drive_torque', 'brake_torque')
 STEERING = {'angle': 'steering', 'torque': 'steering_torque', 'road_wheel': 'road_wheel'}  # by Actuation.steering, what is commanded
 POWERTRAIN = ('accelerator', 'clutch', 'gear', 'lock_up')  # of an engine with a gearbox: pedals (0 to 1), gear or lever, of a converter
-BY_WHEEL = ('drive_torque_', 'brake_torque_')
+BY_WHEEL = ('drive_torque_', 'brake_torque_')  # beginnings of the names of torques of single wheels
 _BITS = struct.Struct('3d').pack  # of a motion: 0 and -0 are equal, but not the same
 
 
 def commands_of(input_names: Sequence[str], steering: str = 'angle') -> tuple[str, ...]:
-    """What may be commanded of a vehicle with these inputs: its steering, the two sums, pedals and gear, what further elements take, and
-    the torques of single wheels.
+    """Commands that a vehicle with these inputs takes: its steering, the two sums of torques, pedals and gear, inputs
+    of further elements, and the torques of single wheels.
 
     steering: see Actuation. A motion that is imposed is no command: it would jump.
     """
@@ -30,7 +31,7 @@ def commands_of(input_names: Sequence[str], steering: str = 'angle') -> tuple[st
 
 
 def further(input_names: Sequence[str]) -> list[str]:
-    """Inputs of elements that a scene adds: all that no topic of a vehicle is for, but motions that are imposed."""
+    """Inputs of elements that a scene adds: every input that no topic of a vehicle drives, except imposed motions."""
     vehicle = {*COMMANDS, *STEERING.values(), *POWERTRAIN}
     motions = {name.removesuffix(RATE) for name in input_names if name.endswith(RATE) and name.removesuffix(RATE) in input_names}
     parts = {name + suffix for name in motions for suffix in ('', RATE, ACCELERATION)}
@@ -38,7 +39,8 @@ def further(input_names: Sequence[str]) -> list[str]:
 
 
 def uncommanded(input_names: Sequence[str], commands: Sequence[str]) -> list[str]:
-    """Inputs that no command is for, such as the drivers of a mechanism: whatever steers turns the steering wheel."""
+    """Inputs that no topic drives, such as the drivers of a mechanism. The steering wheel counts as driven: every
+    steering command turns it."""
     return [name for name in input_names if name not in (*commands, COMMANDS[0])]
 
 
@@ -59,8 +61,8 @@ def follow(omega: float, x: float, v: float, r: float, slope: float, t: float) -
     return r - lag + slope * t + (e + b * t) * decay, slope + (b - omega * (e + b * t)) * decay
 
 
-def hands_at(input_names: Sequence[str], inputs: np.ndarray) -> np.ndarray:
-    """(3,) state of a CommandSource whose hands are where inputs (nu,) have the steering wheel, and move as it does."""
+def filter_state_at(input_names: Sequence[str], inputs: np.ndarray) -> np.ndarray:
+    """(3,) state of a CommandSource whose filter is at the angle and rate that inputs (nu,) give the steering wheel."""
     there = dict(zip(input_names, inputs.tolist(), strict=True))
     angle = there.get('steering', 0.0)
     return np.array([angle, angle, there.get('steering' + RATE, 0.0)])

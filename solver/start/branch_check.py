@@ -1,4 +1,5 @@
-"""Whether a stretch of motion that was divided into smaller steps left on another branch of the mechanism than it came in on."""
+"""Branch check across a divided step: a motion that was divided into smaller steps must end on the branch of the
+mechanism that it began on."""
 
 from __future__ import annotations
 
@@ -13,9 +14,10 @@ from solver.start.newton import move
 
 
 def turn_across(model: Model, begin: State, end: State, inputs: np.ndarray, h: float, J: np.ndarray) -> float:
-    """How far the constraints turned between two states one step of h [s] apart, beyond what the motion to either side explains [rad].
+    """Turn of the constraints [rad] between two states one step of h [s] apart, beyond what the motion to either side
+    explains.
 
-    J: a Jacobian, for its shape.
+    J: a Jacobian; only its shape is used.
     """
     return unexplained_turn(
         *(_jacobian(model, s, t, inputs, np.zeros_like(J)) for s, t in ((begin, -h), (begin, 0.0), (end, 0.0), (end, h)))

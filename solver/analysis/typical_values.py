@@ -1,4 +1,4 @@
-"""Where the figures of vehicles (solver.analysis.figures) usually lie, by category of vehicle.
+"""Typical values of the figures of vehicles (solver.analysis.figures), by category of vehicle.
 
 The books give orders of magnitude and signs, not limits: the ranges are drawn around what they call usual. [Reimpell2001],
 [Gillespie1992], [Heydinger1999], [Milliken1995] of docs/references.md. Static toe and camber are drawn around settings and tolerances
@@ -16,7 +16,7 @@ from solver.model.spec import ModelSpec
 from solver.vehicle.size import size_of
 
 
-class Usual(NamedTuple):
+class Typical(NamedTuple):
     """A figure of a vehicle: what it is, its unit in text and the factor to it from SI, where it usually lies (SI), and
     who says so."""
 
@@ -234,10 +234,10 @@ CATEGORIES: Mapping[str, Mapping[str, Range]] = {
 }  # fmt: skip
 
 
-def usual(spec: ModelSpec) -> dict[str, Usual]:
+def typical_values(spec: ModelSpec) -> dict[str, Typical]:
     """Where the figures of a vehicle of the category of a model usually lie; nothing of one that is no passenger car in size
     (solver.vehicle.size)."""
     if not size_of(spec).ordinary:
         return {}
     ranges: dict[str, Range] = {**SALOON, **CATEGORIES[spec.category or 'saloon']}
-    return {name: Usual(*TEXTS[name], *limits) for name, limits in ranges.items() if limits is not None}
+    return {name: Typical(*TEXTS[name], *limits) for name, limits in ranges.items() if limits is not None}

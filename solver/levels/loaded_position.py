@@ -1,4 +1,4 @@
-"""Where a vehicle stands on its tires, off its design position by what it is loaded with."""
+"""Loaded position: travels at which a vehicle stands on its tires, away from its design position."""
 
 from __future__ import annotations
 
@@ -9,12 +9,15 @@ from solver.scene import Scene
 from solver.vehicle.hardpoints import SIDES
 from solver.vehicle.size import size_of
 
-LOADED = 0.03  # m off the design position, of which the figures of a bench are: beyond, they are not those of the vehicle on the road
+LOADED = 0.03  # m off the design position: nearer to it the figures of the bench, which are those of the design position, hold too
 
 
-def stood(spec: ModelSpec) -> dict[str, float]:
-    """By input of the bench the travels [m] at which the vehicle stands on its tires, each the mean of an axle; nothing for one that
-    stands nearer than LOADED to its design position, or finds no equilibrium: its compliance is that of the design position."""
+def loaded_position(spec: ModelSpec) -> dict[str, float]:
+    """Travels [m] at which the vehicle stands on its tires, by input of the bench, each the mean of an axle.
+
+    The result is empty for a vehicle that stands nearer than LOADED to its design position, or finds no equilibrium:
+    its compliance is that of the design position.
+    """
     try:
         simulation = standing(Scene(name='standing', model=spec))
     except ConsistencyError:

@@ -1,4 +1,4 @@
-"""Whether a static equilibrium is one that the model stays in: its stiffness on the constraints must be positive.
+"""Stability of a static equilibrium: its stiffness on the constraints must be positive.
 
 A calculation that only judges, in dense matrices: no number of it enters a run.
 """
@@ -11,8 +11,8 @@ from solver.errors import ConsistencyError
 from solver.model.tables import Model
 from solver.output.dependence import RANK_TOLERANCE, dense_jacobian
 
-FASTEST_FALL = 0.1  # 1/s: what grows by e in more than ten seconds is no fall but friction and rounding
-STIFFER = 10.0
+FASTEST_FALL = 0.1  # 1/s, rate of growth from rest: a slower one is friction or rounding; ten times as much would pass a fall in 1 s
+STIFFER = 10.0  # stiffness of constraints over the largest one of the model, in the quick test; ten times as much changes no answer
 
 
 def refuse_unstable(model: Model, K: np.ndarray, J: np.ndarray, metric: np.ndarray) -> None:

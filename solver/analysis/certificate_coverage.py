@@ -1,4 +1,5 @@
-"""What of the findings on a run the certificate of its plan covers: what was there too where the plan measured errors.
+"""Coverage: findings on a run that the certificate of its plan covers, since they were there too where the plan
+measured errors.
 
 A setting that a plan has chosen may turn a wheel by more than a radian in a step, or leave vibrations out of step. In
 general that is suspect; of the quantities that a plan certifies it has measured what comes of it, against the converged
