@@ -34,7 +34,7 @@ LAST_STEPS = 'last_steps'  # name of their recording, in the directory of the ru
 DEAF = 0.1  # s that a call of many steps may take; nobody looks for signals meanwhile
 
 
-class Source(Protocol):
+class InputSource(Protocol):
     """Gives the inputs of n steps from step k0 on, (n, nu)."""
 
     def table(self, k0: int, n: int) -> np.ndarray: ...
@@ -164,7 +164,7 @@ class _Run:
 
     simulation: Simulation
     steps: int
-    source: Source | None
+    source: InputSource | None
     track: _Track
     past: _Past | None
     meter: _Meter
@@ -215,7 +215,7 @@ def simulate(
     steps: int,
     *,
     directory: Path | None = None,
-    source: Source | None = None,
+    source: InputSource | None = None,
     progress: bool = False,
     balance: bool = False,
     state: bytes | None = None,
@@ -292,7 +292,7 @@ def _last_steps(
     simulation: Simulation,
     steps: int,
     directory: Path,
-    source: Source | None,
+    source: InputSource | None,
     state: bytes | None,
     frame_prefix: str,
     parameters: Mapping[str, Any] | None,

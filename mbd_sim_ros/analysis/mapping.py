@@ -31,7 +31,7 @@ from solver.validate import require
 
 
 @dataclass(frozen=True, kw_only=True)
-class Source:
+class ChannelSource:
     """What a channel is made from: sign * value * (unit in SI) + offset.
 
     channel: its name in the other recording. unit: of the values there ('': the one in the header of a table, else as ours). offset: in SI
@@ -68,7 +68,7 @@ class Axes:
 class ChannelMap:
     """All of a mapping file. channels: ours (patterns) -> what it is made from. time: the column of a table that tells the time."""
 
-    channels: dict[str, Source]
+    channels: dict[str, ChannelSource]
     axes: tuple[Axes, ...] = field(default_factory=tuple)
     time: TimeColumn | None = None
 
@@ -81,14 +81,14 @@ def load_mapping(file: str | Path) -> ChannelMap:
     return Builder().build(ChannelMap, read(Path(file), ()))
 
 
-def pairs(texts: Sequence[str]) -> dict[str, Source]:
+def pairs(texts: Sequence[str]) -> dict[str, ChannelSource]:
     """THEIRS=OURS from the command line. Raises BagError."""
     result = {}
     for text in texts:
         theirs, equals, ours = text.partition('=')
         if not (equals and theirs and ours):
             raise BagError(f'--map {text!r}: write it as THEIRS=OURS')
-        result[ours] = Source(channel=theirs)
+        result[ours] = ChannelSource(channel=theirs)
     return result
 
 
@@ -98,14 +98,14 @@ def literal(name: str) -> str:
 
 
 def resolve(
-    channels: Mapping[str, Source], known: Sequence[str], instead_of: Callable[[str], str] | None = None
-) -> dict[str, tuple[str, Source]]:
+    channels: Mapping[str, ChannelSource], known: Sequence[str], instead_of: Callable[[str], str] | None = None
+) -> dict[str, tuple[str, ChannelSource]]:
     """Ours -> (theirs, source) for every channel of `known` that is mapped, to one of ours or to several. One that is mapped by its own
     name is not mapped by patterns. instead_of: what is said of a name that is not there, the nearest ones otherwise.
 
     Raises BagError for names that are not there and for two sources of one channel.
     """
-    found: dict[str, tuple[str, Source]] = {}
+    found: dict[str, tuple[str, ChannelSource]] = {}
     named = {source.channel for source in channels.values()}
     for ours, source in channels.items():
         theirs = source.channel
@@ -127,14 +127,14 @@ def resolve(
     return found
 
 
-def apply(run: Run, channels: Mapping[str, Source], axes: Sequence[Axes], unit: Callable[[str], str]) -> tuple[Run, frozenset[str]]:
+def apply(run: Run, channels: Mapping[str, ChannelSource], axes: Sequence[Axes], unit: Callable[[str], str]) -> tuple[Run, frozenset[str]]:
     """The run under our names and in SI units, and which of its channels are held. unit: of our channels, '' where it is not known.
 
     Channels that are not mapped keep their names, unless a mapped one takes it. What a table has in other units is brought to SI. Raises
     BagError.
     """
     found = resolve(channels, run.names, run.instead_of)
-    made: dict[str, list[tuple[str, Source]]] = {}  # theirs -> what of ours
+    made: dict[str, list[tuple[str, ChannelSource]]] = {}  # theirs -> what of ours
     for new, (name, source) in found.items():
         made.setdefault(name, []).append((new, source))
     series = {}
@@ -142,7 +142,7 @@ def apply(run: Run, channels: Mapping[str, Source], axes: Sequence[Axes], unit: 
     for topic, one in run.series.items():
         columns = {}
         for name, values in one.columns.items():
-            kept = [] if name in found else [(name, Source(channel=name))]
+            kept = [] if name in found else [(name, ChannelSource(channel=name))]
             for new, source in made.get(name, kept):
                 told = source.unit or run.stated.get(name, '')
                 columns[new] = _converted(new, values, source, told, unit(new))
@@ -165,7 +165,7 @@ def in_si(run: Run, unit: Callable[[str], str]) -> Run:
     return apply(run, {}, (), unit)[0] if run.stated else run
 
 
-def _converted(name: str, values: np.ndarray, source: Source, told: str, wanted: str) -> np.ndarray:
+def _converted(name: str, values: np.ndarray, source: ChannelSource, told: str, wanted: str) -> np.ndarray:
     """Values in the unit `told` as ours. wanted: our unit, '' where it is not known. A unit that is not known is as it is where ours is the
     same, or not known."""
     if told not in UNITS and told and wanted and told != wanted:

@@ -22,7 +22,7 @@ PACKED = '.zstd'  # what names of files end in that ros2 bag has packed as a who
 PIECE = 1 << 20  # bytes that are unpacked at once
 
 
-class Source(Protocol):
+class RecordSource(Protocol):
     """A recording that is read once, record by record. size: bytes on disk. expected: messages of each channel, as it
     says itself; a hint."""
 
@@ -53,7 +53,7 @@ class Unpacked:
     def __init__(self, packed: list[Path], skip: set[int]) -> None:
         self.expected: dict[int, int] = {}
         self.size, self._packed, self._skip = sum(map(_size_of, packed)), packed, skip
-        self._inner: Source | None = None
+        self._inner: RecordSource | None = None
 
     @property
     def counts(self) -> Counter[int]:
@@ -79,7 +79,7 @@ class Unpacked:
             self._inner.require_whole()
 
 
-def open_recording(path: str | Path, *, skip: set[int]) -> Source:
+def open_recording(path: str | Path, *, skip: set[int]) -> RecordSource:
     """A bag directory, an .mcap or .db3 file, or one of these that is packed (.zstd), to be read once.
 
     skip: channels whose messages are not wanted; it may grow. Raises BagError if there is none, or several.

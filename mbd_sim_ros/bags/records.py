@@ -26,7 +26,7 @@ from mcap.exceptions import McapError
 from mcap.records import Channel, Metadata, Schema, Statistics
 
 from mbd_sim_ros.bags.layouts import Layouts
-from mbd_sim_ros.bags.source import ENTRY, MESSAGE_INDEX, Source
+from mbd_sim_ros.bags.source import ENTRY, MESSAGE_INDEX, ChecksummedStream
 from mbd_sim_ros.bags.writer import ARRAYS, FORMAT, RECORD
 from solver import stored
 from solver.errors import BagError, SpecError
@@ -127,7 +127,7 @@ class Reading:
             size = os.fstat(stream.fileno()).st_size
             if size == 0:
                 raise BagError(f'{self.path} is empty: nothing was recorded')
-            source = Source(stream)
+            source = ChecksummedStream(stream)
             try:
                 if source.take(len(MAGIC)) != MAGIC:
                     raise BagError(f'{self.path} is not a recording: it is not an MCAP file')
@@ -138,7 +138,7 @@ class Reading:
             except OSError as error:
                 raise BagError(f'cannot read {self.path}: {error.strerror}') from error
 
-    def _records(self, source: Source, size: int) -> Iterator[Record]:
+    def _records(self, source: ChecksummedStream, size: int) -> Iterator[Record]:
         self._at = len(MAGIC)
         while not self.damage or self._onwards:
             head = source.take(_HEAD.size)
@@ -191,7 +191,7 @@ class Reading:
             except _BROKEN as error:
                 self._cannot_read('record', begin, error)
 
-    def _attachment(self, source: Source, length: int, begin: int) -> None:
+    def _attachment(self, source: ChecksummedStream, length: int, begin: int) -> None:
         """Put arrays of a scene where its text finds them, unless they are there already."""
         head = source.take(min(length, _ARRAYS_HEAD))
         body = b''
@@ -347,7 +347,7 @@ class Reading:
             says = f'it says that it holds {told.message_count} messages in {told.chunk_count} chunks'
             self.damage.insert(0, f'{says}, and {self._messages} in {self._chunks} were found')
 
-    def _end(self, source: Source, size: int, head: bytes) -> None:
+    def _end(self, source: ChecksummedStream, size: int, head: bytes) -> None:
         """The footer: the last record, before the magic."""
         checksum = source.checksum(_HEAD.size)
         body = source.take(_FOOTER.size)

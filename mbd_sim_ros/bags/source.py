@@ -14,7 +14,7 @@ _INDEX = struct.Struct('<BQHI')  # opcode, length, channel, length of its entrie
 _HEAD = 9  # bytes of it that the length does not count
 
 
-class Source:
+class ChecksummedStream:
     """A file from its beginning, and the checksum of what was taken of it or skipped: once per piece, for records are many and small."""
 
     def __init__(self, stream: BinaryIO) -> None:

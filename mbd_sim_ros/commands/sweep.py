@@ -15,7 +15,7 @@ from solver.disk import alone
 from solver.errors import BagError, MbdError, SceneError
 
 if TYPE_CHECKING:
-    from mbd_sim_ros.sweep.case import Case, Row
+    from mbd_sim_ros.sweep.case import Row, SweepCase
     from mbd_sim_ros.sweep.design import Sweep
     from solver.scene import Scene
 
@@ -62,7 +62,7 @@ def run(args: argparse.Namespace) -> Result:
         return _swept(args, sweep, workers.run)
 
 
-def _swept(args: argparse.Namespace, sweep: Sweep, run_cases: Callable[[Sequence[Case]], Iterator[Row]]) -> Result:
+def _swept(args: argparse.Namespace, sweep: Sweep, run_cases: Callable[[Sequence[SweepCase]], Iterator[Row]]) -> Result:
     """Lay out, run what is not there yet, write the table and the report."""
     from mbd_sim_ros.sweep.case import overrides_of
     from mbd_sim_ros.sweep.design import cases, units_of
@@ -88,13 +88,13 @@ def _swept(args: argparse.Namespace, sweep: Sweep, run_cases: Callable[[Sequence
 
 
 def _rows(
-    args: argparse.Namespace, sweep: Sweep, values: list[Values], base: Scene, run_cases: Callable[[Sequence[Case]], Iterator[Row]]
+    args: argparse.Namespace, sweep: Sweep, values: list[Values], base: Scene, run_cases: Callable[[Sequence[SweepCase]], Iterator[Row]]
 ) -> list[Row]:
     """The rows of all cases, in their order."""
     from tqdm import tqdm
 
     from mbd_sim_ros import interrupts
-    from mbd_sim_ros.sweep.case import Case
+    from mbd_sim_ros.sweep.case import SweepCase
     from mbd_sim_ros.sweep.table import get_ready
 
     rows_directory, bags = args.out / 'rows', args.out / 'bags'
@@ -106,7 +106,7 @@ def _rows(
         raise BagError(f'--out {args.out}: {error.strerror}; choose another place') from None
     kept = str(rows_directory.resolve())
     todo = [
-        Case(
+        SweepCase(
             number=i,
             text=base.resolved,
             name=base.name,

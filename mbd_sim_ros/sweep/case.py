@@ -15,7 +15,7 @@ import numpy as np
 
 from mbd_sim_ros.batch import record, warm_up
 from mbd_sim_ros.messages.encode import require_finite
-from mbd_sim_ros.sweep.design import Figure
+from mbd_sim_ros.sweep.design import SweepFigure
 from solver import simulation_of
 from solver.analysis.certificate_coverage import weighed
 from solver.analysis.envelope import Envelope
@@ -33,7 +33,7 @@ Row = dict[str, Any]
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class Case:
+class SweepCase:
     """What a process needs to know. text: the resolved scene. values: of the parameters. rows: directory of the rows, where it can be
     reached ('' elsewhere); bags: of the recordings, or ''."""
 
@@ -41,12 +41,12 @@ class Case:
     text: str
     name: str
     values: Mapping[str, float | str]
-    figures: Mapping[str, Figure]
+    figures: Mapping[str, SweepFigure]
     rows: str = ''
     bags: str = ''
 
 
-def row_of(case: Case) -> Row:
+def row_of(case: SweepCase) -> Row:
     """The row of a case: number, values, status, message, figures (NaN where there is none). It is run unless its row is kept already."""
     head: Row = {'case': case.number, **case.values} | ({'bag': ''} if case.bags else {})
     nothing = dict.fromkeys(case.figures, math.nan)
@@ -93,7 +93,7 @@ def _text(value: float | str) -> str:
     return repr(int(value)) if float(value).is_integer() and abs(value) < 1e15 else repr(float(value))
 
 
-def _run(scene: Any, figures: Mapping[str, Figure], bag: Path | None) -> dict[str, Any]:
+def _run(scene: Any, figures: Mapping[str, SweepFigure], bag: Path | None) -> dict[str, Any]:
     """status, message, figures (None where there is none)."""
     found: dict[str, Quantity] = {}
     instants: list[float] = []
@@ -139,7 +139,9 @@ def _run(scene: Any, figures: Mapping[str, Figure], bag: Path | None) -> dict[st
     return {'status': status, 'message': message, 'figures': numbers}
 
 
-def _figures(figures: Mapping[str, Figure], found: Mapping[str, Quantity], time: np.ndarray, rows: np.ndarray) -> dict[str, float | None]:
+def _figures(
+    figures: Mapping[str, SweepFigure], found: Mapping[str, Quantity], time: np.ndarray, rows: np.ndarray
+) -> dict[str, float | None]:
     result: dict[str, float | None] = {}
     for name, figure in figures.items():
         of = found[name]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from mbd_sim_ros.sweep.case import Case, Row, row_of
+from mbd_sim_ros.sweep.case import Row, SweepCase, row_of
 from mbd_sim_ros.sweep.workers import TRIES, lost
 from solver import stored
 from solver.errors import SpecError
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 SECONDS = 15.0  # to find the scheduler
 
 
-def run_there(cases: Sequence[Case], address: str) -> Iterator[Row]:
+def run_there(cases: Sequence[SweepCase], address: str) -> Iterator[Row]:
     """The rows of the cases, as they are done. address: of the scheduler, e.g. tcp://10.0.0.1:8786. Raises SpecError."""
     try:
         from distributed import Client, as_completed

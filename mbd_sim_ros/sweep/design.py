@@ -91,7 +91,7 @@ class Design:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Figure:
+class SweepFigure:
     """A number kept of a run: of a quantity of interest (docs/scene.md) or a recorded channel. peak: the largest absolute value."""
 
     quantity: str
@@ -104,7 +104,7 @@ class Sweep:
 
     scene: str
     parameters: dict[str, Parameter]
-    figures: dict[str, Figure]
+    figures: dict[str, SweepFigure]
     set: tuple[str, ...] = ()
     design: Design = field(default_factory=Design)
     record: bool = False

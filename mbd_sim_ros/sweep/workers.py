@@ -14,7 +14,7 @@ from multiprocessing.connection import Connection, wait
 from typing import Any
 
 from mbd_sim_ros import interrupts
-from mbd_sim_ros.sweep.case import Case, Row, row_of
+from mbd_sim_ros.sweep.case import Row, SweepCase, row_of
 from solver.errors import BagError, MbdError
 
 TRIES = 2  # of a case whose worker died
@@ -36,9 +36,9 @@ class Worker:
         assert self.process.pid is not None
         self._pid: int = self.process.pid
         interrupts.dependents.add(self._pid)  # while it imports it would not notice for a second that nobody is left to work for
-        self.case: Case | None = None
+        self.case: SweepCase | None = None
 
-    def give(self, case: Case) -> None:
+    def give(self, case: SweepCase) -> None:
         """Have it run a case."""
         self.case = case
         with suppress(OSError):  # it is dead, which wait() tells
@@ -76,7 +76,7 @@ class Workers:
         for worker in self.at_work:
             worker.end()
 
-    def run(self, cases: Sequence[Case]) -> Iterator[Row]:
+    def run(self, cases: Sequence[SweepCase]) -> Iterator[Row]:
         """The rows of the cases, as they are done. Raises BagError when what is kept cannot be written."""
         waiting = deque((case, TRIES) for case in cases)
         left: dict[int, int] = {}
@@ -109,13 +109,13 @@ class Workers:
                     yield lost(case, f'its worker died twice (exit code {number})')
 
 
-def lost(case: Case, message: str) -> Row:
+def lost(case: SweepCase, message: str) -> Row:
     """The row of a case that no worker brought back."""
     bag = {'bag': ''} if case.bags else {}
     return {'case': case.number, **case.values, **bag, 'status': 'error', 'message': message, **dict.fromkeys(case.figures, math.nan)}
 
 
-def _next(worker: Worker, waiting: deque[tuple[Case, int]], left: dict[int, int]) -> None:
+def _next(worker: Worker, waiting: deque[tuple[SweepCase, int]], left: dict[int, int]) -> None:
     if waiting:
         case, left_tries = waiting.popleft()
         left[case.number] = left_tries
@@ -130,7 +130,7 @@ def _work(pipe: Connection) -> None:
             pipe.send(_row_or_error(pipe.recv()))
 
 
-def _row_or_error(case: Case) -> Row | MbdError:
+def _row_or_error(case: SweepCase) -> Row | MbdError:
     """A row, or why none can be kept: the disk is full, or what was there is gone."""
     try:
         return row_of(case)

@@ -16,7 +16,7 @@ from solver.inputs.maneuver import Maneuver
 from solver.inputs.signals import Ramp, Step
 from solver.levels.fitting import PRIOR, fitted
 from solver.levels.single_track_engine import AXLES, COMMANDS, new_frame, new_scratch, rolling, tables_of
-from solver.levels.track_runs import EVERY, SPEED, Drive, Run, driven, pitch_of, roll_of
+from solver.levels.track_runs import EVERY, SPEED, Drive, IdentificationRun, driven, pitch_of, roll_of
 from solver.levels.track_step import advance
 from solver.levels.track_straight import characteristic
 from solver.levels.track_tables import DRIVE, FY, ROLL, SATURATION, SHIFT
@@ -49,7 +49,9 @@ class Lateral:
         ('mounting', 'axis'),
     )
 
-    def __init__(self, scene: Scene, start: dict[str, dict[str, float]], inertia: np.ndarray, runs: list[tuple[Drive, Run]]) -> None:
+    def __init__(
+        self, scene: Scene, start: dict[str, dict[str, float]], inertia: np.ndarray, runs: list[tuple[Drive, IdentificationRun]]
+    ) -> None:
         self.scene, self.given, self.inertia, self.runs = scene, start, inertia, runs
         lengths = {'axis': SCALES['axis'] * size_of(scene.model).length}
         self.scales = [{**SCALES, **lengths}.get(name, 0.0) or start[part][name] for part, name in self.NAMES]
@@ -81,7 +83,7 @@ class Lateral:
         return np.concatenate(parts)
 
 
-def replay(tables: Ref, drive: Drive, run: Run) -> tuple[np.ndarray, ...]:
+def replay(tables: Ref, drive: Drive, run: IdentificationRun) -> tuple[np.ndarray, ...]:
     """(yaw rate, lateral velocity, roll; lateral force and saturation of the front axle; pitch by load that moved and by the drive) of
     the level, its tables by reference, under the inputs of a run, at its samples.
     """
@@ -97,7 +99,7 @@ def replay(tables: Ref, drive: Drive, run: Run) -> tuple[np.ndarray, ...]:
     return tuple(rows)
 
 
-def feel(found: dict[str, dict[str, float]], scene: Scene, runs: list[tuple[Drive, Run]]) -> None:
+def feel(found: dict[str, dict[str, float]], scene: Scene, runs: list[tuple[Drive, IdentificationRun]]) -> None:
     """Add what the steering wheel feels, inertia, damping and the trail of the front axle, and the pitch that comes with roll, by least
     squares of torque and pitch.
     """
@@ -120,7 +122,7 @@ def feel(found: dict[str, dict[str, float]], scene: Scene, runs: list[tuple[Driv
 
 
 def limits(
-    found: dict[str, dict[str, float]], scene: Scene, runs: list[tuple[Drive, Run]], lock: Run, model: ModelSpec
+    found: dict[str, dict[str, float]], scene: Scene, runs: list[tuple[Drive, IdentificationRun]], lock: IdentificationRun, model: ModelSpec
 ) -> list[dict[str, Any]]:
     """Where the level holds, as fields of Limit: as far as it follows the ramp and the braking to ERROR, and what it leaves out."""
     size = size_of(model)
@@ -177,7 +179,9 @@ def slowest_pressed(loaded: float, weight: float, speed: float = SPEED) -> float
     return speed * math.sqrt(1.0 - ERROR * loaded / pressed) if pressed > ERROR * loaded else None
 
 
-def followed(found: dict[str, dict[str, float]], scene: Scene, runs: list[tuple[Drive, Run]], model: ModelSpec) -> tuple[float, float]:
+def followed(
+    found: dict[str, dict[str, float]], scene: Scene, runs: list[tuple[Drive, IdentificationRun]], model: ModelSpec
+) -> tuple[float, float]:
     """The speeds [m/s], forward and in reverse, up to which the level follows a gentle step: FAST, where it is identified, or one of
     FASTER, since a car next to neutral, or with wings, is soon another one; one of BACKWARDS, or none.
     """

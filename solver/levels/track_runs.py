@@ -39,7 +39,7 @@ class Drive:
     duration: float
 
 
-class Run(NamedTuple):
+class IdentificationRun(NamedTuple):
     """What a run showed, one row per sample; axles: front, rear."""
 
     time: np.ndarray  # (n,) [s]
@@ -80,7 +80,7 @@ def whole_vehicle(model: ModelSpec, drive: Drive) -> Simulation:
     return simulation if parts == 1 else Simulation(dataclasses.replace(scene, integrator=IntegratorSettings(h=h / parts, iterations=2)))
 
 
-def driven(model: ModelSpec, drive: Drive) -> Run:
+def driven(model: ModelSpec, drive: Drive) -> IdentificationRun:
     """Run the vehicle; a run that fails ends where it failed. Raises SpecError where that is at once."""
     simulation = whole_vehicle(model, drive)
     h = step_of(model)
@@ -105,7 +105,7 @@ def driven(model: ModelSpec, drive: Drive) -> Run:
     pose = np.array([s.pose[chassis] for s in shots])
     tire = {name: tires[:, :, k].copy() for k, name in enumerate(TIRE_COLUMNS)}
     spin = 0.5 * np.stack([tire['spin'][:, 0] + tire['spin'][:, 1], tire['spin'][:, 2] + tire['spin'][:, 3]], axis=1)
-    return Run(
+    return IdentificationRun(
         time=np.array([s.t_ns for s in shots]) * 1e-9,
         inputs=np.concatenate(inputs),
         names=channels.inputs,
@@ -120,13 +120,13 @@ def heading(qx: np.ndarray, qy: np.ndarray, qz: np.ndarray, qw: np.ndarray) -> n
     return each(math.atan2, 2.0 * (qx * qy + qz * qw), 1.0 - 2.0 * (qy * qy + qz * qz))
 
 
-def roll_of(run: Run) -> np.ndarray:
+def roll_of(run: IdentificationRun) -> np.ndarray:
     """Roll of the chassis [rad]."""
     x, y, z, w = run.pose.T
     return each(math.atan2, 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))
 
 
-def pitch_of(run: Run) -> np.ndarray:
+def pitch_of(run: IdentificationRun) -> np.ndarray:
     """Pitch of the chassis [rad]."""
     x, y, z, w = run.pose.T
     return each(math.asin, 2.0 * (w * y - z * x))

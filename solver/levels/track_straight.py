@@ -12,7 +12,7 @@ from solver.inputs.signals import Ramp, Step
 from solver.levels.fitting import PRIOR, each, fitted, least_squares
 from solver.levels.single_track_engine import AXLES
 from solver.levels.track_bulk import top_spin, turning
-from solver.levels.track_runs import EVERY, SPEED, Drive, Run, driven, heading, pitch_of
+from solver.levels.track_runs import EVERY, SPEED, Drive, IdentificationRun, driven, heading, pitch_of
 from solver.levels.track_step import LIMITER_FROM
 from solver.model.spec import ModelSpec
 from solver.vehicle.size import size_of
@@ -59,7 +59,7 @@ def gear_of(model: ModelSpec) -> float:
     return 2.0 * NEAR / abs(float(mean[1] - mean[0]))
 
 
-def straight(model: ModelSpec, mass: float) -> tuple[dict[str, dict[str, float]], dict[str, float], Run]:
+def straight(model: ModelSpec, mass: float) -> tuple[dict[str, dict[str, float]], dict[str, float], IdentificationRun]:
     """(parameters of both axles, of body and mounting) that runs straight on tell, and the run that ended with locked wheels."""
     t = size_of(model).time
     wheels, rest = turning(model, SPEED * t)
@@ -141,7 +141,7 @@ def below(limit: float, t: float = 1.0) -> tuple[float, float]:
     return pull, min(SPEED * t, ROOM * limit - PULL * t * pull)
 
 
-def by_drive(push: Run, free: Run, by_shift: float, t: float) -> float:
+def by_drive(push: IdentificationRun, free: IdentificationRun, by_shift: float, t: float) -> float:
     """What a drive torque pitches a vehicle besides what the load that moves to the rear axle does [rad/(N m)]; free: a run without it, at
     the speed where it begins."""
     load, level = float(np.mean(free.axle('fz')[:, 1])), float(np.mean(pitch_of(free)))
@@ -151,7 +151,7 @@ def by_drive(push: Run, free: Run, by_shift: float, t: float) -> float:
     return float(np.mean(more[late] / u[late]))
 
 
-def along(run: Run, i: int, load: float, t: float) -> tuple[float, float, float]:
+def along(run: IdentificationRun, i: int, load: float, t: float) -> tuple[float, float, float]:
     """(stiffness [N], peak [N], shape) of an axle's force against slip, from a run that brakes more and more, up to SLIP."""
     slip = -0.5 * run.axle('kappa')[:, i]
     used = (slip > 0.0) & (slip < SLIP) & (run.vx > SLOW * t)
@@ -175,7 +175,7 @@ def characteristic(s: np.ndarray, C: float, E: float) -> np.ndarray:
     return each(math.sin, C * each(math.atan, x - E * (x - each(math.atan, x))))
 
 
-def share(run: Run, given: str, i: int, lever: float, inertia: float, t: float) -> float:
+def share(run: IdentificationRun, given: str, i: int, lever: float, inertia: float, t: float) -> float:
     """Share of the torque `given` that the balance of an axle's spin shows; the inertia counts with the sign of the torque."""
     u = run.inputs[EVERY - 1 :: EVERY, run.names.index(given)]
     late = (run.time > 1.0 * t) & (run.vx > min(SLOW * t, float(run.vx[0]))) & (u > 0.0)

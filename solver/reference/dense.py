@@ -18,7 +18,7 @@ DIFFERENCE = 1e-6  # m, rad or their rates
 INTERNAL_STEP = 1e-4  # s; the kernels solve z = zp + cz dz/dt, which gives dz/dt for any small cz
 
 
-class Motion(NamedTuple):
+class MotionState(NamedTuple):
     """Configuration q (nb + 1, 7), twists v (nb + 1, 6) and internal states z (nz,), laid out as in the state."""
 
     q: np.ndarray
@@ -79,7 +79,7 @@ class Equations:
             self._sampled = (t, self.inputs(t))
         return self._sampled[1]
 
-    def accept(self, motion: Motion) -> None:
+    def accept(self, motion: MotionState) -> None:
         """Continue rotations from this motion on."""
         self.move_to(motion.q, motion.v)
         update_angles(self._coordinates, self._kin, self.angle)
@@ -131,7 +131,7 @@ class Equations:
         return out
 
     def internal_gradients(
-        self, t: float, motion: Motion, zp: np.ndarray, cz: float
+        self, t: float, motion: MotionState, zp: np.ndarray, cz: float
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """(df/dzp (6 nb, nz), dz/dzp (nz, nz), dz/dq (nz, 6 nb), dz/dv (nz, 6 nb)) of forces() at zp, cz, by central differences: the
         kernels report what the forces lose by eliminating z, not z itself. Leaves the bodies at the motion."""
@@ -166,7 +166,7 @@ class Equations:
         factor = 1.0 / np.maximum(np.linalg.norm(B, axis=1), 1e-300)
         return B * factor[:, None], factor
 
-    def acceleration(self, t: float, motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def acceleration(self, t: float, motion: MotionState) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(a (6 nb,), lam (nc,), dz/dt): smallest multipliers in the metric of the effective masses where they are not unique."""
         self.move_to(motion.q, motion.v)
         v = motion.v[:-1].ravel()
@@ -179,7 +179,7 @@ class Equations:
         x = np.linalg.lstsq(system, np.concatenate([self.root.T @ f, -factor * bias]), rcond=RANK_TOLERANCE**2)[0]
         return self.root @ x[:n], factor * x[n:], zd
 
-    def project(self, t: float, motion: Motion) -> Motion:
+    def project(self, t: float, motion: MotionState) -> MotionState:
         """The nearest motion with phi = 0 and A v + phi_t = 0 (in the metric of the masses)."""
         q, v = motion.q.copy(), motion.v.copy()
         keep = self.holonomic
@@ -194,7 +194,7 @@ class Equations:
         if len(factor):
             open_ = factor * (rows.A @ v[:-1].ravel() + rows.phi_t)
             v[:-1] -= (self.root @ np.linalg.lstsq(B, open_, rcond=RANK_TOLERANCE)[0]).reshape(-1, 6)
-        return Motion(q, v, motion.z)
+        return MotionState(q, v, motion.z)
 
 
 def skew(u: np.ndarray) -> np.ndarray:

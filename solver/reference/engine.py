@@ -14,7 +14,7 @@ from solver.errors import SpecError, StepError
 from solver.model.evaluate import constraint_input_rates, evaluate_constraints, evaluate_forces
 from solver.model.state import fill_kinematics, update_angles
 from solver.output.snapshot import NO_STEPS, Counters
-from solver.reference.dense import Equations, Motion
+from solver.reference.dense import Equations, MotionState
 from solver.reference.methods import METHODS, Kkt, Stabilised
 from solver.scene import Scene
 from solver.start.placement import Changes
@@ -57,7 +57,7 @@ class Following:
         self.shown.show(u)
         kind, tolerance, s = self.scene.integrator.kind, self.scene.integrator.tolerance, self.shown.state
         self.equations = Equations(self.shown.model, self.shown.outputs, self._inputs_at, s.angle)
-        motion = Motion(s.q.copy(), self.shown.work.v_out.copy(), s.z.copy())
+        motion = MotionState(s.q.copy(), self.shown.work.v_out.copy(), s.z.copy())
         t = k * self.scene.integrator.h_ns * 1e-9
         if kind == 'reference_kkt':
             self.solver = Kkt(self.equations, t, motion, tolerance)
@@ -99,7 +99,7 @@ class Following:
         self._counted = now
         return Moved(n, Counters(0, factorizations, evaluations, 0, 0.0, position, velocity))
 
-    def _take(self, t: float, motion: Motion, last: np.ndarray) -> None:
+    def _take(self, t: float, motion: MotionState, last: np.ndarray) -> None:
         """Make a motion the current state, with all its outputs."""
         bodies = self.shown
         s, w, tables, kin = bodies.state, bodies.work, bodies.model.tables, bodies.kin

@@ -27,7 +27,7 @@ from scipy.sparse import csc_matrix
 
 from solver.errors import SpecError, StepError
 from solver.model.tables import Model
-from solver.reference.dense import INTERNAL_STEP, RANK_TOLERANCE, Equations, Motion, quaternion_rate, skew
+from solver.reference.dense import INTERNAL_STEP, RANK_TOLERANCE, Equations, MotionState, quaternion_rate, skew
 
 WORN = 0.03  # rows are chosen anew when their smallest singular value is below this part of what another choice has
 LONGEST_STEP = 0.02  # s; at rest a method would step over the inputs that end it
@@ -49,13 +49,13 @@ class _Layout:
         self.z = slice(13 * self.nb, 13 * self.nb + model.n_internal)
         self.end = self.z.stop
 
-    def pack(self, motion: Motion) -> np.ndarray:
+    def pack(self, motion: MotionState) -> np.ndarray:
         return np.concatenate([motion.q[:-1].ravel(), motion.v[:-1].ravel(), motion.z])
 
-    def unpack(self, y: np.ndarray) -> Motion:
+    def unpack(self, y: np.ndarray) -> MotionState:
         q = np.vstack([y[self.q].reshape(-1, 7), [0, 0, 0, 0, 0, 0, 1]])
         q[:, 3:] /= np.linalg.norm(q[:, 3:], axis=1)[:, None]
-        return Motion(q, np.vstack([y[self.v].reshape(-1, 6), np.zeros(6)]), y[self.z].copy())
+        return MotionState(q, np.vstack([y[self.v].reshape(-1, 6), np.zeros(6)]), y[self.z].copy())
 
     def rate(self, y: np.ndarray, v: np.ndarray) -> np.ndarray:
         """dq/dt (7 nb,) of twists v (6 nb,), with the drift of the quaternions' norm drawn back."""
@@ -65,13 +65,13 @@ class _Layout:
 
 
 class Kkt:
-    """Index 1, explicit, with projection. advance(t) -> Motion at t [s].
+    """Index 1, explicit, with projection. advance(t) -> MotionState at t [s].
 
     Where constraints are singular the continuation need not be unique, and this method may leave the motion for another branch that begins
     there, with the same energy and a jump of its velocities: its steps collapse at this instant (`steps`).
     """
 
-    def __init__(self, equations: Equations, t: float, motion: Motion, tolerance: float) -> None:
+    def __init__(self, equations: Equations, t: float, motion: MotionState, tolerance: float) -> None:
         self.equations, self.layout = equations, _Layout(equations.model)
         self.factorizations = 0
         self.steps: list[float] = []  # that the method took [s]
@@ -88,7 +88,7 @@ class Kkt:
         a, _, zd = self.equations.acceleration(t, motion)
         return np.concatenate([self.layout.rate(y, y[self.layout.v]), a, zd])
 
-    def advance(self, t: float) -> Motion:
+    def advance(self, t: float) -> MotionState:
         """Step over t and interpolate."""
         s = self.solver
         while self.t < t:
@@ -107,9 +107,10 @@ class Kkt:
 
 
 class Stabilised:
-    """Stabilised index 2 form, implicit. advance(t) -> Motion at t [s]. kind: a key of METHODS. Raises SpecError without the package."""
+    """Stabilised index 2 form, implicit. advance(t) -> MotionState at t [s]. kind: a key of METHODS. Raises SpecError
+    without the package."""
 
-    def __init__(self, equations: Equations, t: float, motion: Motion, tolerance: float, kind: str) -> None:
+    def __init__(self, equations: Equations, t: float, motion: MotionState, tolerance: float, kind: str) -> None:
         self.equations, self.layout, self.kind, self.tolerance = equations, _Layout(equations.model), kind, tolerance
         package, name = METHODS[kind]
         try:
@@ -124,7 +125,7 @@ class Stabilised:
         start = self.layout.pack(motion)
         self.interpolate: Callable[[float], np.ndarray] = lambda _: start
 
-    def _start(self, t: float, motion: Motion, rows: np.ndarray) -> None:
+    def _start(self, t: float, motion: MotionState, rows: np.ndarray) -> None:
         """Begin at a motion with these rows."""
         e, nr, end = self.equations, len(rows), self.layout.end
         self.rows = rows
@@ -148,13 +149,13 @@ class Stabilised:
             self.solver = self.method(self.residual, t, y, yp, np.inf, first_step=first, jac=jac, **options)
         self.t = t
 
-    def _independent_rows(self, t: float, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+    def _independent_rows(self, t: float, motion: MotionState) -> tuple[np.ndarray, np.ndarray]:
         """(indices of a largest set of independent rows, all rows scaled)."""
         self.equations.move_to(motion.q, motion.v)
         B, _ = self.equations.scaled(self.equations.constraints(t).A)
         return independent(B, self.equations.holonomic), B
 
-    def _accept(self, t: float, motion: Motion) -> None:
+    def _accept(self, t: float, motion: MotionState) -> None:
         """After a step: choose other rows and begin anew where those kept have become dependent and others are not."""
         self.equations.accept(motion)
         self.t = t
@@ -193,7 +194,7 @@ class Stabilised:
         lam[self.rows] = yp[self.Lam]
         cz = INTERNAL_STEP
         zp = z - cz * yp[s.z]
-        f_z, z_z, z_q, z_v = e.internal_gradients(t, Motion(q, v, z), zp, cz)
+        f_z, z_z, z_q, z_v = e.internal_gradients(t, MotionState(q, v, z), zp, cz)
         e.forces(t, zp, cz, tangents=True)
         Kq, Kv = e.stiffness(lam)
         Av_q = e.rate_gradients(y[s.v])[self.rows]
@@ -258,7 +259,7 @@ class Stabilised:
         dense = s.dense_output()
         return s.t, lambda at: dense(at)[0]
 
-    def advance(self, t: float) -> Motion:
+    def advance(self, t: float) -> MotionState:
         """Step over t and interpolate."""
         while self.t < t:
             reached, self.interpolate = self._step(t)

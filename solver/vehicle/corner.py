@@ -130,7 +130,7 @@ class ArmAxle(Axle):
     pivot_outer: Point
 
 
-class Motion(NamedTuple):
+class TravelVelocity(NamedTuple):
     """Velocity field of a rigid part per unit of wheel travel: velocity of a point [-] and rotation [rad/m]."""
 
     point: np.ndarray
@@ -147,17 +147,17 @@ def corner_bodies(axle: Axle, corner: str, side: str) -> tuple[RigidBodySpec, Ri
     return axle.knuckle.body(f'knuckle_{corner}', axle.wheel.center, side), axle.wheel.body(f'wheel_{corner}', side)
 
 
-def suspension_motion(axle: Axle) -> Motion:
+def suspension_motion(axle: Axle) -> TravelVelocity:
     """Motion of the left knuckle in the design position with the rack held, scaled to unit vertical velocity of the wheel centre."""
     if isinstance(axle, StrutAxle):
         return strut_motion(axle)
     assert isinstance(axle, ArmAxle)
-    motion = Motion(np.array(axle.pivot_inner), np.zeros(3), np.subtract(axle.pivot_outer, axle.pivot_inner))
+    motion = TravelVelocity(np.array(axle.pivot_inner), np.zeros(3), np.subtract(axle.pivot_outer, axle.pivot_inner))
     scale = 1.0 / motion.at(axle.wheel.center)[2]
-    return Motion(motion.point, scale * motion.velocity, scale * motion.rotation)
+    return TravelVelocity(motion.point, scale * motion.velocity, scale * motion.rotation)
 
 
-def strut_motion(axle: StrutAxle) -> Motion:
+def strut_motion(axle: StrutAxle) -> TravelVelocity:
     """The same of a strut: no rod changes its length, and the material point of the axis in the top mount moves along the axis."""
     center = np.array(axle.wheel.center)
 
@@ -172,10 +172,10 @@ def strut_motion(axle: StrutAxle) -> Motion:
         twist = inverse(np.array([row(np.array([0.0, 0.0, 1.0]), axle.wheel.center), *rows]))[:, 0]
     except ZeroDivisionError:
         require(False, 'strut axle', 'arm_pivots', axle.arm_pivots, 'do not lead the wheel up and down, with strut and tie rod as they are')
-    return Motion(center, twist[:3], twist[3:])
+    return TravelVelocity(center, twist[:3], twist[3:])
 
 
-def length_rate(element: Spring | Damper, motion: Motion) -> float:
+def length_rate(element: Spring | Damper, motion: TravelVelocity) -> float:
     """Derivative of the length of a spring or damper by the wheel travel [-]."""
     line = np.subtract(element.knuckle, element.chassis)
     return float(product(line, motion.at(element.knuckle)) / norm(line))

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scalars import run_of
 
-from mbd_sim_ros.analysis.mapping import Axes, Source, apply, load_mapping, pairs, resolve
+from mbd_sim_ros.analysis.mapping import Axes, ChannelSource, apply, load_mapping, pairs, resolve
 from solver.errors import BagError, MbdError
 from solver.units import UNITS
 
@@ -36,7 +36,7 @@ def test_units(unit: str, value: float, si: float) -> None:
 
 def test_a_channel_is_sign_times_value_in_si_plus_offset() -> None:
     theirs = run_of({'gyro/z': [10.0, 20.0, -30.0, 0.0]}, T)
-    source = Source(channel='gyro/z', unit='deg/s', sign=-1.0, offset=0.5)
+    source = ChannelSource(channel='gyro/z', unit='deg/s', sign=-1.0, offset=0.5)
     found, held = apply(theirs, {'imu/wz': source}, (), no_unit)
     np.testing.assert_allclose(found['imu/wz'], 0.5 - np.deg2rad([10.0, 20.0, -30.0, 0.0]), rtol=1e-15)
     assert not held
@@ -64,7 +64,10 @@ def test_several_of_ours_may_be_made_from_one_of_theirs() -> None:
     """One accelerometer is both the lateral acceleration of a step steer and the specific force of a ride."""
     theirs = run_of({'car/lateral': [1.0, 2.0, 3.0, 4.0], 'car/speed': np.ones(4)}, T)
     theirs.known[''] = ('car/lateral', 'car/speed')
-    sources = {'lateral_acceleration': Source(channel='car/lateral', unit='g'), 'ay': Source(channel='car/lateral', sign=-1.0, hold=True)}
+    sources = {
+        'lateral_acceleration': ChannelSource(channel='car/lateral', unit='g'),
+        'ay': ChannelSource(channel='car/lateral', sign=-1.0, hold=True),
+    }
     found, held = apply(theirs, sources, (), no_unit)
     assert sorted(found.columns) == ['ay', 'car/speed', 'lateral_acceleration']
     assert found['lateral_acceleration'] == pytest.approx(9.80665 * np.arange(1.0, 5.0))
@@ -102,7 +105,7 @@ def test_a_mapping_file(tmp_path: Path) -> None:
         'axes:\n  - {channels: [imu/ax, imu/ay, imu/az], rpy_deg: [180, 0, 0]}\n'
     )
     read = load_mapping(file)
-    assert read.channels['imu/wz'] == Source(channel='gyro/z', unit='deg/s')
+    assert read.channels['imu/wz'] == ChannelSource(channel='gyro/z', unit='deg/s')
     assert read.channels['tire/*/force/fz'].hold
     assert read.axes[0].rpy == pytest.approx((math.pi, 0.0, 0.0))
 
@@ -133,8 +136,8 @@ def test_what_does_not_fit_the_recording_is_refused() -> None:
     with pytest.raises(BagError, match='same number of'):
         apply(theirs, pairs(['gyro/*=imu/wz']), (), no_unit)
     with pytest.raises(BagError, match='imu/wz is made from both gyro/z and gyro/y'):
-        resolve({'imu/w*': Source(channel='gyro/*'), 'imu/wz': Source(channel='gyro/y')}, ['gyro/z', 'gyro/y'])
+        resolve({'imu/w*': ChannelSource(channel='gyro/*'), 'imu/wz': ChannelSource(channel='gyro/y')}, ['gyro/z', 'gyro/y'])
     with pytest.raises(BagError, match=r"imu/wz: it is in rad/s, which 'km/h' does not measure"):
-        apply(theirs, {'imu/wz': Source(channel='gyro/z', unit='km/h')}, (), lambda _: 'rad/s')
+        apply(theirs, {'imu/wz': ChannelSource(channel='gyro/z', unit='km/h')}, (), lambda _: 'rad/s')
     with pytest.raises(BagError, match='mapping of axes: gyro/x is not in the recording'):
         apply(theirs, {}, [Axes(channels=('gyro/z', 'gyro/y', 'gyro/x'), rpy=(0.0, 0.0, 0.0))], no_unit)

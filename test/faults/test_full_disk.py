@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from mbd_sim_ros.commands.main import INTERNAL_ERROR, main
-from mbd_sim_ros.sweep.case import Case
-from mbd_sim_ros.sweep.design import Figure
+from mbd_sim_ros.sweep.case import SweepCase
+from mbd_sim_ros.sweep.design import SweepFigure
 from mbd_sim_ros.sweep.workers import Workers
 from solver.errors import BagError
 from solver.files.scene import load_scene
@@ -106,8 +106,8 @@ def test_a_plan_on_a_full_disk(name: str, tmp_path: Path, monkeypatch: pytest.Mo
 
 def test_a_sweep_whose_rows_cannot_be_kept_stops_with_a_sentence(tmp_path: Path) -> None:
     scene = load_scene('pendulum', ['duration=0.01'])
-    figures = {'a': Figure(quantity=f'joint_states/{scene.model.joints[0].name}/position')}
+    figures = {'a': SweepFigure(quantity=f'joint_states/{scene.model.joints[0].name}/position')}
     (tmp_path / 'rows').touch()
-    case = Case(number=0, text=scene.resolved, name='pendulum', values={}, figures=figures, rows=str(tmp_path / 'rows'))
+    case = SweepCase(number=0, text=scene.resolved, name='pendulum', values={}, figures=figures, rows=str(tmp_path / 'rows'))
     with Workers(1) as workers, pytest.raises(BagError, match=r'rows.*File exists.*the same command goes on'):
         list(workers.run([case]))

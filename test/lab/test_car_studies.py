@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from mbd_sim_ros.lab.studies import car, car_cost, kandc
-from mbd_sim_ros.lab.studies.car_runs import GRID, Run, converged, departures, growth, orders, run
+from mbd_sim_ros.lab.studies.car_runs import GRID, CarRun, converged, departures, growth, orders, run
 from solver.analysis.kinematics_and_compliance import ackermann
 
 
-def made(h: float, heading_error: float = 0.0, n: int = 501) -> Run:
+def made(h: float, heading_error: float = 0.0, n: int = 501) -> CarRun:
     """A drive at 20 m/s in an arc of 0.2 rad/s, with errors 3 h^2 and h^4 in every curve and a heading that is off."""
     t = GRID * np.arange(n)
     wrong = 3.0 * h**2 + h**4
@@ -21,7 +21,7 @@ def made(h: float, heading_error: float = 0.0, n: int = 501) -> Run:
     place = 100.0 * np.column_stack([np.sin(heading) - np.sin(heading_error), np.cos(heading_error) - np.cos(heading)]) + wrong
     forces = np.full((n, 4, 3), 1000.0) + wrong
     velocity = np.tile([20.0, 0.0], (n, 1))
-    return Run(f'ALF {h}', t, place, heading, velocity, np.full(n, 0.2) + wrong, forces, np.zeros((1, 2)), {}, '')
+    return CarRun(f'ALF {h}', t, place, heading, velocity, np.full(n, 0.2) + wrong, forces, np.zeros((1, 2)), {}, '')
 
 
 def test_extrapolation_removes_the_second_order_and_knows_what_it_leaves() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mbd_sim_ros.lab.studies import published_joints, published_mechanisms
-from mbd_sim_ros.lab.studies.published import Case, Figure, Quantity, compare, read
+from mbd_sim_ros.lab.studies.published import PublishedProblem, PublishedValue, Quantity, compare, read
 from mbd_sim_ros.lab.studies.validation import SECOND
 from solver.files.scene import load_scene
 
@@ -54,10 +54,13 @@ def test_a_departure_and_an_order_are_found() -> None:
         return load_scene('pendulum', [f'integrator.h={h}', 'integrator.mode=fixed'])
 
     exact = _fine(scene, angle)
-    case = Case(
+    case = PublishedProblem(
         'own', '', '', scene, 0.01,
         {'angle': Quantity('rad', angle, 1e-5), 'turn': Quantity('1', turned, 1e-5, either_sign=True)},
-        (Figure('angle', 1.0, (f'{exact[0] + 1e-3:.12f}',)), Figure('turn', 1.0, tuple(f'{-x:.12f}' for x in _fine(scene, turned)))),
+        (
+            PublishedValue('angle', 1.0, (f'{exact[0] + 1e-3:.12f}',)),
+            PublishedValue('turn', 1.0, tuple(f'{-x:.12f}' for x in _fine(scene, turned))),
+        ),
     )  # fmt: skip
     rows, (first, second) = compare(case)
     assert first.limiting == pytest.approx(1e-3, rel=1e-3)

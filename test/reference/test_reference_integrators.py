@@ -17,7 +17,7 @@ from ensemble import median, neighbours
 from solver import simulation_of
 from solver.errors import SpecError, StepError
 from solver.files.scene import load_scene
-from solver.reference.dense import Motion
+from solver.reference.dense import MotionState
 from solver.reference.engine import Following
 from solver.reference.methods import Stabilised
 from solver.simulation import Simulation
@@ -130,7 +130,10 @@ def test_analytic_jacobians_are_the_derivatives_of_the_residual(rng):
     solver = simulation.engine.solver
     assert isinstance(solver, Stabilised)
     y = np.concatenate(
-        [solver.layout.pack(Motion(simulation.state.q, simulation.state.v, simulation.state.z)), np.zeros(solver.size - solver.layout.end)]
+        [
+            solver.layout.pack(MotionState(simulation.state.q, simulation.state.v, simulation.state.z)),
+            np.zeros(solver.size - solver.layout.end),
+        ]
     )
     y[: solver.layout.end] += 0.1 * rng.normal(size=solver.layout.end)
     yp = rng.normal(size=len(y))

@@ -10,14 +10,14 @@ import pytest
 
 from mbd_sim_ros.commands.main import main
 from mbd_sim_ros.sweep.case import overrides_of
-from mbd_sim_ros.sweep.design import Design, Figure, Parameter, Sweep, cases
+from mbd_sim_ros.sweep.design import Design, Parameter, Sweep, SweepFigure, cases
 from mbd_sim_ros.sweep.table import known_to, no_indices, sensitivities
 from solver.errors import SceneError, SpecError
 
 
 def sweep_of(kind: str, samples: int = 16, **more: Parameter) -> Sweep:
     ranges = {name: Parameter(low=0.0, high=1.0) for name in ('a', 'b', 'c')} | more
-    return Sweep(scene='x', parameters=ranges, figures={'f': Figure(quantity='q')}, design=Design(kind=kind, samples=samples, seed=3))  # type: ignore[arg-type]
+    return Sweep(scene='x', parameters=ranges, figures={'f': SweepFigure(quantity='q')}, design=Design(kind=kind, samples=samples, seed=3))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -138,4 +138,4 @@ def test_a_part_of_a_parameter_is_set_behind_it(names: tuple[str, ...]) -> None:
 def test_what_would_have_no_effect_is_refused(given: list[str], parameters: tuple[str, ...], told: str) -> None:
     one = {name: Parameter(values=(1.0,)) for name in parameters}
     with pytest.raises(SpecError, match=told):
-        Sweep(scene='x', set=tuple(given), parameters=one, figures={'f': Figure(quantity='yaw_rate')})
+        Sweep(scene='x', set=tuple(given), parameters=one, figures={'f': SweepFigure(quantity='yaw_rate')})

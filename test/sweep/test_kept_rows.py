@@ -9,19 +9,19 @@ from typing import Any
 import pytest
 
 from mbd_sim_ros.batch import simulate
-from mbd_sim_ros.sweep.case import Case, row_of
-from mbd_sim_ros.sweep.design import Figure
+from mbd_sim_ros.sweep.case import SweepCase, row_of
+from mbd_sim_ros.sweep.design import SweepFigure
 from solver import load_scene, simulation_of
 from solver.levels import auto
 
-FIGURES = {'turned': Figure(quantity='joint_states/steering_wheel/position', take='final')}
+FIGURES = {'turned': SweepFigure(quantity='joint_states/steering_wheel/position', take='final')}
 
 
 def row(place: Path, *overrides: str) -> dict[str, Any]:
     rows = place / 'rows'
     rows.mkdir(exist_ok=True)
     text = load_scene('light_car_step_steer', ['duration=0.02', 'integrator.h=0.002', *overrides]).resolved
-    return row_of(Case(number=0, text=text, name='step', values={}, figures=FIGURES, rows=str(rows)))
+    return row_of(SweepCase(number=0, text=text, name='step', values={}, figures=FIGURES, rows=str(rows)))
 
 
 def test_a_recording_that_is_made_anew_under_its_name_makes_a_row_anew(tmp_path: Path) -> None:

@@ -20,8 +20,8 @@ from pyarrow import parquet
 from mbd_sim_ros.bags import reader
 from mbd_sim_ros.commands.main import main
 from mbd_sim_ros.sweep import case, workers
-from mbd_sim_ros.sweep.case import Case, row_of
-from mbd_sim_ros.sweep.design import Figure, load_sweep
+from mbd_sim_ros.sweep.case import SweepCase, row_of
+from mbd_sim_ros.sweep.design import SweepFigure, load_sweep
 from solver import load_scene, simulation_of
 from solver.disk import alone
 from solver.errors import SceneError
@@ -130,30 +130,30 @@ def test_numbers_that_are_not_finite_are_a_failure(tmp_path: Path):
     """1e200 N on 1 kg have a power beyond 1.8e308 W after the first step; the case was ok."""
     force = 'mechanism={bodies: {b: {mass: 1, inertia: [1, 1, 1]}}, applied_forces: {f: {marker: b, force: [0, 0, 1.0e+200]}}}'
     text = load_scene('pendulum', ['duration=0.02', force]).resolved
-    row = row_of(dataclasses.replace(case_of(tmp_path, fast=Figure(quantity='odom/twist/vz')), text=text))
+    row = row_of(dataclasses.replace(case_of(tmp_path, fast=SweepFigure(quantity='odom/twist/vz')), text=text))
     assert row['status'] == 'error' and math.isnan(row['fast'])
     assert "output 'f/dissipation' is not finite" in row['message']
 
 
-def pendulums(n: int, rows: Path) -> list[Case]:
+def pendulums(n: int, rows: Path) -> list[SweepCase]:
     text = load_scene('pendulum', ['duration=0.2']).resolved
-    figures = {'fast': Figure(quantity='odom/twist/wz')}
+    figures = {'fast': SweepFigure(quantity='odom/twist/wz')}
     return [
-        Case(number=i, text=text, name='pendulum', values={'integrator.h': 1e-3 * (1 + i % 5)}, figures=figures, rows=str(rows))
+        SweepCase(number=i, text=text, name='pendulum', values={'integrator.h': 1e-3 * (1 + i % 5)}, figures=figures, rows=str(rows))
         for i in range(n)
     ]
 
 
-def case_of(place: Path, number: int = 0, *, bags: bool = False, **figures: Figure) -> Case:
+def case_of(place: Path, number: int = 0, *, bags: bool = False, **figures: SweepFigure) -> SweepCase:
     for name in ('rows', 'bags'):
         (place / name).mkdir(parents=True, exist_ok=True)
     text = load_scene('pendulum', ['duration=0.02']).resolved
     where = str(place / 'bags') if bags else ''
-    return Case(number=number, text=text, name='pendulum', values={}, figures=figures, rows=str(place / 'rows'), bags=where)
+    return SweepCase(number=number, text=text, name='pendulum', values={}, figures=figures, rows=str(place / 'rows'), bags=where)
 
 
 def test_figures_that_change_their_names_are_not_mixed_up(tmp_path: Path):
-    low, high = Figure(quantity='odom/pose/y', take='min'), Figure(quantity='odom/pose/y', take='max')
+    low, high = SweepFigure(quantity='odom/pose/y', take='min'), SweepFigure(quantity='odom/pose/y', take='max')
     first = row_of(case_of(tmp_path, a=low, b=high))
     again = row_of(case_of(tmp_path, b=low, a=high))
     assert first['a'] < first['b']
@@ -161,7 +161,7 @@ def test_figures_that_change_their_names_are_not_mixed_up(tmp_path: Path):
 
 
 def test_a_case_that_is_to_be_recorded_later_gets_its_bag_and_a_new_number_one_of_its_own(tmp_path: Path):
-    figure = Figure(quantity='odom/pose/y')
+    figure = SweepFigure(quantity='odom/pose/y')
     bare = row_of(case_of(tmp_path, f=figure))
     assert 'bag' not in bare
     rows = [row_of(case_of(tmp_path, number, bags=True, f=figure)) for number in (0, 0, 1)]
@@ -175,12 +175,12 @@ def test_a_case_that_is_to_be_recorded_later_gets_its_bag_and_a_new_number_one_o
 def test_a_case_has_the_same_figures_whether_it_is_recorded_or_not_and_how_often(tmp_path: Path):
     """A swing of 1 s is seen at every step of 5 ms, though its bag has one of twenty; and a bag has all instants that were asked for,
     though figures of steps of 0.5 ms are of every second one."""
-    taken = {'deepest': Figure(quantity='odom/pose/y', take='min'), 'when': Figure(quantity='odom/twist/wz', take='peak_time')}
+    taken = {'deepest': SweepFigure(quantity='odom/pose/y', take='min'), 'when': SweepFigure(quantity='odom/twist/wz', take='peak_time')}
     rows = {}
     for h, every, steps in ((0.005, 20, 200), (0.0005, 1, 40)):
         text = load_scene('pendulum', [f'integrator.h={h}', f'duration={h * steps}', f'record.every={every}']).resolved
         for bags in ('', str(tmp_path / 'bags')):
-            row = row_of(Case(number=steps, text=text, name='pendulum', values={}, figures=taken, bags=bags))
+            row = row_of(SweepCase(number=steps, text=text, name='pendulum', values={}, figures=taken, bags=bags))
             rows[steps, bool(bags)] = row
         assert {name: rows[steps, True][name] for name in taken} == {name: rows[steps, False][name] for name in taken}
         recorded = reader.read(tmp_path / 'bags' / rows[steps, True]['bag'])
@@ -190,7 +190,7 @@ def test_a_case_has_the_same_figures_whether_it_is_recorded_or_not_and_how_often
 
 def test_what_a_killed_worker_left_of_a_bag_is_in_nobodys_way(tmp_path: Path):
     """Killed while it recorded, by another of the same number, as in a container that is started anew; or between bag and row."""
-    case_ = case_of(tmp_path, bags=True, f=Figure(quantity='odom/pose/y'))
+    case_ = case_of(tmp_path, bags=True, f=SweepFigure(quantity='odom/pose/y'))
     first = row_of(case_)
     bag = tmp_path / 'bags' / first['bag']
     (kept,) = (tmp_path / 'rows').iterdir()
@@ -225,7 +225,7 @@ def test_a_case_that_leaves_its_envelope_is_suspect(tmp_path: Path, monkeypatch:
             'light_car_step_steer', ['duration=1', 'maneuver.steering.start=0.2', f'maneuver.steering.value={angle}']
         ).resolved
         bags = str(tmp_path / status)
-        row = row_of(Case(number=0, text=text, name='step', values={}, figures={'r': Figure(quantity='yaw_rate')}, bags=bags))
+        row = row_of(SweepCase(number=0, text=text, name='step', values={}, figures={'r': SweepFigure(quantity='yaw_rate')}, bags=bags))
         assert row['status'] == status, row
         recorded = reader.read(Path(bags) / row['bag'], ['odom/*'])  # says the same as its row
         assert recorded.metadata['status'] == status and '; '.join(found['text'] for found in recorded.findings) in row['message']
@@ -377,7 +377,7 @@ def test_files_may_be_values_and_the_scene_and_are_found_beside_the_sweep(
     assert load_sweep('work/s.yaml').scene == 'work/mine.yaml'
     (work / 'figures.yaml').write_text('lowest: {quantity: odom/pose/y, take: min}')
     (work / 't.yaml').write_text(text[: text.index('figures:')] + 'figures: figures.yaml\n')  # anything else is included as everywhere
-    assert load_sweep('work/t.yaml').figures == {'lowest': Figure(quantity='odom/pose/y', take='min')}
+    assert load_sweep('work/t.yaml').figures == {'lowest': SweepFigure(quantity='odom/pose/y', take='min')}
 
 
 def test_a_file_is_found_by_name_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

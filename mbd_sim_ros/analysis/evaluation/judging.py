@@ -17,7 +17,7 @@ from mbd_sim_ros.analysis.evaluation.kinds import Evaluation
 from mbd_sim_ros.analysis.evaluation.measures import low_passed
 from mbd_sim_ros.analysis.evaluation.registry import EVALUATIONS, called, names
 from mbd_sim_ros.analysis.evaluation.signals import GIVEN, NEEDED, WAYS, Signals, Vehicle, scene_of, signals
-from mbd_sim_ros.analysis.mapping import Axes, Source
+from mbd_sim_ros.analysis.mapping import Axes, ChannelSource
 from mbd_sim_ros.analysis.tables import TimeColumn
 from mbd_sim_ros.bags.patterns import nearest
 from mbd_sim_ros.bags.reader import Run
@@ -39,7 +39,7 @@ LARGEST = 1e9  # of a parameter, in SI units
 
 def read(
     place: Path,
-    sources: Mapping[str, Source] | None = None,
+    sources: Mapping[str, ChannelSource] | None = None,
     axes: Sequence[Axes] = (),
     time: TimeColumn | None = None,
     databases: Sequence[Path] = (),

@@ -46,7 +46,7 @@ class Between(NamedTuple):
     b: tuple[float, float, float]
 
 
-class Wheel(NamedTuple):
+class DrawnWheel(NamedTuple):
     """A wheel: its centre and spin axis in the reference frame of its body, radius and width [m]."""
 
     name: str
@@ -64,7 +64,7 @@ class Drawing:
     bodies: tuple[str, ...]
     lines: tuple[Line, ...]
     springs: tuple[Between, ...]
-    wheels: tuple[Wheel, ...]
+    wheels: tuple[DrawnWheel, ...]
 
 
 def drawing_of(spec: ModelSpec) -> Drawing:
@@ -75,7 +75,7 @@ def drawing_of(spec: ModelSpec) -> Drawing:
         radius = tire.data['UNLOADED_RADIUS']
         axis = matrix(tire.marker.orientation)[:, 1]
         width = tire.data['WIDTH'] or 0.65 * radius
-        wheels.append(Wheel(tire.name, number[tire.marker.body], _point(tire.marker.position), _point(axis), radius, width))
+        wheels.append(DrawnWheel(tire.name, number[tire.marker.body], _point(tire.marker.position), _point(axis), radius, width))
     springs = tuple(Between(number[s.i.body], _point(s.i.position), number[s.j.body], _point(s.j.position)) for s in spec.spring_dampers)
     outlined = number[spec.chassis] if len(wheels) >= 3 and spec.chassis is not None else None
     pulled = number[TRAILER] if has_trailer(spec) else None
@@ -129,7 +129,7 @@ def _distinct(places: list[np.ndarray]) -> list[np.ndarray]:
     return own
 
 
-def _outline(spec: ModelSpec, chassis: int, wheels: list[Wheel]) -> list[Line]:
+def _outline(spec: ModelSpec, chassis: int, wheels: list[DrawnWheel]) -> list[Line]:
     """The outline of a car on its chassis, from where the wheels are in the design position."""
     frame = spec.bodies[chassis]
     to_world = matrix(frame.orientation)

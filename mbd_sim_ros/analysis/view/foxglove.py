@@ -13,7 +13,7 @@ from mcap.reader import make_reader
 
 from mbd_sim_ros.analysis.pages import write_text
 from mbd_sim_ros.analysis.view.drawing import WORLD_BODY
-from mbd_sim_ros.analysis.view.motion import Motion, curves_of
+from mbd_sim_ros.analysis.view.motion import RecordedMotion, curves_of
 from mbd_sim_ros.bags.files import find_file
 from mbd_sim_ros.messages import cdr
 from mbd_sim_ros.messages.topics import IMU, JOINT_STATE, ODOMETRY, WRENCH
@@ -36,7 +36,7 @@ FIELDS = {
 }
 
 
-def write_layout(motion: Motion, bag: Path, file: Path, channels: tuple[str, ...] = ()) -> None:
+def write_layout(motion: RecordedMotion, bag: Path, file: Path, channels: tuple[str, ...] = ()) -> None:
     """Write the layout for a recording. channels: patterns of those that are drawn as curves. Raises BagError."""
     namespace = '/' + motion.run.metadata.get('namespace', '').strip('/')  # of the node; '/' without any
     paths = message_paths(bag, curves_of(motion, channels), namespace)

@@ -24,7 +24,7 @@ MOST_CURVES = 6  # of a mechanism, where nobody says which
 
 
 @dataclass(frozen=True, kw_only=True)
-class Motion:
+class RecordedMotion:
     """One recording in motion.
 
     follows: the body in the middle of the picture, or WORLD_BODY. time: (n,) instants [s]. pose: (n, nb, 7) of the bodies of the drawing in
@@ -57,7 +57,7 @@ def rotated(q: np.ndarray, x: np.ndarray) -> np.ndarray:
     return x + w * t + np.cross(u, t)
 
 
-def read_motion(path: Path, channels: tuple[str, ...] = (), scene: str | None = None) -> Motion:
+def read_motion(path: Path, channels: tuple[str, ...] = (), scene: str | None = None) -> RecordedMotion:
     """A recording of ours, or of the topics of the node, in motion. channels: patterns of those that are drawn as curves. scene: name or
     file of that which is drawn where the recording does not say it.
 
@@ -92,7 +92,7 @@ def read_motion(path: Path, channels: tuple[str, ...] = (), scene: str | None = 
     order = [poses.frames.index(frame) for frame in frames]
     contact, force = _contacts(poses, drawing, prefix, run)
     follows = drawing.bodies.index(spec.chassis) if spec.chassis and drawing.wheels else WORLD_BODY
-    return Motion(
+    return RecordedMotion(
         name=Path(path).name,
         drawing=drawing,
         ground=Ground(spec.road),
@@ -124,7 +124,7 @@ def _contacts(poses: Poses, drawing: Drawing, prefix: str, run: reader.Run) -> t
     return contact, force
 
 
-def curves_of(motion: Motion, channels: tuple[str, ...] = ()) -> list[str]:
+def curves_of(motion: RecordedMotion, channels: tuple[str, ...] = ()) -> list[str]:
     """The channels that are drawn beside the motion."""
     names = list(motion.run.columns)
     patterns = channels or (VEHICLE if motion.drawing.wheels else ())

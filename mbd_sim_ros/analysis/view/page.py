@@ -10,14 +10,14 @@ import numpy as np
 from mbd_sim_ros.analysis.pages import fill, floats, thinned
 from mbd_sim_ros.analysis.runs import units
 from mbd_sim_ros.analysis.view.drawing import WORLD_BODY, Drawing
-from mbd_sim_ros.analysis.view.motion import Motion, curves_of
+from mbd_sim_ros.analysis.view.motion import RecordedMotion, curves_of
 
 POINTS = 1500  # of a curve, about
 SMALLEST = 1e-3  # m: half of what is seen of a mechanism at least
 METRES = 10  # of ground to every side of a car
 
 
-def write_page(motions: list[Motion], file: Path, channels: tuple[str, ...] = ()) -> None:
+def write_page(motions: list[RecordedMotion], file: Path, channels: tuple[str, ...] = ()) -> None:
     """Write the page of one recording, or of several: the first is solid, the others are ghosts. Raises BagError."""
     first = motions[0]
     unit = units(*(motion.run for motion in motions))
@@ -33,7 +33,7 @@ def write_page(motions: list[Motion], file: Path, channels: tuple[str, ...] = ()
     fill(file, 'mbd_sim_ros.analysis.view:view.html', data)
 
 
-def _ground(motion: Motion, origin: np.ndarray) -> dict[str, Any] | None:
+def _ground(motion: RecordedMotion, origin: np.ndarray) -> dict[str, Any] | None:
     """The road under what drives: its base plane, in the world, and the points at whole metres along the way, from `origin`, where it is
     not that plane."""
     if motion.follows == WORLD_BODY:
@@ -44,7 +44,7 @@ def _ground(motion: Motion, origin: np.ndarray) -> dict[str, Any] | None:
     return {'plane': [float(part) for part in motion.ground.plane], 'x': floats(nodes[:, 0]), 'y': floats(nodes[:, 1]), 'z': floats(height)}
 
 
-def size_of(motion: Motion) -> float:
+def size_of(motion: RecordedMotion) -> float:
     """Half the height of what the camera sees [m]: the vehicle, or all the places where a mechanism comes."""
     if motion.follows != WORLD_BODY:
         at = motion.pose[0, [wheel.body for wheel in motion.drawing.wheels], :3]
@@ -57,7 +57,7 @@ def size_of(motion: Motion) -> float:
     return 1.15 * float(max(reach))
 
 
-def _run(motion: Motion, origin: np.ndarray) -> dict[str, Any]:
+def _run(motion: RecordedMotion, origin: np.ndarray) -> dict[str, Any]:
     drawing: Drawing = motion.drawing
     pose = motion.pose.copy()
     pose[..., :3] -= origin
@@ -75,7 +75,7 @@ def _run(motion: Motion, origin: np.ndarray) -> dict[str, Any]:
     }
 
 
-def _curve(name: str, unit: str, motions: list[Motion]) -> dict[str, Any]:
+def _curve(name: str, unit: str, motions: list[RecordedMotion]) -> dict[str, Any]:
     """A channel of every recording that has it, thinned to the extremes of every stretch."""
     lines = []
     for motion in motions:

@@ -15,7 +15,7 @@ from tqdm import tqdm
 
 from mbd_sim_ros.analysis.runs import units
 from mbd_sim_ros.analysis.view.drawing import WORLD_BODY
-from mbd_sim_ros.analysis.view.motion import Motion, curves_of, rotated
+from mbd_sim_ros.analysis.view.motion import RecordedMotion, curves_of, rotated
 from mbd_sim_ros.analysis.view.page import size_of
 from solver.disk import atomic_write
 from solver.errors import BagError
@@ -40,7 +40,7 @@ class Stroke(NamedTuple):
     points: np.ndarray
 
 
-def strokes(motion: Motion, k: int) -> Iterator[Stroke]:
+def strokes(motion: RecordedMotion, k: int) -> Iterator[Stroke]:
     """Everything that is drawn at instant k."""
     for line in motion.drawing.lines:
         kind = 'world' if line.body == WORLD_BODY else line.kind
@@ -80,7 +80,7 @@ class Camera(NamedTuple):
         return (points - self.target) @ axes.T
 
 
-def camera_of(motion: Motion, k: int) -> Camera:
+def camera_of(motion: RecordedMotion, k: int) -> Camera:
     """From behind and above for what drives; a mechanism that stays in a level plane from above, any other from the front."""
     if motion.follows != WORLD_BODY:
         return Camera(-2.2, 0.35, motion.pose[k, motion.follows, :3] + [0.0, 0.0, 0.5])
@@ -91,7 +91,7 @@ def camera_of(motion: Motion, k: int) -> Camera:
 class Painter:
     """A figure: the motion at the left, curves with the present instant at the right."""
 
-    def __init__(self, motions: list[Motion], channels: tuple[str, ...] = (), width: int = WIDTH) -> None:
+    def __init__(self, motions: list[RecordedMotion], channels: tuple[str, ...] = (), width: int = WIDTH) -> None:
         from matplotlib.figure import Figure
 
         self.motions = motions
@@ -174,7 +174,7 @@ class Painter:
 
 
 def write_picture(
-    motions: list[Motion], file: Path, *, at: float | None = None, width: int = WIDTH, channels: tuple[str, ...] = ()
+    motions: list[RecordedMotion], file: Path, *, at: float | None = None, width: int = WIDTH, channels: tuple[str, ...] = ()
 ) -> None:
     """One instant [s] (default: the middle) as PNG, so many pixels wide. Raises BagError."""
     time = motions[0].time
@@ -191,7 +191,14 @@ def write_picture(
 
 
 def write_film(
-    motions: list[Motion], file: Path, *, rate: float, speed: float, progress: bool, width: int = WIDTH, channels: tuple[str, ...] = ()
+    motions: list[RecordedMotion],
+    file: Path,
+    *,
+    rate: float,
+    speed: float,
+    progress: bool,
+    width: int = WIDTH,
+    channels: tuple[str, ...] = (),
 ) -> None:
     """A film of the whole recording: .mp4 or .gif. rate: pictures a second. speed: of the motion in it, 1 is as it was. Raises BagError."""
     if file.suffix == '.gif':

@@ -55,7 +55,7 @@ FIGURES = {
 }
 
 
-class Run(NamedTuple):
+class LinkageRun(NamedTuple):
     """What one run gave: places (instants, bodies, x y phi) of the centres of mass, and CPU time [s] of the steps."""
 
     places: np.ndarray
@@ -102,7 +102,7 @@ class Linkage:
             except SpecError as error:
                 self._left_out[program] = str(error)
 
-    def _run(self, simulation: Simulation) -> Run:
+    def _run(self, simulation: Simulation) -> LinkageRun:
         simulation.reset()
         each = round(EVERY / simulation.h)
         places, cpu = [], 0.0
@@ -112,26 +112,28 @@ class Linkage:
             cpu += time.thread_time() - begin
             q = simulation.state.q[:-1]
             places.append(np.column_stack((q[:, :2], 2.0 * np.arctan2(q[:, 5], q[:, 6]))))
-        return Run(np.array(places), cpu)
+        return LinkageRun(np.array(places), cpu)
 
-    def _exudyn(self) -> tuple[str, list[tuple[str, float, Run | str]]]:
+    def _exudyn(self) -> tuple[str, list[tuple[str, float, LinkageRun | str]]]:
         """(version, (settings, step, result or what went wrong) of every run)."""
         wanted = [(name, h, {'h': h, **settings}) for name, settings in EXUDYN.items() for h in STEPS]
         version, found = exudyn(self._model, [settings for *_, settings in wanted])
         start = np.array([[body[key] for key in ('x', 'y', 'phi')] for body in self._model['bodies']])
 
-        def run(result: dict[str, Any]) -> Run | str:
-            return result.get('error') or Run(start + np.array(result['values']).reshape(-1, *start.shape), result['cpu'])
+        def run(result: dict[str, Any]) -> LinkageRun | str:
+            return result.get('error') or LinkageRun(start + np.array(result['values']).reshape(-1, *start.shape), result['cpu'])
 
         return version, [(name, h, run(result)) for (name, h, _), result in zip(wanted, found, strict=True)]
 
-    def _mujoco(self) -> tuple[str, list[tuple[str, float, Run | str]]]:
+    def _mujoco(self) -> tuple[str, list[tuple[str, float, LinkageRun | str]]]:
         wanted = [(name, h, soft_constraints(name, h)) for name in MUJOCO for h in STEPS]
         version, found = mujoco(self._model, [settings for *_, settings in wanted], MUJOCO_PROGRAM)
         pairs = zip(wanted, found, strict=True)
-        return version, [(name, h, result.get('error') or Run(np.array(result['values']), result['cpu'])) for (name, h, _), result in pairs]
+        return version, [
+            (name, h, result.get('error') or LinkageRun(np.array(result['values']), result['cpu'])) for (name, h, _), result in pairs
+        ]
 
-    def _note(self, program: str, settings: str, h: float, run: Run | str) -> None:
+    def _note(self, program: str, settings: str, h: float, run: LinkageRun | str) -> None:
         found = self._found.setdefault((program, settings, h), {'us': [], 'error': None, 'gap': None, 'failed': ''})
         if isinstance(run, str):
             found['failed'] = run

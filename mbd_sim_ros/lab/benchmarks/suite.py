@@ -40,7 +40,7 @@ class Measure(NamedTuple):
     figures: Mapping[str, str]
     steps: int
     quick_steps: int
-    make: Callable[[Case, bool], Measurement]  # (case, quick)
+    make: Callable[[BenchmarkCase, bool], Measurement]  # (case, quick)
     once: bool = False  # one round only, whatever the others need
 
 
@@ -48,17 +48,17 @@ def _steps(name: str, quick: bool) -> int:
     return MEASURES[name].quick_steps if quick else MEASURES[name].steps
 
 
-def _overhead(case: Case) -> Measurement:
+def _overhead(case: BenchmarkCase) -> Measurement:
     publish = case.measure == 'publish'
     return overhead.Overhead(case.scene, case.set, publish=publish, publish_every=case.publish_every)
 
 
-def _endurance(case: Case, quick: bool) -> Measurement:
+def _endurance(case: BenchmarkCase, quick: bool) -> Measurement:
     seconds = min(case.duration, QUICK_SECONDS) if quick else case.duration
     return endurance.Endurance(case.scene, case.set, seconds, with_reader=case.measure == 'node_and_reader')
 
 
-def _node_levels(case: Case, quick: bool) -> Measurement:
+def _node_levels(case: BenchmarkCase, quick: bool) -> Measurement:
     seconds = min(case.duration, QUICK_SECONDS) if quick else case.duration
     return node_levels.NodeLevels(case.scene, case.set, seconds, publish_every=case.publish_every)
 
@@ -81,7 +81,7 @@ MEASURES: dict[str, Measure] = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Case:
+class BenchmarkCase:
     """One line of the benchmark.
 
     measure: 'steps' times advance(), 'single' steps one at a time beside an idle loop; 'growth' is for scenes of several sizes, 'threads'
@@ -129,10 +129,10 @@ class Case:
 class Suite:
     """All cases, in the order in which they are shown."""
 
-    cases: tuple[Case, ...]
+    cases: tuple[BenchmarkCase, ...]
 
 
-def load_suite(file: str | Path = 'benchmarks.yaml', names: Sequence[str] = ()) -> tuple[Case, ...]:
+def load_suite(file: str | Path = 'benchmarks.yaml', names: Sequence[str] = ()) -> tuple[BenchmarkCase, ...]:
     """The cases of a file (a path, or a name in config/), or those called `names`. Raises SceneError."""
     root = read(_suite_file(file), config_directories())
     cases = {case.name: case for case in Builder().build(Suite, root).cases}
@@ -153,7 +153,7 @@ def _suite_file(file: str | Path) -> Path:
     return found
 
 
-def run(cases: Sequence[Case], *, quick: bool = False, say: Callable[[str], None] = lambda _: None) -> dict[str, Any]:
+def run(cases: Sequence[BenchmarkCase], *, quick: bool = False, say: Callable[[str], None] = lambda _: None) -> dict[str, Any]:
     """Measure all cases in one run on one core and return the report (see docs/performance.md for what the figures are).
 
     The cases take turns, round by round, so that all share the good and the bad minutes of the machine. A case whose scene cannot be
@@ -171,7 +171,7 @@ def run(cases: Sequence[Case], *, quick: bool = False, say: Callable[[str], None
             measurements.pop(report['name'], None)
             report |= {'status': 'unavailable', 'reason': ' '.join(str(error).split())}
 
-    def prepare(case: Case) -> None:
+    def prepare(case: BenchmarkCase) -> None:
         measurement = MEASURES[case.measure].make(case, quick)
         resources.callback(measurement.close)
         measurements[case.name] = measurement

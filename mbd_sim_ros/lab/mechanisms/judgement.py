@@ -49,7 +49,7 @@ RIGHT, TOLD, WRONG, UNDECIDED = 'right', 'told', 'silently wrong', 'undecided'
 
 
 @dataclass(frozen=True, kw_only=True)
-class Run:
+class RunAtStep:
     """A run at one step. status: 'ok', 'suspect', 'error' or 'refused'; text: why. error: e(h), nan when it did not arrive."""
 
     h: float
@@ -71,7 +71,7 @@ class Judged:
     reference: str
     spread: float
     evaluations: int
-    runs: tuple[Run, ...]
+    runs: tuple[RunAtStep, ...]
 
     def report(self) -> dict[str, Any]:
         """As an object for JSON."""
@@ -134,7 +134,7 @@ def judge(mechanism: Mechanism, steps: Sequence[float] = STEPS, duration: float 
 
 def refused(mechanism: Mechanism, text: str) -> Judged:
     """Of a mechanism that cannot be simulated at all, which says so."""
-    runs = tuple(Run(h=h, status='refused', text=text, error=np.nan, unseen=np.nan, allowed=np.nan, judgement=TOLD) for h in STEPS)
+    runs = tuple(RunAtStep(h=h, status='refused', text=text, error=np.nan, unseen=np.nan, allowed=np.nan, judgement=TOLD) for h in STEPS)
     return Judged(name=mechanism.name, bodies=0, rows=0, reference='', spread=np.nan, evaluations=0, runs=runs)
 
 
@@ -146,7 +146,7 @@ def compare(
     known: Sequence[float] = (),
     *,
     smooth: bool = True,
-) -> tuple[Run, ...]:
+) -> tuple[RunAtStep, ...]:
     """classify() of runs (h, status, text, error, mean step)."""
     found = [(h, status, text, error, np.nan if exact is None else unseen(exact, taken)) for h, status, text, error, taken in runs]
     return classify(found, spread, size, known, {h for h, *_, taken in runs if taken < UNDIVIDED * h}, smooth=smooth)
@@ -160,7 +160,7 @@ def classify(
     divided: Set[float] = frozenset(),
     *,
     smooth: bool = True,
-) -> tuple[Run, ...]:
+) -> tuple[RunAtStep, ...]:
     """Judge runs (h, status, text, error, d(h)) of one mechanism by each other (module), or by known ratios e / d of others."""
     ratios = {h: error / max(d, 1e-300) for h, _, _, error, d in found if np.isfinite(error)}
     ok = {h for h, status, *_ in found if status == 'ok' and h not in divided}
@@ -187,5 +187,5 @@ def classify(
             judgement = RIGHT
         else:
             judgement = WRONG if trusted else UNDECIDED
-        runs.append(Run(h=h, status=status, text=text, error=error, unseen=d, allowed=allowed, judgement=judgement))
+        runs.append(RunAtStep(h=h, status=status, text=text, error=error, unseen=d, allowed=allowed, judgement=judgement))
     return tuple(runs)

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from mbd_sim_ros.lab.mechanisms.draft import Circle, Mechanism
 from solver.errors import StepError
-from solver.reference.dense import CLOSED, RANK_TOLERANCE, Equations, Motion
+from solver.reference.dense import CLOSED, RANK_TOLERANCE, Equations, MotionState
 from solver.reference.methods import Kkt, Stabilised
 from solver.simulation import Simulation
 from solver.start.newton import move
@@ -60,7 +60,7 @@ class _Quick(_Bounded):
         self.ranks = (0, 0)  # of the rows of positions, and of all
         self.rows = np.zeros(0, int)  # independent ones, the same for a whole step: another choice is another motion beside the constraints
 
-    def acceleration(self, t: float, motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def acceleration(self, t: float, motion: MotionState) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         bias = self._bias(t, motion)
         self.move_to(motion.q, motion.v)
         rows = self.constraints(t)
@@ -71,7 +71,7 @@ class _Quick(_Bounded):
             x = _onto(B[self.rows], -(factor * (bias + rows.phi_tt))[self.rows], x, len(self.rows))
         return self.root @ x, np.zeros(len(bias)), zd
 
-    def project(self, t: float, motion: Motion) -> Motion:
+    def project(self, t: float, motion: MotionState) -> MotionState:
         """The nearest motion that satisfies the constraints, in the metric of the masses."""
         q, v, keep = motion.q.copy(), motion.v.copy(), self.holonomic
         if not len(keep):
@@ -87,9 +87,9 @@ class _Quick(_Bounded):
         self.ranks = max(self.ranks[0], _rank(B[keep])), max(self.ranks[1], _rank(B))
         self.rows = qr(B.T, mode='r', pivoting=True)[1][: self.ranks[1]]
         v[:-1] = (self.root @ _onto(B, -factor * rows.phi_t, self.inverse_root @ v[:-1].ravel(), self.ranks[1])).reshape(-1, 6)
-        return Motion(q, v, motion.z)
+        return MotionState(q, v, motion.z)
 
-    def _bias(self, t: float, motion: Motion) -> np.ndarray:
+    def _bias(self, t: float, motion: MotionState) -> np.ndarray:
         """(nc,) (dA/dt) v by the fourth-order central difference of A v along the motion with frozen v."""
         d = 1e-3 / max(1.0, np.abs(motion.v).max())
         bias = np.zeros(self.model.n_rows)
@@ -143,7 +143,7 @@ def reference(simulation: Simulation, duration: float, tolerance: float, kind: s
 
     make = _Quick if kind == 'reference_kkt' else _Bounded
     equations = make(simulation.model, simulation.model.new_outputs(), inputs, s.angle)
-    motion = equations.project(0.0, Motion(s.q.copy(), s.v.copy(), s.z.copy()))
+    motion = equations.project(0.0, MotionState(s.q.copy(), s.v.copy(), s.z.copy()))
     if kind == 'reference_kkt':
         solver: Kkt | Stabilised = Kkt(equations, 0.0, motion, tolerance)
     else:
@@ -194,7 +194,7 @@ def on_circle(simulation: Simulation, circle: Circle, duration: float, tolerance
     def rate(t: float, y: np.ndarray) -> np.ndarray:
         q, T, bent = placed(y[0])
         v = np.vstack([T * y[1], np.zeros(6)])
-        equations.accept(Motion(q, v, np.zeros(0)))
+        equations.accept(MotionState(q, v, np.zeros(0)))
         f, _ = equations.forces(t, np.zeros(0), 0.0)
         T_, M = T.ravel(), equations.M
         return np.array([y[1], T_ @ (f - M @ bent.ravel() * y[1] ** 2) / (T_ @ M @ T_)])

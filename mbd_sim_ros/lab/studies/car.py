@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mbd_sim_ros.lab.studies.car_runs import Converged, Run, converged, departures, growth, orders, run
+from mbd_sim_ros.lab.studies.car_runs import CarRun, Converged, converged, departures, growth, orders, run
 from mbd_sim_ros.lab.studies.report import COLOURS, Report, figure
 from solver.elements.laws import compile_laws, evaluate_law
 from solver.files.scene import load_scene
@@ -97,7 +97,7 @@ def study(out: Path, *, quick: bool, progress: Callable[[str, float], None]) -> 
     return {**data, 'checks': report.checks}
 
 
-def _methods(report: Report, runs: dict[str, Run], truth: Converged, judged: float) -> dict[str, dict[str, float]]:
+def _methods(report: Report, runs: dict[str, CarRun], truth: Converged, judged: float) -> dict[str, dict[str, float]]:
     found = {}
     for name, r in runs.items():
         if r.figures:
@@ -118,7 +118,9 @@ def _methods(report: Report, runs: dict[str, Run], truth: Converged, judged: flo
     return found
 
 
-def _convergence(report: Report, levels: Sequence[Run], truth: Converged, judged: float) -> tuple[dict[str, float], list[dict[str, float]]]:
+def _convergence(
+    report: Report, levels: Sequence[CarRun], truth: Converged, judged: float
+) -> tuple[dict[str, float], list[dict[str, float]]]:
     n = int(np.searchsorted(truth.run.t, judged + 1e-6))
     band = {
         'position': float(np.hypot(*truth.band['place'][:n].T).max()),
@@ -138,7 +140,7 @@ def _convergence(report: Report, levels: Sequence[Run], truth: Converged, judged
     return band, observed
 
 
-def _growth(report: Report, runs: Sequence[Run], truth: Converged) -> dict[str, dict[str, float]]:
+def _growth(report: Report, runs: Sequence[CarRun], truth: Converged) -> dict[str, dict[str, float]]:
     """Why departures grow: text computed from the fits."""
     found = {r.name: growth(r, truth.run, 1.0)._asdict() for r in runs if len(r.t) > 200}
     report.text('## Growth of the departures')
@@ -164,7 +166,7 @@ def _growth(report: Report, runs: Sequence[Run], truth: Converged) -> dict[str, 
     return found
 
 
-def _references(report: Report, runs: dict[str, Run], truth: Converged) -> dict[str, dict[str, float]]:
+def _references(report: Report, runs: dict[str, CarRun], truth: Converged) -> dict[str, dict[str, float]]:
     """The independent integrators against the converged solution, both with their bands."""
     best, other = runs['BDF 1e-6'], runs['BDF 1e-5']
     n = min(len(best.t), len(other.t))
@@ -185,7 +187,7 @@ def _references(report: Report, runs: dict[str, Run], truth: Converged) -> dict[
     return found
 
 
-def _pictures(report: Report, runs: dict[str, Run], truth: Converged) -> None:
+def _pictures(report: Report, runs: dict[str, CarRun], truth: Converged) -> None:
     spec = load_scene(SCENE).model
     picture, axes = figure(6.0, 3.4)
     v = np.linspace(-1.5, 1.5, 301)

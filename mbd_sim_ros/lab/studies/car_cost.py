@@ -15,7 +15,7 @@ import numpy as np
 from matplotlib.ticker import LogLocator, NullFormatter, StrMethodFormatter
 
 from mbd_sim_ros.lab.studies import Progress
-from mbd_sim_ros.lab.studies.car_runs import Converged, Run, converged, departures, follow
+from mbd_sim_ros.lab.studies.car_runs import CarRun, Converged, converged, departures, follow
 from mbd_sim_ros.lab.studies.report import COLOURS, Report, figure
 from solver.errors import MbdError
 from solver.files.scene import load_scene
@@ -119,7 +119,7 @@ def _list(values: Sequence[float]) -> str:
 
 
 def _reference(scene: Scene, duration: float, levels: Sequence[float], progress: Progress) -> Converged:
-    runs: list[Run] = []
+    runs: list[CarRun] = []
     for k, h in enumerate(levels):
         progress(f'reference, {1e3 * h:g} ms', 0.25 * k / len(levels))
         runs.append(follow(Simulation(Setting(h, 4, 0.8).applied(scene)), f'{1e3 * h:g} ms', duration))

@@ -18,7 +18,7 @@ GRID = 0.01  # s
 FORCES = tuple(TIRE_COLUMNS.index(name) for name in ('fx', 'fy', 'fz'))
 
 
-class Run(NamedTuple):
+class CarRun(NamedTuple):
     """A run on the grid, as far as it came."""
 
     name: str
@@ -33,17 +33,17 @@ class Run(NamedTuple):
     message: str  # why it ended early, or ''
 
 
-def run(scene: str, name: str, overrides: Sequence[str], duration: float) -> Run:
+def run(scene: str, name: str, overrides: Sequence[str], duration: float) -> CarRun:
     """Run a scene with these overrides for duration [s]; a failure ends the run and is kept as its message."""
     try:
         simulation = simulation_of(load_scene(scene, overrides))
     except MbdError as error:
         none, pairs = np.zeros(0), np.zeros((0, 2))
-        return Run(name, none, pairs, none, pairs, none, np.zeros((0, 4, 3)), pairs, {}, str(error))
+        return CarRun(name, none, pairs, none, pairs, none, np.zeros((0, 4, 3)), pairs, {}, str(error))
     return follow(simulation, name, duration)
 
 
-def follow(simulation: Simulation, name: str, duration: float) -> Run:
+def follow(simulation: Simulation, name: str, duration: float) -> CarRun:
     """The run of a simulation from its start on; a failure ends it and is kept as its message."""
     rows, message = [_row(simulation.snapshot())], ''
     begin = time.process_time()
@@ -62,7 +62,7 @@ def follow(simulation: Simulation, name: str, duration: float) -> Run:
     figures = {'cpu': cpu, 'cpu_per_second': cpu / reached, 'until': float(data[-1, 0])}
     figures |= {key: float(audit[key]) for key in ('iterations', 'factorizations', 'evaluations', 'position_drift_max')}
     heading = np.unwrap(data[:, 3])
-    return Run(
+    return CarRun(
         name, data[:, 0], data[:, 1:3], heading, data[:, 4:6], data[:, 6], data[:, 7:].reshape(-1, 4, 3), np.array(steps), figures, message
     )  # fmt: skip
 
@@ -80,23 +80,23 @@ CURVES = ('place', 'heading', 'velocity', 'yaw_rate', 'forces')
 class Converged(NamedTuple):
     """The limit of step halving, by Richardson's extrapolation of the two finest runs of a method of second order."""
 
-    run: Run
+    run: CarRun
     band: dict[str, np.ndarray]  # its uncertainty by curve: the distance to the extrapolation from the level before
 
 
-def extrapolated(coarse: Run, fine: Run) -> dict[str, np.ndarray]:
+def extrapolated(coarse: CarRun, fine: CarRun) -> dict[str, np.ndarray]:
     """Curves without their error of order h^2; fine has half the step of coarse."""
     return {key: getattr(fine, key) + (getattr(fine, key) - getattr(coarse, key)) / 3.0 for key in CURVES}
 
 
-def converged(levels: Sequence[Run]) -> Converged:
+def converged(levels: Sequence[CarRun]) -> Converged:
     """From at least three complete runs, each with half the step of the one before."""
     best, before = extrapolated(levels[-2], levels[-1]), extrapolated(levels[-3], levels[-2])
     truth = levels[-1]._replace(name='converged', **best)  # type: ignore[arg-type]
     return Converged(truth, {key: np.abs(best[key] - before[key]) for key in CURVES})
 
 
-def departures(found: Run, truth: Run, until: float) -> dict[str, float]:
+def departures(found: CarRun, truth: CarRun, until: float) -> dict[str, float]:
     """How far a run is from the truth over the time both have, at most until [s]: position [m, largest], yaw rate [part of its
     peak, largest], tire forces [part of each one's peak, root mean square, the worst of twelve], the lateral one in front left.
     Peaks are those until then. Not a number for a run that failed: its last values mean nothing."""
@@ -114,12 +114,12 @@ def departures(found: Run, truth: Run, until: float) -> dict[str, float]:
     }
 
 
-def orders(levels: Sequence[Run], until: float) -> list[dict[str, float]]:
+def orders(levels: Sequence[CarRun], until: float) -> list[dict[str, float]]:
     """Observed order from each three successive levels: log2 of the ratio of the root mean squares of their differences; of the
     tire forces the least of twelve."""
     n = round(until / GRID) + 1
 
-    def order(key: str, a: Run, b: Run, c: Run) -> np.ndarray:
+    def order(key: str, a: CarRun, b: CarRun, c: CarRun) -> np.ndarray:
         coarse, fine = (((getattr(p, key) - getattr(q, key))[:n] ** 2).mean(0) for p, q in ((a, b), (b, c)))
         return 0.5 * np.log2(coarse.sum() / fine.sum() if key == 'place' else coarse / fine)
 
@@ -144,7 +144,7 @@ class Growth(NamedTuple):
     rest: float  # what the two integrals leave unexplained, relative to the error
 
 
-def growth(found: Run, truth: Run, start: float) -> Growth:
+def growth(found: CarRun, truth: CarRun, start: float) -> Growth:
     """Of the position error after start [s]: fits by least squares, and its two causes integrated over time.
 
     The place is the integral of R(heading) velocity, so its error is the integral of (heading error) R'(heading) velocity plus

@@ -15,7 +15,7 @@ START = np.pi / 4  # rad, where the chapter starts
 
 
 @dataclass(frozen=True, kw_only=True)
-class Run:
+class CrankRun:
     """One run and what became of it."""
 
     label: str
@@ -60,7 +60,7 @@ class Run:
         }
 
 
-def record(label: str, h: float, duration: float, settings: dict[str, Any]) -> Run:
+def record(label: str, h: float, duration: float, settings: dict[str, Any]) -> CrankRun:
     """Run the chapter's start with these settings for a duration [s], looking after every step of the grid."""
     simulation = Simulation(crank.scene_at(START, h, settings))
     start = simulation.snapshot().joint_position
@@ -88,7 +88,7 @@ def record(label: str, h: float, duration: float, settings: dict[str, Any]) -> R
     changed = [(event.t, event.new) for event in events if event.kind == 'step']
     raised = [(event.t, rows.index(event.name), event.new) for event in events if event.kind == 'penalty']
     last = changed[-1][1] if changed else h
-    return Run(
+    return CrankRun(
         label=label,
         outcome=outcome,
         until=until,

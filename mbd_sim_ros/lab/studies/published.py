@@ -22,7 +22,7 @@ HALVINGS = 3  # runs of a case; the order needs three
 LEFT_BY_ITERATION = 1e-7  # of the largest number of a quantity: smaller changes with the step say nothing of an order
 
 
-class Figure(NamedTuple):
+class PublishedValue(NamedTuple):
     """One published value or vector."""
 
     quantity: str
@@ -43,7 +43,7 @@ class Quantity(NamedTuple):
     either_sign: bool = False  # quaternions
 
 
-class Case(NamedTuple):
+class PublishedProblem(NamedTuple):
     """A published problem."""
 
     name: str
@@ -52,14 +52,14 @@ class Case(NamedTuple):
     scene: Callable[[float], Scene]  # with a step [s]
     h: float  # s, the first of the steps; each further one is half of it
     quantities: dict[str, Quantity]
-    figures: tuple[Figure, ...]
+    figures: tuple[PublishedValue, ...]
 
 
 class Row(NamedTuple):
     """A figure beside ours."""
 
     case: str
-    figure: Figure
+    figure: PublishedValue
     ours: tuple[np.ndarray, ...]  # at h, h/2, ...
     limiting: np.ndarray  # extrapolated from the two finest runs
 
@@ -77,16 +77,16 @@ class Judgement(NamedTuple):
     limit: float
 
 
-def read(name: str) -> dict[str, tuple[Figure, ...]]:
+def read(name: str) -> dict[str, tuple[PublishedValue, ...]]:
     """The figures of a file by case."""
-    found: dict[str, list[Figure]] = {}
+    found: dict[str, list[PublishedValue]] = {}
     with (FIGURES / f'{name}.csv').open(encoding='utf-8') as file:
         for row in csv.DictReader(file):
-            found.setdefault(row['case'], []).append(Figure(row['quantity'], float(row['t']), tuple(row['values'].split())))
+            found.setdefault(row['case'], []).append(PublishedValue(row['quantity'], float(row['t']), tuple(row['values'].split())))
     return {case: tuple(figures) for case, figures in found.items()}
 
 
-def run(case: Case, h: float) -> dict[tuple[str, float], np.ndarray]:
+def run(case: PublishedProblem, h: float) -> dict[tuple[str, float], np.ndarray]:
     """Ours at every figure's quantity and instant. Raises MbdError."""
     simulation = Simulation(case.scene(h))
     found = {}
@@ -98,7 +98,7 @@ def run(case: Case, h: float) -> dict[tuple[str, float], np.ndarray]:
     return found
 
 
-def compare(case: Case) -> tuple[list[Row], list[Judgement]]:
+def compare(case: PublishedProblem) -> tuple[list[Row], list[Judgement]]:
     """Every figure beside ours at three steps, and every quantity judged."""
     runs = [run(case, case.h / 2**k) for k in range(HALVINGS)]
     rows = []
@@ -110,7 +110,7 @@ def compare(case: Case) -> tuple[list[Row], list[Judgement]]:
     return rows, [_judge(case, name, [r for r in rows if r.figure.quantity == name]) for name in case.quantities]
 
 
-def _judge(case: Case, name: str, rows: Sequence[Row]) -> Judgement:
+def _judge(case: PublishedProblem, name: str, rows: Sequence[Row]) -> Judgement:
     quantity = case.quantities[name]
     differences = tuple(max(float(np.abs(r.ours[k] - r.figure.values).max()) for r in rows) for k in range(HALVINGS))
     coarse, fine = (np.concatenate([r.ours[k + 1] - r.ours[k] for r in rows]) for k in range(2))

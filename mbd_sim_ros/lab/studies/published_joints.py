@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from mbd_sim_ros.lab.studies.published import Case, Quantity, read
+from mbd_sim_ros.lab.studies.published import PublishedProblem, Quantity, read
 from solver.analysis.reactions import Reaction, joint_reaction
 from solver.files.scene import load_scene_text
 from solver.scene import Scene
@@ -258,7 +258,7 @@ LOOKS: dict[str, Quantity] = {
 }
 
 
-def cases() -> list[Case]:
+def cases() -> list[PublishedProblem]:
     """All 28."""
     figures = read('joints')
     found = []
@@ -269,7 +269,9 @@ def cases() -> list[Case]:
             size = max(float(np.abs(f.values).max()) for f in figures[name] if f.quantity == key)
             quantities[key] = LOOKS[key]._replace(limit=share * max(1.0, size))
         source = f'{SOURCE}/*/{name}_ADAMS_*.txt'
-        found.append(Case(name, text, source, functools.partial(scene, name), STEPS.get(name, USUAL_STEP), quantities, figures[name]))
+        found.append(
+            PublishedProblem(name, text, source, functools.partial(scene, name), STEPS.get(name, USUAL_STEP), quantities, figures[name])
+        )
     return found
 
 

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from mbd_sim_ros.lab.studies.published import Case, Look, Quantity, read
+from mbd_sim_ros.lab.studies.published import Look, PublishedProblem, Quantity, read
 from solver.files.scene import load_scene, load_scene_text
 from solver.scene import Scene
 from solver.simulation import Simulation
@@ -114,13 +114,13 @@ def _sum_of_angles(s: Simulation) -> np.ndarray:
     return s.snapshot().joint_position.sum()
 
 
-def cases() -> list[Case]:
+def cases() -> list[PublishedProblem]:
     """All of them."""
     figures = read('mechanisms')
 
-    def iftomm(name: str, text: str, scene: str, duration: float, h: float, seen: Quantity, *overrides: str) -> Case:
+    def iftomm(name: str, text: str, scene: str, duration: float, h: float, seen: Quantity, *overrides: str) -> PublishedProblem:
         quantity, made = figures[name][0].quantity, functools.partial(_of_config, scene, duration, overrides=overrides)
-        return Case(name, text, IFTOMM, made, h, {quantity: seen}, figures[name])
+        return PublishedProblem(name, text, IFTOMM, made, h, {quantity: seen}, figures[name])
 
     def metres(limit: float, look: Look) -> Quantity:
         return Quantity('m', look, limit)
@@ -131,18 +131,18 @@ def cases() -> list[Case]:
         iftomm('A03', "Andrews' squeezer, point F", 'andrews', 0.05, 2e-5, metres(2e-8, _point('k1', (0.007, 0, 0), 2)), IFTOMM_SQUEEZER),
         iftomm('A04', "Bricard's mechanism, point P3", 'bricard', 10.0, 2e-3, metres(3e-6, _point('rod3', (0, 0, 0))), *IFTOMM_RODS),
         iftomm('A05', 'stiff flyball governor, slider', 'flyball_governor', 3.0, 1e-3, metres(3e-6, _height_of_slider)),
-        Case(
+        PublishedProblem(
             'squeezer', "Andrews' squeezer, seven angles", 'IVP test set [Mazzia2008], reference solution',
             functools.partial(_of_config, 'andrews', 0.03), 1e-5, {'angles': Quantity('rad', _squeezer_angles, 1e-6)}, figures['squeezer'],
         ),
-        Case(
+        PublishedProblem(
             'heavy_top', 'heavy top of [Bruls2012]',
             'github.com/kynema/kynema, tests/regression_tests/regression/verification/dynamic_heavy_top.cpp: generalized-alpha, 2 us',
             _heavy_top, 2e-4,
             {'displacement': Quantity('m', _tip_moved, 2e-6), 'orientation': Quantity('1', _scalar_first, 2e-6, either_sign=True)},
             figures['heavy_top'],
         ),
-        Case(
+        PublishedProblem(
             'kinematic_tree', 'kinematic tree of five bars',
             'github.com/jgerstmayr/EXUDYN, main/pythonDev/TestModels/kinematicTreeTest.py: RK4, 5 ms',
             _kinematic_tree, 5e-3, {'sum of angles': Quantity('rad', _sum_of_angles, 1e-7)}, figures['kinematic_tree'],

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mbd_sim_ros.lab.studies import Progress, crank, slider_crank_claims
-from mbd_sim_ros.lab.studies.crank_history import START, Run, record
+from mbd_sim_ros.lab.studies.crank_history import START, CrankRun, record
 from mbd_sim_ros.lab.studies.report import COLOURS, Report, figure
 from solver.simulation import Simulation
 from solver.step.work import scheme_parameters
@@ -54,7 +54,7 @@ def study(out: Path, *, quick: bool, progress: Progress) -> dict:
         'M-ALF, same xi': {**COMMON, 'kind': 'm_alf', 'penalty': XI},
         'M-ALF, fair xi': {**COMMON, 'kind': 'm_alf', 'penalty': fair},
     }
-    runs: dict[str, Run] = {}
+    runs: dict[str, CrankRun] = {}
     for k, (label, settings) in enumerate(wanted.items()):
         progress(label, 0.1 + 0.9 * k / len(wanted))
         runs[label] = record(label, H, duration, settings)
@@ -119,7 +119,7 @@ def _conditions(penalties: np.ndarray) -> list[dict[str, float]]:
     ]
 
 
-def _common(a: Run, b: Run) -> np.ndarray:
+def _common(a: CrankRun, b: CrankRun) -> np.ndarray:
     """Difference of the energies at the instants both have."""
     n = min(len(a.energy), len(b.energy))
     return a.energy[:n, 1] - b.energy[:n, 1]
@@ -146,7 +146,7 @@ def _ranges(names: tuple[str, ...], isolated: np.ndarray, coupled: np.ndarray) -
     ]
 
 
-def _figure_1(theta: np.ndarray, isolated: np.ndarray, coupled: np.ndarray, runs: list[Run]) -> Any:
+def _figure_1(theta: np.ndarray, isolated: np.ndarray, coupled: np.ndarray, runs: list[CrankRun]) -> Any:
     new, axes = figure(10.0, 8.0, 3, 2)
     for ax, values, title in zip(axes[0], (isolated, coupled), ('isolated', 'coupled'), strict=True):
         for k, row in enumerate(values.T):
@@ -162,7 +162,7 @@ def _figure_1(theta: np.ndarray, isolated: np.ndarray, coupled: np.ndarray, runs
     return new
 
 
-def _figure_2(constant: list[Run], rival: list[Run]) -> Any:
+def _figure_2(constant: list[CrankRun], rival: list[CrankRun]) -> Any:
     new, axes = figure(10.0, 6.4, 2, 2)
     for row, runs, letters in zip(axes, (constant, rival), ('ab', 'cd'), strict=True):
         _steps(row[0], runs, f'({letters[0]}) step [ms]')
@@ -170,7 +170,7 @@ def _figure_2(constant: list[Run], rival: list[Run]) -> Any:
     return new
 
 
-def _steps(ax: Any, runs: list[Run], title: str) -> None:
+def _steps(ax: Any, runs: list[CrankRun], title: str) -> None:
     for k, run in enumerate(runs):
         ax.step(
             run.steps[:, 0], run.steps[:, 1] * 1e3, where='post', lw=1.2, color=COLOURS[k % 10], ls='--' if k % 2 else '-', label=run.label
@@ -183,7 +183,7 @@ def _steps(ax: Any, runs: list[Run], title: str) -> None:
     ax.legend(fontsize=6, frameon=False, ncols=2)
 
 
-def _energies(ax: Any, runs: list[Run], title: str) -> None:
+def _energies(ax: Any, runs: list[CrankRun], title: str) -> None:
     whole = [run.energy[:, 1] for run in runs if run.outcome == 'ok'] or [run.energy[:1, 1] for run in runs]
     low, high = min(e.min() for e in whole), max(e.max() for e in whole)
     for k, run in enumerate(runs):
@@ -195,7 +195,7 @@ def _energies(ax: Any, runs: list[Run], title: str) -> None:
     ax.ticklabel_format(axis='y', useOffset=False)
 
 
-def _penalties(ax: Any, run: Run) -> None:
+def _penalties(ax: Any, run: CrankRun) -> None:
     for row in range(len(run.rows)):
         mine = run.penalties[run.penalties[:, 1] == row]
         times = np.concatenate([[0.0], mine[:, 0], [run.until]])

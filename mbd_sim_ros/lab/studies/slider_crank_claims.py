@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from mbd_sim_ros.lab.studies import crank
-from mbd_sim_ros.lab.studies.crank_history import Run
+from mbd_sim_ros.lab.studies.crank_history import CrankRun
 
 CONFIRMED, IN_PART, NOT_REPRODUCED = 'confirmed', 'confirmed in part', 'not reproduced'
 LARGE = 2.0  # factor from which on a variation is called significant; with 20 only the coupled masses would vary
@@ -53,7 +53,7 @@ class Claim(NamedTuple):
 
 
 def judge(
-    isolated: np.ndarray, coupled: np.ndarray, runs: dict[str, Run], conditions: list[dict[str, float]], duration: float
+    isolated: np.ndarray, coupled: np.ndarray, runs: dict[str, CrankRun], conditions: list[dict[str, float]], duration: float
 ) -> list[Claim]:
     """All claims. isolated, coupled: (angles, rows) effective masses; runs by the labels of slider_crank.study.
 
@@ -86,7 +86,7 @@ def _masses(isolated: np.ndarray, coupled: np.ndarray) -> Claim:
     )
 
 
-def _right_mass(run: Run) -> Claim:
+def _right_mass(run: CrankRun) -> Claim:
     return Claim(
         'With the right m_R the step stays at its first value and the penalties within 1000 and 2000',
         (Part('the step stays', run.kept_step), Part('no penalty above 2000', run.largest_penalty <= 2000.0)),
@@ -94,7 +94,7 @@ def _right_mass(run: Run) -> Claim:
     )
 
 
-def _wrong_mass(runs: dict[str, Run], duration: float) -> Claim:
+def _wrong_mass(runs: dict[str, CrankRun], duration: float) -> Claim:
     right, wrong, constant = runs['m'], runs['m/10'], runs['m/10, constant']
     a, b = constant.energy, runs['xi/10, constant'].energy
     n = min(len(a), len(b))
@@ -118,16 +118,16 @@ def _names(penalties: Sequence[float]) -> str:
     return ', '.join(f'{p:g}' for p in penalties) or 'none'
 
 
-def _said(run: Run) -> str:
+def _said(run: CrankRun) -> str:
     return f'{run.outcome} after {run.until:g} s, smallest step {run.smallest_step * 1e3:.3g} ms, {run.iterations:.2f} iterations per step'
 
 
-def _good(run: Run) -> bool:
+def _good(run: CrankRun) -> bool:
     """Kept its step and its energy."""
     return run.kept_step and run.energy_error <= crank.limit(crank.LIMITS['damped'].energy, run.h)
 
 
-def _range(runs: dict[str, Run], penalties: Sequence[float]) -> Claim:
+def _range(runs: dict[str, CrankRun], penalties: Sequence[float]) -> Claim:
     good = {form: [p for p in penalties if _good(runs[f'xi {p:g}{form}'])] for form in ('', ', block')}
     done = {form: [p for p in penalties if runs[f'xi {p:g}{form}'].outcome == 'ok'] for form in ('', ', block')}
     inside = [p for p in penalties if 1e3 <= p <= 1e4]
@@ -144,7 +144,7 @@ def _range(runs: dict[str, Run], penalties: Sequence[float]) -> Claim:
     )
 
 
-def _small(runs: dict[str, Run], penalties: Sequence[float]) -> Claim:
+def _small(runs: dict[str, CrankRun], penalties: Sequence[float]) -> Claim:
     counts = [(p, runs[f'xi {p:g}'].iterations) for p in penalties if runs[f'xi {p:g}'].kept_step]
     small = [n for p, n in counts if p <= 1e3]
     least = min((n for _, n in counts), default=np.nan)
@@ -155,7 +155,7 @@ def _small(runs: dict[str, Run], penalties: Sequence[float]) -> Claim:
     )
 
 
-def _excessive(runs: dict[str, Run], conditions: list[dict[str, float]]) -> Claim:
+def _excessive(runs: dict[str, CrankRun], conditions: list[dict[str, float]]) -> Claim:
     large = [row['penalty'] for row in conditions if row['penalty'] > 1e4]
     at = {row['penalty']: row['condensed'] for row in conditions}
     bad = {form: [p for p in large if not _good(runs[f'xi {p:g}{form}'])] for form in ('', ', block')}
@@ -175,10 +175,10 @@ def _excessive(runs: dict[str, Run], conditions: list[dict[str, float]]) -> Clai
     )
 
 
-def _m_alf(runs: dict[str, Run]) -> Claim:
+def _m_alf(runs: dict[str, CrankRun]) -> Claim:
     alf, same, fair = (runs[label] for label in ('ALF, same xi', 'M-ALF, same xi', 'M-ALF, fair xi'))
 
-    def worse(run: Run) -> bool:
+    def worse(run: CrankRun) -> bool:
         return (alf.kept_step and not run.kept_step) or run.until < alf.until or run.iterations > MORE * alf.iterations
 
     return Claim(

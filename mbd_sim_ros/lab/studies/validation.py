@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from mbd_sim_ros.lab.studies import Progress, published_joints, published_mechanisms
-from mbd_sim_ros.lab.studies.published import Case, Judgement, Row, compare
+from mbd_sim_ros.lab.studies.published import Judgement, PublishedProblem, Row, compare
 from mbd_sim_ros.lab.studies.report import COLOURS, Report, cell, figure
 from solver.errors import MbdError
 
@@ -22,7 +22,7 @@ def study(out: Path, *, quick: bool, progress: Progress) -> dict:
     """Run every case at three steps and judge what ours converge to."""
     chosen = [c for c in (*published_mechanisms.cases(), *published_joints.cases()) if not quick or c.name in QUICK]
     report = Report(out, 'Published figures')
-    found: list[tuple[Case, list[Row], list[Judgement]]] = []
+    found: list[tuple[PublishedProblem, list[Row], list[Judgement]]] = []
     failures = []
     for k, case in enumerate(chosen):
         progress(case.name, k / len(chosen))
@@ -45,7 +45,7 @@ def study(out: Path, *, quick: bool, progress: Progress) -> dict:
     return {'judgements': [j._asdict() for j in judged], 'failures': failures, 'checks': report.checks}
 
 
-def _introduce(report: Report, found: Sequence[tuple[Case, list[Row], list[Judgement]]], judged: Sequence[Judgement]) -> None:
+def _introduce(report: Report, found: Sequence[tuple[PublishedProblem, list[Row], list[Judgement]]], judged: Sequence[Judgement]) -> None:
     orders = [j.order for j in judged if math.isfinite(j.order)]
     inside = [o for o in orders if SECOND[0] <= o <= SECOND[1]]
     figures = sum(len(rows) for _, rows, _ in found)
@@ -67,7 +67,7 @@ def _names(names: Sequence[str]) -> str:
     return ', '.join(names[:-1]) + f' and {names[-1]}'
 
 
-def _summarise(report: Report, found: Sequence[tuple[Case, list[Row], list[Judgement]]]) -> None:
+def _summarise(report: Report, found: Sequence[tuple[PublishedProblem, list[Row], list[Judgement]]]) -> None:
     report.text('## Cases', '\n'.join(f'- {case.name}: {case.text}. {case.source}.' for case, _, _ in found))
     report.text(
         '## What ours converge to', 'Largest departures from the published figures over the instants and components of each quantity.'
@@ -89,7 +89,7 @@ def _order(order: float) -> str:
     return f'{order:.2f}' if math.isfinite(order) else '-'
 
 
-def _every_figure(report: Report, found: Sequence[tuple[Case, list[Row], list[Judgement]]]) -> None:
+def _every_figure(report: Report, found: Sequence[tuple[PublishedProblem, list[Row], list[Judgement]]]) -> None:
     report.text('## Every figure')
     for case, rows, _ in found:
         report.text(f'### {case.name}')
@@ -111,7 +111,7 @@ def _numbers(values: np.ndarray) -> str:
     return ' '.join('0' if abs(x) < 1e-12 else f'{x:#.7g}' for x in values)
 
 
-def _picture(report: Report, found: Sequence[tuple[Case, list[Row], list[Judgement]]]) -> None:
+def _picture(report: Report, found: Sequence[tuple[PublishedProblem, list[Row], list[Judgement]]]) -> None:
     new, axes = figure(10.0, 4.6)
     ax = axes[0, 0]
     names = [case.name for case, _, _ in found]

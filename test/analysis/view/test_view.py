@@ -20,7 +20,7 @@ from browser import CHROMIUM, QUIET
 from mcap.reader import make_reader
 from scipy.spatial.transform import Rotation
 
-from mbd_sim_ros.analysis.view.motion import Motion, read_motion
+from mbd_sim_ros.analysis.view.motion import RecordedMotion, read_motion
 from mbd_sim_ros.analysis.view.page import size_of, write_page
 from mbd_sim_ros.analysis.view.picture import strokes
 from mbd_sim_ros.bags import reader
@@ -47,7 +47,7 @@ def crank(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return recorded(tmp_path_factory.mktemp('bags') / 'crank', 'slider_crank', 'duration=0.4', 'record.poses=20')
 
 
-def drawn(motion: Motion, k: int, kind: str) -> list[np.ndarray]:
+def drawn(motion: RecordedMotion, k: int, kind: str) -> list[np.ndarray]:
     return [points for is_, points in strokes(motion, k) if is_ == kind]
 
 
