@@ -22,13 +22,14 @@ from solver.output.snapshot import Snapshot
 from solver.scene import Scene, StartSettings
 from solver.simulation import Simulation
 from solver.step.settings import IntegratorSettings
+from solver.units import STANDARD_GRAVITY
 from solver.vehicle.size import Size, size_of
 
 H = 2e-3  # s; step of these runs
 EVERY = 0.02  # s; between two looks
 LEAST, FEWEST = 0.5, 5  # m/s^2 and samples; of a straight line for the gradients
 GENTLE = 3.5  # m/s^2; up to which lateral acceleration gradients are taken
-MODERATE = 0.33 * 9.81  # m/s^2; at which the torque of the hand is told
+MODERATE = 0.33 * STANDARD_GRAVITY  # m/s^2, lateral acceleration at which the torque of the hand is given
 FAST = 100.0 / 3.6  # m/s; of the sensitivity
 STEP_SPEED, STEP_TO = 80.0 / 3.6, 4.0  # m/s and m/s^2: the step of ISO 7401
 RISE = 0.15  # s; of the step

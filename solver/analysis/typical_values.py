@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from solver.model.spec import ModelSpec
+from solver.units import STANDARD_GRAVITY
 from solver.vehicle.size import size_of
 
 
@@ -79,9 +80,9 @@ TEXTS = {  # text, unit, factor from SI
     'aligning_steer_front': ('steer by aligning moment, front', 'deg/(100 N m)', 1e2 * DEG),
     'steering_ratio': ('steering wheel to road wheel', '', 1.0),
     'ackermann': ("share of Ackermann's condition at 20 deg", '%', 1e2),
-    'understeer_gradient': ('understeer gradient', 'deg/g', 9.81 * DEG),
-    'roll_gradient': ('roll gradient', 'deg/g', 9.81 * DEG),
-    'steering_sensitivity': ('lateral acceleration by steering wheel, at 100 km/h', 'g/(100 deg)', 1e2 / (9.81 * DEG)),
+    'understeer_gradient': ('understeer gradient', 'deg/g', STANDARD_GRAVITY * DEG),
+    'roll_gradient': ('roll gradient', 'deg/g', STANDARD_GRAVITY * DEG),
+    'steering_sensitivity': ('lateral acceleration by steering wheel, at 100 km/h', 'g/(100 deg)', 1e2 / (STANDARD_GRAVITY * DEG)),
     'response_time': ('response of lateral acceleration to a step, to 90 %', 's', 1.0),
     'hand_torque': ('torque at the steering wheel, at 0.33 g', 'N m', 1.0),
     'parking_rack_force': ('force of the rack, turned while standing', 'kN', 1e-3),

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from solver.checks.check import Check, Evidence, Measured
-from solver.output.energy import SETTLED
+from solver.output.energy import SETTLED_INCREMENT
 from solver.step.iteration import LARGEST_STAGNATION
 from solver.vehicle.size import size_of
 
@@ -50,16 +50,16 @@ RESIDUAL_MAX = Check(
 
 
 def unsettled(e: Evidence) -> Iterator[Measured]:
-    """The share of steps whose last increment is above SETTLED."""
+    """The share of steps whose last increment is above SETTLED_INCREMENT."""
     share = float(e.account.unsettled[0]) / max(float(e.account.steps[0]), 1.0)
-    yield Measured(value=share, remedy=f'Their last increment is above {SETTLED:g} of the velocity: {_finer(e)}')
+    yield Measured(value=share, remedy=f'Their last increment is above {SETTLED_INCREMENT:g} of the velocity: {_finer(e)}')
 
 
 UNSETTLED = Check(
     name='unsettled',
     unit='of the steps',
     limit=UNSETTLED_SHARE,
-    rule=f'steps with a last increment above {SETTLED:g}',
+    rule=f'steps with a last increment above {SETTLED_INCREMENT:g}',
     measure=unsettled,
     reason='the iterations of many steps did not settle',
     remedy='Reduce integrator.h, or take more integrator.iterations',

@@ -28,7 +28,7 @@ from solver.elements.guide_tangents import (
 )
 from solver.elements.guide_travel import coupling, cubic, damper_on_travel
 from solver.elements.guide_wheel import (
-    Wheel,
+    GuidedWheel,
     dot8,
     eight,
     gradients,
@@ -45,12 +45,12 @@ from solver.elements.laws import evaluate_law
 DRIVES = 2  # of a guide at most: one for both wheels (a differential), or one for each
 
 
-class Axle(NamedTuple):
+class GuidedAxle(NamedTuple):
     """Both wheels and the steering, in motion."""
 
     R_c: tuple  # of the chassis
-    left: Wheel
-    right: Wheel
+    left: GuidedWheel
+    right: GuidedWheel
     s_l: float  # travels [m] and their rates
     s_r: float
     v_l: float
@@ -130,7 +130,7 @@ class Loads(NamedTuple):
 
 @kernel(inline=True)
 def _axle(table, now, e):
-    """The Axle of guide e."""
+    """The GuidedAxle of guide e."""
     coordinates, kin = now.coordinates, now.kin
     R_c = load33(kin.R, table.body[e, 0])
     left, right = wheel_of(table, kin, e, 0), wheel_of(table, kin, e, 1)
@@ -140,7 +140,7 @@ def _axle(table, now, e):
     if table.steering[e] >= 0:
         sigma, g_i, g_j = evaluate_coordinate(coordinates, kin, table.steering[e], now.angle)
         sigma_rate = coordinate_rate(coordinates, kin, table.steering[e], g_i, g_j)
-    return Axle(R_c, left, right, left.x[2], right.x[2], left.rate[2], right.rate[2], sigma, sigma_rate, g_i, g_j)
+    return GuidedAxle(R_c, left, right, left.x[2], right.x[2], left.rate[2], right.rate[2], sigma, sigma_rate, g_i, g_j)
 
 
 @kernel(inline=True)

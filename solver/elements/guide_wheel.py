@@ -11,7 +11,7 @@ from solver.compiled.vec import add, cross, dot, load3, load33, mv, scale, sub, 
 from solver.elements.coordinate import scale6
 
 
-class Wheel(NamedTuple):
+class GuidedWheel(NamedTuple):
     """A wheel relative to the chassis, along the axes of the chassis."""
 
     R: tuple  # of the wheel in the chassis
@@ -40,7 +40,7 @@ def wheel_of(table, kin, e, k):
     p = (-q * a[0], -q * a[1], 1.0 + 0.0 * q)
     g = (a[1], -a[0], 0.0 * q)
     psi = arctan(-a[0] / a[1])
-    return Wheel(R, D, a, V, turn, (d[0], d[1], d[2], psi, a[2]), (V[0], V[1], V[2], dot(p, turn), dot(g, turn)), p, g)
+    return GuidedWheel(R, D, a, V, turn, (d[0], d[1], d[2], psi, a[2]), (V[0], V[1], V[2], dot(p, turn), dot(g, turn)), p, g)
 
 
 @kernel(inline=True)

@@ -31,7 +31,7 @@ OUTPUTS = {
 }
 MOST = 60  # iterations between bounds
 FARTHEST = 1e6  # m/s
-SETTLED = 1e-6  # of the force, where they end: two more iterations square that twice
+SETTLED_FORCE = 1e-6  # of the force, where they end: two more iterations square that twice
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -111,7 +111,7 @@ def _mount_rate(table, laws, e, length, rate, zp, cz):
             high = w.real
         else:
             low = w.real
-        if r.real * r.real <= SETTLED * SETTLED * (1.0 + mount.real * mount.real):
+        if r.real * r.real <= SETTLED_FORCE * SETTLED_FORCE * (1.0 + mount.real * mount.real):
             break
         left = r.real * r.real
         w = w - r / (slope + k * cz + c)

@@ -24,7 +24,7 @@ FLAT_FROM, FLAT_TO = 0.5, 0.2  # cosine of camber between which the tread leaves
 TINY = 1e-18
 
 
-class Motion(NamedTuple):
+class WheelBodyMotion(NamedTuple):
     """What the contact needs of the motion of the wheel body, numbers of one type, vectors in W."""
 
     com: tuple  # centre of mass [m]
@@ -39,7 +39,7 @@ class Motion(NamedTuple):
 def motion_of(R, p, twist, r, a):
     """Motion of a wheel with its centre at r and its spin axis a (both in B) on a body, from its placement and twist."""
     v, w = (twist[0], twist[1], twist[2]), (twist[3], twist[4], twist[5])
-    return Motion(p, add(p, mv(R, r)), mv(R, a), add(v, mv(R, cross(w, r))), mv(R, w), dot(a, w))
+    return WheelBodyMotion(p, add(p, mv(R, r)), mv(R, a), add(v, mv(R, cross(w, r))), mv(R, w), dot(a, w))
 
 
 @kernel(inner=True)
@@ -60,7 +60,7 @@ def seeded_motion_of(R, p, twist, r, a):
     centre, axis, velocity, turning = add(p, mv(R, r)), mv(R, a), add(v, mv(R, c)), mv(R, w)
     ex, ey, ez, o = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, 0.0)
     # x . (dtheta x b) = dtheta . (b x x) for a vector b fixed in the body
-    return Motion(
+    return WheelBodyMotion(
         (variable(p[0], 0), variable(p[1], 1), variable(p[2], 2)),
         (
             seeded(centre[0], ex + cross(r, x) + o + o),

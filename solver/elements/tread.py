@@ -18,9 +18,9 @@ import numpy as np
 from solver.compiled.dual import value
 from solver.compiled.kernel import kernel
 from solver.elements.smooth import smooth_sign
+from solver.units import MODEL_GRAVITY
 
 GIVE = 0.01  # b0 over the radius, 3 mm of a car; with ten times as much a car comes back by 3 cm when it has stopped
-GRAVITY = 9.81  # m/s^2, with which a vehicle that stands is critically damped; with ten times as much by a third of that
 SLOWEST = 0.5  # m/s: rolling of a tread that gives without end, above which it has its whole resistance
 LEAST_RESISTANCE = 1e-3  # over the load, with which t is found at least; with ten times as much good tires are damped by a third
 
@@ -28,7 +28,7 @@ LEAST_RESISTANCE = 1e-3  # over the load, with which t is found at least; with t
 def give_of(radius: float, resistance: float) -> tuple[float, float]:
     """(b0 [m], t [s]) of a wheel with this radius [m] and rolling resistance over load: critical for m x'' = -f m g (x + t x')/b0."""
     way = GIVE * radius
-    return way, 2.0 * math.sqrt(way / (max(resistance, LEAST_RESISTANCE) * GRAVITY))
+    return way, 2.0 * math.sqrt(way / (max(resistance, LEAST_RESISTANCE) * MODEL_GRAVITY))
 
 
 @kernel(inline=True)

@@ -11,6 +11,8 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from solver.units import MODEL_GRAVITY
+
 LOADS = np.linspace(0.2, 1.2, 21)  # of FNOMIN: loads of any use, where the law must hold; ten times is beyond any measurement
 WIDE = np.linspace(0.2, 2.0, 37)  # of FNOMIN: loads of hard use, where what is odd is told
 BEYOND = 3.0  # of FNOMIN: loads up to which what changes its sign is told where the file states no FZMAX
@@ -61,7 +63,7 @@ class UprightLaw:
         self.width = data['WIDTH'] or 0.65 * self.R0
         limit = max(abs(data['CAMMIN']), abs(data['CAMMAX'])) or math.radians(15.0)
         self.lean = min(limit, math.pi / 2.0)
-        self.speed = FASTEST * math.sqrt(9.81 * self.R0) / data['LONGVL']  # reference speed over LONGVL
+        self.speed = FASTEST * math.sqrt(MODEL_GRAVITY * self.R0) / data['LONGVL']  # reference speed over LONGVL
         self.top = data['FZMAX'] or BEYOND * self.F0
 
     def dfz(self, load: np.ndarray) -> np.ndarray:

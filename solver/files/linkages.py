@@ -18,6 +18,7 @@ from solver.elements.joint import JointSpec
 from solver.elements.marker import WORLD, Marker
 from solver.elements.rigid_body import RigidBodySpec
 from solver.model.spec import ModelSpec
+from solver.units import MODEL_GRAVITY
 from solver.validate import finite
 
 SLENDER = 1e-4  # moment of inertia of a rod about its axis, over mass * length^2 (planar motion does not depend on it)
@@ -78,7 +79,7 @@ def four_bar_n(data: FourBarN) -> ModelSpec:
             hinge(f'B{k - 1}', end(f'crank_{k - 1}'), Marker(body=f'rod_{k}')),
             hinge(f'C{k}', end(f'rod_{k}'), end(f'crank_{k}')),
         ]
-    return ModelSpec(bodies=tuple(bodies), joints=tuple(joints), gravity=(0.0, -9.81, 0.0))
+    return ModelSpec(bodies=tuple(bodies), joints=tuple(joints), gravity=(0.0, -MODEL_GRAVITY, 0.0))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,7 +106,7 @@ def chain(data: Chain) -> ModelSpec:
         JointSpec(name=f'A{k}', kind='revolute', i=end, j=Marker(body=name))
         for k, (end, name) in enumerate(zip(ends, names, strict=True), start=1)
     ]
-    return ModelSpec(bodies=tuple(bodies), joints=tuple(joints), gravity=(0.0, -9.81, 0.0))
+    return ModelSpec(bodies=tuple(bodies), joints=tuple(joints), gravity=(0.0, -MODEL_GRAVITY, 0.0))
 
 
 LINKAGES: dict[str, tuple[type, Callable[[Any], ModelSpec]]] = {'four_bar_n': (FourBarN, four_bar_n), 'chain': (Chain, chain)}

@@ -18,13 +18,14 @@ from typing import Literal, NamedTuple
 from solver.elements.tire_data import DEFAULTS, TireData, absent
 from solver.errors import SceneError, SpecError
 from solver.files.tire_completion import complete, directions
+from solver.units import STANDARD_GRAVITY
 
 _DEGREE = math.pi / 180.0
 UNITS: dict[str, dict[str, float]] = {
     'LENGTH': {'meter': 1.0, 'm': 1.0, 'millimeter': 1e-3, 'mm': 1e-3, 'centimeter': 1e-2, 'cm': 1e-2}
     | {'kilometer': 1e3, 'km': 1e3, 'inch': 0.0254, 'foot': 0.3048},
     'FORCE': {'newton': 1.0, 'n': 1.0, 'kilonewton': 1e3, 'kn': 1e3}
-    | {'pound_force': 4.4482216152605, 'kg_force': 9.80665, 'kilogram_force': 9.80665},
+    | {'pound_force': 4.4482216152605, 'kg_force': STANDARD_GRAVITY, 'kilogram_force': STANDARD_GRAVITY},
     'ANGLE': {'radian': 1.0, 'radians': 1.0, 'rad': 1.0, 'degree': _DEGREE, 'degrees': _DEGREE, 'deg': _DEGREE},
     'MASS': {'kg': 1.0, 'kilogram': 1.0, 'gram': 1e-3, 'pound_mass': 0.45359237},
     'TIME': {'second': 1.0, 'seconds': 1.0, 'sec': 1.0, 's': 1.0, 'millisecond': 1e-3, 'minute': 60.0, 'hour': 3600.0},

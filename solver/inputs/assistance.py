@@ -35,9 +35,9 @@ import numpy as np
 from solver.dimensions import Length, PerSecond, Speed, Torque, TurnDamping, Understeer, YawRate
 from solver.errors import SpecError
 from solver.inputs.shifting import Shifter, Shifting
+from solver.units import MODEL_GRAVITY
 from solver.validate import finite
 
-GRAVITY = 9.81
 USED = 0.85  # of the friction
 
 
@@ -196,7 +196,7 @@ class Assistant:
         if v < control.slowest or self._steering is None:
             return
         wanted = v * float(row[self._steering]) / control.ratio / (control.wheelbase + control.understeer * v * v)
-        most = USED * control.friction * GRAVITY / v
+        most = USED * control.friction * MODEL_GRAVITY / v
         wanted = min(max(wanted, -most), most)
         error = feel.yaw_rate - wanted
         torque = min(control.gain * (abs(error) - control.threshold), control.torque)

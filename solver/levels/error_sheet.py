@@ -34,9 +34,9 @@ from solver.quantities import names, published, quantity
 from solver.scene import Fidelity, Scene, StartSettings
 from solver.simulation import Simulation
 from solver.step.settings import IntegratorSettings
+from solver.units import MODEL_GRAVITY
 from solver.vehicle.size import size_of
 
-G = 9.81
 NO_SWITCHES: Mapping[str, Literal['on', 'off']] = MappingProxyType({})
 SPEED = 80.0 / 3.6  # m/s
 H = 1e-3  # s
@@ -106,7 +106,7 @@ def dwell(amplitude: float, start: float, t: float) -> SineWithDwell:
 
 def courses(model: ModelSpec) -> tuple[Course, ...]:
     """The maneuvers of the sheet for a vehicle."""
-    reference, step = angles(model, (0.3 * G, 0.4 * G))
+    reference, step = angles(model, (0.3 * MODEL_GRAVITY, 0.4 * MODEL_GRAVITY))
     mass = sum(body.mass for body in model.bodies)
     radius = float(np.mean([tire.data.values['UNLOADED_RADIUS'] for tire in model.tires]))
     t, length = size_of(model).time, size_of(model).length
@@ -123,7 +123,10 @@ def courses(model: ModelSpec) -> tuple[Course, ...]:
         )
     )
     pull = Course(
-        'pulling 0.2 g', 50.0 / 3.6 * t, Maneuver(drive_torque=Step(value=0.2 * G * mass * radius, start=rest, rise=0.3 * t)), 5.0 * t
+        'pulling 0.2 g',
+        50.0 / 3.6 * t,
+        Maneuver(drive_torque=Step(value=0.2 * MODEL_GRAVITY * mass * radius, start=rest, rise=0.3 * t)),
+        5.0 * t,
     )
     return (
         Course('step steer 0.4 g', SPEED * t, Maneuver(steering=Step(value=step, start=rest, rise=0.15 * t), drive_torque=0.0), 5.0 * t),
@@ -135,7 +138,7 @@ def courses(model: ModelSpec) -> tuple[Course, ...]:
         ),
         Course(
             'braking 0.5 g', 100.0 / 3.6 * t,
-            Maneuver(brake_torque=Step(value=0.5 * G * mass * 0.95 * radius, start=rest, rise=0.3 * t)), 5.0 * t,
+            Maneuver(brake_torque=Step(value=0.5 * MODEL_GRAVITY * mass * 0.95 * radius, start=rest, rise=0.3 * t)), 5.0 * t,
         ),
         *((pull,) if 'drive_torque' in model.inputs else ()),
         Course('road of 2 m', ROAD_SPEED * t, Maneuver(), 4.0 * t, road),

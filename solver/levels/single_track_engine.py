@@ -36,11 +36,11 @@ from solver.levels.track_tables import (
     VY,
     YAW,
     YAW_RATE,
-    Axle,
     Body,
     Mounting,
     SingleTrackTables,
     SingleTrackWork,
+    TrackAxle,
     X,
     Y,
 )
@@ -69,7 +69,7 @@ def tables_of(parameters: Parameters, scene: Scene, yaw: float = 0.0, x: float =
     p, road = parameters, compile_road(scene.model.road)
     height = p['mounting']['height'] + float(surface_at(Ref(road), x, y)[0])
     gives = {axle: dict(zip(('give', 'give_damping'), give_of(p[axle]['radius'], p[axle]['resistance']), strict=True)) for axle in AXLES}
-    front, rear = (Axle(**p[axle], **gives[axle]) for axle in AXLES)
+    front, rear = (TrackAxle(**p[axle], **gives[axle]) for axle in AXLES)
     mounting = Mounting(**{**p['mounting'], 'yaw': yaw, 'height': height})
     return SingleTrackTables(mounting=mounting, body=Body(**p['body']), front=front, rear=rear, road=road)
 

@@ -20,9 +20,9 @@ from solver.levels.track_tables import (
     VY,
     YAW,
     YAW_RATE,
-    Axle,
     SingleTrackTables,
     SingleTrackWork,
+    TrackAxle,
     X,
     Y,
 )
@@ -58,7 +58,7 @@ def note(t: SingleTrackTables, w: SingleTrackWork, y: np.ndarray, time: float, s
             row[:] = value, time
 
 
-def _under(road: RoadTable, axle: Axle, y: np.ndarray, c: float, s: float) -> float:
+def _under(road: RoadTable, axle: TrackAxle, y: np.ndarray, c: float, s: float) -> float:
     """The mean friction under both wheels of an axle."""
     x, z = y[X] + axle.x * c, y[Y] + axle.x * s
     sides = (road_at(road, x - side * axle.half_track * s, z + side * axle.half_track * c)[2] for side in (1.0, -1.0))

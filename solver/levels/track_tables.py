@@ -28,7 +28,7 @@ TOLD = 18
 REACHED = ('lateral acceleration', 'slip angle', 'slip', 'friction difference', 'combined acceleration')
 
 
-class Axle(NamedTuple):
+class TrackAxle(NamedTuple):
     """An axle: both its wheels as one."""
 
     x: float  # from the centre of mass [m]
@@ -106,8 +106,8 @@ class SingleTrackTables(NamedTuple):
 
     mounting: Mounting
     body: Body
-    front: Axle
-    rear: Axle
+    front: TrackAxle
+    rear: TrackAxle
     road: RoadTable
 
 

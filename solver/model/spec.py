@@ -13,6 +13,7 @@ from solver.elements.rigid_body import RigidBodySpec
 from solver.elements.road import RoadSpec
 from solver.errors import SpecError, suggestion
 from solver.inputs.maneuver import ACCELERATION, RATE
+from solver.units import MODEL_GRAVITY
 from solver.validate import finite, vector
 
 FLAT = RoadSpec()
@@ -45,7 +46,7 @@ class ModelSpec:
     bodies: tuple[RigidBodySpec, ...]
     coordinates: tuple[CoordinateSpec, ...] = ()
     road: RoadSpec = FLAT
-    gravity: tuple[Acceleration, Acceleration, Acceleration] = (0.0, 0.0, -9.81)
+    gravity: tuple[Acceleration, Acceleration, Acceleration] = (0.0, 0.0, -MODEL_GRAVITY)
     inputs: tuple[str, ...] = ()
     chassis: str | None = None
     category: str = ''

@@ -37,7 +37,7 @@ class Account(NamedTuple):
     velocity: np.ndarray  # noted: |A v + phi_t| [m/s or rad/s]; a row of constraints
     turn: np.ndarray  # noted: turn in a step [rad]; a body
     steps: np.ndarray  # (1,) steps noted
-    unsettled: np.ndarray  # (1,) those of them with a residual above SETTLED
+    unsettled: np.ndarray  # (1,) those of them with a residual above SETTLED_INCREMENT
     swing: np.ndarray  # (2,) half the widest range of a component: of a velocity of a centre of mass [m/s], angular [rad/s]
     kick: np.ndarray  # (2, 3) the same, noted: change of an acceleration in a step, times the step [m/s, rad/s]; a body
     phase: np.ndarray  # (2,) of the same: phase that steps have cost the motion, less what it has forgotten [rad]

@@ -19,7 +19,7 @@ WRITTEN = 1e-6  # relative, and m: what numbers written with finitely many digit
 ROUNDING = 1e-12  # of stored energy: what its own numbers leave open, beside prestressed parts at rest where nothing has weight
 SLOWEST = 1e-6  # m/s or rad/s
 SPINS = 0.005  # rad: half the turn in a step, below which a body has no spin to speak of
-SETTLED = 1e-3  # relative velocity increment: a digit better than what is accepted where an iteration does not converge
+SETTLED_INCREMENT = 1e-3  # relative velocity increment: a digit better than what is accepted where an iteration does not converge
 
 
 @kernel(inner=True)
@@ -262,7 +262,7 @@ def note_residuals(constraints, inertia, v, h, residual, position, velocity, phi
             turned, body_turned = change, b
     _note_change(account, 0, h * moved**0.5, body_moved, slowest)
     _note_change(account, 1, h * turned**0.5, body_turned, slowest)
-    if residual > SETTLED:
+    if residual > SETTLED_INCREMENT:
         account.unsettled[0] += 1.0
     if residual > account.residual[0]:
         most, at = -1.0, 0

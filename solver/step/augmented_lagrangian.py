@@ -34,7 +34,7 @@ from solver.step.augmentation import ENOUGH, combine
 from solver.step.iteration import predict, speed_of
 from solver.step.iteration_fixed import iterate_fixed
 from solver.step.iteration_to_tolerance import iterate_to_tolerance
-from solver.step.stage import AT_END, copy_rows, finite, place
+from solver.step.stage import AT_END, copy_rows, is_row_finite, place
 from solver.step.work import BAD_INPUT, NON_FINITE, OK, StepResult, added, last_result
 
 
@@ -84,7 +84,7 @@ def body_not_finite(work):
     """The last body whose projected twist is not finite, or -1."""
     bad = -1
     for b in range(work.r.shape[0] - 1):
-        if not finite(work.v_out, b):
+        if not is_row_finite(work.v_out, b):
             bad = b
     return bad
 

@@ -11,7 +11,7 @@ from solver.compiled.kernel import YES, invoke, kernel
 from solver.model.evaluate import add_constraint_forces, add_constraint_stiffness, evaluate_constraints, evaluate_forces
 from solver.model.saddle import assemble_tangent, effective_masses, factorize_saddle, rotate_columns
 from solver.step.augmentation import begin_augmentation, restore, weighed, withhold
-from solver.step.stage import BOTH, WITH_TANGENTS, copy_blocks, finite, largest, largest_turn, momentum_residual, place
+from solver.step.stage import BOTH, WITH_TANGENTS, copy_blocks, is_row_finite, largest, largest_turn, momentum_residual, place
 
 # The multipliers of redundant constraints are determined only by rounding; starting each step from a little less than the last
 # values keeps that part from drifting, while the determined part is found again by the first iteration.
@@ -99,7 +99,7 @@ def increment_of(work):
     for b in range(work.r.shape[0] - 1):
         turn = max(turn, largest_turn(work.dw, b))
         increment = max(increment, largest(work.dw, b))
-        if not finite(work.dw, b):
+        if not is_row_finite(work.dw, b):
             bad = b
     return increment, turn, bad
 

@@ -26,10 +26,10 @@ from solver.step.iteration import (
 from solver.step.stage import copy_blocks, copy_rows
 from solver.step.work import NON_FINITE, NOT_CONVERGED, OK, SINGULAR, StepResult
 
-SETTLED = 1e-3  # of the error that is left in mode fixed, from where on a step takes no more than its number of iterations
+SETTLED_SHARE = 1e-3  # of the error that is left in mode fixed, from where on a step takes no more than its number of iterations
 UNSEEN = 1.0 / 12.0  # of the second difference of an acceleration over a step: what a step of second order loses of a velocity
-ROUNDED = 1e3 * 2.220446049250313e-16  # of a place: what penalties of 1e6 just hold is magnified by their root
-NOTHING = 1e-5  # 1/s, of the velocity, that a run may always lose to its iterations
+PENALIZED_ROUNDING = 1e3 * 2.220446049250313e-16  # of a place: what penalties of 1e6 just hold is magnified by their root
+NEGLIGIBLE_LOSS = 1e-5  # 1/s, of the velocity, that a run may always lose to its iterations
 NEGLIGIBLE = 1e-7  # relative velocity increment that need not be looked at
 DAMPED_FROM = 8  # iterations of a step in mode fixed, from where on only half of each is taken
 MOST_ITERATIONS = 20  # of a step in mode fixed
@@ -40,7 +40,7 @@ def _is_lost_anyway(c, s0, s1, left, speed):
     """Whether a step loses as much as `left` of a velocity [m/s or rad/s] whatever its iteration leaves: by what it does not see of a
     motion that bends, most often that of one of the first bodies; or whether that may always be lost, or is rounding of the places.
     """
-    if left < NOTHING * c.h * speed:
+    if left < NEGLIGIBLE_LOSS * c.h * speed:
         return True
     far = 0.0
     for b in range(s0.v.shape[0] - 1):
@@ -50,7 +50,7 @@ def _is_lost_anyway(c, s0, s1, left, speed):
                 return True
         for i in range(3):
             far = max(far, abs(s0.q[b, i]))
-    return left < ROUNDED * far / c.h
+    return left < PENALIZED_ROUNDING * far / c.h
 
 
 @kernel(borrow=True)
@@ -105,7 +105,7 @@ def _is_closed_by_the_end(tables, J_end, before, work):
     to second order. Going on only makes it worse.
     """
     saddle = work.saddle
-    closed = weighed(saddle.W, work.g, work.g) < SETTLED * SETTLED * work.augmentation.violation[0]
+    closed = weighed(saddle.W, work.g, work.g) < SETTLED_SHARE * SETTLED_SHARE * work.augmentation.violation[0]
     return (before < LARGEST_STAGNATION or closed) and opposed(tables, work.J_stage, J_end, work.dlam, work.r, work.f)
 
 
@@ -161,7 +161,7 @@ def iterate_fixed(tables, c, s0, s1, u, cz, speed, work):
         rate = increment / before if before > 0.0 else 1.0
         left = remaining(increment, rate) if part == 1.0 else increment
         last = it >= c.iterations - 1 + tried
-        settled = left < (SETTLED if last else LARGEST_STAGNATION)
+        settled = left < (SETTLED_SHARE if last else LARGEST_STAGNATION)
         # A run is judged by its last increments, of which nobody knows what the next would be: of one that is large it is made.
         settled &= increment < LARGEST_STAGNATION or not last
         # What every step leaves in one direction adds up, so it must be less than what steps lose anyway. Of a single iteration no

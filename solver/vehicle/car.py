@@ -20,6 +20,7 @@ from itertools import pairwise
 from solver.dimensions import Acceleration, Point
 from solver.elements.rigid_body import RigidBodySpec
 from solver.model.spec import ModelSpec, used_inputs
+from solver.units import MODEL_GRAVITY
 from solver.validate import finite, require
 from solver.vehicle.aero import Aero, aero_drag
 from solver.vehicle.axle import Axle, axle_bar, following_rack, subframe, suspensions
@@ -49,7 +50,7 @@ class Car:
     aero: Aero | None = None
     hitch: Point | None = None
     trailer: Trailer | None = None
-    gravity: Acceleration = 9.81
+    gravity: Acceleration = MODEL_GRAVITY
 
     def __post_init__(self) -> None:
         require(2 <= len(self.axles) <= 4, 'car', 'axles', len(self.axles), 'a car has two to four of them')

@@ -9,6 +9,7 @@ from dataclasses import dataclass, fields
 
 from solver.dimensions import Acceleration, Point
 from solver.model.spec import ModelSpec
+from solver.units import MODEL_GRAVITY
 from solver.validate import require
 from solver.vehicle.aero import Aero
 from solver.vehicle.antiroll import AntiRollBar
@@ -37,7 +38,7 @@ class FullCar:
     aero: Aero | None = None
     hitch: Point | None = None
     trailer: Trailer | None = None
-    gravity: Acceleration = 9.81
+    gravity: Acceleration = MODEL_GRAVITY
 
     def __post_init__(self) -> None:
         share = 2.0 * (self.front.brake.share + self.rear.brake.share)

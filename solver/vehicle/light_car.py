@@ -24,6 +24,7 @@ from solver.elements.joint import JointSpec
 from solver.elements.laws import Law
 from solver.elements.rigid_body import RigidBodySpec
 from solver.model.spec import ModelSpec
+from solver.units import MODEL_GRAVITY
 from solver.validate import Vector, finite, require
 from solver.vehicle.aero import Aero, aero_drag
 from solver.vehicle.corner import ArmAxle, Axle, StrutAxle, corner, corner_bodies, free_length
@@ -90,7 +91,7 @@ class LightCar:
     aero: Aero | None = None
     hitch: Point | None = None
     trailer: Trailer | None = None
-    gravity: Acceleration = 9.81
+    gravity: Acceleration = MODEL_GRAVITY
 
     def __post_init__(self) -> None:
         for name, part in (('chassis', self.chassis), ('steering.rack', self.steering.rack), ('steering.wheel', self.steering.wheel)):

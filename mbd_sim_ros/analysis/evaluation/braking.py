@@ -22,6 +22,7 @@ from mbd_sim_ros.analysis.evaluation.kinds import Drive, Evaluation, speed_of
 from mbd_sim_ros.analysis.evaluation.measures import applied, at, crossing, integral
 from mbd_sim_ros.analysis.evaluation.signals import UNDER, Signals
 from solver.scene import Scene
+from solver.units import STANDARD_GRAVITY
 
 NORM = 'ISO 21994:2007 [ISOStopping2007]'
 SPLIT = 'ISO 14512:1999 [ISOSplit1999]'
@@ -31,7 +32,7 @@ MOVING = 2.0  # m/s from which on there is something to brake
 ACROSS = math.radians(60.0)  # from its direction when the brakes are applied, by which a car has turned round
 BEGIN, END = 0.8, 0.1  # of the initial speed
 SPLIT_BY = 0.1  # least difference of the factors on friction under the wheels of a split road
-LEAST = 0.5 * 9.80665  # m/s^2 on a dry road for which the time of a stop suffices; on others in proportion to their friction
+LEAST = 0.5 * STANDARD_GRAVITY  # m/s^2 on a dry road for which the time of a stop suffices; on others in proportion to their friction
 COARSE = 0.02  # part of the stopping distance that is travelled between two samples when the brakes are applied, without a note
 LONGEST = 120.0  # s that a stop is given, whatever the friction
 STRIP = 1.35  # s from the start to the slippery strip

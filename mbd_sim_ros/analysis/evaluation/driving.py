@@ -30,13 +30,14 @@ from solver.files.scene import find_file, load_scene_text
 from solver.inputs.signals import Ramp
 from solver.levels.auto import beside_text
 from solver.scene import Scene
+from solver.units import STANDARD_GRAVITY
 from solver.vehicle.size import size_of
 from solver.vehicle.trailer import has_trailer
 
 RAMP = math.radians(13.5)  # rad/s at the steering wheel
 SOONEST = 1.0  # s in which the ramp reaches RAMPED_TO by geometry alone: it is slower where the steering is more direct
-RAMPED_TO = 0.5 * 9.80665  # m/s^2 that the ramp for A reaches
-LINE = (0.1 * 9.80665, 0.375 * 9.80665)  # m/s^2 between which the straight line for A is
+RAMPED_TO = 0.5 * STANDARD_GRAVITY  # m/s^2 that the ramp for A reaches
+LINE = (0.1 * STANDARD_GRAVITY, 0.375 * STANDARD_GRAVITY)  # m/s^2 between which the straight line for A is
 BRAKES = 'maneuver.brake_torque.value'
 ROLLS, CREEPS = 0.3, 3.0  # slip below which a wheel rolls; speed below which that is not asked [m/s]
 GROWTH, HALVINGS, MOST = 1.25, 3, 12  # of the search for a braking torque

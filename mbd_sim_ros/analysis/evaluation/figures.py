@@ -9,14 +9,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-G = 9.80665  # m/s^2, of 'deg/g'
+from solver.units import STANDARD_GRAVITY
+
 DEG = 180.0 / math.pi
 SHOWN = {  # SI unit -> (unit for people, factor)
     'rad': ('deg', DEG),
     'rad/s': ('deg/s', DEG),
     'rad s': ('deg s', DEG),
-    'rad s^2/m': ('deg/g', DEG * G),
-    'N m s^2/m': ('N m/g', G),
+    'rad s^2/m': ('deg/g', DEG * STANDARD_GRAVITY),
+    'N m s^2/m': ('N m/g', STANDARD_GRAVITY),
     'N m/rad': ('N m/deg', 1.0 / DEG),
     'm/s^2/rad': ('m/s^2/deg', 1.0 / DEG),
     'N m s/rad': ('N m/(deg/s)', 1.0 / DEG),

@@ -27,6 +27,7 @@ from mbd_sim_ros.analysis.evaluation.kinds import Drive, Evaluation
 from mbd_sim_ros.analysis.evaluation.measures import at, crossing, integral, low_passed
 from mbd_sim_ros.analysis.evaluation.signals import GIVEN, Signals
 from solver.errors import SpecError
+from solver.units import STANDARD_GRAVITY
 
 NORM = 'FMVSS 126, 49 CFR 571.126 [ESC2007]; ISO 19365 [ISOValidation2016]'
 FAST, LASTS = math.radians(75.0), 0.2  # rate of the steering wheel [rad/s], for how long [s]
@@ -242,7 +243,7 @@ SINE_WITH_DWELL = Evaluation(
         duration=6.2,
         every=5,
         amplitude='maneuver.steering.amplitude',
-        reaches=0.3 * 9.80665,
+        reaches=0.3 * STANDARD_GRAVITY,
         series=series,
     ),
     together=together,

@@ -14,6 +14,7 @@ from solver.files.scene import load_scene_text
 from solver.model.frames import frame_of_axis, quaternion
 from solver.scene import Scene
 from solver.step.settings import IntegratorSettings
+from solver.units import MODEL_GRAVITY
 
 WORLD = 'world'
 Vector = Sequence[float] | np.ndarray
@@ -105,7 +106,7 @@ class Draft:
     Gravity is along -z of the world, so its direction in that frame is random too.
     """
 
-    def __init__(self, rng: np.random.Generator, *, gravity: float = 9.81) -> None:
+    def __init__(self, rng: np.random.Generator, *, gravity: float = MODEL_GRAVITY) -> None:
         self.rng = rng
         self.turn = rotation_of(rng)
         self.origin = rng.uniform(-1.0, 1.0, 3)

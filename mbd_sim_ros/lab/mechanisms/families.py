@@ -13,6 +13,7 @@ from itertools import pairwise
 import numpy as np
 
 from mbd_sim_ros.lab.mechanisms.draft import WORLD, Circle, Draft, Mechanism, direction_of, rotation_of
+from solver.units import MODEL_GRAVITY
 
 Z = np.array([0.0, 0.0, 1.0])
 TREE_JOINTS = ('revolute', 'revolute', 'revolute', 'spherical', 'universal', 'constant_velocity', 'cylindrical', 'prismatic')
@@ -381,7 +382,7 @@ def adorn(d: Draft) -> None:
 def draw(family: str, seed: int) -> Mechanism:
     """The mechanism of a family and a seed, the same for ever."""
     rng = np.random.default_rng([zlib.crc32(family.encode()), seed])
-    d = Draft(rng, gravity=0.0 if rng.random() < 0.1 else 9.81)
+    d = Draft(rng, gravity=0.0 if rng.random() < 0.1 else MODEL_GRAVITY)
     FAMILIES[family](d)
     if d.chance(ADORNED):
         adorn(d)

@@ -20,8 +20,8 @@ from solver.files.scene import load_scene
 from solver.output.dependence import dense_jacobian
 from solver.scene import Scene, StartSettings
 from solver.simulation import Simulation
+from solver.units import MODEL_GRAVITY
 
-G = 9.81
 ENERGY = 13.603384190107  # of the massless slider at theta = pi/4 with 4 m/s [J]
 SEED = 20260101
 STEPS = (0.02, 0.01, 0.005, 0.002, 0.001)  # s
@@ -64,7 +64,7 @@ def inertia(theta: Any, slider: float) -> Any:
 
 def crank_rate(theta: Any, slider: float) -> Any:
     """Crank rate [rad/s] at angle theta with ENERGY."""
-    return np.sqrt(2 * (ENERGY - G * np.sin(theta)) / inertia(theta, slider))
+    return np.sqrt(2 * (ENERGY - MODEL_GRAVITY * np.sin(theta)) / inertia(theta, slider))
 
 
 def exact_angles(theta: np.ndarray, slider: float, times: np.ndarray, tolerance: float = 1e-12) -> np.ndarray:
@@ -73,7 +73,7 @@ def exact_angles(theta: np.ndarray, slider: float, times: np.ndarray, tolerance:
     def motion(_t: float, y: np.ndarray) -> np.ndarray:
         angle, rate = y.reshape(2, -1)
         half_slope = (2 + 4 * slider) * np.sin(angle) * np.cos(angle)
-        return np.concatenate([rate, (-half_slope * rate**2 - G * np.cos(angle)) / inertia(angle, slider)])
+        return np.concatenate([rate, (-half_slope * rate**2 - MODEL_GRAVITY * np.cos(angle)) / inertia(angle, slider)])
 
     start = np.concatenate([theta, crank_rate(theta, slider)])
     found = solve_ivp(motion, (0.0, times[-1]), start, method='DOP853', rtol=tolerance, atol=tolerance, t_eval=times)

@@ -22,9 +22,9 @@ from solver.analysis.reactions import Reaction, joint_reaction
 from solver.files.scene import load_scene_text
 from solver.scene import Scene
 from solver.simulation import Simulation
+from solver.units import STANDARD_GRAVITY
 
 SOURCE = 'github.com/projectchrono/chrono, data/testing/joints'
-GRAVITY = 9.80665
 BODY = 'pendulum'
 BAR, BAR_Y, BAR_Z = (0.04, 0.1, 0.1), (0.1, 0.04, 0.1), (0.1, 0.1, 0.04)  # kg m^2, of the bar of 1 kg along its x, y or z
 Made = dict[str, Any]
@@ -183,7 +183,7 @@ ACCURACY = dict.fromkeys(('Spherical_Case01', 'Universal_Case01', 'Universal_Cas
 
 def scene(name: str, h: float) -> Scene:
     """The scene of a case with a step [s] and the default integrator."""
-    mechanism = {'gravity': [0, 0, -GRAVITY], **MODELS[name][1]()}
+    mechanism = {'gravity': [0, 0, -STANDARD_GRAVITY], **MODELS[name][1]()}
     made: Made = {'title': name, 'mechanism': mechanism, 'integrator': {'h': h}, 'duration': 5}
     if name in SPEEDS:
         made['maneuver'] = {

@@ -26,12 +26,12 @@ from solver.model.spec import ModelSpec
 from solver.scene import Scene
 from solver.simulation import Simulation
 from solver.step.settings import IntegratorSettings
+from solver.units import MODEL_GRAVITY
 
 DURATION = 1.0  # s
 SAMPLE = 0.1  # s, a multiple of all steps
 STEPS = (0.05e-3, 0.1e-3, 0.2e-3, 0.5e-3, 1e-3, 2e-3, 5e-3, 10e-3, 20e-3, 50e-3)  # s
 QUICK_STEPS = (0.5e-3, 1e-3, 2e-3, 5e-3, 10e-3, 50e-3)
-G = 9.81
 EPS = float(np.finfo(float).eps)
 TIMES = np.arange(round(DURATION / FINE) + 1) * FINE
 
@@ -104,7 +104,7 @@ def pendulum(ratio: float = 1.0) -> Problem:
         c, s = np.cos(one - two), np.sin(one - two)
         a, b = (1.0, ratio) if ratio <= 1.0 else (1.0 / ratio, 1.0)  # masses over the larger one
         M = np.array([[a * (1 + square) + b, b * c], [c, 1 + square]])
-        f = [-b * s * w2**2 - (a + b) * G * np.sin(one), s * w1**2 - G * np.sin(two)]
+        f = [-b * s * w2**2 - (a + b) * MODEL_GRAVITY * np.sin(one), s * w1**2 - MODEL_GRAVITY * np.sin(two)]
         return np.concatenate([y[2:], np.linalg.solve(M, f)])
 
     def exact() -> np.ndarray:
@@ -116,7 +116,7 @@ def pendulum(ratio: float = 1.0) -> Problem:
     one, two = ([float(np.sin(a)), float(-np.cos(a)), 0.0] for a in start)
     both = {'a': (1.0, one), 'b': (ratio, [p + q for p, q in zip(one, two, strict=True)])}
     mechanism = {
-        'gravity': [0, -G, 0],
+        'gravity': [0, -MODEL_GRAVITY, 0],
         'bodies': {name: {'mass': m, 'inertia': [square * m] * 3, 'position': p} for name, (m, p) in both.items()},
         'joints': {
             'one': {'kind': 'revolute', 'i': 'world', 'j': 'a', 'at': [0, 0, 0], 'axis': [0, 0, 1]},
