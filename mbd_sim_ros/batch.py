@@ -41,7 +41,8 @@ class InputSource(Protocol):
 
 
 class Portion:
-    """How many steps a call may do: twice as many as the last one while that took less than DEAF seconds. Bits do not depend on it."""
+    """Number of steps that a call may do: twice as many as the last one while that took less than DEAF seconds. Bits do
+    not depend on it."""
 
     def __init__(self) -> None:
         self.most = 1

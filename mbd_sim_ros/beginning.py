@@ -1,7 +1,7 @@
 """The first thing that a program of ours does: SIGINT and SIGTERM wait until `interrupts.install` can take them.
 
-What that imports takes a tenth of a second, several times as long on a busy machine; until then Python answers a signal with the traceback
-of whatever it is importing.
+Its imports take a tenth of a second, several times as long on a busy machine; until then Python answers a signal with
+the traceback of whatever it is importing.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ _held = False
 
 
 def is_program(name: str) -> bool:
-    """Whether this process was started as the console script `name`."""
+    """True where this process was started as the console script `name`."""
     return os.path.basename(sys.argv[0] if sys.argv else '') == name
 
 

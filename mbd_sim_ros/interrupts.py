@@ -62,13 +62,13 @@ def received() -> int:
 
 
 def now(what: str) -> None:
-    """What is being done: the end of the sentence `interrupted while ...`."""
+    """Set the activity that a signal interrupts: the end of the sentence `interrupted while ...`."""
     global doing
     doing = what
 
 
 def sentence() -> str:
-    """What to say when nothing more is known."""
+    """Sentence for an interruption of which nothing more is known."""
     return f'interrupted while {doing}' if doing else 'interrupted'
 
 
@@ -79,7 +79,7 @@ def check() -> None:
 
 
 def claim() -> bool:
-    """Whether the caller is the one who says the sentence: it is said once."""
+    """True for the caller that shall print the sentence: it is printed once."""
     return _said.acquire(blocking=False)
 
 

@@ -36,7 +36,7 @@ ATTEMPTS = 10  # to write a file while another process removes the directory
 
 
 def location() -> Path:
-    """Where stores live: MBD_CACHE_DIR, or the user's directory for caches."""
+    """Directory of all stores: MBD_CACHE_DIR, or the user's directory for caches."""
     given = os.environ.get('MBD_CACHE_DIR')
     if given:
         return Path(given).absolute()
@@ -48,7 +48,7 @@ def location() -> Path:
 
 
 def digest(*parts: bytes | str) -> bytes:
-    """Of the parts in this order, each with its length; text as UTF-8."""
+    """Digest of the parts in this order, each with its length; text as UTF-8."""
     found = hashlib.blake2b(digest_size=DIGEST)
     for part in parts:
         part = part.encode() if isinstance(part, str) else part
@@ -129,7 +129,7 @@ class Store:
     def made(self, name: str, make: Callable[[], Any], *identity: bytes | str) -> Any:
         """The value of this name, kept or made, as JSON holds it: tuples are lists, floats keep their bits.
 
-        Where nothing can be written it is made every time. Raises TypeError and ValueError for what JSON does not hold.
+        It is made every time if nothing can be written. Raises TypeError and ValueError for what JSON does not hold.
         """
         content = self.read(name, *identity)
         if content is None:
@@ -198,7 +198,7 @@ def sources(*places: Path, suffixes: tuple[str, ...] = ('.py',)) -> str:
 
 
 def syntax(text: bytes) -> bytes:
-    """What Python makes of a source file, without docstrings, comments and places."""
+    """Syntax tree of a source file, without docstrings, comments and places."""
     tree = ast.parse(text)
     for node in ast.walk(tree):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef) and ast.get_docstring(node, clean=False) is not None:

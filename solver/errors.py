@@ -68,7 +68,8 @@ def missing(error: ImportError) -> str:
 
 
 def refused(error: OSError) -> str:
-    """What the system refuses, as a sentence. When the current directory has been removed it says that nothing is there, and not what."""
+    """Sentence on an error of the operating system. It names no file when the current directory has been removed: the
+    system says then that nothing is there, and not what."""
     place = 'the current directory' if error.errno == errno.ENOENT else 'the system'
     return f'{error.filename or place}: {error.strerror or error}'
 

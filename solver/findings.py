@@ -1,4 +1,5 @@
-"""What is said of a run and of a level: findings, limits, certificates, reports. Words only; who judges stands above."""
+"""Findings, limits, certificates and reports of runs and levels. Data only; the checks that judge are in higher
+modules."""
 
 from __future__ import annotations
 
@@ -7,7 +8,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, kw_only=True)
 class Finding:
-    """What makes a run suspect: a value beyond the limit of a check (solver.checks).
+    """Reason why a run is suspect: a value beyond the limit of a check (solver.checks).
 
     quantity: the name of the check. time: of the worst instant [s], None when it has none. where: the body or constraint row that is worst,
     or empty. of: what the value is of, where a check looks at several things, or empty. required: whether the limit is one that the scene
@@ -33,7 +34,7 @@ class Finding:
         return self.text.partition('). ')[0] + ')'
 
     def covered_for(self, names: str) -> str:
-        """What is said of it where a certificate covers it, for the quantities of these names."""
+        """Sentence on a finding that a certificate covers, for the quantities of these names."""
         return f'{self.fact}: covered by the certificate, whose plan has measured the effect on {names}'
 
 
@@ -51,7 +52,8 @@ class Certified:
 
 @dataclass(frozen=True, kw_only=True)
 class Limit:
-    """Where a level holds: the quantity between low and high, in the unit, and why (None: no limit on that side)."""
+    """Range in which a level holds: the quantity between low and high, in the unit, and why (None: no limit on that
+    side)."""
 
     quantity: str
     unit: str
@@ -76,7 +78,8 @@ class Switched:
 
 @dataclass(frozen=True, kw_only=True)
 class ErrorFigure:
-    """How far a quantity is from the full vehicle in a maneuver: root mean square and largest error, as shares of its peak [unit]."""
+    """Error of a quantity against the full vehicle in a maneuver: root mean square and largest error, as shares of its
+    peak [unit]."""
 
     maneuver: str
     quantity: str
@@ -88,7 +91,7 @@ class ErrorFigure:
 
 @dataclass(frozen=True, kw_only=True)
 class LevelReport:
-    """What a level leaves out of the vehicle it is derived from.
+    """Differences between a level and the vehicle it is derived from.
 
     lost: modes and effects that it does not model, in words. absent: channels of the full vehicle that it does not
     publish. validity: where it holds. switched: every subsystem of the vehicle. errors: the error sheet, where it has

@@ -82,7 +82,7 @@ class StartSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class Record:
-    """What a recording holds besides the standard topics.
+    """Contents of a recording besides the standard topics.
 
     every: one message set per so many steps. elements: force element columns, elements_rate: how often (0: in every message set); they are
     most of a recording. reactions: constraint forces of all rows.
@@ -168,7 +168,7 @@ class Accuracy:
 
 @dataclass(frozen=True, kw_only=True)
 class Budget:
-    """What a run may cost. real_time_factor: at least so many simulated seconds per second of one core."""
+    """Largest cost of a run. real_time_factor: at least so many simulated seconds per second of one core."""
 
     real_time_factor: float | None = None
 
@@ -275,7 +275,7 @@ class Scene:
 
     @property
     def reduced(self) -> bool:
-        """Whether something else than its model as given is to be simulated (solver.levels.derive)."""
+        """True where a derived model is to be simulated instead of the model as given (solver.levels.derive)."""
         return self.fidelity != 'full' or 'off' in self.switches.values()
 
     @property

@@ -71,7 +71,7 @@ class Simulation:
 
     @property
     def source(self) -> ManeuverSource | RecordedSource:
-        """Of the inputs that depend on time alone."""
+        """Source of the inputs that depend on time alone."""
         return self.sources.of_time
 
     # -- time ----------------------------------------------------------------------------------------------------------
@@ -143,7 +143,7 @@ class Simulation:
             raise StepError(moved.failure)
 
     def feel(self) -> Feel:
-        """What an assistance measures now."""
+        """Measurements that an assistance takes now."""
         bodies = self.bodies
         return feel_of(bodies.sight().speed, bodies.state.v, bodies.chassis, self.sources.wheels)
 
@@ -159,7 +159,8 @@ class Simulation:
         self._shown.account.time[0] = seen  # the account begins anew, and of what was before was one
 
     def renumber(self, k: int) -> None:
-        """Go on as step k: at another time, in motion as it is. What it shows is that of its state, not of the step that led to it."""
+        """Go on as step k: at another time, in motion as it is. Outputs are those of its state, not of the step that
+        led to it."""
         self.k, self.displaced = k, True
         self.engine.show(k, self._inputs)
         self._shown.account.time[0] = k * self.h  # of steps that are not made nothing is to be known
@@ -210,7 +211,7 @@ class Simulation:
 
     @property
     def last_step(self) -> LastStep:
-        """What the last step worked with."""
+        """Data that the last step worked with."""
         return self._shown.last_step()
 
     @property
@@ -227,7 +228,7 @@ class Simulation:
 
     @property
     def of_bodies(self) -> bool:
-        """Whether its states are those of bodies."""
+        """True where the states are those of bodies."""
         return isinstance(self._shown, Bodies)
 
     @property
@@ -263,7 +264,7 @@ class Simulation:
 
     @property
     def adaptation(self) -> Adaptation | None:
-        """What chooses steps and penalties; None where they are constant."""
+        """Control of steps and penalties; None where both are constant."""
         return self.engine.adaptation if isinstance(self.engine, Stepping) else None
 
     @property

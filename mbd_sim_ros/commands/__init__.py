@@ -17,7 +17,8 @@ SET_HELP = 'change one value of the scene, checked like the file itself (repeata
 
 @dataclass(frozen=True, kw_only=True)
 class Result:
-    """What a command found: the object --json prints, the text for people, and the exit code (0 only on success)."""
+    """Result of a command: the object that --json prints, the text for people, and the exit code (0 only on
+    success)."""
 
     data: dict[str, Any] = field(default_factory=dict)
     text: str = ''

@@ -289,7 +289,7 @@ def about(
     unused: Sequence[str] = (),
     doubts: Mapping[str, Sequence[str]] | None = None,
 ) -> list[str]:
-    """What the recordings say against themselves, and what was done before comparing, a line each."""
+    """Doubts about the recordings themselves, and preparations before the comparison, a line each."""
     lines = [f'{name}: {text}' for name, texts in (doubts or {}).items() for text in texts]
     if any(found.origins):
         lines += [f'times of {name} count from {origin:.9f} s' for name, origin in zip(names, found.origins) if origin]

@@ -159,7 +159,7 @@ def _notes(results: Sequence[figures.Result]) -> list[str]:
 
 
 def listed() -> Result:
-    """What there is."""
+    """List of all evaluations."""
     import dataclasses
 
     from mbd_sim_ros.analysis.evaluation.registry import EVALUATIONS

@@ -79,7 +79,7 @@ def _not_read(run: Run, topic: str, why: str) -> str:
 
 
 def _balance(run: Run) -> str:
-    """What became of all messages in the file."""
+    """Account of all messages in the file."""
     count = lambda what: sum(getattr(one, what) for one in run.accounts.values())  # noqa: E731
     parts = [f'{count("rows")} are rows']
     for number, what in ((count('beside'), 'are in the row of another one'), (count('equal'), 'are left out')):

@@ -131,7 +131,7 @@ def _counts(found: list[Entry]) -> list[tuple[str, str]]:
 
 
 def _tires(scene: Scene) -> tuple[list[dict[str, Any]], str]:
-    """What became of the keys of each tire that the scene has: (objects for JSON, text)."""
+    """Use of the keys of each tire that the scene has: (objects for JSON, text)."""
     from solver.files.tire_receipt import receipt, turn_slip_of, warnings
     from solver.vehicle.wheel_end import told_of_fit
 
@@ -163,12 +163,13 @@ def _with_errors(level: LevelReport, scene: Scene) -> LevelReport:
 
 
 def _steered(scene: Scene) -> bool:
-    """Whether a vehicle is steered by an angle, as the maneuvers of an error sheet do it."""
+    """True where a vehicle is steered by an angle, as the maneuvers of an error sheet do it."""
     return 'steering' in scene.model.inputs
 
 
 def _level(level: LevelReport) -> str:
-    """What a level leaves out, where it holds, and how far it is from the full vehicle, as tables."""
+    """Tables of a level: the parts that it leaves out, the range in which it holds, and its errors against the full
+    vehicle."""
     parts: list[list[tuple[str, ...]]] = [
         [('subsystem', '', 'why'), *((s.subsystem, 'on' if s.on else 'off', s.why) for s in level.switched)],
         [('lost',), *((text,) for text in level.lost)],
@@ -199,7 +200,7 @@ def _scene(name: str, overrides: Sequence[str]) -> Scene:
 
 
 def _is_vehicle(file: Path) -> bool:
-    """Whether a file says which kind of vehicle it is; scenes have no key `kind`."""
+    """True where a file says which kind of vehicle it is; scenes have no key `kind`."""
     from yaml.nodes import MappingNode
 
     from solver.files.scene import config_directories

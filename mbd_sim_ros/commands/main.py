@@ -188,7 +188,7 @@ def _internal(out: _Output, error: Exception, as_json: bool) -> int:
 
 
 class _Output:
-    """Where the result goes: the standard output, while libraries print to the standard error in --json mode."""
+    """Output of the result: the standard output, while libraries print to the standard error in --json mode."""
 
     def __init__(self) -> None:
         self.stream = sys.stdout

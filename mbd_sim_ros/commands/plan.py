@@ -130,7 +130,8 @@ def _time(scene: Scene, data: dict[str, Any]) -> None:
 
 
 def as_run(scene: Scene) -> dict[str, float]:
-    """What `mbd run` shows of a scene, by the function that it calls: real-time factors with its recording and without (--no-record)."""
+    """Measurements that `mbd run` shows of a scene, by the function that it calls: real-time factors with its recording
+    and without (--no-record)."""
     from mbd_sim_ros.batch import simulate
     from solver import simulation_of
 

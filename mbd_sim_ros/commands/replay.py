@@ -204,7 +204,7 @@ class Compared:
     """Messages of a recording of topics beside those that a replay makes of the same steps.
 
     equal: topic -> messages that are the same bytes. A paused node publishes its state again, all topics and bodies, whatever is due:
-    a message may be that too. What is in no step of the replay is counted.
+    a message may be that too. Messages that belong to no step of the replay are counted.
     """
 
     def __init__(self, before: Content) -> None:
@@ -236,7 +236,7 @@ class Compared:
                     self._differs.setdefault(name, []).append(snapshot.t_ns)
 
     def later(self, first: int) -> bool:
-        """Whether what differs was equal at instant `first` [ns]."""
+        """True where the messages that differ were equal at instant `first` [ns]."""
         return all(times[0] > first for times in self._differs.values())
 
     def unequal(self) -> dict[str, str]:
@@ -253,7 +253,7 @@ class Compared:
         return found
 
     def told(self) -> list[str]:
-        """What was not compared, a sentence each."""
+        """Parts that were not compared, a sentence each."""
         rest = {topic: sum(map(len, left.values())) for topic, left in self._left.items() if left}
         texts = [f'topic {topic}: {count} messages of another publisher are not compared' for topic, count in self._others.items()]
         texts += [f'topic {topic}: {count} messages at instants of no step in the replay are not compared' for topic, count in rest.items()]

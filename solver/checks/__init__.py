@@ -1,2 +1,2 @@
-"""What makes a run suspect: one record for each check, listed in solver.checks.registry (docs/contributing.md, "A
+"""Checks that make a run suspect: one record for each, listed in solver.checks.registry (docs/contributing.md, "A
 check")."""

@@ -17,7 +17,7 @@ ENERGIES = ('energy', 'work', 'gross', 'worst')
 
 
 def not_finite(e: Evidence) -> Iterator[Measured]:
-    """How many energies of the account numbers do not hold."""
+    """Number of energies of the account that are not finite."""
     numbers = [float(getattr(e.account, name)[0]) for name in ENERGIES]
     numbers += [float(e.account.kinetic[1]), *e.account.potential.tolist()]
     yield Measured(value=sum(not math.isfinite(number) for number in numbers))
@@ -70,8 +70,9 @@ def contradiction(e: Evidence) -> Iterator[Measured]:
     balance tells it.
 
     Such rows, as of axes that are parallel to seven digits, hold each other with multipliers that grow from step to
-    step: those of a four-bar linkage out by 1e-7 came to 5e5 N and turned it 2 rad too far, with its energy kept. What
-    multipliers that balance each other have in rows that stay open is below 1e-10 of what is exchanged in sound runs.
+    step: those of a four-bar linkage out by 1e-7 came to 5e5 N and turned it 2 rad too far, with its energy kept. In
+    sound runs the work of multipliers that balance each other, in rows that stay open, is below 1e-10 of the exchanged
+    energy.
     """
     if e.state is not None and e.model.n_rows:
         value, time, row = e.account.contradiction.tolist()

@@ -1,7 +1,7 @@
-"""What the rest of the program has to know of a check: one record for each, listed in solver.checks.registry.
+"""Record of a check: all that the rest of the program has to know of it; solver.checks.registry lists the records.
 
 Findings with their sentences, the keys that `require` of a scene accepts, what a plan may cover, and the table of
-docs/stability.md follow from these records. What a record promises is checked when it is made.
+docs/stability.md follow from these records. A record is checked when it is made.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ class Evidence:
 
 @dataclass(frozen=True, kw_only=True)
 class Measured:
-    """What a check measured, at one place. What is None or empty here is that of the check.
+    """Measurement of a check at one place. Fields that are None or empty take the value of the check.
 
     limit: of this run, in the unit. time: of the worst instant [s], None when it has none. of: what the value is of,
     where a check looks at several things. reason, remedy: in place of those of the check, as they are to be read.
@@ -134,7 +134,8 @@ class Check:
         return Annotated[kind | None, self.unit] if self.unit else kind | None
 
     def findings(self, evidence: Evidence, required: Mapping[str, float]) -> Iterator[Finding]:
-        """What is beyond its limit; a limit among those required (key -> value) counts in place of that of the run."""
+        """Findings of values beyond their limit; a limit among those required (key -> value) counts in place of that of
+        the run."""
         own = required.get(self.require)
         for measured in self.measure(evidence) if self.measure is not None else ():
             limit = own if own is not None else self.limit if measured.limit is None else measured.limit
@@ -162,6 +163,7 @@ class Check:
 
 
 def largest(row: np.ndarray, place: Callable[[int], str]) -> Measured:
-    """What the account noted in a row of (value, time [s], index), with the place that the index stands for."""
+    """Measurement that the account noted in a row of (value, time [s], index), with the place that the index stands
+    for."""
     value, time, index = row.tolist()
     return Measured(value=value, time=time, where=place(int(index)) if value > 0.0 else '')

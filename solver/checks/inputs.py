@@ -1,8 +1,7 @@
 """Checks of the inputs: signals that steps do not see, and recorded ones of which something was lost.
 
 A step takes one value of every signal: of one that swings with the steps, or nearly, it makes a constant or a slow
-beat, which no motion shows (solver.inputs.unresolved). Of recorded ones nothing may be left out, merged or put in
-another order.
+beat, which no motion shows (solver.inputs.unresolved). Recorded inputs must be complete, unmerged and in their order.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from solver.inputs.unresolved import LARGEST
 
 
 def unresolved(e: Evidence) -> Iterator[Measured]:
-    """How far signals of the maneuver depart from straight lines between their values at the steps, of their range."""
+    """Departure of signals of the maneuver from straight lines between their values at the steps, over their range."""
     found = e.source.unresolved(e.k, e.duration) if isinstance(e.source, ManeuverSource) else {}
     for name, (largest, first) in found.items():
         yield Measured(value=largest, time=first, where=name)
@@ -36,7 +35,7 @@ INPUT = Check(
 
 
 def recorded_inputs(e: Evidence) -> Iterator[Measured]:
-    """What is to be doubted of recorded inputs."""
+    """Doubts about recorded inputs."""
     if isinstance(e.source, RecordedSource) and (doubts := e.source.given.doubts):
         yield Measured(value=len(doubts), remedy=f'{e.source.given.where}: {"; ".join(doubts)}')
 

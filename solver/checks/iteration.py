@@ -19,7 +19,7 @@ UNSETTLED_SHARE = 0.01  # of the steps: an impact may leave a step a digit less 
 
 
 def _finer(e: Evidence) -> str:
-    """What makes a step settle."""
+    """Remedy that makes a step settle."""
     more = 'take more integrator.iterations, or integrator.mode: tolerance'
     return f'reduce integrator.h, or {more}' if e.settings.mode == 'fixed' else f'reduce integrator.h, or {DIVIDE}'
 
@@ -68,7 +68,7 @@ UNSETTLED = Check(
 
 
 def position_drift_max(e: Evidence) -> Iterator[Measured]:
-    """How far a constraint is open at most [m or rad]."""
+    """Largest violation of a constraint [m or rad]."""
     limit = LARGEST_STAGNATION * _speed(e) * e.h
     value, time, row = e.account.position.tolist()
     where = e.row(int(row)) if value > 0.0 and e.model.row_names else ''
@@ -87,7 +87,7 @@ POSITION_DRIFT_MAX = Check(
 
 
 def velocity_drift_max(e: Evidence) -> Iterator[Measured]:
-    """How far a velocity violates its constraint at most [m/s or rad/s]."""
+    """Largest violation of a constraint by a velocity [m/s or rad/s]."""
     value, time, row = e.account.velocity.tolist()
     where = e.row(int(row)) if value > 0.0 and e.model.row_names else ''
     yield Measured(value=value, limit=LARGEST_STAGNATION * _speed(e), time=time, where=where)

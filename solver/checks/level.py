@@ -11,7 +11,7 @@ REMEDY = 'Take a level with more detail, or fidelity: full'
 
 
 def validity(e: Evidence) -> Iterator[Measured]:
-    """How far the run went of what its level limits from above; ranges are followed by solver.analysis.envelope."""
+    """Quantities of the run that its level limits from above; ranges are followed by solver.analysis.envelope."""
     for limit in e.level.validity if e.level is not None else ():
         if limit.quantity in e.reached and limit.low is None and limit.high is not None:
             value, time = e.reached[limit.quantity]

@@ -24,7 +24,7 @@ def rotation(e: Evidence) -> Iterator[Measured]:
 
 
 def _resists_turning(bushing: BushingSpec) -> bool:
-    """Whether a bushing has a torque that depends on how far it is turned."""
+    """True where a bushing has a torque that depends on the angle by which it is turned."""
     return any((*bushing.stiffness[3:], *bushing.preload[3:])) or any(law is not None for law in bushing.laws[3:])
 
 
@@ -41,7 +41,7 @@ ROTATION = Check(
 
 
 def branch_switches(e: Evidence) -> Iterator[Measured]:
-    """How often the mechanism left a singular position on another branch than it came in on."""
+    """Number of times that the mechanism left a singular position on another branch than it came in on."""
     if not e.switches:
         return
     first = float(e.switches[0].t)

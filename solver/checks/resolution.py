@@ -3,17 +3,17 @@
 *Resolution.* Of a motion that takes a period in N steps an acceleration changes, over a step and times the step, by (2
 pi / N)^2 of the amplitude of its velocity. So it must not change by more than (2 pi / 10)^2 of half the widest range
 that a velocity had in the run, which a steady motion in common does not widen: with fewer than ten steps a period,
-positions are off by 3 % of what they do. Translation and rotation are looked at apart. What vibrates fast but little
-passes, a stiff transient that sets the whole motion going does not. After fewer steps than half such a period nothing
-can be said.
+positions are off by 3 % of what they do. Translation and rotation are looked at apart. A fast vibration of small
+amplitude passes, a stiff transient that sets the whole motion going does not. After fewer steps than half such a period
+nothing can be said.
 *Phase.* Of such a motion with the frequency w a step h costs (w h)^3 / 12 of phase. Added up over all steps, with (w
 h)^2 as above at the time, that must stay below 0.1 rad; what is really lost is up to twice that, a fifth of the
-amplitude. Where it is more, amplitudes may be right, but not where something is at an instant. A motion forgets its
+amplitude. Beyond the limit amplitudes may be right, but not positions at an instant. A motion forgets its
 phase with its energy: of the largest kinetic energy so much as is dissipated takes half as much of the phase with it;
 and where it swings wider, what it was late by before is so much less of it.
 *Spin.* A step gives a body that spins with s, its moment of inertia across the spin A, A s^3 h^2 / 12 of a rate of its
 axis too much. A disc hardly feels that. It can be many times what a thin rod has of gyroscopic torque, and in the axes
-of the world nothing shows. What that turns of the motion counts as phase of angular velocities, too.
+of the world nothing shows. The turn of the motion by it counts as phase of angular velocities, too.
 *Damping.* Both are the midpoint rule's, rho_inf = 1. Numerical damping makes more of the same step: late_by() times the
 phase, so that as much accuracy takes more steps a period, by the root of it.
 *Turn.* The iteration contracts by about the turn of a body per step (docs/decisions/0002).

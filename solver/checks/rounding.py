@@ -32,7 +32,7 @@ LARGEST_ROUNDING = 3e-5  # of half the widest range of a velocity
 
 
 def _condensed(e: Evidence) -> bool:
-    """Whether the steps solve a condensed matrix with penalties; those of a single track have no matrix."""
+    """True where the steps solve a condensed matrix with penalties; those of a single track have no matrix."""
     return e.state is not None and e.settings.kind == 'alf' and e.scheme.form == CONDENSED and e.model.n_rows > 0
 
 
@@ -89,8 +89,8 @@ LIGHT_BODY = Check(
 
 
 def distance(e: Evidence) -> Iterator[Measured]:
-    """What rounding of the places of the furthest body makes of a velocity, in all steps together, of half its widest
-    range."""
+    """Error of a velocity by rounding of the position of the furthest body, in all steps together, over half the widest
+    range of the velocity."""
     if e.account.steps[0] == 0.0 or e.state is None:
         return
     far = np.abs(e.state.q[:-1, :3]).max(axis=1)

@@ -1,9 +1,9 @@
 """Checks of vehicles: of road, tires and steering, and of what no vehicle can do whatever the equations say
 (solver.analysis.impossible).
 
-*Road.* A tire touches the road at one point. Of a hollow that is rounder than the wheel, an edge above all, a wheel
-makes a profile no rounder than itself (Pacejka 2012, 10.1.5); without that the point of contact jumps, and loads are
-many times too large.
+*Road.* A tire touches the road at one point. A wheel makes of a hollow that is rounder than itself, an edge above all,
+a profile no rounder than itself (Pacejka 2012, 10.1.5); without that the point of contact jumps, and loads are many
+times too large.
 *Tires.* A tire cannot be pressed in by more than what is between its tread and the rim, without rim data than its
 radius. Its spring and the rim go on beyond that, along straight lines that nobody has measured.
 *Steering.* A steering ends at its stops, before its tie rods pass their dead centres (solver.vehicle.end_stops); there
@@ -83,7 +83,7 @@ ROAD_CURVATURE = Check(
 
 
 def tire_deflection(e: Evidence) -> Iterator[Measured]:
-    """How far a tire was pressed in at most [m], of that which came furthest beyond its rim."""
+    """Largest deflection of a tire [m], of the tire that came furthest beyond its rim."""
     tires = e.model.spec.tires
     if e.state is None or not tires:
         return

@@ -26,7 +26,8 @@ from solver.step.work import LastStep
 
 
 class Moved(NamedTuple):
-    """What a call of Engine.advance() did: whole steps of the grid, their work, and why the next one failed ('': it did not)."""
+    """Result of a call of Engine.advance(): whole steps of the grid, their work, and why the next one failed ('': it
+    did not)."""
 
     steps: int
     counters: Counters
@@ -34,7 +35,8 @@ class Moved(NamedTuple):
 
 
 class Shown(Protocol):
-    """What stands behind the outputs of an engine: model, present state and account. Bodies are one; the single track is its own."""
+    """Data behind the outputs of an engine: model, present state and account. Bodies are one such class; the single
+    track has its own."""
 
     model: Model
     channels: Channels  # names in what is shown
@@ -46,13 +48,13 @@ class Shown(Protocol):
         """The running account."""
 
     def sight(self) -> Sight:
-        """What a driver sees now."""
+        """Motion of the vehicle that a driver sees now."""
 
     def place(self, x: float, y: float, heading: float) -> None:
         """Move the vehicle to x, y [m] with a heading [rad]; Engine.begin() follows. Raises SpecError where it cannot stand there."""
 
     def last_step(self) -> LastStep:
-        """What the last step worked with."""
+        """Data that the last step worked with."""
 
     def describe(self, u: np.ndarray) -> dict[str, Any]:
         """Counts, degrees of freedom and what else there is to say of the model, at the present state under the inputs u (nu,)."""
@@ -76,7 +78,7 @@ class Engine(Protocol):
 
     @property
     def shown(self) -> Shown:
-        """What stands behind its outputs."""
+        """Data behind the outputs."""
 
     def start(self, u: np.ndarray) -> Changes:
         """Find the state at t = 0 under the inputs there, and what that changed. Raises ConsistencyError."""
@@ -101,7 +103,8 @@ class Engine(Protocol):
         """Everything the future depends on beside time, inputs and account, and what a run is judged by, for fit()."""
 
     def fit(self, saved: Mapping[str, np.ndarray], k: int) -> Callable[[np.ndarray], None]:
-        """What takes up the arrays() of step k, given the inputs (nu,) then. Raises SpecError where they are of another model."""
+        """Function that takes up the arrays() of step k, given the inputs (nu,) then. Raises SpecError where they are
+        of another model."""
 
     def reached(self) -> dict[str, tuple[float, float | None]]:
         """Quantities that the limits of a level are about -> the largest value so far, and its time [s] where it has one."""

@@ -146,7 +146,7 @@ class Bodies:
         displace(self.state, self.sight(), (x, y, heading))
 
     def sight(self) -> Sight:
-        """What a driver sees now."""
+        """Motion of the vehicle that a driver sees now."""
         return sight(self.state.q[self.chassis], self.state.v[self.chassis], self.model.spec.bodies[self.chassis].com)
 
     def failure(self, result: StepResult, when: str, u: np.ndarray | None = None) -> str:
@@ -163,7 +163,7 @@ class Bodies:
         return {**self.state._asdict(), 'switches': np.array(self.switches).reshape(-1, 2), **watched}
 
     def fit(self, saved: Mapping[str, np.ndarray]) -> Callable[[], None]:
-        """What takes up arrays(). Raises SpecError where they are of another model."""
+        """Function that takes up arrays(). Raises SpecError where they are of another model."""
         state = State(*(fitting(name, saved.get(name), array) for name, array in self.state._asdict().items()))
         fitting('audit', saved.get('audit'), self.account.numbers)
         past = switches_before(saved)
@@ -179,7 +179,7 @@ class Bodies:
         return take_up
 
     def last_step(self) -> LastStep:
-        """What the last step worked with."""
+        """Data that the last step worked with."""
         w = self.work
         return LastStep(w.phi_end, w.J_end, w.J_stage, w.phi_t, w.lam_out, w.saddle.W, w.account)
 

@@ -80,7 +80,7 @@ class Stepping:
         self.shown.account.numbers[:] = kept
 
     def advance(self, k: int, inputs: np.ndarray, n: int, audit: bool, last: np.ndarray) -> Moved:
-        """See Engine.advance(). Where branches are looked for every step is a call of its own."""
+        """See Engine.advance(). Every step is a call of its own while branches are looked for."""
         bodies, adaptation, held = self.shown, self.adaptation, len(inputs) == 1
         looks = audit and bodies.branches is not None
         part = 1 if looks else n
@@ -148,7 +148,7 @@ class Stepping:
         return self.adaptation.events if self.adaptation is not None else []
 
     def reached(self) -> dict[str, tuple[float, float | None]]:
-        """Of a model as given nothing is followed."""
+        """Nothing is followed of a model as given."""
         return {}
 
     def totals(self, k: int) -> dict[str, Any]:

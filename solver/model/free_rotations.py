@@ -80,7 +80,7 @@ def _free(spec: ModelSpec, body: RigidBodySpec) -> np.ndarray:
 
 
 def _thin(J: np.ndarray) -> bool:
-    """Whether an inertia is that of a thin rod: none about one axis, and by that equal ones across it."""
+    """True where an inertia is that of a thin rod: none about one axis, and by that equal ones across it."""
     d = _axis(J)
     return bool(np.abs(product(J, d)).max() <= STRAIGHT * np.trace(J))
 
@@ -116,7 +116,7 @@ def _holds(spec: ModelSpec, name: str) -> Iterator[tuple[Marker | None, bool]]:
 
 
 def _acts(field: str, value: Any, name: str, coordinates: set[str]) -> bool:
-    """Whether a field of an element names the body, or one of its coordinates."""
+    """True where a field of an element names the body, or one of its coordinates."""
     if field == 'terms':
         return any(term in coordinates for term, _ in value)
     return isinstance(value, str) and (value == name or (field == 'coordinate' and value in coordinates))

@@ -1,1 +1,1 @@
-"""What a run shows: snapshots, the energy account, dependence of constraints, branches."""
+"""Outputs of a run: snapshots, the energy account, dependence of constraints, branches."""

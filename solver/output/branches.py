@@ -55,8 +55,8 @@ class BranchWatch:
         }
 
     def recall(self, memory: dict[str, np.ndarray], events: list[BranchSwitch]) -> None:
-        """Inverse of memory(), with what was found until then. Of a state that has no looks, because its run was
-        not watched, looking begins anew. Raises SpecError.
+        """Inverse of memory(), with what was found until then. Looking begins anew from a state that has no looks,
+        because its run was not watched. Raises SpecError.
         """
         looks, free = memory.get('looks', np.zeros((0, 2))), memory.get('free', np.zeros((0, 0, 0)))
         fitting('looks', looks, np.zeros((looks.size // 2, 2)))

@@ -1,4 +1,5 @@
-"""How the constraints of a model depend on each other: Jacobians as dense matrices, rank, redundant rows, unique reactions."""
+"""Dependence of the constraints of a model on each other: Jacobians as dense matrices, rank, redundant rows, unique
+reactions."""
 
 from __future__ import annotations
 
@@ -50,9 +51,10 @@ def scaled_jacobian(model: Model, J: np.ndarray) -> np.ndarray:
 def tied_groups(model: Model, B: np.ndarray) -> list[int]:
     """Constraints (groups of rows) that may depend on each other, found from the scaled blocks B.
 
-    Where all rows at a body are independent by its own six columns, A = [[B_b, *], [0, A']] with B_b of full rank: they are independent
-    of all others and have no share in any n with n A = 0. They are left out, and the bodies at their other ends are looked at again. So
-    open chains and trees are taken apart from their ends, and what remains are the loops.
+    If all rows at a body are independent by its own six columns, A = [[B_b, *], [0, A']] with B_b of full rank: the
+    rows are independent of all others and have no share in any n with n A = 0. They are left out, and the bodies at
+    their other ends are looked at again. So open chains and trees are taken apart from their ends, and what remains are
+    the loops.
     """
     con = model.tables.constraints
     at: list[dict[int, int]] = [{} for _ in range(model.n_bodies)]  # of every body: group -> block
@@ -78,7 +80,7 @@ def tied_groups(model: Model, B: np.ndarray) -> list[int]:
 
 
 class Dependence(NamedTuple):
-    """How the constraint rows depend on each other in a configuration."""
+    """Dependence of the constraint rows on each other in a configuration."""
 
     rank: int
     position_rank: int  # of the holonomic rows alone

@@ -1,8 +1,8 @@
 """Keeps the running account of a run (solver.output.account): energy that is stored, dissipated, supplied and missing, how much of it was
 exchanged at all, and the largest residuals with the instant and the place of each.
 
-What is exchanged is the integral of the magnitude of every element's dissipated and every input's supplied power, and the ranges of
-kinetic and of potential energy.
+The exchanged energy is the integral of the magnitude of every element's dissipated and every input's supplied power,
+and the ranges of kinetic and of potential energy.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def left_open(account: Account, bodies) -> float:
 
 
 def contradicts(account: Account, bodies) -> tuple[bool, float]:
-    """Whether rows contradict each other, and how much energy [J] of that is allowed."""
+    """(True where rows contradict each other, energy [J] that may come of it)."""
     limit = WRITTEN * exchanged(account) + left_open(account, bodies)
     return noted(account.contradiction)[0] > limit, limit
 
@@ -239,7 +239,7 @@ def note_residuals(constraints, inertia, v, h, residual, position, velocity, phi
     An angular acceleration changes by what it does in the axes of the body or of the world, whichever is less: in the former the yaw of a
     wheel turns with its spin, which is no vibration; in the latter a free disc nutates faster than the equations that a step solves.
 
-    What turns with a spin costs all the same: _note_gyration().
+    Inertia that turns with a spin costs all the same: _note_gyration().
     """
     account.steps[0] += 1.0
     moved, turned, body_moved, body_turned = 0.0, 0.0, 0, 0

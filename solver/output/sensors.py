@@ -44,7 +44,8 @@ class ImuSensor:
 
 @dataclass(frozen=True, kw_only=True)
 class Sensors:
-    """What odom and imu say of their accuracy: covariances with these standard deviations on their diagonals, 0 where none is given.
+    """Accuracy that odom and imu state: covariances with these standard deviations on their diagonals, 0 where none is
+    given.
 
     noise: numbers that scatter so, instead of the exact ones; only of these two topics, and nothing of it gets back into the motion.
     seed: of the noise, and must be given with it.

@@ -1,4 +1,4 @@
-"""What a simulation hands out after a step: plain arrays, and the names that belong to them."""
+"""Snapshots: plain arrays that a simulation hands out after a step, and the names that belong to them."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ Layout = dict[str, tuple[slice, tuple[int, ...]]]  # of every field of OutputArr
 
 
 def layout_of(channels: Channels) -> Layout:
-    """How the numbers of a Snapshot lie one after the other."""
+    """Order of the numbers of a Snapshot."""
     nx, nb = (len(channels.joints),), len(channels.bodies)
     rest = ((len(names),) for names in (channels.inputs, channels.elements, channels.reactions))
     shapes: list[tuple[int, ...]] = [nx, nx, nx, (nb, 7), (nb, 6), (6,), (len(channels.wheels), len(TIRE_COLUMNS)), *rest]

@@ -135,7 +135,7 @@ class Following:
         return take_up
 
     def reached(self) -> dict[str, tuple[float, float | None]]:
-        """Of a model as given nothing is followed."""
+        """Nothing is followed of a model as given."""
         return {}
 
     def totals(self, k: int) -> dict[str, Any]:

@@ -11,8 +11,9 @@ for the BDF and Radau methods of scipy_dae and for IDA of SUNDIALS (scikit-sunda
 
     dq/dt = v + M^-1 A^T dMu/dt        M dv/dt = f + A^T dLam/dt        dz/dt = g(z, q, v)        A v + phi_t = 0        phi = 0
 
-Rows that are not holonomic appear in A v = 0 and in the momentum balance alone; phi and Mu belong to the others. Of redundant
-constraints it keeps a set of independent rows, chosen anew when they become dependent; it stops at singular positions.
+Rows that are not holonomic appear in A v = 0 and in the momentum balance alone; phi and Mu belong to the others. It
+keeps a set of independent rows of redundant constraints, chosen anew when they become dependent; it stops at singular
+positions.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ METHODS = {
 
 
 class _Layout:
-    """Where q, v, z stand in the vector of unknowns of nb bodies and nz internal states."""
+    """Layout of q, v, z in the vector of unknowns of nb bodies and nz internal states."""
 
     def __init__(self, model: Model) -> None:
         self.nb = model.n_bodies
@@ -67,8 +68,9 @@ class _Layout:
 class Kkt:
     """Index 1, explicit, with projection. advance(t) -> MotionState at t [s].
 
-    Where constraints are singular the continuation need not be unique, and this method may leave the motion for another branch that begins
-    there, with the same energy and a jump of its velocities: its steps collapse at this instant (`steps`).
+    The continuation need not be unique where constraints are singular, and this method may leave the motion for another
+    branch that begins there, with the same energy and a jump of its velocities: its steps collapse at this instant
+    (`steps`).
     """
 
     def __init__(self, equations: Equations, t: float, motion: MotionState, tolerance: float) -> None:

@@ -34,7 +34,8 @@ ON_THE_GROUND = {  # kinds of joints and contacts -> the sides that may be the w
 
 
 def sight(q: np.ndarray, v: np.ndarray, com: Sequence[float]) -> Sight:
-    """What a driver sees: reference frame of a body with configuration q (7,), twist v (6,) and centre of mass com (3,) in it [m]."""
+    """Motion that a driver sees: reference frame of a body with configuration q (7,), twist v (6,) and centre of mass
+    com (3,) in it [m]."""
     x, y, _, *quaternion = q.tolist()
     vx, vy, vz, _, wy, wz = v.tolist()
     cx, cy, cz = com
@@ -62,8 +63,8 @@ def require_near(x: float, y: float) -> None:
 def require_free(model: ModelSpec) -> None:
     """Raise SpecError for a model that hangs on the world: moved, it would be torn off. Also for a road like require_uniform().
 
-    What a level ground gives in every place and heading stays: contacts with it, planes and uprights. A force in the axes of the world
-    (`applied_forces`) has no place either, whatever its reaction acts on.
+    Elements that a level ground makes alike in every place and heading stay: contacts with it, planes and uprights. A
+    force in the axes of the world (`applied_forces`) has no place either, whatever its reaction acts on.
     """
     require_uniform(model.road)
     for section, specs in model.sections().items():
@@ -75,7 +76,8 @@ def require_free(model: ModelSpec) -> None:
 
 
 def _hangs(spec: Spec) -> bool:
-    """Whether an element connects a body to a place of the world, or to a direction of it other than the vertical."""
+    """True where an element connects a body to a place of the world, or to a direction of it other than the
+    vertical."""
     if isinstance(spec, GuideSpec):
         return WORLD in (spec.chassis, spec.left, spec.right)
     if isinstance(spec, AppliedForceSpec):

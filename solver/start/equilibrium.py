@@ -80,7 +80,7 @@ class Equilibrium(ConsistentState):
         self.Kq[slot, :3, 3:] -= stiffness * (np.outer(d, product(moved, turned)) + s * turned)
 
     def _weight(self) -> float:
-        """Of the whole model, at least 1 N."""
+        """Weight of the whole model [N], at least 1 N."""
         return max(1.0, float((self.t.bodies.mass * norm(self.t.bodies.gravity)).sum()))
 
     def _settle(self, tables: Ref, state: State, u: np.ndarray, limit: int, hold: int | None) -> float:

@@ -157,8 +157,9 @@ class InitialConditions:
         return given
 
     def _moves(self, u: np.ndarray) -> bool:
-        """Whether the inputs move a part of a vehicle at the start, as a steering wheel that turns already: what hangs on it by rubber,
-        shafts that twist, or the guide of an axle moves with it. It stood, was torn along in the first step, and vibrated."""
+        """True where the inputs move a part of a vehicle at the start, as a steering wheel that turns already. Parts
+        that hang on it by rubber, by shafts that twist, or by the guide of an axle then start in motion too: at rest
+        they would be torn along in the first step, and vibrate."""
         rates = np.zeros(self.model.n_rows)
         constraint_input_rates(self.model.tables, u, rates, np.zeros_like(rates))
         return bool(self.model.spec.tires) and bool(rates.any())

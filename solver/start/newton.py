@@ -308,10 +308,10 @@ class ConsistentState:
         rho_inf = 1 never forgets [Arnold2015]. The increment of the exact motion is h v + h^2/2 a + h^3/6 da/dt,
         in rotations plus h^3/12 w x dw/dt; the scheme has h v + h^2 ((1/2 - beta) a_n + beta a_n+1).
 
-        Where the motion is too fast for the step to resolve (h |da/dt| > |a|) the uncorrected values are taken. Where an element is so
-        stiff that its acceleration at the first instant would give a body more speed in the step than there is, the acceleration over the
-        step is taken: the predictor would else throw the body past the element (beyond the anchor of a spring between points, to where
-        it is in equilibrium as well).
+        The uncorrected values are taken where the motion is too fast for the step to resolve (h |da/dt| > |a|). The
+        acceleration over the step is taken where an element is so stiff that its acceleration at the first instant
+        would give a body more speed in the step than there is: the predictor would else throw the body past the element
+        (beyond the anchor of a spring between points, to where it is in equilibrium as well).
         """
         a, lam = self.acceleration(state.q, state.v, state.z, state.angle, u)
         kin = self._at(state.q, state.v)
@@ -356,7 +356,8 @@ class ConsistentState:
     def _acceleration_over_a_step(self, state: State, u: np.ndarray, h: float) -> tuple[np.ndarray, np.ndarray]:
         """(a (nb+1, 6), lam (nc,)) of a linearised backward Euler step of h [s]: M a = f(q + h (v + h a), v + h a) + A^T lam.
 
-        Constraints are those of acceleration(). Of resolved motions it is the acceleration at the end of the step; stiff elements relax.
+        Constraints are those of acceleration(). It is the acceleration at the end of the step for resolved motions;
+        stiff elements relax.
         """
         kin = self._constraints(state.q, state.v, state.angle, u)
         evaluate_forces(self.t, kin, state.angle, state.z, h, u, True, self.f, self.Kq, self.Kv, self.z, self.outputs)

@@ -73,7 +73,7 @@ def edge_at_wheels(model: Model, q: np.ndarray, chassis: int, ahead: float) -> s
 
 
 def _width(tire: TireSpec) -> float:
-    """Of a tire [m]."""
+    """Width of a tire [m]."""
     return float(tire.data['WIDTH']) or DEFAULT_WIDTH * float(tire.data['UNLOADED_RADIUS'])
 
 

@@ -1,5 +1,5 @@
-"""Whether a start is what was asked for: joints that the placement closes, elements that have a direction, velocities that were given;
-and what the start changed.
+"""Checks of a start: joints that the placement closes, elements that have a direction, velocities that were given; and
+the changes that the start made.
 """
 
 from __future__ import annotations
@@ -31,7 +31,8 @@ UNLOADED = 1e-3  # of the mean load of a wheel
 
 @dataclass(frozen=True, kw_only=True)
 class Changes:
-    """What a start changed of what was given: the largest changes and the bodies that have them ('' where nothing was changed).
+    """Changes that a start made to the given placement and velocities: the largest ones and the bodies that have them
+    ('' where nothing was changed).
 
     distance [m] and turn [rad] of the placement; velocity [m/s] of centres of mass and rate [rad/s] against the velocities given
     (start.speed included). placed_by and set_by say what changed placement and velocities. corrected: the body whose own velocity,

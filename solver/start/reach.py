@@ -88,7 +88,8 @@ def _residuals(model: Model, state: State, u: np.ndarray) -> tuple[np.ndarray, n
 
 
 def _end(model: Model, driver: CouplerSpec, start: State, wanted: np.ndarray, u: np.ndarray, channel: int) -> str:
-    """Where the reach of a driver ends. start: closed without the driver, so that the residual of its row is how far it is from u."""
+    """Sentence on where the reach of a driver ends. start: closed without the driver, so that the residual of its row
+    is how far it is from u."""
     row = model.row_names.index(driver.row_names()[0])
     at = wanted.copy()
     at[channel] += _residuals(model, start, wanted)[0][row]

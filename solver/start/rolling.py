@@ -1,4 +1,5 @@
-"""What the start of a vehicle needs beside that of a mechanism: something that holds it on a slope, wheels that roll, settling at speed."""
+"""Start of a vehicle, beside that of a mechanism: something that holds it on a slope, wheels that roll, settling at
+speed."""
 
 from __future__ import annotations
 
@@ -72,8 +73,9 @@ def lay_on_road(model: Model, state: State, chassis: int) -> None:
     """Turn a whole vehicle, joints and all, about the centre of mass of its chassis until its floor is parallel to the road below it, as
     far from it as it was placed above it; further from it than REACH it is put onto it.
 
-    Where the two differ by less than STEEP and REACH nothing is done: the search for equilibrium goes that far by itself. From a level
-    placement on a steeper slope the wheels of one side would stand so deep in the road that links turn over on the way out.
+    Nothing is done if the two differ by less than STEEP and REACH: the search for equilibrium goes that far by itself.
+    From a level placement on a steeper slope the wheels of one side would stand so deep in the road that links turn
+    over on the way out.
     """
     if not model.spec.tires:
         return

@@ -1,6 +1,7 @@
 """Steps and penalties that adapt, seen from Python: the memory that a saved state holds, and every change as an Event.
 
-What is done is compiled (solver.step.interval, attempt and penalties); what it works on is solver.step.control.
+The work is compiled (solver.step.interval, attempt and penalties); the arrays that it works on are in
+solver.step.control.
 """
 
 from __future__ import annotations
@@ -22,7 +23,8 @@ from solver.step.work import OK, PAUSED, StepResult
 
 
 def is_idle(memory: dict[str, np.ndarray], h: float, penalty: np.ndarray) -> bool:
-    """Whether the last step was one of h [s], the next is to be one, and penalties are those given: a run with both constant may go on."""
+    """True where the last step was one of h [s], the next is to be one, and penalties are those given: a run with both
+    constant may go on."""
     size, _, wanted = memory['adaptation'][:3]
     return size == wanted == h and np.array_equal(memory['penalty'], penalty)
 
@@ -81,7 +83,8 @@ class Adaptation:
         }
 
     def past(self) -> dict[str, np.ndarray]:
-        """What a run reports of its past, for recall() beside memory(). Of events the number alone: a long run has many."""
+        """Past of a run as it reports it, for recall() beside memory(). Events enter by their number alone: a long run
+        has many."""
         return {'counts': np.array([self.substeps, self.rejected, self.noted, self.smallest])}
 
     def recall(self, memory: dict[str, np.ndarray], t: float) -> None:

@@ -1,8 +1,9 @@
 """One attempt at a part of an interval: a step with its history, or two steps of half the size with an estimate of their local error.
 
-*History.* The algorithm's acceleration a_n belongs to t_n + (am - af) h, the rates of internal states to t_n + (am1 - af) h, and the
-velocity satisfies A v + phi_t = -h^2 A e (solver.start.newton). When the next step is of another size all three are moved to where
-that step expects them, or each change would cost an order. What was moved is put back, because the step may not be accepted.
+*History.* The algorithm's acceleration a_n belongs to t_n + (am - af) h, the rates of internal states to t_n + (am1 -
+af) h, and the velocity satisfies A v + phi_t = -h^2 A e (solver.start.newton). When the next step is of another size
+all three are moved to where that step expects them, or each change would cost an order. Everything that was moved is
+put back, because the step may not be accepted.
 
 *Error.* Two steps of h/2 are compared with one of h from the same start; a third of the difference is the local error of the two (second
 order, [Hairer1993] II.4). With `order: 4` the state that goes on is the one extrapolated from both (solver.step.extrapolation).
@@ -28,7 +29,7 @@ SMALLEST_TOLERANCE = 1e-13
 
 
 class Attempt(NamedTuple):
-    """What came of an attempt."""
+    """Result of an attempt."""
 
     status: int  # of the step that ended it
     where: int

@@ -8,12 +8,13 @@ these that leaves the smallest violation, each row weighed by its penalty, is fo
 [Saad1986] with the directions kept: as many as there are slow modes. They hold for as long as the factorization does, so the iterations
 of a step and the projection of its velocity share them.
 
-*Directions that may be none.* Rows that depend on each other where constraints are closed do not quite where they are open: a linkage of
-which a body is turned by d off its path sees its redundant directions with s of about d^2. What they seem to leave open at the
-prediction is the curvature of the constraints; closing it takes multipliers that mean nothing and move the linkage along its path. Next
-to a singular position a direction is as weak, but must be held. Which of both it is shows in the iterate without the combination: the
-violation there is smaller than at the prediction, or larger. So directions with an image below xi d^2 are tried so, and taken back in
-(restore) where it has grown.
+*Directions that may be none.* Rows that depend on each other where constraints are closed do not quite where they are
+open: a linkage of which a body is turned by d off its path sees its redundant directions with s of about d^2. The
+violation that they seem to leave at the prediction is the curvature of the constraints; closing it takes multipliers
+that mean nothing and move the linkage along its path. Next to a singular position a direction is as weak, but must be
+held. Which of both it is shows in the iterate without the combination: the violation there is smaller than at the
+prediction, or larger. So directions with an image below xi d^2 are tried so, and taken back in (restore) where it has
+grown.
 
 *A step that ends in a singular position.* Where the end of a step does not see a direction at all (its image is dropped), nothing holds it
 over the step but the multipliers from before, whose force along the rows of the stage is not what it was: they grow as the inverse of what
@@ -191,8 +192,9 @@ def _rates(constraints, J, T, dw, scratch, rate):
 
 @kernel(borrow=True)
 def is_unseen(tables, form, saddle, augmentation, J_stage, T_stage, g, dw, scratch, lam_scratch):
-    """Whether the increment dw (nb + 1, 6), which closes the violation g (nc,) at the end of the step, goes along a direction that the rows
-    of the stage see and those of the factorization do not. scratch (nb + 1, 6) and lam_scratch (nc,) are lost.
+    """True where the increment dw (nb + 1, 6), which closes the violation g (nc,) at the end of the step, goes along a
+    direction that the rows of the stage see and those of the factorization do not. scratch (nb + 1, 6) and lam_scratch
+    (nc,) are lost.
     """
     t, known = saddle.t, augmentation.known[0]
     _rates(tables.constraints, J_stage, T_stage, dw, scratch, t)
@@ -206,7 +208,8 @@ def is_unseen(tables, form, saddle, augmentation, J_stage, T_stage, g, dw, scrat
 
 @kernel(borrow=True)
 def holds_more(tables, saddle, augmentation, work, dw, before):
-    """Whether the stage sees what its rows made of the increment `before` (nb + 1, 6), to dw, BETTER than the end does; before is lost."""
+    """True where the stage sees the change that its rows made of the increment `before` (nb + 1, 6), to dw, BETTER than
+    the end does; before is lost."""
     for b in range(dw.shape[0] - 1):
         for i in range(6):
             before[b, i] = dw[b, i] - before[b, i]
@@ -218,7 +221,7 @@ def holds_more(tables, saddle, augmentation, work, dw, before):
 
 @kernel(inner=True)
 def grew(lam, before):
-    """Whether the largest multiplier grew as before a singular position, as one over the distance to it, would have."""
+    """True where the largest multiplier grew as it does before a singular position: as one over the distance to it."""
     most, k = 0.0, 0
     for i in range(lam.shape[0]):
         if abs(lam[i]) > most:
@@ -292,8 +295,9 @@ def _combine(tables, form, saddle, augmentation, enough, smallest, dw, dlam, par
 
 @kernel(borrow=True)
 def opposed(tables, J_s, J_e, dlam, r, f):
-    """Whether the change dlam (nc,) of the multipliers makes more than half of the momentum residual r (nb + 1, 6) by acting along J_s, the
-    force directions of the stage, instead of J_e, those that the matrix has; f (nb + 1, 6) is scratch.
+    """True where the change dlam (nc,) of the multipliers makes more than half of the momentum residual r (nb + 1, 6)
+    by acting along J_s, the force directions of the stage, instead of J_e, those that the matrix has; f (nb + 1, 6) is
+    scratch.
 
     So it is next to a singular position, where a constraint sees the free direction with opposite signs at the stage and at the end. A
     stop that is hit or a wheel that lands makes an iteration grow too, but by its own force.

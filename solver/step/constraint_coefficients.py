@@ -43,7 +43,8 @@ class Formulation(NamedTuple):
 
 
 class ConstraintCoefficients(NamedTuple):
-    """Of one constraint row, per unit of the row (m or rad): m [kg, kg m^2], c [.../s], k [.../s^2], f [N, N m].
+    """Coefficients of one constraint row, per unit of the row (m or rad): m [kg, kg m^2], c [.../s], k [.../s^2], f [N,
+    N m].
 
     k is zero where the row is not holonomic.
     """
@@ -164,9 +165,9 @@ def constraint_coefficients(tables, form, coupled, full, J, Kq, Kv, f, saddle, f
 def weigh(tables, c, work):
     """work.saddle.W = what the penalties of this step multiply: m_R, or with c_R and k_R the mass that the step matrix shows.
 
-    (m phidot)' + c phidot + k phi = 0 is, in one step from phi = 0, (m (1 - am) + c s gamma h + k s beta h^2) phi = 0: the
-    quadratic form of the step matrix in the direction c_R. Of a velocity it is (m (1 - am) + c s gamma h) psidot = 0, without k. A
-    tangent that makes it smaller than m_R is left out.
+    (m phidot)' + c phidot + k phi = 0 is, in one step from phi = 0, (m (1 - am) + c s gamma h + k s beta h^2) phi = 0:
+    the quadratic form of the step matrix in the direction c_R. The equation of a velocity is (m (1 - am) + c s gamma h)
+    psidot = 0, without k. A tangent that makes it smaller than m_R is left out.
     """
     constraint_coefficients(
         tables, c.form, c.coupled, c.full, work.J_stage, work.Kq, work.Kv, work.f, work.saddle, work.formulation

@@ -1,4 +1,4 @@
-"""What the control of steps and penalties knows: settings, memory, events and scratch, as arrays that compiled code works on."""
+"""Control of steps and penalties: settings, memory, events and scratch, as arrays that compiled code works on."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Event(NamedTuple):
 
 
 class History(NamedTuple):
-    """What a state needs beside itself when the next step is of another size."""
+    """Data that a state needs beside itself when the next step is of another size."""
 
     size: np.ndarray  # (2,) [s] of the step that led to it, and between the stage before the last and the last
     offset: np.ndarray  # (nb + 1, 6) its velocity minus the projected one

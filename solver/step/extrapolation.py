@@ -12,11 +12,11 @@ own inverse with the sign of time reversed, so the error of the velocities and p
 - Both solutions satisfy phi = 0 and differ by O(h^3), so the extrapolated one violates it by O(h^6): nothing accumulates, because every
   step ends on the constraints. Its velocity is projected, and accelerations and multipliers are those that belong to both.
 
-Internal states follow the same rule. What is of fourth order are motions that a step resolves; unresolved undamped ones grow, because
-(4 R(h/2)^2 - R(h)) / 3 exceeds one on the imaginary axis: by y^6 / 1152 per step with y = h omega. So does what decays
-within h / 26 or less, by up to 5/3 per step (R(h) goes to -1). The motion shows it, but for the wind-up of slipping friction, whose sign
-would choose that of the torque: that one is refused (require_resolved_friction). Rows that are not holonomic are of third order beside
-others: what a velocity violates is carried on for positions.
+Internal states follow the same rule. Motions that a step resolves are of fourth order; unresolved undamped ones grow,
+because (4 R(h/2)^2 - R(h)) / 3 exceeds one on the imaginary axis: by y^6 / 1152 per step with y = h omega. So does what
+decays within h / 26 or less, by up to 5/3 per step (R(h) goes to -1). The motion shows it, but for the wind-up of
+slipping friction, whose sign would choose that of the torque: that one is refused (require_resolved_friction). Rows
+that are not holonomic are of third order beside others: what a velocity violates is carried on for positions.
 """
 
 from __future__ import annotations

@@ -21,7 +21,8 @@ LARGEST_TURN_PER_STEP = 1.0  # rad; the iteration contracts by about the turn of
 
 
 def sentence(model: Model, settings: IntegratorSettings, scheme: Ref, state: State, work: Ref, result: StepResult, when: str) -> str:
-    """What a step from a state came to; work: what it and those before it left; when: instant and number of the step."""
+    """Sentence on a step that failed. state: from which it started; work: as the step and those before it left it;
+    when: instant and number of the step."""
     when = f'{when}: {_fast_turn(model, settings.h, state)}'
     where = result.where
     if result.status == NON_FINITE:

@@ -66,7 +66,8 @@ ATTEMPTS = 100  # of a call; then the caller may look around
 
 @kernel(borrow=True)
 def is_undetermined(h_before, before, h, error, allowed):
-    """Whether the last of two attempts (h, rate of its error) is hardly more accurate than the one before, and its error is allowed.
+    """True where the last of two attempts (h, rate of its error) is hardly more accurate than the one before, and its
+    error is allowed.
 
     Next to a singular position the motion is determined only so far, and a jump of the forces has an error of rate one however
     small the step: the step with the smallest error is then the one to take. Truncation errors fall with the square.

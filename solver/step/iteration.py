@@ -86,7 +86,8 @@ def evaluate_iterate(tables, c, s0, s1, u, cz, tangents, J_end, work):
 
 @kernel(inline=True)
 def _to_g(c):
-    """What makes an acceleration of the residual of a velocity (0) and of a position (1) at the end of a step."""
+    """Factors that make an acceleration of the residual of a velocity (0) and of a position (1) at the end of a
+    step."""
     return 1.0 / (c.gamma * c.h), 1.0 / (c.beta * c.h * c.h)
 
 
@@ -158,7 +159,7 @@ def measured_increment(c, speed, work):
 
 @kernel(inline=True)
 def remaining(increment, rate):
-    """What a geometric series leaves of the error behind an increment that is `rate` times the one before."""
+    """Error that remains behind an increment that is `rate` times the one before, by a geometric series."""
     return increment * rate / (1.0 - rate) if rate < 1.0 else increment
 
 

@@ -37,8 +37,9 @@ MOST_ITERATIONS = 20  # of a step in mode fixed
 
 @kernel(inner=True)
 def _is_lost_anyway(c, s0, s1, left, speed):
-    """Whether a step loses as much as `left` of a velocity [m/s or rad/s] whatever its iteration leaves: by what it does not see of a
-    motion that bends, most often that of one of the first bodies; or whether that may always be lost, or is rounding of the places.
+    """True where a step loses as much as `left` of a velocity [m/s or rad/s] whatever its iteration leaves: a motion
+    that bends, most often that of one of the first bodies, has an error of second order of that size. Also true where
+    `left` is negligible, or is rounding of the positions.
     """
     if left < NEGLIGIBLE_LOSS * c.h * speed:
         return True
@@ -99,7 +100,8 @@ def _combine_fixed(tables, c, s0, s1, u, first, factorized, growing, unseen, spe
 
 @kernel(inline=True)
 def _is_closed_by_the_end(tables, J_end, before, work):
-    """Whether an iteration that grows is next to a singular position, with constraints that are closed. before: the last increment.
+    """True where an iteration that grows is next to a singular position, with constraints that are closed. before: the
+    last increment.
 
     They are not closed by forces along A of the stage: the impulse that closed them acted along A of the end, which is as good
     to second order. Going on only makes it worse.
@@ -113,8 +115,8 @@ def _is_closed_by_the_end(tables, J_end, before, work):
 def iterate_fixed(tables, c, s0, s1, u, cz, speed, work):
     """A fixed number of iterations, c.iterations, and as many more as what they leave needs.
 
-    A fixed number relies on the gain of each iteration. Where they do not gain (a stop is hit, a wheel lands) the tangents of the
-    prediction are those of another place: go on with new ones until they do.
+    A fixed number relies on the gain of each iteration. If they do not gain (a stop is hit, a wheel lands), the
+    tangents of the prediction are those of another place: go on with new ones until they do.
     """
     # Straight to where assemble() wants the gradients, unless it needs that place for itself.
     J_end = work.saddle.J_force if c.weigh == 0 else work.J_end

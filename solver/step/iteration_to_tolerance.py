@@ -30,7 +30,8 @@ CONTRACTION_TO_REUSE = 0.1  # tolerance mode keeps the factorization while an it
 
 @kernel(inner=True)
 def _balanced(tables, c, speed, work):
-    """Whether the residuals are below the tolerance, as velocity over a step (momentum) and as displacement (constraints)."""
+    """True where the residuals are below the tolerance, as velocity over a step (momentum) and as displacement
+    (constraints)."""
     limit = c.tolerance * speed
     for i in range(work.phi_end.shape[0]):
         if not abs(work.phi_end[i]) <= (limit * c.h if tables.constraints.holonomic[i] == 1 else limit):

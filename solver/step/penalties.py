@@ -1,8 +1,9 @@
 """Penalties that follow the iteration (`penalty_policy: adaptive`; the formulation leaves the rules open, these are ours).
 
-An iteration that stagnates with constraints open is repeated from the start of the step with larger penalties of the slowest
-constraints: those with the largest violation, weighed by the masses behind them. Where it would be accepted as it is, a raise that does
-not help is taken back; where the step would fail, all penalties are raised. After easy steps all return towards the setting.
+An iteration that stagnates with constraints open is repeated from the start of the step with larger penalties of the
+slowest constraints: those with the largest violation, weighed by the masses behind them. If the step would be accepted
+as it is, a raise that does not help is taken back; if it would fail, all penalties are raised. After easy steps all
+return towards the setting.
 """
 
 from __future__ import annotations
@@ -68,7 +69,7 @@ def converge(tables, c, control, source, target, h, tolerance, u, t, outputs, wo
 
 @kernel(inner=True)
 def _left(h, speed, work):
-    """What the iteration left open, relative as its tolerance is; infinite when it failed."""
+    """Residual of the iteration, relative as its tolerance is; infinite when it failed."""
     result = last_result(work)
     if result.status != OK:
         return np.inf if result.status == NOT_CONVERGED else 0.0

@@ -14,7 +14,7 @@ SMALLEST_PART = 1024  # a step that fails is halved ten times: more costs more t
 
 @dataclass(frozen=True, kw_only=True)
 class IntegratorSettings:
-    """How a model is advanced in time (equations and choices: docs/formulation.md).
+    """Settings of the integrator (equations and choices: docs/formulation.md).
 
     kind: 'alf' is the augmented-Lagrangian integrator, 'm_alf' the same code as the usual augmented Lagrangian of
     multibody codes [Bayo1988] (h_R = lam_R, m_R = 1), 'reference_*' independent slow solutions of the same model.
@@ -103,7 +103,7 @@ class IntegratorSettings:
 
     @property
     def adapts(self) -> bool:
-        """Whether penalties or step may change in the course of a run, or steps are taken together."""
+        """True where penalties or step may change in the course of a run, or steps are taken together."""
         return self.order != 2 or self.penalty_policy != 'constant' or self.step_policy != 'constant'
 
     @property

@@ -45,7 +45,7 @@ def largest_turn(x, b):
 
 @kernel(inline=True)
 def is_row_finite(x, b):
-    """Whether row b of x (n, 6) is finite."""
+    """True where row b of x (n, 6) is finite."""
     return np.isfinite((x[b, 0] + x[b, 1]) + (x[b, 2] + x[b, 3]) + (x[b, 4] + x[b, 5]))
 
 

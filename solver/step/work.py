@@ -1,4 +1,4 @@
-"""What an augmented-Lagrangian step needs and gives: parameters of the scheme, scratch, status and counters."""
+"""Work arrays of an augmented-Lagrangian step: parameters of the scheme, scratch, status and counters."""
 
 from __future__ import annotations
 
