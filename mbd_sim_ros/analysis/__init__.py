@@ -1,4 +1,4 @@
-"""What is done with recordings: tables, data frames, comparison, pictures, reports."""
+"""Analysis of recordings: tables, data frames, comparison, pictures, reports."""
 
 from __future__ import annotations
 

@@ -99,13 +99,14 @@ def common(signals: Sequence[Signal], kind: Kind = 'linear') -> Common:
 
 
 def _is_even(time_ns: np.ndarray) -> bool:
-    """Whether a signal is sampled, however seldom: a command that is sent on change has uneven intervals, or hardly any."""
+    """True where a signal is sampled, however seldom: a command that is sent on change has uneven intervals, or hardly
+    any."""
     apart = np.diff(time_ns)
     return apart.size >= EVEN[0] and bool(np.max(apart) <= EVEN[1] * np.median(apart))
 
 
 def _lost_ns(grids: Sequence[np.ndarray], least: int) -> int:
-    """How long [ns] any of them has no instant, longer than `least`, while another has."""
+    """Time [ns] for which any of them has no instant, longer than `least`, while another has."""
     spans = []
     for k, t in enumerate(grids):
         for i in np.flatnonzero(np.diff(t) > least):
@@ -156,7 +157,7 @@ def unwrapped(values: np.ndarray) -> np.ndarray:
 
 
 def is_wrapped(values: np.ndarray) -> bool:
-    """Whether the signal has jumps that `unwrapped` takes out."""
+    """True where the signal has jumps that `unwrapped` takes out."""
     return unwrapped(values) is not values
 
 

@@ -129,7 +129,7 @@ def rows_of(file: Path) -> Rows:
 
 
 def _fits(row: Sequence[str], width: int) -> bool:
-    """Whether a row has so many cells, but for separators at its end."""
+    """True where a row has so many cells, but for separators at its end."""
     return len(row) == width or (len(row) > width and not any(row[width:]))
 
 
@@ -185,7 +185,7 @@ def spelled(unit: str) -> str:
 
 
 def _has_comma(file: Path, rows: Sequence[Sequence[str]], lines: Sequence[int], mark: str) -> bool:
-    """Whether numbers have decimal commas. Raises BagError where some have points and some commas."""
+    """True where numbers have decimal commas. Raises BagError where some have points and some commas."""
     commas, points = [], []
     for line, row in zip(lines[:SAMPLE], rows[:SAMPLE]):
         for cell in row:

@@ -59,7 +59,7 @@ class Comparison:
 
     @property
     def interpolated(self) -> bool:
-        """Whether any signal was interpolated."""
+        """True where any signal was interpolated."""
         return any(d.interpolated for d in self.differences)
 
     @property
@@ -69,7 +69,8 @@ class Comparison:
 
     @property
     def ok(self) -> bool:
-        """Whether every channel is within its tolerance; channels that are missing are judged by whoever asked (see left_out)."""
+        """True where every channel is within its tolerance; missing channels are judged by the caller (see
+        left_out)."""
         return not self.problems and all(d.ok for d in self.differences)
 
 
@@ -172,7 +173,7 @@ def compare(
 
 
 def _turned(signals: Sequence[Signal], before: Sequence[np.ndarray], after: Sequence[np.ndarray]) -> bool:
-    """Whether full turns were taken from an angle, or it jumps like one in degrees."""
+    """True where full turns were taken from an angle, or it jumps like one in degrees."""
     jumps = any(bool(np.any(np.abs(np.diff(s.values)) > HALF_A_TURN_DEG)) for s in signals)
     return jumps or not all(np.array_equal(a, b, equal_nan=True) for a, b in zip(before, after, strict=True))
 

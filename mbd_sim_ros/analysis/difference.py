@@ -17,10 +17,9 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True, kw_only=True)
 class Band:
-    """Where the run lies between repeats of a test.
-
-    repeats: how many. width: largest half width of the confidence band. inside: part of the instants at which the run is in it.
-    within: part of the instants at which the run is between the smallest and the largest of the repeats.
+    """Place of the run between repeats of a test. repeats: their number. width: largest half width of the confidence
+    band. inside: part of the instants at which the run is in it. within: part of the instants at which the run is
+    between the smallest and the largest of the repeats.
     """
 
     repeats: int
@@ -59,7 +58,7 @@ class Difference:
 
     @property
     def ok(self) -> bool:
-        """Whether the channel is within its tolerance."""
+        """True where the channel is within its tolerance."""
         return not self.reasons
 
     @property

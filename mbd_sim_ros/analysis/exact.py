@@ -9,7 +9,8 @@ from mbd_sim_ros.bags.reader import Series
 
 
 def exact_difference(name: str, here: Series, there: Series, unit: str) -> Difference:
-    """How a channel of the run differs from that of the reference; any other bit or instant is outside tolerance."""
+    """Difference between a channel of the run and that of the reference; any other bit or instant is outside
+    tolerance."""
     c = exact_curves(name, here, there)
     x, y = c.run, c.reference
     n = x.size

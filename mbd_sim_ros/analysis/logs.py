@@ -75,7 +75,8 @@ def _one_sentence(what: str) -> Iterator[None]:
 
 @contextmanager
 def _told(table: Table) -> Iterator[None]:
-    """What the library logs of a file that it reads all the same is told with the table, once, and not printed."""
+    """Collector of messages that the library logs of a file that it reads all the same: they are told with the table,
+    once, and not printed."""
 
     class Told(logging.Handler):
         def emit(self, record: logging.LogRecord) -> None:

@@ -32,7 +32,7 @@ from solver.validate import require
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelSource:
-    """What a channel is made from: sign * value * (unit in SI) + offset.
+    """Source of a channel: sign * value * (unit in SI) + offset.
 
     channel: its name in the other recording. unit: of the values there ('': the one in the header of a table, else as ours). offset: in SI
     units, added last.
@@ -130,8 +130,8 @@ def resolve(
 def apply(run: Run, channels: Mapping[str, ChannelSource], axes: Sequence[Axes], unit: Callable[[str], str]) -> tuple[Run, frozenset[str]]:
     """The run under our names and in SI units, and which of its channels are held. unit: of our channels, '' where it is not known.
 
-    Channels that are not mapped keep their names, unless a mapped one takes it. What a table has in other units is brought to SI. Raises
-    BagError.
+    Channels that are not mapped keep their names, unless a mapped one takes it. Columns of a table in other units are
+    brought to SI. Raises BagError.
     """
     found = resolve(channels, run.names, run.instead_of)
     made: dict[str, list[tuple[str, ChannelSource]]] = {}  # theirs -> what of ours

@@ -148,7 +148,7 @@ def file_names(topics: Iterable[str]) -> dict[str, str]:
 
 
 def suspicion(run: Run) -> tuple[str, ...]:
-    """What the recorded run says against itself, and what was lost or merged in reading it."""
+    """Doubts about a recorded run: its own findings, and messages that were lost or merged in reading it."""
     said = run.metadata
     told = (*run.remarks, *run.told)
     damage, dropped = said.get('damage', ''), said.get('dropped_steps', '0')
@@ -221,7 +221,8 @@ def read(
 
 
 def _is_of(topic: str, names: Sequence[str], beside: Collection[str], channels: Sequence[str]) -> bool:
-    """Whether columns of a table are those of a topic: with its name in front they are among others that they are not among without."""
+    """True where columns of a table are those of a topic: with its name in front they are among others that they are
+    not among without."""
 
     def meets(found: Sequence[str]) -> bool:
         return any(name in beside or (channels and fits_any(name, channels)) for name in found)

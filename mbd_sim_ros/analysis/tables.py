@@ -31,7 +31,8 @@ class TimeColumn:
 
 @dataclass
 class Table:
-    """What a table holds: per topic its columns, units as stated, columns that are none and why, and what was dropped or assumed."""
+    """Content of a table: per topic its columns, units as stated, columns that are none and why, and what was dropped
+    or assumed."""
 
     series: dict[str, Series] = field(default_factory=dict)
     stated: dict[str, str] = field(default_factory=dict)
@@ -40,7 +41,7 @@ class Table:
 
     @property
     def names(self) -> list[str]:
-        """Of all columns."""
+        """Names of all columns."""
         return [name for one in self.series.values() for name in one.columns]
 
 

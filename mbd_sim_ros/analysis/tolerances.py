@@ -1,4 +1,4 @@
-"""What difference is allowed, per channel: from a file, or one for all.
+"""Allowed differences per channel: from a file, or one for all.
 
 tolerances:                       # the first pattern that fits a channel counts
   'imu/w*': {rtol: 0.05, atol: 0.01, rating: 0.8}
@@ -71,7 +71,7 @@ class Tolerances:
 
     @property
     def rated(self) -> bool:
-        """Whether any limit needs the rating of a channel."""
+        """True where any limit needs the rating of a channel."""
         return any(t.rating is not None or t.shift is not None for t in (*self.tolerances.values(), self.default))
 
 

@@ -1,4 +1,4 @@
-"""What becomes of the messages of a topic: times that go back, the same time twice, and the account of all of them."""
+"""Accounts of the messages of a topic: times that go back, the same time twice, and the sum of all of them."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ LOG, PUBLISH, HEADER, NAMES = range(4)  # rows of a table of stamps: three clock
 
 @dataclass(frozen=True)
 class Account:
-    """What became of the messages of a topic: messages = rows + equal + beside.
+    """Account of the messages of a topic: messages = rows + equal + beside.
 
     equal: left out, because a later message has the same time and the same columns; twice: of these, those with the same values too, so
     that nothing is lost. beside: in the row of another message, of other columns. disordered: recorded behind one with a later time, and
@@ -54,7 +54,7 @@ class Account:
         )
 
     def doubts(self) -> list[str]:
-        """What was left out or put otherwise than it was recorded, a sentence each."""
+        """Sentences on messages that were left out, or put in another order than they were recorded."""
         found = []
         if self.misaligned:
             found.append('its messages are aligned from the start of the buffer, against CDR, and are read so')
@@ -74,14 +74,14 @@ class Account:
         return found
 
     def remarks(self) -> list[str]:
-        """What was left out or put otherwise, and is no loss, a sentence each."""
+        """Sentences on messages that were left out or put in another order without a loss."""
         if not self.twice or self.twice < self.equal:
             return []
         return [f'{self.twice} of {self.messages} messages are left out, which were recorded twice: the same {self.clock}, the same values']
 
 
 def shuffled(log_times: np.ndarray) -> bool:
-    """Whether messages do not lie in the file as they were recorded: reversed, or in no order.
+    """True where messages do not lie in the file as they were recorded: reversed, or in no order.
 
     A clock that is set back, or begins anew, goes back once now and then; these go back all the time.
     """
@@ -103,6 +103,7 @@ def went_back(came: np.ndarray, clock: Clock, log_times: np.ndarray) -> str:
 
 
 def alike(left: np.ndarray, stay: np.ndarray, left_at: np.ndarray, stay_at: np.ndarray) -> int:
-    """How many messages that are left out have the values and times (columns of tables) of those that stay; one NaN is like another."""
+    """Number of messages that are left out and have the values and times (columns of tables) of those that stay; one
+    NaN is like another."""
     same = (left == stay) | (np.isnan(left) & np.isnan(stay))
     return int(np.count_nonzero(np.all(same, axis=0) & np.all(left_at == stay_at, axis=0)))

@@ -1,4 +1,4 @@
-"""What a recording holds besides the messages so that its run can be repeated: the inputs of every step, and the state it begins with.
+"""Data in a recording by which its run can be repeated: the inputs of every step, and the state it begins with.
 
 `cmd_applied` holds the inputs of the step that led to an instant. Where steps lie between two instants (record.every > 1, or steps
 that a slow disk did not take), a message of topic `inputs_applied` at the later one holds the rows of all steps since: Float64MultiArray,
@@ -65,7 +65,7 @@ class Applied:
 
 
 def begin_of(simulation: Simulation) -> dict[str, str]:
-    """What a recording that begins now says about its beginning: entries for its description."""
+    """Entries for the description of a recording that begins now, about its beginning."""
     begin = {'start_step': str(simulation.k)}
     if simulation.k or getattr(simulation, 'displaced', False):
         begin['start_state'] = base64.b64encode(simulation.save()).decode()

@@ -67,7 +67,7 @@ class Room:
         self._left = TABLE_MOST[0] + TABLE_MOST[1] * size
 
     def take(self, rows: int, width: int) -> int:
-        """How many of the announced rows of so many bytes are reserved: all or none."""
+        """Number of the announced rows of so many bytes that are reserved: all or none."""
         if rows * width > self._left:
             return 0
         self._left -= rows * width
@@ -131,7 +131,7 @@ class Collector:
 
     @property
     def idle(self) -> bool:
-        """Whether no further message is of use."""
+        """True where no further message is of use."""
         return bool(self.problem) or (self._complete and not self.columns)
 
     @property
@@ -256,7 +256,8 @@ class Collector:
         self._stamps = np.empty((4, rows), np.int64)
 
     def _named(self, value: dict[str, Any], places: dict[str, cdr.Place]) -> tuple[list[int], list[Pick], int]:
-        """Of a decoded message the rows of the table that are wanted, what is picked for each, and the number of this set of columns."""
+        """(rows of the table that are wanted of a decoded message, the pick for each, number of this set of
+        columns)."""
         found = named(self.topic, self.type, value, places, self._plain)
         for shown, size in found.sizes.items():
             if self._sizes.setdefault(shown, size) != size:
@@ -397,7 +398,7 @@ def _gather(table: np.ndarray, place: cdr.Place) -> np.ndarray:
 
 
 def _has_list(value: Any) -> bool:
-    """Whether a decoded message has a list of texts or of messages, whose names may be others in the next one."""
+    """True where a decoded message has a list of texts or of messages, whose names may be others in the next one."""
     return isinstance(value, list) or (isinstance(value, dict) and any(map(_has_list, value.values())))
 
 

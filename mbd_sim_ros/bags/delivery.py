@@ -1,4 +1,5 @@
-"""What goes through the pipe between a simulation (recorder.py) and the process that writes its recording (process.py).
+"""Deliveries through the pipe between a simulation (recorder.py) and the process that writes its recording
+(process.py).
 
 Every delivery is the size of a marshalled value and of what follows it, the value, and that. Values are the start (directory, topics,
 metadata), then lists of steps, each its time and the sizes of its messages (-1: none), which follow, then the result, a dict.

@@ -57,7 +57,7 @@ class Unpacked:
 
     @property
     def counts(self) -> Counter[int]:
-        """Of the messages in them."""
+        """Counts of the messages in them."""
         return self._inner.counts if self._inner is not None else Counter()
 
     def __iter__(self) -> Iterator[Record]:
@@ -94,7 +94,7 @@ def open_recording(path: str | Path, *, skip: set[int]) -> RecordSource:
 
 
 def holds_recording(directory: Path) -> bool:
-    """Whether a directory holds a recording, whole or not."""
+    """True where a directory holds a recording, whole or not."""
     return any(any(directory.glob(pattern)) for pattern in ('*.mcap*', f'*{rosbag2.SUFFIX}*'))
 
 

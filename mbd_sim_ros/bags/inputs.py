@@ -75,7 +75,7 @@ class Content(NamedTuple):
 
     @property
     def dropped_steps(self) -> int:
-        """How many steps a slow disk did not take."""
+        """Number of steps that a slow disk did not take."""
         return self.count('dropped_steps')
 
     @property
@@ -262,7 +262,8 @@ def _block(data: bytes, names: Sequence[str], where: Path) -> np.ndarray:
 
 
 def recorded_inputs(path: str, channels: Mapping[str, BagChannel], log_times: bool = False) -> Recorded:
-    """What `maneuver: {bag: path, map: channels, log_times: log_times}` stands for (solver.inputs.recorded.READER). Raises BagError."""
+    """Recorded inputs that `maneuver: {bag: path, map: channels, log_times: log_times}` stands for
+    (solver.inputs.recorded.READER). Raises BagError."""
     where = f'maneuver: bag {path}'
     if not channels:
         found = inputs_of(content(path))

@@ -1,4 +1,4 @@
-"""What chunks of one recording have in common: the same messages in every step, of the same sizes.
+"""Layouts that chunks of one recording have in common: the same messages in every step, of the same sizes.
 
 A chunk that is like one before it, in everything but its times and data, is taken apart by one call of `struct` instead of message by
 message. The heads of all its records are compared with those that are known, so nothing is assumed of it.

@@ -37,7 +37,7 @@ TEXT = -1  # place of a number that is written as text
 
 
 class Pick(NamedTuple):
-    """Where the number of a column is: the field, and which of its numbers (TEXT: its text is the number)."""
+    """Place of the number of a column: the field, and which of its numbers (TEXT: its text is the number)."""
 
     path: str
     place: int
@@ -91,7 +91,7 @@ def _of_joints(topic: str, names: Any, places: Mapping[str, cdr.Place], plain: b
 
 
 def is_plain(topic: str, places: Mapping[str, cdr.Place]) -> bool:
-    """Whether a JointState is a set of named scalars."""
+    """True where a JointState is a set of named scalars."""
     return [part for part in PARTS if places[part].size] == [PARTS[0]] and not topic.endswith('joint_states')
 
 
@@ -136,7 +136,7 @@ def _items(field: list | np.ndarray, path: str, shown: str, labels: Sequence[str
 
 
 def _labels(field: list | np.ndarray, names: Sequence[str]) -> Sequence[str]:
-    """What the items of a list are called; empty where nobody says."""
+    """Names of the items of a list; empty where they have none."""
     if len(field) == len(names):
         return names
     if isinstance(field, np.ndarray) or not field:
@@ -146,7 +146,7 @@ def _labels(field: list | np.ndarray, names: Sequence[str]) -> Sequence[str]:
 
 
 def _texts(field: Any) -> bool:
-    """Whether a field is a list of texts (an empty list may be one of anything)."""
+    """True where a field is a list of texts (an empty list may be one of anything)."""
     return isinstance(field, list) and bool(field) and isinstance(field[0], str)
 
 

@@ -19,24 +19,24 @@ LISTED = 8  # topics that are listed where no name is near
 
 
 def fits(name: str, pattern: str) -> bool:
-    """Whether a channel is meant. [0] is a set of characters to the shell, and may be an index here."""
+    """True where a pattern fits a channel. [0] is a set of characters to the shell, and may be an index here."""
     return fnmatchcase(name, pattern) or ('[' in pattern and fnmatchcase(name, INDEX.sub(r'[[]\1]', pattern)))
 
 
 def fits_any(name: str, patterns: Iterable[str]) -> bool:
-    """Whether a channel is meant by one of them."""
+    """True where one of the patterns fits a channel."""
     return any(fits(name, pattern) for pattern in patterns)
 
 
 def may_fit(topic: str, patterns: Iterable[str]) -> bool:
-    """Whether one of them may mean a channel of a topic, whatever the channel is called."""
+    """True where one of the patterns may fit a channel of a topic, whatever the channel is called."""
     begins = [re.split(r'[*?[]', pattern)[0] for pattern in patterns]
     return any(begin.startswith(f'{topic}/') or f'{topic}/'.startswith(begin) for begin in begins)
 
 
 def nearest(wanted: str, known: Sequence[str]) -> str:
-    """What may be meant by a channel, a pattern or a topic that is not there, to be appended to a sentence: '; did you mean A, B or C?',
-    with the wildcards of the pattern; or which topics there are.
+    """Guess at a channel, a pattern or a topic that does not exist, to be appended to a sentence: '; did you mean A, B
+    or C?', with the wildcards of the pattern; or which topics there are.
     """
     parts = [part for part in re.split('/' if '/' in wanted else r'[/.]', wanted) if part] or ['']
     scores: dict[str, float] = {}
@@ -82,5 +82,5 @@ def _mended(parts: Sequence[str], has: Sequence[str]) -> tuple[str, float]:
 
 @lru_cache(maxsize=100_000)
 def _likeness(part: str, name: str) -> float:
-    """Of two parts of names, whatever the case of their letters, 0 to 1."""
+    """Likeness of two parts of names, whatever the case of their letters, 0 to 1."""
     return SequenceMatcher(None, part.lower(), name.lower()).ratio()

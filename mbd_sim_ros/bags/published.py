@@ -40,7 +40,7 @@ _ENCAPSULATION = 4
 
 
 class Told(NamedTuple):
-    """What a recording says of the node whose topics it holds. scene: resolved text, '' where the topic is missing."""
+    """Data of a recording about the node whose topics it holds. scene: resolved text, '' where the topic is missing."""
 
     namespace: str
     scene: str
@@ -56,7 +56,8 @@ def tell(scene: Scene, simulation: Any) -> str:
 def load_published(name: str | Path, overrides: Sequence[str] = ()) -> Scene:
     """A scene as the node runs it. Raises SceneError.
 
-    Steps of a scene that leaves it open are constant: one that is divided would come late. What is recorded says so.
+    Steps of a scene that leaves it open are constant: one that is divided would come late. The recorded scene holds
+    that setting.
     """
     from solver.files.scene import load_scene
 
@@ -65,7 +66,8 @@ def load_published(name: str | Path, overrides: Sequence[str] = ()) -> Scene:
 
 
 def told(path: str | Path) -> Told | None:
-    """What a recording says of its node; None for one of this package, whose metadata say it. Raises BagError."""
+    """Data of a recording about its node; None for a recording of this package, whose metadata hold them. Raises
+    BagError."""
     path, skip = Path(path), set[int]()
     schemas: dict[int, Schema] = {}
     topics: dict[int, str] = {}
@@ -109,7 +111,7 @@ def _namespace(topic: str) -> str:
 
 
 def _parted(path: Path, text: str) -> tuple[dict[str, Any], str]:
-    """What the first line of a text on `~/scene` says, and the scene."""
+    """(content of the first line of a text on `~/scene`, the scene)."""
     first, _, rest = text.partition('\n')
     try:
         head = json.loads(first.removeprefix(MARK))
@@ -121,7 +123,8 @@ def _parted(path: Path, text: str) -> tuple[dict[str, Any], str]:
 
 
 def is_ours(topic: str, kind: str) -> bool:
-    """Whether the node publishes a topic (without its namespace) of this type, with simulation time in its stamps."""
+    """True where the node publishes a topic (without its namespace) of this type, with simulation time in its
+    stamps."""
     if family(topic) in SCALARS:
         return kind == JOINT_STATE
     if topic.startswith('tire/'):
@@ -139,7 +142,8 @@ def stamp_of(path: Path, topic: str, kind: str, data: bytes) -> int:
 
 
 def about(said: Told, first: int | None, frame: str) -> dict[str, str]:
-    """What a recording of this package would say of itself. first: the first step that is in it. frame: of its odometry or transforms."""
+    """Metadata that a recording of this package would have. first: the first step that is in it. frame: of its odometry
+    or transforms."""
     head = said.head
     metadata = {'resolved_scene': said.scene, 'source_hash': str(head.get('source_hash', '')), 'namespace': said.namespace}
     metadata['target'] = yaml.safe_dump(head.get('target', {}))

@@ -1,6 +1,6 @@
 """Reading recordings: a bag becomes a `Run`, per topic its instants and named columns (columns.py).
 
-What is not whole is not read: `mbd recover` (recovery.py) makes a whole one of what there is.
+A damaged recording is not read: `mbd recover` (recovery.py) makes a whole one of its rest.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ class Run:
         return tuple(name for names in known.values() for name in names)
 
     def instead_of(self, wanted: str) -> str:
-        """What is said of a channel, or a pattern, that is not there: why its topic is not read, or the nearest names."""
+        """Sentence on a channel, or a pattern, that does not exist: why its topic is not read, or the nearest names."""
         asked = wanted.strip('/')
         for topic, why in self.left_out.items():
             if asked == topic or asked.startswith(f'{topic}/'):
@@ -92,13 +92,13 @@ class Run:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """What was left out or merged when it was read, and clocks that do not meet, a sentence each."""
+        """Sentences on messages that were left out or merged when it was read, and on clocks that do not meet."""
         of_topics = [f'topic {topic}: {text}' for topic, one in self.accounts.items() for text in one.doubts()]
         return (*filter(None, [apart(self.accounts)]), *of_topics)
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """What was left out when it was read, without a loss, a sentence each."""
+        """Sentences on messages that were left out when it was read, without a loss."""
         return tuple(f'topic {topic}: {text}' for topic, one in self.accounts.items() for text in one.remarks())
 
     @property
@@ -108,7 +108,7 @@ class Run:
 
     @property
     def findings(self) -> list[dict[str, Any]]:
-        """What makes the run suspect (solver.analysis.verdict.report). Raises BagError."""
+        """Findings on the run, which make it suspect (solver.analysis.verdict.report). Raises BagError."""
         return self._said('findings', list, dict)
 
     @property

@@ -299,8 +299,8 @@ class Reading:
             yield one
 
     def _one_by_one(self, body: bytes, most: int) -> tuple[tuple[tuple[int, int], ...], list[Record], list[Messages]]:
-        """How many messages of every channel a chunk holds, what else, and those not passed over: the loop runs once
-        per message. Raises what is wrong."""
+        """(numbers of messages of every channel in a chunk, its other records, messages that are not passed over). The
+        loop runs once per message. Raises on a damaged chunk."""
         at, end = 0, len(body) - _HEAD.size
         head, whole = _HEAD.size, _MESSAGE.size
         least = whole - head
@@ -400,7 +400,7 @@ def _inflate(compression: str, data: bytes, size: int) -> bytes:
 
 
 def _decompressor() -> Any:
-    """Of zstandard, one for each thread: a file has many chunks."""
+    """Decompressor of zstandard, one for each thread: a file has many chunks."""
     if not hasattr(_OWN, 'zstd'):
         import zstandard
 
@@ -409,7 +409,8 @@ def _decompressor() -> Any:
 
 
 def message_counts(path: Path) -> dict[int, int]:
-    """How many messages each channel has, by the summary at the end of the file; empty where there is none. A hint: it may be wrong."""
+    """Number of messages of each channel, by the summary at the end of the file; empty where there is none. A hint: it
+    may be wrong."""
     with path.open('rb') as stream:
         size = os.fstat(stream.fileno()).st_size
         stream.seek(max(0, size - _TAIL.size))

@@ -23,10 +23,8 @@ from solver.errors import BagError
 
 
 class Recovered(NamedTuple):
-    """What `recover` saved.
-
-    damage: what was wrong with the source; empty: it was whole. lost: messages that are known to be missing. left_out: topics that cannot
-    be copied, and why.
+    """Result of `recover`. damage: the fault of the source; empty: it was whole. lost: messages that are known to be
+    missing. left_out: topics that cannot be copied, and why.
     """
 
     directory: Path
@@ -39,7 +37,7 @@ class Recovered(NamedTuple):
 
     @property
     def complete(self) -> bool:
-        """Whether the source was whole."""
+        """True where the source was whole."""
         return not self.damage
 
 

@@ -100,7 +100,7 @@ class Database:
 
 
 def salvage(path: Path) -> str:
-    """What saves the rows of a damaged database."""
+    """Remedy that saves the rows of a damaged database."""
     file = path if path.suffix == SUFFIX else path.with_suffix('')
     first = '' if file == path else f'unpack it (zstd -d {path}); '
     return f'{first}`sqlite3 {file} .recover | sqlite3 {file.with_name("saved" + SUFFIX)}` saves the rows that can be read'

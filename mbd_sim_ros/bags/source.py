@@ -61,7 +61,7 @@ class ChecksummedStream:
         return found, passed
 
     def checksum(self, but: int) -> int:
-        """Of all from the last begin() on, but the last bytes taken."""
+        """Checksum of all bytes from the last begin() on, but the last ones taken."""
         self._sum(self._at - but)
         return self._checksum
 

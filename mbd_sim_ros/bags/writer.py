@@ -194,7 +194,8 @@ class BagWriter:
 
 
 def _weight(topic: str) -> int:
-    """How the messages of a topic grow: 0 not at all, 1 with joints, wheels or bodies, 2 with elements."""
+    """Growth of the messages of a topic with the model: 0 not at all, 1 with joints, wheels or bodies, 2 with
+    elements."""
     *_, last = words = topic.split('/')
     return 2 if ELEMENTS in words else int(last in WIDE)
 

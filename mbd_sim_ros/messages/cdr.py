@@ -26,7 +26,7 @@ BEHIND_IT = len(ENCAPSULATION)  # byte from which alignment counts; 0 in message
 
 
 class Place(NamedTuple):
-    """Where the numbers of one field are in an encoded message."""
+    """Place of the numbers of one field in an encoded message."""
 
     kind: str  # primitive
     offset: int  # bytes from the start of the message
@@ -192,7 +192,8 @@ def decode_first(message_type: str, text: str, data: bytes) -> tuple[dict[str, A
 
 
 def may_have_zeros_behind(message_type: str, text: str, data: bytes) -> bool:
-    """Whether a message that is longer than its schema asks for may be CDR with zeros behind it, and not one that is aligned otherwise.
+    """True where a message that is longer than its schema asks for may be CDR with zeros behind it, and not one that is
+    aligned otherwise.
 
     What is aligned otherwise ends in numbers, not zeros; where these are zero, the last that is not appears as a subnormal one.
     """

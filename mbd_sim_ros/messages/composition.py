@@ -64,7 +64,7 @@ class Composition:
         self.templates.append(template(topic.type, value))
 
     def spot(self, path: str) -> Spot:
-        """Where a field of the newest message is."""
+        """Place of a field in the newest message."""
         return Spot(len(self.templates) - 1, self.templates[-1].places[path].offset)
 
     def fill(self, path: str, source: np.ndarray) -> None:

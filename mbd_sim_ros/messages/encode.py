@@ -33,7 +33,8 @@ STAMP = struct.Struct('<iI')  # builtin_interfaces/Time: s, ns
 
 
 class _Part(NamedTuple):
-    """What the messages of some topics take: places of their times and numbers, and of the numbers of a snapshot that go there."""
+    """Data for the messages of some topics: places of their times and numbers, and of the numbers of a snapshot that go
+    there."""
 
     stamps: list[int]  # bytes from the begin of the buffer
     source: np.ndarray
@@ -168,7 +169,8 @@ class Messages:
         return messages
 
     def _part(self, due: tuple[int, ...], placed: bool) -> _Part:
-        """What of the buffer the topics at these places take, the last of them with all bodies if `placed`; kept for the next time."""
+        """Part of the buffer that the topics at these places take, the last of them with all bodies if `placed`; kept
+        for the next time."""
         last = len(self.topics) - 1
         chosen = [(i, self._seldom if placed and i == last and self._seldom is not None else i) for i in due]
         templates = {k for _, k in chosen}

@@ -41,5 +41,6 @@ ELEMENTS = 'element_states'  # the topic of the outputs of elements, or what tho
 
 
 def family(topic: str) -> str:
-    """What topics that show parts of one thing have in common: ELEMENTS for one of a kind of elements, other names as they are."""
+    """Family of a topic, common to topics that show parts of one thing: ELEMENTS for one of a kind of elements, other
+    names as they are."""
     return ELEMENTS if topic.startswith(f'{ELEMENTS}/') else topic

@@ -111,7 +111,7 @@ class Adapter(Node):
         return self._driven is not None and self._heard
 
     def missing(self) -> str:
-        """What is wrong with the simulator while it has not been found."""
+        """Reason why the simulator has not been found yet."""
         if self._commands.get_subscription_count() == 0:
             return 'is not there'
         if self._driven is None:

@@ -45,7 +45,7 @@ class Audience:
         self._commands, self._assisted = commands, assisted
 
     def hidden(self, most: int) -> int:
-        """How many of the next steps, at most so many, nobody sees, while nobody commands or assists."""
+        """Number of the next steps, at most so many, that nobody sees, while nobody commands or assists."""
         lockstep = self._pace.lockstep  # which does not look for commands in these steps
         if self._assisted or (self._commands.commanded and not lockstep):
             return 0

@@ -1,4 +1,4 @@
-"""What a node is told: subscriptions to the commands, looked into by the simulation thread; limits, refusals and warnings."""
+"""Commands to a node: subscriptions, looked into by the simulation thread; limits, refusals and warnings."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ def gears_of(model: Any) -> tuple[int, int] | None:
 
 
 def commanded(name: str) -> Commanded:
-    """What a command is."""
+    """Description of a command."""
     known = PLAIN.get(name) or next((one for start, one in BY_WHEEL.items() if name.startswith(start)), None)
     if known is not None:
         return known

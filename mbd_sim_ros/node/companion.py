@@ -38,7 +38,7 @@ class Companion(Protocol):
         """Take what comes, for LOOK at most; whether the simulator has been found. Raises MbdError."""
 
     def missing(self) -> str:
-        """What is wrong with the simulator while it has not been found."""
+        """Reason why the simulator has not been found yet."""
 
     def ended(self) -> str:
         """Why there is nothing more to do; '' while there is."""

@@ -19,7 +19,8 @@ AUTONOMOUS = 1  # of ControlModeReport
 
 
 class Measured(NamedTuple):
-    """What status reports tell. forward, left: velocity in base_link [m/s]; yaw_rate [rad/s]; road_wheel [rad]; gear of Autoware."""
+    """Measurements in status reports. forward, left: velocity in base_link [m/s]; yaw_rate [rad/s]; road_wheel [rad];
+    gear of Autoware."""
 
     stamp: Any  # builtin_interfaces/Time
     forward: float
@@ -78,7 +79,7 @@ def control(message: Any) -> Demand:
 
 
 def gear(command: int) -> str:
-    """What a gear of Autoware is for the loop; one that there is not counts as neutral."""
+    """Gear of the control loop for one of Autoware; an unknown one counts as neutral."""
     if GEAR_DRIVE <= command <= GEAR_DRIVE_LAST or command in GEAR_LOW:
         return DRIVE
     return {GEAR_REVERSE: REVERSE, GEAR_REVERSE_LAST: REVERSE, GEAR_PARK: PARK}.get(command, NEUTRAL)

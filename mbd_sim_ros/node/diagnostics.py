@@ -21,7 +21,8 @@ SLOW = 0.98  # of the wanted rate, below which real time is not kept
 
 
 def judged(simulation: object, envelope: Envelope | None = None, *, ended: bool = False) -> list[Finding]:
-    """What makes the run so far suspect; nothing of a stand-in, which keeps no account. envelope: of the plan that was taken, if any.
+    """Findings on the run so far; none for a stand-in, which keeps no account. envelope: of the plan that was taken, if
+    any.
 
     ended: see Envelope.findings.
     """

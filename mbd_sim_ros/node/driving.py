@@ -73,7 +73,8 @@ class Driving:
         """Until a command comes, steering, brakes, clutches, gear and what the scene adds stay where they are; what helps the driver works
         what it has itself.
 
-        What was commanded when a state was saved holds where it is restored, but for what drives: that is there while it is sent only.
+        Commands of the time when a state was saved hold where it is restored, except those that drive: these hold only
+        while they are sent.
         """
         inputs = dict(zip(self.simulation.channels.inputs, self.simulation.snapshot().inputs.tolist()))
         still = ['steering_torque', 'brake_torque', 'gear', *further(self.names)]
@@ -122,7 +123,7 @@ class Driving:
 
     @property
     def _steered(self) -> bool:
-        """Whether the steering has been commanded, here or before that which this goes on with."""
+        """True where the steering has been commanded, in this run or in the one that it continues."""
         return self._latch.newest.counts[0] > 0 or self.names[0] in self._restored
 
     def _in_force(self) -> Mapping[str, float]:
@@ -133,6 +134,6 @@ class Driving:
         return {name: value for name, value in zip(self.names, self._latch.newest.values, strict=True) if name in known}
 
     def _parts(self) -> dict[str, state_files.Part]:
-        """What has a memory, by the names in state files."""
+        """Parts that have a memory, by their names in state files."""
         parts = {'steering': self._source, 'actuators': self._actuators, 'assistance': self.assistant}
         return {name: part for name, part in parts.items() if part is not None}

@@ -2,8 +2,9 @@
 
     pedal u:  map(u, omega) = T / R        omega = R |v| / radius, at least where the engine idles; R: ratio between crankshaft and wheels
 
-The adapter follows the gear by the law of the gearbox itself (solver.inputs.shifting) with the speed that it hears, so what it sends
-depends on nothing but the states that it answers. What map and clutch do beside this is left to the loop, whose integral takes it.
+The adapter follows the gear by the law of the gearbox itself (solver.inputs.shifting) with the speed that it hears, so
+what it sends depends on nothing but the states that it answers. The integral of the loop takes the rest of the effect
+of map and clutch.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ class Gearbox:
 
     @classmethod
     def of(cls, scene: Scene) -> Gearbox | None:
-        """Of the vehicle of a scene; None where its torque acts at the differential alone."""
+        """Gearbox of the vehicle of a scene; None where its torque acts at the differential alone."""
         model = scene.model
         engines = [e for e in model.engines if e.input == 'accelerator']
         boxes = [c for c in model.clutches if c.gear == 'gear']

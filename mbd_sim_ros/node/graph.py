@@ -1,4 +1,5 @@
-"""What does not match in the ROS graph around a node: types and qualities of service that let no message through, and second publishers.
+"""Mismatches in the ROS graph around a node: types and qualities of service that let no message through, and second
+publishers.
 
 ROS delivers nothing between a publisher and a subscription of different types, and the middleware says nothing of it; of qualities of
 service that do not match it says that there are some, and not whose. A subscription of this program follows who publishes where that costs
@@ -67,7 +68,7 @@ class Ear:
 
     @property
     def receive(self) -> Callable[[Any], None]:
-        """What is given the messages."""
+        """Function that is called with the messages."""
         return self.kinds[self.kind]
 
     def take(self) -> Any:
@@ -125,7 +126,7 @@ class Ear:
 
 
 class _Seen(NamedTuple):
-    """What was found out about a topic."""
+    """Findings about a topic."""
 
     of: tuple[Any, ...]  # another one: it is out of date
     sentences: tuple[str, ...]
@@ -148,7 +149,7 @@ class Graph:
         self._turn = 0
 
     def look(self, *nodes: Node) -> list[str]:
-        """What does not match now, one sentence each, the more important ones first; what is new is logged as a warning."""
+        """Present mismatches, one sentence each, the more important ones first; new ones are logged as warnings."""
         ours: dict[str, tuple[list[Publisher], list[Subscription]]] = {}
         for node in nodes:
             for publisher in node.publishers:
@@ -175,7 +176,7 @@ class Graph:
         return [f'{who} publishes {", ".join(sorted(names))} too: {follows}' for (who, follows), names in topics.items()]
 
     def _looked(self, topic: str, publishers: list[Publisher], subscriptions: list[Subscription], own: set[str], *, anyway: bool) -> _Seen:
-        """What there is to say of a topic; what was said before where nothing has changed."""
+        """Findings about a topic; those of before where nothing has changed."""
         node, before = self._node, self._seen.get(topic)
         ends: list[Publisher | Subscription] = [*publishers, *subscriptions]
         here = [(end.msg_type, end.qos_profile.reliability) for end in ends]
@@ -235,7 +236,7 @@ def _finite(profile: QoSProfile) -> QoSProfile:
 
 
 def _quality(profile: QoSProfile) -> str:
-    """What this node offers, or asks for, in the words of ROS."""
+    """Quality of service that this node offers, or asks for, in the words of ROS."""
     reliable = 'best effort' if profile.reliability == ReliabilityPolicy.BEST_EFFORT else 'reliable'
     return f'{reliable}, {"transient local" if profile.durability == DurabilityPolicy.TRANSIENT_LOCAL else "volatile"}, without deadline'
 

@@ -12,7 +12,7 @@ DRIVING = ('drive_torque', 'accelerator')  # beginnings of commands that drive: 
 
 
 class Timed(Protocol):
-    """What is needed of solver.simulation.Simulation: step number, step and time [ns]."""
+    """Parts of solver.simulation.Simulation that a latch needs: step number, step and time [ns]."""
 
     h_ns: int
     k: int
@@ -35,7 +35,7 @@ class Latched(NamedTuple):
 
 
 class Answers(NamedTuple):
-    """What became of stamped commands and of plain ones in lockstep, since the start."""
+    """Counts of stamped commands and of plain ones in lockstep, since the start, by what became of them."""
 
     taken: int = 0  # states that a stamped command answered
     refused: int = 0  # stamped commands that answered another state than the one that is waiting
@@ -90,7 +90,7 @@ class Latch:
 
     @property
     def waits(self) -> bool:
-        """Whether the present state is one that lockstep waits to have answered."""
+        """True where lockstep waits for an answer to the present state."""
         return self.pace.lockstep and self.ahead == 0
 
     @property
@@ -104,7 +104,8 @@ class Latch:
         return self._simulation.t_ns + self.ahead * self._simulation.h_ns
 
     def is_answered(self) -> bool:
-        """Whether the state that is waiting has been answered: then the next pace.lockstep_every steps are to be made."""
+        """True where the state that is waiting has been answered: then the next pace.lockstep_every steps are to be
+        made."""
         pace, counts, k = self.pace, self.newest.counts, self._simulation.k
         if self._answered != k:
             if not all(counts[i] > self._used[i] for i in pace.lockstep_commands):

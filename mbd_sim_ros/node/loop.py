@@ -31,7 +31,7 @@ LATELY = 8  # calls by which it is judged what steps take; the quickest of them 
 
 
 class Stepper(Timed, Protocol):
-    """What the loop needs of solver.simulation.Simulation."""
+    """Parts of solver.simulation.Simulation that the loop needs."""
 
     def snapshot(self) -> Snapshot: ...
     def advance(self, n: int = 1, inputs: np.ndarray | None = None) -> Snapshot: ...
@@ -158,7 +158,7 @@ class Loop:
 
     @property
     def stepping(self) -> bool:
-        """Whether steps that were asked for are being made, or are still to be."""
+        """True where requested steps are being made, or are still to be made."""
         return self._pending > 0
 
     def finish(self, outcome: str) -> None:
@@ -310,7 +310,7 @@ class Loop:
 
     @property
     def _keeps_time(self) -> bool:
-        """Whether a schedule is in force."""
+        """True where a schedule is in force."""
         return self.pace.mode == 'realtime' and self._anchor is not None
 
     def _show(self, snapshot: Snapshot) -> None:

@@ -79,7 +79,7 @@ class Player(Node):
         return self.answered >= 0
 
     def missing(self) -> str:
-        """What is wrong with the simulator while it has not been found."""
+        """Reason why the simulator has not been found yet."""
         return 'is there but sends no cmd_applied (is it in another namespace?)' if self._found() else 'is not there'
 
     def ended(self) -> str:
@@ -91,7 +91,7 @@ class Player(Node):
         return ''
 
     def _found(self) -> bool:
-        """Whether somebody listens to a command that every car has."""
+        """True where somebody listens to a command that every car has."""
         return self._listened(COMMANDS[1])
 
     def _listened(self, name: str) -> bool:

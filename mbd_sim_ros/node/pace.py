@@ -11,7 +11,7 @@ MODES = ('realtime', 'fast', 'lockstep')
 
 @dataclass(kw_only=True)
 class Pace:
-    """What loop, commands and publishing know of each other's pace.
+    """Pace that loop, commands and publishing share.
 
     rate_factor: simulated per elapsed time in real time. command_timeout: age [s] from which a command that drives counts
     as zero; 0: never. In lockstep an answer is a command at each of the places lockstep_commands, or a stamped one; it makes
@@ -26,5 +26,5 @@ class Pace:
 
     @property
     def lockstep(self) -> bool:
-        """Whether steps wait for commands."""
+        """True where steps wait for commands."""
         return self.mode == 'lockstep'

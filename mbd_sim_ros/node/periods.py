@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 
 def due(k: int, periods: Iterable[int]) -> bool:
-    """Whether step k is a multiple of one of the periods."""
+    """True where step k is a multiple of one of the periods."""
     for period in periods:  # noqa: SIM110  # no generator: this is asked of every topic at every step
         if k % period == 0:
             return True
@@ -14,7 +14,7 @@ def due(k: int, periods: Iterable[int]) -> bool:
 
 
 def before_next(k: int, most: int, periods: Iterable[int]) -> int:
-    """How many of the steps k + 1 .. k + most come before the first that is due."""
+    """Number of the steps k + 1 .. k + most that come before the first that is due."""
     for period in periods:
         most = min(most, period - k % period - 1)
     return most

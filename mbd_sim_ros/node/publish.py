@@ -96,7 +96,7 @@ class Channel:
 
     @property
     def answered(self) -> bool:
-        """Whether it is one of ANSWERED."""
+        """True where it is one of ANSWERED."""
         return self.topic.name in ANSWERED
 
 

@@ -99,7 +99,7 @@ class Recording:
             self.take(last)
 
     def found(self) -> list[Finding]:
-        """What makes the run suspect if it ends here."""
+        """Findings on the run if it ends here."""
         return judged(self._simulation, self._envelope, ended=True)
 
     def end(self, loop: Loop, outcome: str, found: list[Finding] | None = None, last: Snapshot | None = None) -> Path | None:

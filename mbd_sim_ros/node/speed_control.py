@@ -58,7 +58,8 @@ class Car:
 
     @classmethod
     def of(cls, scene: Scene, ratio: float | None = None) -> Car:
-        """Of the vehicle of a scene. ratio: of its steering; None: it is measured, which raises SpecError where that cannot be."""
+        """Car of the vehicle of a scene. ratio: of its steering; None: the ratio is measured, which raises SpecError
+        where it cannot be."""
         model = scene.model
         places = {b.name: b.position for b in model.bodies}
         wheels = {t.name: places[t.marker.body] for t in model.tires}

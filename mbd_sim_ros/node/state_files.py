@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 
 class Part(Protocol):
-    """What makes inputs and has a memory."""
+    """Source of inputs that has a memory."""
 
     state: np.ndarray
 
@@ -127,8 +127,9 @@ def restore(path: Path, scene: Scene, simulation: Simulation, parts: Mapping[str
 
 
 def jump(simulation: Simulation, rate: float) -> str:
-    """What a maneuver does to the steering wheel in the next step, if that is faster than `rate` [rad/s] and the wheel is not where it had
-    it: it does not ask where that stands. '' where it does not, or where a driver or an actuator turns the wheel."""
+    """Sentence on a jump of the steering wheel by a maneuver in the next step, if that is faster than `rate` [rad/s]
+    and the wheel is not where it had it: it does not ask where that stands. '' where it does not, or where a driver or
+    an actuator turns the wheel."""
     sources, names, inputs = simulation.sources, simulation.channels.inputs, simulation.snapshot().inputs
     turned = sources.driver is not None and sources.driver.driver is not None
     if turned or 'steering' not in names or (sources.actuators is not None and 'steering' in simulation.scene.actuation.actuators):
@@ -158,5 +159,5 @@ def _require_above_the_road(path: Path, scene: Scene, simulation: Simulation) ->
 
 
 def _model_hash(model: Any) -> str:
-    """Of the model without its road: states carry over between scenes of the same vehicle."""
+    """Hash of the model without its road: states carry over between scenes of the same vehicle."""
     return hashlib.sha256(repr(dataclasses.replace(model, road=RoadSpec()) if isinstance(model, ModelSpec) else model).encode()).hexdigest()

@@ -30,7 +30,7 @@ class Ticks:
 
     @property
     def heard(self) -> bool:
-        """Whether somebody follows."""
+        """True where somebody follows."""
         return self.publisher.get_subscription_count() > 0
 
     @property
@@ -43,7 +43,7 @@ class Ticks:
 
     @property
     def began(self) -> bool:
-        """Whether there was a message since the start, or since the last restart."""
+        """True where there was a message since the start, or since the last restart."""
         return self._last > -math.inf
 
     def restart(self) -> None:

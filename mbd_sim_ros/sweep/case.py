@@ -34,8 +34,8 @@ Row = dict[str, Any]
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class SweepCase:
-    """What a process needs to know. text: the resolved scene. values: of the parameters. rows: directory of the rows, where it can be
-    reached ('' elsewhere); bags: of the recordings, or ''."""
+    """One case of a sweep, with all that a process needs to run it. text: the resolved scene. values: of the
+    parameters. rows: directory of the rows, where it can be reached ('' elsewhere); bags: of the recordings, or ''."""
 
     number: int
     text: str

@@ -39,7 +39,8 @@ MOST_CASES = 1_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
-    """What one key of the scene takes: the values of a list, or numbers from low to high (in a grid so many, ends included)."""
+    """Values that one key of the scene takes: those of a list, or numbers from low to high (in a grid so many, ends
+    included)."""
 
     values: tuple[float | str, ...] = ()
     low: float | None = None
@@ -55,7 +56,7 @@ class Parameter:
 
     @property
     def ranged(self) -> bool:
-        """Whether it is a range of numbers."""
+        """True where it is a range of numbers."""
         return not self.values
 
     def at(self, share: float) -> float | str:
@@ -127,7 +128,7 @@ class Sweep:
 
     @property
     def fewest(self) -> int:
-        """How many cases there are at least: of a grid all, of a design its samples."""
+        """Least number of cases: all of a grid, the samples of a design."""
         if self.design.kind != 'grid':
             return self.design.samples
         return math.prod(parameter.steps if parameter.ranged else len(parameter.values) for parameter in self.parameters.values())

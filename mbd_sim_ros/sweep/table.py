@@ -1,4 +1,4 @@
-"""What a sweep found: the table, sensitivities, and a report."""
+"""Results of a sweep: the table, sensitivities, and a report."""
 
 from __future__ import annotations
 
@@ -51,9 +51,10 @@ def write_table(rows: Sequence[Row], directory: Path) -> Path:
 
 
 def sensitivities(sweep: Sweep, rows: Sequence[Row]) -> dict[str, dict[str, dict[str, float]]]:
-    """figure -> parameter -> indices: of a design of kind morris mu_star and sigma (elementary effects of the whole range [Morris1991]), of
-    saltelli S1 and ST (first-order and total [Saltelli2010]), by SALib; nothing of the other kinds, and where a case failed. What ends in
-    _conf is the half width of the 95 % confidence interval of what is before, by bootstrap: of few samples an index may be anything."""
+    """figure -> parameter -> indices: of a design of kind morris mu_star and sigma (elementary effects of the whole
+    range [Morris1991]), of saltelli S1 and ST (first-order and total [Saltelli2010]), by SALib; nothing of the other
+    kinds, and where a case failed. A name that ends in _conf is the half width of the 95 % confidence interval of the
+    index before it, by bootstrap: of few samples an index may be anything."""
     if sweep.design.kind not in SENSITIVITY:
         return {}
     result: dict[str, dict[str, dict[str, float]]] = {}
@@ -90,7 +91,8 @@ def no_indices(sweep: Sweep, rows: Sequence[Row], figure: str) -> str:
 
 
 def known_to(sweep: Sweep, indices: Mapping[str, Mapping[str, float]]) -> str:
-    """How badly the Sobol indices of a figure are known; '' where it is well enough, and of Morris's, which rank and are no shares.
+    """Sentence on the uncertainty of the Sobol indices of a figure; '' where it is small enough, and for those of
+    Morris, which rank and are no shares.
 
     By their confidence intervals, and at best to 1/sqrt(samples): bootstrap of few samples knows nothing of those that were not taken.
     """

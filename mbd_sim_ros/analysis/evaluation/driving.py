@@ -1,7 +1,7 @@
 """Drives the maneuver of a norm with a vehicle: finds the amplitude, runs what is to be run, keeps what has been run already.
 
 A run lies in a directory named by its content: hash of the scene with everything in place, of what is beside its text (its plan, a
-recording that it takes), and of the source of the solver. What is there and complete is not driven again.
+recording that it takes), and of the source of the solver. A recording that exists and is complete is not driven again.
 """
 
 from __future__ import annotations
@@ -150,8 +150,8 @@ class Driving:
         return scene, self._vehicle
 
     def _sized(self, text: str) -> list[str]:
-        """What the files have for passenger cars, as settings for a vehicle that is none in size: torques of who keeps the speed, and the
-        rate of a slow ramp of the steering wheel."""
+        """Settings of the files for passenger cars, scaled to a vehicle of another size: torques of the speed control,
+        and the rate of a slow ramp of the steering wheel."""
         scene, vehicle = self._known(text)
         size, control = size_of(scene.model), scene.maneuver.speed
         if size.ordinary or control is None or 'mass' not in vehicle.masses:
@@ -164,7 +164,7 @@ class Driving:
         return ramp + [f'maneuver.speed.{name}={float(f"{value:.4g}")!r}' for name, value in settings.items()]
 
     def _fitted(self, evaluation: Evaluation, text: str) -> list[str]:
-        """What follows from the speed of the start and the rest of the scene with all that the user sets, as settings."""
+        """Settings that follow from the speed of the start and the rest of the scene with all that the user sets."""
         if evaluation.drive.fitted is None:
             return []
         scene = load_scene_text(text, evaluation.name, self.overrides)
@@ -178,7 +178,7 @@ class Driving:
             )
 
     def _driver(self, text: str, cones: bool) -> list[str]:
-        """What the preview driver knows of the car, as settings."""
+        """Settings of the preview driver about the car."""
         scene, vehicle = self._known(text)
         self._alone(scene)
         if vehicle.ratio is None:
@@ -260,7 +260,7 @@ class Driving:
         return self._angles[key]
 
     def _friction(self, text: str) -> float:
-        """Of the road that the maneuver is driven on [-], away from patches."""
+        """Friction of the road that the maneuver is driven on [-], away from patches."""
         return load_scene_text(text, 'scene of the maneuver', self.overrides).model.road.friction
 
     def _reaching(self, text: str, wanted: float) -> float:
@@ -353,7 +353,7 @@ class Driving:
 
 
 def rolling(place: Path) -> bool:
-    """Whether all wheels of a recording roll, down to walking pace."""
+    """True where all wheels of a recording roll, down to walking pace."""
     run = runs.read(place, ('odom/twist/vx', 'tire_states/*'))
     moving = run['odom/twist/vx'] > CREEPS
     slips = [values for name, values in run.columns.items() if name.startswith('tire_states/') and name.endswith('/kappa')]
@@ -361,24 +361,24 @@ def rolling(place: Path) -> bool:
 
 
 def rising(a: np.ndarray, rate: float) -> bool:
-    """Whether a ramp ended while the car still answered to it."""
+    """True where a ramp ended while the car still answered to it."""
     k = max(a.size - round(0.5 * rate), 0)
     return bool(a[-1] > (1.0 + RISES) * a[k] and a[-1] > (1.0 - RISES) * a.max())
 
 
 def on(friction: float) -> str:
-    """Where a ramp was driven, in words; nothing for a dry road."""
+    """Friction on which a ramp was driven, in words; nothing for a dry road."""
     return '' if friction == 1.0 else f' on a road of friction {friction:g}'
 
 
 def width_of(scene: Scene) -> float:
-    """Of a car over the outer edges of its tires [m]."""
+    """Width of a car over the outer edges of its tires [m]."""
     places = {body.name: body.position for body in scene.model.bodies}
     return 2.0 * max(abs(places[tire.marker.body][1]) + 0.5 * tire.data['WIDTH'] for tire in scene.model.tires)
 
 
 def complete(place: Path, scene: Scene) -> bool:
-    """Whether a recording is there and holds the whole scene."""
+    """True where a recording exists and holds the whole scene."""
     if not place.is_dir():
         return False
     try:

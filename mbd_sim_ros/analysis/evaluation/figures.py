@@ -1,4 +1,4 @@
-"""What an evaluation finds: figures with units, limits and verdicts, curves to look at, and notes."""
+"""Results of evaluations: figures with units, limits and verdicts, curves to look at, and notes."""
 
 from __future__ import annotations
 
@@ -67,7 +67,8 @@ class Chart:
 
 @dataclass(frozen=True, kw_only=True)
 class Result:
-    """Of one recording. evaluation: its name. norm: what it follows. notes: what people must know who use the figures."""
+    """Result of one recording. evaluation: its name. norm: the norm that it follows. notes: cautions for users of the
+    figures."""
 
     evaluation: str
     title: str
@@ -80,7 +81,7 @@ class Result:
 
     @property
     def passed(self) -> bool | None:
-        """Whether every limit is kept; None where nothing is judged."""
+        """True where every limit is kept; None where nothing is judged."""
         return verdict(figure.ok for figure in self.figures)
 
     def __getitem__(self, name: str) -> float:
@@ -109,7 +110,8 @@ def verdict(oks: Any) -> bool | None:
 
 
 def sentence(results: Sequence[Result]) -> str:
-    """Whether all limits of the norms are kept, in words. A limit that was not judged is not counted among those that are kept."""
+    """Sentence that says if all limits of the norms are kept. A limit that was not judged is not counted among those
+    that are kept."""
     left = sum(bool(figure.limit) and figure.ok is None for result in results for figure in result.figures)
     passed = verdict(result.passed for result in results)
     if passed is None:

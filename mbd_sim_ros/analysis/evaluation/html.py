@@ -49,7 +49,7 @@ def _row(figure: Figure) -> list[str]:
 
 
 def _amplitude(result: Result) -> str:
-    """What tells the runs of a series from each other."""
+    """Mark that tells the runs of a series from each other."""
     found = [f for f in result.figures if f.name == 'amplitude']
     return f', {math.degrees(found[0].value):+.0f} deg' if found else ''
 

@@ -119,7 +119,7 @@ def _unread(run: Run, place: str, scene: Scene | None) -> tuple[str, ...]:
 
 
 def _states(scene: Scene, evaluation: Evaluation) -> bool:
-    """Whether the maneuver of a scene is for an evaluation, by any of its names."""
+    """True where the maneuver of a scene is for an evaluation, by any of its names."""
     try:
         return evaluation in called(scene.maneuver.evaluation)
     except SpecError:  # none, or one that is not known here
@@ -127,8 +127,9 @@ def _states(scene: Scene, evaluation: Evaluation) -> bool:
 
 
 def misfit(s: Signals) -> tuple[str, ...]:
-    """What units, signs and axes of a mapping that are wrong do: a car at a steady sideslip angle has a lateral acceleration of speed times
-    yaw rate, and as long as it moves slowly about that, by least squares; and it turns to the side to which it is steered."""
+    """Sentences on wrong units, signs or axes of a mapping: a car at a steady sideslip angle has a lateral acceleration
+    of speed times yaw rate, and as long as it moves slowly about that, by least squares; and it turns to the side to
+    which it is steered."""
     return _angle(s) + _side(s) + _acceleration(s)
 
 

@@ -1,4 +1,4 @@
-"""What an evaluation is: one object per maneuver of a norm, made in the file of its family and listed in registry.py."""
+"""Kinds of evaluations: one object per maneuver of a norm, made in the file of its family and listed in registry.py."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ SLOWEST = 1.0  # m/s at the start, below which nothing is made longer
 
 @dataclass(frozen=True, kw_only=True)
 class Drive:
-    """How `mbd maneuver` drives it.
+    """Drive of a maneuver by `mbd maneuver`.
 
     maneuver: file in config/maneuvers. speed [m/s]: at the start. duration [s]. every: steps between two instants that are recorded.
     road: file in config/roads. amplitude: the key of the scene that is set to the angle of the steering wheel with which the car

@@ -2,7 +2,7 @@
 
 The lanes follow from the width of the vehicle (solver.inputs.driver.DoubleLaneChange). The body is a rectangle on the road. The distance
 to the cones of a lane is the least of: corners of the body to the rows of cones, while they are between its first and last cone; and the
-first and last cones to the sides of the body, while these pass. Where it is negative, a cone is hit.
+first and last cones to the sides of the body, while these pass. A negative one means that a cone is hit.
 """
 
 from __future__ import annotations

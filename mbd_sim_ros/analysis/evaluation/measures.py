@@ -1,4 +1,4 @@
-"""What all evaluations measure with: crossings and peaks between samples, straight lines, filters without delay."""
+"""Measures that evaluations share: crossings and peaks between samples, straight lines, filters without delay."""
 
 from __future__ import annotations
 

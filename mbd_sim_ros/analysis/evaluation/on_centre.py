@@ -49,7 +49,7 @@ def passages(t: np.ndarray, x: np.ndarray, level: float) -> tuple[np.ndarray, np
 
 
 def swings(t: np.ndarray, x: np.ndarray, level: float) -> np.ndarray:
-    """Where x rises through the level, as fractional indices; small wiggles there count once."""
+    """Fractional indices at which x rises through the level; small wiggles there count once."""
     up, _ = passages(t, x, level)
     least = 0.25 * np.ptp(x)
     return np.array([u for k, u in enumerate(up) if k == 0 or np.ptp(x[int(up[k - 1]) : int(u) + 1]) > least])

@@ -25,7 +25,7 @@ EVALUATIONS: tuple[Evaluation, ...] = (
 
 
 def names() -> list[str]:
-    """Of all evaluations, of the norms that several of them belong to, and other names."""
+    """Names of all evaluations, of the norms that several of them belong to, and other names."""
     families = {e.name.partition('_')[0] for e in EVALUATIONS}
     return list(dict.fromkeys([*(e.name for e in EVALUATIONS), *sorted(families), *(a for e in EVALUATIONS for a in e.aliases)]))
 

@@ -96,7 +96,8 @@ NEEDED = tuple(dict.fromkeys(channel for _, _, ways in WAYS.values() for way in 
 
 @dataclass(frozen=True, kw_only=True)
 class Vehicle:
-    """What a recording knows of its vehicle; None where it holds no scene of one. ratio: steering wheel to road wheels [-]."""
+    """Data of a recording about its vehicle; None where it holds no scene of one. ratio: steering wheel to road wheels
+    [-]."""
 
     scene: Scene | None = None
     masses: Mapping[str, float] = field(default_factory=dict)
@@ -110,7 +111,7 @@ class Vehicle:
 
     @cached_property
     def ratio(self) -> float | None:
-        """Of the steering, on the bench."""
+        """Ratio of the steering, on the bench."""
         if not self.masses or self.scene is None:
             return None
         try:

@@ -211,7 +211,7 @@ def _second_peak(t: np.ndarray, y: np.ndarray, inside: np.ndarray) -> tuple[floa
 
 
 def together(results: list[Result]) -> tuple[Figure, ...]:
-    """Of a whole series: the worst of each criterion."""
+    """Figures of a whole series: the worst of each criterion."""
     figures = [Figure('runs', 'runs', float(len(results)), '1')]
     for seconds, allowed in AFTER:
         name = f'{seconds * 100:.0f}'

@@ -56,7 +56,7 @@ def wheels(found: Looking) -> None:
 
 
 def _track(found: Looking, fit: Fit, wheel: Column, v: Column | None, r: Column) -> bool:
-    """Whether the difference of the wheels is that of a track, as far as units are known."""
+    """True where the difference of the wheels is that of a track, as far as units are known."""
     if v is None or not (v.unit and r.unit):
         return True
     big = _big(found, v)
@@ -70,7 +70,7 @@ def _big(found: Looking, v: Column) -> bool:
 
 
 def _wheel(found: Looking, factor: float, speed: str, unit: str, v: Column) -> str | None:
-    """How a wheel speed in a unit fits, '' or its radius; None where it does not."""
+    """Fit of a wheel speed in a unit: '' or the radius; None where it does not fit."""
     base, size = UNITS[unit]
     ratio = factor * size / UNITS[speed][1]  # SI of the wheel per m/s
     if base == 'm/s':
@@ -116,7 +116,8 @@ def steering(found: Looking) -> None:
 
 
 def _is_no_share(unit: str, where: str, factor: float) -> bool:
-    """Whether steering without a stated unit is an angle of the steering wheel: a share of the lock, of 1 or 100, is less."""
+    """True where steering without a stated unit is an angle of the steering wheel: a share of the lock, of 1 or 100, is
+    less."""
     return where == 'steering wheel' and factor * UNITS[unit][1] > SHARE_MOST
 
 
@@ -170,7 +171,8 @@ def sides(found: Looking, ours: bool) -> None:
 
 
 def _anchor(found: Looking, sign: int, why: str) -> None:
-    """What tells the side. sign: that makes the column of the yaw rate positive to the left."""
+    """Note the evidence that tells left from right. sign: the one that makes the column of the yaw rate positive to the
+    left."""
     if not found.side:
         found.left, found.side = sign, why
     elif found.left != sign:

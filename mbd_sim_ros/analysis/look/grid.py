@@ -24,8 +24,8 @@ MOVING = 0.2  # part of the largest speed above which curvature is yaw rate over
 
 @dataclass
 class Column:
-    """What the first look says of a column. unit, sign: None where the data do not tell. why: the evidence; against: why it is
-    not told, or what else does not hold."""
+    """Result of the first look at a column. unit, sign: None where the data do not tell. why: the evidence; against:
+    why it is not told, or what else does not hold."""
 
     name: str
     role: Role
@@ -37,7 +37,7 @@ class Column:
 
     @property
     def told(self) -> bool:
-        """Whether role, unit and sign are confirmed by data."""
+        """True where role, unit and sign are confirmed by data."""
         return self.unit is not None and self.sign is not None
 
 
@@ -96,7 +96,7 @@ class Grid:
         return name in self.values
 
     def changes(self, name: str) -> bool:
-        """Whether a column has two values."""
+        """True where a column has two values."""
         values = self.values[name][np.isfinite(self.values[name])]
         return values.size > 1 and bool(np.ptp(values) > 0.0)
 

@@ -1,4 +1,5 @@
-"""What columns are, by how they depend on each other: the relations of the first look, and the units and signs that fit all of them.
+"""Roles of columns by their dependence on each other: the relations of the first look, and the units and signs that fit
+all of them.
 
 Names only propose (roles.py). A unit is told where the data confirm it: quantities of a car depend on each other, and every relation
 
@@ -119,7 +120,7 @@ class Looking:
         self._signs(accepted)
 
     def _choose(self) -> None:
-        """Of several columns for a role those that fit best together."""
+        """Choose among several columns for a role those that fit best together."""
         g = self.grid
         best: tuple[float, tuple[Column, ...]] = (0.0, ())
         roles = [self.by_role.get(what, [])[: 1 + AMONG] for what in ('speed', 'yaw_rate', 'ay')]

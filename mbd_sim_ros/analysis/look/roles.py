@@ -1,4 +1,5 @@
-"""What the name of a column says it may be: a role for the first look (relations.py), which the data then confirm or not.
+"""Roles that the names of columns propose: a role for the first look (relations.py), which the data then confirm or
+not.
 
 A name is a set of words (`yawRate`, `Yaw_Velocity`, `imu/wz`, `W (IMU)`); a role is taken where its words are there and those of no other
 quantity. A name alone never decides: the same word stands for many units and both signs.
@@ -43,7 +44,8 @@ UNITS_IN_NAMES = {
 
 
 class Role(NamedTuple):
-    """What a name says. unit: that ends the name, '' where none does. hand: whether steering is said to be that of the steering wheel."""
+    """Role that a name proposes. unit: at the end of the name, '' where there is none. hand: true where the name says
+    that steering is that of the steering wheel."""
 
     what: str
     corner: str = ''

@@ -1,4 +1,5 @@
-"""What is drawn of a model: lines fixed on its bodies, lines between bodies, wheels. Only specifications enter; nothing is in motion here.
+"""Drawing of a model: lines fixed on its bodies, lines between bodies, wheels. Only specifications enter; nothing is in
+motion here.
 
 A body is a star from the middle of the places where others hold it to each of them: a slider is a point, a rod a line, an arm three lines.
 The body that all wheels hang on is drawn as the outline of a car instead, as long and wide as its axles say, and a trailer behind it as the
@@ -68,7 +69,7 @@ class Drawing:
 
 
 def drawing_of(spec: ModelSpec) -> Drawing:
-    """What is drawn of a model."""
+    """Drawing of a model."""
     number = {body.name: i for i, body in enumerate(spec.bodies)} | {WORLD: WORLD_BODY}
     wheels = []
     for tire in spec.tires:

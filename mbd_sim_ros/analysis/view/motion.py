@@ -1,4 +1,4 @@
-"""Where everything that is drawn was, from a recording."""
+"""Motion of a drawing, from a recording."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class RecordedMotion:
     run: reader.Run
 
     def point(self, k: int, body: int, place: tuple[float, float, float]) -> np.ndarray:
-        """Where a point of a body is at instant k, in the world [m]."""
+        """Place of a point of a body at instant k, in the world [m]."""
         if body == WORLD_BODY:
             return np.array(place)
         pose = self.pose[k, body]

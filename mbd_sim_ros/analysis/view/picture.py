@@ -119,7 +119,7 @@ class Painter:
         self._legend = self._keys()
 
     def _keys(self) -> list[Any]:
-        """What the colours say, of what there is."""
+        """Legend of the colours that occur."""
         from matplotlib.lines import Line2D
 
         what = self.motions[0].drawing
