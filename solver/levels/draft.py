@@ -7,8 +7,9 @@ moments and of moments of inertia are exact. What decides about the bits of a mo
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
-from typing import Any, NamedTuple
+import functools
+from collections.abc import Hashable, Iterator
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -44,6 +45,12 @@ def unit(v: np.ndarray) -> np.ndarray:
 def spread(mass: float, arm: np.ndarray) -> np.ndarray:
     """(3, 3) inertia [kg m^2] about a point of a mass [kg] at `arm` [m] from it."""
     return mass * (float(product(arm, arm)) * np.eye(3) - arm[:, None] * arm[None, :])
+
+
+@functools.cache
+def marked(cls: Hashable) -> tuple[str, ...]:
+    """Names of the fields of a specification that are markers, in their order."""
+    return tuple(field.name for field in dataclasses.fields(cast(Any, cls)) if str(field.type).startswith('Marker'))
 
 
 class Draft:
@@ -97,8 +104,8 @@ class Draft:
         return [
             Hold(section, spec.name, field)
             for section, spec in self.every()
-            for field, marker in vars(spec).items()  # a dataclass has its fields there, in their order
-            if isinstance(marker, Marker) and marker.body == body
+            for field in marked(spec.__class__)
+            if (marker := getattr(spec, field)) is not None and marker.body == body
         ]
 
     def spec(self, hold: Hold) -> Any:

@@ -12,9 +12,6 @@ import math
 from collections.abc import Callable, Iterable
 from typing import NamedTuple
 
-import numpy as np
-
-from solver.compiled.portable import norm, product
 from solver.validate import Vector
 
 MARGIN = math.radians(20.0)  # angle of transmission that is left at the end; with a tenth of it a linkage locks by its friction
@@ -36,40 +33,59 @@ class Linkage(NamedTuple):
         return Linkage(*((x, -y, z) for x, y, z in self))
 
 
-def rotated(axis: np.ndarray, angle: float, a: np.ndarray) -> np.ndarray:
-    """(3,) a vector turned about a unit vector by an angle [rad]."""
+def cross(a: Vector, b: Vector) -> Vector:
+    """a x b."""
+    return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
+
+
+def dot(a: Vector, b: Vector) -> float:
+    """a . b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def plus(a: Vector, k: float, b: Vector) -> Vector:
+    """a + k b."""
+    return (a[0] + k * b[0], a[1] + k * b[1], a[2] + k * b[2])
+
+
+def rotated(axis: Vector, angle: float, a: Vector) -> Vector:
+    """A vector turned about a unit vector by an angle [rad]."""
     c, s = math.cos(angle), math.sin(angle)
-    return c * a + s * np.cross(axis, a) + (1.0 - c) * float(product(axis, a)) * axis
+    x, y, z = cross(axis, a)
+    return plus((c * a[0] + s * x, c * a[1] + s * y, c * a[2] + s * z), (1.0 - c) * dot(axis, a), axis)
 
 
-def lock_of(linkages: Iterable[Linkage], moves: Callable[[float], np.ndarray]) -> float | None:
+def lock_of(linkages: Iterable[Linkage], moves: Callable[[float], Vector]) -> float | None:
     """Angle of the steering wheel to either side at which the first of these linkages ends [rad]; None where none of them does.
 
-    moves: way (3,) of the inner ball [m] at an angle of the steering wheel [rad].
+    moves: way of the inner ball [m] at an angle of the steering wheel [rad].
     """
     ends = [_end(one, lambda x, way=way: moves(way * x)) for one in linkages for way in (1.0, -1.0)]  # type: ignore[misc]
     found = min(ends, default=FURTHEST)
     return None if found >= FURTHEST or found <= STEP else round(LOCK_ROUNDED_TO * math.floor(found / LOCK_ROUNDED_TO), 2)
 
 
-def _end(linkage: Linkage, moves: Callable[[float], np.ndarray]) -> float:
+def _end(linkage: Linkage, moves: Callable[[float], Vector]) -> float:
     """Angle of the steering wheel [rad] to one side."""
-    low, high, inner, outer = (np.array(point, float) for point in linkage)
-    axis = (high - low) / norm(high - low)
-    arm, length = outer - low, norm(outer - inner)
+    # Plain numbers: a car is looked at a thousand times when it is read, and arrays of three would take ten times as long.
+    low, high, inner, outer = linkage
+    line, arm, rod = plus(high, -1.0, low), plus(outer, -1.0, low), plus(outer, -1.0, inner)
+    axis, length = plus((0.0, 0.0, 0.0), 1.0 / math.hypot(*line), line), math.hypot(*rod)
 
     def solved(angle: float, turn: float) -> float | None:
         """Angle of the wheel at an angle of the steering wheel, from one near by; None at the end."""
-        ball = inner + moves(angle)
-        way = moves(angle + 1e-3) - moves(angle - 1e-3)
+        ball = plus(inner, 1.0, moves(angle))
+        way = plus(moves(angle + 1e-3), -1.0, moves(angle - 1e-3))
+        along = math.hypot(*way)
         for _ in range(20):
             at = rotated(axis, turn, arm)
-            rod, velocity = low + at - ball, np.cross(axis, at)
-            across = float(product(rod, velocity))
-            least = math.sin(MARGIN) * norm(rod)
-            if abs(across) < least * norm(velocity) or abs(float(product(rod, way))) < least * norm(way):
+            rod, velocity = plus(plus(low, 1.0, at), -1.0, ball), cross(axis, at)
+            across = dot(rod, velocity)
+            square = dot(rod, rod)
+            least = math.sin(MARGIN) * math.sqrt(square)
+            if abs(across) < least * math.hypot(*velocity) or abs(dot(rod, way)) < least * along:
                 return None
-            gap = 0.5 * (float(product(rod, rod)) - length * length)
+            gap = 0.5 * (square - length * length)
             if abs(gap) < 1e-12 * length * length:
                 return turn
             turn -= gap / across

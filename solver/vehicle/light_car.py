@@ -166,7 +166,7 @@ def travel_by_angle(car: LightCar) -> float:
 def lock(car: LightCar) -> float | None:
     """Angle of the steering wheel at its end stops [rad]."""
     linkage, ratio = car.front.steered(), travel_by_angle(car)
-    ends = lock_of((linkage, linkage.mirrored()), lambda angle: np.array([0.0, ratio * angle, 0.0]))
+    ends = lock_of((linkage, linkage.mirrored()), lambda angle: (0.0, ratio * angle, 0.0))
     return ends if car.steering.lock is None else car.steering.lock
 
 

@@ -22,7 +22,7 @@ from solver.dimensions import Damping, Length, Mass, Point, Torque
 from solver.elements.joint import JointSpec
 from solver.elements.rigid_body import RigidBodySpec
 from solver.validate import Vector, finite, require
-from solver.vehicle.end_stops import rotated
+from solver.vehicle.end_stops import plus, rotated
 from solver.vehicle.hardpoints import marker_at
 from solver.vehicle.parts import UP, Bushing, Link, Parts, joined, link, mounting, require_positive, rods, vector_of
 from solver.vehicle.power_steering import SLOW
@@ -89,11 +89,13 @@ class RecirculatingBall(Column):
         axis = np.array(self.axis) / np.sqrt(np.square(self.axis).sum())
         return float(np.cross(axis, np.subtract(arm.ball, arm.pivot))[1])
 
-    def moves(self, angle: float, arm: float) -> np.ndarray:
+    def moves(self, angle: float, arm: float) -> Vector:
         """With the ball of the pitman arm, about its shaft; a relay link hardly turns."""
-        axis, lever = np.array(self.axis), np.subtract(self.pitman.ball, self.pitman.pivot)
+        along, axis = norm(np.array(self.axis)), self.axis
+        lever = plus(self.pitman.ball, -1.0, self.pitman.pivot)
         turn = angle / np.copysign(self.ratio, arm * self.lever(self.pitman))
-        return rotated(axis / norm(axis), float(turn), lever) - lever
+        turned = rotated((axis[0] / along, axis[1] / along, axis[2] / along), float(turn), lever)
+        return plus(turned, -1.0, lever)
 
     def gear(self, subframe: RigidBodySpec, arm: float) -> Gear:
         """Steering box and linkage; coordinates pitman_arm and, in a bearing, idler_arm, positive about the axis."""

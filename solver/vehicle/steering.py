@@ -83,8 +83,8 @@ class Column(ABC):
         require_positive('steering', self, 'lock')
 
     @abstractmethod
-    def moves(self, angle: float, arm: float) -> np.ndarray:
-        """(3,) way of the inner tie-rod balls [m] at an angle of the steering wheel [rad]. arm: as of gear()."""
+    def moves(self, angle: float, arm: float) -> Vector:
+        """Way of the inner tie-rod balls [m] at an angle of the steering wheel [rad]. arm: as of gear()."""
 
     def ends_at(self, linkages: Iterable[Linkage], arm: float) -> float | None:
         """Angle of the steering wheel at the end stops [rad]: `lock`, or what follows from these linkages (solver.vehicle.end_stops)."""
@@ -124,9 +124,9 @@ class SteeringGear(Column):
         """Angle of the pinion over the travel of the rack [rad/m]."""
         return float(np.copysign(2.0 * np.pi / self.rack_per_turn, arm))
 
-    def moves(self, angle: float, arm: float) -> np.ndarray:
+    def moves(self, angle: float, arm: float) -> Vector:
         """Along y, with the rack."""
-        return np.array([0.0, angle / self.ratio(arm), 0.0])
+        return (0.0, angle / self.ratio(arm), 0.0)
 
     def gear(self, subframe: RigidBodySpec, arm: float) -> Gear:
         """Pinion and rack; coordinate rack, positive along y."""
