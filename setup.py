@@ -20,7 +20,7 @@ LAB = (
     '__init__',
     'benchmarks.*',
     'peers.*',
-    *(f'studies.{name}' for name in ('__init__', 'report', 'trade', 'trade_grid', 'trade_report')),
+    *(f'studies.{name}' for name in ('__init__', 'report', 'trade', 'trade_report')),
 )
 
 

@@ -18,11 +18,12 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter, StrMethodF
 from mbd_sim_ros.analysis.pages import plain_page, write_text
 from mbd_sim_ros.analysis.plots import FIRST, GREY, SECOND, STYLE
 from solver.errors import MbdError
-from solver.trade.requirements import ORIGINS
+from solver.trade.bench import run_of, truth_of
+from solver.trade.errors import ORIGINS
+from solver.trade.judging import Verdict, nearest
 from solver.trade.runs import Stopped
 from solver.trade.search import Search
 from solver.trade.variations import AS_GIVEN
-from solver.trade.verdicts import Verdict, nearest
 from solver.units import shown
 
 DPI = 110
@@ -158,7 +159,7 @@ def _origins(data: dict[str, Any]) -> Figure:
 
 def _curves(search: Search, chosen: Verdict) -> str:
     try:
-        truth, found = search.truth(AS_GIVEN), search.run(AS_GIVEN, chosen.setting)
+        truth, found = truth_of(search.bench, AS_GIVEN), run_of(search.bench, AS_GIVEN, chosen.setting)
     except (MbdError, Stopped) as failure:
         return f'<p>{html.escape(str(failure))}</p>'
     names = [n for n in search.shown if n in found.curves and n != 'position'][:CURVES]
@@ -168,7 +169,7 @@ def _curves(search: Search, chosen: Verdict) -> str:
     for ax, name in zip(axes[:, 0], names, strict=True):
         ax.plot(truth.time, truth.curves[name][:, 0], color=SECOND, lw=2.0, label='converged full vehicle')
         ax.plot(found.time, found.curves[name][:, 0], color=FIRST, lw=1.0, ls=(0, (5, 3)), label=str(chosen.setting))
-        error = search.truth(AS_GIVEN).errors(found)[name]
+        error = truth.errors(found)[name]
         ax.set_title(
             f'{name} [{truth.quantities[name].unit}]: RMS error {100 * error.share("rms"):.2g} % of the peak', loc='left', fontsize=9
         )

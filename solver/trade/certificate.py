@@ -1,4 +1,4 @@
-"""What a search has found, as one object: the setting, what proves it, and where it holds."""
+"""The certificate, all that a search has found as one object: the setting, what proves it, and where it holds."""
 
 from __future__ import annotations
 
@@ -14,12 +14,13 @@ from solver.disk import digest, plain
 from solver.errors import MbdError
 from solver.levels.auto import INCOMPLETE, OK, key
 from solver.scene import Scene
-from solver.trade.requirements import ORIGINS
+from solver.trade.bench import findings_of, known, truth_of, truths
+from solver.trade.errors import ORIGINS
+from solver.trade.judging import MARGIN, Verdict, nearest
 from solver.trade.runs import Stopped
-from solver.trade.search import MARGIN, Search
+from solver.trade.search import Search
 from solver.trade.setting import Setting, baseline
 from solver.trade.variations import AS_GIVEN, ranges_of
-from solver.trade.verdicts import Verdict, nearest
 
 NO = 'no'
 UNTRIED, UNREACHED = 'not looked at: what is cheaper keeps everything', 'not looked at'
@@ -56,10 +57,10 @@ def plan(search: Search) -> dict[str, Any]:
     data['findings'] = []
     if best is not None:
         search.notes += still(search) + idle(search)
-        data['findings'] = findings_of(search, best.setting)
+        data['findings'] = certified(search, best.setting)
     data['errors'] = {} if shown is None else errors(shown)
     data['units'] = (
-        {} if shown is None or not shown.bounds else {name: search.truth(AS_GIVEN).quantities[name].unit for name in search.names}
+        {} if shown is None or not shown.bounds else {name: truth_of(search.bench, AS_GIVEN).quantities[name].unit for name in search.names}
     )
     passed, failed = sum(c.passed for c in search.checks), sum(not c.passed for c in search.checks)
     data['unseen'] = {
@@ -104,29 +105,29 @@ def least_speed(scene: Scene) -> tuple[float, str]:
     return max(((factor or 0.0, who) for who, factor in asked.items()), key=lambda each: each[0])
 
 
-def findings_of(search: Search, setting: Setting) -> list[dict[str, Any]]:
+def certified(search: Search, setting: Setting) -> list[dict[str, Any]]:
     """Findings that the certificate covers (solver.analysis.certificate_coverage): of the maneuvers that served to
     choose and of those that were passed. The note on each says what that means for a run; another one says what makes a
     run suspect all the same."""
-    maneuvers = [*search.seen, *(c.variation for c in search.checks if c.passed)]
-    found = [finding for v in maneuvers for finding in search.findings(v, setting) if finding.quantity not in search.coarse]
+    maneuvers = [*search.bench.seen, *(c.variation for c in search.checks if c.passed)]
+    found = [finding for v in maneuvers for finding in findings_of(search.bench, v, setting) if finding.quantity not in search.coarse]
     names = ', '.join(search.names)
-    for finding in search.findings(AS_GIVEN, setting):
+    for finding in findings_of(search.bench, AS_GIVEN, setting):
         if is_of_scene(finding) or finding.quantity in search.coarse:
             search.notes.append(f'a run of {setting} is suspect all the same (mbd run): {finding.text}')
         else:
             search.notes.append(finding.covered_for(names))
     for finding in search.coarse.values():
         search.notes.append(
-            f'not covered by the certificate, for the reference itself ({1e3 * search.steps[-1]:g} ms) has it: {finding.text}'
+            f'not covered by the certificate, for the reference itself ({1e3 * search.bench.steps[-1]:g} ms) has it: {finding.text}'
         )
     return [asdict(one) for one in certified_of(found)]
 
 
 def still(search: Search) -> list[str]:
-    """Of required shares of a peak those that the maneuver of the scene leaves without one, in words."""
-    truth = search.truth(AS_GIVEN)
-    shares = dict.fromkeys(r.quantity for r in search.requirements if r.share)
+    """Sentences on required shares of a peak that the maneuver of the scene leaves without one."""
+    truth = truth_of(search.bench, AS_GIVEN)
+    shares = dict.fromkeys(r.quantity for r in search.bench.requirements if r.share)
     found = [(name, truth.quantities[name]) for name in shares if truth.peaks[name] <= truth.quantities[name].least]
     return [
         f'{name} does not get beyond {q.least:g} {q.unit} in the maneuver of the scene; its percentages are of that' for name, q in found
@@ -136,8 +137,8 @@ def still(search: Search) -> list[str]:
 def idle(search: Search) -> list[str]:
     """Limits as large as all that there is on the maneuver of the scene, which a run keeps that has nothing of it, in words: a bare
     number is in SI units, and 2 is not 2 %."""
-    truth, found = search.truth(AS_GIVEN), []
-    for r in search.requirements:
+    truth, found = truth_of(search.bench, AS_GIVEN), []
+    for r in search.bench.requirements:
         delay, q = r.measure == 'delay', truth.quantities[r.quantity]
         most, unit = (search.scene.duration, 's') if delay else (truth.peaks[r.quantity], q.unit)
         limit = r.limit(most)
@@ -159,41 +160,31 @@ def errors(verdict: Verdict) -> dict[str, dict[str, Any]]:
 
 
 def reference_of(search: Search) -> dict[str, Any]:
-    """How the converged full vehicle was found and confirmed: RMS errors as shares of the peak by quantity."""
-    found = search.references()
+    """The way in which the converged full vehicle was found and confirmed: RMS errors as shares of the peak by quantity."""
+    found = truths(search.bench)
     if not found:
         return {}
     band = {name: d.share('rms') for name, d in found[0].band.items() if name in search.shown}
     second = {name: d.share('rms') for name, d in search.second.items() if name in search.shown}
-    return {'steps': list(search.steps), 'band': band, 'second_formulation': second}
-
-
-UNITS = {
-    'lateral_acceleration': 'm/s^2',
-    'longitudinal_acceleration': 'm/s^2',
-    'longitudinal_velocity': 'm/s',
-    'slip_angle': 'rad',
-    'slip': '1',
-    'wheel_load': 'N',
-}
+    return {'steps': list(search.bench.steps), 'band': band, 'second_formulation': second}
 
 
 def envelope_of(search: Search) -> list[dict[str, Any]]:
     """The ranges of the maneuvers that were passed: by quantity, of all wheels together, the smallest and the largest value of the full
     vehicle and of the setting that was found. So a run of what is certified does not leave its own certificate."""
-    found: dict[str, tuple[float, float]] = {}
-    for v in [*search.seen, *(c.variation for c in search.checks if c.passed)]:
+    found: dict[str, tuple[str, float, float]] = {}
+    for v in [*search.bench.seen, *(c.variation for c in search.checks if c.passed)]:
         try:
-            curves = [search.truth(v).curves]
+            truth = truth_of(search.bench, v)
         except (MbdError, Stopped):
             continue
-        own = search.known(v, search.result.setting) if search.result is not None else None
-        curves += [own.curves] if own is not None else []
+        own = known(search.bench, v, search.result.setting) if search.result is not None else None
+        curves = [truth.curves] if own is None else [truth.curves, own.curves]
         for name, values in ((name, each[name]) for each in curves for name in search.watched if name in each):
             head = name.partition('.')[0]
-            low, high = found.get(head, (math.inf, -math.inf))
-            found[head] = (min(low, float(values.min())), max(high, float(values.max())))
-    return [{'quantity': name, 'unit': UNITS[name], 'low': low, 'high': high} for name, (low, high) in found.items()]
+            _, low, high = found.get(head, ('', math.inf, -math.inf))
+            found[head] = truth.quantities[name].unit, min(low, float(values.min())), max(high, float(values.max()))
+    return [{'quantity': name, 'unit': unit, 'low': low, 'high': high} for name, (unit, low, high) in found.items()]
 
 
 def what_has_to_give(search: Search, closest: Verdict | None, slow: bool, data: dict[str, Any]) -> list[str]:

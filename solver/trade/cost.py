@@ -1,4 +1,4 @@
-"""What a setting costs: CPU time of one core per simulated second, and the counters that explain it.
+"""The cost of a setting: CPU time of one core per simulated second, and the counters that explain it.
 
 Counters are exact; times are measured, one setting at a time while nothing else runs here. For choosing, the cost of a setting is
 
@@ -92,7 +92,8 @@ def _steps(scene: Scene, h: float) -> int:
 
 
 def size(scene: Scene, setting: Setting) -> tuple[int, ...]:
-    """What a step of a model works on: bodies, rows, internal states, columns of its elements, height grids. Raises MbdError.
+    """The size of a model, that is what a step works on: bodies, rows, internal states, columns of its elements, height grids.
+    Raises MbdError.
 
     Models of one size cost the same; what the clock sees between them is noise.
     """

@@ -1,124 +1,212 @@
-"""Whether a setting keeps the limits of a scene: on growing parts of its maneuver, on those that serve to choose, and elsewhere."""
+"""Settings held against the limits of a scene: on growing parts of its maneuver, on the maneuvers that serve to choose,
+and elsewhere."""
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from collections.abc import Callable
-from pathlib import Path
+from collections.abc import Callable, Iterable
+from functools import partial
+from typing import NamedTuple
 
+from solver.analysis.certificate_coverage import is_broken
 from solver.errors import MbdError
-from solver.scene import Scene
-from solver.trade.measurements import Measurements
-from solver.trade.requirements import Bound
-from solver.trade.runs import Going, Stopped, all_of
+from solver.trade.bench import FULL, Bench, cost_of, errors_of, findings_of, keep, known, own_of, run_of, settled, truth_of, truths
+from solver.trade.errors import Bound, Requirement
+from solver.trade.reference import Reference
+from solver.trade.runs import Going, Run, Stopped, all_of
 from solver.trade.setting import Setting
 from solver.trade.variations import AS_GIVEN, Variation
-from solver.trade.verdicts import Check, Verdict
 
 MARGIN = 0.1  # of every limit that the error itself leaves free
 PARTS = (0.25, 0.5, 1.0)  # of the maneuver, in the race
+NO_TRUTH = 'the reference: '  # how the failure of a check begins where the full vehicle itself cannot be simulated
 
 
-def largest_of(shares: dict[str, float]) -> tuple[str, float]:
+class Verdict(NamedTuple):
+    """A setting that was tried: the largest share of a limit that its bounds use so far, its cost, why it was dropped ('': it passes)."""
+
+    setting: Setting
+    used: float
+    cost: float  # expected CPU seconds per simulated second
+    worst: str
+    dropped: str
+    bounds: dict[str, Bound]  # the worst over maneuvers by requirement
+    error: float = 0.0  # largest share of a limit that its errors themselves use, as far as they were looked at
+    part: float = 1.0  # of the scene's own maneuver that it was held against
+    broken: str = ''  # the finding on its run for which it was dropped although it keeps the limits
+
+
+class Check(NamedTuple):
+    """The error itself on a maneuver that had no part in the choice."""
+
+    variation: Variation
+    used: float
+    worst: str
+    failure: str
+
+    @property
+    def passed(self) -> bool:
+        return not self.failure and self.used <= 1.0
+
+    @property
+    def unjudged(self) -> bool:
+        """True where there is nothing to check against, for the full vehicle itself cannot be simulated there."""
+        return self.failure.startswith(NO_TRUTH)
+
+
+def nearest(tried: Iterable[Verdict]) -> Verdict | None:
+    """The setting nearest to the limits among those that were tried, None of none. Errors grow, so those count that kept
+    the limits longest."""
+    finite = (t for t in tried if math.isfinite(t.used))
+    return min(finite, key=lambda t: (-t.part, t.used, t.cost), default=None)
+
+
+def largest(shares: dict[Requirement, float]) -> tuple[Requirement, float]:
     """The requirement whose share of its limit is largest, and that."""
     return max(shares.items(), key=lambda item: item[1])
 
 
-class Judge(Measurements):
-    """Measures, and judges by it."""
+def bands_of(bench: Bench, v: Variation) -> dict[Requirement, float]:
+    """Band of the converged full vehicle, in the unit of the error: the largest share of the peak that it has in maneuvers
+    with all steps. A delay has nothing to do with how large the peak is."""
+    peaks, there = truth_of(bench, v).peaks, truths(bench)
 
-    def __init__(
-        self, scene: Scene, *, workers: int | None, longest: float, progress: Callable[[str, float], None], keep_in: Path | None = None
-    ) -> None:
-        super().__init__(scene, workers=workers, longest=longest, progress=progress, keep_in=keep_in)
-        self._lost: dict[Setting, tuple[str, float, float]] = {}  # settings that lost a race, and how
+    def scaled(r: Requirement, t: Reference) -> float:
+        return r.error(t.band[r.quantity]) * (1.0 if r.measure == 'delay' else peaks[r.quantity] / t.peaks[r.quantity])
 
-    def race(self, setting: Setting) -> tuple[str, float, float]:
-        """(why a setting is out, '' if it is not; largest share of a limit; part) on growing parts of the scene's own maneuver.
+    return {r: max((scaled(r, t) for t in there), default=0.0) for r in bench.requirements}
 
-        The largest error so far and the integral of its square only grow, so what is too large after a part stays so.
-        """
-        v = AS_GIVEN
-        if setting in self._lost:
-            return self._lost[setting]
-        own, model = self.own_limit(v, setting), self.model_error(v, setting)
-        known = self.known(v, setting)
-        settled = self.known(v, dataclasses.replace(setting, iterations=None))
-        if settled and not settled.failure and not known:
-            step = self.part(settled, own)
-            worst, used = largest_of(self.shares(v, {r: model[r] + step[r] for r in self.requirements}))
-            if not used <= 1.0:
-                return self._lost.setdefault(setting, (f'{worst}: {used:.2g} of its limit with any number of iterations', used, 1.0))
-        going = None if known else Going(self.maneuver(v), setting, self.everything, stop=self.late)
-        used, worst = math.inf, ''
-        for part in PARTS if going else PARTS[-1:]:
-            found = known or going.to(part * self.scene.duration)  # type: ignore[union-attr]
-            if found.failure:
-                return self._lost.setdefault(setting, (found.failure, math.inf, part))
-            errors = self.part(found, own)
-            grown = {'max': 1.0, 'rms': math.sqrt(part), 'delay': 1.0}  # what it has reached of the whole by then
-            for r in self.requirements:
-                if r.measure == 'delay' and part < 1.0:
-                    errors[r] = 0.0  # it may shrink again, and may not be there yet: an infinite one is no reason either
-            worst, used = largest_of(self.shares(v, {r: model[r] + grown[r.measure] * errors[r] for r in self.requirements}))
-            if not used <= 1.0:
-                return self._lost.setdefault(setting, (f'{worst}: {used:.2g} of its limit after {part:.0%} of the maneuver', used, part))
-        self.keep(v, setting, found)
-        return '', used, 1.0
 
-    def judge(self, setting: Setting) -> Verdict:
-        """Whether a setting keeps everything on the maneuvers that serve to choose."""
-        expected = self.expected(setting)
-        try:
-            dropped, used, part = self.race(setting)
-            if dropped:
-                return Verdict(setting, used, expected, dropped.partition(':')[0], dropped, {}, part=part)
-            expected = self.expected(setting, self.known(AS_GIVEN, setting))
-            worst: dict[str, Bound] = {}
-            largest = 0.0
-            for v in self.seen:
-                if v != AS_GIVEN:
-                    settled = dataclasses.replace(setting, iterations=None)
-                    work: list[Callable[[], object]] = [lambda: self.findings(v, setting), lambda: self.run(v, settled)]  # noqa: B023
-                    all_of(lambda make: make(), work, self.workers)
-                for bound in self.bounds(v, setting):
-                    name = str(bound.requirement)
-                    if name not in worst or bound.used > worst[name].used or math.isnan(bound.used):
-                        worst[name] = bound
-                used = max(b.used for b in worst.values())
-                if not used <= 1.0:
-                    name = max(worst, key=lambda n: worst[n].used)
-                    return Verdict(setting, used, expected, name, f'{name}: {used:.2g} of its limit on {v}', worst)
-                itself = self.check(setting, v)
-                largest = max(largest, itself.used)
-                if not largest <= 1.0 - MARGIN:
-                    why = f'{itself.worst}: the error itself is {largest:.2g} of its limit on {v}, which leaves no margin'
-                    return Verdict(setting, used, expected, itself.worst, why, worst, largest)
-                broken = self.broken(v, setting)
-                if broken:
-                    return Verdict(setting, used, expected, itself.worst, f'{broken} ({v})', worst, largest, broken=broken)
-        except Stopped:
-            raise
-        except MbdError as error:
-            return Verdict(setting, math.inf, expected, '', str(error), {})
-        name = max(worst, key=lambda n: worst[n].used)
-        return Verdict(setting, used, expected, name, '', worst, largest)
+def limits_of(bench: Bench, v: Variation) -> dict[Requirement, float]:
+    """The limits on a maneuver, in SI units."""
+    peaks = truth_of(bench, v).peaks
+    return {r: r.limit(peaks[r.quantity]) for r in bench.requirements}
 
-    def check(self, setting: Setting, v: Variation) -> Check:
-        """The error itself, with the band of the reference, on a maneuver."""
-        try:
-            truth, found = self.truth(v), self.run(v, setting)
-        except Stopped:
-            raise
-        except MbdError as error:
-            return Check(v, math.inf, '', f'the reference: {error}')
+
+def bounds_of(bench: Bench, v: Variation, setting: Setting) -> list[Bound]:
+    """Bounds of all requirements. Raises StepError and Stopped."""
+    errors, bands, limits = errors_of(bench, v, setting), bands_of(bench, v), limits_of(bench, v)
+    return [Bound.of(r, errors[r.quantity], bands[r], limits[r]) for r in bench.requirements]
+
+
+def broken(bench: Bench, v: Variation, setting: Setting) -> str:
+    """The finding that forbids to choose the setting whatever its errors are, in words, or ''."""
+    return next((finding.text for finding in findings_of(bench, v, setting) if is_broken(finding)), '')
+
+
+def against(bench: Bench, reference: Reference, found: Run) -> dict[Requirement, float]:
+    """The errors of a run that are limited, against a converged solution."""
+    errors = reference.errors(found)
+    return {r: r.error(errors[r.quantity]) for r in bench.requirements}
+
+
+def model_error(bench: Bench, v: Variation, model: Setting) -> dict[Requirement, float]:
+    """The errors of a converged level that are limited. Raises StepError and Stopped."""
+    if model.model == FULL.model:
+        return dict.fromkeys(bench.requirements, 0.0)
+    return against(bench, truth_of(bench, v), own_of(bench, v, model).as_run)
+
+
+def shares(bench: Bench, v: Variation, errors: dict[Requirement, float]) -> dict[Requirement, float]:
+    """Errors on a maneuver, with the band of the reference, as shares of their limits."""
+    bands, limits = bands_of(bench, v), limits_of(bench, v)
+    return {r: (errors[r] + bands[r]) / limits[r] for r in bench.requirements}
+
+
+def race(bench: Bench, setting: Setting) -> tuple[str, float, float]:
+    """(why a setting is out, '' if it is not; largest share of a limit; part) on growing parts of the scene's own maneuver.
+
+    The largest error so far and the integral of its square only grow, so what is too large after a part stays so.
+    """
+    lost = ('lost', setting)
+    found = bench.made.get(lost) or _race(bench, setting)
+    if found[0]:
+        bench.made[lost] = found
+    return found
+
+
+def _race(bench: Bench, setting: Setting) -> tuple[str, float, float]:
+    own, model = own_of(bench, AS_GIVEN, setting), model_error(bench, AS_GIVEN, setting)
+    there, exact = known(bench, AS_GIVEN, setting), known(bench, AS_GIVEN, settled(setting))
+    if exact and not exact.failure and not there:
+        step = against(bench, own, exact)
+        worst, used = largest(shares(bench, AS_GIVEN, {r: model[r] + step[r] for r in bench.requirements}))
+        if not used <= 1.0:
+            return f'{worst}: {used:.2g} of its limit with any number of iterations', used, 1.0
+    going = None if there else Going(bench.scene, setting, bench.names, stop=bench.stop)
+    used = math.inf
+    for part in PARTS if going else PARTS[-1:]:
+        found = there or going.to(part * bench.scene.duration)  # type: ignore[union-attr]
         if found.failure:
-            return Check(v, math.inf, '', found.failure)
-        worst, used = largest_of(self.shares(v, self.part(found, truth)))
-        return Check(v, used, worst, '')
+            return found.failure, math.inf, part
+        errors = against(bench, own, found)
+        grown = {'max': 1.0, 'rms': math.sqrt(part), 'delay': 1.0}  # what it has reached of the whole by then
+        for r in bench.requirements:
+            if r.measure == 'delay' and part < 1.0:
+                errors[r] = 0.0  # it may shrink again, and may not be there yet: an infinite one is no reason either
+        worst, used = largest(shares(bench, AS_GIVEN, {r: model[r] + grown[r.measure] * errors[r] for r in bench.requirements}))
+        if not used <= 1.0:
+            return f'{worst}: {used:.2g} of its limit after {part:.0%} of the maneuver', used, part
+    keep(bench, AS_GIVEN, setting, found)
+    return '', used, 1.0
 
-    def check_whole(self, setting: Setting, v: Variation) -> Check:
-        """As check(), and whether the run, which serves for both, is sound."""
-        broken, found = self.broken(v, setting), self.check(setting, v)
-        return found._replace(failure=broken) if broken and found.passed else found
+
+def judge(bench: Bench, setting: Setting, workers: int | None = 1) -> Verdict:
+    """The verdict on a setting: it has to keep everything on the maneuvers that serve to choose. Raises Stopped."""
+    tried = Verdict(setting, math.inf, cost_of(bench, setting), '', '', {})
+    try:
+        return _judged(bench, tried, workers)
+    except Stopped:
+        raise
+    except MbdError as error:
+        return tried._replace(dropped=str(error))
+
+
+def _judged(bench: Bench, tried: Verdict, workers: int | None) -> Verdict:
+    setting = tried.setting
+    dropped, used, part = race(bench, setting)
+    if dropped:
+        return tried._replace(used=used, worst=dropped.partition(':')[0], dropped=dropped, part=part)
+    tried = tried._replace(cost=cost_of(bench, setting, known(bench, AS_GIVEN, setting)))
+    for v in bench.seen:
+        if v != AS_GIVEN:
+            work: list[Callable[[], object]] = [partial(findings_of, bench, v, setting), partial(run_of, bench, v, settled(setting))]
+            all_of(lambda make: make(), work, workers)
+        here, bounds = bounds_of(bench, v, setting), dict(tried.bounds)
+        for bound in here:
+            name = str(bound.requirement)
+            if name not in bounds or bound.used > bounds[name].used or math.isnan(bound.used):
+                bounds[name] = bound
+        worst = max(bounds, key=lambda name: bounds[name].used)
+        tried = tried._replace(bounds=bounds, used=bounds[worst].used, worst=worst)
+        if not tried.used <= 1.0:
+            return tried._replace(dropped=f'{worst}: {tried.used:.2g} of its limit on {v}')
+        itself = max(here, key=lambda bound: bound.itself)
+        tried = tried._replace(error=max(tried.error, itself.itself))
+        if not tried.error <= 1.0 - MARGIN:
+            worst = str(itself.requirement)
+            why = f'{worst}: the error itself is {tried.error:.2g} of its limit on {v}, which leaves no margin'
+            return tried._replace(worst=worst, dropped=why)
+        if why := broken(bench, v, setting):
+            return tried._replace(worst=str(itself.requirement), dropped=f'{why} ({v})', broken=why)
+    return tried
+
+
+def check(bench: Bench, v: Variation, setting: Setting) -> Check:
+    """The error itself, with the band of the reference, on a maneuver. Raises Stopped."""
+    try:
+        truth, found = truth_of(bench, v), run_of(bench, v, setting)
+    except Stopped:
+        raise
+    except MbdError as error:
+        return Check(v, math.inf, '', f'{NO_TRUTH}{error}')
+    if found.failure:
+        return Check(v, math.inf, '', found.failure)
+    worst, used = largest(shares(bench, v, against(bench, truth, found)))
+    return Check(v, used, str(worst), '')
+
+
+def check_whole(bench: Bench, v: Variation, setting: Setting) -> Check:
+    """As check(), and whether the run, which serves for both, is sound."""
+    why, found = broken(bench, v, setting), check(bench, v, setting)
+    return found._replace(failure=why) if why and found.passed else found

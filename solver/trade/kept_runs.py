@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
@@ -48,15 +48,6 @@ class KeptRuns:
             self.found += 1
             return Run(setting, file[TIME], curves, told['counters'], told['failure']), findings
 
-    def made(self, v: Variation, setting: Setting, make: Callable[[], Run]) -> Run:
-        """A run that is there, or is made and kept."""
-        there = self.get(v, setting)
-        if there is not None:
-            return there[0]
-        run = make()
-        self.put(v, setting, run)
-        return run
-
     def put(self, v: Variation, setting: Setting, run: Run, findings: Sequence[Finding] | None = None) -> None:
         """Keep a run; findings: what makes it suspect, of one that was made with that in view."""
         if self._store is None:
@@ -71,3 +62,6 @@ class KeptRuns:
 
     def _name(self, v: Variation, setting: Setting, judged: bool) -> str:
         return f'{digest(self._subject, repr(v), repr(setting), repr(judged)).hex()}.npz'
+
+
+NOWHERE = KeptRuns(None, '', ())

@@ -9,20 +9,17 @@ multipliers kept (form 'block'), other penalties and other damping, so that all 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from solver import simulation_of
 from solver.analysis.departures import Departure, departure
 from solver.errors import StepError
 from solver.quantities import Quantity, published, quantity
 from solver.scene import Scene
-from solver.trade.kept_runs import KeptRuns
-from solver.trade.runs import Curves, Run, at, departures, run
+from solver.trade.runs import Curves, Run, at, departures
 from solver.trade.setting import Setting
-from solver.trade.variations import AS_GIVEN
 from solver.vehicle.size import size_of
 
 STEPS = (4e-3, 2e-3, 1e-3)  # s, of three runs
@@ -42,8 +39,13 @@ class Reference(NamedTuple):
     steps: tuple[float, ...]  # s
     runs: tuple[Run, ...]
 
+    @property
+    def as_run(self) -> Run:
+        """The solution as if it had been a run."""
+        return Run(self.runs[-1].setting, self.time, self.curves, {}, '')
+
     def errors(self, found: Run) -> dict[str, Departure]:
-        """How far a run is from it."""
+        """The errors of a run against it."""
         return departures(found, self.time, self.curves, self.quantities, self.peaks)
 
 
@@ -64,20 +66,14 @@ def extrapolated(coarse: Run, fine: Run, p: int) -> tuple[np.ndarray, Curves]:
     return time, curves
 
 
-def converged(
-    scene: Scene, base: Setting, names: Sequence[str], steps: Sequence[float] = STEPS, stop: Callable[[], bool] | None = None
-) -> Reference:
-    """The limit of the model of `base` over the runs with these steps, coarsest first; two of them give no band of their own.
-
-    Raises StepError when one of them fails.
-    """
-    runs = [run(scene, with_step(base, h), names, stop=stop) for h in steps]
-    return of_runs(scene, runs)
-
-
 def with_step(base: Setting, h: float) -> Setting:
     """The setting iterated to tolerance with this step."""
     return dataclasses.replace(base, h=h, iterations=None)
+
+
+def second(base: Setting) -> Setting:
+    """The second formulation of a setting."""
+    return dataclasses.replace(base, other=SECOND, rho_inf=SECOND_RHO)
 
 
 def of_runs(scene: Scene, runs: Sequence[Run]) -> Reference:
@@ -101,30 +97,3 @@ def of_runs(scene: Scene, runs: Sequence[Run]) -> Reference:
         reference = at(before_time, time, best[name])
         band[name] = departure(q, before_time, before[name], reference, peaks[name])
     return Reference(time, best, quantities, peaks, band, tuple(r.setting.h for r in runs), tuple(runs))
-
-
-def second_formulation(
-    scene: Scene,
-    reference: Reference,
-    stop: Callable[[], bool] | None = None,
-    *,
-    finest: bool = True,
-    kept: KeptRuns | None = None,
-) -> dict[str, Departure]:
-    """How far the limit of another formulation of the same model, from the same start, is from the reference: that of its two finest steps,
-    or of the two before, which is as far from it as its band says.
-
-    (Where a vehicle settles before t = 0 depends a little on rho_inf. A setting with another one is charged with that, the equations are
-    not.)
-    """
-    names, first = list(reference.curves), reference.runs[-1].setting
-    base = dataclasses.replace(first, other=SECOND, rho_inf=SECOND_RHO)
-    start = simulation_of(first.of(scene)).save()
-    kept = kept or KeptRuns(None, '', names)
-
-    def made(setting: Setting) -> Run:
-        return kept.made(AS_GIVEN, setting, lambda: run(scene, setting, names, stop=stop, start=start))
-
-    steps = reference.steps[-2:] if finest else reference.steps[-3:-1]
-    other = of_runs(scene, [made(with_step(base, h)) for h in steps])
-    return reference.errors(Run(base, other.time, other.curves, {}, ''))

@@ -115,7 +115,7 @@ class Going:
         return self._run()
 
     def findings(self) -> tuple[Finding, ...]:
-        """What makes the run so far suspect; nothing of one that failed, or was made without audit."""
+        """The findings that make the run so far suspect; nothing of one that failed, or was made without audit."""
         if self._failure or self._envelope is None or self._simulation is None:
             return ()
         return (*findings(self._simulation), *self._envelope.findings())

@@ -1,11 +1,7 @@
 """The cheapest way to simulate a scene that keeps what it requires, found by measuring, and checked where it was not chosen.
 
-Errors of different origin cancel on one maneuver and not on the next. So an error is bounded by the sum of four, each measured:
-
-    model      converged level without its switched-off subsystems, against the converged full vehicle
-    step       the setting iterated to tolerance, against the converged level
-    iteration  the setting with its iterations, against the same iterated to tolerance
-    reference  band of the converged full vehicle
+Errors of different origin cancel on one maneuver and not on the next. So an error is bounded by the sum of its parts (solver.trade.errors)
+and of the band of the converged full vehicle.
 
 Settings are tried cheapest first, on growing parts of the scene's own maneuver (what an error has reached by then it
 does not lose again) and then on the corners of the variations (solver.trade.variations); the first whose bounds keep
@@ -21,25 +17,29 @@ that had no part in the choice. n passes without failure bound the rate of failu
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
+from functools import partial
 from pathlib import Path
 
 from solver.analysis.departures import Departure
 from solver.checks.registry import BY_NAME
-from solver.errors import MbdError, StepError
+from solver.errors import MbdError, SpecError, StepError
 from solver.findings import Finding
 from solver.levels import LEVELS, derive
+from solver.levels.auto import key
+from solver.quantities import names as names_of
+from solver.quantities import published
 from solver.scene import SUBSYSTEMS, Scene
 from solver.trade import cost, reference
-from solver.trade.activity import of_subsystems
-from solver.trade.judging import MARGIN, Judge
-from solver.trade.measurements import ITERATIONS, STEP_SETS
-from solver.trade.runs import Going, Stopped, all_of, clock, departures
-from solver.trade.setting import Setting, baseline
-from solver.trade.variations import AS_GIVEN, Variation
-from solver.trade.verdicts import Check, Influence, Verdict
+from solver.trade.activity import Influence, influences
+from solver.trade.bench import FULL, Bench, cost_of, findings_of, own_of, run_of, second_of, truth_of
+from solver.trade.errors import requirements
+from solver.trade.judging import MARGIN, Check, Verdict, bands_of, check_whole, judge, largest, limits_of, model_error
+from solver.trade.kept_runs import KeptRuns
+from solver.trade.runs import Going, Stopped, all_of, clock
+from solver.trade.setting import ITERATIONS, RHOS, Setting, baseline, grid
+from solver.trade.variations import AS_GIVEN, CORNERS, Variation, effective, inside
 
 LONGEST = 170.0  # s that a plan may take
 CHECK_SHARE = 0.45  # of that which is kept for checking
@@ -47,13 +47,20 @@ LEAST_CHECK_SHARE = 0.15  # the same as long as no setting has been found
 UNSEEN = 24
 CLEAR_BAND = 0.1  # of the limit that the band of the reference may take before its steps are refined
 STEPS = (0.02, 0.01, 0.008, 0.005, 0.004, 0.003, 0.002, 0.001, 0.0005, 0.00025, 0.000125, 0.0000625)
-RHOS = (0.8, 0.5)
+STEP_SETS = tuple(tuple(h / 2**k for h in reference.STEPS) for k in range(4))  # s, of the reference
 SAME = 1.05  # settings whose costs are nearer than this are equally cheap, and the more accurate one is taken
 SAVES = 0.97  # of the cost: what a subsystem must bring it below to be worth its error
+EXAMPLE = '{yaw_rate: {rms: 2 %}}'
+WATCHED = ('lateral_acceleration', 'longitudinal_acceleration', 'longitudinal_velocity')
+WATCHED_WHEELS = ('slip_angle', 'slip', 'wheel_load')
 
 
-class Search(Judge):
-    """The search for one scene, in at most `longest` seconds. keep_in: see Measurements."""
+class Search:
+    """The search for one scene, in at most `longest` seconds.
+
+    progress(text, done): is told what is going on. keep_in: a directory in which whole runs are kept, and found again; none
+    keeps nothing. bench: what was measured so far.
+    """
 
     def __init__(
         self,
@@ -66,9 +73,25 @@ class Search(Judge):
         progress: Callable[[str, float], None] = lambda text, done: None,
         keep_in: Path | None = None,
     ) -> None:
-        super().__init__(scene, workers=workers, longest=longest, progress=progress, keep_in=keep_in)
-        self.unseen = unseen
+        required = requirements(scene)
+        if not required:
+            raise SpecError(f'scene {scene.name!r}: no accuracy is required, so there is nothing to plan; add e.g. require: {EXAMPLE}')
+        self.workers, self.longest, self._progress, self.unseen = workers, longest, progress, unseen
+        self.begin, self.until = clock(), longest
         self.candidate_levels = ('full', *levels)
+        channels = published(scene.model)
+        known = names_of(channels)
+        wheels = [f'{n}.{w}' for n in WATCHED_WHEELS for w in channels.wheels]
+        loads = [n for n in wheels if n.startswith('wheel_load')]
+        self.names = list(dict.fromkeys(r.quantity for r in required))
+        self.watched = [n for n in (*WATCHED, *wheels) if n in known]
+        self.shown = [*dict.fromkeys([*self.names, *(n for n in ('yaw_rate', 'sideslip_velocity', 'roll') if n in known), *loads])]
+        everything = tuple(dict.fromkeys([*self.shown, *self.watched]))
+        self.scene = dataclasses.replace(scene, fidelity='full', switches={}, resolved='')
+        self.kept = KeptRuns(keep_in, key(scene) if keep_in else '', everything)
+        self.bench = Bench(
+            self.scene, everything, STEP_SETS[0], required, self.different((AS_GIVEN, *CORNERS)), stop=self.late, kept=self.kept
+        )
         self.notes: list[str] = []
         self.tried: list[Verdict] = []
         self.levels: dict[str, str] = {}  # level that was looked at -> why it is out, '' where it is not
@@ -80,71 +103,87 @@ class Search(Judge):
         self.coarse: dict[str, Finding] = {}  # what the reference does not resolve itself, by the quantity of the finding
         self.unchecked: list[Check] = []  # unseen maneuvers on which the full vehicle itself cannot be simulated
 
+    @property
+    def took(self) -> float:
+        """Seconds since the beginning."""
+        return clock() - self.begin
+
+    def late(self) -> bool:
+        """True when the time is over that runs may take."""
+        return self.took > self.until
+
+    def say(self, text: str) -> None:
+        """Tell what is being done, and the share of the time that is gone."""
+        self._progress(text, min(1.0, self.took / self.longest))
+
+    def different(self, variations: Iterable[Variation]) -> tuple[Variation, ...]:
+        """Those that lead to different maneuvers."""
+        return tuple(dict.fromkeys(effective(self.scene, v) for v in variations))
+
+    def points(self, count: int) -> list[Variation]:
+        """Up to so many maneuvers inside the ranges that had no part in the choice; none of a scene in which nothing can be varied."""
+        seen = self.bench.seen
+        return [v for v in self.different(inside(k) for k in range(count + len(seen))) if v not in seen][:count]
+
     # -- the phases ----------------------------------------------------------------------------------------------------
 
     def find_reference(self) -> bool:
         """Choose steps fine enough for the limits; False where the band stays too wide for one of them, or a second formulation does not
         confirm it. Raises StepError."""
         for steps in STEP_SETS:
-            self.steps = steps
+            bench = self.bench = dataclasses.replace(self.bench, steps=steps)
             self.say(f'reference with {", ".join(f"{1e3 * h:g}" for h in steps)} ms')
             all_of(lambda h: self.look_at(AS_GIVEN, Setting(h=h)), steps, self.workers)
             try:
-                limits = self.limits(AS_GIVEN)
+                limits = limits_of(bench, AS_GIVEN)
             except StepError:  # a step that a run does not survive: there may be shorter ones
                 if steps == STEP_SETS[-1]:
                     raise
                 continue
-            peaks = self.truth(AS_GIVEN).peaks
-            shares = {r: self.uncertainty(r, peaks[r.quantity]) / limits[r] for r in self.requirements}
-            if max(shares.values()) <= CLEAR_BAND and not self.unresolved(AS_GIVEN):
+            bands = bands_of(bench, AS_GIVEN)
+            worst, share = largest({r: bands[r] / limits[r] for r in limits})
+            if share <= CLEAR_BAND and not self.unresolved(AS_GIVEN):
                 break
-        worst = max(shares, key=lambda r: shares[r])
-        if not shares[worst] <= 1.0 - MARGIN:
-            self.notes.append(
-                f'{worst}: the reference itself is uncertain by {shares[worst]:.2g} of the limit, with {1e3 * self.steps[-1]:g} ms'
-            )
+        if not share <= 1.0 - MARGIN:
+            self.notes.append(f'{worst}: the reference itself is uncertain by {share:.2g} of the limit, with {1e3 * bench.steps[-1]:g} ms')
             return False
         self.say('second formulation of the reference, and references of the corners')
-        corners = [v for v in self.seen if v != AS_GIVEN]
-        clear = shares[worst] <= CLEAR_BAND  # then its coarser pair confirms as much
+        finest = share > CLEAR_BAND  # else its coarser pair confirms as much
 
         def confirm() -> None:
-            self.second = reference.second_formulation(self.scene, self.truth(AS_GIVEN), self.late, finest=not clear, kept=self.kept)
+            self.second = second_of(bench, finest=finest)
 
-        runs = [(v, reference.with_step(Setting(), h)) for h in self.steps[::-1] for v in corners]
-        all_of(lambda job: self.look_at(*job) if job else confirm(), [None, *runs], self.workers)
-        apart = {r: r.error(self.second[r.quantity]) / limits[r] for r in self.requirements}
-        worst = max(apart, key=lambda r: apart[r])
-        if not apart[worst] <= 1.0 - MARGIN:
-            self.notes.append(
-                f'{worst}: the reference is not confirmed, a second formulation departs from it by {apart[worst]:.2g} of the limit'
-            )
+        corners = [v for v in bench.seen if v != AS_GIVEN]
+        work: list[Callable[[], None]] = [confirm]
+        work += [partial(self.look_at, v, reference.with_step(FULL, h)) for h in bench.steps[::-1] for v in corners]
+        all_of(lambda make: make(), work, self.workers)
+        worst, share = largest({r: r.error(self.second[r.quantity]) / limits[r] for r in limits})
+        if not share <= 1.0 - MARGIN:
+            self.notes.append(f'{worst}: the reference is not confirmed, a second formulation departs from it by {share:.2g} of the limit')
             return False
         for v in corners:
             try:
-                self.truth(v)
+                truth_of(bench, v)
             except MbdError as error:
-                self.seen.remove(v)
+                self.bench = dataclasses.replace(self.bench, seen=tuple(one for one in self.bench.seen if one != v))
                 self.notes.append(f'the corner {v} of the variations is left out: {error}')
-        for v in self.seen:
+        for v in self.bench.seen:
             self.coarse |= {finding.quantity: finding for finding in self.unresolved(v) if finding.quantity not in self.coarse}
         return True
 
     def look_at(self, v: Variation, setting: Setting) -> None:
         """Make a run of the reference, the finest one with what would make it suspect."""
-        if setting.h == self.steps[-1]:
-            self.findings(v, setting)
-        else:
-            self.run(v, setting)
+        (findings_of if setting.h == self.bench.steps[-1] else run_of)(self.bench, v, setting)
 
     def unresolved(self, v: Variation) -> list[Finding]:
-        """What the finest run of the reference does not resolve: steps that all damp a vibration away agree on a motion without it."""
-        return [f for f in self.findings(v, Setting(h=self.steps[-1])) if BY_NAME[f.quantity].unresolved and not f.required]
+        """Findings of the finest run of the reference that it does not resolve: steps that all damp a vibration away agree on
+        a motion without it."""
+        found = findings_of(self.bench, v, Setting(h=self.bench.steps[-1]))
+        return [f for f in found if BY_NAME[f.quantity].unresolved and not f.required]
 
     def find_levels(self) -> list[Setting]:
         """The levels that the vehicle has; self.levels says why it has not the others."""
-        found = [Setting()]
+        found = [FULL]
         for level in self.candidate_levels[1:]:
             base = Setting(level=level)  # type: ignore[arg-type]
             try:
@@ -157,7 +196,7 @@ class Search(Judge):
         return found
 
     def _is_out(self, level: str) -> bool:
-        """Whether the model error of a level alone is too large, looked at once."""
+        """True where the model error of a level alone is too large; it is looked at once."""
         if level not in self.levels:
             self.say(f'model error of {level}')
             self.levels[level] = self._out(Setting(level=level))  # type: ignore[arg-type]
@@ -165,27 +204,27 @@ class Search(Judge):
 
     def _out(self, base: Setting) -> str:
         """Why a model cannot keep the limits whatever its step, or ''."""
-        if base.model == Setting().model:
+        if base.model == FULL.model:
             return ''
         try:
             derive(base.of(self.scene))
         except MbdError as error:
             return str(error)
-        for v in self.seen:
+        bench = self.bench
+        for v in bench.seen:
             try:
-                all_of(lambda h: self.run(v, reference.with_step(base, h)), self.steps[1:], self.workers)  # noqa: B023
-                limits, errors = self.limits(v), self.model_error(v, base)
+                all_of(lambda h: run_of(bench, v, reference.with_step(base, h)), bench.steps[1:], self.workers)  # noqa: B023
+                limits, errors = limits_of(bench, v), model_error(bench, v, base)
             except Stopped:
                 raise
             except MbdError as error:
                 return str(error)
-            shares = {r: errors[r] / limits[r] for r in self.requirements}
-            worst = max(shares, key=lambda r: shares[r])
-            if not shares[worst] <= 1.0:
-                if math.isinf(shares[worst]):
-                    there = worst.quantity in self.limit_of(v, base, self.steps[1:]).curves
+            worst, share = largest({r: errors[r] / limits[r] for r in limits})
+            if not share <= 1.0:
+                if math.isinf(share):
+                    there = worst.quantity in own_of(bench, v, base).curves
                     return f'{worst}: it changes in another way than in the full vehicle' if there else f'{worst.quantity} is not modelled'
-                return f'{worst}: its model error alone is {shares[worst]:.2g} of the limit on {v}'
+                return f'{worst}: its model error alone is {share:.2g} of the limit on {v}'
         return ''
 
     def candidates(self, models: Sequence[Setting]) -> list[Setting]:
@@ -195,26 +234,24 @@ class Search(Judge):
         below all limits also where the error of the finest does not. A level with a step of its own makes no iterations and knows no
         damping: it has one setting a step.
         """
-        steps = [h for h in STEPS if h >= 0.49 * self.steps[-1] and h <= 0.25 * self.scene.duration]
+        steps = [h for h in STEPS if h >= 0.49 * self.bench.steps[-1] and h <= 0.25 * self.scene.duration]
         found = []
         for m in models:
-            own = derive(m.of(self.scene)).engine is not None
-            ways = [(ITERATIONS[0], RHOS[0])] if own else itertools.product(ITERATIONS, RHOS)
-            found += [dataclasses.replace(m, h=h, iterations=n, rho_inf=rho) for n, rho in ways for h in steps]
-        return sorted(found, key=lambda s: (self.expected(s), -s.h))
+            ways = 1 if derive(m.of(self.scene)).engine is not None else None  # how many of each
+            found += grid(m, steps, ITERATIONS[:ways], RHOS[:ways])
+        return sorted(found, key=lambda s: (cost_of(self.bench, s), -s.h))
 
     def cheapest(self, models: Sequence[Setting], below: float = math.inf) -> Verdict | None:
         """The cheapest setting that keeps everything, the more accurate of equals; None where there is none."""
         best: Verdict | None = None
         for setting in self.candidates(models):
-            expected = self.expected(setting)
-            if expected > (below if best is None else SAME * best.cost):
+            if cost_of(self.bench, setting) > (below if best is None else SAME * best.cost):
                 break
             if not setting.off and self._is_out(setting.level):
                 continue
             self.say(str(setting))
             try:
-                verdict = self.judge(setting)
+                verdict = judge(self.bench, setting, self.workers)
             except Stopped:
                 if best is None:
                     raise
@@ -227,30 +264,11 @@ class Search(Judge):
                 best = verdict
         return best
 
-    def influence(self, base: Setting) -> list[Influence]:
-        """What each subsystem does to each quantity when it is left out, alone, at one and the same integration."""
+    def look_at_subsystems(self, base: Setting) -> list[Influence]:
+        """The influences of all subsystems at one and the same integration."""
         self.say('activity of the subsystems')
-        try:
-            activity = of_subsystems(self.scene, self.scene.duration)
-        except MbdError:
-            activity = {}
-        before = self.run(AS_GIVEN, base)
-        truth, whole, size = self.truth(AS_GIVEN), self.per_step(base), cost.size(self.scene, base)
-        evaluations = before.counters['evaluations']
-        order = sorted(activity, key=lambda s: activity[s])
-        for subsystem in order:
-            self.say(f'without {subsystem}')
-            setting = dataclasses.replace(base, off=(subsystem,))
-            try:
-                same = cost.size(self.scene, setting) == size
-                share = 1.0 if same else self.per_step(setting).of(1.0, evaluations) / whole.of(1.0, evaluations)
-            except MbdError as error:
-                self.influences.append(Influence(subsystem, activity[subsystem], {}, 1.0, str(error)))
-                continue
-            found = self.run(AS_GIVEN, setting)
-            errors = departures(found, before.time, before.curves, truth.quantities, truth.peaks)
-            shares = {name: errors[name].rms / truth.peaks[name] for name in self.shown}
-            self.influences.append(Influence(subsystem, activity[subsystem], shares, share, found.failure))
+        for one in influences(self.bench, base, self.shown, self.say):
+            self.influences.append(one)
         return self.influences
 
     def eliminate(self, best: Verdict) -> Verdict:
@@ -259,9 +277,9 @@ class Search(Judge):
         A level with a step of its own costs the same whatever is off; their influence is then that on the full vehicle.
         """
         if derive(best.setting.of(self.scene)).engine is not None:
-            self.influence(Setting(h=self.steps[0], iterations=ITERATIONS[1]))
+            self.look_at_subsystems(Setting(h=self.bench.steps[0], iterations=ITERATIONS[1]))
             return best
-        gains = [i for i in self.influence(dataclasses.replace(best.setting, off=())) if not i.failure and i.cost < SAVES]
+        gains = [i for i in self.look_at_subsystems(dataclasses.replace(best.setting, off=())) if not i.failure and i.cost < SAVES]
 
         def price(i: Influence) -> float:
             """Error per saving; the largest share of a peak among what is required."""
@@ -280,13 +298,13 @@ class Search(Judge):
         """The setting with these subsystems off if it keeps everything and is cheaper, else the one before."""
         setting = dataclasses.replace(best.setting, off=off)
         try:
-            if self.expected(setting, self.run(AS_GIVEN, best.setting)) > SAVES * best.cost:
+            if cost_of(self.bench, setting, run_of(self.bench, AS_GIVEN, best.setting)) > SAVES * best.cost:
                 return best
         except MbdError:
             return best
         self.say(str(setting))
         why = self._out(dataclasses.replace(setting, iterations=None))
-        verdict = self.judge(setting) if not why else Verdict(setting, math.inf, best.cost, '', why, {})
+        verdict = judge(self.bench, setting, self.workers) if not why else Verdict(setting, math.inf, best.cost, '', why, {})
         self.tried.append(verdict)
         return best if verdict.dropped else verdict
 
@@ -299,16 +317,16 @@ class Search(Judge):
             begin = clock()
             self.say(f'checking {setting} on unseen maneuvers: {len(found)} of {self.unseen}')
             try:
-                found += all_of(lambda v: self.check_whole(setting, v), points[k : k + size], self.workers)
+                found += all_of(lambda v: check_whole(self.bench, v, setting), points[k : k + size], self.workers)
             except Stopped:
                 break
-            if any(not c.passed and not c.failure.startswith('the reference') for c in found):
+            if any(not c.passed and not c.unjudged for c in found):
                 break
             if self.took + 1.2 * (clock() - begin) > self.until:
                 break
         if len(found) < len(points) and all(c.passed for c in found):
             self.notes.append(f'{len(found)} of {len(points)} unseen maneuvers were checked in the time there was (mbd plan --time)')
-        without = [c for c in found if c.failure.startswith('the reference')]
+        without = [c for c in found if c.unjudged]
         self.notes += [f'no check on {c.variation}: {c.failure}' for c in without]
         self.unchecked = without
         return [c for c in found if c not in without]
@@ -341,7 +359,7 @@ class Search(Judge):
             why = f'{bad[0].failure or f"{bad[0].worst}: {bad[0].used:.2g} of its limit"} on a maneuver that was unseen ({failed[0]})'
             self.notes.append(f'{best.setting} failed on {failed[0]}, which has served to choose from then on')
             self.tried = [t if t is not best else t._replace(dropped=why, error=max(t.error, *(c.used for c in bad))) for t in self.tried]
-            self.seen += failed
+            self.bench = dataclasses.replace(self.bench, seen=(*self.bench.seen, *failed))
             try:
                 self.levels = {level: why for level, why in self.levels.items() if why}  # the others are looked at again
                 again = Setting(level=best.setting.level, off=best.setting.off)
@@ -360,5 +378,5 @@ class Search(Judge):
             of, full = cost.compared(self.scene, both)
         except MbdError as error:
             self.notes.append(f'costs are those of a step times the number of steps, for a run to time fails: {error}')
-            of, full = (cost.Cost(each, each) for each in map(self.expected, both))
+            of, full = (cost.Cost(each, each) for each in (cost_of(self.bench, one) for one in both))
         return of, full

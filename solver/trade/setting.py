@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from solver.scene import Fidelity, Scene
 from solver.step.settings import IntegratorSettings
+
+ITERATIONS = (1, 2, 3)
+RHOS = (0.8, 0.5)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -32,7 +37,7 @@ class Setting:
 
     @property
     def model(self) -> tuple[str, tuple[str, ...]]:
-        """What decides about the model."""
+        """Level and subsystems that are off: they decide about the model."""
         return self.level, self.off
 
     def of(self, scene: Scene) -> Scene:
@@ -64,3 +69,8 @@ def baseline(scene: Scene) -> Setting:
     if settings.mode == 'fixed':
         return Setting(h=1e-3, iterations=settings.iterations, rho_inf=settings.rho_inf)
     return Setting(h=1e-3, rho_inf=settings.rho_inf, tolerance=settings.tolerance)
+
+
+def grid(model: Setting, steps: Sequence[float], iterations: Sequence[int] = ITERATIONS, rhos: Sequence[float] = RHOS) -> list[Setting]:
+    """All combinations of these, with level and switches of `model`."""
+    return [dataclasses.replace(model, h=h, iterations=n, rho_inf=rho) for h, n, rho in itertools.product(steps, iterations, rhos)]

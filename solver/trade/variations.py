@@ -100,7 +100,7 @@ def ranges_of(scene: Scene) -> dict[str, tuple[float, float]]:
 
 
 def _driven(scene: Scene) -> tuple[Any, ...]:
-    """What a variation changes, in one form."""
+    """Everything that a variation changes, in one form."""
     maneuver = scene.maneuver
     kept = maneuver.speed
     target = None if kept is None or kept.target is None else signal(kept.target)

@@ -7,7 +7,7 @@ import pytest
 
 from solver.analysis.departures import departure
 from solver.quantities import Quantity
-from solver.trade.requirements import Requirement
+from solver.trade.errors import Requirement
 
 T = 0.01 * np.arange(1001)  # s
 W = 2.0 * np.pi * 0.5  # rad/s; ten seconds are five periods

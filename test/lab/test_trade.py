@@ -9,7 +9,7 @@ import math
 import pytest
 
 from mbd_sim_ros.commands.main import main
-from mbd_sim_ros.lab.studies import trade, trade_grid
+from mbd_sim_ros.lab.studies import trade
 
 SCENE = ['light_car_step_steer', '--set', 'duration=1', '--set', 'maneuver.steering.start=0.2']
 
@@ -40,8 +40,8 @@ def test_a_quick_trade_has_all_rows_marks_its_front_and_can_be_resumed(capsys, t
     }
     with (tmp_path / 'errors.csv').open() as file:
         assert len(list(csv.DictReader(file))) == sum(len(row['errors']) for row in rows)
-    monkeypatch.setattr(trade_grid.Grid, 'row', lambda self, setting: pytest.fail('computed again'))
-    monkeypatch.setattr(trade_grid.Grid, '_measure', lambda self, setting, row: pytest.fail('measured again'))
+    monkeypatch.setattr(trade, 'row_of', lambda bench, setting: pytest.fail('computed again'))
+    monkeypatch.setattr(trade, 'cost_of', lambda scene, setting, seconds: pytest.fail('measured again'))
     assert main(argv) == 0
     assert json.loads(capsys.readouterr().out)['rows'] == rows
 
@@ -51,9 +51,9 @@ def test_the_front_holds_what_nothing_beats() -> None:
         return {'cost_median': cost, 'errors': {'yaw_rate': {'rms_share': error}}, 'failure': failure}
 
     rows = [row(1.0, 0.1), row(2.0, 0.05), row(2.0, 0.2), row(3.0, 0.05), row(0.1, None), row(0.1, 0.0, 'failed')]
-    trade_grid.mark_front(rows)
+    trade.mark_front(rows)
     assert [r['front'] for r in rows] == [True, True, False, False, False, False]
-    assert math.isinf(trade_grid.judged(rows[4], ['yaw_rate']))
+    assert math.isinf(trade.judged(rows[4], ['yaw_rate']))
 
 
 def test_a_study_of_a_scene_needs_one_and_the_others_take_none(capsys, tmp_path) -> None:

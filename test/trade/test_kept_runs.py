@@ -9,7 +9,7 @@ import pytest
 
 import solver
 from solver.findings import Finding
-from solver.trade import measurements
+from solver.trade import bench, cost
 from solver.trade.certificate import plan
 from solver.trade.cost import PerStep
 from solver.trade.kept_runs import KeptRuns
@@ -70,13 +70,13 @@ def test_where_nothing_can_be_written_every_run_is_made(tmp_path: Path) -> None:
     (tmp_path / 'runs').write_text('a file where the directory should be')
     for directory in (None, tmp_path / 'runs'):
         kept = KeptRuns(directory, 'scene', NAMES)
-        assert [kept.made(AS_GIVEN, FAST, a_run).counters for _ in range(2)] == [a_run().counters] * 2
-        assert kept.found == 0
+        kept.put(AS_GIVEN, FAST, a_run())
+        assert kept.get(AS_GIVEN, FAST) is None and kept.found == 0
 
 
 def test_an_interrupted_plan_goes_on_and_ends_as_one_that_was_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     price = PerStep(14e-6, 5e-6, 1.0, 3.0)  # as it was measured once: two measurements might order settings differently
-    monkeypatch.setattr(Search, 'per_step', lambda self, setting: price)
+    monkeypatch.setattr(cost, 'per_step', lambda scene, setting: price)
     scene = solver.load_scene('spring_mass', ['duration=0.3', 'require={joint_states/guide/position: {rms: 5 %}}'])
     settings = {'unseen': 2, 'workers': 1, 'longest': 600.0, 'levels': ()}
 
@@ -87,8 +87,8 @@ def test_an_interrupted_plan_goes_on_and_ends_as_one_that_was_not(tmp_path: Path
     with pytest.raises(KeyboardInterrupt):
         plan(Search(scene, **settings, progress=interrupt, keep_in=tmp_path))
     there, made = {file.name for file in tmp_path.iterdir()}, []
-    plain = measurements.run
-    monkeypatch.setattr(measurements, 'run', lambda scene, *given, **more: made.append(given[0]) or plain(scene, *given, **more))
+    plain = bench.run
+    monkeypatch.setattr(bench, 'run', lambda scene, *given, **more: made.append(given[0]) or plain(scene, *given, **more))
     search = Search(scene, **settings, keep_in=tmp_path)
     data = plan(search)
     assert search.kept.found >= len(there) > 10

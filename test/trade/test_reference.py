@@ -9,11 +9,18 @@ import pytest
 
 import solver
 from solver.errors import StepError
-from solver.trade.reference import converged, of_runs, order, second_formulation
+from solver.scene import Scene
+from solver.trade.bench import Bench, second_of, truth_of
+from solver.trade.reference import STEPS, Reference, of_runs, order, with_step
 from solver.trade.runs import Stopped, at, run
 from solver.trade.setting import Setting, baseline
+from solver.trade.variations import AS_GIVEN
 
 ANGLE = 'joint_states/pivot/position'
+
+
+def converged(scene: Scene, base: Setting, names: list[str]) -> Reference:
+    return of_runs(scene, [run(scene, with_step(base, h), names) for h in STEPS])
 
 
 def test_the_limit_of_a_pendulum_is_that_of_an_independent_integrator() -> None:
@@ -37,9 +44,9 @@ def test_the_limit_of_a_pendulum_is_that_of_an_independent_integrator() -> None:
 @pytest.mark.slow
 def test_the_limit_of_a_car_is_confirmed_by_another_formulation_and_errors_fall_with_the_square_of_the_step() -> None:
     scene = solver.load_scene('light_car_step_steer', ['duration=1.5', 'maneuver.steering.start=0.3'])
-    names = ['yaw_rate', 'sideslip_velocity', 'wheel_load.front_left', 'position']
-    found = converged(scene, Setting(), names)
-    other = second_formulation(scene, found)
+    names = ('yaw_rate', 'sideslip_velocity', 'wheel_load.front_left', 'position')
+    bench = Bench(scene, names, STEPS)
+    found, other = truth_of(bench, AS_GIVEN), second_of(bench)
     errors = {h: found.errors(run(scene, Setting(h=h), names)) for h in (8e-3, 4e-3)}
     for name in names:
         assert other[name].rms < 0.02 * errors[4e-3][name].rms

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 from types import SimpleNamespace
+from unittest.mock import patch
 
 import pytest
 
@@ -14,29 +16,25 @@ from solver.checks.registry import BY_NAME
 from solver.disk import plain
 from solver.errors import SpecError
 from solver.files.scene import load_scene_text
-from solver.trade import judging, reference
+from solver.scene import Scene
+from solver.trade import cost, judging
+from solver.trade import search as search_module
+from solver.trade.bench import FULL, findings_of, run_of, truth_of
 from solver.trade.certificate import idle, plan, still, what_has_to_give
 from solver.trade.cost import Cost, PerStep
-from solver.trade.measurements import STEP_SETS
-from solver.trade.requirements import Requirement
+from solver.trade.judging import MARGIN, Check, Verdict, nearest
 from solver.trade.runs import Stopped
-from solver.trade.search import MARGIN, Search
+from solver.trade.search import STEP_SETS, Search
 from solver.trade.setting import Setting
 from solver.trade.variations import AS_GIVEN, inside
-from solver.trade.verdicts import Check, Verdict, nearest
 
 SHORT = ['duration=0.6', 'maneuver.steering.start=0.1']
 
 
-class Priced(dict[tuple[str, tuple[str, ...]], PerStep]):
-    """Costs of a step as they are on a quiet machine: of the full light car, 3 % less for every subsystem that is off."""
-
-    def __contains__(self, model: object) -> bool:
-        return True
-
-    def __getitem__(self, model: tuple[str, tuple[str, ...]]) -> PerStep:
-        part = 0.97 ** len(model[1])
-        return PerStep(part * 14e-6, part * 5e-6, 1.0, 3.0)
+def priced(scene: Scene, setting: Setting) -> PerStep:
+    """Cost of a step as it is on a quiet machine: of the full light car, 3 % less for every subsystem that is off."""
+    part = 0.97 ** len(setting.off)
+    return PerStep(part * 14e-6, part * 5e-6, 1.0, 3.0)
 
 
 def searched(*requirements: str, unseen: int = 3, longest: float = 600.0, untils: dict[str, float] | None = None) -> tuple[dict, Search]:
@@ -47,8 +45,8 @@ def searched(*requirements: str, unseen: int = 3, longest: float = 600.0, untils
     search = Search(
         scene, unseen=unseen, workers=1, longest=longest, levels=(), progress=lambda text, _: at.update({text.split()[0]: search.until})
     )
-    search.prices = Priced()
-    return plan(search), search
+    with patch.object(cost, 'per_step', priced):
+        return plan(search), search
 
 
 @pytest.mark.slow
@@ -73,13 +71,13 @@ def test_a_plan_keeps_its_limits_with_margin_and_is_checked_elsewhere() -> None:
     assert json.loads(json.dumps(data, allow_nan=False)) == data
     # what is coarse about it goes with the certificate, and nothing is broken
     assert search.result is not None
-    found = search.findings(AS_GIVEN, search.result.setting)
+    found = findings_of(search.bench, AS_GIVEN, search.result.setting)
     covered = {f['quantity'] for f in data['findings']}
     assert {f.quantity for f in found} <= covered and {BY_NAME[name].plan for name in covered} <= {'coarse'}
     assert sum('covered by the certificate' in note for note in data['notes']) == len(found)
     assert not any('is suspect' in note for note in data['notes'])
     # what is certified does not leave its certificate
-    own = search.run(search.seen[0], search.result.setting).curves
+    own = run_of(search.bench, AS_GIVEN, search.result.setting).curves
     for limit in data['envelope']:
         values = [values for name, values in own.items() if name.partition('.')[0] == limit['quantity']]
         assert limit['low'] <= min(v.min() for v in values) <= max(v.max() for v in values) <= limit['high']
@@ -95,7 +93,7 @@ def test_stricter_limits_cost_more_and_the_strictest_take_the_full_vehicle_and_a
     strict, search = searched('require={position: {max: 1.0e-5 m}}', unseen=1)
     assert (loose['status'], strict['status'], strict['fidelity']) == ('ok', 'ok', 'full')
     assert strict['settings']['integrator']['h'] <= 2e-3 < loose['settings']['integrator']['h']
-    assert search.steps[-1] <= 1e-3
+    assert search.bench.steps[-1] <= 1e-3
 
 
 @pytest.mark.long
@@ -173,9 +171,10 @@ def test_what_has_to_give_says_why_a_setting_that_keeps_its_bounds_was_dropped(m
     ]
 
 
-def test_steps_of_candidates_go_down_to_half_the_finest_of_the_reference() -> None:
+def test_steps_of_candidates_go_down_to_half_the_finest_of_the_reference(monkeypatch: pytest.MonkeyPatch) -> None:
     search = Search(solver.load_scene('light_car_step_steer', ['require={yaw_rate: {rms: 2 %}}']), longest=60.0)
-    search.steps = (1e-3, 5e-4, 2.5e-4)
+    search.bench = dataclasses.replace(search.bench, steps=(1e-3, 5e-4, 2.5e-4))
+    monkeypatch.setattr(cost, 'per_step', priced)
     assert min(s.h for s in search.candidates([Setting()])) == 1.25e-4
 
 
@@ -183,7 +182,7 @@ def test_a_level_with_a_step_of_its_own_is_tried_once_a_step(monkeypatch: pytest
     """It makes no iterations: six settings of one step are one and the same run. Others have three iterations and two dampings."""
     scene = solver.load_scene('light_car_step_steer', ['require={yaw_rate: {rms: 2 %}}'])
     search = Search(scene, longest=60.0)
-    search.prices = Priced()
+    monkeypatch.setattr(cost, 'per_step', priced)
     monkeypatch.setattr('solver.trade.search.derive', lambda s: SimpleNamespace(engine=object() if s.fidelity == 'single_track' else None))
     found = search.candidates([Setting(), Setting(level='single_track')])
     steps = {s.h for s in found}
@@ -198,7 +197,7 @@ def test_a_maneuver_is_not_counted_as_unseen_again_and_again() -> None:
     scene = solver.load_scene('andrews', ['duration=0.01', 'require={joint_states/O/position: {max: 1.0}}'])
     search = Search(scene, workers=1, longest=60.0, levels=())
     data = plan(search)
-    assert search.steps[0] < 4e-3
+    assert search.bench.steps[0] < 4e-3
     assert data['cost_ratio'] > 0.0
     assert search.points(24) == []
     assert search.result is not None
@@ -211,35 +210,36 @@ def test_unseen_maneuvers_of_a_driver_who_keeps_his_path_differ_in_what_there_is
     search = Search(solver.load_scene('light_car_lane_change', ['require={yaw_rate: {rms: 2 %}}']), longest=60.0)
     points = search.points(24)
     assert len(set(points)) == 24
-    assert {(v.amplitude, v.direction) for v in (*points, *search.seen)} == {(1.0, 1)}
-    assert not set(points) & set(search.seen)
+    assert {(v.amplitude, v.direction) for v in (*points, *search.bench.seen)} == {(1.0, 1)}
+    assert not set(points) & set(search.bench.seen)
 
 
 @pytest.mark.slow
 def test_what_makes_a_coarse_run_suspect_is_measured() -> None:
     """At 80 km/h a wheel of 0.3 m turns by 1.5 rad in 20 ms, and by 0.07 rad in 1 ms."""
     scene = solver.load_scene('light_car_straight', ['duration=0.5', 'require={position: {max: 1 m}}'])
-    search = Search(scene, workers=1, levels=())
-    assert any('turns too far in a step (turn_per_step 1.' in f.text for f in search.findings(AS_GIVEN, Setting(h=0.02, iterations=2)))
-    assert search.findings(AS_GIVEN, Setting(h=1e-3, iterations=2)) == ()
+    bench = Search(scene, workers=1, levels=()).bench
+    coarse = findings_of(bench, AS_GIVEN, Setting(h=0.02, iterations=2))
+    assert any('turns too far in a step (turn_per_step 1.' in f.text for f in coarse)
+    assert findings_of(bench, AS_GIVEN, Setting(h=1e-3, iterations=2)) == ()
 
 
 @pytest.mark.slow
-def test_a_setting_whose_run_is_not_sound_is_not_taken_however_small_its_errors_are() -> None:
+def test_a_setting_whose_run_is_not_sound_is_not_taken_however_small_its_errors_are(monkeypatch: pytest.MonkeyPatch) -> None:
     """No run of a car has constraints that are closed to 1e-30 m. Straight ahead half of the least yaw rate is a wide limit, and the plan
     says what it is a share of."""
     more = ['maneuver.steering.value=0', 'require={yaw_rate: {rms: 50 %}, position_drift_max: 1.0e-30}']
     search = Search(solver.load_scene('light_car_step_steer', [*SHORT, *more]), workers=1, longest=math.inf, levels=())
-    search.prices = Priced()
+    monkeypatch.setattr(cost, 'per_step', priced)
     assert search.find_reference()
-    verdict = search.judge(Setting(h=8e-3, iterations=1))
+    verdict = judging.judge(search.bench, Setting(h=8e-3, iterations=1))
     assert verdict.used < 0.01
     assert verdict.dropped.startswith(verdict.broken)
     sentence = 'full, 8 ms, 1 iteration, rho 0.8 keeps the accuracy, but its run is not sound: Constraint '
     told = what_has_to_give(search, verdict, False, {'status': 'no'})[0]
     assert told.startswith(sentence) and ' is open (position_drift_max ' in told
-    assert not search.check_whole(verdict.setting, AS_GIVEN).passed
-    assert search.check(verdict.setting, AS_GIVEN).passed
+    assert not judging.check_whole(search.bench, AS_GIVEN, verdict.setting).passed
+    assert judging.check(search.bench, AS_GIVEN, verdict.setting).passed
     assert still(search) == ['yaw_rate does not get beyond 0.01 rad/s in the maneuver of the scene; its percentages are of that']
 
 
@@ -269,25 +269,26 @@ def test_of_what_keeps_nothing_it_is_not_said_that_it_is_only_too_slow(monkeypat
 
 def test_a_delay_counts_at_the_end(monkeypatch: pytest.MonkeyPatch) -> None:
     """After a quarter of the maneuver the curves may not be alike enough for one; no number is that then, and no reason."""
-    search = guided(f'require={{{GUIDE}: {{delay: 1 ms}}}}')
-    monkeypatch.setattr(search, 'part', lambda found, _: dict.fromkeys(search.requirements, math.inf if found.time[-1] < 0.1 else 0.0))
-    assert search.race(Setting(h=8e-3, iterations=1))[0] == ''
+    bench = guided(f'require={{{GUIDE}: {{delay: 1 ms}}}}').bench
+    error = lambda found: math.inf if found.time[-1] < 0.1 else 0.0  # noqa: E731
+    monkeypatch.setattr(judging, 'against', lambda bench, _, found: dict.fromkeys(bench.requirements, error(found)))
+    assert judging.race(bench, Setting(h=8e-3, iterations=1))[0] == ''
 
 
 def test_the_band_of_a_delay_does_not_grow_with_the_peak() -> None:
     """0.1 m of a peak of 2 m are 0.2 m of one of 4 m; 10 ms are 10 ms."""
-    search = guided(f'require={{{GUIDE}: {{max: 1 m, delay: 1 s}}}}')
+    bench, other = guided(f'require={{{GUIDE}: {{max: 1 m, delay: 1 s}}}}').bench, inside(0)
     found = SimpleNamespace(band={GUIDE: Departure(0.1, 0.1, 2.0, 0.01)}, peaks={GUIDE: 2.0})
-    search._references[AS_GIVEN, Setting().model, search.steps] = found  # type: ignore[assignment]
-    bands = {measure: search.uncertainty(Requirement(GUIDE, measure, 1.0, False), 4.0) for measure in ('max', 'delay')}
-    assert bands == {'max': pytest.approx(0.2), 'delay': 0.01}
+    bench.made['limit', AS_GIVEN, FULL.model, bench.steps] = found
+    bench.made['limit', other, FULL.model, bench.steps[1:]] = SimpleNamespace(peaks={GUIDE: 4.0})
+    assert {r.measure: band for r, band in judging.bands_of(bench, other).items()} == {'max': pytest.approx(0.2), 'delay': 0.01}
 
 
 def test_a_limit_that_every_run_keeps_is_told() -> None:
     """2 without a unit is not 2 %, and 5 not 5 ms."""
     search = guided(f'require={{{GUIDE}: {{max: 2, rms: 0.1, delay: 5}}}}')
     truth = SimpleNamespace(peaks={GUIDE: 0.3}, quantities={GUIDE: SimpleNamespace(unit='m')})
-    search._references[AS_GIVEN, Setting().model, search.steps] = truth  # type: ignore[assignment]
+    search.bench.made['limit', AS_GIVEN, FULL.model, search.bench.steps] = truth
     told = idle(search)
     assert [text.partition(': a run')[0] for text in told] == [
         f'{GUIDE} max: the limit of 2 m is no less than its peak, 0.3 m',
@@ -322,12 +323,12 @@ def test_what_is_found_behind_a_failed_check_has_all_the_time_for_its_own(monkey
 def test_a_step_whose_own_error_is_too_large_is_not_raced_with_other_iterations(monkeypatch: pytest.MonkeyPatch) -> None:
     """4 ms is a step of the reference, so what it is off by when iterated to tolerance is known: far more than 1e-5 of the peak."""
     more = [*SHORT, 'require={yaw_rate: {rms: 0.001 %}}']
-    search = Search(solver.load_scene('light_car_step_steer', more), workers=1, longest=math.inf, levels=())
-    search.truth(AS_GIVEN)
+    bench = Search(solver.load_scene('light_car_step_steer', more), workers=1, longest=math.inf, levels=()).bench
+    truth = truth_of(bench, AS_GIVEN)
     monkeypatch.setattr(judging, 'Going', None)
-    dropped, used, part = search.race(Setting(h=4e-3, iterations=2))
-    own = search.part(search.run(AS_GIVEN, Setting(h=4e-3)), search.truth(AS_GIVEN))
-    assert used == pytest.approx(max(search.shares(AS_GIVEN, own).values())) and used > 1.0
+    dropped, used, part = judging.race(bench, Setting(h=4e-3, iterations=2))
+    own = judging.against(bench, truth, run_of(bench, AS_GIVEN, Setting(h=4e-3)))
+    assert used == pytest.approx(max(judging.shares(bench, AS_GIVEN, own).values())) and used > 1.0
     assert dropped == f'yaw_rate rms: {used:.2g} of its limit with any number of iterations' and part == 1.0
 
 
@@ -335,10 +336,10 @@ def test_a_step_whose_own_error_is_too_large_is_not_raced_with_other_iterations(
 def test_a_reference_that_a_second_formulation_does_not_confirm_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
     """2 % are required where the two are 5 % apart."""
 
-    def apart(scene, truth, stop=None, *, finest, kept):
-        return {name: Departure(0.05 * peak, 0.05 * peak, peak, 0.0) for name, peak in truth.peaks.items()}
+    def apart(bench, *, finest):
+        return {name: Departure(0.05 * peak, 0.05 * peak, peak, 0.0) for name, peak in truth_of(bench, AS_GIVEN).peaks.items()}
 
-    monkeypatch.setattr(reference, 'second_formulation', apart)
+    monkeypatch.setattr(search_module, 'second_of', apart)
     data, _ = searched('require={yaw_rate: {rms: 2 %}}', unseen=1)
     assert (data['status'], data['settings']) == ('no', None)
     assert data['give'] == ['yaw_rate rms: the reference is not confirmed, a second formulation departs from it by 2.5 of the limit']
@@ -368,7 +369,7 @@ def test_what_the_reference_damps_away_is_not_covered() -> None:
     never ends, so a run that has lost it is wrong by 0.7 of the amplitude, more than is allowed."""
     search = Search(load_scene_text(HIDDEN), workers=1, unseen=1, longest=600.0, levels=())
     data = plan(search)
-    assert search.steps == STEP_SETS[-1]
+    assert search.bench.steps == STEP_SETS[-1]
     assert 'resolution' in search.coarse
     assert not {'resolution', 'phase'} & {finding['quantity'] for finding in data['findings']}
     assert any('the reference itself (0.125 ms) has it: Fewer than 10 steps per oscillation' in note for note in data['notes'])

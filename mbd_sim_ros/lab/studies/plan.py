@@ -15,12 +15,13 @@ from solver.errors import MbdError
 from solver.files.scene import load_scene, load_scene_text
 from solver.levels import LEVELS
 from solver.scene import Scene
+from solver.trade.bench import Bench, cost_of, known, per_step
 from solver.trade.certificate import OK, plan
-from solver.trade.requirements import ORIGINS
+from solver.trade.errors import ORIGINS
+from solver.trade.judging import Check, bounds_of, broken, check
 from solver.trade.search import LONGEST, UNSEEN, Search
 from solver.trade.setting import Setting
 from solver.trade.variations import effective, inside
-from solver.trade.verdicts import Check
 
 SUMMARY = 'plans of six scenes with three requirements each: maneuvers they have not seen, cost against the cheapest of the grid, time'
 CORES = 2  # that a plan has LONGEST seconds on
@@ -175,18 +176,19 @@ def made(wish: Wish, cores: int, quick: bool, progress: Callable[[str, float], N
 
 def unseen(search: Search, setting: Setting, least: int) -> list[Check]:
     """The checks of the plan on maneuvers that had no part in the choice, and more where it had no time for so many."""
-    checks = [c for c in search.checks if c.variation not in search.seen]
-    known = {c.variation for c in checks}
+    bench = search.bench
+    checks = [c for c in search.checks if c.variation not in bench.seen]
+    there = {c.variation for c in checks}
     k = 0
     while len(checks) < least and k < 10 * least:
         v = effective(search.scene, inside(k))
         k += 1
-        if v in known or v in search.seen:
+        if v in there or v in bench.seen:
             continue
         search.say(f'more unseen maneuvers: {len(checks)} of {least}')
-        check = search.check(setting, v)
-        if not check.failure.startswith('the reference'):
-            checks.append(check)
+        found = check(bench, v, setting)
+        if not found.unjudged:
+            checks.append(found)
     return checks
 
 
@@ -201,44 +203,43 @@ class Cheaper(NamedTuple):
 def cheaper_of_grid(search: Search, cost: float, checks: list[Check], levels: Sequence[str]) -> list[Cheaper]:
     """The settings of the grid below a cost whose errors are within the limits on all these maneuvers, cheapest first, up to one that keeps
     them by the rule of a plan."""
-    models = [Setting()]
+    bench, models = search.bench, [Setting()]
     for level in levels:
         setting = Setting(level=level)  # type: ignore[arg-type]
         try:
-            search.per_step(setting)
+            per_step(bench, setting)
         except MbdError:
             continue
         models.append(setting)
-    maneuvers = [*search.seen, *(c.variation for c in checks)]
+    maneuvers = [*bench.seen, *(c.variation for c in checks)]
     found: list[Cheaper] = []
     for setting in search.candidates(models):
-        if search.expected(setting) >= cost:
+        if cost_of(bench, setting) >= cost:
             break
         search.say(f'grid: {setting}')
-        if not all(search.check(setting, v).passed for v in maneuvers):
+        if not all(check(bench, v, setting).passed for v in maneuvers):
             continue
-        if any(search.broken(v, setting) for v in search.seen):
+        if any(broken(bench, v, setting) for v in bench.seen):
             continue
-        exact = search.expected(setting, search.known(maneuvers[0], setting))
+        exact = cost_of(bench, setting, known(bench, maneuvers[0], setting))
         if exact < cost:
-            found.append(Cheaper(setting, exact, cancelling(search, setting)))
+            found.append(Cheaper(setting, exact, cancelling(bench, setting)))
             if found[-1].cancelling is None:
                 cost = exact
     return found
 
 
-def cancelling(search: Search, setting: Setting) -> dict[str, Any] | None:
+def cancelling(bench: Bench, setting: Setting) -> dict[str, Any] | None:
     """Where the errors of a setting by origin add up to most on the maneuvers that served to choose; None: nowhere above the limit."""
-    bounds = [(bound, v) for v in search.seen for bound in search.bounds(v, setting)]
+    bounds = [(bound, v) for v in bench.seen for bound in bounds_of(bench, v, setting)]
     worst, v = max(bounds, key=lambda entry: entry[0].used)
     if worst.used <= 1.0:
         return None
-    error = search.part(search.run(v, setting), search.truth(v))[worst.requirement]
     return {
         'setting': str(setting),
         'maneuver': str(v),
         'limit': str(worst.requirement),
         **{origin: part / worst.limit for origin, part in zip(ORIGINS, worst.parts, strict=True)},
         'sum': worst.used,
-        'error': error / worst.limit,
+        'error': worst.error / worst.limit,
     }
