@@ -17,7 +17,9 @@ CONFIDENCE = 0.95
 
 @dataclass(frozen=True, kw_only=True)
 class Band:
-    """Place of the run between repeats of a test. repeats: their number. width: largest half width of the confidence
+    """Place of the run between repeats of a test.
+
+    repeats: their number. width: largest half width of the confidence
     band. inside: part of the instants at which the run is in it. within: part of the instants at which the run is
     between the smallest and the largest of the repeats.
     """

@@ -23,7 +23,9 @@ from solver.errors import BagError
 
 
 class Recovered(NamedTuple):
-    """Result of `recover`. damage: the fault of the source; empty: it was whole. lost: messages that are known to be
+    """Result of `recover`.
+
+    damage: the fault of the source; empty: it was whole. lost: messages that are known to be
     missing. left_out: topics that cannot be copied, and why.
     """
 

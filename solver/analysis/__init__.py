@@ -1,1 +1,1 @@
-"""What is computed with finished models and simulations."""
+"""Analyses of finished models and simulations."""

@@ -8,9 +8,9 @@ of the same kind at the same place and no considerably worse is no reason to sus
 be covered say that something is coarse or far from where a level is usually good; what says that something is broken
 (energy out of nothing, iterations that do not settle, open constraints, another branch, signals that steps do not see)
 is never covered, and a plan chooses no setting with it. Nor is what the reference does not resolve itself, against
-which nothing of it was measured. What belongs to the scene and not to its setting (a hollow rounder than the wheels, a
-bushing that turns by pi, a car that rolls over, an overloaded tire) is neither covered nor a reason to choose another
-setting.
+which nothing of it was measured. A finding that belongs to the scene and not to its setting (a hollow rounder than the
+wheels, a bushing that turns by pi, a car that rolls over, an overloaded tire) is neither covered nor a reason to choose
+another setting.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def weighed(
 
 
 def covers(certified: Certified, finding: Finding) -> bool:
-    """Whether a finding is one that is certified, beyond the same end of a range, and not considerably worse."""
+    """True where a finding is one that is certified, beyond the same end of a range, and not considerably worse."""
     if not _is_coarse(finding) or kind_of(finding) != kind_of(certified):
         return False
     return side_of(certified) * (finding.value - certified.value) <= WORSE * abs(certified.value)
@@ -59,28 +59,28 @@ def kind_of(one: Finding | Certified) -> tuple[str, str, str, float]:
 
 
 def side_of(one: Finding | Certified) -> float:
-    """Beyond which end of its range: 1 above the upper, -1 below the lower one. What was measured to the left says
-    nothing of the right."""
+    """Beyond which end of its range: 1 above the upper, -1 below the lower one. A measurement to the left says nothing
+    of the right."""
     return 1.0 if one.value > one.limit else -1.0
 
 
 def _is_coarse(finding: Finding) -> bool:
-    """Whether what a finding tells of is a matter of step, iterations or level, which a plan may have measured."""
+    """True where a finding is a matter of step, iterations or level, which a plan may have measured."""
     return BY_NAME[finding.quantity].plan == 'coarse' and not finding.required
 
 
 def is_of_scene(finding: Finding) -> bool:
-    """Whether what a finding tells of belongs to the scene, whatever its setting."""
+    """True where a finding belongs to the scene, whatever its setting."""
     return BY_NAME[finding.quantity].plan == 'scene'
 
 
 def is_broken(finding: Finding) -> bool:
-    """Whether a plan must not choose a setting with this finding."""
+    """True where a plan must not choose a setting with this finding."""
     return finding.required or BY_NAME[finding.quantity].plan == 'broken'
 
 
 def certified_of(found: Iterable[Finding]) -> tuple[Certified, ...]:
-    """What of the findings of several runs a certificate covers, of each kind the worst."""
+    """Findings of several runs that a certificate covers, the worst of each kind."""
     worst: dict[tuple[str, str, str, float], Certified] = {}
     for finding in found:
         if not _is_coarse(finding):

@@ -1,4 +1,4 @@
-"""How far a signal departs from its reference: largest and root mean square error, and the delay."""
+"""Departures of a signal from its reference: largest and root mean square error, and the delay."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ FAILED = Departure(np.inf, np.inf, np.nan, np.nan)
 
 
 def departure(quantity: Quantity, time: np.ndarray, values: np.ndarray, reference: np.ndarray, peak: float | None = None) -> Departure:
-    """Of values (n, components) at the instants time (n,) [s] from the reference (n, components) there.
+    """Departure of values (n, components) at the instants time (n,) [s] from the reference (n, components) there.
 
     peak: of the reference over a longer time, where only a part of it is compared.
     """
@@ -65,7 +65,7 @@ def delay(time: np.ndarray, values: np.ndarray, reference: np.ndarray, least: fl
 
 
 def _fits(a: np.ndarray, b: np.ndarray) -> bool:
-    """Whether two curves without their means share more than half of how each changes."""
+    """True where two curves without their means share more than half of the change of each."""
     return float(((a - b) ** 2).sum()) < 0.5 * min(float((a * a).sum()), float((b * b).sum()))
 
 

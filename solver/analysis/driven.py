@@ -1,7 +1,7 @@
 """Figures of a vehicle that come out of driving it: a slow ramp of the steering wheel, a step, and turning it while the vehicle stands.
 
-Speeds, times and torques are those of passenger cars and grow with the vehicle (solver.vehicle.size). SI units, angles in rad. What
-else figures of vehicles are: solver.analysis.figures.
+Speeds, times and torques are those of passenger cars and grow with the vehicle (solver.vehicle.size). SI units, angles
+in rad. Other figures of vehicles: solver.analysis.figures.
 """
 
 from __future__ import annotations
@@ -45,7 +45,8 @@ def wheelbase(spec: ModelSpec) -> float:
 
 
 def rigid_gear(spec: ModelSpec) -> bool:
-    """Whether the rack follows the steering wheel by a constraint: nothing helps the hand there, which is no car to judge its torque by."""
+    """True where the rack follows the steering wheel by a constraint: without any assistance the torque of the hand is
+    not that of a car."""
     return any({'rack', 'steering_wheel'} <= {name for name, _ in coupler.terms} for coupler in spec.couplers)
 
 

@@ -1,5 +1,5 @@
-"""Whether a run stays where its level of detail holds, and the certificate of its plan (solver.levels.auto): quantities of interest within
-their ranges, and frequencies below their limit.
+"""Envelope of a run: the range in which its level of detail, and the certificate of its plan (solver.levels.auto),
+hold: quantities of interest within their ranges, and frequencies below their limit.
 
 What is looked at are the snapshots that are handed out, so a node that shows every tenth step is watched at every tenth; who advances a run
 by himself asks every() how often that has to be, and no verdict depends on what else he shows or records. The frequency is
@@ -43,7 +43,7 @@ FREQUENCY = 'frequency'
 
 
 class _Worst(NamedTuple):
-    """How far beyond a limit [parts of the range], what, its value, and when [s]."""
+    """Worst departure: distance beyond a limit [parts of the range], name, value, and time [s]."""
 
     beyond: float = 0.0
     name: str = ''
@@ -243,7 +243,7 @@ class Envelope:
 
     @property
     def watches(self) -> bool:
-        """Whether a level or a certificate has ranges that can be left."""
+        """True where a level or a certificate has ranges that can be left."""
         return bool(self._watched)
 
     def every(self, h_ns: int) -> int:
@@ -263,7 +263,8 @@ class Envelope:
                 self._noted.clear()
 
     def findings(self, *, ended: bool = True) -> list[Finding]:
-        """What left its range so far, at its worst. It changes nothing: what a run is told does not depend on when somebody asked.
+        """Findings on quantities that left their range so far, at their worst. It changes nothing: what a run is told
+        does not depend on when somebody asked.
 
         ended: nothing more is to come, so windows that are not full are judged as well.
         """
@@ -286,7 +287,7 @@ class Envelope:
 
 
 def _left(limit: Limit, worst: _Worst) -> Finding:
-    """What left its range."""
+    """Finding on a quantity that left its range."""
     assert limit.high is not None
     _, name, value, time = worst
     side = limit.high if limit.low is None or value > limit.high else limit.low
@@ -301,7 +302,7 @@ def _left(limit: Limit, worst: _Worst) -> Finding:
 
 
 def _size(simulation: Simulation) -> Size:
-    """Of a vehicle; that of a passenger car for what is none."""
+    """Size of a vehicle; that of a passenger car for other models."""
     model = getattr(simulation, 'model', None)
     return Size() if model is None else size_of(model.spec)
 

@@ -1,8 +1,8 @@
 """Figures of a vehicle, computed from its own model.
 
-Masses from the specification, modes from the linearised model (solver.analysis.modes), kinematics and compliance from a bench
-(solver.analysis.kinematics_and_compliance), what comes out of driving from runs (solver.analysis.driven). Angles in rad, SI units. Where
-they usually lie: solver.analysis.typical_values.
+Masses from the specification, modes from the linearised model (solver.analysis.modes), kinematics and compliance from a
+bench (solver.analysis.kinematics_and_compliance), what comes out of driving from runs (solver.analysis.driven). Angles
+in rad, SI units. Typical values of them: solver.analysis.typical_values.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ def mass_figures(spec: ModelSpec) -> dict[str, float]:
 
 
 def sag(simulation: Simulation) -> dict[str, float]:
-    """How much lower than designed the vehicle stands [m], per axle: the mean travel of its wheels."""
+    """Height [m] by which the vehicle stands lower than designed, per axle: the mean travel of its wheels."""
     names = simulation.channels.joints
     x = simulation.advance(0).joint_position
     return {f'sag_{axle}': float(np.mean([x[names.index(f'travel_{axle}_{side}')] for side in SIDES])) for axle in AXLES}
@@ -77,7 +77,7 @@ def alignment(simulation: Simulation) -> dict[str, float]:
 
 
 def is_vehicle(spec: ModelSpec) -> bool:
-    """Whether the figures of this module can be computed: tires at the four corners."""
+    """True where the figures of this module can be computed: tires at the four corners."""
     return {tire.name for tire in spec.tires} == set(CORNERS)
 
 
@@ -92,7 +92,7 @@ def standing(scene: Scene) -> Simulation:
 
 
 class Figures(NamedTuple):
-    """Of a vehicle: figures by name, and by name of one that could not be found why not."""
+    """Figures of a vehicle by name, and the reason for each that could not be found."""
 
     found: dict[str, float]
     failed: dict[str, str]

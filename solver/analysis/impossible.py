@@ -1,4 +1,4 @@
-"""What no vehicle can do, whatever the equations say: states in which its parts would stand within each other, or inside out.
+"""Impossible states of a vehicle, whatever the equations say: its parts would stand within each other, or inside out.
 
 Nothing but tires touches anything in these models, so nothing stops a motion there: a trailer that folds into its car, wheels whose centre
 is below the road, axles whose wheels change sides or leave their suspension, a steering wheel beyond its end stops. A run goes on, and what
@@ -93,7 +93,7 @@ class Impossible:
         self._worst, self._first = worst, first
 
     def findings(self) -> list[Finding]:
-        """Of every kind the one that began first, with the worst value and the time at which it began."""
+        """Findings, of every kind the one that began first, with the worst value and the time at which it began."""
         found: dict[str, Finding] = {}
         begun: dict[str, float] = {}
         for watch, worst, first in zip(self._watches, self._worst.tolist(), self._first.tolist(), strict=True):
@@ -106,7 +106,7 @@ class Impossible:
 
 
 class _Wheels:
-    """Where the wheels of a vehicle are, in their chassis and over the road."""
+    """Places of the wheels of a vehicle, in their chassis and over the road."""
 
     def __init__(self, model: ModelSpec, simulation: Simulation) -> None:
         channels, layout = simulation.channels, layout_of(simulation.channels)

@@ -236,5 +236,6 @@ def ackermann(rig: Rig, inner: float) -> float:
 
 
 def ackermann_share(rig: Rig, inner: float, outer: float) -> float:
-    """What the inner wheel turns more than the outer one [rad both], over what it would if both rolled about one point."""
+    """Angle by which the inner wheel turns more than the outer one [rad both], over the angle with which both would
+    roll about one point."""
     return (inner - outer) / (inner - ackermann(rig, inner))

@@ -163,7 +163,8 @@ def named_modes(simulation: Simulation) -> dict[str, Mode]:
 
 
 def smallest_eigenvalue(K: np.ndarray, M: np.ndarray) -> float:
-    """Of K x = lambda M x, both positive semidefinite; only to be compared with a threshold. Infinite without any mass that can vibrate."""
+    """Smallest eigenvalue of K x = lambda M x, both positive semidefinite; only to be compared with a threshold.
+    Infinite without any mass that can vibrate."""
     if not (np.diag(M) > 0.0).all():  # the reciprocals of lambda are finite then, unless something without mass is not held either
         if not (np.diag(K) > SLACK).all():
             return 0.0

@@ -1,4 +1,5 @@
-"""What a joint does to its bodies: the multipliers of its rows as one force and one torque (docs/conventions.md: what each row means)."""
+"""Reactions of a joint on its bodies: the multipliers of its rows as one force and one torque (docs/conventions.md:
+what each row means)."""
 
 from __future__ import annotations
 

@@ -38,7 +38,7 @@ def caused(spec: ModelSpec, found: list[Finding]) -> list[Finding]:
 
 
 def _of_rotation(finding: Finding) -> bool:
-    """Whether a rotation that is too fast for a step may be behind a finding."""
+    """True where a rotation that is too fast for a step may be the cause of a finding."""
     return BY_NAME[finding.quantity].turned and finding.of != PARTS[0]
 
 
@@ -69,7 +69,8 @@ def _without_inertia(body: RigidBodySpec) -> np.ndarray:
 
 
 def _held(spec: ModelSpec, name: str) -> bool:
-    """Whether something other than forces at points is at the body: a joint, a bushing, a coordinate with an element."""
+    """True where something other than forces at points is at the body: a joint, a bushing, a coordinate with an
+    element."""
     for section, elements in spec.sections().items():
         if section == 'bodies' or section in PULLING:
             continue

@@ -236,8 +236,8 @@ CATEGORIES: Mapping[str, Mapping[str, Range]] = {
 
 
 def typical_values(spec: ModelSpec) -> dict[str, Typical]:
-    """Where the figures of a vehicle of the category of a model usually lie; nothing of one that is no passenger car in size
-    (solver.vehicle.size)."""
+    """Typical values of the figures of a vehicle of the category of a model; empty for one that is no passenger car in
+    size (solver.vehicle.size)."""
     if not size_of(spec).ordinary:
         return {}
     ranges: dict[str, Range] = {**SALOON, **CATEGORIES[spec.category or 'saloon']}

@@ -1,8 +1,8 @@
 """The verdict on a run: 'ok', or 'suspect' with findings that say what is beyond what a sound run of this method shows.
 
-What is looked at, how far it may go and why stands with the checks (solver.checks, listed in solver.checks.registry).
-Where the scene requires a limit itself (`require`), it replaces the default of that check. What else no vehicle can do
-is seen in its motion (solver.analysis.envelope).
+Quantities, limits and reasons stand with the checks (solver.checks, listed in solver.checks.registry). A limit that the
+scene itself requires (`require`) replaces the default of that check. Other things that no vehicle can do are seen in
+its motion (solver.analysis.envelope).
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def status_of(suspect: Collection[Finding], *, failed: bool = False, interrupted
 
 
 def passes(simulation: Simulation, found: list[Finding]) -> bool:
-    """Whether a run with these findings is one the scene allows."""
+    """True where the scene allows a run with these findings."""
     return all(simulation.scene.require.allow_suspect and not finding.required for finding in found)
 
 

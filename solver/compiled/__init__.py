@@ -1,1 +1,2 @@
-"""What compiled code is made of: the decorator of kernels, tables by reference, and arithmetic on vectors, rotations and duals."""
+"""Parts of compiled code: the decorator of kernels, tables by reference, and arithmetic on vectors, rotations and
+duals."""

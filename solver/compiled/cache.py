@@ -43,7 +43,7 @@ class Compiler:
         self.key: str = disk.Store(base / 'syntax', bounded=True).made(self._letters, key, self._letters)
 
     def unchanged(self) -> bool:
-        """Whether every file is still what the key was made of."""
+        """True where every file is still the one that the key was made of."""
         return self._letters == _letters(self._folder)
 
 
@@ -56,7 +56,7 @@ def _digest(parts: Iterable[str | bytes]) -> str:
 
 
 def _surroundings() -> tuple:
-    """What else decides about the code, besides the processor."""
+    """Versions and settings that decide about the code, besides the processor."""
     versions = (numba.__version__, llvmlite.__version__, np.__version__, platform.python_implementation(), sys.version_info[:3])
     return (*versions, sys.flags.optimize, *((name, getattr(numba.config, name, None)) for name in SETTINGS))
 
@@ -103,7 +103,7 @@ class Kernels:
 
 
 class KernelCache(_Cache):
-    """What a dispatcher of numba asks for compiled code and gives it to."""
+    """Cache from which a dispatcher of numba takes compiled code, and in which it puts it."""
 
     def __init__(self, dispatcher: Any, kernels: Kernels) -> None:
         self._dispatcher, self._kernels = dispatcher, kernels

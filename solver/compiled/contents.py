@@ -1,8 +1,9 @@
-"""What the machine code of a kernel is made of, by value: its bytecode, options and constants, and those of its callees.
+"""Contents of a kernel, by value, from which its machine code follows: its bytecode, options and constants, and those
+of its callees.
 
 numba compiles the bytecode that is in memory, puts callees into it, and freezes the globals that it names at what they
 are then. This module looks at the same objects, so it reads no sources. A kernel that names something else than is
-understood here is not kept (Unknown). Of extensions of the compiler in this folder the name is enough: the cache knows
+understood here is not kept (Unknown). The name is enough of extensions of the compiler in this folder: the cache knows
 their files, since no name leads from `a + b` to what adds two duals.
 """
 
@@ -28,7 +29,7 @@ MISSING = object()
 
 
 class Unknown(Exception):
-    """Whether something has changed that a kernel names, nobody can say."""
+    """Nobody can say if something has changed that a kernel names."""
 
 
 def contents(kernel: Dispatcher, arguments: Iterable[types.Type]) -> tuple[bytes, set[Dispatcher]]:
@@ -46,7 +47,8 @@ def contents(kernel: Dispatcher, arguments: Iterable[types.Type]) -> tuple[bytes
 
 
 def foreign(kind: types.Type) -> bool:
-    """Whether this is the type of a function that numba was taught elsewhere: no name leads to what it is compiled to."""
+    """True for the type of a function that numba was taught elsewhere: no name leads to the code that it is compiled
+    to."""
     function = kind.typing_key if isinstance(kind, types.Function) else None
     module = getattr(function, '__module__', None) or 'builtins'
     return isinstance(function, FunctionType) and not _of_library(module) and not module.startswith(HERE)
@@ -77,11 +79,12 @@ class _Node:
         self.own = disk.digest(repr((*own, self.value(function.__defaults__), named)))
 
     def lasts(self) -> bool:
-        """Whether all names still mean the same objects, and none of these can change."""
+        """True where all names still mean the same objects, and none of these can change."""
         return self._lasting and all(space.get(name, MISSING) is value for space, name, value in self._seen)
 
     def _named(self, code: CodeType, space: dict[str, Any], *inside: ModuleType) -> list[Any]:
-        """What the names in a function mean in a module. Attributes count as names: a coincidence compiles once too often."""
+        """Meanings of the names in a function in a module. Attributes count as names: a coincidence compiles once too
+        often."""
         found = []
         for name in sorted(_names(code)):
             value = space.get(name, MISSING)  # a name of Python's own, or an attribute
@@ -94,7 +97,7 @@ class _Node:
         return found
 
     def value(self, value: Any) -> Any:
-        """What decides about the code, of a global or constant. Raises Unknown."""
+        """Properties of a global or constant that decide about the code. Raises Unknown."""
         kind = type(value)
         if kind in NUMBERS:
             return kind.__name__, repr(value)
@@ -128,7 +131,7 @@ class _Node:
         raise Unknown(f'{value!r} of {kind.__module__}.{kind.__qualname__}')
 
     def type(self, kind: types.Type) -> Any:
-        """What decides about the code, of a type of an argument. Raises Unknown."""
+        """Properties of the type of an argument that decide about the code. Raises Unknown."""
         if isinstance(kind, types.BaseNamedTuple):
             return self.value(kind.instance_class), [self.type(one) for one in kind.types]
         if isinstance(kind, types.BaseTuple):

@@ -138,7 +138,7 @@ def _compose_overload(y, a, b, c, d):
 
 
 def differentiates(x):
-    """Whether x is a wide Dual; decided at compile time."""
+    """True where x is a wide Dual; decided at compile time."""
     return isinstance(x, Dual) and len(x.partials) == N
 
 

@@ -1,8 +1,9 @@
 """Elementary functions of arrays with the bits of the C library on every processor.
 
-numpy computes sin, cos, exp, log, power and others of arrays with vector instructions where a processor has them, and their last bits
-are not those of the C library. What enters a run is therefore computed here, number by number, by the functions that the compiled
-kernels call too (docs/decisions/0008-same-bits-on-every-processor.md). For a single number take those of `math`.
+numpy computes sin, cos, exp, log, power and others of arrays with vector instructions where a processor has them, and
+their last bits are not those of the C library. Numbers that enter a run are therefore computed here, number by number,
+by the functions that the compiled kernels call too (docs/decisions/0008-same-bits-on-every-processor.md). For a single
+number take those of `math`.
 """
 
 from __future__ import annotations

@@ -28,17 +28,17 @@ def request() -> None:
 
 
 def requested() -> bool:
-    """Whether somebody asked since the last forget()."""
+    """True where somebody asked since the last forget()."""
     return _requested
 
 
 def pending() -> bool:
-    """Whether there was an interruption since the last forget()."""
+    """True where there was an interruption since the last forget()."""
     return _pending is not None
 
 
 def forget() -> None:
-    """What was interrupted has ended; another command may begin."""
+    """Forget an interruption: the interrupted command has ended, another one may begin."""
     global _pending, _requested
     _pending, _requested = None, False
 

@@ -24,8 +24,8 @@ YES, NO = np.bool_(True), np.bool_(False)
 
 
 class _Lock(event.Listener):
-    """What is so while numba compiles or loads: interruptions wait, and garbage is collected less often (almost all that numba makes is
-    kept, and looking through it again and again took a twelfth of the time).
+    """State while numba compiles or loads: interruptions wait, and garbage is collected less often (almost all that
+    numba makes is kept, and looking through it again and again took a twelfth of the time).
     """
 
     def __init__(self) -> None:

@@ -1,8 +1,9 @@
 """Small dense matrices and splines with the same bits on every processor.
 
-BLAS and LAPACK, which `@`, np.dot and np.linalg call, add in an order that depends on the processor. Here every product is rounded
-before it is added, and sums have the order of np.add.reduce, which depends on nothing but the shape
-(docs/decisions/0008-same-bits-on-every-processor.md). What enters a run is computed here; where results are only shown, LAPACK does.
+BLAS and LAPACK, which `@`, np.dot and np.linalg call, add in an order that depends on the processor. Here every product
+is rounded before it is added, and sums have the order of np.add.reduce, which depends on nothing but the shape
+(docs/decisions/0008-same-bits-on-every-processor.md). Numbers that enter a run are computed here; LAPACK does for
+results that are only shown.
 """
 
 from __future__ import annotations

@@ -1,8 +1,8 @@
 """3x3 matrices as three rows, each one SIMD vector: for the products that fill the 6x6 blocks of tangents.
 
-A row holds three numbers. Of float64 it is a vector of four lanes, the last zero; of anything else (complex numbers of a
-complex-step derivative, or without compilation) it is a tuple of three, with the same meaning. Matrices that multiply from the left
-are the 9-tuples of solver.compiled.vec.
+A row holds three numbers. A row of float64 is a vector of four lanes, the last zero; a row of anything else (complex
+numbers of a complex-step derivative, or without compilation) is a tuple of three, with the same meaning. Matrices that
+multiply from the left are the 9-tuples of solver.compiled.vec.
 """
 
 from __future__ import annotations

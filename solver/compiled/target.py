@@ -41,7 +41,8 @@ def target() -> dict[str, str]:
 
 
 def elementary_digest() -> str:
-    """Of sin, cos, tan, exp, log, atan, atan2 and pow of the C library at POINTS numbers each: it chooses them by the processor."""
+    """Digest of sin, cos, tan, exp, log, atan, atan2 and pow of the C library at POINTS numbers each: the library
+    chooses them by the processor."""
     found = hashlib.sha256()
     for k in range(POINTS):
         x = 0.003 + k * math.pi / 512.0  # to 12
@@ -52,5 +53,5 @@ def elementary_digest() -> str:
 
 
 def differences(there: dict[str, str], here: dict[str, str]) -> list[str]:
-    """What two targets do not have in common, in words."""
+    """Differences between two targets, in words."""
     return [f'{name} {there[name]} there and {here[name]} here' for name in there if name in here and there[name] != here[name]]

@@ -1,4 +1,5 @@
-"""How far the smooth surface of a road is from the one that is bilinear between its nodes, as ASAM's OpenCRG library has it."""
+"""Distance of the smooth surface of a road from the one that is bilinear between its nodes, as ASAM's OpenCRG library
+has it."""
 
 from __future__ import annotations
 
@@ -13,7 +14,8 @@ ALIKE = 24  # nodes beyond a place that its spline still depends on, by 0.27^24 
 
 
 class Departure(NamedTuple):
-    """Where the surface of a grid departs most from the one that is bilinear between its nodes: by how much [m], and behind which node."""
+    """Largest departure of the surface of a grid from the one that is bilinear between its nodes: distance [m], and the
+    node behind which it is."""
 
     distance: float
     node: tuple[int, int]

@@ -53,7 +53,7 @@ RELEASED = 1e-6  # stiffness of a released brake while equilibrium is sought, re
 
 
 def damping_of(where: str, stiffness: float, damping: float | None) -> float:
-    """Of a wind-up [N m s/rad], given or by RELAXATION. Raises SpecError."""
+    """Damping of a wind-up [N m s/rad], given or by RELAXATION. Raises SpecError."""
     return RELAXATION * stiffness if damping is None else finite(where, 'damping', damping, low=0.0)
 
 

@@ -185,7 +185,8 @@ def _torque_tangent(x, s, c, e, m, M):
 
 
 class Turned(NamedTuple):
-    """How G stands to F, and turns, beside the motion of its origin (solver.elements.relative), along the axes of B_i."""
+    """Orientation of G to F and its rate, beside the motion of its origin (solver.elements.relative), along the axes of
+    B_i."""
 
     d: Three  # displacement: G from F [m]
     theta: Three  # rotation vector [rad]

@@ -4,8 +4,9 @@
     torque tau of the friction of solver.elements.brake over w, |tau| <= T = capacity (1 - u), u: the clutch pedal, from 0 to 1
     on the shaft -tau, on output k  R share_k tau
 
-In gear 0 the box is in neutral and T = 0. Below -0.5 the input chooses the reverse gear, if there is one; other values are rounded, and
-held within the gears there are. What shaft and outputs turn in takes the difference of the torques, as a gearbox does.
+In gear 0 the box is in neutral and T = 0. Below -0.5 the input chooses the reverse gear, if there is one; other values
+are rounded, and held within the gears there are. The body in which shaft and outputs turn takes the difference of the
+torques, as a gearbox does.
 
 Several outputs are those of ideal planetary gears behind the gear, whose shares add up to one (half each: a differential): from the rates
 the torques follow by their power, whatever the rates are. Between more than two they are such gears one behind the other.

@@ -5,10 +5,10 @@
     coasting, nu > 1:     both torques are -capacity(1/nu) rate_turbine^2: the turbine drives the pump as a plain coupling
     on the pump -T_pump, on the turbine T_turbine; what both turn in takes the difference: it carries the stator
 
-capacity is 1/K^2 of the K-factor K = rate_pump / sqrt(T_pump), with which stall speed and torque are tabulated [rad/s / sqrt(N m)]. Both
-tables are monotone cubics through their points (solver.elements.laws) from nu = 0, the stall, to nu = 1, where the capacity ends.
-What turns backwards counts as standing, so nothing flows where neither turns forwards. What the oil heats is its dissipation:
-T_pump rate_pump - T_turbine rate_turbine.
+capacity is 1/K^2 of the K-factor K = rate_pump / sqrt(T_pump), with which stall speed and torque are tabulated [rad/s /
+sqrt(N m)]. Both tables are monotone cubics through their points (solver.elements.laws) from nu = 0, the stall, to nu =
+1, where the capacity ends. A part that turns backwards counts as standing, so nothing flows where neither turns
+forwards. The heat of the oil is its dissipation: T_pump rate_pump - T_turbine rate_turbine.
 """
 
 from __future__ import annotations

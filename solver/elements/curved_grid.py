@@ -95,7 +95,7 @@ class CurvedGrid:
 
     @property
     def nodes(self) -> int:
-        """How many heights it has."""
+        """Number of heights."""
         return self.heights.height.size
 
     @property
@@ -213,7 +213,7 @@ def _curve(road, k, a):
 
 @kernel(inner=True)
 def _miss(x, y, p, d):
-    """How far x, y [m] is ahead of the row through p, and its derivative by the number of the place; real numbers."""
+    """Distance of x, y [m] ahead of the row through p, and its derivative by the number of the place; real numbers."""
     ex = x - p[0]
     ey = y - p[1]
     ahead = d[0] * p[3] - d[1] * p[2]

@@ -2,10 +2,11 @@
 
     Q = map(u, omega)        omega: rate of the coordinate, u: the input, from 0 to 1
 
-At each position of the pedal the torque is the monotone cubic through its points over the speed (solver.elements.laws), linear between the
-positions; above the last speed it goes on along its slope there, which may not rise: so the droop of a limiter or the drag of an engine
-that pulls no more ends it. Below the first speed it goes on along its slope there too, but never so that it drives an engine backwards that
-is turned backwards, ever faster: see `continued_below`. What it delivers is negative dissipation; it stores nothing.
+At each position of the pedal the torque is the monotone cubic through its points over the speed (solver.elements.laws),
+linear between the positions; above the last speed it goes on along its slope there, which may not rise: so the droop of
+a limiter or the drag of an engine that pulls no more ends it. Below the first speed it goes on along its slope there
+too, but never so that it drives an engine backwards that is turned backwards, ever faster: see `continued_below`. The
+energy that it delivers is negative dissipation; it stores nothing.
 """
 
 from __future__ import annotations
@@ -50,10 +51,10 @@ def continued_below(law: Law) -> Law:
     """The torque [N m] over the speed [rad/s] of one position of the pedal, as it goes on below its first speed: at negative speeds it
     must not be negative, or an engine that is turned backwards runs away.
 
-    A torque that falls over the speed there, and is not below zero at rest, goes on along its slope. One that rises follows its slope down
-    to rest, at most to zero, which it meets as a parabola does, and is constant further down. A drag is zero at rest and as large
-    backwards, the other way. Where the first speed leaves no room for that, it happens within NARROWEST below it; between its points the
-    law stays what it was.
+    A torque that falls over the speed there, and is not below zero at rest, goes on along its slope. One that rises
+    follows its slope down to rest, at most to zero, which it meets as a parabola does, and is constant further down. A
+    drag is zero at rest and as large backwards, the other way. If the first speed leaves no room for that, it happens
+    within NARROWEST below it; between its points the law stays what it was.
     """
     first, torque, slope = law.x[0], law.y[0], law.slope[0]
     at_rest = torque - slope * max(first, 0.0)

@@ -37,7 +37,8 @@ class Heights(NamedTuple):
 
 
 class Footprint(NamedTuple):
-    """What of a tire envelops a road: its radius, length and width of the base, half axes and order of the cams; all lengths [m]."""
+    """Dimensions of a tire that envelops a road: its radius, length and width of the base, half axes and order of the
+    cams; all lengths [m]."""
 
     radius: float
     length: float
@@ -48,7 +49,7 @@ class Footprint(NamedTuple):
 
 
 class Edge(NamedTuple):
-    """Where a grid bends upwards most: curvature of the hollow [1/m], its node and place in W [m]."""
+    """Place where a grid bends upwards most: curvature of the hollow [1/m], its node and place in W [m]."""
 
     curvature: float
     node: tuple[int, int]
@@ -95,7 +96,7 @@ def effective(grid: Heights, tire: Footprint, where: str) -> Heights:
 
 
 class _Raster(NamedTuple):
-    """Of an effective road: nodes along and across, steps [m], nodes before and beside the grid."""
+    """Raster of an effective road: nodes along and across, steps [m], nodes before and beside the grid."""
 
     n: int
     m: int
@@ -106,7 +107,7 @@ class _Raster(NamedTuple):
 
     @property
     def nodes(self) -> int:
-        """How many they are."""
+        """Number of nodes."""
         return self.n * self.m
 
 

@@ -1,4 +1,4 @@
-"""What of the tires of a model envelops its road."""
+"""Footprints of the tires of a model, which envelop its road."""
 
 from __future__ import annotations
 

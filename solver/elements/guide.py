@@ -1,7 +1,7 @@
 """Guide: an axle of two wheels whose places follow smooth maps over travel, travel of the other wheel and steering, and give elastically.
 
-What arms, links, rubbers and rack do to two wheels, as force between them and the chassis; none of these parts is a body. Of each wheel,
-relative to the chassis and along its axes:
+The effect of arms, links, rubbers and rack on two wheels is a force between them and the chassis; none of these parts
+is a body. Of each wheel, relative to the chassis and along its axes:
 
     x, y    wheel centre from its place in the design position [m]         s = z    travel [m]
     psi     turn of the spin axis about z, arctan(-a_x/a_y) [rad]          gamma    its lift, a_z [-]

@@ -62,7 +62,7 @@ class GuidedAxle(NamedTuple):
 
 
 class Departed(NamedTuple):
-    """How far both wheels are off their maps."""
+    """Departures of both wheels from their maps."""
 
     m_l: tuple  # maps (solver.elements.guide_map.map_of)
     m_r: tuple

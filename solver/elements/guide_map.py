@@ -23,7 +23,7 @@ class Nodes(NamedTuple):
 
     @property
     def coefficients(self) -> int:
-        """How many B-splines reach into the range of the nodes."""
+        """Number of B-splines that reach into the range of the nodes."""
         return self.number + 2 if self.number > 1 else 1
 
 
@@ -49,7 +49,8 @@ def _place(x, first, step, count):
 
 
 class Place(NamedTuple):
-    """Where a map is evaluated: of travel and steering, the first row, weights, slopes and second derivatives of four B-splines."""
+    """Place where a map is evaluated: for travel and steering, the first row, weights, slopes and second derivatives of
+    four B-splines."""
 
     row: int
     columns: int

@@ -11,9 +11,10 @@ from solver.elements.coordinate import add_dyad, scale6
 
 
 class Pair(NamedTuple):
-    """What the generalized forces of a wheel change by the motions of a wheel (itself or the other one) relative to the chassis, along the
-    axes of the chassis: the force by the place (A, 3x3) and by psi and gamma (vectors); those of psi and gamma by the place (vectors)
-    and by psi and gamma. Since the whole is symmetric, that of the same two the other way round is its transpose.
+    """Changes of the generalized forces of a wheel by the motions of a wheel (itself or the other one) relative to the
+    chassis, along the axes of the chassis: the force by the place (A, 3x3) and by psi and gamma (vectors); those of psi
+    and gamma by the place (vectors) and by psi and gamma. Since the whole is symmetric, that of the same two the other
+    way round is its transpose.
     """
 
     A: tuple
@@ -118,7 +119,8 @@ def _between(R_c, back, pair, own, other):
 
 @kernel(inline=True)
 def _by_turning(same, across, own, other):
-    """What the turning of the chassis changes at a wheel, along the axes of the chassis: rows of the force, vectors of psi and gamma."""
+    """Changes at a wheel by the turning of the chassis, along the axes of the chassis: rows of the force, vectors of
+    psi and gamma."""
     moved = add_rows(mul_rows(same.A, rows(skew(own.D))), mul_rows(across.A, rows(skew(other.D))))
     turned = add_rows(_dyads(same.psi, own.p, same.gamma, own.g), _dyads(across.psi, other.p, across.gamma, other.g))
     psi = sub(
@@ -204,8 +206,9 @@ def add_turning(R_c, wheel, turning, s_w, s_wc, s_cw, s_c, K):
 
 @kernel(inner=True)
 def turning_axes(wheel, F, m, psi, gamma, about):
-    """What a wrench (F, m) changes because the axes turn that it is given along, F with the chassis, m with the wheel: (skew(F),
-    G + skew(m), G), where G is d(moment)/d(rotation) of a wheel whose generalized forces psi, gamma and moment about the spin axis stay.
+    """Changes of a wrench (F, m) by the turning of the axes along which it is given, F with the chassis, m with the
+    wheel: (skew(F), G + skew(m), G), where G is d(moment)/d(rotation) of a wheel whose generalized forces psi, gamma
+    and moment about the spin axis stay.
     """
     a = wheel.a
     k = 1.0 / (a[0] * a[0] + a[1] * a[1])

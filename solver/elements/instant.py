@@ -1,4 +1,4 @@
-"""What every force kernel is given: an instant of the whole model, and where its effects go."""
+"""Arguments of every force kernel: an instant of the whole model, and the arrays for its effects."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Instant(NamedTuple):
 
 
 class Effects(NamedTuple):
-    """What force kernels do: f, Kq and Kv are added to, z is assigned."""
+    """Effects of force kernels: f, Kq and Kv are added to, z is assigned."""
 
     f: np.ndarray  # (nb + 1, 6) generalized forces: force in W [N], torque about the centre of mass in B [N m]
     Kq: np.ndarray  # (ns + 1, 6, 6) df / d(variation), by slots

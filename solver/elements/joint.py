@@ -85,12 +85,12 @@ ROW_NAMES = {
 class JointSpec(ConstraintSpec):
     """A joint between marker i and marker j; where it is closed, the markers stand as `kind` says.
 
-    fixed: they coincide. revolute: j turns about z of i. prismatic: j slides along z of i. cylindrical: both. spherical: the points
-    coincide. universal: the points coincide, x of i (one pin) stays perpendicular to y of j (the other). constant_velocity: the points
-    coincide, shafts along z of i and of j turn alike. distance: the points keep `length` [m] > 0 (for this kind only).
-    point_on_line: the point of j lies on z of i. point_on_plane: it lies in the plane normal to z of i. perpendicular: z of j stays
-    perpendicular to z of i. Where one of the bodies spins, i belongs on the other: rows turn with i, and the iteration of a step gains less
-    (docs/decisions/0002).
+    fixed: they coincide. revolute: j turns about z of i. prismatic: j slides along z of i. cylindrical: both.
+    spherical: the points coincide. universal: the points coincide, x of i (one pin) stays perpendicular to y of j (the
+    other). constant_velocity: the points coincide, shafts along z of i and of j turn alike. distance: the points keep
+    `length` [m] > 0 (for this kind only). point_on_line: the point of j lies on z of i. point_on_plane: it lies in the
+    plane normal to z of i. perpendicular: z of j stays perpendicular to z of i. If one of the bodies spins, i belongs
+    on the other: rows turn with i, and the iteration of a step gains less (docs/decisions/0002).
     """
 
     kind: str

@@ -1,7 +1,7 @@
-"""What the rest of the program has to know of a kind of element: one object for each, listed in solver.elements.registry.
+"""Kinds of elements, as the rest of the program knows them: one object for each, listed in solver.elements.registry.
 
 Tables, calls, outputs, the energy account, balances, references, recordings and the sections of files follow from these objects in
-loops. What a kind promises is checked when it is made, so that a forgotten step is an error at import.
+loops. A kind is checked when it is made, so that a forgotten step is an error at import.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ FIRST_OUTPUTS = ('energy', 'dissipation')
 
 
 class Held(NamedTuple):
-    """How the elements of a kind act while static equilibrium is sought."""
+    """Behaviour of the elements of a kind while static equilibrium is sought."""
 
     table: Any
     inputs: np.ndarray  # (nu,)
@@ -97,7 +97,7 @@ class ForceKind:
 
     @property
     def driven(self) -> bool:
-        """Whether forces may follow inputs."""
+        """True where forces may follow inputs."""
         return _follows_inputs(self.spec)
 
     def column(self, name: str) -> int:
@@ -132,5 +132,5 @@ class ConstraintKind:
 
     @property
     def driven(self) -> bool:
-        """Whether rows may follow inputs."""
+        """True where rows may follow inputs."""
         return _follows_inputs(self.spec)

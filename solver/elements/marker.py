@@ -29,7 +29,7 @@ class Spec:
 
     @property
     def where(self) -> str:
-        """How error sentences call this element."""
+        """Name of this element in error sentences."""
         return f'{type(self).__name__.removesuffix("Spec")} {self.name!r}'
 
     def set(self, field: str, value: object) -> None:
@@ -80,7 +80,7 @@ class PlacedMarker(NamedTuple):
 
 
 class Context(Protocol):
-    """What `compile_<kind>(specs, context)` may ask for. Implemented by solver.model.compile."""
+    """Questions that `compile_<kind>(specs, context)` may ask. Implemented by solver.model.compile."""
 
     n_bodies: int
     road: Any  # RoadSpec

@@ -12,7 +12,7 @@ from solver.compiled.vec import add3, cross, cross_cross, load3, load33, m_cross
 
 
 class Kinematics(NamedTuple):
-    """Where the bodies are and how they move, at one instant; the last row is the world at rest.
+    """Places and motions of the bodies at one instant; the last row is the world at rest.
 
     R: (nb+1, 3, 3) rotation R_WB. p: (nb+1, 3) centre of mass in W [m]. v: (nb+1, 6) twist (see docs/conventions.md).
     """

@@ -50,7 +50,8 @@ def relative_motion(table, n, kin):
 
 
 class Columns(NamedTuple):
-    """What a force at Q changes by, along the axes of B_i and (seen) along those of the world, which see the axes of B_i turn."""
+    """Changes of a force at Q, along the axes of B_i and (seen) along those of the world, which see the axes of B_i
+    turn."""
 
     p: tuple
     a: tuple

@@ -1,4 +1,5 @@
-"""What varies over a road: heights given number by number, in a raster, or random with the spectrum of [ISO8608]; friction in a raster."""
+"""Properties that vary over a road: heights given number by number, in a raster, or random with the spectrum of
+[ISO8608]; friction in a raster."""
 
 from __future__ import annotations
 
@@ -49,7 +50,7 @@ class HeightGrid:
 
     @property
     def nodes(self) -> int:
-        """How many heights it has."""
+        """Number of heights."""
         return len(self.height) * len(self.height[0])
 
     @property
@@ -105,7 +106,7 @@ class Raster:
 
     @property
     def nodes(self) -> int:
-        """How many numbers it has."""
+        """Number of values."""
         return self.rows * self.columns
 
     @property
@@ -146,12 +147,12 @@ class _Map:
 
     @property
     def nodes(self) -> int:
-        """How many numbers it has."""
+        """Number of values."""
         return self.raster.nodes
 
     @property
     def heights(self) -> Heights:
-        """What its nodes say."""
+        """Heights of its nodes."""
         return Heights(self.origin, self.step, self.yaw, self.offset + self.scale * self.raster.values)
 
 
@@ -225,7 +226,7 @@ class RandomRoad:
 
     @property
     def nodes(self) -> float:
-        """How many heights it has, about."""
+        """Approximate number of heights."""
         return (self.length / self.step[0] + 1.0) * (self.width / self.step[1] + 2.0)
 
     def expand(self) -> HeightGrid:

@@ -1,8 +1,8 @@
 """Rod: a massless link between a bushing at a point P of body i and a ball joint at a point Q of body j.
 
-What is left of a link whose mass is carried by its ends: a force along the line from P to Q, from a law of its extension (the stiffness of
-what it hangs in), and the resistance of the bushing at P against its swing. With d = p_PQ seen from marker i, s = |d|, n = d/s and the
-rod's design direction along z of marker i:
+A link whose mass is carried by its ends becomes a force along the line from P to Q, from a law of its extension (the
+stiffness of its mountings), and the resistance of the bushing at P against its swing. With d = p_PQ seen from marker i,
+s = |d|, n = d/s and the rod's design direction along z of marker i:
 
     E(d)      = U(s - length) + (swing_y n_x^2 + swing_x n_y^2)/2
     force on j = -dE/dd - damping n (n . d') - across (d' - n (n . d'))

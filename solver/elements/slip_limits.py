@@ -1,4 +1,5 @@
-"""Where the forces and moments of slip of a tire mean something: friction, stiffness, relaxation, combined slip, camber, moments.
+"""Range in which the forces and moments of slip of a tire mean something: friction, stiffness, relaxation, combined
+slip, camber, moments.
 
 Rules of tire_limits.py; equation numbers: see magic_formula.py.
 """

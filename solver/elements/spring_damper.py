@@ -1,8 +1,9 @@
 """Point-to-point spring-damper: a force along the line between two points, from a law of length and a law of rate.
 
-Where the points coincide the line is that of their relative velocity, on which they leave each other; without any the damper has no
-force, and the spring none either if its free length is zero. Its stiffness there is the same in all directions. A spring with a force at
-length zero has no direction to pull in: a start there is refused (solver.start.placement).
+If the points coincide, the line is that of their relative velocity, on which they leave each other; without any the
+damper has no force, and the spring none either if its free length is zero. Its stiffness there is the same in all
+directions. A spring with a force at length zero has no direction to pull in: a start there is refused
+(solver.start.placement).
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Where a tire touches the road, how it moves there, and how hard it stands on it.
+"""Contact of a tire with the road: its place, its motion there, and its load.
 
 The contact frame C and all signs are those of docs/conventions.md; sections 1 and 2 of docs/tire.md describe the model.
 Source: [B] = [Besselink2010], load and effective radius.
@@ -25,7 +25,7 @@ TINY = 1e-18
 
 
 class WheelBodyMotion(NamedTuple):
-    """What the contact needs of the motion of the wheel body, numbers of one type, vectors in W."""
+    """Motion of the wheel body as the contact needs it, numbers of one type, vectors in W."""
 
     com: tuple  # centre of mass [m]
     centre: tuple  # wheel centre [m]

@@ -159,7 +159,7 @@ class TireData:
         return partial(TireData, **{field.name: getattr(self, field.name) for field in fields(self)} | plain), ()
 
     def combines(self, axis: str) -> bool:
-        """Whether combined slip weakens the force along 'x' or 'y' (4.E50), (4.E58)."""
+        """True where combined slip weakens the force along 'x' or 'y' (4.E50), (4.E58)."""
         slopes = ('RBX1', 'RBX3') if axis == 'x' else ('RBY1', 'RBY4')
         return any(self[key] != 0.0 for key in slopes) and self['RCX1' if axis == 'x' else 'RCY1'] != 0.0
 

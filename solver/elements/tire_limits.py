@@ -1,4 +1,4 @@
-"""Where the coefficients of a tire mean something: what is refused, and what is told.
+"""Range in which the coefficients of a tire mean something: refusals and remarks.
 
 Every rule follows from the published equations ([P] 4.3.2, [B], docs/references.md): a divisor that vanishes, a stiffness or friction
 that changes its sign at loads the tire carries, a spring that cannot carry the nominal load, a curve that turns around. Rules look at
@@ -43,7 +43,7 @@ def check(where: str, data: Coefficients, pressure: float | None = None) -> None
 
 
 def oddities(data: Coefficients, pressure: float | None = None) -> list[str]:
-    """What of the coefficients is odd but can be computed, as sentences. pressure: see check()."""
+    """Sentences on coefficients that are odd but can be computed. pressure: see check()."""
     return [f'{found.key} = {data[found.key]:g}: {found.text}' for found in _findings(data, pressure) if not found.refused]
 
 

@@ -121,12 +121,12 @@ class TireSpec(Spec):
 
     @property
     def parks(self) -> bool:
-        """Whether only the moment against turning on the spot acts."""
+        """True where only the moment against turning on the spot acts."""
         return self.turn_slip is None and not self.data.lacks_turn_slip()
 
     @property
     def twists(self) -> bool:
-        """Whether the twist of the contact patch is an internal state."""
+        """True where the twist of the contact patch is an internal state."""
         return bool(self.turn_slip) or self.parks
 
 

@@ -21,7 +21,8 @@ SMALL_TIRE = 0.2  # radius [m] below which lengths that smooth or bound the cont
 
 
 def small_tire(radius: float) -> float:
-    """Of a tire of this unloaded radius [m] the factor of lengths that are meant for tires of vehicles: 1 from SMALL_TIRE on."""
+    """Factor of lengths that are meant for tires of vehicles, for a tire of this unloaded radius [m]: 1 from SMALL_TIRE
+    on."""
     return min(1.0, float(radius) / SMALL_TIRE)
 
 
@@ -37,14 +38,14 @@ class Coefficients(Protocol):
         """Those that were given."""
 
     def combines(self, axis: str) -> bool:
-        """Whether combined slip lessens the force along an axis."""
+        """True where combined slip lessens the force along an axis."""
 
     def __getitem__(self, name: str) -> float:
         """A coefficient, or its default."""
 
 
 class Finding(NamedTuple):
-    """What is wrong with a coefficient (refused) or odd (told)."""
+    """Finding on a coefficient: wrong (refused) or odd (told)."""
 
     key: str
     refused: bool
@@ -108,7 +109,7 @@ class UprightLaw:
         return mu * np.sin(argument(K / (C * mu) * x, C, E * (1.0 - skew * np.sign(x)) * d[f'LE{A}'])) + offset
 
     def deflection(self, load: float) -> float:
-        """Of the spring over UNLOADED_RADIUS under a load over FNOMIN; nan where it cannot carry it."""
+        """Deflection of the spring over UNLOADED_RADIUS under a load over FNOMIN; nan where it cannot carry it."""
         q1, q2, f = self.data['Q_FZ1'], self.data['Q_FZ2'], load / (1.0 + self.data['PFZ1'] * self.dpi)
         if q1 == 0.0:
             q1 = math.sqrt(max((self.c_z * self.R0 / self.F0) ** 2 - 4.0 * q2, 0.0))

@@ -1,8 +1,9 @@
 """Roads from ASAM OpenCRG files (.crg): sections, references to other files, and the table of numbers.
 
-Format: [ASAM2020], chapter 3. What the numbers mean for the surface: crg_surface.py. Virtual channels (`U:`) decide nothing (3.4.3).
-A file that is referred to is looked up beside the one that names it, then in the current directory. Sections of options and modifiers are
-taken whole: those of the outermost file that has one, as in ASAM's library.
+Format: [ASAM2020], chapter 3. The meaning of the numbers for the surface: crg_surface.py. Virtual channels (`U:`)
+decide nothing (3.4.3). A file that is referred to is looked up beside the one that names it, then in the current
+directory. Sections of options and modifiers are taken whole: those of the outermost file that has one, as in ASAM's
+library.
 """
 
 from __future__ import annotations
@@ -54,8 +55,9 @@ CHOICES = {'border_mode_u': 5, 'border_mode_v': 5, 'refline_continuation': 2, 'g
 
 @dataclass(kw_only=True)
 class Crg:
-    """What a file, with those that it refers to, says. Entries by lower-case name: numbers of the road, options and modifiers (None: there
-    is no such section); where: file and line of each. channels: of the table, in order. notes: what has no effect."""
+    """Content of a file, with those that it refers to. Entries by lower-case name: numbers of the road, options and
+    modifiers (None: there is no such section); where: file and line of each. channels: of the table, in order. notes:
+    entries without effect."""
 
     path: Path
     road: dict[str, float] = field(default_factory=dict)
@@ -76,7 +78,7 @@ class Crg:
 
 
 def parsed(path: Path) -> Crg:
-    """What a file and those that it refers to say. Raises SceneError."""
+    """Content of a file and those that it refers to. Raises SceneError."""
     crg = Crg(path=path)
     _sections(path, crg, ())
     if crg.data is None:

@@ -289,7 +289,7 @@ def _transform(s: _Surface, modifiers: dict[str, float]) -> None:
 
 
 def _within(x: np.ndarray, first: float, last: float, mode: int) -> np.ndarray:
-    """Where x stands for, beyond the borders."""
+    """Place that x stands for, beyond the borders."""
     if mode == REPEAT:
         return np.where((x < first) | (x > last), first + np.mod(x - first, last - first), x)
     if mode == REFLECT:

@@ -2,7 +2,7 @@
 
 A schema is a net with wider meshes than the loader. It knows keys, forms, choices, units in names of keys, and bounds of single numbers. It
 does not know what holds between values: names of bodies, a key given twice in two units, laws that must ascend. `mbd info FILE` judges.
-What the loader takes the schema takes; a scalar is meant as YAML 1.2 reads it, as editors do.
+The schema takes everything that the loader takes; a scalar is meant as YAML 1.2 reads it, as editors do.
 
 A mapping with the key `<<` has what the file named there has, changed by the keys beside it, so nothing is required in it: every
 definition exists once more under its name with `.changes` behind.
@@ -263,7 +263,7 @@ def _name(cls: Any) -> str:
 
 
 def _or_file(schema: Schema) -> Schema:
-    """Where a mapping or a list may stand, a file with one may."""
+    """Schema that takes a file with a mapping or a list in place of it."""
     return {'anyOf': [schema, A_FILE]}
 
 
@@ -279,7 +279,7 @@ def _bounds(hint: Any, unit: str) -> Schema:
 
 
 def _about(field: dataclasses.Field, unit: str) -> Schema:
-    """What an editor shows of a field: its unit and default."""
+    """Text that an editor shows for a field: its unit and default."""
     about: Schema = {'description': f'[{unit}]'} if unit else {}
     if isinstance(field.default, str | int | float | bool) and field.default == field.default:
         about['default'] = field.default

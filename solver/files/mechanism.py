@@ -1,8 +1,8 @@
 """Mechanism files: the sections of a file are the fields of ModelSpec, the entries of a section are named element specs.
 
-So a new element kind can be written in a file as soon as ModelSpec has a field for it. What a file may write more conveniently
-than the specs: markers by their place in the assembled mechanism, axes instead of orientations, roll-pitch-yaw, diagonal
-inertias, laws as a rate or a list of points (docs/scene.md).
+So a new element kind can be written in a file as soon as ModelSpec has a field for it. Forms in which a file may write
+specs more conveniently: markers by their place in the assembled mechanism, axes instead of orientations,
+roll-pitch-yaw, diagonal inertias, laws as a rate or a list of points (docs/scene.md).
 """
 
 from __future__ import annotations
@@ -180,7 +180,7 @@ def _require_two_ends(element: Any, fields: Fields, path: str) -> None:
 
 
 def _built(builder: Builder, hint: Any, node: Node, path: str) -> Any:
-    """What a key holds that is no field, with its unit told as that of a field is."""
+    """Value of a key that is no field, with its unit told as that of a field is."""
     builder.units[path] = unit_of(hint)
     return builder.build(hint, node, path)
 

@@ -27,13 +27,13 @@ READERS: dict[str, Callable[[Path], object]] = {'.tir': read_tir, '.crg': _read_
 
 
 def names_file(node: Node) -> bool:
-    """Whether it is the name of a file that can be included where it stands without quotes."""
+    """True for the name of a file that can be included where it stands without quotes."""
     match = INCLUDE.fullmatch(node.value) if isinstance(node, ScalarNode) else None
     return match is not None and match[1] in ('.yaml', *READERS)
 
 
 def unfit(node: Node) -> str:
-    """How a value that looks like the name of a file has to be written to stand for its content; '' of any other."""
+    """Spelling that a value which looks like the name of a file needs to stand for its content; '' of any other."""
     if not isinstance(node, ScalarNode) or node.style is not None or names_file(node):
         return ''
     ending = Path(node.value).suffix

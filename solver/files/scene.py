@@ -32,7 +32,8 @@ PACKAGE = 'mbd_sim_ros'
 
 
 def config_directories() -> list[Path]:
-    """Where scene names and includes are looked up: the current directory, this checkout, installed share directories."""
+    """Directories in which scene names and includes are looked up: the current directory, this checkout, installed
+    share directories."""
     prefixes = [*filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)), sys.prefix]
     candidates = [
         Path.cwd() / 'config',

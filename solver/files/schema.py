@@ -1,7 +1,7 @@
 """The strict loader: nodes with line numbers (solver.files.yaml_tree) -> frozen dataclasses, driven by their type hints.
 
 Nothing is guessed from how YAML 1.1 reads a word: a scalar is interpreted by the type of the field it is meant for, so `1e-3`
-is a number where a number is wanted, and `no` is a word where text is wanted. What the hints mean in a file:
+is a number where a number is wanted, and `no` is a word where text is wanted. Meanings of the hints in a file:
 
     float int bool str Literal    a scalar; numbers are decimal and finite, truth values are true and false
     T | None                      also `null`
@@ -225,7 +225,7 @@ def unit_of(hint: Any) -> str:
 
 
 def parts_of(hint: Any) -> tuple[Any, ...]:
-    """What is written beside the type in Annotated, also of what is in Length | None or tuple[Length, ...]."""
+    """Entries beside the type in Annotated, also within Length | None or tuple[Length, ...]."""
     if get_origin(hint) is Annotated:
         return get_args(hint)[1:]
     if get_origin(hint) not in (tuple, Union, types.UnionType):
@@ -234,7 +234,8 @@ def parts_of(hint: Any) -> tuple[Any, ...]:
 
 
 def kinds_of(cls: type) -> tuple[str, ...]:
-    """What `kind` chooses a member of a union by: the Literal of its field `kind`, or its class name in lower case."""
+    """Names by which `kind` chooses a member of a union: the Literal of its field `kind`, or its class name in lower
+    case."""
     hint = plain(hints_of(cls).get('kind'))
     if get_origin(hint) is Literal:
         return tuple(map(str, get_args(hint)))
@@ -242,7 +243,8 @@ def kinds_of(cls: type) -> tuple[str, ...]:
 
 
 def fits(hint: Any, node: Node) -> bool:
-    """Whether the form of a node (scalar, list, mapping) is the one of a type; a scalar must also be a number for a number."""
+    """True where the form of a node (scalar, list, mapping) is the one of a type; a scalar must also be a number for a
+    number."""
     kind = get_origin(hint) or hint
     if isinstance(node, ScalarNode):
         number = node.style is None and is_number(node.value)
@@ -258,7 +260,7 @@ def described(hint: Any) -> str:
 
 
 def is_number(text: str) -> bool:
-    """Whether the text is a decimal number (YAML 1.2 core schema, without the special values)."""
+    """True where the text is a decimal number (YAML 1.2 core schema, without the special values)."""
     return bool(NUMBER.fullmatch(text)) and any(c.isdigit() for c in text.lower().partition('e')[0])
 
 
@@ -286,19 +288,20 @@ def _endings(node: Node) -> str:
 
 
 def _whole_name(node: Node) -> str:
-    """How a file is named, where a word stands in its place."""
+    """Remark on the name of a file, where a word stands in its place."""
     word = isinstance(node, ScalarNode) and node.style is None and re.fullmatch(r'[\w/-]+', node.value) and not is_number(node.value)
     return f'; a file is named with its ending, as {node.value}.yaml' if word else ''
 
 
 def _meant(node: Node) -> str:
-    """What may have been meant where an override has added a mapping."""
+    """Guess at the key that was meant where an override has added a mapping."""
     near = node.near if isinstance(node, AddedMapping) else ''
     return f' in what is new there; did you mean {near!r}?' if near else ''
 
 
 def _scaled(value: Any, factor: float, node: Node, path: str) -> Any:
-    """Numbers, None, and lists of them. Of anything else that the field may hold nobody knows which of its numbers have that unit."""
+    """Numbers, None, and lists of them. Nobody knows which numbers have that unit in anything else that the field may
+    hold."""
     if isinstance(value, tuple):
         return tuple(_scaled(v, factor, node, path) for v in value)
     if value is not None and not isinstance(value, float):

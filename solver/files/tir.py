@@ -87,7 +87,7 @@ _HEADING = re.compile(r'[A-Za-z_]+(\s+[A-Za-z_]+)*')
 
 
 class _Entry:
-    """Where a key stands and what is behind it; note: what is said of it."""
+    """Key of a file: its line, and the text behind it; note: remark on it."""
 
     def __init__(self, line: int, section: str, text: str, note: str = '') -> None:
         self.line, self.section, self.text, self.note = line, section, text, note

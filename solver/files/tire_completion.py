@@ -1,4 +1,5 @@
-"""What a tire file says in another way than the coefficients of the model do, and what follows from them where it says nothing.
+"""Completion of tire data: entries that a file has in another form than the model, and coefficients that follow from
+others where the file has none.
 
 Scale factors and curves of the load (PAC2002) become coefficients of the tire's spring; relaxation lengths that are missing follow
 from the slip stiffnesses and a carcass in proportion to the vertical stiffness. Everything that is done is noted.

@@ -1,4 +1,4 @@
-"""What became of every key of a tire: used, ignored (why) or defaulted (value).
+"""Receipt of a tire file, the use of every key: used, ignored (why) or defaulted (value).
 
 The receipt follows from the data alone, so that of a recording is that of the scene in it.
 """
@@ -90,7 +90,8 @@ def receipt(data: TireData, *, turn_slip: bool | None = None) -> list[Entry]:
 
 
 def turn_slip_of(data: TireData, turn_slip: bool | None) -> str:
-    """What of turn slip acts at a tire, in a word, and why nothing does. turn_slip: that of the tire (TireSpec)."""
+    """Effect of turn slip at a tire in a word, and the reason where it has none. turn_slip: that of the tire
+    (TireSpec)."""
     if turn_slip is not None:
         return 'acts' if turn_slip else 'off'
     lacking = data.lacks_turn_slip()
@@ -101,7 +102,8 @@ MODES = {0: 'the load alone', 1: 'Fx and My alone', 2: 'Fy, Mx and Mz alone', 3:
 
 
 def warnings(data: TireData, pressure: float | None = None) -> list[str]:
-    """What is not as the file would have it, or is odd, and can be felt, as sentences. pressure: of the tire, None for that of the data."""
+    """Sentences on data that are used otherwise than the file has them, or are odd, where it can be felt. pressure: of
+    the tire, None for that of the data."""
     said = [f'{key}: {text}' for key, text in data.notes.items() if 'given twice' in text]
     for reason, keys in _grouped(data, ('no relaxation length', 'no longitudinal force', 'no side force')).items():
         said.append(f'{", ".join(keys)}: {reason}')
@@ -144,7 +146,7 @@ def _of_other_versions(data: TireData) -> list[str]:
 
 
 def _of_mode(data: TireData) -> list[str]:
-    """What USE_MODE asks for and this model does otherwise."""
+    """Sentences on requests of USE_MODE that this model handles otherwise."""
     mode = next((value for place, value in data.extra.items() if place == 'MODEL/USE_MODE'), 4.0)
     if not isinstance(mode, float) or not mode.is_integer():
         return []
@@ -157,7 +159,7 @@ def _of_mode(data: TireData) -> list[str]:
 
 
 def _in_place_of(data: TireData, key: str, default: float) -> tuple[float, str]:
-    """What is taken where a key is missing."""
+    """Value that is taken where a key is missing, and its origin."""
     if key == 'Q_FZ1':
         return default, 'from VERTICAL_STIFFNESS and Q_FZ2'
     if key == 'WIDTH':

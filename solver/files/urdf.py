@@ -7,10 +7,10 @@ along the connection that says most about the relative motion:
     other joint coordinates            e.g. travel_front_left: only this part of the motion is shown; of a guided wheel travel and spin
     any other joint, bushing, spring   'fixed' as at the start
 
-so every body has a link, every moving joint bears the name of a joint coordinate, and at the start all links are where the bodies are.
-How the bodies move in truth, loops and bushings included, is in /tf under the names of the links. `imu_link` is where the IMU is.
-The root is `base_link`, the chassis, or `odom`, the world, in a model without one. Inertias are those of the bodies; a body is drawn as the
-box with its inertia, a wheel as a cylinder.
+so every body has a link, every moving joint bears the name of a joint coordinate, and at the start all links are where
+the bodies are. The true motion of the bodies, loops and bushings included, is in /tf under the names of the links.
+`imu_link` is where the IMU is. The root is `base_link`, the chassis, or `odom`, the world, in a model without one.
+Inertias are those of the bodies; a body is drawn as the box with its inertia, a wheel as a cylinder.
 """
 
 from __future__ import annotations
@@ -71,7 +71,8 @@ def _edges(spec: ModelSpec) -> list[Edge]:
 
 
 def spanning_tree(spec: ModelSpec, root: str) -> list[tuple[str, str, Edge]]:
-    """(parent, child, edge) of every body but the root, parents first. What nothing connects to the root hangs on it as it is."""
+    """(parent, child, edge) of every body but the root, parents first. Bodies that nothing connects to the root hang on
+    it as they are."""
     around: dict[str, list[tuple[int, int, Edge]]] = {}
     for order, edge in enumerate(_edges(spec)):
         for body in (edge.i, edge.j):

@@ -1,7 +1,8 @@
 """YAML text as a tree of nodes that know their file and line: includes, overrides and the way back to text.
 
-A node is one of PyYAML's (mapping, sequence or scalar). No scalar is interpreted here; solver.files.schema does that by type.
-What a file asks for is bounded (see Extent): a short text with aliases or includes can stand for more than any memory holds.
+A node is one of PyYAML's (mapping, sequence or scalar). No scalar is interpreted here; solver.files.schema does that by
+type. The size of a file is bounded (see Extent): a short text with aliases or includes can stand for more than any
+memory holds.
 """
 
 from __future__ import annotations
@@ -87,7 +88,7 @@ def refuse(node: Node, path: str, remedy: str) -> SceneError:
 
 
 class Extent:
-    """How much has been read for one file with all that it includes. Each method raises SceneError for too much."""
+    """Amount that has been read for one file with all that it includes. Each method raises SceneError for too much."""
 
     def __init__(self) -> None:
         self._values = self._characters = self._files = 0
@@ -230,7 +231,7 @@ def read(
 
 
 def displayed(file: Path) -> str:
-    """How error sentences call a file: relative to the current directory where it lies below it."""
+    """Name of a file in error sentences: relative to the current directory where it lies below it."""
     path = file.resolve()
     return str(path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path)
 
@@ -300,7 +301,7 @@ def _coefficients(node: MappingNode) -> dict[str, Given]:
 
 
 def _is_whole(node: Node) -> bool:
-    """Whether a mapping is the content of a file that is no YAML: another tire has nothing of the one before it."""
+    """True where a mapping is the content of a file that is no YAML: another tire has nothing of the one before it."""
     return node.start_mark.line < 0 and Path(str(node.start_mark.name)).suffix in READERS
 
 
@@ -322,7 +323,7 @@ def _changed(base: MappingNode, changes: MappingNode) -> MappingNode:
 
 
 def _kind(node: MappingNode) -> str:
-    """What stands under the key `kind`, or ''."""
+    """Text under the key `kind`, or ''."""
     return next((str(value.value) for key, value in node.value if key.value == 'kind'), '')
 
 
@@ -358,8 +359,9 @@ def overtaken(assignments: Sequence[str]) -> tuple[str, str] | None:
 
 
 def override(root: Node, assignment: str, directories: Sequence[Path]) -> None:
-    """Apply 'a.b.c=value' (value in YAML; list items as a.b.0 or a.b[0]) to a node tree in place; missing mappings are created. What stands
-    under the same key with another unit (a.b.c_mm) is replaced. Other places that stand for the same part by an alias stay as they are."""
+    """Apply 'a.b.c=value' (value in YAML; list items as a.b.0 or a.b[0]) to a node tree in place; missing mappings are
+    created. A value under the same key with another unit (a.b.c_mm) is replaced. Other places that stand for the same
+    part by an alias stay as they are."""
     path, equals, text = assignment.partition('=')
     keys = keys_of(path)
     name = f'--set {path.strip()}'
@@ -403,7 +405,8 @@ def _added(parent: MappingNode, key: str, value: Node) -> AddedMapping:
 
 
 def _place(node: MappingNode, key: str, last: bool) -> int | None:
-    """Where a mapping has a key; the last of a path also where a number, or a list, has it with another unit."""
+    """Place of a key in a mapping; the last key of a path is also found where a number, or a list, has it with another
+    unit."""
     words = [entry.value for entry, _ in node.value]
     if key in words or not last:
         return words.index(key) if key in words else None

@@ -1,4 +1,4 @@
-"""How a vehicle is actuated, as data: which commands it takes, and what lies between a command and what acts.
+"""Actuation of a vehicle, as data: the commands that it takes, and the actuators between a command and its effect.
 
 Chain turns commands into inputs, step by step: first the dead time (whole steps), then the lag with the rate limit. Each part is advanced
 by its closed-form solution, so it depends on nothing but its state and the commands.
@@ -33,7 +33,7 @@ LONGEST_DEAD_TIME = 10.0  # s
 
 @dataclass(frozen=True, kw_only=True)
 class Actuator:
-    """What lies between a command and the input it commands.
+    """Actuator between a command and the input that it commands.
 
     dead_time: nothing happens, rounded to whole steps. lag: time by which the input runs behind a ramp. rate_limit: largest rate of the
     input, in its unit per second (none: without limit); of a motion it needs a lag, or the motion would have corners.
@@ -52,13 +52,14 @@ class Actuator:
 
 @dataclass(frozen=True, kw_only=True)
 class Actuation:
-    """How a vehicle is actuated.
+    """Actuation of a vehicle.
 
-    steering: what commands it: the angle of the steering wheel; the torque at the steering wheel, which turns freely then (input
-    steering_torque [N m], positive to the left); or the mean angle of the front road wheels [rad], which the measured map of the steering
-    turns into an angle of the steering wheel. wheels: drive and brake torque of single wheels beside the sums: inputs
-    drive_torque_<wheel> and brake_torque_<wheel> [N m]; the latter is added to the wheel's share of brake_torque, and takes from it
-    where it is below zero. actuators: by input, what lies between its command and the input.
+    steering: the command that steers: the angle of the steering wheel; the torque at the
+    steering wheel, which turns freely then (input steering_torque [N m], positive to the left); or the mean angle of
+    the front road wheels [rad], which the measured map of the steering turns into an angle of the steering wheel.
+    wheels: drive and brake torque of single wheels beside the sums: inputs drive_torque_<wheel> and
+    brake_torque_<wheel> [N m]; the latter is added to the wheel's share of brake_torque, and takes from it where it is
+    below zero. actuators: by input, what lies between its command and the input.
     """
 
     steering: Literal['angle', 'torque', 'road_wheel'] = 'angle'

@@ -2,7 +2,7 @@
 the automatic gearbox of solver.inputs.shifting.
 
 They see what a car can measure or estimate well (Feel), act on the inputs brake_torque_<wheel> of `actuation: {wheels: true}`, and come
-before the actuators, whose lag is that of the hydraulics. What they did is part of the recorded inputs.
+before the actuators, whose lag is that of the hydraulics. Their effects are part of the recorded inputs.
 
 Anti-lock: the share m of its torque that a wheel gets follows, between 0 and 1,
 
@@ -17,10 +17,11 @@ allows,
 
     r_wanted = v delta / (L + K v^2),    |r_wanted| <= 0.85 mu g / v
 
-and where the yaw rate is off by e beyond a threshold, one wheel is braked on the side that turns the car back: the front wheel where the
-car turns too much, the rear one where it turns too little, with gain (|e| - threshold), at most `torque`. What drives is taken back
-in the same measure: the drive torque, those of single wheels and the accelerator, where they are above 0. It is off in reverse: the steady
-motion is v delta / (L - K v^2) there, a car that understeers forward oversteers, and the wheel that turns it back is another one.
+and where the yaw rate is off by e beyond a threshold, one wheel is braked on the side that turns the car back: the
+front wheel where the car turns too much, the rear one where it turns too little, with gain (|e| - threshold), at most
+`torque`. Commands that drive are taken back in the same measure: the drive torque, those of single wheels and the
+accelerator, where they are above 0. It is off in reverse: the steady motion is v delta / (L - K v^2) there, a car that
+understeers forward oversteers, and the wheel that turns it back is another one.
 """
 
 from __future__ import annotations
@@ -84,7 +85,8 @@ class StabilityControl:
 
 @dataclass(frozen=True, kw_only=True)
 class Assistance:
-    """What helps the driver; none is off. anti_lock, stability: at the brakes; shift: an automatic gearbox (solver.inputs.shifting)."""
+    """Assistances of the driver; none is off. anti_lock, stability: at the brakes; shift: an automatic gearbox
+    (solver.inputs.shifting)."""
 
     anti_lock: AntiLock | None = None
     stability: StabilityControl | None = None
@@ -92,7 +94,7 @@ class Assistance:
 
     @property
     def brakes(self) -> bool:
-        """Whether it acts on the brakes of single wheels."""
+        """True where it acts on the brakes of single wheels."""
         return self.anti_lock is not None or self.stability is not None
 
     def __bool__(self) -> bool:
@@ -100,8 +102,8 @@ class Assistance:
 
 
 class Feel(NamedTuple):
-    """What is measured at the beginning of a step: speed along the chassis at its reference frame [m/s], yaw rate [rad/s], and by wheel in
-    the order of the model's tires the rate of its spin [rad/s]."""
+    """Measurements at the beginning of a step: speed along the chassis at its reference frame [m/s], yaw rate [rad/s],
+    and by wheel in the order of the model's tires the rate of its spin [rad/s]."""
 
     speed: float
     yaw_rate: float
@@ -227,6 +229,6 @@ class Assistant:
 
 
 def feel_of(speed: float, v: np.ndarray, chassis: int, wheels: Sequence[AssistedWheel]) -> Feel:
-    """What is measured of a forward speed [m/s] and the twists v (nb + 1, 6), angular in the bodies [rad/s]."""
+    """Measurements at a forward speed [m/s] and the twists v (nb + 1, 6), angular in the bodies [rad/s]."""
     spins = tuple(float(np.add.reduce(wheel.axis * v[wheel.body, 3:])) for wheel in wheels)
     return Feel(speed, float(v[chassis, 5]), spins)

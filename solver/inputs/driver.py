@@ -12,10 +12,11 @@ steering wheel is turned to the angle which holds this curvature in the steady s
 
 and reaches it through the hands: rate limit and critically damped lag of solver.inputs.command_filter.CommandSource.
 
-Law of the one who keeps a speed: torque T = P e + I + inertia * dv_wanted/dt with e = v_wanted - v and dI/dt = P (omega/2) e. On a car that
-answers with inertia * dv/dt = T - resistance, P = 2 omega inertia makes this a critically damped loop of frequency omega. Where T
-leaves the torques of the engine, I stands still; what is below them is left to the brakes, if they are allowed. Where the wanted speed is
-below 0, or is 0 and the car rolls backwards, all of this is mirrored: the engine drives backwards, the brakes slow the car down as ever.
+Law of the one who keeps a speed: torque T = P e + I + inertia * dv_wanted/dt with e = v_wanted - v and dI/dt = P
+(omega/2) e. On a car that answers with inertia * dv/dt = T - resistance, P = 2 omega inertia makes this a critically
+damped loop of frequency omega. I stands still while T is beyond the torques of the engine; torques below them are left
+to the brakes, if they are allowed. All of this is mirrored where the wanted speed is below 0, or is 0 and the car rolls
+backwards: the engine drives backwards, the brakes slow the car down as ever.
 """
 
 from __future__ import annotations
@@ -115,7 +116,7 @@ class DoubleLaneChange:
         return y
 
     def left_of(self, x: float, y: float, heading: float) -> float:
-        """How far [m] the path lies to the left of a point, seen along the heading [rad]."""
+        """Distance [m] by which the path lies to the left of a point, seen along the heading [rad]."""
         return (self.lateral(x) - y) * math.cos(heading)
 
 
@@ -146,7 +147,7 @@ class Waypoints:
         return float(piecewise_cubic(*self.spline, np.clip(x, at[0], at[-1]))[0])
 
     def left_of(self, x: float, y: float, heading: float) -> float:
-        """How far [m] the path lies to the left of a point, seen along the heading [rad]."""
+        """Distance [m] by which the path lies to the left of a point, seen along the heading [rad]."""
         return (self.lateral(x) - y) * math.cos(heading)
 
 
@@ -164,7 +165,7 @@ class Circle:
         _near(start=self.start, radius=self.radius)
 
     def left_of(self, x: float, y: float, heading: float) -> float:
-        """How far [m] the path lies to the left of a point, seen along the circle."""
+        """Distance [m] by which the path lies to the left of a point, seen along the circle."""
         distance = math.hypot(x - self.start, y - self.radius)
         return math.copysign(1.0, self.radius) * (distance - abs(self.radius))
 
@@ -224,8 +225,8 @@ class Course:
         return points, centres, 1.001 * np.sqrt((away[0] * away[0] + away[1] * away[1]).max(axis=1))
 
     def left_of(self, x: float, y: float, heading: float) -> float:
-        """How far [m] the course lies to the left of a point, across the heading [rad]; where it does not cross that line, the distance of
-        the nearest point of it, on the side where this is."""
+        """Distance [m] by which the course lies to the left of a point, across the heading [rad]; where it does not
+        cross that line, the distance of the nearest point of it, on the side where this is."""
         c, s = math.cos(heading), math.sin(heading)
         points, (middle_x, middle_y), radii = self.stretches
         near = points.take(np.flatnonzero(np.abs(c * (middle_x - x) + s * (middle_y - y)) <= radii), axis=1)
@@ -248,7 +249,7 @@ class Course:
 
 
 class Sight(NamedTuple):
-    """What the driver sees at the beginning of a step: reference frame of the chassis in the world."""
+    """Sight of the driver at the beginning of a step: reference frame of the chassis in the world."""
 
     x: float  # [m]
     y: float  # [m]

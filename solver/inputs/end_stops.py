@@ -38,7 +38,7 @@ def hold(u: np.ndarray, names: Sequence[str], lock: float | None) -> None:
 
 
 def steering_moves(names: Sequence[str]) -> bool:
-    """Whether the angle of the steering wheel is a motion, with rate and acceleration."""
+    """True where the angle of the steering wheel is a motion, with rate and acceleration."""
     return 'steering' + RATE in names and 'steering' + ACCELERATION in names
 
 

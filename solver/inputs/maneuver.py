@@ -72,12 +72,12 @@ class Maneuver:
 
     @property
     def by_road_wheel(self) -> bool:
-        """Whether it steers by the angle of the road wheels."""
+        """True where it steers by the angle of the road wheels."""
         return signal(self.road_wheel) != Constant()
 
     @property
     def closed_loop(self) -> bool:
-        """Whether some inputs depend on the motion."""
+        """True where some inputs depend on the motion."""
         return self.driver is not None or self.speed is not None
 
     @property
@@ -133,7 +133,7 @@ class Maneuver:
         return steering, drive, brake
 
     def further_commands(self, t: float) -> dict[str, float]:
-        """What else is commanded at time t [s]: the signals of other inputs, by name."""
+        """Further commands at time t [s]: the signals of other inputs, by name."""
         at = np.array([t])
         return {name: float(signal(s).jet(at).value[0]) for name, s in self.signals.items()}
 
@@ -142,12 +142,12 @@ JUMP = 1e-200  # what a rate or acceleration may change in the shortest time the
 
 
 def is_motion(name: str, names: Sequence[str]) -> bool:
-    """Whether an input is a prescribed motion: its rate and acceleration are inputs too."""
+    """True where an input is a prescribed motion: its rate and acceleration are inputs too."""
     return name + RATE in names and name + ACCELERATION in names
 
 
 def is_motion_part(name: str, names: Sequence[str]) -> bool:
-    """Whether an input is a prescribed motion, or the rate or acceleration of one."""
+    """True where an input is a prescribed motion, or the rate or acceleration of one."""
     return any(is_motion(name.removesuffix(suffix), names) for suffix in ('', RATE, ACCELERATION))
 
 

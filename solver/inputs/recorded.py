@@ -22,7 +22,7 @@ READERS = 'solver.recordings'  # group of entry points: (path, map of inputs to 
 
 @dataclass(frozen=True, kw_only=True)
 class BagChannel:
-    """Where an input is found in a recording: `channel` is `<topic>/<field>` as `mbd export` names its columns; the input is
+    """Place of an input in a recording: `channel` is `<topic>/<field>` as `mbd export` names its columns; the input is
     scale * value + offset, in the unit of the input.
     """
 
@@ -32,7 +32,7 @@ class BagChannel:
 
 
 class Reach(NamedTuple):
-    """What an input may be, and what is said of one that is below `low` or above `high`."""
+    """Range of an input, and the sentences on one that is below `low` or above `high`."""
 
     low: float
     high: float
@@ -53,7 +53,7 @@ class Track(NamedTuple):
 
 
 class Recorded(NamedTuple):
-    """What a recording says about inputs: rows of every step (h_ns > 0), or samples at instants of their own (h_ns = 0)."""
+    """Inputs of a recording: rows of every step (h_ns > 0), or samples at instants of their own (h_ns = 0)."""
 
     where: str  # what error sentences call it
     h_ns: int  # step of the recorded run

@@ -1,4 +1,5 @@
-"""Where the inputs of a simulation come from: a maneuver or a recording, a driver who sees the motion, and the actuators behind them."""
+"""Sources of the inputs of a simulation: a maneuver or a recording, a driver who sees the motion, and the actuators
+behind them."""
 
 from __future__ import annotations
 
@@ -61,7 +62,7 @@ class Sources:
 
     @property
     def step_by_step(self) -> bool:
-        """Whether the inputs of a step depend on the steps before it."""
+        """True where the inputs of a step depend on the steps before it."""
         return any(part is not None for part in (self.driver, self.actuators, self.assistant))
 
     def reset(self) -> np.ndarray:
@@ -85,7 +86,7 @@ class Sources:
         return row if self.actuators is None else self.actuators.advance(row)
 
     def memory(self) -> dict[str, np.ndarray]:
-        """What the inputs of the steps to come depend on."""
+        """State on which the inputs of the steps to come depend."""
         parts = {'driver': self.driver, 'actuators': self.actuators, 'assistance': self.assistant}
         return {name: part.state for name, part in parts.items() if part is not None}
 

@@ -1,9 +1,10 @@
 """Signals that change faster than the steps that sample them.
 
-A step takes one value of a signal. Of a sine with a period of one step it takes the same value for ever, and of one with nearly that a slow
-beat: both look smooth, and neither shows in the motion. So signals are looked at between the steps: where, in half of WINDOW steps, they
-depart from the straight line between the values at both ends of a step by more than LARGEST of their range, a period has fewer than
-about eight steps. A jump or a pulse does so in a step or two, which costs what a step costs and no more.
+A step takes one value of a signal. A sine with a period of one step gives it the same value for ever, and one with
+nearly that period a slow beat: both look smooth, and neither shows in the motion. So signals are looked at between the
+steps: where, in half of WINDOW steps, they depart from the straight line between the values at both ends of a step by
+more than LARGEST of their range, a period has fewer than about eight steps. A jump or a pulse does so in a step or two,
+which costs what a step costs and no more.
 """
 
 from __future__ import annotations
@@ -24,14 +25,16 @@ LOOKS = 200_000  # steps of a run at most, for the range of a signal; of longer 
 
 
 class Departure(NamedTuple):
-    """How far a signal departs from straight lines between steps, at most [of its range], and when it first did so for long [s]."""
+    """Largest departure of a signal from straight lines between steps [of its range], and the time when it first
+    departed for long [s]."""
 
     largest: float
     first: float
 
 
 class _Watched:
-    """What was seen of a signal. range: in the whole run; before: whether the last steps departed; largest [of the range]."""
+    """Values seen of a signal. range: in the whole run; before: whether the last steps departed; largest [of the
+    range]."""
 
     def __init__(self, signal: Signal, h: float, duration: float) -> None:
         self.signal, self.h = signal, h
@@ -67,8 +70,8 @@ class Unresolved:
         self._watched: dict[str, _Watched] = {}
 
     def look(self, k: int, duration: float) -> dict[str, Departure]:
-        """The signals that steps up to k do not resolve, by name; their ranges are those within the duration [s] of the run. Where k is
-        less than at the last look it begins anew."""
+        """The signals that steps up to k do not resolve, by name; their ranges are those within the duration [s] of the
+        run. It begins anew if k is less than at the last look."""
         if k < self._k or not self._watched:
             self._k = 0
             self._watched = {name: _Watched(signal, self._h, duration) for name, signal in self._signals.items()} if k else {}

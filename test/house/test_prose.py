@@ -10,7 +10,7 @@ from processes import ROOT
 
 BEGINNINGS = ('What', 'Of', 'Where', 'Whether', 'How')
 # Docstrings of the program whose first sentence begins so. The number may only fall: whoever rewrites some lowers it, nobody raises it.
-CEILING = 274
+CEILING = 153
 
 
 def without_subject(source: str) -> Iterator[int]:
