@@ -1,7 +1,8 @@
 """ros2 launch mbd_sim_ros sim.launch.py scene:=NAME [play:=true] [record:=true] [rviz:=true] [foxglove:=true] [namespace:=car1] ...
 
-What is not given is as the parameter file has it (params:=FILE). Nodes of this launch talk to this machine only, unless open:=true or
-ROS_AUTOMATIC_DISCOVERY_RANGE is set. The launch ends when the simulator ends, with exit code 1 if that failed.
+Arguments that are not given are as the parameter file has them (params:=FILE). Nodes of this launch talk to this
+machine only, unless open:=true or ROS_AUTOMATIC_DISCOVERY_RANGE is set. The launch ends when the simulator ends, with
+exit code 1 if that failed.
 """
 
 import os
@@ -35,7 +36,7 @@ TYPES = {'scene': str, 'mode': str, 'rate_factor': float, 'duration': float, 're
 
 
 def ended(event, _context):
-    """What happens when the simulator has ended: nothing may go on waiting for it.
+    """End everything when the simulator has ended: nothing may go on waiting for it.
 
     Raises RuntimeError when it failed: an exception is what gives a launch an exit code.
     """
@@ -45,7 +46,7 @@ def ended(event, _context):
 
 
 def in_lockstep(arguments):
-    """Whether the simulator waits for answers, by the argument or by the parameter file."""
+    """True where the simulator waits for answers, by the argument or by the parameter file."""
     if arguments['mode']:
         return arguments['mode'] == 'lockstep'
     try:

@@ -117,7 +117,7 @@ def bargains(name: str, rows: Sequence[Row]) -> list[str]:
 
 
 def switched(rows: Sequence[Row]) -> str:
-    """What leaving one subsystem out costs and saves."""
+    """Costs and savings of leaving one subsystem out."""
     found = []
     for row in rows:
         if not row['off'] or row['failure'] or not row.get('cost_median'):

@@ -27,7 +27,7 @@ def table(rows: list[tuple[str, ...]]) -> str:
 
 
 def evaluations() -> list[tuple[str, ...]]:
-    """What there is."""
+    """Table of evaluations."""
     rows: list[tuple[str, ...]] = [('evaluation', '', 'after', 'needs', 'more with', 'parameters')]
     for e in EVALUATIONS:
         names = ', '.join(f'`{name}`' for name in (e.name, *e.aliases))
@@ -39,7 +39,7 @@ def evaluations() -> list[tuple[str, ...]]:
 
 
 def parameters() -> list[tuple[str, ...]]:
-    """What may be set of them."""
+    """Table of their parameters."""
     rows: list[tuple[str, ...]] = [('of', 'parameters')]
     for kind in dict.fromkeys(e.parameters for e in EVALUATIONS):
         rows.append((listed(tuple(e.name for e in EVALUATIONS if e.parameters is kind)), ' '.join((kind.__doc__ or '').split())))
@@ -52,7 +52,7 @@ def listed(names: tuple[str, ...]) -> str:
 
 
 def signals() -> list[tuple[str, ...]]:
-    """Where signals come from."""
+    """Table of sources of signals."""
     rows: list[tuple[str, ...]] = [('signal', '', 'unit', 'from')]
     rows += [(f'`{name}`', text, unit, '; or '.join(channels(way) for way in ways)) for name, (unit, text, ways) in WAYS.items()]
     return rows
@@ -70,7 +70,7 @@ def channels(way: Way) -> str:
 
 
 def maneuvers() -> list[tuple[str, ...]]:
-    """How they are driven."""
+    """Table of their maneuvers."""
     rows: list[tuple[str, ...]] = [('maneuver', 'file', 'speed at the start', 'time', 'amplitude of the steering wheel')]
     for e in EVALUATIONS:
         d = e.drive

@@ -1,4 +1,4 @@
-"""What the documents publish, what it depends on, and how it is made anew.
+"""Products that the documents publish, their sources, and the commands that make them anew.
 
     python docs/tools/published.py                    what is older than its sources (part of make lint)
     python docs/tools/published.py --make             makes all of that anew (make docs); goes on where it was interrupted
@@ -155,7 +155,7 @@ def sources(product: Product) -> list[Path]:
 
 
 def digest(product: Product) -> str:
-    """Of the sources of a product."""
+    """Digest of the sources of a product."""
     total = hashlib.sha256()
     for file in sources(product):
         total.update(file.relative_to(ROOT).as_posix().encode() + _digest_of(file))
@@ -178,7 +178,7 @@ def held(product: Product) -> dict[str, str]:
 
 
 def manifest() -> dict[str, dict[str, Any]]:
-    """What docs/published.json says, by product."""
+    """Content of docs/published.json, by product."""
     return json.loads(MANIFEST.read_text(encoding='utf-8')) if MANIFEST.exists() else {}
 
 

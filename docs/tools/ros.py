@@ -74,7 +74,7 @@ def table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
 
 
 def topics() -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """What is published."""
+    """Table of published topics."""
     nothing: tuple[str, ...] = ()
     given = {'joints': ('a',), 'joint_kinds': ('rotation',), 'bodies': ('chassis',), 'wheels': (WHEEL,), 'inputs': COMMANDS, 'chassis': 0}
     names = Channels(**given, elements=('a/force',), reactions=nothing, moving=('chassis',))  # type: ignore[arg-type]
@@ -91,7 +91,7 @@ def quality(topic: Topic) -> str:
 
 
 def commands() -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """What is listened to."""
+    """Table of subscribed topics."""
     rows = [
         (f'`~/{c.topic}`', f'std_msgs/{c.type.__name__}', 'reliable, 1', c.text + (f', limit: `{c.limit}`' if c.limit else ''))
         for c in PLAIN.values()
@@ -104,12 +104,12 @@ def commands() -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
 
 
 def services() -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """What may be called."""
+    """Table of services."""
     return ('service (std_srvs/Trigger)', ''), [(f'`~/{name}`', text) for name, text in SERVICES.items()]
 
 
 def adapter() -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """What the adapter hears and tells."""
+    """Table of topics of the adapter."""
     rows: list[tuple[str, ...]] = [
         (f'`{h.topic}`', h.type.replace('/msg/', '/'), 'reliable, 1' + (', latched' if h.latched else ''), f'in: {h.text}') for h in HEARD
     ]
@@ -118,17 +118,17 @@ def adapter() -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
 
 
 def described(parameters: Mapping[str, tuple[Any, str]]) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """What may be set of a node beside the simulator."""
+    """Table of parameters of a node beside the simulator."""
     return ('parameter', '', 'default'), [(f'`{n}`', text, 'empty' if d == '' else str(d)) for n, (d, text) in parameters.items()]
 
 
 def interfaces() -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """What there is of simulation_interfaces."""
+    """Table of the parts of simulation_interfaces that are there."""
     return ('interface', ''), [(f'`~/{snake(name)}` {PACKAGE}/{name}', text) for name, text in OFFERED.items()]
 
 
 def parameters() -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """What may be set."""
+    """Table of parameters."""
     rows: list[tuple[str, ...]] = []
     for name, spec in PARAMETERS.items():
         numeric = isinstance(spec.default, int | float) and not isinstance(spec.default, bool)

@@ -77,7 +77,7 @@ def pages() -> Iterator[Path]:
 
 
 def place(path: Path) -> str:
-    """Where a page of the checkout stands in the site, without its ending."""
+    """Place in the site of a page of the checkout, without its ending."""
     inside = path.relative_to(ROOT)
     return (inside.parent / ('index' if inside.name == 'README.md' else inside.stem)).as_posix()
 
@@ -159,7 +159,7 @@ class Site:
 
 
 def first_line(path: Path) -> str:
-    """What a Python file says of itself, in a line."""
+    """First line of the docstring of a Python file."""
     if path.suffix != '.py':
         return ''
     match = re.match(r'"""(.*?)(?:\n\n|""")', path.read_text(encoding='utf-8'), re.DOTALL)

@@ -111,7 +111,7 @@ def inherited(cls: type) -> list[type]:
 
 
 def value(hint: Any) -> str:
-    """What may be written for a type."""
+    """Text of the values that may be written for a type."""
     hint = plain(hint)
     origin, args = get_origin(hint), get_args(hint)
     if hint in WORDS:

@@ -23,7 +23,8 @@ LEVELS = {'condensed': 'solver.levels.condensed', 'kc': 'solver.levels.kc', 'sin
 
 
 def derive(scene: Scene) -> Derived:
-    """What of a scene is simulated. Raises SceneError where its vehicle has no such level, or the scene asks for what the level lacks."""
+    """Derived scene that is simulated in place of a scene. Raises SceneError where its vehicle has no such level, or
+    the scene asks for what the level lacks."""
     from solver.levels.auto import Certificate, certificate_of, resolved, with_certificate
 
     certificate: Certificate | None

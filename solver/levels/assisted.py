@@ -28,8 +28,8 @@ from solver.vehicle.power_steering import FRICTION
 
 
 class Assisted(NamedTuple):
-    """What there is of a steering besides the maps of its guide. servo: between pinion and steering wheel; body, joint: the pinion; gear:
-    laws of the springs and of the dampers at it, for the guide; forces: what else acts on it."""
+    """Parts of a steering besides the maps of its guide. servo: between pinion and steering wheel; body, joint: the
+    pinion; gear: laws of the springs and of the dampers at it, for the guide; forces: other forces on it."""
 
     servo: ServoSpec
     body: RigidBodySpec
@@ -90,8 +90,8 @@ def steering_springs(data: dict[str, Any], turned: float) -> Law:
 
 
 def unassisted(spec: ModelSpec, dampers: Collection[str | int]) -> tuple[str, ...]:
-    """What becomes of a motor in the steering gear behind a column that no rule reduces, and of what brakes a gear without a motor.
-    dampers: indices of those that the steering moves."""
+    """Sentences on a motor in the steering gear behind a column that no rule reduces, and on dampers of a gear without
+    a motor. dampers: indices of those that the steering moves."""
     said = 'the motor of {} and friction in the steering: the torque at the steering wheel is the whole one'
     braking = [spec.spring_dampers[int(k)].name for k in dampers] + [f.name for f in spec.coordinate_forces if f.name == FRICTION]
     felt = f'{", ".join(braking)}: the torque at the steering wheel is without'

@@ -28,7 +28,7 @@ INCOMPLETE = 'incomplete'  # of one that had no time for all, or no other maneuv
 
 
 class Certificate(NamedTuple):
-    """What a plan says of runs of its scene. hash: of the plan."""
+    """Certificate of a plan for runs of its scene. hash: of the plan."""
 
     hash: str
     envelope: tuple[Limit, ...]
@@ -36,7 +36,8 @@ class Certificate(NamedTuple):
 
 
 def key(scene: Scene) -> str:
-    """Of everything a plan of this scene depends on. Raises what the reader of a recording raises that its maneuver takes."""
+    """Digest of everything that a plan of this scene depends on. Raises what the reader of a recording raises that its
+    maneuver takes."""
     chosen: dict[str, Any] = {'h': 1e-3, 'rho_inf': 0.8, 'mode': 'fixed', 'iterations': 1, 'tolerance': 1e-8}
     integrator = dataclasses.replace(scene.integrator, **chosen, **FIXED)
     driven = (scene.start, scene.maneuver, scene.actuation, scene.assistance, scene.duration)
@@ -55,8 +56,8 @@ def _recorded(maneuver: Maneuver) -> list[bytes]:
 
 
 def beside_text(scene: Scene) -> list[bytes]:
-    """What runs of a scene depend on that its resolved text does not hold: the inputs in the recording that its maneuver takes, and what
-    its plan says. Raises what the reader of a recording raises."""
+    """Data on which runs of a scene depend beside its resolved text: the inputs in the recording that its maneuver
+    takes, and its plan. Raises what the reader of a recording raises."""
     plan = plan_of(scene) if scene.require.accuracy or scene.fidelity == 'auto' else None
     said = {} if plan is None else {name: plan[name] for name in ('status', 'fidelity', 'settings', 'envelope', 'findings')}
     return [*_recorded(scene.maneuver), json.dumps(said, sort_keys=True).encode()]
@@ -110,7 +111,8 @@ def _certificate(plan: Mapping[str, Any]) -> Certificate:
 def chosen(scene: Scene, plan: Mapping[str, Any]) -> Scene:
     """The scene with what a plan has chosen in place, in its resolved text too: a recording of it needs no plan.
 
-    Of longer steps fewer lie between two messages of a recording, so that it is no coarser in time than the scene has it.
+    Fewer of the longer steps lie between two messages of a recording, so that it is no coarser in time than the scene
+    has it.
     """
     settings = plan['settings']
     integrator = settings['integrator'] | FIXED

@@ -1,4 +1,4 @@
-"""What moves with the wheels of an axle, as masses of both wheels and one that they share, on a beam between them."""
+"""Masses that move with the wheels of an axle: one of each wheel, and one that they share, on a beam between them."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class AxleMasses(NamedTuple):
 
 
 class Beam(NamedTuple):
-    """What stands for a mass that both wheels of an axle share."""
+    """Beam that stands for a mass that both wheels of an axle share."""
 
     body: RigidBodySpec
     joints: tuple[JointSpec, ...]

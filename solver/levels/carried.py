@@ -1,7 +1,8 @@
-"""What a vehicle carries besides its template (the key `elements` of its file), on a level that has less of the vehicle.
+"""Elements that a vehicle carries besides its template (the key `elements` of its file), on a level that has less of
+the vehicle.
 
-A level is derived from the vehicle alone. What that carries is put onto the level as it is, where the level has its bodies and coordinates,
-and refused by name where it does not: nothing that a scene adds vanishes unsaid.
+A level is derived from the vehicle alone. Its further elements are put onto the level as they are, where the level has
+their bodies and coordinates, and refused by name where it does not: nothing that a scene adds vanishes unsaid.
 """
 
 from __future__ import annotations
@@ -53,7 +54,8 @@ def carrying(less: ModelSpec, more: Sections, whole: ModelSpec) -> ModelSpec:
 
 
 def require_kept(less: ModelSpec, whole: ModelSpec) -> tuple[str, ...]:
-    """What the vehicle carries and a model that was derived from all of it does not, in words. Raises SpecError for what has an input."""
+    """Elements that the vehicle carries and a model derived from all of it does not, in words. Raises SpecError for
+    what has an input."""
     there = {section: {spec.name for spec in specs} for section, specs in less.sections().items()}
     gone = [(section, name) for section, name in whole.added if name not in there[section]]
     return tuple(left_out(spec) for section, name in gone for spec in getattr(whole, section) if spec.name == name)

@@ -47,7 +47,8 @@ def _all_columns(draft: Draft) -> list[Column]:
 
 
 def straight_columns(draft: Draft, *, look: bool = False) -> bool:
-    """Whether there are steering columns. Unless only a look is wanted: the gears turn with the steering wheels, without joints between."""
+    """True where there are steering columns. Unless `look`, the gears are made to turn with the steering wheels,
+    without joints between."""
     columns = _all_columns(draft)
     if not look:
         for column in columns:

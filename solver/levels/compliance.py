@@ -1,4 +1,5 @@
-"""What bushings do at other points than their own, and in series: linear algebra of small displacements, and laws."""
+"""Compliance of bushings at other points than their own, and in series: linear algebra of small displacements, and
+laws."""
 
 from __future__ import annotations
 
@@ -100,5 +101,5 @@ def _solve(law: Law, y: float) -> tuple[float, float]:
 
 
 def increasing(law: Law) -> bool:
-    """Whether a law has one value of x for every y."""
+    """True where a law has one value of x for every y."""
     return all(rate > 0.0 for rate in law.slope) and all(b > a for a, b in pairwise(law.y))

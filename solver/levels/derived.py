@@ -1,4 +1,5 @@
-"""What a level of detail is: a scene with another model, and a report that says what the model leaves out and where it holds."""
+"""Level of detail: a scene with another model, and a report that says what the model leaves out and in which range it
+holds."""
 
 from __future__ import annotations
 
@@ -54,7 +55,8 @@ def moved_imu(whole: ModelSpec, less: ModelSpec) -> tuple[str, ...]:
 
 
 def channels(model: ModelSpec) -> list[str]:
-    """What a model publishes, by the names of its parts: 'joint <name>', 'body <name>', 'element <name>' and 'wheel <name>'."""
+    """Channels that a model publishes, by the names of its parts: 'joint <name>', 'body <name>', 'element <name>' and
+    'wheel <name>'."""
     coordinates = [c.name for joint in model.joints for c in joint_coordinates(joint)] + [c.name for c in model.coordinates]
     return [
         *(f'joint {name}' for name in coordinates),

@@ -1,7 +1,8 @@
 """A ModelSpec while rules change it: parts by name, who holds on to a body, where markers lie, masses that move from body to body.
 
-All places and directions are those of the design frame, in which the bodies of the specification are placed. Sums of masses, of first
-moments and of moments of inertia are exact. What decides about the bits of a model is computed without BLAS (docs/decisions/0008).
+All places and directions are those of the design frame, in which the bodies of the specification are placed. Sums of
+masses, of first moments and of moments of inertia are exact. Numbers that decide about the bits of a model are computed
+without BLAS (docs/decisions/0008).
 """
 
 from __future__ import annotations
@@ -138,7 +139,7 @@ class Draft:
         return Placement(np.array(spec.position), matrix(spec.orientation))
 
     def placed(self, marker: Marker) -> Placement:
-        """Where a marker lies."""
+        """Placement of a marker."""
         p, R = self.frame(marker.body)
         return Placement(p + product(R, marker.position), product(R, matrix(marker.orientation)))
 
@@ -189,7 +190,8 @@ class Draft:
     def resist(self, body: str, stiffness: np.ndarray, damping: np.ndarray) -> bool:
         """Add rotational stiffness [N m/rad] and damping [N m s/rad] (3, 3) to the bushing that a body hangs in, if there is just one.
 
-        Only what is along the axes of that bushing counts, and only axes without a law. Whether there is such a bushing.
+        Only what is along the axes of that bushing counts, and only axes without a law. True where there is such a
+        bushing.
         """
         found = [hold for hold in self.holds(body) if hold.section == 'bushings']
         if len(found) != 1:

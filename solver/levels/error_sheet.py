@@ -8,7 +8,7 @@ Angles of the steering wheel follow from a slow ramp of the whole vehicle (13.5 
 angle is that at 0.3 g. Speeds, times and lengths are those of passenger cars and grow with the vehicle (solver.vehicle.size).
 
 Errors are root mean squares and largest differences over the run, in parts of the peak of the whole vehicle; of
-the wheels that with the largest is shown. What a level does not publish has no figure.
+the wheels that with the largest is shown. A quantity that a level does not publish has no figure.
 """
 
 from __future__ import annotations

@@ -1,4 +1,5 @@
-"""What turns with the wheels of the level kc: inertia of the wheel itself, and flywheels on the chassis for rotors behind gears."""
+"""Inertia that turns with the wheels of the level kc: that of the wheel itself, and flywheels on the chassis for rotors
+behind gears."""
 
 from __future__ import annotations
 
@@ -27,7 +28,8 @@ def spin_of(wheel: RigidBodySpec, across: float, data: Mapping[str, float]) -> f
 
 
 def flywheels(chassis: RigidBodySpec, corner: str, center: np.ndarray, wheel: RigidBodySpec, data: Mapping[str, float]) -> list[Part]:
-    """What turns with a wheel and is not its inertia, as two flywheels on the chassis, one as fast as the wheel, one as fast the other way.
+    """Inertia that turns with a wheel and is not its own, as two flywheels on the chassis, one as fast as the wheel,
+    one as fast the other way.
 
     Together they have the energy and the angular momentum of what they stand for: J n^2 and J n of a rotor that turns n times as fast as
     the wheel. With all of the energy in one, it would load the wheels in a bend n times as much as the rotor does."""

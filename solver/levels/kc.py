@@ -340,12 +340,12 @@ class _Reduction:
         return couplers[0].terms[0][0] if self.assisted is None or axle != AXLES[0] else self.assisted.joint.name
 
     def _gear(self) -> tuple[Law, Law | None]:
-        """What springs and dampers of the steering do at the rotation that the front guide follows."""
+        """Laws of springs and dampers of the steering at the rotation that the front guide follows."""
         return (steering_springs(self.data['gear'], self.data['steering']), None) if self.assisted is None else self.assisted.gear
 
     @staticmethod
     def _inertias(wheel: RigidBodySpec) -> tuple[float, float, float, float]:
-        """What resists x, y, psi, gamma of a wheel."""
+        """Inertias against x, y, psi, gamma of a wheel."""
         return wheel.mass, wheel.mass, wheel.inertia[2], wheel.inertia[0]
 
     def _damper(self, data: dict[str, Any], side: int) -> tuple[Law, list[float], float, float, Law]:

@@ -1,4 +1,5 @@
-"""What the axles of a vehicle do to its wheels, measured on the bench: the numbers of guides (solver.elements.guide) and of their wheels.
+"""Maps of the axles of a vehicle, measured on the bench: the numbers of guides (solver.elements.guide) and of their
+wheels.
 
 The bench (solver.analysis.kinematics_and_compliance) holds the chassis of the full model in its design position. Measured are
 
@@ -320,7 +321,7 @@ def _momenta(bench: Bench, q: np.ndarray, w: np.ndarray) -> np.ndarray:
 
 
 def _gear(bench: Bench) -> dict[str, Any]:
-    """What moves with the steering gear, see measured()."""
+    """Data of the steering gear, see measured()."""
     spec, names = bench.spec, bench.rig.model.body_names
     low, high = bench.stand(steering=-STEP), bench.stand(steering=STEP)
     v, w = _moved(low.q, high.q, 2.0 * STEP)

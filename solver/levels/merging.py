@@ -33,8 +33,9 @@ SHAFTS = ('revolute', 'cylindrical', 'constant_velocity', 'universal')
 def merge_stiff(draft: Draft, frequency: float) -> None:
     """Merge bodies that are held by bushings and are faster on these than `frequency` [Hz] in every direction.
 
-    What a body carries besides shafts hangs in a row of two bushings, and its motion under a load counts, not its vibration: a subframe on
-    mounts of 170 Hz makes a third of an axle's lateral compliance. There the limit is CARRYING times as high.
+    The load of a body that carries more than shafts hangs in a row of two bushings, and its motion under a load counts,
+    not its vibration: a subframe on mounts of 170 Hz makes a third of an axle's lateral compliance. There the limit is
+    CARRYING times as high.
     """
     for body in list(draft.bodies):
         holders = {hold.name for hold in draft.holds(body) if hold.section == 'bushings'}
@@ -49,7 +50,7 @@ def merge_stiff(draft: Draft, frequency: float) -> None:
 
 
 def _carries_shafts(draft: Draft, body: str, mounts: list[str]) -> bool:
-    """Whether nothing but shafts turns in a body on these mounts."""
+    """True where nothing but shafts turns in a body on these mounts."""
     rest = [hold for hold in draft.holds(body) if hold.section != 'coordinates' and hold.name not in mounts]
     return all(hold.section == 'joints' and draft.spec(hold).kind in SHAFTS for hold in rest)
 

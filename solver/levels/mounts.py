@@ -53,6 +53,6 @@ def _join(draft: Draft, group: list[BushingSpec]) -> None:
 
 
 def _about(rate: np.ndarray, squares: np.ndarray, axis: int) -> float:
-    """What translational rates at these arms (squares of their sums) give about an axis."""
+    """Rate about an axis that translational rates at these arms (squares of their sums) give."""
     a, b = [q for q in range(3) if q != axis]
     return float(rate[a] * squares[b] + rate[b] * squares[a])

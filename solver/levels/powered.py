@@ -1,7 +1,8 @@
-"""An engine that turns at the level kc: crankshaft and turbine stay, with bearings on the chassis, and so do map, converter and clutches.
-What the gearbox turns instead of its output shafts are the wheels, by the slopes of those shafts over the spins of the wheels: an open
-differential is half of each, as in the shafts themselves. What turns between gearbox and wheels has its inertia at the wheels, and does
-not wind up. The bench measures the vehicle without all this, its crankshaft at rest.
+"""An engine that turns at the level kc: crankshaft and turbine stay, with bearings on the chassis, and so do map,
+converter and clutches. The gearbox turns the wheels instead of its output shafts, by the slopes of those shafts over
+the spins of the wheels: an open differential is half of each, as in the shafts themselves. Parts between gearbox and
+wheels have their inertia at the wheels, and do not wind up. The bench measures the vehicle without all this, its
+crankshaft at rest.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ UNMOVED = 1e-4  # slope below which a shaft does not turn with a wheel
 
 
 class Powered(NamedTuple):
-    """What there is of an engine besides the guides; nothing of a vehicle without."""
+    """Parts of an engine besides the guides; empty for a vehicle without one."""
 
     bodies: tuple[RigidBodySpec, ...]
     joints: tuple[JointSpec, ...]

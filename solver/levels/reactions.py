@@ -1,6 +1,6 @@
-"""What drives of the level kc do to carriers of wheels, where their torque acts between these and the wheels, as that of a motor in the hub
-or of the differential of a live axle does: the guide turns that back (solver.elements.guide). Shafts from a differential on the chassis act
-against that.
+"""Reactions of drives of the level kc on carriers of wheels, where their torque acts between these and the wheels, as
+that of a motor in the hub or of the differential of a live axle does: the guide turns that back
+(solver.elements.guide). Shafts from a differential on the chassis act against that.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def on_carriers(spec: ModelSpec, axle: str) -> list[CoordinateForceSpec]:
 
 
 def at_wheels(spec: ModelSpec) -> tuple[str, ...]:
-    """What efforts of wheels have here that they have not in the whole vehicle, whose drive torque acts on shafts."""
+    """Sentences on what efforts of wheels have here and not in the whole vehicle, whose drive torque acts on shafts."""
     wheels = {f'wheel_{axle}_{side}' for axle in ('front', 'rear') for side in SIDES}
     shafts = [
         force for force in spec.coordinate_forces if force.input == 'drive_torque' and not {name for name, _ in force.terms} <= wheels
@@ -40,7 +40,8 @@ def at_wheels(spec: ModelSpec) -> tuple[str, ...]:
 
 
 def unshown(spec: ModelSpec) -> tuple[str, ...]:
-    """What the drive pinion in the housing of a live axle does behind a gearbox (solver.levels.powered) that this level does not show."""
+    """Sentences on reactions of the drive pinion in the housing of a live axle behind a gearbox
+    (solver.levels.powered), which this level does not show."""
     if not spec.engines:
         return ()
     final_drives = [
@@ -51,13 +52,15 @@ def unshown(spec: ModelSpec) -> tuple[str, ...]:
 
 
 def without_angles(spec: ModelSpec) -> tuple[str, ...]:
-    """What half shafts do to the steering, where wheels turn as ideal shafts do that pass on no more than the angle of their ends."""
+    """Sentences on effects of half shafts on the steering that are lost where wheels turn as with ideal shafts, which
+    pass on no more than the angle of their ends."""
     steered = {tire.marker.body for tire in spec.tires if tire.name.startswith('front_')}
     shafts = [joint for joint in spec.joints if joint.kind == 'constant_velocity' and {joint.i.body, joint.j.body} & steered]
     return (ANGLED,) if shafts else ()
 
 
 def without_kingpins(spec: ModelSpec) -> tuple[str, ...]:
-    """What the shafts of steered live axles do to the steering, where the torque of a drive acts on knuckles instead of the housing."""
+    """Sentences on effects of the shafts of steered live axles on the steering that are lost where the torque of a
+    drive acts on knuckles instead of the housing."""
     turned = {axle: turned_from_carriers(spec, axle) for axle in ('front', 'rear')}
     return tuple(KINGPINS.format(axle) for axle, names in turned.items() if any(name.startswith('shaft_') for name in names))

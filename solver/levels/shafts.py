@@ -33,7 +33,7 @@ def reduced_shafts(draft: Draft) -> None:
 
 
 class Bearing(NamedTuple):
-    """What a body turns in: the joint, its end on the body, what carries it, and its frame there."""
+    """Bearing of a body that turns: the joint, its end on the body, what carries it, and its frame there."""
 
     joint: JointSpec
     hold: Hold

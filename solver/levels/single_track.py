@@ -98,7 +98,7 @@ def derive(scene: Scene) -> Derived:
 
 
 def unlifted(model: ModelSpec) -> tuple[str, ...]:
-    """What becomes of the lift of a vehicle that has some."""
+    """Sentence on the lift of a vehicle, if it has some."""
     wings = [aero.name for aero in model.aero_drags if aero.lift_area]
     return (f'lift of {", ".join(wings)}: the axles are loaded as at {SPEED * size_of(model).speed:g} m/s at every speed',) if wings else ()
 
@@ -122,7 +122,7 @@ def on_friction(limit: Limit, friction: float) -> Limit:
 
 
 def shown(model: ModelSpec) -> ModelSpec:
-    """What the level shows of a vehicle: chassis with all mass, wheels and steering wheel on it."""
+    """Model that the level shows of a vehicle: chassis with all mass, wheels and steering wheel on it."""
     bodies = {b.name: b for b in model.bodies}
     chassis = bodies[model.chassis or model.bodies[0].name]
     wheels = {tire.name: bodies[tire.marker.body] for tire in model.tires}

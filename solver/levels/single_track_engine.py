@@ -150,8 +150,8 @@ def settled(tables: Ref, straight: np.ndarray, speed: float, u: np.ndarray, inde
 class SingleTrack:
     """See solver.engine.Engine: what solver.levels.single_track shows of a vehicle, with the parameters that level found.
 
-    Of the integrator h alone means something here: the step is that of solver.levels.track_step, in parts of LONGEST at most. Nothing
-    iterates, and there are no constraints. Raises SpecError or ConsistencyError.
+    Only h of the integrator means something here: the step is that of solver.levels.track_step, in parts of LONGEST at
+    most. Nothing iterates, and there are no constraints. Raises SpecError or ConsistencyError.
     """
 
     stage = 0.5  # torques are held over the step: the mean is what matters
@@ -264,7 +264,7 @@ class SingleTrack:
         return Moved(done, counters, late if status == 2 else '')
 
     def sight(self) -> Sight:
-        """What a driver sees now."""
+        """Motion of the vehicle that a driver sees now."""
         pose = self._frame.pose[0]
         side = self.tables.mounting.axis * self.y[ROLL]
         return Sight(float(pose[0]), float(pose[1]), float(self.y[YAW]), float(self.y[VX] - self.y[YAW_RATE] * side))
@@ -309,7 +309,7 @@ class SingleTrack:
         return LastStep(none, np.zeros((1, 6, 6)), np.zeros((1, 6, 6)), none, none, none, self.account)
 
     def reached(self) -> dict[str, tuple[float, float | None]]:
-        """Of what the limits of the level are about: the largest value so far, and its time [s] where it has one.
+        """Quantities that the level limits: the largest value of each so far, and its time [s] where it has one.
 
         frequency: root of the ratio of the mean squares of rate and angle of the steering wheel.
         """

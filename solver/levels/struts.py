@@ -1,9 +1,9 @@
 """Coil-overs without bodies of their own: spring and damper act between what the tube stands on and what the rod hangs in.
 
-A strut is two bodies that slide in each other, each with one more connection, and springs and a damper between the same two points of
-them. Where rubber holds an end, spring and damper are in a row with it (solver.elements.strut); where both ends hang in rubber, the two
-bushings are in series along the line. What stands on the lower bushing turns against the strut, which hardly turns itself: the bushing's
-resistance against that goes to what the body hangs in.
+A strut is two bodies that slide in each other, each with one more connection, and springs and a damper between the same
+two points of them. If rubber holds an end, spring and damper are in a row with it (solver.elements.strut); where both
+ends hang in rubber, the two bushings are in series along the line. The body on the lower bushing turns against the
+strut, which hardly turns itself: the bushing's resistance against that goes to what the body hangs in.
 """
 
 from __future__ import annotations

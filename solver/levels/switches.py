@@ -89,7 +89,7 @@ def _merged(of: str) -> Callable[[Draft], None]:
 
 
 def _is_stop(spring: object) -> bool:
-    """Whether a law has no force over an interval: it acts at the ends of a travel alone."""
+    """True where a law has no force over an interval: it acts at the ends of a travel alone."""
     y = getattr(spring, 'y', ())
     return any(a == b == 0.0 for a, b in pairwise(y))
 

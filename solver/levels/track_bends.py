@@ -1,4 +1,5 @@
-"""What runs in bends tell of a vehicle: the characteristics of its axles, roll, what the steering wheel feels, and where it all holds."""
+"""Identification by runs in bends: the characteristics of its axles, roll, what the steering wheel feels, and where it
+all holds."""
 
 from __future__ import annotations
 
@@ -124,7 +125,8 @@ def feel(found: dict[str, dict[str, float]], scene: Scene, runs: list[tuple[Driv
 def limits(
     found: dict[str, dict[str, float]], scene: Scene, runs: list[tuple[Drive, IdentificationRun]], lock: IdentificationRun, model: ModelSpec
 ) -> list[dict[str, Any]]:
-    """Where the level holds, as fields of Limit: as far as it follows the ramp and the braking to ERROR, and what it leaves out."""
+    """Limits of the level, as fields of Limit: as far as it follows the ramp and the braking to ERROR, and those of
+    effects that it leaves out."""
     size = size_of(model)
     drive, run = runs[0]
     shown_ = replay(Ref(tables_of(found, scene)), drive, run)
@@ -202,8 +204,8 @@ def followed(
 
 
 def follows(found: dict[str, dict[str, float]], scene: Scene, model: ModelSpec, speed: float, value: float) -> bool:
-    """Whether the level follows a step of the steering wheel to `value` [rad] at a speed [m/s] to ERROR: root mean square of the yaw rate
-    over its peak."""
+    """True where the level follows a step of the steering wheel to `value` [rad] at a speed [m/s] to ERROR: root mean
+    square of the yaw rate over its peak."""
     t = size_of(model).time
     steering = Step(value=value, start=0.5 * t, rise=0.15 * t)
     maneuver = Maneuver(steering=steering, drive_torque=math.copysign(1.0, speed) * holding(found, speed))
@@ -218,7 +220,7 @@ def follows(found: dict[str, dict[str, float]], scene: Scene, model: ModelSpec, 
 
 
 def steered(parameters: dict[str, dict[str, float]]) -> float:
-    """What a turn of the steering wheel turns both axles against each other [rad/rad]."""
+    """Angle between both axles per turn of the steering wheel [rad/rad]."""
     return parameters['body']['ratio'] * (parameters['front']['steered'] - parameters['rear']['steered'])
 
 

@@ -1,4 +1,5 @@
-"""What a single-track model of a vehicle conserves: masses, lengths, inertia of all that turns with the wheels, drag, brakes."""
+"""Bulk properties of a vehicle that its single-track model conserves: masses, lengths, inertia of all that turns with
+the wheels, drag, brakes."""
 
 from __future__ import annotations
 

@@ -1,8 +1,9 @@
 """Friction that changes along the road, beside the level `single_track`, which is identified on friction 1 and follows it down to a limit:
 how far below it the axles have been, and how far the run went there.
 
-On a road that is as slippery everywhere the limits themselves are smaller (solver.levels.single_track.on_friction). Where only a part of it
-is, the slips and accelerations reached there count for so many times as much. It is looked at every LOOK of simulated time.
+On a road that is as slippery everywhere the limits themselves are smaller (solver.levels.single_track.on_friction). If
+only a part of it is, the slips and accelerations reached there count for so many times as much. It is looked at every
+LOOK of simulated time.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ LOOK = 10_000_000  # ns
 
 
 def varies(road: RoadSpec) -> bool:
-    """Whether its friction is not the same everywhere."""
+    """True where its friction is not the same everywhere."""
     return bool(road.patches or road.maps)
 
 

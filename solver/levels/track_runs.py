@@ -40,7 +40,7 @@ class Drive:
 
 
 class IdentificationRun(NamedTuple):
-    """What a run showed, one row per sample; axles: front, rear."""
+    """Curves of a run, one row per sample; axles: front, rear."""
 
     time: np.ndarray  # (n,) [s]
     inputs: np.ndarray  # (n EVERY, nu) of every step of h

@@ -1,4 +1,5 @@
-"""What a single-track model shows of its state, the account of its energy, and how far it went (solver.levels.track_step)."""
+"""Outputs of a single-track model, the account of its energy, and its largest values so far
+(solver.levels.track_step)."""
 
 from __future__ import annotations
 

@@ -238,7 +238,7 @@ def wheel_of(u, index):
 
 @kernel(borrow=True)
 def start(t, y, u, index, w, frame):
-    """What a state shows with the inputs u when no step has led to it; begins the account."""
+    """Fill the outputs of a state with the inputs u when no step has led to it, and begin the account."""
     steering = wheel_of(u, index)
     y[LOSS] = 0.0
     y[GROSS] = 0.0

@@ -1,4 +1,5 @@
-"""What runs straight on tell of a vehicle: gear of the steering, rolling radii, resistance, forces along, load moved and its lag, pitch."""
+"""Identification by runs straight on: gear of the steering, rolling radii, resistance, forces along, load moved and its
+lag, pitch."""
 
 from __future__ import annotations
 
@@ -142,8 +143,8 @@ def below(limit: float, t: float = 1.0) -> tuple[float, float]:
 
 
 def by_drive(push: IdentificationRun, free: IdentificationRun, by_shift: float, t: float) -> float:
-    """What a drive torque pitches a vehicle besides what the load that moves to the rear axle does [rad/(N m)]; free: a run without it, at
-    the speed where it begins."""
+    """Pitch of a vehicle by a drive torque, besides that by the load that moves to the rear axle [rad/(N m)]; free: a
+    run without it, at the speed where it begins."""
     load, level = float(np.mean(free.axle('fz')[:, 1])), float(np.mean(pitch_of(free)))
     u = push.inputs[EVERY - 1 :: EVERY, push.names.index('drive_torque')]
     late = push.time > 1.0 * t

@@ -64,7 +64,7 @@ class TrackAxle(NamedTuple):
 
 
 class Body(NamedTuple):
-    """What the axles carry, and the whole."""
+    """Body that the axles carry, and the whole vehicle."""
 
     mass: float  # [kg]
     yaw_inertia: float  # about the centre of mass [kg m^2]
@@ -85,7 +85,7 @@ class Body(NamedTuple):
 
 
 class Mounting(NamedTuple):
-    """Where the frame of the chassis and its centre of mass are, in what is shown."""
+    """Places of the frame of the chassis and of its centre of mass, in the outputs."""
 
     x: float  # of the origin of the chassis from the centre of mass of all [m]
     axis: float  # height of the axis of roll over that origin [m]

@@ -1,4 +1,4 @@
-"""What of a vehicle is actuated how: a model takes other inputs than its template gives it, by rules on the model.
+"""Actuation of a vehicle: a model takes other inputs than its template gives it, by rules on the model.
 
 steering: torque   the coupler that imposes the angle of the steering wheel gives way to a torque on it (`driver`), with the end stops
 wheels             every brake gets an input of its own, and a torque `drive_<wheel>` acts on every wheel: that of a driven one at its
@@ -98,12 +98,13 @@ def _as_driven(factor: float, force: CoordinateForceSpec) -> tuple[float, float 
 
 
 def forward_gears(model: ModelSpec) -> int | None:
-    """How many gears the gearboxes that follow the input `gear` have; None where there is none."""
+    """Number of gears of the gearboxes that follow the input `gear`; None where there is none."""
     return max((len(clutch.ratios) for clutch in model.clutches if clutch.gear == GEAR), default=None)
 
 
 def reaches(model: ModelSpec) -> dict[str, Reach]:
-    """What pedals and gears of a model make something of, by input. What an input is beyond that would be held within it unsaid."""
+    """Ranges in which pedals and gears of a model have an effect, by input. An input beyond its range would be held
+    within it unsaid."""
     found: dict[str, Reach] = {}
     for engine in model.engines:
         low, high = min(0.0, engine.pedals[0]), max(1.0, engine.pedals[-1])
@@ -128,7 +129,8 @@ def steering_reaches(model: ModelSpec) -> dict[str, Reach]:
 
 
 def assisted_wheels(model: ModelSpec) -> tuple[AssistedWheel, ...]:
-    """What an assistance has to know of the wheels of a vehicle, in the order of its tires; their radii are those under nominal load."""
+    """Wheels of a vehicle, as an assistance needs them, in the order of its tires; their radii are those under nominal
+    load."""
     places = {b.name: k for k, b in enumerate(model.bodies)}
     shares = {brake.coordinate: brake.gain for brake in model.brakes}
     return tuple(

@@ -62,7 +62,8 @@ class Damper:
 
 @dataclass(frozen=True, kw_only=True)
 class Axle:
-    """What both kinds of axle have. knuckle: everything that moves with the suspension and does not turn with the wheel.
+    """Data that both kinds of axle have. knuckle: everything that moves with the suspension and does not turn with the
+    wheel.
 
     stops: force [N] over wheel travel [m], positive in bump, zero in the design position. anti_roll_bar: force at each wheel per
     left-right difference of wheel travel [N/m]. turn_slip: whether it acts at the tires; null: against parking alone.

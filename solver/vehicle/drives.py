@@ -1,4 +1,4 @@
-"""What may drive an axle. Each takes its share of the input drive_torque.
+"""Drives of an axle. Each takes its share of the input drive_torque.
 
 propshaft     differential on the subframe behind a propeller shaft, half shafts        (solver.vehicle.powertrain)
 half_shafts   differential on the subframe, or in the gearbox of the engine (transverse engine), half shafts
@@ -51,7 +51,7 @@ class PropshaftDrive(Driveline):
         return Driven(parts, self.kind, self.share, outputs, shaft)
 
     def housing(self, axle: str, base: Base, corners: Mapping[str, Corner]) -> RigidBodySpec:
-        """Of the differential."""
+        """Housing of the differential."""
         return self.differential.body(base.name('differential', axle), self.differential.com)
 
 
@@ -87,7 +87,7 @@ class HalfShaftDrive(HalfShafts):
         return Driven(parts, self.kind, self.share, outputs, inside=self.differential is None)
 
     def housing(self, axle: str, base: Base, corners: Mapping[str, Corner]) -> RigidBodySpec | None:
-        """Of the differential, None for one in the gearbox."""
+        """Housing of the differential, None for one in the gearbox."""
         return None if self.differential is None else self.differential.body(base.name('differential', axle), self.differential.com)
 
 

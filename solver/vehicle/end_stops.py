@@ -1,4 +1,4 @@
-"""Where a steering ends: at its end stops, which a vehicle may say, and where it does not at a distance from its dead centres.
+"""End of a steering: its end stops, which a vehicle may state, or else a distance from its dead centres.
 
 A rod between the gear and a steering arm turns the wheel by the part of its force that is across the arm. Where rod and arm come to lie
 in one line there is none: the dead centre, beyond which the wheel turns the other way. It is the same at the gear where the rod comes to
@@ -21,7 +21,8 @@ LOCK_ROUNDED_TO = 0.01  # of the end that is found [rad]: rounding of a processo
 
 
 class Linkage(NamedTuple):
-    """What steers a wheel: two points of its steering axis, lower and upper, and the ends of the rod that turns it about that [m]."""
+    """Linkage that steers a wheel: two points of its steering axis, lower and upper, and the ends of the rod that turns
+    it about that [m]."""
 
     low: Vector
     high: Vector

@@ -1,4 +1,4 @@
-"""The full car: double wishbones in front, multi-link axle behind, everything on rubber. What it consists of: docs/vehicle.md.
+"""The full car: double wishbones in front, multi-link axle behind, everything on rubber. Its parts: docs/vehicle.md.
 
 A car of solver.vehicle.car with the keys of two axles at the top of its file.
 """

@@ -159,7 +159,8 @@ def light_car_model(car: LightCar) -> ModelSpec:
 
 
 def travel_by_angle(car: LightCar) -> float:
-    """Of the rack over the steering wheel [m/rad]: with the tie rods behind the axis of steering, it moves to the right in a left turn."""
+    """Travel of the rack over the angle of the steering wheel [m/rad]: with the tie rods behind the axis of steering,
+    it moves to the right in a left turn."""
     return float(np.copysign(car.steering.rack_per_turn / (2.0 * np.pi), car.front.steering_arm()))
 
 

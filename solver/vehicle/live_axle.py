@@ -55,9 +55,10 @@ class CoilSpring:
 
 @dataclass(frozen=True, kw_only=True)
 class Kingpins:
-    """What steers an axle; of the left side. lower, upper: points of the kingpin [m]; knuckle: what turns about it, with the brake, without
-    the wheel. track_rod: the ball [m] on the left knuckle of the rod to the right one; track_rod_mass [kg], track_rod_radius [m].
-    drag_link: inner end on what the steering moves, outer end on the knuckle of the side drag_link_on, as given (not mirrored)."""
+    """Steering of an axle; data of the left side. lower, upper: points of the kingpin [m]; knuckle: the part that turns
+    about it, with the brake, without the wheel. track_rod: the ball [m] on the left knuckle of the rod to the right
+    one; track_rod_mass [kg], track_rod_radius [m]. drag_link: inner end on what the steering moves, outer end on the
+    knuckle of the side drag_link_on, as given (not mirrored)."""
 
     lower: Point
     upper: Point

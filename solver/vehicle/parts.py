@@ -1,4 +1,5 @@
-"""What suspensions, steering and driveline are made of: parts lists, rigid parts, rods, bushings, mountings and links.
+"""Building blocks of suspensions, steering and driveline: parts lists, rigid parts, rods, bushings, mountings and
+links.
 
 A template function returns `Parts`, the fields of ModelSpec it contributes to; `joined` adds them up. Lengths and directions are
 given for the left side, in the design frame of solver.vehicle.hardpoints; the right side is mirrored. Every connection has two
@@ -77,7 +78,7 @@ class Corner(NamedTuple):
 
 
 class Structure(NamedTuple):
-    """What a suspension is attached to; rack: where tie rods go (None: not steered)."""
+    """Structure that a suspension is attached to; rack: the part that tie rods go to (None: not steered)."""
 
     chassis: RigidBodySpec
     subframe: RigidBodySpec

@@ -67,11 +67,12 @@ class Converter:
 
 @dataclass(frozen=True, kw_only=True)
 class Power:
-    """What turns in an engine and its gearbox. speeds [rad/s] and pedals (0 to 1), rising; torques: at the crankshaft [N m], for each pedal
-    those at the speeds; it idles where that of the first pedal is zero. mass [kg] and inertia [kg m^2] of crankshaft, flywheel and what
-    turns with them, beside the part of the engine. ratios: of the gears from the first one on; reverse: of the reverse gear (None: there is
-    none); final: of the final drive, where the differential is in the gearbox. capacity [N m] of the clutch; stiffness [N m/rad] and
-    damping [N m s/rad] of its springs. converter: a torque converter in front of the gears (None: there is none)."""
+    """Engine and gearbox: data of the parts that turn in them. speeds [rad/s] and pedals (0 to 1), rising; torques: at
+    the crankshaft [N m], for each pedal those at the speeds; it idles where that of the first pedal is zero. mass [kg]
+    and inertia [kg m^2] of crankshaft, flywheel and what turns with them, beside the part of the engine. ratios: of the
+    gears from the first one on; reverse: of the reverse gear (None: there is none); final: of the final drive, where
+    the differential is in the gearbox. capacity [N m] of the clutch; stiffness [N m/rad] and damping [N m s/rad] of its
+    springs. converter: a torque converter in front of the gears (None: there is none)."""
 
     speeds: tuple[Rate, ...]
     pedals: tuple[float, ...]
@@ -120,7 +121,8 @@ def turning(power: Power | None) -> Vector:
 
 
 def shaft(name: str, engine: RigidBodySpec, axis: Vector, mass: float, inertia: float) -> Parts:
-    """What turns in an engine about an axis (backwards or to the left), across which it has half of its inertia [kg m^2]."""
+    """Shaft that turns in an engine about an axis (backwards or to the left), across which it has half of its inertia
+    [kg m^2]."""
     at, across = engine.position, 0.5 * inertia
     own = (across, inertia, across) if axis is LEFTWARDS else (inertia, across, across)
     body = RigidBodySpec(name=name, mass=mass, inertia=(*own, 0.0, 0.0, 0.0), position=at)

@@ -1,8 +1,8 @@
 """Electric power steering: a motor on rack or pitman arm that follows the torque at the torsion bar, and dry friction in the gear.
 
-Torsion bar, mesh and motor are one servo (solver.elements.servo): it pushes the rack by a map over the torque of torsion bar and mesh,
-which is that of the hand, and the speed of the car. Where it sits (column, pinion, rack) makes no difference here, because between
-torsion bar and rack nothing gives way; the inertia of its rotor is not modelled.
+Torsion bar, mesh and motor are one servo (solver.elements.servo): it pushes the rack by a map over the torque of
+torsion bar and mesh, which is that of the hand, and the speed of the car. Its place (column, pinion, rack) makes no
+difference here, because between torsion bar and rack nothing gives way; the inertia of its rotor is not modelled.
 
 Friction is a force against the motion, regularised: up to SLOW it rises with the speed of sliding by a cubic, without overshoot, so a rack
 at rest carries none of it and creeps to where the other forces balance.

@@ -9,8 +9,9 @@ one part has no centre bearing and no universal joint:
 
     engine -spherical- propshaft -constant velocity- drive_pinion -cylindrical- differential
 
-and begins at another axle instead of the engine where it comes `through` that, as between two driven axles of a truck. What turns and
-brakes it there acts against the engine (solver.vehicle.transfer), so of the torque of both axles each housing gets what belongs to it.
+and begins at another axle instead of the engine where it comes `through` that, as between two driven axles of a truck.
+The torques that turn and brake it there act against the engine (solver.vehicle.transfer), so of the torque of both
+axles each housing gets what belongs to it.
 
 The drive torque acts at the differential, as in the reference maneuver: `differential` puts the input drive_torque on the mean of the two
 output angles, so each side gets half of it and the housing the reaction. The gearbox is in neutral: propeller shaft and pinion turn
@@ -157,9 +158,9 @@ class Driveline(HalfShafts, Propshaft):
 
 
 class Base(NamedTuple):
-    """What a drive is attached to. single, only_shaft: no other axle is driven, or has a propeller shaft, so that parts of the drive, or of
-    its shaft, need not be named after the axle. housings: of the differentials of all driven axles that have one of their own. turning: the
-    axis about which shafts along the car turn, forwards or backwards."""
+    """Base that a drive is attached to. single, only_shaft: no other axle is driven, or has a propeller shaft, so that
+    parts of the drive, or of its shaft, need not be named after the axle. housings: of the differentials of all driven
+    axles that have one of their own. turning: the axis about which shafts along the car turn, forwards or backwards."""
 
     chassis: RigidBodySpec
     subframe: RigidBodySpec
@@ -184,7 +185,7 @@ class Base(NamedTuple):
         return self.engine
 
     def flange(self, axle: str, through: str | None, engine: RigidBodySpec) -> RigidBodySpec:
-        """What the propeller shaft to an axle begins at."""
+        """Flange at which the propeller shaft to an axle begins."""
         others = [name for name in self.housings if name != axle]
         known = f'is no other driven axle whose differential has a housing; these are: {", ".join(others) or "none"}'
         require(through is None or through in others, f'drive of axle {axle!r}', 'through', through, known)

@@ -23,8 +23,8 @@ from solver.vehicle.parts import LEFTWARDS, Parts
 
 @dataclass(frozen=True, kw_only=True)
 class Rotor:
-    """What turns with a motor. inertia: about its axis [kg m^2]; across it has half of that, as a ring has. ratio: its turns per turn of
-    the wheels, below 0 where its gear turns it backwards [-]."""
+    """Rotor of a motor, with everything that turns with it. inertia: about its axis [kg m^2]; across it has half of
+    that, as a ring has. ratio: its turns per turn of the wheels, below 0 where its gear turns it backwards [-]."""
 
     inertia: Inertia
     ratio: float = 1.0

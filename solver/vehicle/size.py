@@ -1,4 +1,4 @@
-"""How large a vehicle is beside a passenger car: what benches and test drives that are laid out for passenger cars are scaled with.
+"""Size of a vehicle beside a passenger car: the scale of benches and test drives that are laid out for passenger cars.
 
 Froude similarity [Buckingham1914]: gravity is the same for all, so accelerations and angles are, too, and with lengths grow
 
@@ -24,7 +24,7 @@ ORDINARY = {'length': (1.2, 4.5), 'mass': (200.0, 4500.0)}  # m of wheelbase and
 
 
 class Size(NamedTuple):
-    """Of a vehicle, in those of a passenger car: length and mass; the others follow."""
+    """Size of a vehicle in units of a passenger car: length and mass; the others follow."""
 
     length: float = 1.0
     mass: float = 1.0
@@ -51,7 +51,7 @@ class Size(NamedTuple):
 
     @property
     def ordinary(self) -> bool:
-        """Whether it is a passenger car in length and mass."""
+        """True where it is a passenger car in length and mass."""
         return self == Size()
 
 

@@ -39,9 +39,9 @@ DAMPER_LENGTH = 0.5  # of the steering damper, along the rack [m]
 
 
 class Gear(NamedTuple):
-    """What stands between the pinion and the tie rods. parts: bodies and joints, and the elements of the gear; mesh: name of the elasticity
-    between pinion and output; coordinate: that of the output, which friction acts on, dry from the rate slow [1/s] on; ratio: of the pinion
-    to it; output: the body that the tie rods go to."""
+    """Gear between the pinion and the tie rods. parts: bodies and joints, and the elements of the gear; mesh: name of
+    the elasticity between pinion and output; coordinate: that of the output, which friction acts on, dry from the rate
+    slow [1/s] on; ratio: of the pinion to it; output: the body that the tie rods go to."""
 
     parts: Parts
     mesh: str

@@ -2,15 +2,16 @@
 
     chassis -spherical- trailer        `hitch`, at the centre of the ball
 
-Data are given in a design frame of the trailer's own (x forward, y left, z up, origin on the ground, as in solver.vehicle.hardpoints), so
-that a trailer fits behind any car: it is moved until its coupling lies on the ball of the car. Where the ball is higher or lower than the
-coupling, the wheels stand as far above or below the ground; the start finds how car and trailer really stand.
+Data are given in a design frame of the trailer's own (x forward, y left, z up, origin on the ground, as in
+solver.vehicle.hardpoints), so that a trailer fits behind any car: it is moved until its coupling lies on the ball of
+the car. If the ball is higher or lower than the coupling, the wheels stand as far above or below the ground; the start
+finds how car and trailer really stand.
 
 Names begin with `trailer`: bodies `trailer`, `wheel_trailer_left`, tires `trailer_left`, with two axles `trailer_front_left`. Coordinate
 `articulation`: yaw of the trailer against the car [rad], positive where the trailer points further to the left than the car.
 
-The brakes of a trailer take their share of the input brake_torque besides those of the car, whose shares add up to one. How a real overrun
-brake finds that share, by the force in the drawbar, is not modelled.
+The brakes of a trailer take their share of the input brake_torque besides those of the car, whose shares add up to one.
+The way in which a real overrun brake finds that share, by the force in the drawbar, is not modelled.
 """
 
 from __future__ import annotations
@@ -45,7 +46,8 @@ SLOW = 0.005  # rad/s, from which on dry friction of a coupling has its full siz
 
 @dataclass(frozen=True, kw_only=True)
 class Stabilizer:
-    """What resists yaw in the coupling. friction: dry, of its pads on the ball [N m]; damping: of a damper beside it [N m s/rad]."""
+    """Resistance to yaw in the coupling. friction: dry, of its pads on the ball [N m]; damping: of a damper beside it
+    [N m s/rad]."""
 
     friction: Torque = 0.0
     damping: TurnDamping = 0.0
@@ -136,7 +138,7 @@ def moved(bodies: tuple[RigidBodySpec, ...], by: np.ndarray) -> tuple[RigidBodyS
 
 
 def has_trailer(model: ModelSpec) -> bool:
-    """Whether a vehicle pulls a trailer."""
+    """True where a vehicle pulls a trailer."""
     return any(joint.name == HITCH for joint in model.joints) and any(body.name == TRAILER for body in model.bodies)
 
 

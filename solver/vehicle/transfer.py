@@ -51,7 +51,7 @@ class Driven(NamedTuple):
         return (left, 0.5), (right, 0.5)
 
     def at_gearbox(self, final: float) -> Terms:
-        """What the gearbox turns behind its final drive of a ratio, which is that of an axle inside."""
+        """Terms of the gearbox behind its final drive of a ratio, which is that of an axle inside."""
         if self.shaft is None:
             return self.wheels
         return ((self.shaft.output, math.copysign(1.0, self.shaft.ratio) / final),)
@@ -92,7 +92,7 @@ class Transfer:
         return self.to
 
     def at_engine(self, driven: Mapping[str, Driven]) -> bool:
-        """Whether both axles have shafts from the engine, where it acts then."""
+        """True where both axles have shafts from the engine: the transfer then acts at the engine."""
         ends = (self.behind(driven), self.axle)
         return all(driven[end].shaft is not None or driven[end].inside for end in ends)
 
@@ -108,7 +108,7 @@ class Transfer:
 
 
 def _turned(one: Driven, sign: float) -> Terms:
-    """What the wheels of an axle have turned, by its shaft at the engine."""
+    """Terms of the turn of the wheels of an axle, by its shaft at the engine."""
     if one.shaft is None:
         return tuple((name, sign * factor) for name, factor in one.wheels)
     return ((one.shaft.output, sign / one.shaft.ratio),)
@@ -156,5 +156,5 @@ def refuse_locked(model: ModelSpec) -> None:
 
 
 def without_connections(model: ModelSpec) -> tuple[str, ...]:
-    """What such levels do not show of viscous ones."""
+    """Sentences on properties of viscous connections that such levels do not show."""
     return tuple(f'the torque of {force.name} between axles that turn differently fast' for force in _connections(model))

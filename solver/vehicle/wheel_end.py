@@ -125,7 +125,8 @@ USUAL = (0.75, 1.0)  # of these, where a tire stands on the road, pressed in by 
 
 
 def height_over_radius(height: float, radius: float) -> str:
-    """How a tire of an unloaded radius [m] stands on the road in the design position, its wheel centre at a height [m]; '' if as usual."""
+    """Sentence on a tire of an unloaded radius [m] that stands oddly on the road in the design position, its wheel
+    centre at a height [m]; '' if as usual."""
     if USUAL[0] <= height / radius <= USUAL[1]:
         return ''
     way = 'hangs over' if height > radius else 'is pressed into'
@@ -174,7 +175,8 @@ class Suspension(ABC):
         return parts.replace(bodies=(wheel,)), wheel
 
     def steered(self) -> Linkage | None:
-        """What steers it. None: the suspension has no rod to a rack, or to what else could move it, and cannot be steered."""
+        """Linkage that steers it. None: the suspension has no rod to a rack or another part that could move it, and
+        cannot be steered."""
         return None
 
     def steering_arm(self) -> float | None:

@@ -1,4 +1,4 @@
-"""How the time and the memory of a step grow with the number of bodies of a scene."""
+"""Growth of the time and the memory of a step with the number of bodies of a scene."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""What the machine does to a loop that does nothing, or only counts: steps of a clock that come late by themselves; and how much memory
-a process takes."""
+"""Idle loops on this machine, which do nothing or only count: steps of a clock that come late by themselves; and the
+memory of a process."""
 
 from __future__ import annotations
 
@@ -27,7 +27,8 @@ def late_when_idle(h: float, seconds: float) -> float:
 def late_when_busy(h: float, seconds: float) -> float:
     """The same when the processor counts for COUNTED of h in every step, measured alone, while every other core counts all the time.
 
-    What the machine does to any loop of that size, among as much work: cores that share what they are made of, or that others take away.
+    It is the effect of the machine on any loop of that size, among as much work: cores that share resources, or that
+    others take away.
     """
     times = []
     for _ in range(TRIALS):

@@ -56,7 +56,7 @@ FIGURES = {
 
 
 class LinkageRun(NamedTuple):
-    """What one run gave: places (instants, bodies, x y phi) of the centres of mass, and CPU time [s] of the steps."""
+    """Result of one run: places (instants, bodies, x y phi) of the centres of mass, and CPU time [s] of the steps."""
 
     places: np.ndarray
     cpu: float
@@ -65,7 +65,7 @@ class LinkageRun(NamedTuple):
 class Linkage:
     """Measures one case of the scene four_bar_n over `instants` times EVERY.
 
-    Raises SceneError, SpecError or ConsistencyError on construction. What a run raises is a result: it failed.
+    Raises SceneError, SpecError or ConsistencyError on construction. An error of a run is a result: it failed.
     """
 
     def __init__(self, scene: str, overrides: Sequence[str], instants: int) -> None:

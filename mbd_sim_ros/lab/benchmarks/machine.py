@@ -1,4 +1,4 @@
-"""What the figures of a benchmark depend on besides the code: the machine, the versions, and who else was at work."""
+"""Conditions of a benchmark besides the code: the machine, the versions, and who else was at work."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def cpu_model() -> str:
 
 
 def clock_cost(n: int = 2000) -> float:
-    """What one reading of the thread's CPU clock takes [us]; every figure of a single step contains about one."""
+    """Time of one reading of the thread's CPU clock [us]; every figure of a single step contains about one."""
     begin = time.thread_time_ns()
     for _ in range(n):
         time.thread_time_ns()

@@ -1,4 +1,4 @@
-"""What encoding, recording and publishing add to a step of a loop that is paced like the node's."""
+"""Time that encoding, recording and publishing add to a step of a loop that is paced like the node's."""
 
 from __future__ import annotations
 
@@ -214,7 +214,7 @@ def publication(topics: Sequence[Topic], samples: Sequence[bytes | None]) -> Pub
 
 
 def installed(message_type: str) -> bool:
-    """Whether ROS knows the message type."""
+    """True where ROS knows the message type."""
     from mbd_sim_ros.node.publish import message_class
 
     try:

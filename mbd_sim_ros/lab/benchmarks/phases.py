@@ -1,4 +1,4 @@
-"""Where the time of a step goes: its compiled pieces, each repeated on the data that a real step left behind.
+"""Phases of a step and their times: its compiled pieces, each repeated on the data that a real step left behind.
 
 A clock between the pieces would cost as much as the smaller ones and would keep the compiler from what it does in the step. So
 every piece runs a few hundred times in one compiled loop, and the time per call is multiplied by the calls a step makes. Repeated

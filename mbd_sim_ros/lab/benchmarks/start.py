@@ -1,4 +1,5 @@
-"""How long a start takes: with an empty cache of compiled kernels, with a full one, and of the node up to its first message."""
+"""Duration of a start: with an empty cache of compiled kernels, with a full one, and of the node up to its first
+message."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a step costs: in batches without and with outputs, one at a time, and in parts."""
+"""Costs of a step: in batches without and with outputs, one at a time, and in parts."""
 
 from __future__ import annotations
 

@@ -223,7 +223,8 @@ def require_place(file: Path) -> None:
 
 
 def write(report: dict[str, Any], file: Path, command: str, suite: str = '') -> None:
-    """Write the tables into a Markdown file. Of a file that exists only the generated part is replaced, or added. Raises OSError.
+    """Write the tables into a Markdown file. Only the generated part is replaced, or added, in a file that exists.
+    Raises OSError.
 
     suite: name of a suite beside the usual one; it has a part of its own, one level of headings deeper.
     """

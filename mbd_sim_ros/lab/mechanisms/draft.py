@@ -218,7 +218,7 @@ class Draft:
         return self.turn.T @ (self._com[name] - self.origin)
 
     def mass(self, name: str) -> float:
-        """Of a body [kg]."""
+        """Mass of a body [kg]."""
         return float(self.mechanism['bodies'][name]['mass'])
 
     def done(self, family: str, seed: int) -> Mechanism:

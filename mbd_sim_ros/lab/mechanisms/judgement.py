@@ -3,9 +3,10 @@
 The error e(h) of a run is its largest difference from the reference (mbd_sim_ros.lab.mechanisms.references), looked at every SAMPLE; h is
 the mean of its steps, where some were divided.
 
-What second order predicts: an error in proportion to what a step does not see of the motion, d(h), the largest second difference of the
-reference at the distance h, halved. Where a step resolves the motion that is h^2 / 2 times its largest acceleration, so e(h) / d(h) is the
-same at all steps; of a vibration that no step resolves it is the amplitude, and the error is no larger either. A run is *right* when
+Second order predicts an error in proportion to what a step does not see of the motion, d(h), the largest second
+difference of the reference at the distance h, halved. If a step resolves the motion, that is h^2 / 2 times its largest
+acceleration, so e(h) / d(h) is the same at all steps; of a vibration that no step resolves it is the amplitude, and the
+error is no larger either. A run is *right* when
 
     e(h) <= WORSE * d(h) * median of e / d of the other steps     or     e(h) <= floor
 
@@ -133,7 +134,7 @@ def judge(mechanism: Mechanism, steps: Sequence[float] = STEPS, duration: float 
 
 
 def refused(mechanism: Mechanism, text: str) -> Judged:
-    """Of a mechanism that cannot be simulated at all, which says so."""
+    """Judgement of a mechanism that cannot be simulated at all, which says so."""
     runs = tuple(RunAtStep(h=h, status='refused', text=text, error=np.nan, unseen=np.nan, allowed=np.nan, judgement=TOLD) for h in STEPS)
     return Judged(name=mechanism.name, bodies=0, rows=0, reference='', spread=np.nan, evaluations=0, runs=runs)
 

@@ -42,10 +42,11 @@ class _Bounded(Equations):
 class _Quick(_Bounded):
     """Equations of models in which every body has a mass, for an explicit method.
 
-    Accelerations and projections are those of free bodies less their part along the constraints, by a decomposition with pivots, several
-    times as fast as singular values of the whole system; the multipliers, which nobody asks for, are left out. How many rows are
-    independent is looked at where the constraints are closed, and the largest number kept: the rows that are redundant in linkages like
-    Bennett's are so only there, and stages of the method lie beside. In singular positions the motion goes on as it does near them.
+    Accelerations and projections are those of free bodies less their part along the constraints, by a decomposition
+    with pivots, several times as fast as singular values of the whole system; the multipliers, which nobody asks for,
+    are left out. The number of independent rows is counted where the constraints are closed, and the largest one kept:
+    the rows that are redundant in linkages like Bennett's are so only there, and stages of the method lie beside. In
+    singular positions the motion goes on as it does near them.
     """
 
     most = MOST_EVALUATIONS
@@ -239,7 +240,8 @@ def references(simulation: Simulation, mechanism: Mechanism, duration: float) ->
 
 
 def jumps(y: np.ndarray) -> bool:
-    """Whether a velocity changes at once in a motion (n, nb, 7) every FINE: one or two second differences in line that stand out."""
+    """True where a velocity changes at once in a motion (n, nb, 7) every FINE: one or two second differences in line
+    that stand out."""
     a = np.abs(np.diff(y, 2, axis=0)).max(axis=(1, 2), initial=0.0)
     for k in np.flatnonzero(a > STANDS_OUT * np.median(a)):
         before, behind = a[max(0, k - 2 - NEAR) : max(0, k - 2)], a[k + 3 : k + 3 + NEAR]

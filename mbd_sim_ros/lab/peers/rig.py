@@ -1,10 +1,11 @@
 """A car-sized model that other programs can do as well: the full car on a rig, in elements that all of them have.
 
-53 bodies, 49 joints, 29 bushings and 9 spring-dampers of the full car stay where they are. What only this project has is replaced, for
-every program alike: a tire by a spring in three directions between the ground and its wheel, off centre by RUNOUT, so that the turning
-wheels shake the car; laws by their slope at rest (dampers: their mean rate up to 0.2 m/s); constant-velocity by universal joints;
-the driver by a fixed steering wheel; rack and pinion by a spring along the rack; the final drive by a torsion spring between the output
-shafts and one that holds the pinion. Brakes, drag and the motor of power steering are left out.
+53 bodies, 49 joints, 29 bushings and 9 spring-dampers of the full car stay where they are. Elements that only this
+project has are replaced, for every program alike: a tire by a spring in three directions between the ground and its
+wheel, off centre by RUNOUT, so that the turning wheels shake the car; laws by their slope at rest (dampers: their mean
+rate up to 0.2 m/s); constant-velocity by universal joints; the driver by a fixed steering wheel; rack and pinion by a
+spring along the rack; the final drive by a torsion spring between the output shafts and one that holds the pinion.
+Brakes, drag and the motor of power steering are left out.
 """
 
 from __future__ import annotations

@@ -74,12 +74,12 @@ def module(name: str) -> ModuleType:
 
 
 def of_scene(name: str) -> bool:
-    """Whether a study wants a scene. Raises SpecError for an unknown name."""
+    """True where a study wants a scene. Raises SpecError for an unknown name."""
     return getattr(module(name), 'OF_SCENE', False)
 
 
 def draws(name: str) -> bool:
-    """Whether a study draws samples. Raises SpecError for an unknown name."""
+    """True where a study draws samples. Raises SpecError for an unknown name."""
     return getattr(module(name), 'DRAWS', False)
 
 

@@ -197,7 +197,8 @@ def _counted(values: Sequence[float], text: str) -> str:
 
 
 def _defaults(report: Report, scene: Scene, points: Sequence[Point], fronts: dict[tuple[str, str], list[Point]]) -> list[dict[str, Any]]:
-    """Where the settings of the scene and the default ones stand: the cheapest on the front that is as accurate."""
+    """Standing of the settings of the scene and of the default ones: the cheapest point on the front that is as
+    accurate."""
     own = type(scene.integrator)()
     wanted = {
         'the scene': Setting(scene.integrator.h, scene.integrator.iterations, scene.integrator.rho_inf),

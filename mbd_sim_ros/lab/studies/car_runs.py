@@ -97,9 +97,10 @@ def converged(levels: Sequence[CarRun]) -> Converged:
 
 
 def departures(found: CarRun, truth: CarRun, until: float) -> dict[str, float]:
-    """How far a run is from the truth over the time both have, at most until [s]: position [m, largest], yaw rate [part of its
-    peak, largest], tire forces [part of each one's peak, root mean square, the worst of twelve], the lateral one in front left.
-    Peaks are those until then. Not a number for a run that failed: its last values mean nothing."""
+    """Departures of a run from the truth over the time both have, at most until [s]: position [m, largest], yaw rate
+    [part of its peak, largest], tire forces [part of each one's peak, root mean square, the worst of twelve], the
+    lateral one in front left. Peaks are those until then. Not a number for a run that failed: its last values mean
+    nothing."""
     if found.message:
         return dict.fromkeys(('position', 'yaw_rate', 'tire_force', 'front_left_lateral'), np.nan)
     last = round(until / GRID) + 1
@@ -134,7 +135,7 @@ def orders(levels: Sequence[CarRun], until: float) -> list[dict[str, float]]:
 
 
 class Growth(NamedTuple):
-    """How a position error comes about and grows."""
+    """Causes and growth of a position error."""
 
     power: float  # p of |error| ~ t^p
     power_misfit: float  # root mean square of the logarithm
@@ -145,7 +146,7 @@ class Growth(NamedTuple):
 
 
 def growth(found: CarRun, truth: CarRun, start: float) -> Growth:
-    """Of the position error after start [s]: fits by least squares, and its two causes integrated over time.
+    """Growth of the position error after start [s]: fits by least squares, and its two causes integrated over time.
 
     The place is the integral of R(heading) velocity, so its error is the integral of (heading error) R'(heading) velocity plus
     R(heading) (velocity error), to first order.

@@ -83,7 +83,7 @@ def exact_angles(theta: np.ndarray, slider: float, times: np.ndarray, tolerance:
 def scene_at(theta: float, h: float, settings: dict[str, Any]) -> Scene:
     """The scene slider_crank started at crank angle theta [rad] with ENERGY, with step h [s] and these integrator settings.
 
-    What `settings` leave open is what IntegratorSettings have by default, not what the scene has.
+    Keys that `settings` leave open take the defaults of IntegratorSettings, not the values of the scene.
     """
     scene = load_scene('slider_crank')
     ground, crank, rod, slider = (next(b for b in scene.model.bodies if b.name == name) for name in BODIES)

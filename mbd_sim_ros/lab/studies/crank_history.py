@@ -43,7 +43,7 @@ class CrankRun:
 
     @property
     def kept_step(self) -> bool:
-        """Whether it reached the end on its branch without ever reducing the step."""
+        """True where it reached the end on its branch without ever reducing the step."""
         return self.outcome == 'ok' and self.smallest_step >= 0.999 * self.h
 
     def figures(self) -> dict[str, Any]:

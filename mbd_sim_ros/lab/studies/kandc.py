@@ -19,7 +19,8 @@ SUMMARY = 'kinematics and compliance of every delivered car: wheel travel, roll,
 
 
 class Range(NamedTuple):
-    """How far a car is moved: wheel travel [m], steering wheel [rad], forces [N] and moments [N m] at the tires."""
+    """Range in which a car is moved: wheel travel [m], steering wheel [rad], forces [N] and moments [N m] at the
+    tires."""
 
     travel: float = 0.06
     steering: float = 8.0

@@ -18,8 +18,9 @@ SILENT, BEYOND = 'silently wrong, by all other steps', 'silently wrong, by the n
 
 
 def within(runs: Sequence[Mapping[str, Any]], k: int) -> bool:
-    """Whether the error of run k is at most WORSE times what second order predicts from its neighbours, the mean of both predictions, and
-    not as large as with the next coarser step: then it does not converge. False without a neighbour that came to its end.
+    """True where the error of run k is at most WORSE times the one that second order predicts from its neighbours, the
+    mean of both predictions, and not as large as with the next coarser step: then it does not converge. False without a
+    neighbour that came to its end.
 
     Errors are in proportion to `unseen` where runs have it (judgement), else to the square of the step.
     """

@@ -121,7 +121,7 @@ def _plateau(rows: list[dict[str, Any]], steps: tuple[float, ...], own: float) -
 
 
 def _matrices(report: Report, rows: list[dict[str, Any]], penalties: np.ndarray, steps: tuple[float, ...]) -> list[dict[str, float]]:
-    """How an error of the iterate grows in one iteration beside a singular position, by step, penalty and place."""
+    """Growth of an error of the iterate in one iteration beside a singular position, by step, penalty and place."""
     rate = float(crank.crank_rate(np.pi / 2, crank.slider_mass()))
     found = []
     for h in steps:

@@ -230,7 +230,8 @@ def cheaper_of_grid(search: Search, cost: float, checks: list[Check], levels: Se
 
 
 def cancelling(bench: Bench, setting: Setting) -> dict[str, Any] | None:
-    """Where the errors of a setting by origin add up to most on the maneuvers that served to choose; None: nowhere above the limit."""
+    """Place where the errors of a setting by origin add up to most, on the maneuvers that served to choose; None: nowhere
+    above the limit."""
     bounds = [(bound, v) for v in bench.seen for bound in bounds_of(bench, v, setting)]
     worst, v = max(bounds, key=lambda entry: entry[0].used)
     if worst.used <= 1.0:

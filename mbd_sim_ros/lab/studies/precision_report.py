@@ -1,4 +1,4 @@
-"""How work-precision runs are shown and judged: pictures, and who is on the front at which accuracy."""
+"""Report of work-precision runs: pictures, and the methods on the front at each accuracy."""
 
 from __future__ import annotations
 

@@ -276,7 +276,8 @@ def cases() -> list[PublishedProblem]:
 
 
 def spread() -> float:
-    """How far [m] the published heights of one and the same motion differ: a bar of 4 m that swings in a plane from the horizontal."""
+    """Spread [m] of the published heights of one and the same motion: a bar of 4 m that swings in a plane from the
+    horizontal."""
     figures = read('joints')
     heights = [[f.values[2] for f in figures[name] if f.quantity == 'position'] for name in SAME]
     return float(np.ptp(heights, axis=0).max())

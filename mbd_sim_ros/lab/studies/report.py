@@ -1,4 +1,4 @@
-"""What studies share: a report of text, tables, pictures and checks, written as it grows."""
+"""Report of a study: text, tables, pictures and checks, written as it grows."""
 
 from __future__ import annotations
 

@@ -33,7 +33,7 @@ class Part(NamedTuple):
 
 
 class Claim(NamedTuple):
-    """What the chapter says, its parts, and the figures that decided them."""
+    """Claim of the chapter, its parts, and the figures that decided them."""
 
     claim: str
     parts: tuple[Part, ...]

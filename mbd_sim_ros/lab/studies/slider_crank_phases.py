@@ -27,7 +27,7 @@ CANDIDATES = [
 
 
 class Row(NamedTuple):
-    """What the runs of one setting at one step say, all phases together."""
+    """Results of the runs of one setting at one step, all phases together."""
 
     settings: str
     h: float

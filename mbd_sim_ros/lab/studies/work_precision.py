@@ -1,7 +1,7 @@
 """Error against CPU time and counters, down to 1e-8: our step, reference integrators, Exudyn, and MuJoCo on open chains; six problems.
 
-What one problem gave is kept in out/problems as long as neither the solver nor this file changes: an interrupted study goes on with
-the problem it was in.
+The results of a problem are kept in out/problems as long as neither the solver nor this file changes: an interrupted
+study goes on with the problem it was in.
 """
 
 from __future__ import annotations
